@@ -1,0 +1,60 @@
+//! The mathematics of zivi: mechanical systems with one unilateral constraint and impacts.
+//!
+//! ```text
+//! what moves        what removes      what makes it       what is
+//!                   the impact        algebraic           solved
+//! system      ->    transform    ->   step           ->   vi
+//! (force, e)        (s, v)            (theta-gamma)       (box VI)
+//! ```
+//!
+//! A mass above a wall, `x'' = f(t, x, x')` for `x >= 0`, loses velocity at the wall:
+//! `x'+ = -e x'-`. The Zhuravlev-Ivanov [`transform`] writes it as
+//!
+//! ```text
+//! x = |s|,   x' = R v sgn s,   R = 1 - kappa sgn s sgn v,   kappa = (1 - e)/(1 + e)
+//! s' = R v,  v' = sgn(s) f / R                                                        (2)
+//! ```
+//!
+//! where an impact is `s` crossing zero and no state jumps. The [`step`] discretises the
+//! set-valued signs implicitly; what it has to solve is a variational inequality on the box
+//! `[-1, 1]^2`, in the general form that [`vi`] knows.
+//!
+//! The crate is `no_std`, allocates nothing, has no `unsafe`, and works on plain `f64`: all of it
+//! runs on a microcontroller. The notation, with the Rust and the Python name of every symbol,
+//! is in `docs/notation.md`.
+
+#![no_std]
+#![forbid(unsafe_code)]
+#![deny(
+    clippy::indexing_slicing,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::unreachable
+)]
+
+pub mod restitution;
+pub mod step;
+pub mod transform;
+pub mod vi;
+
+pub use restitution::{Restitution, RestitutionError};
+pub use step::{Case, StepFailure, StepSolution, ThetaGammaError, ThetaGammaStep};
+pub use transform::{Branch, Lifted, Physical};
+
+/// The sign of `z`, with `sgn(0) = 0` (`f64::signum` gives `1` there).
+///
+/// ```
+/// assert_eq!([zivi_core::sgn(-3.0), zivi_core::sgn(0.0), zivi_core::sgn(2.0)], [-1.0, 0.0, 1.0]);
+/// ```
+#[inline]
+#[must_use]
+pub fn sgn(z: f64) -> f64 {
+    if z > 0.0 {
+        1.0
+    } else if z < 0.0 {
+        -1.0
+    } else {
+        0.0
+    }
+}

@@ -1,0 +1,117 @@
+//! The coefficient of restitution `e` and its image `kappa = (1 - e)/(1 + e)`.
+
+use core::fmt;
+
+/// A coefficient of restitution, held both as `e` and as `kappa`.
+///
+/// ```text
+/// kappa = (1 - e)/(1 + e)      e = (1 - kappa)/(1 + kappa)      e, kappa in [0, 1]
+/// ```
+///
+/// `e = 1` (`kappa = 0`) is the elastic wall, `e = 0` (`kappa = 1`) the plastic one.
+///
+/// ```
+/// use zivi_core::Restitution;
+/// let wall = Restitution::from_kappa(0.5)?;
+/// assert!((wall.e() - 1.0 / 3.0).abs() < 1e-16);
+/// assert!(Restitution::from_e(1.2).is_err());
+/// # Ok::<(), zivi_core::RestitutionError>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Restitution {
+    e: f64,
+    kappa: f64,
+}
+
+/// A coefficient outside `[0, 1]` (or not a number).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RestitutionError {
+    /// Name of the coefficient, `"e"` or `"kappa"`.
+    pub name: &'static str,
+    /// The value that was refused.
+    pub value: f64,
+}
+
+impl fmt::Display for RestitutionError {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(out, "{} must lie in [0, 1], got {}", self.name, self.value)
+    }
+}
+
+impl core::error::Error for RestitutionError {}
+
+/// The map `z -> (1 - z)/(1 + z)`, its own inverse.
+fn conjugate(z: f64) -> f64 {
+    (1.0 - z) / (1.0 + z)
+}
+
+impl Restitution {
+    /// From the coefficient of restitution `e`.
+    ///
+    /// # Errors
+    /// [`RestitutionError`] when `e` is not in `[0, 1]`.
+    pub fn from_e(e: f64) -> Result<Self, RestitutionError> {
+        let e = in_unit_interval("e", e)?;
+        Ok(Self { e, kappa: conjugate(e) })
+    }
+
+    /// From the parameter `kappa` of the transform.
+    ///
+    /// # Errors
+    /// [`RestitutionError`] when `kappa` is not in `[0, 1]`.
+    pub fn from_kappa(kappa: f64) -> Result<Self, RestitutionError> {
+        let kappa = in_unit_interval("kappa", kappa)?;
+        Ok(Self { e: conjugate(kappa), kappa })
+    }
+
+    /// The coefficient of restitution `e = (1 - kappa)/(1 + kappa)`.
+    #[inline]
+    #[must_use]
+    pub fn e(self) -> f64 {
+        self.e
+    }
+
+    /// The parameter `kappa = (1 - e)/(1 + e)` of the transform.
+    #[inline]
+    #[must_use]
+    pub fn kappa(self) -> f64 {
+        self.kappa
+    }
+
+    /// `R = 1 - kappa lambda_s lambda_v`, which lies in `[1 - kappa, 1 + kappa]`.
+    #[inline]
+    #[must_use]
+    pub fn r(self, lambda_s: f64, lambda_v: f64) -> f64 {
+        1.0 - self.kappa * lambda_s * lambda_v
+    }
+}
+
+fn in_unit_interval(name: &'static str, value: f64) -> Result<f64, RestitutionError> {
+    if (0.0..=1.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err(RestitutionError { name, value })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ends_of_the_range_are_exact() {
+        for (e, kappa) in [(0.0, 1.0), (1.0, 0.0)] {
+            assert_eq!(Restitution::from_e(e).map(Restitution::kappa), Ok(kappa));
+            assert_eq!(Restitution::from_kappa(kappa).map(Restitution::e), Ok(e));
+        }
+    }
+
+    #[test]
+    fn outside_is_refused_with_name_and_value() {
+        for bad in [-0.1, 1.0 + 1e-15, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let error = Restitution::from_e(bad).err().map(|it| it.name);
+            assert_eq!(error, Some("e"), "{bad}");
+            assert!(Restitution::from_kappa(bad).is_err(), "{bad}");
+        }
+    }
+}

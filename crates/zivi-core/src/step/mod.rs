@@ -1,0 +1,164 @@
+//! One step of the theta-gamma scheme for a force frozen over the step.
+//!
+//! ```text
+//! v+ = v + h lambda_s f / R                     R = 1 - kappa lambda_s lambda_v
+//! s+ = s + h R (theta v+ + (1 - theta) v)
+//! lambda_s in sgn s_gamma,  lambda_v in sgn v_gamma,  z_gamma = gamma z+ + (1 - gamma) z
+//! ```
+//!
+//! `theta = gamma = 1` is the implicit Euler scheme of the paper, the only member that reaches
+//! rest exactly. Inserting `v+` gives the two quantities that everything here is built on:
+//!
+//! ```text
+//! s_gamma = s + gamma h (R v + theta h lambda_s f)
+//! v_gamma = v + gamma h lambda_s f / R
+//! ```
+//!
+//! The rooms: [`inclusion`] writes the step as a box VI (`F`, its Jacobian, the natural
+//! residual); [`ThetaGammaStep::solve`] in `exact` finds its solution by cases; [`selection`]
+//! says which one is taken when there are several.
+
+mod exact;
+pub mod inclusion;
+pub mod selection;
+
+use core::fmt;
+
+use crate::Restitution;
+
+/// The scheme with its step size and the wall: all that is constant over a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThetaGammaStep {
+    h: f64,
+    theta: f64,
+    gamma: f64,
+    wall: Restitution,
+    /// `1/(1 - kappa)` and `1/(1 + kappa)`: `1/R` away from the wall and towards it.
+    inverse_r: [f64; 2],
+}
+
+/// A setting outside its admissible range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThetaGammaError {
+    /// Name of the setting.
+    pub name: &'static str,
+    /// The value that was refused.
+    pub value: f64,
+    /// The admissible range, in words.
+    pub range: &'static str,
+}
+
+impl fmt::Display for ThetaGammaError {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(out, "{} must be {}, got {}", self.name, self.range, self.value)
+    }
+}
+
+impl core::error::Error for ThetaGammaError {}
+
+impl ThetaGammaStep {
+    /// A step of size `h` (s) with `theta`, `gamma` in `(0, 1]` on a wall with `e > 0`.
+    ///
+    /// # Errors
+    /// [`ThetaGammaError`] names the first setting that is out of range.
+    pub fn new(h: f64, theta: f64, gamma: f64, wall: Restitution) -> Result<Self, ThetaGammaError> {
+        let check = |name, value: f64, ok: bool, range| match ok {
+            true => Ok(()),
+            false => Err(ThetaGammaError { name, value, range }),
+        };
+        check("h", h, h > 0.0 && h.is_finite(), "a finite step size > 0")?;
+        check("theta", theta, theta > 0.0 && theta <= 1.0, "in (0, 1]")?;
+        check("gamma", gamma, gamma > 0.0 && gamma <= 1.0, "in (0, 1]")?;
+        let kappa = wall.kappa();
+        check("e", wall.e(), kappa < 1.0, "> 0 for this scheme (R = 0 at e = 0)")?;
+        Ok(Self { h, theta, gamma, wall, inverse_r: [1.0 / (1.0 - kappa), 1.0 / (1.0 + kappa)] })
+    }
+
+    /// The same scheme with another step size (the last step of a run is often shorter).
+    ///
+    /// # Errors
+    /// [`ThetaGammaError`] when `h` is not positive and finite.
+    pub fn with_h(self, h: f64) -> Result<Self, ThetaGammaError> {
+        Self::new(h, self.theta, self.gamma, self.wall)
+    }
+
+    /// The step size `h` (s).
+    #[must_use]
+    pub fn h(&self) -> f64 {
+        self.h
+    }
+
+    /// The weight `theta` of the new velocity in the position update.
+    #[must_use]
+    pub fn theta(&self) -> f64 {
+        self.theta
+    }
+
+    /// The point `gamma` at which the signs are taken.
+    #[must_use]
+    pub fn gamma(&self) -> f64 {
+        self.gamma
+    }
+
+    /// The wall.
+    #[must_use]
+    pub fn wall(&self) -> Restitution {
+        self.wall
+    }
+
+    /// True for implicit Euler and every member with `theta >= gamma`: for `f <= 0` the step then
+    /// has one solution only (`tests/uniqueness.rs` counts them).
+    fn is_unique_under_attraction(&self) -> bool {
+        self.theta >= self.gamma
+    }
+}
+
+/// Which of the two set-valued signs are taken in their interior.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Case {
+    /// `s_gamma = 0` and `v_gamma = 0`: rest, for implicit Euler.
+    Origin,
+    /// `s_gamma = 0`: the step ends on the wall.
+    Wall,
+    /// `v_gamma = 0`: the step ends at the apex (or holds there).
+    Apex,
+    /// Both signs are `+1` or `-1`.
+    Regular,
+}
+
+/// The end of a step and the signs that lead there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepSolution {
+    /// New position `s+` (m).
+    pub s: f64,
+    /// New velocity `v+` (m/s).
+    pub v: f64,
+    /// The multiplier `lambda_s` in `sgn s_gamma`.
+    pub lambda_s: f64,
+    /// The multiplier `lambda_v` in `sgn v_gamma`.
+    pub lambda_v: f64,
+    /// The case that was taken.
+    pub case: Case,
+}
+
+impl StepSolution {
+    /// The mirror image `(s, v, lambda) -> -(s, v, lambda)`, which solves the mirrored step.
+    fn mirrored(self, sigma: f64) -> Self {
+        Self {
+            s: sigma * self.s,
+            v: sigma * self.v,
+            lambda_s: sigma * self.lambda_s,
+            lambda_v: sigma * self.lambda_v,
+            case: self.case,
+        }
+    }
+}
+
+/// Why a step has no answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StepFailure {
+    /// The state or the force is not finite, or became so (overflow).
+    NotFinite,
+    /// No sign pattern was accepted within rounding.
+    NoSolution,
+}

@@ -1,0 +1,174 @@
+//! The Zhuravlev-Ivanov transform between the physical state `(x, x')` and `(s, v)`.
+//!
+//! ```text
+//! x = |s|      x' = R v sgn s      R = 1 - kappa sgn s sgn v                         (1)
+//! s' = R v     v' = sgn(s) f(t, |s|, R v sgn s) / R                                  (2)
+//! ```
+//!
+//! `(s, v)` and `(-s, -v)` describe the same physical state: two branches. `s v > 0` is flight
+//! away from the wall (`R = 1 - kappa`), `s v < 0` flight towards it (`R = 1 + kappa`).
+
+use crate::{sgn, Restitution};
+
+/// A state in the transform's coordinates: absolutely continuous through impacts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Lifted {
+    /// Signed position, `x = |s|` (m).
+    pub s: f64,
+    /// Transformed velocity (m/s).
+    pub v: f64,
+}
+
+/// A state in physical coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Physical {
+    /// Distance from the wall, `x >= 0` (m).
+    pub x: f64,
+    /// Velocity `x'` (m/s).
+    pub xdot: f64,
+}
+
+/// Which of the two preimages a lift takes: the sign of `s` (of `v`, when `x = 0`).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Branch {
+    /// `s >= 0`, the paper's choice.
+    #[default]
+    Positive,
+    /// `s <= 0`.
+    Negative,
+}
+
+impl Branch {
+    /// `sigma`, which is `+1` or `-1`.
+    #[inline]
+    #[must_use]
+    pub fn sigma(self) -> f64 {
+        match self {
+            Branch::Positive => 1.0,
+            Branch::Negative => -1.0,
+        }
+    }
+}
+
+/// The side of the wall on which a state lies: `sgn s`, at the wall `sgn v` (the side that the
+/// mass is about to enter), and `last` at the origin, where nothing tells.
+#[inline]
+#[must_use]
+pub fn side(z: Lifted, last: f64) -> f64 {
+    let toward = if z.s != 0.0 { z.s } else { z.v };
+    if toward != 0.0 {
+        sgn(toward)
+    } else {
+        last
+    }
+}
+
+/// Lifts a physical state to the chosen branch.
+///
+/// ```text
+/// s = sigma x      v = sigma x' / (1 - kappa sgn x')
+/// ```
+///
+/// At the wall, an incoming velocity (`x = 0`, `x' < 0`) lifts to the state *at* the impact; its
+/// projection is the velocity after it, `-e x'`. For `e = 0` a velocity away from the wall has no
+/// finite image (`R = 0`).
+///
+/// ```
+/// use zivi_core::{transform, Branch, Physical, Restitution};
+/// let wall = Restitution::from_kappa(0.41)?;
+/// let z = transform::lift(Physical { x: 1.0, xdot: 6.0 }, Branch::Positive, wall);
+/// assert!((z.v - 6.0 / 0.59).abs() < 1e-14);
+/// # Ok::<(), zivi_core::RestitutionError>(())
+/// ```
+#[must_use]
+pub fn lift(state: Physical, branch: Branch, wall: Restitution) -> Lifted {
+    let sigma = branch.sigma();
+    // x' = 0 is kept apart: 0/(1 - kappa sgn 0) is 0, but 0/0 for the plastic wall is not
+    let v = if state.xdot == 0.0 { 0.0 } else { state.xdot / wall.r(1.0, sgn(state.xdot)) };
+    Lifted { s: sigma * state.x, v: sigma * v }
+}
+
+/// Projects back to physical coordinates, equation (1).
+///
+/// At the wall (`s = 0`, `v != 0`) the velocity after the impact is given, `(1 - kappa) |v|`; the
+/// one before it was `-(1 + kappa) |v|`, and their ratio is `-e`.
+#[inline]
+#[must_use]
+pub fn project(z: Lifted, wall: Restitution) -> Physical {
+    let sigma = side(z, 0.0);
+    Physical { x: z.s.abs(), xdot: wall.r(sigma, sgn(z.v)) * z.v * sigma }
+}
+
+/// Velocities just before and just after the impact at `s = 0`: `-(1 + kappa) |v|` and
+/// `(1 - kappa) |v|`.
+#[must_use]
+pub fn impact_velocities(v: f64, wall: Restitution) -> (f64, f64) {
+    let speed = v.abs();
+    (-wall.r(1.0, -1.0) * speed, wall.r(1.0, 1.0) * speed)
+}
+
+/// The right-hand side of (2) for given values of the set-valued signs.
+#[inline]
+#[must_use]
+pub fn field(v: f64, lambda_s: f64, lambda_v: f64, f: f64, wall: Restitution) -> Lifted {
+    let r = wall.r(lambda_s, lambda_v);
+    Lifted { s: r * v, v: lambda_s * f / r }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn wall(kappa: f64) -> Restitution {
+        Restitution::from_kappa(kappa).expect("kappa in [0, 1]")
+    }
+
+    const BRANCHES: [Branch; 2] = [Branch::Positive, Branch::Negative];
+
+    proptest! {
+        #[test]
+        fn project_undoes_lift(x in 0.0..1e3f64, xdot in -1e3..1e3f64, kappa in 0.0..0.99f64) {
+            for branch in BRANCHES {
+                let back = project(lift(Physical { x, xdot }, branch, wall(kappa)), wall(kappa));
+                prop_assert_eq!(back.x, x);
+                prop_assert!((back.xdot - xdot).abs() <= 4.0 * f64::EPSILON * xdot.abs());
+            }
+        }
+
+        #[test]
+        fn both_branches_project_to_one_state(s in -9.0..9.0f64, v in -9.0..9.0f64, kappa in 0.0..1.0f64) {
+            let mirrored = project(Lifted { s: -s, v: -v }, wall(kappa));
+            prop_assert_eq!(project(Lifted { s, v }, wall(kappa)), mirrored);
+        }
+
+        #[test]
+        fn the_field_is_the_physical_one(s in 0.1..9.0f64, v in -9.0..9.0f64, f in -9.0..9.0f64, kappa in 0.0..0.9f64) {
+            // away from switches: x' of the projection is s', and R v' sgn s is f
+            let wall = wall(kappa);
+            let rate = field(v, 1.0, sgn(v), f, wall);
+            let xdot = project(Lifted { s, v }, wall).xdot;
+            prop_assert!((rate.s - xdot).abs() < 1e-13);
+            prop_assert!((wall.r(1.0, sgn(v)) * rate.v - f).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn an_incoming_state_at_the_wall_projects_to_the_state_after_the_impact() {
+        for branch in BRANCHES {
+            let z = lift(Physical { x: 0.0, xdot: -3.0 }, branch, wall(0.5));
+            let after = project(z, wall(0.5));
+            assert_eq!(after.x, 0.0);
+            assert!((after.xdot - 1.0).abs() < 1e-15); // e = 1/3
+            assert_eq!(impact_velocities(z.v, wall(0.5)), (-3.0, after.xdot));
+        }
+    }
+
+    #[test]
+    fn rest_lifts_to_the_origin_for_every_restitution() {
+        for kappa in [0.0, 0.41, 1.0] {
+            assert_eq!(lift(Physical::default(), Branch::Positive, wall(kappa)), Lifted::default());
+        }
+    }
+}
