@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from zivi import _zivi
+from zivi._check import real
 from zivi.system import ImpactSystem
 
 __all__ = ["ExplicitEuler", "Method", "ThetaGamma"]
@@ -68,6 +69,8 @@ class ThetaGamma:
     solver: str = "exact"
 
     def __post_init__(self) -> None:
+        for name in ("h", "theta", "gamma"):
+            object.__setattr__(self, name, real(name, getattr(self, name)))
         if self.solver != "exact":
             raise ValueError(f"solver must be 'exact', got {self.solver!r}")
         _zivi.check_theta_gamma(self.h, self.theta, self.gamma, 0.0)
@@ -119,6 +122,7 @@ class ExplicitEuler:
     h: float
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "h", real("h", self.h))
         _zivi.check_theta_gamma(self.h, 1.0, 1.0, 0.0)
 
     def _integrate(

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from zivi import _zivi
+from zivi._check import finite, real
 
 __all__ = ["Force", "ImpactSystem", "LinearForce"]
 
@@ -62,7 +63,7 @@ class LinearForce:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            object.__setattr__(self, field.name, _finite(field.name, value))
+            object.__setattr__(self, field.name, finite(field.name, value))
 
     def __call__(self, t: float, x: float, xdot: float) -> float:
         """Evaluate the force (m/s^2) at time `t` (s), distance `x` (m), velocity `xdot` (m/s)."""
@@ -114,6 +115,8 @@ class ImpactSystem:
     def __init__(
         self, force: Force, *, e: float | None = None, kappa: float | None = None
     ) -> None:
+        e = None if e is None else real("e", e)
+        kappa = None if kappa is None else real("kappa", kappa)
         self._e, self._kappa = _zivi.restitution(e=e, kappa=kappa)
         self._force = force
         # a compiled callable is called through its bare address: its owner must live as long
@@ -138,18 +141,10 @@ class ImpactSystem:
         return f"ImpactSystem(force={self._force!r}, e={self._e!r}, kappa={self._kappa!r})"
 
 
-def _finite(name: str, value: object) -> float:
-    if not isinstance(value, numbers.Real):
-        raise TypeError(f"{name} must be a real number, got {type(value).__name__}")
-    if not math.isfinite(value):
-        raise ValueError(f"{name} must be finite, got {value}")
-    return float(value)
-
-
 def _force_spec(force: Any) -> tuple[tuple[Any, ...], object]:
     """Translate a force into what the extension takes, and the object that owns its code."""
     if isinstance(force, numbers.Real):
-        return ("constant", _finite("force", force)), None
+        return ("constant", finite("force", force)), None
     if isinstance(force, LinearForce):
         return ("linear", *dataclasses.astuple(force)), None
     # an object of SciPy's class can only be here if SciPy has been imported

@@ -60,7 +60,7 @@ def lift(
     if not (np.all(position >= 0.0) and np.all(np.isfinite(position))):
         raise ValueError("x must be finite and >= 0 (the wall is at 0)")
     sigma = 1.0 if branch == "positive" else -1.0
-    s, v = _zivi.lift(position.ravel(), velocity.ravel(), sigma, kappa)
+    s, v = _zivi.lift(np.ravel(position), np.ravel(velocity), sigma, kappa)
     return s.reshape(position.shape), v.reshape(position.shape)
 
 
@@ -93,7 +93,7 @@ def project(
     """
     _, kappa = _zivi.restitution(e=e, kappa=kappa)
     position, velocity = _broadcast(s=s, v=v)
-    x, xdot = _zivi.project(position.ravel(), velocity.ravel(), kappa)
+    x, xdot = _zivi.project(np.ravel(position), np.ravel(velocity), kappa)
     return x.reshape(position.shape), xdot.reshape(position.shape)
 
 
@@ -105,4 +105,4 @@ def _broadcast(**named: Any) -> tuple[Array, Array]:
         raise ValueError(
             f"{name_a} and {name_b} must be real arrays whose shapes agree: {error}"
         ) from None
-    return np.ascontiguousarray(first), np.ascontiguousarray(second)
+    return first, second

@@ -35,7 +35,7 @@ fn wide(rng: &Rng) -> f64 {
     }
 }
 
-/// Solves, and returns what is left of the equations. Counts are the caller's.
+/// Solves, and puts the solution back into the equations; keeps the largest misfit.
 fn check(problem: &Problem, side: f64, worst: &mut f64) {
     let solution = match problem.solve(side) {
         Ok(solution) => solution,
@@ -46,14 +46,13 @@ fn check(problem: &Problem, side: f64, worst: &mut f64) {
     assert!(misfit.inclusion <= TOLERANCE, "{misfit:?}\n{problem:?}\n{solution:?}");
     assert!(misfit.update <= TOLERANCE, "{misfit:?}\n{problem:?}\n{solution:?}");
     *worst = worst.max(misfit.inclusion).max(misfit.update);
-    let moderate = problem.scheme.kappa <= 0.999;
     let own = problem.scheme.build().vi_residual(
         problem.z,
         problem.f,
         [solution.lambda_s, solution.lambda_v],
     );
     let allowed = TOLERANCE / (1.0 - problem.scheme.kappa);
-    assert!(!moderate || own <= allowed, "vi_residual {own:e} for {problem:?}\n{solution:?}");
+    assert!(own <= allowed, "vi_residual {own:e} for {problem:?}\n{solution:?}");
 }
 
 #[test]
@@ -125,6 +124,22 @@ fn on_the_switches_to_the_last_bit() {
         let scheme = scheme(&rng);
         let problem = on_a_switch(&rng, scheme);
         check(&problem, rng.sign(), &mut worst);
+    }
+    println!("worst {worst:e}");
+}
+
+/// Far below the scales `h^2 |f|` and `h |f|` of the step a state is as good as any other.
+#[test]
+fn arbitrarily_near_the_origin() {
+    let rng = Rng::new(26);
+    let mut worst = 0.0;
+    for _ in 0..60_000 {
+        let scheme = Scheme { kappa: rng.between(0.0, 0.95), ..scheme(&rng) };
+        let small = || if rng.chance(0.2) { 0.0 } else { rng.sign() * rng.log_between(1e-20, 1.0) };
+        let f = rng.sign() * rng.log_between(1e-3, 1e3);
+        let kick = scheme.h * f.abs();
+        let z = Lifted { s: scheme.h * kick * small(), v: kick * small() };
+        check(&Problem { scheme, z, f }, rng.sign(), &mut worst);
     }
     println!("worst {worst:e}");
 }
