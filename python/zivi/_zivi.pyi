@@ -3,6 +3,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__: list[str]
 __version__: str
 STATUS_MESSAGES: list[str]
 

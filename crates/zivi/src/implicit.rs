@@ -5,6 +5,8 @@
 //! `x` and `x'` are affine in the trial, so for a linear force one secant step is exact. The slope is carried from
 //! step to step, and a bracket is kept wherever the mismatch has changed sign.
 
+use zivi_core::step::{Pattern, PATTERNS};
+use zivi_core::transform::project;
 use zivi_core::{Physical, StepSolution, ThetaGammaStep};
 
 use crate::fixed_step::{finite_force, Failure, Start};
@@ -12,8 +14,10 @@ use crate::{Force, Status};
 
 /// The mismatch that is accepted, relative to the largest force met in the run.
 pub(crate) const TOLERANCE: f64 = 1e-12;
-/// Trial forces in one step.
+/// Trial forces along one sequence of solutions (the selected ones, or those of one pattern).
 pub(crate) const MAX_TRIALS: usize = 100;
+/// Slope of the mismatch where the end of the step does not depend on the force (`h -> 0`).
+const DEFAULT_SLOPE: f64 = -1.0;
 
 /// Solver state carried over the steps of a run.
 #[derive(Clone, Copy, Debug)]
@@ -29,32 +33,61 @@ pub(crate) struct ImplicitForce {
 
 impl Default for ImplicitForce {
     fn default() -> Self {
-        Self { last: None, slope: -1.0, magnitude: 0.0, nfev: 0 }
+        Self { last: None, slope: DEFAULT_SLOPE, magnitude: 0.0, nfev: 0 }
     }
 }
 
 impl ImplicitForce {
     /// The step from `start` and its force, consistent to [`TOLERANCE`].
+    ///
+    /// The equation is solved along the solution that the selection rule takes for each trial.
+    /// Where that solution jumps (`f > 0`), the root may lie on a pattern that the rule leaves
+    /// before it is reached; then every pattern is followed by itself.
+    #[inline]
     pub(crate) fn solve<E>(
         &mut self,
         step: &ThetaGammaStep,
         start: Start,
         force: &mut impl Force<E>,
     ) -> Result<(f64, StepSolution), Failure<E>> {
-        let t = start.t + step.theta() * step.h();
-        let mut trial = match self.last {
+        let first = match self.last {
             Some(last) => last,
-            None => self.evaluate(force, t, state_at_theta(step, start, None))?,
+            None => self.evaluate(force, start.t, project(start.z, step.wall()))?,
         };
+        let selected = |trial: f64| step.solve(start.z, trial, start.side).map_err(Failure::from);
+        let found = match self.follow(step, start, force, first, selected) {
+            Err(Failure::Status(Status::ForceNotConverged)) => {
+                self.on_any_pattern(step, start, force, first)
+            }
+            other => other,
+        };
+        self.last = found.as_ref().ok().map(|(f, _)| *f);
+        found
+    }
+
+    /// Solves `mismatch = 0` along the ends of step that `end` gives for each trial force.
+    #[inline]
+    fn follow<E>(
+        &mut self,
+        step: &ThetaGammaStep,
+        start: Start,
+        force: &mut impl Force<E>,
+        first: f64,
+        end: impl Fn(f64) -> Result<StepSolution, Failure<E>>,
+    ) -> Result<(f64, StepSolution), Failure<E>> {
+        let t = start.t + step.theta() * step.h();
+        let mut trial = first;
         let mut bracket = Bracket::default();
         let mut previous: Option<(f64, f64)> = None;
         for _ in 0..MAX_TRIALS {
-            let end = step.solve(start.z, trial, start.side)?;
-            let value = self.evaluate(force, t, state_at_theta(step, start, Some(&end)))?;
+            let reached = end(trial)?;
+            let value = self.evaluate(force, t, state_at_theta(step, start, &reached))?;
             let mismatch = value - trial;
             if mismatch.abs() <= TOLERANCE * self.magnitude {
-                self.last = Some(trial);
-                return Ok((trial, end));
+                return Ok((trial, reached));
+            }
+            if bracket.is_exhausted() {
+                break; // the mismatch jumps over zero
             }
             bracket.narrow(trial, mismatch);
             if let Some((other, its_mismatch)) = previous {
@@ -64,6 +97,46 @@ impl ImplicitForce {
             trial = bracket.inside(trial - mismatch / self.slope);
         }
         Err(Failure::Status(Status::ForceNotConverged))
+    }
+
+    /// Solves `mismatch = 0` on every pattern and takes the solution nearest to the exact motion
+    /// under its own force (the first, where that presses to the wall).
+    #[cold]
+    fn on_any_pattern<E>(
+        &mut self,
+        step: &ThetaGammaStep,
+        start: Start,
+        force: &mut impl Force<E>,
+        first: f64,
+    ) -> Result<(f64, StepSolution), Failure<E>> {
+        let Start { z, side, .. } = start;
+        let mut best = Err(Failure::Status(Status::ForceNotConverged));
+        let mut least = f64::INFINITY;
+        for pattern in PATTERNS {
+            let firsts = match pattern {
+                Pattern::Wall(lambda_v) => step.wall_forces(lambda_v, z, side),
+                _ => [first, f64::NAN],
+            };
+            for first in firsts.into_iter().filter(|first| first.is_finite()) {
+                self.slope = DEFAULT_SLOPE;
+                let continued = |trial: f64| {
+                    let missing = Failure::Status(Status::ForceNotConverged);
+                    step.continued(pattern, z, trial, side).ok_or(missing)
+                };
+                let f = match self.follow(step, start, force, first, continued) {
+                    Ok((f, _)) => f,
+                    Err(Failure::Raised(error)) => return Err(Failure::Raised(error)),
+                    Err(Failure::Status(_)) => continue,
+                };
+                let Some(end) = step.accepted(pattern, z, f, side) else { continue };
+                let away = step.inconsistency(&end, z, f, side);
+                if away < least {
+                    (best, least) = (Ok((f, end)), away);
+                }
+            }
+        }
+        self.slope = DEFAULT_SLOPE;
+        best
     }
 
     fn evaluate<E>(
@@ -80,15 +153,14 @@ impl ImplicitForce {
 
     /// A secant slope is believed when it descends; otherwise the default of a small step.
     fn update_slope(&mut self, secant: f64) {
-        self.slope = if secant < -1e-3 && secant.is_finite() { secant } else { -1.0 };
+        let descends = secant < -1e-3 && secant.is_finite();
+        self.slope = if descends { secant } else { DEFAULT_SLOPE };
     }
 }
 
-/// `(x, x')` at `t + theta h`; at the start of the step while there is no end.
-fn state_at_theta(step: &ThetaGammaStep, start: Start, end: Option<&StepSolution>) -> Physical {
-    let Some(end) = end else {
-        return zivi_core::transform::project(start.z, step.wall());
-    };
+/// `(x, x')` at `t + theta h`.
+#[inline]
+fn state_at_theta(step: &ThetaGammaStep, start: Start, end: &StepSolution) -> Physical {
     let mean = |new: f64, old: f64| step.theta() * new + (1.0 - step.theta()) * old;
     let r = step.wall().r(end.lambda_s, end.lambda_v);
     Physical { x: mean(end.s, start.z.s).abs(), xdot: r * end.lambda_s * mean(end.v, start.z.v) }
@@ -107,6 +179,15 @@ impl Bracket {
         self.trials += 1;
         let end = if mismatch > 0.0 { &mut self.positive } else { &mut self.negative };
         *end = Some(trial);
+    }
+
+    /// Whether no number is left between the ends.
+    fn is_exhausted(&self) -> bool {
+        let (Some(a), Some(b)) = (self.positive, self.negative) else {
+            return false;
+        };
+        let middle = 0.5 * (a + b);
+        middle == a || middle == b
     }
 
     /// The proposal where it lies inside, else (and at every third trial past the sixth, where the
