@@ -1,4 +1,4 @@
-"""Fitted order of implicit Euler, in flight, through impacts, and (less than one) at the Zeno point."""
+"""Fitted order of implicit Euler in flight, through impacts and (less than one) at Zeno points."""
 
 import numpy as np
 import pytest
