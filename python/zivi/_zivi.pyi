@@ -3,7 +3,20 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__: list[str]
+__all__ = [
+    "RunRecord",
+    "STATUS_MESSAGES",
+    "__version__",
+    "check_grid",
+    "check_theta_gamma",
+    "compiled_force",
+    "lift",
+    "project",
+    "restitution",
+    "simulate_explicit_euler",
+    "simulate_theta_gamma",
+]
+
 __version__: str
 STATUS_MESSAGES: list[str]
 

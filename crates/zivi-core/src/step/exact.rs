@@ -92,8 +92,8 @@ impl ThetaGammaStep {
     }
 
     /// The end of the step with the signs of `pattern`, whether or not they fit: a continuous
-    /// function of `f`, for finding a force that depends on where the step ends. (On the wall it
-    /// jumps where `lambda_s` changes ends, see [`Self::wall_forces`].)
+    /// function of `f` within each of [`Self::force_ranges`], for finding a force that depends on
+    /// where the step ends.
     #[must_use]
     pub fn continued(
         &self,
@@ -107,15 +107,43 @@ impl ThetaGammaStep {
         frozen.on(pattern, f64::MAX).map(|solution| solution.mirrored(sigma))
     }
 
-    /// The forces at which `lambda_s = +-1` on the pattern [`Pattern::Wall`]: a solution needs a
-    /// force that is not between them.
+    /// The forces between which a solution with the signs of `pattern` can lie: at most two
+    /// ranges (closed, possibly unbounded).
+    ///
+    /// ```text
+    /// regular:  g s_gamma >= 0 and r v_gamma >= 0, both linear in f  (g, r the signs)
+    /// apex:     R = -gamma h g f / v in [1 - kappa, 1 + kappa]
+    /// wall:     |theta h f - kappa lambda_v v| >= |s/(gamma h) + v|
+    /// ```
     #[must_use]
-    pub fn wall_forces(&self, lambda_v: f64, z: Lifted, side: f64) -> [f64; 2] {
+    pub fn force_ranges(&self, pattern: Pattern, z: Lifted, side: f64) -> [Option<(f64, f64)>; 2] {
         let (_, Frozen { s, v, .. }) = self.frozen(z, 0.0, side);
-        let per_force = self.theta * self.h;
-        let middle = self.wall.kappa() * lambda_v * v / per_force;
-        let half = (s / (self.gamma * self.h) + v).abs() / per_force;
-        [middle - half, middle + half]
+        let ThetaGammaStep { h, theta, gamma, wall, .. } = *self;
+        let approach = s / (gamma * h);
+        let range = |low: f64, high: f64| (low <= high).then_some((low, high));
+        match pattern {
+            Pattern::Origin => [range(f64::NEG_INFINITY, f64::INFINITY), None],
+            Pattern::Wall(lambda_v) => {
+                let middle = wall.kappa() * lambda_v * v / (theta * h);
+                let half = (approach + v).abs() / (theta * h);
+                [range(f64::NEG_INFINITY, middle - half), range(middle + half, f64::INFINITY)]
+            }
+            Pattern::Apex(lambda_s) => {
+                let unit = -lambda_s * v / (gamma * h);
+                let (a, b) = (unit * wall.r(1.0, 1.0), unit * wall.r(1.0, -1.0));
+                [range(a.min(b), a.max(b)), None]
+            }
+            Pattern::Regular(lambda_s, lambda_v) => {
+                let r = wall.r(lambda_s, lambda_v);
+                let stays = -lambda_s * (approach + r * v) / (theta * h);
+                let turns = -lambda_s * v * r / (gamma * h);
+                if lambda_s * lambda_v > 0.0 {
+                    [range(stays.max(turns), f64::INFINITY), None]
+                } else {
+                    [range(stays, turns), None]
+                }
+            }
+        }
     }
 
     /// Distance of a solution from the exact motion under its own force, in units of that motion
