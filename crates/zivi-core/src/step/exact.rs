@@ -65,13 +65,34 @@ impl ThetaGammaStep {
     /// ```
     #[inline]
     pub fn solve(&self, z: Lifted, f: f64, side: f64) -> Result<StepSolution, StepFailure> {
+        match self.everyday(z, f) {
+            Some(solution) => Ok(solution),
+            None => self.by_cases(z, f, side),
+        }
+    }
+
+    /// The steps that most of a run consists of, under `f <= 0`: rest, and the regular pattern of
+    /// the present signs with room to spare, which is then the only solution.
+    #[inline]
+    fn everyday(&self, z: Lifted, f: f64) -> Option<StepSolution> {
+        if f > 0.0 || z.s == 0.0 || z.v == 0.0 {
+            let rests = f <= 0.0 && f.is_finite() && z == Lifted::default();
+            return rests.then_some(StepSolution::REST);
+        }
+        let sign = |z: f64| if z > 0.0 { 1.0 } else { -1.0 };
+        // not mirrored to the side +1: that would lengthen the chain from step to step
+        let seen = Frozen { step: self, s: z.s, v: z.v, f };
+        seen.regular(sign(z.s), sign(z.v), -SIGN_TOLERANCE).filter(StepSolution::is_finite)
+    }
+
+    /// Any step, on the side `+1`, by the rule of [`super::selection`].
+    #[cold]
+    #[inline(never)]
+    fn by_cases(&self, z: Lifted, f: f64, side: f64) -> Result<StepSolution, StepFailure> {
         let (sigma, frozen) = self.frozen(z, f, side);
-        let found = match frozen.clearly_regular() {
-            Some(solution) => solution,
-            None => frozen.selected()?,
-        };
-        if found.s.is_finite() && found.v.is_finite() {
-            Ok(found.mirrored(sigma))
+        let found = frozen.selected()?.mirrored(sigma);
+        if found.is_finite() {
+            Ok(found)
         } else {
             Err(StepFailure::NotFinite)
         }
@@ -168,16 +189,6 @@ impl ThetaGammaStep {
 }
 
 impl<'a> Frozen<'a> {
-    /// The everyday step, pressed to the wall and away from every switch: the regular pattern of
-    /// the current velocity with room to spare is the only solution, no other need be looked at.
-    #[inline]
-    fn clearly_regular(&self) -> Option<StepSolution> {
-        if self.f > 0.0 || self.v == 0.0 {
-            return None;
-        }
-        self.regular(1.0, sgn(self.v), -SIGN_TOLERANCE)
-    }
-
     /// The solution that the rule of [`super::selection`] takes.
     fn selected(&self) -> Result<StepSolution, StepFailure> {
         if !(self.s.is_finite() && self.v.is_finite() && self.f.is_finite()) {
