@@ -1,1 +1,27 @@
-//! py
+//! The extension module `zivi._zivi`: conversion, release of the interpreter lock, statuses.
+//!
+//! No numerics here. `python/zivi` is what users import; `python/zivi/_zivi.pyi` types this module.
+
+mod force;
+mod record;
+mod simulate;
+mod transform;
+mod watch;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("STATUS_MESSAGES", record::status_messages())?;
+    module.add_class::<record::RunRecord>()?;
+    module.add_function(wrap_pyfunction!(transform::restitution, module)?)?;
+    module.add_function(wrap_pyfunction!(transform::lift, module)?)?;
+    module.add_function(wrap_pyfunction!(transform::project, module)?)?;
+    module.add_function(wrap_pyfunction!(simulate::check_grid, module)?)?;
+    module.add_function(wrap_pyfunction!(simulate::check_theta_gamma, module)?)?;
+    module.add_function(wrap_pyfunction!(simulate::simulate_theta_gamma, module)?)?;
+    module.add_function(wrap_pyfunction!(simulate::simulate_explicit_euler, module)?)?;
+    module.add_function(wrap_pyfunction!(force::compiled_force, module)?)?;
+    Ok(())
+}

@@ -1,1 +1,41 @@
-//! host
+//! The host library of zivi: it owns memory and time, `zivi_core` the mathematics of one step.
+//!
+//! ```
+//! use zivi::{simulate_theta_gamma, ConstantForce, Grid, Physical, Restitution, Silent, ThetaGamma};
+//!
+//! let wall = Restitution::from_kappa(0.41)?;
+//! let ball = Physical { x: 1.0, xdot: 6.0 };
+//! let grid = Grid::new(0.0, 3.0, 1e-3)?;
+//! let run = simulate_theta_gamma(
+//!     ThetaGamma::implicit_euler(), wall, &mut ConstantForce(-9.81), grid, ball, &mut Silent,
+//! )?;
+//! assert!((run.trajectory.events.rest_time.unwrap() - 2.444).abs() < 1e-9);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The pipeline: a [`Force`] and a wall are advanced by a method ([`theta_gamma`], [`explicit`])
+//! that [`fixed_step`] drives over a [`Grid`], filling a [`Trajectory`] with its [`Events`]. A new
+//! fixed-step method is one new file that implements [`fixed_step::FixedStep`].
+
+#![forbid(unsafe_code)]
+
+pub mod events;
+pub mod explicit;
+pub mod fixed_step;
+pub mod force;
+pub mod grid;
+mod implicit;
+pub mod monitor;
+pub mod status;
+pub mod theta_gamma;
+pub mod trajectory;
+
+pub use events::{Events, Impact};
+pub use explicit::simulate_explicit_euler;
+pub use force::{ConstantForce, Dependence, Force, FunctionForce, LinearForce};
+pub use grid::{Grid, GridError};
+pub use monitor::{Monitor, Silent};
+pub use status::Status;
+pub use theta_gamma::{simulate_theta_gamma, ThetaGamma};
+pub use trajectory::{Columns, Run, SetupError, Trajectory};
+pub use zivi_core::{Branch, Lifted, Physical, Restitution};

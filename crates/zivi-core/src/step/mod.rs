@@ -142,13 +142,16 @@ pub struct StepSolution {
 }
 
 impl StepSolution {
-    /// The mirror image `(s, v, lambda) -> -(s, v, lambda)`, which solves the mirrored step.
+    /// The mirror image `(s, v, lambda) -> -(s, v, lambda)`, which solves the mirrored step (adding
+    /// `0.0` turns the `-0.0` of a mirrored zero into `0.0`).
+    #[inline]
     fn mirrored(self, sigma: f64) -> Self {
+        let mirror = |z: f64| sigma * z + 0.0;
         Self {
-            s: sigma * self.s,
-            v: sigma * self.v,
-            lambda_s: sigma * self.lambda_s,
-            lambda_v: sigma * self.lambda_v,
+            s: mirror(self.s),
+            v: mirror(self.v),
+            lambda_s: mirror(self.lambda_s),
+            lambda_v: mirror(self.lambda_v),
             case: self.case,
         }
     }

@@ -1,0 +1,122 @@
+//! Forces that come from Python.
+
+use std::ffi::c_void;
+
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyCapsule, PyCapsuleMethods, PyTuple};
+use zivi::Force;
+
+/// `double f(double t, double x, double xdot)`.
+type Plain = unsafe extern "C" fn(f64, f64, f64) -> f64;
+/// The same with a pointer to the caller's data.
+type WithData = unsafe extern "C" fn(f64, f64, f64, *mut c_void) -> f64;
+
+const PLAIN: &str = "double (double, double, double)";
+const WITH_DATA: &str = "double (double, double, double, void *)";
+
+/// A force as the Python layer hands it over, a tuple that starts with its kind.
+pub(crate) enum ForceSpec<'py> {
+    Constant(f64),
+    Linear(zivi::LinearForce),
+    Compiled(CompiledForce),
+    Callable(PythonForce<'py>),
+}
+
+impl<'py> ForceSpec<'py> {
+    pub(crate) fn from_tuple(spec: &Bound<'py, PyTuple>) -> PyResult<Self> {
+        let kind: String = spec.get_item(0)?.extract()?;
+        match kind.as_str() {
+            "constant" => Ok(Self::Constant(spec.get_item(1)?.extract()?)),
+            "linear" => {
+                let number = |k: usize| -> PyResult<f64> { spec.get_item(k)?.extract() };
+                Ok(Self::Linear(zivi::LinearForce {
+                    stiffness: number(1)?,
+                    damping: number(2)?,
+                    gravity: number(3)?,
+                    amplitude: number(4)?,
+                    omega: number(5)?,
+                    phase: number(6)?,
+                }))
+            }
+            "compiled" => Ok(Self::Compiled(CompiledForce {
+                address: spec.get_item(1)?.extract()?,
+                data: spec.get_item(2)?.extract()?,
+            })),
+            "callable" => Ok(Self::Callable(PythonForce { callable: spec.get_item(1)? })),
+            other => Err(PyValueError::new_err(format!("unknown kind of force {other:?}"))),
+        }
+    }
+}
+
+/// A compiled function, called without the interpreter. Whoever made the tuple keeps it alive.
+#[derive(Clone, Copy)]
+pub(crate) struct CompiledForce {
+    address: usize,
+    data: Option<usize>,
+}
+
+impl<E> Force<E> for CompiledForce {
+    #[inline]
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        // SAFETY: the Python layer (`zivi.system`) passes only the address of a function whose
+        // declared signature it has compared with PLAIN or WITH_DATA, and holds the object that
+        // owns the code for the duration of the run.
+        Ok(unsafe {
+            match self.data {
+                None => std::mem::transmute::<usize, Plain>(self.address)(t, x, xdot),
+                Some(data) => std::mem::transmute::<usize, WithData>(self.address)(
+                    t,
+                    x,
+                    xdot,
+                    data as *mut c_void,
+                ),
+            }
+        })
+    }
+}
+
+/// `(address, user data or None)` of a `scipy.LowLevelCallable`, after a check of its signature.
+#[pyfunction]
+pub(crate) fn compiled_force(callable: &Bound<'_, PyTuple>) -> PyResult<(usize, Option<usize>)> {
+    let item = callable.get_item(0)?;
+    let capsule = item.cast::<PyCapsule>().map_err(|_| {
+        PyTypeError::new_err("force: the LowLevelCallable holds no function capsule")
+    })?;
+    let name = capsule.name()?;
+    // SAFETY: the capsule is alive and nobody renames it while its name is read here
+    let signature =
+        name.map_or(String::new(), |name| unsafe { name.as_cstr() }.to_string_lossy().into());
+    let address = capsule.pointer_checked(name.map(|name| unsafe { name.as_cstr() }))?;
+    // SAFETY: reading the context of a live capsule
+    let data = capsule.context()? as usize;
+    let squeezed = |text: &str| text.replace(' ', "");
+    let written = squeezed(&signature);
+    if written == squeezed(PLAIN) {
+        Ok((address.as_ptr() as usize, None))
+    } else if written == squeezed(WITH_DATA) {
+        Ok((address.as_ptr() as usize, Some(data)))
+    } else {
+        Err(PyTypeError::new_err(format!(
+            "force must have the signature {PLAIN:?} (or {WITH_DATA:?}), got {signature:?}"
+        )))
+    }
+}
+
+/// A Python callable; the interpreter lock is held for the whole run.
+pub(crate) struct PythonForce<'py> {
+    callable: Bound<'py, PyAny>,
+}
+
+impl Force<PyErr> for PythonForce<'_> {
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
+        let value = self.callable.call1((t, x, xdot))?;
+        value.extract().map_err(|error| {
+            let kind = value.get_type();
+            let message = format!("force(t, x, xdot) must return a float, got {kind}");
+            let named = PyTypeError::new_err(message);
+            named.set_cause(value.py(), Some(error));
+            named
+        })
+    }
+}

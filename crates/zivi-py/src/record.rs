@@ -1,0 +1,64 @@
+//! The record of a run as Python sees it: NumPy arrays that own the vectors of the run.
+
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use zivi::{Run, Status};
+
+type Array = Py<PyArray1<f64>>;
+
+/// The columns, events and outcome of one run.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct RunRecord {
+    t: Array,
+    x: Array,
+    xdot: Array,
+    s: Array,
+    v: Array,
+    lambda_s: Array,
+    lambda_v: Array,
+    residual: Array,
+    impact_t: Array,
+    impact_xdot_before: Array,
+    impact_xdot_after: Array,
+    zeno_times: Array,
+    liftoff_times: Array,
+    rest_time: Option<f64>,
+    status: u8,
+    message: &'static str,
+    nfev: u64,
+    raised: Option<Py<PyAny>>,
+}
+
+impl RunRecord {
+    pub(crate) fn new(py: Python<'_>, run: Run<PyErr>) -> Self {
+        let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
+        let zivi::Trajectory { columns, events, status, nfev } = run.trajectory;
+        let of_impacts =
+            |field: fn(&zivi::Impact) -> f64| array(events.impacts.iter().map(field).collect());
+        Self {
+            t: array(columns.t),
+            x: array(columns.x),
+            xdot: array(columns.xdot),
+            s: array(columns.s),
+            v: array(columns.v),
+            lambda_s: array(columns.lambda_s),
+            lambda_v: array(columns.lambda_v),
+            residual: array(columns.residual),
+            impact_t: of_impacts(|impact| impact.t),
+            impact_xdot_before: of_impacts(|impact| impact.xdot_before),
+            impact_xdot_after: of_impacts(|impact| impact.xdot_after),
+            zeno_times: array(events.zeno_times),
+            liftoff_times: array(events.liftoff_times),
+            rest_time: events.rest_time,
+            status: status as u8,
+            message: status.message(),
+            nfev,
+            raised: run.raised.map(|error| error.into_value(py).into_any()),
+        }
+    }
+}
+
+/// The message of every status, in the order of their numbers.
+pub(crate) fn status_messages() -> Vec<&'static str> {
+    Status::ALL.iter().map(|status| status.message()).collect()
+}

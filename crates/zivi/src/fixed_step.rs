@@ -1,0 +1,138 @@
+//! The loop that all fixed-step methods share: step, record, note the events, let others look.
+
+use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, StepFailure};
+
+use crate::events::EventLog;
+use crate::monitor::Pace;
+use crate::trajectory::{Columns, Run, Sample, SetupError, Trajectory};
+use crate::{Force, Grid, Monitor, Status};
+
+/// Where a step starts.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    /// Time (s).
+    pub t: f64,
+    /// State.
+    pub z: Lifted,
+    /// Side of the wall on which the mass was last, `+1` or `-1`.
+    pub side: f64,
+}
+
+/// A method that advances by one step.
+pub trait FixedStep<E, F: Force<E>> {
+    /// One step from `start`.
+    ///
+    /// # Errors
+    /// Why there is no next state; the run ends at `start`.
+    fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>>;
+
+    /// Takes another step size from here on (the last step of a run may be shorter).
+    ///
+    /// # Errors
+    /// When the step size is refused.
+    fn resize(&mut self, h: f64) -> Result<(), SetupError>;
+
+    /// Number of force evaluations so far.
+    fn nfev(&self) -> u64;
+}
+
+/// Why a step failed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Failure<E> {
+    /// For a reason that has a status.
+    Status(Status),
+    /// The force raised an error.
+    Raised(E),
+}
+
+impl<E> From<StepFailure> for Failure<E> {
+    fn from(failure: StepFailure) -> Self {
+        Failure::Status(match failure {
+            StepFailure::NotFinite => Status::StateNotFinite,
+            StepFailure::NoSolution => Status::StepNotSolved,
+        })
+    }
+}
+
+/// Evaluates the force, turning NaN and infinity into a failure.
+#[inline]
+pub(crate) fn finite_force<E>(
+    force: &mut impl Force<E>,
+    t: f64,
+    state: Physical,
+) -> Result<f64, Failure<E>> {
+    let value = force.at(t, state.x, state.xdot).map_err(Failure::Raised)?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Failure::Status(Status::ForceNotFinite))
+    }
+}
+
+/// Runs `method` over `grid` from the physical state `initial` (branch `+1`).
+///
+/// # Errors
+/// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
+pub fn run<E, F: Force<E>>(
+    mut method: impl FixedStep<E, F>,
+    wall: Restitution,
+    force: &mut F,
+    grid: Grid,
+    initial: Physical,
+    monitor: &mut impl Monitor<E>,
+) -> Result<Run<E>, SetupError> {
+    check_state(initial)?;
+    let n = grid.n_steps();
+    let mut columns = Columns::with_capacity(n + 1).map_err(|_| SetupError::Memory(n))?;
+    let mut z = transform::lift(initial, Branch::Positive, wall);
+    let incoming = initial.x == 0.0 && initial.xdot < 0.0;
+    let mut log = EventLog::start(grid.t(0), z, incoming, wall);
+    let (lambda_s, lambda_v) = (sgn(z.s), sgn(z.v));
+    columns.push(grid.t(0), Sample { z, lambda_s, lambda_v, residual: 0.0 }, wall);
+
+    let mut side = transform::side(z, Branch::Positive.sigma());
+    let mut pace = Pace::start();
+    let mut k = 0;
+    let ending = 'run: loop {
+        let until = (k + pace.chunk()).min(n);
+        while k < until {
+            if k + 1 == n {
+                method.resize(grid.last_h())?;
+            }
+            let t = grid.t(k);
+            let sample = match method.advance(Start { t, z, side }, force) {
+                Ok(sample) => sample,
+                Err(failure) => break 'run failure,
+            };
+            k += 1;
+            let t_next = grid.t(k);
+            columns.push(t_next, sample, wall);
+            log.step((t, z), (t_next, sample.z));
+            z = sample.z;
+            side = transform::side(z, side);
+        }
+        if let Err(stop) = monitor.poll(k, n) {
+            break Failure::Raised(stop);
+        }
+        if k == n {
+            break Failure::Status(Status::Completed);
+        }
+        pace.adjust();
+    };
+    let (status, raised) = match ending {
+        Failure::Status(status) => (status, None),
+        Failure::Raised(error) => (Status::Raised, Some(error)),
+    };
+    let trajectory = Trajectory { columns, events: log.finish(), status, nfev: method.nfev() };
+    Ok(Run { trajectory, raised })
+}
+
+fn check_state(initial: Physical) -> Result<(), SetupError> {
+    if !(initial.x >= 0.0 && initial.x.is_finite()) {
+        return Err(SetupError::State("x0", initial.x, "a finite distance >= 0 from the wall"));
+    }
+    if !initial.xdot.is_finite() {
+        return Err(SetupError::State("xdot0", initial.xdot, "a finite velocity"));
+    }
+    Ok(())
+}

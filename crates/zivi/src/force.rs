@@ -1,0 +1,95 @@
+//! Forces per unit mass, `f(t, x, x')` in m/s^2.
+
+/// What a force depends on: it tells the integrator how much of the step is implicit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dependence {
+    /// On nothing: evaluated once a run.
+    Constant,
+    /// On time only: evaluated once a step.
+    Time,
+    /// On the state: the step is implicit in it.
+    State,
+}
+
+/// A force per unit mass. `E` is what an evaluation may raise (an exception of a callable).
+pub trait Force<E> {
+    /// `f(t, x, x')` in m/s^2, `t` in s, `x` in m, `xdot` in m/s.
+    ///
+    /// # Errors
+    /// Whatever the implementation raises; the run ends there and keeps what was computed.
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E>;
+
+    /// What the value depends on.
+    fn dependence(&self) -> Dependence {
+        Dependence::State
+    }
+}
+
+/// The same force everywhere and always.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConstantForce(
+    /// The force (m/s^2).
+    pub f64,
+);
+
+impl<E> Force<E> for ConstantForce {
+    fn at(&mut self, _: f64, _: f64, _: f64) -> Result<f64, E> {
+        Ok(self.0)
+    }
+
+    fn dependence(&self) -> Dependence {
+        Dependence::Constant
+    }
+}
+
+/// `f = -stiffness x - damping x' - gravity + amplitude cos(omega t + phase)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinearForce {
+    /// Stiffness per unit mass (1/s^2).
+    pub stiffness: f64,
+    /// Damping per unit mass (1/s).
+    pub damping: f64,
+    /// Constant pull towards the wall (m/s^2).
+    pub gravity: f64,
+    /// Amplitude of the excitation (m/s^2).
+    pub amplitude: f64,
+    /// Angular frequency of the excitation (rad/s).
+    pub omega: f64,
+    /// Phase of the excitation (rad).
+    pub phase: f64,
+}
+
+impl<E> Force<E> for LinearForce {
+    #[inline]
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        let excitation = if self.amplitude == 0.0 {
+            0.0
+        } else {
+            self.amplitude * (self.omega * t + self.phase).cos()
+        };
+        Ok(-self.stiffness * x - self.damping * xdot - self.gravity + excitation)
+    }
+
+    fn dependence(&self) -> Dependence {
+        if self.stiffness != 0.0 || self.damping != 0.0 {
+            Dependence::State
+        } else if self.amplitude != 0.0 {
+            Dependence::Time
+        } else {
+            Dependence::Constant
+        }
+    }
+}
+
+/// Any function `f(t, x, x')`.
+pub struct FunctionForce<F>(
+    /// The function.
+    pub F,
+);
+
+impl<E, F: FnMut(f64, f64, f64) -> Result<f64, E>> Force<E> for FunctionForce<F> {
+    #[inline]
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        (self.0)(t, x, xdot)
+    }
+}

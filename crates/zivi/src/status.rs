@@ -1,0 +1,60 @@
+//! How a run ended.
+
+/// How a run ended; the numbers are part of the public interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Status {
+    /// The end of the span was reached.
+    Completed = 0,
+    /// The force returned NaN or infinity.
+    ForceNotFinite = 1,
+    /// The state became infinite or NaN (overflow).
+    StateNotFinite = 2,
+    /// The step's equation for the force at its end was not solved within its iterations.
+    ForceNotConverged = 3,
+    /// The step's inclusion was not solved: no sign pattern fits within rounding.
+    StepNotSolved = 4,
+    /// The force or the caller raised an error, or the run was interrupted.
+    Raised = 5,
+}
+
+impl Status {
+    /// Every status, in the order of their numbers.
+    pub const ALL: [Status; 6] = [
+        Status::Completed,
+        Status::ForceNotFinite,
+        Status::StateNotFinite,
+        Status::ForceNotConverged,
+        Status::StepNotSolved,
+        Status::Raised,
+    ];
+
+    /// What happened, and what to try.
+    #[must_use]
+    pub fn message(self) -> &'static str {
+        match self {
+            Status::Completed => "The end of t_span was reached.",
+            Status::ForceNotFinite => {
+                "The force returned NaN or infinity; the trajectory ends at the last step before. \
+                 Check the force at the last sample."
+            }
+            Status::StateNotFinite => {
+                "The state overflowed; the trajectory ends at the last finite step. \
+                 Check the units and the sign of the force."
+            }
+            Status::ForceNotConverged => {
+                "The force at the end of the step was not found within its iterations; the \
+                 trajectory ends at the last solved step. Try a smaller h, or a force that is \
+                 continuous in x and xdot."
+            }
+            Status::StepNotSolved => {
+                "No sign pattern solves the step within rounding; the trajectory ends at the last \
+                 solved step. Try a different h, and please report the case."
+            }
+            Status::Raised => {
+                "The force raised an exception or the run was interrupted; the trajectory ends at \
+                 the last complete step."
+            }
+        }
+    }
+}

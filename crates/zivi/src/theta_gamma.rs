@@ -1,0 +1,123 @@
+//! The theta-gamma method over a grid: the paper's scheme for any force.
+//!
+//! The force is taken at `t + theta h` and, when it depends on the state, at the state there:
+//!
+//! ```text
+//! f = f(t + theta h, |s_theta|, R lambda_s v_theta)      z_theta = theta z+ + (1 - theta) z
+//! ```
+
+use zivi_core::{Physical, Restitution, StepSolution, ThetaGammaStep};
+
+use crate::fixed_step::{finite_force, run, Failure, FixedStep, Start};
+use crate::implicit::ImplicitForce;
+use crate::trajectory::{Run, Sample, SetupError};
+use crate::{Dependence, Force, Grid, Monitor};
+
+/// Settings of the method; the step size is the grid's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThetaGamma {
+    /// Weight of the new velocity, in `(0, 1]`.
+    pub theta: f64,
+    /// Where the signs are taken, in `(0, 1]`.
+    pub gamma: f64,
+}
+
+impl ThetaGamma {
+    /// `theta = gamma = 1`: the only member that reaches rest exactly.
+    #[must_use]
+    pub fn implicit_euler() -> Self {
+        Self { theta: 1.0, gamma: 1.0 }
+    }
+}
+
+/// Simulates `x'' = f`, `x >= 0`, `x'+ = -e x'-` with the theta-gamma method.
+///
+/// # Errors
+/// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
+pub fn simulate_theta_gamma<E, F: Force<E>>(
+    method: ThetaGamma,
+    wall: Restitution,
+    force: &mut F,
+    grid: Grid,
+    initial: Physical,
+    monitor: &mut impl Monitor<E>,
+) -> Result<Run<E>, SetupError> {
+    let step = ThetaGammaStep::new(grid.h(), method.theta, method.gamma, wall)?;
+    match force.dependence() {
+        Dependence::State => {
+            let stepper = StateStepper { step, implicit: ImplicitForce::default() };
+            run(stepper, wall, force, grid, initial, monitor)
+        }
+        Dependence::Time | Dependence::Constant => {
+            let stepper = FrozenStepper { step, constant: None, nfev: 0 };
+            run(stepper, wall, force, grid, initial, monitor)
+        }
+    }
+}
+
+/// A force that does not depend on the state is frozen over the step as it is.
+struct FrozenStepper {
+    step: ThetaGammaStep,
+    /// The value of a force that depends on nothing, once it is known.
+    constant: Option<f64>,
+    nfev: u64,
+}
+
+impl<E, F: Force<E>> FixedStep<E, F> for FrozenStepper {
+    #[inline]
+    fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
+        let f = match self.constant {
+            Some(f) => f,
+            None => {
+                self.nfev += 1;
+                let t = start.t + self.step.theta() * self.step.h();
+                let f = finite_force(force, t, Physical::default())?;
+                self.constant = (force.dependence() == Dependence::Constant).then_some(f);
+                f
+            }
+        };
+        let end = self.step.solve(start.z, f, start.side)?;
+        Ok(sample(&self.step, start, f, end))
+    }
+
+    fn resize(&mut self, h: f64) -> Result<(), SetupError> {
+        self.step = self.step.with_h(h)?;
+        Ok(())
+    }
+
+    fn nfev(&self) -> u64 {
+        self.nfev
+    }
+}
+
+/// A force that depends on the state is found together with the end of the step.
+struct StateStepper {
+    step: ThetaGammaStep,
+    implicit: ImplicitForce,
+}
+
+impl<E, F: Force<E>> FixedStep<E, F> for StateStepper {
+    #[inline]
+    fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
+        let (f, end) = self.implicit.solve(&self.step, start, force)?;
+        Ok(sample(&self.step, start, f, end))
+    }
+
+    fn resize(&mut self, h: f64) -> Result<(), SetupError> {
+        self.step = self.step.with_h(h)?;
+        Ok(())
+    }
+
+    fn nfev(&self) -> u64 {
+        self.implicit.nfev
+    }
+}
+
+/// The end of a step with its residual, recomputed from the inclusion that the exact solution
+/// does not use.
+#[inline]
+fn sample(step: &ThetaGammaStep, start: Start, f: f64, end: StepSolution) -> Sample {
+    let StepSolution { s, v, lambda_s, lambda_v, .. } = end;
+    let residual = step.vi_residual(start.z, f, [lambda_s, lambda_v]);
+    Sample { z: zivi_core::Lifted { s, v }, lambda_s, lambda_v, residual }
+}

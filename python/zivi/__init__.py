@@ -1,0 +1,36 @@
+"""Simulate mechanical systems with impacts straight through the Zeno point.
+
+A mass above a wall, ``x'' = f(t, x, x')`` with ``x >= 0``, loses velocity at every impact,
+``x'+ = -e x'-``. The Zhuravlev-Ivanov transform removes the jump, an implicit step with exact
+set-valued signs passes the accumulation of impacts and comes to rest exactly.
+
+>>> import zivi
+>>> ball = zivi.ImpactSystem(-9.81, kappa=0.41)
+>>> sol = zivi.simulate(ball, (0, 4), (1, 6), method=zivi.ThetaGamma(h=1e-3))
+>>> round(sol.rest_time, 9)
+2.444
+"""
+
+from zivi import plot
+from zivi._zivi import __version__
+from zivi.methods import ExplicitEuler, Method, ThetaGamma
+from zivi.simulate import simulate
+from zivi.status import Status
+from zivi.system import ImpactSystem, LinearForce
+from zivi.trajectory import Trajectory
+from zivi.transform import lift, project
+
+__all__ = [
+    "ExplicitEuler",
+    "ImpactSystem",
+    "LinearForce",
+    "Method",
+    "Status",
+    "ThetaGamma",
+    "Trajectory",
+    "__version__",
+    "lift",
+    "plot",
+    "project",
+    "simulate",
+]

@@ -1,0 +1,67 @@
+"""A progress bar for long runs, on a terminal only."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    import rich.progress
+
+    from zivi.methods import Report
+
+DELAY = 1.0
+"""Seconds before a bar appears: short runs show none."""
+
+
+class ProgressBar:
+    """Shows the steps done, once the run has lasted longer than `DELAY`.
+
+    Parameters
+    ----------
+    show : bool or None
+        ``None`` shows the bar if standard error is a terminal.
+    """
+
+    def __init__(self, show: bool | None) -> None:
+        self._wanted = sys.stderr.isatty() if show is None else show
+        self._started = time.monotonic()
+        self._bar: rich.progress.Progress | None = None
+        self._task: rich.progress.TaskID | None = None
+
+    @property
+    def report(self) -> Report | None:
+        """What a run calls with the steps done and their total; None when nothing is shown."""
+        return self._update if self._wanted else None
+
+    def _update(self, done: int, of: int) -> None:
+        if self._bar is None:
+            if time.monotonic() - self._started < DELAY:
+                return
+            self._bar, self._task = _open_bar(of)
+        assert self._task is not None
+        self._bar.update(self._task, completed=done)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def _open_bar(of: int) -> tuple[rich.progress.Progress, rich.progress.TaskID]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    bar.start()
+    return bar, bar.add_task("simulate", total=of)

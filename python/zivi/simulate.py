@@ -1,0 +1,114 @@
+"""Who drives: one call from a system, a span and a state to a trajectory."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi._progress import ProgressBar
+from zivi.methods import Method
+from zivi.system import ImpactSystem
+from zivi.trajectory import Trajectory, restrict
+
+__all__ = ["simulate"]
+
+
+def simulate(
+    system: ImpactSystem,
+    t_span: Sequence[float],
+    y0: Sequence[float],
+    method: Method,
+    t_eval: ArrayLike | None = None,
+    *,
+    progress: bool | None = None,
+) -> Trajectory:
+    r"""Simulate a system with impacts.
+
+    .. math:: \ddot x = f(t, x, \dot x), \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
+
+    Parameters
+    ----------
+    system : ImpactSystem
+        The force and the wall.
+    t_span : (float, float)
+        Start and end (s), ``t0 < t1``.
+    y0 : (float, float)
+        Initial distance from the wall, >= 0 (m), and velocity (m/s). A velocity into the wall
+        at ``x = 0`` is an impact at ``t0``.
+    method : ThetaGamma or ExplicitEuler
+        The method with its settings.
+    t_eval : array_like, optional
+        Ascending times in `t_span` to report instead of all steps (s). Between steps `s` and `v`
+        are linear; the multipliers and the residual are those of the step that contains the time.
+    progress : bool, optional
+        Show a progress bar on standard error once a run lasts longer than a second. By default
+        only on a terminal.
+
+    Returns
+    -------
+    Trajectory
+        Always valid up to its last sample. If the run ended early, ``success`` is False and
+        ``status`` and ``message`` say why.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range, before anything is computed.
+    Exception
+        Whatever the force raises, and `KeyboardInterrupt`: with the part of the run that was
+        computed as the exception's attribute ``trajectory``.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> sol = zivi.simulate(ball, (0, 3), (1, 0), method=zivi.ThetaGamma(h=1e-3))
+    >>> sol.success, len(sol.impacts)
+    (True, 6)
+    """
+    if not isinstance(system, ImpactSystem):
+        raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
+    if not hasattr(method, "_integrate"):
+        raise TypeError(
+            f"method must be one of zivi's methods, e.g. zivi.ThetaGamma(h=1e-3), got {method!r}"
+        )
+    span = _pair("t_span", t_span, "(t0, t1)")
+    state = _pair("y0", y0, "(x0, xdot0)")
+    times = None if t_eval is None else _times(t_eval, span)
+    with ProgressBar(progress) as bar:
+        record = method._integrate(system, span, state, bar.report)
+    sol = Trajectory._from_record(record, system, method, span, state)
+    if times is not None:
+        sol = restrict(sol, times)
+    if record.raised is not None:
+        raise _with_trajectory(record.raised, sol)
+    return sol
+
+
+def _pair(name: str, value: Sequence[float], form: str) -> tuple[float, float]:
+    try:
+        first, second = value
+        return float(first), float(second)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be two numbers {form}, got {value!r}") from None
+
+
+def _times(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
+    times = np.asarray(t_eval, dtype=float)
+    if times.ndim != 1:
+        raise ValueError(f"t_eval must be one-dimensional, got shape {times.shape}")
+    inside = np.all((times >= span[0]) & (times <= span[1]))
+    if not inside or np.any(np.diff(times) < 0):
+        raise ValueError(f"t_eval must be ascending and within t_span = {span}")
+    return times
+
+
+def _with_trajectory(error: BaseException, sol: Trajectory) -> BaseException:
+    error.add_note(
+        f"zivi: the run stopped at t = {sol.t[-1]:.9g} s; "
+        "what was computed is this exception's attribute 'trajectory'."
+    )
+    try:
+        error.trajectory = sol  # type: ignore[attr-defined]
+    except AttributeError:  # an exception class with __slots__
+        pass
+    return error

@@ -1,0 +1,23 @@
+"""How a run ended."""
+
+import enum
+
+
+class Status(enum.IntEnum):
+    """How a run ended; ``0`` is success, as in SciPy.
+
+    Whatever the status, the trajectory is valid up to its last sample.
+    """
+
+    COMPLETED = 0
+    """The end of ``t_span`` was reached."""
+    FORCE_NOT_FINITE = 1
+    """The force returned NaN or infinity."""
+    STATE_NOT_FINITE = 2
+    """The state overflowed."""
+    FORCE_NOT_CONVERGED = 3
+    """The force at the end of a step was not found within the iterations."""
+    STEP_NOT_SOLVED = 4
+    """No sign pattern solved a step within rounding."""
+    RAISED = 5
+    """The force raised an exception or the run was interrupted."""

@@ -1,0 +1,178 @@
+"""What moves: a mass under a force, above a wall that takes part of its velocity."""
+
+import ctypes
+import dataclasses
+import math
+import numbers
+import sys
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+from zivi import _zivi
+from zivi._check import finite, real
+
+__all__ = ["Force", "ImpactSystem", "LinearForce"]
+
+Force: TypeAlias = "float | LinearForce | Callable[[float, float, float], float] | Any"
+"""A number, a `LinearForce`, a callable ``f(t, x, xdot)`` or a compiled callable."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LinearForce:
+    r"""Spring, damper, gravity and a harmonic excitation, evaluated without the interpreter.
+
+    .. math:: f = -k x - c \dot x - g + A \cos(\omega t + \varphi)
+
+    All coefficients are per unit mass. The object can also be called, ``force(t, x, xdot)``.
+
+    Parameters
+    ----------
+    stiffness : float
+        :math:`k` (1/s^2).
+    damping : float
+        :math:`c` (1/s).
+    gravity : float
+        :math:`g`, a constant pull towards the wall (m/s^2).
+    amplitude : float
+        :math:`A` (m/s^2). A table that vibrates with amplitude `a` gives
+        :math:`A = a \omega^2` in its own frame.
+    omega : float
+        :math:`\omega` (rad/s).
+    phase : float
+        :math:`\varphi` (rad).
+
+    Raises
+    ------
+    ValueError
+        If a coefficient is not finite.
+
+    Examples
+    --------
+    >>> force = zivi.LinearForce(gravity=9.81, damping=0.1)
+    >>> force(0.0, 1.0, 2.0)
+    -10.01
+    """
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    gravity: float = 0.0
+    amplitude: float = 0.0
+    omega: float = 1.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            object.__setattr__(self, field.name, finite(field.name, value))
+
+    def __call__(self, t: float, x: float, xdot: float) -> float:
+        """Evaluate the force (m/s^2) at time `t` (s), distance `x` (m), velocity `xdot` (m/s)."""
+        excitation = self.amplitude * math.cos(self.omega * t + self.phase)
+        return -self.stiffness * x - self.damping * xdot - self.gravity + excitation
+
+
+class ImpactSystem:
+    r"""A mass above a wall: :math:`\ddot x = f(t, x, \dot x)`, :math:`x \ge 0`.
+
+    At an impact :math:`\dot x^+ = -e\,\dot x^-`; at rest on the wall the mass stays while
+    :math:`f \le 0` and leaves when :math:`f > 0`.
+
+    Parameters
+    ----------
+    force : float, LinearForce or callable
+        Force per unit mass, an acceleration (m/s^2): a number; a `LinearForce`; a callable
+        ``f(t, x, xdot) -> float``; or a compiled callable of the C signature
+        ``double (double t, double x, double xdot)``, run without the interpreter: a
+        `scipy.LowLevelCallable`, a numba ``@cfunc`` or a `ctypes` function pointer.
+    e : float, optional
+        Coefficient of restitution in [0, 1]: 0 plastic, 1 elastic.
+    kappa : float, optional
+        :math:`\kappa = (1-e)/(1+e)` in [0, 1]. Exactly one of `e` and `kappa` is given.
+
+    Attributes
+    ----------
+    force
+        The force as given.
+    e, kappa : float
+        Both coefficients.
+
+    Raises
+    ------
+    ValueError
+        If not exactly one of `e` and `kappa` is given, or it is out of range, or a number
+        `force` is not finite.
+    TypeError
+        If `force` is none of the above, or a compiled callable of another signature.
+
+    Examples
+    --------
+    >>> zivi.ImpactSystem(-9.81, e=0.5)
+    ImpactSystem(force=-9.81, e=0.5, kappa=0.3333333333333333)
+    """
+
+    __slots__ = ("_e", "_force", "_kappa", "_owner", "_spec")
+
+    def __init__(
+        self, force: Force, *, e: float | None = None, kappa: float | None = None
+    ) -> None:
+        e = None if e is None else real("e", e)
+        kappa = None if kappa is None else real("kappa", kappa)
+        self._e, self._kappa = _zivi.restitution(e=e, kappa=kappa)
+        self._force = force
+        # a compiled callable is called through its bare address: its owner must live as long
+        self._spec, self._owner = _force_spec(force)
+
+    @property
+    def force(self) -> Force:
+        """The force as given."""
+        return self._force
+
+    @property
+    def e(self) -> float:
+        """Coefficient of restitution."""
+        return self._e
+
+    @property
+    def kappa(self) -> float:
+        """Parameter of the transform, ``(1 - e)/(1 + e)``."""
+        return self._kappa
+
+    def __repr__(self) -> str:
+        return f"ImpactSystem(force={self._force!r}, e={self._e!r}, kappa={self._kappa!r})"
+
+
+def _force_spec(force: Any) -> tuple[tuple[Any, ...], object]:
+    """Translate a force into what the extension takes, and the object that owns its code."""
+    if isinstance(force, numbers.Real):
+        return ("constant", finite("force", force)), None
+    if isinstance(force, LinearForce):
+        return ("linear", *dataclasses.astuple(force)), None
+    # an object of SciPy's class can only be here if SciPy has been imported
+    low_level = getattr(sys.modules.get("scipy"), "LowLevelCallable", None)
+    if low_level is not None and isinstance(force, low_level):
+        return ("compiled", *_zivi.compiled_force(force)), force
+    if isinstance(force, ctypes._CFuncPtr):
+        return ("compiled", _ctypes_address(force), None), force
+    if hasattr(force, "address") and isinstance(getattr(force, "ctypes", None), ctypes._CFuncPtr):
+        return ("compiled", _ctypes_address(force.ctypes), None), force
+    if callable(force):
+        return ("callable", force), None
+    raise TypeError(
+        "force must be a number, a zivi.LinearForce, a callable f(t, x, xdot) or a compiled "
+        f"callable (scipy.LowLevelCallable, numba cfunc), got {type(force).__name__}"
+    )
+
+
+def _ctypes_address(function: Any) -> int:
+    arguments = list(function.argtypes or [])
+    if function.restype is not ctypes.c_double or arguments != [ctypes.c_double] * 3:
+        names = [getattr(kind, "__name__", str(kind)) for kind in arguments]
+        result = getattr(function.restype, "__name__", str(function.restype))
+        raise TypeError(
+            "a compiled force must have the signature double (double t, double x, double xdot), "
+            f"got {result} ({', '.join(names)})"
+        )
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    if not address:
+        raise ValueError("force: the compiled function is a null pointer")
+    return address

@@ -1,0 +1,270 @@
+"""The result of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zivi import _zivi
+from zivi.status import Status
+from zivi.transform import project
+
+if TYPE_CHECKING:
+    import xarray
+
+    from zivi.methods import Method
+    from zivi.system import ImpactSystem
+
+__all__ = ["Trajectory"]
+
+Array = NDArray[np.float64]
+
+IMPACT = np.dtype([("t", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
+"""One impact: its time (s) and the velocities before and after it (m/s)."""
+
+QUANTITIES = {
+    "x": ("m", "distance from the wall"),
+    "xdot": ("m/s", "velocity"),
+    "s": ("m", "transformed position"),
+    "v": ("m/s", "transformed velocity"),
+    "lambda_s": ("1", "multiplier of the sign of s"),
+    "lambda_v": ("1", "multiplier of the sign of v"),
+    "residual": ("1", "relative natural residual of the step"),
+}
+"""Unit and meaning of each sampled quantity."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """Samples and events of one run.
+
+    Calling it, ``sol(t)``, gives ``(x, xdot)`` between the samples.
+
+    Attributes
+    ----------
+    t : ndarray
+        Times of the samples (s); all sampled arrays have its length.
+    x, xdot : ndarray
+        Distance from the wall (m) and velocity (m/s); at the wall, the velocity after an impact.
+    s, v : ndarray
+        Transformed position (m) and velocity (m/s), ``x = |s|``.
+    lambda_s, lambda_v : ndarray
+        Multipliers in ``sgn s`` and ``sgn v`` of the step that ends at the sample; for the first
+        sample the signs of the initial state.
+    residual : ndarray
+        Natural residual of that step, its rows divided by the size of their terms: at rounding
+        level (1e-13 at most, where a degenerate case was taken) if the step is solved. Recomputed
+        from the inclusion. NaN for `ExplicitEuler`, which solves none.
+    impacts : structured ndarray
+        Fields ``t`` (s), ``xdot_before`` and ``xdot_after`` (m/s): the impacts that the steps
+        resolve, finitely many before a Zeno point.
+    zeno_times : ndarray
+        Times at which rest was reached through impacts (s).
+    liftoff_times : ndarray
+        Times at which the mass left rest (s), the last instant at rest.
+    rest_time : float or None
+        Time from which the mass stays at rest until the end of the run (s).
+    status : Status
+        How the run ended, 0 for success.
+    success : bool
+        Whether the end of the span was reached.
+    message : str
+        What happened, and what to try.
+    nfev : int
+        Number of force evaluations.
+    n_steps : int
+        Number of steps.
+    config : dict
+        System, method, span and initial state, as plain values.
+    """
+
+    t: Array
+    x: Array
+    xdot: Array
+    s: Array
+    v: Array
+    lambda_s: Array
+    lambda_v: Array
+    residual: Array
+    impacts: NDArray[np.void]
+    zeno_times: Array
+    liftoff_times: Array
+    rest_time: float | None
+    status: Status
+    message: str
+    nfev: int
+    n_steps: int
+    config: dict[str, Any]
+    _steps: tuple[Array, Array, Array] = dataclasses.field(repr=False)
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of the span was reached."""
+        return self.status == Status.COMPLETED
+
+    @classmethod
+    def _from_record(
+        cls,
+        record: _zivi.RunRecord,
+        system: ImpactSystem,
+        method: Method,
+        span: tuple[float, float],
+        state: tuple[float, float],
+    ) -> Trajectory:
+        impacts = np.empty(len(record.impact_t), IMPACT)
+        for field in IMPACT.names or ():
+            impacts[field] = getattr(record, f"impact_{field}")
+        return cls(
+            t=record.t,
+            **{name: getattr(record, name) for name in QUANTITIES},
+            impacts=impacts,
+            zeno_times=record.zeno_times,
+            liftoff_times=record.liftoff_times,
+            rest_time=record.rest_time,
+            status=Status(record.status),
+            message=record.message,
+            nfev=record.nfev,
+            n_steps=len(record.t) - 1,
+            config=_configuration(system, method, span, state),
+            _steps=(record.t, record.s, record.v),
+        )
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Interpolate the state.
+
+        ``s`` and ``v`` are linear between steps (first order, as the scheme) and are projected,
+        so ``x >= 0`` always holds and an impact shows where ``s`` changes sign.
+
+        Parameters
+        ----------
+        t : float or array_like
+            Times within the computed span (s).
+
+        Returns
+        -------
+        ndarray
+            ``(x, xdot)``, of shape (2,) for a scalar `t`, (2, n) for n times.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside the computed span.
+        """
+        times = np.asarray(t, dtype=float)
+        grid, s, v = self._steps
+        if not np.all((times >= grid[0]) & (times <= grid[-1])):
+            raise ValueError(f"t must lie within the computed span [{grid[0]}, {grid[-1]}]")
+        lifted = np.interp(times, grid, s), np.interp(times, grid, v)
+        return np.stack(project(*lifted, kappa=self.config["kappa"]))
+
+    def __repr__(self) -> str:
+        wall = f"{len(self.impacts)} impacts"
+        if self.rest_time is not None:
+            wall += f", at rest from {self.rest_time:.6g} s"
+        span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g} s" if len(self.t) else "no samples"
+        return f"<Trajectory {span}, {self.n_steps} steps, {wall}: {self.status.name.lower()}>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to a labelled dataset that can be plotted, selected and saved.
+
+        Returns
+        -------
+        xarray.Dataset
+            The sampled quantities over ``time``, the impacts over ``impact_time``, Zeno and
+            lift-off times, with units, descriptions and the configuration (JSON) in the attributes.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> sol = zivi.simulate(ball, (0, 3), (1, 0), method=zivi.ThetaGamma(h=1e-3))
+        >>> sol.to_xarray().x.attrs["units"]
+        'm'
+        """
+        import xarray
+
+        def labelled(dim: str, values: Array, unit: str, meaning: str) -> Any:
+            return dim, values, {"units": unit, "long_name": meaning}
+
+        events = {
+            "impact_xdot_before": ("impact_time", "xdot_before", "velocity before the impact"),
+            "impact_xdot_after": ("impact_time", "xdot_after", "velocity after the impact"),
+        }
+        return xarray.Dataset(
+            {
+                name: labelled("time", getattr(self, name), unit, meaning)
+                for name, (unit, meaning) in QUANTITIES.items()
+            }
+            | {
+                name: labelled(dim, self.impacts[field], "m/s", meaning)
+                for name, (dim, field, meaning) in events.items()
+            }
+            | {
+                "zeno_time": labelled("zeno", self.zeno_times, "s", "time of a Zeno point"),
+                "liftoff_time": labelled("liftoff", self.liftoff_times, "s", "time of a lift-off"),
+            },
+            coords={
+                "time": labelled("time", self.t, "s", "time"),
+                "impact_time": labelled("impact_time", self.impacts["t"], "s", "time of an impact"),
+            },
+            attrs={
+                "title": "Trajectory of a mechanical system with impacts",
+                "source": f"zivi {_zivi.__version__}",
+                "config": json.dumps(self.config),
+                "status": int(self.status),
+                "message": self.message,
+                "rest_time": np.nan if self.rest_time is None else self.rest_time,
+                "nfev": self.nfev,
+                "n_steps": self.n_steps,
+            },
+        )
+
+
+def restrict(sol: Trajectory, times: Array) -> Trajectory:
+    """Report a run at `times` (those within the computed span) instead of at its steps."""
+    grid, s, v = sol._steps
+    times = times[times <= grid[-1]]
+    # the step that contains a time ends at the first sample not before it
+    step = np.searchsorted(grid, times)
+    x, xdot = sol(times)
+    return dataclasses.replace(
+        sol,
+        t=times,
+        x=x,
+        xdot=xdot,
+        s=np.interp(times, grid, s),
+        v=np.interp(times, grid, v),
+        lambda_s=sol.lambda_s[step],
+        lambda_v=sol.lambda_v[step],
+        residual=sol.residual[step],
+    )
+
+
+def _configuration(
+    system: ImpactSystem, method: Method, span: tuple[float, float], state: tuple[float, float]
+) -> dict[str, Any]:
+    """Plain values that tell the run again (a callable only by its name)."""
+    settings = {
+        field.name: getattr(method, field.name)
+        for field in dataclasses.fields(method)  # type: ignore[arg-type]
+    }
+    return {
+        "force": _describe(system.force),
+        "e": system.e,
+        "kappa": system.kappa,
+        "t_span": list(span),
+        "y0": list(state),
+        "method": {"name": type(method).__name__, **settings},
+    }
+
+
+def _describe(force: Any) -> Any:
+    if dataclasses.is_dataclass(force) and not isinstance(force, type):
+        return {"name": type(force).__name__, **dataclasses.asdict(force)}
+    if isinstance(force, int | float):
+        return float(force)
+    name = getattr(force, "__qualname__", None) or type(force).__qualname__
+    return f"{getattr(force, '__module__', None) or '?'}.{name}"

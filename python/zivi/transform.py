@@ -1,0 +1,108 @@
+"""The Zhuravlev-Ivanov transform between ``(x, x')`` and ``(s, v)``."""
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zivi import _zivi
+
+__all__ = ["lift", "project"]
+
+Array = NDArray[np.float64]
+
+
+def lift(
+    x: ArrayLike,
+    xdot: ArrayLike,
+    *,
+    e: float | None = None,
+    kappa: float | None = None,
+    branch: Literal["positive", "negative"] = "positive",
+) -> tuple[Array, Array]:
+    r"""Lift physical states to the transform's coordinates.
+
+    .. math:: s = \sigma x, \qquad v = \sigma \dot x / (1 - \kappa\,\mathrm{sgn}\,\dot x)
+
+    Parameters
+    ----------
+    x : array_like
+        Distance from the wall, :math:`x \ge 0` (m), any shape.
+    xdot : array_like
+        Velocity (m/s), broadcast against `x`. At the wall, a velocity into it lifts to the
+        state at the impact, whose projection is the velocity after it.
+    e, kappa : float
+        Exactly one of the coefficient of restitution and :math:`\kappa = (1-e)/(1+e)`,
+        in [0, 1].
+    branch : {"positive", "negative"}
+        The sign :math:`\sigma` of `s`.
+
+    Returns
+    -------
+    s, v : ndarray
+        Transformed position (m) and velocity (m/s), of the broadcast shape.
+
+    Raises
+    ------
+    ValueError
+        If some `x` is negative or not finite, or `e`, `kappa`, `branch` are out of range.
+
+    Examples
+    --------
+    >>> s, v = zivi.lift(1.0, -3.0, kappa=0.5)
+    >>> float(s), float(v)
+    (1.0, -2.0)
+    """
+    _, kappa = _zivi.restitution(e=e, kappa=kappa)
+    if branch not in ("positive", "negative"):
+        raise ValueError(f"branch must be 'positive' or 'negative', got {branch!r}")
+    position, velocity = _broadcast(x=x, xdot=xdot)
+    if not (np.all(position >= 0.0) and np.all(np.isfinite(position))):
+        raise ValueError("x must be finite and >= 0 (the wall is at 0)")
+    sigma = 1.0 if branch == "positive" else -1.0
+    s, v = _zivi.lift(np.ravel(position), np.ravel(velocity), sigma, kappa)
+    return s.reshape(position.shape), v.reshape(position.shape)
+
+
+def project(
+    s: ArrayLike, v: ArrayLike, *, e: float | None = None, kappa: float | None = None
+) -> tuple[Array, Array]:
+    r"""Project lifted states back to physical coordinates.
+
+    .. math:: x = |s|, \qquad \dot x = R\,v\,\mathrm{sgn}\,s, \qquad
+              R = 1 - \kappa\,\mathrm{sgn}\,s\,\mathrm{sgn}\,v
+
+    Parameters
+    ----------
+    s, v : array_like
+        Transformed position (m) and velocity (m/s), broadcast against each other.
+    e, kappa : float
+        Exactly one of the coefficient of restitution and :math:`\kappa`, in [0, 1].
+
+    Returns
+    -------
+    x, xdot : ndarray
+        Distance from the wall (m) and velocity (m/s); at the wall, the velocity after the
+        impact, :math:`(1-\kappa)|v|`.
+
+    Examples
+    --------
+    >>> x, xdot = zivi.project(-1.0, 2.0, kappa=0.5)
+    >>> float(x), float(xdot)
+    (1.0, -3.0)
+    """
+    _, kappa = _zivi.restitution(e=e, kappa=kappa)
+    position, velocity = _broadcast(s=s, v=v)
+    x, xdot = _zivi.project(np.ravel(position), np.ravel(velocity), kappa)
+    return x.reshape(position.shape), xdot.reshape(position.shape)
+
+
+def _broadcast(**named: Any) -> tuple[Array, Array]:
+    (name_a, a), (name_b, b) = named.items()
+    try:
+        first, second = np.broadcast_arrays(np.asarray(a, float), np.asarray(b, float))
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{name_a} and {name_b} must be real arrays whose shapes agree: {error}"
+        ) from None
+    return first, second
