@@ -94,7 +94,13 @@ fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> bool {
 }
 
 /// `H'H`, summed over the rows of `H = diag(slope_z) + diag(slope_f) J`.
-fn normal_matrix(out: &mut [f64], jacobian: &[f64], slope_z: &[f64], slope_f: &[f64], row: &mut [f64]) {
+fn normal_matrix(
+    out: &mut [f64],
+    jacobian: &[f64],
+    slope_z: &[f64],
+    slope_f: &[f64],
+    row: &mut [f64],
+) {
     let n = row.len();
     out.fill(0.0);
     for (i, entries) in dense::rows(jacobian, n).enumerate() {

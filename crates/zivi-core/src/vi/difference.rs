@@ -56,7 +56,8 @@ where
             // central where both neighbours are in the box, else two steps into the wider side
             let side = if upper - zj >= zj - lower { 1.0 } else { -1.0 };
             let room = f64::max(upper - zj, zj - lower);
-            let one_sided = [zj + side * f64::min(step, 0.5 * room), zj + side * f64::min(2.0 * step, room)];
+            let one_sided =
+                [zj + side * f64::min(step, 0.5 * room), zj + side * f64::min(2.0 * step, room)];
             let central = [zj - step, zj + step];
             let mut done = lower == upper;
             if done {
@@ -82,7 +83,9 @@ where
                         here_is_known = true;
                     }
                     let (da, db) = (a - zj, b - zj);
-                    for (i, ((f, fa), fb)) in here.iter().zip(first.iter()).zip(second.iter()).enumerate() {
+                    for (i, ((f, fa), fb)) in
+                        here.iter().zip(first.iter()).zip(second.iter()).enumerate()
+                    {
                         let slopes = ((fa - f) / da, (fb - f) / db);
                         let slope = slopes.0 + (slopes.0 - slopes.1) * da / (db - da);
                         dense::put(jacobian, i * n + j, slope);

@@ -96,8 +96,7 @@ fn newton_on_pattern(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outco
 /// True, and the iterate moved there, when the evaluated trial solves the problem.
 fn trial_is_solution(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     let work = &*at.work;
-    let residual =
-        super::natural_residual(work.trial, work.trial_f, at.lower, at.upper);
+    let residual = super::natural_residual(work.trial, work.trial_f, at.lower, at.upper);
     if residual.is_nan() || residual > at.settings.tol || dense::norm(work.trial) > FAR {
         return Ok(false);
     }

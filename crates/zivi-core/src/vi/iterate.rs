@@ -83,8 +83,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
     /// The merit at `work.trial`; infinite where `F` is not finite.
     pub(super) fn merit_of_trial(&mut self) -> Outcome<f64> {
         let finite = self.evaluate_trial()?;
-        let merit =
-            fischer::merit(self.work.trial, self.work.trial_f, self.lower, self.upper);
+        let merit = fischer::merit(self.work.trial, self.work.trial_f, self.lower, self.upper);
         Ok(if finite && !merit.is_nan() { merit } else { f64::INFINITY })
     }
 

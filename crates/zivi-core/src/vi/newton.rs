@@ -96,13 +96,8 @@ fn affine_step(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> PathEnd {
     for (((lower, upper), z), (l, u)) in reach.zip(at.lower.iter().zip(at.upper)) {
         (*lower, *upper) = (l - z, u - z);
     }
-    let avi = AffineVi {
-        matrix: work.jacobian,
-        shift,
-        q: work.f,
-        lower: work.lower,
-        upper: work.upper,
-    };
+    let avi =
+        AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };
     work.step.fill(0.0);
     let (end, pivots) = follow(&avi, start, limit, &mut work.pivotal, work.step);
     at.counts.pivots += pivots;

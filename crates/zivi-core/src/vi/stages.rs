@@ -175,11 +175,8 @@ fn run_stage(at: &mut Iterate<'_, '_>, stage: Stage) -> Outcome<Status> {
     if is_first && at.settings.row_scale == RowScale::Jacobian {
         at.scale_rows_by_jacobian()?;
     }
-    let nonmonotone = Plan {
-        start: at.settings.first_start,
-        proximal: 0.0,
-        memory: at.settings.memory,
-    };
+    let nonmonotone =
+        Plan { start: at.settings.first_start, proximal: 0.0, memory: at.settings.memory };
     match stage {
         Stage::Semismooth => semismooth_newton(at),
         Stage::Proximal => {

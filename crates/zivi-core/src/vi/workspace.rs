@@ -101,9 +101,8 @@ mod tests {
     fn the_lengths_are_exactly_enough() {
         let (reals, indices) = workspace_len(3);
         let (mut r, mut i) = ([0.0; 200], [0; 20]);
-        let fits = |reals: &mut [f64], indices: &mut [usize]| {
-            Workspace::new(3, reals, indices).is_some()
-        };
+        let fits =
+            |reals: &mut [f64], indices: &mut [usize]| Workspace::new(3, reals, indices).is_some();
         assert!(fits(&mut r[..reals], &mut i[..indices]));
         assert!(!fits(&mut r[..reals - 1], &mut i[..indices]));
         assert!(!fits(&mut r[..reals], &mut i[..indices - 1]));

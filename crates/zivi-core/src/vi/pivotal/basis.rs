@@ -115,7 +115,8 @@ mod tests {
     #[test]
     fn codes_are_invertible() {
         for i in [0, 1, 7, 1000] {
-            for it in [Variable::Z(i), Variable::W(i), Variable::V(i), Variable::S, Variable::Vacant]
+            for it in
+                [Variable::Z(i), Variable::W(i), Variable::V(i), Variable::S, Variable::Vacant]
             {
                 assert_eq!(Variable::from_code(it.code()), it);
             }
