@@ -64,6 +64,8 @@ class VIOptions:
         Jacobian at the start; or as given. They change the residual, not the solutions.
     max_pivots : int, optional
         Pivots of one affine subproblem; ``20 n + 50`` by default.
+    total_pivots : int, optional
+        Pivots of all affine subproblems together; ``200 n + 10000`` by default.
     stage_iterations : int
         Iterations of one stage.
     line_search : bool
@@ -84,6 +86,7 @@ class VIOptions:
 
     row_scale: Literal["jacobian"] | ArrayLike | None = None
     max_pivots: int | None = None
+    total_pivots: int | None = None
     stage_iterations: int = 200
     line_search: bool = True
     memory: int = 8
@@ -104,7 +107,7 @@ class VIOptions:
             settings["scale_by_jacobian"] = True
         elif scale is not None:
             settings["row_scale"] = _vector("row_scale", scale)
-        for name in ("max_pivots", "stage_iterations", "memory", "restarts", "enumerate_up_to"):
+        for name in ("max_pivots", "total_pivots", "stage_iterations", "memory", "restarts", "enumerate_up_to"):
             if settings[name] is not None:
                 settings[name] = _count(name, settings[name])
         return settings

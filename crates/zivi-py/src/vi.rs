@@ -113,6 +113,7 @@ impl GivenSettings {
                 "max_iterations" => settings.max_iterations = value.extract()?,
                 "stage_iterations" => settings.stage_iterations = value.extract()?,
                 "max_pivots" => settings.max_pivots = value.extract()?,
+                "total_pivots" => settings.total_pivots = value.extract()?,
                 "line_search" => settings.line_search = value.extract()?,
                 "memory" => settings.memory = value.extract()?,
                 "descent_steps" => settings.descent_steps = value.extract()?,

@@ -70,6 +70,12 @@ impl<'a, 'w> Iterate<'a, 'w> {
         self.counts.iterations >= self.settings.max_iterations
     }
 
+    /// What is left of the pivots for one affine solve.
+    pub(super) fn pivots_left(&self) -> usize {
+        let left = self.settings.total_pivot_limit(self.n()).saturating_sub(self.counts.pivots);
+        left.min(self.settings.pivot_limit(self.n()))
+    }
+
     /// `F` at `work.trial`, scaled, into `work.trial_f`. False where it is not finite.
     pub(super) fn evaluate_trial(&mut self) -> Outcome<bool> {
         self.counts.f += 1;

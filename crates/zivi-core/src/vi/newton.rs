@@ -47,6 +47,9 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
         if at.out_of_iterations() {
             return Ok(Status::IterationLimit);
         }
+        if at.pivots_left() == 0 {
+            return Ok(Status::PivotLimit);
+        }
         at.counts.iterations += 1;
         history.push(at.merit);
         if iteration > 0 && !at.linearise()? {
@@ -90,7 +93,7 @@ fn newton_point(at: &mut Iterate<'_, '_>, first: Start, proximal: f64) -> PathEn
 
 /// Solves one affine VI in `d = z_N - z` and checks its residual.
 fn affine_step(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> PathEnd {
-    let limit = at.settings.pivot_limit(at.n());
+    let limit = at.pivots_left();
     let work = &mut *at.work;
     let reach = work.lower.iter_mut().zip(work.upper.iter_mut()).zip(at.z.iter());
     for (((lower, upper), z), (l, u)) in reach.zip(at.lower.iter().zip(at.upper)) {

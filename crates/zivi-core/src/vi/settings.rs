@@ -28,6 +28,8 @@ pub struct Settings<'a> {
     pub stage_iterations: usize,
     /// Pivots of one affine solve; `None` is `20 n + 50`. Default `None`; >= 1.
     pub max_pivots: Option<usize>,
+    /// Pivots of all affine solves together; `None` is `200 n + 10000`. Default `None`; >= 1.
+    pub total_pivots: Option<usize>,
     /// Search from Josephy-Newton directions; without it every full step is taken. Default true.
     pub line_search: bool,
     /// Merit values the nonmonotone search looks back on; 1 is monotone. Default 8; 1 to 16.
@@ -58,6 +60,7 @@ impl Default for Settings<'_> {
             max_iterations: 2000,
             stage_iterations: 200,
             max_pivots: None,
+            total_pivots: None,
             line_search: true,
             memory: 8,
             descent_steps: true,
@@ -86,6 +89,7 @@ impl Settings<'_> {
         count("max_iterations", self.max_iterations, 1, usize::MAX, "at least 1")?;
         count("stage_iterations", self.stage_iterations, 1, usize::MAX, "at least 1")?;
         count("max_pivots", self.max_pivots.unwrap_or(1), 1, usize::MAX, "at least 1")?;
+        count("total_pivots", self.total_pivots.unwrap_or(1), 1, usize::MAX, "at least 1")?;
         count("memory", self.memory, 1, MEMORY, "1 to 16")?;
         count("restarts", self.restarts, 0, RESTARTS, "0 to 8")?;
         count("enumerate_up_to", self.enumerate_up_to, 0, 6, "0 to 6")?;
@@ -107,6 +111,11 @@ impl Settings<'_> {
     /// Pivots allowed for one affine solve with `n` unknowns.
     pub(super) fn pivot_limit(&self, n: usize) -> usize {
         self.max_pivots.unwrap_or(20 * n + 50)
+    }
+
+    /// Pivots allowed for a whole solve.
+    pub(super) fn total_pivot_limit(&self, n: usize) -> usize {
+        self.total_pivots.unwrap_or(200 * n + 10_000)
     }
 }
 

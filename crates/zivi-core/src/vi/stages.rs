@@ -186,10 +186,16 @@ fn run_stage(at: &mut Iterate<'_, '_>, stage: Stage) -> Outcome<Status> {
     }
 }
 
-/// `trial <- P(z0 + 10^(k/2 - 1) max(1, |z0|) r)`, `r` uniform on `[-1, 1]^n` from a fixed seed.
+/// `trial <- P(c + 10^(k/2 - 1) max(1, |c|) r)`, `r` uniform on `[-1, 1]^n` from a fixed seed;
+/// the centre `c` is `z0` and, at every other restart, the point of the box nearest to zero (`F`
+/// may be hopeless around `z0`).
 fn scatter(at: &mut Iterate<'_, '_>, k: u8) {
     let spread = libm::pow(10.0, 0.5 * f64::from(k) - 1.0);
     let mut random = Random::new(u64::from(k) + 1);
+    if k % 2 == 1 {
+        at.work.trial.fill(0.0);
+        dense::project(at.work.trial, at.lower, at.upper);
+    }
     for z in at.work.trial.iter_mut() {
         *z += spread * f64::max(1.0, z.abs()) * (2.0 * random.uniform() - 1.0);
     }
