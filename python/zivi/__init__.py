@@ -19,6 +19,7 @@ from zivi.status import Status
 from zivi.system import ImpactSystem, LinearForce
 from zivi.trajectory import Trajectory
 from zivi.transform import lift, project
+from zivi.vi import VIOptions, VIResult, VIStatus, natural_residual, solve_avi, solve_vi
 
 __all__ = [
     "ExplicitEuler",
@@ -28,9 +29,15 @@ __all__ = [
     "Status",
     "ThetaGamma",
     "Trajectory",
+    "VIOptions",
+    "VIResult",
+    "VIStatus",
     "__version__",
     "lift",
+    "natural_residual",
     "plot",
     "project",
     "simulate",
+    "solve_avi",
+    "solve_vi",
 ]

@@ -6,6 +6,7 @@ mod force;
 mod record;
 mod simulate;
 mod transform;
+mod vi;
 mod watch;
 
 use pyo3::prelude::*;
@@ -22,5 +23,9 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate::simulate_theta_gamma, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_explicit_euler, module)?)?;
     module.add_function(wrap_pyfunction!(force::compiled_force, module)?)?;
+    module.add_class::<vi::ViRecord>()?;
+    module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
+    module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;
+    module.add_function(wrap_pyfunction!(vi::natural_residual, module)?)?;
     Ok(())
 }

@@ -1,9 +1,41 @@
 //! Variational inequalities on a box: find `z` in `[l, u]` with `0 in F(z) + N_[l,u](z)`.
 //!
 //! Component by component: `F_i >= 0` at `z_i = l_i`, `F_i <= 0` at `z_i = u_i`, and `F_i = 0`
-//! strictly between. Infinite bounds are allowed (a mixed complementarity problem). Nothing here
-//! knows of time or of impacts.
+//! strictly between. Infinite bounds are allowed (a mixed complementarity problem), and so is
+//! `l_i = u_i` (`F_i` is then free). Nothing here knows of time or of impacts.
+//!
+//! [`solve`] goes through its stages (Josephy-Newton on a [`pivotal`] solver for the affine
+//! problem, semismooth Newton, proximal Josephy-Newton, restarts, enumeration) until the
+//! [`natural_residual`], recomputed from `F`, is within the tolerance. The caller supplies `F`
+//! and its Jacobian as a [`Problem`] ([`Differenced`] takes the Jacobian by differences,
+//! [`Affine`] is `M z + q`), and all memory as a [`Workspace`].
+//!
+//! A small residual cannot tell a solution from an approach to one at infinity (`F = exp(-z)`
+//! tends to zero as `z` grows): see [`Report::size`].
 
+mod dense;
+mod descent;
+mod difference;
+mod enumerate;
+mod fischer;
+mod iterate;
 pub mod natural;
+mod newton;
+pub mod pivotal;
+mod problem;
+mod random;
+mod settings;
+mod stages;
+mod status;
+mod validate;
+mod workspace;
 
+pub use difference::Differenced;
 pub use natural::{natural_component, natural_residual};
+pub use pivotal::Start;
+pub use problem::{Affine, EvaluationError, Problem};
+pub use settings::{Counts, Report, RowScale, Settings, Stage};
+pub use stages::solve;
+pub use status::{InvalidInput, Status};
+pub use validate::validate_bounds;
+pub use workspace::{workspace_len, Workspace};

@@ -1,0 +1,285 @@
+//! The iterate of the outer methods: where it is, what it costs to move, the best point so far.
+
+use super::dense;
+use super::fischer;
+use super::natural::{natural_component, natural_residual};
+use super::problem::{EvaluationError, Problem};
+use super::settings::{Counts, RowScale, Settings};
+use super::workspace::Workspace;
+
+/// What stops a stage: nothing but the caller does so from within.
+pub(super) type Outcome<T> = Result<T, EvaluationError>;
+
+/// Half-widths by which a start is pushed off its bounds while `F` is not finite there.
+const PUSHES: [f64; 5] = [0.0, 1e-6, 1e-3, 1e-1, 1.0];
+
+/// A point `z` in the box with `F(z)`, its merit and, once linearised, its Jacobian.
+pub(super) struct Iterate<'a, 'w> {
+    problem: &'a mut dyn Problem,
+    pub(super) settings: &'a Settings<'a>,
+    pub(super) lower: &'a [f64],
+    pub(super) upper: &'a [f64],
+    pub(super) work: &'a mut Workspace<'w>,
+    pub(super) z: &'a mut [f64],
+    pub(super) merit: f64,
+    pub(super) residual: f64,
+    pub(super) convergence_ratio: f64,
+    pub(super) best_residual: f64,
+    pub(super) counts: Counts,
+}
+
+impl<'a, 'w> Iterate<'a, 'w> {
+    pub(super) fn new(
+        problem: &'a mut dyn Problem,
+        settings: &'a Settings<'a>,
+        (lower, upper): (&'a [f64], &'a [f64]),
+        work: &'a mut Workspace<'w>,
+        z: &'a mut [f64],
+    ) -> Self {
+        work.scale.fill(1.0);
+        if let RowScale::Given(scale) = settings.row_scale {
+            dense::copy(work.scale, scale);
+        }
+        work.f.fill(f64::NAN);
+        dense::copy(work.best, z);
+        Self {
+            problem,
+            settings,
+            lower,
+            upper,
+            work,
+            z,
+            merit: f64::NAN,
+            residual: f64::NAN,
+            convergence_ratio: f64::NAN,
+            best_residual: f64::INFINITY,
+            counts: Counts::default(),
+        }
+    }
+
+    pub(super) fn n(&self) -> usize {
+        self.z.len()
+    }
+
+    /// True when the iterate solves the problem: by its residual, nothing else.
+    pub(super) fn is_solved(&self) -> bool {
+        self.residual <= self.settings.tol
+    }
+
+    pub(super) fn out_of_iterations(&self) -> bool {
+        self.counts.iterations >= self.settings.max_iterations
+    }
+
+    /// What is left of the pivots for one affine solve.
+    pub(super) fn pivots_left(&self) -> usize {
+        let left = self.settings.total_pivot_limit(self.n()).saturating_sub(self.counts.pivots);
+        left.min(self.settings.pivot_limit(self.n()))
+    }
+
+    /// `F` at `work.trial`, scaled, into `work.trial_f`. False where it is not finite.
+    pub(super) fn evaluate_trial(&mut self) -> Outcome<bool> {
+        self.counts.f += 1;
+        self.problem.map(self.work.trial, self.work.trial_f)?;
+        for (f, scale) in self.work.trial_f.iter_mut().zip(self.work.scale.iter()) {
+            *f *= scale;
+        }
+        Ok(dense::is_finite(self.work.trial_f))
+    }
+
+    /// The merit at `work.trial`; infinite where `F` is not finite.
+    pub(super) fn merit_of_trial(&mut self) -> Outcome<f64> {
+        let finite = self.evaluate_trial()?;
+        let merit = fischer::merit(self.work.trial, self.work.trial_f, self.lower, self.upper);
+        Ok(if finite && !merit.is_nan() { merit } else { f64::INFINITY })
+    }
+
+    /// Moves to `work.trial`, which has been evaluated.
+    pub(super) fn accept(&mut self, merit: f64) {
+        dense::copy(self.z, self.work.trial);
+        dense::copy(self.work.f, self.work.trial_f);
+        let before = self.residual;
+        self.merit = merit;
+        self.residual = natural_residual(self.z, self.work.f, self.lower, self.upper);
+        self.convergence_ratio = self.residual / before;
+        if self.residual < self.best_residual {
+            self.best_residual = self.residual;
+            dense::copy(self.work.best, self.z);
+        }
+    }
+
+    /// Begins a stage at `work.trial`, pushed off its bounds as far as `F` and its Jacobian need.
+    /// False where they are finite nowhere tried.
+    pub(super) fn begin(&mut self) -> Outcome<bool> {
+        dense::copy(self.work.point, self.work.trial);
+        for push in PUSHES {
+            self.push_from_bounds(push);
+            self.residual = f64::NAN;
+            let merit = self.merit_of_trial()?;
+            if !merit.is_finite() {
+                continue;
+            }
+            self.accept(merit);
+            if self.is_solved() || self.linearise()? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// `trial <- point`, at least `push` times the width (at most 1) away from finite bounds.
+    fn push_from_bounds(&mut self, push: f64) {
+        let bounds = self.lower.iter().zip(self.upper);
+        let points = self.work.trial.iter_mut().zip(self.work.point.iter());
+        for ((trial, &point), (&lower, &upper)) in points.zip(bounds) {
+            let distance = f64::min(push * f64::min(upper - lower, 1.0), 0.5 * (upper - lower));
+            *trial = point.max(lower + distance).min(upper - distance).max(lower).min(upper);
+        }
+    }
+
+    /// The Jacobian at the iterate, `Phi`, its slopes and the gradient of the merit
+    /// `H' Phi`, `H = diag(slope_z) + diag(slope_f) J`. False where the Jacobian is not finite.
+    pub(super) fn linearise(&mut self) -> Outcome<bool> {
+        let n = self.n();
+        dense::copy(self.work.trial, self.z);
+        let finite = self.jacobian_at_trial()?;
+        let work = &mut *self.work;
+        for i in 0..n {
+            let (z, f) = (dense::at(self.z, i), dense::at(work.f, i));
+            let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
+            let (slope_z, slope_f) = fischer::slopes(z, f, lower, upper);
+            dense::put(work.phi, i, fischer::component(z, f, lower, upper));
+            dense::put(work.slope_z, i, slope_z);
+            dense::put(work.slope_f, i, slope_f);
+        }
+        for ((g, phi), slope) in work.gradient.iter_mut().zip(&*work.phi).zip(&*work.slope_z) {
+            *g = phi * slope;
+        }
+        for (i, row) in dense::rows(work.jacobian, n).enumerate() {
+            let weight = dense::at(work.phi, i) * dense::at(work.slope_f, i);
+            if weight != 0.0 {
+                dense::axpy(work.gradient, weight, row);
+            }
+        }
+        Ok(finite)
+    }
+
+    /// The scaled Jacobian at `work.trial`. False where it is not finite.
+    pub(super) fn jacobian_at_trial(&mut self) -> Outcome<bool> {
+        let n = self.n();
+        let work = &mut *self.work;
+        self.counts.jacobian += 1;
+        self.problem.jacobian(work.trial, work.jacobian)?;
+        for (row, scale) in work.jacobian.chunks_exact_mut(n).zip(work.scale.iter()) {
+            row.iter_mut().for_each(|entry| *entry *= scale);
+        }
+        Ok(dense::is_finite(work.jacobian))
+    }
+
+    /// Sets `sigma_i = 1/max_j |J_ij|` from the Jacobian at the iterate and re-evaluates there.
+    pub(super) fn scale_rows_by_jacobian(&mut self) -> Outcome<()> {
+        for (scale, row) in
+            self.work.scale.iter_mut().zip(dense::rows(self.work.jacobian, self.z.len()))
+        {
+            let size = dense::norm(row);
+            *scale = if size > 0.0 && size.is_finite() { 1.0 / size } else { 1.0 };
+        }
+        self.best_residual = f64::INFINITY;
+        dense::copy(self.work.trial, self.z);
+        let merit = self.merit_of_trial()?;
+        self.accept(merit);
+        self.linearise()?;
+        Ok(())
+    }
+
+    /// Makes the best point of all stages the iterate.
+    pub(super) fn return_to_best(&mut self) -> Outcome<()> {
+        dense::copy(self.work.trial, self.work.best);
+        let (merit, ratio) = (self.merit_of_trial()?, self.convergence_ratio);
+        self.accept(merit);
+        self.convergence_ratio = ratio;
+        Ok(())
+    }
+
+    /// True when every component of the natural map is within `tol` or ten roundings of its row,
+    /// `10 eps sum_j |J_ij z_j|`; with the largest of these as the tolerance.
+    pub(super) fn is_within_rounding(&self) -> Option<f64> {
+        let tol = self.settings.tol;
+        let mut reached = tol;
+        for (i, row) in dense::rows(self.work.jacobian, self.n()).enumerate() {
+            let size: f64 = row.iter().zip(self.z.iter()).map(|(a, z)| (a * z).abs()).sum();
+            let floor = tol.max(10.0 * f64::EPSILON * size);
+            let (z, f) = (dense::at(self.z, i), dense::at(self.work.f, i));
+            let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
+            if natural_component(z, f, lower, upper).abs() <= floor {
+                reached = reached.max(floor);
+            } else {
+                return None;
+            }
+        }
+        reached.is_finite().then_some(reached)
+    }
+
+    /// `min/max` of the pivots of the Jacobian on the rows and columns inside the box, its rows
+    /// scaled to 1; 0 when singular.
+    pub(super) fn pivot_ratio_inside(&mut self) -> f64 {
+        let n = self.n();
+        let work = &mut *self.work;
+        let is_inside = |i: usize| {
+            let target = dense::at(self.z, i) - dense::at(work.f, i);
+            dense::at(self.lower, i) < target && target < dense::at(self.upper, i)
+        };
+        let matrix = &mut *work.pivotal.inverse;
+        let (mut size, mut filled) = (0, 0);
+        for i in (0..n).filter(|&i| is_inside(i)) {
+            let row = dense::row(work.jacobian, n, i);
+            let inside = || row.iter().enumerate().filter(|&(j, _)| is_inside(j)).map(|(_, a)| *a);
+            let scale = inside().fold(0.0, |scale: f64, a| scale.max(a.abs()));
+            for entry in inside() {
+                dense::put(matrix, filled, if scale > 0.0 { entry / scale } else { 0.0 });
+                filled += 1;
+            }
+            size += 1;
+        }
+        let leading = matrix.get_mut(..filled).unwrap_or(&mut []);
+        dense::factor(leading, size, work.pivotal.members)
+    }
+
+    /// The residual of the caller's `F`, unscaled, which is left in `work.trial_f`.
+    pub(super) fn raw_residual(&mut self) -> f64 {
+        for ((f, scale), scaled) in
+            self.work.trial_f.iter_mut().zip(self.work.scale.iter()).zip(self.work.f.iter())
+        {
+            *f = scaled / scale;
+        }
+        natural_residual(self.z, self.work.trial_f, self.lower, self.upper)
+    }
+
+    /// The best point, without another evaluation: `F` there is no longer known.
+    pub(super) fn give_up(&mut self) {
+        dense::copy(self.z, self.work.best);
+        self.work.f.fill(f64::NAN);
+        self.residual = f64::NAN;
+    }
+}
+
+/// Watches for a merit that has not fallen by a tenth over twenty iterations.
+#[derive(Debug)]
+pub(super) struct Progress {
+    best: f64,
+    since: usize,
+}
+
+impl Progress {
+    pub(super) fn new(merit: f64) -> Self {
+        Self { best: merit, since: 0 }
+    }
+
+    pub(super) fn has_stalled(&mut self, merit: f64) -> bool {
+        if merit < 0.9 * self.best {
+            (self.best, self.since) = (merit, 0);
+        } else {
+            self.since += 1;
+        }
+        self.since >= 20
+    }
+}

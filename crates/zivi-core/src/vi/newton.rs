@@ -1,0 +1,176 @@
+//! Josephy-Newton: at each iterate the affine VI of the linearised map is solved by pivoting.
+//!
+//! ```text
+//! find z_N in [l, u]:   0 in F(z) + (J(z) + mu I)(z_N - z) + N_[l,u](z_N)
+//! theta(z + t d) <= (1 - 2e-4 t) max of the last theta,     d = z_N - z,   theta = |Phi|^2 / 2
+//! ```
+//!
+//! Josephy (MRC report 1965, Wisconsin 1979) for the step; the nonmonotone search is that of
+//! Grippo, Lampariello & Lucidi, *SIAM J. Numer. Anal.* 23 (1986) 707-716, on the
+//! Fischer-Burmeister merit as in Ferris, Kanzow & Munson, *Math. Program.* 86 (1999) 475-497.
+
+use super::dense;
+use super::descent;
+use super::iterate::{Iterate, Outcome, Progress};
+use super::pivotal::{follow, AffineVi, PathEnd, Start};
+use super::settings::MEMORY;
+use super::status::Status;
+
+/// How one stage of Josephy-Newton goes about it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Plan {
+    pub(super) start: Start,
+    /// Proximal weight of the first iteration relative to `1 + |J|`; a tenth at each further one.
+    pub(super) proximal: f64,
+    /// Merit values the search looks back on.
+    pub(super) memory: usize,
+}
+
+/// Sufficient decrease of the merit.
+const ARMIJO: f64 = 2e-4;
+/// Shortest step along a Josephy-Newton direction.
+const SHORTEST: f64 = 1e-3;
+/// Largest residual of an affine solution that is trusted, relative to `1 + |F|`.
+const TRUSTED: f64 = 1e-6;
+/// Weights `mu/(1 + |J|)` that regularise an affine VI without a solution.
+const REGULARISED: [f64; 2] = [1e-6, 1e-2];
+
+/// One stage from the point where [`Iterate::begin`] has left the iterate.
+pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<Status> {
+    let mut history = History::new(plan.memory);
+    let mut progress = Progress::new(at.merit);
+    let mut proximal = plan.proximal;
+    for iteration in 0..at.settings.stage_iterations {
+        if at.is_solved() {
+            return Ok(Status::Solved);
+        }
+        if at.out_of_iterations() {
+            return Ok(Status::IterationLimit);
+        }
+        if at.pivots_left() == 0 {
+            return Ok(Status::PivotLimit);
+        }
+        at.counts.iterations += 1;
+        history.push(at.merit);
+        if iteration > 0 && !at.linearise()? {
+            return Ok(Status::DomainError);
+        }
+        let found = newton_point(at, plan.start, proximal);
+        let moved = (found == PathEnd::Solution && search(at, &history)?)
+            || (at.settings.descent_steps && descent::step(at)?);
+        if !moved {
+            return Ok(match found {
+                PathEnd::PivotLimit => Status::PivotLimit,
+                _ => Status::Stationary,
+            });
+        }
+        if progress.has_stalled(at.merit) && !at.is_solved() {
+            return Ok(Status::Stalled);
+        }
+        proximal *= 0.1;
+    }
+    Ok(if at.is_solved() { Status::Solved } else { Status::IterationLimit })
+}
+
+/// `work.step <- z_N - z`, from the first start and regularisation whose affine solution holds.
+fn newton_point(at: &mut Iterate<'_, '_>, first: Start, proximal: f64) -> PathEnd {
+    let scale = 1.0 + dense::norm(at.work.jacobian);
+    let second = match first {
+        Start::Regular => Start::Ray,
+        Start::Ray => Start::Regular,
+    };
+    let shift = proximal * scale;
+    let [slight, strong] = REGULARISED.map(|weight| shift + weight * scale);
+    let mut end = PathEnd::Singular;
+    for (start, shift) in [(first, shift), (second, shift), (first, slight), (first, strong)] {
+        end = affine_step(at, start, shift);
+        if end == PathEnd::Solution {
+            break;
+        }
+    }
+    end
+}
+
+/// Solves one affine VI in `d = z_N - z` and checks its residual.
+fn affine_step(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> PathEnd {
+    let limit = at.pivots_left();
+    let work = &mut *at.work;
+    let reach = work.lower.iter_mut().zip(work.upper.iter_mut()).zip(at.z.iter());
+    for (((lower, upper), z), (l, u)) in reach.zip(at.lower.iter().zip(at.upper)) {
+        (*lower, *upper) = (l - z, u - z);
+    }
+    let avi =
+        AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };
+    work.step.fill(0.0);
+    let (end, pivots) = follow(&avi, start, limit, &mut work.pivotal, work.step);
+    at.counts.pivots += pivots;
+    if end != PathEnd::Solution {
+        return end;
+    }
+    let trusted = TRUSTED * (1.0 + dense::norm(work.f));
+    if avi.residual(work.step, work.trial_f) <= trusted {
+        PathEnd::Solution
+    } else {
+        PathEnd::Singular
+    }
+}
+
+/// Searches along `work.step`; false where no step of useful length was accepted.
+fn search(at: &mut Iterate<'_, '_>, history: &History) -> Outcome<bool> {
+    let descends = dense::dot(at.work.gradient, at.work.step) < 0.0;
+    let shortest = if descends { SHORTEST } else { 0.5 };
+    let mut t = 1.0;
+    while t >= shortest {
+        advance(at, t);
+        let merit = at.merit_of_trial()?;
+        let undamped = !at.settings.line_search && merit.is_finite();
+        if undamped || merit <= (1.0 - ARMIJO * t) * history.worst() {
+            at.accept(merit);
+            return Ok(true);
+        }
+        t *= 0.5;
+    }
+    Ok(false)
+}
+
+/// `trial <- z + t d`, exactly on a bound where the full step ends there.
+fn advance(at: &mut Iterate<'_, '_>, t: f64) {
+    let work = &mut *at.work;
+    for i in 0..work.step.len() {
+        let (lower, upper) = (dense::at(at.lower, i), dense::at(at.upper, i));
+        let (z, d) = (dense::at(at.z, i), dense::at(work.step, i));
+        let reached = if t < 1.0 {
+            z + t * d
+        } else if d == dense::at(work.lower, i) {
+            lower
+        } else if d == dense::at(work.upper, i) {
+            upper
+        } else {
+            z + d
+        };
+        dense::put(work.trial, i, reached.max(lower).min(upper));
+    }
+}
+
+/// The last few values of the merit.
+#[derive(Debug)]
+struct History {
+    values: [f64; MEMORY],
+    next: usize,
+    length: usize,
+}
+
+impl History {
+    fn new(memory: usize) -> Self {
+        Self { values: [0.0; MEMORY], next: 0, length: memory.clamp(1, MEMORY) }
+    }
+
+    fn push(&mut self, merit: f64) {
+        dense::put(&mut self.values, self.next % self.length, merit);
+        self.next += 1;
+    }
+
+    fn worst(&self) -> f64 {
+        self.values.iter().take(self.next.min(self.length)).fold(0.0, |a, &b| f64::max(a, b))
+    }
+}

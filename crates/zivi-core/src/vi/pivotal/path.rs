@@ -1,0 +1,204 @@
+//! Following the path: ratio test, pivot or bound flip, complementary variable.
+
+use super::super::dense;
+use super::basis::Variable;
+use super::tableau::{held, Tableau};
+use super::PathEnd;
+
+/// Rates of change below this, relative to the largest, are rounding.
+const NEGLIGIBLE: f64 = 1e-12;
+/// Step lengths this near, relatively, are ties.
+const TIE: f64 = 1e-11;
+
+/// A variable on its way into the basis.
+#[derive(Clone, Copy, Debug)]
+struct Entering {
+    variable: Variable,
+    /// `+1` when it grows, `-1` when it falls.
+    sense: f64,
+    from: f64,
+    /// How far it can go before it meets its own other bound.
+    range: f64,
+}
+
+/// What stops the entering variable.
+#[derive(Clone, Copy, Debug)]
+enum Block {
+    /// Nothing: the path is a ray.
+    Nothing,
+    /// Its own other bound.
+    OtherBound,
+    /// A basic variable, at its upper or lower bound.
+    Member { position: usize, length: f64, at_upper: bool },
+}
+
+impl Tableau<'_> {
+    /// Drives `s` to zero.
+    pub(super) fn follow_path(&mut self, limit: usize) -> PathEnd {
+        let refactor_every = self.n().max(50);
+        let mut entering =
+            Entering { variable: Variable::S, sense: -1.0, from: self.s, range: self.s };
+        for pivot in 1..=limit {
+            self.solve_column(entering.variable);
+            entering = match self.block(&entering) {
+                Block::Nothing => return PathEnd::Ray,
+                Block::OtherBound if entering.variable == Variable::S => return PathEnd::Solution,
+                Block::OtherBound => self.flip(&entering),
+                Block::Member { position, length, at_upper } => {
+                    let leaving = self.basis.member(position);
+                    self.pivot(&entering, position, length, at_upper);
+                    if leaving == Variable::S {
+                        return PathEnd::Solution;
+                    }
+                    self.complement(leaving, at_upper)
+                }
+            };
+            self.pivots += 1;
+            if pivot % refactor_every == 0 && !self.refactor() {
+                return PathEnd::Singular;
+            }
+        }
+        PathEnd::PivotLimit
+    }
+
+    fn refactor(&mut self) -> bool {
+        let regular = self.rebuild();
+        if regular {
+            self.recompute_values();
+        }
+        regular && dense::is_finite(self.values)
+    }
+
+    /// The range of a basic variable. That of a fixed component's slack is the whole line.
+    fn range(&self, variable: Variable) -> (f64, f64) {
+        match variable {
+            Variable::Z(i) => self.avi.bounds(i),
+            Variable::W(i) | Variable::V(i) if self.avi.is_fixed(i) => {
+                (f64::NEG_INFINITY, f64::INFINITY)
+            }
+            _ => (0.0, f64::INFINITY),
+        }
+    }
+
+    /// The ratio test.
+    fn block(&self, entering: &Entering) -> Block {
+        let negligible = NEGLIGIBLE * dense::norm(self.direction);
+        let rounding = 1e-15 * (1.0 + dense::norm(self.values));
+        let mut first = if entering.range.is_finite() { Block::OtherBound } else { Block::Nothing };
+        let mut shortest = entering.range;
+        for (position, (&value, &d)) in self.values.iter().zip(self.direction.iter()).enumerate() {
+            let rate = -entering.sense * d;
+            if rate.abs() <= negligible {
+                continue;
+            }
+            let (lower, upper) = self.range(self.basis.member(position));
+            let at_upper = rate > 0.0;
+            let room = if at_upper { upper - value } else { value - lower };
+            if room == f64::INFINITY {
+                continue;
+            }
+            let length = f64::max(room, 0.0) / rate.abs();
+            let tie = TIE * shortest.min(length) + rounding / rate.abs();
+            let here = Block::Member { position, length, at_upper };
+            let comes_first = if (length - shortest).abs() <= tie {
+                self.precedes(here, first)
+            } else {
+                length < shortest
+            };
+            if comes_first {
+                (first, shortest) = (here, length);
+            }
+        }
+        first
+    }
+
+    /// Breaks a tie: `s` before all, so that the path ends; else the lexicographically smaller
+    /// `(B^-1)_p / rate_p`, the effect of `q - (eps, eps^2, ..)` on the step length.
+    fn precedes(&self, a: Block, b: Block) -> bool {
+        let (Block::Member { position: p, .. }, other) = (a, b) else { return false };
+        if self.basis.member(p) == Variable::S {
+            return true;
+        }
+        let (weight_p, row_p) = self.perturbation(a);
+        match other {
+            Block::Member { position, .. } if self.basis.member(position) == Variable::S => false,
+            Block::Member { .. } => {
+                let (weight, row) = self.perturbation(b);
+                let pairs = row_p.iter().map(|x| x * weight_p).zip(row.iter().map(|x| x * weight));
+                lexicographically_smaller(pairs)
+            }
+            _ => lexicographically_smaller(row_p.iter().map(|x| (x * weight_p, 0.0))),
+        }
+    }
+
+    fn perturbation(&self, block: Block) -> (f64, &[f64]) {
+        match block {
+            Block::Member { position, at_upper, .. } => {
+                let size = dense::at(self.direction, position).abs();
+                (if at_upper { -1.0 } else { 1.0 } / size, self.basis.row(position))
+            }
+            _ => (0.0, &[]),
+        }
+    }
+
+    /// The entering `z_i` crosses the box to its other bound; the basis stays.
+    fn flip(&mut self, entering: &Entering) -> Entering {
+        dense::axpy(self.values, -entering.sense * entering.range, self.direction);
+        let Variable::Z(i) = entering.variable else { return *entering };
+        let (lower, upper) = self.avi.bounds(i);
+        let rose = entering.sense > 0.0;
+        dense::put(self.resting, i, if rose { upper } else { lower });
+        self.complement(entering.variable, rose)
+    }
+
+    /// The entering variable replaces the one that blocks it.
+    fn pivot(&mut self, entering: &Entering, position: usize, length: f64, at_upper: bool) {
+        dense::axpy(self.values, -entering.sense * length, self.direction);
+        dense::put(self.values, position, entering.from + entering.sense * length);
+        match self.basis.member(position) {
+            Variable::Z(i) => {
+                let (lower, upper) = self.avi.bounds(i);
+                dense::put(self.resting, i, if at_upper { upper } else { lower });
+                dense::put(self.held, i, held::NONE);
+            }
+            Variable::W(i) | Variable::V(i) => dense::put(self.held, i, held::NONE),
+            Variable::S => (self.s, self.s_is_basic) = (0.0, false),
+            Variable::Vacant => {}
+        }
+        match entering.variable {
+            Variable::Z(i) => dense::put(self.held, i, held::INSIDE),
+            Variable::W(i) => dense::put(self.held, i, held::AT_LOWER),
+            Variable::V(i) => dense::put(self.held, i, held::AT_UPPER),
+            Variable::S => self.s_is_basic = true,
+            Variable::Vacant => {}
+        }
+        self.basis.exchange(position, self.direction, entering.variable);
+    }
+
+    /// What enters after `leaving` has left: `z` at a bound gives way to the slack of that bound,
+    /// a slack to its `z`.
+    fn complement(&self, leaving: Variable, at_upper: bool) -> Entering {
+        let slack = |variable| Entering { variable, sense: 1.0, from: 0.0, range: f64::INFINITY };
+        match leaving {
+            Variable::Z(i) if at_upper => slack(Variable::V(i)),
+            Variable::Z(i) => slack(Variable::W(i)),
+            Variable::W(i) | Variable::V(i) => {
+                let (lower, upper) = self.avi.bounds(i);
+                let rises = matches!(leaving, Variable::W(_));
+                let (sense, from) = if rises { (1.0, lower) } else { (-1.0, upper) };
+                Entering { variable: Variable::Z(i), sense, from, range: upper - lower }
+            }
+            Variable::S | Variable::Vacant => slack(leaving),
+        }
+    }
+}
+
+/// The first pair that differs decides.
+fn lexicographically_smaller(pairs: impl Iterator<Item = (f64, f64)>) -> bool {
+    for (a, b) in pairs {
+        if (a - b).abs() > 1e-12 * (a.abs() + b.abs()) {
+            return a < b;
+        }
+    }
+    false
+}
