@@ -53,6 +53,8 @@ class RunRecord:
     @property
     def rest_time(self) -> float | None: ...
     @property
+    def failed_steps(self) -> NDArray[np.int64]: ...
+    @property
     def status(self) -> int: ...
     @property
     def message(self) -> str: ...
@@ -73,6 +75,8 @@ def simulate_theta_gamma(
     h: float,
     theta: float,
     gamma: float,
+    solver: str,
+    linearisations: int,
     span: tuple[float, float],
     state: tuple[float, float],
     progress: Any = None,

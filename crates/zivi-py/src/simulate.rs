@@ -3,7 +3,7 @@
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use zivi::{ConstantForce, Grid, Physical, Restitution, Run, SetupError, ThetaGamma};
+use zivi::{ConstantForce, Grid, Physical, Restitution, Run, SetupError, Solver, ThetaGamma};
 use zivi_core::ThetaGammaStep;
 
 use crate::force::ForceSpec;
@@ -57,6 +57,18 @@ macro_rules! with_force {
     };
 }
 
+/// A solver by its name.
+fn step_solver(name: &str, linearisations: usize) -> PyResult<Solver> {
+    match name {
+        "exact" => Ok(Solver::Exact),
+        "newton" => Ok(Solver::Newton),
+        "outer" => Ok(Solver::Outer { linearisations }),
+        other => Err(PyValueError::new_err(format!(
+            "solver must be 'exact', 'newton' or 'outer', got {other:?}"
+        ))),
+    }
+}
+
 fn record(py: Python<'_>, run: Result<Run<PyErr>, SetupError>) -> PyResult<RunRecord> {
     Ok(RunRecord::new(py, run.map_err(setup_error)?))
 }
@@ -70,7 +82,7 @@ pub(crate) fn check_theta_gamma(h: f64, theta: f64, gamma: f64, kappa: f64) -> P
 
 /// The theta-gamma method.
 #[pyfunction]
-#[pyo3(signature = (force, *, kappa, h, theta, gamma, span, state, progress=None))]
+#[pyo3(signature = (force, *, kappa, h, theta, gamma, solver, linearisations, span, state, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_theta_gamma(
     py: Python<'_>,
@@ -79,12 +91,15 @@ pub(crate) fn simulate_theta_gamma(
     h: f64,
     theta: f64,
     gamma: f64,
+    solver: &str,
+    linearisations: usize,
     span: (f64, f64),
     state: (f64, f64),
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
     let Course { wall, grid, initial } = Course::new(kappa, h, span, state)?;
-    let method = ThetaGamma { theta, gamma };
+    let solver = step_solver(solver, linearisations)?;
+    let method = ThetaGamma { theta, gamma, solver };
     let watch = &mut Watch { progress };
     let run = with_force!(py, force, |force| zivi::simulate_theta_gamma(
         method, wall, force, grid, initial, watch

@@ -12,6 +12,7 @@ use zivi_core::transform::project;
 use zivi_core::{Physical, StepSolution, ThetaGammaStep};
 
 use crate::fixed_step::{finite_force, Failure, Start};
+use crate::step_solver::StepSolver;
 use crate::{Force, Status};
 use search::{Search, DEFAULT_SLOPE};
 
@@ -63,6 +64,7 @@ impl ImplicitForce {
     pub(crate) fn solve<E>(
         &mut self,
         step: &ThetaGammaStep,
+        solver: &mut impl StepSolver,
         start: Start,
         force: &mut impl Force<E>,
     ) -> Found<E> {
@@ -77,7 +79,7 @@ impl ImplicitForce {
         };
         let search = Search::from(first, self.slope, SELECTED_TRIALS);
         let found = match self.follow(&sought, force, search, |f| {
-            step.solve(start.z, f, start.side).map_err(Failure::from)
+            solver.solve(step, start.z, f, start.side).map_err(Failure::from)
         }) {
             Err(Failure::Status(_)) => self.on_any_pattern(&sought, force, first)?,
             found => found?,
@@ -94,7 +96,7 @@ impl ImplicitForce {
         sought: &Sought<'_>,
         force: &mut impl Force<E>,
         mut search: Search,
-        end: impl Fn(f64) -> Result<StepSolution, Failure<E>>,
+        mut end: impl FnMut(f64) -> Result<StepSolution, Failure<E>>,
     ) -> Found<E> {
         let t = sought.t;
         while let Some(trial) = search.trial() {
