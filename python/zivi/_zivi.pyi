@@ -15,6 +15,7 @@ __all__ = [
     "restitution",
     "simulate_explicit_euler",
     "simulate_theta_gamma",
+    "solve_steps",
 ]
 
 __version__: str
@@ -81,6 +82,17 @@ def simulate_theta_gamma(
     state: tuple[float, float],
     progress: Any = None,
 ) -> RunRecord: ...
+def solve_steps(
+    s: _Array,
+    v: _Array,
+    f: _Array,
+    *,
+    kappa: float,
+    h: float,
+    solver: str,
+    linearisations: int,
+    fall_backs: bool,
+) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
 def simulate_explicit_euler(
     force: tuple[Any, ...],
     *,

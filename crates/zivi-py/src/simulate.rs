@@ -1,8 +1,11 @@
 //! Runs from Python: the lock is released unless the force is a Python callable.
 
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
+use zivi::step_solver::General;
+use zivi::Lifted;
 use zivi::{ConstantForce, Grid, Physical, Restitution, Run, SetupError, Solver, ThetaGamma};
 use zivi_core::ThetaGammaStep;
 
@@ -105,6 +108,43 @@ pub(crate) fn simulate_theta_gamma(
         method, wall, force, grid, initial, watch
     ));
     record(py, run)
+}
+
+/// Multipliers of many independent steps by a general solver, each from the present signs, and
+/// whether the inclusion was solved.
+#[pyfunction]
+#[pyo3(signature = (s, v, f, *, kappa, h, solver, linearisations, fall_backs))]
+#[allow(clippy::too_many_arguments, clippy::type_complexity)]
+pub(crate) fn solve_steps<'py>(
+    py: Python<'py>,
+    s: PyReadonlyArray1<'py, f64>,
+    v: PyReadonlyArray1<'py, f64>,
+    f: PyReadonlyArray1<'py, f64>,
+    kappa: f64,
+    h: f64,
+    solver: &str,
+    linearisations: usize,
+    fall_backs: bool,
+) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>)> {
+    let step = ThetaGammaStep::new(h, 1.0, 1.0, wall(kappa)?);
+    let step = step.map_err(|error| setup_error(error.into()))?;
+    let mut general = match (step_solver(solver, linearisations)?, fall_backs) {
+        (Solver::Outer { linearisations }, _) => General::outer(linearisations),
+        (_, true) => General::newton(),
+        (_, false) => General::newton_without_fall_backs(),
+    };
+    let (s, v, f) = (s.as_array(), v.as_array(), f.as_array());
+    let mut multipliers = [Vec::with_capacity(s.len()), Vec::with_capacity(s.len())];
+    let mut solved = Vec::with_capacity(s.len());
+    for ((&s, &v), &f) in s.iter().zip(v).zip(f) {
+        general.start_from([zivi_core::sgn(s), zivi_core::sgn(v)]);
+        solved.push(general.solve_inclusion(&step, Lifted { s, v }, f));
+        for (column, lambda) in multipliers.iter_mut().zip(general.lambda()) {
+            column.push(lambda);
+        }
+    }
+    let [lambda_s, lambda_v] = multipliers.map(|column| PyArray1::from_vec(py, column));
+    Ok((lambda_s, lambda_v, PyArray1::from_vec(py, solved)))
 }
 
 /// Explicit Euler with explicit signs.

@@ -76,6 +76,18 @@ impl General {
         Self::with(Settings::default())
     }
 
+    /// Inner linearisation by Josephy-Newton with its search alone, nothing behind it.
+    #[must_use]
+    pub fn newton_without_fall_backs() -> Self {
+        Self::with(Settings {
+            semismooth: false,
+            proximal: false,
+            restarts: 0,
+            enumerate_up_to: 0,
+            ..Settings::default()
+        })
+    }
+
     /// Outer linearisation: at most `linearisations` affine VIs, no merit function.
     #[must_use]
     pub fn outer(linearisations: usize) -> Self {
