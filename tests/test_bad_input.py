@@ -131,7 +131,7 @@ def test_numbers_of_all_kinds_are_taken():
     assert simulate(t_eval=[]).t.size == 0
 
 
-EXTREME = st.sampled_from([0.0, -0.0, 5e-324, 1e-300, 1e-150, 1.0, 1e150, 1e300])
+EXTREME = st.sampled_from([0.0, -0.0, 5e-324, 1e-300, 1e-100, 1.0, 1e100])
 SIGNED = st.builds(lambda x, sign: sign * x, EXTREME, st.sampled_from([-1.0, 1.0]))
 COLUMNS = ("t", "x", "xdot", "s", "v", "lambda_s", "lambda_v")
 
@@ -141,7 +141,7 @@ COLUMNS = ("t", "x", "xdot", "s", "v", "lambda_s", "lambda_v")
     f=SIGNED,
     x0=EXTREME,
     xdot0=SIGNED,
-    h=st.sampled_from([5e-324, 1e-300, 1e-3, 1e150, 1e300]),
+    h=st.sampled_from([5e-324, 1e-300, 1e-3, 1e50, 1e100]),
     steps=st.sampled_from([0.5, 1, 3.3, 100]),
     e=st.sampled_from([1e-3, 0.5, 1 - 1e-16, 1.0]),
     weight=st.sampled_from([1e-300, 0.5, 1.0]),

@@ -59,7 +59,7 @@ def run(force, method=METHOD, t1=5.0):
 def test_the_same_law_gives_the_same_run(form, method):
     """Apart from the order of its sums: each step's force agrees to its tolerance, 1e-12.
 
-    Behind four impacts, which multiply an error in the time of contact, 1e-10 is what is left of that.
+    Impacts multiply an error in the time of contact: 1e-10 is left of that.
     """
     reference, sol = run(LINEAR, method, 3.0), run(FORMS[form](), method, 3.0)
     assert sol.success, sol.message
