@@ -5,17 +5,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "RunRecord",
     "STATUS_MESSAGES",
+    "RunRecord",
+    "ViRecord",
     "__version__",
     "check_theta_gamma",
     "compiled_force",
     "lift",
+    "natural_residual",
     "project",
     "restitution",
     "simulate_explicit_euler",
     "simulate_theta_gamma",
+    "solve_avi",
     "solve_steps",
+    "solve_vi",
 ]
 
 __version__: str
@@ -102,6 +106,7 @@ def simulate_explicit_euler(
     state: tuple[float, float],
     progress: Any = None,
 ) -> RunRecord: ...
+
 @final
 class ViRecord:
     @property
