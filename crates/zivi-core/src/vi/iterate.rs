@@ -15,7 +15,7 @@ const PUSHES: [f64; 5] = [0.0, 1e-6, 1e-3, 1e-1, 1.0];
 
 /// A point `z` in the box with `F(z)`, its merit and, once linearised, its Jacobian.
 pub(super) struct Iterate<'a, 'w> {
-    problem: &'a mut dyn Problem,
+    pub(super) problem: &'a mut dyn Problem,
     pub(super) settings: &'a Settings<'a>,
     pub(super) lower: &'a [f64],
     pub(super) upper: &'a [f64],

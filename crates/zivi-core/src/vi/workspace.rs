@@ -3,7 +3,7 @@
 use super::pivotal::PivotalWorkspace;
 
 /// Vectors of length `n` beside the two `n x n` matrices.
-const VECTORS: usize = 22;
+const VECTORS: usize = 21;
 
 /// Lengths of the two slices a solve with `n` unknowns works in: reals and indices.
 ///
