@@ -4,6 +4,19 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "RunRecord",
+    "STATUS_MESSAGES",
+    "__version__",
+    "check_theta_gamma",
+    "compiled_force",
+    "lift",
+    "project",
+    "restitution",
+    "simulate_explicit_euler",
+    "simulate_theta_gamma",
+]
+
 __version__: str
 STATUS_MESSAGES: list[str]
 
@@ -51,7 +64,6 @@ class RunRecord:
 def restitution(*, e: float | None = None, kappa: float | None = None) -> tuple[float, float]: ...
 def lift(x: _Array, xdot: _Array, sigma: float, kappa: float) -> tuple[_Array, _Array]: ...
 def project(s: _Array, v: _Array, kappa: float) -> tuple[_Array, _Array]: ...
-def check_grid(t0: float, t1: float, h: float) -> int: ...
 def check_theta_gamma(h: float, theta: float, gamma: float, kappa: float) -> None: ...
 def compiled_force(callable: Any) -> tuple[int, int | None]: ...
 def simulate_theta_gamma(

@@ -84,7 +84,9 @@ def lifted(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
 
 
 def multipliers(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
-    r"""Plot the multipliers :math:`\lambda_s \in \mathrm{sgn}\,s`, :math:`\lambda_v \in \mathrm{sgn}\,v`.
+    r"""Plot the multipliers over time.
+
+    .. math:: \lambda_s \in \mathrm{sgn}\,s, \qquad \lambda_v \in \mathrm{sgn}\,v
 
     Parameters and return value as for `position`.
     """

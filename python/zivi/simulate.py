@@ -1,5 +1,6 @@
 """Who drives: one call from a system, a span and a state to a trajectory."""
 
+import contextlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -107,8 +108,6 @@ def _with_trajectory(error: BaseException, sol: Trajectory) -> BaseException:
         f"zivi: the run stopped at t = {sol.t[-1]:.9g} s; "
         "what was computed is this exception's attribute 'trajectory'."
     )
-    try:
+    with contextlib.suppress(AttributeError):  # an exception class with __slots__
         error.trajectory = sol  # type: ignore[attr-defined]
-    except AttributeError:  # an exception class with __slots__
-        pass
     return error

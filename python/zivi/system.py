@@ -11,6 +11,9 @@ from typing import Any, TypeAlias
 from zivi import _zivi
 from zivi._check import finite, real
 
+_CFunction = type(ctypes.CFUNCTYPE(None)()).__mro__[1]
+"""The class of all function pointers of ctypes (which it does not name publicly)."""
+
 __all__ = ["Force", "ImpactSystem", "LinearForce"]
 
 Force: TypeAlias = "float | LinearForce | Callable[[float, float, float], float] | Any"
@@ -112,9 +115,7 @@ class ImpactSystem:
 
     __slots__ = ("_e", "_force", "_kappa", "_owner", "_spec")
 
-    def __init__(
-        self, force: Force, *, e: float | None = None, kappa: float | None = None
-    ) -> None:
+    def __init__(self, force: Force, *, e: float | None = None, kappa: float | None = None) -> None:
         e = None if e is None else real("e", e)
         kappa = None if kappa is None else real("kappa", kappa)
         self._e, self._kappa = _zivi.restitution(e=e, kappa=kappa)
@@ -151,9 +152,9 @@ def _force_spec(force: Any) -> tuple[tuple[Any, ...], object]:
     low_level = getattr(sys.modules.get("scipy"), "LowLevelCallable", None)
     if low_level is not None and isinstance(force, low_level):
         return ("compiled", *_zivi.compiled_force(force)), force
-    if isinstance(force, ctypes._CFuncPtr):
+    if isinstance(force, _CFunction):
         return ("compiled", _ctypes_address(force), None), force
-    if hasattr(force, "address") and isinstance(getattr(force, "ctypes", None), ctypes._CFuncPtr):
+    if hasattr(force, "address") and isinstance(getattr(force, "ctypes", None), _CFunction):
         return ("compiled", _ctypes_address(force.ctypes), None), force
     if callable(force):
         return ("callable", force), None

@@ -3,6 +3,7 @@
 mod common;
 
 use common::{scaled_problem, Problem, Rng, Scheme};
+use zivi_core::step::selection::exact_motion;
 use zivi_core::{Case, Lifted, StepSolution};
 
 /// The exact motion over `h` under a constant `f > 0`, in `(s, v)`, told from the physical side:
@@ -36,6 +37,26 @@ fn distance(problem: &Problem, side: f64, it: &StepSolution) -> f64 {
     let unit = problem.scheme.h * problem.f;
     let (s, v) = exact(problem, side);
     (it.s - s).abs() / (problem.scheme.h * unit) + (it.v - v).abs() / unit
+}
+
+#[test]
+fn the_exact_motion_of_the_library_is_the_one_of_this_file() {
+    let rng = Rng::new(48);
+    let mut impacts = 0;
+    for _ in 0..40_000 {
+        let scheme = Scheme::implicit_euler(rng.log_between(1e-2, 1e1), rng.between(0.0, 0.95));
+        let state = [rng.between(0.0, 4.0), rng.between(-4.0, 4.0)];
+        let problem = scaled_problem(scheme, state, rng.log_between(1e-2, 1e2));
+        let wall = scheme.build().wall();
+        let theirs = exact_motion(problem.z, problem.f, scheme.h, wall);
+        let (s, v) = exact(&problem, 1.0);
+        impacts += u32::from(s < 0.0);
+        let unit = scheme.h * problem.f / (1.0 - scheme.kappa);
+        // near grazing the impact time is a square root of a difference: half the digits
+        assert!((theirs.s - s).abs() < 1e-7 * scheme.h * unit, "{problem:?}: {theirs:?}, {s}, {v}");
+        assert!((theirs.v - v).abs() < 1e-7 * unit, "{problem:?}: {theirs:?}, {s}, {v}");
+    }
+    assert!(impacts > 2_000, "{impacts}");
 }
 
 /// The chosen one is among the solutions, and none is nearer.
@@ -192,6 +213,30 @@ fn rounding_does_not_lose_the_exact_zeros() {
         let stop = solve(0.0, -h * f / (1.0 - kappa) * nudge());
         assert_eq!((stop.s, stop.v), (0.0, 0.0), "{scheme:?}, f = {f}: {stop:?}");
     }
+}
+
+/// With `theta < gamma` there can be three distinct solutions: the same order decides.
+#[test]
+fn of_three_distinct_ones_under_pressure_the_most_degenerate_is_taken() {
+    let rng = Rng::new(47);
+    let mut several = 0;
+    for _ in 0..60_000 {
+        let theta = rng.between(0.1, 0.9);
+        let scheme = Scheme { h: 1e-2, theta, gamma: 1.0, kappa: rng.between(0.05, 0.8) };
+        let state = [rng.between(-1.0, 1.0), rng.between(-3.0, 3.0)];
+        let problem = scaled_problem(scheme, state, -9.81);
+        if problem.distinct(1e-6).len() == 1 {
+            continue;
+        }
+        several += 1;
+        let chosen = problem.solve(1.0).expect("a solution");
+        for other in scheme.build().solutions(problem.z, problem.f) {
+            let ordered = degeneracy(other.case) <= degeneracy(chosen.case);
+            assert!(ordered, "{problem:?}\n{chosen:?}\n{other:?}");
+        }
+    }
+    println!("{several} states with several solutions");
+    assert!(several > 200);
 }
 
 /// In general: for `f <= 0` no solution that coincides with the chosen one is more degenerate.

@@ -83,6 +83,33 @@ fn pressed_to_the_wall_every_member_with_theta_at_least_gamma_has_one_solution()
     }
 }
 
+/// Where the pattern of the present side and velocity holds, nothing else does: for every member
+/// of the family, also those with `theta < gamma`.
+#[test]
+fn pressed_to_the_wall_an_undisturbed_step_is_the_only_solution() {
+    let rng = Rng::new(39);
+    let mut undisturbed = 0;
+    for _ in 0..150_000 {
+        let (theta, gamma) = (1.0 - rng.unit(), rng.pick(&[1.0, 1.0 - rng.unit()]));
+        let scheme = Scheme { h: 1e-2, theta, gamma, kappa: rng.between(0.0, 0.99) };
+        let f = -rng.log_between(1e-3, 1e3);
+        let state = state(&rng, scheme, f);
+        if state[0] == 0.0 || state[1] == 0.0 {
+            continue;
+        }
+        let (side, lv) = (state[0].signum(), state[1].signum());
+        let r = 1.0 - scheme.kappa * side * lv;
+        let s_gamma = side * state[0] + gamma * (side * r * state[1] - theta);
+        let v_gamma = state[1].abs() - lv * gamma * side / r;
+        if s_gamma > 1e-9 * state[0].abs() && v_gamma > 1e-9 * state[1].abs() {
+            undisturbed += 1;
+            let problem = scaled_problem(scheme, state, f);
+            assert_eq!(count(&problem), 1, "{problem:?}: {:?}", problem.distinct(0.0));
+        }
+    }
+    assert!(undisturbed > 20_000, "{undisturbed}");
+}
+
 /// The condition is not idle: with `theta < gamma` there are states with three solutions.
 #[test]
 fn with_theta_below_gamma_it_is_not_always_unique() {

@@ -19,7 +19,6 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(transform::restitution, module)?)?;
     module.add_function(wrap_pyfunction!(transform::lift, module)?)?;
     module.add_function(wrap_pyfunction!(transform::project, module)?)?;
-    module.add_function(wrap_pyfunction!(simulate::check_grid, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::check_theta_gamma, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_theta_gamma, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_explicit_euler, module)?)?;

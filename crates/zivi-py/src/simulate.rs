@@ -61,12 +61,6 @@ fn record(py: Python<'_>, run: Result<Run<PyErr>, SetupError>) -> PyResult<RunRe
     Ok(RunRecord::new(py, run.map_err(setup_error)?))
 }
 
-/// Refuses a span and a step size that give no grid; otherwise the number of steps.
-#[pyfunction]
-pub(crate) fn check_grid(t0: f64, t1: f64, h: f64) -> PyResult<usize> {
-    Grid::new(t0, t1, h).map(|grid| grid.n_steps()).map_err(|error| setup_error(error.into()))
-}
-
 /// Refuses settings of the theta-gamma scheme that are out of range.
 #[pyfunction]
 pub(crate) fn check_theta_gamma(h: f64, theta: f64, gamma: f64, kappa: f64) -> PyResult<()> {

@@ -4,7 +4,8 @@ use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, StepFailu
 
 use crate::events::EventLog;
 use crate::monitor::Pace;
-use crate::trajectory::{Columns, Run, Sample, SetupError, Trajectory};
+use crate::recorder::Recorder;
+use crate::trajectory::{Run, Sample, SetupError, Trajectory};
 use crate::{Force, Grid, Monitor, Status};
 
 /// Where a step starts.
@@ -83,12 +84,12 @@ pub fn run<E, F: Force<E>>(
 ) -> Result<Run<E>, SetupError> {
     check_state(initial)?;
     let n = grid.n_steps();
-    let mut columns = Columns::with_capacity(n + 1).map_err(|_| SetupError::Memory(n))?;
+    let mut record = Recorder::with_capacity(n + 1, wall).map_err(|_| SetupError::Memory(n))?;
     let mut z = transform::lift(initial, Branch::Positive, wall);
     let incoming = initial.x == 0.0 && initial.xdot < 0.0;
     let mut log = EventLog::start(grid.t(0), z, incoming, wall);
     let (lambda_s, lambda_v) = (sgn(z.s), sgn(z.v));
-    columns.push(grid.t(0), Sample { z, lambda_s, lambda_v, residual: 0.0 }, wall);
+    record.push(grid.t(0), Sample { z, lambda_s, lambda_v, residual: 0.0 });
 
     let mut side = transform::side(z, Branch::Positive.sigma());
     let mut pace = Pace::start();
@@ -106,7 +107,7 @@ pub fn run<E, F: Force<E>>(
             };
             k += 1;
             let t_next = grid.t(k);
-            columns.push(t_next, sample, wall);
+            record.push(t_next, sample);
             log.step((t, z), (t_next, sample.z));
             z = sample.z;
             side = transform::side(z, side);
@@ -123,7 +124,8 @@ pub fn run<E, F: Force<E>>(
         Failure::Status(status) => (status, None),
         Failure::Raised(error) => (Status::Raised, Some(error)),
     };
-    let trajectory = Trajectory { columns, events: log.finish(), status, nfev: method.nfev() };
+    let (columns, events) = (record.finish(), log.finish());
+    let trajectory = Trajectory { columns, events, status, nfev: method.nfev() };
     Ok(Run { trajectory, raised })
 }
 

@@ -26,6 +26,7 @@ pub mod force;
 pub mod grid;
 mod implicit;
 pub mod monitor;
+mod recorder;
 pub mod status;
 pub mod theta_gamma;
 pub mod trajectory;

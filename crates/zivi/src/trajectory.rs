@@ -3,7 +3,7 @@
 use std::collections::TryReserveError;
 use std::fmt;
 
-use zivi_core::{transform, Lifted, Restitution, ThetaGammaError};
+use zivi_core::{Lifted, ThetaGammaError};
 
 use crate::{Events, GridError, Status};
 
@@ -58,19 +58,6 @@ impl Columns {
             lambda_v: column()?,
             residual: column()?,
         })
-    }
-
-    #[inline]
-    pub(crate) fn push(&mut self, t: f64, sample: Sample, wall: Restitution) {
-        let physical = transform::project(sample.z, wall);
-        self.t.push(t);
-        self.x.push(physical.x);
-        self.xdot.push(physical.xdot);
-        self.s.push(sample.z.s);
-        self.v.push(sample.z.v);
-        self.lambda_s.push(sample.lambda_s);
-        self.lambda_v.push(sample.lambda_v);
-        self.residual.push(sample.residual);
     }
 }
 

@@ -12,6 +12,33 @@ use crate::{sgn, transform, Lifted};
 /// to the degenerate candidate beside it.
 const SIGN_TOLERANCE: f64 = 1e-13;
 
+/// Which signs are interior, and the ends that the others take, seen from the side of the state
+/// (`lambda_s = 1` is the side where the mass is).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pattern {
+    /// `s_gamma = v_gamma = 0`.
+    Origin,
+    /// `s_gamma = 0`, with this `lambda_v`.
+    Wall(f64),
+    /// `v_gamma = 0`, with this `lambda_s`.
+    Apex(f64),
+    /// These `lambda_s` and `lambda_v`.
+    Regular(f64, f64),
+}
+
+/// All patterns, the most degenerate first: the order of [`super::selection`].
+pub const PATTERNS: [Pattern; 9] = [
+    Pattern::Origin,
+    Pattern::Wall(1.0),
+    Pattern::Wall(-1.0),
+    Pattern::Apex(1.0),
+    Pattern::Apex(-1.0),
+    Pattern::Regular(1.0, 1.0),
+    Pattern::Regular(1.0, -1.0),
+    Pattern::Regular(-1.0, 1.0),
+    Pattern::Regular(-1.0, -1.0),
+];
+
 /// A step to be solved, seen from the side `+1`.
 #[derive(Clone, Copy)]
 struct Frozen<'a> {
@@ -38,39 +65,130 @@ impl ThetaGammaStep {
     /// ```
     #[inline]
     pub fn solve(&self, z: Lifted, f: f64, side: f64) -> Result<StepSolution, StepFailure> {
-        let sigma = transform::side(z, side);
-        let frozen = Frozen { step: self, s: sigma * z.s, v: sigma * z.v, f };
-        let found = match frozen.clearly_regular() {
-            Some(solution) => solution,
-            None => frozen.selected()?,
-        };
-        if found.s.is_finite() && found.v.is_finite() {
-            Ok(found.mirrored(sigma))
+        match self.everyday(z, f) {
+            Some(solution) => Ok(solution),
+            None => self.by_cases(z, f, side),
+        }
+    }
+
+    /// The steps that most of a run consists of, under `f <= 0`: rest, and the regular pattern of
+    /// the present signs with room to spare, which is then the only solution.
+    #[inline]
+    fn everyday(&self, z: Lifted, f: f64) -> Option<StepSolution> {
+        if f > 0.0 || z.s == 0.0 || z.v == 0.0 {
+            let rests = f <= 0.0 && f.is_finite() && z == Lifted::default();
+            return rests.then_some(StepSolution::REST);
+        }
+        let sign = |z: f64| if z > 0.0 { 1.0 } else { -1.0 };
+        // not mirrored to the side +1: that would lengthen the chain from step to step
+        let seen = Frozen { step: self, s: z.s, v: z.v, f };
+        seen.regular(sign(z.s), sign(z.v), -SIGN_TOLERANCE).filter(StepSolution::is_finite)
+    }
+
+    /// Any step, on the side `+1`, by the rule of [`super::selection`].
+    #[cold]
+    #[inline(never)]
+    fn by_cases(&self, z: Lifted, f: f64, side: f64) -> Result<StepSolution, StepFailure> {
+        let (sigma, frozen) = self.frozen(z, f, side);
+        let found = frozen.selected()?.mirrored(sigma);
+        if found.is_finite() {
+            Ok(found)
         } else {
             Err(StepFailure::NotFinite)
         }
     }
 
-    /// Every solution of the step (numerically coincident ones included), in the order origin,
-    /// wall, apex, regular.
+    /// Every solution of the step (numerically coincident ones included), in the order of
+    /// [`PATTERNS`].
     pub fn solutions(&self, z: Lifted, f: f64) -> impl Iterator<Item = StepSolution> + '_ {
-        let sigma = transform::side(z, 1.0);
-        let frozen = Frozen { step: self, s: sigma * z.s, v: sigma * z.v, f };
+        let (sigma, frozen) = self.frozen(z, f, 1.0);
         frozen.candidates().map(move |solution| solution.mirrored(sigma))
+    }
+
+    /// The solution with the signs of `pattern`, if there is one.
+    #[must_use]
+    pub fn accepted(&self, pattern: Pattern, z: Lifted, f: f64, side: f64) -> Option<StepSolution> {
+        let (sigma, frozen) = self.frozen(z, f, side);
+        frozen.on(pattern, SIGN_TOLERANCE).map(|solution| solution.mirrored(sigma))
+    }
+
+    /// The end of the step with the signs of `pattern`, whether or not they fit: a continuous
+    /// function of `f` within each of [`Self::force_ranges`], for finding a force that depends on
+    /// where the step ends.
+    #[must_use]
+    pub fn continued(
+        &self,
+        pattern: Pattern,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> Option<StepSolution> {
+        // not infinite: infinity times a vanishing scale is NaN
+        let (sigma, frozen) = self.frozen(z, f, side);
+        frozen.on(pattern, f64::MAX).map(|solution| solution.mirrored(sigma))
+    }
+
+    /// The forces between which a solution with the signs of `pattern` can lie: at most two
+    /// ranges (closed, possibly unbounded).
+    ///
+    /// ```text
+    /// regular:  g s_gamma >= 0 and r v_gamma >= 0, both linear in f  (g, r the signs)
+    /// apex:     R = -gamma h g f / v in [1 - kappa, 1 + kappa]
+    /// wall:     |theta h f - kappa lambda_v v| >= |s/(gamma h) + v|
+    /// ```
+    #[must_use]
+    pub fn force_ranges(&self, pattern: Pattern, z: Lifted, side: f64) -> [Option<(f64, f64)>; 2] {
+        let (_, Frozen { s, v, .. }) = self.frozen(z, 0.0, side);
+        let ThetaGammaStep { h, theta, gamma, wall, .. } = *self;
+        let approach = s / (gamma * h);
+        let range = |low: f64, high: f64| (low <= high).then_some((low, high));
+        match pattern {
+            Pattern::Origin => [range(f64::NEG_INFINITY, f64::INFINITY), None],
+            Pattern::Wall(lambda_v) => {
+                let middle = wall.kappa() * lambda_v * v / (theta * h);
+                let half = (approach + v).abs() / (theta * h);
+                [range(f64::NEG_INFINITY, middle - half), range(middle + half, f64::INFINITY)]
+            }
+            Pattern::Apex(lambda_s) => {
+                let unit = -lambda_s * v / (gamma * h);
+                let (a, b) = (unit * wall.r(1.0, 1.0), unit * wall.r(1.0, -1.0));
+                [range(a.min(b), a.max(b)), None]
+            }
+            Pattern::Regular(lambda_s, lambda_v) => {
+                let r = wall.r(lambda_s, lambda_v);
+                let stays = -lambda_s * (approach + r * v) / (theta * h);
+                let turns = -lambda_s * v * r / (gamma * h);
+                if lambda_s * lambda_v > 0.0 {
+                    [range(stays.max(turns), f64::INFINITY), None]
+                } else {
+                    [range(stays, turns), None]
+                }
+            }
+        }
+    }
+
+    /// Distance of a solution from the exact motion under its own force, in units of that motion
+    /// (`h^2 f` and `h f`); zero for `f <= 0`, where there is nothing to choose.
+    #[must_use]
+    pub fn inconsistency(&self, solution: &StepSolution, z: Lifted, f: f64, side: f64) -> f64 {
+        if f <= 0.0 {
+            return 0.0;
+        }
+        let (sigma, Frozen { s, v, .. }) = self.frozen(z, f, side);
+        let exact = exact_motion(Lifted { s, v }, f, self.h, self.wall);
+        distance(&solution.mirrored(sigma), exact, self.h) / (self.h * self.h * f)
+    }
+
+    /// The side `sigma` of the state, and the step as it is seen from there.
+    #[inline]
+    fn frozen(&self, z: Lifted, f: f64, side: f64) -> (f64, Frozen<'_>) {
+        let last = if side < 0.0 { -1.0 } else { 1.0 };
+        let sigma = transform::side(z, last);
+        (sigma, Frozen { step: self, s: sigma * z.s, v: sigma * z.v, f })
     }
 }
 
 impl<'a> Frozen<'a> {
-    /// The everyday step, pressed to the wall and away from every switch: the regular pattern of
-    /// the current velocity with room to spare is the only solution, no other need be looked at.
-    #[inline]
-    fn clearly_regular(&self) -> Option<StepSolution> {
-        if self.f > 0.0 || self.v == 0.0 || !self.step.is_unique_under_attraction() {
-            return None;
-        }
-        self.regular(1.0, sgn(self.v), -SIGN_TOLERANCE)
-    }
-
     /// The solution that the rule of [`super::selection`] takes.
     fn selected(&self) -> Result<StepSolution, StepFailure> {
         if !(self.s.is_finite() && self.v.is_finite() && self.f.is_finite()) {
@@ -89,21 +207,21 @@ impl<'a> Frozen<'a> {
 
     /// The accepted candidates, most degenerate first, evaluated as they are asked for.
     fn candidates(self) -> impl Iterator<Item = StepSolution> + 'a {
-        (0..9).filter_map(move |number| match number {
-            0 => self.origin(),
-            1 => self.wall(1.0),
-            2 => self.wall(-1.0),
-            3 => self.apex(1.0),
-            4 => self.apex(-1.0),
-            5 => self.regular(1.0, 1.0, SIGN_TOLERANCE),
-            6 => self.regular(1.0, -1.0, SIGN_TOLERANCE),
-            7 => self.regular(-1.0, 1.0, SIGN_TOLERANCE),
-            _ => self.regular(-1.0, -1.0, SIGN_TOLERANCE),
-        })
+        PATTERNS.into_iter().filter_map(move |pattern| self.on(pattern, SIGN_TOLERANCE))
+    }
+
+    /// The candidate of one pattern, its sign conditions violated by no more than `slack`.
+    fn on(&self, pattern: Pattern, slack: f64) -> Option<StepSolution> {
+        match pattern {
+            Pattern::Origin => self.origin(slack),
+            Pattern::Wall(lambda_v) => self.wall(lambda_v, slack),
+            Pattern::Apex(lambda_s) => self.apex(lambda_s, slack),
+            Pattern::Regular(lambda_s, lambda_v) => self.regular(lambda_s, lambda_v, slack),
+        }
     }
 
     /// Both signs at their ends: `R` is known, `s_gamma` and `v_gamma` must have those signs.
-    /// `slack` is the relative violation that is accepted (negative: the margin that is asked for).
+    /// A negative `slack` is the margin that is asked for.
     #[inline]
     fn regular(&self, lambda_s: f64, lambda_v: f64, slack: f64) -> Option<StepSolution> {
         let ThetaGammaStep { h, theta, gamma, wall, inverse_r: [outward, inward] } = *self.step;
@@ -127,14 +245,14 @@ impl<'a> Frozen<'a> {
     }
 
     /// `v_gamma = 0` with `lambda_s` at an end: `R = -gamma h lambda_s f / v` gives `lambda_v`.
-    fn apex(&self, lambda_s: f64) -> Option<StepSolution> {
+    fn apex(&self, lambda_s: f64, slack: f64) -> Option<StepSolution> {
         let ThetaGammaStep { h, theta, gamma, wall, .. } = *self.step;
         let r = -gamma * h * lambda_s * self.f / self.v;
-        let lambda_v = interior_sign(1.0 - r, wall.kappa() * lambda_s)?;
+        let lambda_v = interior_sign(1.0 - r, wall.kappa() * lambda_s, 2.0, slack)?;
         // R v = -gamma h lambda_s f, so s+ = s + (theta - gamma) h^2 lambda_s f
         let rise = (theta - gamma) * h * h * lambda_s * self.f;
         let scale = self.s.abs() + gamma * rise.abs();
-        (lambda_s * (self.s + gamma * rise) >= -SIGN_TOLERANCE * scale).then_some(StepSolution {
+        (lambda_s * (self.s + gamma * rise) >= -slack * scale).then_some(StepSolution {
             s: self.s + rise,
             v: self.extrapolated(self.v),
             lambda_s,
@@ -148,14 +266,16 @@ impl<'a> Frozen<'a> {
     /// ```text
     /// s/(gamma h) + v = lambda_s (kappa lambda_v v - theta h f)
     /// ```
-    fn wall(&self, lambda_v: f64) -> Option<StepSolution> {
+    fn wall(&self, lambda_v: f64, slack: f64) -> Option<StepSolution> {
         let ThetaGammaStep { h, theta, gamma, wall, .. } = *self.step;
         let slope = wall.kappa() * lambda_v * self.v - theta * h * self.f;
-        let lambda_s = interior_sign(self.s / (gamma * h) + self.v, slope)?;
+        let approach = self.s / (gamma * h);
+        let terms = approach.abs() + self.v.abs() + slope.abs();
+        let lambda_s = interior_sign(approach + self.v, slope, terms, slack)?;
         let r = wall.r(lambda_s, lambda_v);
         let kick = h * lambda_s * self.f / r;
         let scale = self.v.abs() + gamma * kick.abs();
-        (lambda_v * (self.v + gamma * kick) >= -SIGN_TOLERANCE * scale).then_some(StepSolution {
+        (lambda_v * (self.v + gamma * kick) >= -slack * scale).then_some(StepSolution {
             s: self.extrapolated(self.s),
             v: self.v + kick,
             lambda_s,
@@ -166,18 +286,19 @@ impl<'a> Frozen<'a> {
 
     /// `s_gamma = v_gamma = 0`: `R v = -gamma h lambda_s f` and
     /// `s = -gamma (theta - gamma) h^2 lambda_s f`.
-    fn origin(&self) -> Option<StepSolution> {
+    fn origin(&self, slack: f64) -> Option<StepSolution> {
         let ThetaGammaStep { h, theta, gamma, wall, .. } = *self.step;
         let push = gamma * h * self.f;
         let (lambda_s, lambda_v) = if theta == gamma {
-            let reach = h * (self.v.abs() + push.abs());
-            (self.s <= SIGN_TOLERANCE * reach).then_some(())?;
-            self.stopping_signs(push)?
+            let signs = self.stopping_signs(push, slack)?;
+            // against the two terms of s_gamma that cancel, R v and theta h lambda_s f
+            let reach = 2.0 * gamma * h * (signs.0 * push).abs();
+            (self.s <= slack * reach).then_some(signs)?
         } else {
-            let lambda_s = interior_sign(-self.s, (theta - gamma) * h * push)?;
+            let lambda_s = interior_sign(-self.s, (theta - gamma) * h * push, self.s, slack)?;
             let r = if self.v == 0.0 { 1.0 } else { -lambda_s * push / self.v };
             (self.v != 0.0 || lambda_s * push == 0.0).then_some(())?;
-            (lambda_s, interior_sign(1.0 - r, wall.kappa() * lambda_s)?)
+            (lambda_s, interior_sign(1.0 - r, wall.kappa() * lambda_s, 2.0, slack)?)
         };
         Some(StepSolution {
             s: self.extrapolated(self.s),
@@ -189,18 +310,18 @@ impl<'a> Frozen<'a> {
     }
 
     /// Signs that stop the mass at the wall, `R v = -lambda_s push`: one equation for two signs.
-    /// `lambda_v = 0` is taken where it does (`|v| <= |push|`), then `|lambda_s| = 1`.
-    fn stopping_signs(&self, push: f64) -> Option<(f64, f64)> {
+    ///
+    /// Of the family the member with the smallest `|lambda_s|` is taken, `lambda_v = sgn lambda_s`:
+    /// with `c = |v/push|` it is `|lambda_s| = c (1 - kappa |lambda_s|) = c/(1 + kappa c)`, which
+    /// is at most 1 just where the family is not empty, `(1 - kappa) |v| <= |push|`.
+    fn stopping_signs(&self, push: f64, slack: f64) -> Option<(f64, f64)> {
         if self.v == 0.0 {
             return Some((0.0, 0.0));
         }
-        let lambda_s = -self.v / push;
-        if lambda_s.abs() <= 1.0 {
-            return Some((lambda_s, 0.0));
-        }
-        let end = sgn(lambda_s);
-        let lambda_v = interior_sign(1.0 - 1.0 / lambda_s.abs(), self.step.wall.kappa() * end)?;
-        Some((end, lambda_v))
+        let c = (self.v / push).abs();
+        let size = interior_sign(c, 1.0 + self.step.wall.kappa() * c, c, slack)?;
+        let sign = -sgn(self.v) * sgn(push);
+        Some((sign * size, sign))
     }
 
     /// `z+` from `z_gamma = 0`, that is `-(1 - gamma)/gamma z` (and not `-0`).
@@ -209,11 +330,13 @@ impl<'a> Frozen<'a> {
     }
 }
 
-/// The root of `slope * lambda = value` if it lies in `[-1, 1]` (to within rounding, then clipped).
-fn interior_sign(value: f64, slope: f64) -> Option<f64> {
+/// The root of `slope * lambda = value` if it lies in `[-1, 1]` to within the rounding of the
+/// `terms` that the equation is made of, then clipped.
+fn interior_sign(value: f64, slope: f64, terms: f64, slack: f64) -> Option<f64> {
     if value == 0.0 {
         return Some(0.0);
     }
     let lambda = value / slope;
-    (lambda.abs() <= 1.0 + SIGN_TOLERANCE).then_some(lambda.clamp(-1.0, 1.0))
+    let within = value.abs() <= slope.abs() + slack * terms;
+    (within && !lambda.is_nan()).then_some(lambda.clamp(-1.0, 1.0))
 }

@@ -20,7 +20,7 @@ impl ThetaGammaStep {
         let r = self.wall.r(lambda_s, lambda_v);
         [
             -(z.s + gamma * h * (r * z.v + self.theta * h * lambda_s * f)),
-            -(z.v + gamma * h * lambda_s * f / r),
+            -(z.v + lambda_s * (gamma * h * f / r)),
         ]
     }
 
@@ -55,7 +55,7 @@ impl ThetaGammaStep {
         let or_one = |scale: f64| if scale == 0.0 { 1.0 } else { scale };
         [
             or_one(z.s.abs() + reach * (r * z.v.abs() + self.theta * self.h * f.abs())),
-            or_one(z.v.abs() + reach * f.abs() / r),
+            or_one(z.v.abs() + (reach * f / r).abs()),
         ]
     }
 

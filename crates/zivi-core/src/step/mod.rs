@@ -24,6 +24,8 @@ pub mod selection;
 
 use core::fmt;
 
+pub use exact::{Pattern, PATTERNS};
+
 use crate::Restitution;
 
 /// The scheme with its step size and the wall: all that is constant over a run.
@@ -70,7 +72,12 @@ impl ThetaGammaStep {
         check("theta", theta, theta > 0.0 && theta <= 1.0, "in (0, 1]")?;
         check("gamma", gamma, gamma > 0.0 && gamma <= 1.0, "in (0, 1]")?;
         let kappa = wall.kappa();
-        check("e", wall.e(), kappa < 1.0, "> 0 for this scheme (R = 0 at e = 0)")?;
+        check(
+            "e",
+            wall.e(),
+            kappa < 1.0,
+            "> 0 for this scheme (R = 0 at e = 0; below about 1e-16 kappa rounds to 1)",
+        )?;
         Ok(Self { h, theta, gamma, wall, inverse_r: [1.0 / (1.0 - kappa), 1.0 / (1.0 + kappa)] })
     }
 
@@ -105,12 +112,6 @@ impl ThetaGammaStep {
     pub fn wall(&self) -> Restitution {
         self.wall
     }
-
-    /// True for implicit Euler and every member with `theta >= gamma`: for `f <= 0` the step then
-    /// has one solution only (`tests/uniqueness.rs` counts them).
-    fn is_unique_under_attraction(&self) -> bool {
-        self.theta >= self.gamma
-    }
 }
 
 /// Which of the two set-valued signs are taken in their interior.
@@ -142,6 +143,14 @@ pub struct StepSolution {
 }
 
 impl StepSolution {
+    /// Rest goes on.
+    const REST: Self = Self { s: 0.0, v: 0.0, lambda_s: 0.0, lambda_v: 0.0, case: Case::Origin };
+
+    #[inline]
+    fn is_finite(&self) -> bool {
+        self.s.is_finite() && self.v.is_finite()
+    }
+
     /// The mirror image `(s, v, lambda) -> -(s, v, lambda)`, which solves the mirrored step (adding
     /// `0.0` turns the `-0.0` of a mirrored zero into `0.0`).
     #[inline]

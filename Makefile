@@ -1,0 +1,72 @@
+# make paper and make test do all of their own set-up; they need make, a C compiler,
+# Python >= 3.11 and cargo, and say what is missing.
+
+PYTHON ?= python3
+OUT ?= out/paper
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock
+
+.PHONY: help paper test test-rust test-python lint lint-rust lint-python bench picture clean
+
+help:
+	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
+	@echo 'make test    all tests, Rust and Python'
+	@echo 'make lint    formatters, linters, type checkers'
+	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
+	@echo 'make picture the picture of the README'
+	@echo 'make clean   remove everything that was built'
+
+paper: $(READY)
+	$(BIN)/zivi paper --out $(OUT)
+
+test: test-rust test-python
+
+test-rust: $(READY)
+	cargo test --locked --quiet
+
+test-python: $(READY)
+	$(BIN)/python -m pytest
+
+# the virtual environment with pinned packages, and the extension built into it
+$(VENV)/.packages: constraints.txt pyproject.toml
+	@sh tools/check-tools.sh '$(PYTHON)'
+	test -x $(BIN)/python || '$(PYTHON)' -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt maturin
+	@touch $@
+
+$(READY): $(VENV)/.packages $(SOURCES)
+	@sh tools/check-tools.sh '$(PYTHON)'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt --no-build-isolation --editable '.[test,lint]'
+	@touch $@
+
+lint: lint-rust lint-python
+
+# rustfmt and clippy are parts of Rust that some installations leave out; a lint that cannot run
+# fails unless SKIP_MISSING is set
+lint-rust: $(READY)
+	@if cargo fmt --version >/dev/null 2>&1; then cargo fmt --all --check; \
+	else echo 'cargo fmt is missing: rustup component add rustfmt'; test -n '$(SKIP_MISSING)'; fi
+	@if cargo clippy --version >/dev/null 2>&1; then \
+	    PYO3_PYTHON=$(CURDIR)/$(BIN)/python \
+	    cargo clippy --locked --quiet --workspace --all-targets -- -D warnings; \
+	else echo 'cargo clippy is missing: rustup component add clippy'; test -n '$(SKIP_MISSING)'; fi
+
+lint-python: $(READY)
+	$(BIN)/ruff check --quiet .
+	$(BIN)/ruff format --quiet --check .
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest zivi._zivi
+
+bench: $(READY)
+	$(BIN)/python benchmarks/run.py
+
+picture: $(READY)
+	$(BIN)/python examples/readme_picture.py docs/figures/zeno.png
+
+clean:
+	rm -rf target out $(VENV) python/zivi/*.so
+	find . -name __pycache__ -prune -exec rm -rf {} +

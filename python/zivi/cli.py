@@ -1,0 +1,51 @@
+"""The command line: ``zivi paper``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from zivi import _zivi
+
+app = typer.Typer(
+    help="Mechanical systems with impacts, straight through the Zeno point.",
+    no_args_is_help=True,
+    add_completion=False,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"zivi {_zivi.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Mechanical systems with impacts, straight through the Zeno point."""
+
+
+@app.command()
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for the figures, their data and the table.")],
+) -> None:
+    """Write the figures and the numbers of the paper; exit 1 if a number is off."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from zivi.paper import write
+    from zivi.paper.checks import table
+
+    console = Console()
+    with console.status("computing"):
+        checks = write(out)
+    console.print(table(checks))
+    console.print(f"Figures, data and checks.csv: {out}")
+    if not all(check.ok for check in checks):
+        console.print("[bold red]A number is off.[/]")
+        raise typer.Exit(1)

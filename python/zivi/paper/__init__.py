@@ -1,0 +1,12 @@
+"""The figures and the numbers of the paper, computed anew.
+
+O. Huber and H. B. Oza, *Implicit numerical integration for the simulation and control of a
+non-smooth system with resets*, CDC 2016, doi 10.1109/CDC.2016.7799277.
+
+`write` makes them; ``zivi paper`` is its command line.
+"""
+
+from zivi.paper.checks import Check
+from zivi.paper.write import write
+
+__all__ = ["Check", "write"]
