@@ -197,7 +197,7 @@ def solve_vi(
     tol : float
         Largest natural residual of a solution.
     max_iter : int, optional
-        Iterations of all stages together, 2000 by default.
+        Iterations of all stages together, 10000 by default.
     options : VIOptions, optional
         Row scaling, and which parts of the solver take part.
 

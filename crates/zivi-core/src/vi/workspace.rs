@@ -3,7 +3,7 @@
 use super::pivotal::PivotalWorkspace;
 
 /// Vectors of length `n` beside the two `n x n` matrices.
-const VECTORS: usize = 21;
+const VECTORS: usize = 22;
 
 /// Lengths of the two slices a solve with `n` unknowns works in: reals and indices.
 ///
@@ -34,6 +34,7 @@ pub struct Workspace<'a> {
     pub(super) upper: &'a mut [f64],
     pub(super) scale: &'a mut [f64],
     pub(super) start: &'a mut [f64],
+    pub(super) centre: &'a mut [f64],
     pub(super) best: &'a mut [f64],
     pub(super) point: &'a mut [f64],
 }
@@ -72,6 +73,7 @@ impl<'a> Workspace<'a> {
             upper: vector()?,
             scale: vector()?,
             start: vector()?,
+            centre: vector()?,
             best: vector()?,
             point: vector()?,
         })
