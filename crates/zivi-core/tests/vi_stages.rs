@@ -229,6 +229,12 @@ fn the_tolerance_rises_to_rounding_only_where_nothing_better_is_reached() {
     let report = solve(&mut gap, &[-INF], &[INF], &mut z, &Settings::default()).unwrap();
     assert!(!report.status.is_success(), "{report:?}");
     assert_eq!(report.tolerance, 1e-9);
+    // nor is a gap to a bound, however large the rounding of F is there
+    let mut huge = scalar(|z| 1e70 * (1.0 + z * z), |z| 2e70 * z * 1e10);
+    let mut z = [9.0];
+    let settings = Settings { max_iterations: 1, ..Settings::default() };
+    let report = solve(&mut huge, &[0.0], &[INF], &mut z, &settings).unwrap();
+    assert_eq!(report.status, Status::IterationLimit, "{report:?} {z:?}");
 }
 
 #[test]

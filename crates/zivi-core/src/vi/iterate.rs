@@ -227,23 +227,25 @@ impl<'a, 'w> Iterate<'a, 'w> {
         Ok(())
     }
 
-    /// True when every component of the natural map is within `tol` or ten roundings of its row,
-    /// `10 eps sum_j |J_ij z_j|`; with the largest of these as the tolerance.
+    /// The tolerance raised to rounding, if with it the iterate is a solution: where a component
+    /// of the natural map exceeds `tol`, `F_i` is within ten roundings of its row of zero,
+    /// `|F_i| <= 10 eps sum_j |J_ij z_j|`.
     pub(super) fn is_within_rounding(&self) -> Option<f64> {
-        let tol = self.settings.tol;
-        let mut reached = tol;
+        let mut reached = self.settings.tol;
         for (i, row) in dense::rows(self.work.jacobian, self.n()).enumerate() {
-            let size: f64 = row.iter().zip(self.z.iter()).map(|(a, z)| (a * z).abs()).sum();
-            let floor = tol.max(10.0 * f64::EPSILON * size);
             let (z, f) = (dense::at(self.z, i), dense::at(self.work.f, i));
             let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
-            if natural_component(z, f, lower, upper).abs() <= floor {
-                reached = reached.max(floor);
-            } else {
+            if natural_component(z, f, lower, upper).abs() <= self.settings.tol {
+                continue;
+            }
+            let size: f64 = row.iter().zip(self.z.iter()).map(|(a, z)| (a * z).abs()).sum();
+            let floor = 10.0 * f64::EPSILON * size;
+            if f.is_nan() || f.abs() > floor || !floor.is_finite() {
                 return None;
             }
+            reached = reached.max(floor);
         }
-        reached.is_finite().then_some(reached)
+        Some(reached)
     }
 
     /// `min/max` of the pivots of the Jacobian on the rows and columns inside the box (those at a
