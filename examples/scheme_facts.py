@@ -16,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import rich.box
-import zivi
 from rich.console import Console
 from rich.table import Table
+
+import zivi
 
 GRAVITY, KAPPA, START = 9.81, 0.41, (1.0, 6.0)
 E = (1 - KAPPA) / (1 + KAPPA)

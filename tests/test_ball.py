@@ -4,6 +4,7 @@ import ctypes
 
 import numpy as np
 import pytest
+
 import zivi
 from closed_form import Ball, bouncing_oscillator, rest_then_lift
 

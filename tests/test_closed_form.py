@@ -3,6 +3,7 @@
 import math
 
 import pytest
+
 from closed_form import Ball, bouncing_oscillator, rest_then_lift
 
 

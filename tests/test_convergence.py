@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 import zivi
 from closed_form import Ball
 from scheme import fitted_order, jittered

@@ -1,9 +1,10 @@
 """Laws that hold for every run, on random systems."""
 
 import numpy as np
-import zivi
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+import zivi
 
 settings.register_profile("zivi", deadline=None, max_examples=150, derandomize=True)
 settings.load_profile("zivi")

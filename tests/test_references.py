@@ -9,6 +9,7 @@ import functools
 
 import numpy as np
 import pytest
+
 from references import REFERENCES, follow
 from scheme import fitted_order, jittered
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from closed_form import Ball
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "scheme_facts.py"

@@ -15,6 +15,7 @@ __all__ = [
     "restitution",
     "simulate_explicit_euler",
     "simulate_theta_gamma",
+    "solve_steps",
 ]
 
 __version__: str
@@ -53,6 +54,8 @@ class RunRecord:
     @property
     def rest_time(self) -> float | None: ...
     @property
+    def failed_steps(self) -> NDArray[np.int64]: ...
+    @property
     def status(self) -> int: ...
     @property
     def message(self) -> str: ...
@@ -73,10 +76,23 @@ def simulate_theta_gamma(
     h: float,
     theta: float,
     gamma: float,
+    solver: str,
+    linearisations: int,
     span: tuple[float, float],
     state: tuple[float, float],
     progress: Any = None,
 ) -> RunRecord: ...
+def solve_steps(
+    s: _Array,
+    v: _Array,
+    f: _Array,
+    *,
+    kappa: float,
+    h: float,
+    solver: str,
+    linearisations: int,
+    fall_backs: bool,
+) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
 def simulate_explicit_euler(
     force: tuple[Any, ...],
     *,

@@ -68,6 +68,9 @@ class Trajectory:
         Times at which the mass left rest (s), the last instant at rest.
     rest_time : float or None
         Time from which the mass stays at rest until the end of the run (s).
+    failed_steps : ndarray of int
+        Numbers of the samples (steps, with `t_eval`) whose step the chosen solver did not solve
+        and the exact one took instead; empty for ``solver="exact"``.
     status : Status
         How the run ended, 0 for success.
     success : bool
@@ -94,6 +97,7 @@ class Trajectory:
     zeno_times: Array
     liftoff_times: Array
     rest_time: float | None
+    failed_steps: NDArray[np.int64]
     status: Status
     message: str
     nfev: int
@@ -125,6 +129,7 @@ class Trajectory:
             zeno_times=record.zeno_times,
             liftoff_times=record.liftoff_times,
             rest_time=record.rest_time,
+            failed_steps=record.failed_steps,
             status=Status(record.status),
             message=record.message,
             nfev=record.nfev,
@@ -166,7 +171,10 @@ class Trajectory:
         if self.rest_time is not None:
             wall += f", at rest from {self.rest_time:.6g} s"
         span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g} s" if len(self.t) else "no samples"
-        return f"<Trajectory {span}, {self.n_steps} steps, {wall}: {self.status.name.lower()}>"
+        steps = f"{self.n_steps} steps"
+        if len(self.failed_steps):
+            steps += f" ({len(self.failed_steps)} not solved by the chosen solver)"
+        return f"<Trajectory {span}, {steps}, {wall}: {self.status.name.lower()}>"
 
     def to_xarray(self) -> xarray.Dataset:
         """Convert to a labelled dataset that can be plotted, selected and saved.
@@ -219,6 +227,7 @@ class Trajectory:
                 "rest_time": np.nan if self.rest_time is None else self.rest_time,
                 "nfev": self.nfev,
                 "n_steps": self.n_steps,
+                "n_failed_steps": len(self.failed_steps),
             },
         )
 

@@ -21,6 +21,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(transform::project, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::check_theta_gamma, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_theta_gamma, module)?)?;
+    module.add_function(wrap_pyfunction!(simulate::solve_steps, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_explicit_euler, module)?)?;
     module.add_function(wrap_pyfunction!(force::compiled_force, module)?)?;
     module.add_class::<vi::ViRecord>()?;

@@ -23,6 +23,7 @@ pub(crate) struct RunRecord {
     zeno_times: Array,
     liftoff_times: Array,
     rest_time: Option<f64>,
+    failed_steps: Py<PyArray1<i64>>,
     status: u8,
     message: &'static str,
     nfev: u64,
@@ -32,7 +33,8 @@ pub(crate) struct RunRecord {
 impl RunRecord {
     pub(crate) fn new(py: Python<'_>, run: Run<PyErr>) -> Self {
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
-        let zivi::Trajectory { columns, events, status, nfev } = run.trajectory;
+        let zivi::Trajectory { columns, events, failed_steps, status, nfev } = run.trajectory;
+        let failed_steps = failed_steps.iter().map(|&k| k as i64);
         let of_impacts =
             |field: fn(&zivi::Impact) -> f64| array(events.impacts.iter().map(field).collect());
         Self {
@@ -50,6 +52,7 @@ impl RunRecord {
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
+            failed_steps: PyArray1::from_iter(py, failed_steps).unbind(),
             status: status as u8,
             message: status.message(),
             nfev,

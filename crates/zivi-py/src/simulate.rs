@@ -1,9 +1,12 @@
 //! Runs from Python: the lock is released unless the force is a Python callable.
 
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use zivi::{ConstantForce, Grid, Physical, Restitution, Run, SetupError, ThetaGamma};
+use zivi::step_solver::General;
+use zivi::Lifted;
+use zivi::{ConstantForce, Grid, Physical, Restitution, Run, SetupError, Solver, ThetaGamma};
 use zivi_core::ThetaGammaStep;
 
 use crate::force::ForceSpec;
@@ -57,6 +60,18 @@ macro_rules! with_force {
     };
 }
 
+/// A solver by its name.
+fn step_solver(name: &str, linearisations: usize) -> PyResult<Solver> {
+    match name {
+        "exact" => Ok(Solver::Exact),
+        "newton" => Ok(Solver::Newton),
+        "outer" => Ok(Solver::Outer { linearisations }),
+        other => Err(PyValueError::new_err(format!(
+            "solver must be 'exact', 'newton' or 'outer', got {other:?}"
+        ))),
+    }
+}
+
 fn record(py: Python<'_>, run: Result<Run<PyErr>, SetupError>) -> PyResult<RunRecord> {
     Ok(RunRecord::new(py, run.map_err(setup_error)?))
 }
@@ -70,7 +85,7 @@ pub(crate) fn check_theta_gamma(h: f64, theta: f64, gamma: f64, kappa: f64) -> P
 
 /// The theta-gamma method.
 #[pyfunction]
-#[pyo3(signature = (force, *, kappa, h, theta, gamma, span, state, progress=None))]
+#[pyo3(signature = (force, *, kappa, h, theta, gamma, solver, linearisations, span, state, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_theta_gamma(
     py: Python<'_>,
@@ -79,17 +94,57 @@ pub(crate) fn simulate_theta_gamma(
     h: f64,
     theta: f64,
     gamma: f64,
+    solver: &str,
+    linearisations: usize,
     span: (f64, f64),
     state: (f64, f64),
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
     let Course { wall, grid, initial } = Course::new(kappa, h, span, state)?;
-    let method = ThetaGamma { theta, gamma };
+    let solver = step_solver(solver, linearisations)?;
+    let method = ThetaGamma { theta, gamma, solver };
     let watch = &mut Watch { progress };
     let run = with_force!(py, force, |force| zivi::simulate_theta_gamma(
         method, wall, force, grid, initial, watch
     ));
     record(py, run)
+}
+
+/// Multipliers of many independent steps by a general solver, each from the present signs, and
+/// whether the inclusion was solved.
+#[pyfunction]
+#[pyo3(signature = (s, v, f, *, kappa, h, solver, linearisations, fall_backs))]
+#[allow(clippy::too_many_arguments, clippy::type_complexity)]
+pub(crate) fn solve_steps<'py>(
+    py: Python<'py>,
+    s: PyReadonlyArray1<'py, f64>,
+    v: PyReadonlyArray1<'py, f64>,
+    f: PyReadonlyArray1<'py, f64>,
+    kappa: f64,
+    h: f64,
+    solver: &str,
+    linearisations: usize,
+    fall_backs: bool,
+) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>)> {
+    let step = ThetaGammaStep::new(h, 1.0, 1.0, wall(kappa)?);
+    let step = step.map_err(|error| setup_error(error.into()))?;
+    let mut general = match (step_solver(solver, linearisations)?, fall_backs) {
+        (Solver::Outer { linearisations }, _) => General::outer(linearisations),
+        (_, true) => General::newton(),
+        (_, false) => General::newton_without_fall_backs(),
+    };
+    let (s, v, f) = (s.as_array(), v.as_array(), f.as_array());
+    let mut multipliers = [Vec::with_capacity(s.len()), Vec::with_capacity(s.len())];
+    let mut solved = Vec::with_capacity(s.len());
+    for ((&s, &v), &f) in s.iter().zip(v).zip(f) {
+        general.start_from([zivi_core::sgn(s), zivi_core::sgn(v)]);
+        solved.push(general.solve_inclusion(&step, Lifted { s, v }, f));
+        for (column, lambda) in multipliers.iter_mut().zip(general.lambda()) {
+            column.push(lambda);
+        }
+    }
+    let [lambda_s, lambda_v] = multipliers.map(|column| PyArray1::from_vec(py, column));
+    Ok((lambda_s, lambda_v, PyArray1::from_vec(py, solved)))
 }
 
 /// Explicit Euler with explicit signs.

@@ -35,6 +35,11 @@ pub trait FixedStep<E, F: Force<E>> {
 
     /// Number of force evaluations so far.
     fn nfev(&self) -> u64;
+
+    /// Whether the solver that was asked for failed in the last step, which another then took.
+    fn has_failed(&self) -> bool {
+        false
+    }
 }
 
 /// Why a step failed.
@@ -92,6 +97,7 @@ pub fn run<E, F: Force<E>>(
     record.push(grid.t(0), Sample { z, lambda_s, lambda_v, residual: 0.0 });
 
     let mut side = transform::side(z, Branch::Positive.sigma());
+    let mut failed_steps = Vec::new();
     let mut pace = Pace::start();
     let mut k = 0;
     let ending = 'run: loop {
@@ -106,6 +112,9 @@ pub fn run<E, F: Force<E>>(
                 Err(failure) => break 'run failure,
             };
             k += 1;
+            if method.has_failed() {
+                failed_steps.push(k);
+            }
             let t_next = grid.t(k);
             record.push(t_next, sample);
             log.step((t, z), (t_next, sample.z));
@@ -125,16 +134,16 @@ pub fn run<E, F: Force<E>>(
         Failure::Raised(error) => (Status::Raised, Some(error)),
     };
     let (columns, events) = (record.finish(), log.finish());
-    let trajectory = Trajectory { columns, events, status, nfev: method.nfev() };
+    let trajectory = Trajectory { columns, events, failed_steps, status, nfev: method.nfev() };
     Ok(Run { trajectory, raised })
 }
 
 fn check_state(initial: Physical) -> Result<(), SetupError> {
     if !(initial.x >= 0.0 && initial.x.is_finite()) {
-        return Err(SetupError::State("x0", initial.x, "a finite distance >= 0 from the wall"));
+        return Err(SetupError::Setting("x0", initial.x, "a finite distance >= 0 from the wall"));
     }
     if !initial.xdot.is_finite() {
-        return Err(SetupError::State("xdot0", initial.xdot, "a finite velocity"));
+        return Err(SetupError::Setting("xdot0", initial.xdot, "a finite velocity"));
     }
     Ok(())
 }

@@ -28,6 +28,7 @@ mod implicit;
 pub mod monitor;
 mod recorder;
 pub mod status;
+pub mod step_solver;
 pub mod theta_gamma;
 pub mod trajectory;
 
@@ -37,6 +38,6 @@ pub use force::{ConstantForce, Dependence, Force, FunctionForce, LinearForce};
 pub use grid::{Grid, GridError};
 pub use monitor::{Monitor, Silent};
 pub use status::Status;
-pub use theta_gamma::{simulate_theta_gamma, ThetaGamma};
+pub use theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use trajectory::{Columns, Run, SetupError, Trajectory};
 pub use zivi_core::{Branch, Lifted, Physical, Restitution};

@@ -10,6 +10,7 @@ use zivi_core::{Physical, Restitution, StepSolution, ThetaGammaStep};
 
 use crate::fixed_step::{finite_force, run, Failure, FixedStep, Start};
 use crate::implicit::ImplicitForce;
+use crate::step_solver::{Exact, General, StepSolver};
 use crate::trajectory::{Run, Sample, SetupError};
 use crate::{Dependence, Force, Grid, Monitor};
 
@@ -20,13 +21,30 @@ pub struct ThetaGamma {
     pub theta: f64,
     /// Where the signs are taken, in `(0, 1]`.
     pub gamma: f64,
+    /// How the signs are found.
+    pub solver: Solver,
+}
+
+/// How the signs of a step are found (see [`crate::step_solver`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Solver {
+    /// The exact case analysis.
+    #[default]
+    Exact,
+    /// The general VI solver ("inner linearisation").
+    Newton,
+    /// Repeated affine VIs without a merit function ("outer linearisation").
+    Outer {
+        /// At most so many of them in a step, at least 1.
+        linearisations: usize,
+    },
 }
 
 impl ThetaGamma {
     /// `theta = gamma = 1`: the only member that reaches rest exactly.
     #[must_use]
     pub fn implicit_euler() -> Self {
-        Self { theta: 1.0, gamma: 1.0 }
+        Self { theta: 1.0, gamma: 1.0, solver: Solver::Exact }
     }
 }
 
@@ -43,27 +61,49 @@ pub fn simulate_theta_gamma<E, F: Force<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
     let step = ThetaGammaStep::new(grid.h(), method.theta, method.gamma, wall)?;
+    let course = (grid, initial);
+    match method.solver {
+        Solver::Exact => with_solver(Exact, step, force, course, monitor),
+        Solver::Newton => with_solver(General::newton(), step, force, course, monitor),
+        Solver::Outer { linearisations: 0 } => {
+            Err(SetupError::Setting("linearisations", 0.0, "at least 1"))
+        }
+        Solver::Outer { linearisations } => {
+            with_solver(General::outer(linearisations), step, force, course, monitor)
+        }
+    }
+}
+
+fn with_solver<E, F: Force<E>>(
+    solver: impl StepSolver,
+    step: ThetaGammaStep,
+    force: &mut F,
+    (grid, initial): (Grid, Physical),
+    monitor: &mut impl Monitor<E>,
+) -> Result<Run<E>, SetupError> {
+    let wall = step.wall();
     match force.dependence() {
         Dependence::State => {
-            let stepper = StateStepper { step, implicit: ImplicitForce::default() };
+            let stepper = StateStepper { step, solver, implicit: ImplicitForce::default() };
             run(stepper, wall, force, grid, initial, monitor)
         }
         Dependence::Time | Dependence::Constant => {
-            let stepper = FrozenStepper { step, constant: None, nfev: 0 };
+            let stepper = FrozenStepper { step, solver, constant: None, nfev: 0 };
             run(stepper, wall, force, grid, initial, monitor)
         }
     }
 }
 
 /// A force that does not depend on the state is frozen over the step as it is.
-struct FrozenStepper {
+struct FrozenStepper<S> {
     step: ThetaGammaStep,
+    solver: S,
     /// The value of a force that depends on nothing, once it is known.
     constant: Option<f64>,
     nfev: u64,
 }
 
-impl<E, F: Force<E>> FixedStep<E, F> for FrozenStepper {
+impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for FrozenStepper<S> {
     #[inline]
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
         let f = match self.constant {
@@ -76,7 +116,7 @@ impl<E, F: Force<E>> FixedStep<E, F> for FrozenStepper {
                 f
             }
         };
-        let end = self.step.solve(start.z, f, start.side)?;
+        let end = self.solver.solve(&self.step, start.z, f, start.side)?;
         Ok(sample(&self.step, start, f, end))
     }
 
@@ -88,18 +128,24 @@ impl<E, F: Force<E>> FixedStep<E, F> for FrozenStepper {
     fn nfev(&self) -> u64 {
         self.nfev
     }
+
+    #[inline]
+    fn has_failed(&self) -> bool {
+        self.solver.has_failed()
+    }
 }
 
 /// A force that depends on the state is found together with the end of the step.
-struct StateStepper {
+struct StateStepper<S> {
     step: ThetaGammaStep,
+    solver: S,
     implicit: ImplicitForce,
 }
 
-impl<E, F: Force<E>> FixedStep<E, F> for StateStepper {
+impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for StateStepper<S> {
     #[inline]
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
-        let (f, end) = self.implicit.solve(&self.step, start, force)?;
+        let (f, end) = self.implicit.solve(&self.step, &mut self.solver, start, force)?;
         Ok(sample(&self.step, start, f, end))
     }
 
@@ -110,6 +156,11 @@ impl<E, F: Force<E>> FixedStep<E, F> for StateStepper {
 
     fn nfev(&self) -> u64 {
         self.implicit.nfev
+    }
+
+    #[inline]
+    fn has_failed(&self) -> bool {
+        self.solver.has_failed()
     }
 }
 

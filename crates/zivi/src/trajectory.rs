@@ -68,6 +68,8 @@ pub struct Trajectory {
     pub columns: Columns,
     /// What happened at the wall.
     pub events: Events,
+    /// Numbers of the samples whose step the chosen solver did not solve (the exact one took it).
+    pub failed_steps: Vec<usize>,
     /// How the run ended.
     pub status: Status,
     /// Number of force evaluations.
@@ -90,8 +92,8 @@ pub enum SetupError {
     Grid(GridError),
     /// A setting of the method.
     Method(ThetaGammaError),
-    /// The initial state: name, value and range.
-    State(&'static str, f64, &'static str),
+    /// The initial state or another setting: name, value and range.
+    Setting(&'static str, f64, &'static str),
     /// The record does not fit into memory.
     Memory(usize),
 }
@@ -101,7 +103,7 @@ impl fmt::Display for SetupError {
         match self {
             SetupError::Grid(error) => error.fmt(out),
             SetupError::Method(error) => error.fmt(out),
-            SetupError::State(name, value, range) => {
+            SetupError::Setting(name, value, range) => {
                 write!(out, "{name} must be {range}, got {value}")
             }
             SetupError::Memory(steps) => {

@@ -7,8 +7,9 @@
 //! `lambda in sgn z` is `z in N_[-1,1](lambda)`. None of this is used by the exact solution: it is
 //! the other form of the same step, for general solvers and for checking.
 
-use super::ThetaGammaStep;
-use crate::vi::natural_component;
+use super::exact::SIGN_TOLERANCE;
+use super::{Case, StepSolution, ThetaGammaStep};
+use crate::vi::{self, natural_component};
 use crate::Lifted;
 
 impl ThetaGammaStep {
@@ -59,6 +60,37 @@ impl ThetaGammaStep {
         ]
     }
 
+    /// The end of the step for multipliers that solve the inclusion. Where a multiplier is
+    /// interior its argument vanishes (`N(lambda) = {0}` there), and where the argument is at
+    /// rounding level too: of coincident cases the more degenerate one, as [`Self::solve`] has it.
+    #[must_use]
+    pub fn end(&self, z: Lifted, f: f64, lambda: [f64; 2]) -> StepSolution {
+        let (h, gamma) = (self.h, self.gamma);
+        let [lambda_s, lambda_v] = lambda;
+        let [row_s, row_v] = self.vi_map(z, f, lambda);
+        let [scale_s, scale_v] = self.vi_scales(z, f, lambda);
+        let vanishes = |lambda: f64, row: f64, scale: f64| {
+            lambda.abs() < 1.0 || row.abs() <= SIGN_TOLERANCE * scale
+        };
+        let at_wall = vanishes(lambda_s, row_s, scale_s);
+        let at_apex = vanishes(lambda_v, row_v, scale_v);
+        let r = self.wall.r(lambda_s, lambda_v);
+        let kick = h * lambda_s * f / r;
+        let extrapolated = |z: f64| 0.0 - (1.0 - gamma) / gamma * z;
+        StepSolution {
+            s: if at_wall { extrapolated(z.s) } else { z.s + h * r * (z.v + self.theta * kick) },
+            v: if at_apex { extrapolated(z.v) } else { z.v + kick },
+            lambda_s,
+            lambda_v,
+            case: match (at_wall, at_apex) {
+                (true, true) => Case::Origin,
+                (true, false) => Case::Wall,
+                (false, true) => Case::Apex,
+                (false, false) => Case::Regular,
+            },
+        }
+    }
+
     /// The natural residual of `Lambda` with the rows of `F` divided by their scales:
     /// dimensionless, at rounding level for a solution, however small the state is.
     #[inline]
@@ -74,5 +106,37 @@ impl ThetaGammaStep {
         } else {
             of_v
         }
+    }
+}
+
+/// The step from `z` under the frozen force `f`, in the form that the solvers of [`crate::vi`]
+/// take: unknowns `Lambda` on the box `[-1, 1]^2`.
+#[derive(Clone, Copy, Debug)]
+pub struct StepInclusion<'a> {
+    /// The scheme.
+    pub step: &'a ThetaGammaStep,
+    /// Where the step starts.
+    pub z: Lifted,
+    /// The force over the step (m/s^2).
+    pub f: f64,
+}
+
+impl vi::Problem for StepInclusion<'_> {
+    fn map(&mut self, lambda: &[f64], f: &mut [f64]) -> Result<(), vi::EvaluationError> {
+        if let (&[lambda_s, lambda_v], [row_s, row_v]) = (lambda, f) {
+            [*row_s, *row_v] = self.step.vi_map(self.z, self.f, [lambda_s, lambda_v]);
+        }
+        Ok(())
+    }
+
+    fn jacobian(
+        &mut self,
+        lambda: &[f64],
+        jacobian: &mut [f64],
+    ) -> Result<(), vi::EvaluationError> {
+        if let (&[lambda_s, lambda_v], [ss, sv, vs, vv]) = (lambda, jacobian) {
+            [[*ss, *sv], [*vs, *vv]] = self.step.vi_jacobian(self.z, self.f, [lambda_s, lambda_v]);
+        }
+        Ok(())
     }
 }

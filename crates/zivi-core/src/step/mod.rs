@@ -25,6 +25,7 @@ pub mod selection;
 use core::fmt;
 
 pub use exact::{Pattern, PATTERNS};
+pub use inclusion::StepInclusion;
 
 use crate::Restitution;
 

@@ -12,17 +12,18 @@ use zivi_core::transform::project;
 use zivi_core::{Physical, StepSolution, ThetaGammaStep};
 
 use crate::fixed_step::{finite_force, Failure, Start};
+use crate::step_solver::StepSolver;
 use crate::{Force, Status};
 use search::{Search, DEFAULT_SLOPE};
 
-/// The mismatch that is accepted, relative to the largest force of the run so far.
+/// The mismatch that is accepted, relative to the force of the step or of the one before.
 const TOLERANCE: f64 = 1e-12;
 /// Trial forces along the selected solutions.
 const SELECTED_TRIALS: usize = 20;
 /// Trial forces along one sign pattern.
 const PATTERN_TRIALS: usize = 60;
 /// From this trial on a mismatch at the rounding of the force is accepted too.
-const SLOW: usize = 6;
+const SLOW: usize = 3;
 
 /// Solver state carried over the steps of a run.
 #[derive(Clone, Copy, Debug)]
@@ -31,8 +32,6 @@ pub(crate) struct ImplicitForce {
     last: Option<f64>,
     /// Slope of the mismatch at the last solution, about -1 for small steps.
     slope: f64,
-    /// Largest force of the run so far.
-    magnitude: f64,
     pub(crate) nfev: u64,
 }
 
@@ -49,7 +48,7 @@ const NOT_CONVERGED: Status = Status::ForceNotConverged;
 
 impl Default for ImplicitForce {
     fn default() -> Self {
-        Self { last: None, slope: DEFAULT_SLOPE, magnitude: 0.0, nfev: 0 }
+        Self { last: None, slope: DEFAULT_SLOPE, nfev: 0 }
     }
 }
 
@@ -63,27 +62,24 @@ impl ImplicitForce {
     pub(crate) fn solve<E>(
         &mut self,
         step: &ThetaGammaStep,
+        solver: &mut impl StepSolver,
         start: Start,
         force: &mut impl Force<E>,
     ) -> Found<E> {
         let sought = Sought { step, start, t: start.t + step.theta() * step.h() };
         let first = match self.last {
             Some(last) => last,
-            None => {
-                let value = self.evaluate(force, start.t, project(start.z, step.wall()))?;
-                self.magnitude = value.abs();
-                value
-            }
+            None => self.evaluate(force, start.t, project(start.z, step.wall()))?,
         };
+        self.last = Some(first);
         let search = Search::from(first, self.slope, SELECTED_TRIALS);
         let found = match self.follow(&sought, force, search, |f| {
-            step.solve(start.z, f, start.side).map_err(Failure::from)
+            solver.solve(step, start.z, f, start.side).map_err(Failure::from)
         }) {
             Err(Failure::Status(_)) => self.on_any_pattern(&sought, force, first)?,
             found => found?,
         };
         self.last = Some(found.0);
-        self.magnitude = self.magnitude.max(found.0.abs());
         Ok(found)
     }
 
@@ -94,7 +90,7 @@ impl ImplicitForce {
         sought: &Sought<'_>,
         force: &mut impl Force<E>,
         mut search: Search,
-        end: impl Fn(f64) -> Result<StepSolution, Failure<E>>,
+        mut end: impl FnMut(f64) -> Result<StepSolution, Failure<E>>,
     ) -> Found<E> {
         let t = sought.t;
         while let Some(trial) = search.trial() {
@@ -102,7 +98,7 @@ impl ImplicitForce {
             let state = sought.state_at_theta(&reached);
             let value = self.evaluate(force, t, state)?;
             let mismatch = value - trial;
-            let scale = self.magnitude.max(value.abs().min(trial.abs()));
+            let scale = value.abs().min(trial.abs()).max(self.last.map_or(0.0, f64::abs));
             if mismatch.abs() <= TOLERANCE * scale
                 || (search.trials() > SLOW
                     && mismatch.abs() <= self.rounding(force, t, state, value)?)
@@ -164,8 +160,8 @@ impl ImplicitForce {
         finite_force(force, t, state)
     }
 
-    /// How much the force changes when its arguments change in their last digits: where large
-    /// terms cancel, no trial can do better.
+    /// How much the force changes when each of its arguments changes in its last digits: where
+    /// large terms cancel, no trial can do better.
     #[cold]
     fn rounding<E>(
         &mut self,
@@ -175,8 +171,11 @@ impl ImplicitForce {
         value: f64,
     ) -> Result<f64, Failure<E>> {
         let nudge = 1.0 + 8.0 * f64::EPSILON;
-        let nudged = Physical { x: state.x * nudge, xdot: state.xdot * nudge };
-        Ok((self.evaluate(force, t, nudged)? - value).abs())
+        let by_x = Physical { x: state.x * nudge, ..state };
+        let by_xdot = Physical { xdot: state.xdot * nudge, ..state };
+        let change_x = (self.evaluate(force, t, by_x)? - value).abs();
+        let change_xdot = (self.evaluate(force, t, by_xdot)? - value).abs();
+        Ok(change_x + change_xdot)
     }
 }
 

@@ -77,14 +77,13 @@ impl Search {
             None => self.largest = RUNAWAY * (trial.abs() + mismatch.abs()),
         }
         self.previous = Some((trial, mismatch));
-        let proposal = if self.trials > BLIND && !self.is_bracketed() {
+        let mut next = self.inside(trial - mismatch / self.slope);
+        if !self.is_bracketed() && (self.trials > BLIND || next == trial) {
             // a force that stays bounded while the trial grows: the root lies where the mismatch
             // points, however the secant turns
-            trial + mismatch * f64::from(1_u32 << (2 * (self.trials - BLIND)).min(30))
-        } else {
-            trial - mismatch / self.slope
-        };
-        let next = self.inside_bracket(proposal.max(self.range.0).min(self.range.1));
+            let growth = 1_u32 << (2 * self.trials.saturating_sub(BLIND)).min(30);
+            next = self.inside(trial + mismatch * f64::from(growth));
+        }
         // standing still: at an end of the range, or no number left in the bracket
         self.open = next != trial && next.abs() <= self.largest;
         self.trial = next;
@@ -94,6 +93,11 @@ impl Search {
     fn update_slope(&mut self, secant: f64) {
         let usable = secant.is_finite() && secant.abs() > 1e-3;
         self.slope = if usable { secant } else { DEFAULT_SLOPE };
+    }
+
+    /// The point nearest to the proposal that the range and the bracket allow.
+    fn inside(&self, proposal: f64) -> f64 {
+        self.inside_bracket(proposal.max(self.range.0).min(self.range.1))
     }
 
     fn is_bracketed(&self) -> bool {

@@ -1,0 +1,185 @@
+//! How the signs of a step are found: exactly by cases, or by a general solver for box VIs.
+//!
+//! * [`Exact`] is the case analysis of `zivi_core::step`.
+//! * [`General`] solves the inclusion as a VI. "Inner linearisation" ([`General::newton`])
+//!   linearises inside the VI solver, which searches along a merit function and has fall-backs.
+//!   "Outer linearisation" ([`General::outer`]) solves affine VIs one after another, each
+//!   linearised at the solution of the one before, and takes every full step.
+//!
+//! A general solver starts from the signs of the exact motion where the force pulls off the wall
+//! (there are several solutions then), else from its own last signs.
+
+use zivi_core::step::{selection, StepInclusion};
+use zivi_core::vi::{self, RowScale, Settings, Workspace};
+use zivi_core::{sgn, transform, Lifted, StepFailure, StepSolution, ThetaGammaStep};
+
+/// Finds the end of one step under a frozen force.
+pub trait StepSolver {
+    /// The step from `z` under the frozen force `f`.
+    ///
+    /// # Errors
+    /// [`StepFailure`] where there is no answer.
+    fn solve(
+        &mut self,
+        step: &ThetaGammaStep,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> Result<StepSolution, StepFailure>;
+
+    /// Whether the last call failed and was answered by the exact solution instead.
+    fn has_failed(&self) -> bool {
+        false
+    }
+}
+
+/// The case analysis.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Exact;
+
+impl StepSolver for Exact {
+    #[inline]
+    fn solve(
+        &mut self,
+        step: &ThetaGammaStep,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> Result<StepSolution, StepFailure> {
+        step.solve(z, f, side)
+    }
+}
+
+/// Largest scaled residual of a solved step.
+const TOLERANCE: f64 = 1e-12;
+const LOWER: [f64; 2] = [-1.0; 2];
+const UPPER: [f64; 2] = [1.0; 2];
+const REALS: usize = vi::workspace_len(2).0;
+const INDICES: usize = vi::workspace_len(2).1;
+
+/// A general VI solver. Where it fails, the step is taken by the exact solution and
+/// [`StepSolver::has_failed`] says so.
+#[derive(Clone, Debug)]
+pub struct General {
+    settings: Settings<'static>,
+    /// The multipliers of the last step: the next one starts there.
+    lambda: [f64; 2],
+    failed: bool,
+    reals: [f64; REALS],
+    indices: [usize; INDICES],
+}
+
+impl General {
+    /// Inner linearisation: the solver with all its stages.
+    #[must_use]
+    pub fn newton() -> Self {
+        Self::with(Settings::default())
+    }
+
+    /// Inner linearisation by Josephy-Newton with its search alone, nothing behind it.
+    #[must_use]
+    pub fn newton_without_fall_backs() -> Self {
+        Self::with(Settings {
+            semismooth: false,
+            proximal: false,
+            restarts: 0,
+            enumerate_up_to: 0,
+            ..Settings::default()
+        })
+    }
+
+    /// Outer linearisation: at most `linearisations` affine VIs, no merit function.
+    #[must_use]
+    pub fn outer(linearisations: usize) -> Self {
+        Self::with(Settings {
+            stage_iterations: linearisations,
+            line_search: false,
+            descent_steps: false,
+            semismooth: false,
+            proximal: false,
+            restarts: 0,
+            enumerate_up_to: 0,
+            ..Settings::default()
+        })
+    }
+
+    /// Any settings; the tolerance and the row scaling are those of a step.
+    #[must_use]
+    pub fn with(settings: Settings<'static>) -> Self {
+        Self {
+            settings: Settings { tol: TOLERANCE, test_isolation: false, ..settings },
+            lambda: [0.0; 2],
+            failed: false,
+            reals: [0.0; REALS],
+            indices: [0; INDICES],
+        }
+    }
+
+    /// Starts the next solve from these multipliers.
+    pub fn start_from(&mut self, lambda: [f64; 2]) {
+        self.lambda = lambda;
+    }
+
+    /// Solves the inclusion from the present multipliers; true if its residual is small.
+    pub fn solve_inclusion(&mut self, step: &ThetaGammaStep, z: Lifted, f: f64) -> bool {
+        let [scale_s, scale_v] = step.vi_scales(z, f, [0.0; 2]);
+        let scale = [1.0 / scale_s, 1.0 / scale_v];
+        let settings = Settings { row_scale: RowScale::Given(&scale), ..self.settings };
+        let Some(mut work) = Workspace::new(2, &mut self.reals, &mut self.indices) else {
+            return false;
+        };
+        let mut problem = StepInclusion { step, z, f };
+        let bounds = (&LOWER[..], &UPPER[..]);
+        let mut lambda = self.lambda;
+        let solved = vi::solve(&mut problem, bounds, &mut lambda, &settings, &mut work)
+            .is_ok_and(|report| report.scaled_residual <= TOLERANCE);
+        if solved {
+            self.lambda = lambda;
+        }
+        solved
+    }
+
+    /// The multipliers of the last solve.
+    #[must_use]
+    pub fn lambda(&self) -> [f64; 2] {
+        self.lambda
+    }
+}
+
+impl StepSolver for General {
+    fn solve(
+        &mut self,
+        step: &ThetaGammaStep,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> Result<StepSolution, StepFailure> {
+        if f > 0.0 {
+            self.lambda = signs_of_exact_motion(step, z, f, side);
+        }
+        self.failed = !self.solve_inclusion(step, z, f);
+        if self.failed {
+            let end = step.solve(z, f, side)?;
+            self.lambda = [end.lambda_s, end.lambda_v];
+            return Ok(end);
+        }
+        let end = step.end(z, f, self.lambda);
+        if end.s.is_finite() && end.v.is_finite() {
+            Ok(end)
+        } else {
+            Err(StepFailure::NotFinite)
+        }
+    }
+
+    fn has_failed(&self) -> bool {
+        self.failed
+    }
+}
+
+/// Where the selection rule points when the force pulls off the wall.
+fn signs_of_exact_motion(step: &ThetaGammaStep, z: Lifted, f: f64, side: f64) -> [f64; 2] {
+    let sigma = transform::side(z, side);
+    let seen = Lifted { s: sigma * z.s, v: sigma * z.v };
+    let end = selection::exact_motion(seen, f, step.h(), step.wall());
+    [sigma * sgn(end.s), sigma * sgn(end.v)]
+}

@@ -1,0 +1,223 @@
+"""Conventions of the package: the public list, the documentation, and what importing does."""
+
+import ast
+import dataclasses
+import doctest
+import importlib
+import inspect
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zivi
+
+PACKAGE = Path(zivi.__file__).parent
+# what the interface promises at this stage, spelled out; more may be there
+PROMISED = {
+    "ImpactSystem": ["force", "e", "kappa"],
+    "LinearForce": ["stiffness", "damping", "gravity", "amplitude", "omega", "phase"],
+    "ThetaGamma": ["h", "theta", "gamma", "solver"],
+    "ExplicitEuler": ["h"],
+    "simulate": ["system", "t_span", "y0", "method", "t_eval", "progress"],
+    "lift": ["x", "xdot", "e", "kappa", "branch"],
+    "project": ["s", "v", "e", "kappa"],
+}
+RESULT = "t x xdot s v lambda_s lambda_v residual impacts zeno_times liftoff_times rest_time"
+RESULT += " status success message nfev n_steps to_xarray"
+
+# made by the package, not by its users
+RESULTS = {"Trajectory", "VIResult"}
+
+
+def modules():
+    names = [info.name for info in pkgutil.walk_packages([str(PACKAGE)], "zivi.")]
+    return [name for name in names if not name.endswith(("_zivi", "__main__"))]
+
+
+def public_things():
+    """Every public class and function, by its full name."""
+    found = {f"zivi.{name}": getattr(zivi, name) for name in zivi.__all__}
+    found |= {f"zivi.plot.{name}": getattr(zivi.plot, name) for name in zivi.plot.__all__}
+    return {name: thing for name, thing in found.items() if callable(thing)}
+
+
+PUBLIC = public_things()
+
+
+def called_by_users(name):
+    thing = PUBLIC[name]
+    enumeration = inspect.isclass(thing) and issubclass(thing, int)
+    return not enumeration and name not in {"zivi.Method", *(f"zivi.{made}" for made in RESULTS)}
+
+
+def documented_parameters(thing):
+    """Names in the Parameters section of a numpydoc docstring."""
+    text = inspect.getdoc(thing) or ""
+    section = re.search(r"Parameters\n-+\n(.*?)(?=\n\n\w[\w ,]*\n-+\n|\Z)", text, re.DOTALL)
+    if section is None:
+        return None
+    lines = [line for line in section[1].splitlines() if re.match(r"[\w*]", line)]
+    names = [name.strip().lstrip("*") for line in lines for name in line.split(" : ")[0].split(",")]
+    return set(names)
+
+
+def test_the_public_list_is_complete_and_sorted():
+    assert sorted(set(zivi.__all__)) == zivi.__all__
+    tree = ast.parse((PACKAGE / "__init__.py").read_text())
+    imported = {
+        alias.asname or alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert imported == set(zivi.__all__)
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_the_promised_arguments(name):
+    parameters = list(inspect.signature(getattr(zivi, name)).parameters)
+    assert parameters[: len(PROMISED[name])] == PROMISED[name]
+
+
+def test_the_promised_defaults():
+    parameters = inspect.signature(zivi.ThetaGamma).parameters
+    defaults = [parameters[name].default for name in ("theta", "gamma", "solver")]
+    assert defaults == [1.0, 1.0, "exact"]
+    coefficients = inspect.signature(zivi.LinearForce).parameters.values()
+    assert [p.default for p in coefficients] == [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    for name in ("e", "kappa"):
+        assert inspect.signature(zivi.ImpactSystem).parameters[name].kind.name == "KEYWORD_ONLY"
+
+
+def test_the_promised_results():
+    fields = {field.name for field in dataclasses.fields(zivi.Trajectory)}
+    assert set(RESULT.split()) <= fields | set(dir(zivi.Trajectory))
+    ball = zivi.ImpactSystem(-9.81, e=0.5)
+    assert [name for name in dir(ball) if not name.startswith("_")] == ["e", "force", "kappa"]
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_everything_public_is_documented(name):
+    thing = PUBLIC[name]
+    assert inspect.getdoc(thing)
+    if inspect.isclass(thing):
+        for member, value in vars(thing).items():
+            described = inspect.isfunction(value) or isinstance(value, property)
+            if described and not member.startswith("_"):
+                assert inspect.getdoc(value), f"{name}.{member}"
+
+
+@pytest.mark.parametrize("name", list(filter(called_by_users, PUBLIC)))
+def test_every_parameter_is_documented(name):
+    thing = PUBLIC[name]
+    parameters = set(inspect.signature(thing).parameters)
+    if "as for `position`" in inspect.getdoc(thing):
+        own = parameters - {"sol", "ax", "line"}
+        assert all(parameter in inspect.getdoc(thing) for parameter in own), own
+    else:
+        assert documented_parameters(thing) == parameters
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_every_result_field_is_documented(name):
+    thing = getattr(zivi, name)
+    text = inspect.getdoc(thing)
+    section = text.split("Attributes\n----------\n")[1]
+    documented = {
+        part.strip()
+        for line in section.splitlines()
+        if re.match(r"\w[\w, ]* : ", line)
+        for part in line.split(" : ")[0].split(",")
+    }
+    fields = {field.name for field in dataclasses.fields(thing)}
+    assert {field for field in fields if not field.startswith("_")} <= documented
+
+
+def test_the_parameter_check_can_fail():
+    def undocumented(a, b):
+        """Do.
+
+        Parameters
+        ----------
+        a : int
+            Something.
+
+        Returns
+        -------
+        int
+        """
+
+    assert documented_parameters(undocumented) == {"a"}
+
+
+@pytest.mark.parametrize("name", modules())
+def test_docstring_examples_run(name):
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    module = importlib.import_module(name)
+    result = doctest.testmod(module, extraglobs={"zivi": zivi, "np": np})
+    assert result.failed == 0
+
+
+def test_the_package_itself_is_an_example():
+    result = doctest.testmod(zivi)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+def test_importing_is_silent_and_light():
+    program = (
+        "import sys, zivi\n"
+        "heavy = {'matplotlib', 'xarray', 'scipy', 'rich', 'pandas', 'numba'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+        "ball = zivi.ImpactSystem(-1.0, e=.5)\n"
+        "zivi.simulate(ball, (0, 1), (1, 0), zivi.ThetaGamma(h=.1))\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_statuses_match_the_extension():
+    from zivi import _zivi
+
+    assert [status.value for status in zivi.Status] == list(range(len(_zivi.STATUS_MESSAGES)))
+    assert all(_zivi.STATUS_MESSAGES)
+    assert len(set(_zivi.STATUS_MESSAGES)) == len(_zivi.STATUS_MESSAGES)
+
+
+def test_stubs_name_what_the_extension_has():
+    from zivi import _zivi
+
+    tree = ast.parse((PACKAGE / "_zivi.pyi").read_text())
+    declared = {
+        node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)
+    } | {node.target.id for node in tree.body if isinstance(node, ast.AnnAssign)}
+    public = {name for name in dir(_zivi) if not name.startswith("__")} | {"__version__"}
+    declared = {name for name in declared if not name.startswith("_") or name == "__version__"}
+    assert declared - {"__all__"} == public
+
+
+def test_stubs_declare_every_column_of_a_run():
+    from zivi import _zivi
+
+    tree = ast.parse((PACKAGE / "_zivi.pyi").read_text())
+    record = next(node for node in tree.body if getattr(node, "name", "") == "RunRecord")
+    declared = {node.name for node in record.body}
+    assert declared == {name for name in dir(_zivi.RunRecord) if not name.startswith("_")}
+
+
+def test_the_package_says_that_it_is_typed():
+    assert (PACKAGE / "py.typed").exists()
+
+
+def test_version():
+    assert re.fullmatch(r"\d+\.\d+\.\d+\S*", zivi.__version__)

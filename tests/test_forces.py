@@ -1,0 +1,238 @@
+"""One law, five ways to give it; what a force does wrong reaches the caller."""
+
+import ctypes
+import math
+import threading
+import time
+import traceback
+
+import numpy as np
+import pytest
+import scipy
+
+import zivi
+
+K, C, G, A, W = 3.0, 0.2, 9.81, 14.0, 6.0
+LINEAR = zivi.LinearForce(stiffness=K, damping=C, gravity=G, amplitude=A, omega=W)
+DOUBLE = ctypes.c_double
+PLAIN = ctypes.CFUNCTYPE(DOUBLE, DOUBLE, DOUBLE, DOUBLE)
+WITH_DATA = ctypes.CFUNCTYPE(DOUBLE, DOUBLE, DOUBLE, DOUBLE, ctypes.c_void_p)
+METHOD = zivi.ThetaGamma(h=0.01)
+
+
+def law(t, x, xdot):
+    return -K * x - C * xdot - G + A * math.cos(W * t)
+
+
+def law_with_data(t, x, xdot, data):
+    stiffness = ctypes.cast(data, ctypes.POINTER(DOUBLE))[0]
+    return -stiffness * x - C * xdot - G + A * math.cos(W * t)
+
+
+def numba_cfunc():
+    numba = pytest.importorskip("numba")
+    return numba.cfunc("float64(float64, float64, float64)")(law)
+
+
+def low_level_with_data():
+    data = ctypes.cast(ctypes.pointer(DOUBLE(K)), ctypes.c_void_p)
+    return scipy.LowLevelCallable(WITH_DATA(law_with_data), data)
+
+
+FORMS = {
+    "callable": lambda: law,
+    "object": lambda: LINEAR.__call__,
+    "ctypes": lambda: PLAIN(law),
+    "LowLevelCallable": lambda: scipy.LowLevelCallable(PLAIN(law)),
+    "LowLevelCallable with data": low_level_with_data,
+    "numba": numba_cfunc,
+    "LowLevelCallable of numba": lambda: scipy.LowLevelCallable(numba_cfunc().ctypes),
+}
+
+
+def run(force, method=METHOD, t1=5.0):
+    return zivi.simulate(zivi.ImpactSystem(force, e=0.6), (0, t1), (1, 0), method=method)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("method", [METHOD, zivi.ExplicitEuler(h=0.001)], ids=repr)
+def test_the_same_law_gives_the_same_run(form, method):
+    """Apart from the order of its sums: each step's force agrees to its tolerance, 1e-12.
+
+    Impacts multiply an error in the time of contact: 1e-10 is left of that.
+    """
+    reference, sol = run(LINEAR, method, 3.0), run(FORMS[form](), method, 3.0)
+    assert sol.success, sol.message
+    assert sol.nfev > sol.n_steps / 2
+    np.testing.assert_allclose(sol.s, reference.s, atol=1e-10)
+    np.testing.assert_allclose(sol.v, reference.v, atol=1e-10)
+    assert len(sol.impacts) == len(reference.impacts)
+
+
+def test_a_number_is_a_constant_force():
+    number = run(-9.81)
+    for force in (lambda t, x, xdot: -9.81, zivi.LinearForce(gravity=9.81), np.float64(-9.81)):
+        sol = run(force)
+        np.testing.assert_array_equal(sol.s, number.s)
+        np.testing.assert_array_equal(sol.v, number.v)
+        assert sol.rest_time == number.rest_time
+
+
+def test_integers_and_numpy_scalars_are_returned_as_well():
+    plain = run(-9.0)
+    for value in (-9, np.float64(-9), np.float32(-9), np.int64(-9), np.array(-9.0)):
+        np.testing.assert_array_equal(run(lambda t, x, xdot, value=value: value).s, plain.s)
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        ctypes.CFUNCTYPE(DOUBLE, DOUBLE, DOUBLE)(lambda t, x: 0.0),
+        ctypes.CFUNCTYPE(ctypes.c_float, DOUBLE, DOUBLE, DOUBLE)(law),
+        ctypes.CFUNCTYPE(None, DOUBLE, DOUBLE, DOUBLE)(lambda t, x, v: None),
+        scipy.LowLevelCallable(ctypes.CFUNCTYPE(DOUBLE, DOUBLE)(lambda t: 0.0)),
+        scipy.LowLevelCallable(
+            ctypes.CFUNCTYPE(DOUBLE, DOUBLE, DOUBLE, DOUBLE, DOUBLE)(lambda t, x, v, w: 0.0)
+        ),
+    ],
+)
+def test_another_signature_is_refused(force):
+    with pytest.raises(TypeError, match=r"signature .*double"):
+        zivi.ImpactSystem(force, e=0.5)
+
+
+def test_a_numba_function_of_another_signature_is_refused():
+    numba = pytest.importorskip("numba")
+    force = numba.cfunc("float64(float64, float64)")(lambda t, x: -x)
+    with pytest.raises(TypeError, match="signature"):
+        zivi.ImpactSystem(force, e=0.5)
+
+
+def test_the_owner_of_a_compiled_force_is_kept_alive():
+    """The system holds on to the code: running after the last other reference is gone works."""
+    import gc
+
+    system = zivi.ImpactSystem(PLAIN(lambda t, x, xdot: -9.81), e=0.6)
+    data = zivi.ImpactSystem(low_level_with_data(), e=0.6)
+    gc.collect()
+    sol = zivi.simulate(system, (0, 5), (1, 0), method=METHOD)
+    np.testing.assert_array_equal(sol.s, run(-9.81).s)
+    assert zivi.simulate(data, (0, 1), (1, 0), method=METHOD).success
+
+
+class CustomError(Exception):
+    pass
+
+
+def failing_at(t_fail, error=CustomError):
+    def failing(t, x, xdot):
+        if t > t_fail:
+            raise error("no more")
+        return -9.81
+
+    return failing
+
+
+def test_an_exception_reaches_the_caller_with_its_traceback_and_the_run_so_far():
+    whole = run(-9.81)
+    with pytest.raises(CustomError, match="no more") as caught:
+        run(failing_at(2.0))
+    frames = traceback.extract_tb(caught.value.__traceback__)
+    assert frames[-1].name == "failing"
+    sol = caught.value.trajectory
+    assert sol.status == zivi.Status.RAISED
+    assert not sol.success
+    assert sol.t[-1] == pytest.approx(2.0, abs=0.011)
+    np.testing.assert_array_equal(sol.s, whole.s[: len(sol.s)])
+    assert len(sol.impacts) == np.count_nonzero(whole.impacts["t"] <= sol.t[-1])
+    assert any("2" in note for note in caught.value.__notes__)
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, StopIteration, SystemExit, KeyboardInterrupt])
+def test_every_exception_passes_through(error):
+    with pytest.raises(error) as caught:
+        run(failing_at(-1.0, error))
+    assert caught.value.trajectory.n_steps == 0
+
+
+def test_an_exception_in_the_first_step_leaves_the_initial_state():
+    with pytest.raises(CustomError) as caught:
+        run(failing_at(-1.0))
+    assert caught.value.trajectory.x.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("wrap", [lambda f: f, PLAIN, lambda f: scipy.LowLevelCallable(PLAIN(f))])
+def test_a_force_that_is_not_finite_ends_the_run(bad, wrap):
+    whole = run(-9.81)
+    sol = run(wrap(lambda t, x, xdot: bad if t > 1.005 else -9.81))
+    assert sol.status == zivi.Status.FORCE_NOT_FINITE
+    assert not sol.success
+    assert "NaN or infinity" in sol.message
+    assert sol.t[-1] == pytest.approx(1.0)
+    np.testing.assert_array_equal(sol.s, whole.s[: len(sol.s)])
+    assert sol.rest_time is None
+
+
+def test_a_force_that_is_not_finite_from_the_start():
+    sol = run(lambda t, x, xdot: math.nan)
+    assert sol.status == zivi.Status.FORCE_NOT_FINITE
+    assert (sol.t.tolist(), sol.x.tolist()) == ([0.0], [1.0])
+
+
+@pytest.mark.parametrize("value", ["1", None, [1.0], 1j, np.array([1.0, 2.0])], ids=repr)
+def test_another_return_type_is_named(value):
+    with pytest.raises(TypeError, match=r"force\(t, x, xdot\) must return a float") as caught:
+        run(lambda t, x, xdot: value)
+    assert caught.value.trajectory.n_steps == 0
+
+
+def test_a_callable_of_another_signature_raises_its_own_error():
+    with pytest.raises(TypeError, match="positional argument"):
+        run(lambda t: -9.81)
+
+
+@pytest.mark.parametrize("friction", [0.5, 5.0, 20.0])
+@pytest.mark.parametrize("h", [0.1, 0.01, 0.0013])
+def test_a_discontinuous_force_gets_an_answer_or_a_status(friction, h):
+    """Coulomb friction jumps where the velocity passes zero: a step may have no solution."""
+
+    def force(t, x, xdot):
+        return -9.81 - friction * np.sign(xdot)
+
+    started = time.monotonic()
+    sol = run(force, zivi.ThetaGamma(h=h))
+    assert time.monotonic() - started < 5
+    assert sol.status in (zivi.Status.COMPLETED, zivi.Status.FORCE_NOT_CONVERGED)
+    assert sol.success == (sol.t[-1] == 5.0)
+    assert np.all(np.isfinite(sol.s))
+    if friction < 9.81:
+        assert sol.t[-1] > 0.1
+        assert np.all(np.diff(0.5 * sol.xdot**2 + 9.81 * sol.x) < 1e-9)
+
+
+@pytest.mark.parametrize("force", [LINEAR, -9.81, "numba"])
+def test_the_interpreter_is_free_during_compiled_runs(force):
+    """Another thread counts on while a run of a few tenths of a second computes."""
+    force = numba_cfunc() if force == "numba" else force
+    steps = 2_000_000
+    method = zivi.ThetaGamma(h=5.0 / steps)
+    ticks, running = [], threading.Event()
+
+    def count():
+        while not running.is_set():
+            ticks.append(time.monotonic())
+            time.sleep(0.002)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    started = time.monotonic()
+    run(force, method)
+    ended = time.monotonic()
+    running.set()
+    thread.join()
+    # the middle half of the time: neither the start nor the copy of the results
+    quarter = (ended - started) / 4
+    inside = [t for t in ticks if started + quarter < t < ended - quarter]
+    assert len(inside) > 2 * quarter / 0.05
+    assert len(inside) >= 2

@@ -1,0 +1,160 @@
+"""What a run reports: lengths, dense output, times asked for, the end of the span."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import zivi
+from closed_form import Ball
+
+BALL = zivi.ImpactSystem(-9.81, e=0.5)
+METHOD = zivi.ThetaGamma(h=1e-3)
+COLUMNS = ("t", "x", "xdot", "s", "v", "lambda_s", "lambda_v", "residual")
+
+
+@pytest.fixture(scope="module")
+def sol():
+    return zivi.simulate(BALL, (0, 3), (1, 0), method=METHOD)
+
+
+def test_all_columns_have_one_length_and_type(sol):
+    for name in COLUMNS:
+        column = getattr(sol, name)
+        assert column.shape == (3001,), name
+        assert column.dtype == np.float64
+    assert sol.n_steps == 3000
+    assert sol.impacts.dtype.names == ("t", "xdot_before", "xdot_after")
+
+
+def test_a_completed_run_says_so(sol):
+    assert sol.success is True
+    assert sol.status == zivi.Status.COMPLETED == 0
+    assert "end of t_span" in sol.message
+    assert (sol.t[0], sol.t[-1]) == (0.0, 3.0)
+
+
+def test_initial_sample_is_the_initial_state():
+    sol = zivi.simulate(BALL, (2.5, 3), (1, -4), method=METHOD)
+    assert (sol.t[0], sol.x[0]) == (2.5, 1.0)
+    assert sol.xdot[0] == pytest.approx(-4.0, rel=1e-15)
+    assert (sol.lambda_s[0], sol.lambda_v[0]) == (1.0, -1.0)
+
+
+def test_the_end_of_the_span_is_met_exactly():
+    for h, t1 in [(0.1, 1.0), (0.3, 1.0), (1e-3, np.pi), (7.0, 0.2), (0.1, 0.30000000000000004)]:
+        sol = zivi.simulate(BALL, (0, t1), (1, 0), method=zivi.ThetaGamma(h=h))
+        assert sol.t[-1] == t1
+        assert sol.n_steps == len(sol.t) - 1
+        assert np.all(np.diff(sol.t) <= h * (1 + 1e-9))
+
+
+def test_dense_output_hits_the_samples_and_is_linear_in_s_and_v_between(sol):
+    np.testing.assert_array_equal(sol(sol.t), (sol.x, sol.xdot))
+    k = 200
+    middle = 0.5 * (sol.t[k] + sol.t[k + 1])
+    x, xdot = sol(middle)
+    assert x == pytest.approx(0.5 * (sol.x[k] + sol.x[k + 1]), rel=1e-12)
+    assert xdot == pytest.approx(0.5 * (sol.xdot[k] + sol.xdot[k + 1]), rel=1e-12)
+
+
+def test_dense_output_shapes(sol):
+    assert sol(0.5).shape == (2,)
+    assert sol(np.float64(0.5)).shape == (2,)
+    assert sol([0.5]).shape == (2, 1)
+    assert sol(np.linspace(0, 3, 7)).shape == (2, 7)
+    assert sol([]).shape == (2, 0)
+    np.testing.assert_array_equal(sol([0.5, 0.25])[:, 0], sol(0.5))
+
+
+def test_dense_output_is_first_order_and_jumps_at_the_impact(sol):
+    """Within a few h of the closed form, and on both sides of the impact that it reports."""
+    ball = Ball(1.0, 0.0, e=0.5)
+    times = np.linspace(0, 1.0, 400)
+    exact = np.array([ball.state(t)[0] for t in times])
+    assert np.abs(sol(times)[0] - exact).max() < 10 * METHOD.h
+    t, before, after = sol.impacts[0]
+    assert sol(t - 1e-9)[1] == pytest.approx(before, rel=1e-6)
+    assert sol(t + 1e-9)[1] == pytest.approx(after, rel=1e-6)
+
+
+def test_reported_times_are_interpolated(sol):
+    times = [0.0, 0.1234567, 0.5, 0.5, 2.9999999, 3.0]
+    some = zivi.simulate(BALL, (0, 3), (1, 0), method=METHOD, t_eval=times)
+    np.testing.assert_array_equal(some.t, times)
+    np.testing.assert_array_equal((some.x, some.xdot), sol(times))
+    for name in COLUMNS:
+        assert getattr(some, name).shape == (6,)
+    np.testing.assert_array_equal(some.impacts, sol.impacts)
+    assert some.rest_time == sol.rest_time
+    assert some.n_steps == sol.n_steps
+    np.testing.assert_array_equal(some(1.0), sol(1.0))
+
+
+def test_reported_times_end_with_a_run_that_ends_early():
+    def force(t, x, xdot):
+        return np.nan if t > 1.0 else -9.81
+
+    system = zivi.ImpactSystem(force, e=0.5)
+    sol = zivi.simulate(system, (0, 3), (1, 0), method=METHOD, t_eval=[0.5, 0.9, 1.5, 3])
+    assert sol.t.tolist() == [0.5, 0.9]
+    assert not sol.success
+    with pytest.raises(ValueError, match=r"within the computed span \[0"):
+        sol(1.5)
+
+
+def test_configuration_tells_the_run_again():
+    force = zivi.LinearForce(gravity=9.81, damping=0.1)
+    system = zivi.ImpactSystem(force, kappa=0.41)
+    sol = zivi.simulate(system, (0, 1), (1, 6), method=zivi.ThetaGamma(h=0.01, theta=0.75))
+    config = sol.config
+    assert config["kappa"] == 0.41
+    assert config["e"] == pytest.approx(0.59 / 1.41)
+    assert (config["t_span"], config["y0"]) == ([0.0, 1.0], [1.0, 6.0])
+    law = dict(config["force"])
+    assert law.pop("name") == "LinearForce"
+    assert zivi.LinearForce(**law) == force
+    settings = dict(config["method"])
+    method = getattr(zivi, settings.pop("name"))(**settings)
+    again = zivi.simulate(
+        zivi.ImpactSystem(zivi.LinearForce(**law), kappa=config["kappa"]),
+        config["t_span"],
+        config["y0"],
+        method=method,
+    )
+    np.testing.assert_array_equal(again.s, sol.s)
+
+
+def test_a_callable_is_named_in_the_configuration():
+    def my_law(t, x, xdot):
+        return -1.0
+
+    system = zivi.ImpactSystem(my_law, e=0.5)
+    sol = zivi.simulate(system, (0, 1), (1, 0), method=METHOD)
+    assert "my_law" in sol.config["force"]
+    number = zivi.simulate(BALL, (0, 1), (1, 0), method=METHOD)
+    assert number.config["force"] == -9.81
+
+
+def test_a_trajectory_is_frozen_and_prints_on_one_line(sol):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        sol.status = 3
+    text = repr(sol)
+    assert "\n" not in text
+    assert "3000 steps" in text
+    assert "at rest from" in text
+
+
+def test_two_runs_are_equal_to_the_last_bit(sol):
+    again = zivi.simulate(BALL, (0, 3), (1, 0), method=METHOD)
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(again, name), getattr(sol, name))
+
+
+def test_overflow_ends_the_run_and_keeps_it():
+    system = zivi.ImpactSystem(lambda t, x, xdot: 10.0 * xdot, e=0.5)
+    sol = zivi.simulate(system, (0, 100), (1, 1), method=zivi.ThetaGamma(h=0.05, theta=0.5))
+    assert not sol.success
+    assert sol.status in (zivi.Status.STATE_NOT_FINITE, zivi.Status.FORCE_NOT_FINITE)
+    assert sol.x[-1] > 1e100
+    assert all(np.all(np.isfinite(getattr(sol, name))) for name in COLUMNS)
