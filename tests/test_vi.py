@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.sparse
+
 import zivi
 from mcp import BY_NAME
 from mcp.linear import laplacian
@@ -43,7 +44,7 @@ def test_the_result():
     assert res.status is zivi.VIStatus.SOLVED
     assert res.status == 0
     assert res.x == pytest.approx([np.sqrt(2)])
-    assert res.F == pytest.approx([0], abs=1e-9)
+    assert pytest.approx([0], abs=1e-9) == res.F
     assert res.residual == zivi.natural_residual(res.x, res.F, 0, INF) <= 1e-9
     assert res.n_iter >= 1
     assert res.nfev >= 2

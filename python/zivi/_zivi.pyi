@@ -5,8 +5,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "RunRecord",
     "STATUS_MESSAGES",
+    "RunRecord",
     "__version__",
     "check_theta_gamma",
     "compiled_force",
@@ -102,6 +102,7 @@ def simulate_explicit_euler(
     state: tuple[float, float],
     progress: Any = None,
 ) -> RunRecord: ...
+
 @final
 class ViRecord:
     @property

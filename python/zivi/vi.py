@@ -107,7 +107,14 @@ class VIOptions:
             settings["scale_by_jacobian"] = True
         elif scale is not None:
             settings["row_scale"] = _vector("row_scale", scale)
-        for name in ("max_pivots", "total_pivots", "stage_iterations", "memory", "restarts", "enumerate_up_to"):
+        for name in (
+            "max_pivots",
+            "total_pivots",
+            "stage_iterations",
+            "memory",
+            "restarts",
+            "enumerate_up_to",
+        ):
             if settings[name] is not None:
                 settings[name] = _count(name, settings[name])
         return settings
@@ -143,8 +150,8 @@ class VIResult:
         `tol`, raised to ten roundings of a row, ``10 eps sum |J_ij x_j|``, where nothing better
         could be reached.
     convergence_ratio : float
-        The last residual over the one before. Near 1 with a large ``|x|`` it tells the approach
-        to a solution at infinity, which a small residual alone cannot.
+        The last residual over the one before. Where it is not small while ``|x|`` is large, it
+        tells the approach to a solution at infinity, which a small residual alone cannot.
     projected : bool
         `x0` was outside the box and was moved to its nearest point.
     """
@@ -325,7 +332,9 @@ def natural_residual(x: ArrayLike, F: ArrayLike, lower: ArrayLike, upper: ArrayL
     if len(value) != len(point):
         raise ValueError(f"F must have {len(point)} entries, as x has, got {len(value)}")
     n = len(point)
-    return _zivi.natural_residual(point, value, _bound("lower", lower, n), _bound("upper", upper, n))
+    return _zivi.natural_residual(
+        point, value, _bound("lower", lower, n), _bound("upper", upper, n)
+    )
 
 
 def _result(record: _zivi.ViRecord) -> VIResult:

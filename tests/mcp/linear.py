@@ -22,9 +22,7 @@ def _exponential_for_pivoting():
         i = np.arange(n)
         fathi = 4.0 * np.minimum.outer(i, i) + 2
         fathi[i, i] = 4 * i + 1
-        yield affine(
-            f"fathi{n}", fathi, -np.ones(n), 0, INF, starts, "Fathi 1979", [np.eye(n)[0]]
-        )
+        yield affine(f"fathi{n}", fathi, -np.ones(n), 0, INF, starts, "Fathi 1979", [np.eye(n)[0]])
 
 
 def _knapsack():

@@ -158,9 +158,8 @@ fn gauss(mut a: Vec<Vec<f64>>) -> Option<Vec<f64>> {
         for i in 0..n {
             if i != k {
                 let by = a[i][k] / a[k][k];
-                for j in k..=n {
-                    a[i][j] -= by * a[k][j];
-                }
+                let pivot = a[k].clone();
+                a[i].iter_mut().zip(&pivot).skip(k).for_each(|(a, p)| *a -= by * p);
             }
         }
     }

@@ -159,6 +159,7 @@ pub(super) fn solve(factors: &[f64], k: usize, permutation: &[usize], b: &mut [f
 }
 
 #[cfg(test)]
+#[allow(clippy::indexing_slicing)]
 mod tests {
     use super::*;
 

@@ -189,7 +189,7 @@ pub struct Report {
     /// How much work was done.
     pub counts: Counts,
     /// `max |z_i|`. Residuals cannot tell a solution from an approach to one at infinity: a large
-    /// value here, with a convergence ratio near 1, can.
+    /// value here, with a convergence ratio that is not small, can.
     pub size: f64,
     /// The residual divided by that of the previous iterate (NaN before the first step).
     pub convergence_ratio: f64,
