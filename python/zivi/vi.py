@@ -150,8 +150,8 @@ class VIResult:
         `tol`, raised to ten roundings of a row, ``10 eps sum |J_ij x_j|``, where nothing better
         could be reached.
     convergence_ratio : float
-        The last residual over the one before. Near 1 with a large ``|x|`` it tells the approach
-        to a solution at infinity, which a small residual alone cannot.
+        The last residual over the one before. Where it is not small while ``|x|`` is large, it
+        tells the approach to a solution at infinity, which a small residual alone cannot.
     projected : bool
         `x0` was outside the box and was moved to its nearest point.
     """
@@ -204,7 +204,7 @@ def solve_vi(
     tol : float
         Largest natural residual of a solution.
     max_iter : int, optional
-        Iterations of all stages together, 2000 by default.
+        Iterations of all stages together, 10000 by default.
     options : VIOptions, optional
         Row scaling, and which parts of the solver take part.
 

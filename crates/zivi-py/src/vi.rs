@@ -205,6 +205,33 @@ impl Problem for WithJacobian<'_, '_> {
     fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
         self.callbacks.jacobian(&self.jac, z, jacobian)
     }
+
+    fn poll(&mut self) -> Result<(), EvaluationError> {
+        self.callbacks.keep(self.callbacks.py.check_signals())
+    }
+}
+
+/// An affine problem, solved without the lock but for a look at the signals.
+struct Interruptible<'a> {
+    affine: Affine<'a>,
+    raised: Option<PyErr>,
+}
+
+impl Problem for Interruptible<'_> {
+    fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
+        self.affine.map(z, f)
+    }
+
+    fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
+        self.affine.jacobian(z, jacobian)
+    }
+
+    fn poll(&mut self) -> Result<(), EvaluationError> {
+        Python::attach(|py| py.check_signals()).map_err(|error| {
+            self.raised = Some(error);
+            EvaluationError
+        })
+    }
 }
 
 /// Solves a box VI. `f` and `jac` map an array to a contiguous float64 array of the right shape.
@@ -258,9 +285,13 @@ pub(crate) fn solve_avi<'py>(
     let mut vectors = Vectors::new(&lower, &upper, &x0);
     let given = GivenSettings::from_dict(settings)?;
     let (matrix, q) = (matrix.as_slice()?.to_vec(), q.as_array().to_vec());
-    let (report, at_end) = py
-        .detach(|| vectors.solve(&mut Affine { matrix: &matrix, q: &q }, &given.get()))
-        .map_err(invalid)?;
+    let affine = Affine { matrix: &matrix, q: &q };
+    let mut problem = Interruptible { affine, raised: None };
+    let solved = py.detach(|| vectors.solve(&mut problem, &given.get()));
+    if let Some(error) = problem.raised {
+        return Err(error);
+    }
+    let (report, at_end) = solved.map_err(invalid)?;
     let nfev = report.counts.f;
     Ok(vectors.record(py, report, at_end, nfev))
 }

@@ -159,6 +159,7 @@ pub(super) fn solve(factors: &[f64], k: usize, permutation: &[usize], b: &mut [f
 }
 
 #[cfg(test)]
+#[allow(clippy::indexing_slicing)]
 mod tests {
     use super::*;
 
@@ -169,7 +170,7 @@ mod tests {
         let mut b = [0.0; 3];
         multiply(&a, &x, &mut b);
         let mut permutation = [0; 3];
-        assert!(factor(&mut a, 3, &mut permutation) > 0.1);
+        assert!(factor(&mut a, 3, &mut permutation) > 0.05);
         solve(&a, 3, &permutation, &mut b);
         assert!(b.iter().zip(x).all(|(b, x)| (b - x).abs() < 1e-15), "{b:?}");
         let mut singular = [1.0, 2.0, 2.0, 4.0];

@@ -4,7 +4,7 @@ use super::dense;
 use super::problem::{EvaluationError, Problem};
 
 /// `eps^(1/3)`: balances truncation and rounding of second-order differences.
-const STEP: f64 = 6.055454452393343e-6;
+const STEP: f64 = 6.055_454_452_393_343e-6;
 
 /// A map without Jacobian; it is taken by second-order differences: central inside the box,
 /// one-sided where a bound or the end of the domain of `F` is near, zero for a fixed component.
@@ -13,7 +13,12 @@ pub struct Differenced<'a, M> {
     map: M,
     lower: &'a [f64],
     upper: &'a [f64],
-    work: &'a mut [f64],
+    /// `z` with one component moved, and `F` at `z` and at two neighbours.
+    point: &'a mut [f64],
+    here: &'a mut [f64],
+    first: &'a mut [f64],
+    second: &'a mut [f64],
+    here_is_known: bool,
 }
 
 impl<'a, M> Differenced<'a, M>
@@ -29,8 +34,69 @@ where
     /// `None` where the workspace is too short.
     #[must_use]
     pub fn new(map: M, lower: &'a [f64], upper: &'a [f64], work: &'a mut [f64]) -> Option<Self> {
-        (work.len() >= Self::workspace_len(lower.len())).then_some(Self { map, lower, upper, work })
+        let n = lower.len();
+        let (point, rest) = work.split_at_mut_checked(n)?;
+        let (here, rest) = rest.split_at_mut_checked(n)?;
+        let (first, rest) = rest.split_at_mut_checked(n)?;
+        let second = rest.get_mut(..n)?;
+        Some(Self { map, lower, upper, point, here, first, second, here_is_known: false })
     }
+
+    /// `F` at two neighbours of `z` on the axis `j`; false where it is not finite.
+    fn evaluate(&mut self, j: usize, [a, b]: [f64; 2], zj: f64) -> Result<bool, EvaluationError> {
+        dense::put(self.point, j, a);
+        (self.map)(self.point, self.first)?;
+        dense::put(self.point, j, b);
+        (self.map)(self.point, self.second)?;
+        dense::put(self.point, j, zj);
+        Ok(dense::is_finite(self.first) && dense::is_finite(self.second))
+    }
+
+    /// `(F(z_j + h) - F(z_j - h)) / 2h` into column `j`.
+    fn central(&mut self, j: usize, zj: f64, out: &mut [f64]) -> Result<bool, EvaluationError> {
+        let step = step_at(zj);
+        let [a, b] = [zj - step, zj + step];
+        if a < dense::at(self.lower, j) || b > dense::at(self.upper, j) {
+            return Ok(false);
+        }
+        let finite = self.evaluate(j, [a, b], zj)?;
+        for (i, (fa, fb)) in self.first.iter().zip(self.second.iter()).enumerate() {
+            dense::put(out, i * self.lower.len() + j, (fb - fa) / (b - a));
+        }
+        Ok(finite)
+    }
+
+    /// The slope at `z_j` of the parabola through `z_j`, `z_j + h` and `z_j + 2h`, `h` of the
+    /// given sign and at most half the room.
+    fn one_sided(
+        &mut self,
+        j: usize,
+        (zj, room): (f64, f64),
+        out: &mut [f64],
+    ) -> Result<bool, EvaluationError> {
+        let step = f64::min(step_at(zj), 0.5 * room.abs()).copysign(room);
+        let (lower, upper) = (dense::at(self.lower, j), dense::at(self.upper, j));
+        let (a, b) = (zj + step, (zj + 2.0 * step).max(lower).min(upper));
+        let (da, db) = (a - zj, b - zj);
+        if da == 0.0 || da == db {
+            return Ok(false);
+        }
+        if !self.here_is_known {
+            (self.map)(self.point, self.here)?;
+            self.here_is_known = true;
+        }
+        let finite = self.evaluate(j, [a, b], zj)?;
+        let neighbours = self.first.iter().zip(self.second.iter());
+        for (i, (f, (fa, fb))) in self.here.iter().zip(neighbours).enumerate() {
+            let (near, far) = ((fa - f) / da, (fb - f) / db);
+            dense::put(out, i * self.lower.len() + j, near + (near - far) * da / (db - da));
+        }
+        Ok(finite)
+    }
+}
+
+fn step_at(z: f64) -> f64 {
+    STEP * f64::max(1.0, z.abs())
 }
 
 impl<M> Problem for Differenced<'_, M>
@@ -42,59 +108,71 @@ where
     }
 
     fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
-        let n = z.len();
-        let (point, rest) = self.work.split_at_mut_checked(n).ok_or(EvaluationError)?;
-        let (here, rest) = rest.split_at_mut_checked(n).ok_or(EvaluationError)?;
-        let (first, rest) = rest.split_at_mut_checked(n).ok_or(EvaluationError)?;
-        let second = rest.get_mut(..n).ok_or(EvaluationError)?;
-        point.copy_from_slice(z);
-        let mut here_is_known = false;
-        for j in 0..n {
-            let (zj, lower, upper) =
-                (dense::at(z, j), dense::at(self.lower, j), dense::at(self.upper, j));
-            let step = STEP * f64::max(1.0, zj.abs());
-            // central where both neighbours are in the box, else two steps into the wider side
-            let side = if upper - zj >= zj - lower { 1.0 } else { -1.0 };
-            let room = f64::max(upper - zj, zj - lower);
-            let one_sided =
-                [zj + side * f64::min(step, 0.5 * room), zj + side * f64::min(2.0 * step, room)];
-            let central = [zj - step, zj + step];
-            let mut done = lower == upper;
-            if done {
-                (0..n).for_each(|i| dense::put(jacobian, i * n + j, 0.0));
-            }
-            for (neighbours, is_central) in [(central, true), (one_sided, false)] {
-                let [a, b] = neighbours;
-                let inside = a.min(b) >= lower && a.max(b) <= upper;
-                if done || !inside {
-                    continue;
-                }
-                dense::put(point, j, a);
-                (self.map)(point, first)?;
-                dense::put(point, j, b);
-                (self.map)(point, second)?;
-                if is_central {
-                    for (i, (fa, fb)) in first.iter().zip(second.iter()).enumerate() {
-                        dense::put(jacobian, i * n + j, (fb - fa) / (b - a));
-                    }
-                } else {
-                    if !here_is_known {
-                        (self.map)(z, here)?;
-                        here_is_known = true;
-                    }
-                    let (da, db) = (a - zj, b - zj);
-                    for (i, ((f, fa), fb)) in
-                        here.iter().zip(first.iter()).zip(second.iter()).enumerate()
-                    {
-                        let slopes = ((fa - f) / da, (fb - f) / db);
-                        let slope = slopes.0 + (slopes.0 - slopes.1) * da / (db - da);
-                        dense::put(jacobian, i * n + j, slope);
-                    }
-                }
-                dense::put(point, j, zj);
-                done = dense::is_finite(first) && dense::is_finite(second);
-            }
+        dense::copy(self.point, z);
+        self.here_is_known = false;
+        jacobian.fill(0.0);
+        for (j, &zj) in z.iter().enumerate() {
+            let up = dense::at(self.upper, j) - zj;
+            let down = dense::at(self.lower, j) - zj;
+            let (wider, narrower) = if up >= -down { (up, down) } else { (down, up) };
+            let _done = wider == 0.0
+                || self.central(j, zj, jacobian)?
+                || self.one_sided(j, (zj, wider), jacobian)?
+                || self.one_sided(j, (zj, narrower), jacobian)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const INF: f64 = f64::INFINITY;
+
+    /// `F = (z0^3 + z1, sin z1 z0, sqrt z2)`, undefined for `z2 < 0`; refuses to leave the box.
+    fn differences(z: [f64; 3], lower: [f64; 3], upper: [f64; 3]) -> [f64; 9] {
+        let map = |z: &[f64], f: &mut [f64]| {
+            for ((z, l), u) in z.iter().zip(lower).zip(upper) {
+                assert!((l..=u).contains(z), "{z} outside [{l}, {u}]");
+            }
+            if let ([x, y, w], [fx, fy, fw]) = (z, f) {
+                (*fx, *fy, *fw) = (x * x * x + y, libm::sin(*y) * x, libm::sqrt(*w));
+            }
+            Ok(())
+        };
+        let (mut work, mut jacobian) = ([0.0; 12], [0.0; 9]);
+        let mut problem = Differenced::new(map, &lower, &upper, &mut work);
+        let done = problem.as_mut().map(|problem| problem.jacobian(&z, &mut jacobian));
+        assert_eq!(done, Some(Ok(())));
+        jacobian
+    }
+
+    fn exact([x, y, w]: [f64; 3]) -> [f64; 9] {
+        let [sine, cosine] = [libm::sin(y), libm::cos(y)];
+        [3.0 * x * x, 1.0, 0.0, sine, cosine * x, 0.0, 0.0, 0.0, 0.5 / libm::sqrt(w)]
+    }
+
+    #[test]
+    fn inside_at_bounds_in_narrow_boxes_and_at_the_end_of_the_domain() {
+        let z = [0.7, -0.4, 1.0];
+        let close = |a: [f64; 9], b: [f64; 9], tol: f64| {
+            assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < tol), "{a:?} {b:?}");
+        };
+        close(differences(z, [-INF; 3], [INF; 3]), exact(z), 1e-9);
+        close(differences(z, z, [INF; 3]), exact(z), 1e-9);
+        close(differences(z, [-INF; 3], z), exact(z), 1e-9);
+        close(differences(z, z.map(|z| z - 1e-8), z.map(|z| z + 1e-8)), exact(z), 1e-6);
+        let near_the_end = [0.7, -0.4, 1e-6];
+        let [.., slope] = differences(near_the_end, [-INF; 3], [INF; 3]);
+        assert!(slope.is_finite() && slope > 0.0, "{slope}");
+    }
+
+    #[test]
+    fn a_fixed_component_has_a_column_of_zeros() {
+        let z = [0.7, -0.4, 1.0];
+        let jacobian = differences(z, [-INF, -0.4, -INF], [INF, -0.4, INF]);
+        let column = jacobian.iter().skip(1).step_by(3);
+        assert!(column.into_iter().all(|&entry| entry == 0.0));
     }
 }

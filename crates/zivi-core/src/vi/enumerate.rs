@@ -23,8 +23,24 @@ enum Place {
     Upper,
 }
 
-/// Tries all patterns from `work.start`; true when the iterate is a solution.
+/// Tries all patterns from the starting point and from two of the restarts; true when the iterate
+/// is a solution.
 pub(super) fn enumerate(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
+    for scattered in [None, Some(3), Some(4)] {
+        dense::copy(at.work.trial, at.work.start);
+        if let Some(k) = scattered {
+            at.scatter(k);
+        }
+        dense::copy(at.work.centre, at.work.trial);
+        if all_patterns(at)? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Tries all patterns from `work.centre`.
+fn all_patterns(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     let mut pattern = [Place::Inside; MOST];
     loop {
         if is_admissible(at, &pattern) && newton_on_pattern(at, &pattern)? {
@@ -62,7 +78,7 @@ fn is_admissible(at: &Iterate<'_, '_>, pattern: &[Place; MOST]) -> bool {
 
 /// Damped Newton on the rows inside; true when its end solves the whole problem.
 fn newton_on_pattern(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outcome<bool> {
-    dense::copy(at.work.trial, at.work.start);
+    dense::copy(at.work.trial, at.work.centre);
     for (i, place) in pattern.iter().enumerate().take(at.n()) {
         match place {
             Place::Lower => dense::put(at.work.trial, i, dense::at(at.lower, i)),

@@ -4,6 +4,7 @@ use super::dense;
 use super::fischer;
 use super::natural::{natural_component, natural_residual};
 use super::problem::{EvaluationError, Problem};
+use super::random::Random;
 use super::settings::{Counts, RowScale, Settings};
 use super::workspace::Workspace;
 
@@ -15,7 +16,7 @@ const PUSHES: [f64; 5] = [0.0, 1e-6, 1e-3, 1e-1, 1.0];
 
 /// A point `z` in the box with `F(z)`, its merit and, once linearised, its Jacobian.
 pub(super) struct Iterate<'a, 'w> {
-    problem: &'a mut dyn Problem,
+    pub(super) problem: &'a mut dyn Problem,
     pub(super) settings: &'a Settings<'a>,
     pub(super) lower: &'a [f64],
     pub(super) upper: &'a [f64],
@@ -25,6 +26,7 @@ pub(super) struct Iterate<'a, 'w> {
     pub(super) residual: f64,
     pub(super) convergence_ratio: f64,
     pub(super) best_residual: f64,
+    rows_await_scaling: bool,
     pub(super) counts: Counts,
 }
 
@@ -53,6 +55,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
             residual: f64::NAN,
             convergence_ratio: f64::NAN,
             best_residual: f64::INFINITY,
+            rows_await_scaling: settings.row_scale == RowScale::Jacobian,
             counts: Counts::default(),
         }
     }
@@ -119,11 +122,34 @@ impl<'a, 'w> Iterate<'a, 'w> {
                 continue;
             }
             self.accept(merit);
-            if self.is_solved() || self.linearise()? {
+            if self.is_solved() && !self.rows_await_scaling {
+                return Ok(true);
+            }
+            if self.linearise()? {
+                if self.rows_await_scaling {
+                    self.scale_rows_by_jacobian()?;
+                }
                 return Ok(true);
             }
         }
         Ok(false)
+    }
+
+    /// `trial <- P(c + 10^(k/2 - 1) max(1, |c|) r)`, `r` uniform on `[-1, 1]^n` from a fixed seed;
+    /// the centre `c` is `z0` and, for odd `k`, the point of the box nearest to zero (`F` may be
+    /// hopeless around `z0`).
+    pub(super) fn scatter(&mut self, k: u8) {
+        dense::copy(self.work.trial, self.work.start);
+        let spread = libm::pow(10.0, 0.5 * f64::from(k) - 1.0);
+        let mut random = Random::new(u64::from(k) + 1);
+        if k % 2 == 1 {
+            self.work.trial.fill(0.0);
+            dense::project(self.work.trial, self.lower, self.upper);
+        }
+        for z in self.work.trial.iter_mut() {
+            *z += spread * f64::max(1.0, z.abs()) * (2.0 * random.uniform() - 1.0);
+        }
+        dense::project(self.work.trial, self.lower, self.upper);
     }
 
     /// `trial <- point`, at least `push` times the width (at most 1) away from finite bounds.
@@ -176,13 +202,14 @@ impl<'a, 'w> Iterate<'a, 'w> {
     }
 
     /// Sets `sigma_i = 1/max_j |J_ij|` from the Jacobian at the iterate and re-evaluates there.
-    pub(super) fn scale_rows_by_jacobian(&mut self) -> Outcome<()> {
+    fn scale_rows_by_jacobian(&mut self) -> Outcome<()> {
         for (scale, row) in
             self.work.scale.iter_mut().zip(dense::rows(self.work.jacobian, self.z.len()))
         {
             let size = dense::norm(row);
             *scale = if size > 0.0 && size.is_finite() { 1.0 / size } else { 1.0 };
         }
+        self.rows_await_scaling = false;
         self.best_residual = f64::INFINITY;
         dense::copy(self.work.trial, self.z);
         let merit = self.merit_of_trial()?;
@@ -200,33 +227,36 @@ impl<'a, 'w> Iterate<'a, 'w> {
         Ok(())
     }
 
-    /// True when every component of the natural map is within `tol` or ten roundings of its row,
-    /// `10 eps sum_j |J_ij z_j|`; with the largest of these as the tolerance.
+    /// The tolerance raised to rounding, if with it the iterate is a solution: where a component
+    /// of the natural map exceeds `tol`, `F_i` is within ten roundings of its row of zero,
+    /// `|F_i| <= 10 eps sum_j |J_ij z_j|`.
     pub(super) fn is_within_rounding(&self) -> Option<f64> {
-        let tol = self.settings.tol;
-        let mut reached = tol;
+        let mut reached = self.settings.tol;
         for (i, row) in dense::rows(self.work.jacobian, self.n()).enumerate() {
-            let size: f64 = row.iter().zip(self.z.iter()).map(|(a, z)| (a * z).abs()).sum();
-            let floor = tol.max(10.0 * f64::EPSILON * size);
             let (z, f) = (dense::at(self.z, i), dense::at(self.work.f, i));
             let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
-            if natural_component(z, f, lower, upper).abs() <= floor {
-                reached = reached.max(floor);
-            } else {
+            if natural_component(z, f, lower, upper).abs() <= self.settings.tol {
+                continue;
+            }
+            let size: f64 = row.iter().zip(self.z.iter()).map(|(a, z)| (a * z).abs()).sum();
+            let floor = 10.0 * f64::EPSILON * size;
+            if f.is_nan() || f.abs() > floor || !floor.is_finite() {
                 return None;
             }
+            reached = reached.max(floor);
         }
-        reached.is_finite().then_some(reached)
+        Some(reached)
     }
 
-    /// `min/max` of the pivots of the Jacobian on the rows and columns inside the box, its rows
-    /// scaled to 1; 0 when singular.
+    /// `min/max` of the pivots of the Jacobian on the rows and columns inside the box (those at a
+    /// bound with `F_i = 0` included), its rows scaled to 1; 0 when singular.
     pub(super) fn pivot_ratio_inside(&mut self) -> f64 {
         let n = self.n();
         let work = &mut *self.work;
         let is_inside = |i: usize| {
-            let target = dense::at(self.z, i) - dense::at(work.f, i);
-            dense::at(self.lower, i) < target && target < dense::at(self.upper, i)
+            let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
+            let (target, tol) = (dense::at(self.z, i) - dense::at(work.f, i), self.settings.tol);
+            lower < upper && lower - tol <= target && target <= upper + tol
         };
         let matrix = &mut *work.pivotal.inverse;
         let (mut size, mut filled) = (0, 0);

@@ -55,7 +55,7 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
         if iteration > 0 && !at.linearise()? {
             return Ok(Status::DomainError);
         }
-        let found = newton_point(at, plan.start, proximal);
+        let found = newton_point(at, plan.start, proximal)?;
         let moved = (found == PathEnd::Solution && search(at, &history)?)
             || (at.settings.descent_steps && descent::step(at)?);
         if !moved {
@@ -73,7 +73,7 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
 }
 
 /// `work.step <- z_N - z`, from the first start and regularisation whose affine solution holds.
-fn newton_point(at: &mut Iterate<'_, '_>, first: Start, proximal: f64) -> PathEnd {
+fn newton_point(at: &mut Iterate<'_, '_>, first: Start, proximal: f64) -> Outcome<PathEnd> {
     let scale = 1.0 + dense::norm(at.work.jacobian);
     let second = match first {
         Start::Regular => Start::Ray,
@@ -83,16 +83,16 @@ fn newton_point(at: &mut Iterate<'_, '_>, first: Start, proximal: f64) -> PathEn
     let [slight, strong] = REGULARISED.map(|weight| shift + weight * scale);
     let mut end = PathEnd::Singular;
     for (start, shift) in [(first, shift), (second, shift), (first, slight), (first, strong)] {
-        end = affine_step(at, start, shift);
+        end = affine_step(at, start, shift)?;
         if end == PathEnd::Solution {
             break;
         }
     }
-    end
+    Ok(end)
 }
 
 /// Solves one affine VI in `d = z_N - z` and checks its residual.
-fn affine_step(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> PathEnd {
+fn affine_step(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> Outcome<PathEnd> {
     let limit = at.pivots_left();
     let work = &mut *at.work;
     let reach = work.lower.iter_mut().zip(work.upper.iter_mut()).zip(at.z.iter());
@@ -102,17 +102,18 @@ fn affine_step(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> PathEnd {
     let avi =
         AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };
     work.step.fill(0.0);
-    let (end, pivots) = follow(&avi, start, limit, &mut work.pivotal, work.step);
+    let (end, pivots) =
+        follow(&avi, start, limit, &mut work.pivotal, work.step, &mut || at.problem.poll())?;
     at.counts.pivots += pivots;
     if end != PathEnd::Solution {
-        return end;
+        return Ok(end);
     }
     let trusted = TRUSTED * (1.0 + dense::norm(work.f));
-    if avi.residual(work.step, work.trial_f) <= trusted {
+    Ok(if avi.residual(work.step, work.trial_f) <= trusted {
         PathEnd::Solution
     } else {
         PathEnd::Singular
-    }
+    })
 }
 
 /// Searches along `work.step`; false where no step of useful length was accepted.

@@ -32,6 +32,14 @@ pub trait Problem {
     /// # Errors
     /// [`EvaluationError`] stops the solver at once; its best point so far is kept.
     fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError>;
+
+    /// Called every few dozen pivots, so that a long affine solve can be interrupted.
+    ///
+    /// # Errors
+    /// [`EvaluationError`] stops the solver at once; its best point so far is kept.
+    fn poll(&mut self) -> Result<(), EvaluationError> {
+        Ok(())
+    }
 }
 
 /// The affine map `F(z) = M z + q`, `M` row by row.

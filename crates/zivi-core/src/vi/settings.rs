@@ -22,7 +22,7 @@ pub struct Settings<'a> {
     pub tol: f64,
     /// Scaling of the rows. Default [`RowScale::Unit`].
     pub row_scale: RowScale<'a>,
-    /// Iterations of all stages together. Default 2000; >= 1.
+    /// Iterations of all stages together. Default 10000; >= 1.
     pub max_iterations: usize,
     /// Iterations of one stage. Default 200; >= 1.
     pub stage_iterations: usize,
@@ -57,7 +57,7 @@ impl Default for Settings<'_> {
         Self {
             tol: 1e-9,
             row_scale: RowScale::Unit,
-            max_iterations: 2000,
+            max_iterations: 10_000,
             stage_iterations: 200,
             max_pivots: None,
             total_pivots: None,
@@ -189,7 +189,7 @@ pub struct Report {
     /// How much work was done.
     pub counts: Counts,
     /// `max |z_i|`. Residuals cannot tell a solution from an approach to one at infinity: a large
-    /// value here, with a convergence ratio near 1, can.
+    /// value here, with a convergence ratio that is not small, can.
     pub size: f64,
     /// The residual divided by that of the previous iterate (NaN before the first step).
     pub convergence_ratio: f64,

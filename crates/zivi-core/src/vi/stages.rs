@@ -15,8 +15,7 @@ use super::iterate::{Iterate, Outcome};
 use super::newton::{josephy_newton, Plan};
 use super::pivotal::Start;
 use super::problem::Problem;
-use super::random::Random;
-use super::settings::{Report, RowScale, Settings, Stage};
+use super::settings::{Report, Settings, Stage};
 use super::status::{InvalidInput, Status};
 use super::validate::{require_finite, require_length, validate_bounds};
 use super::workspace::Workspace;
@@ -166,14 +165,10 @@ fn run_stage(at: &mut Iterate<'_, '_>, stage: Stage) -> Outcome<Status> {
     dense::copy(at.work.trial, at.work.start);
     if let Stage::Restart(k) = stage {
         at.counts.restarts += 1;
-        scatter(at, k);
+        at.scatter(k);
     }
     if !at.begin()? {
         return Ok(Status::DomainError);
-    }
-    let is_first = at.counts.iterations == 0;
-    if is_first && at.settings.row_scale == RowScale::Jacobian {
-        at.scale_rows_by_jacobian()?;
     }
     let nonmonotone =
         Plan { start: at.settings.first_start, proximal: 0.0, memory: at.settings.memory };
@@ -184,20 +179,4 @@ fn run_stage(at: &mut Iterate<'_, '_>, stage: Stage) -> Outcome<Status> {
         }
         _ => josephy_newton(at, nonmonotone),
     }
-}
-
-/// `trial <- P(c + 10^(k/2 - 1) max(1, |c|) r)`, `r` uniform on `[-1, 1]^n` from a fixed seed;
-/// the centre `c` is `z0` and, at every other restart, the point of the box nearest to zero (`F`
-/// may be hopeless around `z0`).
-fn scatter(at: &mut Iterate<'_, '_>, k: u8) {
-    let spread = libm::pow(10.0, 0.5 * f64::from(k) - 1.0);
-    let mut random = Random::new(u64::from(k) + 1);
-    if k % 2 == 1 {
-        at.work.trial.fill(0.0);
-        dense::project(at.work.trial, at.lower, at.upper);
-    }
-    for z in at.work.trial.iter_mut() {
-        *z += spread * f64::max(1.0, z.abs()) * (2.0 * random.uniform() - 1.0);
-    }
-    dense::project(at.work.trial, at.lower, at.upper);
 }

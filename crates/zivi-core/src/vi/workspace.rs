@@ -34,6 +34,7 @@ pub struct Workspace<'a> {
     pub(super) upper: &'a mut [f64],
     pub(super) scale: &'a mut [f64],
     pub(super) start: &'a mut [f64],
+    pub(super) centre: &'a mut [f64],
     pub(super) best: &'a mut [f64],
     pub(super) point: &'a mut [f64],
 }
@@ -72,6 +73,7 @@ impl<'a> Workspace<'a> {
             upper: vector()?,
             scale: vector()?,
             start: vector()?,
+            centre: vector()?,
             best: vector()?,
             point: vector()?,
         })
@@ -94,6 +96,7 @@ fn take<'a, T>(rest: &mut &'a mut [T], length: usize) -> Option<&'a mut [T]> {
 }
 
 #[cfg(test)]
+#[allow(clippy::indexing_slicing)]
 mod tests {
     use super::*;
 

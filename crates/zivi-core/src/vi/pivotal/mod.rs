@@ -19,6 +19,7 @@ mod tableau;
 
 use super::dense;
 use super::natural::natural_residual;
+use super::problem::EvaluationError;
 use basis::Basis;
 use tableau::Tableau;
 
@@ -112,26 +113,27 @@ pub(super) struct PivotalWorkspace<'a> {
 }
 
 /// Follows the path from `z`; at [`PathEnd::Solution`] `z` is the end of it, in the box, for the
-/// caller to check. Returns the end and the number of pivots.
+/// caller to check. Returns the end and the number of pivots; `poll` may stop it.
 pub(super) fn follow(
     avi: &AffineVi<'_>,
     start: Start,
     limit: usize,
     work: &mut PivotalWorkspace<'_>,
     z: &mut [f64],
-) -> (PathEnd, usize) {
+    poll: &mut dyn FnMut() -> Result<(), EvaluationError>,
+) -> Result<(PathEnd, usize), EvaluationError> {
     let mut tableau = Tableau::new(avi, work);
     let begun = match start {
         Start::Regular => tableau.start_at(z),
         Start::Ray => tableau.start_on_ray(z),
     };
     if !begun {
-        return (PathEnd::Singular, tableau.pivots);
+        return Ok((PathEnd::Singular, tableau.pivots));
     }
-    let end = tableau.follow_path(limit);
+    let end = tableau.follow_path(limit, poll)?;
     if end == PathEnd::Solution {
         tableau.refine();
         tableau.extract(z);
     }
-    (end, tableau.pivots)
+    Ok((end, tableau.pivots))
 }

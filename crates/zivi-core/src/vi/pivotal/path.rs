@@ -1,6 +1,7 @@
 //! Following the path: ratio test, pivot or bound flip, complementary variable.
 
 use super::super::dense;
+use super::super::problem::EvaluationError;
 use super::basis::Variable;
 use super::tableau::{held, Tableau};
 use super::PathEnd;
@@ -9,6 +10,8 @@ use super::PathEnd;
 const NEGLIGIBLE: f64 = 1e-12;
 /// Step lengths this near, relatively, are ties.
 const TIE: f64 = 1e-11;
+/// Pivots between two looks at whoever may want to interrupt.
+const POLL_EVERY: usize = 32;
 
 /// A variable on its way into the basis.
 #[derive(Clone, Copy, Debug)]
@@ -34,31 +37,40 @@ enum Block {
 
 impl Tableau<'_> {
     /// Drives `s` to zero.
-    pub(super) fn follow_path(&mut self, limit: usize) -> PathEnd {
+    pub(super) fn follow_path(
+        &mut self,
+        limit: usize,
+        poll: &mut dyn FnMut() -> Result<(), EvaluationError>,
+    ) -> Result<PathEnd, EvaluationError> {
         let refactor_every = self.n().max(50);
         let mut entering =
             Entering { variable: Variable::S, sense: -1.0, from: self.s, range: self.s };
         for pivot in 1..=limit {
             self.solve_column(entering.variable);
             entering = match self.block(&entering) {
-                Block::Nothing => return PathEnd::Ray,
-                Block::OtherBound if entering.variable == Variable::S => return PathEnd::Solution,
+                Block::Nothing => return Ok(PathEnd::Ray),
+                Block::OtherBound if entering.variable == Variable::S => {
+                    return Ok(PathEnd::Solution)
+                }
                 Block::OtherBound => self.flip(&entering),
                 Block::Member { position, length, at_upper } => {
                     let leaving = self.basis.member(position);
                     self.pivot(&entering, position, length, at_upper);
                     if leaving == Variable::S {
-                        return PathEnd::Solution;
+                        return Ok(PathEnd::Solution);
                     }
                     self.complement(leaving, at_upper)
                 }
             };
             self.pivots += 1;
+            if pivot % POLL_EVERY == 0 {
+                poll()?;
+            }
             if pivot % refactor_every == 0 && !self.refactor() {
-                return PathEnd::Singular;
+                return Ok(PathEnd::Singular);
             }
         }
-        PathEnd::PivotLimit
+        Ok(PathEnd::PivotLimit)
     }
 
     fn refactor(&mut self) -> bool {
