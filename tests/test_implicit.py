@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from scheme import Steps
 
 import zivi
+from scheme import Steps
 
 
 def run(force, e, h, state, steps=150, **settings):
@@ -34,7 +34,7 @@ def test_implicit_euler_solves_every_linear_force():
         _, sol = run(force, e, h, state)
         assert sol.success, (force, e, h, state, sol.message)
         assert np.nanmax(sol.residual) < 1e-12
-        assert sol.nfev < 20 * sol.n_steps
+        assert sol.nfev < 40 * sol.n_steps
 
 
 # f > 0 while the mass comes down: the sign pattern that solves the frozen force changes with it
