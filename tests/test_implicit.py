@@ -28,13 +28,16 @@ def random_linear(rng):
 
 def test_implicit_euler_solves_every_linear_force():
     rng = np.random.default_rng(4)
+    evaluations = []
     for _ in range(500):
         force, e, h = random_linear(rng), rng.uniform(0.02, 1), 10 ** rng.uniform(-5, 0)
         state = rng.uniform(0, 2) * (rng.random() < 0.8), 5 * rng.normal()
         _, sol = run(force, e, h, state)
         assert sol.success, (force, e, h, state, sol.message)
         assert np.nanmax(sol.residual) < 1e-12
-        assert sol.nfev < 40 * sol.n_steps
+        evaluations.append(sol.nfev / sol.n_steps)
+    assert np.median(evaluations) < 3
+    assert max(evaluations) < 100
 
 
 # f > 0 while the mass comes down: the sign pattern that solves the frozen force changes with it
