@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
+from zivi._check import real_array
 from zivi.status import Status
 from zivi.transform import project
 
@@ -56,9 +57,11 @@ class Trajectory:
         Multipliers in ``sgn s`` and ``sgn v`` of the step that ends at the sample; for the first
         sample the signs of the initial state.
     residual : ndarray
-        Natural residual of that step, its rows divided by the size of their terms: at rounding
-        level (1e-13 at most, where a degenerate case was taken) if the step is solved. Recomputed
-        from the inclusion. NaN for `ExplicitEuler`, which solves none.
+        Natural residual of that step, its rows divided by the size of their terms, recomputed
+        from the inclusion: at rounding level (1e-13 at most, where a degenerate case was taken)
+        if the step is solved. For `e` below about 1e-2 the rounding of ``R``, which may be as
+        small as `e`, shows: 3e-12 at ``e = 1e-6``. 0 at the first sample; NaN at the others for
+        `ExplicitEuler`, which solves no inclusion.
     impacts : structured ndarray
         Fields ``t`` (s), ``xdot_before`` and ``xdot_after`` (m/s): the impacts that the steps
         resolve, finitely many before a Zeno point.
@@ -159,7 +162,7 @@ class Trajectory:
         ValueError
             If a time lies outside the computed span.
         """
-        times = np.asarray(t, dtype=float)
+        times = real_array("t", t)
         grid, s, v = self._steps
         if not np.all((times >= grid[0]) & (times <= grid[-1])):
             raise ValueError(f"t must lie within the computed span [{grid[0]}, {grid[-1]}]")

@@ -101,6 +101,10 @@ pub fn run<E, F: Force<E>>(
     check_state(initial)?;
     let n = grid.n_steps();
     let mut z = transform::lift(initial, Branch::Positive, wall);
+    if !z.v.is_finite() {
+        let range = "a velocity whose image v = xdot0/(1 - kappa sgn xdot0) is finite";
+        return Err(SetupError::Setting("xdot0", initial.xdot, range));
+    }
     let incoming = initial.x == 0.0 && initial.xdot < 0.0;
     let mut log = EventLog::start(grid.t(0), z, incoming, wall);
     let mut record = Recorder::start(n, grid.t(0), z, wall).map_err(|_| SetupError::Memory(n))?;

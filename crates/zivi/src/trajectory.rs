@@ -104,7 +104,7 @@ impl fmt::Display for SetupError {
             SetupError::Grid(error) => error.fmt(out),
             SetupError::Method(error) => error.fmt(out),
             SetupError::Setting(name, value, range) => {
-                write!(out, "{name} must be {range}, got {value}")
+                write!(out, "{name} must be {range}, got {value:?}")
             }
             SetupError::Memory(steps) => {
                 write!(out, "the record of {steps} steps does not fit into memory: increase h")
