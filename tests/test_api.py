@@ -157,11 +157,12 @@ def test_the_parameter_check_can_fail():
 
 @pytest.mark.parametrize("name", modules())
 def test_docstring_examples_run(name):
-    import matplotlib as mpl
+    import matplotlib.pyplot as plt
 
-    mpl.use("Agg")
+    plt.switch_backend("Agg")
     module = importlib.import_module(name)
     result = doctest.testmod(module, extraglobs={"zivi": zivi, "np": np})
+    plt.close("all")
     assert result.failed == 0
 
 

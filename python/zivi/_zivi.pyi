@@ -7,15 +7,19 @@ from numpy.typing import NDArray
 __all__ = [
     "STATUS_MESSAGES",
     "RunRecord",
+    "ViRecord",
     "__version__",
     "check_theta_gamma",
     "compiled_force",
     "lift",
+    "natural_residual",
     "project",
     "restitution",
     "simulate_explicit_euler",
     "simulate_theta_gamma",
+    "solve_avi",
     "solve_steps",
+    "solve_vi",
 ]
 
 __version__: str

@@ -38,14 +38,14 @@ def paper(
     import matplotlib as mpl
 
     mpl.use("Agg")
-    from zivi.paper import write
-    from zivi.paper.checks import table
+    from zivi.paper import checks, linearisation, write
 
     console = Console()
     with console.status("computing"):
-        checks = write(out)
-    console.print(table(checks))
-    console.print(f"Figures, data and checks.csv: {out}")
-    if not all(check.ok for check in checks):
+        found = write(out)
+    console.print(linearisation.table(found.rates))
+    console.print(checks.table(found.checks))
+    console.print(f"Figures, the data behind them and both tables (CSV): {out}")
+    if not found.ok:
         console.print("[bold red]A number is off.[/]")
         raise typer.Exit(1)

@@ -64,7 +64,7 @@ def simulate(
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
     >>> sol = zivi.simulate(ball, (0, 3), (1, 0), method=zivi.ThetaGamma(h=1e-3))
     >>> sol.success, len(sol.impacts)
-    (True, 6)
+    (True, 8)
     """
     if not isinstance(system, ImpactSystem):
         raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")

@@ -49,7 +49,8 @@ impl EventLog {
     }
 
     /// Notes what happened between two samples; nothing did while `s` keeps its sign.
-    #[inline]
+    #[cold]
+    #[inline(never)]
     pub(crate) fn step(&mut self, (t, before): (f64, Lifted), (t_next, after): (f64, Lifted)) {
         if before.s * after.s > 0.0 {
             return;

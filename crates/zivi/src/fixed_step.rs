@@ -1,6 +1,6 @@
 //! The loop that all fixed-step methods share: step, record, note the events, let others look.
 
-use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, StepFailure};
+use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepFailure};
 
 use crate::events::EventLog;
 use crate::monitor::Pace;
@@ -26,6 +26,17 @@ pub trait FixedStep<E, F: Force<E>> {
     /// # Errors
     /// Why there is no next state; the run ends at `start`.
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>>;
+
+    /// The next step if it takes neither an evaluation of the force nor a search: the same as
+    /// [`FixedStep::advance`] gives. Must be small and call nothing.
+    #[inline(always)]
+    fn everyday(&self, _: Lifted) -> Option<Sample> {
+        None
+    }
+
+    /// Relative natural residual of a step from `z` under the force `f` with the multipliers
+    /// `lambda`, recomputed from the inclusion (NaN for a method that solves none).
+    fn residual(&self, z: Lifted, f: f64, lambda: [f64; 2]) -> f64;
 
     /// Takes another step size from here on (the last step of a run may be shorter).
     ///
@@ -89,24 +100,41 @@ pub fn run<E, F: Force<E>>(
 ) -> Result<Run<E>, SetupError> {
     check_state(initial)?;
     let n = grid.n_steps();
-    let mut record = Recorder::with_capacity(n + 1, wall).map_err(|_| SetupError::Memory(n))?;
     let mut z = transform::lift(initial, Branch::Positive, wall);
     let incoming = initial.x == 0.0 && initial.xdot < 0.0;
     let mut log = EventLog::start(grid.t(0), z, incoming, wall);
-    let (lambda_s, lambda_v) = (sgn(z.s), sgn(z.v));
-    record.push(grid.t(0), Sample { z, lambda_s, lambda_v, residual: 0.0 });
+    let mut record = Recorder::start(n, grid.t(0), z, wall).map_err(|_| SetupError::Memory(n))?;
 
     let mut side = transform::side(z, Branch::Positive.sigma());
     let mut failed_steps = Vec::new();
     let mut pace = Pace::start();
-    let mut k = 0;
+    let (mut k, mut t) = (0, grid.t(0));
     let ending = 'run: loop {
         let until = (k + pace.chunk()).min(n);
         while k < until {
+            // no call in this loop: the state stays in registers
+            let easy = until.min(n - 1).min(k + record.room());
+            while k < easy {
+                match method.everyday(z) {
+                    Some(sample) if uneventful(z, sample.z) => {
+                        k += 1;
+                        t = grid.t(k);
+                        record.push(t, sample);
+                        z = sample.z;
+                    }
+                    _ => break,
+                }
+            }
+            if k == until {
+                break;
+            }
+            // the residuals of a block are those of one step size
+            if record.is_full() || k + 1 == n {
+                record.flush(|z, f, lambda| method.residual(z, f, lambda));
+            }
             if k + 1 == n {
                 method.resize(grid.last_h())?;
             }
-            let t = grid.t(k);
             let sample = match method.advance(Start { t, z, side }, force) {
                 Ok(sample) => sample,
                 Err(failure) => break 'run failure,
@@ -117,9 +145,11 @@ pub fn run<E, F: Force<E>>(
             }
             let t_next = grid.t(k);
             record.push(t_next, sample);
-            log.step((t, z), (t_next, sample.z));
-            z = sample.z;
-            side = transform::side(z, side);
+            if !uneventful(z, sample.z) {
+                log.step((t, z), (t_next, sample.z));
+                side = transform::side(sample.z, side);
+            }
+            (t, z) = (t_next, sample.z);
         }
         if let Err(stop) = monitor.poll(k, n) {
             break Failure::Raised(stop);
@@ -129,13 +159,21 @@ pub fn run<E, F: Force<E>>(
         }
         pace.adjust();
     };
+    record.flush(|z, f, lambda| method.residual(z, f, lambda));
     let (status, raised) = match ending {
         Failure::Status(status) => (status, None),
         Failure::Raised(error) => (Status::Raised, Some(error)),
     };
-    let (columns, events) = (record.finish(), log.finish());
+    let (columns, events) = (record.into_columns(), log.finish());
     let trajectory = Trajectory { columns, events, failed_steps, status, nfev: method.nfev() };
     Ok(Run { trajectory, raised })
+}
+
+/// Nothing happens, and the side is the same, while `s` keeps its sign or the mass rests.
+#[inline(always)]
+fn uneventful(before: Lifted, after: Lifted) -> bool {
+    let rest = Lifted::default();
+    before.s * after.s > 0.0 || (before == rest && after == rest)
 }
 
 fn check_state(initial: Physical) -> Result<(), SetupError> {

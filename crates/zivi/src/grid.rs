@@ -97,7 +97,8 @@ impl Grid {
     #[must_use]
     pub fn t(&self, k: usize) -> f64 {
         if k < self.n {
-            self.t0 + k as f64 * self.h
+            // k <= MAX_STEPS; a signed integer converts in one instruction
+            self.t0 + k as i64 as f64 * self.h
         } else {
             self.t1
         }

@@ -27,6 +27,12 @@ pub trait StepSolver {
         side: f64,
     ) -> Result<StepSolution, StepFailure>;
 
+    /// The same where it takes no search; must be small and call nothing.
+    #[inline(always)]
+    fn everyday(&self, _: &ThetaGammaStep, _: Lifted, _: f64) -> Option<StepSolution> {
+        None
+    }
+
     /// Whether the last call failed and was answered by the exact solution instead.
     fn has_failed(&self) -> bool {
         false
@@ -47,6 +53,11 @@ impl StepSolver for Exact {
         side: f64,
     ) -> Result<StepSolution, StepFailure> {
         step.solve(z, f, side)
+    }
+
+    #[inline(always)]
+    fn everyday(&self, step: &ThetaGammaStep, z: Lifted, f: f64) -> Option<StepSolution> {
+        step.everyday(z, f)
     }
 }
 
@@ -164,7 +175,7 @@ impl StepSolver for General {
             return Ok(end);
         }
         let end = step.end(z, f, self.lambda);
-        if end.s.is_finite() && end.v.is_finite() {
+        if (end.s + 2.0 * end.v).is_finite() {
             Ok(end)
         } else {
             Err(StepFailure::NotFinite)

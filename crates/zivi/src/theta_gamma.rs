@@ -6,7 +6,7 @@
 //! f = f(t + theta h, |s_theta|, R lambda_s v_theta)      z_theta = theta z+ + (1 - theta) z
 //! ```
 
-use zivi_core::{Physical, Restitution, StepSolution, ThetaGammaStep};
+use zivi_core::{Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
 
 use crate::fixed_step::{finite_force, run, Failure, FixedStep, Start};
 use crate::implicit::ImplicitForce;
@@ -117,7 +117,18 @@ impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for FrozenStepper<S> {
             }
         };
         let end = self.solver.solve(&self.step, start.z, f, start.side)?;
-        Ok(sample(&self.step, start, f, end))
+        Ok(sample(f, end))
+    }
+
+    #[inline(always)]
+    fn everyday(&self, z: Lifted) -> Option<Sample> {
+        let f = self.constant?;
+        self.solver.everyday(&self.step, z, f).map(|end| sample(f, end))
+    }
+
+    #[inline]
+    fn residual(&self, z: Lifted, f: f64, lambda: [f64; 2]) -> f64 {
+        self.step.vi_residual(z, f, lambda)
     }
 
     fn resize(&mut self, h: f64) -> Result<(), SetupError> {
@@ -146,7 +157,12 @@ impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for StateStepper<S> {
     #[inline]
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
         let (f, end) = self.implicit.solve(&self.step, &mut self.solver, start, force)?;
-        Ok(sample(&self.step, start, f, end))
+        Ok(sample(f, end))
+    }
+
+    #[inline]
+    fn residual(&self, z: Lifted, f: f64, lambda: [f64; 2]) -> f64 {
+        self.step.vi_residual(z, f, lambda)
     }
 
     fn resize(&mut self, h: f64) -> Result<(), SetupError> {
@@ -164,11 +180,8 @@ impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for StateStepper<S> {
     }
 }
 
-/// The end of a step with its residual, recomputed from the inclusion that the exact solution
-/// does not use.
 #[inline]
-fn sample(step: &ThetaGammaStep, start: Start, f: f64, end: StepSolution) -> Sample {
+fn sample(f: f64, end: StepSolution) -> Sample {
     let StepSolution { s, v, lambda_s, lambda_v, .. } = end;
-    let residual = step.vi_residual(start.z, f, [lambda_s, lambda_v]);
-    Sample { z: zivi_core::Lifted { s, v }, lambda_s, lambda_v, residual }
+    Sample { z: Lifted { s, v }, lambda_s, lambda_v, f }
 }

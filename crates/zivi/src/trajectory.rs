@@ -16,8 +16,8 @@ pub struct Sample {
     pub lambda_s: f64,
     /// `lambda_v` in `sgn v`.
     pub lambda_v: f64,
-    /// Relative natural residual of the step (NaN for a method that solves no inclusion).
-    pub residual: f64,
+    /// The force of the step (m/s^2).
+    pub f: f64,
 }
 
 /// The sampled quantities, one vector each, all of one length.

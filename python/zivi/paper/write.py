@@ -2,39 +2,61 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zivi.methods import ThetaGamma
-from zivi.paper import ball
+from zivi.paper import ball, linearisation
 from zivi.paper.checks import Check, save
 from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["write"]
+__all__ = ["Reproduction", "write"]
 
 
-def write(out: Path | str) -> list[Check]:
+@dataclasses.dataclass(frozen=True)
+class Reproduction:
+    """What `write` found.
+
+    Parameters
+    ----------
+    checks : list of Check
+        Every checked number.
+    rates : list of linearisation.Rate
+        How often the linearisations of section V.A fail; measured, not checked.
+    """
+
+    checks: list[Check]
+    rates: list[linearisation.Rate]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every checked number agrees."""
+        return all(check.ok for check in self.checks)
+
+
+def write(out: Path | str) -> Reproduction:
     """Write the paper's figures and numbers.
 
     Parameters
     ----------
     out : path
-        Folder, made if needed: a PNG for each figure, a CSV with the data behind it, and
-        ``checks.csv``.
+        Folder, made if needed: a PNG for each figure, a CSV with the data behind it,
+        ``checks.csv`` and ``linearisation.csv``.
 
     Returns
     -------
-    list of Check
-        Every checked number; the reproduction holds if all are ``ok``.
+    Reproduction
+        The checked numbers and the measured rates.
 
     Examples
     --------
     >>> import tempfile
     >>> from zivi.paper import write
-    >>> all(check.ok for check in write(tempfile.mkdtemp()))
+    >>> write(tempfile.mkdtemp()).ok
     True
     """
     folder = Path(out)
@@ -49,7 +71,9 @@ def write(out: Path | str) -> list[Check]:
         _save_data(run, ["x", "xdot", "s", "v"], folder / f"explicit_and_implicit_{name}.csv")
     checks = ball.checks(sol)
     save(checks, folder / "checks.csv")
-    return checks
+    rates = linearisation.measure()
+    linearisation.save(rates, folder / "linearisation.csv")
+    return Reproduction(checks, rates)
 
 
 def _save_figure(figure: Figure, path: Path) -> None:

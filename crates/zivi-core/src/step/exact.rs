@@ -63,18 +63,21 @@ impl ThetaGammaStep {
     /// assert_eq!((rest.s, rest.v, rest.case), (0.0, 0.0, Case::Origin));
     /// # Ok::<(), zivi_core::RestitutionError>(())
     /// ```
-    #[inline]
+    #[inline(always)]
     pub fn solve(&self, z: Lifted, f: f64, side: f64) -> Result<StepSolution, StepFailure> {
-        match self.everyday(z, f) {
-            Some(solution) => Ok(solution),
-            None => self.by_cases(z, f, side),
+        if let Some(solution) = self.everyday(z, f) {
+            return Ok(solution);
         }
+        // taken apart, so that the everyday solution need not be kept where this one is returned
+        let StepSolution { s, v, lambda_s, lambda_v, case } = self.by_cases(z, f, side)?;
+        Ok(StepSolution { s, v, lambda_s, lambda_v, case })
     }
 
     /// The steps that most of a run consists of, under `f <= 0`: rest, and the regular pattern of
     /// the present signs with room to spare, which is then the only solution.
-    #[inline]
-    fn everyday(&self, z: Lifted, f: f64) -> Option<StepSolution> {
+    #[inline(always)]
+    #[must_use]
+    pub fn everyday(&self, z: Lifted, f: f64) -> Option<StepSolution> {
         if f > 0.0 || z.s == 0.0 || z.v == 0.0 {
             let rests = f <= 0.0 && f.is_finite() && z == Lifted::default();
             return rests.then_some(StepSolution::REST);
@@ -82,7 +85,12 @@ impl ThetaGammaStep {
         let sign = |z: f64| if z > 0.0 { 1.0 } else { -1.0 };
         // not mirrored to the side +1: that would lengthen the chain from step to step
         let seen = Frozen { step: self, s: z.s, v: z.v, f };
-        seen.regular(sign(z.s), sign(z.v), -SIGN_TOLERANCE).filter(StepSolution::is_finite)
+        match seen.regular(sign(z.s), sign(z.v), -SIGN_TOLERANCE) {
+            Some(StepSolution { s, v, lambda_s, lambda_v, case }) if is_finite(s, v) => {
+                Some(StepSolution { s, v, lambda_s, lambda_v, case })
+            }
+            _ => None,
+        }
     }
 
     /// Any step, on the side `+1`, by the rule of [`super::selection`].
@@ -91,7 +99,7 @@ impl ThetaGammaStep {
     fn by_cases(&self, z: Lifted, f: f64, side: f64) -> Result<StepSolution, StepFailure> {
         let (sigma, frozen) = self.frozen(z, f, side);
         let found = frozen.selected()?.mirrored(sigma);
-        if found.is_finite() {
+        if is_finite(found.s, found.v) {
             Ok(found)
         } else {
             Err(StepFailure::NotFinite)
@@ -222,7 +230,7 @@ impl<'a> Frozen<'a> {
 
     /// Both signs at their ends: `R` is known, `s_gamma` and `v_gamma` must have those signs.
     /// A negative `slack` is the margin that is asked for.
-    #[inline]
+    #[inline(always)]
     fn regular(&self, lambda_s: f64, lambda_v: f64, slack: f64) -> Option<StepSolution> {
         let ThetaGammaStep { h, theta, gamma, wall, inverse_r: [outward, inward] } = *self.step;
         let away = lambda_s * lambda_v > 0.0;
@@ -328,6 +336,12 @@ impl<'a> Frozen<'a> {
     fn extrapolated(&self, z: f64) -> f64 {
         0.0 - (1.0 - self.step.gamma) / self.step.gamma * z
     }
+}
+
+/// Whether a state and its projection (`|x'| <= 2 |v|`) are finite.
+#[inline(always)]
+fn is_finite(s: f64, v: f64) -> bool {
+    (s + 2.0 * v).is_finite()
 }
 
 /// The root of `slope * lambda = value` if it lies in `[-1, 1]` to within the rounding of the

@@ -147,11 +147,6 @@ impl StepSolution {
     /// Rest goes on.
     const REST: Self = Self { s: 0.0, v: 0.0, lambda_s: 0.0, lambda_v: 0.0, case: Case::Origin };
 
-    #[inline]
-    fn is_finite(&self) -> bool {
-        self.s.is_finite() && self.v.is_finite()
-    }
-
     /// The mirror image `(s, v, lambda) -> -(s, v, lambda)`, which solves the mirrored step (adding
     /// `0.0` turns the `-0.0` of a mirrored zero into `0.0`).
     #[inline]

@@ -92,16 +92,14 @@ impl ImplicitForce {
         mut search: Search,
         mut end: impl FnMut(f64) -> Result<StepSolution, Failure<E>>,
     ) -> Found<E> {
-        let t = sought.t;
         while let Some(trial) = search.trial() {
             let reached = end(trial)?;
-            let state = sought.state_at_theta(&reached);
-            let value = self.evaluate(force, t, state)?;
+            let value = self.evaluate(force, sought.t, sought.state_at_theta(&reached))?;
             let mismatch = value - trial;
             let scale = value.abs().min(trial.abs()).max(self.last.map_or(0.0, f64::abs));
             if mismatch.abs() <= TOLERANCE * scale
                 || (search.trials() > SLOW
-                    && mismatch.abs() <= self.rounding(force, t, state, value)?)
+                    && mismatch.abs() <= self.rounding(sought, force, (trial, &reached), value)?)
             {
                 self.slope = search.slope();
                 return Ok((trial, reached));
@@ -160,21 +158,22 @@ impl ImplicitForce {
         finite_force(force, t, state)
     }
 
-    /// How much the force changes when each of its arguments changes in its last digits: where
-    /// large terms cancel, no trial can do better.
+    /// How much the force changes when the state at which it is taken changes by its rounding:
+    /// no trial can do better.
     #[cold]
     fn rounding<E>(
         &mut self,
+        sought: &Sought<'_>,
         force: &mut impl Force<E>,
-        t: f64,
-        state: Physical,
+        (trial, end): (f64, &StepSolution),
         value: f64,
     ) -> Result<f64, Failure<E>> {
-        let nudge = 1.0 + 8.0 * f64::EPSILON;
-        let by_x = Physical { x: state.x * nudge, ..state };
-        let by_xdot = Physical { xdot: state.xdot * nudge, ..state };
-        let change_x = (self.evaluate(force, t, by_x)? - value).abs();
-        let change_xdot = (self.evaluate(force, t, by_xdot)? - value).abs();
+        let state = sought.state_at_theta(end);
+        let Physical { x, xdot } = sought.rounding_at_theta(trial, end);
+        let by_x = Physical { x: state.x + x, ..state };
+        let by_xdot = Physical { xdot: state.xdot + xdot, ..state };
+        let change_x = (self.evaluate(force, sought.t, by_x)? - value).abs();
+        let change_xdot = (self.evaluate(force, sought.t, by_xdot)? - value).abs();
         Ok(change_x + change_xdot)
     }
 }
@@ -187,5 +186,13 @@ impl Sought<'_> {
         let mean = |new: f64, old: f64| step.theta() * new + (1.0 - step.theta()) * old;
         let r = step.wall().r(end.lambda_s, end.lambda_v);
         Physical { x: mean(end.s, z.s).abs(), xdot: r * end.lambda_s * mean(end.v, z.v) }
+    }
+
+    /// Rounding of that state: a few units in the last place of the terms that it is summed from.
+    fn rounding_at_theta(&self, f: f64, end: &StepSolution) -> Physical {
+        let lambda = [end.lambda_s, end.lambda_v];
+        let [scale_s, scale_v] = self.step.vi_scales(self.start.z, f, lambda);
+        let r = self.step.wall().r(end.lambda_s, end.lambda_v);
+        Physical { x: 8.0 * f64::EPSILON * scale_s, xdot: 8.0 * f64::EPSILON * r * scale_v }
     }
 }

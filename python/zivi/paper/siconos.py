@@ -1,0 +1,129 @@
+"""Siconos' solvers for the step's VI, where a Python that has Siconos is found.
+
+Siconos is never required: without it there are no solvers here. It runs in processes of its own,
+because it may be installed for another interpreter, and because its solvers can loop for ever.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["interpreter", "solvers"]
+
+Array = NDArray[np.float64]
+
+SOLVERS = ("VI_BOX_AVI_LSA", "VI_BOX_QI")
+ENVIRONMENT = "ZIVI_SICONOS_PYTHON"
+"""Names the Python to try first."""
+
+PROBE_TIMEOUT = 20.0
+TIMEOUT = 120.0
+"""Longest that one set of states may take (s)."""
+ENDLESS_SOLVES = 10
+"""Solves without an end after which the rest of a set counts as not solved."""
+
+
+def solvers(
+    kappa: float, gravity: float
+) -> dict[str, Callable[[Array, Array, float], tuple[Array, Array]]]:
+    """Return Siconos' solvers of the implicit Euler step, by name; none without Siconos.
+
+    Parameters
+    ----------
+    kappa : float
+        Parameter of the transform.
+    gravity : float
+        The constant force is ``-gravity`` (m/s^2).
+
+    Returns
+    -------
+    dict
+        Functions from states ``s``, ``v`` and a step size to the multipliers ``lambda_s`` and
+        ``lambda_v``, each solve started from the signs of its state. NaN where the solver raised,
+        crashed or did not end.
+    """
+    python = interpreter()
+    if python is None:
+        return {}
+
+    def solver(name: str) -> Callable[[Array, Array, float], tuple[Array, Array]]:
+        def solve(s: Array, v: Array, h: float) -> tuple[Array, Array]:
+            multipliers = _solve(python, name, np.column_stack([s, v]), kappa, gravity, h)
+            return multipliers[:, 0].copy(), multipliers[:, 1].copy()
+
+        return solve
+
+    return {f"Siconos {name}": solver(name) for name in SOLVERS}
+
+
+def interpreter() -> str | None:
+    """Find a Python that imports ``siconos.numerics``; each one is tried once per process."""
+    names = (
+        os.environ.get(ENVIRONMENT),
+        "/usr/bin/python3",
+        shutil.which("python3"),
+        sys.executable,
+    )
+    return next((name for name in dict.fromkeys(names) if name and _has_siconos(name)), None)
+
+
+@functools.cache
+def _has_siconos(python: str) -> bool:
+    try:
+        probe = subprocess.run(
+            [python, "-c", "import siconos.numerics"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=PROBE_TIMEOUT,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return probe.returncode == 0
+
+
+def _solve(
+    python: str, solver: str, states: Array, kappa: float, gravity: float, h: float
+) -> Array:
+    """Solve for all states; go on behind one at which the process ended."""
+    multipliers = np.full_like(states, np.nan)
+    done = 0
+    for _ in range(ENDLESS_SOLVES):
+        s, v = states[done:].T
+        asked = io.BytesIO()
+        np.savez(asked, solver=solver, kappa=kappa, gravity=gravity, h=h, s=s, v=v)
+        written = np.frombuffer(_run(python, asked.getvalue())).reshape(-1, 2)
+        multipliers[done : done + len(written)] = written
+        done += len(written) + 1
+        if done >= len(states):
+            break
+    return multipliers
+
+
+def _run(python: str, asked: bytes) -> bytes:
+    """Return the whole pairs of doubles that the script wrote until it ended or was ended."""
+    script = Path(__file__).with_name("_siconos_steps.py")
+    # its dense algebra is 2 x 2: more threads than one only get in each other's way
+    alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    try:
+        written = subprocess.run(
+            [python, str(script)],
+            input=asked,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            timeout=TIMEOUT,
+            env=os.environ | alone,
+        ).stdout
+    except subprocess.TimeoutExpired as late:
+        written = late.stdout or b""
+    pair = 2 * np.dtype(np.float64).itemsize
+    return written[: len(written) // pair * pair]
