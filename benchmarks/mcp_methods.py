@@ -1,0 +1,155 @@
+"""The published MCP set: what each part of the solver is worth, beside Siconos where it is.
+
+Success is counted by a residual computed here, never by a flag: at most 1e-9 for zivi, 1e-7 for
+Siconos, whose solvers are given tolerance 1e-9 and 1000 iterations.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+import siconos_peer
+import zivi
+
+TESTS = Path(__file__).resolve().parent.parent / "tests"
+sys.path.insert(0, str(TESTS))
+
+from mcp import PROBLEMS  # noqa: E402
+
+SOLVABLE = [problem for problem in PROBLEMS if problem.solvable]
+RANDOM_STARTS = 10
+SICONOS_TOLERANCE = 1e-7
+
+ONLY = {"semismooth": False, "proximal": False, "restarts": 0, "enumerate_up_to": 0}
+METHODS = {
+    "Josephy-Newton, undamped": {**ONLY, "line_search": False, "descent_steps": False},
+    "semismooth Newton only": {**ONLY, "josephy_newton": False, "semismooth": True},
+    "S0, monotone search": {**ONLY, "memory": 1},
+    "S0: Josephy-Newton": ONLY,
+    "S0, ray start first": {**ONLY, "ray_start_first": True},
+    "all but the line search": {"line_search": False},
+    "all but descent steps": {"descent_steps": False},
+    "all but S0": {"josephy_newton": False},
+    "all but S1": {"semismooth": False},
+    "all but S2": {"proximal": False},
+    "all but restarts": {"restarts": 0},
+    "all but enumeration": {"enumerate_up_to": 0},
+    "all": {},
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Count:
+    """How one method did over a family of starts."""
+
+    solved: int
+    starts: int
+    iterations: np.ndarray
+    pivots: np.ndarray
+    evaluations: np.ndarray
+    unsolved: dict[str, int]
+    seconds: float
+
+
+def starts(kind: str) -> Iterator[tuple[object, np.ndarray]]:
+    """Yield problems with their published, or with ten random starts each."""
+    rng = np.random.default_rng(0)
+    for problem in SOLVABLE:
+        if kind == "published":
+            yield from ((problem, start) for start in problem.starts)
+            continue
+        for _ in range(RANDOM_STARTS):
+            near = problem.starts[rng.integers(len(problem.starts))]
+            yield problem, near + 10 ** rng.uniform(-1, 2) * rng.uniform(-1, 1, problem.n)
+
+
+def count(options: dict[str, object], kind: str) -> Count:
+    """Run one method."""
+    work, unsolved, total = [], {}, 0
+    began = time.perf_counter()
+    for problem, start in starts(kind):
+        total += 1
+        res = zivi.solve_vi(
+            problem.F,
+            problem.lower,
+            problem.upper,
+            start,
+            jac=problem.jac,
+            options=zivi.VIOptions(**options),
+        )
+        residual = problem.residual(res.x)
+        if res.success and not residual <= 1e-9:
+            raise AssertionError(f"false success on {problem.name}: {residual}")
+        if res.success:
+            work.append((res.n_iter, res.n_pivots, res.nfev))
+        else:
+            unsolved[problem.name] = unsolved.get(problem.name, 0) + 1
+    iterations, pivots, evaluations = np.array(work).T
+    seconds = time.perf_counter() - began
+    return Count(len(work), total, iterations, pivots, evaluations, unsolved, seconds)
+
+
+def _row(name: str, published: Count, scattered: Count) -> str:
+    def spread(values: np.ndarray) -> str:
+        return f"{np.median(values):.0f} / {np.percentile(values, 95):.0f}"
+
+    fails = ", ".join(f"{k} {v}" if v > 1 else k for k, v in published.unsolved.items())
+    cells = [
+        name,
+        f"{published.solved}/{published.starts}",
+        f"{scattered.solved}/{scattered.starts}",
+        spread(published.iterations),
+        f"{np.median(published.pivots):.0f} / {published.pivots.max()}",
+        spread(published.evaluations),
+        fails or "none",
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+def siconos_rows() -> list[str]:
+    """Run Siconos' solvers in the interpreter that has them; none is an empty list."""
+    python = siconos_peer.interpreter()
+    if python is None:
+        return []
+    script = Path(__file__).with_name("siconos_mcp.py")
+    try:
+        run = subprocess.run(
+            [python, str(script), str(TESTS)], capture_output=True, text=True, timeout=600
+        )
+    except subprocess.TimeoutExpired:
+        return ["| Siconos | no answer within ten minutes | | | | | |"]
+    if run.returncode != 0:
+        return [f"| Siconos | failed: {run.stderr.strip().splitlines()[-1:]} | | | | | |"]
+    rows = []
+    for name, residuals in json.loads(run.stdout).items():
+        solved = sum(r is not None and r <= SICONOS_TOLERANCE for _, r in residuals)
+        fails: dict[str, int] = {}
+        for problem, r in residuals:
+            if r is None or not r <= SICONOS_TOLERANCE:
+                fails[problem] = fails.get(problem, 0) + 1
+        listed = ", ".join(f"{k} {v}" if v > 1 else k for k, v in fails.items())
+        rows.append(f"| Siconos {name} | {solved}/{len(residuals)} | | | | | {listed} |")
+    return rows
+
+
+def table() -> str:
+    """Return the table of all methods."""
+    head = "method|published|random|iterations median / 95 %|pivots median / max|F median / 95 %"
+    columns = [*head.split("|"), "published starts not solved"]
+    lines = ["| " + " | ".join(columns) + " |", "|---|" + "---:|" * 5 + "---|"]
+    with np.errstate(all="ignore"):
+        for name, options in METHODS.items():
+            lines.append(_row(name, count(options, "published"), count(options, "random")))
+    return "\n".join(lines + siconos_rows())
+
+
+if __name__ == "__main__":
+    print(table())

@@ -1,0 +1,99 @@
+"""Solve the published MCP set with Siconos; run by the interpreter that has it.
+
+Usage: siconos_mcp.py FOLDER, the folder of the package `mcp`. Writes, as JSON, for each solver the
+natural residual reached from every published start, null where it raised, crashed or took more
+than `TIMEOUT` seconds. Each solve has a process of its own, because some never end.
+
+Infinite bounds become 1e7: with infinite ones the solvers of Siconos give up or fail. Residuals
+are those of the original problem.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import tempfile
+from typing import Any
+
+import numpy as np
+
+TIMEOUT = 5
+ITERATIONS = 1000
+TOLERANCE = 1e-9
+INFINITE = 1e7
+
+
+def solve(numerics: Any, solver: str, problem: Any, start: np.ndarray) -> np.ndarray:
+    """Return where Siconos ends."""
+
+    def compute(_: int, z: Any, F: Any) -> None:
+        F[:] = problem.F(np.array(z))
+
+    def jacobian(_: int, z: Any, J: Any) -> None:
+        J[:, :] = problem.jac(np.array(z))
+
+    # not the general driver: it calls a projection that a box from Python does not have
+    run = {
+        "VI_BOX_AVI_LSA": numerics.vi_box_AVI_LSA,
+        "VI_BOX_QI": numerics.variationalInequality_box_newton_QiLSA,
+    }[solver]
+    lower = np.maximum(problem.lower, -INFINITE)
+    upper = np.minimum(problem.upper, INFINITE)
+    vi = numerics.VI(problem.n, compute)
+    vi.set_compute_nabla_F(jacobian)
+    vi.set_box_constraints(lower, upper)
+    settings = numerics.SolverOptions(getattr(numerics, "SICONOS_" + solver))
+    settings.iparam[0] = ITERATIONS
+    settings.dparam[0] = TOLERANCE
+    settings.dparam[2] = 1e-16  # the smallest step: 0 by default, which may never end
+    z = np.array(start, float)
+    run(vi, z, np.zeros(problem.n), settings)
+    return np.clip(z, problem.lower, problem.upper)
+
+
+def in_a_child(numerics: Any, solver: str, problem: Any, start: np.ndarray) -> float | None:
+    """Return the residual that is reached, or None."""
+    with tempfile.TemporaryFile() as answer:
+        child = os.fork()
+        if child == 0:
+            signal.alarm(TIMEOUT)
+            try:
+                residual = problem.residual(solve(numerics, solver, problem, start))
+                answer.write(repr(float(residual)).encode())
+                answer.flush()
+            finally:
+                os._exit(0)
+        os.waitpid(child, 0)
+        answer.seek(0)
+        written = answer.read().decode()
+    residual = float(written) if written else float("nan")
+    return residual if np.isfinite(residual) else None
+
+
+def main() -> None:
+    """Run all solvers over all starts; C's messages go nowhere."""
+    sys.path[0] = sys.argv[1]
+    import siconos.numerics as numerics
+
+    from mcp import PROBLEMS
+
+    np.seterr(all="ignore")
+    with os.fdopen(os.dup(1), "w") as out, open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        os.dup2(nowhere.fileno(), 2)
+        answers = {
+            solver: [
+                (problem.name, in_a_child(numerics, solver, problem, start))
+                for problem in PROBLEMS
+                if problem.solvable
+                for start in problem.starts
+            ]
+            for solver in ("VI_BOX_AVI_LSA", "VI_BOX_QI")
+        }
+        json.dump(answers, out)
+
+
+if __name__ == "__main__":
+    main()
