@@ -101,7 +101,6 @@ def _row(name: str, published: Count, scattered: Count) -> str:
     def spread(values: np.ndarray) -> str:
         return f"{np.median(values):.0f} / {np.percentile(values, 95):.0f}"
 
-    fails = ", ".join(f"{k} {v}" if v > 1 else k for k, v in published.unsolved.items())
     cells = [
         name,
         f"{published.solved}/{published.starts}",
@@ -109,7 +108,7 @@ def _row(name: str, published: Count, scattered: Count) -> str:
         spread(published.iterations),
         f"{np.median(published.pivots):.0f} / {published.pivots.max()}",
         spread(published.evaluations),
-        fails or "none",
+        _listed(published.unsolved),
     ]
     return "| " + " | ".join(cells) + " |"
 
@@ -128,16 +127,38 @@ def siconos_rows() -> list[str]:
         return ["| Siconos | no answer within ten minutes | | | | | |"]
     if run.returncode != 0:
         return [f"| Siconos | failed: {run.stderr.strip().splitlines()[-1:]} | | | | | |"]
+    ours = own_seconds()
     rows = []
-    for name, residuals in json.loads(run.stdout).items():
-        solved = sum(r is not None and r <= SICONOS_TOLERANCE for _, r in residuals)
+    for name, ends in json.loads(run.stdout).items():
         fails: dict[str, int] = {}
-        for problem, r in residuals:
-            if r is None or not r <= SICONOS_TOLERANCE:
+        ratios = []
+        for (problem, residual, seconds), own in zip(ends, ours, strict=True):
+            if residual is None or not residual <= SICONOS_TOLERANCE:
                 fails[problem] = fails.get(problem, 0) + 1
-        listed = ", ".join(f"{k} {v}" if v > 1 else k for k, v in fails.items())
-        rows.append(f"| Siconos {name} | {solved}/{len(residuals)} | | | | | {listed} |")
+            else:
+                ratios.append(own / seconds)
+        solved = f"{len(ratios)}/{len(ends)}"
+        rows.append(f"| Siconos {name} | {solved} | | | | | {_listed(fails)} |")
+        quartiles = ", ".join(f"{q:.2f}" for q in np.percentile(ratios, [25, 50, 75]))
+        rows.append(f"| time of zivi to it, where it solves: quartiles | {quartiles} | | | | | |")
     return rows
+
+
+def own_seconds() -> list[float]:
+    """Return the time of each published start, the shortest of three."""
+    shortest = []
+    for problem, start in starts("published"):
+        seconds = []
+        for _ in range(3):
+            began = time.perf_counter()
+            zivi.solve_vi(problem.F, problem.lower, problem.upper, start, jac=problem.jac)
+            seconds.append(time.perf_counter() - began)
+        shortest.append(min(seconds))
+    return shortest
+
+
+def _listed(fails: dict[str, int]) -> str:
+    return ", ".join(f"{k} {v}" if v > 1 else k for k, v in fails.items()) or "none"
 
 
 def table() -> str:
