@@ -26,10 +26,49 @@ REPEATS = 3
 ITERATIONS = 1000
 TOLERANCE = 1e-9
 INFINITE = 1e7
+MCP = "MCP_NEWTON_FB_FBLSA"
+
+
+def _settings(numerics: Any, solver: str) -> Any:
+    settings = numerics.SolverOptions(getattr(numerics, "SICONOS_" + solver))
+    settings.iparam[0] = ITERATIONS
+    settings.dparam[0] = TOLERANCE
+    settings.dparam[2] = 1e-16  # the smallest step: 0 by default, which may never end
+    return settings
+
+
+def has_form(solver: str, problem: Any) -> bool:
+    """Tell whether a solver takes the problem: its MCPs have no upper bounds."""
+    return solver != MCP or not np.any(np.isfinite(problem.upper))
+
+
+def solve_mcp(numerics: Any, problem: Any, start: np.ndarray) -> np.ndarray:
+    """Return where the Fischer-Burmeister solver ends: free unknowns first, then those >= 0."""
+    is_free = np.isinf(problem.lower)
+    order = np.r_[np.flatnonzero(is_free), np.flatnonzero(~is_free)]
+    shift = np.where(is_free, 0.0, problem.lower)
+
+    def back(z: Any) -> np.ndarray:
+        x = np.empty(problem.n)
+        x[order] = z
+        return x + shift
+
+    def compute(_: int, z: Any, F: Any) -> None:
+        F[:] = problem.F(back(z))[order]
+
+    def jacobian(_: int, z: Any, J: Any) -> None:
+        J[:, :] = problem.jac(back(z))[np.ix_(order, order)]
+
+    mcp = numerics.MCP(int(is_free.sum()), int((~is_free).sum()), compute, jacobian)
+    z = np.array((start - shift)[order], float)
+    numerics.mcp_newton_FB_FBLSA(mcp, z, np.zeros(problem.n), _settings(numerics, MCP))
+    return np.maximum(back(z), problem.lower)
 
 
 def solve(numerics: Any, solver: str, problem: Any, start: np.ndarray) -> np.ndarray:
     """Return where Siconos ends."""
+    if solver == MCP:
+        return solve_mcp(numerics, problem, start)
 
     def compute(_: int, z: Any, F: Any) -> None:
         F[:] = problem.F(np.array(z))
@@ -47,12 +86,8 @@ def solve(numerics: Any, solver: str, problem: Any, start: np.ndarray) -> np.nda
     vi = numerics.VI(problem.n, compute)
     vi.set_compute_nabla_F(jacobian)
     vi.set_box_constraints(lower, upper)
-    settings = numerics.SolverOptions(getattr(numerics, "SICONOS_" + solver))
-    settings.iparam[0] = ITERATIONS
-    settings.dparam[0] = TOLERANCE
-    settings.dparam[2] = 1e-16  # the smallest step: 0 by default, which may never end
     z = np.array(start, float)
-    run(vi, z, np.zeros(problem.n), settings)
+    run(vi, z, np.zeros(problem.n), _settings(numerics, solver))
     return np.clip(z, problem.lower, problem.upper)
 
 
@@ -96,10 +131,10 @@ def main() -> None:
             solver: [
                 (problem.name, *in_a_child(numerics, solver, problem, start))
                 for problem in PROBLEMS
-                if problem.solvable
+                if problem.solvable and has_form(solver, problem)
                 for start in problem.starts
             ]
-            for solver in ("VI_BOX_AVI_LSA", "VI_BOX_QI")
+            for solver in ("VI_BOX_AVI_LSA", "VI_BOX_QI", MCP)
         }
         json.dump(answers, out)
 
