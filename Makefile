@@ -39,8 +39,8 @@ $(VENV)/.packages: constraints.txt pyproject.toml
 
 $(READY): $(VENV)/.packages $(SOURCES)
 	@sh tools/check-tools.sh '$(PYTHON)'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt --no-build-isolation --editable '.[test,lint]'
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install --quiet \
+	    --disable-pip-version-check --constraint constraints.txt --no-build-isolation --editable '.[test,lint]'
 	@touch $@
 
 lint: lint-rust lint-python

@@ -90,13 +90,7 @@ impl General {
     /// Inner linearisation by Josephy-Newton with its search alone, nothing behind it.
     #[must_use]
     pub fn newton_without_fall_backs() -> Self {
-        Self::with(Settings {
-            semismooth: false,
-            proximal: false,
-            restarts: 0,
-            enumerate_up_to: 0,
-            ..Settings::default()
-        })
+        Self::with(josephy_newton())
     }
 
     /// Outer linearisation: at most `linearisations` affine VIs, no merit function.
@@ -106,11 +100,7 @@ impl General {
             stage_iterations: linearisations,
             line_search: false,
             descent_steps: false,
-            semismooth: false,
-            proximal: false,
-            restarts: 0,
-            enumerate_up_to: 0,
-            ..Settings::default()
+            ..josephy_newton()
         })
     }
 
@@ -154,6 +144,17 @@ impl General {
     #[must_use]
     pub fn lambda(&self) -> [f64; 2] {
         self.lambda
+    }
+}
+
+/// Josephy-Newton alone, from the starting point alone.
+fn josephy_newton() -> Settings<'static> {
+    Settings {
+        semismooth: false,
+        proximal: false,
+        restarts: 0,
+        enumerate_up_to: 0,
+        ..Settings::default()
     }
 }
 

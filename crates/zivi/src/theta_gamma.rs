@@ -8,7 +8,7 @@
 
 use zivi_core::{Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
 
-use crate::fixed_step::{finite_force, run, Failure, FixedStep, Start};
+use crate::fixed_step::{run, Failure, FixedStep, Start};
 use crate::implicit::ImplicitForce;
 use crate::step_solver::{Exact, General, StepSolver};
 use crate::trajectory::{Run, Sample, SetupError};
@@ -81,83 +81,48 @@ fn with_solver<E, F: Force<E>>(
     (grid, initial): (Grid, Physical),
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    let wall = step.wall();
-    match force.dependence() {
-        Dependence::State => {
-            let stepper = StateStepper { step, solver, implicit: ImplicitForce::default() };
-            run(stepper, wall, force, grid, initial, monitor)
-        }
-        Dependence::Time | Dependence::Constant => {
-            let stepper = FrozenStepper { step, solver, constant: None, nfev: 0 };
-            run(stepper, wall, force, grid, initial, monitor)
-        }
-    }
+    let stepper = Stepper { step, solver, constant: None, implicit: ImplicitForce::default() };
+    run(stepper, step.wall(), force, grid, initial, monitor)
 }
 
-/// A force that does not depend on the state is frozen over the step as it is.
-struct FrozenStepper<S> {
+struct Stepper<S> {
     step: ThetaGammaStep,
     solver: S,
     /// The value of a force that depends on nothing, once it is known.
     constant: Option<f64>,
-    nfev: u64,
+    implicit: ImplicitForce,
 }
 
-impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for FrozenStepper<S> {
+impl<S: StepSolver> Stepper<S> {
+    /// The step under a force that does not depend on where it ends.
     #[inline]
-    fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
-        let f = match self.constant {
-            Some(f) => f,
-            None => {
-                self.nfev += 1;
-                let t = start.t + self.step.theta() * self.step.h();
-                let f = finite_force(force, t, Physical::default())?;
-                self.constant = (force.dependence() == Dependence::Constant).then_some(f);
-                f
-            }
-        };
+    fn under<E>(&mut self, f: f64, start: Start) -> Result<Sample, Failure<E>> {
         let end = self.solver.solve(&self.step, start.z, f, start.side)?;
         Ok(sample(f, end))
+    }
+}
+
+impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for Stepper<S> {
+    #[inline]
+    fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
+        if let Some(f) = self.constant {
+            return self.under(f, start);
+        }
+        let dependence = force.dependence();
+        if dependence == Dependence::State {
+            let (f, end) = self.implicit.solve(&self.step, &mut self.solver, start, force)?;
+            return Ok(sample(f, end));
+        }
+        let t = start.t + self.step.theta() * self.step.h();
+        let f = self.implicit.evaluate(force, t, Physical::default())?;
+        self.constant = (dependence == Dependence::Constant).then_some(f);
+        self.under(f, start)
     }
 
     #[inline(always)]
     fn everyday(&self, z: Lifted) -> Option<Sample> {
         let f = self.constant?;
         self.solver.everyday(&self.step, z, f).map(|end| sample(f, end))
-    }
-
-    #[inline]
-    fn residual(&self, z: Lifted, f: f64, lambda: [f64; 2]) -> f64 {
-        self.step.vi_residual(z, f, lambda)
-    }
-
-    fn resize(&mut self, h: f64) -> Result<(), SetupError> {
-        self.step = self.step.with_h(h)?;
-        Ok(())
-    }
-
-    fn nfev(&self) -> u64 {
-        self.nfev
-    }
-
-    #[inline]
-    fn has_failed(&self) -> bool {
-        self.solver.has_failed()
-    }
-}
-
-/// A force that depends on the state is found together with the end of the step.
-struct StateStepper<S> {
-    step: ThetaGammaStep,
-    solver: S,
-    implicit: ImplicitForce,
-}
-
-impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for StateStepper<S> {
-    #[inline]
-    fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
-        let (f, end) = self.implicit.solve(&self.step, &mut self.solver, start, force)?;
-        Ok(sample(f, end))
     }
 
     #[inline]

@@ -148,7 +148,9 @@ impl ImplicitForce {
         best.ok_or(failure)
     }
 
-    fn evaluate<E>(
+    /// One counted evaluation; NaN and infinity are failures.
+    #[inline]
+    pub(crate) fn evaluate<E>(
         &mut self,
         force: &mut impl Force<E>,
         t: f64,
