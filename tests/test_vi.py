@@ -1,5 +1,7 @@
 """solve_vi, solve_avi, natural_residual: what goes in, what comes out."""
 
+import signal
+import time
 import traceback
 
 import numpy as np
@@ -292,6 +294,35 @@ def test_sizes_of_the_obstacle_problem():
         assert res.n_iter == 1
         assert 0 < np.sum(res.x == 0.5) < m * m
         np.testing.assert_allclose(res.x, res.x.reshape(m, m).T.ravel(), atol=1e-10)
+
+
+def test_ctrl_c_interrupts_a_long_affine_solve():
+    """Random matrices of this size take seconds of pivoting, most of them in vain."""
+    rng = np.random.default_rng(0)
+    n = 400
+    M, q = rng.normal(size=(n, n)), rng.normal(size=n)
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    began = time.perf_counter()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            zivi.solve_avi(M, q, 0, INF)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert time.perf_counter() - began < 1.5
+
+
+def test_a_continuum_is_told_from_an_isolated_solution():
+    M, q = [[1, 1], [1, 1]], [-0.5, -0.5]
+    assert zivi.solve_avi(M, q, -1, 1).status is zivi.VIStatus.SOLVED_NOT_ISOLATED
+    untested = zivi.VIOptions(test_isolation=False)
+    assert zivi.solve_avi(M, q, -1, 1, options=untested).status is zivi.VIStatus.SOLVED
+    assert zivi.solve_avi([[1, 1], [0, 1]], q, -1, 1).status is zivi.VIStatus.SOLVED
 
 
 def test_statuses_have_messages_that_say_what_to_try():

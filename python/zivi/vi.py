@@ -82,6 +82,8 @@ class VIOptions:
         Number of restarts from random points with fixed seeds, 0 to 8.
     enumerate_up_to : int
         Largest `n`, at most 6, for which all patterns of active bounds are tried in the end.
+    test_isolation : bool
+        Tell `SOLVED_NOT_ISOLATED` from `SOLVED`, at the cost of one more Jacobian.
     """
 
     row_scale: Literal["jacobian"] | ArrayLike | None = None
@@ -97,6 +99,7 @@ class VIOptions:
     proximal: bool = True
     restarts: int = 8
     enumerate_up_to: int = 6
+    test_isolation: bool = True
 
     def _settings(self) -> dict[str, Any]:
         settings = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}

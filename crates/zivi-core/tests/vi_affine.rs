@@ -179,3 +179,54 @@ fn ties_everywhere() {
         }
     }
 }
+
+/// Monotone but singular: Gram matrices of half rank, and saddle points of quadratic programs.
+#[test]
+fn semidefinite_matrices_with_planted_solutions() {
+    for seed in 0..400 {
+        let mut random = Random::new(seed);
+        let n = 2 + random.below(24);
+        let half = n / 2;
+        let b: Vec<f64> = (0..n * half).map(|_| random.normal()).collect();
+        let row = |i: usize| &b[i * half..(i + 1) * half];
+        let dot = |i: usize, j: usize| row(i).iter().zip(row(j)).map(|(a, b)| a * b).sum::<f64>();
+        let saddle = seed % 2 == 1;
+        let mut m = vec![0.0; n * n];
+        for i in 0..n {
+            for j in 0..n {
+                m[i * n + j] = match (saddle, i < half, j < half) {
+                    (true, true, false) => b[j * half + i],
+                    (true, false, true) => -b[i * half + j],
+                    (true, false, false) => 0.0,
+                    _ => dot(i, j) / n as f64,
+                };
+            }
+        }
+        let [q, lower, upper, _] = planted(&m, n, &mut random);
+        let mut affine = Affine { matrix: &m, q: &q };
+        let mut z = vec![0.0; n];
+        let report = solve(&mut affine, &lower, &upper, &mut z, &Settings::default()).unwrap();
+        assert!(report.status.is_success(), "seed {seed}, n = {n}: {report:?}");
+        assert!(residual(&mut affine, &lower, &upper, &z) <= report.tolerance);
+    }
+}
+
+/// No method is sure to solve a general matrix. That most are solved is measured, not promised.
+#[test]
+fn general_matrices_with_planted_solutions() {
+    let (mut solved, count) = (0, 300);
+    for seed in 0..count {
+        let mut random = Random::new(seed);
+        let n = 2 + random.below(14);
+        let m: Vec<f64> = (0..n * n).map(|_| random.normal()).collect();
+        let [q, lower, upper, _] = planted(&m, n, &mut random);
+        let mut affine = Affine { matrix: &m, q: &q };
+        let mut z = vec![0.0; n];
+        let report = solve(&mut affine, &lower, &upper, &mut z, &Settings::default()).unwrap();
+        let left = residual(&mut affine, &lower, &upper, &z);
+        assert!(!report.status.is_success() || left <= report.tolerance, "seed {seed}: {left}");
+        solved += usize::from(report.status.is_success());
+    }
+    println!("{solved} of {count} solved");
+    assert!(solved >= 295, "{solved} of {count}");
+}

@@ -126,6 +126,7 @@ impl GivenSettings {
                 "proximal" => settings.proximal = value.extract()?,
                 "restarts" => settings.restarts = value.extract()?,
                 "enumerate_up_to" => settings.enumerate_up_to = value.extract()?,
+                "test_isolation" => settings.test_isolation = value.extract()?,
                 "scale_by_jacobian" => settings.row_scale = RowScale::Jacobian,
                 "row_scale" => {
                     let scale: PyReadonlyArray1<'_, f64> = value.extract()?;

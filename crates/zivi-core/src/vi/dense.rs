@@ -49,6 +49,21 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + tail
 }
 
+/// The range from the first to the last entry that is not zero.
+#[inline]
+pub(super) fn support(v: &[f64]) -> core::ops::Range<usize> {
+    match (v.iter().position(|v| *v != 0.0), v.iter().rposition(|v| *v != 0.0)) {
+        (Some(first), Some(last)) => first..last + 1,
+        _ => 0..0,
+    }
+}
+
+/// The part of `v` in a range; empty where there is none.
+#[inline]
+pub(super) fn part(v: &[f64], range: core::ops::Range<usize>) -> &[f64] {
+    v.get(range).unwrap_or(&[])
+}
+
 /// `y <- y + a x`.
 #[inline]
 pub(super) fn axpy(y: &mut [f64], a: f64, x: &[f64]) {

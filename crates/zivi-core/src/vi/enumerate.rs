@@ -94,8 +94,11 @@ fn newton_on_pattern(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outco
         if trial_is_solution(at)? {
             return Ok(true);
         }
+        if at.out_of_iterations() {
+            return Ok(false);
+        }
         at.counts.iterations += 1;
-        if at.out_of_iterations() || !inside_direction(at, pattern)? {
+        if !inside_direction(at, pattern)? {
             return Ok(false);
         }
         match damped_step(at, pattern, size)? {

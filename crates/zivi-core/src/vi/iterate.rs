@@ -93,7 +93,8 @@ impl<'a, 'w> Iterate<'a, 'w> {
     pub(super) fn merit_of_trial(&mut self) -> Outcome<f64> {
         let finite = self.evaluate_trial()?;
         let merit = fischer::merit(self.work.trial, self.work.trial_f, self.lower, self.upper);
-        Ok(if finite && !merit.is_nan() { merit } else { f64::INFINITY })
+        // squares may overflow where F does not
+        Ok(if finite { merit.min(f64::MAX) } else { f64::INFINITY })
     }
 
     /// Moves to `work.trial`, which has been evaluated.

@@ -4,7 +4,7 @@
 //! strictly between. Infinite bounds are allowed (a mixed complementarity problem), and so is
 //! `l_i = u_i` (`F_i` is then free). Nothing here knows of time or of impacts.
 //!
-//! [`solve`] goes through its stages (Josephy-Newton on a [`pivotal`] solver for the affine
+//! [`solve`] goes through its stages (Josephy-Newton on a pivotal solver for the affine
 //! problem, semismooth Newton, proximal Josephy-Newton, restarts, enumeration) until the
 //! [`natural_residual`], recomputed from `F`, is within the tolerance. The caller supplies `F`
 //! and its Jacobian as a [`Problem`] ([`Differenced`] takes the Jacobian by differences,
@@ -21,7 +21,7 @@ mod fischer;
 mod iterate;
 pub mod natural;
 mod newton;
-pub mod pivotal;
+mod pivotal;
 mod problem;
 mod random;
 mod settings;

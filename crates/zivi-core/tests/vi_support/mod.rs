@@ -64,7 +64,7 @@ pub(crate) fn solve(
     vi::solve(problem, (lower, upper), z, settings, &mut work)
 }
 
-/// `max |max(z - u, min(z - l, F))|`, sharing no code with the solver; NaN where `F` is.
+/// `max |max(z - u, min(z - l, F))|`, sharing no code with the solver; NaN where `F` is not finite.
 pub(crate) fn residual(problem: &mut dyn Problem, lower: &[f64], upper: &[f64], z: &[f64]) -> f64 {
     let mut f = vec![0.0; z.len()];
     problem.map(z, &mut f).unwrap();
@@ -73,7 +73,7 @@ pub(crate) fn residual(problem: &mut dyn Problem, lower: &[f64], upper: &[f64], 
         let (below, above) = (z[i] - lower[i], z[i] - upper[i]);
         let median = if f[i] < below { f[i] } else { below };
         let component = if median > above { median } else { above };
-        if component.is_nan() || f[i].is_nan() {
+        if component.is_nan() || !f[i].is_finite() {
             return f64::NAN;
         }
         worst = f64::max(worst, component.abs());

@@ -79,7 +79,12 @@ impl<'a> Basis<'a> {
 
     /// `out <- B^-1 a`.
     pub(super) fn solve(&self, a: &[f64], out: &mut [f64]) {
-        dense::multiply(self.inverse, a, out);
+        // columns of banded matrices are mostly zero
+        let support = dense::support(a);
+        let a = dense::part(a, support.clone());
+        for (out, row) in out.iter_mut().zip(dense::rows(self.inverse, self.n)) {
+            *out = dense::dot(dense::part(row, support.clone()), a);
+        }
     }
 
     /// `out <- B^-1 (sign e_i)`.
@@ -96,12 +101,16 @@ impl<'a> Basis<'a> {
         {
             *to = from / pivot;
         }
+        // away from the diagonal the inverse is zero where only slacks are basic
+        let support = dense::support(self.pivot_row);
+        let pivot_row = dense::part(self.pivot_row, support.clone());
         let rows = self.inverse.chunks_exact_mut(self.n.max(1));
         for (i, (row, &multiplier)) in rows.zip(direction).enumerate() {
             if i == position {
                 row.copy_from_slice(self.pivot_row);
             } else if multiplier != 0.0 {
-                dense::axpy(row, -multiplier, self.pivot_row);
+                let changing = row.get_mut(support.clone()).unwrap_or(&mut []);
+                dense::axpy(changing, -multiplier, pivot_row);
             }
         }
         dense::put(self.members, position, entering.code());

@@ -34,7 +34,7 @@ pub enum Start {
 
 /// How a path ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PathEnd {
+pub(super) enum PathEnd {
     /// At `s = 0`.
     Solution,
     /// On a ray: no solution lies on this path.
@@ -47,17 +47,17 @@ pub enum PathEnd {
 
 /// An affine VI on a box, with the matrix `M + shift I`, `M` row by row.
 #[derive(Clone, Copy, Debug)]
-pub struct AffineVi<'a> {
+pub(super) struct AffineVi<'a> {
     /// The matrix `M`, `n^2` entries.
-    pub matrix: &'a [f64],
+    pub(super) matrix: &'a [f64],
     /// A multiple of the identity added to it.
-    pub shift: f64,
+    pub(super) shift: f64,
     /// The constant term.
-    pub q: &'a [f64],
+    pub(super) q: &'a [f64],
     /// Lower bounds.
-    pub lower: &'a [f64],
+    pub(super) lower: &'a [f64],
     /// Upper bounds.
-    pub upper: &'a [f64],
+    pub(super) upper: &'a [f64],
 }
 
 impl AffineVi<'_> {
