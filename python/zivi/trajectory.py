@@ -36,7 +36,7 @@ QUANTITIES = {
     "lambda_v": ("1", "multiplier of the sign of v"),
     "residual": ("1", "relative natural residual of the step"),
 }
-"""Unit and meaning of each sampled quantity."""
+"""Unit and meaning of each sampled quantity, in the order of the record's rows after time."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -122,12 +122,14 @@ class Trajectory:
         span: tuple[float, float],
         state: tuple[float, float],
     ) -> Trajectory:
+        t, *sampled = record.columns[:, : record.n_samples]
+        samples = dict(zip(QUANTITIES, sampled, strict=True))
         impacts = np.empty(len(record.impact_t), IMPACT)
         for field in IMPACT.names or ():
             impacts[field] = getattr(record, f"impact_{field}")
         return cls(
-            t=record.t,
-            **{name: getattr(record, name) for name in QUANTITIES},
+            t=t,
+            **samples,
             impacts=impacts,
             zeno_times=record.zeno_times,
             liftoff_times=record.liftoff_times,
@@ -136,9 +138,9 @@ class Trajectory:
             status=Status(record.status),
             message=record.message,
             nfev=record.nfev,
-            n_steps=len(record.t) - 1,
+            n_steps=len(t) - 1,
             config=_configuration(system, method, span, state),
-            _steps=(record.t, record.s, record.v),
+            _steps=(t, samples["s"], samples["v"]),
         )
 
     def __call__(self, t: ArrayLike) -> Array:

@@ -5,7 +5,7 @@ use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepFailure};
 use crate::events::EventLog;
 use crate::monitor::Pace;
 use crate::recorder::Recorder;
-use crate::trajectory::{Run, Sample, SetupError, Trajectory};
+use crate::trajectory::{Columns, Run, Sample, SetupError, Trajectory};
 use crate::{Force, Grid, Monitor, Status};
 
 /// Where a step starts.
@@ -107,7 +107,9 @@ pub fn run<E, F: Force<E>>(
     }
     let incoming = initial.x == 0.0 && initial.xdot < 0.0;
     let mut log = EventLog::start(grid.t(0), z, incoming, wall);
-    let mut record = Recorder::start(n, grid.t(0), z, wall).map_err(|_| SetupError::Memory(n))?;
+    let mut columns = Columns::with_room(n + 1).map_err(|_| SetupError::Memory(n))?;
+    monitor.record_allocated(columns.memory());
+    let mut record = Recorder::start(columns, grid.t(0), z, wall);
 
     let mut side = transform::side(z, Branch::Positive.sigma());
     let mut failed_steps = Vec::new();
