@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 import bench_ball
+import bench_vi
 import cball
 import instructions
 import report
@@ -59,6 +60,7 @@ def main() -> None:
     )
     PAGE.write_text(report.page(figures))
     print(report.page(figures))
+    print(bench_vi.write())
 
 
 if __name__ == "__main__":
