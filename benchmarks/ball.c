@@ -17,9 +17,11 @@
  * that it allocates; ball_fill() does so into memory of the caller; ball_loop() records nothing.
  * C99, no dependencies.
  */
+#define _GNU_SOURCE /* posix_memalign, madvise */
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
+#include <sys/mman.h>
 
 enum { T, X, XDOT, S, V, LAMBDA_S, LAMBDA_V, RESIDUAL, COLUMNS };
 
@@ -194,6 +196,27 @@ int ball_run(const ball_problem *p, double *column[COLUMNS])
     if (complete)
         ball_fill(p, column);
     return complete;
+}
+
+/* The same into one fresh block for which large pages are asked (where the system knows them). */
+int ball_run_large(const ball_problem *p, double *column[COLUMNS])
+{
+    const size_t row = p->n + 1, bytes = COLUMNS * row * sizeof(double);
+    void *block;
+    if (posix_memalign(&block, 4096, bytes) != 0)
+        return 0;
+#ifdef MADV_HUGEPAGE
+    madvise(block, bytes, MADV_HUGEPAGE);
+#endif
+    for (int j = 0; j < COLUMNS; j++)
+        column[j] = (double *)block + (size_t)j * row;
+    ball_fill(p, column);
+    return 1;
+}
+
+void ball_free_large(double *const column[COLUMNS])
+{
+    free(column[0]);
 }
 
 void ball_free(double *const column[COLUMNS])

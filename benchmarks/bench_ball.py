@@ -48,11 +48,14 @@ class Scene:
     t1: float
     zivi: float
     recording: dict[str, float]
+    large: dict[str, float]
     warm: dict[str, float]
     bare: dict[str, float]
     fastest: str
     """Flags of the fastest C loop that records: the one that ratios are to."""
     ratio: float
+    ratio_large: float
+    """The same to the C loop that asks for large pages, as zivi does."""
 
 
 def ball(force: Any = cball.FORCE) -> zivi.ImpactSystem:
@@ -98,6 +101,7 @@ def scene(builds: list[cball.CBall], t1: float, repetitions: int = REPETITIONS) 
             timing.nothing,
         )
         contenders[f"recording|{build.flags}"] = (partial(build.run, posed), build.free)
+        contenders[f"large|{build.flags}"] = (partial(build.run_large, posed), build.free_large)
     for build in builds:
         used = build.run(posed)
         contenders[f"warm|{build.flags}"] = (partial(build.fill, posed, used), timing.nothing)
@@ -114,10 +118,12 @@ def scene(builds: list[cball.CBall], t1: float, repetitions: int = REPETITIONS) 
         t1=t1,
         zivi=float(np.median(list(of("zivi").values()))),
         recording=recording,
+        large=of("large"),
         warm=of("warm"),
         bare=of("bare"),
         fastest=fastest,
         ratio=timing.ratio(times, f"zivi|{fastest}", f"recording|{fastest}"),
+        ratio_large=timing.ratio(times, f"zivi|{fastest}", f"large|{fastest}"),
     )
 
 

@@ -62,6 +62,17 @@ class CBall:
             raise MemoryError("ball_run")
         return columns
 
+    def run_large(self, posed: Problem) -> ctypes.Array[ctypes.c_void_p]:
+        """Record a run into one new block with large pages; `free_large` frees it."""
+        columns = Columns()
+        if not self.library.ball_run_large(ctypes.byref(posed), columns):
+            raise MemoryError("ball_run_large")
+        return columns
+
+    def free_large(self, columns: ctypes.Array[ctypes.c_void_p]) -> None:
+        """Free what `run_large` allocated."""
+        self.library.ball_free_large(columns)
+
     def fill(self, posed: Problem, columns: ctypes.Array[ctypes.c_void_p]) -> None:
         """Record a run into memory that is there already."""
         self.library.ball_fill(ctypes.byref(posed), columns)

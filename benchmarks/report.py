@@ -51,12 +51,13 @@ def _verdict(met: bool) -> str:
 def _goals(figures: Figures) -> str:
     rows = [
         (
-            f"time per step to the C loop, {name}",
-            f"{scene.ratio:.2f}",
+            f"time per step to the C loop{pages}, {name}",
+            f"{ratio:.2f}",
             f"at most {GOAL_C:g}",
-            _verdict(scene.ratio <= GOAL_C),
+            _verdict(ratio <= GOAL_C),
         )
         for name, scene in figures.scenes.items()
+        for pages, ratio in (("", scene.ratio), (" with large pages", scene.ratio_large))
     ]
     for route, peer in figures.peers.items():
         name = f"times faster than {ROUTES[route]}"
@@ -79,6 +80,7 @@ def _scenes(figures: Figures) -> str:
     rows = [row("zivi.simulate", (scene.zivi for scene in scenes))]
     for title, attribute in (
         ("C, the same eight arrays, fresh memory", "recording"),
+        ("C, one block with large pages", "large"),
         ("C, into memory used before", "warm"),
         ("C, steps only", "bare"),
     ):
@@ -158,10 +160,11 @@ v, both multipliers, the residual of every step).
 ## Beside a hand-written C loop
 
 `benchmarks/ball.c` is the same scheme for this one problem: closed-form cases, constant force,
-theta and gamma built in, the same eight arrays with the same residual. Both sides allocate their
-arrays with the C library's allocator within the timed call, and before every repetition freed
-memory is given back to the system. Each pays for fresh pages, as the first run of a user's program
-does: that is most of the difference between fresh and used memory below.
+theta and gamma built in, the same eight arrays with the same residual. Both sides allocate with the
+C library's allocator within the timed call, and before every repetition freed memory is given back
+to the system: each pays for fresh pages, as the first run of a user's program does. That costs more
+than the steps. zivi asks the system for large pages behind its record; C does so in the rows that
+say it.
 
 {_scenes(figures)}
 

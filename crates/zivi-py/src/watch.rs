@@ -1,5 +1,7 @@
 //! Ctrl-C and progress: looking at the interpreter now and then during a run.
 
+use std::mem::MaybeUninit;
+
 use pyo3::prelude::*;
 use zivi::Monitor;
 
@@ -19,7 +21,7 @@ impl Monitor<PyErr> for Watch {
         })
     }
 
-    fn record_allocated(&mut self, memory: &mut [f64]) {
+    fn record_allocated(&mut self, memory: &mut [MaybeUninit<f64>]) {
         advise_large_pages(memory);
     }
 }
@@ -28,7 +30,7 @@ impl Monitor<PyErr> for Watch {
 /// arrays): with small ones, fresh memory costs more than the steps. Advice only; errors do not
 /// matter.
 #[cfg(target_os = "linux")]
-fn advise_large_pages(memory: &mut [f64]) {
+fn advise_large_pages(memory: &mut [MaybeUninit<f64>]) {
     const PAGE: usize = 4096;
     const LARGE: usize = 1 << 22;
     let bytes = std::mem::size_of_val(memory);
@@ -44,4 +46,4 @@ fn advise_large_pages(memory: &mut [f64]) {
 }
 
 #[cfg(not(target_os = "linux"))]
-fn advise_large_pages(_memory: &mut [f64]) {}
+fn advise_large_pages(_memory: &mut [MaybeUninit<f64>]) {}

@@ -107,8 +107,8 @@ pub fn run<E, F: Force<E>>(
     }
     let incoming = initial.x == 0.0 && initial.xdot < 0.0;
     let mut log = EventLog::start(grid.t(0), z, incoming, wall);
-    let mut columns = Columns::with_room(n + 1).map_err(|_| SetupError::Memory(n))?;
-    monitor.record_allocated(columns.memory());
+    let columns = Columns::with_room(n + 1, |memory| monitor.record_allocated(memory))
+        .map_err(|_| SetupError::Memory(n))?;
     let mut record = Recorder::start(columns, grid.t(0), z, wall);
 
     let mut side = transform::side(z, Branch::Positive.sigma());

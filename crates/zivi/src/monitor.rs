@@ -1,5 +1,6 @@
 //! Watching a run from outside: progress, and the wish to stop.
 
+use std::mem::MaybeUninit;
 use std::time::{Duration, Instant};
 
 /// Something that is told how far a run is and may end it.
@@ -10,9 +11,9 @@ pub trait Monitor<E> {
     /// An error ends the run; what was computed is kept.
     fn poll(&mut self, done: usize, of: usize) -> Result<(), E>;
 
-    /// Called once with the memory of the record (all zero) before the run fills it: a chance to
-    /// tell the operating system how it will be used.
-    fn record_allocated(&mut self, _memory: &mut [f64]) {}
+    /// Called once with the memory of the record before it is touched: a chance to tell the
+    /// operating system how it will be used.
+    fn record_allocated(&mut self, _memory: &mut [MaybeUninit<f64>]) {}
 }
 
 /// Nobody watches.

@@ -2,6 +2,7 @@
 
 use std::collections::TryReserveError;
 use std::fmt;
+use std::mem::MaybeUninit;
 
 use zivi_core::{Lifted, ThetaGammaError};
 
@@ -56,10 +57,16 @@ pub struct Columns {
 }
 
 impl Columns {
-    pub(crate) fn with_room(room: usize) -> Result<Self, TryReserveError> {
-        // asked for once in a way that can fail; zeroed memory can only be had in one that aborts
-        Vec::<f64>::new().try_reserve_exact(QUANTITIES * room)?;
-        Ok(Self { block: vec![0.0; QUANTITIES * room], room, len: 0 })
+    /// Zeroed memory for `room` samples; `advise` sees it before it is touched.
+    pub(crate) fn with_room(
+        room: usize,
+        advise: impl FnOnce(&mut [MaybeUninit<f64>]),
+    ) -> Result<Self, TryReserveError> {
+        let mut block = Vec::new();
+        block.try_reserve_exact(QUANTITIES * room)?;
+        advise(block.spare_capacity_mut());
+        block.resize(QUANTITIES * room, 0.0);
+        Ok(Self { block, room, len: 0 })
     }
 
     /// Number of samples.
@@ -85,11 +92,6 @@ impl Columns {
     #[must_use]
     pub fn into_block(self) -> (Vec<f64>, usize) {
         (self.block, self.room)
-    }
-
-    /// The memory of the block, still empty.
-    pub(crate) fn memory(&mut self) -> &mut [f64] {
-        &mut self.block
     }
 
     /// Room for the next `n` samples of every quantity, in the order of [`Quantity`].
