@@ -307,16 +307,18 @@ def test_ctrl_c_interrupts_long_pivoting(jac):
     def interrupt(*_):
         raise KeyboardInterrupt
 
+    def solve():
+        if jac == "affine":
+            return zivi.solve_avi(M, q, 0, INF)
+        constant = M if jac == "given" else None
+        return zivi.solve_vi(lambda x: M @ x + q, 0, INF, np.zeros(n), jac=constant)
+
     before = signal.signal(signal.SIGALRM, interrupt)
     signal.setitimer(signal.ITIMER_REAL, 0.2)
     began = time.perf_counter()
     try:
         with pytest.raises(KeyboardInterrupt):
-            if jac == "affine":
-                zivi.solve_avi(M, q, 0, INF)
-            else:
-                constant = M if jac == "given" else None
-                zivi.solve_vi(lambda x: M @ x + q, 0, INF, np.zeros(n), jac=constant)
+            solve()
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
