@@ -14,7 +14,7 @@ help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
 	@echo 'make test    all tests, Rust and Python'
 	@echo 'make lint    formatters, linters, type checkers'
-	@echo 'make bench   the benchmarks, into docs/benchmarks.md and docs/benchmarks_vi.md'
+	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
 	@echo 'make picture the picture of the README'
 	@echo 'make clean   remove everything that was built'
 
@@ -63,7 +63,6 @@ lint-python: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/run.py
-	$(BIN)/python benchmarks/mcp_methods.py
 
 picture: $(READY)
 	$(BIN)/python examples/readme_picture.py docs/figures/zeno.png

@@ -3,14 +3,28 @@
 import math
 import numbers
 
-__all__ = ["finite", "real"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["finite", "real", "real_array"]
 
 
 def real(name: str, value: object) -> float:
-    """Return `value` as a float; a TypeError names what is not a real number."""
+    """Return `value` as a float; an error names what is not a real number, or too large."""
     if not isinstance(value, numbers.Real):
         raise TypeError(f"{name} must be a real number, got {type(value).__name__} {value!r}")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f"{name} must fit into a float, got an integer beyond 1e308") from None
+
+
+def real_array(name: str, value: object) -> NDArray[np.float64]:
+    """Return `value` as an array of floats; a TypeError names what holds no real numbers."""
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise TypeError(f"{name} must hold real numbers: {error}") from None
 
 
 def finite(name: str, value: object) -> float:

@@ -62,6 +62,8 @@ def _open_bar(of: int) -> tuple[rich.progress.Progress, rich.progress.TaskID]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    console = Console(stderr=True)
+    # without a terminal nothing can be drawn over: then the last state stays, as one line
+    bar = Progress(*columns, console=console, transient=console.is_terminal)
     bar.start()
     return bar, bar.add_task("simulate", total=of)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zivi._check import real, real_array
 from zivi._progress import ProgressBar
 from zivi.methods import Method
 from zivi.system import ImpactSystem
@@ -68,7 +69,7 @@ def simulate(
     """
     if not isinstance(system, ImpactSystem):
         raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
-    if not hasattr(method, "_integrate"):
+    if isinstance(method, type) or not hasattr(method, "_integrate"):
         raise TypeError(
             f"method must be one of zivi's methods, e.g. zivi.ThetaGamma(h=1e-3), got {method!r}"
         )
@@ -88,13 +89,13 @@ def simulate(
 def _pair(name: str, value: Sequence[float], form: str) -> tuple[float, float]:
     try:
         first, second = value
-        return float(first), float(second)
     except (TypeError, ValueError):
         raise TypeError(f"{name} must be two numbers {form}, got {value!r}") from None
+    return real(name, first), real(name, second)
 
 
 def _times(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
-    times = np.asarray(t_eval, dtype=float)
+    times = real_array("t_eval", t_eval)
     if times.ndim != 1:
         raise ValueError(f"t_eval must be one-dimensional, got shape {times.shape}")
     inside = np.all((times >= span[0]) & (times <= span[1]))

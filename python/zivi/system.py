@@ -9,7 +9,8 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from zivi import _zivi
-from zivi._check import finite, real
+from zivi._check import finite
+from zivi.transform import coefficients
 
 _CFunction = type(ctypes.CFUNCTYPE(None)()).__mro__[1]
 """The class of all function pointers of ctypes (which it does not name publicly)."""
@@ -116,9 +117,7 @@ class ImpactSystem:
     __slots__ = ("_e", "_force", "_kappa", "_owner", "_spec")
 
     def __init__(self, force: Force, *, e: float | None = None, kappa: float | None = None) -> None:
-        e = None if e is None else real("e", e)
-        kappa = None if kappa is None else real("kappa", kappa)
-        self._e, self._kappa = _zivi.restitution(e=e, kappa=kappa)
+        self._e, self._kappa = coefficients(e, kappa)
         self._force = force
         # a compiled callable is called through its bare address: its owner must live as long
         self._spec, self._owner = _force_spec(force)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
+from zivi._check import real, real_array
 
 __all__ = ["lift", "project"]
 
@@ -45,7 +46,8 @@ def lift(
     Raises
     ------
     ValueError
-        If some `x` is negative or not finite, or `e`, `kappa`, `branch` are out of range.
+        If some `x` is negative, `x` or `xdot` is not finite, `e`, `kappa` or `branch` is out of
+        range, or ``e = 0`` and some `xdot` is positive: it has no finite image.
 
     Examples
     --------
@@ -53,12 +55,16 @@ def lift(
     >>> float(s), float(v)
     (1.0, -2.0)
     """
-    _, kappa = _zivi.restitution(e=e, kappa=kappa)
+    e, kappa = coefficients(e, kappa)
     if branch not in ("positive", "negative"):
         raise ValueError(f"branch must be 'positive' or 'negative', got {branch!r}")
     position, velocity = _broadcast(x=x, xdot=xdot)
     if not (np.all(position >= 0.0) and np.all(np.isfinite(position))):
         raise ValueError("x must be finite and >= 0 (the wall is at 0)")
+    if not np.all(np.isfinite(velocity)):
+        raise ValueError("xdot must be finite")
+    if kappa == 1.0 and np.any(velocity > 0.0):
+        raise ValueError("e must be > 0 to lift a velocity away from the wall (R = 0 there)")
     sigma = 1.0 if branch == "positive" else -1.0
     s, v = _zivi.lift(np.ravel(position), np.ravel(velocity), sigma, kappa)
     return s.reshape(position.shape), v.reshape(position.shape)
@@ -91,18 +97,25 @@ def project(
     >>> float(x), float(xdot)
     (1.0, -3.0)
     """
-    _, kappa = _zivi.restitution(e=e, kappa=kappa)
+    _, kappa = coefficients(e, kappa)
     position, velocity = _broadcast(s=s, v=v)
     x, xdot = _zivi.project(np.ravel(position), np.ravel(velocity), kappa)
     return x.reshape(position.shape), xdot.reshape(position.shape)
 
 
+def coefficients(e: float | None, kappa: float | None) -> tuple[float, float]:
+    """Return `e` and `kappa` from exactly one of them, in [0, 1]."""
+    return _zivi.restitution(
+        e=None if e is None else real("e", e),
+        kappa=None if kappa is None else real("kappa", kappa),
+    )
+
+
 def _broadcast(**named: Any) -> tuple[Array, Array]:
     (name_a, a), (name_b, b) = named.items()
+    first, second = real_array(name_a, a), real_array(name_b, b)
     try:
-        first, second = np.broadcast_arrays(np.asarray(a, float), np.asarray(b, float))
-    except (TypeError, ValueError) as error:
-        raise ValueError(
-            f"{name_a} and {name_b} must be real arrays whose shapes agree: {error}"
-        ) from None
+        first, second = np.broadcast_arrays(first, second)
+    except ValueError as error:
+        raise ValueError(f"{name_a} and {name_b} must have shapes that agree: {error}") from None
     return first, second

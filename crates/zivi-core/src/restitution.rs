@@ -34,7 +34,7 @@ pub struct RestitutionError {
 
 impl fmt::Display for RestitutionError {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(out, "{} must lie in [0, 1], got {}", self.name, self.value)
+        write!(out, "{} must lie in [0, 1], got {:?}", self.name, self.value)
     }
 }
 

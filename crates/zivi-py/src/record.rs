@@ -1,22 +1,18 @@
 //! The record of a run as Python sees it: NumPy arrays that own the vectors of the run.
 
-use numpy::PyArray1;
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use zivi::{Run, Status};
+use zivi::{Run, Status, QUANTITIES};
 
 type Array = Py<PyArray1<f64>>;
 
 /// The columns, events and outcome of one run.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct RunRecord {
-    t: Array,
-    x: Array,
-    xdot: Array,
-    s: Array,
-    v: Array,
-    lambda_s: Array,
-    lambda_v: Array,
-    residual: Array,
+    /// A row for each of `t, x, xdot, s, v, lambda_s, lambda_v, residual`.
+    columns: Py<PyArray2<f64>>,
+    /// How many entries of each row are samples.
+    n_samples: usize,
     impact_t: Array,
     impact_xdot_before: Array,
     impact_xdot_after: Array,
@@ -31,21 +27,17 @@ pub(crate) struct RunRecord {
 }
 
 impl RunRecord {
-    pub(crate) fn new(py: Python<'_>, run: Run<PyErr>) -> Self {
+    pub(crate) fn new(py: Python<'_>, run: Run<PyErr>) -> PyResult<Self> {
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
         let zivi::Trajectory { columns, events, failed_steps, status, nfev } = run.trajectory;
+        let n_samples = columns.len();
+        let (block, room) = columns.into_block();
         let failed_steps = failed_steps.iter().map(|&k| k as i64);
         let of_impacts =
             |field: fn(&zivi::Impact) -> f64| array(events.impacts.iter().map(field).collect());
-        Self {
-            t: array(columns.t),
-            x: array(columns.x),
-            xdot: array(columns.xdot),
-            s: array(columns.s),
-            v: array(columns.v),
-            lambda_s: array(columns.lambda_s),
-            lambda_v: array(columns.lambda_v),
-            residual: array(columns.residual),
+        Ok(Self {
+            columns: PyArray1::from_vec(py, block).reshape([QUANTITIES, room])?.unbind(),
+            n_samples,
             impact_t: of_impacts(|impact| impact.t),
             impact_xdot_before: of_impacts(|impact| impact.xdot_before),
             impact_xdot_after: of_impacts(|impact| impact.xdot_after),
@@ -57,7 +49,7 @@ impl RunRecord {
             message: status.message(),
             nfev,
             raised: run.raised.map(|error| error.into_value(py).into_any()),
-        }
+        })
     }
 }
 

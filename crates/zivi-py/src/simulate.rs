@@ -73,7 +73,7 @@ fn step_solver(name: &str, linearisations: usize) -> PyResult<Solver> {
 }
 
 fn record(py: Python<'_>, run: Result<Run<PyErr>, SetupError>) -> PyResult<RunRecord> {
-    Ok(RunRecord::new(py, run.map_err(setup_error)?))
+    RunRecord::new(py, run.map_err(setup_error)?)
 }
 
 /// Refuses settings of the theta-gamma scheme that are out of range.

@@ -5,7 +5,7 @@ use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepFailure};
 use crate::events::EventLog;
 use crate::monitor::Pace;
 use crate::recorder::Recorder;
-use crate::trajectory::{Run, Sample, SetupError, Trajectory};
+use crate::trajectory::{Columns, Run, Sample, SetupError, Trajectory};
 use crate::{Force, Grid, Monitor, Status};
 
 /// Where a step starts.
@@ -101,9 +101,15 @@ pub fn run<E, F: Force<E>>(
     check_state(initial)?;
     let n = grid.n_steps();
     let mut z = transform::lift(initial, Branch::Positive, wall);
+    if !z.v.is_finite() {
+        let range = "a velocity whose image v = xdot0/(1 - kappa sgn xdot0) is finite";
+        return Err(SetupError::Setting("xdot0", initial.xdot, range));
+    }
     let incoming = initial.x == 0.0 && initial.xdot < 0.0;
     let mut log = EventLog::start(grid.t(0), z, incoming, wall);
-    let mut record = Recorder::start(n, grid.t(0), z, wall).map_err(|_| SetupError::Memory(n))?;
+    let mut columns = Columns::with_room(n + 1).map_err(|_| SetupError::Memory(n))?;
+    monitor.record_allocated(columns.memory());
+    let mut record = Recorder::start(columns, grid.t(0), z, wall);
 
     let mut side = transform::side(z, Branch::Positive.sigma());
     let mut failed_steps = Vec::new();

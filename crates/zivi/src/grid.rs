@@ -33,21 +33,24 @@ impl fmt::Display for GridError {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             GridError::SpanNotFinite(t0, t1) => {
-                write!(out, "t_span must be finite, got ({t0}, {t1})")
+                write!(out, "t_span must be finite, got ({t0:?}, {t1:?})")
             }
             GridError::SpanEmpty(t0, t1) => {
-                write!(out, "t_span must run forward, t0 < t1, got ({t0}, {t1})")
+                write!(out, "t_span must run forward, t0 < t1, got ({t0:?}, {t1:?})")
             }
             GridError::StepNotPositive(h) => {
-                write!(out, "h must be a finite step size > 0, got {h}")
+                write!(out, "h must be a finite step size > 0, got {h:?}")
             }
             GridError::StepBelowRounding(h, t) => {
-                write!(out, "h must be large enough to advance the time: {t} + {h} rounds to {t}")
+                write!(
+                    out,
+                    "h must be large enough to advance the time: {t:?} + {h:?} rounds to {t:?}"
+                )
             }
             GridError::TooManySteps(h, steps) => {
                 write!(
                     out,
-                    "h must give at most {MAX_STEPS:e} steps over t_span, {h} gives {steps:.3e}"
+                    "h must give at most {MAX_STEPS:e} steps over t_span, {h:?} gives {steps:.3e}"
                 )
             }
         }

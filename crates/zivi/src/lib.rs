@@ -39,5 +39,5 @@ pub use grid::{Grid, GridError};
 pub use monitor::{Monitor, Silent};
 pub use status::Status;
 pub use theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
-pub use trajectory::{Columns, Run, SetupError, Trajectory};
+pub use trajectory::{Columns, Quantity, Run, SetupError, Trajectory, QUANTITIES};
 pub use zivi_core::{Branch, Lifted, Physical, Restitution};

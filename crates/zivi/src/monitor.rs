@@ -9,6 +9,10 @@ pub trait Monitor<E> {
     /// # Errors
     /// An error ends the run; what was computed is kept.
     fn poll(&mut self, done: usize, of: usize) -> Result<(), E>;
+
+    /// Called once with the memory of the record (all zero) before the run fills it: a chance to
+    /// tell the operating system how it will be used.
+    fn record_allocated(&mut self, _memory: &mut [f64]) {}
 }
 
 /// Nobody watches.

@@ -1,8 +1,6 @@
 //! Fills the columns of a run.
 
-use std::collections::TryReserveError;
-
-use zivi_core::{transform, Lifted, Restitution};
+use zivi_core::{sgn, transform, Lifted, Restitution};
 
 use crate::trajectory::{Columns, Sample};
 
@@ -27,26 +25,18 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    /// Room for `n` steps from the initial state `z`, whose signs are recorded as its multipliers.
-    pub(crate) fn start(
-        n: usize,
-        t: f64,
-        z: Lifted,
-        wall: Restitution,
-    ) -> Result<Self, TryReserveError> {
-        let mut columns = Columns::with_capacity(n + 1)?;
+    /// Fills `columns`, which have room for the initial state `z` and all steps; its signs are
+    /// recorded as its multipliers.
+    pub(crate) fn start(mut columns: Columns, t: f64, z: Lifted, wall: Restitution) -> Self {
         let physical = transform::project(z, wall);
-        columns.t.push(t);
-        columns.x.push(physical.x);
-        columns.xdot.push(physical.xdot);
-        columns.s.push(z.s);
-        columns.v.push(z.v);
-        columns.lambda_s.push(zivi_core::sgn(z.s));
-        columns.lambda_v.push(zivi_core::sgn(z.v));
-        columns.residual.push(0.0);
+        let (lambda_s, lambda_v) = (sgn(z.s), sgn(z.v));
+        let initial = [t, physical.x, physical.xdot, z.s, z.v, lambda_s, lambda_v, 0.0];
+        for (row, value) in columns.extend(1).into_iter().zip(initial) {
+            row.fill(value);
+        }
         let (t, s, v, f) = ([0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
         let (lambda_s, lambda_v) = ([0.0; BLOCK], [0.0; BLOCK]);
-        Ok(Self { columns, wall, staged: 0, before: z, t, s, v, lambda_s, lambda_v, f })
+        Self { columns, wall, staged: 0, before: z, t, s, v, lambda_s, lambda_v, f }
     }
 
     /// Steps that can be staged before the block must be flushed.
@@ -78,30 +68,25 @@ impl Recorder {
     /// multipliers.
     #[inline(never)]
     pub(crate) fn flush(&mut self, residual: impl Fn(Lifted, f64, [f64; 2]) -> f64) {
-        let (n, wall, to) = (self.staged, self.wall, &mut self.columns);
+        let (n, wall) = (self.staged, self.wall);
         let (s, v, f) = (&self.s[..n], &self.v[..n], &self.f[..n]);
         let (lambda_s, lambda_v) = (&self.lambda_s[..n], &self.lambda_v[..n]);
-        let (Some((&last_s, earlier_s)), Some((&last_v, earlier_v))) =
-            (s.split_last(), v.split_last())
-        else {
-            return;
-        };
-        let velocity = |(&s, &v)| transform::project(Lifted { s, v }, wall).xdot;
-        to.x.extend(s.iter().map(|s| s.abs()));
-        to.xdot.extend(s.iter().zip(v).map(velocity));
-        to.t.extend_from_slice(&self.t[..n]);
-        to.s.extend_from_slice(s);
-        to.v.extend_from_slice(v);
-        to.lambda_s.extend_from_slice(lambda_s);
-        to.lambda_v.extend_from_slice(lambda_v);
-        to.residual.push(residual(self.before, f[0], [lambda_s[0], lambda_v[0]]));
-        let starts = earlier_s.iter().zip(earlier_v);
-        let signs = lambda_s[1..].iter().zip(&lambda_v[1..]);
-        let later = starts.zip(signs).zip(&f[1..]);
-        to.residual.extend(later.map(|(((&s, &v), (&lambda_s, &lambda_v)), &f)| {
-            residual(Lifted { s, v }, f, [lambda_s, lambda_v])
-        }));
-        self.before = Lifted { s: last_s, v: last_v };
+        let [to_t, to_x, to_xdot, to_s, to_v, to_lambda_s, to_lambda_v, to_residual] =
+            self.columns.extend(n);
+        to_t.copy_from_slice(&self.t[..n]);
+        to_s.copy_from_slice(s);
+        to_v.copy_from_slice(v);
+        to_lambda_s.copy_from_slice(lambda_s);
+        to_lambda_v.copy_from_slice(lambda_v);
+        let mut before = self.before;
+        for k in 0..n {
+            let z = Lifted { s: s[k], v: v[k] };
+            let physical = transform::project(z, wall);
+            (to_x[k], to_xdot[k]) = (physical.x, physical.xdot);
+            to_residual[k] = residual(before, f[k], [lambda_s[k], lambda_v[k]]);
+            before = z;
+        }
+        self.before = before;
         self.staged = 0;
     }
 

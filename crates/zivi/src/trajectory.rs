@@ -20,43 +20,86 @@ pub struct Sample {
     pub f: f64,
 }
 
-/// The sampled quantities, one vector each, all of one length.
+/// The sampled quantities, in the order of the rows of a [`Columns`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// Time (s).
+    T,
+    /// Distance from the wall (m).
+    X,
+    /// Velocity (m/s).
+    Xdot,
+    /// Transformed position (m).
+    S,
+    /// Transformed velocity (m/s).
+    V,
+    /// Multiplier of the position's sign.
+    LambdaS,
+    /// Multiplier of the velocity's sign.
+    LambdaV,
+    /// Relative natural residual of the step that ends at the sample (0 at the first).
+    Residual,
+}
+
+/// Number of sampled quantities.
+pub const QUANTITIES: usize = 8;
+
+/// The samples: one block of memory, a row for each [`Quantity`].
+///
+/// One block and not eight vectors, since a large one can be backed by large pages (see
+/// [`crate::Monitor::record_allocated`]): filling fresh memory costs more than the steps do.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Columns {
-    /// Time (s).
-    pub t: Vec<f64>,
-    /// Distance from the wall (m).
-    pub x: Vec<f64>,
-    /// Velocity (m/s).
-    pub xdot: Vec<f64>,
-    /// Transformed position (m).
-    pub s: Vec<f64>,
-    /// Transformed velocity (m/s).
-    pub v: Vec<f64>,
-    /// Multiplier of the position's sign.
-    pub lambda_s: Vec<f64>,
-    /// Multiplier of the velocity's sign.
-    pub lambda_v: Vec<f64>,
-    /// Relative natural residual of the step that ends at the sample (0 at the first).
-    pub residual: Vec<f64>,
+    block: Vec<f64>,
+    room: usize,
+    len: usize,
 }
 
 impl Columns {
-    pub(crate) fn with_capacity(n: usize) -> Result<Self, TryReserveError> {
-        let column = || -> Result<Vec<f64>, TryReserveError> {
-            let mut values = Vec::new();
-            values.try_reserve_exact(n)?;
-            Ok(values)
-        };
-        Ok(Self {
-            t: column()?,
-            x: column()?,
-            xdot: column()?,
-            s: column()?,
-            v: column()?,
-            lambda_s: column()?,
-            lambda_v: column()?,
-            residual: column()?,
+    pub(crate) fn with_room(room: usize) -> Result<Self, TryReserveError> {
+        // asked for once in a way that can fail; zeroed memory can only be had in one that aborts
+        Vec::<f64>::new().try_reserve_exact(QUANTITIES * room)?;
+        Ok(Self { block: vec![0.0; QUANTITIES * room], room, len: 0 })
+    }
+
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there is no sample.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// The samples of one quantity.
+    #[must_use]
+    pub fn of(&self, quantity: Quantity) -> &[f64] {
+        &self.block[quantity as usize * self.room..][..self.len]
+    }
+
+    /// The whole block and the length of its rows, of which the first [`Columns::len`] entries
+    /// are samples.
+    #[must_use]
+    pub fn into_block(self) -> (Vec<f64>, usize) {
+        (self.block, self.room)
+    }
+
+    /// The memory of the block, still empty.
+    pub(crate) fn memory(&mut self) -> &mut [f64] {
+        &mut self.block
+    }
+
+    /// Room for the next `n` samples of every quantity, in the order of [`Quantity`].
+    pub(crate) fn extend(&mut self, n: usize) -> [&mut [f64]; QUANTITIES] {
+        let from = self.len;
+        self.len += n;
+        let mut rows = self.block.chunks_exact_mut(self.room);
+        std::array::from_fn(|_| match rows.next() {
+            Some(row) => &mut row[from..from + n],
+            None => &mut [],
         })
     }
 }
@@ -104,7 +147,7 @@ impl fmt::Display for SetupError {
             SetupError::Grid(error) => error.fmt(out),
             SetupError::Method(error) => error.fmt(out),
             SetupError::Setting(name, value, range) => {
-                write!(out, "{name} must be {range}, got {value}")
+                write!(out, "{name} must be {range}, got {value:?}")
             }
             SetupError::Memory(steps) => {
                 write!(out, "the record of {steps} steps does not fit into memory: increase h")

@@ -2,8 +2,8 @@
 //! into the equation.
 
 use zivi::{
-    simulate_theta_gamma, Force, Grid, LinearForce, Physical, Restitution, Silent, Status,
-    ThetaGamma, Trajectory,
+    simulate_theta_gamma, Force, Grid, LinearForce, Physical, Quantity, Restitution, Silent,
+    Status, ThetaGamma, Trajectory,
 };
 
 /// Uniform numbers in [0, 1) (xorshift64*).
@@ -37,23 +37,25 @@ fn simulate(force: LinearForce, e: f64, h: f64, steps: f64, start: Physical) -> 
 /// Largest mismatch between the force that a step used, read off `v+ = v + h lambda_s f/R` and
 /// `s+ = s + h R v+`, and the force at its end, relative to the terms of the force.
 fn worst_mismatch(sol: &Trajectory, force: LinearForce, kappa: f64, h: f64) -> f64 {
-    let c = &sol.columns;
+    let of = |quantity| sol.columns.of(quantity);
+    let (t, s, v) = (of(Quantity::T), of(Quantity::S), of(Quantity::V));
+    let (lambda_s, lambda_v) = (of(Quantity::LambdaS), of(Quantity::LambdaV));
     let mut worst = 0.0_f64;
-    for k in 1..c.t.len() {
-        let (ls, lv) = (c.lambda_s[k], c.lambda_v[k]);
+    for k in 1..t.len() {
+        let (ls, lv) = (lambda_s[k], lambda_v[k]);
         if ls.abs() < 1.0 {
             continue; // the sign, not the force, fixes the end
         }
         let r = 1.0 - kappa * ls * lv;
-        let used = (c.v[k] - c.v[k - 1]) * r / (h * ls);
-        let (x, xdot) = (c.s[k].abs(), r * ls * c.v[k]);
-        let Ok::<f64, ()>(wanted) = force.clone().at(c.t[k], x, xdot) else { unreachable!() };
+        let used = (v[k] - v[k - 1]) * r / (h * ls);
+        let (x, xdot) = (s[k].abs(), r * ls * v[k]);
+        let Ok::<f64, ()>(wanted) = force.clone().at(t[k], x, xdot) else { unreachable!() };
         let terms = force.stiffness * x
             + (force.damping * xdot).abs()
             + force.gravity.abs()
             + force.amplitude.abs()
             // rounding of v in the difference
-            + 1e-4 * c.v[k].abs().max(c.v[k - 1].abs()) * r / h;
+            + 1e-4 * v[k].abs().max(v[k - 1].abs()) * r / h;
         worst = worst.max((used - wanted).abs() / terms);
     }
     worst
@@ -94,9 +96,9 @@ fn random_forces_are_found_and_put_back() {
         let kappa = (1.0 - e) / (1.0 + e);
         let worst = worst_mismatch(&sol, force, kappa, h);
         assert!(worst < 1e-10, "{worst:e} {force:?} e {e} h {h} {start:?}");
-        let residual = sol.columns.residual.iter().fold(0.0, |a: f64, &b| a.max(b));
+        let residual = sol.columns.of(Quantity::Residual).iter().fold(0.0, |a: f64, &b| a.max(b));
         assert!(residual < 3e-13, "{residual:e}");
-        steps += sol.columns.t.len() - 1;
+        steps += sol.columns.len() - 1;
         evaluations += sol.nfev;
     }
     let cost = evaluations as f64 / steps as f64;

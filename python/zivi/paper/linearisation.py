@@ -59,6 +59,11 @@ class Rate:
         return 100.0 * self.failed / self.total
 
 
+CAPTION = (
+    "outer n: at most n affine VIs; inner only: one solver, inner: with its fall-backs. "
+    "Random steps start from the signs of their state."
+)
+
 Solver = Callable[[Array, Array, float], tuple[Array, Array]]
 """Multipliers for states ``s``, ``v`` and a step size, each solve started from their signs."""
 
@@ -146,13 +151,15 @@ def table(rates: Iterable[Rate]) -> Table:
     rates = list(rates)
     solvers = list(dict.fromkeys(rate.solver for rate in rates))
     result = Table(
-        "steps",
-        *solvers,
         title="Section V.A: steps not solved, in percent",
+        caption=CAPTION,
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
         pad_edge=False,
     )
+    result.add_column("steps", no_wrap=True)
+    for solver in solvers:
+        result.add_column(solver, justify="right")
     for steps in dict.fromkeys(rate.steps for rate in rates):
         cells = {rate.solver: f"{rate.percent:.2f}" for rate in rates if rate.steps == steps}
         result.add_row(steps, *(cells[solver] for solver in solvers))

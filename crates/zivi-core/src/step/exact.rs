@@ -113,11 +113,12 @@ impl ThetaGammaStep {
         frozen.candidates().map(move |solution| solution.mirrored(sigma))
     }
 
-    /// The solution with the signs of `pattern`, if there is one.
+    /// The solution with the signs of `pattern`, if there is a finite one.
     #[must_use]
     pub fn accepted(&self, pattern: Pattern, z: Lifted, f: f64, side: f64) -> Option<StepSolution> {
         let (sigma, frozen) = self.frozen(z, f, side);
-        frozen.on(pattern, SIGN_TOLERANCE).map(|solution| solution.mirrored(sigma))
+        let found = frozen.on(pattern, SIGN_TOLERANCE)?;
+        is_finite(found.s, found.v).then_some(found.mirrored(sigma))
     }
 
     /// The end of the step with the signs of `pattern`, whether or not they fit: a continuous
@@ -133,7 +134,8 @@ impl ThetaGammaStep {
     ) -> Option<StepSolution> {
         // not infinite: infinity times a vanishing scale is NaN
         let (sigma, frozen) = self.frozen(z, f, side);
-        frozen.on(pattern, f64::MAX).map(|solution| solution.mirrored(sigma))
+        let found = frozen.on(pattern, f64::MAX)?;
+        is_finite(found.s, found.v).then_some(found.mirrored(sigma))
     }
 
     /// The forces between which a solution with the signs of `pattern` can lie: at most two
@@ -207,6 +209,9 @@ impl<'a> Frozen<'a> {
         } else {
             let (h, wall) = (self.step.h, self.step.wall);
             let exact = exact_motion(Lifted { s: self.s, v: self.v }, self.f, h, wall);
+            if !is_finite(exact.s, exact.v) {
+                return Err(StepFailure::NotFinite);
+            }
             let away = |candidate: &StepSolution| distance(candidate, exact, h);
             self.candidates().min_by(|a, b| away(a).total_cmp(&away(b)))
         };

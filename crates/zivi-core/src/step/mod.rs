@@ -53,7 +53,7 @@ pub struct ThetaGammaError {
 
 impl fmt::Display for ThetaGammaError {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(out, "{} must be {}, got {}", self.name, self.range, self.value)
+        write!(out, "{} must be {}, got {:?}", self.name, self.range, self.value)
     }
 }
 
