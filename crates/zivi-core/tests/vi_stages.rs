@@ -230,11 +230,18 @@ fn the_tolerance_rises_to_rounding_only_where_nothing_better_is_reached() {
     assert!(!report.status.is_success(), "{report:?}");
     assert_eq!(report.tolerance, 1e-9);
     // nor is a gap to a bound, however large the rounding of F is there
-    let mut huge = scalar(|z| 1e70 * (1.0 + z * z), |z| 2e70 * z * 1e10);
-    let mut z = [9.0];
-    let settings = Settings { max_iterations: 1, ..Settings::default() };
+    let growth = |z: f64| ((z - 2.0) * (z - 2.0)).exp();
+    let mut huge = Maps(
+        move |z: &[f64], f: &mut [f64]| f[0] = 2.0 * (z[0] - 2.0) * growth(z[0]),
+        move |z: &[f64], jacobian: &mut [f64]| {
+            jacobian[0] = (2.0 + 4.0 * (z[0] - 2.0) * (z[0] - 2.0)) * growth(z[0]);
+        },
+    );
+    let mut z = [12.0];
+    let settings = Settings { max_iterations: 3, ..Settings::default() };
     let report = solve(&mut huge, &[0.0], &[INF], &mut z, &settings).unwrap();
     assert_eq!(report.status, Status::IterationLimit, "{report:?} {z:?}");
+    assert!(report.residual > 1.0);
 }
 
 #[test]

@@ -206,6 +206,22 @@ impl Problem for WithJacobian<'_, '_> {
     fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
         self.callbacks.jacobian(&self.jac, z, jacobian)
     }
+}
+
+/// A problem with callbacks, and an eye on the signals between them.
+struct Watched<'a, 'py, P> {
+    problem: P,
+    callbacks: &'a Callbacks<'py>,
+}
+
+impl<P: Problem> Problem for Watched<'_, '_, P> {
+    fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
+        self.problem.map(z, f)
+    }
+
+    fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
+        self.problem.jacobian(z, jacobian)
+    }
 
     fn poll(&mut self) -> Result<(), EvaluationError> {
         self.callbacks.keep(self.callbacks.py.check_signals())
@@ -252,8 +268,8 @@ pub(crate) fn solve_vi<'py>(
     let callbacks = Callbacks { py, raised: RefCell::new(None), nfev: Cell::new(0) };
     let solved = match jac {
         Some(jac) => {
-            let mut problem = WithJacobian { callbacks: &callbacks, f, jac };
-            vectors.solve(&mut problem, &given.get())
+            let problem = WithJacobian { callbacks: &callbacks, f, jac };
+            vectors.solve(&mut Watched { problem, callbacks: &callbacks }, &given.get())
         }
         None => {
             let (lower, upper) = (vectors.lower.clone(), vectors.upper.clone());
@@ -261,7 +277,9 @@ pub(crate) fn solve_vi<'py>(
             let map = |z: &[f64], out: &mut [f64]| callbacks.map(&f, z, out);
             Differenced::new(map, &lower, &upper, &mut work)
                 .ok_or(InvalidInput::Workspace)
-                .and_then(|mut problem| vectors.solve(&mut problem, &given.get()))
+                .and_then(|problem| {
+                    vectors.solve(&mut Watched { problem, callbacks: &callbacks }, &given.get())
+                })
         }
     };
     if let Some(error) = callbacks.raised.take() {

@@ -46,6 +46,7 @@ pub(super) fn semismooth_newton(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
 /// One step that lowers the merit; false where none was found.
 pub(super) fn step(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     for weight in WEIGHTS {
+        at.problem.poll()?;
         if direction(at, weight) && projected_search(at, HALVINGS)? {
             at.counts.semismooth_steps += 1;
             return Ok(true);

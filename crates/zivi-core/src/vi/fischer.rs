@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Fischer, *Optimization* 24 (1992) 269-284; the box form is Billups' (PhD thesis, Wisconsin
-//! 1995, section 3.2). `fb(inf, b) = b`, so infinite bounds drop out.
+//! 1995). `fb(inf, b) = b`, so infinite bounds drop out.
 
 /// `fb(a, b)`; `2ab/(a + b + r)` where the plain form would cancel.
 fn fb(a: f64, b: f64) -> f64 {

@@ -33,7 +33,8 @@ pub trait Problem {
     /// [`EvaluationError`] stops the solver at once; its best point so far is kept.
     fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError>;
 
-    /// Called every few dozen pivots, so that a long affine solve can be interrupted.
+    /// Called every few dozen pivots and before every factorisation of a descent step, so that
+    /// long work between two evaluations can be interrupted.
     ///
     /// # Errors
     /// [`EvaluationError`] stops the solver at once; its best point so far is kept.

@@ -4,8 +4,8 @@
 //! S0      Josephy-Newton, nonmonotone, from z0
 //! S1      semismooth Newton, monotone, from z0
 //! S2      proximal Josephy-Newton, ray start first, monotone, from z0
-//! R0..R7  Josephy-Newton from random points around z0, ever wider
-//! E       n <= 6: every pattern of active bounds
+//! R0..R7  Josephy-Newton from random points around z0 and around zero, ever wider
+//! E       n <= 6: every pattern of active bounds, from z0 and two of the random points
 //! ```
 
 use super::dense;
