@@ -17,17 +17,17 @@ TRANSPORT = np.array([[1.0, 6.0], [5.0, 2.0]])
 
 
 def supply_price(produced: np.ndarray) -> np.ndarray:
-    """Marginal cost of each region."""
+    """Return the marginal cost of each region."""
     return np.array([2.0, 3.0]) + np.array([0.5, 0.2]) * produced
 
 
 def demand_price(bought: np.ndarray) -> np.ndarray:
-    """What each city pays: it falls like a power of what is bought, and is finite at zero."""
+    """Return what each city pays: it falls like a power of what is bought, and is finite at zero."""
     return np.array([40.0, 25.0]) / (1.0 + bought) ** np.array([0.6, 0.8])
 
 
 def losses(x: np.ndarray) -> np.ndarray:
-    """Loss per unit of each flow: price of supply and transport less the price of demand."""
+    """Return the loss per unit of each flow: price of supply and transport less the price of demand."""
     flow = x.reshape(2, 2)
     cost = supply_price(flow.sum(axis=1))[:, None] + TRANSPORT
     return (cost - demand_price(flow.sum(axis=0))[None, :]).ravel()

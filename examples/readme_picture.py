@@ -65,7 +65,8 @@ def main(path: str) -> None:
     left.text(
         1.36,
         len(times) * 0.78,
-        f"time stands still at {times[-1]:.4f} s:\n{stuck} of {len(times)} restarts\nadvance by 0 s",
+        f"time stands still at {times[-1]:.4f} s:\n"
+        f"{stuck} of {len(times)} restarts\nadvance by 0 s",
         fontsize="small",
     )
     h = 1e-3

@@ -1,7 +1,5 @@
 //! Ctrl-C and progress: looking at the interpreter now and then during a run.
 
-use std::mem::MaybeUninit;
-
 use pyo3::prelude::*;
 use zivi::Monitor;
 
@@ -21,29 +19,27 @@ impl Monitor<PyErr> for Watch {
         })
     }
 
-    fn record_allocated(&mut self, memory: &mut [MaybeUninit<f64>]) {
-        advise_large_pages(memory);
+    fn record_allocated(&mut self, start: *const f64, len: usize) {
+        advise_large_pages(start as usize, len * size_of::<f64>());
     }
 }
 
-/// Asks for large pages behind a block that is about to be filled (as NumPy does for its own
+/// Asks for large pages behind memory that is about to be filled (as NumPy does for its own large
 /// arrays): with small ones, fresh memory costs more than the steps. Advice only; errors do not
 /// matter.
 #[cfg(target_os = "linux")]
-fn advise_large_pages(memory: &mut [MaybeUninit<f64>]) {
+fn advise_large_pages(start: usize, bytes: usize) {
     const PAGE: usize = 4096;
     const LARGE: usize = 1 << 22;
-    let bytes = std::mem::size_of_val(memory);
     if bytes < LARGE {
         return;
     }
-    let start = memory.as_mut_ptr() as usize;
     let aligned = start.next_multiple_of(PAGE);
-    // SAFETY: the range lies in `memory`, and the advice changes no content
+    // SAFETY: the range lies in one live allocation, and the advice changes no content
     unsafe {
         libc::madvise(aligned as *mut libc::c_void, start + bytes - aligned, libc::MADV_HUGEPAGE);
     }
 }
 
 #[cfg(not(target_os = "linux"))]
-fn advise_large_pages(_memory: &mut [MaybeUninit<f64>]) {}
+fn advise_large_pages(_start: usize, _bytes: usize) {}

@@ -107,7 +107,7 @@ pub fn run<E, F: Force<E>>(
     }
     let incoming = initial.x == 0.0 && initial.xdot < 0.0;
     let mut log = EventLog::start(grid.t(0), z, incoming, wall);
-    let columns = Columns::with_room(n + 1, |memory| monitor.record_allocated(memory))
+    let columns = Columns::with_room(n + 1, |start, len| monitor.record_allocated(start, len))
         .map_err(|_| SetupError::Memory(n))?;
     let mut record = Recorder::start(columns, grid.t(0), z, wall);
 

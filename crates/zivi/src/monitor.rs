@@ -1,6 +1,5 @@
 //! Watching a run from outside: progress, and the wish to stop.
 
-use std::mem::MaybeUninit;
 use std::time::{Duration, Instant};
 
 /// Something that is told how far a run is and may end it.
@@ -11,9 +10,9 @@ pub trait Monitor<E> {
     /// An error ends the run; what was computed is kept.
     fn poll(&mut self, done: usize, of: usize) -> Result<(), E>;
 
-    /// Called once with the memory of the record before it is touched: a chance to tell the
-    /// operating system how it will be used.
-    fn record_allocated(&mut self, _memory: &mut [MaybeUninit<f64>]) {}
+    /// Called once with the address and the length of the record's memory before it is touched: a
+    /// chance to tell the operating system how it will be used.
+    fn record_allocated(&mut self, _start: *const f64, _len: usize) {}
 }
 
 /// Nobody watches.

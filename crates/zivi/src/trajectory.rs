@@ -2,7 +2,6 @@
 
 use std::collections::TryReserveError;
 use std::fmt;
-use std::mem::MaybeUninit;
 
 use zivi_core::{Lifted, ThetaGammaError};
 
@@ -45,6 +44,10 @@ pub enum Quantity {
 /// Number of sampled quantities.
 pub const QUANTITIES: usize = 8;
 
+/// Numbers (64 MB) up to which the memory of a record may come from recycled memory, which an
+/// allocator can only zero by touching all of it.
+const LAZY: usize = 1 << 23;
+
 /// The samples: one block of memory, a row for each [`Quantity`].
 ///
 /// One block and not eight vectors, since a large one can be backed by large pages (see
@@ -57,15 +60,24 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Zeroed memory for `room` samples; `advise` sees it before it is touched.
+    /// Zeroed memory for `room` samples; `advise` learns where it is before it is touched.
     pub(crate) fn with_room(
         room: usize,
-        advise: impl FnOnce(&mut [MaybeUninit<f64>]),
+        advise: impl FnOnce(*const f64, usize),
     ) -> Result<Self, TryReserveError> {
+        let size = QUANTITIES * room;
         let mut block = Vec::new();
-        block.try_reserve_exact(QUANTITIES * room)?;
-        advise(block.spare_capacity_mut());
-        block.resize(QUANTITIES * room, 0.0);
+        block.try_reserve_exact(size)?;
+        if size <= LAZY {
+            advise(block.as_ptr(), size);
+            block.resize(size, 0.0);
+        } else {
+            // fresh from the system, which hands out pages as they are filled: a run that is
+            // stopped early has not paid for all of them
+            drop(block);
+            block = vec![0.0; size];
+            advise(block.as_ptr(), size);
+        }
         Ok(Self { block, room, len: 0 })
     }
 
