@@ -22,12 +22,12 @@ def supply_price(produced: np.ndarray) -> np.ndarray:
 
 
 def demand_price(bought: np.ndarray) -> np.ndarray:
-    """Return what each city pays: it falls like a power of what is bought, and is finite at zero."""
+    """Return what each city pays: it falls like a power of what is bought."""
     return np.array([40.0, 25.0]) / (1.0 + bought) ** np.array([0.6, 0.8])
 
 
 def losses(x: np.ndarray) -> np.ndarray:
-    """Return the loss per unit of each flow: price of supply and transport less the price of demand."""
+    """Return the loss per unit of each flow: what supply and transport cost less the price."""
     flow = x.reshape(2, 2)
     cost = supply_price(flow.sum(axis=1))[:, None] + TRANSPORT
     return (cost - demand_price(flow.sum(axis=0))[None, :]).ravel()
