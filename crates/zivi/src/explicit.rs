@@ -65,9 +65,8 @@ impl<E, F: Force<E>> FixedStep<E, F> for ExplicitEuler {
         f64::NAN
     }
 
-    fn resize(&mut self, h: f64) -> Result<(), SetupError> {
+    fn resize(&mut self, h: f64) {
         self.h = h;
-        Ok(())
     }
 
     fn nfev(&self) -> u64 {

@@ -38,11 +38,9 @@ pub trait FixedStep<E, F: Force<E>> {
     /// `lambda`, recomputed from the inclusion (NaN for a method that solves none).
     fn residual(&self, z: Lifted, f: f64, lambda: [f64; 2]) -> f64;
 
-    /// Takes another step size from here on (the last step of a run may be shorter).
-    ///
-    /// # Errors
-    /// When the step size is refused.
-    fn resize(&mut self, h: f64) -> Result<(), SetupError>;
+    /// Takes another step size from here on, positive and finite (the last step of a run may be
+    /// shorter).
+    fn resize(&mut self, h: f64);
 
     /// Number of force evaluations so far.
     fn nfev(&self) -> u64;
@@ -91,88 +89,164 @@ pub(crate) fn finite_force<E>(
 /// # Errors
 /// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
 pub fn run<E, F: Force<E>>(
-    mut method: impl FixedStep<E, F>,
+    method: impl FixedStep<E, F>,
     wall: Restitution,
     force: &mut F,
     grid: Grid,
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    check_state(initial)?;
-    let n = grid.n_steps();
-    let mut z = transform::lift(initial, Branch::Positive, wall);
-    if !z.v.is_finite() {
-        let range = "a velocity whose image v = xdot0/(1 - kappa sgn xdot0) is finite";
-        return Err(SetupError::Setting("xdot0", initial.xdot, range));
-    }
-    let incoming = initial.x == 0.0 && initial.xdot < 0.0;
-    let mut log = EventLog::start(grid.t(0), z, incoming, wall);
-    let columns = Columns::with_room(n + 1, |start, len| monitor.record_allocated(start, len))
-        .map_err(|_| SetupError::Memory(n))?;
-    let mut record = Recorder::start(columns, grid.t(0), z, wall);
-
-    let mut side = transform::side(z, Branch::Positive.sigma());
-    let mut failed_steps = Vec::new();
+    let mut walk = Walk::start(method, wall, grid, initial, monitor)?;
     let mut pace = Pace::start();
-    let (mut k, mut t) = (0, grid.t(0));
-    let ending = 'run: loop {
-        let until = (k + pace.chunk()).min(n);
-        while k < until {
-            // no call in this loop: the state stays in registers
-            let easy = until.min(n - 1).min(k + record.room());
-            while k < easy {
-                match method.everyday(z) {
-                    Some(sample) if uneventful(z, sample.z) => {
-                        k += 1;
-                        t = grid.t(k);
-                        record.push(t, sample);
-                        z = sample.z;
-                    }
-                    _ => break,
-                }
-            }
-            if k == until {
-                break;
-            }
-            // the residuals of a block are those of one step size
-            if record.is_full() || k + 1 == n {
-                record.flush(|z, f, lambda| method.residual(z, f, lambda));
-            }
-            if k + 1 == n {
-                method.resize(grid.last_h())?;
-            }
-            let sample = match method.advance(Start { t, z, side }, force) {
-                Ok(sample) => sample,
-                Err(failure) => break 'run failure,
-            };
-            k += 1;
-            if method.has_failed() {
-                failed_steps.push(k);
-            }
-            let t_next = grid.t(k);
-            record.push(t_next, sample);
-            if !uneventful(z, sample.z) {
-                log.step((t, z), (t_next, sample.z));
-                side = transform::side(sample.z, side);
-            }
-            (t, z) = (t_next, sample.z);
+    let ending = loop {
+        let until = (walk.k + pace.chunk()).min(grid.n_steps());
+        if let Err(failure) = walk.go_to::<E, F>(until, force) {
+            break failure;
         }
-        if let Err(stop) = monitor.poll(k, n) {
+        if let Err(stop) = monitor.poll(walk.k, grid.n_steps()) {
             break Failure::Raised(stop);
         }
-        if k == n {
+        if walk.k == grid.n_steps() {
             break Failure::Status(Status::Completed);
         }
         pace.adjust();
     };
-    record.flush(|z, f, lambda| method.residual(z, f, lambda));
-    let (status, raised) = match ending {
-        Failure::Status(status) => (status, None),
-        Failure::Raised(error) => (Status::Raised, Some(error)),
-    };
-    let (columns, events) = (record.into_columns(), log.finish());
-    let trajectory = Trajectory { columns, events, failed_steps, status, nfev: method.nfev() };
-    Ok(Run { trajectory, raised })
+    Ok(walk.finish::<E, F>(ending))
+}
+
+/// A run under way: `k` steps are done, the last of them ended at `t` in `z`.
+struct Walk<M> {
+    method: M,
+    grid: Grid,
+    record: Recorder,
+    log: EventLog,
+    failed_steps: Vec<usize>,
+    k: usize,
+    t: f64,
+    z: Lifted,
+    side: f64,
+}
+
+impl<M> Walk<M> {
+    fn start<E>(
+        method: M,
+        wall: Restitution,
+        grid: Grid,
+        initial: Physical,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<Self, SetupError> {
+        let z = lift(initial, wall)?;
+        let (t, n) = (grid.t(0), grid.n_steps());
+        let columns = Columns::with_room(n + 1, |start, len| monitor.record_allocated(start, len))
+            .map_err(|_| SetupError::Memory(n))?;
+        let incoming = initial.x == 0.0 && initial.xdot < 0.0;
+        Ok(Self {
+            method,
+            grid,
+            record: Recorder::start(columns, t, z, wall),
+            log: EventLog::start(t, z, incoming, wall),
+            failed_steps: Vec::new(),
+            k: 0,
+            t,
+            z,
+            side: transform::side(z, Branch::Positive.sigma()),
+        })
+    }
+
+    /// Steps until `until` steps are done.
+    fn go_to<E, F: Force<E>>(&mut self, until: usize, force: &mut F) -> Result<(), Failure<E>>
+    where
+        M: FixedStep<E, F>,
+    {
+        let last = self.grid.n_steps() - 1;
+        while self.k < until {
+            self.easy_steps::<E, F>(until.min(last));
+            if self.k == until {
+                break;
+            }
+            // the residuals of a block are those of one step size
+            if self.record.is_full() || self.k == last {
+                self.flush::<E, F>();
+            }
+            if self.k == last {
+                self.method.resize(self.grid.last_h());
+            }
+            self.step(force)?;
+        }
+        Ok(())
+    }
+
+    /// The steps that need no search, as long as nothing happens and the record has room.
+    #[inline]
+    fn easy_steps<E, F: Force<E>>(&mut self, until: usize)
+    where
+        M: FixedStep<E, F>,
+    {
+        // no call in this loop, and no field: the state stays in registers
+        let (mut k, mut t, mut z) = (self.k, self.t, self.z);
+        let until = until.min(k + self.record.room());
+        while k < until {
+            match self.method.everyday(z) {
+                Some(sample) if uneventful(z, sample.z) => {
+                    k += 1;
+                    t = self.grid.t(k);
+                    self.record.push(t, sample);
+                    z = sample.z;
+                }
+                _ => break,
+            }
+        }
+        (self.k, self.t, self.z) = (k, t, z);
+    }
+
+    /// Any one step.
+    #[inline]
+    fn step<E, F: Force<E>>(&mut self, force: &mut F) -> Result<(), Failure<E>>
+    where
+        M: FixedStep<E, F>,
+    {
+        let Self { t, z, side, .. } = *self;
+        let sample = self.method.advance(Start { t, z, side }, force)?;
+        self.k += 1;
+        if self.method.has_failed() {
+            self.failed_steps.push(self.k);
+        }
+        self.t = self.grid.t(self.k);
+        self.z = sample.z;
+        self.record.push(self.t, sample);
+        if !uneventful(z, self.z) {
+            self.log.step((t, z), (self.t, self.z));
+            self.side = transform::side(self.z, side);
+        }
+        Ok(())
+    }
+
+    fn flush<E, F: Force<E>>(&mut self)
+    where
+        M: FixedStep<E, F>,
+    {
+        let method = &self.method;
+        self.record.flush(|z, f, lambda| method.residual(z, f, lambda));
+    }
+
+    fn finish<E, F: Force<E>>(mut self, ending: Failure<E>) -> Run<E>
+    where
+        M: FixedStep<E, F>,
+    {
+        self.flush::<E, F>();
+        let (status, raised) = match ending {
+            Failure::Status(status) => (status, None),
+            Failure::Raised(error) => (Status::Raised, Some(error)),
+        };
+        let trajectory = Trajectory {
+            columns: self.record.into_columns(),
+            events: self.log.finish(),
+            failed_steps: self.failed_steps,
+            status,
+            nfev: self.method.nfev(),
+        };
+        Run { trajectory, raised }
+    }
 }
 
 /// Nothing happens, and the side is the same, while `s` keeps its sign or the mass rests.
@@ -182,12 +256,18 @@ fn uneventful(before: Lifted, after: Lifted) -> bool {
     before.s * after.s > 0.0 || (before == rest && after == rest)
 }
 
-fn check_state(initial: Physical) -> Result<(), SetupError> {
+/// The initial state on the branch `+1`.
+fn lift(initial: Physical, wall: Restitution) -> Result<Lifted, SetupError> {
     if !(initial.x >= 0.0 && initial.x.is_finite()) {
         return Err(SetupError::Setting("x0", initial.x, "a finite distance >= 0 from the wall"));
     }
     if !initial.xdot.is_finite() {
         return Err(SetupError::Setting("xdot0", initial.xdot, "a finite velocity"));
     }
-    Ok(())
+    let z = transform::lift(initial, Branch::Positive, wall);
+    if !z.v.is_finite() {
+        let range = "a velocity whose image v = xdot0/(1 - kappa sgn xdot0) is finite";
+        return Err(SetupError::Setting("xdot0", initial.xdot, range));
+    }
+    Ok(z)
 }

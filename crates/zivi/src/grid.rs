@@ -86,6 +86,8 @@ impl Grid {
         let whole = steps.round();
         let divides = (steps - whole).abs() <= 1e-9 * whole;
         let n = if divides { whole } else { steps.ceil() };
+        // far from zero, rounding may put the last step's start at its end
+        let n = if n > 1.0 && t0 + (n - 1.0) * h >= t1 { n - 1.0 } else { n };
         Ok(Self { t0, t1, h, n: n as usize })
     }
 
@@ -138,6 +140,18 @@ mod tests {
         assert_eq!(Grid::new(0.0, 0.3, 0.1).unwrap().last_h(), 0.1);
         assert!((Grid::new(0.0, 1.0, 0.3).unwrap().last_h() - 0.1).abs() < 1e-15);
         assert_eq!(Grid::new(0.0, 1.0, 5.0).unwrap().last_h(), 1.0);
+    }
+
+    #[test]
+    fn every_step_has_a_length_far_from_zero_too() {
+        for t0 in [0.0, 1e3, -7e8, 1e15, -1e15] {
+            for k in 1..2000 {
+                let (h, span) = (0.37 + 1e-3 * f64::from(k), 3.0 + 0.01 * f64::from(k));
+                let grid = Grid::new(t0, t0 + span, h).unwrap();
+                assert!(grid.last_h() > 0.0 && grid.last_h() <= 1.5 * h + t0.abs() * 1e-15);
+                assert!((0..grid.n_steps()).all(|k| grid.t(k) < grid.t(k + 1)));
+            }
+        }
     }
 
     #[test]
