@@ -4,7 +4,6 @@ import csv
 import re
 from pathlib import Path
 
-import matplotlib as mpl
 import matplotlib.image
 import numpy as np
 import pytest
@@ -27,11 +26,6 @@ FIGURES = (
 @pytest.fixture
 def without_siconos(monkeypatch):
     monkeypatch.setattr(siconos, "solvers", lambda kappa, gravity: {})
-
-
-@pytest.fixture(autouse=True)
-def quiet_backend():
-    mpl.use("Agg")
 
 
 def rows(path):
