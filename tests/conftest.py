@@ -8,10 +8,11 @@ import pytest
 
 mpl.use("Agg")
 
-# the same examples in every run of CI; a slow machine is not a failure
-hypothesis.settings.register_profile("ci", derandomize=True, deadline=None)
-hypothesis.settings.register_profile("explore", deadline=None)
-hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "explore")
+# the same examples in every run, and a slow machine is not a failure; HYPOTHESIS_PROFILE=explore
+# looks elsewhere
+hypothesis.settings.register_profile("zivi", derandomize=True, deadline=None, max_examples=150)
+hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "zivi"))
 
 
 @pytest.fixture(autouse=True)

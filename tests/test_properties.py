@@ -1,13 +1,10 @@
 """Laws that hold for every run, on random systems."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import zivi
-
-settings.register_profile("zivi", deadline=None, max_examples=150, derandomize=True)
-settings.load_profile("zivi")
 
 RESTITUTION = st.floats(0.05, 1.0)
 STEP = st.floats(1e-3, 0.2)
