@@ -6,7 +6,9 @@ import numbers
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["finite", "real", "real_array"]
+__all__ = ["Array", "finite", "real", "real_array"]
+
+Array = NDArray[np.float64]
 
 
 def real(name: str, value: object) -> float:
@@ -19,12 +21,15 @@ def real(name: str, value: object) -> float:
         raise ValueError(f"{name} must fit into a float, got an integer beyond 1e308") from None
 
 
-def real_array(name: str, value: object) -> NDArray[np.float64]:
-    """Return `value` as an array of floats; a TypeError names what holds no real numbers."""
+def real_array(name: str, value: object) -> Array:
+    """Return `value` as a contiguous array of floats; a TypeError names what holds no reals."""
     try:
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
+        array = np.asarray(value)
+    except ValueError as error:  # ragged
         raise TypeError(f"{name} must hold real numbers: {error}") from None
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
+    return array.astype(np.float64, order="C", copy=False)
 
 
 def finite(name: str, value: object) -> float:

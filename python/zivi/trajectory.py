@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
-from zivi._check import real_array
+from zivi._check import Array, real_array
 from zivi.status import Status
 from zivi.transform import project
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from zivi.system import ImpactSystem
 
 __all__ = ["Trajectory"]
-
-Array = NDArray[np.float64]
 
 IMPACT = np.dtype([("t", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
 """One impact: its time (s) and the velocities before and after it (m/s)."""

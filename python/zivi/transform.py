@@ -3,14 +3,12 @@
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from zivi import _zivi
-from zivi._check import real, real_array
+from zivi._check import Array, real, real_array
 
 __all__ = ["lift", "project"]
-
-Array = NDArray[np.float64]
 
 
 def lift(

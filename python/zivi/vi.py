@@ -13,9 +13,10 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from zivi import _zivi
+from zivi._arrays import MAX_DENSE, Array, bound, matrix, of_shape, require_finite, vector
 from zivi._check import real
 
 __all__ = [
@@ -27,11 +28,6 @@ __all__ = [
     "solve_avi",
     "solve_vi",
 ]
-
-Array = NDArray[np.float64]
-
-MAX_DENSE = 2000
-"""Largest number of unknowns for which a sparse matrix is made dense: 2 x 32 MB of work."""
 
 
 class VIStatus(enum.IntEnum):
@@ -109,7 +105,7 @@ class VIOptions:
                 raise ValueError(f"row_scale must be None, 'jacobian' or an array, got {scale!r}")
             settings["scale_by_jacobian"] = True
         elif scale is not None:
-            settings["row_scale"] = _vector("row_scale", scale)
+            settings["row_scale"] = vector("row_scale", scale)
         for name in (
             "max_pivots",
             "total_pivots",
@@ -227,14 +223,14 @@ def solve_vi(
     >>> res.success, float(res.x[0].round(8))
     (True, 1.41421356)
     """
-    start = _vector("x0", x0)
+    start = vector("x0", x0)
     n = len(start)
     if not callable(F):
         raise TypeError(f"F must be callable, got {type(F).__name__}")
     record = _zivi.solve_vi(
-        _of_shape("F(x)", F, (n,)),
-        _bound("lower", lower, n),
-        _bound("upper", upper, n),
+        of_shape("F(x)", F, (n,)),
+        bound("lower", lower, n),
+        bound("upper", upper, n),
         start,
         _jacobian(jac, n),
         _settings(tol, max_iter, options),
@@ -285,19 +281,19 @@ def solve_avi(
     >>> res.x.tolist()
     [1.0, 1.0]
     """
-    constant = _vector("q", q)
+    constant = vector("q", q)
     n = len(constant)
-    matrix = _matrix("M", M, n)
-    for name, array in (("M", matrix), ("q", constant)):
-        _require_finite(name, array)
-    start = np.zeros(n) if x0 is None else _vector("x0", x0)
+    dense = matrix("M", M, n)
+    for name, array in (("M", dense), ("q", constant)):
+        require_finite(name, array)
+    start = np.zeros(n) if x0 is None else vector("x0", x0)
     if len(start) != n:
         raise ValueError(f"x0 must have {n} entries, as q has, got {len(start)}")
     record = _zivi.solve_avi(
-        matrix,
+        dense,
         constant,
-        _bound("lower", lower, n),
-        _bound("upper", upper, n),
+        bound("lower", lower, n),
+        bound("upper", upper, n),
         start,
         _settings(tol, None, options),
     )
@@ -331,13 +327,11 @@ def natural_residual(x: ArrayLike, F: ArrayLike, lower: ArrayLike, upper: ArrayL
     >>> zivi.natural_residual([1.0, 0.5], [-3.0, 0.25], 0, 1)
     0.25
     """
-    point, value = _vector("x", x), _vector("F", F)
+    point, value = vector("x", x), vector("F", F)
     if len(value) != len(point):
         raise ValueError(f"F must have {len(point)} entries, as x has, got {len(value)}")
     n = len(point)
-    return _zivi.natural_residual(
-        point, value, _bound("lower", lower, n), _bound("upper", upper, n)
-    )
+    return _zivi.natural_residual(point, value, bound("lower", lower, n), bound("upper", upper, n))
 
 
 def _result(record: _zivi.ViRecord) -> VIResult:
@@ -369,75 +363,11 @@ def _count(name: str, value: object) -> int:
     return int(value)
 
 
-def _real_array(name: str, value: Any) -> Array:
-    """Return `value` as a contiguous float64 array; refuse what is complex or no number."""
-    array = np.asarray(value)
-    if array.dtype.kind not in "biuf":
-        raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
-    return array.astype(np.float64, order="C", copy=False)
-
-
-def _vector(name: str, value: Any) -> Array:
-    array = _real_array(name, value)
-    if array.ndim != 1:
-        raise ValueError(f"{name} must be one-dimensional, got shape {array.shape}")
-    return array
-
-
-def _bound(name: str, value: Any, n: int) -> Array:
-    array = _real_array(name, value)
-    if array.ndim == 0:
-        return np.full(n, float(array))
-    if array.shape != (n,):
-        raise ValueError(f"{name} must have {n} entries, got shape {array.shape}")
-    return array
-
-
-def _require_finite(name: str, array: Array) -> None:
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
-        index = ", ".join(str(int(k)) for k in bad[0])
-        raise ValueError(f"{name}[{index}] must be finite, got {array[tuple(bad[0])]}")
-
-
-def _dense(name: str, value: Any) -> Any:
-    """Return a sparse matrix as a dense one, up to `MAX_DENSE` rows; others as they are."""
-    if not (hasattr(value, "toarray") and hasattr(value, "nnz")):
-        return value
-    if max(value.shape) > MAX_DENSE:
-        raise ValueError(
-            f"{name} is sparse with shape {value.shape}; the solver is dense and takes at most "
-            f"{MAX_DENSE} unknowns (zivi.vi.MAX_DENSE)"
-        )
-    return value.toarray()
-
-
-def _matrix(name: str, value: Any, n: int) -> Array:
-    array = _real_array(name, _dense(name, value))
-    if array.shape != (n, n):
-        raise ValueError(f"{name} must have shape ({n}, {n}), got {array.shape}")
-    return array
-
-
-def _of_shape(
-    name: str, function: Callable[[Array], Any], shape: tuple[int, ...]
-) -> Callable[[Array], Array]:
-    """Wrap a callback so that what it returns has the right type and shape."""
-
-    def checked(x: Array) -> Array:
-        value = _real_array(name, _dense(name, function(x)))
-        if value.shape != shape:
-            raise ValueError(f"{name} must have shape {shape}, got {value.shape}")
-        return value
-
-    return checked
-
-
 def _jacobian(jac: Any, n: int) -> Callable[[Array], Array] | None:
     if jac is None:
         return None
     if callable(jac):
-        return _of_shape("jac(x)", jac, (n, n))
-    constant = _matrix("jac", jac, n)
-    _require_finite("jac", constant)
+        return of_shape("jac(x)", jac, (n, n))
+    constant = matrix("jac", jac, n)
+    require_finite("jac", constant)
     return lambda x: constant
