@@ -61,6 +61,19 @@ def test_a_single_linearisation_fails_where_signs_change_and_is_counted():
     assert sol.to_xarray().attrs["n_failed_steps"] == len(failed)
 
 
+def test_a_step_taken_on_the_patterns_is_counted():
+    # pulled off the wall in the apex strip: the selected solution jumps over the root
+    force = zivi.LinearForce(stiffness=9.7, gravity=-13.7)
+    system, h = zivi.ImpactSystem(force, e=0.26), 0.134
+    counts = {}
+    for solver in ("exact", "newton", "outer"):
+        sol = zivi.simulate(system, (0, h), (0.9887, -0.53), zivi.ThetaGamma(h, solver=solver))
+        assert sol.success
+        assert sol.v[-1] == pytest.approx(0.852054, abs=1e-6)  # by enumeration of the patterns
+        counts[solver] = len(sol.failed_steps)
+    assert counts == {"exact": 0, "newton": 1, "outer": 1}
+
+
 def test_iterated_outer_and_inner_do_not_fail_on_the_ball():
     for settings in ({"solver": "newton"}, {"solver": "outer", "linearisations": 20}):
         sol = zivi.simulate(*RUNS["ball"], zivi.ThetaGamma(1e-3, **settings))

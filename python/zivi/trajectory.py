@@ -70,8 +70,8 @@ class Trajectory:
     rest_time : float or None
         Time from which the mass stays at rest until the end of the run (s).
     failed_steps : ndarray of int
-        Numbers of the samples (steps, with `t_eval`) whose step the chosen solver did not solve
-        and the exact one took instead; empty for ``solver="exact"``.
+        Numbers of the steps (1 is the first) that the chosen solver did not solve and the exact
+        one took instead; empty for ``solver="exact"``.
     status : Status
         How the run ended, 0 for success.
     success : bool

@@ -19,6 +19,15 @@ pub struct Lifted {
     pub v: f64,
 }
 
+impl Lifted {
+    /// Whether the state and its projection (`|x'| <= 2 |v|`) are finite.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_finite(self) -> bool {
+        (self.s + 2.0 * self.v).is_finite()
+    }
+}
+
 /// A state in physical coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Physical {

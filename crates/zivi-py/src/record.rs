@@ -1,4 +1,4 @@
-//! The record of a run as Python sees it: NumPy arrays that own the vectors of the run.
+//! The record of a run as Python sees it: NumPy arrays that own its memory.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;

@@ -53,8 +53,7 @@ impl<E, F: Force<E>> FixedStep<E, F> for ExplicitEuler {
         let f = finite_force(force, t, Physical { x: z.s.abs(), xdot })?;
         let rate = transform::field(z.v, lambda_s, lambda_v, f, self.wall);
         let z = Lifted { s: z.s + self.h * rate.s, v: z.v + self.h * rate.v };
-        // |x'| <= 2 |v|
-        if (z.s + 2.0 * z.v).is_finite() {
+        if z.is_finite() {
             Ok(Sample { z, lambda_s, lambda_v, f })
         } else {
             Err(Failure::Status(Status::StateNotFinite))

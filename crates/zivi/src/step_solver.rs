@@ -33,10 +33,13 @@ pub trait StepSolver {
         None
     }
 
-    /// Whether the last call failed and was answered by the exact solution instead.
+    /// Whether the last step was not solved by this solver but by the exact solution instead.
     fn has_failed(&self) -> bool {
         false
     }
+
+    /// Told when the step was taken by the exact patterns, though every call had an answer.
+    fn replaced(&mut self) {}
 }
 
 /// The case analysis.
@@ -176,7 +179,7 @@ impl StepSolver for General {
             return Ok(end);
         }
         let end = step.end(z, f, self.lambda);
-        if (end.s + 2.0 * end.v).is_finite() {
+        if end.end().is_finite() {
             Ok(end)
         } else {
             Err(StepFailure::NotFinite)
@@ -185,6 +188,10 @@ impl StepSolver for General {
 
     fn has_failed(&self) -> bool {
         self.failed
+    }
+
+    fn replaced(&mut self) {
+        self.failed = true;
     }
 }
 

@@ -86,7 +86,9 @@ impl ThetaGammaStep {
         // not mirrored to the side +1: that would lengthen the chain from step to step
         let seen = Frozen { step: self, s: z.s, v: z.v, f };
         match seen.regular(sign(z.s), sign(z.v), -SIGN_TOLERANCE) {
-            Some(StepSolution { s, v, lambda_s, lambda_v, case }) if is_finite(s, v) => {
+            Some(StepSolution { s, v, lambda_s, lambda_v, case })
+                if (Lifted { s, v }).is_finite() =>
+            {
                 Some(StepSolution { s, v, lambda_s, lambda_v, case })
             }
             _ => None,
@@ -99,7 +101,7 @@ impl ThetaGammaStep {
     fn by_cases(&self, z: Lifted, f: f64, side: f64) -> Result<StepSolution, StepFailure> {
         let (sigma, frozen) = self.frozen(z, f, side);
         let found = frozen.selected()?.mirrored(sigma);
-        if is_finite(found.s, found.v) {
+        if found.end().is_finite() {
             Ok(found)
         } else {
             Err(StepFailure::NotFinite)
@@ -118,7 +120,7 @@ impl ThetaGammaStep {
     pub fn accepted(&self, pattern: Pattern, z: Lifted, f: f64, side: f64) -> Option<StepSolution> {
         let (sigma, frozen) = self.frozen(z, f, side);
         let found = frozen.on(pattern, SIGN_TOLERANCE)?;
-        is_finite(found.s, found.v).then_some(found.mirrored(sigma))
+        found.end().is_finite().then_some(found.mirrored(sigma))
     }
 
     /// The end of the step with the signs of `pattern`, whether or not they fit: a continuous
@@ -135,7 +137,7 @@ impl ThetaGammaStep {
         // not infinite: infinity times a vanishing scale is NaN
         let (sigma, frozen) = self.frozen(z, f, side);
         let found = frozen.on(pattern, f64::MAX)?;
-        is_finite(found.s, found.v).then_some(found.mirrored(sigma))
+        found.end().is_finite().then_some(found.mirrored(sigma))
     }
 
     /// The forces between which a solution with the signs of `pattern` can lie: at most two
@@ -209,7 +211,7 @@ impl<'a> Frozen<'a> {
         } else {
             let (h, wall) = (self.step.h, self.step.wall);
             let exact = exact_motion(Lifted { s: self.s, v: self.v }, self.f, h, wall);
-            if !is_finite(exact.s, exact.v) {
+            if !exact.is_finite() {
                 return Err(StepFailure::NotFinite);
             }
             let away = |candidate: &StepSolution| distance(candidate, exact, h);
@@ -341,12 +343,6 @@ impl<'a> Frozen<'a> {
     fn extrapolated(&self, z: f64) -> f64 {
         0.0 - (1.0 - self.step.gamma) / self.step.gamma * z
     }
-}
-
-/// Whether a state and its projection (`|x'| <= 2 |v|`) are finite.
-#[inline(always)]
-fn is_finite(s: f64, v: f64) -> bool {
-    (s + 2.0 * v).is_finite()
 }
 
 /// The root of `slope * lambda = value` if it lies in `[-1, 1]` to within the rounding of the

@@ -27,7 +27,7 @@ use core::fmt;
 pub use exact::{Pattern, PATTERNS};
 pub use inclusion::StepInclusion;
 
-use crate::Restitution;
+use crate::{Lifted, Restitution};
 
 /// The scheme with its step size and the wall: all that is constant over a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -146,6 +146,13 @@ pub struct StepSolution {
 impl StepSolution {
     /// Rest goes on.
     const REST: Self = Self { s: 0.0, v: 0.0, lambda_s: 0.0, lambda_v: 0.0, case: Case::Origin };
+
+    /// The new state `(s+, v+)`.
+    #[inline(always)]
+    #[must_use]
+    pub fn end(&self) -> Lifted {
+        Lifted { s: self.s, v: self.v }
+    }
 
     /// The mirror image `(s, v, lambda) -> -(s, v, lambda)`, which solves the mirrored step (adding
     /// `0.0` turns the `-0.0` of a mirrored zero into `0.0`).

@@ -76,7 +76,10 @@ impl ImplicitForce {
         let found = match self.follow(&sought, force, search, |f| {
             solver.solve(step, start.z, f, start.side).map_err(Failure::from)
         }) {
-            Err(Failure::Status(_)) => self.on_any_pattern(&sought, force, first)?,
+            Err(Failure::Status(why)) => {
+                solver.replaced();
+                self.on_any_pattern(&sought, force, first, why)?
+            }
             found => found?,
         };
         self.last = Some(found.0);
@@ -110,16 +113,18 @@ impl ImplicitForce {
     }
 
     /// Solves `mismatch = 0` on every pattern and takes the solution nearest to the exact motion
-    /// under its own force (the first, where that presses to the wall).
+    /// under its own force (the first, where that presses to the wall). `why` the selected
+    /// solutions did not do is reported if no pattern does either.
     #[cold]
     fn on_any_pattern<E>(
         &mut self,
         sought: &Sought<'_>,
         force: &mut impl Force<E>,
         first: f64,
+        why: Status,
     ) -> Found<E> {
         let Sought { step, start: Start { z, side, .. }, .. } = *sought;
-        let mut failure = Failure::Status(NOT_CONVERGED);
+        let mut failure = Failure::Status(why);
         let mut best = None;
         let mut least = f64::INFINITY;
         for pattern in PATTERNS {
