@@ -1,10 +1,10 @@
 //! The mathematics of zivi: mechanical systems with one unilateral constraint and impacts.
 //!
 //! ```text
-//! what moves        what removes      what makes it       what is
+//! what moves        what removes      what makes it       what is        what acts
 //!                   the impact        algebraic           solved
-//! system      ->    transform    ->   step           ->   vi
-//! (force, e)        (s, v)            (theta-gamma)       (box VI)
+//! system      ->    transform    ->   step           ->   vi        ->   control
+//! (force, e)        (s, v)            (theta-gamma)       (box VI)       (twisting)
 //! ```
 //!
 //! A mass above a wall, `x'' = f(t, x, x')` for `x >= 0`, loses velocity at the wall:
@@ -17,7 +17,8 @@
 //!
 //! where an impact is `s` crossing zero and no state jumps. The [`step`] discretises the
 //! set-valued signs implicitly; what it has to solve is a variational inequality on the box
-//! `[-1, 1]^2`, in the general form that [`vi`] knows.
+//! `[-1, 1]^2`, in the general form that [`vi`] knows. [`control`] discretises the twisting
+//! controllers in the same way: one tick solves one such step with the control's signs in it.
 //!
 //! The crate is `no_std`, allocates nothing, has no `unsafe`, and works on plain `f64`: all of it
 //! runs on a microcontroller. The notation, with the Rust and the Python name of every symbol,
@@ -33,13 +34,16 @@
     clippy::unreachable
 )]
 
+pub mod control;
 pub mod restitution;
+mod setting;
 pub mod step;
 pub mod transform;
 pub mod vi;
 
 pub use restitution::{Restitution, RestitutionError};
-pub use step::{Case, StepFailure, StepSolution, ThetaGammaError, ThetaGammaStep};
+pub use setting::SettingError;
+pub use step::{Case, StepFailure, StepSolution, ThetaGammaStep};
 pub use transform::{Branch, Lifted, Physical};
 
 /// The sign of `z`, with `sgn(0) = 0` (`f64::signum` gives `1` there).

@@ -3,7 +3,7 @@
 use std::collections::TryReserveError;
 use std::fmt;
 
-use zivi_core::{Lifted, ThetaGammaError};
+use zivi_core::{Lifted, SettingError};
 
 use crate::{Events, GridError, Status};
 
@@ -148,7 +148,7 @@ pub enum SetupError {
     /// The span or the step size.
     Grid(GridError),
     /// A setting of the method.
-    Method(ThetaGammaError),
+    Method(SettingError),
     /// The initial state or another setting: name, value and range.
     Setting(&'static str, f64, &'static str),
     /// The record does not fit into memory.
@@ -178,8 +178,8 @@ impl From<GridError> for SetupError {
     }
 }
 
-impl From<ThetaGammaError> for SetupError {
-    fn from(error: ThetaGammaError) -> Self {
+impl From<SettingError> for SetupError {
+    fn from(error: SettingError) -> Self {
         SetupError::Method(error)
     }
 }

@@ -22,11 +22,10 @@ mod exact;
 pub mod inclusion;
 pub mod selection;
 
-use core::fmt;
-
 pub use exact::{Pattern, PATTERNS};
 pub use inclusion::StepInclusion;
 
+use crate::setting::{require, SettingError};
 use crate::{Lifted, Restitution};
 
 /// The scheme with its step size and the wall: all that is constant over a run.
@@ -40,43 +39,20 @@ pub struct ThetaGammaStep {
     inverse_r: [f64; 2],
 }
 
-/// A setting outside its admissible range.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ThetaGammaError {
-    /// Name of the setting.
-    pub name: &'static str,
-    /// The value that was refused.
-    pub value: f64,
-    /// The admissible range, in words.
-    pub range: &'static str,
-}
-
-impl fmt::Display for ThetaGammaError {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(out, "{} must be {}, got {:?}", self.name, self.range, self.value)
-    }
-}
-
-impl core::error::Error for ThetaGammaError {}
-
 impl ThetaGammaStep {
     /// A step of size `h` (s) with `theta`, `gamma` in `(0, 1]` on a wall with `e > 0`.
     ///
     /// # Errors
-    /// [`ThetaGammaError`] names the first setting that is out of range.
-    pub fn new(h: f64, theta: f64, gamma: f64, wall: Restitution) -> Result<Self, ThetaGammaError> {
-        let check = |name, value: f64, ok: bool, range| match ok {
-            true => Ok(()),
-            false => Err(ThetaGammaError { name, value, range }),
-        };
-        check("h", h, h > 0.0 && h.is_finite(), "a finite step size > 0")?;
-        check("theta", theta, theta > 0.0 && theta <= 1.0, "in (0, 1]")?;
-        check("gamma", gamma, gamma > 0.0 && gamma <= 1.0, "in (0, 1]")?;
+    /// [`SettingError`] names the first setting that is out of range.
+    pub fn new(h: f64, theta: f64, gamma: f64, wall: Restitution) -> Result<Self, SettingError> {
+        require(h > 0.0 && h.is_finite(), "h", h, "a finite step size > 0")?;
+        require(theta > 0.0 && theta <= 1.0, "theta", theta, "in (0, 1]")?;
+        require(gamma > 0.0 && gamma <= 1.0, "gamma", gamma, "in (0, 1]")?;
         let kappa = wall.kappa();
-        check(
+        require(
+            kappa < 1.0,
             "e",
             wall.e(),
-            kappa < 1.0,
             "> 0 for this scheme (R = 0 at e = 0; below about 1e-16 kappa rounds to 1)",
         )?;
         Ok(Self { h, theta, gamma, wall, inverse_r: [1.0 / (1.0 - kappa), 1.0 / (1.0 + kappa)] })
@@ -85,8 +61,8 @@ impl ThetaGammaStep {
     /// The same scheme with another step size (the last step of a run is often shorter).
     ///
     /// # Errors
-    /// [`ThetaGammaError`] when `h` is not positive and finite.
-    pub fn with_h(self, h: f64) -> Result<Self, ThetaGammaError> {
+    /// [`SettingError`] when `h` is not positive and finite.
+    pub fn with_h(self, h: f64) -> Result<Self, SettingError> {
         Self::new(h, self.theta, self.gamma, self.wall)
     }
 

@@ -1,0 +1,45 @@
+//! Twisting controllers for a mass with impacts, discretised implicitly: pure ticks.
+//!
+//! A tick takes a measurement `(x, x')` and the controller's own small state and gives the control
+//! `u` (a force per unit mass) for the next sampling period. It allocates nothing, its work is
+//! bounded by constants, and it cannot panic: the same code runs on a bench and on a target.
+//!
+//! ```text
+//! regulator   s' = R v,  v' = ( sgn(s) F - mu1 sgn(s) - mu2 sgn(v) ) / R            (9)-(10)
+//! tracker     u = R sgn(s) [ -mu1 sgn(e_s) - mu2 sgn(e_v) + sgn(s_r) F_r/R_r ] - sgn(s)^2 F   (20)
+//!             e_s = s - s_r,  e_v = v - v_r
+//! ```
+//!
+//! The rooms: [`TwistingRegulator`] brings the mass to rest at the wall, [`TwistingTracker`] makes
+//! it follow a bouncing reference, [`ExplicitTwisting`] is the explicit controller that chatters.
+//! [`tracking`] solves the tracker's step exactly (with [`monotone`] and [`cubic`]), [`regulation`]
+//! the regulator's; [`inclusion`] writes the same steps as box VIs of two, four and six signs for
+//! the general solver and for checking.
+
+pub mod cubic;
+mod dual;
+mod explicit;
+mod gains;
+pub mod inclusion;
+pub mod monotone;
+mod port;
+pub mod regulation;
+mod regulator;
+mod tracker;
+pub mod tracking;
+
+pub use explicit::ExplicitTwisting;
+pub use gains::Gains;
+pub use port::{Port, TickStatus};
+pub use regulator::{RegulatorState, TwistingRegulator};
+pub use tracker::{Approach, TrackerState, TwistingTracker};
+
+use crate::setting::require;
+use crate::{Restitution, SettingError};
+
+/// Admissible sampling periods and walls, the same for every controller.
+fn checked(h: f64, wall: Restitution, name_of_e: &'static str) -> Result<(), SettingError> {
+    require(h > 0.0 && h.is_finite(), "h", h, "a finite sampling period > 0")?;
+    let range = "> 0 (R = 0 at e = 0; below about 1e-16 kappa rounds to 1)";
+    require(wall.kappa() < 1.0, name_of_e, wall.e(), range)
+}

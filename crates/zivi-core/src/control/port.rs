@@ -1,0 +1,114 @@
+//! Where a controller meets the plant: what it accepts from a sensor, what an actuator can do.
+
+use crate::setting::require;
+use crate::{Physical, SettingError};
+
+/// Limits of the sensor and of the actuator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Port {
+    depth: f64,
+    low: f64,
+    high: f64,
+}
+
+/// What was done to the last sample and to the control.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TickStatus {
+    /// The measured position was slightly negative and was taken as `0`.
+    pub clamped: bool,
+    /// The control was cut to the actuator's range.
+    pub saturated: bool,
+}
+
+impl TickStatus {
+    /// As a bit set: 1 clamped, 2 saturated.
+    #[must_use]
+    pub fn bits(self) -> u8 {
+        u8::from(self.clamped) | (u8::from(self.saturated) << 1)
+    }
+
+    /// From a bit set; bits without a meaning are ignored.
+    #[must_use]
+    pub fn from_bits(bits: u8) -> Self {
+        Self { clamped: bits & 1 != 0, saturated: bits & 2 != 0 }
+    }
+}
+
+impl Default for Port {
+    /// Up to 10 cm behind the wall is noise, any control is possible.
+    fn default() -> Self {
+        Self { depth: 0.1, low: f64::NEG_INFINITY, high: f64::INFINITY }
+    }
+}
+
+impl Port {
+    /// Measured positions down to `-depth` (m) are sensor noise and are taken as `0`; deeper ones
+    /// are refused.
+    ///
+    /// # Errors
+    /// [`SettingError`] unless `depth >= 0`.
+    pub fn with_depth(self, depth: f64) -> Result<Self, SettingError> {
+        require(depth >= 0.0, "depth", depth, "a distance >= 0 behind the wall (m)")?;
+        Ok(Self { depth, ..self })
+    }
+
+    /// The actuator gives `low <= u <= high` (m/s^2).
+    ///
+    /// # Errors
+    /// [`SettingError`] unless `low < high`.
+    pub fn with_actuator(self, low: f64, high: f64) -> Result<Self, SettingError> {
+        require(!low.is_nan(), "u_min", low, "a number (m/s^2)")?;
+        require(high > low, "u_max", high, "greater than u_min (m/s^2)")?;
+        Ok(Self { low, high, ..self })
+    }
+
+    /// How far behind the wall a measurement may lie (m).
+    #[must_use]
+    pub fn depth(&self) -> f64 {
+        self.depth
+    }
+
+    /// The actuator's range (m/s^2).
+    #[must_use]
+    pub fn actuator(&self) -> (f64, f64) {
+        (self.low, self.high)
+    }
+
+    /// The state that a measurement stands for, and whether it was clamped.
+    #[inline]
+    pub(super) fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
+        let Physical { x, xdot } = measured;
+        let range = "a finite position, at most `depth` behind the wall (m)";
+        require(x.is_finite() && x >= -self.depth, "x", x, range)?;
+        require(xdot.is_finite(), "xdot", xdot, "a finite velocity (m/s)")?;
+        if x < 0.0 {
+            Ok((Physical { x: 0.0, xdot }, true))
+        } else {
+            Ok((measured, false))
+        }
+    }
+
+    /// The control that the actuator gives for the wanted one, and whether it was cut.
+    #[inline]
+    pub(super) fn actuate(&self, wanted: f64) -> Result<(f64, bool), SettingError> {
+        require(
+            wanted.is_finite(),
+            "u",
+            wanted,
+            "finite: the sample is too large to compute with",
+        )?;
+        if wanted < self.low {
+            Ok((self.low, true))
+        } else if wanted > self.high {
+            Ok((self.high, true))
+        } else {
+            Ok((wanted, false))
+        }
+    }
+}
+
+/// A force handed to a tick.
+#[inline]
+pub(super) fn checked_force(name: &'static str, force: f64) -> Result<(), SettingError> {
+    require(force.is_finite(), name, force, "a finite force per unit mass (m/s^2)")
+}

@@ -1,0 +1,239 @@
+//! The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
+
+use super::port::checked_force;
+use super::tracking::{Target, Tracking, TrackingStep};
+use super::{checked, Gains, Port, TickStatus};
+use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
+
+/// Which of its two preimages the measured state is lifted to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Approach {
+    /// The plant and the reference to `s >= 0`, every period (the paper).
+    #[default]
+    Positive,
+    /// The plant to the preimage that is nearer to `(s_r, v_r)`, which itself evolves continuously:
+    /// `sigma` such that `sigma (s s_r + v v_r) >= 0`, time in seconds.
+    Nearest,
+}
+
+/// The implicit twisting tracker (equation 20), with its reference inside.
+///
+/// ```
+/// use zivi_core::control::{Approach, Gains, TwistingTracker};
+/// use zivi_core::{Physical, Restitution};
+/// let wall = Restitution::from_kappa(0.5)?;
+/// let gains = Gains::for_bound(30.0, 17.0, 9.81)?;
+/// let mut tracker = TwistingTracker::new(gains, 1e-3, wall, wall, Approach::Positive)?;
+/// tracker.reset(Physical { x: 3.0, xdot: 3.0 })?;
+/// let u = tracker.tick(Physical { x: 6.0, xdot: 5.0 }, -9.81, -19.81)?;
+/// // both errors positive and R = 1/2 for plant and reference: -(30 + 17 + 19.81/R)/2 + 9.81
+/// assert!((u + 33.5).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TwistingTracker {
+    step: TrackingStep,
+    reference: ThetaGammaStep,
+    approach: Approach,
+    port: Port,
+    state: TrackerState,
+}
+
+/// What the tracker remembers between ticks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackerState {
+    /// The reference `(s_r, v_r)`.
+    pub reference: Lifted,
+    /// The side of the wall on which the reference was last, `+1` or `-1`.
+    pub side: f64,
+    /// The last control (m/s^2).
+    pub u: f64,
+    /// The last `ls, lv, lsr, lvr, les, lev`.
+    pub signs: [f64; 6],
+    /// What was done to the last sample and control.
+    pub status: TickStatus,
+}
+
+impl TrackerState {
+    /// The reference at rest.
+    const REST: Self = Self {
+        reference: Lifted { s: 0.0, v: 0.0 },
+        side: 1.0,
+        u: 0.0,
+        signs: [0.0; 6],
+        status: TickStatus { clamped: false, saturated: false },
+    };
+
+    /// The reference set to a physical state.
+    pub(super) fn at(reference: Physical, wall: Restitution) -> Result<Self, SettingError> {
+        let Physical { x, xdot } = reference;
+        let refused = |name, value, range| Err(SettingError { name, value, range });
+        if !(x >= 0.0 && x.is_finite()) {
+            return refused("x_ref", x, "a finite distance >= 0 from the wall (m)");
+        }
+        let z = transform::lift(reference, Branch::Positive, wall);
+        if !z.v.is_finite() {
+            return refused("xdot_ref", xdot, "a finite velocity (m/s)");
+        }
+        Ok(Self { reference: z, side: transform::side(z, 1.0), ..Self::REST })
+    }
+
+    /// On the branch `+1`.
+    pub(super) fn folded(self) -> Self {
+        let Lifted { s, v } = self.reference;
+        let reference =
+            if self.side < 0.0 { Lifted { s: 0.0 - s, v: 0.0 - v } } else { self.reference };
+        Self { reference, side: 1.0, ..self }
+    }
+}
+
+impl TwistingTracker {
+    /// A tracker with sampling period `h` (s) for a mass on `wall`, following a reference that
+    /// bounces on `wall_ref`. Exact tracking needs equal walls. The reference starts at rest: see
+    /// [`TwistingTracker::reset`].
+    ///
+    /// # Errors
+    /// [`SettingError`] names the setting that is out of range.
+    pub fn new(
+        gains: Gains,
+        h: f64,
+        wall: Restitution,
+        wall_ref: Restitution,
+        approach: Approach,
+    ) -> Result<Self, SettingError> {
+        checked(h, wall, "e")?;
+        checked(h, wall_ref, "e_ref")?;
+        let reference = ThetaGammaStep::new(h, 1.0, 1.0, wall_ref)?;
+        let step = TrackingStep { h, wall, gains };
+        let (port, state) = (Port::default(), TrackerState::REST);
+        Ok(Self { step, reference, approach, port, state })
+    }
+
+    /// The same with limits of the sensor and of the actuator.
+    #[must_use]
+    pub fn with_port(self, port: Port) -> Self {
+        Self { port, ..self }
+    }
+
+    /// Sets the reference's state and forgets everything else.
+    ///
+    /// # Errors
+    /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
+    pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
+        self.state = TrackerState::at(reference, self.reference.wall())?;
+        Ok(())
+    }
+
+    /// The control for the period that starts with this measurement; the reference advances by
+    /// `h`. `force` acts on the mass without control, `force_ref` on the reference.
+    ///
+    /// # Errors
+    /// [`SettingError`] for a sample that is not finite or too deep behind the wall. Nothing has
+    /// changed then: the reference has not advanced, the last control is still
+    /// [`TrackerState::u`].
+    pub fn tick(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        force_ref: f64,
+    ) -> Result<f64, SettingError> {
+        let (state, clamped) = self.port.sense(measured)?;
+        checked_force("force", force)?;
+        let (next, target) = advanced(&self.reference, &self.state, force_ref)?;
+        let z = self.lifted(state);
+        let found = self.step.solve(z, force, target);
+        let (u, saturated) = self.port.actuate(found.u)?;
+        let Tracking { lambda_s, lambda_v, lambda_es, lambda_ev, .. } = found;
+        let [_, _, lambda_sr, lambda_vr, _, _] = next.signs;
+        let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
+        let next = TrackerState { u, signs, status: TickStatus { clamped, saturated }, ..next };
+        self.state = match self.approach {
+            Approach::Positive => next.folded(),
+            Approach::Nearest => next,
+        };
+        Ok(u)
+    }
+
+    /// The measured state on the branch that the approach takes.
+    #[inline]
+    fn lifted(&self, state: Physical) -> Lifted {
+        let Lifted { s, v } = transform::lift(state, Branch::Positive, self.step.wall);
+        let reference = self.state.reference;
+        let mirror = match self.approach {
+            Approach::Positive => false,
+            Approach::Nearest => s * reference.s + v * reference.v < 0.0,
+        };
+        if mirror {
+            Lifted { s: -s, v: -v }
+        } else {
+            Lifted { s, v }
+        }
+    }
+
+    /// The reference's state: that at the next sample, once a tick is done.
+    #[must_use]
+    pub fn reference(&self) -> Physical {
+        transform::project(self.state.reference, self.reference.wall())
+    }
+
+    /// The plant's part of the step.
+    #[must_use]
+    pub fn step(&self) -> &TrackingStep {
+        &self.step
+    }
+
+    /// The reference's step.
+    #[must_use]
+    pub fn reference_step(&self) -> &ThetaGammaStep {
+        &self.reference
+    }
+
+    /// How measurements are lifted.
+    #[must_use]
+    pub fn approach(&self) -> Approach {
+        self.approach
+    }
+
+    /// The limits of the sensor and of the actuator.
+    #[must_use]
+    pub fn port(&self) -> &Port {
+        &self.port
+    }
+
+    /// What is remembered.
+    #[must_use]
+    pub fn state(&self) -> TrackerState {
+        self.state
+    }
+
+    /// Restores what [`TwistingTracker::state`] gave: the ticks that follow are the same, to the
+    /// last bit.
+    pub fn set_state(&mut self, state: TrackerState) {
+        self.state = state;
+    }
+}
+
+/// One implicit Euler step of the reference, with its signs in their places, and what the plant
+/// has to follow.
+#[inline]
+pub(super) fn advanced(
+    reference: &ThetaGammaStep,
+    state: &TrackerState,
+    force_ref: f64,
+) -> Result<(TrackerState, Target), SettingError> {
+    checked_force("force_ref", force_ref)?;
+    let Ok(found) = reference.solve(state.reference, force_ref, state.side) else {
+        let range = "small enough for the reference to stay finite (m/s^2)";
+        return Err(SettingError { name: "force_ref", value: force_ref, range });
+    };
+    let r = reference.wall().r(found.lambda_s, found.lambda_v);
+    let acceleration = found.lambda_s * force_ref / r;
+    let end = found.end();
+    let next = TrackerState {
+        reference: end,
+        side: transform::side(end, state.side),
+        signs: [0.0, 0.0, found.lambda_s, found.lambda_v, 0.0, 0.0],
+        ..*state
+    };
+    Ok((next, Target { end, acceleration }))
+}

@@ -1,0 +1,245 @@
+//! The tracker's step solved exactly: the plant's four signs, for a known step of the reference.
+//!
+//! ```text
+//! v+ = v + h [ ls^2 C + ls (1 - ls^2) F/R ]        C = A - mu1 les - mu2 lev,  A = lsr F_r/R_r
+//! s+ = s + h R v+                                  R = 1 - kappa ls lv
+//! ls in sgn s+,  lv in sgn v+,  les in sgn(s+ - s_r+),  lev in sgn(v+ - v_r+)
+//! u  = R ls C - ls^2 F
+//! ```
+//!
+//! The step is symmetric under `(s, v, s_r, v_r, A, signs) -> -(...)`, so it is solved for `s >= 0`.
+//!
+//! * **Away from the wall** (`ls = g`, `g = +1` or `-1`) the force drops out, and `v+` solves a
+//!   scalar monotone inclusion ([`super::monotone`]): one candidate for each `g`, accepted when
+//!   `g s+ >= 0`. Since `R v+` is increasing in `v+`, `s+(g=+1) <= s+(g=-1)`: at most one of the two
+//!   is accepted (ties at zero apart).
+//! * **On the wall** (`s+ = 0`): `lv = -1`, and `ls` is a root of a cubic, which the rejection of
+//!   both candidates brackets:
+//!
+//!   ```text
+//!   G(ls) = h (kappa C - F) ls^3 + h C ls^2 + (kappa v + h F) ls + (s/h + v) = 0
+//!   ```
+//!
+//! **The selection rule.** There can be up to five solutions, also for `F = 0`. Taken is the one on
+//! the side of `s`; else the one on the other side; else, of those on the wall, the one whose `v+`
+//! is nearest to `v_r+`. No decision has a tolerance.
+
+use super::cubic::Cubic;
+use super::monotone::{balance, cut, Switch};
+use super::Gains;
+use crate::{sgn, Lifted, Restitution};
+
+/// All that is constant over a run of the tracker.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackingStep {
+    /// Sampling period (s).
+    pub h: f64,
+    /// The plant's wall.
+    pub wall: Restitution,
+    /// The gains.
+    pub gains: Gains,
+}
+
+/// The reference at the end of the step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// `(s_r+, v_r+)`.
+    pub end: Lifted,
+    /// Its acceleration over the step, `A = lsr F_r/R_r` (m/s^2).
+    pub acceleration: f64,
+}
+
+/// Where the solution lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Off the wall, on the side of `s`.
+    Same,
+    /// Off the wall, on the other side: the step crosses it.
+    Other,
+    /// On the wall, `s+ = 0`.
+    Wall,
+}
+
+/// The end of the step, its signs, and the control that leads there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tracking {
+    /// `(s+, v+)`.
+    pub end: Lifted,
+    /// `ls` in `sgn s+`.
+    pub lambda_s: f64,
+    /// `lv` in `sgn v+`.
+    pub lambda_v: f64,
+    /// `les` in `sgn(s+ - s_r+)`.
+    pub lambda_es: f64,
+    /// `lev` in `sgn(v+ - v_r+)`.
+    pub lambda_ev: f64,
+    /// The control (m/s^2).
+    pub u: f64,
+    /// The case.
+    pub place: Place,
+    /// Iterations for the root of the cubic, at most [`super::cubic::MAX_ITERATIONS`].
+    pub iterations: u32,
+}
+
+/// The step seen from the side `s >= 0`.
+struct Frame<'a> {
+    step: &'a TrackingStep,
+    z: Lifted,
+    target: Target,
+    f: f64,
+}
+
+impl TrackingStep {
+    /// Solves the step from `z` under the force `f` that acts on the plant without control.
+    #[must_use]
+    pub fn solve(&self, z: Lifted, f: f64, target: Target) -> Tracking {
+        if z.s < 0.0 {
+            let z = Lifted { s: -z.s, v: -z.v };
+            self.on_positive_side(z, f, target.mirrored()).mirrored()
+        } else {
+            self.on_positive_side(z, f, target)
+        }
+    }
+
+    fn on_positive_side(&self, z: Lifted, f: f64, target: Target) -> Tracking {
+        let frame = Frame { step: self, z, target, f };
+        let same = frame.off_the_wall(1.0);
+        if same.end.s >= 0.0 {
+            return same;
+        }
+        let other = frame.off_the_wall(-1.0);
+        if other.end.s <= 0.0 {
+            return other;
+        }
+        frame.on_the_wall()
+    }
+}
+
+impl Frame<'_> {
+    /// The candidate with `ls = g`. With `psi(v+) = R v+ = v+ (1 - kappa g sgn v+)` the position
+    /// error switches where `psi(v+) = (s_r+ - s)/h`.
+    #[inline]
+    fn off_the_wall(&self, g: f64) -> Tracking {
+        let TrackingStep { h, wall, gains } = *self.step;
+        let Target { end: aim, acceleration } = self.target;
+        let travel = (aim.s - self.z.s) / h;
+        let at_aim = travel / wall.r(g, sgn(travel));
+        let found = balance(
+            self.z.v + h * acceleration,
+            Switch { at: at_aim, weight: h * gains.mu1() },
+            Switch { at: aim.v, weight: h * gains.mu2() },
+        );
+        let lambda_v = sgn(found.y);
+        let r = wall.r(g, lambda_v);
+        // on the switch the position is the reference's, to the last bit
+        let s = if found.y == at_aim { aim.s } else { self.z.s + h * (r * found.y) };
+        let place = if g > 0.0 { Place::Same } else { Place::Other };
+        let end = Lifted { s, v: found.y };
+        self.tracking(end, [g, lambda_v, found.first, found.second], place, 0)
+    }
+
+    /// `s+ = 0`. The sign of the velocity error switches at `ls = split`, where `v+ = v_r+`; that of
+    /// the position error is `-sgn s_r+`, and free where the reference is on the wall too. The
+    /// cubic's value between its two limits at `split` decides on which side of it the root is.
+    fn on_the_wall(&self) -> Tracking {
+        let aim = self.target.end;
+        let travel = self.z.s / self.step.h;
+        let split = self.split(travel);
+        let near = cut(split);
+        // C is largest with both error signs at -1
+        let (es_low, es_high) = if aim.s == 0.0 { (-1.0, 1.0) } else { (-sgn(aim.s), -sgn(aim.s)) };
+        let (ev_low, ev_high) =
+            (if split < -1.0 { 1.0 } else { -1.0 }, if split > 1.0 { -1.0 } else { 1.0 });
+        let (upper, lower) = (self.cubic(es_low, ev_low), self.cubic(es_high, ev_high));
+        let (greatest, least) = (upper.at(near), lower.at(near));
+        let (ls, les, lev, iterations) = if least > 0.0 {
+            let (ls, count) = lower.first_root(near, 1.0);
+            (ls, es_high, ev_high, count)
+        } else if greatest < 0.0 {
+            let (ls, count) = upper.first_root(near, -1.0);
+            (ls, es_low, ev_low, count)
+        } else {
+            let part = if greatest > least { greatest / (greatest - least) } else { 0.0 };
+            let between = |low: f64, high: f64| cut(low + part * (high - low));
+            (near, between(es_low, es_high), between(ev_low, ev_high), 0)
+        };
+        let stays = ls == split && aim.v <= 0.0;
+        let v = if stays { aim.v } else { -travel / self.step.wall.r(ls, -1.0) + 0.0 };
+        let end = Lifted { s: 0.0, v };
+        self.tracking(end, [ls, -1.0, les, lev], Place::Wall, iterations)
+    }
+
+    /// The `ls` at which `v+ = -(s/h)/(1 + kappa ls)` equals `v_r+`: below it `v+` is smaller.
+    fn split(&self, travel: f64) -> f64 {
+        let v_r = self.target.end.v;
+        if v_r < 0.0 {
+            let excess = -travel / v_r - 1.0;
+            // at kappa = 0 the velocity on the wall does not depend on ls: nowhere or everywhere
+            if excess == 0.0 {
+                0.0
+            } else {
+                excess / self.step.wall.kappa()
+            }
+        } else if v_r == 0.0 && travel == 0.0 {
+            0.0
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    /// `G` with these signs of the errors.
+    fn cubic(&self, lambda_es: f64, lambda_ev: f64) -> Cubic {
+        let h = self.step.h;
+        let kappa = self.step.wall.kappa();
+        let c = self.pull(lambda_es, lambda_ev);
+        Cubic {
+            c0: self.z.s / h + self.z.v,
+            c1: kappa * self.z.v + h * self.f,
+            c2: h * c,
+            c3: h * (kappa * c - self.f),
+        }
+    }
+
+    /// `C = A - mu1 les - mu2 lev`.
+    #[inline]
+    fn pull(&self, lambda_es: f64, lambda_ev: f64) -> f64 {
+        let gains = self.step.gains;
+        self.target.acceleration - gains.mu1() * lambda_es - gains.mu2() * lambda_ev
+    }
+
+    #[inline]
+    fn tracking(
+        &self,
+        end: Lifted,
+        [lambda_s, lambda_v, lambda_es, lambda_ev]: [f64; 4],
+        place: Place,
+        iterations: u32,
+    ) -> Tracking {
+        let r = self.step.wall.r(lambda_s, lambda_v);
+        let c = self.pull(lambda_es, lambda_ev);
+        let u = r * lambda_s * c - lambda_s * lambda_s * self.f;
+        Tracking { end, lambda_s, lambda_v, lambda_es, lambda_ev, u, place, iterations }
+    }
+}
+
+impl Target {
+    fn mirrored(self) -> Self {
+        let Target { end: Lifted { s, v }, acceleration } = self;
+        Target { end: Lifted { s: -s, v: -v }, acceleration: -acceleration }
+    }
+}
+
+impl Tracking {
+    /// The mirrored solution; the control is the same (adding `0.0` turns `-0.0` into `0.0`).
+    fn mirrored(self) -> Self {
+        let mirror = |value: f64| 0.0 - value;
+        Tracking {
+            end: Lifted { s: mirror(self.end.s), v: mirror(self.end.v) },
+            lambda_s: mirror(self.lambda_s),
+            lambda_v: mirror(self.lambda_v),
+            lambda_es: mirror(self.lambda_es),
+            lambda_ev: mirror(self.lambda_ev),
+            ..self
+        }
+    }
+}
