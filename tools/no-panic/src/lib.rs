@@ -1,0 +1,170 @@
+//! Everything that a controller calls on a target, with arguments that the optimiser cannot see.
+//!
+//! The panic handler calls a function that exists nowhere. The linker asks for it exactly when
+//! optimised code still holds a path to a panic, so a library that links cannot panic.
+
+#![no_std]
+
+use zivi_core::control::{
+    Approach, ExplicitTwisting, Gains, Port, RegulatorState, TrackerState, TwistingRegulator,
+    TwistingTracker,
+};
+use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
+
+extern "C" {
+    fn zivi_panic_is_reachable() -> !;
+}
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    // SAFETY: it is never called; a library in which it could be does not link
+    unsafe { zivi_panic_is_reachable() }
+}
+
+/// Writes a result and says whether there was one.
+fn put<T, E>(to: &mut T, result: Result<T, E>) -> bool {
+    result.map(|value| *to = value).is_ok()
+}
+
+fn walls(e: f64, e_ref: f64) -> Option<(Restitution, Restitution)> {
+    Some((Restitution::from_e(e).ok()?, Restitution::from_kappa(e_ref).ok()?))
+}
+
+fn gains(mu1: f64, mu2: f64, bound: f64) -> Option<Gains> {
+    Gains::for_bound(mu1, mu2, bound).or_else(|_| Gains::new(mu1, mu2)).ok()
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_port(to: &mut Port, depth: f64, low: f64, high: f64) -> bool {
+    put(to, Port::default().with_depth(depth).and_then(|it| it.with_actuator(low, high)))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_regulator(
+    to: &mut TwistingRegulator,
+    [mu1, mu2, bound, h, e]: &[f64; 5],
+    port: &Port,
+) -> bool {
+    let (Some(gains), Ok(wall)) = (gains(*mu1, *mu2, *bound), Restitution::from_e(*e)) else {
+        return false;
+    };
+    put(to, TwistingRegulator::new(gains, *h, wall).map(|it| it.with_port(*port)))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_regulator_tick(
+    it: &mut TwistingRegulator,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    u: &mut f64,
+) -> bool {
+    put(u, it.tick(Physical { x, xdot }, force))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_regulator_restore(it: &mut TwistingRegulator, state: &RegulatorState) {
+    it.set_state(*state);
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_tracker(
+    to: &mut TwistingTracker,
+    [mu1, mu2, bound, h, e, e_ref]: &[f64; 6],
+    port: &Port,
+    nearest: bool,
+) -> bool {
+    let (Some(gains), Some((wall, wall_ref))) = (gains(*mu1, *mu2, *bound), walls(*e, *e_ref))
+    else {
+        return false;
+    };
+    let approach = if nearest { Approach::Nearest } else { Approach::Positive };
+    let tracker = TwistingTracker::new(gains, *h, wall, wall_ref, approach);
+    put(to, tracker.map(|it| it.with_port(*port)))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_tracker_reset(it: &mut TwistingTracker, x: f64, xdot: f64) -> bool {
+    it.reset(Physical { x, xdot }).is_ok()
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_tracker_tick(
+    it: &mut TwistingTracker,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    force_ref: f64,
+    u: &mut f64,
+) -> bool {
+    put(u, it.tick(Physical { x, xdot }, force, force_ref))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_tracker_restore(it: &mut TwistingTracker, state: &TrackerState) -> Physical {
+    it.set_state(*state);
+    it.reference()
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_explicit(
+    to: &mut ExplicitTwisting,
+    [mu1, mu2, bound, h, e, e_ref]: &[f64; 6],
+    port: &Port,
+) -> bool {
+    let (Some(gains), Some((wall, wall_ref))) = (gains(*mu1, *mu2, *bound), walls(*e, *e_ref))
+    else {
+        return false;
+    };
+    put(to, ExplicitTwisting::new(gains, *h, wall, wall_ref).map(|it| it.with_port(*port)))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_explicit_reset(it: &mut ExplicitTwisting, x: f64, xdot: f64) -> bool {
+    it.reset(Physical { x, xdot }).is_ok()
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_explicit_tick(
+    it: &mut ExplicitTwisting,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    force_ref: f64,
+    u: &mut f64,
+) -> bool {
+    put(u, it.tick(Physical { x, xdot }, force, force_ref))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_step(
+    to: &mut ThetaGammaStep,
+    h: f64,
+    theta: f64,
+    gamma: f64,
+    e: f64,
+) -> bool {
+    Restitution::from_e(e).is_ok_and(|wall| put(to, ThetaGammaStep::new(h, theta, gamma, wall)))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_step_solve(
+    it: &ThetaGammaStep,
+    z: &Lifted,
+    f: f64,
+    side: f64,
+    to: &mut StepSolution,
+) -> bool {
+    put(to, it.solve(*z, f, side))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_lift(state: &Physical, wall: &Restitution, to: &mut Lifted) {
+    *to = transform::lift(*state, Branch::Positive, *wall);
+}
+
+#[cfg(feature = "canary")]
+#[no_mangle]
+pub extern "C" fn zivi_canary(values: &[f64; 4], index: usize) -> f64 {
+    values[index]
+}
