@@ -46,15 +46,22 @@ impl Cubic {
     /// ```
     #[must_use]
     pub fn first_root(&self, from: f64, to: f64) -> (f64, u32) {
+        self.next_root(from, to).unwrap_or((to, 0))
+    }
+
+    /// The same where there need not be a root: none is found when the sign at `from` lasts up to
+    /// `to`.
+    #[must_use]
+    pub fn next_root(&self, from: f64, to: f64) -> Option<(f64, u32)> {
         let start = self.at(from);
         if start == 0.0 {
-            return (from, 0);
+            return Some((from, 0));
         }
         let (near, far) = self.piece(from, to, start);
         if start * self.at(far) > 0.0 {
-            return (to, 0);
+            return None;
         }
-        self.newton(near, far, start > 0.0)
+        Some(self.newton(near, far, start > 0.0))
     }
 
     /// The first piece between `from` and `to` on which the sign changes: the pieces are bounded

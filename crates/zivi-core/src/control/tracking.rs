@@ -77,7 +77,7 @@ pub struct Tracking {
     pub u: f64,
     /// The case.
     pub place: Place,
-    /// Iterations for the root of the cubic, at most [`super::cubic::MAX_ITERATIONS`].
+    /// Iterations for roots of the cubic, at most twice [`super::cubic::MAX_ITERATIONS`].
     pub iterations: u32,
 }
 
@@ -140,7 +140,7 @@ impl Frame<'_> {
 
     /// `s+ = 0`. The sign of the velocity error switches at `ls = split`, where `v+ = v_r+`; that of
     /// the position error is `-sgn s_r+`, and free where the reference is on the wall too. The
-    /// cubic's value between its two limits at `split` decides on which side of it the root is.
+    /// cubic's value between its two limits at `split` decides on which side of it there is a root.
     fn on_the_wall(&self) -> Tracking {
         let aim = self.target.end;
         let travel = self.z.s / self.step.h;
@@ -150,23 +150,48 @@ impl Frame<'_> {
         let (es_low, es_high) = if aim.s == 0.0 { (-1.0, 1.0) } else { (-sgn(aim.s), -sgn(aim.s)) };
         let (ev_low, ev_high) =
             (if split < -1.0 { 1.0 } else { -1.0 }, if split > 1.0 { -1.0 } else { 1.0 });
-        let (upper, lower) = (self.cubic(es_low, ev_low), self.cubic(es_high, ev_high));
-        let (greatest, least) = (upper.at(near), lower.at(near));
+        let greatest = self.cubic(es_low, ev_low).at(near);
+        let least = self.cubic(es_high, ev_high).at(near);
         let (ls, les, lev, iterations) = if least > 0.0 {
-            let (ls, count) = lower.first_root(near, 1.0);
-            (ls, es_high, ev_high, count)
+            self.nearest_root(near, 1.0, es_high, [ev_high, ev_low])
         } else if greatest < 0.0 {
-            let (ls, count) = upper.first_root(near, -1.0);
-            (ls, es_low, ev_low, count)
+            self.nearest_root(near, -1.0, es_low, [ev_low, ev_high])
         } else {
             let part = if greatest > least { greatest / (greatest - least) } else { 0.0 };
             let between = |low: f64, high: f64| cut(low + part * (high - low));
             (near, between(es_low, es_high), between(ev_low, ev_high), 0)
         };
         let stays = ls == split && aim.v <= 0.0;
-        let v = if stays { aim.v } else { -travel / self.step.wall.r(ls, -1.0) + 0.0 };
+        let v = if stays { aim.v } else { self.velocity_on_the_wall(ls) };
         let end = Lifted { s: 0.0, v };
         self.tracking(end, [ls, -1.0, les, lev], Place::Wall, iterations)
+    }
+
+    /// The root whose `v+` is nearest to `v_r+`, with its signs and the iterations: on the way from
+    /// `near` to `end` there is one, on the way to `-end` there can be two. The sign of the velocity
+    /// error is `ahead` on the one way and `behind` on the other.
+    fn nearest_root(
+        &self,
+        near: f64,
+        end: f64,
+        lambda_es: f64,
+        [ahead, behind]: [f64; 2],
+    ) -> (f64, f64, f64, u32) {
+        let (root, count) = self.cubic(lambda_es, ahead).first_root(near, end);
+        let back = self.cubic(lambda_es, behind).next_root(near, -end);
+        let excess = |ls: f64| (self.velocity_on_the_wall(ls) - self.target.end.v).abs();
+        match back {
+            Some((other, more)) if excess(other) < excess(root) => {
+                (other, lambda_es, behind, count + more)
+            }
+            Some((_, more)) => (root, lambda_es, ahead, count + more),
+            None => (root, lambda_es, ahead, count),
+        }
+    }
+
+    /// `v+ = -(s/h)/R` for `s+ = 0` (adding `0.0` turns `-0.0` into `0.0`).
+    fn velocity_on_the_wall(&self, lambda_s: f64) -> f64 {
+        -(self.z.s / self.step.h) / self.step.wall.r(lambda_s, -1.0) + 0.0
     }
 
     /// The `ls` at which `v+ = -(s/h)/(1 + kappa ls)` equals `v_r+`: below it `v+` is smaller.
