@@ -101,9 +101,13 @@ pub extern "C" fn zivi_tracker_tick(
 }
 
 #[no_mangle]
-pub extern "C" fn zivi_tracker_restore(it: &mut TwistingTracker, state: &TrackerState) -> Physical {
+pub extern "C" fn zivi_tracker_restore(
+    it: &mut TwistingTracker,
+    state: &TrackerState,
+    reference: &mut Physical,
+) {
     it.set_state(*state);
-    it.reference()
+    *reference = it.reference();
 }
 
 #[no_mangle]

@@ -2,6 +2,8 @@
 //! time, so that nothing is checked against itself.
 #![allow(dead_code)] // each test file uses a part
 
+pub(crate) mod control;
+
 use std::cell::Cell;
 
 use zivi_core::{Lifted, Restitution, StepSolution, ThetaGammaStep};
