@@ -13,6 +13,8 @@ set-valued signs passes the accumulation of impacts and comes to rest exactly.
 
 from zivi import plot
 from zivi._zivi import __version__
+from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
+from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
 from zivi.methods import ExplicitEuler, Method, ThetaGamma
 from zivi.simulate import simulate
 from zivi.status import Status
@@ -22,13 +24,19 @@ from zivi.transform import lift, project
 from zivi.vi import VIOptions, VIResult, VIStatus, natural_residual, solve_avi, solve_vi
 
 __all__ = [
+    "ClosedLoop",
+    "Controller",
     "ExplicitEuler",
+    "ExplicitTwisting",
     "ImpactSystem",
     "LinearForce",
     "Method",
     "Status",
     "ThetaGamma",
+    "TickStatus",
     "Trajectory",
+    "TwistingRegulator",
+    "TwistingTracker",
     "VIOptions",
     "VIResult",
     "VIStatus",
@@ -38,6 +46,7 @@ __all__ = [
     "plot",
     "project",
     "simulate",
+    "simulate_closed_loop",
     "solve_avi",
     "solve_vi",
 ]

@@ -1,12 +1,17 @@
 from collections.abc import Callable
-from typing import Any, final
+from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import disjoint_base
 
 __all__ = [
     "STATUS_MESSAGES",
+    "Explicit",
+    "LoopRecord",
+    "Regulator",
     "RunRecord",
+    "Tracker",
     "ViRecord",
     "__version__",
     "check_theta_gamma",
@@ -15,6 +20,7 @@ __all__ = [
     "natural_residual",
     "project",
     "restitution",
+    "simulate_closed_loop",
     "simulate_explicit_euler",
     "simulate_theta_gamma",
     "solve_avi",
@@ -60,7 +66,7 @@ def restitution(*, e: float | None = None, kappa: float | None = None) -> tuple[
 def lift(x: _Array, xdot: _Array, sigma: float, kappa: float) -> tuple[_Array, _Array]: ...
 def project(s: _Array, v: _Array, kappa: float) -> tuple[_Array, _Array]: ...
 def check_theta_gamma(h: float, theta: float, gamma: float, kappa: float) -> None: ...
-def compiled_force(callable: Any) -> tuple[int, int | None]: ...
+def compiled_force(callable: Any, argument: str) -> tuple[int, int | None]: ...
 def simulate_theta_gamma(
     force: tuple[Any, ...],
     *,
@@ -94,6 +100,135 @@ def simulate_explicit_euler(
     state: tuple[float, float],
     progress: Any = None,
 ) -> RunRecord: ...
+
+_State = tuple[float, float, float, float, list[float], int]
+
+@disjoint_base
+class Regulator:
+    def __new__(
+        cls,
+        mu1: float,
+        mu2: float,
+        *,
+        h: float,
+        kappa: float,
+        bound: float | None,
+        depth: float,
+        actuator: tuple[float, float],
+    ) -> Self: ...
+    def step(self, x: float, xdot: float, force: float) -> float: ...
+    def reset(self) -> None: ...
+    @property
+    def u(self) -> float: ...
+    @property
+    def _signs(self) -> list[float]: ...
+    @property
+    def _status(self) -> int: ...
+    def _get_state(self) -> _State: ...
+    def _set_state(self, state: _State) -> None: ...
+
+@disjoint_base
+class Tracker:
+    def __new__(
+        cls,
+        mu1: float,
+        mu2: float,
+        *,
+        h: float,
+        kappa: float,
+        kappa_ref: float,
+        nearest: bool,
+        bound: float | None,
+        depth: float,
+        actuator: tuple[float, float],
+    ) -> Self: ...
+    def step(self, x: float, xdot: float, force: float, force_ref: float) -> float: ...
+    def reset(self, x_ref: float, xdot_ref: float) -> None: ...
+    @property
+    def x_ref(self) -> float: ...
+    @property
+    def xdot_ref(self) -> float: ...
+    @property
+    def u(self) -> float: ...
+    @property
+    def _signs(self) -> list[float]: ...
+    @property
+    def _status(self) -> int: ...
+    def _get_state(self) -> _State: ...
+    def _set_state(self, state: _State) -> None: ...
+
+@disjoint_base
+class Explicit:
+    def __new__(
+        cls,
+        mu1: float,
+        mu2: float,
+        *,
+        h: float,
+        kappa: float,
+        kappa_ref: float,
+        nearest: bool,
+        bound: float | None,
+        depth: float,
+        actuator: tuple[float, float],
+    ) -> Self: ...
+    def step(self, x: float, xdot: float, force: float, force_ref: float) -> float: ...
+    def reset(self, x_ref: float, xdot_ref: float) -> None: ...
+    @property
+    def x_ref(self) -> float: ...
+    @property
+    def xdot_ref(self) -> float: ...
+    @property
+    def u(self) -> float: ...
+    @property
+    def _signs(self) -> list[float]: ...
+    @property
+    def _status(self) -> int: ...
+    def _get_state(self) -> _State: ...
+    def _set_state(self, state: _State) -> None: ...
+
+@final
+class LoopRecord:
+    @property
+    def columns(self) -> _Array: ...
+    @property
+    def ticks(self) -> NDArray[np.uint8]: ...
+    @property
+    def impact_t(self) -> _Array: ...
+    @property
+    def impact_xdot_before(self) -> _Array: ...
+    @property
+    def impact_xdot_after(self) -> _Array: ...
+    @property
+    def zeno_times(self) -> _Array: ...
+    @property
+    def liftoff_times(self) -> _Array: ...
+    @property
+    def rest_time(self) -> float | None: ...
+    @property
+    def status(self) -> int: ...
+    @property
+    def message(self) -> str: ...
+    @property
+    def nfev(self) -> int: ...
+    @property
+    def raised(self) -> BaseException | None: ...
+
+def simulate_closed_loop(
+    controller: Any,
+    forces: list[tuple[Any, ...]],
+    *,
+    kappa: float,
+    h: float,
+    span: tuple[float, float],
+    state: tuple[float, float],
+    scheme: tuple[float, float] | None,
+    noise: tuple[_Array, _Array],
+    resolution: tuple[float, float],
+    delay: int,
+    has_reference: bool,
+    progress: Any = None,
+) -> LoopRecord: ...
 
 @final
 class ViRecord:

@@ -1,4 +1,4 @@
-"""Plots of trajectories.
+"""Plots of trajectories and closed loops.
 
 Every function draws into ``ax`` (a new figure's axes by default), returns the axes, changes no
 global setting and never calls ``show``. Further keywords go to `matplotlib.axes.Axes.plot`.
@@ -6,17 +6,21 @@ global setting and never calls ``show``. Further keywords go to `matplotlib.axes
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeGuard
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from collections.abc import Callable
 
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from zivi.closed_loop import ClosedLoop
     from zivi.trajectory import Trajectory
 
-__all__ = ["BLUE", "GREEN", "ORANGE", "PURPLE", "lifted", "multipliers", "phase_plane", "position"]
-__all__ += ["velocity"]
+__all__ = ["BLUE", "GREEN", "ORANGE", "PURPLE", "control", "lifted", "multipliers", "overview"]
+__all__ += ["phase_plane", "position", "signs", "velocity"]
 
 # Okabe and Ito's palette: told apart by colour-blind readers and in grey
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -30,12 +34,12 @@ def _axes(ax: Axes | None) -> Axes:
     return plt.subplots(layout="constrained")[1]
 
 
-def position(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
-    """Plot the distance from the wall over time.
+def position(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the distance from the wall over time, of a closed loop beside its reference.
 
     Parameters
     ----------
-    sol : Trajectory
+    sol : Trajectory or ClosedLoop
         The run.
     ax : matplotlib.axes.Axes, optional
         Where to draw.
@@ -54,18 +58,24 @@ def position(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
     'position $x$ (m)'
     """
     ax = _axes(ax)
-    ax.plot(sol.t, sol.x, **{"color": BLUE} | line)
+    ax.plot(sol.t, sol.x, **{"color": BLUE, "label": "$x$"} | line)
+    if _has_reference(sol):
+        ax.plot(sol.t, sol.x_ref, color=GREEN, ls="--", label="$x_r$")
+        ax.legend()
     ax.set(xlabel="time $t$ (s)", ylabel="position $x$ (m)")
     return ax
 
 
-def velocity(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
+def velocity(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
     """Plot the velocity over time; at impacts the line is broken, not joined.
 
     Parameters and return value as for `position`.
     """
     ax = _axes(ax)
-    ax.plot(*_broken_at_impacts(sol), **{"color": ORANGE} | line)
+    ax.plot(*_broken_at_impacts(sol), **{"color": ORANGE, "label": r"$\dot x$"} | line)
+    if _has_reference(sol):
+        ax.plot(sol.t, sol.xdot_ref, color=PURPLE, ls="--", label=r"$\dot x_r$")
+        ax.legend()
     ax.set(xlabel="time $t$ (s)", ylabel=r"velocity $\dot x$ (m/s)")
     return ax
 
@@ -99,32 +109,118 @@ def multipliers(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
 
 
 def phase_plane(
-    sol: Trajectory,
+    sol: Trajectory | ClosedLoop,
     ax: Axes | None = None,
     *,
-    coordinates: Literal["lifted", "physical"] = "lifted",
+    coordinates: Literal["lifted", "physical"] | None = None,
     **line: Any,
 ) -> Axes:
-    """Plot velocity over position, in transformed (default) or physical coordinates.
+    """Plot velocity over position.
 
-    Parameters and return value as for `position`.
+    Parameters and return value as for `position`; `coordinates` are transformed by default for a
+    trajectory, physical (the only ones) for a closed loop.
     """
     ax = _axes(ax)
-    if coordinates == "lifted":
-        ax.plot(sol.s, sol.v, **{"color": BLUE} | line)
+    state: Any = sol  # a closed loop has no s, v
+    physical = not hasattr(state, "s")
+    chosen = ("physical" if physical else "lifted") if coordinates is None else coordinates
+    if chosen == "lifted" and not physical:
+        ax.plot(state.s, state.v, **{"color": BLUE} | line)
         ax.set(xlabel="transformed position $s$ (m)", ylabel="transformed velocity $v$ (m/s)")
-    elif coordinates == "physical":
+    elif chosen == "physical":
         _, xdot = _broken_at_impacts(sol)
         _, x = _broken_at_impacts(sol, sol.x)
         ax.plot(x, xdot, **{"color": BLUE} | line)
+        if _has_reference(sol):
+            ax.plot(sol.x_ref, sol.xdot_ref, color=GREEN, ls="--", label="reference")
+            ax.legend()
         ax.set(xlabel="position $x$ (m)", ylabel=r"velocity $\dot x$ (m/s)")
     else:
-        raise ValueError(f"coordinates must be 'lifted' or 'physical', got {coordinates!r}")
+        allowed = "'physical' for a closed loop" if physical else "'lifted' or 'physical'"
+        raise ValueError(f"coordinates must be {allowed}, got {coordinates!r}")
     return ax
 
 
+def control(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the control of a closed loop, held from sample to sample.
+
+    Parameters
+    ----------
+    run : ClosedLoop
+        The run.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    **line
+        Passed to `matplotlib.axes.Axes.plot`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    ax = _axes(ax)
+    ax.step(run.t, run.u, where="post", **{"color": ORANGE} | line)
+    ax.set(xlabel="time $t$ (s)", ylabel="control $u$ (m/s$^2$)")
+    return ax
+
+
+SIGN_LINES = {
+    r"$\lambda_s$": (BLUE, "-"),
+    r"$\lambda_v$": (ORANGE, "--"),
+    r"$\lambda_{s_r}$": (GREEN, "-"),
+    r"$\lambda_{v_r}$": (PURPLE, "--"),
+    r"$\lambda_{e_s}$": ("black", "-"),
+    r"$\lambda_{e_v}$": ("gray", "--"),
+}
+"""Name, colour and style of the six signs."""
+
+
+def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the multipliers of the controller's ticks, those that it has.
+
+    Parameters and return value as for `control`.
+    """
+    ax = _axes(ax)
+    for values, (label, (color, style)) in zip(run.signs.T, SIGN_LINES.items(), strict=True):
+        if not np.all(np.isnan(values)):
+            look = {"color": color, "ls": style, "label": label} | line
+            ax.step(run.t, values, where="post", **look)
+    ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
+    ax.legend(ncols=3)
+    return ax
+
+
+def overview(run: ClosedLoop, figure: Figure | None = None) -> Figure:
+    """Plot a closed loop: position, velocity, control and signs over time.
+
+    Parameters
+    ----------
+    run : ClosedLoop
+        The run.
+    figure : matplotlib.figure.Figure, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    if figure is None:
+        import matplotlib.pyplot as plt
+
+        figure = plt.figure(figsize=(9.0, 6.0), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True)
+    drawings: list[Callable[..., Axes]] = [position, velocity, control, signs]
+    for draw, ax in zip(drawings, axes.flat, strict=True):
+        draw(run, ax=ax)
+    return figure
+
+
+def _has_reference(sol: Trajectory | ClosedLoop) -> TypeGuard[ClosedLoop]:
+    reference = getattr(sol, "x_ref", None)
+    return reference is not None and not np.all(np.isnan(reference))
+
+
 def _broken_at_impacts(
-    sol: Trajectory, values: np.ndarray | None = None
+    sol: Trajectory | ClosedLoop, values: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Time and values (the velocity) with NaN between the samples that an impact separates."""
     values = sol.xdot if values is None else values

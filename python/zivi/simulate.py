@@ -1,7 +1,10 @@
 """Who drives: one call from a system, a span and a state to a trajectory."""
 
+from __future__ import annotations
+
 import contextlib
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +14,9 @@ from zivi._progress import ProgressBar
 from zivi.methods import Method
 from zivi.system import ImpactSystem
 from zivi.trajectory import Trajectory, restrict
+
+if TYPE_CHECKING:
+    from zivi.closed_loop import ClosedLoop
 
 __all__ = ["simulate"]
 
@@ -73,8 +79,8 @@ def simulate(
         raise TypeError(
             f"method must be one of zivi's methods, e.g. zivi.ThetaGamma(h=1e-3), got {method!r}"
         )
-    span = _pair("t_span", t_span, "(t0, t1)")
-    state = _pair("y0", y0, "(x0, xdot0)")
+    span = pair("t_span", t_span, "(t0, t1)")
+    state = pair("y0", y0, "(x0, xdot0)")
     times = None if t_eval is None else _times(t_eval, span)
     with ProgressBar(progress) as bar:
         record = method._integrate(system, span, state, bar.report)
@@ -82,11 +88,12 @@ def simulate(
     if times is not None:
         sol = restrict(sol, times)
     if record.raised is not None:
-        raise _with_trajectory(record.raised, sol)
+        raise with_partial(record.raised, sol)
     return sol
 
 
-def _pair(name: str, value: Sequence[float], form: str) -> tuple[float, float]:
+def pair(name: str, value: Sequence[float], form: str) -> tuple[float, float]:
+    """Return `value` as two floats; an error names it and its form."""
     try:
         first, second = value
     except (TypeError, ValueError):
@@ -104,7 +111,8 @@ def _times(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
     return times
 
 
-def _with_trajectory(error: BaseException, sol: Trajectory) -> BaseException:
+def with_partial(error: BaseException, sol: Trajectory | ClosedLoop) -> BaseException:
+    """Attach what was computed to the exception that ended a run."""
     error.add_note(
         f"zivi: the run stopped at t = {sol.t[-1]:.9g} s; "
         "what was computed is this exception's attribute 'trajectory'."

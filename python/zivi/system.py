@@ -120,7 +120,7 @@ class ImpactSystem:
         self._e, self._kappa = coefficients(e, kappa)
         self._force = force
         # a compiled callable is called through its bare address: its owner must live as long
-        self._spec, self._owner = _force_spec(force)
+        self._spec, self._owner = force_spec(force)
 
     @property
     def force(self) -> Force:
@@ -141,38 +141,38 @@ class ImpactSystem:
         return f"ImpactSystem(force={self._force!r}, e={self._e!r}, kappa={self._kappa!r})"
 
 
-def _force_spec(force: Any) -> tuple[tuple[Any, ...], object]:
+def force_spec(force: Any, name: str = "force") -> tuple[tuple[Any, ...], object]:
     """Translate a force into what the extension takes, and the object that owns its code."""
     if isinstance(force, numbers.Real):
-        return ("constant", finite("force", force)), None
+        return ("constant", finite(name, force)), None
     if isinstance(force, LinearForce):
         return ("linear", *dataclasses.astuple(force)), None
     # an object of SciPy's class can only be here if SciPy has been imported
     low_level = getattr(sys.modules.get("scipy"), "LowLevelCallable", None)
     if low_level is not None and isinstance(force, low_level):
-        return ("compiled", *_zivi.compiled_force(force)), force
+        return ("compiled", *_zivi.compiled_force(force, name)), force
     if isinstance(force, _CFunction):
-        return ("compiled", _ctypes_address(force), None), force
+        return ("compiled", _ctypes_address(force, name), None), force
     if hasattr(force, "address") and isinstance(getattr(force, "ctypes", None), _CFunction):
-        return ("compiled", _ctypes_address(force.ctypes), None), force
+        return ("compiled", _ctypes_address(force.ctypes, name), None), force
     if callable(force):
         return ("callable", force), None
     raise TypeError(
-        "force must be a number, a zivi.LinearForce, a callable f(t, x, xdot) or a compiled "
+        f"{name} must be a number, a zivi.LinearForce, a callable f(t, x, xdot) or a compiled "
         f"callable (scipy.LowLevelCallable, numba cfunc), got {type(force).__name__}"
     )
 
 
-def _ctypes_address(function: Any) -> int:
+def _ctypes_address(function: Any, name: str) -> int:
     arguments = list(function.argtypes or [])
     if function.restype is not ctypes.c_double or arguments != [ctypes.c_double] * 3:
         names = [getattr(kind, "__name__", str(kind)) for kind in arguments]
         result = getattr(function.restype, "__name__", str(function.restype))
         raise TypeError(
-            "a compiled force must have the signature double (double t, double x, double xdot), "
+            f"{name}, compiled, must have the signature double (double t, double x, double xdot), "
             f"got {result} ({', '.join(names)})"
         )
     address = ctypes.cast(function, ctypes.c_void_p).value
     if not address:
-        raise ValueError("force: the compiled function is a null pointer")
+        raise ValueError(f"{name}: the compiled function is a null pointer")
     return address

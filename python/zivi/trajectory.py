@@ -122,13 +122,10 @@ class Trajectory:
     ) -> Trajectory:
         t, *sampled = record.columns[:, : record.n_samples]
         samples = dict(zip(QUANTITIES, sampled, strict=True))
-        impacts = np.empty(len(record.impact_t), IMPACT)
-        for field in IMPACT.names or ():
-            impacts[field] = getattr(record, f"impact_{field}")
         return cls(
             t=t,
             **samples,
-            impacts=impacts,
+            impacts=impacts_of(record),
             zeno_times=record.zeno_times,
             liftoff_times=record.liftoff_times,
             rest_time=record.rest_time,
@@ -235,6 +232,14 @@ class Trajectory:
         )
 
 
+def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> np.ndarray:
+    """Return the impacts of a record as a structured array."""
+    impacts = np.empty(len(record.impact_t), IMPACT)
+    for field in IMPACT.names or ():
+        impacts[field] = getattr(record, f"impact_{field}")
+    return impacts
+
+
 def restrict(sol: Trajectory, times: Array) -> Trajectory:
     """Report a run at `times` (those within the computed span) instead of at its steps."""
     grid, s, v = sol._steps
@@ -264,7 +269,7 @@ def _configuration(
         for field in dataclasses.fields(method)  # type: ignore[arg-type]
     }
     return {
-        "force": _describe(system.force),
+        "force": describe(system.force),
         "e": system.e,
         "kappa": system.kappa,
         "t_span": list(span),
@@ -273,7 +278,8 @@ def _configuration(
     }
 
 
-def _describe(force: Any) -> Any:
+def describe(force: Any) -> Any:
+    """Plain values that tell a force again (a callable only by its name)."""
     if dataclasses.is_dataclass(force) and not isinstance(force, type):
         return {"name": type(force).__name__, **dataclasses.asdict(force)}
     if isinstance(force, int | float):

@@ -5,7 +5,7 @@ use std::ffi::c_void;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyCapsule, PyCapsuleMethods, PyTuple};
-use zivi::Force;
+use zivi::{Dependence, Force};
 
 /// `double f(double t, double x, double xdot)`.
 type Plain = unsafe extern "C" fn(f64, f64, f64) -> f64;
@@ -49,6 +49,59 @@ impl<'py> ForceSpec<'py> {
     }
 }
 
+/// A force that needs no interpreter.
+#[derive(Clone, Copy)]
+pub(crate) enum NativeForce {
+    Constant(zivi::ConstantForce),
+    Linear(zivi::LinearForce),
+    Compiled(CompiledForce),
+}
+
+impl ForceSpec<'_> {
+    /// The same without the interpreter, unless it is a Python callable.
+    pub(crate) fn native(&self) -> Option<NativeForce> {
+        match *self {
+            Self::Constant(value) => Some(NativeForce::Constant(zivi::ConstantForce(value))),
+            Self::Linear(linear) => Some(NativeForce::Linear(linear)),
+            Self::Compiled(compiled) => Some(NativeForce::Compiled(compiled)),
+            Self::Callable(_) => None,
+        }
+    }
+}
+
+impl<E> Force<E> for NativeForce {
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        match self {
+            Self::Constant(force) => force.at(t, x, xdot),
+            Self::Linear(force) => force.at(t, x, xdot),
+            Self::Compiled(force) => force.at(t, x, xdot),
+        }
+    }
+
+    fn dependence(&self) -> Dependence {
+        match self {
+            Self::Constant(force) => Force::<E>::dependence(force),
+            Self::Linear(force) => Force::<E>::dependence(force),
+            Self::Compiled(force) => Force::<E>::dependence(force),
+        }
+    }
+}
+
+impl Force<PyErr> for ForceSpec<'_> {
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
+        match self {
+            Self::Constant(value) => Ok(*value),
+            Self::Linear(force) => force.at(t, x, xdot),
+            Self::Compiled(force) => force.at(t, x, xdot),
+            Self::Callable(force) => force.at(t, x, xdot),
+        }
+    }
+
+    fn dependence(&self) -> Dependence {
+        self.native().map_or(Dependence::State, |force| Force::<PyErr>::dependence(&force))
+    }
+}
+
 /// A compiled function, called without the interpreter. Whoever made the tuple keeps it alive.
 #[derive(Clone, Copy)]
 pub(crate) struct CompiledForce {
@@ -78,10 +131,13 @@ impl<E> Force<E> for CompiledForce {
 
 /// `(address, user data or None)` of a `scipy.LowLevelCallable`, after a check of its signature.
 #[pyfunction]
-pub(crate) fn compiled_force(callable: &Bound<'_, PyTuple>) -> PyResult<(usize, Option<usize>)> {
+pub(crate) fn compiled_force(
+    callable: &Bound<'_, PyTuple>,
+    argument: &str,
+) -> PyResult<(usize, Option<usize>)> {
     let item = callable.get_item(0)?;
     let capsule = item.cast::<PyCapsule>().map_err(|_| {
-        PyTypeError::new_err("force: the LowLevelCallable holds no function capsule")
+        PyTypeError::new_err(format!("{argument}: the LowLevelCallable holds no function capsule"))
     })?;
     let name = capsule.name()?;
     // SAFETY: the capsule is alive and nobody renames it while its name is read here
@@ -98,7 +154,7 @@ pub(crate) fn compiled_force(callable: &Bound<'_, PyTuple>) -> PyResult<(usize, 
         Ok((address.as_ptr() as usize, Some(data)))
     } else {
         Err(PyTypeError::new_err(format!(
-            "force must have the signature {PLAIN:?} (or {WITH_DATA:?}), got {signature:?}"
+            "{argument} must have the signature {PLAIN:?} (or {WITH_DATA:?}), got {signature:?}"
         )))
     }
 }

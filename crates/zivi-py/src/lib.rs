@@ -2,6 +2,8 @@
 //!
 //! No numerics here. `python/zivi` is what users import; `python/zivi/_zivi.pyi` types this module.
 
+mod closed_loop;
+mod control;
 mod force;
 mod record;
 mod simulate;
@@ -24,6 +26,11 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate::solve_steps, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_explicit_euler, module)?)?;
     module.add_function(wrap_pyfunction!(force::compiled_force, module)?)?;
+    module.add_class::<control::Regulator>()?;
+    module.add_class::<control::Tracker>()?;
+    module.add_class::<control::Explicit>()?;
+    module.add_class::<closed_loop::LoopRecord>()?;
+    module.add_function(wrap_pyfunction!(closed_loop::simulate_closed_loop, module)?)?;
     module.add_class::<vi::ViRecord>()?;
     module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;

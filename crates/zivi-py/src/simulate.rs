@@ -14,7 +14,7 @@ use crate::record::RunRecord;
 use crate::transform::wall;
 use crate::watch::Watch;
 
-fn setup_error(error: SetupError) -> PyErr {
+pub(crate) fn setup_error(error: SetupError) -> PyErr {
     match error {
         SetupError::Memory(_) => PyMemoryError::new_err(error.to_string()),
         _ => PyValueError::new_err(error.to_string()),
@@ -22,14 +22,15 @@ fn setup_error(error: SetupError) -> PyErr {
 }
 
 /// The span, the step size and the initial state of a fixed-step run.
-struct Course {
-    wall: Restitution,
-    grid: Grid,
-    initial: Physical,
+#[derive(Clone, Copy)]
+pub(crate) struct Course {
+    pub(crate) wall: Restitution,
+    pub(crate) grid: Grid,
+    pub(crate) initial: Physical,
 }
 
 impl Course {
-    fn new(kappa: f64, h: f64, span: (f64, f64), state: (f64, f64)) -> PyResult<Self> {
+    pub(crate) fn new(kappa: f64, h: f64, span: (f64, f64), state: (f64, f64)) -> PyResult<Self> {
         let grid = Grid::new(span.0, span.1, h).map_err(|error| setup_error(error.into()))?;
         let initial = Physical { x: state.0, xdot: state.1 };
         Ok(Self { wall: wall(kappa)?, grid, initial })

@@ -257,7 +257,7 @@ fn uneventful(before: Lifted, after: Lifted) -> bool {
 }
 
 /// The initial state on the branch `+1`.
-fn lift(initial: Physical, wall: Restitution) -> Result<Lifted, SetupError> {
+pub(crate) fn lift(initial: Physical, wall: Restitution) -> Result<Lifted, SetupError> {
     if !(initial.x >= 0.0 && initial.x.is_finite()) {
         return Err(SetupError::Setting("x0", initial.x, "a finite distance >= 0 from the wall"));
     }

@@ -19,6 +19,8 @@
 
 #![forbid(unsafe_code)]
 
+pub mod ballistic;
+pub mod closed_loop;
 pub mod events;
 pub mod explicit;
 pub mod fixed_step;
@@ -32,6 +34,7 @@ pub mod step_solver;
 pub mod theta_gamma;
 pub mod trajectory;
 
+pub use closed_loop::{simulate_closed_loop, LoopRun};
 pub use events::{Events, Impact};
 pub use explicit::simulate_explicit_euler;
 pub use force::{ConstantForce, Dependence, Force, FunctionForce, LinearForce};

@@ -81,11 +81,12 @@ fn with_solver<E, F: Force<E>>(
     (grid, initial): (Grid, Physical),
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    let stepper = Stepper { step, solver, constant: None, implicit: ImplicitForce::default() };
+    let stepper = Stepper::new(step, solver);
     run(stepper, step.wall(), force, grid, initial, monitor)
 }
 
-struct Stepper<S> {
+/// The method as something that steps.
+pub(crate) struct Stepper<S> {
     step: ThetaGammaStep,
     solver: S,
     /// The value of a force that depends on nothing, once it is known.
@@ -94,6 +95,10 @@ struct Stepper<S> {
 }
 
 impl<S: StepSolver> Stepper<S> {
+    pub(crate) fn new(step: ThetaGammaStep, solver: S) -> Self {
+        Self { step, solver, constant: None, implicit: ImplicitForce::default() }
+    }
+
     /// The step under a force that does not depend on where it ends.
     #[inline]
     fn under<E>(&mut self, f: f64, start: Start) -> Result<Sample, Failure<E>> {

@@ -1,0 +1,183 @@
+//! The sampled closed loop from Python.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use zivi::closed_loop::{
+    Controller, Forces, Loop, LoopRun, Motion, Sensor, Tick, TickError, LOOP_COLUMNS,
+};
+use zivi::{Force, Physical, SetupError};
+
+use crate::control::{Explicit, Regulator, Tracker};
+use crate::force::{ForceSpec, NativeForce};
+use crate::simulate::{setup_error, Course};
+use crate::watch::Watch;
+
+/// Any object with `step`, and `x_ref`, `xdot_ref` if it follows a reference.
+struct PythonController<'py> {
+    object: Bound<'py, PyAny>,
+    has_reference: bool,
+}
+
+impl PythonController<'_> {
+    fn number(&self, name: &str) -> PyResult<f64> {
+        self.object.getattr(name)?.extract()
+    }
+}
+
+impl Controller<PyErr> for PythonController<'_> {
+    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<PyErr>> {
+        let Tick { measured: Physical { x, xdot }, force, force_ref } = tick;
+        let answer = if self.has_reference {
+            self.object.call_method1("step", (x, xdot, force, force_ref))
+        } else {
+            self.object.call_method1("step", (x, xdot, force))
+        };
+        answer.and_then(|u| u.extract()).map_err(TickError::Raised)
+    }
+
+    fn reference(&self) -> Option<Physical> {
+        // an attribute that is no number gives a reference that is refused as not finite
+        let number = |name| self.number(name).unwrap_or(f64::NAN);
+        self.has_reference.then(|| Physical { x: number("x_ref"), xdot: number("xdot_ref") })
+    }
+}
+
+/// The settings of a loop that are the same for every controller and force.
+struct Surroundings<'a> {
+    course: Course,
+    motion: Motion,
+    sensor: Sensor<'a>,
+    delay: usize,
+}
+
+type Outcome = Result<LoopRun<PyErr>, SetupError>;
+
+impl Surroundings<'_> {
+    fn run<F: Force<PyErr>>(
+        &self,
+        controller: &mut (impl Controller<PyErr> + ?Sized),
+        [plant, model, reference]: &mut [F; 3],
+        watch: &mut Watch,
+    ) -> Outcome {
+        let Course { wall, grid, initial } = self.course;
+        let Self { motion, sensor, delay, .. } = *self;
+        let surroundings = Loop { wall, grid, initial, motion, sensor, delay };
+        let forces = Forces { plant, model, reference };
+        zivi::simulate_closed_loop(controller, surroundings, forces, watch)
+    }
+
+    /// A controller of ours: without the interpreter, if the forces allow it.
+    fn run_native(
+        &self,
+        py: Python<'_>,
+        controller: &mut (dyn Controller<PyErr> + Send),
+        forces: &mut [ForceSpec<'_>; 3],
+        watch: &mut Watch,
+    ) -> Outcome {
+        let native: Vec<NativeForce> = forces.iter().filter_map(ForceSpec::native).collect();
+        match <[NativeForce; 3]>::try_from(native) {
+            Ok(mut native) => py.detach(|| self.run(controller, &mut native, watch)),
+            Err(_) => self.run(controller, forces, watch),
+        }
+    }
+}
+
+/// A closed loop: `forces` are the plant's, the model's and the reference's; `scheme` is
+/// `(theta, gamma)` for the plant on the controller's grid.
+#[pyfunction]
+#[pyo3(signature = (
+    controller, forces, *, kappa, h, span, state, scheme, noise, resolution, delay,
+    has_reference, progress=None
+))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn simulate_closed_loop(
+    py: Python<'_>,
+    controller: &Bound<'_, PyAny>,
+    forces: [Bound<'_, PyTuple>; 3],
+    kappa: f64,
+    h: f64,
+    span: (f64, f64),
+    state: (f64, f64),
+    scheme: Option<(f64, f64)>,
+    noise: (PyReadonlyArray1<'_, f64>, PyReadonlyArray1<'_, f64>),
+    resolution: (f64, f64),
+    delay: usize,
+    has_reference: bool,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<LoopRecord> {
+    let motion = scheme.map_or(Motion::Exact, |(theta, gamma)| Motion::Scheme { theta, gamma });
+    let sensor =
+        Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
+    let course = Course::new(kappa, h, span, state)?;
+    let surroundings = Surroundings { course, motion, sensor, delay };
+    let [plant, model, reference] = &forces;
+    let mut forces = [
+        ForceSpec::from_tuple(plant)?,
+        ForceSpec::from_tuple(model)?,
+        ForceSpec::from_tuple(reference)?,
+    ];
+    let watch = &mut Watch { progress };
+    // a copy runs, so that no controller is borrowed while other threads may call it
+    macro_rules! native {
+        ($class:ty) => {
+            if let Ok(object) = controller.cast::<$class>() {
+                let mut copy = object.borrow().inner;
+                let run = surroundings.run_native(py, &mut copy, &mut forces, watch);
+                object.borrow_mut().inner = copy;
+                return LoopRecord::new(py, run.map_err(setup_error)?);
+            }
+        };
+    }
+    native!(Regulator);
+    native!(Tracker);
+    native!(Explicit);
+    let mut controller = PythonController { object: controller.clone(), has_reference };
+    let run = surroundings.run(&mut controller, &mut forces, watch);
+    LoopRecord::new(py, run.map_err(setup_error)?)
+}
+
+type Array = Py<PyArray1<f64>>;
+
+/// The columns, events and outcome of a closed loop.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct LoopRecord {
+    /// A row for each of `t, x, xdot, x_ref, xdot_ref, u` and the six signs.
+    columns: Py<PyArray2<f64>>,
+    ticks: Py<PyArray1<u8>>,
+    impact_t: Array,
+    impact_xdot_before: Array,
+    impact_xdot_after: Array,
+    zeno_times: Array,
+    liftoff_times: Array,
+    rest_time: Option<f64>,
+    status: u8,
+    message: &'static str,
+    nfev: u64,
+    raised: Option<Py<PyAny>>,
+}
+
+impl LoopRecord {
+    fn new(py: Python<'_>, run: LoopRun<PyErr>) -> PyResult<Self> {
+        let LoopRun { columns, ticks, events, status, nfev, raised } = run;
+        let n = ticks.len();
+        let block = columns.concat();
+        let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
+        let of_impacts =
+            |field: fn(&zivi::Impact) -> f64| array(events.impacts.iter().map(field).collect());
+        Ok(Self {
+            columns: PyArray1::from_vec(py, block).reshape([LOOP_COLUMNS, n])?.unbind(),
+            ticks: PyArray1::from_vec(py, ticks).unbind(),
+            impact_t: of_impacts(|impact| impact.t),
+            impact_xdot_before: of_impacts(|impact| impact.xdot_before),
+            impact_xdot_after: of_impacts(|impact| impact.xdot_after),
+            zeno_times: array(events.zeno_times),
+            liftoff_times: array(events.liftoff_times),
+            rest_time: events.rest_time,
+            status: status as u8,
+            message: status.message(),
+            nfev,
+            raised: raised.map(|error| error.into_value(py).into_any()),
+        })
+    }
+}

@@ -1,0 +1,261 @@
+//! The controllers as Python classes: a tick is one call with plain numbers.
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use zivi_core::control::{
+    Approach, ExplicitTwisting, Gains, Port, RegulatorState, TickStatus, TrackerState,
+    TwistingRegulator, TwistingTracker,
+};
+use zivi_core::{Lifted, Physical, Restitution, SettingError};
+
+use crate::transform::wall;
+
+fn refused(error: SettingError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// Gains, checked against a bound of the force if one is given.
+fn gains(mu1: f64, mu2: f64, bound: Option<f64>) -> PyResult<Gains> {
+    match bound {
+        Some(bound) => Gains::for_bound(mu1, mu2, bound),
+        None => Gains::new(mu1, mu2),
+    }
+    .map_err(refused)
+}
+
+fn port(depth: f64, (low, high): (f64, f64)) -> PyResult<Port> {
+    Port::default()
+        .with_depth(depth)
+        .and_then(|port| port.with_actuator(low, high))
+        .map_err(refused)
+}
+
+/// `(s_r, v_r, side, u, signs, status bits)`.
+type State = (f64, f64, f64, f64, [f64; 6], u8);
+
+fn tracker_state(state: TrackerState) -> State {
+    let TrackerState { reference: Lifted { s, v }, side, u, signs, status } = state;
+    (s, v, side, u, signs, status.bits())
+}
+
+fn restored((s, v, side, u, signs, bits): State) -> TrackerState {
+    let status = TickStatus::from_bits(bits);
+    TrackerState { reference: Lifted { s, v }, side, u, signs, status }
+}
+
+/// The regulator; `zivi.TwistingRegulator` is what users see.
+#[pyclass(subclass, module = "zivi._zivi")]
+pub(crate) struct Regulator {
+    pub(crate) inner: TwistingRegulator,
+}
+
+#[pymethods]
+impl Regulator {
+    #[new]
+    #[pyo3(signature = (mu1, mu2, *, h, kappa, bound, depth, actuator))]
+    fn new(
+        mu1: f64,
+        mu2: f64,
+        h: f64,
+        kappa: f64,
+        bound: Option<f64>,
+        depth: f64,
+        actuator: (f64, f64),
+    ) -> PyResult<Self> {
+        let inner = TwistingRegulator::new(gains(mu1, mu2, bound)?, h, wall(kappa)?);
+        Ok(Self { inner: inner.map_err(refused)?.with_port(port(depth, actuator)?) })
+    }
+
+    /// Give the control for the period that starts with this measurement.
+    ///
+    /// Parameters
+    /// ----------
+    /// x, xdot : float
+    ///     Measured distance from the wall (m) and velocity (m/s).
+    /// force : float
+    ///     Force on the mass without control (m/s^2).
+    ///
+    /// Returns
+    /// -------
+    /// float
+    ///     The control, to be held for one period (m/s^2).
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     For a sample that is not finite or too deep behind the wall; nothing has changed then,
+    ///     and the last control is still `u`.
+    fn step(&mut self, x: f64, xdot: f64, force: f64) -> PyResult<f64> {
+        self.inner.tick(Physical { x, xdot }, force).map_err(refused)
+    }
+
+    /// Forget the last tick.
+    fn reset(&mut self) {
+        self.inner.set_state(RegulatorState::default());
+    }
+
+    /// The last control (m/s^2).
+    #[getter]
+    fn u(&self) -> f64 {
+        self.inner.state().u
+    }
+
+    #[getter]
+    fn _signs(&self) -> [f64; 2] {
+        self.inner.state().signs
+    }
+
+    #[getter]
+    fn _status(&self) -> u8 {
+        self.inner.state().status.bits()
+    }
+
+    fn _get_state(&self) -> State {
+        let RegulatorState { u, signs: [lambda_s, lambda_v], status } = self.inner.state();
+        (0.0, 0.0, 1.0, u, [lambda_s, lambda_v, 0.0, 0.0, 0.0, 0.0], status.bits())
+    }
+
+    fn _set_state(&mut self, state: State) {
+        let (_, _, _, u, [lambda_s, lambda_v, ..], bits) = state;
+        let status = TickStatus::from_bits(bits);
+        self.inner.set_state(RegulatorState { u, signs: [lambda_s, lambda_v], status });
+    }
+}
+
+/// What the two controllers with a reference have in common.
+macro_rules! with_reference {
+    ($class:ident) => {
+        #[pymethods]
+        impl $class {
+            #[new]
+            #[pyo3(signature = (
+                                mu1, mu2, *, h, kappa, kappa_ref, nearest, bound, depth, actuator
+                            ))]
+            #[allow(clippy::too_many_arguments)]
+            fn new(
+                mu1: f64,
+                mu2: f64,
+                h: f64,
+                kappa: f64,
+                kappa_ref: f64,
+                nearest: bool,
+                bound: Option<f64>,
+                depth: f64,
+                actuator: (f64, f64),
+            ) -> PyResult<Self> {
+                let approach = if nearest { Approach::Nearest } else { Approach::Positive };
+                let walls = (wall(kappa)?, wall(kappa_ref)?);
+                let bare = Self::build(gains(mu1, mu2, bound)?, h, walls, approach);
+                let inner = bare.map_err(refused)?.with_port(port(depth, actuator)?);
+                Ok(Self { inner })
+            }
+
+            /// Give the control for the period that starts with this measurement, and advance the
+            /// reference by one period.
+            ///
+            /// Parameters
+            /// ----------
+            /// x, xdot : float
+            ///     Measured distance from the wall (m) and velocity (m/s).
+            /// force : float
+            ///     Force on the mass without control (m/s^2).
+            /// force_ref : float
+            ///     Force on the reference (m/s^2).
+            ///
+            /// Returns
+            /// -------
+            /// float
+            ///     The control, to be held for one period (m/s^2).
+            ///
+            /// Raises
+            /// ------
+            /// ValueError
+            ///     For a sample that is not finite or too deep behind the wall; nothing has
+            ///     changed then: the reference has not advanced, the last control is still `u`.
+            fn step(&mut self, x: f64, xdot: f64, force: f64, force_ref: f64) -> PyResult<f64> {
+                self.inner.tick(Physical { x, xdot }, force, force_ref).map_err(refused)
+            }
+
+            /// Set the reference's distance from its wall, >= 0 (m), and its velocity (m/s), and
+            /// forget everything else.
+            fn reset(&mut self, x_ref: f64, xdot_ref: f64) -> PyResult<()> {
+                self.inner.reset(Physical { x: x_ref, xdot: xdot_ref }).map_err(refused)
+            }
+
+            /// Distance of the reference from its wall: that at the next sample (m).
+            #[getter]
+            fn x_ref(&self) -> f64 {
+                self.inner.reference().x
+            }
+
+            /// Velocity of the reference (m/s).
+            #[getter]
+            fn xdot_ref(&self) -> f64 {
+                self.inner.reference().xdot
+            }
+
+            /// The last control (m/s^2).
+            #[getter]
+            fn u(&self) -> f64 {
+                self.inner.state().u
+            }
+
+            #[getter]
+            fn _signs(&self) -> [f64; 6] {
+                self.inner.state().signs
+            }
+
+            #[getter]
+            fn _status(&self) -> u8 {
+                self.inner.state().status.bits()
+            }
+
+            fn _get_state(&self) -> State {
+                tracker_state(self.inner.state())
+            }
+
+            fn _set_state(&mut self, state: State) {
+                self.inner.set_state(restored(state));
+            }
+        }
+    };
+}
+
+/// The implicit tracker; `zivi.TwistingTracker` is what users see.
+#[pyclass(subclass, module = "zivi._zivi")]
+pub(crate) struct Tracker {
+    pub(crate) inner: TwistingTracker,
+}
+
+impl Tracker {
+    fn build(
+        gains: Gains,
+        h: f64,
+        (wall, wall_ref): (Restitution, Restitution),
+        approach: Approach,
+    ) -> Result<TwistingTracker, SettingError> {
+        TwistingTracker::new(gains, h, wall, wall_ref, approach)
+    }
+}
+
+with_reference!(Tracker);
+
+/// The explicit baseline; `zivi.ExplicitTwisting` is what users see.
+#[pyclass(subclass, module = "zivi._zivi")]
+pub(crate) struct Explicit {
+    pub(crate) inner: ExplicitTwisting,
+}
+
+impl Explicit {
+    /// The explicit law is the same on both branches.
+    fn build(
+        gains: Gains,
+        h: f64,
+        (wall, wall_ref): (Restitution, Restitution),
+        _: Approach,
+    ) -> Result<ExplicitTwisting, SettingError> {
+        ExplicitTwisting::new(gains, h, wall, wall_ref)
+    }
+}
+
+with_reference!(Explicit);

@@ -1,0 +1,157 @@
+//! Exact motion under a constant force: parabolas between impacts, through the Zeno point.
+//!
+//! ```text
+//! x = x0 + x0' t + f t^2/2        x'+ = -e x'-
+//! ```
+//!
+//! After an impact with speed `u` under `f = -g < 0` the flights last `2u/g, 2 e u/g, ...`: the
+//! mass rests after `2u/(g (1 - e))`.
+
+use zivi_core::{Physical, Restitution};
+
+use crate::{Events, Impact};
+
+/// Impacts that one call follows one by one (and lists); further ones are skipped in closed form.
+const MAX_LISTED: usize = 1000;
+/// A flight shorter than this part of the time scale is the end of the accumulation.
+const SHORTEST: f64 = 1e-13;
+
+/// A mass in motion from `t` on.
+struct Flight<'a> {
+    wall: Restitution,
+    f: f64,
+    t: f64,
+    state: Physical,
+    left: f64,
+    events: &'a mut Events,
+}
+
+/// The state `duration` after `t`, exact up to rounding; what happens at the wall is noted in
+/// `events` (a mass at rest at `t` must have its `rest_time` set).
+pub fn advance(
+    state: Physical,
+    f: f64,
+    wall: Restitution,
+    (t, duration): (f64, f64),
+    events: &mut Events,
+) -> Physical {
+    let mut flight = Flight { wall, f, t, state, left: duration, events };
+    if state.x == 0.0 && state.xdot < 0.0 {
+        flight.bounce(state.xdot);
+    }
+    for _ in 0..MAX_LISTED {
+        if flight.rests() {
+            return flight.state;
+        }
+        match flight.time_to_wall() {
+            Some(dt) if dt <= flight.left => flight.fall(dt),
+            _ => return flight.free(),
+        }
+        if flight.comes_to_rest() {
+            return flight.state;
+        }
+    }
+    flight.skip_bounces();
+    flight.free()
+}
+
+impl Flight<'_> {
+    /// Whether the mass is on the wall and stays there; otherwise a mass at rest lifts off.
+    fn rests(&mut self) -> bool {
+        if self.state != Physical::default() {
+            return false;
+        }
+        if self.f <= 0.0 {
+            self.events.rest_time.get_or_insert(self.t);
+            return true;
+        }
+        if self.events.rest_time.take().is_some() {
+            self.events.liftoff_times.push(self.t);
+        }
+        false
+    }
+
+    /// Time to the first contact, written so that nothing cancels.
+    fn time_to_wall(&self) -> Option<f64> {
+        let (Physical { x, xdot }, f) = (self.state, self.f);
+        if x == 0.0 {
+            return (xdot > 0.0 && f < 0.0).then(|| 2.0 * xdot / -f);
+        }
+        let discriminant = xdot * xdot - 2.0 * f * x;
+        if xdot < 0.0 {
+            (discriminant >= 0.0).then(|| 2.0 * x / (discriminant.sqrt() - xdot))
+        } else {
+            (f < 0.0).then(|| (xdot + discriminant.sqrt()) / -f)
+        }
+    }
+
+    /// Falls onto the wall, which takes `dt`, and bounces.
+    fn fall(&mut self, dt: f64) {
+        let Physical { x, xdot } = self.state;
+        // energy gives the speed without cancellation
+        let speed = (xdot * xdot - 2.0 * self.f * x).max(0.0).sqrt();
+        self.t += dt;
+        self.left -= dt;
+        self.bounce(-speed);
+    }
+
+    fn bounce(&mut self, xdot_before: f64) {
+        let xdot_after = 0.0 - self.wall.e() * xdot_before;
+        self.events.impacts.push(Impact { t: self.t, xdot_before, xdot_after });
+        self.state = Physical { x: 0.0, xdot: xdot_after };
+    }
+
+    /// Whether the mass rests within the time left and what remains until then need not be
+    /// listed; then it does.
+    fn comes_to_rest(&mut self) -> bool {
+        let (g, u, e) = (-self.f, self.state.xdot, self.wall.e());
+        if g < 0.0 || (g == 0.0 && u > 0.0) || e == 1.0 && u > 0.0 {
+            return false;
+        }
+        let until_rest = if u > 0.0 { 2.0 * u / (g * (1.0 - e)) } else { 0.0 };
+        let listed = until_rest * (1.0 - e) <= SHORTEST * (self.left + until_rest);
+        if until_rest > self.left || !listed {
+            return false;
+        }
+        self.t += until_rest;
+        self.left -= until_rest;
+        self.state = Physical::default();
+        self.events.zeno_times.push(self.t);
+        self.events.rest_time = Some(self.t);
+        true
+    }
+
+    /// From an impact, past the bounces that end within the time left (or to rest).
+    fn skip_bounces(&mut self) {
+        let (g, u, e) = (-self.f, self.state.xdot, self.wall.e());
+        if self.state.x > 0.0 || u <= 0.0 || g <= 0.0 {
+            return;
+        }
+        let flight = 2.0 * u / g;
+        if e == 1.0 {
+            self.left %= flight;
+            return;
+        }
+        let until_rest = flight / (1.0 - e);
+        if until_rest <= self.left {
+            self.t += until_rest;
+            self.left = 0.0;
+            self.state = Physical::default();
+            self.events.zeno_times.push(self.t);
+            self.events.rest_time = Some(self.t);
+            return;
+        }
+        // flights 0 .. n-1 last until_rest (1 - e^n)
+        let n = ((1.0 - self.left / until_rest).ln() / e.ln()).floor();
+        let shrunk = e.powf(n);
+        self.left = (self.left - until_rest * (1.0 - shrunk)).clamp(0.0, flight * shrunk);
+        self.state.xdot = u * shrunk;
+    }
+
+    /// Free flight for the time left.
+    fn free(self) -> Physical {
+        let (Physical { x, xdot }, dt) = (self.state, self.left);
+        let end = x + dt * (xdot + 0.5 * self.f * dt);
+        Physical { x: end.max(0.0), xdot: xdot + self.f * dt }
+    }
+}

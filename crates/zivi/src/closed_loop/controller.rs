@@ -1,0 +1,100 @@
+//! What the sampled loop asks of a controller, and the controllers of `zivi_core` in that form.
+
+use zivi_core::control::{ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker};
+use zivi_core::{Physical, SettingError};
+
+/// Number of signs that are recorded: `ls, lv, lsr, lvr, les, lev`.
+pub const SIGNS: usize = 6;
+
+/// What a controller is given at a sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tick {
+    /// The measured state.
+    pub measured: Physical,
+    /// The force that it believes acts on the mass (m/s^2).
+    pub force: f64,
+    /// The force on its reference (m/s^2).
+    pub force_ref: f64,
+}
+
+/// Why a tick gave no control.
+#[derive(Clone, Debug, PartialEq)]
+pub enum TickError<E> {
+    /// The sample was refused; the last control stays and the run goes on.
+    Refused(SettingError),
+    /// The controller raised an error; the run ends.
+    Raised(E),
+}
+
+impl<E> From<SettingError> for TickError<E> {
+    fn from(error: SettingError) -> Self {
+        TickError::Refused(error)
+    }
+}
+
+/// A sampled controller.
+pub trait Controller<E> {
+    /// The control (m/s^2) for the period that starts now; a reference inside advances by one
+    /// period.
+    ///
+    /// # Errors
+    /// [`TickError`]: the sample was refused, or the controller raised an error.
+    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>>;
+
+    /// The reference now, if there is one.
+    fn reference(&self) -> Option<Physical> {
+        None
+    }
+
+    /// The signs of the last tick (NaN where it has none).
+    fn signs(&self) -> [f64; SIGNS] {
+        [f64::NAN; SIGNS]
+    }
+
+    /// What was done to the last sample and control.
+    fn status(&self) -> TickStatus {
+        TickStatus::default()
+    }
+}
+
+impl<E> Controller<E> for TwistingRegulator {
+    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
+        Ok(TwistingRegulator::tick(self, tick.measured, tick.force)?)
+    }
+
+    fn signs(&self) -> [f64; SIGNS] {
+        let [lambda_s, lambda_v] = self.state().signs;
+        let none = f64::NAN;
+        [lambda_s, lambda_v, none, none, none, none]
+    }
+
+    fn status(&self) -> TickStatus {
+        self.state().status
+    }
+}
+
+/// The two controllers with a reference have one interface.
+macro_rules! controller_with_reference {
+    ($controller:ty) => {
+        impl<E> Controller<E> for $controller {
+            fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
+                Ok(<$controller>::tick(self, tick.measured, tick.force, tick.force_ref)?)
+            }
+
+            fn reference(&self) -> Option<Physical> {
+                Some(<$controller>::reference(self))
+            }
+
+            fn signs(&self) -> [f64; SIGNS] {
+                self.state().signs
+            }
+
+            fn status(&self) -> TickStatus {
+                self.state().status
+            }
+        }
+    };
+}
+
+controller_with_reference!(TwistingTracker);
+controller_with_reference!(ExplicitTwisting);

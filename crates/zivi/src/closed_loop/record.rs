@@ -1,0 +1,68 @@
+//! The record of a closed loop.
+
+use zivi_core::Physical;
+
+use super::controller::{Controller, SIGNS};
+use crate::{Events, SetupError, Status};
+
+/// Columns of the record: `t, x, xdot, x_ref, xdot_ref, u` and the signs.
+pub const LOOP_COLUMNS: usize = 6 + SIGNS;
+
+/// A closed loop as far as it went: states at the samples, and what is held from there on.
+#[derive(Clone, Debug)]
+pub struct LoopRun<E> {
+    /// `t, x, xdot, x_ref, xdot_ref, u, ls, lv, lsr, lvr, les, lev` (NaN where a controller has
+    /// none); the control and the signs of a row hold from its time on, the last row repeats them.
+    pub columns: [Vec<f64>; LOOP_COLUMNS],
+    /// At each sample, as bits: 1 clamped, 2 saturated, 4 refused.
+    pub ticks: Vec<u8>,
+    /// What happened at the wall.
+    pub events: Events,
+    /// How the run ended.
+    pub status: Status,
+    /// Evaluations of the true force.
+    pub nfev: u64,
+    /// The error that a force, the controller or the monitor raised.
+    pub raised: Option<E>,
+}
+
+/// The bit that marks a refused sample.
+pub const REFUSED: u8 = 4;
+
+/// Fills the columns.
+pub(super) struct LoopRecord {
+    pub(super) columns: [Vec<f64>; LOOP_COLUMNS],
+    pub(super) ticks: Vec<u8>,
+}
+
+impl LoopRecord {
+    pub(super) fn with_room(rows: usize) -> Result<Self, SetupError> {
+        let refused = |_| SetupError::Memory(rows);
+        let mut columns: [Vec<f64>; LOOP_COLUMNS] = Default::default();
+        for column in &mut columns {
+            column.try_reserve_exact(rows).map_err(refused)?;
+        }
+        let mut ticks = Vec::new();
+        ticks.try_reserve_exact(rows).map_err(refused)?;
+        Ok(Self { columns, ticks })
+    }
+
+    /// A sample: the states at `t` and what is held from there on.
+    pub(super) fn push<E>(
+        &mut self,
+        (t, state, reference): (f64, Physical, Option<Physical>),
+        u: f64,
+        controller: &(impl Controller<E> + ?Sized),
+        tick: u8,
+    ) {
+        let none = Physical { x: f64::NAN, xdot: f64::NAN };
+        let reference = reference.unwrap_or(none);
+        let head = [t, state.x, state.xdot, reference.x, reference.xdot, u];
+        for (column, value) in
+            self.columns.iter_mut().zip(head.into_iter().chain(controller.signs()))
+        {
+            column.push(value);
+        }
+        self.ticks.push(tick);
+    }
+}

@@ -1,0 +1,404 @@
+"""Who drives: the sampled closed loop of a plant and a controller."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zivi import _zivi
+from zivi._check import Array, real
+from zivi._progress import ProgressBar
+from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
+from zivi.methods import ThetaGamma
+from zivi.simulate import pair, with_partial
+from zivi.status import Status
+from zivi.system import Force, ImpactSystem, force_spec
+from zivi.trajectory import describe, impacts_of
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
+
+OURS = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
+
+QUANTITIES = {
+    "x": ("m", "distance from the wall"),
+    "xdot": ("m/s", "velocity"),
+    "x_ref": ("m", "distance of the reference from its wall"),
+    "xdot_ref": ("m/s", "velocity of the reference"),
+    "u": ("m/s^2", "control, held from the sample on"),
+}
+"""Unit and meaning of each sampled quantity, in the order of the record's rows after time."""
+SIGNS = ("lambda_s", "lambda_v", "lambda_sr", "lambda_vr", "lambda_es", "lambda_ev")
+"""Names of the columns of ``signs``."""
+
+
+class Controller(Protocol):
+    """Anything that `simulate_closed_loop` can run: a sampling period and a tick.
+
+    With attributes ``x_ref`` and ``xdot_ref`` it has a reference, and ``step`` is called with a
+    fourth argument, the reference's force.
+    """
+
+    @property
+    def h(self) -> float:
+        """Sampling period (s)."""
+
+    def step(self, x: float, xdot: float, force: float, /) -> float:
+        """Give the control (m/s^2) for the period that starts now."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class ClosedLoop:
+    """Samples and events of one closed loop.
+
+    Attributes
+    ----------
+    t : ndarray
+        Times of the samples (s); all sampled arrays have its length.
+    x, xdot : ndarray
+        The plant: distance from the wall (m) and velocity (m/s).
+    x_ref, xdot_ref : ndarray
+        The reference, NaN for a controller without one.
+    u : ndarray
+        Control that acts on the plant from the sample on (m/s^2); the last one is repeated.
+    signs : ndarray, shape (n, 6)
+        ``ls, lv, lsr, lvr, les, lev`` of the tick at the sample, NaN where a controller has none.
+    tick_status : ndarray of uint8
+        What was done at the sample, as the bits of `TickStatus`.
+    impacts : structured ndarray
+        Fields ``t`` (s), ``xdot_before`` and ``xdot_after`` (m/s); of an accumulation within a
+        period at most 1000.
+    zeno_times : ndarray
+        Times at which the plant came to rest through impacts (s).
+    liftoff_times : ndarray
+        Times at which it left rest (s).
+    rest_time : float or None
+        Time from which it stays at rest until the end (s).
+    status : Status
+        How the run ended.
+    message : str
+        The same in words, with advice.
+    nfev : int
+        Evaluations of the true force.
+    config : dict
+        Settings of the run, with the seed of its noise.
+    """
+
+    t: Array
+    x: Array
+    xdot: Array
+    x_ref: Array
+    xdot_ref: Array
+    u: Array
+    signs: Array
+    tick_status: NDArray[np.uint8]
+    impacts: np.ndarray
+    zeno_times: Array
+    liftoff_times: Array
+    rest_time: float | None
+    status: Status
+    message: str
+    nfev: int
+    config: dict[str, Any]
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of ``t_span`` was reached."""
+        return self.status is Status.COMPLETED
+
+    @property
+    def n_refused(self) -> int:
+        """Samples that the controller refused; the last control was held."""
+        return int(np.count_nonzero(self.tick_status & TickStatus.REFUSED))
+
+    @property
+    def error(self) -> Array:
+        """Position error ``x - x_ref`` (m), NaN without a reference."""
+        return self.x - self.x_ref
+
+    def __repr__(self) -> str:
+        wall = f"{len(self.impacts)} impacts"
+        if self.rest_time is not None:
+            wall += f", at rest from {self.rest_time:.6g} s"
+        name = self.config["controller"]["name"]
+        span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g} s" if len(self.t) else "no samples"
+        return f"<ClosedLoop {name}, {span}, {wall}: {self.status.name.lower()}>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to a labelled dataset that can be plotted, selected and saved.
+
+        Returns
+        -------
+        xarray.Dataset
+            The sampled quantities over ``time``, the signs over ``time`` and ``sign``, the
+            impacts over ``impact_time``, with units, descriptions and the configuration (JSON)
+            in the attributes.
+        """
+        import xarray
+
+        def labelled(dims: Any, values: Any, unit: str, meaning: str) -> Any:
+            return dims, values, {"units": unit, "long_name": meaning}
+
+        return xarray.Dataset(
+            {
+                name: labelled("time", getattr(self, name), unit, meaning)
+                for name, (unit, meaning) in QUANTITIES.items()
+            }
+            | {
+                "signs": labelled(("time", "sign"), self.signs, "1", "multipliers of the tick"),
+                "tick_status": labelled("time", self.tick_status, "1", "bits of TickStatus"),
+                "zeno_time": labelled("zeno", self.zeno_times, "s", "time of a Zeno point"),
+                "liftoff_time": labelled("liftoff", self.liftoff_times, "s", "time of a lift-off"),
+            }
+            | {
+                f"impact_{field}": labelled("impact_time", self.impacts[field], "m/s", meaning)
+                for field, meaning in (
+                    ("xdot_before", "velocity before the impact"),
+                    ("xdot_after", "velocity after the impact"),
+                )
+            },
+            coords={
+                "time": labelled("time", self.t, "s", "time"),
+                "sign": list(SIGNS),
+                "impact_time": labelled("impact_time", self.impacts["t"], "s", "time of an impact"),
+            },
+            attrs={
+                "title": "Closed loop of a mechanical system with impacts",
+                "source": f"zivi {_zivi.__version__}",
+                "config": json.dumps(self.config),
+                "status": int(self.status),
+                "message": self.message,
+                "rest_time": np.nan if self.rest_time is None else self.rest_time,
+                "nfev": self.nfev,
+            },
+        )
+
+
+def simulate_closed_loop(
+    system: ImpactSystem,
+    controller: Controller,
+    t_span: Sequence[float],
+    y0: Sequence[float],
+    *,
+    y_ref0: Sequence[float] | None = None,
+    force_ref: Force | None = None,
+    force_model: Force | None = None,
+    method: ThetaGamma | None = None,
+    noise: Sequence[float] = (0.0, 0.0),
+    seed: int | None = None,
+    quantization: Sequence[float] = (0.0, 0.0),
+    delay: int = 0,
+    progress: bool | None = None,
+) -> ClosedLoop:
+    r"""Simulate the sampled closed loop of a plant and a controller.
+
+    At :math:`t_k = t_0 + k h` the state is measured, the controller gives :math:`u_k`, and until
+    :math:`t_{k+1}` the plant moves under its force and that control, held:
+
+    .. math:: \ddot x = f(t, x, \dot x) + u_{k-d}, \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
+
+    Between samples the motion is exact where the force is constant, through any number of impacts.
+
+    Parameters
+    ----------
+    system : ImpactSystem
+        The plant; its force is the true one.
+    controller : TwistingTracker, TwistingRegulator, ExplicitTwisting or other
+        Zivi's controllers are copied and run without the interpreter. Any object with ``h`` and
+        ``step(x, xdot, force)`` will do (see `Controller`).
+    t_span : (float, float)
+        Start and end (s), ``t0 < t1``.
+    y0 : (float, float)
+        The plant's initial distance from the wall, >= 0 (m), and velocity (m/s).
+    y_ref0 : (float, float), optional
+        Initial state of the reference: the controller is reset to it. Without it the controller
+        goes on from where it is.
+    force_ref : float, LinearForce or callable, optional
+        Force on the reference (m/s^2), at the sample; by default `force_model`.
+    force_model : float, LinearForce or callable, optional
+        The force that the controller believes in, at the measured state; by default the true one.
+    method : ThetaGamma, optional
+        The plant on one grid with the controller (the paper's own loop), instead of the sampled
+        loop; its ``h`` must be the controller's.
+    noise : (float, float)
+        Standard deviations of the measured position (m) and velocity (m/s), Gaussian.
+    seed : int, optional
+        Seed of the noise. A random one is drawn by default; ``config["seed"]`` tells it.
+    quantization : (float, float)
+        Resolution of the measured position (m) and velocity (m/s); 0 is exact.
+    delay : int
+        Periods from a measurement to the moment when its control acts, >= 0; until then 0 acts.
+    progress : bool, optional
+        Show a progress bar on standard error once a run lasts longer than a second. By default
+        only on a terminal.
+
+    Returns
+    -------
+    ClosedLoop
+        Always valid up to its last sample.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range, before anything is computed.
+    Exception
+        Whatever a force or the controller raises, and `KeyboardInterrupt`: with the part of the
+        run that was computed as the exception's attribute ``trajectory``.
+
+    Examples
+    --------
+    >>> plant = zivi.ImpactSystem(-9.81, kappa=0.5)
+    >>> tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5)
+    >>> run = zivi.simulate_closed_loop(
+    ...     plant, tracker, (0, 2), (6, 5), y_ref0=(3, 3), force_ref=-19.81
+    ... )
+    >>> float(abs(run.error[-1])), float(run.u[-1])
+    (0.0, 9.81)
+    """
+    if not isinstance(system, ImpactSystem):
+        raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
+    h = _period(controller)
+    span = pair("t_span", t_span, "(t0, t1)")
+    state = pair("y0", y0, "(x0, xdot0)")
+    model = system.force if force_model is None else force_model
+    reference = model if force_ref is None else force_ref
+    forces = {"force": system.force, "force_model": model, "force_ref": reference}
+    specs = [force_spec(force, name) for name, force in forces.items()]
+    deviations = _not_negative("noise", noise)
+    resolution = _not_negative("quantization", quantization)
+    seed, samples = _noise(deviations, seed, span, h)
+    if isinstance(controller, OURS):
+        controller = copy.copy(controller)
+    if y_ref0 is not None:
+        _reset(controller, pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)"))
+    config = {name: describe(force) for name, force in forces.items()} | {
+        "e": system.e,
+        "kappa": system.kappa,
+        "t_span": list(span),
+        "y0": list(state),
+        "y_ref0": None if y_ref0 is None else [float(value) for value in y_ref0],
+        "controller": _describe(controller),
+        "method": None if method is None else {"name": "ThetaGamma", **dataclasses.asdict(method)},
+        "noise": list(deviations),
+        "seed": seed,
+        "quantization": list(resolution),
+        "delay": delay,
+    }
+    with ProgressBar(progress) as bar:
+        record = _zivi.simulate_closed_loop(
+            controller,
+            [spec for spec, _ in specs],
+            kappa=system.kappa,
+            h=h,
+            span=span,
+            state=state,
+            scheme=_scheme(method, h),
+            noise=samples,
+            resolution=resolution,
+            delay=_periods(delay),
+            has_reference=hasattr(controller, "x_ref"),
+            progress=bar.report,
+        )
+    run = _run(record, config)
+    if record.raised is not None:
+        raise with_partial(record.raised, run)
+    return run
+
+
+def _period(controller: Any) -> float:
+    if isinstance(controller, type) or not (
+        hasattr(controller, "h") and callable(getattr(controller, "step", None))
+    ):
+        raise TypeError(
+            "controller must have a sampling period 'h' and a method 'step', "
+            f"e.g. zivi.TwistingTracker(30, 17, h=1e-3, e=0.5), got {controller!r}"
+        )
+    return real("controller.h", controller.h)
+
+
+def _periods(delay: Any) -> int:
+    if isinstance(delay, bool) or not isinstance(delay, int | np.integer):
+        raise TypeError(f"delay must be a whole number of periods, got {delay!r}")
+    if delay < 0:
+        raise ValueError(f"delay must be >= 0 periods, got {delay}")
+    return int(delay)
+
+
+def _not_negative(name: str, value: Sequence[float]) -> tuple[float, float]:
+    first, second = pair(name, value, "(of x, of xdot)")
+    for number in (first, second):
+        if not (number >= 0.0 and np.isfinite(number)):
+            raise ValueError(f"{name} must be two finite numbers >= 0, got {value!r}")
+    return first, second
+
+
+def _noise(
+    deviations: tuple[float, float], seed: int | None, span: tuple[float, float], h: float
+) -> tuple[int | None, tuple[Array, Array]]:
+    """Draw the noise of the whole run."""
+    none = np.empty(0)
+    if deviations == (0.0, 0.0):
+        return None, (none, none)
+    source = np.random.SeedSequence(seed)
+    generator = np.random.default_rng(source)
+    samples = max((span[1] - span[0]) / h, 0.0) + 2
+    if not samples <= MAX_NOISE:
+        raise ValueError(f"noise is drawn for at most {MAX_NOISE:.0e} samples, got {samples:.3g}")
+    draws = generator.standard_normal((2, int(samples)))
+    entropy = source.entropy
+    return int(entropy) if isinstance(entropy, int) else None, (
+        deviations[0] * draws[0],
+        deviations[1] * draws[1],
+    )
+
+
+MAX_NOISE = 1e8
+"""Samples up to which noise is drawn: 1.6 GB."""
+
+
+def _reset(controller: Any, reference: tuple[float, float]) -> None:
+    if not hasattr(controller, "x_ref"):
+        raise TypeError(f"y_ref0 is given, but {type(controller).__name__} follows no reference")
+    controller.reset(*reference)
+
+
+def _scheme(method: ThetaGamma | None, h: float) -> tuple[float, float] | None:
+    if method is None:
+        return None
+    if not isinstance(method, ThetaGamma) or method.solver != "exact":
+        raise TypeError(f"method must be None or an exact zivi.ThetaGamma, got {method!r}")
+    if method.h != h:
+        raise ValueError(f"method.h must be the controller's h = {h}, got {method.h}")
+    return method.theta, method.gamma
+
+
+def _describe(controller: Any) -> dict[str, Any]:
+    settings = getattr(controller, "settings", {})
+    return {"name": type(controller).__name__, **(settings if isinstance(settings, dict) else {})}
+
+
+def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
+    columns = record.columns
+    t, *sampled = columns[: 1 + len(QUANTITIES)]
+    return ClosedLoop(
+        t=t,
+        **dict(zip(QUANTITIES, sampled, strict=True)),
+        signs=columns[1 + len(QUANTITIES) :].T,
+        tick_status=record.ticks,
+        impacts=impacts_of(record),
+        zeno_times=record.zeno_times,
+        liftoff_times=record.liftoff_times,
+        rest_time=record.rest_time,
+        status=Status(record.status),
+        message=record.message,
+        nfev=record.nfev,
+        config=config,
+    )

@@ -1,0 +1,400 @@
+"""What acts: twisting controllers for a mass with impacts."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+
+from zivi import _zivi
+from zivi._check import Array, real
+from zivi.transform import coefficients
+
+__all__ = ["ExplicitTwisting", "TickStatus", "TwistingRegulator", "TwistingTracker"]
+
+BRANCHES = ("positive", "nearest")
+"""How a tracker lifts what it measures."""
+DEPTH = 0.1
+"""How far behind the wall a measurement may lie by default (m)."""
+
+
+class TickStatus(enum.IntFlag):
+    """What was done to the last sample and to the control; ``0`` is nothing."""
+
+    CLAMPED = 1
+    """The measured position was negative by at most ``depth`` and was taken as 0."""
+    SATURATED = 2
+    """The control was cut to ``u_limits``."""
+    REFUSED = 4
+    """In a closed loop: the sample was refused, the last control was held."""
+
+
+class _Shared:
+    """Settings and state: what the controllers have in common beside their ticks."""
+
+    _settings: dict[str, Any]
+
+    if TYPE_CHECKING:  # the extension's classes have them
+
+        @property
+        def _status(self) -> int: ...
+        @property
+        def _signs(self) -> Sequence[float]: ...
+        def _get_state(self) -> tuple[Any, ...]: ...
+        def _set_state(self, state: Any, /) -> None: ...
+
+    def _number(self, name: str) -> float:
+        return float(self._settings[name])
+
+    @property
+    def mu1(self) -> float:
+        """Gain on the sign of the position (m/s^2)."""
+        return self._number("mu1")
+
+    @property
+    def mu2(self) -> float:
+        """Gain on the sign of the velocity (m/s^2)."""
+        return self._number("mu2")
+
+    @property
+    def h(self) -> float:
+        """Sampling period (s)."""
+        return self._number("h")
+
+    @property
+    def e(self) -> float:
+        """Coefficient of restitution of the plant's wall."""
+        return coefficients(None, self.kappa)[0]
+
+    @property
+    def kappa(self) -> float:
+        """``(1 - e)/(1 + e)`` of the plant's wall."""
+        return self._number("kappa")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings, as they are given to the constructor."""
+        return dict(self._settings)
+
+    @property
+    def signs(self) -> Array:
+        """Multipliers of the last tick, those of the regulator or all six (a copy)."""
+        return np.array(self._signs)
+
+    @property
+    def status(self) -> TickStatus:
+        """What was done to the last sample and to the control."""
+        return TickStatus(self._status)
+
+    @property
+    def state(self) -> tuple[Any, ...]:
+        """All that changes from tick to tick; assigning it restores the controller exactly."""
+        return self._get_state()
+
+    @state.setter
+    def state(self, state: tuple[Any, ...]) -> None:
+        self._set_state(state)
+
+    def copy(self) -> Self:
+        """Copy the controller: the same settings, the same state."""
+        twin = type(self)(**self._settings)
+        twin.state = self.state
+        return twin
+
+    def __copy__(self) -> Self:
+        return self.copy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self.copy()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (type(self), self._settings, self.state)
+
+    def __repr__(self) -> str:
+        shown = {name: value for name, value in self._settings.items() if value is not None}
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in shown.items())})"
+
+
+def _rebuilt(kind: type[Any], settings: dict[str, Any], state: tuple[Any, ...]) -> Any:
+    controller = kind(**settings)
+    controller.state = state
+    return controller
+
+
+def _common(
+    mu1: float,
+    mu2: float,
+    h: float,
+    kappa: float,
+    bound: float | None,
+    depth: float,
+    u_limits: Sequence[float] | None,
+) -> dict[str, Any]:
+    """Return settings as plain numbers; their ranges are checked in the core."""
+    limits = None
+    if u_limits is not None:
+        try:
+            low, high = u_limits
+        except (TypeError, ValueError):
+            message = f"u_limits must be two numbers (u_min, u_max), got {u_limits!r}"
+            raise TypeError(message) from None
+        limits = (real("u_min", low), real("u_max", high))
+    return {
+        "mu1": real("mu1", mu1),
+        "mu2": real("mu2", mu2),
+        "h": real("h", h),
+        "kappa": kappa,
+        "bound": None if bound is None else real("bound", bound),
+        "depth": real("depth", depth),
+        "u_limits": limits,
+    }
+
+
+def _core(settings: dict[str, Any]) -> dict[str, Any]:
+    """Translate settings for the extension."""
+    given = dict(settings)
+    limits = given.pop("u_limits")
+    return given | {"actuator": (-math.inf, math.inf) if limits is None else limits}
+
+
+def _reference_kappa(e_ref: float | None, kappa_ref: float | None, kappa: float) -> float:
+    if e_ref is None and kappa_ref is None:
+        return kappa
+    try:
+        return coefficients(e_ref, kappa_ref)[1]
+    except ValueError as error:
+        message = str(error).replace("e and kappa", "e_ref and kappa_ref")
+        raise ValueError(f"restitution of the reference: {message}") from None
+
+
+class TwistingRegulator(_zivi.Regulator, _Shared):
+    r"""The twisting regulator: brings the mass to rest at the wall in finite time.
+
+    .. math::
+
+        \dot s = R v, \qquad
+        \dot v = R^{-1} \left( \mathrm{sgn}(s) F - \mu_1\,\mathrm{sgn}\,s
+                 - \mu_2\,\mathrm{sgn}\,v \right)
+
+    with the signs taken implicitly, at the end of the sampling period; in physical terms
+    :math:`u = -\mu_1 - \mu_2\,\mathrm{sgn}\,\dot x`. Finite-time stable for every force bounded by
+    :math:`M` when :math:`M < \mu_2 < \mu_1 - M`.
+
+    Parameters
+    ----------
+    mu1, mu2 : float
+        Gains, ``0 < mu2 < mu1`` (m/s^2).
+    h : float
+        Sampling period, > 0 (s).
+    e, kappa : float
+        Exactly one of the coefficient of restitution, in (0, 1], and
+        :math:`\kappa = (1-e)/(1+e)`.
+    bound : float, optional
+        A bound :math:`M` of the force. The gains are then checked against it.
+    depth : float
+        Measurements down to ``-depth`` (m) are sensor noise and are taken as 0; deeper ones are
+        refused.
+    u_limits : (float, float), optional
+        Range of the actuator (m/s^2): the control is cut to it.
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range, or the gains do not suffice for `bound`.
+
+    Examples
+    --------
+    >>> regulator = zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5, bound=0.9)
+    >>> regulator.step(1.0, -0.5, 0.0)  # falling: -mu1 + mu2
+    -1.0
+    >>> zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5, bound=2.5)
+    Traceback (most recent call last):
+        ...
+    ValueError: mu2 must be greater than the bound of the force (bound < mu2 < mu1 - bound), got 2.0
+    """
+
+    def __new__(  # noqa: D102 the class says it
+        cls,
+        mu1: float,
+        mu2: float,
+        *,
+        h: float,
+        e: float | None = None,
+        kappa: float | None = None,
+        bound: float | None = None,
+        depth: float = DEPTH,
+        u_limits: Sequence[float] | None = None,
+    ) -> Self:
+        _, kappa = coefficients(e, kappa)
+        settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        self = super().__new__(cls, **_core(settings))
+        self._settings = settings
+        return self
+
+
+class TwistingTracker(_zivi.Tracker, _Shared):
+    r"""The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
+
+    .. math::
+
+        u = R\,\mathrm{sgn}(s) \left[ -\mu_1\,\mathrm{sgn}\,e_s - \mu_2\,\mathrm{sgn}\,e_v
+            + \mathrm{sgn}(s_r) F_r / R_r \right] - \mathrm{sgn}(s)^2 F,
+        \qquad e_s = s - s_r, \quad e_v = v - v_r
+
+    with all six signs taken implicitly, at the end of the sampling period, and solved exactly: the
+    control follows without chattering. The reference is a mass of its own above a wall, inside
+    the controller, that every tick advances by `h`. It starts at rest; see `reset`.
+
+    Parameters
+    ----------
+    mu1, mu2 : float
+        Gains, ``0 < mu2 < mu1`` (m/s^2).
+    h : float
+        Sampling period, > 0 (s).
+    e, kappa : float
+        Exactly one of the coefficient of restitution of the plant's wall, in (0, 1], and
+        :math:`\kappa = (1-e)/(1+e)`.
+    e_ref, kappa_ref : float, optional
+        At most one of them, for the reference's wall; by default it is the plant's. Exact
+        tracking needs the plant's.
+    branch : {"positive", "nearest"}
+        How a measurement is lifted to ``(s, v)``: to ``s >= 0``, the reference too, every period
+        (the paper); or to the preimage that is nearer to the reference, which itself passes
+        through the wall continuously.
+    bound : float, optional
+        A bound :math:`M` of the force. The gains are then checked against it,
+        :math:`M < \mu_2 < \mu_1 - M`.
+    depth : float
+        Measurements down to ``-depth`` (m) are sensor noise and are taken as 0; deeper ones are
+        refused.
+    u_limits : (float, float), optional
+        Range of the actuator (m/s^2): the control is cut to it.
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range, or the gains do not suffice for `bound`.
+
+    Examples
+    --------
+    >>> tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5, bound=9.81)
+    >>> tracker.reset(3.0, 3.0)
+    >>> round(tracker.step(6.0, 5.0, -9.81, -19.81), 9)
+    -33.5
+    >>> tracker.x_ref  # the reference is one period ahead now
+    3.00298019
+    """
+
+    def __new__(  # noqa: D102 the class says it
+        cls,
+        mu1: float,
+        mu2: float,
+        *,
+        h: float,
+        e: float | None = None,
+        kappa: float | None = None,
+        e_ref: float | None = None,
+        kappa_ref: float | None = None,
+        branch: Literal["positive", "nearest"] = "positive",
+        bound: float | None = None,
+        depth: float = DEPTH,
+        u_limits: Sequence[float] | None = None,
+    ) -> Self:
+        if branch not in BRANCHES:
+            raise ValueError(f"branch must be one of {', '.join(BRANCHES)}, got {branch!r}")
+        _, kappa = coefficients(e, kappa)
+        settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        settings["kappa_ref"] = _reference_kappa(e_ref, kappa_ref, kappa)
+        self = super().__new__(cls, **_core(settings), nearest=branch == "nearest")
+        self._settings = settings | {"branch": branch}
+        return self
+
+    @property
+    def e_ref(self) -> float:
+        """Coefficient of restitution of the reference's wall."""
+        return coefficients(None, self.kappa_ref)[0]
+
+    @property
+    def kappa_ref(self) -> float:
+        """``(1 - e)/(1 + e)`` of the reference's wall."""
+        return self._number("kappa_ref")
+
+    @property
+    def branch(self) -> str:
+        """How a measurement is lifted."""
+        return str(self._settings["branch"])
+
+
+class ExplicitTwisting(_zivi.Explicit, _Shared):
+    r"""Baseline: the twisting tracker with the signs of the sampled state. It chatters.
+
+    .. math::
+
+        u = R \left[ -\mu_1\,\mathrm{sgn}\,(s - s_r) - \mu_2\,\mathrm{sgn}\,(v - v_r)
+            + F_r / R_r \right] - F \qquad (s, s_r \ge 0)
+
+    The same interface as `TwistingTracker`, and the same reference inside.
+
+    Parameters
+    ----------
+    mu1, mu2 : float
+        Gains, ``0 < mu2 < mu1`` (m/s^2).
+    h : float
+        Sampling period, > 0 (s).
+    e, kappa : float
+        Exactly one of the coefficient of restitution of the plant's wall, in (0, 1], and
+        :math:`\kappa = (1-e)/(1+e)`.
+    e_ref, kappa_ref : float, optional
+        At most one of them, for the reference's wall; by default it is the plant's.
+    bound : float, optional
+        A bound of the force, against which the gains are checked.
+    depth : float
+        Measurements down to ``-depth`` (m) are taken as 0; deeper ones are refused.
+    u_limits : (float, float), optional
+        Range of the actuator (m/s^2).
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range.
+
+    Examples
+    --------
+    >>> baseline = zivi.ExplicitTwisting(30, 17, h=1e-3, kappa=0.5)
+    >>> round(baseline.step(0.1, 0.0, -9.81, -9.81), 9)  # above the reference, which rests
+    -20.19
+    """
+
+    def __new__(  # noqa: D102 the class says it
+        cls,
+        mu1: float,
+        mu2: float,
+        *,
+        h: float,
+        e: float | None = None,
+        kappa: float | None = None,
+        e_ref: float | None = None,
+        kappa_ref: float | None = None,
+        bound: float | None = None,
+        depth: float = DEPTH,
+        u_limits: Sequence[float] | None = None,
+    ) -> Self:
+        _, kappa = coefficients(e, kappa)
+        settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        settings["kappa_ref"] = _reference_kappa(e_ref, kappa_ref, kappa)
+        self = super().__new__(cls, **_core(settings), nearest=False)
+        self._settings = settings
+        return self
+
+    @property
+    def e_ref(self) -> float:
+        """Coefficient of restitution of the reference's wall."""
+        return coefficients(None, self.kappa_ref)[0]
+
+    @property
+    def kappa_ref(self) -> float:
+        """``(1 - e)/(1 + e)`` of the reference's wall."""
+        return self._number("kappa_ref")
