@@ -106,7 +106,7 @@ def test_the_promised_results():
     fields = {field.name for field in dataclasses.fields(zivi.Trajectory)}
     assert set(RESULT.split()) <= fields | set(dir(zivi.Trajectory))
     ball = zivi.ImpactSystem(-9.81, e=0.5)
-    assert [name for name in dir(ball) if not name.startswith("_")] == ["e", "force", "kappa"]
+    assert [name for name in dir(ball) if not name.startswith("_")] == ["e", "force", "kappa", "wall"]
 
 
 @pytest.mark.parametrize("name", PUBLIC)

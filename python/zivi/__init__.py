@@ -22,15 +22,18 @@ from zivi.system import ImpactSystem, LinearForce
 from zivi.trajectory import Trajectory
 from zivi.transform import lift, project
 from zivi.vi import VIOptions, VIResult, VIStatus, natural_residual, solve_avi, solve_vi
+from zivi.wall import HarmonicWall, MovingWall
 
 __all__ = [
     "ClosedLoop",
     "Controller",
     "ExplicitEuler",
     "ExplicitTwisting",
+    "HarmonicWall",
     "ImpactSystem",
     "LinearForce",
     "Method",
+    "MovingWall",
     "Status",
     "ThetaGamma",
     "TickStatus",

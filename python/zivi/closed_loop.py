@@ -18,7 +18,7 @@ from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, Twisti
 from zivi.methods import ThetaGamma
 from zivi.simulate import pair, with_partial
 from zivi.status import Status
-from zivi.system import Force, ImpactSystem, force_spec
+from zivi.system import Force, ImpactSystem, force_spec, in_wall_frame
 from zivi.trajectory import describe, impacts_of
 
 if TYPE_CHECKING:
@@ -222,7 +222,8 @@ def simulate_closed_loop(
         Initial state of the reference: the controller is reset to it. Without it the controller
         goes on from where it is.
     force_ref : float, LinearForce or callable, optional
-        Force on the reference (m/s^2), at the sample; by default `force_model`.
+        Force on the reference (m/s^2), at the sample; by default `force_model`. Above a moving
+        wall, where everything else is in the wall's frame, so is this force.
     force_model : float, LinearForce or callable, optional
         The force that the controller believes in, at the measured state; by default the true one.
     method : ThetaGamma, optional
@@ -268,10 +269,17 @@ def simulate_closed_loop(
     h = _period(controller)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
-    model = system.force if force_model is None else force_model
-    reference = model if force_ref is None else force_ref
-    forces = {"force": system.force, "force_model": model, "force_ref": reference}
-    specs = [force_spec(force, name) for name, force in forces.items()]
+    forces = {
+        "force": system.force,
+        "force_model": system.force if force_model is None else force_model,
+    }
+    # in the frame of a moving wall, which the controller knows
+    specs = [in_wall_frame(system, force_spec(force, name)[0]) for name, force in forces.items()]
+    if force_ref is None:
+        specs.append(specs[-1])
+    else:
+        specs.append(force_spec(force_ref, "force_ref")[0])
+    forces["force_ref"] = forces["force_model"] if force_ref is None else force_ref
     deviations = _not_negative("noise", noise)
     resolution = _not_negative("quantization", quantization)
     seed, samples = _noise(deviations, seed, span, h)
@@ -295,7 +303,7 @@ def simulate_closed_loop(
     with ProgressBar(progress) as bar:
         record = _zivi.simulate_closed_loop(
             controller,
-            [spec for spec, _ in specs],
+            specs,
             kappa=system.kappa,
             h=h,
             span=span,

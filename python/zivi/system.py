@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 from zivi import _zivi
 from zivi._check import finite
 from zivi.transform import coefficients
+from zivi.wall import HarmonicWall, MovingWall
 
 _CFunction = type(ctypes.CFUNCTYPE(None)()).__mro__[1]
 """The class of all function pointers of ctypes (which it does not name publicly)."""
@@ -92,6 +93,11 @@ class ImpactSystem:
         Coefficient of restitution in [0, 1]: 0 plastic, 1 elastic.
     kappa : float, optional
         :math:`\kappa = (1-e)/(1+e)` in [0, 1]. Exactly one of `e` and `kappa` is given.
+    wall : HarmonicWall or MovingWall, optional
+        A wall that moves, :math:`x \ge w(t)`. The force is then still that of the fixed frame,
+        ``f(t, x, xdot)``; initial states and results are in the wall's frame, the distance
+        :math:`x - w` and its rate, where the impacts obey restitution. `Trajectory.fixed` gives
+        the other frame.
 
     Attributes
     ----------
@@ -99,6 +105,8 @@ class ImpactSystem:
         The force as given.
     e, kappa : float
         Both coefficients.
+    wall
+        The moving wall, or None.
 
     Raises
     ------
@@ -114,18 +122,36 @@ class ImpactSystem:
     ImpactSystem(force=-9.81, e=0.5, kappa=0.3333333333333333)
     """
 
-    __slots__ = ("_e", "_force", "_kappa", "_owner", "_spec")
+    __slots__ = ("_e", "_force", "_kappa", "_owner", "_spec", "_wall")
 
-    def __init__(self, force: Force, *, e: float | None = None, kappa: float | None = None) -> None:
+    def __init__(
+        self,
+        force: Force,
+        *,
+        e: float | None = None,
+        kappa: float | None = None,
+        wall: HarmonicWall | MovingWall | None = None,
+    ) -> None:
         self._e, self._kappa = coefficients(e, kappa)
         self._force = force
         # a compiled callable is called through its bare address: its owner must live as long
-        self._spec, self._owner = force_spec(force)
+        spec, self._owner = force_spec(force)
+        if not (wall is None or isinstance(wall, HarmonicWall | MovingWall)):
+            raise TypeError(
+                f"wall must be None, a zivi.HarmonicWall or a zivi.MovingWall, got {wall!r}"
+            )
+        self._wall = wall
+        self._spec = in_wall_frame(self, spec)
 
     @property
     def force(self) -> Force:
         """The force as given."""
         return self._force
+
+    @property
+    def wall(self) -> HarmonicWall | MovingWall | None:
+        """The moving wall, or None."""
+        return self._wall
 
     @property
     def e(self) -> float:
@@ -138,7 +164,13 @@ class ImpactSystem:
         return self._kappa
 
     def __repr__(self) -> str:
-        return f"ImpactSystem(force={self._force!r}, e={self._e!r}, kappa={self._kappa!r})"
+        wall = "" if self._wall is None else f", wall={self._wall!r}"
+        return f"ImpactSystem(force={self._force!r}, e={self._e!r}, kappa={self._kappa!r}{wall})"
+
+
+def in_wall_frame(system: ImpactSystem, spec: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Translate a force of the fixed frame into the frame of the system's wall."""
+    return spec if system.wall is None else ("moving", spec, system.wall._spec())
 
 
 def force_spec(force: Any, name: str = "force") -> tuple[tuple[Any, ...], object]:

@@ -11,14 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, real_array
+from zivi.dense import LinearPath, Path
 from zivi.status import Status
-from zivi.transform import project
 
 if TYPE_CHECKING:
     import xarray
 
     from zivi.methods import Method
     from zivi.system import ImpactSystem
+    from zivi.wall import HarmonicWall, MovingWall
 
 __all__ = ["Trajectory"]
 
@@ -104,7 +105,8 @@ class Trajectory:
     nfev: int
     n_steps: int
     config: dict[str, Any]
-    _steps: tuple[Array, Array, Array] = dataclasses.field(repr=False)
+    _path: Path = dataclasses.field(repr=False)
+    _wall: HarmonicWall | MovingWall | None = dataclasses.field(repr=False, default=None)
 
     @property
     def success(self) -> bool:
@@ -135,7 +137,8 @@ class Trajectory:
             nfev=record.nfev,
             n_steps=len(t) - 1,
             config=_configuration(system, method, span, state),
-            _steps=(t, samples["s"], samples["v"]),
+            _path=LinearPath(t, samples["s"], samples["v"], system.kappa),
+            _wall=system.wall,
         )
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -160,11 +163,32 @@ class Trajectory:
             If a time lies outside the computed span.
         """
         times = real_array("t", t)
-        grid, s, v = self._steps
-        if not np.all((times >= grid[0]) & (times <= grid[-1])):
-            raise ValueError(f"t must lie within the computed span [{grid[0]}, {grid[-1]}]")
-        lifted = np.interp(times, grid, s), np.interp(times, grid, v)
-        return np.stack(project(*lifted, kappa=self.config["kappa"]))
+        start, end = self._path.span
+        if not np.all((times >= start) & (times <= end)):
+            raise ValueError(f"t must lie within the computed span [{start}, {end}]")
+        return np.stack(self._path.physical(times))
+
+    def fixed(self) -> tuple[Array, Array]:
+        """Give the samples in the fixed frame, where a moving wall moves.
+
+        Returns
+        -------
+        X, Xdot : ndarray
+            ``x + w(t)`` (m) and ``xdot + w'(t)`` (m/s); `x` and `xdot` if the wall does not move.
+
+        Examples
+        --------
+        >>> table = zivi.HarmonicWall(amplitude=0.1, omega=10.0)
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5, wall=table)
+        >>> sol = zivi.simulate(ball, (0, 1), (1, 0), method=zivi.ThetaGamma(h=1e-3))
+        >>> position, velocity = sol.fixed()
+        >>> float(position[0])  # one metre above the table, which is up
+        1.1
+        """
+        if self._wall is None:
+            return self.x, self.xdot
+        w, wdot, _ = self._wall(self.t)
+        return self.x + w, self.xdot + wdot
 
     def __repr__(self) -> str:
         wall = f"{len(self.impacts)} impacts"
@@ -242,18 +266,19 @@ def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> np.ndarray:
 
 def restrict(sol: Trajectory, times: Array) -> Trajectory:
     """Report a run at `times` (those within the computed span) instead of at its steps."""
-    grid, s, v = sol._steps
+    grid = sol.t
     times = times[times <= grid[-1]]
     # the step that contains a time ends at the first sample not before it
     step = np.searchsorted(grid, times)
     x, xdot = sol(times)
+    s, v = sol._path.lifted(times)
     return dataclasses.replace(
         sol,
         t=times,
         x=x,
         xdot=xdot,
-        s=np.interp(times, grid, s),
-        v=np.interp(times, grid, v),
+        s=s,
+        v=v,
         lambda_s=sol.lambda_s[step],
         lambda_v=sol.lambda_v[step],
         residual=sol.residual[step],
@@ -272,6 +297,7 @@ def _configuration(
         "force": describe(system.force),
         "e": system.e,
         "kappa": system.kappa,
+        "wall": None if system.wall is None else describe(system.wall),
         "t_span": list(span),
         "y0": list(state),
         "method": {"name": type(method).__name__, **settings},
@@ -279,9 +305,11 @@ def _configuration(
 
 
 def describe(force: Any) -> Any:
-    """Plain values that tell a force again (a callable only by its name)."""
+    """Plain values that tell a force or a wall again (a callable only by its name)."""
     if dataclasses.is_dataclass(force) and not isinstance(force, type):
-        return {"name": type(force).__name__, **dataclasses.asdict(force)}
+        values = {field.name: getattr(force, field.name) for field in dataclasses.fields(force)}
+        plain = {name: describe(it) if callable(it) else it for name, it in values.items()}
+        return {"name": type(force).__name__, **plain}
     if isinstance(force, int | float):
         return float(force)
     name = getattr(force, "__qualname__", None) or type(force).__qualname__

@@ -5,7 +5,7 @@ use std::ffi::c_void;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyCapsule, PyCapsuleMethods, PyTuple};
-use zivi::{Dependence, Force};
+use zivi::{Dependence, Force, HarmonicWall, OnMovingWall, WallMotion};
 
 /// `double f(double t, double x, double xdot)`.
 type Plain = unsafe extern "C" fn(f64, f64, f64) -> f64;
@@ -21,6 +21,46 @@ pub(crate) enum ForceSpec<'py> {
     Linear(zivi::LinearForce),
     Compiled(CompiledForce),
     Callable(PythonForce<'py>),
+    /// Any of these above a moving wall, seen from the wall.
+    Moving(Box<OnMovingWall<ForceSpec<'py>, WallSpec<'py>>>),
+}
+
+/// The motion of a wall, a tuple that starts with its kind.
+pub(crate) enum WallSpec<'py> {
+    Harmonic(HarmonicWall),
+    /// A callable that gives position, velocity and acceleration.
+    Callable(Bound<'py, PyAny>),
+}
+
+impl<'py> WallSpec<'py> {
+    fn from_tuple(spec: &Bound<'py, PyTuple>) -> PyResult<Self> {
+        let kind: String = spec.get_item(0)?.extract()?;
+        match kind.as_str() {
+            "harmonic" => {
+                let number = |k: usize| -> PyResult<f64> { spec.get_item(k)?.extract() };
+                Ok(Self::Harmonic(HarmonicWall {
+                    amplitude: number(1)?,
+                    omega: number(2)?,
+                    phase: number(3)?,
+                    offset: number(4)?,
+                }))
+            }
+            "callable" => Ok(Self::Callable(spec.get_item(1)?)),
+            other => Err(PyValueError::new_err(format!("unknown kind of wall {other:?}"))),
+        }
+    }
+}
+
+impl WallMotion<PyErr> for WallSpec<'_> {
+    fn at(&mut self, t: f64) -> PyResult<[f64; 3]> {
+        match self {
+            Self::Harmonic(wall) => wall.at(t),
+            Self::Callable(motion) => {
+                let (w, wdot, wddot) = motion.call1((t,))?.extract()?;
+                Ok([w, wdot, wddot])
+            }
+        }
+    }
 }
 
 impl<'py> ForceSpec<'py> {
@@ -44,6 +84,11 @@ impl<'py> ForceSpec<'py> {
                 data: spec.get_item(2)?.extract()?,
             })),
             "callable" => Ok(Self::Callable(PythonForce { callable: spec.get_item(1)? })),
+            "moving" => {
+                let force = Self::from_tuple(spec.get_item(1)?.cast()?)?;
+                let wall = WallSpec::from_tuple(spec.get_item(2)?.cast()?)?;
+                Ok(Self::Moving(Box::new(OnMovingWall { force, wall })))
+            }
             other => Err(PyValueError::new_err(format!("unknown kind of force {other:?}"))),
         }
     }
@@ -55,16 +100,34 @@ pub(crate) enum NativeForce {
     Constant(zivi::ConstantForce),
     Linear(zivi::LinearForce),
     Compiled(CompiledForce),
+    MovingConstant(OnMovingWall<zivi::ConstantForce, HarmonicWall>),
+    MovingLinear(OnMovingWall<zivi::LinearForce, HarmonicWall>),
+    MovingCompiled(OnMovingWall<CompiledForce, HarmonicWall>),
 }
 
 impl ForceSpec<'_> {
     /// The same without the interpreter, unless it is a Python callable.
     pub(crate) fn native(&self) -> Option<NativeForce> {
-        match *self {
-            Self::Constant(value) => Some(NativeForce::Constant(zivi::ConstantForce(value))),
-            Self::Linear(linear) => Some(NativeForce::Linear(linear)),
-            Self::Compiled(compiled) => Some(NativeForce::Compiled(compiled)),
+        match self {
+            Self::Constant(value) => Some(NativeForce::Constant(zivi::ConstantForce(*value))),
+            Self::Linear(linear) => Some(NativeForce::Linear(*linear)),
+            Self::Compiled(compiled) => Some(NativeForce::Compiled(*compiled)),
             Self::Callable(_) => None,
+            Self::Moving(moving) => {
+                let WallSpec::Harmonic(wall) = moving.wall else { return None };
+                match moving.force.native()? {
+                    NativeForce::Constant(force) => {
+                        Some(NativeForce::MovingConstant(OnMovingWall { force, wall }))
+                    }
+                    NativeForce::Linear(force) => {
+                        Some(NativeForce::MovingLinear(OnMovingWall { force, wall }))
+                    }
+                    NativeForce::Compiled(force) => {
+                        Some(NativeForce::MovingCompiled(OnMovingWall { force, wall }))
+                    }
+                    _ => None,
+                }
+            }
         }
     }
 }
@@ -75,6 +138,9 @@ impl<E> Force<E> for NativeForce {
             Self::Constant(force) => force.at(t, x, xdot),
             Self::Linear(force) => force.at(t, x, xdot),
             Self::Compiled(force) => force.at(t, x, xdot),
+            Self::MovingConstant(force) => force.at(t, x, xdot),
+            Self::MovingLinear(force) => force.at(t, x, xdot),
+            Self::MovingCompiled(force) => force.at(t, x, xdot),
         }
     }
 
@@ -83,6 +149,9 @@ impl<E> Force<E> for NativeForce {
             Self::Constant(force) => Force::<E>::dependence(force),
             Self::Linear(force) => Force::<E>::dependence(force),
             Self::Compiled(force) => Force::<E>::dependence(force),
+            Self::MovingConstant(force) => Force::<E>::dependence(force),
+            Self::MovingLinear(force) => Force::<E>::dependence(force),
+            Self::MovingCompiled(force) => Force::<E>::dependence(force),
         }
     }
 }
@@ -94,10 +163,14 @@ impl Force<PyErr> for ForceSpec<'_> {
             Self::Linear(force) => force.at(t, x, xdot),
             Self::Compiled(force) => force.at(t, x, xdot),
             Self::Callable(force) => force.at(t, x, xdot),
+            Self::Moving(force) => force.at(t, x, xdot),
         }
     }
 
     fn dependence(&self) -> Dependence {
+        if let Self::Moving(moving) = self {
+            return moving.dependence();
+        }
         self.native().map_or(Dependence::State, |force| Force::<PyErr>::dependence(&force))
     }
 }

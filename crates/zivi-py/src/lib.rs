@@ -7,6 +7,7 @@ mod control;
 mod force;
 mod record;
 mod simulate;
+mod tracking;
 mod transform;
 mod vi;
 mod watch;
@@ -24,6 +25,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate::check_theta_gamma, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_theta_gamma, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::solve_steps, module)?)?;
+    module.add_function(wrap_pyfunction!(tracking::solve_tracking_steps, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_explicit_euler, module)?)?;
     module.add_function(wrap_pyfunction!(force::compiled_force, module)?)?;
     module.add_class::<control::Regulator>()?;

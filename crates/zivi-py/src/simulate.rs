@@ -57,12 +57,25 @@ macro_rules! with_force {
                 let $force = &mut callable;
                 $run
             }
+            ForceSpec::Moving(moving) => {
+                let mut spec = ForceSpec::Moving(moving);
+                match spec.native() {
+                    Some(mut native) => {
+                        let $force = &mut native;
+                        $py.detach(|| $run)
+                    }
+                    None => {
+                        let $force = &mut spec;
+                        $run
+                    }
+                }
+            }
         }
     };
 }
 
 /// A solver by its name.
-fn step_solver(name: &str, linearisations: usize) -> PyResult<Solver> {
+pub(crate) fn step_solver(name: &str, linearisations: usize) -> PyResult<Solver> {
     match name {
         "exact" => Ok(Solver::Exact),
         "newton" => Ok(Solver::Newton),

@@ -10,8 +10,9 @@
 //! (there are several solutions then), else from its own last signs.
 
 use zivi_core::step::{selection, StepInclusion};
-use zivi_core::vi::{self, RowScale, Settings, Workspace};
 use zivi_core::{sgn, transform, Lifted, StepFailure, StepSolution, ThetaGammaStep};
+
+use crate::sign_solver::SignSolver;
 
 /// Finds the end of one step under a frozen force.
 pub trait StepSolver {
@@ -64,100 +65,48 @@ impl StepSolver for Exact {
     }
 }
 
-/// Largest scaled residual of a solved step.
-const TOLERANCE: f64 = 1e-12;
-const LOWER: [f64; 2] = [-1.0; 2];
-const UPPER: [f64; 2] = [1.0; 2];
-const REALS: usize = vi::workspace_len(2).0;
-const INDICES: usize = vi::workspace_len(2).1;
-
 /// A general VI solver. Where it fails, the step is taken by the exact solution and
 /// [`StepSolver::has_failed`] says so.
 #[derive(Clone, Debug)]
 pub struct General {
-    settings: Settings<'static>,
     /// The multipliers of the last step: the next one starts there.
-    lambda: [f64; 2],
+    signs: SignSolver<2>,
     failed: bool,
-    reals: [f64; REALS],
-    indices: [usize; INDICES],
 }
 
 impl General {
     /// Inner linearisation: the solver with all its stages.
     #[must_use]
     pub fn newton() -> Self {
-        Self::with(Settings::default())
+        Self { signs: SignSolver::newton(), failed: false }
     }
 
     /// Inner linearisation by Josephy-Newton with its search alone, nothing behind it.
     #[must_use]
     pub fn newton_without_fall_backs() -> Self {
-        Self::with(josephy_newton())
+        Self { signs: SignSolver::newton_without_fall_backs(), failed: false }
     }
 
     /// Outer linearisation: at most `linearisations` affine VIs, no merit function.
     #[must_use]
     pub fn outer(linearisations: usize) -> Self {
-        Self::with(Settings {
-            stage_iterations: linearisations,
-            line_search: false,
-            descent_steps: false,
-            ..josephy_newton()
-        })
-    }
-
-    /// Any settings; the tolerance and the row scaling are those of a step.
-    #[must_use]
-    pub fn with(settings: Settings<'static>) -> Self {
-        Self {
-            settings: Settings { tol: TOLERANCE, test_isolation: false, ..settings },
-            lambda: [0.0; 2],
-            failed: false,
-            reals: [0.0; REALS],
-            indices: [0; INDICES],
-        }
+        Self { signs: SignSolver::outer(linearisations), failed: false }
     }
 
     /// Starts the next solve from these multipliers.
     pub fn start_from(&mut self, lambda: [f64; 2]) {
-        self.lambda = lambda;
+        self.signs.start_from(lambda);
     }
 
     /// Solves the inclusion from the present multipliers; true if its residual is small.
     pub fn solve_inclusion(&mut self, step: &ThetaGammaStep, z: Lifted, f: f64) -> bool {
-        let [scale_s, scale_v] = step.vi_scales(z, f, [0.0; 2]);
-        let scale = [1.0 / scale_s, 1.0 / scale_v];
-        let settings = Settings { row_scale: RowScale::Given(&scale), ..self.settings };
-        let Some(mut work) = Workspace::new(2, &mut self.reals, &mut self.indices) else {
-            return false;
-        };
-        let mut problem = StepInclusion { step, z, f };
-        let bounds = (&LOWER[..], &UPPER[..]);
-        let mut lambda = self.lambda;
-        let solved = vi::solve(&mut problem, bounds, &mut lambda, &settings, &mut work)
-            .is_ok_and(|report| report.scaled_residual <= TOLERANCE);
-        if solved {
-            self.lambda = lambda;
-        }
-        solved
+        self.signs.solve(&mut StepInclusion { step, z, f }, step.vi_scales(z, f, [0.0; 2]))
     }
 
     /// The multipliers of the last solve.
     #[must_use]
     pub fn lambda(&self) -> [f64; 2] {
-        self.lambda
-    }
-}
-
-/// Josephy-Newton alone, from the starting point alone.
-fn josephy_newton() -> Settings<'static> {
-    Settings {
-        semismooth: false,
-        proximal: false,
-        restarts: 0,
-        enumerate_up_to: 0,
-        ..Settings::default()
+        self.signs.signs()
     }
 }
 
@@ -170,15 +119,15 @@ impl StepSolver for General {
         side: f64,
     ) -> Result<StepSolution, StepFailure> {
         if f > 0.0 {
-            self.lambda = signs_of_exact_motion(step, z, f, side);
+            self.start_from(signs_of_exact_motion(step, z, f, side));
         }
         self.failed = !self.solve_inclusion(step, z, f);
         if self.failed {
             let end = step.solve(z, f, side)?;
-            self.lambda = [end.lambda_s, end.lambda_v];
+            self.start_from([end.lambda_s, end.lambda_v]);
             return Ok(end);
         }
-        let end = step.end(z, f, self.lambda);
+        let end = step.end(z, f, self.lambda());
         if end.end().is_finite() {
             Ok(end)
         } else {

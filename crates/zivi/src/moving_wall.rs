@@ -1,0 +1,73 @@
+//! A wall that moves, seen from the wall: `x >= w(t)` becomes `y = x - w(t) >= 0`.
+//!
+//! ```text
+//! y'' = f(t, y + w, y' + w') - w''        y'+ = -e y'-
+//! ```
+
+use crate::{Dependence, Force};
+
+/// The motion of a wall: position (m), velocity (m/s), acceleration (m/s^2) at a time.
+pub trait WallMotion<E> {
+    /// `[w(t), w'(t), w''(t)]`.
+    ///
+    /// # Errors
+    /// Whatever the implementation raises; the run ends there and keeps what was computed.
+    fn at(&mut self, t: f64) -> Result<[f64; 3], E>;
+}
+
+/// `w = offset + amplitude cos(omega t + phase)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HarmonicWall {
+    /// Amplitude (m).
+    pub amplitude: f64,
+    /// Angular frequency (rad/s).
+    pub omega: f64,
+    /// Phase (rad).
+    pub phase: f64,
+    /// Mean position (m).
+    pub offset: f64,
+}
+
+impl<E> WallMotion<E> for HarmonicWall {
+    #[inline]
+    fn at(&mut self, t: f64) -> Result<[f64; 3], E> {
+        let (sin, cos) = (self.omega * t + self.phase).sin_cos();
+        let swing = self.amplitude * cos;
+        let speed = -self.amplitude * self.omega * sin;
+        Ok([self.offset + swing, speed, -self.omega * self.omega * swing])
+    }
+}
+
+/// A force of the fixed frame as it acts in the frame of a moving wall.
+///
+/// ```
+/// use std::convert::Infallible;
+/// use zivi::{ConstantForce, Force, HarmonicWall, OnMovingWall};
+/// let wall = HarmonicWall { amplitude: 0.1, omega: 10.0, phase: 0.0, offset: 0.0 };
+/// let mut force = OnMovingWall { force: ConstantForce(-9.81), wall };
+/// // w'' = -10 m/s^2 at t = 0: the mass is pushed off the wall
+/// let push: Result<f64, Infallible> = force.at(0.0, 0.0, 0.0);
+/// assert!((push.unwrap() - 0.19).abs() < 1e-12);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OnMovingWall<F, W> {
+    /// The force in the fixed frame, `f(t, x, x')`.
+    pub force: F,
+    /// The wall.
+    pub wall: W,
+}
+
+impl<E, F: Force<E>, W: WallMotion<E>> Force<E> for OnMovingWall<F, W> {
+    #[inline]
+    fn at(&mut self, t: f64, y: f64, ydot: f64) -> Result<f64, E> {
+        let [position, velocity, acceleration] = self.wall.at(t)?;
+        Ok(self.force.at(t, y + position, ydot + velocity)? - acceleration)
+    }
+
+    fn dependence(&self) -> Dependence {
+        match self.force.dependence() {
+            Dependence::Constant => Dependence::Time,
+            other => other,
+        }
+    }
+}

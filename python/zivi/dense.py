@@ -1,0 +1,50 @@
+"""The motion between the samples."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Protocol
+
+import numpy as np
+
+from zivi._check import Array
+from zivi.transform import project
+
+__all__ = ["LinearPath", "Path"]
+
+
+class Path(Protocol):
+    """The motion as a function of time."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times between which the motion is known (s)."""
+
+    def lifted(self, times: Array) -> tuple[Array, Array]:
+        """``(s, v)`` at `times`."""
+
+    def physical(self, times: Array) -> tuple[Array, Array]:
+        """``(x, xdot)`` at `times`, after the impact where there is one."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LinearPath:
+    """``s`` and ``v`` linear between the steps of a fixed-step run (first order, as the scheme)."""
+
+    t: Array
+    s: Array
+    v: Array
+    kappa: float
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times of the first and the last step (s)."""
+        return float(self.t[0]), float(self.t[-1])
+
+    def lifted(self, times: Array) -> tuple[Array, Array]:
+        """Interpolate ``(s, v)``."""
+        return np.interp(times, self.t, self.s), np.interp(times, self.t, self.v)
+
+    def physical(self, times: Array) -> tuple[Array, Array]:
+        """Project what is interpolated: ``x >= 0``, and an impact is where ``s`` changes sign."""
+        return project(*self.lifted(times), kappa=self.kappa)
