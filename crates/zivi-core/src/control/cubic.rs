@@ -108,7 +108,7 @@ impl Cubic {
             let overshot = (value > 0.0) != bends_up;
             let next = z - value / self.slope(z);
             let onward = if start < other { next > z } else { next < z };
-            if value == 0.0 || if overshot { cannot_overshoot } else { !onward } {
+            if value == 0.0 || !overshot && !onward {
                 return (z, count);
             }
             if overshot {
@@ -118,9 +118,113 @@ impl Cubic {
             }
             let (low, high) = if start < other { (before, beyond) } else { (beyond, before) };
             let inside = next >= low && next <= high;
+            if overshot && cannot_overshoot {
+                // what is left is the rounding of the step that led here: one from here is finer
+                return (if inside { next } else { z }, count);
+            }
             cannot_overshoot = inside && !overshot;
             z = if inside { next } else { 0.5 * (before + beyond) };
         }
         (z, MAX_ITERATIONS)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// `scale (z - a)(z - b)(z - c)`.
+    fn with_roots([a, b, c]: [f64; 3], scale: f64) -> Cubic {
+        Cubic {
+            c0: -scale * a * b * c,
+            c1: scale * (a * b + b * c + c * a),
+            c2: -scale * (a + b + c),
+            c3: scale,
+        }
+    }
+
+    /// What rounding makes of a zero at `z`.
+    fn rounding(it: &Cubic, z: f64) -> f64 {
+        let z = z.abs();
+        8.0 * f64::EPSILON * (((it.c3.abs() * z + it.c2.abs()) * z + it.c1.abs()) * z + it.c0.abs())
+    }
+
+    /// The answer is a root to within rounding, in the interval, and a scan meets no other before.
+    fn check(it: &Cubic, from: f64, to: f64) -> Result<(), TestCaseError> {
+        let Some((root, count)) = it.next_root(from, to) else {
+            return nothing_between(it, from, to);
+        };
+        prop_assert!(from.min(to) <= root && root <= from.max(to), "{} outside", root);
+        prop_assert!(count <= MAX_ITERATIONS);
+        // an exact triple root at zero is approached by a third each time, relative accuracy never
+        let size = it.c0.abs() + it.c1.abs() + it.c2.abs() + it.c3.abs();
+        let allowed = if count < MAX_ITERATIONS { 0.0 } else { 1e-30 * size };
+        let value = it.at(root).abs();
+        prop_assert!(value <= rounding(it, root) + allowed, "{} at {}", value, root);
+        nothing_between(it, from, root)
+    }
+
+    fn nothing_between(it: &Cubic, from: f64, to: f64) -> Result<(), TestCaseError> {
+        let start = it.at(from);
+        for part in 0..1000 {
+            let z = from + (to - from) * f64::from(part) / 1000.0;
+            let value = it.at(z);
+            let passed = value * start.signum() < -rounding(it, z);
+            prop_assert!(!passed, "{:?}: a root before {} is missed", it, z);
+        }
+        Ok(())
+    }
+
+    /// Both ways between the ends, and from somewhere inside.
+    fn check_everywhere(it: Cubic, inside: f64) -> Result<(), TestCaseError> {
+        for (from, to) in [(-1.0, 1.0), (1.0, -1.0), (inside, 1.0), (inside, -1.0)] {
+            check(&it, from, to)?;
+        }
+        Ok(())
+    }
+
+    proptest! {
+        #[test]
+        fn the_first_of_three_roots_is_found(
+            a in -1.2..1.2f64, b in -1.2..1.2f64, c in -1.2..1.2f64, scale in -9.0..9.0f64, z in -1.0..1.0f64,
+        ) {
+            check_everywhere(with_roots([a, b, c], scale), z)?;
+        }
+
+        #[test]
+        fn double_and_triple_roots_and_roots_at_the_ends_are_found(
+            a in -1.0..1.0f64, b in -1.0..1.0f64, scale in -9.0..9.0f64, z in -1.0..1.0f64,
+        ) {
+            let kinds = [[a, a, b], [a, a, a], [1.0, a, b], [-1.0, 1.0, a], [1.0, 1.0, a], [0.0, 0.0, 0.0]];
+            for roots in kinds {
+                check_everywhere(with_roots(roots, scale), z)?;
+            }
+        }
+
+        #[test]
+        fn any_coefficients_will_do(
+            c in prop::array::uniform4(-1.0..1.0f64), size in prop::array::uniform4(-12..3i32), z in -1.0..1.0f64,
+        ) {
+            let mut c = c;
+            for (c, size) in c.iter_mut().zip(size) {
+                *c *= libm::pow(10.0, f64::from(size));
+            }
+            let [c0, c1, c2, c3] = c;
+            check_everywhere(Cubic { c0, c1, c2, c3 }, z)?;
+            check_everywhere(Cubic { c0, c1, c2, c3: 0.0 }, z)?;
+            check_everywhere(Cubic { c0, c1, c2: 0.0, c3: 0.0 }, z)?;
+            check_everywhere(Cubic { c0, c1: 0.0, c2, c3 }, z)?;
+            check_everywhere(Cubic { c0, c1: 0.0, c2: 0.0, c3 }, z)?;
+        }
+
+        #[test]
+        fn a_change_of_sign_is_a_root(c in prop::array::uniform4(-1.0..1.0f64)) {
+            let [c0, c1, c2, c3] = c;
+            let it = Cubic { c0, c1, c2, c3 };
+            prop_assert_eq!(it.next_root(1.0, -1.0).is_some() || it.at(1.0) * it.at(-1.0) > 0.0, true);
+            let (root, _) = it.first_root(-1.0, 1.0);
+            prop_assert_eq!(it.next_root(-1.0, 1.0).map_or(1.0, |(root, _)| root), root);
+        }
     }
 }

@@ -83,3 +83,61 @@ fn ordered(b: f64, low: Switch, high: Switch) -> (f64, f64, f64) {
 pub(super) fn cut(sign: f64) -> f64 {
     sign.clamp(-1.0, 1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sgn;
+    use proptest::prelude::*;
+
+    /// The graph jumps from below to above `b` at the solution: found by bisection.
+    fn bisected(b: f64, first: Switch, second: Switch) -> f64 {
+        let at = |y: f64| y + first.weight * sgn(y - first.at) + second.weight * sgn(y - second.at);
+        let reach = first.weight + second.weight;
+        let (mut low, mut high) = (b - reach - 1.0, b + reach + 1.0);
+        for _ in 0..80 {
+            let middle = 0.5 * (low + high);
+            if at(middle) > b {
+                high = middle;
+            } else {
+                low = middle;
+            }
+        }
+        0.5 * (low + high)
+    }
+
+    fn check(b: f64, first: Switch, second: Switch) -> Result<(), TestCaseError> {
+        let found = balance(b, first, second);
+        let scale = b.abs() + first.weight + second.weight + first.at.abs() + second.at.abs();
+        let tiny = 1e-14 * scale;
+        prop_assert!((found.y - bisected(b, first, second)).abs() <= tiny, "{:?}", found);
+        let sum = found.y + first.weight * found.first + second.weight * found.second;
+        prop_assert!((sum - b).abs() <= tiny, "{:?}: {} for {}", found, sum, b);
+        for (sign, switch) in [(found.first, first), (found.second, second)] {
+            let fits = sign.abs() <= 1.0 && (found.y == switch.at || sign.abs() == 1.0);
+            prop_assert!(fits && sign * (found.y - switch.at) >= -tiny, "{:?}", found);
+        }
+        Ok(())
+    }
+
+    proptest! {
+        #[test]
+        fn it_is_the_root_that_bisection_finds(
+            b in -9.0..9.0f64, p in prop::array::uniform2(-5.0..5.0f64), w in prop::array::uniform2(1e-6..5.0f64),
+        ) {
+            let [first, second] =
+                [Switch { at: p[0], weight: w[0] }, Switch { at: p[1], weight: w[1] }];
+            check(b, first, second)?;
+            check(b, second, first)?;
+            let together = Switch { at: first.at, ..second };
+            check(b, first, together)?;
+            // on the corners of the graph
+            for corner in [first.at, second.at] {
+                for sum in [w[0] + w[1], w[0] - w[1]] {
+                    check(corner + sum, first, second)?;
+                    check(corner - sum, first, together)?;
+                }
+            }
+        }
+    }
+}
