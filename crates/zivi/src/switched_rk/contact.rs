@@ -29,8 +29,11 @@ const CHECKS: [f64; 2] = [0.2, 0.55];
 /// is twice as long.
 const MISFIT: (f64, f64) = (1e-4, 1e-6);
 
-/// Misfit that is rounding.
-const ROUNDING: f64 = 1e-15;
+/// Misfit that is rounding, relative to the largest force at the wall so far.
+const ROUNDING: f64 = 4e-16;
+
+/// Shortest window, relative to the longest so far: where the force jumps.
+const SHORTEST: f64 = 1e-6;
 
 /// What a window showed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +50,8 @@ struct Fit {
     p: Bernstein,
     scale: f64,
     misfit: f64,
+    /// Misfit that is rounding.
+    noise: f64,
 }
 
 impl Fit {
@@ -68,54 +73,76 @@ impl Fit {
         for check in CHECKS {
             misfit = misfit.max((evaluate(&c, check) - phi(t + check * h)?).abs());
         }
-        Ok(Self { values, p: Bernstein::new(&c), scale, misfit })
+        Ok(Self { values, p: Bernstein::new(&c), scale, misfit, noise: 0.0 })
     }
 
     fn is_poor(&self) -> bool {
-        self.misfit > MISFIT.0 * self.scale
+        self.misfit > MISFIT.0 * self.scale + self.noise
     }
 
     /// Whether the misfit leaves open if the force becomes positive.
     fn is_undecided(&self) -> bool {
         let clearly_positive = self.values.iter().any(|&value| value > 5.0 * self.misfit);
         let highest = self.p.coefficients().iter().fold(f64::NEG_INFINITY, |a, &b| a.max(b));
-        !clearly_positive && highest > -5.0 * self.misfit && self.misfit > ROUNDING * self.scale
+        !clearly_positive && highest > -5.0 * self.misfit && self.misfit > self.noise
+    }
+
+    fn is_very_good(&self) -> bool {
+        self.misfit <= MISFIT.1 * self.scale + self.noise
     }
 }
 
-/// Looks at a window from `t` of length at most `h`, and shorter than that where `phi` demands it;
-/// `h` becomes the length to try next. No window is shorter than `shortest`.
-pub(super) fn look<E>(
-    t: f64,
-    until: f64,
-    h: &mut f64,
-    shortest: f64,
-    mut phi: impl FnMut(f64) -> Result<f64, E>,
-) -> Result<Window, E> {
-    let first = phi(t)?;
-    if first > 0.0 {
-        return Ok(Window::LiftOff(t));
-    }
-    let mut length = h.min(until - t);
-    loop {
-        let fit = Fit::new(t, first, length, &mut phi)?;
-        if (fit.is_poor() || fit.is_undecided()) && length > shortest {
-            length *= 0.5;
-            *h = length;
-            continue;
+/// The search for lift-offs: what it knows of the force from one window to the next.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Lookout {
+    /// Length of the window to look at next (s).
+    pub(super) length: Option<f64>,
+    /// The longest that was decided (s).
+    pub(super) longest: f64,
+    /// The largest force at the wall (m/s^2).
+    pub(super) largest: f64,
+}
+
+impl Lookout {
+    /// Looks at a window from `t` that is at most `longest` long and ends at most at `until`, and
+    /// is shorter than that where `phi` demands it.
+    pub(super) fn look<E>(
+        &mut self,
+        t: f64,
+        until: f64,
+        longest: f64,
+        mut phi: impl FnMut(f64) -> Result<f64, E>,
+    ) -> Result<Window, E> {
+        let first = phi(t)?;
+        if first > 0.0 {
+            return Ok(Window::LiftOff(t));
         }
-        let end = if length >= until - t { until } else { t + length };
-        let crossing = if fit.is_poor() { None } else { fit.p.negated().first_negative() };
-        return Ok(match crossing {
-            Some(theta) => polish(t, length, theta, end, &mut phi)?,
-            None if fit.values[5] > 0.0 => jump_of_force(t, end, &mut phi)?,
-            None => {
-                if fit.misfit < MISFIT.1 * fit.scale || fit.scale == 0.0 {
-                    *h = h.max(2.0 * length);
-                }
-                Window::RestUntil(end)
+        let mut length = self.length.unwrap_or(until - t).min(longest).min(until - t);
+        let shortest = (SHORTEST * self.longest).max(32.0 * f64::EPSILON * t.abs());
+        let fit = loop {
+            let mut fit = Fit::new(t, first, length, &mut phi)?;
+            self.largest = self.largest.max(fit.scale);
+            fit.noise = ROUNDING * self.largest;
+            if !(fit.is_poor() || fit.is_undecided()) || length <= shortest {
+                break fit;
             }
+            length *= 0.5;
+        };
+        self.longest = self.longest.max(length);
+        let wanted = self.length.filter(|&wanted| wanted >= length && length >= until - t);
+        self.length = Some(if fit.is_very_good() {
+            wanted.unwrap_or(length).max(2.0 * length)
+        } else {
+            length
         });
+        let end = if length >= until - t { until } else { t + length };
+        if fit.is_poor() {
+            return unresolved(t, length, &fit.values, end, &mut phi);
+        }
+        match fit.p.negated().first_negative() {
+            Some(theta) => polish(t, length, theta, end, &mut phi),
+            None => Ok(Window::RestUntil(end)),
+        }
     }
 }
 
@@ -144,17 +171,19 @@ fn polish<E>(
     }
 }
 
-/// The sign change in a window that is too short to be resolved further.
-fn jump_of_force<E>(
+/// The first sign change that the nodes show of a force that no polynomial fits: it jumps.
+fn unresolved<E>(
     t: f64,
+    length: f64,
+    values: &[f64; 6],
     end: f64,
     phi: &mut impl FnMut(f64) -> Result<f64, E>,
 ) -> Result<Window, E> {
-    let (first, last) = (phi(t)?, phi(end)?);
-    if first <= 0.0 && last > 0.0 {
-        return Ok(Window::LiftOff(root::between((t, first), (end, last), phi)?.beyond));
-    }
-    Ok(Window::RestUntil(end))
+    let Some(i) = values.iter().position(|&value| value > 0.0).filter(|&i| i > 0) else {
+        return Ok(Window::RestUntil(end));
+    };
+    let node = |i: usize| (t + NODES[i] * length, values[i]);
+    Ok(Window::LiftOff(root::between(node(i - 1), node(i), phi)?.beyond))
 }
 
 #[cfg(test)]
@@ -164,9 +193,10 @@ mod tests {
 
     /// The first lift-off up to `until`, and the number of evaluations.
     fn search(h: f64, until: f64, phi: impl Fn(f64) -> f64) -> (Option<f64>, usize) {
-        let (mut t, mut h, mut n) = (0.0, h, 0);
+        let (mut t, mut n) = (0.0, 0);
+        let mut lookout = Lookout { length: Some(h), ..Lookout::default() };
         while t < until {
-            let window = look(t, until, &mut h, 1e-12, |t| {
+            let window = lookout.look(t, until, f64::INFINITY, |t| {
                 n += 1;
                 Ok::<f64, Infallible>(phi(t))
             });

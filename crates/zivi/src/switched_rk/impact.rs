@@ -83,7 +83,7 @@ impl SwitchedIntegrator {
         self.mode = Mode::Rest;
         self.continues = false;
         self.chain.clear();
-        self.window = self.h.take().or(self.window);
+        self.lookout.length = self.h.take().or(self.lookout.length);
         Piece::Tail(tail)
     }
 }

@@ -3,7 +3,7 @@
 use zivi_core::Restitution;
 
 use super::chain::Chain;
-use super::contact::{self, Window};
+use super::contact::{Lookout, Window};
 use super::settings::SwitchedRk;
 use super::stages::{Counted, Point, Stages};
 use super::tail::Tail;
@@ -98,9 +98,9 @@ pub struct SwitchedIntegrator {
     pub(super) struck: bool,
     /// Where the chain comes to rest, once that is known well enough.
     pub(super) zeno: Option<f64>,
-    /// Step size to try next, and length of time at rest to look at next.
+    /// Step size to try next.
     pub(super) h: Option<f64>,
-    pub(super) window: Option<f64>,
+    pub(super) lookout: Lookout,
     /// Length of the last step up to its impact, and the velocity there.
     pub(super) landing: Option<(f64, f64)>,
     pub(super) counts: Counts,
@@ -128,7 +128,7 @@ impl SwitchedIntegrator {
             struck: false,
             zeno: None,
             h: None,
-            window: None,
+            lookout: Lookout::default(),
             landing: None,
             counts: Counts::default(),
             spent: 0,
@@ -153,6 +153,7 @@ impl SwitchedIntegrator {
         if self.settings.first_step.is_some() {
             self.h = self.settings.first_step;
         }
+        self.lookout = Lookout { length: self.h, ..Lookout::default() };
         self.forget();
         Ok(())
     }
@@ -288,7 +289,6 @@ impl SwitchedIntegrator {
     ) -> Result<Piece, Failure<E>> {
         self.spend()?;
         let from = self.now.t;
-        let mut length = self.window.unwrap_or(t_end - from).min(self.settings.max_step);
         let window = if force.dependence::<E>() == Dependence::Constant {
             let lifts = force.at_wall(from)? > 0.0;
             if lifts {
@@ -297,11 +297,10 @@ impl SwitchedIntegrator {
                 Window::RestUntil(t_end)
             }
         } else {
-            let shortest = 1e-10 * length + 32.0 * f64::EPSILON * from.abs();
-            contact::look(from, t_end, &mut length, shortest, |t| force.at_wall(t))?
+            let longest = self.settings.max_step;
+            self.lookout.look(from, t_end, longest, |t| force.at_wall(t))?
         };
         (self.mode, self.continues) = (Mode::Rest, false);
-        self.window = Some(length);
         let lifted = match window {
             Window::RestUntil(t) => {
                 self.now.t = t;
@@ -309,7 +308,7 @@ impl SwitchedIntegrator {
             }
             Window::LiftOff(t) => {
                 self.now.t = t;
-                self.lift_off(t > from, length);
+                self.lift_off(t > from);
                 true
             }
         };
@@ -317,12 +316,12 @@ impl SwitchedIntegrator {
     }
 
     /// Leaves rest. Where the force grows from zero, it does so on the scale of the window.
-    fn lift_off(&mut self, smoothly: bool, window: f64) {
+    fn lift_off(&mut self, smoothly: bool) {
         const PART: f64 = 1e-2;
         self.mode = Mode::Flight;
         self.armed = false;
         if smoothly {
-            self.h = Some(PART * window);
+            self.h = self.lookout.length.map(|length| PART * length);
         }
     }
 
