@@ -9,23 +9,23 @@ use zivi::{
     SwitchedRk, SwitchedRun,
 };
 
-pub type Run = SwitchedRun<Infallible>;
+pub(crate) type Run = SwitchedRun<Infallible>;
 
 /// A stored trajectory of `x'' = -k x - c x' - g + a cos(w t + phase)`.
-pub struct Reference {
-    pub name: String,
-    pub force: LinearForce,
-    pub wall: Restitution,
-    pub span: (f64, f64),
-    pub initial: Physical,
-    pub end: Physical,
-    pub zeno: Vec<f64>,
-    pub lift: Vec<f64>,
+pub(crate) struct Reference {
+    pub(crate) name: String,
+    pub(crate) force: LinearForce,
+    pub(crate) wall: Restitution,
+    pub(crate) span: (f64, f64),
+    pub(crate) initial: Physical,
+    pub(crate) end: Physical,
+    pub(crate) zeno: Vec<f64>,
+    pub(crate) lift: Vec<f64>,
     /// Time and speed after the first impacts.
-    pub impacts: Vec<[f64; 2]>,
+    pub(crate) impacts: Vec<[f64; 2]>,
     /// Time, position, velocity.
-    pub samples: Vec<[f64; 3]>,
-    pub rests_at_end: bool,
+    pub(crate) samples: Vec<[f64; 3]>,
+    pub(crate) rests_at_end: bool,
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
@@ -64,7 +64,7 @@ impl Reference {
         }
     }
 
-    pub fn all() -> Vec<Self> {
+    pub(crate) fn all() -> Vec<Self> {
         let path =
             concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/reference_trajectories.json");
         let file: Value = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
@@ -72,21 +72,21 @@ impl Reference {
         cases.map(|(name, it)| Self::read(name, it)).collect()
     }
 
-    pub fn named(start: &str) -> Self {
+    pub(crate) fn named(start: &str) -> Self {
         Self::all().into_iter().find(|it| it.name.starts_with(start)).unwrap()
     }
 
-    pub fn simulate(&self, settings: SwitchedRk) -> Run {
+    pub(crate) fn simulate(&self, settings: SwitchedRk) -> Run {
         simulate(settings, self.wall, &mut self.force.clone(), self.span, self.initial)
     }
 }
 
-pub fn settings(order: Order, tol: f64) -> SwitchedRk {
+pub(crate) fn settings(order: Order, tol: f64) -> SwitchedRk {
     SwitchedRk { order, ..SwitchedRk::with_tol(tol) }
 }
 
 /// A completed run with dense output.
-pub fn simulate(
+pub(crate) fn simulate(
     settings: SwitchedRk,
     wall: Restitution,
     force: &mut impl Force<Infallible>,
@@ -101,23 +101,23 @@ pub fn simulate(
 }
 
 /// The last sample.
-pub fn end(run: &Run) -> Physical {
+pub(crate) fn end(run: &Run) -> Physical {
     let of = |quantity| *run.trajectory.columns.of(quantity).last().unwrap();
     Physical { x: of(zivi::Quantity::X), xdot: of(zivi::Quantity::Xdot) }
 }
 
 /// Uniform numbers in [0, 1) (xorshift64*).
-pub struct Random(pub u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    pub fn uniform(&mut self) -> f64 {
+    pub(crate) fn uniform(&mut self) -> f64 {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
         self.0 ^= self.0 >> 27;
         (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }
 }
