@@ -161,14 +161,15 @@ impl Tail {
     }
 }
 
-/// Points of the chain for the fit lie so many impacts apart that the speed halves, if it has
-/// that many: neighbours tell little from each other when `e` is near 1.
+/// Points of the chain for the fit lie so many impacts apart that the speed falls by a tenth, if
+/// it has that many: neighbours tell little from each other when `e` is near 1, and what is far
+/// away tells little of the tail.
 fn stride(e: f64, terms: usize, last: usize) -> usize {
     if terms < 2 {
         return 1;
     }
-    let halving = (0.5f64.ln() / e.ln()).round().max(1.0) as usize;
-    halving.min(last / (terms - 1)).max(1)
+    let tenth = (0.9f64.ln() / e.ln()).round().max(1.0) as usize;
+    tenth.min(last / (terms - 1)).max(1)
 }
 
 /// `sum_k a_k q^k`, `k = 1, 2, ...`

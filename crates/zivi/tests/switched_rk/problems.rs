@@ -13,7 +13,7 @@ pub(crate) type Run = SwitchedRun<Infallible>;
 
 /// A stored trajectory of `x'' = -k x - c x' - g + a cos(w t + phase)`.
 pub(crate) struct Reference {
-    pub(crate) name: String,
+    name: String,
     pub(crate) force: LinearForce,
     pub(crate) wall: Restitution,
     pub(crate) span: (f64, f64),
@@ -78,6 +78,13 @@ impl Reference {
 
     pub(crate) fn simulate(&self, settings: SwitchedRk) -> Run {
         simulate(settings, self.wall, &mut self.force.clone(), self.span, self.initial)
+    }
+
+    /// Without dense output.
+    pub(crate) fn simulate_bare(&self, settings: SwitchedRk) -> Run {
+        let (force, output) = (&mut self.force.clone(), Output::default());
+        let (span, start) = (self.span, self.initial);
+        simulate_switched_rk(settings, self.wall, force, span, start, output, &mut Silent).unwrap()
     }
 }
 

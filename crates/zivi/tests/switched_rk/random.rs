@@ -37,33 +37,48 @@ impl Problem {
     }
 }
 
+fn worst(mine: &[f64], exact: &[f64]) -> f64 {
+    mine.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
 #[test]
 fn a_thousand_random_forces_have_the_events_of_the_closed_form() {
+    const SLOWEST: f64 = 1e-5;
     let mut random = Random(3);
-    let (mut zenos, mut lifts, mut impacts) = (0, 0, 0);
+    let (mut zenos, mut lifts, mut impacts, mut loose) = (0, 0, 0, 0);
     for number in 0..1000 {
         let problem = Problem::random(&mut random, number);
-        let Problem { mut force, e, span, start } = problem;
-        let story = Problem::closed(&Problem { force, e, span, start });
+        let (story, mut force) = (problem.closed(), problem.force);
         let order = if number % 2 == 0 { Order::Eight } else { Order::Five };
-        let wall = Restitution::from_e(e).unwrap();
-        let initial = Physical { x: start.0, xdot: start.1 };
-        let run = simulate(settings(order, 1e-11), wall, &mut force, span, initial);
+        let wall = Restitution::from_e(problem.e).unwrap();
+        let initial = Physical { x: problem.start.0, xdot: problem.start.1 };
+        let run = simulate(settings(order, 1e-11), wall, &mut force, problem.span, initial);
+
         let events = &run.trajectory.events;
-        let mine = run.impacts_down_to(1e-5, 100_000);
-        let theirs: Vec<_> = story.impacts.iter().filter(|it| it[1] >= 1e-5).collect();
-        zenos += story.zeno.len();
-        lifts += story.lift.len();
-        impacts += theirs.len();
-        let same = mine.len() == theirs.len() && events.zeno_times.len() == story.zeno.len() && events.liftoff_times.len() == story.lift.len();
-        if !same {
-            println!("{number} {order:?}: impacts {} {} zeno {:?} {:?} lift {:?} {:?} {force:?} {e} {span:?} {start:?} end {:?} {:?}", mine.len(), theirs.len(), events.zeno_times, story.zeno, events.liftoff_times, story.lift, end(&run), story.end);
-            for (a, b) in mine.iter().zip(&theirs) { println!("   {} {}   {} {}", a.t, b[0], a.xdot_after, b[1]); }
-        } 
-        let worst = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        let (z, l) = (worst(&events.zeno_times, &story.zeno), worst(&events.liftoff_times, &story.lift));
-        let i = mine.iter().zip(&theirs).map(|(a,b)| (a.t-b[0]).abs().max((a.xdot_after-b[1]).abs())).fold(0.0,f64::max);
-        if z > 1e-8 || l > 1e-13 || i > 1e-8 { println!("{number} {order:?} worst {z:e} {l:e} {i:e}"); }
+        let (zeno, lift) = (&events.zeno_times, &events.liftoff_times);
+        let mine = run.impacts_down_to(SLOWEST, 100_000);
+        let exact: Vec<_> = story.impacts.iter().filter(|it| it[1] >= SLOWEST).collect();
+        let what = format!("{number} {force:?} e {} {:?} {initial:?}", problem.e, problem.span);
+        assert_eq!(mine.len(), exact.len(), "impacts of {what}");
+        assert_eq!(zeno.len(), story.zeno.len(), "Zeno points of {what}");
+        assert_eq!(lift.len(), story.lift.len(), "lift-offs of {what}");
+        zenos += zeno.len();
+        lifts += lift.len();
+        impacts += mine.len();
+
+        // motions that nearly graze the wall magnify every error
+        let near = mine
+            .iter()
+            .zip(&exact)
+            .map(|(a, b)| (a.t - b[0]).abs().max((a.xdot_after - b[1]).abs()));
+        let state = end(&run);
+        let at_end = (state.x - story.end[0]).abs();
+        let error = near.fold(worst(zeno, &story.zeno).max(at_end), f64::max);
+        loose += usize::from(error > 1e-9);
+        assert!(error < 1e-6, "{error:e} {what}");
+        assert!(worst(lift, &story.lift) < 1e-13, "{what}");
     }
-    println!("{zenos} {lifts} {impacts}");
+    println!("{loose} errors above 100 tolerances");
+    assert!(zenos > 1000 && lifts > 700 && impacts > 15_000, "{zenos} {lifts} {impacts}");
+    assert!(loose < 20, "{loose}");
 }
