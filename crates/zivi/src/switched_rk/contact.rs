@@ -42,6 +42,8 @@ pub(super) enum Window {
     RestUntil(f64),
     /// The mass lifts off at this time, just after which the force is positive.
     LiftOff(f64),
+    /// The force is not finite here or just behind.
+    NotFinite,
 }
 
 /// The force at rest over one window.
@@ -71,9 +73,15 @@ impl Fit {
         let scale = values.iter().fold(0.0_f64, |scale, value| scale.max(value.abs()));
         let mut misfit = 0.0_f64;
         for check in CHECKS {
-            misfit = misfit.max((evaluate(&c, check) - phi(t + check * h)?).abs());
+            let difference = (evaluate(&c, check) - phi(t + check * h)?).abs();
+            // f64::max would drop NaN
+            misfit = if difference > misfit || difference.is_nan() { difference } else { misfit };
         }
         Ok(Self { values, p: Bernstein::new(&c), scale, misfit, noise: 0.0 })
+    }
+
+    fn is_finite(&self) -> bool {
+        self.misfit.is_finite() && self.values.iter().all(|value| value.is_finite())
     }
 
     fn is_poor(&self) -> bool {
@@ -105,7 +113,7 @@ pub(super) struct Lookout {
 
 impl Lookout {
     /// Looks at a window from `t` that is at most `longest` long and ends at most at `until`, and
-    /// is shorter than that where `phi` demands it.
+    /// is shorter than that where `phi` demands it. A `phi` that is not finite is NaN or infinite.
     pub(super) fn look<E>(
         &mut self,
         t: f64,
@@ -114,6 +122,9 @@ impl Lookout {
         mut phi: impl FnMut(f64) -> Result<f64, E>,
     ) -> Result<Window, E> {
         let first = phi(t)?;
+        if !first.is_finite() {
+            return Ok(Window::NotFinite);
+        }
         if first > 0.0 {
             return Ok(Window::LiftOff(t));
         }
@@ -121,10 +132,14 @@ impl Lookout {
         let shortest = (SHORTEST * self.longest).max(32.0 * f64::EPSILON * t.abs());
         let fit = loop {
             let mut fit = Fit::new(t, first, length, &mut phi)?;
-            self.largest = self.largest.max(fit.scale);
-            fit.noise = ROUNDING * self.largest;
-            if !(fit.is_poor() || fit.is_undecided()) || length <= shortest {
-                break fit;
+            if fit.is_finite() {
+                self.largest = self.largest.max(fit.scale);
+                fit.noise = ROUNDING * self.largest;
+                if !(fit.is_poor() || fit.is_undecided()) || length <= shortest {
+                    break fit;
+                }
+            } else if length <= shortest {
+                return Ok(Window::NotFinite);
             }
             length *= 0.5;
         };
@@ -203,6 +218,7 @@ mod tests {
             match window {
                 Ok(Window::LiftOff(at)) => return (Some(at), n),
                 Ok(Window::RestUntil(end)) => t = end,
+                Ok(Window::NotFinite) => panic!("not finite"),
             }
         }
         (None, n)

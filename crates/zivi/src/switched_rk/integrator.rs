@@ -298,10 +298,14 @@ impl SwitchedIntegrator {
             }
         } else {
             let longest = self.settings.max_step;
-            self.lookout.look(from, t_end, longest, |t| force.at_wall(t))?
+            self.lookout.look(from, t_end, longest, |t| match force.at_wall(t) {
+                Err(Failure::Status(_)) => Ok(f64::NAN),
+                phi => phi,
+            })?
         };
         (self.mode, self.continues) = (Mode::Rest, false);
         let lifted = match window {
+            Window::NotFinite => return Err(Failure::Status(Status::ForceNotFinite)),
             Window::RestUntil(t) => {
                 self.now.t = t;
                 false
