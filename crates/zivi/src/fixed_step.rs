@@ -256,14 +256,20 @@ fn uneventful(before: Lifted, after: Lifted) -> bool {
     before.s * after.s > 0.0 || (before == rest && after == rest)
 }
 
-/// The initial state on the branch `+1`.
-pub(crate) fn lift(initial: Physical, wall: Restitution) -> Result<Lifted, SetupError> {
+/// Refuses a state that is not finite or behind the wall.
+pub(crate) fn check_initial(initial: Physical) -> Result<(), SetupError> {
     if !(initial.x >= 0.0 && initial.x.is_finite()) {
         return Err(SetupError::Setting("x0", initial.x, "a finite distance >= 0 from the wall"));
     }
     if !initial.xdot.is_finite() {
         return Err(SetupError::Setting("xdot0", initial.xdot, "a finite velocity"));
     }
+    Ok(())
+}
+
+/// The initial state on the branch `+1`.
+pub(crate) fn lift(initial: Physical, wall: Restitution) -> Result<Lifted, SetupError> {
+    check_initial(initial)?;
     let z = transform::lift(initial, Branch::Positive, wall);
     if !z.v.is_finite() {
         let range = "a velocity whose image v = xdot0/(1 - kappa sgn xdot0) is finite";

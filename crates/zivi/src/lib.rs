@@ -33,17 +33,23 @@ mod recorder;
 pub mod sign_solver;
 pub mod status;
 pub mod step_solver;
+pub mod switched_rk;
 pub mod theta_gamma;
 pub mod trajectory;
 
 pub use closed_loop::{simulate_closed_loop, LoopRun};
 pub use events::{Events, Impact};
 pub use explicit::simulate_explicit_euler;
+pub use fixed_step::Failure;
 pub use force::{ConstantForce, Dependence, Force, FunctionForce, LinearForce};
 pub use grid::{Grid, GridError};
 pub use monitor::{Monitor, Silent};
 pub use moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use status::Status;
+pub use switched_rk::{
+    simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Occurrence, Order,
+    Output, PathPoint, SwitchedIntegrator, SwitchedRk, SwitchedRun, Tail, UserEvent,
+};
 pub use theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use trajectory::{Columns, Quantity, Run, SetupError, Trajectory, QUANTITIES};
 pub use zivi_core::{Branch, Lifted, Physical, Restitution};

@@ -16,17 +16,29 @@ pub enum Status {
     StepNotSolved = 4,
     /// The force or the caller raised an error, or the run was interrupted.
     Raised = 5,
+    /// A chain of impacts at falling speeds was longer than its budget.
+    ZenoBudget = 6,
+    /// The run took more steps than its budget.
+    StepBudget = 7,
+    /// No step that still advances the time was short enough for the tolerances.
+    StepSizeTooSmall = 8,
+    /// An event of the user that was to end the run did.
+    TerminatedByEvent = 9,
 }
 
 impl Status {
     /// Every status, in the order of their numbers.
-    pub const ALL: [Status; 6] = [
+    pub const ALL: [Status; 10] = [
         Status::Completed,
         Status::ForceNotFinite,
         Status::StateNotFinite,
         Status::ForceNotConverged,
         Status::StepNotSolved,
         Status::Raised,
+        Status::ZenoBudget,
+        Status::StepBudget,
+        Status::StepSizeTooSmall,
+        Status::TerminatedByEvent,
     ];
 
     /// What happened, and what to try.
@@ -55,6 +67,21 @@ impl Status {
                 "The force raised an exception or the run was interrupted; the trajectory ends at \
                  the last complete step."
             }
+            Status::ZenoBudget => {
+                "The impacts of one chain exceeded max_impacts before their accumulation was known \
+                 to the tolerance; the trajectory ends at the last impact. Increase max_impacts, or \
+                 loosen rtol and atol."
+            }
+            Status::StepBudget => {
+                "The steps exceeded max_steps; the trajectory ends at the last one. Increase \
+                 max_steps, shorten t_span, or loosen rtol and atol."
+            }
+            Status::StepSizeTooSmall => {
+                "The tolerances ask for a step below the rounding of t; the trajectory ends at the \
+                 last step before. Look there for a singularity of the force, or loosen rtol and \
+                 atol."
+            }
+            Status::TerminatedByEvent => "A terminal event ended the run.",
         }
     }
 }

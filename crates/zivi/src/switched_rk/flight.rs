@@ -1,0 +1,276 @@
+//! Free flight: steps under error control, each searched for the first impact.
+
+use super::bernstein::Bernstein;
+use super::integrator::{Piece, SwitchedIntegrator};
+use super::path::Curve;
+use super::stages::{Counted, Point};
+use crate::fixed_step::Failure;
+use crate::{Force, Status};
+
+/// Factor that keeps the next step from being rejected.
+const SAFETY: f64 = 0.9;
+/// Smallest and largest factor between two steps.
+const FACTORS: (f64, f64) = (0.2, 5.0);
+/// Factor after a step that could not be judged.
+const RETREAT: f64 = 0.25;
+/// A step near a Zeno point is a little longer than the arc under a constant pull.
+const ARC: f64 = 1.1;
+
+/// What to do with a step that was tried.
+enum Verdict {
+    /// Take it; the next may be longer by this factor.
+    Take(f64),
+    /// The mass reaches the wall within it, at this part of it.
+    Land(f64),
+    /// Try a shorter one, by this factor; the reason, should none be short enough.
+    Shorten(f64, Status),
+}
+
+/// A step size, and what the error control had asked for if that was more.
+#[derive(Clone, Copy)]
+struct Plan {
+    h: f64,
+    wanted: f64,
+}
+
+impl SwitchedIntegrator {
+    /// One step, or the part of it up to an impact.
+    pub(super) fn fly<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        if self.now.x == 0.0 && self.now.xdot < 0.0 {
+            return Ok(self.strike(self.now, self.now.t, self.now.xdot));
+        }
+        let slope = self.slope(force)?;
+        let plan = self.plan(slope, t_end, force)?;
+        let mut h = plan.h;
+        loop {
+            self.spend()?;
+            match self.judge(slope, h, force)? {
+                Verdict::Take(growth) => return Ok(self.take(plan, h, growth, t_end)),
+                Verdict::Land(theta) => {
+                    if h < plan.h {
+                        self.h = Some(h);
+                    }
+                    return self.land(slope, theta * h, t_end, force);
+                }
+                Verdict::Shorten(factor, why) => {
+                    self.counts.rejected += 1;
+                    h *= factor;
+                    if h <= 8.0 * f64::EPSILON * self.now.t.abs() || h < f64::MIN_POSITIVE {
+                        return Err(Failure::Status(why));
+                    }
+                }
+            }
+        }
+    }
+
+    /// The acceleration here.
+    fn slope<E, F: Force<E>>(&mut self, force: &mut Counted<'_, F>) -> Result<f64, Failure<E>> {
+        if self.continues {
+            self.stages.slope_at_end(force)
+        } else {
+            force.at(self.now.t, self.now.x, self.now.xdot)
+        }
+    }
+
+    fn plan<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Plan, Failure<E>> {
+        let left = t_end - self.now.t;
+        let wanted = match self.h {
+            _ if !self.settings.adaptive => self.settings.max_step,
+            Some(h) => h.min(self.settings.max_step),
+            None => self.first_step(slope, left, force)?.min(self.settings.max_step),
+        };
+        let mut h = wanted;
+        if self.now.x == 0.0 && self.now.xdot > 0.0 && slope < 0.0 {
+            h = h.min(ARC * 2.0 * self.now.xdot / -slope);
+        }
+        // no sliver of a step is left for the end
+        let h = if h >= left * (1.0 - 1e-12) { left } else { h };
+        Ok(Plan { h, wanted })
+    }
+
+    /// A step whose error should be near the tolerance, from the force and its change (E. Hairer,
+    /// S. P. Norsett, G. Wanner, *Solving Ordinary Differential Equations I*, section II.4).
+    fn first_step<E, F: Force<E>>(
+        &self,
+        slope: f64,
+        left: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<f64, Failure<E>> {
+        let Point { t, x, xdot } = self.now;
+        let (scale_x, scale_xdot) = (self.scale(x, x), self.scale(xdot, xdot));
+        let norm = |x: f64, xdot: f64| (x / scale_x).abs().max((xdot / scale_xdot).abs());
+        let (size, rate) = (norm(x, xdot), norm(xdot, slope));
+        let known = size > 1e-5 && rate > 1e-5;
+        let euler = if known { 1e-2 * size / rate } else { 1e-6 * left }.min(left);
+        let ahead = match force.at(t + euler, x + euler * xdot, xdot + euler * slope) {
+            Err(Failure::Status(_)) => return Ok(euler),
+            ahead => ahead?,
+        };
+        let change = norm(euler * slope, ahead - slope) / euler;
+        let fastest = rate.max(change);
+        let step = if fastest > 1e-15 {
+            (1e-2 / fastest).powf(1.0 / self.stages.order_of_error())
+        } else {
+            left
+        };
+        Ok(step.min(100.0 * euler).min(left))
+    }
+
+    /// `atol + rtol |y|` with the larger of the values at both ends of a step.
+    fn scale(&self, one: f64, other: f64) -> f64 {
+        self.settings.atol + self.settings.rtol * one.abs().max(other.abs())
+    }
+
+    fn judge<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        h: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Verdict, Failure<E>> {
+        match self.judged(slope, h, force) {
+            Err(Failure::Status(why)) => Ok(Verdict::Shorten(RETREAT, why)),
+            verdict => verdict,
+        }
+    }
+
+    /// The same, with a status where the step cannot be computed.
+    fn judged<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        h: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Verdict, Failure<E>> {
+        let end = self.stages.step(self.now, slope, h, force)?;
+        if !(end.x.is_finite() && end.xdot.is_finite()) {
+            return Err(Failure::Status(Status::StateNotFinite));
+        }
+        let growth = if self.settings.adaptive {
+            let scale_x = self.scale(self.now.x, end.x);
+            let scale_xdot = self.scale(self.now.xdot, end.xdot);
+            let error = self.stages.error(force)?.norm(scale_x, scale_xdot);
+            let factor = SAFETY * error.powf(-1.0 / self.stages.order_of_error());
+            if !(error <= 1.0) {
+                let factor = if factor > FACTORS.0 { factor.min(SAFETY) } else { FACTORS.0 };
+                return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+            }
+            factor.min(FACTORS.1)
+        } else {
+            1.0
+        };
+        if !self.armed {
+            let rises = self.stages.rises();
+            let again = Verdict::Shorten(RETREAT, Status::StepSizeTooSmall);
+            return Ok(if rises { Verdict::Take(growth) } else { again });
+        }
+        Ok(self.first_contact(force)?.map_or(Verdict::Take(growth), Verdict::Land))
+    }
+
+    /// The part of the step after which the mass would be behind the wall.
+    fn first_contact<E, F: Force<E>>(
+        &mut self,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Option<f64>, Failure<E>> {
+        let above = |(p, slack): (Bernstein, f64)| p.coefficients().iter().all(|&c| c > slack);
+        if self.stages.screen().is_some_and(above) {
+            return Ok(None);
+        }
+        let [x, _] = self.stages.polynomials(force)?;
+        // after an impact theta = 0 is a root, and known
+        let p = if self.now.x == 0.0 { x.without_root_at_zero() } else { x };
+        Ok(p.first_negative())
+    }
+
+    fn take(&mut self, plan: Plan, h: f64, growth: f64, t_end: f64) -> Piece {
+        let from = self.now;
+        self.counts.accepted += 1;
+        self.now = self.stages.end;
+        if h >= t_end - from.t {
+            self.now.t = t_end;
+        }
+        (self.armed, self.continues, self.landing) = (true, true, None);
+        self.h = Some(if h < plan.h {
+            h * growth.min(1.0)
+        } else if h < plan.wanted && growth >= 1.0 {
+            // a step that something else cut short says nothing against a longer one
+            (h * growth).max(plan.wanted)
+        } else {
+            h * growth
+        });
+        Piece::Flight { from, sigma: self.sigma, impact: None }
+    }
+
+    /// Steps once more, onto the impact near `now + length`.
+    fn land<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        mut length: f64,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        let from = self.now;
+        let mut landing = None;
+        for _ in 0..2 {
+            let end = self.stages.step(from, slope, length, force)?;
+            if !(end.x.is_finite() && end.xdot.is_finite()) {
+                return Err(Failure::Status(Status::StateNotFinite));
+            }
+            let pull = self.stages.slope_at_end(force)?;
+            landing = touchdown(end.x, end.xdot, pull).filter(|it| it.0.abs() < 0.5 * length);
+            match landing {
+                Some((delta, _)) if delta.abs() > 1e-3 * length => length += delta,
+                _ => break,
+            }
+        }
+        let Some((delta, xdot)) = landing else {
+            // the polynomial touches the wall, the motion passes it closely
+            let plan = Plan { h: length, wanted: length };
+            let h = self.h;
+            let piece = self.take(plan, length, 1.0, t_end);
+            self.h = h.or(self.h);
+            return Ok(piece);
+        };
+        let total = self.stages.h + delta;
+        self.counts.accepted += 1;
+        self.landing = Some((total, xdot));
+        Ok(self.strike(from, (from.t + total).clamp(from.t, t_end), xdot))
+    }
+
+    /// The polynomials of the last step, up to its impact if there was one.
+    pub(super) fn curve<E, F: Force<E>>(
+        &mut self,
+        sigma: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Curve, Failure<E>> {
+        let [mut x, mut xdot] = self.stages.polynomials(force)?;
+        let (from, mut h) = (self.stages.from, self.stages.h);
+        if let Some((length, incoming)) = self.landing {
+            x = x.split(length / h).0.with_ends(from.x, 0.0);
+            xdot = xdot.split(length / h).0.with_ends(from.xdot, incoming);
+            h = length;
+        }
+        Ok(Curve { start: from.t, h, sigma, x, xdot })
+    }
+}
+
+/// Time until, and velocity at, the downward root of `x + xdot d + pull d^2/2` nearest to zero.
+fn touchdown(x: f64, xdot: f64, pull: f64) -> Option<(f64, f64)> {
+    let squared = xdot * xdot - 2.0 * pull * x;
+    if squared < 0.0 {
+        return (x <= 0.0).then_some((0.0, xdot.min(0.0)));
+    }
+    let speed = squared.sqrt();
+    if x == 0.0 && xdot <= 0.0 {
+        return Some((0.0, xdot));
+    }
+    let delta = 2.0 * x / (speed - xdot);
+    delta.is_finite().then_some((delta, -speed))
+}

@@ -1,0 +1,119 @@
+//! Settings of the switched method.
+
+use crate::SetupError;
+
+use super::tableau::{Pair, DOP853, DORMAND_PRINCE_5};
+
+/// Order of the Runge-Kutta pair.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Order {
+    /// Dormand-Prince 5(4): 6 evaluations of the force a step.
+    Five,
+    /// DOP853, order 8: 11 evaluations of the force a step, 3 more for dense output.
+    #[default]
+    Eight,
+}
+
+impl Order {
+    pub(super) fn pair(self) -> &'static Pair {
+        match self {
+            Order::Five => &DORMAND_PRINCE_5,
+            Order::Eight => &DOP853,
+        }
+    }
+}
+
+/// The switched Runge-Kutta method: settings.
+///
+/// The local error of a step is kept below `atol + rtol |y|` in `x` (m) and `x'` (m/s), and the
+/// estimated error of a Zeno time below `atol + rtol T` (s), with `T` the time that the impacts
+/// before it took.
+///
+/// ```
+/// use zivi::{Order, SwitchedRk};
+/// let precise = SwitchedRk { rtol: 1e-10, atol: 1e-12, ..SwitchedRk::default() };
+/// assert!(precise.validated().is_ok());
+/// let error = SwitchedRk { rtol: 0.0, ..precise }.validated().unwrap_err();
+/// assert_eq!(error.to_string(), "rtol must be a number from 1e-14 to below 1, got 0.0");
+/// assert_eq!(precise.order, Order::Eight);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SwitchedRk {
+    /// Relative tolerance, from 1e-14 to below 1 (default 1e-6).
+    pub rtol: f64,
+    /// Absolute tolerance, positive and finite (default 1e-9).
+    pub atol: f64,
+    /// Order of the pair (default 8).
+    pub order: Order,
+    /// Longest step (s), positive, may be infinite (the default). Also the longest look ahead at
+    /// rest: a pulse of the force that is shorter than a step can be overlooked.
+    pub max_step: f64,
+    /// The first step (s), positive and finite. `None` (the default): from the force and its
+    /// change at the start, for one more evaluation.
+    pub first_step: Option<f64>,
+    /// Steps, taken and rejected, after which [`crate::Status::StepBudget`] ends the run, at least
+    /// 1 (default 1 000 000).
+    pub max_steps: usize,
+    /// Impacts at falling speeds in one chain after which [`crate::Status::ZenoBudget`] ends the
+    /// run, at least 3 (default 100 000). A chain is followed to at most
+    /// `30 / ln(1/e)` impacts, 30 000 for `e = 0.999`, and in practice to far fewer.
+    pub max_impacts: usize,
+    /// Whether steps are adapted to the tolerances (the default). If not, every step is
+    /// `max_step` long, which must be finite then, and the tolerances only decide when a
+    /// chain of impacts is ended: for studies of convergence.
+    pub adaptive: bool,
+}
+
+impl Default for SwitchedRk {
+    fn default() -> Self {
+        Self {
+            rtol: 1e-6,
+            atol: 1e-9,
+            order: Order::Eight,
+            max_step: f64::INFINITY,
+            first_step: None,
+            max_steps: 1_000_000,
+            max_impacts: 100_000,
+            adaptive: true,
+        }
+    }
+}
+
+impl SwitchedRk {
+    /// With one number for both tolerances.
+    #[must_use]
+    pub fn with_tol(tol: f64) -> Self {
+        Self { rtol: tol, atol: tol, ..Self::default() }
+    }
+
+    /// The settings, if each of them is in its range.
+    ///
+    /// # Errors
+    /// [`SetupError::Setting`] names the first that is not, its value and its range.
+    pub fn validated(self) -> Result<Self, SetupError> {
+        let positive = |value: f64| value > 0.0 && value.is_finite();
+        let refuse = |name, value, range| Err(SetupError::Setting(name, value, range));
+        if !(self.rtol >= 1e-14 && self.rtol < 1.0) {
+            return refuse("rtol", self.rtol, "a number from 1e-14 to below 1");
+        }
+        if !positive(self.atol) {
+            return refuse("atol", self.atol, "a finite number > 0");
+        }
+        if self.max_step.is_nan() || self.max_step <= 0.0 {
+            return refuse("max_step", self.max_step, "a time > 0, possibly infinite");
+        }
+        if !self.adaptive && !self.max_step.is_finite() {
+            return refuse("max_step", self.max_step, "finite when steps are not adapted");
+        }
+        if let Some(first) = self.first_step.filter(|&first| !positive(first)) {
+            return refuse("first_step", first, "a finite time > 0");
+        }
+        if self.max_steps == 0 {
+            return refuse("max_steps", 0.0, "at least 1");
+        }
+        if self.max_impacts < 3 {
+            return refuse("max_impacts", self.max_impacts as f64, "at least 3");
+        }
+        Ok(self)
+    }
+}

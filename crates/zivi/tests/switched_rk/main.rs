@@ -1,0 +1,12 @@
+//! The switched Runge-Kutta method against closed forms and stored references.
+
+mod closed;
+mod failures;
+mod orders;
+mod pitfalls;
+mod problems;
+mod random;
+mod references;
+mod sampled;
+mod watching;
+mod zeno;

@@ -1,0 +1,84 @@
+//! Random linear forces against the closed form.
+
+use zivi::{LinearForce, Order, Physical, Restitution};
+
+use crate::closed::{self, Story};
+use crate::problems::{end, settings, simulate, Random};
+
+struct Problem {
+    force: LinearForce,
+    e: f64,
+    span: (f64, f64),
+    start: (f64, f64),
+}
+
+impl Problem {
+    fn random(random: &mut Random, number: usize) -> Self {
+        let free = number % 4 == 0;
+        let stiffness = if free { 0.0 } else { random.between(0.05, 4.0) };
+        let damping = if free { 0.0 } else { random.between(0.0, 0.9) * stiffness.sqrt() };
+        let gravity = random.between(0.5, 10.0);
+        let force = LinearForce {
+            stiffness,
+            damping,
+            gravity,
+            amplitude: random.between(0.0, 2.5) * gravity,
+            omega: random.between(0.5, 7.0),
+            phase: random.between(-3.0, 3.0),
+        };
+        let t0 = random.between(-2.0, 2.0);
+        let start = (random.between(0.05, 1.5), random.between(-3.0, 3.0));
+        let e = random.between(0.05, 0.85);
+        Self { force, e, span: (t0, t0 + 6.0), start }
+    }
+
+    fn closed(&self) -> Story {
+        closed::simulate(self.force, self.e, self.span, self.start)
+    }
+}
+
+fn worst(mine: &[f64], exact: &[f64]) -> f64 {
+    mine.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_thousand_random_forces_have_the_events_of_the_closed_form() {
+    const SLOWEST: f64 = 1e-5;
+    let mut random = Random(3);
+    let (mut zenos, mut lifts, mut impacts, mut loose) = (0, 0, 0, 0);
+    for number in 0..1000 {
+        let problem = Problem::random(&mut random, number);
+        let (story, mut force) = (problem.closed(), problem.force);
+        let order = if number % 2 == 0 { Order::Eight } else { Order::Five };
+        let wall = Restitution::from_e(problem.e).unwrap();
+        let initial = Physical { x: problem.start.0, xdot: problem.start.1 };
+        let run = simulate(settings(order, 1e-11), wall, &mut force, problem.span, initial);
+
+        let events = &run.trajectory.events;
+        let (zeno, lift) = (&events.zeno_times, &events.liftoff_times);
+        let mine = run.impacts_down_to(SLOWEST, 100_000);
+        let exact: Vec<_> = story.impacts.iter().filter(|it| it[1] >= SLOWEST).collect();
+        let what = format!("{number} {force:?} e {} {:?} {initial:?}", problem.e, problem.span);
+        assert_eq!(mine.len(), exact.len(), "impacts of {what}");
+        assert_eq!(zeno.len(), story.zeno.len(), "Zeno points of {what}");
+        assert_eq!(lift.len(), story.lift.len(), "lift-offs of {what}");
+        zenos += zeno.len();
+        lifts += lift.len();
+        impacts += mine.len();
+
+        // motions that nearly graze the wall magnify every error
+        let near = mine
+            .iter()
+            .zip(&exact)
+            .map(|(a, b)| (a.t - b[0]).abs().max((a.xdot_after - b[1]).abs()));
+        let state = end(&run);
+        let at_end = (state.x - story.end[0]).abs();
+        let error = near.fold(worst(zeno, &story.zeno).max(at_end), f64::max);
+        loose += usize::from(error > 1e-9);
+        assert!(error < 1e-6, "{error:e} {what}");
+        assert!(worst(lift, &story.lift) < 1e-13, "{what}");
+    }
+    println!("{loose} errors above 100 tolerances");
+    assert!(zenos > 1000 && lifts > 700 && impacts > 15_000, "{zenos} {lifts} {impacts}");
+    assert!(loose < 20, "{loose}");
+}

@@ -1,0 +1,146 @@
+//! The integrator driven period by period, under a force that is held.
+
+use std::convert::Infallible;
+
+use zivi::{
+    ConstantForce, FunctionForce, LinearForce, Occurrence, Order, Physical, Restitution,
+    SwitchedIntegrator, SwitchedRk,
+};
+
+use crate::closed;
+use crate::problems::{end, settings, simulate, Random};
+
+const PERIOD: f64 = 0.01;
+
+fn integrator(order: Order, wall: Restitution) -> SwitchedIntegrator {
+    let settings = SwitchedRk { first_step: Some(PERIOD), ..settings(order, 1e-10) };
+    SwitchedIntegrator::new(settings, wall).unwrap()
+}
+
+#[test]
+fn held_forces_give_the_motion_of_the_closed_form() {
+    // a different constant force in every period, up and down: x'' = u_k
+    let mut random = Random(21);
+    for order in [Order::Five, Order::Eight] {
+        let wall = Restitution::from_e(0.6).unwrap();
+        let mut plant = integrator(order, wall);
+        plant.start(0.0, Physical { x: 0.05, xdot: 0.0 }).unwrap();
+        let mut state = (0.05, 0.0);
+        let (mut impacts, mut exact_impacts) = (0, 0);
+        for k in 0..2000 {
+            let u = random.between(-12.0, 9.0);
+            let t = f64::from(k) * PERIOD;
+            let linear = LinearForce {
+                stiffness: 0.0,
+                damping: 0.0,
+                gravity: -u,
+                amplitude: 0.0,
+                omega: 1.0,
+                phase: 0.0,
+            };
+            let span = (t, f64::from(k + 1) * PERIOD);
+            let mut observe = |it| impacts += usize::from(matches!(it, Occurrence::Impact(_)));
+            plant.start(t, plant.state()).unwrap();
+            let moved =
+                plant.observe_to::<Infallible, _>(span.1, &mut ConstantForce(u), &mut observe);
+            assert!(moved.is_ok());
+            // start the exact motion of the period from the same state
+            let from = state;
+            let story = if from == (0.0, 0.0) && u <= 0.0 {
+                None
+            } else {
+                Some(closed::simulate(linear, 0.6, span, from))
+            };
+            state = (plant.state().x, plant.state().xdot);
+            let Some(story) = story else {
+                assert_eq!(state, (0.0, 0.0));
+                continue;
+            };
+            exact_impacts += story.impacts.len();
+            assert!((state.0 - story.end[0]).abs() < 1e-9, "{k} {state:?} {story:?}");
+            assert!((state.1 - story.end[1]).abs() < 1e-7, "{k} {state:?} {story:?}");
+        }
+        assert!(impacts > 50 && exact_impacts >= impacts, "{impacts} {exact_impacts}");
+    }
+}
+
+#[test]
+fn pieces_are_the_whole() {
+    // one force over many periods, told to be the same or not
+    let force = LinearForce {
+        stiffness: 0.0,
+        damping: 0.0,
+        gravity: 9.81,
+        amplitude: 14.715,
+        omega: 6.283185307179586,
+        phase: -1.5707963267948966,
+    };
+    let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical { x: 0.2, xdot: 0.0 });
+    for order in [Order::Five, Order::Eight] {
+        let whole = simulate(settings(order, 1e-10), wall, &mut force.clone(), (0.0, 3.7), start);
+        let (mut same, mut other) = (integrator(order, wall), integrator(order, wall));
+        same.start(0.0, start).unwrap();
+        other.start(0.0, start).unwrap();
+        let mut lifts = 0;
+        for k in 1..=370 {
+            let t = if k == 370 { 3.7 } else { f64::from(k) * PERIOD };
+            let lifted = |it| lifts += usize::from(matches!(it, Occurrence::LiftOff(_)));
+            assert!(same.observe_to::<Infallible, _>(t, &mut force.clone(), lifted).is_ok());
+            assert!(other.advance_to::<Infallible, _>(t, &mut force.clone()).is_ok());
+        }
+        for plant in [&same, &other] {
+            assert!((plant.state().x - end(&whole).x).abs() < 2e-9, "{:?}", plant.state());
+            assert!((plant.state().xdot - end(&whole).xdot).abs() < 2e-8);
+        }
+        assert_eq!(lifts, 3);
+    }
+}
+
+#[test]
+fn periods_are_cheap() {
+    let wall = Restitution::from_e(0.5).unwrap();
+    for (order, flight) in [(Order::Five, 7), (Order::Eight, 12)] {
+        // in flight one step and the slope at its start
+        let mut plant = integrator(order, wall);
+        plant.start(0.0, Physical { x: 100.0, xdot: 0.0 }).unwrap();
+        for k in 1..=100 {
+            let t = f64::from(k) * PERIOD;
+            assert!(plant.advance_to::<Infallible, _>(t, &mut ConstantForce(-1.0)).is_ok());
+        }
+        assert!(plant.counts().nfev <= 100 * flight, "{:?}", plant.counts());
+        // at rest one evaluation if the force is known to be constant
+        let mut plant = integrator(order, wall);
+        plant.start(0.0, Physical::default()).unwrap();
+        for k in 1..=100 {
+            let t = f64::from(k) * PERIOD;
+            assert!(plant.advance_to::<Infallible, _>(t, &mut ConstantForce(-1.0)).is_ok());
+        }
+        assert_eq!(plant.counts().nfev, 100);
+        assert!(plant.is_at_rest());
+        // else one window a period
+        for k in 101..=200 {
+            let t = f64::from(k) * PERIOD;
+            let mut force = FunctionForce(|_: f64, x: f64, _: f64| Ok::<_, Infallible>(-1.0 - x));
+            assert!(plant.advance_to(t, &mut force).is_ok());
+        }
+        assert_eq!(plant.counts().nfev, 100 + 100 * 8);
+    }
+}
+
+#[test]
+fn a_lift_off_at_the_end_of_a_period_asks_the_next_force() {
+    let wall = Restitution::from_e(0.5).unwrap();
+    let mut plant = integrator(Order::Eight, wall);
+    plant.start(0.0, Physical::default()).unwrap();
+    for k in 0..20 {
+        let t = f64::from(k) * PERIOD;
+        // zero at the end of the period, rising
+        let mut ramp =
+            FunctionForce(|at: f64, _: f64, _: f64| Ok::<f64, Infallible>(at - t - PERIOD));
+        assert!(plant.advance_to(t + PERIOD, &mut ramp).is_ok());
+        assert_eq!(plant.state(), Physical::default());
+    }
+    let t = plant.t();
+    assert!(plant.advance_to::<Infallible, _>(t + 1.0, &mut ConstantForce(2.0)).is_ok());
+    assert!((plant.state().x - 1.0).abs() < 1e-9);
+}
