@@ -103,9 +103,9 @@ fn check(kind: Draw, met: &Met) {
     assert!(met.update < some, "{kind:?}: update {:e}", met.update);
     assert!(met.control < some, "{kind:?}: control {:e}", met.control);
     assert!(met.places.iter().all(|&count| count > 1000), "{kind:?}: {:?}", met.places);
-    // at most two roots; 21 iterations are the most that were seen
-    let most = met.iterations;
-    assert!(most <= 30 && most <= 2 * MAX_ITERATIONS, "{kind:?}: {most} iterations");
+    // at most two roots: the most iterations that were seen, 21, are far from the cap
+    let (most, cap) = (met.iterations, 2 * MAX_ITERATIONS);
+    assert!(4 * most <= cap, "{kind:?}: {most} iterations");
 }
 
 /// The numbers of a residual that is wrong are wrong: another sign, another end.
