@@ -238,7 +238,8 @@ fn the_signs_of_a_tick_solve_all_six_rows() {
         tracker.reset(start).expect("in range");
         let x = if rng.chance(0.1) { 0.0 } else { size(&rng, 1e-4) * unit.min(h) };
         let measured = Physical { x, xdot: rng.sign() * size(&rng, 1e-3) };
-        let (before, f_ref) = (tracker.state().reference, -rng.log_between(1e-2, 1e2));
+        let before = tracker.state().reference;
+        let f_ref = if rng.chance(0.2) { 1.0 } else { -1.0 } * rng.log_between(1e-2, 1e2);
         tracker.tick(measured, f, f_ref).expect("a usable sample");
         let lifted = transform::lift(measured, Branch::Positive, wall);
         let aligned = lifted.s * before.s + lifted.v * before.v >= 0.0;

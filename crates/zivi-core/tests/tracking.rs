@@ -3,10 +3,12 @@
 
 mod common;
 
-use common::control::{signs, Draw, Instance, DRAWS};
+use common::control::{signed, signs, Draw, Instance, DRAWS};
 use common::Rng;
 use zivi_core::control::cubic::MAX_ITERATIONS;
 use zivi_core::control::tracking::{Place, Tracking};
+use zivi_core::control::Gains;
+use zivi_core::Restitution;
 
 /// What was met in the instances of one draw.
 #[derive(Default)]
@@ -52,9 +54,11 @@ fn misfits(it: &Instance, found: &Tracking) -> (f64, f64) {
 }
 
 impl Met {
-    fn take(&mut self, it: &Instance) {
+    /// Takes an instance in; `share` is the part of its terms' rounding that the terms themselves
+    /// account for.
+    fn take(&mut self, it: &Instance, share: impl Fn(&Tracking) -> f64) {
         let found = it.solve();
-        let amplified = 1.0 - it.step.wall.kappa();
+        let amplified = (1.0 - it.step.wall.kappa()) * share(&found);
         let (update, control) = misfits(it, &found);
         self.residual = worst(self.residual, it.residual(signs(&found)) * amplified);
         self.update = worst(self.update, update * amplified);
@@ -73,7 +77,7 @@ fn walk(count: u32, zeros: f64) -> Vec<(Draw, Met)> {
     let met = |kind| {
         let mut met = Met::default();
         for _ in 0..count {
-            met.take(&Instance::draw(&rng, kind).with_zeros(&rng, zeros));
+            met.take(&Instance::draw(&rng, kind).with_zeros(&rng, zeros), |_| 1.0);
         }
         println!(
             "{kind:?}: (1 - kappa) residual {:.1e}, update {:.1e}, control {:.1e}; \
@@ -106,6 +110,49 @@ fn check(kind: Draw, met: &Met) {
     // at most two roots: the most iterations that were seen, 21, are far from the cap
     let (most, cap) = (met.iterations, 2 * MAX_ITERATIONS);
     assert!(4 * most <= cap, "{kind:?}: {most} iterations");
+}
+
+/// The bracket of the cubic's root does not depend on the force: any force is stepped, and any
+/// gains, those for which nothing is stable included. `ls` is a number of order one, known to one
+/// rounding: near `ls = 1` a large force makes `h F` times that of it in `ls (1 - ls^2) h F`,
+/// however small the term is.
+#[test]
+fn any_force_and_any_gains_are_stepped() {
+    let rng = Rng::new(42);
+    for kind in DRAWS {
+        let mut met = Met::default();
+        for _ in 0..300_000 {
+            let mut it = Instance::draw(&rng, kind).with_zeros(&rng, 0.02);
+            let mu1 = rng.log_between(1e-3, 1e3);
+            it.step.gains = Gains::new(mu1, mu1 * rng.unit().max(1e-6)).expect("in range");
+            it.f = signed(&rng, 1e-3, 1e5);
+            met.take(&it, |found| {
+                let (_, [_, of_v]) = it.end(signs(found));
+                of_v / (of_v + it.step.h * it.f.abs())
+            });
+        }
+        println!("{kind:?}: residual {:.1e}, {} iterations", met.residual, met.iterations);
+        check(kind, &met);
+    }
+}
+
+/// An elastic wall, and walls whose `R` is next to zero on one side.
+#[test]
+fn extreme_walls_are_stepped() {
+    let rng = Rng::new(44);
+    for kappa in [0.0, 1e-300, 1e-12, 0.9999, 1.0 - 1e-9, 1.0 - f64::EPSILON / 2.0] {
+        for kind in DRAWS {
+            let mut met = Met::default();
+            for _ in 0..50_000 {
+                let mut it = Instance::draw(&rng, kind).with_zeros(&rng, 0.02);
+                it.step.wall = Restitution::from_kappa(kappa).expect("in range");
+                met.take(&it, |_| 1.0);
+            }
+            println!("{kappa} {kind:?}: {:e}, {} iterations", met.residual, met.iterations);
+            assert!(met.residual < 4.0 * f64::EPSILON, "{kappa} {kind:?}: {:e}", met.residual);
+            assert!(met.update < 8.0 * f64::EPSILON, "{kappa} {kind:?}: {:e}", met.update);
+        }
+    }
 }
 
 /// The numbers of a residual that is wrong are wrong: another sign, another end.
