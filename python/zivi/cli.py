@@ -38,14 +38,17 @@ def paper(
     import matplotlib as mpl
 
     mpl.use("Agg")
-    from zivi.paper import checks, linearisation, write
+    from zivi.paper import chattering, checks, linearisation, rest, robustness, write
 
     console = Console()
     with console.status("computing"):
         found = write(out)
     console.print(linearisation.table(found.rates))
+    console.print(chattering.table(found.chattering))
+    console.print(robustness.table(found.robustness))
+    console.print(rest.table(found.rests))
     console.print(checks.table(found.checks))
-    console.print(f"Figures, the data behind them and both tables (CSV): {out}")
+    console.print(f"Figures, the data behind them and all tables (CSV): {out}")
     if not found.ok:
         console.print("[bold red]A number is off.[/]")
         raise typer.Exit(1)

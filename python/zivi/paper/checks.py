@@ -25,9 +25,9 @@ class Check:
         What this installation computes.
     expected : float
         What it is held against.
-    source : {"exact", "scheme"}
+    source : {"exact", "scheme", "bound"}
         A closed form of the motion, or what an independent implementation of the same scheme
-        gives at the same step size.
+        gives at the same step size, or a bound that holds where nothing is exact.
     tolerance : float
         Largest accepted ``|computed - expected|``.
     paper : str
@@ -49,7 +49,8 @@ class Check:
 
 COLUMNS = ("quantity", "zivi", "expected", "within", "source", "paper", "ok")
 CAPTION = (
-    "exact: closed form of the motion; scheme: another implementation of the same scheme and step"
+    "exact: closed form; scheme: another implementation of the same scheme and step; "
+    "bound: what must not be exceeded"
 )
 
 

@@ -1,0 +1,68 @@
+"""Section IV of the paper: the twisting regulator brings the mass to rest (figure 5).
+
+The paper does not give the gains of its figure 5. Chosen here: mu1 = 3, mu2 = 2, F = 0,
+kappa = 1/2, from (x, x') = (1, 0); for them the settling time has a closed form.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from zivi import plot
+from zivi.closed_loop import ClosedLoop
+from zivi.paper.checks import Check
+from zivi.paper.closed_loops import REGULATOR, START_REGULATOR, E, largest, regulate, rest
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["checks", "figure", "settling_time"]
+
+STEPS = (1e-2, 1e-3, 1e-4)
+FINE = 1e-6
+
+
+def settling_time() -> float:
+    """Exact settling time (s): flights of constant deceleration, speeds in a geometric series."""
+    mu1, mu2 = REGULATOR
+    x0, _ = START_REGULATOR
+    rising, falling = mu1 + mu2, mu1 - mu2
+    first, speed = math.sqrt(2 * x0 / falling), math.sqrt(2 * x0 * falling)
+    ratio = E * math.sqrt(falling / rising)
+    flight = 1 / rising + 1 / math.sqrt(rising * falling)
+    return first + E * speed * flight / (1 - ratio)
+
+
+def figure(run: ClosedLoop) -> Figure:
+    """Draw figure 5: position, velocity, control and signs."""
+    result = plot.overview(run)
+    for ax in result.axes:
+        ax.axvline(settling_time(), color="0.5", ls=":", lw=1)
+    result.axes[0].text(settling_time(), 0.9, f" settling time\n {settling_time():.4f} s", va="top")
+    result.axes[3].legend(loc="center left")
+    return result
+
+
+def checks() -> list[Check]:
+    """Hold both loops against the closed form of the settling time."""
+    exact = settling_time()
+    result = []
+    for sampled, name in ((False, "paper's loop"), (True, "sampled loop")):
+        for h in STEPS:
+            what = f"regulator settles, {name}, h={h:.0e} (s)"
+            # like the Zeno point of the ball, h log(1/h)
+            bound = 2 * h * math.log(1 / h)
+            result.append(Check(what, rest(regulate(h, sampled=sampled)), exact, "exact", bound))
+    limit = rest(regulate(FINE, t_end=2.0))
+    result.append(Check("regulator settles, h=1e-06 (s)", limit, exact, "exact", 3e-5))
+    for sampled, name in ((False, "paper's loop"), (True, "sampled loop")):
+        run = regulate(sampled=sampled)
+        still = run.t > rest(run)
+        result += [
+            Check(f"regulator, {name}: max |x| at rest", largest(run.x[still]), 0.0, "exact", 0.0),
+            Check(
+                f"regulator, {name}: max |x'| at rest", largest(run.xdot[still]), 0.0, "exact", 0.0
+            ),
+        ]
+    return result
