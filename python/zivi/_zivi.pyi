@@ -227,6 +227,7 @@ def simulate_closed_loop(
     resolution: tuple[float, float],
     delay: int,
     has_reference: bool,
+    ours: bool,
     progress: Any = None,
 ) -> LoopRecord: ...
 

@@ -212,8 +212,9 @@ def simulate_closed_loop(
     system : ImpactSystem
         The plant; its force is the true one.
     controller : TwistingTracker, TwistingRegulator, ExplicitTwisting or other
-        Zivi's controllers are copied and run without the interpreter. Any object with ``h`` and
-        ``step(x, xdot, force)`` will do (see `Controller`).
+        Zivi's controllers are copied and run without the interpreter (not subclasses with a
+        ``step`` of their own). Any object with ``h`` and ``step(x, xdot, force)`` will do (see
+        `Controller`).
     t_span : (float, float)
         Start and end (s), ``t0 < t1``.
     y0 : (float, float)
@@ -282,6 +283,7 @@ def simulate_closed_loop(
     forces["force_ref"] = forces["force_model"] if force_ref is None else force_ref
     deviations = _not_negative("noise", noise)
     resolution = _not_negative("quantization", quantization)
+    periods, scheme = _periods(delay), _scheme(method, h)
     seed, samples = _noise(deviations, seed, span, h)
     if isinstance(controller, OURS):
         controller = copy.copy(controller)
@@ -298,7 +300,7 @@ def simulate_closed_loop(
         "noise": list(deviations),
         "seed": seed,
         "quantization": list(resolution),
-        "delay": delay,
+        "delay": periods,
     }
     with ProgressBar(progress) as bar:
         record = _zivi.simulate_closed_loop(
@@ -308,11 +310,12 @@ def simulate_closed_loop(
             h=h,
             span=span,
             state=state,
-            scheme=_scheme(method, h),
+            scheme=scheme,
             noise=samples,
             resolution=resolution,
-            delay=_periods(delay),
+            delay=periods,
             has_reference=hasattr(controller, "x_ref"),
+            ours=_is_ours(controller),
             progress=bar.report,
         )
     run = _run(record, config)
@@ -335,9 +338,13 @@ def _period(controller: Any) -> float:
 def _periods(delay: Any) -> int:
     if isinstance(delay, bool) or not isinstance(delay, int | np.integer):
         raise TypeError(f"delay must be a whole number of periods, got {delay!r}")
-    if delay < 0:
-        raise ValueError(f"delay must be >= 0 periods, got {delay}")
+    if not 0 <= delay <= MAX_DELAY:
+        raise ValueError(f"delay must be >= 0 periods and at most {MAX_DELAY:.0e}, got {delay}")
     return int(delay)
+
+
+MAX_DELAY = 10**9
+"""Periods of the longest run."""
 
 
 def _not_negative(name: str, value: Sequence[float]) -> tuple[float, float]:
@@ -352,9 +359,15 @@ def _noise(
     deviations: tuple[float, float], seed: int | None, span: tuple[float, float], h: float
 ) -> tuple[int | None, tuple[Array, Array]]:
     """Draw the noise of the whole run."""
+    if seed is not None:
+        if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+            raise TypeError(f"seed must be a whole number >= 0, got {seed!r}")
+        if seed < 0:
+            raise ValueError(f"seed must be a whole number >= 0, got {seed}")
+        seed = int(seed)
     none = np.empty(0)
     if deviations == (0.0, 0.0):
-        return None, (none, none)
+        return seed, (none, none)
     source = np.random.SeedSequence(seed)
     generator = np.random.default_rng(source)
     samples = max((span[1] - span[0]) / h, 0.0) + 2
@@ -370,6 +383,19 @@ def _noise(
 
 MAX_NOISE = 1e8
 """Samples up to which noise is drawn: 1.6 GB."""
+
+
+def _is_ours(controller: Any) -> bool:
+    """Whether the ticks are those of one of our classes, not those of a subclass."""
+    kind = type(controller)
+    return any(
+        issubclass(kind, base)
+        and all(
+            getattr(kind, name, None) is getattr(base, name, None)
+            for name in ("step", "x_ref", "xdot_ref")
+        )
+        for base in OURS
+    )
 
 
 def _reset(controller: Any, reference: tuple[float, float]) -> None:

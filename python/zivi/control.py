@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import enum
 import math
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -96,32 +98,53 @@ class _Shared:
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
+        if not _is_state(state):
+            raise ValueError(f"state must be what a controller's state gave, got {state!r}")
         self._set_state(state)
 
     def copy(self) -> Self:
         """Copy the controller: the same settings, the same state."""
-        twin = type(self)(**self._settings)
-        twin.state = self.state
+        twin: Self = _rebuilt(type(self), dict(self.__dict__), self.state)
         return twin
 
     def __copy__(self) -> Self:
         return self.copy()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self.copy()
+        attributes = copy.deepcopy(self.__dict__, memo)
+        twin: Self = _rebuilt(type(self), attributes, self.state)
+        return twin
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (type(self), self._settings, self.state)
+        return _rebuilt, (type(self), self.__dict__, self.state)
 
     def __repr__(self) -> str:
         shown = {name: value for name, value in self._settings.items() if value is not None}
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in shown.items())})"
 
 
-def _rebuilt(kind: type[Any], settings: dict[str, Any], state: tuple[Any, ...]) -> Any:
-    controller = kind(**settings)
+def _rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...]) -> Any:
+    # by the constructor of the class of ours: a subclass may have one of its own
+    ours: Any = next(base for base in kind.__mro__ if base.__module__ == __name__)
+    controller = ours.__new__(kind, **attributes["_settings"])
+    controller.__dict__.update(attributes)
     controller.state = state
     return controller
+
+
+def _is_state(state: Any) -> bool:
+    try:
+        s, v, side, u, signs, bits = state
+        numbers = [float(number) for number in (s, v, side, u, *signs)]
+        return (
+            all(map(math.isfinite, numbers))
+            and abs(side) == 1.0
+            and s * side >= 0.0
+            and len(signs) == 6
+            and bits in range(4)
+        )
+    except (TypeError, ValueError):
+        return False
 
 
 def _common(
@@ -160,14 +183,15 @@ def _core(settings: dict[str, Any]) -> dict[str, Any]:
     return given | {"actuator": (-math.inf, math.inf) if limits is None else limits}
 
 
-def _reference_kappa(e_ref: float | None, kappa_ref: float | None, kappa: float) -> float:
+def _reference_kappa(e_ref: float | None, kappa_ref: float | None, plant: float) -> float:
     if e_ref is None and kappa_ref is None:
-        return kappa
+        return plant
+    e = None if e_ref is None else real("e_ref", e_ref)
+    kappa = None if kappa_ref is None else real("kappa_ref", kappa_ref)
     try:
-        return coefficients(e_ref, kappa_ref)[1]
+        return coefficients(e, kappa)[1]
     except ValueError as error:
-        message = str(error).replace("e and kappa", "e_ref and kappa_ref")
-        raise ValueError(f"restitution of the reference: {message}") from None
+        raise ValueError(re.sub(r"\b(e|kappa)\b", r"\1_ref", str(error))) from None
 
 
 class TwistingRegulator(_zivi.Regulator, _Shared):
@@ -303,7 +327,7 @@ class TwistingTracker(_zivi.Tracker, _Shared):
         depth: float = DEPTH,
         u_limits: Sequence[float] | None = None,
     ) -> Self:
-        if branch not in BRANCHES:
+        if not (isinstance(branch, str) and branch in BRANCHES):
             raise ValueError(f"branch must be one of {', '.join(BRANCHES)}, got {branch!r}")
         _, kappa = coefficients(e, kappa)
         settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)

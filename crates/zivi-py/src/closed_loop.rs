@@ -1,5 +1,7 @@
 //! The sampled closed loop from Python.
 
+use std::cell::Cell;
+
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -17,6 +19,8 @@ use crate::watch::Watch;
 struct PythonController<'py> {
     object: Bound<'py, PyAny>,
     has_reference: bool,
+    /// What reading the reference raised; the next tick raises it.
+    raised: Cell<Option<PyErr>>,
 }
 
 impl PythonController<'_> {
@@ -27,6 +31,9 @@ impl PythonController<'_> {
 
 impl Controller<PyErr> for PythonController<'_> {
     fn tick(&mut self, tick: Tick) -> Result<f64, TickError<PyErr>> {
+        if let Some(error) = self.raised.take() {
+            return Err(TickError::Raised(error));
+        }
         let Tick { measured: Physical { x, xdot }, force, force_ref } = tick;
         let answer = if self.has_reference {
             self.object.call_method1("step", (x, xdot, force, force_ref))
@@ -37,8 +44,12 @@ impl Controller<PyErr> for PythonController<'_> {
     }
 
     fn reference(&self) -> Option<Physical> {
-        // an attribute that is no number gives a reference that is refused as not finite
-        let number = |name| self.number(name).unwrap_or(f64::NAN);
+        let number = |name| {
+            self.number(name).unwrap_or_else(|error| {
+                self.raised.set(Some(error));
+                f64::NAN
+            })
+        };
         self.has_reference.then(|| Physical { x: number("x_ref"), xdot: number("xdot_ref") })
     }
 }
@@ -84,11 +95,12 @@ impl Surroundings<'_> {
 }
 
 /// A closed loop: `forces` are the plant's, the model's and the reference's; `scheme` is
-/// `(theta, gamma)` for the plant on the controller's grid.
+/// `(theta, gamma)` for the plant on the controller's grid. `ours`: the controller's ticks are those
+/// of one of our classes, not those of a subclass.
 #[pyfunction]
 #[pyo3(signature = (
     controller, forces, *, kappa, h, span, state, scheme, noise, resolution, delay,
-    has_reference, progress=None
+    has_reference, ours, progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_closed_loop(
@@ -104,6 +116,7 @@ pub(crate) fn simulate_closed_loop(
     resolution: (f64, f64),
     delay: usize,
     has_reference: bool,
+    ours: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
     let motion = scheme.map_or(Motion::Exact, |(theta, gamma)| Motion::Scheme { theta, gamma });
@@ -121,7 +134,7 @@ pub(crate) fn simulate_closed_loop(
     // a copy runs, so that no controller is borrowed while other threads may call it
     macro_rules! native {
         ($class:ty) => {
-            if let Ok(object) = controller.cast::<$class>() {
+            if let (true, Ok(object)) = (ours, controller.cast::<$class>()) {
                 let mut copy = object.borrow().inner;
                 let run = surroundings.run_native(py, &mut copy, &mut forces, watch);
                 object.borrow_mut().inner = copy;
@@ -132,7 +145,8 @@ pub(crate) fn simulate_closed_loop(
     native!(Regulator);
     native!(Tracker);
     native!(Explicit);
-    let mut controller = PythonController { object: controller.clone(), has_reference };
+    let raised = Cell::new(None);
+    let mut controller = PythonController { object: controller.clone(), has_reference, raised };
     let run = surroundings.run(&mut controller, &mut forces, watch);
     LoopRecord::new(py, run.map_err(setup_error)?)
 }

@@ -88,8 +88,9 @@ impl Flight<'_> {
     /// Falls onto the wall, which takes `dt`, and bounces.
     fn fall(&mut self, dt: f64) {
         let Physical { x, xdot } = self.state;
-        // energy gives the speed without cancellation
-        let speed = (xdot * xdot - 2.0 * self.f * x).max(0.0).sqrt();
+        // energy gives the speed without cancellation; from the wall it is that of the start
+        let speed =
+            if x == 0.0 { xdot.abs() } else { (xdot * xdot - 2.0 * self.f * x).max(0.0).sqrt() };
         self.t += dt;
         self.left -= dt;
         self.bounce(-speed);
@@ -141,10 +142,10 @@ impl Flight<'_> {
             self.events.rest_time = Some(self.t);
             return;
         }
-        // flights 0 .. n-1 last until_rest (1 - e^n)
-        let n = ((1.0 - self.left / until_rest).ln() / e.ln()).floor();
-        let shrunk = e.powf(n);
-        self.left = (self.left - until_rest * (1.0 - shrunk)).clamp(0.0, flight * shrunk);
+        // flights 0 .. n-1 last until_rest (1 - e^n), written so that nothing cancels near e = 1
+        let n = ((-self.left / until_rest).ln_1p() / e.ln()).floor();
+        let (shrunk, lost) = (e.powf(n), -(n * e.ln()).exp_m1());
+        self.left = (self.left - until_rest * lost).clamp(0.0, flight * shrunk);
         self.state.xdot = u * shrunk;
     }
 
