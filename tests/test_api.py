@@ -23,7 +23,16 @@ PROMISED = {
     "LinearForce": ["stiffness", "damping", "gravity", "amplitude", "omega", "phase"],
     "ThetaGamma": ["h", "theta", "gamma", "solver"],
     "ExplicitEuler": ["h"],
-    "simulate": ["system", "t_span", "y0", "method", "t_eval", "progress"],
+    "simulate": [
+        "system",
+        "t_span",
+        "y0",
+        "method",
+        "t_eval",
+        "events",
+        "dense_output",
+        "progress",
+    ],
     "TwistingRegulator": ["mu1", "mu2", "h", "e", "kappa"],
     "TwistingTracker": ["mu1", "mu2", "h", "e", "kappa", "e_ref", "kappa_ref", "branch"],
     "ExplicitTwisting": ["mu1", "mu2", "h", "e", "kappa", "e_ref", "kappa_ref"],
@@ -106,7 +115,12 @@ def test_the_promised_results():
     fields = {field.name for field in dataclasses.fields(zivi.Trajectory)}
     assert set(RESULT.split()) <= fields | set(dir(zivi.Trajectory))
     ball = zivi.ImpactSystem(-9.81, e=0.5)
-    assert [name for name in dir(ball) if not name.startswith("_")] == ["e", "force", "kappa", "wall"]
+    assert [name for name in dir(ball) if not name.startswith("_")] == [
+        "e",
+        "force",
+        "kappa",
+        "wall",
+    ]
 
 
 @pytest.mark.parametrize("name", PUBLIC)

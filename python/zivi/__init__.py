@@ -15,7 +15,7 @@ from zivi import plot
 from zivi._zivi import __version__
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
-from zivi.methods import ExplicitEuler, Method, ThetaGamma
+from zivi.methods import ExplicitEuler, Method, SwitchedRK, ThetaGamma
 from zivi.simulate import simulate
 from zivi.status import Status
 from zivi.system import ImpactSystem, LinearForce
@@ -35,6 +35,7 @@ __all__ = [
     "Method",
     "MovingWall",
     "Status",
+    "SwitchedRK",
     "ThetaGamma",
     "TickStatus",
     "Trajectory",

@@ -6,7 +6,7 @@ import numbers
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "finite", "real", "real_array"]
+__all__ = ["Array", "finite", "real", "real_array", "whole"]
 
 Array = NDArray[np.float64]
 
@@ -38,3 +38,10 @@ def finite(name: str, value: object) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{name} must be finite, got {number}")
     return number
+
+
+def whole(name: str, value: object) -> int:
+    """Return `value` as an int; a TypeError names it otherwise."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+        raise TypeError(f"{name} must be a whole number, got {value!r}")
+    return int(value)

@@ -9,11 +9,13 @@ __all__ = [
     "STATUS_MESSAGES",
     "Explicit",
     "LoopRecord",
+    "MotionPath",
     "Regulator",
     "RunRecord",
     "Tracker",
     "ViRecord",
     "__version__",
+    "check_switched_rk",
     "check_theta_gamma",
     "compiled_force",
     "lift",
@@ -22,9 +24,11 @@ __all__ = [
     "restitution",
     "simulate_closed_loop",
     "simulate_explicit_euler",
+    "simulate_switched_rk",
     "simulate_theta_gamma",
     "solve_avi",
     "solve_steps",
+    "solve_tracking_steps",
     "solve_vi",
 ]
 
@@ -54,6 +58,14 @@ class RunRecord:
     @property
     def failed_steps(self) -> NDArray[np.int64]: ...
     @property
+    def hits(self) -> list[tuple[_Array, _Array, _Array]]: ...
+    @property
+    def n_steps(self) -> int | None: ...
+    @property
+    def n_rejected(self) -> int: ...
+    @property
+    def path(self) -> MotionPath | None: ...
+    @property
     def status(self) -> int: ...
     @property
     def message(self) -> str: ...
@@ -62,6 +74,33 @@ class RunRecord:
     @property
     def raised(self) -> BaseException | None: ...
 
+_SwitchedSettings = tuple[float, float, int, float, float | None, int, int]
+
+@final
+class MotionPath:
+    @property
+    def dense(self) -> bool: ...
+    @property
+    def span(self) -> tuple[float, float] | None: ...
+    @property
+    def tails(self) -> list[tuple[float, float]]: ...
+    def physical(self, times: _Array) -> tuple[_Array, _Array]: ...
+    def lifted(self, times: _Array) -> tuple[_Array, _Array]: ...
+    def skipped_impacts(self, speed: float, at_most: int) -> tuple[_Array, _Array, _Array]: ...
+
+def check_switched_rk(given: _SwitchedSettings) -> None: ...
+def simulate_switched_rk(
+    force: tuple[Any, ...],
+    method: _SwitchedSettings,
+    *,
+    kappa: float,
+    span: tuple[float, float],
+    state: tuple[float, float],
+    t_eval: _Array | None,
+    events: list[tuple[Any, int, int | None]],
+    dense: bool,
+    progress: Any = None,
+) -> RunRecord: ...
 def restitution(*, e: float | None = None, kappa: float | None = None) -> tuple[float, float]: ...
 def lift(x: _Array, xdot: _Array, sigma: float, kappa: float) -> tuple[_Array, _Array]: ...
 def project(s: _Array, v: _Array, kappa: float) -> tuple[_Array, _Array]: ...
@@ -91,6 +130,20 @@ def solve_steps(
     linearisations: int,
     fall_backs: bool,
 ) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
+def solve_tracking_steps(
+    states: _Array,
+    starts: _Array,
+    *,
+    gains: tuple[float, float],
+    kappa: float,
+    kappa_ref: float,
+    h: float,
+    f: float,
+    f_ref: float,
+    solver: str,
+    linearisations: int,
+    fall_backs: bool,
+) -> tuple[_Array, NDArray[np.bool_]]: ...
 def simulate_explicit_euler(
     force: tuple[Any, ...],
     *,
@@ -223,6 +276,8 @@ def simulate_closed_loop(
     span: tuple[float, float],
     state: tuple[float, float],
     scheme: tuple[float, float] | None,
+    switched: _SwitchedSettings,
+    exact: bool,
     noise: tuple[_Array, _Array],
     resolution: tuple[float, float],
     delay: int,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -15,7 +15,7 @@ from zivi import _zivi
 from zivi._check import Array, real
 from zivi._progress import ProgressBar
 from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
-from zivi.methods import ThetaGamma
+from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.simulate import pair, with_partial
 from zivi.status import Status
 from zivi.system import Force, ImpactSystem, force_spec, in_wall_frame
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     import xarray
 
 __all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
+
+BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
+"""How a plant moves whose force is not constant."""
 
 OURS = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
 
@@ -51,8 +54,9 @@ class Controller(Protocol):
     def h(self) -> float:
         """Sampling period (s)."""
 
-    def step(self, x: float, xdot: float, force: float, /) -> float:
-        """Give the control (m/s^2) for the period that starts now."""
+    @property
+    def step(self) -> Callable[..., float]:
+        """Give the control (m/s^2) for the period that starts now, ``step(x, xdot, force)``."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -191,7 +195,7 @@ def simulate_closed_loop(
     y_ref0: Sequence[float] | None = None,
     force_ref: Force | None = None,
     force_model: Force | None = None,
-    method: ThetaGamma | None = None,
+    method: ThetaGamma | SwitchedRK | None = None,
     noise: Sequence[float] = (0.0, 0.0),
     seed: int | None = None,
     quantization: Sequence[float] = (0.0, 0.0),
@@ -205,7 +209,8 @@ def simulate_closed_loop(
 
     .. math:: \ddot x = f(t, x, \dot x) + u_{k-d}, \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
 
-    Between samples the motion is exact where the force is constant, through any number of impacts.
+    Between samples the motion is exact where the force is constant, through any number of impacts;
+    where it depends on time or state, `SwitchedRK` integrates it.
 
     Parameters
     ----------
@@ -227,9 +232,10 @@ def simulate_closed_loop(
         wall, where everything else is in the wall's frame, so is this force.
     force_model : float, LinearForce or callable, optional
         The force that the controller believes in, at the measured state; by default the true one.
-    method : ThetaGamma, optional
-        The plant on one grid with the controller (the paper's own loop), instead of the sampled
-        loop; its ``h`` must be the controller's.
+    method : SwitchedRK or ThetaGamma, optional
+        How the plant moves between samples. By default exactly where the force is constant, else
+        by ``SwitchedRK(rtol=1e-9, atol=1e-12)``. With `ThetaGamma` the plant is on one grid with
+        the controller (the paper's own loop): its ``h`` must be the controller's.
     noise : (float, float)
         Standard deviations of the measured position (m) and velocity (m/s), Gaussian.
     seed : int, optional
@@ -296,7 +302,7 @@ def simulate_closed_loop(
         "y0": list(state),
         "y_ref0": None if y_ref0 is None else [float(value) for value in y_ref0],
         "controller": _describe(controller),
-        "method": None if method is None else {"name": "ThetaGamma", **dataclasses.asdict(method)},
+        "method": None if method is None else describe(method),
         "noise": list(deviations),
         "seed": seed,
         "quantization": list(resolution),
@@ -311,6 +317,8 @@ def simulate_closed_loop(
             span=span,
             state=state,
             scheme=scheme,
+            switched=(method if isinstance(method, SwitchedRK) else BETWEEN_SAMPLES)._settings(),
+            exact=method is None,
             noise=samples,
             resolution=resolution,
             delay=periods,
@@ -404,11 +412,13 @@ def _reset(controller: Any, reference: tuple[float, float]) -> None:
     controller.reset(*reference)
 
 
-def _scheme(method: ThetaGamma | None, h: float) -> tuple[float, float] | None:
-    if method is None:
+def _scheme(method: ThetaGamma | SwitchedRK | None, h: float) -> tuple[float, float] | None:
+    if method is None or isinstance(method, SwitchedRK):
         return None
     if not isinstance(method, ThetaGamma) or method.solver != "exact":
-        raise TypeError(f"method must be None or an exact zivi.ThetaGamma, got {method!r}")
+        raise TypeError(
+            f"method must be None, a zivi.SwitchedRK or an exact zivi.ThetaGamma, got {method!r}"
+        )
     if method.h != h:
         raise ValueError(f"method.h must be the controller's h = {h}, got {method.h}")
     return method.theta, method.gamma

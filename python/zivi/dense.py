@@ -17,7 +17,11 @@ class Path(Protocol):
     """The motion as a function of time."""
 
     @property
-    def span(self) -> tuple[float, float]:
+    def dense(self) -> bool:
+        """Whether it was kept."""
+
+    @property
+    def span(self) -> tuple[float, float] | None:
         """The times between which the motion is known (s)."""
 
     def lifted(self, times: Array) -> tuple[Array, Array]:
@@ -35,6 +39,7 @@ class LinearPath:
     s: Array
     v: Array
     kappa: float
+    dense: bool = True
 
     @property
     def span(self) -> tuple[float, float]:

@@ -1,14 +1,16 @@
 """Methods: frozen, validated settings, each with the call that runs it."""
 
 import dataclasses
+import math
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from zivi import _zivi
-from zivi._check import real
+from zivi._check import Array, real, whole
+from zivi.events import Event
 from zivi.system import ImpactSystem
 
-__all__ = ["ExplicitEuler", "Method", "ThetaGamma"]
+__all__ = ["ExplicitEuler", "Method", "SwitchedRK", "ThetaGamma"]
 
 Report = Callable[[int, int], None]
 """Called with the number of steps done and their total."""
@@ -17,17 +19,42 @@ SOLVERS = ("exact", "newton", "outer")
 """How a step can find its signs."""
 MAX_LINEARISATIONS = 1000
 
+Settings: TypeAlias = tuple[float, float, int, float, float | None, int, int]
+"""The settings of `SwitchedRK` in their order."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Course:
+    """What a run is asked for, beside its system and its method.
+
+    Parameters
+    ----------
+    t_span : (float, float)
+        Start and end (s).
+    y0 : (float, float)
+        Initial state.
+    t_eval : ndarray or None
+        Times of the samples; a method of fixed steps samples its steps whatever is asked for.
+    events : tuple of Event
+        Events of the user; left to the caller by a method of fixed steps.
+    dense : bool
+        Whether the motion between the samples is wanted.
+    report : callable or None
+        Told the progress.
+    """
+
+    t_span: tuple[float, float]
+    y0: tuple[float, float]
+    t_eval: Array | None
+    events: tuple[Event, ...]
+    dense: bool
+    report: Report | None
+
 
 class Method(Protocol):
     """Anything that `simulate` can run."""
 
-    def _integrate(
-        self,
-        system: ImpactSystem,
-        t_span: tuple[float, float],
-        y0: tuple[float, float],
-        report: Report | None,
-    ) -> _zivi.RunRecord: ...
+    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord: ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,13 +120,7 @@ class ThetaGamma:
             )
         _zivi.check_theta_gamma(self.h, self.theta, self.gamma, 0.0)
 
-    def _integrate(
-        self,
-        system: ImpactSystem,
-        t_span: tuple[float, float],
-        y0: tuple[float, float],
-        report: Report | None,
-    ) -> _zivi.RunRecord:
+    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
         return _zivi.simulate_theta_gamma(
             system._spec,
             kappa=system.kappa,
@@ -108,9 +129,9 @@ class ThetaGamma:
             gamma=self.gamma,
             solver=self.solver,
             linearisations=self.linearisations,
-            span=t_span,
-            state=y0,
-            progress=report,
+            span=course.t_span,
+            state=course.y0,
+            progress=course.report,
         )
 
 
@@ -145,18 +166,97 @@ class ExplicitEuler:
         object.__setattr__(self, "h", real("h", self.h))
         _zivi.check_theta_gamma(self.h, 1.0, 1.0, 0.0)
 
-    def _integrate(
-        self,
-        system: ImpactSystem,
-        t_span: tuple[float, float],
-        y0: tuple[float, float],
-        report: Report | None,
-    ) -> _zivi.RunRecord:
+    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
         return _zivi.simulate_explicit_euler(
             system._spec,
             kappa=system.kappa,
             h=self.h,
-            span=t_span,
-            state=y0,
-            progress=report,
+            span=course.t_span,
+            state=course.y0,
+            progress=course.report,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class SwitchedRK:
+    r"""High order through impacts, Zeno points, rest and lift-off, with error control.
+
+    Free flight is integrated in :math:`(x, \dot x)` by DOP853 or Dormand-Prince 5(4); a step that
+    contains an impact is repeated onto it. The accumulation of impacts is extrapolated with its
+    known ratios, :math:`t_n = t_\infty - C_1 e^n - C_2 e^{2n} - \dots`, until the Zeno time is
+    within the tolerance. At rest the first time is sought at which the force pulls outward.
+    ``e`` may be anything in [0, 1].
+
+    Parameters
+    ----------
+    rtol : float
+        Relative tolerance of the local error, from 1e-14 to below 1.
+    atol : float
+        Absolute tolerance, > 0 (m, m/s).
+    order : {8, 5}
+        Order of the Runge-Kutta pair.
+    max_step : float
+        Longest step, > 0 (s). Events shorter than a step, such as a pulse of the force at rest,
+        can be overlooked.
+    first_step : float, optional
+        The first step, > 0 (s). By default from the force at the start.
+    max_steps : int
+        Steps, taken and rejected, after which the run ends with `Status.STEP_BUDGET`.
+    max_impacts : int
+        Impacts of one accumulation, >= 3, after which the run ends with `Status.ZENO_BUDGET`.
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range.
+
+    Notes
+    -----
+    The force is evaluated at ``x`` slightly below 0 in the step that contains an impact, and must
+    continue smoothly there. For `e` close to 1 an accumulation is long: hundreds of impacts at
+    ``e = 0.99``.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, kappa=0.41)
+    >>> sol = zivi.simulate(ball, (0, 4), (1, 6), method=zivi.SwitchedRK(rtol=1e-10))
+    >>> round(sol.rest_time, 12)
+    2.465846631559
+    """
+
+    rtol: float = 1e-6
+    atol: float = 1e-9
+    order: int = 8
+    max_step: float = math.inf
+    first_step: float | None = None
+    max_steps: int = 1_000_000
+    max_impacts: int = 100_000
+
+    def __post_init__(self) -> None:
+        for name in ("rtol", "atol", "max_step"):
+            object.__setattr__(self, name, real(name, getattr(self, name)))
+        if self.first_step is not None:
+            object.__setattr__(self, "first_step", real("first_step", self.first_step))
+        for name in ("order", "max_steps", "max_impacts"):
+            object.__setattr__(self, name, whole(name, getattr(self, name)))
+        _zivi.check_switched_rk(self._settings())
+
+    def _settings(self) -> Settings:
+        """Give the settings as the extension takes them."""
+        return (
+            *(self.rtol, self.atol, self.order, self.max_step, self.first_step),
+            *(self.max_steps, self.max_impacts),
+        )
+
+    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
+        return _zivi.simulate_switched_rk(
+            system._spec,
+            self._settings(),
+            kappa=system.kappa,
+            span=course.t_span,
+            state=course.y0,
+            t_eval=course.t_eval,
+            events=[(e.function, e.direction, e.terminal) for e in course.events],
+            dense=course.dense,
+            progress=course.report,
         )

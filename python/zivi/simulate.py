@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi._check import real, real_array
 from zivi._progress import ProgressBar
-from zivi.methods import Method
+from zivi.events import events_of
+from zivi.methods import Course, Method, SwitchedRK
 from zivi.system import ImpactSystem
-from zivi.trajectory import Trajectory, restrict
+from zivi.trajectory import Trajectory, restrict, with_events
 
 if TYPE_CHECKING:
     from zivi.closed_loop import ClosedLoop
 
 __all__ = ["simulate"]
 
+DEFAULT_METHOD = SwitchedRK()
+
+Event: TypeAlias = Callable[..., float]
+"""``g(t, x, xdot)`` or ``g(t, y)``, with attributes ``terminal`` and ``direction``."""
+
 
 def simulate(
     system: ImpactSystem,
     t_span: Sequence[float],
     y0: Sequence[float],
-    method: Method,
+    method: Method = DEFAULT_METHOD,
     t_eval: ArrayLike | None = None,
     *,
+    events: Event | Sequence[Event] | None = None,
+    dense_output: bool = True,
     progress: bool | None = None,
 ) -> Trajectory:
     r"""Simulate a system with impacts.
@@ -43,11 +51,21 @@ def simulate(
     y0 : (float, float)
         Initial distance from the wall, >= 0 (m), and velocity (m/s). A velocity into the wall
         at ``x = 0`` is an impact at ``t0``.
-    method : ThetaGamma or ExplicitEuler
-        The method with its settings.
+    method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
+        The method with its settings; by default `SwitchedRK` with error control.
     t_eval : array_like, optional
-        Ascending times in `t_span` to report instead of all steps (s). Between steps `s` and `v`
-        are linear; the multipliers and the residual are those of the step that contains the time.
+        Ascending times in `t_span` to report instead of all steps (s). With a method of fixed
+        steps `s` and `v` are linear between them; the multipliers and the residual are those of
+        the step that contains the time.
+    events : callable or sequence of callables, optional
+        Functions ``g(t, x, xdot)`` or, as in SciPy, ``g(t, y)``, whose changes of sign are
+        located: see ``t_events`` and ``y_events`` of the result. Attributes as in SciPy:
+        ``terminal`` (a bool, or the number of the event that ends the run) and ``direction`` (1
+        only rising, -1 only falling, 0 both). A velocity that changes its sign in an impact is an
+        event at the impact, with the state after it.
+    dense_output : bool
+        Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
+        `SwitchedRK` takes less memory and fewer evaluations.
     progress : bool, optional
         Show a progress bar on standard error once a run lasts longer than a second. By default
         only on a terminal.
@@ -69,9 +87,11 @@ def simulate(
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
-    >>> sol = zivi.simulate(ball, (0, 3), (1, 0), method=zivi.ThetaGamma(h=1e-3))
-    >>> sol.success, len(sol.impacts)
-    (True, 8)
+    >>> sol = zivi.simulate(ball, (0, 3), (1, 0), events=lambda t, x, xdot: xdot)
+    >>> round(sol.rest_time, 6)  # the Zeno point
+    1.354571
+    >>> round(float(sol.y_events[0][1, 0]), 9)  # the first apex after an impact, e^2 high
+    0.25
     """
     if not isinstance(system, ImpactSystem):
         raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
@@ -79,16 +99,26 @@ def simulate(
         raise TypeError(
             f"method must be one of zivi's methods, e.g. zivi.ThetaGamma(h=1e-3), got {method!r}"
         )
+    if not isinstance(dense_output, bool):
+        raise TypeError(f"dense_output must be True or False, got {dense_output!r}")
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
     times = None if t_eval is None else _times(t_eval, span)
+    watched = events_of(events)
     with ProgressBar(progress) as bar:
-        record = method._integrate(system, span, state, bar.report)
+        course = Course(span, state, times, watched, dense_output, bar.report)
+        record = method._integrate(system, course)
     sol = Trajectory._from_record(record, system, method, span, state)
-    if times is not None:
-        sol = restrict(sol, times)
-    if record.raised is not None:
-        raise with_partial(record.raised, sol)
+    error = record.raised
+    if record.path is None:  # a method of fixed steps: its steps are all there is
+        try:
+            sol = with_events(sol, watched)
+        except Exception as raised:
+            error = raised if error is None else error
+        if times is not None:
+            sol = restrict(sol, times)
+    if error is not None:
+        raise with_partial(error, sol)
     return sol
 
 

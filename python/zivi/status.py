@@ -21,3 +21,11 @@ class Status(enum.IntEnum):
     """No sign pattern solved a step within rounding."""
     RAISED = 5
     """The force raised an exception or the run was interrupted."""
+    ZENO_BUDGET = 6
+    """An accumulation had more impacts than ``max_impacts``."""
+    STEP_BUDGET = 7
+    """The run took more steps than ``max_steps``."""
+    STEP_SIZE_TOO_SMALL = 8
+    """No step that still advances the time was short enough for the tolerances."""
+    TERMINATED_BY_EVENT = 9
+    """A terminal event of the user ended the run (a success)."""

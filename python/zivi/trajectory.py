@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
-from zivi._check import Array, real_array
+from zivi._check import Array, finite, real_array, whole
 from zivi.dense import LinearPath, Path
+from zivi.events import Event, locate
 from zivi.status import Status
 
 if TYPE_CHECKING:
@@ -59,8 +61,8 @@ class Trajectory:
         Natural residual of that step, its rows divided by the size of their terms, recomputed
         from the inclusion: at rounding level (1e-13 at most, where a degenerate case was taken)
         if the step is solved. For `e` below about 1e-2 the rounding of ``R``, which may be as
-        small as `e`, shows: 3e-12 at ``e = 1e-6``. 0 at the first sample; NaN at the others for
-        `ExplicitEuler`, which solves no inclusion.
+        small as `e`, shows: 3e-12 at ``e = 1e-6``. 0 at the first sample; NaN for methods
+        that solve no inclusion.
     impacts : structured ndarray
         Fields ``t`` (s), ``xdot_before`` and ``xdot_after`` (m/s): the impacts that the steps
         resolve, finitely many before a Zeno point.
@@ -76,13 +78,19 @@ class Trajectory:
     status : Status
         How the run ended, 0 for success.
     success : bool
-        Whether the end of the span was reached.
+        Whether the end of the span was reached, or a terminal event.
     message : str
         What happened, and what to try.
     nfev : int
         Number of force evaluations.
     n_steps : int
-        Number of steps.
+        Number of steps, those that were accepted.
+    n_rejected : int
+        Steps that were tried and given up for smaller ones.
+    t_events : list of ndarray
+        For each event of the user the times at which it happened (s).
+    y_events : list of ndarray
+        The states ``(x, xdot)`` there, each of shape (n, 2).
     config : dict
         System, method, span and initial state, as plain values.
     """
@@ -105,13 +113,16 @@ class Trajectory:
     nfev: int
     n_steps: int
     config: dict[str, Any]
-    _path: Path = dataclasses.field(repr=False)
+    n_rejected: int = 0
+    t_events: list[Array] = dataclasses.field(default_factory=list)
+    y_events: list[Array] = dataclasses.field(default_factory=list)
+    _path: Path | None = dataclasses.field(repr=False, default=None)
     _wall: HarmonicWall | MovingWall | None = dataclasses.field(repr=False, default=None)
 
     @property
     def success(self) -> bool:
-        """Whether the end of the span was reached."""
-        return self.status == Status.COMPLETED
+        """Whether the end of the span was reached, or a terminal event."""
+        return self.status in (Status.COMPLETED, Status.TERMINATED_BY_EVENT)
 
     @classmethod
     def _from_record(
@@ -135,17 +146,22 @@ class Trajectory:
             status=Status(record.status),
             message=record.message,
             nfev=record.nfev,
-            n_steps=len(t) - 1,
+            n_steps=len(t) - 1 if record.n_steps is None else record.n_steps,
+            n_rejected=record.n_rejected,
             config=_configuration(system, method, span, state),
-            _path=LinearPath(t, samples["s"], samples["v"], system.kappa),
+            t_events=[times for times, _, _ in record.hits],
+            y_events=[np.column_stack((x, xdot)) for _, x, xdot in record.hits],
+            _path=record.path or LinearPath(t, samples["s"], samples["v"], system.kappa),
             _wall=system.wall,
         )
 
     def __call__(self, t: ArrayLike) -> Array:
-        """Interpolate the state.
+        """Give the state between the samples.
 
-        ``s`` and ``v`` are linear between steps (first order, as the scheme) and are projected,
-        so ``x >= 0`` always holds and an impact shows where ``s`` changes sign.
+        After `SwitchedRK` it is the dense output of the method, across impacts, through the
+        accumulations that were extrapolated (their arcs are computed when they are asked for) and
+        at rest. After a method of fixed steps ``s`` and ``v`` are linear between the steps (first
+        order, as the scheme) and are projected. At an impact the velocity is the one after it.
 
         Parameters
         ----------
@@ -160,13 +176,61 @@ class Trajectory:
         Raises
         ------
         ValueError
-            If a time lies outside the computed span.
+            If a time lies outside the computed span, or the run kept no dense output.
         """
         times = real_array("t", t)
-        start, end = self._path.span
+        path = self._known()
+        start, end = path.span or (np.nan, np.nan)
         if not np.all((times >= start) & (times <= end)):
             raise ValueError(f"t must lie within the computed span [{start}, {end}]")
-        return np.stack(self._path.physical(times))
+        x, xdot = path.physical(times.ravel())
+        return np.stack([x.reshape(times.shape), xdot.reshape(times.shape)])
+
+    def _known(self) -> Path:
+        if self._path is None or not self._path.dense:
+            raise ValueError("sol(t) needs a run with dense_output=True")
+        return self._path
+
+    def impacts_down_to(self, speed: float, *, limit: int = 10_000) -> NDArray[np.void]:
+        """List the impacts with at least a speed, also those that were extrapolated.
+
+        Parameters
+        ----------
+        speed : float
+            Smallest speed after the impact, > 0 (m/s).
+        limit : int
+            At most so many impacts of each accumulation, >= 1.
+
+        Returns
+        -------
+        structured ndarray
+            As ``impacts``, in the order of time.
+
+        Raises
+        ------
+        ValueError
+            If `speed` or `limit` is out of range.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> sol = zivi.simulate(ball, (0, 3), (1, 0))
+        >>> len(sol.impacts), len(sol.impacts_down_to(1e-6))
+        (3, 22)
+        """
+        speed = finite("speed", speed)
+        if not speed > 0.0:
+            raise ValueError(f"speed must be > 0, got {speed}")
+        if whole("limit", limit) < 1:
+            raise ValueError(f"limit must be >= 1, got {limit}")
+        known = self.impacts[self.impacts["xdot_after"] >= speed]
+        skipped = getattr(self._path, "skipped_impacts", None)
+        if skipped is None:
+            return known
+        lazily = np.empty(len((columns := skipped(speed, limit))[0]), IMPACT)
+        for field, column in zip(IMPACT.names or (), columns, strict=True):
+            lazily[field] = column
+        return np.sort(np.concatenate([known, lazily]), order="t", kind="stable")
 
     def fixed(self) -> tuple[Array, Array]:
         """Give the samples in the fixed frame, where a moving wall moves.
@@ -251,6 +315,7 @@ class Trajectory:
                 "rest_time": np.nan if self.rest_time is None else self.rest_time,
                 "nfev": self.nfev,
                 "n_steps": self.n_steps,
+                "n_rejected": self.n_rejected,
                 "n_failed_steps": len(self.failed_steps),
             },
         )
@@ -271,7 +336,7 @@ def restrict(sol: Trajectory, times: Array) -> Trajectory:
     # the step that contains a time ends at the first sample not before it
     step = np.searchsorted(grid, times)
     x, xdot = sol(times)
-    s, v = sol._path.lifted(times)
+    s, v = sol._known().lifted(times)
     return dataclasses.replace(
         sol,
         t=times,
@@ -282,6 +347,41 @@ def restrict(sol: Trajectory, times: Array) -> Trajectory:
         lambda_s=sol.lambda_s[step],
         lambda_v=sol.lambda_v[step],
         residual=sol.residual[step],
+    )
+
+
+def with_events(sol: Trajectory, events: Sequence[Event]) -> Trajectory:
+    """Locate events on the interpolation of a fixed-step run, and end it where one ends it."""
+    if not events:
+        return sol
+    hits = locate(sol.t, sol._known(), events)
+    sol = dataclasses.replace(sol, t_events=hits.t, y_events=hits.y)
+    return sol if hits.end is None else _cut(sol, hits.end)
+
+
+def _cut(sol: Trajectory, end: float) -> Trajectory:
+    """End a fixed-step run at `end`, within its span."""
+    kept = restrict(sol, np.append(sol.t[sol.t < end], end))
+    rests = sol.rest_time is not None and sol.rest_time <= end
+    # a rest that ended later was one until here
+    last = sol.zeno_times[sol.zeno_times <= end]
+    gone = sol.liftoff_times[sol.liftoff_times <= end]
+    if not rests and len(last) and not np.any(gone >= last[-1]):
+        rest_time: float | None = float(last[-1])
+    else:
+        rest_time = sol.rest_time if rests else None
+    status = Status.TERMINATED_BY_EVENT
+    return dataclasses.replace(
+        kept,
+        impacts=sol.impacts[sol.impacts["t"] <= end],
+        zeno_times=last,
+        liftoff_times=gone,
+        rest_time=rest_time,
+        failed_steps=sol.failed_steps[sol.failed_steps < len(kept.t)],
+        status=status,
+        message=_zivi.STATUS_MESSAGES[status],
+        n_steps=len(kept.t) - 1,
+        _path=LinearPath(kept.t, kept.s, kept.v, sol.config["kappa"]),
     )
 
 

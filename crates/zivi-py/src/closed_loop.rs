@@ -13,6 +13,7 @@ use zivi::{Force, Physical, SetupError};
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::force::{ForceSpec, NativeForce};
 use crate::simulate::{setup_error, Course};
+use crate::switched_rk::settings;
 use crate::watch::Watch;
 
 /// Any object with `step`, and `x_ref`, `xdot_ref` if it follows a reference.
@@ -95,11 +96,13 @@ impl Surroundings<'_> {
 }
 
 /// A closed loop: `forces` are the plant's, the model's and the reference's; `scheme` is
-/// `(theta, gamma)` for the plant on the controller's grid. `ours`: the controller's ticks are those
+/// `(theta, gamma)` for the plant on the controller's grid, else `switched` moves the plant, but
+/// where the force is constant and `exact` is set. `ours`: the controller's ticks are those
 /// of one of our classes, not those of a subclass.
 #[pyfunction]
 #[pyo3(signature = (
-    controller, forces, *, kappa, h, span, state, scheme, noise, resolution, delay,
+    controller, forces, *, kappa, h, span, state, scheme, switched, exact, noise, resolution,
+    delay,
     has_reference, ours, progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
@@ -112,6 +115,8 @@ pub(crate) fn simulate_closed_loop(
     span: (f64, f64),
     state: (f64, f64),
     scheme: Option<(f64, f64)>,
+    switched: crate::switched_rk::Settings,
+    exact: bool,
     noise: (PyReadonlyArray1<'_, f64>, PyReadonlyArray1<'_, f64>),
     resolution: (f64, f64),
     delay: usize,
@@ -119,7 +124,11 @@ pub(crate) fn simulate_closed_loop(
     ours: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
-    let motion = scheme.map_or(Motion::Exact, |(theta, gamma)| Motion::Scheme { theta, gamma });
+    let motion = match scheme {
+        Some((theta, gamma)) => Motion::Scheme { theta, gamma },
+        None if exact => Motion::Exact(settings(switched)?),
+        None => Motion::Switched(settings(switched)?),
+    };
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
     let course = Course::new(kappa, h, span, state)?;

@@ -7,6 +7,7 @@ mod control;
 mod force;
 mod record;
 mod simulate;
+mod switched_rk;
 mod tracking;
 mod transform;
 mod vi;
@@ -27,6 +28,9 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate::solve_steps, module)?)?;
     module.add_function(wrap_pyfunction!(tracking::solve_tracking_steps, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_explicit_euler, module)?)?;
+    module.add_class::<switched_rk::MotionPath>()?;
+    module.add_function(wrap_pyfunction!(switched_rk::check_switched_rk, module)?)?;
+    module.add_function(wrap_pyfunction!(switched_rk::simulate_switched_rk, module)?)?;
     module.add_function(wrap_pyfunction!(force::compiled_force, module)?)?;
     module.add_class::<control::Regulator>()?;
     module.add_class::<control::Tracker>()?;

@@ -4,6 +4,8 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use zivi::{Run, Status, QUANTITIES};
 
+use crate::switched_rk::MotionPath;
+
 type Array = Py<PyArray1<f64>>;
 
 /// The columns, events and outcome of one run.
@@ -20,6 +22,13 @@ pub(crate) struct RunRecord {
     liftoff_times: Array,
     rest_time: Option<f64>,
     failed_steps: Py<PyArray1<i64>>,
+    /// Times, positions and velocities of each event of the user.
+    pub(crate) hits: Vec<(Array, Array, Array)>,
+    /// Steps, where they are not one less than the samples.
+    pub(crate) n_steps: Option<u64>,
+    pub(crate) n_rejected: u64,
+    /// The motion between the samples, for a method that has one of its own.
+    pub(crate) path: Option<Py<MotionPath>>,
     status: u8,
     message: &'static str,
     nfev: u64,
@@ -45,6 +54,10 @@ impl RunRecord {
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
             failed_steps: PyArray1::from_iter(py, failed_steps).unbind(),
+            hits: Vec::new(),
+            n_steps: None,
+            n_rejected: 0,
+            path: None,
             status: status as u8,
             message: status.message(),
             nfev,

@@ -6,10 +6,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::step_solver::General;
 use zivi::Lifted;
-use zivi::{ConstantForce, Grid, Physical, Restitution, Run, SetupError, Solver, ThetaGamma};
+use zivi::{Grid, Physical, Restitution, Run, SetupError, Solver, ThetaGamma};
 use zivi_core::ThetaGammaStep;
 
-use crate::force::ForceSpec;
 use crate::record::RunRecord;
 use crate::transform::wall;
 use crate::watch::Watch;
@@ -40,25 +39,25 @@ impl Course {
 /// One call for every kind of force, so that each is compiled into its own loop.
 macro_rules! with_force {
     ($py:expr, $spec:expr, |$force:ident| $run:expr) => {
-        match ForceSpec::from_tuple($spec)? {
-            ForceSpec::Constant(value) => {
-                let $force = &mut ConstantForce(value);
+        match $crate::force::ForceSpec::from_tuple($spec)? {
+            $crate::force::ForceSpec::Constant(value) => {
+                let $force = &mut zivi::ConstantForce(value);
                 $py.detach(|| $run)
             }
-            ForceSpec::Linear(mut linear) => {
+            $crate::force::ForceSpec::Linear(mut linear) => {
                 let $force = &mut linear;
                 $py.detach(|| $run)
             }
-            ForceSpec::Compiled(mut compiled) => {
+            $crate::force::ForceSpec::Compiled(mut compiled) => {
                 let $force = &mut compiled;
                 $py.detach(|| $run)
             }
-            ForceSpec::Callable(mut callable) => {
+            $crate::force::ForceSpec::Callable(mut callable) => {
                 let $force = &mut callable;
                 $run
             }
-            ForceSpec::Moving(moving) => {
-                let mut spec = ForceSpec::Moving(moving);
+            $crate::force::ForceSpec::Moving(moving) => {
+                let mut spec = $crate::force::ForceSpec::Moving(moving);
                 match spec.native() {
                     Some(mut native) => {
                         let $force = &mut native;
@@ -73,6 +72,8 @@ macro_rules! with_force {
         }
     };
 }
+
+pub(crate) use with_force;
 
 /// A solver by its name.
 pub(crate) fn step_solver(name: &str, linearisations: usize) -> PyResult<Solver> {

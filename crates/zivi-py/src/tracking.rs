@@ -1,6 +1,6 @@
 //! Many independent steps of the tracker at once: its exact solution beside general solvers.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::sign_solver::SignSolver;
@@ -65,9 +65,10 @@ fn rows<const N: usize>(name: &str, array: &PyReadonlyArray2<'_, f64>) -> PyResu
     all.ok_or_else(|| PyValueError::new_err(format!("{name} must have {N} columns")))
 }
 
-/// Signs of many independent steps of the tracker, each solve from its own start, and whether the
-/// solver calls it solved. `states` has the columns `s, v, s_r, v_r`; `starts` and the result have
-/// `ls, lv, lsr, lvr, les, lev`. The solver `"exact"` is the tick's and takes no notice of `starts`.
+/// Signs of many steps of the tracker (NaN where there are none), and whether the solver calls them
+/// solved. `states` has the columns `s, v, s_r, v_r`; `starts` and the result have
+/// `ls, lv, lsr, lvr, les, lev`. A solve begins at its start, or where that is NaN at the last
+/// signs that solved a step. The solver `"exact"` is the tick's and needs no start.
 #[pyfunction]
 #[pyo3(signature = (
     states, starts, *, gains, kappa, kappa_ref, h, f, f_ref, solver, linearisations, fall_backs
@@ -110,7 +111,9 @@ pub(crate) fn solve_tracking_steps<'py>(
         let found = match &mut general {
             None => scheme.exact(state),
             Some(general) => {
-                general.start_from(start);
+                if start.iter().all(|sign| !sign.is_nan()) {
+                    general.start_from(start);
+                }
                 scheme.general(general, state).then(|| general.signs())
             }
         };

@@ -10,28 +10,19 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from rich import box
+from rich.console import Group
 from rich.table import Table
 
-from zivi import _zivi
-from zivi.methods import ThetaGamma
-from zivi.paper import siconos
-from zivi.paper.ball import GRAVITY, KAPPA, run
+from zivi.paper import ball_steps, tracking_steps
 
 __all__ = ["Rate", "measure", "save", "table"]
 
-Array = NDArray[np.float64]
-
 TOLERANCE = 1e-9
-SPEEDS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
-STEPS = (1e-2, 1e-3, 1e-4)
-PROBLEMS = 500
-"""Random problems for each speed and step size."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +31,8 @@ class Rate:
 
     Parameters
     ----------
+    problem : {"ball", "tracking"}
+        Whose steps.
     solver : str
         Which solver.
     steps : str
@@ -48,6 +41,7 @@ class Rate:
         How many of them were not solved.
     """
 
+    problem: str
     solver: str
     steps: str
     failed: int
@@ -59,100 +53,40 @@ class Rate:
         return 100.0 * self.failed / self.total
 
 
-CAPTION = (
-    "outer n: at most n affine VIs; inner only: one solver, inner: with its fall-backs. "
-    "Random steps start from the signs of their state."
-)
-
-Solver = Callable[[Array, Array, float], tuple[Array, Array]]
-"""Multipliers for states ``s``, ``v`` and a step size, each solve started from their signs."""
-
-
-def _own(solver: str, linearisations: int = 1, fall_backs: bool = True) -> Solver:
-    def solve(s: Array, v: Array, h: float) -> tuple[Array, Array]:
-        lambda_s, lambda_v, _ = _zivi.solve_steps(
-            s,
-            v,
-            np.full_like(s, -GRAVITY),
-            kappa=KAPPA,
-            h=h,
-            solver=solver,
-            linearisations=linearisations,
-            fall_backs=fall_backs,
-        )
-        return lambda_s, lambda_v
-
-    return solve
-
-
-# "outer n": at most n linearisations; "inner only": without the fall-backs behind Josephy-Newton
-OWN: dict[str, Solver] = {
-    "outer 1": _own("outer", 1),
-    "outer 5": _own("outer", 5),
-    "outer 20": _own("outer", 20),
-    "inner only": _own("newton", fall_backs=False),
-    "inner": _own("newton"),
+CAPTIONS = {
+    "ball": "Outer n: at most n affine VIs; inner only: one solver, inner: with its fall-backs. "
+    "Each solve starts from the signs of its state.",
+    "tracking": "The same for the six signs of the tracker; tick: the controller's own solution. "
+    "Steps of the paper's loop on either branch, started from the signs of its last tick, from "
+    "the signs of the state, or from the solver's own last result; random ones from the signs of "
+    "the state.",
 }
-
-
-def residual(s: Array, v: Array, h: float, lambda_s: Array, lambda_v: Array) -> Array:
-    """Relative natural residual of the implicit Euler step, written apart from the solvers.
-
-    Rows are divided by the size of their terms; 0 where ``lambda in sgn(z+)`` holds exactly.
-    """
-    r = 1.0 - KAPPA * lambda_s * lambda_v
-    kick = -h * lambda_s * GRAVITY / r
-    v_new = v + kick
-    s_new = s + h * r * v_new
-    largest = h * GRAVITY / r
-    scales = np.abs(s) + h * r * (np.abs(v) + largest), np.abs(v) + largest
-    rows = []
-    for lam, z, scale in zip((lambda_s, lambda_v), (s_new, v_new), scales, strict=True):
-        rows.append(np.abs(np.maximum(lam - 1.0, np.minimum(lam + 1.0, -z / scale))))
-    worst = np.maximum(*rows)
-    return np.where(np.isnan(worst), np.inf, worst)
-
-
-def random_states(speed: float, h: float, seed: int) -> tuple[Array, Array]:
-    """States near the wall: ``|v| <= speed``, ``|s| <= h speed``, uniform."""
-    random = np.random.default_rng(seed)
-    v = speed * random.uniform(-1.0, 1.0, PROBLEMS)
-    return h * speed * random.uniform(-1.0, 1.0, PROBLEMS), v
-
-
-def ball_states(h: float) -> tuple[Array, Array]:
-    """Return the states of the paper's ball up to its rest (h in s, speeds in m/s)."""
-    sol = run(ThetaGamma(h))
-    moving = sol.t < (sol.t[-1] if sol.rest_time is None else sol.rest_time)
-    return sol.s[moving], sol.v[moving]
 
 
 def measure() -> list[Rate]:
     """Measure zivi's solvers and, where a Python with Siconos is found, those of Siconos."""
     rates = []
-    for name, solve in (OWN | siconos.solvers(KAPPA, GRAVITY)).items():
-        for label, s, v, h in _sets():
-            bad = residual(s, v, h, *solve(s, v, h)) > TOLERANCE
-            rates.append(Rate(name, label, int(np.sum(bad)), len(s)))
+    for steps in (*ball_steps.sets(), *tracking_steps.sets()):
+        for name, solve in steps.solvers.items():
+            found = steps.residual(steps.states, solve(steps.states, steps.starts))
+            failed = int(np.sum(found > TOLERANCE))
+            rates.append(Rate(steps.problem, name, steps.label, failed, len(found)))
     return rates
 
 
-def _sets() -> Iterable[tuple[str, Array, Array, float]]:
-    for h in STEPS[:2]:
-        yield f"ball, h={h:.0e}", *ball_states(h), h
-    for k, h in enumerate(STEPS):
-        for j, speed in enumerate(SPEEDS):
-            label = f"random, h={h:.0e}, |v|<={speed:.0e}"
-            yield label, *random_states(speed, h, seed=10 * k + j), h
-
-
-def table(rates: Iterable[Rate]) -> Table:
-    """Lay out the failures in percent, solvers in columns."""
+def table(rates: Iterable[Rate]) -> Group:
+    """Lay out the failures in percent, a table for each problem with solvers in columns."""
     rates = list(rates)
+    problems = dict.fromkeys(rate.problem for rate in rates)
+    return Group(*(_table([rate for rate in rates if rate.problem == it]) for it in problems))
+
+
+def _table(rates: list[Rate]) -> Table:
+    problem = rates[0].problem
     solvers = list(dict.fromkeys(rate.solver for rate in rates))
     result = Table(
-        title="Section V.A: steps not solved, in percent",
-        caption=CAPTION,
+        title=f"Section V.A, {problem}: steps not solved, in percent",
+        caption=CAPTIONS[problem],
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
         pad_edge=False,
@@ -162,7 +96,7 @@ def table(rates: Iterable[Rate]) -> Table:
         result.add_column(solver, justify="right")
     for steps in dict.fromkeys(rate.steps for rate in rates):
         cells = {rate.solver: f"{rate.percent:.2f}" for rate in rates if rate.steps == steps}
-        result.add_row(steps, *(cells[solver] for solver in solvers))
+        result.add_row(steps.removeprefix("tracking, "), *(cells[it] for it in solvers))
     return result
 
 
@@ -170,6 +104,6 @@ def save(rates: Iterable[Rate], path: Path) -> None:
     """Write the rates as CSV."""
     with path.open("w", newline="") as file:
         rows = csv.writer(file)
-        rows.writerow(("solver", "steps", "failed", "total", "percent"))
+        rows.writerow(("problem", "solver", "steps", "failed", "total", "percent"))
         for rate in rates:
             rows.writerow((*dataclasses.astuple(rate), f"{rate.percent:.4g}"))

@@ -33,35 +33,27 @@ ENDLESS_SOLVES = 10
 """Solves without an end after which the rest of a set counts as not solved."""
 
 
-def solvers(
-    kappa: float, gravity: float
-) -> dict[str, Callable[[Array, Array, float], tuple[Array, Array]]]:
-    """Return Siconos' solvers of the implicit Euler step, by name; none without Siconos.
+Solver = Callable[[Array, Array], Array]
+"""Multipliers, row by row, for rows of states, each solve begun at its row of the starts. NaN where
+the solver raised, crashed or did not end."""
+
+
+def solvers(problem: str, *parameters: float) -> dict[str, Solver]:
+    """Return Siconos' solvers of a step, by name; none without Siconos.
 
     Parameters
     ----------
-    kappa : float
-        Parameter of the transform.
-    gravity : float
-        The constant force is ``-gravity`` (m/s^2).
-
-    Returns
-    -------
-    dict
-        Functions from states ``s``, ``v`` and a step size to the multipliers ``lambda_s`` and
-        ``lambda_v``, each solve started from the signs of its state. NaN where the solver raised,
-        crashed or did not end.
+    problem : {"ball", "tracking"}
+        Which step.
+    *parameters : float
+        What its class in `PROBLEMS` of ``_siconos_steps.py`` is made from.
     """
     python = interpreter()
     if python is None:
         return {}
 
-    def solver(name: str) -> Callable[[Array, Array, float], tuple[Array, Array]]:
-        def solve(s: Array, v: Array, h: float) -> tuple[Array, Array]:
-            multipliers = _solve(python, name, np.column_stack([s, v]), kappa, gravity, h)
-            return multipliers[:, 0].copy(), multipliers[:, 1].copy()
-
-        return solve
+    def solver(name: str) -> Solver:
+        return lambda states, starts: _solve(python, name, problem, parameters, states, starts)
 
     return {f"Siconos {name}": solver(name) for name in SOLVERS}
 
@@ -92,16 +84,21 @@ def _has_siconos(python: str) -> bool:
 
 
 def _solve(
-    python: str, solver: str, states: Array, kappa: float, gravity: float, h: float
+    python: str,
+    solver: str,
+    problem: str,
+    parameters: tuple[float, ...],
+    states: Array,
+    starts: Array,
 ) -> Array:
     """Solve for all states; go on behind one at which the process ended."""
-    multipliers = np.full_like(states, np.nan)
+    multipliers = np.full_like(starts, np.nan)
+    posed = {"solver": solver, "problem": problem, "parameters": np.array(parameters)}
     done = 0
     for _ in range(ENDLESS_SOLVES):
-        s, v = states[done:].T
         asked = io.BytesIO()
-        np.savez(asked, solver=solver, kappa=kappa, gravity=gravity, h=h, s=s, v=v)
-        written = np.frombuffer(_run(python, asked.getvalue())).reshape(-1, 2)
+        np.savez(asked, states=states[done:], starts=starts[done:], **posed)  # type: ignore[arg-type]
+        written = _run(python, asked.getvalue(), starts.shape[1])
         multipliers[done : done + len(written)] = written
         done += len(written) + 1
         if done >= len(states):
@@ -109,10 +106,10 @@ def _solve(
     return multipliers
 
 
-def _run(python: str, asked: bytes) -> bytes:
-    """Return the whole pairs of doubles that the script wrote until it ended or was ended."""
+def _run(python: str, asked: bytes, columns: int) -> Array:
+    """Return the whole rows of doubles that the script wrote until it ended or was ended."""
     script = Path(__file__).with_name("_siconos_steps.py")
-    # its dense algebra is 2 x 2: more threads than one only get in each other's way
+    # its dense algebra is 6 x 6 at most: more threads than one only get in each other's way
     alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
         written = subprocess.run(
@@ -125,5 +122,5 @@ def _run(python: str, asked: bytes) -> bytes:
         ).stdout
     except subprocess.TimeoutExpired as late:
         written = late.stdout or b""
-    pair = 2 * np.dtype(np.float64).itemsize
-    return written[: len(written) // pair * pair]
+    row = columns * np.dtype(np.float64).itemsize
+    return np.frombuffer(written[: len(written) // row * row]).reshape(-1, columns)

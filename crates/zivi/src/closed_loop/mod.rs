@@ -21,17 +21,19 @@ pub use plant::{Period, Plant};
 pub use record::{LoopRun, LOOP_COLUMNS, REFUSED};
 pub use sensor::Sensor;
 
-use crate::fixed_step::{finite_force, lift, Failure};
+use crate::fixed_step::{check_initial, finite_force, Failure};
 use crate::monitor::Pace;
-use crate::{Dependence, Force, Grid, Monitor, SetupError, Status};
-use plant::{BallisticPlant, SchemePlant};
+use crate::{Dependence, Force, Grid, Monitor, SetupError, Status, SwitchedRk};
+use plant::{BallisticPlant, SchemePlant, SwitchedPlant};
 use record::LoopRecord;
 
 /// How the plant moves between the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
-    /// Exactly where the force is constant.
-    Exact,
+    /// Exactly where the force is constant, by the switched Runge-Kutta method where it is not.
+    Exact(SwitchedRk),
+    /// By the switched Runge-Kutta method.
+    Switched(SwitchedRk),
     /// By the theta-gamma scheme on the controller's grid (the paper's own loop).
     Scheme {
         /// Weight of the new velocity, in `(0, 1]`.
@@ -80,7 +82,7 @@ pub fn simulate_closed_loop<E, F: Force<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<LoopRun<E>, SetupError> {
     let Loop { wall, grid, initial, motion, .. } = surroundings;
-    lift(initial, wall)?;
+    check_initial(initial)?;
     let Forces { plant: force, model, reference } = forces;
     let (t0, models) = (grid.t(0), Models { model, reference });
     match motion {
@@ -89,11 +91,16 @@ pub fn simulate_closed_loop<E, F: Force<E>>(
             let plant = SchemePlant::new(step, force, t0, initial);
             run(controller, plant, surroundings, models, monitor)
         }
-        Motion::Exact if force.dependence() == Dependence::Constant => {
+        Motion::Exact(_) if force.dependence() == Dependence::Constant => {
             let plant = BallisticPlant::new(wall, force, t0, initial);
             run(controller, plant, surroundings, models, monitor)
         }
-        Motion::Exact => Err(SetupError::Setting("force", f64::NAN, "constant")),
+        Motion::Exact(method) | Motion::Switched(method) => {
+            // a period is one step, unless the error control wants more
+            let method = SwitchedRk { first_step: Some(grid.h()), ..method };
+            let plant = SwitchedPlant::new(method, wall, force, (t0, initial))?;
+            run(controller, plant, surroundings, models, monitor)
+        }
     }
 }
 

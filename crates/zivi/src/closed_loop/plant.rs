@@ -6,7 +6,10 @@ use crate::events::EventLog;
 use crate::fixed_step::{finite_force, Failure, FixedStep, Start};
 use crate::step_solver::Exact;
 use crate::theta_gamma::Stepper;
-use crate::{ballistic, Dependence, Events, Force};
+use crate::{
+    ballistic, Dependence, Events, Force, Occurrence, SetupError, Status, SwitchedIntegrator,
+    SwitchedRk,
+};
 
 /// A sampling period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +75,80 @@ impl<E, F: Force<E>> Plant<E> for BallisticPlant<'_, F> {
 
     fn nfev(&self) -> u64 {
         u64::from(self.value.is_some())
+    }
+}
+
+/// High order between samples, for a force that depends on time or state.
+pub(super) struct SwitchedPlant<'a, F> {
+    integrator: SwitchedIntegrator,
+    force: &'a mut F,
+    events: Events,
+    /// Impacts when the mass was last at rest.
+    impacts_before: usize,
+}
+
+impl<'a, F> SwitchedPlant<'a, F> {
+    pub(super) fn new(
+        settings: SwitchedRk,
+        wall: Restitution,
+        force: &'a mut F,
+        (t0, initial): (f64, Physical),
+    ) -> Result<Self, SetupError> {
+        let mut integrator = SwitchedIntegrator::new(settings, wall)?;
+        integrator.start(t0, initial)?;
+        let rests = initial == Physical::default();
+        let events = Events { rest_time: rests.then_some(t0), ..Events::default() };
+        Ok(Self { integrator, force, events, impacts_before: 0 })
+    }
+}
+
+impl Events {
+    /// Notes what the switched method saw; `impacts_before` is how many impacts there were when
+    /// the mass was last at rest.
+    fn note(&mut self, occurrence: Occurrence, impacts_before: &mut usize) {
+        match occurrence {
+            Occurrence::Impact(impact) => self.impacts.push(impact),
+            Occurrence::Rest(t) => {
+                if self.rest_time.is_none() {
+                    if self.impacts.len() > *impacts_before {
+                        self.zeno_times.push(t);
+                    }
+                    self.rest_time = Some(t);
+                }
+            }
+            Occurrence::LiftOff(t) => {
+                if self.rest_time.take().is_some() {
+                    self.liftoff_times.push(t);
+                }
+                *impacts_before = self.impacts.len();
+            }
+        }
+    }
+}
+
+impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
+    fn advance(
+        &mut self,
+        Period { t, t_next, .. }: Period,
+        state: Physical,
+        u: f64,
+    ) -> Result<Physical, Failure<E>> {
+        // the control jumps: nothing that was learnt from the force holds any longer
+        let Ok(()) = self.integrator.start(t, state) else {
+            return Err(Failure::Status(Status::StateNotFinite));
+        };
+        let Self { integrator, force, events, impacts_before } = self;
+        let mut net = Net { force: &mut **force, u };
+        integrator.observe_to(t_next, &mut net, |seen| events.note(seen, impacts_before))?;
+        Ok(integrator.state())
+    }
+
+    fn events(&mut self) -> Events {
+        std::mem::take(&mut self.events)
+    }
+
+    fn nfev(&self) -> u64 {
+        self.integrator.counts().nfev
     }
 }
 

@@ -1,0 +1,208 @@
+//! The switched Runge-Kutta method from Python.
+
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use zivi::{
+    DensePath, Direction, Order, Output, Physical, SwitchedRk, SwitchedRun, Tail, UserEvent,
+};
+use zivi_core::{transform, Branch};
+
+use crate::force::ForceSpec;
+use crate::record::RunRecord;
+use crate::simulate::{setup_error, with_force};
+use crate::transform::wall;
+use crate::watch::Watch;
+
+/// `(rtol, atol, order, max_step, first_step, max_steps, max_impacts)`.
+pub(crate) type Settings = (f64, f64, i64, f64, Option<f64>, i64, i64);
+
+pub(crate) fn settings(given: Settings) -> PyResult<SwitchedRk> {
+    let (rtol, atol, order, max_step, first_step, max_steps, max_impacts) = given;
+    let order = match order {
+        5 => Order::Five,
+        8 => Order::Eight,
+        other => return Err(PyValueError::new_err(format!("order must be 5 or 8, got {other}"))),
+    };
+    let count = |name: &str, value: i64| {
+        usize::try_from(value)
+            .map_err(|_| PyValueError::new_err(format!("{name} must be at least 1, got {value}")))
+    };
+    let (max_steps, max_impacts) =
+        (count("max_steps", max_steps)?, count("max_impacts", max_impacts)?);
+    let adaptive = true;
+    SwitchedRk { rtol, atol, order, max_step, first_step, max_steps, max_impacts, adaptive }
+        .validated()
+        .map_err(setup_error)
+}
+
+/// Refuses settings that are out of range.
+#[pyfunction]
+pub(crate) fn check_switched_rk(given: Settings) -> PyResult<()> {
+    settings(given).map(drop)
+}
+
+/// An event of the user: function, direction, number of the event that ends the run.
+type EventSpec<'py> = (Bound<'py, PyAny>, i32, Option<usize>);
+
+fn event<'py>((function, direction, terminal): EventSpec<'py>) -> UserEvent<'py, PyErr> {
+    let direction = match direction {
+        0 => Direction::Either,
+        below if below < 0 => Direction::Falling,
+        _ => Direction::Rising,
+    };
+    let call = move |t: f64, x: f64, xdot: f64| {
+        let value = function.call1((t, x, xdot))?;
+        value.extract().map_err(|_| {
+            let kind = value.get_type();
+            PyTypeError::new_err(format!("an event function must return a float, got {kind}"))
+        })
+    };
+    UserEvent { direction, terminal, ..UserEvent::new(call) }
+}
+
+/// A run of the switched method.
+#[pyfunction]
+#[pyo3(signature = (force, method, *, kappa, span, state, t_eval, events, dense, progress=None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn simulate_switched_rk(
+    py: Python<'_>,
+    force: &Bound<'_, PyTuple>,
+    method: Settings,
+    kappa: f64,
+    span: (f64, f64),
+    state: (f64, f64),
+    t_eval: Option<PyReadonlyArray1<'_, f64>>,
+    events: Vec<EventSpec<'_>>,
+    dense: bool,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<RunRecord> {
+    let (method, wall) = (settings(method)?, wall(kappa)?);
+    let initial = Physical { x: state.0, xdot: state.1 };
+    let t_eval = match &t_eval {
+        Some(times) => Some(times.as_slice()?),
+        None => None,
+    };
+    let watch = &mut Watch { progress };
+    let run = if events.is_empty() {
+        with_force!(py, force, |force| {
+            let output = Output { t_eval, dense, events: Vec::new() };
+            zivi::simulate_switched_rk(method, wall, force, span, initial, output, watch)
+        })
+    } else {
+        // the events need the interpreter
+        let output = Output { t_eval, dense, events: events.into_iter().map(event).collect() };
+        let force = &mut ForceSpec::from_tuple(force)?;
+        zivi::simulate_switched_rk(method, wall, force, span, initial, output, watch)
+    };
+    let run = run.map_err(setup_error)?;
+    RunRecord::switched(py, run, wall)
+}
+
+/// The motion between the samples of a run.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct MotionPath {
+    path: Option<DensePath>,
+    tails: Vec<Tail>,
+    wall: zivi::Restitution,
+}
+
+type Arrays<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+type ThreeArrays<'py> =
+    (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+impl MotionPath {
+    pub(crate) fn new(path: Option<DensePath>, tails: Vec<Tail>, wall: zivi::Restitution) -> Self {
+        Self { path, tails, wall }
+    }
+
+    /// Two quantities of the motion at each time, NaN outside of the span.
+    fn sample<'py>(
+        &self,
+        py: Python<'py>,
+        times: &PyReadonlyArray1<'py, f64>,
+        of: impl Fn(zivi::PathPoint) -> (f64, f64),
+    ) -> Arrays<'py> {
+        let at = |&t: &f64| {
+            let point = self.path.as_ref().and_then(|path| path.at(t));
+            point.map_or((f64::NAN, f64::NAN), &of)
+        };
+        let (first, second): (Vec<f64>, Vec<f64>) = times.as_array().iter().map(at).unzip();
+        (PyArray1::from_vec(py, first), PyArray1::from_vec(py, second))
+    }
+}
+
+#[pymethods]
+impl MotionPath {
+    /// Whether the motion between the samples is known.
+    #[getter]
+    fn dense(&self) -> bool {
+        self.path.is_some()
+    }
+
+    /// The times between which the motion is known.
+    #[getter]
+    fn span(&self) -> Option<(f64, f64)> {
+        self.path.as_ref().and_then(DensePath::span)
+    }
+
+    /// `(x, xdot)` at the times.
+    fn physical<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> Arrays<'py> {
+        self.sample(py, &times, |point| (point.x, point.xdot))
+    }
+
+    /// `(s, v)` at the times.
+    fn lifted<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> Arrays<'py> {
+        self.sample(py, &times, |zivi::PathPoint { x, xdot, sigma }| {
+            let branch = if sigma > 0.0 { Branch::Positive } else { Branch::Negative };
+            let z = transform::lift(Physical { x, xdot }, branch, self.wall);
+            (z.s + 0.0, z.v + 0.0)
+        })
+    }
+
+    /// Times and velocities before and after of the impacts that jumps to rest skipped, down to
+    /// a speed after them, at most so many of each accumulation.
+    fn skipped_impacts<'py>(
+        &self,
+        py: Python<'py>,
+        speed: f64,
+        at_most: usize,
+    ) -> ThreeArrays<'py> {
+        let impacts: Vec<zivi::Impact> =
+            self.tails.iter().flat_map(|tail| tail.impacts_down_to(speed, at_most)).collect();
+        let column =
+            |of: fn(&zivi::Impact) -> f64| PyArray1::from_vec(py, impacts.iter().map(of).collect());
+        (column(|it| it.t), column(|it| it.xdot_before), column(|it| it.xdot_after))
+    }
+
+    /// Start and end of the accumulations that were extrapolated.
+    #[getter]
+    fn tails(&self) -> Vec<(f64, f64)> {
+        self.tails.iter().map(|tail| (tail.start(), tail.zeno_time())).collect()
+    }
+}
+
+impl RunRecord {
+    pub(crate) fn switched(
+        py: Python<'_>,
+        run: SwitchedRun<PyErr>,
+        wall: zivi::Restitution,
+    ) -> PyResult<Self> {
+        let SwitchedRun { trajectory, raised, path, tails, hits, counts } = run;
+        let mut record = Self::new(py, zivi::Run { trajectory, raised })?;
+        let column = |hits: &[zivi::EventHit], of: fn(&zivi::EventHit) -> f64| {
+            PyArray1::from_vec(py, hits.iter().map(of).collect()).unbind()
+        };
+        record.hits = hits
+            .iter()
+            .map(|hits| {
+                (column(hits, |it| it.t), column(hits, |it| it.x), column(hits, |it| it.xdot))
+            })
+            .collect();
+        record.n_steps = Some(counts.accepted);
+        record.n_rejected = counts.rejected;
+        record.path = Some(Py::new(py, MotionPath::new(path, tails, wall))?);
+        Ok(record)
+    }
+}

@@ -1,0 +1,142 @@
+"""Steps of the tracker of section V: six signs at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+
+from zivi import _zivi
+from zivi.closed_loop import simulate_closed_loop
+from zivi.control import TwistingTracker
+from zivi.methods import ThetaGamma
+from zivi.paper import siconos
+from zivi.paper.steps import Array, Solver, Steps, natural_residual
+from zivi.system import ImpactSystem
+
+__all__ = ["loop_states", "random_states", "residual", "sets", "signs_of", "solvers"]
+
+MU1, MU2, KAPPA, F, F_REF = 30.0, 17.0, 0.5, -9.81, -19.81
+START, START_REF = (6.0, 5.0), (3.0, 3.0)
+H, T_END = 1e-3, 2.0
+SPEEDS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
+PROBLEMS = 500
+"""Random problems for each speed."""
+Branch = Literal["positive", "nearest"]
+BRANCHES: tuple[Branch, ...] = ("positive", "nearest")
+
+
+def _own(solver: str, linearisations: int = 1, fall_backs: bool = True) -> Solver:
+    def solve(states: Array, starts: Array) -> Array:
+        signs, _ = _zivi.solve_tracking_steps(
+            states,
+            starts,
+            gains=(MU1, MU2),
+            kappa=KAPPA,
+            kappa_ref=KAPPA,
+            h=H,
+            f=F,
+            f_ref=F_REF,
+            solver=solver,
+            linearisations=linearisations,
+            fall_backs=fall_backs,
+        )
+        return signs
+
+    return solve
+
+
+def solvers() -> dict[str, Solver]:
+    """Return zivi's general solvers, the tick, and Siconos' solvers where they are found.
+
+    "outer n": at most n linearisations; "inner only": without the fall-backs behind Josephy-Newton.
+    """
+    own = {f"outer {n}": _own("outer", n) for n in (1, 5, 20, 100)}
+    own |= {"inner only": _own("newton", fall_backs=False), "inner": _own("newton")}
+    own["tick"] = _own("exact")
+    return own | siconos.solvers("tracking", MU1, MU2, KAPPA, KAPPA, F, F_REF, H)
+
+
+def residual(states: Array, multipliers: Array) -> Array:
+    """Relative natural residual of the six inclusions."""
+    (s, v, s_ref, v_ref), (ls, lv, lsr, lvr, les, lev) = states.T, multipliers.T
+    r, r_ref = 1.0 - KAPPA * ls * lv, 1.0 - KAPPA * lsr * lvr
+    a = lsr * F_REF / r_ref
+    reference_v = v_ref + H * a
+    reference_s = s_ref + H * r_ref * reference_v
+    held = ls**2 * (a - MU1 * les - MU2 * lev)
+    plant_v = v + H * (held + ls * (1.0 - ls**2) * F / r)
+    plant_s = s + H * r * plant_v
+    of_v = np.abs(v) + H * (MU1 + MU2 + np.abs(a) + np.abs(F) / r)
+    of_s = np.abs(s) + H * r * of_v
+    of_v_ref = np.abs(v_ref) + H * np.abs(F_REF) / r_ref
+    of_s_ref = np.abs(s_ref) + H * r_ref * of_v_ref
+    rows = (
+        (ls, plant_s, of_s),
+        (lv, plant_v, of_v),
+        (lsr, reference_s, of_s_ref),
+        (lvr, reference_v, of_v_ref),
+        (les, plant_s - reference_s, of_s + of_s_ref),
+        (lev, plant_v - reference_v, of_v + of_v_ref),
+    )
+    return natural_residual(rows)
+
+
+def signs_of(states: Array) -> Array:
+    """Return the signs of states and of their errors, with which a first solve can begin."""
+    s, v, s_ref, v_ref = states.T
+    return np.sign(np.column_stack([s, v, s_ref, v_ref, s - s_ref, v - v_ref]))
+
+
+def random_states(speed: float, seed: int, problems: int = PROBLEMS) -> Array:
+    """States near the wall and near the reference, uniform.
+
+    ``|v|, |v_r - v| <= speed`` and ``|s|, |s_r - s| <= h speed``.
+    """
+    random = np.random.default_rng(seed)
+    within = speed * np.array([H, 1.0])
+    z = within * random.uniform(-1.0, 1.0, (problems, 2))
+    return np.hstack([z, z + within * random.uniform(-1.0, 1.0, (problems, 2))])
+
+
+def loop_states(branch: Branch) -> tuple[Array, Array]:
+    """Return the lifted states of the paper's loop, and the signs of its ticks."""
+    tracker = TwistingTracker(MU1, MU2, h=H, kappa=KAPPA, branch=branch)
+    tracker.reset(*START_REF)
+    run = simulate_closed_loop(
+        ImpactSystem(F, kappa=KAPPA),
+        tracker,
+        (0.0, T_END),
+        START,
+        force_ref=F_REF,
+        method=ThetaGamma(H),
+    )
+    measured = np.column_stack(_zivi.lift(run.x[:-1], run.xdot[:-1], 1.0, KAPPA))
+    references = []
+    for x, xdot in zip(run.x[:-1], run.xdot[:-1], strict=True):
+        references.append(tracker.state[:2])
+        tracker.step(x, xdot, F, F_REF)
+    reference = np.array(references)
+    if branch == "nearest":
+        measured[np.sum(measured * reference, axis=1) < 0.0] *= -1.0
+    return np.hstack([measured, reference]), run.signs[:-1]
+
+
+def sets() -> Iterator[Steps]:
+    """Yield all steps that are measured."""
+    available = solvers()
+
+    def steps(label: str, states: Array, starts: Array) -> Steps:
+        return Steps("tracking", f"tracking, {label}", states, starts, available, residual)
+
+    for branch in BRANCHES:
+        states, signs = loop_states(branch)
+        own = signs_of(states)
+        first, unknown = own[:1], np.full_like(own[1:], np.nan)
+        yield steps(f"{branch}, last signs", states, np.vstack([first, signs[:-1]]))
+        yield steps(f"{branch}, signs of the state", states, own)
+        yield steps(f"{branch}, last result", states, np.vstack([first, unknown]))
+    for j, speed in enumerate(SPEEDS):
+        states = random_states(speed, seed=j)
+        yield steps(f"random, |v|<={speed:.0e}", states, signs_of(states))
