@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeGuard
 
 import numpy as np
 
+from zivi._curve import line_of
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -58,7 +60,8 @@ def position(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) 
     'position $x$ (m)'
     """
     ax = _axes(ax)
-    ax.plot(sol.t, sol.x, **{"color": BLUE, "label": "$x$"} | line)
+    curve = line_of(sol)
+    ax.plot(curve.t, curve.x, **{"color": BLUE, "label": "$x$"} | line)
     if _has_reference(sol):
         ax.plot(sol.t, sol.x_ref, color=GREEN, ls="--", label="$x_r$")
         ax.legend()
@@ -72,7 +75,9 @@ def velocity(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) 
     Parameters and return value as for `position`.
     """
     ax = _axes(ax)
-    ax.plot(*_broken_at_impacts(sol), **{"color": ORANGE, "label": r"$\dot x$"} | line)
+    curve = line_of(sol)
+    times, values = curve.broken(curve.t), curve.broken(curve.xdot)
+    ax.plot(times, values, **{"color": ORANGE, "label": r"$\dot x$"} | line)
     if _has_reference(sol):
         ax.plot(sol.t, sol.xdot_ref, color=PURPLE, ls="--", label=r"$\dot x_r$")
         ax.legend()
@@ -86,8 +91,9 @@ def lifted(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
     Parameters and return value as for `position`.
     """
     ax = _axes(ax)
-    ax.plot(sol.t, sol.s, **{"color": BLUE, "label": "$s$ (m)"} | line)
-    ax.plot(sol.t, sol.v, **{"color": ORANGE, "ls": "--", "label": "$v$ (m/s)"} | line)
+    curve = line_of(sol)
+    ax.plot(curve.t, curve.s, **{"color": BLUE, "label": "$s$ (m)"} | line)
+    ax.plot(curve.t, curve.v, **{"color": ORANGE, "ls": "--", "label": "$v$ (m/s)"} | line)
     ax.set(xlabel="time $t$ (s)", ylabel="transformed state $s$, $v$")
     ax.legend()
     return ax
@@ -121,16 +127,14 @@ def phase_plane(
     trajectory, physical (the only ones) for a closed loop.
     """
     ax = _axes(ax)
-    state: Any = sol  # a closed loop has no s, v
-    physical = not hasattr(state, "s")
+    curve = line_of(sol)
+    physical = curve.s.size == 0
     chosen = ("physical" if physical else "lifted") if coordinates is None else coordinates
     if chosen == "lifted" and not physical:
-        ax.plot(state.s, state.v, **{"color": BLUE} | line)
+        ax.plot(curve.s, curve.v, **{"color": BLUE} | line)
         ax.set(xlabel="transformed position $s$ (m)", ylabel="transformed velocity $v$ (m/s)")
     elif chosen == "physical":
-        _, xdot = _broken_at_impacts(sol)
-        _, x = _broken_at_impacts(sol, sol.x)
-        ax.plot(x, xdot, **{"color": BLUE} | line)
+        ax.plot(curve.broken(curve.x), curve.broken(curve.xdot), **{"color": BLUE} | line)
         if _has_reference(sol):
             ax.plot(sol.x_ref, sol.xdot_ref, color=GREEN, ls="--", label="reference")
             ax.legend()
@@ -217,13 +221,3 @@ def overview(run: ClosedLoop, figure: Figure | None = None) -> Figure:
 def _has_reference(sol: Trajectory | ClosedLoop) -> TypeGuard[ClosedLoop]:
     reference = getattr(sol, "x_ref", None)
     return reference is not None and not np.all(np.isnan(reference))
-
-
-def _broken_at_impacts(
-    sol: Trajectory | ClosedLoop, values: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Time and values (the velocity) with NaN between the samples that an impact separates."""
-    values = sol.xdot if values is None else values
-    after = np.searchsorted(sol.t, sol.impacts["t"], side="left")
-    after = np.unique(after[(after > 0) & (after < len(sol.t))])
-    return np.insert(sol.t, after, np.nan), np.insert(values, after, np.nan)

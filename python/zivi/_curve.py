@@ -1,0 +1,75 @@
+"""A run as lines that can be drawn: smooth between samples, broken at impacts."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zivi._check import Array
+
+if TYPE_CHECKING:
+    from zivi.closed_loop import ClosedLoop
+    from zivi.trajectory import Trajectory
+
+__all__ = ["Line", "line_of"]
+
+PARTS = 24
+"""Points of a step of a method that has a dense output of its own."""
+FINEST = 1e-3
+"""Smallest arc of an extrapolated accumulation that is drawn, as a part of the fastest impact."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """Points to draw, and where impacts separate them.
+
+    Parameters
+    ----------
+    t, x, xdot : ndarray
+        Times (s), positions (m) and velocities (m/s).
+    s, v : ndarray
+        The transformed state, empty if the run has none.
+    impacts : ndarray
+        Indices of the first points after impacts.
+    """
+
+    t: Array
+    x: Array
+    xdot: Array
+    s: Array
+    v: Array
+    impacts: np.ndarray
+
+    def broken(self, values: Array) -> Array:
+        """Insert NaN where an impact separates two points."""
+        return np.insert(values, self.impacts, np.nan)
+
+
+def line_of(run: Trajectory | ClosedLoop) -> Line:
+    """Give the points of a run: its samples, refined where the method knows more."""
+    path: Any = getattr(run, "_path", None)
+    if not (hasattr(path, "tails") and path.dense and len(run.t) > 1):
+        s, v = (getattr(run, name, np.empty(0)) for name in ("s", "v"))
+        return Line(run.t, run.x, run.xdot, s, v, _after(run.t, run.impacts["t"]))
+    times, impacts = _times(run)  # type: ignore[arg-type]
+    x, xdot = path.physical(times)
+    s, v = path.lifted(times)
+    return Line(times, x, xdot, s, v, _after(times, impacts))
+
+
+def _times(sol: Trajectory) -> tuple[Array, Array]:
+    """Choose times that show every arc, with the last moment before each impact."""
+    fastest = float(np.max(sol.impacts["xdot_after"], initial=0.0))
+    known = sol.impacts_down_to(FINEST * fastest)["t"] if fastest > 0.0 else sol.impacts["t"]
+    impacts = known[(known > sol.t[0]) & (known <= sol.t[-1])]
+    corners = np.union1d(sol.t, impacts)
+    parts = np.arange(PARTS) / PARTS
+    inner = (corners[:-1, None] + parts * np.diff(corners)[:, None]).ravel()
+    return np.union1d(np.append(inner, corners[-1]), np.nextafter(impacts, -np.inf)), impacts
+
+
+def _after(t: Array, impacts: Array) -> np.ndarray:
+    after = np.searchsorted(t, impacts, side="left")
+    return np.unique(after[(after > 0) & (after < len(t))])
