@@ -6,13 +6,17 @@ import sys
 import numpy as np
 import pytest
 
-from zivi.paper import _siconos_steps, siconos
+from zivi.paper import _siconos_steps, siconos, tracking_steps
 
 KAPPA, GRAVITY, H = 0.41, 9.81, 1e-3
 
 needs_siconos = pytest.mark.skipif(
     siconos.interpreter() is None, reason="no Python with siconos.numerics was found"
 )
+
+
+def ball_solvers():
+    return siconos.solvers("ball", KAPPA, GRAVITY, H)
 
 
 def row_errors(s, v, lambda_s, lambda_v):
@@ -45,9 +49,9 @@ def test_away_from_the_wall_and_the_apex_the_signs_stay(name):
     random = np.random.default_rng(1)
     s = random.choice([-1, 1], 50) * random.uniform(0.5, 2, 50)
     v = random.choice([-1, 1], 50) * random.uniform(0.5, 6, 50)
-    lambda_s, lambda_v = siconos.solvers(KAPPA, GRAVITY)[f"Siconos {name}"](s, v, H)
-    np.testing.assert_array_equal(lambda_s, np.sign(s))
-    np.testing.assert_array_equal(lambda_v, np.sign(v))
+    states = np.column_stack([s, v])
+    found = ball_solvers()[f"Siconos {name}"](states, np.sign(states))
+    np.testing.assert_array_equal(found, np.sign(states))
 
 
 @needs_siconos
@@ -56,7 +60,8 @@ def test_across_the_wall_and_the_apex_the_residual_is_rounding(name):
     # far above the wall at the apex, through the wall, at the wall and hardly moving
     s = np.array([1.0, -0.5, 1e-3, -2e-3, 1e-5])
     v = np.array([2e-3, -1e-3, -4.0, 5.0, 3e-3])
-    lambdas = siconos.solvers(KAPPA, GRAVITY)[f"Siconos {name}"](s, v, H)
+    states = np.column_stack([s, v])
+    lambdas = ball_solvers()[f"Siconos {name}"](states, np.sign(states)).T
     assert np.all(np.abs(lambdas) <= 1 + 1e-12)
     assert np.max(np.abs(row_errors(s, v, *lambdas))) < 1e-10
 
@@ -64,21 +69,43 @@ def test_across_the_wall_and_the_apex_the_residual_is_rounding(name):
 @needs_siconos
 @pytest.mark.parametrize("name", siconos.SOLVERS)
 def test_no_states(name):
-    lambda_s, lambda_v = siconos.solvers(KAPPA, GRAVITY)[f"Siconos {name}"](*np.zeros((2, 0)), H)
-    assert len(lambda_s) == len(lambda_v) == 0
+    found = ball_solvers()[f"Siconos {name}"](np.zeros((0, 2)), np.zeros((0, 2)))
+    assert found.shape == (0, 2)
 
 
-def test_the_jacobian_of_the_script_is_that_of_its_map():
-    step = _siconos_steps.Step(KAPPA, GRAVITY, 1e-2)
+@needs_siconos
+@pytest.mark.parametrize("name", siconos.SOLVERS)
+def test_it_solves_steps_of_the_tracker(name):
+    states = tracking_steps.random_states(1.0, seed=1, problems=50)
+    starts = tracking_steps.signs_of(states)
+    # the first again, from where its solve has ended
+    states, starts = np.vstack([states[:1], states]), np.vstack([starts[:1], starts])
+    starts[1] = np.nan
+    found = tracking_steps.solvers()[f"Siconos {name}"](states, starts)
+    solved = tracking_steps.residual(states, found) < 1e-9
+    assert np.mean(solved) > 0.9
+    assert solved[0]
+    np.testing.assert_allclose(found[1], found[0], atol=1e-12)
+
+
+STEPS = [
+    (_siconos_steps.Step(KAPPA, GRAVITY, 1e-2), 2),
+    (_siconos_steps.TrackingStep(30.0, 17.0, 0.5, 0.3, -9.81, -19.81, 1e-2), 4),
+]
+
+
+@pytest.mark.parametrize(("step", "size"), STEPS, ids=["ball", "tracking"])
+def test_the_jacobian_of_the_script_is_that_of_its_map(step, size):
     random = np.random.default_rng(2)
+    n = step.signs
     for _ in range(20):
-        step.begin_at(*random.uniform(-1, 1, 2))
-        at, J, differences = random.uniform(-1, 1, 2), np.zeros((2, 2)), np.zeros((2, 2))
-        step.jacobian(2, at, J)
-        for k, shift in enumerate(1e-6 * np.eye(2)):
-            above, below = np.zeros(2), np.zeros(2)
-            step.compute(2, at + shift, above)
-            step.compute(2, at - shift, below)
+        step.begin_at(*random.uniform(-1, 1, size).tolist())
+        at, J, differences = random.uniform(-1, 1, n), np.zeros((n, n)), np.zeros((n, n))
+        step.jacobian(n, at, J)
+        for k, shift in enumerate(1e-6 * np.eye(n)):
+            above, below = np.zeros(n), np.zeros(n)
+            step.compute(n, at + shift, above)
+            step.compute(n, at - shift, below)
             differences[:, k] = (above - below) / 2e-6
         np.testing.assert_allclose(J, differences, rtol=1e-7, atol=1e-7)
 
@@ -100,14 +127,15 @@ def test_what_does_not_end_is_not_solved(monkeypatch, tmp_path):
     script.chmod(0o755)
     monkeypatch.setattr(siconos, "TIMEOUT", 0.5)
     states = np.ones((3, 2))
-    solved = siconos._solve(str(script), "VI_BOX_QI", states, KAPPA, GRAVITY, H)
+    parameters = (KAPPA, GRAVITY, H)
+    solved = siconos._solve(str(script), "VI_BOX_QI", "ball", parameters, states, states)
     np.testing.assert_array_equal(solved, [[1, -1], [np.nan] * 2, [np.nan] * 2])
 
 
 @pytest.mark.usefixtures("nothing_found")
 def test_without_siconos_there_are_no_solvers():
     assert siconos.interpreter() is None
-    assert siconos.solvers(KAPPA, GRAVITY) == {}
+    assert ball_solvers() == {}
 
 
 def test_an_interpreter_is_tried_once(monkeypatch, nothing_found):
@@ -119,6 +147,6 @@ def test_an_interpreter_is_tried_once(monkeypatch, nothing_found):
 
     monkeypatch.setattr(siconos.subprocess, "run", fails)
     for _ in range(3):
-        assert siconos.solvers(KAPPA, GRAVITY) == {}
+        assert ball_solvers() == {}
     assert tried == list(dict.fromkeys(tried))
     assert tried[0] == "/nonexistent/python"

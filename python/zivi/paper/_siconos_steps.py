@@ -1,9 +1,9 @@
 """Solve steps with Siconos; run by the interpreter that has it, which need not have zivi.
 
-Reads an ``.npz`` from its standard input: the name of a `solver`, the `problem` (of `PROBLEMS`) with
-its `parameters`, and the rows of `states` and `starts`. Writes the multipliers of each state, as
-doubles, to its standard output. Where the solver raises they are NaN. If one solve takes more than
-`TIMEOUT` seconds, the process ends there: what came before has been written.
+Reads an ``.npz`` from its standard input: the name of a `solver`, the `problem` (of `PROBLEMS`)
+with its `parameters`, and the rows of `states` and `starts`. Writes the multipliers of each state,
+as doubles, to its standard output. Where the solver raises they are NaN. If one solve takes more
+than `TIMEOUT` seconds, the process ends there: what came before has been written.
 """
 
 from __future__ import annotations

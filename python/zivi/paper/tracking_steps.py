@@ -12,14 +12,15 @@ from zivi.closed_loop import simulate_closed_loop
 from zivi.control import TwistingTracker
 from zivi.methods import ThetaGamma
 from zivi.paper import siconos
+from zivi.paper.closed_loops import FORCE as F
+from zivi.paper.closed_loops import FORCE_REF as F_REF
+from zivi.paper.closed_loops import KAPPA, MU1, MU2, START, START_REF, H
 from zivi.paper.steps import Array, Solver, Steps, natural_residual
 from zivi.system import ImpactSystem
 
 __all__ = ["loop_states", "random_states", "residual", "sets", "signs_of", "solvers"]
 
-MU1, MU2, KAPPA, F, F_REF = 30.0, 17.0, 0.5, -9.81, -19.81
-START, START_REF = (6.0, 5.0), (3.0, 3.0)
-H, T_END = 1e-3, 2.0
+T_END = 2.0
 SPEEDS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 PROBLEMS = 500
 """Random problems for each speed."""
@@ -86,7 +87,8 @@ def residual(states: Array, multipliers: Array) -> Array:
 def signs_of(states: Array) -> Array:
     """Return the signs of states and of their errors, with which a first solve can begin."""
     s, v, s_ref, v_ref = states.T
-    return np.sign(np.column_stack([s, v, s_ref, v_ref, s - s_ref, v - v_ref]))
+    signs: Array = np.sign(np.column_stack([s, v, s_ref, v_ref, s - s_ref, v - v_ref]))
+    return signs
 
 
 def random_states(speed: float, seed: int, problems: int = PROBLEMS) -> Array:
@@ -97,7 +99,8 @@ def random_states(speed: float, seed: int, problems: int = PROBLEMS) -> Array:
     random = np.random.default_rng(seed)
     within = speed * np.array([H, 1.0])
     z = within * random.uniform(-1.0, 1.0, (problems, 2))
-    return np.hstack([z, z + within * random.uniform(-1.0, 1.0, (problems, 2))])
+    error = within * random.uniform(-1.0, 1.0, (problems, 2))
+    return np.column_stack([z, z + error])
 
 
 def loop_states(branch: Branch) -> tuple[Array, Array]:
@@ -112,7 +115,7 @@ def loop_states(branch: Branch) -> tuple[Array, Array]:
         force_ref=F_REF,
         method=ThetaGamma(H),
     )
-    measured = np.column_stack(_zivi.lift(run.x[:-1], run.xdot[:-1], 1.0, KAPPA))
+    measured: Array = np.column_stack(_zivi.lift(run.x[:-1], run.xdot[:-1], 1.0, KAPPA))
     references = []
     for x, xdot in zip(run.x[:-1], run.xdot[:-1], strict=True):
         references.append(tracker.state[:2])
@@ -120,7 +123,7 @@ def loop_states(branch: Branch) -> tuple[Array, Array]:
     reference = np.array(references)
     if branch == "nearest":
         measured[np.sum(measured * reference, axis=1) < 0.0] *= -1.0
-    return np.hstack([measured, reference]), run.signs[:-1]
+    return np.column_stack([measured, reference]), run.signs[:-1]
 
 
 def sets() -> Iterator[Steps]:
