@@ -26,6 +26,7 @@ pub mod force;
 pub mod grid;
 mod implicit;
 pub mod monitor;
+pub mod moreau_jean;
 mod recorder;
 pub mod status;
 pub mod step_solver;
@@ -39,6 +40,7 @@ pub use fixed_step::Failure;
 pub use force::{ConstantForce, Dependence, Force, FunctionForce, LinearForce};
 pub use grid::{Grid, GridError};
 pub use monitor::{Monitor, Silent};
+pub use moreau_jean::{simulate_moreau_jean, MoreauJean};
 pub use status::Status;
 pub use switched_rk::{
     simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Occurrence, Order,
