@@ -97,21 +97,32 @@ pub fn run<E, F: Force<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
     let mut walk = Walk::start(method, wall, grid, initial, monitor)?;
+    let ending = watched(grid.n_steps(), monitor, |until| walk.go_to::<E, F>(until, force));
+    Ok(walk.finish::<E, F>(ending))
+}
+
+/// Goes on, watched, until `of` steps are done, and says how it ended: `go_to` makes it so many
+/// steps in all.
+pub(crate) fn watched<E>(
+    of: usize,
+    monitor: &mut impl Monitor<E>,
+    mut go_to: impl FnMut(usize) -> Result<(), Failure<E>>,
+) -> Failure<E> {
     let mut pace = Pace::start();
-    let ending = loop {
-        let until = (walk.k + pace.chunk()).min(grid.n_steps());
-        if let Err(failure) = walk.go_to::<E, F>(until, force) {
-            break failure;
+    let mut done = 0;
+    loop {
+        done = (done + pace.chunk()).min(of);
+        if let Err(failure) = go_to(done) {
+            return failure;
         }
-        if let Err(stop) = monitor.poll(walk.k, grid.n_steps()) {
-            break Failure::Raised(stop);
+        if let Err(stop) = monitor.poll(done, of) {
+            return Failure::Raised(stop);
         }
-        if walk.k == grid.n_steps() {
-            break Failure::Status(Status::Completed);
+        if done == of {
+            return Failure::Status(Status::Completed);
         }
         pace.adjust();
-    };
-    Ok(walk.finish::<E, F>(ending))
+    }
 }
 
 /// A run under way: `k` steps are done, the last of them ended at `t` in `z`.

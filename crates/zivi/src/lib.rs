@@ -28,6 +28,7 @@ pub mod force;
 pub mod grid;
 mod implicit;
 pub mod monitor;
+pub mod moreau_jean;
 pub mod moving_wall;
 mod recorder;
 pub mod sign_solver;
@@ -44,6 +45,7 @@ pub use fixed_step::Failure;
 pub use force::{ConstantForce, Dependence, Force, FunctionForce, LinearForce};
 pub use grid::{Grid, GridError};
 pub use monitor::{Monitor, Silent};
+pub use moreau_jean::{simulate_moreau_jean, MoreauJean};
 pub use moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use status::Status;
 pub use switched_rk::{

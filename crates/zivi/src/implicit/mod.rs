@@ -5,7 +5,7 @@
 //! and `x'` are affine in the trial, so for a linear force one secant step is exact. The slope is
 //! carried from step to step, and a bracket is kept wherever the mismatch has changed sign.
 
-mod search;
+pub(crate) mod search;
 
 use zivi_core::step::PATTERNS;
 use zivi_core::transform::project;

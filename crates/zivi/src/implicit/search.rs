@@ -2,7 +2,7 @@
 //! once the sign has changed, inside a bracket that is halved where the secant is slow.
 
 /// Slope of the mismatch where the end of the step does not depend on the force (`h -> 0`).
-pub(super) const DEFAULT_SLOPE: f64 = -1.0;
+pub(crate) const DEFAULT_SLOPE: f64 = -1.0;
 /// From this trial on every second one halves the bracket.
 const SLOW: usize = 6;
 /// From this trial on a search without a bracket looks for one by growing steps.
@@ -12,7 +12,7 @@ const RUNAWAY: f64 = 1e9;
 
 /// The state of one search.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Search {
+pub(crate) struct Search {
     trial: f64,
     slope: f64,
     previous: Option<(f64, f64)>,
@@ -28,7 +28,7 @@ pub(super) struct Search {
 impl Search {
     /// A search from `first` with the slope of the last one.
     #[inline]
-    pub(super) fn from(first: f64, slope: f64, cap: usize) -> Self {
+    pub(crate) fn from(first: f64, slope: f64, cap: usize) -> Self {
         Self {
             trial: first,
             slope,
@@ -44,31 +44,31 @@ impl Search {
     }
 
     /// A search inside `range` from the point there that is nearest to `first`.
-    pub(super) fn within(range: (f64, f64), first: f64, cap: usize) -> Self {
+    pub(crate) fn within(range: (f64, f64), first: f64, cap: usize) -> Self {
         let nearest = first.max(range.0).min(range.1);
         Self { range, ..Self::from(nearest, DEFAULT_SLOPE, cap) }
     }
 
     /// The next trial, or none when nothing is left to try.
     #[inline]
-    pub(super) fn trial(&mut self) -> Option<f64> {
+    pub(crate) fn trial(&mut self) -> Option<f64> {
         self.trials += 1;
         (self.open && self.trials <= self.cap).then_some(self.trial)
     }
 
     /// Number of trials asked for.
-    pub(super) fn trials(&self) -> usize {
+    pub(crate) fn trials(&self) -> usize {
         self.trials
     }
 
     /// The slope by the last secant.
-    pub(super) fn slope(&self) -> f64 {
+    pub(crate) fn slope(&self) -> f64 {
         self.slope
     }
 
     /// Takes the mismatch of the last trial and chooses the next.
     #[inline]
-    pub(super) fn learn(&mut self, mismatch: f64) {
+    pub(crate) fn learn(&mut self, mismatch: f64) {
         let trial = self.trial;
         let end = if mismatch > 0.0 { &mut self.positive } else { &mut self.negative };
         *end = Some(trial);

@@ -65,8 +65,8 @@ impl Bernstein {
     fn times_theta(self) -> Self {
         let n = self.n + 1;
         let mut c = [0.0; MOST_DEGREE + 1];
-        for j in 1..=n {
-            c[j] = j as f64 / n as f64 * self.c[j - 1];
+        for (j, c) in c.iter_mut().enumerate().take(n + 1).skip(1) {
+            *c = j as f64 / n as f64 * self.c[j - 1];
         }
         Self { n, c }
     }
@@ -98,8 +98,8 @@ impl Bernstein {
     pub(super) fn without_root_at_zero(&self) -> Self {
         let n = self.n;
         let mut c = [0.0; MOST_DEGREE + 1];
-        for j in 0..n {
-            c[j] = n as f64 / (j + 1) as f64 * self.c[j + 1];
+        for (j, c) in c.iter_mut().enumerate().take(n) {
+            *c = n as f64 / (j + 1) as f64 * self.c[j + 1];
         }
         Self { n: n - 1, c }
     }

@@ -158,7 +158,7 @@ impl SwitchedIntegrator {
             let scale_xdot = self.scale(self.now.xdot, end.xdot);
             let error = self.stages.error(force)?.norm(scale_x, scale_xdot);
             let factor = SAFETY * error.powf(-1.0 / self.stages.order_of_error());
-            if !(error <= 1.0) {
+            if error > 1.0 || error.is_nan() {
                 let factor = if factor > FACTORS.0 { factor.min(SAFETY) } else { FACTORS.0 };
                 return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
             }

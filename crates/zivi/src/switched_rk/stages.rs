@@ -94,7 +94,13 @@ impl StepError {
             // of the orders 5 and 3, together of order 7
             first * first / (first * first + 0.01 * second * second).sqrt()
         };
-        one(self.x, scale_x).max(one(self.xdot, scale_xdot))
+        let (x, xdot) = (one(self.x, scale_x), one(self.xdot, scale_xdot));
+        // f64::max would drop NaN
+        if x > xdot || x.is_nan() {
+            x
+        } else {
+            xdot
+        }
     }
 }
 

@@ -14,7 +14,7 @@ struct Problem {
 
 impl Problem {
     fn random(random: &mut Random, number: usize) -> Self {
-        let free = number % 4 == 0;
+        let free = number.is_multiple_of(4);
         let stiffness = if free { 0.0 } else { random.between(0.05, 4.0) };
         let damping = if free { 0.0 } else { random.between(0.0, 0.9) * stiffness.sqrt() };
         let gravity = random.between(0.5, 10.0);

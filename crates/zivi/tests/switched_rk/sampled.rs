@@ -72,8 +72,8 @@ fn pieces_are_the_whole() {
         damping: 0.0,
         gravity: 9.81,
         amplitude: 14.715,
-        omega: 6.283185307179586,
-        phase: -1.5707963267948966,
+        omega: std::f64::consts::TAU,
+        phase: -std::f64::consts::FRAC_PI_2,
     };
     let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical { x: 0.2, xdot: 0.0 });
     for order in [Order::Five, Order::Eight] {
