@@ -136,7 +136,8 @@ def figure() -> tuple[Figure, dict[str, ClosedLoop]]:
         below.set_xlabel("time $t$ (s)")
     axes[0, 0].set_ylabel("control $u$ (m/s$^2$)")
     axes[1, 0].set_ylabel(r"error $x - x_r$ ($\mu$m)")
-    axes[0, 0].legend(loc="upper right", ncols=2)
+    lines = axes[0, 0].get_legend_handles_labels()
+    result.legend(*lines, loc="outside upper center", ncols=2, frameon=False)
     return result, made
 
 

@@ -13,7 +13,7 @@ from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import ThetaGamma
 from zivi.system import Force, ImpactSystem
 
-__all__ = ["KAPPA", "closed_form_zeno", "largest", "regulate", "rest", "track"]
+__all__ = ["KAPPA", "closed_form_zeno", "largest", "last_above", "regulate", "rest", "track"]
 
 KAPPA = 0.5
 E = (1 - KAPPA) / (1 + KAPPA)
