@@ -23,6 +23,8 @@ PROMISED = {
     "LinearForce": ["stiffness", "damping", "gravity", "amplitude", "omega", "phase"],
     "ThetaGamma": ["h", "theta", "gamma", "solver"],
     "ExplicitEuler": ["h"],
+    "SwitchedRK": ["rtol", "atol", "order"],
+    "MoreauJean": ["h", "theta"],
     "simulate": [
         "system",
         "t_span",

@@ -15,7 +15,7 @@ from zivi import plot
 from zivi._zivi import __version__
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
-from zivi.methods import ExplicitEuler, Method, SwitchedRK, ThetaGamma
+from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulate import simulate
 from zivi.status import Status
 from zivi.system import ImpactSystem, LinearForce
@@ -33,6 +33,7 @@ __all__ = [
     "ImpactSystem",
     "LinearForce",
     "Method",
+    "MoreauJean",
     "MovingWall",
     "Status",
     "SwitchedRK",

@@ -15,6 +15,7 @@ __all__ = [
     "Tracker",
     "ViRecord",
     "__version__",
+    "check_moreau_jean",
     "check_switched_rk",
     "check_theta_gamma",
     "compiled_force",
@@ -24,6 +25,7 @@ __all__ = [
     "restitution",
     "simulate_closed_loop",
     "simulate_explicit_euler",
+    "simulate_moreau_jean",
     "simulate_switched_rk",
     "simulate_theta_gamma",
     "solve_avi",
@@ -88,6 +90,17 @@ class MotionPath:
     def lifted(self, times: _Array) -> tuple[_Array, _Array]: ...
     def skipped_impacts(self, speed: float, at_most: int) -> tuple[_Array, _Array, _Array]: ...
 
+def check_moreau_jean(theta: float) -> None: ...
+def simulate_moreau_jean(
+    force: tuple[Any, ...],
+    *,
+    kappa: float,
+    h: float,
+    theta: float,
+    span: tuple[float, float],
+    state: tuple[float, float],
+    progress: Any = None,
+) -> RunRecord: ...
 def check_switched_rk(given: _SwitchedSettings) -> None: ...
 def simulate_switched_rk(
     force: tuple[Any, ...],

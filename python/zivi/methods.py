@@ -10,7 +10,7 @@ from zivi._check import Array, real, whole
 from zivi.events import Event
 from zivi.system import ImpactSystem
 
-__all__ = ["ExplicitEuler", "Method", "SwitchedRK", "ThetaGamma"]
+__all__ = ["ExplicitEuler", "Method", "MoreauJean", "SwitchedRK", "ThetaGamma"]
 
 Report = Callable[[int, int], None]
 """Called with the number of steps done and their total."""
@@ -258,5 +258,58 @@ class SwitchedRK:
             t_eval=course.t_eval,
             events=[(e.function, e.direction, e.terminal) for e in course.events],
             dense=course.dense,
+            progress=course.report,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class MoreauJean:
+    r"""Baseline: Moreau-Jean time stepping with Newton's impact law on velocities.
+
+    .. math::
+
+        \dot x^+ &= \dot x + h f_\theta + P, \qquad
+        x^+ = x + h\,(\theta \dot x^+ + (1-\theta)\,\dot x) \\
+        0 &\le P \perp \dot x^+ + e\,\dot x \ge 0 \quad
+        \text{where } x + h \dot x / 2 \le 0, \text{ else } P = 0
+
+    It passes the accumulation at first order and may penetrate the wall by :math:`O(h)`: `x` is
+    reported as it is, also negative. ``e`` may be anything in [0, 1].
+
+    Parameters
+    ----------
+    h : float
+        Step size, > 0 (s).
+    theta : float
+        In [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range.
+
+    Examples
+    --------
+    >>> zivi.MoreauJean(h=1e-3)
+    MoreauJean(h=0.001, theta=0.5)
+    """
+
+    h: float
+    theta: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("h", "theta"):
+            object.__setattr__(self, name, real(name, getattr(self, name)))
+        _zivi.check_theta_gamma(self.h, 1.0, 1.0, 0.0)  # the same range of h
+        _zivi.check_moreau_jean(self.theta)
+
+    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
+        return _zivi.simulate_moreau_jean(
+            system._spec,
+            kappa=system.kappa,
+            h=self.h,
+            theta=self.theta,
+            span=course.t_span,
+            state=course.y0,
             progress=course.report,
         )

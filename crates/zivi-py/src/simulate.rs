@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::step_solver::General;
 use zivi::Lifted;
-use zivi::{Grid, Physical, Restitution, Run, SetupError, Solver, ThetaGamma};
+use zivi::{Grid, MoreauJean, Physical, Restitution, Run, SetupError, Solver, ThetaGamma};
 use zivi_core::ThetaGammaStep;
 
 use crate::record::RunRecord;
@@ -178,6 +178,35 @@ pub(crate) fn simulate_explicit_euler(
     let watch = &mut Watch { progress };
     let run = with_force!(py, force, |force| zivi::simulate_explicit_euler(
         wall, force, grid, initial, watch
+    ));
+    record(py, run)
+}
+
+/// Refuses a weight of Moreau-Jean time stepping that is out of range.
+#[pyfunction]
+pub(crate) fn check_moreau_jean(theta: f64) -> PyResult<()> {
+    MoreauJean { theta }.validated().map(drop).map_err(setup_error)
+}
+
+/// Moreau-Jean time stepping.
+#[pyfunction]
+#[pyo3(signature = (force, *, kappa, h, theta, span, state, progress=None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn simulate_moreau_jean(
+    py: Python<'_>,
+    force: &Bound<'_, PyTuple>,
+    kappa: f64,
+    h: f64,
+    theta: f64,
+    span: (f64, f64),
+    state: (f64, f64),
+    progress: Option<Py<PyAny>>,
+) -> PyResult<RunRecord> {
+    let Course { wall, grid, initial } = Course::new(kappa, h, span, state)?;
+    let method = MoreauJean { theta };
+    let watch = &mut Watch { progress };
+    let run = with_force!(py, force, |force| zivi::simulate_moreau_jean(
+        method, wall, force, grid, initial, watch
     ));
     record(py, run)
 }

@@ -38,6 +38,20 @@ impl Default for MoreauJean {
     }
 }
 
+impl MoreauJean {
+    /// The settings, if they are in their range.
+    ///
+    /// # Errors
+    /// [`SetupError::Setting`] for a weight outside `[0, 1]`.
+    pub fn validated(self) -> Result<Self, SetupError> {
+        if (0.0..=1.0).contains(&self.theta) {
+            Ok(self)
+        } else {
+            Err(SetupError::Setting("theta", self.theta, "a number from 0 to 1"))
+        }
+    }
+}
+
 /// Simulates `x'' = f`, `x >= 0`, `x'+ = -e x'-` with Moreau-Jean time stepping.
 ///
 /// # Errors
@@ -68,10 +82,7 @@ pub fn simulate_moreau_jean<E, F: Force<E>>(
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    let MoreauJean { theta } = method;
-    if !(0.0..=1.0).contains(&theta) {
-        return Err(SetupError::Setting("theta", theta, "a number from 0 to 1"));
-    }
+    let MoreauJean { theta } = method.validated()?;
     check_initial(initial)?;
     let room = grid.n_steps() + 1;
     let columns = Columns::with_room(room, |start, len| monitor.record_allocated(start, len))

@@ -222,7 +222,7 @@ impl<'a> Frozen<'a> {
 
     /// The accepted candidates, most degenerate first, evaluated as they are asked for.
     fn candidates(self) -> impl Iterator<Item = StepSolution> + 'a {
-        PATTERNS.into_iter().filter_map(move |pattern| self.on(pattern, SIGN_TOLERANCE))
+        PATTERNS.iter().filter_map(move |&pattern| self.on(pattern, SIGN_TOLERANCE))
     }
 
     /// The candidate of one pattern, its sign conditions violated by no more than `slack`.

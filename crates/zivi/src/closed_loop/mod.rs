@@ -21,8 +21,7 @@ pub use plant::{Period, Plant};
 pub use record::{LoopRun, LOOP_COLUMNS, REFUSED};
 pub use sensor::Sensor;
 
-use crate::fixed_step::{check_initial, finite_force, Failure};
-use crate::monitor::Pace;
+use crate::fixed_step::{check_initial, finite_force, watched, Failure};
 use crate::{Dependence, Force, Grid, Monitor, SetupError, Status, SwitchedRk};
 use plant::{BallisticPlant, SchemePlant, SwitchedPlant};
 use record::LoopRecord;
@@ -119,20 +118,7 @@ fn run<E, F: Force<E>>(
 ) -> Result<LoopRun<E>, SetupError> {
     let n = surroundings.grid.n_steps();
     let mut walk = Walk::start(controller, plant, surroundings, models)?;
-    let mut pace = Pace::start();
-    let ending = loop {
-        let until = (walk.k + pace.chunk()).min(n);
-        if let Err(failure) = walk.go_to(until) {
-            break failure;
-        }
-        if let Err(stop) = monitor.poll(walk.k, n) {
-            break Failure::Raised(stop);
-        }
-        if walk.k == n {
-            break Failure::Status(Status::Completed);
-        }
-        pace.adjust();
-    };
+    let ending = watched(n, monitor, |until| walk.go_to(until));
     Ok(walk.finish(ending))
 }
 
