@@ -381,11 +381,12 @@ def _noise(
     samples = max((span[1] - span[0]) / h, 0.0) + 2
     if not samples <= MAX_NOISE:
         raise ValueError(f"noise is drawn for at most {MAX_NOISE:.0e} samples, got {samples:.3g}")
-    draws = generator.standard_normal((2, int(samples)))
+    # sample by sample: a longer run with the same seed begins alike
+    draws = generator.standard_normal((int(samples), 2))
     entropy = source.entropy
     return int(entropy) if isinstance(entropy, int) else None, (
-        deviations[0] * draws[0],
-        deviations[1] * draws[1],
+        deviations[0] * draws[:, 0],
+        deviations[1] * draws[:, 1],
     )
 
 
