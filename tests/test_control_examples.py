@@ -64,6 +64,18 @@ def test_the_mass_follows_for_hundreds_of_impacts(periodic, branch):
     assert explicit.away > 4 * found.away
 
 
+def test_the_mass_may_be_on_the_table_itself(periodic):
+    sol = periodic.run("positive", periodic.STRONG, force=periodic.FORCE_REF)
+    found = periodic.statistics(sol)
+    assert found.impacts == 400
+    assert found.largest < 1e-3
+    assert found.rms < 1e-4
+    # nothing is left to do between the impacts
+    since = (sol.t - sol.t[0]) % periodic.PERIOD
+    late = (sol.t > 100) & (since > 0.1) & (since < 0.25)
+    assert np.abs(sol.u[late]).max() < 0.2
+
+
 def test_nearest_can_lock_out_of_step(periodic):
     assert periodic.statistics(periodic.run("nearest")).largest > 0.4
     assert periodic.statistics(periodic.run("positive")).largest < 1e-3
