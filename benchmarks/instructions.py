@@ -24,6 +24,30 @@ CASES = {
 FEW, MANY = 2_000, 12_000
 
 
+def missing() -> str | None:
+    """Say which of the tools is not there."""
+    for tool in ("valgrind", "cargo"):
+        if shutil.which(tool) is None:
+            return f"{tool} is not installed"
+    return None
+
+
+def example(package: str, name: str) -> Path:
+    """Build an example of one of the crates and return its program."""
+    build = ("cargo", "build", "--locked", "--quiet", "--release", "--package", package)
+    subprocess.run([*build, "--example", name], cwd=ROOT, check=True)
+    metadata = subprocess.run(
+        ["cargo", "metadata", "--locked", "--no-deps", "--format-version", "1"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    target = re.search(r'"target_directory":"([^"]+)"', metadata.stdout)
+    assert target is not None
+    return Path(target[1]) / "release" / "examples" / name
+
+
 def _refs(program: Path, case: str, repetitions: int) -> int:
     command = ("valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null")
     run = subprocess.run(
@@ -40,21 +64,10 @@ def count() -> dict[str, float] | str:
 
     Two runs of different length are subtracted, then the cost of an empty call.
     """
-    for tool in ("valgrind", "cargo"):
-        if shutil.which(tool) is None:
-            return f"{tool} is not installed"
-    build = ("cargo", "build", "--locked", "--quiet", "--release", "--package", "zivi")
-    subprocess.run([*build, "--example", "step_cost"], cwd=ROOT, check=True)
-    metadata = subprocess.run(
-        ["cargo", "metadata", "--locked", "--no-deps", "--format-version", "1"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    target = re.search(r'"target_directory":"([^"]+)"', metadata.stdout)
-    assert target is not None
-    program = Path(target[1]) / "release" / "examples" / "step_cost"
+    reason = missing()
+    if reason is not None:
+        return reason
+    program = example("zivi", "step_cost")
 
     def one(case: str) -> float:
         return (_refs(program, case, MANY) - _refs(program, case, FEW)) / (MANY - FEW)

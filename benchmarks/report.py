@@ -28,7 +28,7 @@ class Figures:
     compiler: str
 
 
-def _cpu() -> str:
+def cpu() -> str:
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
@@ -38,13 +38,13 @@ def _cpu() -> str:
     return platform.processor() or platform.machine()
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     # the first column is text, the others are figures
     lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _verdict(met: bool) -> str:
+def verdict(met: bool) -> str:
     return "met" if met else "**not met**"
 
 
@@ -54,7 +54,7 @@ def _goals(figures: Figures) -> str:
             f"time per step to the C loop{pages}, {name}",
             f"{ratio:.2f}",
             f"at most {GOAL_C:g}",
-            _verdict(ratio <= GOAL_C),
+            verdict(ratio <= GOAL_C),
         )
         for name, scene in figures.scenes.items()
         for pages, ratio in (("", scene.ratio), (" with large pages", scene.ratio_large))
@@ -65,9 +65,9 @@ def _goals(figures: Figures) -> str:
             rows.append((name, peer, f"at least {GOAL_SICONOS:g}", "not measured"))
         else:
             faster = peer.ns_per_step / figures.zivi_beside
-            met = _verdict(faster >= GOAL_SICONOS)
+            met = verdict(faster >= GOAL_SICONOS)
             rows.append((name, f"{faster:.0f}", f"at least {GOAL_SICONOS:g}", met))
-    return _table(("ratio", "measured", "goal", "verdict"), rows)
+    return table(("ratio", "measured", "goal", "verdict"), rows)
 
 
 def _scenes(figures: Figures) -> str:
@@ -93,7 +93,7 @@ def _scenes(figures: Figures) -> str:
     ]
     used = "; ".join(f"{name}: {scene.fastest}" for name, scene in figures.scenes.items())
     return (
-        _table(("", *head), rows) + f"\n\nThe ratios are to the fastest recording C loop ({used})."
+        table(("", *head), rows) + f"\n\nThe ratios are to the fastest recording C loop ({used})."
     )
 
 
@@ -113,7 +113,7 @@ def _agreements(figures: Figures) -> str:
         for it in figures.agreements
     ]
     head = ("h", "rest, zivi", "rest, C", "x, s", "x', v before the end", "x', v throughout")
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _peers(figures: Figures) -> str:
@@ -126,26 +126,26 @@ def _peers(figures: Figures) -> str:
             took = f"{peer.ns_per_step / 1e3:.2f}"
             rows.append((ROUTES[route], took, str(peer.failures), rest, f"{peer.apart:.0e}"))
     head = ("", "us per step", "failed steps", "rest (s)", "largest difference of s from C")
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _instructions(figures: Figures) -> str:
     if isinstance(figures.instructions, str):
         return f"Not counted: {figures.instructions}."
     rows = [(CASES[case], f"{count:.0f}") for case, count in figures.instructions.items()]
-    return _table(("step", "instructions"), rows)
+    return table(("step", "instructions"), rows)
 
 
 def page(figures: Figures) -> str:
     """Write the page."""
-    forces = _table(
+    forces = table(
         ("force", "ns per step", "evaluations per step"),
         [(name, f"{ns:.1f}", f"{n:.2f}") for name, (ns, n) in figures.forces.items()],
     )
     return f"""\
 # Benchmarks
 
-Written by `make bench`; do not edit. One run on a shared machine: {_cpu()}, {figures.compiler}.
+Written by `make bench`; do not edit. One run on a shared machine: {cpu()}, {figures.compiler}.
 Times drift with what else the machine does, so the contenders of a table run in turn, round after
 round; a figure is a median over the rounds, a ratio the median of the ratios within a round.
 

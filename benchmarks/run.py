@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 import bench_ball
+import bench_control
 import bench_vi
 import cball
 import instructions
@@ -61,6 +62,7 @@ def main() -> None:
     PAGE.write_text(report.page(figures))
     print(report.page(figures))
     print(bench_vi.write())
+    print(bench_control.write())
 
 
 if __name__ == "__main__":

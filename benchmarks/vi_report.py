@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 
-from report import _cpu, _table
+from report import cpu, table
 from vi_counts import Count
 from vi_growth import Leak, Size, exponent
 from vi_times import BURST, PIVOTAL, SOLVED, Pivots, Ratios
@@ -53,7 +53,7 @@ def _counts(figures: Figures) -> str:
         ours = name.startswith("zivi")
         pivots = [f"{value:g}" for value in listed.pivots] if ours else ["", ""]
         rows.append((name, *solved, str(listed.false_claims + random.false_claims), *pivots))
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _names(unsolved: dict[str, int]) -> str:
@@ -65,7 +65,7 @@ def _unsolved(figures: Figures) -> str:
     for name, (listed, random, _) in figures.counts.items():
         tolerance = OURS if name.startswith("zivi") else SOLVED
         rows.append((name, *(_names(it.unsolved(tolerance)) for it in (listed, random))))
-    return _table(("method", "published starts", "random starts"), rows)
+    return table(("method", "published starts", "random starts"), rows)
 
 
 def _unsolvable(figures: Figures) -> str:
@@ -101,7 +101,7 @@ def _ratios(figures: Figures) -> str:
         "Jacobians",
         "of zivi's time in callbacks",
     )
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _pivots(figures: Figures) -> str:
@@ -114,7 +114,7 @@ def _pivots(figures: Figures) -> str:
 
     theirs = [title for solver in PIVOTAL for title in (solver, "time, zivi to it")]
     rows = [tuple(row(*item)) for item in figures.pivots.items()]
-    return _table(("problem", "n", "zivi", *theirs), rows)
+    return table(("problem", "n", "zivi", *theirs), rows)
 
 
 def _peer(figures: Figures) -> str:
@@ -156,7 +156,7 @@ def _sizes(figures: Figures) -> str:
     head = ("n", "pivots", "ms", "us per pivot", "exponent to the row above")
     head += ("MiB", "matrices of n x n", "residual")
     befores = [None, *figures.sizes]
-    return _table(head, itertools.starmap(row, zip(figures.sizes, befores, strict=False)))
+    return table(head, itertools.starmap(row, zip(figures.sizes, befores, strict=False)))
 
 
 def _fits(figures: Figures) -> str:
@@ -188,7 +188,7 @@ def page(figures: Figures) -> str:
     return f"""\
 # Benchmarks of the box-VI solver
 
-Written by `make bench`; do not edit. One run on a shared machine: {_cpu()}. Times drift with what
+Written by `make bench`; do not edit. One run on a shared machine: {cpu()}. Times drift with what
 else the machine does.
 
 ## Starts solved
