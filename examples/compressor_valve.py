@@ -158,15 +158,19 @@ def draw(path: str) -> None:
         x, _ = Valve(e=e).cycle()(times)
         axes[0].plot(times * 1e3, x * 1e3, color=color, label=f"$e = {e}$", lw=1.2)
     axes[0].set(xlabel="time $t$ (ms)", ylabel="lift $x$ (mm)")
+    axes[0].set_title(r"preload 0.5 mm, $\zeta = 0.1$", fontsize="medium")
     axes[0].legend()
 
     restitutions = np.linspace(0.0, 0.7, 29)
     landings = [landing(Valve(e=e)) for e in restitutions]
     bouncing = [(m.shut - m.lands) * 1e3 for m in landings]
-    axes[1].plot(restitutions, bouncing, color=zivi.plot.BLUE, label="bounces for (ms)")
+    axes[1].plot(restitutions, bouncing, color=zivi.plot.BLUE, label="time of bouncing (ms)")
     count = [m.bounces for m in landings]
-    axes[1].step(restitutions, count, where="mid", color=zivi.plot.ORANGE, label="bounces")
+    axes[1].step(
+        restitutions, count, where="mid", color=zivi.plot.ORANGE, label="number of bounces"
+    )
     axes[1].set(xlabel="restitution $e$")
+    axes[1].set_title(r"preload 0.5 mm, $\zeta = 0.1$", fontsize="medium")
     axes[1].legend()
 
     preloads = np.linspace(0.1e-3, 2.0e-3, 39)
@@ -178,8 +182,9 @@ def draw(path: str) -> None:
         ]:
             label = f"{label}, $\\zeta = {zeta}$"
             axes[2].plot(preloads * 1e3, values, color=color, ls=style, label=label)
-    axes[2].set(xlabel="preload $y_0$ (mm)", ylim=(0, None))
-    axes[2].legend(fontsize="x-small")
+    axes[2].set(xlabel="preload $y_0$ (mm)", ylim=(0, 3.6))
+    axes[2].set_title("$e = 0.3$", fontsize="medium")
+    axes[2].legend(fontsize="small")
     figure.savefig(path, dpi=160)
 
 
