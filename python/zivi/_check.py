@@ -41,7 +41,9 @@ def finite(name: str, value: object) -> float:
 
 
 def whole(name: str, value: object) -> int:
-    """Return `value` as an int; a TypeError names it otherwise."""
+    """Return `value` as an int of 64 bits; a TypeError or ValueError names it otherwise."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} must be a whole number, got {value!r}")
-    return int(value)
+    if abs(number := int(value)) >= 2**63:
+        raise ValueError(f"{name} must be a whole number below 2**63, got {value}")
+    return number

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import itertools
-from collections.abc import Callable, Sequence
+import math
+import numbers
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,6 +55,8 @@ def events_of(events: Any) -> tuple[Event, ...]:
     """Read the argument ``events``: a function or several, with SciPy's attributes."""
     if events is None:
         return ()
+    if not (callable(events) or isinstance(events, Iterable)):
+        raise TypeError(f"events must be a function or a sequence of functions, got {events!r}")
     functions = [events] if callable(events) else list(events)
     return tuple(_event(k, function) for k, function in enumerate(functions))
 
@@ -60,17 +64,25 @@ def events_of(events: Any) -> tuple[Event, ...]:
 def _event(k: int, function: Any) -> Event:
     if not callable(function):
         raise TypeError(f"events[{k}] must be a function g(t, x, xdot), got {function!r}")
-    terminal = getattr(function, "terminal", False)
-    if isinstance(terminal, bool):
-        number = 1 if terminal else None
-    elif isinstance(terminal, int | np.integer) and terminal >= 0:
-        number = int(terminal) or None
-    else:
-        raise ValueError(f"events[{k}].terminal must be a bool or a count >= 0, got {terminal!r}")
+    terminal = getattr(function, "terminal", None)
+    if not (terminal is None or _is_count(terminal)):
+        raise ValueError(
+            f"events[{k}].terminal must be a bool or a count from 0 to 2**63 - 1, got {terminal!r}"
+        )
     direction = getattr(function, "direction", 0)
-    if not isinstance(direction, int | float | np.number) or np.isnan(direction):
+    if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
         raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
-    return Event(_of_three(function), int(np.sign(direction)), number)
+    # no numpy.sign, which takes neither a bool nor an integer beyond 64 bits
+    sign = (direction > 0) - (direction < 0)  # type: ignore[operator]
+    return Event(_of_three(function), sign, int(terminal or 0) or None)
+
+
+def _is_count(value: Any) -> bool:
+    """Whether SciPy would take it as the number of an event, or as a bool."""
+    whole = isinstance(value, bool | np.bool | int | np.integer) or (
+        isinstance(value, float) and value.is_integer()
+    )
+    return whole and 0 <= int(value) < 2**63
 
 
 def _of_three(function: Any) -> Callable[[float, float, float], float]:
@@ -90,8 +102,7 @@ def _of_three(function: Any) -> Callable[[float, float, float], float]:
 def locate(grid: Array, path: Path, events: Sequence[Event]) -> Hits:
     """Find the events of a fixed-step run on its interpolation.
 
-    Every step is looked at on both ends; where ``s`` crosses zero within it, the velocity jumps,
-    and both sides are looked at.
+    Every step is looked at on both ends, and at the wall where ``s`` crosses zero within it.
     """
     found: list[tuple[float, int]] = []
     for index, event in enumerate(events):
@@ -117,17 +128,34 @@ def _until_terminal(
 
 def _value(event: Event, path: Path, t: float) -> float:
     x, xdot = path.physical(np.array([t]))
-    return float(event.function(t, float(x[0]), float(xdot[0])))
+    return _number(event.function(t, float(x[0]), float(xdot[0])))
 
 
 def _changes(event: Event, path: Path, grid: Array) -> Any:
     """Pairs of neighbouring times between which the event counts."""
-    x, xdot = path.physical(grid)
-    states = zip(grid.tolist(), x.tolist(), xdot.tolist(), strict=True)
-    values = ((t, float(event.function(t, x, xdot))) for t, x, xdot in states)
+    crossings = _crossings(path, grid)
+    times = np.union1d(grid, crossings)
+    x, xdot = path.physical(times)
+    x[np.isin(times, crossings)] = 0.0
+    states = zip(times.tolist(), x.tolist(), xdot.tolist(), strict=True)
+    values = ((state[0], _number(event.function(*state))) for state in states)
     for (left, before), (right, after) in itertools.pairwise(values):
         if event.counts(before, after):
             yield left, right
+
+
+def _crossings(path: Path, grid: Array) -> Array:
+    """Give the times at which ``s`` crosses zero between two steps."""
+    s, _ = path.lifted(grid)
+    (k,) = np.nonzero(np.sign(s[:-1]) * np.sign(s[1:]) < 0)
+    return grid[k] + np.diff(grid)[k] / (1.0 - s[k + 1] / s[k])
+
+
+def _number(value: Any) -> float:
+    try:
+        return math.ldexp(value, 0)  # what is a float or becomes one; strings do not
+    except TypeError:
+        raise TypeError(f"an event function must return a float, got {value!r}") from None
 
 
 def _root(event: Event, path: Path, left: float, right: float) -> float:

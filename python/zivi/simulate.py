@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zivi import _zivi
 from zivi._check import real, real_array
 from zivi._progress import ProgressBar
 from zivi.events import events_of
 from zivi.methods import Course, Method, SwitchedRK
+from zivi.status import Status
 from zivi.system import ImpactSystem
 from zivi.trajectory import Trajectory, restrict, with_events
 
@@ -54,15 +57,17 @@ def simulate(
     method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
         The method with its settings; by default `SwitchedRK` with error control.
     t_eval : array_like, optional
-        Ascending times in `t_span` to report instead of all steps (s). With a method of fixed
-        steps `s` and `v` are linear between them; the multipliers and the residual are those of
-        the step that contains the time.
+        Ascending times in `t_span` to report instead of all steps (s), each once with
+        `SwitchedRK`. With a method of fixed steps `s` and `v` are linear between them; the
+        multipliers and the residual are those of the step that contains the time.
     events : callable or sequence of callables, optional
         Functions ``g(t, x, xdot)`` or, as in SciPy, ``g(t, y)``, whose changes of sign are
         located: see ``t_events`` and ``y_events`` of the result. Attributes as in SciPy:
         ``terminal`` (a bool, or the number of the event that ends the run) and ``direction`` (1
         only rising, -1 only falling, 0 both). A velocity that changes its sign in an impact is an
-        event at the impact, with the state after it.
+        event at the impact, with the state after it; one of ``g = x`` has the state before it. A
+        zero at the start is no event. The function is looked at a few times in a step: two
+        changes of sign shortly after one another are overlooked unless ``max_step`` is short.
     dense_output : bool
         Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
         `SwitchedRK` takes less memory and fewer evaluations.
@@ -115,11 +120,19 @@ def simulate(
             sol = with_events(sol, watched)
         except Exception as raised:
             error = raised if error is None else error
+            message = _zivi.STATUS_MESSAGES[Status.RAISED]
+            sol = dataclasses.replace(sol, status=Status.RAISED, message=message)
         if times is not None:
             sol = restrict(sol, times)
-    if error is not None:
+    if error is None:
+        return sol
+    # the exception knows this frame: through the record, which knows the exception, both would
+    # never be freed
+    del record
+    try:
         raise with_partial(error, sol)
-    return sol
+    finally:
+        del error
 
 
 def pair(name: str, value: Sequence[float], form: str) -> tuple[float, float]:
@@ -143,8 +156,11 @@ def _times(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
 
 def with_partial(error: BaseException, sol: Trajectory | ClosedLoop) -> BaseException:
     """Attach what was computed to the exception that ended a run."""
+    path = getattr(sol, "_path", None)
+    _, end = (path and path.span) or (None, sol.t[-1] if len(sol.t) else None)
+    where = "before its first sample" if end is None else f"at t = {end:.9g} s"
     error.add_note(
-        f"zivi: the run stopped at t = {sol.t[-1]:.9g} s; "
+        f"zivi: the run stopped {where}; "
         "what was computed is this exception's attribute 'trajectory'."
     )
     with contextlib.suppress(AttributeError):  # an exception class with __slots__

@@ -1,6 +1,7 @@
 """Walls that move: ``x >= w(t)`` with ``w``, ``w'`` and ``w''`` given."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -100,14 +101,23 @@ class MovingWall:
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Position (m), velocity (m/s) and acceleration (m/s^2) of the wall at `t` (s)."""
         times = real_array("t", t)
-        w, wdot, wddot = (
-            np.array([function(float(time)) for time in times.ravel()]).reshape(times.shape)
-            for function in (self.position, self.velocity, self.acceleration)
-        )
+        motion = np.array([self._at(time) for time in times.ravel().tolist()]).reshape(-1, 3)
+        w, wdot, wddot = (column.reshape(times.shape) for column in motion.T)
         return w, wdot, wddot
 
     def _at(self, t: float) -> tuple[float, float, float]:
-        return self.position(t), self.velocity(t), self.acceleration(t)
+        return (
+            _number("position", self.position(t)),
+            _number("velocity", self.velocity(t)),
+            _number("acceleration", self.acceleration(t)),
+        )
 
     def _spec(self) -> tuple[Any, ...]:
         return "callable", self._at
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        return math.ldexp(value, 0)  # what is a float or becomes one; strings do not
+    except TypeError:
+        raise TypeError(f"{name}(t) of the wall must return a float, got {value!r}") from None
