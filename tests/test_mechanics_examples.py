@@ -16,6 +16,7 @@ import zivi
 from references import REFERENCES
 
 ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "examples.md").read_text()
 
 
 def example(name):
@@ -340,3 +341,20 @@ def test_damping_for_a_soft_landing():
     zeta = valve.damping_for(1.0)
     _, _, lands, _ = scipy_cycle(valve.Valve(zeta=zeta))
     assert lands[0, 1] == pytest.approx(1.0, abs=1e-6)
+
+
+# --- the page
+
+
+def test_the_numbers_of_the_page():
+    thresholds = re.findall(r"finds (\S+) for `e = 0.5` and (\S+) for `e = 0.8`", PAGE)[0]
+    assert thresholds == tuple(f"{table.threshold(e):.6f}" for e in (0.5, 0.8))
+    assert re.findall(r"it rests from (\S+) s\.", PAGE) == [f"{block.rock(0.5).rest_time:.6f}"]
+    assert re.findall(r"1 m/s at (\S+) of", PAGE) == [f"{valve.damping_for(1.0):.4f}"]
+
+
+def test_every_link_and_example_of_the_page_exists():
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", PAGE):
+        assert (ROOT / "docs" / target).exists(), target
+    for script in re.findall(r"`(examples/\w+\.py)`", PAGE):
+        assert (ROOT / script).exists(), script

@@ -1,0 +1,280 @@
+"""Every number of ``docs/methods.md`` is computed again, and its errors against other solutions."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import zivi
+from closed_form import Ball
+from references import REFERENCES
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "methods.md").read_text()
+
+GRAVITY, DRAG = 9.81, 0.3
+DRAGGED = zivi.LinearForce(gravity=GRAVITY, damping=DRAG)
+
+
+def rows(header):
+    """Cells of the table whose header line starts so."""
+    lines = PAGE[PAGE.index(header) :].splitlines()[2:]
+    for line in lines:
+        if not line.startswith("|"):
+            return
+        yield [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def simulate(case, method):
+    system = zivi.ImpactSystem(zivi.LinearForce(**case["force"]), e=case["e"])
+    state = (case["x0"], case["xdot0"])
+    return zivi.simulate(system, (case["t0"], case["t_end"]), state, method)
+
+
+def with_tolerance(rtol, order=8):
+    return zivi.SwitchedRK(rtol=rtol, atol=rtol / 1000, order=order)
+
+
+def test_the_table_of_the_methods_at_work():
+    names = {name: getattr(zivi, name) for name in zivi.__all__}
+    case = REFERENCES["T1_tab_G1.5"] | {"t_end": 3.7}
+    table = list(rows("| method | force"))
+    assert len(table) == 6
+    for name, nfev, error_x, error_v, lowest in table:
+        sol = simulate(case, eval(name.strip("`"), names))
+        x, xdot = np.abs(sol(3.7) - case["samples"]["3.7"])
+        assert sol.nfev == pytest.approx(int(nfev), rel=0.05)
+        assert x == pytest.approx(float(error_x), rel=0.1)
+        assert xdot == pytest.approx(float(error_v), rel=0.1)
+        assert sol.x.min() == pytest.approx(float(lowest), rel=0.05, abs=1e-9)
+
+
+def test_rest_and_range_of_e_of_each_method():
+    ball = zivi.ImpactSystem(-9.81, e=0.5)
+    ends = {
+        method: zivi.simulate(ball, (0, 3), (1, 0), method)
+        for method in (zivi.SwitchedRK(), zivi.ThetaGamma(1e-3), zivi.MoreauJean(1e-3))
+    }
+    switched, implicit, stepped = ends.values()
+    for exact in (switched, implicit):
+        assert exact.x[-1] == exact.xdot[-1] == 0
+    assert 0 < abs(stepped.x[-1]) < 1e-3
+    assert abs(stepped.xdot[-1]) < 1e-200
+    assert zivi.simulate(ball, (0, 3), (1, 0), zivi.ExplicitEuler(1e-3)).rest_time is None
+    plastic = zivi.ImpactSystem(-9.81, e=0)
+    for method in (zivi.SwitchedRK(), zivi.MoreauJean(1e-3)):
+        rest = zivi.simulate(plastic, (0, 3), (1, 0), method).rest_time
+        assert rest == pytest.approx(math.sqrt(2 / 9.81), abs=4e-3)
+    for method in (zivi.ThetaGamma(1e-3), zivi.ExplicitEuler(1e-3)):
+        with pytest.raises(ValueError, match="e must be > 0"):
+            zivi.simulate(plastic, (0, 3), (1, 0), method)
+
+
+def test_the_zeno_time_of_time_stepping_is_of_order_one():
+    zeno = Ball(1.0, 0.0, e=0.7).zeno
+    for h in (1e-2, 1e-3, 1e-4):
+        ball = zivi.ImpactSystem(-9.81, e=0.7)
+        sol = zivi.simulate(ball, (0, 4), (1, 0), zivi.MoreauJean(h))
+        assert abs(sol.rest_time - zeno) < 20 * h
+        assert (
+            abs(zivi.simulate(ball, (0, 4), (1, 0), zivi.ThetaGamma(h)).rest_time - zeno) > 40 * h
+        )
+
+
+def errors(case, sol):
+    """Largest errors of x, x' and the Zeno times."""
+    samples = {float(t): state for t, state in case["samples"].items()}
+    samples[case["t_end"]] = (case["x_end"], case["xdot_end"])
+    wanted = np.array(list(samples.values())).T
+    x, xdot = np.abs(sol(np.array(list(samples))) - wanted).max(axis=1)
+    assert len(sol.zeno_times) == len(case["zeno"])
+    assert len(sol.liftoff_times) == len(case["lift"])
+    assert np.abs(sol.liftoff_times - case["lift"]).max(initial=0) < 2e-14
+    return x, xdot, np.abs(sol.zeno_times - case["zeno"]).max(initial=0)
+
+
+def test_errors_are_proportional_to_the_tolerance():
+    table = list(rows("| `rtol` | order 8"))
+    assert len(table) == 5
+    for tolerance, *cells in table:
+        rtol = float(tolerance)
+        for order, printed in [(8, cells[:4]), (5, cells[4:])]:
+            sols = {name: simulate(it, with_tolerance(rtol, order)) for name, it in CASES}
+            worst = np.max([errors(it, sols[name]) for name, it in CASES], axis=0) / rtol
+            # other arithmetic (fused operations) may round otherwise where rounding is all there is
+            room = 0.1 if rtol > 1e-11 else 0.5
+            assert worst == pytest.approx([float(it) for it in printed[:3]], rel=room, abs=0.02)
+            assert np.all(worst < 5)
+            total = sum(sol.nfev for sol in sols.values())
+            assert total == pytest.approx(int(printed[3]), rel=0.05)
+
+
+CASES = list(REFERENCES.items())
+
+
+def test_there_are_nine_references():
+    assert "nine reference trajectories" in PAGE
+    assert len(CASES) == 9
+
+
+# --- a ball with drag, solved arc by arc
+
+
+def arc(u):
+    """Flight time from the wall under gravity and drag.
+
+    With ``p = c tau`` and ``a = c u/g`` the height is zero where ``p/(1 - exp(-p)) = 1 + a``.
+    """
+
+    def excess(p):
+        if p < 0.3:
+            return p / 2 + p**2 / 12 - p**4 / 720 + p**6 / 30240 - p**8 / 1209600
+        return p / -math.expm1(-p) - 1
+
+    a = DRAG * u / GRAVITY
+    return brentq(lambda p: excess(p) - a, a, 2.1 * a, xtol=1e-300, rtol=1e-15) / DRAG
+
+
+def dragged_arcs(e):
+    """Start, length and first speed of the arcs of a ball dropped from 1 m, and the rest time."""
+    t = brentq(
+        lambda t: 1 - (GRAVITY / DRAG) * (t + math.expm1(-DRAG * t) / DRAG), 0.1, 5, rtol=1e-15
+    )
+    u = e * (GRAVITY / DRAG) * -math.expm1(-DRAG * t)
+    arcs = []
+    while u > 1e-9:
+        tau = arc(u)
+        arcs.append((t, tau, u))
+        # the speed at the end: x' + c x = u - g tau with x = 0
+        t, u = t + tau, e * (GRAVITY * tau - u)
+    rest = math.fsum([arcs[0][0], *(it[1] for it in arcs)])
+    return arcs, rest + 2 * u / (GRAVITY * (1 - e))
+
+
+def dropped(e, rtol, t_end=80.0):
+    system = zivi.ImpactSystem(DRAGGED, e=e)
+    return zivi.simulate(system, (0, t_end), (1, 0), with_tolerance(rtol))
+
+
+def test_work_grows_as_e_approaches_one():
+    table = list(rows("| `e` | rest at (s)"))
+    assert len(table) == 7
+    for row in table:
+        e, rest, few, few_error, many, many_error = map(float, row)
+        _, exact = dragged_arcs(e)
+        assert exact == pytest.approx(rest, abs=6e-7)
+        for rtol, impacts, error in [(1e-6, few, few_error), (1e-10, many, many_error)]:
+            sol = dropped(e, rtol)
+            assert len(sol.impacts) == pytest.approx(impacts, rel=0.05, abs=1)
+            assert abs(sol.rest_time - exact) < max(2.5 * error, 1e-13 * rest * e / (1 - e))
+            # what is promised: atol + rtol T
+            assert abs(sol.rest_time - exact) < 1.5 * rtol * (rest + 1e-3) + 1e-11
+    (cost,) = re.findall(r"An impact costs about (\d+) evaluations", PAGE)
+    sol = dropped(0.99, 1e-6)
+    assert sol.nfev / len(sol.impacts) == pytest.approx(int(cost), rel=0.1)
+
+
+def test_the_skipped_arcs():
+    (v6, v10, x6, x10) = re.findall(
+        r"in them is (\S+) m/s .* but (\S+) for 1e-10\n?\s?\(of `x`, (\S+) and (\S+) m\)", PAGE
+    )[0]
+    arcs, _ = dragged_arcs(0.6)
+    for rtol, error_x, error_v in [(1e-6, x6, v6), (1e-10, x10, v10)]:
+        sol = dropped(0.6, rtol, 4.0)
+        n = len(sol.impacts)
+        worst = np.zeros(2)
+        for t, length, u in arcs[n - 1 : n + 12]:
+            tau = np.linspace(0.05, 0.95, 50) * length
+            fade = -np.expm1(-DRAG * tau)
+            x = (u + GRAVITY / DRAG) * fade / DRAG - GRAVITY * tau / DRAG
+            xdot = u - (u + GRAVITY / DRAG) * fade
+            worst = np.maximum(worst, np.abs(sol(t + tau) - [x, xdot]).max(axis=1))
+        assert worst == pytest.approx([float(error_x), float(error_v)], rel=0.1)
+
+
+# --- the other limits
+
+
+def test_a_force_that_ends_at_the_wall():
+    def root(t, x, xdot):
+        return -9.81 - math.sqrt(x)
+
+    def drop(force):
+        return zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 3), (1, 0))
+
+    with pytest.raises(ValueError, match="math domain error"):
+        drop(root)
+    sol = drop(lambda t, x, xdot: root(t, x, xdot) if x >= 0 else math.nan)
+    assert sol.status is zivi.Status.FORCE_NOT_FINITE
+    assert len(sol.impacts) == 0
+    assert drop(lambda t, x, xdot: root(t, max(x, 0.0), xdot)).rest_time is not None
+
+
+@pytest.mark.parametrize(
+    ("width", "max_step", "found"), [(0.1, math.inf, False), (0.1, 1.0, True), (0.01, 1.0, True)]
+)
+def test_a_short_pulse_at_rest(width, max_step, found):
+    def force(t, x, xdot):
+        return -1 + 5 * math.exp(-(((t - 5.1) / width) ** 2))
+
+    method = zivi.SwitchedRK(max_step=max_step)
+    sol = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 10), (0, 0), method)
+    assert bool(len(sol.liftoff_times)) is found
+    if found:
+        expected = 5.1 - width * math.sqrt(math.log(5))
+        assert sol.liftoff_times[0] == pytest.approx(expected, abs=1e-12)
+    else:
+        assert sol.nfev == int(re.findall(r"overlooked by default \((\d+) eval", PAGE)[0])
+
+
+def test_grazing():
+    factors = re.findall(
+        r"off by (\d+) `rtol` for `d` = 1e-2, (\d+) for 1e-4, (\d+) for 1e-6", PAGE
+    )
+    for d, factor in zip((1e-2, 1e-4, 1e-6), factors[0], strict=True):
+        system = zivi.ImpactSystem(zivi.LinearForce(stiffness=1, gravity=-1), e=0.5)
+        sol = zivi.simulate(system, (0, math.pi), (2 + d, 0))
+        hit = math.acos(-1 / (1 + d))
+        speed = (1 + d) * math.sin(hit)
+        assert speed == pytest.approx(math.sqrt(2 * d), rel=0.01)
+        tau = math.pi - hit
+        xdot = math.sin(tau) + 0.5 * speed * math.cos(tau)
+        assert abs(sol(math.pi)[1] - xdot) / 1e-6 == pytest.approx(int(factor), rel=0.1)
+
+
+def test_large_times():
+    start, printed = re.findall(r"at t = (\S+) s moves .* by (\S+) s\.", PAGE)[0]
+    start = float(start)
+    ball = zivi.ImpactSystem(-9.81, kappa=0.41)
+    sol = zivi.simulate(ball, (start, start + 4), (1, 6))
+    zeno = Ball.of_kappa(1.0, 6.0, kappa=0.41).zeno
+    assert abs(sol.rest_time - start - zeno) < 2 * float(printed)
+
+
+def test_the_budgets_and_statuses_of_the_page():
+    for names, *_ in rows("| `Status`"):
+        for name in re.findall(r"`(\w+)`", names):
+            assert hasattr(zivi.Status, name)
+    system = zivi.ImpactSystem(DRAGGED, e=0.9)
+    for settings, status in [
+        ({"max_impacts": 10}, zivi.Status.ZENO_BUDGET),
+        ({"max_steps": 10}, zivi.Status.STEP_BUDGET),
+    ]:
+        sol = zivi.simulate(system, (0, 30), (1, 0), zivi.SwitchedRK(**settings))
+        assert sol.status is status
+        assert 0 < sol.t[-1] < 30
+
+
+def test_the_code_of_the_page_runs():
+    (snippet,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    names = {"zivi": zivi, "system": zivi.ImpactSystem(-9.81, e=0.5)}
+    exec(snippet, names)
+    assert names["sol"].success
+
+
+def test_every_link_of_the_page_leads_somewhere():
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", PAGE):
+        assert (ROOT / "docs" / target).exists(), target
