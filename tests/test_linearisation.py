@@ -21,9 +21,13 @@ BALL = {
     "random, h = 1e-4, up to 1e-3 m/s (about `g h`)": "random, h=1e-04, |v|<=1e-03",
 }
 TRACKING = {
-    f"{shown}, {start}": f"tracking, {branch}, {start}"
+    f"{shown}, {start}": f"tracking, {branch}, {label}"
     for shown, branch in (("`s >= 0`", "positive"), ("nearest", "nearest"))
-    for start in ("last signs", "signs of the state", "last result")
+    for start, label in (
+        ("last signs", "tick"),
+        ("signs of the state", "state"),
+        ("last result", "own last"),
+    )
 } | {
     "random, speeds up to 1 m/s": "tracking, random, |v|<=1e+00",
     "random, up to 0.1 m/s": "tracking, random, |v|<=1e-01",

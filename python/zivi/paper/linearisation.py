@@ -55,11 +55,12 @@ class Rate:
 
 CAPTIONS = {
     "ball": "Outer n: at most n affine VIs; inner only: one solver, inner: with its fall-backs. "
-    "Each solve starts from the signs of its state.",
-    "tracking": "The same for the six signs of the tracker; tick: the controller's own solution. "
-    "Steps of the paper's loop on either branch, started from the signs of its last tick, from "
-    "the signs of the state, or from the solver's own last result; random ones from the signs of "
-    "the state.",
+    "Each solve starts from the signs of its state. "
+    "AVI LSA and QI: VI_BOX_AVI_LSA and VI_BOX_QI of Siconos.",
+    "tracking": "The same for the six signs of the tracker; tick: its own solution. "
+    "Steps of the paper's loop on either branch, started from the signs of the last tick, from "
+    "those of the state, or from the solver's own last result; random ones from those of the "
+    "state.",
 }
 
 
@@ -93,11 +94,16 @@ def _table(rates: list[Rate]) -> Table:
     )
     result.add_column("steps", no_wrap=True)
     for solver in solvers:
-        result.add_column(solver, justify="right")
+        heading = solver.removeprefix("Siconos VI_BOX_").replace("_", " ")
+        result.add_column(heading, justify="right")
     for steps in dict.fromkeys(rate.steps for rate in rates):
-        cells = {rate.solver: f"{rate.percent:.2f}" for rate in rates if rate.steps == steps}
+        cells = {rate.solver: _short(rate.percent) for rate in rates if rate.steps == steps}
         result.add_row(steps.removeprefix("tracking, "), *(cells[it] for it in solvers))
     return result
+
+
+def _short(percent: float) -> str:
+    return f"{percent:.3g}" if percent >= 1.0 else f"{round(percent, 2):g}"
 
 
 def save(rates: Iterable[Rate], path: Path) -> None:

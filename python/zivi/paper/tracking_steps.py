@@ -59,6 +59,7 @@ def solvers() -> dict[str, Solver]:
     return own | siconos.solvers("tracking", MU1, MU2, KAPPA, KAPPA, F, F_REF, H)
 
 
+@np.errstate(all="ignore")  # a failed solve may have left anything
 def residual(states: Array, multipliers: Array) -> Array:
     """Relative natural residual of the six inclusions."""
     (s, v, s_ref, v_ref), (ls, lv, lsr, lvr, les, lev) = states.T, multipliers.T
@@ -137,9 +138,9 @@ def sets() -> Iterator[Steps]:
         states, signs = loop_states(branch)
         own = signs_of(states)
         first, unknown = own[:1], np.full_like(own[1:], np.nan)
-        yield steps(f"{branch}, last signs", states, np.vstack([first, signs[:-1]]))
-        yield steps(f"{branch}, signs of the state", states, own)
-        yield steps(f"{branch}, last result", states, np.vstack([first, unknown]))
+        yield steps(f"{branch}, tick", states, np.vstack([first, signs[:-1]]))
+        yield steps(f"{branch}, state", states, own)
+        yield steps(f"{branch}, own last", states, np.vstack([first, unknown]))
     for j, speed in enumerate(SPEEDS):
         states = random_states(speed, seed=j)
         yield steps(f"random, |v|<={speed:.0e}", states, signs_of(states))
