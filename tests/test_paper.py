@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 import zivi
 from zivi.cli import app
-from zivi.paper import Check, ball, siconos
+from zivi.paper import Check, ball, rest, robustness, siconos
+from zivi.paper.closed_loops import track
 
 FIGURES = (
     "fig1_transformed_state",
@@ -17,6 +18,12 @@ FIGURES = (
     "fig3_phase_plane",
     "fig4_multipliers",
     "explicit_and_implicit",
+    "fig5_regulator",
+    "fig6_tracking",
+    "fig7_errors",
+    "fig8_control_and_signs",
+    "tracking_loops",
+    "chattering",
 )
 
 
@@ -39,10 +46,20 @@ def test_it_writes_figures_data_and_tables(tmp_path, without_siconos):
         assert min(picture.shape[:2]) > 500
         assert picture[..., :3].std() > 0.01
     checks = rows(out / "checks.csv")
-    assert len(checks) >= 13
+    assert len(checks) >= 39
     assert all(row["ok"] == "yes" for row in checks)
     assert any(row["paper"] == "about 2.45" for row in checks)
     assert len(rows(out / "linearisation.csv")) == 5 * 17 + 7 * 11
+    assert len(rows(out / "chattering.csv")) == 4 * 3 * 3
+    assert len(rows(out / "robustness.csv")) == 2 * len(robustness.DISTURBANCES)
+    assert len(rows(out / "rest.csv")) == len(rest.RESTITUTIONS)
+    for title in (
+        "Checked numbers",
+        "Explicit and implicit signs",
+        "under disturbances",
+        "rest of",
+    ):
+        assert title in result.output
 
 
 def test_the_data_are_those_of_the_figure(tmp_path, without_siconos):
@@ -51,6 +68,13 @@ def test_the_data_are_those_of_the_figure(tmp_path, without_siconos):
     data = rows(tmp_path / "fig2_position_velocity.csv")
     np.testing.assert_array_equal([float(row["x"]) for row in data], sol.x)
     np.testing.assert_array_equal([float(row["xdot"]) for row in data], sol.xdot)
+    run = track(sampled=False)
+    data = rows(tmp_path / "fig8_control_and_signs.csv")
+    np.testing.assert_array_equal([float(row["u"]) for row in data], run.u)
+    np.testing.assert_array_equal([float(row["lambda_es"]) for row in data], run.signs[:, 4])
+    data = rows(tmp_path / "tracking_loops_sampled_nearest.csv")
+    np.testing.assert_array_equal([float(row["x_ref"]) for row in data], track("nearest").x_ref)
+    assert "x_ref" not in rows(tmp_path / "fig5_regulator.csv")[0]
 
 
 def test_a_number_that_is_off_fails(tmp_path, monkeypatch, without_siconos):
