@@ -69,20 +69,19 @@ def main(path: str) -> None:
         f"{stuck} of {len(times)} restarts\nadvance by 0 s",
         fontsize="small",
     )
-    h = 1e-3
+    times = np.linspace(2.4, 2.6, 20_001)
     for ax, method, title, color in [
-        (middle, zivi.ExplicitEuler(h), "explicit signs: chattering", BLUE),
-        (right, zivi.ThetaGamma(h), "zivi: exactly at rest", GREEN),
+        (middle, zivi.ExplicitEuler(1e-3), "explicit signs: chattering", BLUE),
+        (right, zivi.SwitchedRK(), "zivi: exactly at rest", GREEN),
     ]:
         sol = run(method)
-        window = (sol.t > 2.4) & (sol.t < 2.6)
-        ax.plot(sol.t[window], sol.xdot[window], color=color, lw=1)
+        ax.plot(times, sol(times)[1], color=color, lw=1)
         ax.axvline(Exact.zeno, color="0.5", ls=":", lw=1)
         ax.set(xlabel="time $t$ (s)", ylim=(-0.35, 0.3))
         ax.set_title(title, fontsize="medium")
         if sol.rest_time is not None:
             ax.annotate(
-                f"$x = \\dot x = 0$ from {sol.rest_time:.3f} s",
+                f"$x = \\dot x = 0$ from {sol.rest_time:.6f} s",
                 (sol.rest_time, 0.0),
                 (2.47, 0.14),
                 arrowprops={"arrowstyle": "->", "color": "0.3"},

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import zivi
+from closed_form import Ball
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -32,8 +33,32 @@ def test_the_snippet_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     exec(compile(snippet, "README.md", "exec"), names)
     plt.close("all")
     assert (tmp_path / "ball.png").stat().st_size > 1000
-    assert names["sol"].rest_time == pytest.approx(2.444, abs=1e-12)
-    assert "2.444" in capsys.readouterr().out
+    (printed,) = re.findall(r"rest_time\)  # (\d+\.\d+):", snippet)
+    assert names["sol"].rest_time == pytest.approx(float(printed), abs=5e-14)
+    assert Ball.of_kappa(1.0, 6.0, kappa=0.41).zeno == pytest.approx(float(printed), abs=1e-13)
+    assert printed[:-2] in capsys.readouterr().out
+
+
+def test_what_the_default_promises(table):
+    """The errors on the references are those of the page on the methods, which has its own test."""
+    row = table["To the tolerance"]
+    page = (ROOT / "docs" / "methods.md").read_text()
+    for printed, rtol in re.findall(r"(\d\.\d) `rtol` at (1e-\d)", row):
+        cells = re.search(rf"^\| {rtol} \| (\S+) \| (\S+) \| (\S+) \|", page, re.MULTILINE)
+        assert max(map(float, cells.groups())) == pytest.approx(float(printed), abs=0.05)
+    system = zivi.ImpactSystem(-9.81, kappa=0.41)
+    sol = zivi.simulate(system, (0, 4), (1, 6))
+    rest, nfev = re.findall(r"rest at (\S+) s after (\d+) evaluations", row)[0]
+    assert sol.rest_time == pytest.approx(float(rest), abs=1e-13)
+    assert sol.nfev == int(nfev)
+
+
+def test_the_limits_are_those_of_the_page(table):
+    page = (ROOT / "docs" / "methods.md").read_text()
+    impacts, e = re.findall(r"\((\d+) impacts at `e = (\S+)`\)", table["Limits"])[0]
+    assert re.search(rf"^\| {e} \| \S+ \| {impacts} \|", page, re.MULTILINE)
+    with pytest.raises(ValueError, match="e must be > 0"):
+        zivi.simulate(zivi.ImpactSystem(-9.81, e=0), (0, 1), (1, 0), zivi.ThetaGamma(1e-2))
 
 
 def test_the_two_commands_are_targets():
@@ -60,10 +85,9 @@ def test_the_rest_times(table):
 
 
 def test_the_exact_zeno_point():
-    e, speed = 0.59 / 1.41, (36 + 2 * 9.81) ** 0.5
-    zeno = (6 + speed) / 9.81 + 2 * e * speed / (9.81 * (1 - e))
+    zeno = Ball.of_kappa(1.0, 6.0, kappa=0.41).zeno
     (printed,) = re.findall(r"Zeno point is at (\d\.\d+) s", README)
-    assert float(printed) == pytest.approx(zeno, abs=5e-5)
+    assert float(printed) == pytest.approx(zeno, abs=1e-14)
 
 
 def test_every_link_leads_somewhere():
