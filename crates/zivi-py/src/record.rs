@@ -38,7 +38,7 @@ pub(crate) struct RunRecord {
 impl RunRecord {
     pub(crate) fn new(py: Python<'_>, run: Run<PyErr>) -> PyResult<Self> {
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
-        let zivi::Trajectory { columns, events, failed_steps, status, nfev } = run.trajectory;
+        let zivi::Trajectory { columns, events, failed_steps, status, nfev, .. } = run.trajectory;
         let n_samples = columns.len();
         let (block, room) = columns.into_block();
         let failed_steps = failed_steps.iter().map(|&k| k as i64);

@@ -4,8 +4,9 @@ use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepFailure};
 
 use crate::events::EventLog;
 use crate::monitor::Pace;
-use crate::recorder::Recorder;
-use crate::trajectory::{Columns, Run, Sample, SetupError, Trajectory};
+use crate::recorder::{memory, Recorder};
+use crate::summary::Keep;
+use crate::trajectory::{Run, Sample, SetupError, Trajectory};
 use crate::{Force, Grid, Monitor, Status};
 
 /// Where a step starts.
@@ -148,13 +149,18 @@ impl<M> Walk<M> {
     ) -> Result<Self, SetupError> {
         let z = lift(initial, wall)?;
         let (t, n) = (grid.t(0), grid.n_steps());
-        let columns = Columns::with_room(n + 1, |start, len| monitor.record_allocated(start, len))
+        let keep = monitor.keep();
+        let (columns, kept) = memory(n, keep, |start, len| monitor.record_allocated(start, len))
             .map_err(|_| SetupError::Memory(n))?;
+        let record = Recorder::start(columns, t, z, wall);
         let incoming = initial.x == 0.0 && initial.xdot < 0.0;
         Ok(Self {
             method,
             grid,
-            record: Recorder::start(columns, t, z, wall),
+            record: match (keep, kept) {
+                (Keep::Every(every), Some(kept)) => record.thinned(every, kept),
+                _ => record,
+            },
             log: EventLog::start(t, z, incoming, wall),
             failed_steps: Vec::new(),
             k: 0,
@@ -249,8 +255,10 @@ impl<M> Walk<M> {
             Failure::Status(status) => (status, None),
             Failure::Raised(error) => (Status::Raised, Some(error)),
         };
+        let (columns, summary) = self.record.finish();
         let trajectory = Trajectory {
-            columns: self.record.into_columns(),
+            columns,
+            summary,
             events: self.log.finish(),
             failed_steps: self.failed_steps,
             status,

@@ -20,6 +20,7 @@
 #![forbid(unsafe_code)]
 
 pub mod ballistic;
+pub mod batch;
 pub mod closed_loop;
 pub mod events;
 pub mod explicit;
@@ -34,6 +35,7 @@ mod recorder;
 pub mod sign_solver;
 pub mod status;
 pub mod step_solver;
+pub mod summary;
 pub mod switched_rk;
 pub mod theta_gamma;
 pub mod trajectory;
@@ -48,6 +50,7 @@ pub use monitor::{Monitor, Silent};
 pub use moreau_jean::{simulate_moreau_jean, MoreauJean};
 pub use moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use status::Status;
+pub use summary::{Keep, Summary};
 pub use switched_rk::{
     simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Occurrence, Order,
     Output, PathPoint, SwitchedIntegrator, SwitchedRk, SwitchedRun, Tail, UserEvent,

@@ -1,5 +1,7 @@
 //! Watching a run from outside: progress, and the wish to stop.
 
+use crate::Keep;
+
 use std::time::{Duration, Instant};
 
 /// Something that is told how far a run is and may end it.
@@ -9,6 +11,11 @@ pub trait Monitor<E> {
     /// # Errors
     /// An error ends the run; what was computed is kept.
     fn poll(&mut self, done: usize, of: usize) -> Result<(), E>;
+
+    /// Which samples a method of fixed steps shall keep.
+    fn keep(&self) -> Keep {
+        Keep::All
+    }
 
     /// Called once with the address and the length of the record's memory before it is touched: a
     /// chance to tell the operating system how it will be used.

@@ -321,6 +321,7 @@ impl Walk {
         };
         let trajectory = Trajectory {
             columns: self.columns,
+            summary: None,
             events: self.log.events,
             failed_steps: Vec::new(),
             status,

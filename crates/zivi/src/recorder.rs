@@ -2,7 +2,8 @@
 
 use zivi_core::{sgn, transform, Lifted, Restitution};
 
-use crate::trajectory::{Columns, Sample};
+use crate::summary::{Keep, Summary};
+use crate::trajectory::{Columns, Quantity, Sample};
 
 /// Steps that are staged before they are appended.
 const BLOCK: usize = 256;
@@ -12,6 +13,8 @@ const BLOCK: usize = 256;
 /// for the next (the projection, the residual) is computed many at a time.
 pub(crate) struct Recorder {
     columns: Columns,
+    /// What is kept of the columns, if not all: they are then a block that is used again.
+    thinned: Option<Thinned>,
     wall: Restitution,
     staged: usize,
     /// The state before the staged steps.
@@ -24,7 +27,55 @@ pub(crate) struct Recorder {
     f: [f64; BLOCK],
 }
 
+/// Every so many samples, and a summary of all.
+struct Thinned {
+    every: usize,
+    /// Samples so far.
+    seen: usize,
+    kept: Columns,
+    summary: Summary,
+}
+
+impl Thinned {
+    /// Takes what is wanted of a block of samples.
+    fn absorb(&mut self, block: &Columns) {
+        self.summary.absorb(block);
+        if self.every == 0 {
+            self.seen += block.len();
+            return;
+        }
+        let first = self.seen.next_multiple_of(self.every) - self.seen;
+        for k in (first..block.len()).step_by(self.every) {
+            for (row, quantity) in self.kept.extend(1).into_iter().zip(Quantity::ALL) {
+                row.fill(block.of(quantity)[k]);
+            }
+        }
+        self.seen += block.len();
+    }
+}
+
+/// The memory of a record of `n` steps of which `keep` is kept, and of a block if that is less.
+pub(crate) fn memory(
+    n: usize,
+    keep: Keep,
+    advise: impl FnOnce(*const f64, usize),
+) -> Result<(Columns, Option<Columns>), std::collections::TryReserveError> {
+    match keep {
+        Keep::All => Ok((Columns::with_room(n + 1, advise)?, None)),
+        Keep::Every(every) => {
+            let kept = Columns::with_room(n.checked_div(every).map_or(1, |it| it + 1), advise)?;
+            Ok((Columns::with_room(BLOCK + 1, |_, _| ())?, Some(kept)))
+        }
+    }
+}
+
 impl Recorder {
+    /// Keeps only every so many of the samples (none for `0`), in `kept`.
+    pub(crate) fn thinned(mut self, every: usize, kept: Columns) -> Self {
+        self.thinned = Some(Thinned { every, seen: 0, kept, summary: Summary::default() });
+        self
+    }
+
     /// Fills `columns`, which have room for the initial state `z` and all steps; its signs are
     /// recorded as its multipliers.
     pub(crate) fn start(mut columns: Columns, t: f64, z: Lifted, wall: Restitution) -> Self {
@@ -36,7 +87,8 @@ impl Recorder {
         }
         let (t, s, v, f) = ([0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
         let (lambda_s, lambda_v) = ([0.0; BLOCK], [0.0; BLOCK]);
-        Self { columns, wall, staged: 0, before: z, t, s, v, lambda_s, lambda_v, f }
+        let thinned = None;
+        Self { columns, thinned, wall, staged: 0, before: z, t, s, v, lambda_s, lambda_v, f }
     }
 
     /// Steps that can be staged before the block must be flushed.
@@ -88,9 +140,17 @@ impl Recorder {
         }
         self.before = before;
         self.staged = 0;
+        if let Some(thinned) = &mut self.thinned {
+            thinned.absorb(&self.columns);
+            self.columns.clear();
+        }
     }
 
-    pub(crate) fn into_columns(self) -> Columns {
-        self.columns
+    /// What was kept, and a summary if that is not all.
+    pub(crate) fn finish(self) -> (Columns, Option<Summary>) {
+        match self.thinned {
+            Some(Thinned { kept, summary, .. }) => (kept, Some(summary)),
+            None => (self.columns, None),
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::fmt;
 
 use zivi_core::{Lifted, SettingError};
 
-use crate::{Events, GridError, Status};
+use crate::{Events, GridError, Status, Summary};
 
 /// One state of a run with the multipliers of the step that led to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +39,20 @@ pub enum Quantity {
     LambdaV,
     /// Relative natural residual of the step that ends at the sample (0 at the first).
     Residual,
+}
+
+impl Quantity {
+    /// All of them, in order.
+    pub const ALL: [Quantity; QUANTITIES] = [
+        Quantity::T,
+        Quantity::X,
+        Quantity::Xdot,
+        Quantity::S,
+        Quantity::V,
+        Quantity::LambdaS,
+        Quantity::LambdaV,
+        Quantity::Residual,
+    ];
 }
 
 /// Number of sampled quantities.
@@ -106,6 +120,11 @@ impl Columns {
         (self.block, self.room)
     }
 
+    /// Forgets the samples and keeps the memory.
+    pub(crate) fn clear(&mut self) {
+        self.len = 0;
+    }
+
     /// Room for the next `n` samples of every quantity, in the order of [`Quantity`].
     pub(crate) fn extend(&mut self, n: usize) -> [&mut [f64]; QUANTITIES] {
         let from = self.len;
@@ -121,8 +140,10 @@ impl Columns {
 /// A run as far as it went.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
-    /// The samples.
+    /// The samples, or those that were to be kept.
     pub columns: Columns,
+    /// Of all samples, where not all were to be kept.
+    pub summary: Option<Summary>,
     /// What happened at the wall.
     pub events: Events,
     /// Numbers of the samples whose step the chosen solver did not solve (the exact one took it).

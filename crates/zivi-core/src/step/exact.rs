@@ -10,7 +10,7 @@ use crate::{sgn, transform, Lifted};
 
 /// Relative tolerance of the sign tests: a candidate that violates one by less is taken as equal
 /// to the degenerate candidate beside it.
-pub(super) const SIGN_TOLERANCE: f64 = 1e-13;
+pub const SIGN_TOLERANCE: f64 = 1e-13;
 
 /// Which signs are interior, and the ends that the others take, seen from the side of the state
 /// (`lambda_s = 1` is the side where the mass is).

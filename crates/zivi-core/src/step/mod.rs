@@ -22,7 +22,7 @@ mod exact;
 pub mod inclusion;
 pub mod selection;
 
-pub use exact::{Pattern, PATTERNS};
+pub use exact::{Pattern, PATTERNS, SIGN_TOLERANCE};
 pub use inclusion::StepInclusion;
 
 use crate::setting::{require, SettingError};

@@ -454,7 +454,8 @@ impl<E> Running<'_, '_, E> {
         }
         let columns = columns(&self.samples.rows, self.integrator.wall, advise)?;
         let events = self.events;
-        let trajectory = Trajectory { columns, events, failed_steps: Vec::new(), status, nfev };
+        let trajectory =
+            Trajectory { columns, summary: None, events, failed_steps: Vec::new(), status, nfev };
         let counts = Counts { nfev, ..self.integrator.counts };
         let (path, tails, hits) = (self.path, self.tails, self.watch.into_hits());
         Ok(SwitchedRun { trajectory, raised, path, tails, hits, counts })

@@ -1,0 +1,39 @@
+//! Time of a batch of balls: a driver for `benchmarks/`.
+//!
+//! ```text
+//! batch_time BALLS STEPS THREADS REPETITIONS
+//! ```
+//!
+//! Prints the nanoseconds per ball and step of each repetition.
+
+use std::time::Instant;
+
+use zivi::batch::{simulate_batch, Course, Member, Save};
+use zivi::{ConstantForce, Grid, Physical, Restitution, Silent, ThetaGamma};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let numbers: Vec<usize> =
+        std::env::args().skip(1).map(|it| it.parse()).collect::<Result<_, _>>()?;
+    let &[balls, steps, threads, repetitions] = numbers.as_slice() else {
+        return Err("expected BALLS STEPS THREADS REPETITIONS".into());
+    };
+    let wall = Restitution::from_kappa(0.41)?;
+    let grid = Grid::new(0.0, 1e-3 * steps as f64, 1e-3)?;
+    let course = Course::ThetaGamma(ThetaGamma::implicit_euler(), grid);
+    let members: Vec<_> = (0..balls)
+        .map(|i| Member {
+            wall,
+            force: ConstantForce(-9.81),
+            initial: Physical { x: 1.0 + 1e-4 * i as f64, xdot: 6.0 },
+        })
+        .collect();
+    for _ in 0..repetitions {
+        let start = Instant::now();
+        let ends = simulate_batch(&members, course, Save::Final, threads, &mut Silent)
+            .map_err(|error| format!("{error:?}"))?;
+        let took = start.elapsed().as_secs_f64();
+        assert_eq!(ends.len(), balls);
+        println!("{:.3}", took * 1e9 / (balls * steps) as f64);
+    }
+    Ok(())
+}
