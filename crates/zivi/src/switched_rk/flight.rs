@@ -230,18 +230,34 @@ impl SwitchedIntegrator {
                 _ => break,
             }
         }
-        let Some((delta, xdot)) = landing else {
-            // the polynomial touches the wall, the motion passes it closely
-            let plan = Plan { h: length, wanted: length };
-            let h = self.h;
-            let piece = self.take(plan, length, 1.0, t_end);
-            self.h = h.or(self.h);
-            return Ok(piece);
+        let end = self.stages.end;
+        let (total, xdot) = match landing {
+            Some((delta, xdot)) => (self.stages.h + delta, xdot),
+            None if end.x > 0.0 => return Ok(self.pass(t_end)),
+            None => self.landing_inside(force)?,
         };
-        let total = self.stages.h + delta;
         self.counts.accepted += 1;
         self.landing = Some((total, xdot));
         Ok(self.strike(from, (from.t + total).clamp(from.t, t_end), xdot))
+    }
+
+    /// The polynomial of a longer step touched the wall, the motion passes it closely.
+    fn pass(&mut self, t_end: f64) -> Piece {
+        let (h, length) = (self.h, self.stages.h);
+        let piece = self.take(Plan { h: length, wanted: length }, length, 1.0, t_end);
+        self.h = h.or(self.h);
+        piece
+    }
+
+    /// The impact within a step that ends behind the wall, on its polynomials: where the motion is
+    /// as small as the tolerance, two steps need not agree on it any better.
+    fn landing_inside<E, F: Force<E>>(
+        &mut self,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(f64, f64), Failure<E>> {
+        let theta = self.first_contact(force)?.unwrap_or(1.0);
+        let [_, xdot] = self.stages.polynomials(force)?;
+        Ok((theta * self.stages.h, xdot.at(theta).min(0.0)))
     }
 
     /// The polynomials of the last step, up to its impact if there was one.

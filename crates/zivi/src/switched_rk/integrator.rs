@@ -304,6 +304,7 @@ impl SwitchedIntegrator {
             })?
         };
         (self.mode, self.continues) = (Mode::Rest, false);
+        self.chain.clear();
         let lifted = match window {
             Window::NotFinite => return Err(Failure::Status(Status::ForceNotFinite)),
             Window::RestUntil(t) => {
