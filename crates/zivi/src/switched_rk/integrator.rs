@@ -103,6 +103,8 @@ pub struct SwitchedIntegrator {
     pub(super) lookout: Lookout,
     /// Length of the last step up to its impact, and the velocity there.
     pub(super) landing: Option<(f64, f64)>,
+    /// Steps that end later than this have their polynomials computed.
+    pub(super) dense_from: f64,
     pub(super) counts: Counts,
     /// Steps of this advance.
     spent: usize,
@@ -130,6 +132,7 @@ impl SwitchedIntegrator {
             h: None,
             lookout: Lookout::default(),
             landing: None,
+            dense_from: f64::INFINITY,
             counts: Counts::default(),
             spent: 0,
         })

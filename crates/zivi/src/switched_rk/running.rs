@@ -100,6 +100,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
                 if self.integrator.now.t >= self.t1 {
                     break;
                 }
+                self.integrator.dense_from = self.dense_from();
                 let piece = self.integrator.step(self.t1, force)?;
                 self.absorb(piece, force)?;
             }
@@ -110,6 +111,15 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
                 return Ok(());
             }
             pace.adjust();
+        }
+    }
+
+    /// From when on the motion between the ends of steps is asked for.
+    fn dense_from(&self) -> f64 {
+        if self.path.is_some() || !self.watch.is_idle() {
+            f64::NEG_INFINITY
+        } else {
+            self.samples.next_wanted().unwrap_or(f64::INFINITY)
         }
     }
 
@@ -161,9 +171,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         force: &mut Counted<'_, F>,
     ) -> Result<(), Ending<E>> {
         let end = self.here();
-        let wanted =
-            self.path.is_some() || !self.watch.is_idle() || self.samples.wants_before(end.0);
-        if wanted && end.0 > from.t {
+        if end.0 > self.dense_from() && end.0 > from.t {
             let curve = self.integrator.curve(sigma, force)?;
             if let Some(path) = &mut self.path {
                 path.push_flight(&curve);

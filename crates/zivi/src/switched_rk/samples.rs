@@ -19,15 +19,14 @@ impl<'a> Samples<'a> {
         Self { t_eval, next: 0, rows: Vec::new() }
     }
 
-    /// Whether there is something to sample before `t`.
-    pub(super) fn wants_before(&self, t: f64) -> bool {
-        self.t_eval.is_some_and(|times| times.get(self.next).is_some_and(|&next| next < t))
+    /// The next of the given times.
+    pub(super) fn next_wanted(&self) -> Option<f64> {
+        self.t_eval.and_then(|times| times.get(self.next).copied())
     }
 
     /// Samples the motion at the wanted times before `t`.
     pub(super) fn along(&mut self, t: f64, motion: impl Fn(f64) -> PathPoint) {
-        while self.wants_before(t) {
-            let at = self.t_eval.unwrap_or_default()[self.next];
+        while let Some(at) = self.next_wanted().filter(|&next| next < t) {
             self.push(at, motion(at));
             self.next += 1;
         }

@@ -9,9 +9,9 @@ use zivi::{
 
 use crate::problems::{Random, Run};
 
-/// A sum of random terms: smooth, stiff, with jumps in time, narrow pulses, rough. If it is `wild`
-/// it may also jump in the velocity (dry friction, for which there need not be a motion) and blow
-/// the mass away.
+/// A sum of random terms: smooth, stiff, with jumps in time and narrow pulses. If it is `wild` it
+/// may also be rough, jump in the velocity (dry friction, for which there need not be a motion)
+/// and blow the mass away.
 fn force(random: &mut Random, wild: bool) -> impl FnMut(f64, f64, f64) -> Result<f64, Infallible> {
     let mut pick = |chance: f64, low: f64, high: f64| {
         let (toss, value) = (random.uniform(), random.between(low, high));
@@ -27,7 +27,7 @@ fn force(random: &mut Random, wild: bool) -> impl FnMut(f64, f64, f64) -> Result
     let (dry, wind) = (pick(0.3, 0.0, if wild { 4.0 } else { 0.0 }), pick(0.3, 3.0 * least, 3.0));
     let (jump, period) = (pick(0.3, -20.0, 20.0), pick(1.0, 0.05, 1.0));
     let (cubic, pulse) = (pick(0.2, 50.0 * least, 50.0), pick(0.2, 0.0, 1e4));
-    let (noise, deep) = (pick(0.1, 0.0, 1e-6), pick(0.1, 0.0, 1.0));
+    let (noise, deep) = (pick(0.1, 0.0, if wild { 1e-6 } else { 0.0 }), pick(0.1, 0.0, 1.0));
     move |t: f64, x: f64, v: f64| {
         let square = if (t / period).rem_euclid(1.0) < 0.5 { jump } else { -jump };
         let friction = if v == 0.0 { 0.0 } else { -dry * v.signum() };
