@@ -157,12 +157,12 @@ impl SwitchedIntegrator {
             self.h = self.settings.first_step;
         }
         self.lookout = Lookout { length: self.h, ..Lookout::default() };
-        self.forget();
+        self.forget_force();
         Ok(())
     }
 
-    /// Forgets what was learnt from the force.
-    fn forget(&mut self) {
+    /// Forgets what was learnt from the force: from here on it is another one.
+    pub fn forget_force(&mut self) {
         self.continues = false;
         self.zeno = None;
         self.chain.clear();
@@ -170,7 +170,8 @@ impl SwitchedIntegrator {
         self.armed |= self.now.x == 0.0 && self.now.xdot == 0.0;
     }
 
-    /// Advances to `t_end` under a force that may be another one than before.
+    /// Advances to `t_end` (finite; nothing is done up to now or before) under a force that may be
+    /// another one than before.
     ///
     /// # Errors
     /// [`Failure`] when the force raised an error or the motion could not be continued; the state
@@ -180,11 +181,12 @@ impl SwitchedIntegrator {
         t_end: f64,
         force: &mut F,
     ) -> Result<(), Failure<E>> {
-        self.forget();
+        self.forget_force();
         self.resume_to(t_end, force)
     }
 
-    /// Advances to `t_end` under the same force as before: what was learnt from it is kept.
+    /// Advances to `t_end` under the same force as before: its value here and the chain of impacts
+    /// are kept.
     ///
     /// # Errors
     /// As [`SwitchedIntegrator::advance_to`].
@@ -196,7 +198,8 @@ impl SwitchedIntegrator {
         self.observe_to(t_end, force, |_| ())
     }
 
-    /// As [`SwitchedIntegrator::resume_to`], and tells what happened at the wall, in order.
+    /// As [`SwitchedIntegrator::resume_to`], and tells what happened at the wall, in order. Before
+    /// it goes on under another force, call [`SwitchedIntegrator::forget_force`].
     ///
     /// # Errors
     /// As [`SwitchedIntegrator::advance_to`].

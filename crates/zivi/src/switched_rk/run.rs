@@ -36,7 +36,7 @@ pub struct SwitchedRun<E> {
     /// Samples, impacts, Zeno points, lift-offs, status.
     pub trajectory: Trajectory,
     /// The error that the force, an event or the monitor raised (the status is
-    /// [`Status::Raised`] then).
+    /// [`crate::Status::Raised`] then).
     pub raised: Option<E>,
     /// The motion as a function of time, if [`Output::dense`] asked for it.
     pub path: Option<DensePath>,

@@ -131,17 +131,20 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         } else {
             self.airborne = Some(0);
         }
-        self.end = (t, PathPoint { x, xdot, sigma: self.integrator.sigma });
-        self.watch.start(t, self.end.1).map_err(Failure::Raised)?;
-        if x == 0.0 && xdot < 0.0 {
+        let before = PathPoint { x, xdot, sigma: self.integrator.sigma };
+        let arrives = x == 0.0 && xdot < 0.0;
+        if arrives {
             let piece = self.integrator.strike(self.integrator.now, t, xdot);
             if let Piece::Flight { impact: Some(impact), .. } = piece {
                 self.events.impacts.push(impact);
             }
-            self.end = self.here();
+        }
+        self.end = self.here();
+        self.samples.at_step(t, self.end.1);
+        self.watch.start(t, before).map_err(Failure::Raised)?;
+        if arrives {
             self.jumped()?;
         }
-        self.samples.at_step(t, self.end.1);
         Ok(())
     }
 
