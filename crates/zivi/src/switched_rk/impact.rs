@@ -36,6 +36,7 @@ impl SwitchedIntegrator {
             // the impact stops the mass, which stays or is pulled off
             let stays = force.at_wall(t)? <= 0.0;
             self.armed = stays;
+            self.chain.clear();
             return Ok(());
         }
         if self.wall.e() == 1.0 {
