@@ -15,7 +15,8 @@
 //!
 //! The pipeline: a [`Force`] and a wall are advanced by a method ([`theta_gamma`], [`explicit`])
 //! that [`fixed_step`] drives over a [`Grid`], filling a [`Trajectory`] with its [`Events`]. A new
-//! fixed-step method is one new file that implements [`fixed_step::FixedStep`].
+//! fixed-step method is one new file that implements [`fixed_step::FixedStep`]. [`switched_rk`]
+//! chooses its steps, and [`moreau_jean`] works in `(x, x')`: they drive themselves.
 
 #![forbid(unsafe_code)]
 

@@ -170,6 +170,32 @@ mod tests {
     }
 
     #[test]
+    fn the_estimate_is_not_optimistic_where_a_difference_of_columns_is() {
+        // expansions with coefficients of both signs: neighbouring columns agree by chance
+        let (mut optimistic, mut naive, mut all) = (0, 0, 0);
+        for case in 0..400 {
+            let c = |k: i32| (f64::from(case * (k + 3)) * 0.7548776662).sin();
+            let mut chain = Chain::new(0.6);
+            for i in 0..8 {
+                let q = 0.6f64.powi(i);
+                let t = 5.0 - q - 0.5 * (c(2) * q.powi(2) + c(3) * q.powi(3) + c(4) * q.powi(4));
+                let (u, g) = (q * (1.0 + 0.3 * c(5) * q), 5.0 * (1.0 + 0.2 * c(6) * q));
+                chain.note(Bounce { t, u, g });
+                let (Some(zeno), first) = (chain.zeno_time(), chain.bounces[0].t) else { continue };
+                let error = (zeno.t - 5.0).abs();
+                let columns = chain.columns() - 1;
+                let across = |j: usize| (chain.row[j] - chain.row[j - 1]).abs();
+                let best = (1..columns).min_by(|&a, &b| across(a).total_cmp(&across(b)));
+                let Some(j) = best else { continue };
+                all += 1;
+                optimistic += i32::from(error > 2.0 * zeno.error);
+                naive += i32::from((first + chain.row[j] - 5.0).abs() > 2.0 * across(j));
+            }
+        }
+        assert!(optimistic * 100 < all && naive > 5 * optimistic, "{optimistic} {naive} {all}");
+    }
+
+    #[test]
     fn a_constant_pull_is_exact() {
         let (e, g) = (0.5, 9.81);
         let mut chain = Chain::new(e);

@@ -48,21 +48,28 @@ impl SwitchedIntegrator {
         let mut h = plan.h;
         loop {
             self.spend()?;
-            match self.judge(slope, h, force)? {
+            let (factor, why) = match self.judge(slope, h, force)? {
                 Verdict::Take(growth) => return Ok(self.take(plan, h, growth, t_end)),
-                Verdict::Land(theta) => {
-                    if h < plan.h {
-                        self.h = Some(h);
+                Verdict::Land(theta) => match self.land(slope, theta * h, t_end, force) {
+                    Err(Failure::Status(why)) => (RETREAT, why),
+                    landed => {
+                        let landed = landed?;
+                        if h < plan.h {
+                            self.h = Some(h);
+                        }
+                        return Ok(match landed {
+                            Some(impact) => impact,
+                            // the step was too long to tell: it saw an impact where there is none
+                            None => self.take(plan, 0.5 * h, 1.0, t_end),
+                        });
                     }
-                    return self.land(slope, theta * h, t_end, force);
-                }
-                Verdict::Shorten(factor, why) => {
-                    self.counts.rejected += 1;
-                    h *= factor;
-                    if h <= 8.0 * f64::EPSILON * self.now.t.abs() || h < f64::MIN_POSITIVE {
-                        return Err(Failure::Status(why));
-                    }
-                }
+                },
+                Verdict::Shorten(factor, why) => (factor, why),
+            };
+            self.counts.rejected += 1;
+            h *= factor;
+            if h <= 8.0 * f64::EPSILON * self.now.t.abs() || h < f64::MIN_POSITIVE {
+                return Err(Failure::Status(why));
             }
         }
     }
@@ -149,29 +156,51 @@ impl SwitchedIntegrator {
         h: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Verdict, Failure<E>> {
-        let end = self.stages.step(self.now, slope, h, force)?;
-        if !(end.x.is_finite() && end.xdot.is_finite()) {
-            return Err(Failure::Status(Status::StateNotFinite));
+        let end = self.try_step(slope, h, force)?;
+        let error = self.error(force)?;
+        let factor = SAFETY * error.powf(-1.0 / self.stages.order_of_error());
+        if error > 1.0 || error.is_nan() {
+            let factor = if factor > FACTORS.0 { factor.min(SAFETY) } else { FACTORS.0 };
+            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
         }
-        let growth = if self.settings.adaptive {
-            let scale_x = self.scale(self.now.x, end.x);
-            let scale_xdot = self.scale(self.now.xdot, end.xdot);
-            let error = self.stages.error(force)?.norm(scale_x, scale_xdot);
-            let factor = SAFETY * error.powf(-1.0 / self.stages.order_of_error());
-            if error > 1.0 || error.is_nan() {
-                let factor = if factor > FACTORS.0 { factor.min(SAFETY) } else { FACTORS.0 };
-                return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
-            }
-            factor.min(FACTORS.1)
-        } else {
-            1.0
-        };
+        let growth = if self.settings.adaptive { factor.min(FACTORS.1) } else { 1.0 };
         if !self.armed {
-            let rises = self.stages.rises();
-            let again = Verdict::Shorten(RETREAT, Status::StepSizeTooSmall);
-            return Ok(if rises { Verdict::Take(growth) } else { again });
+            if !self.stages.rises() {
+                return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
+            }
+        } else if let Some(theta) = self.first_contact(force)? {
+            return Ok(Verdict::Land(theta));
         }
-        Ok(self.first_contact(force)?.map_or(Verdict::Take(growth), Verdict::Land))
+        if end.t > self.dense_from {
+            // with its polynomials, or not at all
+            self.stages.polynomials(force)?;
+        }
+        Ok(Verdict::Take(growth))
+    }
+
+    /// The step of length `h` from here.
+    fn try_step<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        h: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Point, Failure<E>> {
+        let end = self.stages.step(self.now, slope, h, force)?;
+        if end.x.is_finite() && end.xdot.is_finite() {
+            Ok(end)
+        } else {
+            Err(Failure::Status(Status::StateNotFinite))
+        }
+    }
+
+    /// The error of the last step relative to the tolerances; zero where it is not asked for.
+    fn error<E, F: Force<E>>(&mut self, force: &mut Counted<'_, F>) -> Result<f64, Failure<E>> {
+        if !self.settings.adaptive {
+            return Ok(0.0);
+        }
+        let (from, end) = (self.stages.from, self.stages.end);
+        let scales = (self.scale(from.x, end.x), self.scale(from.xdot, end.xdot));
+        Ok(self.stages.error(force)?.norm(scales.0, scales.1))
     }
 
     /// The part of the step after which the mass would be behind the wall.
@@ -189,11 +218,12 @@ impl SwitchedIntegrator {
         Ok(p.first_negative())
     }
 
+    /// Takes the last step; `h` and `growth` say how long the next one may be.
     fn take(&mut self, plan: Plan, h: f64, growth: f64, t_end: f64) -> Piece {
         let from = self.now;
         self.counts.accepted += 1;
         self.now = self.stages.end;
-        if h >= t_end - from.t {
+        if self.stages.h >= t_end - from.t {
             self.now.t = t_end;
         }
         (self.armed, self.continues, self.landing) = (true, true, None);
@@ -208,20 +238,21 @@ impl SwitchedIntegrator {
         Piece::Flight { from, sigma: self.sigma, impact: None }
     }
 
-    /// Steps once more, onto the impact near `now + length`.
+    /// Steps once more, onto the impact near `now + length`; none if that step passes the wall
+    /// closely.
     fn land<E, F: Force<E>>(
         &mut self,
         slope: f64,
         mut length: f64,
         t_end: f64,
         force: &mut Counted<'_, F>,
-    ) -> Result<Piece, Failure<E>> {
+    ) -> Result<Option<Piece>, Failure<E>> {
         let from = self.now;
         let mut landing = None;
         for _ in 0..2 {
-            let end = self.stages.step(from, slope, length, force)?;
-            if !(end.x.is_finite() && end.xdot.is_finite()) {
-                return Err(Failure::Status(Status::StateNotFinite));
+            let end = self.try_step(slope, length, force)?;
+            if self.error(force)? > 1.0 {
+                return Err(Failure::Status(Status::StepSizeTooSmall));
             }
             let pull = self.stages.slope_at_end(force)?;
             landing = touchdown(end.x, end.xdot, pull).filter(|it| it.0.abs() < 0.5 * length);
@@ -230,18 +261,29 @@ impl SwitchedIntegrator {
                 _ => break,
             }
         }
-        let Some((delta, xdot)) = landing else {
-            // the polynomial touches the wall, the motion passes it closely
-            let plan = Plan { h: length, wanted: length };
-            let h = self.h;
-            let piece = self.take(plan, length, 1.0, t_end);
-            self.h = h.or(self.h);
-            return Ok(piece);
+        let end = self.stages.end;
+        let (total, xdot) = match landing {
+            Some((delta, xdot)) => (self.stages.h + delta, xdot),
+            None if end.x > 0.0 => return Ok(None),
+            None => self.landing_inside(force)?,
         };
-        let total = self.stages.h + delta;
+        if from.t + total > self.dense_from {
+            self.stages.polynomials(force)?;
+        }
         self.counts.accepted += 1;
         self.landing = Some((total, xdot));
-        Ok(self.strike(from, (from.t + total).clamp(from.t, t_end), xdot))
+        Ok(Some(self.strike(from, (from.t + total).clamp(from.t, t_end), xdot)))
+    }
+
+    /// The impact within a step that ends behind the wall, on its polynomials: where the motion is
+    /// as small as the tolerance, two steps need not agree on it any better.
+    fn landing_inside<E, F: Force<E>>(
+        &mut self,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(f64, f64), Failure<E>> {
+        let theta = self.first_contact(force)?.unwrap_or(1.0);
+        let [_, xdot] = self.stages.polynomials(force)?;
+        Ok((theta * self.stages.h, xdot.at(theta).min(0.0)))
     }
 
     /// The polynomials of the last step, up to its impact if there was one.

@@ -14,6 +14,8 @@ impl SwitchedIntegrator {
     /// The impact at `t` with the velocity `xdot < 0`: `x'+ = -e x'-`.
     pub(super) fn strike(&mut self, from: Point, t: f64, xdot: f64) -> Piece {
         let after = self.wall.e() * xdot.abs();
+        // the height of the next arc would underflow
+        let after = if after * after < f64::MIN_POSITIVE { 0.0 } else { after };
         let impact = Impact { t, xdot_before: xdot, xdot_after: after };
         let sigma = self.sigma;
         self.counts.impacts += 1;
@@ -34,6 +36,7 @@ impl SwitchedIntegrator {
             // the impact stops the mass, which stays or is pulled off
             let stays = force.at_wall(t)? <= 0.0;
             self.armed = stays;
+            self.chain.clear();
             return Ok(());
         }
         if self.wall.e() == 1.0 {

@@ -103,6 +103,8 @@ pub struct SwitchedIntegrator {
     pub(super) lookout: Lookout,
     /// Length of the last step up to its impact, and the velocity there.
     pub(super) landing: Option<(f64, f64)>,
+    /// Steps that end later than this have their polynomials computed.
+    pub(super) dense_from: f64,
     pub(super) counts: Counts,
     /// Steps of this advance.
     spent: usize,
@@ -130,6 +132,7 @@ impl SwitchedIntegrator {
             h: None,
             lookout: Lookout::default(),
             landing: None,
+            dense_from: f64::INFINITY,
             counts: Counts::default(),
             spent: 0,
         })
@@ -154,12 +157,12 @@ impl SwitchedIntegrator {
             self.h = self.settings.first_step;
         }
         self.lookout = Lookout { length: self.h, ..Lookout::default() };
-        self.forget();
+        self.forget_force();
         Ok(())
     }
 
-    /// Forgets what was learnt from the force.
-    fn forget(&mut self) {
+    /// Forgets what was learnt from the force: from here on it is another one.
+    pub fn forget_force(&mut self) {
         self.continues = false;
         self.zeno = None;
         self.chain.clear();
@@ -167,7 +170,8 @@ impl SwitchedIntegrator {
         self.armed |= self.now.x == 0.0 && self.now.xdot == 0.0;
     }
 
-    /// Advances to `t_end` under a force that may be another one than before.
+    /// Advances to `t_end` (finite; nothing is done up to now or before) under a force that may be
+    /// another one than before.
     ///
     /// # Errors
     /// [`Failure`] when the force raised an error or the motion could not be continued; the state
@@ -177,11 +181,12 @@ impl SwitchedIntegrator {
         t_end: f64,
         force: &mut F,
     ) -> Result<(), Failure<E>> {
-        self.forget();
+        self.forget_force();
         self.resume_to(t_end, force)
     }
 
-    /// Advances to `t_end` under the same force as before: what was learnt from it is kept.
+    /// Advances to `t_end` under the same force as before: its value here and the chain of impacts
+    /// are kept.
     ///
     /// # Errors
     /// As [`SwitchedIntegrator::advance_to`].
@@ -193,7 +198,8 @@ impl SwitchedIntegrator {
         self.observe_to(t_end, force, |_| ())
     }
 
-    /// As [`SwitchedIntegrator::resume_to`], and tells what happened at the wall, in order.
+    /// As [`SwitchedIntegrator::resume_to`], and tells what happened at the wall, in order. Before
+    /// it goes on under another force, call [`SwitchedIntegrator::forget_force`].
     ///
     /// # Errors
     /// As [`SwitchedIntegrator::advance_to`].
@@ -304,6 +310,7 @@ impl SwitchedIntegrator {
             })?
         };
         (self.mode, self.continues) = (Mode::Rest, false);
+        self.chain.clear();
         let lifted = match window {
             Window::NotFinite => return Err(Failure::Status(Status::ForceNotFinite)),
             Window::RestUntil(t) => {

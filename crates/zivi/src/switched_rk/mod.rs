@@ -30,6 +30,8 @@ mod integrator;
 mod path;
 mod root;
 mod run;
+mod running;
+mod samples;
 mod settings;
 mod stages;
 mod tableau;

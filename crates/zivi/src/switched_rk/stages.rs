@@ -231,26 +231,24 @@ impl Stages {
         force: &mut Counted<'_, F>,
     ) -> Result<[Bernstein; 2], Failure<E>> {
         self.slope_at_end(force)?;
-        let Point { x, xdot, .. } = self.from;
-        let (v, k) = (&self.v, &self.k);
-        match self.pair.interpolant {
-            Interpolant::Monomials(p) => Ok([
-                Bernstein::from_quartic(quartic(x, self.h, v, p)),
-                Bernstein::from_quartic(quartic(xdot, self.h, k, p)),
-            ]),
+        let (h, from, end) = (self.h, self.from, self.end);
+        let [x, xdot] = match self.pair.interpolant {
+            Interpolant::Monomials(p) => [
+                Bernstein::from_quartic(quartic(from.x, h, &self.v, p)),
+                Bernstein::from_quartic(quartic(from.xdot, h, &self.k, p)),
+            ],
             Interpolant::Nested { a, d } => {
-                let missing = self.known - self.pair.b.len() - 1;
-                for row in &a[missing..] {
+                let last = self.pair.b.len();
+                for row in &a[self.known - last - 1..] {
                     self.stage(row, force)?;
                 }
-                let (h, end, last) = (self.h, self.end, self.pair.b.len());
-                let (v, k) = (&self.v, &self.k);
-                Ok([
-                    Bernstein::from_nested(x, nested([x, end.x], h, v, last, &d)),
-                    Bernstein::from_nested(xdot, nested([xdot, end.xdot], h, k, last, &d)),
-                ])
+                let x = nested([from.x, end.x], h, &self.v, last, &d);
+                let xdot = nested([from.xdot, end.xdot], h, &self.k, last, &d);
+                [Bernstein::from_nested(from.x, x), Bernstein::from_nested(from.xdot, xdot)]
             }
-        }
+        };
+        // what rounding leaves at the ends would be on the wrong side of the wall
+        Ok([x.with_ends(from.x, end.x), xdot.with_ends(from.xdot, end.xdot)])
     }
 }
 

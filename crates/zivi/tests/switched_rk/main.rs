@@ -2,6 +2,7 @@
 
 mod closed;
 mod failures;
+mod fuzz;
 mod orders;
 mod pitfalls;
 mod problems;

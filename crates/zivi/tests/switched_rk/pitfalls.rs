@@ -49,6 +49,39 @@ fn no_dip_behind_the_wall_is_missed() {
 }
 
 #[test]
+fn a_near_miss_is_no_impact() {
+    for (d, tol) in [(1e-2, 1e-4), (1e-3, 1e-6), (1e-5, 1e-9)] {
+        for order in ORDERS {
+            for i in 0..40 {
+                let phase = -PI + 2.0 * PI / 40.0 * f64::from(i);
+                let (sin, cos) = phase.sin_cos();
+                let start = Physical { x: 1.0 + (1.0 - d) * cos, xdot: -(1.0 - d) * sin };
+                let mut force = spring(1.0, 0.0, -1.0);
+                let run = simulate(settings(order, tol), wall(0.5), &mut force, (0.0, 8.0), start);
+                assert!(run.trajectory.events.impacts.is_empty(), "{d:e} {order:?} {phase}");
+            }
+        }
+    }
+}
+
+#[test]
+fn grazing_within_the_tolerance_is_passed() {
+    // the height of the closest approach is up to some tolerances, on both sides of the wall
+    for order in ORDERS {
+        for i in -40..=40 {
+            let d = f64::from(i) * 1e-6;
+            let start = Physical { x: 2.0 + d, xdot: 0.0 };
+            let mut force = spring(1.0, 0.0, -1.0);
+            let run = simulate(settings(order, 1e-5), wall(0.5), &mut force, (0.0, 4.0), start);
+            // the speed of an impact would be up to sqrt(2 d)
+            let end = end(&run);
+            assert!((end.x - 1.0 - 4f64.cos()).abs() < 2e-2, "{d:e} {end:?}");
+            assert!(run.counts.accepted + run.counts.rejected < 60, "{:?}", run.counts);
+        }
+    }
+}
+
+#[test]
 fn lift_off_and_short_arcs_do_not_make_steps_short() {
     for (name, most) in [("T1", 500), ("T3", 250), ("O2", 220)] {
         for order in ORDERS {

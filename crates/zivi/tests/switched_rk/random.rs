@@ -82,3 +82,41 @@ fn a_thousand_random_forces_have_the_events_of_the_closed_form() {
     assert!(zenos > 1000 && lifts > 700 && impacts > 15_000, "{zenos} {lifts} {impacts}");
     assert!(loose < 20, "{loose}");
 }
+
+#[test]
+fn loose_tolerances_do_not_change_what_happens() {
+    // restitution up to 0.99 in the last family, whose chains add up many flights
+    for (tol, low, high) in [(1e-4, 0.05, 0.85), (1e-6, 0.05, 0.85), (1e-6, 0.85, 0.99)] {
+        for order in [Order::Five, Order::Eight] {
+            let mut random = Random(5);
+            let (mut errors, mut different) = (Vec::new(), 0);
+            for number in 0..300 {
+                let mut problem = Problem::random(&mut random, number);
+                problem.e = random.between(low, high);
+                let (story, mut force) = (problem.closed(), problem.force);
+                let wall = Restitution::from_e(problem.e).unwrap();
+                let initial = Physical { x: problem.start.0, xdot: problem.start.1 };
+                let settings = settings(order, tol);
+                let run = simulate(settings, wall, &mut force, problem.span, initial);
+                // what happens at the very end may happen before it or behind
+                let last = problem.span.1 - 0.05;
+                let early = |times: &[f64]| times.iter().filter(|&&t| t < last).copied().collect();
+                let (zeno, exact): (Vec<f64>, Vec<f64>) =
+                    (early(&run.trajectory.events.zeno_times), early(&story.zeno));
+                let lift: Vec<f64> = early(&run.trajectory.events.liftoff_times);
+                let exact_lift: Vec<f64> = early(&story.lift);
+                if (zeno.len(), lift.len()) != (exact.len(), exact_lift.len()) {
+                    different += 1;
+                    continue;
+                }
+                errors.extend(zeno.iter().zip(&exact).map(|(a, b)| (a - b).abs() / tol));
+            }
+            errors.sort_by(f64::total_cmp);
+            let [half, most] = [0.5, 0.9].map(|part| errors[(part * errors.len() as f64) as usize]);
+            // an accumulation may end just before or just after the pull does: then errors decide
+            assert!(different <= 1, "{tol:e} {order:?} {different}");
+            let typical = if high < 0.9 { 1.0 } else { 10.0 };
+            assert!(half < typical && most < 20.0, "{tol:e} {order:?} {half} {most}");
+        }
+    }
+}

@@ -1,0 +1,307 @@
+//! A run under way: what each piece of the motion adds to the record.
+
+use super::integrator::{Counts, Piece, SwitchedIntegrator};
+use super::path::{DensePath, PathPoint};
+use super::run::{Output, SwitchedRun};
+use super::samples::Samples;
+use super::stages::{Counted, Point};
+use super::tail::Tail;
+use super::watch::{EventHit, Watch};
+use crate::fixed_step::Failure;
+use crate::monitor::Pace;
+use crate::trajectory::{SetupError, Trajectory};
+use crate::{Events, Force, Impact, Monitor, Status};
+
+/// Why a run ends.
+pub(super) enum Ending<E> {
+    Failed(Failure<E>),
+    /// An event of the user ends it.
+    Event(EventHit),
+}
+
+impl<E> From<Failure<E>> for Ending<E> {
+    fn from(failure: Failure<E>) -> Self {
+        Ending::Failed(failure)
+    }
+}
+
+/// An event that ends the run is passed on like an error.
+fn unless_terminal<E>(found: Result<Option<EventHit>, E>) -> Result<(), Ending<E>> {
+    match found {
+        Ok(None) => Ok(()),
+        Ok(Some(hit)) => Err(Ending::Event(hit)),
+        Err(error) => Err(Ending::Failed(Failure::Raised(error))),
+    }
+}
+
+/// A run under way.
+pub(super) struct Running<'e, 'a, E> {
+    t1: f64,
+    integrator: SwitchedIntegrator,
+    watch: Watch<'e, 'a, E>,
+    samples: Samples<'a>,
+    path: Option<DensePath>,
+    events: Events,
+    tails: Vec<Tail>,
+    /// Impacts when the mass was last at rest, if it is not at rest now.
+    airborne: Option<usize>,
+    /// What is recorded goes up to here.
+    end: (f64, PathPoint),
+}
+
+/// Progress is told in parts of the span.
+const PARTS: usize = 1_000_000;
+
+/// Arcs of a tail that events look at one by one.
+const ARCS: usize = 32;
+
+impl<'e, 'a, E> Running<'e, 'a, E> {
+    /// A run to `t1` from where the integrator starts.
+    pub(super) fn new(
+        integrator: SwitchedIntegrator,
+        t1: f64,
+        output: &'e mut Output<'a, E>,
+    ) -> Self {
+        let start = PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 };
+        Self {
+            t1,
+            end: (integrator.now.t, start),
+            integrator,
+            watch: Watch::new(&mut output.events),
+            samples: Samples::new(output.t_eval),
+            path: output.dense.then(DensePath::default),
+            events: Events::default(),
+            tails: Vec::new(),
+            airborne: None,
+        }
+    }
+
+    pub(super) fn go<F: Force<E>>(
+        &mut self,
+        force: &mut Counted<'_, F>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Ending<E> {
+        match self.try_go(force, monitor) {
+            Ok(()) => Ending::Failed(Failure::Status(Status::Completed)),
+            Err(ending) => ending,
+        }
+    }
+
+    fn try_go<F: Force<E>>(
+        &mut self,
+        force: &mut Counted<'_, F>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<(), Ending<E>> {
+        self.begin()?;
+        let mut pace = Pace::start();
+        let t0 = self.integrator.now.t;
+        loop {
+            for _ in 0..pace.chunk() {
+                if self.integrator.now.t >= self.t1 {
+                    break;
+                }
+                self.integrator.dense_from = self.dense_from();
+                let piece = self.integrator.step(self.t1, force)?;
+                self.absorb(piece, force)?;
+            }
+            let t = self.integrator.now.t;
+            let done = ((t - t0) / (self.t1 - t0) * PARTS as f64) as usize;
+            monitor.poll(done, PARTS).map_err(Failure::Raised)?;
+            if t >= self.t1 {
+                return Ok(());
+            }
+            pace.adjust();
+        }
+    }
+
+    /// From when on the motion between the ends of steps is asked for.
+    fn dense_from(&self) -> f64 {
+        if self.path.is_some() || !self.watch.is_idle() {
+            f64::NEG_INFINITY
+        } else {
+            self.samples.next_wanted().unwrap_or(f64::INFINITY)
+        }
+    }
+
+    /// The initial state; a mass that arrives at the wall has its impact first.
+    fn begin(&mut self) -> Result<(), Ending<E>> {
+        let Point { t, x, xdot } = self.integrator.now;
+        if self.integrator.is_at_rest() {
+            self.events.rest_time = Some(t);
+        } else {
+            self.airborne = Some(0);
+        }
+        let before = PathPoint { x, xdot, sigma: self.integrator.sigma };
+        let arrives = x == 0.0 && xdot < 0.0;
+        if arrives {
+            let piece = self.integrator.strike(self.integrator.now, t, xdot);
+            if let Piece::Flight { impact: Some(impact), .. } = piece {
+                self.events.impacts.push(impact);
+            }
+        }
+        self.end = self.here();
+        self.samples.at_step(t, self.end.1);
+        self.watch.start(t, before).map_err(Failure::Raised)?;
+        if arrives {
+            self.jumped()?;
+        }
+        Ok(())
+    }
+
+    /// The state of the integrator.
+    fn here(&self) -> (f64, PathPoint) {
+        let (Point { t, x, xdot }, sigma) = (self.integrator.now, self.integrator.sigma);
+        (t, PathPoint { x, xdot, sigma })
+    }
+
+    fn absorb<F: Force<E>>(
+        &mut self,
+        piece: Piece,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Ending<E>> {
+        match piece {
+            Piece::Flight { from, sigma, impact } => self.flight(from, sigma, impact, force),
+            Piece::Tail(tail) => self.tail(tail),
+            Piece::Rest { from, lifted } => self.rest(from, lifted),
+        }
+    }
+
+    fn flight<F: Force<E>>(
+        &mut self,
+        from: Point,
+        sigma: f64,
+        impact: Option<Impact>,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Ending<E>> {
+        let end = self.here();
+        if end.0 > self.dense_from() && end.0 > from.t {
+            let curve = self.integrator.curve(sigma, force)?;
+            if let Some(path) = &mut self.path {
+                path.push_flight(&curve);
+            }
+            let stop = self.watch.along(from.t, end.0, |t| curve.at(t));
+            let until = until(&stop, end.0);
+            self.samples.along(until, |t| curve.at(t));
+            unless_terminal(stop)?;
+        }
+        self.end = end;
+        if let Some(impact) = impact {
+            self.events.impacts.push(impact);
+            self.samples.at_step(end.0, end.1);
+            return self.jumped();
+        }
+        self.samples.at_step(end.0, end.1);
+        Ok(())
+    }
+
+    /// Events by the jump of the velocity.
+    fn jumped(&mut self) -> Result<(), Ending<E>> {
+        unless_terminal(self.watch.across(self.end.0, self.end.1))
+    }
+
+    fn tail(&mut self, mut tail: Tail) -> Result<(), Ending<E>> {
+        let end = self.here();
+        let stop = self.watch_tail(&tail, end);
+        let until = until(&stop, end.0);
+        self.samples.along(until, |t| tail.at(t));
+        tail.cut(until);
+        if let Some(path) = &mut self.path {
+            path.push_tail(&tail);
+        }
+        self.tails.push(tail);
+        unless_terminal(stop)?;
+        self.end = end;
+        self.samples.at_step(end.0, end.1);
+        self.came_to_rest(end.0);
+        Ok(())
+    }
+
+    fn watch_tail(&mut self, tail: &Tail, end: (f64, PathPoint)) -> Result<Option<EventHit>, E> {
+        if self.watch.is_idle() {
+            return Ok(None);
+        }
+        let mut t = tail.start();
+        for m in 0..ARCS {
+            let Some(arc) = tail.arc(m) else { break };
+            if let Some(stop) = self.watch.along(arc.start, arc.end, |t| arc.at(t))? {
+                return Ok(Some(stop));
+            }
+            t = arc.end;
+            let after = tail.arc(m + 1).map_or(end.1, |next| next.at(t));
+            if let Some(stop) = self.watch.across(t, after)? {
+                return Ok(Some(stop));
+            }
+        }
+        self.watch.along(t, end.0, |_| end.1)
+    }
+
+    fn rest(&mut self, from: f64, lifted: bool) -> Result<(), Ending<E>> {
+        let end = self.here();
+        if self.airborne.is_some() {
+            self.came_to_rest(from);
+        }
+        if end.0 > from {
+            if let Some(path) = &mut self.path {
+                path.push_rest(from, end.1.sigma);
+            }
+            let stop = self.watch.along(from, end.0, |_| end.1);
+            let until = until(&stop, end.0);
+            self.samples.along(until, |_| end.1);
+            unless_terminal(stop)?;
+        }
+        self.end = end;
+        if lifted {
+            self.events.rest_time = None;
+            self.events.liftoff_times.push(end.0);
+            self.airborne = Some(self.events.impacts.len());
+            if end.0 > from {
+                self.samples.at_step(end.0, end.1);
+            }
+        }
+        Ok(())
+    }
+
+    fn came_to_rest(&mut self, t: f64) {
+        if self.airborne.take().is_some_and(|impacts| self.events.impacts.len() > impacts) {
+            self.events.zeno_times.push(t);
+        }
+        self.events.rest_time = Some(t);
+    }
+
+    pub(super) fn finish(
+        mut self,
+        ending: Ending<E>,
+        nfev: u64,
+        advise: impl FnOnce(*const f64, usize),
+    ) -> Result<SwitchedRun<E>, SetupError> {
+        let (status, raised) = match ending {
+            Ending::Failed(Failure::Status(status)) => (status, None),
+            Ending::Failed(Failure::Raised(error)) => (Status::Raised, Some(error)),
+            Ending::Event(EventHit { t, x, xdot, sigma }) => {
+                self.end = (t, PathPoint { x, xdot, sigma });
+                (Status::TerminatedByEvent, None)
+            }
+        };
+        let (t, end) = self.end;
+        self.samples.at_end(t, end);
+        if let Some(path) = &mut self.path {
+            path.finish(t, end);
+        }
+        let columns = self.samples.into_columns(self.integrator.wall, advise)?;
+        let events = self.events;
+        let summary = None;
+        let trajectory =
+            Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };
+        let counts = Counts { nfev, ..self.integrator.counts };
+        let (path, tails, hits) = (self.path, self.tails, self.watch.into_hits());
+        Ok(SwitchedRun { trajectory, raised, path, tails, hits, counts })
+    }
+}
+
+/// The end of a part of the motion, or where an event ends the run before.
+fn until<E>(stop: &Result<Option<EventHit>, E>, end: f64) -> f64 {
+    match stop {
+        Ok(Some(hit)) => hit.t,
+        _ => end,
+    }
+}
