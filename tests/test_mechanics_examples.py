@@ -349,7 +349,7 @@ def test_damping_for_a_soft_landing():
 def test_the_numbers_of_the_page():
     thresholds = re.findall(r"finds (\S+) for `e = 0.5` and (\S+) for `e = 0.8`", PAGE)[0]
     assert thresholds == tuple(f"{table.threshold(e):.6f}" for e in (0.5, 0.8))
-    assert re.findall(r"it rests from (\S+) s\.", PAGE) == [f"{block.rock(0.5).rest_time:.6f}"]
+    assert re.findall(r"it rests from\s(\S+) s\.", PAGE) == [f"{block.rock(0.5).rest_time:.6f}"]
     assert re.findall(r"1 m/s at (\S+) of", PAGE) == [f"{valve.damping_for(1.0):.4f}"]
 
 
