@@ -207,7 +207,8 @@ impl Lanes {
 
     /// Puts a mass where it is.
     fn place(&mut self, i: usize, z: Lifted, course: &Course) {
-        (self.s[i], self.v[i]) = (course.side * z.s, course.side * z.v);
+        // no negative zeros
+        (self.s[i], self.v[i]) = (course.side * z.s + 0.0, course.side * z.v + 0.0);
         let rests = z == Lifted::default() && course.falling.force <= 0.0;
         self.busy[i] = f64::from(u8::from(!rests && course.ended.is_none()));
     }

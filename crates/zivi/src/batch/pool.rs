@@ -11,6 +11,9 @@ use crate::{Monitor, SetupError};
 /// Between two looks of the monitor.
 const PERIOD: Duration = Duration::from_millis(30);
 
+/// The results of the chunk of this number.
+type Finished<R> = (usize, Result<Vec<R>, SetupError>);
+
 /// What several threads share.
 struct Shared<R> {
     next: AtomicUsize,
@@ -19,7 +22,7 @@ struct Shared<R> {
     /// Threads that still work.
     working: AtomicUsize,
     /// Results of chunks, in the order in which they were finished.
-    finished: Mutex<Vec<(usize, Result<Vec<R>, SetupError>)>>,
+    finished: Mutex<Vec<Finished<R>>>,
 }
 
 /// `work` on every chunk of at most `width` of the `items`; the results in the order of the items.
@@ -90,9 +93,7 @@ fn take_chunks<T, R>(
     }
 }
 
-fn collected<E, R>(
-    mut finished: Vec<(usize, Result<Vec<R>, SetupError>)>,
-) -> Result<Vec<R>, BatchError<E>> {
+fn collected<E, R>(mut finished: Vec<Finished<R>>) -> Result<Vec<R>, BatchError<E>> {
     finished.sort_by_key(|(number, _)| *number);
     let mut all = Vec::new();
     for (_, result) in finished {

@@ -1,0 +1,219 @@
+//! A mass in a batch moves as it moves alone, to the last bit, whatever the number of threads.
+
+use std::convert::Infallible;
+
+use zivi::batch::{simulate_batch, BatchError, Course, Member, Outcome, Save};
+use zivi::{
+    simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
+    ConstantForce, Force, Grid, LinearForce, Monitor, MoreauJean, Output, Physical, Quantity,
+    Restitution, Run, Silent, Status, Summary, SwitchedRk, ThetaGamma,
+};
+
+/// A generator whose draws are the same everywhere.
+struct Draws(u64);
+
+impl Draws {
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        low + (high - low) * ((self.0 >> 11) as f64 / (1_u64 << 53) as f64)
+    }
+}
+
+/// Balls with all kinds of walls, forces (also upward, none, absurd) and states (also at rest).
+fn balls(n: usize) -> Vec<Member<ConstantForce>> {
+    let mut draws = Draws(7);
+    (0..n)
+        .map(|i| {
+            let wall = Restitution::from_e(draws.between(0.05, 1.0)).unwrap();
+            let force = match i % 11 {
+                3 => 0.0,
+                5 => draws.between(0.0, 2.0),
+                7 => 1e307,
+                8 => f64::NAN,
+                _ => -draws.between(0.1, 20.0),
+            };
+            let x = if i % 5 == 0 { 0.0 } else { draws.between(0.0, 2.0) };
+            let xdot = if i % 10 == 0 { 0.0 } else { draws.between(-5.0, 5.0) };
+            Member { wall, force: ConstantForce(force), initial: Physical { x, xdot } }
+        })
+        .collect()
+}
+
+fn alone<F: Force<Infallible>>(member: &Member<F>, course: Course) -> Run<Infallible>
+where
+    F: Copy,
+{
+    let Member { wall, mut force, initial } = *member;
+    let force = &mut force;
+    match course {
+        Course::ThetaGamma(method, grid) => {
+            simulate_theta_gamma(method, wall, force, grid, initial, &mut Silent)
+        }
+        Course::ExplicitEuler(grid) => {
+            simulate_explicit_euler(wall, force, grid, initial, &mut Silent)
+        }
+        Course::MoreauJean(method, grid) => {
+            simulate_moreau_jean(method, wall, force, grid, initial, &mut Silent)
+        }
+        Course::SwitchedRk(method, span) => {
+            let output = Output::default();
+            simulate_switched_rk(method, wall, force, span, initial, output, &mut Silent)
+                .map(|run| Run { trajectory: run.trajectory, raised: run.raised })
+        }
+    }
+    .unwrap()
+}
+
+/// Bits, so that NaN is equal to itself and `-0.0` is not `0.0`.
+fn bits(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+fn assert_same(outcome: &Outcome, run: &Run<Infallible>, save: Save, which: usize) {
+    let trajectory = &run.trajectory;
+    let expected = Summary::of(&trajectory.columns);
+    let found = outcome.summary;
+    assert_eq!(outcome.status, trajectory.status, "{which}");
+    assert_eq!(
+        bits(&[found.t, found.x, found.xdot]),
+        bits(&[expected.t, expected.x, expected.xdot]),
+        "{which}: {found:?} {expected:?}"
+    );
+    let events = &trajectory.events;
+    let counts = [events.impacts.len(), events.zeno_times.len(), events.liftoff_times.len()];
+    assert_eq!(outcome.counts, counts.map(|it| it as u64), "{which}");
+    assert_eq!(bits(&[outcome.rest_time]), bits(&[events.rest_time.unwrap_or(f64::NAN)]));
+    match save {
+        Save::Events => assert_eq!(outcome.events.as_ref(), Some(events)),
+        Save::Statistics => assert_eq!(
+            bits(&[found.x_max, found.speed_max]),
+            bits(&[expected.x_max, expected.speed_max]),
+            "{which}"
+        ),
+        Save::Every(every) => {
+            let of = |quantity| trajectory.columns.of(quantity).iter().copied().step_by(every);
+            assert_eq!(bits(&outcome.saved.x), bits(&of(Quantity::X).collect::<Vec<_>>()));
+            assert_eq!(bits(&outcome.saved.xdot), bits(&of(Quantity::Xdot).collect::<Vec<_>>()));
+        }
+        Save::Final => assert!(outcome.events.is_none() && outcome.saved.x.is_empty()),
+    }
+}
+
+const SAVES: [Save; 5] =
+    [Save::Final, Save::Statistics, Save::Events, Save::Every(1), Save::Every(17)];
+
+#[test]
+fn balls_move_as_they_move_alone() {
+    let members = balls(150);
+    for (theta, gamma) in [(1.0, 1.0), (0.5, 1.0), (1.0, 0.5), (0.7, 0.8)] {
+        let method = ThetaGamma { theta, gamma, ..ThetaGamma::implicit_euler() };
+        // a span that the step does not divide
+        for grid in [Grid::new(0.0, 2.0, 1e-3).unwrap(), Grid::new(1.0, 2.0005, 2e-3).unwrap()] {
+            let course = Course::ThetaGamma(method, grid);
+            for save in SAVES {
+                let ends = simulate_batch(&members, course, save, 2, &mut Silent).unwrap();
+                for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
+                    assert_same(end, &alone(member, course), save, i);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn every_method_and_force_gives_what_it_gives_alone() {
+    let force = LinearForce {
+        stiffness: 1.0,
+        damping: 0.1,
+        gravity: 3.0,
+        amplitude: 4.0,
+        omega: 5.0,
+        phase: 0.3,
+    };
+    let wall = Restitution::from_e(0.6).unwrap();
+    let member = |x| Member { wall, force, initial: Physical { x, xdot: 0.5 } };
+    let members: Vec<_> = (0..40).map(|i| member(0.05 * f64::from(i))).collect();
+    let grid = Grid::new(0.0, 3.0, 1e-3).unwrap();
+    let courses = [
+        Course::ThetaGamma(ThetaGamma::implicit_euler(), grid),
+        Course::ExplicitEuler(grid),
+        Course::MoreauJean(MoreauJean::default(), grid),
+        Course::SwitchedRk(SwitchedRk::default(), (0.0, 3.0)),
+    ];
+    for course in courses {
+        for save in SAVES {
+            if matches!((course, save), (Course::SwitchedRk(..), Save::Every(_))) {
+                continue;
+            }
+            let ends = simulate_batch(&members, course, save, 2, &mut Silent).unwrap();
+            for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
+                assert_same(end, &alone(member, course), save, i);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let members = balls(333);
+    let course =
+        Course::ThetaGamma(ThetaGamma::implicit_euler(), Grid::new(0.0, 1.0, 1e-3).unwrap());
+    let of = |threads| simulate_batch(&members, course, Save::Every(100), threads, &mut Silent);
+    // debug output tells NaN and the signs of zeros
+    let one = format!("{:?}", of(1).unwrap());
+    for threads in [2, 3, 64] {
+        assert_eq!(format!("{:?}", of(threads).unwrap()), one);
+    }
+    assert!(simulate_batch(&members[..0], course, Save::Final, 2, &mut Silent).unwrap().is_empty());
+}
+
+#[test]
+fn the_first_member_that_cannot_start_is_named() {
+    let mut members = balls(70);
+    members[33].initial.x = -1.0;
+    members[60].initial.xdot = f64::NAN;
+    let course =
+        Course::ThetaGamma(ThetaGamma::implicit_euler(), Grid::new(0.0, 1.0, 1e-2).unwrap());
+    let refused = simulate_batch(&members, course, Save::Final, 2, &mut Silent);
+    let Err(BatchError::Setup(Some(33), error)) = refused else { panic!("{refused:?}") };
+    assert!(error.to_string().starts_with("x0 must be"), "{error}");
+}
+
+/// Wants to stop at the second look.
+struct Impatient(u32);
+
+impl Monitor<&'static str> for Impatient {
+    fn poll(&mut self, done: usize, of: usize) -> Result<(), &'static str> {
+        assert!(done <= of);
+        self.0 += 1;
+        if self.0 > 1 {
+            Err("enough")
+        } else {
+            Ok(())
+        }
+    }
+}
+
+#[test]
+fn a_batch_can_be_stopped() {
+    // a minute of work, were it not stopped
+    let members = balls(10_000);
+    let grid = Grid::new(0.0, 1e3, 1e-4).unwrap();
+    let course = Course::ThetaGamma(ThetaGamma::implicit_euler(), grid);
+    let begun = std::time::Instant::now();
+    let ended = simulate_batch(&members, course, Save::Final, 2, &mut Impatient(0));
+    assert_eq!(ended, Err(BatchError::Raised("enough")));
+    assert!(begun.elapsed().as_secs_f64() < 5.0);
+}
+
+#[test]
+fn a_failure_is_that_of_its_member_alone() {
+    let members = balls(60);
+    let course =
+        Course::ThetaGamma(ThetaGamma::implicit_euler(), Grid::new(0.0, 1.0, 1e-2).unwrap());
+    let ends = simulate_batch(&members, course, Save::Final, 1, &mut Silent).unwrap();
+    let with = |status| ends.iter().filter(|end| end.status == status).count();
+    assert_eq!(with(Status::ForceNotFinite), members.len() / 11);
+    assert!(with(Status::StateNotFinite) > 0 && with(Status::Completed) > 40);
+}
