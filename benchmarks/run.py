@@ -12,6 +12,7 @@ import bench_control
 import bench_vi
 import cball
 import instructions
+import methods
 import report
 import siconos_peer
 
@@ -63,6 +64,7 @@ def main() -> None:
     print(report.page(figures))
     print(bench_vi.write())
     print(bench_control.write())
+    print(methods.write())
 
 
 if __name__ == "__main__":
