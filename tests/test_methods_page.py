@@ -296,6 +296,19 @@ def test_the_budgets_and_statuses_of_the_page():
         assert 0 < sol.t[-1] < 30
 
 
+def test_forces_that_no_step_can_follow():
+    noise = np.random.default_rng(1)
+    for force, status in [
+        (lambda t, x, xdot: xdot**3, zivi.Status.STEP_SIZE_TOO_SMALL),
+        (lambda t, x, xdot: noise.uniform(-10, -9), zivi.Status.STEP_BUDGET),
+    ]:
+        system, method = zivi.ImpactSystem(force, e=0.5), zivi.SwitchedRK(max_steps=10_000)
+        sol = zivi.simulate(system, (0, 3), (1, 1), method)
+        assert sol.status is status
+        # x'' = x'^3 from x' = 1: x' = 1/sqrt(1 - 2 t)
+        assert sol.t[-1] <= 0.5
+
+
 def test_the_code_of_the_page_runs():
     (snippet,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     names = {"zivi": zivi, "system": zivi.ImpactSystem(-9.81, e=0.5)}
