@@ -15,7 +15,7 @@ help:
 	@echo 'make test    all tests, Rust and Python'
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
-	@echo 'make picture the picture of the README'
+	@echo 'make picture the pictures of the README'
 	@echo 'make clean   remove everything that was built'
 
 paper: $(READY)
@@ -66,6 +66,7 @@ bench: $(READY)
 
 picture: $(READY)
 	$(BIN)/python examples/readme_picture.py docs/figures/zeno.png
+	$(BIN)/python examples/readme_tracking.py docs/figures/tracking.png docs/figures/chattering.png
 
 clean:
 	rm -rf target out $(VENV) python/zivi/*.so

@@ -26,7 +26,7 @@ def ball(h):
 def test_the_snippet_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     import matplotlib.pyplot as plt
 
-    (snippet,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    snippet, _ = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     assert 8 <= sum(bool(line.strip()) for line in snippet.splitlines()) <= 12
     monkeypatch.chdir(tmp_path)
     names: dict = {}

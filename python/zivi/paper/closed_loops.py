@@ -55,7 +55,7 @@ def track(
     force: Force = FORCE,
     force_ref: float = FORCE_REF,
     t_end: float = T_TRACKING,
-    e: float = E,
+    e: float | None = None,
     e_ref: float | None = None,
     noise: Sequence[float] = (0.0, 0.0),
     quantization: Sequence[float] = (0.0, 0.0),
@@ -64,15 +64,17 @@ def track(
 ) -> ClosedLoop:
     """Run a tracker (``positive``, ``nearest`` or ``explicit``) on the paper's data.
 
-    The controller always believes in `FORCE`; `e` and `e_ref` are its own, not the plant's.
+    The controller always believes in `FORCE`; `e` and `e_ref` are its own, by default the plant's.
     """
+    # kappa, not e: in the last digit they differ, and the time of exact rest shows it
+    kappa = KAPPA if e is None else None
     tracker: ExplicitTwisting | TwistingTracker
     if controller == "explicit":
-        tracker = ExplicitTwisting(MU1, MU2, h=h, e=e, e_ref=e_ref)
+        tracker = ExplicitTwisting(MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref)
     elif controller == "nearest":
-        tracker = TwistingTracker(MU1, MU2, h=h, e=e, e_ref=e_ref, branch="nearest")
+        tracker = TwistingTracker(MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref, branch="nearest")
     else:
-        tracker = TwistingTracker(MU1, MU2, h=h, e=e, e_ref=e_ref)
+        tracker = TwistingTracker(MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref)
     return simulate_closed_loop(
         ImpactSystem(force, kappa=KAPPA),
         tracker,

@@ -1,4 +1,8 @@
-"""The tracker where the world is not as it believes: the paper's problem in the sampled loop."""
+"""The tracker where the world is not as it believes: the paper's problem in the sampled loop.
+
+Each disturbance is run from many starts near the paper's, because whether a single run ends at
+exact rest or in a small cycle (see `rest`) can hang on the last digits of its data.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +10,18 @@ import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from zivi.paper import report
-from zivi.paper.closed_loops import FORCE, IMPLICIT, largest, last_above, track
+from zivi.paper.closed_loops import FORCE, IMPLICIT, START, largest, last_above, track
 
 __all__ = ["DISTURBANCES", "Robustness", "measure", "table"]
 
 SEED = 20161212
+STARTS = 20
+SPREAD = 0.5
+"""Starts are the paper's, each coordinate up to this off (m, m/s)."""
 T_END = 6.0
 TAIL = 5.0
 """Errors and speeds are taken from here on (s); the reference rests since 1.28 s."""
@@ -29,9 +37,9 @@ DISTURBANCES: dict[str, dict[str, Any]] = {
     "e = 0.4 in the controller": {"e": 0.4},
     "e_ref = 0.3": {"e_ref": 0.3},
     "e_ref = 0.4": {"e_ref": 0.4},
-    "noise 1e-5 m, 1e-3 m/s": {"noise": (1e-5, 1e-3), "seed": SEED},
-    "noise 1e-4 m, 1e-2 m/s": {"noise": (1e-4, 1e-2), "seed": SEED},
-    "noise 1e-3 m, 1e-1 m/s": {"noise": (1e-3, 1e-1), "seed": SEED},
+    "noise 1e-5 m, 1e-3 m/s": {"noise": (1e-5, 1e-3)},
+    "noise 1e-4 m, 1e-2 m/s": {"noise": (1e-4, 1e-2)},
+    "noise 1e-3 m, 1e-1 m/s": {"noise": (1e-3, 1e-1)},
     "delay 1 period": {"delay": 1},
     "delay 2 periods": {"delay": 2},
     "delay 5 periods": {"delay": 5},
@@ -44,7 +52,7 @@ DISTURBANCES: dict[str, dict[str, Any]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Robustness:
-    """One run.
+    """The worst of all starts.
 
     Parameters
     ----------
@@ -52,6 +60,8 @@ class Robustness:
         What is wrong.
     branch : str
         Branch strategy of the tracker.
+    at_rest : int
+        How many runs rest exactly through the last second, on the reference.
     reached : float
         Last time at which ``|x - x_r|`` was above 1 cm (s).
     error : float
@@ -64,6 +74,7 @@ class Robustness:
 
     disturbance: str
     branch: str
+    at_rest: int
     reached: float
     error: float
     speed: float
@@ -74,31 +85,42 @@ class Robustness:
 def measure() -> list[Robustness]:
     """Run every disturbance in both branch strategies."""
     return [
-        _measured(name, branch, given)
-        for name, given in DISTURBANCES.items()
-        for branch in IMPLICIT
+        _worst(name, branch, given) for name, given in DISTURBANCES.items() for branch in IMPLICIT
     ]
 
 
-def _measured(name: str, branch: str, given: dict[str, Any]) -> Robustness:
-    run = track(branch, t_end=T_END, **given)
-    tail = run.t >= TAIL
+def _worst(name: str, branch: str, given: dict[str, Any]) -> Robustness:
+    jitter = np.random.default_rng(SEED).uniform(-SPREAD, SPREAD, (STARTS, 2))
+    runs = [
+        _measured(branch, START + jitter[k], {**given, "seed": SEED + k}) for k in range(STARTS)
+    ]
+    reached, error, speed, u_low, u_high = np.array(runs).T
     return Robustness(
         disturbance=name,
         branch=branch,
-        reached=last_above(run, NEAR),
-        error=largest(run.error[tail]),
-        speed=largest(run.xdot[tail]),
-        u_low=float(run.u[tail].min()),
-        u_high=float(run.u[tail].max()),
+        at_rest=int(np.count_nonzero((error == 0) & (speed == 0))),
+        reached=float(reached.max()),
+        error=float(error.max()),
+        speed=float(speed.max()),
+        u_low=float(u_low.min()),
+        u_high=float(u_high.max()),
     )
+
+
+def _measured(branch: str, start: np.ndarray, given: dict[str, Any]) -> tuple[float, ...]:
+    run = track(branch, start=(float(start[0]), float(start[1])), t_end=T_END, **given)
+    tail = run.t >= TAIL
+    error, speed = largest(run.error[tail]), largest(run.xdot[tail])
+    u = run.u[tail]
+    return last_above(run, NEAR), error, speed, float(u.min()), float(u.max())
 
 
 def table(rows: Iterable[Robustness]) -> Table:
     """Lay the rows out for a terminal."""
     return report.table(
         "The tracker under disturbances",
-        "reached: last |x - x_r| > 1 cm; the rest in the last second, the reference at rest",
-        ("disturbance", "branch", "reached", "max |e|", "max |x'|", "min u", "max u"),
+        f"worst of {STARTS} starts; reached: last |x - x_r| > 1 cm; rest: runs at exact rest; "
+        "that and |e|, |x'|, u in the last second, where the reference rests",
+        ("disturbance", "branch", "rest", "reached", "|e|", "|x'|", "min u", "max u"),
         [tuple(dataclasses.astuple(row)) for row in rows],
     )
