@@ -18,6 +18,7 @@ from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, Twisti
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulate import simulate
 from zivi.status import Status
+from zivi.study import Design, Study, grid, open_study, points, sample, sweep
 from zivi.system import ImpactSystem, LinearForce
 from zivi.trajectory import Trajectory
 from zivi.transform import lift, project
@@ -27,6 +28,7 @@ from zivi.wall import HarmonicWall, MovingWall
 __all__ = [
     "ClosedLoop",
     "Controller",
+    "Design",
     "ExplicitEuler",
     "ExplicitTwisting",
     "HarmonicWall",
@@ -36,6 +38,7 @@ __all__ = [
     "MoreauJean",
     "MovingWall",
     "Status",
+    "Study",
     "SwitchedRK",
     "ThetaGamma",
     "TickStatus",
@@ -46,12 +49,17 @@ __all__ = [
     "VIResult",
     "VIStatus",
     "__version__",
+    "grid",
     "lift",
     "natural_residual",
+    "open_study",
     "plot",
+    "points",
     "project",
+    "sample",
     "simulate",
     "simulate_closed_loop",
     "solve_avi",
     "solve_vi",
+    "sweep",
 ]

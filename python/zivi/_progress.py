@@ -23,9 +23,12 @@ class ProgressBar:
     ----------
     show : bool or None
         ``None`` shows the bar if standard error is a terminal.
+    title : str
+        What is done.
     """
 
-    def __init__(self, show: bool | None) -> None:
+    def __init__(self, show: bool | None, title: str = "simulate") -> None:
+        self._title = title
         self._wanted = sys.stderr.isatty() if show is None else show
         self._started = time.monotonic()
         self._bar: rich.progress.Progress | None = None
@@ -40,7 +43,7 @@ class ProgressBar:
         if self._bar is None:
             if time.monotonic() - self._started < DELAY:
                 return
-            self._bar, self._task = _open_bar(of)
+            self._bar, self._task = _open_bar(self._title, of)
         assert self._task is not None
         self._bar.update(self._task, completed=done)
 
@@ -57,7 +60,7 @@ class ProgressBar:
             self._bar.stop()
 
 
-def _open_bar(of: int) -> tuple[rich.progress.Progress, rich.progress.TaskID]:
+def _open_bar(title: str, of: int) -> tuple[rich.progress.Progress, rich.progress.TaskID]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -66,4 +69,4 @@ def _open_bar(of: int) -> tuple[rich.progress.Progress, rich.progress.TaskID]:
     # without a terminal nothing can be drawn over: then the last state stays, as one line
     bar = Progress(*columns, console=console, transient=console.is_terminal)
     bar.start()
-    return bar, bar.add_task("simulate", total=of)
+    return bar, bar.add_task(title, total=of)

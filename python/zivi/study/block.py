@@ -1,0 +1,76 @@
+"""The points of one chunk between the workers and the store."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zivi._check import Array
+from zivi.study.outcome import Events
+from zivi.study.work import DONE, FAILED, Piece, Schema
+
+__all__ = ["Block"]
+
+
+@dataclasses.dataclass
+class Block:
+    """What is known of the points of one chunk.
+
+    Parameters
+    ----------
+    span : range
+        Numbers of the points.
+    status : ndarray of int8
+        Their states.
+    values : dict of ndarray
+        Their values, one row a point, NaN where there is none.
+    messages : dict of str
+        Why points failed, by their numbers.
+    events : dict of ndarray
+        The events of points that have some, by their numbers.
+    """
+
+    span: range
+    status: NDArray[np.int8]
+    values: dict[str, Array] = dataclasses.field(default_factory=dict)
+    messages: dict[int, str] = dataclasses.field(default_factory=dict)
+    events: dict[int, Events] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def empty(cls, span: range) -> Block:
+        """Make a chunk of which nothing is known."""
+        return cls(span, np.zeros(len(span), np.int8))
+
+    def shaped(self, schema: Schema) -> None:
+        """Make room for values."""
+        for name, shape in schema.shapes.items():
+            if name not in self.values:
+                self.values[name] = np.full((len(self.span), *shape), np.nan)
+
+    def take(self, piece: Piece) -> None:
+        """Put in what a task gave back."""
+        places = piece.done - self.span.start
+        for name, rows in piece.values.items():
+            self.values[name][places] = rows
+        self.status[places] = DONE
+        for point in piece.done.tolist():
+            self.messages.pop(point, None)
+            self.events.pop(point, None)
+        self.events.update(piece.events)
+        for point, message in piece.failed.items():
+            self.status[point - self.span.start] = FAILED
+            self.messages[point] = message
+
+    def counts(self) -> NDArray[np.int64]:
+        """Count the events of each point."""
+        return np.array([len(self.events.get(point, ())) for point in self.span], np.int64)
+
+    def table(self) -> tuple[NDArray[np.int64], Events] | None:
+        """Give all events in the order of the points, with the number of the point of each."""
+        if not self.events:
+            return None
+        points = sorted(self.events)
+        repeats = [len(self.events[point]) for point in points]
+        return np.repeat(points, repeats), np.concatenate([self.events[it] for it in points])

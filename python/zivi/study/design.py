@@ -1,0 +1,280 @@
+"""Where a study is computed: points on a grid, in a list or drawn by a sampler."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import keyword
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zivi._check import real, whole
+
+__all__ = ["RESERVED", "Design", "design_of", "grid", "points", "sample"]
+
+RESERVED = ("point", "status", "message", "n_events", "events")
+"""Names that a store needs for itself."""
+ENGINES = {"sobol": "Sobol", "halton": "Halton", "lhs": "LatinHypercube"}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Design:
+    """The points of a study, as `grid`, `points` and `sample` make them.
+
+    Parameters
+    ----------
+    kind : str
+        ``"grid"``, ``"list"`` or ``"sample"``.
+    values : dict of ndarray
+        For each parameter its values: along its own axis of a grid, else one per point.
+    """
+
+    kind: str
+    values: dict[str, NDArray[Any]]
+
+    def __len__(self) -> int:
+        return math.prod(self.shape)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(self.values)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Points along each dimension of the study."""
+        lengths = tuple(len(column) for column in self.values.values())
+        return lengths if self.kind == "grid" else lengths[:1]
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the dimensions."""
+        return self.names if self.kind == "grid" else ("point",)
+
+    def columns(self, indices: NDArray[np.int64]) -> dict[str, list[Any]]:
+        """Give the parameters of some points, counted in the order of C, as plain values."""
+        if self.kind != "grid":
+            return {name: column[indices].tolist() for name, column in self.values.items()}
+        axes = np.unravel_index(indices, self.shape)
+        pairs = zip(self.values.items(), axes, strict=True)
+        return {name: column[axis].tolist() for (name, column), axis in pairs}
+
+    def digest(self) -> str:
+        """Tell the values of all parameters in a few characters."""
+        found = hashlib.sha256()
+        for name, column in self.values.items():
+            found.update(f"{name} {column.dtype.str} {column.shape}\n".encode())
+            found.update(np.ascontiguousarray(column).tobytes())
+        return found.hexdigest()[:16]
+
+    def __repr__(self) -> str:
+        size = " x ".join(str(length) for length in self.shape)
+        return f"<Design {self.kind} of {size} points: {', '.join(self.names)}>"
+
+
+def grid(**axes: ArrayLike) -> Design:
+    """Make a study of all combinations of some values.
+
+    Parameters
+    ----------
+    **axes : array_like
+        The values of each parameter: numbers or strings. The last one varies fastest.
+
+    Returns
+    -------
+    Design
+        What `sweep` takes; the results have one dimension per parameter.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a parameter has no values, or values that are neither numbers nor strings.
+
+    Examples
+    --------
+    >>> zivi.grid(e=np.linspace(0.1, 0.9, 9), h=[1e-3, 1e-2])
+    <Design grid of 9 x 2 points: e, h>
+    """
+    return Design("grid", _columns(axes))
+
+
+def points(**columns: ArrayLike) -> Design:
+    """Make a study of listed points.
+
+    Parameters
+    ----------
+    **columns : array_like
+        For each parameter its value at every point: arrays of one length.
+
+    Returns
+    -------
+    Design
+        What `sweep` takes; the results have the dimension ``point``.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the lengths differ, or there is nothing.
+
+    Examples
+    --------
+    >>> zivi.points(e=[0.2, 0.5], h=[1e-3, 1e-2])
+    <Design list of 2 points: e, h>
+    """
+    return _listed("list", columns)
+
+
+def sample(
+    sampler: Any,
+    n: int,
+    bounds: Mapping[str, Sequence[float]],
+    *,
+    log: Sequence[str] = (),
+    seed: int = 0,
+) -> Design:
+    """Draw the points of a study.
+
+    Parameters
+    ----------
+    sampler : {"sobol", "lhs", "halton"} or scipy.stats.qmc.QMCEngine
+        What draws: by name (scrambled, with `seed`), or an engine of as many dimensions as there
+        are parameters, which then has a seed of its own and is advanced.
+    n : int
+        Number of points, >= 1; Sobol's are balanced for powers of 2.
+    bounds : dict
+        For each parameter its lower and upper bound.
+    log : sequence of str
+        Parameters that are drawn uniformly in their logarithm; their bounds must be > 0.
+    seed : int
+        Seed of a sampler that is given by name, >= 0.
+
+    Returns
+    -------
+    Design
+        What `sweep` takes; the results have the dimension ``point``.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range.
+
+    Examples
+    --------
+    >>> zivi.sample("sobol", 256, {"e": (0.1, 0.9), "h": (1e-4, 1e-2)}, log=["h"])
+    <Design sample of 256 points: e, h>
+    """
+    if whole("n", n) < 1:
+        raise ValueError(f"n must be >= 1, got {n}")
+    limits = {name: _bounds(name, pair, name in log) for name, pair in bounds.items()}
+    unknown = set(log) - set(limits)
+    if unknown:
+        raise ValueError(f"log names parameters without bounds: {', '.join(sorted(unknown))}")
+    unit = _engine(sampler, len(limits), seed).random(n)
+    if unit.shape != (n, len(limits)):
+        raise ValueError(
+            f"the sampler draws {unit.shape[1]} numbers a point, "
+            f"bounds has {len(limits)} parameters"
+        )
+    columns = {}
+    for (name, (low, high)), draws in zip(limits.items(), unit.T, strict=True):
+        scale = np.exp if name in log else np.asarray
+        ends = (math.log(low), math.log(high)) if name in log else (low, high)
+        columns[name] = np.clip(scale(ends[0] + draws * (ends[1] - ends[0])), low, high)
+    return _listed("sample", columns)
+
+
+def design_of(given: Any) -> Design:
+    """Understand what a user gave as the points of a study."""
+    if isinstance(given, Design):
+        return given
+    if isinstance(given, Mapping):
+        return Design("grid", _columns(given))
+    if isinstance(given, Sequence) and given and all(isinstance(it, Mapping) for it in given):
+        names = list(given[0])
+        for number, one in enumerate(given):
+            if set(one) != set(names):
+                raise ValueError(
+                    f"points[{number}] has the parameters {sorted(one)}, points[0] {sorted(names)}"
+                )
+        return _listed("list", {name: [one[name] for one in given] for name in names})
+    raise TypeError(
+        "points must be a dict of values (a grid), a list of dicts, or what zivi.grid, zivi.points "
+        f"or zivi.sample give, got {type(given).__name__} {given!r:.100}"
+    )
+
+
+def _listed(kind: str, columns: Mapping[str, ArrayLike]) -> Design:
+    values = _columns(columns)
+    lengths = {name: len(column) for name, column in values.items()}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"listed parameters must have one length, got {lengths}")
+    return Design(kind, values)
+
+
+def _columns(given: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
+    if not given:
+        raise ValueError("a study needs at least one parameter")
+    return {name_of("parameter", name): _column(name, values) for name, values in given.items()}
+
+
+def name_of(what: str, name: Any) -> str:
+    """Return `name` if a parameter or a result can have it."""
+    if not isinstance(name, str):
+        raise TypeError(f"the name of a {what} must be a string, got {name!r}")
+    if not name.isidentifier() or keyword.iskeyword(name):
+        raise ValueError(f"the name of a {what} must be a Python name, got {name!r}")
+    if name in RESERVED:
+        raise ValueError(f"a {what} cannot be named {name!r}: the store uses {', '.join(RESERVED)}")
+    return name
+
+
+def _column(name: str, values: ArrayLike) -> NDArray[Any]:
+    try:
+        column = np.asarray(values)
+    except ValueError as error:  # ragged
+        raise TypeError(f"{name} must hold numbers or strings: {error}") from None
+    if column.ndim != 1 or not len(column):
+        raise ValueError(f"{name} must be a sequence of values, got shape {column.shape}")
+    mixed = column.dtype.kind == "U" and not all(
+        isinstance(it, str) for it in np.asarray(values, object)
+    )
+    if mixed or column.dtype.kind not in "biufU":
+        raise TypeError(f"{name} must hold numbers or strings only, got {values!r:.100}")
+    kinds = {"b": np.bool_, "i": np.int64, "u": np.int64, "f": np.float64}
+    if column.dtype.kind == "u" and column.max() > np.iinfo(np.int64).max:
+        raise ValueError(f"{name} must fit into 64 bits with a sign, got {column.max()}")
+    return column if column.dtype.kind == "U" else column.astype(kinds[column.dtype.kind])
+
+
+def _bounds(name: str, pair: Sequence[float], logarithmic: bool) -> tuple[float, float]:
+    try:
+        low, high = (real(f"bounds[{name!r}]", end) for end in pair)
+    except (TypeError, ValueError):
+        raise TypeError(f"bounds[{name!r}] must be two numbers (low, high), got {pair!r}") from None
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ValueError(f"bounds[{name!r}] must be finite with low < high, got {pair!r}")
+    if logarithmic and not low > 0.0:
+        raise ValueError(f"bounds[{name!r}] must be > 0 for a logarithm, got {pair!r}")
+    return low, high
+
+
+def _engine(sampler: Any, dimensions: int, seed: int) -> Any:
+    if not isinstance(sampler, str):
+        if callable(getattr(sampler, "random", None)):
+            return sampler
+        raise TypeError(
+            f"sampler must be one of {', '.join(ENGINES)} or a scipy.stats.qmc engine, "
+            f"got {sampler!r}"
+        )
+    if sampler not in ENGINES:
+        raise ValueError(f"sampler must be one of {', '.join(ENGINES)}, got {sampler!r}")
+    if whole("seed", seed) < 0:
+        raise ValueError(f"seed must be >= 0, got {seed}")
+    from zivi.study.extras import needed
+
+    qmc = needed("scipy.stats.qmc", "sampled designs")
+    return getattr(qmc, ENGINES[sampler])(dimensions, seed=seed)

@@ -1,0 +1,156 @@
+"""Who computes: this process, threads, processes, or what a user brings."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from zivi._check import whole
+from zivi.study.work import Job
+
+__all__ = ["Pool", "pool_of"]
+
+KINDS = ("threads", "processes")
+
+
+class Inline(concurrent.futures.Executor):
+    """Computes at once, in this thread."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
+        """Compute and return a future that is done."""
+        future: concurrent.futures.Future[Any] = concurrent.futures.Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+class Pool:
+    """An executor and what is known of it.
+
+    Parameters
+    ----------
+    executor : Executor
+        Runs the tasks.
+    workers : int
+        How many at a time.
+    make : callable, optional
+        Makes another one, if the executor is ours.
+    """
+
+    def __init__(
+        self,
+        executor: Any,
+        workers: int,
+        make: Callable[[], concurrent.futures.Executor] | None = None,
+    ) -> None:
+        self.executor = executor
+        self.workers = workers
+        self._make = make
+
+    @property
+    def ours(self) -> bool:
+        """Whether a broken executor can be replaced."""
+        return self._make is not None
+
+    @property
+    def inline(self) -> bool:
+        """Whether tasks run in this thread."""
+        return isinstance(self.executor, Inline)
+
+    @property
+    def spreads(self) -> bool:
+        """Whether what is submitted must be pickled by us."""
+        return isinstance(self.executor, concurrent.futures.ProcessPoolExecutor)
+
+    def renew(self) -> None:
+        """Replace a broken executor."""
+        assert self._make is not None
+        self.executor.shutdown(wait=False, cancel_futures=True)
+        self.executor = self._make()
+
+    def close(self, *, at_once: bool) -> None:
+        """End an executor of ours, with what it still computes if that must be."""
+        if self._make is None:
+            return
+        workers = list((getattr(self.executor, "_processes", None) or {}).values())
+        self.executor.shutdown(wait=not at_once, cancel_futures=True)
+        if at_once:
+            for process in workers:
+                with contextlib.suppress(OSError, ValueError):
+                    process.terminate()
+
+
+def pool_of(executor: Any, workers: int | None) -> Pool:
+    """Understand what a user gave as an executor."""
+    if workers is not None and whole("workers", workers) < 1:
+        raise ValueError(f"workers must be >= 1, got {workers}")
+    if executor in KINDS:
+        number = workers or os.cpu_count() or 1
+        maker = _threads if executor == "threads" else _processes
+        return Pool(maker(number), number, lambda: maker(number))
+    if workers is not None:
+        raise ValueError(f"workers goes with executor='threads' or 'processes', got {executor!r}")
+    if executor is None:
+        return Pool(Inline(), 1)
+    if isinstance(executor, concurrent.futures.Executor):
+        return Pool(executor, _workers(executor))
+    if callable(getattr(executor, "get_executor", None)):  # a Client of Dask
+        return Pool(executor.get_executor(pure=False), _cores(executor))
+    raise TypeError(
+        "executor must be None, 'threads', 'processes', a concurrent.futures.Executor or a "
+        f"dask.distributed.Client, got {executor!r:.100}"
+    )
+
+
+def sendable(job: Job) -> None:
+    """Raise if a job cannot be sent to another process."""
+    try:
+        pickle.dumps(job)
+    except Exception as error:
+        raise TypeError(
+            "the function and its fixed arguments must be picklable for processes: define the "
+            "function at the top level of a module, or use threads or Dask "
+            f"({type(error).__name__}: {error})"
+        ) from error
+
+
+def _workers(executor: Any) -> int:
+    client = getattr(executor, "_client", None)
+    if client is not None:
+        return _cores(client)
+    number = getattr(executor, "_max_workers", None)
+    return number if isinstance(number, int) else os.cpu_count() or 1
+
+
+def _cores(client: Any) -> int:
+    return sum(client.nthreads().values()) or 1
+
+
+def _threads(number: int) -> concurrent.futures.Executor:
+    return concurrent.futures.ThreadPoolExecutor(number, thread_name_prefix="zivi")
+
+
+def _processes(number: int) -> concurrent.futures.Executor:
+    # not by fork: this process has threads, and a fork copies the locks that they hold
+    methods = multiprocessing.get_all_start_methods()
+    context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
+    return concurrent.futures.ProcessPoolExecutor(number, context, initializer=_begin)
+
+
+def _begin() -> None:
+    """Leave Ctrl-C to the parent, and end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,205 @@
+"""What a study gave: the dataset, its events and its failures, from memory or from a folder."""
+
+from __future__ import annotations
+
+import warnings
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zivi.study.block import Block
+from zivi.study.extras import have, needed
+from zivi.study.folder import DamagedError, FolderStore, read_events
+from zivi.study.store import MemoryStore
+from zivi.study.work import DONE, FAILED, MISSING
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+
+__all__ = ["Study", "open_study"]
+
+
+class Study:
+    """The results of a study.
+
+    What is not found here is looked for in the dataset: ``study.rest_time.plot()`` and
+    ``study["rest_time"]`` are ``study.dataset.rest_time.plot()`` and so on.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The results over the parameters, with units where they are known. ``status`` is 0 where a
+        point is missing, 1 where it is done, 2 where it failed, ``message`` says why. The
+        attributes tell the seed, the version and, as JSON, what the study is. From a folder, the
+        values are read when they are used.
+    path : Path, optional
+        The folder.
+    events : optional
+        The events with the number of their point, or what reads them: a ``pyarrow.Table``
+        (``to_pandas()``), or a structured array where there is no pyarrow; None if the function
+        gives no events. From a folder, they are read when they are used.
+    """
+
+    def __init__(
+        self, dataset: xarray.Dataset, path: Path | None = None, events: Any = None
+    ) -> None:
+        self.dataset = dataset
+        self.path = path
+        self._given = events
+
+    @property
+    def events(self) -> Any:
+        """The events with the numbers of their points, None if the function gives none."""
+        events = self._given() if callable(self._given) else self._given
+        return _table(events) if isinstance(events, np.ndarray) and have("pyarrow") else events
+
+    @property
+    def status(self) -> NDArray[np.int8]:
+        """States of all points, in the order of C: 0 missing, 1 done, 2 failed."""
+        return np.asarray(self.dataset["status"].values, np.int8).ravel()
+
+    @property
+    def complete(self) -> bool:
+        """Whether no point is missing."""
+        return not np.any(self.status == MISSING)
+
+    @property
+    def failed(self) -> pandas.DataFrame:
+        """The points that failed: their parameters and why, by the number of the point."""
+        import pandas
+
+        dataset = self.dataset
+        numbers = np.flatnonzero(self.status == FAILED)
+        if "point" in dataset.dims:
+            columns = {str(name): dataset[name].values[numbers] for name in dataset.coords}
+        else:
+            places = np.unravel_index(numbers, dataset["status"].shape)
+            pairs = zip(dataset["status"].dims, places, strict=True)
+            columns = {str(name): dataset[name].values[place] for name, place in pairs}
+        columns["message"] = dataset["message"].values.ravel()[numbers]
+        return pandas.DataFrame(columns, index=pandas.Index(numbers, name="point"))
+
+    def __getitem__(self, name: Any) -> Any:
+        return self.dataset[name]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name == "dataset":
+            raise AttributeError(name)
+        return getattr(self.dataset, name)
+
+    def __repr__(self) -> str:
+        status = self.status
+        counts = [f"{np.count_nonzero(status == DONE)} of {len(status)} points done"]
+        for state, word in ((FAILED, "failed"), (MISSING, "missing")):
+            if number := np.count_nonzero(status == state):
+                counts.append(f"{number} {word}")
+        where = "" if self.path is None else f" in {self.path}"
+        results = ", ".join(str(name) for name in self.dataset.data_vars)
+        return f"<Study{where}: {', '.join(counts)}; {results}>"
+
+
+def open_study(path: str | PathLike[str], *, verify: bool = False) -> Study:
+    """Open the results of a study in a folder.
+
+    ``xarray.open_zarr(path)`` opens the same dataset.
+
+    Parameters
+    ----------
+    path : path
+        The folder that `sweep` wrote; the run may still be going on, or have been killed.
+    verify : bool
+        Read everything and check it. Otherwise a file that is damaged is noticed when it is read.
+
+    Returns
+    -------
+    Study
+        The dataset, read when it is used, and the events. If files are missing or, with `verify`,
+        damaged, a warning names them and the dataset is in memory, with what can be read; their
+        points are missing in it, and `sweep` will compute them again.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is nothing.
+    ValueError
+        If it is something else.
+    OSError
+        If what the study is cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, os.path
+    >>> folder = os.path.join(tempfile.mkdtemp(), "study.zarr")
+    >>> _ = zivi.sweep("ball_rest_time", {"e": [0.3, 0.5]}, out=folder)
+    >>> zivi.open_study(folder).rest_time.values.round(6)
+    array([0.838544, 1.354571])
+    """
+    path = Path(path)
+    store = FolderStore(path, write=False)
+    if verify:
+        damage = [why for _, why in store.damage()]
+    else:
+        damage = [f"{file} is missing or damaged" for file in store.lost_files()]
+    if damage:
+        more = f" and {len(damage) - 3} more" if len(damage) > 3 else ""
+        warnings.warn(
+            f"{path} is damaged: {'; '.join(damage[:3])}{more}; what can be read is read",
+            stacklevel=2,
+        )
+        return _salvaged(store)
+    dataset = _dataset(path)
+    status = np.asarray(dataset["status"].values, np.int8).ravel()
+    return Study(dataset, path, lambda: _events_of(store, status))
+
+
+def _dataset(path: Path) -> xarray.Dataset:
+    import xarray
+
+    dataset: xarray.Dataset = xarray.open_zarr(path, chunks=None)
+    for internal in ("labels", "schema"):
+        dataset.attrs.pop(internal, None)
+    return dataset
+
+
+def _salvaged(store: FolderStore) -> Study:
+    kept = MemoryStore(store.design(), store.layout, store.identity, store.labels)
+    if store.schema is not None:
+        kept.define(store.schema)
+    for chunk in range(len(store.layout)):
+        block: Block = store.load(chunk)
+        if store.schema is not None:
+            block.shaped(store.schema)
+        kept.save(chunk, block)
+    study = kept.study()
+    return Study(study.dataset, store.path, study.events)
+
+
+def _events_of(store: FolderStore, status: NDArray[np.int8]) -> Any:
+    """Read the events of all points that are done, and warn of files that cannot be read."""
+    if store.schema is None or not store.schema.has_events:
+        return None
+    pyarrow = needed("pyarrow", "events in a folder")
+    tables, broken = [], []
+    for file in sorted((store.path / "events").glob("*.parquet")):
+        try:
+            rows = read_events(file)
+        except DamagedError as error:
+            broken.append(str(error))
+        else:
+            # a run that was killed may have written events of a point that is not done
+            tables.append(_table(rows[status[rows["point"]] == DONE]))
+    if broken:
+        warnings.warn("; ".join(broken), stacklevel=3)
+    if not tables:
+        return pyarrow.table({"point": np.empty(0, np.int64)})
+    return pyarrow.concat_tables(tables)
+
+
+def _table(events: NDArray[np.void]) -> Any:
+    pyarrow = needed("pyarrow", "tables of events")
+    names = events.dtype.names or ()
+    return pyarrow.table({name: np.ascontiguousarray(events[name]) for name in names})

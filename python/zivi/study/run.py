@@ -1,0 +1,291 @@
+"""One call from a function and its points to the results."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi._check import whole
+from zivi._progress import ProgressBar
+from zivi.study.design import Design, design_of
+from zivi.study.drive import Driver
+from zivi.study.experiments import experiment
+from zivi.study.folder import FolderStore, create, read_identity
+from zivi.study.identity import differences, identity
+from zivi.study.layout import Layout
+from zivi.study.pools import Pool, pool_of, sendable
+from zivi.study.result import Study
+from zivi.study.store import Labels, MemoryStore, Store
+from zivi.study.work import Job
+
+__all__ = ["sweep"]
+
+GIVEN = ("seed", "rng")
+"""Arguments that a function gets from the seed of the study."""
+MAX_SEED = 2**63 - 1
+
+
+def sweep(
+    function: Callable[..., Any] | str,
+    points: Design | Mapping[str, ArrayLike] | Sequence[Mapping[str, Any]],
+    *,
+    out: str | PathLike[str] | None = None,
+    executor: Any = None,
+    workers: int | None = None,
+    seed: int | None = None,
+    fixed: Mapping[str, Any] | None = None,
+    units: Mapping[str, str] | None = None,
+    dims: Mapping[str, Sequence[str]] | None = None,
+    chunk: int | None = None,
+    in_flight: int | None = None,
+    resume: bool | None = None,
+    retry_failed: bool = False,
+    progress: bool | None = None,
+) -> Study:
+    """Compute a function at many points, and keep what is computed.
+
+    A point that fails does not stop the others. A run that was stopped or killed goes on where it
+    was when the same call is made again.
+
+    Parameters
+    ----------
+    function : callable or str
+        Called with the parameters of each point by name; or the name of one of the experiments in
+        ``zivi.study.EXPERIMENTS``. Returns a number, an array, a dict of both (always the same
+        names and shapes; None is NaN), or a `Trajectory` or `ClosedLoop`, of which the last state,
+        the rest time and the counts are kept. A tuple ``(values, events)`` adds events: a
+        structured array such as ``sol.impacts``, or a dict of arrays of one length. Values are
+        kept as 64-bit floats. If it has a parameter ``seed`` or ``rng`` that is no parameter of the study, each
+        point gets its own: an int or a ``numpy.random.Generator`` made from the child of
+        ``numpy.random.SeedSequence(seed)`` with the number of the point.
+    points : Design, dict or list of dict
+        A dict of values is a grid; see `grid`, `points` and `sample`.
+    out : path, optional
+        Folder of the results, a Zarr store; without it they are kept in memory. Needs the extra
+        ``study``.
+    executor : optional
+        Who computes: None is this thread, "threads" and "processes" are pools of this machine
+        (`workers` wide; a process that dies is replaced). Or any ``concurrent.futures.Executor``,
+        or a ``dask.distributed.Client``. It decides nothing but the time.
+    workers : int, optional
+        Width of a pool of this machine; by default the number of its cores.
+    seed : int, optional
+        Seed of the study, >= 0. A random one is drawn if the function wants one; the attribute
+        ``seed`` of the results tells it.
+    fixed : dict, optional
+        Further arguments of the function, the same at all points.
+    units : dict, optional
+        Units of parameters and results.
+    dims : dict, optional
+        For results that are arrays, the names of their dimensions.
+    chunk : int, optional
+        Points of a task and of a file at most; by default a 64th of all, at most 1024. A task that
+        takes longer than 2 s hands back what it has and is parted.
+    in_flight : int, optional
+        Tasks that are handed out at a time; by default two for each worker.
+    resume : bool, optional
+        With None, the study in the folder `out` is continued if there is one and it is the same;
+        a ValueError says what differs. True goes on even if the text of the function or the
+        version of zivi has changed, and requires that there is one; False that there is none.
+    retry_failed : bool
+        Compute the points again that failed in an earlier run.
+    progress : bool, optional
+        Show a progress bar on standard error once the study lasts longer than a second. By default
+        only on a terminal.
+
+    Returns
+    -------
+    Study
+        The dataset and the events; from the folder if there is one.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range or another study in the folder, before anything is computed.
+    ImportError
+        If a library is missing; it says which extra to install.
+    RuntimeError
+        If no point could be computed, if workers die again and again, or if another run writes to
+        the folder.
+    KeyboardInterrupt, concurrent.futures.BrokenExecutor, OSError
+        If the run is stopped. As with `RuntimeError`, what is done is stored; the exception's
+        attribute ``study`` gives it.
+
+    Examples
+    --------
+    >>> def bounce(e, v):
+    ...     ball = zivi.ImpactSystem(-9.81, e=e)
+    ...     return zivi.simulate(ball, (0, 30), (1, v))
+    >>> study = zivi.sweep(bounce, {"e": [0.3, 0.5, 0.7], "v": [0.0, 2.0]}, units={"v": "m/s"})
+    >>> dict(study.sizes)
+    {'e': 3, 'v': 2}
+    >>> round(float(study.rest_time.sel(e=0.5, v=0.0)), 6)
+    1.354571
+    """
+    work = experiment(function) if isinstance(function, str) else function
+    design = design_of(points)
+    constants = dict(fixed or {})
+    wants = _wants(work, design, constants)
+    if chunk is not None and whole("chunk", chunk) < 1:
+        raise ValueError(f"chunk must be >= 1, got {chunk}")
+    if seed is not None and not 0 <= whole("seed", seed) <= MAX_SEED:
+        raise ValueError(f"seed must be >= 0 and fit into 63 bits, got {seed}")
+    labels = _labels(work, units, dims)
+    pool = pool_of(executor, workers)
+    try:
+        number = _in_flight(in_flight, pool)
+        told = identity(work, design, constants, None if seed is None else int(seed), chunk)
+        store = _store(out, design, told, labels, resume, draws=bool(wants))
+    except BaseException:
+        pool.close(at_once=True)
+        raise
+    job = Job(work, design.names, constants, store.identity["seed"], wants)
+    driver = Driver(job, design, store, pool, number)
+    return _run(driver, store, pool, job, retry_failed, progress)
+
+
+def _run(
+    driver: Driver, store: Store, pool: Pool, job: Job, retry_failed: bool, progress: bool | None
+) -> Study:
+    at_once = True
+    try:
+        if pool.spreads:
+            sendable(job)
+        with ProgressBar(progress, "sweep") as bar:
+            driver.run(retry_failed=bool(retry_failed), bar=bar)
+        at_once = False
+        if driver.n_failed and driver.n_failed == driver.computed and store.schema is None:
+            raise RuntimeError(
+                f"all {driver.n_failed} points failed, one of them: {driver.first_failure}"
+            )
+    except BaseException as error:
+        pool.close(at_once=at_once)
+        store.close()
+        raise _with_study(error, store) from None
+    pool.close(at_once=False)
+    store.close()
+    return store.study()
+
+
+def _with_study(error: BaseException, store: Store) -> BaseException:
+    """Attach what was computed to the exception that ended a run."""
+    with contextlib.suppress(Exception):
+        study = store.study()
+        error.study = study  # type: ignore[attr-defined]
+        where = "" if study.path is None else f" and in {study.path}"
+        error.add_note(
+            f"zivi: the study stopped, {np.count_nonzero(study.status)} of {len(study.status)} "
+            f"points are known; they are in this exception's attribute 'study'{where}."
+        )
+    return error
+
+
+def _wants(
+    function: Callable[..., Any], design: Design, fixed: Mapping[str, Any]
+) -> tuple[str, ...]:
+    """Tell which of ``seed`` and ``rng`` a function takes, and check that it can be called."""
+    if not callable(function):
+        raise TypeError(f"function must be callable or the name of an experiment, got {function!r}")
+    if not all(isinstance(name, str) for name in fixed):
+        raise TypeError(f"fixed must have names of arguments as keys, got {list(fixed)!r}")
+    twice = set(design.names) & set(fixed)
+    if twice:
+        raise ValueError(f"fixed has parameters of the study: {', '.join(sorted(twice))}")
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some built-in functions have none
+        return ()
+    given = {*design.names, *fixed}
+    wants = tuple(
+        name
+        for name in GIVEN
+        if name not in given
+        and name in signature.parameters
+        and signature.parameters[name].kind
+        in (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    )
+    try:
+        signature.bind(**dict.fromkeys((*given, *wants)))
+    except TypeError as error:
+        raise TypeError(
+            f"the function cannot be called with the parameters {', '.join(design.names)}: {error}"
+        ) from None
+    return wants
+
+
+def _labels(
+    function: Any,
+    units: Mapping[str, str] | None,
+    dims: Mapping[str, Sequence[str]] | None,
+) -> Labels:
+    own = getattr(function, "units", None)
+    known = {**(own if isinstance(own, Mapping) else {}), **(units or {})}
+    named = {}
+    for name, names in (dims or {}).items():
+        if isinstance(names, str):
+            raise TypeError(f"dims[{name!r}] must be a list of names, got {names!r}")
+        named[name] = tuple(names)
+    return Labels(known, named)
+
+
+def _in_flight(given: int | None, pool: Pool) -> int:
+    if given is None:
+        return 2 * pool.workers
+    if whole("in_flight", given) < 1:
+        raise ValueError(f"in_flight must be >= 1, got {given}")
+    return int(given)
+
+
+def _store(
+    out: str | PathLike[str] | None,
+    design: Design,
+    told: dict[str, Any],
+    labels: Labels,
+    resume: bool | None,
+    *,
+    draws: bool,
+) -> Store:
+    if resume not in (None, True, False):
+        raise TypeError(f"resume must be True, False or None, got {resume!r}")
+    path = None if out is None else Path(out)
+    if path is None and resume:
+        raise ValueError("resume=True needs a folder, out=...")
+    if path is not None and path.exists() and not _is_empty(path):
+        return _continued(path, told, resume)
+    if path is not None and resume:
+        raise FileNotFoundError(f"resume=True, but there is no study at {path}")
+    if draws and told["seed"] is None:
+        told["seed"] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
+    layout = Layout(design.shape, told["chunk"])
+    if path is None:
+        return MemoryStore(design, layout, told, labels)
+    create(path, design, layout, told, labels)
+    return FolderStore(path, write=True)
+
+
+def _is_empty(path: Path) -> bool:
+    return path.is_dir() and not any(path.iterdir())
+
+
+def _continued(path: Path, told: dict[str, Any], resume: bool | None) -> Store:
+    if resume is False:
+        raise FileExistsError(f"resume=False, but there is something at {path}")
+    known, _ = read_identity(path)
+    found = differences(known, told, mild=bool(resume))
+    if found:
+        hint = (
+            ""
+            if resume
+            else "; resume=True goes on when only the text of the function or the version differs"
+        )
+        raise ValueError(f"{path} has another study: {'; '.join(found)}{hint}")
+    store = FolderStore(path, write=True)
+    store.forget_damaged()
+    return store

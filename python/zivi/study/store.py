@@ -1,0 +1,207 @@
+"""Where results go: the interface of stores, and the one in memory."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zivi import _zivi
+from zivi.study.block import Block
+from zivi.study.design import Design
+from zivi.study.layout import Layout
+from zivi.study.work import Schema
+
+if TYPE_CHECKING:
+    import xarray
+
+    from zivi.study.result import Study
+
+__all__ = ["DESCRIPTIONS", "Labels", "MemoryStore", "Store", "attributes", "dims_of"]
+
+DESCRIPTIONS = {
+    "status": {"long_name": "0 missing, 1 done, 2 failed", "units": "1"},
+    "message": {"long_name": "why a point failed"},
+    "n_events": {"long_name": "number of events", "units": "1"},
+}
+
+
+class Labels:
+    """Units and names of dimensions that a user gives.
+
+    Parameters
+    ----------
+    units : dict
+        Units of parameters and results.
+    dims : dict
+        Names of the dimensions of results that are arrays.
+    """
+
+    def __init__(self, units: Mapping[str, str], dims: Mapping[str, tuple[str, ...]]) -> None:
+        self.units = dict(units)
+        self.dims = dict(dims)
+
+    def check(self, schema: Schema) -> None:
+        """Raise if a result has not as many dimensions as there are names for it."""
+        for name, names in self.dims.items():
+            if name in schema.shapes and len(schema.shapes[name]) != len(names):
+                raise ValueError(
+                    f"dims[{name!r}] names {len(names)} dimensions, "
+                    f"the result has the shape {schema.shapes[name]}"
+                )
+
+
+class Store(Protocol):
+    """What keeps the results of a study."""
+
+    layout: Layout
+    identity: dict[str, Any]
+    schema: Schema | None
+
+    def status(self) -> NDArray[np.int8]:
+        """Give the states of all points; those that cannot be read are missing."""
+
+    def define(self, schema: Schema) -> None:
+        """Make room for what the points give."""
+
+    def load(self, chunk: int) -> Block:
+        """Give what is there of a chunk."""
+
+    def save(self, chunk: int, block: Block) -> None:
+        """Keep a chunk: all of it, or what was there before."""
+
+    def study(self) -> Study:
+        """Give what is there so far."""
+
+    def close(self) -> None:
+        """Let others write."""
+
+
+def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Give the attributes of the dataset."""
+    found = {
+        "title": f"Study of {identity['function']}",
+        "source": f"zivi {_zivi.__version__}",
+        "parameters": json.dumps(identity["parameters"]),
+        "config": json.dumps(identity),
+    }
+    # what is not there is left out: not every format of a dataset has a word for it
+    return found if identity["seed"] is None else found | {"seed": identity["seed"]}
+
+
+def dims_of(name: str, shape: tuple[int, ...], design: tuple[str, ...], labels: Labels) -> Any:
+    """Name the dimensions of a result."""
+    own = labels.dims.get(name) or tuple(f"{name}_{axis}" for axis in range(len(shape)))
+    return (*design, *own)
+
+
+class MemoryStore:
+    """Keeps the results of a study in this process.
+
+    Parameters
+    ----------
+    design : Design
+        The points.
+    layout : Layout
+        How they are cut into chunks.
+    identity : dict
+        What tells the study.
+    labels : Labels
+        Units and dimensions.
+    """
+
+    def __init__(
+        self, design: Design, layout: Layout, identity: dict[str, Any], labels: Labels
+    ) -> None:
+        self._design, self._labels = design, labels
+        self.layout, self.identity = layout, identity
+        self.schema: Schema | None = None
+        self._blocks: dict[int, Block] = {}
+
+    def status(self) -> NDArray[np.int8]:
+        """Give the states of all points."""
+        found = np.zeros(len(self._design), np.int8)
+        for block in self._blocks.values():
+            found[block.span.start : block.span.stop] = block.status
+        return found
+
+    def define(self, schema: Schema) -> None:
+        """Make room for what the points give."""
+        self._labels.check(schema)
+        self.schema = schema
+
+    def load(self, chunk: int) -> Block:
+        """Give what is there of a chunk."""
+        return self._blocks.get(chunk) or Block.empty(self.layout.span(chunk))
+
+    def save(self, chunk: int, block: Block) -> None:
+        """Keep a chunk."""
+        self._blocks[chunk] = block
+
+    def close(self) -> None:
+        """Do nothing: nobody else writes here."""
+
+    def study(self) -> Study:
+        """Give what is there so far."""
+        from zivi.study.result import Study
+
+        return Study(self._dataset(), events=self._events())
+
+    def _events(self) -> Any:
+        if self.schema is None or not self.schema.has_events:
+            return None
+        tables = [self._blocks[chunk].table() for chunk in sorted(self._blocks)]
+        known = [table for table in tables if table is not None]
+        if not known:
+            return np.empty(0, [("point", np.int64)])
+        fields = known[0][1].dtype
+        found = np.empty(sum(len(points) for points, _ in known), [("point", "i8"), *fields.descr])
+        found["point"] = np.concatenate([points for points, _ in known])
+        for field in fields.names or ():
+            found[field] = np.concatenate([events[field] for _, events in known])
+        return found
+
+    def _filled(self, shape: tuple[int, ...], empty: Any, dtype: Any, of: Any) -> Any:
+        """Put what `of` gives for each chunk into one array over the points."""
+        flat = np.full((len(self._design), *shape), empty, dtype)
+        for block in self._blocks.values():
+            flat[block.span.start : block.span.stop] = of(block)
+        return flat.reshape(*self._design.shape, *shape)
+
+    def _dataset(self) -> xarray.Dataset:
+        import xarray
+
+        design, units = self._design, self._labels.units
+        schema = self.schema or Schema({}, False, {})
+        known = {**schema.units, **units}
+
+        def unit(name: str) -> dict[str, str]:
+            return {"units": known[name]} if name in known else {}
+
+        columns: dict[str, Any] = {
+            name: (
+                dims_of(name, shape, design.dims, self._labels),
+                self._filled(shape, np.nan, float, lambda block, name=name: block.values[name]),
+                unit(name),
+            )
+            for name, shape in schema.shapes.items()
+        }
+        dims = design.dims
+        columns["status"] = dims, self.status().reshape(design.shape), DESCRIPTIONS["status"]
+        messages = self._filled((), "", object, _messages)
+        columns["message"] = dims, messages.astype(str), DESCRIPTIONS["message"]
+        if schema.has_events:
+            counts = self._filled((), 0, np.int64, Block.counts)
+            columns["n_events"] = dims, counts, DESCRIPTIONS["n_events"]
+        coordinates = {
+            name: ((name,) if design.kind == "grid" else dims, column, unit(name))
+            for name, column in design.values.items()
+        }
+        return xarray.Dataset(columns, coordinates, attributes(self.identity))
+
+
+def _messages(block: Block) -> list[str]:
+    return [block.messages.get(point, "") for point in block.span]

@@ -1,0 +1,198 @@
+"""What a worker does: the points of one task, until its time is up."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zivi._check import Array
+from zivi.closed_loop import ClosedLoop
+from zivi.study.design import name_of
+from zivi.study.outcome import RUN_UNITS, Events, Values, split
+from zivi.trajectory import Trajectory
+
+__all__ = ["DONE", "FAILED", "MISSING", "SLICE", "Job", "Piece", "Schema", "child", "compute"]
+
+MISSING, DONE, FAILED = 0, 1, 2
+"""States of a point."""
+SLICE = 2.0
+"""Seconds after which a task hands back what it has: no more than that is lost with a worker."""
+LONGEST = 1000
+"""Characters of a message that are kept."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """What is computed at every point.
+
+    Parameters
+    ----------
+    function : callable
+        Called with the parameters of a point by name.
+    names : tuple of str
+        Names of the parameters.
+    fixed : dict
+        Further arguments, the same at all points.
+    seed : int or None
+        Seed of the study.
+    wants : tuple of str
+        Which of ``seed`` and ``rng`` the function takes.
+    """
+
+    function: Callable[..., Any]
+    names: tuple[str, ...]
+    fixed: dict[str, Any]
+    seed: int | None
+    wants: tuple[str, ...]
+
+    def call(self, point: int, values: tuple[Any, ...]) -> Any:
+        """Compute one point."""
+        arguments = dict(zip(self.names, values, strict=True))
+        if self.wants:
+            source = child(self.seed, point)
+            if "seed" in self.wants:
+                arguments["seed"] = int(source.generate_state(1, np.uint64)[0])
+            if "rng" in self.wants:
+                arguments["rng"] = np.random.default_rng(source)
+        return self.function(**self.fixed, **arguments)
+
+
+def child(seed: int | None, point: int) -> np.random.SeedSequence:
+    """Give what ``SeedSequence(seed).spawn(n)[point]`` is."""
+    return np.random.SeedSequence(seed, spawn_key=(point,))
+
+
+@dataclasses.dataclass(frozen=True)
+class Schema:
+    """What every point gives.
+
+    Parameters
+    ----------
+    shapes : dict
+        For each value its name and its shape.
+    has_events : bool
+        Whether a point gives events.
+    units : dict
+        Units that are known from the kind of the result.
+    """
+
+    shapes: dict[str, tuple[int, ...]]
+    has_events: bool
+    units: dict[str, str]
+
+
+@dataclasses.dataclass
+class Piece:
+    """What a task gives back: some of its points.
+
+    Parameters
+    ----------
+    schema : Schema or None
+        What the points gave; None if none was done.
+    done : ndarray of int
+        Numbers of the points that are done.
+    values : dict of ndarray
+        Their values, one row a point.
+    events : dict of ndarray
+        The events of those that have some.
+    failed : dict of str
+        Numbers of the points that failed, and why.
+    rest : ndarray of int
+        Numbers of the points that were not computed.
+    interrupted : bool
+        Whether Ctrl-C reached the task.
+    """
+
+    schema: Schema | None
+    done: NDArray[np.int64]
+    values: dict[str, Array]
+    events: dict[int, Events]
+    failed: dict[int, str]
+    rest: NDArray[np.int64]
+    interrupted: bool = False
+
+
+class _Collector:
+    """Puts the results of points together, if they are alike."""
+
+    def __init__(self, job: Job) -> None:
+        self._job = job
+        self._rows: list[Values] = []
+        self.schema: Schema | None = None
+        self.dtype: np.dtype[Any] | None = None
+        self.done: list[int] = []
+        self.events: dict[int, Events] = {}
+        self.failed: dict[int, str] = {}
+
+    def add(self, point: int, returned: Any) -> None:
+        values, events, has_events = split(returned)
+        shapes = {name: np.shape(value) for name, value in values.items()}
+        if self.schema is None:
+            for name in shapes:
+                if name_of("result", name) in self._job.names:
+                    raise ValueError(f"the result {name!r} has the name of a parameter")
+            run = isinstance(returned, Trajectory | ClosedLoop) or (
+                has_events and isinstance(returned[0], Trajectory | ClosedLoop)
+            )
+            units = {name: RUN_UNITS[name] for name in shapes} if run else {}
+            self.schema = Schema(shapes, has_events, units)
+        alike(self.schema, shapes, has_events)
+        if events is not None:
+            if self.dtype not in (None, events.dtype):
+                raise ValueError(f"events have {events.dtype}, those of others {self.dtype}")
+            self.dtype = events.dtype
+        if events is not None and len(events):
+            self.events[point] = events.copy()
+        self._rows.append(values)
+        self.done.append(point)
+
+    def piece(self, rest: NDArray[np.int64], interrupted: bool) -> Piece:
+        names = self.schema.shapes if self.schema else ()
+        return Piece(
+            schema=self.schema,
+            done=np.array(self.done, np.int64),
+            values={name: np.array([row[name] for row in self._rows], float) for name in names},
+            events=self.events,
+            failed=self.failed,
+            rest=rest,
+            interrupted=interrupted,
+        )
+
+
+def alike(schema: Schema, shapes: dict[str, tuple[int, ...]], has_events: bool) -> None:
+    """Raise if what a point gave is not what the others give."""
+    if shapes != schema.shapes:
+        raise ValueError(f"returned {_shown(shapes)}; other points gave {_shown(schema.shapes)}")
+    if has_events != schema.has_events:
+        raise ValueError("either all points return (values, events) or none does")
+
+
+def _shown(shapes: dict[str, tuple[int, ...]]) -> str:
+    return ", ".join(f"{name} {shape}" if shape else name for name, shape in shapes.items())
+
+
+def compute(job: Job, points: NDArray[np.int64], columns: dict[str, list[Any]]) -> Piece:
+    """Compute points one after the other, until all are done or the time is up."""
+    found = _Collector(job)
+    end = time.monotonic() + SLICE
+    rows = zip(points.tolist(), *columns.values(), strict=True)
+    for number, (point, *values) in enumerate(rows):
+        if number and time.monotonic() > end:
+            return found.piece(points[number:], interrupted=False)
+        try:
+            found.add(point, job.call(point, tuple(values)))
+        except KeyboardInterrupt:
+            return found.piece(points[number:], interrupted=True)
+        except (Exception, SystemExit) as error:
+            found.failed[point] = message_of(error)
+    return found.piece(points[:0], interrupted=False)
+
+
+def message_of(error: BaseException) -> str:
+    """Tell an exception in one text."""
+    return f"{type(error).__name__}: {error}"[:LONGEST]
