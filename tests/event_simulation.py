@@ -2,7 +2,7 @@
 
 Between events ``x'' = -k x - c x' - g + A cos(w t + phase)`` is a sum of exponentials, or, for
 times so short that the sum cancels, a Taylor series. The next impact is approached from the left by
-steps that cannot pass a root: with ``|x''| <= M`` the distance is at least ``x + x' s - M s^2 / 2``.
+steps that cannot pass a root: if ``|x''| <= M`` then ``x`` is at least ``x + x' s - M s^2 / 2``.
 A chain of impacts is closed by the expansion of its end in the speed, whose third order is left
 out, where that is below rounding. The mass leaves rest where ``A cos(w t + phase)`` exceeds ``g``.
 """

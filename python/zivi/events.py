@@ -73,7 +73,7 @@ def _event(k: int, function: Any) -> Event:
     if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
         raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
     # no numpy.sign, which takes neither a bool nor an integer beyond 64 bits
-    sign = (direction > 0) - (direction < 0)  # type: ignore[operator]
+    sign = int(direction > 0) - int(direction < 0)  # type: ignore[operator]
     return Event(_of_three(function), sign, int(terminal or 0) or None)
 
 
