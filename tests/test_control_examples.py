@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
+PAGE = " ".join((ROOT / "docs" / "control.md").read_text().split())
 
 
 def example(name):
@@ -123,3 +125,30 @@ def test_they_print_and_draw(name, tmp_path, capsys):
     example(name).main(str(tmp_path / "out.png"))
     assert (tmp_path / "out.png").stat().st_size > 1000
     assert "nan" not in capsys.readouterr().out.replace("late nan ms", "")
+
+
+def test_the_page_on_the_periodic_orbit(periodic):
+    ((starts, locked),) = re.findall(r"of (\d+) random starts (\d+) lock", PAGE)
+    assert int(starts) == periodic.STARTS
+    assert periodic.out_of_step("nearest", periodic.GAINS) == pytest.approx(int(locked), abs=3)
+    pattern = r"error is (\S+) mm at the right `e`, (\S+) mm at (\S+) and (\S+) mm at (\S+)\."
+    ((right, low, e_low, high, e_high),) = re.findall(pattern, PAGE)
+    found = {e: 1e3 * row["positive"].largest for e, row in periodic.wrong_restitution().items()}
+    for e, printed in ((0.5, right), (float(e_low), low), (float(e_high), high)):
+        assert found[e] == pytest.approx(float(printed), rel=0.1)
+
+
+def test_the_page_on_rest_and_liftoff(resting):
+    ((count, late, error),) = re.findall(
+        r"all (\d+) lift-offs come within (\S+) ms .*? mass is within (\S+) mm", PAGE
+    )
+    found = resting.statistics(resting.run("positive"))
+    assert found.liftoffs == int(count)
+    assert 1e3 * found.late <= float(late) + 5e-3
+    assert 1e3 * resting.statistics(resting.run("positive", 0.5)).error <= float(error)
+
+
+def test_the_picture_of_the_readme_is_drawn(tmp_path):
+    outputs = tmp_path / "tracking.png", tmp_path / "chattering.png"
+    example("readme_tracking").main(*map(str, outputs))
+    assert all(output.stat().st_size > 1000 for output in outputs)

@@ -111,10 +111,16 @@ def table(rows: Iterable[Chattering]) -> Table:
     """Lay the rows out for a terminal."""
     return report.table(
         "Explicit and implicit signs",
-        "sum |du| per second; u in m/s^2, x in m, x' in m/s",
-        ("reference", "dF", "h", "signs", "range u", "sum |du|", "range e", "mean e", "max |e'|"),
-        [tuple(dataclasses.astuple(row)) for row in rows],
+        "sum |du| per second; u in m/s^2, x in m, x' in m/s; dF: outward, unknown",
+        ("where", "dF", "h", "signs", "range u", "sum|du|", "range e", "mean e", "max|e'|"),
+        [_cells(row) for row in rows],
     )
+
+
+def _cells(row: Chattering) -> tuple[str, ...]:
+    where, force_error, h, controller, *measured = dataclasses.astuple(row)
+    numbers = (f"{number:.3g}" if 1 <= number < 1e3 else f"{number:.2g}" for number in measured)
+    return (where, f"{force_error:g}", f"{h:g}", controller, *numbers)
 
 
 def figure() -> tuple[Figure, dict[str, ClosedLoop]]:

@@ -33,8 +33,8 @@ DISTURBANCES: dict[str, dict[str, Any]] = {
     "force -1.5": {"force": FORCE - 1.5},
     "force +1.5": {"force": FORCE + 1.5},
     "force +5": {"force": FORCE + 5},
-    "e = 0.3 in the controller": {"e": 0.3},
-    "e = 0.4 in the controller": {"e": 0.4},
+    "controller's e = 0.3": {"e": 0.3},
+    "controller's e = 0.4": {"e": 0.4},
     "e_ref = 0.3": {"e_ref": 0.3},
     "e_ref = 0.4": {"e_ref": 0.4},
     "noise 1e-5 m, 1e-3 m/s": {"noise": (1e-5, 1e-3)},
@@ -43,9 +43,9 @@ DISTURBANCES: dict[str, dict[str, Any]] = {
     "delay 1 period": {"delay": 1},
     "delay 2 periods": {"delay": 2},
     "delay 5 periods": {"delay": 5},
-    "steps of 1e-5 m, 1e-3 m/s": {"quantization": (1e-5, 1e-3)},
-    "steps of 1e-4 m, 1e-2 m/s": {"quantization": (1e-4, 1e-2)},
-    "steps of 1e-3 m, 1e-1 m/s": {"quantization": (1e-3, 1e-1)},
+    "steps 1e-5 m, 1e-3 m/s": {"quantization": (1e-5, 1e-3)},
+    "steps 1e-4 m, 1e-2 m/s": {"quantization": (1e-4, 1e-2)},
+    "steps 1e-3 m, 1e-1 m/s": {"quantization": (1e-3, 1e-1)},
 }
 """What is wrong in each run, and the arguments that make it so. The plant has e = 1/3."""
 
@@ -122,5 +122,11 @@ def table(rows: Iterable[Robustness]) -> Table:
         f"worst of {STARTS} starts; reached: last |x - x_r| > 1 cm; rest: runs at exact rest; "
         "that and |e|, |x'|, u in the last second, where the reference rests",
         ("disturbance", "branch", "rest", "reached", "|e|", "|x'|", "min u", "max u"),
-        [tuple(dataclasses.astuple(row)) for row in rows],
+        [_cells(row) for row in rows],
     )
+
+
+def _cells(row: Robustness) -> tuple[str, ...]:
+    name, branch, at_rest, reached, error, speed, low, high = dataclasses.astuple(row)
+    measured = (f"{error:.2g}", f"{speed:.2g}", f"{low:.1f}", f"{high:.1f}")
+    return (name, branch, str(at_rest), f"{reached:.2f}", *measured)
