@@ -38,6 +38,9 @@ pub fn advance(
     let mut flight = Flight { wall, f, t, state, left: duration, events };
     if state.x == 0.0 && state.xdot < 0.0 {
         flight.bounce(state.xdot);
+        if flight.comes_to_rest() {
+            return flight.state;
+        }
     }
     for _ in 0..MAX_LISTED {
         if flight.rests() {
