@@ -13,6 +13,7 @@ set-valued signs passes the accumulation of impacts and comes to rest exactly.
 
 from zivi import plot
 from zivi._zivi import __version__
+from zivi.batch import Batch, simulate_batch
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
@@ -26,6 +27,7 @@ from zivi.vi import VIOptions, VIResult, VIStatus, natural_residual, solve_avi, 
 from zivi.wall import HarmonicWall, MovingWall
 
 __all__ = [
+    "Batch",
     "ClosedLoop",
     "Controller",
     "Design",
@@ -58,6 +60,7 @@ __all__ = [
     "project",
     "sample",
     "simulate",
+    "simulate_batch",
     "simulate_closed_loop",
     "solve_avi",
     "solve_vi",

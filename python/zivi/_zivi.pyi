@@ -7,6 +7,7 @@ from typing_extensions import disjoint_base
 
 __all__ = [
     "STATUS_MESSAGES",
+    "BatchRecord",
     "Explicit",
     "LoopRecord",
     "MotionPath",
@@ -15,14 +16,17 @@ __all__ = [
     "Tracker",
     "ViRecord",
     "__version__",
+    "available_threads",
     "check_moreau_jean",
     "check_switched_rk",
     "check_theta_gamma",
     "compiled_force",
+    "grid_times",
     "lift",
     "natural_residual",
     "project",
     "restitution",
+    "simulate_batch",
     "simulate_closed_loop",
     "simulate_explicit_euler",
     "simulate_moreau_jean",
@@ -298,6 +302,61 @@ def simulate_closed_loop(
     ours: bool,
     progress: Any = None,
 ) -> LoopRecord: ...
+
+@final
+class BatchRecord:
+    @property
+    def t(self) -> _Array: ...
+    @property
+    def x(self) -> _Array: ...
+    @property
+    def xdot(self) -> _Array: ...
+    @property
+    def x_max(self) -> _Array: ...
+    @property
+    def speed_max(self) -> _Array: ...
+    @property
+    def first_impact(self) -> _Array: ...
+    @property
+    def last_impact(self) -> _Array: ...
+    @property
+    def hardest_impact(self) -> _Array: ...
+    @property
+    def rest_time(self) -> _Array: ...
+    @property
+    def samples_x(self) -> _Array: ...
+    @property
+    def samples_xdot(self) -> _Array: ...
+    @property
+    def impact_t(self) -> list[_Array]: ...
+    @property
+    def impact_xdot_before(self) -> list[_Array]: ...
+    @property
+    def impact_xdot_after(self) -> list[_Array]: ...
+    @property
+    def zeno_times(self) -> list[_Array]: ...
+    @property
+    def liftoff_times(self) -> list[_Array]: ...
+    @property
+    def status(self) -> NDArray[np.uint8]: ...
+    @property
+    def nfev(self) -> NDArray[np.uint64]: ...
+    @property
+    def counts(self) -> NDArray[np.uint64]: ...
+
+def available_threads() -> int: ...
+def grid_times(t0: float, t1: float, h: float, every: int) -> _Array: ...
+def simulate_batch(
+    forces: list[tuple[Any, ...]],
+    kappas: _Array,
+    states: _Array,
+    method: tuple[Any, ...],
+    *,
+    span: tuple[float, float],
+    save: Any,
+    threads: int,
+    progress: Any = None,
+) -> BatchRecord: ...
 
 @final
 class ViRecord:

@@ -2,6 +2,7 @@
 //!
 //! No numerics here. `python/zivi` is what users import; `python/zivi/_zivi.pyi` types this module.
 
+mod batch;
 mod closed_loop;
 mod control;
 mod force;
@@ -28,6 +29,10 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate::solve_steps, module)?)?;
     module.add_function(wrap_pyfunction!(tracking::solve_tracking_steps, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_explicit_euler, module)?)?;
+    module.add_class::<batch::BatchRecord>()?;
+    module.add_function(wrap_pyfunction!(batch::simulate_batch, module)?)?;
+    module.add_function(wrap_pyfunction!(batch::available_threads, module)?)?;
+    module.add_function(wrap_pyfunction!(batch::grid_times, module)?)?;
     module.add_class::<switched_rk::MotionPath>()?;
     module.add_function(wrap_pyfunction!(switched_rk::check_switched_rk, module)?)?;
     module.add_function(wrap_pyfunction!(switched_rk::simulate_switched_rk, module)?)?;

@@ -1,0 +1,214 @@
+//! Batches from Python: many runs on all cores, without the interpreter.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyList, PyTuple};
+use zivi::batch::{simulate_batch as run_batch, BatchError, Course, Member, Outcome, Save};
+use zivi::{Events, Grid, MoreauJean, Physical, ThetaGamma};
+
+use crate::force::{ForceSpec, NativeForce};
+use crate::simulate::{setup_error, step_solver};
+use crate::switched_rk::{settings, Settings};
+use crate::transform::wall;
+use crate::watch::Watch;
+
+fn refused(error: BatchError<PyErr>) -> PyErr {
+    match error {
+        BatchError::Setup(Some(member), error) => {
+            PyValueError::new_err(format!("run {member} of the batch: {error}"))
+        }
+        BatchError::Setup(None, error) => setup_error(error),
+        BatchError::Raised(error) => error,
+    }
+}
+
+/// A method as the Python layer hands it over, a tuple that starts with its name.
+fn course(method: &Bound<'_, PyTuple>, span: (f64, f64)) -> PyResult<Course> {
+    let number = |k: usize| -> PyResult<f64> { method.get_item(k)?.extract() };
+    let grid = || -> PyResult<Grid> {
+        Grid::new(span.0, span.1, number(1)?).map_err(|error| setup_error(error.into()))
+    };
+    let name: String = method.get_item(0)?.extract()?;
+    match name.as_str() {
+        "theta_gamma" => {
+            let solver: String = method.get_item(4)?.extract()?;
+            let solver = step_solver(&solver, method.get_item(5)?.extract()?)?;
+            let scheme = ThetaGamma { theta: number(2)?, gamma: number(3)?, solver };
+            Ok(Course::ThetaGamma(scheme, grid()?))
+        }
+        "explicit_euler" => Ok(Course::ExplicitEuler(grid()?)),
+        "moreau_jean" => Ok(Course::MoreauJean(MoreauJean { theta: number(2)? }, grid()?)),
+        "switched_rk" => {
+            // a span that gives no grid gives no run either
+            Grid::new(span.0, span.1, f64::MAX).map_err(|error| setup_error(error.into()))?;
+            let given: Settings = method.get_item(1)?.extract()?;
+            Ok(Course::SwitchedRk(settings(given)?, span))
+        }
+        other => Err(PyValueError::new_err(format!("unknown method {other:?}"))),
+    }
+}
+
+fn saving(save: &Bound<'_, PyAny>) -> PyResult<Save> {
+    if let Ok(every) = save.extract::<usize>() {
+        return Ok(Save::Every(every));
+    }
+    match save.extract::<String>()?.as_str() {
+        "final" => Ok(Save::Final),
+        "statistics" => Ok(Save::Statistics),
+        "events" => Ok(Save::Events),
+        other => Err(PyValueError::new_err(format!("unknown kind of save {other:?}"))),
+    }
+}
+
+/// A force for each run, or one for all.
+fn natives(forces: &Bound<'_, PyList>) -> PyResult<Vec<NativeForce>> {
+    let native = |(i, spec): (usize, Bound<'_, PyAny>)| -> PyResult<NativeForce> {
+        let refuse = || {
+            PyValueError::new_err(format!(
+                "the force of system {i} needs the interpreter: a batch takes numbers, \
+                 LinearForce and compiled callables"
+            ))
+        };
+        ForceSpec::from_tuple(spec.cast()?)?.native().ok_or_else(refuse)
+    };
+    forces.iter().enumerate().map(native).collect()
+}
+
+/// Many runs. `forces` and `kappas` have an entry for each run, or one for all.
+#[pyfunction]
+#[pyo3(signature = (forces, kappas, states, method, *, span, save, threads, progress=None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn simulate_batch(
+    py: Python<'_>,
+    forces: &Bound<'_, PyList>,
+    kappas: PyReadonlyArray1<'_, f64>,
+    states: PyReadonlyArray2<'_, f64>,
+    method: &Bound<'_, PyTuple>,
+    span: (f64, f64),
+    save: &Bound<'_, PyAny>,
+    threads: usize,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<BatchRecord> {
+    let (course, save) = (course(method, span)?, saving(save)?);
+    let forces = natives(forces)?;
+    let kappas = kappas.as_array();
+    let mut members = Vec::with_capacity(states.as_array().nrows());
+    for (i, state) in states.as_array().rows().into_iter().enumerate() {
+        members.push(Member {
+            wall: wall(kappas[if kappas.len() == 1 { 0 } else { i }])?,
+            force: forces[if forces.len() == 1 { 0 } else { i }],
+            initial: Physical { x: state[0], xdot: state[1] },
+        });
+    }
+    let watch = &mut Watch { progress };
+    let ends = py.detach(|| run_batch(&members, course, save, threads, watch)).map_err(refused)?;
+    BatchRecord::new(py, ends)
+}
+
+type Array = Py<PyArray1<f64>>;
+type Times = Vec<Array>;
+
+/// What is saved of the runs: an entry, or a row, for each.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct BatchRecord {
+    t: Array,
+    x: Array,
+    xdot: Array,
+    x_max: Array,
+    speed_max: Array,
+    first_impact: Array,
+    last_impact: Array,
+    hardest_impact: Array,
+    rest_time: Array,
+    status: Py<PyArray1<u8>>,
+    nfev: Py<PyArray1<u64>>,
+    /// Numbers of impacts, Zeno points and lift-offs of each run.
+    counts: Py<PyArray2<u64>>,
+    /// A row for each run, filled up with NaN where a run ended early.
+    samples_x: Py<PyArray2<f64>>,
+    samples_xdot: Py<PyArray2<f64>>,
+    impact_t: Times,
+    impact_xdot_before: Times,
+    impact_xdot_after: Times,
+    zeno_times: Times,
+    liftoff_times: Times,
+}
+
+impl BatchRecord {
+    fn new(py: Python<'_>, ends: Vec<Outcome>) -> PyResult<Self> {
+        let column = |of: fn(&Outcome) -> f64| -> Array {
+            PyArray1::from_vec(py, ends.iter().map(of).collect()).unbind()
+        };
+        let none = Events::default();
+        let events = |of: fn(&Events) -> Vec<f64>| -> Times {
+            if ends.iter().all(|end| end.events.is_none()) {
+                return Vec::new();
+            }
+            let array = |end: &Outcome| {
+                PyArray1::from_vec(py, of(end.events.as_ref().unwrap_or(&none))).unbind()
+            };
+            ends.iter().map(array).collect()
+        };
+        Ok(Self {
+            t: column(|end| end.summary.t),
+            x: column(|end| end.summary.x),
+            xdot: column(|end| end.summary.xdot),
+            x_max: column(|end| end.summary.x_max),
+            speed_max: column(|end| end.summary.speed_max),
+            first_impact: column(|end| end.first_impact),
+            last_impact: column(|end| end.last_impact),
+            hardest_impact: column(|end| end.hardest_impact),
+            rest_time: column(|end| end.rest_time),
+            status: PyArray1::from_iter(py, ends.iter().map(|end| end.status as u8)).unbind(),
+            nfev: PyArray1::from_iter(py, ends.iter().map(|end| end.nfev)).unbind(),
+            counts: PyArray1::from_iter(py, ends.iter().flat_map(|end| end.counts))
+                .reshape([ends.len(), 3])?
+                .unbind(),
+            samples_x: rows(py, ends.iter().map(|end| end.saved.x.as_slice()))?,
+            samples_xdot: rows(py, ends.iter().map(|end| end.saved.xdot.as_slice()))?,
+            impact_t: events(|it| it.impacts.iter().map(|impact| impact.t).collect()),
+            impact_xdot_before: events(|it| {
+                it.impacts.iter().map(|impact| impact.xdot_before).collect()
+            }),
+            impact_xdot_after: events(|it| {
+                it.impacts.iter().map(|impact| impact.xdot_after).collect()
+            }),
+            zeno_times: events(|it| it.zeno_times.clone()),
+            liftoff_times: events(|it| it.liftoff_times.clone()),
+        })
+    }
+}
+
+/// Rows of one length, the shorter ones filled up with NaN.
+fn rows<'a>(
+    py: Python<'_>,
+    rows: impl Iterator<Item = &'a [f64]> + Clone,
+) -> PyResult<Py<PyArray2<f64>>> {
+    let (n, longest) =
+        rows.clone().fold((0, 0), |(n, longest), row| (n + 1, longest.max(row.len())));
+    let filled = rows.flat_map(|row| {
+        row.iter().copied().chain(std::iter::repeat_n(f64::NAN, longest - row.len()))
+    });
+    Ok(PyArray1::from_vec(py, filled.collect()).reshape([n, longest])?.unbind())
+}
+
+/// The number of threads that the machine runs at once.
+#[pyfunction]
+pub(crate) fn available_threads() -> usize {
+    zivi::batch::available_threads()
+}
+
+/// The times of every so many steps of a grid, from its start on.
+#[pyfunction]
+pub(crate) fn grid_times(
+    py: Python<'_>,
+    t0: f64,
+    t1: f64,
+    h: f64,
+    every: usize,
+) -> PyResult<Bound<'_, PyArray1<f64>>> {
+    let grid = Grid::new(t0, t1, h).map_err(|error| setup_error(error.into()))?;
+    let times = (0..=grid.n_steps()).step_by(every.max(1)).map(|k| grid.t(k));
+    Ok(PyArray1::from_iter(py, times))
+}

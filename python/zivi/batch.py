@@ -1,0 +1,360 @@
+"""Many runs at once, on all cores: arrays of parameters and of initial states."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zivi import _zivi
+from zivi._check import Array, real_array, whole
+from zivi._progress import ProgressBar
+from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
+from zivi.simulate import pair
+from zivi.status import Status
+from zivi.system import ImpactSystem
+from zivi.trajectory import IMPACT, describe
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Batch", "simulate_batch"]
+
+SAVES = ("final", "statistics", "events")
+"""What can be saved of each run, beside a number of samples."""
+
+NUMBERS = {
+    "t": ("s", "time of the last sample"),
+    "x": ("m", "last distance from the wall"),
+    "xdot": ("m/s", "last velocity"),
+    "rest_time": ("s", "time from which the mass rests, NaN if it does not"),
+    "first_impact": ("s", "time of the first impact, NaN without one"),
+    "last_impact": ("s", "time of the last impact, NaN without one"),
+    "hardest_impact": ("m/s", "largest speed before an impact"),
+    "n_impacts": ("1", "number of impacts that were resolved"),
+    "n_zeno": ("1", "number of Zeno points"),
+    "n_liftoffs": ("1", "number of lift-offs"),
+    "status": ("1", "how the run ended, a zivi.Status"),
+    "nfev": ("1", "evaluations of the force"),
+}
+"""Unit and meaning of what every batch has for each run."""
+EXTREMES = {
+    "x_max": ("m", "largest sampled distance from the wall"),
+    "speed_max": ("m/s", "largest sampled speed"),
+}
+"""The same for what only ``save="statistics"`` has."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Batch:
+    """Results of a batch: an entry for each run.
+
+    Attributes
+    ----------
+    t, x, xdot : ndarray
+        Time (s), distance from the wall (m) and velocity (m/s) at the end of each run.
+    rest_time : ndarray
+        Time from which the mass rests until the end (s), NaN if it does not.
+    first_impact, last_impact : ndarray
+        Times of the first and of the last impact (s), NaN without one.
+    hardest_impact : ndarray
+        Largest speed before an impact (m/s), 0 without one.
+    n_impacts, n_zeno, n_liftoffs : ndarray of int
+        Numbers of impacts that were resolved, of Zeno points and of lift-offs.
+    status : ndarray of uint8
+        How each run ended, the numbers of `Status`.
+    nfev : ndarray of int
+        Evaluations of the force.
+    x_max, speed_max : ndarray or None
+        Largest sampled distance (m) and speed (m/s), with ``save="statistics"``.
+    events : list or None
+        With ``save="events"``: for each run a dict with ``impacts`` (structured as those of a
+        `Trajectory`), ``zeno_times`` and ``liftoff_times``.
+    sample_t : ndarray or None
+        With ``save=k``: the times of the samples (s).
+    sample_x, sample_xdot : ndarray or None
+        The samples, a row for each run; NaN after the end of a run that ended early.
+    config : dict
+        Settings of the batch, as plain values.
+    """
+
+    t: Array
+    x: Array
+    xdot: Array
+    rest_time: Array
+    first_impact: Array
+    last_impact: Array
+    hardest_impact: Array
+    n_impacts: NDArray[np.uint64]
+    n_zeno: NDArray[np.uint64]
+    n_liftoffs: NDArray[np.uint64]
+    status: NDArray[np.uint8]
+    nfev: NDArray[np.uint64]
+    x_max: Array | None
+    speed_max: Array | None
+    events: list[dict[str, Any]] | None
+    sample_t: Array | None
+    sample_x: Array | None
+    sample_xdot: Array | None
+    config: dict[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Which runs reached the end of the span."""
+        return np.equal(self.status, Status.COMPLETED)
+
+    def __repr__(self) -> str:
+        done, rests = int(np.sum(self.success)), int(np.sum(~np.isnan(self.rest_time)))
+        return f"<Batch of {len(self)} runs: {done} completed, {rests} at rest>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to a labelled dataset over ``run`` (and ``time`` for samples).
+
+        Returns
+        -------
+        xarray.Dataset
+            With units, descriptions and the configuration (JSON) in the attributes. Events, which
+            differ in number from run to run, are not in it.
+        """
+        import xarray
+
+        def labelled(dims: Any, values: Any, unit: str, meaning: str) -> Any:
+            return dims, values, {"units": unit, "long_name": meaning}
+
+        shown = NUMBERS | (EXTREMES if self.x_max is not None else {})
+        variables = {
+            name: labelled("run", getattr(self, name), unit, meaning)
+            for name, (unit, meaning) in shown.items()
+        }
+        coords: dict[str, Any] = {"run": np.arange(len(self))}
+        if self.sample_t is not None:
+            coords["time"] = labelled("time", self.sample_t, "s", "time")
+            for name, unit in (("sample_x", "m"), ("sample_xdot", "m/s")):
+                values = getattr(self, name)
+                variables[name] = labelled(("run", "time"), values, unit, "samples")
+        attrs = {
+            "title": "Batch of runs of mechanical systems with impacts",
+            "source": f"zivi {_zivi.__version__}",
+            "config": json.dumps(self.config),
+        }
+        return xarray.Dataset(variables, coords=coords, attrs=attrs)
+
+
+def simulate_batch(
+    systems: ImpactSystem | Sequence[ImpactSystem],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    method: Method,
+    save: str | int = "final",
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> Batch:
+    """Simulate many independent runs, on all cores and without the interpreter.
+
+    The results do not depend on the number of threads, and each run gives what `simulate` gives
+    for it, to the last bit. Memory is what is saved, and a record of one run for each thread.
+
+    Parameters
+    ----------
+    systems : ImpactSystem or sequence of ImpactSystem
+        One for all runs, or one for each. Forces must not need the interpreter: numbers,
+        `LinearForce` and compiled callables do not.
+    t_span : (float, float)
+        Start and end (s), the same for all.
+    y0 : array_like
+        Initial states, shape (n, 2), or (2,) for all systems.
+    method : ThetaGamma, SwitchedRK, MoreauJean or ExplicitEuler
+        The method. Under constant forces `ThetaGamma` moves many masses side by side.
+    save : {"final", "statistics", "events"} or int
+        What is kept of each run: its end; its end and the extremes of its samples; its end and
+        all events; or its end and every so many samples (methods of fixed steps only).
+    threads : int, optional
+        Number of threads, >= 1; by default as many as the machine runs at once.
+    progress : bool, optional
+        Show a progress bar on standard error once it lasts longer than a second. By default only
+        on a terminal.
+
+    Returns
+    -------
+    Batch
+        An entry for each run; one that ended early has its status and the last valid state.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range, before anything is computed; a run that cannot start is
+        named.
+    KeyboardInterrupt
+        On Ctrl-C; nothing is kept then.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> heights = np.linspace(0.1, 1.0, 4)
+    >>> starts = np.column_stack([heights, np.zeros(4)])
+    >>> batch = zivi.simulate_batch(ball, (0, 3), starts, method=zivi.ThetaGamma(h=1e-3))
+    >>> batch
+    <Batch of 4 runs: 4 completed, 4 at rest>
+    """
+    span = pair("t_span", t_span, "(t0, t1)")
+    several = _systems(systems)
+    states = _states(y0, len(several))
+    spec = _method(method)
+    every = _save(save, method)
+    workers = _zivi.available_threads() if threads is None else whole("threads", threads)
+    if not 1 <= workers <= MAX_THREADS:
+        raise ValueError(f"threads must be from 1 to {MAX_THREADS}, got {workers}")
+    with ProgressBar(progress) as bar:
+        record = _zivi.simulate_batch(
+            [system._spec for system in several],
+            np.array([system.kappa for system in several]),
+            states,
+            spec,
+            span=span,
+            save=save if every is None else every,
+            threads=workers,
+            progress=bar.report,
+        )
+    config = {
+        "t_span": list(span),
+        "method": describe(method),
+        "save": save if every is None else every,
+        "systems": [
+            {"force": describe(system.force), "e": system.e, "kappa": system.kappa}
+            for system in several[:MAX_DESCRIBED]
+        ],
+        "n_systems": len(several),
+    }
+    return _batch(record, span, method, every, str(save), config)
+
+
+MAX_THREADS = 1024
+MAX_DESCRIBED = 100
+"""Systems that are told in ``config``."""
+
+
+def _systems(systems: Any) -> list[ImpactSystem]:
+    try:
+        several = [systems] if isinstance(systems, ImpactSystem) else list(systems)
+    except TypeError:
+        several = [systems]
+    for i, system in enumerate(several):
+        if not isinstance(system, ImpactSystem):
+            kind = type(system).__name__
+            raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
+        if not _is_native(system._spec):
+            raise ValueError(
+                f"the force of system {i} needs the interpreter: a batch takes numbers, "
+                "LinearForce and compiled callables (numba cfunc, scipy.LowLevelCallable); "
+                "zivi.sweep runs any function"
+            )
+    if not several:
+        raise ValueError("systems must hold at least one system")
+    return several
+
+
+def _is_native(spec: tuple[Any, ...]) -> bool:
+    if spec[0] == "moving":
+        return _is_native(spec[1]) and spec[2][0] == "harmonic"
+    return bool(spec[0] != "callable")
+
+
+def _states(y0: ArrayLike, n_systems: int) -> Array:
+    states = real_array("y0", y0)
+    if states.shape == (2,):
+        states = np.tile(states, (n_systems, 1))
+    if states.ndim != 2 or states.shape[1] != 2:
+        raise ValueError(f"y0 must have shape (n, 2) or (2,), got {states.shape}")
+    if n_systems not in (1, len(states)):
+        raise ValueError(
+            f"y0 must have a row for each of the {n_systems} systems, got {len(states)}"
+        )
+    return np.ascontiguousarray(states)
+
+
+def _method(method: Any) -> tuple[Any, ...]:
+    if isinstance(method, ThetaGamma):
+        scheme = (method.h, method.theta, method.gamma)
+        return "theta_gamma", *scheme, method.solver, method.linearisations
+    if isinstance(method, ExplicitEuler):
+        return "explicit_euler", method.h
+    if isinstance(method, MoreauJean):
+        return "moreau_jean", method.h, method.theta
+    if isinstance(method, SwitchedRK):
+        return "switched_rk", method._settings()
+    raise TypeError(
+        f"method must be one of zivi's methods, e.g. zivi.ThetaGamma(h=1e-3), got {method!r}"
+    )
+
+
+def _save(save: Any, method: Method) -> int | None:
+    """Return the number of samples from one that is saved to the next, if any is."""
+    if isinstance(save, str):
+        if save not in SAVES:
+            names = ", ".join(repr(name) for name in SAVES)
+            raise ValueError(f"save must be one of {names} or a number of samples, got {save!r}")
+        return None
+    every = whole("save", save)
+    if every < 1:
+        raise ValueError(f"save must be a number of samples >= 1, got {every}")
+    if isinstance(method, SwitchedRK):
+        raise ValueError(f"save={every} needs a method of fixed steps, got {method!r}")
+    return every
+
+
+def _batch(
+    record: _zivi.BatchRecord,
+    span: tuple[float, float],
+    method: Any,
+    every: int | None,
+    save: str,
+    config: dict[str, Any],
+) -> Batch:
+    n_impacts, n_zeno, n_liftoffs = record.counts.T
+    extremes = save == "statistics"
+    return Batch(
+        t=record.t,
+        x=record.x,
+        xdot=record.xdot,
+        rest_time=record.rest_time,
+        first_impact=record.first_impact,
+        last_impact=record.last_impact,
+        hardest_impact=record.hardest_impact,
+        n_impacts=n_impacts,
+        n_zeno=n_zeno,
+        n_liftoffs=n_liftoffs,
+        status=record.status,
+        nfev=record.nfev,
+        x_max=record.x_max if extremes else None,
+        speed_max=record.speed_max if extremes else None,
+        events=_events(record) if save == "events" else None,
+        sample_t=None if every is None else _zivi.grid_times(*span, method.h, every),
+        sample_x=None if every is None else record.samples_x,
+        sample_xdot=None if every is None else record.samples_xdot,
+        config=config,
+    )
+
+
+def _events(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
+    events = []
+    for i, t in enumerate(record.impact_t):
+        impacts = np.empty(len(t), IMPACT)
+        impacts["t"] = t
+        impacts["xdot_before"] = record.impact_xdot_before[i]
+        impacts["xdot_after"] = record.impact_xdot_after[i]
+        events.append(
+            {
+                "impacts": impacts,
+                "zeno_times": record.zeno_times[i],
+                "liftoff_times": record.liftoff_times[i],
+            }
+        )
+    return events
