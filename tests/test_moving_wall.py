@@ -19,6 +19,7 @@ METHODS = pytest.mark.parametrize(
     ],
     ids=["order 8", "order 5", "ThetaGamma"],
 )
+MILLIMETRES = st.integers(-3000, 3000).map(lambda n: n * 1e-3)
 QUIET = {"position": lambda t: 0.0, "velocity": lambda t: 0.0, "acceleration": lambda t: 0.0}
 
 
@@ -124,12 +125,13 @@ def test_a_wall_at_constant_speed(method, speed):
     phase=st.floats(-4, 4),
     offset=st.floats(-2, 2),
     e=st.floats(0.0, 0.95),
-    state=st.tuples(st.floats(0, 1), st.floats(-3, 3)),
+    x0=MILLIMETRES.map(abs),
+    xdot0=MILLIMETRES,
 )
-def test_laws_of_a_moving_wall(amplitude, omega, phase, offset, e, state):
+def test_laws_of_a_moving_wall(amplitude, omega, phase, offset, e, x0, xdot0):
     """In the fixed frame the mass is never below the wall, and e is that of the relative speed."""
     wall = zivi.HarmonicWall(amplitude, omega, phase=phase, offset=offset)
-    sol = run(-G, wall, e=e, span=(-1, 2), state=state)
+    sol = run(-G, wall, e=e, span=(-1, 2), state=(x0, xdot0))
     assert sol.success
     position, velocity = sol.fixed()
     w, wdot, _ = wall(sol.t)
@@ -237,7 +239,7 @@ def test_an_acceleration_that_is_not_finite(method):
 
 @pytest.mark.parametrize("wall", [3, zivi.HarmonicWall, lambda t: 0.0, (0, 0, 0), "wall"])
 def test_no_wall(wall):
-    with pytest.raises(TypeError, match="wall must be None, a zivi.HarmonicWall or"):
+    with pytest.raises(TypeError, match=r"wall must be None, a zivi\.HarmonicWall or"):
         zivi.ImpactSystem(-G, e=0.5, wall=wall)
 
 
@@ -268,5 +270,5 @@ def test_a_wall_can_be_asked():
         slope = (wall(times + step)[k] - wall(times - step)[k]) / (2 * step)
         np.testing.assert_allclose(slope, wall(times)[k + 1], rtol=0, atol=1e-9)
     for t in ("a", None, 1j):
-        with pytest.raises(TypeError, match="^t must hold real numbers"):
+        with pytest.raises(TypeError, match=r"^t must hold real numbers"):
             wall(t)
