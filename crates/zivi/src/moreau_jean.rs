@@ -13,8 +13,8 @@
 //!
 //! What is recorded. A step with `P > 0` from `v < 0` is an impact at its end, with the velocities
 //! `v` and `v+ = -e v`. Velocities of at most `h |f_theta|` on both sides of a step with `P > 0`
-//! are those of a mass that is pressed to the wall: there rest begins, and it ends with the first
-//! step without `P`. Samples have `s = sigma x`, negative `x` included, on a branch `sigma` that
+//! are those of a mass that is pressed to the wall: there rest begins, and it ends with a
+//! step without `P` on which the mass leaves, faster than `h |f_theta|` or pulled outward. Samples have `s = sigma x`, negative `x` included, on a branch `sigma` that
 //! changes at each impact, and `v = sigma x'/(1 - kappa sgn x')`; their multipliers are the signs
 //! (0 at rest), their residual is NaN.
 
@@ -252,7 +252,9 @@ impl ContactLog {
         let after = step.end.xdot;
         let slow = before.abs() <= step.pull.abs() && after.abs() <= step.pull.abs();
         if self.at_rest {
-            if !pressed {
+            // a mass that settles may lack an impulse for a step; one that leaves gets faster
+            let leaves = after > step.pull.abs() || (step.pull > 0.0 && step.end.x > 0.0);
+            if !pressed && leaves {
                 self.at_rest = false;
                 self.events.rest_time = None;
                 self.events.liftoff_times.push(t);

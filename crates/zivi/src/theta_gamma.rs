@@ -66,7 +66,7 @@ pub fn simulate_theta_gamma<E, F: Force<E>>(
         Solver::Exact => with_solver(Exact, step, force, course, monitor),
         Solver::Newton => with_solver(General::newton(), step, force, course, monitor),
         Solver::Outer { linearisations: 0 } => {
-            Err(SetupError::Setting("linearisations", 0.0, "at least 1"))
+            Err(SetupError::Count("linearisations", 0, "at least 1"))
         }
         Solver::Outer { linearisations } => {
             with_solver(General::outer(linearisations), step, force, course, monitor)

@@ -172,6 +172,8 @@ pub enum SetupError {
     Method(SettingError),
     /// The initial state or another setting: name, value and range.
     Setting(&'static str, f64, &'static str),
+    /// A number of things: name, value and range.
+    Count(&'static str, usize, &'static str),
     /// The record does not fit into memory.
     Memory(usize),
 }
@@ -183,6 +185,9 @@ impl fmt::Display for SetupError {
             SetupError::Method(error) => error.fmt(out),
             SetupError::Setting(name, value, range) => {
                 write!(out, "{name} must be {range}, got {value:?}")
+            }
+            SetupError::Count(name, value, range) => {
+                write!(out, "{name} must be {range}, got {value}")
             }
             SetupError::Memory(steps) => {
                 write!(out, "the record of {steps} steps does not fit into memory: increase h")

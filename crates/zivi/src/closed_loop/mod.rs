@@ -152,7 +152,7 @@ impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
         let record = LoopRecord::with_room(grid.n_steps() + 1)?;
         if delay > grid.n_steps() {
             let periods = "at most the number of periods of the run";
-            return Err(SetupError::Setting("delay", delay as f64, periods));
+            return Err(SetupError::Count("delay", delay, periods));
         }
         let pending = std::iter::repeat_n(0.0, delay).collect();
         Ok(Self {

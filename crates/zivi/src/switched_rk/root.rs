@@ -28,16 +28,23 @@ pub(super) fn between<E>(
     to: Point,
     mut function: impl FnMut(f64) -> Result<f64, E>,
 ) -> Result<Root, E> {
-    if to.1 == 0.0 {
-        return Ok(Root { best: to.0, beyond: to.0 });
-    }
     let rising = to.1 > 0.0 || from.1 < 0.0;
-    let mut part = 0.5;
+    let is_beyond = |value: f64| (value > 0.0) == rising || value == 0.0;
     let (mut one, mut two) = (to, from);
+    if to.1 == 0.0 {
+        // mostly the root is there; a function that is zero on an interval became so before
+        let x = to.0 - 8.0 * f64::EPSILON * to.0.abs().max((to.0 - from.0).abs());
+        let before = (x, function(x)?);
+        if !is_beyond(before.1) {
+            return Ok(Root { best: to.0, beyond: to.0 });
+        }
+        one = before;
+    }
+    let mut part = 0.5;
     for _ in 0..MOST_EVALUATIONS {
         let x = one.0 + part * (two.0 - one.0);
         let new = (x, function(x)?);
-        let three = if (new.1 > 0.0) == (one.1 > 0.0) {
+        let three = if is_beyond(new.1) == is_beyond(one.1) {
             one
         } else {
             let three = two;
@@ -55,7 +62,7 @@ pub(super) fn between<E>(
         part = next_part(one, two, three).clamp(margin, 1.0 - margin);
     }
     let best = if one.1.abs() < two.1.abs() { one.0 } else { two.0 };
-    let beyond = if (one.1 > 0.0) == rising { one.0 } else { two.0 };
+    let beyond = if is_beyond(one.1) { one.0 } else { two.0 };
     Ok(Root { best, beyond })
 }
 
@@ -106,6 +113,18 @@ mod tests {
             assert!((f(beyond) > 0.0) == (f(b) > 0.0) || f(beyond) == 0.0);
             assert!(n < 70, "{n}");
         }
+    }
+
+    #[test]
+    fn a_function_that_becomes_zero_and_stays_so() {
+        for end in [1.0, 2.0] {
+            let (Root { best, beyond }, n) = root(0.0, end, |x| (0.3 - x).max(0.0));
+            assert!((best - 0.3).abs() < 1e-15 && (beyond - 0.3).abs() < 1e-15);
+            let (Root { best, .. }, _) = root(0.0, end, |x| if x < 0.3 { 1.0 } else { 0.0 });
+            assert!((best - 0.3).abs() < 1e-15 && n < 70);
+        }
+        let (Root { best, .. }, n) = root(0.0, 1.0, |x| x - 1.0);
+        assert!(best == 1.0 && n < 5);
     }
 
     #[test]

@@ -52,6 +52,9 @@ pub(super) struct Running<'e, 'a, E> {
 /// Progress is told in parts of the span.
 const PARTS: usize = 1_000_000;
 
+/// Pieces of one rest that events look at.
+const MOST_LOOKS: f64 = 1e6;
+
 /// Arcs of a tail that events look at one by one.
 const ARCS: usize = 32;
 
@@ -179,7 +182,13 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             if let Some(path) = &mut self.path {
                 path.push_flight(&curve);
             }
-            let stop = self.watch.along(from.t, end.0, |t| curve.at(t));
+            // at the end of a step onto the wall, exactly the state before the impact
+            let contact = impact.map(|it| PathPoint { x: 0.0, xdot: it.xdot_before, sigma });
+            let at = |t: f64| match contact {
+                Some(contact) if t >= end.0 => contact,
+                _ => curve.at(t),
+            };
+            let stop = self.watch.along(from.t, end.0, at);
             let until = until(&stop, end.0);
             self.samples.along(until, |t| curve.at(t));
             unless_terminal(stop)?;
@@ -244,7 +253,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             if let Some(path) = &mut self.path {
                 path.push_rest(from, end.1.sigma);
             }
-            let stop = self.watch.along(from, end.0, |_| end.1);
+            let stop = self.watch_rest(from, end);
             let until = until(&stop, end.0);
             self.samples.along(until, |_| end.1);
             unless_terminal(stop)?;
@@ -259,6 +268,26 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             }
         }
         Ok(())
+    }
+
+    /// Rest under a constant force is one piece, however long: `max_step` bounds what is looked at
+    /// in one.
+    fn watch_rest(&mut self, from: f64, end: (f64, PathPoint)) -> Result<Option<EventHit>, E> {
+        if self.watch.is_idle() {
+            return Ok(None);
+        }
+        let pieces = ((end.0 - from) / self.integrator.settings.max_step).ceil();
+        let pieces = pieces.clamp(1.0, MOST_LOOKS) as usize;
+        let mut t = from;
+        for piece in 1..=pieces {
+            let part = piece as f64 / pieces as f64;
+            let next = if piece == pieces { end.0 } else { from + part * (end.0 - from) };
+            if let Some(stop) = self.watch.along(t, next, |_| end.1)? {
+                return Ok(Some(stop));
+            }
+            t = next;
+        }
+        Ok(None)
     }
 
     fn came_to_rest(&mut self, t: f64) {

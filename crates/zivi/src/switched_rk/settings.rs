@@ -109,10 +109,10 @@ impl SwitchedRk {
             return refuse("first_step", first, "a finite time > 0");
         }
         if self.max_steps == 0 {
-            return refuse("max_steps", 0.0, "at least 1");
+            return Err(SetupError::Count("max_steps", 0, "at least 1"));
         }
         if self.max_impacts < 3 {
-            return refuse("max_impacts", self.max_impacts as f64, "at least 3");
+            return Err(SetupError::Count("max_impacts", self.max_impacts, "at least 3"));
         }
         Ok(self)
     }

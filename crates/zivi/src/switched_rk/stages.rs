@@ -91,8 +91,8 @@ impl StepError {
             if !self.double || first == 0.0 {
                 return first;
             }
-            // of the orders 5 and 3, together of order 7
-            first * first / (first * first + 0.01 * second * second).sqrt()
+            // of the orders 5 and 3, together of order 7: e5^2/sqrt(e5^2 + 0.01 e3^2)
+            first * (first / first.hypot(0.1 * second))
         };
         let (x, xdot) = (one(self.x, scale_x), one(self.xdot, scale_xdot));
         // f64::max would drop NaN
