@@ -326,9 +326,11 @@ def simulate_closed_loop(
             ours=_is_ours(controller),
             progress=bar.report,
         )
-    run = _run(record, config)
-    if record.raised is not None:
-        raise with_partial(record.raised, run)
+    run, raised = _run(record, config), record.raised
+    # an exception holds this frame: it must not hold the record that holds the exception
+    del record
+    if raised is not None:
+        raise with_partial(raised, run)
     return run
 
 
@@ -431,12 +433,11 @@ def _describe(controller: Any) -> dict[str, Any]:
 
 
 def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
-    columns = record.columns
-    t, *sampled = columns[: 1 + len(QUANTITIES)]
+    t, *sampled = record.columns[: 1 + len(QUANTITIES)]
     return ClosedLoop(
         t=t,
         **dict(zip(QUANTITIES, sampled, strict=True)),
-        signs=columns[1 + len(QUANTITIES) :].T,
+        signs=np.column_stack(record.columns[1 + len(QUANTITIES) :]),
         tick_status=record.ticks,
         impacts=impacts_of(record),
         zeno_times=record.zeno_times,

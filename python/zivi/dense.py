@@ -10,7 +10,7 @@ import numpy as np
 from zivi._check import Array
 from zivi.transform import project
 
-__all__ = ["LinearPath", "Path"]
+__all__ = ["LinearPath", "Path", "PenetratingPath"]
 
 
 class Path(Protocol):
@@ -53,3 +53,17 @@ class LinearPath:
     def physical(self, times: Array) -> tuple[Array, Array]:
         """Project what is interpolated: ``x >= 0``, and an impact is where ``s`` changes sign."""
         return project(*self.lifted(times), kappa=self.kappa)
+
+
+@dataclasses.dataclass(frozen=True)
+class PenetratingPath(LinearPath):
+    """``x`` and ``xdot`` linear between the steps: for a scheme that works in them, and may go
+    behind the wall.
+    """
+
+    x: Array = dataclasses.field(kw_only=True)
+    xdot: Array = dataclasses.field(kw_only=True)
+
+    def physical(self, times: Array) -> tuple[Array, Array]:
+        """Interpolate ``(x, xdot)``."""
+        return np.interp(times, self.t, self.x), np.interp(times, self.t, self.xdot)

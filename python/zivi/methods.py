@@ -7,6 +7,7 @@ from typing import Protocol, TypeAlias
 
 from zivi import _zivi
 from zivi._check import Array, real, whole
+from zivi.dense import LinearPath, Path, PenetratingPath
 from zivi.events import Event
 from zivi.system import ImpactSystem
 
@@ -57,8 +58,15 @@ class Method(Protocol):
     def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord: ...
 
 
+class _FixedSteps:
+    """A method that knows the motion at its steps only."""
+
+    def _path(self, kappa: float, t: Array, samples: dict[str, Array]) -> Path:
+        return LinearPath(t, samples["s"], samples["v"], kappa)
+
+
 @dataclasses.dataclass(frozen=True)
-class ThetaGamma:
+class ThetaGamma(_FixedSteps):
     r"""The theta-gamma scheme with implicit set-valued signs.
 
     .. math::
@@ -136,7 +144,7 @@ class ThetaGamma:
 
 
 @dataclasses.dataclass(frozen=True)
-class ExplicitEuler:
+class ExplicitEuler(_FixedSteps):
     r"""Baseline: explicit Euler on the transformed field with explicit signs.
 
     .. math:: v^+ = v + h\,\mathrm{sgn}(s) f / R, \qquad s^+ = s + h R v, \qquad
@@ -263,7 +271,7 @@ class SwitchedRK:
 
 
 @dataclasses.dataclass(frozen=True)
-class MoreauJean:
+class MoreauJean(_FixedSteps):
     r"""Baseline: Moreau-Jean time stepping with Newton's impact law on velocities.
 
     .. math::
@@ -313,3 +321,7 @@ class MoreauJean:
             state=course.y0,
             progress=course.report,
         )
+
+    def _path(self, kappa: float, t: Array, samples: dict[str, Array]) -> Path:
+        x, xdot = samples["x"], samples["xdot"]
+        return PenetratingPath(t, samples["s"], samples["v"], kappa, x=x, xdot=xdot)

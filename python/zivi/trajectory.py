@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
-from zivi.dense import LinearPath, Path
+from zivi.dense import LinearPath, Path, PenetratingPath
 from zivi.events import Event, locate
 from zivi.status import Status
 
@@ -151,7 +151,7 @@ class Trajectory:
             config=_configuration(system, method, span, state),
             t_events=[times for times, _, _ in record.hits],
             y_events=[np.column_stack((x, xdot)) for _, x, xdot in record.hits],
-            _path=record.path or LinearPath(t, samples["s"], samples["v"], system.kappa),
+            _path=record.path or method._path(system.kappa, t, samples),  # type: ignore[attr-defined]
             _wall=system.wall,
         )
 
@@ -381,8 +381,17 @@ def _cut(sol: Trajectory, end: float) -> Trajectory:
         status=status,
         message=_zivi.STATUS_MESSAGES[status],
         n_steps=len(kept.t) - 1,
-        _path=LinearPath(kept.t, kept.s, kept.v, sol.config["kappa"]),
+        _path=_path_until(sol._known(), kept),
     )
+
+
+def _path_until(path: Path, kept: Trajectory) -> Path:
+    """Return the path of a fixed-step run through the samples that are left of it."""
+    changes = {name: getattr(kept, name) for name in ("t", "s", "v")}
+    if isinstance(path, PenetratingPath):
+        changes |= {"x": kept.x, "xdot": kept.xdot}
+    assert isinstance(path, LinearPath)
+    return dataclasses.replace(path, **changes)
 
 
 def _configuration(

@@ -2,12 +2,10 @@
 
 use std::cell::Cell;
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use zivi::closed_loop::{
-    Controller, Forces, Loop, LoopRun, Motion, Sensor, Tick, TickError, LOOP_COLUMNS,
-};
+use zivi::closed_loop::{Controller, Forces, Loop, LoopRun, Motion, Sensor, Tick, TickError};
 use zivi::{Force, Physical, SetupError};
 
 use crate::control::{Explicit, Regulator, Tracker};
@@ -165,8 +163,8 @@ type Array = Py<PyArray1<f64>>;
 /// The columns, events and outcome of a closed loop.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct LoopRecord {
-    /// A row for each of `t, x, xdot, x_ref, xdot_ref, u` and the six signs.
-    columns: Py<PyArray2<f64>>,
+    /// An array for each of `t, x, xdot, x_ref, xdot_ref, u` and the six signs.
+    columns: Vec<Array>,
     ticks: Py<PyArray1<u8>>,
     impact_t: Array,
     impact_xdot_before: Array,
@@ -183,13 +181,11 @@ pub(crate) struct LoopRecord {
 impl LoopRecord {
     fn new(py: Python<'_>, run: LoopRun<PyErr>) -> PyResult<Self> {
         let LoopRun { columns, ticks, events, status, nfev, raised } = run;
-        let n = ticks.len();
-        let block = columns.concat();
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
         let of_impacts =
             |field: fn(&zivi::Impact) -> f64| array(events.impacts.iter().map(field).collect());
         Ok(Self {
-            columns: PyArray1::from_vec(py, block).reshape([LOOP_COLUMNS, n])?.unbind(),
+            columns: columns.into_iter().map(array).collect(),
             ticks: PyArray1::from_vec(py, ticks).unbind(),
             impact_t: of_impacts(|impact| impact.t),
             impact_xdot_before: of_impacts(|impact| impact.xdot_before),

@@ -109,6 +109,9 @@ pub(crate) struct MotionPath {
 }
 
 type Arrays<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+/// What restores an object, and its arguments.
+type Reduced<'py> =
+    (Bound<'py, PyAny>, (Option<Bound<'py, PyArray1<f64>>>, Vec<Bound<'py, PyArray1<f64>>>, f64));
 type ThreeArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
@@ -135,6 +138,37 @@ impl MotionPath {
 
 #[pymethods]
 impl MotionPath {
+    /// The path and its tails as plain numbers, and the wall: what pickling needs.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        let path = self.path.as_ref().map(|path| PyArray1::from_vec(py, path.to_numbers()));
+        let tails = self.tails.iter().map(|it| PyArray1::from_vec(py, it.to_numbers())).collect();
+        let restore = py.get_type::<Self>().getattr("_restored")?;
+        Ok((restore, (path, tails, self.wall.kappa())))
+    }
+
+    #[staticmethod]
+    fn _restored(
+        path: Option<PyReadonlyArray1<'_, f64>>,
+        tails: Vec<PyReadonlyArray1<'_, f64>>,
+        kappa: f64,
+    ) -> PyResult<Self> {
+        let damaged = || PyValueError::new_err("the stored motion is damaged");
+        let path = match path {
+            Some(numbers) => {
+                Some(DensePath::from_numbers(numbers.as_slice()?).ok_or_else(damaged)?)
+            }
+            None => None,
+        };
+        let tail = |it: &PyReadonlyArray1<'_, f64>| -> PyResult<Tail> {
+            Tail::from_numbers(it.as_slice()?).ok_or_else(damaged)
+        };
+        Ok(Self {
+            path,
+            tails: tails.iter().map(tail).collect::<PyResult<_>>()?,
+            wall: wall(kappa)?,
+        })
+    }
+
     /// Whether the motion between the samples is known.
     #[getter]
     fn dense(&self) -> bool {

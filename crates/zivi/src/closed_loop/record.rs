@@ -26,6 +26,9 @@ pub struct LoopRun<E> {
     pub raised: Option<E>,
 }
 
+/// Samples up to which a record is made: 16 GB. An operating system may promise more than it has.
+const MOST_SAMPLES: usize = 160_000_000;
+
 /// The bit that marks a refused sample.
 pub const REFUSED: u8 = 4;
 
@@ -37,6 +40,9 @@ pub(super) struct LoopRecord {
 
 impl LoopRecord {
     pub(super) fn with_room(rows: usize) -> Result<Self, SetupError> {
+        if rows > MOST_SAMPLES {
+            return Err(SetupError::Memory(rows));
+        }
         let refused = |_| SetupError::Memory(rows);
         let mut columns: [Vec<f64>; LOOP_COLUMNS] = Default::default();
         for column in &mut columns {

@@ -27,6 +27,7 @@ mod contact;
 mod flight;
 mod impact;
 mod integrator;
+mod numbers;
 mod path;
 mod root;
 mod run;

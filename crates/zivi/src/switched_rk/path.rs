@@ -38,7 +38,7 @@ fn theta(t: f64, start: f64, h: f64) -> f64 {
 
 /// What happens from the start of a segment to that of the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
+pub(super) enum Kind {
     /// Polynomials of this degree, their coefficients from here on, over a step of length `h`.
     Flight {
         first: usize,
@@ -51,10 +51,10 @@ enum Kind {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Segment {
-    start: f64,
-    sigma: f64,
-    kind: Kind,
+pub(super) struct Segment {
+    pub(super) start: f64,
+    pub(super) sigma: f64,
+    pub(super) kind: Kind,
 }
 
 /// The motion at any time of a run, across impacts, Zeno points, rest and lift-off.
@@ -81,10 +81,10 @@ struct Segment {
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DensePath {
-    segments: Vec<Segment>,
-    coefficients: Vec<f64>,
-    tails: Vec<Tail>,
-    end: Option<(f64, PathPoint)>,
+    pub(super) segments: Vec<Segment>,
+    pub(super) coefficients: Vec<f64>,
+    pub(super) tails: Vec<Tail>,
+    pub(super) end: Option<(f64, PathPoint)>,
 }
 
 impl DensePath {

@@ -52,7 +52,26 @@ impl TailArc {
     }
 }
 
+/// Numbers that a tail consists of.
+pub(super) const TAIL_NUMBERS: usize = 5 + 2 * TERMS;
+
 impl Tail {
+    /// All that it consists of.
+    #[must_use]
+    pub fn to_numbers(&self) -> Vec<f64> {
+        let Self { e, start, zeno, until, sigma, c, d } = self;
+        [*e, *start, *zeno, *until, *sigma].iter().chain(c).chain(d).copied().collect()
+    }
+
+    /// What [`Tail::to_numbers`] came from; `None` for a wrong number of them.
+    #[must_use]
+    pub fn from_numbers(numbers: &[f64]) -> Option<Self> {
+        let (head, series) = numbers.split_at_checked(5)?;
+        let &[e, start, zeno, until, sigma] = head else { return None };
+        let (c, d) = series.split_at_checked(TERMS)?;
+        Some(Self { e, start, zeno, until, sigma, c: c.try_into().ok()?, d: d.try_into().ok()? })
+    }
+
     /// The tail of a chain with at least one impact that comes to rest at `zeno`.
     pub(super) fn new(chain: &Chain, e: f64, zeno: f64, sigma: f64) -> Self {
         let bounces = chain.bounces();
