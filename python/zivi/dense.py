@@ -57,9 +57,7 @@ class LinearPath:
 
 @dataclasses.dataclass(frozen=True)
 class PenetratingPath(LinearPath):
-    """``x`` and ``xdot`` linear between the steps: for a scheme that works in them, and may go
-    behind the wall.
-    """
+    """The same with ``x`` and ``xdot`` linear, for a scheme that may go behind the wall."""
 
     x: Array = dataclasses.field(kw_only=True)
     xdot: Array = dataclasses.field(kw_only=True)
