@@ -1,6 +1,7 @@
 """Dense output of SwitchedRK: the motion between the samples, in flight, in tails and at rest."""
 
 import copy
+import pickle
 
 import numpy as np
 import pytest
@@ -210,9 +211,27 @@ def test_without_dense_output(order):
         bare(0.5)
 
 
-def test_a_copy_knows_the_motion():
-    sol = zivi.simulate(BALL, (0, 3), (1, 0))
-    np.testing.assert_array_equal(copy.copy(sol)(1.1), sol(1.1))
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda sol: pickle.loads(pickle.dumps(sol))]
+)
+@pytest.mark.parametrize("dense", [True, False])
+def test_a_copy_is_the_run(copied, dense):
+    """Samples, events, tails and the motion between the samples."""
+    force = zivi.LinearForce(**TABLE)
+    watch = lambda t, x, xdot: xdot  # noqa: E731
+    sol = simulate(force, 0.5, (0, 9), (0.4, 1), dense_output=dense, events=[watch])
+    other = copied(sol)
+    for name in ("t", "x", "xdot", "s", "v", "impacts", "zeno_times", "liftoff_times"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(sol, name))
+    np.testing.assert_array_equal(other.t_events[0], sol.t_events[0])
+    assert (other.config, other.status, repr(other)) == (sol.config, sol.status, repr(sol))
+    np.testing.assert_array_equal(other.impacts_down_to(1e-8), sol.impacts_down_to(1e-8))
+    if dense:
+        times = np.linspace(0, 9, 301)
+        np.testing.assert_array_equal(other(times), sol(times))
+    else:
+        with pytest.raises(ValueError, match="dense_output=True"):
+            other(0.5)
 
 
 def test_a_span_that_ends_in_a_tail():

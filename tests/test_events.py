@@ -71,13 +71,14 @@ def test_impacts_as_rising_velocity():
 
 
 def test_touchdown_is_one_falling_event():
-    """``g = x`` is zero at the impact and reached once."""
+    """``g = x`` is zero at the impact and reached once, with the state before it."""
     for direction, expected in ((0, 2), (-1, 2), (1, 0)):
         sol = follow(event(lambda t, x, xdot: x, direction=direction), span=(0, 1.05))
         assert len(sol.t_events[0]) == expected
     sol = follow(lambda t, x, xdot: x, span=(0, 1.05))
     np.testing.assert_allclose(sol.t_events[0], sol.impacts["t"], rtol=0, atol=1e-14)
     np.testing.assert_array_equal(sol.y_events[0][:, 0], 0.0)
+    np.testing.assert_array_equal(sol.y_events[0][:, 1], sol.impacts["xdot_before"])
     down = [follow(lambda t, x, xdot: x, span=(0, end)).t_events[0] for end in (1.35, 3)]
     assert len(down[0]) == 8
     assert len(down[1]) > 25
@@ -112,6 +113,23 @@ def test_stroboscopic_section(order):
     np.testing.assert_allclose(sol.y_events[0].T, sol(sol.t_events[0]), rtol=1e-9, atol=1e-12)
     # at rest at these moments, as the reference of this table says
     assert not sol.y_events[0][1:].any()
+
+
+@BOTH
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda t, x, xdot: x > 0.5,
+        lambda t, x, xdot: max(x - 0.5, 0.0),
+        lambda t, x, xdot: 1.0 if x > 0.5 else -1.0,
+    ],
+    ids=["bool", "zero beyond", "jump"],
+)
+def test_functions_that_are_not_smooth(method, function):
+    """The first point at which they are zero, or of the other sign."""
+    sol = follow(function, method=method)
+    error = 1e-12 if method is FINE else 1e-3
+    assert sol.t_events[0] == pytest.approx([math.sqrt(1 / G)], abs=error)
 
 
 def test_events_during_rest():
@@ -218,11 +236,16 @@ def test_a_terminal_event_in_a_tail_or_at_rest(method):
         assert (sol.rest_time is not None) == (resting or method is not FINE)
 
 
-def test_a_terminal_touchdown_can_be_resumed():
-    """Whichever side of the impact the run ends on."""
-    sol = follow(event(lambda t, x, xdot: x, terminal=True))
+@pytest.mark.parametrize("tol", [1e-6, 1e-9, 1e-11])
+def test_a_terminal_touchdown_can_be_resumed(tol):
+    """The run ends before the impact, and the next one begins with it."""
+    method = zivi.SwitchedRK(rtol=tol, atol=tol)
+    sol = follow(event(lambda t, x, xdot: x, terminal=True), method=method)
+    assert len(sol.impacts) == 0
     assert (sol.t[-1], sol.x[-1]) == (pytest.approx(EXACT.first, abs=1e-12), 0.0)
+    assert sol.xdot[-1] == pytest.approx(-EXACT.speed, abs=1e-12)
     on = follow(None, span=(sol.t[-1], 3), state=(sol.x[-1], sol.xdot[-1]))
+    assert on.impacts["t"][0] == sol.t[-1]
     assert on.zeno_times == pytest.approx([EXACT.zeno], abs=1e-12)
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import pickle
 import signal
+import sys
 
 import numpy as np
 import pytest
@@ -441,6 +442,26 @@ def test_an_interrupt_stops_the_run(force, watched):
     assert np.all(np.diff(part.t) > 0)
 
 
+def test_progress_is_told_as_parts_of_the_span(monkeypatch):
+    """Ascending, to the whole; the result does not depend on it."""
+    seen = []
+
+    class Recorder(zivi._progress.ProgressBar):
+        @property
+        def report(self):
+            return lambda done, of: seen.append(done / of)
+
+    plain = simulate(TABLE, 0.5, (0, 5000), (0.2, 0), progress=False)
+    monkeypatch.setattr(sys.modules["zivi.simulate"], "ProgressBar", Recorder)
+    told = simulate(TABLE, 0.5, (0, 5000), (0.2, 0))
+    np.testing.assert_array_equal(told.x, plain.x)
+    assert told.nfev == plain.nfev
+    assert len(seen) > 3
+    assert seen == sorted(set(seen))
+    assert 0 < seen[0] < 0.5
+    assert seen[-1] == 1
+
+
 # bad input
 
 
@@ -526,14 +547,36 @@ def test_arguments_are_named(arguments, error, name):
     assert calls == [], "nothing is computed before"
 
 
-@pytest.mark.parametrize("span", [(0, 5e-324), (1, 1 + 2**-52), (1e15, 1e15 + 4), (0, 1e300)])
+@pytest.mark.parametrize("force", [-1e-200, -1e-300, 5e-324, 1e-160])
+@pytest.mark.parametrize("order", [8, 5])
+def test_forces_that_hardly_act(force, order):
+    """Squares of errors underflow."""
+    sol = simulate(force, 0.5, (0, 3), (1, -0.2), order=order)
+    assert sol.success
+    assert sol.n_steps < 20
+    assert (sol.x[-1], sol.xdot[-1]) == (pytest.approx(0.4, abs=1e-15), -0.2)
+
+
+def test_tolerances_that_ask_for_nothing():
+    for order in (8, 5):
+        sol = simulate(-G, 0.5, (0, 3), (1, 0), tol=0.9, atol=1e300, order=order)
+        assert sol.success
+        assert sol.n_steps < 50
+
+
+@pytest.mark.parametrize(
+    "span", [(0, 5e-324), (0, 1e-300), (1, 1 + 2**-52), (1e15, 1e15 + 4), (0, 1e300)]
+)
 def test_spans_of_all_lengths(span):
     sol = zivi.simulate(BALL, span, (1, 0))
     assert sol.success
     assert (sol.t[0], sol.t[-1]) == span
 
 
-@pytest.mark.parametrize("state", [(0, 0), (0.0, -1.0), (0, 1), (1e-16, 1e-16), (1e-12, 0)])
+@pytest.mark.parametrize(
+    "state",
+    [(0, 0), (0.0, -1.0), (0, 1), (1e-16, 1e-16), (1e-12, 0), (1e-40, 0), (1e-30, 1e-20)],
+)
 def test_starts_at_the_wall(state):
     sol = zivi.simulate(BALL, (0, 3), state)
     speed = math.sqrt(state[1] ** 2 + 2 * G * state[0])

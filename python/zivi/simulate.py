@@ -65,9 +65,9 @@ def simulate(
         located: see ``t_events`` and ``y_events`` of the result. Attributes as in SciPy:
         ``terminal`` (a bool, or the number of the event that ends the run) and ``direction`` (1
         only rising, -1 only falling, 0 both). A velocity that changes its sign in an impact is an
-        event at the impact, with the state after it. A zero at the start is no event. The function
-        is looked at a few times in a step: two changes of sign shortly after one another are
-        overlooked unless ``max_step`` is short.
+        event at the impact, with the state after it; ``g = x`` is one with the state before it. A
+        zero at the start is no event. The function is looked at a few times in a step: two
+        changes of sign shortly after one another are overlooked unless ``max_step`` is short.
     dense_output : bool
         Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
         `SwitchedRK` takes less memory and fewer evaluations.
