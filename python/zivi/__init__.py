@@ -16,6 +16,7 @@ from zivi._zivi import __version__
 from zivi.batch import Batch, simulate_batch
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
+from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulate import simulate
 from zivi.status import Status
@@ -29,6 +30,7 @@ from zivi.wall import HarmonicWall, MovingWall
 __all__ = [
     "Batch",
     "ClosedLoop",
+    "ClosedLoopBatch",
     "Controller",
     "Design",
     "ExplicitEuler",
@@ -62,6 +64,7 @@ __all__ = [
     "simulate",
     "simulate_batch",
     "simulate_closed_loop",
+    "simulate_closed_loop_batch",
     "solve_avi",
     "solve_vi",
     "sweep",

@@ -9,6 +9,7 @@ __all__ = [
     "STATUS_MESSAGES",
     "BatchRecord",
     "Explicit",
+    "LoopBatchRecord",
     "LoopRecord",
     "MotionPath",
     "Regulator",
@@ -28,6 +29,7 @@ __all__ = [
     "restitution",
     "simulate_batch",
     "simulate_closed_loop",
+    "simulate_closed_loop_batch",
     "simulate_explicit_euler",
     "simulate_moreau_jean",
     "simulate_switched_rk",
@@ -302,6 +304,55 @@ def simulate_closed_loop(
     ours: bool,
     progress: Any = None,
 ) -> LoopRecord: ...
+
+@final
+class LoopBatchRecord:
+    @property
+    def last(self) -> _Array: ...
+    @property
+    def beyond_until(self) -> _Array: ...
+    @property
+    def error_max(self) -> _Array: ...
+    @property
+    def error_rms(self) -> _Array: ...
+    @property
+    def u_max(self) -> _Array: ...
+    @property
+    def u_rms(self) -> _Array: ...
+    @property
+    def u_variation(self) -> _Array: ...
+    @property
+    def rest_time(self) -> _Array: ...
+    @property
+    def samples_x(self) -> _Array: ...
+    @property
+    def samples_x_ref(self) -> _Array: ...
+    @property
+    def samples_u(self) -> _Array: ...
+    @property
+    def n_impacts(self) -> NDArray[np.uint64]: ...
+    @property
+    def n_refused(self) -> NDArray[np.uint64]: ...
+    @property
+    def status(self) -> NDArray[np.uint8]: ...
+
+def simulate_closed_loop_batch(
+    controllers: list[Any],
+    forces: tuple[list[Any], list[Any], list[Any]],
+    kappas: _Array,
+    states: _Array,
+    *,
+    span: tuple[float, float],
+    scheme: tuple[float, float] | None,
+    switched: _SwitchedSettings,
+    exact: bool,
+    resolution: tuple[float, float],
+    delay: int,
+    within: float,
+    every: int,
+    threads: int,
+    progress: Any = None,
+) -> LoopBatchRecord: ...
 
 @final
 class BatchRecord:

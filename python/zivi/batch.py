@@ -209,9 +209,7 @@ def simulate_batch(
     states = _states(y0, len(several))
     spec = _method(method)
     every = _save(save, method)
-    workers = _zivi.available_threads() if threads is None else whole("threads", threads)
-    if not 1 <= workers <= MAX_THREADS:
-        raise ValueError(f"threads must be from 1 to {MAX_THREADS}, got {workers}")
+    workers = check_threads(threads)
     with ProgressBar(progress) as bar:
         record = _zivi.simulate_batch(
             [system._spec for system in several],
@@ -250,15 +248,27 @@ def _systems(systems: Any) -> list[ImpactSystem]:
         if not isinstance(system, ImpactSystem):
             kind = type(system).__name__
             raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
-        if not _is_native(system._spec):
-            raise ValueError(
-                f"the force of system {i} needs the interpreter: a batch takes numbers, "
-                "LinearForce and compiled callables (numba cfunc, scipy.LowLevelCallable); "
-                "zivi.sweep runs any function"
-            )
+        check_native(system._spec, f"the force of system {i}")
     if not several:
         raise ValueError("systems must hold at least one system")
     return several
+
+
+def check_native(spec: tuple[Any, ...], what: str) -> None:
+    """Refuse a force that needs the interpreter."""
+    if not _is_native(spec):
+        raise ValueError(
+            f"{what} needs the interpreter: a batch takes numbers, LinearForce and compiled "
+            "callables (numba cfunc, scipy.LowLevelCallable); zivi.sweep runs any function"
+        )
+
+
+def check_threads(threads: int | None) -> int:
+    """Return the number of threads, by default as many as the machine runs at once."""
+    workers = _zivi.available_threads() if threads is None else whole("threads", threads)
+    if not 1 <= workers <= MAX_THREADS:
+        raise ValueError(f"threads must be from 1 to {MAX_THREADS}, got {workers}")
+    return workers
 
 
 def _is_native(spec: tuple[Any, ...]) -> bool:

@@ -29,6 +29,9 @@ __all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
 BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
 """How a plant moves whose force is not constant."""
 
+TWO = 2
+"""Numbers of a state."""
+
 OURS = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
 
 QUANTITIES = {
@@ -287,9 +290,9 @@ def simulate_closed_loop(
     else:
         specs.append(force_spec(force_ref, "force_ref")[0])
     forces["force_ref"] = forces["force_model"] if force_ref is None else force_ref
-    deviations = _not_negative("noise", noise)
-    resolution = _not_negative("quantization", quantization)
-    periods, scheme = _periods(delay), _scheme(method, h)
+    deviations = check_not_negative("noise", noise)
+    resolution = check_not_negative("quantization", quantization)
+    periods, scheme = check_delay(delay), check_method(method, h)
     seed, samples = _noise(deviations, seed, span, h)
     if isinstance(controller, OURS):
         controller = copy.copy(controller)
@@ -345,7 +348,8 @@ def _period(controller: Any) -> float:
     return real("controller.h", controller.h)
 
 
-def _periods(delay: Any) -> int:
+def check_delay(delay: Any) -> int:
+    """Return a number of periods."""
     if isinstance(delay, bool) or not isinstance(delay, int | np.integer):
         raise TypeError(f"delay must be a whole number of periods, got {delay!r}")
     if not 0 <= delay <= MAX_DELAY:
@@ -357,7 +361,8 @@ MAX_DELAY = 10**9
 """Periods of the longest run."""
 
 
-def _not_negative(name: str, value: Sequence[float]) -> tuple[float, float]:
+def check_not_negative(name: str, value: Sequence[float]) -> tuple[float, float]:
+    """Return two numbers >= 0."""
     first, second = pair(name, value, "(of x, of xdot)")
     for number in (first, second):
         if not (number >= 0.0 and np.isfinite(number)):
@@ -415,7 +420,8 @@ def _reset(controller: Any, reference: tuple[float, float]) -> None:
     controller.reset(*reference)
 
 
-def _scheme(method: ThetaGamma | SwitchedRK | None, h: float) -> tuple[float, float] | None:
+def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> tuple[float, float] | None:
+    """Return theta and gamma of a plant on the controller's grid, None for another motion."""
     if method is None or isinstance(method, SwitchedRK):
         return None
     if not isinstance(method, ThetaGamma) or method.solver != "exact":

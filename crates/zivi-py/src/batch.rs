@@ -13,7 +13,7 @@ use crate::switched_rk::{settings, Settings};
 use crate::transform::wall;
 use crate::watch::Watch;
 
-fn refused(error: BatchError<PyErr>) -> PyErr {
+pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
     match error {
         BatchError::Setup(Some(member), error) => {
             PyValueError::new_err(format!("run {member} of the batch: {error}"))
@@ -62,7 +62,7 @@ fn saving(save: &Bound<'_, PyAny>) -> PyResult<Save> {
 }
 
 /// A force for each run, or one for all.
-fn natives(forces: &Bound<'_, PyList>) -> PyResult<Vec<NativeForce>> {
+pub(crate) fn natives(forces: &Bound<'_, PyList>) -> PyResult<Vec<NativeForce>> {
     let native = |(i, spec): (usize, Bound<'_, PyAny>)| -> PyResult<NativeForce> {
         let refuse = || {
             PyValueError::new_err(format!(
@@ -181,7 +181,7 @@ impl BatchRecord {
 }
 
 /// Rows of one length, the shorter ones filled up with NaN.
-fn rows<'a>(
+pub(crate) fn rows<'a>(
     py: Python<'_>,
     rows: impl Iterator<Item = &'a [f64]> + Clone,
 ) -> PyResult<Py<PyArray2<f64>>> {

@@ -6,6 +6,7 @@ mod batch;
 mod closed_loop;
 mod control;
 mod force;
+mod loop_batch;
 mod record;
 mod simulate;
 mod switched_rk;
@@ -29,6 +30,8 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate::solve_steps, module)?)?;
     module.add_function(wrap_pyfunction!(tracking::solve_tracking_steps, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_explicit_euler, module)?)?;
+    module.add_class::<loop_batch::LoopBatchRecord>()?;
+    module.add_function(wrap_pyfunction!(loop_batch::simulate_closed_loop_batch, module)?)?;
     module.add_class::<batch::BatchRecord>()?;
     module.add_function(wrap_pyfunction!(batch::simulate_batch, module)?)?;
     module.add_function(wrap_pyfunction!(batch::available_threads, module)?)?;

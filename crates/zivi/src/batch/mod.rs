@@ -4,11 +4,13 @@
 //! Memory is what [`Save`] keeps, and a record of one run for each thread while it is computed.
 
 mod lanes;
+mod loops;
 mod outcome;
 mod pool;
 
 use zivi_core::{Physical, Restitution, ThetaGammaStep};
 
+pub use loops::{simulate_closed_loop_batch, LoopMember, LoopOutcome, LoopSettings};
 pub use outcome::{Outcome, Saved};
 pub use pool::available_threads;
 

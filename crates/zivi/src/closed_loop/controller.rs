@@ -98,3 +98,56 @@ macro_rules! controller_with_reference {
 
 controller_with_reference!(TwistingTracker);
 controller_with_reference!(ExplicitTwisting);
+
+/// One of the controllers of `zivi_core`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AnyController {
+    /// The regulator.
+    Regulator(TwistingRegulator),
+    /// The implicit tracker.
+    Tracker(TwistingTracker),
+    /// The explicit baseline.
+    Explicit(ExplicitTwisting),
+}
+
+impl AnyController {
+    /// Sampling period (s).
+    #[must_use]
+    pub fn h(&self) -> f64 {
+        match self {
+            AnyController::Regulator(it) => it.step().h,
+            AnyController::Tracker(it) => it.step().h,
+            AnyController::Explicit(it) => it.h(),
+        }
+    }
+
+    fn inner<E>(&self) -> &dyn Controller<E> {
+        match self {
+            AnyController::Regulator(it) => it,
+            AnyController::Tracker(it) => it,
+            AnyController::Explicit(it) => it,
+        }
+    }
+}
+
+impl<E> Controller<E> for AnyController {
+    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
+        match self {
+            AnyController::Regulator(it) => Controller::<E>::tick(it, tick),
+            AnyController::Tracker(it) => Controller::<E>::tick(it, tick),
+            AnyController::Explicit(it) => Controller::<E>::tick(it, tick),
+        }
+    }
+
+    fn reference(&self) -> Option<Physical> {
+        self.inner::<E>().reference()
+    }
+
+    fn signs(&self) -> [f64; SIGNS] {
+        self.inner::<E>().signs()
+    }
+
+    fn status(&self) -> TickStatus {
+        self.inner::<E>().status()
+    }
+}

@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 
 use zivi_core::{Physical, Restitution, ThetaGammaStep};
 
-pub use controller::{Controller, Tick, TickError, SIGNS};
+pub use controller::{AnyController, Controller, Tick, TickError, SIGNS};
 pub use plant::{Period, Plant};
 pub use record::{LoopRun, LOOP_COLUMNS, REFUSED};
 pub use sensor::Sensor;

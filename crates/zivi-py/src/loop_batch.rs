@@ -1,0 +1,138 @@
+//! Batches of closed loops from Python.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::PyList;
+use zivi::batch::{simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings};
+use zivi::closed_loop::{AnyController, Motion};
+use zivi::{Grid, Physical, Status};
+
+use crate::batch::{natives, refused, rows};
+use crate::control::{Explicit, Regulator, Tracker};
+use crate::simulate::setup_error;
+use crate::switched_rk::{settings, Settings};
+use crate::transform::wall;
+use crate::watch::Watch;
+
+fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
+    if let Ok(it) = controller.cast::<Regulator>() {
+        Ok(AnyController::Regulator(it.borrow().inner))
+    } else if let Ok(it) = controller.cast::<Tracker>() {
+        Ok(AnyController::Tracker(it.borrow().inner))
+    } else if let Ok(it) = controller.cast::<Explicit>() {
+        Ok(AnyController::Explicit(it.borrow().inner))
+    } else {
+        let kind = controller.get_type();
+        Err(PyTypeError::new_err(format!("a batch takes zivi's own controllers, got {kind}")))
+    }
+}
+
+/// Many closed loops. `forces` are lists of the plants', the models' and the references'; every
+/// list has an entry for each loop, or one for all.
+#[pyfunction]
+#[pyo3(signature = (
+    controllers, forces, kappas, states, *, span, scheme, switched, exact, resolution, delay,
+    within, every, threads, progress=None
+))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn simulate_closed_loop_batch(
+    py: Python<'_>,
+    controllers: Vec<Bound<'_, PyAny>>,
+    forces: [Bound<'_, PyList>; 3],
+    kappas: PyReadonlyArray1<'_, f64>,
+    states: PyReadonlyArray2<'_, f64>,
+    span: (f64, f64),
+    scheme: Option<(f64, f64)>,
+    switched: Settings,
+    exact: bool,
+    resolution: (f64, f64),
+    delay: usize,
+    within: f64,
+    every: usize,
+    threads: usize,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<LoopBatchRecord> {
+    let motion = match scheme {
+        Some((theta, gamma)) => Motion::Scheme { theta, gamma },
+        None if exact => Motion::Exact(settings(switched)?),
+        None => Motion::Switched(settings(switched)?),
+    };
+    let shared = LoopSettings { motion, resolution, delay, within, every };
+    let controllers = controllers.iter().map(native).collect::<PyResult<Vec<_>>>()?;
+    let [plants, models, references] = &forces;
+    let (plants, models, references) = (natives(plants)?, natives(models)?, natives(references)?);
+    let kappas = kappas.as_array();
+    let mut members = Vec::with_capacity(states.as_array().nrows());
+    for (i, state) in states.as_array().rows().into_iter().enumerate() {
+        let which = |n: usize| if n == 1 { 0 } else { i };
+        let controller = controllers[which(controllers.len())];
+        members.push(LoopMember {
+            controller,
+            wall: wall(kappas[which(kappas.len())])?,
+            forces: [
+                plants[which(plants.len())],
+                models[which(models.len())],
+                references[which(references.len())],
+            ],
+            initial: Physical { x: state[0], xdot: state[1] },
+            grid: Grid::new(span.0, span.1, controller.h())
+                .map_err(|error| setup_error(error.into()))?,
+        });
+    }
+    let watch = &mut Watch { progress };
+    let ends = py.detach(|| run_batch(&members, shared, threads, watch)).map_err(refused)?;
+    LoopBatchRecord::new(py, &ends)
+}
+
+type Array = Py<PyArray1<f64>>;
+type Rows = Py<PyArray2<f64>>;
+
+/// What is saved of the loops: an entry, or a row, for each.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct LoopBatchRecord {
+    /// `t, x, x', x_r, x_r'` at the end, a row for each loop.
+    last: Rows,
+    beyond_until: Array,
+    error_max: Array,
+    error_rms: Array,
+    u_max: Array,
+    u_rms: Array,
+    u_variation: Array,
+    rest_time: Array,
+    n_impacts: Py<PyArray1<u64>>,
+    n_refused: Py<PyArray1<u64>>,
+    status: Py<PyArray1<u8>>,
+    samples_x: Rows,
+    samples_x_ref: Rows,
+    samples_u: Rows,
+}
+
+impl LoopBatchRecord {
+    fn new(py: Python<'_>, ends: &[LoopOutcome]) -> PyResult<Self> {
+        let column = |of: fn(&LoopOutcome) -> f64| -> Array {
+            PyArray1::from_vec(py, ends.iter().map(of).collect()).unbind()
+        };
+        let count = |of: fn(&LoopOutcome) -> u64| {
+            PyArray1::from_vec(py, ends.iter().map(of).collect()).unbind()
+        };
+        let number = |it: &LoopOutcome| it.status.unwrap_or(Status::Raised) as u8;
+        let last: Vec<f64> = ends.iter().flat_map(|it| it.last).collect();
+        Ok(Self {
+            last: PyArray1::from_vec(py, last).reshape([ends.len(), 5])?.unbind(),
+            beyond_until: column(|it| it.beyond_until),
+            error_max: column(|it| it.error_max),
+            error_rms: column(|it| it.error_rms),
+            u_max: column(|it| it.u_max),
+            u_rms: column(|it| it.u_rms),
+            u_variation: column(|it| it.u_variation),
+            rest_time: column(|it| it.rest_time),
+            n_impacts: count(|it| it.n_impacts),
+            n_refused: count(|it| it.n_refused),
+            status: PyArray1::from_iter(py, ends.iter().map(number)).unbind(),
+            samples_x: rows(py, ends.iter().map(|it| it.saved[0].as_slice()))?,
+            samples_x_ref: rows(py, ends.iter().map(|it| it.saved[1].as_slice()))?,
+            samples_u: rows(py, ends.iter().map(|it| it.saved[2].as_slice()))?,
+        })
+    }
+}

@@ -1,0 +1,366 @@
+"""Many closed loops at once, on all cores: the study of gains and of tolerances."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zivi import _zivi
+from zivi._check import Array, finite, real_array, whole
+from zivi._progress import ProgressBar
+from zivi.batch import MAX_DESCRIBED, check_native, check_threads
+from zivi.closed_loop import (
+    BETWEEN_SAMPLES,
+    OURS,
+    TWO,
+    check_delay,
+    check_method,
+    check_not_negative,
+)
+from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.methods import SwitchedRK, ThetaGamma
+from zivi.simulate import pair
+from zivi.status import Status
+from zivi.system import Force, ImpactSystem, force_spec, in_wall_frame
+from zivi.trajectory import describe
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["ClosedLoopBatch", "simulate_closed_loop_batch"]
+
+Ours = TwistingRegulator | TwistingTracker | ExplicitTwisting
+
+NUMBERS = {
+    "t": ("s", "time of the last sample"),
+    "x": ("m", "last distance from the wall"),
+    "xdot": ("m/s", "last velocity"),
+    "x_ref": ("m", "last distance of the reference"),
+    "xdot_ref": ("m/s", "last velocity of the reference"),
+    "settling_time": ("s", "last time at which the position error was beyond `within`"),
+    "error_max": ("m", "largest position error"),
+    "error_rms": ("m", "root mean square of the position error"),
+    "u_max": ("m/s^2", "largest control"),
+    "u_rms": ("m/s^2", "root mean square of the control"),
+    "u_variation": ("m/s^2", "total variation of the control"),
+    "rest_time": ("s", "time from which the plant rests, NaN if it does not"),
+    "n_impacts": ("1", "number of impacts"),
+    "n_refused": ("1", "number of samples that were refused"),
+    "status": ("1", "how the run ended, a zivi.Status"),
+}
+"""Unit and meaning of what a batch has for each loop."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class ClosedLoopBatch:
+    """Results of a batch of closed loops: an entry for each.
+
+    Attributes
+    ----------
+    t, x, xdot : ndarray
+        Time (s), distance from the wall (m) and velocity (m/s) at the end of each run.
+    x_ref, xdot_ref : ndarray
+        The reference at the end, NaN without one.
+    settling_time : ndarray
+        Last time at which ``|x - x_ref| > within`` (s); NaN if that never was so.
+    error_max, error_rms : ndarray
+        Largest and root mean square position error (m), NaN without a reference.
+    u_max, u_rms, u_variation : ndarray
+        Largest control, its root mean square and its total variation (m/s^2).
+    rest_time : ndarray
+        Time from which the plant rests until the end (s), NaN if it does not.
+    n_impacts, n_refused : ndarray of int
+        Numbers of impacts and of refused samples.
+    status : ndarray of uint8
+        How each run ended, the numbers of `Status`.
+    sample_x, sample_x_ref, sample_u : ndarray or None
+        With ``save=k``: positions (m), reference positions (m) and controls (m/s^2) of the first
+        and every so many samples after it, a row for each loop.
+    config : dict
+        Settings of the batch, as plain values.
+    """
+
+    t: Array
+    x: Array
+    xdot: Array
+    x_ref: Array
+    xdot_ref: Array
+    settling_time: Array
+    error_max: Array
+    error_rms: Array
+    u_max: Array
+    u_rms: Array
+    u_variation: Array
+    rest_time: Array
+    n_impacts: NDArray[np.uint64]
+    n_refused: NDArray[np.uint64]
+    status: NDArray[np.uint8]
+    sample_x: Array | None
+    sample_x_ref: Array | None
+    sample_u: Array | None
+    config: dict[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Which runs reached the end of the span."""
+        return np.equal(self.status, Status.COMPLETED)
+
+    def __repr__(self) -> str:
+        done, rests = int(np.sum(self.success)), int(np.sum(~np.isnan(self.rest_time)))
+        return f"<ClosedLoopBatch of {len(self)} loops: {done} completed, {rests} at rest>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to a labelled dataset over ``run`` (and ``sample``).
+
+        Returns
+        -------
+        xarray.Dataset
+            With units, descriptions and the configuration (JSON) in the attributes.
+        """
+        import xarray
+
+        variables: dict[str, Any] = {
+            name: ("run", getattr(self, name), {"units": unit, "long_name": meaning})
+            for name, (unit, meaning) in NUMBERS.items()
+        }
+        if self.sample_x is not None:
+            for name, unit in (("sample_x", "m"), ("sample_x_ref", "m"), ("sample_u", "m/s^2")):
+                values = getattr(self, name)
+                variables[name] = (("run", "sample"), values, {"units": unit})
+        attrs = {
+            "title": "Batch of closed loops of mechanical systems with impacts",
+            "source": f"zivi {_zivi.__version__}",
+            "config": json.dumps(self.config),
+        }
+        return xarray.Dataset(variables, coords={"run": np.arange(len(self))}, attrs=attrs)
+
+
+def simulate_closed_loop_batch(
+    systems: ImpactSystem | Sequence[ImpactSystem],
+    controllers: Ours | Sequence[Ours],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    y_ref0: ArrayLike | None = None,
+    force_ref: Force | None = None,
+    force_model: Force | None = None,
+    method: ThetaGamma | SwitchedRK | None = None,
+    quantization: Sequence[float] = (0.0, 0.0),
+    delay: int = 0,
+    within: float = 1e-2,
+    save: str | int = "final",
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> ClosedLoopBatch:
+    """Simulate many independent closed loops, on all cores and without the interpreter.
+
+    Each gives what `simulate_closed_loop` gives for it, to the last bit, whatever the number of
+    threads. What differs from loop to loop is given as a sequence, or as rows.
+
+    Parameters
+    ----------
+    systems : ImpactSystem or sequence of ImpactSystem
+        The plants: one for all, or one for each. Forces must not need the interpreter.
+    controllers : controller or sequence of controllers
+        Zivi's controllers, one for all or one for each; they are copied.
+    t_span : (float, float)
+        Start and end (s), the same for all.
+    y0 : array_like
+        The plants' initial states, shape (n, 2), or (2,) for all.
+    y_ref0 : array_like, optional
+        The references' initial states, shape (n, 2), or (2,) for all. Without it each controller
+        goes on from where it is.
+    force_ref, force_model : float, LinearForce or compiled callable, optional
+        As for `simulate_closed_loop`, the same for all.
+    method : SwitchedRK or ThetaGamma, optional
+        How the plants move between samples, as for `simulate_closed_loop`.
+    quantization : (float, float)
+        Resolution of the measured position (m) and velocity (m/s); 0 is exact.
+    delay : int
+        Periods from a measurement to the moment when its control acts, >= 0.
+    within : float
+        The position error that counts as followed, > 0 (m): see ``settling_time``.
+    save : "final" or int
+        Whether every so many samples are kept, beside the numbers of each loop.
+    threads : int, optional
+        Number of threads, >= 1; by default as many as the machine runs at once.
+    progress : bool, optional
+        Show a progress bar on standard error once it lasts longer than a second. By default only
+        on a terminal.
+
+    Returns
+    -------
+    ClosedLoopBatch
+        An entry for each loop.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range, before anything is computed.
+    KeyboardInterrupt
+        On Ctrl-C; nothing is kept then.
+
+    Examples
+    --------
+    >>> plant = zivi.ImpactSystem(-9.81, kappa=0.5)
+    >>> trackers = [zivi.TwistingTracker(mu1, 17, h=1e-3, kappa=0.5) for mu1 in (20, 30, 40)]
+    >>> batch = zivi.simulate_closed_loop_batch(
+    ...     plant, trackers, (0, 2), (6, 5), y_ref0=(3, 3), force_ref=-19.81
+    ... )
+    >>> batch
+    <ClosedLoopBatch of 3 loops: 3 completed, 3 at rest>
+    >>> float(batch.settling_time[1])  # the paper's gains
+    1.21
+    """
+    span = pair("t_span", t_span, "(t0, t1)")
+    plants, ticking = _several("systems", systems), _several("controllers", controllers)
+    for i, plant in enumerate(plants):
+        if not isinstance(plant, ImpactSystem):
+            kind = type(plant).__name__
+            raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
+    for i, controller in enumerate(ticking):
+        if type(controller) not in OURS:
+            kind = type(controller).__name__
+            raise TypeError(f"controllers must be zivi's own, got {kind} (number {i})")
+    states = _rows("y0", y0)
+    references = np.empty((1, 0)) if y_ref0 is None else _rows("y_ref0", y_ref0)
+    n = _common({"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references})
+    if y_ref0 is not None:
+        ticking = _placed(ticking, references, n)
+    forces = _forces(plants, force_model, force_ref)
+    scheme = check_method(method, ticking[0].h)
+    for controller in ticking:
+        check_method(method, controller.h)
+    if not (finite("within", within) > 0.0):
+        raise ValueError(f"within must be > 0 (m), got {within}")
+    with ProgressBar(progress) as bar:
+        record = _zivi.simulate_closed_loop_batch(
+            ticking,
+            forces,
+            np.array([plant.kappa for plant in plants]),
+            np.ascontiguousarray(np.broadcast_to(states, (n, 2))),
+            span=span,
+            scheme=scheme,
+            switched=(method if isinstance(method, SwitchedRK) else BETWEEN_SAMPLES)._settings(),
+            exact=method is None,
+            resolution=check_not_negative("quantization", quantization),
+            delay=check_delay(delay),
+            within=float(within),
+            every=_every(save),
+            threads=check_threads(threads),
+            progress=bar.report,
+        )
+    config = {
+        "t_span": list(span),
+        "force_model": None if force_model is None else describe(force_model),
+        "force_ref": None if force_ref is None else describe(force_ref),
+        "method": None if method is None else describe(method),
+        "quantization": [float(value) for value in quantization],
+        "delay": int(delay),
+        "within": float(within),
+        "controllers": [
+            {"name": type(it).__name__, **it.settings} for it in ticking[:MAX_DESCRIBED]
+        ],
+    }
+    return _batch(record, config, save != "final")
+
+
+def _several(name: str, things: Any) -> list[Any]:
+    try:
+        several = [things] if isinstance(things, (ImpactSystem, *OURS)) else list(things)
+    except TypeError:
+        several = [things]
+    if not several:
+        raise ValueError(f"{name} must hold at least one")
+    return several
+
+
+def _rows(name: str, value: ArrayLike) -> Array:
+    rows = np.atleast_2d(real_array(name, value))
+    if rows.ndim != 2 or rows.shape[1] != TWO:
+        raise ValueError(f"{name} must have shape (n, 2) or (2,), got {np.shape(value)}")
+    return rows
+
+
+def _common(lists: dict[str, Any]) -> int:
+    """Return the number of loops; every list has an entry for each, or one for all."""
+    n = max(len(it) for it in lists.values())
+    for name, it in lists.items():
+        if len(it) not in (1, n):
+            raise ValueError(f"{name} must have 1 or {n} entries, got {len(it)}")
+    return n
+
+
+def _placed(controllers: list[Any], references: Array, n: int) -> list[Any]:
+    """Copy the controllers, with their references where they start."""
+    placed = []
+    for i in range(n):
+        controller = controllers[i if len(controllers) > 1 else 0].copy()
+        if isinstance(controller, TwistingRegulator):
+            raise TypeError("y_ref0 is given, but TwistingRegulator follows no reference")
+        controller.reset(*(float(it) for it in references[i if len(references) > 1 else 0]))
+        placed.append(controller)
+        if len(controllers) == 1 and len(references) == 1:
+            break
+    return placed
+
+
+def _forces(
+    plants: list[ImpactSystem], force_model: Any, force_ref: Any
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """Translate the forces on the plants, in the models and on the references."""
+    own = [plant._spec for plant in plants]
+    if force_model is None:
+        models = own
+    else:
+        model = force_spec(force_model, "force_model")[0]
+        models = [in_wall_frame(plant, model) for plant in plants]
+    references = models if force_ref is None else [force_spec(force_ref, "force_ref")[0]]
+    for name, specs in (("system", own), ("model", models), ("reference", references)):
+        for i, spec in enumerate(specs):
+            check_native(spec, f"the force of {name} {i}")
+    return own, models, references
+
+
+def _every(save: Any) -> int:
+    if save == "final":
+        return 0
+    if isinstance(save, str):
+        raise ValueError(f"save must be 'final' or a number of samples >= 1, got {save!r}")
+    every = whole("save", save)
+    if every < 1:
+        raise ValueError(f"save must be a number of samples >= 1, got {every}")
+    return every
+
+
+def _batch(record: _zivi.LoopBatchRecord, config: dict[str, Any], sampled: bool) -> ClosedLoopBatch:
+    t, x, xdot, x_ref, xdot_ref = record.last.T
+    return ClosedLoopBatch(
+        t=t,
+        x=x,
+        xdot=xdot,
+        x_ref=x_ref,
+        xdot_ref=xdot_ref,
+        settling_time=record.beyond_until,
+        error_max=record.error_max,
+        error_rms=record.error_rms,
+        u_max=record.u_max,
+        u_rms=record.u_rms,
+        u_variation=record.u_variation,
+        rest_time=record.rest_time,
+        n_impacts=record.n_impacts,
+        n_refused=record.n_refused,
+        status=record.status,
+        sample_x=record.samples_x if sampled else None,
+        sample_x_ref=record.samples_x_ref if sampled else None,
+        sample_u=record.samples_u if sampled else None,
+        config=config,
+    )
