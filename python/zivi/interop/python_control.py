@@ -1,0 +1,337 @@
+"""Blocks for python-control: a plant with impacts, zivi's controllers, forces.
+
+python-control integrates continuous systems without events, so no impact can be in one. The blocks
+here are discrete-time systems with the sampling period as ``dt``: the plant moves exactly, through
+any number of impacts, from one sample to the next. `control.interconnect` joins them by the names
+of their signals, with each other and with any discrete-time system of the same ``dt``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import numbers
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from zivi._check import Array, real
+from zivi.closed_loop import Controller, simulate_closed_loop
+from zivi.control import TickStatus
+from zivi.methods import SwitchedRK, ThetaGamma
+from zivi.system import Force, ImpactSystem
+
+__all__ = ["controller_block", "force_block", "impact_plant", "state_vector"]
+
+STATES = ("s_ref", "v_ref", "side", "held", "ls", "lv", "lsr", "lvr", "les", "lev", "status")
+"""Names of what a controller's state holds, in the order of `state_vector`."""
+
+
+def impact_plant(
+    system: ImpactSystem,
+    h: float,
+    *,
+    method: ThetaGamma | SwitchedRK | None = None,
+    name: str = "plant",
+) -> Any:
+    r"""Make a plant with impacts for python-control.
+
+    .. math:: \ddot x = f(t, x, \dot x) + u, \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
+
+    with `u` held over each period of length `h`, as in `zivi.simulate_closed_loop`, whose motion
+    between samples it is.
+
+    Parameters
+    ----------
+    system : ImpactSystem
+        The force without the control, and the wall.
+    h : float
+        Sampling period, > 0 (s): the ``dt`` of the block.
+    method : SwitchedRK or ThetaGamma, optional
+        How the plant moves between samples. By default exactly where the force is constant, else
+        by ``SwitchedRK(rtol=1e-9, atol=1e-12)``. The ``h`` of a `ThetaGamma` must be `h`.
+    name : str
+        Name of the block.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Input ``u`` (m/s^2); states and outputs ``x`` (m) and ``xdot`` (m/s).
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range. Simulating raises `RuntimeError` where the motion fails.
+    ImportError
+        Without python-control; it says how to get it.
+
+    Examples
+    --------
+    >>> import control  # doctest: +SKIP
+    >>> plant = zivi.interop.impact_plant(zivi.ImpactSystem(-9.81, e=0.5), h=0.01)  # doctest: +SKIP
+    >>> t = np.arange(201) * 0.01
+    >>> response = control.input_output_response(plant, t, 0, [1, 0])  # doctest: +SKIP
+    >>> response.states[:, -1]  # at rest after the Zeno point at 1.3546 s  # doctest: +SKIP
+    array([0., 0.])
+    """
+    if not isinstance(system, ImpactSystem):
+        raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
+    period = _period("h", h)
+    # nothing depends on the time: the same period every time, to the last bit
+    timeless = isinstance(system.force, numbers.Real) and system.wall is None
+
+    def update(t: float, state: Array, u: Array, params: Any) -> Array:
+        start = 0.0 if timeless else float(t)
+        return _moved(system, period, start, state, float(u[0]), method)
+
+    still = ImpactSystem(0.0, kappa=system.kappa)
+    _moved(still, period, 0.0, np.zeros(2), 0.0, method)  # a bad method shows here
+    return _library().nlsys(
+        update,
+        lambda t, state, u, params: state,
+        inputs=["u"],
+        outputs=["x", "xdot"],
+        states=["x", "xdot"],
+        dt=period,
+        name=name,
+    )
+
+
+def controller_block(controller: Controller, *, name: str = "controller") -> Any:
+    """Make one of zivi's controllers a block for python-control.
+
+    Start it from `state_vector`: a controller has a state that is not zero.
+
+    Parameters
+    ----------
+    controller : TwistingTracker, TwistingRegulator or ExplicitTwisting
+        It is copied; its `h` is the ``dt`` of the block.
+    name : str
+        Name of the block.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Inputs ``x``, ``xdot``, ``force`` (the model's force at the sample) and, of a tracker,
+        ``force_ref``. Outputs ``u`` and, of a tracker, ``x_ref`` and ``xdot_ref``. The last state,
+        ``status``, holds the bits of `zivi.TickStatus` of the tick before: where a sample was
+        ``REFUSED`` the last control is held and the reference waits.
+
+    Raises
+    ------
+    TypeError
+        If `controller` is none of them. Simulating raises `ValueError` from a state that is none
+        of a controller.
+    ImportError
+        Without python-control; it says how to get it.
+
+    Examples
+    --------
+    >>> tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5)
+    >>> zivi.interop.controller_block(tracker).input_labels  # doctest: +SKIP
+    ['x', 'xdot', 'force', 'force_ref']
+    """
+    _checked(controller)
+    twin: Any = controller.copy()  # type: ignore[attr-defined]
+    follows = hasattr(twin, "x_ref")
+
+    def update(t: float, state: Array, sample: Array, params: Any) -> Array:
+        _put(twin, state)
+        refused = _tick(twin, sample)
+        after = state_vector(twin)
+        after[-1] = TickStatus.REFUSED if refused else after[-1]
+        return after
+
+    def output(t: float, state: Array, sample: Array, params: Any) -> Array:
+        _put(twin, state)
+        reference = (twin.x_ref, twin.xdot_ref) if follows else ()
+        _tick(twin, sample)
+        return np.array([twin.u, *reference])
+
+    return _library().nlsys(
+        update,
+        output,
+        inputs=["x", "xdot", "force", *(["force_ref"] if follows else [])],
+        outputs=["u", *(["x_ref", "xdot_ref"] if follows else [])],
+        states=list(STATES),
+        dt=_period("controller.h", controller.h),
+        name=name,
+    )
+
+
+def force_block(
+    force: Force,
+    h: float,
+    *,
+    inputs: Sequence[str] = ("x", "xdot"),
+    output: str = "force",
+    name: str | None = None,
+) -> Any:
+    """Make a force a block for python-control, for what a controller is told of it.
+
+    Parameters
+    ----------
+    force : float, LinearForce or callable
+        The force (m/s^2): a number or ``f(t, x, xdot)``.
+    h : float
+        Sampling period, > 0 (s): the ``dt`` of the block.
+    inputs : (str, str)
+        Names of the position and velocity that it sees; ``("x_ref", "xdot_ref")`` for the force
+        on a reference.
+    output : str
+        Name of the force; a tracker looks for ``"force"`` and ``"force_ref"``.
+    name : str, optional
+        Name of the block, by default that of its output.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range.
+    ImportError
+        Without python-control; it says how to get it.
+
+    Examples
+    --------
+    >>> spring = zivi.LinearForce(stiffness=4.0)
+    >>> zivi.interop.force_block(spring, 1e-3, output="force").ninputs  # doctest: +SKIP
+    2
+    """
+    position, velocity = inputs
+    evaluate = _evaluable(force)
+    return _library().nlsys(
+        None,
+        lambda t, state, y, params: np.array([evaluate(float(t), float(y[0]), float(y[1]))]),
+        inputs=[position, velocity],
+        outputs=[output],
+        dt=_period("h", h),
+        name=output if name is None else name,
+    )
+
+
+def state_vector(controller: Controller) -> Array:
+    """Give the state of a controller as numbers: the initial state of its block.
+
+    Parameters
+    ----------
+    controller : TwistingTracker, TwistingRegulator or ExplicitTwisting
+        As it is now, for example after its `reset`.
+
+    Returns
+    -------
+    ndarray, shape (11,)
+        The reference ``(s_r, v_r)`` and its side, the last control, six signs and the status.
+
+    Raises
+    ------
+    TypeError
+        If `controller` is none of them.
+
+    Examples
+    --------
+    >>> from zivi.interop import state_vector
+    >>> tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5)
+    >>> tracker.reset(3.0, 3.0)
+    >>> [float(number) for number in state_vector(tracker)[:3]]
+    [3.0, 6.0, 1.0]
+    """
+    s, v, side, u, signs, bits = _checked(controller)
+    return np.array([s, v, side, u, *signs, bits], dtype=float)
+
+
+class _Held:
+    """A controller that holds one value: its loop over one period is the plant's motion."""
+
+    def __init__(self, h: float, u: float) -> None:
+        self.h = h
+        self._u = u
+
+    def step(self, x: float, xdot: float, force: float) -> float:
+        return self._u
+
+
+def _moved(
+    system: ImpactSystem,
+    h: float,
+    t: float,
+    state: Array,
+    u: float,
+    method: ThetaGamma | SwitchedRK | None,
+) -> Array:
+    run = simulate_closed_loop(
+        system,
+        _Held(h, u),
+        (t, t + h),
+        (float(state[0]), float(state[1])),
+        force_model=0.0,
+        method=method,
+        progress=False,
+    )
+    if not run.success:
+        raise RuntimeError(f"the plant cannot move on from t = {t:.9g} s: {run.message}")
+    return np.array([run.x[-1], run.xdot[-1]])
+
+
+def _checked(controller: Any) -> tuple[Any, ...]:
+    """Return the state of a controller of ours."""
+    state = None if isinstance(controller, type) else getattr(controller, "state", None)
+    if not (isinstance(state, tuple) and len(state) == 6 and hasattr(controller, "copy")):
+        raise TypeError(
+            "controller must be one of zivi's, e.g. zivi.TwistingTracker(30, 17, h=1e-3, e=0.5), "
+            f"got {controller!r}"
+        )
+    return state
+
+
+def _put(controller: Any, state: Array) -> None:
+    """Give a controller the state that its block has."""
+    *plain, status = map(float, state)
+    try:
+        bits = int(status) & ~TickStatus.REFUSED
+        controller.state = (*plain[:4], plain[4:], bits)
+    except ValueError:
+        raise ValueError(
+            "the state of a controller's block must be one of a controller: start from "
+            f"zivi.interop.state_vector(controller), got {state}"
+        ) from None
+
+
+def _tick(controller: Any, sample: Array) -> bool:
+    """Tick, and tell whether the sample was refused: then nothing has changed."""
+    try:
+        controller.step(*map(float, sample))
+    except ValueError:
+        return True
+    return False
+
+
+def _period(name: str, h: Any) -> float:
+    period = real(name, h)
+    if not 0.0 < period < np.inf:
+        raise ValueError(f"{name} must be > 0 and finite, got {h}")
+    return period
+
+
+def _evaluable(force: Any) -> Callable[[float, float, float], float]:
+    if isinstance(force, numbers.Real):
+        constant = real("force", force)
+        return lambda t, x, xdot: constant
+    function = getattr(force, "ctypes", force)  # a numba cfunc is called through it
+    if not callable(function):
+        raise TypeError(
+            f"force must be a number or callable as f(t, x, xdot), got {type(force).__name__}"
+        )
+    return lambda t, x, xdot: float(function(t, x, xdot))
+
+
+def _library() -> Any:
+    try:
+        return importlib.import_module("control")
+    except ImportError as error:
+        raise ImportError(
+            f"zivi.interop needs python-control: pip install 'zivi[control]' ({error})",
+            name="control",
+        ) from error
