@@ -1,5 +1,9 @@
-"""The command line: ``zivi paper``."""
+"""The command line: ``zivi simulate``, ``control``, ``sweep``, ``show`` and ``paper``."""
 
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -7,6 +11,8 @@ import typer
 from rich.console import Console
 
 from zivi import _zivi
+from zivi.files import FileError, commands, prepare_control, prepare_simulate, summary
+from zivi.lab.command import lab
 
 app = typer.Typer(
     help="Mechanical systems with impacts, straight through the Zeno point.",
@@ -14,11 +20,51 @@ app = typer.Typer(
     add_completion=False,
 )
 
+File = Annotated[Path, typer.Argument(help="What to compute, in TOML; see --example.")]
+Out = Annotated[
+    Path | None, typer.Option(help="Where the result goes; by default beside the file.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace a result that is there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
+
 
 def _version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"zivi {_zivi.__version__}")
         raise typer.Exit
+
+
+def _example(command: str) -> Callable[[bool], None]:
+    def print_example(wanted: bool) -> None:
+        if wanted:
+            typer.echo(commands.example(command), nl=False)
+            raise typer.Exit
+
+    return print_example
+
+
+def _experiments(wanted: bool) -> None:
+    if wanted:
+        Console().print(summary.experiments())
+        raise typer.Exit
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    """Tell what is wrong in one line each, and end with the right code."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise typer.Exit(commands.INTERRUPTED) from None
+    except MemoryError:
+        typer.echo("zivi: the memory is not enough", err=True)
+        raise typer.Exit(commands.EARLY) from None
+    except RuntimeError as error:  # of a study: another run writes to it, or nothing can compute
+        typer.echo(f"zivi: {error}", err=True)
+        raise typer.Exit(commands.EARLY) from None
+    except (FileError, OSError, ImportError) as error:
+        typer.echo(f"{error}" if isinstance(error, FileError) else f"zivi: {error}", err=True)
+        raise typer.Exit(commands.WRONG) from None
 
 
 @app.callback()
@@ -28,6 +74,106 @@ def main(
     ] = False,
 ) -> None:
     """Mechanical systems with impacts, straight through the Zeno point."""
+
+
+Example = "Print an example file."
+
+
+@app.command()
+def simulate(
+    file: File,
+    out: Out = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    example: Annotated[
+        bool,
+        typer.Option("--example", callback=_example("simulate"), is_eager=True, help=Example),
+    ] = False,
+) -> None:
+    """Simulate one system from a file; write a netCDF file.
+
+    Exit code 0 if the end was reached, 1 if the run ended early (it is kept as far as it went), 2
+    for a bad file, 130 for Ctrl-C (kept as well).
+    """
+    with _told():
+        code = commands.single(prepare_simulate, file, out, force=force, quiet=quiet)
+    raise typer.Exit(code)
+
+
+@app.command()
+def control(
+    file: File,
+    out: Out = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    example: Annotated[
+        bool,
+        typer.Option("--example", callback=_example("control"), is_eager=True, help=Example),
+    ] = False,
+) -> None:
+    """Simulate one closed loop from a file; write a netCDF file.
+
+    Exit code 0 if the end was reached, 1 if the run ended early (it is kept as far as it went), 2
+    for a bad file, 130 for Ctrl-C (kept as well).
+    """
+    with _told():
+        code = commands.single(prepare_control, file, out, force=force, quiet=quiet)
+    raise typer.Exit(code)
+
+
+@app.command()
+def sweep(
+    file: File,
+    out: Out = None,
+    force: Annotated[bool, typer.Option("--force", help="Remove a study that is there.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on although the version of zivi differs.")
+    ] = False,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Compute failed points again.")
+    ] = False,
+    quiet: Quiet = False,
+    example: Annotated[
+        bool,
+        typer.Option("--example", callback=_example("sweep"), is_eager=True, help=Example),
+    ] = False,
+    experiments: Annotated[
+        bool,
+        typer.Option(
+            "--experiments", callback=_experiments, is_eager=True, help="List the experiments."
+        ),
+    ] = False,
+) -> None:
+    """Compute a study from a file, or what of it is missing; write a Zarr folder.
+
+    Exit code 0 if all points are done, 1 if some failed or the study ended early, 2 for a bad
+    file, 130 for Ctrl-C. The same command goes on where it stopped.
+    """
+    with _told():
+        code = commands.study(
+            file, out, force=force, resume=resume, retry_failed=retry_failed, quiet=quiet
+        )
+    raise typer.Exit(code)
+
+
+@app.command()
+def show(
+    result: Annotated[Path, typer.Argument(help="A netCDF file or the folder of a study.")],
+    out: Annotated[
+        Path | None, typer.Option(help="The picture; by default beside the result, .png.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a picture.")] = False,
+    window: Annotated[bool, typer.Option("--window", help="Open a window instead.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table.")] = False,
+) -> None:
+    """Draw a result and sum it up; exit code 2 if it cannot be read."""
+    if not window:
+        import matplotlib as mpl
+
+        mpl.use("Agg")
+    with _told():
+        code = commands.picture(result, out, force=force, window=window, quiet=quiet)
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -52,3 +198,6 @@ def paper(
     if not found.ok:
         console.print("[bold red]A number is off.[/]")
         raise typer.Exit(1)
+
+
+app.command()(lab)

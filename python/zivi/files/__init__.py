@@ -1,0 +1,22 @@
+"""Files: what a run or a study is, read from TOML, and single runs on disk.
+
+reading     ->    runs, sweeps    ->   results     ->   summary, picture
+(keys, TOML)      (prepared)           (netCDF)         (tables, figures)
+"""
+
+from zivi.files.mistakes import FileError
+from zivi.files.results import ResultError, load, save
+from zivi.files.runs import Prepared, prepare_control, prepare_simulate
+from zivi.files.sweeps import PreparedSweep, prepare_sweep
+
+__all__ = [
+    "FileError",
+    "Prepared",
+    "PreparedSweep",
+    "ResultError",
+    "load",
+    "prepare_control",
+    "prepare_simulate",
+    "prepare_sweep",
+    "save",
+]

@@ -1,0 +1,69 @@
+"""Builds systems, methods and controllers from checked values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+import zivi
+from zivi.files.mistakes import Mistakes
+from zivi.system import Force
+
+__all__ = ["controller", "force", "method", "named", "restitution", "spaced", "system"]
+
+
+def force(value: Any) -> Force:
+    """Build a force from a number or coefficients."""
+    return zivi.LinearForce(**value) if isinstance(value, dict) else value
+
+
+def system(values: dict[str, Any], mistakes: Mistakes) -> zivi.ImpactSystem:
+    """Build a system."""
+    wall = values.get("wall")
+    given = {name: values[name] for name in ("e", "kappa") if name in values}
+    with mistakes.naming(named("system", given), "system"):
+        return zivi.ImpactSystem(
+            force(values["force"]),
+            wall=None if wall is None else zivi.HarmonicWall(**wall),
+            **given,
+        )
+
+
+def method(values: dict[str, Any], mistakes: Mistakes) -> Any:
+    """Build a method by its name."""
+    settings = {name: value for name, value in values.items() if name != "name"}
+    with mistakes.naming(named("method", settings), "method"):
+        return getattr(zivi, values["name"])(**settings)
+
+
+def controller(
+    values: dict[str, Any], plant: zivi.ImpactSystem, keys: dict[str, str], mistakes: Mistakes
+) -> Any:
+    """Build a controller by its name; it believes in the wall of the plant unless told another."""
+    settings = {name: value for name, value in values.items() if name != "name"}
+    names = named("controller", settings)
+    names |= dict.fromkeys(("u_min", "u_max"), "controller.u_limits")
+    if not ("e" in settings or "kappa" in settings):
+        settings["kappa"] = plant.kappa
+        names |= {"e": keys["e"], "kappa": keys["kappa"]}
+    with mistakes.naming(names, "controller"):
+        return getattr(zivi, values["name"])(**settings)
+
+
+def named(table: str, names: Iterable[str]) -> dict[str, str]:
+    """Give the key of each argument that a table holds."""
+    return {name: f"{table}.{name}" for name in names}
+
+
+def restitution(values: dict[str, Any]) -> dict[str, str]:
+    """Give the key behind the restitution of a system, whichever of the two was given."""
+    key = "system.kappa" if "kappa" in values else "system.e"
+    return {"e": key, "kappa": key}
+
+
+def spaced(values: dict[str, Any], *, log: bool = False) -> np.ndarray:
+    """Give the values of a range."""
+    make = np.geomspace if log else np.linspace
+    return make(values["start"], values["stop"], values["num"])

@@ -1,0 +1,210 @@
+"""All keys of all files: what they hold, their units, ranges and defaults."""
+
+from __future__ import annotations
+
+from zivi.control import BRANCHES
+from zivi.files.kinds import Choice, Either, Number, Numbers, Pair, Switch, Whole
+from zivi.files.tables import Key, Open, Table, Tagged
+from zivi.methods import MAX_LINEARISATIONS, SOLVERS
+from zivi.study import EXPERIMENTS
+
+__all__ = ["CONTROL", "MAX_NUM", "SIMULATE", "SWEEP"]
+
+ANY = Number()
+POSITIVE = Number(above=0.0)
+NOT_NEGATIVE = Number(least=0.0)
+UNIT = Number(least=0.0, most=1.0)
+STEP = Number(above=0.0, most=1.0)
+MAX_NUM = 1_000_000
+"""Most values of one range."""
+
+SPAN = Key("t_span", Pair(ANY, ANY, ("t0", "t1 > t0")), "start and end", "s")
+STATE = Pair(NOT_NEGATIVE, ANY, ("x", "xdot"))
+START = Key("y0", STATE, "initial distance from the wall and velocity", "m, m/s")
+
+LINEAR = Table(
+    (
+        Key("stiffness", ANY, "k in -k x - c x' - g + A cos(omega t + phase)", "1/s^2", "0"),
+        Key("damping", ANY, "c", "1/s", "0"),
+        Key("gravity", ANY, "g, a pull towards the wall", "m/s^2", "0"),
+        Key("amplitude", ANY, "A", "m/s^2", "0"),
+        Key("omega", ANY, "omega", "rad/s", "1"),
+        Key("phase", ANY, "phase", "rad", "0"),
+    )
+)
+FORCE = Either(ANY, LINEAR)
+
+WALL = Table(
+    (
+        Key("amplitude", ANY, "a in offset + a cos(omega t + phase)", "m"),
+        Key("omega", ANY, "omega", "rad/s"),
+        Key("phase", ANY, "phase", "rad", "0"),
+        Key("offset", ANY, "middle position", "m", "0"),
+    )
+)
+
+
+def _restitution(of: str, default: str) -> tuple[Key, Key]:
+    return (
+        Key(f"e{of}", UNIT, "coefficient of restitution", "1", default),
+        Key(f"kappa{of}", UNIT, "(1 - e)/(1 + e), instead of e", "1", default),
+    )
+
+
+SYSTEM = Key(
+    "system",
+    Table(
+        (
+            Key("force", FORCE, "force per unit mass", "m/s^2"),
+            *_restitution("", "one of e and kappa is required"),
+            Key("wall", WALL, "a wall that vibrates", default="the wall is fixed"),
+        )
+    ),
+    "the mass and its wall",
+)
+
+THETA_GAMMA = (
+    Key("h", POSITIVE, "step", "s"),
+    Key("theta", STEP, "weight of the end of the step in the state", "1", "1"),
+    Key("gamma", STEP, "weight of the end of the step in the signs", "1", "1"),
+    Key("solver", Choice(SOLVERS), "how the signs are found", default='"exact"'),
+    Key(
+        "linearisations",
+        Whole(1, MAX_LINEARISATIONS),
+        "for solver outer: at most so many",
+        "1",
+        "20",
+    ),
+)
+SWITCHED_RK = (
+    Key("rtol", Number(least=1e-14, below=1.0), "relative tolerance of a step", "1", "1e-6"),
+    Key("atol", POSITIVE, "absolute tolerance of a step", "m, m/s", "1e-9"),
+    Key("order", Choice((8, 5)), "order of the Runge-Kutta pair", "1", "8"),
+    Key("max_step", Number(above=0.0, infinite=True), "longest step", "s", "inf"),
+    Key("first_step", POSITIVE, "first step", "s", "from the force at the start"),
+    Key("max_steps", Whole(1), "steps after which the run ends", "1", "1000000"),
+    Key("max_impacts", Whole(3), "impacts of an accumulation after which it ends", "1", "100000"),
+)
+METHODS = {
+    "SwitchedRK": SWITCHED_RK,
+    "ThetaGamma": THETA_GAMMA,
+    "MoreauJean": (
+        Key("h", POSITIVE, "step", "s"),
+        Key("theta", UNIT, "weight of the end of the step", "1", "0.5"),
+    ),
+    "ExplicitEuler": (Key("h", POSITIVE, "step", "s"),),
+}
+
+RANGE = (
+    Key("start", ANY, "first value"),
+    Key("stop", ANY, "last value"),
+    Key("num", Whole(1, MAX_NUM), "number of values", "1"),
+)
+
+SIMULATE = (
+    SPAN,
+    START,
+    SYSTEM,
+    Key("method", Tagged("name", METHODS, "SwitchedRK"), "the method", default="SwitchedRK"),
+    Key(
+        "t_eval",
+        Either(Numbers(), Table(RANGE)),
+        "ascending times within t_span to report",
+        "s",
+        "all steps",
+    ),
+)
+
+TWISTING = (
+    Key("mu1", POSITIVE, "gain on the sign of the position", "m/s^2"),
+    Key("mu2", POSITIVE, "gain on the sign of the velocity, mu2 < mu1", "m/s^2"),
+    Key("h", POSITIVE, "sampling period", "s"),
+    *_restitution("", "that of system"),
+    Key("bound", NOT_NEGATIVE, "bound of the force; checks the gains", "m/s^2", "no check"),
+    Key(
+        "depth",
+        NOT_NEGATIVE,
+        "depth behind the wall to which measurements are taken as 0",
+        "m",
+        "0.1",
+    ),
+    Key(
+        "u_limits",
+        Pair(ANY, ANY, ("u_min", "u_max > u_min")),
+        "range of the actuator",
+        "m/s^2",
+        "no limits",
+    ),
+)
+REFERENCE = _restitution("_ref", "that of the controller")
+CONTROLLERS = {
+    "TwistingRegulator": TWISTING,
+    "TwistingTracker": (
+        *TWISTING,
+        *REFERENCE,
+        Key("branch", Choice(BRANCHES), "how a measurement is lifted", default='"positive"'),
+    ),
+    "ExplicitTwisting": (*TWISTING, *REFERENCE),
+}
+MEASURED = Pair(NOT_NEGATIVE, NOT_NEGATIVE, ("of x", "of xdot"))
+
+CONTROL = (
+    SPAN,
+    START,
+    SYSTEM,
+    Key("controller", Tagged("name", CONTROLLERS), "the controller"),
+    Key("y_ref0", STATE, "initial state of the reference", "m, m/s", "at rest"),
+    Key("force_ref", FORCE, "force on the reference", "m/s^2", "force_model"),
+    Key("force_model", FORCE, "force that the controller believes in", "m/s^2", "system.force"),
+    Key("noise", MEASURED, "standard deviations of the measurement", "m, m/s", "[0, 0]"),
+    Key("seed", Whole(0), "seed of the noise", "1", "drawn, and kept in the result"),
+    Key("quantization", MEASURED, "resolution of the measurement", "m, m/s", "[0, 0]"),
+    Key("delay", Whole(0, 10**9), "periods until a control acts", "1", "0"),
+    Key(
+        "method",
+        Tagged("name", {"SwitchedRK": SWITCHED_RK, "ThetaGamma": THETA_GAMMA}, "SwitchedRK"),
+        "how the plant moves between samples",
+        default="exactly where the force is constant, else SwitchedRK, rtol 1e-9, atol 1e-12",
+    ),
+)
+
+VALUES = Either(
+    Numbers(),
+    Table(
+        (
+            Key("start", ANY, "first value, or lower bound of a sample", "the parameter's"),
+            Key("stop", ANY, "last value, or upper bound", "the parameter's"),
+            Key("num", Whole(1, MAX_NUM), "number of values", "1", "required, none for a sample"),
+            Key("log", Switch(), "even in the logarithm; start and stop > 0", default="false"),
+        )
+    ),
+)
+DESIGNS = {
+    "grid": (),
+    "list": (),
+    "sample": (
+        Key("n", Whole(1, MAX_NUM), "number of points", "1"),
+        Key("sampler", Choice(("sobol", "lhs", "halton")), "what draws", default='"sobol"'),
+        Key("seed", Whole(0), "seed of the sampler", "1", "0"),
+    ),
+}
+
+SWEEP = (
+    Key(
+        "experiment",
+        Choice(tuple(EXPERIMENTS), "the name of an experiment"),
+        "what is computed, see `--experiments`",
+    ),
+    Key("parameters", Open(VALUES, "parameters of the experiment"), "where it is computed"),
+    Key("fixed", Open(ANY, "parameters of the experiment"), "further parameters", default="none"),
+    Key("design", Tagged("kind", DESIGNS, "grid"), "which points", default='kind = "grid"'),
+    Key(
+        "executor",
+        Choice(("serial", "threads", "processes")),
+        "who computes",
+        default='"serial"',
+    ),
+    Key("workers", Whole(1), "threads or processes", "1", "number of cores"),
+    Key("seed", Whole(0), "seed of an experiment that draws", "1", "drawn, kept in the result"),
+    Key("chunk", Whole(1), "points of a task and of a file at most", "1", "a 64th, at most 1024"),
+)

@@ -1,0 +1,57 @@
+"""Reads a file into checked values."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from zivi.files.mistakes import FileError, Mistakes
+from zivi.files.tables import Key, read_keys
+
+__all__ = ["Content", "read"]
+
+LARGEST = 50_000_000
+"""Bytes of a file that is read."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Content:
+    """What a file says.
+
+    Parameters
+    ----------
+    values : dict
+        The values of the keys that are there, checked one by one.
+    mistakes : Mistakes
+        For what only shows when they are put together.
+    """
+
+    values: dict[str, Any]
+    mistakes: Mistakes
+
+
+def read(path: Path, keys: tuple[Key, ...]) -> Content:
+    """Read a file; a `FileError` tells all that is wrong with it."""
+    mistakes = Mistakes(path)
+    values = read_keys(keys, _parsed(path), "", mistakes)
+    mistakes.stop()
+    return Content(values, mistakes)
+
+
+def _parsed(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > LARGEST:
+            raise FileError(f"{path}: is larger than {LARGEST // 10**6} MB")
+        # a byte order mark is no content, and lines may end as they do elsewhere
+        return tomllib.loads(path.read_text("utf-8-sig"))
+    except FileNotFoundError:
+        raise FileError(f"{path}: there is no such file") from None
+    except tomllib.TOMLDecodeError as error:  # it tells line and column
+        raise FileError(f"{path}: is no TOML: {error}") from None
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: is no text in UTF-8 (byte {error.start})") from None
+    except (OSError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or "too deeply nested"
+        raise FileError(f"{path}: cannot be read: {reason}") from None

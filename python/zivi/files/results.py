@@ -1,0 +1,217 @@
+"""Single runs on disk: netCDF files that hold all that a run is."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import os
+import uuid
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from zivi._curve import Line, line_of
+from zivi.closed_loop import ClosedLoop
+from zivi.files.restore import run_of
+from zivi.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["ResultError", "load", "open_result", "require_library", "save"]
+
+ENGINE: Literal["h5netcdf"] = "h5netcdf"
+CURVE = {
+    "x": ("m", "distance from the wall, as a curve"),
+    "xdot": ("m/s", "velocity, as a curve"),
+    "s": ("m", "transformed position, as a curve"),
+    "v": ("m/s", "transformed velocity, as a curve"),
+}
+
+
+class ResultError(OSError):
+    """A file that is no result, or a damaged one; the text says which and why."""
+
+
+def require_library() -> None:
+    """Raise an ImportError that says what to install if results cannot be written or read."""
+    try:
+        importlib.import_module(ENGINE)
+    except ImportError as error:
+        raise ImportError(
+            f"results in netCDF need h5netcdf: pip install 'zivi[files]' ({error})", name=ENGINE
+        ) from error
+
+
+def save(
+    run: Trajectory | ClosedLoop, path: str | PathLike[str], *, overwrite: bool = False
+) -> None:
+    """Write a run to a netCDF file, which is there as a whole or not at all.
+
+    ``xarray.open_dataset(path)`` opens it, `load` gives the run back.
+
+    Parameters
+    ----------
+    run : Trajectory or ClosedLoop
+        The run.
+    path : path
+        The file; its folder is made if it is not there.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Raises
+    ------
+    FileExistsError
+        If the file is there.
+    ImportError
+        If h5netcdf is missing, the extra ``files``.
+
+    Examples
+    --------
+    >>> import os, tempfile, zivi.files
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> sol = zivi.simulate(ball, (0, 3), (1, 0))
+    >>> file = os.path.join(tempfile.mkdtemp(), "ball.nc")
+    >>> zivi.files.save(sol, file)
+    >>> zivi.files.load(file).rest_time == sol.rest_time
+    True
+    """
+    require_library()
+    path = Path(path)
+    _refuse(path, overwrite)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    dataset = dataset_of(run)
+    dataset.attrs["digest"] = digest(dataset)
+    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
+    try:
+        dataset.to_netcdf(draft, engine=ENGINE, format="NETCDF4")
+        _to_disk(draft)
+        _refuse(path, overwrite)
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _refuse(path: Path, overwrite: bool) -> None:
+    if path.exists() and not overwrite:
+        raise FileExistsError(f"{path} is there already")
+
+
+def _to_disk(file: Path) -> None:
+    """Wait until a file is on the disk and not only on its way."""
+    descriptor = os.open(file, os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop:
+    """Read a run back from a netCDF file.
+
+    Parameters
+    ----------
+    path : path
+        What `save`, ``zivi simulate`` or ``zivi control`` wrote.
+
+    Returns
+    -------
+    Trajectory or ClosedLoop
+        All samples, events and settings. A trajectory can be called, ``sol(t)``, if its method
+        has fixed steps and all of them were kept.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no file.
+    ResultError
+        If it is something else, or damaged.
+    """
+    return run_of(open_result(path))
+
+
+def open_result(path: str | PathLike[str]) -> xarray.Dataset:
+    """Read a file as `load` does, but into a dataset."""
+    require_library()
+    import xarray
+
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    try:
+        with xarray.open_dataset(path, engine=ENGINE) as opened:
+            dataset = opened.load()
+    except Exception as error:  # whatever the library of the format raises
+        reason = f"{type(error).__name__}: {error}"
+        raise ResultError(
+            f"{path}: is damaged, half-written or no netCDF ({reason:.200})"
+        ) from error
+    if (
+        not str(dataset.attrs.get("source", "")).startswith("zivi ")
+        or "digest" not in dataset.attrs
+    ):
+        raise ResultError(f"{path}: is no result of zivi simulate or zivi control")
+    if dataset.attrs["digest"] != digest(dataset):
+        raise ResultError(
+            f"{path}: was damaged or changed since zivi wrote it; xarray.open_dataset reads it "
+            "without this check"
+        )
+    return dataset
+
+
+def dataset_of(run: Trajectory | ClosedLoop) -> xarray.Dataset:
+    """Give all that a run is, with the curve that plots draw if it is finer than the samples."""
+    dataset = run.to_xarray()
+    if isinstance(run, Trajectory):
+        dataset["failed_step"] = "failed", run.failed_steps, {"long_name": "number of a step"}
+        _add_events(dataset, run)
+        line = line_of(run)
+        if len(line.t) != len(run.t):
+            _add_curve(dataset, line)
+        # whether the samples are all that is known of the motion, and can be put back
+        path = run._path
+        dataset.attrs["samples_are_steps"] = int(np.array_equal(getattr(path, "t", ()), run.t))
+    return dataset
+
+
+def _add_events(dataset: xarray.Dataset, run: Trajectory) -> None:
+    """Add the events of the user, one table for all functions."""
+    numbers = np.repeat(np.arange(len(run.t_events)), [len(times) for times in run.t_events])
+    times = np.concatenate([*run.t_events, np.empty(0)])
+    states = np.concatenate([*run.y_events, np.empty((0, 2))])
+    dataset["event_function"] = "event", numbers, {"long_name": "number of the event function"}
+    dataset["event_time"] = "event", times, {"units": "s", "long_name": "time of an event"}
+    for column, (name, unit) in enumerate((("x", "m"), ("xdot", "m/s"))):
+        dataset[f"event_{name}"] = "event", states[:, column], {"units": unit, "long_name": name}
+    dataset.attrs["n_event_functions"] = len(run.t_events)
+
+
+def _add_curve(dataset: xarray.Dataset, line: Line) -> None:
+    attrs = {"units": "s", "long_name": "time, of the curve"}
+    dataset.coords["curve_time"] = "curve_time", line.t, attrs
+    for name, (unit, meaning) in CURVE.items():
+        attrs = {"units": unit, "long_name": meaning}
+        dataset[f"curve_{name}"] = "curve_time", getattr(line, name), attrs
+    attrs = {"long_name": "index of the first point of the curve after an impact"}
+    dataset["curve_impact"] = "curve_impacts", np.asarray(line.impacts, np.int64), attrs
+
+
+def digest(dataset: xarray.Dataset) -> str:
+    """Tell the content of a dataset, to the last bit, in a few characters."""
+    found = hashlib.sha256(_told({k: v for k, v in dataset.attrs.items() if k != "digest"}))
+    for name in sorted(map(str, dataset.variables)):
+        variable = dataset.variables[name]
+        found.update(_told([name, list(variable.dims), list(variable.shape), variable.attrs]))
+        if variable.dtype.kind in "biuf":
+            found.update(variable.dtype.str.encode())
+            found.update(np.ascontiguousarray(variable.values).tobytes())
+        else:
+            found.update(_told([str(text) for text in variable.values.ravel()]))
+    return found.hexdigest()
+
+
+def _told(value: Any) -> bytes:
+    return json.dumps(value, sort_keys=True, default=lambda it: it.item()).encode()

@@ -1,0 +1,104 @@
+"""Single runs from files: ``zivi simulate`` and ``zivi control``."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zivi.closed_loop import ClosedLoop, simulate_closed_loop
+from zivi.files import build
+from zivi.files.keys import CONTROL, SIMULATE
+from zivi.files.mistakes import Mistakes
+from zivi.files.reading import read
+from zivi.simulate import simulate
+from zivi.trajectory import Trajectory
+
+__all__ = ["Prepared", "prepare_control", "prepare_simulate"]
+
+PAIRS = {"x0": "y0", "xdot0": "y0", "x_ref": "y_ref0", "xdot_ref": "y_ref0"}
+"""The arguments that the library names where a pair is wrong, and their keys."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """A run whose file was read and whose parts were built.
+
+    Parameters
+    ----------
+    call : callable
+        The run, called with whether to show progress.
+    keys : dict
+        The key of each argument that an error may name.
+    mistakes : Mistakes
+        Of the file.
+    """
+
+    call: Callable[[bool | None], Trajectory | ClosedLoop]
+    keys: dict[str, str]
+    mistakes: Mistakes
+
+    def run(self, progress: bool | None = None) -> Trajectory | ClosedLoop:
+        """Compute; a `FileError` tells what only shows when everything is put together."""
+        with self.mistakes.naming(self.keys):
+            return self.call(progress)
+
+
+def prepare_simulate(path: Path) -> Prepared:
+    """Read a file of ``zivi simulate``."""
+    content = read(path, SIMULATE)
+    values, mistakes = content.values, content.mistakes
+    plant = build.system(values["system"], mistakes)
+    arguments: dict[str, Any] = {"t_eval": _times(values.get("t_eval"), mistakes)}
+    if "method" in values:
+        arguments["method"] = build.method(values["method"], mistakes)
+    keys = {name: name for name in ("t_span", "y0", "t_eval")} | PAIRS
+    keys |= {"h": "method.h"} | build.restitution(values["system"])
+
+    def call(progress: bool | None) -> Trajectory:
+        return simulate(plant, values["t_span"], values["y0"], progress=progress, **arguments)
+
+    return Prepared(call, keys, mistakes)
+
+
+def _times(value: Any, mistakes: Mistakes) -> np.ndarray | None:
+    if not isinstance(value, dict):
+        return None if value is None else np.array(value)
+    if value["start"] > value["stop"]:
+        mistakes.add("t_eval.stop", f"must be >= start, got {value['stop']}")
+        mistakes.stop()
+    return build.spaced(value)
+
+
+OPTIONS = ("y_ref0", "noise", "seed", "quantization", "delay")
+"""Keys that are arguments as they are."""
+FORCES = ("force_ref", "force_model")
+
+
+def prepare_control(path: Path) -> Prepared:
+    """Read a file of ``zivi control``."""
+    content = read(path, CONTROL)
+    values, mistakes = content.values, content.mistakes
+    plant = build.system(values["system"], mistakes)
+    wall = build.restitution(values["system"])
+    law = build.controller(values["controller"], plant, wall, mistakes)
+    if "y_ref0" in values and not hasattr(law, "x_ref"):
+        name = values["controller"]["name"]
+        mistakes.add("y_ref0", f"is given, but a {name} follows no reference")
+        mistakes.stop()
+    options = {name: values[name] for name in OPTIONS if name in values}
+    options |= {name: build.force(values[name]) for name in FORCES if name in values}
+    if "method" in values:
+        options["method"] = build.method(values["method"], mistakes)
+    keys = {name: name for name in (*OPTIONS, *FORCES, "t_span", "y0")} | PAIRS | wall
+    keys |= {"h": "controller.h", "method": "method", "controller": "controller"}
+
+    def call(progress: bool | None) -> ClosedLoop:
+        return simulate_closed_loop(
+            plant, law, values["t_span"], values["y0"], progress=progress, **options
+        )
+
+    return Prepared(call, keys, mistakes)

@@ -1,0 +1,62 @@
+"""What ``zivi show`` does: a result, a table and a picture of it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zivi.files import picture, summary
+from zivi.files.mistakes import FileError
+from zivi.files.restore import drawn, run_of
+from zivi.files.results import open_result
+from zivi.study import open_study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+__all__ = ["has_display", "is_study", "open_window", "shown", "write_picture"]
+
+
+def is_study(path: Path) -> bool:
+    """Whether a result is the folder of a study."""
+    return path.is_dir()
+
+
+def shown(path: Path) -> tuple[Table, Figure]:
+    """Sum up and draw a result."""
+    if is_study(path):
+        try:
+            study = open_study(path, verify=True)
+        except ValueError as error:
+            raise FileError(str(error)) from error
+        return summary.of_study(study), picture.of_study(study)
+    dataset = open_result(path)
+    return summary.of_run(run_of(dataset)), picture.of_run(drawn(dataset))
+
+
+def has_display() -> bool:
+    """Whether a window can be opened here."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def write_picture(figure: Figure, path: Path) -> None:
+    """Write a picture, which is there as a whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.part")
+    try:
+        figure.savefig(draft, dpi=150, format=path.suffix.lstrip(".").lower() or "png")
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def open_window() -> None:
+    """Show the picture until its window is closed."""
+    import matplotlib.pyplot as plt
+
+    plt.show()

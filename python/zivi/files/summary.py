@@ -1,0 +1,130 @@
+"""Tables that sum up a run or a study on a terminal."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from zivi._check import Array
+from zivi.closed_loop import ClosedLoop
+from zivi.files.sweeps import parameters_of
+from zivi.study import EXPERIMENTS, Study
+from zivi.study.work import DONE, FAILED, MISSING
+from zivi.trajectory import Trajectory
+
+__all__ = ["experiments", "of_run", "of_study", "opening"]
+
+SHOWN = 3
+"""Failed points that are shown."""
+
+
+def opening(path: Path, study: bool) -> str:
+    """Say in one line how to open a result."""
+    return f'xarray.{"open_zarr" if study else "open_dataset"}("{path}")'
+
+
+def _table(title: str, rows: Iterable[tuple[str, str]]) -> Table:
+    table = Table(title=title, show_header=False, title_justify="left")
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in rows:
+        table.add_row(name, value)
+    return table
+
+
+def of_run(run: Trajectory | ClosedLoop) -> Table:
+    """Sum up one run."""
+    rows = [("status", f"{run.status.name.lower()}: {run.message}"), ("time", _span(run.t, "s"))]
+    rows += _wall_rows(run)
+    rows += _loop_rows(run) if isinstance(run, ClosedLoop) else _step_rows(run)
+    rows.append(("evaluations of the force", str(run.nfev)))
+    return _table("Closed loop" if isinstance(run, ClosedLoop) else "Trajectory", rows)
+
+
+def _wall_rows(run: Trajectory | ClosedLoop) -> list[tuple[str, str]]:
+    rest = "no" if run.rest_time is None else f"from {run.rest_time:.9g} s"
+    return [
+        ("impacts", f"{len(run.impacts)} resolved"),
+        ("Zeno points", _times(run.zeno_times)),
+        ("lift-offs", _times(run.liftoff_times)),
+        ("at rest at the end", rest),
+    ]
+
+
+def _step_rows(run: Trajectory) -> list[tuple[str, str]]:
+    steps = f"{run.n_steps}, {run.n_rejected} more rejected"
+    if len(run.failed_steps):
+        steps += f", {len(run.failed_steps)} not solved by the chosen solver"
+    last = f"x = {run.x[-1]:.6g} m, x' = {run.xdot[-1]:.6g} m/s" if len(run.t) else "none"
+    return [("last state", last), ("steps", steps)]
+
+
+def _loop_rows(run: ClosedLoop) -> list[tuple[str, str]]:
+    if not len(run.t):
+        return []
+    error = run.error[-1]
+    told = f"x = {run.x[-1]:.6g} m" if np.isnan(error) else f"x - x_ref = {error:.6g} m"
+    rows = [
+        ("last position" if np.isnan(error) else "final error", told),
+        ("control", _span(run.u, "m/s^2")),
+        ("samples", f"{len(run.t)}, {run.n_refused} refused"),
+    ]
+    if run.config["seed"] is not None:
+        rows.append(("seed of the noise", str(run.config["seed"])))
+    return rows
+
+
+def _span(values: Array, unit: str) -> str:
+    if not len(values):
+        return "nothing"
+    return f"{np.min(values):.6g} .. {np.max(values):.6g} {unit}"
+
+
+def _times(times: Array) -> str:
+    shown = ", ".join(f"{time:.9g}" for time in times[:SHOWN])
+    more = ", ..." if len(times) > SHOWN else ""
+    return f"{len(times)}" + (f", at {shown}{more} s" if shown else "")
+
+
+def of_study(study: Study) -> Table:
+    """Sum up a study."""
+    status = study.status
+    rows = [("points", f"{len(status)}: {', '.join(map(str, study.dataset.coords))}")]
+    for word, state in (("done", DONE), ("failed", FAILED), ("missing", MISSING)):
+        rows.append((word, str(np.count_nonzero(status == state))))
+    for name, variable in study.dataset.data_vars.items():
+        if variable.dtype.kind == "f":
+            found = variable.values[np.isfinite(variable.values)]
+            rows.append((str(name), _span(found, _unit(variable.attrs.get("units"))).strip()))
+    if np.any(status == FAILED):
+        failed = study.failed.head(SHOWN)
+        for number, point in failed.iterrows():
+            rows.append((f"point {number}", str(point["message"])))
+    return _table(str(study.dataset.attrs.get("title", "Study")), rows)
+
+
+def _unit(unit: object) -> str:
+    return "" if unit in (None, "1") else str(unit)
+
+
+def experiments() -> Table:
+    """List the experiments that a file of ``zivi sweep`` can name."""
+    table = Table("experiment", "parameters and their defaults", "results", show_lines=True)
+    for name, function in EXPERIMENTS.items():
+        units = getattr(function, "units", {})
+        known = parameters_of(name)
+        first = (inspect.getdoc(function) or "").partition("\n")[0].replace(":math:", "")
+        told = "\n".join(_parameter(it, units.get(it.name, "")) for it in known.values())
+        results = [f"{it} ({unit})" for it, unit in units.items() if it not in known]
+        table.add_row(f"{name}\n{first}", told, "\n".join(results))
+    return table
+
+
+def _parameter(parameter: inspect.Parameter, unit: str) -> str:
+    default = parameter.default
+    shown = "" if default is parameter.empty else f" = {default:.6g}"
+    return f"{parameter.name}{shown} {f'({unit})' if _unit(unit) else ''}".rstrip()

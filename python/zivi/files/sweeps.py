@@ -1,0 +1,193 @@
+"""Studies from files: ``zivi sweep``."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zivi.files.build import spaced
+from zivi.files.keys import SWEEP
+from zivi.files.mistakes import Mistakes, joined, suggestion
+from zivi.files.reading import read
+from zivi.study import EXPERIMENTS, Design, Study, grid, points, sample, sweep
+
+__all__ = ["MAX_POINTS", "PreparedSweep", "parameters_of", "prepare_sweep"]
+
+MAX_POINTS = 10_000_000
+"""Most points of a study from a file."""
+EXECUTORS = {"serial": None, "threads": "threads", "processes": "processes"}
+
+
+@dataclasses.dataclass(frozen=True)
+class PreparedSweep:
+    """A study whose file was read.
+
+    Parameters
+    ----------
+    experiment : str
+        What is computed.
+    design : Design
+        Where.
+    options : dict
+        Further arguments of `zivi.sweep`.
+    mistakes : Mistakes
+        Of the file.
+    """
+
+    experiment: str
+    design: Design
+    options: dict[str, Any]
+    mistakes: Mistakes
+
+    def run(self, out: Path, **options: Any) -> Study:
+        """Compute; a `FileError` tells what only shows when everything is put together."""
+        keys = {name: name for name in ("workers", "seed", "chunk", "fixed", "executor")}
+        with self.mistakes.naming(keys):
+            return sweep(self.experiment, self.design, out=out, **self.options, **options)
+
+
+def parameters_of(experiment: str) -> dict[str, inspect.Parameter]:
+    """Give the parameters of an experiment."""
+    return dict(inspect.signature(EXPERIMENTS[experiment]).parameters)
+
+
+def prepare_sweep(path: Path) -> PreparedSweep:
+    """Read a file of ``zivi sweep``."""
+    content = read(path, SWEEP)
+    values, mistakes = content.values, content.mistakes
+    known = parameters_of(values["experiment"])
+    fixed = values.get("fixed", {})
+    _check_names(values["parameters"], fixed, known, mistakes)
+    mistakes.stop()
+    kind = values.get("design", {"kind": "grid"})
+    make = _sampled if kind["kind"] == "sample" else _listed
+    design = make(values["parameters"], kind, known, mistakes)
+    options: dict[str, Any] = {
+        name: values[name] for name in ("workers", "seed", "chunk") if name in values
+    }
+    options |= {
+        "executor": EXECUTORS[values.get("executor", "serial")],
+        "fixed": {name: _kept(fixed[name], known[name], joined("fixed", name), mistakes)
+                  for name in fixed},
+    }  # fmt: skip
+    mistakes.stop()
+    if options["executor"] is None and "workers" in options:
+        mistakes.add("workers", 'goes with executor = "threads" or "processes"')
+        mistakes.stop()
+    return PreparedSweep(values["experiment"], design, options, mistakes)
+
+
+def _check_names(
+    given: dict[str, Any],
+    fixed: dict[str, Any],
+    known: dict[str, inspect.Parameter],
+    mistakes: Mistakes,
+) -> None:
+    for table, names in (("parameters", given), ("fixed", fixed)):
+        for name in names:
+            if name not in known:
+                text = f"is no parameter of the experiment{suggestion(name, known)}"
+                mistakes.add(joined(table, name), text)
+    for name in set(given) & set(fixed):
+        mistakes.add(joined("fixed", name), "is among the parameters, too")
+    if not given:
+        mistakes.add("parameters", f"must have one at least{suggestion('', known)}")
+    for name, parameter in known.items():
+        if parameter.default is parameter.empty and name not in {*given, *fixed}:
+            mistakes.add(f"parameters.{name}", "is missing: the experiment has no default for it")
+
+
+def _listed(
+    given: dict[str, Any],
+    kind: dict[str, Any],
+    known: dict[str, inspect.Parameter],
+    mistakes: Mistakes,
+) -> Design:
+    """Make a grid or a list of points."""
+    columns = {}
+    for name, value in given.items():
+        key = joined("parameters", name)
+        column = _range(value, key, mistakes) if isinstance(value, dict) else np.array(value)
+        columns[name] = _kept(column, known[name], key, mistakes)
+    mistakes.stop()
+    _check_size({name: len(column) for name, column in columns.items()}, kind["kind"], mistakes)
+    return grid(**columns) if kind["kind"] == "grid" else points(**columns)
+
+
+def _check_size(lengths: dict[str, int], kind: str, mistakes: Mistakes) -> None:
+    number = math.prod(lengths.values())
+    if kind == "grid" and number > MAX_POINTS:
+        mistakes.add("parameters", f"must give at most {MAX_POINTS} points, they give {number}")
+    if kind == "list" and len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        mistakes.add("parameters", f"must be of one length in a list of points, got {told}")
+    mistakes.stop()
+
+
+def _range(value: dict[str, Any], key: str, mistakes: Mistakes) -> np.ndarray:
+    if "num" not in value:
+        mistakes.add(f"{key}.num", "is missing: number of values")
+    if not _ends(value, key, mistakes) or "num" not in value:
+        return np.zeros(1)
+    return spaced(value, log=value.get("log", False))
+
+
+def _ends(value: dict[str, Any], key: str, mistakes: Mistakes) -> bool:
+    """Check the ends of a range, and say whether they are usable."""
+    missing = [end for end in ("start", "stop") if end not in value]
+    for end in missing:
+        mistakes.add(f"{key}.{end}", "is missing: a finite number")
+    wrong = [
+        end
+        for end in ("start", "stop")
+        if value.get("log") and end not in missing and not value[end] > 0.0
+    ]
+    for end in wrong:
+        mistakes.add(f"{key}.{end}", f"must be > 0 with log = true, got {value[end]}")
+    return not (missing or wrong)
+
+
+def _sampled(
+    given: dict[str, Any],
+    kind: dict[str, Any],
+    known: dict[str, inspect.Parameter],
+    mistakes: Mistakes,
+) -> Design:
+    """Draw points."""
+    for name, value in given.items():
+        key = joined("parameters", name)
+        if not isinstance(value, dict):
+            text = "must be a table with start and stop, the bounds of a sample"
+            mistakes.add(key, f"{text}, got a list")
+        else:
+            _check_bounds(value, key, mistakes)
+        if known[name].annotation in ("int", int):
+            mistakes.add(key, "takes whole numbers, and a sample draws others")
+    mistakes.stop()
+    bounds = {name: (value["start"], value["stop"]) for name, value in given.items()}
+    logs = [name for name, value in given.items() if value.get("log")]
+    settings: dict[str, Any] = {"sampler": "sobol", "seed": 0} | kind
+    with mistakes.naming({name: f"parameters.{name}" for name in given}, "design"):
+        return sample(settings["sampler"], settings["n"], bounds, log=logs, seed=settings["seed"])
+
+
+def _check_bounds(value: dict[str, Any], key: str, mistakes: Mistakes) -> None:
+    if "num" in value:
+        mistakes.add(f"{key}.num", "has no place in a sample: design.n is the number of points")
+    if _ends(value, key, mistakes) and not value["start"] < value["stop"]:
+        mistakes.add(f"{key}.stop", f"must be > start in a sample, got {value['stop']}")
+
+
+def _kept(values: Any, parameter: inspect.Parameter, key: str, mistakes: Mistakes) -> Any:
+    """Make whole numbers of those for a parameter that takes them."""
+    if parameter.annotation not in ("int", int):
+        return values
+    if not np.all(np.equal(np.mod(values, 1), 0)):
+        mistakes.add(key, f"must hold whole numbers, got {values}")
+        return values
+    return int(values) if np.ndim(values) == 0 else np.asarray(values).astype(np.int64)
