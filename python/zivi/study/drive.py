@@ -17,7 +17,7 @@ from zivi.study.block import Block
 from zivi.study.design import Design
 from zivi.study.pools import Pool
 from zivi.study.store import Store
-from zivi.study.work import FAILED, MISSING, SLICE, Job, Piece, alike, compute, message_of
+from zivi.study.work import FAILED, MISSING, SLICE, Job, Piece, alike, compute, lives, message_of
 
 __all__ = ["Driver"]
 
@@ -25,8 +25,8 @@ DEATHS = 2
 """Times that a point alone may take its worker with it before it counts as failed."""
 BREAKS = 20
 """Pools in a row that may break before anything is computed."""
-FIRST_BREAKS = 3
-"""The same before anything was computed at all: then nothing can be."""
+START = 60.0
+"""Seconds that a new worker may take to show that it lives."""
 
 
 @dataclasses.dataclass
@@ -85,8 +85,10 @@ class Driver:
         try:
             while self._hand_out():
                 done, _ = concurrent.futures.wait(
-                    self._running, return_when=concurrent.futures.FIRST_COMPLETED
+                    self._running, SLICE, return_when=concurrent.futures.FIRST_COMPLETED
                 )
+                if not done and self._pool.broken:
+                    self._broken([], alone=len(self._running) == 1)
                 self._collect(done)
                 if bar.report is not None:
                     bar.report(before + self.computed, total)
@@ -159,25 +161,35 @@ class Driver:
             )
         # all that was in flight is lost or done by now
         left, self._running = self._running, {}
+        concurrent.futures.wait(left, SLICE)
         for future, task in left.items():
             try:
-                piece = future.result(timeout=SLICE)
+                piece = future.result(timeout=0)
             except (Exception, concurrent.futures.CancelledError):
                 dead.append(task)
             else:
                 self._take(task, piece)
         self._breaks += 1
-        if self._breaks > (BREAKS if self.computed else FIRST_BREAKS):
+        if self._breaks > BREAKS:
             raise RuntimeError(
-                f"workers died {self._breaks} times in a row before a point was computed: can they "
-                "import the function, is the script guarded by if __name__ == '__main__', is "
-                "there enough memory?"
+                f"workers died {self._breaks} times in a row before a point was computed"
             )
         self._pool.renew()
+        self._see_it_live()
         if alone and len(dead) == 1:
             self._died(dead[0])
         else:
             self._suspects.extend(dead)
+
+    def _see_it_live(self) -> None:
+        """Raise if a new worker cannot even be told what to do."""
+        try:
+            self._pool.executor.submit(lives, self._job).result(START)
+        except (concurrent.futures.BrokenExecutor, TimeoutError) as error:
+            raise RuntimeError(
+                "the workers die before they compute anything: can they import the function, is "
+                "the script guarded by if __name__ == '__main__', is there enough memory?"
+            ) from error
 
     def _died(self, task: Task) -> None:
         """Narrow a task down that took its worker with it, alone."""
@@ -208,7 +220,7 @@ class Driver:
         self._missing[task.chunk] -= found
         if not self._missing[task.chunk]:
             del self._blocks[task.chunk], self._missing[task.chunk]
-        if found:
+        if found and not task.deaths:
             self._breaks = 0
         if piece.failed:
             self.n_failed += len(piece.failed)

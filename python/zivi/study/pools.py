@@ -68,22 +68,33 @@ class Pool:
         """Whether what is submitted must be pickled by us."""
         return isinstance(self.executor, concurrent.futures.ProcessPoolExecutor)
 
+    @property
+    def broken(self) -> bool:
+        """Whether a process died; before Python 3.12, futures may then wait for ever."""
+        return bool(getattr(self.executor, "_broken", False))
+
     def renew(self) -> None:
         """Replace a broken executor."""
         assert self._make is not None
-        self.executor.shutdown(wait=False, cancel_futures=True)
+        self._end()
         self.executor = self._make()
 
     def close(self, *, at_once: bool) -> None:
         """End an executor of ours, with what it still computes if that must be."""
         if self._make is None:
             return
-        workers = list((getattr(self.executor, "_processes", None) or {}).values())
-        self.executor.shutdown(wait=not at_once, cancel_futures=True)
         if at_once:
-            for process in workers:
-                with contextlib.suppress(OSError, ValueError):
-                    process.terminate()
+            self._end()
+        else:
+            self.executor.shutdown(wait=True)
+
+    def _end(self) -> None:
+        """End an executor with its processes, also with one that it started as it broke."""
+        workers = list((getattr(self.executor, "_processes", None) or {}).values())
+        self.executor.shutdown(wait=False, cancel_futures=True)
+        for process in workers:
+            with contextlib.suppress(OSError, ValueError, AttributeError):
+                process.terminate()
 
 
 def pool_of(executor: Any, workers: int | None) -> Pool:

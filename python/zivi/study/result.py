@@ -80,7 +80,8 @@ class Study:
             places = np.unravel_index(numbers, dataset["status"].shape)
             pairs = zip(dataset["status"].dims, places, strict=True)
             columns = {str(name): dataset[name].values[place] for name, place in pairs}
-        columns["message"] = dataset["message"].values.ravel()[numbers]
+        # as plain strings, whatever kind the store has
+        columns["message"] = [str(it) for it in dataset["message"].values.ravel()[numbers]]
         return pandas.DataFrame(columns, index=pandas.Index(numbers, name="point"))
 
     def __getitem__(self, name: Any) -> Any:

@@ -193,6 +193,11 @@ def compute(job: Job, points: NDArray[np.int64], columns: dict[str, list[Any]]) 
     return found.piece(points[:0], interrupted=False)
 
 
+def lives(job: Job) -> bool:
+    """Tell that a worker has understood what to do."""
+    return callable(job.function)
+
+
 def message_of(error: BaseException) -> str:
     """Tell an exception in one text."""
     return f"{type(error).__name__}: {error}"[:LONGEST]
