@@ -43,10 +43,16 @@ struct Lanes {
     kick: [Lane; 2],
     /// `theta h^2 f`.
     drop: Lane,
-    gamma: Lane,
-    /// Below these `s` and, outward, `v` are too near to a switch.
+    /// The same for all.
+    gamma: f64,
+    /// Below these `s` and, outward, `v` are too near to a switch; `least_s` is infinite where no
+    /// step is everyday.
     least_s: Lane,
     least_v: Lane,
+    /// What `least_s` is where it is finite.
+    near: Lane,
+    /// Steps of the run.
+    n_steps: f64,
     /// Whether the mass moves, as `1` or `0`: not if it rests or takes no part any more.
     busy: Lane,
     /// `1 - kappa` and `1 + kappa`.
@@ -75,7 +81,8 @@ pub(super) fn run(
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
     let mut courses = Vec::with_capacity(masses.len());
-    let mut lanes = Lanes::default();
+    let gamma = masses.first().map_or(1.0, |falling| falling.step.gamma());
+    let mut lanes = Lanes::new(gamma, grid.n_steps());
     for (i, &falling) in masses.iter().enumerate() {
         let z = lift(falling.initial, falling.step.wall())?;
         let course = Course::start(falling, z, grid, save);
@@ -94,11 +101,12 @@ pub(super) fn run(
         if k + 1 == n {
             lanes.prepare(&courses, grid.last_h());
         }
-        let steps = Steps { lanes: &mut lanes, courses: &mut courses, grid, range: (k, until) };
-        if save == Save::Statistics {
-            arch.dispatch(WithExtremes(steps));
-        } else {
-            arch.dispatch(steps);
+        let pass = Pass { lanes: &mut lanes, courses: &mut courses, grid, range: (k, until) };
+        match (save == Save::Statistics, gamma == 1.0) {
+            (false, true) => arch.dispatch(Steps::<false, true>(pass)),
+            (false, false) => arch.dispatch(Steps::<false, false>(pass)),
+            (true, true) => arch.dispatch(Steps::<true, true>(pass)),
+            (true, false) => arch.dispatch(Steps::<true, false>(pass)),
         }
         k = until;
         if every > 0 && k % every == 0 {
@@ -114,8 +122,8 @@ pub(super) fn run(
 /// Steps between two looks at whether to stop.
 const PIECE: usize = 1 << 14;
 
-/// The steps of a range, compiled for what the machine can do.
-struct Steps<'a> {
+/// The steps of a range.
+struct Pass<'a> {
     lanes: &'a mut Lanes,
     courses: &'a mut [Course],
     grid: Grid,
@@ -134,52 +142,45 @@ impl WithSimd for Start<'_> {
     }
 }
 
-/// The same, with the extremes noted.
-struct WithExtremes<'a>(Steps<'a>);
+/// A pass, compiled for what the machine can do; whether the extremes are noted and whether
+/// `gamma` is 1.
+struct Steps<'a, const EXTREMES: bool, const PLAIN: bool>(Pass<'a>);
 
-impl WithSimd for Steps<'_> {
+impl<const EXTREMES: bool, const PLAIN: bool> WithSimd for Steps<'_, EXTREMES, PLAIN> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        advance::<S, false>(simd, self);
-    }
-}
-
-impl WithSimd for WithExtremes<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        advance::<S, true>(simd, self.0);
-    }
-}
-
-#[inline(always)]
-fn advance<S: Simd, const EXTREMES: bool>(simd: S, steps: Steps<'_>) {
-    let Steps { lanes, courses, grid, range: (k, until) } = steps;
-    let mut hard = [0.0; WIDTH];
-    for k in k..until {
-        if lanes.everyday(simd, &mut hard) {
-            let h = if k + 1 == grid.n_steps() { grid.last_h() } else { grid.h() };
-            let times = (grid.t(k), grid.t(k + 1));
-            for (i, course) in courses.iter_mut().enumerate() {
-                if hard[i] != 0.0 {
-                    let z = lanes.at(i, course.side);
-                    let end = course.step(z, h, times);
-                    lanes.place(i, end.unwrap_or(z), course);
+        let Pass { lanes, courses, grid, range: (k, until) } = self.0;
+        let mut hard = [0.0; WIDTH];
+        let mut moving = lanes.any_busy();
+        for k in k..until {
+            if !moving {
+                break;
+            }
+            if lanes.everyday::<S, PLAIN>(simd, &mut hard) {
+                let h = if k + 1 == grid.n_steps() { grid.last_h() } else { grid.h() };
+                let times = (grid.t(k), grid.t(k + 1));
+                for (i, course) in courses.iter_mut().enumerate() {
+                    if hard[i] != 0.0 {
+                        let z = lanes.at(i, course.side);
+                        let end = course.step(z, h, times);
+                        lanes.place(i, end.unwrap_or(z), course);
+                        lanes.guard(i);
+                        moving = lanes.busy[i] != 0.0 || lanes.any_busy();
+                    }
                 }
             }
-        }
-        if EXTREMES {
-            lanes.note_extremes(simd);
+            if EXTREMES {
+                lanes.note_extremes(simd);
+            }
         }
     }
 }
 
-impl Default for Lanes {
+impl Lanes {
     /// Masses that do not exist.
-    fn default() -> Self {
+    fn new(gamma: f64, n_steps: usize) -> Self {
         let zero = [0.0; WIDTH];
         Self {
             s: zero,
@@ -187,18 +188,22 @@ impl Default for Lanes {
             reach: [zero; 2],
             kick: [zero; 2],
             drop: zero,
-            gamma: zero,
+            gamma,
             least_s: zero,
             least_v: zero,
+            near: zero,
+            n_steps: n_steps as f64,
             busy: zero,
             r: [zero; 2],
             x_max: zero,
             speed_max: zero,
         }
     }
-}
 
-impl Lanes {
+    fn any_busy(&self) -> bool {
+        self.busy.iter().any(|&busy| busy != 0.0)
+    }
+
     /// The state of a mass that is on this side of the wall.
     fn at(&self, i: usize, side: f64) -> Lifted {
         // adding 0.0 turns the -0.0 of a mirrored zero into 0.0
@@ -224,15 +229,23 @@ impl Lanes {
                 self.kick[way][i] = push * (1.0 / r);
             }
             self.drop[i] = step.theta() * h * push;
-            self.gamma[i] = step.gamma();
-            // |travel| <= s + s_gamma/gamma + |drop| bounds the terms that a sign is tested against
-            self.least_s[i] = MARGIN * self.drop[i].abs();
-            self.least_v[i] = MARGIN * self.kick[0][i].abs();
+            // |travel| <= s + s_gamma/gamma + |drop| bounds the terms that a sign is tested against;
             // pulled off the wall there may be several solutions: nothing is everyday then
-            if *force > 0.0 || !force.is_finite() {
-                self.least_s[i] = f64::INFINITY;
-            }
+            let pressed = *force <= 0.0 && force.is_finite();
+            self.near[i] = if pressed { MARGIN * self.drop[i].abs() } else { f64::INFINITY };
+            self.least_v[i] = MARGIN * self.kick[0][i].abs();
+            self.guard(i);
         }
+    }
+
+    /// Allows everyday steps, or not: what is at the wall, or could overflow in the steps of the
+    /// run, is looked at one by one.
+    fn guard(&mut self, i: usize) {
+        let fastest = self.v[i].abs() + self.n_steps * self.kick[0][i].abs();
+        let in_one_step = self.reach[1][i] * fastest + self.drop[i].abs();
+        let bounded = fastest < HUGE && self.s[i] + self.n_steps * in_one_step < HUGE;
+        let off = self.s[i] != 0.0 && self.busy[i] != 0.0;
+        self.least_s[i] = if off && bounded { self.near[i] } else { f64::INFINITY };
     }
 
     /// Takes the everyday steps; a mass whose step is `hard` (not 0) stays. Gives whether one is.
@@ -240,44 +253,42 @@ impl Lanes {
     /// A step counts as everyday with a wider margin than that of [`ThetaGammaStep::everyday`],
     /// which decides about the others again.
     #[inline(always)]
-    fn everyday<S: Simd>(&mut self, simd: S, hard: &mut Lane) -> bool {
-        let (margin, huge) = (simd.splat_f64s(MARGIN), simd.splat_f64s(HUGE));
+    fn everyday<S: Simd, const PLAIN: bool>(&mut self, simd: S, hard: &mut Lane) -> bool {
+        let (margin, gamma) = (simd.splat_f64s(MARGIN), simd.splat_f64s(self.gamma));
         let zero = simd.splat_f64s(0.0);
         let mut any = zero;
         let (s, v) = (vectors_mut(simd, &mut self.s), vectors_mut(simd, &mut self.v));
         let [reach_out, reach_in] = self.reach.each_ref().map(|lane| vectors(simd, lane));
         let [kick_out, kick_in] = self.kick.each_ref().map(|lane| vectors(simd, lane));
-        let (drop, gamma) = (vectors(simd, &self.drop), vectors(simd, &self.gamma));
+        let drop = vectors(simd, &self.drop);
         let (least_s, least_v) = (vectors(simd, &self.least_s), vectors(simd, &self.least_v));
         let (busy, hard) = (vectors(simd, &self.busy), vectors_mut(simd, hard));
         for i in 0..s.len() {
             let (from_s, from_v) = (s[i], v[i]);
-            let away = simd.greater_than_f64s(from_v, zero);
-            let reach = simd.select_f64s(away, reach_out[i], reach_in[i]);
-            let kick = simd.select_f64s(away, kick_out[i], kick_in[i]);
+            let inward = simd.less_than_f64s(from_v, zero);
+            let reach = simd.select_f64s(inward, reach_in[i], reach_out[i]);
+            let kick = simd.select_f64s(inward, kick_in[i], kick_out[i]);
             let change = simd.add_f64s(simd.mul_f64s(reach, from_v), drop[i]);
             let (end_s, end_v) = (simd.add_f64s(from_s, change), simd.add_f64s(from_v, kick));
-            let s_gamma = simd.add_f64s(from_s, simd.mul_f64s(gamma[i], change));
-            let v_gamma = simd.add_f64s(from_v, simd.mul_f64s(gamma[i], kick));
-            let floor = simd.add_f64s(simd.mul_f64s(margin, from_s), least_s[i]);
-            let inward = simd.less_than_f64s(from_v, zero);
+            // only for a comparison with room to spare: it may be fused
+            let floor = simd.mul_add_e_f64s(margin, from_s, least_s[i]);
+            let keeps_s = simd.greater_than_f64s(end_s, floor);
+            // v = 0 fails: its kick is not positive
+            let (keeps_s, v_gamma) = if PLAIN {
+                (keeps_s, end_v)
+            } else {
+                let s_gamma = simd.add_f64s(from_s, simd.mul_f64s(gamma, change));
+                let v_gamma = simd.add_f64s(from_v, simd.mul_f64s(gamma, kick));
+                (simd.and_m64s(keeps_s, simd.greater_than_f64s(s_gamma, floor)), v_gamma)
+            };
             let keeps_v = simd.or_m64s(inward, simd.greater_than_f64s(v_gamma, least_v[i]));
-            let keeps_s = simd.and_m64s(
-                simd.greater_than_f64s(s_gamma, floor),
-                simd.greater_than_f64s(end_s, floor),
-            );
-            let small = simd.and_m64s(
-                simd.less_than_f64s(end_s, huge),
-                simd.less_than_f64s(simd.abs_f64s(end_v), huge),
-            );
-            let off = simd.and_m64s(simd.greater_than_f64s(from_s, zero), small);
-            let flies = simd.and_m64s(simd.and_m64s(keeps_s, keeps_v), off);
+            let flies = simd.and_m64s(keeps_s, keeps_v);
             s[i] = simd.select_f64s(flies, end_s, from_s);
             v[i] = simd.select_f64s(flies, end_v, from_v);
             hard[i] = simd.select_f64s(flies, zero, busy[i]);
-            any = simd.add_f64s(any, hard[i]);
+            any = simd.or_f64s(any, hard[i]);
         }
-        simd.reduce_sum_f64s(any) != 0.0
+        simd.first_true_m64s(simd.greater_than_f64s(any, zero)) < S::F64_LANES
     }
 
     #[inline(always)]
