@@ -1,6 +1,7 @@
 """Events of the user: zeros of g(t, x, x') along a run, by every kind of method."""
 
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -101,6 +102,20 @@ def test_thresholds(height):
     falling = times_of(event(lambda t, x, xdot: x - height, direction=-1))[0]
     assert sorted(rising + falling) == sol.t_events[0].tolist()
     assert rising == sol.t_events[0].tolist()[1::2]
+
+
+@BOTH
+def test_direction_by_every_method(method):
+    """Of the threshold at 0.2 m: down, up and down again; of the velocity, at impacts up."""
+    height = [event(lambda t, x, xdot: x - 0.2, direction=d) for d in (-1, 0, 1)]
+    down, both, up = times_of(height, method=method)
+    assert (len(down), len(both), len(up)) == (2, 3, 1)
+    assert sorted(down + up) == both
+    assert down[0] < up[0] < down[1]
+    falling, rising = times_of([velocity(direction=d) for d in (-1, 1)], method=method)
+    np.testing.assert_allclose(rising[:3], impacts_of_ball(3), rtol=0, atol=1e-2)
+    apexes = [0.5 * (a + b) for a, b in itertools.pairwise(impacts_of_ball(3))]
+    np.testing.assert_allclose(falling[:2], apexes, rtol=0, atol=1e-2)
 
 
 @pytest.mark.parametrize("order", [8, 5])
