@@ -379,7 +379,8 @@ def write_events(file: Path, points: NDArray[np.int64], events: NDArray[np.void]
     pyarrow, parquet = needed("pyarrow", "events"), needed("pyarrow.parquet", "events")
     columns = {name: np.ascontiguousarray(events[name]) for name in events.dtype.names or ()}
     draft = file.with_suffix(".partial")
-    parquet.write_table(pyarrow.table({"point": points, **columns}), draft)
+    table = pyarrow.table({"point": points, **columns})
+    parquet.write_table(table, draft, write_page_checksum=True)
     os.replace(draft, file)
 
 
@@ -388,7 +389,9 @@ def read_events(file: Path) -> NDArray[np.void]:
     pyarrow, parquet = (needed(it, "events in a folder") for it in ("pyarrow", "pyarrow.parquet"))
     try:
         # by memory, since a file that is not closed after an error is a warning
-        table = parquet.read_table(pyarrow.BufferReader(file.read_bytes()))
+        table = parquet.read_table(
+            pyarrow.BufferReader(file.read_bytes()), page_checksum_verification=True
+        )
     except Exception as error:
         raise DamagedError(f"{file} is damaged: {type(error).__name__}: {error}") from error
     columns = {name: table[name].to_numpy() for name in table.column_names}
