@@ -49,8 +49,31 @@ EXTREMES = {
 """The same for what only ``save="statistics"`` has."""
 
 
+class Runs:
+    """What all batches have."""
+
+    if TYPE_CHECKING:
+        status: NDArray[np.uint8]
+        rest_time: Array
+
+    _called = "runs"
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Which runs reached the end of the span."""
+        return np.equal(self.status, Status.COMPLETED)
+
+    def __repr__(self) -> str:
+        done, rests = int(np.sum(self.success)), int(np.sum(~np.isnan(self.rest_time)))
+        counted = f"{len(self)} {self._called}: {done} completed, {rests} at rest"
+        return f"<{type(self).__name__} of {counted}>"
+
+
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Batch:
+class Batch(Runs):
     """Results of a batch: an entry for each run.
 
     Attributes
@@ -101,18 +124,6 @@ class Batch:
     sample_x: Array | None
     sample_xdot: Array | None
     config: dict[str, Any]
-
-    def __len__(self) -> int:
-        return len(self.x)
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """Which runs reached the end of the span."""
-        return np.equal(self.status, Status.COMPLETED)
-
-    def __repr__(self) -> str:
-        done, rests = int(np.sum(self.success)), int(np.sum(~np.isnan(self.rest_time)))
-        return f"<Batch of {len(self)} runs: {done} completed, {rests} at rest>"
 
     def to_xarray(self) -> xarray.Dataset:
         """Convert to a labelled dataset over ``run`` (and ``time`` for samples).

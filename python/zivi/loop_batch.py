@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
 from zivi._progress import ProgressBar
-from zivi.batch import MAX_DESCRIBED, check_native, check_threads
+from zivi.batch import MAX_DESCRIBED, Runs, check_native, check_threads
 from zivi.closed_loop import (
     BETWEEN_SAMPLES,
     OURS,
@@ -25,7 +25,6 @@ from zivi.closed_loop import (
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.simulate import pair
-from zivi.status import Status
 from zivi.system import Force, ImpactSystem, force_spec, in_wall_frame
 from zivi.trajectory import describe
 
@@ -57,7 +56,7 @@ NUMBERS = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class ClosedLoopBatch:
+class ClosedLoopBatch(Runs):
     """Results of a batch of closed loops: an entry for each.
 
     Attributes
@@ -105,17 +104,7 @@ class ClosedLoopBatch:
     sample_u: Array | None
     config: dict[str, Any]
 
-    def __len__(self) -> int:
-        return len(self.x)
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """Which runs reached the end of the span."""
-        return np.equal(self.status, Status.COMPLETED)
-
-    def __repr__(self) -> str:
-        done, rests = int(np.sum(self.success)), int(np.sum(~np.isnan(self.rest_time)))
-        return f"<ClosedLoopBatch of {len(self)} loops: {done} completed, {rests} at rest>"
+    _called = "loops"
 
     def to_xarray(self) -> xarray.Dataset:
         """Convert to a labelled dataset over ``run`` (and ``sample``).
