@@ -13,10 +13,14 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The pipeline: a [`Force`] and a wall are advanced by a method ([`theta_gamma`], [`explicit`])
-//! that [`fixed_step`] drives over a [`Grid`], filling a [`Trajectory`] with its [`Events`]. A new
-//! fixed-step method is one new file that implements [`fixed_step::FixedStep`]. [`switched_rk`]
-//! chooses its steps, and [`moreau_jean`] works in `(x, x')`: they drive themselves.
+//! The pipeline: a [`Force`] (perhaps above a [`moving_wall`]) and a wall are advanced by a method,
+//! giving a [`Trajectory`] with its [`Events`].
+//!
+//! * Fixed steps: [`theta_gamma`] and [`explicit`] implement [`fixed_step::FixedStep`], which
+//!   [`fixed_step`] drives over a [`Grid`]; [`moreau_jean`] has a walk of its own.
+//! * Error control: [`switched_rk`], high order through impacts and Zeno points.
+//! * [`closed_loop`]: a sampled controller of `zivi_core::control` and a plant between its samples.
+//! * [`batch`]: many runs on all cores.
 
 #![forbid(unsafe_code)]
 
