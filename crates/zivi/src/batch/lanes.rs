@@ -19,7 +19,7 @@ use super::outcome::{Outcome, Saved};
 use super::Save;
 
 /// Masses that are moved side by side.
-pub(super) const WIDTH: usize = 32;
+pub(super) const WIDTH: usize = 64;
 
 type Lane = [f64; WIDTH];
 
