@@ -1,0 +1,74 @@
+"""What the runs come to, in numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from zivi.closed_loop import ClosedLoop
+from zivi.lab.runs import Runs
+from zivi.trajectory import Trajectory
+
+__all__ = ["NAMES", "facts", "warnings"]
+
+NAMES = {
+    "implicit": "implicit signs",
+    "explicit": "explicit signs",
+    "high_order": "SwitchedRK",
+}
+"""How the page calls the runs."""
+
+
+def facts(runs: Runs, window: tuple[float, float] | None = None) -> list[dict[str, str]]:
+    """Give a row for each run: rest and impacts, and what a closed loop does while it is shown.
+
+    Parameters
+    ----------
+    runs : dict
+        What `zivi.lab.runs.compute` gave.
+    window : (float, float), optional
+        Times that are shown (s); all by default.
+
+    Returns
+    -------
+    list of dict
+        From a column's title to its text.
+    """
+    return [
+        {"": NAMES[name]} | _wall(name, run) | _control(run, window) for name, run in runs.items()
+    ]
+
+
+def _wall(name: str, run: Trajectory | ClosedLoop) -> dict[str, str]:
+    rest = "no" if run.rest_time is None else f"from {run.rest_time:.6g} s"
+    infinite = name == "high_order" and len(run.zeno_times) > 0
+    impacts = "infinitely many" if infinite else str(len(run.impacts))
+    return {"at rest at the end": rest, "impacts": impacts}
+
+
+def _control(run: Trajectory | ClosedLoop, window: tuple[float, float] | None) -> dict[str, str]:
+    if not isinstance(run, ClosedLoop):
+        return {}
+    start, end = window or (run.t[0], run.t[-1])
+    part = (run.t >= start) & (run.t <= end)
+    u = run.u[part]
+    if len(u) < 2:
+        return {}
+    variation = float(np.abs(np.diff(u)).sum()) / (end - start)
+    row = {"u (m/s²)": f"{u.min():.4g} .. {u.max():.4g}", "Σ|Δu| a second": f"{variation:.3g}"}
+    if not np.all(np.isnan(run.x_ref)):
+        row["largest |x - x_r| (m)"] = f"{float(np.abs(run.error[part]).max()):.2g}"
+    return row
+
+
+def warnings(runs: Runs) -> list[str]:
+    """Say what did not go as asked: runs that ended early, samples that were refused."""
+    said = [f"{NAMES[name]}: {run.message}" for name, run in runs.items() if not run.success]
+    refused: dict[str, Any] = {name: getattr(run, "n_refused", 0) for name, run in runs.items()}
+    said += [
+        f"{NAMES[name]}: {count} samples lay too deep behind the wall and were refused"
+        for name, count in refused.items()
+        if count
+    ]
+    return said

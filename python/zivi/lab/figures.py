@@ -1,0 +1,275 @@
+"""From runs to a plotly figure, with the colours and labels of `zivi.plot`."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zivi._check import Array
+from zivi._curve import Line, line_of
+from zivi.closed_loop import ClosedLoop
+from zivi.lab.facts import NAMES
+from zivi.lab.runs import Runs
+from zivi.lab.thin import thinned
+from zivi.plot import BLUE, GREEN, ORANGE, PURPLE
+from zivi.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+__all__ = ["Curve", "Look", "curves", "figure"]
+
+GREY = "#666666"
+COLORS = {"implicit": BLUE, "explicit": ORANGE, "high_order": GREY}
+BELOW = ("explicit", "implicit", "high_order")
+"""In which order runs are drawn: explicit signs, which may fill a band, lie below."""
+PANELS = {
+    "position": ("time t (s)", "position x (m)"),
+    "velocity": ("time t (s)", "velocity dx/dt (m/s)"),
+    "phase": ("position x (m)", "velocity dx/dt (m/s)"),
+    "lifted": ("time t (s)", "transformed s (m), v (m/s)"),
+    "control": ("time t (s)", "control u (m/s²)"),
+    "error": ("time t (s)", "error x - x<sub>r</sub> (m)"),
+    "signs": ("time t (s)", "multipliers, implicit (1)"),
+}
+"""Panels and the labels of their axes."""
+SIGNS = {
+    "λ<sub>s</sub>": (BLUE, "solid"),
+    "λ<sub>v</sub>": (ORANGE, "dash"),
+    "λ<sub>sr</sub>": (GREEN, "solid"),
+    "λ<sub>vr</sub>": (PURPLE, "dash"),
+    "λ<sub>es</sub>": ("black", "solid"),
+    "λ<sub>ev</sub>": ("gray", "dash"),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Look:
+    """Name in the legend, colour and style of a line.
+
+    Parameters
+    ----------
+    name, color, dash : str
+        As plotly takes them.
+    """
+
+    name: str
+    color: str
+    dash: str = "solid"
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """One line of one panel.
+
+    Parameters
+    ----------
+    panel : str
+        Key of the panel.
+    look : Look
+        Name, colour and style.
+    x, y : ndarray
+        The points, at most 2000.
+    held : bool
+        Whether a value holds until the next one.
+    """
+
+    panel: str
+    look: Look
+    x: Array
+    y: Array
+    held: bool = False
+
+
+def figure(runs: Runs, window: tuple[float, float] | None = None) -> go.Figure:
+    """Draw runs: time series, phase plane, signs, of a closed loop the control.
+
+    Parameters
+    ----------
+    runs : dict
+        What `zivi.lab.runs.compute` gave.
+    window : (float, float), optional
+        Times to show (s); all by default. A line has at most 2000 points, those with the extremes:
+        where a window holds fewer samples, all are shown.
+
+    Returns
+    -------
+    plotly.graph_objects.Figure
+    """
+    import plotly.graph_objects as go
+
+    panels = _panels(runs)
+    drawn: set[str] = set()
+    traces: list[dict[str, Any]] = []
+    for curve in curves(runs, window):
+        traces.append(_trace(curve, panels.index(curve.panel) + 1, curve.look.name not in drawn))
+        drawn.add(curve.look.name)
+    return go.Figure({"data": traces, "layout": _layout(panels)})
+
+
+def curves(runs: Runs, window: tuple[float, float] | None = None) -> list[Curve]:
+    """Give all lines that are drawn, thinned; parameters as of `figure`."""
+    made: list[Curve] = []
+    for name in BELOW:
+        if name in runs:
+            made += _motion(name, runs[name], window)
+    implicit = runs["implicit"]
+    if isinstance(implicit, ClosedLoop):
+        made += _reference(implicit, window)
+        signs = implicit.signs
+    else:
+        signs = np.column_stack([implicit.lambda_s, implicit.lambda_v])
+    return made + _signs(implicit.t, signs, window)
+
+
+def _motion(
+    name: str, run: Trajectory | ClosedLoop, window: tuple[float, float] | None
+) -> list[Curve]:
+    look = Look(NAMES[name], COLORS[name], "dot" if name == "high_order" else "solid")
+    line = _cut(line_of(run), window)
+    made = [
+        _curve("position", look, line.t, line.x),
+        _curve("velocity", look, line.t, line.xdot, line.impacts),
+        _curve("phase", look, line.x, line.xdot, line.impacts),
+    ]
+    if not isinstance(run, ClosedLoop):
+        lifted = (line.s, line.v)
+        return made + [_curve("lifted", look, line.t, values) for values in lifted]
+    t, u, error = _within(run.t, window, run.u, run.error)
+    made.append(_curve("control", look, t, u, held=True))
+    return [*made, _curve("error", look, t, error)] if _has_reference(run) else made
+
+
+def _reference(run: ClosedLoop, window: tuple[float, float] | None) -> list[Curve]:
+    if not _has_reference(run):
+        return []
+    t, x, xdot = _within(run.t, window, run.x_ref, run.xdot_ref)
+    pairs = {"position": (t, x), "velocity": (t, xdot), "phase": (x, xdot)}
+    look = Look("reference", GREEN, "dash")
+    return [_curve(panel, look, *pair) for panel, pair in pairs.items()]
+
+
+def _signs(t: Array, signs: Array, window: tuple[float, float] | None) -> list[Curve]:
+    times, shown = _within(t, window, signs)
+    return [
+        _curve("signs", Look(name, *style), times, values, held=True)
+        for values, (name, style) in zip(shown.T, SIGNS.items(), strict=False)
+        if not np.all(np.isnan(values))
+    ]
+
+
+def _curve(
+    panel: str,
+    look: Look,
+    x: Array,
+    y: Array,
+    breaks: np.ndarray | None = None,
+    *,
+    held: bool = False,
+) -> Curve:
+    few_x, few_y = thinned((x, y), breaks)
+    return Curve(panel, look, few_x, few_y, held)
+
+
+def _within(t: Array, window: tuple[float, float] | None, *columns: Array) -> tuple[Array, ...]:
+    shown = slice(None) if window is None else (t >= window[0]) & (t <= window[1])
+    return t[shown], *(column[shown] for column in columns)
+
+
+def _cut(line: Line, window: tuple[float, float] | None) -> Line:
+    t, x, xdot = _within(line.t, window, line.x, line.xdot)
+    s, v = _within(line.t, window, line.s, line.v)[1:] if line.s.size else (line.s, line.v)
+    first = 0 if window is None else int(np.searchsorted(line.t, window[0]))
+    after = line.impacts - first
+    return Line(t, x, xdot, s, v, after[(after > 0) & (after < len(t))])
+
+
+def _has_reference(run: ClosedLoop) -> bool:
+    return not bool(np.all(np.isnan(run.x_ref)))
+
+
+def _panels(runs: Runs) -> list[str]:
+    """Order the panels, by row; the last row is the shorter one."""
+    run = runs["implicit"]
+    if not isinstance(run, ClosedLoop):
+        return ["position", "velocity", "phase", "lifted", "signs"]
+    if _has_reference(run):
+        return ["position", "velocity", "phase", "control", "error", "signs"]
+    return ["position", "velocity", "phase", "control", "signs"]
+
+
+def _trace(curve: Curve, number: int, in_legend: bool) -> dict[str, Any]:
+    look = curve.look
+    shape = "hv" if curve.held else "linear"
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": look.name,
+        "legendgroup": look.name,
+        "showlegend": in_legend,
+        "legend": "legend2" if curve.panel == "signs" else "legend",
+        "x": curve.x,
+        "y": curve.y,
+        "line": {"color": look.color, "dash": look.dash, "width": 1.5, "shape": shape},
+        "xaxis": f"x{number}",
+        "yaxis": f"y{number}",
+        "hovertemplate": "%{x:.6g}, %{y:.6g}",
+    }
+
+
+COLUMNS, GAP, ROWS = 3, 0.075, ((0.58, 1.0), (0.0, 0.42))
+"""Columns, the gap between them, and the rows, as parts of the figure."""
+
+
+def _layout(panels: list[str]) -> dict[str, Any]:
+    width = (1.0 - GAP * (COLUMNS - 1)) / COLUMNS
+    layout: dict[str, Any] = {}
+    for number, panel in enumerate(panels, start=1):
+        row, column = divmod(number - 1, COLUMNS)
+        left = column * (width + GAP)
+        tall = panel == "phase" and len(panels) < COLUMNS * len(ROWS)
+        rows = (0.0, 1.0) if tall else ROWS[row]
+        across, up = PANELS[panel]
+        layout[f"xaxis{number}"] = _axis(across, (left, left + width), f"y{number}")
+        layout[f"yaxis{number}"] = _axis(up, rows, f"x{number}")
+        if panel != "phase":
+            layout[f"xaxis{number}"]["matches"] = None if number == 1 else "x"
+        if panel == "signs":
+            layout[f"yaxis{number}"]["range"] = (-1.15, 1.15)
+    return layout | _style(width, panels)
+
+
+def _axis(title: str, domain: tuple[float, float], anchor: str) -> dict[str, Any]:
+    return {
+        "title": {"text": title, "standoff": 6},
+        "domain": domain,
+        "anchor": anchor,
+        "showline": True,
+        "linecolor": "#999999",
+        "gridcolor": "#eeeeee",
+        "zerolinecolor": "#cccccc",
+        "exponentformat": "power",
+    }
+
+
+def _style(width: float, panels: list[str]) -> dict[str, Any]:
+    column = panels.index("signs") % COLUMNS
+    return {
+        "height": 570,
+        "margin": {"l": 55, "r": 10, "t": 40, "b": 45},
+        "font": {"size": 12, "color": "#222222"},
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "legend": {"orientation": "h", "x": 0.0, "y": 1.02, "yanchor": "bottom"},
+        "legend2": {
+            "orientation": "h",
+            "x": column * (width + GAP) + width,
+            "xanchor": "right",
+            "y": ROWS[1][1] + 0.01,
+            "yanchor": "bottom",
+        },
+        "hovermode": "closest",
+        "uirevision": "zivi lab",  # what was zoomed stays zoomed when a slider moves
+    }

@@ -1,0 +1,93 @@
+"""From settings to runs: implicit signs beside explicit ones."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
+from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.lab.explicit import ExplicitRegulator
+from zivi.lab.settings import Ball, Regulator, Settings, Tracker, check
+from zivi.methods import ExplicitEuler, Method, SwitchedRK, ThetaGamma
+from zivi.simulate import simulate
+from zivi.system import ImpactSystem, LinearForce
+from zivi.trajectory import Trajectory
+
+__all__ = ["Runs", "compute"]
+
+Runs: TypeAlias = dict[str, Trajectory] | dict[str, ClosedLoop]
+"""The run of each method or controller, by the name that the page gives it."""
+
+
+def compute(settings: Settings) -> Runs:
+    """Simulate what the settings ask for.
+
+    Parameters
+    ----------
+    settings : Ball, Regulator or Tracker
+        The settings of a tab.
+
+    Returns
+    -------
+    dict
+        ``implicit`` and ``explicit``, of a ball also ``high_order``.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For a setting out of range, with the library's message.
+    """
+    check(settings)
+    if isinstance(settings, Ball):
+        return _ball(settings)
+    if isinstance(settings, Regulator):
+        return {name: _loop(settings, made) for name, made in _regulators(settings).items()}
+    reference = {"y_ref0": (settings.x_ref0, settings.xdot_ref0), "force_ref": settings.force_ref}
+    trackers = _trackers(settings).items()
+    return {name: _loop(settings, made, **reference) for name, made in trackers}
+
+
+def _ball(ball: Ball) -> dict[str, Trajectory]:
+    force = LinearForce(gravity=ball.gravity, amplitude=ball.amplitude, omega=ball.omega)
+    system = ImpactSystem(force, e=ball.e)
+    methods: dict[str, Method] = {
+        "implicit": ThetaGamma(ball.h),
+        "explicit": ExplicitEuler(ball.h),
+        "high_order": SwitchedRK(),
+    }
+    span, start = (0.0, ball.t_end), (ball.x0, ball.xdot0)
+    return {
+        name: simulate(system, span, start, method=method, progress=False)
+        for name, method in methods.items()
+    }
+
+
+def _regulators(given: Regulator) -> dict[str, Controller]:
+    return {
+        "implicit": TwistingRegulator(given.mu1, given.mu2, h=given.h, e=given.e),
+        "explicit": ExplicitRegulator(given.mu1, given.mu2, h=given.h),
+    }
+
+
+def _trackers(given: Tracker) -> dict[str, Controller]:
+    mu1, mu2, h, e = given.mu1, given.mu2, given.h, given.e
+    return {
+        "implicit": TwistingTracker(mu1, mu2, h=h, e=e, branch=given.branch),
+        "explicit": ExplicitTwisting(mu1, mu2, h=h, e=e),
+    }
+
+
+def _loop(given: Regulator | Tracker, controller: Controller, **reference: Any) -> ClosedLoop:
+    plant = ImpactSystem(given.force + given.disturbance, e=given.e)
+    return simulate_closed_loop(
+        plant,
+        controller,
+        (0.0, given.t_end),
+        (given.x0, given.xdot0),
+        force_model=given.force,
+        noise=(given.noise_x, given.noise_xdot),
+        seed=given.seed,
+        delay=given.delay,
+        progress=False,
+        **reference,
+    )

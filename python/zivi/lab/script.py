@@ -1,0 +1,103 @@
+"""From settings to Python: a script that runs what is on the screen."""
+
+from __future__ import annotations
+
+import inspect
+
+from zivi.lab.explicit import ExplicitRegulator
+from zivi.lab.settings import Ball, Regulator, Settings, Tracker
+
+__all__ = ["script"]
+
+
+def script(settings: Settings) -> str:
+    """Write a script that gives the runs of `zivi.lab.runs.compute` and plots one.
+
+    Parameters
+    ----------
+    settings : Ball, Regulator or Tracker
+        The settings of a tab.
+
+    Returns
+    -------
+    str
+        Python. Its variables ``implicit`` and ``explicit``, of a ball also ``high_order``, are the
+        runs; ``figure`` is a matplotlib figure.
+    """
+    if isinstance(settings, Ball):
+        return _ball(settings)
+    return _regulator(settings) if isinstance(settings, Regulator) else _tracker(settings)
+
+
+def _ball(ball: Ball) -> str:
+    force = f"gravity={ball.gravity!r}, amplitude={ball.amplitude!r}, omega={ball.omega!r}"
+    return f"""\
+import zivi
+
+force = zivi.LinearForce({force})
+ball = zivi.ImpactSystem(force, e={ball.e!r})
+span, start = (0.0, {ball.t_end!r}), ({ball.x0!r}, {ball.xdot0!r})
+
+implicit = zivi.simulate(ball, span, start, method=zivi.ThetaGamma(h={ball.h!r}))
+explicit = zivi.simulate(ball, span, start, method=zivi.ExplicitEuler(h={ball.h!r}))
+high_order = zivi.simulate(ball, span, start)
+
+for run in (implicit, explicit, high_order):
+    print(run)
+figure = zivi.plot.position(implicit).figure  # figure.savefig("ball.png")
+"""
+
+
+def _regulator(given: Regulator) -> str:
+    gains = f"{given.mu1!r}, {given.mu2!r}, h={given.h!r}"
+    return f"""\
+import math
+
+import zivi
+
+
+{inspect.getsource(ExplicitRegulator)}
+
+{_world(given)}
+regulator = zivi.TwistingRegulator({gains}, e={given.e!r})
+baseline = ExplicitRegulator({gains})
+
+{RUN_BOTH.format(controller="regulator", name="regulator")}"""
+
+
+def _tracker(given: Tracker) -> str:
+    gains = f"{given.mu1!r}, {given.mu2!r}, h={given.h!r}, e={given.e!r}"
+    reference = (
+        f"    y_ref0=({given.x_ref0!r}, {given.xdot_ref0!r}),\n    force_ref={given.force_ref!r},\n"
+    )
+    return f"""\
+import zivi
+
+{_world(given, reference)}
+tracker = zivi.TwistingTracker({gains}, branch="{given.branch}")
+baseline = zivi.ExplicitTwisting({gains})
+
+{RUN_BOTH.format(controller="tracker", name="tracking")}"""
+
+
+RUN_BOTH = """\
+implicit = zivi.simulate_closed_loop(plant, {controller}, span, start, **world)
+explicit = zivi.simulate_closed_loop(plant, baseline, span, start, **world)
+
+for run in (implicit, explicit):
+    print(run)
+figure = zivi.plot.overview(implicit)  # figure.savefig("{name}.png")
+"""
+
+
+def _world(given: Regulator | Tracker, reference: str = "") -> str:
+    """Write the plant, and everything around it that the controller does not choose."""
+    return f"""\
+plant = zivi.ImpactSystem({given.force!r} + {given.disturbance!r}, e={given.e!r})
+span, start = (0.0, {given.t_end!r}), ({given.x0!r}, {given.xdot0!r})
+world = dict(
+{reference}    force_model={given.force!r},  # what the controller knows of the force
+    noise=({given.noise_x!r}, {given.noise_xdot!r}),
+    seed={given.seed!r},
+    delay={given.delay!r},
+)"""

@@ -1,0 +1,29 @@
+"""The lab's server as a process of its own, for the tests."""
+
+import contextlib
+import re
+import signal
+import subprocess
+import sys
+
+COMMAND = [sys.executable, "-c", "from zivi.cli import app; app()", "lab", "--no-browser"]
+
+
+@contextlib.contextmanager
+def serving():
+    """Serve on a free port; give the process and the address."""
+    command = [*COMMAND, "--port", "0"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            line = process.stdout.readline()
+            found = re.search(r"http://127\.0\.0\.1:\d+", line)
+            assert found, line + (process.stderr.read() if process.poll() is not None else "")
+            yield process, found[0]
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(20)
+            finally:
+                process.kill()

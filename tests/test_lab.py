@@ -1,0 +1,238 @@
+"""The lab without its page: settings become runs, figures, numbers and Python."""
+
+import dataclasses
+import subprocess
+import sys
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import zivi
+from zivi import plot
+from zivi.lab.facts import facts, warnings
+from zivi.lab.runs import compute
+from zivi.lab.script import script
+from zivi.lab.settings import Ball, Regulator, Tracker
+from zivi.lab.thin import thinned
+
+CASES = {
+    "ball": Ball(),
+    "ball, shaken": Ball(e=0.8, h=1e-3, amplitude=20.0, omega=30.0, x0=0.0, xdot0=-1.0),
+    "ball, pushed off": Ball(gravity=-1.0),
+    "regulator": Regulator(),
+    "regulator, disturbed": Regulator(force=-1.0, disturbance=0.5, noise_x=1e-4, noise_xdot=1e-2),
+    "tracker": Tracker(),
+    "tracker, the paper's": Tracker(h=1e-3, force_ref=-19.81),
+    "tracker, disturbed": Tracker(branch="nearest", disturbance=5.0, delay=2, noise_x=1e-4, seed=7),
+}
+SAMPLED = ("t", "x", "xdot")
+
+
+def same(run, other):
+    both = [(getattr(run, name), getattr(other, name)) for name in SAMPLED]
+    if isinstance(run, zivi.ClosedLoop):
+        both += [(run.u, other.u), (run.signs, other.signs)]
+    return run.rest_time == other.rest_time and all(
+        np.array_equal(a, b, equal_nan=True) for a, b in both
+    )
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_script_gives_the_runs_on_the_screen(case, capsys):
+    runs = compute(CASES[case])
+    made = {}
+    exec(script(CASES[case]), made)
+    assert all(same(made[name], run) for name, run in runs.items())
+    assert len(capsys.readouterr().out.splitlines()) == len(runs)
+    assert made["figure"].axes
+
+
+@pytest.mark.parametrize("kind", [Ball, Regulator, Tracker])
+def test_the_script_knows_every_setting(kind):
+    usual = script(kind())
+    for field in dataclasses.fields(kind):
+        other = "nearest" if field.name == "branch" else 7
+        changed = script(dataclasses.replace(kind(), **{field.name: other}))
+        assert changed != usual, field.name
+
+
+def test_a_script_can_be_a_file_of_its_own(tmp_path):
+    file = tmp_path / "regulator.py"
+    file.write_text(script(Regulator()))
+    done = subprocess.run([sys.executable, file], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "TwistingRegulator" in done.stdout
+
+
+def test_the_zeno_point_is_that_of_the_ball():
+    ball = Ball(e=0.5, gravity=9.81, x0=1.0, xdot0=0.0)
+    run = compute(ball)["high_order"]
+    assert run.rest_time == pytest.approx(3 * np.sqrt(2 / 9.81), rel=1e-6)
+
+
+def test_the_regulator_settles_when_the_closed_form_says():
+    # flights of constant deceleration, speeds in a geometric series
+    given = Regulator(e=0.33, h=1e-4, mu1=3.0, mu2=2.0, x0=1.0, xdot0=0.0)
+    ratio = given.e * np.sqrt(1 / 5)
+    exact = np.sqrt(2) + given.e * np.sqrt(2) * (1 / 5 + 1 / np.sqrt(5)) / (1 - ratio)
+    for run in compute(given).values():
+        assert run.rest_time == pytest.approx(exact, abs=2e-3)
+
+
+def test_explicit_signs_chatter_and_implicit_ones_do_not():
+    # in free flight with the reference
+    flight = Tracker(h=1e-3, force=-9.81, force_ref=-9.81, x0=3, xdot0=9, x_ref0=3, xdot_ref0=9)
+    implicit, explicit = facts(compute(flight), (0.2, 0.8))
+    title = "Σ|Δu| a second"
+    assert float(implicit[title]) < 1e-3
+    assert float(explicit[title]) > 1e3
+
+
+INVALID = {
+    "e above 1": (Ball(e=1.1), "e must lie in [0, 1], got 1.1"),
+    "e = 0": (Ball(e=0.0), "e must be > 0 for this scheme"),
+    "x below the wall": (Ball(x0=-0.5), "x0 must be a finite distance >= 0 from the wall"),
+    "h = 0": (Ball(h=0.0), "h must be"),
+    "no time": (Ball(t_end=0.0), "t_span must run forward"),
+    "endless": (Ball(h=1e-6), "t_end / h must be at most"),
+    "an empty field": (Ball(x0=None), "x0 must be a real number"),
+    "regulator, mu2 >= mu1": (Regulator(mu1=2, mu2=2), "mu2 must be a gain with 0 < mu2 < mu1"),
+    "regulator, e": (Regulator(e=1.1), "e must lie in [0, 1], got 1.1"),
+    "tracker, mu2 > mu1": (
+        Tracker(mu2=31),
+        "mu2 must be a gain with 0 < mu2 < mu1 (m/s^2), got 31",
+    ),
+    "tracker, mu1 = 0": (Tracker(mu1=0), "mu1 must be a finite gain > 0"),
+    "tracker, reference": (Tracker(x_ref0=-1), "x_ref must be"),
+    "tracker, branch": (Tracker(branch="other"), "branch must be one of positive, nearest"),
+    "tracker, seed": (Tracker(seed=-1), "seed must be a whole number >= 0"),
+}
+
+
+@pytest.mark.parametrize("case", INVALID)
+def test_invalid_settings_get_a_message(case):
+    wrong, message = INVALID[case]
+    with pytest.raises((ValueError, TypeError)) as error:
+        compute(wrong)
+    assert message in str(error.value)
+
+
+def test_refused_samples_are_told():
+    said = warnings(compute(Tracker(noise_x=0.1)))
+    assert len(said) == 2
+    assert "samples lay too deep behind the wall" in said[0]
+    assert warnings(compute(Tracker())) == []
+
+
+def test_a_run_that_ends_early_is_told():
+    runs = compute(Ball())
+    runs["implicit"] = dataclasses.replace(
+        runs["implicit"], status=zivi.Status.STEP_BUDGET, message="ended"
+    )
+    assert warnings(runs) == ["implicit signs: ended"]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_facts_are_those_of_the_runs(case):
+    runs = compute(CASES[case])
+    rows = facts(runs)
+    assert [row[""] for row in rows][:2] == ["implicit signs", "explicit signs"]
+    for row, run in zip(rows, runs.values(), strict=True):
+        rest = "no" if run.rest_time is None else f"from {run.rest_time:.6g} s"
+        assert row["at rest at the end"] == rest
+    assert facts(runs, (0.5, 0.5))
+
+
+@settings(max_examples=60)
+@given(
+    length=st.integers(1, 5000),
+    points=st.integers(10, 300),
+    impacts=st.integers(0, 400),
+    seed=st.integers(0, 100),
+)
+def test_thinning_keeps_extremes_ends_and_order(length, points, impacts, seed):
+    source = np.random.default_rng(seed)
+    t, x = np.arange(length, dtype=float), source.standard_normal(length)
+    breaks = np.unique(source.integers(1, max(length, 2), impacts))
+    few_t, few_x = thinned((t, x), breaks, points)
+    assert len(few_t) == len(few_x) <= points
+    kept = ~np.isnan(few_t)
+    assert np.array_equal(kept, ~np.isnan(few_x))
+    assert np.array_equal(few_x[kept], x[few_t[kept].astype(int)])
+    assert np.all(np.diff(few_t[kept]) > 0)
+    assert (few_t[0], few_t[-1]) == (0.0, length - 1.0)
+    assert (np.nanmin(few_x), np.nanmax(few_x)) == (x.min(), x.max())
+
+
+def test_a_short_line_is_left_as_it_is_but_broken_at_impacts():
+    t = np.arange(5.0)
+    few, twice = thinned((t, 2 * t), np.array([2]))
+    assert np.array_equal(few, [0, 1, np.nan, 2, 3, 4], equal_nan=True)
+    assert np.array_equal(twice, 2 * few, equal_nan=True)
+
+
+def test_importing_zivi_does_not_import_the_page():
+    code = (
+        "import sys, zivi, zivi.cli, zivi.lab.runs, zivi.lab.figures, zivi.lab.script\n"
+        "print({'marimo', 'plotly', 'uvicorn'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+class TestFigure:
+    @pytest.fixture(autouse=True)
+    def plotly(self):
+        pytest.importorskip("plotly")
+
+    @pytest.mark.parametrize("case", CASES)
+    def test_lines_are_short_and_all_are_in_the_figure(self, case):
+        from zivi.lab.figures import curves, figure
+
+        given = dataclasses.replace(CASES[case], h=1e-4)
+        runs = compute(given)
+        lines = curves(runs)
+        drawn = figure(runs)
+        assert len(drawn.data) == len(lines)
+        assert all(0 < len(line.x) == len(line.y) <= 2000 for line in lines)
+        by_panel = {line.panel for line in lines}
+        assert {"position", "velocity", "phase", "signs"} <= by_panel
+        assert ("control" in by_panel) == isinstance(runs["implicit"], zivi.ClosedLoop)
+        titles = [drawn.layout[f"yaxis{k}"].title.text for k in range(1, len(by_panel) + 1)]
+        assert len(set(titles)) >= len(by_panel) - 1  # that of the phase plane is the velocity's
+
+    def test_what_is_drawn_is_the_run(self):
+        from zivi.lab.figures import curves
+
+        runs = compute(Regulator())
+        line = next(
+            c for c in curves(runs) if c.panel == "control" and c.look.name == "implicit signs"
+        )
+        assert np.array_equal(line.x, runs["implicit"].t)
+        assert np.array_equal(line.y, runs["implicit"].u)
+        assert line.held
+        assert line.look.color == plot.BLUE
+
+    def test_a_window_shows_every_sample_in_it(self):
+        from zivi.lab.figures import curves
+
+        runs = compute(Tracker(h=1e-4))
+        for line in curves(runs, (2.0, 2.1)):
+            if line.panel != "phase":
+                assert 2.0 <= np.nanmin(line.x) <= np.nanmax(line.x) <= 2.1
+            if line.held:
+                assert len(line.x) in (1000, 1001)
+
+    def test_a_window_without_samples_is_empty(self):
+        from zivi.lab.figures import figure
+
+        assert figure(compute(Ball()), (1.0012, 1.0013)).data
+
+    def test_an_impact_interrupts_the_velocity(self):
+        from zivi.lab.figures import curves
+
+        lines = {(c.panel, c.look.name): c for c in curves(compute(Ball()))}
+        assert np.isnan(lines["velocity", "SwitchedRK"].y).sum() > 3
+        assert not np.isnan(lines["position", "SwitchedRK"].y).any()
