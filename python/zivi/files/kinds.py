@@ -163,10 +163,7 @@ class Pair:
     def allowed(self) -> str:
         """What is allowed, in words."""
         parts = zip(self.names, (self.first, self.second), strict=True)
-        told = (
-            f"{name} {kind.allowed.removeprefix('a finite number')}".rstrip()
-            for name, kind in parts
-        )
+        told = (f"{name}{kind.allowed.removeprefix('a finite number')}" for name, kind in parts)
         return f"a list of two finite numbers, [{', '.join(told)}]"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> tuple[Any, Any] | None:
@@ -215,8 +212,8 @@ class Either:
             return self.table.read(value, key, mistakes)
         tried = Mistakes(mistakes.file)
         found = self.simple.read(value, key, tried)
-        if isinstance(value, list) and value:  # what is wrong is in it
-            mistakes.found += tried.found
-        elif tried.found:
+        if tried.found and not tried.found[0].startswith(f"{mistakes.file}: {key}["):
             mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+        else:  # what is wrong is in it
+            mistakes.found += tried.found
         return found

@@ -89,8 +89,9 @@ def got(value: Any) -> str:
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Say which name was probably meant, and all that there are."""
     names = list(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    if not close:  # written otherwise, or only a part of it
-        close = [it for it in names if it.lower() == name.lower()][:1]
+    # capitals count less than letters
+    lower = {it.lower(): it for it in names}
+    close = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.5)
+    close = [lower[it] for it in close]
     meant = f"; did you mean {close[0]!r}?" if close else ";"
     return f"{meant} allowed: {', '.join(names) if names else 'nothing'}"

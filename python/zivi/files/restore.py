@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zivi import closed_loop, trajectory
 from zivi._check import Array
 from zivi.closed_loop import ClosedLoop
-from zivi.dense import LinearPath
+from zivi.dense import LinearPath, PenetratingPath
 from zivi.status import Status
 from zivi.trajectory import IMPACT, Trajectory
 from zivi.wall import HarmonicWall, MovingWall
@@ -20,7 +20,10 @@ from zivi.wall import HarmonicWall, MovingWall
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["drawn", "run_of"]
+__all__ = ["drawn", "path_name", "run_of"]
+
+PATHS: dict[str, Any] = {kind.__name__: kind for kind in (LinearPath, PenetratingPath)}
+"""What interpolates the samples of methods with fixed steps."""
 
 
 def run_of(dataset: xarray.Dataset) -> Trajectory | ClosedLoop:
@@ -75,9 +78,6 @@ def _trajectory(dataset: xarray.Dataset) -> Trajectory:
     attrs, common = dataset.attrs, _common(dataset)
     samples: dict[str, Any] = {name: dataset[name].values for name in trajectory.QUANTITIES}
     config = common["config"]
-    path = None
-    if attrs["samples_are_steps"] and len(common["t"]):
-        path = LinearPath(common["t"], samples["s"], samples["v"], config["kappa"])
     times, states = _events(dataset)
     return Trajectory(
         **common,
@@ -87,9 +87,26 @@ def _trajectory(dataset: xarray.Dataset) -> Trajectory:
         n_rejected=int(attrs["n_rejected"]),
         t_events=times,
         y_events=states,
-        _path=path,
+        _path=_path(attrs["path"], common["t"], samples, config["kappa"]),
         _wall=_wall(config["wall"]),
     )
+
+
+def path_name(run: Trajectory) -> str:
+    """Name what interpolates a run if the samples suffice to make it again, else ""."""
+    path = run._path
+    known = type(path).__name__
+    suffices = known in PATHS and len(run.t) and np.array_equal(getattr(path, "t", ()), run.t)
+    return known if suffices else ""
+
+
+def _path(name: str, t: Array, samples: dict[str, Array], kappa: float) -> Any:
+    if not name:
+        return None
+    kind = PATHS[name]
+    known = {"t": t, "kappa": kappa, **samples}
+    fields = [field.name for field in dataclasses.fields(kind) if field.name in known]
+    return kind(**{field: known[field] for field in fields})
 
 
 def _events(dataset: xarray.Dataset) -> tuple[list[Array], list[Array]]:

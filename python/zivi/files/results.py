@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import json
 import os
 import uuid
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from zivi._curve import Line, line_of
 from zivi.closed_loop import ClosedLoop
-from zivi.files.restore import run_of
+from zivi.files.restore import path_name, run_of
 from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -24,6 +23,11 @@ if TYPE_CHECKING:
 __all__ = ["ResultError", "load", "open_result", "require_library", "save"]
 
 ENGINE: Literal["h5netcdf"] = "h5netcdf"
+HDF5 = b"\x89HDF\r\n\x1a\n"
+"""How a netCDF file begins."""
+SEAL = b"\nend of a result of zivi, sha256 "
+"""How ours ends, before the digest of all that is before."""
+LENGTH = len(SEAL) + 64
 CURVE = {
     "x": ("m", "distance from the wall, as a curve"),
     "xdot": ("m/s", "velocity, as a curve"),
@@ -83,12 +87,10 @@ def save(
     path = Path(path)
     _refuse(path, overwrite)
     path.parent.mkdir(parents=True, exist_ok=True)
-    dataset = dataset_of(run)
-    dataset.attrs["digest"] = digest(dataset)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
     try:
-        dataset.to_netcdf(draft, engine=ENGINE, format="NETCDF4")
-        _to_disk(draft)
+        dataset_of(run).to_netcdf(draft, engine=ENGINE, format="NETCDF4")
+        _seal(draft)
         _refuse(path, overwrite)
         os.replace(draft, path)
     finally:
@@ -100,13 +102,29 @@ def _refuse(path: Path, overwrite: bool) -> None:
         raise FileExistsError(f"{path} is there already")
 
 
-def _to_disk(file: Path) -> None:
-    """Wait until a file is on the disk and not only on its way."""
-    descriptor = os.open(file, os.O_RDWR)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _seal(file: Path) -> None:
+    """Append the digest of a file, which HDF5 does not mind, and wait until it is on the disk."""
+    with file.open("r+b") as opened:
+        seal = SEAL + hashlib.file_digest(opened, "sha256").hexdigest().encode()
+        opened.seek(0, os.SEEK_END)
+        opened.write(seal)
+        opened.flush()
+        os.fsync(opened.fileno())
+
+
+def _check_seal(file: Path) -> None:
+    """Raise if a file is not, to the last bit, what was written."""
+    content = file.read_bytes()
+    if not content.startswith(HDF5):
+        raise ResultError(f"{file}: is no netCDF file, or damaged")
+    body, mark, digest = content[:-LENGTH], content[-LENGTH:-64], content[-64:]
+    if mark != SEAL:
+        raise ResultError(
+            f"{file}: does not end as zivi ends a result: it was cut or changed, or something else "
+            "wrote it; xarray.open_dataset reads what can be read"
+        )
+    if hashlib.sha256(body).hexdigest().encode() != digest:
+        raise ResultError(f"{file}: was damaged or changed since zivi wrote it")
 
 
 def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop:
@@ -130,7 +148,11 @@ def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop:
     ResultError
         If it is something else, or damaged.
     """
-    return run_of(open_result(path))
+    dataset = open_result(path)
+    try:
+        return run_of(dataset)
+    except KeyError as error:
+        raise ResultError(f"{path}: lacks {error}; it is of another version") from error
 
 
 def open_result(path: str | PathLike[str]) -> xarray.Dataset:
@@ -141,25 +163,13 @@ def open_result(path: str | PathLike[str]) -> xarray.Dataset:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: there is no such file")
+    _check_seal(path)
     try:
         with xarray.open_dataset(path, engine=ENGINE) as opened:
-            dataset = opened.load()
+            return opened.load()
     except Exception as error:  # whatever the library of the format raises
         reason = f"{type(error).__name__}: {error}"
-        raise ResultError(
-            f"{path}: is damaged, half-written or no netCDF ({reason:.200})"
-        ) from error
-    if (
-        not str(dataset.attrs.get("source", "")).startswith("zivi ")
-        or "digest" not in dataset.attrs
-    ):
-        raise ResultError(f"{path}: is no result of zivi simulate or zivi control")
-    if dataset.attrs["digest"] != digest(dataset):
-        raise ResultError(
-            f"{path}: was damaged or changed since zivi wrote it; xarray.open_dataset reads it "
-            "without this check"
-        )
-    return dataset
+        raise ResultError(f"{path}: cannot be read ({reason:.200})") from error
 
 
 def dataset_of(run: Trajectory | ClosedLoop) -> xarray.Dataset:
@@ -171,9 +181,7 @@ def dataset_of(run: Trajectory | ClosedLoop) -> xarray.Dataset:
         line = line_of(run)
         if len(line.t) != len(run.t):
             _add_curve(dataset, line)
-        # whether the samples are all that is known of the motion, and can be put back
-        path = run._path
-        dataset.attrs["samples_are_steps"] = int(np.array_equal(getattr(path, "t", ()), run.t))
+        dataset.attrs["path"] = path_name(run)
     return dataset
 
 
@@ -197,21 +205,3 @@ def _add_curve(dataset: xarray.Dataset, line: Line) -> None:
         dataset[f"curve_{name}"] = "curve_time", getattr(line, name), attrs
     attrs = {"long_name": "index of the first point of the curve after an impact"}
     dataset["curve_impact"] = "curve_impacts", np.asarray(line.impacts, np.int64), attrs
-
-
-def digest(dataset: xarray.Dataset) -> str:
-    """Tell the content of a dataset, to the last bit, in a few characters."""
-    found = hashlib.sha256(_told({k: v for k, v in dataset.attrs.items() if k != "digest"}))
-    for name in sorted(map(str, dataset.variables)):
-        variable = dataset.variables[name]
-        found.update(_told([name, list(variable.dims), list(variable.shape), variable.attrs]))
-        if variable.dtype.kind in "biuf":
-            found.update(variable.dtype.str.encode())
-            found.update(np.ascontiguousarray(variable.values).tobytes())
-        else:
-            found.update(_told([str(text) for text in variable.values.ravel()]))
-    return found.hexdigest()
-
-
-def _told(value: Any) -> bytes:
-    return json.dumps(value, sort_keys=True, default=lambda it: it.item()).encode()

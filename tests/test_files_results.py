@@ -1,0 +1,248 @@
+"""Results on disk: nothing is lost, nothing half-written or damaged is taken for whole."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+import xarray
+
+import zivi
+from zivi.files import ResultError, load, results, save
+from zivi.files.restore import drawn
+from zivi.files.results import open_result
+
+pytest.importorskip("h5netcdf")
+
+
+def ball(method=zivi.ThetaGamma(h=1e-2), **kwargs):  # noqa: B008 frozen
+    system = kwargs.pop("system", zivi.ImpactSystem(-9.81, e=0.5))
+    return zivi.simulate(system, (0, 3), (1, 0), method=method, **kwargs)
+
+
+def interrupted():
+    calls = 0
+
+    def force(t, x, xdot):
+        nonlocal calls
+        calls += 1
+        if calls > 40:
+            raise KeyboardInterrupt
+        return -9.81
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        ball(system=zivi.ImpactSystem(force, e=0.5))
+    return caught.value.trajectory
+
+
+def loop(**kwargs):
+    plant = zivi.ImpactSystem(-9.81, kappa=0.5)
+    tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5)
+    kwargs = {"y_ref0": (3, 3), "force_ref": -19.81} | kwargs
+    return zivi.simulate_closed_loop(plant, tracker, (0, 2), (6, 5), **kwargs)
+
+
+def regulated():
+    law = zivi.TwistingRegulator(3, 2, h=1e-2, kappa=0.5, u_limits=(-1, 4))
+    return zivi.simulate_closed_loop(zivi.ImpactSystem(0.0, kappa=0.5), law, (0, 1), (1, 0))
+
+
+TABLE = zivi.HarmonicWall(0.01, 60.0)
+LIFT = zivi.MovingWall(lambda t: 0.5 * t, lambda t: 0.5, lambda t: 0.0)
+RUNS = {
+    "steps": ball,
+    "switched": lambda: ball(zivi.SwitchedRK()),
+    "plain switched": lambda: ball(zivi.SwitchedRK(), dense_output=False),
+    "times": lambda: ball(t_eval=[0.0, 0.5, 0.5, 2.0]),
+    "other baseline": lambda: ball(zivi.MoreauJean(h=1e-2)),
+    "solver": lambda: ball(zivi.ThetaGamma(h=1e-2, solver="outer", linearisations=1)),
+    "no impacts": lambda: zivi.simulate(zivi.ImpactSystem(0.0, e=0.5), (0, 1), (1, 0)),
+    "budget": lambda: ball(zivi.SwitchedRK(max_steps=2)),
+    "table": lambda: ball(system=zivi.ImpactSystem(-9.81, e=0.5, wall=TABLE)),
+    "lift": lambda: ball(system=zivi.ImpactSystem(-9.81, e=0.5, wall=LIFT)),
+    "events": lambda: ball(events=[lambda t, x, xdot: xdot, lambda t, x, xdot: x - 9.0]),
+    "interrupted": interrupted,
+    "loop": loop,
+    "noisy loop": lambda: loop(noise=(1e-3, 1e-2), delay=2),
+    "regulator": regulated,
+}
+
+
+def assert_same(found, expected):
+    for field in dataclasses.fields(expected):
+        if field.name.startswith("_"):
+            continue
+        one, other = getattr(found, field.name), getattr(expected, field.name)
+        assert type(one) is type(other), field.name
+        if isinstance(other, np.ndarray):
+            assert one.dtype == other.dtype
+            assert one.shape == other.shape
+            assert one.tobytes() == other.tobytes(), field.name
+        elif isinstance(other, list):
+            assert len(one) == len(other)
+            for here, there in zip(one, other, strict=True):
+                np.testing.assert_array_equal(here, there)
+        elif isinstance(other, dict):
+            assert json.dumps(one) == json.dumps(other)
+        else:
+            assert one == other, field.name
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_round_trip(name, tmp_path):
+    run = RUNS[name]()
+    save(run, tmp_path / "run.nc")
+    found = load(tmp_path / "run.nc")
+    assert_same(found, run)
+    assert repr(found) == repr(run)
+    assert found.success == run.success
+    assert os.listdir(tmp_path) == ["run.nc"]
+    # the dataset of a user is that of `to_xarray`, with its units, and more
+    with xarray.open_dataset(tmp_path / "run.nc") as dataset:
+        expected = run.to_xarray()
+        for variable in expected.variables:
+            assert dataset[variable].identical(expected[variable].drop_vars([
+                coordinate for coordinate in expected[variable].coords if coordinate != variable
+                and coordinate not in dataset[variable].coords]))  # fmt: skip
+        for attribute, value in expected.attrs.items():
+            np.testing.assert_equal(dataset.attrs[attribute], value)
+
+
+@pytest.mark.parametrize("name", ["steps", "table", "other baseline"])
+def test_a_run_of_fixed_steps_can_be_called(name, tmp_path):
+    run = RUNS[name]()
+    save(run, tmp_path / "run.nc")
+    found, times = load(tmp_path / "run.nc"), np.linspace(0, 3, 77)
+    np.testing.assert_array_equal(found(times), run(times))
+    np.testing.assert_array_equal(found.fixed(), run.fixed())
+
+
+def test_what_is_not_kept_is_refused(tmp_path):
+    for name in ("switched", "times", "lift"):
+        save(RUNS[name](), tmp_path / f"{name}.nc")
+    for name in ("switched", "times"):
+        with pytest.raises(ValueError, match=r"sol\(t\) needs"):
+            load(tmp_path / f"{name}.nc")(0.5)
+    with pytest.raises(ValueError, match="functions of the wall are not kept"):
+        load(tmp_path / "lift.nc").fixed()
+
+
+def test_what_is_drawn_is_what_the_run_draws(tmp_path):
+    for name in ("switched", "steps", "loop"):
+        run = RUNS[name]()
+        save(run, tmp_path / f"{name}.nc")
+        found = drawn(open_result(tmp_path / f"{name}.nc"))
+        for draw in (zivi.plot.position, zivi.plot.velocity):
+            lines = [draw(it).lines[0].get_xydata() for it in (found, run)]
+            np.testing.assert_array_equal(*lines)
+
+
+def test_nothing_is_overwritten(tmp_path):
+    file = tmp_path / "deep" / "run.nc"
+    save(ball(), file)
+    before = file.read_bytes()
+    with pytest.raises(FileExistsError, match=r"run\.nc is there already"):
+        save(loop(), file)
+    assert file.read_bytes() == before
+    save(loop(), file, overwrite=True)
+    assert isinstance(load(file), zivi.ClosedLoop)
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    file = tmp_path / "run.nc"
+    save(ball(), file)
+    before = file.read_bytes()
+
+    def full(self, path, **kwargs):
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(xarray.Dataset, "to_netcdf", full)
+    with pytest.raises(OSError, match="No space"):
+        save(loop(), file, overwrite=True)
+    assert file.read_bytes() == before
+    assert os.listdir(tmp_path) == ["run.nc"]
+
+
+def test_a_killed_write_leaves_no_file(tmp_path):
+    program = textwrap.dedent("""
+        import os, sys
+        import zivi
+        from zivi.files import results
+        results._seal = lambda file: os._exit(9)
+        results.save(zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (1, 0)), sys.argv[1])
+    """)
+    file = tmp_path / "run.nc"
+    ended = subprocess.run([sys.executable, "-c", program, str(file)], timeout=60, check=False)
+    assert ended.returncode == 9
+    assert not file.exists()
+    assert all(name.startswith(".run.nc.") for name in os.listdir(tmp_path))
+
+
+def refused(file, match):
+    with pytest.raises(ResultError, match=match) as caught:
+        load(file)
+    assert str(caught.value).startswith(f"{file}: ")
+
+
+def test_what_is_no_result(tmp_path):
+    file = tmp_path / "run.nc"
+    with pytest.raises(FileNotFoundError, match="there is no such file"):
+        load(file)
+    for content in (b"", b"no netCDF", os.urandom(4096)):
+        file.write_bytes(content)
+        refused(file, "is no netCDF file, or damaged")
+    xarray.Dataset({"x": ("t", np.arange(3.0))}).to_netcdf(file, engine="h5netcdf")
+    refused(file, "does not end as zivi ends a result")
+
+
+def test_cut_files(tmp_path):
+    whole, cut = tmp_path / "whole.nc", tmp_path / "cut.nc"
+    save(ball(), whole)
+    content = whole.read_bytes()
+    for part in np.linspace(0.0, 1.0, 30, endpoint=False):
+        cut.write_bytes(content[: int(part * len(content))])
+        refused(cut, "no netCDF file|it was cut or changed")
+
+
+def test_damaged_files(tmp_path):
+    """A bit that is flipped anywhere is noticed, before anything else looks at the file."""
+    file = tmp_path / "run.nc"
+    save(ball(), file)
+    content = bytearray(file.read_bytes())
+    places = np.random.default_rng(1).integers(0, len(content), 150).tolist()
+    for place in [*range(8), *places, len(content) - 80, len(content) - 1]:
+        content[place] ^= 0x10
+        file.write_bytes(content)
+        content[place] ^= 0x10
+        refused(file, "damaged|changed")
+    file.write_bytes(content)
+    assert load(file).success
+
+
+def test_a_sealed_file_of_something_else(tmp_path):
+    file = tmp_path / "run.nc"
+    xarray.Dataset({"x": ("t", np.arange(3.0))}).to_netcdf(file, engine="h5netcdf")
+    results._seal(file)
+    refused(file, "lacks")
+
+
+def test_an_edited_file(tmp_path):
+    save(ball(), tmp_path / "run.nc")
+    with xarray.open_dataset(tmp_path / "run.nc") as opened:
+        dataset = opened.load()
+    dataset["x"][3] += 1e-12
+    dataset.to_netcdf(tmp_path / "edited.nc", engine="h5netcdf")
+    refused(tmp_path / "edited.nc", "cut or changed")
+
+
+def test_without_the_library(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, results.ENGINE, None)
+    with pytest.raises(ImportError, match=r"pip install 'zivi\[files\]'"):
+        save(ball(), tmp_path / "run.nc")
+    with pytest.raises(ImportError, match=r"pip install 'zivi\[files\]'"):
+        load(tmp_path / "run.nc")
