@@ -12,6 +12,7 @@ from rich.console import Console
 
 from zivi import _zivi
 from zivi.files import FileError, commands, prepare_control, prepare_simulate, summary
+from zivi.lab.command import lab
 
 app = typer.Typer(
     help="Mechanical systems with impacts, straight through the Zeno point.",
@@ -197,3 +198,6 @@ def paper(
     if not found.ok:
         console.print("[bold red]A number is off.[/]")
         raise typer.Exit(1)
+
+
+app.command()(lab)
