@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from zivi.study.block import Block
 from zivi.study.extras import have, needed
-from zivi.study.folder import DamagedError, FolderStore, read_events
+from zivi.study.folder import FolderStore
+from zivi.study.parquet import DamagedError, read_events
 from zivi.study.store import MemoryStore
 from zivi.study.work import DONE, FAILED, MISSING
 
@@ -74,6 +75,7 @@ class Study:
 
         dataset = self.dataset
         numbers = np.flatnonzero(self.status == FAILED)
+        columns: dict[str, Any]
         if "point" in dataset.dims:
             columns = {str(name): dataset[name].values[numbers] for name in dataset.coords}
         else:
