@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock
 
-.PHONY: help paper test test-rust test-python lint lint-rust lint-python bench picture clean
+.PHONY: help paper test test-rust test-python lint lint-rust lint-python bench picture docs clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
@@ -16,6 +16,7 @@ help:
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
 	@echo 'make picture the pictures of the README'
+	@echo 'make docs    the documentation as a site, into out/site'
 	@echo 'make clean   remove everything that was built'
 
 paper: $(READY)
@@ -67,6 +68,17 @@ bench: $(READY)
 picture: $(READY)
 	$(BIN)/python examples/readme_picture.py docs/figures/zeno.png
 	$(BIN)/python examples/readme_tracking.py docs/figures/tracking.png docs/figures/chattering.png
+
+# warnings are errors; every page of the tutorial and the gallery is executed
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx -W --keep-going -q -j 2 docs out/site
+	@echo 'out/site/index.html'
+
+# zivi is there already: this adds the packages of its extra
+$(VENV)/.docs: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt 'zivi[docs]'
+	@touch $@
 
 clean:
 	rm -rf target out $(VENV) python/zivi/*.so

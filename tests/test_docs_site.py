@@ -1,0 +1,239 @@
+"""The documentation: links and anchors, a reference of everything public, code that runs, the site.
+
+What a comment after a ``print`` in the tutorial says is what is printed: all of it, or what is
+before a colon.
+"""
+
+import contextlib
+import html.parser
+import importlib.util
+import io
+import re
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+import zivi
+import zivi.interop
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+TUTORIAL = ["tutorial", "tutorial_forces", "tutorial_control", "tutorial_studies"]
+BUILD_LIMIT = 180
+"""Longest time of a build of the site (s)."""
+
+
+def named(path):
+    return str(path.relative_to(ROOT))
+
+
+def prose(path):
+    """Text of a page without its blocks of code."""
+    return re.sub(r"^(```+).*?^\1\s*$", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
+
+
+def anchors(path):
+    """Anchors of the headings of a page, as GitHub and MyST make them."""
+    found: list[str] = []
+    for heading in re.findall(r"^#{1,6} (.+)$", prose(path), re.MULTILINE):
+        text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).strip().lower()
+        slug = re.sub(r"[^\w\- ]", "", text).replace(" ", "-")
+        repeated = sum(it == slug or re.fullmatch(rf"{slug}-\d+", it) is not None for it in found)
+        found.append(f"{slug}-{repeated}" if repeated else slug)
+    return set(found)
+
+
+def links(path):
+    for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"`[^`\n]*`", "``", prose(path))):
+        if not urlsplit(target).scheme:
+            yield target
+
+
+@pytest.mark.parametrize("path", PAGES, ids=named)
+def test_links_images_and_anchors_exist(path):
+    for target in links(path):
+        name, _, anchor = target.partition("#")
+        file = (path.parent / unquote(name)).resolve() if name else path
+        assert file.exists(), target
+        assert file.is_relative_to(ROOT), target
+        if anchor:
+            assert anchor in anchors(file), target
+
+
+def test_the_link_check_can_fail():
+    assert "choosing-mu1-mu2-and-h" in anchors(DOCS / "control.md")
+    assert "nothing-like-it" not in anchors(DOCS / "control.md")
+    assert "figures/chattering.png" in set(links(DOCS / "control.md"))
+
+
+def documented():
+    """Names that the pages of the reference describe."""
+    found = set()
+    for path in DOCS.glob("api*.md"):
+        found |= set(
+            re.findall(r"^\.\. auto\w+:: (\S+?)(?:\(\))?$", path.read_text(), re.MULTILINE)
+        )
+    return found
+
+
+def test_everything_public_is_in_the_reference():
+    public = {
+        f"{module.__name__}.{name}"
+        for module in (zivi, zivi.plot, zivi.interop)
+        for name in module.__all__
+        if callable(getattr(module, name))
+    }
+    assert public <= documented(), sorted(public - documented())
+
+
+@pytest.mark.parametrize("name", sorted(documented()))
+def test_what_the_reference_names_exists(name):
+    parts = name.split(".")
+    thing = zivi
+    for i, part in enumerate(parts[1:], 2):
+        if not hasattr(thing, part):
+            importlib.import_module(".".join(parts[:i]))
+        thing = getattr(thing, part)
+    assert isinstance(thing, types.ModuleType) or callable(thing)
+
+
+def test_every_example_is_on_a_page():
+    text = "\n".join(path.read_text() for path in PAGES)
+    for script in sorted((ROOT / "examples").glob("*.py")):
+        assert f"examples/{script.name}" in text, script.name
+
+
+@pytest.mark.parametrize("path", sorted((DOCS / "gallery").glob("*.md")), ids=named)
+def test_gallery_pages_run_and_show_one_script(path):
+    text = path.read_text()
+    assert re.search(rf"^%run \.\./_gallery\.py {path.stem}( --no-figure)?$", text, re.MULTILINE)
+    assert f"{{literalinclude}} ../../examples/{path.stem}.py\n" in text
+    assert f"gallery/{path.name})" in (DOCS / "gallery.md").read_text()
+    assert (ROOT / "examples" / f"{path.stem}.py").exists()
+
+
+def blocks(page):
+    """Blocks of code of a page; whether the site executes them."""
+    text = (DOCS / f"{page}.md").read_text()
+    pattern = r"^```(\{code-cell\} )?python\n(.*?)^```$"
+    return [(bool(cell), code) for cell, code in re.findall(pattern, text, re.DOTALL | re.M)]
+
+
+def missing(code):
+    """Libraries that a block needs and this machine lacks."""
+    wanted = re.findall(r"^(?:import|from) (\w+(?:\.\w+)?)", code, re.MULTILINE)
+    wanted += ["zarr", "pyarrow"] if "out=" in code else []
+    for name in wanted:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+            continue
+        yield name
+
+
+def run(code, names):
+    """Run a block and compare what it prints with what its comments say."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        exec(compile(code, "tutorial", "exec"), names)
+    printed = out.getvalue().splitlines()
+    promised = re.findall(r"^print\(.*\)  # (.*)$", code, re.MULTILINE)
+    assert len(printed) >= len(promised)
+    for line, comment in zip(printed, promised, strict=False):
+        assert line == comment or comment.startswith(f"{line}: "), (line, comment)
+
+
+@pytest.mark.parametrize("page", TUTORIAL)
+@pytest.mark.filterwarnings("ignore")  # of the cluster: a port that is taken, a socket that is open
+def test_the_tutorials_code_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    # functions of the page are sent to workers by value, as from a notebook
+    names = {"__name__": "__main__"}
+    lacking = []
+    for _, code in blocks(page):
+        if lack := list(missing(code)):
+            lacking += lack
+        else:
+            run(code, names)
+    if lacking:
+        pytest.skip(f"all blocks run but those that need {', '.join(lacking)}")
+
+
+def test_the_tutorial_is_executed_on_the_site():
+    for page in TUTORIAL:
+        executed = [code for cell, code in blocks(page) if cell]
+        assert len(executed) >= 3
+        for code in executed:
+            compile(code, page, "exec")
+
+
+def test_the_comparison_can_fail():
+    run("print(1 + 1)  # 2: two", {})
+    with pytest.raises(AssertionError):
+        run("print(1 + 1)  # 3", {})
+
+
+class Targets(html.parser.HTMLParser):
+    """Links, images and anchors of a page of the site."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.targets, self.anchors = [], set()
+        self.feed(page.read_text())
+
+    def handle_starttag(self, tag, attrs):
+        for name, value in attrs:
+            if name == "id":
+                self.anchors.add(value)
+            elif value and (name == "src" or (name == "href" and tag in ("a", "link"))):
+                self.targets.append(value)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    for library in ("sphinx", "furo", "myst_nb", "numpydoc", "control"):
+        if importlib.util.find_spec(library) is None:
+            pytest.skip(f"{library} is not installed: it comes with the extra docs")
+    out = tmp_path_factory.mktemp("site")
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-j", "2", DOCS, out],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert time.perf_counter() - start < BUILD_LIMIT
+    return out
+
+
+def test_the_site_is_whole(site):
+    pages = {path: Targets(path) for path in site.rglob("*.html")}
+    assert {f"{path.relative_to(DOCS).with_suffix('')}" for path in PAGES} <= {
+        f"{path.relative_to(site).with_suffix('')}" for path in pages
+    }
+    for path, page in pages.items():
+        for target in page.targets:
+            parts = urlsplit(target)
+            if parts.scheme or parts.netloc:
+                continue
+            file = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            assert file.exists(), f"{path.name}: {target}"
+            if parts.fragment and file in pages and path.stem not in ("search", "genindex"):
+                assert unquote(parts.fragment) in pages[file].anchors, f"{path.name}: {target}"
+
+
+def test_the_site_has_figures_formulas_and_nothing_foreign(site):
+    assert "<math" in (site / "api_simulation.html").read_text()
+    for script in ("rocking_block", "vibrating_table"):
+        page = (site / "gallery" / f"{script}.html").read_text()
+        assert "<img" in page
+        assert "expected" in page or "32.90" in page or "31.90" in page
+    for path in site.rglob("*.html"):
+        for target in re.findall(r"<(?:script|img)[^>]* src=\"([^\"]+)\"", path.read_text()):
+            assert not urlsplit(target).netloc, f"{path.name} loads {target}"
