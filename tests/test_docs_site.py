@@ -8,10 +8,10 @@ import contextlib
 import html.parser
 import importlib.util
 import io
+import os
 import re
 import subprocess
 import sys
-import time
 import types
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -26,7 +26,7 @@ DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
 TUTORIAL = ["tutorial", "tutorial_forces", "tutorial_control", "tutorial_studies"]
 BUILD_LIMIT = 180
-"""Longest time of a build of the site (s)."""
+"""Longest time of the processors for a build of the site (s)."""
 
 
 def named(path):
@@ -194,13 +194,19 @@ class Targets(html.parser.HTMLParser):
                 self.targets.append(value)
 
 
+def spent():
+    """Time of the processors for processes that have ended (s): the same on a busy machine."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     for library in ("sphinx", "furo", "myst_nb", "numpydoc", "control"):
         if importlib.util.find_spec(library) is None:
             pytest.skip(f"{library} is not installed: it comes with the extra docs")
     out = tmp_path_factory.mktemp("site")
-    start = time.perf_counter()
+    start = spent()
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-j", "2", DOCS, out],
         capture_output=True,
@@ -208,7 +214,7 @@ def site(tmp_path_factory):
         check=False,
     )
     assert done.returncode == 0, done.stderr[-3000:]
-    assert time.perf_counter() - start < BUILD_LIMIT
+    assert spent() - start < BUILD_LIMIT
     return out
 
 
