@@ -65,6 +65,41 @@ def test_10000_points_on_a_cluster_give_the_same_store(form, client, reference, 
     assert files(tmp_path / "a") == reference
 
 
+class Backwards(concurrent.futures.Executor):
+    """Computes what it was handed last first."""
+
+    def __init__(self):
+        self._todo = []
+
+    def submit(self, function, *arguments):
+        future = concurrent.futures.Future()
+        self._todo.append((future, function, arguments))
+        if len(self._todo) == 10:
+            for waiting, work, given in reversed(self._todo):
+                waiting.set_result(work(*given))
+        return future
+
+
+def test_chunks_of_failures_are_the_same_whenever_they_are_computed(tmp_path):
+    """Also before any point has told what the points give."""
+
+    def half(x):
+        if x < 50:
+            raise ValueError(x)
+        return {"pair": [x, -x]}, {"t": [x]}
+
+    stores = []
+    for name, executor in (("a", None), ("b", Backwards())):
+        out = tmp_path / name
+        points = {"x": range(100)}
+        study = zivi.sweep(half, points, out=out, chunk=10, executor=executor, in_flight=10)
+        assert study.status.tolist() == [2] * 50 + [1] * 50
+        stores.append(files(out))
+    assert stores[0] == stores[1]
+    kept = zivi.sweep(half, {"x": range(100)}, chunk=10)
+    assert np.array_equal(kept.pair, study.pair, equal_nan=True)
+
+
 def test_an_executor_of_the_user_is_left_open(tmp_path):
     with concurrent.futures.ThreadPoolExecutor(2) as executor:
         study = zivi.sweep(functions.product, MANY, executor=executor)

@@ -313,6 +313,10 @@ class FolderStore:
         _consolidate(self.path)
         self.schema = schema
         self._reopen()
+        for chunk in range(len(self.layout)):
+            # all its points failed before this was known
+            if self._file("status", chunk).exists():
+                self.save(chunk, self.load(chunk))
 
     def _reopen(self) -> None:
         import zarr

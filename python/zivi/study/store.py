@@ -132,6 +132,8 @@ class MemoryStore:
         """Make room for what the points give."""
         self._labels.check(schema)
         self.schema = schema
+        for block in self._blocks.values():  # those of which all points failed
+            block.shaped(schema)
 
     def load(self, chunk: int) -> Block:
         """Give what is there of a chunk."""
@@ -139,6 +141,8 @@ class MemoryStore:
 
     def save(self, chunk: int, block: Block) -> None:
         """Keep a chunk."""
+        if self.schema is not None:
+            block.shaped(self.schema)
         self._blocks[chunk] = block
 
     def close(self) -> None:
