@@ -71,7 +71,7 @@ class Curve:
     look : Look
         Name, colour and style.
     x, y : ndarray
-        The points, at most 2000.
+        The points, at most 1000.
     held : bool
         Whether a value holds until the next one.
     """
@@ -91,7 +91,7 @@ def figure(runs: Runs, window: tuple[float, float] | None = None) -> go.Figure:
     runs : dict
         What `zivi.lab.runs.compute` gave.
     window : (float, float), optional
-        Times to show (s); all by default. A line has at most 2000 points, those with the extremes:
+        Times to show (s); all by default. A line has at most 1000 points, those with the extremes:
         where a window holds fewer samples, all are shown.
 
     Returns
@@ -271,5 +271,5 @@ def _style(width: float, panels: list[str]) -> dict[str, Any]:
             "yanchor": "bottom",
         },
         "hovermode": "closest",
-        "uirevision": "zivi lab",  # what was zoomed stays zoomed when a slider moves
+        "dragmode": "zoom",
     }

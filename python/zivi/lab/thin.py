@@ -8,7 +8,7 @@ from zivi._check import Array
 
 __all__ = ["POINTS", "thinned"]
 
-POINTS = 2000
+POINTS = 1000
 """Points of a line that is drawn."""
 
 
@@ -35,7 +35,7 @@ def thinned(
     --------
     >>> t = np.linspace(0.0, 1.0, 100_001)
     >>> few_t, few_x = thinned((t, np.sin(1000.0 * t)))
-    >>> len(few_t) <= 2000, round(float(few_x.max()), 6)
+    >>> len(few_t) <= 1000, round(float(few_x.max()), 6)
     (True, 1.0)
     """
     before = np.empty(0, dtype=int) if breaks is None else breaks
