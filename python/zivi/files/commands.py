@@ -27,6 +27,8 @@ __all__ = ["EARLY", "INTERRUPTED", "WRONG", "example", "output", "picture", "sin
 
 EARLY, WRONG, INTERRUPTED = 1, 2, 130
 """Exit codes beside 0: the run ended early, a bad file, Ctrl-C."""
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of pictures."""
 
 
 def example(command: str) -> str:
@@ -139,6 +141,8 @@ def _remove(path: Path) -> None:
 
 def picture(result: Path, out: Path | None, *, force: bool, window: bool, quiet: bool) -> int:
     """Sum up and draw a result."""
+    if out is not None and out.suffix.lower() not in PICTURES:
+        raise FileError(f"{out}: must end in {', '.join(PICTURES)}")
     path = None if window else output(out, result, ".png", replace=force)
     if window and not show.has_display():
         raise FileError("zivi show: there is no display for --window; --out writes a picture")

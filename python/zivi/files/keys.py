@@ -1,4 +1,7 @@
-"""All keys of all files: what they hold, their units, ranges and defaults."""
+"""All keys of all files: what they hold, their units, ranges and defaults.
+
+After a change, ``python -m zivi.files.document docs/command_line.md`` brings the page up to date.
+"""
 
 from __future__ import annotations
 

@@ -1,0 +1,272 @@
+"""The page of the command line and the example files against what is accepted."""
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import zivi
+from zivi import files
+from zivi.cli import app
+from zivi.files import FileError, document
+from zivi.files.keys import CONTROLLERS, METHODS, SWITCHED_RK
+from zivi.files.tables import rows
+
+pytest.importorskip("h5netcdf")
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "command_line.md").read_text("utf-8")
+EXAMPLES = ROOT / "examples" / "files"
+PREPARE = {
+    "simulate": files.prepare_simulate,
+    "control": files.prepare_control,
+    "sweep": files.prepare_sweep,
+}
+
+
+def documented(command):
+    """Read the tables of the page as a user does: key, for what, unit, allowed, default."""
+    section = PAGE.partition(f"### zivi {command}\n")[2].partition("\n### ")[0]
+    found = []
+    for line in section.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+        if line.startswith("| `"):
+            key, only, unit, allowed, default, meaning = cells
+            assert meaning
+            kinds = only.split(", ") if only else [""]
+            found += [(key.strip("`"), kind, unit, allowed, default) for kind in kinds]
+    return found
+
+
+@pytest.mark.parametrize("command", PREPARE)
+def test_every_accepted_key_is_documented_once(command):
+    listed = [(key, kind) for key, kind, *_ in documented(command)]
+    accepted = [(row.path, row.variant) for row in rows(document.COMMANDS[command])]
+    assert sorted(listed) == sorted(accepted)
+    assert len(set(listed)) == len(listed) > 15
+
+
+def test_the_page_is_up_to_date():
+    assert document.insert(PAGE) == PAGE
+    with pytest.raises(ValueError, match="one place"):
+        document.insert("nothing")
+
+
+VALUES = {
+    "force": "-1.0",
+    "force_ref": "-1.0",
+    "force_model": "-1.0",
+    "noise": "[1e-3, 0]",
+    "quantization": "[1e-3, 0]",
+    "t_eval": "[0.5]",
+    "u_limits": "[-99.0, 99.0]",
+    "name": "'SwitchedRK'",
+    "kind": "'list'",
+    "solver": "'newton'",
+    "branch": "'nearest'",
+    "order": "5",
+    "e": "0.5",
+    "kappa": "0.5",
+    "e_ref": "0.5",
+    "kappa_ref": "0.5",
+    "h": "1e-2",
+    "rtol": "1e-3",
+    "theta": "0.5",
+    "gamma": "0.5",
+    "max_impacts": "10",
+    "bound": "0.5",
+    "y_ref0": "[1, 1]",
+    "executor": "'threads'",
+    "sampler": "'halton'",
+    "log": "true",
+}
+BASES = {
+    "simulate": {"t_span": "[0, 1]", "y0": "[1, 0]", "system.force": "-1.0", "system.e": "0.5"},
+    "control": {
+        "t_span": "[0, 0.1]", "y0": "[1, 0]", "system.force": "-1.0", "system.e": "0.5",
+        "controller.name": "'TwistingTracker'", "controller.mu1": "3.0", "controller.mu2": "2.0",
+        "controller.h": "1e-2",
+    },
+    "sweep": {"experiment": "'ball_rest_time'", "parameters.e": "[0.5]"},
+}  # fmt: skip
+RANGE = {"start": "0.1", "stop": "0.5", "num": "2"}
+
+
+def complete(command, key, kind):
+    """Give a file with one further key and what it needs beside it."""
+    given = dict(BASES[command])
+    table, _, name = key.rpartition(".")
+    if kind:
+        tag = {"method": "method.name", "controller": "controller.name", "design": "design.kind"}
+        given[tag[table]] = f"'{kind}'"
+        if table == "method" and kind != "SwitchedRK":
+            given["method.h"] = "1e-2"
+        if kind == "sample":
+            given |= {"parameters.e": "{ start = 0.1, stop = 0.9 }", "design.n": "4"}
+    if key == "system.kappa":
+        del given["system.e"]
+    if table == "system.wall":
+        given |= {"system.wall.amplitude": "0.1", "system.wall.omega": "1.0"}
+    if table in ("system.force", "force_ref", "force_model"):
+        given.pop(table, None)
+    if table in ("t_eval", "parameters.NAME"):
+        given.pop("parameters.e", None)
+        given |= {f"{table}.{end}": value for end, value in RANGE.items()}
+    if key == "workers":
+        given["executor"] = "'processes'"
+    if key.endswith("e_ref") and table == "controller":
+        given["controller.name"] = f"'{kind}'"
+    given.setdefault(key, VALUES.get(name, "1"))
+    told = {
+        path.replace("parameters.NAME", "parameters.e").replace("fixed.NAME", "fixed.g"): value
+        for path, value in given.items()
+    }
+    return "".join(f"{path} = {value}\n" for path, value in told.items())
+
+
+WHOLE_TABLES = ("system", "system.wall", "method", "controller", "parameters", "parameters.NAME",
+                "fixed", "design")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("command", "key", "kind"),
+    [(command, key, kind) for command in PREPARE for key, kind, *_ in documented(command)],
+)
+def test_every_documented_key_is_accepted(command, key, kind, tmp_path):
+    path = tmp_path / "file.toml"
+    if key in WHOLE_TABLES:  # by the keys in it
+        assert any(other.startswith(f"{key}.") for other, *_ in documented(command))
+        return
+    path.write_text(complete(command, key, kind))
+    PREPARE[command](path)
+    wrong = path.read_text().replace(f"{key.rpartition('.')[2]} =", "wrong_key =")
+    if "NAME" not in key:
+        path.write_text(wrong)
+        with pytest.raises(FileError, match=r"wrong_key is no key|is missing"):
+            PREPARE[command](path)
+
+
+def number(text):
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip('"')
+
+
+def test_documented_defaults_are_those_of_the_library():
+    settings = {
+        "SwitchedRK": zivi.SwitchedRK(),
+        "ThetaGamma": zivi.ThetaGamma(h=1.0),
+        "MoreauJean": zivi.MoreauJean(h=1.0),
+        "ExplicitEuler": zivi.ExplicitEuler(h=1.0),
+    }
+    checked = 0
+    for command in ("simulate", "control"):
+        for key, kind, _, _, default in documented(command):
+            table, _, name = key.rpartition(".")
+            if table == "method" and kind and not default.startswith(("**", "from")):
+                assert number(default) == getattr(settings[kind], name), key
+                checked += 1
+            elif table in ("system.force", "force_ref", "force_model"):
+                assert number(default) == getattr(zivi.LinearForce(), name), key
+                checked += 1
+            elif table == "system.wall" and not default.startswith("**"):
+                assert number(default) == getattr(zivi.HarmonicWall(1.0, 1.0), name), key
+                checked += 1
+    law = zivi.TwistingTracker(3, 2, h=1, e=0.5)
+    defaults = {key: default for key, _, _, _, default in documented("control")}
+    assert number(defaults["controller.depth"]) == law.settings["depth"]
+    assert number(defaults["controller.branch"]) == law.branch
+    assert checked > 30
+
+
+def test_all_settings_of_the_library_are_there():
+    """What Python takes, a file takes, or it is left out on purpose."""
+    import dataclasses
+    import inspect
+
+    for name, keys in METHODS.items():
+        fields = {field.name for field in dataclasses.fields(getattr(zivi, name))}
+        assert {key.name for key in keys} == fields
+    assert METHODS["SwitchedRK"] is SWITCHED_RK
+    for name, keys in CONTROLLERS.items():
+        taken = set(inspect.signature(getattr(zivi, name).__new__).parameters) - {"cls"}
+        assert {key.name for key in keys} == taken
+    taken = set(inspect.signature(zivi.simulate_closed_loop).parameters)
+    keys = {key.name for key in document.COMMANDS["control"]}
+    assert taken - keys == {"progress"}
+    taken = set(inspect.signature(zivi.simulate).parameters)
+    keys = {key.name for key in document.COMMANDS["simulate"]}
+    assert taken - keys == {"progress", "events", "dense_output"}
+
+
+@pytest.mark.parametrize("command", PREPARE)
+def test_examples(command, tmp_path, monkeypatch):
+    told = CliRunner().invoke(app, [command, "--example"])
+    assert told.exit_code == 0
+    kept = EXAMPLES / f"{command}.toml"
+    assert told.output == kept.read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    Path("FILE.toml").write_text(told.output)
+    ended = CliRunner().invoke(app, [command, "FILE.toml"])
+    assert ended.exit_code == 0, ended.output
+    # each setting in a comment works as well, in place of the one that it is an example for
+    together = re.search(r"^# \[.*?(\n\n|\Z)", told.output, re.MULTILINE | re.DOTALL)
+    text = told.output if together is None else told.output.replace(together[0], "")
+    for key, value in re.findall(r"^# (\w+) = (.*)$", text, re.MULTILINE):
+        line = f"{key} = {value}"
+        changed = re.sub(rf"^{key} = .*$", "", text, flags=re.MULTILINE)
+        Path("FILE.toml").write_text(changed.replace(f"# {line}", line))
+        PREPARE[command](Path("FILE.toml"))
+
+
+def test_tables_in_comments_of_examples(tmp_path):
+    text = (EXAMPLES / "simulate.toml").read_text()
+    path = tmp_path / "FILE.toml"
+    path.write_text(re.sub(r"^# (\[system.wall\]|amplitude|omega)", r"\1", text, flags=re.M))
+    assert (
+        "wall=HarmonicWall(amplitude=0.01, omega=60.0"
+        in repr(files.prepare_simulate(path).run().config)
+        or files.prepare_simulate(path).run().config["wall"]["omega"] == 60.0
+    )
+    text = (EXAMPLES / "sweep.toml").read_text()
+    text = re.sub(r"^# (\[design\]|kind|n =|sampler|seed)", r"\1", text, flags=re.M)
+    path.write_text(re.sub(r", num = \d+", "", text))
+    assert len(files.prepare_sweep(path).design) == 64
+
+
+def test_what_the_page_says():
+    for command in (*PREPARE, "show"):
+        told = CliRunner().invoke(app, [command, "--help"]).output
+        for option in re.findall(r"--[a-z-]+", told):
+            assert f"`{option}" in PAGE or option == "--help", option
+    shown = re.search(r"```text\n(.*?)```", PAGE, re.DOTALL)[1].splitlines()
+    for line in shown:
+        assert line.startswith("ball.toml: ")
+
+
+def test_the_mistakes_on_the_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("ball.toml").write_text(
+        "t_span = [0, 1]\ny0 = [-1.0, 0]\n[system]\nforce = 1\ne = 0.5\n"
+        "wall = { amplitude = 1 }\n[method]\nrtoll = 1\n"
+    )
+    with pytest.raises(FileError) as caught:
+        files.prepare_simulate(Path("ball.toml"))
+    shown = re.search(r"```text\n(.*?)```", PAGE, re.DOTALL)[1].splitlines()
+    assert sorted(str(caught.value).splitlines()) == sorted(shown)
+
+
+def test_sections_of_the_page_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for line in re.search(r"```sh\n(.*?)```", PAGE, re.DOTALL)[1].splitlines():
+        words = line.partition("#")[0].split()
+        assert words[0] == "zivi"
+        arguments = words[1 : words.index(">") if ">" in words else None]
+        ended = CliRunner().invoke(app, arguments)
+        assert ended.exit_code == 0, ended.output
+        if ">" in words:
+            Path(words[-1]).write_text(ended.output)
+    assert Path("ball.png").exists()
+    assert files.load("ball.nc").success
