@@ -261,7 +261,6 @@ STUDIES = {
     "map": "e = { start = 0.1, stop = 0.9, num = 7 }\n"
            "h = { start = 1e-4, stop = 1e-1, num = 7, log = true }",
     "cube": "e = [0.3, 0.5]\nh = [1e-3, 1e-2]\nx0 = [1, 2]",
-    "list": "e = [0.3, 0.5]\nh = [1e-3, 1e-2]\n[design]\nkind = 'list'",
     "sample": "e = { start = 0.1, stop = 0.9 }\n[design]\nkind = 'sample'\nn = 8",
 }  # fmt: skip
 
@@ -349,6 +348,7 @@ def test_a_damaged_study_is_shown_as_far_as_it_can_be_read(place):
 
 
 def test_help():
+    assert run("--version").output == f"zivi {zivi.__version__}\n"
     told = run("--help").output
     for command in (*TEXTS, "show", "paper"):
         assert command in told
@@ -369,7 +369,6 @@ def process(*arguments, **kwargs):
 
 
 def test_as_a_process(place):
-    assert process("--version").stdout == f"zivi {zivi.__version__}\n"
     ended = process("simulate", "simulate.toml")
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "at rest" in ended.stdout
