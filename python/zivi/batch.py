@@ -366,16 +366,14 @@ def _batch(
 
 def _events(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
     events = []
-    for i, t in enumerate(record.impact_t):
+    # each look at one of these makes a new list
+    columns = (record.impact_t, record.impact_xdot_before, record.impact_xdot_after)
+    for t, before, after, zeno_times, liftoff_times in zip(
+        *columns, record.zeno_times, record.liftoff_times, strict=True
+    ):
         impacts = np.empty(len(t), IMPACT)
-        impacts["t"] = t
-        impacts["xdot_before"] = record.impact_xdot_before[i]
-        impacts["xdot_after"] = record.impact_xdot_after[i]
+        impacts["t"], impacts["xdot_before"], impacts["xdot_after"] = t, before, after
         events.append(
-            {
-                "impacts": impacts,
-                "zeno_times": record.zeno_times[i],
-                "liftoff_times": record.liftoff_times[i],
-            }
+            {"impacts": impacts, "zeno_times": zeno_times, "liftoff_times": liftoff_times}
         )
     return events
