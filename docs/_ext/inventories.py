@@ -12,7 +12,7 @@ SCIPY = "https://docs.scipy.org/doc/scipy/"
 XARRAY = "https://docs.xarray.dev/en/stable/"
 MATPLOTLIB = "https://matplotlib.org/stable/"
 PYTHON = "https://docs.python.org/3/"
-CONTROL = "https://python-control.readthedocs.io/en/latest/"
+CONTROL = "https://python-control.readthedocs.io/en/stable/"
 
 GENERATED = "generated/{name}.html#{name}"
 PROJECTS = {
