@@ -313,10 +313,10 @@ class FolderStore:
         _consolidate(self.path)
         self.schema = schema
         self._reopen()
-        for chunk in range(len(self.layout)):
+        for number in range(len(self.layout)):
             # all its points failed before this was known
-            if self._file("status", chunk).exists():
-                self.save(chunk, self.load(chunk))
+            if self._file("status", number).exists():
+                self.save(number, self.load(number))
 
     def _reopen(self) -> None:
         import zarr
