@@ -49,13 +49,14 @@ def test_each_loop_is_what_it_is_alone(settings):
             np.testing.assert_array_equal(saved[:samples], getattr(run, name)[::7])
             assert np.all(np.isnan(saved[samples:]))
         error, held = np.abs(run.error), run.u[:-1]
+        beyond = run.t[np.flatnonzero(error > 0.01)[-1]]
         expected = {
             "t": run.t[-1],
             "x": run.x[-1],
             "xdot": run.xdot[-1],
             "x_ref": run.x_ref[-1],
             "xdot_ref": run.xdot_ref[-1],
-            "settling_time": run.t[np.flatnonzero(error > 0.01)[-1]],
+            "settling_time": np.inf if beyond == run.t[-1] else beyond,
             "error_max": error.max(),
             "rest_time": np.nan if run.rest_time is None else run.rest_time,
             "n_impacts": len(run.impacts),
@@ -107,6 +108,13 @@ def test_threads_change_nothing_and_controllers_stay_as_they_were():
     for name in ("x", "settling_time", "u_variation", "rest_time", "error_rms"):
         np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
     assert [controller.state for controller in several] == states
+
+
+def test_what_has_not_settled_is_infinite_and_what_was_never_off_is_nan():
+    batch = zivi.simulate_closed_loop_batch(
+        PLANT, tracker(), (0, 0.1), [(6, 5), (3, 3)], y_ref0=REFERENCE, force_ref=-19.81
+    )
+    np.testing.assert_array_equal(batch.settling_time, [np.inf, np.nan])
 
 
 def test_without_a_new_reference_each_goes_on_from_where_it_is():

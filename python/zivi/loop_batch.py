@@ -41,7 +41,7 @@ NUMBERS = {
     "xdot": ("m/s", "last velocity"),
     "x_ref": ("m", "last distance of the reference"),
     "xdot_ref": ("m/s", "last velocity of the reference"),
-    "settling_time": ("s", "last time at which the position error was beyond `within`"),
+    "settling_time": ("s", "last time with a position error beyond `within`, inf if at the end"),
     "error_max": ("m", "largest position error"),
     "error_rms": ("m", "root mean square of the position error"),
     "u_max": ("m/s^2", "largest control"),
@@ -66,7 +66,8 @@ class ClosedLoopBatch(Runs):
     x_ref, xdot_ref : ndarray
         The reference at the end, NaN without one.
     settling_time : ndarray
-        Last time at which ``|x - x_ref| > within`` (s); NaN if that never was so.
+        Last time at which ``|x - x_ref| > within`` (s); NaN if that never was so, infinite if it
+        still is at the end.
     error_max, error_rms : ndarray
         Largest and root mean square position error (m), NaN without a reference.
     u_max, u_rms, u_variation : ndarray

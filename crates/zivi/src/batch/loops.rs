@@ -44,7 +44,8 @@ pub struct LoopSettings {
 pub struct LoopOutcome {
     /// Time (s), plant and reference at the end: `t, x, x', x_r, x_r'`.
     pub last: [f64; 5],
-    /// The last time at which the position error was beyond `within` (s), NaN if it never was.
+    /// The last time at which the position error was beyond `within` (s): NaN if it never was,
+    /// infinite if it still is at the end.
     pub beyond_until: f64,
     /// Largest position error (m), NaN without a reference.
     pub error_max: f64,
@@ -132,7 +133,11 @@ impl LoopOutcome {
         };
         Self {
             last,
-            beyond_until: beyond.map_or(f64::NAN, |(t, _)| *t),
+            beyond_until: match beyond {
+                None => f64::NAN,
+                Some((t, _)) if *t == last[0] => f64::INFINITY,
+                Some((t, _)) => *t,
+            },
             error_max: errors.clone().fold(f64::NAN, f64::max),
             error_rms: rms(errors),
             u_max: held.iter().fold(0.0, |most, u| most.max(u.abs())),
