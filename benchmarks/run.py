@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 import bench_ball
+import bench_batch
 import bench_control
 import bench_vi
 import cball
@@ -65,6 +66,7 @@ def main() -> None:
     print(bench_vi.write())
     print(bench_control.write())
     print(methods.write())
+    print(bench_batch.write())
 
 
 if __name__ == "__main__":

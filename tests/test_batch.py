@@ -1,0 +1,340 @@
+"""A run in a batch is the run alone, to the last bit; failures, threads, memory, Ctrl-C."""
+
+import ctypes
+import dataclasses
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+import scipy
+
+import zivi
+
+BALL = zivi.ImpactSystem(-9.81, kappa=0.41)
+LINEAR = zivi.LinearForce(stiffness=1.0, damping=0.1, gravity=3.0, amplitude=4.0, omega=5.0)
+PLAIN = ctypes.CFUNCTYPE(*[ctypes.c_double] * 4)
+EULER = zivi.ThetaGamma(1e-3)
+METHODS = [
+    EULER,
+    zivi.ThetaGamma(2e-3, theta=0.5, gamma=0.8),
+    zivi.ThetaGamma(5e-3, solver="newton"),
+    zivi.ExplicitEuler(1e-3),
+    zivi.MoreauJean(1e-3),
+    zivi.SwitchedRK(),
+]
+SAVES = ["final", "statistics", "events", 7]
+
+
+def low_level():
+    """`fma(t, x, x') = t x + x'`, compiled, from the C library."""
+    fma = ctypes.CDLL(None).fma
+    return PLAIN(("fma", ctypes.CDLL(None))) if fma else None
+
+
+def numba_cfunc():
+    numba = pytest.importorskip("numba")
+    return numba.cfunc("float64(float64, float64, float64)")(lambda t, x, xdot: -9.81 - 2.0 * x)
+
+
+FORCES = {
+    "number": lambda: -9.81,
+    "linear": lambda: LINEAR,
+    "ctypes": low_level,
+    "LowLevelCallable": lambda: scipy.LowLevelCallable(low_level()),
+    "numba": numba_cfunc,
+}
+
+
+def starts(n, seed=0):
+    draw = np.random.default_rng(seed)
+    states = np.column_stack([draw.uniform(0.0, 1.0, n), draw.uniform(-3.0, 3.0, n)])
+    states[::7] = 0.0
+    states[1::7, 0] = 0.0
+    return states
+
+
+def bits(batch):
+    arrays = (getattr(batch, field.name) for field in dataclasses.fields(batch))
+    return [array.tobytes() for array in arrays if isinstance(array, np.ndarray)]
+
+
+def same(found, expected):
+    np.testing.assert_array_equal(found, np.nan if expected is None else expected)
+
+
+def assert_is(batch, i, sol, save):
+    """The entry of a batch is what the run alone gives."""
+    for name in ("t", "x", "xdot"):
+        same(getattr(batch, name)[i], getattr(sol, name)[-1])
+    same(batch.rest_time[i], sol.rest_time)
+    assert batch.status[i] == sol.status
+    assert batch.nfev[i] == max(sol.nfev, 1)
+    assert batch.n_impacts[i] == len(sol.impacts)
+    assert batch.n_zeno[i] == len(sol.zeno_times)
+    assert batch.n_liftoffs[i] == len(sol.liftoff_times)
+    if len(sol.impacts):
+        assert batch.first_impact[i] == sol.impacts["t"][0]
+        assert batch.last_impact[i] == sol.impacts["t"][-1]
+        assert batch.hardest_impact[i] == -sol.impacts["xdot_before"].min()
+    else:
+        same(batch.first_impact[i], None)
+    if save == "statistics":
+        assert batch.x_max[i] == sol.x.max()
+        assert batch.speed_max[i] == np.abs(sol.xdot).max()
+    if save == "events":
+        np.testing.assert_array_equal(batch.events[i]["impacts"], sol.impacts)
+        np.testing.assert_array_equal(batch.events[i]["zeno_times"], sol.zeno_times)
+        np.testing.assert_array_equal(batch.events[i]["liftoff_times"], sol.liftoff_times)
+    if isinstance(save, int):
+        kept = len(sol.t[::save])
+        np.testing.assert_array_equal(batch.sample_t[:kept], sol.t[::save])
+        np.testing.assert_array_equal(batch.sample_x[i, :kept], sol.x[::save])
+        np.testing.assert_array_equal(batch.sample_xdot[i, :kept], sol.xdot[::save])
+        assert np.isnan(batch.sample_x[i, kept:]).all()
+
+
+def check(systems, states, method, save, t1=1.503):
+    batch = zivi.simulate_batch(systems, (0, t1), states, method=method, save=save, threads=2)
+    assert len(batch) == len(states)
+    for i, state in enumerate(states):
+        system = systems[i] if isinstance(systems, list) else systems
+        sol = zivi.simulate(system, (0, t1), state, method=method, dense_output=False)
+        assert_is(batch, i, sol, save)
+
+
+@pytest.mark.parametrize("save", SAVES)
+@pytest.mark.parametrize("method", METHODS, ids=repr)
+def test_a_run_in_a_batch_is_the_run_alone(method, save):
+    if isinstance(save, int) and isinstance(method, zivi.SwitchedRK):
+        pytest.skip("no regular samples")
+    systems = [
+        zivi.ImpactSystem([-9.81, 0.0, -1.0, LINEAR][i % 4], e=0.1 + 0.04 * i) for i in range(20)
+    ]
+    check(systems, starts(20), method, save)
+
+
+@pytest.mark.parametrize("save", SAVES)
+def test_many_different_balls(save):
+    draw = np.random.default_rng(3)
+    systems = [
+        zivi.ImpactSystem(-g, e=e)
+        for g, e in zip(draw.uniform(0.0, 20.0, 150), draw.uniform(0.05, 1.0, 150), strict=True)
+    ]
+    check(systems, starts(150, 4), EULER, save)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=repr)
+@pytest.mark.parametrize("form", FORCES)
+def test_every_kind_of_force_that_needs_no_interpreter(form, method):
+    check(zivi.ImpactSystem(FORCES[form](), e=0.6), starts(5), method, "final", 0.5)
+
+
+@pytest.mark.parametrize("method", [EULER, zivi.MoreauJean(1e-3), zivi.SwitchedRK()], ids=repr)
+def test_moving_walls(method):
+    systems = [
+        zivi.ImpactSystem(-9.81, e=0.5, wall=zivi.HarmonicWall(amplitude=0.01, omega=w))
+        for w in (20.0, 31.0, 47.0)
+    ]
+    states = np.array([[0.3, 0.0], [0.2, 0.5], [0.1, -0.2]])
+    check(systems, states, method, "events")
+
+
+@pytest.mark.parametrize("save", SAVES)
+@pytest.mark.parametrize("method", [EULER, zivi.MoreauJean(2e-3)], ids=repr)
+def test_the_number_of_threads_changes_nothing(method, save):
+    def of(threads):
+        return zivi.simulate_batch(
+            BALL, (0, 1), starts(200), method=method, save=save, threads=threads
+        )
+
+    one = of(1)
+    for threads in (2, 5):
+        assert bits(of(threads)) == bits(one)
+    assert bits(of(None)) == bits(one)
+
+
+def test_one_state_for_many_systems_and_one_system_for_many_states():
+    systems = [zivi.ImpactSystem(-9.81, e=e) for e in (0.2, 0.5, 0.8)]
+    several = zivi.simulate_batch(systems, (0, 6), (1, 0), method=EULER)
+    assert len(several) == 3
+    assert (np.diff(several.rest_time) > 0).all()
+    same_ball = zivi.simulate_batch(systems[1], (0, 6), [(1, 0)] * 2, method=EULER)
+    assert (same_ball.rest_time == several.rest_time[1]).all()
+    assert len(zivi.simulate_batch(BALL, (0, 1), np.empty((0, 2)), method=EULER)) == 0
+
+
+def test_runs_that_fail_do_not_disturb_the_others():
+    """In one chunk with others: an absurd force, and one that is not a number."""
+    wild = [zivi.ImpactSystem(-1e308, e=0.5), zivi.ImpactSystem(1e308, e=0.5)]
+    systems = [BALL] * 20 + wild + [BALL] * 20
+    states = starts(42) + np.array([0.1, 0.0])
+    method = zivi.ThetaGamma(0.5)
+    batch = zivi.simulate_batch(systems, (0, 400), states, method=method, save=3)
+    assert batch.status[21] == zivi.Status.STATE_NOT_FINITE
+    assert batch.success.sum() >= 40
+    assert batch.t[21] < 400
+    assert np.isnan(batch.sample_x[21, -1])
+    for i in range(42):
+        alone = zivi.simulate(systems[i], (0, 400), states[i], method=method)
+        assert_is(batch, i, alone, 3)
+
+
+def run(**changes):
+    given = {"systems": BALL, "t_span": (0, 1), "y0": (1, 0), "method": EULER} | changes
+    return zivi.simulate_batch(given.pop("systems"), given.pop("t_span"), given.pop("y0"), **given)
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind", "message"),
+    [
+        ({"systems": 3}, TypeError, "systems must be zivi.ImpactSystem, got int (number 0)"),
+        ({"systems": [BALL, "x"]}, TypeError, "got str (number 1)"),
+        ({"systems": []}, ValueError, "systems must hold at least one"),
+        (
+            {"systems": [BALL, zivi.ImpactSystem(lambda t, x, v: 0.0, e=0.5)]},
+            ValueError,
+            "system 1",
+        ),
+        ({"systems": zivi.ImpactSystem(lambda t, x, v: 0.0, e=0.5)}, ValueError, "zivi.sweep"),
+        ({"t_span": (0, np.inf)}, ValueError, "t_span"),
+        ({"t_span": (1, 0)}, ValueError, "t_span"),
+        ({"t_span": 3}, (TypeError, ValueError), "t_span"),
+        ({"y0": [[1, 0, 0]]}, ValueError, "y0 must have shape (n, 2) or (2,)"),
+        ({"y0": [(1, 0)] * 3, "systems": [BALL] * 2}, ValueError, "for each of the 2 systems"),
+        ({"y0": [(1, 0), (1, 0), (-1, 0)]}, ValueError, "run 2 of the batch: x0 must be"),
+        ({"y0": [(1, 0), (1, np.nan)]}, ValueError, "run 1 of the batch"),
+        ({"y0": "up"}, (TypeError, ValueError), "y0"),
+        ({"method": "RK45"}, TypeError, "method must be one of zivi's methods"),
+        ({"save": "all"}, ValueError, "save must be one of 'final'"),
+        ({"save": 0}, ValueError, "save must be a number of samples >= 1"),
+        ({"save": 2.5}, TypeError, "save"),
+        ({"save": 2, "method": zivi.SwitchedRK()}, ValueError, "needs a method of fixed steps"),
+        ({"threads": 0}, ValueError, "threads must be from 1"),
+        ({"threads": 10**6}, ValueError, "threads must be from 1"),
+        ({"threads": 1.5}, TypeError, "threads"),
+    ],
+)
+def test_bad_input_is_named(changes, kind, message):
+    with pytest.raises(kind, match=re.escape(message)):
+        run(**changes)
+
+
+def test_progress_shows_only_when_it_lasts(capfd, monkeypatch):
+    run(progress=True)
+    assert capfd.readouterr().err == ""
+    monkeypatch.setattr("zivi._progress.DELAY", 0.0)
+    states = np.tile((1.0, 0.0), (3000, 1))
+    run(y0=states, t_span=(0, 4), progress=True, method=zivi.MoreauJean(1e-3))
+    assert "simulate" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("save", ["final", "statistics", 10])
+def test_to_xarray_round_trip(save, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    batch = run(y0=starts(9), save=save)
+    path = tmp_path / "batch.nc"
+    batch.to_xarray().to_netcdf(path, engine="h5netcdf")
+    with xarray.open_dataset(path, engine="h5netcdf") as read:
+        for name in read.data_vars:
+            same(read[name].values, getattr(batch, str(name)))
+            assert read[name].attrs["units"]
+        assert ("x_max" in read) == (save == "statistics")
+        assert ("sample_x" in read) == (save == 10)
+        if save == 10:
+            same(read["time"].values, batch.sample_t)
+        config = json.loads(read.attrs["config"])
+    assert config["save"] == save
+    assert config["n_systems"] == 1
+    assert config["systems"][0]["kappa"] == 0.41
+
+
+def test_events_of_many_runs_take_no_time():
+    begun = time.monotonic()
+    batch = run(y0=np.tile((0.1, 0.0), (20_000, 1)), method=zivi.ThetaGamma(1e-2), save="events")
+    assert len(batch.events) == 20_000
+    assert time.monotonic() - begun < 10.0
+
+
+MEMORY = """
+    import resource, sys
+    import numpy as np
+    import zivi
+
+    def run(n, steps):
+        states = np.column_stack([np.linspace(0.5, 1.0, n), np.zeros(n)])
+        method = zivi.ThetaGamma(1e-3)
+        ball = zivi.ImpactSystem(-9.81, kappa=0.41)
+        zivi.simulate_batch(ball, (0, 1e-3 * steps), states, method=method, threads=2)
+
+    def peak():
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    run(100, 100)
+    before = peak()
+    run({n}, {steps})
+    print(peak() - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the unit of ru_maxrss")
+def test_memory_does_not_grow_with_the_steps():
+    """A state of every step would be 16 GB."""
+    program = textwrap.dedent(MEMORY).format(n=100_000, steps=10_000)
+    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert out.returncode == 0, out.stderr
+    assert int(out.stdout) * 1024 < 1500 * 100_000
+
+
+INTERRUPTED = """
+    import signal
+    import numpy as np
+    import zivi
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell ignores it
+    states = np.tile((1.0, 0.0), (20_000, 1))
+    print("started", flush=True)
+    try:
+        zivi.simulate_batch({system}, (0, 1000), states, method={method}, threads=2)
+    except KeyboardInterrupt:
+        print("stopped", flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT to a process")
+@pytest.mark.parametrize(
+    ("system", "method"),
+    [
+        ("zivi.ImpactSystem(-9.81, e=1.0)", "zivi.ThetaGamma(1e-4)"),
+        (
+            "zivi.ImpactSystem(zivi.LinearForce(gravity=9.81, stiffness=1), e=0.9)",
+            "zivi.MoreauJean(1e-4)",
+        ),
+        ("zivi.ImpactSystem(-9.81, e=1.0)", "zivi.SwitchedRK()"),
+    ],
+)
+def test_interrupt(system, method):
+    program = textwrap.dedent(INTERRUPTED).format(system=system, method=method)
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            line = process.stdout.readline()
+            assert line == "started\n", line + process.stderr.read()
+            time.sleep(0.5)
+            assert process.poll() is None
+            process.send_signal(signal.SIGINT)
+            sent = time.monotonic()
+            output, errors = process.communicate(timeout=30)
+            took = time.monotonic() - sent
+        finally:
+            process.kill()
+    assert (process.returncode, output) == (0, "stopped\n"), errors
+    assert took < 3.0, f"{took:.2f} s"
