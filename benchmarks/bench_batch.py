@@ -100,22 +100,22 @@ all the time; in random order the impacts of neighbours do not coincide.
 ## Beside hand-written C loops
 
 `benchmarks/batch.c` is the same scheme for this one problem, in closed form and without a branch:
-gcc reports its loop over the balls as vectorised ({", ".join(vectorised)}). It returns states only;
-zivi also gives counts of events, rest times and the times and speeds of impacts. `ball.c` takes
-ball after ball, with branches.
+the compiler reports its loop over the balls as vectorised (asserted). It returns states only; zivi
+also gives counts of events, rest times and the times and speeds of impacts. `ball.c` takes ball
+after ball, with branches.
 
 {_times(times, builds)}
 
-Both compute the same: of {batch.BALLS} balls {agreement.same} come to rest in the same step here
-and there (the others {agreement.steps_apart} step apart at most), positions at 0.5 and 1.2 s differ
-by at most {agreement.position:.0e} m. Eight of the balls end as `zivi.simulate` ends them, to the
+Both compute the same: {agreement.same} of {batch.BALLS} balls come to rest in the same step here
+and there (at most {agreement.steps_apart} steps apart), positions at 0.5 and 1.2 s differ by at
+most {agreement.position:.0e} m. Eight of the balls end as `zivi.simulate` ends them, to the
 last bit, and one and two threads give the same bits.
 
 ## Threads
 
-Two threads take {1 / scaling.zivi:.2f} of the time of one; two C loops side by side, without
-anything shared, {1 / scaling.c:.2f}: that is what the machine gave at the time. The processor time
-of two threads is {scaling.work:.2f} of that of one.
+Two threads take {1 / scaling.zivi:.2f} of the time of one (0.5 is linear); two C loops side by
+side, without anything shared, {1 / scaling.c:.2f}: that is what the machine gave at the time. The
+processor time of two threads together is {scaling.work:.2f} of that of one: threads add no work.
 
 ## Memory
 
@@ -123,8 +123,8 @@ What the process grows by while the batch runs, from processes of their own; two
 
 {_memory(cases)}
 
-Steps cost nothing. A run costs {cases[0].peak / cases[0].runs:.0f} bytes while it is computed and
-handed over; samples and events are there twice at the peak, once as they are collected and once in
+Steps cost nothing. A run costs some {cases[2].peak / cases[2].runs:.0f} bytes until it is handed
+over; samples and events are there twice at the peak, once as they are collected and once in
 the arrays that are returned.
 """
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -264,7 +265,6 @@ def test_events_of_many_runs_take_no_time():
 
 
 MEMORY = """
-    import resource, sys
     import numpy as np
     import zivi
 
@@ -275,7 +275,9 @@ MEMORY = """
         zivi.simulate_batch(ball, (0, 1e-3 * steps), states, method=method, threads=2)
 
     def peak():
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        # not ru_maxrss, which a process inherits from the one that starts it
+        lines = open("/proc/self/status").read().splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
     run(100, 100)
     before = peak()
@@ -284,7 +286,7 @@ MEMORY = """
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the unit of ru_maxrss")
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_memory_does_not_grow_with_the_steps():
     """A state of every step would be 16 GB."""
     program = textwrap.dedent(MEMORY).format(n=100_000, steps=10_000)
@@ -338,3 +340,33 @@ def test_interrupt(system, method):
             process.kill()
     assert (process.returncode, output) == (0, "stopped\n"), errors
     assert took < 3.0, f"{took:.2f} s"
+
+
+def test_the_page():
+    """docs/batch.md: its example, and the numbers it tells."""
+    page = (Path(__file__).parents[1] / "docs" / "batch.md").read_text()
+    (program,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names = {}
+    exec(program, names)
+    (told,) = re.findall(r"print\(batch\)  # (.*)", program)
+    assert repr(names["batch"]) == told
+    e, w, g = names["e"], names["speed"], 9.81
+    u = np.sqrt(w**2 + 2 * g)
+    exact = (w + u) / g + 2 * e / (1 - e) * u / g
+    assert np.abs(names["rest_time"] - exact).max() < 1e-12
+    early = (
+        exact.ravel()
+        - zivi.simulate_batch(names["balls"], (0, 12), names["starts"], method=EULER).rest_time
+    )
+    assert 0.34 < early.max() < 0.36
+    assert e.ravel()[early.argmax()] == 0.8
+
+
+@pytest.mark.parametrize(
+    ("save", "size"), [("final", 89), ("statistics", 105), (10, 89 + 16 * 101)]
+)
+def test_bytes_of_a_run(save, size):
+    batch = run(y0=starts(10), save=save)
+    arrays = [getattr(batch, field.name) for field in dataclasses.fields(batch)]
+    arrays = [it for it in arrays if isinstance(it, np.ndarray) and it is not batch.sample_t]
+    assert sum(it.nbytes for it in arrays) == 10 * size
