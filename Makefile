@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock
 
-.PHONY: help paper test test-rust test-python lint lint-rust lint-python bench picture docs clean
+.PHONY: help paper test test-rust test-python lint lint-rust lint-python bench picture docs docs-packages clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
@@ -70,6 +70,8 @@ picture: $(READY)
 	$(BIN)/python examples/readme_tracking.py docs/figures/tracking.png docs/figures/chattering.png
 
 # warnings are errors; every page of the tutorial and the gallery is executed
+docs-packages: $(VENV)/.docs
+
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -W --keep-going -q -j 2 docs out/site
 	@echo 'out/site/index.html'
