@@ -12,27 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi import _zivi
-from zivi._check import Array, real
+from zivi._check import Array
+from zivi._loop_arguments import (
+    OURS,
+    check_delay,
+    check_method,
+    check_not_negative,
+    described,
+    forces_of,
+    is_ours,
+    motion_of,
+    noise_of,
+    period_of,
+    reset,
+)
 from zivi._progress import ProgressBar
-from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
+from zivi.control import TickStatus
 from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.simulate import pair, with_partial
 from zivi.status import Status
-from zivi.system import Force, ImpactSystem, force_spec, in_wall_frame
+from zivi.system import Force, ImpactSystem
 from zivi.trajectory import describe, impacts_of
 
 if TYPE_CHECKING:
     import xarray
 
 __all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
-
-BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
-"""How a plant moves whose force is not constant."""
-
-TWO = 2
-"""Numbers of a state."""
-
-OURS = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
 
 QUANTITIES = {
     "x": ("m", "distance from the wall"),
@@ -276,35 +281,25 @@ def simulate_closed_loop(
     """
     if not isinstance(system, ImpactSystem):
         raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
-    h = _period(controller)
+    h = period_of(controller)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
-    forces = {
-        "force": system.force,
-        "force_model": system.force if force_model is None else force_model,
-    }
-    # in the frame of a moving wall, which the controller knows
-    specs = [in_wall_frame(system, force_spec(force, name)[0]) for name, force in forces.items()]
-    if force_ref is None:
-        specs.append(specs[-1])
-    else:
-        specs.append(force_spec(force_ref, "force_ref")[0])
-    forces["force_ref"] = forces["force_model"] if force_ref is None else force_ref
+    forces, specs = forces_of(system, force_model, force_ref)
     deviations = check_not_negative("noise", noise)
     resolution = check_not_negative("quantization", quantization)
     periods, scheme = check_delay(delay), check_method(method, h)
-    seed, samples = _noise(deviations, seed, span, h)
+    seed, samples = noise_of(deviations, seed, span, h)
     if isinstance(controller, OURS):
         controller = copy.copy(controller)
     if y_ref0 is not None:
-        _reset(controller, pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)"))
+        reset(controller, pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)"))
     config = {name: describe(force) for name, force in forces.items()} | {
         "e": system.e,
         "kappa": system.kappa,
         "t_span": list(span),
         "y0": list(state),
         "y_ref0": None if y_ref0 is None else [float(value) for value in y_ref0],
-        "controller": _describe(controller),
+        "controller": described(controller),
         "method": None if method is None else describe(method),
         "noise": list(deviations),
         "seed": seed,
@@ -320,13 +315,12 @@ def simulate_closed_loop(
             span=span,
             state=state,
             scheme=scheme,
-            switched=(method if isinstance(method, SwitchedRK) else BETWEEN_SAMPLES)._settings(),
-            exact=method is None,
+            **motion_of(method),
             noise=samples,
             resolution=resolution,
             delay=periods,
             has_reference=hasattr(controller, "x_ref"),
-            ours=_is_ours(controller),
+            ours=is_ours(controller),
             progress=bar.report,
         )
     run, raised = _run(record, config), record.raised
@@ -335,107 +329,6 @@ def simulate_closed_loop(
     if raised is not None:
         raise with_partial(raised, run)
     return run
-
-
-def _period(controller: Any) -> float:
-    if isinstance(controller, type) or not (
-        hasattr(controller, "h") and callable(getattr(controller, "step", None))
-    ):
-        raise TypeError(
-            "controller must have a sampling period 'h' and a method 'step', "
-            f"e.g. zivi.TwistingTracker(30, 17, h=1e-3, e=0.5), got {controller!r}"
-        )
-    return real("controller.h", controller.h)
-
-
-def check_delay(delay: Any) -> int:
-    """Return a number of periods."""
-    if isinstance(delay, bool) or not isinstance(delay, int | np.integer):
-        raise TypeError(f"delay must be a whole number of periods, got {delay!r}")
-    if not 0 <= delay <= MAX_DELAY:
-        raise ValueError(f"delay must be >= 0 periods and at most {MAX_DELAY:.0e}, got {delay}")
-    return int(delay)
-
-
-MAX_DELAY = 10**9
-"""Periods of the longest run."""
-
-
-def check_not_negative(name: str, value: Sequence[float]) -> tuple[float, float]:
-    """Return two numbers >= 0."""
-    first, second = pair(name, value, "(of x, of xdot)")
-    for number in (first, second):
-        if not (number >= 0.0 and np.isfinite(number)):
-            raise ValueError(f"{name} must be two finite numbers >= 0, got {value!r}")
-    return first, second
-
-
-def _noise(
-    deviations: tuple[float, float], seed: int | None, span: tuple[float, float], h: float
-) -> tuple[int | None, tuple[Array, Array]]:
-    """Draw the noise of the whole run."""
-    if seed is not None:
-        if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
-            raise TypeError(f"seed must be a whole number >= 0, got {seed!r}")
-        if seed < 0:
-            raise ValueError(f"seed must be a whole number >= 0, got {seed}")
-        seed = int(seed)
-    none = np.empty(0)
-    if deviations == (0.0, 0.0):
-        return seed, (none, none)
-    source = np.random.SeedSequence(seed)
-    generator = np.random.default_rng(source)
-    samples = max((span[1] - span[0]) / h, 0.0) + 2
-    if not samples <= MAX_NOISE:
-        raise ValueError(f"noise is drawn for at most {MAX_NOISE:.0e} samples, got {samples:.3g}")
-    # sample by sample: a longer run with the same seed begins alike
-    draws = generator.standard_normal((int(samples), 2))
-    entropy = source.entropy
-    return int(entropy) if isinstance(entropy, int) else None, (
-        deviations[0] * draws[:, 0],
-        deviations[1] * draws[:, 1],
-    )
-
-
-MAX_NOISE = 1e8
-"""Samples up to which noise is drawn: 1.6 GB."""
-
-
-def _is_ours(controller: Any) -> bool:
-    """Whether the ticks are those of one of our classes, not those of a subclass."""
-    kind = type(controller)
-    return any(
-        issubclass(kind, base)
-        and all(
-            getattr(kind, name, None) is getattr(base, name, None)
-            for name in ("step", "x_ref", "xdot_ref")
-        )
-        for base in OURS
-    )
-
-
-def _reset(controller: Any, reference: tuple[float, float]) -> None:
-    if not hasattr(controller, "x_ref"):
-        raise TypeError(f"y_ref0 is given, but {type(controller).__name__} follows no reference")
-    controller.reset(*reference)
-
-
-def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> tuple[float, float] | None:
-    """Return theta and gamma of a plant on the controller's grid, None for another motion."""
-    if method is None or isinstance(method, SwitchedRK):
-        return None
-    if not isinstance(method, ThetaGamma) or method.solver != "exact":
-        raise TypeError(
-            f"method must be None, a zivi.SwitchedRK or an exact zivi.ThetaGamma, got {method!r}"
-        )
-    if method.h != h:
-        raise ValueError(f"method.h must be the controller's h = {h}, got {method.h}")
-    return method.theta, method.gamma
-
-
-def _describe(controller: Any) -> dict[str, Any]:
-    settings = getattr(controller, "settings", {})
-    return {"name": type(controller).__name__, **(settings if isinstance(settings, dict) else {})}
 
 
 def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:

@@ -12,16 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
-from zivi._progress import ProgressBar
-from zivi.batch import MAX_DESCRIBED, Runs, check_native, check_threads
-from zivi.closed_loop import (
-    BETWEEN_SAMPLES,
+from zivi._loop_arguments import (
     OURS,
-    TWO,
     check_delay,
     check_method,
     check_not_negative,
+    motion_of,
 )
+from zivi._progress import ProgressBar
+from zivi.batch import MAX_DESCRIBED, Runs, check_native, check_threads
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.simulate import pair
@@ -32,6 +31,9 @@ if TYPE_CHECKING:
     import xarray
 
 __all__ = ["ClosedLoopBatch", "simulate_closed_loop_batch"]
+
+STATE = ("x", "xdot")
+"""The columns of initial states."""
 
 Ours = TwistingRegulator | TwistingTracker | ExplicitTwisting
 
@@ -239,8 +241,7 @@ def simulate_closed_loop_batch(
             np.ascontiguousarray(np.broadcast_to(states, (n, 2))),
             span=span,
             scheme=scheme,
-            switched=(method if isinstance(method, SwitchedRK) else BETWEEN_SAMPLES)._settings(),
-            exact=method is None,
+            **motion_of(method),
             resolution=check_not_negative("quantization", quantization),
             delay=check_delay(delay),
             within=float(within),
@@ -275,7 +276,7 @@ def _several(name: str, things: Any) -> list[Any]:
 
 def _rows(name: str, value: ArrayLike) -> Array:
     rows = np.atleast_2d(real_array(name, value))
-    if rows.ndim != 2 or rows.shape[1] != TWO:
+    if rows.ndim != 2 or rows.shape[1] != len(STATE):
         raise ValueError(f"{name} must have shape (n, 2) or (2,), got {np.shape(value)}")
     return rows
 

@@ -1,0 +1,158 @@
+"""What a closed loop is asked for: its arguments, checked and translated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from zivi._check import Array, real
+from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.methods import SwitchedRK, ThetaGamma
+from zivi.simulate import pair
+from zivi.system import ImpactSystem, force_spec, in_wall_frame
+
+__all__ = [
+    "OURS",
+    "check_delay",
+    "check_method",
+    "check_not_negative",
+    "described",
+    "forces_of",
+    "is_ours",
+    "motion_of",
+    "noise_of",
+    "period_of",
+    "reset",
+]
+
+BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
+"""How a plant moves whose force is not constant."""
+
+OURS = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
+
+
+def forces_of(
+    system: ImpactSystem, force_model: Any, force_ref: Any
+) -> tuple[dict[str, Any], list[tuple[Any, ...]]]:
+    """Return the forces on the plant, in the model and on the reference, and their specs."""
+    forces = {
+        "force": system.force,
+        "force_model": system.force if force_model is None else force_model,
+    }
+    # in the frame of a moving wall, which the controller knows
+    specs = [in_wall_frame(system, force_spec(force, name)[0]) for name, force in forces.items()]
+    specs.append(specs[-1] if force_ref is None else force_spec(force_ref, "force_ref")[0])
+    forces["force_ref"] = forces["force_model"] if force_ref is None else force_ref
+    return forces, specs
+
+
+def motion_of(method: ThetaGamma | SwitchedRK | None) -> dict[str, Any]:
+    """Return how the plant moves between samples, as the extension takes it."""
+    switched = method if isinstance(method, SwitchedRK) else BETWEEN_SAMPLES
+    return {"switched": switched._settings(), "exact": method is None}
+
+
+def period_of(controller: Any) -> float:
+    """Return the sampling period of what can be run as a controller."""
+    if isinstance(controller, type) or not (
+        hasattr(controller, "h") and callable(getattr(controller, "step", None))
+    ):
+        raise TypeError(
+            "controller must have a sampling period 'h' and a method 'step', "
+            f"e.g. zivi.TwistingTracker(30, 17, h=1e-3, e=0.5), got {controller!r}"
+        )
+    return real("controller.h", controller.h)
+
+
+def check_delay(delay: Any) -> int:
+    """Return a number of periods."""
+    if isinstance(delay, bool) or not isinstance(delay, int | np.integer):
+        raise TypeError(f"delay must be a whole number of periods, got {delay!r}")
+    if not 0 <= delay <= MAX_DELAY:
+        raise ValueError(f"delay must be >= 0 periods and at most {MAX_DELAY:.0e}, got {delay}")
+    return int(delay)
+
+
+MAX_DELAY = 10**9
+"""Periods of the longest run."""
+
+
+def check_not_negative(name: str, value: Sequence[float]) -> tuple[float, float]:
+    """Return two numbers >= 0."""
+    first, second = pair(name, value, "(of x, of xdot)")
+    for number in (first, second):
+        if not (number >= 0.0 and np.isfinite(number)):
+            raise ValueError(f"{name} must be two finite numbers >= 0, got {value!r}")
+    return first, second
+
+
+def noise_of(
+    deviations: tuple[float, float], seed: int | None, span: tuple[float, float], h: float
+) -> tuple[int | None, tuple[Array, Array]]:
+    """Draw the noise of the whole run."""
+    if seed is not None:
+        if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+            raise TypeError(f"seed must be a whole number >= 0, got {seed!r}")
+        if seed < 0:
+            raise ValueError(f"seed must be a whole number >= 0, got {seed}")
+        seed = int(seed)
+    none = np.empty(0)
+    if deviations == (0.0, 0.0):
+        return seed, (none, none)
+    source = np.random.SeedSequence(seed)
+    generator = np.random.default_rng(source)
+    samples = max((span[1] - span[0]) / h, 0.0) + 2
+    if not samples <= MAX_NOISE:
+        raise ValueError(f"noise is drawn for at most {MAX_NOISE:.0e} samples, got {samples:.3g}")
+    # sample by sample: a longer run with the same seed begins alike
+    draws = generator.standard_normal((int(samples), 2))
+    entropy = source.entropy
+    return int(entropy) if isinstance(entropy, int) else None, (
+        deviations[0] * draws[:, 0],
+        deviations[1] * draws[:, 1],
+    )
+
+
+MAX_NOISE = 1e8
+"""Samples up to which noise is drawn: 1.6 GB."""
+
+
+def is_ours(controller: Any) -> bool:
+    """Whether the ticks are those of one of our classes, not those of a subclass."""
+    kind = type(controller)
+    return any(
+        issubclass(kind, base)
+        and all(
+            getattr(kind, name, None) is getattr(base, name, None)
+            for name in ("step", "x_ref", "xdot_ref")
+        )
+        for base in OURS
+    )
+
+
+def reset(controller: Any, reference: tuple[float, float]) -> None:
+    """Set the state of a controller's reference."""
+    if not hasattr(controller, "x_ref"):
+        raise TypeError(f"y_ref0 is given, but {type(controller).__name__} follows no reference")
+    controller.reset(*reference)
+
+
+def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> tuple[float, float] | None:
+    """Return theta and gamma of a plant on the controller's grid, None for another motion."""
+    if method is None or isinstance(method, SwitchedRK):
+        return None
+    if not isinstance(method, ThetaGamma) or method.solver != "exact":
+        raise TypeError(
+            f"method must be None, a zivi.SwitchedRK or an exact zivi.ThetaGamma, got {method!r}"
+        )
+    if method.h != h:
+        raise ValueError(f"method.h must be the controller's h = {h}, got {method.h}")
+    return method.theta, method.gamma
+
+
+def described(controller: Any) -> dict[str, Any]:
+    """Plain values that tell a controller again."""
+    settings = getattr(controller, "settings", {})
+    return {"name": type(controller).__name__, **(settings if isinstance(settings, dict) else {})}
