@@ -5,11 +5,7 @@ import inspect
 import io
 import json
 import os
-import signal
-import subprocess
-import sys
 import textwrap
-import time
 
 import matplotlib as mpl
 
@@ -31,6 +27,7 @@ from control_loops import (
     assert_equal_runs,
     loop,
 )
+from interrupting import interrupted
 
 
 def test_names_and_defaults_of_the_contract():
@@ -401,23 +398,6 @@ THEIRS = """
 )
 def test_interrupt_stops_within_a_second(controller, force):
     program = textwrap.dedent(PROGRAM).format(controller=textwrap.dedent(controller), force=force)
-    with subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            line = process.stdout.readline()
-            assert line == "started\n", line + process.stderr.read()
-            time.sleep(0.4)
-            process.send_signal(signal.SIGINT)
-            sent = time.monotonic()
-            output, errors = process.communicate(timeout=20)
-            took = time.monotonic() - sent
-        finally:
-            process.kill()
-    assert process.returncode == 0, errors
-    assert output.startswith("stopped after"), output + errors
-    assert int(output.split()[2]) > 1
+    counted, took = interrupted(program)
+    assert counted > 1
     assert took < 1.0, f"{took:.2f} s"

@@ -1,24 +1,16 @@
 """The examples of the controllers run, and their numbers are what the documentation quotes."""
 
-import importlib.util
 import math
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from example_scripts import example
+
 ROOT = Path(__file__).parents[1]
 PAGE = " ".join((ROOT / "docs" / "control.md").read_text().split())
-
-
-def example(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module")

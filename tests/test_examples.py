@@ -1,23 +1,15 @@
 """The examples run, and what the documentation quotes of them is what they give."""
 
-import importlib.util
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from example_scripts import example
+
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "vi.md").read_text()
-
-
-def example(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_the_market_clears(capsys):

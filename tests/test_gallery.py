@@ -1,9 +1,7 @@
 """The studies of the gallery against computations that share no code with zivi."""
 
-import importlib.util
 import math
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,20 +10,13 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import control_oracle
+from example_scripts import example
 
 pytest.importorskip("xarray", reason="the gallery's studies need the extra 'study'")
 pytest.importorskip("matplotlib", reason="the gallery draws")
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "examples.md").read_text()
-
-
-def example(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 table = example("gallery_table_bifurcation")

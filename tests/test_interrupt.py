@@ -1,13 +1,11 @@
 """Ctrl-C stops a long run within a second and hands over what was computed."""
 
 import os
-import signal
-import subprocess
-import sys
 import textwrap
-import time
 
 import pytest
+
+from interrupting import interrupted
 
 if os.name != "posix":
     pytest.skip("sends SIGINT to a process", allow_module_level=True)
@@ -49,23 +47,6 @@ STEPS = {"number": 2e8, "linear": 1e8, "compiled": 1e8, "callable": 2e7, "slow c
 def test_interrupt_stops_within_a_second(name):
     method = f"ThetaGamma(h={1 / STEPS[name]!r})"
     program = textwrap.dedent(PROGRAM).format(setup=textwrap.dedent(FORCES[name]), method=method)
-    with subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            line = process.stdout.readline()
-            assert line == "started\n", line + process.stderr.read()
-            time.sleep(0.4)
-            process.send_signal(signal.SIGINT)
-            sent = time.monotonic()
-            output, errors = process.communicate(timeout=20)
-            took = time.monotonic() - sent
-        finally:
-            process.kill()
-    assert process.returncode == 0, errors
-    assert output.startswith("stopped after"), output + errors
-    assert int(output.split()[2]) > 0
+    counted, took = interrupted(program)
+    assert counted > 0
     assert took < 1.0, f"{took:.2f} s"

@@ -1,9 +1,7 @@
 """The examples from mechanics against closed forms and simulations that share no code with zivi."""
 
-import importlib.util
 import math
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,18 +11,11 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import zivi
+from example_scripts import example
 from references import REFERENCES
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "examples.md").read_text()
-
-
-def example(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 table = example("vibrating_table")

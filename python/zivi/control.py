@@ -123,6 +123,20 @@ class _Shared:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in shown.items())})"
 
 
+class _Following(_Shared):
+    """What the controllers with a reference have in common."""
+
+    @property
+    def e_ref(self) -> float:
+        """Coefficient of restitution of the reference's wall."""
+        return coefficients(None, self.kappa_ref)[0]
+
+    @property
+    def kappa_ref(self) -> float:
+        """``(1 - e)/(1 + e)`` of the reference's wall."""
+        return self._number("kappa_ref")
+
+
 def _rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...]) -> Any:
     # by the constructor of the class of ours: a subclass may have one of its own
     ours: Any = next(base for base in kind.__mro__ if base.__module__ == __name__)
@@ -259,7 +273,7 @@ class TwistingRegulator(_zivi.Regulator, _Shared):
         return self
 
 
-class TwistingTracker(_zivi.Tracker, _Shared):
+class TwistingTracker(_zivi.Tracker, _Following):
     r"""The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
     .. math::
@@ -337,22 +351,12 @@ class TwistingTracker(_zivi.Tracker, _Shared):
         return self
 
     @property
-    def e_ref(self) -> float:
-        """Coefficient of restitution of the reference's wall."""
-        return coefficients(None, self.kappa_ref)[0]
-
-    @property
-    def kappa_ref(self) -> float:
-        """``(1 - e)/(1 + e)`` of the reference's wall."""
-        return self._number("kappa_ref")
-
-    @property
     def branch(self) -> str:
         """How a measurement is lifted."""
         return str(self._settings["branch"])
 
 
-class ExplicitTwisting(_zivi.Explicit, _Shared):
+class ExplicitTwisting(_zivi.Explicit, _Following):
     r"""Baseline: the twisting tracker with the signs of the sampled state. It chatters.
 
     .. math::
@@ -412,13 +416,3 @@ class ExplicitTwisting(_zivi.Explicit, _Shared):
         self = super().__new__(cls, **_core(settings), nearest=False)
         self._settings = settings
         return self
-
-    @property
-    def e_ref(self) -> float:
-        """Coefficient of restitution of the reference's wall."""
-        return coefficients(None, self.kappa_ref)[0]
-
-    @property
-    def kappa_ref(self) -> float:
-        """``(1 - e)/(1 + e)`` of the reference's wall."""
-        return self._number("kappa_ref")

@@ -228,9 +228,7 @@ def simulate_closed_loop_batch(
     if y_ref0 is not None:
         ticking = _placed(ticking, references, n)
     forces = _forces(plants, force_model, force_ref)
-    scheme = check_method(method, ticking[0].h)
-    for controller in ticking:
-        check_method(method, controller.h)
+    scheme, *_ = [check_method(method, controller.h) for controller in ticking]
     if not (finite("within", within) > 0.0):
         raise ValueError(f"within must be > 0 (m), got {within}")
     with ProgressBar(progress) as bar:

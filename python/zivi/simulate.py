@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 from zivi import _zivi
 from zivi._check import real, real_array
 from zivi._progress import ProgressBar
+from zivi._steps import restrict, with_events
 from zivi.events import events_of
 from zivi.methods import Course, Method, SwitchedRK
 from zivi.status import Status
 from zivi.system import ImpactSystem
-from zivi.trajectory import Trajectory, restrict, with_events
+from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from zivi.closed_loop import ClosedLoop

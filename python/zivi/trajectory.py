@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
-from zivi.dense import LinearPath, Path, PenetratingPath
-from zivi.events import Event, locate
+from zivi.dense import Path
 from zivi.status import Status
 
 if TYPE_CHECKING:
@@ -327,71 +325,6 @@ def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> np.ndarray:
     for field in IMPACT.names or ():
         impacts[field] = getattr(record, f"impact_{field}")
     return impacts
-
-
-def restrict(sol: Trajectory, times: Array) -> Trajectory:
-    """Report a run at `times` (those within the computed span) instead of at its steps."""
-    grid = sol.t
-    times = times[times <= grid[-1]]
-    # the step that contains a time ends at the first sample not before it
-    step = np.searchsorted(grid, times)
-    x, xdot = sol(times)
-    s, v = sol._known().lifted(times)
-    return dataclasses.replace(
-        sol,
-        t=times,
-        x=x,
-        xdot=xdot,
-        s=s,
-        v=v,
-        lambda_s=sol.lambda_s[step],
-        lambda_v=sol.lambda_v[step],
-        residual=sol.residual[step],
-    )
-
-
-def with_events(sol: Trajectory, events: Sequence[Event]) -> Trajectory:
-    """Locate events on the interpolation of a fixed-step run, and end it where one ends it."""
-    if not events:
-        return sol
-    hits = locate(sol.t, sol._known(), events)
-    sol = dataclasses.replace(sol, t_events=hits.t, y_events=hits.y)
-    return sol if hits.end is None else _cut(sol, hits.end)
-
-
-def _cut(sol: Trajectory, end: float) -> Trajectory:
-    """End a fixed-step run at `end`, within its span."""
-    kept = restrict(sol, np.append(sol.t[sol.t < end], end))
-    rests = sol.rest_time is not None and sol.rest_time <= end
-    # a rest that ended later was one until here
-    last = sol.zeno_times[sol.zeno_times <= end]
-    gone = sol.liftoff_times[sol.liftoff_times <= end]
-    if not rests and len(last) and not np.any(gone >= last[-1]):
-        rest_time: float | None = float(last[-1])
-    else:
-        rest_time = sol.rest_time if rests else None
-    status = Status.TERMINATED_BY_EVENT
-    return dataclasses.replace(
-        kept,
-        impacts=sol.impacts[sol.impacts["t"] <= end],
-        zeno_times=last,
-        liftoff_times=gone,
-        rest_time=rest_time,
-        failed_steps=sol.failed_steps[sol.failed_steps < len(kept.t)],
-        status=status,
-        message=_zivi.STATUS_MESSAGES[status],
-        n_steps=len(kept.t) - 1,
-        _path=_path_until(sol._known(), kept),
-    )
-
-
-def _path_until(path: Path, kept: Trajectory) -> Path:
-    """Return the path of a fixed-step run through the samples that are left of it."""
-    changes = {name: getattr(kept, name) for name in ("t", "s", "v")}
-    if isinstance(path, PenetratingPath):
-        changes |= {"x": kept.x, "xdot": kept.xdot}
-    assert isinstance(path, LinearPath)
-    return dataclasses.replace(path, **changes)
 
 
 def _configuration(
