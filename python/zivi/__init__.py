@@ -11,6 +11,9 @@ set-valued signs passes the accumulation of impacts and comes to rest exactly.
 2.444
 """
 
+import importlib
+from types import ModuleType
+
 from zivi import plot
 from zivi._zivi import __version__
 from zivi.batch import Batch, simulate_batch
@@ -69,3 +72,16 @@ __all__ = [
     "solve_vi",
     "sweep",
 ]
+
+_LAZY = ("files", "interop", "lab", "study")
+"""Modules that are imported when they are first asked for."""
+
+
+def __getattr__(name: str) -> ModuleType:
+    if name in _LAZY:
+        return importlib.import_module(f"zivi.{name}")
+    raise AttributeError(f"module 'zivi' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *_LAZY})

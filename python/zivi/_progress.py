@@ -7,6 +7,8 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from zivi._extras import have, needed
+
 if TYPE_CHECKING:
     import rich.progress
 
@@ -28,8 +30,10 @@ class ProgressBar:
     """
 
     def __init__(self, show: bool | None, title: str = "simulate") -> None:
+        if show:
+            needed("rich", "progress bars")
         self._title = title
-        self._wanted = sys.stderr.isatty() if show is None else show
+        self._wanted = (sys.stderr.isatty() and have("rich")) if show is None else show
         self._started = time.monotonic()
         self._bar: rich.progress.Progress | None = None
         self._task: rich.progress.TaskID | None = None

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, real_array, whole
+from zivi._extras import needed
 from zivi._progress import ProgressBar
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulate import pair
@@ -134,6 +135,7 @@ class Batch(Runs):
             With units, descriptions and the configuration (JSON) in the attributes. Events, which
             differ in number from run to run, are not in it.
         """
+        needed("xarray", "labelled datasets")
         import xarray
 
         def labelled(dims: Any, values: Any, unit: str, meaning: str) -> Any:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from zivi import _zivi
 from zivi._check import Array
+from zivi._extras import needed
 from zivi._loop_arguments import (
     OURS,
     check_delay,
@@ -154,6 +155,7 @@ class ClosedLoop:
             impacts over ``impact_time``, with units, descriptions and the configuration (JSON)
             in the attributes.
         """
+        needed("xarray", "labelled datasets")
         import xarray
 
         def labelled(dims: Any, values: Any, unit: str, meaning: str) -> Any:

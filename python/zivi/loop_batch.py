@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
+from zivi._extras import needed
 from zivi._loop_arguments import (
     OURS,
     check_delay,
@@ -117,6 +118,7 @@ class ClosedLoopBatch(Runs):
         xarray.Dataset
             With units, descriptions and the configuration (JSON) in the attributes.
         """
+        needed("xarray", "labelled datasets")
         import xarray
 
         variables: dict[str, Any] = {

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeGuard
 import numpy as np
 
 from zivi._curve import line_of
+from zivi._extras import needed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,9 +32,9 @@ BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 def _axes(ax: Axes | None) -> Axes:
     if ax is not None:
         return ax
-    import matplotlib.pyplot as plt
-
-    return plt.subplots(layout="constrained")[1]
+    plt = needed("matplotlib.pyplot", "plots")
+    axes: Axes = plt.subplots(layout="constrained")[1]
+    return axes
 
 
 def position(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
@@ -208,8 +209,7 @@ def overview(run: ClosedLoop, figure: Figure | None = None) -> Figure:
     matplotlib.figure.Figure
     """
     if figure is None:
-        import matplotlib.pyplot as plt
-
+        plt = needed("matplotlib.pyplot", "plots")
         figure = plt.figure(figsize=(9.0, 6.0), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True)
     drawings: list[Callable[..., Axes]] = [position, velocity, control, signs]

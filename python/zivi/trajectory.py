@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
+from zivi._extras import needed
 from zivi.dense import Path
 from zivi.status import Status
 
@@ -278,6 +279,7 @@ class Trajectory:
         >>> sol.to_xarray().x.attrs["units"]
         'm'
         """
+        needed("xarray", "labelled datasets")
         import xarray
 
         def labelled(dim: str, values: Array, unit: str, meaning: str) -> Any:

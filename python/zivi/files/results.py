@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import os
 import uuid
 from os import PathLike
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from zivi._curve import Line, line_of
+from zivi._extras import needed
 from zivi.closed_loop import ClosedLoop
 from zivi.files.restore import path_name, run_of
 from zivi.trajectory import Trajectory
@@ -42,12 +42,7 @@ class ResultError(OSError):
 
 def require_library() -> None:
     """Raise an ImportError that says what to install if results cannot be written or read."""
-    try:
-        importlib.import_module(ENGINE)
-    except ImportError as error:
-        raise ImportError(
-            f"results in netCDF need h5netcdf: pip install 'zivi[files]' ({error})", name=ENGINE
-        ) from error
+    needed(ENGINE, "results in netCDF")
 
 
 def save(

@@ -8,7 +8,6 @@ of their signals, with each other and with any discrete-time system of the same 
 
 from __future__ import annotations
 
-import importlib
 import numbers
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from zivi._check import Array, real
+from zivi._extras import needed
 from zivi.closed_loop import Controller, simulate_closed_loop
 from zivi.control import TickStatus
 from zivi.methods import SwitchedRK, ThetaGamma
@@ -328,10 +328,4 @@ def _evaluable(force: Any) -> Callable[[float, float, float], float]:
 
 
 def _library() -> Any:
-    try:
-        return importlib.import_module("control")
-    except ImportError as error:
-        raise ImportError(
-            f"zivi.interop needs python-control: pip install 'zivi[control]' ({error})",
-            name="control",
-        ) from error
+    return needed("control", "zivi.interop's blocks")

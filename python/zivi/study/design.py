@@ -274,7 +274,7 @@ def _engine(sampler: Any, dimensions: int, seed: int) -> Any:
         raise ValueError(f"sampler must be one of {', '.join(ENGINES)}, got {sampler!r}")
     if whole("seed", seed) < 0:
         raise ValueError(f"seed must be >= 0, got {seed}")
-    from zivi.study.extras import needed
+    from zivi._extras import needed
 
     qmc = needed("scipy.stats.qmc", "sampled designs")
     return getattr(qmc, ENGINES[sampler])(dimensions, seed=seed)

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zivi._extras import needed
 from zivi.study.block import Block
 from zivi.study.design import Design
-from zivi.study.extras import needed
 from zivi.study.layout import Layout
 from zivi.study.parquet import DamagedError, parted, read_events, write_events
 from zivi.study.store import DESCRIPTIONS, Labels, attributes, dims_of

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zivi._extras import have, needed
 from zivi.study.block import Block
-from zivi.study.extras import have, needed
 from zivi.study.folder import FolderStore
 from zivi.study.parquet import DamagedError, read_events
 from zivi.study.store import MemoryStore

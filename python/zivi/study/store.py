@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi import _zivi
+from zivi._extras import needed
 from zivi.study.block import Block
 from zivi.study.design import Design
 from zivi.study.layout import Layout
@@ -176,6 +177,7 @@ class MemoryStore:
         return flat.reshape(*self._design.shape, *shape)
 
     def _dataset(self) -> xarray.Dataset:
+        needed("xarray", "the results of studies")
         import xarray
 
         design, units = self._design, self._labels.units

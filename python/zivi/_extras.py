@@ -1,0 +1,49 @@
+"""Libraries that only a part of zivi needs, imported when they are."""
+
+import importlib
+from typing import Any
+
+__all__ = ["have", "needed"]
+
+EXTRAS = {
+    "matplotlib": "plot",
+    "xarray": "xarray",
+    "pandas": "xarray",
+    "rich": "cli",
+    "typer": "cli",
+    "h5netcdf": "files",
+    "zarr": "study",
+    "pyarrow": "study",
+    "scipy": "study",
+    "dask": "dask",
+    "distributed": "dask",
+    "control": "control",
+    "marimo": "lab",
+    "plotly": "lab",
+    "uvicorn": "lab",
+}
+"""The extra of the package that brings a library."""
+NAMES = {"control": "python-control"}
+"""What a library is called where that is not its module's name."""
+
+
+def needed(module: str, purpose: str) -> Any:
+    """Import a library of an extra; an ImportError says in one line how to get it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        library = module.partition(".")[0]
+        raise ImportError(
+            f"{purpose} need {NAMES.get(library, library)}: "
+            f"pip install 'zivi[{EXTRAS[library]}]' ({error})",
+            name=library,
+        ) from error
+
+
+def have(module: str) -> bool:
+    """Whether a library can be imported."""
+    try:
+        importlib.import_module(module)
+    except ImportError:
+        return False
+    return True
