@@ -6,9 +6,11 @@ OUT ?= out/paper
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+# an older compiler cannot build the vector code for AVX-512
+OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/\1/p' | awk '$$1 < 89')
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock
 
-.PHONY: help paper test test-rust test-python lint lint-rust lint-python bench picture docs docs-packages clean
+.PHONY: help paper test test-rust test-python lint lint-rust lint-python bench picture docs docs-packages wheel clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
@@ -17,6 +19,7 @@ help:
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
 	@echo 'make picture the pictures of the README'
 	@echo 'make docs    the documentation as a site, into out/site'
+	@echo 'make wheel   a wheel that runs on other machines too, tried in a fresh environment'
 	@echo 'make clean   remove everything that was built'
 
 paper: $(READY)
@@ -41,7 +44,8 @@ $(VENV)/.packages: constraints.txt pyproject.toml
 $(READY): $(VENV)/.packages $(SOURCES)
 	@sh tools/check-tools.sh '$(PYTHON)'
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install --quiet \
-	    --disable-pip-version-check --constraint constraints.txt --no-build-isolation --editable '.[test,lint]'
+	    --disable-pip-version-check --constraint constraints.txt --no-build-isolation \
+	    $(if $(OLDER),--config-settings=build-args=--no-default-features) --editable '.[test,lint]'
 	@touch $@
 
 lint: lint-rust lint-python
@@ -81,6 +85,12 @@ $(VENV)/.docs: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	    --constraint constraints.txt 'zivi[docs]'
 	@touch $@
+
+# zig links for systems older than this one
+wheel: $(VENV)/.packages
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt maturin ziglang auditwheel
+	PATH="$(CURDIR)/$(BIN):$$PATH" sh tools/wheel.sh $(BIN)/python out/wheels
 
 clean:
 	rm -rf target out $(VENV) python/zivi/*.so
