@@ -65,6 +65,7 @@ VALUES = {
     "kind": "'list'",
     "solver": "'newton'",
     "branch": "'nearest'",
+    "landing": "true",
     "order": "5",
     "e": "0.5",
     "kappa": "0.5",

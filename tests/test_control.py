@@ -198,7 +198,8 @@ def test_the_regulator_solves_its_step():
         f = rng.uniform(-bound, bound)
         x = abs(rng.normal(0, h * h * mu1 if near else 1))
         xdot = rng.normal(0, 5 * h * mu1 if near else 4)
-        controller = zivi.TwistingRegulator(mu1, mu2, h=h, kappa=kappa, bound=bound)
+        walls = {"kappa": kappa, "bound": bound, "landing": False}
+        controller = zivi.TwistingRegulator(mu1, mu2, h=h, **walls)
         u = controller.step(x, xdot, f)
         problem = Regulation(h, kappa, mu1, mu2, lifted(x, xdot, kappa), f)
         assert problem.residuals(controller.signs).max() <= 1e-13
@@ -215,7 +216,7 @@ def test_the_regulator_solves_its_step():
 
 
 def test_the_regulator_brakes_without_chattering_at_rest():
-    controller = zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5)
+    controller = zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5, landing=False)
     assert controller.step(0, 0, 0.0) == -3
     np.testing.assert_array_equal(controller.signs, [0, 0])
 
@@ -424,7 +425,8 @@ def test_names_and_defaults_of_the_contract():
         "u_limits": (True, None),
     }
     reference = {"e_ref": (True, None), "kappa_ref": (True, None)}
-    assert parameters(zivi.TwistingRegulator) == shared
+    landing = {"landing": (True, True), "ahead": (True, 1)}
+    assert parameters(zivi.TwistingRegulator) == shared | landing
     assert parameters(zivi.ExplicitTwisting) == shared | reference
     assert parameters(zivi.TwistingTracker) == shared | reference | {"branch": (True, "positive")}
     tracker = zivi.TwistingTracker(30, 17, h=1e-3, e=0.25)

@@ -156,13 +156,31 @@ def test_the_regulator():
     assert settle == pytest.approx(1.7727623, abs=5e-5)
     found = quoted(
         r"rests exactly, at (\S+), (\S+), (\S+) s in the paper's loop and (\S+), (\S+), (\S+) s in"
+        r" the sampled one.*with a landing at (\S+), (\S+), (\S+) s and (\S+), (\S+), (\S+) s\."
     )
     measured = [
-        closed_loops.regulate(h, sampled=sampled).rest_time
+        closed_loops.regulate(h, sampled=sampled, landing=landing).rest_time
+        for landing in (False, True)
         for sampled in (False, True)
         for h in (1e-2, 1e-3, 1e-4)
     ]
     assert measured == pytest.approx(found, abs=6e-4)
+
+
+def test_the_starts_that_rest_without_a_landing():
+    rng = np.random.default_rng(3)
+    y0 = np.column_stack([rng.uniform(0, 2, 30), rng.uniform(-4, 4, 30)])
+    rows = re.findall(r"^\| 30, (\d+) \|(( \d+ \|){6})$", PAGE, re.MULTILINE)
+    assert [mu2 for mu2, *_ in rows] == ["17", "25"]
+    for mu2, counts, _ in rows:
+        for e, count in zip((0.8, 0.9, 0.92, 0.96, 0.98, 0.99), counts.split("|"), strict=False):
+            if e not in (0.8, 0.96):  # the others take as long
+                continue
+            regulator = zivi.TwistingRegulator(30, int(mu2), h=1e-3, e=e, landing=False)
+            plant = zivi.ImpactSystem(-9.81, e=e)
+            batch = zivi.simulate_closed_loop_batch(plant, regulator, (0, 20), y0)
+            # on the edge the last digits decide
+            assert np.count_nonzero(batch.rest_time < 19.9) == pytest.approx(int(count), abs=4)
 
 
 def test_a_wrong_restitution_of_the_reference():

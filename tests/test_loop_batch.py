@@ -87,7 +87,7 @@ def test_plants_starts_and_references_may_differ():
 def test_the_papers_own_loop_and_a_regulator():
     batch = zivi.simulate_closed_loop_batch(
         zivi.ImpactSystem(0.0, kappa=0.5),
-        [zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5)],
+        [zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5, landing=False)],
         (0, 3),
         [(1, 0), (2, 1)],
         method=zivi.ThetaGamma(1e-3),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from zivi import _zivi
-from zivi._check import Array, real
+from zivi._check import Array, real, whole
 from zivi.transform import coefficients
 
 __all__ = ["ExplicitTwisting", "TickStatus", "TwistingRegulator", "TwistingTracker"]
@@ -21,6 +21,8 @@ BRANCHES = ("positive", "nearest")
 """How a tracker lifts what it measures."""
 DEPTH = 0.1
 """How far behind the wall a measurement may lie by default (m)."""
+MAX_AHEAD = 10**9
+"""Periods of the longest horizon, as of the longest run."""
 
 
 class TickStatus(enum.IntFlag):
@@ -208,6 +210,21 @@ def _reference_kappa(e_ref: float | None, kappa_ref: float | None, plant: float)
         raise ValueError(re.sub(r"\b(e|kappa)\b", r"\1_ref", str(error))) from None
 
 
+def _horizon(landing: Any, ahead: Any) -> int:
+    """Return the horizon of a landing in periods."""
+    if not isinstance(landing, bool | np.bool_):
+        raise TypeError(f"landing must be True or False, got {landing!r}")
+    periods = whole("ahead", ahead)
+    if not 1 <= periods <= MAX_AHEAD:
+        raise ValueError(
+            f"ahead must be >= 1 (1 + the periods of delay) and at most {MAX_AHEAD:.0e}, "
+            f"got {ahead}"
+        )
+    if periods > 1 and not landing:
+        raise ValueError(f"ahead is of the landing: with landing=False it must be 1, got {ahead}")
+    return periods
+
+
 class TwistingRegulator(_zivi.Regulator, _Shared):
     r"""The twisting regulator: brings the mass to rest at the wall in finite time.
 
@@ -218,8 +235,17 @@ class TwistingRegulator(_zivi.Regulator, _Shared):
                  - \mu_2\,\mathrm{sgn}\,v \right)
 
     with the signs taken implicitly, at the end of the sampling period; in physical terms
-    :math:`u = -\mu_1 - \mu_2\,\mathrm{sgn}\,\dot x`. Finite-time stable for every force bounded by
-    :math:`M` when :math:`M < \mu_2 < \mu_1 - M`.
+    :math:`u = -\mu_1 - \mu_2\,\mathrm{sgn}\,\dot x`. With ``landing`` the sign is as much of the
+    brake as stops the mass :math:`N` periods ahead,
+
+    .. math::
+
+        \ddot x = F + u = -\min(\max(\dot x / (N h), D), U), \qquad
+        D = \mu_1 - \mu_2 - F, \quad U = \mu_1 + \mu_2 - F
+
+    and a sampled loop ends in exact rest for every :math:`e < 1`; without it the step is solved as
+    in the paper, whose plan to end a period on the wall a held control misses. Finite-time stable
+    for every force bounded by :math:`M` when :math:`M < \mu_2 < \mu_1 - M`.
 
     Parameters
     ----------
@@ -237,6 +263,11 @@ class TwistingRegulator(_zivi.Regulator, _Shared):
         refused.
     u_limits : (float, float), optional
         Range of the actuator (m/s^2): the control is cut to it.
+    landing : bool
+        Whether the control ends in exact rest in a sampled loop; False is the paper's tick.
+    ahead : int
+        The horizon :math:`N` of the landing, >= 1: one more than the periods from a measurement
+        to the moment when its control acts.
 
     Raises
     ------
@@ -265,12 +296,25 @@ class TwistingRegulator(_zivi.Regulator, _Shared):
         bound: float | None = None,
         depth: float = DEPTH,
         u_limits: Sequence[float] | None = None,
+        landing: bool = True,
+        ahead: int = 1,
     ) -> Self:
         _, kappa = coefficients(e, kappa)
         settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
-        self = super().__new__(cls, **_core(settings))
-        self._settings = settings
+        horizon = _horizon(landing, ahead)
+        self = super().__new__(cls, **_core(settings), ahead=horizon if landing else None)
+        self._settings = settings | {"landing": bool(landing), "ahead": horizon}
         return self
+
+    @property
+    def landing(self) -> bool:
+        """Whether the control ends in exact rest in a sampled loop."""
+        return bool(self._settings["landing"])
+
+    @property
+    def ahead(self) -> int:
+        """Horizon of the landing, in sampling periods."""
+        return int(self._settings["ahead"])
 
 
 class TwistingTracker(_zivi.Tracker, _Following):

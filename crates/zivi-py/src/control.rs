@@ -3,7 +3,7 @@
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi_core::control::{
-    Approach, ExplicitTwisting, Gains, Port, RegulatorState, TickStatus, TrackerState,
+    Approach, ExplicitTwisting, Gains, Landing, Port, RegulatorState, TickStatus, TrackerState,
     TwistingRegulator, TwistingTracker,
 };
 use zivi_core::{Lifted, Physical, Restitution, SettingError};
@@ -52,7 +52,8 @@ pub(crate) struct Regulator {
 #[pymethods]
 impl Regulator {
     #[new]
-    #[pyo3(signature = (mu1, mu2, *, h, kappa, bound, depth, actuator))]
+    #[pyo3(signature = (mu1, mu2, *, h, kappa, bound, depth, actuator, ahead))]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         mu1: f64,
         mu2: f64,
@@ -61,9 +62,13 @@ impl Regulator {
         bound: Option<f64>,
         depth: f64,
         actuator: (f64, f64),
+        ahead: Option<u32>,
     ) -> PyResult<Self> {
-        let inner = TwistingRegulator::new(gains(mu1, mu2, bound)?, h, wall(kappa)?);
-        Ok(Self { inner: inner.map_err(refused)?.with_port(port(depth, actuator)?) })
+        let bare = TwistingRegulator::new(gains(mu1, mu2, bound)?, h, wall(kappa)?);
+        let landing = ahead.map(|ahead| Landing::new(ahead, h)).transpose();
+        let landing = landing.map_err(refused)?;
+        let inner = bare.map_err(refused)?.with_landing(landing);
+        Ok(Self { inner: inner.with_port(port(depth, actuator)?) })
     }
 
     /// Give the control for the period that starts with this measurement.

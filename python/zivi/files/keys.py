@@ -139,9 +139,13 @@ TWISTING = (
         "no limits",
     ),
 )
+LANDING = (
+    Key("landing", Switch(), "whether a sampled loop ends in exact rest", default="true"),
+    Key("ahead", Whole(1, 10**9), "horizon of the landing: 1 + delay", "1", "1"),
+)
 REFERENCE = _restitution("_ref", "that of the controller")
 CONTROLLERS = {
-    "TwistingRegulator": TWISTING,
+    "TwistingRegulator": (*TWISTING, *LANDING),
     "TwistingTracker": (
         *TWISTING,
         *REFERENCE,

@@ -34,11 +34,13 @@ IMPLICIT = ("positive", "nearest")
 """Branch strategies of the implicit tracker."""
 
 
-def regulate(h: float = H, *, sampled: bool = False, t_end: float = T_REGULATOR) -> ClosedLoop:
-    """Run the regulator of figure 5, in the paper's own loop or in the sampled one."""
+def regulate(
+    h: float = H, *, sampled: bool = False, landing: bool = False, t_end: float = T_REGULATOR
+) -> ClosedLoop:
+    """Run the regulator of figure 5, in the paper's own loop with its tick, or in other ones."""
     return simulate_closed_loop(
         ImpactSystem(0.0, kappa=KAPPA),
-        TwistingRegulator(*REGULATOR, h=h, kappa=KAPPA),
+        TwistingRegulator(*REGULATOR, h=h, kappa=KAPPA, landing=landing),
         (0.0, t_end),
         START_REGULATOR,
         method=None if sampled else ThetaGamma(h),

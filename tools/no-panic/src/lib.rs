@@ -6,7 +6,7 @@
 #![no_std]
 
 use zivi_core::control::{
-    Approach, ExplicitTwisting, Gains, Port, RegulatorState, TrackerState, TwistingRegulator,
+    Approach, ExplicitTwisting, Gains, Landing, Port, RegulatorState, TrackerState, TwistingRegulator,
     TwistingTracker,
 };
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
@@ -44,11 +44,14 @@ pub extern "C" fn zivi_regulator(
     to: &mut TwistingRegulator,
     [mu1, mu2, bound, h, e]: &[f64; 5],
     port: &Port,
+    ahead: u32,
 ) -> bool {
     let (Some(gains), Ok(wall)) = (gains(*mu1, *mu2, *bound), Restitution::from_e(*e)) else {
         return false;
     };
-    put(to, TwistingRegulator::new(gains, *h, wall).map(|it| it.with_port(*port)))
+    let landing = Landing::new(ahead, *h).ok();
+    let regulator = TwistingRegulator::new(gains, *h, wall);
+    put(to, regulator.map(|it| it.with_landing(landing).with_port(*port)))
 }
 
 #[no_mangle]

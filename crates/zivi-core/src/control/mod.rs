@@ -13,7 +13,7 @@
 //! The rooms: [`TwistingRegulator`] brings the mass to rest at the wall, [`TwistingTracker`] makes
 //! it follow a bouncing reference, [`ExplicitTwisting`] is the explicit controller that chatters.
 //! [`tracking`] solves the tracker's step exactly (with [`monotone`] and [`cubic`]), [`regulation`]
-//! the regulator's; [`inclusion`] writes the same steps as box VIs of two, four and six signs for
+//! the regulator's; [`landing`] is how a held control ends in exact rest; [`inclusion`] writes the same steps as box VIs of two, four and six signs for
 //! the general solver and for checking.
 
 pub mod cubic;
@@ -21,6 +21,7 @@ mod dual;
 mod explicit;
 mod gains;
 pub mod inclusion;
+pub mod landing;
 pub mod monotone;
 mod port;
 pub mod regulation;
@@ -30,6 +31,7 @@ pub mod tracking;
 
 pub use explicit::ExplicitTwisting;
 pub use gains::Gains;
+pub use landing::Landing;
 pub use port::{Port, TickStatus};
 pub use regulator::{RegulatorState, TwistingRegulator};
 pub use tracker::{Approach, TrackerState, TwistingTracker};

@@ -1,12 +1,17 @@
 //! The twisting regulator: brings the mass to rest at the wall in finite time.
 
 use super::port::checked_force;
-use super::regulation::RegulationStep;
-use super::{checked, Gains, Port, TickStatus};
+use super::regulation::{Regulation, RegulationStep};
+use super::{checked, Gains, Landing, Port, TickStatus};
 use crate::{transform, Branch, Physical, Restitution, SettingError};
 
-/// The regulator `u = -mu1 - mu2 sgn x'` with its signs taken implicitly, at the end of the
+/// The regulator `u = -mu1 - mu2 lv` with `lv` in `sgn x'` taken implicitly, at the end of the
 /// sampling period.
+///
+/// With a [`Landing`] (the default, one period ahead) `lv` is the fraction of the brake that stops
+/// the mass at the end of the horizon, and the sampled loop ends in exact rest at every `e < 1`.
+/// Without one both signs are those of the paper's implicit step ([`RegulationStep`]). The two
+/// have the same bits where the mass neither turns round nor meets the wall within the horizon.
 ///
 /// Stable in finite time for `|F| <= M` when `M < mu2 < mu1 - M`.
 ///
@@ -22,6 +27,7 @@ use crate::{transform, Branch, Physical, Restitution, SettingError};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwistingRegulator {
     step: RegulationStep,
+    landing: Option<Landing>,
     port: Port,
     state: RegulatorState,
 }
@@ -38,14 +44,21 @@ pub struct RegulatorState {
 }
 
 impl TwistingRegulator {
-    /// A regulator with sampling period `h` (s) for a mass on `wall`.
+    /// A regulator with sampling period `h` (s) for a mass on `wall`, landing one period ahead.
     ///
     /// # Errors
     /// [`SettingError`] names the setting that is out of range.
     pub fn new(gains: Gains, h: f64, wall: Restitution) -> Result<Self, SettingError> {
         checked(h, wall, "e")?;
         let step = RegulationStep { h, wall, gains };
-        Ok(Self { step, port: Port::default(), state: RegulatorState::default() })
+        let landing = Some(Landing::new(1, h)?);
+        Ok(Self { step, landing, port: Port::default(), state: RegulatorState::default() })
+    }
+
+    /// The same with another horizon of its landing; `None` is the paper's tick.
+    #[must_use]
+    pub fn with_landing(self, landing: Option<Landing>) -> Self {
+        Self { landing, ..self }
     }
 
     /// The same with limits of the sensor and of the actuator.
@@ -63,12 +76,29 @@ impl TwistingRegulator {
     pub fn tick(&mut self, measured: Physical, force: f64) -> Result<f64, SettingError> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
-        let z = transform::lift(state, Branch::Positive, self.step.wall);
-        let found = self.step.solve(z, force);
-        let (u, saturated) = self.port.actuate(found.u)?;
-        let signs = [found.lambda_s, found.lambda_v];
+        let (wanted, signs) = self.law(state, force);
+        let (u, saturated) = self.port.actuate(wanted)?;
         self.state = RegulatorState { u, signs, status: TickStatus { clamped, saturated } };
         Ok(u)
+    }
+
+    /// The control and its signs `ls`, `lv`.
+    #[inline]
+    fn law(&self, state: Physical, force: f64) -> (f64, [f64; 2]) {
+        let RegulationStep { wall, gains, .. } = self.step;
+        if let Some(landing) = self.landing {
+            let lambda_v = landing.lambda_v(state.xdot, force, gains);
+            return (-gains.mu1() - gains.mu2() * lambda_v, [1.0, lambda_v]);
+        }
+        let z = transform::lift(state, Branch::Positive, wall);
+        let Regulation { u, lambda_s, lambda_v, .. } = self.step.solve(z, force);
+        (u, [lambda_s, lambda_v])
+    }
+
+    /// How it lands; `None` is the paper's tick.
+    #[must_use]
+    pub fn landing(&self) -> Option<Landing> {
+        self.landing
     }
 
     /// The settings that are constant over a run.
