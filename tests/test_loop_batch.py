@@ -49,14 +49,14 @@ def test_each_loop_is_what_it_is_alone(settings):
             np.testing.assert_array_equal(saved[:samples], getattr(run, name)[::7])
             assert np.all(np.isnan(saved[samples:]))
         error, held = np.abs(run.error), run.u[:-1]
-        beyond = run.t[np.flatnonzero(error > 0.01)[-1]]
+        settled = run.t[np.flatnonzero(error > 0.01)[-1] + 1]
         expected = {
             "t": run.t[-1],
             "x": run.x[-1],
             "xdot": run.xdot[-1],
             "x_ref": run.x_ref[-1],
             "xdot_ref": run.xdot_ref[-1],
-            "settling_time": np.inf if beyond == run.t[-1] else beyond,
+            "settling_time": settled,
             "error_max": error.max(),
             "rest_time": np.nan if run.rest_time is None else run.rest_time,
             "n_impacts": len(run.impacts),
@@ -110,11 +110,28 @@ def test_threads_change_nothing_and_controllers_stay_as_they_were():
     assert [controller.state for controller in several] == states
 
 
-def test_what_has_not_settled_is_infinite_and_what_was_never_off_is_nan():
+def test_what_has_not_settled_is_nan_and_what_was_never_off_settled_at_the_start():
     batch = zivi.simulate_closed_loop_batch(
-        PLANT, tracker(), (0, 0.1), [(6, 5), (3, 3)], y_ref0=REFERENCE, force_ref=-19.81
+        PLANT, tracker(), (1, 1.1), [(6, 5), (3, 3)], y_ref0=REFERENCE, force_ref=-19.81
     )
-    np.testing.assert_array_equal(batch.settling_time, [np.inf, np.nan])
+    np.testing.assert_array_equal(batch.settling_time, [np.nan, 1.0])
+
+
+def test_settling_means_what_it_means_in_the_experiment():
+    starts = [(6.0, 5.0), (3.0, 3.0), (3.005, 3.0)]
+    batch = zivi.simulate_closed_loop_batch(
+        zivi.ImpactSystem(-9.81, e=1 / 3),
+        zivi.TwistingTracker(30, 17, h=1e-3, e=1 / 3),
+        SPAN,
+        starts,
+        within=1e-3,
+        force_model=-9.81,
+        **PAPER,
+    )
+    experiment = zivi.study.EXPERIMENTS["tracker_gains"]
+    for (x0, v0), settled in zip(starts, batch.settling_time, strict=True):
+        found = experiment(x0=x0, v0=v0, t_end=SPAN[1], tolerance=1e-3)
+        assert found["settling_time"] == settled
 
 
 def test_without_a_new_reference_each_goes_on_from_where_it_is():

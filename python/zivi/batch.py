@@ -18,7 +18,7 @@ from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGam
 from zivi.simulate import pair
 from zivi.status import Status
 from zivi.system import ImpactSystem
-from zivi.trajectory import IMPACT, describe
+from zivi.trajectory import IMPACT, describe, describe_system
 
 if TYPE_CHECKING:
     import xarray
@@ -103,7 +103,7 @@ class Batch(Runs):
     sample_x, sample_xdot : ndarray or None
         The samples, a row for each run; NaN after the end of a run that ended early.
     config : dict
-        Settings of the batch, as plain values.
+        Settings of the batch, as plain values: systems and initial states of the first 100.
     """
 
     t: Array
@@ -238,18 +238,17 @@ def simulate_batch(
         "t_span": list(span),
         "method": describe(method),
         "save": save if every is None else every,
-        "systems": [
-            {"force": describe(system.force), "e": system.e, "kappa": system.kappa}
-            for system in several[:MAX_DESCRIBED]
-        ],
+        "systems": [describe_system(system) for system in several[:MAX_DESCRIBED]],
         "n_systems": len(several),
+        "y0": states[:MAX_DESCRIBED].tolist(),
+        "n_runs": len(states),
     }
     return _batch(record, span, method, every, str(save), config)
 
 
 MAX_THREADS = 1024
 MAX_DESCRIBED = 100
-"""Systems that are told in ``config``."""
+"""Systems, and states, that are told in ``config``."""
 
 
 def _systems(systems: Any) -> list[ImpactSystem]:

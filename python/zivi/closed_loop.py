@@ -33,7 +33,7 @@ from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.simulate import pair, with_partial
 from zivi.status import Status
 from zivi.system import Force, ImpactSystem
-from zivi.trajectory import describe, impacts_of
+from zivi.trajectory import describe, describe_system, impacts_of
 
 if TYPE_CHECKING:
     import xarray
@@ -295,9 +295,7 @@ def simulate_closed_loop(
         controller = copy.copy(controller)
     if y_ref0 is not None:
         reset(controller, pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)"))
-    config = {name: describe(force) for name, force in forces.items()} | {
-        "e": system.e,
-        "kappa": system.kappa,
+    config = describe_system(system) | {name: describe(it) for name, it in forces.items()} | {
         "t_span": list(span),
         "y0": list(state),
         "y_ref0": None if y_ref0 is None else [float(value) for value in y_ref0],

@@ -26,7 +26,7 @@ from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.simulate import pair
 from zivi.system import Force, ImpactSystem, force_spec, in_wall_frame
-from zivi.trajectory import describe
+from zivi.trajectory import describe, describe_system
 
 if TYPE_CHECKING:
     import xarray
@@ -44,7 +44,7 @@ NUMBERS = {
     "xdot": ("m/s", "last velocity"),
     "x_ref": ("m", "last distance of the reference"),
     "xdot_ref": ("m/s", "last velocity of the reference"),
-    "settling_time": ("s", "last time with a position error beyond `within`, inf if at the end"),
+    "settling_time": ("s", "time from which the position error stays within, NaN if it does not"),
     "error_max": ("m", "largest position error"),
     "error_rms": ("m", "root mean square of the position error"),
     "u_max": ("m/s^2", "largest control"),
@@ -69,8 +69,8 @@ class ClosedLoopBatch(Runs):
     x_ref, xdot_ref : ndarray
         The reference at the end, NaN without one.
     settling_time : ndarray
-        Last time at which ``|x - x_ref| > within`` (s); NaN if that never was so, infinite if it
-        still is at the end.
+        First sample from which ``|x - x_ref| <= within`` until the last one (s): that of the start
+        if it always is, NaN if it is not at the end, or without a reference.
     error_max, error_rms : ndarray
         Largest and root mean square position error (m), NaN without a reference.
     u_max, u_rms, u_variation : ndarray
@@ -85,7 +85,7 @@ class ClosedLoopBatch(Runs):
         With ``save=k``: positions (m), reference positions (m) and controls (m/s^2) of the first
         and every so many samples after it, a row for each loop.
     config : dict
-        Settings of the batch, as plain values.
+        Settings of the batch, as plain values: systems, controllers and states of the first 100.
     """
 
     t: Array
@@ -212,7 +212,7 @@ def simulate_closed_loop_batch(
     >>> batch
     <ClosedLoopBatch of 3 loops: 3 completed, 3 at rest>
     >>> float(batch.settling_time[1])  # the paper's gains
-    1.21
+    1.211
     """
     span = pair("t_span", t_span, "(t0, t1)")
     plants, ticking = _several("systems", systems), _several("controllers", controllers)
@@ -250,16 +250,23 @@ def simulate_closed_loop_batch(
             progress=bar.report,
         )
     config = {
+        "systems": [describe_system(plant) for plant in plants[:MAX_DESCRIBED]],
+        "n_systems": len(plants),
+        "n_runs": n,
         "t_span": list(span),
+        "y0": states[:MAX_DESCRIBED].tolist(),
+        "y_ref0": None if y_ref0 is None else references[:MAX_DESCRIBED].tolist(),
         "force_model": None if force_model is None else describe(force_model),
         "force_ref": None if force_ref is None else describe(force_ref),
         "method": None if method is None else describe(method),
         "quantization": [float(value) for value in quantization],
         "delay": int(delay),
         "within": float(within),
+        "save": save if isinstance(save, str) else int(save),
         "controllers": [
             {"name": type(it).__name__, **it.settings} for it in ticking[:MAX_DESCRIBED]
         ],
+        "n_controllers": len(ticking),
     }
     return _batch(record, config, save != "final")
 
@@ -340,7 +347,7 @@ def _batch(record: _zivi.LoopBatchRecord, config: dict[str, Any], sampled: bool)
         xdot=xdot,
         x_ref=x_ref,
         xdot_ref=xdot_ref,
-        settling_time=record.beyond_until,
+        settling_time=record.settling_time,
         error_max=record.error_max,
         error_rms=record.error_rms,
         u_max=record.u_max,

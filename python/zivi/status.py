@@ -29,3 +29,7 @@ class Status(enum.IntEnum):
     """No step that still advances the time was short enough for the tolerances."""
     TERMINATED_BY_EVENT = 9
     """A terminal event of the user ended the run (a success)."""
+    OUT_OF_MEMORY = 10
+    """The record of the run grew beyond the memory."""
+    INTERNAL = 11
+    """A fault in zivi itself; only in batches, whose other runs are kept."""

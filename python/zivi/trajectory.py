@@ -338,13 +338,20 @@ def _configuration(
         for field in dataclasses.fields(method)  # type: ignore[arg-type]
     }
     return {
+        **describe_system(system),
+        "t_span": list(span),
+        "y0": list(state),
+        "method": {"name": type(method).__name__, **settings},
+    }
+
+
+def describe_system(system: ImpactSystem) -> dict[str, Any]:
+    """Plain values that tell a system again."""
+    return {
         "force": describe(system.force),
         "e": system.e,
         "kappa": system.kappa,
         "wall": None if system.wall is None else describe(system.wall),
-        "t_span": list(span),
-        "y0": list(state),
-        "method": {"name": type(method).__name__, **settings},
     }
 
 

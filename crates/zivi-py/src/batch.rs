@@ -1,11 +1,11 @@
 //! Batches from Python: many runs on all cores, without the interpreter.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
 use zivi::batch::{simulate_batch as run_batch, BatchError, Course, Member, Outcome, Save};
-use zivi::{Events, Grid, MoreauJean, Physical, ThetaGamma};
+use zivi::{Events, Grid, Impact, MoreauJean, Physical, ThetaGamma};
 
 use crate::force::{ForceSpec, NativeForce};
 use crate::simulate::{setup_error, step_solver};
@@ -141,14 +141,13 @@ impl BatchRecord {
             PyArray1::from_vec(py, ends.iter().map(of).collect()).unbind()
         };
         let none = Events::default();
-        let events = |of: fn(&Events) -> Vec<f64>| -> Times {
-            if ends.iter().all(|end| end.events.is_none()) {
-                return Vec::new();
-            }
-            let array = |end: &Outcome| {
-                PyArray1::from_vec(py, of(end.events.as_ref().unwrap_or(&none))).unbind()
-            };
-            ends.iter().map(array).collect()
+        let kept = ends.iter().any(|end| end.events.is_some());
+        let lists = || ends.iter().filter(|_| kept).map(|end| end.events.as_ref().unwrap_or(&none));
+        let of_impacts = |of: fn(&Impact) -> f64| -> PyResult<Times> {
+            lists().map(|it| array(py, it.impacts.iter().map(of))).collect()
+        };
+        let times = |of: fn(&Events) -> &[f64]| -> PyResult<Times> {
+            lists().map(|it| array(py, of(it).iter().copied())).collect()
         };
         Ok(Self {
             t: column(|end| end.summary.t),
@@ -167,15 +166,11 @@ impl BatchRecord {
                 .unbind(),
             samples_x: rows(py, ends.iter().map(|end| end.saved.x.as_slice()))?,
             samples_xdot: rows(py, ends.iter().map(|end| end.saved.xdot.as_slice()))?,
-            impact_t: events(|it| it.impacts.iter().map(|impact| impact.t).collect()),
-            impact_xdot_before: events(|it| {
-                it.impacts.iter().map(|impact| impact.xdot_before).collect()
-            }),
-            impact_xdot_after: events(|it| {
-                it.impacts.iter().map(|impact| impact.xdot_after).collect()
-            }),
-            zeno_times: events(|it| it.zeno_times.clone()),
-            liftoff_times: events(|it| it.liftoff_times.clone()),
+            impact_t: of_impacts(|impact| impact.t)?,
+            impact_xdot_before: of_impacts(|impact| impact.xdot_before)?,
+            impact_xdot_after: of_impacts(|impact| impact.xdot_after)?,
+            zeno_times: times(|it| &it.zeno_times)?,
+            liftoff_times: times(|it| &it.liftoff_times)?,
         })
     }
 }
@@ -187,10 +182,27 @@ pub(crate) fn rows<'a>(
 ) -> PyResult<Py<PyArray2<f64>>> {
     let (n, longest) =
         rows.clone().fold((0, 0), |(n, longest), row| (n + 1, longest.max(row.len())));
-    let filled = rows.flat_map(|row| {
-        row.iter().copied().chain(std::iter::repeat_n(f64::NAN, longest - row.len()))
-    });
-    Ok(PyArray1::from_vec(py, filled.collect()).reshape([n, longest])?.unbind())
+    let mut filled: Vec<f64> = with_room(longest.saturating_mul(n))?;
+    for row in rows {
+        filled.extend_from_slice(row);
+        filled.extend(std::iter::repeat_n(f64::NAN, longest - row.len()));
+    }
+    Ok(PyArray1::from_vec(py, filled).reshape([n, longest])?.unbind())
+}
+
+/// An array of values, an exception if there is no memory for it.
+fn array(py: Python<'_>, values: impl ExactSizeIterator<Item = f64>) -> PyResult<Array> {
+    let mut list = with_room(values.len())?;
+    list.extend(values);
+    Ok(PyArray1::from_vec(py, list).unbind())
+}
+
+fn with_room(n: usize) -> PyResult<Vec<f64>> {
+    let mut list = Vec::new();
+    list.try_reserve_exact(n).map_err(|_| {
+        PyMemoryError::new_err(format!("an array of {n} numbers of the result does not fit"))
+    })?;
+    Ok(list)
 }
 
 /// The number of threads that the machine runs at once.
@@ -209,6 +221,6 @@ pub(crate) fn grid_times(
     every: usize,
 ) -> PyResult<Bound<'_, PyArray1<f64>>> {
     let grid = Grid::new(t0, t1, h).map_err(|error| setup_error(error.into()))?;
-    let times = (0..=grid.n_steps()).step_by(every.max(1)).map(|k| grid.t(k));
-    Ok(PyArray1::from_iter(py, times))
+    let times = (0..grid.n_steps() + 1).step_by(every.max(1)).map(|k| grid.t(k));
+    Ok(array(py, times)?.into_bound(py))
 }

@@ -93,7 +93,7 @@ type Rows = Py<PyArray2<f64>>;
 pub(crate) struct LoopBatchRecord {
     /// `t, x, x', x_r, x_r'` at the end, a row for each loop.
     last: Rows,
-    beyond_until: Array,
+    settling_time: Array,
     error_max: Array,
     error_rms: Array,
     u_max: Array,
@@ -120,7 +120,7 @@ impl LoopBatchRecord {
         let last: Vec<f64> = ends.iter().flat_map(|it| it.last).collect();
         Ok(Self {
             last: PyArray1::from_vec(py, last).reshape([ends.len(), 5])?.unbind(),
-            beyond_until: column(|it| it.beyond_until),
+            settling_time: column(|it| it.settling_time),
             error_max: column(|it| it.error_max),
             error_rms: column(|it| it.error_rms),
             u_max: column(|it| it.u_max),

@@ -15,7 +15,9 @@ use crate::watch::Watch;
 
 pub(crate) fn setup_error(error: SetupError) -> PyErr {
     match error {
-        SetupError::Memory(_) => PyMemoryError::new_err(error.to_string()),
+        SetupError::Memory(_) | SetupError::BatchMemory { .. } | SetupError::Threads(_) => {
+            PyMemoryError::new_err(error.to_string())
+        }
         _ => PyValueError::new_err(error.to_string()),
     }
 }

@@ -1,7 +1,11 @@
 //! Impacts, Zeno points, rest and lift-off, read off the steps of a fixed-step run.
 
+use std::collections::TryReserveError;
+
 use zivi_core::transform::impact_velocities;
 use zivi_core::{Lifted, Restitution};
+
+use crate::room::Reserve;
 
 /// One impact: when, and the velocities on both sides of it (their ratio is `-e`).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +31,19 @@ pub struct Events {
     pub rest_time: Option<f64>,
 }
 
+impl Events {
+    /// Makes room for one more of each.
+    pub(crate) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
+        reserve.room(&mut self.impacts, 1, IMPACT_ARRAYS)?;
+        reserve.room(&mut self.zeno_times, 1, size_of::<f64>())?;
+        reserve.room(&mut self.liftoff_times, 1, size_of::<f64>())
+    }
+}
+
+/// Bytes that an impact takes in arrays that are made of a list: three columns, and one array of
+/// records.
+const IMPACT_ARRAYS: usize = 2 * size_of::<Impact>();
+
 const ORIGIN: Lifted = Lifted { s: 0.0, v: 0.0 };
 
 /// Reads events off consecutive states.
@@ -35,11 +52,13 @@ pub(crate) struct EventLog {
     events: Events,
     wall: Restitution,
     impacts_at_liftoff: usize,
+    reserve: Reserve,
 }
 
 impl EventLog {
     pub(crate) fn start(t0: f64, z: Lifted, incoming: bool, wall: Restitution) -> Self {
-        let mut log = Self { events: Events::default(), wall, impacts_at_liftoff: 0 };
+        let (events, reserve) = (Events::default(), Reserve::default());
+        let mut log = Self { events, wall, impacts_at_liftoff: 0, reserve };
         if z == ORIGIN {
             log.events.rest_time = Some(t0);
         } else if incoming {
@@ -49,13 +68,22 @@ impl EventLog {
     }
 
     /// Notes what happened between two samples; nothing did while `s` keeps its sign.
+    ///
+    /// # Errors
+    /// There is no memory left to note it.
     #[cold]
     #[inline(never)]
-    pub(crate) fn step(&mut self, (t, before): (f64, Lifted), (t_next, after): (f64, Lifted)) {
+    pub(crate) fn step(
+        &mut self,
+        (t, before): (f64, Lifted),
+        (t_next, after): (f64, Lifted),
+    ) -> Result<(), TryReserveError> {
         if before.s * after.s > 0.0 {
-            return;
+            return Ok(());
         }
+        self.events.make_room(&mut self.reserve)?;
         self.at_the_wall((t, before), (t_next, after));
+        Ok(())
     }
 
     #[cold]
@@ -109,7 +137,7 @@ mod tests {
         let z: Vec<Lifted> = states.iter().map(|&(s, v)| Lifted { s, v }).collect();
         let mut log = EventLog::start(0.0, z[0], false, wall);
         for (k, pair) in z.windows(2).enumerate() {
-            log.step((k as f64, pair[0]), (k as f64 + 1.0, pair[1]));
+            log.step((k as f64, pair[0]), (k as f64 + 1.0, pair[1])).unwrap();
         }
         log.finish()
     }

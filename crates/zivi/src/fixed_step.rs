@@ -1,10 +1,13 @@
 //! The loop that all fixed-step methods share: step, record, note the events, let others look.
 
+use std::collections::TryReserveError;
+
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepFailure};
 
 use crate::events::EventLog;
 use crate::monitor::Pace;
 use crate::recorder::{memory, Recorder};
+use crate::room::Reserve;
 use crate::summary::Keep;
 use crate::trajectory::{Run, Sample, SetupError, Trajectory};
 use crate::{Force, Grid, Monitor, Status};
@@ -67,6 +70,12 @@ impl<E> From<StepFailure> for Failure<E> {
             StepFailure::NotFinite => Status::StateNotFinite,
             StepFailure::NoSolution => Status::StepNotSolved,
         })
+    }
+}
+
+impl<E> From<TryReserveError> for Failure<E> {
+    fn from(_: TryReserveError) -> Self {
+        Failure::Status(Status::OutOfMemory)
     }
 }
 
@@ -133,6 +142,7 @@ struct Walk<M> {
     record: Recorder,
     log: EventLog,
     failed_steps: Vec<usize>,
+    reserve: Reserve,
     k: usize,
     t: f64,
     z: Lifted,
@@ -163,6 +173,7 @@ impl<M> Walk<M> {
             },
             log: EventLog::start(t, z, incoming, wall),
             failed_steps: Vec::new(),
+            reserve: Reserve::default(),
             k: 0,
             t,
             z,
@@ -224,17 +235,17 @@ impl<M> Walk<M> {
     {
         let Self { t, z, side, .. } = *self;
         let sample = self.method.advance(Start { t, z, side }, force)?;
-        self.k += 1;
+        let t_next = self.grid.t(self.k + 1);
+        if !uneventful(z, sample.z) {
+            self.log.step((t, z), (t_next, sample.z))?;
+            self.side = transform::side(sample.z, side);
+        }
         if self.method.has_failed() {
-            self.failed_steps.push(self.k);
+            self.reserve.room(&mut self.failed_steps, 1, size_of::<i64>())?;
+            self.failed_steps.push(self.k + 1);
         }
-        self.t = self.grid.t(self.k);
-        self.z = sample.z;
-        self.record.push(self.t, sample);
-        if !uneventful(z, self.z) {
-            self.log.step((t, z), (self.t, self.z));
-            self.side = transform::side(self.z, side);
-        }
+        (self.k, self.t, self.z) = (self.k + 1, t_next, sample.z);
+        self.record.push(t_next, sample);
         Ok(())
     }
 

@@ -37,6 +37,7 @@ pub mod monitor;
 pub mod moreau_jean;
 pub mod moving_wall;
 mod recorder;
+mod room;
 pub mod sign_solver;
 pub mod status;
 pub mod step_solver;

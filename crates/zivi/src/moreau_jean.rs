@@ -18,10 +18,13 @@
 //! changes at each impact, and `v = sigma x'/(1 - kappa sgn x')`; their multipliers are the signs
 //! (0 at rest), their residual is NaN.
 
+use std::collections::TryReserveError;
+
 use zivi_core::{sgn, transform, Branch, Physical, Restitution};
 
 use crate::fixed_step::{check_initial, finite_force, watched, Failure};
 use crate::implicit::search::{Search, DEFAULT_SLOPE};
+use crate::room::Reserve;
 use crate::trajectory::{Columns, Run, SetupError, Trajectory};
 use crate::{Dependence, Events, Force, Grid, Impact, Monitor, Status};
 
@@ -98,7 +101,8 @@ pub fn simulate_moreau_jean<E, F: Force<E>>(
     };
     let at_rest = initial == Physical::default();
     let events = Events { rest_time: at_rest.then_some(grid.t(0)), ..Events::default() };
-    let log = ContactLog { events, sigma: 1.0, at_rest, impacts_at_liftoff: 0 };
+    let reserve = Reserve::default();
+    let log = ContactLog { events, sigma: 1.0, at_rest, impacts_at_liftoff: 0, reserve };
     let mut walk = Walk { scheme, wall, grid, columns, log, k: 0, state: initial };
     walk.record();
     let ending = watched(grid.n_steps(), monitor, |until| walk.go_to(until, force));
@@ -244,10 +248,17 @@ struct ContactLog {
     sigma: f64,
     at_rest: bool,
     impacts_at_liftoff: usize,
+    reserve: Reserve,
 }
 
 impl ContactLog {
-    fn step(&mut self, (t, before): (f64, f64), (t_end, step): (f64, Step)) {
+    /// An error if there is no memory left to note what happened.
+    fn step(
+        &mut self,
+        (t, before): (f64, f64),
+        (t_end, step): (f64, Step),
+    ) -> Result<(), TryReserveError> {
+        self.events.make_room(&mut self.reserve)?;
         let pressed = step.impulse > 0.0;
         let after = step.end.xdot;
         let slow = before.abs() <= step.pull.abs() && after.abs() <= step.pull.abs();
@@ -271,6 +282,7 @@ impl ContactLog {
             let impact = Impact { t: t_end, xdot_before: before, xdot_after: after };
             self.events.impacts.push(impact);
         }
+        Ok(())
     }
 }
 
@@ -295,7 +307,7 @@ impl Walk {
             if !(step.end.x.is_finite() && step.end.xdot.is_finite()) {
                 return Err(Failure::Status(Status::StateNotFinite));
             }
-            self.log.step((t, self.state.xdot), (t_end, step));
+            self.log.step((t, self.state.xdot), (t_end, step))?;
             (self.k, self.state) = (self.k + 1, step.end);
             self.record();
         }

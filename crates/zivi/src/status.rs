@@ -24,11 +24,15 @@ pub enum Status {
     StepSizeTooSmall = 8,
     /// An event of the user that was to end the run did.
     TerminatedByEvent = 9,
+    /// The record grew beyond the memory.
+    OutOfMemory = 10,
+    /// A fault in this library.
+    Internal = 11,
 }
 
 impl Status {
     /// Every status, in the order of their numbers.
-    pub const ALL: [Status; 10] = [
+    pub const ALL: [Status; 12] = [
         Status::Completed,
         Status::ForceNotFinite,
         Status::StateNotFinite,
@@ -39,6 +43,8 @@ impl Status {
         Status::StepBudget,
         Status::StepSizeTooSmall,
         Status::TerminatedByEvent,
+        Status::OutOfMemory,
+        Status::Internal,
     ];
 
     /// What happened, and what to try.
@@ -82,6 +88,14 @@ impl Status {
                  atol."
             }
             Status::TerminatedByEvent => "A terminal event ended the run.",
+            Status::OutOfMemory => {
+                "The record of the run no longer fits into memory; the trajectory ends at the last \
+                 step before. Ask for times with t_eval, keep no dense output, or shorten t_span."
+            }
+            Status::Internal => {
+                "A fault in zivi itself ended the run, of which nothing is left. Please report the \
+                 case, with what was written to standard error."
+            }
         }
     }
 }

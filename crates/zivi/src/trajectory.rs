@@ -176,6 +176,17 @@ pub enum SetupError {
     Count(&'static str, usize, &'static str),
     /// The record does not fit into memory.
     Memory(usize),
+    /// What a batch keeps does not fit into memory.
+    BatchMemory {
+        /// Number of runs.
+        runs: usize,
+        /// Samples that are kept of each.
+        samples: usize,
+        /// What would be needed (bytes).
+        bytes: f64,
+    },
+    /// None of so many threads could be started.
+    Threads(usize),
 }
 
 impl fmt::Display for SetupError {
@@ -191,6 +202,18 @@ impl fmt::Display for SetupError {
             }
             SetupError::Memory(steps) => {
                 write!(out, "the record of {steps} steps does not fit into memory: increase h")
+            }
+            SetupError::BatchMemory { runs, samples, bytes } => {
+                let gigabytes = bytes / 1e9;
+                write!(
+                    out,
+                    "y0 gives {runs} runs, save and h keep {samples} samples of each: \
+                     {gigabytes:.3} GB do not fit into memory; increase save or h, or compute \
+                     fewer runs at a time"
+                )
+            }
+            SetupError::Threads(threads) => {
+                write!(out, "none of threads={threads} could be started: the memory is not enough")
             }
         }
     }

@@ -216,3 +216,60 @@ fn a_failure_is_that_of_its_member_alone() {
     assert_eq!(with(Status::ForceNotFinite), members.len() / 11);
     assert!(with(Status::StateNotFinite) > 0 && with(Status::Completed) > 40);
 }
+
+/// A force whose evaluation is a fault, where it falls up.
+#[derive(Clone, Copy)]
+struct Faulty(f64);
+
+impl<E> Force<E> for Faulty {
+    fn at(&mut self, _: f64, _: f64, _: f64) -> Result<f64, E> {
+        assert!(self.0 < 0.0, "a fault");
+        Ok(self.0)
+    }
+}
+
+#[test]
+fn a_fault_costs_no_other_run_its_result() {
+    let wall = Restitution::from_e(0.5).unwrap();
+    let initial = Physical { x: 1.0, xdot: 0.0 };
+    let member = |i: u32| Member {
+        wall,
+        initial,
+        force: Faulty(if i % 7 == 3 { 1.0 } else { -f64::from(i) - 1.0 }),
+    };
+    let members: Vec<_> = (0..70).map(member).collect();
+    let grid = Grid::new(0.0, 0.5, 1e-2).unwrap();
+    let course = Course::ThetaGamma(ThetaGamma::implicit_euler(), grid);
+    for threads in [1, 3] {
+        let ends = simulate_batch(&members, course, Save::Every(5), threads, &mut Silent).unwrap();
+        for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
+            if i % 7 == 3 {
+                assert_eq!((end.status, end.summary.x), (Status::Internal, 1.0));
+                assert!(end.saved.x.is_empty() && end.rest_time.is_nan());
+            } else {
+                assert_same(end, &alone(member, course), Save::Every(5), i);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_cannot_fit_into_memory_is_refused_before_anything_is_computed() {
+    // beyond what any system promises
+    let members = vec![balls(1)[0]; 100_000];
+    let grid = Grid::new(0.0, 1e3, 1e-6).unwrap();
+    let begun = std::time::Instant::now();
+    let refused = |method, save| match simulate_batch(&members, method, save, 1 << 20, &mut Silent)
+    {
+        Err(BatchError::Setup(None, error)) => error.to_string(),
+        other => panic!("{:?}", other.map(|ends| ends.len())),
+    };
+    // 2 x 16 bytes a sample: what is kept, and the arrays
+    let text = refused(Course::ThetaGamma(ThetaGamma::implicit_euler(), grid), Save::Every(1));
+    assert!(text.contains("100000 runs") && text.contains("1000000001 samples"), "{text}");
+    assert!(text.contains(" 3200000.0"), "{text}");
+    // a record of one run for each thread
+    let text = refused(Course::MoreauJean(MoreauJean::default(), grid), Save::Final);
+    assert!(text.contains("the record of 1000000001 steps"), "{text}");
+    assert!(begun.elapsed().as_secs_f64() < 1.0);
+}

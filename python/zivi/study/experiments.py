@@ -215,7 +215,8 @@ def tracker_gains(
     Returns
     -------
     dict
-        ``settling_time``, from which the error stays within `tolerance` (s; NaN if it does not),
+        ``settling_time``, the first sample from which the error stays within `tolerance` to the
+        end (s; the start if it always does, NaN if it does not at the end),
         ``effort``, the integral of the absolute control (m/s), ``peak``, the largest absolute
         control (m/s^2), ``error``, the last absolute position error (m), and ``n_refused``, the
         samples that the controller refused.

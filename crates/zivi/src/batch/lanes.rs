@@ -85,7 +85,7 @@ pub(super) fn run(
     let mut lanes = Lanes::new(gamma, grid.n_steps());
     for (i, &falling) in masses.iter().enumerate() {
         let z = lift(falling.initial, falling.step.wall())?;
-        let course = Course::start(falling, z, grid, save);
+        let course = Course::start(falling, z, grid, save)?;
         lanes.place(i, z, &course);
         courses.push(course);
     }
@@ -324,7 +324,7 @@ const MARGIN: f64 = 100.0 * SIGN_TOLERANCE;
 const HUGE: f64 = 1e300;
 
 impl Course {
-    fn start(falling: Falling, z: Lifted, grid: Grid, save: Save) -> Self {
+    fn start(falling: Falling, z: Lifted, grid: Grid, save: Save) -> Result<Self, SetupError> {
         let Falling { step, initial, .. } = falling;
         let incoming = initial.x == 0.0 && initial.xdot < 0.0;
         let mut course = Self {
@@ -333,12 +333,12 @@ impl Course {
             side: transform::side(z, Branch::Positive.sigma()),
             status: Status::Completed,
             ended: None,
-            saved: Saved::with_room(save.every(), grid),
+            saved: Saved::with_room(save.every(), grid)?,
         };
         if save.every() > 0 {
             course.sample(z);
         }
-        course
+        Ok(course)
     }
 
     /// A step that is not everyday; `None` where there is none, and the mass stops.
@@ -355,10 +355,12 @@ impl Course {
         } else {
             Err(Status::ForceNotFinite)
         };
-        match found {
-            Ok(found) => {
-                let end = found.end();
-                self.log.step((t, z), (t_next, end));
+        let noted = found.and_then(|found| {
+            let noted = self.log.step((t, z), (t_next, found.end()));
+            noted.map(|()| found.end()).map_err(|_| Status::OutOfMemory)
+        });
+        match noted {
+            Ok(end) => {
                 self.side = transform::side(end, self.side);
                 Some(end)
             }

@@ -2,9 +2,11 @@
 
 use zivi_core::{Physical, Restitution};
 
-use super::{pool, BatchError, Stopped};
+use super::outcome::{samples, thinned};
+use super::{pool, BatchError, Need, Stopped};
 use crate::closed_loop::{
-    simulate_closed_loop, AnyController, Forces, Loop, LoopRun, Motion, Sensor, REFUSED,
+    simulate_closed_loop, AnyController, Forces, Loop, LoopRun, Motion, Sensor, LOOP_COLUMNS,
+    REFUSED,
 };
 use crate::fixed_step::check_initial;
 use crate::{Force, Grid, Monitor, SetupError, Status};
@@ -39,14 +41,17 @@ pub struct LoopSettings {
     pub every: usize,
 }
 
+/// Number of quantities whose samples are saved.
+const SAVED: usize = 3;
+
 /// The end of one closed loop and what happened in it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoopOutcome {
     /// Time (s), plant and reference at the end: `t, x, x', x_r, x_r'`.
     pub last: [f64; 5],
-    /// The last time at which the position error was beyond `within` (s): NaN if it never was,
-    /// infinite if it still is at the end.
-    pub beyond_until: f64,
+    /// The first sample from which the position error stays within `within` to the end (s): the
+    /// first of all if it never is beyond, NaN if it does not stay or there is no reference.
+    pub settling_time: f64,
     /// Largest position error (m), NaN without a reference.
     pub error_max: f64,
     /// Root mean square of the position error (m), NaN without a reference.
@@ -66,7 +71,7 @@ pub struct LoopOutcome {
     /// How it ended.
     pub status: Option<Status>,
     /// Saved positions, reference positions and controls.
-    pub saved: [Vec<f64>; 3],
+    pub saved: [Vec<f64>; SAVED],
 }
 
 /// Runs every loop, on `threads` threads (at least 1).
@@ -83,9 +88,30 @@ pub fn simulate_closed_loop_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     for (i, member) in members.iter().enumerate() {
         check_initial(member.initial).map_err(|error| BatchError::Setup(Some(i), error))?;
     }
-    pool::run(members, CHUNK, threads, monitor, |chunk, stop| {
-        chunk.iter().map(|member| one(member, settings, stop)).collect()
-    })
+    check_memory(members, settings, threads)?;
+    let work = pool::Work {
+        width: CHUNK,
+        chunk: |chunk: &[LoopMember<F>], stop: &dyn Fn() -> bool| {
+            chunk.iter().map(|member| one(member, settings, stop)).collect()
+        },
+        lost: LoopOutcome::lost,
+    };
+    pool::run(members, threads, monitor, work)
+}
+
+/// Refuses a batch whose results would not fit into memory.
+fn check_memory<E, F>(
+    members: &[LoopMember<F>],
+    settings: LoopSettings,
+    threads: usize,
+) -> Result<(), BatchError<E>> {
+    let most = |every| members.iter().map(|member| samples(every, member.grid)).max().unwrap_or(0);
+    // while it is computed, a loop keeps all of its samples
+    let (saved, recorded) = (most(settings.every), most(1));
+    let record = recorded.saturating_mul(LOOP_COLUMNS * size_of::<f64>() + 1);
+    let kept = saved.saturating_mul(SAVED * size_of::<f64>());
+    let of_run = size_of::<LoopOutcome>().saturating_add(kept);
+    Need { runs: members.len(), samples: saved, of_run, record }.check(recorded, threads)
 }
 
 /// Loops that a thread takes at once.
@@ -116,30 +142,37 @@ fn one<F: Force<Stopped> + Copy>(
     let [plant, model, reference] = &mut forces;
     let forces = Forces { plant, model, reference };
     let run = simulate_closed_loop(&mut controller, surroundings, forces, &mut Quiet(stop))?;
-    Ok(LoopOutcome::of(run, settings))
+    LoopOutcome::of(&run, settings)
 }
 
 impl LoopOutcome {
-    fn of(run: LoopRun<Stopped>, settings: LoopSettings) -> Self {
+    /// Of a loop of which nothing is left.
+    fn lost<F>(member: &LoopMember<F>, status: Status) -> Self {
+        let Physical { x, xdot } = member.initial;
+        let none = f64::NAN;
+        Self {
+            last: [member.grid.t(0), x, xdot, none, none],
+            settling_time: none,
+            error_max: none,
+            error_rms: none,
+            rest_time: none,
+            status: Some(status),
+            ..Self::default()
+        }
+    }
+
+    fn of(run: &LoopRun<Stopped>, settings: LoopSettings) -> Result<Self, SetupError> {
         let [t, x, xdot, x_ref, xdot_ref, u, ..] = &run.columns;
         let last = [t, x, xdot, x_ref, xdot_ref].map(|it| it.last().copied().unwrap_or(f64::NAN));
         // the last sample repeats the control of the one before
         let held = &u[..u.len().saturating_sub(1)];
-        let errors = x.iter().zip(x_ref).map(|(x, x_ref)| (x - x_ref).abs());
-        let beyond = t.iter().zip(errors.clone()).rfind(|(_, error)| *error > settings.within);
-        let every = |column: &Vec<f64>| match settings.every {
-            0 => Vec::new(),
-            every => column.iter().copied().step_by(every).collect(),
-        };
-        Self {
+        let errors = || x.iter().zip(x_ref).map(|(x, x_ref)| (x - x_ref).abs());
+        let every = |column: &[f64]| thinned(column, settings.every);
+        Ok(Self {
             last,
-            beyond_until: match beyond {
-                None => f64::NAN,
-                Some((t, _)) if *t == last[0] => f64::INFINITY,
-                Some((t, _)) => *t,
-            },
-            error_max: errors.clone().fold(f64::NAN, f64::max),
-            error_rms: rms(errors),
+            settling_time: settling_time(t, errors(), settings.within),
+            error_max: errors().fold(f64::NAN, f64::max),
+            error_rms: rms(errors()),
             u_max: held.iter().fold(0.0, |most, u| most.max(u.abs())),
             u_rms: rms(held.iter().copied()),
             u_variation: held.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum(),
@@ -147,9 +180,20 @@ impl LoopOutcome {
             n_refused: run.ticks.iter().filter(|bits| **bits & REFUSED != 0).count() as u64,
             rest_time: run.events.rest_time.unwrap_or(f64::NAN),
             status: Some(run.status),
-            saved: [every(x), every(x_ref), every(u)],
-        }
+            saved: [every(x)?, every(x_ref)?, every(u)?],
+        })
     }
+}
+
+/// The first of the times from which the errors stay within a bound, NaN if they do not (an error
+/// that is not known is beyond).
+fn settling_time(
+    t: &[f64],
+    mut errors: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator,
+    within: f64,
+) -> f64 {
+    let from = errors.rposition(|error| !(error <= within)).map_or(0, |last| last + 1);
+    t.get(from).copied().unwrap_or(f64::NAN)
 }
 
 /// Root mean square, NaN of nothing.

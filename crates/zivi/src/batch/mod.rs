@@ -2,6 +2,8 @@
 //!
 //! Each run is independent of all others, so the results do not depend on the number of threads.
 //! Memory is what [`Save`] keeps, and a record of one run for each thread while it is computed.
+//! A run that a fault ends ([`crate::Status::Internal`]) or for which no memory is left
+//! ([`crate::Status::OutOfMemory`]) costs no other its result.
 
 mod lanes;
 mod loops;
@@ -18,7 +20,7 @@ use crate::fixed_step::{check_initial, lift};
 use crate::{
     simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
     Dependence, Force, Grid, Keep, Monitor, MoreauJean, Output, Run, SetupError, Solver, Summary,
-    SwitchedRk, ThetaGamma, Trajectory,
+    SwitchedRk, ThetaGamma, Trajectory, QUANTITIES,
 };
 
 /// What is saved of each run.
@@ -56,6 +58,26 @@ pub enum Course {
     MoreauJean(MoreauJean, Grid),
     /// The switched Runge-Kutta method over a span; it saves no regular samples.
     SwitchedRk(SwitchedRk, (f64, f64)),
+}
+
+impl Course {
+    /// The steps of a method of fixed steps.
+    fn grid(self) -> Option<Grid> {
+        match self {
+            Course::ThetaGamma(_, grid)
+            | Course::ExplicitEuler(grid)
+            | Course::MoreauJean(_, grid) => Some(grid),
+            Course::SwitchedRk(..) => None,
+        }
+    }
+
+    /// Where the runs start (s).
+    fn start(self) -> f64 {
+        match self {
+            Course::SwitchedRk(_, (t0, _)) => t0,
+            _ => self.grid().map_or(f64::NAN, |grid| grid.t(0)),
+        }
+    }
 }
 
 /// One run of a batch.
@@ -114,9 +136,72 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     for (i, member) in members.iter().enumerate() {
         check(member, course).map_err(|error| BatchError::Setup(Some(i), error))?;
     }
-    pool::run(members, lanes::WIDTH, threads, monitor, |chunk, stop| {
-        several(chunk, course, save, stop)
-    })
+    check_memory(members, course, save, threads)?;
+    let work = pool::Work {
+        width: lanes::WIDTH,
+        chunk: |chunk: &[Member<F>], stop: &dyn Fn() -> bool| several(chunk, course, save, stop),
+        lost: |member: &Member<F>, status| {
+            Outcome::lost(course.start(), member.initial, status, save)
+        },
+    };
+    pool::run(members, threads, monitor, work)
+}
+
+/// Refuses a batch whose results would not fit into memory.
+fn check_memory<E, F: Force<Stopped>>(
+    members: &[Member<F>],
+    course: Course,
+    save: Save,
+    threads: usize,
+) -> Result<(), BatchError<E>> {
+    let samples = course.grid().map_or(0, |grid| outcome::samples(save.every(), grid));
+    let recorded = match course {
+        _ if members.iter().all(|member| side_by_side(member, course)) => 0,
+        Course::MoreauJean(_, grid) => outcome::samples(1, grid),
+        _ => samples,
+    };
+    let record = recorded.saturating_mul(QUANTITIES * size_of::<f64>());
+    let of_run = size_of::<Outcome>().saturating_add(samples.saturating_mul(SAMPLE));
+    Need { runs: members.len(), samples, of_run, record }.check(recorded, threads)
+}
+
+/// Bytes of a saved sample.
+const SAMPLE: usize = 2 * size_of::<f64>();
+
+/// What a batch takes of memory.
+struct Need {
+    runs: usize,
+    /// Samples that are kept of each run.
+    samples: usize,
+    /// Bytes that are kept of each run; arrays of the same size are made of them.
+    of_run: usize,
+    /// Bytes of a run while it is computed.
+    record: usize,
+}
+
+impl Need {
+    /// Refuses what does not fit; a run records so many samples while it is computed.
+    fn check<E>(self, recorded: usize, threads: usize) -> Result<(), BatchError<E>> {
+        // a product beyond all numbers does not fit either
+        let records = self.record.saturating_mul(threads.min(self.runs));
+        let kept = self.of_run.saturating_mul(self.runs).saturating_mul(2);
+        let fits = |bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok();
+        let refused = if !fits(records) {
+            SetupError::Memory(recorded)
+        } else if !fits(records.saturating_add(kept)) {
+            let Self { runs, samples, .. } = self;
+            SetupError::BatchMemory { runs, samples, bytes: kept as f64 }
+        } else {
+            return Ok(());
+        };
+        Err(BatchError::Setup(None, refused))
+    }
+}
+
+/// Whether a member can be moved side by side with others.
+fn side_by_side<F: Force<Stopped>>(member: &Member<F>, course: Course) -> bool {
+    matches!(course, Course::ThetaGamma(ThetaGamma { solver: Solver::Exact, .. }, _))
+        && member.force.dependence() == Dependence::Constant
 }
 
 /// Whether a member can start.
@@ -143,8 +228,8 @@ fn several<F: Force<Stopped> + Copy>(
     save: Save,
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
-    if let Course::ThetaGamma(ThetaGamma { theta, gamma, solver: Solver::Exact }, grid) = course {
-        if chunk.iter().all(|it| it.force.dependence() == Dependence::Constant) {
+    if let Course::ThetaGamma(ThetaGamma { theta, gamma, .. }, grid) = course {
+        if chunk.iter().all(|it| side_by_side(it, course)) {
             let mut masses = Vec::with_capacity(chunk.len());
             for &Member { wall, mut force, initial } in chunk {
                 let step = ThetaGammaStep::new(grid.h(), theta, gamma, wall)?;
@@ -208,8 +293,8 @@ fn one<F: Force<Stopped> + Copy>(
     // a method that keeps all of its samples is thinned afterwards
     let saved = match (every, summary) {
         (0, _) => Saved::default(),
-        (_, Some(_)) => Saved::every(&columns, 1),
-        (every, None) => Saved::every(&columns, every),
+        (_, Some(_)) => Saved::every(&columns, 1)?,
+        (every, None) => Saved::every(&columns, every)?,
     };
     let mut summary = summary.unwrap_or_else(|| Summary::of(&columns));
     if save != Save::Statistics {

@@ -1,9 +1,10 @@
 //! What is saved of one run of a batch.
 
 use crate::trajectory::{Columns, Quantity};
-use crate::{Events, Grid, Impact, Status, Summary};
+use crate::{Events, Grid, Impact, SetupError, Status, Summary};
 
 use super::Save;
+use zivi_core::Physical;
 
 /// Sampled positions and velocities of one run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,21 +16,42 @@ pub struct Saved {
 }
 
 impl Saved {
-    pub(super) fn with_room(every: usize, grid: Grid) -> Self {
-        let room = grid.n_steps().checked_div(every).map_or(0, |it| it + 1);
-        Self { x: Vec::with_capacity(room), xdot: Vec::with_capacity(room) }
+    pub(super) fn with_room(every: usize, grid: Grid) -> Result<Self, SetupError> {
+        let room = samples(every, grid);
+        Ok(Self { x: with_room(room)?, xdot: with_room(room)? })
     }
 
     /// The first sample and every so many after it.
-    pub(super) fn every(columns: &Columns, every: usize) -> Self {
-        let of = |quantity| columns.of(quantity).iter().step_by(every).copied().collect();
-        Self { x: of(Quantity::X), xdot: of(Quantity::Xdot) }
+    pub(super) fn every(columns: &Columns, every: usize) -> Result<Self, SetupError> {
+        let of = |quantity| thinned(columns.of(quantity), every);
+        Ok(Self { x: of(Quantity::X)?, xdot: of(Quantity::Xdot)? })
     }
 
     pub(super) fn push(&mut self, x: f64, xdot: f64) {
         self.x.push(x);
         self.xdot.push(xdot);
     }
+}
+
+/// Samples of which every so many are kept, none for `0`.
+pub(super) fn samples(every: usize, grid: Grid) -> usize {
+    grid.n_steps().checked_div(every).map_or(0, |it| it + 1)
+}
+
+fn with_room(room: usize) -> Result<Vec<f64>, SetupError> {
+    let mut list = Vec::new();
+    list.try_reserve_exact(room).map_err(|_| SetupError::Memory(room))?;
+    Ok(list)
+}
+
+/// The first and every so many of the values after it, none for `0`.
+pub(super) fn thinned(values: &[f64], every: usize) -> Result<Vec<f64>, SetupError> {
+    if every == 0 {
+        return Ok(Vec::new());
+    }
+    let mut list = with_room(values.len().div_ceil(every))?;
+    list.extend(values.iter().step_by(every));
+    Ok(list)
 }
 
 /// The end of one run and what happened in it.
@@ -58,6 +80,12 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// Of a run from `initial` at `t` of which nothing is left.
+    pub(super) fn lost(t: f64, Physical { x, xdot }: Physical, status: Status, save: Save) -> Self {
+        let summary = Summary { t, x, xdot, ..Summary::default() };
+        Self::new(Events::default(), Saved::default(), summary, (status, 0), save)
+    }
+
     pub(super) fn new(
         events: Events,
         saved: Saved,

@@ -1,12 +1,16 @@
 //! Threads that take chunks of independent work, watched by the caller's thread.
+//!
+//! An item whose work panics, or for which there is no memory, costs no other its result.
 
 use std::num::NonZeroUsize;
+use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
+use std::thread::{Builder, Thread};
 use std::time::Duration;
 
 use super::BatchError;
-use crate::{Monitor, SetupError};
+use crate::{Monitor, SetupError, Status};
 
 /// Between two looks of the monitor.
 const PERIOD: Duration = Duration::from_millis(30);
@@ -25,19 +29,46 @@ struct Shared<R> {
     finished: Mutex<Vec<Finished<R>>>,
 }
 
-/// `work` on every chunk of at most `width` of the `items`; the results in the order of the items.
+/// A thread at work: when it ends, however it ends, it is counted out and the caller is woken.
+struct AtWork<'a> {
+    working: &'a AtomicUsize,
+    caller: &'a Thread,
+}
+
+impl Drop for AtWork<'_> {
+    fn drop(&mut self) {
+        self.working.fetch_sub(1, Ordering::Release);
+        self.caller.unpark();
+    }
+}
+
+/// What is done with the items.
+pub(super) struct Work<W, L> {
+    /// Items of a chunk, at most.
+    pub(super) width: usize,
+    /// The results of a chunk, one for each item.
+    pub(super) chunk: W,
+    /// The result of an item that could not be worked on, and why.
+    pub(super) lost: L,
+}
+
+/// `work` on every chunk of the `items`; the results in the order of the items.
 ///
 /// # Errors
-/// The first chunk's that fails, or what the monitor raises.
+/// The first chunk's that fails for want of something else than memory, that no thread could be
+/// started, or what the monitor raises.
 pub(super) fn run<E, T: Sync, R: Send>(
     items: &[T],
-    width: usize,
     threads: usize,
     monitor: &mut impl Monitor<E>,
-    work: impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError> + Sync,
+    mut work: Work<
+        impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError> + Sync,
+        impl Fn(&T, Status) -> R + Sync,
+    >,
 ) -> Result<Vec<R>, BatchError<E>> {
     let threads = threads.max(1);
-    let width = width.min(items.len().div_ceil(threads)).max(1);
+    work.width = work.width.min(items.len().div_ceil(threads)).max(1);
+    let wanted = threads.min(items.len().div_ceil(work.width));
     let shared = Shared {
         next: AtomicUsize::new(0),
         done: AtomicUsize::new(0),
@@ -46,51 +77,94 @@ pub(super) fn run<E, T: Sync, R: Send>(
         finished: Mutex::new(Vec::new()),
     };
     let caller = std::thread::current();
-    let raised = std::thread::scope(|scope| {
-        for _ in 0..threads.min(items.len().div_ceil(width)) {
+    let (raised, started) = std::thread::scope(|scope| {
+        let mut started = 0;
+        for _ in 0..wanted {
             shared.working.fetch_add(1, Ordering::Relaxed);
-            scope.spawn(|| {
-                take_chunks(items, width, &shared, &work);
-                shared.working.fetch_sub(1, Ordering::Release);
-                caller.unpark();
+            let at_work = AtWork { working: &shared.working, caller: &caller };
+            let (shared, work) = (&shared, &work);
+            let thread = Builder::new().spawn_scoped(scope, move || {
+                let _at_work = at_work;
+                take_chunks(items, shared, work);
             });
-        }
-        let mut raised = None;
-        while shared.working.load(Ordering::Acquire) > 0 {
-            std::thread::park_timeout(PERIOD);
-            let done = shared.done.load(Ordering::Relaxed);
-            if let (None, Err(error)) = (&raised, monitor.poll(done, items.len())) {
-                raised = Some(error);
-                shared.stop.store(true, Ordering::Relaxed);
+            // fewer threads give the same results
+            if thread.is_err() {
+                break;
             }
+            started += 1;
         }
-        raised
+        (watch(&shared, items.len(), monitor), started)
     });
     match raised {
         Some(error) => Err(BatchError::Raised(error)),
-        None => collected(shared.finished.into_inner().unwrap_or_default()),
+        None if started < wanted.min(1) => {
+            Err(BatchError::Setup(None, SetupError::Threads(threads)))
+        }
+        None => {
+            let finished = shared.finished.into_inner();
+            collected(finished.unwrap_or_else(PoisonError::into_inner))
+        }
     }
+}
+
+/// Looks after the threads until they are done; what the monitor raised.
+fn watch<E, R>(shared: &Shared<R>, of: usize, monitor: &mut impl Monitor<E>) -> Option<E> {
+    let mut raised = None;
+    while shared.working.load(Ordering::Acquire) > 0 {
+        std::thread::park_timeout(PERIOD);
+        let done = shared.done.load(Ordering::Relaxed);
+        if let (None, Err(error)) = (&raised, monitor.poll(done, of)) {
+            raised = Some(error);
+            shared.stop.store(true, Ordering::Relaxed);
+        }
+    }
+    raised
 }
 
 fn take_chunks<T, R>(
     items: &[T],
-    width: usize,
     shared: &Shared<R>,
-    work: &impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError>,
+    work: &Work<
+        impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError>,
+        impl Fn(&T, Status) -> R,
+    >,
 ) {
     let stop = || shared.stop.load(Ordering::Relaxed);
     while !stop() {
         let number = shared.next.fetch_add(1, Ordering::Relaxed);
-        let Some(chunk) = items.chunks(width).nth(number) else { break };
-        let result = work(chunk, &stop);
+        let Some(chunk) = items.chunks(work.width).nth(number) else { break };
+        let result = guarded(chunk, &stop, work);
         if result.is_err() {
             shared.stop.store(true, Ordering::Relaxed);
         }
         shared.done.fetch_add(chunk.len(), Ordering::Relaxed);
-        if let Ok(mut finished) = shared.finished.lock() {
-            finished.push((number, result));
-        }
+        shared.finished.lock().unwrap_or_else(PoisonError::into_inner).push((number, result));
     }
+}
+
+/// The results of a chunk; where it fails as a whole, those of its items one by one.
+fn guarded<T, R>(
+    chunk: &[T],
+    stop: &dyn Fn() -> bool,
+    work: &Work<
+        impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError>,
+        impl Fn(&T, Status) -> R,
+    >,
+) -> Result<Vec<R>, SetupError> {
+    // what a panic leaves half done is dropped with it: the work shares nothing that it changes
+    let status = match catch_unwind(AssertUnwindSafe(|| (work.chunk)(chunk, stop))) {
+        Ok(Err(SetupError::Memory(_))) => Status::OutOfMemory,
+        Ok(result) => return result,
+        Err(_) => Status::Internal,
+    };
+    if let [item] = chunk {
+        return Ok(vec![(work.lost)(item, status)]);
+    }
+    let mut all = Vec::with_capacity(chunk.len());
+    for item in chunk.chunks(1) {
+        all.extend(guarded(item, stop, work)?);
+    }
+    Ok(all)
 }
 
 fn collected<E, R>(mut finished: Vec<Finished<R>>) -> Result<Vec<R>, BatchError<E>> {

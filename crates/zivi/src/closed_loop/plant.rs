@@ -209,7 +209,7 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
         let net = &mut Net { force: &mut *self.force, u };
         let start = Start { t, z: self.z, side: self.side };
         let next = self.stepper.advance(start, net)?.z;
-        self.log.step((t, self.z), (t_next, next));
+        self.log.step((t, self.z), (t_next, next))?;
         self.side = transform::side(next, self.side);
         self.z = next;
         Ok(transform::project(next, self.wall))

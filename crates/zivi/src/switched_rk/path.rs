@@ -1,7 +1,10 @@
 //! The whole motion as a function of time: polynomials in flight, tails, rest.
 
-use super::bernstein::{evaluate, Bernstein};
+use std::collections::TryReserveError;
+
+use super::bernstein::{evaluate, Bernstein, MOST_DEGREE};
 use super::tail::Tail;
+use crate::room::Reserve;
 
 /// A state at some time, and on which branch of the transform it lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,6 +91,13 @@ pub struct DensePath {
 }
 
 impl DensePath {
+    /// Makes room for one more segment of any kind.
+    pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
+        reserve.room(&mut self.segments, 1, 0)?;
+        reserve.room(&mut self.coefficients, 2 * (MOST_DEGREE + 1), 0)?;
+        reserve.room(&mut self.tails, 1, 0)
+    }
+
     pub(super) fn push_flight(&mut self, curve: &Curve) {
         let first = self.coefficients.len();
         let degree = curve.x.coefficients().len() - 1;

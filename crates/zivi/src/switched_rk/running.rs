@@ -9,6 +9,7 @@ use super::tail::Tail;
 use super::watch::{EventHit, Watch};
 use crate::fixed_step::Failure;
 use crate::monitor::Pace;
+use crate::room::Reserve;
 use crate::trajectory::{SetupError, Trajectory};
 use crate::{Events, Force, Impact, Monitor, Status};
 
@@ -43,6 +44,8 @@ pub(super) struct Running<'e, 'a, E> {
     path: Option<DensePath>,
     events: Events,
     tails: Vec<Tail>,
+    /// Set aside for what is made of all these lists.
+    reserve: Reserve,
     /// Impacts when the mass was last at rest, if it is not at rest now.
     airborne: Option<usize>,
     /// What is recorded goes up to here.
@@ -75,6 +78,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             path: output.dense.then(DensePath::default),
             events: Events::default(),
             tails: Vec::new(),
+            reserve: Reserve::default(),
             airborne: None,
         }
     }
@@ -103,6 +107,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
                 if self.integrator.now.t >= self.t1 {
                     break;
                 }
+                self.make_room()?;
                 self.integrator.dense_from = self.dense_from();
                 let piece = self.integrator.step(self.t1, force)?;
                 self.absorb(piece, force)?;
@@ -115,6 +120,20 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             }
             pace.adjust();
         }
+    }
+
+    /// Makes room for what the next piece of the motion adds to the record: where there is none,
+    /// the run ends with all that it has.
+    fn make_room(&mut self) -> Result<(), Failure<E>> {
+        let Self { samples, path, events, tails, watch, reserve, .. } = self;
+        events.make_room(reserve)?;
+        reserve.room(tails, 1, 0)?;
+        samples.make_room(reserve)?;
+        watch.make_room(reserve)?;
+        if let Some(path) = path {
+            path.make_room(reserve)?;
+        }
+        Ok(())
     }
 
     /// From when on the motion between the ends of steps is asked for.
@@ -312,6 +331,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             }
         };
         let (t, end) = self.end;
+        drop(self.reserve);
         self.samples.at_end(t, end);
         if let Some(path) = &mut self.path {
             path.finish(t, end);

@@ -2,9 +2,15 @@
 
 use zivi_core::{sgn, transform, Branch, Restitution};
 
+use std::collections::TryReserveError;
+
 use super::path::PathPoint;
-use crate::trajectory::{Columns, SetupError};
+use crate::room::Reserve;
+use crate::trajectory::{Columns, SetupError, QUANTITIES};
 use crate::Physical;
+
+/// Samples at the ends of steps that a piece of the motion has, at most.
+const OF_A_PIECE: usize = 4;
 
 /// Rows of `t`, `x`, `x'`, `sigma`.
 pub(super) struct Samples<'a> {
@@ -17,6 +23,12 @@ pub(super) struct Samples<'a> {
 impl<'a> Samples<'a> {
     pub(super) fn new(t_eval: Option<&'a [f64]>) -> Self {
         Self { t_eval, next: 0, rows: Vec::new() }
+    }
+
+    /// Makes room for what a piece of the motion adds, and for all of the given times.
+    pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
+        let wanted = self.t_eval.map_or(OF_A_PIECE, |times| times.len() - self.next);
+        reserve.room(&mut self.rows, wanted, QUANTITIES * size_of::<f64>())
     }
 
     /// The next of the given times.

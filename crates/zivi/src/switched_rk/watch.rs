@@ -1,7 +1,10 @@
 //! Events that the user defines: zeros of functions of time and state along the motion.
 
+use std::collections::TryReserveError;
+
 use super::path::PathPoint;
 use super::root;
+use crate::room::Reserve;
 
 /// Which changes of sign of a function are events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -57,6 +60,9 @@ pub struct EventHit {
 /// Parts of a step, at the ends of which a function is evaluated.
 const PARTS: u32 = 4;
 
+/// Events of a function for which there is room before a piece of the motion is followed.
+const OF_A_PIECE: usize = 64;
+
 /// Follows the events along the motion.
 pub(super) struct Watch<'e, 'a, E> {
     events: &'e mut [UserEvent<'a, E>],
@@ -71,6 +77,12 @@ impl<'e, 'a, E> Watch<'e, 'a, E> {
         let hits = events.iter().map(|_| Vec::new()).collect();
         let values = vec![0.0; events.len()];
         Self { events, values, hits }
+    }
+
+    /// Makes room for some events of each function.
+    pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
+        let arrays = 2 * size_of::<EventHit>();
+        self.hits.iter_mut().try_for_each(|hits| reserve.room(hits, OF_A_PIECE, arrays))
     }
 
     /// Evaluates the functions at the start.
