@@ -20,9 +20,7 @@ def without_name(told):
 
 def system_of(told):
     force, wall = without_name(told["force"]), without_name(told["wall"])
-    return zivi.ImpactSystem(
-        zivi.LinearForce(**force), e=told["e"], wall=zivi.HarmonicWall(**wall)
-    )
+    return zivi.ImpactSystem(zivi.LinearForce(**force), e=told["e"], wall=zivi.HarmonicWall(**wall))
 
 
 def plain(config):

@@ -1,4 +1,4 @@
-"""Where memory ends there is an error before anything is computed, or a run that keeps what it has."""
+"""Where memory ends: an error before anything is computed, or a run that keeps what it has."""
 
 import subprocess
 import sys

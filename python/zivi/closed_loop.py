@@ -295,17 +295,21 @@ def simulate_closed_loop(
         controller = copy.copy(controller)
     if y_ref0 is not None:
         reset(controller, pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)"))
-    config = describe_system(system) | {name: describe(it) for name, it in forces.items()} | {
-        "t_span": list(span),
-        "y0": list(state),
-        "y_ref0": None if y_ref0 is None else [float(value) for value in y_ref0],
-        "controller": described(controller),
-        "method": None if method is None else describe(method),
-        "noise": list(deviations),
-        "seed": seed,
-        "quantization": list(resolution),
-        "delay": periods,
-    }
+    config = (
+        describe_system(system)
+        | {name: describe(it) for name, it in forces.items()}
+        | {
+            "t_span": list(span),
+            "y0": list(state),
+            "y_ref0": None if y_ref0 is None else [float(value) for value in y_ref0],
+            "controller": described(controller),
+            "method": None if method is None else describe(method),
+            "noise": list(deviations),
+            "seed": seed,
+            "quantization": list(resolution),
+            "delay": periods,
+        }
+    )
     with ProgressBar(progress) as bar:
         record = _zivi.simulate_closed_loop(
             controller,
