@@ -591,3 +591,15 @@ def test_the_default_method():
     assert sol.config["method"]["name"] == "SwitchedRK"
     assert sol.config["method"]["order"] == 8
     assert sol.zeno_times == pytest.approx([3 * math.sqrt(2 / G)], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "method", [zivi.SwitchedRK(), zivi.ThetaGamma(1e-3), zivi.MoreauJean(1e-3)]
+)
+@pytest.mark.parametrize("e", [1e-15, 1e-9, 1.0 / 3.0])
+def test_impacts_have_the_ratio_that_was_given(method, e):
+    # e = 1e-15 is lost in kappa = 1 - 2e-15
+    sol = zivi.simulate(zivi.ImpactSystem(-9.81, e=e), (0, 0.6), (1, 0), method)
+    ratio = -sol.impacts["xdot_after"] / sol.impacts["xdot_before"]
+    assert len(ratio)
+    assert np.all(np.abs(ratio / e - 1.0) < 1e-15)

@@ -100,7 +100,7 @@ def check_moreau_jean(theta: float) -> None: ...
 def simulate_moreau_jean(
     force: tuple[Any, ...],
     *,
-    kappa: float,
+    wall: tuple[float, float],
     h: float,
     theta: float,
     span: tuple[float, float],
@@ -112,7 +112,7 @@ def simulate_switched_rk(
     force: tuple[Any, ...],
     method: _SwitchedSettings,
     *,
-    kappa: float,
+    wall: tuple[float, float],
     span: tuple[float, float],
     state: tuple[float, float],
     t_eval: _Array | None,
@@ -128,7 +128,7 @@ def compiled_force(callable: Any, argument: str) -> tuple[int, int | None]: ...
 def simulate_theta_gamma(
     force: tuple[Any, ...],
     *,
-    kappa: float,
+    wall: tuple[float, float],
     h: float,
     theta: float,
     gamma: float,
@@ -166,7 +166,7 @@ def solve_tracking_steps(
 def simulate_explicit_euler(
     force: tuple[Any, ...],
     *,
-    kappa: float,
+    wall: tuple[float, float],
     h: float,
     span: tuple[float, float],
     state: tuple[float, float],
@@ -291,7 +291,7 @@ def simulate_closed_loop(
     controller: Any,
     forces: list[tuple[Any, ...]],
     *,
-    kappa: float,
+    wall: tuple[float, float],
     h: float,
     span: tuple[float, float],
     state: tuple[float, float],
@@ -340,7 +340,7 @@ class LoopBatchRecord:
 def simulate_closed_loop_batch(
     controllers: list[Any],
     forces: tuple[list[Any], list[Any], list[Any]],
-    kappas: _Array,
+    walls: _Array,
     states: _Array,
     *,
     span: tuple[float, float],
@@ -400,7 +400,7 @@ def available_threads() -> int: ...
 def grid_times(t0: float, t1: float, h: float, every: int) -> _Array: ...
 def simulate_batch(
     forces: list[tuple[Any, ...]],
-    kappas: _Array,
+    walls: _Array,
     states: _Array,
     method: tuple[Any, ...],
     *,

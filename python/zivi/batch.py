@@ -226,7 +226,7 @@ def simulate_batch(
     with ProgressBar(progress) as bar:
         record = _zivi.simulate_batch(
             [system._spec for system in several],
-            np.array([system.kappa for system in several]),
+            np.array([(system.e, system.kappa) for system in several]),
             states,
             spec,
             span=span,

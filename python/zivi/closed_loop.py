@@ -314,7 +314,7 @@ def simulate_closed_loop(
         record = _zivi.simulate_closed_loop(
             controller,
             specs,
-            kappa=system.kappa,
+            wall=(system.e, system.kappa),
             h=h,
             span=span,
             state=state,

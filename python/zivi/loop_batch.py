@@ -237,7 +237,7 @@ def simulate_closed_loop_batch(
         record = _zivi.simulate_closed_loop_batch(
             ticking,
             forces,
-            np.array([plant.kappa for plant in plants]),
+            np.array([(plant.e, plant.kappa) for plant in plants]),
             np.ascontiguousarray(np.broadcast_to(states, (n, 2))),
             span=span,
             scheme=scheme,

@@ -92,8 +92,11 @@ class ThetaGamma(_FixedSteps):
         How the signs are found: by the exact case analysis; by the general VI solver on the
         nonlinear inclusion ("inner linearisation"); or by affine VIs one after another, each
         linearised at the solution of the last, without a merit function ("outer linearisation").
-        All give the same trajectory where they succeed. A step in which the solver fails is
-        taken by the exact one and counted in ``failed_steps``.
+        A step in which the solver fails is taken by the exact one and counted in
+        ``failed_steps``. Where a step has one solution, always when the force pulls towards the
+        wall, all give the same. Under an outward force a step may have several: the exact
+        analysis selects by a rule, the solvers take the one they come to from the present signs,
+        and the trajectories may part there.
     linearisations : int
         For ``solver="outer"``: at most so many affine VIs in a step, >= 1.
 
@@ -131,7 +134,7 @@ class ThetaGamma(_FixedSteps):
     def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
         return _zivi.simulate_theta_gamma(
             system._spec,
-            kappa=system.kappa,
+            wall=(system.e, system.kappa),
             h=self.h,
             theta=self.theta,
             gamma=self.gamma,
@@ -177,7 +180,7 @@ class ExplicitEuler(_FixedSteps):
     def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
         return _zivi.simulate_explicit_euler(
             system._spec,
-            kappa=system.kappa,
+            wall=(system.e, system.kappa),
             h=self.h,
             span=course.t_span,
             state=course.y0,
@@ -260,7 +263,7 @@ class SwitchedRK:
         return _zivi.simulate_switched_rk(
             system._spec,
             self._settings(),
-            kappa=system.kappa,
+            wall=(system.e, system.kappa),
             span=course.t_span,
             state=course.y0,
             t_eval=course.t_eval,
@@ -314,7 +317,7 @@ class MoreauJean(_FixedSteps):
     def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
         return _zivi.simulate_moreau_jean(
             system._spec,
-            kappa=system.kappa,
+            wall=(system.e, system.kappa),
             h=self.h,
             theta=self.theta,
             span=course.t_span,

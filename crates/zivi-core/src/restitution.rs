@@ -64,6 +64,21 @@ impl Restitution {
         Ok(Self { e: conjugate(kappa), kappa })
     }
 
+    /// From both, where each is the number that was given or the image of it: for `e` near 0 its
+    /// digits are lost in `kappa`, and the other way round.
+    ///
+    /// # Errors
+    /// [`RestitutionError`] when one is not in `[0, 1]`, or when they are not each other's image to
+    /// rounding.
+    pub fn from_both(e: f64, kappa: f64) -> Result<Self, RestitutionError> {
+        const ROUNDING: f64 = 4.0 * f64::EPSILON;
+        let wall = Self { e: in_unit_interval("e", e)?, kappa: in_unit_interval("kappa", kappa)? };
+        if (kappa - conjugate(e)).abs() > ROUNDING {
+            return Err(RestitutionError { name: "kappa", value: kappa });
+        }
+        Ok(wall)
+    }
+
     /// The coefficient of restitution `e = (1 - kappa)/(1 + kappa)`.
     #[inline]
     #[must_use]
@@ -103,6 +118,17 @@ mod tests {
         for (e, kappa) in [(0.0, 1.0), (1.0, 0.0)] {
             assert_eq!(Restitution::from_e(e).map(Restitution::kappa), Ok(kappa));
             assert_eq!(Restitution::from_kappa(kappa).map(Restitution::e), Ok(e));
+        }
+    }
+
+    #[test]
+    fn both_are_kept_to_the_last_bit() {
+        for e in [0.0, 1e-300, 1e-15, 1e-9, 0.3, 1.0 - 1e-12, 1.0] {
+            let wall = Restitution::from_e(e).and_then(|it| Restitution::from_both(e, it.kappa()));
+            assert_eq!(wall, Restitution::from_e(e));
+        }
+        for (e, kappa) in [(0.5, 0.5), (0.5, f64::NAN), (1.1, 0.0), (0.0, 1.0 - 1e-12)] {
+            assert!(Restitution::from_both(e, kappa).is_err(), "{e} {kappa}");
         }
     }
 

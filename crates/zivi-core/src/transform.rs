@@ -109,11 +109,12 @@ pub fn project(z: Lifted, wall: Restitution) -> Physical {
 }
 
 /// Velocities just before and just after the impact at `s = 0`: `-(1 + kappa) |v|` and
-/// `(1 - kappa) |v|`.
+/// `(1 - kappa) |v|`, in the ratio `-e` to rounding.
 #[must_use]
 pub fn impact_velocities(v: f64, wall: Restitution) -> (f64, f64) {
-    let speed = v.abs();
-    (-wall.r(1.0, -1.0) * speed, wall.r(1.0, 1.0) * speed)
+    let before = wall.r(1.0, -1.0) * v.abs();
+    // (1 - kappa)/(1 + kappa) = e; 1 - kappa would lose the digits of a small e
+    (-before, wall.e() * before)
 }
 
 /// The right-hand side of (2) for given values of the set-valued signs.

@@ -1,11 +1,11 @@
 //! Batches from Python: many runs on all cores, without the interpreter.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
 use zivi::batch::{simulate_batch as run_batch, BatchError, Course, Member, Outcome, Save};
-use zivi::{Events, Grid, Impact, MoreauJean, Physical, ThetaGamma};
+use zivi::{Events, Grid, Impact, MoreauJean, Physical, Restitution, ThetaGamma};
 
 use crate::force::{ForceSpec, NativeForce};
 use crate::simulate::{setup_error, step_solver};
@@ -75,14 +75,21 @@ pub(crate) fn natives(forces: &Bound<'_, PyList>) -> PyResult<Vec<NativeForce>> 
     forces.iter().enumerate().map(native).collect()
 }
 
-/// Many runs. `forces` and `kappas` have an entry for each run, or one for all.
+/// The wall of run `i`, from a row `e, kappa` for each run or one for all.
+pub(crate) fn row_wall(walls: &PyReadonlyArray2<'_, f64>, i: usize) -> PyResult<Restitution> {
+    let walls = walls.as_array();
+    let row = if walls.nrows() == 1 { 0 } else { i };
+    wall((walls[[row, 0]], walls[[row, 1]]))
+}
+
+/// Many runs. `forces` and `walls`, rows `e, kappa`, have an entry for each run, or one for all.
 #[pyfunction]
-#[pyo3(signature = (forces, kappas, states, method, *, span, save, threads, progress=None))]
+#[pyo3(signature = (forces, walls, states, method, *, span, save, threads, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
     py: Python<'_>,
     forces: &Bound<'_, PyList>,
-    kappas: PyReadonlyArray1<'_, f64>,
+    walls: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
     method: &Bound<'_, PyTuple>,
     span: (f64, f64),
@@ -92,11 +99,10 @@ pub(crate) fn simulate_batch(
 ) -> PyResult<BatchRecord> {
     let (course, save) = (course(method, span)?, saving(save)?);
     let forces = natives(forces)?;
-    let kappas = kappas.as_array();
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
         members.push(Member {
-            wall: wall(kappas[if kappas.len() == 1 { 0 } else { i }])?,
+            wall: row_wall(&walls, i)?,
             force: forces[if forces.len() == 1 { 0 } else { i }],
             initial: Physical { x: state[0], xdot: state[1] },
         });

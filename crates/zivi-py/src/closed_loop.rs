@@ -12,6 +12,7 @@ use crate::control::{Explicit, Regulator, Tracker};
 use crate::force::{ForceSpec, NativeForce};
 use crate::simulate::{setup_error, Course};
 use crate::switched_rk::settings;
+use crate::transform::WallPair;
 use crate::watch::Watch;
 
 /// Any object with `step`, and `x_ref`, `xdot_ref` if it follows a reference.
@@ -99,7 +100,7 @@ impl Surroundings<'_> {
 /// of one of our classes, not those of a subclass.
 #[pyfunction]
 #[pyo3(signature = (
-    controller, forces, *, kappa, h, span, state, scheme, switched, exact, noise, resolution,
+    controller, forces, *, wall, h, span, state, scheme, switched, exact, noise, resolution,
     delay,
     has_reference, ours, progress=None
 ))]
@@ -108,7 +109,7 @@ pub(crate) fn simulate_closed_loop(
     py: Python<'_>,
     controller: &Bound<'_, PyAny>,
     forces: [Bound<'_, PyTuple>; 3],
-    kappa: f64,
+    wall: WallPair,
     h: f64,
     span: (f64, f64),
     state: (f64, f64),
@@ -129,7 +130,7 @@ pub(crate) fn simulate_closed_loop(
     };
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
-    let course = Course::new(kappa, h, span, state)?;
+    let course = Course::new(wall, h, span, state)?;
     let surroundings = Surroundings { course, motion, sensor, delay };
     let [plant, model, reference] = &forces;
     let mut forces = [

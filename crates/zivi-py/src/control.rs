@@ -8,7 +8,7 @@ use zivi_core::control::{
 };
 use zivi_core::{Lifted, Physical, Restitution, SettingError};
 
-use crate::transform::wall;
+use crate::transform::wall_of;
 
 fn refused(error: SettingError) -> PyErr {
     PyValueError::new_err(error.to_string())
@@ -64,7 +64,7 @@ impl Regulator {
         actuator: (f64, f64),
         ahead: Option<u32>,
     ) -> PyResult<Self> {
-        let bare = TwistingRegulator::new(gains(mu1, mu2, bound)?, h, wall(kappa)?);
+        let bare = TwistingRegulator::new(gains(mu1, mu2, bound)?, h, wall_of(kappa)?);
         let landing = ahead.map(|ahead| Landing::new(ahead, h)).transpose();
         let landing = landing.map_err(refused)?;
         let inner = bare.map_err(refused)?.with_landing(landing);
@@ -149,7 +149,7 @@ macro_rules! with_reference {
                 actuator: (f64, f64),
             ) -> PyResult<Self> {
                 let approach = if nearest { Approach::Nearest } else { Approach::Positive };
-                let walls = (wall(kappa)?, wall(kappa_ref)?);
+                let walls = (wall_of(kappa)?, wall_of(kappa_ref)?);
                 let bare = Self::build(gains(mu1, mu2, bound)?, h, walls, approach);
                 let inner = bare.map_err(refused)?.with_port(port(depth, actuator)?);
                 Ok(Self { inner })

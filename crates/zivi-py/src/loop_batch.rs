@@ -1,6 +1,6 @@
 //! Batches of closed loops from Python.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
@@ -8,11 +8,10 @@ use zivi::batch::{simulate_closed_loop_batch as run_batch, LoopMember, LoopOutco
 use zivi::closed_loop::{AnyController, Motion};
 use zivi::{Grid, Physical, Status};
 
-use crate::batch::{natives, refused, rows};
+use crate::batch::{natives, refused, row_wall, rows};
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::simulate::setup_error;
 use crate::switched_rk::{settings, Settings};
-use crate::transform::wall;
 use crate::watch::Watch;
 
 fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
@@ -32,7 +31,7 @@ fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
 /// list has an entry for each loop, or one for all.
 #[pyfunction]
 #[pyo3(signature = (
-    controllers, forces, kappas, states, *, span, scheme, switched, exact, resolution, delay,
+    controllers, forces, walls, states, *, span, scheme, switched, exact, resolution, delay,
     within, every, threads, progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
@@ -40,7 +39,7 @@ pub(crate) fn simulate_closed_loop_batch(
     py: Python<'_>,
     controllers: Vec<Bound<'_, PyAny>>,
     forces: [Bound<'_, PyList>; 3],
-    kappas: PyReadonlyArray1<'_, f64>,
+    walls: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
     span: (f64, f64),
     scheme: Option<(f64, f64)>,
@@ -62,14 +61,13 @@ pub(crate) fn simulate_closed_loop_batch(
     let controllers = controllers.iter().map(native).collect::<PyResult<Vec<_>>>()?;
     let [plants, models, references] = &forces;
     let (plants, models, references) = (natives(plants)?, natives(models)?, natives(references)?);
-    let kappas = kappas.as_array();
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
         let which = |n: usize| if n == 1 { 0 } else { i };
         let controller = controllers[which(controllers.len())];
         members.push(LoopMember {
             controller,
-            wall: wall(kappas[which(kappas.len())])?,
+            wall: row_wall(&walls, i)?,
             forces: [
                 plants[which(plants.len())],
                 models[which(models.len())],

@@ -10,7 +10,7 @@ use zivi::{Grid, MoreauJean, Physical, Restitution, Run, SetupError, Solver, The
 use zivi_core::ThetaGammaStep;
 
 use crate::record::RunRecord;
-use crate::transform::wall;
+use crate::transform::{wall, wall_of, WallPair};
 use crate::watch::Watch;
 
 pub(crate) fn setup_error(error: SetupError) -> PyErr {
@@ -31,10 +31,15 @@ pub(crate) struct Course {
 }
 
 impl Course {
-    pub(crate) fn new(kappa: f64, h: f64, span: (f64, f64), state: (f64, f64)) -> PyResult<Self> {
+    pub(crate) fn new(
+        pair: WallPair,
+        h: f64,
+        span: (f64, f64),
+        state: (f64, f64),
+    ) -> PyResult<Self> {
         let grid = Grid::new(span.0, span.1, h).map_err(|error| setup_error(error.into()))?;
         let initial = Physical { x: state.0, xdot: state.1 };
-        Ok(Self { wall: wall(kappa)?, grid, initial })
+        Ok(Self { wall: wall(pair)?, grid, initial })
     }
 }
 
@@ -96,18 +101,18 @@ fn record(py: Python<'_>, run: Result<Run<PyErr>, SetupError>) -> PyResult<RunRe
 /// Refuses settings of the theta-gamma scheme that are out of range.
 #[pyfunction]
 pub(crate) fn check_theta_gamma(h: f64, theta: f64, gamma: f64, kappa: f64) -> PyResult<()> {
-    let step = ThetaGammaStep::new(h, theta, gamma, wall(kappa)?);
+    let step = ThetaGammaStep::new(h, theta, gamma, wall_of(kappa)?);
     step.map(drop).map_err(|error| setup_error(error.into()))
 }
 
 /// The theta-gamma method.
 #[pyfunction]
-#[pyo3(signature = (force, *, kappa, h, theta, gamma, solver, linearisations, span, state, progress=None))]
+#[pyo3(signature = (force, *, wall, h, theta, gamma, solver, linearisations, span, state, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_theta_gamma(
     py: Python<'_>,
     force: &Bound<'_, PyTuple>,
-    kappa: f64,
+    wall: WallPair,
     h: f64,
     theta: f64,
     gamma: f64,
@@ -117,7 +122,7 @@ pub(crate) fn simulate_theta_gamma(
     state: (f64, f64),
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
-    let Course { wall, grid, initial } = Course::new(kappa, h, span, state)?;
+    let Course { wall, grid, initial } = Course::new(wall, h, span, state)?;
     let solver = step_solver(solver, linearisations)?;
     let method = ThetaGamma { theta, gamma, solver };
     let watch = &mut Watch { progress };
@@ -143,7 +148,7 @@ pub(crate) fn solve_steps<'py>(
     linearisations: usize,
     fall_backs: bool,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>)> {
-    let step = ThetaGammaStep::new(h, 1.0, 1.0, wall(kappa)?);
+    let step = ThetaGammaStep::new(h, 1.0, 1.0, wall_of(kappa)?);
     let step = step.map_err(|error| setup_error(error.into()))?;
     let mut general = match (step_solver(solver, linearisations)?, fall_backs) {
         (Solver::Outer { linearisations }, _) => General::outer(linearisations),
@@ -166,17 +171,17 @@ pub(crate) fn solve_steps<'py>(
 
 /// Explicit Euler with explicit signs.
 #[pyfunction]
-#[pyo3(signature = (force, *, kappa, h, span, state, progress=None))]
+#[pyo3(signature = (force, *, wall, h, span, state, progress=None))]
 pub(crate) fn simulate_explicit_euler(
     py: Python<'_>,
     force: &Bound<'_, PyTuple>,
-    kappa: f64,
+    wall: WallPair,
     h: f64,
     span: (f64, f64),
     state: (f64, f64),
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
-    let Course { wall, grid, initial } = Course::new(kappa, h, span, state)?;
+    let Course { wall, grid, initial } = Course::new(wall, h, span, state)?;
     let watch = &mut Watch { progress };
     let run = with_force!(py, force, |force| zivi::simulate_explicit_euler(
         wall, force, grid, initial, watch
@@ -192,19 +197,19 @@ pub(crate) fn check_moreau_jean(theta: f64) -> PyResult<()> {
 
 /// Moreau-Jean time stepping.
 #[pyfunction]
-#[pyo3(signature = (force, *, kappa, h, theta, span, state, progress=None))]
+#[pyo3(signature = (force, *, wall, h, theta, span, state, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_moreau_jean(
     py: Python<'_>,
     force: &Bound<'_, PyTuple>,
-    kappa: f64,
+    wall: WallPair,
     h: f64,
     theta: f64,
     span: (f64, f64),
     state: (f64, f64),
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
-    let Course { wall, grid, initial } = Course::new(kappa, h, span, state)?;
+    let Course { wall, grid, initial } = Course::new(wall, h, span, state)?;
     let method = MoreauJean { theta };
     let watch = &mut Watch { progress };
     let run = with_force!(py, force, |force| zivi::simulate_moreau_jean(

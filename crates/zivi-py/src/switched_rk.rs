@@ -12,7 +12,7 @@ use zivi_core::{transform, Branch};
 use crate::force::ForceSpec;
 use crate::record::RunRecord;
 use crate::simulate::{setup_error, with_force};
-use crate::transform::wall;
+use crate::transform::{wall, WallPair};
 use crate::watch::Watch;
 
 /// `(rtol, atol, order, max_step, first_step, max_steps, max_impacts)`.
@@ -64,13 +64,13 @@ fn event<'py>((function, direction, terminal): EventSpec<'py>) -> UserEvent<'py,
 
 /// A run of the switched method.
 #[pyfunction]
-#[pyo3(signature = (force, method, *, kappa, span, state, t_eval, events, dense, progress=None))]
+#[pyo3(signature = (force, method, *, wall, span, state, t_eval, events, dense, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_switched_rk(
     py: Python<'_>,
     force: &Bound<'_, PyTuple>,
     method: Settings,
-    kappa: f64,
+    wall: WallPair,
     span: (f64, f64),
     state: (f64, f64),
     t_eval: Option<PyReadonlyArray1<'_, f64>>,
@@ -78,7 +78,7 @@ pub(crate) fn simulate_switched_rk(
     dense: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
-    let (method, wall) = (settings(method)?, wall(kappa)?);
+    let (method, wall) = (settings(method)?, crate::transform::wall(wall)?);
     let initial = Physical { x: state.0, xdot: state.1 };
     let t_eval = match &t_eval {
         Some(times) => Some(times.as_slice()?),
@@ -110,8 +110,10 @@ pub(crate) struct MotionPath {
 
 type Arrays<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 /// What restores an object, and its arguments.
-type Reduced<'py> =
-    (Bound<'py, PyAny>, (Option<Bound<'py, PyArray1<f64>>>, Vec<Bound<'py, PyArray1<f64>>>, f64));
+type Reduced<'py> = (
+    Bound<'py, PyAny>,
+    (Option<Bound<'py, PyArray1<f64>>>, Vec<Bound<'py, PyArray1<f64>>>, WallPair),
+);
 type ThreeArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
@@ -143,14 +145,14 @@ impl MotionPath {
         let path = self.path.as_ref().map(|path| PyArray1::from_vec(py, path.to_numbers()));
         let tails = self.tails.iter().map(|it| PyArray1::from_vec(py, it.to_numbers())).collect();
         let restore = py.get_type::<Self>().getattr("_restored")?;
-        Ok((restore, (path, tails, self.wall.kappa())))
+        Ok((restore, (path, tails, (self.wall.e(), self.wall.kappa()))))
     }
 
     #[staticmethod]
     fn _restored(
         path: Option<PyReadonlyArray1<'_, f64>>,
         tails: Vec<PyReadonlyArray1<'_, f64>>,
-        kappa: f64,
+        pair: WallPair,
     ) -> PyResult<Self> {
         let damaged = || PyValueError::new_err("the stored motion is damaged");
         let path = match path {
@@ -165,7 +167,7 @@ impl MotionPath {
         Ok(Self {
             path,
             tails: tails.iter().map(tail).collect::<PyResult<_>>()?,
-            wall: wall(kappa)?,
+            wall: wall(pair)?,
         })
     }
 

@@ -11,7 +11,7 @@ use zivi_core::control::Gains;
 use zivi_core::ThetaGammaStep;
 
 use crate::simulate::{setup_error, step_solver};
-use crate::transform::wall;
+use crate::transform::wall_of;
 
 /// `s, v, s_r, v_r` at the start of a step.
 const STATE: usize = 4;
@@ -90,9 +90,9 @@ pub(crate) fn solve_tracking_steps<'py>(
 ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
     let refused = |error: zivi_core::SettingError| PyValueError::new_err(error.to_string());
     let gains = Gains::new(gains.0, gains.1).map_err(refused)?;
-    let reference = ThetaGammaStep::new(h, 1.0, 1.0, wall(kappa_ref)?);
+    let reference = ThetaGammaStep::new(h, 1.0, 1.0, wall_of(kappa_ref)?);
     let reference = reference.map_err(|error| setup_error(error.into()))?;
-    let step = TrackingStep { h, wall: wall(kappa)?, gains };
+    let step = TrackingStep { h, wall: wall_of(kappa)?, gains };
     let scheme = Scheme { step, reference, f, f_ref };
     let states = rows::<STATE>("states", &states)?;
     let starts = rows::<SIGNS>("starts", &starts)?;

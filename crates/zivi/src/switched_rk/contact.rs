@@ -175,7 +175,7 @@ fn polish<E>(
         let b = b.min(end);
         let (phi_a, phi_b) = (phi(a)?, phi(b)?);
         if phi_a <= 0.0 && phi_b > 0.0 {
-            let root = root::between((a, phi_a), (b, phi_b), phi)?;
+            let root = root::becomes_positive((a, phi_a), (b, phi_b), phi)?;
             return Ok(Window::LiftOff(root.beyond));
         }
         if width > 0.5 {
@@ -198,7 +198,7 @@ fn unresolved<E>(
         return Ok(Window::RestUntil(end));
     };
     let node = |i: usize| (t + NODES[i] * length, values[i]);
-    Ok(Window::LiftOff(root::between(node(i - 1), node(i), phi)?.beyond))
+    Ok(Window::LiftOff(root::becomes_positive(node(i - 1), node(i), phi)?.beyond))
 }
 
 #[cfg(test)]

@@ -26,6 +26,28 @@ const MOST_EVALUATIONS: usize = 120;
 pub(super) fn between<E>(
     from: Point,
     to: Point,
+    function: impl FnMut(f64) -> Result<f64, E>,
+) -> Result<Root, E> {
+    within(f64::MIN_POSITIVE, from, to, function)
+}
+
+/// Where a function that is not positive at `from` becomes strictly positive, `to` being positive:
+/// a zero counts as not yet. To rounding of the abscissa or of the distance of the ends.
+pub(super) fn becomes_positive<E>(
+    from: Point,
+    to: Point,
+    mut function: impl FnMut(f64) -> Result<f64, E>,
+) -> Result<Root, E> {
+    let strictly = |value: f64| if value > 0.0 { value } else { value.min(-f64::MIN_POSITIVE) };
+    let smallest = f64::EPSILON * (to.0 - from.0).abs();
+    within(smallest, (from.0, strictly(from.1)), to, |x| function(x).map(strictly))
+}
+
+/// The root to rounding of the abscissa or to `finest`.
+fn within<E>(
+    finest: f64,
+    from: Point,
+    to: Point,
     mut function: impl FnMut(f64) -> Result<f64, E>,
 ) -> Result<Root, E> {
     let rising = to.1 > 0.0 || from.1 < 0.0;
@@ -54,7 +76,7 @@ pub(super) fn between<E>(
         one = new;
         let best = if one.1.abs() < two.1.abs() { one } else { two };
         let width = (two.0 - one.0).abs();
-        let smallest = 2.0 * f64::EPSILON * best.0.abs() + f64::MIN_POSITIVE;
+        let smallest = 2.0 * f64::EPSILON * best.0.abs() + finest;
         if smallest >= 0.5 * width {
             break;
         }

@@ -197,10 +197,13 @@ impl Stages {
         })
     }
 
-    /// Whether all stages and the end move away from the wall: so the whole step does.
+    /// Whether all stages and the end move away from the wall, or are pushed away from it: so the
+    /// whole step from rest moves away. (Where the force grows like a high power of the time, the
+    /// velocities of some stages are negative for every step size.)
     pub(super) fn rises(&self) -> bool {
-        let rising = self.v[..self.pair.b.len()].iter().all(|&v| v >= 0.0);
-        rising && self.end.x > self.from.x && self.end.xdot > 0.0
+        let last = self.pair.b.len();
+        let away = |of: &[f64]| of[..last].iter().all(|&it| it >= 0.0);
+        (away(&self.v) || away(&self.k)) && self.end.x > self.from.x && self.end.xdot > 0.0
     }
 
     /// The cubic through the ends of the step, and by how much the position may differ from it

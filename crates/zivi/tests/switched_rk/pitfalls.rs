@@ -339,3 +339,24 @@ fn bad_settings_are_refused_by_name() {
     }
     assert_eq!(Status::ALL.map(|it| it as u8), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]);
 }
+
+#[test]
+fn a_mass_under_no_force_lifts_off_where_the_force_becomes_positive() {
+    // f = s max(0, t - 1)^m: x = s (t - 1)^(m + 2)/((m + 1)(m + 2)); m = 0 is a step
+    for (order, m) in ORDERS.into_iter().flat_map(|order| [0, 1, 2, 4, 8].map(|m| (order, m))) {
+        for (s, t_end) in [(1.0, 3.0), (1e3, 10.0), (1e-3, 1.01)] {
+            let mut force = FunctionForce(|t: f64, _: f64, _: f64| {
+                Ok::<f64, Infallible>(if t < 1.0 { 0.0 } else { s * (t - 1.0).powi(m) })
+            });
+            let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical::default());
+            let settings = SwitchedRk { atol: 1e-16, ..settings(order, 1e-9) };
+            let run = simulate(settings, wall, &mut force, (0.0, t_end), start);
+            let lifts = &run.trajectory.events.liftoff_times;
+            assert!(lifts.len() == 1 && (lifts[0] - 1.0).abs() < 2e-15, "{order:?} {m}: {lifts:?}");
+            let power = f64::from(m);
+            let exact = s * (t_end - 1.0).powi(m + 2) / ((power + 1.0) * (power + 2.0));
+            let x = end(&run).x;
+            assert!((x - exact).abs() < 1e-7 * exact + 1e-13, "{order:?} {m}: {x:e} {exact:e}");
+        }
+    }
+}
