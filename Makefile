@@ -10,11 +10,12 @@ READY := $(VENV)/.ready
 OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/\1/p' | awk '$$1 < 89')
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock
 
-.PHONY: help paper test test-rust test-python lint lint-rust lint-python bench picture docs docs-packages wheel clean
+.PHONY: help paper test test-rust test-python test-quick lint lint-rust lint-python bench picture docs docs-packages wheel clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
-	@echo 'make test    all tests, Rust and Python'
+	@echo 'make test    all tests, Rust and Python: at most 6 minutes on two processors'
+	@echo 'make test-quick  the tests in Python without the slow ones: less than a minute'
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
 	@echo 'make picture the pictures of the README'
@@ -30,8 +31,14 @@ test: test-rust test-python
 test-rust: $(READY)
 	cargo test --locked --quiet
 
+# on all processors; what shares an expensive fixture, a server or the clock stays together
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadgroup
+
 test-python: $(READY)
-	$(BIN)/python -m pytest
+	$(PYTEST)
+
+test-quick: $(READY)
+	$(PYTEST) -m 'not slow'
 
 # the virtual environment with pinned packages, and the extension built into it
 $(VENV)/.packages: constraints.txt pyproject.toml

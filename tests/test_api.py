@@ -147,7 +147,7 @@ def test_every_parameter_is_documented(name):
         assert documented_parameters(thing) == parameters
 
 
-@pytest.mark.parametrize("name", RESULTS)
+@pytest.mark.parametrize("name", sorted(RESULTS))
 def test_every_result_field_is_documented(name):
     thing = getattr(zivi, name)
     text = inspect.getdoc(thing)
@@ -179,7 +179,13 @@ def test_the_parameter_check_can_fail():
     assert documented_parameters(undocumented) == {"a"}
 
 
-@pytest.mark.parametrize("name", modules())
+SLOW = {"zivi.paper.write"}  # every figure and table of the paper
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in modules()],
+)
 def test_docstring_examples_run(name):
     import matplotlib.pyplot as plt
 

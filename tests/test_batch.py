@@ -310,6 +310,8 @@ INTERRUPTED = """
 """
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("interrupt")
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT to a process")
 @pytest.mark.parametrize(
     ("system", "method"),

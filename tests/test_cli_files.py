@@ -197,6 +197,7 @@ def test_nothing_is_overwritten(place, command):
     assert files.load("new/deep.nc").t[0] == 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", TEXTS)
 def test_quiet(place, command):
     result = run(command, f"{command}.toml", "--quiet")
@@ -205,6 +206,7 @@ def test_quiet(place, command):
     assert result.output == f"picture: {command}.png\n"
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_early_is_kept(place):
     change("simulate.toml", "e = 0.5", "e = 0.5\n[method]\nmax_steps = 2")
     result = run("simulate", "simulate.toml", code=1)
@@ -265,6 +267,7 @@ STUDIES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", STUDIES)
 def test_show_studies(place, kind):
     change("sweep.toml", "e = [0.3, 0.5, 0.7]", STUDIES[kind])
@@ -287,6 +290,7 @@ def test_cells_of_a_map_surround_their_values():
     np.testing.assert_allclose(_edges(np.array(["a", "b"])), [-0.5, 0.5, 1.5])
 
 
+@pytest.mark.slow
 def test_show_studies_of_python(place):
     zivi.sweep("ball_rest_time", zivi.points(e=[0.3, 0.5], x0=[1, 2]), out="list.zarr")
     run("show", "list.zarr", "-q")
@@ -303,6 +307,7 @@ def test_show_studies_of_python(place):
     run("show", "map.zarr", "-q")
 
 
+@pytest.mark.slow
 def test_show_runs(place):
     for command in ("simulate", "control"):
         run(command, f"{command}.toml", "-q")
@@ -368,6 +373,7 @@ def process(*arguments, **kwargs):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_as_a_process(place):
     ended = process("simulate", "simulate.toml")
     assert (ended.returncode, ended.stderr) == (0, "")
@@ -391,6 +397,8 @@ app(sys.argv[1:])
 """
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("interrupt")
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT to a process")
 @pytest.mark.parametrize("command", TEXTS)
 def test_interrupt(place, command):

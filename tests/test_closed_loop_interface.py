@@ -146,7 +146,6 @@ GIVEN = {"x0": "y0", "xdot0": "y0", "x_ref": "y_ref0", "h": "method"}
 @pytest.mark.parametrize(
     ("name", "error", "value"),
     [(name, error, value) for name, error, values in WRONG for value in values],
-    ids=str,
 )
 def test_a_wrong_argument_is_named(name, error, value):
     arguments = {"system": PLANT, "controller": zivi.TwistingTracker(**PAPER)}
@@ -392,6 +391,8 @@ THEIRS = """
     controller = Slow()"""
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("interrupt")
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT to a process")
 @pytest.mark.parametrize(
     ("controller", "force"), [(OURS, "-9.81"), (THEIRS, "-9.81")], ids=["ours", "theirs"]

@@ -112,6 +112,7 @@ def test_with_e_one_half_it_never_rests_exactly(resting):
     assert found.error < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["periodic_reference", "rest_and_liftoff"])
 def test_they_print_and_draw(name, tmp_path, capsys):
     example(name).main(str(tmp_path / "out.png"))

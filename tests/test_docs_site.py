@@ -218,6 +218,8 @@ def site(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("site")
 def test_the_site_is_whole(site):
     pages = {path: Targets(path) for path in site.rglob("*.html")}
     assert {f"{path.relative_to(DOCS).with_suffix('')}" for path in PAGES} <= {
@@ -234,6 +236,8 @@ def test_the_site_is_whole(site):
                 assert unquote(parts.fragment) in pages[file].anchors, f"{path.name}: {target}"
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("site")
 def test_the_reference_has_what_controllers_inherit(site):
     anchors = Targets(site / "api_control.html").anchors
     for name in ("TwistingTracker", "TwistingRegulator", "ExplicitTwisting"):
@@ -241,6 +245,8 @@ def test_the_reference_has_what_controllers_inherit(site):
             assert f"zivi.{name}.{member}" in anchors
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("site")
 def test_the_site_has_figures_formulas_and_nothing_foreign(site):
     assert "<math" in (site / "api_simulation.html").read_text()
     for script in ("rocking_block", "vibrating_table"):

@@ -168,6 +168,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["run.nc"]
 
 
+@pytest.mark.slow
 def test_a_killed_write_leaves_no_file(tmp_path):
     program = textwrap.dedent("""
         import os, sys

@@ -211,6 +211,8 @@ def test_a_discontinuous_force_gets_an_answer_or_a_status(friction, h):
         assert np.all(np.diff(0.5 * sol.xdot**2 + 9.81 * sol.x) < 1e-9)
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("interrupt")
 @pytest.mark.parametrize("force", [LINEAR, -9.81, "numba"])
 def test_the_interpreter_is_free_during_compiled_runs(force):
     """Another thread counts on while a run of a few tenths of a second computes."""

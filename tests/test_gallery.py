@@ -12,6 +12,8 @@ from scipy.optimize import brentq
 import control_oracle
 from example_scripts import example
 
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("gallery")]
+
 pytest.importorskip("xarray", reason="the gallery's studies need the extra 'study'")
 pytest.importorskip("matplotlib", reason="the gallery draws")
 

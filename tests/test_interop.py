@@ -83,6 +83,7 @@ def test_the_regulator():
     assert not np.any(found["xdot"][still])
 
 
+@pytest.mark.slow
 @with_control
 @pytest.mark.parametrize("branch", ["positive", "nearest"])
 def test_the_papers_loop(branch):
@@ -208,6 +209,7 @@ def example():
     return module
 
 
+@pytest.mark.slow
 def test_the_example(example, tmp_path, capsys):
     example.main(str(tmp_path / "out.png"))
     printed = capsys.readouterr().out
@@ -215,6 +217,7 @@ def test_the_example(example, tmp_path, capsys):
     assert (tmp_path / "out.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_a_short_lag_is_no_lag(example):
     # c2d's zero-order hold acts a period late: a vanishing lag is the delay of a period
     late = zivi.simulate_closed_loop(

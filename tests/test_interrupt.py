@@ -7,6 +7,8 @@ import pytest
 
 from interrupting import interrupted
 
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("interrupt")]
+
 if os.name != "posix":
     pytest.skip("sends SIGINT to a process", allow_module_level=True)
 

@@ -21,9 +21,13 @@ playwright = pytest.importorskip(
     "playwright.sync_api", reason="playwright drives the browser (pip install playwright)"
 )
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.xdist_group("lab"),
+    pytest.mark.skipif(
+        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
+    ),
+]
 
 WAIT = 20.0
 LINES = """graph => JSON.stringify((graph._fullData || []).map(line => [

@@ -13,6 +13,8 @@ from typer.testing import CliRunner
 from lab_server import COMMAND, serving
 from zivi.cli import app
 
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("lab")]
+
 run = CliRunner().invoke
 
 

@@ -49,6 +49,7 @@ def rates():
     return {(rate.steps, rate.solver): rate.percent for rate in measured}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("problem", "labels"), [("ball", BALL), ("tracker", TRACKING)])
 def test_the_tables_of_the_page_are_what_is_measured(problem, labels, rates):
     table = re.search(rf"^\| steps of the {problem} .*\n\|[-|]+\n((?:\|.*\n)+)", PAGE, re.MULTILINE)
@@ -63,6 +64,7 @@ def test_the_tables_of_the_page_are_what_is_measured(problem, labels, rates):
                 assert rate == 0, (label, solver)
 
 
+@pytest.mark.slow
 def test_every_set_is_measured_with_every_solver(rates):
     assert len(rates) == 5 * 17 + 7 * 11
     assert {solver for _, solver in rates} == {it for names in SOLVERS.values() for it in names}

@@ -26,6 +26,7 @@ valve = example("compressor_valve")
 EXAMPLES = [table, oscillator, block, valve]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", EXAMPLES, ids=lambda module: module.__name__)
 def test_every_example_draws_its_figure(module, tmp_path, capsys):
     path = tmp_path / "out.png"

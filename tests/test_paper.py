@@ -12,6 +12,8 @@ from zivi.cli import app
 from zivi.paper import Check, ball, rest, robustness, siconos
 from zivi.paper.closed_loops import track
 
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("paper")]
+
 FIGURES = (
     "fig1_transformed_state",
     "fig2_position_velocity",
@@ -27,9 +29,18 @@ FIGURES = (
 )
 
 
-@pytest.fixture
-def without_siconos(monkeypatch):
-    monkeypatch.setattr(siconos, "interpreter", lambda: None)
+@pytest.fixture(scope="module", autouse=True)
+def _without_siconos():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(siconos, "interpreter", lambda: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """What the command said, and the folder that it made."""
+    out = tmp_path_factory.mktemp("paper") / "new" / "folder"
+    return CliRunner().invoke(app, ["paper", "--out", str(out)]), out
 
 
 def rows(path):
@@ -37,10 +48,9 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
-def test_it_writes_figures_data_and_tables(tmp_path, without_siconos):
-    result = CliRunner().invoke(app, ["paper", "--out", str(tmp_path / "new" / "folder")])
+def test_it_writes_figures_data_and_tables(written):
+    result, out = written
     assert result.exit_code == 0, result.output
-    out = tmp_path / "new" / "folder"
     for name in FIGURES:
         picture = matplotlib.image.imread(out / f"{name}.png")
         assert min(picture.shape[:2]) > 500
@@ -62,22 +72,22 @@ def test_it_writes_figures_data_and_tables(tmp_path, without_siconos):
         assert title in result.output
 
 
-def test_the_data_are_those_of_the_figure(tmp_path, without_siconos):
-    CliRunner().invoke(app, ["paper", "--out", str(tmp_path)])
+def test_the_data_are_those_of_the_figure(written):
+    _, out = written
     sol = ball.run(zivi.ThetaGamma(ball.H))
-    data = rows(tmp_path / "fig2_position_velocity.csv")
+    data = rows(out / "fig2_position_velocity.csv")
     np.testing.assert_array_equal([float(row["x"]) for row in data], sol.x)
     np.testing.assert_array_equal([float(row["xdot"]) for row in data], sol.xdot)
     run = track(sampled=False)
-    data = rows(tmp_path / "fig8_control_and_signs.csv")
+    data = rows(out / "fig8_control_and_signs.csv")
     np.testing.assert_array_equal([float(row["u"]) for row in data], run.u)
     np.testing.assert_array_equal([float(row["lambda_es"]) for row in data], run.signs[:, 4])
-    data = rows(tmp_path / "tracking_loops_sampled_nearest.csv")
+    data = rows(out / "tracking_loops_sampled_nearest.csv")
     np.testing.assert_array_equal([float(row["x_ref"]) for row in data], track("nearest").x_ref)
-    assert "x_ref" not in rows(tmp_path / "fig5_regulator.csv")[0]
+    assert "x_ref" not in rows(out / "fig5_regulator.csv")[0]
 
 
-def test_a_number_that_is_off_fails(tmp_path, monkeypatch, without_siconos):
+def test_a_number_that_is_off_fails(tmp_path, monkeypatch):
     wrong = [Check("a number", 1.0, 2.0, "exact", 0.5), Check("no number", np.nan, 0.0, "exact", 1)]
     monkeypatch.setattr(ball, "checks", lambda sol: wrong)
     result = CliRunner().invoke(app, ["paper", "--out", str(tmp_path)])

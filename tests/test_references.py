@@ -67,6 +67,7 @@ class Family:
 family = functools.cache(Family)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REFERENCES)
 def test_distance_and_velocity_are_first_order(name):
     """Fitted over two decades: 0.8 allows for the scatter of the runs behind up to 20 impacts.

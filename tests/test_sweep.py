@@ -371,6 +371,7 @@ def test_a_result_cannot_have_the_name_of_a_parameter():
 # libraries
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", ["zarr", "pyarrow"])
 def test_a_missing_library_is_named_with_its_extra(missing, tmp_path):
     program = f"""

@@ -14,6 +14,8 @@ import pytest
 import sweep_functions as functions
 import zivi
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
 

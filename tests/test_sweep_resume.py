@@ -18,6 +18,8 @@ import zivi
 from test_sweep_executors import files
 from zivi.study.folder import FolderStore
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
 

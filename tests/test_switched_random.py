@@ -104,6 +104,7 @@ def difference(story, other):
     return max(np.max(np.abs(one - two), initial=0.0), np.max(zeno, initial=0.0))
 
 
+@pytest.mark.slow
 def test_thousands_of_random_forces():
     """Counts are equal without an exception; times and speeds to the tolerance, amplified.
 

@@ -415,7 +415,7 @@ def test_a_raising_run_is_freed():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sets a timer")
-@pytest.mark.parametrize("force", [-G, TABLE, lambda t, x, xdot: -G], ids=str)
+@pytest.mark.parametrize("force", [-G, TABLE, lambda t, x, xdot: -G])
 @pytest.mark.parametrize("watched", [False, True])
 def test_an_interrupt_stops_the_run(force, watched):
     """A signal is looked at, as Ctrl-C is, and what was computed is handed over."""
