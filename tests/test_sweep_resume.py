@@ -84,58 +84,6 @@ def test_a_run_that_is_killed_goes_on(executor, tmp_path):
         assert files(out) == files(whole)
 
 
-def test_a_run_killed_at_every_write_goes_on(tmp_path, monkeypatch):
-    """After each file that is written there is a store that goes on and ends as it should."""
-    whole = zivi.sweep(functions.cheap, POINTS, seed=3, out=tmp_path / "whole", chunk=40)
-    expected = files(tmp_path / "whole")
-
-    class Kill(BaseException):
-        pass
-
-    replace, left = os.replace, [0]
-
-    def counted(*what):
-        if not left[0]:
-            raise Kill
-        left[0] -= 1
-        replace(*what)
-
-    class Killed(FolderStore):
-        """A store that writes nothing more once it is dead."""
-
-        def save(self, chunk, block):
-            if left[0]:
-                super().save(chunk, block)
-
-    path_replace = Path.replace
-
-    def counted_path(self, target):
-        if not left[0]:
-            raise Kill
-        left[0] -= 1
-        return path_replace(self, target)
-
-    monkeypatch.setattr("zivi.study.run.FolderStore", Killed)
-    for number in range(1, 60, 3):
-        out = tmp_path / f"{number}"
-        with monkeypatch.context() as patched:
-            patched.setattr(os, "replace", counted)
-            patched.setattr(Path, "replace", counted_path)
-            left[0] = number
-            try:
-                zivi.sweep(functions.cheap, POINTS, seed=3, out=out, chunk=40)
-            except Kill:
-                pass
-            else:
-                break
-        left[0] = 10**9
-        study = zivi.sweep(functions.cheap, POINTS, seed=3, out=out, chunk=40)
-        xr.testing.assert_identical(study.dataset.load(), whole.dataset.load())
-        found = {name: digest for name, digest in files(out).items() if "partial" not in name}
-        assert found == expected
-    assert number > 20
-
-
 @pytest.mark.parametrize("executor", [None, "threads"])
 def test_ctrl_c_keeps_what_is_done(executor, tmp_path):
     pressed = []

@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import keyword
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi._check import real, whole
 
-__all__ = ["RESERVED", "Design", "design_of", "grid", "points", "sample"]
+__all__ = ["MOST_POINTS", "RESERVED", "Design", "design_of", "grid", "points", "sample"]
 
 RESERVED = ("point", "status", "message", "n_events", "events")
 """Names that a store needs for itself."""
+MOST_POINTS = 10**9
+"""Points of the largest study: their states alone fill a gigabyte."""
 ENGINES = {"sobol": "Sobol", "halton": "Halton", "lhs": "LatinHypercube"}
 
 
@@ -169,10 +171,18 @@ def sample(
     """
     if whole("n", n) < 1:
         raise ValueError(f"n must be >= 1, got {n}")
+    if not isinstance(bounds, Mapping):
+        raise TypeError(f"bounds must be a dict of pairs (low, high), got {bounds!r:.100}")
+    if not isinstance(log, Iterable) or isinstance(log, str):
+        raise TypeError(f"log must be a list of names, got {log!r:.100}")
     limits = {name: _bounds(name, pair, name in log) for name, pair in bounds.items()}
     unknown = set(log) - set(limits)
     if unknown:
-        raise ValueError(f"log names parameters without bounds: {', '.join(sorted(unknown))}")
+        raise ValueError(
+            f"log names parameters without bounds: {', '.join(sorted(map(str, unknown)))}"
+        )
+    if not limits:
+        raise ValueError("bounds must have at least one parameter")
     unit = _engine(sampler, len(limits), seed).random(n)
     if unit.shape != (n, len(limits)):
         raise ValueError(
@@ -189,6 +199,15 @@ def sample(
 
 def design_of(given: Any) -> Design:
     """Understand what a user gave as the points of a study."""
+    design = _design_of(given)
+    if math.prod(design.shape) > MOST_POINTS:
+        raise ValueError(
+            f"a study can have at most {MOST_POINTS:.0e} points, got {math.prod(design.shape):.2e}"
+        )
+    return design
+
+
+def _design_of(given: Any) -> Design:
     if isinstance(given, Design):
         return given
     if isinstance(given, Mapping):
@@ -247,7 +266,10 @@ def _column(name: str, values: ArrayLike) -> NDArray[Any]:
     kinds = {"b": np.bool_, "i": np.int64, "u": np.int64, "f": np.float64}
     if column.dtype.kind == "u" and column.max() > np.iinfo(np.int64).max:
         raise ValueError(f"{name} must fit into 64 bits with a sign, got {column.max()}")
-    return column if column.dtype.kind == "U" else column.astype(kinds[column.dtype.kind])
+    if column.dtype.kind == "U":
+        # as wide as it must be, which is how a store gives it back
+        return np.array(column.tolist())
+    return column.astype(kinds[column.dtype.kind])
 
 
 def _bounds(name: str, pair: Sequence[float], logarithmic: bool) -> tuple[float, float]:

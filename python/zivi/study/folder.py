@@ -7,11 +7,11 @@ written last: what it calls done is there.
 
 from __future__ import annotations
 
-import json
+import math
 import os
+import shutil
 import uuid
-import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,104 +21,44 @@ from numpy.typing import NDArray
 from zivi._extras import needed
 from zivi.study.block import Block
 from zivi.study.design import Design
-from zivi.study.layout import Layout
+from zivi.study.form import EVENTS, GROUP, KINDS, difference
+from zivi.study.head import Head, json_text, read_head, read_json, write_json
+from zivi.study.lock import locked
 from zivi.study.parquet import DamagedError, parted, read_events, write_events
-from zivi.study.store import DESCRIPTIONS, Labels, attributes, dims_of
-from zivi.study.work import DONE, MISSING, Schema
+from zivi.study.store import Labels
+from zivi.study.work import DONE, FAILED, MISSING, Schema
 
 if TYPE_CHECKING:
     from zivi.study.result import Study
 
-__all__ = ["FolderStore", "create", "read_identity"]
-
-EVENTS = "events"
+__all__ = ["FolderStore", "create"]
 
 
-def create(
-    path: Path, design: Design, layout: Layout, identity: Mapping[str, Any], labels: Labels
-) -> None:
-    """Make an empty store; it is there as a whole or not at all."""
+def create(path: Path, design: Design, identity: dict[str, Any], labels: Labels) -> bool:
+    """Make an empty store, as a whole or not at all; tell whether it is ours.
+
+    It is not if another run has made one at the same time.
+    """
     zarr = needed("zarr", "studies in a folder")
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
-    kept = {"units": labels.units, "dims": {k: list(v) for k, v in labels.dims.items()}}
-    group = zarr.create_group(
-        draft,
-        attributes={
-            **attributes(identity),
-            "labels": json.dumps(kept),
-            "schema": json.dumps(None),
-            "coordinates": " ".join(design.names),
-        },
-    )
-    group.create_group(EVENTS)
-    for name, column in design.values.items():
-        dims = (name,) if design.kind == "grid" else design.dims
-        attrs = {"units": labels.units[name]} if name in labels.units else {}
-        kind = str if column.dtype.kind == "U" else column.dtype
-        empty = "" if kind is str else np.zeros((), kind)[()]
-        array = _array(group, name, column.shape, column.shape, dims, kind, empty, attrs)
-        array[:] = column
-    for name, dtype, nothing in (("status", np.int8, 0), ("message", str, "")):
-        attrs = DESCRIPTIONS[name]
-        _array(group, name, design.shape, layout.chunk, design.dims, dtype, nothing, attrs)
-    _consolidate(draft)
-    os.replace(draft, path)
-
-
-def _array(
-    group: Any,
-    name: str,
-    shape: tuple[int, ...],
-    chunk: tuple[int, ...],
-    dims: tuple[str, ...],
-    dtype: Any,
-    empty: Any,
-    attrs: Mapping[str, str],
-) -> Any:
-    from zarr.codecs import Crc32cCodec, ZstdCodec
-
-    return group.create_array(
-        name,
-        shape=shape,
-        chunks=chunk,
-        dtype=dtype,
-        fill_value=empty,
-        dimension_names=dims,
-        attributes=dict(attrs),
-        # a file that was cut or altered is noticed
-        compressors=[ZstdCodec(level=1), Crc32cCodec()],
-        overwrite=True,
-    )
-
-
-def _consolidate(path: Path) -> None:
-    import zarr
-
-    with warnings.catch_warnings():
-        # that this is not yet in the specification
-        warnings.simplefilter("ignore")
-        zarr.consolidate_metadata(path)
-
-
-def read_identity(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Read what a store is and all attributes; an OSError or ValueError says why it cannot be."""
-    file = path / "zarr.json"
-    if not path.exists():
-        raise FileNotFoundError(f"there is no study at {path}")
-    if not file.is_file():
-        raise ValueError(f"{path} is not a study: it has no zarr.json")
+    kinds = {name: KINDS[column.dtype.kind] for name, column in design.values.items()}
+    head = Head.new(identity, labels, kinds)
     try:
-        attrs = json.loads(file.read_bytes())["attributes"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise OSError(
-            f"{file} is damaged ({type(error).__name__}: {error}); the arrays of the study may "
-            f"still be readable one by one, zarr.open_array('{path}/status')"
-        ) from None
-    try:
-        return json.loads(attrs["config"]), attrs
-    except (ValueError, KeyError, TypeError):
-        raise ValueError(f"{path} is a Zarr group, but not a study of zivi") from None
+        write_json(draft / EVENTS / "zarr.json", GROUP)
+        for name, document in head.documents().items():
+            write_json(draft / name / "zarr.json", document)
+        head.write(draft)
+        group = zarr.open_group(draft, mode="r+", zarr_format=3, use_consolidated=True)
+        for name, column in design.values.items():
+            group[name][:] = column
+        os.replace(draft, path)
+    except BaseException as error:
+        shutil.rmtree(draft, ignore_errors=True)
+        if isinstance(error, OSError) and path.is_dir() and any(path.iterdir()):
+            return False
+        raise
+    return True
 
 
 class FolderStore:
@@ -135,23 +75,35 @@ class FolderStore:
     def __init__(self, path: Path, *, write: bool) -> None:
         zarr = needed("zarr", "studies in a folder")
         self.path = path
-        self.identity, attrs = read_identity(path)
-        labels = json.loads(attrs["labels"])
-        dims = {name: tuple(names) for name, names in labels["dims"].items()}
-        self.labels = Labels(labels["units"], dims)
-        self.layout = Layout(tuple(self.identity["shape"]), self.identity["chunk"])
-        self._lock = _locked(path / EVENTS / "zarr.json") if write else None
-        self._group = zarr.open_group(path, mode="r+" if write else "r")
-        # read again: the last to write may have added to it
-        self.schema = _schema(json.loads(read_identity(path)[1]["schema"]))
+        self.head = read_head(path)
+        self._lock = locked(path / EVENTS / "zarr.json") if write else None
+        try:
+            # read again: the last to write may have added to it
+            self.head = read_head(path)
+            self._group = zarr.open_group(
+                path, mode="r+" if write else "r", zarr_format=3, use_consolidated=True
+            )
+        except BaseException:
+            self.close()
+            raise
+        self.layout = self.head.layout
         self._arrays: dict[str, Any] = {}
         self._messages: set[int] = set()
 
     @property
-    def dims(self) -> tuple[str, ...]:
-        """Names of the dimensions."""
-        names = tuple(self.identity["parameters"])
-        return names if self.identity["kind"] == "grid" else ("point",)
+    def identity(self) -> dict[str, Any]:
+        """What tells the study."""
+        return self.head.identity
+
+    @property
+    def labels(self) -> Labels:
+        """Units and names of dimensions."""
+        return self.head.labels
+
+    @property
+    def schema(self) -> Schema | None:
+        """What the points give, once that is known."""
+        return self.head.schema
 
     @property
     def results(self) -> list[str]:
@@ -172,23 +124,80 @@ class FolderStore:
 
         return open_study(self.path)
 
-    def design(self) -> Design:
-        """Read the points back."""
-        columns = {name: self._array(name)[:] for name in self.identity["parameters"]}
-        kept = {
-            name: column.astype(str) if column.dtype.kind in "OT" else column
-            for name, column in columns.items()
-        }
-        return Design(self.identity["kind"], kept)
+    def parameters(self) -> tuple[dict[str, NDArray[Any]], list[str]]:
+        """Read the values of the parameters that can be read, and tell why others cannot."""
+        known, lost = {}, []
+        for name in self.head.parameters:
+            try:
+                known[name] = self._column(name)
+            except DamagedError as error:
+                lost.append(str(error))
+        if not lost and Design(self.identity["kind"], known).digest() != self.identity["values"]:
+            return {}, [f"the parameters in {self.path} are not those of the study (digest)"]
+        return known, lost
+
+    def _column(self, name: str) -> NDArray[Any]:
+        file = self.path / name / "c" / "0"
+        if not file.exists():
+            raise DamagedError(f"{file} is missing")
+        try:
+            column = self._array(name)[:]
+        except Exception as error:  # whatever the codec raises
+            raise _damaged(file, error) from error
+        return np.array(column.tolist()) if column.dtype.kind in "OT" else np.asarray(column)
+
+    def mend(self, design: Design) -> None:
+        """Write again what is known and cannot be read: points, metadata of arrays."""
+        for file, document in self._altered():
+            if file.parent.name == EVENTS:  # in place: this file is the lock
+                file.write_text(json_text(document), encoding="utf-8")
+            else:
+                write_json(file, document)
+        for name, column in design.values.items():
+            try:
+                there = self._column(name)
+            except DamagedError:
+                there = None
+            # by their bytes: NaN is not equal to itself
+            if there is None or there.tobytes() != column.tobytes():
+                self._array(name)[:] = column
+
+    def altered(self) -> list[str]:
+        """List metadata that are not as the head says."""
+        return [f"{file} is missing or altered" for file, _ in self._altered()]
+
+    def _altered(self) -> Iterator[tuple[Path, Any]]:
+        """Find metadata that are not as the head says, and tell what they should be."""
+        for name, document in (self.head.documents() | {EVENTS: GROUP}).items():
+            file = self.path / name / "zarr.json"
+            try:
+                wrong = difference(read_json(file), document)
+            except (OSError, ValueError):
+                wrong = "file"
+            if wrong:
+                yield file, document
 
     # reading
 
     def status(self) -> NDArray[np.int8]:
         """Give the states of all points; those that cannot be read are missing."""
-        try:
-            return np.asarray(self._array("status")[...], np.int8).ravel()
-        except Exception:  # one of its files is damaged: whatever the codec raises
-            return np.concatenate([self._status(chunk) for chunk in range(len(self.layout))])
+        found = np.zeros(math.prod(self.layout.shape), np.int8)
+        for chunk in self.written():
+            span = self.layout.span(chunk)
+            found[span.start : span.stop] = self._status(chunk)
+        return found
+
+    def written(self) -> list[int]:
+        """List the chunks that have states: what is there counts, not what could be."""
+        places: list[tuple[tuple[int, ...], Path]] = [((), self.path / "status" / "c")]
+        for length in self.layout.per_dimension:
+            places = [
+                ((*place, number), folder / str(number))
+                for place, folder in places
+                for number in _numbers(folder)
+                if number < length
+            ]
+        return sorted(self.layout.number(place) for place, _ in places)
 
     def _status(self, chunk: int) -> NDArray[np.int8]:
         try:
@@ -210,6 +219,8 @@ class FolderStore:
         if not self._file("status", chunk).exists():
             return block
         block.status = self._rows("status", chunk, ())
+        if not np.isin(block.status, (MISSING, DONE, FAILED)).all():
+            raise DamagedError(f"{self._file('status', chunk)} has states that there are not")
         if np.any(block.status == DONE) and self.schema is None:
             raise DamagedError(f"chunk {chunk} is done, but what it holds is not known")
         if self.schema is not None and np.any(block.status == DONE):
@@ -217,7 +228,7 @@ class FolderStore:
                 block.values[name] = self._rows(name, chunk, shape)
             if self.schema.has_events:
                 self._read_events(chunk, block)
-        if self._file("message", chunk).exists():
+        if self._file("message", chunk).exists() or np.any(block.status == FAILED):
             self._messages.add(chunk)
             texts = self._rows("message", chunk, ())
             places = zip(block.span, texts.tolist(), strict=True)
@@ -231,13 +242,23 @@ class FolderStore:
         if not expected.any():
             return
         known = parted(read_events(self._events(chunk)))
-        block.events = {it: rows for it, rows in known.items() if done[it - block.span.start]}
+        block.events = {
+            it: rows
+            for it, rows in known.items()
+            if it in block.span and done[it - block.span.start]
+        }
         if not np.array_equal(block.counts(), expected):
             raise DamagedError(f"{self._events(chunk)} has not the events that were counted")
 
+    def events(self, chunk: int, status: NDArray[np.int8]) -> tuple[NDArray[np.int64], Any] | None:
+        """Read the events of the points of a chunk that are done, with the points' numbers."""
+        block = Block(self.layout.span(chunk), status)
+        self._read_events(chunk, block)
+        return block.table()
+
     def damage(self) -> Iterator[tuple[int, str]]:
         """Read everything and tell the chunks of which something cannot be read, and why."""
-        for chunk in range(len(self.layout)):
+        for chunk in self.written():
             try:
                 self.read(chunk)
             except DamagedError as error:
@@ -250,23 +271,29 @@ class FolderStore:
 
     def lost_files(self) -> list[str]:
         """List the files that should be there and are not."""
-        status = self.status()
         found = []
-        for chunk in range(len(self.layout)):
-            span = self.layout.span(chunk)
-            if np.any(status[span.start : span.stop] == DONE):
-                files = [self._file(name, chunk) for name in self.results]
-                found += [str(file) for file in files if not file.exists()]
-            elif self._file("status", chunk).exists() and not status[span.start : span.stop].any():
-                found += self._unreadable_status(chunk)
-        return found
+        for chunk in self.written():
+            try:
+                status = self._rows("status", chunk, ())
+            except DamagedError:
+                found.append(self._file("status", chunk))
+                continue
+            needed = [self._file(name, chunk) for name in self.results if DONE in status]
+            if FAILED in status:
+                needed.append(self._file("message", chunk))
+            if self._has_events(chunk, status):
+                needed.append(self._events(chunk))
+            found += [file for file in needed if not file.exists()]
+        return [str(file) for file in found]
 
-    def _unreadable_status(self, chunk: int) -> list[str]:
+    def _has_events(self, chunk: int, status: NDArray[np.int8]) -> bool:
+        """Whether a chunk needs a file of events."""
+        if self.schema is None or not self.schema.has_events or self._events(chunk).exists():
+            return False
         try:
-            self._rows("status", chunk, ())
+            return bool(np.any(self._rows("n_events", chunk, ())[status == DONE]))
         except DamagedError:
-            return [str(self._file("status", chunk))]
-        return []
+            return False
 
     def _array(self, name: str) -> Any:
         if name not in self._arrays:
@@ -289,39 +316,31 @@ class FolderStore:
         try:
             found = self._array(name)[self.layout.slices(chunk)]
         except Exception as error:  # whatever the codec raises
-            raise DamagedError(f"{file} is damaged: {type(error).__name__}: {error}") from error
+            raise _damaged(file, error) from error
         return np.asarray(found).reshape(len(self.layout.span(chunk)), *shape)
 
     # writing
 
     def define(self, schema: Schema) -> None:
         """Make room for what the points give."""
-        self.labels.check(schema)
-        units = {**schema.units, **self.labels.units}
-        shape, chunk = self.layout.shape, self.layout.chunk
-        for name, inner in schema.shapes.items():
-            attrs = {"units": units[name]} if name in units else {}
-            dims = dims_of(name, inner, self.dims, self.labels)
-            whole = (*shape, *inner), (*chunk, *(max(1, length) for length in inner))
-            _array(self._group, name, *whole, dims, np.float64, np.nan, attrs)
+        self.labels.check(schema, self.identity["parameters"])
         if schema.has_events:
             needed("pyarrow.parquet", "events in a folder")
-            attrs = DESCRIPTIONS["n_events"]
-            _array(self._group, "n_events", shape, chunk, self.dims, np.int64, 0, attrs)
-        kept = {"shapes": schema.shapes, "has_events": schema.has_events, "units": schema.units}
-        self._group.update_attributes({"schema": json.dumps(kept)})
-        _consolidate(self.path)
-        self.schema = schema
+        head = self.head.with_schema(schema)
+        for name in head.documents().keys() - self.head.documents().keys():
+            write_json(self.path / name / "zarr.json", head.documents()[name])
+        # at last and in one piece: a run that is killed before makes room again
+        head.write(self.path)
+        self.head = head
         self._reopen()
-        for number in range(len(self.layout)):
+        for number in self.written():
             # all its points failed before this was known
-            if self._file("status", number).exists():
-                self.save(number, self.load(number))
+            self.save(number, self.load(number))
 
     def _reopen(self) -> None:
         import zarr
 
-        self._group = zarr.open_group(self.path, mode="r+")
+        self._group = zarr.open_group(self.path, mode="r+", zarr_format=3, use_consolidated=True)
         self._arrays.clear()
 
     def save(self, chunk: int, block: Block) -> None:
@@ -350,26 +369,14 @@ class FolderStore:
         put("status", block.status)
 
 
-def _schema(kept: Any) -> Schema | None:
-    if kept is None:
-        return None
-    shapes = {name: tuple(shape) for name, shape in kept["shapes"].items()}
-    return Schema(shapes, kept["has_events"], kept["units"])
+def _damaged(file: Path, error: Exception) -> DamagedError:
+    return DamagedError(f"{file} is damaged: {type(error).__name__}: {error}")
 
 
-def _locked(file: Path) -> int | None:
-    """Keep others from writing, also after this process is killed, where the system can."""
+def _numbers(folder: Path) -> list[int]:
+    """List the numbers that name what is in a folder."""
     try:
-        import fcntl
-    except ImportError:
-        return None
-    descriptor = os.open(file, os.O_RDWR)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(descriptor)
-        raise RuntimeError(f"another run writes to {file.parent.parent} at this moment") from None
-    except OSError:  # a file system without locks
-        os.close(descriptor)
-        return None
-    return descriptor
+        names = os.listdir(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    return [int(name) for name in names if name.isdecimal() and str(int(name)) == name]

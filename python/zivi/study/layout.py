@@ -51,6 +51,13 @@ class Layout:
             found.append(place)
         return tuple(reversed(found))
 
+    def number(self, coordinates: tuple[int, ...]) -> int:
+        """Tell the chunk by where it is along each dimension."""
+        found = 0
+        for place, length in zip(coordinates, self.per_dimension, strict=True):
+            found = found * length + place
+        return found
+
     def slices(self, chunk: int) -> tuple[slice, ...]:
         """Tell where the points of a chunk are."""
         places = zip(self.coordinates(chunk), self.chunk, self.shape, strict=True)

@@ -23,8 +23,12 @@ def write_events(file: Path, points: NDArray[np.int64], events: NDArray[np.void]
     columns = {name: np.ascontiguousarray(events[name]) for name in events.dtype.names or ()}
     draft = file.with_suffix(".partial")
     table = pyarrow.table({"point": points, **columns})
-    parquet.write_table(table, draft, write_page_checksum=True)
-    os.replace(draft, file)
+    try:
+        parquet.write_table(table, draft, write_page_checksum=True)
+        os.replace(draft, file)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
 
 
 def read_events(file: Path) -> NDArray[np.void]:
@@ -35,9 +39,12 @@ def read_events(file: Path) -> NDArray[np.void]:
         table = parquet.read_table(
             pyarrow.BufferReader(file.read_bytes()), page_checksum_verification=True
         )
+        columns = {name: table[name].to_numpy() for name in table.column_names}
     except Exception as error:
         raise DamagedError(f"{file} is damaged: {type(error).__name__}: {error}") from error
-    columns = {name: table[name].to_numpy() for name in table.column_names}
+    kinds = {name: column.dtype for name, column in columns.items()}
+    if kinds.get("point") != np.int64 or any(kind.kind not in "biuf" for kind in kinds.values()):
+        raise DamagedError(f"{file} is damaged: its columns are {kinds}")
     found = np.empty(len(table), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
         found[name] = column

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import warnings
 from os import PathLike
 from pathlib import Path
@@ -11,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi._extras import have, needed
-from zivi.study.block import Block
+from zivi.study.design import Design
 from zivi.study.folder import FolderStore
-from zivi.study.parquet import DamagedError, read_events
+from zivi.study.parquet import DamagedError
 from zivi.study.store import MemoryStore
 from zivi.study.work import DONE, FAILED, MISSING
 
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
     import xarray
 
 __all__ = ["Study", "open_study"]
+
+MOST_SALVAGED = 10**8
+"""Points of the largest damaged study that is read into memory."""
 
 
 class Study:
@@ -56,7 +61,10 @@ class Study:
     def events(self) -> Any:
         """The events with the numbers of their points, None if the function gives none."""
         events = self._given() if callable(self._given) else self._given
-        return _table(events) if isinstance(events, np.ndarray) and have("pyarrow") else events
+        if not isinstance(events, np.ndarray) or not have("pyarrow"):
+            return events
+        inner = [name for name in events.dtype.names or () if name != "point"]
+        return _table(events["point"], events[inner])
 
     @property
     def status(self) -> NDArray[np.int8]:
@@ -122,7 +130,8 @@ def open_study(path: str | PathLike[str], *, verify: bool = False) -> Study:
     Study
         The dataset, read when it is used, and the events. If files are missing or, with `verify`,
         damaged, a warning names them and the dataset is in memory, with what can be read; their
-        points are missing in it, and `sweep` will compute them again.
+        points are missing in it (a parameter whose values are lost is NaN or ""), and `sweep` will
+        compute or write them again.
 
     Raises
     ------
@@ -131,7 +140,8 @@ def open_study(path: str | PathLike[str], *, verify: bool = False) -> Study:
     ValueError
         If it is something else.
     OSError
-        If what the study is cannot be read.
+        If what the study is cannot be read, or if the folder has arrays that zivi does not write:
+        other codecs, kinds or shapes. None of them is decoded then.
 
     Examples
     --------
@@ -143,66 +153,97 @@ def open_study(path: str | PathLike[str], *, verify: bool = False) -> Study:
     """
     path = Path(path)
     store = FolderStore(path, write=False)
+    known, damage = store.parameters()
     if verify:
-        damage = [why for _, why in store.damage()]
+        damage += [*store.altered(), *(why for _, why in store.damage())]
     else:
-        damage = [f"{file} is missing or damaged" for file in store.lost_files()]
+        damage += [f"{file} is missing or damaged" for file in store.lost_files()]
     if damage:
         more = f" and {len(damage) - 3} more" if len(damage) > 3 else ""
         warnings.warn(
             f"{path} is damaged: {'; '.join(damage[:3])}{more}; what can be read is read",
             stacklevel=2,
         )
-        return _salvaged(store)
-    dataset = _dataset(path)
-    status = np.asarray(dataset["status"].values, np.int8).ravel()
-    return Study(dataset, path, lambda: _events_of(store, status))
+        return _salvaged(store, known)
+    return Study(_dataset(path), path, StoredEvents(path, store.status()))
 
 
 def _dataset(path: Path) -> xarray.Dataset:
     import xarray
 
-    dataset: xarray.Dataset = xarray.open_zarr(path, chunks=None)
+    # the metadata in the head, which were checked, and no others
+    dataset: xarray.Dataset = xarray.open_zarr(path, chunks=None, consolidated=True, zarr_format=3)
     for internal in ("labels", "schema"):
         dataset.attrs.pop(internal, None)
     return dataset
 
 
-def _salvaged(store: FolderStore) -> Study:
-    kept = MemoryStore(store.design(), store.layout, store.identity, store.labels)
+def _salvaged(store: FolderStore, known: dict[str, NDArray[Any]]) -> Study:
+    """Read what can be read into memory; parameters that are lost are NaN or ""."""
+    if (size := math.prod(store.layout.shape)) > MOST_SALVAGED:
+        raise OSError(f"{store.path} is damaged, and its {size} points are too many for the memory")
+    head = store.head
+    lengths = store.layout.shape * (1 if head.identity["kind"] == "grid" else len(head.parameters))
+    columns = {
+        name: known[name] if name in known else np.full(length, "" if kept == "string" else np.nan)
+        for (name, kept), length in zip(head.parameters.items(), lengths, strict=True)
+    }
+    design = Design(head.identity["kind"], columns)
+    kept = MemoryStore(design, store.layout, head.identity, head.labels)
     if store.schema is not None:
         kept.define(store.schema)
-    for chunk in range(len(store.layout)):
-        block: Block = store.load(chunk)
-        if store.schema is not None:
-            block.shaped(store.schema)
-        kept.save(chunk, block)
+    for chunk in store.written():
+        kept.save(chunk, store.load(chunk))
     study = kept.study()
     return Study(study.dataset, store.path, study.events)
 
 
-def _events_of(store: FolderStore, status: NDArray[np.int8]) -> Any:
-    """Read the events of all points that are done, and warn of files that cannot be read."""
-    if store.schema is None or not store.schema.has_events:
-        return None
-    pyarrow = needed("pyarrow", "events in a folder")
-    tables, broken = [], []
-    for file in sorted((store.path / "events").glob("*.parquet")):
-        try:
-            rows = read_events(file)
-        except DamagedError as error:
-            broken.append(str(error))
-        else:
-            # a run that was killed may have written events of a point that is not done
-            tables.append(_table(rows[status[rows["point"]] == DONE]))
-    if broken:
-        warnings.warn("; ".join(broken), stacklevel=3)
-    if not tables:
-        return pyarrow.table({"point": np.empty(0, np.int64)})
-    return pyarrow.concat_tables(tables)
+@dataclasses.dataclass(frozen=True)
+class StoredEvents:
+    """Reads the events of all points that are done, and warns of files that cannot be read.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+    status : ndarray of int8
+        The states of its points: those that are done count.
+    """
+
+    path: Path
+    status: NDArray[np.int8]
+
+    def __call__(self) -> Any:
+        """Give a table, or None if there are no events."""
+        store = FolderStore(self.path, write=False)
+        if store.schema is None or not store.schema.has_events:
+            return None
+        pyarrow = needed("pyarrow", "events in a folder")
+        tables: list[Any] = []
+        broken = []
+        for chunk in store.written():
+            span = store.layout.span(chunk)
+            try:
+                rows = store.events(chunk, self.status[span.start : span.stop])
+            except DamagedError as error:
+                broken.append(str(error))
+                continue
+            if rows is None:
+                continue
+            table = _table(*rows)
+            if tables and table.schema != tables[0].schema:
+                broken.append(f"the events of chunk {chunk} have other columns than those before")
+            else:
+                tables.append(table)
+        if broken:
+            warnings.warn("; ".join(broken), stacklevel=3)
+        if not tables:
+            return pyarrow.table({"point": np.empty(0, np.int64)})
+        return pyarrow.concat_tables(tables)
 
 
-def _table(events: NDArray[np.void]) -> Any:
+def _table(points: NDArray[np.int64], events: NDArray[np.void]) -> Any:
     pyarrow = needed("pyarrow", "tables of events")
     names = events.dtype.names or ()
-    return pyarrow.table({name: np.ascontiguousarray(events[name]) for name in names})
+    columns = {name: np.ascontiguousarray(events[name]) for name in names}
+    return pyarrow.table({"point": points, **columns})

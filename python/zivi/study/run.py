@@ -17,19 +17,19 @@ from zivi._progress import ProgressBar
 from zivi.study.design import Design, design_of
 from zivi.study.drive import Driver
 from zivi.study.experiments import experiment
-from zivi.study.folder import FolderStore, create, read_identity
+from zivi.study.folder import FolderStore, create
+from zivi.study.head import read_head
 from zivi.study.identity import differences, identity
 from zivi.study.layout import Layout
 from zivi.study.pools import Pool, pool_of, sendable
 from zivi.study.result import Study
 from zivi.study.store import Labels, MemoryStore, Store
-from zivi.study.work import Job
+from zivi.study.work import MAX_SEED, Job
 
 __all__ = ["sweep"]
 
 GIVEN = ("seed", "rng")
 """Arguments that a function gets from the seed of the study."""
-MAX_SEED = 2**63 - 1
 
 
 def sweep(
@@ -138,6 +138,7 @@ def sweep(
     if seed is not None and not 0 <= whole("seed", seed) <= MAX_SEED:
         raise ValueError(f"seed must be >= 0 and fit into 63 bits, got {seed}")
     labels = _labels(work, units, dims)
+    labels.check_names(design.names)
     pool = pool_of(executor, workers)
     try:
         number = _in_flight(in_flight, pool)
@@ -227,12 +228,10 @@ def _labels(
 ) -> Labels:
     own = getattr(function, "units", None)
     known = {**(own if isinstance(own, Mapping) else {}), **(units or {})}
-    named = {}
     for name, names in (dims or {}).items():
-        if isinstance(names, str):
+        if not isinstance(names, Sequence):
             raise TypeError(f"dims[{name!r}] must be a list of names, got {names!r}")
-        named[name] = tuple(names)
-    return Labels(known, named)
+    return Labels(known, dims or {})
 
 
 def _in_flight(given: int | None, pool: Pool) -> int:
@@ -258,15 +257,16 @@ def _store(
     if path is None and resume:
         raise ValueError("resume=True needs a folder, out=...")
     if path is not None and path.exists() and not _is_empty(path):
-        return _continued(path, told, resume)
+        return _continued(path, design, told, resume)
     if path is not None and resume:
         raise FileNotFoundError(f"resume=True, but there is no study at {path}")
-    if draws and told["seed"] is None:
-        told["seed"] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
-    layout = Layout(design.shape, told["chunk"])
+    new = dict(told)
+    if draws and new["seed"] is None:
+        new["seed"] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
     if path is None:
-        return MemoryStore(design, layout, told, labels)
-    create(path, design, layout, told, labels)
+        return MemoryStore(design, Layout(design.shape, new["chunk"]), new, labels)
+    if not create(path, design, new, labels):
+        return _continued(path, design, told, resume)  # another run was quicker
     return FolderStore(path, write=True)
 
 
@@ -274,11 +274,10 @@ def _is_empty(path: Path) -> bool:
     return path.is_dir() and not any(path.iterdir())
 
 
-def _continued(path: Path, told: dict[str, Any], resume: bool | None) -> Store:
+def _continued(path: Path, design: Design, told: dict[str, Any], resume: bool | None) -> Store:
     if resume is False:
         raise FileExistsError(f"resume=False, but there is something at {path}")
-    known, _ = read_identity(path)
-    found = differences(known, told, mild=bool(resume))
+    found = differences(read_head(path).identity, told, mild=bool(resume))
     if found:
         hint = (
             ""
@@ -287,5 +286,10 @@ def _continued(path: Path, told: dict[str, Any], resume: bool | None) -> Store:
         )
         raise ValueError(f"{path} has another study: {'; '.join(found)}{hint}")
     store = FolderStore(path, write=True)
-    store.forget_damaged()
+    try:
+        store.mend(design)
+        store.forget_damaged()
+    except BaseException:
+        store.close()
+        raise
     return store

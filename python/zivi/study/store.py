@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zivi import _zivi
 from zivi._extras import needed
 from zivi.study.block import Block
-from zivi.study.design import Design
+from zivi.study.design import RESERVED, Design
 from zivi.study.layout import Layout
 from zivi.study.work import Schema
 
@@ -41,26 +41,65 @@ class Labels:
         Names of the dimensions of results that are arrays.
     """
 
-    def __init__(self, units: Mapping[str, str], dims: Mapping[str, tuple[str, ...]]) -> None:
+    def __init__(self, units: Mapping[str, str], dims: Mapping[str, Sequence[str]]) -> None:
+        for what, unit in units.items():
+            if not isinstance(what, str) or not isinstance(unit, str):
+                raise TypeError(f"units must give strings by names, got {what!r}: {unit!r}")
+        for name, names in dims.items():
+            of = f"dims[{name!r}]"
+            if isinstance(names, str) or not all(isinstance(it, str) and it for it in names):
+                raise TypeError(f"{of} must be a list of names, got {names!r}")
+            if len(set(names)) < len(names):
+                raise ValueError(f"{of} names a dimension twice: {', '.join(names)}")
         self.units = dict(units)
-        self.dims = dict(dims)
+        self.dims = {name: tuple(names) for name, names in dims.items()}
 
-    def check(self, schema: Schema) -> None:
-        """Raise if a result has not as many dimensions as there are names for it."""
+    def check_names(self, parameters: Sequence[str]) -> None:
+        """Raise if a dimension of a result has a name that the points need."""
         for name, names in self.dims.items():
-            if name in schema.shapes and len(schema.shapes[name]) != len(names):
+            if taken := set(names) & {*parameters, *RESERVED, *self.dims}:
+                raise ValueError(
+                    f"dims[{name!r}] cannot name a dimension {taken.pop()!r}: a parameter, a "
+                    "result or the store has this name"
+                )
+
+    def check(self, schema: Schema, parameters: Sequence[str]) -> None:
+        """Raise if the dimensions of the results do not fit them, or one another."""
+        self.check_names(parameters)
+        known: dict[str, tuple[str, int]] = {}
+        for name, shape in schema.shapes.items():
+            names = dims_of(name, shape, (), self)
+            if len(shape) != len(names):
                 raise ValueError(
                     f"dims[{name!r}] names {len(names)} dimensions, "
-                    f"the result has the shape {schema.shapes[name]}"
+                    f"the result has the shape {shape}"
                 )
+            for dim, length in zip(names, shape, strict=True):
+                if dim in (*schema.shapes, *parameters):
+                    raise ValueError(
+                        f"the dimension {dim!r} of {name!r} has the name of a result or of a "
+                        "parameter; dims gives it another one"
+                    )
+                other, size = known.setdefault(dim, (name, length))
+                if size != length:
+                    raise ValueError(
+                        f"the dimension {dim!r} has the length {size} in {other!r}, {length} in "
+                        f"{name!r}; dims gives it another name"
+                    )
 
 
 class Store(Protocol):
     """What keeps the results of a study."""
 
     layout: Layout
-    identity: dict[str, Any]
-    schema: Schema | None
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What tells the study."""
+
+    @property
+    def schema(self) -> Schema | None:
+        """What the points give, once that is known."""
 
     def status(self) -> NDArray[np.int8]:
         """Give the states of all points; those that cannot be read are missing."""
@@ -131,7 +170,7 @@ class MemoryStore:
 
     def define(self, schema: Schema) -> None:
         """Make room for what the points give."""
-        self._labels.check(schema)
+        self._labels.check(schema, self._design.names)
         self.schema = schema
         for block in self._blocks.values():  # those of which all points failed
             block.shaped(schema)

@@ -16,7 +16,18 @@ from zivi.study.design import name_of
 from zivi.study.outcome import RUN_UNITS, Events, Values, split
 from zivi.trajectory import Trajectory
 
-__all__ = ["DONE", "FAILED", "MISSING", "SLICE", "Job", "Piece", "Schema", "child", "compute"]
+__all__ = [
+    "DONE",
+    "FAILED",
+    "MAX_SEED",
+    "MISSING",
+    "SLICE",
+    "Job",
+    "Piece",
+    "Schema",
+    "child",
+    "compute",
+]
 
 MISSING, DONE, FAILED = 0, 1, 2
 """States of a point."""
@@ -24,6 +35,8 @@ SLICE = 2.0
 """Seconds after which a task hands back what it has: no more than that is lost with a worker."""
 LONGEST = 1000
 """Characters of a message that are kept."""
+MAX_SEED = 2**63 - 1
+"""Largest seed of a study."""
 
 
 @dataclasses.dataclass(frozen=True)
