@@ -1,5 +1,7 @@
 """Plots draw into the axes they are given, label them with units and never show."""
 
+import itertools
+
 import matplotlib as mpl
 
 mpl.use("Agg")
@@ -95,3 +97,114 @@ def test_the_velocity_is_broken_at_impacts(sol):
 def test_other_coordinates_are_refused(sol):
     with pytest.raises(ValueError, match="coordinates"):
         zivi.plot.phase_plane(sol, coordinates="polar")
+
+
+def test_an_overlay_takes_the_next_colour(sol):
+    ax = zivi.plot.position(sol)
+    for _ in range(8):
+        zivi.plot.position(sol, ax)
+    colours = [line.get_color() for line in ax.lines]
+    assert colours[0] == zivi.plot.BLUE
+    assert len(set(colours[:7])) == 7
+    assert all(one != next_ for one, next_ in itertools.pairwise(colours))
+
+
+@pytest.fixture(scope="module")
+def on_a_table():
+    table = zivi.HarmonicWall(amplitude=0.05, omega=20.0)
+    ball = zivi.ImpactSystem(-9.81, e=0.6, wall=table)
+    return zivi.simulate(ball, (0, 1), (0.3, 0))
+
+
+def test_the_frame_of_a_moving_wall_is_named(on_a_table, sol):
+    relative, fixed = (zivi.plot.position(on_a_table, frame=it) for it in ("wall", "fixed"))
+    assert relative.get_ylabel() == "distance from the wall $x$ (m)"
+    assert fixed.get_ylabel() == "position $x + w$, fixed frame (m)"
+    t, x = relative.lines[0].get_data()
+    w = 0.05 * np.cos(20.0 * t)
+    np.testing.assert_allclose(fixed.lines[0].get_ydata(), x + w, atol=1e-15)
+    np.testing.assert_allclose(fixed.lines[1].get_ydata(), w, atol=1e-15)
+    moving = zivi.plot.velocity(on_a_table, frame="fixed").lines[0].get_ydata()
+    t, still = zivi.plot.velocity(on_a_table).lines[0].get_data()
+    kept = ~np.isnan(t)
+    shift = -0.05 * 20.0 * np.sin(20.0 * t[kept])
+    np.testing.assert_allclose(moving[kept], still[kept] + shift, atol=1e-14)
+    plane = zivi.plot.phase_plane(on_a_table, coordinates="physical", frame="fixed")
+    assert plane.get_xlabel() == fixed.get_ylabel()
+    with pytest.raises(ValueError, match="frame must be 'wall' or 'fixed', got 'moon'"):
+        zivi.plot.position(on_a_table, frame="moon")
+    assert zivi.plot.position(sol, frame="fixed").get_ylabel() == "position $x$ (m)"
+
+
+def test_an_overview_of_a_trajectory(sol):
+    figure = zivi.plot.overview(sol)
+    assert [ax.get_ylabel() for ax in figure.axes] == [
+        "position $x$ (m)",
+        r"velocity $\dot x$ (m/s)",
+        "transformed state $s$, $v$",
+        r"velocity $\dot x$ (m/s)",
+    ]
+    assert figure.axes[3].get_xlim() != figure.axes[0].get_xlim()
+
+
+def test_a_poincare_section_of_a_periodic_orbit_is_a_point():
+    """On a table the speed after the impact is ``g T/2 - W`` for ``W = (1-e)/(1+e) g T/2``."""
+    g, e, omega = 9.81, 0.5, 20.0
+    period = 2 * np.pi / omega
+    speed = g * period / 2
+    wall_speed = (1 - e) / (1 + e) * speed
+    amplitude = 1.2 * wall_speed / omega
+    phase = np.arccos(wall_speed / (amplitude * omega))  # w' = A omega cos(omega t + phase)
+    table = zivi.HarmonicWall(amplitude=amplitude, omega=omega, phase=phase - np.pi / 2)
+    ball = zivi.ImpactSystem(-g, e=e, wall=table)
+    start = (0, speed - wall_speed)
+    sol = zivi.simulate(ball, (0, 40 * period), start, zivi.SwitchedRK(rtol=1e-11))
+    across, along = zivi.plot.poincare(sol, period, section="impacts", skip=2).lines[0].get_data()
+    assert len(across) >= 35
+    np.testing.assert_allclose(np.minimum(across, 1 - across), 0.0, atol=1e-6)
+    np.testing.assert_allclose(along, speed - wall_speed, rtol=1e-6)
+    middle = zivi.plot.poincare(sol, period, phase=0.4 * period).lines[0].get_data()
+    expected = sol(0.4 * period)
+    np.testing.assert_allclose(middle, np.tile(expected[:, None], 40), rtol=1e-5)
+
+
+def test_a_section_without_points_is_refused(sol):
+    with pytest.raises(ValueError, match="the run has 2 points of this section, and skip is 5"):
+        zivi.plot.poincare(sol, 1.5, skip=5)
+    with pytest.raises(ValueError, match=r"period must be > 0, got 0\.0"):
+        zivi.plot.poincare(sol, 0.0)
+    with pytest.raises(ValueError, match="section must be 'period' or 'impacts'"):
+        zivi.plot.poincare(sol, 1.0, section="there")
+
+
+def test_a_film_shows_the_motion(on_a_table, tmp_path):
+    film = zivi.plot.animate(on_a_table, speed=0.5, fps=20)
+    for number in (0, 7, 23, 40):
+        ball, floor, line, clock = film._func(number)
+        t = 0.025 * number
+        w = 0.05 * np.cos(20.0 * t)
+        assert ball.get_ydata()[0] == pytest.approx(on_a_table(t)[0] + w, abs=2e-4)
+        assert floor.get_ydata()[0] == pytest.approx(w, abs=1e-12)
+        assert line.get_xdata()[-1] == pytest.approx(t)
+        assert clock.get_text() == f"$t$ = {t:.2f} s"
+    film._draw_was_started = True  # it was looked at, if not shown
+    short = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 0.2), (0.1, 0))
+    zivi.plot.animate(short, fps=10).save(tmp_path / "ball.gif", writer="pillow")
+    assert (tmp_path / "ball.gif").read_bytes()[:6] == b"GIF89a"
+
+
+def test_a_film_of_a_closed_loop_has_its_reference():
+    plant = zivi.ImpactSystem(-9.81, kappa=0.5)
+    tracker = zivi.TwistingTracker(30, 17, h=1e-2, kappa=0.5)
+    run = zivi.simulate_closed_loop(plant, tracker, (0, 1), (2, 0), y_ref0=(1, 0), force_ref=-19.81)
+    film = zivi.plot.animate(run, fps=10)
+    ball, reference, *_ = film._func(10)
+    assert ball.get_ydata()[0] == pytest.approx(run.x[-1])
+    assert reference.get_ydata()[0] == pytest.approx(run.x_ref[-1])
+    film._draw_was_started = True
+
+
+@pytest.mark.parametrize("wrong", [{"speed": 0.0}, {"fps": -1.0}, {"speed": 1e-9}])
+def test_a_film_that_cannot_be_is_refused(sol, wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        zivi.plot.animate(sol, **wrong)

@@ -1,0 +1,42 @@
+"""Plots of trajectories and closed loops.
+
+Every function draws into ``ax`` (a new figure's axes by default), returns the axes, changes no
+global setting and never calls ``show``. A line that is drawn into axes with lines takes the next
+colour. Further keywords go to `matplotlib.axes.Axes.plot`.
+
+curves            over time, and velocity over position
+section           points of a Poincare section
+panels            several of them in one figure
+animation         the motion as a film
+"""
+
+from zivi.plot.animation import animate
+from zivi.plot.curves import (
+    control,
+    lifted,
+    multipliers,
+    phase_plane,
+    position,
+    signs,
+    velocity,
+)
+from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE
+from zivi.plot.panels import overview
+from zivi.plot.section import poincare
+
+__all__ = [
+    "BLUE",
+    "GREEN",
+    "ORANGE",
+    "PURPLE",
+    "animate",
+    "control",
+    "lifted",
+    "multipliers",
+    "overview",
+    "phase_plane",
+    "poincare",
+    "position",
+    "signs",
+    "velocity",
+]

@@ -1,0 +1,210 @@
+"""Lines over time, and velocity over position."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from zivi._curve import line_of
+from zivi.plot.look import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    WALL,
+    axes_of,
+    has_reference,
+    in_frame,
+    labels,
+    next_colour,
+    wall_of,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from zivi.closed_loop import ClosedLoop
+    from zivi.plot.look import Frame
+    from zivi.trajectory import Trajectory
+
+
+def position(
+    sol: Trajectory | ClosedLoop,
+    ax: Axes | None = None,
+    *,
+    frame: Frame = "wall",
+    **line: Any,
+) -> Axes:
+    """Plot the distance from the wall over time, of a closed loop beside its reference.
+
+    Parameters
+    ----------
+    sol : Trajectory or ClosedLoop
+        The run.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    frame : {"wall", "fixed"}
+        Where a moving wall rests, or where it moves and is drawn too.
+    **line
+        Passed to `matplotlib.axes.Axes.plot`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> sol = zivi.simulate(ball, (0, 3), (1, 0), method=zivi.ThetaGamma(h=1e-3))
+    >>> zivi.plot.position(sol).get_ylabel()
+    'position $x$ (m)'
+    """
+    ax = axes_of(ax)
+    curve = line_of(sol)
+    x, _ = in_frame(sol, frame, curve.t, curve.x, curve.xdot)
+    ax.plot(curve.t, x, **_look(ax, BLUE, "$x$", line))
+    if frame == "fixed" and wall_of(sol) is not None:
+        ax.plot(curve.t, wall_of(sol)(curve.t)[0], color=WALL, lw=1.0, label="wall $w$", zorder=1)
+    if has_reference(sol):
+        ax.plot(sol.t, sol.x_ref, color=next_colour(ax, GREEN), ls="--", label="$x_r$")
+        ax.legend()
+    ax.set(xlabel="time $t$ (s)", ylabel=labels(sol, frame)[0])
+    return ax
+
+
+def velocity(
+    sol: Trajectory | ClosedLoop,
+    ax: Axes | None = None,
+    *,
+    frame: Frame = "wall",
+    **line: Any,
+) -> Axes:
+    """Plot the velocity over time; at impacts the line is broken, not joined.
+
+    Parameters and return value as for `position`.
+    """
+    ax = axes_of(ax)
+    curve = line_of(sol)
+    _, xdot = in_frame(sol, frame, curve.t, curve.x, curve.xdot)
+    ax.plot(curve.broken(curve.t), curve.broken(xdot), **_look(ax, ORANGE, r"$\dot x$", line))
+    if has_reference(sol):
+        ax.plot(sol.t, sol.xdot_ref, color=next_colour(ax, PURPLE), ls="--", label=r"$\dot x_r$")
+        ax.legend()
+    ax.set(xlabel="time $t$ (s)", ylabel=labels(sol, frame)[1])
+    return ax
+
+
+def lifted(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the transformed position and velocity over time: no jumps.
+
+    Parameters and return value as for `position`.
+    """
+    ax = axes_of(ax)
+    curve = line_of(sol)
+    ax.plot(curve.t, curve.s, **_look(ax, BLUE, "$s$ (m)", line))
+    ax.plot(curve.t, curve.v, **_look(ax, ORANGE, "$v$ (m/s)", {"ls": "--"} | line))
+    ax.set(xlabel="time $t$ (s)", ylabel="transformed state $s$, $v$")
+    ax.legend()
+    return ax
+
+
+def multipliers(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
+    r"""Plot the multipliers over time.
+
+    .. math:: \lambda_s \in \mathrm{sgn}\,s, \qquad \lambda_v \in \mathrm{sgn}\,v
+
+    Parameters and return value as for `position`.
+    """
+    ax = axes_of(ax)
+    ax.step(sol.t, sol.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
+    ax.step(sol.t, sol.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
+    ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
+    ax.legend()
+    return ax
+
+
+def phase_plane(
+    sol: Trajectory | ClosedLoop,
+    ax: Axes | None = None,
+    *,
+    coordinates: Literal["lifted", "physical"] | None = None,
+    frame: Frame = "wall",
+    **line: Any,
+) -> Axes:
+    """Plot velocity over position.
+
+    Parameters and return value as for `position`; `coordinates` are transformed by default for a
+    trajectory, physical for a closed loop.
+    """
+    ax = axes_of(ax)
+    curve = line_of(sol)
+    chosen = coordinates or ("lifted" if curve.s.size else "physical")
+    if chosen == "lifted" and curve.s.size:
+        ax.plot(curve.s, curve.v, **_look(ax, BLUE, "$(s, v)$", line))
+        ax.set(xlabel="transformed position $s$ (m)", ylabel="transformed velocity $v$ (m/s)")
+    elif chosen == "physical":
+        x, xdot = in_frame(sol, frame, curve.t, curve.x, curve.xdot)
+        ax.plot(curve.broken(x), curve.broken(xdot), **_look(ax, BLUE, r"$(x, \dot x)$", line))
+        if has_reference(sol):
+            colour = next_colour(ax, GREEN)
+            ax.plot(sol.x_ref, sol.xdot_ref, color=colour, ls="--", label="reference")
+            ax.legend()
+        ax.set(**dict(zip(("xlabel", "ylabel"), labels(sol, frame), strict=True)))
+    else:
+        allowed = "'lifted' or 'physical'" if curve.s.size else "'physical' for a closed loop"
+        raise ValueError(f"coordinates must be {allowed}, got {coordinates!r}")
+    return ax
+
+
+def _look(ax: Axes, first: str, label: str, line: dict[str, Any]) -> dict[str, Any]:
+    """Complete the settings of a line: an overlay takes the next colour."""
+    return {"color": next_colour(ax, first), "label": label} | line
+
+
+def control(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the control of a closed loop, held from sample to sample.
+
+    Parameters
+    ----------
+    run : ClosedLoop
+        The run.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    **line
+        Passed to `matplotlib.axes.Axes.plot`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    ax = axes_of(ax)
+    ax.step(run.t, run.u, where="post", **_look(ax, ORANGE, "$u$", line))
+    ax.set(xlabel="time $t$ (s)", ylabel="control $u$ (m/s$^2$)")
+    return ax
+
+
+SIGN_LINES = {
+    r"$\lambda_s$": (BLUE, "-"),
+    r"$\lambda_v$": (ORANGE, "--"),
+    r"$\lambda_{s_r}$": (GREEN, "-"),
+    r"$\lambda_{v_r}$": (PURPLE, "--"),
+    r"$\lambda_{e_s}$": ("black", "-"),
+    r"$\lambda_{e_v}$": ("gray", "--"),
+}
+"""Name, colour and style of the six signs."""
+
+
+def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the multipliers of the controller's ticks, those that it has.
+
+    Parameters and return value as for `control`.
+    """
+    ax = axes_of(ax)
+    for values, (label, (color, style)) in zip(run.signs.T, SIGN_LINES.items(), strict=True):
+        if not np.all(np.isnan(values)):
+            look = {"color": color, "ls": style, "label": label} | line
+            ax.step(run.t, values, where="post", **look)
+    ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
+    ax.legend(ncols=3)
+    return ax

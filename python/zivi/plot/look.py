@@ -1,0 +1,85 @@
+"""What all plots share: axes, colours, and in which frame a run is shown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard
+
+import numpy as np
+
+from zivi._extras import needed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from zivi._check import Array
+    from zivi.closed_loop import ClosedLoop
+    from zivi.trajectory import Trajectory
+
+# Okabe and Ito's palette: told apart by colour-blind readers and in grey
+BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+PALETTE = (BLUE, ORANGE, GREEN, PURPLE, "#E69F00", "#56B4E9", "black")
+WALL = "0.5"
+"""The colour of a wall."""
+
+Frame: TypeAlias = Literal["wall", "fixed"]
+
+
+def axes_of(ax: Axes | None) -> Axes:
+    """Give the axes to draw into: those given, or those of a new figure."""
+    if ax is not None:
+        return ax
+    plt = needed("matplotlib.pyplot", "plots")
+    axes: Axes = plt.subplots(layout="constrained")[1]
+    return axes
+
+
+def figure_of(figure: Figure | None, width: float, height: float) -> Figure:
+    """Give the figure to draw into: the one given, or a new one of a size (inches)."""
+    if figure is not None:
+        return figure
+    made: Figure = needed("matplotlib.pyplot", "plots").figure(
+        figsize=(width, height), layout="constrained"
+    )
+    return made
+
+
+def next_colour(ax: Axes, first: str) -> str:
+    """Give the first colour from `first` on that no line in the axes has."""
+    start = PALETTE.index(first)
+    order = PALETTE[start:] + PALETTE[:start]
+    used = [line.get_color() for line in ax.lines]
+    return next((colour for colour in order if colour not in used), order[len(used) % len(order)])
+
+
+def in_frame(
+    run: Trajectory | ClosedLoop, frame: Frame, t: Array, x: Array, xdot: Array
+) -> tuple[Array, Array]:
+    """Give points of the wall's frame in the frame that is wanted."""
+    if frame not in ("wall", "fixed"):
+        raise ValueError(f"frame must be 'wall' or 'fixed', got {frame!r}")
+    wall = wall_of(run)
+    if frame == "wall" or wall is None:
+        return x, xdot
+    w, wdot, _ = wall(t)
+    return x + w, xdot + wdot
+
+
+def wall_of(run: Trajectory | ClosedLoop) -> Any:
+    """Give the wall that moves, if one does."""
+    return getattr(run, "_wall", None)
+
+
+def labels(run: Trajectory | ClosedLoop, frame: Frame) -> tuple[str, str]:
+    """Say what the position and the velocity are measured from."""
+    if wall_of(run) is None:
+        return "position $x$ (m)", r"velocity $\dot x$ (m/s)"
+    if frame == "fixed":
+        return "position $x + w$, fixed frame (m)", r"velocity $\dot x + \dot w$, fixed frame (m/s)"
+    return "distance from the wall $x$ (m)", r"velocity relative to the wall $\dot x$ (m/s)"
+
+
+def has_reference(run: Trajectory | ClosedLoop) -> TypeGuard[ClosedLoop]:
+    """Whether a run follows a reference."""
+    reference = getattr(run, "x_ref", None)
+    return reference is not None and not np.all(np.isnan(reference))

@@ -1,0 +1,56 @@
+"""Several plots of one run in a figure."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from zivi.plot.curves import control, lifted, phase_plane, position, signs, velocity
+from zivi.plot.look import figure_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from zivi.closed_loop import ClosedLoop
+    from zivi.trajectory import Trajectory
+
+
+def overview(run: Trajectory | ClosedLoop, figure: Figure | None = None) -> Figure:
+    """Plot a run as a whole.
+
+    A trajectory: position, velocity and transformed state over time, and the physical phase
+    plane. A closed loop: position, velocity, control and signs over time.
+
+    Parameters
+    ----------
+    run : Trajectory or ClosedLoop
+        The run.
+    figure : matplotlib.figure.Figure, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> len(zivi.plot.overview(zivi.simulate(ball, (0, 3), (1, 0))).axes)
+    4
+    """
+    figure = figure_of(figure, 9.0, 6.0)
+    drawings: list[Callable[..., Axes]] = [position, velocity]
+    if hasattr(run, "u"):
+        drawings += [control, signs]
+    else:
+        drawings += [lifted, partial(phase_plane, coordinates="physical")]
+    first = None
+    for number, draw in enumerate(drawings, start=1):
+        over_time = not isinstance(draw, partial)
+        ax = figure.add_subplot(2, 2, number, sharex=first if over_time else None)
+        first = first or ax
+        draw(run, ax=ax)
+    return figure
