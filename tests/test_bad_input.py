@@ -164,3 +164,12 @@ def test_extreme_numbers_get_an_answer(f, x0, xdot0, h, steps, e, weight, kind):
     assert np.all(sol.x >= 0)
     assert np.all(np.diff(sol.t) > 0)
     assert len({len(getattr(sol, name)) for name in COLUMNS}) == 1
+
+
+@pytest.mark.parametrize(
+    "bad", [(1e-9,), (1e-9, 1e-9, 1e-9), (0, 1e-9), (1e-9, np.nan), None, "ab"]
+)
+def test_absolute_tolerances_are_one_number_or_two(bad):
+    with pytest.raises((ValueError, TypeError), match="atol must be"):
+        zivi.SwitchedRK(atol=bad)
+    assert zivi.SwitchedRK(atol=[1e-9, 1e-7]).atol == (1e-9, 1e-7)

@@ -82,7 +82,7 @@ class RunRecord:
     @property
     def raised(self) -> BaseException | None: ...
 
-_SwitchedSettings = tuple[float, float, int, float, float | None, int, int]
+_SwitchedSettings = tuple[float, tuple[float, float], int, float, float | None, int, int]
 
 @final
 class MotionPath:

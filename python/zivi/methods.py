@@ -2,8 +2,9 @@
 
 import dataclasses
 import math
+import numbers
 from collections.abc import Callable
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from zivi import _zivi
 from zivi._check import Array, real, whole
@@ -20,7 +21,7 @@ SOLVERS = ("exact", "newton", "outer")
 """How a step can find its signs."""
 MAX_LINEARISATIONS = 1000
 
-Settings: TypeAlias = tuple[float, float, int, float, float | None, int, int]
+Settings: TypeAlias = tuple[float, tuple[float, float], int, float, float | None, int, int]
 """The settings of `SwitchedRK` in their order."""
 
 
@@ -202,8 +203,10 @@ class SwitchedRK:
     ----------
     rtol : float
         Relative tolerance of the local error, from 1e-14 to below 1.
-    atol : float
-        Absolute tolerance, > 0 (m, m/s).
+    atol : float or (float, float)
+        Absolute tolerances, > 0, of `x` (m) and `xdot` (m/s), or one number for both. In the time
+        of an accumulation they allow ``min(atol_x / U, atol_xdot / g)``, with the speed `U` of
+        its first impact and the pull `g` at the wall: no result depends on the units.
     order : {8, 5}
         Order of the Runge-Kutta pair.
     max_step : float
@@ -236,7 +239,7 @@ class SwitchedRK:
     """
 
     rtol: float = 1e-6
-    atol: float = 1e-9
+    atol: float | tuple[float, float] = 1e-9
     order: int = 8
     max_step: float = math.inf
     first_step: float | None = None
@@ -244,8 +247,9 @@ class SwitchedRK:
     max_impacts: int = 100_000
 
     def __post_init__(self) -> None:
-        for name in ("rtol", "atol", "max_step"):
+        for name in ("rtol", "max_step"):
             object.__setattr__(self, name, real(name, getattr(self, name)))
+        object.__setattr__(self, "atol", _one_or_two("atol", self.atol))
         if self.first_step is not None:
             object.__setattr__(self, "first_step", real("first_step", self.first_step))
         for name in ("order", "max_steps", "max_impacts"):
@@ -254,8 +258,9 @@ class SwitchedRK:
 
     def _settings(self) -> Settings:
         """Give the settings as the extension takes them."""
+        atol = self.atol if isinstance(self.atol, tuple) else (self.atol, self.atol)
         return (
-            *(self.rtol, self.atol, self.order, self.max_step, self.first_step),
+            *(self.rtol, atol, self.order, self.max_step, self.first_step),
             *(self.max_steps, self.max_impacts),
         )
 
@@ -271,6 +276,17 @@ class SwitchedRK:
             dense=course.dense,
             progress=course.report,
         )
+
+
+def _one_or_two(name: str, value: Any) -> float | tuple[float, float]:
+    """Return a number for both components of the state, or one for each."""
+    if isinstance(value, numbers.Real):
+        return real(name, value)
+    try:
+        of_x, of_xdot = value
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be a number or two, (x, xdot), got {value!r}") from None
+    return real(name, of_x), real(name, of_xdot)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,8 +15,8 @@ use crate::simulate::{setup_error, with_force};
 use crate::transform::{wall, WallPair};
 use crate::watch::Watch;
 
-/// `(rtol, atol, order, max_step, first_step, max_steps, max_impacts)`.
-pub(crate) type Settings = (f64, f64, i64, f64, Option<f64>, i64, i64);
+/// `(rtol, (atol of x, atol of x'), order, max_step, first_step, max_steps, max_impacts)`.
+pub(crate) type Settings = (f64, [f64; 2], i64, f64, Option<f64>, i64, i64);
 
 pub(crate) fn settings(given: Settings) -> PyResult<SwitchedRk> {
     let (rtol, atol, order, max_step, first_step, max_steps, max_impacts) = given;

@@ -108,6 +108,11 @@ impl Chain {
         2.0 * bounce.u / (bounce.g * (1.0 - self.e))
     }
 
+    /// Largest speed before an impact (m/s).
+    pub(super) fn fastest(&self) -> f64 {
+        self.fastest
+    }
+
     /// Time since the first impact up to the last.
     pub(super) fn duration(&self) -> f64 {
         match self.bounces.as_slice() {

@@ -3,6 +3,7 @@
 use super::bernstein::Bernstein;
 use super::integrator::{Piece, SwitchedIntegrator};
 use super::path::Curve;
+use super::settings::SwitchedRk;
 use super::stages::{Counted, Point};
 use crate::fixed_step::Failure;
 use crate::{Force, Status};
@@ -113,7 +114,7 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
         let Point { t, x, xdot } = self.now;
-        let (scale_x, scale_xdot) = (self.scale(x, x), self.scale(xdot, xdot));
+        let [scale_x, scale_xdot] = self.scales(self.now, self.now);
         let norm = |x: f64, xdot: f64| (x / scale_x).abs().max((xdot / scale_xdot).abs());
         let (size, rate) = (norm(x, xdot), norm(xdot, slope));
         let known = size > 1e-5 && rate > 1e-5;
@@ -132,9 +133,13 @@ impl SwitchedIntegrator {
         Ok(step.min(100.0 * euler).min(left))
     }
 
-    /// `atol + rtol |y|` with the larger of the values at both ends of a step.
-    fn scale(&self, one: f64, other: f64) -> f64 {
-        self.settings.atol + self.settings.rtol * one.abs().max(other.abs())
+    /// `atol + rtol |y|` of position and velocity, with the larger of the values at both ends.
+    fn scales(&self, one: Point, other: Point) -> [f64; 2] {
+        let SwitchedRk { rtol, atol: [atol_x, atol_xdot], .. } = self.settings;
+        [
+            atol_x + rtol * one.x.abs().max(other.x.abs()),
+            atol_xdot + rtol * one.xdot.abs().max(other.xdot.abs()),
+        ]
     }
 
     fn judge<E, F: Force<E>>(
@@ -198,9 +203,8 @@ impl SwitchedIntegrator {
         if !self.settings.adaptive {
             return Ok(0.0);
         }
-        let (from, end) = (self.stages.from, self.stages.end);
-        let scales = (self.scale(from.x, end.x), self.scale(from.xdot, end.xdot));
-        Ok(self.stages.error(force)?.norm(scales.0, scales.1))
+        let [scale_x, scale_xdot] = self.scales(self.stages.from, self.stages.end);
+        Ok(self.stages.error(force)?.norm(scale_x, scale_xdot))
     }
 
     /// The part of the step after which the mass would be behind the wall.

@@ -70,13 +70,15 @@ impl SwitchedIntegrator {
         let Some(zeno) = self.chain.zeno_time() else { return Ok(None) };
         let left = zeno.t - t;
         let plausible = left > 0.0 && left < NEAR * remaining && zeno.t <= t_end;
-        let known = zeno.error <= self.zeno_tolerance(&self.chain);
+        let known = zeno.error <= self.zeno_tolerance(&self.chain, last.g);
         Ok(if plausible && known && is_pulled(t, zeno.t, force)? { Some(zeno.t) } else { None })
     }
 
-    /// `atol + rtol T`.
-    fn zeno_tolerance(&self, chain: &Chain) -> f64 {
-        self.settings.atol + self.settings.rtol * chain.duration()
+    /// `rtol T + min(atol_x/U, atol_x'/g)`: see [`crate::SwitchedRk`].
+    fn zeno_tolerance(&self, chain: &Chain, pull: f64) -> f64 {
+        let [atol_x, atol_xdot] = self.settings.atol;
+        let absolute = (atol_x / chain.fastest()).min(atol_xdot / pull);
+        absolute + self.settings.rtol * chain.duration()
     }
 
     /// Through the rest of the chain, to rest at `zeno`.

@@ -25,13 +25,19 @@ impl Order {
 
 /// The switched Runge-Kutta method: settings.
 ///
-/// The local error of a step is kept below `atol + rtol |y|` in `x` (m) and `x'` (m/s), and the
-/// estimated error of a Zeno time below `atol + rtol T` (s), with `T` the time that the impacts
-/// before it took.
+/// The local error of a step is kept below `atol_i + rtol |y_i|` in `x` (m) and `x'` (m/s), and the
+/// estimated error of a Zeno time below
+///
+/// ```text
+/// rtol T + min(atol_x/U, atol_x'/g),
+/// ```
+///
+/// with `T` the time that the impacts before it took, `U` the largest of their speeds and `g` the
+/// pull at the last: what the absolute tolerances allow in the time of a motion as fast as that.
 ///
 /// ```
 /// use zivi::{Order, SwitchedRk};
-/// let precise = SwitchedRk { rtol: 1e-10, atol: 1e-12, ..SwitchedRk::default() };
+/// let precise = SwitchedRk { rtol: 1e-10, atol: [1e-12; 2], ..SwitchedRk::default() };
 /// assert!(precise.validated().is_ok());
 /// let error = SwitchedRk { rtol: 0.0, ..precise }.validated().unwrap_err();
 /// assert_eq!(error.to_string(), "rtol must be a number from 1e-14 to below 1, got 0.0");
@@ -41,8 +47,8 @@ impl Order {
 pub struct SwitchedRk {
     /// Relative tolerance, from 1e-14 to below 1 (default 1e-6).
     pub rtol: f64,
-    /// Absolute tolerance, positive and finite (default 1e-9).
-    pub atol: f64,
+    /// Absolute tolerances of `x` (m) and `x'` (m/s), positive and finite (default 1e-9 each).
+    pub atol: [f64; 2],
     /// Order of the pair (default 8).
     pub order: Order,
     /// Longest step (s), positive, may be infinite (the default). Also the longest look ahead at
@@ -68,7 +74,7 @@ impl Default for SwitchedRk {
     fn default() -> Self {
         Self {
             rtol: 1e-6,
-            atol: 1e-9,
+            atol: [1e-9; 2],
             order: Order::Eight,
             max_step: f64::INFINITY,
             first_step: None,
@@ -80,10 +86,10 @@ impl Default for SwitchedRk {
 }
 
 impl SwitchedRk {
-    /// With one number for both tolerances.
+    /// With one number for all tolerances.
     #[must_use]
     pub fn with_tol(tol: f64) -> Self {
-        Self { rtol: tol, atol: tol, ..Self::default() }
+        Self { rtol: tol, atol: [tol; 2], ..Self::default() }
     }
 
     /// The settings, if each of them is in its range.
@@ -96,8 +102,8 @@ impl SwitchedRk {
         if !(self.rtol >= 1e-14 && self.rtol < 1.0) {
             return refuse("rtol", self.rtol, "a number from 1e-14 to below 1");
         }
-        if !positive(self.atol) {
-            return refuse("atol", self.atol, "a finite number > 0");
+        if let Some(&atol) = self.atol.iter().find(|&&atol| !positive(atol)) {
+            return refuse("atol", atol, "a finite number > 0");
         }
         if self.max_step.is_nan() || self.max_step <= 0.0 {
             return refuse("max_step", self.max_step, "a time > 0, possibly infinite");

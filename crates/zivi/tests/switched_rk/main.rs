@@ -9,5 +9,6 @@ mod problems;
 mod random;
 mod references;
 mod sampled;
+mod units;
 mod watching;
 mod zeno;

@@ -325,7 +325,8 @@ fn bad_settings_are_refused_by_name() {
     let bad = [
         ("rtol", SwitchedRk { rtol: f64::NAN, ..good }),
         ("rtol", SwitchedRk { rtol: 1.0, ..good }),
-        ("atol", SwitchedRk { atol: 0.0, ..good }),
+        ("atol", SwitchedRk { atol: [0.0, 1e-9], ..good }),
+        ("atol", SwitchedRk { atol: [1e-9, f64::INFINITY], ..good }),
         ("max_step", SwitchedRk { max_step: 0.0, ..good }),
         ("max_step", SwitchedRk { max_step: f64::NAN, ..good }),
         ("max_step", SwitchedRk { adaptive: false, ..good }),
@@ -349,7 +350,7 @@ fn a_mass_under_no_force_lifts_off_where_the_force_becomes_positive() {
                 Ok::<f64, Infallible>(if t < 1.0 { 0.0 } else { s * (t - 1.0).powi(m) })
             });
             let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical::default());
-            let settings = SwitchedRk { atol: 1e-16, ..settings(order, 1e-9) };
+            let settings = SwitchedRk { atol: [1e-16; 2], ..settings(order, 1e-9) };
             let run = simulate(settings, wall, &mut force, (0.0, t_end), start);
             let lifts = &run.trajectory.events.liftoff_times;
             assert!(lifts.len() == 1 && (lifts[0] - 1.0).abs() < 2e-15, "{order:?} {m}: {lifts:?}");
