@@ -55,7 +55,7 @@ def main(path: str, comparison: str | None = None) -> None:
     right.set_ylabel("")
     figure.savefig(path, dpi=160)
     if comparison is not None:
-        figure, _ = chattering.figure()
+        figure = chattering.figure().figure
         figure.savefig(comparison, dpi=160)
 
 

@@ -73,6 +73,33 @@ def test_the_errors_are_of_the_lifted_states():
         assert e_v[k] == pytest.approx(v - v_ref, abs=1e-12)
 
 
+def test_the_lifted_regulator_is_continuous():
+    run = closed_loops.regulate()
+    s, v = closed_loops.lifted(run)
+    np.testing.assert_array_equal(np.abs(s), run.x)
+    assert len(run.impacts) > 3
+    (mu1, mu2), kappa, h = closed_loops.REGULATOR, closed_loops.KAPPA, closed_loops.H
+    # |v'| <= (mu1 + mu2)/(1 - kappa) and |s'| <= (1 + kappa) |v|
+    assert np.abs(np.diff(v)).max() <= h * (mu1 + mu2) / (1 - kappa) * (1 + 1e-12)
+    assert np.abs(np.diff(s)).max() <= h * (1 + kappa) * np.abs(v).max()
+    assert s.min() < 0 < s.max()
+
+
+def test_both_velocities_are_broken_at_impacts_and_nowhere_else():
+    run = closed_loops.track(sampled=False)
+    plant, reference = (line.get_xydata() for line in zivi.plot.velocity(run).lines)
+    for line, (t, xdot) in ((plant, (run.t, run.xdot)), (reference, (run.t, run.xdot_ref))):
+        shown = line[~np.isnan(line[:, 0])]
+        np.testing.assert_array_equal(shown, np.column_stack([t, xdot]))
+    # the reference falls freely: its velocity rises at impacts only, the closed form knows when
+    gaps = reference[np.flatnonzero(np.isnan(reference[:, 0])) - 1, 0]
+    speed = math.sqrt(3**2 + 2 * 19.81 * 3)
+    first = (3 + speed) / 19.81
+    second = first + 2 / 3 * speed / 19.81
+    assert gaps[:2] == pytest.approx([first, second], abs=6e-3)
+    assert len(gaps) == np.count_nonzero((run.xdot_ref[:-1] < 0) & (run.xdot_ref[1:] > 0))
+
+
 def test_the_explicit_controller_chatters_and_the_implicit_one_does_not():
     found = {
         (row.where, row.force_error, row.h, row.controller): row for row in chattering.measure()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from zivi.closed_loop import ClosedLoop
     from zivi.trajectory import Trajectory
 
-__all__ = ["Line", "line_of"]
+__all__ = ["Line", "line_of", "reference_of"]
 
 PARTS = 24
 """Points of a step of a method that has a dense output of its own."""
@@ -57,6 +57,15 @@ def line_of(run: Trajectory | ClosedLoop) -> Line:
     x, xdot = path.physical(times)
     s, v = path.lifted(times)
     return Line(times, x, xdot, s, v, _after(times, impacts))
+
+
+def reference_of(run: ClosedLoop) -> Line:
+    """Give the samples of a reference, broken where it turns within a step of the wall."""
+    x, xdot = run.x_ref, run.xdot_ref
+    turned = (xdot[:-1] < 0.0) & (xdot[1:] > 0.0)
+    reach = 2.0 * np.diff(run.t) * np.abs(xdot[:-1])
+    after = np.flatnonzero(turned & (x[:-1] <= reach)) + 1
+    return Line(run.t, x, xdot, np.empty(0), np.empty(0), after)
 
 
 def _times(sol: Trajectory) -> tuple[Array, Array]:

@@ -7,6 +7,6 @@ non-smooth system with resets*, CDC 2016, doi 10.1109/CDC.2016.7799277.
 """
 
 from zivi.paper.checks import Check
-from zivi.paper.write import Reproduction, write
+from zivi.paper.write import STAGES, Reproduction, write
 
-__all__ = ["Check", "Reproduction", "write"]
+__all__ = ["STAGES", "Check", "Reproduction", "write"]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
@@ -18,10 +17,8 @@ from rich.table import Table
 from zivi import plot
 from zivi.closed_loop import ClosedLoop
 from zivi.paper import report
-from zivi.paper.closed_loops import FORCE, largest, track
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from zivi.paper.closed_loops import FORCE, KAPPA, MU1, MU2, largest, track
+from zivi.paper.picture import Picture, loop_data
 
 __all__ = ["Chattering", "figure", "measure", "run", "table"]
 
@@ -123,7 +120,7 @@ def _cells(row: Chattering) -> tuple[str, ...]:
     return (where, f"{force_error:g}", f"{h:g}", controller, *numbers)
 
 
-def figure() -> tuple[Figure, dict[str, ClosedLoop]]:
+def figure() -> Picture:
     """Draw control and error of both: rising, and on the wall with the unknown force."""
     import matplotlib.pyplot as plt
 
@@ -144,7 +141,17 @@ def figure() -> tuple[Figure, dict[str, ClosedLoop]]:
     axes[1, 0].set_ylabel(r"error $x - x_r$ ($\mu$m)")
     lines = axes[0, 0].get_legend_handles_labels()
     result.legend(*lines, loc="outside upper center", ncols=2, frameon=False)
-    return result, made
+    title = "Explicit and implicit signs in the tracker"
+    settings: dict[str, float | str] = {
+        "h": 1e-3,
+        "mu1": MU1,
+        "mu2": MU2,
+        "kappa": KAPPA,
+        "F": FORCE,
+    }
+    settings |= {"branch": "positive", "loop": "sampled"}
+    data = {name: loop_data(sol) for name, sol in made.items()}
+    return Picture("chattering", title, settings, result, data)
 
 
 TITLE_ON_THE_WALL = "reference at rest, 1.5 m/s$^2$ outward unknown"

@@ -7,8 +7,9 @@ import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
 
-from rich import box
 from rich.table import Table
+
+from zivi.paper import report
 
 __all__ = ["Check", "save", "table"]
 
@@ -25,9 +26,10 @@ class Check:
         What this installation computes.
     expected : float
         What it is held against.
-    source : {"exact", "scheme", "bound"}
+    source : {"exact", "scheme", "bound", "paper"}
         A closed form of the motion, or what an independent implementation of the same scheme
-        gives at the same step size, or a bound that holds where nothing is exact.
+        gives at the same step size, or a bound that holds where nothing is exact, or what the
+        paper prints.
     tolerance : float
         Largest accepted ``|computed - expected|``.
     paper : str
@@ -50,7 +52,7 @@ class Check:
 COLUMNS = ("quantity", "zivi", "expected", "within", "source", "paper", "ok")
 CAPTION = (
     "exact: closed form; scheme: another implementation of the same scheme and step; "
-    "bound: what must not be exceeded"
+    "bound: what must not be exceeded; paper: as printed there"
 )
 
 
@@ -68,16 +70,13 @@ def _cells(check: Check) -> tuple[str, ...]:
 
 def table(checks: Iterable[Check]) -> Table:
     """Lay the checks out for a terminal."""
-    result = Table(
-        *COLUMNS,
-        title="Checked numbers",
-        caption=CAPTION,
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-    )
+    shown = [column for column in COLUMNS if column != "paper"]
+    result = report.empty("Checked numbers", CAPTION)
+    for column in shown:
+        result.add_column(column, no_wrap=True)
     for check in checks:
-        result.add_row(*_cells(check), style="" if check.ok else "bold red")
+        cells = dict(zip(COLUMNS, _cells(check), strict=True))
+        result.add_row(*(cells[it] for it in shown), style="" if check.ok else "bold red")
     return result
 
 

@@ -2,8 +2,9 @@
 
 *Outer* linearisation solves affine VIs one after another, each linearised at the solution of the
 last, without a merit function; *inner* linearisation leaves the nonlinear VI to a solver that
-linearises inside and searches along a merit function. The paper says that the outer one "often
-fails". A step counts as solved when its residual, computed anew, is at most `TOLERANCE`.
+linearises inside and searches along a merit function. The paper advises against the outer one,
+which in its experiments often found no solution. A step counts as solved when its residual,
+computed anew, is at most `TOLERANCE`.
 """
 
 from __future__ import annotations
@@ -14,11 +15,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from rich import box
 from rich.console import Group
 from rich.table import Table
 
-from zivi.paper import ball_steps, tracking_steps
+from zivi.paper import ball_steps, report, tracking_steps
 
 __all__ = ["Rate", "measure", "save", "table"]
 
@@ -85,17 +85,12 @@ def table(rates: Iterable[Rate]) -> Group:
 def _table(rates: list[Rate]) -> Table:
     problem = rates[0].problem
     solvers = list(dict.fromkeys(rate.solver for rate in rates))
-    result = Table(
-        title=f"Section V.A, {problem}: steps not solved, in percent",
-        caption=CAPTIONS[problem],
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-    )
+    title = f"Section V.A, {problem}: steps not solved, in percent"
+    result = report.empty(title, CAPTIONS[problem])
     result.add_column("steps", no_wrap=True)
     for solver in solvers:
-        heading = solver.removeprefix("Siconos VI_BOX_").replace("_", " ")
-        result.add_column(heading, justify="right")
+        heading = solver.removeprefix("Siconos VI_BOX_").replace("_", " ").replace(" ", "\n")
+        result.add_column(heading, justify="right", no_wrap=True)
     for steps in dict.fromkeys(rate.steps for rate in rates):
         cells = {rate.solver: _short(rate.percent) for rate in rates if rate.steps == steps}
         result.add_row(steps.removeprefix("tracking, "), *(cells[it] for it in solvers))

@@ -1,4 +1,4 @@
-"""Section IV of the paper: the twisting regulator brings the mass to rest (figure 5).
+"""The twisting regulator of section III brings the mass to rest (figure 5, section V.B).
 
 The paper does not give the gains of its figure 5. Chosen here: mu1 = 3, mu2 = 2, F = 0,
 kappa = 1/2, from (x, x') = (1, 0); for them the settling time has a closed form.
@@ -7,6 +7,7 @@ kappa = 1/2, from (x, x') = (1, 0); for them the settling time has a closed form
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,12 +15,23 @@ import numpy as np
 from zivi import plot
 from zivi.closed_loop import ClosedLoop
 from zivi.paper.checks import Check
-from zivi.paper.closed_loops import REGULATOR, START_REGULATOR, E, largest, regulate, rest
+from zivi.paper.closed_loops import (
+    PAPER_LOOP,
+    REGULATION,
+    REGULATOR,
+    START_REGULATOR,
+    E,
+    largest,
+    lifted,
+    regulate,
+    rest,
+)
+from zivi.paper.picture import Picture, loop_data, plane
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["checks", "figure", "settling_time"]
+__all__ = ["checks", "figures", "settling_time"]
 
 STEPS = (1e-2, 1e-3, 1e-4)
 FINE = 1e-6
@@ -36,8 +48,20 @@ def settling_time() -> float:
     return first + E * speed * flight / (1 - ratio)
 
 
-def figure(run: ClosedLoop) -> Figure:
-    """Draw figure 5: position, velocity, control and signs."""
+def figures(run: ClosedLoop) -> Iterator[Picture]:
+    """Draw figure 5, in the (s, v) plane, and the same run over time."""
+    settings = REGULATION | {"loop": PAPER_LOOP}
+    s, v = lifted(run)
+    data = {"": loop_data(run, "x", "xdot").assign(s=s, v=v)}
+    title = "The regulator in the (s, v) plane"
+    remark = "Gains, kappa and start are ours: the paper gives no numbers."
+    figure = plane(s, v, (6e-4, 0.025))
+    yield Picture("fig5_regulator_sv_plane", title, settings, figure, data, remark)
+    title, data = "The regulator over time", {"": loop_data(run)}
+    yield Picture("regulator_over_time", title, settings, _over_time(run), data)
+
+
+def _over_time(run: ClosedLoop) -> Figure:
     result = plot.overview(run)
     for ax in result.axes:
         ax.axvline(settling_time(), color="0.5", ls=":", lw=1)

@@ -1,12 +1,12 @@
-"""Writes the figures, the data behind each, and the tables."""
+"""Writes the figures, the data behind each, and the tables, stage by stage."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-from zivi.closed_loop import ClosedLoop
 from zivi.methods import ThetaGamma
 from zivi.paper import (
     ball,
@@ -20,17 +20,14 @@ from zivi.paper import (
 )
 from zivi.paper.checks import Check, save
 from zivi.paper.closed_loops import regulate
-from zivi.trajectory import Trajectory
+from zivi.paper.picture import Picture
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["Reproduction", "write"]
+__all__ = ["STAGES", "Reproduction", "write"]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Reproduction:
-    """What `write` found.
+    """What `write` found; lists of stages that were left out are empty.
 
     Parameters
     ----------
@@ -47,19 +44,28 @@ class Reproduction:
         For which restitutions the tracker comes to exact rest.
     """
 
-    checks: list[Check]
-    rates: list[linearisation.Rate]
-    chattering: list[chattering.Chattering]
-    robustness: list[robustness.Robustness]
-    rests: list[rest.Rest]
+    checks: list[Check] = dataclasses.field(default_factory=list)
+    rates: list[linearisation.Rate] = dataclasses.field(default_factory=list)
+    chattering: list[chattering.Chattering] = dataclasses.field(default_factory=list)
+    robustness: list[robustness.Robustness] = dataclasses.field(default_factory=list)
+    rests: list[rest.Rest] = dataclasses.field(default_factory=list)
+
+    @property
+    def agreeing(self) -> int:
+        """How many of the checked numbers agree."""
+        return sum(check.ok for check in self.checks)
 
     @property
     def ok(self) -> bool:
         """Whether every checked number agrees."""
-        return all(check.ok for check in self.checks)
+        return self.agreeing == len(self.checks)
 
 
-def write(out: Path | str) -> Reproduction:
+def write(
+    out: Path | str,
+    only: Collection[str] | None = None,
+    report: Callable[[str, int, int], None] | None = None,
+) -> Reproduction:
     """Write the paper's figures and numbers.
 
     Parameters
@@ -67,90 +73,104 @@ def write(out: Path | str) -> Reproduction:
     out : path
         Folder, made if needed: a PNG for each figure, a CSV with the data behind it, and a CSV
         for each table (``checks``, ``linearisation``, ``chattering``, ``robustness``, ``rest``).
+        A CSV of data begins with ``#`` lines that say what was computed.
+    only : collection of str, optional
+        The stages to run, of `STAGES`; by default all.
+    report : callable, optional
+        Called before each stage and at the end with its name, the number of stages done, and of
+        stages in all.
 
     Returns
     -------
     Reproduction
         The checked numbers and what was measured.
 
+    Raises
+    ------
+    ValueError
+        For a stage that does not exist; nothing is computed.
+
     Examples
     --------
     >>> import tempfile
     >>> from zivi.paper import write
-    >>> write(tempfile.mkdtemp()).ok
+    >>> write(tempfile.mkdtemp(), only=["regulator"]).ok
     True
     """
+    unknown = sorted(set(only or ()) - set(STAGES))
+    if unknown:
+        raise ValueError(f"only must name stages ({', '.join(STAGES)}), got {unknown[0]!r}")
+    chosen = [name for name in STAGES if only is None or name in only]
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    checks = _ball(folder) + _regulator(folder) + _tracker(folder)
-    _chattering(folder)
-    found = Reproduction(
-        checks=checks,
-        rates=linearisation.measure(),
-        chattering=chattering.measure(),
-        robustness=robustness.measure(),
-        rests=rest.measure(),
-    )
-    save(found.checks, folder / "checks.csv")
-    linearisation.save(found.rates, folder / "linearisation.csv")
-    report.save(found.chattering, folder / "chattering.csv")
-    report.save(found.robustness, folder / "robustness.csv")
-    report.save(found.rests, folder / "rest.csv")
+    found = Reproduction()
+    for done, name in enumerate(chosen):
+        if report is not None:
+            report(name, done, len(chosen))
+        STAGES[name](folder, found)
+    if report is not None:
+        report("", len(chosen), len(chosen))
+    if found.checks:
+        save(found.checks, folder / "checks.csv")
     return found
 
 
-def _ball(folder: Path) -> list[Check]:
+def _ball(folder: Path, found: Reproduction) -> None:
     sol = ball.run(ThetaGamma(ball.H))
-    for name, (figure, quantities) in ball.figures(sol).items():
-        _save_figure(figure, folder / f"{name}.png")
-        _save_data(sol, quantities, folder / f"{name}.csv")
-    figure, runs = ball.explicit_and_implicit()
-    _save_figure(figure, folder / "explicit_and_implicit.png")
-    for name, run in runs.items():
-        _save_data(run, ["x", "xdot", "s", "v"], folder / f"explicit_and_implicit_{name}.csv")
-    return ball.checks(sol)
+    _save_all(ball.figures(sol), folder)
+    ball.explicit_and_implicit().save(folder)
+    found.checks += ball.checks(sol)
 
 
-def _regulator(folder: Path) -> list[Check]:
-    run = regulate()
-    _save_figure(regulator.figure(run), folder / "fig5_regulator.png")
-    _save_loop(run, folder / "fig5_regulator.csv")
-    return regulator.checks()
+def _regulator(folder: Path, found: Reproduction) -> None:
+    _save_all(regulator.figures(regulate()), folder)
+    found.checks += regulator.checks()
 
 
-def _tracker(folder: Path) -> list[Check]:
+def _tracker(folder: Path, found: Reproduction) -> None:
     runs = tracker.runs()
-    run = next(iter(runs.values()))
-    for name, figure in tracker.figures(run).items():
-        _save_figure(figure, folder / f"{name}.png")
-        _save_loop(run, folder / f"{name}.csv")
-    _save_figure(tracker.sampled_and_paper(runs), folder / "tracking_loops.png")
-    for name, run in runs.items():
-        _save_loop(run, folder / f"tracking_loops_{name}.csv")
-    return tracker.checks(runs)
+    _save_all(tracker.figures(next(iter(runs.values()))), folder)
+    tracker.sampled_and_paper(runs).save(folder)
+    found.checks += tracker.checks(runs)
 
 
-def _chattering(folder: Path) -> None:
-    figure, runs = chattering.figure()
-    _save_figure(figure, folder / "chattering.png")
-    for name, run in runs.items():
-        _save_loop(run, folder / f"chattering_{name}.csv")
+def _linearisation(folder: Path, found: Reproduction) -> None:
+    found.rates = linearisation.measure()
+    linearisation.save(found.rates, folder / "linearisation.csv")
 
 
-def _save_figure(figure: Figure, path: Path) -> None:
-    import matplotlib.pyplot as plt
-
-    figure.savefig(path, dpi=200)
-    plt.close(figure)
-
-
-def _save_data(sol: Trajectory, quantities: list[str], path: Path) -> None:
-    sol.to_xarray()[quantities].to_dataframe().to_csv(path)
+def _chattering(folder: Path, found: Reproduction) -> None:
+    chattering.figure().save(folder)
+    found.chattering = chattering.measure()
+    _save_rows(found.chattering, folder / "chattering.csv")
 
 
-def _save_loop(run: ClosedLoop, path: Path) -> None:
-    """Write all samples; of a loop without a reference those columns are missing."""
-    data = run.to_xarray()
-    signs = data["signs"].to_dataset("sign")
-    sampled = data[["x", "xdot", "x_ref", "xdot_ref", "u"]].merge(signs)
-    sampled.to_dataframe().dropna(axis="columns", how="all").to_csv(path)
+def _robustness(folder: Path, found: Reproduction) -> None:
+    found.robustness = robustness.measure()
+    _save_rows(found.robustness, folder / "robustness.csv")
+
+
+def _rest(folder: Path, found: Reproduction) -> None:
+    found.rests = rest.measure()
+    _save_rows(found.rests, folder / "rest.csv")
+
+
+STAGES: dict[str, Callable[[Path, Reproduction], None]] = {
+    "ball": _ball,
+    "regulator": _regulator,
+    "tracker": _tracker,
+    "linearisation": _linearisation,
+    "chattering": _chattering,
+    "robustness": _robustness,
+    "rest": _rest,
+}
+"""What can be run on its own: the first three are the paper's figures and checked numbers."""
+
+
+def _save_all(pictures: Iterable[Picture], folder: Path) -> None:
+    for picture in pictures:
+        picture.save(folder)
+
+
+def _save_rows(rows: list[Any], path: Path) -> None:
+    report.save(rows, path)

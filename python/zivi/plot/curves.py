@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zivi._curve import line_of
+from zivi._curve import line_of, reference_of
 from zivi.plot.look import (
     BLUE,
     GREEN,
@@ -89,7 +89,9 @@ def velocity(
     _, xdot = in_frame(sol, frame, curve.t, curve.x, curve.xdot)
     ax.plot(curve.broken(curve.t), curve.broken(xdot), **_look(ax, ORANGE, r"$\dot x$", line))
     if has_reference(sol):
-        ax.plot(sol.t, sol.xdot_ref, color=next_colour(ax, PURPLE), ls="--", label=r"$\dot x_r$")
+        other = reference_of(sol)
+        times, values = other.broken(other.t), other.broken(other.xdot)
+        ax.plot(times, values, color=next_colour(ax, PURPLE), ls="--", label=r"$\dot x_r$")
         ax.legend()
     ax.set(xlabel="time $t$ (s)", ylabel=labels(sol, frame)[1])
     return ax
@@ -148,7 +150,9 @@ def phase_plane(
         ax.plot(curve.broken(x), curve.broken(xdot), **_look(ax, BLUE, r"$(x, \dot x)$", line))
         if has_reference(sol):
             colour = next_colour(ax, GREEN)
-            ax.plot(sol.x_ref, sol.xdot_ref, color=colour, ls="--", label="reference")
+            other = reference_of(sol)
+            x_ref, xdot_ref = other.broken(other.x), other.broken(other.xdot)
+            ax.plot(x_ref, xdot_ref, color=colour, ls="--", label="reference")
             ax.legend()
         ax.set(**dict(zip(("xlabel", "ylabel"), labels(sol, frame), strict=True)))
     else:

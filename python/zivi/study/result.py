@@ -20,7 +20,7 @@ from zivi.study.store import MemoryStore
 from zivi.study.work import DONE, FAILED, MISSING
 
 if TYPE_CHECKING:
-    import pandas  # type: ignore[import-untyped]
+    import pandas
     import xarray
 
 __all__ = ["Study", "open_study"]
