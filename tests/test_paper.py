@@ -110,7 +110,11 @@ def test_each_figure_states_what_it_was_made_with(written):
             "g": "9.81 m/s^2",
             "scheme": "implicit Euler",
         },
-        "fig5_regulator_sv_plane": {"mu1": "3 m/s^2", "mu2": "2 m/s^2", "branch": "positive"},
+        "fig5_regulator_sv_plane": {
+            "mu1": "3 m/s^2",
+            "branch": "positive",
+            "loop": "the paper's, plant by the implicit step",
+        },
         "fig8_control": {"mu1": "30 m/s^2", "kappa_ref": "0.5", "F_ref": "-19.81 m/s^2"},
     }
     for name, settings in stated.items():

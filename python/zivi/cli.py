@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from zivi import _zivi
+from zivi._extras import needed
 from zivi.files import FileError, commands, prepare_control, prepare_simulate, summary
 from zivi.lab.command import lab
 
@@ -192,12 +193,10 @@ def paper(
     chattering, robustness and rest (what was measured). The last line says how many of the
     checked numbers agree. Exit code 1 if one is off, 2 for a stage that does not exist.
     """
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from zivi.paper import command
-
     with _told():
+        needed("matplotlib", "the figures of the paper").use("Agg")
+        from zivi.paper import command
+
         command.check(only)
         agree = command.run(out, only, quiet=quiet)
     raise typer.Exit(0 if agree else 1)
