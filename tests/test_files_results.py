@@ -112,23 +112,121 @@ def test_round_trip(name, tmp_path):
             np.testing.assert_equal(dataset.attrs[attribute], value)
 
 
-@pytest.mark.parametrize("name", ["steps", "table", "other baseline"])
-def test_a_run_of_fixed_steps_can_be_called(name, tmp_path):
-    run = RUNS[name]()
+def cut():
+    def high(t, x, xdot):
+        return xdot - 1.0
+
+    high.terminal = 2
+    return ball(events=high)
+
+
+CALLED = {name: RUNS[name] for name in ("steps", "switched", "times", "table", "events", "budget")}
+CALLED |= {"other baseline": RUNS["other baseline"], "interrupted": interrupted, "cut": cut}
+CALLED["other times"] = lambda: ball(zivi.MoreauJean(h=1e-2), t_eval=[0.0, 0.7, 1.9])
+CALLED["near elastic"] = lambda: ball(
+    zivi.SwitchedRK(), system=zivi.ImpactSystem(zivi.LinearForce(gravity=9.81, damping=0.2), e=0.9)
+)
+
+
+@pytest.mark.parametrize("name", CALLED)
+def test_what_is_known_between_the_samples_comes_back_to_the_last_bit(name, tmp_path):
+    run = CALLED[name]()
     save(run, tmp_path / "run.nc")
-    found, times = load(tmp_path / "run.nc"), np.linspace(0, 3, 77)
-    np.testing.assert_array_equal(found(times), run(times))
+    # also after another round
+    save(load(tmp_path / "run.nc"), tmp_path / "again.nc")
+    found = load(tmp_path / "again.nc")
+    assert found._path.span == run._path.span
+    times = np.linspace(*run._path.span, 377)
+    assert found(times).tobytes() == run(times).tobytes()
+    np.testing.assert_array_equal(found._path.lifted(times), run._path.lifted(times))
     np.testing.assert_array_equal(found.fixed(), run.fixed())
+    for speed in (1e-6, 1e-2, 1.0):
+        known = found.impacts_down_to(speed, limit=500)
+        assert known.tobytes() == run.impacts_down_to(speed, limit=500).tobytes()
+
+
+def test_extrapolated_impacts_are_kept_also_without_dense_output(tmp_path):
+    run = RUNS["plain switched"]()
+    save(run, tmp_path / "run.nc")
+    found = load(tmp_path / "run.nc")
+    assert len(found.impacts) == 3
+    assert len(found.impacts_down_to(1e-6)) == 22  # 4.43 m/s e^22 = 1.06e-6
+    with pytest.raises(ValueError, match="needs a run with dense_output=True"):
+        found(0.5)
 
 
 def test_what_is_not_kept_is_refused(tmp_path):
-    for name in ("switched", "times", "lift"):
-        save(RUNS[name](), tmp_path / f"{name}.nc")
-    for name in ("switched", "times"):
-        with pytest.raises(ValueError, match=r"sol\(t\) needs"):
-            load(tmp_path / f"{name}.nc")(0.5)
+    save(RUNS["lift"](), tmp_path / "lift.nc")
     with pytest.raises(ValueError, match="functions of the wall are not kept"):
         load(tmp_path / "lift.nc").fixed()
+
+
+def rewritten(file, change):
+    """Write a file anew, and seal it, with a dataset that was changed."""
+    dataset = open_result(file)
+    dataset = change(dataset) or dataset
+    dataset.to_netcdf(file, engine="h5netcdf")
+    results._seal(file)
+    return file
+
+
+@pytest.mark.parametrize("name", ["switched", "times"])
+def test_files_of_older_versions_say_what_they_lack(name, tmp_path):
+    def as_it_was(dataset):
+        dataset.attrs["path"] = ""
+        return dataset.drop_vars([it for it in dataset.variables if it.startswith(("mot", "path"))])
+
+    save(RUNS[name](), tmp_path / "run.nc")
+    found = load(rewritten(tmp_path / "run.nc", as_it_was))
+    for ask in (lambda: found(0.5), lambda: found.impacts_down_to(1e-6)):
+        with pytest.raises(ValueError, match="an older version of zivi wrote it"):
+            ask()
+    save(found, tmp_path / "again.nc")
+    with pytest.raises(ValueError, match="an older version of zivi wrote it"):
+        load(tmp_path / "again.nc")(0.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda it: it["motion"].__setitem__(0, 7.0), "format 7, this zivi reads"),
+        (lambda it: it["motion"].__setitem__(slice(None), 9.0), "format 9"),
+        (lambda it: it.isel(motion_number=slice(0, -1)), "the stored motion is damaged"),
+        (lambda it: it.isel(motion_number=slice(0, 0)), "the stored motion is damaged"),
+        (lambda it: it.attrs.update(path="Bow"), "lacks 'Bow'"),
+        (lambda it: it.attrs.update(config="{"), "holds no run of zivi"),
+        (lambda it: it.attrs.update(config="[" * 10**5), "holds no run of zivi"),
+        (lambda it: it.attrs.update(config="[]"), "holds no run of zivi"),
+        (lambda it: it.attrs.update(status=99), "holds no run of zivi"),
+        (lambda it: it.attrs.update(nfev="many"), "holds no run of zivi"),
+        (lambda it: it.attrs.update(rest_time="late"), "holds no run of zivi"),
+        (lambda it: it.attrs.pop("message") and None, "lacks 'message'"),
+    ],
+)
+def test_damaged_contents(change, match, tmp_path):
+    save(RUNS["switched"](), tmp_path / "run.nc")
+    refused(rewritten(tmp_path / "run.nc", change), match)
+
+
+def test_no_numbers_make_a_motion_that_fails():
+    """A motion of any numbers is refused with a ValueError, or can be asked for anything."""
+    whole = RUNS["switched"]()._path.numbers()
+    draw = np.random.default_rng(2)
+    values = [0.0, 1.0, -1.0, 2.0, 8.0, 9.0, 0.5, 1e9, 1e300, np.inf, -np.inf, np.nan]
+    times, made = np.linspace(-1, 4, 21), 0
+    for number in range(3000):
+        numbers = whole[: draw.integers(len(whole)) if number % 10 == 0 else len(whole)].copy()
+        for _ in range(draw.integers(1, 4)):
+            if len(numbers):
+                numbers[draw.integers(min(len(numbers), 80))] = draw.choice(values)
+        try:
+            motion = zivi._zivi.MotionPath.restored(numbers)
+        except ValueError:
+            continue
+        made += 1
+        motion.physical(times), motion.lifted(times), motion.skipped_impacts(1e-3, 50)
+        assert isinstance(motion.tails, list)
+    assert made > 100
 
 
 def test_what_is_drawn_is_what_the_run_draws(tmp_path):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from zivi._check import Array
 from zivi.transform import project
 
-__all__ = ["LinearPath", "Path", "PenetratingPath"]
+__all__ = ["LinearPath", "LostPath", "Path", "PenetratingPath"]
 
 
 class Path(Protocol):
@@ -65,3 +65,19 @@ class PenetratingPath(LinearPath):
     def physical(self, times: Array) -> tuple[Array, Array]:
         """Interpolate ``(x, xdot)``."""
         return np.interp(times, self.t, self.x), np.interp(times, self.t, self.xdot)
+
+
+class LostPath:
+    """The motion of a run whose file does not hold it, as zivi wrote files before version 0.2."""
+
+    dense = False
+    span = None
+
+    def physical(self, *_: Any) -> Any:
+        """Raise a ValueError that says so."""
+        raise ValueError(
+            "the file of this run holds no motion between the samples and no extrapolated impacts: "
+            "an older version of zivi wrote it; compute the run again"
+        )
+
+    lifted = skipped_impacts = physical

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
 from zivi._extras import needed
-from zivi.dense import Path
+from zivi.dense import LostPath, Path
 from zivi.status import Status
 
 if TYPE_CHECKING:
@@ -186,9 +186,12 @@ class Trajectory:
         return np.stack([x.reshape(times.shape), xdot.reshape(times.shape)])
 
     def _known(self) -> Path:
-        if self._path is None or not self._path.dense:
+        path = self._path
+        if isinstance(path, LostPath):
+            path.physical()
+        if path is None or not path.dense:
             raise ValueError("sol(t) needs a run with dense_output=True")
-        return self._path
+        return path
 
     def impacts_down_to(self, speed: float, *, limit: int = 10_000) -> NDArray[np.void]:
         """List the impacts with at least a speed, also those that were extrapolated.
@@ -208,7 +211,7 @@ class Trajectory:
         Raises
         ------
         ValueError
-            If `speed` or `limit` is out of range.
+            If `speed` or `limit` is out of range, or an older version of zivi stored the run.
 
         Examples
         --------

@@ -5,14 +5,14 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::{
-    DensePath, Direction, Order, Output, Physical, SwitchedRk, SwitchedRun, Tail, UserEvent,
+    DensePath, Direction, Motion, Order, Output, Physical, SwitchedRk, SwitchedRun, UserEvent,
 };
 use zivi_core::{transform, Branch};
 
 use crate::force::ForceSpec;
 use crate::record::RunRecord;
 use crate::simulate::{setup_error, with_force};
-use crate::transform::{wall, WallPair};
+use crate::transform::WallPair;
 use crate::watch::Watch;
 
 /// `(rtol, (atol of x, atol of x'), order, max_step, first_step, max_steps, max_impacts)`.
@@ -103,25 +103,16 @@ pub(crate) fn simulate_switched_rk(
 /// The motion between the samples of a run.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct MotionPath {
-    path: Option<DensePath>,
-    tails: Vec<Tail>,
-    wall: zivi::Restitution,
+    motion: Motion,
 }
 
 type Arrays<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 /// What restores an object, and its arguments.
-type Reduced<'py> = (
-    Bound<'py, PyAny>,
-    (Option<Bound<'py, PyArray1<f64>>>, Vec<Bound<'py, PyArray1<f64>>>, WallPair),
-);
+type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
 type ThreeArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
 impl MotionPath {
-    pub(crate) fn new(path: Option<DensePath>, tails: Vec<Tail>, wall: zivi::Restitution) -> Self {
-        Self { path, tails, wall }
-    }
-
     /// Two quantities of the motion at each time, NaN outside of the span.
     fn sample<'py>(
         &self,
@@ -130,7 +121,7 @@ impl MotionPath {
         of: impl Fn(zivi::PathPoint) -> (f64, f64),
     ) -> Arrays<'py> {
         let at = |&t: &f64| {
-            let point = self.path.as_ref().and_then(|path| path.at(t));
+            let point = self.motion.path.as_ref().and_then(|path| path.at(t));
             point.map_or((f64::NAN, f64::NAN), &of)
         };
         let (first, second): (Vec<f64>, Vec<f64>) = times.as_array().iter().map(at).unzip();
@@ -140,47 +131,33 @@ impl MotionPath {
 
 #[pymethods]
 impl MotionPath {
-    /// The path and its tails as plain numbers, and the wall: what pickling needs.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
-        let path = self.path.as_ref().map(|path| PyArray1::from_vec(py, path.to_numbers()));
-        let tails = self.tails.iter().map(|it| PyArray1::from_vec(py, it.to_numbers())).collect();
-        let restore = py.get_type::<Self>().getattr("_restored")?;
-        Ok((restore, (path, tails, (self.wall.e(), self.wall.kappa()))))
+    /// All that it consists of, as plain numbers.
+    fn numbers<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.motion.to_numbers())
     }
 
+    /// What `numbers` came from; a ValueError for numbers that are none of a motion.
     #[staticmethod]
-    fn _restored(
-        path: Option<PyReadonlyArray1<'_, f64>>,
-        tails: Vec<PyReadonlyArray1<'_, f64>>,
-        pair: WallPair,
-    ) -> PyResult<Self> {
-        let damaged = || PyValueError::new_err("the stored motion is damaged");
-        let path = match path {
-            Some(numbers) => {
-                Some(DensePath::from_numbers(numbers.as_slice()?).ok_or_else(damaged)?)
-            }
-            None => None,
-        };
-        let tail = |it: &PyReadonlyArray1<'_, f64>| -> PyResult<Tail> {
-            Tail::from_numbers(it.as_slice()?).ok_or_else(damaged)
-        };
-        Ok(Self {
-            path,
-            tails: tails.iter().map(tail).collect::<PyResult<_>>()?,
-            wall: wall(pair)?,
-        })
+    fn restored(numbers: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
+        let numbers: Vec<f64> = numbers.as_array().iter().copied().collect();
+        let motion = Motion::from_numbers(&numbers);
+        Ok(Self { motion: motion.map_err(|error| PyValueError::new_err(error.to_string()))? })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        Ok((py.get_type::<Self>().getattr("restored")?, (self.numbers(py),)))
     }
 
     /// Whether the motion between the samples is known.
     #[getter]
     fn dense(&self) -> bool {
-        self.path.is_some()
+        self.motion.path.is_some()
     }
 
     /// The times between which the motion is known.
     #[getter]
     fn span(&self) -> Option<(f64, f64)> {
-        self.path.as_ref().and_then(DensePath::span)
+        self.motion.path.as_ref().and_then(DensePath::span)
     }
 
     /// `(x, xdot)` at the times.
@@ -192,7 +169,7 @@ impl MotionPath {
     fn lifted<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> Arrays<'py> {
         self.sample(py, &times, |zivi::PathPoint { x, xdot, sigma }| {
             let branch = if sigma > 0.0 { Branch::Positive } else { Branch::Negative };
-            let z = transform::lift(Physical { x, xdot }, branch, self.wall);
+            let z = transform::lift(Physical { x, xdot }, branch, self.motion.wall);
             (z.s + 0.0, z.v + 0.0)
         })
     }
@@ -205,8 +182,12 @@ impl MotionPath {
         speed: f64,
         at_most: usize,
     ) -> ThreeArrays<'py> {
-        let impacts: Vec<zivi::Impact> =
-            self.tails.iter().flat_map(|tail| tail.impacts_down_to(speed, at_most)).collect();
+        let impacts: Vec<zivi::Impact> = self
+            .motion
+            .tails
+            .iter()
+            .flat_map(|tail| tail.impacts_down_to(speed, at_most))
+            .collect();
         let column =
             |of: fn(&zivi::Impact) -> f64| PyArray1::from_vec(py, impacts.iter().map(of).collect());
         (column(|it| it.t), column(|it| it.xdot_before), column(|it| it.xdot_after))
@@ -215,7 +196,7 @@ impl MotionPath {
     /// Start and end of the accumulations that were extrapolated.
     #[getter]
     fn tails(&self) -> Vec<(f64, f64)> {
-        self.tails.iter().map(|tail| (tail.start(), tail.zeno_time())).collect()
+        self.motion.tails.iter().map(|tail| (tail.start(), tail.zeno_time())).collect()
     }
 }
 
@@ -238,7 +219,7 @@ impl RunRecord {
             .collect();
         record.n_steps = Some(counts.accepted);
         record.n_rejected = counts.rejected;
-        record.path = Some(Py::new(py, MotionPath::new(path, tails, wall))?);
+        record.path = Some(Py::new(py, MotionPath { motion: Motion { path, tails, wall } })?);
         Ok(record)
     }
 }

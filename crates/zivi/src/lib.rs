@@ -58,8 +58,9 @@ pub use moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use status::Status;
 pub use summary::{Keep, Summary};
 pub use switched_rk::{
-    simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Occurrence, Order,
-    Output, PathPoint, SwitchedIntegrator, SwitchedRk, SwitchedRun, Tail, UserEvent,
+    simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Motion,
+    MotionError, Occurrence, Order, Output, PathPoint, SwitchedIntegrator, SwitchedRk, SwitchedRun,
+    Tail, UserEvent,
 };
 pub use theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use trajectory::{Columns, Quantity, Run, SetupError, Trajectory, QUANTITIES};

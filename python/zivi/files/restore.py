@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from zivi import closed_loop, trajectory
 from zivi._check import Array
+from zivi._zivi import MotionPath
 from zivi.closed_loop import ClosedLoop
-from zivi.dense import LinearPath, PenetratingPath
+from zivi.dense import LinearPath, LostPath, PenetratingPath
 from zivi.status import Status
 from zivi.trajectory import IMPACT, Trajectory
 from zivi.wall import HarmonicWall, MovingWall
@@ -20,10 +21,12 @@ from zivi.wall import HarmonicWall, MovingWall
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["drawn", "path_name", "run_of"]
+__all__ = ["drawn", "path_variables", "run_of"]
 
 PATHS: dict[str, Any] = {kind.__name__: kind for kind in (LinearPath, PenetratingPath)}
 """What interpolates the samples of methods with fixed steps."""
+MOTION, NOTHING, LOST = "MotionPath", "none", ""
+"""Other names: the dense output of a method, no path, and that of files which never held one."""
 
 
 def run_of(dataset: xarray.Dataset) -> Trajectory | ClosedLoop:
@@ -87,26 +90,43 @@ def _trajectory(dataset: xarray.Dataset) -> Trajectory:
         n_rejected=int(attrs["n_rejected"]),
         t_events=times,
         y_events=states,
-        _path=_path(attrs["path"], common["t"], samples, config["kappa"]),
+        _path=_path(dataset, common["t"], samples, config["kappa"]),
         _wall=_wall(config["wall"]),
     )
 
 
-def path_name(run: Trajectory) -> str:
-    """Name what interpolates a run if the samples suffice to make it again, else ""."""
+def path_variables(run: Trajectory) -> tuple[str, dict[str, Array]]:
+    """Name what gives the motion between the samples, and what must be kept to make it again."""
     path = run._path
-    known = type(path).__name__
-    suffices = known in PATHS and len(run.t) and np.array_equal(getattr(path, "t", ()), run.t)
-    return known if suffices else ""
+    if isinstance(path, MotionPath):
+        return MOTION, {"motion": path.numbers()}
+    name = type(path).__name__
+    if path is None or name not in PATHS:
+        return NOTHING if path is None else LOST, {}
+    samples = {field: getattr(path, field) for field in _sampled(PATHS[name])}
+    same = all(np.array_equal(getattr(run, field), samples[field]) for field in samples)
+    return name, {} if same else {f"path_{field}": samples[field] for field in samples}
 
 
-def _path(name: str, t: Array, samples: dict[str, Array], kappa: float) -> Any:
-    if not name:
-        return None
-    kind = PATHS[name]
-    known = {"t": t, "kappa": kappa, **samples}
-    fields = [field.name for field in dataclasses.fields(kind) if field.name in known]
-    return kind(**{field: known[field] for field in fields})
+def _sampled(kind: Any) -> list[str]:
+    """Name the samples that a path goes through."""
+    known = ("t", *trajectory.QUANTITIES)
+    return [field.name for field in dataclasses.fields(kind) if field.name in known]
+
+
+def _path(
+    dataset: xarray.Dataset, t: Array, samples: dict[str, Array], kappa: float
+) -> MotionPath | LinearPath | LostPath | None:
+    name = dataset.attrs["path"]
+    if name == MOTION:
+        return MotionPath.restored(dataset["motion"].values)
+    if name in (NOTHING, LOST):
+        return None if name == NOTHING else LostPath()
+    kind, known = PATHS[name], {"t": t, **samples}
+    if "path_t" in dataset:
+        known = {field: dataset[f"path_{field}"].values for field in _sampled(kind)}
+    path: LinearPath = kind(**{field: known[field] for field in _sampled(kind)}, kappa=kappa)
+    return path
 
 
 def _events(dataset: xarray.Dataset) -> tuple[list[Array], list[Array]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import uuid
+from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -14,13 +15,13 @@ import numpy as np
 from zivi._curve import Line, line_of
 from zivi._extras import needed
 from zivi.closed_loop import ClosedLoop
-from zivi.files.restore import path_name, run_of
+from zivi.files.restore import path_variables, run_of
 from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["ResultError", "load", "open_result", "require_library", "save"]
+__all__ = ["ResultError", "load", "open_result", "require_library", "restored", "save"]
 
 ENGINE: Literal["h5netcdf"] = "h5netcdf"
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -133,8 +134,8 @@ def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop:
     Returns
     -------
     Trajectory or ClosedLoop
-        All samples, events and settings. A trajectory can be called, ``sol(t)``, if its method
-        has fixed steps and all of them were kept.
+        All samples, events and settings. A trajectory gives ``sol(t)`` and `impacts_down_to` to
+        the last bit as before it was saved.
 
     Raises
     ------
@@ -143,11 +144,22 @@ def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop:
     ResultError
         If it is something else, or damaged.
     """
-    dataset = open_result(path)
+    return restored(path, open_result(path), run_of)
+
+
+def restored(
+    path: str | PathLike[str],
+    dataset: xarray.Dataset,
+    make: Callable[[xarray.Dataset], Trajectory | ClosedLoop],
+) -> Trajectory | ClosedLoop:
+    """Make a run of what a file holds; a `ResultError` if it does not hold one."""
     try:
-        return run_of(dataset)
+        return make(dataset)
     except KeyError as error:
         raise ResultError(f"{path}: lacks {error}; it is of another version") from error
+    except Exception as error:  # whatever stands there in place of what was written
+        reason = f"{type(error).__name__}: {error}"
+        raise ResultError(f"{path}: holds no run of zivi ({reason:.200})") from error
 
 
 def open_result(path: str | PathLike[str]) -> xarray.Dataset:
@@ -176,8 +188,17 @@ def dataset_of(run: Trajectory | ClosedLoop) -> xarray.Dataset:
         line = line_of(run)
         if len(line.t) != len(run.t):
             _add_curve(dataset, line)
-        dataset.attrs["path"] = path_name(run)
+        _add_path(dataset, run)
     return dataset
+
+
+def _add_path(dataset: xarray.Dataset, run: Trajectory) -> None:
+    """Add what the motion between the samples is made of."""
+    dataset.attrs["path"], variables = path_variables(run)
+    dim = "motion" if "motion" in variables else "path_time"
+    for name, values in variables.items():
+        meaning = "the motion between the samples, in zivi's own form"
+        dataset[name] = f"{dim}_number", values, {"long_name": meaning}
 
 
 def _add_events(dataset: xarray.Dataset, run: Trajectory) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from zivi.files import picture, summary
 from zivi.files.mistakes import FileError
 from zivi.files.restore import drawn, run_of
-from zivi.files.results import open_result
+from zivi.files.results import open_result, restored
 from zivi.study import open_study
 
 if TYPE_CHECKING:
@@ -34,7 +34,8 @@ def shown(path: Path) -> tuple[Table, Figure]:
             raise FileError(str(error)) from error
         return summary.of_study(study), picture.of_study(study)
     dataset = open_result(path)
-    return summary.of_run(run_of(dataset)), picture.of_run(drawn(dataset))
+    run, curve = restored(path, dataset, run_of), restored(path, dataset, drawn)
+    return summary.of_run(run), picture.of_run(curve)
 
 
 def has_display() -> bool:

@@ -40,6 +40,7 @@ mod tail;
 mod watch;
 
 pub use integrator::{Counts, Occurrence, SwitchedIntegrator};
+pub use numbers::{Motion, MotionError};
 pub use path::{DensePath, PathPoint};
 pub use run::{simulate_switched_rk, Output, SwitchedRun};
 pub use settings::{Order, SwitchedRk};

@@ -11,6 +11,7 @@
 //! both ends and the velocities `U(m)` and `-U(m+1)/e` there.
 
 use super::chain::Chain;
+use super::numbers::is_side;
 use super::path::PathPoint;
 use crate::Impact;
 
@@ -57,19 +58,20 @@ pub(super) const TAIL_NUMBERS: usize = 5 + 2 * TERMS;
 
 impl Tail {
     /// All that it consists of.
-    #[must_use]
-    pub fn to_numbers(&self) -> Vec<f64> {
+    pub(super) fn to_numbers(&self) -> Vec<f64> {
         let Self { e, start, zeno, until, sigma, c, d } = self;
         [*e, *start, *zeno, *until, *sigma].iter().chain(c).chain(d).copied().collect()
     }
 
-    /// What [`Tail::to_numbers`] came from; `None` for a wrong number of them.
-    #[must_use]
-    pub fn from_numbers(numbers: &[f64]) -> Option<Self> {
+    /// What [`Tail::to_numbers`] came from; `None` for numbers that are none of a tail.
+    pub(super) fn from_numbers(numbers: &[f64]) -> Option<Self> {
         let (head, series) = numbers.split_at_checked(5)?;
         let &[e, start, zeno, until, sigma] = head else { return None };
         let (c, d) = series.split_at_checked(TERMS)?;
-        Some(Self { e, start, zeno, until, sigma, c: c.try_into().ok()?, d: d.try_into().ok()? })
+        let finite = numbers.iter().all(|number| number.is_finite());
+        let ordered = start <= until && until <= zeno && 0.0 < e && e < 1.0 && is_side(sigma);
+        let (c, d) = (c.try_into().ok()?, d.try_into().ok()?);
+        (finite && ordered).then_some(Self { e, start, zeno, until, sigma, c, d })
     }
 
     /// The tail of a chain with at least one impact that comes to rest at `zeno`.
