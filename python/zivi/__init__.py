@@ -12,7 +12,6 @@ set-valued signs passes the accumulation of impacts and comes to rest exactly.
 """
 
 import importlib
-from types import ModuleType
 
 from zivi import plot
 from zivi._zivi import __version__
@@ -77,7 +76,7 @@ _LAZY = ("files", "interop", "lab", "study")
 """Modules that are imported when they are first asked for."""
 
 
-def __getattr__(name: str) -> ModuleType:
+def __getattr__(name: str) -> object:
     if name in _LAZY:
         return importlib.import_module(f"zivi.{name}")
     raise AttributeError(f"module 'zivi' has no attribute {name!r}")

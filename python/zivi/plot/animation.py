@@ -62,8 +62,9 @@ def animate(
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
-    >>> film = zivi.plot.animate(zivi.simulate(ball, (0, 2), (1, 0)), speed=0.5)
-    >>> film.save("ball.gif")  # doctest: +SKIP
+    >>> film = zivi.plot.animate(zivi.simulate(ball, (0, 0.2), (0.1, 0)), fps=10)
+    >>> film.to_jshtml().strip()[:5]  # in a notebook; film.save("ball.gif") writes a file
+    '<link'
     """
     times = _times(run, finite("speed", speed), finite("fps", fps))
     library = needed("matplotlib.animation", "animations")

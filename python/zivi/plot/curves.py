@@ -82,7 +82,7 @@ def velocity(
 ) -> Axes:
     """Plot the velocity over time; at impacts the line is broken, not joined.
 
-    Parameters and return value as for `position`.
+    Parameters and return value as for `position`, `frame` too.
     """
     ax = axes_of(ax)
     curve = line_of(sol)
@@ -136,8 +136,8 @@ def phase_plane(
 ) -> Axes:
     """Plot velocity over position.
 
-    Parameters and return value as for `position`; `coordinates` are transformed by default for a
-    trajectory, physical for a closed loop.
+    Parameters and return value as for `position`, `frame` too; `coordinates` are transformed by
+    default for a trajectory, physical for a closed loop.
     """
     ax = axes_of(ax)
     curve = line_of(sol)
