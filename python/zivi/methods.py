@@ -210,8 +210,8 @@ class SwitchedRK:
     order : {8, 5}
         Order of the Runge-Kutta pair.
     max_step : float
-        Longest step, > 0 (s). Events shorter than a step, such as a pulse of the force at rest,
-        can be overlooked.
+        Longest step, > 0 (s). Events shorter than a step, such as a pulse of the force at rest or
+        within an accumulation, can be overlooked.
     first_step : float, optional
         The first step, > 0 (s). By default from the force at the start.
     max_steps : int

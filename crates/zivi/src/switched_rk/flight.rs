@@ -100,6 +100,9 @@ impl SwitchedIntegrator {
         if self.now.x == 0.0 && self.now.xdot > 0.0 && slope < 0.0 {
             h = h.min(ARC * 2.0 * self.now.xdot / -slope);
         }
+        if let Some(obstacle) = self.obstacle {
+            h = h.min(obstacle.longest_step(self.now.t));
+        }
         // no sliver of a step is left for the end
         let h = if h >= left * (1.0 - 1e-12) { left } else { h };
         Ok(Plan { h, wanted })

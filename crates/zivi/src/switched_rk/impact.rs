@@ -1,14 +1,12 @@
 //! Impacts, what follows from them, and the jump to rest.
 
-use super::chain::{Bounce, Chain};
+use super::chain::{Bounce, Chain, ZenoTime};
 use super::integrator::{Mode, Piece, SwitchedIntegrator};
+use super::lookahead::Lookahead;
 use super::stages::{Counted, Point};
 use super::tail::Tail;
 use crate::fixed_step::Failure;
 use crate::{Dependence, Force, Impact};
-
-/// A Zeno time must lie within so many times the time that a constant pull would take.
-const NEAR: f64 = 3.0;
 
 impl SwitchedIntegrator {
     /// The impact at `t` with the velocity `xdot < 0`: `x'+ = -e x'-`.
@@ -52,26 +50,31 @@ impl SwitchedIntegrator {
 
     /// Where the chain comes to rest, if that is known to the tolerance and lies before `t_end`.
     fn end_of_chain<E, F: Force<E>>(
-        &self,
+        &mut self,
         last: Bounce,
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Option<f64>, Failure<E>> {
         let t = last.t;
         let remaining = self.chain.remaining(last);
-        // the floor: what is left of the chain is below rounding
-        if remaining <= 4.0 * f64::EPSILON * t.abs() {
+        // what is left of the chain is below rounding, of the time or of the speeds
+        if remaining <= 4.0 * f64::EPSILON * t.abs() || self.chain.is_spent() {
             return Ok(Some((t + remaining).min(t_end)));
         }
-        if self.chain.is_spent() && t + remaining <= t_end {
-            let pulled = is_pulled(t, t + remaining, force)?;
-            return Ok(Some(if pulled { t + remaining } else { t }));
+        let tolerance = self.zeno_tolerance(&self.chain, last.g);
+        let known = self.chain.zeno_time().filter(|zeno| zeno.error <= tolerance);
+        let Some(ZenoTime { t: zeno, .. }) = known.filter(|zeno| zeno.t > t && zeno.t <= t_end)
+        else {
+            return Ok(None);
+        };
+        if force.dependence::<E>() == Dependence::Constant {
+            return Ok(Some(zeno));
         }
-        let Some(zeno) = self.chain.zeno_time() else { return Ok(None) };
-        let left = zeno.t - t;
-        let plausible = left > 0.0 && left < NEAR * remaining && zeno.t <= t_end;
-        let known = zeno.error <= self.zeno_tolerance(&self.chain, last.g);
-        Ok(if plausible && known && is_pulled(t, zeno.t, force)? { Some(zeno.t) } else { None })
+        let (e, max_step) = (self.wall.e(), self.settings.max_step);
+        let tail = Tail::new(&self.chain, e, zeno, self.sigma);
+        let lookahead = Lookahead { tail: &tail, e, tolerance, max_step };
+        self.obstacle = lookahead.obstacle(self.obstacle, force)?;
+        Ok(self.obstacle.is_none().then_some(zeno))
     }
 
     /// `rtol T + min(atol_x/U, atol_x'/g)`: see [`crate::SwitchedRk`].
@@ -91,21 +94,4 @@ impl SwitchedIntegrator {
         self.lookout.length = self.h.take().or(self.lookout.length);
         Piece::Tail(tail)
     }
-}
-
-/// Whether the force pulls towards the wall all the way from `t` to `end`.
-fn is_pulled<E, F: Force<E>>(
-    t: f64,
-    end: f64,
-    force: &mut Counted<'_, F>,
-) -> Result<bool, Failure<E>> {
-    if force.dependence::<E>() == Dependence::Constant {
-        return Ok(true);
-    }
-    for part in [0.25, 0.5, 0.75, 1.0] {
-        if force.at_wall(t + part * (end - t))? >= 0.0 {
-            return Ok(false);
-        }
-    }
-    Ok(true)
 }

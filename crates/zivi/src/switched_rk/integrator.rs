@@ -4,6 +4,7 @@ use zivi_core::Restitution;
 
 use super::chain::Chain;
 use super::contact::{Lookout, Window};
+use super::lookahead::Obstacle;
 use super::settings::SwitchedRk;
 use super::stages::{Counted, Point, Stages};
 use super::tail::Tail;
@@ -98,6 +99,8 @@ pub struct SwitchedIntegrator {
     pub(super) struck: bool,
     /// Where the chain comes to rest, once that is known well enough.
     pub(super) zeno: Option<f64>,
+    /// Where the force last kept the mass from jumping there.
+    pub(super) obstacle: Option<Obstacle>,
     /// Step size to try next.
     pub(super) h: Option<f64>,
     pub(super) lookout: Lookout,
@@ -129,6 +132,7 @@ impl SwitchedIntegrator {
             continues: false,
             struck: false,
             zeno: None,
+            obstacle: None,
             h: None,
             lookout: Lookout::default(),
             landing: None,
@@ -164,7 +168,7 @@ impl SwitchedIntegrator {
     /// Forgets what was learnt from the force: from here on it is another one.
     pub fn forget_force(&mut self) {
         self.continues = false;
-        self.zeno = None;
+        (self.zeno, self.obstacle) = (None, None);
         self.chain.clear();
         // a mass that was about to lift off asks again
         self.armed |= self.now.x == 0.0 && self.now.xdot == 0.0;

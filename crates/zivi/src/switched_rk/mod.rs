@@ -27,6 +27,7 @@ mod contact;
 mod flight;
 mod impact;
 mod integrator;
+mod lookahead;
 mod numbers;
 mod path;
 mod root;

@@ -52,7 +52,8 @@ pub struct SwitchedRk {
     /// Order of the pair (default 8).
     pub order: Order,
     /// Longest step (s), positive, may be infinite (the default). Also the longest look ahead at
-    /// rest: a pulse of the force that is shorter than a step can be overlooked.
+    /// rest, and the longest time between two looks at the arcs that a jump to rest would skip: a
+    /// pulse of the force that is shorter can be overlooked.
     pub max_step: f64,
     /// The first step (s), positive and finite. `None` (the default): from the force and its
     /// change at the start, for one more evaluation.

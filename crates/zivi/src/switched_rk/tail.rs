@@ -51,6 +51,14 @@ impl TailArc {
         let xdot = u * rest * (1.0 - 3.0 * theta) + w * theta * (3.0 * theta - 2.0);
         PathPoint { x, xdot, sigma: self.sigma }
     }
+
+    /// Of the cubic.
+    pub(super) fn acceleration(&self, t: f64) -> f64 {
+        let h = self.end - self.start;
+        let theta = ((t - self.start) / h).clamp(0.0, 1.0);
+        let (u, w) = (self.u, self.incoming);
+        (u * (6.0 * theta - 4.0) + w * (6.0 * theta - 2.0)) / h
+    }
 }
 
 /// Numbers that a tail consists of.
@@ -159,26 +167,40 @@ impl Tail {
         (end > start && arc.u > 0.0 && incoming < 0.0).then_some(arc)
     }
 
+    /// The arc on which `t` lies, if there is one that can be told from its ends.
+    pub(super) fn arc_at(&self, t: f64) -> Option<TailArc> {
+        let (left, whole) = (self.zeno - t, self.zeno - self.start);
+        if !(left > 0.0 && left <= whole) {
+            return None;
+        }
+        let is_over = |m: usize| self.arc(m).is_some_and(|arc| arc.end <= t);
+        // the leading term of (1) gives the arc up to a few: from there a bracket, and its halves
+        let guess = ((left / whole).ln() / self.e.ln()).floor().clamp(0.0, 1e9) as usize;
+        let (mut first, mut beyond, mut step) = (guess, guess, 1);
+        while first > 0 && !is_over(first - 1) {
+            (beyond, first) = (first - 1, first.saturating_sub(step));
+            step *= 2;
+        }
+        while is_over(beyond) {
+            (first, beyond) = (beyond + 1, beyond + step);
+            step *= 2;
+        }
+        while first < beyond {
+            let middle = first + (beyond - first) / 2;
+            if is_over(middle) {
+                first = middle + 1;
+            } else {
+                beyond = middle;
+            }
+        }
+        self.arc(first)
+    }
+
     /// The state at `t`, within the tail.
     #[must_use]
     pub fn at(&self, t: f64) -> PathPoint {
         let rest = PathPoint { x: 0.0, xdot: 0.0, sigma: self.sigma };
-        let (left, whole) = (self.zeno - t, self.zeno - self.start);
-        if left <= 0.0 || whole <= 0.0 {
-            return rest;
-        }
-        // the leading term of (1) gives the arc up to one or two
-        let guess = ((left / whole).ln() / self.e.ln()).floor().clamp(0.0, 1e9) as usize;
-        let mut m = guess;
-        for _ in 0..64 {
-            match self.arc(m) {
-                Some(arc) if t < arc.start && m > 0 => m -= 1,
-                Some(arc) if t >= arc.end => m += 1,
-                Some(arc) => return arc.at(t),
-                None => break,
-            }
-        }
-        rest
+        self.arc_at(t).map_or(rest, |arc| arc.at(t))
     }
 }
 
