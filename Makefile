@@ -10,12 +10,13 @@ READY := $(VENV)/.ready
 OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/\1/p' | awk '$$1 < 89')
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock
 
-.PHONY: help paper test test-rust test-python test-quick lint lint-rust lint-python bench picture docs docs-packages wheel clean
+.PHONY: help paper test test-rust test-python test-quick mutants lint lint-rust lint-python bench picture docs docs-packages wheel clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
 	@echo 'make test    all tests, Rust and Python: at most 6 minutes on two processors'
 	@echo 'make test-quick  the tests in Python without the slow ones: less than a minute'
+	@echo 'make mutants one mutation of the code after the other, and the tests that must notice; NAMES="step-*"'
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
 	@echo 'make picture the pictures of the README'
@@ -39,6 +40,9 @@ test-python: $(READY)
 
 test-quick: $(READY)
 	$(PYTEST) -m 'not slow'
+
+mutants: $(READY)
+	$(BIN)/python tools/mutants --report docs/testing.md $(NAMES)
 
 # the virtual environment with pinned packages, and the extension built into it
 $(VENV)/.packages: constraints.txt pyproject.toml

@@ -133,6 +133,13 @@ mod tests {
     }
 
     #[test]
+    fn images_to_rounding_are_taken() {
+        let image = conjugate(0.3) + 2.0 * f64::EPSILON;
+        assert_eq!(Restitution::from_both(0.3, image).map(Restitution::kappa), Ok(image));
+        assert!(Restitution::from_both(0.3, conjugate(0.3) + 8.0 * f64::EPSILON).is_err());
+    }
+
+    #[test]
     fn outside_is_refused_with_name_and_value() {
         for bad in [-0.1, 1.0 + 1e-15, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let error = Restitution::from_e(bad).err().map(|it| it.name);

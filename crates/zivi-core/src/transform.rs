@@ -92,8 +92,7 @@ pub fn side(z: Lifted, last: f64) -> f64 {
 #[must_use]
 pub fn lift(state: Physical, branch: Branch, wall: Restitution) -> Lifted {
     let sigma = branch.sigma();
-    // x' = 0 is kept apart: 0/(1 - kappa sgn 0) is 0, but 0/0 for the plastic wall is not
-    let v = if state.xdot == 0.0 { 0.0 } else { state.xdot / wall.r(1.0, sgn(state.xdot)) };
+    let v = state.xdot / wall.r(1.0, sgn(state.xdot)); // x' = 0: R = 1, also for the plastic wall
     Lifted { s: sigma * state.x, v: sigma * v }
 }
 
@@ -173,6 +172,23 @@ mod tests {
             assert!((after.xdot - 1.0).abs() < 1e-15); // e = 1/3
             assert_eq!(impact_velocities(z.v, wall(0.5)), (-3.0, after.xdot));
         }
+    }
+
+    #[test]
+    fn the_velocities_of_an_impact_keep_the_digits_of_e() {
+        for e in [1e-3, 1e-9, 1e-15, 0.0] {
+            let wall = Restitution::from_e(e).expect("e in [0, 1]");
+            let (before, after) = impact_velocities(2.0, wall);
+            assert!((after + e * before).abs() <= f64::EPSILON * after, "{e}");
+        }
+    }
+
+    #[test]
+    fn a_state_whose_velocity_overflows_is_not_finite() {
+        let state = |v| Lifted { s: 0.0, v };
+        // x' is up to 2 v
+        assert!(state(0.4 * f64::MAX).is_finite() && !state(0.6 * f64::MAX).is_finite());
+        assert!(!Lifted { s: f64::INFINITY, v: 0.0 }.is_finite());
     }
 
     #[test]

@@ -179,3 +179,16 @@ fn with_tiny_weights() {
     }
     println!("worst {worst:e}");
 }
+
+#[test]
+fn it_is_that_of_the_worse_row() {
+    let step = Scheme::implicit_euler(0.1, 0.5).build();
+    // far from every switch: both signs are +1, and a wrong one is off by its distance from 1
+    let residual = |lambda| step.vi_residual(Lifted { s: 1.0, v: 1.0 }, -1.0, lambda);
+    assert_eq!(residual([1.0, 1.0]), 0.0);
+    assert_eq!(residual([0.75, 1.0]), 0.25);
+    assert_eq!(residual([1.0, 0.75]), 0.25);
+    for z in [Lifted { s: f64::NAN, v: 1.0 }, Lifted { s: 1.0, v: f64::NAN }] {
+        assert!(step.vi_residual(z, -1.0, [1.0, 1.0]).is_nan());
+    }
+}

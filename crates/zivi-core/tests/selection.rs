@@ -3,7 +3,7 @@
 mod common;
 
 use common::{scaled_problem, Problem, Rng, Scheme};
-use zivi_core::step::selection::exact_motion;
+use zivi_core::step::{selection::exact_motion, PATTERNS};
 use zivi_core::{Case, Lifted, StepSolution};
 
 /// The exact motion over `h` under a constant `f > 0`, in `(s, v)`, told from the physical side:
@@ -258,4 +258,40 @@ fn no_coincident_solution_is_more_degenerate_than_the_chosen() {
             assert!(!(coincides && better), "{problem:?}\n{chosen:?}\n{other:?}");
         }
     }
+}
+
+/// On the side `-1` too a zero is `+0`, and prints as one.
+#[test]
+fn no_zero_is_negative() {
+    let scheme = Scheme::implicit_euler(1e-2, 0.5);
+    for side in [1.0, -1.0] {
+        let z = Lifted { s: 0.0, v: side * 1e-3 };
+        let rest = Problem { scheme, z, f: -9.81 }.solve(side).expect("a solution");
+        assert_eq!(rest.case, Case::Origin);
+        assert!([rest.s, rest.v].iter().all(|z| z.to_bits() == 0), "{rest:?}");
+    }
+}
+
+/// Wherever the signs of a pattern fit, the force lies in one of the pattern's ranges.
+#[test]
+fn forces_of_accepted_patterns_lie_in_their_ranges() {
+    let rng = Rng::new(48);
+    let mut found = [0; 4];
+    for _ in 0..20_000 {
+        let gamma = rng.pick(&[1.0, 0.5, 1.0 - rng.unit()]);
+        let scheme = Scheme { h: 1e-2, theta: rng.pick(&[gamma, 1.0]), gamma, kappa: rng.unit() };
+        let f = rng.sign() * rng.log_between(1.0, 100.0);
+        let state = [rng.between(-2.0, 2.0), rng.between(-2.0, 2.0)];
+        let Problem { z, .. } = scaled_problem(scheme, state, f);
+        let step = scheme.build();
+        for pattern in PATTERNS {
+            let Some(solution) = step.accepted(pattern, z, f, 1.0) else { continue };
+            let slack = 1e-9 * f.abs();
+            let ranges = step.force_ranges(pattern, z, 1.0);
+            let within = |&(low, high): &(f64, f64)| f >= low - slack && f <= high + slack;
+            assert!(ranges.iter().flatten().any(within), "{pattern:?} {f} {z:?}: {ranges:?}");
+            found[usize::from(degeneracy(solution.case))] += 1;
+        }
+    }
+    assert!(found[..3].iter().all(|&n| n > 500), "{found:?}");
 }
