@@ -198,8 +198,8 @@ def test_the_regulator_solves_its_step():
         f = rng.uniform(-bound, bound)
         x = abs(rng.normal(0, h * h * mu1 if near else 1))
         xdot = rng.normal(0, 5 * h * mu1 if near else 4)
-        walls = {"kappa": kappa, "bound": bound, "landing": False}
-        controller = zivi.TwistingRegulator(mu1, mu2, h=h, **walls)
+        settings = {"kappa": kappa, "bound": bound, "landing": False}
+        controller = zivi.TwistingRegulator(mu1, mu2, h=h, **settings)
         u = controller.step(x, xdot, f)
         problem = Regulation(h, kappa, mu1, mu2, lifted(x, xdot, kappa), f)
         assert problem.residuals(controller.signs).max() <= 1e-13
@@ -375,12 +375,6 @@ def test_settings_that_contradict_each_other(kind):
             kind(**common, **given_e)
     with pytest.raises(ValueError, match="e must be > 0"):
         kind(**common, e=0)
-    # bound < mu2 < mu1 - bound
-    kind(**PAPER, bound=12.99)
-    with pytest.raises(ValueError, match="mu1 must be greater than mu2 plus the bound"):
-        kind(**PAPER, bound=13)
-    with pytest.raises(ValueError, match="mu2 must be greater than the bound"):
-        kind(**PAPER, bound=17)
     with pytest.raises(TypeError, match="u_limits"):
         kind(**PAPER, u_limits=(1, 2, 3))
     with pytest.raises(TypeError):
@@ -456,7 +450,7 @@ def with_history(kind):
     options = {"branch": "nearest"} if kind is zivi.TwistingTracker else {}
     if kind in WITH_REFERENCE:
         options["e_ref"] = 0.3
-    controller = kind(**PAPER, bound=9.81, u_limits=(-50.0, 50.0), **options)
+    controller = kind(**PAPER, bound=5.0, u_limits=(-50.0, 50.0), **options)
     if kind in WITH_REFERENCE:
         controller.reset(0.02, -3.0)
     for k in range(40):

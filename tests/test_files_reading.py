@@ -181,8 +181,8 @@ CONTROLLERS = 'one of "TwistingRegulator", "TwistingTracker", "ExplicitTwisting"
             "controller.mu2 must be a gain with 0 < mu2 < mu1 (m/s^2), got 31.0",
         ]),
         ("mu2 = 17", "mu2 = 17\nbound = 20", [
-            "controller.mu2 must be greater than the bound of the force "
-            "(bound < mu2 < mu1 - bound), got 17.0",
+            "controller.mu2 must be greater than bound (1 + e)/(2 e) = 40.0 m/s^2 "
+            "for bound = 20.0, got 17.0",
         ]),
         ("mu2 = 17", "mu2 = 17\nu_limits = [2, 1]", [
             "controller.u_limits must be greater than u_min (m/s^2), got 1.0",
@@ -233,6 +233,14 @@ CONTROLLERS = 'one of "TwistingRegulator", "TwistingTracker", "ExplicitTwisting"
 )  # fmt: skip
 def test_control(written, old, new, expected):
     refused(prepare_control, written(LOOP, (old, new)), *expected)
+
+
+def test_a_controller_without_a_reference_is_given_none(written):
+    changes = ('"TwistingTracker"', '"TwistingRegulator"'), ("[system]", "force_ref = -1\n[system]")
+    path = written(LOOP, *changes)
+    names = ("y_ref0", "force_ref")
+    text = "is given, but a TwistingRegulator follows no reference"
+    refused(prepare_control, path, *(f"{name} {text}" for name in names))
 
 
 EXPERIMENTS = ", ".join(f'"{name}"' for name in zivi.study.EXPERIMENTS)

@@ -36,16 +36,17 @@ def responses(
         controller_block(controller),
         force_block(force, H),
     ]
-    outputs = ["x", "xdot", "u"]
+    outputs, given = ["x", "xdot", "u"], {}
     reference = ("x_ref", "xdot_ref")
     if hasattr(controller, "x_ref"):
+        given = {"force_ref": force_ref}
         blocks.append(force_block(force_ref, H, inputs=reference, output="force_ref"))
         outputs += reference
     loop = ct.interconnect(blocks, inputs=[], outputs=outputs)
     times = t0 + np.arange(round(t_end / H) + 1) * H
     found = ct.input_output_response(loop, times, 0, [*start, *state_vector(controller)])
     run = zivi.simulate_closed_loop(
-        system, controller, (t0, t0 + t_end), start, force_ref=force_ref, method=method
+        system, controller, (t0, t0 + t_end), start, method=method, **given
     )
     return dict(zip(outputs, found.outputs, strict=True)), run
 

@@ -104,7 +104,7 @@ INVALID = {
         Tracker(mu2=31),
         "mu2 must be a gain with 0 < mu2 < mu1 (m/s^2), got 31",
     ),
-    "tracker, mu1 = 0": (Tracker(mu1=0), "mu1 must be a finite gain > 0"),
+    "tracker, mu1 = 0": (Tracker(mu1=0), "mu1 must be a gain > 0"),
     "tracker, reference": (Tracker(x_ref0=-1), "x_ref must be"),
     "tracker, branch": (Tracker(branch="other"), "branch must be one of positive, nearest"),
     "tracker, seed": (Tracker(seed=-1), "seed must be a whole number >= 0"),

@@ -16,6 +16,7 @@ from zivi.system import ImpactSystem, force_spec, in_wall_frame
 __all__ = [
     "OURS",
     "check_delay",
+    "check_follows",
     "check_method",
     "check_not_negative",
     "described",
@@ -24,7 +25,6 @@ __all__ = [
     "motion_of",
     "noise_of",
     "period_of",
-    "reset",
 ]
 
 BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
@@ -132,11 +132,12 @@ def is_ours(controller: Any) -> bool:
     )
 
 
-def reset(controller: Any, reference: tuple[float, float]) -> None:
-    """Set the state of a controller's reference."""
-    if not hasattr(controller, "x_ref"):
-        raise TypeError(f"y_ref0 is given, but {type(controller).__name__} follows no reference")
-    controller.reset(*reference)
+def check_follows(controller: Any, **given: Any) -> None:
+    """Refuse arguments of a reference, unless they are None, for a controller without one."""
+    for name, value in given.items():
+        if value is not None and not hasattr(controller, "x_ref"):
+            kind = type(controller).__name__
+            raise TypeError(f"{name} is given, but {kind} follows no reference")
 
 
 def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> tuple[float, float] | None:

@@ -17,6 +17,7 @@ from zivi._extras import needed
 from zivi._loop_arguments import (
     OURS,
     check_delay,
+    check_follows,
     check_method,
     check_not_negative,
     described,
@@ -25,7 +26,6 @@ from zivi._loop_arguments import (
     motion_of,
     noise_of,
     period_of,
-    reset,
 )
 from zivi._progress import ProgressBar
 from zivi.control import TickStatus
@@ -94,7 +94,8 @@ class ClosedLoop:
     liftoff_times : ndarray
         Times at which it left rest (s).
     rest_time : float or None
-        Time from which it stays at rest until the end (s).
+        Time from which it stays at rest until the end (s), for a whole period at least: the
+        control of the next sample could still lift it.
     status : Status
         How the run ended.
     message : str
@@ -239,7 +240,9 @@ def simulate_closed_loop(
         goes on from where it is.
     force_ref : float, LinearForce or callable, optional
         Force on the reference (m/s^2), at the sample; by default `force_model`. Above a moving
-        wall, where everything else is in the wall's frame, so is this force.
+        wall, where everything else is in the wall's frame, so is this force. The reference is
+        advanced by implicit Euler steps: it drifts, see "A reference given as a force" in
+        control.md.
     force_model : float, LinearForce or callable, optional
         The force that the controller believes in, at the measured state; by default the true one.
     method : SwitchedRK or ThetaGamma, optional
@@ -284,6 +287,7 @@ def simulate_closed_loop(
     if not isinstance(system, ImpactSystem):
         raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
     h = period_of(controller)
+    check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
     forces, specs = forces_of(system, force_model, force_ref)
@@ -294,7 +298,8 @@ def simulate_closed_loop(
     if isinstance(controller, OURS):
         controller = copy.copy(controller)
     if y_ref0 is not None:
-        reset(controller, pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)"))
+        following: Any = controller
+        following.reset(*pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)"))
     config = (
         describe_system(system)
         | {name: describe(it) for name, it in forces.items()}

@@ -157,6 +157,7 @@ def _is_state(state: Any) -> bool:
             and abs(side) == 1.0
             and s * side >= 0.0
             and len(signs) == 6
+            and all(abs(sign) <= 1.0 for sign in signs)
             and bits in range(4)
         )
     except (TypeError, ValueError):
@@ -245,7 +246,9 @@ class TwistingRegulator(_zivi.Regulator, _Shared):
 
     and a sampled loop ends in exact rest for every :math:`e < 1`; without it the step is solved as
     in the paper, whose plan to end a period on the wall a held control misses. Finite-time stable
-    for every force bounded by :math:`M` when :math:`M < \mu_2 < \mu_1 - M`.
+    for every force bounded by :math:`M` when
+
+    .. math:: M - \mu_1 \frac{1 - e^2}{1 + e^2} < \mu_2 < \mu_1 - M
 
     Parameters
     ----------
@@ -257,7 +260,7 @@ class TwistingRegulator(_zivi.Regulator, _Shared):
         Exactly one of the coefficient of restitution, in (0, 1], and
         :math:`\kappa = (1-e)/(1+e)`.
     bound : float, optional
-        A bound :math:`M` of the force. The gains are then checked against it.
+        A bound :math:`M` of the force (m/s^2). The gains are then checked against it.
     depth : float
         Measurements down to ``-depth`` (m) are sensor noise and are taken as 0; deeper ones are
         refused.
@@ -282,7 +285,7 @@ class TwistingRegulator(_zivi.Regulator, _Shared):
     >>> zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5, bound=2.5)
     Traceback (most recent call last):
         ...
-    ValueError: mu2 must be greater than the bound of the force (bound < mu2 < mu1 - bound), got 2.0
+    ValueError: mu1 must be greater than mu2 + bound = 4.5 m/s^2 for bound = 2.5, got 3.0
     """
 
     def __new__(  # noqa: D102 the class says it
@@ -347,8 +350,8 @@ class TwistingTracker(_zivi.Tracker, _Following):
         (the paper); or to the preimage that is nearer to the reference, which itself passes
         through the wall continuously.
     bound : float, optional
-        A bound :math:`M` of the force. The gains are then checked against it,
-        :math:`M < \mu_2 < \mu_1 - M`.
+        A bound :math:`M` of the force that is not known (m/s^2). The gains are then checked
+        against it: :math:`M_e < \mu_2 < \mu_1 - M_e` with :math:`M_e = M (1+e)/(2e)`.
     depth : float
         Measurements down to ``-depth`` (m) are sensor noise and are taken as 0; deeper ones are
         refused.
@@ -362,7 +365,7 @@ class TwistingTracker(_zivi.Tracker, _Following):
 
     Examples
     --------
-    >>> tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5, bound=9.81)
+    >>> tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5, bound=5.0)
     >>> tracker.reset(3.0, 3.0)
     >>> round(tracker.step(6.0, 5.0, -9.81, -19.81), 9)
     -33.5
@@ -422,7 +425,7 @@ class ExplicitTwisting(_zivi.Explicit, _Following):
     e_ref, kappa_ref : float, optional
         At most one of them, for the reference's wall; by default it is the plant's.
     bound : float, optional
-        A bound of the force, against which the gains are checked.
+        A bound of the unknown force (m/s^2), against which the gains are checked as the tracker's.
     depth : float
         Measurements down to ``-depth`` (m) are taken as 0; deeper ones are refused.
     u_limits : (float, float), optional

@@ -16,6 +16,7 @@ from zivi._extras import needed
 from zivi._loop_arguments import (
     OURS,
     check_delay,
+    check_follows,
     check_method,
     check_not_negative,
     motion_of,
@@ -76,7 +77,8 @@ class ClosedLoopBatch(Runs):
     u_max, u_rms, u_variation : ndarray
         Largest control, its root mean square and its total variation (m/s^2).
     rest_time : ndarray
-        Time from which the plant rests until the end (s), NaN if it does not.
+        Time from which the plant rests until the end, for a whole period at least (s), NaN if it
+        does not.
     n_impacts, n_refused : ndarray of int
         Numbers of impacts and of refused samples.
     status : ndarray of uint8
@@ -224,6 +226,7 @@ def simulate_closed_loop_batch(
         if type(controller) not in OURS:
             kind = type(controller).__name__
             raise TypeError(f"controllers must be zivi's own, got {kind} (number {i})")
+        check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
     states = _rows("y0", y0)
     references = np.empty((1, 0)) if y_ref0 is None else _rows("y_ref0", y_ref0)
     n = _common({"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references})
@@ -302,8 +305,6 @@ def _placed(controllers: list[Any], references: Array, n: int) -> list[Any]:
     placed = []
     for i in range(n):
         controller = controllers[i if len(controllers) > 1 else 0].copy()
-        if isinstance(controller, TwistingRegulator):
-            raise TypeError("y_ref0 is given, but TwistingRegulator follows no reference")
         controller.reset(*(float(it) for it in references[i if len(references) > 1 else 0]))
         placed.append(controller)
         if len(controllers) == 1 and len(references) == 1:

@@ -196,7 +196,7 @@ impl Fall {
         let bound = rng.between(0.0, 3.0);
         let mu2 = bound + rng.between(0.5, 3.0);
         let mu1 = mu2 + bound + rng.between(0.5, 3.0);
-        let gains = Gains::for_bound(mu1, mu2, bound).expect("stable by construction");
+        let gains = Gains::new(mu1, mu2).expect("stable by construction");
         let start = Physical { x: rng.between(0.1, 2.0), xdot: rng.between(-3.0, 3.0) };
         Fall { gains, f: rng.between(-bound, bound), e: rng.between(0.05, 0.9), start }
     }

@@ -19,7 +19,7 @@ fn half() -> Restitution {
 
 /// The tracker of the paper, its reference at (3, 3).
 fn tracker(approach: Approach) -> TwistingTracker {
-    let gains = Gains::for_bound(30.0, 17.0, 9.81).expect("stable");
+    let gains = Gains::new(30.0, 17.0).expect("stable");
     let mut it = TwistingTracker::new(gains, H, half(), half(), approach).expect("admissible");
     it.reset(Physical { x: 3.0, xdot: 3.0 }).expect("in range");
     it

@@ -3,6 +3,7 @@
 use std::cell::Cell;
 
 use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::closed_loop::{Controller, Forces, Loop, LoopRun, Motion, Sensor, Tick, TickError};
@@ -29,6 +30,22 @@ impl PythonController<'_> {
     }
 }
 
+/// What `step` returned, as a number.
+fn control(answer: &Bound<'_, PyAny>) -> PyResult<f64> {
+    // an array of one number would convert
+    let number = if answer.len().is_ok() { None } else { Some(answer.extract::<f64>()) };
+    match number {
+        Some(Ok(u)) => Ok(u),
+        // too large an integer, or what the object itself raises
+        Some(Err(error)) if !error.is_instance_of::<PyTypeError>(answer.py()) => Err(error),
+        _ => Err(PyTypeError::new_err(format!(
+            "controller.step must return a number, the control (m/s^2), got {} {}",
+            answer.get_type().name()?,
+            answer.repr()?
+        ))),
+    }
+}
+
 impl Controller<PyErr> for PythonController<'_> {
     fn tick(&mut self, tick: Tick) -> Result<f64, TickError<PyErr>> {
         if let Some(error) = self.raised.take() {
@@ -40,7 +57,7 @@ impl Controller<PyErr> for PythonController<'_> {
         } else {
             self.object.call_method1("step", (x, xdot, force))
         };
-        answer.and_then(|u| u.extract()).map_err(TickError::Raised)
+        answer.and_then(|u| control(&u)).map_err(TickError::Raised)
     }
 
     fn reference(&self) -> Option<Physical> {

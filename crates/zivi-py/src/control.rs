@@ -3,8 +3,8 @@
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi_core::control::{
-    Approach, ExplicitTwisting, Gains, Landing, Port, RegulatorState, TickStatus, TrackerState,
-    TwistingRegulator, TwistingTracker,
+    Approach, ExplicitTwisting, GainError, Gains, Landing, Port, RegulatorState, TickStatus,
+    TrackerState, TwistingRegulator, TwistingTracker,
 };
 use zivi_core::{Lifted, Physical, Restitution, SettingError};
 
@@ -14,13 +14,19 @@ fn refused(error: SettingError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// Gains, checked against a bound of the force if one is given.
-fn gains(mu1: f64, mu2: f64, bound: Option<f64>) -> PyResult<Gains> {
+/// Gains, by this condition if a bound of the unknown force is given.
+fn gains(
+    mu1: f64,
+    mu2: f64,
+    wall: Restitution,
+    bound: Option<f64>,
+    condition: fn(f64, f64, f64, Restitution) -> Result<Gains, GainError>,
+) -> PyResult<Gains> {
     match bound {
-        Some(bound) => Gains::for_bound(mu1, mu2, bound),
-        None => Gains::new(mu1, mu2),
+        Some(bound) => condition(mu1, mu2, bound, wall),
+        None => Gains::new(mu1, mu2).map_err(GainError::from),
     }
-    .map_err(refused)
+    .map_err(|error| PyValueError::new_err(error.to_string()))
 }
 
 fn port(depth: f64, (low, high): (f64, f64)) -> PyResult<Port> {
@@ -64,7 +70,9 @@ impl Regulator {
         actuator: (f64, f64),
         ahead: Option<u32>,
     ) -> PyResult<Self> {
-        let bare = TwistingRegulator::new(gains(mu1, mu2, bound)?, h, wall_of(kappa)?);
+        let wall = wall_of(kappa)?;
+        let gains = gains(mu1, mu2, wall, bound, Gains::for_regulation)?;
+        let bare = TwistingRegulator::new(gains, h, wall);
         let landing = ahead.map(|ahead| Landing::new(ahead, h)).transpose();
         let landing = landing.map_err(refused)?;
         let inner = bare.map_err(refused)?.with_landing(landing);
@@ -150,7 +158,8 @@ macro_rules! with_reference {
             ) -> PyResult<Self> {
                 let approach = if nearest { Approach::Nearest } else { Approach::Positive };
                 let walls = (wall_of(kappa)?, wall_of(kappa_ref)?);
-                let bare = Self::build(gains(mu1, mu2, bound)?, h, walls, approach);
+                let gains = gains(mu1, mu2, walls.0, bound, Gains::for_tracking)?;
+                let bare = Self::build(gains, h, walls, approach);
                 let inner = bare.map_err(refused)?.with_port(port(depth, actuator)?);
                 Ok(Self { inner })
             }

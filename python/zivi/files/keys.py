@@ -123,7 +123,7 @@ TWISTING = (
     Key("mu2", POSITIVE, "gain on the sign of the velocity, mu2 < mu1", "m/s^2"),
     Key("h", POSITIVE, "sampling period", "s"),
     *_restitution("", "that of system"),
-    Key("bound", NOT_NEGATIVE, "bound of the force; checks the gains", "m/s^2", "no check"),
+    Key("bound", NOT_NEGATIVE, "bound of the unknown force; checks the gains", "m/s^2", "no check"),
     Key(
         "depth",
         NOT_NEGATIVE,

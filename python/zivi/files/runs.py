@@ -85,9 +85,11 @@ def prepare_control(path: Path) -> Prepared:
     plant = build.system(values["system"], mistakes)
     wall = build.restitution(values["system"])
     law = build.controller(values["controller"], plant, wall, mistakes)
-    if "y_ref0" in values and not hasattr(law, "x_ref"):
+    if not hasattr(law, "x_ref"):
         name = values["controller"]["name"]
-        mistakes.add("y_ref0", f"is given, but a {name} follows no reference")
+        for key in ("y_ref0", "force_ref"):
+            if key in values:
+                mistakes.add(key, f"is given, but a {name} follows no reference")
         mistakes.stop()
     options = {name: values[name] for name in OPTIONS if name in values}
     options |= {name: build.force(values[name]) for name in FORCES if name in values}

@@ -30,8 +30,11 @@ fn walls(e: f64, e_ref: f64) -> Option<(Restitution, Restitution)> {
     Some((Restitution::from_e(e).ok()?, Restitution::from_kappa(e_ref).ok()?))
 }
 
-fn gains(mu1: f64, mu2: f64, bound: f64) -> Option<Gains> {
-    Gains::for_bound(mu1, mu2, bound).or_else(|_| Gains::new(mu1, mu2)).ok()
+fn gains(mu1: f64, mu2: f64, bound: f64, wall: Restitution) -> Option<Gains> {
+    Gains::for_tracking(mu1, mu2, bound, wall)
+        .or_else(|_| Gains::for_regulation(mu1, mu2, bound, wall))
+        .ok()
+        .or_else(|| Gains::new(mu1, mu2).ok())
 }
 
 #[no_mangle]
@@ -46,9 +49,8 @@ pub extern "C" fn zivi_regulator(
     port: &Port,
     ahead: u32,
 ) -> bool {
-    let (Some(gains), Ok(wall)) = (gains(*mu1, *mu2, *bound), Restitution::from_e(*e)) else {
-        return false;
-    };
+    let Ok(wall) = Restitution::from_e(*e) else { return false };
+    let Some(gains) = gains(*mu1, *mu2, *bound, wall) else { return false };
     let landing = Landing::new(ahead, *h).ok();
     let regulator = TwistingRegulator::new(gains, *h, wall);
     put(to, regulator.map(|it| it.with_landing(landing).with_port(*port)))
@@ -77,10 +79,8 @@ pub extern "C" fn zivi_tracker(
     port: &Port,
     nearest: bool,
 ) -> bool {
-    let (Some(gains), Some((wall, wall_ref))) = (gains(*mu1, *mu2, *bound), walls(*e, *e_ref))
-    else {
-        return false;
-    };
+    let Some((wall, wall_ref)) = walls(*e, *e_ref) else { return false };
+    let Some(gains) = gains(*mu1, *mu2, *bound, wall) else { return false };
     let approach = if nearest { Approach::Nearest } else { Approach::Positive };
     let tracker = TwistingTracker::new(gains, *h, wall, wall_ref, approach);
     put(to, tracker.map(|it| it.with_port(*port)))
@@ -119,10 +119,8 @@ pub extern "C" fn zivi_explicit(
     [mu1, mu2, bound, h, e, e_ref]: &[f64; 6],
     port: &Port,
 ) -> bool {
-    let (Some(gains), Some((wall, wall_ref))) = (gains(*mu1, *mu2, *bound), walls(*e, *e_ref))
-    else {
-        return false;
-    };
+    let Some((wall, wall_ref)) = walls(*e, *e_ref) else { return false };
+    let Some(gains) = gains(*mu1, *mu2, *bound, wall) else { return false };
     put(to, ExplicitTwisting::new(gains, *h, wall, wall_ref).map(|it| it.with_port(*port)))
 }
 

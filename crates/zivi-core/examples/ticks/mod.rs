@@ -78,7 +78,7 @@ pub(crate) const H: f64 = 1e-3;
 
 pub(crate) fn of_the_paper(approach: Approach) -> Result<TwistingTracker, Failure> {
     let wall = Restitution::from_kappa(0.5)?;
-    let gains = Gains::for_bound(30.0, 17.0, 9.81)?;
+    let gains = Gains::new(30.0, 17.0)?;
     let mut tracker = TwistingTracker::new(gains, H, wall, wall, approach)?;
     tracker.reset(Physical { x: 3.0, xdot: 3.0 })?;
     Ok(tracker)

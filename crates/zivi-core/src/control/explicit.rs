@@ -51,7 +51,7 @@ impl ExplicitTwisting {
     /// # Errors
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        self.state = TrackerState::at(reference, self.reference.wall())?;
+        self.state = TrackerState::at(reference, self.reference.wall())?.folded();
         Ok(())
     }
 

@@ -1,7 +1,20 @@
-//! The gains of a twisting controller and the condition for its stability.
+//! The gains of a twisting controller and the conditions for its stability.
+//!
+//! With `|d| <= M` the force that the controller does not know:
+//!
+//! ```text
+//! tracker     M/R < mu2 < mu1 - M/R        R = 1 - kappa = 2e/(1 + e)
+//! regulator   M - mu1 (1 - e^2)/(1 + e^2) < mu2 < mu1 - M
+//! ```
+//!
+//! The tracker's gains act in the transform's coordinates, `e_s'' = R (..) + d`, and `R` is smallest
+//! while the mass rises. The regulator falls with `D - M` at least (`D = mu1 - mu2`), and loses
+//! energy from impact to impact if `e^2 (D + M)/(U - M) < 1` (`U = mu1 + mu2`): impacts help it.
+
+use core::fmt;
 
 use crate::setting::require;
-use crate::SettingError;
+use crate::{Restitution, SettingError};
 
 /// `mu1 > mu2 > 0`: the gains on the sign of the position and of the velocity (m/s^2).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,36 +23,150 @@ pub struct Gains {
     mu2: f64,
 }
 
+/// A gain out of range, or too small for a bound of the unknown force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum GainError {
+    /// A setting is out of range.
+    Setting(SettingError),
+    /// A gain does not exceed what the bound asks for.
+    TooSmall {
+        /// Name of the gain.
+        name: &'static str,
+        /// Its value (m/s^2).
+        value: f64,
+        /// What it must exceed (m/s^2).
+        least: f64,
+        /// The same as a formula.
+        formula: &'static str,
+        /// The bound of the unknown force (m/s^2).
+        bound: f64,
+    },
+}
+
+impl GainError {
+    /// Name of what was refused.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            GainError::Setting(error) => error.name,
+            GainError::TooSmall { name, .. } => name,
+        }
+    }
+}
+
+impl From<SettingError> for GainError {
+    fn from(error: SettingError) -> Self {
+        GainError::Setting(error)
+    }
+}
+
+impl fmt::Display for GainError {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            GainError::Setting(error) => error.fmt(out),
+            GainError::TooSmall { name, value, least, formula, bound } => write!(
+                out,
+                "{name} must be greater than {formula} = {least:?} m/s^2 for bound = {bound:?}, \
+                 got {value:?}"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for GainError {}
+
+/// Gains beyond this overflow within a tick.
+const LARGEST: f64 = 1e150;
+
 impl Gains {
     /// Gains with `0 < mu2 < mu1`.
     ///
     /// # Errors
     /// [`SettingError`] names the gain that is out of range.
     pub fn new(mu1: f64, mu2: f64) -> Result<Self, SettingError> {
-        require(mu1 > 0.0 && mu1.is_finite(), "mu1", mu1, "a finite gain > 0 (m/s^2)")?;
+        let range = "a gain > 0 and at most 1e150 (m/s^2)";
+        require(mu1 > 0.0 && mu1 <= LARGEST, "mu1", mu1, range)?;
         require(mu2 > 0.0 && mu2 < mu1, "mu2", mu2, "a gain with 0 < mu2 < mu1 (m/s^2)")?;
         Ok(Self { mu1, mu2 })
     }
 
-    /// Gains that stabilise whatever a force bounded by `bound` does:
-    /// `bound < mu2 < mu1 - bound`.
+    /// Gains with which a tracker on `wall` follows whatever an unknown force does that is bounded
+    /// by `bound`: `M/R < mu2 < mu1 - M/R` with `R = 2e/(1 + e)`.
     ///
     /// # Errors
-    /// [`SettingError`] names the condition that is violated.
+    /// [`GainError`] names the gain that is too small, and what it must exceed.
     ///
     /// ```
     /// use zivi_core::control::Gains;
-    /// assert!(Gains::for_bound(30.0, 17.0, 9.81).is_ok());
-    /// assert!(Gains::for_bound(30.0, 17.0, 19.81).is_err()); // not with the reference's force
+    /// use zivi_core::Restitution;
+    /// let wall = Restitution::from_e(0.5)?; // R = 2/3
+    /// assert!(Gains::for_tracking(30.0, 17.0, 8.6, wall).is_ok());
+    /// assert!(Gains::for_tracking(30.0, 17.0, 8.7, wall).is_err()); // mu1 - mu2 < M/R
+    /// # Ok::<(), zivi_core::RestitutionError>(())
     /// ```
-    pub fn for_bound(mu1: f64, mu2: f64, bound: f64) -> Result<Self, SettingError> {
-        let gains = Self::new(mu1, mu2)?;
-        require(bound >= 0.0 && bound.is_finite(), "bound", bound, "a finite bound >= 0 of |F|")?;
-        let condition = "greater than the bound of the force (bound < mu2 < mu1 - bound)";
-        require(mu2 > bound, "mu2", mu2, condition)?;
-        let condition = "greater than mu2 plus the bound of the force (bound < mu2 < mu1 - bound)";
-        require(mu1 - bound > mu2, "mu1", mu1, condition)?;
+    pub fn for_tracking(
+        mu1: f64,
+        mu2: f64,
+        bound: f64,
+        wall: Restitution,
+    ) -> Result<Self, GainError> {
+        let gains = Self::checked(mu1, mu2, bound, wall)?;
+        let image = bound * (1.0 + wall.e()) / (2.0 * wall.e());
+        gains.exceed(bound, ("mu2", "bound (1 + e)/(2 e)"), image)?;
+        gains.exceed(bound, ("mu1", "mu2 + bound (1 + e)/(2 e)"), mu2 + image)?;
         Ok(gains)
+    }
+
+    /// Gains with which a regulator on `wall` stops the mass whatever a force does that is bounded
+    /// by `bound`: `M - mu1 (1 - e^2)/(1 + e^2) < mu2 < mu1 - M`.
+    ///
+    /// # Errors
+    /// [`GainError`] names the gain that is too small, and what it must exceed.
+    ///
+    /// ```
+    /// use zivi_core::control::Gains;
+    /// use zivi_core::Restitution;
+    /// let wall = Restitution::from_e(0.5)?;
+    /// assert!(Gains::for_regulation(3.0, 0.5, 2.2, wall).is_ok()); // mu2 > 2.2 - 1.8
+    /// assert!(Gains::for_regulation(3.0, 0.5, 2.2, Restitution::from_e(1.0)?).is_err());
+    /// # Ok::<(), zivi_core::RestitutionError>(())
+    /// ```
+    pub fn for_regulation(
+        mu1: f64,
+        mu2: f64,
+        bound: f64,
+        wall: Restitution,
+    ) -> Result<Self, GainError> {
+        let gains = Self::checked(mu1, mu2, bound, wall)?;
+        let square = wall.e() * wall.e();
+        let lost = mu1 * (1.0 - square) / (1.0 + square);
+        gains.exceed(bound, ("mu1", "mu2 + bound"), mu2 + bound)?;
+        let formula = "bound - mu1 (1 - e^2)/(1 + e^2)";
+        gains.exceed(bound, ("mu2", formula), bound - lost)?;
+        Ok(gains)
+    }
+
+    fn checked(mu1: f64, mu2: f64, bound: f64, wall: Restitution) -> Result<Self, GainError> {
+        let gains = Self::new(mu1, mu2)?;
+        super::checked_wall(wall, "e")?;
+        let range = "a finite bound >= 0 of the unknown force (m/s^2)";
+        require(bound >= 0.0 && bound.is_finite(), "bound", bound, range)?;
+        Ok(gains)
+    }
+
+    /// `Ok` if the gain with this name exceeds `least`, which is this formula for the bound.
+    fn exceed(
+        self,
+        bound: f64,
+        (name, formula): (&'static str, &'static str),
+        least: f64,
+    ) -> Result<(), GainError> {
+        let value = if name == "mu1" { self.mu1 } else { self.mu2 };
+        if value > least {
+            Ok(())
+        } else {
+            Err(GainError::TooSmall { name, value, least, formula, bound })
+        }
     }
 
     /// The gain on the sign of the position (m/s^2).

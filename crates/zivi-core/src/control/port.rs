@@ -46,9 +46,10 @@ impl Port {
     /// are refused.
     ///
     /// # Errors
-    /// [`SettingError`] unless `depth >= 0`.
+    /// [`SettingError`] unless `depth >= 0` and finite.
     pub fn with_depth(self, depth: f64) -> Result<Self, SettingError> {
-        require(depth >= 0.0, "depth", depth, "a distance >= 0 behind the wall (m)")?;
+        let range = "a finite distance >= 0 behind the wall (m)";
+        require(depth >= 0.0 && depth.is_finite(), "depth", depth, range)?;
         Ok(Self { depth, ..self })
     }
 

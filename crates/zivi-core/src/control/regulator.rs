@@ -13,7 +13,7 @@ use crate::{transform, Branch, Physical, Restitution, SettingError};
 /// Without one both signs are those of the paper's implicit step ([`RegulationStep`]). The two
 /// have the same bits where the mass neither turns round nor meets the wall within the horizon.
 ///
-/// Stable in finite time for `|F| <= M` when `M < mu2 < mu1 - M`.
+/// Stable in finite time for `|F| <= M` under the condition of [`Gains::for_regulation`].
 ///
 /// ```
 /// use zivi_core::control::{Gains, TwistingRegulator};

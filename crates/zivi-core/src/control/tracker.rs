@@ -22,7 +22,7 @@ pub enum Approach {
 /// use zivi_core::control::{Approach, Gains, TwistingTracker};
 /// use zivi_core::{Physical, Restitution};
 /// let wall = Restitution::from_kappa(0.5)?;
-/// let gains = Gains::for_bound(30.0, 17.0, 9.81)?;
+/// let gains = Gains::for_tracking(30.0, 17.0, 5.0, wall)?;
 /// let mut tracker = TwistingTracker::new(gains, 1e-3, wall, wall, Approach::Positive)?;
 /// tracker.reset(Physical { x: 3.0, xdot: 3.0 })?;
 /// let u = tracker.tick(Physical { x: 6.0, xdot: 5.0 }, -9.81, -19.81)?;
@@ -120,7 +120,8 @@ impl TwistingTracker {
     /// # Errors
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        self.state = TrackerState::at(reference, self.reference.wall())?;
+        let state = TrackerState::at(reference, self.reference.wall())?;
+        self.state = self.on_its_branch(state);
         Ok(())
     }
 
@@ -147,11 +148,16 @@ impl TwistingTracker {
         let [_, _, lambda_sr, lambda_vr, _, _] = next.signs;
         let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
         let next = TrackerState { u, signs, status: TickStatus { clamped, saturated }, ..next };
-        self.state = match self.approach {
-            Approach::Positive => next.folded(),
-            Approach::Nearest => next,
-        };
+        self.state = self.on_its_branch(next);
         Ok(u)
+    }
+
+    /// The reference on the branch that the approach keeps it on.
+    fn on_its_branch(&self, state: TrackerState) -> TrackerState {
+        match self.approach {
+            Approach::Positive => state.folded(),
+            Approach::Nearest => state,
+        }
     }
 
     /// The measured state on the branch that the approach takes.

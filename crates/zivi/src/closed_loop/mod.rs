@@ -231,6 +231,17 @@ impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
         Ok(bits)
     }
 
+    /// The latest start of a rest that has lasted a period, or the whole run.
+    fn latest_rest(&self) -> f64 {
+        let (grid, k) = (self.surroundings.grid, self.k);
+        let shortened = k == grid.n_steps() && grid.last_h() < grid.h();
+        if shortened {
+            (grid.t(k) - grid.h()).max(grid.t(0))
+        } else {
+            grid.t(k.saturating_sub(1))
+        }
+    }
+
     fn finish<E>(mut self, ending: Failure<E>) -> LoopRun<E>
     where
         C: Controller<E>,
@@ -245,8 +256,11 @@ impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
             Failure::Status(status) => (status, None),
             Failure::Raised(error) => (Status::Raised, Some(error)),
         };
+        let (mut events, nfev) = (self.plant.events(), self.plant.nfev());
+        // the control of the next sample may end a rest: it counts once it has lasted a period
+        let latest = self.latest_rest();
+        events.rest_time = events.rest_time.filter(|rest| *rest <= latest);
         let LoopRecord { columns, ticks } = self.record;
-        let (events, nfev) = (self.plant.events(), self.plant.nfev());
         LoopRun { columns, ticks, events, status, nfev, raised }
     }
 }

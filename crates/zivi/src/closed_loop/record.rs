@@ -16,7 +16,7 @@ pub struct LoopRun<E> {
     pub columns: [Vec<f64>; LOOP_COLUMNS],
     /// At each sample, as bits: 1 clamped, 2 saturated, 4 refused.
     pub ticks: Vec<u8>,
-    /// What happened at the wall.
+    /// What happened at the wall; a rest until the end has lasted a whole period.
     pub events: Events,
     /// How the run ended.
     pub status: Status,
