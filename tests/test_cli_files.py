@@ -243,7 +243,7 @@ def test_a_folder_that_cannot_be_written(place, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(commands, "save", full)
-    told = run("simulate", "simulate.toml", code=1).stderr
+    told = run("simulate", "simulate.toml", code=2).stderr
     assert "zivi: simulate.nc: cannot be written" in told
     assert "No space" in told
 

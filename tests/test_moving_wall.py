@@ -237,6 +237,17 @@ def test_an_acceleration_that_is_not_finite(method):
     assert np.all(np.isfinite((sol.x, sol.xdot)))
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("amplitude", (1e300, 1e10)), ("omega", (1e300, 1e300)), ("omega", (1e-300, 1e200))],
+)
+def test_a_wall_that_vibrates_beyond_all_numbers(name, values):
+    with pytest.raises(ValueError, match=f"^{name} must"):
+        zivi.HarmonicWall(*values)
+    w, wdot, wddot = zivi.HarmonicWall(1e-300, 1e150)(np.array([0.0, 1.0]))
+    assert np.all(np.isfinite([w, wdot, wddot]))
+
+
 @pytest.mark.parametrize("wall", [3, zivi.HarmonicWall, lambda t: 0.0, (0, 0, 0), "wall"])
 def test_no_wall(wall):
     with pytest.raises(TypeError, match=r"wall must be None, a zivi\.HarmonicWall or"):

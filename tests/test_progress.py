@@ -99,3 +99,17 @@ def test_reports_count_up_to_all_steps(monkeypatch):
     assert done == sorted(set(done))
     assert seen[-1] == (300_000, 300_000)
     assert {of for _, of in seen} == {300_000}
+
+
+def closed():
+    stream = io.StringIO()
+    stream.close()
+    return stream
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("wanted", [None, True])
+@pytest.mark.parametrize("stream", [lambda: None, closed], ids=["none", "closed"])
+def test_a_service_without_standard_error(stream, wanted, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", stream())
+    assert run(progress=wanted).success

@@ -108,6 +108,25 @@ def test_ctrl_c_keeps_what_is_done(executor, tmp_path):
     assert zivi.sweep(**call).value.values.tolist() == list(range(100))
 
 
+def test_ctrl_c_stops_threads_after_the_points_that_they_are_at():
+    later = []
+
+    def slow(x):
+        if x == 20:
+            time.sleep(0.3)
+            os.kill(os.getpid(), signal.SIGINT)
+        if x >= 20:
+            later.append(x)
+            time.sleep(0.05)
+        return x
+
+    # two tasks of 100 points, which are looked at anew every two seconds
+    with pytest.raises(KeyboardInterrupt) as stop:
+        zivi.sweep(slow, {"x": range(200)}, executor="threads", workers=2, chunk=100)
+    assert stop.value.study.status[:20].all()
+    assert len(later) < 60
+
+
 def test_an_error_of_the_store_keeps_what_is_done(tmp_path, monkeypatch):
     save = FolderStore.save
 

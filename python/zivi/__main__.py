@@ -6,7 +6,7 @@ from zivi._extras import needed
 
 
 def main() -> None:
-    """Run the command line; one line and exit code 2 where its libraries are missing."""
+    """Run the command line; one line and exit code 2 where a library or standard output fails."""
     try:
         for library in ("typer", "rich"):
             needed(library, "the commands of zivi")
@@ -14,10 +14,13 @@ def main() -> None:
         sys.exit(_told(error))
     from zivi.cli import app
 
-    app()
+    try:
+        app()
+    except OSError as error:  # what is printed before any command begins
+        sys.exit(_told(error))
 
 
-def _told(error: ImportError) -> int:
+def _told(error: Exception) -> int:
     print(f"zivi: {error}", file=sys.stderr)
     return 2
 

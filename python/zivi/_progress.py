@@ -33,7 +33,9 @@ class ProgressBar:
         if show:
             needed("rich", "progress bars")
         self._title = title
-        self._wanted = (sys.stderr.isatty() and have("rich")) if show is None else show
+        self._wanted = _can_be_written() and (
+            (sys.stderr.isatty() and have("rich")) if show is None else show
+        )
         self._started = time.monotonic()
         self._bar: rich.progress.Progress | None = None
         self._task: rich.progress.TaskID | None = None
@@ -62,6 +64,11 @@ class ProgressBar:
     ) -> None:
         if self._bar is not None:
             self._bar.stop()
+
+
+def _can_be_written() -> bool:
+    """Whether there is a standard error: services have none, and it may be closed."""
+    return sys.stderr is not None and not getattr(sys.stderr, "closed", False)
 
 
 def _open_bar(title: str, of: int) -> tuple[rich.progress.Progress, rich.progress.TaskID]:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from zivi import _zivi
 from zivi._extras import needed
 from zivi.files import FileError, commands, prepare_control, prepare_simulate, summary
+from zivi.files.telling import say, show_table, warn
 from zivi.lab.command import lab
 
 app = typer.Typer(
@@ -31,14 +31,14 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no tabl
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"zivi {_zivi.__version__}")
+        say(f"zivi {_zivi.__version__}")
         raise typer.Exit
 
 
 def _example(command: str) -> Callable[[bool], None]:
     def print_example(wanted: bool) -> None:
         if wanted:
-            typer.echo(commands.example(command), nl=False)
+            say(commands.example(command), end="")
             raise typer.Exit
 
     return print_example
@@ -46,7 +46,7 @@ def _example(command: str) -> Callable[[bool], None]:
 
 def _experiments(wanted: bool) -> None:
     if wanted:
-        Console().print(summary.experiments())
+        show_table(summary.experiments())
         raise typer.Exit
 
 
@@ -58,13 +58,13 @@ def _told() -> Iterator[None]:
     except KeyboardInterrupt:
         raise typer.Exit(commands.INTERRUPTED) from None
     except MemoryError:
-        typer.echo("zivi: the memory is not enough", err=True)
+        warn("zivi: the memory is not enough")
         raise typer.Exit(commands.EARLY) from None
     except RuntimeError as error:  # of a study: another run writes to it, or nothing can compute
-        typer.echo(f"zivi: {error}", err=True)
+        warn(f"zivi: {error}")
         raise typer.Exit(commands.EARLY) from None
     except (FileError, OSError, ImportError) as error:
-        typer.echo(f"{error}" if isinstance(error, FileError) else f"zivi: {error}", err=True)
+        warn(f"{error}" if isinstance(error, FileError) else f"zivi: {error}")
         raise typer.Exit(commands.WRONG) from None
 
 

@@ -35,7 +35,7 @@ class HarmonicWall:
     Raises
     ------
     ValueError
-        If a parameter is not finite.
+        If a parameter, or the acceleration :math:`a \omega^2`, is not finite.
 
     Examples
     --------
@@ -52,6 +52,13 @@ class HarmonicWall:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, finite(field.name, getattr(self, field.name)))
+        square = self.omega * self.omega
+        if not math.isfinite(square):
+            raise ValueError(f"omega must have a finite square, got {self.omega}")
+        if not math.isfinite(self.amplitude * square):
+            raise ValueError(
+                f"amplitude must give a finite acceleration amplitude*omega^2, got {self.amplitude}"
+            )
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Position (m), velocity (m/s) and acceleration (m/s^2) of the wall at `t` (s)."""

@@ -9,15 +9,13 @@ from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
-import typer
-from rich.console import Console
-
 from zivi.closed_loop import ClosedLoop
 from zivi.files import show, summary
 from zivi.files.mistakes import FileError
-from zivi.files.results import require_library, save
+from zivi.files.results import require_library, require_regular, save
 from zivi.files.runs import Prepared
 from zivi.files.sweeps import prepare_sweep
+from zivi.files.telling import say, show_table, warn
 from zivi.study import Study
 from zivi.study.folder import FolderStore
 from zivi.study.work import DONE
@@ -26,7 +24,7 @@ from zivi.trajectory import Trajectory
 __all__ = ["EARLY", "INTERRUPTED", "WRONG", "example", "output", "picture", "single", "study"]
 
 EARLY, WRONG, INTERRUPTED = 1, 2, 130
-"""Exit codes beside 0: the run ended early, a bad file, Ctrl-C."""
+"""Exit codes beside 0: the run ended early, something cannot be read or written, Ctrl-C."""
 PICTURES = (".png", ".svg", ".pdf")
 """Endings of pictures."""
 
@@ -38,15 +36,23 @@ def example(command: str) -> str:
 
 def output(given: Path | None, beside: Path, suffix: str, *, replace: bool) -> Path:
     """Give the path of a result; a `FileExistsError` if it is taken."""
-    path = beside.with_suffix(suffix) if given is None else given
+    path = _beside(beside, suffix) if given is None else given
     if path.exists() and path.resolve() == beside.resolve():
         raise FileExistsError(f"{path}: is what is read; give another --out")
     if path.exists() and not replace:
         raise FileExistsError(f"{path}: is there already; --force replaces it, --out names another")
-    if path.is_dir() and suffix != ".zarr":
-        raise FileExistsError(f"{path}: is a folder")
+    if suffix != ".zarr":
+        require_regular(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
+
+
+def _beside(file: Path, suffix: str) -> Path:
+    """Name what is made of a file, also of a folder that is not called by its name."""
+    named = file if file.name not in ("", "..") else file.resolve()
+    if not named.name:
+        raise FileError(f"{file}: has no name that a result could have as well; give --out")
+    return named.with_suffix(suffix)
 
 
 def single(
@@ -58,14 +64,13 @@ def single(
     path = output(out, file, ".nc", replace=force)
     run, code = _computed(prepared, quiet)
     if not _saved(run, path, force):
-        return EARLY
+        return WRONG
     if not quiet:
-        console = Console()
-        console.print(summary.of_run(run))
-        typer.echo(f"{path}: {summary.opening(path, study=False)}")
+        show_table(summary.of_run(run))
+        say(f"{path}: {summary.opening(path, study=False)}")
     if code:
         end = f"{run.t[-1]:.9g} s" if len(run.t) else "the start"
-        typer.echo(f"zivi: the run ended early, at {end}: {run.message}", err=True)
+        warn(f"zivi: the run ended early, at {end}: {run.message}")
     return code
 
 
@@ -84,7 +89,7 @@ def _saved(run: Trajectory | ClosedLoop, path: Path, force: bool) -> bool:
     try:
         save(run, path, overwrite=force)
     except OSError as error:
-        typer.echo(f"zivi: {path}: cannot be written: {error}", err=True)
+        warn(f"zivi: {path}: cannot be written: {error}")
         return False
     return True
 
@@ -114,11 +119,13 @@ def study(
         if not isinstance(partial, Study):
             raise
         stopped = isinstance(error, KeyboardInterrupt)
-        typer.echo(f"zivi: {'stopped by Ctrl-C' if stopped else error}", err=True)
+        warn(f"zivi: {'stopped by Ctrl-C' if stopped else error}")
         found, code = partial, INTERRUPTED if stopped else EARLY
+        if isinstance(error, OSError):
+            code = WRONG
     if not quiet:
-        Console().print(summary.of_study(found))
-        typer.echo(f"{path}: {summary.opening(path, study=True)}")
+        show_table(summary.of_study(found))
+        say(f"{path}: {summary.opening(path, study=True)}")
     return code or (0 if (found.status == DONE).all() else EARLY)
 
 
@@ -150,12 +157,12 @@ def picture(result: Path, out: Path | None, *, force: bool, window: bool, quiet:
         warnings.simplefilter("always", UserWarning)
         table, figure = show.shown(result)
     for warning in noted:
-        typer.echo(f"zivi: {warning.message}", err=True)
+        warn(f"zivi: {warning.message}")
     if not quiet:
-        Console().print(table)
+        show_table(table)
     if path is None:
         show.open_window()
     else:
         show.write_picture(figure, path)
-        typer.echo(f"picture: {path}")
+        say(f"picture: {path}")
     return 0

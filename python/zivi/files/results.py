@@ -21,7 +21,15 @@ from zivi.trajectory import Trajectory
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["ResultError", "load", "open_result", "require_library", "restored", "save"]
+__all__ = [
+    "ResultError",
+    "load",
+    "open_result",
+    "require_library",
+    "require_regular",
+    "restored",
+    "save",
+]
 
 ENGINE: Literal["h5netcdf"] = "h5netcdf"
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -65,7 +73,7 @@ def save(
     Raises
     ------
     FileExistsError
-        If the file is there.
+        If the file is there, or something that is no file.
     ImportError
         If h5netcdf is missing, the extra ``files``.
 
@@ -96,6 +104,15 @@ def save(
 def _refuse(path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path} is there already")
+    require_regular(path)
+
+
+def require_regular(path: Path) -> None:
+    """Raise if there is something else than a file, which a result must not replace."""
+    if path.is_dir():
+        raise FileExistsError(f"{path}: is a folder")
+    if path.exists() and not path.is_file():
+        raise FileExistsError(f"{path}: is a device or a pipe, no file that could be replaced")
 
 
 def _seal(file: Path) -> None:

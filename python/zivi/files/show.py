@@ -26,12 +26,21 @@ def is_study(path: Path) -> bool:
 
 
 def shown(path: Path) -> tuple[Table, Figure]:
-    """Sum up and draw a result."""
+    """Sum up and draw a result; a `FileError` or an OSError if it cannot be read."""
+    try:
+        return _shown(path)
+    except (FileError, OSError, ImportError, MemoryError):
+        raise
+    except ValueError as error:
+        raise FileError(str(error)) from error
+    except Exception as error:  # whatever stands there in place of what was written
+        reason = f"{type(error).__name__}: {error}"
+        raise FileError(f"{path}: cannot be shown ({reason:.200})") from error
+
+
+def _shown(path: Path) -> tuple[Table, Figure]:
     if is_study(path):
-        try:
-            study = open_study(path, verify=True)
-        except ValueError as error:
-            raise FileError(str(error)) from error
+        study = open_study(path, verify=True)
         return summary.of_study(study), picture.of_study(study)
     dataset = open_result(path)
     run, curve = restored(path, dataset, run_of), restored(path, dataset, drawn)

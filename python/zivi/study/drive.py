@@ -255,6 +255,7 @@ class Driver:
 
     def _save_what_is_there(self) -> None:
         """After Ctrl-C or an error: keep what is done or will be in a moment."""
+        self._pool.stop()
         for chunk in list(self._unsaved):
             self._save(chunk)
         for future in self._running:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from zivi._check import whole
-from zivi.study.work import Job
+from zivi.study.work import Job, begin_thread
 
 __all__ = ["Pool", "pool_of"]
 
@@ -41,6 +41,8 @@ class Pool:
         How many at a time.
     make : callable, optional
         Makes another one, if the executor is ours.
+    stopped : Event, optional
+        What its threads look at after each point.
     """
 
     def __init__(
@@ -48,10 +50,12 @@ class Pool:
         executor: Any,
         workers: int,
         make: Callable[[], concurrent.futures.Executor] | None = None,
+        stopped: threading.Event | None = None,
     ) -> None:
         self.executor = executor
         self.workers = workers
         self._make = make
+        self._stopped = stopped or threading.Event()
 
     @property
     def ours(self) -> bool:
@@ -72,6 +76,10 @@ class Pool:
     def broken(self) -> bool:
         """Whether a process died; before Python 3.12, futures may then wait for ever."""
         return bool(getattr(self.executor, "_broken", False))
+
+    def stop(self) -> None:
+        """Let threads hand back what they have after the point that they are at."""
+        self._stopped.set()
 
     def renew(self) -> None:
         """Replace a broken executor."""
@@ -103,8 +111,12 @@ def pool_of(executor: Any, workers: int | None) -> Pool:
         raise ValueError(f"workers must be >= 1, got {workers}")
     if executor in KINDS:
         number = workers or os.cpu_count() or 1
-        maker = _threads if executor == "threads" else _processes
-        return Pool(maker(number), number, lambda: maker(number))
+        stopped = threading.Event()
+
+        def make() -> concurrent.futures.Executor:
+            return _threads(number, stopped) if executor == "threads" else _processes(number)
+
+        return Pool(make(), number, make, stopped)
     if workers is not None:
         raise ValueError(f"workers goes with executor='threads' or 'processes', got {executor!r}")
     if executor is None:
@@ -143,8 +155,10 @@ def _cores(client: Any) -> int:
     return sum(client.nthreads().values()) or 1
 
 
-def _threads(number: int) -> concurrent.futures.Executor:
-    return concurrent.futures.ThreadPoolExecutor(number, thread_name_prefix="zivi")
+def _threads(number: int, stopped: threading.Event) -> concurrent.futures.Executor:
+    return concurrent.futures.ThreadPoolExecutor(
+        number, thread_name_prefix="zivi", initializer=begin_thread, initargs=(stopped,)
+    )
 
 
 def _processes(number: int) -> concurrent.futures.Executor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -190,12 +191,13 @@ def _shown(shapes: dict[str, tuple[int, ...]]) -> str:
 
 
 def compute(job: Job, points: NDArray[np.int64], columns: dict[str, list[Any]]) -> Piece:
-    """Compute points one after the other, until all are done or the time is up."""
+    """Compute points one after the other, until all are done, the time is up or all must stop."""
     found = _Collector(job)
     end = time.monotonic() + SLICE
+    stopped = getattr(_thread, "stopped", None) or threading.Event()
     rows = zip(points.tolist(), *columns.values(), strict=True)
     for number, (point, *values) in enumerate(rows):
-        if number and time.monotonic() > end:
+        if number and (stopped.is_set() or time.monotonic() > end):
             return found.piece(points[number:], interrupted=False)
         try:
             found.add(point, job.call(point, tuple(values)))
@@ -204,6 +206,15 @@ def compute(job: Job, points: NDArray[np.int64], columns: dict[str, list[Any]]) 
         except (Exception, SystemExit) as error:
             found.failed[point] = message_of(error)
     return found.piece(points[:0], interrupted=False)
+
+
+def begin_thread(stopped: threading.Event) -> None:
+    """Let this thread look, after each point, whether it must stop."""
+    _thread.stopped = stopped
+
+
+_thread = threading.local()
+"""What a thread of a pool of ours looks at."""
 
 
 def lives(job: Job) -> bool:
