@@ -2,7 +2,7 @@
 
 use std::ffi::c_void;
 
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyCapsule, PyCapsuleMethods, PyTuple};
 use zivi::{Dependence, Force, HarmonicWall, OnMovingWall, WallMotion};
@@ -173,6 +173,11 @@ impl Force<PyErr> for ForceSpec<'_> {
         }
         self.native().map_or(Dependence::State, |force| Force::<PyErr>::dependence(&force))
     }
+
+    fn is_interruption(&self, error: &PyErr) -> bool {
+        // KeyboardInterrupt and SystemExit are no Exceptions
+        Python::attach(|py| !error.is_instance_of::<PyException>(py))
+    }
 }
 
 /// A compiled function, called without the interpreter. Whoever made the tuple keeps it alive.
@@ -247,5 +252,9 @@ impl Force<PyErr> for PythonForce<'_> {
             named.set_cause(value.py(), Some(error));
             named
         })
+    }
+
+    fn is_interruption(&self, error: &PyErr) -> bool {
+        !error.is_instance_of::<PyException>(self.callable.py())
     }
 }

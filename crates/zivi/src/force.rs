@@ -23,6 +23,12 @@ pub trait Force<E> {
     fn dependence(&self) -> Dependence {
         Dependence::State
     }
+
+    /// Whether an error has nothing to do with the state (an interruption): behind the wall the
+    /// force is then not asked again at the wall.
+    fn is_interruption(&self, _error: &E) -> bool {
+        false
+    }
 }
 
 /// The same force everywhere and always.

@@ -70,4 +70,8 @@ impl<E, F: Force<E>, W: WallMotion<E>> Force<E> for OnMovingWall<F, W> {
             other => other,
         }
     }
+
+    fn is_interruption(&self, error: &E) -> bool {
+        self.force.is_interruption(error)
+    }
 }

@@ -94,6 +94,15 @@ impl Bernstein {
         evaluate(self.coefficients(), theta)
     }
 
+    /// The derivative at `theta`.
+    pub(super) fn slope(&self, theta: f64) -> f64 {
+        let mut d = [0.0; MOST_DEGREE];
+        for (d, pair) in d.iter_mut().zip(self.coefficients().windows(2)) {
+            *d = self.n as f64 * (pair[1] - pair[0]);
+        }
+        evaluate(&d[..self.n.max(1)], theta)
+    }
+
     /// `p(theta)/theta` for a polynomial with `p(0) = 0`.
     pub(super) fn without_root_at_zero(&self) -> Self {
         let n = self.n;
@@ -276,6 +285,8 @@ mod tests {
                 value = (value + f) * if i % 2 == 0 { theta } else { 1.0 - theta };
             }
             assert!((p.at(theta) - value - 0.2).abs() < 1e-14);
+            let difference = (p.at(theta + 1e-6) - p.at(theta - 1e-6)) / 2e-6;
+            assert!((p.slope(theta) - difference).abs() < 1e-9);
             assert!((left.at(theta) - p.at(0.3 * theta)).abs() < 1e-14);
             assert!((right.at(theta) - p.at(0.3 + 0.7 * theta)).abs() < 1e-14);
             let q = Bernstein::from_quartic([1.0, -2.0, 3.0, 0.5, -0.25]);

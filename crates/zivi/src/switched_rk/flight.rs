@@ -1,12 +1,12 @@
 //! Free flight: steps under error control, each searched for the first impact.
 
 use super::bernstein::Bernstein;
-use super::integrator::{Piece, SwitchedIntegrator};
+use super::integrator::{Jump, Piece, SwitchedIntegrator};
 use super::path::Curve;
 use super::settings::SwitchedRk;
 use super::stages::{Counted, Point};
 use crate::fixed_step::Failure;
-use crate::{Force, Status};
+use crate::{Dependence, Force, Status};
 
 /// Factor that keeps the next step from being rejected.
 const SAFETY: f64 = 0.9;
@@ -14,6 +14,12 @@ const SAFETY: f64 = 0.9;
 const FACTORS: (f64, f64) = (0.2, 5.0);
 /// Factor after a step that could not be judged.
 const RETREAT: f64 = 0.25;
+/// Steps that begin at most so many steps after an impact are looked at once more, and those that
+/// are this many times as long as the last.
+const YOUNG: u32 = 1;
+const GREW: f64 = 2.0;
+/// Defect of the polynomials, relative to the tolerances, that shows a feature of the force.
+const DEFECT: f64 = 100.0;
 /// A step near a Zeno point is a little longer than the arc under a constant pull.
 const ARC: f64 = 1.1;
 
@@ -46,7 +52,8 @@ impl SwitchedIntegrator {
         }
         let slope = self.slope(force)?;
         let plan = self.plan(slope, t_end, force)?;
-        let mut h = plan.h;
+        let (mut h, shortest) = (plan.h, 8.0 * f64::EPSILON * self.now.t.abs());
+        self.jump = Jump { met_before: self.jump.met, ..Jump::default() };
         loop {
             self.spend()?;
             let (factor, why) = match self.judge(slope, h, force)? {
@@ -69,7 +76,12 @@ impl SwitchedIntegrator {
             };
             self.counts.rejected += 1;
             h *= factor;
-            if h <= 8.0 * f64::EPSILON * self.now.t.abs() || h < f64::MIN_POSITIVE {
+            if h <= shortest
+                && why == Status::StepSizeTooSmall
+                && !(self.jump.allowed || self.jump.met_before)
+            {
+                (h, self.jump.allowed) = (shortest, true);
+            } else if h <= shortest || h < f64::MIN_POSITIVE {
                 return Err(Failure::Status(why));
             }
         }
@@ -176,7 +188,12 @@ impl SwitchedIntegrator {
             if !self.stages.rises() {
                 return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
             }
-        } else if let Some(theta) = self.first_contact(force)? {
+        }
+        let contact = if self.armed { self.first_contact(force)? } else { None };
+        if let Some(factor) = self.overlooked(contact, force)? {
+            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+        }
+        if let Some(theta) = contact {
             return Ok(Verdict::Land(theta));
         }
         if end.t > self.dense_from {
@@ -184,6 +201,32 @@ impl SwitchedIntegrator {
             self.stages.polynomials(force)?;
         }
         Ok(Verdict::Take(growth))
+    }
+
+    /// Whether the step overlooks a feature of the force that lies between its stages, and by which
+    /// factor it is to be shortened then. Soon after an impact a step may be a whole arc, and one
+    /// much longer than the last has little that speaks for it. One more look, at the apex: where
+    /// a force that depends on the position differs most.
+    fn overlooked<E, F: Force<E>>(
+        &mut self,
+        contact: Option<f64>,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Option<f64>, Failure<E>> {
+        let known = self.steps > YOUNG && self.stages.h <= GREW * self.last_h;
+        let turns = self.now.xdot > 0.0 && (contact.is_some() || self.stages.end.xdot < 0.0);
+        if known || !turns || !self.settings.adaptive || self.jump.allowed {
+            return Ok(None);
+        }
+        if force.dependence::<E>() == Dependence::Constant {
+            return Ok(None);
+        }
+        let polynomials = self.stages.polynomials(force)?;
+        let apex = polynomials[1].first_negative().unwrap_or(0.5);
+        let defect = self.stages.defect(&polynomials, apex, force)?;
+        let [scale_x, scale_xdot] = self.scales(self.stages.from, self.stages.end);
+        let excess = defect.norm(scale_x, scale_xdot) / DEFECT;
+        let factor = SAFETY * excess.powf(-1.0 / self.stages.order_of_error());
+        Ok((excess > 1.0).then(|| factor.max(FACTORS.0)))
     }
 
     /// The step of length `h` from here.
@@ -207,7 +250,12 @@ impl SwitchedIntegrator {
             return Ok(0.0);
         }
         let [scale_x, scale_xdot] = self.scales(self.stages.from, self.stages.end);
-        Ok(self.stages.error(force)?.norm(scale_x, scale_xdot))
+        let error = self.stages.error(force)?.norm(scale_x, scale_xdot);
+        if self.jump.allowed && error > 1.0 {
+            self.jump.met = true;
+            return Ok(0.0);
+        }
+        Ok(error)
     }
 
     /// The part of the step after which the mass would be behind the wall.
@@ -234,6 +282,7 @@ impl SwitchedIntegrator {
             self.now.t = t_end;
         }
         (self.armed, self.continues, self.landing) = (true, true, None);
+        (self.steps, self.last_h) = (self.steps + 1, self.stages.h);
         self.h = Some(if h < plan.h {
             h * growth.min(1.0)
         } else if h < plan.wanted && growth >= 1.0 {

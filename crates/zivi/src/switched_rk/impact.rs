@@ -20,6 +20,7 @@ impl SwitchedIntegrator {
         self.now = Point { t, x: 0.0, xdot: after };
         self.sigma = -sigma;
         (self.armed, self.continues, self.struck) = (true, false, true);
+        self.steps = 0;
         Piece::Flight { from, sigma, impact: Some(impact) }
     }
 

@@ -44,6 +44,18 @@ pub enum Occurrence {
     LiftOff(f64),
 }
 
+/// A step so short that rounding is all that is left of it may have any error: the force jumps
+/// there. Not two of them in a row: that is a singularity.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Jump {
+    /// Whether the step that is tried is that short.
+    pub(super) allowed: bool,
+    /// Whether its error was too large.
+    pub(super) met: bool,
+    /// Whether that of the last step was.
+    pub(super) met_before: bool,
+}
+
 /// A part of the motion that one step of the integrator covers.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Piece {
@@ -109,6 +121,10 @@ pub struct SwitchedIntegrator {
     /// Steps that end later than this have their polynomials computed.
     pub(super) dense_from: f64,
     pub(super) counts: Counts,
+    /// Steps in flight since the last impact or lift-off, and the length of the last (s).
+    pub(super) steps: u32,
+    pub(super) last_h: f64,
+    pub(super) jump: Jump,
     /// Steps of this advance.
     spent: usize,
 }
@@ -138,6 +154,9 @@ impl SwitchedIntegrator {
             landing: None,
             dense_from: f64::INFINITY,
             counts: Counts::default(),
+            steps: 0,
+            last_h: 0.0,
+            jump: Jump::default(),
             spent: 0,
         })
     }
@@ -156,7 +175,7 @@ impl SwitchedIntegrator {
         self.now = Point { t, x, xdot };
         self.sigma = 1.0;
         self.mode = if x == 0.0 && xdot == 0.0 { Mode::Rest } else { Mode::Flight };
-        (self.armed, self.struck) = (true, false);
+        (self.armed, self.struck, self.steps) = (true, false, 0);
         if self.settings.first_step.is_some() {
             self.h = self.settings.first_step;
         }
@@ -334,7 +353,7 @@ impl SwitchedIntegrator {
     fn lift_off(&mut self, smoothly: bool) {
         const PART: f64 = 1e-2;
         self.mode = Mode::Flight;
-        self.armed = false;
+        (self.armed, self.steps) = (false, 0);
         if smoothly {
             self.h = self.lookout.length.map(|length| PART * length);
         }

@@ -11,18 +11,27 @@
 
 use super::bernstein::Bernstein;
 use super::tableau::{Estimate, Interpolant, Pair, MOST_STAGES};
-use crate::fixed_step::{finite_force, Failure};
+use crate::fixed_step::{ends_at_the_wall, evaluate, Failure};
 use crate::{Force, Physical};
 
 /// A force whose evaluations are counted.
 pub(super) struct Counted<'a, F> {
     force: &'a mut F,
     count: u64,
+    /// Times between which it is smooth: it is asked at no others.
+    smooth: (f64, f64),
 }
 
 impl<'a, F> Counted<'a, F> {
     pub(super) fn new(force: &'a mut F) -> Self {
-        Self { force, count: 0 }
+        Self { force, count: 0, smooth: (f64::NEG_INFINITY, f64::INFINITY) }
+    }
+
+    /// From here on the force is smooth from `start` to `end`, where it may jump: it is asked
+    /// between them only, by more than rounding, so that each side has its own limit.
+    pub(super) fn is_smooth_between(&mut self, start: f64, end: f64) {
+        let margin = |t: f64| (4.0 * f64::EPSILON * t.abs()).max(f64::MIN_POSITIVE);
+        self.smooth = (start + margin(start), end - margin(end));
     }
 
     pub(super) fn count(&self) -> u64 {
@@ -34,7 +43,15 @@ impl<'a, F> Counted<'a, F> {
         F: Force<E>,
     {
         self.count += 1;
-        finite_force(self.force, t, Physical { x, xdot })
+        let t = t.max(self.smooth.0).min(self.smooth.1);
+        let state = Physical { x, xdot };
+        match evaluate(self.force, t, state) {
+            Err(failure) if ends_at_the_wall(self.force, state, &failure) => {
+                self.count += 1;
+                evaluate(self.force, t, Physical { x: 0.0, ..state })
+            }
+            value => value,
+        }
     }
 
     /// The force on the mass at rest at the wall.
@@ -226,6 +243,19 @@ impl Stages {
         } else {
             (cubic, 0.125 * worst)
         })
+    }
+
+    /// How far the polynomials of the last step are from `x'' = f` at `theta`, as an error of the
+    /// position and of the velocity at its end.
+    pub(super) fn defect<E, F: Force<E>>(
+        &self,
+        [x, xdot]: &[Bernstein; 2],
+        theta: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<StepError, Failure<E>> {
+        let f = force.at(self.from.t + theta * self.h, x.at(theta), xdot.at(theta))?;
+        let defect = self.h * f - xdot.slope(theta);
+        Ok(StepError { x: [self.h * defect, 0.0], xdot: [defect, 0.0], double: false })
     }
 
     /// The polynomials of position and velocity over the step.
