@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 def real(name: str, value: object) -> float:
     """Return `value` as a float; an error names what is not a real number, or too large."""
+    if type(value) is float:
+        return value
     if not isinstance(value, numbers.Real):
         raise TypeError(f"{name} must be a real number, got {type(value).__name__} {value!r}")
     try:

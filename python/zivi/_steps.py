@@ -9,6 +9,7 @@ import numpy as np
 
 from zivi import _zivi
 from zivi._check import Array
+from zivi._resample import resampled
 from zivi.dense import LinearPath, Path, PenetratingPath
 from zivi.events import Event, locate
 from zivi.status import Status
@@ -19,23 +20,7 @@ __all__ = ["restrict", "with_events"]
 
 def restrict(sol: Trajectory, times: Array) -> Trajectory:
     """Report a run at `times` (those within the computed span) instead of at its steps."""
-    grid = sol.t
-    times = times[times <= grid[-1]]
-    # the step that contains a time ends at the first sample not before it
-    step = np.searchsorted(grid, times)
-    x, xdot = sol(times)
-    s, v = sol._known().lifted(times)
-    return dataclasses.replace(
-        sol,
-        t=times,
-        x=x,
-        xdot=xdot,
-        s=s,
-        v=v,
-        lambda_s=sol.lambda_s[step],
-        lambda_v=sol.lambda_v[step],
-        residual=sol.residual[step],
-    )
+    return resampled(sol, times[times <= sol.t[-1]])
 
 
 def with_events(sol: Trajectory, events: Sequence[Event]) -> Trajectory:

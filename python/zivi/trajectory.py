@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-from typing import TYPE_CHECKING, Any
+import functools
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
-from zivi._extras import needed
+from zivi._labelled import QUANTITIES, dataset_of, html_of, table_of
+from zivi._resample import resampled, times_of
 from zivi.dense import LostPath, Path
 from zivi.status import Status
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
 
     from zivi.methods import Method
@@ -27,16 +30,8 @@ __all__ = ["Trajectory"]
 IMPACT = np.dtype([("t", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
 """One impact: its time (s) and the velocities before and after it (m/s)."""
 
-QUANTITIES = {
-    "x": ("m", "distance from the wall"),
-    "xdot": ("m/s", "velocity"),
-    "s": ("m", "transformed position"),
-    "v": ("m/s", "transformed velocity"),
-    "lambda_s": ("1", "multiplier of the sign of s"),
-    "lambda_v": ("1", "multiplier of the sign of v"),
-    "residual": ("1", "relative natural residual of the step"),
-}
-"""Unit and meaning of each sampled quantity, in the order of the record's rows after time."""
+Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
+"""The configuration of a run, or what makes it once it is asked for."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -111,12 +106,21 @@ class Trajectory:
     message: str
     nfev: int
     n_steps: int
-    config: dict[str, Any]
+    _setup: Setup
     n_rejected: int = 0
     t_events: list[Array] = dataclasses.field(default_factory=list)
     y_events: list[Array] = dataclasses.field(default_factory=list)
     _path: Path | None = dataclasses.field(repr=False, default=None)
     _wall: HarmonicWall | MovingWall | None = dataclasses.field(repr=False, default=None)
+
+    @functools.cached_property
+    def config(self) -> dict[str, Any]:
+        """System, method, span and initial state, as plain values."""
+        return self._setup() if callable(self._setup) else self._setup
+
+    def __getstate__(self) -> dict[str, Any]:
+        # plain values can be copied and sent where a force cannot
+        return self.__dict__ | {"_setup": self.config}
 
     @property
     def success(self) -> bool:
@@ -134,7 +138,9 @@ class Trajectory:
     ) -> Trajectory:
         t, *sampled = record.columns[:, : record.n_samples]
         samples = dict(zip(QUANTITIES, sampled, strict=True))
-        return cls(
+        sol = object.__new__(cls)
+        # as the class would, at a quarter of the cost: short runs are called by the million
+        vars(sol).update(
             t=t,
             **samples,
             impacts=impacts_of(record),
@@ -147,12 +153,13 @@ class Trajectory:
             nfev=record.nfev,
             n_steps=len(t) - 1 if record.n_steps is None else record.n_steps,
             n_rejected=record.n_rejected,
-            config=_configuration(system, method, span, state),
+            _setup=functools.partial(_configuration, system, method, span, state),
             t_events=[times for times, _, _ in record.hits],
             y_events=[np.column_stack((x, xdot)) for _, x, xdot in record.hits],
             _path=record.path or method._path(system.kappa, t, samples),  # type: ignore[attr-defined]
             _wall=system.wall,
         )
+        return sol
 
     def __call__(self, t: ArrayLike) -> Array:
         """Give the state between the samples.
@@ -179,7 +186,7 @@ class Trajectory:
         """
         times = real_array("t", t)
         path = self._known()
-        start, end = path.span or (np.nan, np.nan)
+        start, end = self._span()
         if not np.all((times >= start) & (times <= end)):
             raise ValueError(f"t must lie within the computed span [{start}, {end}]")
         x, xdot = path.physical(times.ravel())
@@ -192,6 +199,42 @@ class Trajectory:
         if path is None or not path.dense:
             raise ValueError("sol(t) needs a run with dense_output=True")
         return path
+
+    def _span(self) -> tuple[float, float]:
+        """Give the times between which the motion is known."""
+        return self._known().span or (np.nan, np.nan)
+
+    def resample(self, t: ArrayLike | None = None, *, n: int | None = None) -> Trajectory:
+        """Report the run at other times.
+
+        Parameters
+        ----------
+        t : array_like, optional
+            Ascending times within the computed span (s).
+        n : int, optional
+            So many equidistant times instead, >= 2.
+
+        Returns
+        -------
+        Trajectory
+            The same run with other samples. Multipliers and residuals of a method of fixed steps
+            are those of the step that contains the time, NaN if the run did not keep its steps.
+
+        Raises
+        ------
+        TypeError
+            If not exactly one of `t` and `n` is given.
+        ValueError
+            If a time lies outside the computed span, or the run kept no dense output.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> sol = zivi.simulate(ball, (0, 3), (1, 0)).resample(n=7)
+        >>> sol.t
+        array([0. , 0.5, 1. , 1.5, 2. , 2.5, 3. ])
+        """
+        return resampled(self, times_of(self, t, n))
 
     def impacts_down_to(self, speed: float, *, limit: int = 10_000) -> NDArray[np.void]:
         """List the impacts with at least a speed, also those that were extrapolated.
@@ -234,8 +277,13 @@ class Trajectory:
             lazily[field] = column
         return np.sort(np.concatenate([known, lazily]), order="t", kind="stable")
 
-    def fixed(self) -> tuple[Array, Array]:
-        """Give the samples in the fixed frame, where a moving wall moves.
+    def fixed(self, t: ArrayLike | None = None) -> tuple[Array, Array]:
+        """Give the motion in the fixed frame, where a moving wall moves.
+
+        Parameters
+        ----------
+        t : float or array_like, optional
+            Times within the computed span (s); by default those of the samples.
 
         Returns
         -------
@@ -251,10 +299,11 @@ class Trajectory:
         >>> float(position[0])  # one metre above the table, which is up
         1.1
         """
+        x, xdot = (self.x, self.xdot) if t is None else self(t)
         if self._wall is None:
-            return self.x, self.xdot
-        w, wdot, _ = self._wall(self.t)
-        return self.x + w, self.xdot + wdot
+            return x, xdot
+        w, wdot, _ = self._wall(self.t if t is None else t)
+        return x + w, xdot + wdot
 
     def __repr__(self) -> str:
         wall = f"{len(self.impacts)} impacts"
@@ -266,14 +315,47 @@ class Trajectory:
             steps += f" ({len(self.failed_steps)} not solved by the chosen solver)"
         return f"<Trajectory {span}, {steps}, {wall}: {self.status.name.lower()}>"
 
-    def to_xarray(self) -> xarray.Dataset:
+    def _repr_html_(self) -> str:
+        """Show the run as a table, in a notebook."""
+        return html_of(self)
+
+    def to_pandas(self, t: ArrayLike | None = None, *, n: int | None = None) -> pandas.DataFrame:
+        """Convert the samples to a table, a row for each time.
+
+        Parameters
+        ----------
+        t, n
+            Other times than those of the samples, as in `resample`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``x`` to ``residual``, over the index ``time``.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> table = zivi.simulate(ball, (0, 3), (1, 0)).to_pandas(n=4)
+        >>> list(table.columns[:2]), table.index.name
+        (['x', 'xdot'], 'time')
+        """
+        return table_of(self if t is None and n is None else self.resample(t, n=n))
+
+    def to_xarray(self, t: ArrayLike | None = None, *, n: int | None = None) -> xarray.Dataset:
         """Convert to a labelled dataset that can be plotted, selected and saved.
+
+        Parameters
+        ----------
+        t, n
+            Other times than those of the samples, as in `resample`.
 
         Returns
         -------
         xarray.Dataset
             The sampled quantities over ``time``, the impacts over ``impact_time``, Zeno and
             lift-off times, with units, descriptions and the configuration (JSON) in the attributes.
+            With a moving wall also ``x_fixed`` and ``xdot_fixed``, the motion in the fixed frame,
+            and ``wall``, that of the wall.
 
         Examples
         --------
@@ -282,46 +364,7 @@ class Trajectory:
         >>> sol.to_xarray().x.attrs["units"]
         'm'
         """
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        def labelled(dim: str, values: Array, unit: str, meaning: str) -> Any:
-            return dim, values, {"units": unit, "long_name": meaning}
-
-        events = {
-            "impact_xdot_before": ("impact_time", "xdot_before", "velocity before the impact"),
-            "impact_xdot_after": ("impact_time", "xdot_after", "velocity after the impact"),
-        }
-        return xarray.Dataset(
-            {
-                name: labelled("time", getattr(self, name), unit, meaning)
-                for name, (unit, meaning) in QUANTITIES.items()
-            }
-            | {
-                name: labelled(dim, self.impacts[field], "m/s", meaning)
-                for name, (dim, field, meaning) in events.items()
-            }
-            | {
-                "zeno_time": labelled("zeno", self.zeno_times, "s", "time of a Zeno point"),
-                "liftoff_time": labelled("liftoff", self.liftoff_times, "s", "time of a lift-off"),
-            },
-            coords={
-                "time": labelled("time", self.t, "s", "time"),
-                "impact_time": labelled("impact_time", self.impacts["t"], "s", "time of an impact"),
-            },
-            attrs={
-                "title": "Trajectory of a mechanical system with impacts",
-                "source": f"zivi {_zivi.__version__}",
-                "config": json.dumps(self.config),
-                "status": int(self.status),
-                "message": self.message,
-                "rest_time": np.nan if self.rest_time is None else self.rest_time,
-                "nfev": self.nfev,
-                "n_steps": self.n_steps,
-                "n_rejected": self.n_rejected,
-                "n_failed_steps": len(self.failed_steps),
-            },
-        )
+        return dataset_of(self if t is None and n is None else self.resample(t, n=n))
 
 
 def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> np.ndarray:

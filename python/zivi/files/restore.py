@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import closed_loop, trajectory
+from zivi import _labelled, closed_loop
 from zivi._check import Array
 from zivi._zivi import MotionPath
 from zivi.closed_loop import ClosedLoop
@@ -59,8 +59,12 @@ def _common(dataset: xarray.Dataset) -> dict[str, Any]:
         "status": Status(int(attrs["status"])),
         "message": str(attrs["message"]),
         "nfev": int(attrs["nfev"]),
-        "config": json.loads(attrs["config"]),
     }
+
+
+def _config(dataset: xarray.Dataset) -> dict[str, Any]:
+    config: dict[str, Any] = json.loads(dataset.attrs["config"])
+    return config
 
 
 def _impacts(dataset: xarray.Dataset) -> NDArray[np.void]:
@@ -74,17 +78,18 @@ def _impacts(dataset: xarray.Dataset) -> NDArray[np.void]:
 def _closed_loop(dataset: xarray.Dataset) -> ClosedLoop:
     names = (*closed_loop.QUANTITIES, "signs", "tick_status")
     sampled: dict[str, Any] = {name: dataset[name].values for name in names}
-    return ClosedLoop(**_common(dataset), **sampled)
+    return ClosedLoop(**_common(dataset), **sampled, config=_config(dataset))
 
 
 def _trajectory(dataset: xarray.Dataset) -> Trajectory:
     attrs, common = dataset.attrs, _common(dataset)
-    samples: dict[str, Any] = {name: dataset[name].values for name in trajectory.QUANTITIES}
-    config = common["config"]
+    samples: dict[str, Any] = {name: dataset[name].values for name in _labelled.QUANTITIES}
+    config = _config(dataset)
     times, states = _events(dataset)
     return Trajectory(
         **common,
         **samples,
+        _setup=config,
         failed_steps=dataset["failed_step"].values,
         n_steps=int(attrs["n_steps"]),
         n_rejected=int(attrs["n_rejected"]),
@@ -110,7 +115,7 @@ def path_variables(run: Trajectory) -> tuple[str, dict[str, Array]]:
 
 def _sampled(kind: Any) -> list[str]:
     """Name the samples that a path goes through."""
-    known = ("t", *trajectory.QUANTITIES)
+    known = ("t", *_labelled.QUANTITIES)
     return [field.name for field in dataclasses.fields(kind) if field.name in known]
 
 

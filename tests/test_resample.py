@@ -1,0 +1,120 @@
+"""A run at other times, and as other libraries want it."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import zivi
+
+G, E = 9.81, 0.5
+FALL = np.sqrt(2 / G)
+
+
+def ball(t):
+    """Closed form of the ball dropped from 1 m: x and x'."""
+    t = np.asarray(t, float)
+    x, xdot = 1 - G * t**2 / 2, -G * t
+    start, speed = FALL, E * G * FALL
+    for _ in range(60):
+        arc = t >= start
+        tau = t - start
+        x = np.where(arc, speed * tau - G * tau**2 / 2, x)
+        xdot = np.where(arc, speed - G * tau, xdot)
+        start, speed = start + 2 * speed / G, E * speed
+    rest = t >= start
+    return np.where(rest, 0.0, x), np.where(rest, 0.0, xdot)
+
+
+@pytest.fixture(scope="module")
+def sol():
+    return zivi.simulate(zivi.ImpactSystem(-G, e=E), (0, 2), (1, 0))
+
+
+def test_samples_at_other_times_are_the_motion(sol):
+    times = np.linspace(0, 2, 41)
+    for again in (sol.resample(times), sol.resample(n=41)):
+        np.testing.assert_array_equal(again.t, times)
+        np.testing.assert_allclose((again.x, again.xdot), ball(times), atol=1e-12)
+        assert again.impacts is sol.impacts
+        assert again.rest_time == sol.rest_time
+    kappa = (1 - E) / (1 + E)
+    side = np.where(again.lambda_s == 0.0, 1.0, again.lambda_s)
+    np.testing.assert_allclose(side * again.s, again.x, atol=1e-15)
+    factor = 1 - kappa * again.lambda_s * again.lambda_v
+    np.testing.assert_allclose(again.lambda_s * again.v * factor, again.xdot, atol=1e-12)
+    assert np.all(again.lambda_s[times > sol.rest_time] == 0.0)
+    assert again(0.3)[0] == sol(0.3)[0]
+
+
+def test_multipliers_of_fixed_steps_are_those_of_the_step():
+    sol = zivi.simulate(zivi.ImpactSystem(-G, e=E), (0, 1), (1, 0), zivi.ThetaGamma(0.01))
+    again = sol.resample([0.0, 0.455, 0.5])
+    for k, step in enumerate((0, 46, 50)):
+        assert again.lambda_s[k] == sol.lambda_s[step]
+        assert again.residual[k] == sol.residual[step]
+    # what did not keep its steps does not invent them
+    assert np.all(np.isnan(again.resample([0.2, 0.7]).lambda_v))
+
+
+@pytest.mark.parametrize(
+    ("asked", "error", "said"),
+    [
+        ({}, TypeError, "exactly one of t and n"),
+        ({"t": [0.0, 1.0], "n": 3}, TypeError, "exactly one of t and n"),
+        ({"n": 1}, ValueError, "n must be >= 2, got 1"),
+        ({"n": 2.5}, TypeError, "n must be a whole number"),
+        ({"t": [1.0, 0.0]}, ValueError, "t must be ascending"),
+        ({"t": [[0.0, 1.0]]}, ValueError, r"t must be one-dimensional, got shape \(1, 2\)"),
+        ({"t": [0.0, 3.0]}, ValueError, r"within the computed span \[0\.0, 2\.0\]"),
+    ],
+)
+def test_what_cannot_be_given_is_refused(sol, asked, error, said):
+    with pytest.raises(error, match=said):
+        sol.resample(**asked)
+
+
+def test_a_dataset_and_a_table_at_other_times(sol):
+    dataset = sol.to_xarray(n=201)
+    np.testing.assert_allclose(dataset.x.sel(time=0.5), ball(0.5)[0], atol=1e-12)
+    np.testing.assert_allclose(dataset.x.values, ball(dataset.time.values)[0], atol=1e-12)
+    assert dataset.attrs["rest_time"] == sol.rest_time
+    table = sol.to_pandas([0.1, 0.2])
+    np.testing.assert_allclose(table.xdot, [-G * 0.1, -G * 0.2], rtol=1e-13)
+    assert table.index.tolist() == [0.1, 0.2]
+    assert len(sol.to_pandas()) == len(sol.t)
+
+
+def test_the_fixed_frame_at_any_time_and_in_datasets():
+    wall = zivi.HarmonicWall(amplitude=0.05, omega=20.0, offset=0.2)
+    sol = zivi.simulate(zivi.ImpactSystem(-G, e=0.6, wall=wall), (0, 1), (0.3, 0))
+    times = np.linspace(0, 1, 33)
+    w, wdot = 0.2 + 0.05 * np.cos(20 * times), -np.sin(20 * times)
+    x, xdot = sol(times)
+    np.testing.assert_allclose(sol.fixed(times), (x + w, xdot + wdot), atol=1e-14)
+    dataset = sol.to_xarray(times)
+    np.testing.assert_allclose(dataset.x_fixed, x + w, atol=1e-14)
+    np.testing.assert_allclose(dataset.xdot_fixed, xdot + wdot, atol=1e-14)
+    np.testing.assert_allclose(dataset.wall, w, atol=1e-14)
+    assert dataset.x_fixed.attrs["units"] == "m"
+
+
+def test_a_notebook_shows_a_table(sol):
+    page = sol._repr_html_()
+    assert f"from {sol.rest_time:.9g} s" in page
+    assert page.count("<tr>") == 6
+    short = zivi.simulate(zivi.ImpactSystem(0.0, e=E), (0, 1), (1, 0))
+    assert "<td style='text-align:left'>no</td>" in short._repr_html_()
+
+
+def test_the_configuration_is_made_when_it_is_asked_for(monkeypatch):
+    import zivi.trajectory as module
+
+    calls = []
+    real = module._configuration
+    monkeypatch.setattr(module, "_configuration", lambda *a: calls.append(a) or real(*a))
+    sol = zivi.simulate(zivi.ImpactSystem(lambda t, x, v: -G, e=E), (0, 1), (1, 0))
+    assert not calls
+    assert sol.config is sol.config
+    assert len(calls) == 1
+    assert pickle.loads(pickle.dumps(sol)).config == sol.config
