@@ -90,3 +90,73 @@ def test_an_error_at_the_wall_and_an_interruption_behind_it_end_the_run():
 
     with pytest.raises(KeyboardInterrupt):
         zivi.simulate(zivi.ImpactSystem(interrupted, e=0.5), (0, 2), (1, 0))
+
+
+def held(controls, h, x, v):
+    """Return the end of the elastic motion under controls held for `h` each, by its parabolas."""
+    for a in controls:
+        left = h
+        while left > 0.0:
+            root = v * v - 2 * a * x
+            # the first positive root of x + v t + a t^2/2
+            tau = -2 * x / (v - math.sqrt(root)) if root > 0 and v - math.sqrt(root) < 0 else left
+            if x == 0.0 and v > 0:
+                tau = -2 * v / a if a < 0 else left
+            tau = min(tau, left)
+            x, v, left = max(x + v * tau + a * tau * tau / 2, 0.0), v + a * tau, left - tau
+            if left > 0.0:
+                x, v = 0.0, -v
+    return x, v
+
+
+@pytest.mark.parametrize("method", METHODS, ids=["5", "8"])
+def test_declared_breaks_make_a_held_input_cheap_and_exact(method):
+    h, n = 0.1, 60
+    controls = np.random.default_rng(5).uniform(-15, 5, n)
+    asked = []
+
+    def force(t, x, v):
+        asked.append(t)
+        return controls[min(int(t / h), n - 1)]
+
+    system = zivi.ImpactSystem(force, e=1.0)
+    stops = np.arange(n + 1) * h
+    sol = zivi.simulate(system, (0, n * h), (1, 0), method, tstops=stops)
+    x, v = held(controls, h, 1.0, 0.0)
+    assert sol.success
+    assert len(sol.impacts) > 3
+    assert sol.x[-1] == pytest.approx(x, abs=1e-9)
+    assert sol.xdot[-1] == pytest.approx(v, abs=1e-9)
+    assert sol.nfev == len(asked) < 45 * n  # about 370 a jump without
+    assert set(stops[1:-1]) <= set(sol.t)
+    assert not set(stops[1:]) & set(asked)  # on either side, never between
+
+
+def test_declared_breaks_are_seen_at_rest_and_in_an_accumulation():
+    pulse = zivi.ImpactSystem(lambda t, x, v: 40.0 if 5 <= t < 5.1 else -9.81, e=0.5)
+    sol = zivi.simulate(pulse, (0, 12), (1, 0), tstops=[5.1, 5.0, 77.0])
+    # pushed up to .2 m and 4 m/s; from there a ball
+    v = math.sqrt(16 + 2 * 9.81 * 0.2)
+    landing = 5.1 + (4 + v) / 9.81
+    assert sol.liftoff_times == pytest.approx([5.0], abs=1e-14)
+    assert sol.rest_time == pytest.approx(landing + 2 * 0.5 * v / 9.81 / 0.5, abs=1e-6)
+    # the pull grows while the ball accumulates towards 8.58 s: each part by its arcs
+    step = zivi.ImpactSystem(lambda t, x, v: -9.81 if t < 3 else -30.0, e=0.9)
+    sol = zivi.simulate(step, (0, 12), (1, 0), tstops=[3])
+    t, u = math.sqrt(2 / 9.81), 0.9 * math.sqrt(2 * 9.81)
+    while t + 2 * u / 9.81 < 3:
+        t, u = t + 2 * u / 9.81, 0.9 * u
+    x, v = u * (3 - t) - 9.81 * (3 - t) ** 2 / 2, u - 9.81 * (3 - t)
+    w = math.sqrt(v * v + 60 * x)
+    assert sol.rest_time == pytest.approx(3 + (v + w) / 30 + 2 * 0.9 * w / 30 / 0.1, abs=4e-6)
+
+
+def test_declared_breaks_need_error_control_and_finite_times():
+    ball = zivi.ImpactSystem(-9.81, e=0.5)
+    for method in (zivi.ThetaGamma(0.1), zivi.MoreauJean(0.1), zivi.ExplicitEuler(0.1)):
+        with pytest.raises(ValueError, match="tstops needs a method with error control"):
+            zivi.simulate(ball, (0, 1), (1, 0), method, tstops=[0.5])
+    for bad in ([math.nan], [math.inf], [[0.5]], ["a"]):
+        with pytest.raises((ValueError, TypeError), match="tstops must"):
+            zivi.simulate(ball, (0, 1), (1, 0), tstops=bad)
+    assert zivi.simulate(ball, (0, 1), (1, 0), tstops=[0.5, 0.5, -1.0, 0.0, 1.0, 2.0]).success

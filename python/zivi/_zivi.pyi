@@ -120,6 +120,7 @@ def simulate_switched_rk(
     span: tuple[float, float],
     state: tuple[float, float],
     t_eval: _Array | None,
+    tstops: _Array,
     events: list[tuple[Any, int, int | None]],
     dense: bool,
     progress: Any = None,

@@ -4,7 +4,7 @@ import dataclasses
 import math
 import numbers
 from collections.abc import Callable
-from typing import Any, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 from zivi import _zivi
 from zivi._check import Array, real, whole
@@ -37,6 +37,8 @@ class Course:
         Initial state.
     t_eval : ndarray or None
         Times of the samples; a method of fixed steps samples its steps whatever is asked for.
+    tstops : ndarray
+        Times where the force is not smooth, ascending; none for a method of fixed steps.
     events : tuple of Event
         Events of the user; left to the caller by a method of fixed steps.
     dense : bool
@@ -48,6 +50,7 @@ class Course:
     t_span: tuple[float, float]
     y0: tuple[float, float]
     t_eval: Array | None
+    tstops: Array
     events: tuple[Event, ...]
     dense: bool
     report: Report | None
@@ -238,6 +241,8 @@ class SwitchedRK:
     2.465846631559
     """
 
+    _takes_tstops: ClassVar[bool] = True
+
     rtol: float = 1e-6
     atol: float | tuple[float, float] = 1e-9
     order: int = 8
@@ -272,6 +277,7 @@ class SwitchedRK:
             span=course.t_span,
             state=course.y0,
             t_eval=course.t_eval,
+            tstops=course.tstops,
             events=[(e.function, e.direction, e.terminal) for e in course.events],
             dense=course.dense,
             progress=course.report,

@@ -38,6 +38,7 @@ def simulate(
     method: Method = DEFAULT_METHOD,
     t_eval: ArrayLike | None = None,
     *,
+    tstops: ArrayLike | None = None,
     events: Event | Sequence[Event] | None = None,
     dense_output: bool = True,
     progress: bool | None = None,
@@ -61,6 +62,12 @@ def simulate(
         Ascending times in `t_span` to report instead of all steps (s), each once with
         `SwitchedRK`. With a method of fixed steps `s` and `v` are linear between them; the
         multipliers and the residual are those of the step that contains the time.
+    tstops : array_like, optional
+        With `SwitchedRK`: times where the force, or one of its derivatives, jumps (s), such as
+        the switching times of a held input; those outside of `t_span` have no effect. Steps end
+        there, the force is asked on either side of them, by a few roundings, and never across,
+        and nothing that was seen before is used after: the way to make short pulses seen and
+        jumps cheap.
     events : callable or sequence of callables, optional
         Functions ``g(t, x, xdot)`` or, as in SciPy, ``g(t, y)``, whose changes of sign are
         located: see ``t_events`` and ``y_events`` of the result. Attributes as in SciPy:
@@ -110,9 +117,10 @@ def simulate(
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
     times = None if t_eval is None else _times(t_eval, span)
+    stops = _stops(tstops, method)
     watched = events_of(events)
     with ProgressBar(progress) as bar:
-        course = Course(span, state, times, watched, dense_output, bar.report)
+        course = Course(span, state, times, stops, watched, dense_output, bar.report)
         record = method._integrate(system, course)
     sol = Trajectory._from_record(record, system, method, span, state)
     error = record.raised
@@ -143,6 +151,23 @@ def pair(name: str, value: Sequence[float], form: str) -> tuple[float, float]:
     except (TypeError, ValueError):
         raise TypeError(f"{name} must be two numbers {form}, got {value!r}") from None
     return real(name, first), real(name, second)
+
+
+def _stops(tstops: ArrayLike | None, method: Method) -> np.ndarray:
+    """Return the declared breaks of the force, ascending and each once."""
+    if tstops is None:
+        return np.empty(0)
+    if not getattr(method, "_takes_tstops", False):
+        raise ValueError(
+            f"tstops needs a method with error control, SwitchedRK, got {type(method).__name__}: "
+            "let the breaks of the force be steps by the choice of h"
+        )
+    stops = real_array("tstops", tstops)
+    if stops.ndim != 1:
+        raise ValueError(f"tstops must be one-dimensional, got shape {stops.shape}")
+    if not np.all(np.isfinite(stops)):
+        raise ValueError("tstops must be finite times")
+    return np.unique(stops)
 
 
 def _times(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:

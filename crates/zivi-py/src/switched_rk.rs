@@ -64,7 +64,7 @@ fn event<'py>((function, direction, terminal): EventSpec<'py>) -> UserEvent<'py,
 
 /// A run of the switched method.
 #[pyfunction]
-#[pyo3(signature = (force, method, *, wall, span, state, t_eval, events, dense, progress=None))]
+#[pyo3(signature = (force, method, *, wall, span, state, t_eval, tstops, events, dense, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_switched_rk(
     py: Python<'_>,
@@ -74,6 +74,7 @@ pub(crate) fn simulate_switched_rk(
     span: (f64, f64),
     state: (f64, f64),
     t_eval: Option<PyReadonlyArray1<'_, f64>>,
+    tstops: PyReadonlyArray1<'_, f64>,
     events: Vec<EventSpec<'_>>,
     dense: bool,
     progress: Option<Py<PyAny>>,
@@ -84,15 +85,17 @@ pub(crate) fn simulate_switched_rk(
         Some(times) => Some(times.as_slice()?),
         None => None,
     };
+    let tstops = tstops.as_slice()?;
     let watch = &mut Watch { progress };
     let run = if events.is_empty() {
         with_force!(py, force, |force| {
-            let output = Output { t_eval, dense, events: Vec::new() };
+            let output = Output { t_eval, tstops, dense, events: Vec::new() };
             zivi::simulate_switched_rk(method, wall, force, span, initial, output, watch)
         })
     } else {
         // the events need the interpreter
-        let output = Output { t_eval, dense, events: events.into_iter().map(event).collect() };
+        let output =
+            Output { t_eval, tstops, dense, events: events.into_iter().map(event).collect() };
         let force = &mut ForceSpec::from_tuple(force)?;
         zivi::simulate_switched_rk(method, wall, force, span, initial, output, watch)
     };

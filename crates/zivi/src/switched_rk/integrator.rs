@@ -193,6 +193,12 @@ impl SwitchedIntegrator {
         self.armed |= self.now.x == 0.0 && self.now.xdot == 0.0;
     }
 
+    /// Forgets what was learnt from the force, and how it varied at rest.
+    pub(super) fn restart(&mut self) {
+        self.forget_force();
+        self.lookout = Lookout { length: self.lookout.length, ..Lookout::default() };
+    }
+
     /// Advances to `t_end` (finite; nothing is done up to now or before) under a force that may be
     /// another one than before.
     ///

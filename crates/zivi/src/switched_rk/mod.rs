@@ -37,6 +37,7 @@ mod running;
 mod samples;
 mod settings;
 mod stages;
+mod stops;
 mod tableau;
 mod tail;
 mod watch;

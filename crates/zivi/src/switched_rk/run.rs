@@ -18,6 +18,9 @@ pub struct Output<'a, E> {
     /// the end of each step, at each impact (the state after it, with `x = 0`), Zeno point and
     /// lift-off, and at the end.
     pub t_eval: Option<&'a [f64]>,
+    /// Times at which the force is not smooth (s), increasing: steps end there, the force is asked
+    /// on either side but never across, chains of impacts and the look ahead at rest begin anew.
+    pub tstops: &'a [f64],
     /// Whether to keep the motion as a function of time.
     pub dense: bool,
     /// The user's events.
@@ -26,7 +29,7 @@ pub struct Output<'a, E> {
 
 impl<E> Default for Output<'_, E> {
     fn default() -> Self {
-        Self { t_eval: None, dense: false, events: Vec::new() }
+        Self { t_eval: None, tstops: &[], dense: false, events: Vec::new() }
     }
 }
 
@@ -124,6 +127,7 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<SwitchedRun<E>, SetupError> {
     check_span(t0, t1, output.t_eval)?;
+    check_stops(output.tstops)?;
     let mut integrator = SwitchedIntegrator::new(settings, wall)?;
     integrator.start(t0, initial)?;
     let mut run = Running::new(integrator, t1, &mut output);
@@ -131,6 +135,17 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
     let ending = run.go(&mut force, monitor);
     let nfev = force.count();
     run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))
+}
+
+fn check_stops(tstops: &[f64]) -> Result<(), SetupError> {
+    let mut last = f64::NEG_INFINITY;
+    for &t in tstops {
+        if !(t > last && t.is_finite()) {
+            return Err(SetupError::Setting("tstops", t, "increasing finite times"));
+        }
+        last = t;
+    }
+    Ok(())
 }
 
 fn check_span(t0: f64, t1: f64, t_eval: Option<&[f64]>) -> Result<(), SetupError> {

@@ -5,6 +5,7 @@ use super::path::{DensePath, PathPoint};
 use super::run::{Output, SwitchedRun};
 use super::samples::Samples;
 use super::stages::{Counted, Point};
+use super::stops::Stops;
 use super::tail::Tail;
 use super::watch::{EventHit, Watch};
 use crate::fixed_step::Failure;
@@ -38,6 +39,7 @@ fn unless_terminal<E>(found: Result<Option<EventHit>, E>) -> Result<(), Ending<E
 /// A run under way.
 pub(super) struct Running<'e, 'a, E> {
     t1: f64,
+    stops: Stops<'a>,
     integrator: SwitchedIntegrator,
     watch: Watch<'e, 'a, E>,
     samples: Samples<'a>,
@@ -71,6 +73,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         let start = PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 };
         Self {
             t1,
+            stops: Stops::new(output.tstops, t1),
             end: (integrator.now.t, start),
             integrator,
             watch: Watch::new(&mut output.events),
@@ -102,14 +105,19 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         self.begin()?;
         let mut pace = Pace::start();
         let t0 = self.integrator.now.t;
+        let mut until = self.stops.enter(t0, force);
         loop {
             for _ in 0..pace.chunk() {
                 if self.integrator.now.t >= self.t1 {
                     break;
                 }
+                if self.integrator.now.t >= until {
+                    self.integrator.restart();
+                    until = self.stops.enter(self.integrator.now.t, force);
+                }
                 self.make_room()?;
                 self.integrator.dense_from = self.dense_from();
-                let piece = self.integrator.step(self.t1, force)?;
+                let piece = self.integrator.step(until, force)?;
                 self.absorb(piece, force)?;
             }
             let t = self.integrator.now.t;
