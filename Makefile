@@ -10,7 +10,7 @@ READY := $(VENV)/.ready
 OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/\1/p' | awk '$$1 < 89')
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock
 
-.PHONY: help paper test test-rust test-python test-quick mutants lint lint-rust lint-python bench picture docs docs-packages wheel clean
+.PHONY: help paper test test-rust test-python test-quick mutants lint lint-rust lint-python bench wasm picture docs docs-packages wheel clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
@@ -21,6 +21,7 @@ help:
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
 	@echo 'make picture the pictures of the README'
 	@echo 'make docs    the documentation as a site, into out/site'
+	@echo 'make wasm    the binary of the page without Python (docs/browser.md)'
 	@echo 'make wheel   a wheel that runs on other machines too, tried in a fresh environment'
 	@echo 'make clean   remove everything that was built'
 
@@ -76,6 +77,10 @@ lint-python: $(READY)
 	$(BIN)/ruff format --quiet --check .
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest zivi._zivi
+
+# the binary of the page without Python; skipped (77) where no rustc has the target
+wasm:
+	@sh crates/zivi-wasm/build.sh || test $$? = 77
 
 bench: $(READY)
 	$(BIN)/python benchmarks/run.py

@@ -1,0 +1,86 @@
+//! The controllers, and their loop with a mass that moves by the implicit step.
+
+use crate::table::{Row, TABLE};
+use zivi_core::control::{ExplicitTwisting, Gains, TwistingRegulator, TwistingTracker};
+use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
+
+pub(crate) enum Law {
+    /// `u = -mu1 - mu2 sgn x'` with the sign of the sample.
+    Sampled(Gains),
+    Regulator(TwistingRegulator),
+    Tracker(TwistingTracker),
+    Explicit(ExplicitTwisting),
+}
+
+/// Forces on the mass, in the controller's model of it, and on the reference (m/s^2).
+#[derive(Clone, Copy)]
+pub(crate) struct Forces {
+    pub(crate) plant: f64,
+    pub(crate) model: f64,
+    pub(crate) reference: f64,
+}
+
+const NONE: f64 = f64::NAN;
+
+impl Law {
+    fn tick(&mut self, measured: Physical, forces: Forces) -> Option<(f64, [f64; 6])> {
+        let Forces { model: f, reference: f_ref, .. } = forces;
+        match self {
+            Law::Sampled(gains) => {
+                Some((-gains.mu1() - gains.mu2() * sgn(measured.xdot), [NONE; 6]))
+            }
+            Law::Regulator(law) => {
+                let u = law.tick(measured, f).ok()?;
+                let [lambda_s, lambda_v] = law.state().signs;
+                Some((u, [lambda_s, lambda_v, NONE, NONE, NONE, NONE]))
+            }
+            Law::Tracker(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
+            Law::Explicit(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
+        }
+    }
+
+    fn reference(&self) -> Physical {
+        match self {
+            Law::Tracker(law) => law.reference(),
+            Law::Explicit(law) => law.reference(),
+            _ => Physical { x: NONE, xdot: NONE },
+        }
+    }
+}
+
+/// A start above the wall, on the branch `s >= 0`.
+pub(crate) fn lifted(start: Physical, wall: Restitution) -> Option<Lifted> {
+    let z = transform::lift(start, Branch::Positive, wall);
+    (z.s >= 0.0 && z.is_finite()).then_some(z)
+}
+
+/// The loop: measure, tick, hold the control while the mass moves by one implicit step.
+pub(crate) fn close(
+    mut law: Law,
+    scheme: ThetaGammaStep,
+    forces: Forces,
+    start: Physical,
+    n: u32,
+) -> Option<u32> {
+    let wall = scheme.wall();
+    let mut state = start;
+    let mut z = lifted(start, wall)?;
+    let mut side = transform::side(z, 1.0);
+    let (mut u, mut signs) = (0.0, [NONE; 6]);
+    TABLE.fill(n, |k| {
+        if k > 0 {
+            z = scheme.solve(z, forces.plant + u, side).ok()?.end();
+            side = transform::side(z, side);
+            state = transform::project(z, wall);
+        }
+        let reference = law.reference();
+        if k < n as usize {
+            (u, signs) = law.tick(state, forces)?;
+        }
+        let [lambda_s, lambda_v, others @ ..] = signs;
+        let Physical { x, xdot } = state;
+        let Physical { x: x_ref, xdot: xdot_ref } = reference;
+        let (s, v) = (z.s, z.v);
+        Some(Row { x, xdot, s, v, x_ref, xdot_ref, u, lambda_s, lambda_v, others })
+    })
+}

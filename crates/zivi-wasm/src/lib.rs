@@ -1,0 +1,160 @@
+//! The ball, the regulator and the tracker over a grid, for a browser: `docs/_static/browser`.
+//!
+//! Each function makes one run and returns how many rows of the table it has filled, 0 where a
+//! setting is refused. The mass always moves by the implicit step (in a loop: the paper's own
+//! loop), except where explicit Euler is asked for. A row is
+//!
+//! ```text
+//! x, x', s, v, x_r, x_r', u, lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev
+//! ```
+//!
+//! with NaN for what a run does not have. The numbers are, bit by bit, those of the host library.
+
+#![cfg_attr(target_arch = "wasm32", no_std)]
+
+mod laws;
+mod table;
+
+use laws::{lifted, Forces, Law};
+use table::{Row, TABLE};
+use zivi_core::control::{Approach, ExplicitTwisting, Gains, TwistingRegulator, TwistingTracker};
+use zivi_core::{sgn, transform, Lifted, Physical, Restitution, ThetaGammaStep};
+
+/// Nothing here panics; if something did, the page would get an error.
+#[cfg(target_arch = "wasm32")]
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    core::arch::wasm32::unreachable()
+}
+
+/// Where the table is.
+#[no_mangle]
+pub extern "C" fn table() -> *const f64 {
+    TABLE.start()
+}
+
+/// Doubles of a row.
+#[no_mangle]
+pub extern "C" fn width() -> u32 {
+    table::WIDTH as u32
+}
+
+/// Rows that the table has.
+#[no_mangle]
+pub extern "C" fn capacity() -> u32 {
+    table::ROWS as u32
+}
+
+/// A ball under the constant force `f` (m/s^2): implicit Euler, or explicit Euler.
+#[no_mangle]
+pub extern "C" fn ball(explicit: u32, n: u32, h: f64, e: f64, f: f64, x: f64, xdot: f64) -> u32 {
+    let start = Physical { x, xdot };
+    let run = |scheme: ThetaGammaStep| {
+        let advance = |z: Lifted, side: f64| {
+            if explicit != 0 {
+                return Some(explicit_euler(z, f, h, scheme.wall()));
+            }
+            let found = scheme.solve(z, f, side).ok()?;
+            Some((found.end(), [found.lambda_s, found.lambda_v]))
+        };
+        fall(n, start, scheme.wall(), advance)
+    };
+    scheme(h, e).and_then(run).unwrap_or(0)
+}
+
+/// The regulator, without a landing, or with the sign of the sample: `u = -mu1 - mu2 sgn x'`.
+#[no_mangle]
+pub extern "C" fn regulator(
+    explicit: u32,
+    n: u32,
+    h: f64,
+    e: f64,
+    mu1: f64,
+    mu2: f64,
+    f: f64,
+    x: f64,
+    xdot: f64,
+) -> u32 {
+    let start = Physical { x, xdot };
+    let run = || {
+        let scheme = scheme(h, e)?;
+        let gains = Gains::new(mu1, mu2).ok()?;
+        let law = if explicit != 0 {
+            Law::Sampled(gains)
+        } else {
+            Law::Regulator(TwistingRegulator::new(gains, h, scheme.wall()).ok()?.with_landing(None))
+        };
+        laws::close(law, scheme, Forces { plant: f, model: f, reference: 0.0 }, start, n)
+    };
+    run().unwrap_or(0)
+}
+
+/// The tracker on either branch (0 `s >= 0`, 1 the nearest), or with explicit signs (2); the walls
+/// of the mass and of its reference have the same restitution. The controller believes in `f`,
+/// the force on the mass is `true_f`.
+#[no_mangle]
+pub extern "C" fn tracker(
+    kind: u32,
+    n: u32,
+    h: f64,
+    e: f64,
+    mu1: f64,
+    mu2: f64,
+    f: f64,
+    true_f: f64,
+    f_ref: f64,
+    x: f64,
+    xdot: f64,
+    x_ref: f64,
+    xdot_ref: f64,
+) -> u32 {
+    let (start, reference) = (Physical { x, xdot }, Physical { x: x_ref, xdot: xdot_ref });
+    let run = || {
+        let scheme = scheme(h, e)?;
+        let (gains, wall) = (Gains::new(mu1, mu2).ok()?, scheme.wall());
+        let approach = if kind == 1 { Approach::Nearest } else { Approach::Positive };
+        let law = if kind == 2 {
+            let mut law = ExplicitTwisting::new(gains, h, wall, wall).ok()?;
+            law.reset(reference).ok()?;
+            Law::Explicit(law)
+        } else {
+            let mut law = TwistingTracker::new(gains, h, wall, wall, approach).ok()?;
+            law.reset(reference).ok()?;
+            Law::Tracker(law)
+        };
+        laws::close(law, scheme, Forces { plant: true_f, model: f, reference: f_ref }, start, n)
+    };
+    run().unwrap_or(0)
+}
+
+fn scheme(h: f64, e: f64) -> Option<ThetaGammaStep> {
+    ThetaGammaStep::new(h, 1.0, 1.0, Restitution::from_e(e).ok()?).ok()
+}
+
+/// `v+ = v + h sgn(s) f / R`, `s+ = s + h R v` with `sgn 0 = +1`.
+fn explicit_euler(z: Lifted, f: f64, h: f64, wall: Restitution) -> (Lifted, [f64; 2]) {
+    let sign = |z: f64| if z < 0.0 { -1.0 } else { 1.0 };
+    let (lambda_s, lambda_v) = (sign(z.s), sign(z.v));
+    let rate = transform::field(z.v, lambda_s, lambda_v, f, wall);
+    (Lifted { s: z.s + h * rate.s, v: z.v + h * rate.v }, [lambda_s, lambda_v])
+}
+
+/// A run without control.
+fn fall(
+    n: u32,
+    start: Physical,
+    wall: Restitution,
+    advance: impl Fn(Lifted, f64) -> Option<(Lifted, [f64; 2])>,
+) -> Option<u32> {
+    let mut z = lifted(start, wall)?;
+    let (mut side, mut signs) = (transform::side(z, 1.0), [sgn(z.s), sgn(z.v)]);
+    TABLE.fill(n, |k| {
+        if k > 0 {
+            (z, signs) = advance(z, side)?;
+            side = transform::side(z, side);
+        }
+        let Physical { x, xdot } = transform::project(z, wall);
+        let [lambda_s, lambda_v] = signs;
+        Some(Row { x, xdot, s: z.s, v: z.v, lambda_s, lambda_v, ..Row::EMPTY })
+    })
+}
