@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, real_array, whole
+from zivi._compiled import listening, tell
 from zivi._extras import needed
 from zivi._progress import ProgressBar
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
@@ -223,9 +224,10 @@ def simulate_batch(
     spec = _method(method)
     every = _save(save, method)
     workers = check_threads(threads)
-    with ProgressBar(progress) as bar:
+    specs = [system._spec for system in several]
+    with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
         record = _zivi.simulate_batch(
-            [system._spec for system in several],
+            specs,
             np.array([(system.e, system.kappa) for system in several]),
             states,
             spec,
@@ -234,6 +236,7 @@ def simulate_batch(
             threads=workers,
             progress=bar.report,
         )
+    tell(ear, record.status)
     config = {
         "t_span": list(span),
         "method": describe(method),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from zivi import _zivi
 from zivi._check import Array
+from zivi._compiled import listening
 from zivi._extras import needed
 from zivi._loop_arguments import (
     OURS,
@@ -30,7 +31,7 @@ from zivi._loop_arguments import (
 from zivi._progress import ProgressBar
 from zivi.control import TickStatus
 from zivi.methods import SwitchedRK, ThetaGamma
-from zivi.simulate import pair, with_partial
+from zivi.simulate import as_raised, pair, with_partial
 from zivi.status import Status
 from zivi.system import Force, ImpactSystem
 from zivi.trajectory import describe, describe_system, impacts_of
@@ -315,7 +316,7 @@ def simulate_closed_loop(
             "delay": periods,
         }
     )
-    with ProgressBar(progress) as bar:
+    with ProgressBar(progress) as bar, listening(specs) as ear:
         record = _zivi.simulate_closed_loop(
             controller,
             specs,
@@ -335,6 +336,9 @@ def simulate_closed_loop(
     run, raised = _run(record, config), record.raised
     # an exception holds this frame: it must not hold the record that holds the exception
     del record
+    if raised is None and (raised := ear.ends(run.success)):
+        run = as_raised(run)
+    del ear
     if raised is not None:
         raise with_partial(raised, run)
     return run

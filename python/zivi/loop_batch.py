@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
+from zivi._compiled import listening, tell
 from zivi._extras import needed
 from zivi._loop_arguments import (
     OURS,
@@ -236,7 +237,8 @@ def simulate_closed_loop_batch(
     scheme, *_ = [check_method(method, controller.h) for controller in ticking]
     if not (finite("within", within) > 0.0):
         raise ValueError(f"within must be > 0 (m), got {within}")
-    with ProgressBar(progress) as bar:
+    specs = [spec for several in forces for spec in several]
+    with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
         record = _zivi.simulate_closed_loop_batch(
             ticking,
             forces,
@@ -252,6 +254,7 @@ def simulate_closed_loop_batch(
             threads=check_threads(threads),
             progress=bar.report,
         )
+    tell(ear, record.status)
     config = {
         "systems": [describe_system(plant) for plant in plants[:MAX_DESCRIBED]],
         "n_systems": len(plants),

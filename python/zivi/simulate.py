@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi import _zivi
 from zivi._check import real, real_array
+from zivi._compiled import listening
 from zivi._progress import ProgressBar
 from zivi._steps import restrict, with_events
 from zivi.events import events_of
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["simulate"]
 
 DEFAULT_METHOD = SwitchedRK()
+
+Run = TypeVar("Run", "Trajectory", "ClosedLoop")
 
 Event: TypeAlias = Callable[..., float]
 """``g(t, x, xdot)`` or ``g(t, y)``, with attributes ``terminal`` and ``direction``."""
@@ -119,18 +122,19 @@ def simulate(
     times = None if t_eval is None else _times(t_eval, span)
     stops = _stops(tstops, method)
     watched = events_of(events)
-    with ProgressBar(progress) as bar:
+    with ProgressBar(progress) as bar, listening([system._spec]) as ear:
         course = Course(span, state, times, stops, watched, dense_output, bar.report)
         record = method._integrate(system, course)
     sol = Trajectory._from_record(record, system, method, span, state)
     error = record.raised
+    if error is None and (error := ear.ends(sol.success)):
+        sol = as_raised(sol)
     if record.path is None:  # a method of fixed steps: its steps are all there is
         try:
             sol = with_events(sol, watched)
         except Exception as raised:
             error = raised if error is None else error
-            message = _zivi.STATUS_MESSAGES[Status.RAISED]
-            sol = dataclasses.replace(sol, status=Status.RAISED, message=message)
+            sol = as_raised(sol)
         if times is not None:
             sol = restrict(sol, times)
     if error is None:
@@ -141,7 +145,7 @@ def simulate(
     try:
         raise with_partial(error, sol)
     finally:
-        del error
+        del error, ear
 
 
 def pair(name: str, value: Sequence[float], form: str) -> tuple[float, float]:
@@ -178,6 +182,12 @@ def _times(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
     if not inside or np.any(np.diff(times) < 0):
         raise ValueError(f"t_eval must be ascending and within t_span = {span}")
     return times
+
+
+def as_raised(run: Run) -> Run:
+    """Give a run the status of one that an exception ended."""
+    message = _zivi.STATUS_MESSAGES[Status.RAISED]
+    return dataclasses.replace(run, status=Status.RAISED, message=message)
 
 
 def with_partial(error: BaseException, sol: Trajectory | ClosedLoop) -> BaseException:

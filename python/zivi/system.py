@@ -88,7 +88,11 @@ class ImpactSystem:
         Force per unit mass, an acceleration (m/s^2): a number; a `LinearForce`; a callable
         ``f(t, x, xdot) -> float``; or a compiled callable of the C signature
         ``double (double t, double x, double xdot)``, run without the interpreter: a
-        `scipy.LowLevelCallable`, a numba ``@cfunc`` or a `ctypes` function pointer.
+        `scipy.LowLevelCallable`, a numba ``@cfunc`` or a `ctypes` function pointer. A compiled
+        callable that has no value returns NaN, which ends the run; what it raises (in ctypes or
+        numba) counts as NaN and is raised by the run. The ``user_data`` of a `LowLevelCallable`
+        is passed as a fourth argument, ``void *``, if the signature has one; nothing is checked
+        there, and it must live as long as the system.
     e : float, optional
         Coefficient of restitution in [0, 1]: 0 plastic, 1 elastic.
     kappa : float, optional

@@ -1,6 +1,8 @@
 //! Forces that come from Python.
 
+use std::cell::Cell;
 use std::ffi::c_void;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -79,10 +81,10 @@ impl<'py> ForceSpec<'py> {
                     phase: number(6)?,
                 }))
             }
-            "compiled" => Ok(Self::Compiled(CompiledForce {
-                address: spec.get_item(1)?.extract()?,
-                data: spec.get_item(2)?.extract()?,
-            })),
+            "compiled" => Ok(Self::Compiled(CompiledForce::new(
+                spec.get_item(1)?.extract()?,
+                spec.get_item(2)?.extract()?,
+            ))),
             "callable" => Ok(Self::Callable(PythonForce { callable: spec.get_item(1)? })),
             "moving" => {
                 let force = Self::from_tuple(spec.get_item(1)?.cast()?)?;
@@ -180,11 +182,47 @@ impl Force<PyErr> for ForceSpec<'_> {
     }
 }
 
+/// Exceptions that compiled functions raised and could not hand on, in all threads.
+static RAISED: AtomicUsize = AtomicUsize::new(0);
+
+thread_local! {
+    /// Whether the last evaluation in this thread raised one.
+    static RAISED_HERE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Notes that the compiled function that this thread is in raised an exception, which C cannot
+/// hand on: what it returns means nothing.
+#[pyfunction]
+pub(crate) fn force_raised() {
+    RAISED_HERE.set(true);
+    RAISED.fetch_add(1, Ordering::Relaxed);
+}
+
 /// A compiled function, called without the interpreter. Whoever made the tuple keeps it alive.
 #[derive(Clone, Copy)]
 pub(crate) struct CompiledForce {
     address: usize,
     data: Option<usize>,
+    /// The exceptions that were there when this was last looked at.
+    seen: usize,
+}
+
+impl CompiledForce {
+    fn new(address: usize, data: Option<usize>) -> Self {
+        Self { address, data, seen: RAISED.load(Ordering::Relaxed) }
+    }
+
+    /// The value, NaN if an exception was raised in its stead.
+    #[cold]
+    #[inline(never)]
+    fn unless_raised(&mut self, value: f64) -> f64 {
+        self.seen = RAISED.load(Ordering::Relaxed);
+        if RAISED_HERE.take() {
+            f64::NAN
+        } else {
+            value
+        }
+    }
 }
 
 impl<E> Force<E> for CompiledForce {
@@ -193,7 +231,7 @@ impl<E> Force<E> for CompiledForce {
         // SAFETY: the Python layer (`zivi.system`) passes only the address of a function whose
         // declared signature it has compared with PLAIN or WITH_DATA, and holds the object that
         // owns the code for the duration of the run.
-        Ok(unsafe {
+        let value = unsafe {
             match self.data {
                 None => std::mem::transmute::<usize, Plain>(self.address)(t, x, xdot),
                 Some(data) => std::mem::transmute::<usize, WithData>(self.address)(
@@ -203,7 +241,10 @@ impl<E> Force<E> for CompiledForce {
                     data as *mut c_void,
                 ),
             }
-        })
+        };
+        // the counter is one for all threads: a look at it costs next to nothing
+        let quiet = RAISED.load(Ordering::Relaxed) == self.seen;
+        Ok(if quiet { value } else { self.unless_raised(value) })
     }
 }
 

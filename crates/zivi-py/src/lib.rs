@@ -40,6 +40,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(switched_rk::check_switched_rk, module)?)?;
     module.add_function(wrap_pyfunction!(switched_rk::simulate_switched_rk, module)?)?;
     module.add_function(wrap_pyfunction!(force::compiled_force, module)?)?;
+    module.add_function(wrap_pyfunction!(force::force_raised, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::check_moreau_jean, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_moreau_jean, module)?)?;
     module.add_class::<control::Regulator>()?;
