@@ -84,17 +84,21 @@ def test_a_run_that_is_killed_goes_on(executor, tmp_path):
         assert files(out) == files(whole)
 
 
+PRESSED = []
+
+
+def slow(x):
+    """Press Ctrl-C at point 20, once."""
+    if x == 20 and not PRESSED:
+        PRESSED.append(threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)))
+        PRESSED[0].start()
+        time.sleep(0.3)
+    return x
+
+
 @pytest.mark.parametrize("executor", [None, "threads"])
 def test_ctrl_c_keeps_what_is_done(executor, tmp_path):
-    pressed = []
-
-    def slow(x):
-        if x == 20 and not pressed:
-            pressed.append(threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)))
-            pressed[0].start()
-            time.sleep(0.3)
-        return x
-
+    PRESSED.clear()
     call = {"function": slow, "points": {"x": range(100)}, "out": tmp_path / "a", "chunk": 50}
     with pytest.raises(KeyboardInterrupt) as stop:
         zivi.sweep(**call, executor=executor, workers=2 if executor else None)
@@ -104,7 +108,7 @@ def test_ctrl_c_keeps_what_is_done(executor, tmp_path):
         assert study.status.tolist() == [1] * 20 + [0] * 80
     assert "this exception's attribute 'study' and in" in stop.value.__notes__[-1]
     assert np.array_equal(study.value[:20], np.arange(20.0))
-    pressed[0].join()
+    PRESSED[0].join()
     assert zivi.sweep(**call).value.values.tolist() == list(range(100))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import inspect
 import json
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -13,14 +12,16 @@ import numpy as np
 
 from zivi import _zivi
 from zivi.study.design import Design
+from zivi.study.digest import UndigestibleError, digest, held, source
 
-__all__ = ["differences", "identity", "named", "plain"]
+__all__ = ["differences", "identity", "named"]
 
 MILD = ("zivi", "source")
 """What may differ if the user insists on going on."""
 WORDS = {
     "function": "the function",
     "source": "the text of the function",
+    "held": "what the function holds (digest)",
     "kind": "the kind of design",
     "parameters": "the parameters",
     "shape": "the number of points",
@@ -38,16 +39,24 @@ def identity(
     fixed: Mapping[str, Any],
     seed: int | None,
     chunk: int | None,
+    *,
+    faithful: bool,
 ) -> dict[str, Any]:
-    """Tell a study in plain values."""
+    """Tell a study in plain values.
+
+    With `faithful`, a TypeError names what has no content that could be compared later; otherwise
+    it is told by its type.
+    """
+    of = functools.partial(plain, faithful=faithful)
     return {
         "function": named(function),
-        "source": _source(function),
+        "source": source(function),
+        "held": of("the function", function, held),
         "kind": design.kind,
         "parameters": list(design.names),
         "shape": list(design.shape),
         "values": design.digest(),
-        "fixed": plain(dict(fixed)),
+        "fixed": {name: of(f"fixed[{name!r}]", value) for name, value in fixed.items()},
         "seed": seed,
         "chunk": chunk,
         "zivi": _zivi.__version__,
@@ -57,52 +66,68 @@ def identity(
 def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool) -> list[str]:
     """List what differs between a store and a study, except what may if the user insists."""
     # a seed or a chunk that is not given is that of the store
-    open_ = {key for key in ("seed", "chunk") if here[key] is None}
-    left_out = open_ | (set(MILD) if mild else set())
+    left_out = {key for key in ("seed", "chunk") if here[key] is None}
+    if mild:
+        # version 0.1.0 did not say what a function holds
+        left_out |= {*MILD, *(() if "held" in there else ("held",))}
     return [
         f"{words}: {there.get(key)!r} there, {here[key]!r} here"
         for key, words in WORDS.items()
         # as text: NaN is not equal to itself
-        if key not in left_out and json.dumps(there.get(key)) != json.dumps(here[key])
+        if key not in left_out and _text(there.get(key)) != _text(here[key])
     ]
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, sort_keys=True)
 
 
 def named(function: Callable[..., Any]) -> str:
     """Name a function, or what it was made of."""
     if isinstance(function, functools.partial):
-        given = [repr(plain(it)) for it in function.args]
-        given += [f"{key}={plain(value)!r}" for key, value in function.keywords.items()]
+        given = [_shown(it) for it in function.args]
+        given += [f"{key}={_shown(value)}" for key, value in function.keywords.items()]
         return f"{named(function.func)}({', '.join(given)})"
     name = getattr(function, "__qualname__", None) or type(function).__qualname__
     module = getattr(function, "__module__", None) or type(function).__module__
     return f"{module}.{name}"
 
 
-def _source(function: Callable[..., Any]) -> str | None:
-    while isinstance(function, functools.partial):
-        function = function.func
-    thing = function if hasattr(function, "__code__") else type(function)
+def _shown(value: Any) -> str:
+    return repr(plain("", value, faithful=False))
+
+
+def plain(what: str, value: Any, of: Callable[[Any], Any] | None = None, *, faithful: bool) -> Any:
+    """Reduce a value to what JSON can hold; what it cannot is told by a digest of its content."""
     try:
-        text = inspect.getsource(thing)
-    except (OSError, TypeError):
-        return None
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return (of or _plain)(value)
+    except (UndigestibleError, RecursionError) as error:
+        if not faithful:
+            return f"{type(value).__module__}.{type(value).__qualname__}"
+        raise TypeError(
+            f"{what} holds {_said(error)}, of which it cannot be told later whether it is still the same, "
+            "so that a study in a folder could not go on: hand over what it is made of (numbers, a "
+            "path) and make it in the function"
+        ) from None
 
 
-def plain(value: Any) -> Any:
-    """Reduce a value to what JSON can hold; what it cannot is told by a digest or a type."""
-    if value is None or isinstance(value, bool | int | float | str):
+def _said(error: Exception) -> str:
+    deep = isinstance(error, RecursionError)
+    return "what is nested too deeply (RecursionError)" if deep else str(error)
+
+
+def _plain(value: Any) -> Any:
+    if type(value) in (type(None), bool, int, float, str):
         return value
-    if isinstance(value, np.generic):
+    if isinstance(value, np.bool_ | np.integer | np.floating) and value.itemsize <= 8:
         return value.item()
-    if isinstance(value, Mapping):
-        return {str(key): plain(it) for key, it in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(it) for it in value]
-    if isinstance(value, np.ndarray):
-        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
-        return f"array {value.dtype} {value.shape} {digest}"
+    if type(value) is dict and all(isinstance(key, str) for key in value):
+        return {key: _plain(it) for key, it in value.items()}
+    if type(value) in (list, tuple):
+        return [_plain(it) for it in value]
+    if type(value) is np.ndarray and value.dtype.char not in "gGOTV":
+        bytes_ = np.ascontiguousarray(value).tobytes()
+        return f"array {value.dtype} {value.shape} {hashlib.sha256(bytes_).hexdigest()[:16]}"
     if callable(value):
-        return named(value)
-    text = repr(value)
-    return f"{type(value).__module__}.{type(value).__qualname__}" if " at 0x" in text else text
+        return f"{named(value)} {digest(value)}"
+    return f"{type(value).__module__}.{type(value).__qualname__} {digest(value)}"

@@ -142,7 +142,14 @@ def sweep(
     pool = pool_of(executor, workers)
     try:
         number = _in_flight(in_flight, pool)
-        told = identity(work, design, constants, None if seed is None else int(seed), chunk)
+        told = identity(
+            work,
+            design,
+            constants,
+            None if seed is None else int(seed),
+            None if chunk is None else int(chunk),
+            faithful=out is not None,
+        )
         store = _store(out, design, told, labels, resume, draws=bool(wants))
     except BaseException:
         pool.close(at_once=True)
