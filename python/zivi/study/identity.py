@@ -105,9 +105,9 @@ def plain(what: str, value: Any, of: Callable[[Any], Any] | None = None, *, fait
         if not faithful:
             return f"{type(value).__module__}.{type(value).__qualname__}"
         raise TypeError(
-            f"{what} holds {_said(error)}, of which it cannot be told later whether it is still the same, "
-            "so that a study in a folder could not go on: hand over what it is made of (numbers, a "
-            "path) and make it in the function"
+            f"{what} holds {_said(error)}, of which it cannot be told later whether it is still "
+            "the same, so that a study in a folder could not go on: hand over what it is made of "
+            "(numbers, a path) and make it in the function"
         ) from None
 
 
