@@ -6,19 +6,20 @@ import signal
 import subprocess
 import sys
 
-COMMAND = [sys.executable, "-c", "from zivi.cli import app; app()", "lab", "--no-browser"]
+PROGRAM = "from zivi.cli import app; app()"
+COMMAND = [sys.executable, "-c", PROGRAM, "lab", "--no-browser"]
 
 
 @contextlib.contextmanager
-def serving():
+def serving(program=PROGRAM):
     """Serve on a free port; give the process and the address."""
-    command = [*COMMAND, "--port", "0"]
+    command = [sys.executable, "-c", program, *COMMAND[3:], "--port", "0"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         try:
             line = process.stdout.readline()
-            found = re.search(r"http://127\.0\.0\.1:\d+", line)
+            found = re.search(r"http://127\.0\.0\.1:\d+/[\w-]{22}/", line)
             assert found, line + (process.stderr.read() if process.poll() is not None else "")
             yield process, found[0]
         finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import secrets
 from typing import Annotated
 
 import typer
@@ -25,22 +26,24 @@ def lab(
 ) -> None:
     """Serve the interactive page: ball, regulator and tracker with sliders.
 
-    Only this machine can reach it. Exit code 2 if it cannot be served; Ctrl-C ends it.
+    Only this machine can reach it, and only with the address that is printed: it holds a token that
+    is new every time. Exit code 2 if it cannot be served; Ctrl-C ends it.
     """
     for module in NEEDED:
         try:
             importlib.import_module(module)
         except ImportError:
             raise _failed(f"the page needs {module}: pip install 'zivi[lab]'") from None
-    from zivi.lab.server import HOST, listen, serve
+    from zivi.lab.server import address, listen, serve
 
     try:
         listener = listen(port)
     except OSError as error:
         said = f"port {port} cannot be used ({error.strerror}); --port 0 takes a free one"
         raise _failed(said) from None
-    typer.echo(f"zivi lab: http://{HOST}:{listener.getsockname()[1]} (Ctrl-C ends it)")
-    serve(listener, browser=browser)
+    token = secrets.token_urlsafe(16)
+    typer.echo(f"zivi lab: {address(listener, token)} (Ctrl-C ends it)")
+    serve(listener, token, browser=browser)
 
 
 def _failed(message: str) -> typer.Exit:

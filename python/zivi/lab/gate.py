@@ -1,0 +1,124 @@
+"""Who may see the page: a browser on this machine that was given the address with its token.
+
+Any page that is open in a browser can send requests to this machine. So a request must ask for
+this server by its own name (``Host``: else a name that an attacker points at this machine would
+do), must not come from the page of another server (``Origin``), and must know the token, which is
+the first part of every path.
+"""
+
+from __future__ import annotations
+
+import hmac
+import time
+from collections.abc import Awaitable, Callable, MutableMapping
+from typing import Any, TypeAlias
+from urllib.parse import parse_qs
+
+__all__ = ["MOST_SESSIONS", "Gate"]
+
+Message: TypeAlias = MutableMapping[str, Any]
+Receive: TypeAlias = Callable[[], Awaitable[Message]]
+Send: TypeAlias = Callable[[Message], Awaitable[None]]
+App: TypeAlias = Callable[[Message, Receive, Send], Awaitable[None]]
+
+MOST_SESSIONS = 16
+"""Pages that are open at a time; each has a thread that computes."""
+SESSION_PATHS = ("ws", "sse")
+"""What a page asks for when it opens a session."""
+REFUSED = b"zivi lab: open the address that the command has printed\n"
+FULL = b"zivi lab: too many pages are open; close some and wait a minute\n"
+SAFE = (
+    (b"referrer-policy", b"no-referrer"),  # the address holds the token
+    (b"x-frame-options", b"DENY"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+
+
+class Gate:
+    """Refuses requests with 403, as an ASGI application before another one.
+
+    Parameters
+    ----------
+    app : callable
+        What is behind it, mounted at ``/TOKEN``.
+    port : int
+        Port of the server.
+    token : str
+        First part of every path.
+    lasting : float
+        Time (s) for which the application keeps a session whose page was closed.
+    """
+
+    def __init__(self, app: App, *, port: int, token: str, lasting: float) -> None:
+        self._app, self._token, self._lasting = app, token, lasting
+        names = ("127.0.0.1", "localhost")
+        self._hosts = {f"{name}:{port}".encode() for name in names}
+        if port == 80:
+            self._hosts |= {name.encode() for name in names}
+        self._open: dict[str, int] = {}
+        self._closed: dict[str, float] = {}
+
+    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+        elif not self._may_enter(scope):
+            await _refuse(scope, send, REFUSED)
+        elif scope["path"].rpartition("/")[2] in SESSION_PATHS:
+            await self._in_session(scope, receive, send)
+        else:
+            await self._app(scope, receive, _guarded(send))
+
+    def _may_enter(self, scope: Message) -> bool:
+        hosts, origins = _values(scope, b"host"), _values(scope, b"origin")
+        token = scope["path"].split("/", 2)[1] if scope["path"].startswith("/") else ""
+        return (
+            len(hosts) == 1
+            and hosts[0] in self._hosts
+            and all(origin == b"http://" + hosts[0] for origin in origins)
+            and hmac.compare_digest(token.encode(), self._token.encode())
+        )
+
+    async def _in_session(self, scope: Message, receive: Receive, send: Send) -> None:
+        asked = parse_qs(scope.get("query_string", b"").decode("latin-1"))
+        session = asked.get("session_id", [""])[0]
+        now = time.monotonic()
+        self._closed = {it: end for it, end in self._closed.items() if end + self._lasting > now}
+        known = self._open.keys() | self._closed.keys()
+        if session not in known and len(known) >= MOST_SESSIONS:
+            await _refuse(scope, send, FULL)
+            return
+        self._open[session] = self._open.get(session, 0) + 1
+        try:
+            await self._app(scope, receive, _guarded(send))
+        finally:
+            self._open[session] -= 1
+            if not self._open[session]:
+                del self._open[session]
+                self._closed[session] = time.monotonic()
+
+
+def _values(scope: Message, wanted: bytes) -> list[bytes]:
+    return [value for name, value in scope["headers"] if name == wanted]
+
+
+def _guarded(send: Send) -> Send:
+    """Take back what the application allows to pages of other servers."""
+
+    async def guarded(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            kept = [it for it in message["headers"] if not it[0].startswith(b"access-control-")]
+            message = {**message, "headers": [*kept, *SAFE]}
+        await send(message)
+
+    return guarded
+
+
+async def _refuse(scope: Message, send: Send, text: bytes) -> None:
+    if scope["type"] == "websocket":  # before it is accepted: the server answers 403
+        await send({"type": "websocket.close", "code": 1008})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), *SAFE]
+    await send({"type": "http.response.start", "status": 403, "headers": headers})
+    await send({"type": "http.response.body", "body": text})
