@@ -376,3 +376,70 @@ fn the_control_is_bounded_by_the_gains_and_the_forces() {
     }
     assert!(closest > 0.9, "the bound is far off: {closest}");
 }
+
+/// An incoming state at the wall and the one after its impact are the same reference.
+#[test]
+fn a_reset_into_the_wall_is_on_the_positive_branch() {
+    let (wall, gains) = (Restitution::from_e(0.4).expect("in range"), gains_of_the_paper());
+    let tracker = TwistingTracker::new(gains, 1e-3, wall, wall, Approach::Positive);
+    let explicit = ExplicitTwisting::new(gains, 1e-3, wall, wall);
+    let start = |xdot| Physical { x: 0.0, xdot };
+    for controller in [
+        Controller::Tracker(tracker.expect("admissible")),
+        Controller::Explicit(explicit.expect("admissible")),
+    ] {
+        let [into, after] = [-3.0, 1.2].map(|xdot| {
+            let mut it = controller;
+            match &mut it {
+                Controller::Tracker(it) => it.reset(start(xdot)).expect("in range"),
+                Controller::Explicit(it) => it.reset(start(xdot)).expect("in range"),
+                Controller::Regulator(_) => unreachable!("it has no reference"),
+            }
+            let u = it.tick(Sample { x: 0.3, ..GOOD }).expect("a good sample");
+            (u, it.numbers())
+        });
+        assert!((into.0 - after.0).abs() < 1e-12, "{into:?} {after:?}");
+        assert!(into.1.iter().zip(&after.1).all(|(a, b)| (a - b).abs() < 1e-12));
+    }
+}
+
+/// `M (1 + e)/(2 e) < mu2 < mu1 - M (1 + e)/(2 e)` of a tracker,
+/// `M - mu1 (1 - e^2)/(1 + e^2) < mu2 < mu1 - M` of a regulator.
+#[test]
+fn gains_hold_what_their_condition_says() {
+    let rng = Rng::new(86);
+    let mut accepted = [0; 2];
+    for _ in 0..20_000 {
+        let e = rng.between(0.02, 1.0);
+        let wall = Restitution::from_e(e).expect("in range");
+        let mu1 = rng.log_between(1e-2, 1e2);
+        let (mu2, bound) = (mu1 * rng.between(0.01, 0.99), mu1 * rng.between(0.0, 1.0));
+        let image = bound * (1.0 + e) / (2.0 * e);
+        let tracking = Gains::for_tracking(mu1, mu2, bound, wall);
+        assert_eq!(tracking.is_ok(), image < mu2 && mu2 + image < mu1);
+        // e^2 (D + M)/(U - M) < 1 with D = mu1 - mu2 > M, U = mu1 + mu2
+        let (down, up) = (mu1 - mu2 - bound, mu1 + mu2 - bound);
+        let shrinks = e * e * (mu1 - mu2 + bound) / up;
+        if (shrinks - 1.0).abs() > 1e-12 && down.abs() > 1e-12 * mu1 {
+            let regulation = Gains::for_regulation(mu1, mu2, bound, wall);
+            assert_eq!(regulation.is_ok(), down > 0.0 && shrinks < 1.0);
+            accepted[1] += u32::from(regulation.is_ok());
+        }
+        accepted[0] += u32::from(tracking.is_ok());
+    }
+    assert!(accepted.iter().all(|it| (500..19_500).contains(it)), "{accepted:?}");
+    let wall = half();
+    let refusal = Gains::for_tracking(30.0, 17.0, 13.0, wall).expect_err("too small");
+    assert_eq!(refusal.name(), "mu2");
+    let text = refusal.to_string();
+    assert!(text.starts_with("mu2 must be greater than bound (1 + e)/(2 e) = 26.0"), "{text}");
+    assert!(text.ends_with("for bound = 13.0, got 17.0"), "{text}");
+    for bound in [-1.0, f64::NAN, f64::INFINITY] {
+        assert_eq!(
+            Gains::for_tracking(30.0, 17.0, bound, wall).expect_err("range").name(),
+            "bound"
+        );
+    }
+    let plastic = Restitution::from_e(0.0).expect("in range");
+    assert_eq!(Gains::for_regulation(3.0, 2.0, 0.1, plastic).expect_err("range").name(), "e");
+}
