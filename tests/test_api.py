@@ -48,7 +48,8 @@ RESULT = "t x xdot s v lambda_s lambda_v residual impacts zeno_times liftoff_tim
 RESULT += " status success message nfev n_steps to_xarray"
 
 # made by the package, not by its users
-RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Trajectory", "VIResult"}
+RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Equilibrium", "Trajectory"}
+RESULTS |= {"VIProgress", "VIResult"}
 # described by what they have, not made by a call
 PROTOCOLS = {"zivi.Controller", "zivi.Method"}
 

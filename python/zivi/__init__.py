@@ -14,6 +14,7 @@ set-valued signs passes the accumulation of impacts and comes to rest exactly.
 import importlib
 
 from zivi import plot
+from zivi._complementarity import Equilibrium, bimatrix, solve_lcp, solve_ncp
 from zivi._zivi import __version__
 from zivi.batch import Batch, simulate_batch
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
@@ -26,7 +27,16 @@ from zivi.study import Design, Study, grid, open_study, points, sample, sweep
 from zivi.system import ImpactSystem, LinearForce
 from zivi.trajectory import Trajectory
 from zivi.transform import lift, project
-from zivi.vi import VIOptions, VIResult, VIStatus, natural_residual, solve_avi, solve_vi
+from zivi.vi import (
+    VIOptions,
+    VIProgress,
+    VIResult,
+    VIStatus,
+    check_jacobian,
+    natural_residual,
+    solve_avi,
+    solve_vi,
+)
 from zivi.wall import HarmonicWall, MovingWall
 
 __all__ = [
@@ -35,6 +45,7 @@ __all__ = [
     "ClosedLoopBatch",
     "Controller",
     "Design",
+    "Equilibrium",
     "ExplicitEuler",
     "ExplicitTwisting",
     "HarmonicWall",
@@ -52,9 +63,12 @@ __all__ = [
     "TwistingRegulator",
     "TwistingTracker",
     "VIOptions",
+    "VIProgress",
     "VIResult",
     "VIStatus",
     "__version__",
+    "bimatrix",
+    "check_jacobian",
     "grid",
     "lift",
     "natural_residual",
@@ -68,6 +82,8 @@ __all__ = [
     "simulate_closed_loop",
     "simulate_closed_loop_batch",
     "solve_avi",
+    "solve_lcp",
+    "solve_ncp",
     "solve_vi",
     "sweep",
 ]

@@ -1,19 +1,18 @@
 """Arrays that arrive from outside for the VI solver: their type, shape and entries."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from zivi._check import Array, real_array
+from zivi._check import Array, real, real_array
 
 __all__ = [
     "MAX_DENSE",
     "Array",
     "bound",
+    "count",
     "dense",
     "matrix",
-    "of_shape",
     "require_finite",
     "vector",
 ]
@@ -22,22 +21,33 @@ MAX_DENSE = 2000
 """Largest number of unknowns for which a sparse matrix is made dense: 2 x 32 MB of work."""
 
 
-def vector(name: str, value: Any) -> Array:
-    """Return `value` as a one-dimensional array of floats."""
+def vector(name: str, value: Any, *, scalar: bool = False) -> Array:
+    """Return `value` as a one-dimensional array of floats, or perhaps a scalar one."""
     array = real_array(name, value)
-    if array.ndim != 1:
+    if array.ndim != 1 and not (scalar and array.ndim == 0):
         raise ValueError(f"{name} must be one-dimensional, got shape {array.shape}")
     return array
 
 
-def bound(name: str, value: Any, n: int) -> Array:
-    """Return `value`, a number or an array of `n`, as an array of `n` floats."""
+def bound(name: str, value: Any, n: int) -> Array | float:
+    """Return `value`, a number or an array of `n`, as a float or an array of `n` floats."""
+    if type(value) in (float, int):
+        return real(name, value)
     array = real_array(name, value)
     if array.ndim == 0:
-        return np.full(n, float(array))
+        return float(array)
     if array.shape != (n,):
         raise ValueError(f"{name} must have {n} entries, got shape {array.shape}")
     return array
+
+
+def count(name: str, value: object, *, least: int = 0) -> int:
+    """Return `value` as an integer that is large enough."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise TypeError(f"{name} must be an integer, got {type(value).__name__} {value!r}")
+    if value < least:
+        raise ValueError(f"{name} must be >= {least}, got {value}")
+    return int(value)
 
 
 def require_finite(name: str, array: Array) -> None:
@@ -66,17 +76,3 @@ def matrix(name: str, value: Any, n: int) -> Array:
     if array.shape != (n, n):
         raise ValueError(f"{name} must have shape ({n}, {n}), got {array.shape}")
     return array
-
-
-def of_shape(
-    name: str, function: Callable[[Array], Any], shape: tuple[int, ...]
-) -> Callable[[Array], Array]:
-    """Wrap a callback so that what it returns has the right type and shape."""
-
-    def checked(x: Array) -> Array:
-        value = real_array(name, dense(name, function(x)))
-        if value.shape != shape:
-            raise ValueError(f"{name} must have shape {shape}, got {value.shape}")
-        return value
-
-    return checked

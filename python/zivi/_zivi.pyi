@@ -457,19 +457,26 @@ class ViRecord:
     def projected(self) -> bool: ...
 
 def solve_vi(
-    f: Callable[[_Array], _Array],
-    lower: _Array,
-    upper: _Array,
+    f: Callable[[_Array], Any],
+    lower: _Array | float,
+    upper: _Array | float,
     x0: _Array,
-    jac: Callable[[_Array], _Array] | None,
+    jac: Callable[[_Array], Any] | str,
+    convert: tuple[Callable[[Any], tuple[_Array, float]], Callable[[Any], _Array]],
     settings: dict[str, Any],
+    time_limit: float | None = None,
+    observe: Callable[[int, float, int, str], object] | None = None,
 ) -> ViRecord: ...
 def solve_avi(
     matrix: _Array,
     q: _Array,
-    lower: _Array,
-    upper: _Array,
-    x0: _Array,
+    lower: _Array | float,
+    upper: _Array | float,
+    x0: _Array | None,
     settings: dict[str, Any],
+    time_limit: float | None = None,
+    observe: Callable[[int, float, int, str], object] | None = None,
 ) -> ViRecord: ...
-def natural_residual(x: _Array, f: _Array, lower: _Array, upper: _Array) -> float: ...
+def natural_residual(
+    x: _Array, f: _Array, lower: _Array | float, upper: _Array | float
+) -> float: ...

@@ -7,183 +7,45 @@ Find ``x`` in ``[lower, upper]`` with, for every component,
 * ``F_i(x) = 0`` where ``lower_i < x_i < upper_i``.
 """
 
-import dataclasses
-import enum
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi import _zivi
-from zivi._arrays import MAX_DENSE, Array, bound, matrix, of_shape, require_finite, vector
+from zivi._arrays import MAX_DENSE, bound, count, matrix, vector
 from zivi._check import real
+from zivi._vi_jacobian import JacobianError, check_jacobian, complex_steps, converters, jacobian
+from zivi._vi_types import VIOptions, VIProgress, VIResult, VIStatus, result_of
 
 __all__ = [
     "MAX_DENSE",
+    "JacobianError",
     "VIOptions",
+    "VIProgress",
     "VIResult",
     "VIStatus",
+    "check_jacobian",
     "natural_residual",
     "solve_avi",
     "solve_vi",
 ]
 
 
-class VIStatus(enum.IntEnum):
-    """How a solve ended. Only a residual recomputed from `F` makes it solved."""
-
-    SOLVED = 0
-    """The natural residual is within the tolerance."""
-    SOLVED_NOT_ISOLATED = 1
-    """Solved; the Jacobian on the components inside the box is singular there."""
-    STATIONARY = 2
-    """The merit function is stationary where the residual is not small."""
-    STALLED = 3
-    """The merit function has not fallen by a tenth over twenty iterations."""
-    ITERATION_LIMIT = 4
-    """The iteration limit was reached."""
-    PIVOT_LIMIT = 5
-    """Pivoting reached its limit in the affine subproblems."""
-    DOMAIN_ERROR = 6
-    """`F` or its Jacobian is not finite wherever it was tried."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class VIOptions:
-    """How `solve_vi` and `solve_avi` go about it. Every fall-back can be switched off.
-
-    Parameters
-    ----------
-    row_scale : None, "jacobian" or array_like
-        Positive factors of the rows of `F`: none; one over the largest entry of each row of the
-        Jacobian at the start; or as given. They change the residual, not the solutions.
-    max_pivots : int, optional
-        Pivots of one affine subproblem; ``20 n + 50`` by default.
-    total_pivots : int, optional
-        Pivots of all affine subproblems together; ``200 n + 10000`` by default.
-    stage_iterations : int
-        Iterations of one stage.
-    line_search : bool
-        Search along Josephy-Newton directions; without it every full step is taken.
-    memory : int
-        Merit values the nonmonotone search looks back on, 1 (monotone) to 16.
-    descent_steps : bool
-        Semismooth and gradient steps where a Josephy-Newton step fails.
-    ray_start_first : bool
-        Try the ray start of the pivotal solver before the start at the iterate.
-    josephy_newton, semismooth, proximal : bool
-        Stages S0, S1 and S2.
-    restarts : int
-        Number of restarts from random points with fixed seeds, 0 to 8.
-    enumerate_up_to : int
-        Largest `n`, at most 6, for which all patterns of active bounds are tried in the end.
-    test_isolation : bool
-        Tell `SOLVED_NOT_ISOLATED` from `SOLVED`, at the cost of one more Jacobian.
-    """
-
-    row_scale: Literal["jacobian"] | ArrayLike | None = None
-    max_pivots: int | None = None
-    total_pivots: int | None = None
-    stage_iterations: int = 200
-    line_search: bool = True
-    memory: int = 8
-    descent_steps: bool = True
-    ray_start_first: bool = False
-    josephy_newton: bool = True
-    semismooth: bool = True
-    proximal: bool = True
-    restarts: int = 8
-    enumerate_up_to: int = 6
-    test_isolation: bool = True
-
-    def _settings(self) -> dict[str, Any]:
-        settings = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        scale = settings.pop("row_scale")
-        if isinstance(scale, str):
-            if scale != "jacobian":
-                raise ValueError(f"row_scale must be None, 'jacobian' or an array, got {scale!r}")
-            settings["scale_by_jacobian"] = True
-        elif scale is not None:
-            settings["row_scale"] = vector("row_scale", scale)
-        for name in (
-            "max_pivots",
-            "total_pivots",
-            "stage_iterations",
-            "memory",
-            "restarts",
-            "enumerate_up_to",
-        ):
-            if settings[name] is not None:
-                settings[name] = _count(name, settings[name])
-        return settings
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class VIResult:
-    """The end of a solve.
-
-    Attributes
-    ----------
-    x : ndarray
-        The solution, or the point with the smallest residual that was found.
-    F : ndarray
-        `F` there.
-    residual : float
-        ``max |max(x - upper, min(x - lower, F))|``.
-    status : VIStatus
-        How it ended.
-    success : bool
-        True when `x` is a solution within the tolerance.
-    message : str
-        What happened and what to try.
-    n_iter, nfev, njev, n_pivots : int
-        Iterations, evaluations of `F` and of its Jacobian, pivots.
-    n_semismooth_steps, n_gradient_steps, n_restarts : int
-        Work of the fall-backs.
-    stage : str
-        Which part of the solver found `x`: ``S0``, ``S1``, ``S2``, ``R0`` to ``R7``, ``E``.
-    scaled_residual : float
-        The residual with the rows scaled: what is compared with `tolerance`.
-    tolerance : float
-        `tol`, raised to ten roundings of a row, ``10 eps sum |J_ij x_j|``, where nothing better
-        could be reached.
-    convergence_ratio : float
-        The last residual over the one before. Where it is not small while ``|x|`` is large, it
-        tells the approach to a solution at infinity, which a small residual alone cannot.
-    projected : bool
-        `x0` was outside the box and was moved to its nearest point.
-    """
-
-    x: Array
-    F: Array
-    residual: float
-    status: VIStatus
-    success: bool
-    message: str
-    n_iter: int
-    nfev: int
-    njev: int
-    n_pivots: int
-    n_semismooth_steps: int
-    n_gradient_steps: int
-    n_restarts: int
-    stage: str
-    scaled_residual: float
-    tolerance: float
-    convergence_ratio: float
-    projected: bool
-
-
 def solve_vi(
-    F: Callable[[Array], ArrayLike],
+    F: Callable[..., ArrayLike],
     lower: ArrayLike,
     upper: ArrayLike,
     x0: ArrayLike,
     *,
-    jac: Callable[[Array], Any] | Any | None = None,
+    args: tuple[Any, ...] = (),
+    jac: Callable[..., Any] | Any | None = None,
     tol: float = 1e-9,
+    rtol: float = 0.0,
     max_iter: int | None = None,
+    time_limit: float | None = None,
+    callback: Callable[[VIProgress], object] | None = None,
     options: VIOptions | None = None,
 ) -> VIResult:
     """Solve a variational inequality on a box (a mixed complementarity problem).
@@ -191,19 +53,34 @@ def solve_vi(
     Parameters
     ----------
     F : callable
-        ``F(x)`` returns an array as long as `x`. Values that are not finite mean that `F` is
-        not defined there; the solver backs off. Exceptions reach the caller.
+        ``F(x, *args)`` returns an array as long as `x` (or a number where `x` has one entry).
+        Values that are not finite mean that `F` is not defined there; the solver backs off. So do
+        an `ArithmeticError` or a `ValueError` after the first call; other exceptions, and these
+        at `x0`, reach the caller.
     lower, upper : array_like
         Bounds, infinite ones allowed; a number stands for all components.
     x0 : array_like
-        Where to begin; its length is the number of unknowns.
-    jac : callable or matrix, optional
-        ``jac(x)`` returns the ``n x n`` matrix of ``dF_i/dx_j``, dense or sparse; a matrix
-        stands for a constant one. By default it is taken by differences of `F` in the box.
+        Where to begin; its length is the number of unknowns. A number is one unknown.
+    args : tuple
+        Further arguments of `F` and `jac`.
+    jac : callable, matrix or {"2-point", "3-point", "cs"}, optional
+        ``jac(x, *args)`` returns the ``n x n`` matrix of ``dF_i/dx_j``, dense or sparse; a matrix
+        stands for a constant one. By default, and as ``"3-point"``, it is taken by differences of
+        second order of `F` in the box (``2 n`` calls); ``"2-point"`` are differences of first
+        order (``n`` calls), ``"cs"`` complex steps (``n`` calls of an analytic `F`). Entries that
+        are not finite are replaced by differences.
     tol : float
         Largest natural residual of a solution.
+    rtol : float
+        The same relative to the residual at `x0`; the larger of the two holds.
     max_iter : int, optional
         Iterations of all stages together, 10000 by default.
+    time_limit : float, optional
+        Seconds after which the best point so far is returned; looked at between evaluations and
+        during long factorisations. A Jacobian by differences counts as one evaluation.
+    callback : callable, optional
+        Called with a `VIProgress` after every iteration; it may raise `StopIteration` to end the
+        solve.
     options : VIOptions, optional
         Row scaling, and which parts of the solver take part.
 
@@ -223,19 +100,27 @@ def solve_vi(
     >>> res.success, float(res.x[0].round(8))
     (True, 1.41421356)
     """
-    start = vector("x0", x0)
+    start = np.atleast_1d(vector("x0", x0, scalar=True))
     n = len(start)
+    if not n:
+        raise ValueError("x0 must have at least one entry, got none")
     if not callable(F):
         raise TypeError(f"F must be callable, got {type(F).__name__}")
-    record = _zivi.solve_vi(
-        of_shape("F(x)", F, (n,)),
-        bound("lower", lower, n),
-        bound("upper", upper, n),
-        start,
-        _jacobian(jac, n),
-        _settings(tol, max_iter, options),
-    )
-    return _result(record)
+    if args and not isinstance(args, tuple):
+        raise TypeError(f"args must be a tuple, got {type(args).__name__}")
+    map_ = (lambda x: F(x, *args)) if args else F
+    limits = bound("lower", lower, n), bound("upper", upper, n)
+    settings = _settings(tol, rtol, max_iter, options)
+    limit, observe = _time_limit(time_limit), _observer(callback)
+    calls = [0]
+    if isinstance(jac, str) and jac == "cs":
+        slopes: Any = complex_steps(map_, n, calls)
+    else:
+        slopes = jacobian(jac, start, args)
+    record = _zivi.solve_vi(map_, *limits, start, slopes, converters(n), settings, limit, observe)
+    result = result_of(record)
+    result.__dict__["nfev"] += calls[0]
+    return result
 
 
 def solve_avi(
@@ -246,6 +131,10 @@ def solve_avi(
     x0: ArrayLike | None = None,
     *,
     tol: float = 1e-9,
+    rtol: float = 0.0,
+    max_iter: int | None = None,
+    time_limit: float | None = None,
+    callback: Callable[[VIProgress], object] | None = None,
     options: VIOptions | None = None,
 ) -> VIResult:
     """Solve the affine variational inequality with ``F(x) = M x + q`` on a box.
@@ -260,15 +149,14 @@ def solve_avi(
         Bounds, infinite ones allowed; a number stands for all components.
     x0 : array_like, optional
         Where to begin; by default the point of the box nearest to zero.
-    tol : float
-        Largest natural residual of a solution.
-    options : VIOptions, optional
-        Row scaling, and which parts of the solver take part.
+    tol, rtol, max_iter, time_limit, callback, options
+        As for `solve_vi`.
 
     Returns
     -------
     VIResult
-        Always; look at ``success``.
+        Always; look at ``success``. A row that has the wrong sign everywhere in the box ends it
+        as `VIStatus.INFEASIBLE` at once.
 
     Raises
     ------
@@ -283,11 +171,11 @@ def solve_avi(
     """
     constant = vector("q", q)
     n = len(constant)
+    if not n:
+        raise ValueError("q must have at least one entry, got none")
     dense = matrix("M", M, n)
-    for name, array in (("M", dense), ("q", constant)):
-        require_finite(name, array)
-    start = np.zeros(n) if x0 is None else vector("x0", x0)
-    if len(start) != n:
+    start = None if x0 is None else vector("x0", x0)
+    if start is not None and len(start) != n:
         raise ValueError(f"x0 must have {n} entries, as q has, got {len(start)}")
     record = _zivi.solve_avi(
         dense,
@@ -295,9 +183,11 @@ def solve_avi(
         bound("lower", lower, n),
         bound("upper", upper, n),
         start,
-        _settings(tol, None, options),
+        _settings(tol, rtol, max_iter, options),
+        _time_limit(time_limit),
+        _observer(callback),
     )
-    return _result(record)
+    return result_of(record)
 
 
 def natural_residual(x: ArrayLike, F: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
@@ -334,40 +224,37 @@ def natural_residual(x: ArrayLike, F: ArrayLike, lower: ArrayLike, upper: ArrayL
     return _zivi.natural_residual(point, value, bound("lower", lower, n), bound("upper", upper, n))
 
 
-def _result(record: _zivi.ViRecord) -> VIResult:
-    status = VIStatus(record.status)
-    names = {field.name for field in dataclasses.fields(VIResult)} - {"F", "status", "success"}
-    return VIResult(
-        F=record.f,
-        status=status,
-        success=status in (VIStatus.SOLVED, VIStatus.SOLVED_NOT_ISOLATED),
-        **{name: getattr(record, name) for name in names},
-    )
-
-
-def _settings(tol: float, max_iter: int | None, options: VIOptions | None) -> dict[str, Any]:
-    if options is not None and not isinstance(options, VIOptions):
+def _settings(
+    tol: float, rtol: float, max_iter: int | None, options: VIOptions | None
+) -> dict[str, Any]:
+    if options is None:
+        settings = {}
+    elif isinstance(options, VIOptions):
+        settings = options._settings()
+    else:
         raise TypeError(f"options must be a VIOptions, got {type(options).__name__}")
-    settings = (options or VIOptions())._settings()
     settings["tol"] = real("tol", tol)
+    if rtol:
+        settings["rtol"] = real("rtol", rtol)
     if max_iter is not None:
-        settings["max_iterations"] = _count("max_iter", max_iter)
+        settings["max_iterations"] = count("max_iter", max_iter, least=1)
     return settings
 
 
-def _count(name: str, value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise TypeError(f"{name} must be an integer, got {type(value).__name__} {value!r}")
-    if value < 0:
-        raise ValueError(f"{name} must be >= 0, got {value}")
-    return int(value)
-
-
-def _jacobian(jac: Any, n: int) -> Callable[[Array], Array] | None:
-    if jac is None:
+def _time_limit(limit: float | None) -> float | None:
+    if limit is None:
         return None
-    if callable(jac):
-        return of_shape("jac(x)", jac, (n, n))
-    constant = matrix("jac", jac, n)
-    require_finite("jac", constant)
-    return lambda x: constant
+    seconds = real("time_limit", limit)
+    if not seconds > 0:
+        raise ValueError(f"time_limit must be > 0 seconds, got {seconds}")
+    return seconds
+
+
+def _observer(
+    callback: Callable[[VIProgress], object] | None,
+) -> Callable[[int, float, int, str], object] | None:
+    if callback is None:
+        return None
+    if not callable(callback):
+        raise TypeError(f"callback must be callable, got {type(callback).__name__}")
+    return lambda *progress: callback(VIProgress(*progress))

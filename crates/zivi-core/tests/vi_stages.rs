@@ -21,6 +21,7 @@ fn scalar(f: Scalar, slope: Scalar) -> impl Problem {
 
 const ONLY_S0: Settings<'static> = Settings {
     tol: 1e-9,
+    rtol: 0.0,
     row_scale: RowScale::Unit,
     max_iterations: 10_000,
     stage_iterations: 200,
@@ -29,6 +30,7 @@ const ONLY_S0: Settings<'static> = Settings {
     line_search: true,
     memory: 8,
     descent_steps: true,
+    active_set: true,
     first_start: zivi_core::vi::Start::Regular,
     josephy_newton: true,
     semismooth: false,
@@ -122,9 +124,11 @@ fn undefined_everywhere_is_a_domain_error() {
     let report = solve(&mut nan, &[0.0], &[1.0], &mut z, &Settings::default()).unwrap();
     assert_eq!(report.status, Status::DomainError);
     assert!(report.residual.is_nan());
-    let mut jacobian = scalar(|z| z + 1.0, |_| INF);
-    let report = solve(&mut jacobian, &[-INF], &[INF], &mut z, &ONLY_S0).unwrap();
+    // defined at the start alone: there is no slope from there, and no other point
+    let mut lonely = scalar(|z| if z == 0.5 { 1.0 } else { f64::NAN }, |_| INF);
+    let report = solve(&mut lonely, &[-INF], &[INF], &mut z, &ONLY_S0).unwrap();
     assert_eq!(report.status, Status::DomainError);
+    assert_eq!((z[0], report.residual), (0.5, 1.0));
 }
 
 /// Fails at the k-th evaluation of `F`.
@@ -185,7 +189,8 @@ fn limits_end_with_their_status() {
         .collect();
     let q = vec![-1.0; n];
     let (lower, upper) = (vec![0.0; n], vec![INF; n]);
-    let settings = Settings { max_pivots: Some(1), descent_steps: false, ..ONLY_S0 };
+    let only_pivots = Settings { descent_steps: false, active_set: false, ..ONLY_S0 };
+    let settings = Settings { max_pivots: Some(1), ..only_pivots };
     let mut z = vec![0.0; n];
     let mut affine = Affine { matrix: &m, q: &q };
     let report = solve(&mut affine, &lower, &upper, &mut z, &settings).unwrap();

@@ -1,15 +1,23 @@
 //! Box VIs from Python. The lock is held while `F` is a Python callable, released otherwise.
 
-use std::cell::{Cell, RefCell};
+mod callbacks;
+mod settings;
+mod watch;
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use zivi_core::vi::{
-    self, Affine, Differenced, EvaluationError, InvalidInput, Problem, Report, RowScale, Settings,
-    Start, Workspace,
+    self, Affine, Differenced, InvalidInput, Problem, Report, Scheme, Settings, Status, Workspace,
 };
+
+use callbacks::{Callbacks, Watched, WithJacobian};
+use settings::GivenSettings;
+use watch::{Interruptible, Watch};
+
+/// Code of a solve that its time limit ended; those of the solver itself are smaller.
+const TIME_LIMIT: u8 = 10;
 
 /// The outcome of one solve.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
@@ -20,7 +28,7 @@ pub(crate) struct ViRecord {
     scaled_residual: f64,
     tolerance: f64,
     status: u8,
-    message: &'static str,
+    message: String,
     stage: &'static str,
     n_iter: usize,
     nfev: usize,
@@ -45,14 +53,26 @@ struct Vectors {
     z: Vec<f64>,
 }
 
+/// A bound as Python hands it over: one number for all components, or one for each.
+#[derive(FromPyObject)]
+pub(crate) enum Bound1<'py> {
+    Common(f64),
+    Each(PyReadonlyArray1<'py, f64>),
+}
+
+impl Bound1<'_> {
+    fn to_vec(&self, n: usize) -> Vec<f64> {
+        match self {
+            Self::Common(value) => vec![*value; n],
+            Self::Each(values) => values.as_array().to_vec(),
+        }
+    }
+}
+
 impl Vectors {
-    fn new(
-        lower: &PyReadonlyArray1<'_, f64>,
-        upper: &PyReadonlyArray1<'_, f64>,
-        x0: &PyReadonlyArray1<'_, f64>,
-    ) -> Self {
-        let vector = |array: &PyReadonlyArray1<'_, f64>| array.as_array().to_vec();
-        Self { lower: vector(lower), upper: vector(upper), z: vector(x0) }
+    fn new(lower: &Bound1<'_>, upper: &Bound1<'_>, x0: &PyReadonlyArray1<'_, f64>) -> Self {
+        let z = x0.as_array().to_vec();
+        Self { lower: lower.to_vec(z.len()), upper: upper.to_vec(z.len()), z }
     }
 
     /// Solves in memory of its own; `F` at the end comes with the report.
@@ -72,15 +92,25 @@ impl Vectors {
         Ok((report, work.map().to_vec()))
     }
 
-    fn record(self, py: Python<'_>, report: Report, f: Vec<f64>, nfev: usize) -> ViRecord {
+    fn record(
+        self,
+        py: Python<'_>,
+        (report, f): (Report, Vec<f64>),
+        nfev: usize,
+        watch: &Watch,
+    ) -> ViRecord {
+        let timed_out = report.status == Status::Stopped && watch.timed_out();
         ViRecord {
             x: PyArray1::from_vec(py, self.z).unbind(),
             f: PyArray1::from_vec(py, f).unbind(),
             residual: report.residual,
             scaled_residual: report.scaled_residual,
             tolerance: report.tolerance,
-            status: report.status as u8,
-            message: report.status.message(),
+            status: if timed_out { TIME_LIMIT } else { report.status as u8 },
+            message: match timed_out {
+                true => "the time limit was reached: allow more time or start nearer".to_owned(),
+                false => report.status.message().to_owned(),
+            },
             stage: report.stage.name(),
             n_iter: report.counts.iterations,
             nfev,
@@ -96,223 +126,95 @@ impl Vectors {
     }
 }
 
-/// Settings as Python hands them over: a dictionary of those that differ from the default.
-struct GivenSettings {
-    settings: Settings<'static>,
-    row_scale: Option<Vec<f64>>,
-}
-
-impl GivenSettings {
-    fn from_dict(given: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let mut settings = Settings::default();
-        let mut row_scale = None;
-        for (key, value) in given {
-            let key: String = key.extract()?;
-            match key.as_str() {
-                "tol" => settings.tol = value.extract()?,
-                "max_iterations" => settings.max_iterations = value.extract()?,
-                "stage_iterations" => settings.stage_iterations = value.extract()?,
-                "max_pivots" => settings.max_pivots = value.extract()?,
-                "total_pivots" => settings.total_pivots = value.extract()?,
-                "line_search" => settings.line_search = value.extract()?,
-                "memory" => settings.memory = value.extract()?,
-                "descent_steps" => settings.descent_steps = value.extract()?,
-                "ray_start_first" => {
-                    settings.first_start =
-                        if value.extract()? { Start::Ray } else { Start::Regular };
-                }
-                "josephy_newton" => settings.josephy_newton = value.extract()?,
-                "semismooth" => settings.semismooth = value.extract()?,
-                "proximal" => settings.proximal = value.extract()?,
-                "restarts" => settings.restarts = value.extract()?,
-                "enumerate_up_to" => settings.enumerate_up_to = value.extract()?,
-                "test_isolation" => settings.test_isolation = value.extract()?,
-                "scale_by_jacobian" => settings.row_scale = RowScale::Jacobian,
-                "row_scale" => {
-                    let scale: PyReadonlyArray1<'_, f64> = value.extract()?;
-                    row_scale = Some(scale.as_array().to_vec());
-                }
-                _ => return Err(PyTypeError::new_err(format!("unknown setting {key:?}"))),
-            }
-        }
-        Ok(Self { settings, row_scale })
-    }
-
-    fn get(&self) -> Settings<'_> {
-        match &self.row_scale {
-            Some(scale) => Settings { row_scale: RowScale::Given(scale), ..self.settings },
-            None => self.settings,
-        }
-    }
-}
-
-/// Calls Python; what it raises is kept for the caller and stops the solver.
-struct Callbacks<'py> {
-    py: Python<'py>,
-    raised: RefCell<Option<PyErr>>,
-    nfev: Cell<usize>,
-}
-
-impl<'py> Callbacks<'py> {
-    fn keep<T>(&self, result: PyResult<T>) -> Result<T, EvaluationError> {
-        result.map_err(|error| {
-            self.raised.replace(Some(error));
-            EvaluationError
-        })
-    }
-
-    fn map(
-        &self,
-        f: &Bound<'py, PyAny>,
-        z: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), EvaluationError> {
-        self.nfev.set(self.nfev.get() + 1);
-        self.keep((|| {
-            let value = f.call1((PyArray1::from_slice(self.py, z),))?;
-            let value: PyReadonlyArray1<'_, f64> = value.extract()?;
-            out.copy_from_slice(value.as_slice()?);
-            Ok(())
-        })())
-    }
-
-    fn jacobian(
-        &self,
-        jac: &Bound<'py, PyAny>,
-        z: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), EvaluationError> {
-        self.keep((|| {
-            let value = jac.call1((PyArray1::from_slice(self.py, z),))?;
-            let value: PyReadonlyArray2<'_, f64> = value.extract()?;
-            out.copy_from_slice(value.as_slice()?);
-            Ok(())
-        })())
-    }
-}
-
-/// `F` and its Jacobian, both from Python.
-struct WithJacobian<'a, 'py> {
-    callbacks: &'a Callbacks<'py>,
-    f: Bound<'py, PyAny>,
-    jac: Bound<'py, PyAny>,
-}
-
-impl Problem for WithJacobian<'_, '_> {
-    fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
-        self.callbacks.map(&self.f, z, f)
-    }
-
-    fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
-        self.callbacks.jacobian(&self.jac, z, jacobian)
-    }
-}
-
-/// A problem with callbacks, and an eye on the signals between them.
-struct Watched<'a, 'py, P> {
-    problem: P,
-    callbacks: &'a Callbacks<'py>,
-}
-
-impl<P: Problem> Problem for Watched<'_, '_, P> {
-    fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
-        self.problem.map(z, f)
-    }
-
-    fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
-        self.problem.jacobian(z, jacobian)
-    }
-
-    fn poll(&mut self) -> Result<(), EvaluationError> {
-        self.callbacks.keep(self.callbacks.py.check_signals())
-    }
-}
-
-/// An affine problem, solved without the lock but for a look at the signals.
-struct Interruptible<'a> {
-    affine: Affine<'a>,
-    raised: Option<PyErr>,
-}
-
-impl Problem for Interruptible<'_> {
-    fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
-        self.affine.map(z, f)
-    }
-
-    fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
-        self.affine.jacobian(z, jacobian)
-    }
-
-    fn poll(&mut self) -> Result<(), EvaluationError> {
-        Python::attach(|py| py.check_signals()).map_err(|error| {
-            self.raised = Some(error);
-            EvaluationError
-        })
-    }
-}
-
-/// Solves a box VI. `f` and `jac` map an array to a contiguous float64 array of the right shape.
+/// Solves a box VI. `jac` is a callable or `"2-point"` or `"3-point"` for differences; `convert`
+/// makes arrays of what `f` and `jac` return where that is not a float64 array of the right shape.
 #[pyfunction]
-#[pyo3(signature = (f, lower, upper, x0, jac, settings))]
+#[pyo3(signature = (f, lower, upper, x0, jac, convert, settings, time_limit=None, observe=None))]
+#[allow(clippy::too_many_arguments)]
 pub(crate) fn solve_vi<'py>(
     py: Python<'py>,
     f: Bound<'py, PyAny>,
-    lower: PyReadonlyArray1<'py, f64>,
-    upper: PyReadonlyArray1<'py, f64>,
+    lower: Bound1<'py>,
+    upper: Bound1<'py>,
     x0: PyReadonlyArray1<'py, f64>,
-    jac: Option<Bound<'py, PyAny>>,
+    jac: Bound<'py, PyAny>,
+    convert: (Bound<'py, PyAny>, Bound<'py, PyAny>),
     settings: &Bound<'py, PyDict>,
+    time_limit: Option<f64>,
+    observe: Option<Py<PyAny>>,
 ) -> PyResult<ViRecord> {
     let mut vectors = Vectors::new(&lower, &upper, &x0);
     let given = GivenSettings::from_dict(settings)?;
-    let callbacks = Callbacks { py, raised: RefCell::new(None), nfev: Cell::new(0) };
-    let solved = match jac {
-        Some(jac) => {
-            let problem = WithJacobian { callbacks: &callbacks, f, jac };
-            vectors.solve(&mut Watched { problem, callbacks: &callbacks }, &given.get())
-        }
+    let watch = Watch::new(time_limit, observe);
+    let callbacks = Callbacks::new(py, f, convert);
+    let scheme = match jac.extract::<&str>() {
+        Ok("2-point") => Some(Scheme::TwoPoint),
+        Ok(_) => Some(Scheme::ThreePoint),
+        Err(_) => None,
+    };
+    let solved = match scheme {
         None => {
+            let problem = WithJacobian::new(&callbacks, jac);
+            vectors.solve(&mut Watched::new(problem, &callbacks, &watch), &given.get())
+        }
+        Some(scheme) => {
             let (lower, upper) = (vectors.lower.clone(), vectors.upper.clone());
             let mut work = vec![0.0; 4 * lower.len()];
-            let map = |z: &[f64], out: &mut [f64]| callbacks.map(&f, z, out);
+            let map = |z: &[f64], out: &mut [f64]| callbacks.map(z, out);
             Differenced::new(map, &lower, &upper, &mut work)
                 .ok_or(InvalidInput::Workspace)
+                .map(|it| it.with_scheme(scheme).with_rounding(&callbacks.rounding))
                 .and_then(|problem| {
-                    vectors.solve(&mut Watched { problem, callbacks: &callbacks }, &given.get())
+                    vectors.solve(&mut Watched::new(problem, &callbacks, &watch), &given.get())
                 })
         }
     };
-    if let Some(error) = callbacks.raised.take() {
+    if let Some(error) = callbacks.raised.take().or_else(|| watch.raised()) {
         return Err(error);
     }
-    let (report, at_end) = solved.map_err(invalid)?;
-    Ok(vectors.record(py, report, at_end, callbacks.nfev.get()))
+    let end = solved.map_err(invalid)?;
+    let mut record = vectors.record(py, end, callbacks.nfev.get(), &watch);
+    record.message.push_str(&callbacks.undefined());
+    Ok(record)
 }
 
 /// Solves the affine VI with `F(x) = matrix x + q`.
 #[pyfunction]
-#[pyo3(signature = (matrix, q, lower, upper, x0, settings))]
+#[pyo3(signature = (matrix, q, lower, upper, x0, settings, time_limit=None, observe=None))]
+#[allow(clippy::too_many_arguments)]
 pub(crate) fn solve_avi<'py>(
     py: Python<'py>,
     matrix: PyReadonlyArray2<'py, f64>,
     q: PyReadonlyArray1<'py, f64>,
-    lower: PyReadonlyArray1<'py, f64>,
-    upper: PyReadonlyArray1<'py, f64>,
-    x0: PyReadonlyArray1<'py, f64>,
+    lower: Bound1<'py>,
+    upper: Bound1<'py>,
+    x0: Option<PyReadonlyArray1<'py, f64>>,
     settings: &Bound<'py, PyDict>,
+    time_limit: Option<f64>,
+    observe: Option<Py<PyAny>>,
 ) -> PyResult<ViRecord> {
-    let mut vectors = Vectors::new(&lower, &upper, &x0);
-    let given = GivenSettings::from_dict(settings)?;
     let (matrix, q) = (matrix.as_slice()?.to_vec(), q.as_array().to_vec());
+    let n = q.len();
+    if let Some(k) = matrix.iter().position(|entry| !entry.is_finite()) {
+        let (i, j, entry) = (k / n, k % n, matrix[k]);
+        return Err(PyValueError::new_err(format!("M[{i}, {j}] must be finite, got {entry}")));
+    }
+    if let Some(i) = q.iter().position(|entry| !entry.is_finite()) {
+        return Err(PyValueError::new_err(format!("q[{i}] must be finite, got {}", q[i])));
+    }
+    let z = x0.map_or_else(|| vec![0.0; n], |x0| x0.as_array().to_vec());
+    let mut vectors = Vectors { lower: lower.to_vec(n), upper: upper.to_vec(n), z };
+    let given = GivenSettings::from_dict(settings)?;
+    let watch = Watch::new(time_limit, observe);
     let affine = Affine { matrix: &matrix, q: &q };
-    let mut problem = Interruptible { affine, raised: None };
+    let mut problem = Interruptible { affine, watch };
     let solved = py.detach(|| vectors.solve(&mut problem, &given.get()));
-    if let Some(error) = problem.raised {
+    if let Some(error) = problem.watch.raised() {
         return Err(error);
     }
-    let (report, at_end) = solved.map_err(invalid)?;
-    let nfev = report.counts.f;
-    Ok(vectors.record(py, report, at_end, nfev))
+    let end = solved.map_err(invalid)?;
+    let nfev = end.0.counts.f;
+    Ok(vectors.record(py, end, nfev, &problem.watch))
 }
 
 /// The natural residual of `x`, given `F(x)`.
@@ -320,8 +222,8 @@ pub(crate) fn solve_avi<'py>(
 pub(crate) fn natural_residual<'py>(
     x: PyReadonlyArray1<'py, f64>,
     f: PyReadonlyArray1<'py, f64>,
-    lower: PyReadonlyArray1<'py, f64>,
-    upper: PyReadonlyArray1<'py, f64>,
+    lower: Bound1<'py>,
+    upper: Bound1<'py>,
 ) -> PyResult<f64> {
     let vectors = Vectors::new(&lower, &upper, &x);
     vi::validate_bounds(vectors.z.len(), &vectors.lower, &vectors.upper).map_err(invalid)?;

@@ -44,7 +44,13 @@ impl<const N: usize> SignSolver<N> {
     pub fn with(settings: Settings<'static>) -> Self {
         let (reals, indices) = vi::workspace_len(N);
         Self {
-            settings: Settings { tol: TOLERANCE, test_isolation: false, ..settings },
+            settings: Settings {
+                tol: TOLERANCE,
+                test_isolation: false,
+                // of several solutions of a step the one on the path from the last signs counts
+                active_set: false,
+                ..settings
+            },
             signs: [0.0; N],
             reals: vec![0.0; reals],
             indices: vec![0; indices],

@@ -70,6 +70,12 @@ pub(super) fn axpy(y: &mut [f64], a: f64, x: &[f64]) {
     y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
 }
 
+/// `v_i <- s_i v_i`.
+#[inline]
+pub(super) fn scale(v: &mut [f64], scale: &[f64]) {
+    v.iter_mut().zip(scale).for_each(|(v, scale)| *v *= scale);
+}
+
 /// `out <- A x`.
 #[inline]
 pub(super) fn multiply(matrix: &[f64], x: &[f64], out: &mut [f64]) {
@@ -98,11 +104,23 @@ pub(super) fn project(z: &mut [f64], lower: &[f64], upper: &[f64]) {
     }
 }
 
+/// Columns of a factorisation between two looks at whoever may want to interrupt.
+const POLL_EVERY: usize = 32;
+
 /// Overwrites the leading `k x k` matrix (row length `k`) by its factors `P A = L U` with partial
-/// pivoting on rows of comparable size; returns `min |u_ii| / max |u_ii|`, 0 when singular.
-pub(super) fn factor(matrix: &mut [f64], k: usize, permutation: &mut [usize]) -> f64 {
+/// pivoting on rows of comparable size; returns `min |u_ii| / max |u_ii|`, 0 when singular. Zeros
+/// outside a band cost nothing but a look. `poll` may stop it.
+pub(super) fn factor<E>(
+    matrix: &mut [f64],
+    k: usize,
+    permutation: &mut [usize],
+    poll: &mut dyn FnMut() -> Result<(), E>,
+) -> Result<f64, E> {
     let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
     for step in 0..k {
+        if step % POLL_EVERY == POLL_EVERY - 1 {
+            poll()?;
+        }
         let best = (step..k).fold((step, -1.0), |best, i| {
             let size = at(matrix, i * k + step).abs();
             if size > best.1 {
@@ -114,15 +132,16 @@ pub(super) fn factor(matrix: &mut [f64], k: usize, permutation: &mut [usize]) ->
         let (pivot_row, size) = best;
         put(permutation, step, pivot_row);
         if size <= 0.0 || !size.is_finite() {
-            return 0.0;
+            return Ok(0.0);
         }
         swap_rows(matrix, k, step, pivot_row);
         (least, most) = (least.min(size), most.max(size));
         let (above, below) = match matrix.split_at_mut_checked((step + 1) * k) {
             Some(halves) => halves,
-            None => return 0.0,
+            None => return Ok(0.0),
         };
         let pivot = above.get(step * k + step..).unwrap_or(&[]);
+        let pivot = part(pivot, 0..support(pivot).end);
         for row in below.chunks_exact_mut(k).take(k - step - 1) {
             let ahead = row.get_mut(step..).unwrap_or(&mut []);
             if let (Some((lead, rest)), Some((by, tail))) =
@@ -135,11 +154,7 @@ pub(super) fn factor(matrix: &mut [f64], k: usize, permutation: &mut [usize]) ->
             }
         }
     }
-    if k == 0 {
-        1.0
-    } else {
-        least / most
-    }
+    Ok(if k == 0 { 1.0 } else { least / most })
 }
 
 fn swap_rows(matrix: &mut [f64], k: usize, i: usize, j: usize) {
@@ -185,11 +200,16 @@ mod tests {
         let mut b = [0.0; 3];
         multiply(&a, &x, &mut b);
         let mut permutation = [0; 3];
-        assert!(factor(&mut a, 3, &mut permutation) > 0.05);
-        solve(&a, 3, &permutation, &mut b);
+        let mut factor = |a: &mut [f64], k| {
+            let mut poll = || Ok::<(), ()>(());
+            (super::factor(a, k, &mut permutation, &mut poll), permutation)
+        };
+        let (ratio, order) = factor(&mut a, 3);
+        assert!(ratio > Ok(0.05));
+        solve(&a, 3, &order, &mut b);
         assert!(b.iter().zip(x).all(|(b, x)| (b - x).abs() < 1e-15), "{b:?}");
         let mut singular = [1.0, 2.0, 2.0, 4.0];
-        assert_eq!(factor(&mut singular, 2, &mut permutation), 0.0);
+        assert_eq!(factor(&mut singular, 2).0, Ok(0.0));
     }
 
     #[test]

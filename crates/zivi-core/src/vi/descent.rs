@@ -8,7 +8,8 @@
 //! De Luca, Facchinei & Kanzow, *Math. Program.* 75 (1996) 407-439, on the box.
 
 use super::dense;
-use super::iterate::{Iterate, Outcome, Progress};
+use super::iterate::{Iterate, Outcome};
+use super::stagnation::Stagnation;
 use super::status::Status;
 
 /// Levenberg-Marquardt weights, tried in turn; 0 is the Newton step itself.
@@ -18,10 +19,12 @@ const ARMIJO: f64 = 1e-4;
 /// Halvings of a semismooth step and of a gradient step.
 const HALVINGS: usize = 12;
 const GRADIENT_HALVINGS: usize = 40;
+/// Rows of the normal matrix between two looks at whoever may want to interrupt.
+const POLL_EVERY: usize = 32;
 
 /// Stage S1: monotone semismooth Newton from where [`Iterate::begin`] has left the iterate.
 pub(super) fn semismooth_newton(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
-    let mut progress = Progress::new(at.merit);
+    let mut progress = Stagnation::new(at.merit);
     for iteration in 0..at.settings.stage_iterations {
         if at.is_solved() {
             return Ok(Status::Solved);
@@ -29,14 +32,18 @@ pub(super) fn semismooth_newton(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
         if at.out_of_iterations() {
             return Ok(Status::IterationLimit);
         }
+        if at.budget.is_spent() {
+            return Ok(Status::PivotLimit);
+        }
         at.counts.iterations += 1;
         if iteration > 0 && !at.linearise()? {
             return Ok(Status::DomainError);
         }
         if !step(at)? {
-            return Ok(Status::Stationary);
+            return Ok(at.why_stuck());
         }
-        if progress.has_stalled(at.merit) && !at.is_solved() {
+        at.report()?;
+        if at.has_stalled(&mut progress) {
             return Ok(Status::Stalled);
         }
     }
@@ -46,8 +53,10 @@ pub(super) fn semismooth_newton(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
 /// One step that lowers the merit; false where none was found.
 pub(super) fn step(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     for weight in WEIGHTS {
-        at.problem.poll()?;
-        if direction(at, weight) && projected_search(at, HALVINGS)? {
+        if at.budget.is_spent() {
+            return Ok(false);
+        }
+        if direction(at, weight)? && projected_search(at, HALVINGS)? {
             at.counts.semismooth_steps += 1;
             return Ok(true);
         }
@@ -67,8 +76,11 @@ pub(super) fn step(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
 }
 
 /// `work.step <- d` for one weight; false where the matrix is singular.
-fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> bool {
+fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<bool> {
     let n = at.n();
+    at.budget.spend_on_factors(n);
+    let poll = &mut || at.problem.poll();
+    poll()?;
     let work = &mut *at.work;
     let matrix = &mut *work.pivotal.inverse;
     if weight == 0.0 {
@@ -79,7 +91,8 @@ fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> bool {
         }
         work.step.iter_mut().zip(work.phi.iter()).for_each(|(d, phi)| *d = -phi);
     } else {
-        normal_matrix(matrix, work.jacobian, work.slope_z, work.slope_f, work.pivotal.column);
+        let slopes = (&*work.slope_z, &*work.slope_f);
+        normal_matrix(matrix, work.jacobian, slopes, work.pivotal.column, poll)?;
         let largest = (0..n).fold(0.0, |size, i| f64::max(size, dense::at(matrix, i * n + i)));
         for i in 0..n {
             let damped = dense::at(matrix, i * n + i) + weight * largest;
@@ -87,24 +100,27 @@ fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> bool {
         }
         work.step.iter_mut().zip(work.gradient.iter()).for_each(|(d, g)| *d = -g);
     }
-    if dense::factor(matrix, n, work.pivotal.members) <= 0.0 {
-        return false;
+    if dense::factor(matrix, n, work.pivotal.members, poll)? <= 0.0 {
+        return Ok(false);
     }
     dense::solve(matrix, n, work.pivotal.members, work.step);
-    dense::is_finite(work.step)
+    Ok(dense::is_finite(work.step))
 }
 
 /// `H'H`, summed over the rows of `H = diag(slope_z) + diag(slope_f) J`.
 fn normal_matrix(
     out: &mut [f64],
     jacobian: &[f64],
-    slope_z: &[f64],
-    slope_f: &[f64],
+    (slope_z, slope_f): (&[f64], &[f64]),
     row: &mut [f64],
-) {
+    poll: &mut dyn FnMut() -> Outcome<()>,
+) -> Outcome<()> {
     let n = row.len();
     out.fill(0.0);
     for (i, entries) in dense::rows(jacobian, n).enumerate() {
+        if i % POLL_EVERY == POLL_EVERY - 1 {
+            poll()?;
+        }
         row.fill(0.0);
         dense::put(row, i, dense::at(slope_z, i));
         dense::axpy(row, dense::at(slope_f, i), entries);
@@ -114,6 +130,7 @@ fn normal_matrix(
             }
         }
     }
+    Ok(())
 }
 
 /// Halves the step until the merit falls by its share of the slope to the projected point.

@@ -1,13 +1,21 @@
 //! The Jacobian by differences of `F`, never outside the box.
 
+use core::cell::Cell;
+
 use super::dense;
 use super::problem::{EvaluationError, Problem};
 
-/// `eps^(1/3)`: balances truncation and rounding of second-order differences.
-const STEP: f64 = 6.055_454_452_393_343e-6;
+/// Which differences are taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scheme {
+    /// First order: one neighbour, `n` evaluations.
+    TwoPoint,
+    /// Second order: two neighbours, `2 n` evaluations.
+    ThreePoint,
+}
 
-/// A map without Jacobian; it is taken by second-order differences: central inside the box,
-/// one-sided where a bound or the end of the domain of `F` is near, zero for a fixed component.
+/// A map without Jacobian; it is taken by differences: central inside the box, one-sided where a
+/// bound or the end of the domain of `F` is near, zero for a fixed component.
 #[derive(Debug)]
 pub struct Differenced<'a, M> {
     map: M,
@@ -19,6 +27,10 @@ pub struct Differenced<'a, M> {
     first: &'a mut [f64],
     second: &'a mut [f64],
     here_is_known: bool,
+    scheme: Scheme,
+    rounding: Option<&'a Cell<f64>>,
+    /// The step for `|z_j| <= 1`.
+    step: f64,
 }
 
 impl<'a, M> Differenced<'a, M>
@@ -39,7 +51,32 @@ where
         let (here, rest) = rest.split_at_mut_checked(n)?;
         let (first, rest) = rest.split_at_mut_checked(n)?;
         let second = rest.get_mut(..n)?;
-        Some(Self { map, lower, upper, point, here, first, second, here_is_known: false })
+        Some(Self {
+            map,
+            lower,
+            upper,
+            point,
+            here,
+            first,
+            second,
+            here_is_known: false,
+            scheme: Scheme::ThreePoint,
+            rounding: None,
+            step: 0.0,
+        })
+    }
+
+    /// Takes other differences than those of second order.
+    #[must_use]
+    pub fn with_scheme(self, scheme: Scheme) -> Self {
+        Self { scheme, ..self }
+    }
+
+    /// Looks up the relative rounding error of `F` before each Jacobian, for instance once `F` has
+    /// shown the type that it is computed in.
+    #[must_use]
+    pub fn with_rounding(self, rounding: &'a Cell<f64>) -> Self {
+        Self { rounding: Some(rounding), ..self }
     }
 
     /// `F` at two neighbours of `z` on the axis `j`; false where it is not finite.
@@ -54,7 +91,7 @@ where
 
     /// `(F(z_j + h) - F(z_j - h)) / 2h` into column `j`.
     fn central(&mut self, j: usize, zj: f64, out: &mut [f64]) -> Result<bool, EvaluationError> {
-        let step = step_at(zj);
+        let step = self.step * f64::max(1.0, zj.abs());
         let [a, b] = [zj - step, zj + step];
         if a < dense::at(self.lower, j) || b > dense::at(self.upper, j) {
             return Ok(false);
@@ -66,6 +103,37 @@ where
         Ok(finite)
     }
 
+    /// `(F(z_j + h) - F(z_j)) / h` into column `j`, `h` of the given sign and at most half the
+    /// room.
+    fn two_point(
+        &mut self,
+        j: usize,
+        (zj, room): (f64, f64),
+        out: &mut [f64],
+    ) -> Result<bool, EvaluationError> {
+        let moved = zj + step_into(zj, room, self.step);
+        if moved == zj {
+            return Ok(false);
+        }
+        self.know_here()?;
+        dense::put(self.point, j, moved);
+        (self.map)(self.point, self.first)?;
+        dense::put(self.point, j, zj);
+        for (i, (f, there)) in self.here.iter().zip(self.first.iter()).enumerate() {
+            dense::put(out, i * self.lower.len() + j, (there - f) / (moved - zj));
+        }
+        Ok(dense::is_finite(self.first))
+    }
+
+    /// `F` at the point itself, once for a Jacobian.
+    fn know_here(&mut self) -> Result<(), EvaluationError> {
+        if !self.here_is_known {
+            (self.map)(self.point, self.here)?;
+            self.here_is_known = true;
+        }
+        Ok(())
+    }
+
     /// The slope at `z_j` of the parabola through `z_j`, `z_j + h` and `z_j + 2h`, `h` of the
     /// given sign and at most half the room.
     fn one_sided(
@@ -74,17 +142,14 @@ where
         (zj, room): (f64, f64),
         out: &mut [f64],
     ) -> Result<bool, EvaluationError> {
-        let step = f64::min(step_at(zj), 0.5 * room.abs()).copysign(room);
+        let step = step_into(zj, room, self.step);
         let (lower, upper) = (dense::at(self.lower, j), dense::at(self.upper, j));
         let (a, b) = (zj + step, (zj + 2.0 * step).max(lower).min(upper));
         let (da, db) = (a - zj, b - zj);
         if da == 0.0 || da == db {
             return Ok(false);
         }
-        if !self.here_is_known {
-            (self.map)(self.point, self.here)?;
-            self.here_is_known = true;
-        }
+        self.know_here()?;
         let finite = self.evaluate(j, [a, b], zj)?;
         let neighbours = self.first.iter().zip(self.second.iter());
         for (i, (f, (fa, fb))) in self.here.iter().zip(neighbours).enumerate() {
@@ -95,8 +160,16 @@ where
     }
 }
 
-fn step_at(z: f64) -> f64 {
-    STEP * f64::max(1.0, z.abs())
+/// A step from `z` of the sign of `room`, at most half of it; `relative` is the step for `|z| <= 1`.
+fn step_into(z: f64, room: f64, relative: f64) -> f64 {
+    f64::min(relative * f64::max(1.0, z.abs()), 0.5 * room.abs()).copysign(room)
+}
+
+/// Steps from `z` for second-order differences, towards the wider of two rooms and the narrower:
+/// `eps^(1/3)` balances truncation and rounding.
+pub(super) fn steps_into(z: f64, [up, down]: [f64; 2], rounding: f64) -> [f64; 2] {
+    let rooms = if up >= -down { [up, down] } else { [down, up] };
+    rooms.map(|room| step_into(z, room, libm::cbrt(rounding)))
 }
 
 impl<M> Problem for Differenced<'_, M>
@@ -110,17 +183,39 @@ where
     fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
         dense::copy(self.point, z);
         self.here_is_known = false;
+        let rounding = self.rounding();
+        // balances truncation and rounding
+        self.step = match self.scheme {
+            Scheme::TwoPoint => libm::sqrt(rounding),
+            Scheme::ThreePoint => libm::cbrt(rounding),
+        };
         jacobian.fill(0.0);
         for (j, &zj) in z.iter().enumerate() {
             let up = dense::at(self.upper, j) - zj;
             let down = dense::at(self.lower, j) - zj;
             let (wider, narrower) = if up >= -down { (up, down) } else { (down, up) };
             let _done = wider == 0.0
-                || self.central(j, zj, jacobian)?
-                || self.one_sided(j, (zj, wider), jacobian)?
-                || self.one_sided(j, (zj, narrower), jacobian)?;
+                || match self.scheme {
+                    Scheme::TwoPoint => {
+                        self.two_point(j, (zj, wider), jacobian)?
+                            || self.two_point(j, (zj, narrower), jacobian)?
+                    }
+                    Scheme::ThreePoint => {
+                        self.central(j, zj, jacobian)?
+                            || self.one_sided(j, (zj, wider), jacobian)?
+                            || self.one_sided(j, (zj, narrower), jacobian)?
+                    }
+                };
         }
         Ok(())
+    }
+
+    fn is_differenced(&self) -> bool {
+        true
+    }
+
+    fn rounding(&self) -> f64 {
+        self.rounding.map_or(f64::EPSILON, Cell::get)
     }
 }
 
@@ -166,6 +261,27 @@ mod tests {
         let near_the_end = [0.7, -0.4, 1e-6];
         let [.., slope] = differences(near_the_end, [-INF; 3], [INF; 3]);
         assert!(slope.is_finite() && slope > 0.0, "{slope}");
+    }
+
+    #[test]
+    fn first_order_differences_and_steps_for_a_coarse_map() {
+        // F in single precision: steps of 6e-6 would give noise
+        let coarse = |z: &[f64], f: &mut [f64]| {
+            if let ([z], [f]) = (z, f) {
+                *f = f64::from(libm::sinf(*z as f32));
+            }
+            Ok(())
+        };
+        let eps = Cell::new(f64::from(f32::EPSILON));
+        for (scheme, tol) in [(Scheme::ThreePoint, 1e-4), (Scheme::TwoPoint, 2e-3)] {
+            let (mut work, mut slope) = ([0.0; 4], [0.0]);
+            let problem = Differenced::new(coarse, &[-INF], &[INF], &mut work);
+            let mut problem = problem.map(|it| it.with_scheme(scheme).with_rounding(&eps));
+            let done = problem.as_mut().map(|problem| problem.jacobian(&[0.7], &mut slope));
+            assert_eq!(done, Some(Ok(())));
+            let [slope] = slope;
+            assert!((slope - libm::cos(0.7)).abs() < tol, "{scheme:?} {slope}");
+        }
     }
 
     #[test]

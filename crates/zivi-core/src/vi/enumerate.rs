@@ -105,6 +105,7 @@ fn newton_on_pattern(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outco
             Some(smaller) => size = smaller,
             None => return trial_is_solution(at),
         }
+        at.report()?;
         if dense::norm(at.work.trial) > FAR {
             return Ok(false);
         }
@@ -116,7 +117,7 @@ fn newton_on_pattern(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outco
 fn trial_is_solution(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     let work = &*at.work;
     let residual = super::natural_residual(work.trial, work.trial_f, at.lower, at.upper);
-    if residual.is_nan() || residual > at.settings.tol || dense::norm(work.trial) > FAR {
+    if residual.is_nan() || residual > at.tol || dense::norm(work.trial) > FAR {
         return Ok(false);
     }
     dense::project(at.work.trial, at.lower, at.upper);
@@ -158,7 +159,8 @@ fn inside_direction(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outcom
         }
         dense::put(work.step, i, if inside { -dense::at(work.trial_f, i) } else { 0.0 });
     }
-    let regular = dense::factor(work.pivotal.inverse, n, work.pivotal.members) > 0.0;
+    let poll = &mut || at.problem.poll();
+    let regular = dense::factor(work.pivotal.inverse, n, work.pivotal.members, poll)? > 0.0;
     if regular {
         dense::solve(work.pivotal.inverse, n, work.pivotal.members, work.step);
     }

@@ -1,15 +1,18 @@
 //! The iterate of the outer methods: where it is, what it costs to move, the best point so far.
 
+use super::budget::Budget;
 use super::dense;
 use super::fischer;
-use super::natural::{natural_component, natural_residual};
-use super::problem::{EvaluationError, Problem};
+use super::natural::{natural_component, natural_residual, worst_component};
+use super::problem::{Interruption, Problem, Progress};
 use super::random::Random;
-use super::settings::{Counts, RowScale, Settings};
+use super::settings::{Counts, RowScale, Settings, Stage};
+use super::stagnation::Stagnation;
+use super::status::Status;
 use super::workspace::Workspace;
 
 /// What stops a stage: nothing but the caller does so from within.
-pub(super) type Outcome<T> = Result<T, EvaluationError>;
+pub(super) type Outcome<T> = Result<T, Interruption>;
 
 /// Half-widths by which a start is pushed off its bounds while `F` is not finite there.
 const PUSHES: [f64; 5] = [0.0, 1e-6, 1e-3, 1e-1, 1.0];
@@ -26,7 +29,14 @@ pub(super) struct Iterate<'a, 'w> {
     pub(super) residual: f64,
     pub(super) convergence_ratio: f64,
     pub(super) best_residual: f64,
+    /// Largest residual of a solution: `tol`, or `rtol` times the residual of the start.
+    pub(super) tol: f64,
+    pub(super) stage: Stage,
+    /// `work.jacobian` was filled in this stage.
+    pub(super) jacobian_is_known: bool,
     rows_await_scaling: bool,
+    tolerance_awaits_start: bool,
+    pub(super) budget: Budget,
     pub(super) counts: Counts,
 }
 
@@ -38,6 +48,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
         work: &'a mut Workspace<'w>,
         z: &'a mut [f64],
     ) -> Self {
+        let n = z.len();
         work.scale.fill(1.0);
         if let RowScale::Given(scale) = settings.row_scale {
             dense::copy(work.scale, scale);
@@ -55,7 +66,12 @@ impl<'a, 'w> Iterate<'a, 'w> {
             residual: f64::NAN,
             convergence_ratio: f64::NAN,
             best_residual: f64::INFINITY,
+            tol: settings.tol,
+            stage: Stage::JosephyNewton,
+            jacobian_is_known: false,
             rows_await_scaling: settings.row_scale == RowScale::Jacobian,
+            tolerance_awaits_start: settings.rtol > 0.0,
+            budget: Budget::new(settings.total_pivot_limit(n)),
             counts: Counts::default(),
         }
     }
@@ -66,7 +82,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
 
     /// True when the iterate solves the problem: by its residual, nothing else.
     pub(super) fn is_solved(&self) -> bool {
-        self.residual <= self.settings.tol
+        self.residual <= self.tol
     }
 
     pub(super) fn out_of_iterations(&self) -> bool {
@@ -75,17 +91,43 @@ impl<'a, 'w> Iterate<'a, 'w> {
 
     /// What is left of the pivots for one affine solve.
     pub(super) fn pivots_left(&self) -> usize {
-        let left = self.settings.total_pivot_limit(self.n()).saturating_sub(self.counts.pivots);
-        left.min(self.settings.pivot_limit(self.n()))
+        self.budget.left().min(self.settings.pivot_limit(self.n(), self.counts.iterations <= 1))
+    }
+
+    /// True where the stage makes no progress, or can make none for the rounding of `F`.
+    pub(super) fn has_stalled(&self, progress: &mut Stagnation) -> bool {
+        let stalled = progress.has_stalled(self.merit);
+        let at_rounding = || progress.is_slow() && self.is_within_rounding().is_some();
+        !self.is_solved() && (stalled || at_rounding())
+    }
+
+    /// Why no step could be made: there was none, or its budget is spent.
+    pub(super) fn why_stuck(&self) -> Status {
+        if self.budget.is_spent() {
+            Status::PivotLimit
+        } else {
+            Status::Stationary
+        }
+    }
+
+    /// Tells the caller's monitor about the evaluated point at which an iteration has ended:
+    /// `work.trial` in all stages.
+    pub(super) fn report(&mut self) -> Outcome<()> {
+        let (z, f) = (&*self.work.trial, &*self.work.trial_f);
+        self.problem.monitor(&Progress {
+            iteration: self.counts.iterations,
+            residual: natural_residual(z, f, self.lower, self.upper),
+            worst: worst_component(z, f, self.lower, self.upper),
+            stage: self.stage,
+        })
     }
 
     /// `F` at `work.trial`, scaled, into `work.trial_f`. False where it is not finite.
     pub(super) fn evaluate_trial(&mut self) -> Outcome<bool> {
+        self.problem.poll()?;
         self.counts.f += 1;
         self.problem.map(self.work.trial, self.work.trial_f)?;
-        for (f, scale) in self.work.trial_f.iter_mut().zip(self.work.scale.iter()) {
-            *f *= scale;
-        }
+        dense::scale(self.work.trial_f, self.work.scale);
         Ok(dense::is_finite(self.work.trial_f))
     }
 
@@ -115,6 +157,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
     /// False where they are finite nowhere tried.
     pub(super) fn begin(&mut self) -> Outcome<bool> {
         dense::copy(self.work.point, self.work.trial);
+        self.jacobian_is_known = false;
         for push in PUSHES {
             self.push_from_bounds(push);
             self.residual = f64::NAN;
@@ -123,6 +166,9 @@ impl<'a, 'w> Iterate<'a, 'w> {
                 continue;
             }
             self.accept(merit);
+            if self.tolerance_awaits_start && !self.rows_await_scaling {
+                self.set_relative_tolerance();
+            }
             if self.is_solved() && !self.rows_await_scaling {
                 return Ok(true);
             }
@@ -163,45 +209,6 @@ impl<'a, 'w> Iterate<'a, 'w> {
         }
     }
 
-    /// The Jacobian at the iterate, `Phi`, its slopes and the gradient of the merit
-    /// `H' Phi`, `H = diag(slope_z) + diag(slope_f) J`. False where the Jacobian is not finite.
-    pub(super) fn linearise(&mut self) -> Outcome<bool> {
-        let n = self.n();
-        dense::copy(self.work.trial, self.z);
-        let finite = self.jacobian_at_trial()?;
-        let work = &mut *self.work;
-        for i in 0..n {
-            let (z, f) = (dense::at(self.z, i), dense::at(work.f, i));
-            let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
-            let (slope_z, slope_f) = fischer::slopes(z, f, lower, upper);
-            dense::put(work.phi, i, fischer::component(z, f, lower, upper));
-            dense::put(work.slope_z, i, slope_z);
-            dense::put(work.slope_f, i, slope_f);
-        }
-        for ((g, phi), slope) in work.gradient.iter_mut().zip(&*work.phi).zip(&*work.slope_z) {
-            *g = phi * slope;
-        }
-        for (i, row) in dense::rows(work.jacobian, n).enumerate() {
-            let weight = dense::at(work.phi, i) * dense::at(work.slope_f, i);
-            if weight != 0.0 {
-                dense::axpy(work.gradient, weight, row);
-            }
-        }
-        Ok(finite)
-    }
-
-    /// The scaled Jacobian at `work.trial`. False where it is not finite.
-    pub(super) fn jacobian_at_trial(&mut self) -> Outcome<bool> {
-        let n = self.n();
-        let work = &mut *self.work;
-        self.counts.jacobian += 1;
-        self.problem.jacobian(work.trial, work.jacobian)?;
-        for (row, scale) in work.jacobian.chunks_exact_mut(n).zip(work.scale.iter()) {
-            row.iter_mut().for_each(|entry| *entry *= scale);
-        }
-        Ok(dense::is_finite(work.jacobian))
-    }
-
     /// Sets `sigma_i = 1/max_j |J_ij|` from the Jacobian at the iterate and re-evaluates there.
     fn scale_rows_by_jacobian(&mut self) -> Outcome<()> {
         for (scale, row) in
@@ -216,7 +223,16 @@ impl<'a, 'w> Iterate<'a, 'w> {
         let merit = self.merit_of_trial()?;
         self.accept(merit);
         self.linearise()?;
+        if self.tolerance_awaits_start {
+            self.set_relative_tolerance();
+        }
         Ok(())
+    }
+
+    /// `max(tol, rtol r)` with the residual `r` of the start.
+    fn set_relative_tolerance(&mut self) {
+        self.tol = f64::max(self.settings.tol, self.settings.rtol * self.residual);
+        self.tolerance_awaits_start = false;
     }
 
     /// Makes the best point of all stages the iterate.
@@ -228,51 +244,38 @@ impl<'a, 'w> Iterate<'a, 'w> {
         Ok(())
     }
 
+    /// `F` at the best point of an interrupted solve, whatever the monitor says.
+    pub(super) fn evaluate_best(&mut self) -> Outcome<()> {
+        dense::copy(self.z, self.work.best);
+        self.work.f.fill(f64::NAN);
+        if self.best_residual.is_finite() {
+            self.counts.f += 1;
+            self.problem.map(self.z, self.work.f)?;
+            dense::scale(self.work.f, self.work.scale);
+        }
+        self.residual = natural_residual(self.z, self.work.f, self.lower, self.upper);
+        Ok(())
+    }
+
     /// The tolerance raised to rounding, if with it the iterate is a solution: where a component
     /// of the natural map exceeds `tol`, `F_i` is within ten roundings of its row of zero,
-    /// `|F_i| <= 10 eps sum_j |J_ij z_j|`.
+    /// `|F_i| <= 10 eps sum_j |J_ij z_j|`, `eps` the rounding of `F`.
     pub(super) fn is_within_rounding(&self) -> Option<f64> {
-        let mut reached = self.settings.tol;
+        let (mut reached, rounding) = (self.tol, 10.0 * self.problem.rounding());
         for (i, row) in dense::rows(self.work.jacobian, self.n()).enumerate() {
             let (z, f) = (dense::at(self.z, i), dense::at(self.work.f, i));
             let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
-            if natural_component(z, f, lower, upper).abs() <= self.settings.tol {
+            if natural_component(z, f, lower, upper).abs() <= self.tol {
                 continue;
             }
             let size: f64 = row.iter().zip(self.z.iter()).map(|(a, z)| (a * z).abs()).sum();
-            let floor = 10.0 * f64::EPSILON * size;
+            let floor = rounding * size;
             if f.is_nan() || f.abs() > floor || !floor.is_finite() {
                 return None;
             }
             reached = reached.max(floor);
         }
         Some(reached)
-    }
-
-    /// `min/max` of the pivots of the Jacobian on the rows and columns inside the box (those at a
-    /// bound with `F_i = 0` included), its rows scaled to 1; 0 when singular.
-    pub(super) fn pivot_ratio_inside(&mut self) -> f64 {
-        let n = self.n();
-        let work = &mut *self.work;
-        let is_inside = |i: usize| {
-            let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
-            let (target, tol) = (dense::at(self.z, i) - dense::at(work.f, i), self.settings.tol);
-            lower < upper && lower - tol <= target && target <= upper + tol
-        };
-        let matrix = &mut *work.pivotal.inverse;
-        let (mut size, mut filled) = (0, 0);
-        for i in (0..n).filter(|&i| is_inside(i)) {
-            let row = dense::row(work.jacobian, n, i);
-            let inside = || row.iter().enumerate().filter(|&(j, _)| is_inside(j)).map(|(_, a)| *a);
-            let scale = inside().fold(0.0, |scale: f64, a| scale.max(a.abs()));
-            for entry in inside() {
-                dense::put(matrix, filled, if scale > 0.0 { entry / scale } else { 0.0 });
-                filled += 1;
-            }
-            size += 1;
-        }
-        let leading = matrix.get_mut(..filled).unwrap_or(&mut []);
-        dense::factor(leading, size, work.pivotal.members)
     }
 
     /// The residual of the caller's `F`, unscaled, which is left in `work.trial_f`.
@@ -290,27 +293,5 @@ impl<'a, 'w> Iterate<'a, 'w> {
         dense::copy(self.z, self.work.best);
         self.work.f.fill(f64::NAN);
         self.residual = f64::NAN;
-    }
-}
-
-/// Watches for a merit that has not fallen by a tenth over twenty iterations.
-#[derive(Debug)]
-pub(super) struct Progress {
-    best: f64,
-    since: usize,
-}
-
-impl Progress {
-    pub(super) fn new(merit: f64) -> Self {
-        Self { best: merit, since: 0 }
-    }
-
-    pub(super) fn has_stalled(&mut self, merit: f64) -> bool {
-        if merit < 0.9 * self.best {
-            (self.best, self.since) = (merit, 0);
-        } else {
-            self.since += 1;
-        }
-        self.since >= 20
     }
 }

@@ -13,12 +13,17 @@
 //! A small residual cannot tell a solution from an approach to one at infinity (`F = exp(-z)`
 //! tends to zero as `z` grows): see [`Report::size`].
 
+mod active_set;
+mod budget;
 mod dense;
 mod descent;
 mod difference;
 mod enumerate;
+mod feasible;
 mod fischer;
+mod isolation;
 mod iterate;
+mod linearise;
 pub mod natural;
 mod newton;
 mod pivotal;
@@ -26,14 +31,15 @@ mod problem;
 mod random;
 mod settings;
 mod stages;
+mod stagnation;
 mod status;
 mod validate;
 mod workspace;
 
-pub use difference::Differenced;
+pub use difference::{Differenced, Scheme};
 pub use natural::{natural_component, natural_residual};
 pub use pivotal::Start;
-pub use problem::{Affine, EvaluationError, Problem};
+pub use problem::{Affine, EvaluationError, Interruption, Problem, Progress};
 pub use settings::{Counts, Report, RowScale, Settings, Stage};
 pub use stages::solve;
 pub use status::{InvalidInput, Status};

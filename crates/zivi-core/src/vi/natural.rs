@@ -40,6 +40,21 @@ pub fn natural_residual(z: &[f64], f: &[f64], lower: &[f64], upper: &[f64]) -> f
     })
 }
 
+/// The index of the component with the largest residual, the first of equals; NaN is the largest.
+pub(super) fn worst_component(z: &[f64], f: &[f64], lower: &[f64], upper: &[f64]) -> usize {
+    let bounds = lower.iter().zip(upper);
+    let sizes = z.iter().zip(f).zip(bounds).map(|((&z, &f), (&lower, &upper))| {
+        let size = natural_component(z, f, lower, upper).abs();
+        if size.is_nan() {
+            f64::INFINITY
+        } else {
+            size
+        }
+    });
+    let first = (0, f64::NEG_INFINITY);
+    sizes.enumerate().fold(first, |worst, it| if it.1 > worst.1 { it } else { worst }).0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -55,6 +70,13 @@ mod tests {
     fn far_from_the_origin_f_is_not_lost_to_cancellation() {
         let free = natural_component(1e20, 1.57, f64::NEG_INFINITY, f64::INFINITY);
         assert_eq!(free, 1.57);
+    }
+
+    #[test]
+    fn the_worst_component_is_the_one_of_the_residual() {
+        let (lower, upper) = ([-1.0; 3], [1.0; 3]);
+        assert_eq!(worst_component(&[-1.0, 0.3, 1.0], &[-0.1, 0.2, -5.0], &lower, &upper), 1);
+        assert_eq!(worst_component(&[0.0; 3], &[-0.1, 0.2, f64::NAN], &lower, &upper), 2);
     }
 
     #[test]

@@ -9,17 +9,21 @@
 //! Grippo, Lampariello & Lucidi, *SIAM J. Numer. Anal.* 23 (1986) 707-716, on the
 //! Fischer-Burmeister merit as in Ferris, Kanzow & Munson, *Math. Program.* 86 (1999) 475-497.
 
+use super::active_set;
 use super::dense;
 use super::descent;
-use super::iterate::{Iterate, Outcome, Progress};
+use super::iterate::{Iterate, Outcome};
 use super::pivotal::{follow, AffineVi, PathEnd, Start};
 use super::settings::MEMORY;
+use super::stagnation::Stagnation;
 use super::status::Status;
 
 /// How one stage of Josephy-Newton goes about it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plan {
     pub(super) start: Start,
+    /// Try the active-set method before pivoting.
+    pub(super) active_set: bool,
     /// Proximal weight of the first iteration relative to `1 + |J|`; a tenth at each further one.
     pub(super) proximal: f64,
     /// Merit values the search looks back on.
@@ -38,7 +42,7 @@ const REGULARISED: [f64; 2] = [1e-6, 1e-2];
 /// One stage from the point where [`Iterate::begin`] has left the iterate.
 pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<Status> {
     let mut history = History::new(plan.memory);
-    let mut progress = Progress::new(at.merit);
+    let mut progress = Stagnation::new(at.merit);
     let mut proximal = plan.proximal;
     for iteration in 0..at.settings.stage_iterations {
         if at.is_solved() {
@@ -47,7 +51,7 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
         if at.out_of_iterations() {
             return Ok(Status::IterationLimit);
         }
-        if at.pivots_left() == 0 {
+        if at.budget.is_spent() {
             return Ok(Status::PivotLimit);
         }
         at.counts.iterations += 1;
@@ -55,16 +59,17 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
         if iteration > 0 && !at.linearise()? {
             return Ok(Status::DomainError);
         }
-        let found = newton_point(at, plan.start, proximal)?;
+        let found = newton_point(at, plan, proximal)?;
         let moved = (found == PathEnd::Solution && search(at, &history)?)
             || (at.settings.descent_steps && descent::step(at)?);
         if !moved {
             return Ok(match found {
                 PathEnd::PivotLimit => Status::PivotLimit,
-                _ => Status::Stationary,
+                _ => at.why_stuck(),
             });
         }
-        if progress.has_stalled(at.merit) && !at.is_solved() {
+        at.report()?;
+        if at.has_stalled(&mut progress) {
             return Ok(Status::Stalled);
         }
         proximal *= 0.1;
@@ -72,18 +77,29 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
     Ok(if at.is_solved() { Status::Solved } else { Status::IterationLimit })
 }
 
-/// `work.step <- z_N - z`, from the first start and regularisation whose affine solution holds.
-fn newton_point(at: &mut Iterate<'_, '_>, first: Start, proximal: f64) -> Outcome<PathEnd> {
+/// `work.step <- z_N - z`, from the first method and regularisation whose affine solution holds.
+fn newton_point(at: &mut Iterate<'_, '_>, plan: Plan, proximal: f64) -> Outcome<PathEnd> {
     let scale = 1.0 + dense::norm(at.work.jacobian);
-    let second = match first {
+    let first = Method::Path(plan.start);
+    let second = Method::Path(match plan.start {
         Start::Regular => Start::Ray,
         Start::Ray => Start::Regular,
-    };
+    });
     let shift = proximal * scale;
     let [slight, strong] = REGULARISED.map(|weight| shift + weight * scale);
+    let attempts = [
+        (Method::ActiveSet, shift),
+        (first, shift),
+        (second, shift),
+        (first, slight),
+        (first, strong),
+    ];
     let mut end = PathEnd::Singular;
-    for (start, shift) in [(first, shift), (second, shift), (first, slight), (first, strong)] {
-        end = affine_step(at, start, shift)?;
+    for (method, shift) in attempts.into_iter().skip(usize::from(!plan.active_set)) {
+        if at.budget.is_spent() {
+            return Ok(PathEnd::PivotLimit);
+        }
+        end = affine_step(at, method, shift)?;
         if end == PathEnd::Solution {
             break;
         }
@@ -91,29 +107,51 @@ fn newton_point(at: &mut Iterate<'_, '_>, first: Start, proximal: f64) -> Outcom
     Ok(end)
 }
 
+/// How an affine VI is solved.
+#[derive(Clone, Copy, Debug)]
+enum Method {
+    ActiveSet,
+    Path(Start),
+}
+
 /// Solves one affine VI in `d = z_N - z` and checks its residual.
-fn affine_step(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> Outcome<PathEnd> {
-    let limit = at.pivots_left();
+fn affine_step(at: &mut Iterate<'_, '_>, method: Method, shift: f64) -> Outcome<PathEnd> {
     let work = &mut *at.work;
     let reach = work.lower.iter_mut().zip(work.upper.iter_mut()).zip(at.z.iter());
     for (((lower, upper), z), (l, u)) in reach.zip(at.lower.iter().zip(at.upper)) {
         (*lower, *upper) = (l - z, u - z);
     }
-    let avi =
-        AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };
-    work.step.fill(0.0);
-    let (end, pivots) =
-        follow(&avi, start, limit, &mut work.pivotal, work.step, &mut || at.problem.poll())?;
-    at.counts.pivots += pivots;
+    let end = match method {
+        Method::Path(start) => follow_path(at, start, shift)?,
+        Method::ActiveSet if active_set::solve(at, shift, at.pivots_left())? => PathEnd::Solution,
+        Method::ActiveSet => PathEnd::Singular,
+    };
     if end != PathEnd::Solution {
         return Ok(end);
     }
+    let work = &mut *at.work;
+    let avi =
+        AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };
     let trusted = TRUSTED * (1.0 + dense::norm(work.f));
     Ok(if avi.residual(work.step, work.trial_f) <= trusted {
         PathEnd::Solution
     } else {
         PathEnd::Singular
     })
+}
+
+/// Pivots from `d = 0`.
+fn follow_path(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> Outcome<PathEnd> {
+    let limit = at.pivots_left();
+    let work = &mut *at.work;
+    let avi =
+        AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };
+    work.step.fill(0.0);
+    let (end, effort) =
+        follow(&avi, start, limit, &mut work.pivotal, work.step, &mut || at.problem.poll())?;
+    at.counts.pivots += effort.pivots;
+    at.budget.spend(effort.columns);
+    Ok(end)
 }
 
 /// Searches along `work.step`; false where no step of useful length was accepted.

@@ -3,6 +3,7 @@
 use core::fmt;
 
 use super::dense;
+use super::settings::Stage;
 
 /// The caller could not evaluate `F` or its Jacobian and wants the solver to stop.
 ///
@@ -19,6 +20,34 @@ impl fmt::Display for EvaluationError {
 
 impl core::error::Error for EvaluationError {}
 
+/// Why a solve is broken off from outside. The best point so far is kept either way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interruption {
+    /// The caller cannot go on: `F` is not asked again.
+    Failed,
+    /// The caller has had enough: `F` is evaluated once more at the best point.
+    Stopped,
+}
+
+impl From<EvaluationError> for Interruption {
+    fn from(_: EvaluationError) -> Self {
+        Self::Failed
+    }
+}
+
+/// Where a solve is after one of its iterations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Iterations so far, of all stages.
+    pub iteration: usize,
+    /// The scaled natural residual of the iterate.
+    pub residual: f64,
+    /// The component whose natural map is this large.
+    pub worst: usize,
+    /// The stage.
+    pub stage: Stage,
+}
+
 /// The map `F` of a box VI and its Jacobian.
 pub trait Problem {
     /// Writes `F(z)` into `f`.
@@ -27,19 +56,45 @@ pub trait Problem {
     /// [`EvaluationError`] stops the solver at once; its best point so far is kept.
     fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError>;
 
-    /// Writes `dF_i/dz_j` into `jacobian[i n + j]`.
+    /// Writes `dF_i/dz_j` into `jacobian[i n + j]`. Entries that are not finite (an infinite slope
+    /// at a bound) are replaced by difference quotients of `F`.
     ///
     /// # Errors
     /// [`EvaluationError`] stops the solver at once; its best point so far is kept.
     fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError>;
 
-    /// Called every few dozen pivots and before every factorisation of a descent step, so that
-    /// long work between two evaluations can be interrupted.
+    /// Called before every evaluation, every few dozen pivots and columns of a factorisation, so
+    /// that long work can be interrupted.
     ///
     /// # Errors
-    /// [`EvaluationError`] stops the solver at once; its best point so far is kept.
-    fn poll(&mut self) -> Result<(), EvaluationError> {
+    /// [`Interruption`] stops the solver at once; its best point so far is kept.
+    fn poll(&mut self) -> Result<(), Interruption> {
         Ok(())
+    }
+
+    /// Called after every iteration.
+    ///
+    /// # Errors
+    /// [`Interruption`] stops the solver at once; its best point so far is kept.
+    fn monitor(&mut self, _progress: &Progress) -> Result<(), Interruption> {
+        Ok(())
+    }
+
+    /// True when `F` is affine: its values at one point then tell whether a row can be satisfied
+    /// anywhere in the box.
+    fn is_affine(&self) -> bool {
+        false
+    }
+
+    /// True when the Jacobian is made of differences of `F`: it costs many evaluations, and is
+    /// not exact.
+    fn is_differenced(&self) -> bool {
+        false
+    }
+
+    /// Relative rounding error of `F`: that of the type it is computed in.
+    fn rounding(&self) -> f64 {
+        f64::EPSILON
     }
 }
 
@@ -63,5 +118,9 @@ impl Problem for Affine<'_> {
     fn jacobian(&mut self, _z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
         dense::copy(jacobian, self.matrix);
         Ok(())
+    }
+
+    fn is_affine(&self) -> bool {
+        true
     }
 }

@@ -20,15 +20,22 @@ pub enum RowScale<'a> {
 pub struct Settings<'a> {
     /// Largest natural residual of a solution, after row scaling. Default 1e-9; > 0.
     pub tol: f64,
+    /// The same relative to the residual of the starting point; the larger of the two holds.
+    /// Default 0; 0 to 1, 1 excluded.
+    pub rtol: f64,
     /// Scaling of the rows. Default [`RowScale::Unit`].
     pub row_scale: RowScale<'a>,
     /// Iterations of all stages together. Default 10000; >= 1.
     pub max_iterations: usize,
     /// Iterations of one stage. Default 200; >= 1.
     pub stage_iterations: usize,
-    /// Pivots of one affine solve; `None` is `20 n + 50`. Default `None`; >= 1.
+    /// Pivots of one affine solve; `None` is `20 n + 50` in the first iteration,
+    /// `4 n + 50` after it. Default `None`; >= 1.
     pub max_pivots: Option<usize>,
-    /// Pivots of all affine solves together; `None` is `200 n + 10000`. Default `None`; >= 1.
+    /// Pivots of all stages together; `None` is `200 n + 10000` and, while they
+    /// are cheap, `min(100 n^2, 3e8 / n^2)` more. Each stage may use a share. Other
+    /// work counts as the pivots it costs: a column of a starting basis as one, a factorisation as
+    /// `n/6`. Default `None`; >= 1.
     pub total_pivots: Option<usize>,
     /// Search from Josephy-Newton directions; without it every full step is taken. Default true.
     pub line_search: bool,
@@ -36,6 +43,8 @@ pub struct Settings<'a> {
     pub memory: usize,
     /// Semismooth and gradient steps where a Josephy-Newton step fails. Default true.
     pub descent_steps: bool,
+    /// Try the active-set Newton method for the affine problem before pivoting. Default true.
+    pub active_set: bool,
     /// Which start of the pivotal solver is tried first. Default [`Start::Regular`].
     pub first_start: Start,
     /// Stage S0, Josephy-Newton. Default true.
@@ -56,6 +65,7 @@ impl Default for Settings<'_> {
     fn default() -> Self {
         Self {
             tol: 1e-9,
+            rtol: 0.0,
             row_scale: RowScale::Unit,
             max_iterations: 10_000,
             stage_iterations: 200,
@@ -64,6 +74,7 @@ impl Default for Settings<'_> {
             line_search: true,
             memory: 8,
             descent_steps: true,
+            active_set: true,
             first_start: Start::Regular,
             josephy_newton: true,
             semismooth: true,
@@ -86,6 +97,7 @@ impl Settings<'_> {
             check(name, (least..=most).contains(&value), value as f64, range)
         };
         check("tol", self.tol > 0.0 && self.tol.is_finite(), self.tol, "a finite number > 0")?;
+        check("rtol", (0.0..1.0).contains(&self.rtol), self.rtol, "at least 0 and below 1")?;
         count("max_iterations", self.max_iterations, 1, usize::MAX, "at least 1")?;
         count("stage_iterations", self.stage_iterations, 1, usize::MAX, "at least 1")?;
         count("max_pivots", self.max_pivots.unwrap_or(1), 1, usize::MAX, "at least 1")?;
@@ -108,15 +120,22 @@ impl Settings<'_> {
         Ok(())
     }
 
-    /// Pivots allowed for one affine solve with `n` unknowns.
-    pub(super) fn pivot_limit(&self, n: usize) -> usize {
-        self.max_pivots.unwrap_or(20 * n + 50)
+    /// Pivots allowed for one affine solve with `n` unknowns. Where theory promises the path an
+    /// end it may be long; where the first one has none, short ones from many points do better.
+    pub(super) fn pivot_limit(&self, n: usize, is_first: bool) -> usize {
+        self.max_pivots.unwrap_or(if is_first { 20 * n + 50 } else { 4 * n + 50 })
     }
 
     /// Pivots allowed for a whole solve.
     pub(super) fn total_pivot_limit(&self, n: usize) -> usize {
-        self.total_pivots.unwrap_or(200 * n + 10_000)
+        self.total_pivots.unwrap_or_else(|| default_total(n))
     }
+}
+
+/// `200 n + 10000 + min(100 n^2, 3e8 / n^2)`: more where paths are many and pivots cheap.
+fn default_total(n: usize) -> usize {
+    let square = n.saturating_mul(n).max(1);
+    200 * n + 10_000 + (300_000_000 / square).min(100 * square)
 }
 
 /// Longest memory of the nonmonotone search.

@@ -8,20 +8,24 @@
 //! E       n <= 6: every pattern of active bounds, from z0 and two of the random points
 //! ```
 
+use super::budget::weight;
 use super::dense;
 use super::descent::semismooth_newton;
 use super::enumerate::enumerate;
+use super::feasible::has_unsatisfiable_row;
+use super::isolation::is_isolated;
 use super::iterate::{Iterate, Outcome};
 use super::newton::{josephy_newton, Plan};
 use super::pivotal::Start;
-use super::problem::Problem;
+use super::problem::{Interruption, Problem};
 use super::settings::{Report, Settings, Stage};
 use super::status::{InvalidInput, Status};
 use super::validate::{require_finite, require_length, validate_bounds};
 use super::workspace::Workspace;
 
-/// Pivot ratio below which the Jacobian on the rows inside counts as singular.
-const NOT_ISOLATED: f64 = 1e-12;
+/// Unknowns from which the active-set method is tried: for fewer, pivots cost no more, and a path
+/// is less drawn to solutions at infinity.
+const WORTH_ACTIVE_SET: usize = 16;
 /// Proximal weight of the first iteration of S2, relative to `1 + |J|`.
 const PROXIMAL: f64 = 0.1;
 
@@ -76,15 +80,14 @@ pub fn solve(
     dense::copy(work.start, z);
     let mut at = Iterate::new(problem, settings, (lower, upper), work, z);
     let mut run = Run { status: Status::DomainError, stage: Stage::JosephyNewton, tolerance: None };
-    if run.through_all_stages(&mut at).is_err() {
-        run.status = Status::EvaluationError;
-        at.give_up();
+    if let Err(interruption) = run.through_all_stages(&mut at) {
+        run.interrupted(&mut at, interruption);
     }
     Ok(Report {
         status: run.status,
         residual: at.raw_residual(),
         scaled_residual: at.residual,
-        tolerance: run.tolerance.unwrap_or(settings.tol),
+        tolerance: run.tolerance.unwrap_or(at.tol),
         stage: run.stage,
         counts: at.counts,
         size: dense::norm(at.z),
@@ -103,22 +106,33 @@ struct Run {
 
 impl Run {
     fn through_all_stages(&mut self, at: &mut Iterate<'_, '_>) -> Outcome<()> {
+        let mut weights: usize = stages(at.settings).map(weight).sum();
         for stage in stages(at.settings) {
             let best_before = at.best_residual;
-            let status = run_stage(at, stage)?;
+            at.budget.open_stage(weight(stage), weights);
+            weights -= weight(stage);
+            at.stage = stage;
+            let status = run_stage(at)?;
+            if status == Status::Infeasible {
+                (self.status, self.stage) = (status, stage);
+                return Ok(());
+            }
             if at.best_residual < best_before || status == Status::IterationLimit {
                 (self.status, self.stage) = (status, stage);
             }
             if status == Status::Solved || self.is_solved_to_rounding(at, best_before)? {
                 return self.test_isolation(at);
             }
-            if at.out_of_iterations() {
+            if at.out_of_iterations() || at.budget.is_spent_by_all() {
                 break;
             }
         }
-        if at.n() <= at.settings.enumerate_up_to && !at.out_of_iterations() && enumerate(at)? {
-            (self.status, self.stage) = (Status::Solved, Stage::Enumeration);
-            return self.test_isolation(at);
+        if at.n() <= at.settings.enumerate_up_to && !at.out_of_iterations() {
+            at.stage = Stage::Enumeration;
+            if enumerate(at)? {
+                (self.status, self.stage) = (Status::Solved, Stage::Enumeration);
+                return self.test_isolation(at);
+            }
         }
         if at.best_residual.is_finite() {
             at.return_to_best()?;
@@ -143,10 +157,25 @@ impl Run {
     }
 
     fn test_isolation(&mut self, at: &mut Iterate<'_, '_>) -> Outcome<()> {
-        if at.settings.test_isolation && at.linearise()? && at.pivot_ratio_inside() < NOT_ISOLATED {
+        if at.settings.test_isolation && !is_isolated(at)? {
             self.status = Status::SolvedNotIsolated;
         }
         Ok(())
+    }
+
+    /// Whatever interrupted the solve, the best point is kept; a solution remains one.
+    fn interrupted(&mut self, at: &mut Iterate<'_, '_>, why: Interruption) {
+        if why == Interruption::Stopped {
+            if self.status.is_success() {
+                return;
+            }
+            self.status = Status::Stopped;
+            if at.evaluate_best().is_ok() {
+                return;
+            }
+        }
+        self.status = Status::EvaluationError;
+        at.give_up();
     }
 }
 
@@ -161,22 +190,32 @@ fn stages<'a>(settings: &'a Settings<'_>) -> impl Iterator<Item = Stage> + use<'
     fixed.into_iter().filter_map(|(on, stage)| on.then_some(stage)).chain(restarts)
 }
 
-fn run_stage(at: &mut Iterate<'_, '_>, stage: Stage) -> Outcome<Status> {
+fn run_stage(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
     dense::copy(at.work.trial, at.work.start);
-    if let Stage::Restart(k) = stage {
+    if let Stage::Restart(k) = at.stage {
         at.counts.restarts += 1;
         at.scatter(k);
     }
     if !at.begin()? {
         return Ok(Status::DomainError);
     }
-    let nonmonotone =
-        Plan { start: at.settings.first_start, proximal: 0.0, memory: at.settings.memory };
-    match stage {
+    let is_first = at.counts.iterations == 0;
+    if is_first && at.problem.is_affine() && !at.is_solved() && has_unsatisfiable_row(at) {
+        return Ok(Status::Infeasible);
+    }
+    let settings = at.settings;
+    let plan = Plan {
+        start: settings.first_start,
+        active_set: settings.active_set && at.n() >= WORTH_ACTIVE_SET,
+        proximal: 0.0,
+        memory: settings.memory,
+    };
+    match at.stage {
         Stage::Semismooth => semismooth_newton(at),
-        Stage::Proximal => {
-            josephy_newton(at, Plan { start: Start::Ray, proximal: PROXIMAL, memory: 1 })
-        }
-        _ => josephy_newton(at, nonmonotone),
+        Stage::Proximal => josephy_newton(
+            at,
+            Plan { start: Start::Ray, active_set: false, proximal: PROXIMAL, memory: 1 },
+        ),
+        _ => josephy_newton(at, plan),
     }
 }

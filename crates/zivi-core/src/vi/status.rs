@@ -18,10 +18,14 @@ pub enum Status {
     IterationLimit,
     /// Pivoting reached its limit in the affine subproblems.
     PivotLimit,
-    /// `F` or its Jacobian is not finite wherever it was tried.
+    /// No point was found from which to go on with `F` and its Jacobian finite.
     DomainError,
     /// The caller's evaluation failed.
     EvaluationError,
+    /// A row of an affine problem can be satisfied nowhere in the box: there is no solution.
+    Infeasible,
+    /// The caller's monitor stopped the solve.
+    Stopped,
 }
 
 impl Status {
@@ -43,6 +47,8 @@ impl Status {
             Self::PivotLimit => "PivotLimit",
             Self::DomainError => "DomainError",
             Self::EvaluationError => "EvaluationError",
+            Self::Infeasible => "Infeasible",
+            Self::Stopped => "Stopped",
         }
     }
 
@@ -68,10 +74,15 @@ impl Status {
                  another starting point"
             }
             Self::DomainError => {
-                "F or its Jacobian is not finite wherever it was tried: start where both are \
-                 defined, or tighten the bounds to the domain"
+                "no point was found from which to go on with F and its Jacobian finite: start \
+                 where both are defined, or tighten the bounds to the domain"
             }
             Self::EvaluationError => "the evaluation of F or of its Jacobian failed",
+            Self::Infeasible => {
+                "there is no solution: a row of F has the wrong sign everywhere in the box, with \
+                 no bound at which it may; check the bounds and the sign of F"
+            }
+            Self::Stopped => "stopped by the caller before a solution was found",
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::pivotal::PivotalWorkspace;
 
 /// Vectors of length `n` beside the two `n x n` matrices.
-const VECTORS: usize = 22;
+const VECTORS: usize = 23;
 
 /// Lengths of the two slices a solve with `n` unknowns works in: reals and indices.
 ///
@@ -37,6 +37,7 @@ pub struct Workspace<'a> {
     pub(super) centre: &'a mut [f64],
     pub(super) best: &'a mut [f64],
     pub(super) point: &'a mut [f64],
+    pub(super) neighbour: &'a mut [f64],
 }
 
 impl<'a> Workspace<'a> {
@@ -76,6 +77,7 @@ impl<'a> Workspace<'a> {
             centre: vector()?,
             best: vector()?,
             point: vector()?,
+            neighbour: vector()?,
         })
     }
 }

@@ -11,6 +11,10 @@
 //! Operations Research* 21 (1996) 44-60, on the box itself, so the basis stays `n x n`. Ties are
 //! broken lexicographically (Cottle, Pang & Stone, *The Linear Complementarity Problem*, 4.9), so
 //! no basis comes twice.
+//!
+//! A path that ends on a ray along which `s` stays the same goes on: slacks that grow along the ray
+//! need no cover, and with `c_i = 0` in their rows the same ray is the beginning of another path.
+//! For bimatrix games that second path is Lemke and Howson's (*J. SIAM* 12 (1964) 413-423).
 
 mod basis;
 mod path;
@@ -19,7 +23,7 @@ mod tableau;
 
 use super::dense;
 use super::natural::natural_residual;
-use super::problem::EvaluationError;
+use super::problem::Interruption;
 use basis::Basis;
 use tableau::Tableau;
 
@@ -45,6 +49,18 @@ pub(super) enum PathEnd {
     PivotLimit,
 }
 
+/// What a path has cost.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Effort {
+    /// Pivots along the path, bound flips included.
+    pub(super) pivots: usize,
+    /// These and the columns entered into fresh bases, of about the same cost.
+    pub(super) columns: usize,
+}
+
+/// Asks whether to go on.
+pub(super) type Poll<'a> = dyn FnMut() -> Result<(), Interruption> + 'a;
+
 /// An affine VI on a box, with the matrix `M + shift I`, `M` row by row.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AffineVi<'a> {
@@ -65,7 +81,7 @@ impl AffineVi<'_> {
         self.q.len()
     }
 
-    fn bounds(&self, i: usize) -> (f64, f64) {
+    pub(super) fn bounds(&self, i: usize) -> (f64, f64) {
         (dense::at(self.lower, i), dense::at(self.upper, i))
     }
 
@@ -83,7 +99,7 @@ impl AffineVi<'_> {
     }
 
     /// `F = (M + shift I) z + q`.
-    fn map(&self, z: &[f64], f: &mut [f64]) {
+    pub(super) fn map(&self, z: &[f64], f: &mut [f64]) {
         dense::multiply(self.matrix, z, f);
         for (f, (z, q)) in f.iter_mut().zip(z.iter().zip(self.q)) {
             *f += self.shift * z + q;
@@ -113,27 +129,27 @@ pub(super) struct PivotalWorkspace<'a> {
 }
 
 /// Follows the path from `z`; at [`PathEnd::Solution`] `z` is the end of it, in the box, for the
-/// caller to check. Returns the end and the number of pivots; `poll` may stop it.
+/// caller to check. Returns the end and what it cost; `poll` may stop it.
 pub(super) fn follow(
     avi: &AffineVi<'_>,
     start: Start,
     limit: usize,
     work: &mut PivotalWorkspace<'_>,
     z: &mut [f64],
-    poll: &mut dyn FnMut() -> Result<(), EvaluationError>,
-) -> Result<(PathEnd, usize), EvaluationError> {
+    poll: &mut Poll<'_>,
+) -> Result<(PathEnd, Effort), Interruption> {
     let mut tableau = Tableau::new(avi, work);
     let begun = match start {
-        Start::Regular => tableau.start_at(z),
-        Start::Ray => tableau.start_on_ray(z),
+        Start::Regular => tableau.start_at(z, poll)?,
+        Start::Ray => tableau.start_on_ray(z, poll)?,
     };
     if !begun {
-        return Ok((PathEnd::Singular, tableau.pivots));
+        return Ok((PathEnd::Singular, tableau.effort));
     }
     let end = tableau.follow_path(limit, poll)?;
     if end == PathEnd::Solution {
-        tableau.refine();
+        tableau.refine(poll)?;
         tableau.extract(z);
     }
-    Ok((end, tableau.pivots))
+    Ok((end, tableau.effort))
 }

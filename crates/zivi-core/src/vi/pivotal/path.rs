@@ -1,17 +1,15 @@
 //! Following the path: ratio test, pivot or bound flip, complementary variable.
 
 use super::super::dense;
-use super::super::problem::EvaluationError;
+use super::super::problem::Interruption;
 use super::basis::Variable;
-use super::tableau::{held, Tableau};
-use super::PathEnd;
+use super::tableau::{held, Tableau, POLL_EVERY};
+use super::{PathEnd, Poll};
 
 /// Rates of change below this, relative to the largest, are rounding.
 const NEGLIGIBLE: f64 = 1e-12;
 /// Step lengths this near, relatively, are ties.
 const TIE: f64 = 1e-11;
-/// Pivots between two looks at whoever may want to interrupt.
-const POLL_EVERY: usize = 32;
 
 /// A variable on its way into the basis.
 #[derive(Clone, Copy, Debug)]
@@ -40,15 +38,18 @@ impl Tableau<'_> {
     pub(super) fn follow_path(
         &mut self,
         limit: usize,
-        poll: &mut dyn FnMut() -> Result<(), EvaluationError>,
-    ) -> Result<PathEnd, EvaluationError> {
+        poll: &mut Poll<'_>,
+    ) -> Result<PathEnd, Interruption> {
         let refactor_every = self.n().max(50);
         let mut entering =
             Entering { variable: Variable::S, sense: -1.0, from: self.s, range: self.s };
         for pivot in 1..=limit {
             self.solve_column(entering.variable);
             entering = match self.block(&entering) {
-                Block::Nothing => return Ok(PathEnd::Ray),
+                Block::Nothing => match self.turn_back(&entering, poll)? {
+                    Some(back) => back,
+                    None => return Ok(PathEnd::Ray),
+                },
                 Block::OtherBound if entering.variable == Variable::S => {
                     return Ok(PathEnd::Solution)
                 }
@@ -62,23 +63,24 @@ impl Tableau<'_> {
                     self.complement(leaving, at_upper)
                 }
             };
-            self.pivots += 1;
+            self.effort.pivots += 1;
+            self.effort.columns += 1;
             if pivot % POLL_EVERY == 0 {
                 poll()?;
             }
-            if pivot % refactor_every == 0 && !self.refactor() {
+            if pivot % refactor_every == 0 && !self.refactor(poll)? {
                 return Ok(PathEnd::Singular);
             }
         }
         Ok(PathEnd::PivotLimit)
     }
 
-    fn refactor(&mut self) -> bool {
-        let regular = self.rebuild();
+    fn refactor(&mut self, poll: &mut Poll<'_>) -> Result<bool, Interruption> {
+        let regular = self.rebuild(poll)?;
         if regular {
             self.recompute_values();
         }
-        regular && dense::is_finite(self.values)
+        Ok(regular && dense::is_finite(self.values))
     }
 
     /// The range of a basic variable. That of a fixed component's slack is the whole line.
@@ -153,14 +155,77 @@ impl Tableau<'_> {
         }
     }
 
-    /// The entering `z_i` crosses the box to its other bound; the basis stays.
+    /// The entering `z_i` crosses the box to its other bound (or a slack comes back from infinity
+    /// to zero); the basis stays.
     fn flip(&mut self, entering: &Entering) -> Entering {
         dense::axpy(self.values, -entering.sense * entering.range, self.direction);
-        let Variable::Z(i) = entering.variable else { return *entering };
-        let (lower, upper) = self.avi.bounds(i);
         let rose = entering.sense > 0.0;
-        dense::put(self.resting, i, if rose { upper } else { lower });
+        if let Variable::Z(i) = entering.variable {
+            let (lower, upper) = self.avi.bounds(i);
+            dense::put(self.resting, i, if rose { upper } else { lower });
+        }
         self.complement(entering.variable, rose)
+    }
+
+    /// On a ray along which `s` stays: takes the cover from the slacks that grow along it, and
+    /// comes back on it from far out. `None` where `s` changes, nothing is left to uncover, or the
+    /// ray is not one of the path that results.
+    fn turn_back(
+        &mut self,
+        ray: &Entering,
+        poll: &mut Poll<'_>,
+    ) -> Result<Option<Entering>, Interruption> {
+        if !self.uncover(ray) || !self.refactor(poll)? {
+            return Ok(None);
+        }
+        self.solve_column(ray.variable);
+        let Some(distance) = self.distance_to_ray(ray) else { return Ok(None) };
+        dense::axpy(self.values, -ray.sense * distance, self.direction);
+        let from = ray.from + ray.sense * distance;
+        Ok(Some(Entering { variable: ray.variable, sense: -ray.sense, from, range: distance }))
+    }
+
+    /// `c_i <- 0` for the slacks that grow along the ray; false where none does or `s` changes.
+    fn uncover(&mut self, ray: &Entering) -> bool {
+        let negligible = NEGLIGIBLE * dense::norm(self.direction);
+        let mut uncovered = false;
+        for (position, &d) in self.direction.iter().enumerate() {
+            let rate = -ray.sense * d;
+            match self.basis.member(position) {
+                Variable::S if rate.abs() > negligible => return false,
+                Variable::W(i) | Variable::V(i)
+                    if rate > negligible && dense::at(self.covering, i) != 0.0 =>
+                {
+                    uncovered |= !self.avi.is_fixed(i);
+                    dense::put(self.covering, i, 0.0);
+                }
+                _ => {}
+            }
+        }
+        uncovered && self.s_is_basic
+    }
+
+    /// Beyond this distance from its origin the ray is in the box, with all slacks positive.
+    fn distance_to_ray(&self, ray: &Entering) -> Option<f64> {
+        let negligible = NEGLIGIBLE * dense::norm(self.direction);
+        let rounding = 1e-12 * (1.0 + dense::norm(self.values));
+        let mut distance = 0.0;
+        for (position, (&value, &d)) in self.values.iter().zip(self.direction.iter()).enumerate() {
+            let rate = -ray.sense * d;
+            let (lower, upper) = self.range(self.basis.member(position));
+            let (behind, room) =
+                if rate > 0.0 { (lower - value, upper) } else { (value - upper, -lower) };
+            if rate.abs() <= negligible {
+                if value < lower - rounding || value > upper + rounding {
+                    return None;
+                }
+            } else if room == f64::INFINITY {
+                distance = f64::max(distance, behind / rate.abs());
+            } else {
+                return None;
+            }
+        }
+        (distance > 0.0 && distance.is_finite()).then_some(2.0 * distance + 1.0)
     }
 
     /// The entering variable replaces the one that blocks it.

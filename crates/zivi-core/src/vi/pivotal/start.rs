@@ -1,8 +1,10 @@
 //! The two starts of a path.
 
 use super::super::dense;
+use super::super::problem::Interruption;
 use super::basis::Variable;
-use super::tableau::{held, unit, Tableau};
+use super::tableau::{held, unit, Tableau, POLL_EVERY};
+use super::Poll;
 
 /// Distance to a bound, relative to its size, within which a start counts as on it.
 const ON_BOUND: f64 = 1e-12;
@@ -12,14 +14,18 @@ impl Tableau<'_> {
     ///
     /// With `y1` the basic values wanted there and `y0` those at `s = 0`, `c = B (y1 - y0)`.
     /// Slacks are given more than they need, each its own share, so that no two vanish together.
-    pub(super) fn start_at(&mut self, z: &[f64]) -> bool {
+    pub(super) fn start_at(
+        &mut self,
+        z: &[f64],
+        poll: &mut Poll<'_>,
+    ) -> Result<bool, Interruption> {
         for (i, &z) in z.iter().enumerate() {
             let (held, rest) = self.place(i, z);
             dense::put(self.held, i, held);
             dense::put(self.resting, i, rest);
         }
-        if !self.enter_inside() {
-            return false;
+        if !self.enter_inside(poll)? {
+            return Ok(false);
         }
         // F at the start, which the repairs of the basis may have moved
         self.column.copy_from_slice(self.resting);
@@ -28,11 +34,15 @@ impl Tableau<'_> {
         self.spread_covering(scale);
         self.s = 1.0;
         self.recompute_values();
-        dense::is_finite(self.values)
+        Ok(dense::is_finite(self.values))
     }
 
     /// Starts on the ray where `s` is large and every bounded component at a vertex.
-    pub(super) fn start_on_ray(&mut self, z: &[f64]) -> bool {
+    pub(super) fn start_on_ray(
+        &mut self,
+        z: &[f64],
+        poll: &mut Poll<'_>,
+    ) -> Result<bool, Interruption> {
         let n = self.n() as f64;
         for (i, &z) in z.iter().enumerate() {
             let (lower, upper) = self.avi.bounds(i);
@@ -54,14 +64,14 @@ impl Tableau<'_> {
             dense::put(self.resting, i, rest);
             dense::put(self.covering, i, cover);
         }
-        if !self.rebuild() {
-            return false;
+        if !self.rebuild(poll)? {
+            return Ok(false);
         }
         self.s = 0.0;
         self.recompute_values();
         self.s = 2.0 * self.leave_ray() + 1.0;
         self.recompute_values();
-        dense::is_finite(self.values)
+        Ok(dense::is_finite(self.values))
     }
 
     /// The largest `s` at which a slack still vanishes on the ray.
@@ -92,20 +102,23 @@ impl Tableau<'_> {
     /// component moves to its nearer bound, and a free one takes the row of a component at a
     /// bound, which then starts inside instead (saddle points of constrained minimisation need
     /// this).
-    fn enter_inside(&mut self) -> bool {
+    fn enter_inside(&mut self, poll: &mut Poll<'_>) -> Result<bool, Interruption> {
         let held = &*self.held;
         self.basis.reset(|i| unit(held, i));
         for i in 0..self.n() {
+            if i % POLL_EVERY == POLL_EVERY - 1 {
+                poll()?;
+            }
             if self.held(i) != held::INSIDE || self.is_basic(i) {
                 continue;
             }
             let entered = self.enter_vacancy(Variable::Z(i))
                 || if self.is_free(i) { self.enter_with_partner(i) } else { self.move_to_bound(i) };
             if !entered {
-                return false;
+                return Ok(false);
             }
         }
-        true
+        Ok(true)
     }
 
     fn is_free(&self, i: usize) -> bool {
@@ -144,6 +157,7 @@ impl Tableau<'_> {
             _ => return false,
         };
         self.basis.exchange(position, self.direction, Variable::Z(i));
+        self.effort.columns += 1;
         let (lower, upper) = avi.bounds(partner);
         let bound = dense::at(self.resting, partner);
         let nudge = f64::min(1e-2 * (1.0 + bound.abs()), 0.25 * (upper - lower));

@@ -1,8 +1,9 @@
 //! The tableau: which variable is basic, at which value, and where the others rest.
 
 use super::super::dense;
+use super::super::problem::Interruption;
 use super::basis::Variable;
-use super::{AffineVi, Basis, PivotalWorkspace};
+use super::{AffineVi, Basis, Effort, PivotalWorkspace, Poll};
 
 /// Which variable of an index is basic, as kept in the caller's slice of indices.
 pub(super) mod held {
@@ -16,6 +17,8 @@ pub(super) mod held {
 const SINGULAR: f64 = 1e-13;
 /// Rounds of iterative refinement at the end of a path.
 const REFINEMENTS: usize = 3;
+/// Pivots, or columns entered, between two looks at whoever may want to interrupt.
+pub(super) const POLL_EVERY: usize = 32;
 
 /// The unit column that is basic for index `i`, if one is.
 pub(super) fn unit(held: &[usize], i: usize) -> Variable {
@@ -45,7 +48,7 @@ pub(super) struct Tableau<'a> {
     /// The value of `s` while it is not basic.
     pub(super) s: f64,
     pub(super) s_is_basic: bool,
-    pub(super) pivots: usize,
+    pub(super) effort: Effort,
 }
 
 impl<'a> Tableau<'a> {
@@ -62,7 +65,7 @@ impl<'a> Tableau<'a> {
             held: work.held,
             s: 0.0,
             s_is_basic: false,
-            pivots: 0,
+            effort: Effort::default(),
         }
     }
 
@@ -91,20 +94,24 @@ impl<'a> Tableau<'a> {
     }
 
     /// The basis of what is held, from scratch. False where it is singular.
-    pub(super) fn rebuild(&mut self) -> bool {
+    pub(super) fn rebuild(&mut self, poll: &mut Poll<'_>) -> Result<bool, Interruption> {
         let held = &*self.held;
         self.basis.reset(|i| unit(held, i));
         for i in 0..self.n() {
+            if i % POLL_EVERY == POLL_EVERY - 1 {
+                poll()?;
+            }
             if self.held(i) == held::INSIDE && !self.enter_vacancy(Variable::Z(i)) {
-                return false;
+                return Ok(false);
             }
         }
-        !self.s_is_basic || self.enter_vacancy(Variable::S)
+        Ok(!self.s_is_basic || self.enter_vacancy(Variable::S))
     }
 
     /// Puts a column where it has the largest pivot among the vacant positions.
     pub(super) fn enter_vacancy(&mut self, variable: Variable) -> bool {
         self.solve_column(variable);
+        self.effort.columns += 1;
         let vacant = |it: Variable| it == Variable::Vacant;
         match self.largest_pivot(vacant) {
             Some(position) => {
@@ -144,7 +151,7 @@ impl<'a> Tableau<'a> {
 
     /// At `s = 0`: the basic values again, with iterative refinement, from a fresh basis where
     /// the updated one has lost too much.
-    pub(super) fn refine(&mut self) {
+    pub(super) fn refine(&mut self, poll: &mut Poll<'_>) -> Result<(), Interruption> {
         (self.s, self.s_is_basic) = (0.0, false);
         self.recompute_values();
         let mut before = f64::INFINITY;
@@ -153,11 +160,11 @@ impl<'a> Tableau<'a> {
             let error = self.defect();
             if error >= 0.25 * before {
                 if rebuilt || error <= 1e-15 * (1.0 + dense::norm(self.avi.q)) {
-                    return;
+                    return Ok(());
                 }
                 rebuilt = true;
-                if !self.rebuild() {
-                    return;
+                if !self.rebuild(poll)? {
+                    return Ok(());
                 }
                 self.recompute_values();
                 before = f64::INFINITY;
@@ -167,6 +174,7 @@ impl<'a> Tableau<'a> {
             self.basis.solve(self.residual, self.direction);
             dense::axpy(self.values, 1.0, self.direction);
         }
+        Ok(())
     }
 
     /// `residual <- -(M z + q - w + v)` at the current values; returns its size.

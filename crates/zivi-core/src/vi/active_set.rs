@@ -1,0 +1,125 @@
+//! Newton's method on the active set of an affine VI: tried before any pivot.
+//!
+//! ```text
+//! A = {i at a bound},  I = the rest
+//! d_A at its bounds,  M_II d_I = -q_I - M_IA d_A,   F = M d + q
+//! i in I leaves the box: i -> A;   i in A with F_i of the wrong sign: i -> I
+//! ```
+//!
+//! The semismooth Newton method for `min(d - l, F) = 0` (Hintermüller, Ito & Kunisch, *SIAM J.
+//! Optim.* 13 (2002) 865-888). Where `M` is an M-matrix (obstacles, lubrication) it ends after a
+//! few rounds whatever the number of unknowns; elsewhere it may cycle, and is given up.
+
+use super::dense;
+use super::iterate::{Iterate, Outcome};
+use super::pivotal::AffineVi;
+
+/// Rounds without fewer changes than ever before, after which it is given up.
+const PATIENCE: usize = 4;
+/// Multiple of `1 + |q|` by which a slack may have the wrong sign.
+const ROUNDING: f64 = 1e-13;
+
+const INSIDE: usize = 0;
+const AT_LOWER: usize = 1;
+const AT_UPPER: usize = 2;
+
+/// `work.step <-` the solution of `avi` from the bounds that zero is on; false where none was
+/// found within `limit` pivots' worth of work.
+pub(super) fn solve(at: &mut Iterate<'_, '_>, shift: f64, limit: usize) -> Outcome<bool> {
+    begin(at);
+    let (mut fewest, mut since, before) = (usize::MAX, 0, at.budget.spent());
+    while since < PATIENCE && at.budget.spent() - before < limit {
+        if !solve_inside(at, shift)? {
+            return Ok(false);
+        }
+        let changes = change_active_set(at, shift);
+        if changes == 0 {
+            return Ok(true);
+        }
+        (fewest, since) = if changes < fewest { (changes, 0) } else { (fewest, since + 1) };
+    }
+    Ok(false)
+}
+
+/// Active is what is on a bound, and pushed against it by `F`.
+fn begin(at: &mut Iterate<'_, '_>) {
+    let work = &mut *at.work;
+    for i in 0..work.f.len() {
+        let (lower, upper) = (dense::at(work.lower, i), dense::at(work.upper, i));
+        let f = dense::at(work.f, i);
+        let place = if lower == upper || (lower == 0.0 && f > 0.0) {
+            AT_LOWER
+        } else if upper == 0.0 && f < 0.0 {
+            AT_UPPER
+        } else {
+            INSIDE
+        };
+        dense::put(work.pivotal.held, i, place);
+    }
+}
+
+/// `work.step` for the active set; false where `M_II` is singular.
+fn solve_inside(at: &mut Iterate<'_, '_>, shift: f64) -> Outcome<bool> {
+    let n = at.n();
+    let work = &mut *at.work;
+    let pivotal = &mut work.pivotal;
+    for (i, step) in work.step.iter_mut().enumerate() {
+        *step = match pivotal.held.get(i) {
+            Some(&AT_LOWER) => dense::at(work.lower, i),
+            Some(&AT_UPPER) => dense::at(work.upper, i),
+            _ => 0.0,
+        };
+    }
+    let held = &*pivotal.held;
+    let is_inside = |j: usize| held.get(j) == Some(&INSIDE);
+    let (mut size, mut filled) = (0, 0);
+    for i in (0..n).filter(|&i| is_inside(i)) {
+        let row = dense::row(work.jacobian, n, i);
+        let constant = -dense::at(work.f, i) - dense::dot(row, work.step);
+        dense::put(pivotal.values, size, constant);
+        for (j, &entry) in row.iter().enumerate().filter(|&(j, _)| is_inside(j)) {
+            dense::put(pivotal.inverse, filled, if i == j { entry + shift } else { entry });
+            filled += 1;
+        }
+        size += 1;
+    }
+    at.budget.spend_on_factors(size);
+    let matrix = pivotal.inverse.get_mut(..filled).unwrap_or(&mut []);
+    let poll = &mut || at.problem.poll();
+    if dense::factor(matrix, size, pivotal.members, poll)? <= 0.0 {
+        return Ok(false);
+    }
+    let inside = pivotal.values.get_mut(..size).unwrap_or(&mut []);
+    dense::solve(matrix, size, pivotal.members, inside);
+    let steps = work.step.iter_mut().zip(&*pivotal.held);
+    for ((step, _), value) in steps.filter(|(_, &held)| held == INSIDE).zip(inside.iter()) {
+        *step = *value;
+    }
+    Ok(dense::is_finite(work.step))
+}
+
+/// Moves what is outside the box to its bounds and frees what is pushed off them; the number of
+/// components that changed.
+fn change_active_set(at: &mut Iterate<'_, '_>, shift: f64) -> usize {
+    let work = &mut *at.work;
+    let wrong = ROUNDING * (1.0 + dense::norm(work.f));
+    let mut changes = 0;
+    let avi =
+        AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };
+    avi.map(work.step, work.pivotal.residual);
+    for (i, &d) in work.step.iter().enumerate() {
+        let (lower, upper) = avi.bounds(i);
+        let f = dense::at(work.pivotal.residual, i);
+        let place = match work.pivotal.held.get(i) {
+            _ if lower == upper => continue,
+            Some(&AT_LOWER) if f < -wrong => INSIDE,
+            Some(&AT_UPPER) if f > wrong => INSIDE,
+            Some(&INSIDE) if d < lower => AT_LOWER,
+            Some(&INSIDE) if d > upper => AT_UPPER,
+            _ => continue,
+        };
+        dense::put(work.pivotal.held, i, place);
+        changes += 1;
+    }
+    changes
+}

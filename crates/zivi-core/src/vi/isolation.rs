@@ -1,0 +1,47 @@
+//! Whether a solution is isolated: the Jacobian on the rows inside the box is regular there.
+
+use super::dense;
+use super::iterate::{Iterate, Outcome};
+
+/// Pivot ratio below which the Jacobian on the rows inside counts as singular.
+const SINGULAR: f64 = 1e-12;
+/// The same for a Jacobian by differences, which are no better than this.
+const SINGULAR_TO_DIFFERENCES: f64 = 1e-9;
+
+/// True unless the Jacobian at the solution is singular on the rows inside. One that is made of
+/// many evaluations of `F` is taken from the last iterate, where there was one.
+pub(super) fn is_isolated(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
+    let differenced = at.problem.is_differenced();
+    let known = differenced && at.jacobian_is_known;
+    if !known && !at.linearise()? {
+        return Ok(true);
+    }
+    let limit = if differenced { SINGULAR_TO_DIFFERENCES } else { SINGULAR };
+    Ok(pivot_ratio_inside(at)? >= limit)
+}
+
+/// `min/max` of the pivots of the Jacobian on the rows and columns inside the box (those at a
+/// bound with `F_i = 0` included), its rows scaled to 1; 0 when singular.
+fn pivot_ratio_inside(at: &mut Iterate<'_, '_>) -> Outcome<f64> {
+    let (n, tol) = (at.n(), at.tol);
+    let work = &mut *at.work;
+    let is_inside = |i: usize| {
+        let (lower, upper) = (dense::at(at.lower, i), dense::at(at.upper, i));
+        let target = dense::at(at.z, i) - dense::at(work.f, i);
+        lower < upper && lower - tol <= target && target <= upper + tol
+    };
+    let matrix = &mut *work.pivotal.inverse;
+    let (mut size, mut filled) = (0, 0);
+    for i in (0..n).filter(|&i| is_inside(i)) {
+        let row = dense::row(work.jacobian, n, i);
+        let inside = || row.iter().enumerate().filter(|&(j, _)| is_inside(j)).map(|(_, a)| *a);
+        let scale = inside().fold(0.0, |scale: f64, a| scale.max(a.abs()));
+        for entry in inside() {
+            dense::put(matrix, filled, if scale > 0.0 { entry / scale } else { 0.0 });
+            filled += 1;
+        }
+        size += 1;
+    }
+    let leading = matrix.get_mut(..filled).unwrap_or(&mut []);
+    dense::factor(leading, size, work.pivotal.members, &mut || at.problem.poll())
+}

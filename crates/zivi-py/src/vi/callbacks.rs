@@ -1,0 +1,226 @@
+//! `F` and its Jacobian as Python callables.
+
+use std::cell::{Cell, RefCell};
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyArithmeticError, PyValueError};
+use pyo3::prelude::*;
+use zivi_core::vi::{EvaluationError, Interruption, Problem, Progress};
+
+use super::watch::Watch;
+
+/// Calls Python; what it raises is kept for the caller and stops the solver, but for the errors
+/// by which a function says that it is not defined at a point: after the first call they count as
+/// values that are not finite.
+pub(super) struct Callbacks<'py> {
+    py: Python<'py>,
+    f: Bound<'py, PyAny>,
+    convert: (Bound<'py, PyAny>, Bound<'py, PyAny>),
+    pub(super) raised: RefCell<Option<PyErr>>,
+    pub(super) nfev: Cell<usize>,
+    njev: Cell<usize>,
+    /// Relative rounding error of the type that `F` returns.
+    pub(super) rounding: Cell<f64>,
+    undefined: RefCell<Option<PyErr>>,
+    undefined_count: Cell<usize>,
+}
+
+impl<'py> Callbacks<'py> {
+    pub(super) fn new(
+        py: Python<'py>,
+        f: Bound<'py, PyAny>,
+        convert: (Bound<'py, PyAny>, Bound<'py, PyAny>),
+    ) -> Self {
+        Self {
+            py,
+            f,
+            convert,
+            raised: RefCell::new(None),
+            nfev: Cell::new(0),
+            njev: Cell::new(0),
+            rounding: Cell::new(f64::EPSILON),
+            undefined: RefCell::new(None),
+            undefined_count: Cell::new(0),
+        }
+    }
+
+    pub(super) fn map(&self, z: &[f64], out: &mut [f64]) -> Result<(), EvaluationError> {
+        self.nfev.set(self.nfev.get() + 1);
+        let called = self.f.call1((PyArray1::from_slice(self.py, z),));
+        let Some(value) = self.defined(called, self.nfev.get())? else {
+            out.fill(f64::NAN);
+            return Ok(());
+        };
+        if let Ok(array) = value.cast::<PyArray1<f64>>() {
+            if array.len() == out.len()
+                && copy(
+                    &array
+                        .try_readonly()
+                        .as_ref()
+                        .map_or(Err(()), |it| it.as_slice().map_err(drop)),
+                    out,
+                )
+            {
+                return Ok(());
+            }
+        }
+        self.keep(self.convert_values(value, out))
+    }
+
+    /// Values of another type, shape or layout.
+    fn convert_values(&self, value: Bound<'py, PyAny>, out: &mut [f64]) -> PyResult<()> {
+        let (array, rounding): (Bound<'py, PyArray1<f64>>, f64) =
+            self.convert.0.call1((value,))?.extract()?;
+        self.rounding.set(rounding);
+        out.copy_from_slice(array.try_readonly()?.as_slice()?);
+        Ok(())
+    }
+
+    fn jacobian(
+        &self,
+        jac: &Bound<'py, PyAny>,
+        z: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), EvaluationError> {
+        self.njev.set(self.njev.get() + 1);
+        let called = jac.call1((PyArray1::from_slice(self.py, z),));
+        let Some(value) = self.defined(called, self.njev.get())? else {
+            out.fill(f64::NAN);
+            return Ok(());
+        };
+        if let Ok(array) = value.cast::<PyArray2<f64>>() {
+            let n = z.len();
+            if array.shape() == [n, n]
+                && copy(
+                    &array
+                        .try_readonly()
+                        .as_ref()
+                        .map_or(Err(()), |it| it.as_slice().map_err(drop)),
+                    out,
+                )
+            {
+                return Ok(());
+            }
+        }
+        self.keep((|| {
+            let array: Bound<'py, PyArray2<f64>> = self.convert.1.call1((value,))?.extract()?;
+            out.copy_from_slice(array.try_readonly()?.as_slice()?);
+            Ok(())
+        })())
+    }
+
+    /// The value of a call; `None` where it is not defined.
+    fn defined(
+        &self,
+        called: PyResult<Bound<'py, PyAny>>,
+        call: usize,
+    ) -> Result<Option<Bound<'py, PyAny>>, EvaluationError> {
+        match called {
+            Err(error) if call > 1 && self.means_undefined(&error) => {
+                self.undefined_count.set(self.undefined_count.get() + 1);
+                self.undefined.replace(Some(error));
+                Ok(None)
+            }
+            other => self.keep(other.map(Some)),
+        }
+    }
+
+    fn means_undefined(&self, error: &PyErr) -> bool {
+        error.is_instance_of::<PyArithmeticError>(self.py)
+            || error.is_instance_of::<PyValueError>(self.py)
+    }
+
+    fn keep<T>(&self, result: PyResult<T>) -> Result<T, EvaluationError> {
+        result.map_err(|error| {
+            self.raised.replace(Some(error));
+            EvaluationError
+        })
+    }
+
+    /// What to say about points where `F` or its Jacobian raised.
+    pub(super) fn undefined(&self) -> String {
+        match &*self.undefined.borrow() {
+            None => String::new(),
+            Some(error) => format!(
+                "; raised at {} points and taken as not defined there, the last time {error}",
+                self.undefined_count.get()
+            ),
+        }
+    }
+}
+
+/// `to <- from`; false where `from` is not contiguous.
+fn copy<E>(from: &Result<&[f64], E>, to: &mut [f64]) -> bool {
+    match from {
+        Ok(from) if from.len() == to.len() => {
+            to.copy_from_slice(from);
+            true
+        }
+        _ => false,
+    }
+}
+
+/// `F` and its Jacobian, both from Python.
+pub(super) struct WithJacobian<'a, 'py> {
+    callbacks: &'a Callbacks<'py>,
+    jac: Bound<'py, PyAny>,
+}
+
+impl<'a, 'py> WithJacobian<'a, 'py> {
+    pub(super) fn new(callbacks: &'a Callbacks<'py>, jac: Bound<'py, PyAny>) -> Self {
+        Self { callbacks, jac }
+    }
+}
+
+impl Problem for WithJacobian<'_, '_> {
+    fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
+        self.callbacks.map(z, f)
+    }
+
+    fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
+        self.callbacks.jacobian(&self.jac, z, jacobian)
+    }
+
+    fn rounding(&self) -> f64 {
+        self.callbacks.rounding.get()
+    }
+}
+
+/// A problem with callbacks, and an eye on the clock and the signals between them.
+pub(super) struct Watched<'a, 'py, P> {
+    problem: P,
+    callbacks: &'a Callbacks<'py>,
+    watch: &'a Watch,
+}
+
+impl<'a, 'py, P> Watched<'a, 'py, P> {
+    pub(super) fn new(problem: P, callbacks: &'a Callbacks<'py>, watch: &'a Watch) -> Self {
+        Self { problem, callbacks, watch }
+    }
+}
+
+impl<P: Problem> Problem for Watched<'_, '_, P> {
+    fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
+        self.problem.map(z, f)
+    }
+
+    fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
+        self.problem.jacobian(z, jacobian)
+    }
+
+    fn is_differenced(&self) -> bool {
+        self.problem.is_differenced()
+    }
+
+    fn rounding(&self) -> f64 {
+        self.problem.rounding()
+    }
+
+    fn poll(&mut self) -> Result<(), Interruption> {
+        self.watch.look(self.callbacks.py)
+    }
+
+    fn monitor(&mut self, progress: &Progress) -> Result<(), Interruption> {
+        self.watch.report(progress)
+    }
+}

@@ -1,0 +1,246 @@
+"""Families of problems with an answer of their own: closed forms, other solvers, definitions."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import zivi
+from mcp.linear import laplacian
+
+INF = np.inf
+
+
+def cournot(costs, scale=25.0, price=50.0):
+    """Firms with marginal costs ``c + (q/K)^0.8``, whose slope is infinite at zero output, and a
+    linear price ``p - Q``."""
+    costs = np.asarray(costs, float)
+
+    def F(q):
+        return costs + (q / scale) ** 0.8 + q - (price - q.sum())
+
+    def jac(q):
+        with np.errstate(divide="ignore"):
+            own = 0.8 / scale * (q / scale) ** -0.2
+        return np.diag(own + 1) + 1
+
+    return F, jac
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("costs", [(2, 3, 60), (2, 70, 60), (2, 3, 49)])
+@pytest.mark.parametrize("start", [0.0, 1.0, 20.0])
+@pytest.mark.parametrize("given", [True, False])
+def test_slopes_that_are_infinite_at_a_bound(costs, start, given):
+    F, jac = cournot(costs)
+    res = zivi.solve_vi(F, 0, INF, np.full(3, start), jac=jac if given else None)
+    assert res.success, res.message
+    # the definition: who produces earns its marginal cost, the others would not
+    value = F(res.x)
+    assert np.all(res.x >= 0)
+    assert np.all(np.abs(value[res.x > 0]) <= 1e-9)
+    assert np.all(value[res.x == 0] >= 0)
+    assert res.x[-1] == 0
+
+
+def test_a_cournot_duopoly_in_closed_form():
+    """Costs linear, ``q_i = (p - 2 c_i + c_j) / 3``; a firm that would lose stays out."""
+    for own, other in ((2.0, 5.0), (2.0, 40.0)):
+        costs = np.array([own, other])
+        linear = zivi.solve_ncp(lambda q, c: c + q - (50.0 - q.sum()), [1.0, 1.0], args=(costs,))
+        both = np.array([50 - 2 * own + other, 50 - 2 * other + own]) / 3
+        expected = both if both.min() > 0 else np.array([(50 - own) / 2, 0.0])
+        np.testing.assert_allclose(linear.x, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("m", [3, 10, 20, 40])
+def test_random_bimatrix_games(m):
+    """No pure strategy of either player pays more; payoffs of any scale and offset."""
+    for seed in range(5):
+        rng = np.random.default_rng((m, seed))
+        A, B = 7 * rng.normal(size=(m, m)) - 3, 1e-3 * rng.normal(size=(m, m))
+        game = zivi.bimatrix(A, B)
+        assert game.success, game.result.message
+        for strategy in (game.x, game.y):
+            assert np.all(strategy >= 0)
+            assert np.sum(strategy) == pytest.approx(1, abs=1e-14)
+        assert np.max(A @ game.y) <= game.x @ A @ game.y + 7e-9
+        assert np.max(game.x @ B) <= game.x @ B @ game.y + 1e-12
+        assert game.payoffs == pytest.approx((game.x @ A @ game.y, game.x @ B @ game.y))
+        assert game.regret < 1e-8
+
+
+@pytest.mark.parametrize("m", [10, 20, 40])
+def test_the_path_goes_on_after_a_ray(m):
+    """The complementarity problem of Lemke and Howson ends on a ray at once from either start."""
+    alone = {"active_set": False, "semismooth": False, "proximal": False, "restarts": 0}
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        A, B = 1 + rng.random((m, m)), 1 + rng.random((m, m))
+        M = np.block([[np.zeros((m, m)), A], [B.T, np.zeros((m, m))]])
+        options = zivi.VIOptions(**alone, descent_steps=False, stage_iterations=1)
+        res = zivi.solve_lcp(M, -np.ones(2 * m), options=options)
+        assert res.success
+        x, y = res.x[:m] / res.x[:m].sum(), res.x[m:] / res.x[m:].sum()
+        assert np.min(A @ y) >= x @ A @ y - 1e-9
+        assert np.min(x @ B) >= x @ B @ y - 1e-9
+
+
+def test_games_with_ties_and_of_other_shapes():
+    pennies = zivi.bimatrix([[1, -1], [-1, 1]], [[-1, 1], [1, -1]])
+    np.testing.assert_allclose([*pennies.x, *pennies.y], 0.5)
+    rps = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]])
+    game = zivi.bimatrix(rps, -rps)
+    np.testing.assert_allclose([*game.x, *game.y], 1 / 3)
+    dilemma = zivi.bimatrix([[-1, -3], [0, -2]], [[-1, 0], [-3, -2]])
+    np.testing.assert_array_equal([*dilemma.x, *dilemma.y], [0, 1, 0, 1])
+    inspection = zivi.bimatrix([[-1, 1], [0, -3]], [[2, -4], [2, 4]])
+    np.testing.assert_allclose([*inspection.x, *inspection.y], [0.25, 0.75, 0.8, 0.2])
+    constant = zivi.bimatrix(np.zeros((2, 3)), np.full((2, 3), 1e300))
+    assert constant.success
+    assert constant.regret <= 1e285
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        shape = tuple(rng.integers(1, 5, 2))
+        A, B = rng.integers(-2, 3, shape), rng.integers(-2, 3, shape)
+        game = zivi.bimatrix(A, B)
+        assert game.success
+        assert np.max(A @ game.y) - game.x @ A @ game.y <= 1e-8
+        assert np.max(game.x @ B) - game.x @ B @ game.y <= 1e-8
+    with pytest.raises(ValueError, match=r"B must have the shape \(2, 2\) of A, got \(1, 2\)"):
+        zivi.bimatrix(np.eye(2), [[1, 2]])
+    with pytest.raises(ValueError, match="A must be a matrix with at least one entry"):
+        zivi.bimatrix([1, 2], [1, 2])
+    with pytest.raises(ValueError, match=r"B\[0, 1\] must be finite, got nan"):
+        zivi.bimatrix([[1, 2]], [[1, np.nan]])
+
+
+def solutions_of_lcp(M, q):
+    """All of them, pattern by pattern."""
+    n = len(q)
+    for inside in itertools.product([False, True], repeat=n):
+        x, on = np.zeros(n), np.flatnonzero(inside)
+        try:
+            x[on] = np.linalg.solve(M[np.ix_(on, on)], -q[on])
+        except np.linalg.LinAlgError:
+            continue
+        if np.all(x >= -1e-12) and np.all(M @ x + q >= -1e-12):
+            yield x
+
+
+def test_linear_complementarity_problems_against_enumeration():
+    unsolvable = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(1, 6))
+        M, q = rng.normal(size=(n, n)), rng.normal(size=n)
+        expected = list(solutions_of_lcp(M, q))
+        res = zivi.solve_lcp(M, q)
+        assert res.success == bool(expected)
+        if expected:
+            assert min(np.max(np.abs(res.x - x)) for x in expected) < 1e-7
+        unsolvable += not expected
+    assert unsolvable > 5
+
+
+def planted(n, seed):
+    rng = np.random.default_rng(seed)
+    M = rng.normal(size=(n, n))
+    x = np.where(rng.random(n) < 0.5, rng.random(n), 0)
+    return M, np.where(x > 0, 0, rng.random(n)) - M @ x
+
+
+def test_restarts_get_their_share_of_the_pivots():
+    """Solved by a restart; with one budget for all, the first stages used it up."""
+    M, q = planted(20, 5)
+    res = zivi.solve_lcp(M, q)
+    assert res.success
+    assert res.n_restarts == 0 or res.stage.startswith("R")
+    small = zivi.solve_lcp(M, q, options=zivi.VIOptions(total_pivots=1000))
+    assert small.n_restarts == 8 or small.success
+    assert np.min(M @ res.x + q) > -1e-8
+    assert abs(res.x @ (M @ res.x + q)) < 1e-7
+
+
+@pytest.mark.parametrize("n", [100, 400])
+def test_a_row_that_cannot_be_satisfied_is_found_at_once(n):
+    rng = np.random.default_rng(n)
+    M, q = rng.normal(size=(n, n)), rng.normal(size=n)
+    M[n // 2], q[n // 2] = -rng.random(n), -1
+    res = zivi.solve_lcp(M, q)
+    assert res.status is zivi.VIStatus.INFEASIBLE
+    assert res.n_iter == res.n_pivots == 0
+    assert res.residual == zivi.natural_residual(res.x, M @ res.x + q, 0, INF)
+    M[n // 2, 0] = 1e-3  # satisfied far out: no proof any more
+    quick = zivi.VIOptions(total_pivots=10)
+    assert zivi.solve_lcp(M, q, options=quick).status is not zivi.VIStatus.INFEASIBLE
+
+
+@pytest.mark.parametrize(
+    ("q", "lower", "upper", "infeasible"),
+    [
+        (-3.5, [0, 0], [INF, 3], True),  # sup F_0 = -0.5 with x_0 unbounded above
+        (-3.5, [0, 0], [9, 3], False),  # x_0 = 9 may have F_0 < 0
+        (-3.0, [0, 0], [INF, 3], False),  # zero is reached
+        (0.5, [-INF, 0], [0, 3], True),  # inf F_0 = 0.5 with x_0 unbounded below
+        (0.5, [-9, 0], [0, 3], False),
+        (-3.5, [0, 0], [INF, INF], False),  # satisfied for large x_1
+    ],
+)
+def test_infeasible_only_where_it_is_a_proof(q, lower, upper, infeasible):
+    """``F_0 = x_1 + q`` with ``0 <= x_1 <= 3``."""
+    res = zivi.solve_avi([[0, 1], [-1, 0.5]], [q, 1], lower, upper)
+    assert (res.status is zivi.VIStatus.INFEASIBLE) == infeasible
+    assert not (infeasible and res.success)
+
+
+def projected_sor(M, q, lower, sweeps=2000):
+    """Cryer's method: component by component, over-relaxed and projected."""
+    x = np.maximum(0.0, lower)
+    for _ in range(sweeps):
+        before = x.copy()
+        for i in range(len(q)):
+            x[i] = max(lower[i], x[i] - 1.6 * (M[i] @ x + q[i]) / M[i, i])
+        if np.max(np.abs(x - before)) < 1e-14:
+            break
+    return x
+
+
+def test_an_obstacle_problem_against_projected_sor():
+    m = 9
+    M, q = laplacian(m), np.full(m * m, 0.02)
+    grid = np.linspace(-1, 1, m + 2)[1:-1]
+    lower = (0.4 - grid[:, None] ** 2 - grid**2).ravel()
+    res = zivi.solve_avi(M, q, lower, INF)
+    np.testing.assert_allclose(res.x, projected_sor(M, q, lower), atol=1e-11)
+    assert 0 < np.sum(res.x == lower) < m * m
+
+
+def bearing(m, eccentricity=0.8):
+    """A journal bearing: Reynolds' equation for the film pressure, zero where it cavitates."""
+    theta = 2 * np.pi * np.arange(1, m + 1) / (m + 1)
+    step = np.array([2 * np.pi, 2.0]) / (m + 1)
+
+    def film(angle):
+        return (1 + eccentricity * np.cos(angle)) ** 3
+
+    right, left = film(theta + step[0] / 2), film(theta - step[0] / 2)
+    along = (np.diag(left + right) - np.diag(right[:-1], 1) - np.diag(left[1:], -1)) / step[0] ** 2
+    across = (2 * np.eye(m) - np.eye(m, k=1) - np.eye(m, k=-1)) / step[1] ** 2
+    M = np.kron(np.eye(m), along) + np.kron(across, np.diag(film(theta)))
+    return M, np.tile(-eccentricity * np.sin(theta), m)
+
+
+def test_grids_need_no_pivots():
+    """The active set by Newton's method; pivoting alone takes hundreds."""
+    m = 24
+    grid = np.linspace(-1, 1, m + 2)[1:-1]
+    obstacle = laplacian(m), np.full(m * m, 0.005), (0.5 - grid[:, None] ** 2 - grid**2).ravel()
+    for M, q, lower in (obstacle, (*bearing(m), np.zeros(m * m))):
+        res = zivi.solve_avi(M, q, lower, INF)
+        assert res.success
+        assert res.n_pivots == 0
+        assert 0 < np.sum(res.x == lower) < m * m
+        pivoting = zivi.solve_avi(M, q, lower, INF, options=zivi.VIOptions(active_set=False))
+        assert pivoting.n_pivots > 100
+        np.testing.assert_allclose(res.x, pivoting.x, atol=1e-9)
