@@ -60,8 +60,9 @@ const PARTS: usize = 1_000_000;
 /// Pieces of one rest that events look at.
 const MOST_LOOKS: f64 = 1e6;
 
-/// Arcs of a tail that events look at one by one.
-const ARCS: usize = 32;
+/// Most arcs of a tail that events look at one by one. From e = 0.99996 on a tail may have more
+/// before rounding ends it.
+const ARCS: usize = 1_000_000;
 
 impl<'e, 'a, E> Running<'e, 'a, E> {
     /// A run to `t1` from where the integrator starts.
@@ -256,14 +257,14 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         if self.watch.is_idle() {
             return Ok(None);
         }
-        let mut t = tail.start();
-        for m in 0..ARCS {
-            let Some(arc) = tail.arc(m) else { break };
+        let (mut t, mut next) = (tail.start(), tail.arc(0));
+        for m in 1..=ARCS {
+            let Some(arc) = next else { break };
             if let Some(stop) = self.watch.along(arc.start, arc.end, |t| arc.at(t))? {
                 return Ok(Some(stop));
             }
-            t = arc.end;
-            let after = tail.arc(m + 1).map_or(end.1, |next| next.at(t));
+            (t, next) = (arc.end, tail.arc(m));
+            let after = next.map_or(end.1, |next| next.at(t));
             if let Some(stop) = self.watch.across(t, after)? {
                 return Ok(Some(stop));
             }

@@ -278,6 +278,28 @@ mod tests {
     }
 
     #[test]
+    fn the_arc_at_a_time_is_found_however_far_the_leading_term_is_off() {
+        // t_n = 9 - q - 0.3 q^2, q = e^n: the leading term alone is thousands of arcs off
+        let e = 0.9999_f64;
+        let mut chain = Chain::new(e);
+        for n in 0..5000 {
+            let q = e.powi(n);
+            chain.note(Bounce { t: 9.0 - q - 0.3 * q * q, u: 5e-4 * q * (1.0 + 0.3 * q), g: 9.81 });
+        }
+        let tail = Tail::new(&chain, e, 9.0, 1.0);
+        for m in [0, 1, 77, 3000, 9999, 40_000] {
+            let arc = tail.arc(m).unwrap();
+            for part in [0.1, 0.5, 0.9] {
+                let t = arc.start + part * (arc.end - arc.start);
+                assert_eq!(tail.arc_at(t), Some(arc), "{m} {part}");
+                assert!(tail.at(t).x > 0.0);
+            }
+        }
+        assert_eq!(tail.at(9.0 - 1e-13).sigma.abs(), 1.0);
+        assert_eq!((tail.arc_at(9.0), tail.arc_at(tail.start() - 1e-3)), (None, None));
+    }
+
+    #[test]
     fn the_fit_reproduces_a_series() {
         let a = [1.0, -0.4, 0.2, 0.05];
         let values = std::array::from_fn(|i| series(&a, 0.5f64.powi(-(i as i32))));

@@ -27,7 +27,8 @@ pub type EventFunction<'a, E> = Box<dyn FnMut(f64, f64, f64) -> Result<f64, E> +
 /// is found on the dense output. A zero counts when it is reached, not when it is left: `g = x`
 /// has one event, a falling one, at each impact. At an impact `x'` jumps; if `g` changes its sign
 /// by that, the event is at the time of the impact and has the state after it. In a tail (see
-/// [`crate::Tail`]) the first 32 arcs are looked at one by one, the rest as a whole.
+/// [`crate::Tail`]) the arcs are looked at one by one like steps, down to those that rounding ends,
+/// at most a million.
 pub struct UserEvent<'a, E> {
     /// The function.
     pub function: EventFunction<'a, E>,

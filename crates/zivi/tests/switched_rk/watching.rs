@@ -225,3 +225,39 @@ fn the_path_starts_and_ends_where_the_run_does() {
     assert!((path.at(6.0).unwrap().x - 2.0).abs() < 1e-12);
     assert!(!path.is_empty() && path.len() < 20);
 }
+
+#[test]
+fn events_in_late_arcs_of_a_tail_are_seen() {
+    // from 1 m at 9.81 m/s^2 with e = 0.99: three impacts are computed, then hundreds are skipped
+    let (e, g) = (0.99_f64, 9.81);
+    let fall = (2.0_f64 / g).sqrt();
+    // the flight after impact k takes 2 e^k fall
+    let impact = |n: i32| fall + (1..n).map(|k| 2.0 * e.powi(k) * fall).sum::<f64>();
+    let start = Physical { x: 1.0, xdot: 0.0 };
+    let wall = Restitution::from_e(e).unwrap();
+    let run = |events, order| {
+        let output = Output { events, dense: true, ..Output::default() };
+        let (settings, span) = (settings(order, 1e-8), (0.0, 100.0));
+        let force = &mut ConstantForce(-g);
+        simulate_switched_rk(settings, wall, force, span, start, output, &mut Silent).unwrap()
+    };
+    for order in ORDERS {
+        // the energy falls below that of 1 mm by impact 344
+        let energy = event(move |_, x, v| 0.5 * v * v + g * (x - 1e-3));
+        let stopped = run(vec![UserEvent { terminal: Some(1), ..energy }], order);
+        assert_eq!(stopped.trajectory.status, Status::TerminatedByEvent);
+        assert!((stopped.hits[0][0].t - impact(344)).abs() < 1e-9, "{:?}", stopped.hits);
+
+        let apex = UserEvent { direction: Direction::Falling, ..event(|_, _, xdot| xdot) };
+        let late = run(vec![event(|t, _, _| t - 50.0), apex], order);
+        let (hit, at) = (late.hits[0][0], late.path.unwrap().at(50.0).unwrap());
+        let n = (1..).find(|&n| impact(n + 1) > 50.0).unwrap();
+        let (tau, u) = (50.0 - impact(n), e.powi(n) * g * fall);
+        for (x, xdot) in [(hit.x, hit.xdot), (at.x, at.xdot)] {
+            assert!((x - (u * tau - g * tau * tau / 2.0)).abs() < 1e-9);
+            assert!((xdot - (u - g * tau)).abs() < 1e-9);
+        }
+        let top = impact(343) + e.powi(343) * fall;
+        assert!((late.hits[1][342].t - top).abs() < 1e-9);
+    }
+}
