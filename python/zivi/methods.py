@@ -249,7 +249,7 @@ class SwitchedRK:
     max_step: float = math.inf
     first_step: float | None = None
     max_steps: int = 1_000_000
-    max_impacts: int = 100_000
+    max_impacts: int = 1_000_000
 
     def __post_init__(self) -> None:
         for name in ("rtol", "max_step"):

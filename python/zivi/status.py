@@ -22,7 +22,7 @@ class Status(enum.IntEnum):
     RAISED = 5
     """The force raised an exception or the run was interrupted."""
     ZENO_BUDGET = 6
-    """An accumulation had more impacts than ``max_impacts``."""
+    """An accumulation had more impacts than ``max_impacts``, or no pull to the wall behind it."""
     STEP_BUDGET = 7
     """The run took more steps than ``max_steps``."""
     STEP_SIZE_TOO_SMALL = 8

@@ -16,7 +16,8 @@ pub enum Status {
     StepNotSolved = 4,
     /// The force or the caller raised an error, or the run was interrupted.
     Raised = 5,
-    /// A chain of impacts at falling speeds was longer than its budget.
+    /// A chain of impacts at falling speeds was longer than its budget, or impacts without a pull
+    /// to the wall went on below the tolerance.
     ZenoBudget = 6,
     /// The run took more steps than its budget.
     StepBudget = 7,
@@ -75,8 +76,9 @@ impl Status {
             }
             Status::ZenoBudget => {
                 "The impacts of one chain exceeded max_impacts before their accumulation was known \
-                 to the tolerance; the trajectory ends at the last impact. Increase max_impacts, or \
-                 loosen rtol and atol."
+                 to the tolerance, or many impacts below the tolerance follow each other at a wall \
+                 where the force is zero; the trajectory ends at the last impact. Increase \
+                 max_impacts, or loosen rtol and atol."
             }
             Status::StepBudget => {
                 "The steps exceeded max_steps; the trajectory ends at the last one. Increase \

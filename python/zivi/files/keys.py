@@ -86,7 +86,7 @@ SWITCHED_RK = (
     Key("max_step", Number(above=0.0, infinite=True), "longest step", "s", "inf"),
     Key("first_step", POSITIVE, "first step", "s", "from the force at the start"),
     Key("max_steps", Whole(1), "steps after which the run ends", "1", "1000000"),
-    Key("max_impacts", Whole(3), "impacts of an accumulation after which it ends", "1", "100000"),
+    Key("max_impacts", Whole(3), "impacts of an accumulation after which it ends", "1", "1000000"),
 )
 METHODS = {
     "SwitchedRK": SWITCHED_RK,

@@ -4,6 +4,7 @@ use zivi_core::Restitution;
 
 use super::chain::Chain;
 use super::contact::{Lookout, Window};
+use super::impact::Patter;
 use super::lookahead::Obstacle;
 use super::settings::SwitchedRk;
 use super::stages::{Counted, Point, Stages};
@@ -113,6 +114,7 @@ pub struct SwitchedIntegrator {
     pub(super) zeno: Option<f64>,
     /// Where the force last kept the mass from jumping there.
     pub(super) obstacle: Option<Obstacle>,
+    pub(super) patter: Patter,
     /// Step size to try next.
     pub(super) h: Option<f64>,
     pub(super) lookout: Lookout,
@@ -149,6 +151,7 @@ impl SwitchedIntegrator {
             struck: false,
             zeno: None,
             obstacle: None,
+            patter: Patter::default(),
             h: None,
             lookout: Lookout::default(),
             landing: None,
@@ -173,6 +176,7 @@ impl SwitchedIntegrator {
         check_initial(state)?;
         let Physical { x, xdot } = state;
         self.now = Point { t, x, xdot };
+        self.patter = Patter::starting_at(t);
         self.sigma = 1.0;
         self.mode = if x == 0.0 && xdot == 0.0 { Mode::Rest } else { Mode::Flight };
         (self.armed, self.struck, self.steps) = (true, false, 0);

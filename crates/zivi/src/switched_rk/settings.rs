@@ -62,7 +62,7 @@ pub struct SwitchedRk {
     /// 1 (default 1 000 000).
     pub max_steps: usize,
     /// Impacts at falling speeds in one chain after which [`crate::Status::ZenoBudget`] ends the
-    /// run, at least 3 (default 100 000). A chain is followed to at most
+    /// run, at least 3 (default 1 000 000). A chain is followed to at most
     /// `30 / ln(1/e)` impacts, 30 000 for `e = 0.999`, and in practice to far fewer.
     pub max_impacts: usize,
     /// Whether steps are adapted to the tolerances (the default). If not, every step is
@@ -80,7 +80,7 @@ impl Default for SwitchedRk {
             max_step: f64::INFINITY,
             first_step: None,
             max_steps: 1_000_000,
-            max_impacts: 100_000,
+            max_impacts: 1_000_000,
             adaptive: true,
         }
     }

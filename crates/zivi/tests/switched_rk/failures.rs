@@ -232,3 +232,29 @@ fn spans_and_sample_times_are_checked() {
         assert!(message.starts_with("t_eval must be"), "{message}");
     }
 }
+
+#[test]
+fn impacts_without_a_pull_at_the_wall_end_with_a_status() {
+    // both accumulate, but the pull f(t, 0, 0) that the expansion needs is zero
+    type Law = fn(f64) -> f64;
+    let laws: [Law; 2] = [|x| if x > 0.0 { -9.81 } else { 0.0 }, |x| -x.abs().sqrt()];
+    for order in ORDERS {
+        for law in laws {
+            let mut count = 0;
+            let mut force = FunctionForce(|_: f64, x: f64, _: f64| {
+                count += 1;
+                Ok(law(x))
+            });
+            let run = run(settings(order, 1e-8), &mut force, 1000.0);
+            assert_eq!(run.trajectory.status, Status::ZenoBudget);
+            assert!(run.trajectory.events.zeno_times.is_empty());
+            assert_valid(&run);
+            assert!(count < 20_000, "{count}");
+        }
+        // equal flights are none of that, however slow
+        let mut spring = FunctionForce(|_: f64, x: f64, _: f64| Ok(-x));
+        let run = run(settings(order, 1e-4), &mut spring, 1200.0);
+        assert_eq!(run.trajectory.status, Status::Completed);
+        assert!(run.trajectory.events.impacts.len() > 150);
+    }
+}
