@@ -183,6 +183,39 @@ def test_the_starts_that_rest_without_a_landing():
             assert np.count_nonzero(batch.rest_time < 19.9) == pytest.approx(int(count), abs=4)
 
 
+def advanced(h, e_ref, t_end=20.0):
+    """A tracker's reference under the force of 1 + 0.3 sin 3t: its samples, and that force."""
+    tracker = zivi.TwistingTracker(30, 17, h=h, kappa=0.5, e_ref=e_ref)
+    tracker.reset(1.0, 0.9)
+    x, v, force = [1.0], [0.9], []
+    for k in range(round(t_end / h)):
+        force.append(-2.7 * np.sin(3 * k * h))
+        tracker.step(x[-1], v[-1], -9.81, force[-1])
+        x.append(tracker.x_ref)
+        v.append(tracker.xdot_ref)
+    return np.array(x), np.array(v), np.array(force)
+
+
+def test_a_reference_given_as_a_force_drifts_as_documented():
+    """By kicks of at most (1 - e_r) h |F_r|, all outward, whose sum is the whole of the drift."""
+    small, large = quoted(r"then (\S+) m off with `h` = 1e-3 and (\S+) m with 1e-2, while")
+    for h, drift in ((1e-3, small), (1e-2, large)):
+        x, v, force = advanced(h, 1 / 3)
+        off = x[-1] - 1 - 0.3 * np.sin(60.0)
+        assert off == pytest.approx(drift, rel=5e-3)
+        kicks = np.diff(v) - h * force
+        changes = np.abs(kicks) > 1e-9
+        share = kicks[changes] / ((1 - 1 / 3) * h * np.abs(force[changes]))
+        assert len(share) == quoted(r"has (\d+) changes in 20 s")
+        assert np.all((share >= 0) & (share <= 1))
+        assert share.mean() == pytest.approx(0.5, abs=0.15)
+        left = 20.0 - h * np.arange(1, len(x))
+        assert off == pytest.approx(np.sum(kicks * left), rel=3e-3)
+    x, _, _ = advanced(1e-3, 1.0)
+    elastic = quoted(r"no kicks \((\S+) m off")
+    assert x[-1] - 1 - 0.3 * np.sin(60.0) == pytest.approx(elastic, rel=0.05)
+
+
 def test_a_wrong_restitution_of_the_reference():
     small, middle, large, right = quoted(
         r"to (\S+) mm for `e_ref` = 0\.32, (\S+) mm for 0\.4 and (\S+) mm for 0\.5, and (\S+) mm"
