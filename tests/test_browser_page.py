@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "_static" / "browser"
 CRATE = ROOT / "crates" / "zivi-wasm"
 NODE = shutil.which("node")
+pytestmark = pytest.mark.xdist_group("browser page")
 
 
 def test_the_binary_has_its_hash_and_is_what_a_page_from_a_disk_holds():
@@ -91,6 +92,7 @@ BYTES = """([system, settings, signs, n]) => {
 }"""
 
 
+@pytest.mark.slow
 def test_runs_in_chromium_are_the_native_ones_bit_by_bit(page):
     visit(page)
     for system, settings, signs, _ in cases()[::3]:
@@ -100,6 +102,7 @@ def test_runs_in_chromium_are_the_native_ones_bit_by_bit(page):
         assert differences(case, columns) == [], case
 
 
+@pytest.mark.slow
 def test_the_page_shows_what_the_library_computes(page):
     visit(page)
     assert facts(page)["exactly at rest from"] == ["2.444 s", "not within 3 s"]
@@ -114,6 +117,7 @@ def test_the_page_shows_what_the_library_computes(page):
     assert page.wrong == []
 
 
+@pytest.mark.slow
 def test_sliders_link_and_film(page):
     visit(page)
     page.locator("input[name=h]").press("End")
@@ -145,6 +149,7 @@ INSIDE = """() => Array.from(document.querySelectorAll("button, select, output, 
     .every(box => box.left >= 0 && box.right <= innerWidth && box.width > 8 && box.height > 8)"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "height"), [(1280, 720), (420, 900)])
 def test_nothing_sticks_out_at_either_width(page, width, height):
     page.set_viewport_size({"width": width, "height": height})
