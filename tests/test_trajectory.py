@@ -158,3 +158,49 @@ def test_overflow_ends_the_run_and_keeps_it():
     assert sol.status in (zivi.Status.STATE_NOT_FINITE, zivi.Status.FORCE_NOT_FINITE)
     assert sol.x[-1] > 1e100
     assert all(np.all(np.isfinite(getattr(sol, name))) for name in COLUMNS)
+
+
+def test_impacts_down_to_a_speed_after_them(sol):
+    """Each impact halves the speed: 1.5 times the third speed after is below the third before."""
+    after = sol.impacts["xdot_after"]
+    for speed, number in ((after[2], 3), (1.5 * after[2], 2), (2 * after[0], 0)):
+        found = sol.impacts_down_to(speed)
+        np.testing.assert_array_equal(found, sol.impacts[:number])
+    for speed in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="speed must be"):
+            sol.impacts_down_to(speed)
+    for limit in (0, -1):
+        with pytest.raises(ValueError, match=f"limit must be >= 1, got {limit}"):
+            sol.impacts_down_to(1.0, limit=limit)
+
+
+def test_impacts_of_two_accumulations_are_in_the_order_of_time():
+    def law(t, x, xdot):
+        return 20.0 if 2.0 <= t < 2.3 else -9.81
+
+    method = zivi.SwitchedRK(max_step=0.05)
+    sol = zivi.simulate(zivi.ImpactSystem(law, e=0.5), (0, 9), (1, 0), method)
+    assert len(sol.zeno_times) == 2
+    found = sol.impacts_down_to(1e-3)["t"]
+    assert np.all(np.diff(found) > 0)
+    of_the_first = np.count_nonzero(found < sol.zeno_times[0])
+    assert 0 < of_the_first < len(found)
+    assert len(found) > len(sol.impacts)
+
+
+def test_the_dataset_tells_what_the_run_cost():
+    sol = zivi.simulate(
+        zivi.ImpactSystem(lambda t, x, xdot: -9.81 * (1 + (t > 0.2)), e=0.5), (0, 0.4), (1, 0)
+    )
+    told = sol.to_xarray().attrs
+    for name in ("nfev", "n_steps", "n_rejected"):
+        assert told[name] == getattr(sol, name) > 0
+    assert told["nfev"] > told["n_steps"]
+
+
+def test_the_configuration_has_the_wall():
+    table = zivi.HarmonicWall(amplitude=0.1, omega=10.0, phase=0.3)
+    sol = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5, wall=table), (0, 0.1), (1, 0))
+    law = dict(sol.config["wall"])
+    assert law.pop("name") == "HarmonicWall"
+    assert zivi.HarmonicWall(**law) == table

@@ -23,8 +23,8 @@ class Mutant:
     find, replace : str
         The text, which the file must have exactly once, and what takes its place.
     tests : tuple of str
-        ``tests/test_x.py``, ``tests/test_x.py::test_name``, or for Rust ``package target name``,
-        where the target is ``lib`` or the name of a file in ``tests``.
+        ``tests/test_x.py``, ``tests/test_x.py::test_name``, or for Rust ``package target
+        name``, where the target is ``lib`` or a file or folder in ``tests`` (without a name: all).
     equivalent : str
         Why no test can fail; empty where one must.
     """
@@ -101,12 +101,12 @@ def fault_of_test(root, test):
         file, _, name = test.partition("::")
         texts = [root / file]
         definition = f"def {name.partition('[')[0]}(" if name else "def test_"
-    elif re.fullmatch(r"zivi(-core)? \w+ [\w:]+", test):
-        package, _, name = test.split(" ")
+    elif re.fullmatch(r"zivi(-core)? \w+( [\w:]+)?", test):
+        package, _, *name = test.split(" ")
         texts = (root / "crates" / package).rglob("*.rs")
-        definition = f"fn {name.rpartition('::')[2]}("
+        definition = f"fn {name[0].rpartition('::')[2]}(" if name else "#[test]"
     else:
-        return f"{test!r} is neither tests/test_x.py[::name] nor 'package target name'"
+        return f"{test!r} is neither tests/test_x.py[::name] nor 'package target [name]'"
     if not any(path.is_file() and definition in path.read_text(encoding="utf-8") for path in texts):
         return f"there is no test {test!r}"
     return None

@@ -46,10 +46,13 @@ def binaries(tests):
     """Group tests in Rust by their binary: the options of `cargo test`, and the names."""
     groups = {}
     for test in tests:
-        package, target, name = test.split(" ")
+        package, target, *names = test.split(" ")
         binary = ("--lib",) if target == "lib" else ("--test", target)
-        groups.setdefault(("-p", package, *binary), []).append(name)
-    return groups
+        groups.setdefault(("-p", package, *binary), []).append(names)
+    return {
+        binary: [] if [] in tests else [name for names in tests for name in names]
+        for binary, tests in groups.items()
+    }
 
 
 def outcome(scratch, tests, *, compiled):

@@ -137,6 +137,9 @@ mod tests {
             let grid = Grid::new(0.0, t1, h).unwrap();
             assert_eq!((grid.n_steps(), grid.t(n)), (n, t1));
         }
+        // a remainder at rounding is no step
+        assert_eq!(Grid::new(0.0, 1.0 + 1e-11, 0.1).unwrap().n_steps(), 10);
+        assert_eq!(Grid::new(0.0, 1.0 + 1e-7, 0.1).unwrap().n_steps(), 11);
         assert_eq!(Grid::new(0.0, 0.3, 0.1).unwrap().last_h(), 0.1);
         assert!((Grid::new(0.0, 1.0, 0.3).unwrap().last_h() - 0.1).abs() < 1e-15);
         assert_eq!(Grid::new(0.0, 1.0, 5.0).unwrap().last_h(), 1.0);
@@ -167,6 +170,13 @@ mod tests {
             assert!(matches!(Grid::new(0.0, 1.0, h), Err(StepNotPositive(_))), "{h}");
         }
         assert!(matches!(Grid::new(0.0, 1.0, 1e-300), Err(TooManySteps(..))));
+        assert!(matches!(Grid::new(0.0, 1.0, 0.5e-9), Err(TooManySteps(..))));
+        assert_eq!(Grid::new(0.0, MAX_STEPS, 1.0).unwrap().n_steps(), MAX_STEPS as usize);
         assert!(matches!(Grid::new(1e16, 1e16 + 8.0, 0.5), Err(StepBelowRounding(..))));
+        assert!(matches!(Grid::new(9e15, 1.8e16, 1e8), Ok(_)));
+        assert!(matches!(
+            Grid::new(2f64.powi(54) - 16.0, 2f64.powi(54) + 32.0, 1.5),
+            Err(StepBelowRounding(..))
+        ));
     }
 }

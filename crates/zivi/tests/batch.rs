@@ -273,3 +273,68 @@ fn what_cannot_fit_into_memory_is_refused_before_anything_is_computed() {
     assert!(text.contains("the record of 1000000001 steps"), "{text}");
     assert!(begun.elapsed().as_secs_f64() < 1.0);
 }
+
+#[test]
+fn statistics_are_those_of_the_samples_and_the_impacts() {
+    // driven: the hardest impact of some is neither the first nor the last
+    let force = LinearForce {
+        stiffness: 0.0,
+        damping: 0.1,
+        gravity: 9.81,
+        amplitude: 15.0,
+        omega: 6.0,
+        phase: 0.3,
+    };
+    let wall = Restitution::from_e(0.7).unwrap();
+    let member = |x| Member { wall, force, initial: Physical { x, xdot: 0.5 } };
+    let far = member(80.0);
+    let members: Vec<_> = (1..9).map(|k| member(0.02 * f64::from(k))).chain([far]).collect();
+    let grid = Grid::new(0.0, 3.0, 1e-3).unwrap();
+    let mut in_between = false;
+    for course in [
+        Course::ThetaGamma(ThetaGamma::implicit_euler(), grid),
+        Course::MoreauJean(MoreauJean::default(), grid),
+    ] {
+        let ends = simulate_batch(&members, course, Save::Statistics, 1, &mut Silent).unwrap();
+        for (member, end) in members.iter().zip(&ends) {
+            let run = alone(member, course).trajectory;
+            let of = |quantity| run.columns.of(quantity);
+            let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+            assert_eq!(end.summary.x_max, largest(&mut of(Quantity::X).iter().copied()));
+            let speeds = &mut of(Quantity::Xdot).iter().map(|xdot| xdot.abs());
+            assert_eq!(end.summary.speed_max, largest(speeds));
+            let impacts = &run.events.impacts;
+            let speed = |k: usize| -impacts[k].xdot_before;
+            if impacts.is_empty() {
+                assert!(end.first_impact.is_nan() && end.last_impact.is_nan());
+                assert_eq!(end.hardest_impact, 0.0);
+                continue;
+            }
+            let last = impacts.len() - 1;
+            let (first, latest) = (impacts[0].t, impacts[last].t);
+            assert_eq!((end.first_impact, end.last_impact), (first, latest));
+            assert_eq!(end.hardest_impact, largest(&mut (0..=last).map(speed)));
+            in_between |= end.hardest_impact > speed(0).max(speed(last));
+        }
+        assert!(ends[8].counts[0] == 0 && ends[0].counts[0] > 1);
+    }
+    assert!(in_between);
+}
+
+#[test]
+fn only_what_was_asked_for_is_kept() {
+    let grid = Grid::new(0.0, 1.0, 1e-3).unwrap();
+    for course in [
+        Course::ThetaGamma(ThetaGamma::implicit_euler(), grid),
+        Course::MoreauJean(MoreauJean::default(), grid),
+    ] {
+        for save in SAVES {
+            for end in simulate_batch(&balls(8), course, save, 1, &mut Silent).unwrap() {
+                assert_eq!(end.events.is_some(), save == Save::Events);
+                let samples = end.saved.x.len();
+                assert_eq!(samples > 0, matches!(save, Save::Every(_)), "{save:?}");
+                assert_eq!(samples, end.saved.xdot.len());
+            }
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! Moreau-Jean time stepping: its equations put back, its order, its rest, its known faults.
 
 use zivi::{
-    simulate_moreau_jean, ConstantForce, Force, FunctionForce, Grid, LinearForce, Monitor,
+    simulate_moreau_jean, ConstantForce, Events, Force, FunctionForce, Grid, LinearForce, Monitor,
     MoreauJean, Physical, Quantity, Restitution, Silent, Status, Trajectory,
 };
 
@@ -161,7 +161,7 @@ fn rest_ends_with_the_force_that_lifts() {
         &mut Silent,
     );
     let sol = run.unwrap().trajectory;
-    assert!((sol.events.liftoff_times[0] - 1.0).abs() < 2e-3, "{:?}", sol.events);
+    assert!((sol.events.liftoff_times[0] - 1.0).abs() < 5e-4, "{:?}", sol.events);
     assert_eq!((sol.events.zeno_times.len(), sol.events.rest_time), (0, None));
     assert!((sol.columns.of(Quantity::X).last().unwrap() - 1.0 / 6.0).abs() < 1e-3);
     // two evaluations a step: a force that is not said to depend on time alone is checked
@@ -258,4 +258,42 @@ fn failures_are_reported() {
         );
         assert!(refused.unwrap_err().to_string().starts_with("theta must be"));
     }
+}
+
+/// A force that depends on time, and how often it is asked.
+fn timed(e: f64, t1: f64, start: Physical, law: impl Fn(f64) -> f64) -> (Trajectory, u64) {
+    let mut calls = 0;
+    let mut force = FunctionForce(|t: f64, _: f64, _: f64| {
+        calls += 1;
+        Ok::<f64, std::convert::Infallible>(law(t))
+    });
+    let (wall, grid) = (Restitution::from_e(e).unwrap(), Grid::new(0.0, t1, 1e-3).unwrap());
+    let method = MoreauJean::default();
+    let run = simulate_moreau_jean(method, wall, &mut force, grid, start, &mut Silent);
+    (run.unwrap().trajectory, calls)
+}
+
+#[test]
+fn rest_from_the_start_is_rest_without_a_zeno_point() {
+    let grid = Grid::new(0.0, 1.0, 1e-3).unwrap();
+    let sol = simulate(0.5, 0.5, gravity(9.81), grid, Physical::default());
+    assert!(sol.columns.of(Quantity::X).iter().all(|&x| x == 0.0));
+    assert_eq!((sol.events.rest_time, sol.events.zeno_times.len()), (Some(0.0), 0));
+    // slower than h g: it settles in a few steps, without an impact
+    let sol = simulate(0.5, 0.5, gravity(9.81), grid, Physical { x: 0.0, xdot: 1e-3 });
+    let Events { rest_time, zeno_times, impacts, .. } = sol.events;
+    assert!(rest_time.is_some_and(|t| t > 0.0 && t < 5e-3), "{rest_time:?}");
+    assert!(zeno_times.is_empty() && impacts.is_empty());
+}
+
+#[test]
+fn rest_again_without_impacts_is_no_second_zeno_point() {
+    // at rest from 1.36 s, pulled off for five steps, too gently for an impact
+    let pulse = |t: f64| if (2.0..2.005).contains(&t) { 1e-3 } else { -9.81 };
+    let (sol, calls) = timed(0.5, 3.0, Physical { x: 1.0, xdot: 0.0 }, pulse);
+    let events = &sol.events;
+    assert_eq!((events.liftoff_times.len(), events.zeno_times.len()), (1, 1), "{events:?}");
+    assert!(events.rest_time.is_some_and(|t| t > 2.0));
+    assert!(events.impacts.iter().all(|impact| impact.t < 1.5));
+    assert_eq!(sol.nfev, calls);
 }

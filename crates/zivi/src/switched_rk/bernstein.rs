@@ -275,6 +275,25 @@ mod tests {
     }
 
     #[test]
+    fn zero_coefficients_are_no_changes_of_sign() {
+        // theta^2 (1 - theta)^2 and (1 - theta)^4: nowhere negative
+        for c in [[0.0, 0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0, 0.0]] {
+            let p = Bernstein::new(&c);
+            assert_eq!((p.sign_changes(), p.first_negative()), (0, None));
+        }
+    }
+
+    #[test]
+    fn a_cubic_has_the_values_and_slopes_at_its_ends() {
+        // 1 + 2 theta - 4 theta^2 + 3 theta^3: values 1 and 2, slopes 2 and 3
+        let p = Bernstein::hermite((1.0, 2.0), (2.0, 3.0));
+        for theta in [0.0, 0.3, 0.8, 1.0] {
+            let direct = 1.0 + theta * (2.0 + theta * (-4.0 + theta * 3.0));
+            assert!((p.at(theta) - direct).abs() < 1e-15);
+        }
+    }
+
+    #[test]
     fn forms_and_parts_agree() {
         let f = [0.3, -1.0, 2.0, 0.7, -0.4, 1.1, -2.0];
         let p = Bernstein::from_nested(0.2, f);
