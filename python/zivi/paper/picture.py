@@ -131,7 +131,7 @@ def plane(s: Array, v: Array, near: tuple[float, float]) -> Figure:
         axes.plot(0, 0, "s", color=plot.ORANGE, label="rest")
     ax.plot(s[:1], v[:1], "o", color=plot.GREEN, label="start")
     ax.set(xlabel="transformed position $s$ (m)", ylabel="transformed velocity $v$ (m/s)")
-    ax.legend(loc="upper right")
+    ax.legend(loc="lower right")
     (of_s, of_v) = near
     enlarged.set(xlim=(-of_s, of_s), ylim=(-of_v, of_v))
     enlarged.locator_params(nbins=4)
