@@ -326,6 +326,13 @@ def test_a_function_that_leaves_the_interpreter_is_a_failure():
         ({"resume": "yes"}, TypeError, "resume must be True, False or None"),
         ({"dims": {"value": "n"}}, TypeError, "must be a list of names"),
         ({"dims": {"value": ["n"]}}, ValueError, "names 1 dimensions"),
+        ({"dims": {"value": 3}}, TypeError, "must be a list of names"),
+        ({"dims": {"value": [3]}}, TypeError, "must be a list of names"),
+        ({"dims": {"value": ["n", "n"]}}, ValueError, "names a dimension twice: n, n"),
+        ({"dims": {"value": ["x"]}}, ValueError, "cannot name a dimension 'x'"),
+        ({"dims": {"value": ["point"]}}, ValueError, "cannot name a dimension 'point'"),
+        ({"dims": {"value": ["value"]}}, ValueError, "cannot name a dimension 'value'"),
+        ({"units": {"x": 3}}, TypeError, "units must give strings by names, got 'x': 3"),
         ({"colour": "red"}, TypeError, "colour"),
     ],
 )
@@ -343,6 +350,8 @@ def test_wrong_arguments(arguments, error, text):
         (("lhs", 0, {"x": (0, 1)}), ValueError, "n must be >= 1"),
         (("lhs", 3, {"x": (1, 0)}), ValueError, "low < high"),
         (("lhs", 3, {"x": 1}), TypeError, r"bounds\['x'\] must be two numbers"),
+        (("lhs", 3, 5), TypeError, "bounds must be a dict of pairs"),
+        (("lhs", 3, {}), ValueError, "bounds must have at least one parameter"),
         (("lhs", 3, {"x": (0, np.inf)}), ValueError, "must be finite"),
         ((qmc.LatinHypercube(2), 3, {"x": (0, 1)}), ValueError, "draws 2 numbers a point"),
     ],
@@ -357,8 +366,31 @@ def test_wrong_logarithms():
         zivi.sample("lhs", 3, {"x": (0, 1)}, log=["x"])
     with pytest.raises(ValueError, match="log names parameters without bounds: y"):
         zivi.sample("lhs", 3, {"x": (0, 1)}, log=["y"])
+    with pytest.raises(TypeError, match="log must be a list of names, got 'x'"):
+        zivi.sample("lhs", 3, {"x": (1, 2)}, log="x")
     with pytest.raises(ValueError, match="must have one length"):
         zivi.points(x=[1, 2], y=[1])
+
+
+@pytest.mark.parametrize(
+    ("result", "dims", "text"),
+    [
+        ({"a": [1, 2], "b": [1, 2, 3]}, {"a": ["n"], "b": ["n"]}, "length 2 in 'a', 3 in 'b'"),
+        ({"a": [1, 2], "n": 1}, {"a": ["n"]}, "'n' of 'a' has the name of a result"),
+        ({"a": [1, 2]}, {}, "'a_0' of 'a' has the name of a result or of a parameter"),
+    ],
+)
+def test_dimensions_that_do_not_fit_end_a_study_at_its_first_point(result, dims, text, tmp_path):
+    called = []
+
+    def given(a_0):
+        called.append(a_0)
+        return result
+
+    for number, out in enumerate((None, tmp_path / "a"), 1):
+        with pytest.raises(ValueError, match=text):
+            zivi.sweep(given, {"a_0": range(9)}, dims=dims, chunk=1, out=out)
+        assert called == [0] * number
 
 
 def test_a_result_cannot_have_the_name_of_a_parameter():

@@ -79,9 +79,11 @@ class Driver:
     def run(self, *, retry_failed: bool, bar: ProgressBar) -> None:
         """Compute all points that are missing."""
         status = self._store.status()
-        wanted = (status == MISSING) | (retry_failed & (status == FAILED))
-        before, total = int(np.count_nonzero(~wanted)), len(wanted)
-        self._fresh = self._tasks(wanted)
+        before, total = int(np.count_nonzero(status)), len(status)
+        if retry_failed:
+            before -= int(np.count_nonzero(status == FAILED))
+        wanted = (MISSING, FAILED) if retry_failed else (MISSING,)
+        self._fresh = self._tasks(status, wanted)
         try:
             while self._hand_out():
                 done, _ = concurrent.futures.wait(
@@ -96,11 +98,11 @@ class Driver:
             self._save_what_is_there()
             raise
 
-    def _tasks(self, wanted: NDArray[np.bool_]) -> Iterator[Task]:
+    def _tasks(self, status: NDArray[np.int8], wanted: tuple[int, ...]) -> Iterator[Task]:
         layout = self._store.layout
         for chunk in range(len(layout)):
             span = layout.span(chunk)
-            points = span.start + np.flatnonzero(wanted[span.start : span.stop])
+            points = span.start + np.flatnonzero(np.isin(status[span.start : span.stop], wanted))
             if len(points):
                 self._blocks[chunk] = self._store.load(chunk)
                 self._missing[chunk] = len(points)

@@ -80,7 +80,8 @@ def sweep(
         Seed of the study, >= 0. A random one is drawn if the function wants one; the attribute
         ``seed`` of the results tells it.
     fixed : dict, optional
-        Further arguments of the function, the same at all points.
+        Further arguments of the function, the same at all points. In a folder, they are compared by
+        content when the study goes on.
     units : dict, optional
         Units of parameters and results.
     dims : dict, optional
@@ -92,8 +93,10 @@ def sweep(
         Tasks that are handed out at a time; by default two for each worker.
     resume : bool, optional
         With None, the study in the folder `out` is continued if there is one and it is the same;
-        a ValueError says what differs. True goes on even if the text of the function or the
-        version of zivi has changed, and requires that there is one; False that there is none.
+        a ValueError says what differs: points, fixed arguments, the function, its text and what it
+        holds (defaults, closure, the object of a method), ... True goes on even if the text of the
+        function or the version of zivi has changed, and requires that there is one; False that
+        there is none.
     retry_failed : bool
         Compute the points again that failed in an earlier run.
     progress : bool, optional
@@ -108,7 +111,10 @@ def sweep(
     Raises
     ------
     ValueError, TypeError
-        For an argument out of range or another study in the folder, before anything is computed.
+        For an argument out of range, more than 1e9 points, or another study in the folder, before
+        anything is computed; a TypeError also for what a study in a folder cannot be told by, such
+        as an open file in `fixed`. A ValueError after the first point if the dimensions of the
+        results do not fit together.
     ImportError
         If a library is missing; it says which extra to install.
     RuntimeError
@@ -116,7 +122,8 @@ def sweep(
         the folder.
     KeyboardInterrupt, concurrent.futures.BrokenExecutor, OSError
         If the run is stopped. As with `RuntimeError`, what is done is stored; the exception's
-        attribute ``study`` gives it.
+        attribute ``study`` gives it. An OSError without it, before anything is computed, if the
+        folder has a study whose head is damaged or has arrays that zivi does not write.
 
     Examples
     --------
@@ -185,11 +192,11 @@ def _run(
 def _with_study(error: BaseException, store: Store) -> BaseException:
     """Attach what was computed to the exception that ended a run."""
     with contextlib.suppress(Exception):
-        study = store.study()
+        study, status = store.study(), store.status()
         error.study = study  # type: ignore[attr-defined]
         where = "" if study.path is None else f" and in {study.path}"
         error.add_note(
-            f"zivi: the study stopped, {np.count_nonzero(study.status)} of {len(study.status)} "
+            f"zivi: the study stopped, {np.count_nonzero(status)} of {len(status)} "
             f"points are known; they are in this exception's attribute 'study'{where}."
         )
     return error
