@@ -340,7 +340,7 @@ def test_a_run_whose_write_fails_goes_on_whichever_write_it_is(dead, tmp_path, m
             raise OSError(errno.ENOSPC, "No space left on device")
         return path_replace(source, target)
 
-    for number in range(0, 200, 1 if dead else 4):
+    for number in range(0, 200, 1 if dead else 5):
         left[0] = number
         with monkeypatch.context() as patched, contextlib.suppress(OSError):
             patched.setattr(os, "replace", full)
@@ -349,6 +349,8 @@ def test_a_run_whose_write_fails_goes_on_whichever_write_it_is(dead, tmp_path, m
         if left[0] >= 0:
             break
         assert not list(tmp_path.glob(".*"))
+        if not out.exists():  # nothing is there, or all that was made room for
+            continue
         assert not list(tmp_path.rglob("*.partial"))
         zivi.sweep(out=out, **call)
         assert files(out) == expected
