@@ -253,6 +253,47 @@ mod tests {
     }
 
     #[test]
+    fn an_impact_that_loses_far_more_begins_a_chain() {
+        let mut chain = expansion(0.9, 1.0, 5);
+        let last = *chain.bounces().last().unwrap();
+        // down to 0.6 e of the speed before an impact continues the chain
+        chain.note(Bounce { t: 1.0, u: 0.6 * last.u, ..last });
+        assert_eq!(chain.bounces().len(), 6);
+        chain.note(Bounce { t: 1.1, u: 0.6 * 0.5 * last.u, ..last });
+        assert_eq!(chain.bounces().len(), 1);
+        // and so does one without a pull
+        chain.note(Bounce { t: 1.2, u: 0.25 * last.u, g: 0.0 });
+        assert_eq!(chain.bounces().len(), 1);
+    }
+
+    #[test]
+    fn the_estimate_of_the_second_column() {
+        // S^(0) = 1, 2, 2.5 at three impacts: S^(1) by (3), the limit of its differences e^3 apart
+        let e = 0.5_f64;
+        let mut chain = Chain::new(e);
+        for (t, u, s) in [(0.0, 1.0, 1.0), (1.0, 0.5, 2.0), (1.5, 0.2, 2.5)] {
+            chain.note(Bounce { t, u, g: 2.0 * u / ((s - t) * (1.0 - e)) });
+        }
+        let (before, row) = ((2.0 - 0.25) / 0.75, (2.5 - 0.25 * 2.0) / 0.75);
+        let down = (row - before) / (1.0 - 0.125);
+        let zeno = chain.zeno_time().unwrap();
+        assert!((zeno.t - row).abs() < 1e-14);
+        assert!((zeno.error - down.max(row - 2.5)).abs() < 1e-14, "{zeno:?} {down}");
+        assert!(down > row - 2.5);
+    }
+
+    #[test]
+    fn a_chain_is_spent_at_rounding_of_the_speeds_only() {
+        let mut chain = Chain::new(0.5);
+        for n in 0..45 {
+            let u = 0.5f64.powi(n);
+            chain.note(Bounce { t: 2.0 - u, u, g: 4.0 });
+            // the speed before the first impact was 2
+            assert_eq!(chain.is_spent(), u <= 2e-13, "{u:e}");
+        }
+    }
+
+    #[test]
     fn needs_three_impacts_and_gives_up_a_chain_that_speeds_up() {
         assert_eq!(expansion(0.5, 1.0, 2).zeno_time(), None);
         let mut chain = expansion(0.9, 1.0, 9);

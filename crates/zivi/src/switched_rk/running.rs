@@ -48,8 +48,8 @@ pub(super) struct Running<'e, 'a, E> {
     tails: Vec<Tail>,
     /// Set aside for what is made of all these lists.
     reserve: Reserve,
-    /// Impacts when the mass was last at rest, if it is not at rest now.
-    airborne: Option<usize>,
+    /// Whether the mass is not at rest: it comes to rest by impacts only.
+    airborne: bool,
     /// What is recorded goes up to here.
     end: (f64, PathPoint),
 }
@@ -83,7 +83,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             events: Events::default(),
             tails: Vec::new(),
             reserve: Reserve::default(),
-            airborne: None,
+            airborne: false,
         }
     }
 
@@ -160,7 +160,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         if self.integrator.is_at_rest() {
             self.events.rest_time = Some(t);
         } else {
-            self.airborne = Some(0);
+            self.airborne = true;
         }
         let before = PathPoint { x, xdot, sigma: self.integrator.sigma };
         let arrives = x == 0.0 && xdot < 0.0;
@@ -246,10 +246,12 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             path.push_tail(&tail);
         }
         self.tails.push(tail);
+        if until == end.0 {
+            self.came_to_rest(end.0);
+        }
         unless_terminal(stop)?;
         self.end = end;
         self.samples.at_step(end.0, end.1);
-        self.came_to_rest(end.0);
         Ok(())
     }
 
@@ -274,7 +276,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     fn rest(&mut self, from: f64, lifted: bool) -> Result<(), Ending<E>> {
         let end = self.here();
-        if self.airborne.is_some() {
+        if self.airborne {
             self.came_to_rest(from);
         }
         if end.0 > from {
@@ -290,7 +292,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         if lifted {
             self.events.rest_time = None;
             self.events.liftoff_times.push(end.0);
-            self.airborne = Some(self.events.impacts.len());
+            self.airborne = true;
             if end.0 > from {
                 self.samples.at_step(end.0, end.1);
             }
@@ -319,9 +321,8 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     }
 
     fn came_to_rest(&mut self, t: f64) {
-        if self.airborne.take().is_some_and(|impacts| self.events.impacts.len() > impacts) {
-            self.events.zeno_times.push(t);
-        }
+        self.airborne = false;
+        self.events.zeno_times.push(t);
         self.events.rest_time = Some(t);
     }
 

@@ -144,3 +144,34 @@ fn a_lift_off_at_the_end_of_a_period_asks_the_next_force() {
     assert!(plant.advance_to::<Infallible, _>(t + 1.0, &mut ConstantForce(2.0)).is_ok());
     assert!((plant.state().x - 1.0).abs() < 1e-9);
 }
+
+#[test]
+fn a_chain_is_forgotten_with_its_force() {
+    // under a constant force a Zeno point is known after three impacts: of that force only
+    let wall = Restitution::from_e(0.5).unwrap();
+    let mut plant = integrator(Order::Eight, wall);
+    plant.start(0.0, Physical { x: 1.0, xdot: 0.0 }).unwrap();
+    // x'' = -2: impacts at 1 and 2, rest at 3
+    assert!(plant.advance_to::<Infallible, _>(2.25, &mut ConstantForce(-2.0)).is_ok());
+    assert_eq!(plant.counts().impacts, 2);
+    assert!(plant.advance_to::<Infallible, _>(9.0, &mut ConstantForce(-0.5)).is_ok());
+    assert_eq!(plant.counts().impacts, 5);
+    // x = 1/16, x' = 0 at 2.25: 1/2 s to the wall at 1/4 m/s, then 1/2, 1/4, ... s
+    assert!(plant.is_at_rest());
+}
+
+#[test]
+fn rest_is_told_once_and_only_after_flight() {
+    let wall = Restitution::from_e(0.5).unwrap();
+    let mut plant = integrator(Order::Five, wall);
+    plant.start(0.0, Physical::default()).unwrap();
+    let mut told = Vec::new();
+    for (t, u) in [(1.0, -1.0), (2.0, -2.0), (2.5, 4.0), (9.0, -2.0)] {
+        plant.forget_force();
+        let force = &mut ConstantForce(u);
+        assert!(plant.observe_to::<Infallible, _>(t, force, |it| told.push(it)).is_ok());
+    }
+    assert_eq!(told[0], Occurrence::LiftOff(2.0));
+    let rests = told.iter().filter(|it| matches!(it, Occurrence::Rest(_))).count();
+    assert!(rests == 1 && matches!(told.last(), Some(Occurrence::Rest(_))), "{told:?}");
+}

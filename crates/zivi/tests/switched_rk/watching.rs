@@ -261,3 +261,26 @@ fn events_in_late_arcs_of_a_tail_are_seen() {
         assert!((late.hits[1][342].t - top).abs() < 1e-9);
     }
 }
+
+#[test]
+fn a_zeno_point_at_the_end_is_one() {
+    for order in ORDERS {
+        // at the end of the span, known after three impacts as within it
+        let zeno = ball(Output::default(), order, 4.0).trajectory.events.zeno_times[0];
+        assert!((zeno - 3.0).abs() < 1e-12);
+        let run = ball(Output::default(), order, zeno);
+        let events = &run.trajectory.events;
+        assert_eq!((events.impacts.len(), &events.zeno_times[..]), (3, &[zeno][..]));
+        assert_eq!(events.rest_time, Some(zeno));
+        // and where an event ends the run there
+        let stop = UserEvent { terminal: Some(1), ..event(move |t, _, _| t - zeno) };
+        let run = ball(Output { events: vec![stop], ..Output::default() }, order, 4.0);
+        assert_eq!(run.trajectory.status, Status::TerminatedByEvent);
+        assert_eq!(run.trajectory.events.zeno_times, [zeno]);
+        assert_eq!(run.trajectory.events.rest_time, Some(zeno));
+        // but not where it ends just before
+        let stop = UserEvent { terminal: Some(1), ..event(|t, _, _| t - 2.99) };
+        let run = ball(Output { events: vec![stop], ..Output::default() }, order, 4.0);
+        assert!(run.trajectory.events.zeno_times.is_empty());
+    }
+}
