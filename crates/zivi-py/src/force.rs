@@ -156,6 +156,13 @@ impl<E> Force<E> for NativeForce {
             Self::MovingCompiled(force) => Force::<E>::dependence(force),
         }
     }
+
+    fn dependence_at_rest(&self) -> Dependence {
+        match self {
+            Self::Linear(force) => Force::<E>::dependence_at_rest(force),
+            other => Force::<E>::dependence(other),
+        }
+    }
 }
 
 impl Force<PyErr> for ForceSpec<'_> {
@@ -174,6 +181,13 @@ impl Force<PyErr> for ForceSpec<'_> {
             return moving.dependence();
         }
         self.native().map_or(Dependence::State, |force| Force::<PyErr>::dependence(&force))
+    }
+
+    fn dependence_at_rest(&self) -> Dependence {
+        match self {
+            Self::Linear(force) => Force::<PyErr>::dependence_at_rest(force),
+            other => other.dependence(),
+        }
     }
 
     fn is_interruption(&self, error: &PyErr) -> bool {

@@ -24,6 +24,11 @@ pub trait Force<E> {
         Dependence::State
     }
 
+    /// What the force `f(t, 0, 0)` on the mass at rest at the wall depends on.
+    fn dependence_at_rest(&self) -> Dependence {
+        self.dependence()
+    }
+
     /// Whether an error has nothing to do with the state (an interruption): behind the wall the
     /// force is then not asked again at the wall.
     fn is_interruption(&self, _error: &E) -> bool {
@@ -79,7 +84,13 @@ impl<E> Force<E> for LinearForce {
     fn dependence(&self) -> Dependence {
         if self.stiffness != 0.0 || self.damping != 0.0 {
             Dependence::State
-        } else if self.amplitude != 0.0 {
+        } else {
+            Force::<E>::dependence_at_rest(self)
+        }
+    }
+
+    fn dependence_at_rest(&self) -> Dependence {
+        if self.amplitude != 0.0 {
             Dependence::Time
         } else {
             Dependence::Constant

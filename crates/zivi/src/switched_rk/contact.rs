@@ -2,7 +2,9 @@
 //!
 //! Over a window the polynomial of degree 5 through `phi` at Chebyshev's points stands for it.
 //! Its coefficients in Bernstein form bound it, and two more evaluations say how well it fits; a
-//! window that does not decide is halved.
+//! window that does not decide is halved. One with hardly a misfit says little about how fast the
+//! force may vary: there are [`PROBES`] more looks in all, and when one shows something, as many
+//! before that, until nothing new is seen.
 
 use super::bernstein::{evaluate, Bernstein};
 use super::root;
@@ -34,6 +36,14 @@ const ROUNDING: f64 = 4e-16;
 
 /// Shortest window, relative to the longest so far: where the force jumps.
 const SHORTEST: f64 = 1e-6;
+
+/// `(sqrt(5) - 1)/2`
+const GOLDEN: f64 = 0.618_033_988_749_895;
+
+/// Further looks between now and the farthest end of a window; the most in one window, where the
+/// force is known to vary fast.
+const PROBES: f64 = 64.0;
+const MOST_PROBES: f64 = 1024.0;
 
 /// What a window showed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +111,7 @@ impl Fit {
 }
 
 /// The search for lift-offs: what it knows of the force from one window to the next.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Lookout {
     /// Length of the window to look at next (s).
     pub(super) length: Option<f64>,
@@ -109,6 +119,22 @@ pub(super) struct Lookout {
     pub(super) longest: f64,
     /// The largest force at the wall (m/s^2).
     pub(super) largest: f64,
+    /// Whether there are more looks than those of a window: not where a controller looks anew at
+    /// the start of each of its periods.
+    pub(super) probing: bool,
+    /// Up to here the probes showed nothing (s).
+    pub(super) clear: f64,
+    /// No window goes beyond this time, at which a probe showed that the force varies (s).
+    pub(super) suspect: f64,
+    /// Largest distance of two probes, once one of them showed something (s).
+    pub(super) spacing: f64,
+}
+
+impl Default for Lookout {
+    fn default() -> Self {
+        let (clear, suspect, spacing) = (f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY);
+        Self { length: None, longest: 0.0, largest: 0.0, probing: false, clear, suspect, spacing }
+    }
 }
 
 impl Lookout {
@@ -128,6 +154,8 @@ impl Lookout {
         if first > 0.0 {
             return Ok(Window::LiftOff(t));
         }
+        let horizon = (until - t).min(longest);
+        let until = if self.suspect > t { until.min(self.suspect) } else { until };
         let mut length = self.length.unwrap_or(until - t).min(longest).min(until - t);
         let shortest = (SHORTEST * self.longest).max(32.0 * f64::EPSILON * t.abs());
         let fit = loop {
@@ -135,8 +163,15 @@ impl Lookout {
             if fit.is_finite() {
                 self.largest = self.largest.max(fit.scale);
                 fit.noise = ROUNDING * self.largest;
-                if !(fit.is_poor() || fit.is_undecided()) || length <= shortest {
+                if length <= shortest {
                     break fit;
+                }
+                if !(fit.is_poor() || fit.is_undecided()) {
+                    match self.probe(t, (length, horizon), &fit, &mut phi)? {
+                        Some(shorter) => length = shorter,
+                        None => break fit,
+                    }
+                    continue;
                 }
             } else if length <= shortest {
                 return Ok(Window::NotFinite);
@@ -159,6 +194,57 @@ impl Lookout {
             None => Ok(Window::RestUntil(end)),
         }
     }
+}
+
+impl Lookout {
+    /// Looks between the nodes of a window. None if the force is what they show, else the length of
+    /// a window that ends before it deviates, or where it does.
+    fn probe<E>(
+        &mut self,
+        t: f64,
+        (length, horizon): (f64, f64),
+        fit: &Fit,
+        phi: &mut impl FnMut(f64) -> Result<f64, E>,
+    ) -> Result<Option<f64>, E> {
+        if !(self.probing && fit.is_very_good()) || t + length <= self.clear {
+            return Ok(None);
+        }
+        let spacing = self.spacing.min(horizon / PROBES);
+        let (mut end, mut shorter) = (length, None);
+        loop {
+            let n = (end / spacing.min(self.spacing)).ceil().clamp(1.0, MOST_PROBES);
+            let Some((before, at)) = first_deviation(t, (length, end, n), fit, phi)? else { break };
+            // it varies: how it does before that, no look so far was close enough to tell
+            (end, shorter) = (at, Some(if before > 0.0 { before } else { at }));
+            self.spacing = self.spacing.min(end / PROBES);
+            self.suspect = t + at;
+        }
+        self.clear = t + end;
+        Ok(shorter)
+    }
+}
+
+/// Looks at `n` places between `t` and `t + end` of a window of this length: after how long the
+/// force first deviates from its fit, and the look before that.
+fn first_deviation<E>(
+    t: f64,
+    (length, end, n): (f64, f64, f64),
+    fit: &Fit,
+    phi: &mut impl FnMut(f64) -> Result<f64, E>,
+) -> Result<Option<(f64, f64)>, E> {
+    let mut before = 0.0;
+    for i in 0..n as u32 {
+        // one in each part, not equidistant: a periodic force must not be looked at in its period
+        let i = f64::from(i);
+        let at = (i + (i * GOLDEN).fract()) / n * end;
+        let deviation = (phi(t + at)? - fit.p.at(at / length)).abs();
+        let conforms = deviation <= 5.0 * MISFIT.0 * fit.scale + fit.noise;
+        if !conforms && at > 0.0 {
+            return Ok(Some((before, at)));
+        }
+        before = at;
+    }
+    Ok(None)
 }
 
 /// The sign change of `phi` near `t + theta length`.
@@ -209,7 +295,7 @@ mod tests {
     /// The first lift-off up to `until`, and the number of evaluations.
     fn search(h: f64, until: f64, phi: impl Fn(f64) -> f64) -> (Option<f64>, usize) {
         let (mut t, mut n) = (0.0, 0);
-        let mut lookout = Lookout { length: Some(h), ..Lookout::default() };
+        let mut lookout = Lookout { length: Some(h), probing: true, ..Lookout::default() };
         while t < until {
             let window = lookout.look(t, until, f64::INFINITY, |t| {
                 n += 1;
@@ -256,7 +342,36 @@ mod tests {
             assert!(found.is_none() || excess == 0.0, "{excess}: {found:?}");
             assert!(n < 5000, "{n}");
         }
-        assert_eq!(search(1.0, 1e6, |_| -9.81), (None, 8 * 20 + 1 - 1));
+        let (found, n) = search(1.0, 1e6, |_| -9.81);
+        assert!(found.is_none() && n < 300, "{found:?} {n}");
+    }
+
+    #[test]
+    fn pulses_are_seen_if_they_are_not_too_short_for_the_look() {
+        // of 10 s: a pulse longer than 1/32 always, one of 1/100 in 65 of 100 cases
+        for phase in 0..20 {
+            let start = 0.5 + 0.431 * f64::from(phase);
+            let (found, _) =
+                search(
+                    10.0,
+                    10.0,
+                    |t| {
+                        if t > start && t < start + 10.0 / 31.0 {
+                            5.0
+                        } else {
+                            -9.81
+                        }
+                    },
+                );
+            assert!(found.is_some_and(|t| (t - start).abs() < 1e-9), "{start}: {found:?}");
+        }
+        // one of them is enough to look closer for the first: periodic ones of 0.1 s each second
+        let first = |phase: f64| {
+            let pulses = |t: f64| if t > phase && (t - phase).fract() < 0.1 { 5.0 } else { -9.81 };
+            search(100.0, 100.0, pulses).0.is_some_and(|t| (t - phase).abs() < 1e-9)
+        };
+        let seen = (1..40).filter(|&i| first(f64::from(i) / 40.0)).count();
+        assert!(seen >= 37, "{seen} of 39");
     }
 
     #[test]

@@ -200,7 +200,8 @@ impl SwitchedIntegrator {
     /// Forgets what was learnt from the force, and how it varied at rest.
     pub(super) fn restart(&mut self) {
         self.forget_force();
-        self.lookout = Lookout { length: self.lookout.length, ..Lookout::default() };
+        let Lookout { length, probing, .. } = self.lookout;
+        self.lookout = Lookout { length, probing, ..Lookout::default() };
     }
 
     /// Advances to `t_end` (finite; nothing is done up to now or before) under a force that may be
@@ -328,7 +329,7 @@ impl SwitchedIntegrator {
     ) -> Result<Piece, Failure<E>> {
         self.spend()?;
         let from = self.now.t;
-        let window = if force.dependence::<E>() == Dependence::Constant {
+        let window = if force.dependence_at_rest::<E>() == Dependence::Constant {
             let lifts = force.at_wall(from)? > 0.0;
             if lifts {
                 Window::LiftOff(from)

@@ -130,6 +130,7 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
     check_stops(output.tstops)?;
     let mut integrator = SwitchedIntegrator::new(settings, wall)?;
     integrator.start(t0, initial)?;
+    integrator.lookout.probing = true;
     let mut run = Running::new(integrator, t1, &mut output);
     let mut force = Counted::new(force);
     let ending = run.go(&mut force, monitor);

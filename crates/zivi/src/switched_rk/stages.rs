@@ -62,6 +62,13 @@ impl<'a, F> Counted<'a, F> {
         self.at(t, 0.0, 0.0)
     }
 
+    pub(super) fn dependence_at_rest<E>(&self) -> crate::Dependence
+    where
+        F: Force<E>,
+    {
+        self.force.dependence_at_rest()
+    }
+
     pub(super) fn dependence<E>(&self) -> crate::Dependence
     where
         F: Force<E>,
