@@ -198,6 +198,14 @@ def test_the_dataset_tells_what_the_run_cost():
     assert told["nfev"] > told["n_steps"]
 
 
+def test_the_dataset_tells_how_the_run_ended():
+    system = zivi.ImpactSystem(lambda t, x, xdot: np.nan if t > 0.1 else -9.81, e=0.5)
+    sol = zivi.simulate(system, (0, 1), (1, 0), method=METHOD)
+    told = sol.to_xarray().attrs
+    assert told["status"] == sol.status == zivi.Status.FORCE_NOT_FINITE
+    assert told["message"] == sol.message
+
+
 def test_the_configuration_has_the_wall():
     table = zivi.HarmonicWall(amplitude=0.1, omega=10.0, phase=0.3)
     sol = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5, wall=table), (0, 0.1), (1, 0))

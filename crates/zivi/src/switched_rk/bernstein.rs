@@ -261,6 +261,13 @@ mod tests {
             let found = dip.first_negative().unwrap();
             assert!((found - (0.5 - w)).abs() < 1e-2 * w, "{w}: {found}");
         }
+        // the same about 0.3, where no halving meets it
+        for w in [1e-1, 1e-3, 1e-5, 1e-6] {
+            let (first, last) = (0.09 - w * w, 0.49 - w * w);
+            let dip = Bernstein::new(&[first, first - 0.3, last]);
+            let found = dip.first_negative().unwrap();
+            assert!((found - (0.3 - w)).abs() < 1e-2 * w, "{w}: {found}");
+        }
     }
 
     #[test]

@@ -150,6 +150,21 @@ mod tests {
     }
 
     #[test]
+    fn an_interval_of_zeros_is_reached_at_its_start() {
+        let (found, _) = root(-1.0, 1.0, |x| if x.abs() < 0.25 { 0.0 } else { x });
+        assert!((found.beyond + 0.25).abs() < 1e-15, "{found:?}");
+    }
+
+    #[test]
+    fn strictly_positive_is_what_comes_after_the_zeros() {
+        for start in [0.0, 0.1] {
+            let f = |x: f64| Ok::<f64, Infallible>((x - 0.3).max(0.0));
+            let Ok(found) = becomes_positive((start, 0.0), (1.0, 0.7), f);
+            assert!((found.beyond - 0.3).abs() < 1e-15, "{found:?}");
+        }
+    }
+
+    #[test]
     fn a_zero_at_the_start_is_left() {
         // the value at 0 is zero and the sign after it differs from the one at the end
         let (Root { best, .. }, _) = root(0.0, 1.0, |x| x * (0.25 - x));
