@@ -154,3 +154,60 @@ impl Recorder {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trajectory::Columns;
+
+    const STEPS: usize = 700;
+
+    /// Steps through blocks that start anew in between; what is recorded of them.
+    fn recorded(keep: Keep) -> (Columns, Option<Summary>) {
+        let (columns, kept) = memory(STEPS, keep, |_, _| ()).unwrap();
+        let wall = Restitution::from_kappa(0.5).unwrap();
+        let at = |k: usize| Lifted { s: k as f64 + 0.5, v: -1.0 };
+        let mut record = Recorder::start(columns, 0.0, at(0), wall);
+        if let (Keep::Every(every), Some(kept)) = (keep, kept) {
+            record = record.thinned(every, kept);
+        }
+        // what tells the start of a step and its force
+        let residual = |z: Lifted, f: f64, _: [f64; 2]| z.s + 1e4 * f;
+        for k in 1..=STEPS {
+            if record.is_full() || k == 300 {
+                record.flush(residual);
+            }
+            let f = k as f64;
+            record.push(k as f64, Sample { z: at(k), lambda_s: 1.0, lambda_v: -1.0, f });
+        }
+        record.flush(residual);
+        record.finish()
+    }
+
+    #[test]
+    fn each_residual_is_that_of_its_own_step() {
+        let (columns, summary) = recorded(Keep::All);
+        assert!(summary.is_none());
+        assert_eq!(columns.len(), STEPS + 1);
+        assert_eq!(columns.of(Quantity::Residual)[0], 0.0);
+        for k in 1..=STEPS {
+            let start = k as f64 - 0.5;
+            assert_eq!(columns.of(Quantity::Residual)[k], start + 1e4 * k as f64, "{k}");
+        }
+    }
+
+    #[test]
+    fn every_so_many_samples_are_kept_across_blocks() {
+        let (all, _) = recorded(Keep::All);
+        for every in [1, 7, 256, 257] {
+            let (kept, summary) = recorded(Keep::Every(every));
+            for quantity in Quantity::ALL {
+                let expected: Vec<f64> = all.of(quantity).iter().copied().step_by(every).collect();
+                assert_eq!(kept.of(quantity), expected, "{every} {quantity:?}");
+            }
+            assert_eq!(summary, Some(Summary::of(&all)));
+        }
+        let (kept, summary) = recorded(Keep::Every(0));
+        assert_eq!((kept.len(), summary), (0, Some(Summary::of(&all))));
+    }
+}
