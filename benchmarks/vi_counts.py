@@ -34,6 +34,7 @@ METHODS = {
     "without semismooth and gradient steps": zivi.VIOptions(descent_steps=False),
     "monotone search": zivi.VIOptions(memory=1),
     "ray start first": zivi.VIOptions(ray_start_first=True),
+    "without the active set": zivi.VIOptions(active_set=False),
     "S0 only": zivi.VIOptions(**_ONE_STAGE),
     "S0 only, monotone search": zivi.VIOptions(**_ONE_STAGE, memory=1),
     "S0 only, ray start first": zivi.VIOptions(**_ONE_STAGE, ray_start_first=True),

@@ -22,6 +22,8 @@ SIDES = (10, 15, 20, 25, 30)
 ROUNDS = 5
 ENOUGH = 0.5
 """Seconds to repeat small solves for."""
+PIVOTING = zivi.VIOptions(active_set=False)
+"""With the active set by Newton's method there would be no pivots to time."""
 SOLVES = 1_000_000
 WARMING_UP = 10_000
 
@@ -77,7 +79,7 @@ def one(side: int) -> Size:
     except OSError:
         pass
     begin = time.perf_counter()
-    result = zivi.solve_avi(matrix, constant, lower, np.inf)
+    result = zivi.solve_avi(matrix, constant, lower, np.inf, options=PIVOTING)
     seconds = time.perf_counter() - begin
     most = _resident("VmHWM")
     return Size(
@@ -101,6 +103,7 @@ def _per_pivot(problem: Problem, needed: int, seconds: float) -> float:
     options = [
         zivi.VIOptions(
             total_pivots=budget,
+            active_set=False,
             semismooth=False,
             proximal=False,
             descent_steps=False,

@@ -216,9 +216,10 @@ Siconos:
 ## Growth with the number of unknowns
 
 Membrane over a bump on a square grid, five-point Laplacian, weight 5, by `zivi.solve_avi` from the
-default start. The time of a whole solve is the first in a fresh process; the time of a pivot is the
-difference of solves stopped after a quarter and after three quarters of the pivots (each the
-shortest of many), which holds no set-up. Memory is what the first solve adds at its peak; the
+default start, by pivoting alone (`active_set=False`; with it these take no pivots). The time of a
+whole solve is the first in a fresh process; the time of a pivot is the difference of solves stopped
+after a quarter and after three quarters of the pivots (each the shortest of many), which holds no
+set-up. Memory is what the first solve adds at its peak; the
 smallest fits into memory that the process had already.
 
 {_sizes(figures)}

@@ -43,6 +43,16 @@ def test_slopes_that_are_infinite_at_a_bound(costs, start, given):
     assert res.x[-1] == 0
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_slopes_that_are_infinite_at_the_end_of_the_domain():
+    """``F = 1/2 - sqrt(1 - x)``: beyond 1 there is no value to difference with."""
+    res = zivi.solve_vi(
+        lambda x: 0.5 - np.sqrt(1 - x), -INF, INF, [1.0], jac=lambda x: [0.5 / np.sqrt(1 - x)]
+    )
+    assert res.success
+    assert res.x == pytest.approx([0.75], abs=1e-8)
+
+
 def test_a_cournot_duopoly_in_closed_form():
     """Costs linear, ``q_i = (p - 2 c_i + c_j) / 3``; a firm that would lose stays out."""
     for own, other in ((2.0, 5.0), (2.0, 40.0)):
@@ -192,6 +202,14 @@ def test_infeasible_only_where_it_is_a_proof(q, lower, upper, infeasible):
     res = zivi.solve_avi([[0, 1], [-1, 0.5]], [q, 1], lower, upper)
     assert (res.status is zivi.VIStatus.INFEASIBLE) == infeasible
     assert not (infeasible and res.success)
+
+
+def test_rounding_proves_nothing():
+    """Zero is reached at the lower bound of ``x_1`` alone; the sums say -1e-8 from some starts."""
+    M, q = [[0, -1e8], [0, 1]], [1e8 / 3, -1 / 3]
+    for start in np.linspace(0.4, 9, 40):
+        res = zivi.solve_avi(M, q, [0, 1 / 3], INF, [0.0, start])
+        assert res.status is not zivi.VIStatus.INFEASIBLE
 
 
 def projected_sor(M, q, lower, sweeps=2000):
