@@ -192,7 +192,8 @@ fn settling_time(
     mut errors: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator,
     within: f64,
 ) -> f64 {
-    let from = errors.rposition(|error| !(error <= within)).map_or(0, |last| last + 1);
+    let from =
+        errors.rposition(|error| error.is_nan() || error > within).map_or(0, |last| last + 1);
     t.get(from).copied().unwrap_or(f64::NAN)
 }
 
