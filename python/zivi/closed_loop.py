@@ -257,7 +257,8 @@ def simulate_closed_loop(
     quantization : (float, float)
         Resolution of the measured position (m) and velocity (m/s); 0 is exact.
     delay : int
-        Periods from a measurement to the moment when its control acts, >= 0; until then 0 acts.
+        Periods from a measurement to the moment when its control acts, >= 0; until then 0 acts. A
+        `TwistingRegulator` should be told: ``ahead=1 + delay``.
     progress : bool, optional
         Show a progress bar on standard error once a run lasts longer than a second. By default
         only on a terminal.
