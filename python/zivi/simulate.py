@@ -77,8 +77,10 @@ def simulate(
         ``terminal`` (a bool, or the number of the event that ends the run) and ``direction`` (1
         only rising, -1 only falling, 0 both). A velocity that changes its sign in an impact is an
         event at the impact, with the state after it; ``g = x`` is one with the state before it. A
-        zero at the start is no event. The function is looked at a few times in a step: two
-        changes of sign shortly after one another are overlooked unless ``max_step`` is short.
+        zero at the start is no event. A method of fixed steps computes its whole span first, but
+        what its force raises after a terminal event does not matter. The function is looked at a
+        few times in a step: two changes of sign shortly after one another are overlooked unless
+        ``max_step`` is short.
     dense_output : bool
         Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
         `SwitchedRK` takes less memory and fewer evaluations.
@@ -132,6 +134,8 @@ def simulate(
     if record.path is None:  # a method of fixed steps: its steps are all there is
         try:
             sol = with_events(sol, watched)
+            if sol.status is Status.TERMINATED_BY_EVENT and isinstance(record.raised, Exception):
+                error = None  # what the force did after the event does not matter
         except Exception as raised:
             error = raised if error is None else error
             sol = as_raised(sol)

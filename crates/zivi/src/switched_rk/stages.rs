@@ -349,6 +349,30 @@ mod tests {
     }
 
     #[test]
+    fn the_screen_bounds_the_motion() {
+        // x'' = 6 cos(4 t): far from a cubic within the step; the polynomials show by how much
+        let mut force =
+            FunctionForce(|t: f64, _: f64, _: f64| Ok::<f64, ()>(6.0 * (4.0 * t).cos()));
+        let force = &mut Counted::new(&mut force);
+        for x in [0.0, 0.3] {
+            let mut stages = Stages::new(&DOP853);
+            let from = Point { t: 0.2, x, xdot: 1.0 };
+            let Ok(slope) = force.at::<()>(0.2, x, 1.0) else { panic!() };
+            assert!(stages.step::<(), _>(from, slope, 0.5, force).is_ok());
+            let Some((cubic, slack)) = stages.screen() else { panic!("no screen") };
+            let Ok([p, _]) = stages.polynomials::<(), _>(force) else { panic!() };
+            let p = if x == 0.0 { p.without_root_at_zero() } else { p };
+            let apart = |i: i32| {
+                let theta = f64::from(i) / 20.0;
+                (p.at(theta) - cubic.at(theta)).abs()
+            };
+            let worst = (0..=20).map(apart).fold(0.0, f64::max);
+            // a bound, and not a needless one
+            assert!(worst > 1e-3 && worst <= slack && slack < 20.0 * worst, "{worst} {slack}");
+        }
+    }
+
+    #[test]
     fn steps_and_polynomials_have_their_orders() {
         // local errors: h^(p+1) for the step, h^(q+1) for the polynomial of order q
         for (pair, h, orders) in [(&DORMAND_PRINCE_5, 0.4, [5.9, 4.8]), (&DOP853, 1.6, [8.7, 7.7])]
