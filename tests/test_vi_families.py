@@ -162,14 +162,14 @@ def planted(n, seed):
 
 def test_restarts_get_their_share_of_the_pivots():
     """Solved by a restart; with one budget for all, the first stages used it up."""
-    M, q = planted(20, 5)
+    M, q = planted(20, 1)
     res = zivi.solve_lcp(M, q)
     assert res.success
-    assert res.n_restarts == 0 or res.stage.startswith("R")
-    small = zivi.solve_lcp(M, q, options=zivi.VIOptions(total_pivots=1000))
-    assert small.n_restarts == 8 or small.success
+    assert res.stage.startswith("R")
     assert np.min(M @ res.x + q) > -1e-8
     assert abs(res.x @ (M @ res.x + q)) < 1e-7
+    short = zivi.VIOptions(total_pivots=1000)
+    assert zivi.solve_lcp(M, q, options=short).n_restarts > 0
 
 
 @pytest.mark.parametrize("n", [100, 400])

@@ -148,6 +148,21 @@ fn every_poll_may_stop_the_solve() {
             assert!(unknown || report.residual == left, "{report:?}");
         }
     }
+    let mut stopped = 0;
+    for polls_allowed in 0.. {
+        let mut problem = Watched { polls_allowed, ..watched(atan()) };
+        let mut z = [2.0];
+        let report = solve(&mut problem, &[-INF], &[INF], &mut z, &Settings::default()).unwrap();
+        if problem.polls <= polls_allowed {
+            break;
+        }
+        // the last polls are those of the isolation test
+        let is_solution = z[0].atan().abs() <= 1e-9;
+        let expected = if is_solution { Status::Solved } else { Status::Stopped };
+        assert_eq!(report.status, expected, "{polls_allowed}");
+        stopped += usize::from(is_solution);
+    }
+    assert!(stopped > 0, "no poll after the solution");
 }
 
 /// No block of work between two polls is longer than 32 columns, 32 pivots or one evaluation.
