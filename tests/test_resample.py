@@ -118,3 +118,51 @@ def test_the_configuration_is_made_when_it_is_asked_for(monkeypatch):
     assert sol.config is sol.config
     assert len(calls) == 1
     assert pickle.loads(pickle.dumps(sol)).config == sol.config
+
+
+TABLE = zivi.LinearForce(gravity=G, amplitude=14.7, omega=6.28)
+
+
+def polyline_error(sol):
+    """How far lines through the samples are from the motion, as a part of the largest distance."""
+    times = np.linspace(sol.t[0], sol.t[-1], 20011)
+    return np.max(np.abs(np.interp(times, sol.t, sol.x) - sol(times)[0])) / np.max(sol.x)
+
+
+@pytest.mark.parametrize("order", [5, 8])
+@pytest.mark.parametrize("force", [-G, TABLE, zivi.LinearForce(stiffness=40.0, damping=0.1)])
+def test_lines_through_the_samples_draw_the_motion(force, order):
+    system = zivi.ImpactSystem(force, e=0.7)
+    sol = zivi.simulate(system, (0, 6), (0.5, 0), zivi.SwitchedRK(order=order))
+    assert polyline_error(sol) < 0.005
+    # what is sampled is the motion, in the order of time, each time once
+    assert np.all(np.diff(sol.t) > 0)
+    np.testing.assert_array_equal(sol(sol.t), (sol.x, sol.xdot))
+    # at each impact the last moment before, and the state after
+    after = np.searchsorted(sol.t, sol.impacts["t"])
+    np.testing.assert_array_equal(sol.xdot[after], sol.impacts["xdot_after"])
+    before = sol.impacts["xdot_before"]
+    np.testing.assert_allclose(sol.xdot[after - 1], before, atol=1e-9 * np.max(np.abs(before)))
+    assert np.all(sol.x[after - 1] < 1e-12)
+    # apexes: at most a touch of velocity between a rise and a fall
+    rises = (sol.xdot[:-1] > 1e-9) & (sol.xdot[1:] < -1e-9) & (sol.x[1:] > 1e-12)
+    assert not np.any(rises)
+
+
+def test_steps_only_where_that_is_asked_for():
+    ball = zivi.ImpactSystem(-G, e=E)
+    drawn = zivi.simulate(ball, (0, 2), (1, 0))
+    steps = zivi.simulate(ball, (0, 2), (1, 0), samples="steps")
+    assert polyline_error(steps) > 0.1
+    assert len(steps.t) < 15 < 30 < len(drawn.t) < 100
+    assert set(steps.t) <= set(drawn.t)
+    assert (steps.nfev, steps.n_steps) == (drawn.nfev, drawn.n_steps)
+    with pytest.raises(ValueError, match="samples must be 'motion' or 'steps', got 'all'"):
+        zivi.simulate(ball, (0, 2), (1, 0), samples="all")
+
+
+def test_a_long_run_is_not_drowned_in_samples():
+    oscillator = zivi.ImpactSystem(zivi.LinearForce(1, 0.1, -1, 0.6, 0.9), e=0.8)
+    sol = zivi.simulate(oscillator, (0, 2e5), (1, 0), zivi.SwitchedRK(rtol=1e-4))
+    assert sol.n_steps > 1e5
+    assert len(sol.t) < 4 * sol.n_steps

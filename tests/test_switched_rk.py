@@ -329,11 +329,11 @@ def test_enough_impacts_are_no_budget():
 
 def test_steps_as_asked():
     """max_step bounds every step in flight, first_step is the first one."""
-    sol = simulate(TABLE, 0.5, (0, 3), (2, 0), max_step=0.01)
+    sol = simulate(TABLE, 0.5, (0, 3), (2, 0), max_step=0.01, samples="steps")
     flying = (sol.x[1:] > 0) & (sol.x[:-1] > 0)
     assert np.diff(sol.t)[flying].max() <= 0.01 * (1 + 1e-12)
-    assert simulate(-G, 0.5, (0, 3), (1, 0), first_step=0.05).t[1] == 0.05
-    small = simulate(-G, 0.5, (0, 3), (1, 0), first_step=1e-8)
+    assert simulate(-G, 0.5, (0, 3), (1, 0), first_step=0.05, samples="steps").t[1] == 0.05
+    small = simulate(-G, 0.5, (0, 3), (1, 0), first_step=1e-8, samples="steps")
     assert small.t[1] == 1e-8
     assert small.zeno_times == pytest.approx([3 * math.sqrt(2 / G)], abs=1e-12)
 

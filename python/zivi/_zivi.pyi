@@ -124,6 +124,7 @@ def simulate_switched_rk(
     tstops: _Array,
     events: list[tuple[Any, int, int | None]],
     dense: bool,
+    drawn: bool,
     progress: Any = None,
 ) -> RunRecord: ...
 def restitution(*, e: float | None = None, kappa: float | None = None) -> tuple[float, float]: ...

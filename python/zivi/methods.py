@@ -43,6 +43,8 @@ class Course:
         Events of the user; left to the caller by a method of fixed steps.
     dense : bool
         Whether the motion between the samples is wanted.
+    drawn : bool
+        Whether samples between the steps are wanted, so that lines draw the motion.
     report : callable or None
         Told the progress.
     """
@@ -53,6 +55,7 @@ class Course:
     tstops: Array
     events: tuple[Event, ...]
     dense: bool
+    drawn: bool
     report: Report | None
 
 
@@ -280,6 +283,7 @@ class SwitchedRK:
             tstops=course.tstops,
             events=[(e.function, e.direction, e.terminal) for e in course.events],
             dense=course.dense,
+            drawn=course.drawn,
             progress=course.report,
         )
 

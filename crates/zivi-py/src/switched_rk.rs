@@ -64,7 +64,7 @@ fn event<'py>((function, direction, terminal): EventSpec<'py>) -> UserEvent<'py,
 
 /// A run of the switched method.
 #[pyfunction]
-#[pyo3(signature = (force, method, *, wall, span, state, t_eval, tstops, events, dense, progress=None))]
+#[pyo3(signature = (force, method, *, wall, span, state, t_eval, tstops, events, dense, drawn, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_switched_rk(
     py: Python<'_>,
@@ -77,6 +77,7 @@ pub(crate) fn simulate_switched_rk(
     tstops: PyReadonlyArray1<'_, f64>,
     events: Vec<EventSpec<'_>>,
     dense: bool,
+    drawn: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
     let (method, wall) = (settings(method)?, crate::transform::wall(wall)?);
@@ -89,13 +90,18 @@ pub(crate) fn simulate_switched_rk(
     let watch = &mut Watch { progress };
     let run = if events.is_empty() {
         with_force!(py, force, |force| {
-            let output = Output { t_eval, tstops, dense, events: Vec::new() };
+            let output = Output { t_eval, tstops, dense, drawn, events: Vec::new() };
             zivi::simulate_switched_rk(method, wall, force, span, initial, output, watch)
         })
     } else {
         // the events need the interpreter
-        let output =
-            Output { t_eval, tstops, dense, events: events.into_iter().map(event).collect() };
+        let output = Output {
+            t_eval,
+            tstops,
+            dense,
+            drawn,
+            events: events.into_iter().map(event).collect(),
+        };
         let force = &mut ForceSpec::from_tuple(force)?;
         zivi::simulate_switched_rk(method, wall, force, span, initial, output, watch)
     };

@@ -31,6 +31,7 @@ mod integrator;
 mod lookahead;
 mod numbers;
 mod path;
+mod picture;
 mod root;
 mod run;
 mod running;

@@ -150,6 +150,14 @@ impl DensePath {
         self.segments.is_empty()
     }
 
+    /// The polynomials of a segment in flight.
+    pub(super) fn curve(&self, segment: &Segment) -> Option<Curve> {
+        let Kind::Flight { first, degree, h } = segment.kind else { return None };
+        let (x, xdot) = self.coefficients[first..][..2 * degree + 2].split_at(degree + 1);
+        let (x, xdot) = (Bernstein::new(x), Bernstein::new(xdot));
+        Some(Curve { start: segment.start, h, sigma: segment.sigma, x, xdot })
+    }
+
     /// The state at `t`, and after the impact if there is one at `t`; `None` outside of the span.
     #[must_use]
     pub fn at(&self, t: f64) -> Option<PathPoint> {

@@ -23,13 +23,16 @@ pub struct Output<'a, E> {
     pub tstops: &'a [f64],
     /// Whether to keep the motion as a function of time.
     pub dense: bool,
+    /// Whether, where that is kept and no times are given, there are samples between the steps,
+    /// before impacts and at apexes too, so that lines through them draw the motion.
+    pub drawn: bool,
     /// The user's events.
     pub events: Vec<UserEvent<'a, E>>,
 }
 
 impl<E> Default for Output<'_, E> {
     fn default() -> Self {
-        Self { t_eval: None, tstops: &[], dense: false, events: Vec::new() }
+        Self { t_eval: None, tstops: &[], dense: false, drawn: false, events: Vec::new() }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::integrator::{Counts, Piece, SwitchedIntegrator};
 use super::path::{DensePath, PathPoint};
+use super::picture::between_steps;
 use super::run::{Output, SwitchedRun};
 use super::samples::Samples;
 use super::stages::{Counted, Point};
@@ -44,6 +45,8 @@ pub(super) struct Running<'e, 'a, E> {
     watch: Watch<'e, 'a, E>,
     samples: Samples<'a>,
     path: Option<DensePath>,
+    /// Whether samples between the steps draw the motion.
+    drawn: bool,
     events: Events,
     tails: Vec<Tail>,
     /// Set aside for what is made of all these lists.
@@ -80,6 +83,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             watch: Watch::new(&mut output.events),
             samples: Samples::new(output.t_eval),
             path: output.dense.then(DensePath::default),
+            drawn: output.drawn && output.t_eval.is_none(),
             events: Events::default(),
             tails: Vec::new(),
             reserve: Reserve::default(),
@@ -345,6 +349,12 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         self.samples.at_end(t, end);
         if let Some(path) = &mut self.path {
             path.finish(t, end);
+            if self.drawn {
+                // without the memory for them the samples at the steps are all
+                if let Ok(rows) = between_steps(path) {
+                    self.samples.add(rows);
+                }
+            }
         }
         let columns = self.samples.into_columns(self.integrator.wall, advise)?;
         let events = self.events;

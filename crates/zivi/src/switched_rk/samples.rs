@@ -5,6 +5,7 @@ use zivi_core::{sgn, transform, Branch, Restitution};
 use std::collections::TryReserveError;
 
 use super::path::PathPoint;
+use super::picture::Row;
 use crate::room::Reserve;
 use crate::trajectory::{Columns, SetupError, QUANTITIES};
 use crate::Physical;
@@ -12,12 +13,12 @@ use crate::Physical;
 /// Samples at the ends of steps that a piece of the motion has, at most.
 const OF_A_PIECE: usize = 4;
 
-/// Rows of `t`, `x`, `x'`, `sigma`.
+/// What is sampled.
 pub(super) struct Samples<'a> {
     t_eval: Option<&'a [f64]>,
     /// The next of the wanted times.
     next: usize,
-    rows: Vec<[f64; 4]>,
+    rows: Vec<Row>,
 }
 
 impl<'a> Samples<'a> {
@@ -59,6 +60,15 @@ impl<'a> Samples<'a> {
         };
         if wanted {
             self.push(t, point);
+        }
+    }
+
+    /// More samples, in the order of time; where there is one already it stays.
+    pub(super) fn add(&mut self, more: Vec<Row>) {
+        if self.rows.try_reserve(more.len()).is_ok() {
+            self.rows.extend(more);
+            self.rows.sort_by(|one, other| one[0].total_cmp(&other[0]));
+            self.rows.dedup_by_key(|row| row[0]);
         }
     }
 
