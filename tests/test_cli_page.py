@@ -54,6 +54,7 @@ def test_the_page_is_up_to_date():
 
 
 VALUES = {
+    "tstops": "[1.0]",
     "force": "-1.0",
     "force_ref": "-1.0",
     "force_model": "-1.0",
@@ -199,7 +200,7 @@ def test_all_settings_of_the_library_are_there():
     assert taken - keys == {"progress"}
     taken = set(inspect.signature(zivi.simulate).parameters)
     keys = {key.name for key in document.COMMANDS["simulate"]}
-    assert taken - keys == {"progress", "events", "dense_output"}
+    assert taken - keys == {"progress", "events", "dense_output", "samples"}
 
 
 @pytest.mark.parametrize("command", PREPARE)

@@ -65,7 +65,7 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
     ("old", "new", "expected"),
     [
         ("y0 =", "y1 =", [
-            "y1 is no key; did you mean 'y0'? allowed: t_span, y0, system, method, t_eval",
+            "y1 is no key; did you mean 'y0'? allowed: t_span, y0, system, method, t_eval, tstops",
             f"y0 is missing: initial distance from the wall and velocity, {PAIR}",
         ]),
         ("y0 = [1.0, 0.0]", "y0 = 1.0", [f"y0 must be {PAIR}, got 1.0"]),
@@ -77,7 +77,8 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
         ("3.0]", "inf]", ["t_span[1] must be a finite number, got inf"]),
         ("[0.0, 3.0]", "[3, 0.0]", ["t_span must run forward, t0 < t1, got (3.0, 0.0)"]),
         ("[system]", "[sistem]", [
-            "sistem is no key; did you mean 'system'? allowed: t_span, y0, system, method, t_eval",
+            "sistem is no key; did you mean 'system'? "
+            "allowed: t_span, y0, system, method, t_eval, tstops",
             "system is missing: the mass and its wall, a table with force, e, kappa, wall",
         ]),
         ("[system]", "[[system]]", [
@@ -156,7 +157,7 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
             "t_eval.stop must be >= start, got 1.0",
         ]),
         ("y0 =", '"a b" = 1\ny0 =', [
-            '"a b" is no key; allowed: t_span, y0, system, method, t_eval',
+            '"a b" is no key; allowed: t_span, y0, system, method, t_eval, tstops',
         ]),
     ],
 )  # fmt: skip

@@ -116,6 +116,7 @@ SIMULATE = (
         "s",
         "all steps",
     ),
+    Key("tstops", Numbers(), "times where the force is not smooth", "s", "none"),
 )
 
 TWISTING = (

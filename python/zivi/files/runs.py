@@ -53,9 +53,11 @@ def prepare_simulate(path: Path) -> Prepared:
     values, mistakes = content.values, content.mistakes
     plant = build.system(values["system"], mistakes)
     arguments: dict[str, Any] = {"t_eval": _times(values.get("t_eval"), mistakes)}
+    if "tstops" in values:
+        arguments["tstops"] = np.array(values["tstops"])
     if "method" in values:
         arguments["method"] = build.method(values["method"], mistakes)
-    keys = {name: name for name in ("t_span", "y0", "t_eval")} | PAIRS
+    keys = {name: name for name in ("t_span", "y0", "t_eval", "tstops")} | PAIRS
     keys |= {"h": "method.h"} | build.restitution(values["system"])
 
     def call(progress: bool | None) -> Trajectory:
