@@ -13,12 +13,12 @@ elif ! "$1" -c 'import venv, ensurepip' 2>/dev/null; then
     say "$1 cannot make virtual environments. Debian: apt-get install python3-venv"
 fi
 if ! command -v cargo >/dev/null 2>&1; then
-    say "cargo is missing. Install Rust >= 1.85 with rustup (https://rustup.rs)"
+    say "cargo is missing. Install Rust >= 1.88 with rustup (https://rustup.rs)"
 else
     minor=$(cargo --version | sed 's/^cargo 1\.\([0-9]*\).*/\1/')
     case $minor in
         *[!0-9]* | '') ;;
-        *) [ "$minor" -ge 85 ] || say "$(cargo --version) is too old: Rust >= 1.85 is needed (rustup update)" ;;
+        *) [ "$minor" -ge 88 ] || say "$(cargo --version) is too old: Rust >= 1.88 is needed (rustup update)" ;;
     esac
 fi
 command -v cc >/dev/null 2>&1 || say "a C compiler (cc) is missing: Rust links with it. Debian: apt-get install gcc libc6-dev"

@@ -11,7 +11,7 @@ os.environ.setdefault("MATURIN_NO_INSTALL_RUST", "1")
 import maturin
 
 MISSING = (
-    "zivi: cargo is missing, which builds the extension. Install Rust >= 1.85 with rustup "
+    "zivi: cargo is missing, which builds the extension. Install Rust >= 1.88 with rustup "
     "(https://rustup.rs), or a wheel for this machine."
 )
 
