@@ -215,6 +215,20 @@ fn rounding_does_not_lose_the_exact_zeros() {
     }
 }
 
+/// Nor under no force at all, where the nearest to the exact motion would be one or the other.
+#[test]
+fn without_a_force_the_zeros_are_exact_too() {
+    let rng = Rng::new(49);
+    for _ in 0..5_000 {
+        let scheme = Scheme::implicit_euler(rng.log_between(1e-4, 1e-1), rng.between(0.0, 0.95));
+        let nudge = 1.0 + f64::EPSILON * rng.between(-8.0, 8.0).round();
+        let v = -rng.log_between(1e-3, 1e3);
+        let z = Lifted { s: scheme.h * (1.0 + scheme.kappa) * -v * nudge, v };
+        let landing = Problem { scheme, z, f: 0.0 }.solve(1.0).expect("a solution");
+        assert_eq!((landing.case, landing.s), (Case::Wall, 0.0), "{scheme:?}, v = {v}");
+    }
+}
+
 /// With `theta < gamma` there can be three distinct solutions: the same order decides.
 #[test]
 fn of_three_distinct_ones_under_pressure_the_most_degenerate_is_taken() {

@@ -143,6 +143,13 @@ mod tests {
     }
 
     #[test]
+    fn rest_again_without_an_impact_is_no_zeno_point() {
+        let events = replay(&[(1.0, -1.0), (0.0, 0.0), (0.0, 0.1), (0.0, 0.0)]);
+        assert_eq!((events.zeno_times, events.liftoff_times), (vec![1.0], vec![1.0]));
+        assert_eq!(events.rest_time, Some(3.0));
+    }
+
+    #[test]
     fn a_crossing_is_interpolated_and_obeys_restitution() {
         let events = replay(&[(1.0, -2.0), (-3.0, -2.0), (-4.0, -1.0)]);
         assert_eq!(events.impacts, [Impact { t: 0.25, xdot_before: -3.0, xdot_after: 1.0 }]);
