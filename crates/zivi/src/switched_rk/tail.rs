@@ -247,6 +247,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_tail_that_is_cut_has_no_impacts_after_that() {
+        // x'' = -2, e = 1/2: impacts at 0, 1, 1.5, 1.75, ..., with half the speed each time
+        let mut chain = Chain::new(0.5);
+        for (t, u) in [(0.0, 1.0), (1.0, 0.5), (1.5, 0.25)] {
+            chain.note(Bounce { t, u, g: 2.0 });
+        }
+        let mut tail = Tail::new(&chain, 0.5, 2.0, 1.0);
+        tail.cut(1.9);
+        let times: Vec<f64> = tail.impacts_down_to(1e-6, 100).map(|it| it.t).collect();
+        assert_eq!(times.len(), 2, "{times:?}");
+        assert!((times[0] - 1.75).abs() < 1e-14 && (times[1] - 1.875).abs() < 1e-14);
+    }
+
+    #[test]
     fn the_ball_is_exact() {
         let (e, g, u0) = (0.6, 9.81, 3.0);
         let mut chain = Chain::new(e);
