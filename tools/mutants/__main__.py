@@ -25,7 +25,7 @@ def arguments():
     parser.add_argument("names", nargs="*", help="only these, e.g. 'step-*' (default: all)")
     parser.add_argument("--check", action="store_true", help="only see that every entry applies")
     parser.add_argument("--list", action="store_true", help="only name the entries")
-    parser.add_argument("--resume", action="store_true", help="leave out what has a result")
+    parser.add_argument("--resume", action="store_true", help="leave out what was killed before")
     parser.add_argument(
         "--into",
         type=Path,
@@ -55,7 +55,7 @@ def main():
         mutant
         for mutant in mutants
         if (not given.names or any(fnmatch(mutant.name, name) for name in given.names))
-        and not (given.resume and results.of(mutant))
+        and not (given.resume and results.of(mutant) == KILLED)
     ]
     if given.list:
         print(*(mutant.name for mutant in chosen), sep="\n")
