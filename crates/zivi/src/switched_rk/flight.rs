@@ -48,7 +48,7 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<Piece, Failure<E>> {
         if self.now.x == 0.0 && self.now.xdot < 0.0 {
-            return Ok(self.strike(self.now, self.now.t, self.now.xdot));
+            return Ok(self.strike(self.now, self.now));
         }
         let slope = self.slope(force)?;
         let plan = self.plan(slope, t_end, force)?;
@@ -102,7 +102,7 @@ impl SwitchedIntegrator {
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Plan, Failure<E>> {
-        let left = t_end - self.now.t;
+        let left = (t_end - self.now.t) - self.now.late;
         let wanted = match self.h {
             _ if !self.settings.adaptive => self.settings.max_step,
             Some(h) => h.min(self.settings.max_step),
@@ -128,7 +128,7 @@ impl SwitchedIntegrator {
         left: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
-        let Point { t, x, xdot } = self.now;
+        let Point { t, x, xdot, .. } = self.now;
         let [scale_x, scale_xdot] = self.scales(self.now, self.now);
         let norm = |x: f64, xdot: f64| (x / scale_x).abs().max((xdot / scale_xdot).abs());
         let (size, rate) = (norm(x, xdot), norm(xdot, slope));
@@ -155,6 +155,13 @@ impl SwitchedIntegrator {
             atol_x + rtol * one.x.abs().max(other.x.abs()),
             atol_xdot + rtol * one.xdot.abs().max(other.xdot.abs()),
         ]
+    }
+
+    /// Those of the last step, of which more than rounding of the time cannot be asked.
+    fn scales_of_step(&self) -> [f64; 2] {
+        let [scale_x, scale_xdot] = self.scales(self.stages.from, self.stages.end);
+        let [x, xdot] = self.stages.rounding();
+        [scale_x + x, scale_xdot + xdot]
     }
 
     fn judge<E, F: Force<E>>(
@@ -223,7 +230,7 @@ impl SwitchedIntegrator {
         let polynomials = self.stages.polynomials(force)?;
         let apex = polynomials[1].first_negative().unwrap_or(0.5);
         let defect = self.stages.defect(&polynomials, apex, force)?;
-        let [scale_x, scale_xdot] = self.scales(self.stages.from, self.stages.end);
+        let [scale_x, scale_xdot] = self.scales_of_step();
         let excess = defect.norm(scale_x, scale_xdot) / DEFECT;
         let factor = SAFETY * excess.powf(-1.0 / self.stages.order_of_error());
         Ok((excess > 1.0).then(|| factor.max(FACTORS.0)))
@@ -249,7 +256,7 @@ impl SwitchedIntegrator {
         if !self.settings.adaptive {
             return Ok(0.0);
         }
-        let [scale_x, scale_xdot] = self.scales(self.stages.from, self.stages.end);
+        let [scale_x, scale_xdot] = self.scales_of_step();
         let error = self.stages.error(force)?.norm(scale_x, scale_xdot);
         if self.jump.allowed && error > 1.0 {
             self.jump.met = true;
@@ -278,8 +285,8 @@ impl SwitchedIntegrator {
         let from = self.now;
         self.counts.accepted += 1;
         self.now = self.stages.end;
-        if self.stages.h >= t_end - from.t {
-            self.now.t = t_end;
+        if self.stages.h >= (t_end - from.t) - from.late {
+            (self.now.t, self.now.late) = (t_end, 0.0);
         }
         (self.armed, self.continues, self.landing) = (true, true, None);
         (self.steps, self.last_h) = (self.steps + 1, self.stages.h);
@@ -328,7 +335,11 @@ impl SwitchedIntegrator {
         }
         self.counts.accepted += 1;
         self.landing = Some((total, xdot));
-        Ok(Some(self.strike(from, (from.t + total).clamp(from.t, t_end), xdot)))
+        let mut contact = from.after(total.max(0.0), 0.0, xdot);
+        if contact.t > t_end {
+            (contact.t, contact.late) = (t_end, 0.0);
+        }
+        Ok(Some(self.strike(from, contact)))
     }
 
     /// The impact within a step that ends behind the wall, on its polynomials: where the motion is

@@ -9,15 +9,16 @@ use crate::fixed_step::Failure;
 use crate::{Dependence, Force, Impact, Status};
 
 impl SwitchedIntegrator {
-    /// The impact at `t` with the velocity `xdot < 0`: `x'+ = -e x'-`.
-    pub(super) fn strike(&mut self, from: Point, t: f64, xdot: f64) -> Piece {
+    /// The impact with the velocity `xdot < 0`: `x'+ = -e x'-`.
+    pub(super) fn strike(&mut self, from: Point, contact: Point) -> Piece {
+        let Point { t, xdot, .. } = contact;
         let after = self.wall.e() * xdot.abs();
         // the height of the next arc would underflow
         let after = if after * after < f64::MIN_POSITIVE { 0.0 } else { after };
         let impact = Impact { t, xdot_before: xdot, xdot_after: after };
         let sigma = self.sigma;
         self.counts.impacts += 1;
-        self.now = Point { t, x: 0.0, xdot: after };
+        self.now = Point { x: 0.0, xdot: after, ..contact };
         self.sigma = -sigma;
         (self.armed, self.continues, self.struck) = (true, false, true);
         self.steps = 0;
@@ -93,7 +94,7 @@ impl SwitchedIntegrator {
     /// Through the rest of the chain, to rest at `zeno`.
     pub(super) fn jump(&mut self, zeno: f64) -> Piece {
         let tail = Tail::new(&self.chain, self.wall.e(), zeno, self.sigma);
-        self.now = Point { t: zeno, x: 0.0, xdot: 0.0 };
+        self.now = Point { t: zeno, ..Point::default() };
         self.mode = Mode::Rest;
         self.continues = false;
         self.chain.clear();

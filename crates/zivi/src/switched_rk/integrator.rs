@@ -175,7 +175,7 @@ impl SwitchedIntegrator {
         }
         check_initial(state)?;
         let Physical { x, xdot } = state;
-        self.now = Point { t, x, xdot };
+        self.now = Point { t, x, xdot, late: 0.0 };
         self.patter = Patter::starting_at(t);
         self.sigma = 1.0;
         self.mode = if x == 0.0 && xdot == 0.0 { Mode::Rest } else { Mode::Flight };

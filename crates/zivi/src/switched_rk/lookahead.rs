@@ -53,7 +53,13 @@ const STEPS: f64 = 4.0;
 pub(super) struct Obstacle {
     from: f64,
     to: f64,
+    /// Impacts before all arcs are looked at again.
+    patience: u64,
 }
+
+/// Evaluations of a look in vain for which one impact passes before the next: under a force with
+/// noise in it every look may be in vain.
+const PER_IMPACT: u64 = 32;
 
 impl Obstacle {
     /// Longest step at `t`: between the stages of one that is a whole arc long there may be enough
@@ -86,18 +92,27 @@ impl Lookahead<'_> {
         force: &mut Counted<'_, F>,
     ) -> Result<Option<Obstacle>, Failure<E>> {
         let (zeno, most) = (self.tail.zeno_time(), MOST * self.tolerance);
-        if let Some(arc) = suspect.and_then(|it| self.tail.arc_at(0.5 * (it.from + it.to))) {
-            if !(self.shift(&arc, PANELS, force)? <= most) {
-                return Ok(Some(Obstacle { from: arc.start, to: arc.end }));
+        if let Some(last) = suspect {
+            let patience = last.patience.saturating_sub(1);
+            if let Some(arc) = self.tail.arc_at(0.5 * (last.from + last.to)) {
+                let shift = self.shift(&arc, PANELS, force)?;
+                if shift.is_nan() || shift > most {
+                    return Ok(Some(Obstacle { from: arc.start, to: arc.end, patience }));
+                }
+            }
+            if last.patience > 0 {
+                return Ok(Some(Obstacle { patience, ..last }));
             }
         }
+        let before = force.count();
         let whole = zeno - self.tail.start();
         let (mut shift, mut m) = (0.0, 0);
         while let Some(arc) = self.tail.arc(m).filter(|arc| zeno - arc.start > most) {
             let (panels, arcs) = self.closeness(&arc, (zeno - arc.start) / whole);
             shift += arcs as f64 * self.shift(&arc, panels, force)?;
             if shift.is_nan() || shift > most {
-                return Ok(Some(Obstacle { from: arc.start, to: arc.end }));
+                let patience = (force.count() - before) / PER_IMPACT;
+                return Ok(Some(Obstacle { from: arc.start, to: arc.end, patience }));
             }
             m += arcs;
         }
@@ -105,7 +120,7 @@ impl Lookahead<'_> {
             Err(Failure::Status(_)) => false,
             pull => pull? <= 0.0,
         };
-        Ok((!pulled).then_some(Obstacle { from: zeno, to: zeno }))
+        Ok((!pulled).then_some(Obstacle { from: zeno, to: zeno, patience: 0 }))
     }
 
     /// How closely to look at an arc when a part `left` of the tail is left: in how many panels,

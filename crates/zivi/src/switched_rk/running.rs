@@ -160,7 +160,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     /// The initial state; a mass that arrives at the wall has its impact first.
     fn begin(&mut self) -> Result<(), Ending<E>> {
-        let Point { t, x, xdot } = self.integrator.now;
+        let Point { t, x, xdot, .. } = self.integrator.now;
         if self.integrator.is_at_rest() {
             self.events.rest_time = Some(t);
         } else {
@@ -169,7 +169,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         let before = PathPoint { x, xdot, sigma: self.integrator.sigma };
         let arrives = x == 0.0 && xdot < 0.0;
         if arrives {
-            let piece = self.integrator.strike(self.integrator.now, t, xdot);
+            let piece = self.integrator.strike(self.integrator.now, self.integrator.now);
             if let Piece::Flight { impact: Some(impact), .. } = piece {
                 self.events.impacts.push(impact);
             }
@@ -185,7 +185,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     /// The state of the integrator.
     fn here(&self) -> (f64, PathPoint) {
-        let (Point { t, x, xdot }, sigma) = (self.integrator.now, self.integrator.sigma);
+        let (Point { t, x, xdot, .. }, sigma) = (self.integrator.now, self.integrator.sigma);
         (t, PathPoint { x, xdot, sigma })
     }
 

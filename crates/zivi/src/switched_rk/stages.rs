@@ -81,8 +81,20 @@ impl<'a, F> Counted<'a, F> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Point {
     pub(super) t: f64,
+    /// What rounding leaves out of `t`: far from `t = 0` it would add up to a drift.
+    pub(super) late: f64,
     pub(super) x: f64,
     pub(super) xdot: f64,
+}
+
+impl Point {
+    /// The state `x`, `xdot` after the time `h`.
+    #[inline]
+    pub(super) fn after(self, h: f64, x: f64, xdot: f64) -> Self {
+        let step = h + self.late;
+        let t = self.t + step;
+        Self { t, late: step - (t - self.t), x, xdot }
+    }
 }
 
 /// The last step that was computed: its stages and both of its ends.
@@ -134,6 +146,18 @@ impl Stages {
         Self { pair, from, h: 0.0, end: from, v: zeros, k: zeros, known: 0 }
     }
 
+    /// What rounding of the time does to position and velocity, `eps t (x', x'')/4`, in a step that
+    /// is not itself of that size.
+    pub(super) fn rounding(&self) -> [f64; 2] {
+        let time = 0.25 * f64::EPSILON * self.from.t.abs();
+        if self.h < 1e4 * time {
+            return [0.0; 2];
+        }
+        let fastest = self.from.xdot.abs().max(self.end.xdot.abs());
+        let pull = self.k[..self.pair.b.len()].iter().fold(0.0_f64, |most, k| most.max(k.abs()));
+        [time * fastest, time * pull]
+    }
+
     pub(super) fn order_of_error(&self) -> f64 {
         self.pair.q
     }
@@ -161,7 +185,7 @@ impl Stages {
     fn along(&self, a: &[f64], c: f64) -> Point {
         let (x, xdot) = self.weighted(a);
         let from = self.from;
-        Point { t: from.t + c * self.h, x: from.x + self.h * x, xdot: from.xdot + self.h * xdot }
+        from.after(c * self.h, from.x + self.h * x, from.xdot + self.h * xdot)
     }
 
     #[inline]
@@ -260,7 +284,8 @@ impl Stages {
         theta: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<StepError, Failure<E>> {
-        let f = force.at(self.from.t + theta * self.h, x.at(theta), xdot.at(theta))?;
+        let at = self.from.after(theta * self.h, x.at(theta), xdot.at(theta));
+        let f = force.at(at.t, at.x, at.xdot)?;
         let defect = self.h * f - xdot.slope(theta);
         Ok(StepError { x: [self.h * defect, 0.0], xdot: [defect, 0.0], double: false })
     }
@@ -338,7 +363,7 @@ mod tests {
         let f = |t: f64, x: f64, v: f64| Ok::<f64, ()>(-x + 0.3 * t - 0.1 * v);
         let (mut force, mut stages) = (FunctionForce(f), Stages::new(pair));
         let force = &mut Counted::new(&mut force);
-        let from = Point { t: 0.0, x: 1.0, xdot: 0.2 };
+        let from = Point { x: 1.0, xdot: 0.2, ..Point::default() };
         let Ok(slope) = force.at::<()>(0.0, 1.0, 0.2) else { panic!() };
         let Ok(end) = stages.step::<(), _>(from, slope, h, force) else { panic!() };
         let Ok([x, xdot]) = stages.polynomials::<(), _>(force) else { panic!() };
@@ -356,7 +381,7 @@ mod tests {
         let force = &mut Counted::new(&mut force);
         for x in [0.0, 0.3] {
             let mut stages = Stages::new(&DOP853);
-            let from = Point { t: 0.2, x, xdot: 1.0 };
+            let from = Point { t: 0.2, late: 0.0, x, xdot: 1.0 };
             let Ok(slope) = force.at::<()>(0.2, x, 1.0) else { panic!() };
             assert!(stages.step::<(), _>(from, slope, 0.5, force).is_ok());
             let Some((cubic, slack)) = stages.screen() else { panic!("no screen") };

@@ -137,6 +137,40 @@ fn large_times_terminate() {
 }
 
 #[test]
+fn many_impacts_far_from_zero_do_not_drift() {
+    // x'' = -9.81 from 1 m with e = 0.97: 35 impacts in 9 s; a time is known to half its spacing
+    let (e, g) = (0.97_f64, 9.81);
+    let fall = (2.0_f64 / g).sqrt();
+    for order in ORDERS {
+        for t0 in [1e6, 1e8] {
+            // a force that says that it may change keeps every impact
+            let mut force = FunctionForce(|_: f64, _: f64, _: f64| Ok::<f64, Infallible>(-g));
+            let (span, start) = ((t0, t0 + 9.0), Physical { x: 1.0, xdot: 0.0 });
+            let run = simulate(settings(order, 1e-12), wall(e), &mut force, span, start);
+            let impacts = &run.trajectory.events.impacts;
+            let mut exact = fall;
+            for (n, impact) in (1..).zip(impacts) {
+                assert!((impact.t - t0 - exact).abs() < 0.51 * f64::EPSILON * t0 + 1e-13, "{n}");
+                exact += 2.0 * e.powi(n) * fall;
+            }
+            assert!(impacts.len() >= 10, "{}", impacts.len());
+        }
+    }
+}
+
+#[test]
+fn tolerances_below_rounding_of_the_time_cost_nothing() {
+    // a harmonic force 7e6 s from zero: its phase is known to 1e-9
+    for order in ORDERS {
+        let mut force = LinearForce { amplitude: 1.0, ..spring(1.0, 0.1, 2.0) };
+        let (span, start) = ((7e6, 7e6 + 30.0), Physical { x: 1.0, xdot: 0.0 });
+        let run = simulate(settings(order, 1e-13), wall(0.8), &mut force, span, start);
+        assert_eq!(run.trajectory.status, Status::Completed);
+        assert!(run.counts.nfev < 60_000, "{:?}", run.counts);
+    }
+}
+
+#[test]
 fn stages_look_behind_the_wall_only_a_little() {
     // the force ends not far behind the wall: a step that goes there is tried again, shorter
     for order in ORDERS {

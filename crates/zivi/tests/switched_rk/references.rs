@@ -83,7 +83,7 @@ fn the_evaluations_of_the_force_are_those_of_the_method() {
         ("O4", Order::Eight, 1e-12, 6800),
         ("T1", Order::Eight, 1e-8, 4400),
         ("T3", Order::Eight, 1e-8, 1900),
-        ("O2", Order::Eight, 1e-8, 1650),
+        ("O2", Order::Eight, 1e-8, 1750),
     ] {
         let (nfev, steps) = count(name, order, tol);
         println!("{name} {order:?} {tol:e} nfev {nfev} steps {steps}");
