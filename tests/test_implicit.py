@@ -56,7 +56,9 @@ APEX = {
         *(0.96986, 0.29105, (0.0357101, -0.0564219)),
     ),
     "cancellation": (
-        zivi.LinearForce(515836.65, 0.569, 6.4004, 8.3442, 24.188),
+        zivi.LinearForce(
+            stiffness=515836.65, damping=0.569, gravity=6.4004, amplitude=8.3442, omega=24.188
+        ),
         *(0.51101, 0.34578, (0.0, 6.458)),
     ),
 }

@@ -1,5 +1,7 @@
 """Arrays that arrive from outside for the VI solver: their type, shape and entries."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

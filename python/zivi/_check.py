@@ -1,5 +1,7 @@
 """Checks of numbers that arrive from outside; ranges are checked where they are known."""
 
+from __future__ import annotations
+
 import math
 import numbers
 

@@ -1,5 +1,7 @@
 """Complementarity problems and bimatrix games, by the solver of box VIs."""
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Callable
 from typing import Any

@@ -1,5 +1,7 @@
 """Libraries that only a part of zivi needs, imported when they are."""
 
+from __future__ import annotations
+
 import importlib
 from typing import Any
 

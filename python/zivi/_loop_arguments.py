@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from zivi._check import Array, real
+from zivi._misplaced import told
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.simulate import pair
@@ -146,7 +147,8 @@ def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> tuple[floa
         return None
     if not isinstance(method, ThetaGamma) or method.solver != "exact":
         raise TypeError(
-            f"method must be None, a zivi.SwitchedRK or an exact zivi.ThetaGamma, got {method!r}"
+            "method must be None, a zivi.SwitchedRK or an exact zivi.ThetaGamma, "
+            f"got {told(method)}"
         )
     if method.h != h:
         raise ValueError(f"method.h must be the controller's h = {h}, got {method.h}")

@@ -1,5 +1,7 @@
 """The Jacobian of the map of a box VI: given, by differences, by complex steps, and checked."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

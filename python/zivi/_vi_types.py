@@ -1,5 +1,7 @@
 """Options, statuses and results of the solver of box VIs."""
 
+from __future__ import annotations
+
 import dataclasses
 import enum
 from typing import Any, Literal

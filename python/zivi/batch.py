@@ -14,6 +14,7 @@ from zivi import _zivi
 from zivi._check import Array, real_array, whole
 from zivi._compiled import listening, tell
 from zivi._extras import needed
+from zivi._misplaced import check_method
 from zivi._progress import ProgressBar
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulate import pair
@@ -315,9 +316,8 @@ def _method(method: Any) -> tuple[Any, ...]:
         return "moreau_jean", method.h, method.theta
     if isinstance(method, SwitchedRK):
         return "switched_rk", method._settings()
-    raise TypeError(
-        f"method must be one of zivi's methods, e.g. zivi.ThetaGamma(h=1e-3), got {method!r}"
-    )
+    check_method(method)
+    raise TypeError(f"method must be one of zivi's own methods, got {method!r}")
 
 
 def _save(save: Any, method: Method) -> int | None:

@@ -6,10 +6,10 @@ import copy
 import dataclasses
 import json
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Never, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array
@@ -28,6 +28,7 @@ from zivi._loop_arguments import (
     noise_of,
     period_of,
 )
+from zivi._misplaced import check_system, refuse
 from zivi._progress import ProgressBar
 from zivi.control import TickStatus
 from zivi.methods import SwitchedRK, ThetaGamma
@@ -202,9 +203,9 @@ def simulate_closed_loop(
     system: ImpactSystem,
     controller: Controller,
     t_span: Sequence[float],
-    y0: Sequence[float],
+    y0: ArrayLike,
     *,
-    y_ref0: Sequence[float] | None = None,
+    y_ref0: ArrayLike | None = None,
     force_ref: Force | None = None,
     force_model: Force | None = None,
     method: ThetaGamma | SwitchedRK | None = None,
@@ -213,6 +214,7 @@ def simulate_closed_loop(
     quantization: Sequence[float] = (0.0, 0.0),
     delay: int = 0,
     progress: bool | None = None,
+    **misplaced: Never,
 ) -> ClosedLoop:
     r"""Simulate the sampled closed loop of a plant and a controller.
 
@@ -262,6 +264,8 @@ def simulate_closed_loop(
     progress : bool, optional
         Show a progress bar on standard error once a run lasts longer than a second. By default
         only on a terminal.
+    **misplaced
+        Nothing: a `TypeError` says where a setting of a method, such as ``rtol``, belongs.
 
     Returns
     -------
@@ -286,8 +290,8 @@ def simulate_closed_loop(
     >>> float(abs(run.error[-1])), float(run.u[-1])
     (0.0, 9.81)
     """
-    if not isinstance(system, ImpactSystem):
-        raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
+    refuse("simulate_closed_loop", misplaced)
+    check_system(system)
     h = period_of(controller)
     check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
     span = pair("t_span", t_span, "(t0, t1)")
@@ -299,16 +303,17 @@ def simulate_closed_loop(
     seed, samples = noise_of(deviations, seed, span, h)
     if isinstance(controller, OURS):
         controller = copy.copy(controller)
-    if y_ref0 is not None:
+    start_ref = None if y_ref0 is None else pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)")
+    if start_ref is not None:
         following: Any = controller
-        following.reset(*pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)"))
+        following.reset(*start_ref)
     config = (
         describe_system(system)
         | {name: describe(it) for name, it in forces.items()}
         | {
             "t_span": list(span),
             "y0": list(state),
-            "y_ref0": None if y_ref0 is None else [float(value) for value in y_ref0],
+            "y_ref0": None if start_ref is None else list(start_ref),
             "controller": described(controller),
             "method": None if method is None else describe(method),
             "noise": list(deviations),

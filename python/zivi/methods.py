@@ -1,5 +1,7 @@
 """Methods: frozen, validated settings, each with the call that runs it."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 import numbers

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Never, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from zivi import _zivi
 from zivi._check import real, real_array
 from zivi._compiled import listening
+from zivi._misplaced import check_method, check_system, refuse
 from zivi._progress import ProgressBar
 from zivi._steps import restrict, with_events
 from zivi.events import events_of
@@ -37,7 +38,7 @@ Event: TypeAlias = Callable[..., float]
 def simulate(
     system: ImpactSystem,
     t_span: Sequence[float],
-    y0: Sequence[float],
+    y0: ArrayLike,
     method: Method = DEFAULT_METHOD,
     t_eval: ArrayLike | None = None,
     *,
@@ -46,6 +47,7 @@ def simulate(
     progress: bool | None = None,
     tstops: ArrayLike | None = None,
     samples: Literal["motion", "steps"] = "motion",
+    **misplaced: Never,
 ) -> Trajectory:
     r"""Simulate a system with impacts.
 
@@ -94,6 +96,9 @@ def simulate(
         that lines draw the motion (off by at most 0.5 % of the height of a flight; arcs of an
         accumulation down to 0.1 % of the highest, at most 64). ``"steps"``: the ends of steps
         and the states after impacts only, as without `dense_output`.
+    **misplaced
+        Nothing: a `TypeError` says where a setting of a method, such as ``rtol``, or an argument
+        of SciPy's `solve_ivp` belongs.
 
     Returns
     -------
@@ -118,12 +123,9 @@ def simulate(
     >>> round(float(sol.y_events[0][1, 0]), 9)  # the first apex after an impact, e^2 high
     0.25
     """
-    if not isinstance(system, ImpactSystem):
-        raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
-    if isinstance(method, type) or not hasattr(method, "_integrate"):
-        raise TypeError(
-            f"method must be one of zivi's methods, e.g. zivi.ThetaGamma(h=1e-3), got {method!r}"
-        )
+    refuse("simulate", misplaced)
+    check_system(system)
+    check_method(method)
     if samples not in ("motion", "steps"):
         raise ValueError(f"samples must be 'motion' or 'steps', got {samples!r}")
     if not isinstance(dense_output, bool):
@@ -163,7 +165,7 @@ def simulate(
         del error, ear
 
 
-def pair(name: str, value: Sequence[float], form: str) -> tuple[float, float]:
+def pair(name: str, value: Any, form: str) -> tuple[float, float]:
     """Return `value` as two floats; an error names it and its form."""
     try:
         first, second = value

@@ -4,9 +4,22 @@ import enum
 
 
 class Status(enum.IntEnum):
-    """How a run ended; ``0`` is success, as in SciPy.
+    """How a run ended. The numbers are **not** those of SciPy: ask ``success``.
+
+    In SciPy's `solve_ivp`, 1 is the success of a run that a terminal event ended, and failures are
+    negative. Here only 0 is the same, the end of the span. Every other number names one way to end:
+    `TERMINATED_BY_EVENT`, 9, is a success too, all others are failures; none is negative, since a
+    batch keeps the status of a run as an unsigned byte. So neither ``status < 0`` nor
+    ``status == 1`` means what it does there; ``success``, and the names, always tell.
 
     Whatever the status, the trajectory is valid up to its last sample.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> sol = zivi.simulate(ball, (0, 3), (1, 0))
+    >>> sol.success, sol.status
+    (True, <Status.COMPLETED: 0>)
     """
 
     COMPLETED = 0

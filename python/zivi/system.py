@@ -1,5 +1,7 @@
 """What moves: a mass under a force, above a wall that takes part of its velocity."""
 
+from __future__ import annotations
+
 import ctypes
 import dataclasses
 import math
@@ -22,13 +24,14 @@ Force: TypeAlias = "float | LinearForce | Callable[[float, float, float], float]
 """A number, a `LinearForce`, a callable ``f(t, x, xdot)`` or a compiled callable."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class LinearForce:
     r"""Spring, damper, gravity and a harmonic excitation, evaluated without the interpreter.
 
     .. math:: f = -k x - c \dot x - g + A \cos(\omega t + \varphi)
 
-    All coefficients are per unit mass. The object can also be called, ``force(t, x, xdot)``.
+    All coefficients are per unit mass, given by name. The object can also be
+    called, ``force(t, x, xdot)``.
 
     Parameters
     ----------

@@ -1,5 +1,7 @@
 """The Zhuravlev-Ivanov transform between ``(x, x')`` and ``(s, v)``."""
 
+from __future__ import annotations
+
 from typing import Any, Literal
 
 import numpy as np

@@ -7,6 +7,8 @@ Find ``x`` in ``[lower, upper]`` with, for every component,
 * ``F_i(x) = 0`` where ``lower_i < x_i < upper_i``.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Walls that move: ``x >= w(t)`` with ``w``, ``w'`` and ``w''`` given."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from collections.abc import Callable
