@@ -191,10 +191,8 @@ impl SwitchedIntegrator {
             return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
         }
         let growth = if self.settings.adaptive { factor.min(FACTORS.1) } else { 1.0 };
-        if !self.armed {
-            if !self.stages.rises() {
-                return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
-            }
+        if !self.armed && !self.stages.rises() {
+            return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
         }
         let contact = if self.armed { self.first_contact(force)? } else { None };
         if let Some(factor) = self.overlooked(contact, force)? {
