@@ -19,6 +19,7 @@ from zivi._zivi import __version__
 from zivi.batch import Batch, simulate_batch
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
+from zivi.events import Level
 from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulate import simulate
@@ -50,6 +51,7 @@ __all__ = [
     "ExplicitTwisting",
     "HarmonicWall",
     "ImpactSystem",
+    "Level",
     "LinearForce",
     "Method",
     "MoreauJean",

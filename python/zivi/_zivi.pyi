@@ -122,7 +122,7 @@ def simulate_switched_rk(
     state: tuple[float, float],
     t_eval: _Array | None,
     tstops: _Array,
-    events: list[tuple[Any, int, int | None]],
+    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
     dense: bool,
     drawn: bool,
     progress: Any = None,

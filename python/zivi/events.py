@@ -8,14 +8,71 @@ import itertools
 import math
 import numbers
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from zivi._check import Array
+from zivi._check import Array, finite
 from zivi.dense import Path
 
-__all__ = ["Event", "Hits", "events_of", "locate"]
+__all__ = ["Event", "Hits", "Level", "events_of", "locate"]
+
+
+class Level:
+    """An event where the motion crosses a level: ``x = c`` or ``xdot = c``.
+
+    `SwitchedRK` finds all crossings, however short the motion stays beyond the level, from the
+    polynomials of its dense output; a function of the user is looked at a few times a step. With a
+    method of fixed steps it is the function ``x - c`` or ``xdot - c``.
+
+    Parameters
+    ----------
+    x, xdot : float
+        Exactly one of them: the level of the position (m) or of the velocity (m/s).
+    terminal : bool or int
+        Whether the run ends at the event, or at which.
+    direction : int
+        1 only rising, -1 only falling, 0 both.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Unless exactly one level is given, a finite number.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-2.0, e=0.5)
+    >>> sol = zivi.simulate(ball, (0, 4), (1, 0), events=zivi.Level(x=0.24, direction=1))
+    >>> [round(float(t), 9) for t in sol.t_events[0]]  # on the arc from 1 s, 0.25 m high
+    [1.4]
+    """
+
+    def __init__(
+        self,
+        *,
+        x: float | None = None,
+        xdot: float | None = None,
+        terminal: bool | int = False,
+        direction: int = 0,
+    ) -> None:
+        if (x is None) == (xdot is None):
+            raise ValueError(f"exactly one of x and xdot must be given, got {x!r} and {xdot!r}")
+        self.x = None if x is None else finite("x", x)
+        self.xdot = None if xdot is None else finite("xdot", xdot)
+        self.terminal, self.direction = terminal, direction
+
+    @property
+    def _level(self) -> tuple[bool, float]:
+        return (False, self.x) if self.x is not None else (True, cast(float, self.xdot))
+
+    def __call__(self, t: float, x: float, xdot: float) -> float:
+        """Signed distance from the level."""
+        of_velocity, value = self._level
+        return xdot - value if of_velocity else x - value
+
+    def __repr__(self) -> str:
+        name, value = ("xdot", self.xdot) if self.x is None else ("x", self.x)
+        return f"Level({name}={value}, terminal={self.terminal}, direction={self.direction})"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,11 +87,14 @@ class Event:
         1: only from negative to positive; -1: only the other way; 0: both.
     terminal : int or None
         The run ends at the event of this number.
+    level : (bool, float) or None
+        For a `Level`: whether it is one of the velocity, and which.
     """
 
     function: Callable[[float, float, float], float]
     direction: int
     terminal: int | None
+    level: tuple[bool, float] | None = None
 
     def counts(self, before: float, after: float) -> bool:
         """Whether going from `before` to `after` reaches zero in the wanted direction."""
@@ -74,7 +134,8 @@ def _event(k: int, function: Any) -> Event:
         raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
     # no numpy.sign, which takes neither a bool nor an integer beyond 64 bits
     sign = int(direction > 0) - int(direction < 0)  # type: ignore[operator]
-    return Event(_of_three(function), sign, int(terminal or 0) or None)
+    level = function._level if isinstance(function, Level) else None
+    return Event(_of_three(function), sign, int(terminal or 0) or None, level)
 
 
 def _is_count(value: Any) -> bool:

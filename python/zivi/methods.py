@@ -283,7 +283,7 @@ class SwitchedRK:
             state=course.y0,
             t_eval=course.t_eval,
             tstops=course.tstops,
-            events=[(e.function, e.direction, e.terminal) for e in course.events],
+            events=[(e.function, e.direction, e.terminal, e.level) for e in course.events],
             dense=course.dense,
             drawn=course.drawn,
             progress=course.report,

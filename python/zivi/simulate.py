@@ -77,7 +77,7 @@ def simulate(
         zero at the start is no event. A method of fixed steps computes its whole span first, but
         what its force raises after a terminal event does not matter. The function is looked at a
         few times in a step: two changes of sign shortly after one another are overlooked unless
-        ``max_step`` is short.
+        ``max_step`` is short, but for a `Level`, of which none is.
     dense_output : bool
         Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
         `SwitchedRK` takes less memory and fewer evaluations.

@@ -5,7 +5,8 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::{
-    DensePath, Direction, Motion, Order, Output, Physical, SwitchedRk, SwitchedRun, UserEvent,
+    DensePath, Direction, Level, Motion, Order, Output, Physical, SwitchedRk, SwitchedRun,
+    UserEvent,
 };
 use zivi_core::{transform, Branch};
 
@@ -43,10 +44,11 @@ pub(crate) fn check_switched_rk(given: Settings) -> PyResult<()> {
     settings(given).map(drop)
 }
 
-/// An event of the user: function, direction, number of the event that ends the run.
-type EventSpec<'py> = (Bound<'py, PyAny>, i32, Option<usize>);
+/// An event of the user: function, direction, number of the event that ends the run, level (of the
+/// velocity or the position, and which).
+type EventSpec<'py> = (Bound<'py, PyAny>, i32, Option<usize>, Option<(bool, f64)>);
 
-fn event<'py>((function, direction, terminal): EventSpec<'py>) -> UserEvent<'py, PyErr> {
+fn event<'py>((function, direction, terminal, level): EventSpec<'py>) -> UserEvent<'py, PyErr> {
     let direction = match direction {
         0 => Direction::Either,
         below if below < 0 => Direction::Falling,
@@ -59,7 +61,11 @@ fn event<'py>((function, direction, terminal): EventSpec<'py>) -> UserEvent<'py,
             PyTypeError::new_err(format!("an event function must return a float, got {kind}"))
         })
     };
-    UserEvent { direction, terminal, ..UserEvent::new(call) }
+    let level = level.map(|(of_velocity, value)| match of_velocity {
+        true => Level::Velocity(value),
+        false => Level::Position(value),
+    });
+    UserEvent { direction, terminal, level, ..UserEvent::new(call) }
 }
 
 /// A run of the switched method.

@@ -58,7 +58,7 @@ pub use moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use status::Status;
 pub use summary::{Keep, Summary};
 pub use switched_rk::{
-    simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Motion,
+    simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Level, Motion,
     MotionError, Occurrence, Order, Output, PathPoint, SwitchedIntegrator, SwitchedRk, SwitchedRun,
     Tail, UserEvent,
 };

@@ -156,6 +156,27 @@ impl Bernstein {
         self.search(0.0, 1.0, DEPTH)
     }
 
+    /// The points of `(0, 1)` at which the polynomial less `level` reaches zero to change its sign
+    /// there, ascending: none is missed, as in [`Bernstein::first_negative`].
+    pub(super) fn crossings(mut self, level: f64) -> Vec<f64> {
+        self.add(-level);
+        let (mut p, mut start, mut all) = (self, 0.0, Vec::new());
+        while p.n > 0 {
+            if p.c[0] == 0.0 {
+                // divided out, it is not found again
+                p = p.without_root_at_zero();
+                continue;
+            }
+            let above = if p.starts_negative() { p.negated() } else { p };
+            let Some(theta) = above.first_negative() else { break };
+            start += theta * (1.0 - start);
+            all.push(start);
+            p = above.split(theta).1;
+            p.c[0] = 0.0;
+        }
+        all
+    }
+
     /// The same for the part over `[start, start + width]` of the whole.
     fn search(&self, start: f64, width: f64, depth: u32) -> Option<f64> {
         if self.starts_negative() {
@@ -268,6 +289,20 @@ mod tests {
             let found = dip.first_negative().unwrap();
             assert!((found - (0.3 - w)).abs() < 1e-2 * w, "{w}: {found}");
         }
+    }
+
+    #[test]
+    fn all_crossings_of_a_level_are_found() {
+        let p = through(|x| (x - 0.1) * (x - 0.1001) * (x - 0.6) * (x - 0.9) + 0.3, 4);
+        let found = p.crossings(0.3);
+        let exact = [0.1, 0.1001, 0.6, 0.9];
+        let near = |a: &f64, b: &f64| (a - b).abs() < 1e-9;
+        assert!(exact.iter().all(|a| found.iter().any(|b| near(a, b))), "{found:?}");
+        assert!(found.iter().all(|a| exact.iter().any(|b| near(a, b))), "{found:?}");
+        // a touch is none, and neither is a zero at an end
+        assert!(Bernstein::new(&[1.0, -1.0, 1.0]).crossings(0.0).is_empty());
+        assert!(Bernstein::new(&[0.0, 1.0]).crossings(0.0).is_empty());
+        assert!(Bernstein::new(&[-1.0, 0.0]).crossings(0.0).is_empty());
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::collections::TryReserveError;
 
 use super::bernstein::{evaluate, Bernstein, MOST_DEGREE};
 use super::tail::Tail;
+use super::watch::Level;
 use crate::room::Reserve;
 
 /// A state at some time, and on which branch of the transform it lies.
@@ -32,6 +33,17 @@ impl Curve {
         let theta = theta(t, self.start, self.h);
         let (x, xdot) = (self.x.at(theta).max(0.0), self.xdot.at(theta));
         PathPoint { x, xdot, sigma: self.sigma }
+    }
+}
+
+impl Curve {
+    /// When a level is crossed, up to `end`.
+    pub(super) fn crossings(&self, level: Level, end: f64) -> Vec<f64> {
+        let all = match level {
+            Level::Position(c) => self.x.crossings(c),
+            Level::Velocity(c) => self.xdot.crossings(c),
+        };
+        all.iter().map(|theta| (self.start + theta * self.h).min(end)).collect()
     }
 }
 

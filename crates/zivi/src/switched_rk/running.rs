@@ -220,7 +220,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
                 Some(contact) if t >= end.0 => contact,
                 _ => curve.at(t),
             };
-            let stop = self.watch.along(from.t, end.0, at);
+            let stop = self.watch.along(from.t, end.0, at, |it| curve.crossings(it, end.0));
             let until = until(&stop, end.0);
             self.samples.along(until, |t| curve.at(t));
             unless_terminal(stop)?;
@@ -266,7 +266,9 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         let (mut t, mut next) = (tail.start(), tail.arc(0));
         for m in 1..=ARCS {
             let Some(arc) = next else { break };
-            if let Some(stop) = self.watch.along(arc.start, arc.end, |t| arc.at(t))? {
+            if let Some(stop) =
+                self.watch.along(arc.start, arc.end, |t| arc.at(t), |it| arc.crossings(it))?
+            {
                 return Ok(Some(stop));
             }
             (t, next) = (arc.end, tail.arc(m));
@@ -275,7 +277,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
                 return Ok(Some(stop));
             }
         }
-        self.watch.along(t, end.0, |_| end.1)
+        self.watch.along(t, end.0, |_| end.1, |_| Vec::new())
     }
 
     fn rest(&mut self, from: f64, lifted: bool) -> Result<(), Ending<E>> {
@@ -316,7 +318,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         for piece in 1..=pieces {
             let part = piece as f64 / pieces as f64;
             let next = if piece == pieces { end.0 } else { from + part * (end.0 - from) };
-            if let Some(stop) = self.watch.along(t, next, |_| end.1)? {
+            if let Some(stop) = self.watch.along(t, next, |_| end.1, |_| Vec::new())? {
                 return Ok(Some(stop));
             }
             t = next;

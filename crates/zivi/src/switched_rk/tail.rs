@@ -10,9 +10,11 @@
 //! of the chain (`m <= 0`). On the arc `[T(m), T(m+1)]` the position is the cubic with `x = 0` at
 //! both ends and the velocities `U(m)` and `-U(m+1)/e` there.
 
+use super::bernstein::Bernstein;
 use super::chain::Chain;
 use super::numbers::is_side;
 use super::path::PathPoint;
+use super::watch::Level;
 use crate::Impact;
 
 /// Most terms of (1).
@@ -58,6 +60,19 @@ impl TailArc {
         let theta = ((t - self.start) / h).clamp(0.0, 1.0);
         let (u, w) = (self.u, self.incoming);
         (u * (6.0 * theta - 4.0) + w * (6.0 * theta - 2.0)) / h
+    }
+}
+
+impl TailArc {
+    /// When a level is crossed.
+    pub(super) fn crossings(&self, level: Level) -> Vec<f64> {
+        let h = self.end - self.start;
+        let (u, w) = (self.u, self.incoming);
+        let all = match level {
+            Level::Position(c) => Bernstein::hermite((0.0, h * u), (0.0, h * w)).crossings(c),
+            Level::Velocity(c) => Bernstein::new(&[u, -(u + w), w]).crossings(c),
+        };
+        all.iter().map(|theta| (self.start + theta * h).min(self.end)).collect()
     }
 }
 

@@ -18,6 +18,16 @@ pub enum Direction {
     Rising,
 }
 
+/// A level that an event waits for: its crossings are the roots of the polynomials of the motion,
+/// found like impacts, without a look that could miss them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Level {
+    /// `x` reaches this distance (m).
+    Position(f64),
+    /// `x'` reaches this velocity (m/s).
+    Velocity(f64),
+}
+
 /// A function `g(t, x, x')` of which `E` is the error it may raise.
 pub type EventFunction<'a, E> = Box<dyn FnMut(f64, f64, f64) -> Result<f64, E> + 'a>;
 
@@ -36,12 +46,31 @@ pub struct UserEvent<'a, E> {
     pub direction: Direction,
     /// The run ends at the event of this number (1 for the first), if any.
     pub terminal: Option<usize>,
+    /// The level whose crossings the function tells, if it is that simple.
+    pub level: Option<Level>,
 }
 
 impl<'a, E> UserEvent<'a, E> {
     /// An event in both directions that does not end the run.
     pub fn new(function: impl FnMut(f64, f64, f64) -> Result<f64, E> + 'a) -> Self {
-        Self { function: Box::new(function), direction: Direction::Either, terminal: None }
+        Self {
+            function: Box::new(function),
+            direction: Direction::Either,
+            terminal: None,
+            level: None,
+        }
+    }
+
+    /// An event where the motion crosses a level.
+    #[must_use]
+    pub fn at_level(level: Level) -> Self {
+        let distance = move |_: f64, x: f64, xdot: f64| {
+            Ok(match level {
+                Level::Position(c) => x - c,
+                Level::Velocity(c) => xdot - c,
+            })
+        };
+        Self { level: Some(level), ..Self::new(distance) }
     }
 }
 
@@ -108,6 +137,7 @@ impl<'e, 'a, E> Watch<'e, 'a, E> {
         from: f64,
         to: f64,
         motion: impl Fn(f64) -> PathPoint,
+        crossings: impl Fn(Level) -> Vec<f64>,
     ) -> Result<Option<EventHit>, E> {
         let mut found: Vec<(f64, usize)> = Vec::new();
         for (i, event) in self.events.iter_mut().enumerate() {
@@ -116,6 +146,27 @@ impl<'e, 'a, E> Watch<'e, 'a, E> {
                 (event.function)(t, point.x, point.xdot)
             };
             let mut before = (from, self.values[i]);
+            if let Some(level) = event.level {
+                // the sign between two crossings is that in the middle
+                let mut start = from;
+                let ends = crossings(level);
+                for t in ends.iter().copied().chain(Some(to)) {
+                    let empty = start >= t;
+                    let after = if empty { before.1 } else { value_at(0.5 * (start + t))? };
+                    if changes(before.1, after, event.direction) {
+                        found.push((start, i));
+                    }
+                    (before, start) = ((t, after), t);
+                }
+                let last = value_at(to)?;
+                if ends.last() == Some(&to) && changes(before.1, 0.0, event.direction) {
+                    found.push((to, i));
+                    self.values[i] = 0.0;
+                } else {
+                    self.values[i] = if last == 0.0 { before.1 } else { last };
+                }
+                continue;
+            }
             for part in 1..=PARTS {
                 let t = from + f64::from(part) / f64::from(PARTS) * (to - from);
                 let t = if part == PARTS { to } else { t };
