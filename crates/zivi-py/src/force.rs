@@ -163,6 +163,13 @@ impl<E> Force<E> for NativeForce {
             other => Force::<E>::dependence(other),
         }
     }
+
+    fn is_plain_at_rest(&self) -> bool {
+        match self {
+            Self::Linear(force) => Force::<E>::is_plain_at_rest(force),
+            other => Force::<E>::dependence(other) == Dependence::Constant,
+        }
+    }
 }
 
 impl Force<PyErr> for ForceSpec<'_> {
@@ -187,6 +194,13 @@ impl Force<PyErr> for ForceSpec<'_> {
         match self {
             Self::Linear(force) => Force::<PyErr>::dependence_at_rest(force),
             other => other.dependence(),
+        }
+    }
+
+    fn is_plain_at_rest(&self) -> bool {
+        match self {
+            Self::Linear(force) => Force::<PyErr>::is_plain_at_rest(force),
+            other => other.dependence() == Dependence::Constant,
         }
     }
 

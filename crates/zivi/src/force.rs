@@ -29,6 +29,12 @@ pub trait Force<E> {
         self.dependence()
     }
 
+    /// Whether that force is known to hold no surprise between the looks that its variation asks
+    /// for, such as a pulse: a harmonic does not.
+    fn is_plain_at_rest(&self) -> bool {
+        self.dependence_at_rest() == Dependence::Constant
+    }
+
     /// Whether an error has nothing to do with the state (an interruption): behind the wall the
     /// force is then not asked again at the wall.
     fn is_interruption(&self, _error: &E) -> bool {
@@ -95,6 +101,10 @@ impl<E> Force<E> for LinearForce {
         } else {
             Dependence::Constant
         }
+    }
+
+    fn is_plain_at_rest(&self) -> bool {
+        true
     }
 }
 

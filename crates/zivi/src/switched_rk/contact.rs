@@ -40,7 +40,7 @@ const SHORTEST: f64 = 1e-6;
 /// `(sqrt(5) - 1)/2`
 const GOLDEN: f64 = 0.618_033_988_749_895;
 
-/// Further looks between now and the farthest end of a window; the most in one window, where the
+/// Further looks between the start of a rest and its farthest end; the most in one window, where the
 /// force is known to vary fast.
 const PROBES: f64 = 64.0;
 const MOST_PROBES: f64 = 1024.0;
@@ -122,6 +122,8 @@ pub(super) struct Lookout {
     /// Whether there are more looks than those of a window: not where a controller looks anew at
     /// the start of each of its periods.
     pub(super) probing: bool,
+    /// The farthest end of this rest when it began (s): probes are spread over it.
+    pub(super) horizon: f64,
     /// Up to here the probes showed nothing (s).
     pub(super) clear: f64,
     /// No window goes beyond this time, at which a probe showed that the force varies (s).
@@ -133,7 +135,9 @@ pub(super) struct Lookout {
 impl Default for Lookout {
     fn default() -> Self {
         let (clear, suspect, spacing) = (f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY);
-        Self { length: None, longest: 0.0, largest: 0.0, probing: false, clear, suspect, spacing }
+        let (length, probing) = (None, false);
+        let (longest, largest, horizon) = (0.0, 0.0, 0.0);
+        Self { length, longest, largest, probing, horizon, clear, suspect, spacing }
     }
 }
 
@@ -154,7 +158,7 @@ impl Lookout {
         if first > 0.0 {
             return Ok(Window::LiftOff(t));
         }
-        let horizon = (until - t).min(longest);
+        self.horizon = self.horizon.max(until - t);
         let until = if self.suspect > t { until.min(self.suspect) } else { until };
         let mut length = self.length.unwrap_or(until - t).min(longest).min(until - t);
         let shortest = (SHORTEST * self.longest).max(32.0 * f64::EPSILON * t.abs());
@@ -167,7 +171,7 @@ impl Lookout {
                     break fit;
                 }
                 if !(fit.is_poor() || fit.is_undecided()) {
-                    match self.probe(t, (length, horizon), &fit, &mut phi)? {
+                    match self.probe(t, length, &fit, &mut phi)? {
                         Some(shorter) => length = shorter,
                         None => break fit,
                     }
@@ -202,14 +206,14 @@ impl Lookout {
     fn probe<E>(
         &mut self,
         t: f64,
-        (length, horizon): (f64, f64),
+        length: f64,
         fit: &Fit,
         phi: &mut impl FnMut(f64) -> Result<f64, E>,
     ) -> Result<Option<f64>, E> {
         if !(self.probing && fit.is_very_good()) || t + length <= self.clear {
             return Ok(None);
         }
-        let spacing = self.spacing.min(horizon / PROBES);
+        let spacing = self.spacing.min(self.horizon / PROBES);
         let (mut end, mut shorter) = (length, None);
         loop {
             let n = (end / spacing.min(self.spacing)).ceil().clamp(1.0, MOST_PROBES);

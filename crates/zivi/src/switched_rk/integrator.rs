@@ -365,6 +365,7 @@ impl SwitchedIntegrator {
         const PART: f64 = 1e-2;
         self.mode = Mode::Flight;
         (self.armed, self.steps) = (false, 0);
+        self.lookout.horizon = 0.0;
         if smoothly {
             self.h = self.lookout.length.map(|length| PART * length);
         }

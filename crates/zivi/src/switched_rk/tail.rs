@@ -176,7 +176,7 @@ impl Tail {
     pub(super) fn arc(&self, m: usize) -> Option<TailArc> {
         let n = m as f64;
         let (start, end) = (self.time(n), self.time(n + 1.0).min(self.zeno));
-        let sigma = if m % 2 == 0 { self.sigma } else { -self.sigma };
+        let sigma = if m.is_multiple_of(2) { self.sigma } else { -self.sigma };
         let incoming = -self.speed(n + 1.0) / self.e;
         let arc = TailArc { start, end, u: self.speed(n), incoming, sigma };
         (end > start && arc.u > 0.0 && incoming < 0.0).then_some(arc)
