@@ -1,6 +1,8 @@
 """What an error says: it names the right argument, result or method, above all to SciPy's users."""
 
+import functools
 import inspect
+import pickle
 
 import numpy as np
 import pytest
@@ -94,6 +96,130 @@ def test_a_name_as_method_of_a_closed_loop():
 def test_the_order_of_solve_ivp_is_recognised(first, advice):
     rest = (BALL, START) if first is SPAN else (SPAN, START)
     assert advice in message(TypeError, zivi.simulate, first, *rest)
+
+
+def of_state(t, y):
+    return -9.81 - 0.3 * y[1] - 2.0 * y[0] + np.sin(t)
+
+
+def of_numbers(t, x, xdot):
+    return -9.81 - 0.3 * xdot - 2.0 * x + np.sin(t)
+
+
+class Law:
+    """A force with two arguments beside itself."""
+
+    def __call__(self, t, y):
+        assert y.shape == (2,)
+        return of_state(t, y)
+
+
+def with_parameter(t, y, *, drag=0.3):
+    return of_state(t, y) + (0.3 - drag) * y[1]
+
+
+FORMS = {
+    "a function": of_state,
+    "a method": Law().__call__,
+    "an object": Law(),
+    "a parameter by keyword": with_parameter,
+    "a partial": functools.partial(lambda t, y, k: of_state(t, y) + k * y[1], k=0.0),
+    "three": of_numbers,
+    "three and a default": lambda t, x, xdot, k=2.0: of_numbers(t, x, xdot) + (2.0 - k) * x,
+    "any number": lambda *state: of_numbers(*state),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_force_of_time_and_state(form):
+    """All forms are one force: not a bit differs."""
+    expected = zivi.simulate(zivi.ImpactSystem(of_numbers, e=0.5), SPAN, START)
+    sol = zivi.simulate(zivi.ImpactSystem(FORMS[form], e=0.5), SPAN, START)
+    np.testing.assert_array_equal(sol.x, expected.x)
+    np.testing.assert_array_equal(sol.xdot, expected.xdot)
+
+
+def test_forces_of_a_closed_loop_take_a_state_too():
+    tracker = zivi.TwistingTracker(30, 17, h=1e-2, e=0.5)
+    settings = {"t_span": (0, 0.2), "y0": (1, 0), "y_ref0": (1, 0)}
+    plants = (zivi.ImpactSystem(force, e=0.5) for force in (of_state, of_numbers))
+    one, other = (
+        zivi.simulate_closed_loop(plant, tracker, **settings, force_model=f, force_ref=f)
+        for plant, f in zip(plants, (of_state, of_numbers), strict=True)
+    )
+    np.testing.assert_array_equal(one.u, other.u)
+
+
+@pytest.mark.parametrize(
+    "wrong", [lambda t: -9.81, lambda t, x, xdot, u: -9.81, lambda: 0.0, lambda t, y, *, k: k]
+)
+def test_a_function_of_other_arguments_is_told_what_is_expected(wrong):
+    for text in (
+        message(TypeError, zivi.ImpactSystem, wrong, e=0.5),
+        message(TypeError, zivi.simulate, BALL, SPAN, START, events=wrong),
+    ):
+        assert "must be a function of (t, x, xdot), or of (t, y) with y = [x, xdot]" in text
+        assert "got a lambda(" in text
+
+
+def test_an_optional_third_argument_is_not_guessed():
+    text = message(TypeError, zivi.ImpactSystem, lambda t, y, g=9.81: -g, e=0.5)
+    assert "functools.partial" in text
+    partial = functools.partial(lambda t, y, g: -g, g=9.81)
+    assert zivi.simulate(zivi.ImpactSystem(partial, e=0.5), SPAN, START).rest_time is not None
+
+
+def test_a_force_that_returns_the_derivative_of_the_state_is_told():
+    text = message(TypeError, zivi.simulate, zivi.ImpactSystem(of_scipy, e=0.5), SPAN, START)
+    assert "got <class 'list'>: the acceleration alone, not [xdot, acceleration]" in text
+
+
+def test_a_system_with_a_force_of_a_state_can_be_pickled():
+    system = zivi.ImpactSystem(of_state, e=0.3, wall=zivi.HarmonicWall(0.01, 60.0))
+    twin = pickle.loads(pickle.dumps(system))
+    assert (twin.force, twin.e, twin.kappa, twin.wall) == (
+        *(system.force, system.e, system.kappa),
+        system.wall,
+    )
+    expected = zivi.simulate(system, SPAN, START)
+    np.testing.assert_array_equal(zivi.simulate(twin, SPAN, START).x, expected.x)
+
+
+@pytest.mark.slow
+def test_functions_of_numba_are_compiled():
+    numba = pytest.importorskip("numba")
+    three, state = numba.njit(of_numbers), numba.njit(of_state)
+    expected = zivi.simulate(zivi.ImpactSystem(of_numbers, e=0.5), SPAN, START)
+    for force in (three, state):
+        system = zivi.ImpactSystem(force, e=0.5)
+        assert system._spec[0] == "compiled"
+        assert system._spec == zivi.ImpactSystem(force, e=0.2)._spec  # compiled once
+        sol = zivi.simulate(system, SPAN, START)
+        assert sol.rest_time == pytest.approx(expected.rest_time, abs=1e-12)
+        # a batch takes compiled forces only
+        assert zivi.simulate_batch(system, SPAN, [START], method=zivi.SwitchedRK()).nfev[0] > 0
+    assert zivi.ImpactSystem(force.py_func, e=0.5)._spec[0] == "callable"
+
+    @numba.njit
+    def raising(t, x, xdot):
+        if t > 0.2:
+            raise ValueError("beyond the table")
+        return -9.81
+
+    with pytest.raises(ValueError, match="beyond the table") as raised:
+        zivi.simulate(zivi.ImpactSystem(raising, e=0.5), SPAN, START)
+    assert 0.0 < raised.value.trajectory.t[-1] <= 0.2
+
+    @numba.njit
+    def pair(t, y):
+        return y[1], -9.81
+
+    text = message(TypeError, zivi.ImpactSystem, pair, e=0.5)
+    assert "force, a function of numba, does not compile to float64(float64" in text
+    assert "No conversion from UniTuple" in text
+    assert "force.py_func" in text
+    with pytest.raises(TypeError, match="must be a function of"):
+        zivi.ImpactSystem(numba.njit(lambda t: -9.81), e=0.5)
 
 
 def test_states_may_be_arrays():

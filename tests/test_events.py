@@ -418,6 +418,5 @@ def test_any_positive_direction_is_rising(direction):
 
 def test_wrong_number_of_parameters():
     for wrong in (lambda: 0.0, lambda t: t, lambda a, b, c, d: a):
-        with pytest.raises(TypeError, match="positional argument") as caught:
+        with pytest.raises(TypeError, match=r"events\[0\] must be a function of \(t, x, xdot\)"):
             follow(wrong)
-        assert caught.value.trajectory.status == zivi.Status.RAISED

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import itertools
 import math
 import numbers
@@ -13,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from zivi._check import Array, finite
+from zivi._functions import of_three
 from zivi.dense import Path
 
 __all__ = ["Event", "Hits", "Level", "events_of", "locate"]
@@ -135,7 +135,8 @@ def _event(k: int, function: Any) -> Event:
     # no numpy.sign, which takes neither a bool nor an integer beyond 64 bits
     sign = int(direction > 0) - int(direction < 0)  # type: ignore[operator]
     level = function._level if isinstance(function, Level) else None
-    return Event(_of_three(function), sign, int(terminal or 0) or None, level)
+    called = of_three(f"events[{k}]", function, more_than_y=True)
+    return Event(called, sign, int(terminal or 0) or None, level)
 
 
 def _is_count(value: Any) -> bool:
@@ -144,20 +145,6 @@ def _is_count(value: Any) -> bool:
         isinstance(value, float) and value.is_integer()
     )
     return whole and 0 <= int(value) < 2**63
-
-
-def _of_three(function: Any) -> Callable[[float, float, float], float]:
-    """SciPy's ``g(t, y)`` as a function ``g(t, x, xdot)``."""
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):  # a builtin that does not tell
-        return function  # type: ignore[no-any-return]
-    kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    required = [p for p in parameters if p.kind in kinds and p.default is p.empty]
-    variadic = any(p.kind is p.VAR_POSITIONAL for p in parameters)
-    if len(required) != 2 or variadic:
-        return function  # type: ignore[no-any-return]
-    return lambda t, x, xdot: function(t, np.array([x, xdot]))
 
 
 def locate(grid: Array, path: Path, events: Sequence[Event]) -> Hits:

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 
 from zivi import _zivi
 from zivi._check import finite
+from zivi._functions import compiled_by_numba, of_three
 from zivi.transform import coefficients
 from zivi.wall import HarmonicWall, MovingWall
 
@@ -21,7 +22,7 @@ _CFunction = type(ctypes.CFUNCTYPE(None)()).__mro__[1]
 __all__ = ["Force", "ImpactSystem", "LinearForce"]
 
 Force: TypeAlias = "float | LinearForce | Callable[[float, float, float], float] | Any"
-"""A number, a `LinearForce`, a callable ``f(t, x, xdot)`` or a compiled callable."""
+"""A number, a `LinearForce`, a callable ``f(t, x, xdot)`` or ``f(t, y)``, a compiled callable."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,13 +90,15 @@ class ImpactSystem:
     ----------
     force : float, LinearForce or callable
         Force per unit mass, an acceleration (m/s^2): a number; a `LinearForce`; a callable
-        ``f(t, x, xdot) -> float``; or a compiled callable of the C signature
+        ``f(t, x, xdot) -> float``, or, if it has two arguments, ``f(t, y)`` with an array
+        ``y = [x, xdot]``; or a compiled callable of the C signature
         ``double (double t, double x, double xdot)``, run without the interpreter: a
-        `scipy.LowLevelCallable`, a numba ``@cfunc`` or a `ctypes` function pointer. A compiled
-        callable that has no value returns NaN, which ends the run; what it raises (in ctypes or
-        numba) counts as NaN and is raised by the run. The ``user_data`` of a `LowLevelCallable`
-        is passed as a fourth argument, ``void *``, if the signature has one; nothing is checked
-        there, and it must live as long as the system.
+        `scipy.LowLevelCallable`, a numba ``@cfunc`` or a `ctypes` function pointer. A function of
+        numba's ``@njit``, of either form, is compiled to one. A compiled callable that has no
+        value returns NaN, which ends the run; what it raises (in ctypes or numba) counts as NaN
+        and is raised by the run. The ``user_data`` of a `LowLevelCallable` is passed as a fourth
+        argument, ``void *``, if the signature has one; nothing is checked there, and it must live
+        as long as the system.
     e : float, optional
         Coefficient of restitution in [0, 1]: 0 plastic, 1 elastic.
     kappa : float, optional
@@ -121,12 +124,15 @@ class ImpactSystem:
         If not exactly one of `e` and `kappa` is given, or it is out of range, or a number
         `force` is not finite.
     TypeError
-        If `force` is none of the above, or a compiled callable of another signature.
+        If `force` is none of the above, takes other arguments, or does not compile.
 
     Examples
     --------
     >>> zivi.ImpactSystem(-9.81, e=0.5)
     ImpactSystem(force=-9.81, e=0.5, kappa=0.3333333333333333)
+    >>> spring = zivi.ImpactSystem(lambda t, y: 1.0 - 4.0 * y[0], e=0.5)
+    >>> float(zivi.simulate(spring, (0, 1), (0.25, 0)).x[-1])  # in equilibrium
+    0.25
     """
 
     __slots__ = ("_e", "_force", "_kappa", "_owner", "_spec", "_wall")
@@ -141,14 +147,24 @@ class ImpactSystem:
     ) -> None:
         self._e, self._kappa = coefficients(e, kappa)
         self._force = force
-        # a compiled callable is called through its bare address: its owner must live as long
-        spec, self._owner = force_spec(force)
         if not (wall is None or isinstance(wall, HarmonicWall | MovingWall)):
             raise TypeError(
                 f"wall must be None, a zivi.HarmonicWall or a zivi.MovingWall, got {wall!r}"
             )
         self._wall = wall
+        self._prepare()
+
+    def _prepare(self) -> None:
+        # a compiled callable is called through its bare address: its owner must live as long
+        spec, self._owner = force_spec(self._force)
         self._spec = in_wall_frame(self, spec)
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        return self._force, self._e, self._kappa, self._wall
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        self._force, self._e, self._kappa, self._wall = state
+        self._prepare()  # an address is of this process
 
     @property
     def force(self) -> Force:
@@ -195,10 +211,12 @@ def force_spec(force: Any, name: str = "force") -> tuple[tuple[Any, ...], object
     if hasattr(force, "address") and isinstance(getattr(force, "ctypes", None), _CFunction):
         return ("compiled", _ctypes_address(force.ctypes, name), None), force
     if callable(force):
-        return ("callable", force), None
+        if (code := compiled_by_numba(force, name)) is not None:
+            return ("compiled", code.address, None), code
+        return ("callable", of_three(name, force, more_than_y=False)), None
     raise TypeError(
-        f"{name} must be a number, a zivi.LinearForce, a callable f(t, x, xdot) or a compiled "
-        f"callable (scipy.LowLevelCallable, numba cfunc), got {type(force).__name__}"
+        f"{name} must be a number, a zivi.LinearForce, a callable f(t, x, xdot) or f(t, y), or a "
+        f"compiled callable (scipy.LowLevelCallable, numba cfunc), got {type(force).__name__}"
     )
 
 

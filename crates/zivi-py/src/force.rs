@@ -316,7 +316,11 @@ impl Force<PyErr> for PythonForce<'_> {
         let value = self.callable.call1((t, x, xdot))?;
         value.extract().map_err(|error| {
             let kind = value.get_type();
-            let message = format!("force(t, x, xdot) must return a float, got {kind}");
+            let alone = match value.len() {
+                Ok(2) => ": the acceleration alone, not [xdot, acceleration]",
+                _ => "",
+            };
+            let message = format!("force(t, x, xdot) must return a float, got {kind}{alone}");
             let named = PyTypeError::new_err(message);
             named.set_cause(value.py(), Some(error));
             named
