@@ -262,3 +262,44 @@ def apex(t, x, xdot):
 
 
 apex.terminal = True
+
+
+TRACKER = zivi.TwistingTracker(30, 17, h=1e-2, e=0.5)
+RUNS = {
+    "trajectory": lambda: zivi.simulate(BALL, SPAN, START),
+    "loop": lambda: zivi.simulate_closed_loop(BALL, TRACKER, (0, 0.1), START),
+    "batch": lambda: zivi.simulate_batch(BALL, SPAN, [START], method=zivi.SwitchedRK()),
+    "list": lambda: [zivi.simulate(BALL, SPAN, START)],
+    "array": lambda: np.zeros(3),
+}
+
+
+@pytest.mark.parametrize(
+    ("plot", "run", "text"),
+    [
+        ("signs", "trajectory", "draws a zivi.ClosedLoop, got Trajectory: use zivi.plot.multip"),
+        ("control", "trajectory", "got Trajectory: a trajectory has no control, zivi.simulate_cl"),
+        ("multipliers", "loop", "draws a zivi.Trajectory, got ClosedLoop: use zivi.plot.signs"),
+        ("poincare", "loop", "got ClosedLoop: section='impacts' draws every run"),
+        ("position", "batch", "zivi.Trajectory or a zivi.ClosedLoop, got Batch: a batch keeps no"),
+        ("overview", "batch", "zivi.plot.overview draws a"),
+        ("animate", "batch", "zivi.plot.animate draws a"),
+        ("velocity", "list", "got list: draw one run after the other into the same axes, ax="),
+        ("phase_plane", "array", "zivi.plot.phase_plane draws a zivi.Trajectory or a zivi.Closed"),
+        ("lifted", "array", "zivi.plot.lifted draws a zivi.Trajectory, got ndarray"),
+    ],
+)
+def test_a_plot_of_the_wrong_result_names_the_right_one(plot, run, text):
+    import matplotlib.pyplot as plt
+
+    more = {"period": 1.0} if plot == "poincare" else {}
+    assert text in message(TypeError, getattr(zivi.plot, plot), RUNS[run](), **more)
+    assert not plt.get_fignums()  # refused before a figure is opened
+
+
+def test_what_a_plot_advises_works():
+    trajectory, loop = RUNS["trajectory"](), RUNS["loop"]()
+    zivi.plot.multipliers(trajectory)
+    zivi.plot.signs(loop)
+    falling = zivi.simulate_closed_loop(BALL, TRACKER, (0, 1), START)
+    zivi.plot.poincare(falling, 0.1, section="impacts")

@@ -6,6 +6,7 @@ colour. Further keywords go to `matplotlib.axes.Axes.plot`.
 
 curves            over time, and velocity over position
 section           points of a Poincare section
+runs              which runs a plot can draw
 panels            several of them in one figure
 animation         the motion as a film
 """

@@ -11,6 +11,7 @@ from zivi._check import finite
 from zivi._curve import line_of
 from zivi._extras import needed
 from zivi.plot.look import BLUE, GREEN, WALL, figure_of, has_reference, in_frame, wall_of
+from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -66,6 +67,7 @@ def animate(
     >>> film.to_jshtml().strip()[:5]  # in a notebook; film.save("ball.gif") writes a file
     '<link'
     """
+    check_run("animate", run)
     times = _times(run, finite("speed", speed), finite("fps", fps))
     library = needed("matplotlib.animation", "animations")
     scene = _Scene(run, times, figure_of(figure, 8.0, 4.0))

@@ -20,6 +20,7 @@ from zivi.plot.look import (
     next_colour,
     wall_of,
 )
+from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,6 +61,7 @@ def position(
     >>> zivi.plot.position(sol).get_ylabel()
     'position $x$ (m)'
     """
+    check_run("position", sol)
     ax = axes_of(ax)
     curve = line_of(sol)
     x, _ = in_frame(sol, frame, curve.t, curve.x, curve.xdot)
@@ -84,6 +86,7 @@ def velocity(
 
     Parameters and return value as for `position`, `frame` too.
     """
+    check_run("velocity", sol)
     ax = axes_of(ax)
     curve = line_of(sol)
     _, xdot = in_frame(sol, frame, curve.t, curve.x, curve.xdot)
@@ -102,6 +105,7 @@ def lifted(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
 
     Parameters and return value as for `position`.
     """
+    check_run("lifted", sol, needs="s", of="Trajectory")
     ax = axes_of(ax)
     curve = line_of(sol)
     ax.plot(curve.t, curve.s, **_look(ax, BLUE, "$s$ (m)", line))
@@ -118,6 +122,7 @@ def multipliers(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
 
     Parameters and return value as for `position`.
     """
+    check_run("multipliers", sol, needs="lambda_s", of="Trajectory")
     ax = axes_of(ax)
     ax.step(sol.t, sol.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
     ax.step(sol.t, sol.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
@@ -139,6 +144,7 @@ def phase_plane(
     Parameters and return value as for `position`, `frame` too; `coordinates` are transformed by
     default for a trajectory, physical for a closed loop.
     """
+    check_run("phase_plane", sol)
     ax = axes_of(ax)
     curve = line_of(sol)
     chosen = coordinates or ("lifted" if curve.s.size else "physical")
@@ -182,6 +188,7 @@ def control(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
     -------
     matplotlib.axes.Axes
     """
+    check_run("control", run, needs="u", of="ClosedLoop")
     ax = axes_of(ax)
     ax.step(run.t, run.u, where="post", **_look(ax, ORANGE, "$u$", line))
     ax.set(xlabel="time $t$ (s)", ylabel="control $u$ (m/s$^2$)")
@@ -204,6 +211,7 @@ def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
 
     Parameters and return value as for `control`.
     """
+    check_run("signs", run, needs="signs", of="ClosedLoop")
     ax = axes_of(ax)
     for values, (label, (color, style)) in zip(run.signs.T, SIGN_LINES.items(), strict=True):
         if not np.all(np.isnan(values)):

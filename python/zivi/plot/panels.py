@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from zivi.plot.curves import control, lifted, phase_plane, position, signs, velocity
 from zivi.plot.look import figure_of
+from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,6 +42,7 @@ def overview(run: Trajectory | ClosedLoop, figure: Figure | None = None) -> Figu
     >>> len(zivi.plot.overview(zivi.simulate(ball, (0, 3), (1, 0))).axes)
     4
     """
+    check_run("overview", run)
     figure = figure_of(figure, 9.0, 6.0)
     drawings: list[Callable[..., Axes]] = [position, velocity]
     if hasattr(run, "u"):

@@ -9,6 +9,7 @@ import numpy as np
 
 from zivi._check import finite, whole
 from zivi.plot.look import BLUE, axes_of, labels, next_colour
+from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,12 +65,14 @@ def poincare(
     >>> zivi.plot.poincare(sol, 2 * 3.141592653589793 / 25.0, skip=10).get_ylabel()
     'velocity $\\dot x$ (m/s)'
     """
+    by_period = section == "period"
+    check_run("poincare", sol, needs="__call__" if by_period else None, of="Trajectory")
     period, phase = finite("period", period), finite("phase", phase)
     if not period > 0.0:
         raise ValueError(f"period must be > 0, got {period}")
     if whole("skip", skip) < 0:
         raise ValueError(f"skip must be >= 0, got {skip}")
-    if section == "period":
+    if by_period:
         across, along = _strobe(sol, period, phase)
         named = labels(sol, "wall")
     elif section == "impacts":
