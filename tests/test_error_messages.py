@@ -303,3 +303,103 @@ def test_what_a_plot_advises_works():
     zivi.plot.signs(loop)
     falling = zivi.simulate_closed_loop(BALL, TRACKER, (0, 1), START)
     zivi.plot.poincare(falling, 0.1, section="impacts")
+
+
+class Spring:
+    """A controller of the user without a reference."""
+
+    h = 1e-2
+
+    def step(self, x, xdot, force):
+        return 40.0 * (0.5 - x) - 6.0 * xdot - force
+
+
+class Timed(Spring):
+    def __init__(self):
+        self.times = []
+
+    def step(self, x, xdot, force, t):
+        self.times.append(t)
+        return super().step(x, xdot, force)
+
+
+class TimedByName(Timed):
+    def step(self, x, xdot, force, *, t=-1.0):
+        return super().step(x, xdot, force, t)
+
+
+class PositionOnly(Spring):
+    """It has a reference, of which it tells the position alone."""
+
+    x_ref = 0.5
+
+
+class Following(PositionOnly):
+    xdot_ref = 0.25
+
+    def step(self, x, xdot, force, force_ref, t):
+        return super().step(x, xdot, force) + 1e-3 * force_ref + 1e-4 * t
+
+
+def loop_of(controller, t_span=(2, 3), **given):
+    plant = given.pop("plant", BALL)
+    return zivi.simulate_closed_loop(plant, controller, t_span, START, **given)
+
+
+@pytest.mark.parametrize("kind", [Timed, TimedByName])
+def test_a_controller_is_given_the_time_if_it_asks(kind):
+    controller = kind()
+    run = loop_of(controller)
+    np.testing.assert_array_equal(controller.times, run.t[: len(controller.times)])
+    assert len(controller.times) in (len(run.t), len(run.t) - 1)
+    np.testing.assert_array_equal(run.u, loop_of(Spring()).u)
+
+
+def test_a_reference_may_tell_its_position_alone():
+    run = loop_of(PositionOnly())
+    assert np.all(run.x_ref == 0.5)
+    assert np.all(np.isnan(run.xdot_ref))
+    np.testing.assert_array_equal(run.u, loop_of(Spring()).u)
+    zivi.plot.overview(run)
+    # the force on the reference, which no one wants, is not evaluated at a velocity of NaN
+    drag = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81, damping=0.1), e=0.5)
+    assert loop_of(PositionOnly(), plant=drag).success
+
+
+def test_a_reference_with_its_force_and_the_time():
+    run = loop_of(Following(), force_ref=-3.0)
+    expected = 40.0 * (0.5 - run.x) - 6.0 * run.xdot + 9.81 - 3e-3 + 1e-4 * run.t
+    np.testing.assert_allclose(run.u[:-1], expected[:-1], rtol=0, atol=1e-13)
+    assert np.all(run.xdot_ref == 0.25)
+
+
+def test_what_a_controller_of_the_user_lacks_is_told():
+    assert "force_ref is given, but the step of PositionOnly does not take it" in message(
+        TypeError, loop_of, PositionOnly(), force_ref=-9.81
+    )
+    assert "Following has no method reset(x_ref, xdot_ref)" in message(
+        TypeError, loop_of, Following(), y_ref0=(1, 0)
+    )
+
+    class Blind(Spring):
+        x_ref = 0.5
+
+        def step(self, x, xdot, force, force_ref):
+            return -force
+
+    assert loop_of(Blind()).success  # a constant force needs no velocity
+    drag = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81, damping=0.1), e=0.5)
+    assert "Blind has no xdot_ref" in message(TypeError, loop_of, Blind(), plant=drag)
+
+    class Short(Spring):
+        def step(self, x, xdot):
+            return 0.0
+
+    class Long(Spring):
+        def step(self, x, xdot, force, force_ref):
+            return 0.0
+
+    for kind in (Short, Long):
+        text = message(TypeError, loop_of, kind())
+        assert "controller.step must take (x, xdot, force), then force_ref if it has an at" in text
+        assert f"that of {kind.__name__} takes (x, xdot" in text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import inspect
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,10 +20,12 @@ __all__ = [
     "OURS",
     "check_delay",
     "check_follows",
+    "check_interface",
     "check_method",
     "check_not_negative",
     "described",
     "forces_of",
+    "interface_of",
     "is_ours",
     "motion_of",
     "noise_of",
@@ -131,6 +135,50 @@ def is_ours(controller: Any) -> bool:
         )
         for base in OURS
     )
+
+
+def interface_of(controller: Any) -> dict[str, bool]:
+    """Find what a controller tells of a reference, and what its step takes beside the sample.
+
+    The force of the reference is the fourth argument by position of a controller that has one;
+    the time is an argument that is called ``t``.
+    """
+    follows = hasattr(controller, "x_ref")
+    has = {"x_ref": follows, "xdot_ref": hasattr(controller, "xdot_ref")}
+    try:
+        signature = inspect.signature(controller.step)
+    except (TypeError, ValueError):  # a builtin that does not tell
+        return has | {"force_ref": follows, "t": False}
+    kind = inspect.Parameter
+    t = signature.parameters.get("t")
+    timed = t is not None and t.kind in (kind.POSITIONAL_OR_KEYWORD, kind.KEYWORD_ONLY)
+    named = {"t": 0.0} if timed else {}
+    for count in (4, 3) if follows else (3,):
+        with contextlib.suppress(TypeError):
+            signature.bind(*count * (0.0,), **named)
+            return has | {"force_ref": count == 4, "t": timed}
+    more = "force_ref" if follows else "force_ref if it has an attribute x_ref"
+    raise TypeError(
+        f"controller.step must take (x, xdot, force), then {more}, then t if it wants the time; "
+        f"that of {type(controller).__name__} takes {signature}"
+    )
+
+
+def check_interface(
+    controller: Any, interface: dict[str, bool], spec_ref: tuple[Any, ...], **given: Any
+) -> None:
+    """Refuse what a controller cannot be given; `spec_ref` is the force on its reference."""
+    check_follows(controller, **given)
+    kind = type(controller).__name__
+    if given["force_ref"] is not None and not interface["force_ref"]:
+        raise TypeError(f"force_ref is given, but the step of {kind} does not take it")
+    if given["y_ref0"] is not None and not callable(getattr(controller, "reset", None)):
+        raise TypeError(f"y_ref0 is given, but {kind} has no method reset(x_ref, xdot_ref)")
+    if interface["force_ref"] and not interface["xdot_ref"] and spec_ref[0] != "constant":
+        raise TypeError(
+            f"the force on the reference may depend on its velocity, but {kind} has no xdot_ref: "
+            "add it, or let step take (x, xdot, force) only"
+        )
 
 
 def check_follows(controller: Any, **given: Any) -> None:

@@ -309,7 +309,7 @@ def simulate_closed_loop(
     noise: tuple[_Array, _Array],
     resolution: tuple[float, float],
     delay: int,
-    has_reference: bool,
+    interface: dict[str, bool],
     ours: bool,
     progress: Any = None,
 ) -> LoopRecord: ...

@@ -18,11 +18,12 @@ from zivi._extras import needed
 from zivi._loop_arguments import (
     OURS,
     check_delay,
-    check_follows,
+    check_interface,
     check_method,
     check_not_negative,
     described,
     forces_of,
+    interface_of,
     is_ours,
     motion_of,
     noise_of,
@@ -57,8 +58,32 @@ SIGNS = ("lambda_s", "lambda_v", "lambda_sr", "lambda_vr", "lambda_es", "lambda_
 class Controller(Protocol):
     """Anything that `simulate_closed_loop` can run: a sampling period and a tick.
 
-    With attributes ``x_ref`` and ``xdot_ref`` it has a reference, and ``step`` is called with a
-    fourth argument, the reference's force.
+    What else it has is found at the start of a run:
+
+    - With an attribute ``x_ref`` (m) it has a reference, which the run records; ``xdot_ref`` (m/s)
+      too, NaN without. Its ``step`` may then take a fourth argument, the force on the reference
+      (m/s^2): ``step(x, xdot, force, force_ref)``.
+    - If ``step`` has an argument called ``t``, as in ``step(x, xdot, force, t)``, it is given the
+      time of the sample (s).
+    - A method ``reset(x_ref, xdot_ref)`` is called at the start of a run with ``y_ref0``, which
+      cannot be given without it.
+
+    Nothing else resets it: a controller of the user, unlike zivi's own, is not copied and goes on
+    from where it is.
+
+    Examples
+    --------
+    >>> class Swinging:
+    ...     h = 1e-2
+    ...     x_ref = 0.5
+    ...
+    ...     def step(self, x, xdot, force, t):
+    ...         self.x_ref = 0.5 + 0.1 * np.sin(t + self.h)
+    ...         return 100.0 * (self.x_ref - x) - 20.0 * xdot - force
+    >>> plant = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> run = zivi.simulate_closed_loop(plant, Swinging(), (0, 10), (1, 0))
+    >>> float(abs(run.error[500:]).max().round(2))
+    0.02
     """
 
     @property
@@ -293,10 +318,11 @@ def simulate_closed_loop(
     refuse("simulate_closed_loop", misplaced)
     check_system(system)
     h = period_of(controller)
-    check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
+    interface = interface_of(controller)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
     forces, specs = forces_of(system, force_model, force_ref)
+    check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
     deviations = check_not_negative("noise", noise)
     resolution = check_not_negative("quantization", quantization)
     periods, scheme = check_delay(delay), check_method(method, h)
@@ -335,7 +361,7 @@ def simulate_closed_loop(
             noise=samples,
             resolution=resolution,
             delay=periods,
-            has_reference=hasattr(controller, "x_ref"),
+            interface=interface,
             ours=is_ours(controller),
             progress=bar.report,
         )

@@ -5,7 +5,7 @@ use std::cell::Cell;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{IntoPyDict, PyTuple};
 use zivi::closed_loop::{Controller, Forces, Loop, LoopRun, Motion, Sensor, Tick, TickError};
 use zivi::{Force, Physical, SetupError};
 
@@ -16,17 +16,38 @@ use crate::switched_rk::settings;
 use crate::transform::WallPair;
 use crate::watch::Watch;
 
-/// Any object with `step`, and `x_ref`, `xdot_ref` if it follows a reference.
+/// What a controller has beside `step`, and what this takes beside `x, xdot, force`.
+#[derive(Clone, Copy, FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Interface {
+    x_ref: bool,
+    xdot_ref: bool,
+    force_ref: bool,
+    t: bool,
+}
+
+/// Any object with `step`, and `x_ref`, perhaps `xdot_ref`, if it follows a reference.
 struct PythonController<'py> {
     object: Bound<'py, PyAny>,
-    has_reference: bool,
+    interface: Interface,
     /// What reading the reference raised; the next tick raises it.
     raised: Cell<Option<PyErr>>,
 }
 
-impl PythonController<'_> {
+impl<'py> PythonController<'py> {
     fn number(&self, name: &str) -> PyResult<f64> {
         self.object.getattr(name)?.extract()
+    }
+
+    fn step(&self, tick: Tick) -> PyResult<Bound<'py, PyAny>> {
+        let Tick { t, measured: Physical { x, xdot }, force, force_ref } = tick;
+        let named =
+            if self.interface.t { Some([("t", t)].into_py_dict(self.object.py())?) } else { None };
+        if self.interface.force_ref {
+            self.object.call_method("step", (x, xdot, force, force_ref), named.as_ref())
+        } else {
+            self.object.call_method("step", (x, xdot, force), named.as_ref())
+        }
     }
 }
 
@@ -51,13 +72,7 @@ impl Controller<PyErr> for PythonController<'_> {
         if let Some(error) = self.raised.take() {
             return Err(TickError::Raised(error));
         }
-        let Tick { measured: Physical { x, xdot }, force, force_ref } = tick;
-        let answer = if self.has_reference {
-            self.object.call_method1("step", (x, xdot, force, force_ref))
-        } else {
-            self.object.call_method1("step", (x, xdot, force))
-        };
-        answer.and_then(|u| control(&u)).map_err(TickError::Raised)
+        self.step(tick).and_then(|u| control(&u)).map_err(TickError::Raised)
     }
 
     fn reference(&self) -> Option<Physical> {
@@ -67,7 +82,15 @@ impl Controller<PyErr> for PythonController<'_> {
                 f64::NAN
             })
         };
-        self.has_reference.then(|| Physical { x: number("x_ref"), xdot: number("xdot_ref") })
+        let Interface { x_ref, xdot_ref, .. } = self.interface;
+        x_ref.then(|| Physical {
+            x: number("x_ref"),
+            xdot: if xdot_ref { number("xdot_ref") } else { f64::NAN },
+        })
+    }
+
+    fn takes_force_ref(&self) -> bool {
+        self.interface.force_ref
     }
 }
 
@@ -119,7 +142,7 @@ impl Surroundings<'_> {
 #[pyo3(signature = (
     controller, forces, *, wall, h, span, state, scheme, switched, exact, noise, resolution,
     delay,
-    has_reference, ours, progress=None
+    interface, ours, progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_closed_loop(
@@ -136,7 +159,7 @@ pub(crate) fn simulate_closed_loop(
     noise: (PyReadonlyArray1<'_, f64>, PyReadonlyArray1<'_, f64>),
     resolution: (f64, f64),
     delay: usize,
-    has_reference: bool,
+    interface: Interface,
     ours: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
@@ -171,7 +194,7 @@ pub(crate) fn simulate_closed_loop(
     native!(Tracker);
     native!(Explicit);
     let raised = Cell::new(None);
-    let mut controller = PythonController { object: controller.clone(), has_reference, raised };
+    let mut controller = PythonController { object: controller.clone(), interface, raised };
     let run = surroundings.run(&mut controller, &mut forces, watch);
     LoopRecord::new(py, run.map_err(setup_error)?)
 }

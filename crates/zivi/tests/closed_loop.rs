@@ -247,7 +247,8 @@ fn any_controller_is_the_one_it_holds() {
     let mut held = AnyController::Regulator(alone);
     assert_eq!(held.h(), 1e-2);
     for (x, xdot) in [(1.0, 0.3), (0.0, 0.0), (-0.01, 0.2), (-1.0, 0.0)] {
-        let tick = Tick { measured: Physical { x, xdot }, force: -9.81, force_ref: 0.0 };
+        let measured = Physical { x, xdot };
+        let tick = Tick { t: 0.0, measured, force: -9.81, force_ref: 0.0 };
         let one = Controller::<Raised>::tick(&mut alone, tick);
         assert_eq!(one, Controller::<Raised>::tick(&mut held, tick));
         assert_eq!(one.is_err(), x < -0.1);

@@ -218,5 +218,8 @@ def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
             look = {"color": color, "ls": style, "label": label} | line
             ax.step(run.t, values, where="post", **look)
     ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
-    ax.legend(ncols=3)
+    if ax.lines:
+        ax.legend(ncols=3)
+    else:
+        ax.text(0.5, 0.5, "a controller without signs", ha="center", transform=ax.transAxes)
     return ax

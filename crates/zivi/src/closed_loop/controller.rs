@@ -9,6 +9,8 @@ pub const SIGNS: usize = 6;
 /// What a controller is given at a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
+    /// The time of the sample (s).
+    pub t: f64,
     /// The measured state.
     pub measured: Physical,
     /// The force that it believes acts on the mass (m/s^2).
@@ -44,6 +46,11 @@ pub trait Controller<E> {
     /// The reference now, if there is one.
     fn reference(&self) -> Option<Physical> {
         None
+    }
+
+    /// Whether its ticks want the force on the reference, if there is one.
+    fn takes_force_ref(&self) -> bool {
+        true
     }
 
     /// The signs of the last tick (NaN where it has none).

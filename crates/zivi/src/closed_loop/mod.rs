@@ -213,10 +213,12 @@ impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
         let measured = self.surroundings.sensor.measure(self.k, self.state);
         let force = finite_force(self.models.model, t, measured)?;
         let force_ref = match reference {
-            Some(reference) => finite_force(self.models.reference, t, reference)?,
-            None => 0.0,
+            Some(reference) if self.controller.takes_force_ref() => {
+                finite_force(self.models.reference, t, reference)?
+            }
+            _ => 0.0,
         };
-        let bits = match self.controller.tick(Tick { measured, force, force_ref }) {
+        let bits = match self.controller.tick(Tick { t, measured, force, force_ref }) {
             Ok(u) => {
                 self.pending.push_back(u);
                 self.controller.status().bits()
