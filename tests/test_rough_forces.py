@@ -37,10 +37,9 @@ def test_a_force_that_jumps_in_the_position_is_not_overlooked(method, case):
     low, high, c, e, x0 = case
     system = zivi.ImpactSystem(lambda t, x, v: -high if x > c else -low, e=e)
     exact = zeno_time_under_two_pulls(*case)
-    if method.order == 5 and low == 0.675053143006:
-        pytest.xfail("order 5 still overlooks this apex, 0.2 % above the jump")
     sol = zivi.simulate(system, (0, 2 * exact), (x0, 0), method)
-    assert sol.rest_time == pytest.approx(exact, rel=5e-7)
+    # each passage of the jump costs some tolerances; an apex that is overlooked, millions
+    assert sol.rest_time == pytest.approx(exact, rel=1e-6)
 
 
 @pytest.mark.parametrize("method", METHODS, ids=["5", "8"])

@@ -231,7 +231,12 @@ impl SwitchedIntegrator {
         let [scale_x, scale_xdot] = self.scales_of_step();
         let excess = defect.norm(scale_x, scale_xdot) / DEFECT;
         let factor = SAFETY * excess.powf(-1.0 / self.stages.order_of_error());
-        Ok((excess > 1.0).then(|| factor.max(FACTORS.0)))
+        if excess <= 1.0 {
+            return Ok(None);
+        }
+        // the shorter step is looked at again
+        self.steps = 0;
+        Ok(Some(factor.max(FACTORS.0)))
     }
 
     /// The step of length `h` from here.
