@@ -179,3 +179,140 @@ impl Lookahead<'_> {
         Ok(dt + 2.0 * du / (g * (1.0 - self.e)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::chain::{Bounce, Chain};
+    use super::*;
+    use crate::FunctionForce;
+
+    /// `x'' = -2`, `e = 1/2`: impacts at 0, 1, 1.5, 1.75, ...; the tail is what follows 1.5.
+    const E: f64 = 0.5;
+    const PULL: f64 = 2.0;
+    const ZENO: f64 = 2.0;
+    const TOLERANCE: f64 = 1e-6;
+
+    fn tail() -> Tail {
+        let mut chain = Chain::new(E);
+        for (t, u) in [(0.0, 1.0), (1.0, 0.5), (1.5, 0.25)] {
+            chain.note(Bounce { t, u, g: PULL });
+        }
+        Tail::new(&chain, E, ZENO, 1.0)
+    }
+
+    /// What the look through the tail finds, and how often the force was asked.
+    fn look(
+        max_step: f64,
+        suspect: Option<Obstacle>,
+        f: impl Fn(f64) -> f64,
+    ) -> (Option<Obstacle>, u64) {
+        let tail = tail();
+        let ahead = Lookahead { tail: &tail, e: E, tolerance: TOLERANCE, max_step };
+        let mut force = FunctionForce(|t: f64, _: f64, _: f64| Ok::<f64, ()>(f(t)));
+        let mut force = Counted::new(&mut force);
+        let found = ahead.obstacle(suspect, &mut force).unwrap();
+        (found, force.count())
+    }
+
+    fn start_of(found: Option<Obstacle>) -> Option<f64> {
+        found.map(|obstacle| obstacle.from)
+    }
+
+    /// A push from `from` on, for the time `length`.
+    fn push(size: f64, from: f64, length: f64) -> impl Fn(f64) -> f64 {
+        move |t| if t >= from && t < from + length { size - PULL } else { -PULL }
+    }
+
+    #[test]
+    fn the_shift_is_that_of_the_zeno_point() {
+        // on the arc from 1.5 the pull is p - c (t - 1.5): x/t = u - p t/2 + c t^2/6 = 0 at its end
+        let (tail, u, c) = (tail(), 0.25, 1e-5);
+        let p = PULL - 0.25 * c;
+        let h = 2.0 * u / (0.5 * p + (0.25 * p * p - 2.0 * c * u / 3.0).sqrt());
+        let w = p * h - u - 0.5 * c * h * h;
+        let exact = 1.5 + h + 2.0 * E * w / (PULL * (1.0 - E)) - ZENO;
+        let mut force = FunctionForce(|t: f64, _: f64, _: f64| Ok::<f64, ()>(c * (t - 1.5) - p));
+        let mut force = Counted::new(&mut force);
+        let ahead = Lookahead { tail: &tail, e: E, tolerance: TOLERANCE, max_step: 1.0 };
+        let arc = tail.arc(0).unwrap();
+        for panels in [1, 3] {
+            let shift = ahead.deviation(&arc, panels, &mut force).unwrap();
+            assert!((shift / exact - 1.0).abs() < 1e-4, "{panels}: {shift:e} {exact:e}");
+        }
+    }
+
+    #[test]
+    fn an_arc_is_an_obstacle_where_the_force_moves_the_zeno_point_too_far() {
+        assert_eq!(start_of(look(1.0, None, |_| -PULL).0), None);
+        // a push r over an arc makes it longer by 2 u r/g^2, with the same speed at its end
+        let enough = MOST * TOLERANCE * PULL * PULL;
+        let first = |part: f64| push(part * enough / (2.0 * 0.25), 1.5, 0.25);
+        assert_eq!(start_of(look(1.0, None, first(0.9)).0), None);
+        assert_eq!(start_of(look(1.0, None, first(1.1)).0), Some(1.5));
+        let second = |part: f64| push(part * enough / (2.0 * 0.125), 1.75, 0.125);
+        assert_eq!(start_of(look(1.0, None, second(0.9)).0), None);
+        assert_eq!(start_of(look(1.0, None, second(1.1)).0), Some(1.75));
+        // one that the next takes back moves both arcs all the same
+        let both = |t: f64| if t < 1.75 { first(0.6)(t) } else { second(-0.6)(t) };
+        assert_eq!(start_of(look(1.0, None, both).0), Some(1.75));
+        // nor is there a motion where the force has no value
+        assert_eq!(start_of(look(1.0, None, push(f64::NAN, 1.75, 0.1)).0), Some(1.75));
+    }
+
+    #[test]
+    fn without_a_pull_at_its_end_there_is_no_rest() {
+        for at_zeno in [1.0, f64::NAN] {
+            let found = look(1.0, None, push(at_zeno + PULL, ZENO, 1.0)).0;
+            assert_eq!(start_of(found), Some(ZENO), "{at_zeno}");
+        }
+        assert_eq!(start_of(look(1.0, None, push(PULL, ZENO, 1.0)).0), None);
+    }
+
+    #[test]
+    fn no_pulse_as_long_as_the_longest_step_is_overlooked() {
+        let length = 2e-3;
+        for from in [1.51, 1.6, 1.62, 1.7, 1.77, 1.8] {
+            let found = look(length, None, push(1.0, from, 1.1 * length)).0;
+            let arc = if from < 1.75 { 1.5 } else { 1.75 };
+            assert_eq!(start_of(found), Some(arc), "{from}");
+        }
+    }
+
+    #[test]
+    fn where_little_is_left_one_arc_stands_for_several() {
+        // at 0.99 there are 1400 arcs before what is left is 1e-6 of the tail
+        let (e, g) = (0.99_f64, 2.0);
+        let mut chain = Chain::new(e);
+        let zeno = 1.0 / (1.0 - e);
+        for n in -100..=0 {
+            let q = e.powi(n);
+            chain.note(Bounce { t: zeno * (1.0 - q), u: q, g });
+        }
+        let tail = Tail::new(&chain, e, zeno, 1.0);
+        let ahead = Lookahead { tail: &tail, e, tolerance: 1e-6 * zeno, max_step: 1e3 };
+        for (until, lasting) in [(2.0 * zeno, false), (0.999 * zeno, true)] {
+            let mut force = FunctionForce(|t: f64, _: f64, _: f64| {
+                Ok::<f64, ()>(if t < until { -g } else { -1.1 * g })
+            });
+            let mut force = Counted::new(&mut force);
+            let found = ahead.obstacle(None, &mut force).unwrap();
+            assert_eq!(found.is_some(), lasting, "{found:?}");
+            assert!(force.count() < 1000, "{}", force.count());
+        }
+    }
+
+    #[test]
+    fn what_was_seen_once_is_looked_at_first_and_the_rest_again_when_patience_ends() {
+        let suspect = |patience| Some(Obstacle { from: 1.75, to: 1.875, patience });
+        let look = |patience, f: &dyn Fn(f64) -> f64| look(1.0, suspect(patience), f);
+        let one_arc = 2 * PANELS as u64;
+        let (found, asked) = look(2, &push(1.0, 1.75, 0.125));
+        assert_eq!((found, asked), (suspect(1), one_arc));
+        // where it is gone, the others have to wait
+        assert_eq!(look(2, &|_| -PULL), (suspect(1), one_arc));
+        let (found, asked) = look(0, &|_| -PULL);
+        assert!(found.is_none() && asked > 3 * one_arc, "{found:?} {asked}");
+        let (found, _) = look(0, &push(1.0, 1.5, 0.25));
+        assert_eq!(start_of(found), Some(1.5));
+    }
+}
