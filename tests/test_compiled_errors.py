@@ -129,6 +129,25 @@ def test_runs_in_several_threads_raise_what_is_theirs():
         assert end == pytest.approx(0.1 * number if number % 2 else 1.0, abs=2e-3)
 
 
+def test_what_another_thread_raises_does_not_end_a_run():
+    def other():
+        with pytest.raises(BrokenError):
+            zivi.simulate(zivi.ImpactSystem(of_ctypes(after=0.1), e=0.5), (0, 1), (1, 0))
+
+    def force(t, x, xdot):
+        if t < 0.2:
+            return -9.81
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+        return float("nan")
+
+    sol = zivi.simulate(
+        zivi.ImpactSystem(FORCE(force), e=0.5), (0, 1), (1, 0), zivi.ThetaGamma(1e-3)
+    )
+    assert sol.status is zivi.Status.FORCE_NOT_FINITE
+
+
 def test_a_finaliser_that_raises_ends_no_run(quiet):
     class Litter:
         def __del__(self):

@@ -118,6 +118,17 @@ def test_a_ball_falls_to_rest_in_python_control():
 
 
 @with_control
+def test_a_wall_that_moves_depends_on_the_time():
+    import control as ct
+
+    system = zivi.ImpactSystem(GRAVITY, e=0.5, wall=zivi.HarmonicWall(0.05, 9.0))
+    times = np.arange(101) * 0.01
+    found = ct.input_output_response(impact_plant(system, 0.01), times, 0, [1, 0])
+    exact = zivi.simulate(system, (0, 1), (1, 0), method=zivi.SwitchedRK(rtol=1e-11, atol=1e-13))
+    np.testing.assert_allclose(found.states, exact(times), atol=1e-8)
+
+
+@with_control
 def test_an_input_acts_as_a_force():
     import control as ct
 

@@ -231,6 +231,7 @@ def test_a_point_that_fails_does_not_stop_the_others(out):
 
     study = zivi.sweep(inverse, {"x": [2, 0, 1]}, out=out)
     assert study.status.tolist() == [1, 2, 1]
+    assert study.complete  # nothing is missing
     assert study.dataset.status.values.tolist() == [1, 2, 1]
     assert np.array_equal(study.value, [0.0, np.nan, 1.0], equal_nan=True)
     assert study.failed.to_dict("index") == {

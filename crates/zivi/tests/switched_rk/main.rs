@@ -3,6 +3,7 @@
 mod closed;
 mod failures;
 mod fuzz;
+mod landing;
 mod orders;
 mod pitfalls;
 mod problems;
