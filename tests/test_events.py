@@ -278,6 +278,25 @@ def test_order_of_simultaneous_events(method):
 
 
 @BOTH
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_zero_that_is_reached_and_not_crossed_is_one(method, direction):
+    """The same at every look after it: the event is where the function gets there."""
+    reached = [
+        event(lambda t, x, xdot: direction * min(t - 0.25, 0.0), direction=d)
+        for d in (direction, -direction, 0)
+    ]
+    times = times_of(reached, method=method)
+    assert [len(t) for t in times] == [1, 0, 1]
+    assert times[0] == times[2] == [pytest.approx(0.25, abs=1e-14)]
+
+
+@BOTH
+def test_functions_of_time_have_their_zeros_to_rounding(method):
+    times = times_of([lambda t, x, xdot: t - 0.20037, lambda t, x, xdot: 0.7 - t], method=method)
+    np.testing.assert_allclose(times, [[0.20037], [0.7]], rtol=0, atol=1e-15)
+
+
+@BOTH
 def test_no_events(method):
     for none in (None, [], ()):
         assert follow(none, method=method).t_events == []
