@@ -106,3 +106,95 @@ def test_what_the_force_does_after_a_terminal_event_does_not_matter(method):
     never = event(lambda t, x, v: 1.0, terminal=True)
     with pytest.raises(RuntimeError, match="after the event"):
         zivi.simulate(system, (0, 2), (1, 0.5), method, events=never)
+
+
+FIXED = pytest.mark.parametrize(
+    "method", [zivi.ThetaGamma(1e-2), zivi.ExplicitEuler(1e-2), zivi.MoreauJean(1e-2)], ids=IDS[1:]
+)
+
+
+@FIXED
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("direction", [0, 1, -1])
+@pytest.mark.parametrize("constant", [False, True])
+def test_no_step_is_computed_after_that_of_a_terminal_event(method, count, direction, constant):
+    asked, looked = [], []
+
+    def force(t, x, xdot):
+        asked.append(t)
+        return -9.81 - 0.1 * xdot
+
+    def companion(t, x, xdot):
+        looked.append(t)
+        return 1.0
+
+    def run(terminal, span):
+        asked.clear()
+        looked.clear()
+        stop = event(lambda t, x, v: v, direction, terminal)
+        system = zivi.ImpactSystem(-9.81 if constant else force, e=0.8)
+        return zivi.simulate(system, span, (0.1, 1), method, events=[stop, companion])
+
+    whole = run(False, (0, 4))
+    sol = run(count, (0, 1000))
+    end, n = sol.t[-1], len(sol.t) - 1
+    assert sol.status is zivi.Status.TERMINATED_BY_EVENT
+    assert end == whole.t_events[0][count - 1] < 2
+    assert np.array_equal(sol.t_events[0], whole.t_events[0][:count])
+    assert np.array_equal(sol.y_events[0], whole.y_events[0][:count])
+    for name in ("t", "x", "xdot", "s", "v", "lambda_s", "lambda_v"):
+        assert np.array_equal(getattr(sol, name)[:n], getattr(whole, name)[:n])
+    assert np.array_equal(sol.impacts, whole.impacts[whole.impacts["t"] <= end])
+    assert sol.n_steps == n
+    # a constant force is known after one evaluation: the looks tell how far the run went
+    last = whole.t[np.searchsorted(whole.t, end)]
+    assert looked[-1] == max(looked) == last
+    if not constant:
+        assert len(asked) == sol.nfev < whole.nfev
+        assert max(asked) <= last
+
+
+@FIXED
+def test_given_times_up_to_a_terminal_event(method):
+    times = np.linspace(0, 3, 61)
+    ball, falls = zivi.ImpactSystem(-9.81, e=0.8), event(lambda t, x, v: v, -1, terminal=2)
+    whole = zivi.simulate(ball, (0, 3), (0.1, 1), method, times)
+    sol = zivi.simulate(ball, (0, 3), (0.1, 1), method, times, events=falls)
+    kept = times <= sol.t_events[0][-1]
+    assert sol.status is zivi.Status.TERMINATED_BY_EVENT
+    assert 5 < np.count_nonzero(kept) < 30
+    assert np.array_equal(sol.t, times[kept])
+    np.testing.assert_allclose(sol.x, whole.x[kept], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(sol.xdot, whole.xdot[kept], rtol=0, atol=1e-13)
+
+
+def test_a_touchdown_that_rounds_to_the_start_of_its_step():
+    sol = zivi.simulate(
+        zivi.ImpactSystem(-9.81, e=0.5),
+        (0, 0.5),
+        (0, 0),
+        zivi.ExplicitEuler(1e-2),
+        events=event(lambda t, x, v: x, -1),
+    )
+    rounded = np.isin(sol.impacts["t"], sol.t) & np.isin(sol.impacts["t"], sol.t[sol.x > 0])
+    assert np.any(rounded)
+    np.testing.assert_allclose(sol.t_events[0], sol.impacts["t"], rtol=0, atol=1e-14)
+
+
+@FIXED
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_an_event_that_raises_ends_the_run_with_its_step(method, error):
+    def raises(t, x, xdot):
+        if t > 0.6:
+            raise error("late")
+        return 1.0
+
+    apex = event(lambda t, x, v: v, -1)
+    with pytest.raises(error, match="late") as raised:
+        zivi.simulate(
+            zivi.ImpactSystem(-9.81, e=0.8), (0, 1000), (0.1, 1), method, events=[apex, raises]
+        )
+    sol = raised.value.trajectory
+    assert sol.status is zivi.Status.RAISED
+    assert 0.6 < sol.t[-1] < 0.62
+    assert len(sol.t_events[0]) == 2  # those before are kept

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
-from zivi import _zivi
 from zivi._check import Array
 from zivi._resample import resampled
 from zivi.dense import LinearPath, Path, PenetratingPath
-from zivi.events import Event, locate
-from zivi.status import Status
 from zivi.trajectory import Trajectory
 
-__all__ = ["restrict", "with_events"]
+__all__ = ["ended_by_event", "restrict"]
 
 
 def restrict(sol: Trajectory, times: Array) -> Trajectory:
@@ -23,17 +19,9 @@ def restrict(sol: Trajectory, times: Array) -> Trajectory:
     return resampled(sol, times[times <= sol.t[-1]])
 
 
-def with_events(sol: Trajectory, events: Sequence[Event]) -> Trajectory:
-    """Locate events on the interpolation of a fixed-step run, and end it where one ends it."""
-    if not events:
-        return sol
-    hits = locate(sol.t, sol._known(), events)
-    sol = dataclasses.replace(sol, t_events=hits.t, y_events=hits.y)
-    return sol if hits.end is None else _cut(sol, hits.end)
-
-
-def _cut(sol: Trajectory, end: float) -> Trajectory:
-    """End a fixed-step run at `end`, within its span."""
+def ended_by_event(sol: Trajectory) -> Trajectory:
+    """End a fixed-step run at its last event, within its last step."""
+    end = max(float(times[-1]) for times in sol.t_events if len(times))
     kept = restrict(sol, np.append(sol.t[sol.t < end], end))
     rests = sol.rest_time is not None and sol.rest_time <= end
     # a rest that ended later was one until here
@@ -43,7 +31,6 @@ def _cut(sol: Trajectory, end: float) -> Trajectory:
         rest_time: float | None = float(last[-1])
     else:
         rest_time = sol.rest_time if rests else None
-    status = Status.TERMINATED_BY_EVENT
     return dataclasses.replace(
         kept,
         impacts=sol.impacts[sol.impacts["t"] <= end],
@@ -51,8 +38,6 @@ def _cut(sol: Trajectory, end: float) -> Trajectory:
         liftoff_times=gone,
         rest_time=rest_time,
         failed_steps=sol.failed_steps[sol.failed_steps < len(kept.t)],
-        status=status,
-        message=_zivi.STATUS_MESSAGES[status],
         n_steps=len(kept.t) - 1,
         _path=_path_until(sol._known(), kept),
     )

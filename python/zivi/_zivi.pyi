@@ -110,6 +110,7 @@ def simulate_moreau_jean(
     theta: float,
     span: tuple[float, float],
     state: tuple[float, float],
+    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
     progress: Any = None,
 ) -> RunRecord: ...
 def check_switched_rk(given: _SwitchedSettings) -> None: ...
@@ -144,6 +145,7 @@ def simulate_theta_gamma(
     linearisations: int,
     span: tuple[float, float],
     state: tuple[float, float],
+    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
     progress: Any = None,
 ) -> RunRecord: ...
 def solve_steps(
@@ -178,6 +180,7 @@ def simulate_explicit_euler(
     h: float,
     span: tuple[float, float],
     state: tuple[float, float],
+    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
     progress: Any = None,
 ) -> RunRecord: ...
 

@@ -42,7 +42,7 @@ class Course:
     tstops : ndarray
         Times where the force is not smooth, ascending; none for a method of fixed steps.
     events : tuple of Event
-        Events of the user; left to the caller by a method of fixed steps.
+        Events of the user.
     dense : bool
         Whether the motion between the samples is wanted.
     drawn : bool
@@ -59,6 +59,11 @@ class Course:
     dense: bool
     drawn: bool
     report: Report | None
+
+    @property
+    def event_specs(self) -> list[tuple[Any, int, int | None, tuple[bool, float] | None]]:
+        """The events as the core takes them."""
+        return [(e.function, e.direction, e.terminal, e.level) for e in self.events]
 
 
 class Method(Protocol):
@@ -151,6 +156,7 @@ class ThetaGamma(_FixedSteps):
             linearisations=self.linearisations,
             span=course.t_span,
             state=course.y0,
+            events=course.event_specs,
             progress=course.report,
         )
 
@@ -193,6 +199,7 @@ class ExplicitEuler(_FixedSteps):
             h=self.h,
             span=course.t_span,
             state=course.y0,
+            events=course.event_specs,
             progress=course.report,
         )
 
@@ -283,7 +290,7 @@ class SwitchedRK:
             state=course.y0,
             t_eval=course.t_eval,
             tstops=course.tstops,
-            events=[(e.function, e.direction, e.terminal, e.level) for e in course.events],
+            events=course.event_specs,
             dense=course.dense,
             drawn=course.drawn,
             progress=course.report,
@@ -350,6 +357,7 @@ class MoreauJean(_FixedSteps):
             theta=self.theta,
             span=course.t_span,
             state=course.y0,
+            events=course.event_specs,
             progress=course.report,
         )
 

@@ -15,7 +15,7 @@ from zivi._check import real, real_array
 from zivi._compiled import listening
 from zivi._misplaced import check_method, check_system, refuse
 from zivi._progress import ProgressBar
-from zivi._steps import restrict, with_events
+from zivi._steps import ended_by_event, restrict
 from zivi.events import events_of
 from zivi.methods import Course, Method, SwitchedRK
 from zivi.status import Status
@@ -74,10 +74,11 @@ def simulate(
         ``terminal`` (a bool, or the number of the event that ends the run) and ``direction`` (1
         only rising, -1 only falling, 0 both). A velocity that changes its sign in an impact is an
         event at the impact, with the state after it; ``g = x`` is one with the state before it. A
-        zero at the start is no event. A method of fixed steps computes its whole span first, but
-        what its force raises after a terminal event does not matter. The function is looked at a
-        few times in a step: two changes of sign shortly after one another are overlooked unless
-        ``max_step`` is short, but for a `Level`, of which none is.
+        zero at the start is no event. The function is looked at a few times in a step: two
+        changes of sign shortly after one another are overlooked unless ``max_step`` is short, but
+        for a `Level`, of which none is. A method of fixed steps looks at it at the end of each
+        step and at the wall; it computes no step after that of a terminal event, and ``nfev``
+        counts the evaluations of the steps so far.
     dense_output : bool
         Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
         `SwitchedRK` takes less memory and fewer evaluations.
@@ -145,13 +146,8 @@ def simulate(
     if error is None and (error := ear.ends(sol.success)):
         sol = as_raised(sol)
     if record.path is None:  # a method of fixed steps: its steps are all there is
-        try:
-            sol = with_events(sol, watched)
-            if sol.status is Status.TERMINATED_BY_EVENT and isinstance(record.raised, Exception):
-                error = None  # what the force did after the event does not matter
-        except Exception as raised:
-            error = raised if error is None else error
-            sol = as_raised(sol)
+        if sol.status is Status.TERMINATED_BY_EVENT:
+            sol = ended_by_event(sol)
         if times is not None:
             sol = restrict(sol, times)
     if error is None:

@@ -12,6 +12,7 @@ mod simulate;
 mod switched_rk;
 mod tracking;
 mod transform;
+mod user_events;
 mod vi;
 mod watch;
 

@@ -6,7 +6,7 @@ use zivi::{Run, Status, QUANTITIES};
 
 use crate::switched_rk::MotionPath;
 
-type Array = Py<PyArray1<f64>>;
+pub(crate) type Array = Py<PyArray1<f64>>;
 
 /// The columns, events and outcome of one run.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]

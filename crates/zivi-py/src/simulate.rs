@@ -6,11 +6,16 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::step_solver::General;
 use zivi::Lifted;
-use zivi::{Grid, MoreauJean, Physical, Restitution, Run, SetupError, Solver, ThetaGamma};
+use zivi::{
+    EventHit, Following, Grid, MoreauJean, Physical, Restitution, Run, SetupError, Solver,
+    ThetaGamma,
+};
 use zivi_core::ThetaGammaStep;
 
+use crate::force::ForceSpec;
 use crate::record::RunRecord;
 use crate::transform::{wall, wall_of, WallPair};
+use crate::user_events::{columns_of, event, EventSpec};
 use crate::watch::Watch;
 
 pub(crate) fn setup_error(error: SetupError) -> PyErr {
@@ -94,8 +99,33 @@ pub(crate) fn step_solver(name: &str, linearisations: usize) -> PyResult<Solver>
     }
 }
 
-fn record(py: Python<'_>, run: Result<Run<PyErr>, SetupError>) -> PyResult<RunRecord> {
-    RunRecord::new(py, run.map_err(setup_error)?)
+/// A run of fixed steps whose events of the user are followed.
+macro_rules! stepped {
+    ($py:expr, $spec:expr, $events:expr, $progress:expr, |$force:ident, $watch:ident| $run:expr) => {{
+        let mut watch = Watch { progress: $progress };
+        if $events.is_empty() {
+            let $watch = &mut watch;
+            record($py, with_force!($py, $spec, |$force| $run), &[])
+        } else {
+            // the events need the interpreter
+            let $force = &mut ForceSpec::from_tuple($spec)?;
+            let mut following =
+                Following::new($events.into_iter().map(event).collect(), &mut watch);
+            let $watch = &mut following;
+            let run = $run;
+            record($py, run, &following.into_hits())
+        }
+    }};
+}
+
+fn record(
+    py: Python<'_>,
+    run: Result<Run<PyErr>, SetupError>,
+    hits: &[Vec<EventHit>],
+) -> PyResult<RunRecord> {
+    let mut record = RunRecord::new(py, run.map_err(setup_error)?)?;
+    record.hits = columns_of(py, hits);
+    Ok(record)
 }
 
 /// Refuses settings of the theta-gamma scheme that are out of range.
@@ -107,7 +137,7 @@ pub(crate) fn check_theta_gamma(h: f64, theta: f64, gamma: f64, kappa: f64) -> P
 
 /// The theta-gamma method.
 #[pyfunction]
-#[pyo3(signature = (force, *, wall, h, theta, gamma, solver, linearisations, span, state, progress=None))]
+#[pyo3(signature = (force, *, wall, h, theta, gamma, solver, linearisations, span, state, events, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_theta_gamma(
     py: Python<'_>,
@@ -120,16 +150,15 @@ pub(crate) fn simulate_theta_gamma(
     linearisations: usize,
     span: (f64, f64),
     state: (f64, f64),
+    events: Vec<EventSpec<'_>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
     let Course { wall, grid, initial } = Course::new(wall, h, span, state)?;
     let solver = step_solver(solver, linearisations)?;
     let method = ThetaGamma { theta, gamma, solver };
-    let watch = &mut Watch { progress };
-    let run = with_force!(py, force, |force| zivi::simulate_theta_gamma(
+    stepped!(py, force, events, progress, |force, watch| zivi::simulate_theta_gamma(
         method, wall, force, grid, initial, watch
-    ));
-    record(py, run)
+    ))
 }
 
 /// Multipliers of many independent steps by a general solver, each from the present signs, and
@@ -171,7 +200,7 @@ pub(crate) fn solve_steps<'py>(
 
 /// Explicit Euler with explicit signs.
 #[pyfunction]
-#[pyo3(signature = (force, *, wall, h, span, state, progress=None))]
+#[pyo3(signature = (force, *, wall, h, span, state, events, progress=None))]
 pub(crate) fn simulate_explicit_euler(
     py: Python<'_>,
     force: &Bound<'_, PyTuple>,
@@ -179,14 +208,13 @@ pub(crate) fn simulate_explicit_euler(
     h: f64,
     span: (f64, f64),
     state: (f64, f64),
+    events: Vec<EventSpec<'_>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
     let Course { wall, grid, initial } = Course::new(wall, h, span, state)?;
-    let watch = &mut Watch { progress };
-    let run = with_force!(py, force, |force| zivi::simulate_explicit_euler(
+    stepped!(py, force, events, progress, |force, watch| zivi::simulate_explicit_euler(
         wall, force, grid, initial, watch
-    ));
-    record(py, run)
+    ))
 }
 
 /// Refuses a weight of Moreau-Jean time stepping that is out of range.
@@ -197,7 +225,7 @@ pub(crate) fn check_moreau_jean(theta: f64) -> PyResult<()> {
 
 /// Moreau-Jean time stepping.
 #[pyfunction]
-#[pyo3(signature = (force, *, wall, h, theta, span, state, progress=None))]
+#[pyo3(signature = (force, *, wall, h, theta, span, state, events, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_moreau_jean(
     py: Python<'_>,
@@ -207,13 +235,12 @@ pub(crate) fn simulate_moreau_jean(
     theta: f64,
     span: (f64, f64),
     state: (f64, f64),
+    events: Vec<EventSpec<'_>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<RunRecord> {
     let Course { wall, grid, initial } = Course::new(wall, h, span, state)?;
     let method = MoreauJean { theta };
-    let watch = &mut Watch { progress };
-    let run = with_force!(py, force, |force| zivi::simulate_moreau_jean(
+    stepped!(py, force, events, progress, |force, watch| zivi::simulate_moreau_jean(
         method, wall, force, grid, initial, watch
-    ));
-    record(py, run)
+    ))
 }

@@ -1,19 +1,17 @@
 //! The switched Runge-Kutta method from Python.
 
 use numpy::{PyArray1, PyReadonlyArray1};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use zivi::{
-    DensePath, Direction, Level, Motion, Order, Output, Physical, SwitchedRk, SwitchedRun,
-    UserEvent,
-};
+use zivi::{DensePath, Motion, Order, Output, Physical, SwitchedRk, SwitchedRun};
 use zivi_core::{transform, Branch};
 
 use crate::force::ForceSpec;
 use crate::record::RunRecord;
 use crate::simulate::{setup_error, with_force};
 use crate::transform::WallPair;
+use crate::user_events::{columns_of, event, EventSpec};
 use crate::watch::Watch;
 
 /// `(rtol, (atol of x, atol of x'), order, max_step, first_step, max_steps, max_impacts)`.
@@ -42,30 +40,6 @@ pub(crate) fn settings(given: Settings) -> PyResult<SwitchedRk> {
 #[pyfunction]
 pub(crate) fn check_switched_rk(given: Settings) -> PyResult<()> {
     settings(given).map(drop)
-}
-
-/// An event of the user: function, direction, number of the event that ends the run, level (of the
-/// velocity or the position, and which).
-type EventSpec<'py> = (Bound<'py, PyAny>, i32, Option<usize>, Option<(bool, f64)>);
-
-fn event<'py>((function, direction, terminal, level): EventSpec<'py>) -> UserEvent<'py, PyErr> {
-    let direction = match direction {
-        0 => Direction::Either,
-        below if below < 0 => Direction::Falling,
-        _ => Direction::Rising,
-    };
-    let call = move |t: f64, x: f64, xdot: f64| {
-        let value = function.call1((t, x, xdot))?;
-        value.extract().map_err(|_| {
-            let kind = value.get_type();
-            PyTypeError::new_err(format!("an event function must return a float, got {kind}"))
-        })
-    };
-    let level = level.map(|(of_velocity, value)| match of_velocity {
-        true => Level::Velocity(value),
-        false => Level::Position(value),
-    });
-    UserEvent { direction, terminal, level, ..UserEvent::new(call) }
 }
 
 /// A run of the switched method.
@@ -223,15 +197,7 @@ impl RunRecord {
     ) -> PyResult<Self> {
         let SwitchedRun { trajectory, raised, path, tails, hits, counts } = run;
         let mut record = Self::new(py, zivi::Run { trajectory, raised })?;
-        let column = |hits: &[zivi::EventHit], of: fn(&zivi::EventHit) -> f64| {
-            PyArray1::from_vec(py, hits.iter().map(of).collect()).unbind()
-        };
-        record.hits = hits
-            .iter()
-            .map(|hits| {
-                (column(hits, |it| it.t), column(hits, |it| it.x), column(hits, |it| it.xdot))
-            })
-            .collect();
+        record.hits = columns_of(py, &hits);
         record.n_steps = Some(counts.accepted);
         record.n_rejected = counts.rejected;
         record.path = Some(Py::new(py, MotionPath { motion: Motion { path, tails, wall } })?);

@@ -1,6 +1,7 @@
 //! The loop that all fixed-step methods share: step, record, note the events, let others look.
 
 use std::collections::TryReserveError;
+use std::ops::ControlFlow;
 
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepFailure};
 
@@ -8,6 +9,7 @@ use crate::events::EventLog;
 use crate::monitor::Pace;
 use crate::recorder::{memory, Recorder};
 use crate::room::Reserve;
+use crate::step_events::{Interpolation, Knot, Stretch};
 use crate::summary::Keep;
 use crate::trajectory::{Run, Sample, SetupError, Trajectory};
 use crate::{Force, Grid, Monitor, Status};
@@ -137,22 +139,24 @@ pub fn run<E, F: Force<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
     let mut walk = Walk::start(method, wall, grid, initial, monitor)?;
-    let ending = watched(grid.n_steps(), monitor, |until| walk.go_to::<E, F>(until, force));
+    let ending = watched(grid.n_steps(), monitor, |until, monitor| {
+        walk.go_to::<E, F>(until, force, monitor)
+    });
     Ok(walk.finish::<E, F>(ending))
 }
 
 /// Goes on, watched, until `of` steps are done, and says how it ended: `go_to` makes it so many
 /// steps in all.
-pub(crate) fn watched<E>(
+pub(crate) fn watched<E, M: Monitor<E>>(
     of: usize,
-    monitor: &mut impl Monitor<E>,
-    mut go_to: impl FnMut(usize) -> Result<(), Failure<E>>,
+    monitor: &mut M,
+    mut go_to: impl FnMut(usize, &mut M) -> Result<(), Failure<E>>,
 ) -> Failure<E> {
     let mut pace = Pace::start();
     let mut done = 0;
     loop {
         done = (done + pace.chunk()).min(of);
-        if let Err(failure) = go_to(done) {
+        if let Err(failure) = go_to(done, monitor) {
             return failure;
         }
         if let Err(stop) = monitor.poll(done, of) {
@@ -165,9 +169,27 @@ pub(crate) fn watched<E>(
     }
 }
 
+/// Tells a step to a monitor that follows.
+///
+/// # Errors
+/// How the run ends, if the monitor ends it.
+pub(crate) fn tell<E>(
+    monitor: &mut impl Monitor<E>,
+    from: Knot,
+    to: Knot,
+    interpolation: Interpolation,
+) -> Result<(), Failure<E>> {
+    let step = Stretch { from, to, interpolation };
+    match monitor.follow(&step).map_err(Failure::Raised)? {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(status) => Err(Failure::Status(status)),
+    }
+}
+
 /// A run under way: `k` steps are done, the last of them ended at `t` in `z`.
 struct Walk<M> {
     method: M,
+    wall: Restitution,
     grid: Grid,
     record: Recorder,
     log: EventLog,
@@ -196,6 +218,7 @@ impl<M> Walk<M> {
         let incoming = initial.x == 0.0 && initial.xdot < 0.0;
         Ok(Self {
             method,
+            wall,
             grid,
             record: match (keep, kept) {
                 (Keep::Every(every), Some(kept)) => record.thinned(every, kept),
@@ -212,13 +235,21 @@ impl<M> Walk<M> {
     }
 
     /// Steps until `until` steps are done.
-    fn go_to<E, F: Force<E>>(&mut self, until: usize, force: &mut F) -> Result<(), Failure<E>>
+    fn go_to<E, F: Force<E>>(
+        &mut self,
+        until: usize,
+        force: &mut F,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<(), Failure<E>>
     where
         M: FixedStep<E, F>,
     {
         let last = self.grid.n_steps() - 1;
+        let follows = monitor.follows();
         while self.k < until {
-            self.easy_steps::<E, F>(until.min(last));
+            if !follows {
+                self.easy_steps::<E, F>(until.min(last));
+            }
             if self.k == until {
                 break;
             }
@@ -229,9 +260,18 @@ impl<M> Walk<M> {
             if self.k == last {
                 self.method.resize(self.grid.last_h());
             }
+            let from = follows.then(|| self.knot());
             self.step(force)?;
+            if let Some(from) = from {
+                tell(monitor, from, self.knot(), Interpolation::Lifted(self.wall))?;
+            }
         }
         Ok(())
+    }
+
+    /// Where the run is.
+    fn knot(&self) -> Knot {
+        Knot { t: self.t, state: transform::project(self.z, self.wall), z: self.z }
     }
 
     /// The steps that need no search, as long as nothing happens and the record has room.

@@ -40,6 +40,7 @@ mod recorder;
 mod room;
 pub mod sign_solver;
 pub mod status;
+pub mod step_events;
 pub mod step_solver;
 pub mod summary;
 pub mod switched_rk;
@@ -56,6 +57,7 @@ pub use monitor::{Monitor, Silent};
 pub use moreau_jean::{simulate_moreau_jean, MoreauJean};
 pub use moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use status::Status;
+pub use step_events::{Following, Interpolation, Knot, Stretch};
 pub use summary::{Keep, Summary};
 pub use switched_rk::{
     simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Level, Motion,

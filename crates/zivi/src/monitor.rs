@@ -1,8 +1,10 @@
 //! Watching a run from outside: progress, and the wish to stop.
 
-use crate::Keep;
-
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
+
+use crate::step_events::Stretch;
+use crate::{Keep, Status};
 
 /// Something that is told how far a run is and may end it.
 pub trait Monitor<E> {
@@ -15,6 +17,20 @@ pub trait Monitor<E> {
     /// Which samples a method of fixed steps shall keep.
     fn keep(&self) -> Keep {
         Keep::All
+    }
+
+    /// Whether a method of fixed steps shall tell each of its steps; asked often.
+    fn follows(&self) -> bool {
+        false
+    }
+
+    /// Called after each step of a method of fixed steps if [`Monitor::follows`] says so. `Break`
+    /// ends the run with that status, after the step.
+    ///
+    /// # Errors
+    /// An error ends the run; what was computed is kept.
+    fn follow(&mut self, _step: &Stretch) -> Result<ControlFlow<Status>, E> {
+        Ok(ControlFlow::Continue(()))
     }
 
     /// Called once with the address and the length of the record's memory before it is touched: a

@@ -20,11 +20,12 @@
 
 use std::collections::TryReserveError;
 
-use zivi_core::{sgn, transform, Branch, Physical, Restitution};
+use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution};
 
-use crate::fixed_step::{check_initial, finite_force, watched, Failure};
+use crate::fixed_step::{check_initial, finite_force, tell, watched, Failure};
 use crate::implicit::search::{Search, DEFAULT_SLOPE};
 use crate::room::Reserve;
+use crate::step_events::{Interpolation, Knot};
 use crate::trajectory::{Columns, Run, SetupError, Trajectory};
 use crate::{Dependence, Events, Force, Grid, Impact, Monitor, Status};
 
@@ -105,7 +106,8 @@ pub fn simulate_moreau_jean<E, F: Force<E>>(
     let log = ContactLog { events, sigma: 1.0, at_rest, impacts_at_liftoff: 0, reserve };
     let mut walk = Walk { scheme, wall, grid, columns, log, k: 0, state: initial };
     walk.record();
-    let ending = watched(grid.n_steps(), monitor, |until| walk.go_to(until, force));
+    let ending =
+        watched(grid.n_steps(), monitor, |until, monitor| walk.go_to(until, force, monitor));
     Ok(walk.finish(ending))
 }
 
@@ -298,7 +300,13 @@ struct Walk {
 }
 
 impl Walk {
-    fn go_to<E>(&mut self, until: usize, force: &mut impl Force<E>) -> Result<(), Failure<E>> {
+    fn go_to<E>(
+        &mut self,
+        until: usize,
+        force: &mut impl Force<E>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<(), Failure<E>> {
+        let follows = monitor.follows();
         while self.k < until {
             let last = self.k + 1 == self.grid.n_steps();
             let h = if last { self.grid.last_h() } else { self.grid.h() };
@@ -307,22 +315,32 @@ impl Walk {
             if !(step.end.x.is_finite() && step.end.xdot.is_finite()) {
                 return Err(Failure::Status(Status::StateNotFinite));
             }
+            let from = follows.then(|| self.knot());
             self.log.step((t, self.state.xdot), (t_end, step))?;
             (self.k, self.state) = (self.k + 1, step.end);
             self.record();
+            if let Some(from) = from {
+                tell(monitor, from, self.knot(), Interpolation::Physical)?;
+            }
         }
         Ok(())
     }
 
-    fn record(&mut self) {
-        let (Physical { x, xdot }, sigma) = (self.state, self.log.sigma);
-        let branch = if sigma > 0.0 { Branch::Positive } else { Branch::Negative };
+    /// Where the run is.
+    fn knot(&self) -> Knot {
+        let branch = if self.log.sigma > 0.0 { Branch::Positive } else { Branch::Negative };
         let z = transform::lift(self.state, branch, self.wall);
+        // no negative zeros
+        let z = Lifted { s: z.s + 0.0, v: z.v + 0.0 };
+        Knot { t: self.grid.t(self.k), state: self.state, z }
+    }
+
+    fn record(&mut self) {
+        let Knot { t, state: Physical { x, xdot }, z } = self.knot();
+        let sigma = self.log.sigma;
         let (lambda_s, lambda_v) =
             if self.log.at_rest { (0.0, 0.0) } else { (sigma, sigma * sgn(xdot)) };
-        // no negative zeros
-        let (s, v, lambda_v) = (z.s + 0.0, z.v + 0.0, lambda_v + 0.0);
-        let row = [self.grid.t(self.k), x, xdot, s, v, lambda_s, lambda_v, f64::NAN];
+        let row = [t, x, xdot, z.s, z.v, lambda_s, lambda_v + 0.0, f64::NAN];
         for (to, value) in self.columns.extend(1).into_iter().zip(row) {
             to.fill(value);
         }

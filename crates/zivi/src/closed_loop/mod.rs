@@ -118,7 +118,7 @@ fn run<E, F: Force<E>>(
 ) -> Result<LoopRun<E>, SetupError> {
     let n = surroundings.grid.n_steps();
     let mut walk = Walk::start(controller, plant, surroundings, models)?;
-    let ending = watched(n, monitor, |until| walk.go_to(until));
+    let ending = watched(n, monitor, |until, _| walk.go_to(until));
     Ok(walk.finish(ending))
 }
 

@@ -49,4 +49,5 @@ pub use path::{DensePath, PathPoint};
 pub use run::{simulate_switched_rk, Output, SwitchedRun};
 pub use settings::{Order, SwitchedRk};
 pub use tail::Tail;
+pub(crate) use watch::changes;
 pub use watch::{Direction, EventFunction, EventHit, Level, UserEvent};

@@ -214,7 +214,7 @@ impl<'e, 'a, E> Watch<'e, 'a, E> {
 }
 
 /// Whether a function that goes from `before` to `after` reaches zero in the wanted direction.
-fn changes(before: f64, after: f64, direction: Direction) -> bool {
+pub(crate) fn changes(before: f64, after: f64, direction: Direction) -> bool {
     let rises = before < 0.0 && after >= 0.0;
     let falls = before > 0.0 && after <= 0.0;
     match direction {
