@@ -201,6 +201,7 @@ pub(crate) fn solve_steps<'py>(
 /// Explicit Euler with explicit signs.
 #[pyfunction]
 #[pyo3(signature = (force, *, wall, h, span, state, events, progress=None))]
+#[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_explicit_euler(
     py: Python<'_>,
     force: &Bound<'_, PyTuple>,
