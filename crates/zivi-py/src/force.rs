@@ -164,10 +164,11 @@ impl<E> Force<E> for NativeForce {
         }
     }
 
-    fn is_plain_at_rest(&self) -> bool {
+    fn shortest_period(&self) -> Option<f64> {
         match self {
-            Self::Linear(force) => Force::<E>::is_plain_at_rest(force),
-            other => Force::<E>::dependence(other) == Dependence::Constant,
+            Self::Constant(force) => Force::<E>::shortest_period(force),
+            Self::Linear(force) => Force::<E>::shortest_period(force),
+            _ => None,
         }
     }
 }
@@ -197,11 +198,8 @@ impl Force<PyErr> for ForceSpec<'_> {
         }
     }
 
-    fn is_plain_at_rest(&self) -> bool {
-        match self {
-            Self::Linear(force) => Force::<PyErr>::is_plain_at_rest(force),
-            other => other.dependence() == Dependence::Constant,
-        }
+    fn shortest_period(&self) -> Option<f64> {
+        self.native().and_then(|force| Force::<PyErr>::shortest_period(&force))
     }
 
     fn is_interruption(&self, error: &PyErr) -> bool {

@@ -29,10 +29,10 @@ pub trait Force<E> {
         self.dependence()
     }
 
-    /// Whether that force is known to hold no surprise between the looks that its variation asks
-    /// for, such as a pulse: a harmonic does not.
-    fn is_plain_at_rest(&self) -> bool {
-        self.dependence_at_rest() == Dependence::Constant
+    /// The shortest period in how it depends on time (s), where that is known, infinite where it
+    /// does not: between looks that are closer than that it holds no surprise, such as a pulse.
+    fn shortest_period(&self) -> Option<f64> {
+        (self.dependence() == Dependence::Constant).then_some(f64::INFINITY)
     }
 
     /// Whether an error has nothing to do with the state (an interruption): behind the wall the
@@ -103,8 +103,9 @@ impl<E> Force<E> for LinearForce {
         }
     }
 
-    fn is_plain_at_rest(&self) -> bool {
-        true
+    fn shortest_period(&self) -> Option<f64> {
+        let varies = self.amplitude != 0.0 && self.omega != 0.0;
+        Some(if varies { std::f64::consts::TAU / self.omega.abs() } else { f64::INFINITY })
     }
 }
 

@@ -79,7 +79,8 @@ impl SwitchedIntegrator {
         }
         let (e, max_step) = (self.wall.e(), self.settings.max_step);
         let tail = Tail::new(&self.chain, e, zeno, self.sigma);
-        let lookahead = Lookahead { tail: &tail, e, tolerance, max_step };
+        let period = force.shortest_period::<E>();
+        let lookahead = Lookahead { tail: &tail, e, tolerance, max_step, period };
         self.obstacle = lookahead.obstacle(self.obstacle, force)?;
         Ok(self.obstacle.is_none().then_some(zeno))
     }

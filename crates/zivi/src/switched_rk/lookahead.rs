@@ -45,6 +45,9 @@ const SPARSE: f64 = 0.15;
 /// From then on one arc stands for those after which this part is left of what was left before.
 const LASTING: f64 = 0.25;
 
+/// A force whose period is known is looked at so often in it.
+const PART: f64 = 0.25;
+
 /// Steps of a flight where the force is known to do something.
 const STEPS: f64 = 4.0;
 
@@ -81,6 +84,8 @@ pub(super) struct Lookahead<'t> {
     pub(super) tolerance: f64,
     /// Longest time between two looks (s).
     pub(super) max_step: f64,
+    /// The shortest period of the force, where that is known (s).
+    pub(super) period: Option<f64>,
 }
 
 impl Lookahead<'_> {
@@ -127,15 +132,16 @@ impl Lookahead<'_> {
     /// and for how many arcs it stands.
     fn closeness(&self, arc: &TailArc, left: f64) -> (usize, usize) {
         let h = arc.end - arc.start;
-        let panels = (GAUSS * h / self.max_step).ceil().max(1.0) as usize;
+        let longest = self.period.map_or(self.max_step, |period| self.max_step.min(PART * period));
+        let panels = (GAUSS * h / longest).ceil().max(1.0) as usize;
         if left > CLOSE {
-            return (panels.max(PANELS), 1);
+            return (if self.period.is_some() { panels } else { panels.max(PANELS) }, 1);
         }
         if left > SPARSE {
             return (panels, 1);
         }
         let arcs = LASTING.ln() / self.e.ln();
-        (panels, arcs.min(self.max_step / h).max(1.0).round() as usize)
+        (panels, arcs.min(longest / h).max(1.0).round() as usize)
     }
 
     /// As [`Self::deviation`]; NaN where the force is not finite.

@@ -133,7 +133,7 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
     check_stops(output.tstops)?;
     let mut integrator = SwitchedIntegrator::new(settings, wall)?;
     integrator.start(t0, initial)?;
-    integrator.lookout.probing = !force.is_plain_at_rest();
+    integrator.lookout.probing = force.shortest_period().is_none();
     let mut run = Running::new(integrator, t1, &mut output);
     let mut force = Counted::new(force);
     let ending = run.go(&mut force, monitor);

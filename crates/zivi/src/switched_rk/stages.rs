@@ -69,6 +69,13 @@ impl<'a, F> Counted<'a, F> {
         self.force.dependence_at_rest()
     }
 
+    pub(super) fn shortest_period<E>(&self) -> Option<f64>
+    where
+        F: Force<E>,
+    {
+        self.force.shortest_period()
+    }
+
     pub(super) fn dependence<E>(&self) -> crate::Dependence
     where
         F: Force<E>,
