@@ -213,7 +213,7 @@ mod tests {
         f: impl Fn(f64) -> f64,
     ) -> (Option<Obstacle>, u64) {
         let tail = tail();
-        let ahead = Lookahead { tail: &tail, e: E, tolerance: TOLERANCE, max_step };
+        let ahead = Lookahead { tail: &tail, e: E, tolerance: TOLERANCE, max_step, period: None };
         let mut force = FunctionForce(|t: f64, _: f64, _: f64| Ok::<f64, ()>(f(t)));
         let mut force = Counted::new(&mut force);
         let found = ahead.obstacle(suspect, &mut force).unwrap();
@@ -239,7 +239,8 @@ mod tests {
         let exact = 1.5 + h + 2.0 * E * w / (PULL * (1.0 - E)) - ZENO;
         let mut force = FunctionForce(|t: f64, _: f64, _: f64| Ok::<f64, ()>(c * (t - 1.5) - p));
         let mut force = Counted::new(&mut force);
-        let ahead = Lookahead { tail: &tail, e: E, tolerance: TOLERANCE, max_step: 1.0 };
+        let ahead =
+            Lookahead { tail: &tail, e: E, tolerance: TOLERANCE, max_step: 1.0, period: None };
         let arc = tail.arc(0).unwrap();
         for panels in [1, 3] {
             let shift = ahead.deviation(&arc, panels, &mut force).unwrap();
@@ -295,7 +296,8 @@ mod tests {
             chain.note(Bounce { t: zeno * (1.0 - q), u: q, g });
         }
         let tail = Tail::new(&chain, e, zeno, 1.0);
-        let ahead = Lookahead { tail: &tail, e, tolerance: 1e-6 * zeno, max_step: 1e3 };
+        let ahead =
+            Lookahead { tail: &tail, e, tolerance: 1e-6 * zeno, max_step: 1e3, period: None };
         for (until, lasting) in [(2.0 * zeno, false), (0.999 * zeno, true)] {
             let mut force = FunctionForce(|t: f64, _: f64, _: f64| {
                 Ok::<f64, ()>(if t < until { -g } else { -1.1 * g })
