@@ -162,7 +162,8 @@ def test_steps_only_where_that_is_asked_for():
 
 
 def test_a_long_run_is_not_drowned_in_samples():
-    oscillator = zivi.ImpactSystem(zivi.LinearForce(1, 0.1, -1, 0.6, 0.9), e=0.8)
+    force = zivi.LinearForce(stiffness=1, damping=0.1, gravity=-1, amplitude=0.6, omega=0.9)
+    oscillator = zivi.ImpactSystem(force, e=0.8)
     sol = zivi.simulate(oscillator, (0, 2e5), (1, 0), zivi.SwitchedRK(rtol=1e-4))
     assert sol.n_steps > 1e5
     assert len(sol.t) < 4 * sol.n_steps

@@ -1,0 +1,1 @@
+"""Golden traces: runs of which every bit is kept."""
