@@ -158,9 +158,7 @@ def loops() -> Iterator[tuple[str, Run]]:
         plants = {
             "ball": zivi.ImpactSystem(-9.81, kappa=kappa),
             "drag": zivi.ImpactSystem(drag, kappa=kappa),
-            "spring": zivi.ImpactSystem(
-                zivi.LinearForce(stiffness=5.0, damping=0.2, gravity=9.81), kappa=kappa
-            ),
+            "spring": zivi.ImpactSystem(spring, kappa=kappa),
         }
         for of_plant, plant in plants.items():
             for h in (1e-2, 2e-3):
