@@ -261,6 +261,7 @@ mod tests {
         let first = path + HEAD;
         let flight = (0..).find(|i| numbers[first + OF_SEGMENT * i + 2] == 2.0).unwrap();
         let flight = first + OF_SEGMENT * flight;
+        let not_there = [numbers[path + 1] - 1.0, 1e6, 8e15];
         let wrong: Vec<(usize, &[f64])> = vec![
             (1, &[-0.1, 1.1, f64::NAN]),                // e
             (2, &[-0.1, 0.4, f64::NAN]),                // kappa
@@ -275,7 +276,7 @@ mod tests {
             (first, &[f64::NAN, 1e9]),                  // start of a segment
             (first + 1, &[0.0, 2.0]),                   // its branch
             (first + 2, &[3.0, 7.0]),                   // its kind
-            (flight + 3, &[1e6, 8e15]),                 // coefficients that are not there
+            (flight + 3, &not_there),                   // coefficients that are not there
             (flight + 4, &[8.0, 9.0, 1e15]),            // a degree that no step has
             (flight + 5, &[0.0, -1.0, f64::INFINITY]),  // its length
         ];
