@@ -11,6 +11,7 @@ from pathlib import Path
 
 import matplotlib.image
 import numpy as np
+import psutil
 import pytest
 import xarray
 from typer.testing import CliRunner
@@ -397,6 +398,14 @@ app(sys.argv[1:])
 """
 
 
+def computed_for(child, seconds):
+    """Wait until a process has had so much of a processor, however busy the machine is."""
+    process = psutil.Process(child.pid)
+    begun = sum(process.cpu_times()[:2])
+    while child.poll() is None and sum(process.cpu_times()[:2]) < begun + seconds:
+        time.sleep(0.05)
+
+
 @pytest.mark.slow
 @pytest.mark.xdist_group("interrupt")
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT to a process")
@@ -424,7 +433,7 @@ def test_interrupt(place, command):
                 while not list(place.glob("sweep.zarr/status/c/*/*")) and child.poll() is None:
                     time.sleep(0.05)
             else:
-                time.sleep(0.5)
+                computed_for(child, 1.0)
             child.send_signal(signal.SIGINT)
             _, errors = child.communicate(timeout=40)
         finally:
