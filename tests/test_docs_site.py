@@ -23,7 +23,7 @@ import zivi.interop
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = sorted(DOCS.rglob("*.md"))
+PAGES = sorted(path for path in DOCS.rglob("*.md") if not path.name.startswith("_"))
 TUTORIAL = ["tutorial", "tutorial_forces", "tutorial_control", "tutorial_studies"]
 BUILD_LIMIT = 180
 """Longest time of the processors for a build of the site (s)."""
