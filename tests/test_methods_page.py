@@ -312,3 +312,15 @@ def test_the_code_of_the_page_runs():
 def test_every_link_of_the_page_leads_somewhere():
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", PAGE):
         assert (ROOT / "docs" / target).exists(), target
+
+
+@pytest.mark.parametrize("width", [0.1, 0.01])
+def test_a_pulse_at_rest_of_a_third_of_the_longest_step_is_seen(width):
+    for place in np.random.default_rng(7).uniform(width, 10 - width, 10):
+
+        def force(t, x, xdot, *, at=place):
+            return 5.19 if abs(t - at) < width / 2 else -9.81
+
+        method = zivi.SwitchedRK(max_step=3 * width)
+        sol = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 10), (0, 0), method)
+        assert sol.liftoff_times[:1] == pytest.approx([place - width / 2], abs=1e-9)
