@@ -29,7 +29,7 @@ pytestmark = [
     ),
 ]
 
-WAIT = 20.0
+WAIT = 60.0
 LINES = """graph => JSON.stringify((graph._fullData || []).map(line => [
     line.name, line.yaxis, Array.from(line.x, Number), Array.from(line.y, Number)]))"""
 
