@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
-use zivi::batch::{simulate_batch as run_batch, BatchError, Course, Member, Outcome, Save};
+use zivi::drive::batch::{simulate_batch as run_batch, BatchError, Course, Member, Outcome, Save};
 use zivi::{Events, Grid, Impact, MoreauJean, Physical, Restitution, ThetaGamma};
 
 use crate::force::{ForceSpec, NativeForce};
@@ -214,7 +214,7 @@ fn with_room(n: usize) -> PyResult<Vec<f64>> {
 /// The number of threads that the machine runs at once.
 #[pyfunction]
 pub(crate) fn available_threads() -> usize {
-    zivi::batch::available_threads()
+    zivi::drive::batch::available_threads()
 }
 
 /// The times of every so many steps of a grid, from its start on.

@@ -6,7 +6,9 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyTuple};
-use zivi::closed_loop::{Controller, Forces, Loop, LoopRun, Motion, Sensor, Tick, TickError};
+use zivi::drive::closed_loop::{
+    Controller, Forces, Loop, LoopRun, Motion, Sensor, Tick, TickError,
+};
 use zivi::{Force, Physical, SetupError};
 
 use crate::control::{Explicit, Regulator, Tracker};

@@ -4,8 +4,10 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
-use zivi::batch::{simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings};
-use zivi::closed_loop::{AnyController, Motion};
+use zivi::drive::batch::{
+    simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings,
+};
+use zivi::drive::closed_loop::{AnyController, Motion};
 use zivi::{Grid, Physical, Status};
 
 use crate::batch::{natives, refused, row_wall, rows};

@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use zivi::step_solver::General;
+use zivi::stepping::step_solver::General;
 use zivi::Lifted;
 use zivi::{
     EventHit, Following, Grid, MoreauJean, Physical, Restitution, Run, SetupError, Solver,

@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::sign_solver::SignSolver;
+use zivi::stepping::sign_solver::SignSolver;
 use zivi::{Lifted, Solver};
 use zivi_core::control::inclusion::{AsProblem, Inclusion, TrackingInclusion};
 use zivi_core::control::tracking::{Target, TrackingStep};

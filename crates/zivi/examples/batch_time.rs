@@ -8,7 +8,7 @@
 
 use std::time::Instant;
 
-use zivi::batch::{simulate_batch, Course, Member, Save};
+use zivi::drive::batch::{simulate_batch, Course, Member, Save};
 use zivi::{ConstantForce, Grid, Physical, Restitution, Silent, ThetaGamma};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -13,57 +13,44 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The pipeline: a [`Force`] (perhaps above a [`moving_wall`]) and a wall are advanced by a method,
-//! giving a [`Trajectory`] with its [`Events`].
+//! The rooms, each of which knows only those above it:
 //!
-//! * Fixed steps: [`theta_gamma`] and [`explicit`] implement [`fixed_step::FixedStep`], which
-//!   [`fixed_step`] drives over a [`Grid`]; [`moreau_jean`] has a walk of its own.
-//! * Error control: [`switched_rk`], high order through impacts and Zeno points.
-//! * [`closed_loop`]: a sampled controller of `zivi_core::control` and a plant between its samples.
-//! * [`batch`]: many runs on all cores.
+//! * [`numeric`] knows no mechanics: Runge-Kutta pairs, Bernstein polynomials, roots, grids.
+//! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall).
+//! * [`record`]: what a run leaves: a [`Trajectory`] with its [`Events`], a [`Status`].
+//! * [`stepping`]: fixed steps. [`stepping::theta_gamma`] and [`stepping::explicit`] implement
+//!   [`stepping::fixed_step::FixedStep`], which is driven over a [`Grid`];
+//!   [`stepping::moreau_jean`] has a walk of its own.
+//! * [`switched`]: error control, high order through impacts and Zeno points.
+//! * [`drive`]: a sampled controller of `zivi_core::control` and a plant between its samples
+//!   ([`drive::closed_loop`]); many runs on all cores ([`drive::batch`]).
 
 #![forbid(unsafe_code)]
 
-pub mod ballistic;
-pub mod batch;
-pub mod closed_loop;
-pub mod events;
-pub mod explicit;
-pub mod fixed_step;
-pub mod force;
-pub mod grid;
-mod implicit;
-pub mod monitor;
-pub mod moreau_jean;
-pub mod moving_wall;
-mod recorder;
-mod room;
-pub mod sign_solver;
-pub mod status;
-pub mod step_events;
-pub mod step_solver;
-pub mod summary;
-pub mod switched_rk;
-pub mod theta_gamma;
-pub mod trajectory;
+pub mod drive;
+pub mod numeric;
+pub mod record;
+pub mod stepping;
+pub mod switched;
+pub mod system;
 
-pub use closed_loop::{simulate_closed_loop, LoopRun};
-pub use events::{Events, Impact};
-pub use explicit::simulate_explicit_euler;
-pub use fixed_step::Failure;
-pub use force::{ConstantForce, Dependence, Force, FunctionForce, LinearForce};
-pub use grid::{Grid, GridError};
-pub use monitor::{Monitor, Silent};
-pub use moreau_jean::{simulate_moreau_jean, MoreauJean};
-pub use moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
-pub use status::Status;
-pub use step_events::{Following, Interpolation, Knot, Stretch};
-pub use summary::{Keep, Summary};
-pub use switched_rk::{
+pub use drive::closed_loop::{simulate_closed_loop, LoopRun};
+pub use numeric::grid::{Grid, GridError};
+pub use record::events::{Events, Impact};
+pub use record::failure::Failure;
+pub use record::monitor::{Monitor, Silent};
+pub use record::status::Status;
+pub use record::summary::{Keep, Summary};
+pub use record::trajectory::{Columns, Quantity, Run, SetupError, Trajectory, QUANTITIES};
+pub use stepping::explicit::simulate_explicit_euler;
+pub use stepping::moreau_jean::{simulate_moreau_jean, MoreauJean};
+pub use stepping::step_events::{Following, Interpolation, Knot, Stretch};
+pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
+pub use switched::{
     simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Level, Motion,
     MotionError, Occurrence, Order, Output, PathPoint, SwitchedIntegrator, SwitchedRk, SwitchedRun,
     Tail, UserEvent,
 };
-pub use theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
-pub use trajectory::{Columns, Quantity, Run, SetupError, Trajectory, QUANTITIES};
+pub use system::force::{ConstantForce, Dependence, Force, FunctionForce, LinearForce};
+pub use system::moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use zivi_core::{Branch, Lifted, Physical, Restitution};

@@ -1,6 +1,6 @@
 //! Exact motion under a constant force, against its closed forms bounce by bounce.
 
-use zivi::ballistic::advance;
+use zivi::stepping::ballistic::advance;
 use zivi::{Events, Physical, Restitution};
 
 fn wall(e: f64) -> Restitution {

@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 
-use zivi::batch::{simulate_batch, BatchError, Course, Member, Outcome, Save};
+use zivi::drive::batch::{simulate_batch, BatchError, Course, Member, Outcome, Save};
 use zivi::{
     simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
     ConstantForce, Force, Grid, LinearForce, Monitor, MoreauJean, Output, Physical, Quantity,

@@ -1,6 +1,6 @@
 //! The sampled loop itself: what is measured, told, delayed, held and recorded.
 
-use zivi::closed_loop::{
+use zivi::drive::closed_loop::{
     simulate_closed_loop, AnyController, Controller, Forces, Loop, LoopRun, Motion, Sensor, Tick,
     TickError, REFUSED,
 };

@@ -1,0 +1,116 @@
+//! What is saved of one run of a batch.
+
+use crate::record::trajectory::{Columns, Quantity};
+use crate::{Events, Grid, Impact, SetupError, Status, Summary};
+
+use super::Save;
+use zivi_core::Physical;
+
+/// Sampled positions and velocities of one run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Saved {
+    /// Distances from the wall (m).
+    pub x: Vec<f64>,
+    /// Velocities (m/s).
+    pub xdot: Vec<f64>,
+}
+
+impl Saved {
+    pub(super) fn with_room(every: usize, grid: Grid) -> Result<Self, SetupError> {
+        let room = samples(every, grid);
+        Ok(Self { x: with_room(room)?, xdot: with_room(room)? })
+    }
+
+    /// The first sample and every so many after it.
+    pub(super) fn every(columns: &Columns, every: usize) -> Result<Self, SetupError> {
+        let of = |quantity| thinned(columns.of(quantity), every);
+        Ok(Self { x: of(Quantity::X)?, xdot: of(Quantity::Xdot)? })
+    }
+
+    pub(super) fn push(&mut self, x: f64, xdot: f64) {
+        self.x.push(x);
+        self.xdot.push(xdot);
+    }
+}
+
+/// Samples of which every so many are kept, none for `0`.
+pub(super) fn samples(every: usize, grid: Grid) -> usize {
+    grid.n_steps().checked_div(every).map_or(0, |it| it + 1)
+}
+
+fn with_room(room: usize) -> Result<Vec<f64>, SetupError> {
+    let mut list = Vec::new();
+    list.try_reserve_exact(room).map_err(|_| SetupError::Memory(room))?;
+    Ok(list)
+}
+
+/// The first and every so many of the values after it, none for `0`.
+pub(super) fn thinned(values: &[f64], every: usize) -> Result<Vec<f64>, SetupError> {
+    if every == 0 {
+        return Ok(Vec::new());
+    }
+    let mut list = with_room(values.len().div_ceil(every))?;
+    list.extend(values.iter().step_by(every));
+    Ok(list)
+}
+
+/// The end of one run and what happened in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// The last state and the extremes (the extremes only with [`Save::Statistics`]).
+    pub summary: Summary,
+    /// How it ended.
+    pub status: Status,
+    /// Evaluations of the force.
+    pub nfev: u64,
+    /// Number of impacts that were resolved, of Zeno points and of lift-offs.
+    pub counts: [u64; 3],
+    /// Time of the first and of the last impact (s), NaN without one.
+    pub first_impact: f64,
+    /// Time of the last impact (s), NaN without one.
+    pub last_impact: f64,
+    /// Largest speed before an impact (m/s), 0 without one.
+    pub hardest_impact: f64,
+    /// Time from which the mass rests until the end (s), NaN if it does not.
+    pub rest_time: f64,
+    /// The events, with [`Save::Events`].
+    pub events: Option<Events>,
+    /// The samples, with [`Save::Every`].
+    pub saved: Saved,
+}
+
+impl Outcome {
+    /// Of a run from `initial` at `t` of which nothing is left.
+    pub(super) fn lost(t: f64, Physical { x, xdot }: Physical, status: Status, save: Save) -> Self {
+        let summary = Summary { t, x, xdot, ..Summary::default() };
+        Self::new(Events::default(), Saved::default(), summary, (status, 0), save)
+    }
+
+    pub(super) fn new(
+        events: Events,
+        saved: Saved,
+        summary: Summary,
+        (status, nfev): (Status, u64),
+        save: Save,
+    ) -> Self {
+        let time = |impact: Option<&Impact>| impact.map_or(f64::NAN, |impact| impact.t);
+        let hardest = |so_far: f64, impact: &Impact| so_far.max(-impact.xdot_before);
+        let count = |it: usize| it as u64;
+        Self {
+            summary,
+            status,
+            nfev,
+            counts: [
+                count(events.impacts.len()),
+                count(events.zeno_times.len()),
+                count(events.liftoff_times.len()),
+            ],
+            first_impact: time(events.impacts.first()),
+            last_impact: time(events.impacts.last()),
+            hardest_impact: events.impacts.iter().fold(0.0, hardest),
+            rest_time: events.rest_time.unwrap_or(f64::NAN),
+            events: (save == Save::Events).then_some(events),
+            saved,
+        }
+    }
+}

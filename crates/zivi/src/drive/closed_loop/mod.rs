@@ -1,0 +1,270 @@
+//! The sampled closed loop: measure, tick, hold the control while the plant moves on.
+//!
+//! ```text
+//! y_k = measured(x(t_k), x'(t_k))      u_k = tick(y_k)      x'' = f + u_{k - delay} on [t_k, t_{k+1})
+//! ```
+//!
+//! The true force moves the plant; the controller is told what its models of the forces give at
+//! the sample. Both are different arguments.
+
+mod controller;
+mod plant;
+mod record;
+mod sensor;
+
+use std::collections::VecDeque;
+
+use zivi_core::{Physical, Restitution, ThetaGammaStep};
+
+pub use controller::{AnyController, Controller, Tick, TickError, SIGNS};
+pub use plant::{Period, Plant};
+pub use record::{LoopRun, LOOP_COLUMNS, REFUSED};
+pub use sensor::Sensor;
+
+use crate::record::failure::Failure;
+use crate::stepping::fixed_step::{check_initial, watched};
+use crate::system::evaluation::finite_force;
+use crate::{Dependence, Force, Grid, Monitor, SetupError, Status, SwitchedRk};
+use plant::{BallisticPlant, SchemePlant, SwitchedPlant};
+use record::LoopRecord;
+
+/// How the plant moves between the samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Motion {
+    /// Exactly where the force is constant, by the switched Runge-Kutta method where it is not.
+    Exact(SwitchedRk),
+    /// By the switched Runge-Kutta method.
+    Switched(SwitchedRk),
+    /// By the theta-gamma scheme on the controller's grid (the paper's own loop).
+    Scheme {
+        /// Weight of the new velocity, in `(0, 1]`.
+        theta: f64,
+        /// Where the signs are taken, in `(0, 1]`.
+        gamma: f64,
+    },
+}
+
+/// What surrounds the controller.
+#[derive(Clone, Copy, Debug)]
+pub struct Loop<'a> {
+    /// The plant's wall.
+    pub wall: Restitution,
+    /// The samples.
+    pub grid: Grid,
+    /// The plant's state at the first sample.
+    pub initial: Physical,
+    /// How the plant moves between samples.
+    pub motion: Motion,
+    /// What the controller sees.
+    pub sensor: Sensor<'a>,
+    /// Periods that pass before a control acts (`0` control acts until then).
+    pub delay: usize,
+}
+
+/// The forces of a loop.
+#[derive(Debug)]
+pub struct Forces<'a, F> {
+    /// What acts on the plant.
+    pub plant: &'a mut F,
+    /// What the controller believes.
+    pub model: &'a mut F,
+    /// What acts on the reference.
+    pub reference: &'a mut F,
+}
+
+/// Runs a closed loop.
+///
+/// # Errors
+/// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
+pub fn simulate_closed_loop<E, F: Force<E>>(
+    controller: &mut (impl Controller<E> + ?Sized),
+    surroundings: Loop<'_>,
+    forces: Forces<'_, F>,
+    monitor: &mut impl Monitor<E>,
+) -> Result<LoopRun<E>, SetupError> {
+    let Loop { wall, grid, initial, motion, .. } = surroundings;
+    check_initial(initial)?;
+    let Forces { plant: force, model, reference } = forces;
+    let (t0, models) = (grid.t(0), Models { model, reference });
+    match motion {
+        Motion::Scheme { theta, gamma } => {
+            let step = ThetaGammaStep::new(grid.h(), theta, gamma, wall)?;
+            let plant = SchemePlant::new(step, force, t0, initial);
+            run(controller, plant, surroundings, models, monitor)
+        }
+        Motion::Exact(_) if force.dependence() == Dependence::Constant => {
+            let plant = BallisticPlant::new(wall, force, t0, initial);
+            run(controller, plant, surroundings, models, monitor)
+        }
+        Motion::Exact(method) | Motion::Switched(method) => {
+            // a period is one step, unless the error control wants more
+            let method = SwitchedRk { first_step: Some(grid.h()), ..method };
+            let plant = SwitchedPlant::new(method, wall, force, (t0, initial))?;
+            run(controller, plant, surroundings, models, monitor)
+        }
+    }
+}
+
+/// What the controller is told of the forces.
+struct Models<'a, F> {
+    model: &'a mut F,
+    reference: &'a mut F,
+}
+
+fn run<E, F: Force<E>>(
+    controller: &mut (impl Controller<E> + ?Sized),
+    plant: impl Plant<E>,
+    surroundings: Loop<'_>,
+    models: Models<'_, F>,
+    monitor: &mut impl Monitor<E>,
+) -> Result<LoopRun<E>, SetupError> {
+    let n = surroundings.grid.n_steps();
+    let mut walk = Walk::start(controller, plant, surroundings, models)?;
+    let ending = watched(n, monitor, |until, _| walk.go_to(until));
+    Ok(walk.finish(ending))
+}
+
+/// A closed loop under way: `k` periods are done, the last of them ended in `state`.
+struct Walk<'a, C: ?Sized, P, F> {
+    controller: &'a mut C,
+    plant: P,
+    surroundings: Loop<'a>,
+    models: Models<'a, F>,
+    record: LoopRecord,
+    k: usize,
+    state: Physical,
+    /// What acts on the plant.
+    u: f64,
+    /// Controls that do not act yet, the oldest first.
+    pending: VecDeque<f64>,
+}
+
+impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
+    fn start<E>(
+        controller: &'a mut C,
+        plant: P,
+        surroundings: Loop<'a>,
+        models: Models<'a, F>,
+    ) -> Result<Self, SetupError>
+    where
+        C: Controller<E>,
+        P: Plant<E>,
+    {
+        let Loop { grid, initial, delay, .. } = surroundings;
+        let record = LoopRecord::with_room(grid.n_steps() + 1)?;
+        if delay > grid.n_steps() {
+            let periods = "at most the number of periods of the run";
+            return Err(SetupError::Count("delay", delay, periods));
+        }
+        let pending = std::iter::repeat_n(0.0, delay).collect();
+        Ok(Self {
+            controller,
+            plant,
+            surroundings,
+            models,
+            record,
+            k: 0,
+            state: initial,
+            u: 0.0,
+            pending,
+        })
+    }
+
+    fn go_to<E>(&mut self, until: usize) -> Result<(), Failure<E>>
+    where
+        C: Controller<E>,
+        P: Plant<E>,
+        F: Force<E>,
+    {
+        while self.k < until {
+            self.period()?;
+        }
+        Ok(())
+    }
+
+    /// One period: measure, tick, hold.
+    fn period<E>(&mut self) -> Result<(), Failure<E>>
+    where
+        C: Controller<E>,
+        P: Plant<E>,
+        F: Force<E>,
+    {
+        let grid = self.surroundings.grid;
+        let n = grid.n_steps();
+        let t = grid.t(self.k);
+        let reference = self.controller.reference();
+        let tick = self.tick(t, reference)?;
+        self.record.push((t, self.state, reference), self.u, &*self.controller, tick);
+        let h = if self.k + 1 == n { grid.last_h() } else { grid.h() };
+        let period = Period { t, t_next: grid.t(self.k + 1), h };
+        let next = self.plant.advance(period, self.state, self.u)?;
+        if !(next.x.is_finite() && next.xdot.is_finite()) {
+            return Err(Failure::Status(Status::StateNotFinite));
+        }
+        self.state = next;
+        self.k += 1;
+        Ok(())
+    }
+
+    /// Asks the controller, and decides what acts from `t` on. Gives the bits of the tick.
+    fn tick<E>(&mut self, t: f64, reference: Option<Physical>) -> Result<u8, Failure<E>>
+    where
+        C: Controller<E>,
+        F: Force<E>,
+    {
+        let measured = self.surroundings.sensor.measure(self.k, self.state);
+        let force = finite_force(self.models.model, t, measured)?;
+        let force_ref = match reference {
+            Some(reference) if self.controller.takes_force_ref() => {
+                finite_force(self.models.reference, t, reference)?
+            }
+            _ => 0.0,
+        };
+        let bits = match self.controller.tick(Tick { t, measured, force, force_ref }) {
+            Ok(u) => {
+                self.pending.push_back(u);
+                self.controller.status().bits()
+            }
+            Err(TickError::Refused(_)) => {
+                self.pending.push_back(self.pending.back().copied().unwrap_or(self.u));
+                REFUSED
+            }
+            Err(TickError::Raised(error)) => return Err(Failure::Raised(error)),
+        };
+        self.u = self.pending.pop_front().unwrap_or(self.u);
+        Ok(bits)
+    }
+
+    /// The latest start of a rest that has lasted a period, or the whole run.
+    fn latest_rest(&self) -> f64 {
+        let (grid, k) = (self.surroundings.grid, self.k);
+        let shortened = k == grid.n_steps() && grid.last_h() < grid.h();
+        if shortened {
+            (grid.t(k) - grid.h()).max(grid.t(0))
+        } else {
+            grid.t(k.saturating_sub(1))
+        }
+    }
+
+    fn finish<E>(mut self, ending: Failure<E>) -> LoopRun<E>
+    where
+        C: Controller<E>,
+        P: Plant<E>,
+    {
+        // the last sample, unless the run ended within the period that starts there
+        if self.record.ticks.len() == self.k {
+            let last = (self.surroundings.grid.t(self.k), self.state, self.controller.reference());
+            self.record.push(last, self.u, &*self.controller, 0);
+        }
+        let (status, raised) = match ending {
+            Failure::Status(status) => (status, None),
+            Failure::Raised(error) => (Status::Raised, Some(error)),
+        };
+        let (mut events, nfev) = (self.plant.events(), self.plant.nfev());
+        // the control of the next sample may end a rest: it counts once it has lasted a period
+        let latest = self.latest_rest();
+        events.rest_time = events.rest_time.filter(|rest| *rest <= latest);
+        let LoopRecord { columns, ticks } = self.record;
+        LoopRun { columns, ticks, events, status, nfev, raised }
+    }
+}

@@ -1,0 +1,4 @@
+//! Runs of many kinds: a sampled controller with its plant, many runs on all cores.
+
+pub mod batch;
+pub mod closed_loop;

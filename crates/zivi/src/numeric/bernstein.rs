@@ -1,0 +1,358 @@
+//! Polynomials on `[0, 1]` in Bernstein form, and where one first becomes negative.
+//!
+//! ```text
+//! p(theta) = sum_j c_j binom(n, j) theta^j (1 - theta)^(n-j)
+//! ```
+//!
+//! The coefficients enclose the values (`min c <= p <= max c`) and the number of their changes of
+//! sign bounds the number of roots: both certify that a step has no root, which a look at its ends
+//! cannot.
+
+use std::convert::Infallible;
+
+use super::root;
+
+/// Largest degree.
+pub(crate) const MOST_DEGREE: usize = 7;
+
+/// A polynomial of degree up to [`MOST_DEGREE`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bernstein {
+    n: usize,
+    c: [f64; MOST_DEGREE + 1],
+}
+
+/// Halvings of `[0, 1]`: two roots that are closer than rounding lets them be told apart are none.
+const DEPTH: u32 = 32;
+
+impl Bernstein {
+    pub(crate) fn new(coefficients: &[f64]) -> Self {
+        let mut c = [0.0; MOST_DEGREE + 1];
+        c[..coefficients.len()].copy_from_slice(coefficients);
+        Self { n: coefficients.len() - 1, c }
+    }
+
+    /// `a_0 + a_1 theta + ... + a_4 theta^4`.
+    pub(crate) fn from_quartic(a: [f64; 5]) -> Self {
+        // c_j = sum_i binom(j, i)/binom(4, i) a_i
+        let [a0, a1, a2, a3, a4] = a;
+        Self::new(&[
+            a0,
+            a0 + a1 / 4.0,
+            a0 + a1 / 2.0 + a2 / 6.0,
+            a0 + 0.75 * a1 + a2 / 2.0 + a3 / 4.0,
+            a0 + a1 + a2 + a3 + a4,
+        ])
+    }
+
+    /// `y + theta (f_0 + (1 - theta) (f_1 + theta (f_2 + (1 - theta) (f_3 + ...))))`.
+    pub(crate) fn from_nested(y: f64, f: [f64; 7]) -> Self {
+        let mut p = Self::new(&[f[6]]);
+        for i in (0..6).rev() {
+            p = if i % 2 == 0 { p.times_one_minus_theta() } else { p.times_theta() };
+            p.add(f[i]);
+        }
+        p = p.times_theta();
+        p.add(y);
+        p
+    }
+
+    /// The cubic with values and derivatives (by `theta`) `(x0, d0)` and `(x1, d1)` at the ends.
+    pub(crate) fn hermite((x0, d0): (f64, f64), (x1, d1): (f64, f64)) -> Self {
+        Self::new(&[x0, x0 + d0 / 3.0, x1 - d1 / 3.0, x1])
+    }
+
+    fn times_theta(self) -> Self {
+        let n = self.n + 1;
+        let mut c = [0.0; MOST_DEGREE + 1];
+        for (j, c) in c.iter_mut().enumerate().take(n + 1).skip(1) {
+            *c = j as f64 / n as f64 * self.c[j - 1];
+        }
+        Self { n, c }
+    }
+
+    fn times_one_minus_theta(self) -> Self {
+        let n = self.n + 1;
+        let mut c = [0.0; MOST_DEGREE + 1];
+        for (j, c) in c.iter_mut().enumerate().take(n) {
+            *c = (n - j) as f64 / n as f64 * self.c[j];
+        }
+        Self { n, c }
+    }
+
+    fn add(&mut self, constant: f64) {
+        self.c[..=self.n].iter_mut().for_each(|c| *c += constant);
+    }
+
+    /// The coefficients.
+    pub(crate) fn coefficients(&self) -> &[f64] {
+        &self.c[..=self.n]
+    }
+
+    /// The value at `theta`, by de Casteljau's scheme.
+    pub(crate) fn at(&self, theta: f64) -> f64 {
+        evaluate(self.coefficients(), theta)
+    }
+
+    /// The derivative at `theta`.
+    pub(crate) fn slope(&self, theta: f64) -> f64 {
+        let mut d = [0.0; MOST_DEGREE];
+        for (d, pair) in d.iter_mut().zip(self.coefficients().windows(2)) {
+            *d = self.n as f64 * (pair[1] - pair[0]);
+        }
+        evaluate(&d[..self.n.max(1)], theta)
+    }
+
+    /// `p(theta)/theta` for a polynomial with `p(0) = 0`.
+    pub(crate) fn without_root_at_zero(&self) -> Self {
+        let n = self.n;
+        let mut c = [0.0; MOST_DEGREE + 1];
+        for (j, c) in c.iter_mut().enumerate().take(n) {
+            *c = n as f64 / (j + 1) as f64 * self.c[j + 1];
+        }
+        Self { n: n - 1, c }
+    }
+
+    /// The parts over `[0, at]` and `[at, 1]`, each stretched to `[0, 1]`.
+    pub(crate) fn split(&self, at: f64) -> (Self, Self) {
+        let n = self.n;
+        let (mut left, mut right) = (*self, *self);
+        for level in 1..=n {
+            for j in 0..=n - level {
+                right.c[j] += at * (right.c[j + 1] - right.c[j]);
+            }
+            left.c[level] = right.c[0];
+        }
+        (left, right)
+    }
+
+    /// With the values at the ends set.
+    pub(crate) fn with_ends(mut self, first: f64, last: f64) -> Self {
+        (self.c[0], self.c[self.n]) = (first, last);
+        self
+    }
+
+    /// The same with its sign changed.
+    pub(crate) fn negated(mut self) -> Self {
+        self.c.iter_mut().for_each(|c| *c = -*c);
+        self
+    }
+
+    /// Changes of sign among the coefficients that are not zero.
+    fn sign_changes(&self) -> usize {
+        let signs = self.coefficients().iter().filter(|&&c| c != 0.0).map(|&c| c > 0.0);
+        signs.clone().zip(signs.skip(1)).filter(|(a, b)| a != b).count()
+    }
+
+    /// The sign just after `theta = 0`: that of the first coefficient that is not zero.
+    fn starts_negative(&self) -> bool {
+        self.coefficients().iter().find(|&&c| c != 0.0).is_some_and(|&c| c < 0.0)
+    }
+
+    /// The first point of `[0, 1]` after which the polynomial is negative.
+    ///
+    /// A touch without a change of sign is none, nor are two roots closer than `2^-32`.
+    pub(crate) fn first_negative(&self) -> Option<f64> {
+        self.search(0.0, 1.0, DEPTH)
+    }
+
+    /// The points of `(0, 1)` at which the polynomial less `level` reaches zero to change its sign
+    /// there, ascending: none is missed, as in [`Bernstein::first_negative`].
+    pub(crate) fn crossings(mut self, level: f64) -> Vec<f64> {
+        self.add(-level);
+        let (mut p, mut start, mut all) = (self, 0.0, Vec::new());
+        while p.n > 0 {
+            if p.c[0] == 0.0 {
+                // divided out, it is not found again
+                p = p.without_root_at_zero();
+                continue;
+            }
+            let above = if p.starts_negative() { p.negated() } else { p };
+            let Some(theta) = above.first_negative() else { break };
+            start += theta * (1.0 - start);
+            all.push(start);
+            p = above.split(theta).1;
+            p.c[0] = 0.0;
+        }
+        all
+    }
+
+    /// The same for the part over `[start, start + width]` of the whole.
+    fn search(&self, start: f64, width: f64, depth: u32) -> Option<f64> {
+        if self.starts_negative() {
+            return Some(start);
+        }
+        match self.sign_changes() {
+            0 => None,
+            1 => Some(start + width * self.only_root()),
+            _ if depth == 0 => None,
+            _ => {
+                let (left, right) = self.split(0.5);
+                left.search(start, 0.5 * width, depth - 1)
+                    .or_else(|| right.search(start + 0.5 * width, 0.5 * width, depth - 1))
+            }
+        }
+    }
+
+    /// The root of a polynomial that changes from positive to negative once.
+    fn only_root(&self) -> f64 {
+        // a zero at the start is left upwards
+        let (start, end) = (self.c[0].max(f64::MIN_POSITIVE), self.c[self.n]);
+        if end == 0.0 {
+            return 1.0;
+        }
+        let value = |theta| Ok::<f64, Infallible>(self.at(theta));
+        let Ok(root) = root::between((0.0, start), (1.0, end), value);
+        root.best
+    }
+}
+
+/// The value at `theta` of the polynomial with these coefficients (at most [`MOST_DEGREE`]` + 1`).
+pub(crate) fn evaluate(coefficients: &[f64], theta: f64) -> f64 {
+    let mut c = [0.0; MOST_DEGREE + 1];
+    let n = coefficients.len();
+    c[..n].copy_from_slice(coefficients);
+    for level in 1..n {
+        for j in 0..n - level {
+            c[j] += theta * (c[j + 1] - c[j]);
+        }
+    }
+    c[0]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `prod (theta - r)` up to a factor, positive at zero, by its values at equidistant points.
+    fn through(values: impl Fn(f64) -> f64, n: usize) -> Bernstein {
+        // Newton's divided differences on degree-n nodes, then to Bernstein by nested products
+        let nodes: Vec<f64> = (0..=n).map(|i| i as f64 / n as f64).collect();
+        let mut d: Vec<f64> = nodes.iter().map(|&x| values(x)).collect();
+        for level in 1..=n {
+            for i in (level..=n).rev() {
+                d[i] = (d[i] - d[i - 1]) / (nodes[i] - nodes[i - level]);
+            }
+        }
+        let mut p = Bernstein::new(&[d[n]]);
+        for i in (0..n).rev() {
+            // p (theta - node) + d
+            let (up, down) = (p.times_theta(), p.times_one_minus_theta());
+            let mut sum = up;
+            for j in 0..=up.n {
+                sum.c[j] = (1.0 - nodes[i]) * up.c[j] - nodes[i] * down.c[j];
+            }
+            sum.add(d[i]);
+            p = sum;
+        }
+        p
+    }
+
+    fn first(roots: &[f64]) -> Option<f64> {
+        let sign = roots.iter().map(|r| -r).product::<f64>().signum();
+        through(|x| sign * roots.iter().map(|r| x - r).product::<f64>(), roots.len())
+            .first_negative()
+    }
+
+    #[test]
+    fn the_first_of_several_roots_is_found_and_touches_are_none() {
+        for (roots, expected) in [
+            (&[0.3][..], Some(0.3)),
+            (&[0.3, 0.300001, 0.9], Some(0.3)),
+            (&[0.9, 0.2, 0.6, 0.7, 0.95], Some(0.2)),
+            (&[0.5, 0.5], None),
+            (&[0.4, 0.4, 0.8], Some(0.8)),
+            (&[-0.5, 1.5, 2.0], None),
+            (&[1e-3, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], Some(1e-3)),
+        ] {
+            let found = first(roots);
+            let fits = match (found, expected) {
+                (Some(a), Some(b)) => (a - b).abs() < 1e-8,
+                (a, b) => a == b,
+            };
+            assert!(fits, "{roots:?}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn dips_far_below_the_values_at_the_ends_are_found() {
+        // 1 + d - 2 d (1 - cos) like: (theta - 1/2)^2 - w^2, of depth w^2
+        for w in [1e-1, 1e-3, 1e-5, 1e-7] {
+            let dip = Bernstein::new(&[0.25 - w * w, -0.25 - w * w, 0.25 - w * w]);
+            let found = dip.first_negative().unwrap();
+            assert!((found - (0.5 - w)).abs() < 1e-2 * w, "{w}: {found}");
+        }
+        // the same about 0.3, where no halving meets it
+        for w in [1e-1, 1e-3, 1e-5, 1e-6] {
+            let (first, last) = (0.09 - w * w, 0.49 - w * w);
+            let dip = Bernstein::new(&[first, first - 0.3, last]);
+            let found = dip.first_negative().unwrap();
+            assert!((found - (0.3 - w)).abs() < 1e-2 * w, "{w}: {found}");
+        }
+    }
+
+    #[test]
+    fn all_crossings_of_a_level_are_found() {
+        let p = through(|x| (x - 0.1) * (x - 0.1001) * (x - 0.6) * (x - 0.9) + 0.3, 4);
+        let found = p.crossings(0.3);
+        let exact = [0.1, 0.1001, 0.6, 0.9];
+        let near = |a: &f64, b: &f64| (a - b).abs() < 1e-9;
+        assert!(exact.iter().all(|a| found.iter().any(|b| near(a, b))), "{found:?}");
+        assert!(found.iter().all(|a| exact.iter().any(|b| near(a, b))), "{found:?}");
+        // a touch is none, and neither is a zero at an end
+        assert!(Bernstein::new(&[1.0, -1.0, 1.0]).crossings(0.0).is_empty());
+        assert!(Bernstein::new(&[0.0, 1.0]).crossings(0.0).is_empty());
+        assert!(Bernstein::new(&[-1.0, 0.0]).crossings(0.0).is_empty());
+    }
+
+    #[test]
+    fn zeros_at_the_start() {
+        assert_eq!(Bernstein::new(&[0.0, 1.0, 1.0]).first_negative(), None);
+        assert_eq!(Bernstein::new(&[0.0, -1.0, 1.0]).first_negative(), Some(0.0));
+        assert_eq!(Bernstein::new(&[0.0, 0.0, 0.0]).first_negative(), None);
+        let parabola = Bernstein::new(&[0.0, 0.25, -0.5]); // theta/2 - theta^2
+        assert!((parabola.first_negative().unwrap() - 0.5).abs() < 1e-15);
+        let rest = parabola.without_root_at_zero();
+        assert!((rest.at(0.3) - 0.2).abs() < 1e-15);
+    }
+
+    #[test]
+    fn zero_coefficients_are_no_changes_of_sign() {
+        // theta^2 (1 - theta)^2 and (1 - theta)^4: nowhere negative
+        for c in [[0.0, 0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0, 0.0]] {
+            let p = Bernstein::new(&c);
+            assert_eq!((p.sign_changes(), p.first_negative()), (0, None));
+        }
+    }
+
+    #[test]
+    fn a_cubic_has_the_values_and_slopes_at_its_ends() {
+        // 1 + 2 theta - 4 theta^2 + 3 theta^3: values 1 and 2, slopes 2 and 3
+        let p = Bernstein::hermite((1.0, 2.0), (2.0, 3.0));
+        for theta in [0.0, 0.3, 0.8, 1.0] {
+            let direct = 1.0 + theta * (2.0 + theta * (-4.0 + theta * 3.0));
+            assert!((p.at(theta) - direct).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn forms_and_parts_agree() {
+        let f = [0.3, -1.0, 2.0, 0.7, -0.4, 1.1, -2.0];
+        let p = Bernstein::from_nested(0.2, f);
+        let (left, right) = p.split(0.3);
+        for theta in [0.0, 0.17, 0.5, 0.81, 1.0] {
+            let mut value = 0.0;
+            for (i, f) in f.iter().enumerate().rev() {
+                value = (value + f) * if i % 2 == 0 { theta } else { 1.0 - theta };
+            }
+            assert!((p.at(theta) - value - 0.2).abs() < 1e-14);
+            let difference = (p.at(theta + 1e-6) - p.at(theta - 1e-6)) / 2e-6;
+            assert!((p.slope(theta) - difference).abs() < 1e-9);
+            assert!((left.at(theta) - p.at(0.3 * theta)).abs() < 1e-14);
+            assert!((right.at(theta) - p.at(0.3 + 0.7 * theta)).abs() < 1e-14);
+            let q = Bernstein::from_quartic([1.0, -2.0, 3.0, 0.5, -0.25]);
+            let direct = 1.0 + theta * (-2.0 + theta * (3.0 + theta * (0.5 - 0.25 * theta)));
+            assert!((q.at(theta) - direct).abs() < 1e-14);
+        }
+    }
+}

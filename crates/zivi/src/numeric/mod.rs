@@ -1,0 +1,6 @@
+//! Numerics that know no mechanics: Runge-Kutta pairs, Bernstein polynomials, roots, grids.
+
+pub(crate) mod bernstein;
+pub mod grid;
+pub(crate) mod root;
+pub(crate) mod tableau;

@@ -1,0 +1,171 @@
+//! Impacts, Zeno points, rest and lift-off, read off the steps of a fixed-step run.
+
+use std::collections::TryReserveError;
+
+use zivi_core::transform::impact_velocities;
+use zivi_core::{Lifted, Restitution};
+
+use crate::record::reserve::Reserve;
+
+/// One impact: when, and the velocities on both sides of it (their ratio is `-e`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Impact {
+    /// Time (s): where `s` crosses zero, linear within the step.
+    pub t: f64,
+    /// Velocity before, `-(1 + kappa) |v|` (m/s).
+    pub xdot_before: f64,
+    /// Velocity after, `(1 - kappa) |v|` (m/s).
+    pub xdot_after: f64,
+}
+
+/// What happened at the wall in a run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Events {
+    /// The impacts that the steps resolve, in order.
+    pub impacts: Vec<Impact>,
+    /// Times at which rest was reached through impacts (s): the Zeno points as the scheme sees them.
+    pub zeno_times: Vec<f64>,
+    /// Times at which the mass left rest (s): the last instant at rest.
+    pub liftoff_times: Vec<f64>,
+    /// The time from which the mass is at rest until the end of the run (s), if it is.
+    pub rest_time: Option<f64>,
+}
+
+impl Events {
+    /// Makes room for one more of each.
+    pub(crate) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
+        reserve.room(&mut self.impacts, 1, IMPACT_ARRAYS)?;
+        reserve.room(&mut self.zeno_times, 1, size_of::<f64>())?;
+        reserve.room(&mut self.liftoff_times, 1, size_of::<f64>())
+    }
+}
+
+/// Bytes that an impact takes in arrays that are made of a list: three columns, and one array of
+/// records.
+const IMPACT_ARRAYS: usize = 2 * size_of::<Impact>();
+
+const ORIGIN: Lifted = Lifted { s: 0.0, v: 0.0 };
+
+/// Reads events off consecutive states.
+#[derive(Debug)]
+pub(crate) struct EventLog {
+    events: Events,
+    wall: Restitution,
+    impacts_at_liftoff: usize,
+    reserve: Reserve,
+}
+
+impl EventLog {
+    pub(crate) fn start(t0: f64, z: Lifted, incoming: bool, wall: Restitution) -> Self {
+        let (events, reserve) = (Events::default(), Reserve::default());
+        let mut log = Self { events, wall, impacts_at_liftoff: 0, reserve };
+        if z == ORIGIN {
+            log.events.rest_time = Some(t0);
+        } else if incoming {
+            log.impact(t0, z.v);
+        }
+        log
+    }
+
+    /// Notes what happened between two samples; nothing did while `s` keeps its sign.
+    ///
+    /// # Errors
+    /// There is no memory left to note it.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn step(
+        &mut self,
+        (t, before): (f64, Lifted),
+        (t_next, after): (f64, Lifted),
+    ) -> Result<(), TryReserveError> {
+        if before.s * after.s > 0.0 {
+            return Ok(());
+        }
+        self.events.make_room(&mut self.reserve)?;
+        self.at_the_wall((t, before), (t_next, after));
+        Ok(())
+    }
+
+    #[cold]
+    fn at_the_wall(&mut self, (t, before): (f64, Lifted), (t_next, after): (f64, Lifted)) {
+        if before == ORIGIN {
+            if after != ORIGIN {
+                self.liftoff(t);
+            }
+        } else {
+            if before.s != 0.0 && after.s == 0.0 {
+                self.impact(t_next, if after.v == 0.0 { before.v } else { after.v });
+            } else if (before.s > 0.0 && after.s < 0.0) || (before.s < 0.0 && after.s > 0.0) {
+                let part = before.s / (before.s - after.s);
+                self.impact(t + part * (t_next - t), before.v + part * (after.v - before.v));
+            }
+            if after == ORIGIN {
+                self.rest(t_next);
+            }
+        }
+    }
+
+    fn impact(&mut self, t: f64, v: f64) {
+        let (xdot_before, xdot_after) = impact_velocities(v, self.wall);
+        self.events.impacts.push(Impact { t, xdot_before, xdot_after });
+    }
+
+    fn rest(&mut self, t: f64) {
+        self.events.rest_time = Some(t);
+        if self.events.impacts.len() > self.impacts_at_liftoff {
+            self.events.zeno_times.push(t);
+        }
+    }
+
+    fn liftoff(&mut self, t: f64) {
+        self.events.rest_time = None;
+        self.events.liftoff_times.push(t);
+        self.impacts_at_liftoff = self.events.impacts.len();
+    }
+
+    pub(crate) fn finish(self) -> Events {
+        self.events
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn replay(states: &[(f64, f64)]) -> Events {
+        let wall = Restitution::from_kappa(0.5).unwrap();
+        let z: Vec<Lifted> = states.iter().map(|&(s, v)| Lifted { s, v }).collect();
+        let mut log = EventLog::start(0.0, z[0], false, wall);
+        for (k, pair) in z.windows(2).enumerate() {
+            log.step((k as f64, pair[0]), (k as f64 + 1.0, pair[1])).unwrap();
+        }
+        log.finish()
+    }
+
+    #[test]
+    fn rest_again_without_an_impact_is_no_zeno_point() {
+        let events = replay(&[(1.0, -1.0), (0.0, 0.0), (0.0, 0.1), (0.0, 0.0)]);
+        assert_eq!((events.zeno_times, events.liftoff_times), (vec![1.0], vec![1.0]));
+        assert_eq!(events.rest_time, Some(3.0));
+    }
+
+    #[test]
+    fn a_crossing_is_interpolated_and_obeys_restitution() {
+        let events = replay(&[(1.0, -2.0), (-3.0, -2.0), (-4.0, -1.0)]);
+        assert_eq!(events.impacts, [Impact { t: 0.25, xdot_before: -3.0, xdot_after: 1.0 }]);
+    }
+
+    #[test]
+    fn a_stop_on_the_wall_is_one_impact_and_then_rest_and_liftoff() {
+        let events = replay(&[(1.0, -2.0), (0.0, -2.0), (0.0, 0.0), (0.0, 0.0), (0.1, 1.0)]);
+        assert_eq!(events.impacts.len(), 1);
+        assert_eq!((events.zeno_times, events.liftoff_times), (vec![2.0], vec![3.0]));
+        assert_eq!(events.rest_time, None);
+    }
+
+    #[test]
+    fn rest_from_the_start_is_no_zeno_point() {
+        let events = replay(&[(0.0, 0.0), (0.0, 0.0)]);
+        assert_eq!(events, Events { rest_time: Some(0.0), ..Events::default() });
+    }
+}

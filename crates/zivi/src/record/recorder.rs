@@ -1,0 +1,213 @@
+//! Fills the columns of a run.
+
+use zivi_core::{sgn, transform, Lifted, Restitution};
+
+use crate::record::summary::{Keep, Summary};
+use crate::record::trajectory::{Columns, Quantity, Sample};
+
+/// Steps that are staged before they are appended.
+const BLOCK: usize = 256;
+
+/// Stages steps in a block that stays in the cache and appends whole blocks to the columns, so
+/// that a step pays for no growth of a vector, and what is computed from a step but not needed
+/// for the next (the projection, the residual) is computed many at a time.
+pub(crate) struct Recorder {
+    columns: Columns,
+    /// What is kept of the columns, if not all: they are then a block that is used again.
+    thinned: Option<Thinned>,
+    wall: Restitution,
+    staged: usize,
+    /// The state before the staged steps.
+    before: Lifted,
+    t: [f64; BLOCK],
+    s: [f64; BLOCK],
+    v: [f64; BLOCK],
+    lambda_s: [f64; BLOCK],
+    lambda_v: [f64; BLOCK],
+    f: [f64; BLOCK],
+}
+
+/// Every so many samples, and a summary of all.
+struct Thinned {
+    every: usize,
+    /// Samples so far.
+    seen: usize,
+    kept: Columns,
+    summary: Summary,
+}
+
+impl Thinned {
+    /// Takes what is wanted of a block of samples.
+    fn absorb(&mut self, block: &Columns) {
+        self.summary.absorb(block);
+        if self.every == 0 {
+            self.seen += block.len();
+            return;
+        }
+        let first = self.seen.next_multiple_of(self.every) - self.seen;
+        for k in (first..block.len()).step_by(self.every) {
+            for (row, quantity) in self.kept.extend(1).into_iter().zip(Quantity::ALL) {
+                row.fill(block.of(quantity)[k]);
+            }
+        }
+        self.seen += block.len();
+    }
+}
+
+/// The memory of a record of `n` steps of which `keep` is kept, and of a block if that is less.
+pub(crate) fn memory(
+    n: usize,
+    keep: Keep,
+    advise: impl FnOnce(*const f64, usize),
+) -> Result<(Columns, Option<Columns>), std::collections::TryReserveError> {
+    match keep {
+        Keep::All => Ok((Columns::with_room(n + 1, advise)?, None)),
+        Keep::Every(every) => {
+            let kept = Columns::with_room(n.checked_div(every).map_or(1, |it| it + 1), advise)?;
+            Ok((Columns::with_room(BLOCK + 1, |_, _| ())?, Some(kept)))
+        }
+    }
+}
+
+impl Recorder {
+    /// Keeps only every so many of the samples (none for `0`), in `kept`.
+    pub(crate) fn thinned(mut self, every: usize, kept: Columns) -> Self {
+        self.thinned = Some(Thinned { every, seen: 0, kept, summary: Summary::default() });
+        self
+    }
+
+    /// Fills `columns`, which have room for the initial state `z` and all steps; its signs are
+    /// recorded as its multipliers.
+    pub(crate) fn start(mut columns: Columns, t: f64, z: Lifted, wall: Restitution) -> Self {
+        let physical = transform::project(z, wall);
+        let (lambda_s, lambda_v) = (sgn(z.s), sgn(z.v));
+        let initial = [t, physical.x, physical.xdot, z.s, z.v, lambda_s, lambda_v, 0.0];
+        for (row, value) in columns.extend(1).into_iter().zip(initial) {
+            row.fill(value);
+        }
+        let (t, s, v, f) = ([0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
+        let (lambda_s, lambda_v) = ([0.0; BLOCK], [0.0; BLOCK]);
+        let thinned = None;
+        Self { columns, thinned, wall, staged: 0, before: z, t, s, v, lambda_s, lambda_v, f }
+    }
+
+    /// Steps that can be staged before the block must be flushed.
+    #[inline]
+    pub(crate) fn room(&self) -> usize {
+        BLOCK - self.staged
+    }
+
+    /// Whether the block must be flushed before the next [`Recorder::push`].
+    #[inline]
+    pub(crate) fn is_full(&self) -> bool {
+        self.staged >= BLOCK
+    }
+
+    #[inline(always)]
+    pub(crate) fn push(&mut self, t: f64, sample: Sample) {
+        // the remainder changes nothing: it shows the compiler that the index is in range
+        let k = self.staged % BLOCK;
+        self.t[k] = t;
+        self.s[k] = sample.z.s;
+        self.v[k] = sample.z.v;
+        self.lambda_s[k] = sample.lambda_s;
+        self.lambda_v[k] = sample.lambda_v;
+        self.f[k] = sample.f;
+        self.staged = k + 1;
+    }
+
+    /// Appends the staged steps; `residual` of a step is asked for its start, its force and its
+    /// multipliers.
+    #[inline(never)]
+    pub(crate) fn flush(&mut self, residual: impl Fn(Lifted, f64, [f64; 2]) -> f64) {
+        let (n, wall) = (self.staged, self.wall);
+        let (s, v, f) = (&self.s[..n], &self.v[..n], &self.f[..n]);
+        let (lambda_s, lambda_v) = (&self.lambda_s[..n], &self.lambda_v[..n]);
+        let [to_t, to_x, to_xdot, to_s, to_v, to_lambda_s, to_lambda_v, to_residual] =
+            self.columns.extend(n);
+        to_t.copy_from_slice(&self.t[..n]);
+        to_s.copy_from_slice(s);
+        to_v.copy_from_slice(v);
+        to_lambda_s.copy_from_slice(lambda_s);
+        to_lambda_v.copy_from_slice(lambda_v);
+        let mut before = self.before;
+        for k in 0..n {
+            let z = Lifted { s: s[k], v: v[k] };
+            let physical = transform::project(z, wall);
+            (to_x[k], to_xdot[k]) = (physical.x, physical.xdot);
+            to_residual[k] = residual(before, f[k], [lambda_s[k], lambda_v[k]]);
+            before = z;
+        }
+        self.before = before;
+        self.staged = 0;
+        if let Some(thinned) = &mut self.thinned {
+            thinned.absorb(&self.columns);
+            self.columns.clear();
+        }
+    }
+
+    /// What was kept, and a summary if that is not all.
+    pub(crate) fn finish(self) -> (Columns, Option<Summary>) {
+        match self.thinned {
+            Some(Thinned { kept, summary, .. }) => (kept, Some(summary)),
+            None => (self.columns, None),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::trajectory::Columns;
+
+    const STEPS: usize = 700;
+
+    /// Steps through blocks that start anew in between; what is recorded of them.
+    fn recorded(keep: Keep) -> (Columns, Option<Summary>) {
+        let (columns, kept) = memory(STEPS, keep, |_, _| ()).unwrap();
+        let wall = Restitution::from_kappa(0.5).unwrap();
+        let at = |k: usize| Lifted { s: k as f64 + 0.5, v: -1.0 };
+        let mut record = Recorder::start(columns, 0.0, at(0), wall);
+        if let (Keep::Every(every), Some(kept)) = (keep, kept) {
+            record = record.thinned(every, kept);
+        }
+        // what tells the start of a step and its force
+        let residual = |z: Lifted, f: f64, _: [f64; 2]| z.s + 1e4 * f;
+        for k in 1..=STEPS {
+            if record.is_full() || k == 300 {
+                record.flush(residual);
+            }
+            let f = k as f64;
+            record.push(k as f64, Sample { z: at(k), lambda_s: 1.0, lambda_v: -1.0, f });
+        }
+        record.flush(residual);
+        record.finish()
+    }
+
+    #[test]
+    fn each_residual_is_that_of_its_own_step() {
+        let (columns, summary) = recorded(Keep::All);
+        assert!(summary.is_none());
+        assert_eq!(columns.len(), STEPS + 1);
+        assert_eq!(columns.of(Quantity::Residual)[0], 0.0);
+        for k in 1..=STEPS {
+            let start = k as f64 - 0.5;
+            assert_eq!(columns.of(Quantity::Residual)[k], start + 1e4 * k as f64, "{k}");
+        }
+    }
+
+    #[test]
+    fn every_so_many_samples_are_kept_across_blocks() {
+        let (all, _) = recorded(Keep::All);
+        for every in [1, 7, 256, 257] {
+            let (kept, summary) = recorded(Keep::Every(every));
+            for quantity in Quantity::ALL {
+                let expected: Vec<f64> = all.of(quantity).iter().copied().step_by(every).collect();
+                assert_eq!(kept.of(quantity), expected, "{every} {quantity:?}");
+            }
+            assert_eq!(summary, Some(Summary::of(&all)));
+        }
+        let (kept, summary) = recorded(Keep::Every(0));
+        assert_eq!((kept.len(), summary), (0, Some(Summary::of(&all))));
+    }
+}

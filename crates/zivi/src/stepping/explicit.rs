@@ -1,0 +1,76 @@
+//! The baseline: explicit Euler on the transformed field with single-valued signs.
+//!
+//! ```text
+//! v+ = v + h sgn(s) f / R     s+ = s + h R v     R = 1 - kappa sgn s sgn v,  sgn 0 = +1
+//! ```
+//!
+//! It passes the accumulation but never rests: the signs alternate and `(s, v)` chatters.
+
+use zivi_core::{transform, Lifted, Physical, Restitution, ThetaGammaStep};
+
+use crate::record::failure::Failure;
+use crate::record::trajectory::{Run, Sample, SetupError};
+use crate::stepping::fixed_step::{run, FixedStep, Start};
+use crate::system::evaluation::finite_force;
+use crate::{Force, Grid, Monitor, Status};
+
+/// Simulates with explicit Euler and explicit signs.
+///
+/// # Errors
+/// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
+pub fn simulate_explicit_euler<E, F: Force<E>>(
+    wall: Restitution,
+    force: &mut F,
+    grid: Grid,
+    initial: Physical,
+    monitor: &mut impl Monitor<E>,
+) -> Result<Run<E>, SetupError> {
+    // the same range of h and e as the implicit scheme, checked in one place
+    let h = ThetaGammaStep::new(grid.h(), 1.0, 1.0, wall)?.h();
+    run(ExplicitEuler { h, wall, nfev: 0 }, wall, force, grid, initial, monitor)
+}
+
+struct ExplicitEuler {
+    h: f64,
+    wall: Restitution,
+    nfev: u64,
+}
+
+/// The sign of a program without a sign of zero: `sgn 0 = +1`.
+fn one_sided_sign(z: f64) -> f64 {
+    if z < 0.0 {
+        -1.0
+    } else {
+        1.0
+    }
+}
+
+impl<E, F: Force<E>> FixedStep<E, F> for ExplicitEuler {
+    #[inline]
+    fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
+        let Start { t, z, .. } = start;
+        let (lambda_s, lambda_v) = (one_sided_sign(z.s), one_sided_sign(z.v));
+        let xdot = self.wall.r(lambda_s, lambda_v) * z.v * lambda_s;
+        self.nfev += 1;
+        let f = finite_force(force, t, Physical { x: z.s.abs(), xdot })?;
+        let rate = transform::field(z.v, lambda_s, lambda_v, f, self.wall);
+        let z = Lifted { s: z.s + self.h * rate.s, v: z.v + self.h * rate.v };
+        if z.is_finite() {
+            Ok(Sample { z, lambda_s, lambda_v, f })
+        } else {
+            Err(Failure::Status(Status::StateNotFinite))
+        }
+    }
+
+    fn residual(&self, _: Lifted, _: f64, _: [f64; 2]) -> f64 {
+        f64::NAN
+    }
+
+    fn resize(&mut self, h: f64) {
+        self.h = h;
+    }
+
+    fn nfev(&self) -> u64 {
+        self.nfev
+    }
+}

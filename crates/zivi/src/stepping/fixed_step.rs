@@ -1,0 +1,309 @@
+//! The loop that all fixed-step methods share: step, record, note the events, let others look.
+
+use std::ops::ControlFlow;
+
+use zivi_core::{transform, Branch, Lifted, Physical, Restitution};
+
+use crate::record::events::EventLog;
+use crate::record::monitor::Pace;
+use crate::record::recorder::{memory, Recorder};
+use crate::record::reserve::Reserve;
+use crate::record::summary::Keep;
+use crate::record::trajectory::{Run, Sample, SetupError, Trajectory};
+use crate::stepping::step_events::{Interpolation, Knot, Stretch};
+use crate::{Failure, Force, Grid, Monitor, Status};
+
+/// Where a step starts.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    /// Time (s).
+    pub t: f64,
+    /// State.
+    pub z: Lifted,
+    /// Side of the wall on which the mass was last, `+1` or `-1`.
+    pub side: f64,
+}
+
+/// A method that advances by one step.
+pub trait FixedStep<E, F: Force<E>> {
+    /// One step from `start`.
+    ///
+    /// # Errors
+    /// Why there is no next state; the run ends at `start`.
+    fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>>;
+
+    /// The next step if it takes neither an evaluation of the force nor a search: the same as
+    /// [`FixedStep::advance`] gives. Must be small and call nothing.
+    #[inline(always)]
+    fn everyday(&self, _: Lifted) -> Option<Sample> {
+        None
+    }
+
+    /// Relative natural residual of a step from `z` under the force `f` with the multipliers
+    /// `lambda`, recomputed from the inclusion (NaN for a method that solves none).
+    fn residual(&self, z: Lifted, f: f64, lambda: [f64; 2]) -> f64;
+
+    /// Takes another step size from here on, positive and finite (the last step of a run may be
+    /// shorter).
+    fn resize(&mut self, h: f64);
+
+    /// Number of force evaluations so far.
+    fn nfev(&self) -> u64;
+
+    /// Whether the solver that was asked for failed in the last step, which another then took.
+    fn has_failed(&self) -> bool {
+        false
+    }
+}
+
+/// Runs `method` over `grid` from the physical state `initial` (branch `+1`).
+///
+/// # Errors
+/// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
+pub fn run<E, F: Force<E>>(
+    method: impl FixedStep<E, F>,
+    wall: Restitution,
+    force: &mut F,
+    grid: Grid,
+    initial: Physical,
+    monitor: &mut impl Monitor<E>,
+) -> Result<Run<E>, SetupError> {
+    let mut walk = Walk::start(method, wall, grid, initial, monitor)?;
+    let ending = watched(grid.n_steps(), monitor, |until, monitor| {
+        walk.go_to::<E, F>(until, force, monitor)
+    });
+    Ok(walk.finish::<E, F>(ending))
+}
+
+/// Goes on, watched, until `of` steps are done, and says how it ended: `go_to` makes it so many
+/// steps in all.
+pub(crate) fn watched<E, M: Monitor<E>>(
+    of: usize,
+    monitor: &mut M,
+    mut go_to: impl FnMut(usize, &mut M) -> Result<(), Failure<E>>,
+) -> Failure<E> {
+    let mut pace = Pace::start();
+    let mut done = 0;
+    loop {
+        done = (done + pace.chunk()).min(of);
+        if let Err(failure) = go_to(done, monitor) {
+            return failure;
+        }
+        if let Err(stop) = monitor.poll(done, of) {
+            return Failure::Raised(stop);
+        }
+        if done == of {
+            return Failure::Status(Status::Completed);
+        }
+        pace.adjust();
+    }
+}
+
+/// Tells a step to a monitor that follows.
+///
+/// # Errors
+/// How the run ends, if the monitor ends it.
+pub(crate) fn tell<E>(
+    monitor: &mut impl Monitor<E>,
+    from: Knot,
+    to: Knot,
+    interpolation: Interpolation,
+) -> Result<(), Failure<E>> {
+    let step = Stretch { from, to, interpolation };
+    match monitor.follow(&step).map_err(Failure::Raised)? {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(status) => Err(Failure::Status(status)),
+    }
+}
+
+/// A run under way: `k` steps are done, the last of them ended at `t` in `z`.
+struct Walk<M> {
+    method: M,
+    wall: Restitution,
+    grid: Grid,
+    record: Recorder,
+    log: EventLog,
+    failed_steps: Vec<usize>,
+    reserve: Reserve,
+    k: usize,
+    t: f64,
+    z: Lifted,
+    side: f64,
+}
+
+impl<M> Walk<M> {
+    fn start<E>(
+        method: M,
+        wall: Restitution,
+        grid: Grid,
+        initial: Physical,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<Self, SetupError> {
+        let z = lift(initial, wall)?;
+        let (t, n) = (grid.t(0), grid.n_steps());
+        let keep = monitor.keep();
+        let (columns, kept) = memory(n, keep, |start, len| monitor.record_allocated(start, len))
+            .map_err(|_| SetupError::Memory(n))?;
+        let record = Recorder::start(columns, t, z, wall);
+        let incoming = initial.x == 0.0 && initial.xdot < 0.0;
+        Ok(Self {
+            method,
+            wall,
+            grid,
+            record: match (keep, kept) {
+                (Keep::Every(every), Some(kept)) => record.thinned(every, kept),
+                _ => record,
+            },
+            log: EventLog::start(t, z, incoming, wall),
+            failed_steps: Vec::new(),
+            reserve: Reserve::default(),
+            k: 0,
+            t,
+            z,
+            side: transform::side(z, Branch::Positive.sigma()),
+        })
+    }
+
+    /// Steps until `until` steps are done.
+    fn go_to<E, F: Force<E>>(
+        &mut self,
+        until: usize,
+        force: &mut F,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<(), Failure<E>>
+    where
+        M: FixedStep<E, F>,
+    {
+        let last = self.grid.n_steps() - 1;
+        let follows = monitor.follows();
+        while self.k < until {
+            if !follows {
+                self.easy_steps::<E, F>(until.min(last));
+            }
+            if self.k == until {
+                break;
+            }
+            // the residuals of a block are those of one step size
+            if self.record.is_full() || self.k == last {
+                self.flush::<E, F>();
+            }
+            if self.k == last {
+                self.method.resize(self.grid.last_h());
+            }
+            let from = follows.then(|| self.knot());
+            self.step(force)?;
+            if let Some(from) = from {
+                tell(monitor, from, self.knot(), Interpolation::Lifted(self.wall))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Where the run is.
+    fn knot(&self) -> Knot {
+        Knot { t: self.t, state: transform::project(self.z, self.wall), z: self.z }
+    }
+
+    /// The steps that need no search, as long as nothing happens and the record has room.
+    #[inline]
+    fn easy_steps<E, F: Force<E>>(&mut self, until: usize)
+    where
+        M: FixedStep<E, F>,
+    {
+        // no call in this loop, and no field: the state stays in registers
+        let (mut k, mut t, mut z) = (self.k, self.t, self.z);
+        let until = until.min(k + self.record.room());
+        while k < until {
+            match self.method.everyday(z) {
+                Some(sample) if uneventful(z, sample.z) => {
+                    k += 1;
+                    t = self.grid.t(k);
+                    self.record.push(t, sample);
+                    z = sample.z;
+                }
+                _ => break,
+            }
+        }
+        (self.k, self.t, self.z) = (k, t, z);
+    }
+
+    /// Any one step.
+    #[inline]
+    fn step<E, F: Force<E>>(&mut self, force: &mut F) -> Result<(), Failure<E>>
+    where
+        M: FixedStep<E, F>,
+    {
+        let Self { t, z, side, .. } = *self;
+        let sample = self.method.advance(Start { t, z, side }, force)?;
+        let t_next = self.grid.t(self.k + 1);
+        if !uneventful(z, sample.z) {
+            self.log.step((t, z), (t_next, sample.z))?;
+            self.side = transform::side(sample.z, side);
+        }
+        if self.method.has_failed() {
+            self.reserve.room(&mut self.failed_steps, 1, size_of::<i64>())?;
+            self.failed_steps.push(self.k + 1);
+        }
+        (self.k, self.t, self.z) = (self.k + 1, t_next, sample.z);
+        self.record.push(t_next, sample);
+        Ok(())
+    }
+
+    fn flush<E, F: Force<E>>(&mut self)
+    where
+        M: FixedStep<E, F>,
+    {
+        let method = &self.method;
+        self.record.flush(|z, f, lambda| method.residual(z, f, lambda));
+    }
+
+    fn finish<E, F: Force<E>>(mut self, ending: Failure<E>) -> Run<E>
+    where
+        M: FixedStep<E, F>,
+    {
+        self.flush::<E, F>();
+        let (status, raised) = match ending {
+            Failure::Status(status) => (status, None),
+            Failure::Raised(error) => (Status::Raised, Some(error)),
+        };
+        let (columns, summary) = self.record.finish();
+        let trajectory = Trajectory {
+            columns,
+            summary,
+            events: self.log.finish(),
+            failed_steps: self.failed_steps,
+            status,
+            nfev: self.method.nfev(),
+        };
+        Run { trajectory, raised }
+    }
+}
+
+/// Nothing happens, and the side is the same, while `s` keeps its sign or the mass rests.
+#[inline(always)]
+fn uneventful(before: Lifted, after: Lifted) -> bool {
+    let rest = Lifted::default();
+    before.s * after.s > 0.0 || (before == rest && after == rest)
+}
+
+/// Refuses a state that is not finite or behind the wall.
+pub(crate) fn check_initial(initial: Physical) -> Result<(), SetupError> {
+    if !(initial.x >= 0.0 && initial.x.is_finite()) {
+        return Err(SetupError::Setting("x0", initial.x, "a finite distance >= 0 from the wall"));
+    }
+    if !initial.xdot.is_finite() {
+        return Err(SetupError::Setting("xdot0", initial.xdot, "a finite velocity"));
+    }
+    Ok(())
+}
+
+/// The initial state on the branch `+1`.
+pub(crate) fn lift(initial: Physical, wall: Restitution) -> Result<Lifted, SetupError> {
+    check_initial(initial)?;
+    let z = transform::lift(initial, Branch::Positive, wall);
+    if !z.v.is_finite() {
+        let range = "a velocity whose image v = xdot0/(1 - kappa sgn xdot0) is finite";
+        return Err(SetupError::Setting("xdot0", initial.xdot, range));
+    }
+    Ok(z)
+}

@@ -1,0 +1,11 @@
+//! Methods of fixed steps, and the loop that drives them.
+
+pub mod ballistic;
+pub mod explicit;
+pub mod fixed_step;
+mod implicit;
+pub mod moreau_jean;
+pub mod sign_solver;
+pub mod step_events;
+pub mod step_solver;
+pub mod theta_gamma;

@@ -1,0 +1,366 @@
+//! The baseline of nonsmooth mechanics: Moreau-Jean time stepping in `(x, x')`.
+//!
+//! ```text
+//! v+ = v + h f_theta + P        f_theta = theta f(t+, x+, v+) + (1 - theta) f(t, x, v)
+//! x+ = x + h (theta v+ + (1 - theta) v)
+//! 0 <= P  _|_  v+ + e v >= 0    where x + h v/2 <= 0, else P = 0                      (1)
+//! ```
+//!
+//! The contact is decided at velocity level, where the predicted gap `x + h v/2` is closed; the
+//! position is not corrected, so `x` may be negative, by up to about `h |v|`. See J. J. Moreau,
+//! *Unilateral contact and dry friction in finite freedom dynamics* (1988), and M. Jean, *The
+//! non-smooth contact dynamics method*, Comput. Methods Appl. Mech. Eng. 177 (1999).
+//!
+//! What is recorded. A step with `P > 0` from `v < 0` is an impact at its end, with the velocities
+//! `v` and `v+ = -e v`. Velocities of at most `h |f_theta|` on both sides of a step with `P > 0`
+//! are those of a mass that is pressed to the wall: there rest begins, and it ends with a
+//! step without `P` on which the mass leaves, faster than `h |f_theta|` or pulled outward. Samples have `s = sigma x`, negative `x` included, on a branch `sigma` that
+//! changes at each impact, and `v = sigma x'/(1 - kappa sgn x')`; their multipliers are the signs
+//! (0 at rest), their residual is NaN.
+
+use std::collections::TryReserveError;
+
+use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution};
+
+use crate::record::failure::Failure;
+use crate::record::reserve::Reserve;
+use crate::record::trajectory::{Columns, Run, SetupError, Trajectory};
+use crate::stepping::fixed_step::{check_initial, tell, watched};
+use crate::stepping::implicit::search::{Search, DEFAULT_SLOPE};
+use crate::stepping::step_events::{Interpolation, Knot};
+use crate::system::evaluation::finite_force;
+use crate::{Dependence, Events, Force, Grid, Impact, Monitor, Status};
+
+/// Settings of the method; the step size is the grid's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MoreauJean {
+    /// Weight of the end of the step, in `[0, 1]` (default 1/2).
+    pub theta: f64,
+}
+
+impl Default for MoreauJean {
+    fn default() -> Self {
+        Self { theta: 0.5 }
+    }
+}
+
+impl MoreauJean {
+    /// The settings, if they are in their range.
+    ///
+    /// # Errors
+    /// [`SetupError::Setting`] for a weight outside `[0, 1]`.
+    pub fn validated(self) -> Result<Self, SetupError> {
+        if (0.0..=1.0).contains(&self.theta) {
+            Ok(self)
+        } else {
+            Err(SetupError::Setting("theta", self.theta, "a number from 0 to 1"))
+        }
+    }
+}
+
+/// Simulates `x'' = f`, `x >= 0`, `x'+ = -e x'-` with Moreau-Jean time stepping.
+///
+/// # Errors
+/// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status:
+/// [`Status::ForceNotConverged`] where no force at the end of a step is consistent with the step
+/// that it gives.
+///
+/// ```
+/// use zivi::{
+///     simulate_moreau_jean, ConstantForce, Grid, MoreauJean, Physical, Restitution, Silent,
+/// };
+///
+/// let (ball, wall) = (Physical { x: 1.0, xdot: 0.0 }, Restitution::from_e(0.5)?);
+/// let grid = Grid::new(0.0, 4.0, 1e-3)?;
+/// let run = simulate_moreau_jean(
+///     MoreauJean::default(), wall, &mut ConstantForce(-2.0), grid, ball, &mut Silent,
+/// )?;
+/// // impacts at 1, 2, 2.5, ... and rest at 3, to first order
+/// assert!((run.trajectory.events.impacts[1].t - 2.0).abs() < 3e-3);
+/// assert!((run.trajectory.events.rest_time.unwrap() - 3.0).abs() < 3e-2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn simulate_moreau_jean<E, F: Force<E>>(
+    method: MoreauJean,
+    wall: Restitution,
+    force: &mut F,
+    grid: Grid,
+    initial: Physical,
+    monitor: &mut impl Monitor<E>,
+) -> Result<Run<E>, SetupError> {
+    let MoreauJean { theta } = method.validated()?;
+    check_initial(initial)?;
+    let room = grid.n_steps() + 1;
+    let columns = Columns::with_room(room, |start, len| monitor.record_allocated(start, len))
+        .map_err(|_| SetupError::Memory(grid.n_steps()))?;
+    let scheme = Scheme {
+        theta,
+        e: wall.e(),
+        here: None,
+        fixed: None,
+        slope: DEFAULT_SLOPE,
+        largest: 0.0,
+        nfev: 0,
+    };
+    let at_rest = initial == Physical::default();
+    let events = Events { rest_time: at_rest.then_some(grid.t(0)), ..Events::default() };
+    let reserve = Reserve::default();
+    let log = ContactLog { events, sigma: 1.0, at_rest, impacts_at_liftoff: 0, reserve };
+    let mut walk = Walk { scheme, wall, grid, columns, log, k: 0, state: initial };
+    walk.record();
+    let ending =
+        watched(grid.n_steps(), monitor, |until, monitor| walk.go_to(until, force, monitor));
+    Ok(walk.finish(ending))
+}
+
+/// One step of (1).
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    end: Physical,
+    /// `P`, and the change of velocity that the force alone gives.
+    impulse: f64,
+    pull: f64,
+}
+
+/// The scheme with what it carries from step to step.
+struct Scheme {
+    theta: f64,
+    e: f64,
+    /// The force at the start of the step.
+    here: Option<f64>,
+    /// The value of a force that depends on nothing, once it is known.
+    fixed: Option<f64>,
+    /// Slope of the mismatch at the last solution.
+    slope: f64,
+    /// The largest force so far.
+    largest: f64,
+    nfev: u64,
+}
+
+/// The mismatch of the force at the end of a step that is accepted, relative to the force.
+const TOLERANCE: f64 = 1e-12;
+/// Trial forces in a step.
+const TRIALS: usize = 60;
+/// From this trial on a mismatch at the rounding of the force is accepted too.
+const SLOW: usize = 3;
+/// Change of the force within the rounding of the state, relative to the largest so far.
+const JUMP: f64 = 1e-6;
+
+impl Scheme {
+    fn step<E>(
+        &mut self,
+        start: Physical,
+        (t, t_end): (f64, f64),
+        h: f64,
+        force: &mut impl Force<E>,
+    ) -> Result<Step, Failure<E>> {
+        if let Some(f) = self.fixed {
+            return Ok(self.under(f, start, h));
+        }
+        let dependence = force.dependence();
+        let first = match self.here {
+            Some(f) => f,
+            None => self.evaluate(force, t, start)?,
+        };
+        if dependence == Dependence::Constant {
+            self.fixed = Some(first);
+            return Ok(self.under(first, start, h));
+        }
+        let theta = self.theta;
+        if dependence == Dependence::State && theta > 0.0 {
+            return self.implicit(start, first, t_end, h, force);
+        }
+        let known = if theta > 0.0 { Some(self.evaluate(force, t_end, start)?) } else { None };
+        let f = (1.0 - theta) * first + theta * known.unwrap_or(0.0);
+        let step = self.under(f, start, h);
+        self.here = match known {
+            Some(last) => Some(last),
+            None => Some(self.evaluate(force, t_end, step.end)?),
+        };
+        Ok(step)
+    }
+
+    /// The step whose force at the end is that of the state at the end: one scalar equation.
+    fn implicit<E>(
+        &mut self,
+        start: Physical,
+        first: f64,
+        t_end: f64,
+        h: f64,
+        force: &mut impl Force<E>,
+    ) -> Result<Step, Failure<E>> {
+        let mut search = Search::from(first, self.slope, TRIALS);
+        while let Some(last) = search.trial() {
+            let step = self.under((1.0 - self.theta) * first + self.theta * last, start, h);
+            let value = self.evaluate(force, t_end, step.end)?;
+            let mismatch = value - last;
+            if mismatch.abs() <= TOLERANCE * value.abs().max(first.abs())
+                || (search.trials() > SLOW
+                    && mismatch.abs() <= self.rounding(step.end, value, t_end, force)?)
+            {
+                (self.slope, self.here) = (search.slope(), Some(last));
+                return Ok(step);
+            }
+            search.learn(mismatch);
+        }
+        Err(Failure::Status(Status::ForceNotConverged))
+    }
+
+    /// How much the force changes when the state changes by its rounding: no trial can do better.
+    #[cold]
+    fn rounding<E>(
+        &mut self,
+        Physical { x, xdot }: Physical,
+        value: f64,
+        t: f64,
+        force: &mut impl Force<E>,
+    ) -> Result<f64, Failure<E>> {
+        let beside = |z: f64| z * (1.0 + 8.0 * f64::EPSILON);
+        let by_x = self.evaluate(force, t, Physical { x: beside(x), xdot })? - value;
+        let by_xdot = self.evaluate(force, t, Physical { x, xdot: beside(xdot) })? - value;
+        let rounding = by_x.abs() + by_xdot.abs() + 8.0 * f64::EPSILON * value.abs();
+        // more than that is no rounding but a jump of the force
+        Ok(if rounding <= JUMP * self.largest { rounding } else { 0.0 })
+    }
+
+    /// The step under the force `f_theta`.
+    fn under(&self, f: f64, start: Physical, h: f64) -> Step {
+        let Physical { x, xdot: v } = start;
+        let free = v + h * f;
+        let closed = x + 0.5 * h * v <= 0.0;
+        let xdot = if closed { free.max(-self.e * v) } else { free };
+        let end = Physical { x: x + h * (self.theta * xdot + (1.0 - self.theta) * v), xdot };
+        Step { end, impulse: xdot - free, pull: h * f }
+    }
+
+    fn evaluate<E>(
+        &mut self,
+        force: &mut impl Force<E>,
+        t: f64,
+        state: Physical,
+    ) -> Result<f64, Failure<E>> {
+        self.nfev += 1;
+        let f = finite_force(force, t, state)?;
+        self.largest = self.largest.max(f.abs());
+        Ok(f)
+    }
+}
+
+/// Reads impacts, rest and lift-off off the impulses.
+struct ContactLog {
+    events: Events,
+    sigma: f64,
+    at_rest: bool,
+    impacts_at_liftoff: usize,
+    reserve: Reserve,
+}
+
+impl ContactLog {
+    /// An error if there is no memory left to note what happened.
+    fn step(
+        &mut self,
+        (t, before): (f64, f64),
+        (t_end, step): (f64, Step),
+    ) -> Result<(), TryReserveError> {
+        self.events.make_room(&mut self.reserve)?;
+        let pressed = step.impulse > 0.0;
+        let after = step.end.xdot;
+        let slow = before.abs() <= step.pull.abs() && after.abs() <= step.pull.abs();
+        if self.at_rest {
+            // a mass that settles may lack an impulse for a step; one that leaves gets faster
+            let leaves = after > step.pull.abs() || (step.pull > 0.0 && step.end.x > 0.0);
+            if !pressed && leaves {
+                self.at_rest = false;
+                self.events.rest_time = None;
+                self.events.liftoff_times.push(t);
+                self.impacts_at_liftoff = self.events.impacts.len();
+            }
+        } else if pressed && slow {
+            self.at_rest = true;
+            self.events.rest_time = Some(t_end);
+            if self.events.impacts.len() > self.impacts_at_liftoff {
+                self.events.zeno_times.push(t_end);
+            }
+        } else if pressed && before < 0.0 {
+            self.sigma = -self.sigma;
+            let impact = Impact { t: t_end, xdot_before: before, xdot_after: after };
+            self.events.impacts.push(impact);
+        }
+        Ok(())
+    }
+}
+
+/// A run under way: `k` steps are done, the last of them ended in `state`.
+struct Walk {
+    scheme: Scheme,
+    wall: Restitution,
+    grid: Grid,
+    columns: Columns,
+    log: ContactLog,
+    k: usize,
+    state: Physical,
+}
+
+impl Walk {
+    fn go_to<E>(
+        &mut self,
+        until: usize,
+        force: &mut impl Force<E>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<(), Failure<E>> {
+        let follows = monitor.follows();
+        while self.k < until {
+            let last = self.k + 1 == self.grid.n_steps();
+            let h = if last { self.grid.last_h() } else { self.grid.h() };
+            let (t, t_end) = (self.grid.t(self.k), self.grid.t(self.k + 1));
+            let step = self.scheme.step(self.state, (t, t_end), h, force)?;
+            if !(step.end.x.is_finite() && step.end.xdot.is_finite()) {
+                return Err(Failure::Status(Status::StateNotFinite));
+            }
+            let from = follows.then(|| self.knot());
+            self.log.step((t, self.state.xdot), (t_end, step))?;
+            (self.k, self.state) = (self.k + 1, step.end);
+            self.record();
+            if let Some(from) = from {
+                tell(monitor, from, self.knot(), Interpolation::Physical)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Where the run is.
+    fn knot(&self) -> Knot {
+        let branch = if self.log.sigma > 0.0 { Branch::Positive } else { Branch::Negative };
+        let z = transform::lift(self.state, branch, self.wall);
+        // no negative zeros
+        let z = Lifted { s: z.s + 0.0, v: z.v + 0.0 };
+        Knot { t: self.grid.t(self.k), state: self.state, z }
+    }
+
+    fn record(&mut self) {
+        let Knot { t, state: Physical { x, xdot }, z } = self.knot();
+        let sigma = self.log.sigma;
+        let (lambda_s, lambda_v) =
+            if self.log.at_rest { (0.0, 0.0) } else { (sigma, sigma * sgn(xdot)) };
+        let row = [t, x, xdot, z.s, z.v, lambda_s, lambda_v + 0.0, f64::NAN];
+        for (to, value) in self.columns.extend(1).into_iter().zip(row) {
+            to.fill(value);
+        }
+    }
+
+    fn finish<E>(self, ending: Failure<E>) -> Run<E> {
+        let (status, raised) = match ending {
+            Failure::Status(status) => (status, None),
+            Failure::Raised(error) => (Status::Raised, Some(error)),
+        };
+        let trajectory = Trajectory {
+            columns: self.columns,
+            summary: None,
+            events: self.log.events,
+            failed_steps: Vec::new(),
+            status,
+            nfev: self.scheme.nfev,
+        };
+        Run { trajectory, raised }
+    }
+}

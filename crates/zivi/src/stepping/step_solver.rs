@@ -1,0 +1,153 @@
+//! How the signs of a step are found: exactly by cases, or by a general solver for box VIs.
+//!
+//! * [`Exact`] is the case analysis of `zivi_core::step`.
+//! * [`General`] solves the inclusion as a VI. "Inner linearisation" ([`General::newton`])
+//!   linearises inside the VI solver, which searches along a merit function and has fall-backs.
+//!   "Outer linearisation" ([`General::outer`]) solves affine VIs one after another, each
+//!   linearised at the solution of the one before, and takes every full step.
+//!
+//! A general solver starts from the signs of the exact motion where the force pulls off the wall
+//! (there are several solutions then), else from its own last signs.
+
+use zivi_core::step::{selection, StepInclusion};
+use zivi_core::{sgn, transform, Lifted, StepFailure, StepSolution, ThetaGammaStep};
+
+use crate::stepping::sign_solver::SignSolver;
+
+/// Finds the end of one step under a frozen force.
+pub trait StepSolver {
+    /// The step from `z` under the frozen force `f`.
+    ///
+    /// # Errors
+    /// [`StepFailure`] where there is no answer.
+    fn solve(
+        &mut self,
+        step: &ThetaGammaStep,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> Result<StepSolution, StepFailure>;
+
+    /// The same where it takes no search; must be small and call nothing.
+    #[inline(always)]
+    fn everyday(&self, _: &ThetaGammaStep, _: Lifted, _: f64) -> Option<StepSolution> {
+        None
+    }
+
+    /// Whether the last step was not solved by this solver but by the exact solution instead.
+    fn has_failed(&self) -> bool {
+        false
+    }
+
+    /// Told when the step was taken by the exact patterns, though every call had an answer.
+    fn replaced(&mut self) {}
+}
+
+/// The case analysis.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Exact;
+
+impl StepSolver for Exact {
+    #[inline]
+    fn solve(
+        &mut self,
+        step: &ThetaGammaStep,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> Result<StepSolution, StepFailure> {
+        step.solve(z, f, side)
+    }
+
+    #[inline(always)]
+    fn everyday(&self, step: &ThetaGammaStep, z: Lifted, f: f64) -> Option<StepSolution> {
+        step.everyday(z, f)
+    }
+}
+
+/// A general VI solver. Where it fails, the step is taken by the exact solution and
+/// [`StepSolver::has_failed`] says so.
+#[derive(Clone, Debug)]
+pub struct General {
+    /// The multipliers of the last step: the next one starts there.
+    signs: SignSolver<2>,
+    failed: bool,
+}
+
+impl General {
+    /// Inner linearisation: the solver with all its stages.
+    #[must_use]
+    pub fn newton() -> Self {
+        Self { signs: SignSolver::newton(), failed: false }
+    }
+
+    /// Inner linearisation by Josephy-Newton with its search alone, nothing behind it.
+    #[must_use]
+    pub fn newton_without_fall_backs() -> Self {
+        Self { signs: SignSolver::newton_without_fall_backs(), failed: false }
+    }
+
+    /// Outer linearisation: at most `linearisations` affine VIs, no merit function.
+    #[must_use]
+    pub fn outer(linearisations: usize) -> Self {
+        Self { signs: SignSolver::outer(linearisations), failed: false }
+    }
+
+    /// Starts the next solve from these multipliers.
+    pub fn start_from(&mut self, lambda: [f64; 2]) {
+        self.signs.start_from(lambda);
+    }
+
+    /// Solves the inclusion from the present multipliers; true if its residual is small.
+    pub fn solve_inclusion(&mut self, step: &ThetaGammaStep, z: Lifted, f: f64) -> bool {
+        self.signs.solve(&mut StepInclusion { step, z, f }, step.vi_scales(z, f, [0.0; 2]))
+    }
+
+    /// The multipliers of the last solve.
+    #[must_use]
+    pub fn lambda(&self) -> [f64; 2] {
+        self.signs.signs()
+    }
+}
+
+impl StepSolver for General {
+    fn solve(
+        &mut self,
+        step: &ThetaGammaStep,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> Result<StepSolution, StepFailure> {
+        if f > 0.0 {
+            self.start_from(signs_of_exact_motion(step, z, f, side));
+        }
+        self.failed = !self.solve_inclusion(step, z, f);
+        if self.failed {
+            let end = step.solve(z, f, side)?;
+            self.start_from([end.lambda_s, end.lambda_v]);
+            return Ok(end);
+        }
+        let end = step.end(z, f, self.lambda());
+        if end.end().is_finite() {
+            Ok(end)
+        } else {
+            Err(StepFailure::NotFinite)
+        }
+    }
+
+    fn has_failed(&self) -> bool {
+        self.failed
+    }
+
+    fn replaced(&mut self) {
+        self.failed = true;
+    }
+}
+
+/// Where the selection rule points when the force pulls off the wall.
+fn signs_of_exact_motion(step: &ThetaGammaStep, z: Lifted, f: f64, side: f64) -> [f64; 2] {
+    let sigma = transform::side(z, side);
+    let seen = Lifted { s: sigma * z.s, v: sigma * z.v };
+    let end = selection::exact_motion(seen, f, step.h(), step.wall());
+    [sigma * sgn(end.s), sigma * sgn(end.v)]
+}

@@ -1,0 +1,158 @@
+//! The theta-gamma method over a grid: the paper's scheme for any force.
+//!
+//! The force is taken at `t + theta h` and, when it depends on the state, at the state there:
+//!
+//! ```text
+//! f = f(t + theta h, |s_theta|, R lambda_s v_theta)      z_theta = theta z+ + (1 - theta) z
+//! ```
+
+use zivi_core::{Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
+
+use crate::record::failure::Failure;
+use crate::record::trajectory::{Run, Sample, SetupError};
+use crate::stepping::fixed_step::{run, FixedStep, Start};
+use crate::stepping::implicit::ImplicitForce;
+use crate::stepping::step_solver::{Exact, General, StepSolver};
+use crate::{Dependence, Force, Grid, Monitor};
+
+/// Settings of the method; the step size is the grid's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThetaGamma {
+    /// Weight of the new velocity, in `(0, 1]`.
+    pub theta: f64,
+    /// Where the signs are taken, in `(0, 1]`.
+    pub gamma: f64,
+    /// How the signs are found.
+    pub solver: Solver,
+}
+
+/// How the signs of a step are found (see [`crate::stepping::step_solver`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Solver {
+    /// The exact case analysis.
+    #[default]
+    Exact,
+    /// The general VI solver ("inner linearisation").
+    Newton,
+    /// Repeated affine VIs without a merit function ("outer linearisation").
+    Outer {
+        /// At most so many of them in a step, at least 1.
+        linearisations: usize,
+    },
+}
+
+impl ThetaGamma {
+    /// `theta = gamma = 1`: the only member that reaches rest exactly.
+    #[must_use]
+    pub fn implicit_euler() -> Self {
+        Self { theta: 1.0, gamma: 1.0, solver: Solver::Exact }
+    }
+}
+
+/// Simulates `x'' = f`, `x >= 0`, `x'+ = -e x'-` with the theta-gamma method.
+///
+/// # Errors
+/// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
+pub fn simulate_theta_gamma<E, F: Force<E>>(
+    method: ThetaGamma,
+    wall: Restitution,
+    force: &mut F,
+    grid: Grid,
+    initial: Physical,
+    monitor: &mut impl Monitor<E>,
+) -> Result<Run<E>, SetupError> {
+    let step = ThetaGammaStep::new(grid.h(), method.theta, method.gamma, wall)?;
+    let course = (grid, initial);
+    match method.solver {
+        Solver::Exact => with_solver(Exact, step, force, course, monitor),
+        Solver::Newton => with_solver(General::newton(), step, force, course, monitor),
+        Solver::Outer { linearisations: 0 } => {
+            Err(SetupError::Count("linearisations", 0, "at least 1"))
+        }
+        Solver::Outer { linearisations } => {
+            with_solver(General::outer(linearisations), step, force, course, monitor)
+        }
+    }
+}
+
+fn with_solver<E, F: Force<E>>(
+    solver: impl StepSolver,
+    step: ThetaGammaStep,
+    force: &mut F,
+    (grid, initial): (Grid, Physical),
+    monitor: &mut impl Monitor<E>,
+) -> Result<Run<E>, SetupError> {
+    let stepper = Stepper::new(step, solver);
+    run(stepper, step.wall(), force, grid, initial, monitor)
+}
+
+/// The method as something that steps.
+pub(crate) struct Stepper<S> {
+    step: ThetaGammaStep,
+    solver: S,
+    /// The value of a force that depends on nothing, once it is known.
+    constant: Option<f64>,
+    implicit: ImplicitForce,
+}
+
+impl<S: StepSolver> Stepper<S> {
+    pub(crate) fn new(step: ThetaGammaStep, solver: S) -> Self {
+        Self { step, solver, constant: None, implicit: ImplicitForce::default() }
+    }
+
+    /// The step under a force that does not depend on where it ends.
+    #[inline]
+    fn under<E>(&mut self, f: f64, start: Start) -> Result<Sample, Failure<E>> {
+        let end = self.solver.solve(&self.step, start.z, f, start.side)?;
+        Ok(sample(f, end))
+    }
+}
+
+impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for Stepper<S> {
+    #[inline]
+    fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
+        if let Some(f) = self.constant {
+            return self.under(f, start);
+        }
+        let dependence = force.dependence();
+        if dependence == Dependence::State {
+            let (f, end) = self.implicit.solve(&self.step, &mut self.solver, start, force)?;
+            return Ok(sample(f, end));
+        }
+        let t = start.t + self.step.theta() * self.step.h();
+        let f = self.implicit.evaluate(force, t, Physical::default())?;
+        self.constant = (dependence == Dependence::Constant).then_some(f);
+        self.under(f, start)
+    }
+
+    #[inline(always)]
+    fn everyday(&self, z: Lifted) -> Option<Sample> {
+        let f = self.constant?;
+        self.solver.everyday(&self.step, z, f).map(|end| sample(f, end))
+    }
+
+    #[inline]
+    fn residual(&self, z: Lifted, f: f64, lambda: [f64; 2]) -> f64 {
+        self.step.vi_residual(z, f, lambda)
+    }
+
+    fn resize(&mut self, h: f64) {
+        // a grid has no step that could be refused
+        self.step = self.step.with_h(h).unwrap_or(self.step);
+    }
+
+    fn nfev(&self) -> u64 {
+        self.implicit.nfev
+    }
+
+    #[inline]
+    fn has_failed(&self) -> bool {
+        self.solver.has_failed()
+    }
+}
+
+#[inline]
+fn sample(f: f64, end: StepSolution) -> Sample {
+    let StepSolution { s, v, lambda_s, lambda_v, .. } = end;
+    Sample { z: Lifted { s, v }, lambda_s, lambda_v, f }
+}

@@ -1,0 +1,396 @@
+//! Free flight: steps under error control, each searched for the first impact.
+
+use super::integrator::{Jump, Piece, SwitchedIntegrator};
+use super::path::Curve;
+use super::settings::SwitchedRk;
+use super::stages::{Counted, Point};
+use crate::numeric::bernstein::Bernstein;
+use crate::record::failure::Failure;
+use crate::{Dependence, Force, Status};
+
+/// Factor that keeps the next step from being rejected.
+const SAFETY: f64 = 0.9;
+/// Smallest and largest factor between two steps.
+const FACTORS: (f64, f64) = (0.2, 5.0);
+/// Factor after a step that could not be judged.
+const RETREAT: f64 = 0.25;
+/// Steps that begin at most so many steps after an impact are looked at once more, and those that
+/// are this many times as long as the last.
+const YOUNG: u32 = 1;
+const GREW: f64 = 2.0;
+/// Defect of the polynomials, relative to the tolerances, that shows a feature of the force.
+const DEFECT: f64 = 100.0;
+/// A step near a Zeno point is a little longer than the arc under a constant pull.
+const ARC: f64 = 1.1;
+
+/// What to do with a step that was tried.
+enum Verdict {
+    /// Take it; the next may be longer by this factor.
+    Take(f64),
+    /// The mass reaches the wall within it, at this part of it.
+    Land(f64),
+    /// Try a shorter one, by this factor; the reason, should none be short enough.
+    Shorten(f64, Status),
+}
+
+/// A step size, and what the error control had asked for if that was more.
+#[derive(Clone, Copy)]
+struct Plan {
+    h: f64,
+    wanted: f64,
+}
+
+impl SwitchedIntegrator {
+    /// One step, or the part of it up to an impact.
+    pub(super) fn fly<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        if self.now.x == 0.0 && self.now.xdot < 0.0 {
+            return Ok(self.strike(self.now, self.now));
+        }
+        let slope = self.slope(force)?;
+        let plan = self.plan(slope, t_end, force)?;
+        let (mut h, shortest) = (plan.h, 8.0 * f64::EPSILON * self.now.t.abs());
+        self.jump = Jump { met_before: self.jump.met, ..Jump::default() };
+        loop {
+            self.spend()?;
+            let (factor, why) = match self.judge(slope, h, force)? {
+                Verdict::Take(growth) => return Ok(self.take(plan, h, growth, t_end)),
+                Verdict::Land(theta) => match self.land(slope, theta * h, t_end, force) {
+                    Err(Failure::Status(why)) => (RETREAT, why),
+                    landed => {
+                        let landed = landed?;
+                        if h < plan.h {
+                            self.h = Some(h);
+                        }
+                        return Ok(match landed {
+                            Some(impact) => impact,
+                            // the step was too long to tell: it saw an impact where there is none
+                            None => self.take(plan, 0.5 * h, 1.0, t_end),
+                        });
+                    }
+                },
+                Verdict::Shorten(factor, why) => (factor, why),
+            };
+            self.counts.rejected += 1;
+            h *= factor;
+            if h <= shortest
+                && why == Status::StepSizeTooSmall
+                && !(self.jump.allowed || self.jump.met_before)
+            {
+                (h, self.jump.allowed) = (shortest, true);
+            } else if h <= shortest || h < f64::MIN_POSITIVE {
+                return Err(Failure::Status(why));
+            }
+        }
+    }
+
+    /// The acceleration here.
+    fn slope<E, F: Force<E>>(&mut self, force: &mut Counted<'_, F>) -> Result<f64, Failure<E>> {
+        if self.continues {
+            self.stages.slope_at_end(force)
+        } else {
+            force.at(self.now.t, self.now.x, self.now.xdot)
+        }
+    }
+
+    fn plan<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Plan, Failure<E>> {
+        let left = (t_end - self.now.t) - self.now.late;
+        let wanted = match self.h {
+            _ if !self.settings.adaptive => self.settings.max_step,
+            Some(h) => h.min(self.settings.max_step),
+            None => self.first_step(slope, left, force)?.min(self.settings.max_step),
+        };
+        let mut h = wanted;
+        if self.now.x == 0.0 && self.now.xdot > 0.0 && slope < 0.0 {
+            h = h.min(ARC * 2.0 * self.now.xdot / -slope);
+        }
+        if let Some(obstacle) = self.obstacle {
+            h = h.min(obstacle.longest_step(self.now.t));
+        }
+        // no sliver of a step is left for the end
+        let h = if h >= left * (1.0 - 1e-12) { left } else { h };
+        Ok(Plan { h, wanted })
+    }
+
+    /// A step whose error should be near the tolerance, from the force and its change (E. Hairer,
+    /// S. P. Norsett, G. Wanner, *Solving Ordinary Differential Equations I*, section II.4).
+    fn first_step<E, F: Force<E>>(
+        &self,
+        slope: f64,
+        left: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<f64, Failure<E>> {
+        let Point { t, x, xdot, .. } = self.now;
+        let [scale_x, scale_xdot] = self.scales(self.now, self.now);
+        let norm = |x: f64, xdot: f64| (x / scale_x).abs().max((xdot / scale_xdot).abs());
+        let (size, rate) = (norm(x, xdot), norm(xdot, slope));
+        let known = size > 1e-5 && rate > 1e-5;
+        let euler = if known { 1e-2 * size / rate } else { 1e-6 * left }.min(left);
+        let ahead = match force.at(t + euler, x + euler * xdot, xdot + euler * slope) {
+            Err(Failure::Status(_)) => return Ok(euler),
+            ahead => ahead?,
+        };
+        let change = norm(euler * slope, ahead - slope) / euler;
+        let fastest = rate.max(change);
+        let step = if fastest > 1e-15 {
+            (1e-2 / fastest).powf(1.0 / self.stages.order_of_error())
+        } else {
+            left
+        };
+        Ok(step.min(100.0 * euler).min(left))
+    }
+
+    /// `atol + rtol |y|` of position and velocity, with the larger of the values at both ends.
+    fn scales(&self, one: Point, other: Point) -> [f64; 2] {
+        let SwitchedRk { rtol, atol: [atol_x, atol_xdot], .. } = self.settings;
+        [
+            atol_x + rtol * one.x.abs().max(other.x.abs()),
+            atol_xdot + rtol * one.xdot.abs().max(other.xdot.abs()),
+        ]
+    }
+
+    /// Those of the last step, of which more than rounding of the time cannot be asked.
+    fn scales_of_step(&self) -> [f64; 2] {
+        let [scale_x, scale_xdot] = self.scales(self.stages.from, self.stages.end);
+        let [x, xdot] = self.stages.rounding();
+        [scale_x + x, scale_xdot + xdot]
+    }
+
+    fn judge<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        h: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Verdict, Failure<E>> {
+        match self.judged(slope, h, force) {
+            Err(Failure::Status(why)) => Ok(Verdict::Shorten(RETREAT, why)),
+            verdict => verdict,
+        }
+    }
+
+    /// The same, with a status where the step cannot be computed.
+    fn judged<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        h: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Verdict, Failure<E>> {
+        let end = self.try_step(slope, h, force)?;
+        let error = self.error(force)?;
+        let factor = SAFETY * error.powf(-1.0 / self.stages.order_of_error());
+        if error > 1.0 || error.is_nan() {
+            let factor = if factor > FACTORS.0 { factor.min(SAFETY) } else { FACTORS.0 };
+            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+        }
+        let growth = if self.settings.adaptive { factor.min(FACTORS.1) } else { 1.0 };
+        if !self.armed && !self.stages.rises() {
+            return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
+        }
+        let contact = if self.armed { self.first_contact(force)? } else { None };
+        if let Some(factor) = self.overlooked(contact, force)? {
+            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+        }
+        if let Some(theta) = contact {
+            return Ok(Verdict::Land(theta));
+        }
+        if end.t > self.dense_from {
+            // with its polynomials, or not at all
+            self.stages.polynomials(force)?;
+        }
+        Ok(Verdict::Take(growth))
+    }
+
+    /// Whether the step overlooks a feature of the force that lies between its stages, and by which
+    /// factor it is to be shortened then. Soon after an impact a step may be a whole arc, and one
+    /// much longer than the last has little that speaks for it. One more look, at the apex: where
+    /// a force that depends on the position differs most.
+    fn overlooked<E, F: Force<E>>(
+        &mut self,
+        contact: Option<f64>,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Option<f64>, Failure<E>> {
+        let known = self.steps > YOUNG && self.stages.h <= GREW * self.last_h;
+        let turns = self.now.xdot > 0.0 && (contact.is_some() || self.stages.end.xdot < 0.0);
+        if known || !turns || !self.settings.adaptive || self.jump.allowed {
+            return Ok(None);
+        }
+        if force.dependence::<E>() == Dependence::Constant {
+            return Ok(None);
+        }
+        let polynomials = self.stages.polynomials(force)?;
+        let apex = polynomials[1].first_negative().unwrap_or(0.5);
+        let defect = self.stages.defect(&polynomials, apex, force)?;
+        let [scale_x, scale_xdot] = self.scales_of_step();
+        let excess = defect.norm(scale_x, scale_xdot) / DEFECT;
+        let factor = SAFETY * excess.powf(-1.0 / self.stages.order_of_error());
+        if excess <= 1.0 {
+            return Ok(None);
+        }
+        // the shorter step is looked at again
+        self.steps = 0;
+        Ok(Some(factor.max(FACTORS.0)))
+    }
+
+    /// The step of length `h` from here.
+    fn try_step<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        h: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Point, Failure<E>> {
+        let end = self.stages.step(self.now, slope, h, force)?;
+        if end.x.is_finite() && end.xdot.is_finite() {
+            Ok(end)
+        } else {
+            Err(Failure::Status(Status::StateNotFinite))
+        }
+    }
+
+    /// The error of the last step relative to the tolerances; zero where it is not asked for.
+    fn error<E, F: Force<E>>(&mut self, force: &mut Counted<'_, F>) -> Result<f64, Failure<E>> {
+        if !self.settings.adaptive {
+            return Ok(0.0);
+        }
+        let [scale_x, scale_xdot] = self.scales_of_step();
+        let error = self.stages.error(force)?.norm(scale_x, scale_xdot);
+        if self.jump.allowed && error > 1.0 && self.is_smooth_to_rounding() {
+            self.jump.met = true;
+            return Ok(0.0);
+        }
+        Ok(error)
+    }
+
+    /// Whether the velocity hardly changes in the last step: across a jump of the force it changes
+    /// by no more than rounding of the time explains, at a pole by any amount.
+    fn is_smooth_to_rounding(&self) -> bool {
+        const HARDLY: f64 = 1e-3;
+        let (before, after) = (self.stages.from.xdot, self.stages.end.xdot);
+        (after - before).abs() <= HARDLY * before.abs().max(after.abs())
+    }
+
+    /// The part of the step after which the mass would be behind the wall.
+    fn first_contact<E, F: Force<E>>(
+        &mut self,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Option<f64>, Failure<E>> {
+        let above = |(p, slack): (Bernstein, f64)| p.coefficients().iter().all(|&c| c > slack);
+        if self.stages.screen().is_some_and(above) {
+            return Ok(None);
+        }
+        let [x, _] = self.stages.polynomials(force)?;
+        // after an impact theta = 0 is a root, and known
+        let p = if self.now.x == 0.0 { x.without_root_at_zero() } else { x };
+        Ok(p.first_negative())
+    }
+
+    /// Takes the last step; `h` and `growth` say how long the next one may be.
+    fn take(&mut self, plan: Plan, h: f64, growth: f64, t_end: f64) -> Piece {
+        let from = self.now;
+        self.counts.accepted += 1;
+        self.now = self.stages.end;
+        if self.stages.h >= (t_end - from.t) - from.late {
+            (self.now.t, self.now.late) = (t_end, 0.0);
+        }
+        (self.armed, self.continues, self.landing) = (true, true, None);
+        (self.steps, self.last_h) = (self.steps + 1, self.stages.h);
+        self.h = Some(if h < plan.h {
+            h * growth.min(1.0)
+        } else if h < plan.wanted && growth >= 1.0 {
+            // a step that something else cut short says nothing against a longer one
+            (h * growth).max(plan.wanted)
+        } else {
+            h * growth
+        });
+        Piece::Flight { from, sigma: self.sigma, impact: None }
+    }
+
+    /// Steps once more, onto the impact near `now + length`; none if that step passes the wall
+    /// closely.
+    fn land<E, F: Force<E>>(
+        &mut self,
+        slope: f64,
+        mut length: f64,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Option<Piece>, Failure<E>> {
+        let from = self.now;
+        let mut landing = None;
+        for _ in 0..2 {
+            let end = self.try_step(slope, length, force)?;
+            if self.error(force)? > 1.0 {
+                return Err(Failure::Status(Status::StepSizeTooSmall));
+            }
+            let pull = self.stages.slope_at_end(force)?;
+            landing = touchdown(end.x, end.xdot, pull).filter(|it| it.0.abs() < 0.5 * length);
+            match landing {
+                Some((delta, _)) if delta.abs() > 1e-3 * length => length += delta,
+                _ => break,
+            }
+        }
+        let end = self.stages.end;
+        let (total, xdot) = match landing {
+            Some((delta, xdot)) => (self.stages.h + delta, xdot),
+            None if end.x > 0.0 => return Ok(None),
+            None => self.landing_inside(force)?,
+        };
+        if from.t + total > self.dense_from {
+            self.stages.polynomials(force)?;
+        }
+        self.counts.accepted += 1;
+        self.landing = Some((total, xdot));
+        let mut contact = from.after(total.max(0.0), 0.0, xdot);
+        if contact.t > t_end {
+            (contact.t, contact.late) = (t_end, 0.0);
+        }
+        Ok(Some(self.strike(from, contact)))
+    }
+
+    /// The impact within a step that ends behind the wall, on its polynomials: where the motion is
+    /// as small as the tolerance, two steps need not agree on it any better.
+    fn landing_inside<E, F: Force<E>>(
+        &mut self,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(f64, f64), Failure<E>> {
+        let theta = self.first_contact(force)?.unwrap_or(1.0);
+        let [_, xdot] = self.stages.polynomials(force)?;
+        Ok((theta * self.stages.h, xdot.at(theta).min(0.0)))
+    }
+
+    /// The polynomials of the last step, up to its impact if there was one.
+    pub(super) fn curve<E, F: Force<E>>(
+        &mut self,
+        sigma: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Curve, Failure<E>> {
+        let [mut x, mut xdot] = self.stages.polynomials(force)?;
+        let (from, mut h) = (self.stages.from, self.stages.h);
+        if let Some((length, incoming)) = self.landing {
+            x = x.split(length / h).0.with_ends(from.x, 0.0);
+            xdot = xdot.split(length / h).0.with_ends(from.xdot, incoming);
+            h = length;
+        }
+        Ok(Curve { start: from.t, h, sigma, x, xdot })
+    }
+}
+
+/// Time until, and velocity at, the downward root of `x + xdot d + pull d^2/2` nearest to zero.
+fn touchdown(x: f64, xdot: f64, pull: f64) -> Option<(f64, f64)> {
+    let squared = xdot * xdot - 2.0 * pull * x;
+    if squared < 0.0 {
+        return (x <= 0.0).then_some((0.0, xdot.min(0.0)));
+    }
+    let speed = squared.sqrt();
+    if x == 0.0 && xdot <= 0.0 {
+        return Some((0.0, xdot));
+    }
+    let delta = 2.0 * x / (speed - xdot);
+    delta.is_finite().then_some((delta, -speed))
+}

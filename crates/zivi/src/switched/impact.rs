@@ -1,0 +1,136 @@
+//! Impacts, what follows from them, and the jump to rest.
+
+use super::chain::{Bounce, Chain, ZenoTime};
+use super::integrator::{Mode, Piece, SwitchedIntegrator};
+use super::lookahead::Lookahead;
+use super::stages::{Counted, Point};
+use super::tail::Tail;
+use crate::record::failure::Failure;
+use crate::{Dependence, Force, Impact, Status};
+
+impl SwitchedIntegrator {
+    /// The impact with the velocity `xdot < 0`: `x'+ = -e x'-`.
+    pub(super) fn strike(&mut self, from: Point, contact: Point) -> Piece {
+        let Point { t, xdot, .. } = contact;
+        let after = self.wall.e() * xdot.abs();
+        // the height of the next arc would underflow
+        let after = if after * after < f64::MIN_POSITIVE { 0.0 } else { after };
+        let impact = Impact { t, xdot_before: xdot, xdot_after: after };
+        let sigma = self.sigma;
+        self.counts.impacts += 1;
+        self.now = Point { x: 0.0, xdot: after, ..contact };
+        self.sigma = -sigma;
+        (self.armed, self.continues, self.struck) = (true, false, true);
+        self.steps = 0;
+        Piece::Flight { from, sigma, impact: Some(impact) }
+    }
+
+    /// What follows from the last impact: flight, rest, or the end of a chain.
+    pub(super) fn weigh_impact<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        let Point { t, xdot: u, .. } = self.now;
+        if u == 0.0 {
+            // the impact stops the mass, which stays or is pulled off
+            let stays = force.at_wall(t)? <= 0.0;
+            self.armed = stays;
+            self.chain.clear();
+            return Ok(());
+        }
+        if self.wall.e() == 1.0 {
+            return Ok(()); // nothing accumulates
+        }
+        let bounce = Bounce { t, u, g: -force.at_wall(t)? };
+        // where errors of the tolerance in each flight keep the speed up
+        let slow = 10.0 * self.settings.atol[1] / (1.0 - self.wall.e());
+        if self.patter.goes_on(bounce, slow) {
+            return Err(Failure::Status(Status::ZenoBudget));
+        }
+        self.chain.note(bounce);
+        if bounce.g > 0.0 {
+            self.zeno = self.end_of_chain(bounce, t_end, force)?;
+        }
+        Ok(())
+    }
+
+    /// Where the chain comes to rest, if that is known to the tolerance and lies before `t_end`.
+    fn end_of_chain<E, F: Force<E>>(
+        &mut self,
+        last: Bounce,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Option<f64>, Failure<E>> {
+        let t = last.t;
+        let remaining = self.chain.remaining(last);
+        // what is left of the chain is below rounding, of the time or of the speeds
+        if remaining <= 4.0 * f64::EPSILON * t.abs() || self.chain.is_spent() {
+            return Ok(Some((t + remaining).min(t_end)));
+        }
+        let tolerance = self.zeno_tolerance(&self.chain, last.g);
+        let known = self.chain.zeno_time().filter(|zeno| zeno.error <= tolerance);
+        let Some(ZenoTime { t: zeno, .. }) = known.filter(|zeno| zeno.t > t && zeno.t <= t_end)
+        else {
+            return Ok(None);
+        };
+        if force.dependence::<E>() == Dependence::Constant {
+            return Ok(Some(zeno));
+        }
+        let (e, max_step) = (self.wall.e(), self.settings.max_step);
+        let tail = Tail::new(&self.chain, e, zeno, self.sigma);
+        let period = force.shortest_period::<E>();
+        let lookahead = Lookahead { tail: &tail, e, tolerance, max_step, period };
+        self.obstacle = lookahead.obstacle(self.obstacle, force)?;
+        Ok(self.obstacle.is_none().then_some(zeno))
+    }
+
+    /// `rtol T + min(atol_x/U, atol_x'/g)`: see [`crate::SwitchedRk`].
+    fn zeno_tolerance(&self, chain: &Chain, pull: f64) -> f64 {
+        let [atol_x, atol_xdot] = self.settings.atol;
+        let absolute = (atol_x / chain.fastest()).min(atol_xdot / pull);
+        absolute + self.settings.rtol * chain.duration()
+    }
+
+    /// Through the rest of the chain, to rest at `zeno`.
+    pub(super) fn jump(&mut self, zeno: f64) -> Piece {
+        let tail = Tail::new(&self.chain, self.wall.e(), zeno, self.sigma);
+        self.now = Point { t: zeno, ..Point::default() };
+        self.mode = Mode::Rest;
+        self.continues = false;
+        self.chain.clear();
+        self.lookout.length = self.h.take().or(self.lookout.length);
+        Piece::Tail(tail)
+    }
+}
+
+/// Impacts below the tolerance at a wall to which the mass is not pulled, in short sequence: where
+/// the pull vanishes only at the wall they accumulate, but not as a chain does, and errors of the
+/// size of the tolerance keep them going for good.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Patter {
+    last: f64,
+    /// The longest flight so far (s).
+    longest: f64,
+    count: u32,
+}
+
+impl Patter {
+    /// Impacts after which it is called that.
+    const MOST: u32 = 50;
+    /// What is a short flight, relative to the longest.
+    const SHORT: f64 = 0.01;
+
+    pub(super) fn starting_at(t: f64) -> Self {
+        Self { last: t, ..Self::default() }
+    }
+
+    /// Takes the next impact; whether it is one too many.
+    fn goes_on(&mut self, bounce: Bounce, speed: f64) -> bool {
+        let flight = bounce.t - self.last;
+        (self.last, self.longest) = (bounce.t, self.longest.max(flight));
+        let patters = bounce.g <= 0.0 && bounce.u <= speed && flight < Self::SHORT * self.longest;
+        self.count = if patters { self.count + 1 } else { 0 };
+        self.count > Self::MOST
+    }
+}

@@ -1,0 +1,383 @@
+//! The state of the switched method and its modes: flight, the jump through a Zeno point, rest.
+
+use zivi_core::Restitution;
+
+use super::chain::Chain;
+use super::impact::Patter;
+use super::lift_off::{Lookout, Window};
+use super::lookahead::Obstacle;
+use super::settings::SwitchedRk;
+use super::stages::{Counted, Point, Stages};
+use super::tail::Tail;
+use crate::record::failure::Failure;
+use crate::stepping::fixed_step::check_initial;
+use crate::{Dependence, Force, Impact, Physical, SetupError, Status};
+
+/// What the motion does now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Mode {
+    /// `x'' = f`.
+    Flight,
+    /// `x = x' = 0` while `f(t, 0, 0) <= 0`.
+    Rest,
+}
+
+/// How much work was done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Evaluations of the force.
+    pub nfev: u64,
+    /// Steps that were taken in flight.
+    pub accepted: u64,
+    /// Steps that were tried and given up for smaller ones.
+    pub rejected: u64,
+    /// Impacts that were computed; those that a jump to rest skips are not among them.
+    pub impacts: u64,
+}
+
+/// What happened at the wall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Occurrence {
+    /// An impact.
+    Impact(Impact),
+    /// Rest was reached: through infinitely many impacts, or by an impact that stops the mass.
+    Rest(f64),
+    /// The mass left rest at this time (s).
+    LiftOff(f64),
+}
+
+/// A step so short that rounding is all that is left of it may have any error: the force jumps
+/// there. Not two of them in a row: that is a singularity.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Jump {
+    /// Whether the step that is tried is that short.
+    pub(super) allowed: bool,
+    /// Whether its error was too large.
+    pub(super) met: bool,
+    /// Whether that of the last step was.
+    pub(super) met_before: bool,
+}
+
+/// A part of the motion that one step of the integrator covers.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Piece {
+    /// Free flight from a state, up to an impact if there is one.
+    Flight { from: Point, sigma: f64, impact: Option<Impact> },
+    /// Infinitely many impacts.
+    Tail(Tail),
+    /// Rest since a time, up to a lift-off or as far as the force was looked at.
+    Rest { from: f64, lifted: bool },
+}
+
+/// The switched Runge-Kutta method as an object that is driven piece by piece.
+///
+/// ```text
+/// flight   x'' = f(t, x, x')      impact  x'+ = -e x'-      rest  x = 0 while f(t, 0, 0) <= 0
+/// ```
+///
+/// Between calls of [`SwitchedIntegrator::advance_to`] the force may change: a controller holds
+/// its output over a period. Once warmed up a call allocates nothing.
+///
+/// ```
+/// use zivi::{ConstantForce, Physical, Restitution, SwitchedIntegrator, SwitchedRk};
+/// use std::convert::Infallible;
+///
+/// let wall = Restitution::from_e(0.5)?;
+/// let period = 0.01;
+/// let settings = SwitchedRk { first_step: Some(period), ..SwitchedRk::default() };
+/// let mut plant = SwitchedIntegrator::new(settings, wall)?;
+/// plant.start(0.0, Physical { x: 1.0, xdot: 0.0 })?;
+/// for k in 1..=300 {
+///     let u = -9.81 - 2.0 * plant.state().xdot;
+///     let moved = plant.advance_to::<Infallible, _>(f64::from(k) * period, &mut ConstantForce(u));
+///     assert!(moved.is_ok());
+/// }
+/// assert!(plant.is_at_rest());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct SwitchedIntegrator {
+    pub(super) settings: SwitchedRk,
+    pub(super) wall: Restitution,
+    pub(super) stages: Stages,
+    pub(super) chain: Chain,
+    pub(super) now: Point,
+    pub(super) sigma: f64,
+    pub(super) mode: Mode,
+    /// Whether the wall is looked out for: not in the first step after a lift-off, which starts
+    /// with a root of order three.
+    pub(super) armed: bool,
+    /// Whether the state is that at the end of the last step.
+    pub(super) continues: bool,
+    /// Whether the last impact has yet to be thought about.
+    pub(super) struck: bool,
+    /// Where the chain comes to rest, once that is known well enough.
+    pub(super) zeno: Option<f64>,
+    /// Where the force last kept the mass from jumping there.
+    pub(super) obstacle: Option<Obstacle>,
+    pub(super) patter: Patter,
+    /// Step size to try next.
+    pub(super) h: Option<f64>,
+    pub(super) lookout: Lookout,
+    /// Length of the last step up to its impact, and the velocity there.
+    pub(super) landing: Option<(f64, f64)>,
+    /// Steps that end later than this have their polynomials computed.
+    pub(super) dense_from: f64,
+    pub(super) counts: Counts,
+    /// Steps in flight since the last impact or lift-off, and the length of the last (s).
+    pub(super) steps: u32,
+    pub(super) last_h: f64,
+    pub(super) jump: Jump,
+    /// Steps of this advance.
+    spent: usize,
+}
+
+impl SwitchedIntegrator {
+    /// An integrator at rest at `t = 0`.
+    ///
+    /// # Errors
+    /// [`SetupError::Setting`] for a setting out of its range.
+    pub fn new(settings: SwitchedRk, wall: Restitution) -> Result<Self, SetupError> {
+        let settings = settings.validated()?;
+        Ok(Self {
+            settings,
+            wall,
+            stages: Stages::new(settings.order.pair()),
+            chain: Chain::new(wall.e()),
+            now: Point::default(),
+            sigma: 1.0,
+            mode: Mode::Rest,
+            armed: true,
+            continues: false,
+            struck: false,
+            zeno: None,
+            obstacle: None,
+            patter: Patter::default(),
+            h: None,
+            lookout: Lookout::default(),
+            landing: None,
+            dense_from: f64::INFINITY,
+            counts: Counts::default(),
+            steps: 0,
+            last_h: 0.0,
+            jump: Jump::default(),
+            spent: 0,
+        })
+    }
+
+    /// Starts from a state at time `t`, on the branch `+1`. The next step has the size
+    /// `first_step`, or what is tried next by its last one when there was one.
+    ///
+    /// # Errors
+    /// [`SetupError::Setting`] for a time or a state that is not finite, or behind the wall.
+    pub fn start(&mut self, t: f64, state: Physical) -> Result<(), SetupError> {
+        if !t.is_finite() {
+            return Err(SetupError::Setting("t", t, "a finite time"));
+        }
+        check_initial(state)?;
+        let Physical { x, xdot } = state;
+        self.now = Point { t, x, xdot, late: 0.0 };
+        self.patter = Patter::starting_at(t);
+        self.sigma = 1.0;
+        self.mode = if x == 0.0 && xdot == 0.0 { Mode::Rest } else { Mode::Flight };
+        (self.armed, self.struck, self.steps) = (true, false, 0);
+        if self.settings.first_step.is_some() {
+            self.h = self.settings.first_step;
+        }
+        self.lookout = Lookout { length: self.h, ..Lookout::default() };
+        self.forget_force();
+        Ok(())
+    }
+
+    /// Forgets what was learnt from the force: from here on it is another one.
+    pub fn forget_force(&mut self) {
+        self.continues = false;
+        (self.zeno, self.obstacle) = (None, None);
+        self.chain.clear();
+        // a mass that was about to lift off asks again
+        self.armed |= self.now.x == 0.0 && self.now.xdot == 0.0;
+    }
+
+    /// Forgets what was learnt from the force, and how it varied at rest.
+    pub(super) fn restart(&mut self) {
+        self.forget_force();
+        let Lookout { length, probing, .. } = self.lookout;
+        self.lookout = Lookout { length, probing, ..Lookout::default() };
+    }
+
+    /// Advances to `t_end` (finite; nothing is done up to now or before) under a force that may be
+    /// another one than before.
+    ///
+    /// # Errors
+    /// [`Failure`] when the force raised an error or the motion could not be continued; the state
+    /// is that up to which it was.
+    pub fn advance_to<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut F,
+    ) -> Result<(), Failure<E>> {
+        self.forget_force();
+        self.resume_to(t_end, force)
+    }
+
+    /// Advances to `t_end` under the same force as before: its value here and the chain of impacts
+    /// are kept.
+    ///
+    /// # Errors
+    /// As [`SwitchedIntegrator::advance_to`].
+    pub fn resume_to<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut F,
+    ) -> Result<(), Failure<E>> {
+        self.observe_to(t_end, force, |_| ())
+    }
+
+    /// As [`SwitchedIntegrator::resume_to`], and tells what happened at the wall, in order. Before
+    /// it goes on under another force, call [`SwitchedIntegrator::forget_force`].
+    ///
+    /// # Errors
+    /// As [`SwitchedIntegrator::advance_to`].
+    pub fn observe_to<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut F,
+        mut observe: impl FnMut(Occurrence),
+    ) -> Result<(), Failure<E>> {
+        let mut force = Counted::new(force);
+        self.spent = 0;
+        let mut ended = Ok(());
+        while self.now.t < t_end && ended.is_ok() {
+            let resting = self.mode == Mode::Rest;
+            ended = self.step(t_end, &mut force).map(|piece| match piece {
+                Piece::Flight { impact, .. } => {
+                    impact.into_iter().for_each(|impact| observe(Occurrence::Impact(impact)));
+                }
+                Piece::Tail(_) => observe(Occurrence::Rest(self.now.t)),
+                Piece::Rest { from, lifted } => {
+                    if !resting {
+                        observe(Occurrence::Rest(from));
+                    }
+                    if lifted {
+                        observe(Occurrence::LiftOff(self.now.t));
+                    }
+                }
+            });
+        }
+        self.counts.nfev += force.count();
+        ended
+    }
+
+    /// Time (s).
+    #[must_use]
+    pub fn t(&self) -> f64 {
+        self.now.t
+    }
+
+    /// State; at an impact the one after it.
+    #[must_use]
+    pub fn state(&self) -> Physical {
+        Physical { x: self.now.x, xdot: self.now.xdot }
+    }
+
+    /// Branch, `+1` or `-1`: it changes at each impact, and `s = sigma x`.
+    #[must_use]
+    pub fn sigma(&self) -> f64 {
+        self.sigma
+    }
+
+    /// Whether the mass rests at the wall.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.mode == Mode::Rest
+    }
+
+    /// How much work was done so far.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// One more piece of the motion, of a positive length or up to an event at the same time.
+    pub(super) fn step<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        if self.struck {
+            self.weigh_impact(t_end, force)?;
+            self.struck = false;
+        }
+        if let Some(zeno) = self.zeno.take().filter(|&zeno| zeno <= t_end) {
+            return Ok(self.jump(zeno));
+        }
+        if self.chain.bounces().len() > self.settings.max_impacts {
+            self.chain.clear();
+            return Err(Failure::Status(Status::ZenoBudget));
+        }
+        let at_origin = self.now.x == 0.0 && self.now.xdot == 0.0;
+        if self.mode == Mode::Rest || (at_origin && self.armed) {
+            return self.wait(t_end, force);
+        }
+        self.fly(t_end, force)
+    }
+
+    /// Rest up to the first lift-off, as far as one look at the force goes.
+    fn wait<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        self.spend()?;
+        let from = self.now.t;
+        let window = if force.dependence_at_rest::<E>() == Dependence::Constant {
+            let lifts = force.at_wall(from)? > 0.0;
+            if lifts {
+                Window::LiftOff(from)
+            } else {
+                Window::RestUntil(t_end)
+            }
+        } else {
+            let longest = self.settings.max_step;
+            self.lookout.look(from, t_end, longest, |t| match force.at_wall(t) {
+                Err(Failure::Status(_)) => Ok(f64::NAN),
+                phi => phi,
+            })?
+        };
+        (self.mode, self.continues) = (Mode::Rest, false);
+        self.chain.clear();
+        let lifted = match window {
+            Window::NotFinite => return Err(Failure::Status(Status::ForceNotFinite)),
+            Window::RestUntil(t) => {
+                self.now.t = t;
+                false
+            }
+            Window::LiftOff(t) => {
+                self.now.t = t;
+                self.lift_off(t > from);
+                true
+            }
+        };
+        Ok(Piece::Rest { from, lifted })
+    }
+
+    /// Leaves rest. Where the force grows from zero, it does so on the scale of the window.
+    fn lift_off(&mut self, smoothly: bool) {
+        const PART: f64 = 1e-2;
+        self.mode = Mode::Flight;
+        (self.armed, self.steps) = (false, 0);
+        self.lookout.horizon = 0.0;
+        if smoothly {
+            self.h = self.lookout.length.map(|length| PART * length);
+        }
+    }
+
+    /// Counts a step; an error when there were too many.
+    pub(super) fn spend<E>(&mut self) -> Result<(), Failure<E>> {
+        if self.spent >= self.settings.max_steps {
+            return Err(Failure::Status(Status::StepBudget));
+        }
+        self.spent += 1;
+        Ok(())
+    }
+}

@@ -1,0 +1,50 @@
+//! The switched Runge-Kutta method: high order through impacts, Zeno points, rest and lift-off.
+//!
+//! ```text
+//! flight    x'' = f(t, x, x')                              an embedded Runge-Kutta pair
+//! impact    x = 0, x'- < 0:  x'+ = -e x'-                  first root of the dense polynomial
+//! Zeno      t_n = t_inf - C_1 e^n - C_2 e^(2n) - ...       Richardson extrapolation
+//! rest      x = x' = 0 while f(t, 0, 0) <= 0               first root of f(t, 0, 0)
+//! ```
+//!
+//! Time stepping passes the accumulation of impacts at first order, and methods that detect events
+//! stop there. This one has the order of its Runge-Kutta pair all the way: it steps onto each
+//! impact, extrapolates the impact times with the ratios that the theory gives, and jumps to rest
+//! when the extrapolated Zeno time is within the tolerance. It works in `(x, x')` and carries the
+//! branch `sigma`; `s = sigma x` is reported.
+//!
+//! A step that ends in an impact is tried beyond it first, so the force is evaluated at `x`
+//! slightly below zero and should continue smoothly there (without a value it is asked at zero).
+//! The pull `f(t, 0, 0)` decides over rest.
+//! Events shorter than a step (a dip of `x` of two roots between which no stage lies, a pulse of
+//! the force) are seen as far as the polynomials show them; `max_step` makes them look closer.
+//!
+//! * [`simulate_switched_rk`]: a whole run, with samples, events and dense output.
+//! * [`SwitchedIntegrator`]: piece by piece, under a force that may change between calls.
+
+mod chain;
+mod flight;
+mod impact;
+mod integrator;
+mod lift_off;
+mod lookahead;
+mod path;
+mod picture;
+mod recording;
+mod run;
+mod samples;
+mod settings;
+mod stages;
+mod stops;
+mod stored;
+mod tail;
+mod user_events;
+
+pub use integrator::{Counts, Occurrence, SwitchedIntegrator};
+pub use path::{DensePath, PathPoint};
+pub use run::{simulate_switched_rk, Output, SwitchedRun};
+pub use settings::{Order, SwitchedRk};
+pub use stored::{Motion, MotionError};
+pub use tail::Tail;
+pub(crate) use user_events::changes;
+pub use user_events::{Direction, EventFunction, EventHit, Level, UserEvent};

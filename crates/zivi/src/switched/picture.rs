@@ -1,0 +1,199 @@
+//! Samples between the ends of steps, so that lines through all of them draw the motion.
+//!
+//! A step of high order spans a whole flight; a line between its ends shows none of it. The
+//! polynomials of the dense output say how far they are from straight: over `n` equal parts of a
+//! step a line is off by at most `max |p''|/(8 n^2)`, and the second differences of the Bernstein
+//! coefficients bound `|p''|`.
+
+use std::collections::TryReserveError;
+
+use super::path::{Curve, DensePath, Kind, PathPoint, Segment};
+use super::tail::Tail;
+use crate::numeric::bernstein::Bernstein;
+
+/// A line may be off by this part of the height of what it draws.
+const FLATNESS: f64 = 1.0 / 200.0;
+/// What is lower than this part of the highest is drawn as if it were so high.
+const LOW: f64 = 0.05;
+/// Most parts of a step.
+const MOST_PARTS: f64 = 64.0;
+/// Parts of an arc in a tail, and how many arcs of one are drawn: those higher than this part of
+/// the highest.
+const ARC_PARTS: usize = 6;
+const ARCS: usize = 64;
+const FINEST: f64 = 1e-3;
+/// Samples of a whole run that are added at most, besides those at impacts and apexes: a run of
+/// more steps is drawn by its steps.
+const BUDGET: f64 = 1e5;
+
+/// A row of the samples: `t`, `x`, `x'`, `sigma`.
+pub(super) type Row = [f64; 4];
+
+/// The samples that draw a motion between those at the ends of its steps, in the order of time.
+///
+/// # Errors
+/// There is no room for them.
+pub(super) fn between_steps(path: &DensePath) -> Result<Vec<Row>, TryReserveError> {
+    let scale = Scale::of(path);
+    let wanted: f64 = flights(path).map(|(curve, end)| scale.parts(&curve, end)).sum();
+    let share = (BUDGET / wanted).min(1.0);
+    let mut rows = Vec::new();
+    for (segment, end) in segments(path) {
+        match segment.kind {
+            Kind::Rest => (),
+            Kind::Tail(number) => draw_tail(&path.tails[number], end, scale, &mut rows)?,
+            Kind::Flight { .. } => {
+                let Some(curve) = path.curve(&segment) else { continue };
+                let parts = (share * scale.parts(&curve, end)).ceil();
+                draw_flight(&curve, end, parts, &mut rows)?;
+            }
+        }
+    }
+    Ok(rows)
+}
+
+/// The segments and where they end.
+fn segments(path: &DensePath) -> impl Iterator<Item = (Segment, f64)> + '_ {
+    let last = path.end.map_or(f64::NEG_INFINITY, |(t, _)| t);
+    let starts = path.segments.iter().skip(1).map(|segment| segment.start);
+    path.segments.iter().copied().zip(starts.chain(Some(last)))
+}
+
+fn flights(path: &DensePath) -> impl Iterator<Item = (Curve, f64)> + '_ {
+    segments(path).filter_map(|(segment, end)| path.curve(&segment).map(|curve| (curve, end)))
+}
+
+/// The largest distance and speed of a run.
+#[derive(Clone, Copy)]
+struct Scale {
+    x: f64,
+    xdot: f64,
+}
+
+impl Scale {
+    fn of(path: &DensePath) -> Self {
+        let largest = |p: &Bernstein| p.coefficients().iter().fold(0.0_f64, |a, c| a.max(c.abs()));
+        flights(path).fold(Self { x: 0.0, xdot: 0.0 }, |scale, (curve, _)| Self {
+            x: scale.x.max(largest(&curve.x)),
+            xdot: scale.xdot.max(largest(&curve.xdot)),
+        })
+    }
+
+    /// Into how many parts lines divide a flight up to `end`.
+    fn parts(&self, curve: &Curve, end: f64) -> f64 {
+        let part = ((end - curve.start) / curve.h).min(1.0);
+        let of_x = bend(&curve.x, LOW * self.x);
+        let of_xdot = bend(&curve.xdot, LOW * self.xdot);
+        (part * of_x.max(of_xdot)).ceil().clamp(1.0, MOST_PARTS)
+    }
+}
+
+/// `sqrt(max |p''|/(8 FLATNESS height))` with the height of the polynomial, at least `low`.
+fn bend(p: &Bernstein, low: f64) -> f64 {
+    let c = p.coefficients();
+    let (least, most) = c
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &c| (least.min(c), most.max(c)));
+    let n = c.len() as f64 - 1.0;
+    let second = c.windows(3).map(|c| (c[0] - 2.0 * c[1] + c[2]).abs()).fold(0.0, f64::max);
+    let height = (most - least).max(low).max(f64::MIN_POSITIVE);
+    (n * (n - 1.0) * second / (8.0 * FLATNESS * height)).sqrt()
+}
+
+fn draw_flight(
+    curve: &Curve,
+    end: f64,
+    parts: f64,
+    rows: &mut Vec<Row>,
+) -> Result<(), TryReserveError> {
+    let first = rows.len();
+    rows.try_reserve(parts as usize + 2)?;
+    let length = end - curve.start;
+    let inside = (1..parts as usize).map(|k| curve.start + k as f64 / parts * length);
+    rows.extend(inside.filter(|&t| curve.start < t && t < end).map(|t| row(t, curve.at(t))));
+    if let Some(apex) = apex(curve).filter(|&t| curve.start < t && t < end) {
+        let at = first + rows[first..].partition_point(|row| row[0] < apex);
+        if rows.get(at).is_none_or(|row| row[0] > apex) {
+            rows.insert(at, row(apex, curve.at(apex)));
+        }
+    }
+    if curve.x.coefficients().last() == Some(&0.0) {
+        draw_contact(end, |t| curve.at(t), rows);
+    }
+    Ok(())
+}
+
+/// The last moment before an impact at `t` that can be told from it: above the wall.
+fn draw_contact(t: f64, motion: impl Fn(f64) -> PathPoint, rows: &mut Vec<Row>) {
+    let ulp = t - t.next_down();
+    let moments = (0..10).map(|k| t - f64::from(1 << k) * ulp);
+    let above = moments.map(|t| row(t, motion(t))).find(|row| row[1] > 0.0);
+    if let Some(before) = above.filter(|it| rows.last().is_none_or(|last| last[0] < it[0])) {
+        rows.push(before);
+    }
+}
+
+/// Where the velocity first changes its sign downwards.
+fn apex(curve: &Curve) -> Option<f64> {
+    let rises = curve.xdot.coefficients().first() > Some(&0.0);
+    let theta = rises.then(|| curve.xdot.first_negative()).flatten()?;
+    Some(curve.start + theta * curve.h)
+}
+
+fn draw_tail(
+    tail: &Tail,
+    end: f64,
+    scale: Scale,
+    rows: &mut Vec<Row>,
+) -> Result<(), TryReserveError> {
+    for arc in (0..ARCS).map_while(|m| tail.arc(m)) {
+        // the height of an arc, u h/4
+        let height = 0.25 * arc.u * (arc.end - arc.start);
+        if arc.start >= end || height < FINEST * scale.x {
+            break;
+        }
+        rows.try_reserve(ARC_PARTS + 2)?;
+        if arc.start > tail.start() {
+            rows.push(row(arc.start, arc.at(arc.start)));
+        }
+        for k in 1..ARC_PARTS {
+            let t = arc.start + k as f64 / ARC_PARTS as f64 * (arc.end - arc.start);
+            if arc.start < t && t < arc.end.min(end) {
+                rows.push(row(t, arc.at(t)));
+            }
+        }
+        if arc.end < end {
+            draw_contact(arc.end, |t| arc.at(t), rows);
+        }
+    }
+    Ok(())
+}
+
+fn row(t: f64, PathPoint { x, xdot, sigma }: PathPoint) -> Row {
+    [t, x, xdot, sigma]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_through_the_parts_are_flat_enough() {
+        // x = 4 (theta - theta^2): the arc of a ball, and a polynomial that bends at its end
+        let arcs = [vec![0.0, 2.0, 0.0], vec![0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 1.0, 0.0]];
+        for c in arcs {
+            let p = Bernstein::new(&c);
+            let n = bend(&p, 0.0).ceil();
+            let line = |theta: f64| {
+                let k = (theta * n).floor().min(n - 1.0);
+                let (a, b) = (p.at(k / n), p.at((k + 1.0) / n));
+                a + (theta * n - k) * (b - a)
+            };
+            let worst = (0..=1000)
+                .map(|i| f64::from(i) / 1000.0)
+                .map(|theta| (line(theta) - p.at(theta)).abs())
+                .fold(0.0, f64::max);
+            assert!(worst <= FLATNESS * 3.0 && worst > 1e-4, "{c:?}: {n} parts, {worst}");
+        }
+    }
+}

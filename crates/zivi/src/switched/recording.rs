@@ -1,0 +1,378 @@
+//! A run under way: what each piece of the motion adds to the record.
+
+use super::integrator::{Counts, Piece, SwitchedIntegrator};
+use super::path::{DensePath, PathPoint};
+use super::picture::between_steps;
+use super::run::{Output, SwitchedRun};
+use super::samples::Samples;
+use super::stages::{Counted, Point};
+use super::stops::Stops;
+use super::tail::Tail;
+use super::user_events::{EventHit, Watch};
+use crate::record::failure::Failure;
+use crate::record::monitor::Pace;
+use crate::record::reserve::Reserve;
+use crate::record::trajectory::{SetupError, Trajectory};
+use crate::{Events, Force, Impact, Monitor, Status};
+
+/// Why a run ends.
+pub(super) enum Ending<E> {
+    Failed(Failure<E>),
+    /// An event of the user ends it.
+    Event(EventHit),
+}
+
+impl<E> From<Failure<E>> for Ending<E> {
+    fn from(failure: Failure<E>) -> Self {
+        Ending::Failed(failure)
+    }
+}
+
+/// An event that ends the run is passed on like an error.
+fn unless_terminal<E>(found: Result<Option<EventHit>, E>) -> Result<(), Ending<E>> {
+    match found {
+        Ok(None) => Ok(()),
+        Ok(Some(hit)) => Err(Ending::Event(hit)),
+        Err(error) => Err(Ending::Failed(Failure::Raised(error))),
+    }
+}
+
+/// A run under way.
+pub(super) struct Running<'e, 'a, E> {
+    t1: f64,
+    stops: Stops<'a>,
+    integrator: SwitchedIntegrator,
+    watch: Watch<'e, 'a, E>,
+    samples: Samples<'a>,
+    path: Option<DensePath>,
+    /// Whether samples between the steps draw the motion.
+    drawn: bool,
+    events: Events,
+    tails: Vec<Tail>,
+    /// Set aside for what is made of all these lists.
+    reserve: Reserve,
+    /// Whether the mass is not at rest: it comes to rest by impacts only.
+    airborne: bool,
+    /// What is recorded goes up to here.
+    end: (f64, PathPoint),
+}
+
+/// Progress is told in parts of the span.
+const PARTS: usize = 1_000_000;
+
+/// Pieces of one rest that events look at.
+const MOST_LOOKS: f64 = 1e6;
+
+/// Most arcs of a tail that events look at one by one. From e = 0.99996 on a tail may have more
+/// before rounding ends it.
+const ARCS: usize = 1_000_000;
+
+impl<'e, 'a, E> Running<'e, 'a, E> {
+    /// A run to `t1` from where the integrator starts.
+    pub(super) fn new(
+        integrator: SwitchedIntegrator,
+        t1: f64,
+        output: &'e mut Output<'a, E>,
+    ) -> Self {
+        let start = PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 };
+        Self {
+            t1,
+            stops: Stops::new(output.tstops, t1),
+            end: (integrator.now.t, start),
+            integrator,
+            watch: Watch::new(&mut output.events),
+            samples: Samples::new(output.t_eval),
+            path: output.dense.then(DensePath::default),
+            drawn: output.drawn && output.t_eval.is_none(),
+            events: Events::default(),
+            tails: Vec::new(),
+            reserve: Reserve::default(),
+            airborne: false,
+        }
+    }
+
+    pub(super) fn go<F: Force<E>>(
+        &mut self,
+        force: &mut Counted<'_, F>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Ending<E> {
+        match self.try_go(force, monitor) {
+            Ok(()) => Ending::Failed(Failure::Status(Status::Completed)),
+            Err(ending) => ending,
+        }
+    }
+
+    fn try_go<F: Force<E>>(
+        &mut self,
+        force: &mut Counted<'_, F>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<(), Ending<E>> {
+        self.begin()?;
+        let mut pace = Pace::start();
+        let t0 = self.integrator.now.t;
+        let mut until = self.stops.enter(t0, force);
+        loop {
+            for _ in 0..pace.chunk() {
+                if self.integrator.now.t >= self.t1 {
+                    break;
+                }
+                if self.integrator.now.t >= until {
+                    self.integrator.restart();
+                    until = self.stops.enter(self.integrator.now.t, force);
+                }
+                self.make_room()?;
+                self.integrator.dense_from = self.dense_from();
+                let piece = self.integrator.step(until, force)?;
+                self.absorb(piece, force)?;
+            }
+            let t = self.integrator.now.t;
+            let done = ((t - t0) / (self.t1 - t0) * PARTS as f64) as usize;
+            monitor.poll(done, PARTS).map_err(Failure::Raised)?;
+            if t >= self.t1 {
+                return Ok(());
+            }
+            pace.adjust();
+        }
+    }
+
+    /// Makes room for what the next piece of the motion adds to the record: where there is none,
+    /// the run ends with all that it has.
+    fn make_room(&mut self) -> Result<(), Failure<E>> {
+        let Self { samples, path, events, tails, watch, reserve, .. } = self;
+        events.make_room(reserve)?;
+        reserve.room(tails, 1, 0)?;
+        samples.make_room(reserve)?;
+        watch.make_room(reserve)?;
+        if let Some(path) = path {
+            path.make_room(reserve)?;
+        }
+        Ok(())
+    }
+
+    /// From when on the motion between the ends of steps is asked for.
+    fn dense_from(&self) -> f64 {
+        if self.path.is_some() || !self.watch.is_idle() {
+            f64::NEG_INFINITY
+        } else {
+            self.samples.next_wanted().unwrap_or(f64::INFINITY)
+        }
+    }
+
+    /// The initial state; a mass that arrives at the wall has its impact first.
+    fn begin(&mut self) -> Result<(), Ending<E>> {
+        let Point { t, x, xdot, .. } = self.integrator.now;
+        if self.integrator.is_at_rest() {
+            self.events.rest_time = Some(t);
+        } else {
+            self.airborne = true;
+        }
+        let before = PathPoint { x, xdot, sigma: self.integrator.sigma };
+        let arrives = x == 0.0 && xdot < 0.0;
+        if arrives {
+            let piece = self.integrator.strike(self.integrator.now, self.integrator.now);
+            if let Piece::Flight { impact: Some(impact), .. } = piece {
+                self.events.impacts.push(impact);
+            }
+        }
+        self.end = self.here();
+        self.samples.at_step(t, self.end.1);
+        self.watch.start(t, before).map_err(Failure::Raised)?;
+        if arrives {
+            self.jumped()?;
+        }
+        Ok(())
+    }
+
+    /// The state of the integrator.
+    fn here(&self) -> (f64, PathPoint) {
+        let (Point { t, x, xdot, .. }, sigma) = (self.integrator.now, self.integrator.sigma);
+        (t, PathPoint { x, xdot, sigma })
+    }
+
+    fn absorb<F: Force<E>>(
+        &mut self,
+        piece: Piece,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Ending<E>> {
+        match piece {
+            Piece::Flight { from, sigma, impact } => self.flight(from, sigma, impact, force),
+            Piece::Tail(tail) => self.tail(tail),
+            Piece::Rest { from, lifted } => self.rest(from, lifted),
+        }
+    }
+
+    fn flight<F: Force<E>>(
+        &mut self,
+        from: Point,
+        sigma: f64,
+        impact: Option<Impact>,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Ending<E>> {
+        let end = self.here();
+        if end.0 > self.dense_from() && end.0 > from.t {
+            let curve = self.integrator.curve(sigma, force)?;
+            if let Some(path) = &mut self.path {
+                path.push_flight(&curve);
+            }
+            // at the end of a step onto the wall, exactly the state before the impact
+            let contact = impact.map(|it| PathPoint { x: 0.0, xdot: it.xdot_before, sigma });
+            let at = |t: f64| match contact {
+                Some(contact) if t >= end.0 => contact,
+                _ => curve.at(t),
+            };
+            let stop = self.watch.along(from.t, end.0, at, |it| curve.crossings(it, end.0));
+            let until = until(&stop, end.0);
+            self.samples.along(until, |t| curve.at(t));
+            unless_terminal(stop)?;
+        }
+        self.end = end;
+        if let Some(impact) = impact {
+            self.events.impacts.push(impact);
+            self.samples.at_step(end.0, end.1);
+            return self.jumped();
+        }
+        self.samples.at_step(end.0, end.1);
+        Ok(())
+    }
+
+    /// Events by the jump of the velocity.
+    fn jumped(&mut self) -> Result<(), Ending<E>> {
+        unless_terminal(self.watch.across(self.end.0, self.end.1))
+    }
+
+    fn tail(&mut self, mut tail: Tail) -> Result<(), Ending<E>> {
+        let end = self.here();
+        let stop = self.watch_tail(&tail, end);
+        let until = until(&stop, end.0);
+        self.samples.along(until, |t| tail.at(t));
+        tail.cut(until);
+        if let Some(path) = &mut self.path {
+            path.push_tail(&tail);
+        }
+        self.tails.push(tail);
+        if until == end.0 {
+            self.came_to_rest(end.0);
+        }
+        unless_terminal(stop)?;
+        self.end = end;
+        self.samples.at_step(end.0, end.1);
+        Ok(())
+    }
+
+    fn watch_tail(&mut self, tail: &Tail, end: (f64, PathPoint)) -> Result<Option<EventHit>, E> {
+        if self.watch.is_idle() {
+            return Ok(None);
+        }
+        let (mut t, mut next) = (tail.start(), tail.arc(0));
+        for m in 1..=ARCS {
+            let Some(arc) = next else { break };
+            if let Some(stop) =
+                self.watch.along(arc.start, arc.end, |t| arc.at(t), |it| arc.crossings(it))?
+            {
+                return Ok(Some(stop));
+            }
+            (t, next) = (arc.end, tail.arc(m));
+            let after = next.map_or(end.1, |next| next.at(t));
+            if let Some(stop) = self.watch.across(t, after)? {
+                return Ok(Some(stop));
+            }
+        }
+        self.watch.along(t, end.0, |_| end.1, |_| Vec::new())
+    }
+
+    fn rest(&mut self, from: f64, lifted: bool) -> Result<(), Ending<E>> {
+        let end = self.here();
+        if self.airborne {
+            self.came_to_rest(from);
+        }
+        if end.0 > from {
+            if let Some(path) = &mut self.path {
+                path.push_rest(from, end.1.sigma);
+            }
+            let stop = self.watch_rest(from, end);
+            let until = until(&stop, end.0);
+            self.samples.along(until, |_| end.1);
+            unless_terminal(stop)?;
+        }
+        self.end = end;
+        if lifted {
+            self.events.rest_time = None;
+            self.events.liftoff_times.push(end.0);
+            self.airborne = true;
+            if end.0 > from {
+                self.samples.at_step(end.0, end.1);
+            }
+        }
+        Ok(())
+    }
+
+    /// Rest under a constant force is one piece, however long: `max_step` bounds what is looked at
+    /// in one.
+    fn watch_rest(&mut self, from: f64, end: (f64, PathPoint)) -> Result<Option<EventHit>, E> {
+        if self.watch.is_idle() {
+            return Ok(None);
+        }
+        let pieces = ((end.0 - from) / self.integrator.settings.max_step).ceil();
+        let pieces = pieces.clamp(1.0, MOST_LOOKS) as usize;
+        let mut t = from;
+        for piece in 1..=pieces {
+            let part = piece as f64 / pieces as f64;
+            let next = if piece == pieces { end.0 } else { from + part * (end.0 - from) };
+            if let Some(stop) = self.watch.along(t, next, |_| end.1, |_| Vec::new())? {
+                return Ok(Some(stop));
+            }
+            t = next;
+        }
+        Ok(None)
+    }
+
+    fn came_to_rest(&mut self, t: f64) {
+        self.airborne = false;
+        self.events.zeno_times.push(t);
+        self.events.rest_time = Some(t);
+    }
+
+    pub(super) fn finish(
+        mut self,
+        ending: Ending<E>,
+        nfev: u64,
+        advise: impl FnOnce(*const f64, usize),
+    ) -> Result<SwitchedRun<E>, SetupError> {
+        let (status, raised) = match ending {
+            Ending::Failed(Failure::Status(status)) => (status, None),
+            Ending::Failed(Failure::Raised(error)) => (Status::Raised, Some(error)),
+            Ending::Event(EventHit { t, x, xdot, sigma }) => {
+                self.end = (t, PathPoint { x, xdot, sigma });
+                (Status::TerminatedByEvent, None)
+            }
+        };
+        let (t, end) = self.end;
+        drop(self.reserve);
+        self.samples.at_end(t, end);
+        if let Some(path) = &mut self.path {
+            path.finish(t, end);
+            if self.drawn {
+                // without the memory for them the samples at the steps are all
+                if let Ok(rows) = between_steps(path) {
+                    self.samples.add(rows);
+                }
+            }
+        }
+        let columns = self.samples.into_columns(self.integrator.wall, advise)?;
+        let events = self.events;
+        let summary = None;
+        let trajectory =
+            Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };
+        let counts = Counts { nfev, ..self.integrator.counts };
+        let (path, tails, hits) = (self.path, self.tails, self.watch.into_hits());
+        Ok(SwitchedRun { trajectory, raised, path, tails, hits, counts })
+    }
+}
+
+/// The end of a part of the motion, or where an event ends the run before.
+fn until<E>(stop: &Result<Option<EventHit>, E>, end: f64) -> f64 {
+    match stop {
+        Ok(Some(hit)) => hit.t,
+        _ => end,
+    }
+}

@@ -1,0 +1,330 @@
+//! The motion of a run as plain numbers, for storing it and for sending it to another process.
+//!
+//! ```text
+//! motion  [ format, e, kappa, tails, whether there is a path,  the tails,  the path ]
+//! path    [ segments, coefficients, tails, ended,  t, x, x', sigma of the end,
+//!           start, sigma, kind, first, degree, h  of each segment,  the coefficients,  the tails ]
+//! ```
+//!
+//! Counts are below 2^53 and exact. Whoever changes what the numbers mean, here or in
+//! [`Tail::to_numbers`], raises [`FORMAT`].
+
+use std::fmt;
+
+use zivi_core::Restitution;
+
+use super::path::{DensePath, Kind, PathPoint, Segment};
+use super::tail::{Tail, TAIL_NUMBERS};
+use crate::numeric::bernstein::MOST_DEGREE;
+
+/// The meaning of the numbers, of which there is one so far.
+const FORMAT: f64 = 1.0;
+
+const MOTION_HEAD: usize = 5;
+const HEAD: usize = 8;
+const OF_SEGMENT: usize = 6;
+
+/// What is known of a run between its samples: the dense output, if it was kept, and the arcs that
+/// jumps to rest skipped.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motion {
+    /// The motion as a function of time.
+    pub path: Option<DensePath>,
+    /// The arcs that jumps to rest skipped.
+    pub tails: Vec<Tail>,
+    /// The wall.
+    pub wall: Restitution,
+}
+
+/// Why numbers are no motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MotionError {
+    /// They are of another version of this library, which used this format.
+    Format(f64),
+    /// They do not fit together.
+    Damaged,
+}
+
+impl fmt::Display for MotionError {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            MotionError::Format(format) => {
+                write!(out, "the stored motion has format {format}, this zivi reads {FORMAT}")
+            }
+            MotionError::Damaged => write!(out, "the stored motion is damaged"),
+        }
+    }
+}
+
+impl std::error::Error for MotionError {}
+
+impl Motion {
+    /// All that it consists of.
+    #[must_use]
+    pub fn to_numbers(&self) -> Vec<f64> {
+        let count = |n: usize| n as f64;
+        let dense = f64::from(u8::from(self.path.is_some()));
+        let (e, kappa) = (self.wall.e(), self.wall.kappa());
+        let mut numbers = vec![FORMAT, e, kappa, count(self.tails.len()), dense];
+        numbers.extend(self.tails.iter().flat_map(Tail::to_numbers));
+        if let Some(path) = &self.path {
+            numbers.extend(path.to_numbers());
+        }
+        numbers
+    }
+
+    /// What [`Motion::to_numbers`] came from.
+    ///
+    /// # Errors
+    /// [`MotionError`] for numbers that are none of a motion.
+    pub fn from_numbers(numbers: &[f64]) -> Result<Self, MotionError> {
+        match numbers.first() {
+            Some(&format) if format != FORMAT => Err(MotionError::Format(format)),
+            _ => Self::of_this_format(numbers).ok_or(MotionError::Damaged),
+        }
+    }
+
+    fn of_this_format(numbers: &[f64]) -> Option<Self> {
+        let (head, rest) = numbers.split_at_checked(MOTION_HEAD)?;
+        let &[_, e, kappa, tails, dense] = head else { return None };
+        let (tails, rest) = rest.split_at_checked(TAIL_NUMBERS.checked_mul(count(tails)?)?)?;
+        let path = match (count(dense)?, rest) {
+            (0, []) => None,
+            (1, rest) => Some(DensePath::from_numbers(rest)?),
+            _ => return None,
+        };
+        let wall = Restitution::from_both(e, kappa).ok()?;
+        Some(Self { path, tails: tails_of(tails)?, wall })
+    }
+}
+
+fn tails_of(numbers: &[f64]) -> Option<Vec<Tail>> {
+    numbers.chunks_exact(TAIL_NUMBERS).map(Tail::from_numbers).collect()
+}
+
+impl DensePath {
+    /// All that it consists of.
+    fn to_numbers(&self) -> Vec<f64> {
+        let count = |n: usize| n as f64;
+        let (t, end) = self.end.unwrap_or((f64::NAN, PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 }));
+        let mut numbers = vec![
+            count(self.segments.len()),
+            count(self.coefficients.len()),
+            count(self.tails.len()),
+            f64::from(u8::from(self.end.is_some())),
+        ];
+        numbers.extend([t, end.x, end.xdot, end.sigma]);
+        for Segment { start, sigma, kind } in &self.segments {
+            let (code, first, degree, h) = match *kind {
+                Kind::Rest => (0.0, 0, 0, 0.0),
+                Kind::Tail(number) => (1.0, number, 0, 0.0),
+                Kind::Flight { first, degree, h } => (2.0, first, degree, h),
+            };
+            numbers.extend([*start, *sigma, code, count(first), count(degree), h]);
+        }
+        numbers.extend_from_slice(&self.coefficients);
+        numbers.extend(self.tails.iter().flat_map(Tail::to_numbers));
+        numbers
+    }
+
+    /// What [`DensePath::to_numbers`] came from; `None` if the numbers do not fit together.
+    fn from_numbers(numbers: &[f64]) -> Option<Self> {
+        let (head, rest) = numbers.split_at_checked(HEAD)?;
+        let &[segments, coefficients, tails, ended, t, x, xdot, sigma] = head else { return None };
+        let (segments, rest) = rest.split_at_checked(OF_SEGMENT.checked_mul(count(segments)?)?)?;
+        let (coefficients, rest) = rest.split_at_checked(count(coefficients)?)?;
+        let tails = count(tails)?;
+        if rest.len() != TAIL_NUMBERS.checked_mul(tails)? {
+            return None;
+        }
+        let end = match count(ended)? {
+            0 => None,
+            1 => Some((t, PathPoint { x, xdot, sigma })),
+            _ => return None,
+        };
+        let path = Self {
+            segments: segments.chunks_exact(OF_SEGMENT).map(segment).collect::<Option<_>>()?,
+            coefficients: coefficients.to_vec(),
+            tails: tails_of(rest)?,
+            end,
+        };
+        path.fits_together().then_some(path)
+    }
+
+    /// Whether the segments follow one another up to the end, and refer to what there is.
+    fn fits_together(&self) -> bool {
+        let starts = self.segments.iter().map(|segment| segment.start);
+        let times: Vec<f64> = starts.chain(self.end.map(|(t, _)| t)).collect();
+        let ended = match self.end {
+            Some((_, PathPoint { x, xdot, sigma })) => {
+                x >= 0.0 && x.is_finite() && xdot.is_finite() && is_side(sigma)
+            }
+            None => self.segments.is_empty(),
+        };
+        ended
+            && times.iter().all(|t| t.is_finite())
+            && times.windows(2).all(|pair| pair[0] <= pair[1])
+            && self.coefficients.iter().all(|c| c.is_finite())
+            && self.segments.iter().all(|segment| self.holds(segment))
+    }
+
+    /// Whether what a segment refers to is there.
+    fn holds(&self, segment: &Segment) -> bool {
+        is_side(segment.sigma)
+            && match segment.kind {
+                Kind::Rest => true,
+                Kind::Tail(number) => number < self.tails.len(),
+                Kind::Flight { first, degree, h } => {
+                    // `first` is below 2^53: no overflow
+                    degree <= MOST_DEGREE
+                        && first + 2 * degree + 2 <= self.coefficients.len()
+                        && h > 0.0
+                        && h.is_finite()
+                }
+            }
+    }
+}
+
+/// Whether a number is one of the two branches.
+pub(super) fn is_side(sigma: f64) -> bool {
+    sigma.abs() == 1.0
+}
+
+fn count(number: f64) -> Option<usize> {
+    ((0.0..9e15).contains(&number) && number.fract() == 0.0).then_some(number as usize)
+}
+
+fn segment(numbers: &[f64]) -> Option<Segment> {
+    let &[start, sigma, code, first, degree, h] = numbers else { return None };
+    let kind = match count(code)? {
+        0 => Kind::Rest,
+        1 => Kind::Tail(count(first)?),
+        2 => Kind::Flight { first: count(first)?, degree: count(degree)?, h },
+        _ => return None,
+    };
+    Some(Segment { start, sigma, kind })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        simulate_switched_rk, LinearForce, Output, Physical, Restitution, Silent, SwitchedRk,
+    };
+
+    fn path() -> DensePath {
+        let mut table = LinearForce {
+            stiffness: 0.0,
+            damping: 0.0,
+            gravity: 9.81,
+            amplitude: 14.7,
+            omega: 6.3,
+            phase: 0.0,
+        };
+        let (start, wall) = (Physical { x: 0.2, xdot: 0.0 }, Restitution::from_e(0.5).unwrap());
+        let output = Output { dense: true, ..Output::default() };
+        let method = SwitchedRk::default();
+        simulate_switched_rk(method, wall, &mut table, (0.0, 3.0), start, output, &mut Silent)
+            .unwrap()
+            .path
+            .unwrap()
+    }
+
+    fn motion() -> Motion {
+        let path = path();
+        Motion {
+            tails: path.tails.clone(),
+            path: Some(path),
+            wall: Restitution::from_e(0.5).unwrap(),
+        }
+    }
+
+    #[test]
+    fn a_motion_comes_back_as_it_was() {
+        let dense = motion();
+        assert!(!dense.tails.is_empty());
+        for path in [None, Some(DensePath::default()), dense.path.clone()] {
+            for tails in [Vec::new(), dense.tails.clone()] {
+                let motion = Motion { path: path.clone(), tails, wall: dense.wall };
+                assert_eq!(Motion::from_numbers(&motion.to_numbers()), Ok(motion));
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_that_do_not_fit_together_are_refused() {
+        let numbers = motion().to_numbers();
+        for n in 0..numbers.len() {
+            assert_eq!(Motion::from_numbers(&numbers[..n]), Err(MotionError::Damaged), "{n}");
+        }
+        let path = MOTION_HEAD + TAIL_NUMBERS * motion().tails.len();
+        let first = path + HEAD;
+        let flight = (0..).find(|i| numbers[first + OF_SEGMENT * i + 2] == 2.0).unwrap();
+        let flight = first + OF_SEGMENT * flight;
+        let not_there = [numbers[path + 1] - 1.0, 1e6, 8e15];
+        let wrong: Vec<(usize, &[f64])> = vec![
+            (1, &[-0.1, 1.1, f64::NAN]),                // e
+            (2, &[-0.1, 0.4, f64::NAN]),                // kappa
+            (3, &[1e9, -1.0, 0.25, f64::NAN]),          // tails
+            (4, &[0.0, 2.0]),                           // whether there is a path
+            (MOTION_HEAD, &[0.0, 1.0, -1.0, f64::NAN]), // e of a tail
+            (path, &[1e9, f64::INFINITY]),              // segments
+            (path + 1, &[-1.0, 9e15]),                  // coefficients
+            (path + 3, &[0.0, 0.5]),                    // ended
+            (path + 4, &[f64::NAN, -1.0]),              // the time of the end
+            (path + 5, &[-1.0, f64::NAN]),              // x there
+            (first, &[f64::NAN, 1e9]),                  // start of a segment
+            (first + 1, &[0.0, 2.0]),                   // its branch
+            (first + 2, &[3.0, 7.0]),                   // its kind
+            (flight + 3, &not_there),                   // coefficients that are not there
+            (flight + 4, &[8.0, 9.0, 1e15]),            // a degree that no step has
+            (flight + 5, &[0.0, -1.0, f64::INFINITY]),  // its length
+        ];
+        for (k, values) in wrong {
+            for &value in values {
+                let mut numbers = numbers.clone();
+                numbers[k] = value;
+                assert_eq!(
+                    Motion::from_numbers(&numbers),
+                    Err(MotionError::Damaged),
+                    "{k}: {value}"
+                );
+            }
+        }
+        let mut later = numbers.clone();
+        later[0] = 2.0;
+        assert_eq!(Motion::from_numbers(&later), Err(MotionError::Format(2.0)));
+    }
+
+    /// Whatever the numbers are, a motion that is made of them can be asked for anything.
+    #[test]
+    fn numbers_changed_at_random_give_an_error_or_a_motion() {
+        const VALUES: [f64; 12] =
+            [0.0, -0.0, 1.0, -1.0, 2.0, 0.5, 8.0, 1e9, 1e300, 5e-324, f64::INFINITY, f64::NAN];
+        let whole = motion().to_numbers();
+        let mut draw = 5_u64;
+        let mut below = |n: usize| {
+            draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (draw >> 33) as usize % n
+        };
+        let mut made = 0;
+        for _ in 0..20_000 {
+            let mut numbers = whole.clone();
+            for _ in 0..=below(3) {
+                // mostly in the counts, which are at the beginning
+                let k = if below(2) == 0 { below(60) } else { below(whole.len()) };
+                let near = numbers[k] + 1.0;
+                numbers[k] = *VALUES.get(below(VALUES.len() + 1)).unwrap_or(&near);
+            }
+            let Ok(Motion { path, tails, .. }) = Motion::from_numbers(&numbers) else { continue };
+            made += 1;
+            let times = [-1.0, 0.0, 0.5, 0.83, 1.1, 1.7, 3.0, f64::NAN];
+            let found = times.iter().filter_map(|&t| path.as_ref().and_then(|path| path.at(t)));
+            assert!(found.count() <= times.len());
+            for tail in &tails {
+                assert!(tail.impacts_down_to(1e-3, 100).count() <= 100);
+            }
+        }
+        assert!(made > 1000, "{made}");
+    }
+}

@@ -1,0 +1,225 @@
+//! Events that the user defines: zeros of functions of time and state along the motion.
+
+use std::collections::TryReserveError;
+
+use super::path::PathPoint;
+use crate::numeric::root;
+use crate::record::reserve::Reserve;
+
+/// Which changes of sign of a function are events.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Direction {
+    /// From positive to negative.
+    Falling,
+    /// Both.
+    #[default]
+    Either,
+    /// From negative to positive.
+    Rising,
+}
+
+/// A level that an event waits for: its crossings are the roots of the polynomials of the motion,
+/// found like impacts, without a look that could miss them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Level {
+    /// `x` reaches this distance (m).
+    Position(f64),
+    /// `x'` reaches this velocity (m/s).
+    Velocity(f64),
+}
+
+/// A function `g(t, x, x')` of which `E` is the error it may raise.
+pub type EventFunction<'a, E> = Box<dyn FnMut(f64, f64, f64) -> Result<f64, E> + 'a>;
+
+/// An event: where `g(t, x, x')` changes its sign.
+///
+/// The function is looked at on both ends of each step and at three points between, and the zero
+/// is found on the dense output. A zero counts when it is reached, not when it is left: `g = x`
+/// has one event, a falling one, at each impact. At an impact `x'` jumps; if `g` changes its sign
+/// by that, the event is at the time of the impact and has the state after it. In a tail (see
+/// [`crate::Tail`]) the arcs are looked at one by one like steps, down to those that rounding ends,
+/// at most a million.
+pub struct UserEvent<'a, E> {
+    /// The function.
+    pub function: EventFunction<'a, E>,
+    /// Which changes of sign count.
+    pub direction: Direction,
+    /// The run ends at the event of this number (1 for the first), if any.
+    pub terminal: Option<usize>,
+    /// The level whose crossings the function tells, if it is that simple.
+    pub level: Option<Level>,
+}
+
+impl<'a, E> UserEvent<'a, E> {
+    /// An event in both directions that does not end the run.
+    pub fn new(function: impl FnMut(f64, f64, f64) -> Result<f64, E> + 'a) -> Self {
+        Self {
+            function: Box::new(function),
+            direction: Direction::Either,
+            terminal: None,
+            level: None,
+        }
+    }
+
+    /// An event where the motion crosses a level.
+    #[must_use]
+    pub fn at_level(level: Level) -> Self {
+        let distance = move |_: f64, x: f64, xdot: f64| {
+            Ok(match level {
+                Level::Position(c) => x - c,
+                Level::Velocity(c) => xdot - c,
+            })
+        };
+        Self { level: Some(level), ..Self::new(distance) }
+    }
+}
+
+/// An event that happened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EventHit {
+    /// Time (s).
+    pub t: f64,
+    /// Distance from the wall (m).
+    pub x: f64,
+    /// Velocity (m/s).
+    pub xdot: f64,
+    /// Branch of the transform.
+    pub sigma: f64,
+}
+
+/// Parts of a step, at the ends of which a function is evaluated.
+const PARTS: u32 = 4;
+
+/// Events of a function for which there is room before a piece of the motion is followed.
+const OF_A_PIECE: usize = 64;
+
+/// Follows the events along the motion.
+pub(super) struct Watch<'e, 'a, E> {
+    events: &'e mut [UserEvent<'a, E>],
+    /// The functions' values at the end of what was followed.
+    values: Vec<f64>,
+    hits: Vec<Vec<EventHit>>,
+}
+
+impl<'e, 'a, E> Watch<'e, 'a, E> {
+    /// Starts at a state.
+    pub(super) fn new(events: &'e mut [UserEvent<'a, E>]) -> Self {
+        let hits = events.iter().map(|_| Vec::new()).collect();
+        let values = vec![0.0; events.len()];
+        Self { events, values, hits }
+    }
+
+    /// Makes room for some events of each function.
+    pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
+        let arrays = 2 * size_of::<EventHit>();
+        self.hits.iter_mut().try_for_each(|hits| reserve.room(hits, OF_A_PIECE, arrays))
+    }
+
+    /// Evaluates the functions at the start.
+    pub(super) fn start(&mut self, t: f64, at: PathPoint) -> Result<(), E> {
+        for (event, value) in self.events.iter_mut().zip(&mut self.values) {
+            *value = (event.function)(t, at.x, at.xdot)?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn is_idle(&self) -> bool {
+        self.events.is_empty()
+    }
+
+    pub(super) fn into_hits(self) -> Vec<Vec<EventHit>> {
+        self.hits
+    }
+
+    /// Follows a smooth part of the motion; the event that ends the run, if one does.
+    pub(super) fn along(
+        &mut self,
+        from: f64,
+        to: f64,
+        motion: impl Fn(f64) -> PathPoint,
+        crossings: impl Fn(Level) -> Vec<f64>,
+    ) -> Result<Option<EventHit>, E> {
+        let mut found: Vec<(f64, usize)> = Vec::new();
+        for (i, event) in self.events.iter_mut().enumerate() {
+            let mut value_at = |t: f64| {
+                let point = motion(t);
+                (event.function)(t, point.x, point.xdot)
+            };
+            let mut before = (from, self.values[i]);
+            if let Some(level) = event.level {
+                // the sign between two crossings is that in the middle
+                let mut start = from;
+                let ends = crossings(level);
+                for t in ends.iter().copied().chain(Some(to)) {
+                    let empty = start >= t;
+                    let after = if empty { before.1 } else { value_at(0.5 * (start + t))? };
+                    if changes(before.1, after, event.direction) {
+                        found.push((start, i));
+                    }
+                    (before, start) = ((t, after), t);
+                }
+                let last = value_at(to)?;
+                if ends.last() == Some(&to) && changes(before.1, 0.0, event.direction) {
+                    found.push((to, i));
+                    self.values[i] = 0.0;
+                } else {
+                    self.values[i] = if last == 0.0 { before.1 } else { last };
+                }
+                continue;
+            }
+            for part in 1..=PARTS {
+                let t = from + f64::from(part) / f64::from(PARTS) * (to - from);
+                let t = if part == PARTS { to } else { t };
+                let after = (t, value_at(t)?);
+                if changes(before.1, after.1, event.direction) {
+                    found.push((root::between(before, after, &mut value_at)?.best, i));
+                }
+                before = after;
+            }
+            self.values[i] = before.1;
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ok(self.record(&found, motion))
+    }
+
+    /// Follows a jump of the velocity.
+    pub(super) fn across(&mut self, t: f64, after: PathPoint) -> Result<Option<EventHit>, E> {
+        let mut found = Vec::new();
+        for (i, event) in self.events.iter_mut().enumerate() {
+            let value = (event.function)(t, after.x, after.xdot)?;
+            if changes(self.values[i], value, event.direction) {
+                found.push((t, i));
+            }
+            self.values[i] = value;
+        }
+        Ok(self.record(&found, |_| after))
+    }
+
+    /// Notes events in their order, up to one that ends the run.
+    fn record(
+        &mut self,
+        found: &[(f64, usize)],
+        motion: impl Fn(f64) -> PathPoint,
+    ) -> Option<EventHit> {
+        for &(t, i) in found {
+            let PathPoint { x, xdot, sigma } = motion(t);
+            let hit = EventHit { t, x, xdot, sigma };
+            self.hits[i].push(hit);
+            if self.events[i].terminal == Some(self.hits[i].len()) {
+                return Some(hit);
+            }
+        }
+        None
+    }
+}
+
+/// Whether a function that goes from `before` to `after` reaches zero in the wanted direction.
+pub(crate) fn changes(before: f64, after: f64, direction: Direction) -> bool {
+    let rises = before < 0.0 && after >= 0.0;
+    let falls = before > 0.0 && after <= 0.0;
+    match direction {
+        Direction::Rising => rises,
+        Direction::Falling => falls,
+        Direction::Either => rises || falls,
+    }
+}

@@ -1,0 +1,5 @@
+//! What moves: the force on the mass, the motion of its wall.
+
+pub(crate) mod evaluation;
+pub mod force;
+pub mod moving_wall;
