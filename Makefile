@@ -10,12 +10,13 @@ READY := $(VENV)/.ready
 OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/\1/p' | awk '$$1 < 89')
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock
 
-.PHONY: help paper test test-rust test-python test-quick mutants lint lint-rust lint-python bench wasm picture docs docs-packages wheel clean
+.PHONY: help paper test test-rust test-python test-quick test-browser mutants lint lint-rust lint-python bench wasm picture docs docs-packages wheel clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
 	@echo 'make test    all tests, Rust and Python: at most 6 minutes on two processors'
 	@echo 'make test-quick  the tests in Python without the slow ones: less than a minute'
+	@echo 'make test-browser  the pages in chromium, which must be there'
 	@echo 'make mutants one mutation of the code after the other, and the tests that must notice; NAMES="step-*"'
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
@@ -40,7 +41,13 @@ test-python: $(READY)
 	$(PYTEST)
 
 test-quick: $(READY)
-	$(PYTEST) -m 'not slow'
+	$(PYTEST) -m 'not slow and not browser'
+
+# one after the other: a browser wants the machine for itself
+test-browser: $(READY)
+	@command -v chromium chromium-browser >/dev/null || \
+	    { echo 'chromium is missing: apt-get install chromium'; exit 1; }
+	$(BIN)/python -m pytest -m browser
 
 mutants: $(READY)
 	$(BIN)/python tools/mutants --report docs/testing.md $(NAMES)

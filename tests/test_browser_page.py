@@ -92,7 +92,7 @@ BYTES = """([system, settings, signs, n]) => {
 }"""
 
 
-@pytest.mark.slow
+@pytest.mark.browser
 def test_runs_in_chromium_are_the_native_ones_bit_by_bit(page):
     visit(page)
     for system, settings, signs, _ in cases()[::3]:
@@ -102,7 +102,7 @@ def test_runs_in_chromium_are_the_native_ones_bit_by_bit(page):
         assert differences(case, columns) == [], case
 
 
-@pytest.mark.slow
+@pytest.mark.browser
 def test_the_page_shows_what_the_library_computes(page):
     visit(page)
     assert facts(page)["exactly at rest from"] == ["2.444 s", "not within 3 s"]
@@ -117,7 +117,7 @@ def test_the_page_shows_what_the_library_computes(page):
     assert page.wrong == []
 
 
-@pytest.mark.slow
+@pytest.mark.browser
 def test_sliders_link_and_film(page):
     visit(page)
     page.locator("input[name=h]").press("End")
@@ -149,7 +149,7 @@ INSIDE = """() => Array.from(document.querySelectorAll("button, select, output, 
     .every(box => box.left >= 0 && box.right <= innerWidth && box.width > 8 && box.height > 8)"""
 
 
-@pytest.mark.slow
+@pytest.mark.browser
 @pytest.mark.parametrize(("width", "height"), [(1280, 720), (420, 900)])
 def test_nothing_sticks_out_at_either_width(page, width, height):
     page.set_viewport_size({"width": width, "height": height})

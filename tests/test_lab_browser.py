@@ -22,7 +22,7 @@ playwright = pytest.importorskip(
 )
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.browser,
     pytest.mark.xdist_group("lab"),
     pytest.mark.skipif(
         CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
@@ -168,6 +168,8 @@ def test_samples_that_are_refused_are_told(lab):
 
 def test_the_code_is_shown_and_gives_what_is_drawn(lab):
     lab.choose("Tracker")
+    soon(lab.shows, Tracker())
+    # both at once: neither may get lost
     lab.slider("disturbance").press("ArrowRight")
     lab.page.locator("select:visible").select_option(label="nearest")
     given = dataclasses.replace(Tracker(), disturbance=0.1, branch="nearest")

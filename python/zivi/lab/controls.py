@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import marimo as mo
@@ -78,22 +79,25 @@ SHOWN = "shown"
 """The control of the window that is shown, which is no setting."""
 
 
-def panel(kind: type[Settings]) -> Any:
+def panel(kind: type[Settings], moved: Callable[[Any], None]) -> dict[str, Any]:
     """Make the controls of a tab, with the defaults of its settings.
 
     Parameters
     ----------
     kind : type
         `Ball`, `Regulator` or `Tracker`.
+    moved : callable
+        What is called when one of them has changed.
 
     Returns
     -------
-    marimo.ui.dictionary
-        By the names of the settings.
+    dict
+        The elements by the names of the settings. They are no ``marimo.ui.dictionary``: where two
+        elements of one change while the page computes, marimo 0.25 forgets the first.
     """
     default = kind()
     elements = {
-        name: _element(name, given, getattr(default, name))
+        name: _element(name, given | {"on_change": moved}, getattr(default, name))
         for group in SECTIONS[kind].values()
         for name, given in group.items()
     }
@@ -104,19 +108,20 @@ def panel(kind: type[Settings]) -> Any:
         value=[0.0, 100.0],
         label="shown (% of the run)",
         full_width=True,
+        on_change=moved,
     )
-    return mo.ui.dictionary(elements)
+    return elements
 
 
 def _element(name: str, given: dict[str, Any], value: Any) -> Any:
     if name == "branch":
-        return mo.ui.dropdown(given["options"], value=value, label="branch", full_width=True)
+        return mo.ui.dropdown(**given, value=value, label="branch", full_width=True)
     return mo.ui.slider(**given, value=value, include_input=True, full_width=True)
 
 
-def laid_out(elements: Any) -> Any:
+def laid_out(elements: dict[str, Any]) -> Any:
     """Lay the controls of a tab out below each other, in their groups."""
-    kind = next(kind for kind in SECTIONS if _names(kind) == set(elements.elements))
+    kind = next(kind for kind in SECTIONS if _names(kind) == set(elements))
     rows: list[Any] = [mo.Html('<div style="font-size: 1.4em; font-weight: bold">zivi lab</div>')]
     for title, group in SECTIONS[kind].items():
         rows.append(mo.Html(f'<div style="font-weight: bold; margin-top: 0.5em">{title}</div>'))

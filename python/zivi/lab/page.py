@@ -23,14 +23,19 @@ def _(mo):
 
 
 @app.cell(hide_code=True)
-def _(controls, settings):
+def _(mo):
+    moves, set_moves = mo.state(0)
+    return moves, set_moves
+
+
+@app.cell(hide_code=True)
+def _(controls, set_moves, settings):
+    kinds = {"Ball": settings.Ball, "Regulator": settings.Regulator, "Tracker": settings.Tracker}
     panels = {
-        "Ball": controls.panel(settings.Ball),
-        "Regulator": controls.panel(settings.Regulator),
-        "Tracker": controls.panel(settings.Tracker),
+        name: controls.panel(kind, lambda _: set_moves(lambda count: count + 1))
+        for name, kind in kinds.items()
     }
-    ball, regulator, tracker = panels.values()
-    return ball, panels, regulator, tracker
+    return kinds, panels
 
 
 @app.cell(hide_code=True)
@@ -40,15 +45,11 @@ def _(controls, mo, panels, tabs):
 
 
 @app.cell(hide_code=True)
-def _(ball, regulator, settings, tabs, tracker, view):
-    # names the controls, so that it runs again when one of them moves
-    chosen = {
-        "Ball": (settings.Ball, ball),
-        "Regulator": (settings.Regulator, regulator),
-        "Tracker": (settings.Tracker, tracker),
-    }
-    kind, values = chosen[tabs.value]
-    view.shown(kind, values.value)
+def _(kinds, moves, panels, tabs, view):
+    moves()  # this cell runs again when a control has moved
+    view.shown(
+        kinds[tabs.value], {name: element.value for name, element in panels[tabs.value].items()}
+    )
     return
 
 
