@@ -6,10 +6,11 @@ use std::collections::TryReserveError;
 const LITTLE: usize = 1 << 16;
 
 /// Memory that is set aside while the lists of a run grow, for the arrays that are made of them
-/// when it is over; dropping it makes room for those.
+/// when it is over; dropping it makes room for those. It is one block, because the largest of them
+/// is one array: several blocks, each between others, leave no place that is long enough.
 #[derive(Debug, Default)]
 pub(crate) struct Reserve {
-    blocks: Vec<Vec<u8>>,
+    block: Vec<u8>,
 }
 
 impl Reserve {
@@ -41,15 +42,25 @@ impl Reserve {
         // a size beyond all numbers is refused by the allocator
         let wanted = capacity.saturating_mul(2).max(list.len().saturating_add(n)).max(4);
         let bytes = (wanted - capacity).saturating_mul(beside);
-        if bytes > LITTLE {
-            let mut block = Vec::new();
-            block.try_reserve_exact(bytes)?;
-            list.try_reserve_exact(wanted - list.len())?;
-            self.blocks.push(block);
-            Ok(())
-        } else {
-            list.try_reserve_exact(wanted - list.len())
+        if bytes <= LITTLE {
+            return list.try_reserve_exact(wanted - list.len());
         }
+        let held = self.block.capacity();
+        let grown = self
+            .set_aside(held.saturating_add(bytes))
+            .and_then(|()| list.try_reserve_exact(wanted - list.len()));
+        if grown.is_err() {
+            // what was there before fits again
+            self.set_aside(held).ok();
+        }
+        grown
+    }
+
+    /// Makes the block so long; what it held before is given back first, so that memory is never
+    /// taken twice.
+    fn set_aside(&mut self, bytes: usize) -> Result<(), TryReserveError> {
+        self.block = Vec::new();
+        self.block.try_reserve_exact(bytes)
     }
 }
 
@@ -64,16 +75,17 @@ mod tests {
             reserve.room(&mut list, 1, 48).unwrap();
             list.push(k);
         }
-        let aside: usize = reserve.blocks.iter().map(Vec::capacity).sum();
+        let aside = reserve.block.capacity();
         assert!(aside >= 48 * list.len() - LITTLE, "{aside}");
-        assert!(reserve.blocks.len() < 20);
     }
 
     #[test]
     fn what_does_not_fit_leaves_the_list_as_it_was() {
         let (mut reserve, mut list) = (Reserve::default(), vec![1_u8, 2]);
+        reserve.room(&mut list, 1 << 20, 8).unwrap();
+        let aside = reserve.block.capacity();
         assert!(reserve.room(&mut list, usize::MAX, 1).is_err());
-        assert!(reserve.room(&mut list, 1 << 20, usize::MAX).is_err());
-        assert_eq!((list, reserve.blocks.len()), (vec![1, 2], 0));
+        assert!(reserve.room(&mut list, 1 << 22, usize::MAX).is_err());
+        assert_eq!((list, reserve.block.capacity()), (vec![1, 2], aside));
     }
 }

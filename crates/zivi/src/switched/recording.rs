@@ -347,17 +347,17 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             }
         };
         let (t, end) = self.end;
-        drop(self.reserve);
         self.samples.at_end(t, end);
         if let Some(path) = &mut self.path {
             path.finish(t, end);
             if self.drawn {
                 // without the memory for them the samples at the steps are all
                 if let Ok(rows) = between_steps(path) {
-                    self.samples.add(rows);
+                    self.samples.add(&rows, &mut self.reserve);
                 }
             }
         }
+        drop(self.reserve);
         let columns = self.samples.into_columns(self.integrator.wall, advise)?;
         let events = self.events;
         let summary = None;

@@ -63,13 +63,26 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// More samples, in the order of time; where there is one already it stays.
-    pub(super) fn add(&mut self, more: Vec<Row>) {
-        if self.rows.try_reserve(more.len()).is_ok() {
-            self.rows.extend(more);
-            self.rows.sort_by(|one, other| one[0].total_cmp(&other[0]));
-            self.rows.dedup_by_key(|row| row[0]);
+    /// More samples, both in the order of time; where there is one already it stays. Without the
+    /// memory for them and for the arrays that are made of them nothing is added.
+    pub(super) fn add(&mut self, more: &[Row], reserve: &mut Reserve) {
+        let (mut old, mut new) = (self.rows.len(), more.len());
+        if reserve.room(&mut self.rows, new, QUANTITIES * size_of::<f64>()).is_err() {
+            return;
         }
+        self.rows.resize(old + new, [0.0; 4]);
+        // merged from the back, in place
+        while new > 0 {
+            let next = more[new - 1];
+            if old > 0 && self.rows[old - 1][0] > next[0] {
+                old -= 1;
+                self.rows[old + new] = self.rows[old];
+            } else {
+                new -= 1;
+                self.rows[old + new] = next;
+            }
+        }
+        self.rows.dedup_by_key(|row| row[0]);
     }
 
     fn push(&mut self, t: f64, point: PathPoint) {
