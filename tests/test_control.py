@@ -422,7 +422,9 @@ def test_names_and_defaults_of_the_contract():
     landing = {"landing": (True, True), "ahead": (True, 1)}
     assert parameters(zivi.TwistingRegulator) == shared | landing
     assert parameters(zivi.ExplicitTwisting) == shared | reference
-    assert parameters(zivi.TwistingTracker) == shared | reference | {"branch": (True, "positive")}
+    quiet = {"press": (True, None), "horizon": (True, 1), "shift": (True, False)}
+    tracking = shared | reference | landing | quiet | {"branch": (True, "positive")}
+    assert parameters(zivi.TwistingTracker) == tracking | {"landing": (True, False)}
     tracker = zivi.TwistingTracker(30, 17, h=1e-3, e=0.25)
     assert (tracker.x_ref, tracker.xdot_ref, tracker.u) == (0, 0, 0)
     assert math.isclose(tracker.kappa, 0.6)

@@ -8,7 +8,7 @@ import numbers
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "finite", "real", "real_array", "whole"]
+__all__ = ["Array", "finite", "real", "real_array", "switch", "whole"]
 
 Array = NDArray[np.float64]
 
@@ -51,3 +51,10 @@ def whole(name: str, value: object) -> int:
     if abs(number := int(value)) >= 2**63:
         raise ValueError(f"{name} must be a whole number below 2**63, got {value}")
     return number
+
+
+def switch(name: str, value: object) -> bool:
+    """Return `value` as True or False; a TypeError names it otherwise."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, got {value!r}")
+    return bool(value)

@@ -225,8 +225,22 @@ class Tracker:
         bound: float | None,
         depth: float,
         actuator: tuple[float, float],
+        ahead: int | None,
+        press: float | None,
+        horizon: float,
+        shift: bool,
     ) -> Self: ...
     def step(self, x: float, xdot: float, force: float, force_ref: float) -> float: ...
+    def step_to(
+        self,
+        x: float,
+        xdot: float,
+        force: float,
+        now: tuple[float, float, float],
+        next: tuple[float, float, float],
+        acceleration: float | None = None,
+    ) -> float: ...
+    def _accelerations(self) -> list[float] | None: ...
     def reset(self, x_ref: float, xdot_ref: float) -> None: ...
     @property
     def x_ref(self) -> float: ...
@@ -251,7 +265,6 @@ class Explicit:
         h: float,
         kappa: float,
         kappa_ref: float,
-        nearest: bool,
         bound: float | None,
         depth: float,
         actuator: tuple[float, float],

@@ -20,7 +20,8 @@ fn half() -> Restitution {
 /// The tracker of the paper, its reference at (3, 3).
 fn tracker(approach: Approach) -> TwistingTracker {
     let gains = Gains::new(30.0, 17.0).expect("stable");
-    let mut it = TwistingTracker::new(gains, H, half(), half(), approach).expect("admissible");
+    let new = TwistingTracker::new(gains, H, half(), half(), approach);
+    let mut it = new.expect("admissible").with_landing(None);
     it.reset(Physical { x: 3.0, xdot: 3.0 }).expect("in range");
     it
 }
@@ -114,7 +115,8 @@ fn both_approaches_follow_the_reference_to_exact_rest() {
     }
 }
 
-/// The mass keeps to its rest, and the control takes the force off the wall exactly.
+/// The mass keeps to its rest. The control takes the force off the wall exactly; with a landing it
+/// presses the mass on the wall.
 #[test]
 fn a_mass_and_a_reference_at_rest_stay() {
     let rng = Rng::new(92);
@@ -123,10 +125,14 @@ fn a_mass_and_a_reference_at_rest_stay() {
             let (gains, f) = stable(&rng);
             let (wall, wall_ref) = (random_wall(&rng), random_wall(&rng));
             let new = TwistingTracker::new(gains, H, wall, wall_ref, approach);
-            let mut tracker = new.expect("admissible");
-            for _ in 0..3 {
-                let u = tracker.tick(Physical::default(), f, FORCE_REF).expect("a good sample");
-                assert_eq!((u, tracker.state().reference), (-f, Lifted::default()));
+            let landing = new.expect("admissible");
+            let [press, ..] = landing.descent().expect("the default").accelerations();
+            for (mut tracker, u) in [(landing, -f - press), (landing.with_landing(None), -f)] {
+                for _ in 0..3 {
+                    let got =
+                        tracker.tick(Physical::default(), f, FORCE_REF).expect("a good sample");
+                    assert_eq!((got, tracker.state().reference), (u, Lifted::default()));
+                }
             }
         }
     }

@@ -4,9 +4,9 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi_core::control::{
     Approach, ExplicitTwisting, GainError, Gains, Landing, Port, RegulatorState, TickStatus,
-    TrackerState, TwistingRegulator, TwistingTracker,
+    TrackerState, TwistingRegulator, TwistingTracker, Waypoint,
 };
-use zivi_core::{Lifted, Physical, Restitution, SettingError};
+use zivi_core::{Branch, Lifted, Physical, Restitution, SettingError};
 
 use crate::transform::wall_of;
 
@@ -137,32 +137,10 @@ impl Regulator {
 
 /// What the two controllers with a reference have in common.
 macro_rules! with_reference {
-    ($class:ident) => {
+    ($class:ident, $($own:tt)*) => {
         #[pymethods]
         impl $class {
-            #[new]
-            #[pyo3(signature = (
-                                mu1, mu2, *, h, kappa, kappa_ref, nearest, bound, depth, actuator
-                            ))]
-            #[allow(clippy::too_many_arguments)]
-            fn new(
-                mu1: f64,
-                mu2: f64,
-                h: f64,
-                kappa: f64,
-                kappa_ref: f64,
-                nearest: bool,
-                bound: Option<f64>,
-                depth: f64,
-                actuator: (f64, f64),
-            ) -> PyResult<Self> {
-                let approach = if nearest { Approach::Nearest } else { Approach::Positive };
-                let walls = (wall_of(kappa)?, wall_of(kappa_ref)?);
-                let gains = gains(mu1, mu2, walls.0, bound, Gains::for_tracking)?;
-                let bare = Self::build(gains, h, walls, approach);
-                let inner = bare.map_err(refused)?.with_port(port(depth, actuator)?);
-                Ok(Self { inner })
-            }
+            $($own)*
 
             /// Give the control for the period that starts with this measurement, and advance the
             /// reference by one period.
@@ -241,18 +219,101 @@ pub(crate) struct Tracker {
     pub(crate) inner: TwistingTracker,
 }
 
-impl Tracker {
-    fn build(
-        gains: Gains,
-        h: f64,
-        (wall, wall_ref): (Restitution, Restitution),
-        approach: Approach,
-    ) -> Result<TwistingTracker, SettingError> {
-        TwistingTracker::new(gains, h, wall, wall_ref, approach)
-    }
+/// A given reference at one sample, `(x_ref, xdot_ref, branch)`.
+fn waypoint(name: &str, (x, xdot, branch): (f64, f64, f64)) -> PyResult<Waypoint> {
+    let branch = match branch {
+        1.0 => Branch::Positive,
+        -1.0 => Branch::Negative,
+        _ => {
+            let message = format!("branch of {name} must be 1 or -1, got {branch:?}");
+            return Err(PyValueError::new_err(message));
+        }
+    };
+    Ok(Waypoint { state: Physical { x, xdot }, branch })
 }
 
-with_reference!(Tracker);
+with_reference! { Tracker,
+    #[new]
+    #[pyo3(signature = (
+        mu1, mu2, *, h, kappa, kappa_ref, nearest, bound, depth, actuator, ahead, press, horizon,
+        shift
+    ))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        mu1: f64,
+        mu2: f64,
+        h: f64,
+        kappa: f64,
+        kappa_ref: f64,
+        nearest: bool,
+        bound: Option<f64>,
+        depth: f64,
+        actuator: (f64, f64),
+        ahead: Option<u32>,
+        press: Option<f64>,
+        horizon: f64,
+        shift: bool,
+    ) -> PyResult<Self> {
+        let approach = if nearest { Approach::Nearest } else { Approach::Positive };
+        let (wall, wall_ref) = (wall_of(kappa)?, wall_of(kappa_ref)?);
+        let gains = gains(mu1, mu2, wall, bound, Gains::for_tracking)?;
+        let bare = TwistingTracker::new(gains, h, wall, wall_ref, approach).map_err(refused)?;
+        let landing = ahead.map(|ahead| Landing::new(ahead, h)).transpose().map_err(refused)?;
+        let landing = bare.with_landing(landing);
+        let pressing = match press {
+            Some(press) => landing.with_press(press, bound.unwrap_or(0.0)),
+            None => Ok(landing),
+        };
+        let pressing = pressing.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        let inner = pressing.with_horizon(horizon).map_err(refused)?.with_shift(shift);
+        Ok(Self { inner: inner.with_port(port(depth, actuator)?) })
+    }
+
+    /// Give the control for the period that starts with this measurement, for a reference that is
+    /// given at this sample and at the next one instead of advanced.
+    ///
+    /// Parameters
+    /// ----------
+    /// x, xdot : float
+    ///     Measured distance from the wall (m) and velocity (m/s).
+    /// force : float
+    ///     Force on the mass without control (m/s^2).
+    /// now, next : (float, float, float)
+    ///     The reference at this sample and at the next one: its distance from the wall, >= 0 (m),
+    ///     its velocity (m/s), and the side of the wall on which it is followed, 1 or -1, which
+    ///     changes with each of its impacts. At rest all is 0 (but the side).
+    /// acceleration : float, optional
+    ///     The reference's acceleration over the period (m/s^2). By default the difference quotient
+    ///     of its velocities; over an impact `force`.
+    ///
+    /// Returns
+    /// -------
+    /// float
+    ///     The control, to be held for one period (m/s^2). The reference is `next` then.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     For a sample or a reference that is out of range; nothing has changed then.
+    #[pyo3(signature = (x, xdot, force, now, next, acceleration=None))]
+    fn step_to(
+        &mut self,
+        x: f64,
+        xdot: f64,
+        force: f64,
+        now: (f64, f64, f64),
+        next: (f64, f64, f64),
+        acceleration: Option<f64>,
+    ) -> PyResult<f64> {
+        let (now, next) = (waypoint("now", now)?, waypoint("next", next)?);
+        self.inner.tick_to(Physical { x, xdot }, force, now, next, acceleration).map_err(refused)
+    }
+
+    /// `D`, `U` and the acceleration at rest, None without a landing.
+    fn _accelerations(&self) -> Option<[f64; 3]> {
+        self.inner.descent().map(|it| it.accelerations())
+    }
+}
 
 /// The explicit baseline; `zivi.ExplicitTwisting` is what users see.
 #[pyclass(subclass, module = "zivi._zivi")]
@@ -260,16 +321,23 @@ pub(crate) struct Explicit {
     pub(crate) inner: ExplicitTwisting,
 }
 
-impl Explicit {
-    /// The explicit law is the same on both branches.
-    fn build(
-        gains: Gains,
+with_reference! { Explicit,
+    #[new]
+    #[pyo3(signature = (mu1, mu2, *, h, kappa, kappa_ref, bound, depth, actuator))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        mu1: f64,
+        mu2: f64,
         h: f64,
-        (wall, wall_ref): (Restitution, Restitution),
-        _: Approach,
-    ) -> Result<ExplicitTwisting, SettingError> {
-        ExplicitTwisting::new(gains, h, wall, wall_ref)
+        kappa: f64,
+        kappa_ref: f64,
+        bound: Option<f64>,
+        depth: f64,
+        actuator: (f64, f64),
+    ) -> PyResult<Self> {
+        let (wall, wall_ref) = (wall_of(kappa)?, wall_of(kappa_ref)?);
+        let gains = gains(mu1, mu2, wall, bound, Gains::for_tracking)?;
+        let bare = ExplicitTwisting::new(gains, h, wall, wall_ref).map_err(refused)?;
+        Ok(Self { inner: bare.with_port(port(depth, actuator)?) })
     }
 }
-
-with_reference!(Explicit);

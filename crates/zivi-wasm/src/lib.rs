@@ -118,7 +118,8 @@ pub extern "C" fn tracker(
             law.reset(reference).ok()?;
             Law::Explicit(law)
         } else {
-            let mut law = TwistingTracker::new(gains, h, wall, wall, approach).ok()?;
+            let law = TwistingTracker::new(gains, h, wall, wall, approach).ok()?;
+            let mut law = law.with_landing(None);
             law.reset(reference).ok()?;
             Law::Tracker(law)
         };

@@ -41,6 +41,13 @@ pub enum GainError {
         /// The bound of the unknown force (m/s^2).
         bound: f64,
     },
+    /// A mass at rest would not be pressed harder than the unknown force can pull.
+    Press {
+        /// The acceleration towards the wall (m/s^2).
+        value: f64,
+        /// The bound of the unknown force (m/s^2).
+        bound: f64,
+    },
 }
 
 impl GainError {
@@ -50,6 +57,7 @@ impl GainError {
         match self {
             GainError::Setting(error) => error.name,
             GainError::TooSmall { name, .. } => name,
+            GainError::Press { .. } => "press",
         }
     }
 }
@@ -68,6 +76,10 @@ impl fmt::Display for GainError {
                 out,
                 "{name} must be greater than {formula} = {least:?} m/s^2 for bound = {bound:?}, \
                  got {value:?}"
+            ),
+            GainError::Press { value, bound } => write!(
+                out,
+                "press must be at least the bound of the unknown force, {bound:?} m/s^2, got {value:?}"
             ),
         }
     }

@@ -6,20 +6,26 @@
 //! of the brake as stops a rising mass at the end of the horizon `N h`, not before:
 //!
 //! ```text
-//! x'' = F + u = -g      g = clip(x'/(N h), D, U)      D = mu1 - mu2 - F,  U = mu1 + mu2 - F
+//! x'' = F + u = -g      g = clip(x'/(N h), D, U)
+//! regulator             D = mu1 - mu2 - F             U = mu1 + mu2 - F
+//! tracker               D = (1 + kappa)(mu1 - mu2)    U = (1 - kappa)(mu1 + mu2)
 //! ```
+//!
+//! Where `U < D` (a tracker on a wall with `e < (mu1 - mu2)/(mu1 + mu2)`) there is nothing between
+//! them: `g = U` if `x' >= N h U`, else `g = D`.
 //!
 //! With `V = x'^2/2 + D x`: `V` is constant while the mass falls and does not grow while it rises
 //! (`g >= D`); each impact multiplies it by `e^2` at least; and the last bounces lie within one
-//! period of constant `g = D`, which ends them in exact rest. `g >= D` whatever is measured: noise
-//! cannot lift the mass.
+//! period of constant `g = D`, which ends them in exact rest. `g >= min(D, U)` whatever is measured:
+//! noise cannot lift the mass. (Where `U < D`, `V` grows by `D/U` at most while the mass rises, and
+//! `e^2 D/U < 1`.)
 //!
 //! `N = 1 + d` where a control acts `d` periods after its measurement: until then the mass rises on.
 
 use super::monotone::cut;
-use super::Gains;
+use super::{GainError, Gains};
 use crate::setting::require;
-use crate::SettingError;
+use crate::{sgn, Physical, Restitution, SettingError};
 
 /// The horizon of a landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,5 +61,70 @@ impl Landing {
     #[inline]
     pub(super) fn lambda_v(&self, xdot: f64, f: f64, gains: Gains) -> f64 {
         cut((xdot / self.horizon - (gains.mu1() - f)) / gains.mu2())
+    }
+}
+
+/// The tracker's landing, which its control follows while the reference rests.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Descent {
+    landing: Landing,
+    /// `D` (m/s^2).
+    falling: f64,
+    /// `U` (m/s^2).
+    braking: f64,
+    /// `g` of a mass that rests (m/s^2).
+    press: f64,
+}
+
+impl Descent {
+    /// The landing of a tracker with these gains on `wall`; a mass at rest is pressed with `D`.
+    pub(super) fn new(landing: Landing, gains: Gains, wall: Restitution) -> Self {
+        let falling = wall.r(1.0, -1.0) * (gains.mu1() - gains.mu2());
+        let braking = wall.r(1.0, 1.0) * (gains.mu1() + gains.mu2());
+        Self { landing, falling, braking, press: falling }
+    }
+
+    /// The same with another `g` of a mass that rests, at least the bound of the unknown force.
+    pub(super) fn with_press(self, press: f64, bound: f64) -> Result<Self, GainError> {
+        require(press.is_finite(), "press", press, "a finite acceleration (m/s^2)")?;
+        if press >= bound {
+            Ok(Self { press, ..self })
+        } else {
+            Err(GainError::Press { value: press, bound })
+        }
+    }
+
+    /// The horizon.
+    #[must_use]
+    pub fn landing(&self) -> Landing {
+        self.landing
+    }
+
+    /// `D`, `U` and the `g` of a mass that rests (m/s^2).
+    #[must_use]
+    pub fn accelerations(&self) -> [f64; 3] {
+        [self.falling, self.braking, self.press]
+    }
+
+    /// `g`: the acceleration towards the wall, control and force together.
+    #[inline]
+    pub(super) fn towards_wall(&self, Physical { x, xdot }: Physical) -> f64 {
+        let horizon = self.landing.horizon;
+        if x == 0.0 && xdot == 0.0 {
+            self.press
+        } else if xdot >= horizon * self.braking {
+            self.braking
+        } else {
+            // below U: also where U < D
+            self.falling.max(xdot / horizon)
+        }
+    }
+
+    /// `ls, lv, les, lev` that stand for `g` in the law: both errors above, the brake in part.
+    #[inline]
+    pub(super) fn signs(xdot: f64, g: f64, gains: Gains, wall: Restitution) -> [f64; 4] {
+        let lambda_v = sgn(xdot);
+        let lambda_ev = cut((g / wall.r(1.0, lambda_v) - gains.mu1()) / gains.mu2());
+        [1.0, lambda_v, 1.0, lambda_ev]
     }
 }

@@ -13,13 +13,15 @@
 //! The rooms: [`TwistingRegulator`] brings the mass to rest at the wall, [`TwistingTracker`] makes
 //! it follow a bouncing reference, [`ExplicitTwisting`] is the explicit controller that chatters.
 //! [`tracking`] solves the tracker's step exactly (with [`monotone`] and [`cubic`]), [`regulation`]
-//! the regulator's; [`landing`] is how a held control ends in exact rest; [`inclusion`] writes the same steps as box VIs of two, four and six signs for
-//! the general solver and for checking.
+//! the regulator's; [`landing`] is how a held control ends in exact rest; [`given`](Waypoint) is a
+//! reference that is given sample by sample; [`inclusion`] writes the same steps as box VIs of two,
+//! four and six signs for the general solver and for checking.
 
 pub mod cubic;
 mod dual;
 mod explicit;
 mod gains;
+mod given;
 pub mod inclusion;
 pub mod landing;
 pub mod monotone;
@@ -31,7 +33,8 @@ pub mod tracking;
 
 pub use explicit::ExplicitTwisting;
 pub use gains::{GainError, Gains};
-pub use landing::Landing;
+pub use given::Waypoint;
+pub use landing::{Descent, Landing};
 pub use port::{Port, TickStatus};
 pub use regulator::{RegulatorState, TwistingRegulator};
 pub use tracker::{Approach, TrackerState, TwistingTracker};

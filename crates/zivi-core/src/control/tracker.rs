@@ -1,8 +1,10 @@
 //! The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
+use super::landing::Descent;
 use super::port::checked_force;
 use super::tracking::{Target, Tracking, TrackingStep};
-use super::{checked, Gains, Port, TickStatus};
+use super::{checked, GainError, Gains, Landing, Port, TickStatus};
+use crate::setting::require;
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 /// Which of its two preimages the measured state is lifted to.
@@ -18,6 +20,15 @@ pub enum Approach {
 
 /// The implicit twisting tracker (equation 20), with its reference inside.
 ///
+/// While the reference rests it lands ([`Descent`], the default, one period ahead): the sampled
+/// loop ends in exact rest at every `e` in `(0, 1)`. Everywhere else, and always without a landing,
+/// the control is that of the paper's implicit step ([`TrackingStep`]), to the last bit.
+///
+/// A *horizon* of `N` periods plans that step over `H = N h` and ticks every `h`: quieter under
+/// noise, less sharp within `H` of an impact. The *shift* `x' - h F_r/2` in the air makes the
+/// measured velocity that of an implicit Euler step, as the reference's is: positions of these
+/// steps lie on the exact parabola, their velocities half a period behind it.
+///
 /// ```
 /// use zivi_core::control::{Approach, Gains, TwistingTracker};
 /// use zivi_core::{Physical, Restitution};
@@ -32,8 +43,14 @@ pub enum Approach {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwistingTracker {
+    /// Over the horizon.
     step: TrackingStep,
+    /// Over a period.
     reference: ThetaGammaStep,
+    /// Over the horizon, if that is longer than a period.
+    outlook: Option<ThetaGammaStep>,
+    shift: bool,
+    descent: Option<Descent>,
     approach: Approach,
     port: Port,
     state: TrackerState,
@@ -105,8 +122,47 @@ impl TwistingTracker {
         checked(h, wall_ref, "e_ref")?;
         let reference = ThetaGammaStep::new(h, 1.0, 1.0, wall_ref)?;
         let step = TrackingStep { h, wall, gains };
+        let descent = Some(Descent::new(Landing::new(1, h)?, gains, wall));
         let (port, state) = (Port::default(), TrackerState::REST);
-        Ok(Self { step, reference, approach, port, state })
+        let (outlook, shift) = (None, false);
+        Ok(Self { step, reference, outlook, shift, descent, approach, port, state })
+    }
+
+    /// The same with another horizon of its landing; `None` is the paper's tick. A mass at rest is
+    /// pressed with the law's own `D` again.
+    #[must_use]
+    pub fn with_landing(self, landing: Option<Landing>) -> Self {
+        let TrackingStep { gains, wall, .. } = self.step;
+        Self { descent: landing.map(|it| Descent::new(it, gains, wall)), ..self }
+    }
+
+    /// The same where a mass that rests is pressed with `press` (m/s^2), at least the `bound` of
+    /// the unknown force; without a landing nothing changes.
+    ///
+    /// # Errors
+    /// [`GainError`] unless `press` is finite and at least `bound`.
+    pub fn with_press(self, press: f64, bound: f64) -> Result<Self, GainError> {
+        let descent = self.descent.map(|it| it.with_press(press, bound)).transpose()?;
+        Ok(Self { descent, ..self })
+    }
+
+    /// The same with its step planned over `horizon` sampling periods.
+    ///
+    /// # Errors
+    /// [`SettingError`] unless `horizon >= 1` and it is finite, also times `h`.
+    pub fn with_horizon(self, horizon: f64) -> Result<Self, SettingError> {
+        let range = "a finite number of periods >= 1";
+        require(horizon >= 1.0 && horizon.is_finite(), "horizon", horizon, range)?;
+        let h = horizon * self.reference.h();
+        require(h.is_finite(), "horizon", horizon, "such that horizon h is finite")?;
+        let outlook = if horizon > 1.0 { Some(self.reference.with_h(h)?) } else { None };
+        Ok(Self { step: TrackingStep { h, ..self.step }, outlook, ..self })
+    }
+
+    /// The same with the measured velocity taken half a period back in the air.
+    #[must_use]
+    pub fn with_shift(self, shift: bool) -> Self {
+        Self { shift, ..self }
     }
 
     /// The same with limits of the sensor and of the actuator.
@@ -140,11 +196,54 @@ impl TwistingTracker {
     ) -> Result<f64, SettingError> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
-        let (next, target) = advanced(&self.reference, &self.state, force_ref)?;
-        let z = self.lifted(state);
-        let found = self.step.solve(z, force, target);
-        let (u, saturated) = self.port.actuate(found.u)?;
-        let Tracking { lambda_s, lambda_v, lambda_es, lambda_ev, .. } = found;
+        let (next, target) = self.outlook(&self.state, force_ref)?;
+        let shifted = if self.shift && self.flies(force_ref) {
+            Physical { xdot: state.xdot - 0.5 * self.h() * force_ref, ..state }
+        } else {
+            state
+        };
+        let planned = Planned { now: self.state.reference, next, target };
+        self.decide((state, shifted, clamped), force, planned)
+    }
+
+    /// The reference after a period, and what the plant has to follow over the horizon.
+    #[inline]
+    pub(super) fn outlook(
+        &self,
+        state: &TrackerState,
+        force_ref: f64,
+    ) -> Result<(TrackerState, Target), SettingError> {
+        let (next, target) = advanced(&self.reference, state, force_ref)?;
+        let target = match &self.outlook {
+            Some(step) => advanced(step, state, force_ref)?.1,
+            None => target,
+        };
+        Ok((next, target))
+    }
+
+    /// The control for this sample and this step of the reference, and all that is remembered.
+    #[inline]
+    pub(super) fn decide(
+        &mut self,
+        (state, shifted, clamped): (Physical, Physical, bool),
+        force: f64,
+        Planned { now, next, target }: Planned,
+    ) -> Result<f64, SettingError> {
+        let rests = now == Lifted::default() && next.reference == Lifted::default();
+        let (wanted, [lambda_s, lambda_v, lambda_es, lambda_ev]) = match &self.descent {
+            Some(descent) if rests => {
+                let g = descent.towards_wall(state);
+                let TrackingStep { gains, wall, .. } = self.step;
+                (-force - g, Descent::signs(state.xdot, g, gains, wall))
+            }
+            _ => {
+                let z = self.lifted(shifted, now);
+                let Tracking { u, lambda_s, lambda_v, lambda_es, lambda_ev, .. } =
+                    self.step.solve(z, force, target);
+                (u, [lambda_s, lambda_v, lambda_es, lambda_ev])
+            }
+        };
+        let (u, saturated) = self.port.actuate(wanted)?;
         let [_, _, lambda_sr, lambda_vr, _, _] = next.signs;
         let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
         let next = TrackerState { u, signs, status: TickStatus { clamped, saturated }, ..next };
@@ -152,19 +251,24 @@ impl TwistingTracker {
         Ok(u)
     }
 
+    /// Whether the reference is in the air at this sample and at the next one.
+    fn flies(&self, force_ref: f64) -> bool {
+        let (Physical { x, xdot }, h) = (self.reference(), self.h());
+        x > 0.0 && x + h * (xdot + h * force_ref) > 0.0
+    }
+
     /// The reference on the branch that the approach keeps it on.
-    fn on_its_branch(&self, state: TrackerState) -> TrackerState {
+    pub(super) fn on_its_branch(&self, state: TrackerState) -> TrackerState {
         match self.approach {
             Approach::Positive => state.folded(),
             Approach::Nearest => state,
         }
     }
 
-    /// The measured state on the branch that the approach takes.
+    /// The measured state on the branch that the approach takes beside this reference.
     #[inline]
-    fn lifted(&self, state: Physical) -> Lifted {
+    fn lifted(&self, state: Physical, reference: Lifted) -> Lifted {
         let Lifted { s, v } = transform::lift(state, Branch::Positive, self.step.wall);
-        let reference = self.state.reference;
         let mirror = match self.approach {
             Approach::Positive => false,
             Approach::Nearest => s * reference.s + v * reference.v < 0.0,
@@ -182,7 +286,19 @@ impl TwistingTracker {
         transform::project(self.state.reference, self.reference.wall())
     }
 
-    /// The plant's part of the step.
+    /// The sampling period (s).
+    #[must_use]
+    pub fn h(&self) -> f64 {
+        self.reference.h()
+    }
+
+    /// How it lands; `None` is the paper's tick.
+    #[must_use]
+    pub fn descent(&self) -> Option<Descent> {
+        self.descent
+    }
+
+    /// The plant's part of the step, over the horizon.
     #[must_use]
     pub fn step(&self) -> &TrackingStep {
         &self.step
@@ -217,6 +333,13 @@ impl TwistingTracker {
     pub fn set_state(&mut self, state: TrackerState) {
         self.state = state;
     }
+}
+
+/// A period of the reference, and what the plant has to follow.
+pub(super) struct Planned {
+    pub(super) now: Lifted,
+    pub(super) next: TrackerState,
+    pub(super) target: Target,
 }
 
 /// One implicit Euler step of the reference, with its signs in their places, and what the plant

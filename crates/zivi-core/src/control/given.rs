@@ -1,0 +1,92 @@
+//! A reference that is given sample by sample, from a curve, a recording or another simulation.
+//!
+//! The tracker does not advance it: it is told where the reference is at the sample and at the next
+//! one. What it plans towards is an implicit Euler step from there under the reference's
+//! acceleration `a`, with the velocity of the reference and of the mass both half a period back in
+//! the air: the step then ends where a parabola through the given state does, and a mass on the
+//! reference is given `u = a - F`.
+
+use super::port::checked_force;
+use super::tracker::Planned;
+use super::{TrackerState, TwistingTracker};
+use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError};
+
+/// A given reference at one sample: its state, and the side of the wall on which it is followed,
+/// which changes with each of its impacts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Waypoint {
+    /// Distance from the wall, `>= 0` (m), and velocity (m/s).
+    pub state: Physical,
+    /// The side.
+    pub branch: Branch,
+}
+
+impl Waypoint {
+    fn checked(self, wall: Restitution) -> Result<TrackerState, SettingError> {
+        let state = TrackerState::at(self.state, wall)?;
+        let Lifted { s, v } = state.reference;
+        let sigma = self.branch.sigma();
+        // adding 0.0 turns -0.0 into 0.0
+        let reference = Lifted { s: sigma * s + 0.0, v: sigma * v + 0.0 };
+        Ok(TrackerState { reference, side: sigma * state.side, ..state })
+    }
+}
+
+impl TwistingTracker {
+    /// The control for the period that starts with this measurement, for a reference that is at
+    /// `now` at this sample and at `next` at the next one. `acceleration` is the reference's over
+    /// the period, `x_r''` (m/s^2). Without it, it is the difference quotient of the velocities in
+    /// the air; over an impact of the reference `force`, under which the mass meets the wall too.
+    ///
+    /// The tracker's own reference becomes `next`.
+    ///
+    /// # Errors
+    /// [`SettingError`] as [`TwistingTracker::tick`], and for a waypoint that is not finite or
+    /// behind the wall. Nothing has changed then.
+    ///
+    /// ```
+    /// use zivi_core::control::{Approach, Gains, TwistingTracker, Waypoint};
+    /// use zivi_core::{Branch, Physical, Restitution};
+    /// let wall = Restitution::from_e(0.5)?;
+    /// let mut tracker =
+    ///     TwistingTracker::new(Gains::new(30.0, 17.0)?, 1e-3, wall, wall, Approach::Nearest)?;
+    /// let at = |x, xdot| Waypoint { state: Physical { x, xdot }, branch: Branch::Positive };
+    /// let (now, next) = (at(1.0, 0.5), at(1.0005 - 2e-6, 0.496)); // it brakes with 4 m/s^2
+    /// let u = tracker.tick_to(now.state, -9.81, now, next, None)?;
+    /// assert!((u - (-4.0 + 9.81)).abs() < 1e-9);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn tick_to(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        now: Waypoint,
+        next: Waypoint,
+        acceleration: Option<f64>,
+    ) -> Result<f64, SettingError> {
+        let (state, clamped) = self.port().sense(measured)?;
+        checked_force("force", force)?;
+        let wall = self.reference_step().wall();
+        let (start, end) = (now.checked(wall)?, next.checked(wall)?);
+        let h = self.h();
+        let flies = now.branch == next.branch && now.state.x > 0.0 && next.state.x > 0.0;
+        let rests = start.reference == end.reference && start.reference == Lifted::default();
+        let differenced = now.branch == next.branch || rests;
+        let acceleration = match acceleration {
+            Some(given) => given,
+            None if differenced => (next.state.xdot - now.state.xdot) / h,
+            None => force,
+        };
+        checked_force("acceleration", acceleration)?;
+        let back = if flies { 0.5 * h * acceleration } else { 0.0 };
+        let behind = |at: Physical| Physical { xdot: at.xdot - back, ..at };
+        let sigma = now.branch.sigma();
+        let Lifted { s, v } = transform::lift(behind(now.state), Branch::Positive, wall);
+        let reference = Lifted { s: sigma * s, v: sigma * v };
+        let start = self.on_its_branch(TrackerState { reference, ..start });
+        let (reached, target) = self.outlook(&start, acceleration)?;
+        let end = TrackerState { reference: end.reference, side: end.side, ..reached };
+        let planned = Planned { now: start.reference, next: end, target };
+        self.decide((state, behind(state), clamped), force, planned)
+    }
+}
