@@ -45,7 +45,7 @@ test-quick: $(READY)
 
 # one after the other: a browser wants the machine for itself
 test-browser: $(READY)
-	@command -v chromium chromium-browser >/dev/null || \
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || \
 	    { echo 'chromium is missing: apt-get install chromium'; exit 1; }
 	$(BIN)/python -m pytest -m browser
 
