@@ -113,6 +113,13 @@ def test_the_line_has_every_arc_and_every_jump(sol):
     np.testing.assert_allclose(line.x, sol(line.t)[0], atol=1e-15)
 
 
+def test_the_line_takes_steps_apart_and_not_samples():
+    few = zivi.simulate(BALL, (0, 3), (1, 0), samples="steps")
+    many = zivi.simulate(BALL, (0, 3), (1, 0), t_eval=np.linspace(0, 3, 1001))
+    assert len(line_of(many).t) < len(line_of(few).t) + 1001
+    assert len(line_of(zivi.simulate(BALL, (0, 3), (1, 0), t_eval=[0, 3])).t) > 100
+
+
 def test_a_jump_at_the_last_point_is_one(sol):
     first = sol.impacts["t"][0]
     cut = dataclasses.replace(sol, t=np.append(sol.t[sol.t < first], first))

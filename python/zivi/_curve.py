@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["Line", "line_of", "reference_of"]
 
 PARTS = 24
-"""Points of a step of a method that has a dense output of its own."""
+"""Points of a step, or of what an impact leaves of it, where a method has a dense output."""
 FINEST = 1e-3
 """Smallest arc of an extrapolated accumulation that is drawn, as a part of the fastest impact."""
 
@@ -53,7 +53,7 @@ def line_of(run: Trajectory | ClosedLoop) -> Line:
     if not (hasattr(path, "tails") and path.dense and len(run.t) > 1):
         s, v = (getattr(run, name, np.empty(0)) for name in ("s", "v"))
         return Line(run.t, run.x, run.xdot, s, v, _after(run.t, run.impacts["t"]))
-    times, impacts = _times(run)  # type: ignore[arg-type]
+    times, impacts = _times(run, path.starts())  # type: ignore[arg-type]
     x, xdot = path.physical(times)
     s, v = path.lifted(times)
     return Line(times, x, xdot, s, v, _after(times, impacts))
@@ -68,15 +68,16 @@ def reference_of(run: ClosedLoop) -> Line:
     return Line(run.t, x, xdot, np.empty(0), np.empty(0), after)
 
 
-def _times(sol: Trajectory) -> tuple[Array, Array]:
+def _times(sol: Trajectory, begun: Array) -> tuple[Array, Array]:
     """Choose times that show every arc, with the last moment before each impact."""
     fastest = float(np.max(sol.impacts["xdot_after"], initial=0.0))
     known = sol.impacts_down_to(FINEST * fastest)["t"] if fastest > 0.0 else sol.impacts["t"]
     impacts = known[(known > sol.t[0]) & (known <= sol.t[-1])]
-    corners = np.union1d(sol.t, impacts)
+    within = begun[(begun > sol.t[0]) & (begun < sol.t[-1])]
+    corners = np.union1d(np.append(within, sol.t[[0, -1]]), impacts)
     parts = np.arange(PARTS) / PARTS
     inner = (corners[:-1, None] + parts * np.diff(corners)[:, None]).ravel()
-    return np.union1d(np.append(inner, corners[-1]), np.nextafter(impacts, -np.inf)), impacts
+    return np.unique(np.concatenate([inner, sol.t, np.nextafter(impacts, -np.inf)])), impacts
 
 
 def _after(t: Array, impacts: Array) -> np.ndarray:

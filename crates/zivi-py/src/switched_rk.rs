@@ -149,6 +149,12 @@ impl MotionPath {
         self.motion.path.as_ref().and_then(DensePath::span)
     }
 
+    /// Where a step, a tail or a rest begins, in order.
+    fn starts<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let path = self.motion.path.iter();
+        PyArray1::from_iter(py, path.flat_map(DensePath::starts))
+    }
+
     /// `(x, xdot)` at the times.
     fn physical<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> Arrays<'py> {
         self.sample(py, &times, |point| (point.x, point.xdot))

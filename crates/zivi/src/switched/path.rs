@@ -143,6 +143,11 @@ impl DensePath {
         self.end = Some((t, end));
     }
 
+    /// Where a step, a tail or a rest begins, in order.
+    pub fn starts(&self) -> impl Iterator<Item = f64> + '_ {
+        self.segments.iter().map(|segment| segment.start)
+    }
+
     /// The times between which the motion is known, unless the run made no step.
     #[must_use]
     pub fn span(&self) -> Option<(f64, f64)> {
