@@ -46,7 +46,7 @@ def settling(mu1: float, mu2: float, missing: float) -> float:
         return math.nan
     run = zivi.simulate_closed_loop(
         zivi.ImpactSystem(-GRAVITY, kappa=KAPPA),
-        zivi.TwistingTracker(mu1, mu2, h=H, kappa=KAPPA),
+        zivi.TwistingTracker(mu1, mu2, h=H, kappa=KAPPA, landing=False),  # the law alone
         (0, T_END),
         (6, 5),
         y_ref0=(3, 3),

@@ -73,7 +73,7 @@ def _loop(system: str, p: dict[str, float], signs: Any, span: Any) -> zivi.Close
     if signs == "explicit":
         law = zivi.ExplicitTwisting(*gains, h=h, e=e)
     else:
-        law = zivi.TwistingTracker(*gains, h=h, e=e, branch=signs)
+        law = zivi.TwistingTracker(*gains, h=h, e=e, branch=signs, landing=False)
     return zivi.simulate_closed_loop(
         zivi.ImpactSystem(-p["g"] + p["unknown"], e=e),
         law,

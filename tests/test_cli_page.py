@@ -67,6 +67,7 @@ VALUES = {
     "solver": "'newton'",
     "branch": "'nearest'",
     "landing": "true",
+    "shift": "true",
     "order": "5",
     "e": "0.5",
     "kappa": "0.5",

@@ -44,7 +44,7 @@ def draw(rng, branch, near):
     x, x_ref = np.abs(rng.normal(0, h * speed if near else 1.0, 2))
     xdot, xdot_ref = rng.normal(0, speed, 2)
     controller = zivi.TwistingTracker(
-        mu1, mu2, h=h, kappa=kappa, kappa_ref=kappa_ref, branch=branch, depth=0.0
+        mu1, mu2, h=h, kappa=kappa, kappa_ref=kappa_ref, branch=branch, depth=0.0, landing=False
     )
     controller.reset(x_ref, xdot_ref)
     # the reference through a few periods, so that the branch "nearest" has a side
@@ -424,7 +424,7 @@ def test_names_and_defaults_of_the_contract():
     assert parameters(zivi.ExplicitTwisting) == shared | reference
     quiet = {"press": (True, None), "horizon": (True, 1), "shift": (True, False)}
     tracking = shared | reference | landing | quiet | {"branch": (True, "positive")}
-    assert parameters(zivi.TwistingTracker) == tracking | {"landing": (True, False)}
+    assert parameters(zivi.TwistingTracker) == tracking
     tracker = zivi.TwistingTracker(30, 17, h=1e-3, e=0.25)
     assert (tracker.x_ref, tracker.xdot_ref, tracker.u) == (0, 0, 0)
     assert math.isclose(tracker.kappa, 0.6)

@@ -49,8 +49,8 @@ def snippet(text):
 def test_the_pages_snippet_runs(capsys):
     names: dict = {}
     exec(compile(snippet(PAGE), "control.md", "exec"), names)
-    assert names["run"].u[-1] == 9.81
-    assert "9.81" in capsys.readouterr().out
+    assert names["run"].u[-1] == 9.81 - 19.5  # D = 2 (30 - 17)/(4/3)
+    assert "-9.69" in capsys.readouterr().out
 
 
 def test_the_readmes_snippet_runs(tmp_path, monkeypatch, capsys):
@@ -64,7 +64,7 @@ def test_the_readmes_snippet_runs(tmp_path, monkeypatch, capsys):
     plt.close("all")
     assert (tmp_path / "tracking.png").stat().st_size > 1000
     run = names["run"]
-    rests, u = re.findall(r"# (\d\.\d+), (\d\.\d+):", code)[0]
+    rests, u = re.findall(r"# (\d\.\d+), (-\d\.\d+):", code)[0]
     assert run.rest_time == pytest.approx(float(rests), abs=0.01)
     assert run.u[-1] == float(u)
     still = run.t > run.rest_time

@@ -1,4 +1,4 @@
-"""The tracker on the paper's data: when it has caught up, and how exactly it then follows."""
+"""The paper's tracker on its data: when it has caught up, and how exactly it then follows."""
 
 import numpy as np
 import pytest
@@ -23,8 +23,11 @@ def track(
     gains=(30, 17),
     y0=(6, 5),
     y_ref0=(3, 3),
+    landing=False,
 ):
-    tracker = zivi.TwistingTracker(*gains, h=h, kappa=0.5, kappa_ref=kappa_ref, branch=branch)
+    tracker = zivi.TwistingTracker(
+        *gains, h=h, kappa=0.5, kappa_ref=kappa_ref, branch=branch, landing=landing
+    )
     return zivi.simulate_closed_loop(
         zivi.ImpactSystem(true, kappa=0.5),
         tracker,

@@ -417,7 +417,7 @@ class TwistingTracker(_zivi.Tracker, _Following, _Landing):
         bound: float | None = None,
         depth: float = DEPTH,
         u_limits: Sequence[float] | None = None,
-        landing: bool = False,
+        landing: bool = True,
         press: float | None = None,
         ahead: int = 1,
         horizon: float = 1,

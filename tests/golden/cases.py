@@ -151,8 +151,14 @@ def papers_regulator(mu1, mu2, **settings):
     return zivi.TwistingRegulator(mu1, mu2, **settings, landing=False)
 
 
+def papers_tracker(mu1: float, mu2: float, **settings: float) -> zivi.TwistingTracker:
+    """Give the paper's tick, without the landing."""
+    return zivi.TwistingTracker(mu1, mu2, **settings, landing=False)
+
+
 def loops() -> Iterator[tuple[str, Run]]:
     """Closed loops: controllers, plants, imperfections."""
+    reference = {"y_ref0": (3, 3), "force_ref": -19.81}
     for kappa in KAPPAS[1:]:
         spring = zivi.LinearForce(stiffness=5.0, damping=0.2, gravity=9.81)
         plants = {
@@ -162,11 +168,12 @@ def loops() -> Iterator[tuple[str, Run]]:
         }
         for of_plant, plant in plants.items():
             for h in (1e-2, 2e-3):
-                for key, make, reference in (
+                for key, make, given in (
                     ("regulator", zivi.TwistingRegulator, {}),
                     ("paper's regulator", papers_regulator, {}),
-                    ("tracker", zivi.TwistingTracker, {"y_ref0": (3, 3), "force_ref": -19.81}),
-                    ("explicit", zivi.ExplicitTwisting, {"y_ref0": (3, 3), "force_ref": -19.81}),
+                    ("tracker", zivi.TwistingTracker, reference),
+                    ("paper's tracker", papers_tracker, reference),
+                    ("explicit", zivi.ExplicitTwisting, reference),
                 ):
                     for imperfect, more in (
                         ("exact", {}),
@@ -176,7 +183,7 @@ def loops() -> Iterator[tuple[str, Run]]:
                     ):
                         yield (
                             f"{key} {of_plant} kappa{kappa:.3g} h{h} {imperfect}",
-                            lambda p=plant, m=make, h=h, k=kappa, r=reference, o=more: (
+                            lambda p=plant, m=make, h=h, k=kappa, r=given, o=more: (
                                 zivi.simulate_closed_loop(
                                     p, m(30, 17, h=h, kappa=k), (0, 2), (2, 1), **r, **o
                                 )

@@ -149,8 +149,12 @@ CONTROLLERS = {
     "TwistingRegulator": (*TWISTING, *LANDING),
     "TwistingTracker": (
         *TWISTING,
+        *LANDING,
         *REFERENCE,
         Key("branch", Choice(BRANCHES), "how a measurement is lifted", default='"positive"'),
+        Key("press", NOT_NEGATIVE, "acceleration towards the wall at rest", "m/s^2", "the law's"),
+        Key("horizon", Number(least=1.0), "periods over which a step is planned", "1", "1"),
+        Key("shift", Switch(), "take the velocity half a period back in the air", default="false"),
     ),
     "ExplicitTwisting": (*TWISTING, *REFERENCE),
 }

@@ -93,20 +93,22 @@ def track(
     quantization: Sequence[float] = (0.0, 0.0),
     delay: int = 0,
     seed: int | None = None,
+    landing: bool = False,
 ) -> ClosedLoop:
     """Run a tracker (``positive``, ``nearest`` or ``explicit``) on the paper's data.
 
-    The controller always believes in `FORCE`; `e` and `e_ref` are its own, by default the plant's.
+    The controller always believes in `FORCE`; `e` and `e_ref` are its own, by default the plant's;
+    the law is the paper's unless it is to land.
     """
     # kappa, not e: in the last digit they differ, and the time of exact rest shows it
     kappa = KAPPA if e is None else None
     tracker: ExplicitTwisting | TwistingTracker
     if controller == "explicit":
         tracker = ExplicitTwisting(MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref)
-    elif controller == "nearest":
-        tracker = TwistingTracker(MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref, branch="nearest")
     else:
-        tracker = TwistingTracker(MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref)
+        tracker = TwistingTracker(
+            MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref, branch=controller, landing=landing
+        )
     return simulate_closed_loop(
         ImpactSystem(force, kappa=KAPPA),
         tracker,

@@ -62,7 +62,7 @@ def _measured(e: float, h: float) -> Rest:
     starts = np.stack(
         [10 ** generator.uniform(-6, 0, STARTS), generator.normal(0.0, 1.0, STARTS)], axis=1
     )
-    plant, tracker = ImpactSystem(FORCE, e=e), TwistingTracker(MU1, MU2, h=h, e=e)
+    plant, tracker = ImpactSystem(FORCE, e=e), TwistingTracker(MU1, MU2, h=h, e=e, landing=False)
     at_rest = {"sampled": 0, "paper": 0}
     distance = speed = 0.0
     for start in starts:

@@ -106,7 +106,7 @@ def random_states(speed: float, seed: int, problems: int = PROBLEMS) -> Array:
 
 def loop_states(branch: Branch) -> tuple[Array, Array]:
     """Return the lifted states of the paper's loop, and the signs of its ticks."""
-    tracker = TwistingTracker(MU1, MU2, h=H, kappa=KAPPA, branch=branch)
+    tracker = TwistingTracker(MU1, MU2, h=H, kappa=KAPPA, branch=branch, landing=False)
     tracker.reset(*START_REF)
     run = simulate_closed_loop(
         ImpactSystem(F, kappa=KAPPA),
