@@ -8,15 +8,17 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 # an older compiler cannot build the vector code for AVX-512
 OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/\1/p' | awk '$$1 < 89')
-SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock
+SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock \
+    $(wildcard include/*.h tools/c/* tools/native.py)
 
-.PHONY: help paper test test-rust test-python test-quick test-browser mutants lint lint-rust lint-python bench wasm picture docs docs-packages wheel clean
+.PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test lint lint-rust lint-python bench wasm picture docs docs-packages wheel clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
 	@echo 'make test    all tests, Rust and Python: at most 6 minutes on two processors'
 	@echo 'make test-quick  the tests in Python without the slow ones: less than a minute'
 	@echo 'make test-browser  the pages in chromium, which must be there'
+	@echo 'make c-test  the C library: its examples in C99 and C++, bad arguments, what it needs'
 	@echo 'make mutants one mutation of the code after the other, and the tests that must notice; NAMES="step-*"'
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
@@ -49,6 +51,11 @@ test-browser: $(READY)
 	    { echo 'chromium is missing: apt-get install chromium'; exit 1; }
 	$(BIN)/python -m pytest -m browser
 
+# needs cargo, a C compiler and Python, no packages
+c-test:
+	'$(PYTHON)' tools/native.py c
+	sh tools/c-test.sh python/zivi/_native
+
 mutants: $(READY)
 	$(BIN)/python tools/mutants --report docs/testing.md $(NAMES)
 
@@ -76,7 +83,8 @@ lint-rust: $(READY)
 	else echo 'cargo fmt is missing: rustup component add rustfmt'; test -n '$(SKIP_MISSING)'; fi
 	@if cargo clippy --version >/dev/null 2>&1; then \
 	    PYO3_PYTHON=$(CURDIR)/$(BIN)/python \
-	    cargo clippy --locked --quiet --workspace --all-targets -- -D warnings; \
+	    cargo clippy --locked --quiet --workspace --all-targets -- -D warnings && \
+	    cargo clippy --locked --quiet --package zivi-c --features exports -- -D warnings; \
 	else echo 'cargo clippy is missing: rustup component add clippy'; test -n '$(SKIP_MISSING)'; fi
 
 lint-python: $(READY)
@@ -116,5 +124,5 @@ wheel: $(VENV)/.packages
 	PATH="$(CURDIR)/$(BIN):$$PATH" sh tools/wheel.sh $(BIN)/python out/wheels
 
 clean:
-	rm -rf target out $(VENV) python/zivi/*.so
+	rm -rf target out $(VENV) python/zivi/*.so python/zivi/_native
 	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -1,8 +1,10 @@
-"""The build backend: maturin, and one readable line where Rust is missing."""
+"""The build backend: maturin, the C library, and one readable line where Rust is missing."""
 
 import os
 import shutil
+import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 # otherwise a compiler is downloaded, or a long traceback shown where that fails
@@ -24,12 +26,14 @@ build_sdist = maturin.build_sdist
 def build_wheel(*arguments: Any, **settings: Any) -> str:
     """Build a wheel (PEP 517)."""
     _need_cargo()
+    _native()
     return maturin.build_wheel(*arguments, **settings)
 
 
 def build_editable(*arguments: Any, **settings: Any) -> str:
     """Build a wheel that points here (PEP 660)."""
     _need_cargo()
+    _native()
     return maturin.build_editable(*arguments, **settings)
 
 
@@ -45,3 +49,10 @@ prepare_metadata_for_build_editable = prepare_metadata_for_build_wheel
 def _need_cargo() -> None:
     if shutil.which("cargo") is None:
         sys.exit(MISSING)
+
+
+def _native() -> None:
+    """Build what is beside the extension; the package works without it."""
+    script = Path(__file__).resolve().parent.parent / "native.py"
+    if subprocess.run([sys.executable, script], check=False).returncode != 0:
+        print("zivi: no C library and no FMU binaries here: see above", file=sys.stderr)

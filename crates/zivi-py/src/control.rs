@@ -40,13 +40,13 @@ fn port(depth: f64, (low, high): (f64, f64)) -> PyResult<Port> {
 type State = (f64, f64, f64, f64, [f64; 6], u8);
 
 fn tracker_state(state: TrackerState) -> State {
-    let TrackerState { reference: Lifted { s, v }, side, u, signs, status } = state;
+    let TrackerState { reference: Lifted { s, v }, side, u, signs, status, .. } = state;
     (s, v, side, u, signs, status.bits())
 }
 
 fn restored((s, v, side, u, signs, bits): State) -> TrackerState {
     let status = TickStatus::from_bits(bits);
-    TrackerState { reference: Lifted { s, v }, side, u, signs, status }
+    TrackerState { reference: Lifted { s, v }, side, u, signs, status, iterations: 0 }
 }
 
 /// The regulator; `zivi.TwistingRegulator` is what users see.

@@ -69,6 +69,8 @@ pub struct TrackerState {
     pub signs: [f64; 6],
     /// What was done to the last sample and control.
     pub status: TickStatus,
+    /// Iterations of the last tick: [`Tracking::iterations`].
+    pub iterations: u32,
 }
 
 impl TrackerState {
@@ -79,6 +81,7 @@ impl TrackerState {
         u: 0.0,
         signs: [0.0; 6],
         status: TickStatus { clamped: false, saturated: false },
+        iterations: 0,
     };
 
     /// The reference set to a physical state.
@@ -230,23 +233,24 @@ impl TwistingTracker {
         Planned { now, next, target }: Planned,
     ) -> Result<f64, SettingError> {
         let rests = now == Lifted::default() && next.reference == Lifted::default();
-        let (wanted, [lambda_s, lambda_v, lambda_es, lambda_ev]) = match &self.descent {
+        let (wanted, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations) = match &self.descent {
             Some(descent) if rests => {
                 let g = descent.towards_wall(state);
                 let TrackingStep { gains, wall, .. } = self.step;
-                (-force - g, Descent::signs(state.xdot, g, gains, wall))
+                (-force - g, Descent::signs(state.xdot, g, gains, wall), 0)
             }
             _ => {
                 let z = self.lifted(shifted, now);
-                let Tracking { u, lambda_s, lambda_v, lambda_es, lambda_ev, .. } =
+                let Tracking { u, lambda_s, lambda_v, lambda_es, lambda_ev, iterations, .. } =
                     self.step.solve(z, force, target);
-                (u, [lambda_s, lambda_v, lambda_es, lambda_ev])
+                (u, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations)
             }
         };
         let (u, saturated) = self.port.actuate(wanted)?;
         let [_, _, lambda_sr, lambda_vr, _, _] = next.signs;
         let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
-        let next = TrackerState { u, signs, status: TickStatus { clamped, saturated }, ..next };
+        let status = TickStatus { clamped, saturated };
+        let next = TrackerState { u, signs, status, iterations, ..next };
         self.state = self.on_its_branch(next);
         Ok(u)
     }

@@ -1,0 +1,277 @@
+//! The functions of `include/zivi.h`. Their comments are those of the header.
+//!
+//! No function keeps a pointer, so an object may lie and move anywhere between two calls; two
+//! objects never influence each other. A pointer that is not NULL must point to an object of its
+//! type.
+
+#![allow(clippy::missing_safety_doc, reason = "the comments are for C, see above")]
+
+use core::ffi::{c_char, CStr};
+
+use crate::code::{ZIVI_E_NULL, ZIVI_E_STATE, ZIVI_OK};
+use crate::{
+    GivenReference, Mass, MassConfig, Regulator, RegulatorConfig, Tracker, TrackerConfig,
+    ZIVI_ABI_VERSION,
+};
+
+const VERSION: &CStr =
+    match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
+        Ok(version) => version,
+        Err(_) => c"",
+    };
+
+/// The object, unless the pointer is NULL or not aligned.
+unsafe fn object<'a, T>(pointer: *mut T) -> Option<&'a mut T> {
+    // SAFETY: the caller says that it points to an object
+    if pointer.is_aligned() {
+        unsafe { pointer.as_mut() }
+    } else {
+        None
+    }
+}
+
+unsafe fn constant<'a, T>(pointer: *const T) -> Option<&'a T> {
+    // SAFETY: as above
+    if pointer.is_aligned() {
+        unsafe { pointer.as_ref() }
+    } else {
+        None
+    }
+}
+
+/// `ZIVI_ABI_VERSION` of the library: compare it with that of the header.
+#[no_mangle]
+pub extern "C" fn zivi_abi_version() -> u32 {
+    ZIVI_ABI_VERSION
+}
+
+/// The version of zivi, for instance "0.1.0".
+#[no_mangle]
+pub extern "C" fn zivi_version() -> *const c_char {
+    VERSION.as_ptr()
+}
+
+/// What a code means, in one line of English.
+#[no_mangle]
+pub extern "C" fn zivi_message(code: i32) -> *const c_char {
+    crate::message(code).as_ptr()
+}
+
+/// `sizeof(zivi_mass)` in the library.
+#[no_mangle]
+pub extern "C" fn zivi_mass_size() -> u32 {
+    size_of::<Mass>() as u32
+}
+
+/// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
+/// yours to set.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_mass_defaults(config: *mut MassConfig) -> i32 {
+    // SAFETY: see the module
+    let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
+    *config = MassConfig { size: size_of::<MassConfig>() as u32, ..Default::default() };
+    ZIVI_OK
+}
+
+/// Checks the settings and starts at rest on the wall. Where a code < 0 is given, nothing is
+/// written.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_mass_init(mass: *mut Mass, config: *const MassConfig) -> i32 {
+    // SAFETY: see the module
+    match unsafe { (object(mass), constant(config)) } {
+        (Some(it), Some(config)) => it.init(config),
+        _ => ZIVI_E_NULL,
+    }
+}
+
+/// Puts the mass at `x` >= 0 (m) with velocity `xdot` (m/s).
+#[no_mangle]
+pub unsafe extern "C" fn zivi_mass_reset(mass: *mut Mass, x: f64, xdot: f64) -> i32 {
+    // SAFETY: see the module
+    unsafe { object(mass) }.map_or(ZIVI_E_NULL, |it| it.reset(x, xdot))
+}
+
+/// Moves the mass by one step `h` under `force` per unit mass (m/s^2); the state is in
+/// `mass->x` and `mass->xdot` then, exactly 0 at rest.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_mass_step(mass: *mut Mass, force: f64) -> i32 {
+    // SAFETY: see the module
+    unsafe { object(mass) }.map_or(ZIVI_E_NULL, |it| it.step(force))
+}
+
+/// `sizeof(zivi_regulator)` in the library.
+#[no_mangle]
+pub extern "C" fn zivi_regulator_size() -> u32 {
+    size_of::<Regulator>() as u32
+}
+
+/// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
+/// yours to set.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_regulator_defaults(config: *mut RegulatorConfig) -> i32 {
+    // SAFETY: see the module
+    let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
+    *config = RegulatorConfig { size: size_of::<RegulatorConfig>() as u32, ..Default::default() };
+    ZIVI_OK
+}
+
+/// Checks the settings. Where a code < 0 is given, nothing is written.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_regulator_init(
+    regulator: *mut Regulator,
+    config: *const RegulatorConfig,
+) -> i32 {
+    // SAFETY: see the module
+    match unsafe { (object(regulator), constant(config)) } {
+        (Some(it), Some(config)) => it.init(config),
+        _ => ZIVI_E_NULL,
+    }
+}
+
+/// Forgets the last tick.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_regulator_reset(regulator: *mut Regulator) -> i32 {
+    // SAFETY: see the module
+    unsafe { object(regulator) }.map_or(ZIVI_E_NULL, Regulator::reset)
+}
+
+/// The control for the period that starts with the measurement `x` (m), `xdot` (m/s): `*u`
+/// (m/s^2), to be held for one period. `force` acts on the mass without control (m/s^2).
+///
+/// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+/// is written.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_regulator_step(
+    regulator: *mut Regulator,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    u: *mut f64,
+) -> i32 {
+    // SAFETY: see the module
+    unsafe { ticked(regulator, u, |it| it.step(x, xdot, force)) }
+}
+
+/// `sizeof(zivi_tracker)` in the library.
+#[no_mangle]
+pub extern "C" fn zivi_tracker_size() -> u32 {
+    size_of::<Tracker>() as u32
+}
+
+/// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
+/// yours to set.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_tracker_defaults(config: *mut TrackerConfig) -> i32 {
+    // SAFETY: see the module
+    let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
+    *config = TrackerConfig { size: size_of::<TrackerConfig>() as u32, ..Default::default() };
+    ZIVI_OK
+}
+
+/// Checks the settings; the reference starts at rest. Where a code < 0 is given, nothing is
+/// written.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_tracker_init(
+    tracker: *mut Tracker,
+    config: *const TrackerConfig,
+) -> i32 {
+    // SAFETY: see the module
+    match unsafe { (object(tracker), constant(config)) } {
+        (Some(it), Some(config)) => it.init(config),
+        _ => ZIVI_E_NULL,
+    }
+}
+
+/// Puts the reference at `x_ref` >= 0 (m) with velocity `xdot_ref` (m/s) and forgets the last tick.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_tracker_reset(
+    tracker: *mut Tracker,
+    x_ref: f64,
+    xdot_ref: f64,
+) -> i32 {
+    // SAFETY: see the module
+    unsafe { object(tracker) }.map_or(ZIVI_E_NULL, |it| it.reset(x_ref, xdot_ref))
+}
+
+/// The control for the period that starts with the measurement `x` (m), `xdot` (m/s): `*u`
+/// (m/s^2), to be held for one period. `force` acts on the mass without control, `force_ref` on
+/// the reference (m/s^2), which advances by one period: `tracker->x_ref` is that at the next sample.
+///
+/// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+/// is written: the reference has not advanced.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_tracker_step(
+    tracker: *mut Tracker,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    force_ref: f64,
+    u: *mut f64,
+) -> i32 {
+    // SAFETY: see the module
+    unsafe { ticked(tracker, u, |it| it.step(x, xdot, force, force_ref)) }
+}
+
+/// The same for a reference that is given: where it is at this sample and at the next one.
+/// `acceleration` is its own over the period (m/s^2), NaN if it is not known: the difference quotient
+/// of its velocities is taken, over an impact `force`. `tracker->x_ref` becomes that of `next`.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_tracker_step_to(
+    tracker: *mut Tracker,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    now: *const GivenReference,
+    next: *const GivenReference,
+    acceleration: f64,
+    u: *mut f64,
+) -> i32 {
+    // SAFETY: see the module
+    let (Some(now), Some(next)) = (unsafe { (constant(now), constant(next)) }) else {
+        return ZIVI_E_NULL;
+    };
+    let reference = [*now, *next];
+    // SAFETY: see the module
+    unsafe { ticked(tracker, u, |it| it.step_to(x, xdot, force, reference, acceleration)) }
+}
+
+/// Ticks, and gives the control that holds then.
+#[inline(always)]
+unsafe fn ticked<T: Control>(it: *mut T, u: *mut f64, tick: impl FnOnce(&mut T) -> i32) -> i32 {
+    if u.is_null() || !u.is_aligned() {
+        return ZIVI_E_NULL;
+    }
+    // SAFETY: see the module
+    let Some(it) = (unsafe { object(it) }) else { return ZIVI_E_NULL };
+    let code = tick(it);
+    let control = it.control();
+    if code != ZIVI_E_STATE {
+        // SAFETY: see the module; `it` is not used any longer, `u` may point into it
+        unsafe { u.write(control) };
+    }
+    code
+}
+
+/// What holds a control.
+trait Control {
+    fn control(&self) -> f64;
+}
+
+impl Control for Regulator {
+    fn control(&self) -> f64 {
+        self.u
+    }
+}
+
+impl Control for Tracker {
+    fn control(&self) -> f64 {
+        self.u
+    }
+}
+
+/// Holds a path to a panic.
+#[cfg(feature = "canary")]
+#[no_mangle]
+pub extern "C" fn zivi_canary(values: &[f64; 4], index: usize) -> f64 {
+    values[index]
+}

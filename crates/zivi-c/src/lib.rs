@@ -1,0 +1,55 @@
+//! zivi for C: the implicit step of a mass, the twisting regulator and the twisting tracker.
+//!
+//! Every object is a structure of plain numbers that the caller owns: it can be copied, logged,
+//! stored and restored at any time, and nothing is allocated or kept anywhere else. The settings
+//! are checked once, by `zivi_*_init`; a step takes its measurement and gives a code: 0, bits of
+//! what was done to the sample and the control, or a negative number for what was refused, and
+//! then nothing has changed. The mathematics is that of `zivi-core`, bit by bit.
+//!
+//! The C header, `include/zivi.h`, is made from this crate by cbindgen; the static library by
+//! `tools/native.py`.
+
+#![no_std]
+#![deny(
+    clippy::indexing_slicing,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::unreachable
+)]
+
+pub mod code;
+mod config;
+#[cfg(feature = "exports")]
+pub mod exports;
+mod mass;
+mod message;
+mod regulator;
+mod tracker;
+
+pub use code::Code;
+pub use config::{ZIVI_TICK_LANDING, ZIVI_TICK_PAPER};
+pub use mass::{Mass, MassConfig};
+pub use message::message;
+pub use regulator::{Regulator, RegulatorConfig};
+pub use tracker::{
+    GivenReference, Tracker, TrackerConfig, ZIVI_BRANCH_NEAREST, ZIVI_BRANCH_POSITIVE,
+};
+
+/// The version of this interface: it changes when a structure or the meaning of a function does.
+pub const ZIVI_ABI_VERSION: u32 = 1;
+
+#[cfg(feature = "target")]
+mod panic_free {
+    extern "C" {
+        fn zivi_panic_is_reachable() -> !;
+    }
+
+    /// Calls a function that exists nowhere: optimised code that still holds a path to a panic
+    /// asks for it, and does not link.
+    #[panic_handler]
+    fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+        // SAFETY: it is never called; a library in which it could be does not link
+        unsafe { zivi_panic_is_reachable() }
+    }
+}

@@ -1,0 +1,133 @@
+//! A mass above a wall, moved by the implicit Euler step through impacts and Zeno points.
+
+use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepFailure, ThetaGammaStep};
+
+use crate::code::{
+    self, Code, ZIVI_E_NO_SOLUTION, ZIVI_E_OVERFLOW, ZIVI_E_STATE, ZIVI_E_X, ZIVI_E_XDOT, ZIVI_OK,
+};
+use crate::config;
+
+/// Settings of a mass. A member that is zero takes its default.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MassConfig {
+    /// `sizeof(zivi_mass_config)`.
+    pub size: u32,
+    /// 0.
+    pub reserved: u32,
+    /// Step size (s), > 0.
+    pub h: f64,
+    /// Coefficient of restitution, in (0, 1]; or give `kappa`.
+    pub e: f64,
+    /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+    pub kappa: f64,
+}
+
+/// A mass above a wall. Everything in it may be read, copied and logged; it is changed by
+/// `zivi_mass_*` alone.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Mass {
+    /// Step size (s).
+    pub h: f64,
+    /// Coefficient of restitution.
+    pub e: f64,
+    /// `(1 - e)/(1 + e)`.
+    pub kappa: f64,
+    /// Transformed position, `x = |s|` (m).
+    pub s: f64,
+    /// Transformed velocity (m/s).
+    pub v: f64,
+    /// The side of the wall on which `s` was last, +1 or -1.
+    pub side: f64,
+    /// Distance from the wall (m).
+    pub x: f64,
+    /// Velocity; at the wall the one after the impact (m/s).
+    pub xdot: f64,
+    /// Multiplier in `sgn s` of the last step.
+    pub lambda_s: f64,
+    /// Multiplier in `sgn v` of the last step.
+    pub lambda_v: f64,
+    /// Steps since the start.
+    pub steps: u64,
+    /// Marks an initialised object.
+    pub mark: u64,
+}
+
+/// In `mark` of a mass that was initialised.
+const MARK: u64 = 0x7a69_7669_6d61_7373;
+
+impl Mass {
+    /// Checks the settings and starts at rest on the wall.
+    pub fn init(&mut self, config: &MassConfig) -> Code {
+        let mass = match Self::from_config(config) {
+            Ok(mass) => mass,
+            Err(code) => return code,
+        };
+        *self = mass;
+        ZIVI_OK
+    }
+
+    fn from_config(config: &MassConfig) -> Result<Self, Code> {
+        config::checked_size::<MassConfig>(config.size)?;
+        let wall = config::wall(config.e, config.kappa)?;
+        ThetaGammaStep::new(config.h, 1.0, 1.0, wall).map_err(code::of)?;
+        let (e, kappa) = (wall.e(), wall.kappa());
+        Ok(Self { h: config.h, e, kappa, side: 1.0, mark: MARK, ..Self::default() })
+    }
+
+    /// Puts the mass at `x` with velocity `xdot`, on the branch `s >= 0`.
+    pub fn reset(&mut self, x: f64, xdot: f64) -> Code {
+        let wall = match self.step_of(self.h) {
+            Ok(step) => step.wall(),
+            Err(code) => return code,
+        };
+        if !(x >= 0.0 && x.is_finite()) {
+            return ZIVI_E_X;
+        }
+        let z = transform::lift(Physical { x, xdot }, Branch::Positive, wall);
+        if !z.is_finite() {
+            return ZIVI_E_XDOT;
+        }
+        let Lifted { s, v } = z;
+        let side = transform::side(z, 1.0);
+        let Physical { x, xdot } = transform::project(z, wall);
+        *self = Self { s, v, side, x, xdot, lambda_s: 0.0, lambda_v: 0.0, steps: 0, ..*self };
+        ZIVI_OK
+    }
+
+    /// One step of size `h` under this force per unit mass (m/s^2).
+    pub fn step(&mut self, force: f64) -> Code {
+        self.advance(self.h, force)
+    }
+
+    /// One step of another size.
+    pub fn advance(&mut self, h: f64, force: f64) -> Code {
+        let step = match self.step_of(h) {
+            Ok(step) => step,
+            Err(code) => return code,
+        };
+        if !force.is_finite() {
+            return code::ZIVI_E_FORCE;
+        }
+        let found = match step.solve(Lifted { s: self.s, v: self.v }, force, self.side) {
+            Ok(found) => found,
+            Err(StepFailure::NotFinite) => return ZIVI_E_OVERFLOW,
+            Err(StepFailure::NoSolution) => return ZIVI_E_NO_SOLUTION,
+        };
+        let end = found.end();
+        let Physical { x, xdot } = transform::project(end, step.wall());
+        self.side = transform::side(end, self.side);
+        (self.s, self.v, self.x, self.xdot) = (end.s, end.v, x, xdot);
+        (self.lambda_s, self.lambda_v) = (found.lambda_s, found.lambda_v);
+        self.steps = self.steps.wrapping_add(1);
+        ZIVI_OK
+    }
+
+    fn step_of(&self, h: f64) -> Result<ThetaGammaStep, Code> {
+        let fine = self.mark == MARK && self.side.abs() == 1.0;
+        let wall = Restitution::from_both(self.e, self.kappa);
+        let (true, Ok(wall)) = (fine, wall) else { return Err(ZIVI_E_STATE) };
+        ThetaGammaStep::new(h, 1.0, 1.0, wall).map_err(code::of)
+    }
+}

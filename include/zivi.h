@@ -1,0 +1,482 @@
+/* zivi: a mass with impacts, and its twisting controllers, straight through the Zeno point.
+ *
+ * Link with libzivi.a and nothing else. Every object is a structure of plain numbers that the
+ * caller owns: copy it, log it, store it, restore it. Nothing is allocated, nothing is kept
+ * elsewhere, no function panics or calls another library, and the work of a call is bounded.
+ *
+ *     zivi_tracker tracker;
+ *     zivi_tracker_config config;
+ *     zivi_tracker_defaults(&config);      // or memset 0 and config.size = sizeof config
+ *     config.mu1 = 30.0, config.mu2 = 17.0, config.h = 1e-3, config.e = 0.5;
+ *     int32_t code = zivi_tracker_init(&tracker, &config);
+ *     ...
+ *     code = zivi_tracker_step(&tracker, x, xdot, force, force_ref, &u);   // once a period
+ *
+ * A code is ZIVI_OK, or bits (ZIVI_CLAMPED, ZIVI_SATURATED), or < 0 (ZIVI_E_...): then nothing has
+ * changed, but a step has set *u to the last control. zivi_message() gives it in words.
+ *
+ * Units are those of SI; forces and controls are per unit mass (m/s^2). The numbers must be IEEE
+ * doubles in the default mode: no flush to zero, no -ffast-math.
+ *
+ * Made by cbindgen from crates/zivi-c; do not edit. Apache-2.0. */
+
+
+#ifndef ZIVI_H
+#define ZIVI_H
+
+#include <stdint.h>
+
+// The version of this interface: it changes when a structure or the meaning of a function does.
+#define ZIVI_ABI_VERSION 1
+
+// Done; nothing to report.
+#define ZIVI_OK 0
+
+// Bit: the measured position was slightly negative and was taken as 0.
+#define ZIVI_CLAMPED 1
+
+// Bit: the control was cut to the actuator's range.
+#define ZIVI_SATURATED 2
+
+// A pointer is NULL or not aligned.
+#define ZIVI_E_NULL -1
+
+// The member `size` of a configuration is not the size of any version of it.
+#define ZIVI_E_SIZE -2
+
+// The object was not initialised, or is damaged.
+#define ZIVI_E_STATE -3
+
+// The state or the force is too large to compute with.
+#define ZIVI_E_OVERFLOW -4
+
+// No solution of a step was found within rounding.
+#define ZIVI_E_NO_SOLUTION -5
+
+// `h` is not a finite period > 0.
+#define ZIVI_E_H -10
+
+// `e` is not in (0, 1].
+#define ZIVI_E_E -11
+
+// `kappa` is not in [0, 1), or `e` and `kappa` do not belong together.
+#define ZIVI_E_KAPPA -12
+
+// `e_ref` is not in (0, 1].
+#define ZIVI_E_E_REF -13
+
+// `kappa_ref` is not in [0, 1), or `e_ref` and `kappa_ref` do not belong together.
+#define ZIVI_E_KAPPA_REF -14
+
+// `mu1` is not a gain > 0, or too small for `bound`.
+#define ZIVI_E_MU1 -15
+
+// `mu2` is not a gain with 0 < mu2 < mu1, or too small for `bound`.
+#define ZIVI_E_MU2 -16
+
+// `bound` is not finite and >= 0.
+#define ZIVI_E_BOUND -17
+
+// `depth` is not finite and >= 0.
+#define ZIVI_E_DEPTH -18
+
+// `u_min` is not a number.
+#define ZIVI_E_U_MIN -19
+
+// `u_max` is not greater than `u_min`.
+#define ZIVI_E_U_MAX -20
+
+// `ahead` is too large (`ahead h` is not finite), or given for `ZIVI_TICK_PAPER`.
+#define ZIVI_E_AHEAD -21
+
+// `branch` is neither `ZIVI_BRANCH_POSITIVE` nor `ZIVI_BRANCH_NEAREST`.
+#define ZIVI_E_BRANCH -22
+
+// `tick` is neither `ZIVI_TICK_LANDING` nor `ZIVI_TICK_PAPER`.
+#define ZIVI_E_TICK -23
+
+// `press` is not finite and at least `bound`, or given for `ZIVI_TICK_PAPER`.
+#define ZIVI_E_PRESS -24
+
+// `horizon` is not a finite number of periods >= 1, or `horizon h` is not finite.
+#define ZIVI_E_HORIZON -25
+
+// `shift` is neither 0 nor 1.
+#define ZIVI_E_SHIFT -26
+
+// `x` is not finite, or further behind the wall than `depth`.
+#define ZIVI_E_X -30
+
+// `xdot` is not finite.
+#define ZIVI_E_XDOT -31
+
+// `force` is not finite.
+#define ZIVI_E_FORCE -32
+
+// `force_ref` is not finite, or too large for the reference to stay finite.
+#define ZIVI_E_FORCE_REF -33
+
+// The control is not finite: the sample is too large to compute with.
+#define ZIVI_E_U -34
+
+// `x_ref` is not finite and >= 0.
+#define ZIVI_E_X_REF -35
+
+// `xdot_ref` is not finite.
+#define ZIVI_E_XDOT_REF -36
+
+// `acceleration` of the reference is infinite.
+#define ZIVI_E_ACCELERATION -37
+
+// `side` of a given reference is neither +1 nor -1.
+#define ZIVI_E_SIDE -38
+
+// A setting without a code of its own.
+#define ZIVI_E_SETTING -99
+
+// In `tick`: the tick that ends in exact rest, the default.
+#define ZIVI_TICK_LANDING 0
+
+// In `tick`: the tick of the paper.
+#define ZIVI_TICK_PAPER 1
+
+// In `branch`: measurements are lifted to `s >= 0`, the default.
+#define ZIVI_BRANCH_POSITIVE 0
+
+// In `branch`: measurements are lifted to the preimage that is nearer to the reference.
+#define ZIVI_BRANCH_NEAREST 1
+
+// Settings of a mass. A member that is zero takes its default.
+typedef struct zivi_mass_config {
+  // `sizeof(zivi_mass_config)`.
+  uint32_t size;
+  // 0.
+  uint32_t reserved;
+  // Step size (s), > 0.
+  double h;
+  // Coefficient of restitution, in (0, 1]; or give `kappa`.
+  double e;
+  // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+  double kappa;
+} zivi_mass_config;
+
+// A mass above a wall. Everything in it may be read, copied and logged; it is changed by
+// `zivi_mass_*` alone.
+typedef struct zivi_mass {
+  // Step size (s).
+  double h;
+  // Coefficient of restitution.
+  double e;
+  // `(1 - e)/(1 + e)`.
+  double kappa;
+  // Transformed position, `x = |s|` (m).
+  double s;
+  // Transformed velocity (m/s).
+  double v;
+  // The side of the wall on which `s` was last, +1 or -1.
+  double side;
+  // Distance from the wall (m).
+  double x;
+  // Velocity; at the wall the one after the impact (m/s).
+  double xdot;
+  // Multiplier in `sgn s` of the last step.
+  double lambda_s;
+  // Multiplier in `sgn v` of the last step.
+  double lambda_v;
+  // Steps since the start.
+  uint64_t steps;
+  // Marks an initialised object.
+  uint64_t mark;
+} zivi_mass;
+
+// Settings of a regulator. A member that is zero takes its default.
+typedef struct zivi_regulator_config {
+  // `sizeof(zivi_regulator_config)`.
+  uint32_t size;
+  // `ZIVI_TICK_LANDING` or `ZIVI_TICK_PAPER`.
+  uint32_t tick;
+  // Horizon of the landing in periods, 1 + the periods of delay; by default 1.
+  uint32_t ahead;
+  // 0.
+  uint32_t reserved;
+  // Gain on the sign of the position (m/s^2).
+  double mu1;
+  // Gain on the sign of the velocity, 0 < mu2 < mu1 (m/s^2).
+  double mu2;
+  // Sampling period (s), > 0.
+  double h;
+  // Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
+  double e;
+  // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+  double kappa;
+  // A bound of the unknown force that the gains are checked against (m/s^2); by default none.
+  double bound;
+  // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+  double depth;
+  // Least control of the actuator (m/s^2); no limits while both are 0.
+  double u_min;
+  // Largest control of the actuator (m/s^2).
+  double u_max;
+} zivi_regulator_config;
+
+// A regulator. Everything in it may be read, copied and logged; it is changed by
+// `zivi_regulator_*` alone.
+typedef struct zivi_regulator {
+  // Gain on the sign of the position (m/s^2).
+  double mu1;
+  // Gain on the sign of the velocity (m/s^2).
+  double mu2;
+  // Sampling period (s).
+  double h;
+  // Coefficient of restitution.
+  double e;
+  // `(1 - e)/(1 + e)`.
+  double kappa;
+  // How far behind the wall a measurement may lie (m).
+  double depth;
+  // Least control (m/s^2).
+  double u_min;
+  // Largest control (m/s^2).
+  double u_max;
+  // The last control (m/s^2).
+  double u;
+  // Multiplier in `sgn s` of the last tick.
+  double lambda_s;
+  // Multiplier in `sgn v` of the last tick.
+  double lambda_v;
+  // Ticks since the start.
+  uint64_t ticks;
+  // Bits of what was done to the last sample and control.
+  uint32_t status;
+  // Horizon of the landing in periods, 0 for the tick of the paper.
+  uint32_t ahead;
+  // Marks an initialised object.
+  uint64_t mark;
+} zivi_regulator;
+
+// Settings of a tracker. A member that is zero takes its default.
+typedef struct zivi_tracker_config {
+  // `sizeof(zivi_tracker_config)`.
+  uint32_t size;
+  // `ZIVI_BRANCH_POSITIVE` or `ZIVI_BRANCH_NEAREST`.
+  uint32_t branch;
+  // `ZIVI_TICK_LANDING` or `ZIVI_TICK_PAPER`.
+  uint32_t tick;
+  // Horizon of the landing in periods, 1 + the periods of delay; by default 1.
+  uint32_t ahead;
+  // 1: the measured velocity is taken half a period back in the air; 0: it is not.
+  uint32_t shift;
+  // 0.
+  uint32_t reserved;
+  // Gain on the sign of the position error (m/s^2).
+  double mu1;
+  // Gain on the sign of the velocity error, 0 < mu2 < mu1 (m/s^2).
+  double mu2;
+  // Sampling period (s), > 0.
+  double h;
+  // Coefficient of restitution of the plant's wall, in (0, 1]; or give `kappa`.
+  double e;
+  // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+  double kappa;
+  // Coefficient of restitution of the reference's wall; by default the plant's.
+  double e_ref;
+  // `(1 - e_ref)/(1 + e_ref)` in place of `e_ref`.
+  double kappa_ref;
+  // A bound of the unknown force that the gains are checked against (m/s^2); by default none.
+  double bound;
+  // Acceleration towards the wall of a mass at rest, at least `bound` (m/s^2); by default the
+  // law's own.
+  double press;
+  // Periods that a step is planned over, >= 1; by default 1.
+  double horizon;
+  // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+  double depth;
+  // Least control of the actuator (m/s^2); no limits while both are 0.
+  double u_min;
+  // Largest control of the actuator (m/s^2).
+  double u_max;
+} zivi_tracker_config;
+
+// A tracker with its reference. Everything in it may be read, copied and logged; it is changed by
+// `zivi_tracker_*` alone.
+typedef struct zivi_tracker {
+  // Gain on the sign of the position error (m/s^2).
+  double mu1;
+  // Gain on the sign of the velocity error (m/s^2).
+  double mu2;
+  // Sampling period (s).
+  double h;
+  // Coefficient of restitution of the plant's wall.
+  double e;
+  // `(1 - e)/(1 + e)`.
+  double kappa;
+  // Coefficient of restitution of the reference's wall.
+  double e_ref;
+  // `(1 - e_ref)/(1 + e_ref)`.
+  double kappa_ref;
+  // Acceleration towards the wall of a mass at rest (m/s^2), 0 for the law's own.
+  double press;
+  // Periods that a step is planned over.
+  double horizon;
+  // How far behind the wall a measurement may lie (m).
+  double depth;
+  // Least control (m/s^2).
+  double u_min;
+  // Largest control (m/s^2).
+  double u_max;
+  // The reference's transformed position (m).
+  double s_ref;
+  // The reference's transformed velocity (m/s).
+  double v_ref;
+  // The side of the wall on which the reference was last, +1 or -1.
+  double side;
+  // The reference at the next sample: its distance from the wall (m).
+  double x_ref;
+  // The reference's velocity (m/s).
+  double xdot_ref;
+  // The last control (m/s^2).
+  double u;
+  // Multiplier in `sgn s` of the last tick.
+  double lambda_s;
+  // Multiplier in `sgn v`.
+  double lambda_v;
+  // Multiplier in `sgn s_ref`.
+  double lambda_sr;
+  // Multiplier in `sgn v_ref`.
+  double lambda_vr;
+  // Multiplier in `sgn (s - s_ref)`.
+  double lambda_es;
+  // Multiplier in `sgn (v - v_ref)`.
+  double lambda_ev;
+  // Ticks since the last reset.
+  uint64_t ticks;
+  // Bits of what was done to the last sample and control.
+  uint32_t status;
+  // Iterations of the last tick.
+  uint32_t iterations;
+  // How measurements are lifted.
+  uint32_t branch;
+  // Horizon of the landing in periods, 0 for the tick of the paper.
+  uint32_t ahead;
+  // Whether the measured velocity is taken half a period back in the air.
+  uint32_t shift;
+  // 0.
+  uint32_t reserved;
+  // Marks an initialised object.
+  uint64_t mark;
+} zivi_tracker;
+
+// A reference that is given, at one sample.
+typedef struct zivi_given_reference {
+  // Distance from the wall, >= 0 (m).
+  double x;
+  // Velocity (m/s).
+  double xdot;
+  // The side of the wall on which it is followed, +1 or -1: it changes with each impact of the
+  // reference. Only `ZIVI_BRANCH_NEAREST` looks at it.
+  double side;
+} zivi_given_reference;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+// `ZIVI_ABI_VERSION` of the library: compare it with that of the header.
+uint32_t zivi_abi_version(void);
+
+// The version of zivi, for instance "0.1.0".
+const char *zivi_version(void);
+
+// What a code means, in one line of English.
+const char *zivi_message(int32_t code);
+
+// `sizeof(zivi_mass)` in the library.
+uint32_t zivi_mass_size(void);
+
+// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
+// yours to set.
+int32_t zivi_mass_defaults(struct zivi_mass_config *config);
+
+// Checks the settings and starts at rest on the wall. Where a code < 0 is given, nothing is
+// written.
+int32_t zivi_mass_init(struct zivi_mass *mass, const struct zivi_mass_config *config);
+
+// Puts the mass at `x` >= 0 (m) with velocity `xdot` (m/s).
+int32_t zivi_mass_reset(struct zivi_mass *mass, double x, double xdot);
+
+// Moves the mass by one step `h` under `force` per unit mass (m/s^2); the state is in
+// `mass->x` and `mass->xdot` then, exactly 0 at rest.
+int32_t zivi_mass_step(struct zivi_mass *mass, double force);
+
+// `sizeof(zivi_regulator)` in the library.
+uint32_t zivi_regulator_size(void);
+
+// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
+// yours to set.
+int32_t zivi_regulator_defaults(struct zivi_regulator_config *config);
+
+// Checks the settings. Where a code < 0 is given, nothing is written.
+int32_t zivi_regulator_init(struct zivi_regulator *regulator,
+                            const struct zivi_regulator_config *config);
+
+// Forgets the last tick.
+int32_t zivi_regulator_reset(struct zivi_regulator *regulator);
+
+// The control for the period that starts with the measurement `x` (m), `xdot` (m/s): `*u`
+// (m/s^2), to be held for one period. `force` acts on the mass without control (m/s^2).
+//
+// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+// is written.
+int32_t zivi_regulator_step(struct zivi_regulator *regulator,
+                            double x,
+                            double xdot,
+                            double force,
+                            double *u);
+
+// `sizeof(zivi_tracker)` in the library.
+uint32_t zivi_tracker_size(void);
+
+// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
+// yours to set.
+int32_t zivi_tracker_defaults(struct zivi_tracker_config *config);
+
+// Checks the settings; the reference starts at rest. Where a code < 0 is given, nothing is
+// written.
+int32_t zivi_tracker_init(struct zivi_tracker *tracker,
+                          const struct zivi_tracker_config *config);
+
+// Puts the reference at `x_ref` >= 0 (m) with velocity `xdot_ref` (m/s) and forgets the last tick.
+int32_t zivi_tracker_reset(struct zivi_tracker *tracker,
+                           double x_ref,
+                           double xdot_ref);
+
+// The control for the period that starts with the measurement `x` (m), `xdot` (m/s): `*u`
+// (m/s^2), to be held for one period. `force` acts on the mass without control, `force_ref` on
+// the reference (m/s^2), which advances by one period: `tracker->x_ref` is that at the next sample.
+//
+// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+// is written: the reference has not advanced.
+int32_t zivi_tracker_step(struct zivi_tracker *tracker,
+                          double x,
+                          double xdot,
+                          double force,
+                          double force_ref,
+                          double *u);
+
+// The same for a reference that is given: where it is at this sample and at the next one.
+// `acceleration` is its own over the period (m/s^2), NaN if it is not known: the difference quotient
+// of its velocities is taken, over an impact `force`. `tracker->x_ref` becomes that of `next`.
+int32_t zivi_tracker_step_to(struct zivi_tracker *tracker,
+                             double x,
+                             double xdot,
+                             double force,
+                             const struct zivi_given_reference *now,
+                             const struct zivi_given_reference *next,
+                             double acceleration,
+                             double *u);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* ZIVI_H */

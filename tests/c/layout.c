@@ -1,0 +1,49 @@
+/* The layout of the structures as it is promised: what is stored on one machine is read on another.
+ * Compiles or does not; also checks that the library agrees. */
+#include <stddef.h>
+#include <stdio.h>
+
+#include "zivi.h"
+
+#define SAME(name, condition) typedef char name[(condition) ? 1 : -1]
+#define AT(type, member, offset) \
+    SAME(type##_##member##_moved, offsetof(type, member) == (offset))
+
+SAME(mass_size, sizeof(zivi_mass) == 96);
+AT(zivi_mass, h, 0);
+AT(zivi_mass, s, 24);
+AT(zivi_mass, x, 48);
+AT(zivi_mass, xdot, 56);
+AT(zivi_mass, steps, 80);
+SAME(mass_config_size, sizeof(zivi_mass_config) == 32);
+AT(zivi_mass_config, h, 8);
+
+SAME(regulator_size, sizeof(zivi_regulator) == 112);
+AT(zivi_regulator, u, 64);
+AT(zivi_regulator, ticks, 88);
+AT(zivi_regulator, status, 96);
+SAME(regulator_config_size, sizeof(zivi_regulator_config) == 88);
+AT(zivi_regulator_config, mu1, 16);
+AT(zivi_regulator_config, u_max, 80);
+
+SAME(tracker_size, sizeof(zivi_tracker) == 232);
+AT(zivi_tracker, press, 56);
+AT(zivi_tracker, s_ref, 96);
+AT(zivi_tracker, x_ref, 120);
+AT(zivi_tracker, u, 136);
+AT(zivi_tracker, ticks, 192);
+AT(zivi_tracker, iterations, 204);
+SAME(tracker_config_size, sizeof(zivi_tracker_config) == 128);
+AT(zivi_tracker_config, mu1, 24);
+AT(zivi_tracker_config, horizon, 96);
+AT(zivi_tracker_config, u_max, 120);
+SAME(given_reference_size, sizeof(zivi_given_reference) == 24);
+
+int main(void)
+{
+    if (zivi_mass_size() != sizeof(zivi_mass) || zivi_regulator_size() != sizeof(zivi_regulator)
+        || zivi_tracker_size() != sizeof(zivi_tracker))
+        return 1;
+    printf("layout: as promised\n");
+    return 0;
+}

@@ -1,0 +1,15 @@
+# find_package(zivi) and target_link_libraries(program zivi::zivi)
+get_filename_component(_zivi_prefix "${CMAKE_CURRENT_LIST_DIR}/../../.." ABSOLUTE)
+if(NOT TARGET zivi::zivi)
+    add_library(zivi::zivi STATIC IMPORTED)
+    if(EXISTS "${_zivi_prefix}/lib/zivi.lib")
+        set(_zivi_library "${_zivi_prefix}/lib/zivi.lib")
+    else()
+        set(_zivi_library "${_zivi_prefix}/lib/libzivi.a")
+    endif()
+    set_target_properties(zivi::zivi PROPERTIES
+        IMPORTED_LOCATION "${_zivi_library}"
+        INTERFACE_INCLUDE_DIRECTORIES "${_zivi_prefix}/include")
+    unset(_zivi_library)
+endif()
+unset(_zivi_prefix)

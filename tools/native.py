@@ -1,0 +1,113 @@
+"""Build what goes into the package beside the extension: ``python tools/native.py [NAME ...]``.
+
+Into ``python/zivi/_native``, from which it gets into wheels; laid out like ``/usr/local``:
+
+- ``lib/libzivi.a`` (``zivi.lib`` on Windows), ``include/zivi.h``, ``lib/pkgconfig`` and
+  ``lib/cmake``: the C library for targets.
+
+Needs cargo and a C compiler, nothing else. ``CARGO_TARGET_DIR`` says where cargo builds.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+OUT = ROOT / "python" / "zivi" / "_native"
+TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
+
+
+def main(names: list[str]) -> int:
+    """Build the products with these names, all of them by default."""
+    unknown = sorted(set(names) - set(PRODUCTS))
+    if unknown:
+        print(f"native: no {', '.join(unknown)}; there are {', '.join(PRODUCTS)}", file=sys.stderr)
+        return 2
+    if shutil.which("cargo") is None:
+        print("native: cargo is missing: install Rust >= 1.88 (https://rustup.rs)", file=sys.stderr)
+        return 2
+    for name in names or PRODUCTS:
+        PRODUCTS[name]()
+    return 0
+
+
+def c_library() -> None:
+    """Build the static library for C programs and put what finds it beside it."""
+    build("zivi-c", "staticlib", "target")
+    windows = sys.platform == "win32"
+    built = TARGET / "bare" / ("zivi_c.lib" if windows else "libzivi_c.a")
+    library = place("lib", "zivi.lib" if windows else "libzivi.a")
+    if windows:
+        shutil.copyfile(built, library)
+    else:
+        archive_of(own_member(built.read_bytes()), library)
+    shutil.copyfile(ROOT / "include" / "zivi.h", place("include", "zivi.h"))
+    for source, *parts in CONFIGS:
+        text = (ROOT / "tools" / "c" / source).read_text()
+        place("lib", *parts, source).write_text(text.replace("@VERSION@", version()))
+
+
+CONFIGS = [
+    ("zivi.pc", "pkgconfig"),
+    ("ziviConfig.cmake", "cmake", "zivi"),
+    ("ziviConfigVersion.cmake", "cmake", "zivi"),
+]
+
+
+def place(*parts: str) -> Path:
+    """Give the path of a product, in a folder that is there."""
+    path = OUT.joinpath(*parts)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def version() -> str:
+    """Give the version of the workspace."""
+    return str(tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"])
+
+
+def build(package: str, kind: str, features: str, *options: str) -> None:
+    """Build one crate without the standard library."""
+    command = ["cargo", "rustc", "--locked", "--quiet", "--profile", "bare", "--package", package]
+    command += ["--features", features, "--crate-type", kind, "--target-dir", str(TARGET)]
+    subprocess.run([*command, *options], check=True, cwd=ROOT)
+
+
+def own_member(archive: bytes) -> bytes:
+    """Take our object out of what rustc makes: 4 MB of the compiler's routines, none called."""
+    place, names, ours = 8, b"", []  # after the magic number
+    while place < len(archive):
+        name, size = archive[place : place + 16].strip(), int(archive[place + 48 : place + 58])
+        member = archive[place + 60 : place + 60 + size]
+        if name == b"//":  # the long names of GNU
+            names = member
+        elif name.startswith(b"#1/"):  # those of BSD stand before the member
+            name, member = member[: int(name[3:])], member[int(name[3:]) :]
+        elif name[1:].isdigit():
+            name = names[int(name[1:]) :].split(b"/\n", 1)[0]
+        if name.startswith(b"zivi"):
+            ours.append(member)
+        place += 60 + size + size % 2
+    (own,) = ours  # all in one: it is optimised as a whole
+    return own
+
+
+def archive_of(member: bytes, library: Path) -> None:
+    """Write a static library of one object."""
+    with tempfile.TemporaryDirectory(dir=OUT) as folder:
+        Path(folder, "zivi.o").write_bytes(member)
+        subprocess.run(["ar", "rcs", "new.a", "zivi.o"], check=True, cwd=folder)
+        os.replace(Path(folder, "new.a"), library)
+
+
+PRODUCTS: dict[str, Callable[[], None]] = {"c": c_library}
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
