@@ -22,6 +22,8 @@ from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, Twisti
 from zivi.events import Level
 from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
+from zivi.parametric import ParametricForce
+from zivi.sensitivity import OrbitStatus, Sensitivity, sensitivity
 from zivi.simulate import simulate
 from zivi.status import Status
 from zivi.study import Design, Study, grid, open_study, points, sample, sweep
@@ -56,6 +58,9 @@ __all__ = [
     "Method",
     "MoreauJean",
     "MovingWall",
+    "OrbitStatus",
+    "ParametricForce",
+    "Sensitivity",
     "Status",
     "Study",
     "SwitchedRK",
@@ -79,6 +84,7 @@ __all__ = [
     "points",
     "project",
     "sample",
+    "sensitivity",
     "simulate",
     "simulate_batch",
     "simulate_closed_loop",

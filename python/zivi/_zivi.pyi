@@ -14,6 +14,7 @@ __all__ = [
     "MotionPath",
     "Regulator",
     "RunRecord",
+    "SensitivityRecord",
     "Tracker",
     "ViRecord",
     "__version__",
@@ -22,12 +23,14 @@ __all__ = [
     "check_switched_rk",
     "check_theta_gamma",
     "compiled_force",
+    "fly_apart",
     "force_raised",
     "grid_times",
     "lift",
     "natural_residual",
     "project",
     "restitution",
+    "sensitivity",
     "simulate_batch",
     "simulate_closed_loop",
     "simulate_closed_loop_batch",
@@ -129,6 +132,57 @@ def simulate_switched_rk(
     drawn: bool,
     progress: Any = None,
 ) -> RunRecord: ...
+
+@final
+class SensitivityRecord:
+    @property
+    def run(self) -> RunRecord: ...
+    @property
+    def x(self) -> _Array: ...
+    @property
+    def xdot(self) -> _Array: ...
+    @property
+    def impact_dt(self) -> _Array: ...
+    @property
+    def impact_du(self) -> _Array: ...
+    @property
+    def zeno_times(self) -> _Array: ...
+    @property
+    def liftoff_times(self) -> _Array: ...
+    @property
+    def radius(self) -> _Array: ...
+    @property
+    def nearest(self) -> list[tuple[int, float, float] | None]: ...
+    @property
+    def grazing(self) -> bool: ...
+    @property
+    def samples(self) -> _Array: ...
+    @property
+    def n_slopes(self) -> int: ...
+
+def sensitivity(
+    force: tuple[Any, ...],
+    method: _SwitchedSettings,
+    *,
+    wall: tuple[float, float],
+    span: tuple[float, float],
+    state: tuple[float, float],
+    wrt: list[int],
+    sizes: _Array,
+    controlled: bool,
+    dense: bool,
+    drawn: bool,
+    times: _Array,
+    progress: Any = None,
+) -> SensitivityRecord: ...
+def fly_apart(
+    force: tuple[Any, ...],
+    method: _SwitchedSettings,
+    flights: _Array,
+    by: list[int],
+    sizes: _Array,
+    minima: bool,
+) -> tuple[int, _Array]: ...
 def restitution(*, e: float | None = None, kappa: float | None = None) -> tuple[float, float]: ...
 def lift(x: _Array, xdot: _Array, sigma: float, kappa: float) -> tuple[_Array, _Array]: ...
 def project(s: _Array, v: _Array, kappa: float) -> tuple[_Array, _Array]: ...

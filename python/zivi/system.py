@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 from zivi import _zivi
 from zivi._check import finite
 from zivi._functions import compiled_by_numba, of_three
+from zivi.parametric import ParametricForce
 from zivi.transform import coefficients
 from zivi.wall import HarmonicWall, MovingWall
 
@@ -88,8 +89,9 @@ class ImpactSystem:
 
     Parameters
     ----------
-    force : float, LinearForce or callable
-        Force per unit mass, an acceleration (m/s^2): a number; a `LinearForce`; a callable
+    force : float, LinearForce, ParametricForce or callable
+        Force per unit mass, an acceleration (m/s^2): a number; a `LinearForce`; a
+        `ParametricForce`; a callable
         ``f(t, x, xdot) -> float``, or, if it has two arguments, ``f(t, y)`` with an array
         ``y = [x, xdot]``; or a compiled callable of the C signature
         ``double (double t, double x, double xdot)``, run without the interpreter: a
@@ -202,6 +204,8 @@ def force_spec(force: Any, name: str = "force") -> tuple[tuple[Any, ...], object
         return ("constant", finite(name, force)), None
     if isinstance(force, LinearForce):
         return ("linear", *dataclasses.astuple(force)), None
+    if isinstance(force, ParametricForce):
+        return force._spec()
     # an object of SciPy's class can only be here if SciPy has been imported
     low_level = getattr(sys.modules.get("scipy"), "LowLevelCallable", None)
     if low_level is not None and isinstance(force, low_level):

@@ -7,12 +7,21 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyCapsule, PyCapsuleMethods, PyTuple};
+use zivi::system::slopes::Parametrised;
 use zivi::{Dependence, Force, HarmonicWall, OnMovingWall, WallMotion};
 
 /// `double f(double t, double x, double xdot)`.
 type Plain = unsafe extern "C" fn(f64, f64, f64) -> f64;
 /// The same with a pointer to the caller's data.
 type WithData = unsafe extern "C" fn(f64, f64, f64, *mut c_void) -> f64;
+
+/// The most parameters of a compiled force: with time and state they fit into the registers.
+const MOST_PARAMETERS: usize = 5;
+type With1 = unsafe extern "C" fn(f64, f64, f64, f64) -> f64;
+type With2 = unsafe extern "C" fn(f64, f64, f64, f64, f64) -> f64;
+type With3 = unsafe extern "C" fn(f64, f64, f64, f64, f64, f64) -> f64;
+type With4 = unsafe extern "C" fn(f64, f64, f64, f64, f64, f64, f64) -> f64;
+type With5 = unsafe extern "C" fn(f64, f64, f64, f64, f64, f64, f64, f64) -> f64;
 
 const PLAIN: &str = "double (double, double, double)";
 const WITH_DATA: &str = "double (double, double, double, void *)";
@@ -35,7 +44,7 @@ pub(crate) enum WallSpec<'py> {
 }
 
 impl<'py> WallSpec<'py> {
-    fn from_tuple(spec: &Bound<'py, PyTuple>) -> PyResult<Self> {
+    pub(crate) fn from_tuple(spec: &Bound<'py, PyTuple>) -> PyResult<Self> {
         let kind: String = spec.get_item(0)?.extract()?;
         match kind.as_str() {
             "harmonic" => {
@@ -81,10 +90,7 @@ impl<'py> ForceSpec<'py> {
                     phase: number(6)?,
                 }))
             }
-            "compiled" => Ok(Self::Compiled(CompiledForce::new(
-                spec.get_item(1)?.extract()?,
-                spec.get_item(2)?.extract()?,
-            ))),
+            "compiled" => Ok(Self::Compiled(CompiledForce::from_tuple(spec)?)),
             "callable" => Ok(Self::Callable(PythonForce { callable: spec.get_item(1)? })),
             "moving" => {
                 let force = Self::from_tuple(spec.get_item(1)?.cast()?)?;
@@ -229,13 +235,44 @@ pub(crate) fn force_raised() {
 pub(crate) struct CompiledForce {
     address: usize,
     data: Option<usize>,
+    /// What is passed behind time and state, so many of them.
+    parameters: [f64; MOST_PARAMETERS],
+    n: usize,
     /// The exceptions that were there when this was last looked at.
     seen: usize,
 }
 
 impl CompiledForce {
-    fn new(address: usize, data: Option<usize>) -> Self {
-        Self { address, data, seen: RAISED.load(Ordering::Relaxed) }
+    /// `("compiled", address, user data or None)` or the same and the values of its parameters.
+    pub(crate) fn from_tuple(spec: &Bound<'_, PyTuple>) -> PyResult<Self> {
+        let given: Vec<f64> =
+            if spec.len() > 3 { spec.get_item(3)?.extract()? } else { Vec::new() };
+        let (n, mut parameters) = (given.len(), [0.0; MOST_PARAMETERS]);
+        let Some(values) = parameters.get_mut(..n) else {
+            return Err(PyValueError::new_err(format!(
+                "a compiled force has at most {MOST_PARAMETERS} parameters, got {n}"
+            )));
+        };
+        values.copy_from_slice(&given);
+        let (address, data) = (spec.get_item(1)?.extract()?, spec.get_item(2)?.extract()?);
+        Ok(Self { address, data, parameters, n, seen: RAISED.load(Ordering::Relaxed) })
+    }
+
+    /// The value that the function returns.
+    fn with_parameters(&self, t: f64, x: f64, xdot: f64) -> f64 {
+        let [a, b, c, d, e] = self.parameters;
+        let address = self.address;
+        // SAFETY: as in `at`; the Python layer has compared the number of the arguments with that
+        // of the parameters.
+        unsafe {
+            match self.n {
+                1 => std::mem::transmute::<usize, With1>(address)(t, x, xdot, a),
+                2 => std::mem::transmute::<usize, With2>(address)(t, x, xdot, a, b),
+                3 => std::mem::transmute::<usize, With3>(address)(t, x, xdot, a, b, c),
+                4 => std::mem::transmute::<usize, With4>(address)(t, x, xdot, a, b, c, d),
+                _ => std::mem::transmute::<usize, With5>(address)(t, x, xdot, a, b, c, d, e),
+            }
+        }
     }
 
     /// The value, NaN if an exception was raised in its stead.
@@ -251,6 +288,14 @@ impl CompiledForce {
     }
 }
 
+impl Parametrised for CompiledForce {
+    fn values(&mut self) -> &mut [f64] {
+        &mut self.parameters[..self.n]
+    }
+}
+
+impl Parametrised for ForceSpec<'_> {}
+
 impl<E> Force<E> for CompiledForce {
     #[inline]
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
@@ -259,6 +304,7 @@ impl<E> Force<E> for CompiledForce {
         // owns the code for the duration of the run.
         let value = unsafe {
             match self.data {
+                _ if self.n > 0 => self.with_parameters(t, x, xdot),
                 None => std::mem::transmute::<usize, Plain>(self.address)(t, x, xdot),
                 Some(data) => std::mem::transmute::<usize, WithData>(self.address)(
                     t,

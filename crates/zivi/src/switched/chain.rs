@@ -29,7 +29,7 @@ pub(super) struct Bounce {
 }
 
 /// Columns of the table after the first.
-const COLUMNS: usize = 5;
+pub(super) const COLUMNS: usize = 5;
 
 /// By how much the speed falls from one row of the table to the next, if the chain is long enough.
 const FALL: f64 = 0.9;
@@ -90,7 +90,7 @@ impl Chain {
 
     /// Rows of the table lie so many impacts apart that the speed falls by [`FALL`], if there are
     /// that many: neighbours tell little from each other when `e` is near 1.
-    fn stride(&self) -> usize {
+    pub(super) fn stride(&self) -> usize {
         let longest = (FALL.ln() / self.e.ln()).round().max(1.0) as usize;
         longest.min(self.bounces.len() / (COLUMNS + 2)).max(1)
     }

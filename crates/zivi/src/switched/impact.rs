@@ -86,7 +86,7 @@ impl SwitchedIntegrator {
     }
 
     /// `rtol T + min(atol_x/U, atol_x'/g)`: see [`crate::SwitchedRk`].
-    fn zeno_tolerance(&self, chain: &Chain, pull: f64) -> f64 {
+    pub(super) fn zeno_tolerance(&self, chain: &Chain, pull: f64) -> f64 {
         let [atol_x, atol_xdot] = self.settings.atol;
         let absolute = (atol_x / chain.fastest()).min(atol_xdot / pull);
         absolute + self.settings.rtol * chain.duration()

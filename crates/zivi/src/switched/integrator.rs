@@ -304,10 +304,29 @@ impl SwitchedIntegrator {
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Piece, Failure<E>> {
+        self.settle(t_end, force)?;
+        self.proceed(t_end, force)
+    }
+
+    /// Thinks about the last impact, if that has not been done.
+    pub(super) fn settle<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
         if self.struck {
             self.weigh_impact(t_end, force)?;
             self.struck = false;
         }
+        Ok(())
+    }
+
+    /// The next piece of the motion once that is done.
+    pub(super) fn proceed<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
         if let Some(zeno) = self.zeno.take().filter(|&zeno| zeno <= t_end) {
             return Ok(self.jump(zeno));
         }

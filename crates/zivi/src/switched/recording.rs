@@ -6,6 +6,7 @@ use super::picture::between_steps;
 use super::run::{Output, SwitchedRun};
 use super::samples::Samples;
 use super::stages::{Counted, Point};
+use super::stepper::{Plainly, Stepper};
 use super::stops::Stops;
 use super::tail::Tail;
 use super::user_events::{EventHit, Watch};
@@ -96,7 +97,17 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         force: &mut Counted<'_, F>,
         monitor: &mut impl Monitor<E>,
     ) -> Ending<E> {
-        match self.try_go(force, monitor) {
+        self.go_with(&mut Plainly, force, monitor)
+    }
+
+    /// The same in the steps of somebody else.
+    pub(super) fn go_with<F: Force<E>>(
+        &mut self,
+        stepper: &mut impl Stepper<E, F>,
+        force: &mut Counted<'_, F>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Ending<E> {
+        match self.try_go(stepper, force, monitor) {
             Ok(()) => Ending::Failed(Failure::Status(Status::Completed)),
             Err(ending) => ending,
         }
@@ -104,6 +115,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     fn try_go<F: Force<E>>(
         &mut self,
+        stepper: &mut impl Stepper<E, F>,
         force: &mut Counted<'_, F>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<(), Ending<E>> {
@@ -122,7 +134,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
                 }
                 self.make_room()?;
                 self.integrator.dense_from = self.dense_from();
-                let piece = self.integrator.step(until, force)?;
+                let piece = stepper.step(&mut self.integrator, until, force)?;
                 self.absorb(piece, force)?;
             }
             let t = self.integrator.now.t;

@@ -152,7 +152,7 @@ fn check_stops(tstops: &[f64]) -> Result<(), SetupError> {
     Ok(())
 }
 
-fn check_span(t0: f64, t1: f64, t_eval: Option<&[f64]>) -> Result<(), SetupError> {
+pub(super) fn check_span(t0: f64, t1: f64, t_eval: Option<&[f64]>) -> Result<(), SetupError> {
     if !(t0.is_finite() && t1.is_finite() && (t1 - t0).is_finite()) {
         return Err(GridError::SpanNotFinite(t0, t1).into());
     }

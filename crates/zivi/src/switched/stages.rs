@@ -39,6 +39,11 @@ impl<'a, F> Counted<'a, F> {
         self.count
     }
 
+    /// The force itself, and the time at which it is asked instead of `t`.
+    pub(super) fn smooth_at(&mut self, t: f64) -> (&mut F, f64) {
+        (self.force, t.max(self.smooth.0).min(self.smooth.1))
+    }
+
     pub(super) fn at<E>(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, Failure<E>>
     where
         F: Force<E>,
@@ -108,7 +113,7 @@ impl Point {
 /// The last step that was computed: its stages and both of its ends.
 #[derive(Clone, Debug)]
 pub(super) struct Stages {
-    pair: &'static Pair,
+    pub(super) pair: &'static Pair,
     pub(super) from: Point,
     pub(super) h: f64,
     pub(super) end: Point,
@@ -122,9 +127,9 @@ pub(super) struct Stages {
 /// Error of a step by component, before scaling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StepError {
-    x: [f64; 2],
-    xdot: [f64; 2],
-    double: bool,
+    pub(super) x: [f64; 2],
+    pub(super) xdot: [f64; 2],
+    pub(super) double: bool,
 }
 
 impl StepError {
@@ -188,6 +193,11 @@ impl Stages {
         Ok(self.end)
     }
 
+    /// The state at the stage `i`, whose row of the tableau this is.
+    pub(super) fn node(&self, i: usize, row: &[f64]) -> Point {
+        self.along(row, self.pair.c[i])
+    }
+
     /// The point `from + h sum_j a_j (V_j, k_j)` at the node `c`.
     #[inline]
     fn along(&self, a: &[f64], c: f64) -> Point {
@@ -218,6 +228,11 @@ impl Stages {
         self.k[i] = force.at(at.t, at.x, at.xdot)?;
         self.known = i + 1;
         Ok(())
+    }
+
+    /// The acceleration at the start of the step.
+    pub(super) fn slope_at_start(&self) -> f64 {
+        self.k[0]
     }
 
     /// The acceleration at the end of the step, which is also that of the next stage.
@@ -326,7 +341,7 @@ impl Stages {
 }
 
 /// Coefficients of `y + h sum_i k_i p_i(theta)`.
-fn quartic(y: f64, h: f64, k: &[f64; MOST_STAGES], p: &[[f64; 4]]) -> [f64; 5] {
+pub(super) fn quartic(y: f64, h: f64, k: &[f64; MOST_STAGES], p: &[[f64; 4]]) -> [f64; 5] {
     let mut a = [y, 0.0, 0.0, 0.0, 0.0];
     for (k, row) in k.iter().zip(p) {
         for (a, p) in a[1..].iter_mut().zip(row) {
@@ -337,7 +352,7 @@ fn quartic(y: f64, h: f64, k: &[f64; MOST_STAGES], p: &[[f64; 4]]) -> [f64; 5] {
 }
 
 /// Coefficients of the nested form: the Hermite part from the ends, the rest from all stages.
-fn nested(
+pub(super) fn nested(
     [y, end]: [f64; 2],
     h: f64,
     k: &[f64; MOST_STAGES],

@@ -3,3 +3,4 @@
 pub(crate) mod evaluation;
 pub mod force;
 pub mod moving_wall;
+pub mod slopes;

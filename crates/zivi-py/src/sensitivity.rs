@@ -1,0 +1,142 @@
+//! Runs with their derivatives, and flights apart, from Python.
+
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use zivi::record::failure::Failure;
+use zivi::switched::sensitivity::{Apart, Derivatives, Flight, Flown, Question, Wrt};
+use zivi::{Output, Physical};
+
+use crate::record::{Array, RunRecord};
+use crate::simulate::setup_error;
+use crate::slopes::with_slopes;
+use crate::switched_rk::{settings, Settings};
+use crate::transform::WallPair;
+use crate::watch::Watch;
+
+/// A run and its derivatives; arrays of events have a row of one number for each column.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct SensitivityRecord {
+    run: Py<RunRecord>,
+    x: Array,
+    xdot: Array,
+    impact_dt: Array,
+    impact_du: Array,
+    zeno_times: Array,
+    liftoff_times: Array,
+    radius: Array,
+    /// `(kind, time, depth)` of the event that limits each column.
+    nearest: Vec<Option<(u8, f64, f64)>>,
+    grazing: bool,
+    samples: Array,
+    n_slopes: u64,
+}
+
+/// `x0`, `xdot0`, `t0`, `e` are -1 to -4; parameters of the force have their numbers.
+fn wrt_of(codes: &[i64]) -> PyResult<Vec<Wrt>> {
+    let one = |&code: &i64| match code {
+        -1 => Ok(Wrt::X0),
+        -2 => Ok(Wrt::Xdot0),
+        -3 => Ok(Wrt::T0),
+        -4 => Ok(Wrt::E),
+        code => usize::try_from(code)
+            .map(Wrt::Parameter)
+            .map_err(|_| PyValueError::new_err(format!("unknown code {code}"))),
+    };
+    codes.iter().map(one).collect()
+}
+
+/// A run of the switched method with its derivatives.
+#[pyfunction]
+#[pyo3(signature = (force, method, *, wall, span, state, wrt, sizes, controlled, dense, drawn, times, progress=None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn sensitivity(
+    py: Python<'_>,
+    force: &Bound<'_, PyTuple>,
+    method: Settings,
+    wall: WallPair,
+    span: (f64, f64),
+    state: (f64, f64),
+    wrt: Vec<i64>,
+    sizes: PyReadonlyArray1<'_, f64>,
+    controlled: bool,
+    dense: bool,
+    drawn: bool,
+    times: PyReadonlyArray1<'_, f64>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<SensitivityRecord> {
+    let (method, wall) = (settings(method)?, crate::transform::wall(wall)?);
+    let initial = Physical { x: state.0, xdot: state.1 };
+    let wrt = wrt_of(&wrt)?;
+    let (sizes, times) = (sizes.as_slice()?, times.as_slice()?);
+    let question = &Question { wrt: &wrt, sizes, controlled, times };
+    let watch = &mut Watch { progress };
+    let result = with_slopes!(py, force, span.1 - span.0, |force| {
+        let output = Output { dense, drawn, ..Output::default() };
+        zivi::switched::sensitivity::sensitivity(
+            method, wall, force, span, initial, output, question, watch,
+        )
+    });
+    let (run, derivatives) = result.map_err(setup_error)?;
+    let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
+    let Derivatives { x, xdot, impact_dt, impact_du, zeno_times, liftoff_times, .. } = derivatives;
+    let nearest =
+        derivatives.nearest.iter().map(|it| it.map(|it| (it.limit as u8, it.t, it.depth)));
+    Ok(SensitivityRecord {
+        run: Py::new(py, RunRecord::switched(py, run, wall)?)?,
+        x: array(x),
+        xdot: array(xdot),
+        impact_dt: array(impact_dt),
+        impact_du: array(impact_du),
+        zeno_times: array(zeno_times),
+        liftoff_times: array(liftoff_times),
+        radius: array(derivatives.radius),
+        nearest: nearest.collect(),
+        grazing: derivatives.grazing,
+        samples: array(derivatives.samples),
+        n_slopes: derivatives.n_slopes,
+    })
+}
+
+/// Flights of known length, one after the other: for each `x, xdot, pull at the start, pull at
+/// the end, time and height of the lowest minimum`, then the derivatives of `x` and those of
+/// `xdot` by the initial state and the parameters. With a status instead where one cannot be flown.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn fly_apart(
+    py: Python<'_>,
+    force: &Bound<'_, PyTuple>,
+    method: Settings,
+    flights: PyReadonlyArray1<'_, f64>,
+    by: Vec<usize>,
+    sizes: PyReadonlyArray1<'_, f64>,
+    minima: bool,
+) -> PyResult<(u8, Array)> {
+    let settings = settings(method)?;
+    let flights: Vec<Flight> = flights
+        .as_slice()?
+        .chunks_exact(4)
+        .map(|it| Flight { from: it[0], x: it[1], xdot: it[2], to: it[3] })
+        .collect();
+    let apart = &Apart { settings, by: &by, sizes: sizes.as_slice()?, minima };
+    let longest = flights.iter().fold(0.0_f64, |longest, it| longest.max(it.to - it.from));
+    let flown: Result<Vec<Flown>, Failure<PyErr>> = with_slopes!(py, force, longest, |force| {
+        zivi::switched::sensitivity::fly_apart(force, &flights, apart)
+    });
+    let mut numbers = Vec::new();
+    let status = match flown {
+        Err(Failure::Raised(error)) => return Err(error),
+        Err(Failure::Status(status)) => status as u8,
+        Ok(flown) => {
+            for it in flown {
+                let [first, last] = it.pull;
+                numbers.extend([it.x, it.xdot, first, last, it.lowest.0, it.lowest.1]);
+                numbers.extend(it.dx);
+                numbers.extend(it.dv);
+            }
+            0
+        }
+    };
+    Ok((status, PyArray1::from_vec(py, numbers).unbind()))
+}

@@ -1,0 +1,327 @@
+//! The variational columns, carried through the Runge-Kutta steps of the motion.
+//!
+//! With `X = dx/dq` and `V = dx'/dq` at a fixed time
+//!
+//! ```text
+//! X' = V        V' = f_x X + f_v V + f_q
+//! ```
+//!
+//! is integrated by the pair of the motion in its own steps, with the Jacobian once at each of its
+//! stages: the columns are the exact derivative of the step that was made.
+
+use crate::numeric::bernstein::Bernstein;
+use crate::numeric::tableau::{Estimate, Interpolant, MOST_STAGES};
+use crate::record::failure::Failure;
+use crate::switched::stages::{nested, quartic, Counted, Point, Stages, StepError};
+use crate::system::slopes::{DifferentiableForce, Place, Slopes};
+
+/// What a column is the derivative by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wrt {
+    /// The initial distance.
+    X0,
+    /// The initial velocity.
+    Xdot0,
+    /// The time of the initial state.
+    T0,
+    /// The coefficient of restitution.
+    E,
+    /// A parameter of the force, by its number.
+    Parameter(usize),
+}
+
+/// The columns at one point of the motion.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(in crate::switched) struct Columns {
+    /// `dx/dq`, one for each column.
+    pub(in crate::switched) x: Vec<f64>,
+    /// `dx'/dq`.
+    pub(in crate::switched) v: Vec<f64>,
+}
+
+impl Columns {
+    pub(in crate::switched) fn zeros(m: usize) -> Self {
+        Self { x: vec![0.0; m], v: vec![0.0; m] }
+    }
+
+    pub(in crate::switched) fn clear(&mut self) {
+        self.x.fill(0.0);
+        self.v.fill(0.0);
+    }
+}
+
+/// How long a force is asked for its derivatives by which parameters, and where they go.
+#[derive(Clone, Debug)]
+pub(in crate::switched) struct Forcing {
+    /// Numbers of the parameters.
+    by: Vec<usize>,
+    /// The column of each.
+    to: Vec<usize>,
+    /// `f_q` of each.
+    values: Vec<f64>,
+    /// Evaluations of the Jacobian.
+    pub(in crate::switched) count: u64,
+}
+
+impl Forcing {
+    pub(in crate::switched) fn new(wrt: &[Wrt]) -> Self {
+        let (to, by): (Vec<usize>, Vec<usize>) = wrt
+            .iter()
+            .enumerate()
+            .filter_map(|(column, wrt)| match wrt {
+                Wrt::Parameter(index) => Some((column, *index)),
+                _ => None,
+            })
+            .unzip();
+        let values = vec![0.0; by.len()];
+        Self { by, to, values, count: 0 }
+    }
+
+    /// The partial derivatives at a place; those by the parameters are kept.
+    pub(in crate::switched) fn slopes<E, F: DifferentiableForce<E>>(
+        &mut self,
+        at: Place,
+        by_time: bool,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Slopes, Failure<E>> {
+        self.count += 1;
+        let (force, t) = force.smooth_at(at.t);
+        force
+            .slopes(Place { t, ..at }, by_time, &self.by, &mut self.values)
+            .map_err(Failure::Raised)
+    }
+
+    /// Adds `factor f_q` to the entries of the columns.
+    pub(in crate::switched) fn add_to(&self, columns: &mut [f64], factor: f64) {
+        for (&column, value) in self.to.iter().zip(&self.values) {
+            columns[column] += factor * value;
+        }
+    }
+}
+
+/// A step of the columns.
+#[derive(Clone, Debug)]
+pub(in crate::switched) struct ColumnStep {
+    m: usize,
+    /// Where the step starts and where it ends.
+    pub(in crate::switched) from: Columns,
+    pub(in crate::switched) end: Columns,
+    pub(in crate::switched) forcing: Forcing,
+    /// Velocities and accelerations of the stages, one after the other.
+    v: Vec<f64>,
+    k: Vec<f64>,
+    known: usize,
+    /// Position and velocity of the stage that is computed.
+    at: Columns,
+}
+
+impl ColumnStep {
+    pub(in crate::switched) fn new(wrt: &[Wrt]) -> Self {
+        let m = wrt.len();
+        let zeros = Columns::zeros(m);
+        let stages = vec![0.0; m * MOST_STAGES];
+        Self {
+            m,
+            from: zeros.clone(),
+            end: zeros.clone(),
+            forcing: Forcing::new(wrt),
+            v: stages.clone(),
+            k: stages,
+            known: 0,
+            at: zeros,
+        }
+    }
+
+    /// From `self.from` through the last step of the motion, to `self.end`.
+    pub(in crate::switched) fn step<E, F: DifferentiableForce<E>>(
+        &mut self,
+        stages: &Stages,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        self.known = 0;
+        self.stage(stages, stages.from, &[], force)?;
+        for row in stages.pair.a {
+            let node = stages.node(self.known, row);
+            self.stage(stages, node, row, force)?;
+        }
+        let Self { end, from, v, k, m, .. } = self;
+        combine(end, from, v, k, *m, stages.pair.b, stages.h);
+        Ok(())
+    }
+
+    /// The next stage, `from + h sum_j a_j (V_j, K_j)`.
+    fn stage<E, F: DifferentiableForce<E>>(
+        &mut self,
+        stages: &Stages,
+        node: Point,
+        row: &[f64],
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        let Self { at, from, v, k, m, .. } = self;
+        combine(at, from, v, k, *m, row, stages.h);
+        self.keep_stage(node, force)
+    }
+
+    /// Velocity and acceleration of the columns `self.at` at a point.
+    fn keep_stage<E, F: DifferentiableForce<E>>(
+        &mut self,
+        node: Point,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        let place = Place { t: node.t, x: node.x, xdot: node.xdot };
+        let slopes = self.forcing.slopes(place, false, force)?;
+        let (first, m) = (self.known * self.m, self.m);
+        let k = &mut self.k[first..][..m];
+        for ((k, x), v) in k.iter_mut().zip(&self.at.x).zip(&self.at.v) {
+            *k = slopes.x * x + slopes.xdot * v;
+        }
+        self.forcing.add_to(k, 1.0);
+        self.v[first..][..m].copy_from_slice(&self.at.v);
+        self.known += 1;
+        Ok(())
+    }
+
+    /// The stage at the end of the step.
+    pub(in crate::switched) fn stage_at_end<E, F: DifferentiableForce<E>>(
+        &mut self,
+        stages: &Stages,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        if self.known == stages.pair.b.len() {
+            self.at.clone_from(&self.end);
+            self.keep_stage(stages.end, force)?;
+        }
+        Ok(())
+    }
+
+    /// Accelerations of the columns at the end of the step.
+    fn slopes_at_end(&self, stages: &Stages) -> &[f64] {
+        &self.k[stages.pair.b.len() * self.m..][..self.m]
+    }
+
+    /// The largest error of a column relative to its scale `atol/size + rtol |column|`, `sizes`
+    /// being the magnitudes of what the columns are derivatives by.
+    pub(in crate::switched) fn error<E, F: DifferentiableForce<E>>(
+        &mut self,
+        stages: &Stages,
+        (rtol, atol): (f64, [f64; 2]),
+        sizes: &[f64],
+        force: &mut Counted<'_, F>,
+    ) -> Result<f64, Failure<E>> {
+        if let Estimate::Single(_) = stages.pair.estimate {
+            self.stage_at_end(stages, force)?;
+        }
+        let rounding = 0.25 * f64::EPSILON * stages.from.t.abs();
+        let mut worst = 0.0_f64;
+        for (column, size) in sizes.iter().enumerate() {
+            let error = self.error_of(stages, column);
+            let speed = self.from.v[column].abs().max(self.end.v[column].abs());
+            let place = self.from.x[column].abs().max(self.end.x[column].abs());
+            let pull = self.k[column].abs();
+            let scale_x = atol[0] / size + rtol * place + rounding * speed;
+            let scale_v = atol[1] / size + rtol * speed + rounding * pull;
+            let error = error.norm(scale_x, scale_v);
+            worst = if error > worst || error.is_nan() { error } else { worst };
+        }
+        Ok(worst)
+    }
+
+    fn error_of(&self, stages: &Stages, column: usize) -> StepError {
+        let h = stages.h;
+        let sum = |weights: &[f64], of: &[f64]| {
+            weights.iter().enumerate().map(|(i, w)| w * of[i * self.m + column]).sum::<f64>() * h
+        };
+        match stages.pair.estimate {
+            Estimate::Single(e) => {
+                StepError { x: [sum(e, &self.v), 0.0], xdot: [sum(e, &self.k), 0.0], double: false }
+            }
+            Estimate::Double(e5, e3) => StepError {
+                x: [sum(e5, &self.v), sum(e3, &self.v)],
+                xdot: [sum(e5, &self.k), sum(e3, &self.k)],
+                double: true,
+            },
+        }
+    }
+
+    /// Moves the end of the step on by a time that is short beside it.
+    pub(in crate::switched) fn polish<E, F: DifferentiableForce<E>>(
+        &mut self,
+        stages: &Stages,
+        delta: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        if delta == 0.0 {
+            return Ok(());
+        }
+        self.stage_at_end(stages, force)?;
+        let slopes = self.slopes_at_end(stages).to_vec();
+        for (column, slope) in slopes.iter().enumerate() {
+            self.end.x[column] += delta * (self.end.v[column] + 0.5 * delta * slope);
+            self.end.v[column] += delta * slope;
+        }
+        Ok(())
+    }
+
+    /// The further stages of the dense output. The motion has its own.
+    pub(in crate::switched) fn all_stages<E, F: DifferentiableForce<E>>(
+        &mut self,
+        stages: &Stages,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        self.stage_at_end(stages, force)?;
+        if let Interpolant::Nested { a, .. } = stages.pair.interpolant {
+            let last = stages.pair.b.len();
+            while self.known - last - 1 < a.len() {
+                let row = a[self.known - last - 1];
+                let node = stages.node(self.known, row);
+                self.stage(stages, node, row, force)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The polynomials of a column over the step, once all stages are known.
+    pub(in crate::switched) fn polynomials(
+        &self,
+        stages: &Stages,
+        column: usize,
+    ) -> [Bernstein; 2] {
+        let gather =
+            |of: &[f64]| -> [f64; MOST_STAGES] { std::array::from_fn(|i| of[i * self.m + column]) };
+        let (v, k, h) = (gather(&self.v), gather(&self.k), stages.h);
+        let (from, end) = (&self.from, &self.end);
+        let [x0, v0, x1, v1] = [from.x[column], from.v[column], end.x[column], end.v[column]];
+        let [x, xdot] = match stages.pair.interpolant {
+            Interpolant::Monomials(p) => [
+                Bernstein::from_quartic(quartic(x0, h, &v, p)),
+                Bernstein::from_quartic(quartic(v0, h, &k, p)),
+            ],
+            Interpolant::Nested { d, .. } => {
+                let last = stages.pair.b.len();
+                [
+                    Bernstein::from_nested(x0, nested([x0, x1], h, &v, last, &d)),
+                    Bernstein::from_nested(v0, nested([v0, v1], h, &k, last, &d)),
+                ]
+            }
+        };
+        [x.with_ends(x0, x1), xdot.with_ends(v0, v1)]
+    }
+}
+
+/// `to = from + h sum_j a_j (V_j, K_j)`.
+#[inline]
+fn combine(to: &mut Columns, from: &Columns, v: &[f64], k: &[f64], m: usize, a: &[f64], h: f64) {
+    to.clone_from(from);
+    for ((a, v), k) in a.iter().zip(v.chunks_exact(m)).zip(k.chunks_exact(m)) {
+        if *a == 0.0 {
+            continue;
+        }
+        let weight = h * a;
+        for (to, v) in to.x.iter_mut().zip(v) {
+            *to += weight * v;
+        }
+        for (to, k) in to.v.iter_mut().zip(k) {
+            *to += weight * k;
+        }
+    }
+}

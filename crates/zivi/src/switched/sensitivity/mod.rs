@@ -1,0 +1,19 @@
+//! Derivatives of a run of the switched method by its initial state, the coefficient of
+//! restitution and parameters of the force: through impacts, Zeno points, rest and lift-off.
+//!
+//! The columns `(dx/dq, dx'/dq)` are carried in the same Runge-Kutta steps; an impact multiplies
+//! them by the saltation matrix, a Zeno point has the derivative of its extrapolation, rest ends
+//! them and a lift-off starts them anew.
+
+mod columns;
+mod flights;
+mod follower;
+mod path;
+mod run;
+mod validity;
+mod zeno;
+
+pub use columns::Wrt;
+pub use flights::{fly_apart, Apart, Flight, Flown};
+pub use run::{sensitivity, Derivatives, Question};
+pub use validity::{Limit, Nearest};

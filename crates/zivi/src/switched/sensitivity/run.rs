@@ -1,0 +1,134 @@
+//! A whole run with its derivatives.
+
+use zivi_core::Restitution;
+
+use super::columns::Wrt;
+use super::follower::Follower;
+use super::validity::Nearest;
+use crate::record::trajectory::SetupError;
+use crate::switched::recording::{Ending, Running};
+use crate::switched::run::{check_span, Output, SwitchedRun};
+use crate::switched::settings::SwitchedRk;
+use crate::switched::stages::Counted;
+use crate::switched::SwitchedIntegrator;
+use crate::system::slopes::DifferentiableForce;
+use crate::{Monitor, Physical};
+
+/// What is to be differentiated by what.
+#[derive(Clone, Debug)]
+pub struct Question<'a> {
+    /// What the columns are derivatives by.
+    pub wrt: &'a [Wrt],
+    /// Magnitudes of these, positive: the absolute tolerance of a column is that of the state
+    /// divided by its magnitude.
+    pub sizes: &'a [f64],
+    /// Whether the steps are adapted to the errors of the columns too.
+    pub controlled: bool,
+    /// Times at which the columns are wanted, within the span (s).
+    pub times: &'a [f64],
+}
+
+/// The derivatives of a run; arrays by rows of one number for each column.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Derivatives {
+    /// Of the distance at the end of the run, at a fixed time.
+    pub x: Vec<f64>,
+    /// Of the velocity at the end.
+    pub xdot: Vec<f64>,
+    /// Of the times of the impacts that were computed.
+    pub impact_dt: Vec<f64>,
+    /// Of the speeds after them.
+    pub impact_du: Vec<f64>,
+    /// Of the times at which rest is reached.
+    pub zeno_times: Vec<f64>,
+    /// Of the times of the lift-offs.
+    pub liftoff_times: Vec<f64>,
+    /// To first order, how far each may be moved before an event appears or disappears.
+    pub radius: Vec<f64>,
+    /// The event that limits each.
+    pub nearest: Vec<Option<Nearest>>,
+    /// Whether an impact, or the want of one, is decided by the tolerances.
+    pub grazing: bool,
+    /// `dx/dq` and `dx'/dq` at each of the times asked for, in the order of the times; NaN where
+    /// the impacts accumulate.
+    pub samples: Vec<f64>,
+    /// Evaluations of the partial derivatives.
+    pub n_slopes: u64,
+}
+
+/// Simulates as [`crate::simulate_switched_rk`], with the derivatives of the run.
+///
+/// # Errors
+/// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
+///
+/// ```
+/// use zivi::switched::sensitivity::{sensitivity, Question, Wrt};
+/// use zivi::{ConstantForce, Output, Physical, Restitution, Silent, SwitchedRk};
+///
+/// // the Zeno time of a ball that is dropped from 1 m, by its height and by e
+/// let question =
+///     Question { wrt: &[Wrt::X0, Wrt::E], sizes: &[1.0, 0.5], controlled: true, times: &[] };
+/// let (_, derivatives) = sensitivity(
+///     SwitchedRk::with_tol(1e-10), Restitution::from_e(0.5)?, &mut ConstantForce(-2.0),
+///     (0.0, 4.0), Physical { x: 1.0, xdot: 0.0 }, Output::default(), &question, &mut Silent,
+/// )?;
+/// // t = sqrt(2 x/g) (1 + e)/(1 - e), with sqrt(2 x/g) = 1
+/// assert!((derivatives.zeno_times[0] - 1.5).abs() < 1e-9);
+/// assert!((derivatives.zeno_times[1] - 8.0).abs() < 1e-8);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[allow(clippy::too_many_arguments)]
+pub fn sensitivity<E, F: DifferentiableForce<E>>(
+    settings: SwitchedRk,
+    wall: Restitution,
+    force: &mut F,
+    (t0, t1): (f64, f64),
+    initial: Physical,
+    mut output: Output<'_, E>,
+    question: &Question<'_>,
+    monitor: &mut impl Monitor<E>,
+) -> Result<(SwitchedRun<E>, Derivatives), SetupError> {
+    check_span(t0, t1, output.t_eval)?;
+    let mut integrator = SwitchedIntegrator::new(settings, wall)?;
+    integrator.start(t0, initial)?;
+    integrator.lookout.probing = force.shortest_period().is_none();
+    let Question { wrt, sizes, controlled, times } = *question;
+    let mut follower = Follower::new(wrt, sizes, controlled, t1, !times.is_empty());
+    let mut force = Counted::new(force);
+    let begun = follower.begin(integrator.now, wall.e(), &mut force);
+    let mut run = Running::new(integrator, t1, &mut output);
+    let ending = match begun {
+        Ok(()) => run.go_with(&mut follower, &mut force, monitor),
+        Err(failure) => Ending::Failed(failure),
+    };
+    let nfev = force.count();
+    let run = run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))?;
+    let derivatives = gather(follower, settings, times);
+    Ok((run, derivatives))
+}
+
+fn gather(mut follower: Follower, settings: SwitchedRk, times: &[f64]) -> Derivatives {
+    let mut samples = Vec::new();
+    for &t in times {
+        if let Some(path) = &follower.path {
+            let at = path.at(t);
+            samples.extend_from_slice(&at.x);
+            samples.extend_from_slice(&at.v);
+        }
+    }
+    let tolerance = settings.atol[0] + settings.rtol * follower.highest;
+    let end = std::mem::take(&mut follower.step.end);
+    Derivatives {
+        x: end.x,
+        xdot: end.v,
+        impact_dt: follower.events.impact_dt,
+        impact_du: follower.events.impact_du,
+        zeno_times: follower.events.zeno,
+        liftoff_times: follower.events.lift_off,
+        grazing: follower.validity.shallowest <= 10.0 * tolerance,
+        radius: follower.validity.radius,
+        nearest: follower.validity.nearest,
+        samples,
+        n_slopes: follower.step.forcing.count,
+    }
+}

@@ -1,0 +1,67 @@
+//! How far the derivatives reach: the radius, in units of what they are derivatives by, at which
+//! to first order an event of the run appears, disappears, or passes the end.
+
+/// What limits a derivative.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Limit {
+    /// An impact that is pulled off the wall: it vanishes.
+    Impact = 0,
+    /// A minimum of the distance in flight: an impact appears.
+    Minimum = 1,
+    /// The pull at a Zeno point: the chain no longer ends.
+    Zeno = 2,
+    /// A maximum of the force at rest: a lift-off appears.
+    Rest = 3,
+    /// The force hardly rises at a lift-off: it vanishes.
+    LiftOff = 4,
+    /// An event near the end of the run passes it.
+    End = 5,
+}
+
+/// The nearest event: what it is, when, and how deep (in its own unit).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nearest {
+    /// What it is.
+    pub limit: Limit,
+    /// When (s).
+    pub t: f64,
+    /// How far the run is from it: a height (m) of an impact or a minimum, a force (m/s^2) at a
+    /// Zeno point, at rest or at a lift-off, a time (s) at the end.
+    pub depth: f64,
+}
+
+/// The radii of all columns.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::switched) struct Validity {
+    pub(in crate::switched) radius: Vec<f64>,
+    pub(in crate::switched) nearest: Vec<Option<Nearest>>,
+    /// The smallest depth of an impact or a minimum.
+    pub(in crate::switched) shallowest: f64,
+}
+
+impl Validity {
+    pub(in crate::switched) fn new(m: usize) -> Self {
+        Self { radius: vec![f64::INFINITY; m], nearest: vec![None; m], shallowest: f64::INFINITY }
+    }
+
+    /// An event of this depth, which falls by `rates` for one unit of each column.
+    pub(in crate::switched) fn note(
+        &mut self,
+        limit: Limit,
+        t: f64,
+        depth: f64,
+        rates: impl IntoIterator<Item = f64>,
+    ) {
+        if matches!(limit, Limit::Impact | Limit::Minimum) {
+            self.shallowest = self.shallowest.min(depth);
+        }
+        let known = self.radius.iter_mut().zip(&mut self.nearest);
+        for ((radius, nearest), rate) in known.zip(rates) {
+            let reach = depth / rate.abs();
+            if reach < *radius {
+                (*radius, *nearest) = (reach, Some(Nearest { limit, t, depth }));
+            }
+        }
+    }
+}

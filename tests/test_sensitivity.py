@@ -1,0 +1,282 @@
+"""Derivatives of runs, against references of high precision, closed forms and identities."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+
+import numpy as np
+import pytest
+
+import orbit_data
+import zivi
+
+TABLE = zivi.LinearForce(gravity=1.0, amplitude=0.8, phase=-math.pi / 2)
+STICKING = zivi.LinearForce(stiffness=1.0, damping=0.1, gravity=0.4, amplitude=0.9, omega=0.7)
+
+
+def tight(tol: float = 1e-10) -> zivi.SwitchedRK:
+    return zivi.SwitchedRK(rtol=tol, atol=tol)
+
+
+def solved(name: str, tol: float, errsens: bool) -> tuple[dict, list[str], zivi.Sensitivity]:
+    it = orbit_data.references()[name]
+    system, names = orbit_data.system_of(it["parameters"])
+    span = (float(it["t0"]), float(it["t_end"]))
+    columns = list(it["d"])
+    wrt = [names[q] for q in columns]
+    y0 = (float(it["x0"]), float(it["v0"]))
+    return it, columns, zivi.sensitivity(system, span, y0, wrt, tight(tol), errsens=errsens)
+
+
+def errors(it: dict, columns: list[str], s: zivi.Sensitivity) -> tuple[float, float]:
+    """Largest relative errors: of everything but lift-offs, of lift-offs."""
+    zeno, lift = iter(s.zeno_times), iter(s.liftoff_times)
+    worst = {"lift": 0.0, "other": 0.0}
+    for i, label in enumerate(it["labels"]):
+        row = {"x(T)": lambda: s.final[0], "v(T)": lambda: s.final[1]}.get(
+            label, lambda which=label: next(lift if which == "lift" else zeno)
+        )()
+        for q, value in zip(columns, row, strict=True):
+            exact = float(it["d"][q][i])
+            error = abs(value - exact) / (abs(exact) or 1.0)
+            kind = "lift" if label == "lift" else "other"
+            worst[kind] = max(worst[kind], error)
+    return worst["other"], worst["lift"]
+
+
+@pytest.mark.parametrize("tol", [1e-8, 1e-10])
+@pytest.mark.parametrize("name", orbit_data.of_kind("sensitivity"))
+def test_derivatives_are_those_of_high_precision(name, tol):
+    worst, lift = errors(*solved(name, tol, errsens=True))
+    assert worst <= 15 * tol
+    assert lift <= 1e-14
+    worst, lift = errors(*solved(name, tol, errsens=False))
+    assert worst <= 50 * tol
+    assert lift <= 1e-14
+
+
+@pytest.mark.parametrize("name", orbit_data.of_kind("sensitivity"))
+def test_control_of_the_columns_costs_few_steps(name):
+    *_, with_columns = solved(name, 1e-8, errsens=True)
+    *_, without = solved(name, 1e-8, errsens=False)
+    assert with_columns.trajectory.n_steps <= 1.5 * without.trajectory.n_steps
+
+
+def table_of(s: zivi.Sensitivity, g: float, e: float, moving: bool) -> float:
+    """The derivative of the Zeno time by e from the impacts, by a table of four columns."""
+    t, dt, du = s.impacts["t"], s.impacts["dt"][:, 0], s.impacts["du"][:, 0]
+    u = s.trajectory.impacts["xdot_after"]
+    q = 2 / (g * (1 - e))
+    values, rates = t + q * u, dt + q * du + q * u / (1 - e)
+    for j in range(1, min(6, len(t))):
+        r = e ** (j + 1)
+        new = (values[1:] - r * values[:-1]) / (1 - r)
+        rates = (rates[1:] - r * rates[:-1]) / (1 - r)
+        if moving:
+            rates = rates + (j + 1) * e**j / (1 - r) * (new - values[:-1])
+        values = new
+    return float(rates[-1])
+
+
+def test_the_ratios_of_the_table_move_with_e():
+    # a spring makes the expansion have all its powers, and g is constant
+    spring = zivi.LinearForce(stiffness=1.0, damping=0.3, gravity=2.0)
+    s = zivi.sensitivity(zivi.ImpactSystem(spring, e=0.5), (0, 9), (1, 0), ("e",), tight(1e-11))
+    exact = float(s.zeno_times[0, 0])
+    assert abs(table_of(s, 2.0, 0.5, moving=True) - exact) < 1e-8
+    assert abs(table_of(s, 2.0, 0.5, moving=False) - exact) > 1e3 * 1e-10 * exact
+
+
+@pytest.mark.parametrize("e", [0.0, 0.3, 0.9])
+def test_a_ball_has_the_derivatives_of_its_closed_form(e):
+    # t = v/g + (v' /g) (1 + e)/(1 - e) with the first impact at the speed v' = sqrt(2 g x + v^2)
+    g, x, v = 9.81, 1.2, 0.7
+    ball = zivi.ImpactSystem(-g, e=e)
+    s = zivi.sensitivity(ball, (0, 20), (x, v), ("x0", "xdot0", "e", "force"), tight(1e-11))
+    speed, factor = math.sqrt(2 * g * x + v * v), (1 + e) / (1 - e)
+    by_g = -v / g**2 + factor * (x / (speed * g) - speed / g**2)
+    exact = [factor / speed, 1 / g + factor * v / speed / g, 2 * speed / (g * (1 - e) ** 2), -by_g]
+    np.testing.assert_allclose(s.zeno_times[0], exact, rtol=3e-10)
+    assert not s.final.any()
+    assert s.success
+    assert math.isclose(s.trajectory.zeno_times[0], (v + factor * speed) / g, rel_tol=1e-10)
+
+
+def test_the_determinant_is_that_of_the_flow_and_the_impacts():
+    force = zivi.LinearForce(stiffness=1.0, damping=0.1, gravity=-1.0, amplitude=1.2, omega=0.9)
+    s = zivi.sensitivity(zivi.ImpactSystem(force, e=0.8), (0, 20), (1.5, 0), method=tight())
+    k = len(s.trajectory.impacts)
+    assert k >= 3
+    assert s.trajectory.rest_time is None
+    assert math.isclose(np.linalg.det(s.monodromy), 0.8 ** (2 * k) * math.exp(-2), rel_tol=1e-9)
+
+
+def test_the_time_of_the_start_moves_the_state_along_the_motion():
+    system = zivi.ImpactSystem(STICKING, e=0.5)
+    s = zivi.sensitivity(system, (0, 12), (1.0, 0.3), ("x0", "xdot0", "t0"), tight())
+    start = np.array([0.3, STICKING(0, 1.0, 0.3)])
+    by_t0 = -s.impacts["dt"][:, :2] @ start
+    np.testing.assert_allclose(s.impacts["dt"][:, 2], by_t0, rtol=1e-10)
+    np.testing.assert_allclose(s.zeno_times[0, 2], -s.zeno_times[0, :2] @ start, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("d", "within"), [(1e-2, 0.02), (1e-4, 1e-3)])
+def test_the_radius_is_the_distance_to_a_grazing(d, within):
+    spring = zivi.ImpactSystem(zivi.LinearForce(stiffness=1, gravity=-1), e=0.5)
+    for sign, kind in ((1, "impact"), (-1, "minimum")):
+        s = zivi.sensitivity(spring, (0, 5), (2 + sign * d, 0), ("x0",), tight(1e-12))
+        assert abs(s.radius[0] / d - 1) < within
+        assert s.nearest.kind == kind
+        assert s.status is zivi.OrbitStatus.COMPLETED
+    # the impact at arccos(-1/(1 + d)), and it is gone beyond the radius
+    beyond = zivi.simulate(spring, (0, 5), (2 + d - 1.05 * s.radius[0], 0), tight(1e-12))
+    assert len(beyond.impacts) == 0
+
+
+def test_a_grazing_is_flagged_and_chains_are_not():
+    spring = zivi.ImpactSystem(zivi.LinearForce(stiffness=1, gravity=-1), e=0.5)
+    for depth in (1e-8, -1e-8):
+        s = zivi.sensitivity(spring, (0, 5), (2 + depth, 0), ("x0",), tight(1e-9))
+        assert s.status is zivi.OrbitStatus.GRAZING
+        assert not s.success
+        assert np.isfinite(s.final).all()
+    for force in (TABLE, STICKING):
+        s = zivi.sensitivity(zivi.ImpactSystem(force, e=0.7), (0, 30), (1, 0), ("e",), tight(1e-8))
+        assert s.status is zivi.OrbitStatus.COMPLETED
+        assert len(s.zeno_times)
+
+
+def test_derivatives_at_any_time_through_a_rest():
+    system, wrt = zivi.ImpactSystem(STICKING, e=0.5), ("x0", "amplitude")
+    s = zivi.sensitivity(system, (0, 22), (1, 0), wrt, tight())
+    times = np.array([0.0, 1.0, 3.5, 5.0, 8.0, 12.0, 22.0])
+    columns = s(times)
+    assert columns.shape == (2, 2, 7)
+    assert s(1.0).shape == (2, 2)
+    np.testing.assert_array_equal(columns[:, :, 0], [[1, 0], [0, 0]])
+    assert not columns[:, :, 3].any()  # at rest
+    np.testing.assert_allclose(columns[:, :, -1], s.final, rtol=1e-14)
+    for k in (1, 2, 4, 5):
+        shorter = zivi.sensitivity(system, (0, times[k]), (1, 0), wrt, tight())
+        np.testing.assert_allclose(columns[:, :, k], shorter.final, rtol=1e-7, atol=1e-10)
+
+
+def test_derivatives_within_an_accumulation():
+    # the ball of the closed form, between its impacts 20 and 21, that a jump to rest skips
+    e, v = 0.5, math.sqrt(2 * 9.81)
+    first = v / 9.81
+    start = first * (1 + 2 * sum(e**k for k in range(1, 20)))
+    t = start + 0.3 * 2 * first * e**20
+    s = zivi.sensitivity(zivi.ImpactSystem(-9.81, e=e), (0, 3), (1, 0), ("x0",), tight(1e-13))
+    # x = u tau - g tau^2/2, tau = t - start; everything scales with v, dv/dx0 = g/v
+    u, tau = v * e**20, t - start
+    by_v = (e**20 * tau - u * start / v + 9.81 * tau * start / v, e**20 + 9.81 * start / v)
+    got = s(t)[:, 0] / (9.81 / v)
+    np.testing.assert_allclose(got, by_v, rtol=1e-6)
+
+
+def test_a_moving_wall_is_a_force_in_its_frame():
+    # w = a cos(w t + ph): the force -g - w'' = -g + a w^2 cos
+    a, omega, phase = 0.05, 6.0, 0.3
+    wall = zivi.HarmonicWall(a, omega, phase)
+    moving = zivi.ImpactSystem(-9.81, e=0.6, wall=wall)
+    force = zivi.LinearForce(gravity=9.81, amplitude=a * omega**2, omega=omega, phase=phase)
+    own = ("force", "wall.amplitude", "wall.omega", "wall.phase", "e")
+    same = ("gravity", "amplitude", "omega", "phase", "e")
+    left = zivi.sensitivity(moving, (0, 1.5), (1, 0), own, tight(1e-11))
+    right = zivi.sensitivity(zivi.ImpactSystem(force, e=0.6), (0, 1.5), (1, 0), same, tight(1e-11))
+    by_g, by_a, by_omega, by_phase, by_e = right.impacts["dt"].T
+    exact = [-by_g, omega**2 * by_a, 2 * a * omega * by_a + by_omega, by_phase, by_e]
+    assert len(left.impacts) > 3
+    np.testing.assert_allclose(left.impacts["dt"], np.transpose(exact), rtol=1e-7, atol=1e-9)
+
+
+def law(t, x, v, k, c):
+    return -k * x - c * v - 1.0
+
+
+@ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_double] * 5)
+def compiled(t, x, v, k, c):
+    return -k * x - c * v - 1.0
+
+
+@pytest.mark.parametrize("kind", ["python", "jacobian", "compiled", "wall"])
+def test_a_parametric_force_is_the_linear_force(kind):
+    values = {"k": 1.5, "c": 0.2}
+    jacobian = {"jacobian": lambda t, x, v, k, c: (0.0, -k, -c, -x, -v)}
+    f = compiled if kind == "compiled" else law
+    force = zivi.ParametricForce(f, values, **(jacobian if kind == "jacobian" else {}))
+    linear = zivi.LinearForce(stiffness=1.5, damping=0.2, gravity=1.0)
+    wall = zivi.HarmonicWall(0.05, 2.0) if kind == "wall" else None
+    systems = [zivi.ImpactSystem(it, e=0.5, wall=wall) for it in (force, linear)]
+    names = (("k", "c", "x0", "e"), ("stiffness", "damping", "x0", "e"))
+    one, other = (
+        zivi.sensitivity(system, (0, 3), (1, 0), wrt, tight(1e-9))
+        for system, wrt in zip(systems, names, strict=True)
+    )
+    n = min(len(one.impacts), len(other.impacts), 4)
+    for field in ("dt", "du"):
+        np.testing.assert_allclose(one.impacts[field][:n], other.impacts[field][:n], rtol=1e-7)
+    assert force(0.0, 1.0, 2.0) == pytest.approx(-2.9)
+
+
+def test_a_plain_callable_has_a_start_and_e_but_no_parameters():
+    system = zivi.ImpactSystem(lambda t, x, v: -1.5 * x - 1.0, e=0.5)
+    linear = zivi.ImpactSystem(zivi.LinearForce(stiffness=1.5, gravity=1.0), e=0.5)
+    one, other = (
+        zivi.sensitivity(it, (0, 6), (1, 0), ("x0", "e"), tight(1e-9)) for it in (system, linear)
+    )
+    np.testing.assert_allclose(one.zeno_times, other.zeno_times, rtol=1e-7)
+    with pytest.raises(ValueError, match="ParametricForce"):
+        zivi.sensitivity(system, (0, 6), (1, 0), ("stiffness",))
+
+
+def test_bad_input():
+    ball = zivi.ImpactSystem(TABLE, e=0.5)
+    with pytest.raises(ValueError, match="'mass' is no parameter here: x0, xdot0, t0, e, stiff"):
+        zivi.sensitivity(ball, (0, 1), (1, 0), ("mass",))
+    with pytest.raises(TypeError, match="SwitchedRK"):
+        zivi.sensitivity(ball, (0, 1), (1, 0), method=zivi.ThetaGamma(h=0.1))
+    with pytest.raises(ValueError, match="different names"):
+        zivi.sensitivity(ball, (0, 1), (1, 0), ("e", "e"))
+    with pytest.raises(ValueError, match="t_span"):
+        zivi.sensitivity(ball, (1, 0), (1, 0))
+    with pytest.raises(ValueError, match="t must lie within"):
+        zivi.sensitivity(ball, (0, 1), (1, 0))(2.0)
+    for parameters, match in (({"e": 1.0}, "'e' cannot be a name"), ({"k": math.nan}, "finite")):
+        with pytest.raises(ValueError, match=match):
+            zivi.ParametricForce(law, parameters)
+    with pytest.raises(TypeError, match="take 4 of them"):
+        zivi.ImpactSystem(zivi.ParametricForce(compiled, {"k": 1.0}), e=0.5)
+    short = zivi.ParametricForce(law, {"k": 1.0, "c": 0.0}, lambda *_: (0.0, 0.0))
+    with pytest.raises(TypeError, match="jacobian must return 5 numbers"):
+        zivi.sensitivity(zivi.ImpactSystem(short, e=0.5), (0, 1), (1, 0))
+
+
+def test_what_the_force_raises_reaches_the_caller():
+    def late(t, x, v, k):
+        if t > 0.5:
+            raise ArithmeticError("late")
+        return -k
+
+    system = zivi.ImpactSystem(zivi.ParametricForce(late, {"k": 9.81}), e=0.5)
+    with pytest.raises(ArithmeticError) as caught:
+        zivi.sensitivity(system, (0, 1), (1, 0), ("k",))
+    assert caught.value.trajectory.status is zivi.Status.RAISED
+
+
+def test_a_run_without_progress_in_its_budget_keeps_what_it_has():
+    s = zivi.sensitivity(
+        zivi.ImpactSystem(TABLE, e=0.7), (0, 30), (1, 0), method=zivi.SwitchedRK(max_steps=12)
+    )
+    assert s.status is zivi.OrbitStatus.RUN_ENDED
+    assert s.trajectory.status is zivi.Status.STEP_BUDGET
+    assert len(s.impacts) == len(s.trajectory.impacts) > 0
+
+
+def test_as_a_dataset():
+    s = zivi.sensitivity(zivi.ImpactSystem(TABLE, e=0.7), (0, 12), (1, 0), ("x0", "amplitude"))
+    data = s.to_xarray()
+    assert data.impact_dt.shape == (len(s.impacts), 2)
+    assert float(data.zeno_time.sel(wrt="amplitude")[0]) == s.zeno_times[0, 1]
