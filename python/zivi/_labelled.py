@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from zivi import _zivi
 from zivi._check import Array
 from zivi._extras import needed
+from zivi._json import text_of
 
 if TYPE_CHECKING:
     import pandas
@@ -97,7 +97,7 @@ def dataset_of(sol: Trajectory) -> xarray.Dataset:
         attrs={
             "title": "Trajectory of a mechanical system with impacts",
             "source": f"zivi {_zivi.__version__}",
-            "config": json.dumps(sol.config),
+            "config": text_of(sol.config),
             "status": int(sol.status),
             "message": sol.message,
             "rest_time": np.nan if sol.rest_time is None else sol.rest_time,

@@ -19,6 +19,7 @@ __all__ = [
     "ViRecord",
     "__version__",
     "available_threads",
+    "ballistic_motion",
     "check_moreau_jean",
     "check_switched_rk",
     "check_theta_gamma",
@@ -358,6 +359,10 @@ class LoopRecord:
     @property
     def rest_time(self) -> float | None: ...
     @property
+    def path(self) -> float | MotionPath | tuple[_Array, _Array] | None: ...
+    @property
+    def hits(self) -> list[tuple[_Array, _Array, _Array]]: ...
+    @property
     def status(self) -> int: ...
     @property
     def message(self) -> str: ...
@@ -382,8 +387,11 @@ def simulate_closed_loop(
     delay: int,
     interface: dict[str, bool],
     ours: bool,
+    dense: bool,
+    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
     progress: Any = None,
 ) -> LoopRecord: ...
+def ballistic_motion(rows: _Array, wall: tuple[float, float]) -> list[_Array]: ...
 
 @final
 class LoopBatchRecord:

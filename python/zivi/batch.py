@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -14,13 +13,15 @@ from zivi import _zivi
 from zivi._check import Array, real_array, whole
 from zivi._compiled import listening, tell
 from zivi._extras import needed
+from zivi._impacts import IMPACT
+from zivi._json import text_of
 from zivi._misplaced import check_method
 from zivi._progress import ProgressBar
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulate import pair
 from zivi.status import Status
 from zivi.system import ImpactSystem
-from zivi.trajectory import IMPACT, describe, describe_system
+from zivi.trajectory import describe, describe_system
 
 if TYPE_CHECKING:
     import xarray
@@ -157,7 +158,7 @@ class Batch(Runs):
         attrs = {
             "title": "Batch of runs of mechanical systems with impacts",
             "source": f"zivi {_zivi.__version__}",
-            "config": json.dumps(self.config),
+            "config": text_of(self.config),
         }
         return xarray.Dataset(variables, coords=coords, attrs=attrs)
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
-import json
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Never, Protocol
+from typing import Any, Never, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from zivi import _zivi
 from zivi._check import Array
 from zivi._compiled import listening
-from zivi._extras import needed
+from zivi._impacts import impacts_of
 from zivi._loop_arguments import (
     OURS,
     check_delay,
@@ -29,30 +27,20 @@ from zivi._loop_arguments import (
     noise_of,
     period_of,
 )
+from zivi._loop_path import SampledReference, path_of
+from zivi._loop_samples import ended_by_event, restrict
 from zivi._misplaced import check_system, refuse
 from zivi._progress import ProgressBar
 from zivi.control import TickStatus
+from zivi.events import events_of
+from zivi.loop_run import QUANTITIES, ClosedLoop
 from zivi.methods import SwitchedRK, ThetaGamma
-from zivi.simulate import as_raised, pair, with_partial
+from zivi.simulate import Event, as_raised, pair, times_within, with_partial
 from zivi.status import Status
 from zivi.system import Force, ImpactSystem
-from zivi.trajectory import describe, describe_system, impacts_of
-
-if TYPE_CHECKING:
-    import xarray
+from zivi.trajectory import describe, describe_system
 
 __all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
-
-QUANTITIES = {
-    "x": ("m", "distance from the wall"),
-    "xdot": ("m/s", "velocity"),
-    "x_ref": ("m", "distance of the reference from its wall"),
-    "xdot_ref": ("m/s", "velocity of the reference"),
-    "u": ("m/s^2", "control, held from the sample on"),
-}
-"""Unit and meaning of each sampled quantity, in the order of the record's rows after time."""
-SIGNS = ("lambda_s", "lambda_v", "lambda_sr", "lambda_vr", "lambda_es", "lambda_ev")
-"""Names of the columns of ``signs``."""
 
 
 class Controller(Protocol):
@@ -95,135 +83,6 @@ class Controller(Protocol):
         """Give the control (m/s^2) for the period that starts now, ``step(x, xdot, force)``."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class ClosedLoop:
-    """Samples and events of one closed loop.
-
-    Attributes
-    ----------
-    t : ndarray
-        Times of the samples (s); all sampled arrays have its length.
-    x, xdot : ndarray
-        The plant: distance from the wall (m) and velocity (m/s).
-    x_ref, xdot_ref : ndarray
-        The reference, NaN for a controller without one.
-    u : ndarray
-        Control that acts on the plant from the sample on (m/s^2); the last one is repeated.
-    signs : ndarray, shape (n, 6)
-        ``ls, lv, lsr, lvr, les, lev`` of the tick at the sample, NaN where a controller has none.
-    tick_status : ndarray of uint8
-        What was done at the sample, as the bits of `TickStatus`.
-    impacts : structured ndarray
-        Fields ``t`` (s), ``xdot_before`` and ``xdot_after`` (m/s); of an accumulation within a
-        period at most 1000.
-    zeno_times : ndarray
-        Times at which the plant came to rest through impacts (s).
-    liftoff_times : ndarray
-        Times at which it left rest (s).
-    rest_time : float or None
-        Time from which it stays at rest until the end (s), for a whole period at least: the
-        control of the next sample could still lift it.
-    status : Status
-        How the run ended.
-    message : str
-        The same in words, with advice.
-    nfev : int
-        Evaluations of the true force.
-    config : dict
-        Settings of the run, with the seed of its noise.
-    """
-
-    t: Array
-    x: Array
-    xdot: Array
-    x_ref: Array
-    xdot_ref: Array
-    u: Array
-    signs: Array
-    tick_status: NDArray[np.uint8]
-    impacts: np.ndarray
-    zeno_times: Array
-    liftoff_times: Array
-    rest_time: float | None
-    status: Status
-    message: str
-    nfev: int
-    config: dict[str, Any]
-
-    @property
-    def success(self) -> bool:
-        """Whether the end of ``t_span`` was reached."""
-        return self.status is Status.COMPLETED
-
-    @property
-    def n_refused(self) -> int:
-        """Samples that the controller refused; the last control was held."""
-        return int(np.count_nonzero(self.tick_status & TickStatus.REFUSED))
-
-    @property
-    def error(self) -> Array:
-        """Position error ``x - x_ref`` (m), NaN without a reference."""
-        return self.x - self.x_ref
-
-    def __repr__(self) -> str:
-        wall = f"{len(self.impacts)} impacts"
-        if self.rest_time is not None:
-            wall += f", at rest from {self.rest_time:.6g} s"
-        name = self.config["controller"]["name"]
-        span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g} s" if len(self.t) else "no samples"
-        return f"<ClosedLoop {name}, {span}, {wall}: {self.status.name.lower()}>"
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset that can be plotted, selected and saved.
-
-        Returns
-        -------
-        xarray.Dataset
-            The sampled quantities over ``time``, the signs over ``time`` and ``sign``, the
-            impacts over ``impact_time``, with units, descriptions and the configuration (JSON)
-            in the attributes.
-        """
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        def labelled(dims: Any, values: Any, unit: str, meaning: str) -> Any:
-            return dims, values, {"units": unit, "long_name": meaning}
-
-        return xarray.Dataset(
-            {
-                name: labelled("time", getattr(self, name), unit, meaning)
-                for name, (unit, meaning) in QUANTITIES.items()
-            }
-            | {
-                "signs": labelled(("time", "sign"), self.signs, "1", "multipliers of the tick"),
-                "tick_status": labelled("time", self.tick_status, "1", "bits of TickStatus"),
-                "zeno_time": labelled("zeno", self.zeno_times, "s", "time of a Zeno point"),
-                "liftoff_time": labelled("liftoff", self.liftoff_times, "s", "time of a lift-off"),
-            }
-            | {
-                f"impact_{field}": labelled("impact_time", self.impacts[field], "m/s", meaning)
-                for field, meaning in (
-                    ("xdot_before", "velocity before the impact"),
-                    ("xdot_after", "velocity after the impact"),
-                )
-            },
-            coords={
-                "time": labelled("time", self.t, "s", "time"),
-                "sign": list(SIGNS),
-                "impact_time": labelled("impact_time", self.impacts["t"], "s", "time of an impact"),
-            },
-            attrs={
-                "title": "Closed loop of a mechanical system with impacts",
-                "source": f"zivi {_zivi.__version__}",
-                "config": json.dumps(self.config),
-                "status": int(self.status),
-                "message": self.message,
-                "rest_time": np.nan if self.rest_time is None else self.rest_time,
-                "nfev": self.nfev,
-            },
-        )
-
-
 def simulate_closed_loop(
     system: ImpactSystem,
     controller: Controller,
@@ -238,6 +97,9 @@ def simulate_closed_loop(
     seed: int | None = None,
     quantization: Sequence[float] = (0.0, 0.0),
     delay: int = 0,
+    t_eval: ArrayLike | None = None,
+    events: Event | Sequence[Event] | None = None,
+    dense_output: bool = True,
     progress: bool | None = None,
     **misplaced: Never,
 ) -> ClosedLoop:
@@ -286,6 +148,17 @@ def simulate_closed_loop(
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0; until then 0 acts.
         Zivi's controllers should be told: ``ahead=1 + delay``.
+    t_eval : array_like, optional
+        Ascending times in `t_span` to report instead of the samples (s). ``u``, ``signs`` and
+        ``tick_status`` are those of the sample before.
+    events : callable or sequence of callables, optional
+        Functions ``g(t, x, xdot)`` of the plant's state, as for `simulate`, whose changes of sign
+        are located between the samples: each period is looked at in four parts, before and after
+        each impact. The run ends at a terminal one; the controller has ticked the period in which
+        it happens.
+    dense_output : bool
+        Whether the motion between the samples is kept, ``run(t)``; ``t_eval`` and terminal events
+        keep it.
     progress : bool, optional
         Show a progress bar on standard error once a run lasts longer than a second. By default
         only on a terminal.
@@ -326,6 +199,10 @@ def simulate_closed_loop(
     deviations = check_not_negative("noise", noise)
     resolution = check_not_negative("quantization", quantization)
     periods, scheme = check_delay(delay), check_method(method, h)
+    times = None if t_eval is None else times_within(t_eval, span)
+    watched = events_of(events)
+    if not isinstance(dense_output, bool):
+        raise TypeError(f"dense_output must be True or False, got {dense_output!r}")
     seed, samples = noise_of(deviations, seed, span, h)
     if isinstance(controller, OURS):
         controller = copy.copy(controller)
@@ -363,6 +240,8 @@ def simulate_closed_loop(
             delay=periods,
             interface=interface,
             ours=is_ours(controller),
+            dense=dense_output or times is not None or bool(watched),
+            events=[(it.function, it.direction, it.terminal, it.level) for it in watched],
             progress=bar.report,
         )
     run, raised = _run(record, config), record.raised
@@ -371,6 +250,10 @@ def simulate_closed_loop(
     if raised is None and (raised := ear.ends(run.success)):
         run = as_raised(run)
     del ear
+    if run.status is Status.TERMINATED_BY_EVENT:
+        run = ended_by_event(run, h)
+    if times is not None:
+        run = restrict(run, times)
     if raised is not None:
         raise with_partial(raised, run)
     return run
@@ -378,12 +261,15 @@ def simulate_closed_loop(
 
 def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
     t, *sampled = record.columns[: 1 + len(QUANTITIES)]
+    samples = dict(zip(QUANTITIES, sampled, strict=True))
+    impacts, wall = impacts_of(record), (config["e"], config["kappa"])
+    path = path_of(record, impacts, wall)
     return ClosedLoop(
         t=t,
-        **dict(zip(QUANTITIES, sampled, strict=True)),
+        **samples,
         signs=np.column_stack(record.columns[1 + len(QUANTITIES) :]),
         tick_status=record.ticks,
-        impacts=impacts_of(record),
+        impacts=impacts,
         zeno_times=record.zeno_times,
         liftoff_times=record.liftoff_times,
         rest_time=record.rest_time,
@@ -391,4 +277,21 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
         message=record.message,
         nfev=record.nfev,
         config=config,
+        n_refused=int(np.count_nonzero(record.ticks & TickStatus.REFUSED)),
+        t_events=[times for times, _, _ in record.hits],
+        y_events=[np.column_stack((x, xdot)) for _, x, xdot in record.hits],
+        _path=path,
+        _reference=_reference(t, samples, config),
+        _span=(float(t[0]), float(t[-1])) if len(t) else None,
     )
+
+
+def _reference(
+    t: Array, samples: dict[str, Array], config: dict[str, Any]
+) -> SampledReference | None:
+    """Give the motion of the reference, None if the controller has none."""
+    x = samples["x_ref"]
+    if not len(t) or np.isnan(x).all():
+        return None
+    kappa = config["controller"].get("kappa_ref", config["kappa"])
+    return SampledReference(t, x, samples["xdot_ref"], kappa)

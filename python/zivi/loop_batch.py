@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ from zivi import _zivi
 from zivi._check import Array, finite, real_array, whole
 from zivi._compiled import listening, tell
 from zivi._extras import needed
+from zivi._json import text_of
 from zivi._loop_arguments import (
     OURS,
     check_delay,
@@ -135,7 +135,7 @@ class ClosedLoopBatch(Runs):
         attrs = {
             "title": "Batch of closed loops of mechanical systems with impacts",
             "source": f"zivi {_zivi.__version__}",
-            "config": json.dumps(self.config),
+            "config": text_of(self.config),
         }
         return xarray.Dataset(variables, coords={"run": np.arange(len(self))}, attrs=attrs)
 

@@ -23,7 +23,7 @@ from zivi.system import ImpactSystem
 from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from zivi.closed_loop import ClosedLoop
+    from zivi.loop_run import ClosedLoop
 
 __all__ = ["simulate"]
 
@@ -133,7 +133,7 @@ def simulate(
         raise TypeError(f"dense_output must be True or False, got {dense_output!r}")
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
-    times = None if t_eval is None else _times(t_eval, span)
+    times = None if t_eval is None else times_within(t_eval, span)
     stops = _stops(tstops, method)
     watched = events_of(events)
     with ProgressBar(progress) as bar, listening([system._spec]) as ear:
@@ -187,7 +187,8 @@ def _stops(tstops: ArrayLike | None, method: Method) -> np.ndarray:
     return np.unique(stops)
 
 
-def _times(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
+def times_within(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
+    """Return ascending times within a span."""
     times = real_array("t_eval", t_eval)
     if times.ndim != 1:
         raise ValueError(f"t_eval must be one-dimensional, got shape {times.shape}")

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
-from zivi._check import Array, finite, real_array, whole
+from zivi._check import Array, real_array
+from zivi._impacts import IMPACT, down_to, impacts_of
 from zivi._labelled import QUANTITIES, dataset_of, html_of, table_of
 from zivi._resample import resampled, times_of
 from zivi.dense import LostPath, Path
@@ -20,15 +21,13 @@ from zivi.status import Status
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from matplotlib.figure import Figure
 
     from zivi.methods import Method
     from zivi.system import ImpactSystem
     from zivi.wall import HarmonicWall, MovingWall
 
-__all__ = ["Trajectory"]
-
-IMPACT = np.dtype([("t", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
-"""One impact: its time (s) and the velocities before and after it (m/s)."""
+__all__ = ["IMPACT", "Trajectory", "describe", "describe_system"]
 
 Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
 """The configuration of a run, or what makes it once it is asked for."""
@@ -263,19 +262,7 @@ class Trajectory:
         >>> len(sol.impacts), len(sol.impacts_down_to(1e-6))
         (3, 22)
         """
-        speed = finite("speed", speed)
-        if not speed > 0.0:
-            raise ValueError(f"speed must be > 0, got {speed}")
-        if whole("limit", limit) < 1:
-            raise ValueError(f"limit must be >= 1, got {limit}")
-        known = self.impacts[self.impacts["xdot_after"] >= speed]
-        skipped = getattr(self._path, "skipped_impacts", None)
-        if skipped is None:
-            return known
-        lazily = np.empty(len((columns := skipped(speed, limit))[0]), IMPACT)
-        for field, column in zip(IMPACT.names or (), columns, strict=True):
-            lazily[field] = column
-        return np.sort(np.concatenate([known, lazily]), order="t", kind="stable")
+        return down_to(self.impacts, self._path, speed, limit)
 
     def fixed(self, t: ArrayLike | None = None) -> tuple[Array, Array]:
         """Give the motion in the fixed frame, where a moving wall moves.
@@ -314,6 +301,22 @@ class Trajectory:
         if len(self.failed_steps):
             steps += f" ({len(self.failed_steps)} not solved by the chosen solver)"
         return f"<Trajectory {span}, {steps}, {wall}: {self.status.name.lower()}>"
+
+    def plot(self, figure: Figure | None = None) -> Figure:
+        """Plot the run as a whole, `zivi.plot.overview`.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        from zivi.plot import overview
+
+        return overview(self, figure)
 
     def _repr_html_(self) -> str:
         """Show the run as a table, in a notebook."""
@@ -365,14 +368,6 @@ class Trajectory:
         'm'
         """
         return dataset_of(self if t is None and n is None else self.resample(t, n=n))
-
-
-def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> np.ndarray:
-    """Return the impacts of a record as a structured array."""
-    impacts = np.empty(len(record.impact_t), IMPACT)
-    for field in IMPACT.names or ():
-        impacts[field] = getattr(record, f"impact_{field}")
-    return impacts
 
 
 def _configuration(

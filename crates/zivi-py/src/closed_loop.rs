@@ -2,20 +2,23 @@
 
 use std::cell::Cell;
 
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyTuple};
 use zivi::drive::closed_loop::{
-    Controller, Forces, Loop, LoopRun, Motion, Sensor, Tick, TickError,
+    observe_closed_loop, Controller, Forces, Loop, LoopOutput, LoopPath, LoopRun, Motion, Sensor,
+    Tick, TickError,
 };
-use zivi::{Force, Physical, SetupError};
+use zivi::stepping::ballistic;
+use zivi::{Events, Force, Physical, Restitution, SetupError, UserEvent};
 
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::force::{ForceSpec, NativeForce};
 use crate::simulate::{setup_error, Course};
-use crate::switched_rk::settings;
+use crate::switched_rk::{settings, MotionPath};
 use crate::transform::WallPair;
+use crate::user_events::{columns_of, event, EventSpec};
 use crate::watch::Watch;
 
 /// What a controller has beside `step`, and what this takes beside `x, xdot, force`.
@@ -102,6 +105,7 @@ struct Surroundings<'a> {
     motion: Motion,
     sensor: Sensor<'a>,
     delay: usize,
+    dense: bool,
 }
 
 type Outcome = Result<LoopRun<PyErr>, SetupError>;
@@ -111,13 +115,15 @@ impl Surroundings<'_> {
         &self,
         controller: &mut (impl Controller<PyErr> + ?Sized),
         [plant, model, reference]: &mut [F; 3],
+        events: Vec<UserEvent<'_, PyErr>>,
         watch: &mut Watch,
     ) -> Outcome {
         let Course { wall, grid, initial } = self.course;
-        let Self { motion, sensor, delay, .. } = *self;
+        let Self { motion, sensor, delay, dense, .. } = *self;
         let surroundings = Loop { wall, grid, initial, motion, sensor, delay };
         let forces = Forces { plant, model, reference };
-        zivi::simulate_closed_loop(controller, surroundings, forces, watch)
+        let output = LoopOutput { dense, events };
+        observe_closed_loop(controller, surroundings, forces, output, watch)
     }
 
     /// A controller of ours: without the interpreter, if the forces allow it.
@@ -126,12 +132,16 @@ impl Surroundings<'_> {
         py: Python<'_>,
         controller: &mut (dyn Controller<PyErr> + Send),
         forces: &mut [ForceSpec<'_>; 3],
+        events: Vec<UserEvent<'_, PyErr>>,
         watch: &mut Watch,
     ) -> Outcome {
         let native: Vec<NativeForce> = forces.iter().filter_map(ForceSpec::native).collect();
         match <[NativeForce; 3]>::try_from(native) {
-            Ok(mut native) => py.detach(|| self.run(controller, &mut native, watch)),
-            Err(_) => self.run(controller, forces, watch),
+            // events need the interpreter
+            Ok(mut native) if events.is_empty() => {
+                py.detach(|| self.run(controller, &mut native, Vec::new(), watch))
+            }
+            _ => self.run(controller, forces, events, watch),
         }
     }
 }
@@ -143,8 +153,7 @@ impl Surroundings<'_> {
 #[pyfunction]
 #[pyo3(signature = (
     controller, forces, *, wall, h, span, state, scheme, switched, exact, noise, resolution,
-    delay,
-    interface, ours, progress=None
+    delay, interface, ours, dense, events, progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_closed_loop(
@@ -163,6 +172,8 @@ pub(crate) fn simulate_closed_loop(
     delay: usize,
     interface: Interface,
     ours: bool,
+    dense: bool,
+    events: Vec<EventSpec<'_>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
     let motion = match scheme {
@@ -173,22 +184,23 @@ pub(crate) fn simulate_closed_loop(
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
     let course = Course::new(wall, h, span, state)?;
-    let surroundings = Surroundings { course, motion, sensor, delay };
+    let surroundings = Surroundings { course, motion, sensor, delay, dense };
     let [plant, model, reference] = &forces;
     let mut forces = [
         ForceSpec::from_tuple(plant)?,
         ForceSpec::from_tuple(model)?,
         ForceSpec::from_tuple(reference)?,
     ];
+    let events: Vec<_> = events.into_iter().map(event).collect();
     let watch = &mut Watch { progress };
     // a copy runs, so that no controller is borrowed while other threads may call it
     macro_rules! native {
         ($class:ty) => {
             if let (true, Ok(object)) = (ours, controller.cast::<$class>()) {
                 let mut copy = object.borrow().inner;
-                let run = surroundings.run_native(py, &mut copy, &mut forces, watch);
+                let run = surroundings.run_native(py, &mut copy, &mut forces, events, watch);
                 object.borrow_mut().inner = copy;
-                return LoopRecord::new(py, run.map_err(setup_error)?);
+                return LoopRecord::new(py, run.map_err(setup_error)?, course.wall);
             }
         };
     }
@@ -197,8 +209,8 @@ pub(crate) fn simulate_closed_loop(
     native!(Explicit);
     let raised = Cell::new(None);
     let mut controller = PythonController { object: controller.clone(), interface, raised };
-    let run = surroundings.run(&mut controller, &mut forces, watch);
-    LoopRecord::new(py, run.map_err(setup_error)?)
+    let run = surroundings.run(&mut controller, &mut forces, events, watch);
+    LoopRecord::new(py, run.map_err(setup_error)?, course.wall)
 }
 
 type Array = Py<PyArray1<f64>>;
@@ -215,6 +227,11 @@ pub(crate) struct LoopRecord {
     zeno_times: Array,
     liftoff_times: Array,
     rest_time: Option<f64>,
+    /// What the motion between the samples is made of: the plant's own constant force, a path, or
+    /// `s` and `v` at the samples.
+    path: Option<Py<PyAny>>,
+    /// Times, positions and velocities of each event of the user.
+    hits: Vec<(Array, Array, Array)>,
     status: u8,
     message: &'static str,
     nfev: u64,
@@ -222,8 +239,8 @@ pub(crate) struct LoopRecord {
 }
 
 impl LoopRecord {
-    fn new(py: Python<'_>, run: LoopRun<PyErr>) -> PyResult<Self> {
-        let LoopRun { columns, ticks, events, status, nfev, raised } = run;
+    fn new(py: Python<'_>, run: LoopRun<PyErr>, wall: Restitution) -> PyResult<Self> {
+        let LoopRun { columns, ticks, events, path, hits, status, nfev, raised } = run;
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
         let of_impacts =
             |field: fn(&zivi::Impact) -> f64| array(events.impacts.iter().map(field).collect());
@@ -236,10 +253,48 @@ impl LoopRecord {
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
+            path: path.map(|path| path_object(py, path, wall)).transpose()?,
+            hits: columns_of(py, &hits),
             status: status as u8,
             message: status.message(),
             nfev,
             raised: raised.map(|error| error.into_value(py).into_any()),
         })
     }
+}
+
+/// What Python makes the motion between the samples of.
+fn path_object(py: Python<'_>, path: LoopPath, wall: Restitution) -> PyResult<Py<PyAny>> {
+    let array = |values: Vec<f64>| PyArray1::from_vec(py, values);
+    Ok(match path {
+        LoopPath::Ballistic(force) => force.into_pyobject(py)?.into_any().unbind(),
+        LoopPath::Switched(path) => Py::new(py, MotionPath::of_loop(path, wall))?.into_any(),
+        LoopPath::Lifted(states) => {
+            let (s, v): (Vec<f64>, Vec<f64>) = states.iter().map(|z| (z.s, z.v)).unzip();
+            (array(s), array(v)).into_pyobject(py)?.into_any().unbind()
+        }
+    })
+}
+
+/// The exact motion from states `x, x'` (rows) under accelerations for durations (columns 2 and 3
+/// of the rows): `x, x'` and the number of impacts.
+#[pyfunction]
+pub(crate) fn ballistic_motion<'py>(
+    py: Python<'py>,
+    rows: PyReadonlyArray2<'py, f64>,
+    wall: WallPair,
+) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
+    let wall = crate::transform::wall(wall)?;
+    let rows = rows.as_array();
+    let mut columns: [Vec<f64>; 3] = Default::default();
+    for row in rows.rows() {
+        let (state, mut events) = (Physical { x: row[0], xdot: row[1] }, Events::default());
+        let end = ballistic::advance(state, row[2], wall, (0.0, row[3]), &mut events);
+        for (column, value) in
+            columns.iter_mut().zip([end.x, end.xdot, events.impacts.len() as f64])
+        {
+            column.push(value);
+        }
+    }
+    Ok(columns.into_iter().map(|column| PyArray1::from_vec(py, column)).collect())
 }

@@ -54,6 +54,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<control::Explicit>()?;
     module.add_class::<closed_loop::LoopRecord>()?;
     module.add_function(wrap_pyfunction!(closed_loop::simulate_closed_loop, module)?)?;
+    module.add_function(wrap_pyfunction!(closed_loop::ballistic_motion, module)?)?;
     module.add_class::<vi::ViRecord>()?;
     module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;

@@ -102,6 +102,12 @@ type ThreeArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
 impl MotionPath {
+    /// The motion of the plant of a closed loop.
+    pub(crate) fn of_loop(path: DensePath, wall: zivi::Restitution) -> Self {
+        let tails = path.tails().to_vec();
+        Self { motion: Motion { path: Some(path), tails, wall } }
+    }
+
     /// Two quantities of the motion at each time, NaN outside of the span.
     fn sample<'py>(
         &self,

@@ -9,22 +9,29 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _labelled, closed_loop
+from zivi import _labelled, loop_run
 from zivi._check import Array
+from zivi._impacts import IMPACT
+from zivi._loop_path import BallisticPath, SampledReference
 from zivi._zivi import MotionPath
-from zivi.closed_loop import ClosedLoop
 from zivi.dense import LinearPath, LostPath, PenetratingPath
+from zivi.loop_run import ClosedLoop
 from zivi.status import Status
-from zivi.trajectory import IMPACT, Trajectory
+from zivi.trajectory import Trajectory
 from zivi.wall import HarmonicWall, MovingWall
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["drawn", "path_variables", "run_of"]
+__all__ = ["drawn", "loop_variables", "path_variables", "run_of"]
 
 PATHS: dict[str, Any] = {kind.__name__: kind for kind in (LinearPath, PenetratingPath)}
 """What interpolates the samples of methods with fixed steps."""
+LOOP_PATHS = {
+    "BallisticPath": ("t", "x", "xdot", "net", "side", "full"),
+    "LinearPath": ("t", "s", "v"),
+}
+"""What the path of a closed loop is made of."""
 MOTION, NOTHING, LOST = "MotionPath", "none", ""
 """Other names: the dense output of a method, no path, and that of files which never held one."""
 
@@ -76,9 +83,56 @@ def _impacts(dataset: xarray.Dataset) -> NDArray[np.void]:
 
 
 def _closed_loop(dataset: xarray.Dataset) -> ClosedLoop:
-    names = (*closed_loop.QUANTITIES, "signs", "tick_status")
+    names = (*loop_run.QUANTITIES, "signs", "tick_status")
     sampled: dict[str, Any] = {name: dataset[name].values for name in names}
-    return ClosedLoop(**_common(dataset), **sampled, config=_config(dataset))
+    config, span = _config(dataset), dataset.attrs.get("span")
+    times, states = _events(dataset)
+    return ClosedLoop(
+        **_common(dataset),
+        **sampled,
+        config=config,
+        n_refused=int(dataset.attrs["n_refused"]),
+        t_events=times,
+        y_events=states,
+        _path=_loop_path(dataset, (config["e"], config["kappa"])),
+        _reference=_loop_reference(dataset),
+        _span=None if span is None else (float(span[0]), float(span[1])),
+    )
+
+
+def loop_variables(run: ClosedLoop) -> tuple[str, dict[str, Array], dict[str, Array]]:
+    """Name the path of a closed loop; what makes it again, and what makes its reference again."""
+    path, reference = run._path, run._reference
+    of_reference = {}
+    if isinstance(reference, SampledReference):
+        of_reference = {name: getattr(reference, name) for name in ("t", "x", "xdot")}
+        of_reference["kappa"] = np.full(1, reference.kappa)
+    if isinstance(path, MotionPath):
+        return MOTION, {"motion": path.numbers()}, of_reference
+    if isinstance(path, BallisticPath | LinearPath):
+        names = LOOP_PATHS[type(path).__name__]
+        return type(path).__name__, {name: getattr(path, name) for name in names}, of_reference
+    return NOTHING, {}, of_reference
+
+
+def _loop_path(dataset: xarray.Dataset, wall: tuple[float, float]) -> Any:
+    name = dataset.attrs["path"]
+    if name == MOTION:
+        return MotionPath.restored(dataset["motion"].values)
+    if name == NOTHING:
+        return None
+    values: dict[str, Any] = {it: dataset[f"path_{it}"].values for it in LOOP_PATHS[name]}
+    if name == "BallisticPath":
+        full = values.pop("full").reshape(-1, 3)
+        return BallisticPath(**values, wall=wall, full=full)
+    return LinearPath(**values, kappa=wall[1])
+
+
+def _loop_reference(dataset: xarray.Dataset) -> SampledReference | None:
+    if "reference_t" not in dataset:
+        return None
+    t, x, xdot = (dataset[f"reference_{name}"].values for name in ("t", "x", "xdot"))
+    return SampledReference(t, x, xdot, float(dataset["reference_kappa"].values[0]))
 
 
 def _trajectory(dataset: xarray.Dataset) -> Trajectory:

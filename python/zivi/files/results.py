@@ -15,7 +15,7 @@ import numpy as np
 from zivi._curve import Line, line_of
 from zivi._extras import needed
 from zivi.closed_loop import ClosedLoop
-from zivi.files.restore import path_variables, run_of
+from zivi.files.restore import loop_variables, path_variables, run_of
 from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -151,8 +151,8 @@ def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop:
     Returns
     -------
     Trajectory or ClosedLoop
-        All samples, events and settings. A trajectory gives ``sol(t)`` and `impacts_down_to` to
-        the last bit as before it was saved.
+        All samples, events and settings. It gives ``sol(t)`` and `impacts_down_to` to the last bit
+        as before it was saved.
 
     Raises
     ------
@@ -206,7 +206,22 @@ def dataset_of(run: Trajectory | ClosedLoop) -> xarray.Dataset:
         if len(line.t) != len(run.t):
             _add_curve(dataset, line)
         _add_path(dataset, run)
+    else:
+        _add_events(dataset, run)
+        _add_loop_path(dataset, run)
     return dataset
+
+
+def _add_loop_path(dataset: xarray.Dataset, run: ClosedLoop) -> None:
+    """Add what the motion of plant and reference between the samples is made of."""
+    dataset.attrs["path"], of_path, of_reference = loop_variables(run)
+    if run._span is not None:
+        dataset.attrs["span"] = np.array(run._span)
+    named = {it if it == "motion" else f"path_{it}": values for it, values in of_path.items()}
+    named |= {f"reference_{it}": values for it, values in of_reference.items()}
+    for name, values in named.items():
+        meaning = "the motion between the samples, in zivi's own form"
+        dataset[name] = f"{name}_number", np.ravel(values), {"long_name": meaning}
 
 
 def _add_path(dataset: xarray.Dataset, run: Trajectory) -> None:
@@ -218,7 +233,7 @@ def _add_path(dataset: xarray.Dataset, run: Trajectory) -> None:
         dataset[name] = f"{dim}_number", values, {"long_name": meaning}
 
 
-def _add_events(dataset: xarray.Dataset, run: Trajectory) -> None:
+def _add_events(dataset: xarray.Dataset, run: Trajectory | ClosedLoop) -> None:
     """Add the events of the user, one table for all functions."""
     numbers = np.repeat(np.arange(len(run.t_events)), [len(times) for times in run.t_events])
     times = np.concatenate([*run.t_events, np.empty(0)])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi import plot
-from zivi.closed_loop import SIGNS, ClosedLoop
+from zivi.loop_run import SIGNS, ClosedLoop
 from zivi.methods import ThetaGamma
 from zivi.paper.checks import Check
 from zivi.paper.closed_loops import (

@@ -100,12 +100,12 @@ def velocity(
     return ax
 
 
-def lifted(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
+def lifted(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
     """Plot the transformed position and velocity over time: no jumps.
 
     Parameters and return value as for `position`.
     """
-    check_run("lifted", sol, needs="s", of="Trajectory")
+    check_run("lifted", sol)
     ax = axes_of(ax)
     curve = line_of(sol)
     ax.plot(curve.t, curve.s, **_look(ax, BLUE, "$s$ (m)", line))
@@ -147,9 +147,13 @@ def phase_plane(
     check_run("phase_plane", sol)
     ax = axes_of(ax)
     curve = line_of(sol)
-    chosen = coordinates or ("lifted" if curve.s.size else "physical")
-    if chosen == "lifted" and curve.s.size:
+    chosen = coordinates or ("physical" if hasattr(sol, "u") or not curve.s.size else "lifted")
+    if chosen == "lifted":
         ax.plot(curve.s, curve.v, **_look(ax, BLUE, "$(s, v)$", line))
+        if has_reference(sol) and sol._reference is not None:
+            s_ref, v_ref = sol._reference.lifted(sol.t)
+            ax.plot(s_ref, v_ref, color=next_colour(ax, GREEN), ls="--", label="$(s_r, v_r)$")
+            ax.legend()
         ax.set(xlabel="transformed position $s$ (m)", ylabel="transformed velocity $v$ (m/s)")
     elif chosen == "physical":
         x, xdot = in_frame(sol, frame, curve.t, curve.x, curve.xdot)
@@ -162,8 +166,7 @@ def phase_plane(
             ax.legend()
         ax.set(**dict(zip(("xlabel", "ylabel"), labels(sol, frame), strict=True)))
     else:
-        allowed = "'lifted' or 'physical'" if curve.s.size else "'physical' for a closed loop"
-        raise ValueError(f"coordinates must be {allowed}, got {coordinates!r}")
+        raise ValueError(f"coordinates must be 'lifted' or 'physical', got {coordinates!r}")
     return ax
 
 

@@ -11,7 +11,6 @@ MOTION = ("t", "x", "xdot", "impacts")
 
 ADVICE = {
     "control": "a trajectory has no control, zivi.simulate_closed_loop gives runs that have one",
-    "lifted": "use zivi.plot.position and zivi.plot.velocity for a closed loop",
     "multipliers": "use zivi.plot.signs for a closed loop",
     "poincare": "section='impacts' draws every run",
     "signs": "use zivi.plot.multipliers for a trajectory",

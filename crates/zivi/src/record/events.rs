@@ -123,6 +123,10 @@ impl EventLog {
         self.impacts_at_liftoff = self.events.impacts.len();
     }
 
+    pub(crate) fn impacts(&self) -> &[Impact] {
+        &self.events.impacts
+    }
+
     pub(crate) fn finish(self) -> Events {
         self.events
     }

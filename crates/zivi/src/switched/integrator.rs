@@ -242,6 +242,17 @@ impl SwitchedIntegrator {
         &mut self,
         t_end: f64,
         force: &mut F,
+        observe: impl FnMut(Occurrence),
+    ) -> Result<(), Failure<E>> {
+        self.go_to(t_end, force, |_, _, _| Ok(()), observe)
+    }
+
+    /// As [`SwitchedIntegrator::observe_to`]; `absorb` gets each piece of the motion.
+    pub(super) fn go_to<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut F,
+        mut absorb: impl FnMut(&mut Self, &Piece, &mut Counted<'_, F>) -> Result<(), Failure<E>>,
         mut observe: impl FnMut(Occurrence),
     ) -> Result<(), Failure<E>> {
         let mut force = Counted::new(force);
@@ -249,19 +260,10 @@ impl SwitchedIntegrator {
         let mut ended = Ok(());
         while self.now.t < t_end && ended.is_ok() {
             let resting = self.mode == Mode::Rest;
-            ended = self.step(t_end, &mut force).map(|piece| match piece {
-                Piece::Flight { impact, .. } => {
-                    impact.into_iter().for_each(|impact| observe(Occurrence::Impact(impact)));
-                }
-                Piece::Tail(_) => observe(Occurrence::Rest(self.now.t)),
-                Piece::Rest { from, lifted } => {
-                    if !resting {
-                        observe(Occurrence::Rest(from));
-                    }
-                    if lifted {
-                        observe(Occurrence::LiftOff(self.now.t));
-                    }
-                }
+            ended = self.step(t_end, &mut force).and_then(|piece| {
+                absorb(self, &piece, &mut force)?;
+                self.tell(&piece, resting, &mut observe);
+                Ok(())
             });
         }
         self.counts.nfev += force.count();

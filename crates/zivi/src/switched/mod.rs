@@ -40,6 +40,7 @@ mod stepper;
 mod stops;
 mod stored;
 mod tail;
+mod tracing;
 mod user_events;
 
 pub use integrator::{Counts, Occurrence, SwitchedIntegrator};
@@ -48,5 +49,6 @@ pub use run::{simulate_switched_rk, Output, SwitchedRun};
 pub use settings::{Order, SwitchedRk};
 pub use stored::{Motion, MotionError};
 pub use tail::Tail;
-pub(crate) use user_events::changes;
+pub(crate) use tracing::Trace;
+pub(crate) use user_events::{changes, Watch};
 pub use user_events::{Direction, EventFunction, EventHit, Level, UserEvent};

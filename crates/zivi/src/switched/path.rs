@@ -139,6 +139,14 @@ impl DensePath {
         self.segments.push(Segment { start, sigma, kind });
     }
 
+    /// Forgets everything.
+    pub(super) fn clear(&mut self) {
+        self.segments.clear();
+        self.coefficients.clear();
+        self.tails.clear();
+        self.end = None;
+    }
+
     pub(super) fn finish(&mut self, t: f64, end: PathPoint) {
         self.end = Some((t, end));
     }
@@ -153,6 +161,12 @@ impl DensePath {
     pub fn span(&self) -> Option<(f64, f64)> {
         let (end, _) = self.end?;
         Some((self.segments.first().map_or(end, |first| first.start), end))
+    }
+
+    /// The accumulations that were extrapolated, in order.
+    #[must_use]
+    pub fn tails(&self) -> &[Tail] {
+        &self.tails
     }
 
     /// Number of steps, tails and phases of rest that are stored.

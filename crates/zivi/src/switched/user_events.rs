@@ -94,7 +94,7 @@ const PARTS: u32 = 4;
 const OF_A_PIECE: usize = 64;
 
 /// Follows the events along the motion.
-pub(super) struct Watch<'e, 'a, E> {
+pub(crate) struct Watch<'e, 'a, E> {
     events: &'e mut [UserEvent<'a, E>],
     /// The functions' values at the end of what was followed.
     values: Vec<f64>,
@@ -103,36 +103,36 @@ pub(super) struct Watch<'e, 'a, E> {
 
 impl<'e, 'a, E> Watch<'e, 'a, E> {
     /// Starts at a state.
-    pub(super) fn new(events: &'e mut [UserEvent<'a, E>]) -> Self {
+    pub(crate) fn new(events: &'e mut [UserEvent<'a, E>]) -> Self {
         let hits = events.iter().map(|_| Vec::new()).collect();
         let values = vec![0.0; events.len()];
         Self { events, values, hits }
     }
 
     /// Makes room for some events of each function.
-    pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
+    pub(crate) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
         let arrays = 2 * size_of::<EventHit>();
         self.hits.iter_mut().try_for_each(|hits| reserve.room(hits, OF_A_PIECE, arrays))
     }
 
     /// Evaluates the functions at the start.
-    pub(super) fn start(&mut self, t: f64, at: PathPoint) -> Result<(), E> {
+    pub(crate) fn start(&mut self, t: f64, at: PathPoint) -> Result<(), E> {
         for (event, value) in self.events.iter_mut().zip(&mut self.values) {
             *value = (event.function)(t, at.x, at.xdot)?;
         }
         Ok(())
     }
 
-    pub(super) fn is_idle(&self) -> bool {
+    pub(crate) fn is_idle(&self) -> bool {
         self.events.is_empty()
     }
 
-    pub(super) fn into_hits(self) -> Vec<Vec<EventHit>> {
+    pub(crate) fn into_hits(self) -> Vec<Vec<EventHit>> {
         self.hits
     }
 
     /// Follows a smooth part of the motion; the event that ends the run, if one does.
-    pub(super) fn along(
+    pub(crate) fn along(
         &mut self,
         from: f64,
         to: f64,
@@ -183,7 +183,7 @@ impl<'e, 'a, E> Watch<'e, 'a, E> {
     }
 
     /// Follows a jump of the velocity.
-    pub(super) fn across(&mut self, t: f64, after: PathPoint) -> Result<Option<EventHit>, E> {
+    pub(crate) fn across(&mut self, t: f64, after: PathPoint) -> Result<Option<EventHit>, E> {
         let mut found = Vec::new();
         for (i, event) in self.events.iter_mut().enumerate() {
             let value = (event.function)(t, after.x, after.xdot)?;

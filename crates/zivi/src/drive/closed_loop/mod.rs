@@ -8,6 +8,7 @@
 //! the sample. Both are different arguments.
 
 mod controller;
+mod follow;
 mod plant;
 mod record;
 mod sensor;
@@ -17,6 +18,7 @@ use std::collections::VecDeque;
 use zivi_core::{Physical, Restitution, ThetaGammaStep};
 
 pub use controller::{AnyController, Controller, Tick, TickError, SIGNS};
+pub use follow::{LoopOutput, LoopPath};
 pub use plant::{Period, Plant};
 pub use record::{LoopRun, LOOP_COLUMNS, REFUSED};
 pub use sensor::Sensor;
@@ -25,7 +27,8 @@ use crate::record::failure::Failure;
 use crate::stepping::fixed_step::{check_initial, watched};
 use crate::system::evaluation::finite_force;
 use crate::{Dependence, Force, Grid, Monitor, SetupError, Status, SwitchedRk};
-use plant::{BallisticPlant, SchemePlant, SwitchedPlant};
+use follow::Follower;
+use plant::{BallisticPlant, Keeps, SchemePlant, SwitchedPlant};
 use record::LoopRecord;
 
 /// How the plant moves between the samples.
@@ -82,25 +85,45 @@ pub fn simulate_closed_loop<E, F: Force<E>>(
     forces: Forces<'_, F>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<LoopRun<E>, SetupError> {
+    observe_closed_loop(controller, surroundings, forces, LoopOutput::default(), monitor)
+}
+
+/// Runs a closed loop that keeps more than its samples.
+///
+/// # Errors
+/// As [`simulate_closed_loop`].
+pub fn observe_closed_loop<E, F: Force<E>>(
+    controller: &mut (impl Controller<E> + ?Sized),
+    surroundings: Loop<'_>,
+    forces: Forces<'_, F>,
+    mut output: LoopOutput<'_, E>,
+    monitor: &mut impl Monitor<E>,
+) -> Result<LoopRun<E>, SetupError> {
     let Loop { wall, grid, initial, motion, .. } = surroundings;
     check_initial(initial)?;
     let Forces { plant: force, model, reference } = forces;
     let (t0, models) = (grid.t(0), Models { model, reference });
+    let keep = match (output.dense, output.events.is_empty()) {
+        (true, _) => Keeps::Everything,
+        (false, false) => Keeps::Period,
+        (false, true) => Keeps::Nothing,
+    };
+    let output = &mut output;
     match motion {
         Motion::Scheme { theta, gamma } => {
             let step = ThetaGammaStep::new(grid.h(), theta, gamma, wall)?;
-            let plant = SchemePlant::new(step, force, t0, initial);
-            run(controller, plant, surroundings, models, monitor)
+            let plant = SchemePlant::new(step, force, (t0, initial), keep);
+            run(controller, plant, surroundings, models, output, monitor)
         }
         Motion::Exact(_) if force.dependence() == Dependence::Constant => {
             let plant = BallisticPlant::new(wall, force, t0, initial);
-            run(controller, plant, surroundings, models, monitor)
+            run(controller, plant, surroundings, models, output, monitor)
         }
         Motion::Exact(method) | Motion::Switched(method) => {
             // a period is one step, unless the error control wants more
             let method = SwitchedRk { first_step: Some(grid.h()), ..method };
-            let plant = SwitchedPlant::new(method, wall, force, (t0, initial))?;
-            run(controller, plant, surroundings, models, monitor)
+            let plant = SwitchedPlant::new(method, wall, force, (t0, initial), keep)?;
+            run(controller, plant, surroundings, models, output, monitor)
         }
     }
 }
@@ -116,16 +139,17 @@ fn run<E, F: Force<E>>(
     plant: impl Plant<E>,
     surroundings: Loop<'_>,
     models: Models<'_, F>,
+    output: &mut LoopOutput<'_, E>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<LoopRun<E>, SetupError> {
     let n = surroundings.grid.n_steps();
-    let mut walk = Walk::start(controller, plant, surroundings, models)?;
+    let mut walk = Walk::start(controller, plant, surroundings, models, output)?;
     let ending = watched(n, monitor, |until, _| walk.go_to(until));
     Ok(walk.finish(ending))
 }
 
 /// A closed loop under way: `k` periods are done, the last of them ended in `state`.
-struct Walk<'a, C: ?Sized, P, F> {
+struct Walk<'a, 'e, C: ?Sized, P, F, E> {
     controller: &'a mut C,
     plant: P,
     surroundings: Loop<'a>,
@@ -137,19 +161,23 @@ struct Walk<'a, C: ?Sized, P, F> {
     u: f64,
     /// Controls that do not act yet, the oldest first.
     pending: VecDeque<f64>,
+    follower: Follower<'a, 'e, E>,
+    dense: bool,
 }
 
-impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
-    fn start<E>(
+impl<'a, 'e, C, P, F, E> Walk<'a, 'e, C, P, F, E>
+where
+    C: Controller<E> + ?Sized,
+    P: Plant<E>,
+    F: Force<E>,
+{
+    fn start(
         controller: &'a mut C,
         plant: P,
         surroundings: Loop<'a>,
         models: Models<'a, F>,
-    ) -> Result<Self, SetupError>
-    where
-        C: Controller<E>,
-        P: Plant<E>,
-    {
+        output: &'a mut LoopOutput<'e, E>,
+    ) -> Result<Self, SetupError> {
         let Loop { grid, initial, delay, .. } = surroundings;
         let record = LoopRecord::with_room(grid.n_steps() + 1)?;
         if delay > grid.n_steps() {
@@ -167,15 +195,12 @@ impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
             state: initial,
             u: 0.0,
             pending,
+            follower: Follower::new(&mut output.events),
+            dense: output.dense,
         })
     }
 
-    fn go_to<E>(&mut self, until: usize) -> Result<(), Failure<E>>
-    where
-        C: Controller<E>,
-        P: Plant<E>,
-        F: Force<E>,
-    {
+    fn go_to(&mut self, until: usize) -> Result<(), Failure<E>> {
         while self.k < until {
             self.period()?;
         }
@@ -183,12 +208,7 @@ impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
     }
 
     /// One period: measure, tick, hold.
-    fn period<E>(&mut self) -> Result<(), Failure<E>>
-    where
-        C: Controller<E>,
-        P: Plant<E>,
-        F: Force<E>,
-    {
+    fn period(&mut self) -> Result<(), Failure<E>> {
         let grid = self.surroundings.grid;
         let n = grid.n_steps();
         let t = grid.t(self.k);
@@ -201,17 +221,16 @@ impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
         if !(next.x.is_finite() && next.xdot.is_finite()) {
             return Err(Failure::Status(Status::StateNotFinite));
         }
-        self.state = next;
+        let ends = (std::mem::replace(&mut self.state, next), next);
         self.k += 1;
+        if self.follower.follow(period, ends, &self.plant)? {
+            return Err(Failure::Status(Status::TerminatedByEvent));
+        }
         Ok(())
     }
 
     /// Asks the controller, and decides what acts from `t` on. Gives the bits of the tick.
-    fn tick<E>(&mut self, t: f64, reference: Option<Physical>) -> Result<u8, Failure<E>>
-    where
-        C: Controller<E>,
-        F: Force<E>,
-    {
+    fn tick(&mut self, t: f64, reference: Option<Physical>) -> Result<u8, Failure<E>> {
         let measured = self.surroundings.sensor.measure(self.k, self.state);
         let force = finite_force(self.models.model, t, measured)?;
         let force_ref = match reference {
@@ -246,11 +265,7 @@ impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
         }
     }
 
-    fn finish<E>(mut self, ending: Failure<E>) -> LoopRun<E>
-    where
-        C: Controller<E>,
-        P: Plant<E>,
-    {
+    fn finish(mut self, ending: Failure<E>) -> LoopRun<E> {
         // the last sample, unless the run ended within the period that starts there
         if self.record.ticks.len() == self.k {
             let last = (self.surroundings.grid.t(self.k), self.state, self.controller.reference());
@@ -265,6 +280,8 @@ impl<'a, C: ?Sized, P, F> Walk<'a, C, P, F> {
         let latest = self.latest_rest();
         events.rest_time = events.rest_time.filter(|rest| *rest <= latest);
         let LoopRecord { columns, ticks } = self.record;
-        LoopRun { columns, ticks, events, status, nfev, raised }
+        let path = self.dense.then(|| self.plant.path());
+        let hits = self.follower.into_hits();
+        LoopRun { columns, ticks, events, path, hits, status, nfev, raised }
     }
 }

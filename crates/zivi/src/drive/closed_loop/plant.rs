@@ -2,15 +2,19 @@
 
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
+use super::follow::LoopPath;
 use crate::record::events::EventLog;
 use crate::record::failure::Failure;
+use crate::record::reserve::Reserve;
 use crate::stepping::ballistic;
 use crate::stepping::fixed_step::{FixedStep, Start};
 use crate::stepping::step_solver::Exact;
 use crate::stepping::theta_gamma::Stepper;
+use crate::switched::Trace;
 use crate::system::evaluation::finite_force;
 use crate::{
-    Dependence, Events, Force, Occurrence, SetupError, Status, SwitchedIntegrator, SwitchedRk,
+    Dependence, Events, Force, Impact, Occurrence, SetupError, Status, SwitchedIntegrator,
+    SwitchedRk,
 };
 
 /// A sampling period.
@@ -33,8 +37,18 @@ pub trait Plant<E> {
     /// Why there is no next state; the run ends at `t`.
     fn advance(&mut self, period: Period, state: Physical, u: f64) -> Result<Physical, Failure<E>>;
 
-    /// What happened at the wall so far.
+    /// The state at a time within the last period, after the impact where there is one; of a
+    /// plant that keeps its motion.
+    fn at(&self, t: f64) -> Physical;
+
+    /// The impacts so far.
+    fn impacts(&self) -> &[Impact];
+
+    /// What happened at the wall, once the run is over.
     fn events(&mut self) -> Events;
+
+    /// The motion of the whole run, once it is over, of a plant that keeps it.
+    fn path(&mut self) -> LoopPath;
 
     /// Number of force evaluations so far.
     fn nfev(&self) -> u64;
@@ -47,13 +61,15 @@ pub(super) struct BallisticPlant<'a, F> {
     /// Its value, once it is known.
     value: Option<f64>,
     events: Events,
+    /// Start of the last period, its state there and the acceleration in it.
+    last: (f64, Physical, f64),
 }
 
 impl<'a, F> BallisticPlant<'a, F> {
     pub(super) fn new(wall: Restitution, force: &'a mut F, t0: f64, initial: Physical) -> Self {
         let rests = initial == Physical::default();
         let events = Events { rest_time: rests.then_some(t0), ..Events::default() };
-        Self { wall, force, value: None, events }
+        Self { wall, force, value: None, events, last: (t0, initial, 0.0) }
     }
 }
 
@@ -68,7 +84,21 @@ impl<E, F: Force<E>> Plant<E> for BallisticPlant<'_, F> {
             Some(value) => value,
             None => *self.value.insert(finite_force(self.force, t, state)?),
         };
+        self.last = (t, state, own + u);
         Ok(ballistic::advance(state, own + u, self.wall, (t, h), &mut self.events))
+    }
+
+    fn at(&self, time: f64) -> Physical {
+        let (t, state, f) = self.last;
+        ballistic::advance(state, f, self.wall, (t, time - t), &mut Events::default())
+    }
+
+    fn impacts(&self) -> &[Impact] {
+        &self.events.impacts
+    }
+
+    fn path(&mut self) -> LoopPath {
+        LoopPath::Ballistic(self.value.unwrap_or(f64::NAN))
     }
 
     fn events(&mut self) -> Events {
@@ -87,6 +117,9 @@ pub(super) struct SwitchedPlant<'a, F> {
     events: Events,
     /// Impacts when the mass was last at rest.
     impacts_before: usize,
+    /// The motion, if it is wanted: that of the last period, or all of it.
+    trace: Option<Trace>,
+    all: bool,
 }
 
 impl<'a, F> SwitchedPlant<'a, F> {
@@ -95,13 +128,27 @@ impl<'a, F> SwitchedPlant<'a, F> {
         wall: Restitution,
         force: &'a mut F,
         (t0, initial): (f64, Physical),
+        keep: Keeps,
     ) -> Result<Self, SetupError> {
         let mut integrator = SwitchedIntegrator::new(settings, wall)?;
         integrator.start(t0, initial)?;
         let rests = initial == Physical::default();
         let events = Events { rest_time: rests.then_some(t0), ..Events::default() };
-        Ok(Self { integrator, force, events, impacts_before: 0 })
+        let trace = (keep != Keeps::Nothing).then(Trace::default);
+        let all = keep == Keeps::Everything;
+        Ok(Self { integrator, force, events, impacts_before: 0, trace, all })
     }
+}
+
+/// What is kept of the motion between the samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Keeps {
+    /// Nothing.
+    Nothing,
+    /// That of the last period.
+    Period,
+    /// All of it.
+    Everything,
 }
 
 impl Events {
@@ -136,13 +183,35 @@ impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
         u: f64,
     ) -> Result<Physical, Failure<E>> {
         // the control jumps: nothing that was learnt from the force holds any longer
-        let Ok(()) = self.integrator.start(t, state) else {
+        let Ok(()) = self.integrator.start_again(t, state) else {
             return Err(Failure::Status(Status::StateNotFinite));
         };
-        let Self { integrator, force, events, impacts_before } = self;
+        let Self { integrator, force, events, impacts_before, trace, all } = self;
         let mut net = Net { force: &mut **force, u };
-        integrator.observe_to(t_next, &mut net, |seen| events.note(seen, impacts_before))?;
+        let note = |seen| events.note(seen, impacts_before);
+        match trace {
+            Some(trace) => {
+                if !*all {
+                    trace.clear();
+                }
+                integrator.trace_to(t_next, &mut net, trace, note)?;
+            }
+            None => integrator.observe_to(t_next, &mut net, note)?,
+        }
         Ok(integrator.state())
+    }
+
+    fn at(&self, t: f64) -> Physical {
+        let point = self.trace.as_ref().and_then(|trace| trace.path().at(t));
+        point.map_or(self.integrator.state(), |it| Physical { x: it.x, xdot: it.xdot })
+    }
+
+    fn impacts(&self) -> &[Impact] {
+        &self.events.impacts
+    }
+
+    fn path(&mut self) -> LoopPath {
+        LoopPath::Switched(self.trace.take().unwrap_or_default().into_path())
     }
 
     fn events(&mut self) -> Events {
@@ -163,17 +232,29 @@ pub(super) struct SchemePlant<'a, F> {
     z: Lifted,
     side: f64,
     log: EventLog,
+    /// The ends of the last step.
+    last: [(f64, Lifted); 2],
+    /// All states, if they are wanted.
+    states: Option<Vec<Lifted>>,
+    reserve: Reserve,
 }
 
 impl<'a, F> SchemePlant<'a, F> {
-    pub(super) fn new(step: ThetaGammaStep, force: &'a mut F, t0: f64, initial: Physical) -> Self {
+    pub(super) fn new(
+        step: ThetaGammaStep,
+        force: &'a mut F,
+        (t0, initial): (f64, Physical),
+        keep: Keeps,
+    ) -> Self {
         let wall = step.wall();
         let z = transform::lift(initial, Branch::Positive, wall);
         let incoming = initial.x == 0.0 && initial.xdot < 0.0;
         let side = transform::side(z, Branch::Positive.sigma());
         let log = EventLog::start(t0, z, incoming, wall);
         let stepper = Stepper::new(step, Exact);
-        Self { stepper, force, wall, h: step.h(), z, side, log }
+        let (last, reserve) = ([(t0, z); 2], Reserve::default());
+        let states = (keep == Keeps::Everything).then(|| vec![z]);
+        Self { stepper, force, wall, h: step.h(), z, side, log, last, states, reserve }
     }
 }
 
@@ -213,8 +294,29 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
         let next = self.stepper.advance(start, net)?.z;
         self.log.step((t, self.z), (t_next, next))?;
         self.side = transform::side(next, self.side);
+        self.last = [(t, self.z), (t_next, next)];
+        if let Some(states) = &mut self.states {
+            self.reserve.room(states, 1, size_of::<Lifted>())?;
+            states.push(next);
+        }
         self.z = next;
         Ok(transform::project(next, self.wall))
+    }
+
+    fn at(&self, t: f64) -> Physical {
+        let [(from, start), (to, end)] = self.last;
+        let part = (t - from) / (to - from);
+        let z =
+            Lifted { s: start.s + part * (end.s - start.s), v: start.v + part * (end.v - start.v) };
+        transform::project(z, self.wall)
+    }
+
+    fn impacts(&self) -> &[Impact] {
+        self.log.impacts()
+    }
+
+    fn path(&mut self) -> LoopPath {
+        LoopPath::Lifted(self.states.take().unwrap_or_default())
     }
 
     fn events(&mut self) -> Events {

@@ -3,7 +3,8 @@
 use zivi_core::Physical;
 
 use super::controller::{Controller, SIGNS};
-use crate::{Events, SetupError, Status};
+use super::follow::LoopPath;
+use crate::{EventHit, Events, SetupError, Status};
 
 /// Columns of the record: `t, x, xdot, x_ref, xdot_ref, u` and the signs.
 pub const LOOP_COLUMNS: usize = 6 + SIGNS;
@@ -18,6 +19,11 @@ pub struct LoopRun<E> {
     pub ticks: Vec<u8>,
     /// What happened at the wall; a rest until the end has lasted a whole period.
     pub events: Events,
+    /// The motion between the samples, if [`super::LoopOutput::dense`] asked for it.
+    pub path: Option<LoopPath>,
+    /// What happened of each event of the user. One that ends the run does so with the period in
+    /// which it happens.
+    pub hits: Vec<Vec<EventHit>>,
     /// How the run ended.
     pub status: Status,
     /// Evaluations of the true force.

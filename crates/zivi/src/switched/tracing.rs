@@ -1,0 +1,87 @@
+//! The motion of an integrator that is driven from outside, kept as a path.
+
+use super::integrator::{Occurrence, Piece, SwitchedIntegrator};
+use super::path::{DensePath, PathPoint};
+use super::stages::Counted;
+use crate::record::failure::Failure;
+use crate::record::reserve::Reserve;
+use crate::{Force, Physical, SetupError};
+
+/// What drives of an integrator left, one after the other, as one motion.
+#[derive(Debug, Default)]
+pub(crate) struct Trace {
+    path: DensePath,
+    reserve: Reserve,
+}
+
+impl Trace {
+    /// The motion so far.
+    pub(crate) fn path(&self) -> &DensePath {
+        &self.path
+    }
+
+    /// Forgets it.
+    pub(crate) fn clear(&mut self) {
+        self.path.clear();
+    }
+
+    pub(crate) fn into_path(self) -> DensePath {
+        self.path
+    }
+}
+
+impl SwitchedIntegrator {
+    /// Tells what happened at the wall in a piece.
+    pub(super) fn tell(&self, piece: &Piece, resting: bool, observe: &mut impl FnMut(Occurrence)) {
+        match *piece {
+            Piece::Flight { impact, .. } => {
+                impact.into_iter().for_each(|impact| observe(Occurrence::Impact(impact)));
+            }
+            Piece::Tail(_) => observe(Occurrence::Rest(self.now.t)),
+            Piece::Rest { from, lifted } => {
+                if !resting {
+                    observe(Occurrence::Rest(from));
+                }
+                if lifted {
+                    observe(Occurrence::LiftOff(self.now.t));
+                }
+            }
+        }
+    }
+
+    /// As [`SwitchedIntegrator::start`], on the branch on which it is.
+    pub(crate) fn start_again(&mut self, t: f64, state: Physical) -> Result<(), SetupError> {
+        let sigma = self.sigma;
+        self.start(t, state)?;
+        self.sigma = sigma;
+        Ok(())
+    }
+
+    /// As [`SwitchedIntegrator::observe_to`], and adds the motion to a trace.
+    pub(crate) fn trace_to<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut F,
+        trace: &mut Trace,
+        observe: impl FnMut(Occurrence),
+    ) -> Result<(), Failure<E>> {
+        self.dense_from = f64::NEG_INFINITY;
+        let Trace { path, reserve } = trace;
+        let absorb = |integrator: &mut Self, piece: &Piece, force: &mut Counted<'_, F>| {
+            path.make_room(reserve)?;
+            match piece {
+                Piece::Flight { from, sigma, .. } if integrator.now.t > from.t => {
+                    path.push_flight(&integrator.curve(*sigma, force)?);
+                }
+                Piece::Flight { .. } => {}
+                Piece::Tail(tail) => path.push_tail(tail),
+                Piece::Rest { from, .. } => path.push_rest(*from, integrator.sigma),
+            }
+            Ok(())
+        };
+        let ended = self.go_to(t_end, force, absorb, observe);
+        let Physical { x, xdot } = self.state();
+        trace.path.finish(self.t(), PathPoint { x, xdot, sigma: self.sigma });
+        ended
+    }
+}
