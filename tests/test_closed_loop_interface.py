@@ -336,8 +336,14 @@ def test_the_phase_plane_and_the_overview(tracked, regulated):
     own = own[~np.isnan(own).any(axis=1)]
     np.testing.assert_array_equal(own, np.column_stack([tracked.x, tracked.xdot]))
     assert len(zivi.plot.phase_plane(regulated).lines) == 1
+    lifted = zivi.plot.phase_plane(tracked, coordinates="lifted")
+    np.testing.assert_array_equal(lifted.lines[0].get_data(), (tracked.s, tracked.v))
+    s_ref, v_ref = lifted.lines[1].get_data()
+    x_ref, xdot_ref = zivi.project(s_ref, v_ref, kappa=0.5)
+    np.testing.assert_allclose(x_ref, tracked.x_ref, atol=1e-12)
+    np.testing.assert_allclose(xdot_ref, tracked.xdot_ref, atol=1e-12)
     with pytest.raises(ValueError, match="coordinates"):
-        zivi.plot.phase_plane(tracked, coordinates="lifted")
+        zivi.plot.phase_plane(tracked, coordinates="sideways")
     figure = zivi.plot.overview(tracked)
     assert [len(ax.lines) for ax in figure.axes] == [2, 2, 1, 6]
     figure.canvas.draw()

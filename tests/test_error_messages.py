@@ -280,13 +280,12 @@ RUNS = {
         ("signs", "trajectory", "draws a zivi.ClosedLoop, got Trajectory: use zivi.plot.multip"),
         ("control", "trajectory", "got Trajectory: a trajectory has no control, zivi.simulate_cl"),
         ("multipliers", "loop", "draws a zivi.Trajectory, got ClosedLoop: use zivi.plot.signs"),
-        ("poincare", "loop", "got ClosedLoop: section='impacts' draws every run"),
         ("position", "batch", "zivi.Trajectory or a zivi.ClosedLoop, got Batch: a batch keeps no"),
         ("overview", "batch", "zivi.plot.overview draws a"),
         ("animate", "batch", "zivi.plot.animate draws a"),
         ("velocity", "list", "got list: draw one run after the other into the same axes, ax="),
         ("phase_plane", "array", "zivi.plot.phase_plane draws a zivi.Trajectory or a zivi.Closed"),
-        ("lifted", "array", "zivi.plot.lifted draws a zivi.Trajectory, got ndarray"),
+        ("lifted", "array", "zivi.plot.lifted draws a zivi.Trajectory or a zivi.ClosedLoop"),
     ],
 )
 def test_a_plot_of_the_wrong_result_names_the_right_one(plot, run, text):

@@ -15,6 +15,7 @@ import importlib
 
 from zivi import plot
 from zivi._complementarity import Equilibrium, bimatrix, solve_lcp, solve_ncp
+from zivi._warnings import ModelWarning
 from zivi._zivi import __version__
 from zivi.batch import Batch, simulate_batch
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
@@ -56,6 +57,7 @@ __all__ = [
     "Level",
     "LinearForce",
     "Method",
+    "ModelWarning",
     "MoreauJean",
     "MovingWall",
     "OrbitStatus",

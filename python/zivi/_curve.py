@@ -50,24 +50,10 @@ class Line:
 def line_of(run: Trajectory | ClosedLoop) -> Line:
     """Give the points of a run: its samples, refined where the method knows more."""
     path: Any = getattr(run, "_path", None)
-    if hasattr(run, "u"):
-        return _of_loop(run, path)
-    if not (hasattr(path, "tails") and path.dense and len(run.t) > 1):
-        s, v = (getattr(run, name, np.empty(0)) for name in ("s", "v"))
-        return Line(run.t, run.x, run.xdot, s, v, _after(run.t, run.impacts["t"]))
+    held = hasattr(run, "u")  # a closed loop is drawn at its samples
+    if held or not (hasattr(path, "tails") and path.dense and len(run.t) > 1):
+        return Line(run.t, run.x, run.xdot, run.s, run.v, _after(run.t, run.impacts["t"]))
     times, impacts = _times(run, path.starts())  # type: ignore[arg-type]
-    x, xdot = path.physical(times)
-    s, v = path.lifted(times)
-    return Line(times, x, xdot, s, v, _after(times, impacts))
-
-
-def _of_loop(run: ClosedLoop, path: Any) -> Line:
-    """Give the samples of a closed loop, and the last moment before and the one of each impact."""
-    impacts = run.impacts["t"]
-    if path is None or len(run.t) < 2:
-        return Line(run.t, run.x, run.xdot, run.s, run.v, _after(run.t, impacts))
-    impacts = impacts[(impacts > run.t[0]) & (impacts <= run.t[-1])]
-    times = np.union1d(run.t, np.append(impacts, np.nextafter(impacts, -np.inf)))
     x, xdot = path.physical(times)
     s, v = path.lifted(times)
     return Line(times, x, xdot, s, v, _after(times, impacts))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import numbers
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +13,7 @@ import numpy as np
 
 from zivi._check import Array, real
 from zivi._misplaced import told
+from zivi._warnings import ModelWarning
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.simulate import pair
@@ -29,6 +32,7 @@ __all__ = [
     "is_ours",
     "motion_of",
     "noise_of",
+    "on_wall",
     "period_of",
 ]
 
@@ -69,6 +73,25 @@ def period_of(controller: Any) -> float:
             f"e.g. zivi.TwistingTracker(30, 17, h=1e-3, e=0.5), got {controller!r}"
         )
     return real("controller.h", controller.h)
+
+
+def on_wall(controller: Any, system: ImpactSystem, stacklevel: int = 3) -> Any:
+    """Give a controller without `e` the plant's, and warn of one that believes in another."""
+    if isinstance(controller, OURS):
+        controller = controller._on(system.kappa)
+    believed = getattr(controller, "e", system.e)
+    if isinstance(believed, numbers.Real) and abs(float(believed) - system.e) > SAME_E:
+        warnings.warn(
+            f"the controller believes in e = {believed:.6g}, the plant has e = {system.e:.6g}: "
+            "without e it takes the plant's",
+            ModelWarning,
+            stacklevel=stacklevel,
+        )
+    return controller
+
+
+SAME_E = 1e-12
+"""Difference of two `e` that is one of rounding, as between an `e` and a `kappa`."""
 
 
 def check_delay(delay: Any) -> int:

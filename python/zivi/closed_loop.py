@@ -25,6 +25,7 @@ from zivi._loop_arguments import (
     is_ours,
     motion_of,
     noise_of,
+    on_wall,
     period_of,
 )
 from zivi._loop_path import SampledReference, path_of
@@ -178,6 +179,11 @@ def simulate_closed_loop(
         Whatever a force or the controller raises, and `KeyboardInterrupt`: with the part of the
         run that was computed as the exception's attribute ``trajectory``.
 
+    Warns
+    -----
+    ModelWarning
+        If the controller believes in another `e` than the plant's.
+
     Examples
     --------
     >>> plant = zivi.ImpactSystem(-9.81, kappa=0.5)
@@ -191,6 +197,7 @@ def simulate_closed_loop(
     refuse("simulate_closed_loop", misplaced)
     check_system(system)
     h = period_of(controller)
+    controller = on_wall(controller, system)
     interface = interface_of(controller)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")

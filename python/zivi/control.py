@@ -7,7 +7,7 @@ import enum
 import math
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Never, Self, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,9 @@ BRANCHES = ("positive", "nearest")
 """How a tracker lifts what it measures."""
 DEPTH = 0.1
 """How far behind the wall a measurement may lie by default (m)."""
+ANY_KAPPA = 0.5
+TICKS = ("step", "step_to")
+Controller = TypeVar("Controller")
 MAX_AHEAD = 10**9
 """Periods of the longest horizon, as of the longest run."""
 
@@ -51,7 +54,22 @@ class _Shared:
         def _set_state(self, state: Any, /) -> None: ...
 
     def _number(self, name: str) -> float:
-        return float(self._settings[name])
+        value = self._settings[name]
+        return _without_wall() if value is None else float(value)
+
+    def _on(self, kappa: float) -> Self:
+        """Give the controller on a wall; itself if it knows one."""
+        if self._settings["kappa"] is not None:
+            return self
+        attributes = {name: it for name, it in self.__dict__.items() if name not in TICKS}
+        settings = self._settings | {"kappa": kappa}
+        if settings.get("kappa_ref", kappa) is None:
+            settings["kappa_ref"] = kappa
+        this: Any = self
+        twin: Any = _rebuilt(type(self), attributes | {"_settings": settings}, self.state)
+        if hasattr(this, "x_ref"):
+            twin.reset(this.x_ref, this.xdot_ref)
+        return twin  # type: ignore[no-any-return]
 
     @property
     def mu1(self) -> float:
@@ -182,7 +200,7 @@ def _common(
     mu1: float,
     mu2: float,
     h: float,
-    kappa: float,
+    kappa: float | None,
     bound: float | None,
     depth: float,
     u_limits: Sequence[float] | None,
@@ -211,10 +229,37 @@ def _core(settings: dict[str, Any]) -> dict[str, Any]:
     """Translate settings for the extension."""
     given = dict(settings)
     limits = given.pop("u_limits")
+    if given["kappa"] is None:  # any wall, until it is known; then the gains are checked too
+        given |= {"kappa": ANY_KAPPA, "bound": None}
+    if given.get("kappa_ref", ANY_KAPPA) is None:
+        given["kappa_ref"] = ANY_KAPPA
     return given | {"actuator": (-math.inf, math.inf) if limits is None else limits}
 
 
-def _reference_kappa(e_ref: float | None, kappa_ref: float | None, plant: float) -> float:
+def _plant_kappa(e: float | None, kappa: float | None) -> float | None:
+    """Return what is given of the plant's wall, None if nothing is."""
+    return None if e is None and kappa is None else coefficients(e, kappa)[1]
+
+
+def _without_wall(*_: Any, **__: Any) -> Never:
+    raise ValueError(
+        "the controller has no e: give it e= or kappa=; zivi.simulate_closed_loop gives it the "
+        "plant's"
+    )
+
+
+def _with_wall(controller: Controller) -> Controller:
+    """Keep a controller from ticking that does not know a wall yet."""
+    it: Any = controller
+    if it._settings["kappa"] is None:
+        names = [name for name in TICKS if hasattr(controller, name)]
+        it.__dict__.update(dict.fromkeys(names, _without_wall))
+    return controller
+
+
+def _reference_kappa(
+    e_ref: float | None, kappa_ref: float | None, plant: float | None
+) -> float | None:
     if e_ref is None and kappa_ref is None:
         return plant
     e = None if e_ref is None else real("e_ref", e_ref)
@@ -270,8 +315,9 @@ class TwistingRegulator(_zivi.Regulator, _Landing):
     h : float
         Sampling period, > 0 (s).
     e, kappa : float
-        Exactly one of the coefficient of restitution, in (0, 1], and
-        :math:`\kappa = (1-e)/(1+e)`.
+        At most one of the coefficient of restitution, in (0, 1], and
+        :math:`\kappa = (1-e)/(1+e)`. Without either, the controller takes the plant's in
+        `simulate_closed_loop`, and cannot tick by itself.
     bound : float, optional
         A bound :math:`M` of the force (m/s^2). The gains are then checked against it.
     depth : float
@@ -315,12 +361,12 @@ class TwistingRegulator(_zivi.Regulator, _Landing):
         landing: bool = True,
         ahead: int = 1,
     ) -> Self:
-        _, kappa = coefficients(e, kappa)
+        kappa = _plant_kappa(e, kappa)
         settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
         horizon = _horizon(landing, ahead)
         self = super().__new__(cls, **_core(settings), ahead=horizon if landing else None)
         self._settings = settings | {"landing": bool(landing), "ahead": horizon}
-        return self
+        return _with_wall(self)
 
 
 class TwistingTracker(_zivi.Tracker, _Following, _Landing):
@@ -355,8 +401,9 @@ class TwistingTracker(_zivi.Tracker, _Following, _Landing):
     h : float
         Sampling period, > 0 (s).
     e, kappa : float
-        Exactly one of the coefficient of restitution of the plant's wall, in (0, 1], and
-        :math:`\kappa = (1-e)/(1+e)`.
+        At most one of the coefficient of restitution of the plant's wall, in (0, 1], and
+        :math:`\kappa = (1-e)/(1+e)`. Without either, the controller takes the plant's in
+        `simulate_closed_loop`, and cannot tick by itself.
     e_ref, kappa_ref : float, optional
         At most one of them, for the reference's wall; by default it is the plant's. Exact
         tracking needs the plant's.
@@ -425,11 +472,14 @@ class TwistingTracker(_zivi.Tracker, _Following, _Landing):
     ) -> Self:
         if not (isinstance(branch, str) and branch in BRANCHES):
             raise ValueError(f"branch must be one of {', '.join(BRANCHES)}, got {branch!r}")
-        _, kappa = coefficients(e, kappa)
+        kappa = _plant_kappa(e, kappa)
         settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
         settings["kappa_ref"] = _reference_kappa(e_ref, kappa_ref, kappa)
         periods = _horizon(landing, ahead)
-        quiet = {"horizon": real("horizon", horizon), "shift": switch("shift", shift)}
+        quiet: dict[str, Any] = {
+            "horizon": real("horizon", horizon),
+            "shift": switch("shift", shift),
+        }
         if press is not None:
             press = real("press", press)
             if not landing:
@@ -451,7 +501,7 @@ class TwistingTracker(_zivi.Tracker, _Following, _Landing):
             "ahead": periods,
             **quiet,
         }
-        return self
+        return _with_wall(self)
 
     @property
     def branch(self) -> str:
@@ -492,8 +542,9 @@ class ExplicitTwisting(_zivi.Explicit, _Following):
     h : float
         Sampling period, > 0 (s).
     e, kappa : float
-        Exactly one of the coefficient of restitution of the plant's wall, in (0, 1], and
-        :math:`\kappa = (1-e)/(1+e)`.
+        At most one of the coefficient of restitution of the plant's wall, in (0, 1], and
+        :math:`\kappa = (1-e)/(1+e)`. Without either, the controller takes the plant's in
+        `simulate_closed_loop`, and cannot tick by itself.
     e_ref, kappa_ref : float, optional
         At most one of them, for the reference's wall; by default it is the plant's.
     bound : float, optional
@@ -529,9 +580,9 @@ class ExplicitTwisting(_zivi.Explicit, _Following):
         depth: float = DEPTH,
         u_limits: Sequence[float] | None = None,
     ) -> Self:
-        _, kappa = coefficients(e, kappa)
+        kappa = _plant_kappa(e, kappa)
         settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
         settings["kappa_ref"] = _reference_kappa(e_ref, kappa_ref, kappa)
         self = super().__new__(cls, **_core(settings))
         self._settings = settings
-        return self
+        return _with_wall(self)

@@ -21,6 +21,7 @@ from zivi._loop_arguments import (
     check_method,
     check_not_negative,
     motion_of,
+    on_wall,
 )
 from zivi._progress import ProgressBar
 from zivi.batch import MAX_DESCRIBED, Runs, check_native, check_threads
@@ -234,6 +235,7 @@ def simulate_closed_loop_batch(
     if y_ref0 is not None:
         ticking = _placed(ticking, references, n)
     forces = _forces(plants, force_model, force_ref)
+    ticking = _on_walls(ticking, plants, n)
     scheme, *_ = [check_method(method, controller.h) for controller in ticking]
     if not (finite("within", within) > 0.0):
         raise ValueError(f"within must be > 0 (m), got {within}")
@@ -313,6 +315,18 @@ def _placed(controllers: list[Any], references: Array, n: int) -> list[Any]:
         if len(controllers) == 1 and len(references) == 1:
             break
     return placed
+
+
+def _on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> list[Any]:
+    """Give the controllers without `e` their plants'."""
+    several = len(plants) > 1 and any(it._settings["kappa"] is None for it in controllers)
+    count = n if several else len(controllers)
+    # one warning for all of a kind: the warnings of one place are shown once
+    return [on_wall(_of(controllers, i), _of(plants, i), stacklevel=4) for i in range(count)]
+
+
+def _of(things: list[Any], i: int) -> Any:
+    return things[i if len(things) > 1 else 0]
 
 
 def _forces(

@@ -185,7 +185,13 @@ def loops() -> Iterator[tuple[str, Run]]:
                             f"{key} {of_plant} kappa{kappa:.3g} h{h} {imperfect}",
                             lambda p=plant, m=make, h=h, k=kappa, r=given, o=more: (
                                 zivi.simulate_closed_loop(
-                                    p, m(30, 17, h=h, kappa=k), (0, 2), (2, 1), **r, **o
+                                    p,
+                                    m(30, 17, h=h, kappa=k),
+                                    (0, 2),
+                                    (2, 1),
+                                    dense_output=False,
+                                    **r,
+                                    **o,
                                 )
                             ),
                         )

@@ -108,7 +108,8 @@ def loop_variables(run: ClosedLoop) -> tuple[str, dict[str, Array], dict[str, Ar
         of_reference = {name: getattr(reference, name) for name in ("t", "x", "xdot")}
         of_reference["kappa"] = np.full(1, reference.kappa)
     if isinstance(path, MotionPath):
-        return MOTION, {"motion": path.numbers()}, of_reference
+        numbers = {"motion": path.numbers()}
+        return MOTION, numbers, of_reference
     if isinstance(path, BallisticPath | LinearPath):
         names = LOOP_PATHS[type(path).__name__]
         return type(path).__name__, {name: getattr(path, name) for name in names}, of_reference

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
 from zivi._check import Array
+from zivi._warnings import ModelWarning
 from zivi.closed_loop import ClosedLoop, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import ThetaGamma
@@ -109,20 +111,23 @@ def track(
         tracker = TwistingTracker(
             MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref, branch=controller, landing=landing
         )
-    return simulate_closed_loop(
-        ImpactSystem(force, kappa=KAPPA),
-        tracker,
-        (0.0, t_end),
-        start,
-        y_ref0=start_ref,
-        force_ref=force_ref,
-        force_model=FORCE,
-        method=None if sampled else ThetaGamma(h),
-        noise=noise,
-        seed=seed,
-        quantization=quantization,
-        delay=delay,
-    )
+    with warnings.catch_warnings():
+        # another e than the plant's is what the table is about
+        warnings.simplefilter("ignore", ModelWarning)
+        return simulate_closed_loop(
+            ImpactSystem(force, kappa=KAPPA),
+            tracker,
+            (0.0, t_end),
+            start,
+            y_ref0=start_ref,
+            force_ref=force_ref,
+            force_model=FORCE,
+            method=None if sampled else ThetaGamma(h),
+            noise=noise,
+            seed=seed,
+            quantization=quantization,
+            delay=delay,
+        )
 
 
 def lifted(run: ClosedLoop, kappa: float = KAPPA) -> tuple[Array, Array]:

@@ -12,7 +12,6 @@ MOTION = ("t", "x", "xdot", "impacts")
 ADVICE = {
     "control": "a trajectory has no control, zivi.simulate_closed_loop gives runs that have one",
     "multipliers": "use zivi.plot.signs for a closed loop",
-    "poincare": "section='impacts' draws every run",
     "signs": "use zivi.plot.multipliers for a trajectory",
 }
 """What to do with a run of the other kind."""
