@@ -71,8 +71,8 @@ PUBLIC = public_things()
 
 def called_by_users(name):
     thing = PUBLIC[name]
-    enumeration = inspect.isclass(thing) and issubclass(thing, int)
-    return not enumeration and name not in PROTOCOLS | {f"zivi.{made}" for made in RESULTS}
+    no_call = inspect.isclass(thing) and issubclass(thing, int | Warning)
+    return not no_call and name not in PROTOCOLS | {f"zivi.{made}" for made in RESULTS}
 
 
 def documented_parameters(thing):

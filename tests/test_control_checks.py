@@ -207,6 +207,6 @@ def test_a_rest_lasts_a_period(method):
         assert rung(periods, controls).rest_time == last
     assert rung(10 * last + 1 - 1e-3, controls).rest_time is None
     batch = zivi.simulate_closed_loop_batch(
-        zivi.ImpactSystem(-9.81, e=0.5), zivi.TwistingRegulator(**PAPER), (0, 1e-3), (0, 0)
+        zivi.ImpactSystem(-9.81, kappa=0.5), zivi.TwistingRegulator(**PAPER), (0, 1e-3), (0, 0)
     )
     assert batch.rest_time[0] == 0.0  # from the start to the end, a whole period

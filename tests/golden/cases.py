@@ -156,6 +156,10 @@ def papers_tracker(mu1: float, mu2: float, **settings: float) -> zivi.TwistingTr
     return zivi.TwistingTracker(mu1, mu2, **settings, landing=False)
 
 
+STILL = {"dense_output": False}
+"""Without the motion between the samples, which costs evaluations."""
+
+
 def loops() -> Iterator[tuple[str, Run]]:
     """Closed loops: controllers, plants, imperfections."""
     reference = {"y_ref0": (3, 3), "force_ref": -19.81}
@@ -189,7 +193,7 @@ def loops() -> Iterator[tuple[str, Run]]:
                                     m(30, 17, h=h, kappa=k),
                                     (0, 2),
                                     (2, 1),
-                                    dense_output=False,
+                                    **STILL,
                                     **r,
                                     **o,
                                 )
