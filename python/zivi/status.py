@@ -46,3 +46,11 @@ class Status(enum.IntEnum):
     """The record of the run grew beyond the memory."""
     INTERNAL = 11
     """A fault in zivi itself; only in batches, whose other runs are kept."""
+    REDUNDANT_CONTACTS = 12
+    """The closed gaps of a mechanical system do not determine their forces."""
+    IMPACT_NOT_SOLVED = 13
+    """The impulses of an impact on several gaps were not found."""
+    CONTACT_NOT_SOLVED = 14
+    """Which contacts of a mechanical system stay closed was not decided."""
+    MASS_NOT_DEFINITE = 15
+    """The mass matrix of a mechanical system is not symmetric positive definite."""

@@ -22,12 +22,14 @@
 //!   [`stepping::fixed_step::FixedStep`], which is driven over a [`Grid`];
 //!   [`stepping::moreau_jean`] has a walk of its own.
 //! * [`switched`]: error control, high order through impacts and Zeno points.
+//! * [`mechanics`]: the same for systems of several coordinates and gaps.
 //! * [`drive`]: a sampled controller of `zivi_core::control` and a plant between its samples
 //!   ([`drive::closed_loop`]); many runs on all cores ([`drive::batch`]).
 
 #![forbid(unsafe_code)]
 
 pub mod drive;
+pub mod mechanics;
 pub mod numeric;
 pub mod record;
 pub mod stepping;

@@ -80,6 +80,21 @@ impl Bernstein {
         Self { n, c }
     }
 
+    /// `(theta - root) p(theta)`, of a degree below [`MOST_DEGREE`].
+    pub(crate) fn times_root(self, root: f64) -> Self {
+        let (mut product, down) = (self.times_theta(), self.times_one_minus_theta());
+        for (c, down) in product.c.iter_mut().zip(down.c) {
+            *c = (1.0 - root) * *c - root * down;
+        }
+        product
+    }
+
+    /// `p(theta) + constant`.
+    pub(crate) fn plus(mut self, constant: f64) -> Self {
+        self.add(constant);
+        self
+    }
+
     fn add(&mut self, constant: f64) {
         self.c[..=self.n].iter_mut().for_each(|c| *c += constant);
     }
@@ -236,14 +251,7 @@ mod tests {
         }
         let mut p = Bernstein::new(&[d[n]]);
         for i in (0..n).rev() {
-            // p (theta - node) + d
-            let (up, down) = (p.times_theta(), p.times_one_minus_theta());
-            let mut sum = up;
-            for j in 0..=up.n {
-                sum.c[j] = (1.0 - nodes[i]) * up.c[j] - nodes[i] * down.c[j];
-            }
-            sum.add(d[i]);
-            p = sum;
+            p = p.times_root(nodes[i]).plus(d[i]);
         }
         p
     }

@@ -29,11 +29,19 @@ pub enum Status {
     OutOfMemory = 10,
     /// A fault in this library.
     Internal = 11,
+    /// Closed gaps that do not determine their forces: one follows from the others.
+    RedundantContacts = 12,
+    /// The complementarity problem of an impact was not solved.
+    ImpactNotSolved = 13,
+    /// Which contacts stay closed was not decided.
+    ContactNotSolved = 14,
+    /// The mass matrix is not symmetric positive definite.
+    MassNotDefinite = 15,
 }
 
 impl Status {
     /// Every status, in the order of their numbers.
-    pub const ALL: [Status; 12] = [
+    pub const ALL: [Status; 16] = [
         Status::Completed,
         Status::ForceNotFinite,
         Status::StateNotFinite,
@@ -46,6 +54,10 @@ impl Status {
         Status::TerminatedByEvent,
         Status::OutOfMemory,
         Status::Internal,
+        Status::RedundantContacts,
+        Status::ImpactNotSolved,
+        Status::ContactNotSolved,
+        Status::MassNotDefinite,
     ];
 
     /// What happened, and what to try.
@@ -97,6 +109,24 @@ impl Status {
             Status::Internal => {
                 "A fault in zivi itself ended the run, of which nothing is left. Please report the \
                  case, with what was written to standard error."
+            }
+            Status::RedundantContacts => {
+                "The closed gaps do not determine their forces: one of them follows from the \
+                 others, as the third foot of a rigid bar. The trajectory ends before. Leave the \
+                 redundant gap out, or give the system a coordinate in which it yields."
+            }
+            Status::ImpactNotSolved => {
+                "The impulses of an impact on several gaps were not found; the trajectory ends \
+                 before it. Check the mass matrix and the gradients there, and please report the \
+                 case."
+            }
+            Status::ContactNotSolved => {
+                "Which contacts stay closed could not be decided; the trajectory ends there. \
+                 Tighten rtol and atol, and check that mass, force and gaps are smooth there."
+            }
+            Status::MassNotDefinite => {
+                "The mass matrix is not symmetric positive definite; the trajectory ends at the \
+                 last step before. Check it at the last sample."
             }
         }
     }

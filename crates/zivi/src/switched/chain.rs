@@ -19,13 +19,13 @@
 
 /// One impact of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Bounce {
+pub(crate) struct Bounce {
     /// Time (s).
-    pub(super) t: f64,
+    pub(crate) t: f64,
     /// Speed after the impact (m/s).
-    pub(super) u: f64,
+    pub(crate) u: f64,
     /// Pull towards the wall, `-f(t, 0, 0)` (m/s^2).
-    pub(super) g: f64,
+    pub(crate) g: f64,
 }
 
 /// Columns of the table after the first.
@@ -36,7 +36,7 @@ const FALL: f64 = 0.9;
 
 /// Impacts at ever smaller speeds.
 #[derive(Clone, Debug)]
-pub(super) struct Chain {
+pub(crate) struct Chain {
     e: f64,
     bounces: Vec<Bounce>,
     /// Largest speed before an impact: the scale of the speeds.
@@ -56,16 +56,16 @@ pub(super) struct ZenoTime {
 }
 
 impl Chain {
-    pub(super) fn new(e: f64) -> Self {
+    pub(crate) fn new(e: f64) -> Self {
         Self { e, bounces: Vec::new(), fastest: 0.0 }
     }
 
     /// The impacts, oldest first.
-    pub(super) fn bounces(&self) -> &[Bounce] {
+    pub(crate) fn bounces(&self) -> &[Bounce] {
         &self.bounces
     }
 
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.bounces.clear();
     }
 
@@ -73,7 +73,7 @@ impl Chain {
     ///
     /// A chain loses speed at each impact, by about the factor `e`, under a pull. Without the
     /// first of these a periodic motion with `e > 2/3` would be one endless chain.
-    pub(super) fn note(&mut self, bounce: Bounce) {
+    pub(crate) fn note(&mut self, bounce: Bounce) {
         if let Some(last) = self.bounces.last() {
             let ratio = bounce.u / last.u;
             let continues = ratio > 0.6 * self.e && ratio < (1.5 * self.e).min(1.0);
@@ -90,7 +90,7 @@ impl Chain {
 
     /// Rows of the table lie so many impacts apart that the speed falls by [`FALL`], if there are
     /// that many: neighbours tell little from each other when `e` is near 1.
-    pub(super) fn stride(&self) -> usize {
+    pub(crate) fn stride(&self) -> usize {
         let longest = (FALL.ln() / self.e.ln()).round().max(1.0) as usize;
         longest.min(self.bounces.len() / (COLUMNS + 2)).max(1)
     }
@@ -115,17 +115,17 @@ impl Chain {
     }
 
     /// Time from an impact to the Zeno point under a constant pull, `2 u/(g (1 - e))`.
-    pub(super) fn remaining(&self, bounce: Bounce) -> f64 {
+    pub(crate) fn remaining(&self, bounce: Bounce) -> f64 {
         2.0 * bounce.u / (bounce.g * (1.0 - self.e))
     }
 
     /// Largest speed before an impact (m/s).
-    pub(super) fn fastest(&self) -> f64 {
+    pub(crate) fn fastest(&self) -> f64 {
         self.fastest
     }
 
     /// Time since the first impact up to the last.
-    pub(super) fn duration(&self) -> f64 {
+    pub(crate) fn duration(&self) -> f64 {
         match self.bounces.as_slice() {
             [first, .., last] => last.t - first.t,
             _ => 0.0,
@@ -133,7 +133,7 @@ impl Chain {
     }
 
     /// Whether the speed has fallen by so much that rounding is all that is left of it.
-    pub(super) fn is_spent(&self) -> bool {
+    pub(crate) fn is_spent(&self) -> bool {
         const FLOOR: f64 = 1e-13;
         self.bounces.last().is_some_and(|last| last.u <= FLOOR * self.fastest)
     }

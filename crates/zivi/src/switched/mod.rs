@@ -22,7 +22,7 @@
 //! * [`simulate_switched_rk`]: a whole run, with samples, events and dense output.
 //! * [`SwitchedIntegrator`]: piece by piece, under a force that may change between calls.
 
-mod chain;
+pub(crate) mod chain;
 mod flight;
 mod impact;
 mod integrator;
@@ -35,11 +35,11 @@ mod run;
 mod samples;
 pub mod sensitivity;
 mod settings;
-mod stages;
+pub(crate) mod stages;
 mod stepper;
 mod stops;
 mod stored;
-mod tail;
+pub(crate) mod tail;
 mod tracing;
 mod user_events;
 

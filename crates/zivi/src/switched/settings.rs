@@ -15,7 +15,7 @@ pub enum Order {
 }
 
 impl Order {
-    pub(super) fn pair(self) -> &'static Pair {
+    pub(crate) fn pair(self) -> &'static Pair {
         match self {
             Order::Five => &DORMAND_PRINCE_5,
             Order::Eight => &DOP853,

@@ -283,20 +283,8 @@ impl Stages {
     /// not tell more.
     pub(super) fn screen(&self) -> Option<(Bernstein, f64)> {
         let Interpolant::Nested { .. } = self.pair.interpolant else { return None };
-        let (h, from, end) = (self.h, self.from, self.end);
-        let cubic = Bernstein::hermite((from.x, h * from.xdot), (end.x, h * end.xdot));
-        let &[c0, c1, c2, c3] = cubic.coefficients() else { return None };
-        let (first, last) = (6.0 * (c0 - 2.0 * c1 + c2), 6.0 * (c1 - 2.0 * c2 + c3));
-        let mut worst = 0.0_f64;
-        for (c, k) in self.pair.c.iter().zip(&self.k).take(self.pair.b.len()) {
-            worst = worst.max((h * h * k - first - c * (last - first)).abs());
-        }
-        // |e''| <= worst and e = 0 at both ends: |e| <= worst/8, |e'| <= worst/2
-        Some(if from.x == 0.0 {
-            (cubic.without_root_at_zero(), 0.5 * worst)
-        } else {
-            (cubic, 0.125 * worst)
-        })
+        let (from, end) = (self.from, self.end);
+        screen(self.pair, self.h, (from.x, from.xdot), (end.x, end.xdot), &self.k)
     }
 
     /// How far the polynomials of the last step are from `x'' = f` at `theta`, as an error of the
@@ -340,8 +328,31 @@ impl Stages {
     }
 }
 
+/// As [`Stages::screen`], from the position and velocity at the ends and the accelerations `k`.
+pub(crate) fn screen(
+    pair: &Pair,
+    h: f64,
+    (x0, v0): (f64, f64),
+    (x1, v1): (f64, f64),
+    k: &[f64; MOST_STAGES],
+) -> Option<(Bernstein, f64)> {
+    let cubic = Bernstein::hermite((x0, h * v0), (x1, h * v1));
+    let &[c0, c1, c2, c3] = cubic.coefficients() else { return None };
+    let (first, last) = (6.0 * (c0 - 2.0 * c1 + c2), 6.0 * (c1 - 2.0 * c2 + c3));
+    let mut worst = 0.0_f64;
+    for (c, k) in pair.c.iter().zip(k).take(pair.b.len()) {
+        worst = worst.max((h * h * k - first - c * (last - first)).abs());
+    }
+    // |e''| <= worst and e = 0 at both ends: |e| <= worst/8, |e'| <= worst/2
+    Some(if x0 == 0.0 {
+        (cubic.without_root_at_zero(), 0.5 * worst)
+    } else {
+        (cubic, 0.125 * worst)
+    })
+}
+
 /// Coefficients of `y + h sum_i k_i p_i(theta)`.
-pub(super) fn quartic(y: f64, h: f64, k: &[f64; MOST_STAGES], p: &[[f64; 4]]) -> [f64; 5] {
+pub(crate) fn quartic(y: f64, h: f64, k: &[f64; MOST_STAGES], p: &[[f64; 4]]) -> [f64; 5] {
     let mut a = [y, 0.0, 0.0, 0.0, 0.0];
     for (k, row) in k.iter().zip(p) {
         for (a, p) in a[1..].iter_mut().zip(row) {
@@ -352,7 +363,7 @@ pub(super) fn quartic(y: f64, h: f64, k: &[f64; MOST_STAGES], p: &[[f64; 4]]) ->
 }
 
 /// Coefficients of the nested form: the Hermite part from the ends, the rest from all stages.
-pub(super) fn nested(
+pub(crate) fn nested(
     [y, end]: [f64; 2],
     h: f64,
     k: &[f64; MOST_STAGES],

@@ -35,16 +35,16 @@ pub struct Tail {
 
 /// One arc: where it starts and ends, and the velocities there.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct TailArc {
-    pub(super) start: f64,
-    pub(super) end: f64,
-    pub(super) u: f64,
-    pub(super) incoming: f64,
+pub(crate) struct TailArc {
+    pub(crate) start: f64,
+    pub(crate) end: f64,
+    pub(crate) u: f64,
+    pub(crate) incoming: f64,
     pub(super) sigma: f64,
 }
 
 impl TailArc {
-    pub(super) fn at(&self, t: f64) -> PathPoint {
+    pub(crate) fn at(&self, t: f64) -> PathPoint {
         let h = self.end - self.start;
         let theta = ((t - self.start) / h).clamp(0.0, 1.0);
         let rest = 1.0 - theta;
@@ -55,7 +55,7 @@ impl TailArc {
     }
 
     /// Of the cubic.
-    pub(super) fn acceleration(&self, t: f64) -> f64 {
+    pub(crate) fn acceleration(&self, t: f64) -> f64 {
         let h = self.end - self.start;
         let theta = ((t - self.start) / h).clamp(0.0, 1.0);
         let (u, w) = (self.u, self.incoming);
@@ -77,17 +77,17 @@ impl TailArc {
 }
 
 /// Numbers that a tail consists of.
-pub(super) const TAIL_NUMBERS: usize = 5 + 2 * TERMS;
+pub(crate) const TAIL_NUMBERS: usize = 5 + 2 * TERMS;
 
 impl Tail {
     /// All that it consists of.
-    pub(super) fn to_numbers(&self) -> Vec<f64> {
+    pub(crate) fn to_numbers(&self) -> Vec<f64> {
         let Self { e, start, zeno, until, sigma, c, d } = self;
         [*e, *start, *zeno, *until, *sigma].iter().chain(c).chain(d).copied().collect()
     }
 
     /// What [`Tail::to_numbers`] came from; `None` for numbers that are none of a tail.
-    pub(super) fn from_numbers(numbers: &[f64]) -> Option<Self> {
+    pub(crate) fn from_numbers(numbers: &[f64]) -> Option<Self> {
         let (head, series) = numbers.split_at_checked(5)?;
         let &[e, start, zeno, until, sigma] = head else { return None };
         let (c, d) = series.split_at_checked(TERMS)?;
@@ -98,7 +98,7 @@ impl Tail {
     }
 
     /// The tail of a chain with at least one impact that comes to rest at `zeno`.
-    pub(super) fn new(chain: &Chain, e: f64, zeno: f64, sigma: f64) -> Self {
+    pub(crate) fn new(chain: &Chain, e: f64, zeno: f64, sigma: f64) -> Self {
         let bounces = chain.bounces();
         let last = bounces.len() - 1;
         let mut terms = TERMS.min(bounces.len());
@@ -173,7 +173,7 @@ impl Tail {
     }
 
     /// The arc `m = 0, 1, ...`, unless it is too short to be told from its ends.
-    pub(super) fn arc(&self, m: usize) -> Option<TailArc> {
+    pub(crate) fn arc(&self, m: usize) -> Option<TailArc> {
         let n = m as f64;
         let (start, end) = (self.time(n), self.time(n + 1.0).min(self.zeno));
         let sigma = if m.is_multiple_of(2) { self.sigma } else { -self.sigma };

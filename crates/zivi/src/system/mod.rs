@@ -1,5 +1,6 @@
 //! What moves: the force on the mass, the motion of its wall.
 
+pub mod dynamics;
 pub(crate) mod evaluation;
 pub mod force;
 pub mod moving_wall;

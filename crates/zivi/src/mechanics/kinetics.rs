@@ -1,0 +1,269 @@
+//! The mechanics at one state: free accelerations, mobilities of the gaps, forces of contact.
+//!
+//! ```text
+//! A = M^-1 F      b_i = n_i . A + h_i      D_ij = n_i . M^-1 n_j                          (1)
+//! contacts C:     lambda_C = -D_CC^-1 b_C      q'' = A + M^-1 N_C^T lambda_C              (2)
+//!                 g_k'' = b_k + D_kC lambda_C
+//! ```
+
+use super::gap_set::GapSet;
+use crate::numeric::cholesky;
+use crate::record::failure::Failure;
+use crate::system::dynamics::{Dynamics, Layout};
+use crate::Status;
+
+/// A system whose evaluations are counted, between times where it is smooth.
+pub(super) struct Model<'a, D> {
+    pub(super) dynamics: &'a mut D,
+    pub(super) count: u64,
+    /// It is asked at no times outside.
+    pub(super) smooth: (f64, f64),
+}
+
+impl<'a, D> Model<'a, D> {
+    pub(super) fn new(dynamics: &'a mut D) -> Self {
+        Self { dynamics, count: 0, smooth: (f64::NEG_INFINITY, f64::INFINITY) }
+    }
+}
+
+/// What is known of the mechanics at one state.
+#[derive(Clone, Debug)]
+pub(super) struct Kinetics {
+    layout: Layout,
+    values: Vec<f64>,
+    /// `L L^T = M`.
+    mass: Vec<f64>,
+    /// `A`.
+    free: Vec<f64>,
+    /// `b`.
+    b: Vec<f64>,
+    /// The rows `M^-1 n_i` of the gaps in `known`.
+    mobility: Vec<f64>,
+    known: GapSet,
+    /// `D_CC` of some set, then its factor.
+    small: Vec<f64>,
+    right: Vec<f64>,
+    /// Contact forces by gap, zero where there is no contact.
+    pub(super) lambda: Vec<f64>,
+    /// `q''`, then `g''`.
+    pub(super) acceleration: Vec<f64>,
+}
+
+/// Left of a diagonal entry of `D_CC` by the other gaps: below this they determine it.
+const REDUNDANT: f64 = 1e-10;
+/// Kinetic cosines below this are rounding.
+const ORTHOGONAL: f64 = 1e-12;
+/// Rounding of an acceleration or a speed of a gap, relative to its terms.
+const NOISE: f64 = 256.0 * f64::EPSILON;
+
+impl Kinetics {
+    pub(super) fn new(layout: Layout) -> Self {
+        let Layout { n, m } = layout;
+        let zeros = |length: usize| vec![0.0; length];
+        Self {
+            layout,
+            values: zeros(layout.len()),
+            mass: zeros(n * n),
+            free: zeros(n),
+            b: zeros(m),
+            mobility: zeros(m * n),
+            known: GapSet::EMPTY,
+            small: zeros(m * m),
+            right: zeros(m),
+            lambda: zeros(m),
+            acceleration: zeros(n + m),
+        }
+    }
+
+    /// Evaluates the system, and `A` and `b` of equation (1).
+    pub(super) fn evaluate<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+    ) -> Result<(), Failure<E>> {
+        let (layout, t) = (self.layout, t.clamp(model.smooth.0, model.smooth.1));
+        model.count += 1;
+        model.dynamics.evaluate(t, q, w, &mut self.values).map_err(Failure::Raised)?;
+        if !self.values.iter().all(|value| value.is_finite()) {
+            return Err(Failure::Status(Status::ForceNotFinite));
+        }
+        self.mass.copy_from_slice(&self.values[layout.mass()]);
+        let definite = cholesky::factor(&mut self.mass, layout.n) > 0.0;
+        if !definite {
+            return Err(Failure::Status(Status::MassNotDefinite));
+        }
+        self.free.copy_from_slice(&self.values[layout.force()]);
+        cholesky::solve(&self.mass, layout.n, &mut self.free);
+        for i in 0..layout.m {
+            self.b[i] = dot(self.normal(i), &self.free) + self.curvature(i);
+        }
+        self.known = GapSet::EMPTY;
+        Ok(())
+    }
+
+    /// `g_i`.
+    pub(super) fn gap(&self, i: usize) -> f64 {
+        self.values[self.layout.gap()][i]
+    }
+
+    /// `n_i`.
+    pub(super) fn normal(&self, i: usize) -> &[f64] {
+        let n = self.layout.n;
+        &self.values[self.layout.gradient()][i * n..][..n]
+    }
+
+    fn curvature(&self, i: usize) -> f64 {
+        self.values[self.layout.curvature()][i]
+    }
+
+    /// `g_i' = n_i . w + g_t`.
+    pub(super) fn rate(&self, i: usize, w: &[f64]) -> f64 {
+        dot(self.normal(i), w) + self.values[self.layout.rate()][i]
+    }
+
+    /// What rounding of the coordinates leaves of `g_i`, and of the velocities of `g_i'`.
+    pub(super) fn rounding(&self, i: usize, q: &[f64], w: &[f64]) -> (f64, f64) {
+        let normal = self.normal(i);
+        let largest = q.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let height = largest * normal.iter().map(|n| n.abs()).sum::<f64>();
+        let speed = normal.iter().zip(w).map(|(n, w)| (n * w).abs()).sum::<f64>();
+        let rate = self.values[self.layout.rate()][i].abs();
+        (16.0 * f64::EPSILON * height, 16.0 * f64::EPSILON * (speed + rate))
+    }
+
+    /// What rounding leaves of `b_i`.
+    pub(super) fn noise(&self, i: usize) -> f64 {
+        let terms = self.normal(i).iter().zip(&self.free).map(|(n, a)| (n * a).abs());
+        NOISE * (terms.sum::<f64>() + self.curvature(i).abs())
+    }
+
+    /// `M^-1 n_i`.
+    pub(super) fn mobility(&mut self, i: usize) -> &[f64] {
+        let n = self.layout.n;
+        if !self.known.has(i) {
+            let gradient = self.layout.gradient().start + i * n;
+            let row = &mut self.mobility[i * n..][..n];
+            row.copy_from_slice(&self.values[gradient..][..n]);
+            cholesky::solve(&self.mass, n, row);
+            self.known = self.known.with(GapSet::of(i));
+        }
+        &self.mobility[i * n..][..n]
+    }
+
+    /// `D_ij`.
+    pub(super) fn d(&mut self, i: usize, j: usize) -> f64 {
+        self.mobility(j);
+        let n = self.layout.n;
+        dot(self.normal(i), &self.mobility[j * n..][..n])
+    }
+
+    /// `D_ij`, zero where the gaps are orthogonal to rounding.
+    pub(super) fn coupling(&mut self, i: usize, j: usize) -> f64 {
+        let (d, size) = (self.d(i, j), (self.d(i, i) * self.d(j, j)).sqrt());
+        if i != j && d.abs() < ORTHOGONAL * size {
+            0.0
+        } else {
+            d
+        }
+    }
+
+    /// The kinetic cosine of two gaps.
+    pub(super) fn cosine(&mut self, i: usize, j: usize) -> f64 {
+        self.d(i, j) / (self.d(i, i) * self.d(j, j)).sqrt()
+    }
+
+    /// `x = D_CC^-1 r` with the right sides by gap.
+    pub(super) fn solve(
+        &mut self,
+        set: GapSet,
+        right: impl Fn(&Self, usize) -> f64,
+    ) -> Result<(), Redundant> {
+        let k = set.len();
+        for (row, i) in set.iter().enumerate() {
+            for (column, j) in set.iter().enumerate().take(row + 1) {
+                self.small[row * k + column] = self.d(i, j);
+            }
+            self.right[row] = right(self, i);
+        }
+        let left = cholesky::factor(&mut self.small[..k * k], k);
+        if left < REDUNDANT || left.is_nan() {
+            return Err(Redundant);
+        }
+        cholesky::solve(&self.small[..k * k], k, &mut self.right[..k]);
+        Ok(())
+    }
+
+    /// Adds `M^-1 N_C^T x` with what was solved for last to a vector: so its gap speeds change by
+    /// the right sides.
+    pub(super) fn apply(&self, set: GapSet, vector: &mut [f64]) {
+        let n = self.layout.n;
+        for (i, size) in set.iter().zip(&self.right) {
+            axpy(vector, *size, &self.mobility[i * n..][..n]);
+        }
+    }
+
+    /// By how much what was solved for last on a set changes the speed of a gap.
+    pub(super) fn passed_on(&mut self, gap: usize, set: GapSet) -> f64 {
+        set.iter().enumerate().map(|(row, i)| self.coupling(gap, i) * self.right[row]).sum()
+    }
+
+    /// Accelerations and forces with the contacts `C`, equations (2).
+    pub(super) fn contact(&mut self, set: GapSet) -> Result<(), Redundant> {
+        let Layout { n, m } = self.layout;
+        self.lambda.fill(0.0);
+        self.acceleration[..n].copy_from_slice(&self.free);
+        self.acceleration[n..].copy_from_slice(&self.b);
+        if set.is_empty() {
+            return Ok(());
+        }
+        self.solve(set, |at, i| -at.b[i])?;
+        for (row, i) in set.iter().enumerate() {
+            self.lambda[i] = self.right[row];
+        }
+        self.press(m);
+        for i in set.iter() {
+            self.acceleration[n + i] = 0.0;
+        }
+        Ok(())
+    }
+
+    /// `A + M^-1 N^T lambda` and `b + D lambda` with the forces as they are.
+    fn press(&mut self, m: usize) {
+        let n = self.layout.n;
+        for i in (0..m).filter(|&i| self.lambda[i] != 0.0) {
+            let (mobility, acceleration) = (&self.mobility[i * n..][..n], &mut self.acceleration);
+            axpy(&mut acceleration[..n], self.lambda[i], mobility);
+        }
+        let gradients = &self.values[self.layout.gradient()];
+        let (motion, gaps) = self.acceleration.split_at_mut(n);
+        for k in 0..m {
+            gaps[k] =
+                dot(&gradients[k * n..][..n], motion) + self.values[self.layout.curvature()][k];
+        }
+    }
+
+    /// `b_i`.
+    pub(super) fn b(&self, i: usize) -> f64 {
+        self.b[i]
+    }
+}
+
+/// The gaps of a set do not determine the forces: one of them follows from the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Redundant;
+
+impl<E> From<Redundant> for Failure<E> {
+    fn from(_: Redundant) -> Self {
+        Failure::Status(Status::RedundantContacts)
+    }
+}
+
+pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
+    x.iter().zip(y).map(|(x, y)| x * y).sum()
+}
+
+pub(super) fn axpy(y: &mut [f64], a: f64, x: &[f64]) {
+    y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
+}

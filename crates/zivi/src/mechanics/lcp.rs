@@ -1,0 +1,144 @@
+//! Linear complementarity problems of impacts and contacts, `0 <= z  perp  D z + q >= 0`.
+//!
+//! `D` is symmetric positive definite: there is one solution. Few gaps: every pattern of positive
+//! unknowns, the one that fits best. More: the solver of `zivi_core::vi`.
+
+use zivi_core::vi::{self, Affine, Settings, Workspace};
+
+use super::gap_set::GapSet;
+use crate::numeric::cholesky;
+
+/// Most unknowns whose patterns are tried one by one.
+const FEW: usize = 6;
+/// By how much the best pattern may violate a row, relative to its terms.
+const MISFIT: f64 = 1e-9;
+
+/// The solution, and which unknowns are positive in it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Solution {
+    pub(super) z: Vec<f64>,
+    pub(super) positive: GapSet,
+}
+
+/// Solves the problem with `D` row by row; `None` if that fails.
+pub(super) fn solve(d: &[f64], q: &[f64]) -> Option<Solution> {
+    if q.len() <= FEW {
+        by_patterns(d, q)
+    } else {
+        by_pivots(d, q)
+    }
+}
+
+fn by_patterns(d: &[f64], q: &[f64]) -> Option<Solution> {
+    let k = q.len();
+    let mut best: Option<(f64, Solution)> = None;
+    for pattern in 0..1u64 << k {
+        let positive = GapSet(pattern);
+        let Some(z) = on_pattern(d, q, positive) else { continue };
+        let worst = violation(d, q, &z, positive);
+        if best.as_ref().is_none_or(|(least, _)| worst < *least) {
+            best = Some((worst, Solution { z, positive }));
+        }
+        if worst == 0.0 {
+            break;
+        }
+    }
+    best.filter(|(worst, _)| *worst <= MISFIT).map(|(_, solution)| solution)
+}
+
+/// `z` with `D z + q = 0` on the pattern and zero elsewhere.
+fn on_pattern(d: &[f64], q: &[f64], positive: GapSet) -> Option<Vec<f64>> {
+    let (k, p) = (q.len(), positive.len());
+    let mut matrix: Vec<f64> = Vec::with_capacity(p * p);
+    for i in positive.iter() {
+        matrix.extend(positive.iter().map(|j| d[i * k + j]));
+    }
+    let mut x: Vec<f64> = positive.iter().map(|i| -q[i]).collect();
+    if cholesky::factor(&mut matrix, p) <= 0.0 {
+        return None;
+    }
+    cholesky::solve(&matrix, p, &mut x);
+    let mut z = vec![0.0; k];
+    for (i, x) in positive.iter().zip(x) {
+        z[i] = x;
+    }
+    z.iter().all(|z| z.is_finite()).then_some(z)
+}
+
+/// The largest violation of a sign, relative to the terms of its row.
+fn violation(d: &[f64], q: &[f64], z: &[f64], positive: GapSet) -> f64 {
+    let k = q.len();
+    let mut worst = 0.0_f64;
+    for i in 0..k {
+        let terms = (0..k).map(|j| d[i * k + j] * z[j]);
+        let row = terms.clone().sum::<f64>() + q[i];
+        let size = terms.map(f64::abs).sum::<f64>() + q[i].abs();
+        let (value, scale) =
+            if positive.has(i) { (z[i], size / d[i * k + i]) } else { (row, size) };
+        if value < 0.0 {
+            worst = worst.max(-value / scale);
+        }
+    }
+    worst
+}
+
+fn by_pivots(d: &[f64], q: &[f64]) -> Option<Solution> {
+    let k = q.len();
+    let scale = q.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+    if scale == 0.0 {
+        return Some(Solution { z: vec![0.0; k], positive: GapSet::EMPTY });
+    }
+    let scaled: Vec<f64> = q.iter().map(|q| q / scale).collect();
+    let (reals, indices) = vi::workspace_len(k);
+    let (mut reals, mut indices) = (vec![0.0; reals], vec![0; indices]);
+    let mut work = Workspace::new(k, &mut reals, &mut indices)?;
+    let (lower, upper) = (vec![0.0; k], vec![f64::INFINITY; k]);
+    let settings = Settings { tol: 1e-12, test_isolation: false, ..Settings::default() };
+    let mut z = vec![0.0; k];
+    let mut problem = Affine { matrix: d, q: &scaled };
+    let report = vi::solve(&mut problem, (&lower, &upper), &mut z, &settings, &mut work).ok()?;
+    if !report.status.is_success() {
+        return None;
+    }
+    // which unknowns are positive decides; their values follow exactly
+    let map = |i: usize| (0..k).map(|j| d[i * k + j] * z[j]).sum::<f64>() + scaled[i];
+    let positive: GapSet = (0..k).filter(|&i| z[i] * d[i * k + i] > map(i)).collect();
+    let z = on_pattern(d, q, positive)?;
+    (violation(d, q, &z, positive) <= MISFIT).then_some(Solution { z, positive })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `max |min(z, D z + q)|`.
+    fn residual(d: &[f64], q: &[f64], z: &[f64]) -> f64 {
+        let k = q.len();
+        (0..k).fold(0.0, |worst, i| {
+            let row: f64 = (0..k).map(|j| d[i * k + j] * z[j]).sum::<f64>() + q[i];
+            f64::max(worst, row.min(z[i]).abs())
+        })
+    }
+
+    #[test]
+    fn both_ways_give_the_solution() {
+        let wave = |i: usize, s: f64| ((i as f64 + 1.0) * s).sin();
+        for k in 1..=FEW {
+            for case in 0..40 {
+                let b: Vec<f64> =
+                    (0..k * k).map(|i| wave(i, 1.3 + f64::from(case) * 0.77)).collect();
+                let d: Vec<f64> = (0..k * k)
+                    .map(|ij| {
+                        let (i, j) = (ij / k, ij % k);
+                        let sum: f64 = (0..k).map(|l| b[i * k + l] * b[j * k + l]).sum();
+                        sum + if i == j { 0.3 } else { 0.0 }
+                    })
+                    .collect();
+                let q: Vec<f64> = (0..k).map(|i| wave(i, 2.9 + f64::from(case))).collect();
+                let (one, two) = (by_patterns(&d, &q).unwrap(), by_pivots(&d, &q).unwrap());
+                assert!(residual(&d, &q, &one.z) < 1e-12 && residual(&d, &q, &two.z) < 1e-12);
+                assert_eq!(one.positive, two.positive, "{k} {case}");
+            }
+        }
+    }
+}

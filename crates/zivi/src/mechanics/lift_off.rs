@@ -1,0 +1,244 @@
+//! Lift-off: where the force of a contact vanishes.
+//!
+//! Within a step the force of a contact along the dense polynomials of the state is replaced by a
+//! polynomial of degree 7 through its values at Chebyshev's points; its Bernstein coefficients
+//! certify that there is no change of sign, two more values how well it fits.
+
+use super::flight::Release;
+use super::gap_set::GapSet;
+use super::kinetics::Model;
+use super::machine::{settle, Machine, Pending};
+use super::occurrence::{FlagKind, Occurrence};
+use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
+use crate::record::failure::Failure;
+use crate::system::dynamics::Dynamics;
+
+/// Nodes of the polynomial of a contact force: `(1 - cos(pi k/7))/2`.
+const NODES: [f64; MOST_DEGREE + 1] = [
+    0.0,
+    0.049_515_566_048_790_427,
+    0.188_255_099_070_633_23,
+    0.388_739_533_021_842_8,
+    0.611_260_466_978_157_2,
+    0.811_744_900_929_366_8,
+    0.950_484_433_951_209_6,
+    1.0,
+];
+/// Where its fit is checked.
+const CHECKS: [f64; 2] = [0.279, 0.893];
+/// Misfit relative to the largest force: above the first the step is too long, below the second
+/// what is undecided is decided as the polynomial has it.
+const MISFIT: (f64, f64) = (1e-3, 1e-10);
+/// Iterations for the time of lift-off.
+const ITERATIONS: usize = 4;
+/// What lifts off together is decided this part of a step later.
+const LATER: f64 = 1e-4;
+/// The first step after a lift-off, relative to that before.
+const PART: f64 = 1e-2;
+
+/// Values of a contact force at the nodes, then at the checks.
+type Values = [f64; MOST_DEGREE + 3];
+
+impl Machine {
+    /// The first contact whose force vanishes in the last step.
+    pub(super) fn first_release<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<Release, Failure<E>> {
+        if self.closed.is_empty() {
+            return Ok(Release::None);
+        }
+        let (forces, noise) = self.forces_along(model)?;
+        let mut first: Option<(f64, usize)> = None;
+        for (row, i) in self.closed.iter().enumerate() {
+            let values = &forces[row];
+            let scale = values.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+            let p = through(values);
+            let misfit = (0..CHECKS.len())
+                .map(|k| (p.at(CHECKS[k]) - values[NODES.len() + k]).abs())
+                .fold(0.0, f64::max);
+            if misfit > MISFIT.0 * scale + noise[row] {
+                return Ok(Release::Unclear);
+            }
+            let least = p.coefficients().iter().fold(f64::INFINITY, |a, &b| a.min(b));
+            if least > 2.0 * misfit || scale == 0.0 {
+                continue;
+            }
+            match p.first_negative() {
+                Some(theta) if first.is_none_or(|(before, _)| theta < before) => {
+                    first = Some((theta, i));
+                }
+                None if misfit > MISFIT.1 * scale + noise[row] => return Ok(Release::Unclear),
+                _ => (),
+            }
+        }
+        Ok(first.map_or(Release::None, |(theta, i)| Release::At(theta, i)))
+    }
+
+    /// The forces of the contacts along the last step, and what rounding leaves of them: a force
+    /// below that is none, as that between bodies in free fall.
+    fn forces_along<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(Vec<Values>, Vec<f64>), Failure<E>> {
+        let n = self.layout.n;
+        self.stages.complete(&mut self.kinetics, model)?;
+        let polynomials: Vec<[Bernstein; 2]> = (0..n).map(|c| self.stages.polynomials(c)).collect();
+        let mut forces = vec![[0.0; MOST_DEGREE + 3]; self.closed.len()];
+        let mut noise = vec![0.0_f64; self.closed.len()];
+        for (k, theta) in NODES.into_iter().chain(CHECKS).enumerate() {
+            let (q, w): (Vec<f64>, Vec<f64>) =
+                polynomials.iter().map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
+            self.aside.evaluate(model, self.now.t + theta * self.stages.h, &q, &w)?;
+            self.aside.contact(self.closed)?;
+            for (row, i) in self.closed.iter().enumerate() {
+                let none = self.aside.noise(i) / self.aside.d(i, i);
+                let force = self.aside.lambda[i];
+                forces[row][k] = if force.abs() <= none { 0.0 } else { force };
+                noise[row] = noise[row].max(none);
+            }
+        }
+        Ok((forces, noise))
+    }
+
+    /// Steps to where the force of a contact vanishes, near `now + length`.
+    pub(super) fn lift<E, D: Dynamics<E>>(
+        &mut self,
+        length: f64,
+        gap: usize,
+        t_end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let whole = self.stages.h;
+        let length = self.release(length, gap, model)?;
+        if self.now.t + length > self.dense_from {
+            self.stages.complete(&mut self.kinetics, model)?;
+        }
+        self.counts.accepted += 1;
+        self.arrive(length, 0.0, t_end);
+        self.pending = Some(Pending::Release(gap, whole));
+        Ok(())
+    }
+
+    /// Opens the contacts that open where the force of one vanishes, in a step of length `h`.
+    pub(super) fn open<E, D: Dynamics<E>>(
+        &mut self,
+        gap: usize,
+        h: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        self.project(self.closed, model)?;
+        let left = self.released(gap, LATER * h, model)?;
+        self.closed = self.closed.without(left);
+        self.unarmed = left;
+        self.note_lifted(left);
+        self.flag_lifted(left);
+        self.chain.clear();
+        self.struck = 0;
+        self.h = Some(PART * h);
+        self.refresh()
+    }
+
+    /// The length of the step after which the force of a contact vanishes; that step is computed.
+    fn release<E, D: Dynamics<E>>(
+        &mut self,
+        length: f64,
+        gap: usize,
+        model: &mut Model<'_, D>,
+    ) -> Result<f64, Failure<E>> {
+        let whole = self.stages.h;
+        let mut one = (0.0, self.lambda[gap]);
+        let mut x = length;
+        for iteration in 0..ITERATIONS {
+            self.try_step(x, model)?;
+            self.stages.finish(&mut self.kinetics, model)?;
+            let force = self.stages.end_lambda[gap];
+            let slope = (force - one.1) / (x - one.0);
+            let next = x - force / slope;
+            one = (x, force);
+            let done = (next - x).abs() <= 4.0 * f64::EPSILON * (self.now.t.abs() + x);
+            if done || !next.is_finite() || iteration + 1 == ITERATIONS {
+                break;
+            }
+            x = next.clamp(0.0, whole);
+        }
+        Ok(x)
+    }
+
+    /// Which contacts open just after the force of one vanishes.
+    fn released<E, D: Dynamics<E>>(
+        &mut self,
+        gap: usize,
+        later: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<GapSet, Failure<E>> {
+        let n = self.layout.n;
+        self.kinetics.contact(self.closed)?;
+        let a = &self.kinetics.acceleration;
+        let now = &self.now;
+        let (q, w): (Vec<f64>, Vec<f64>) = (0..n)
+            .map(|c| {
+                let v = now.v[c] + later * a[c];
+                (now.x[c] + later * (now.v[c] + 0.5 * later * a[c]), v)
+            })
+            .unzip();
+        self.aside.evaluate(model, now.t + later, &q, &w)?;
+        let (_, left) = settle(&mut self.aside, self.closed)?;
+        // where the force comes back at once, again and again, the contact opens all the same
+        const OFTEN: u32 = 8;
+        Ok(if left.is_empty() && self.stalled > OFTEN { GapSet::of(gap) } else { left })
+    }
+
+    /// Contacts that open together and are coupled.
+    fn flag_lifted(&mut self, left: GapSet) {
+        let mut strongest = 0.0_f64;
+        for i in left.iter() {
+            for j in left.iter().filter(|&j| j < i) {
+                strongest = strongest.max(self.kinetics.cosine(i, j).abs());
+            }
+        }
+        if strongest > 1e-9 {
+            let (kind, t) = (FlagKind::Simultaneous, self.now.t);
+            self.occurrences.push(Occurrence::Flag { kind, t, gaps: left, size: strongest });
+        }
+    }
+}
+
+/// The polynomial through the values at the nodes.
+fn through(values: &Values) -> Bernstein {
+    let n = NODES.len();
+    let mut d = *values;
+    for level in 1..n {
+        for i in (level..n).rev() {
+            d[i] = (d[i] - d[i - 1]) / (NODES[i] - NODES[i - level]);
+        }
+    }
+    let mut p = Bernstein::new(&[d[n - 1]]);
+    for i in (0..n - 1).rev() {
+        p = p.times_root(NODES[i]).plus(d[i]);
+    }
+    p
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_polynomial_takes_the_values_at_the_nodes() {
+        let f = |x: f64| 1.0 + x - 3.0 * x.powi(3) + 2.0 * x.powi(7) - x.powi(5);
+        let mut values = [0.0; MOST_DEGREE + 3];
+        for (value, node) in values.iter_mut().zip(NODES) {
+            *value = f(node);
+        }
+        let p = through(&values);
+        for k in 0..=20 {
+            let theta = f64::from(k) / 20.0;
+            assert!((p.at(theta) - f(theta)).abs() < 1e-13, "{theta}");
+        }
+        for (k, node) in NODES.into_iter().enumerate() {
+            let exact = 0.5 - 0.5 * (std::f64::consts::PI * k as f64 / 7.0).cos();
+            assert!((node - exact).abs() < 1e-15, "{k}");
+        }
+    }
+}

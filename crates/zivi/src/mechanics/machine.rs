@@ -1,0 +1,317 @@
+//! The state of the switched method for a mechanical system, and what holds in every mode.
+//!
+//! The mode is the set of closed gaps: with none of them it is free flight, else motion on the
+//! manifold where they are zero. Between events both are one ordinary differential equation.
+
+use super::chain::{Landing, StateChain};
+use super::gap_set::GapSet;
+use super::kinetics::{Kinetics, Model};
+use super::lcp;
+use super::occurrence::Occurrence;
+use super::stages::{Stages, State};
+use super::tail::SkippedArcs;
+use crate::record::failure::Failure;
+use crate::switched::SwitchedRk;
+use crate::system::dynamics::{Dynamics, Layout};
+use crate::{Counts, Status};
+
+/// A part of the motion that one step of the machine covers.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Piece {
+    /// The last step, up to an event at `length` if that is not its end; the event is yet to come.
+    Motion,
+    /// Infinitely many impacts of one gap.
+    Skipped(SkippedArcs),
+    /// Nothing but an event at the present time.
+    Instant,
+}
+
+/// An event at the present time that is yet to be dealt with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Pending {
+    /// These gaps are hit.
+    Hit(GapSet),
+    /// The force of this contact vanishes, in a step of this length.
+    Release(usize, f64),
+}
+
+/// The switched method for mechanical systems as an object that is driven piece by piece.
+#[derive(Clone, Debug)]
+pub(super) struct Machine {
+    pub(super) settings: SwitchedRk,
+    pub(super) layout: Layout,
+    pub(super) e: Vec<f64>,
+    pub(super) kinetics: Kinetics,
+    pub(super) aside: Kinetics,
+    pub(super) stages: Stages,
+    pub(super) now: State,
+    pub(super) closed: GapSet,
+    /// Gaps that have just opened from contact: not looked out for in the first step.
+    pub(super) unarmed: GapSet,
+    /// Accelerations and contact forces here, if `fresh`.
+    pub(super) slope: Vec<f64>,
+    pub(super) lambda: Vec<f64>,
+    pub(super) fresh: bool,
+    pub(super) chain: StateChain,
+    /// Where the chain ends, once that is known well enough.
+    pub(super) zeno: Option<Landing>,
+    /// Step size to try next.
+    pub(super) h: Option<f64>,
+    pub(super) pending: Option<Pending>,
+    /// Length of the last piece.
+    pub(super) length: f64,
+    pub(super) last_impact: f64,
+    pub(super) group: u64,
+    /// Events since the time last advanced by a step.
+    pub(super) stalled: u32,
+    pub(super) occurrences: Vec<Occurrence>,
+    /// Steps that end later than this have their polynomials computed.
+    pub(super) dense_from: f64,
+    pub(super) counts: Counts,
+    /// Impacts since a gap last closed or a contact lifted off.
+    pub(super) struck: usize,
+    pub(super) spent: usize,
+}
+
+/// Events at one instant after which the motion is called unsolved.
+const MOST_AT_ONCE: u32 = 200;
+/// Newton iterations of a projection.
+const PROJECTIONS: usize = 4;
+/// A gap is as its function says while that is larger than this part of its terms.
+const ANCHOR: f64 = 1e-5;
+
+impl Machine {
+    pub(super) fn new(settings: SwitchedRk, layout: Layout, e: &[f64]) -> Self {
+        let size = layout.n + layout.m;
+        let state = State { x: vec![0.0; size], v: vec![0.0; size], ..State::default() };
+        Self {
+            settings,
+            layout,
+            e: e.to_vec(),
+            kinetics: Kinetics::new(layout),
+            aside: Kinetics::new(layout),
+            stages: Stages::new(settings.order.pair(), layout),
+            now: state,
+            closed: GapSet::EMPTY,
+            unarmed: GapSet::EMPTY,
+            slope: vec![0.0; size],
+            lambda: vec![0.0; layout.m],
+            fresh: false,
+            chain: StateChain::new(2 * size),
+            zeno: None,
+            h: settings.first_step,
+            pending: None,
+            length: 0.0,
+            last_impact: f64::NEG_INFINITY,
+            group: 0,
+            stalled: 0,
+            occurrences: Vec::new(),
+            dense_from: f64::INFINITY,
+            counts: Counts::default(),
+            struck: 0,
+            spent: 0,
+        }
+    }
+
+    /// Starts at a state whose gaps are open, or closed to rounding: at gaps with a speed towards
+    /// zero the impact comes first. The first gap that is not open, and its value, if there is one.
+    pub(super) fn start<E, D: Dynamics<E>>(
+        &mut self,
+        t: f64,
+        (q, w): (&[f64], &[f64]),
+        model: &mut Model<'_, D>,
+    ) -> Result<Option<(usize, f64)>, Failure<E>> {
+        let Layout { n, m } = self.layout;
+        (self.now.t, self.now.late, self.last_impact) = (t, 0.0, t);
+        self.now.x[..n].copy_from_slice(q);
+        self.now.v[..n].copy_from_slice(w);
+        self.kinetics.evaluate(model, t, q, w)?;
+        let (mut touching, mut hit) = (GapSet::EMPTY, GapSet::EMPTY);
+        for i in 0..m {
+            let (gap, rate) = (self.kinetics.gap(i), self.kinetics.rate(i, w));
+            let (of_gap, of_rate) = self.kinetics.rounding(i, q, w);
+            if gap < -8.0 * of_gap {
+                return Ok(Some((i, gap)));
+            }
+            let zero = |value: f64, noise: f64| if value.abs() <= noise { 0.0 } else { value };
+            (self.now.x[n + i], self.now.v[n + i]) = (zero(gap, 8.0 * of_gap), zero(rate, of_rate));
+            if self.now.x[n + i] == 0.0 && self.now.v[n + i] <= 0.0 {
+                let set = if self.now.v[n + i] < 0.0 { &mut hit } else { &mut touching };
+                *set = set.with(GapSet::of(i));
+            }
+        }
+        self.closed = touching;
+        if hit.is_empty() && !touching.is_empty() {
+            self.project(touching, model)?;
+            let (closed, left) = self.settle(touching)?;
+            (self.closed, self.unarmed) = (closed, left);
+        } else if !hit.is_empty() {
+            self.pending = Some(Pending::Hit(hit));
+        }
+        Ok(None)
+    }
+
+    /// One more piece of the motion.
+    pub(super) fn advance<E, D: Dynamics<E>>(
+        &mut self,
+        t_end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        self.stalled += 1;
+        if self.stalled > MOST_AT_ONCE {
+            return Err(Failure::Status(Status::ContactNotSolved));
+        }
+        if let Some(event) = self.pending.take() {
+            match event {
+                Pending::Hit(gaps) => self.strike(gaps, model)?,
+                Pending::Release(gap, h) => self.open(gap, h, model)?,
+            }
+            return Ok(Piece::Instant);
+        }
+        if let Some(landing) = self.zeno.take().filter(|landing| landing.t <= t_end) {
+            return self.jump(landing, model).map(Piece::Skipped);
+        }
+        if self.struck > self.settings.max_impacts {
+            self.struck = 0;
+            return Err(Failure::Status(Status::ZenoBudget));
+        }
+        let n = self.layout.n;
+        let open = (0..self.layout.m).filter(|&i| !self.closed.has(i));
+        let through: GapSet =
+            open.filter(|&i| self.now.x[n + i] <= 0.0 && self.now.v[n + i] < 0.0).collect();
+        if !through.is_empty() {
+            self.strike(through, model)?;
+            return Ok(Piece::Instant);
+        }
+        self.prepare(model)?;
+        let t = self.now.t;
+        self.fly(t_end, model)?;
+        if self.now.t > t {
+            self.stalled = 0;
+        }
+        Ok(Piece::Motion)
+    }
+
+    /// Forgets what was learnt from the forces: from here on they are others.
+    pub(super) fn restart(&mut self) {
+        (self.fresh, self.zeno) = (false, None);
+        self.chain.clear();
+    }
+
+    /// Whether something happens before the time moves on beyond `t_end`.
+    pub(super) fn is_pending(&self, t_end: f64) -> bool {
+        self.pending.is_some() || self.zeno.as_ref().is_some_and(|landing| landing.t <= t_end)
+    }
+
+    /// Accelerations and contact forces at the present state.
+    pub(super) fn prepare<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        if !self.fresh {
+            let n = self.layout.n;
+            self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.v[..n])?;
+            self.refresh()?;
+            for i in 0..self.layout.m {
+                self.anchor(i, self.kinetics.gap(i), self.kinetics.rate(i, &self.now.v[..n]));
+            }
+        }
+        Ok(())
+    }
+
+    /// The same, where the system has just been evaluated.
+    pub(super) fn refresh<E>(&mut self) -> Result<(), Failure<E>> {
+        self.kinetics.contact(self.closed)?;
+        self.slope.copy_from_slice(&self.kinetics.acceleration);
+        self.lambda.copy_from_slice(&self.kinetics.lambda);
+        self.fresh = true;
+        Ok(())
+    }
+
+    /// Sets a gap that was integrated to what its function says, where that has enough digits.
+    pub(super) fn anchor(&mut self, i: usize, gap: f64, rate: f64) {
+        let n = self.layout.n;
+        let size = self.now.x[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let clear = gap > ANCHOR * (size + gap) && self.now.x[n + i] > 0.0;
+        if clear && !self.closed.has(i) {
+            (self.now.x[n + i], self.now.v[n + i]) = (gap, rate);
+        }
+    }
+
+    /// Moves the coordinates and velocities, along the directions of the impulses, to where the
+    /// gaps of a set are zero and have the speeds of the state. The system is evaluated there.
+    pub(super) fn project<E, D: Dynamics<E>>(
+        &mut self,
+        set: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let Self { kinetics, now, layout, .. } = self;
+        let n = layout.n;
+        self.fresh = false;
+        for iteration in 0..=PROJECTIONS {
+            let (q, gaps) = now.x.split_at_mut(n);
+            let (w, speeds) = now.v.split_at_mut(n);
+            kinetics.evaluate(model, now.t, q, w)?;
+            let (mut far, mut fast) = (false, false);
+            for i in set.iter() {
+                gaps[i] = 0.0;
+                let (of_gap, of_rate) = kinetics.rounding(i, q, w);
+                far |= kinetics.gap(i).abs() > of_gap;
+                fast |= (speeds[i] - kinetics.rate(i, w)).abs() > of_rate;
+            }
+            if !(far || fast) || iteration == PROJECTIONS {
+                break;
+            }
+            if fast {
+                kinetics.solve(set, |at, i| speeds[i] - at.rate(i, w))?;
+                kinetics.apply(set, w);
+            }
+            if far {
+                kinetics.solve(set, |at, i| -at.gap(i))?;
+                kinetics.apply(set, q);
+            }
+        }
+        Ok(())
+    }
+
+    /// Which of the gaps that touch without a speed stay closed, and which the forces open, where
+    /// the system has just been evaluated: `0 <= lambda  perp  b + D lambda >= 0`.
+    pub(super) fn settle<E>(&mut self, touching: GapSet) -> Result<(GapSet, GapSet), Failure<E>> {
+        settle(&mut self.kinetics, touching)
+    }
+}
+
+/// As [`Machine::settle`].
+pub(super) fn settle<E>(
+    kinetics: &mut Kinetics,
+    touching: GapSet,
+) -> Result<(GapSet, GapSet), Failure<E>> {
+    if touching.is_empty() {
+        return Ok((touching, touching));
+    }
+    kinetics.solve(touching, |_, _| 0.0)?;
+    let (matrix, b) = problem(kinetics, touching, |at, i| at.b(i));
+    let solution = lcp::solve(&matrix, &b).ok_or(Failure::Status(Status::ContactNotSolved))?;
+    let k = b.len();
+    let mut left = GapSet::EMPTY;
+    for (row, i) in touching.iter().enumerate() {
+        let pushed: f64 = (0..k).map(|column| matrix[row * k + column] * solution.z[column]).sum();
+        if !solution.positive.has(row) && b[row] + pushed > kinetics.noise(i) {
+            left = left.with(GapSet::of(i));
+        }
+    }
+    Ok((touching.without(left), left))
+}
+
+/// `D_CC` row by row and the right side of a complementarity problem.
+pub(super) fn problem(
+    kinetics: &mut Kinetics,
+    set: GapSet,
+    right: impl Fn(&Kinetics, usize) -> f64,
+) -> (Vec<f64>, Vec<f64>) {
+    let mut matrix = Vec::with_capacity(set.len() * set.len());
+    for i in set.iter() {
+        matrix.extend(set.iter().map(|j| kinetics.coupling(i, j)));
+    }
+    (matrix, set.iter().map(|i| right(kinetics, i)).collect())
+}

@@ -1,0 +1,35 @@
+//! Mechanical systems with `n` coordinates and `m` gaps: the switched Runge-Kutta method.
+//!
+//! ```text
+//! motion    M q'' = F + N_C^T lambda_C, g_C = 0          an embedded Runge-Kutta pair
+//! impact    g+ = g- + D P,  0 <= P perp g+ + e g- >= 0   a linear complementarity problem
+//! Zeno      t_n, z_n in powers of e^n                    extrapolation of times and states
+//! lift-off  lambda_i = 0                                 0 <= lambda perp b + D lambda >= 0
+//! ```
+//!
+//! The mode is the set `C` of closed gaps. The gaps and their speeds are integrated along with the
+//! coordinates, so that impacts keep their precision however small the bounces become.
+
+mod chain;
+mod flight;
+mod gap_set;
+mod impact;
+mod kinetics;
+mod landing;
+mod lcp;
+mod lift_off;
+mod machine;
+mod occurrence;
+mod path;
+mod recording;
+mod run;
+mod stages;
+mod state_events;
+mod stops;
+mod tail;
+
+pub use gap_set::GapSet;
+pub use occurrence::{FlagKind, Occurrence};
+pub use path::{MechanicalPath, MotionPoint};
+pub use run::{simulate_mechanical, MechanicalOutput, MechanicalRun, MechanicalSamples};
+pub use state_events::{StateEvent, StateFunction, StateHit};

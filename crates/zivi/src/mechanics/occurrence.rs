@@ -1,0 +1,84 @@
+//! What happens at the gaps, in one stream.
+
+use super::gap_set::GapSet;
+
+/// What happens at the gaps of a system.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Occurrence {
+    /// An impulse at a gap: it was hit, or it was closed and passes on the impact of another.
+    Impact {
+        /// Time (s).
+        t: f64,
+        /// The gap.
+        gap: usize,
+        /// Speed of the gap before, `<= 0`; zero where it was closed.
+        before: f64,
+        /// Speed of the gap after, `>= 0`.
+        after: f64,
+        /// The impulse along the gradient of the gap.
+        impulse: f64,
+        /// Impulses of one impact have the same number.
+        group: u64,
+    },
+    /// A gap closed: through infinitely many impacts, or by one that stops it.
+    Zeno {
+        /// Time (s).
+        t: f64,
+        /// The gap.
+        gap: usize,
+        /// The gaps that are closed after it.
+        closed: GapSet,
+    },
+    /// A contact opened because its force vanished.
+    LiftOff {
+        /// Time (s).
+        t: f64,
+        /// The gap.
+        gap: usize,
+    },
+    /// A contact was opened by an impact on another gap.
+    Opened {
+        /// Time (s).
+        t: f64,
+        /// The gap.
+        gap: usize,
+    },
+    /// Several gaps closed together, by accumulations of accumulations.
+    Corner {
+        /// Time (s).
+        t: f64,
+        /// The gaps.
+        gaps: GapSet,
+    },
+    /// What is said of an impact or lift-off that the data do not determine continuously.
+    Flag {
+        /// Which.
+        kind: FlagKind,
+        /// Time (s).
+        t: f64,
+        /// The gaps.
+        gaps: GapSet,
+        /// How strong: the kinetic cosine, or the time by which the order is uncertain (s).
+        size: f64,
+    },
+}
+
+/// Why an impact or lift-off is not determined continuously by the data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FlagKind {
+    /// Coupled gaps were hit, or opened, together.
+    Simultaneous,
+    /// A coupled gap would have been hit within the tolerance of the time.
+    OrderUncertain,
+}
+
+impl FlagKind {
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            FlagKind::Simultaneous => "simultaneous",
+            FlagKind::OrderUncertain => "order_uncertain",
+        }
+    }
+}

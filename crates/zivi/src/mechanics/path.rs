@@ -1,0 +1,156 @@
+//! The motion of a system as a function of time.
+
+use std::collections::TryReserveError;
+
+use super::gap_set::GapSet;
+use super::stages::{Stages, State};
+use super::tail::SkippedArcs;
+use crate::numeric::bernstein::{evaluate, Bernstein, MOST_DEGREE};
+use crate::record::reserve::Reserve;
+use crate::system::dynamics::Layout;
+
+/// A part of the motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Segment {
+    pub(super) start: f64,
+    pub(super) closed: GapSet,
+    pub(super) kind: Kind,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Kind {
+    /// Polynomials of this degree over a time `h`, from this number on.
+    Motion { first: usize, degree: usize, h: f64 },
+    /// The skipped arcs of this number.
+    Skipped(usize),
+}
+
+/// A state of the motion: coordinates then gaps, their rates, and the closed gaps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotionPoint {
+    /// `q`, then `g`.
+    pub x: Vec<f64>,
+    /// `q'`, then `g'`.
+    pub v: Vec<f64>,
+    /// The gaps that are closed.
+    pub closed: GapSet,
+}
+
+/// The motion as a function of time, through skipped arcs and contact.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MechanicalPath {
+    pub(super) layout: Option<Layout>,
+    pub(super) segments: Vec<Segment>,
+    pub(super) coefficients: Vec<f64>,
+    pub(super) skipped: Vec<SkippedArcs>,
+    pub(super) end: Option<(f64, MotionPoint)>,
+}
+
+/// The polynomials of the last step, up to an event.
+pub(super) struct Curve {
+    pub(super) start: f64,
+    pub(super) h: f64,
+    pub(super) rows: Vec<[Bernstein; 2]>,
+}
+
+impl Curve {
+    /// The polynomials of the last step, which is complete, up to `end` after `length`.
+    pub(super) fn new(stages: &Stages, end: &State, length: f64) -> Self {
+        let part = length / stages.h;
+        let whole = length == stages.h;
+        let row = |c: usize| {
+            let [x, v] = stages.polynomials(c);
+            if whole {
+                return [x, v];
+            }
+            let cut = |p: Bernstein, first: f64, last: f64| p.split(part).0.with_ends(first, last);
+            [cut(x, stages.from.x[c], end.x[c]), cut(v, stages.from.v[c], end.v[c])]
+        };
+        let rows = (0..stages.from.x.len()).map(row).collect();
+        Self { start: stages.from.t, h: length, rows }
+    }
+
+    pub(super) fn at(&self, t: f64, x: &mut [f64], v: &mut [f64]) {
+        let theta = ((t - self.start) / self.h).clamp(0.0, 1.0);
+        for (c, [of_x, of_v]) in self.rows.iter().enumerate() {
+            (x[c], v[c]) = (of_x.at(theta), of_v.at(theta));
+        }
+    }
+}
+
+impl MechanicalPath {
+    pub(super) fn new(layout: Layout) -> Self {
+        Self { layout: Some(layout), ..Self::default() }
+    }
+
+    /// Makes room for one more segment of any kind.
+    pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
+        let size = self.layout.map_or(0, |layout| layout.n + layout.m);
+        reserve.room(&mut self.segments, 1, 0)?;
+        reserve.room(&mut self.coefficients, 2 * size * (MOST_DEGREE + 1), 0)?;
+        reserve.room(&mut self.skipped, 1, 0)
+    }
+
+    pub(super) fn push_motion(&mut self, curve: &Curve, closed: GapSet) {
+        let first = self.coefficients.len();
+        let mut degree = 0;
+        for p in curve.rows.iter().flatten() {
+            degree = p.coefficients().len() - 1;
+            self.coefficients.extend_from_slice(p.coefficients());
+        }
+        let kind = Kind::Motion { first, degree, h: curve.h };
+        self.push(Segment { start: curve.start, closed, kind });
+    }
+
+    pub(super) fn push_skipped(&mut self, arcs: &SkippedArcs, closed: GapSet) {
+        let kind = Kind::Skipped(self.skipped.len());
+        self.skipped.push(arcs.clone());
+        self.push(Segment { start: arcs.start(), closed, kind });
+    }
+
+    fn push(&mut self, segment: Segment) {
+        // a segment without a length is over before it can be asked for
+        if self.segments.last().is_some_and(|last| last.start == segment.start) {
+            self.segments.pop();
+        }
+        self.segments.push(segment);
+    }
+
+    /// The times between which the motion is known, unless the run made no step.
+    #[must_use]
+    pub fn span(&self) -> Option<(f64, f64)> {
+        let end = self.end.as_ref()?.0;
+        Some((self.segments.first().map_or(end, |first| first.start), end))
+    }
+
+    /// The state at `t`, and after the impact if there is one at `t`; `None` outside of the span.
+    #[must_use]
+    pub fn at(&self, t: f64) -> Option<MotionPoint> {
+        let (end, last) = self.end.as_ref()?;
+        if t == *end {
+            return Some(last.clone());
+        }
+        let after = self.segments.partition_point(|segment| segment.start <= t);
+        if after == 0 || t.is_nan() || t > *end {
+            return None;
+        }
+        let Segment { start, closed, kind } = self.segments[after - 1];
+        let Layout { n, m } = self.layout?;
+        let mut point = MotionPoint { x: vec![0.0; n + m], v: vec![0.0; n + m], closed };
+        match kind {
+            Kind::Skipped(number) => self.skipped[number].at(t, &mut point.x, &mut point.v),
+            Kind::Motion { first, degree, h } => {
+                let theta = ((t - start) / h).clamp(0.0, 1.0);
+                let rows = self.coefficients[first..].chunks_exact(degree + 1);
+                for (k, row) in rows.take(2 * (n + m)).enumerate() {
+                    let of = if k % 2 == 0 { &mut point.x } else { &mut point.v };
+                    of[k / 2] = evaluate(row, theta);
+                }
+            }
+        }
+        for gap in n..n + m {
+            point.x[gap] = point.x[gap].max(0.0);
+        }
+        Some(point)
+    }
+}

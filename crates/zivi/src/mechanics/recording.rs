@@ -1,0 +1,353 @@
+//! A run under way: what each piece of the motion adds to the record.
+
+use super::gap_set::GapSet;
+use super::kinetics::Model;
+use super::machine::{Machine, Piece};
+use super::path::{Curve, MechanicalPath, MotionPoint};
+use super::run::{MechanicalOutput, MechanicalRun, MechanicalSamples};
+use super::state_events::{Along, StateHit, StateWatch};
+use super::stops::Stops;
+use super::tail::SkippedArcs;
+use crate::record::failure::Failure;
+use crate::record::monitor::Pace;
+use crate::record::reserve::Reserve;
+use crate::system::dynamics::Dynamics;
+use crate::{Counts, Monitor, Status};
+
+/// Why a run ends.
+pub(super) enum Ending<E> {
+    Failed(Failure<E>),
+    /// An event of the user ends it.
+    Event(StateHit),
+}
+
+impl<E> From<Failure<E>> for Ending<E> {
+    fn from(failure: Failure<E>) -> Self {
+        Ending::Failed(failure)
+    }
+}
+
+/// A run under way.
+pub(super) struct Running<'e, 'a, E> {
+    t1: f64,
+    stops: Stops<'a>,
+    machine: Machine,
+    watch: StateWatch<'e, 'a, E>,
+    t_eval: Option<&'a [f64]>,
+    /// The next of the wanted times.
+    next: usize,
+    samples: MechanicalSamples,
+    path: Option<MechanicalPath>,
+    reserve: Reserve,
+    /// What is recorded goes up to here.
+    end: (f64, MotionPoint),
+    /// Where a sample at a wanted time is made.
+    x: Vec<f64>,
+    v: Vec<f64>,
+}
+
+/// Progress is told in parts of the span.
+const PARTS: usize = 1_000_000;
+/// Most arcs of a tail that events look at one by one.
+const ARCS: usize = 1_000_000;
+/// Samples and occurrences that a piece of the motion has, at most, by gap.
+const OF_A_PIECE: usize = 4;
+
+impl<'e, 'a, E> Running<'e, 'a, E> {
+    /// A run to `t1` from where the machine starts.
+    pub(super) fn new(machine: Machine, t1: f64, output: &'e mut MechanicalOutput<'a, E>) -> Self {
+        let layout = machine.layout;
+        let size = layout.n + layout.m;
+        let now = &machine.now;
+        let point = MotionPoint { x: now.x.clone(), v: now.v.clone(), closed: machine.closed };
+        Self {
+            t1,
+            stops: Stops::new(output.tstops, t1),
+            watch: StateWatch::new(&mut output.events, layout.n, layout.m),
+            t_eval: output.t_eval,
+            next: 0,
+            samples: MechanicalSamples::default(),
+            path: output.dense.then(|| MechanicalPath::new(layout)),
+            reserve: Reserve::default(),
+            end: (now.t, point),
+            machine,
+            x: vec![0.0; size],
+            v: vec![0.0; size],
+        }
+    }
+
+    pub(super) fn go<D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Ending<E> {
+        match self.try_go(model, monitor) {
+            Ok(()) => Ending::Failed(Failure::Status(Status::Completed)),
+            Err(ending) => ending,
+        }
+    }
+
+    fn try_go<D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<(), Ending<E>> {
+        self.make_room()?;
+        let t0 = self.machine.now.t;
+        let mut until = self.stops.enter(t0, model);
+        let (x, v) = (&self.machine.now.x, &self.machine.now.v);
+        self.watch.start(t0, x, v).map_err(Failure::Raised)?;
+        if !self.machine.is_pending(until) {
+            self.at_step(model)?;
+        }
+        let mut pace = Pace::start();
+        loop {
+            for _ in 0..pace.chunk() {
+                let t = self.machine.now.t;
+                let waits = self.machine.is_pending(until.min(self.t1));
+                if t >= self.t1 && !waits {
+                    return Ok(());
+                }
+                if t >= until && !waits {
+                    self.machine.restart();
+                    until = self.stops.enter(t, model);
+                }
+                self.piece(until, model)?;
+            }
+            let t = self.machine.now.t;
+            let done = ((t - t0) / (self.t1 - t0) * PARTS as f64) as usize;
+            monitor.poll(done, PARTS).map_err(Failure::Raised)?;
+            pace.adjust();
+        }
+    }
+
+    fn piece<D: Dynamics<E>>(
+        &mut self,
+        until: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Ending<E>> {
+        self.make_room()?;
+        self.machine.dense_from = self.dense_from();
+        let (from, closed) = (self.machine.now.t, self.machine.closed);
+        match self.machine.advance(until, model)? {
+            Piece::Motion => self.motion(from, closed, model)?,
+            Piece::Skipped(arcs) => self.skipped(&arcs, closed, model)?,
+            Piece::Instant => {
+                let now = &self.machine.now;
+                let stop = self.watch.across(now.t, &now.x, &now.v).map_err(Failure::Raised)?;
+                self.arrive();
+                self.unless_terminal(stop)?;
+            }
+        }
+        if self.machine.is_pending(until) {
+            return Ok(());
+        }
+        self.at_step(model)
+    }
+
+    /// From when on the motion between the ends of steps is asked for.
+    fn dense_from(&self) -> f64 {
+        if self.path.is_some() || !self.watch.is_idle() {
+            f64::NEG_INFINITY
+        } else {
+            self.next_wanted().unwrap_or(f64::INFINITY)
+        }
+    }
+
+    /// Makes room for what the next piece of the motion adds: where there is none, the run ends
+    /// with all that it has.
+    fn make_room(&mut self) -> Result<(), Failure<E>> {
+        let Self { samples, path, watch, reserve, machine, t_eval, next, .. } = self;
+        let (size, m) = (machine.now.x.len(), machine.layout.m);
+        let count = t_eval.map_or(OF_A_PIECE, |times| times.len() - *next + 1);
+        reserve.room(&mut samples.t, count, size_of::<f64>())?;
+        reserve.room(&mut samples.x, count * size, size_of::<f64>())?;
+        reserve.room(&mut samples.v, count * size, size_of::<f64>())?;
+        reserve.room(&mut samples.lambda, count * m, size_of::<f64>())?;
+        reserve.room(&mut samples.closed, count, m)?;
+        reserve.room(&mut machine.occurrences, OF_A_PIECE * (m + 1), 2 * size_of::<f64>())?;
+        watch.make_room(reserve)?;
+        if let Some(path) = path {
+            path.make_room(reserve)?;
+        }
+        Ok(())
+    }
+
+    /// The end of what is recorded moves to the present state.
+    fn arrive(&mut self) {
+        let now = &self.machine.now;
+        self.end.0 = now.t;
+        self.end.1.x.clone_from(&now.x);
+        self.end.1.v.clone_from(&now.v);
+        self.end.1.closed = self.machine.closed;
+    }
+
+    fn motion<D: Dynamics<E>>(
+        &mut self,
+        from: f64,
+        closed: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Ending<E>> {
+        let end = self.machine.now.t;
+        if end > self.dense_from() && end > from {
+            let length = self.machine.length;
+            let curve = Curve::new(&self.machine.stages, &self.machine.now, length);
+            if let Some(path) = &mut self.path {
+                path.push_motion(&curve, closed);
+            }
+            let motion = |t: f64, x: &mut [f64], v: &mut [f64]| curve.at(t, x, v);
+            let stop = self.watch.along(from, end, &motion).map_err(Failure::Raised)?;
+            self.sample_until(stop.as_ref().map_or(end, |hit| hit.t), closed, &motion, model)?;
+            self.unless_terminal(stop)?;
+        }
+        self.arrive();
+        Ok(())
+    }
+
+    fn skipped<D: Dynamics<E>>(
+        &mut self,
+        arcs: &SkippedArcs,
+        closed: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Ending<E>> {
+        let end = self.machine.now.t;
+        let motion = |t: f64, x: &mut [f64], v: &mut [f64]| arcs.at(t, x, v);
+        if let Some(path) = &mut self.path {
+            path.push_skipped(arcs, closed);
+        }
+        let stop = self.watch_arcs(arcs, &motion).map_err(Failure::Raised)?;
+        self.sample_until(stop.as_ref().map_or(end, |hit| hit.t), closed, &motion, model)?;
+        self.unless_terminal(stop)?;
+        self.arrive();
+        Ok(())
+    }
+
+    fn watch_arcs(&mut self, arcs: &SkippedArcs, motion: Along<'_>) -> Result<Option<StateHit>, E> {
+        if self.watch.is_idle() {
+            return Ok(None);
+        }
+        let mut t = arcs.start();
+        for m in 0..ARCS {
+            let Some((_, end)) = arcs.arc(m) else { break };
+            // up to the next impact from before it, then from after it
+            let before = |at: f64, x: &mut [f64], v: &mut [f64]| arcs.at_before(at, m, x, v);
+            if let Some(stop) = self.watch.along(t, end, &before)? {
+                return Ok(Some(stop));
+            }
+            t = end;
+            motion(t, &mut self.x, &mut self.v);
+            if let Some(stop) = self.watch.across(t, &self.x, &self.v)? {
+                return Ok(Some(stop));
+            }
+        }
+        let now = &self.machine.now;
+        self.watch.across(now.t, &now.x, &now.v)
+    }
+
+    /// An event that ends the run is passed on like an error.
+    fn unless_terminal(&mut self, stop: Option<StateHit>) -> Result<(), Ending<E>> {
+        stop.map_or(Ok(()), |hit| Err(Ending::Event(hit)))
+    }
+
+    fn next_wanted(&self) -> Option<f64> {
+        self.t_eval.and_then(|times| times.get(self.next).copied())
+    }
+
+    /// Samples the motion at the wanted times before `t`.
+    fn sample_until<D: Dynamics<E>>(
+        &mut self,
+        t: f64,
+        closed: GapSet,
+        motion: Along<'_>,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        while let Some(at) = self.next_wanted().filter(|&next| next < t) {
+            motion(at, &mut self.x, &mut self.v);
+            let n = self.machine.layout.n;
+            for gap in closed.iter() {
+                (self.x[n + gap], self.v[n + gap]) = (0.0, 0.0);
+            }
+            if closed.is_empty() {
+                self.machine.aside.lambda.fill(0.0);
+            } else {
+                self.machine.aside.evaluate(model, at, &self.x[..n], &self.v[..n])?;
+                self.machine.aside.contact(closed)?;
+            }
+            let lambda = std::mem::take(&mut self.machine.aside.lambda);
+            let (x, v) = (std::mem::take(&mut self.x), std::mem::take(&mut self.v));
+            self.push(at, (&x, &v), &lambda, closed);
+            (self.x, self.v, self.machine.aside.lambda) = (x, v, lambda);
+            self.next += 1;
+        }
+        Ok(())
+    }
+
+    /// A sample at the present state, if one is wanted.
+    fn at_step<D: Dynamics<E>>(&mut self, model: &mut Model<'_, D>) -> Result<(), Ending<E>> {
+        let t = self.machine.now.t;
+        match self.t_eval {
+            None => (),
+            Some(_) if self.next_wanted() == Some(t) => self.next += 1,
+            Some(_) => return Ok(()),
+        }
+        self.machine.prepare(model)?;
+        // an anchored gap
+        self.arrive();
+        let (now, lambda) = (&self.machine.now, &self.machine.lambda);
+        push(&mut self.samples, t, (&now.x, &now.v), lambda, self.machine.closed);
+        Ok(())
+    }
+
+    fn push(&mut self, t: f64, (x, v): (&[f64], &[f64]), lambda: &[f64], closed: GapSet) {
+        push(&mut self.samples, t, (x, v), lambda, closed);
+    }
+
+    pub(super) fn finish(mut self, ending: Ending<E>, nfev: u64) -> MechanicalRun<E> {
+        let (status, raised) = match ending {
+            Ending::Failed(Failure::Status(status)) => (status, None),
+            Ending::Failed(Failure::Raised(error)) => (Status::Raised, Some(error)),
+            Ending::Event(StateHit { t, x, v }) => {
+                self.end = (t, MotionPoint { x, v, closed: self.end.1.closed });
+                (Status::TerminatedByEvent, None)
+            }
+        };
+        let (t, point) = &self.end;
+        let wanted = match self.t_eval {
+            Some(_) => self.next_wanted() == Some(*t),
+            None => self.samples.t.last().is_none_or(|last| last < t),
+        };
+        if wanted {
+            let none = vec![0.0; self.machine.layout.m];
+            push(&mut self.samples, *t, (&point.x, &point.v), &none, point.closed);
+        }
+        drop(self.reserve);
+        if let Some(path) = &mut self.path {
+            path.end = Some(self.end);
+        }
+        let Self { machine, samples, path, watch, .. } = self;
+        MechanicalRun {
+            layout: machine.layout,
+            samples,
+            occurrences: machine.occurrences,
+            hits: watch.into_hits(),
+            path,
+            status,
+            raised,
+            counts: Counts { nfev, ..machine.counts },
+        }
+    }
+}
+
+fn push(
+    samples: &mut MechanicalSamples,
+    t: f64,
+    (x, v): (&[f64], &[f64]),
+    lambda: &[f64],
+    closed: GapSet,
+) {
+    samples.t.push(t);
+    samples.x.extend_from_slice(x);
+    samples.v.extend_from_slice(v);
+    samples.lambda.extend_from_slice(lambda);
+    samples.closed.push(closed);
+}

@@ -1,0 +1,172 @@
+//! A whole run of a mechanical system: samples, occurrences, events, dense output.
+
+use super::gap_set::GapSet;
+use super::kinetics::Model;
+use super::machine::Machine;
+use super::occurrence::Occurrence;
+use super::path::MechanicalPath;
+use super::recording::Running;
+use super::state_events::{StateEvent, StateHit};
+use crate::record::failure::Failure;
+use crate::switched::SwitchedRk;
+use crate::system::dynamics::{Dynamics, Layout, MOST};
+use crate::{Counts, GridError, Monitor, SetupError, Status};
+
+/// What a run shall give, besides what happens at the gaps.
+pub struct MechanicalOutput<'a, E> {
+    /// Times of the samples, increasing and within the span. `None`: a sample at the start, at the
+    /// end of each step, after each event at a gap, and at the end.
+    pub t_eval: Option<&'a [f64]>,
+    /// Times at which the forces are not smooth (s), increasing.
+    pub tstops: &'a [f64],
+    /// Whether to keep the motion as a function of time.
+    pub dense: bool,
+    /// The user's events.
+    pub events: Vec<StateEvent<'a, E>>,
+}
+
+impl<E> Default for MechanicalOutput<'_, E> {
+    fn default() -> Self {
+        Self { t_eval: None, tstops: &[], dense: false, events: Vec::new() }
+    }
+}
+
+/// Samples of a mechanical system.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MechanicalSamples {
+    /// Times (s).
+    pub t: Vec<f64>,
+    /// `q` then `g`, `n + m` numbers a sample.
+    pub x: Vec<f64>,
+    /// `q'` then `g'`, `n + m` numbers a sample.
+    pub v: Vec<f64>,
+    /// Contact forces, `m` numbers a sample.
+    pub lambda: Vec<f64>,
+    /// The closed gaps.
+    pub closed: Vec<GapSet>,
+}
+
+/// A run of a mechanical system.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MechanicalRun<E> {
+    /// How many coordinates and gaps there are.
+    pub layout: Layout,
+    /// Samples.
+    pub samples: MechanicalSamples,
+    /// What happened at the gaps, in order.
+    pub occurrences: Vec<Occurrence>,
+    /// The user's events, by function.
+    pub hits: Vec<Vec<StateHit>>,
+    /// The motion as a function of time, if it was asked for.
+    pub path: Option<MechanicalPath>,
+    /// How the run ended.
+    pub status: Status,
+    /// The error that the system, an event or the monitor raised.
+    pub raised: Option<E>,
+    /// How much work was done.
+    pub counts: Counts,
+}
+
+/// Simulates a mechanical system over a span by the switched Runge-Kutta method.
+///
+/// ```text
+/// M q'' = F + N^T lambda      0 <= g  perp  lambda >= 0      impacts: g+ = g- + D P,
+///                                                  0 <= P  perp  g+ + e g- >= 0
+/// ```
+///
+/// # Errors
+/// [`SetupError`] before anything is computed, for settings, sizes or a start out of range.
+///
+/// ```
+/// use std::convert::Infallible;
+/// use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
+/// use zivi::system::dynamics::{FunctionDynamics, Layout};
+/// use zivi::{Silent, Status, SwitchedRk};
+///
+/// // a ball of 2 kg above a floor at y = 0, with drift in x
+/// let layout = Layout { n: 2, m: 1 };
+/// let function = |_: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
+///     out[layout.mass()].copy_from_slice(&[2.0, 0.0, 0.0, 2.0]);
+///     out[layout.force()].copy_from_slice(&[0.0, -2.0 * 9.81]);
+///     out[layout.gap()].copy_from_slice(&[q[1]]);
+///     out[layout.gradient()].copy_from_slice(&[0.0, 1.0]);
+///     out[layout.curvature()].fill(0.0);
+///     out[layout.rate()].fill(0.0);
+///     Ok::<(), Infallible>(())
+/// };
+/// let run = simulate_mechanical(
+///     SwitchedRk::default(), &mut FunctionDynamics { layout, function }, &[0.5], (0.0, 3.0),
+///     (&[0.0, 1.0], &[1.0, 0.0]), MechanicalOutput::default(), &mut Silent,
+/// )?;
+/// assert_eq!(run.status, Status::Completed);
+/// // at rest on the floor, 3 m further on
+/// let last = run.samples.x.len() - 3;
+/// assert!((run.samples.x[last] - 3.0).abs() < 1e-9 && run.samples.x[last + 2] == 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn simulate_mechanical<E, D: Dynamics<E>>(
+    settings: SwitchedRk,
+    dynamics: &mut D,
+    e: &[f64],
+    (t0, t1): (f64, f64),
+    (q, w): (&[f64], &[f64]),
+    mut output: MechanicalOutput<'_, E>,
+    monitor: &mut impl Monitor<E>,
+) -> Result<MechanicalRun<E>, SetupError> {
+    let settings = settings.validated()?;
+    let layout = dynamics.layout();
+    check_sizes(layout, e, q, w)?;
+    check_span(t0, t1)?;
+    let mut model = Model::new(dynamics);
+    let mut machine = Machine::new(settings, layout, e);
+    let started = machine.start(t0, (q, w), &mut model);
+    match started {
+        Ok(Some((_, value))) => {
+            return Err(SetupError::Setting("q0", value, "such that no gap g(t0, q0) is below 0"));
+        }
+        Err(Failure::Status(Status::MassNotDefinite)) => {
+            let range = "symmetric positive definite at the start";
+            return Err(SetupError::Setting("mass", f64::NAN, range));
+        }
+        _ => (),
+    }
+    let mut running = Running::new(machine, t1, &mut output);
+    let ending = match started {
+        Err(failure) => failure.into(),
+        Ok(_) => running.go(&mut model, monitor),
+    };
+    Ok(running.finish(ending, model.count))
+}
+
+fn check_sizes(Layout { n, m }: Layout, e: &[f64], q: &[f64], w: &[f64]) -> Result<(), SetupError> {
+    if n == 0 || n > MOST {
+        return Err(SetupError::Count("n", n, "from 1 to 64"));
+    }
+    if m > MOST {
+        return Err(SetupError::Count("m", m, "at most 64"));
+    }
+    for (name, given, wanted) in [("e", e.len(), m), ("q0", q.len(), n), ("qdot0", w.len(), n)] {
+        if given != wanted {
+            return Err(SetupError::Count(name, given, "one number each"));
+        }
+    }
+    if let Some(&e) = e.iter().find(|e| !(0.0..=1.0).contains(*e)) {
+        return Err(SetupError::Setting("e", e, "from 0 to 1"));
+    }
+    for (name, state) in [("q0", q), ("qdot0", w)] {
+        if let Some(&value) = state.iter().find(|value| !value.is_finite()) {
+            return Err(SetupError::Setting(name, value, "finite"));
+        }
+    }
+    Ok(())
+}
+
+fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
+    if !(t0.is_finite() && t1.is_finite()) {
+        return Err(GridError::SpanNotFinite(t0, t1).into());
+    }
+    if t1 <= t0 {
+        return Err(GridError::SpanEmpty(t0, t1).into());
+    }
+    Ok(())
+}

@@ -1,0 +1,86 @@
+//! The infinitely many arcs that a jump skips, evaluated when they are asked for.
+//!
+//! The bouncing gap follows the arcs `Y(t)` of [`crate::Tail`]. The system follows the motion
+//! `c(t)` that it would have in contact, and is moved out of it along the direction `r(t)` in which
+//! the impulses act,
+//!
+//! ```text
+//! x = c(t) + r(t) Y(t)      x' = c'(t) + r'(t) Y(t) + r(t) Y'(t)                         (1)
+//! ```
+//!
+//! with `c` the polynomial of degree 5 through position, velocity and acceleration at both ends,
+//! and `r` the line.
+
+use super::chain::StateChain;
+use crate::numeric::bernstein::Bernstein;
+use crate::switched::tail::Tail;
+
+/// One end of the skipped arcs: coordinates and gaps in contact, their rates and accelerations,
+/// and which way the bounces move them.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct EndOfArcs {
+    pub(super) x: Vec<f64>,
+    pub(super) v: Vec<f64>,
+    pub(super) acceleration: Vec<f64>,
+    pub(super) way: Vec<f64>,
+}
+
+/// The arcs of a bouncing gap between the last computed impact and the Zeno point.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct SkippedArcs {
+    pub(super) arcs: Tail,
+    /// By component: the coefficients of `c`, then both ends of `r`.
+    pub(super) rows: Vec<[f64; 8]>,
+}
+
+impl SkippedArcs {
+    pub(super) fn new(chain: &StateChain, zeno: f64, [first, last]: [EndOfArcs; 2]) -> Self {
+        let arcs = Tail::new(&chain.times, chain.e, zeno, 1.0);
+        let h = zeno - arcs.start();
+        let row = |c: usize| {
+            let ((x0, v0, a0), (x1, v1, a1)) = (
+                (first.x[c], h * first.v[c] / 5.0, h * h * first.acceleration[c] / 20.0),
+                (last.x[c], h * last.v[c] / 5.0, h * h * last.acceleration[c] / 20.0),
+            );
+            let (c1, c4) = (x0 + v0, x1 - v1);
+            [x0, c1, c1 + v0 + a0, c4 - v1 + a1, c4, x1, first.way[c], last.way[c]]
+        };
+        Self { arcs, rows: (0..first.x.len()).map(row).collect() }
+    }
+
+    pub(super) fn start(&self) -> f64 {
+        self.arcs.start()
+    }
+
+    /// Start and end of an arc, unless it is too short to be told from its ends.
+    pub(super) fn arc(&self, m: usize) -> Option<(f64, f64)> {
+        self.arcs.arc(m).map(|arc| (arc.start, arc.end))
+    }
+
+    /// Equations (1) at `t`, after the impact if there is one.
+    pub(super) fn at(&self, t: f64, x: &mut [f64], v: &mut [f64]) {
+        let bounce = self.arcs.at(t);
+        self.combine(t, (bounce.x, bounce.xdot), x, v);
+    }
+
+    /// The same on the arc `m`, before the impact at its end.
+    pub(super) fn at_before(&self, t: f64, m: usize, x: &mut [f64], v: &mut [f64]) {
+        let bounce = self.arcs.arc(m).map_or((0.0, 0.0), |arc| {
+            let at = arc.at(t);
+            (at.x, at.xdot)
+        });
+        self.combine(t, bounce, x, v);
+    }
+
+    fn combine(&self, t: f64, (y, u): (f64, f64), x: &mut [f64], v: &mut [f64]) {
+        let h = self.arcs.zeno_time() - self.arcs.start();
+        let theta = if h > 0.0 { ((t - self.arcs.start()) / h).clamp(0.0, 1.0) } else { 1.0 };
+        for (c, row) in self.rows.iter().enumerate() {
+            let (motion, [.., r0, r1]) = (Bernstein::new(&row[..6]), *row);
+            let way = r0 + theta * (r1 - r0);
+            x[c] = motion.at(theta) + way * y;
+            let rate = if h > 0.0 { (motion.slope(theta) + (r1 - r0) * y) / h } else { 0.0 };
+            v[c] = rate + way * u;
+        }
+    }
+}

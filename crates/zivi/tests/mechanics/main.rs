@@ -1,0 +1,4 @@
+//! Mechanical systems with several coordinates and gaps.
+
+mod models;
+mod references;
