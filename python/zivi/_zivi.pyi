@@ -11,6 +11,8 @@ __all__ = [
     "Explicit",
     "LoopBatchRecord",
     "LoopRecord",
+    "MechanicalPath",
+    "MechanicalRecord",
     "MotionPath",
     "Regulator",
     "RunRecord",
@@ -24,6 +26,7 @@ __all__ = [
     "check_switched_rk",
     "check_theta_gamma",
     "compiled_force",
+    "compiled_model",
     "fly_apart",
     "force_raised",
     "grid_times",
@@ -36,6 +39,7 @@ __all__ = [
     "simulate_closed_loop",
     "simulate_closed_loop_batch",
     "simulate_explicit_euler",
+    "simulate_mechanical",
     "simulate_moreau_jean",
     "simulate_switched_rk",
     "simulate_theta_gamma",
@@ -106,6 +110,71 @@ class MotionPath:
     def lifted(self, times: _Array) -> tuple[_Array, _Array]: ...
     def skipped_impacts(self, speed: float, at_most: int) -> tuple[_Array, _Array, _Array]: ...
 
+def compiled_model(callable: tuple[Any, ...], argument: str) -> tuple[int, int | None, bool]: ...
+@final
+class MechanicalPath:
+    def numbers(self) -> _Array: ...
+    @staticmethod
+    def restored(numbers: _Array) -> MechanicalPath: ...
+    def __reduce__(self) -> tuple[Any, tuple[_Array]]: ...
+    @property
+    def span(self) -> tuple[float, float] | None: ...
+    def at(self, times: _Array) -> tuple[_Array, _Array, _Array, _Array, NDArray[np.bool_]]: ...
+
+@final
+class MechanicalRecord:
+    t: _Array
+    q: _Array
+    qdot: _Array
+    gaps: _Array
+    gap_rates: _Array
+    reactions: _Array
+    contacts: NDArray[np.bool_]
+    impact_t: _Array
+    impact_gap: NDArray[np.int64]
+    impact_speed_before: _Array
+    impact_speed_after: _Array
+    impact_impulse: _Array
+    impact_group: NDArray[np.int64]
+    zeno_t: _Array
+    zeno_gap: NDArray[np.int64]
+    zeno_closed: NDArray[np.bool_]
+    liftoff_t: _Array
+    liftoff_gap: NDArray[np.int64]
+    opened_t: _Array
+    opened_gap: NDArray[np.int64]
+    corner_t: _Array
+    corner_gaps: NDArray[np.bool_]
+    flag_kind: list[str]
+    flag_t: _Array
+    flag_gaps: NDArray[np.bool_]
+    flag_size: _Array
+    hits: list[tuple[_Array, _Array, _Array]]
+    status: int
+    message: str
+    nfev: int
+    n_steps: int
+    n_rejected: int
+    n_impacts: int
+    raised: BaseException | None
+    path: MechanicalPath | None
+
+def simulate_mechanical(
+    model: tuple[Any, ...],
+    method: _SwitchedSettings,
+    *,
+    n: int,
+    m: int,
+    e: _Array,
+    span: tuple[float, float],
+    q0: _Array,
+    qdot0: _Array,
+    t_eval: _Array | None,
+    tstops: _Array,
+    events: list[tuple[Any, int, int | None]],
+    dense: bool,
+    progress: Any = None,
+) -> MechanicalRecord: ...
 def check_moreau_jean(theta: float) -> None: ...
 def simulate_moreau_jean(
     force: tuple[Any, ...],

@@ -230,6 +230,28 @@ pub(crate) fn force_raised() {
     RAISED.fetch_add(1, Ordering::Relaxed);
 }
 
+/// A look at the exceptions that compiled functions raised.
+#[derive(Clone, Copy)]
+pub(crate) struct Raised {
+    /// Those that were there when this was last looked at.
+    seen: usize,
+}
+
+impl Raised {
+    pub(crate) fn now() -> Self {
+        Self { seen: RAISED.load(Ordering::Relaxed) }
+    }
+
+    /// Whether the compiled function that this thread called last raised one. The counter is one
+    /// for all threads: a look at it costs next to nothing.
+    pub(crate) fn here(&mut self) -> bool {
+        let count = RAISED.load(Ordering::Relaxed);
+        let changed = count != self.seen;
+        self.seen = count;
+        changed && RAISED_HERE.take()
+    }
+}
+
 /// A compiled function, called without the interpreter. Whoever made the tuple keeps it alive.
 #[derive(Clone, Copy)]
 pub(crate) struct CompiledForce {

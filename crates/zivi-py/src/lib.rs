@@ -5,8 +5,11 @@
 mod batch;
 mod closed_loop;
 mod control;
+mod dynamics;
 mod force;
 mod loop_batch;
+mod mechanics;
+mod motion;
 mod record;
 mod sensitivity;
 mod simulate;
@@ -47,6 +50,10 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(sensitivity::fly_apart, module)?)?;
     module.add_function(wrap_pyfunction!(force::compiled_force, module)?)?;
     module.add_function(wrap_pyfunction!(force::force_raised, module)?)?;
+    module.add_class::<mechanics::MechanicalRecord>()?;
+    module.add_class::<motion::MechanicalPath>()?;
+    module.add_function(wrap_pyfunction!(mechanics::simulate_mechanical, module)?)?;
+    module.add_function(wrap_pyfunction!(dynamics::compiled_model, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::check_moreau_jean, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_moreau_jean, module)?)?;
     module.add_class::<control::Regulator>()?;

@@ -44,7 +44,7 @@ impl Machine {
         let speeds: Vec<f64> = self.now.v[n..].to_vec();
         let bouncing = |i: usize| if key.hit.has(i) { speeds[i] } else { 0.0 };
         let state = self.without_bounce(key)?;
-        let first = self.end_of_arcs(state, set, &bouncing, model)?;
+        let first = self.end_of_arcs(state, set, bouncing, model)?;
         (self.now.t, self.now.late) = (landing.t.max(self.now.t), 0.0);
         let (x, v) = landing.z.split_at(n + self.layout.m);
         self.now.x.copy_from_slice(x);
@@ -54,7 +54,7 @@ impl Machine {
         }
         self.project(set, model)?;
         let state = [&self.now.x[..], &self.now.v[..]].concat();
-        let last = self.end_of_arcs(state, set, &bouncing, model)?;
+        let last = self.end_of_arcs(state, set, bouncing, model)?;
         let arcs = SkippedArcs::new(&self.chain, self.now.t, [first, last]);
         let (closed, left) = self.settle(set)?;
         (self.closed, self.unarmed) = (closed, left);
@@ -75,7 +75,7 @@ impl Machine {
         &mut self,
         state: Vec<f64>,
         set: GapSet,
-        speeds: impl Fn(usize) -> f64,
+        speeds: impl Fn(usize) -> f64 + Copy,
         model: &mut Model<'_, D>,
     ) -> Result<EndOfArcs, Failure<E>> {
         let Layout { n, m } = self.layout;

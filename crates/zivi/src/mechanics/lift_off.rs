@@ -16,7 +16,7 @@ use crate::system::dynamics::Dynamics;
 /// Nodes of the polynomial of a contact force: `(1 - cos(pi k/7))/2`.
 const NODES: [f64; MOST_DEGREE + 1] = [
     0.0,
-    0.049_515_566_048_790_427,
+    0.049_515_566_048_790_43,
     0.188_255_099_070_633_23,
     0.388_739_533_021_842_8,
     0.611_260_466_978_157_2,

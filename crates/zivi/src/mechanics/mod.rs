@@ -26,6 +26,7 @@ mod run;
 mod stages;
 mod state_events;
 mod stops;
+mod stored;
 mod tail;
 
 pub use gap_set::GapSet;

@@ -37,9 +37,9 @@ pub struct MotionPoint {
 }
 
 /// The motion as a function of time, through skipped arcs and contact.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct MechanicalPath {
-    pub(super) layout: Option<Layout>,
+    pub(super) layout: Layout,
     pub(super) segments: Vec<Segment>,
     pub(super) coefficients: Vec<f64>,
     pub(super) skipped: Vec<SkippedArcs>,
@@ -80,12 +80,13 @@ impl Curve {
 
 impl MechanicalPath {
     pub(super) fn new(layout: Layout) -> Self {
-        Self { layout: Some(layout), ..Self::default() }
+        let (segments, coefficients, skipped) = (Vec::new(), Vec::new(), Vec::new());
+        Self { layout, segments, coefficients, skipped, end: None }
     }
 
     /// Makes room for one more segment of any kind.
     pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
-        let size = self.layout.map_or(0, |layout| layout.n + layout.m);
+        let size = self.layout.n + self.layout.m;
         reserve.room(&mut self.segments, 1, 0)?;
         reserve.room(&mut self.coefficients, 2 * size * (MOST_DEGREE + 1), 0)?;
         reserve.room(&mut self.skipped, 1, 0)
@@ -116,6 +117,12 @@ impl MechanicalPath {
         self.segments.push(segment);
     }
 
+    /// How many coordinates and gaps there are.
+    #[must_use]
+    pub fn layout(&self) -> Layout {
+        self.layout
+    }
+
     /// The times between which the motion is known, unless the run made no step.
     #[must_use]
     pub fn span(&self) -> Option<(f64, f64)> {
@@ -135,7 +142,7 @@ impl MechanicalPath {
             return None;
         }
         let Segment { start, closed, kind } = self.segments[after - 1];
-        let Layout { n, m } = self.layout?;
+        let Layout { n, m } = self.layout;
         let mut point = MotionPoint { x: vec![0.0; n + m], v: vec![0.0; n + m], closed };
         match kind {
             Kind::Skipped(number) => self.skipped[number].at(t, &mut point.x, &mut point.v),

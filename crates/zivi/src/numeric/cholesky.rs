@@ -14,7 +14,7 @@ pub(crate) fn factor(a: &mut [f64], n: usize) -> f64 {
                 row[j] = (row[j] - product(&row[..j], &other[..j])) / other[j];
             } else {
                 let left = row[i] - product(&row[..i], &row[..i]);
-                let part = left / row[i];
+                let part = if row[i] > 0.0 { left / row[i] } else { -1.0 };
                 least = if part < least || part.is_nan() { part } else { least };
                 row[i] = left.sqrt();
             }
@@ -53,6 +53,7 @@ mod tests {
         assert_eq!(factor(&mut [4.0, 0.0, 0.0, 9.0], 2), 1.0);
         assert!(factor(&mut [1.0, 2.0, 2.0, 4.0], 2) <= 0.0);
         assert!(factor(&mut [1.0, 2.0, 2.0, 1.0], 2) < 0.0);
-        assert!(!(factor(&mut [-1.0], 1) > 0.0) || factor(&mut [-1.0], 1).is_nan());
+        assert!(factor(&mut [-1.0], 1) < 0.0 && factor(&mut [0.0], 1) < 0.0);
+        assert!(factor(&mut [f64::NAN], 1) < 0.0);
     }
 }

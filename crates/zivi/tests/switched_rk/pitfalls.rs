@@ -372,7 +372,10 @@ fn bad_settings_are_refused_by_name() {
         let message = settings.validated().unwrap_err().to_string();
         assert!(message.starts_with(&format!("{name} must be")), "{message}");
     }
-    assert_eq!(Status::ALL.map(|it| it as u8), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]);
+    assert_eq!(
+        Status::ALL.map(|it| it as u8),
+        [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
+    );
 }
 
 #[test]

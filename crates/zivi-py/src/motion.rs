@@ -1,0 +1,68 @@
+//! The motion of a mechanical system between the samples of a run.
+
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use zivi::mechanics::{GapSet, MechanicalPath as Path};
+
+use crate::mechanics::{columns, members, not_a_motion, Matrix};
+
+/// What restores an object, and its arguments.
+type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
+/// Coordinates, velocities, gaps, their rates, and which are closed.
+type Motion = (Matrix<f64>, Matrix<f64>, Matrix<f64>, Matrix<f64>, Matrix<bool>);
+
+/// The motion of a mechanical system as a function of time.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct MechanicalPath {
+    pub(crate) path: Path,
+}
+
+#[pymethods]
+impl MechanicalPath {
+    /// The times between which the motion is known.
+    #[getter]
+    fn span(&self) -> Option<(f64, f64)> {
+        self.path.span()
+    }
+
+    /// `(q, qdot, gaps, gap_rates, contacts)` at the times, NaN outside of the span.
+    fn at(&self, py: Python<'_>, times: PyReadonlyArray1<'_, f64>) -> PyResult<Motion> {
+        let layout = self.path.layout();
+        let (n, m) = (layout.n, layout.m);
+        let (mut x, mut v, mut closed) = (Vec::new(), Vec::new(), Vec::new());
+        for &t in times.as_array() {
+            match self.path.at(t) {
+                Some(point) => {
+                    x.extend(point.x);
+                    v.extend(point.v);
+                    closed.push(point.closed);
+                }
+                None => {
+                    x.resize(x.len() + n + m, f64::NAN);
+                    v.resize(v.len() + n + m, f64::NAN);
+                    closed.push(GapSet::EMPTY);
+                }
+            }
+        }
+        let of = |values: &[f64], from, width| columns(py, values, n + m, from, width);
+        let (q, qdot) = (of(&x, 0, n)?, of(&v, 0, n)?);
+        Ok((q, qdot, of(&x, n, m)?, of(&v, n, m)?, members(py, &closed, m)?))
+    }
+
+    /// All that it consists of, as plain numbers.
+    fn numbers<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.path.to_numbers())
+    }
+
+    /// What `numbers` came from; a ValueError for numbers that are none of a motion.
+    #[staticmethod]
+    fn restored(numbers: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
+        let numbers: Vec<f64> = numbers.as_array().iter().copied().collect();
+        let path = Path::from_numbers(&numbers).ok_or_else(not_a_motion)?;
+        Ok(Self { path })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        Ok((py.get_type::<Self>().getattr("restored")?, (self.numbers(py),)))
+    }
+}
