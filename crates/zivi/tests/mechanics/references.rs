@@ -149,11 +149,11 @@ fn errors(case: &Case, order: Order, tol: f64) -> Result<[f64; 3], String> {
     for (one, other) in state.zip(&case.state) {
         worst[0] = worst[0].max((one - other).abs() / tol);
     }
-    let corners = run.occurrences.iter().filter_map(|it| match it {
+    let mut corners = run.occurrences.iter().filter_map(|it| match it {
         Occurrence::Corner { t, .. } => Some(*t),
         _ => None,
     });
-    if let (Some(wanted), Some(found)) = (case.corner, corners.last()) {
+    if let (Some(wanted), Some(found)) = (case.corner, corners.next_back()) {
         worst[1] = worst[1].max((found - wanted).abs() / tol);
     } else if case.corner.is_some() && std::env::var_os("CORNERS").is_some() {
         return Err("no corner".into());
