@@ -2,289 +2,31 @@
 
 from __future__ import annotations
 
-import copy
-import enum
-import math
-import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, Never, Self, TypeVar
-
-import numpy as np
+from typing import Any, Literal, Self
 
 from zivi import _zivi
-from zivi._check import Array, real, switch, whole
-from zivi.transform import coefficients
+from zivi._check import real, switch
+from zivi._controllers import (
+    DEPTH,
+    Following,
+    Landing,
+    TickStatus,
+    common,
+    core,
+    horizon_of,
+    plant_kappa,
+    reference_kappa,
+    with_wall,
+)
 
 __all__ = ["ExplicitTwisting", "TickStatus", "TwistingRegulator", "TwistingTracker"]
 
 BRANCHES = ("positive", "nearest")
 """How a tracker lifts what it measures."""
-DEPTH = 0.1
-"""How far behind the wall a measurement may lie by default (m)."""
-ANY_KAPPA = 0.5
-TICKS = ("step", "step_to")
-Controller = TypeVar("Controller")
-MAX_AHEAD = 10**9
-"""Periods of the longest horizon, as of the longest run."""
 
 
-class TickStatus(enum.IntFlag):
-    """What was done to the last sample and to the control; ``0`` is nothing."""
-
-    CLAMPED = 1
-    """The measured position was negative by at most ``depth`` and was taken as 0."""
-    SATURATED = 2
-    """The control was cut to ``u_limits``."""
-    REFUSED = 4
-    """In a closed loop: the sample was refused, the last control was held."""
-
-
-class _Shared:
-    """Settings and state: what the controllers have in common beside their ticks."""
-
-    _settings: dict[str, Any]
-
-    if TYPE_CHECKING:  # the extension's classes have them
-
-        @property
-        def _status(self) -> int: ...
-        @property
-        def _signs(self) -> Sequence[float]: ...
-        def _get_state(self) -> tuple[Any, ...]: ...
-        def _set_state(self, state: Any, /) -> None: ...
-
-    def _number(self, name: str) -> float:
-        value = self._settings[name]
-        return _without_wall() if value is None else float(value)
-
-    def _on(self, kappa: float) -> Self:
-        """Give the controller on a wall; itself if it knows one."""
-        if self._settings["kappa"] is not None:
-            return self
-        attributes = {name: it for name, it in self.__dict__.items() if name not in TICKS}
-        settings = self._settings | {"kappa": kappa}
-        if settings.get("kappa_ref", kappa) is None:
-            settings["kappa_ref"] = kappa
-        this: Any = self
-        twin: Any = _rebuilt(type(self), attributes | {"_settings": settings}, self.state)
-        if hasattr(this, "x_ref"):
-            twin.reset(this.x_ref, this.xdot_ref)
-        return twin  # type: ignore[no-any-return]
-
-    @property
-    def mu1(self) -> float:
-        """Gain on the sign of the position (m/s^2)."""
-        return self._number("mu1")
-
-    @property
-    def mu2(self) -> float:
-        """Gain on the sign of the velocity (m/s^2)."""
-        return self._number("mu2")
-
-    @property
-    def h(self) -> float:
-        """Sampling period (s)."""
-        return self._number("h")
-
-    @property
-    def e(self) -> float:
-        """Coefficient of restitution of the plant's wall."""
-        return coefficients(None, self.kappa)[0]
-
-    @property
-    def kappa(self) -> float:
-        """``(1 - e)/(1 + e)`` of the plant's wall."""
-        return self._number("kappa")
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """All settings, as they are given to the constructor."""
-        return dict(self._settings)
-
-    @property
-    def signs(self) -> Array:
-        """Multipliers of the last tick, those of the regulator or all six (a copy)."""
-        return np.array(self._signs)
-
-    @property
-    def status(self) -> TickStatus:
-        """What was done to the last sample and to the control."""
-        return TickStatus(self._status)
-
-    @property
-    def state(self) -> tuple[Any, ...]:
-        """All that changes from tick to tick; assigning it restores the controller exactly."""
-        return self._get_state()
-
-    @state.setter
-    def state(self, state: tuple[Any, ...]) -> None:
-        if not _is_state(state):
-            raise ValueError(f"state must be what a controller's state gave, got {state!r}")
-        self._set_state(state)
-
-    def copy(self) -> Self:
-        """Copy the controller: the same settings, the same state."""
-        twin: Self = _rebuilt(type(self), dict(self.__dict__), self.state)
-        return twin
-
-    def __copy__(self) -> Self:
-        return self.copy()
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        attributes = copy.deepcopy(self.__dict__, memo)
-        twin: Self = _rebuilt(type(self), attributes, self.state)
-        return twin
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (type(self), self.__dict__, self.state)
-
-    def __repr__(self) -> str:
-        shown = {name: value for name, value in self._settings.items() if value is not None}
-        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in shown.items())})"
-
-
-class _Following(_Shared):
-    """What the controllers with a reference have in common."""
-
-    @property
-    def e_ref(self) -> float:
-        """Coefficient of restitution of the reference's wall."""
-        return coefficients(None, self.kappa_ref)[0]
-
-    @property
-    def kappa_ref(self) -> float:
-        """``(1 - e)/(1 + e)`` of the reference's wall."""
-        return self._number("kappa_ref")
-
-
-class _Landing(_Shared):
-    """What the controllers that land have in common."""
-
-    @property
-    def landing(self) -> bool:
-        """Whether the control ends in exact rest in a sampled loop."""
-        return bool(self._settings["landing"])
-
-    @property
-    def ahead(self) -> int:
-        """Horizon of the landing, in sampling periods."""
-        return int(self._settings["ahead"])
-
-
-def _rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...]) -> Any:
-    # by the constructor of the class of ours: a subclass may have one of its own
-    ours: Any = next(base for base in kind.__mro__ if base.__module__ == __name__)
-    controller = ours.__new__(kind, **attributes["_settings"])
-    controller.__dict__.update(attributes)
-    controller.state = state
-    return controller
-
-
-def _is_state(state: Any) -> bool:
-    try:
-        s, v, side, u, signs, bits = state
-        numbers = [float(number) for number in (s, v, side, u, *signs)]
-        return (
-            all(map(math.isfinite, numbers))
-            and abs(side) == 1.0
-            and s * side >= 0.0
-            and len(signs) == 6
-            and all(abs(sign) <= 1.0 for sign in signs)
-            and bits in range(4)
-        )
-    except (TypeError, ValueError):
-        return False
-
-
-def _common(
-    mu1: float,
-    mu2: float,
-    h: float,
-    kappa: float | None,
-    bound: float | None,
-    depth: float,
-    u_limits: Sequence[float] | None,
-) -> dict[str, Any]:
-    """Return settings as plain numbers; their ranges are checked in the core."""
-    limits = None
-    if u_limits is not None:
-        try:
-            low, high = u_limits
-        except (TypeError, ValueError):
-            message = f"u_limits must be two numbers (u_min, u_max), got {u_limits!r}"
-            raise TypeError(message) from None
-        limits = (real("u_min", low), real("u_max", high))
-    return {
-        "mu1": real("mu1", mu1),
-        "mu2": real("mu2", mu2),
-        "h": real("h", h),
-        "kappa": kappa,
-        "bound": None if bound is None else real("bound", bound),
-        "depth": real("depth", depth),
-        "u_limits": limits,
-    }
-
-
-def _core(settings: dict[str, Any]) -> dict[str, Any]:
-    """Translate settings for the extension."""
-    given = dict(settings)
-    limits = given.pop("u_limits")
-    if given["kappa"] is None:  # any wall, until it is known; then the gains are checked too
-        given |= {"kappa": ANY_KAPPA, "bound": None}
-    if given.get("kappa_ref", ANY_KAPPA) is None:
-        given["kappa_ref"] = ANY_KAPPA
-    return given | {"actuator": (-math.inf, math.inf) if limits is None else limits}
-
-
-def _plant_kappa(e: float | None, kappa: float | None) -> float | None:
-    """Return what is given of the plant's wall, None if nothing is."""
-    return None if e is None and kappa is None else coefficients(e, kappa)[1]
-
-
-def _without_wall(*_: Any, **__: Any) -> Never:
-    raise ValueError(
-        "the controller has no e: give it e= or kappa=; zivi.simulate_closed_loop gives it the "
-        "plant's"
-    )
-
-
-def _with_wall(controller: Controller) -> Controller:
-    """Keep a controller from ticking that does not know a wall yet."""
-    it: Any = controller
-    if it._settings["kappa"] is None:
-        names = [name for name in TICKS if hasattr(controller, name)]
-        it.__dict__.update(dict.fromkeys(names, _without_wall))
-    return controller
-
-
-def _reference_kappa(
-    e_ref: float | None, kappa_ref: float | None, plant: float | None
-) -> float | None:
-    if e_ref is None and kappa_ref is None:
-        return plant
-    e = None if e_ref is None else real("e_ref", e_ref)
-    kappa = None if kappa_ref is None else real("kappa_ref", kappa_ref)
-    try:
-        return coefficients(e, kappa)[1]
-    except ValueError as error:
-        raise ValueError(re.sub(r"\b(e|kappa)\b", r"\1_ref", str(error))) from None
-
-
-def _horizon(landing: Any, ahead: Any) -> int:
-    """Return the horizon of a landing in periods."""
-    switch("landing", landing)
-    periods = whole("ahead", ahead)
-    if not 1 <= periods <= MAX_AHEAD:
-        raise ValueError(
-            f"ahead must be >= 1 (1 + the periods of delay) and at most {MAX_AHEAD:.0e}, "
-            f"got {ahead}"
-        )
-    if periods > 1 and not landing:
-        raise ValueError(f"ahead is of the landing: with landing=False it must be 1, got {ahead}")
-    return periods
-
-
-class TwistingRegulator(_zivi.Regulator, _Landing):
+class TwistingRegulator(_zivi.Regulator, Landing):
     r"""The twisting regulator: brings the mass to rest at the wall in finite time.
 
     .. math::
@@ -361,15 +103,15 @@ class TwistingRegulator(_zivi.Regulator, _Landing):
         landing: bool = True,
         ahead: int = 1,
     ) -> Self:
-        kappa = _plant_kappa(e, kappa)
-        settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
-        horizon = _horizon(landing, ahead)
-        self = super().__new__(cls, **_core(settings), ahead=horizon if landing else None)
+        kappa = plant_kappa(e, kappa)
+        settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        horizon = horizon_of(landing, ahead)
+        self = super().__new__(cls, **core(settings), ahead=horizon if landing else None)
         self._settings = settings | {"landing": bool(landing), "ahead": horizon}
-        return _with_wall(self)
+        return with_wall(self)
 
 
-class TwistingTracker(_zivi.Tracker, _Following, _Landing):
+class TwistingTracker(_zivi.Tracker, Following, Landing):
     r"""The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
     .. math::
@@ -472,10 +214,10 @@ class TwistingTracker(_zivi.Tracker, _Following, _Landing):
     ) -> Self:
         if not (isinstance(branch, str) and branch in BRANCHES):
             raise ValueError(f"branch must be one of {', '.join(BRANCHES)}, got {branch!r}")
-        kappa = _plant_kappa(e, kappa)
-        settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
-        settings["kappa_ref"] = _reference_kappa(e_ref, kappa_ref, kappa)
-        periods = _horizon(landing, ahead)
+        kappa = plant_kappa(e, kappa)
+        settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        settings["kappa_ref"] = reference_kappa(e_ref, kappa_ref, kappa)
+        periods = horizon_of(landing, ahead)
         quiet: dict[str, Any] = {
             "horizon": real("horizon", horizon),
             "shift": switch("shift", shift),
@@ -488,7 +230,7 @@ class TwistingTracker(_zivi.Tracker, _Following, _Landing):
                 )
         self = super().__new__(
             cls,
-            **_core(settings),
+            **core(settings),
             nearest=branch == "nearest",
             ahead=periods if landing else None,
             press=press,
@@ -501,7 +243,7 @@ class TwistingTracker(_zivi.Tracker, _Following, _Landing):
             "ahead": periods,
             **quiet,
         }
-        return _with_wall(self)
+        return with_wall(self)
 
     @property
     def branch(self) -> str:
@@ -511,6 +253,7 @@ class TwistingTracker(_zivi.Tracker, _Following, _Landing):
     @property
     def press(self) -> float | None:
         """Acceleration towards the wall of a mass at rest (m/s^2); None without a landing."""
+        self._number("kappa")  # known
         accelerations = self._accelerations()
         return None if accelerations is None else accelerations[-1]
 
@@ -525,7 +268,7 @@ class TwistingTracker(_zivi.Tracker, _Following, _Landing):
         return bool(self._settings["shift"])
 
 
-class ExplicitTwisting(_zivi.Explicit, _Following):
+class ExplicitTwisting(_zivi.Explicit, Following):
     r"""Baseline: the twisting tracker with the signs of the sampled state. It chatters.
 
     .. math::
@@ -580,9 +323,9 @@ class ExplicitTwisting(_zivi.Explicit, _Following):
         depth: float = DEPTH,
         u_limits: Sequence[float] | None = None,
     ) -> Self:
-        kappa = _plant_kappa(e, kappa)
-        settings = _common(mu1, mu2, h, kappa, bound, depth, u_limits)
-        settings["kappa_ref"] = _reference_kappa(e_ref, kappa_ref, kappa)
-        self = super().__new__(cls, **_core(settings))
+        kappa = plant_kappa(e, kappa)
+        settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        settings["kappa_ref"] = reference_kappa(e_ref, kappa_ref, kappa)
+        self = super().__new__(cls, **core(settings))
         self._settings = settings
-        return _with_wall(self)
+        return with_wall(self)

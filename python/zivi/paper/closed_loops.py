@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -108,8 +109,11 @@ def track(
     if controller == "explicit":
         tracker = ExplicitTwisting(MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref)
     else:
+        branch: Literal["positive", "nearest"] = (
+            "nearest" if controller == "nearest" else "positive"
+        )
         tracker = TwistingTracker(
-            MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref, branch=controller, landing=landing
+            MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref, branch=branch, landing=landing
         )
     with warnings.catch_warnings():
         # another e than the plant's is what the table is about
