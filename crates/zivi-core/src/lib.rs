@@ -19,6 +19,7 @@
 //! set-valued signs implicitly; what it has to solve is a variational inequality on the box
 //! `[-1, 1]^2`, in the general form that [`vi`] knows. [`control`] discretises the twisting
 //! controllers in the same way: one tick solves one such step with the control's signs in it.
+//! [`observer`] estimates what a controller needs to know where not all of it is measured.
 //!
 //! The crate is `no_std`, allocates nothing, has no `unsafe`, and works on plain `f64`: all of it
 //! runs on a microcontroller. The notation, with the Rust and the Python name of every symbol,
@@ -35,6 +36,8 @@
 )]
 
 pub mod control;
+pub mod flight;
+pub mod observer;
 pub mod restitution;
 mod setting;
 pub mod step;

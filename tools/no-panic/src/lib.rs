@@ -6,9 +6,10 @@
 #![no_std]
 
 use zivi_core::control::{
-    Approach, ExplicitTwisting, Gains, Landing, Port, RegulatorState, TrackerState, TwistingRegulator,
-    TwistingTracker,
+    Approach, ExplicitTwisting, Gains, Landing, Port, RegulatorState, TrackerState,
+    TwistingRegulator, TwistingTracker, Waypoint,
 };
+use zivi_core::observer::{Estimate, ImpactObserver, Measurement, ObserverSettings, ObserverState};
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
 
 extern "C" {
@@ -78,12 +79,60 @@ pub extern "C" fn zivi_tracker(
     [mu1, mu2, bound, h, e, e_ref]: &[f64; 6],
     port: &Port,
     nearest: bool,
+    [press, horizon]: &[f64; 2],
+    ahead: u32,
 ) -> bool {
     let Some((wall, wall_ref)) = walls(*e, *e_ref) else { return false };
     let Some(gains) = gains(*mu1, *mu2, *bound, wall) else { return false };
     let approach = if nearest { Approach::Nearest } else { Approach::Positive };
-    let tracker = TwistingTracker::new(gains, *h, wall, wall_ref, approach);
-    put(to, tracker.map(|it| it.with_port(*port)))
+    let landing = Landing::new(ahead, *h).ok();
+    let tracker = TwistingTracker::new(gains, *h, wall, wall_ref, approach)
+        .map(|it| it.with_landing(landing).with_port(*port).with_shift(nearest))
+        .and_then(|it| it.with_horizon(*horizon));
+    let Ok(tracker) = tracker else { return false };
+    put(to, tracker.with_press(*press, *bound))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_tracker_tick_to(
+    it: &mut TwistingTracker,
+    measured: &Physical,
+    [force, acceleration]: &[f64; 2],
+    [now, next]: &[Waypoint; 2],
+    u: &mut f64,
+) -> bool {
+    let acceleration = (!acceleration.is_nan()).then_some(*acceleration);
+    put(u, it.tick_to(*measured, *force, *now, *next, acceleration))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_observer(
+    to: &mut ImpactObserver,
+    [e, h, x, xdot, q_d, se, dmax]: &[f64; 7],
+) -> bool {
+    let Ok(wall) = Restitution::from_e(*e) else { return false };
+    let settings = ObserverSettings::new(wall, *h)
+        .and_then(|it| it.with_noise(*x, *xdot))
+        .and_then(|it| it.with_force(*q_d, *dmax))
+        .and_then(|it| it.with_restitution_error(*se));
+    put(to, settings.map(ImpactObserver::new))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_observer_tick(
+    it: &mut ImpactObserver,
+    dt: f64,
+    measured: &Measurement,
+    [force, u]: &[f64; 2],
+    to: &mut Estimate,
+) -> bool {
+    put(to, it.tick_after(dt, *measured, *force, *u))
+}
+
+#[no_mangle]
+pub extern "C" fn zivi_observer_restore(it: &mut ImpactObserver, state: &ObserverState) {
+    it.reset();
+    it.set_state(*state);
 }
 
 #[no_mangle]

@@ -87,6 +87,6 @@ impl TwistingTracker {
         let (reached, target) = self.outlook(&start, acceleration)?;
         let end = TrackerState { reference: end.reference, side: end.side, ..reached };
         let planned = Planned { now: start.reference, next: end, target };
-        self.decide((state, behind(state), clamped), force, planned)
+        self.decide((state, back, clamped), force, planned)
     }
 }

@@ -200,13 +200,10 @@ impl TwistingTracker {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
         let (next, target) = self.outlook(&self.state, force_ref)?;
-        let shifted = if self.shift && self.flies(force_ref) {
-            Physical { xdot: state.xdot - 0.5 * self.h() * force_ref, ..state }
-        } else {
-            state
-        };
+        let back =
+            if self.shift && self.flies(force_ref) { 0.5 * self.h() * force_ref } else { 0.0 };
         let planned = Planned { now: self.state.reference, next, target };
-        self.decide((state, shifted, clamped), force, planned)
+        self.decide((state, back, clamped), force, planned)
     }
 
     /// The reference after a period, and what the plant has to follow over the horizon.
@@ -224,23 +221,23 @@ impl TwistingTracker {
         Ok((next, target))
     }
 
-    /// The control for this sample and this step of the reference, and all that is remembered.
-    #[inline]
+    /// The control for this sample, its velocity taken `back`, and this step of the reference; and
+    /// all that is remembered.
+    #[inline(always)]
     pub(super) fn decide(
         &mut self,
-        (state, shifted, clamped): (Physical, Physical, bool),
+        (state, back, clamped): (Physical, f64, bool),
         force: f64,
         Planned { now, next, target }: Planned,
     ) -> Result<f64, SettingError> {
-        let rests = now == Lifted::default() && next.reference == Lifted::default();
         let (wanted, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations) = match &self.descent {
-            Some(descent) if rests => {
+            Some(descent) if now == Lifted::default() && next.reference == Lifted::default() => {
                 let g = descent.towards_wall(state);
                 let TrackingStep { gains, wall, .. } = self.step;
                 (-force - g, Descent::signs(state.xdot, g, gains, wall), 0)
             }
             _ => {
-                let z = self.lifted(shifted, now);
+                let z = self.lifted(Physical { xdot: state.xdot - back, ..state }, now);
                 let Tracking { u, lambda_s, lambda_v, lambda_es, lambda_ev, iterations, .. } =
                     self.step.solve(z, force, target);
                 (u, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations)

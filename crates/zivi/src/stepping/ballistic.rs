@@ -7,7 +7,7 @@
 //! After an impact with speed `u` under `f = -g < 0` the flights last `2u/g, 2 e u/g, ...`: the
 //! mass rests after `2u/(g (1 - e))`.
 
-use zivi_core::{Physical, Restitution};
+use zivi_core::{flight, Physical, Restitution};
 
 use crate::{Events, Impact};
 
@@ -46,7 +46,7 @@ pub fn advance(
         if flight.rests() {
             return flight.state;
         }
-        match flight.time_to_wall() {
+        match flight::time_to_wall(flight.state, flight.f) {
             Some(dt) if dt <= flight.left => flight.fall(dt),
             _ => return flight.free(),
         }
@@ -74,26 +74,9 @@ impl Flight<'_> {
         false
     }
 
-    /// Time to the first contact, written so that nothing cancels.
-    fn time_to_wall(&self) -> Option<f64> {
-        let (Physical { x, xdot }, f) = (self.state, self.f);
-        if x == 0.0 {
-            return (xdot > 0.0 && f < 0.0).then(|| 2.0 * xdot / -f);
-        }
-        let discriminant = xdot * xdot - 2.0 * f * x;
-        if xdot < 0.0 {
-            (discriminant >= 0.0).then(|| 2.0 * x / (discriminant.sqrt() - xdot))
-        } else {
-            (f < 0.0).then(|| (xdot + discriminant.sqrt()) / -f)
-        }
-    }
-
     /// Falls onto the wall, which takes `dt`, and bounces.
     fn fall(&mut self, dt: f64) {
-        let Physical { x, xdot } = self.state;
-        // energy gives the speed without cancellation; from the wall it is that of the start
-        let speed =
-            if x == 0.0 { xdot.abs() } else { (xdot * xdot - 2.0 * self.f * x).max(0.0).sqrt() };
+        let speed = flight::speed_at_wall(self.state, self.f);
         self.t += dt;
         self.left -= dt;
         self.bounce(-speed);
