@@ -3,7 +3,8 @@
 Into ``python/zivi/_native``, from which it gets into wheels; laid out like ``/usr/local``:
 
 - ``lib/libzivi.a`` (``zivi.lib`` on Windows), ``include/zivi.h``, ``lib/pkgconfig`` and
-  ``lib/cmake``: the C library for targets.
+  ``lib/cmake``: the C library for targets;
+- ``fmu/x86_64-linux.so``, or what this machine is called in FMI: the binary of the FMUs.
 
 Needs cargo and a C compiler, nothing else. ``CARGO_TARGET_DIR`` says where cargo builds.
 """
@@ -11,6 +12,7 @@ Needs cargo and a C compiler, nothing else. ``CARGO_TARGET_DIR`` says where carg
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -54,6 +56,21 @@ def c_library() -> None:
         place("lib", *parts, source).write_text(text.replace("@VERSION@", version()))
 
 
+def fmu() -> None:
+    """Build the binary of the FMUs. It loads wherever there is a C library: it names none."""
+    options = [] if sys.platform != "darwin" else ["--", "-Clink-arg=-lSystem"]
+    build("zivi-fmu", "cdylib", "target", *options)
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(
+        platform.machine().lower(), platform.machine().lower()
+    )
+    system, prefix, ending = {
+        "darwin": ("darwin", "lib", ".dylib"),
+        "win32": ("windows", "", ".dll"),
+    }.get(sys.platform, ("linux", "lib", ".so"))
+    built = TARGET / "bare" / f"{prefix}zivi_fmu{ending}"
+    copied(built, place("fmu", f"{machine}-{system}{ending}"))
+
+
 CONFIGS = [
     ("zivi.pc", "pkgconfig"),
     ("ziviConfig.cmake", "cmake", "zivi"),
@@ -71,6 +88,13 @@ def place(*parts: str) -> Path:
 def version() -> str:
     """Give the version of the workspace."""
     return str(tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"])
+
+
+def copied(source: Path, to: Path) -> None:
+    """Copy a file in one go: who has the old one loaded keeps it."""
+    with tempfile.TemporaryDirectory(dir=OUT) as folder:
+        new = shutil.copyfile(source, Path(folder, "new"))
+        os.replace(new, to)
 
 
 def build(package: str, kind: str, features: str, *options: str) -> None:
@@ -107,7 +131,7 @@ def archive_of(member: bytes, library: Path) -> None:
         os.replace(Path(folder, "new.a"), library)
 
 
-PRODUCTS: dict[str, Callable[[], None]] = {"c": c_library}
+PRODUCTS: dict[str, Callable[[], None]] = {"c": c_library, "fmu": fmu}
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

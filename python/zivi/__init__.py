@@ -21,6 +21,7 @@ from zivi.batch import Batch, simulate_batch
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
 from zivi.events import Level
+from zivi.fmu import export_fmu
 from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.parametric import ParametricForce
@@ -78,6 +79,7 @@ __all__ = [
     "__version__",
     "bimatrix",
     "check_jacobian",
+    "export_fmu",
     "grid",
     "lift",
     "natural_residual",

@@ -202,4 +202,32 @@ def paper(
     raise typer.Exit(0 if agree else 1)
 
 
+@app.command()
+def fmu(
+    out: Annotated[Path, typer.Option(help="Folder for the FMUs; those of the same names go.")],
+    model: Annotated[
+        list[str] | None,
+        typer.Option(help="mass, regulator, tracker or loop; may be given repeatedly."),
+    ] = None,
+    fmi: Annotated[list[int] | None, typer.Option(help="2 or 3; by default both.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write FMUs: zivi in Simulink, OpenModelica and other tools, without Python there.
+
+    Exit code 2 for a model or a version that does not exist, or where the binaries are missing.
+    """
+    from zivi.fmu import export_fmu
+
+    paths = []
+    with _told():
+        try:
+            paths = export_fmu(out, model or None, fmi or None)
+        except ValueError as error:
+            warn(f"zivi: {error}")
+    if not quiet:
+        for path in paths:
+            say(str(path))
+    raise typer.Exit(0 if paths else commands.WRONG)
+
+
 app.command()(lab)

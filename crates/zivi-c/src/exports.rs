@@ -69,7 +69,7 @@ pub extern "C" fn zivi_mass_size() -> u32 {
 pub unsafe extern "C" fn zivi_mass_defaults(config: *mut MassConfig) -> i32 {
     // SAFETY: see the module
     let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
-    *config = MassConfig { size: size_of::<MassConfig>() as u32, ..Default::default() };
+    *config = MassConfig::defaults();
     ZIVI_OK
 }
 
@@ -111,7 +111,7 @@ pub extern "C" fn zivi_regulator_size() -> u32 {
 pub unsafe extern "C" fn zivi_regulator_defaults(config: *mut RegulatorConfig) -> i32 {
     // SAFETY: see the module
     let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
-    *config = RegulatorConfig { size: size_of::<RegulatorConfig>() as u32, ..Default::default() };
+    *config = RegulatorConfig::defaults();
     ZIVI_OK
 }
 
@@ -164,7 +164,7 @@ pub extern "C" fn zivi_tracker_size() -> u32 {
 pub unsafe extern "C" fn zivi_tracker_defaults(config: *mut TrackerConfig) -> i32 {
     // SAFETY: see the module
     let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
-    *config = TrackerConfig { size: size_of::<TrackerConfig>() as u32, ..Default::default() };
+    *config = TrackerConfig::defaults();
     ZIVI_OK
 }
 

@@ -57,6 +57,14 @@ pub struct Mass {
 /// In `mark` of a mass that was initialised.
 const MARK: u64 = 0x7a69_7669_6d61_7373;
 
+impl MassConfig {
+    /// The size, and everything else 0.
+    #[must_use]
+    pub fn defaults() -> Self {
+        Self { size: size_of::<Self>() as u32, ..Self::default() }
+    }
+}
+
 impl Mass {
     /// Checks the settings and starts at rest on the wall.
     pub fn init(&mut self, config: &MassConfig) -> Code {

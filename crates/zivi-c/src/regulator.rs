@@ -78,6 +78,14 @@ pub struct Regulator {
 /// In `mark` of a regulator that was initialised.
 const MARK: u64 = 0x7a69_7669_7265_6775;
 
+impl RegulatorConfig {
+    /// The size, and everything else 0.
+    #[must_use]
+    pub fn defaults() -> Self {
+        Self { size: size_of::<Self>() as u32, ..Self::default() }
+    }
+}
+
 impl Regulator {
     /// Checks the settings; nothing is remembered yet.
     pub fn init(&mut self, config: &RegulatorConfig) -> Code {

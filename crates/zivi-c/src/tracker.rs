@@ -134,6 +134,14 @@ pub struct Tracker {
 /// In `mark` of a tracker that was initialised.
 const MARK: u64 = 0x7a69_7669_7472_6163;
 
+impl TrackerConfig {
+    /// The size, and everything else 0.
+    #[must_use]
+    pub fn defaults() -> Self {
+        Self { size: size_of::<Self>() as u32, ..Self::default() }
+    }
+}
+
 /// A reference that is given, at one sample.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,0 +1,303 @@
+//! The models: what their parameters set up, what a step does, what their outputs are.
+
+use zivi_c::{
+    code, MassConfig, RegulatorConfig, TrackerConfig, ZIVI_BRANCH_NEAREST, ZIVI_BRANCH_POSITIVE,
+    ZIVI_TICK_LANDING, ZIVI_TICK_PAPER,
+};
+
+use crate::state::State;
+use crate::table::{closed_loop, mass, regulator, tracker, Variable};
+
+/// Which model an instance is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Model {
+    Mass,
+    Regulator,
+    Tracker,
+    Loop,
+}
+
+const MODELS: [(Model, &[u8]); 4] = [
+    (Model::Mass, b"zivi-impacting-mass-1"),
+    (Model::Regulator, b"zivi-twisting-regulator-1"),
+    (Model::Tracker, b"zivi-twisting-tracker-1"),
+    (Model::Loop, b"zivi-twisting-loop-1"),
+];
+
+/// How a communication step is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Refusal {
+    /// It is not a positive number, or has too many steps of `h`.
+    Length,
+    /// It is not a multiple of `h`.
+    Multiple,
+    /// A step of the mass has no end.
+    Code(i32),
+}
+
+impl Model {
+    /// The model with this token.
+    pub(crate) fn of_token(token: &[u8]) -> Option<Self> {
+        MODELS.iter().find(|(_, name)| *name == token).map(|(model, _)| *model)
+    }
+
+    pub(crate) fn number(self) -> u32 {
+        self as u32 + 1
+    }
+
+    pub(crate) fn table(self) -> &'static [Variable] {
+        match self {
+            Model::Mass => mass::TABLE,
+            Model::Regulator => regulator::TABLE,
+            Model::Tracker => tracker::TABLE,
+            Model::Loop => closed_loop::TABLE,
+        }
+    }
+
+    /// Makes the objects from the parameters: a code of `zivi-c`.
+    pub(crate) fn configure(self, state: &mut State) -> i32 {
+        match self {
+            Model::Mass => configure_mass(state, mass::H, mass::E, [mass::X0, mass::XDOT0]),
+            Model::Regulator => configure_regulator(state),
+            Model::Tracker => configure_tracker(state, &TRACKER),
+            Model::Loop => {
+                use closed_loop::{E, H, X0, XDOT0};
+                let code = configure_mass(state, H, E, [X0, XDOT0]);
+                if code < 0 {
+                    return code;
+                }
+                configure_tracker(state, &LOOP)
+            }
+        }
+    }
+
+    /// Advances by a communication step of this length, the inputs held.
+    pub(crate) fn step(self, state: &mut State, length: f64) -> Result<(), Refusal> {
+        let h = match self {
+            Model::Mass => mass::H,
+            Model::Regulator => regulator::H,
+            Model::Tracker => tracker::H,
+            Model::Loop => closed_loop::H,
+        };
+        let parts = Parts::of(length, state.value(h))?;
+        if self != Model::Mass && !parts.whole {
+            return Err(Refusal::Multiple);
+        }
+        for _ in 0..parts.count {
+            self.period(state, parts.h)?;
+        }
+        state.asked = 0;
+        Ok(())
+    }
+
+    /// One step of the mass, one tick of a controller, or both.
+    fn period(self, state: &mut State, h: f64) -> Result<(), Refusal> {
+        match self {
+            Model::Mass => {
+                let force = -state.value(mass::G) + state.value(mass::U);
+                move_mass(state, h, force)?;
+            }
+            Model::Regulator => {
+                let [x, xdot, force] = regulator_inputs(state);
+                state.code = state.regulator.step(x, xdot, force);
+            }
+            Model::Tracker => {
+                let [x, xdot, force, force_ref] = tracker_inputs(state);
+                state.code = state.tracker.step(x, xdot, force, force_ref);
+            }
+            Model::Loop => {
+                let (x, xdot) = (state.mass.x, state.mass.xdot);
+                let force = state.value(closed_loop::FORCE);
+                let force_ref = state.value(closed_loop::FORCE_REF);
+                state.code = state.tracker.step(x, xdot, force, force_ref);
+                let acting = force + state.value(closed_loop::DISTURBANCE);
+                let u = state.tracker.u;
+                move_mass(state, h, acting + u)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts the outputs of this moment into the values.
+    pub(crate) fn outputs(self, state: &mut State) {
+        match self {
+            Model::Mass => mass_outputs(state),
+            Model::Regulator => regulator_outputs(state),
+            Model::Tracker => tracker_outputs(state),
+            Model::Loop => loop_outputs(state),
+        }
+    }
+}
+
+/// A communication step in equal parts.
+struct Parts {
+    count: u64,
+    h: f64,
+    /// Whether it is a multiple of the step size asked for.
+    whole: bool,
+}
+
+impl Parts {
+    /// As many parts as steps `h` fit, each exactly `h` where the length is a multiple of it, else
+    /// a little shorter.
+    fn of(length: f64, h: f64) -> Result<Self, Refusal> {
+        const MOST: f64 = 1e9;
+        let ratio = length / h;
+        if !(ratio > 0.0 && ratio <= MOST) {
+            return Err(Refusal::Length);
+        }
+        let nearest = (ratio + 0.5) as u64;
+        if nearest >= 1 && (ratio - nearest as f64).abs() <= 1e-6 {
+            return Ok(Self { count: nearest, h, whole: true });
+        }
+        let count = ratio as u64 + 1;
+        Ok(Self { count, h: length / count as f64, whole: false })
+    }
+}
+
+fn move_mass(state: &mut State, h: f64, force: f64) -> Result<(), Refusal> {
+    match state.mass.advance(h, force) {
+        code if code < 0 => Err(Refusal::Code(code)),
+        _ => Ok(()),
+    }
+}
+
+fn configure_mass(state: &mut State, h: usize, e: usize, [x0, xdot0]: [usize; 2]) -> i32 {
+    let config = MassConfig { h: state.value(h), e: state.value(e), ..MassConfig::defaults() };
+    let (x, xdot) = (state.value(x0), state.value(xdot0));
+    match state.mass.init(&config) {
+        code if code < 0 => code,
+        _ => state.mass.reset(x, xdot),
+    }
+}
+
+fn configure_regulator(state: &mut State) -> i32 {
+    use regulator::{AHEAD, BOUND, DEPTH, E, H, LANDING, MU1, MU2, U_MAX, U_MIN};
+    let Some(ahead) = periods(state.value(AHEAD)) else { return code::ZIVI_E_AHEAD };
+    let config = RegulatorConfig {
+        tick: tick_of(state.value(LANDING)),
+        ahead,
+        mu1: state.value(MU1),
+        mu2: state.value(MU2),
+        h: state.value(H),
+        e: state.value(E),
+        bound: state.value(BOUND),
+        depth: state.value(DEPTH),
+        u_min: state.value(U_MIN),
+        u_max: state.value(U_MAX),
+        ..RegulatorConfig::defaults()
+    };
+    state.regulator.init(&config)
+}
+
+/// Where the parameters of a tracker are in a model, one after another.
+struct TrackerPlaces {
+    first: usize,
+}
+
+/// `MU1, MU2, H, E, E_REF, X_REF0, ...` from here on, the same in both models.
+const TRACKER: TrackerPlaces = TrackerPlaces { first: tracker::MU1 };
+const LOOP: TrackerPlaces = TrackerPlaces { first: closed_loop::MU1 };
+const _: () = assert!(tracker::SHIFT - tracker::MU1 == closed_loop::SHIFT - closed_loop::MU1);
+
+fn configure_tracker(state: &mut State, places: &TrackerPlaces) -> i32 {
+    use tracker::{
+        AHEAD, BOUND, DEPTH, E, E_REF, H, HORIZON, LANDING, MU1, MU2, NEAREST, PRESS, SHIFT, U_MAX,
+        U_MIN, XDOT_REF0, X_REF0,
+    };
+    let of = |place: usize| state.value(place - MU1 + places.first);
+    let Some(ahead) = periods(of(AHEAD)) else { return code::ZIVI_E_AHEAD };
+    let config = TrackerConfig {
+        branch: if of(NEAREST) == 0.0 { ZIVI_BRANCH_POSITIVE } else { ZIVI_BRANCH_NEAREST },
+        tick: tick_of(of(LANDING)),
+        ahead,
+        shift: u32::from(of(SHIFT) != 0.0),
+        mu1: of(MU1),
+        mu2: of(MU2),
+        h: of(H),
+        e: of(E),
+        e_ref: of(E_REF),
+        bound: of(BOUND),
+        press: of(PRESS),
+        horizon: of(HORIZON),
+        depth: of(DEPTH),
+        u_min: of(U_MIN),
+        u_max: of(U_MAX),
+        ..TrackerConfig::defaults()
+    };
+    let (x_ref, xdot_ref) = (of(X_REF0), of(XDOT_REF0));
+    match state.tracker.init(&config) {
+        code if code < 0 => code,
+        _ => state.tracker.reset(x_ref, xdot_ref),
+    }
+}
+
+/// A number of periods, at least 1.
+fn periods(value: f64) -> Option<u32> {
+    (value >= 1.0).then_some(value as u32)
+}
+
+fn tick_of(landing: f64) -> u32 {
+    if landing == 0.0 {
+        ZIVI_TICK_PAPER
+    } else {
+        ZIVI_TICK_LANDING
+    }
+}
+
+fn regulator_inputs(state: &State) -> [f64; 3] {
+    [regulator::X, regulator::XDOT, regulator::FORCE].map(|place| state.value(place))
+}
+
+fn tracker_inputs(state: &State) -> [f64; 4] {
+    use tracker::{FORCE, FORCE_REF, X, XDOT};
+    [X, XDOT, FORCE, FORCE_REF].map(|place| state.value(place))
+}
+
+fn mass_outputs(state: &mut State) {
+    let mass = state.mass;
+    state.put(mass::X, mass.x);
+    state.put(mass::XDOT, mass.xdot);
+    state.put(mass::S, mass.s);
+    state.put(mass::V, mass.v);
+    let rests = mass.s == 0.0 && mass.v == 0.0;
+    state.put(mass::AT_REST, f64::from(u8::from(rests)));
+}
+
+/// The control for the inputs that were set since the last step, else that of the last period.
+fn regulator_outputs(state: &mut State) {
+    let (mut ahead, mut code) = (state.regulator, state.code);
+    if state.asked != 0 {
+        let [x, xdot, force] = regulator_inputs(state);
+        code = ahead.step(x, xdot, force);
+    }
+    state.put(regulator::U, ahead.u);
+    state.put(regulator::STATUS, f64::from(code));
+}
+
+/// The same; the reference is that of this sample.
+fn tracker_outputs(state: &mut State) {
+    let (mut ahead, mut code) = (state.tracker, state.code);
+    state.put(tracker::X_REF, ahead.x_ref);
+    state.put(tracker::XDOT_REF, ahead.xdot_ref);
+    if state.asked != 0 {
+        let [x, xdot, force, force_ref] = tracker_inputs(state);
+        code = ahead.step(x, xdot, force, force_ref);
+    }
+    state.put(tracker::U, ahead.u);
+    state.put(tracker::STATUS, f64::from(code));
+}
+
+/// The control is that of the sample that is taken now.
+fn loop_outputs(state: &mut State) {
+    use closed_loop::{FORCE, FORCE_REF, STATUS, U, X, XDOT, XDOT_REF, X_REF};
+    let mut ahead = state.tracker;
+    let (x, xdot) = (state.mass.x, state.mass.xdot);
+    state.put(X, x);
+    state.put(XDOT, xdot);
+    state.put(X_REF, ahead.x_ref);
+    state.put(XDOT_REF, ahead.xdot_ref);
+    let code = ahead.step(x, xdot, state.value(FORCE), state.value(FORCE_REF));
+    state.put(U, ahead.u);
+    state.put(STATUS, f64::from(code));
+}

@@ -1,0 +1,84 @@
+//! Everything that changes while a model runs.
+
+use zivi_c::{Mass, Regulator, Tracker};
+
+use crate::model::Model;
+use crate::table::{Kind, Role, MOST};
+
+/// What an instance may be asked for.
+pub(crate) mod mode {
+    pub(crate) const INSTANTIATED: u32 = 0;
+    pub(crate) const INITIALISATION: u32 = 1;
+    pub(crate) const STEP: u32 = 2;
+    pub(crate) const TERMINATED: u32 = 3;
+}
+
+/// Plain numbers without gaps between them: stored and restored as bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct State {
+    /// The token of the model, 1, 2, ...
+    pub(crate) model: u32,
+    pub(crate) mode: u32,
+    /// Whether an input was set since the last step.
+    pub(crate) asked: u32,
+    /// The code of the last tick.
+    pub(crate) code: i32,
+    /// By value reference.
+    pub(crate) values: [f64; MOST],
+    pub(crate) mass: Mass,
+    pub(crate) regulator: Regulator,
+    pub(crate) tracker: Tracker,
+}
+
+impl State {
+    /// As after instantiation.
+    pub(crate) fn new(model: Model) -> Self {
+        let mut values = [0.0; MOST];
+        for (value, variable) in values.iter_mut().zip(model.table()) {
+            *value = variable.start;
+        }
+        Self {
+            model: model.number(),
+            mode: mode::INSTANTIATED,
+            asked: 1,
+            code: 0,
+            values,
+            mass: Mass::default(),
+            regulator: Regulator::default(),
+            tracker: Tracker::default(),
+        }
+    }
+
+    pub(crate) fn value(&self, index: usize) -> f64 {
+        self.values.get(index).copied().unwrap_or(f64::NAN)
+    }
+
+    pub(crate) fn put(&mut self, index: usize, value: f64) {
+        if let Some(place) = self.values.get_mut(index) {
+            *place = value;
+        }
+    }
+
+    /// The variable with this reference, if it is of this kind; what an output is now.
+    pub(crate) fn get(&self, model: Model, reference: u32, kind: Kind) -> Option<f64> {
+        let variable = model.table().get(reference as usize)?;
+        (variable.kind == kind).then(|| self.value(reference as usize))
+    }
+
+    /// Sets a variable where that is allowed.
+    pub(crate) fn set(&mut self, model: Model, reference: u32, kind: Kind, value: f64) -> bool {
+        let Some(variable) = model.table().get(reference as usize) else { return false };
+        let now = match variable.role {
+            Role::Input => self.mode != mode::TERMINATED,
+            Role::Parameter => self.mode < mode::STEP,
+            Role::Time | Role::Output => false,
+        };
+        if variable.kind != kind || !now {
+            return false;
+        }
+        self.put(reference as usize, value);
+        self.asked = 1;
+        true
+    }
+}

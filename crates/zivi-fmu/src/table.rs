@@ -1,0 +1,146 @@
+//! The variables of the models. The place in a table is the value reference, which never changes
+//! once it is released: what is new comes at the end. `python/zivi/fmu/table.py` has the same
+//! tables with names and units; a test compares them.
+
+/// The type of a variable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Real,
+    Integer,
+    Boolean,
+}
+
+/// Who may set it, and when.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Role {
+    /// Nobody: the time of the last communication point.
+    Time,
+    /// The importer, until the initialisation is over.
+    Parameter,
+    /// The importer, at any time.
+    Input,
+    /// Nobody.
+    Output,
+}
+
+/// A variable without its name.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Variable {
+    pub(crate) kind: Kind,
+    pub(crate) role: Role,
+    pub(crate) start: f64,
+}
+
+/// Variables of the largest model.
+pub(crate) const MOST: usize = 40;
+
+macro_rules! variables {
+    ($name:ident: $($index:ident $kind:ident $role:ident $start:expr;)*) => {
+        #[allow(dead_code, reason = "not every place is asked for by name")]
+        pub(crate) mod $name {
+            use super::{Kind, Role, Variable};
+
+            #[allow(non_camel_case_types, clippy::upper_case_acronyms)]
+            enum Place { $($index),* }
+            $(pub(crate) const $index: usize = Place::$index as usize;)*
+            pub(crate) const TABLE: &[Variable] = &[
+                $(Variable { kind: Kind::$kind, role: Role::$role, start: $start }),*
+            ];
+        }
+    };
+}
+
+variables! { mass:
+    TIME Real Time 0.0;
+    U Real Input 0.0;
+    X Real Output 0.0;
+    XDOT Real Output 0.0;
+    S Real Output 0.0;
+    V Real Output 0.0;
+    AT_REST Boolean Output 0.0;
+    H Real Parameter 1e-3;
+    E Real Parameter 0.5;
+    G Real Parameter 9.81;
+    X0 Real Parameter 1.0;
+    XDOT0 Real Parameter 0.0;
+}
+
+variables! { regulator:
+    TIME Real Time 0.0;
+    X Real Input 0.0;
+    XDOT Real Input 0.0;
+    FORCE Real Input 0.0;
+    U Real Output 0.0;
+    STATUS Integer Output 0.0;
+    MU1 Real Parameter 30.0;
+    MU2 Real Parameter 17.0;
+    H Real Parameter 1e-3;
+    E Real Parameter 0.5;
+    BOUND Real Parameter 0.0;
+    DEPTH Real Parameter 0.1;
+    U_MIN Real Parameter -1e300;
+    U_MAX Real Parameter 1e300;
+    LANDING Boolean Parameter 1.0;
+    AHEAD Integer Parameter 1.0;
+}
+
+variables! { tracker:
+    TIME Real Time 0.0;
+    X Real Input 0.0;
+    XDOT Real Input 0.0;
+    FORCE Real Input -9.81;
+    FORCE_REF Real Input -9.81;
+    U Real Output 0.0;
+    X_REF Real Output 0.0;
+    XDOT_REF Real Output 0.0;
+    STATUS Integer Output 0.0;
+    MU1 Real Parameter 30.0;
+    MU2 Real Parameter 17.0;
+    H Real Parameter 1e-3;
+    E Real Parameter 0.5;
+    E_REF Real Parameter 0.0;
+    X_REF0 Real Parameter 0.0;
+    XDOT_REF0 Real Parameter 0.0;
+    BOUND Real Parameter 0.0;
+    DEPTH Real Parameter 0.1;
+    U_MIN Real Parameter -1e300;
+    U_MAX Real Parameter 1e300;
+    NEAREST Boolean Parameter 0.0;
+    LANDING Boolean Parameter 1.0;
+    AHEAD Integer Parameter 1.0;
+    PRESS Real Parameter 0.0;
+    HORIZON Real Parameter 1.0;
+    SHIFT Boolean Parameter 0.0;
+}
+
+variables! { closed_loop:
+    TIME Real Time 0.0;
+    DISTURBANCE Real Input 0.0;
+    FORCE Real Input -9.81;
+    FORCE_REF Real Input -9.81;
+    X Real Output 0.0;
+    XDOT Real Output 0.0;
+    X_REF Real Output 0.0;
+    XDOT_REF Real Output 0.0;
+    U Real Output 0.0;
+    STATUS Integer Output 0.0;
+    X0 Real Parameter 1.0;
+    XDOT0 Real Parameter 0.0;
+    MU1 Real Parameter 30.0;
+    MU2 Real Parameter 17.0;
+    H Real Parameter 1e-3;
+    E Real Parameter 0.5;
+    E_REF Real Parameter 0.0;
+    X_REF0 Real Parameter 0.0;
+    XDOT_REF0 Real Parameter 0.0;
+    BOUND Real Parameter 0.0;
+    DEPTH Real Parameter 0.1;
+    U_MIN Real Parameter -1e300;
+    U_MAX Real Parameter 1e300;
+    NEAREST Boolean Parameter 0.0;
+    LANDING Boolean Parameter 1.0;
+    AHEAD Integer Parameter 1.0;
+    PRESS Real Parameter 0.0;
+    HORIZON Real Parameter 1.0;
+    SHIFT Boolean Parameter 0.0;
+}

@@ -1,0 +1,7 @@
+"""FMUs (functional mock-up units): zivi in Simulink, OpenModelica, Dymola and other tools."""
+
+from __future__ import annotations
+
+from zivi.fmu.export import export_fmu
+
+__all__ = ["export_fmu"]
