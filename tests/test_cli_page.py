@@ -78,6 +78,7 @@ VALUES = {
     "theta": "0.5",
     "gamma": "0.5",
     "max_impacts": "10",
+    "flights": "'series'",
     "bound": "0.5",
     "y_ref0": "[1, 1]",
     "executor": "'threads'",

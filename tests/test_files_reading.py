@@ -125,7 +125,7 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
         ]),
         ("e = 0.5", "e = 0.5\n[method]\nrtoll = 1", [
             "method.rtoll is no key; did you mean 'rtol'? allowed: rtol, atol, order, max_step, "
-            "first_step, max_steps, max_impacts",
+            "first_step, max_steps, max_impacts, flights",
         ]),
         ("e = 0.5", "e = 0.5\n[method]\nrtol = 1", [
             "method.rtol must be a finite number >= 1e-14 and < 1, got 1",

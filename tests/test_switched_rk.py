@@ -474,6 +474,7 @@ SETTINGS = {
     "first_step": [0, -1, math.nan, math.inf],
     "max_steps": [0, -1, 10**30],
     "max_impacts": [2, 0, -5, 10**30],
+    "flights": ["RK", "", "rk8", None, 1],
 }
 KINDS = {
     "rtol": ["a", None, 1j, [1e-6]],

@@ -91,7 +91,7 @@ class RunRecord:
     @property
     def raised(self) -> BaseException | None: ...
 
-_SwitchedSettings = tuple[float, tuple[float, float], int, float, float | None, int, int]
+_SwitchedSettings = tuple[float, tuple[float, float], int, float, float | None, int, int, str]
 
 @final
 class MotionPath:

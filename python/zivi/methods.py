@@ -19,11 +19,13 @@ __all__ = ["ExplicitEuler", "Method", "MoreauJean", "SwitchedRK", "ThetaGamma"]
 Report = Callable[[int, int], None]
 """Called with the number of steps done and their total."""
 
+FLIGHTS = ("auto", "rk", "series")
+"""How free flight can be computed."""
 SOLVERS = ("exact", "newton", "outer")
 """How a step can find its signs."""
 MAX_LINEARISATIONS = 1000
 
-Settings: TypeAlias = tuple[float, tuple[float, float], int, float, float | None, int, int]
+Settings: TypeAlias = tuple[float, tuple[float, float], int, float, float | None, int, int, str]
 """The settings of `SwitchedRK` in their order."""
 
 
@@ -233,6 +235,12 @@ class SwitchedRK:
         Steps, taken and rejected, after which the run ends with `Status.STEP_BUDGET`.
     max_impacts : int
         Impacts of one accumulation, >= 3, after which the run ends with `Status.ZENO_BUDGET`.
+    flights : {"auto", "rk", "series"}
+        How free flight is computed. ``"rk"``: by the Runge-Kutta pair, within the tolerances.
+        ``"series"``: by power series, to rounding, for a force that is a number or a `LinearForce`,
+        above a wall at rest or a `HarmonicWall`; the tolerances then apply to the end of an
+        accumulation only, and no force is evaluated. ``"auto"``: by power series where that is
+        possible, else by the pair.
 
     Raises
     ------
@@ -262,6 +270,7 @@ class SwitchedRK:
     first_step: float | None = None
     max_steps: int = 1_000_000
     max_impacts: int = 1_000_000
+    flights: str = "rk"
 
     def __post_init__(self) -> None:
         for name in ("rtol", "max_step"):
@@ -271,6 +280,8 @@ class SwitchedRK:
             object.__setattr__(self, "first_step", real("first_step", self.first_step))
         for name in ("order", "max_steps", "max_impacts"):
             object.__setattr__(self, name, whole(name, getattr(self, name)))
+        if self.flights not in FLIGHTS:
+            raise ValueError(f"flights must be 'auto', 'rk' or 'series', got {self.flights!r}")
         _zivi.check_switched_rk(self._settings())
 
     def _settings(self) -> Settings:
@@ -278,7 +289,7 @@ class SwitchedRK:
         atol = self.atol if isinstance(self.atol, tuple) else (self.atol, self.atol)
         return (
             *(self.rtol, atol, self.order, self.max_step, self.first_step),
-            *(self.max_steps, self.max_impacts),
+            *(self.max_steps, self.max_impacts, self.flights),
         )
 
     def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:

@@ -8,7 +8,7 @@ use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyCapsule, PyCapsuleMethods, PyTuple};
 use zivi::system::slopes::Parametrised;
-use zivi::{Dependence, Force, HarmonicWall, OnMovingWall, WallMotion};
+use zivi::{Dependence, Force, HarmonicWall, LinearLaw, OnMovingWall, WallMotion};
 
 /// `double f(double t, double x, double xdot)`.
 type Plain = unsafe extern "C" fn(f64, f64, f64) -> f64;
@@ -70,6 +70,13 @@ impl WallMotion<PyErr> for WallSpec<'_> {
                 let (w, wdot, wddot) = motion.call1((t,))?.extract()?;
                 Ok([w, wdot, wddot])
             }
+        }
+    }
+
+    fn harmonic(&self) -> Option<HarmonicWall> {
+        match self {
+            Self::Harmonic(wall) => Some(*wall),
+            Self::Callable(_) => None,
         }
     }
 }
@@ -177,6 +184,16 @@ impl<E> Force<E> for NativeForce {
             _ => None,
         }
     }
+
+    fn linear(&self) -> Option<LinearLaw> {
+        match self {
+            Self::Constant(force) => Force::<E>::linear(force),
+            Self::Linear(force) => Force::<E>::linear(force),
+            Self::MovingConstant(force) => Force::<E>::linear(force),
+            Self::MovingLinear(force) => Force::<E>::linear(force),
+            Self::Compiled(_) | Self::MovingCompiled(_) => None,
+        }
+    }
 }
 
 impl Force<PyErr> for ForceSpec<'_> {
@@ -206,6 +223,10 @@ impl Force<PyErr> for ForceSpec<'_> {
 
     fn shortest_period(&self) -> Option<f64> {
         self.native().and_then(|force| Force::<PyErr>::shortest_period(&force))
+    }
+
+    fn linear(&self) -> Option<LinearLaw> {
+        self.native().and_then(|force| Force::<PyErr>::linear(&force))
     }
 
     fn is_interruption(&self, error: &PyErr) -> bool {

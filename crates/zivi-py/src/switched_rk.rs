@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use zivi::{DensePath, Motion, Order, Output, Physical, SwitchedRk, SwitchedRun};
+use zivi::{DensePath, Flights, Motion, Order, Output, Physical, SwitchedRk, SwitchedRun};
 use zivi_core::{transform, Branch};
 
 use crate::force::ForceSpec;
@@ -14,11 +14,11 @@ use crate::transform::WallPair;
 use crate::user_events::{columns_of, event, EventSpec};
 use crate::watch::Watch;
 
-/// `(rtol, (atol of x, atol of x'), order, max_step, first_step, max_steps, max_impacts)`.
-pub(crate) type Settings = (f64, [f64; 2], i64, f64, Option<f64>, i64, i64);
+/// `(rtol, (atol of x, atol of x'), order, max_step, first_step, max_steps, max_impacts, flights)`.
+pub(crate) type Settings = (f64, [f64; 2], i64, f64, Option<f64>, i64, i64, String);
 
 pub(crate) fn settings(given: Settings) -> PyResult<SwitchedRk> {
-    let (rtol, atol, order, max_step, first_step, max_steps, max_impacts) = given;
+    let (rtol, atol, order, max_step, first_step, max_steps, max_impacts, flights) = given;
     let order = match order {
         5 => Order::Five,
         8 => Order::Eight,
@@ -30,10 +30,29 @@ pub(crate) fn settings(given: Settings) -> PyResult<SwitchedRk> {
     };
     let (max_steps, max_impacts) =
         (count("max_steps", max_steps)?, count("max_impacts", max_impacts)?);
+    let flights = match flights.as_str() {
+        "auto" => Flights::Auto,
+        "rk" => Flights::RungeKutta,
+        "series" => Flights::Series,
+        other => {
+            let message = format!("flights must be 'auto', 'rk' or 'series', got {other:?}");
+            return Err(PyValueError::new_err(message));
+        }
+    };
     let adaptive = true;
-    SwitchedRk { rtol, atol, order, max_step, first_step, max_steps, max_impacts, adaptive }
-        .validated()
-        .map_err(setup_error)
+    SwitchedRk {
+        rtol,
+        atol,
+        order,
+        max_step,
+        first_step,
+        max_steps,
+        max_impacts,
+        adaptive,
+        flights,
+    }
+    .validated()
+    .map_err(setup_error)
 }
 
 /// Refuses settings that are out of range.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from zivi.control import BRANCHES
 from zivi.files.kinds import Choice, Either, Number, Numbers, Pair, Switch, Whole
 from zivi.files.tables import Key, Open, Table, Tagged
-from zivi.methods import MAX_LINEARISATIONS, SOLVERS
+from zivi.methods import FLIGHTS, MAX_LINEARISATIONS, SOLVERS
 from zivi.study import EXPERIMENTS
 
 __all__ = ["CONTROL", "MAX_NUM", "SIMULATE", "SWEEP"]
@@ -87,6 +87,7 @@ SWITCHED_RK = (
     Key("first_step", POSITIVE, "first step", "s", "from the force at the start"),
     Key("max_steps", Whole(1), "steps after which the run ends", "1", "1000000"),
     Key("max_impacts", Whole(3), "impacts of an accumulation after which it ends", "1", "1000000"),
+    Key("flights", Choice(FLIGHTS), "how free flight is computed", default='"rk"'),
 )
 METHODS = {
     "SwitchedRK": SWITCHED_RK,

@@ -15,23 +15,20 @@ use super::root;
 /// Largest degree.
 pub(crate) const MOST_DEGREE: usize = 7;
 
-/// A polynomial of degree up to [`MOST_DEGREE`].
+/// A polynomial with at most `M` coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Bernstein {
+pub(crate) struct Polynomial<const M: usize> {
     n: usize,
-    c: [f64; MOST_DEGREE + 1],
+    c: [f64; M],
 }
+
+/// A polynomial of degree up to [`MOST_DEGREE`].
+pub(crate) type Bernstein = Polynomial<{ MOST_DEGREE + 1 }>;
 
 /// Halvings of `[0, 1]`: two roots that are closer than rounding lets them be told apart are none.
 const DEPTH: u32 = 32;
 
 impl Bernstein {
-    pub(crate) fn new(coefficients: &[f64]) -> Self {
-        let mut c = [0.0; MOST_DEGREE + 1];
-        c[..coefficients.len()].copy_from_slice(coefficients);
-        Self { n: coefficients.len() - 1, c }
-    }
-
     /// `a_0 + a_1 theta + ... + a_4 theta^4`.
     pub(crate) fn from_quartic(a: [f64; 5]) -> Self {
         // c_j = sum_i binom(j, i)/binom(4, i) a_i
@@ -56,6 +53,14 @@ impl Bernstein {
         p.add(y);
         p
     }
+}
+
+impl<const M: usize> Polynomial<M> {
+    pub(crate) fn new(coefficients: &[f64]) -> Self {
+        let mut c = [0.0; M];
+        c[..coefficients.len()].copy_from_slice(coefficients);
+        Self { n: coefficients.len() - 1, c }
+    }
 
     /// The cubic with values and derivatives (by `theta`) `(x0, d0)` and `(x1, d1)` at the ends.
     pub(crate) fn hermite((x0, d0): (f64, f64), (x1, d1): (f64, f64)) -> Self {
@@ -64,7 +69,7 @@ impl Bernstein {
 
     fn times_theta(self) -> Self {
         let n = self.n + 1;
-        let mut c = [0.0; MOST_DEGREE + 1];
+        let mut c = [0.0; M];
         for (j, c) in c.iter_mut().enumerate().take(n + 1).skip(1) {
             *c = j as f64 / n as f64 * self.c[j - 1];
         }
@@ -73,7 +78,7 @@ impl Bernstein {
 
     fn times_one_minus_theta(self) -> Self {
         let n = self.n + 1;
-        let mut c = [0.0; MOST_DEGREE + 1];
+        let mut c = [0.0; M];
         for (j, c) in c.iter_mut().enumerate().take(n) {
             *c = (n - j) as f64 / n as f64 * self.c[j];
         }
@@ -95,8 +100,24 @@ impl Bernstein {
         self
     }
 
-    fn add(&mut self, constant: f64) {
+    pub(crate) fn add(&mut self, constant: f64) {
         self.c[..=self.n].iter_mut().for_each(|c| *c += constant);
+    }
+
+    /// `a_0 + a_1 theta + ...` with `M` coefficients.
+    pub(crate) fn from_powers(a: [f64; M]) -> Self {
+        // c_j = sum_i binom(j, i)/binom(M - 1, i) a_i, by repeated sums
+        let (mut c, mut binomial) = (a, 1.0);
+        for (i, c) in c.iter_mut().enumerate() {
+            *c /= binomial;
+            binomial *= (M - 1 - i) as f64 / (i + 1) as f64;
+        }
+        for level in 1..M {
+            for j in (level..M).rev() {
+                c[j] += c[j - 1];
+            }
+        }
+        Self { n: M - 1, c }
     }
 
     /// The coefficients.
@@ -106,22 +127,22 @@ impl Bernstein {
 
     /// The value at `theta`, by de Casteljau's scheme.
     pub(crate) fn at(&self, theta: f64) -> f64 {
-        evaluate(self.coefficients(), theta)
+        value::<M>(self.coefficients(), theta)
     }
 
     /// The derivative at `theta`.
     pub(crate) fn slope(&self, theta: f64) -> f64 {
-        let mut d = [0.0; MOST_DEGREE];
+        let mut d = [0.0; M];
         for (d, pair) in d.iter_mut().zip(self.coefficients().windows(2)) {
             *d = self.n as f64 * (pair[1] - pair[0]);
         }
-        evaluate(&d[..self.n.max(1)], theta)
+        value::<M>(&d[..self.n.max(1)], theta)
     }
 
     /// `p(theta)/theta` for a polynomial with `p(0) = 0`.
     pub(crate) fn without_root_at_zero(&self) -> Self {
         let n = self.n;
-        let mut c = [0.0; MOST_DEGREE + 1];
+        let mut c = [0.0; M];
         for (j, c) in c.iter_mut().enumerate().take(n) {
             *c = n as f64 / (j + 1) as f64 * self.c[j + 1];
         }
@@ -172,7 +193,7 @@ impl Bernstein {
     }
 
     /// The points of `(0, 1)` at which the polynomial less `level` reaches zero to change its sign
-    /// there, ascending: none is missed, as in [`Bernstein::first_negative`].
+    /// there, ascending: none is missed, as in [`Polynomial::first_negative`].
     pub(crate) fn crossings(mut self, level: f64) -> Vec<f64> {
         self.add(-level);
         let (mut p, mut start, mut all) = (self, 0.0, Vec::new());
@@ -224,7 +245,11 @@ impl Bernstein {
 
 /// The value at `theta` of the polynomial with these coefficients (at most [`MOST_DEGREE`]` + 1`).
 pub(crate) fn evaluate(coefficients: &[f64], theta: f64) -> f64 {
-    let mut c = [0.0; MOST_DEGREE + 1];
+    value::<{ MOST_DEGREE + 1 }>(coefficients, theta)
+}
+
+fn value<const M: usize>(coefficients: &[f64], theta: f64) -> f64 {
+    let mut c = [0.0; M];
     let n = coefficients.len();
     c[..n].copy_from_slice(coefficients);
     for level in 1..n {

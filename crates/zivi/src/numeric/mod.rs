@@ -5,3 +5,4 @@ pub(crate) mod cholesky;
 pub mod grid;
 pub(crate) mod root;
 pub(crate) mod tableau;
+pub(crate) mod turns;

@@ -3,6 +3,7 @@
 use zivi_core::Restitution;
 
 use super::chain::Chain;
+use super::flight::series::SeriesFlight;
 use super::impact::Patter;
 use super::lift_off::{Lookout, Window};
 use super::lookahead::Obstacle;
@@ -128,6 +129,10 @@ pub struct SwitchedIntegrator {
     pub(super) steps: u32,
     pub(super) last_h: f64,
     pub(super) jump: Jump,
+    /// Flights under a linear force.
+    pub(super) series: Option<Box<SeriesFlight>>,
+    /// Order of the root with which the mass leaves rest: 3 where the force grows from zero.
+    pub(super) rises: usize,
     /// Steps of this advance.
     spent: usize,
 }
@@ -161,6 +166,8 @@ impl SwitchedIntegrator {
             steps: 0,
             last_h: 0.0,
             jump: Jump::default(),
+            series: None,
+            rises: 2,
             spent: 0,
         })
     }
@@ -180,7 +187,7 @@ impl SwitchedIntegrator {
         self.patter = Patter::starting_at(t);
         self.sigma = 1.0;
         self.mode = if x == 0.0 && xdot == 0.0 { Mode::Rest } else { Mode::Flight };
-        (self.armed, self.struck, self.steps) = (true, false, 0);
+        (self.armed, self.struck, self.steps, self.rises) = (true, false, 0, 2);
         if self.settings.first_step.is_some() {
             self.h = self.settings.first_step;
         }
@@ -255,7 +262,8 @@ impl SwitchedIntegrator {
         mut absorb: impl FnMut(&mut Self, &Piece, &mut Counted<'_, F>) -> Result<(), Failure<E>>,
         mut observe: impl FnMut(Occurrence),
     ) -> Result<(), Failure<E>> {
-        let mut force = Counted::new(force);
+        self.adopt(force);
+        let mut force = Counted::new(force).linear(self.linear());
         self.spent = 0;
         let mut ended = Ok(());
         while self.now.t < t_end && ended.is_ok() {
@@ -358,6 +366,8 @@ impl SwitchedIntegrator {
             } else {
                 Window::RestUntil(t_end)
             }
+        } else if let Some(next) = self.known_lift_off(t_end) {
+            next.map_or(Window::RestUntil(t_end), Window::LiftOff)
         } else {
             let longest = self.settings.max_step;
             self.lookout.look(from, t_end, longest, |t| match force.at_wall(t) {
@@ -382,11 +392,19 @@ impl SwitchedIntegrator {
         Ok(Piece::Rest { from, lifted })
     }
 
+    /// The next lift-off where it is known in closed form, and none if there is none.
+    fn known_lift_off(&mut self, t_end: f64) -> Option<Option<f64>> {
+        let now = self.now;
+        self.series.as_mut()?.lift_off(now, t_end)
+    }
+
     /// Leaves rest. Where the force grows from zero, it does so on the scale of the window.
     fn lift_off(&mut self, smoothly: bool) {
         const PART: f64 = 1e-2;
         self.mode = Mode::Flight;
         (self.armed, self.steps) = (false, 0);
+        self.rises = if smoothly { 3 } else { 2 };
+        self.now.late = 0.0;
         self.lookout.horizon = 0.0;
         if smoothly {
             self.h = self.lookout.length.map(|length| PART * length);

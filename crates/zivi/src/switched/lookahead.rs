@@ -172,7 +172,7 @@ impl Lookahead<'_> {
                 let theta = (panel as f64 + 0.5 + 0.5 * side) / parts;
                 let t = arc.start + theta * h;
                 let at = arc.at(t);
-                let r = force.at(t, at.x, at.xdot)? - arc.acceleration(t);
+                let r = force.known_at(t, at.x, at.xdot)? - arc.acceleration(t);
                 impulse += r;
                 moment += r * (1.0 - theta) * h;
             }

@@ -23,7 +23,7 @@
 //! * [`SwitchedIntegrator`]: piece by piece, under a force that may change between calls.
 
 pub(crate) mod chain;
-mod flight;
+pub(crate) mod flight;
 mod impact;
 mod integrator;
 mod lift_off;
@@ -46,7 +46,7 @@ mod user_events;
 pub use integrator::{Counts, Occurrence, SwitchedIntegrator};
 pub use path::{DensePath, PathPoint};
 pub use run::{simulate_switched_rk, Output, SwitchedRun};
-pub use settings::{Order, SwitchedRk};
+pub use settings::{Flights, Order, SwitchedRk};
 pub use stored::{Motion, MotionError};
 pub use tail::Tail;
 pub(crate) use tracing::Trace;

@@ -2,9 +2,10 @@
 
 use std::collections::TryReserveError;
 
+use super::flight::series::{derivative, value, Series, TERMS};
 use super::tail::Tail;
 use super::user_events::Level;
-use crate::numeric::bernstein::{evaluate, Bernstein, MOST_DEGREE};
+use crate::numeric::bernstein::{evaluate, Bernstein, Polynomial, MOST_DEGREE};
 use crate::record::reserve::Reserve;
 
 /// A state at some time, and on which branch of the transform it lies.
@@ -24,24 +25,66 @@ pub(super) struct Curve {
     pub(super) start: f64,
     pub(super) h: f64,
     pub(super) sigma: f64,
-    pub(super) x: Bernstein,
-    pub(super) xdot: Bernstein,
+    form: Form,
+}
+
+/// Position and velocity by the part `theta` of a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Form {
+    /// Polynomials of both.
+    Both([Bernstein; 2]),
+    /// Powers of `theta` for the position; whether it ends at the wall.
+    Powers(Series, bool),
 }
 
 impl Curve {
+    pub(super) fn polynomials(start: f64, h: f64, sigma: f64, both: [Bernstein; 2]) -> Self {
+        Self { start, h, sigma, form: Form::Both(both) }
+    }
+
+    pub(super) fn powers(start: f64, h: f64, sigma: f64, a: Series, lands: bool) -> Self {
+        Self { start, h, sigma, form: Form::Powers(a, lands) }
+    }
+
+    /// When the step ends.
+    pub(super) fn end(&self) -> f64 {
+        self.start + self.h
+    }
+
     pub(super) fn at(&self, t: f64) -> PathPoint {
         let theta = theta(t, self.start, self.h);
-        let (x, xdot) = (self.x.at(theta).max(0.0), self.xdot.at(theta));
-        PathPoint { x, xdot, sigma: self.sigma }
+        let (x, xdot) = match &self.form {
+            Form::Both([x, xdot]) => (x.at(theta), xdot.at(theta)),
+            Form::Powers(a, _) => (value(a, theta), value(&derivative(a), theta) / self.h),
+        };
+        PathPoint { x: x.max(0.0), xdot, sigma: self.sigma }
     }
-}
 
-impl Curve {
+    /// Whether it ends at the wall.
+    pub(super) fn lands(&self) -> bool {
+        match &self.form {
+            Form::Both([x, _]) => x.coefficients().last() == Some(&0.0),
+            Form::Powers(_, lands) => *lands,
+        }
+    }
+
+    /// Position and velocity in Bernstein form.
+    pub(super) fn forms(&self) -> [Polynomial<TERMS>; 2] {
+        match &self.form {
+            Form::Both(both) => both.map(|p| Polynomial::new(p.coefficients())),
+            Form::Powers(a, _) => {
+                let xdot = derivative(a).map(|a| a / self.h);
+                [Polynomial::from_powers(*a), Polynomial::from_powers(xdot)]
+            }
+        }
+    }
+
     /// When a level is crossed, up to `end`.
     pub(super) fn crossings(&self, level: Level, end: f64) -> Vec<f64> {
+        let [x, xdot] = self.forms();
         let all = match level {
-            Level::Position(c) => self.x.crossings(c),
-            Level::Velocity(c) => self.xdot.crossings(c),
+            Level::Position(c) => x.crossings(c),
+            Level::Velocity(c) => xdot.crossings(c),
         };
         all.iter().map(|theta| (self.start + theta * self.h).min(end)).collect()
     }
@@ -60,6 +103,14 @@ pub(super) enum Kind {
         degree: usize,
         h: f64,
     },
+    /// So many powers of the part of a step of length `h`, their coefficients from here on, and
+    /// whether it ends at the wall.
+    Series {
+        first: usize,
+        terms: usize,
+        h: f64,
+        lands: bool,
+    },
     /// The tail of this number.
     Tail(usize),
     Rest,
@@ -72,9 +123,16 @@ pub(super) struct Segment {
     pub(super) kind: Kind,
 }
 
+/// How many of the coefficients are more than rounding: the rest of them is none of it.
+fn significant(a: &Series) -> usize {
+    const NOTHING: f64 = 1e-18;
+    let whole: f64 = a.iter().map(|a| a.abs()).sum();
+    a.iter().rposition(|a| a.abs() > NOTHING * whole).map_or(1, |last| last + 1)
+}
+
 /// The motion at any time of a run, across impacts, Zeno points, rest and lift-off.
 ///
-/// A step of order 8 takes 18 numbers of memory, one of order 5 takes 12. Within the tails the
+/// A step of order 8 takes 18 numbers of memory, one of order 5 takes 12, a power series at most 24. Within the tails the
 /// impacts are evaluated when they are asked for.
 ///
 /// ```
@@ -106,16 +164,25 @@ impl DensePath {
     /// Makes room for one more segment of any kind.
     pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
         reserve.room(&mut self.segments, 1, 0)?;
-        reserve.room(&mut self.coefficients, 2 * (MOST_DEGREE + 1), 0)?;
+        reserve.room(&mut self.coefficients, TERMS.max(2 * (MOST_DEGREE + 1)), 0)?;
         reserve.room(&mut self.tails, 1, 0)
     }
 
     pub(super) fn push_flight(&mut self, curve: &Curve) {
-        let first = self.coefficients.len();
-        let degree = curve.x.coefficients().len() - 1;
-        self.coefficients.extend_from_slice(curve.x.coefficients());
-        self.coefficients.extend_from_slice(curve.xdot.coefficients());
-        self.push(curve.start, curve.sigma, Kind::Flight { first, degree, h: curve.h });
+        let (first, h) = (self.coefficients.len(), curve.h);
+        let kind = match &curve.form {
+            Form::Both([x, xdot]) => {
+                self.coefficients.extend_from_slice(x.coefficients());
+                self.coefficients.extend_from_slice(xdot.coefficients());
+                Kind::Flight { first, degree: x.coefficients().len() - 1, h }
+            }
+            Form::Powers(a, lands) => {
+                let terms = significant(a);
+                self.coefficients.extend_from_slice(&a[..terms]);
+                Kind::Series { first, terms, h, lands: *lands }
+            }
+        };
+        self.push(curve.start, curve.sigma, kind);
     }
 
     pub(super) fn push_tail(&mut self, tail: &Tail) {
@@ -181,12 +248,22 @@ impl DensePath {
         self.segments.is_empty()
     }
 
-    /// The polynomials of a segment in flight.
+    /// The motion of a segment in flight.
     pub(super) fn curve(&self, segment: &Segment) -> Option<Curve> {
-        let Kind::Flight { first, degree, h } = segment.kind else { return None };
-        let (x, xdot) = self.coefficients[first..][..2 * degree + 2].split_at(degree + 1);
-        let (x, xdot) = (Bernstein::new(x), Bernstein::new(xdot));
-        Some(Curve { start: segment.start, h, sigma: segment.sigma, x, xdot })
+        let (form, h) = match segment.kind {
+            Kind::Flight { first, degree, h } => {
+                let both = &self.coefficients[first..][..2 * degree + 2];
+                let (x, xdot) = both.split_at(degree + 1);
+                (Form::Both([Bernstein::new(x), Bernstein::new(xdot)]), h)
+            }
+            Kind::Series { first, terms, h, lands } => {
+                let mut a = [0.0; TERMS];
+                a[..terms].copy_from_slice(&self.coefficients[first..][..terms]);
+                (Form::Powers(a, lands), h)
+            }
+            Kind::Tail(_) | Kind::Rest => return None,
+        };
+        Some(Curve { start: segment.start, h, sigma: segment.sigma, form })
     }
 
     /// The state at `t`, and after the impact if there is one at `t`; `None` outside of the span.
@@ -200,7 +277,8 @@ impl DensePath {
         if after == 0 || t.is_nan() || t > end {
             return None;
         }
-        let Segment { start, sigma, kind } = self.segments[after - 1];
+        let segment = self.segments[after - 1];
+        let Segment { start, sigma, kind } = segment;
         Some(match kind {
             Kind::Rest => PathPoint { x: 0.0, xdot: 0.0, sigma },
             Kind::Tail(number) => self.tails[number].at(t),
@@ -209,6 +287,7 @@ impl DensePath {
                 let (x, xdot) = self.coefficients[first..][..2 * degree + 2].split_at(degree + 1);
                 PathPoint { x: evaluate(x, theta).max(0.0), xdot: evaluate(xdot, theta), sigma }
             }
+            Kind::Series { .. } => self.curve(&segment)?.at(t),
         })
     }
 }

@@ -7,9 +7,12 @@
 
 use std::collections::TryReserveError;
 
+use super::flight::series::TERMS;
 use super::path::{Curve, DensePath, Kind, PathPoint, Segment};
 use super::tail::Tail;
-use crate::numeric::bernstein::Bernstein;
+use crate::numeric::bernstein::Polynomial;
+
+type Form = Polynomial<TERMS>;
 
 /// A line may be off by this part of the height of what it draws.
 const FLATNESS: f64 = 1.0 / 200.0;
@@ -42,7 +45,7 @@ pub(super) fn between_steps(path: &DensePath) -> Result<Vec<Row>, TryReserveErro
         match segment.kind {
             Kind::Rest => (),
             Kind::Tail(number) => draw_tail(&path.tails[number], end, scale, &mut rows)?,
-            Kind::Flight { .. } => {
+            Kind::Flight { .. } | Kind::Series { .. } => {
                 let Some(curve) = path.curve(&segment) else { continue };
                 let parts = (share * scale.parts(&curve, end)).ceil();
                 draw_flight(&curve, end, parts, &mut rows)?;
@@ -72,24 +75,24 @@ struct Scale {
 
 impl Scale {
     fn of(path: &DensePath) -> Self {
-        let largest = |p: &Bernstein| p.coefficients().iter().fold(0.0_f64, |a, c| a.max(c.abs()));
-        flights(path).fold(Self { x: 0.0, xdot: 0.0 }, |scale, (curve, _)| Self {
-            x: scale.x.max(largest(&curve.x)),
-            xdot: scale.xdot.max(largest(&curve.xdot)),
+        let largest = |p: &Form| p.coefficients().iter().fold(0.0_f64, |a, c| a.max(c.abs()));
+        flights(path).fold(Self { x: 0.0, xdot: 0.0 }, |scale, (curve, _)| {
+            let [x, xdot] = curve.forms();
+            Self { x: scale.x.max(largest(&x)), xdot: scale.xdot.max(largest(&xdot)) }
         })
     }
 
     /// Into how many parts lines divide a flight up to `end`.
     fn parts(&self, curve: &Curve, end: f64) -> f64 {
         let part = ((end - curve.start) / curve.h).min(1.0);
-        let of_x = bend(&curve.x, LOW * self.x);
-        let of_xdot = bend(&curve.xdot, LOW * self.xdot);
+        let [x, xdot] = curve.forms();
+        let (of_x, of_xdot) = (bend(&x, LOW * self.x), bend(&xdot, LOW * self.xdot));
         (part * of_x.max(of_xdot)).ceil().clamp(1.0, MOST_PARTS)
     }
 }
 
 /// `sqrt(max |p''|/(8 FLATNESS height))` with the height of the polynomial, at least `low`.
-fn bend(p: &Bernstein, low: f64) -> f64 {
+fn bend(p: &Form, low: f64) -> f64 {
     let c = p.coefficients();
     let (least, most) = c
         .iter()
@@ -117,7 +120,7 @@ fn draw_flight(
             rows.insert(at, row(apex, curve.at(apex)));
         }
     }
-    if curve.x.coefficients().last() == Some(&0.0) {
+    if curve.lands() {
         draw_contact(end, |t| curve.at(t), rows);
     }
     Ok(())
@@ -135,8 +138,9 @@ fn draw_contact(t: f64, motion: impl Fn(f64) -> PathPoint, rows: &mut Vec<Row>) 
 
 /// Where the velocity first changes its sign downwards.
 fn apex(curve: &Curve) -> Option<f64> {
-    let rises = curve.xdot.coefficients().first() > Some(&0.0);
-    let theta = rises.then(|| curve.xdot.first_negative()).flatten()?;
+    let [_, xdot] = curve.forms();
+    let rises = xdot.coefficients().first() > Some(&0.0);
+    let theta = rises.then(|| xdot.first_negative()).flatten()?;
     Some(curve.start + theta * curve.h)
 }
 
@@ -182,7 +186,7 @@ mod tests {
         // x = 4 (theta - theta^2): the arc of a ball, and a polynomial that bends at its end
         let arcs = [vec![0.0, 2.0, 0.0], vec![0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 1.0, 0.0]];
         for c in arcs {
-            let p = Bernstein::new(&c);
+            let p = Form::new(&c);
             let n = bend(&p, 0.0).ceil();
             let line = |theta: f64| {
                 let k = (theta * n).floor().min(n - 1.0);

@@ -1,7 +1,7 @@
 //! A run under way: what each piece of the motion adds to the record.
 
 use super::integrator::{Counts, Piece, SwitchedIntegrator};
-use super::path::{DensePath, PathPoint};
+use super::path::{Curve, DensePath, PathPoint};
 use super::picture::between_steps;
 use super::run::{Output, SwitchedRun};
 use super::samples::Samples;
@@ -222,20 +222,20 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     ) -> Result<(), Ending<E>> {
         let end = self.here();
         if end.0 > self.dense_from() && end.0 > from.t {
-            let curve = self.integrator.curve(sigma, force)?;
-            if let Some(path) = &mut self.path {
-                path.push_flight(&curve);
-            }
             // at the end of a step onto the wall, exactly the state before the impact
             let contact = impact.map(|it| PathPoint { x: 0.0, xdot: it.xdot_before, sigma });
-            let at = |t: f64| match contact {
-                Some(contact) if t >= end.0 => contact,
-                _ => curve.at(t),
-            };
-            let stop = self.watch.along(from.t, end.0, at, |it| curve.crossings(it, end.0));
-            let until = until(&stop, end.0);
-            self.samples.along(until, |t| curve.at(t));
-            unless_terminal(stop)?;
+            let last = self.integrator.curves::<E, F>() - 1;
+            for k in 0..=last {
+                let curve = self.integrator.curve(k, sigma, force)?;
+                if k > 0 {
+                    // one of many steps at once, which are looked at one by one
+                    self.end = (curve.start, curve.at(curve.start));
+                    self.make_room()?;
+                    self.integrator.spend()?;
+                }
+                let ends = if k == last { (end.0, contact) } else { (curve.end(), None) };
+                self.along(&curve, ends)?;
+            }
         }
         self.end = end;
         if let Some(impact) = impact {
@@ -245,6 +245,25 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         }
         self.samples.at_step(end.0, end.1);
         Ok(())
+    }
+
+    /// What there is along a curve up to where it ends, with the state there at a contact.
+    fn along(
+        &mut self,
+        curve: &Curve,
+        (end, contact): (f64, Option<PathPoint>),
+    ) -> Result<(), Ending<E>> {
+        if let Some(path) = &mut self.path {
+            path.push_flight(curve);
+        }
+        let at = |t: f64| match contact {
+            Some(contact) if t >= end => contact,
+            _ => curve.at(t),
+        };
+        let stop = self.watch.along(curve.start, end, at, |it| curve.crossings(it, end));
+        let until = until(&stop, end);
+        self.samples.along(until, |t| curve.at(t));
+        unless_terminal(stop)
     }
 
     /// Events by the jump of the velocity.

@@ -5,7 +5,7 @@ use zivi_core::Restitution;
 use super::integrator::{Counts, SwitchedIntegrator};
 use super::path::DensePath;
 use super::recording::Running;
-use super::settings::SwitchedRk;
+use super::settings::{Flights, SwitchedRk};
 use super::stages::Counted;
 use super::tail::Tail;
 use super::user_events::{EventHit, UserEvent};
@@ -134,8 +134,13 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
     let mut integrator = SwitchedIntegrator::new(settings, wall)?;
     integrator.start(t0, initial)?;
     integrator.lookout.probing = force.shortest_period().is_none();
+    integrator.adopt(force);
+    let linear = integrator.linear();
+    if settings.flights == Flights::Series && linear.is_none() {
+        return Err(SetupError::Setting("flights", f64::NAN, "series for a linear force only"));
+    }
     let mut run = Running::new(integrator, t1, &mut output);
-    let mut force = Counted::new(force);
+    let mut force = Counted::new(force).linear(linear);
     let ending = run.go(&mut force, monitor);
     let nfev = force.count();
     run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))

@@ -23,6 +23,18 @@ impl Order {
     }
 }
 
+/// How free flight is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Flights {
+    /// By power series where the force is linear ([`crate::Force::linear`]), else by the pair.
+    Auto,
+    /// By the embedded pair.
+    #[default]
+    RungeKutta,
+    /// By power series to rounding; the force must be linear.
+    Series,
+}
+
 /// The switched Runge-Kutta method: settings.
 ///
 /// The local error of a step is kept below `atol_i + rtol |y_i|` in `x` (m) and `x'` (m/s), and the
@@ -69,6 +81,8 @@ pub struct SwitchedRk {
     /// `max_step` long, which must be finite then, and the tolerances only decide when a
     /// chain of impacts is ended: for studies of convergence.
     pub adaptive: bool,
+    /// How free flight is computed.
+    pub flights: Flights,
 }
 
 impl Default for SwitchedRk {
@@ -82,6 +96,7 @@ impl Default for SwitchedRk {
             max_steps: 1_000_000,
             max_impacts: 1_000_000,
             adaptive: true,
+            flights: Flights::default(),
         }
     }
 }

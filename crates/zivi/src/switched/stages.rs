@@ -9,6 +9,7 @@
 //! Only `f` is evaluated, and it is evaluated where the stages are: `X_i` may be a little below
 //! zero in a step that ends in an impact.
 
+use super::flight::series::Linear;
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::tableau::{Estimate, Interpolant, Pair, MOST_STAGES};
 use crate::record::failure::Failure;
@@ -21,11 +22,18 @@ pub(super) struct Counted<'a, F> {
     count: u64,
     /// Times between which it is smooth: it is asked at no others.
     smooth: (f64, f64),
+    /// Its numbers, where it is known by them: then it is not evaluated.
+    linear: Option<Linear>,
 }
 
 impl<'a, F> Counted<'a, F> {
     pub(super) fn new(force: &'a mut F) -> Self {
-        Self { force, count: 0, smooth: (f64::NEG_INFINITY, f64::INFINITY) }
+        Self { force, count: 0, smooth: (f64::NEG_INFINITY, f64::INFINITY), linear: None }
+    }
+
+    /// The same, known by its numbers if there are any.
+    pub(super) fn linear(self, linear: Option<Linear>) -> Self {
+        Self { linear, ..self }
     }
 
     /// From here on the force is smooth from `start` to `end`, where it may jump: it is asked
@@ -65,28 +73,51 @@ impl<'a, F> Counted<'a, F> {
     where
         F: Force<E>,
     {
-        self.at(t, 0.0, 0.0)
+        self.known_at(t, 0.0, 0.0)
+    }
+
+    /// As [`Counted::at`], by the numbers of the force where it is known by them.
+    pub(super) fn known_at<E>(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, Failure<E>>
+    where
+        F: Force<E>,
+    {
+        match &mut self.linear {
+            Some(linear) => {
+                let t = t.max(self.smooth.0).min(self.smooth.1);
+                evaluate(linear, t, Physical { x, xdot })
+            }
+            None => self.at(t, x, xdot),
+        }
     }
 
     pub(super) fn dependence_at_rest<E>(&self) -> crate::Dependence
     where
         F: Force<E>,
     {
-        self.force.dependence_at_rest()
+        match &self.linear {
+            Some(linear) => Force::<E>::dependence_at_rest(linear),
+            None => self.force.dependence_at_rest(),
+        }
     }
 
     pub(super) fn shortest_period<E>(&self) -> Option<f64>
     where
         F: Force<E>,
     {
-        self.force.shortest_period()
+        match &self.linear {
+            Some(linear) => Force::<E>::shortest_period(linear),
+            None => self.force.shortest_period(),
+        }
     }
 
     pub(super) fn dependence<E>(&self) -> crate::Dependence
     where
         F: Force<E>,
     {
-        self.force.dependence()
+        match &self.linear {
+            Some(linear) => Force::<E>::dependence(linear),
+            None => self.force.dependence(),
+        }
     }
 }
 

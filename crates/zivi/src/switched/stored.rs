@@ -6,6 +6,9 @@
 //!           start, sigma, kind, first, degree, h  of each segment,  the coefficients,  the tails ]
 //! ```
 //!
+//! Format 2 has power series among the segments, whose `degree` is how many terms they have; what
+//! is in format 1 is read as well.
+//!
 //! Counts are below 2^53 and exact. Whoever changes what the numbers mean, here or in
 //! [`Tail::to_numbers`], raises [`FORMAT`].
 
@@ -13,12 +16,15 @@ use std::fmt;
 
 use zivi_core::Restitution;
 
+use super::flight::series::TERMS;
 use super::path::{DensePath, Kind, PathPoint, Segment};
 use super::tail::{Tail, TAIL_NUMBERS};
 use crate::numeric::bernstein::MOST_DEGREE;
 
-/// The meaning of the numbers, of which there is one so far.
-const FORMAT: f64 = 1.0;
+/// The meaning of the numbers.
+const FORMAT: f64 = 2.0;
+/// Formats that are a part of it.
+const BEFORE: [f64; 1] = [1.0];
 
 const MOTION_HEAD: usize = 5;
 const HEAD: usize = 8;
@@ -79,7 +85,9 @@ impl Motion {
     /// [`MotionError`] for numbers that are none of a motion.
     pub fn from_numbers(numbers: &[f64]) -> Result<Self, MotionError> {
         match numbers.first() {
-            Some(&format) if format != FORMAT => Err(MotionError::Format(format)),
+            Some(format) if *format != FORMAT && !BEFORE.contains(format) => {
+                Err(MotionError::Format(*format))
+            }
             _ => Self::of_this_format(numbers).ok_or(MotionError::Damaged),
         }
     }
@@ -119,6 +127,8 @@ impl DensePath {
                 Kind::Rest => (0.0, 0, 0, 0.0),
                 Kind::Tail(number) => (1.0, number, 0, 0.0),
                 Kind::Flight { first, degree, h } => (2.0, first, degree, h),
+                Kind::Series { first, terms, h, lands: false } => (3.0, first, terms, h),
+                Kind::Series { first, terms, h, lands: true } => (4.0, first, terms, h),
             };
             numbers.extend([*start, *sigma, code, count(first), count(degree), h]);
         }
@@ -181,6 +191,12 @@ impl DensePath {
                         && h > 0.0
                         && h.is_finite()
                 }
+                Kind::Series { first, terms, h, .. } => {
+                    (1..=TERMS).contains(&terms)
+                        && first + terms <= self.coefficients.len()
+                        && h > 0.0
+                        && h.is_finite()
+                }
             }
     }
 }
@@ -200,6 +216,10 @@ fn segment(numbers: &[f64]) -> Option<Segment> {
         0 => Kind::Rest,
         1 => Kind::Tail(count(first)?),
         2 => Kind::Flight { first: count(first)?, degree: count(degree)?, h },
+        code @ (3 | 4) => {
+            let (first, terms) = (count(first)?, count(degree)?);
+            Kind::Series { first, terms, h, lands: code == 4 }
+        }
         _ => return None,
     };
     Some(Segment { start, sigma, kind })
@@ -275,7 +295,7 @@ mod tests {
             (path + 5, &[-1.0, f64::NAN]),              // x there
             (first, &[f64::NAN, 1e9]),                  // start of a segment
             (first + 1, &[0.0, 2.0]),                   // its branch
-            (first + 2, &[3.0, 7.0]),                   // its kind
+            (first + 2, &[5.0, 7.0]),                   // its kind
             (flight + 3, &not_there),                   // coefficients that are not there
             (flight + 4, &[8.0, 9.0, 1e15]),            // a degree that no step has
             (flight + 5, &[0.0, -1.0, f64::INFINITY]),  // its length
@@ -292,8 +312,8 @@ mod tests {
             }
         }
         let mut later = numbers.clone();
-        later[0] = 2.0;
-        assert_eq!(Motion::from_numbers(&later), Err(MotionError::Format(2.0)));
+        later[0] = 3.0;
+        assert_eq!(Motion::from_numbers(&later), Err(MotionError::Format(3.0)));
     }
 
     /// Whatever the numbers are, a motion that is made of them can be asked for anything.

@@ -71,7 +71,10 @@ impl SwitchedIntegrator {
             path.make_room(reserve)?;
             match piece {
                 Piece::Flight { from, sigma, .. } if integrator.now.t > from.t => {
-                    path.push_flight(&integrator.curve(*sigma, force)?);
+                    for k in 0..integrator.curves::<E, F>() {
+                        path.make_room(reserve)?;
+                        path.push_flight(&integrator.curve(k, *sigma, force)?);
+                    }
                 }
                 Piece::Flight { .. } => {}
                 Piece::Tail(tail) => path.push_tail(tail),

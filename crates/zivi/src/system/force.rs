@@ -11,6 +11,34 @@ pub enum Dependence {
     State,
 }
 
+/// One wave of a linear force, `Re (p + i q) e^(i (omega t + phase))`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wave {
+    /// `p` and `q` (m/s^2).
+    pub amplitude: [f64; 2],
+    /// Angular frequency (rad/s).
+    pub omega: f64,
+    /// Phase (rad).
+    pub phase: f64,
+}
+
+/// A force that is linear in the state, with waves of time:
+///
+/// ```text
+/// f = -stiffness x - damping x' - gravity + sum_m Re (p_m + i q_m) e^(i (omega_m t + phase_m))
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LinearLaw {
+    /// Stiffness per unit mass (1/s^2).
+    pub stiffness: f64,
+    /// Damping per unit mass (1/s).
+    pub damping: f64,
+    /// Constant pull towards the wall (m/s^2).
+    pub gravity: f64,
+    /// Waves; those that are not there have no amplitude.
+    pub waves: [Wave; 2],
+}
+
 /// A force per unit mass. `E` is what an evaluation may raise (an exception of a callable).
 pub trait Force<E> {
     /// `f(t, x, x')` in m/s^2, `t` in s, `x` in m, `xdot` in m/s.
@@ -35,6 +63,11 @@ pub trait Force<E> {
         (self.dependence() == Dependence::Constant).then_some(f64::INFINITY)
     }
 
+    /// The force as a linear one, where it is that: its flights are known to rounding then.
+    fn linear(&self) -> Option<LinearLaw> {
+        None
+    }
+
     /// Whether an error has nothing to do with the state (an interruption): behind the wall the
     /// force is then not asked again at the wall.
     fn is_interruption(&self, _error: &E) -> bool {
@@ -56,6 +89,10 @@ impl<E> Force<E> for ConstantForce {
 
     fn dependence(&self) -> Dependence {
         Dependence::Constant
+    }
+
+    fn linear(&self) -> Option<LinearLaw> {
+        Some(LinearLaw { gravity: -self.0, ..LinearLaw::default() })
     }
 }
 
@@ -106,6 +143,13 @@ impl<E> Force<E> for LinearForce {
     fn shortest_period(&self) -> Option<f64> {
         let varies = self.amplitude != 0.0 && self.omega != 0.0;
         Some(if varies { std::f64::consts::TAU / self.omega.abs() } else { f64::INFINITY })
+    }
+
+    #[inline]
+    fn linear(&self) -> Option<LinearLaw> {
+        let Self { stiffness, damping, gravity, amplitude, omega, phase } = *self;
+        let wave = Wave { amplitude: [amplitude, 0.0], omega, phase };
+        Some(LinearLaw { stiffness, damping, gravity, waves: [wave, Wave::default()] })
     }
 }
 

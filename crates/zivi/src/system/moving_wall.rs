@@ -4,7 +4,7 @@
 //! y'' = f(t, y + w, y' + w') - w''        y'+ = -e y'-
 //! ```
 
-use crate::{Dependence, Force};
+use crate::{Dependence, Force, LinearLaw, Wave};
 
 /// The motion of a wall: position (m), velocity (m/s), acceleration (m/s^2) at a time.
 pub trait WallMotion<E> {
@@ -13,6 +13,11 @@ pub trait WallMotion<E> {
     /// # Errors
     /// Whatever the implementation raises; the run ends there and keeps what was computed.
     fn at(&mut self, t: f64) -> Result<[f64; 3], E>;
+
+    /// The motion as a wave, where it is one.
+    fn harmonic(&self) -> Option<HarmonicWall> {
+        None
+    }
 }
 
 /// `w = offset + amplitude cos(omega t + phase)`.
@@ -35,6 +40,10 @@ impl<E> WallMotion<E> for HarmonicWall {
         let swing = self.amplitude * cos;
         let speed = -self.amplitude * self.omega * sin;
         Ok([self.offset + swing, speed, -self.omega * self.omega * swing])
+    }
+
+    fn harmonic(&self) -> Option<HarmonicWall> {
+        Some(*self)
     }
 }
 
@@ -69,6 +78,23 @@ impl<E, F: Force<E>, W: WallMotion<E>> Force<E> for OnMovingWall<F, W> {
             Dependence::Constant => Dependence::Time,
             other => other,
         }
+    }
+
+    /// In the frame of a wall `w = a cos(Omega t + chi) + offset` a linear force has one more wave,
+    ///
+    /// ```text
+    /// -k w - c w' - w'' = Re a (Omega^2 - k - i c Omega) e^(i (Omega t + chi)) - k offset.
+    /// ```
+    fn linear(&self) -> Option<LinearLaw> {
+        let HarmonicWall { amplitude, omega, phase, offset } = self.wall.harmonic()?;
+        let mut law = self.force.linear()?;
+        // a wall on a wall is no wave more
+        let free = law.waves.iter_mut().rev().find(|wave| wave.amplitude == [0.0; 2])?;
+        let amplitude =
+            [amplitude * (omega * omega - law.stiffness), -amplitude * law.damping * omega];
+        *free = Wave { amplitude, omega, phase };
+        law.gravity += law.stiffness * offset;
+        Some(law)
     }
 
     fn is_interruption(&self, error: &E) -> bool {

@@ -13,8 +13,8 @@ use crate::stepping::theta_gamma::Stepper;
 use crate::switched::Trace;
 use crate::system::evaluation::finite_force;
 use crate::{
-    Dependence, Events, Force, Impact, Occurrence, SetupError, Status, SwitchedIntegrator,
-    SwitchedRk,
+    Dependence, Events, Force, Impact, LinearLaw, Occurrence, SetupError, Status,
+    SwitchedIntegrator, SwitchedRk,
 };
 
 /// A sampling period.
@@ -275,6 +275,11 @@ impl<E, F: Force<E>> Force<E> for Net<'_, F> {
             Dependence::Constant => Dependence::Time,
             other => other,
         }
+    }
+
+    fn linear(&self) -> Option<LinearLaw> {
+        let law = self.force.linear()?;
+        Some(LinearLaw { gravity: law.gravity - self.u, ..law })
     }
 }
 

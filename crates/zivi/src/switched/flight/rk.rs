@@ -1,11 +1,11 @@
 //! Free flight: steps under error control, each searched for the first impact.
 
-use super::integrator::{Jump, Piece, SwitchedIntegrator};
-use super::path::Curve;
-use super::settings::SwitchedRk;
-use super::stages::{Counted, Point};
 use crate::numeric::bernstein::Bernstein;
 use crate::record::failure::Failure;
+use crate::switched::integrator::{Jump, Piece, SwitchedIntegrator};
+use crate::switched::path::Curve;
+use crate::switched::settings::SwitchedRk;
+use crate::switched::stages::{Counted, Point};
 use crate::{Dependence, Force, Status};
 
 /// Factor that keeps the next step from being rejected.
@@ -42,14 +42,11 @@ struct Plan {
 
 impl SwitchedIntegrator {
     /// One step, or the part of it up to an impact.
-    pub(super) fn fly<E, F: Force<E>>(
+    pub(super) fn runge_kutta<E, F: Force<E>>(
         &mut self,
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Piece, Failure<E>> {
-        if self.now.x == 0.0 && self.now.xdot < 0.0 {
-            return Ok(self.strike(self.now, self.now));
-        }
         let slope = self.slope(force)?;
         let plan = self.plan(slope, t_end, force)?;
         let (mut h, shortest) = (plan.h, 8.0 * f64::EPSILON * self.now.t.abs());
@@ -365,7 +362,7 @@ impl SwitchedIntegrator {
     }
 
     /// The polynomials of the last step, up to its impact if there was one.
-    pub(super) fn curve<E, F: Force<E>>(
+    pub(super) fn stages_curve<E, F: Force<E>>(
         &mut self,
         sigma: f64,
         force: &mut Counted<'_, F>,
@@ -377,7 +374,7 @@ impl SwitchedIntegrator {
             xdot = xdot.split(length / h).0.with_ends(from.xdot, incoming);
             h = length;
         }
-        Ok(Curve { start: from.t, h, sigma, x, xdot })
+        Ok(Curve::polynomials(from.t, h, sigma, [x, xdot]))
     }
 }
 
