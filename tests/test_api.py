@@ -49,7 +49,7 @@ RESULT += " status success message nfev n_steps to_xarray"
 
 # made by the package, not by its users
 RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Equilibrium", "Trajectory"}
-RESULTS |= {"Sensitivity", "VIProgress", "VIResult"}
+RESULTS |= {"Branch", "BranchEvent", "PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
 # described by what they have, not made by a call
 PROTOCOLS = {"zivi.Controller", "zivi.Method"}
 

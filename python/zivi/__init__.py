@@ -24,6 +24,7 @@ from zivi.events import Level
 from zivi.fmu import export_fmu
 from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
+from zivi.orbits import Branch, BranchEvent, PeriodicOrbit, continue_orbit, periodic_orbit
 from zivi.parametric import ParametricForce
 from zivi.sensitivity import OrbitStatus, Sensitivity, sensitivity
 from zivi.simulate import simulate
@@ -46,6 +47,8 @@ from zivi.wall import HarmonicWall, MovingWall
 
 __all__ = [
     "Batch",
+    "Branch",
+    "BranchEvent",
     "ClosedLoop",
     "ClosedLoopBatch",
     "Controller",
@@ -63,6 +66,7 @@ __all__ = [
     "MovingWall",
     "OrbitStatus",
     "ParametricForce",
+    "PeriodicOrbit",
     "Sensitivity",
     "Status",
     "Study",
@@ -79,11 +83,13 @@ __all__ = [
     "__version__",
     "bimatrix",
     "check_jacobian",
+    "continue_orbit",
     "export_fmu",
     "grid",
     "lift",
     "natural_residual",
     "open_study",
+    "periodic_orbit",
     "plot",
     "points",
     "project",

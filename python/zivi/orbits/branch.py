@@ -1,0 +1,422 @@
+"""Branches of periodic orbits over a parameter, with the events at which they change."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from zivi import _zivi
+from zivi._check import Array, finite, whole
+from zivi._extras import needed
+from zivi._parameters import parameter
+from zivi.orbits.curve import Curve, Point, locate
+from zivi.orbits.orbit import PeriodicOrbit, orbit_of, why_not
+from zivi.sensitivity import OrbitStatus
+from zivi.simulate import pair
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Branch", "BranchEvent", "continue_orbit"]
+
+BEYOND = 3
+"""Points that are followed where an orbit is no motion any more."""
+HALVES_MEET = 1e-6
+EDGES = ("grazing", "interior_impact")
+MESSAGES = {
+    OrbitStatus.RANGE_END: "The branch was followed to both ends of the range.",
+    OrbitStatus.MAX_POINTS: "The branch has max_points points.",
+    OrbitStatus.LEFT_ADMISSIBLE: "The branch ends where the orbit is no motion any more.",
+    OrbitStatus.NOT_CONVERGED: "No step was short enough for Newton's iteration to converge.",
+    OrbitStatus.COMPLETED: "The branch was followed to where it began.",
+}
+
+
+class BranchEvent(NamedTuple):
+    """Where a branch changes.
+
+    Attributes
+    ----------
+    kind : str
+        ``fold``, ``period_doubling``, ``grazing`` (an impact dies), ``interior_impact`` (a new
+        one), ``end_of_rest`` (the time at rest vanishes), ``end_of_liftoff``.
+    value : float
+        The parameter.
+    orbit : PeriodicOrbit
+        The orbit there.
+    """
+
+    kind: str
+    value: float
+    orbit: PeriodicOrbit
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Branch:
+    """Orbits along a parameter.
+
+    Attributes
+    ----------
+    name : str
+        The parameter.
+    orbits : list of PeriodicOrbit
+        The points in the order of the arc.
+    values : ndarray
+        The parameter at each.
+    events : list of BranchEvent
+        Folds, period doublings, grazings, the end of rest, in the order of the arc.
+    status : OrbitStatus
+        Why the arc ends: ``RANGE_END``, ``LEFT_ADMISSIBLE``, ``MAX_POINTS``, ``NOT_CONVERGED``; of
+        its two ends the one that needs more attention.
+    message : str
+        What happened.
+    n_flights : int
+        Flights that were computed; for a resting branch simulations.
+    """
+
+    name: str
+    orbits: list[PeriodicOrbit]
+    values: Array
+    events: list[BranchEvent]
+    status: OrbitStatus
+    message: str
+    n_flights: int
+
+    def __len__(self) -> int:
+        return len(self.orbits)
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether each orbit is stable."""
+        return np.array([orbit.stable for orbit in self.orbits], dtype=bool)
+
+    @property
+    def admissible(self) -> np.ndarray:
+        """Whether each orbit is a motion of the system."""
+        return np.array([orbit.admissible for orbit in self.orbits], dtype=bool)
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """The multipliers of each orbit, of shape (n, 2)."""
+        return np.array([orbit.multipliers for orbit in self.orbits]).reshape(-1, 2)
+
+    def of_kind(self, kind: str) -> list[BranchEvent]:
+        """Give the events of one kind.
+
+        Parameters
+        ----------
+        kind : str
+            As in `BranchEvent`.
+
+        Returns
+        -------
+        list of BranchEvent
+            In the order of the arc.
+        """
+        return [event for event in self.events if event.kind == kind]
+
+    def switch(self, event: BranchEvent) -> PeriodicOrbit:
+        """Give an orbit on the branch that meets this one in an event, to be continued.
+
+        Parameters
+        ----------
+        event : BranchEvent
+            One of `events`. At a period doubling the orbit of twice the period, a little away; at
+            a grazing the orbit without the impact; at an interior impact that with it; at the
+            end of a rest what a simulation beyond settles on; at a fold the orbit there.
+
+        Returns
+        -------
+        PeriodicOrbit
+            Its ``status`` says whether it was found.
+        """
+        from zivi.orbits.switch import switched
+
+        return switched(self, event)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to a labelled dataset over the points, with the events in the attributes.
+
+        Returns
+        -------
+        xarray.Dataset
+            The parameter, speeds and times of the first impact, multipliers, stability.
+        """
+        needed("xarray", "labelled datasets")
+        import xarray
+
+        first = [orbit.impacts[0] if len(orbit.impacts) else None for orbit in self.orbits]
+        data = {
+            self.name: ("point", self.values),
+            "t": ("point", [math.nan if it is None else it["t"] for it in first]),
+            "u": ("point", [math.nan if it is None else it["u"] for it in first]),
+            "stable": ("point", self.stable),
+            "admissible": ("point", self.admissible),
+            "multiplier_real": (("point", "multiplier"), self.multipliers.real),
+            "multiplier_imag": (("point", "multiplier"), self.multipliers.imag),
+        }
+        return xarray.Dataset(
+            data,
+            attrs={
+                "title": "Branch of periodic orbits",
+                "source": f"zivi {_zivi.__version__}",
+                "status": self.status.name,
+                "events": [event.kind for event in self.events],
+                "event_values": [event.value for event in self.events],
+            },
+        )
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{event.kind} at {event.value:.9g}" for event in self.events)
+        return f"<Branch of {len(self)} orbits over {self.name}: {told or 'no events'}>"
+
+
+def continue_orbit(
+    orbit: PeriodicOrbit,
+    name: str,
+    span: Sequence[float],
+    *,
+    step: float = 0.02,
+    max_points: int = 500,
+) -> Branch:
+    """Follow a periodic orbit over a parameter, through folds and grazings, in both directions.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        Where to begin. One that `Branch.switch` gave at a period doubling is followed away from it
+        only.
+    name : str
+        The parameter, as in `sensitivity`.
+    span : (float, float)
+        Range of its values.
+    step : float
+        The first step along the arc, relative to the range, the period and the speeds; shorter for
+        orbits of many periods. Steps adapt.
+    max_points : int
+        Most points.
+
+    Returns
+    -------
+    Branch
+        What was found, with its status.
+
+    Raises
+    ------
+    ValueError
+        For a parameter that there is not, a range that is none, an orbit that was not found.
+
+    Examples
+    --------
+    >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
+    >>> orbit = zivi.periodic_orbit(zivi.ImpactSystem(table, e=0.5), [(0.6, 2.1)])
+    >>> branch = zivi.continue_orbit(orbit, "amplitude", (1.0, 1.6))
+    >>> [(event.kind, round(event.value, 9)) for event in branch.events]
+    [('fold', 1.047197551), ('period_doubling', 1.526823701)]
+    """
+    if not isinstance(orbit, PeriodicOrbit):
+        raise TypeError(f"orbit must be a zivi.PeriodicOrbit, got {orbit!r}")
+    value = parameter(orbit.system, name)
+    low, high = (finite("span", end) for end in pair("span", span, "(low, high)"))
+    if not low <= value <= high or low == high:
+        raise ValueError(f"span must contain {name} = {value} of the orbit, got ({low}, {high})")
+    if not 0.0 < finite("step", step) < 1.0:
+        raise ValueError(f"step must be in (0, 1), got {step}")
+    if whole("max_points", max_points) < 2:
+        raise ValueError(f"max_points must be >= 2, got {max_points}")
+    if orbit.status in (OrbitStatus.NOT_CONVERGED, OrbitStatus.RESTS):
+        raise ValueError(f"orbit was not found: {orbit.message}")
+    if orbit.kind == "resting":
+        from zivi.orbits.rest_branch import follow_rest
+
+        return follow_rest(orbit, name, (low, high), step, max_points)
+    return _follow(orbit, name, (low, high), step, max_points)
+
+
+def _follow(
+    orbit: PeriodicOrbit, name: str, span: tuple[float, float], step: float, most: int
+) -> Branch:
+    y, value = orbit._y, parameter(orbit.system, name)
+    curve = Curve(orbit.system, orbit._frame, name, y, span[1] - span[0])
+    start = curve.start(y, value)
+    if start is None:
+        raise ValueError("orbit: its flights cannot be computed")
+    step = step / 3.0 ** math.log2(orbit.multiple)
+    away = orbit._away
+    forward, backward = (start, dataclasses.replace(start, tangent=-start.tangent))
+    if away is not None:
+        if start.tangent[:-1] @ (away.ravel() / curve.scale[:-1]) < 0.0:
+            forward, backward = backward, forward
+        arcs = [_Arc(curve, forward, span, step, most).go()]
+        points, found = arcs[0].points, arcs[0].events
+    else:
+        first = _Arc(curve, backward, span, step, most // 2).go()
+        second = _Arc(curve, forward, span, step, most - len(first.points)).go()
+        arcs = [first, second]
+        points = first.points[:0:-1] + second.points
+        found = first.events[::-1] + second.events
+    # a start on the edge shows the same event to both sides
+    found = [it for i, it in enumerate(found) if i == 0 or not _same(it, found[i - 1])]
+    status = max((arc.status for arc in arcs), key=_weight)
+    orbits = [_orbit(curve, point) for point in points]
+    events = [BranchEvent(kind, at.value, _orbit(curve, at, here=True)) for kind, at in found]
+    values = np.array([point.value for point in points])
+    return Branch(name, orbits, values, events, status, MESSAGES[status], curve.flights)
+
+
+def _same(one: tuple[str, Point], other: tuple[str, Point]) -> bool:
+    return one[0] == other[0] and float(np.max(np.abs(one[1].z - other[1].z))) < 1e-9
+
+
+def _weight(status: OrbitStatus) -> int:
+    order = (
+        OrbitStatus.COMPLETED,
+        OrbitStatus.RANGE_END,
+        OrbitStatus.LEFT_ADMISSIBLE,
+        OrbitStatus.MAX_POINTS,
+        OrbitStatus.NOT_CONVERGED,
+    )
+    return order.index(status)
+
+
+def _orbit(curve: Curve, point: Point, *, here: bool = False) -> PeriodicOrbit:
+    """Give the orbit at a point; at an event (`here`) it is on the edge of being a motion."""
+    system = curve.system_at(point.value)
+    why = None if here else why_not(system, point.at)
+    status = OrbitStatus.COMPLETED if why is None else OrbitStatus.LEFT_ADMISSIBLE
+    error = float(np.max(np.abs(point.at.residual / curve.sizes)))
+    message = why or "A point of a branch."
+    return orbit_of(system, curve.frame, point.at, error, point.corrections, status, message)
+
+
+def _rise(point: Point) -> float:
+    return float(point.tangent[-1])
+
+
+def _least(point: Point) -> float:
+    return point.least_speed
+
+
+def _lowest(point: Point) -> float:
+    return point.at.lowest[0]
+
+
+class _Arc:
+    """One direction of a branch."""
+
+    def __init__(
+        self, curve: Curve, start: Point, span: tuple[float, float], step: float, most: int
+    ) -> None:
+        self.curve, self.span, self.step, self.most = curve, span, step, most
+        self.longest = 5.0 * step
+        self.edge = 1e-9 * float(np.max(curve.scale[:-1]))
+        self.points = [start]
+        self.events: list[tuple[str, Point]] = []
+        self.status = OrbitStatus.MAX_POINTS
+        self.left = 0
+
+    def is_out(self, point: Point) -> bool:
+        """Whether a point is no motion, by more than rounding."""
+        return min(point.least_speed, _lowest(point)) < -self.edge
+
+    def go(self) -> _Arc:
+        """Follow the curve to its end."""
+        while len(self.points) < self.most:
+            status = self._advance()
+            if status is not None:
+                self.status = status
+                break
+        return self
+
+    def _advance(self) -> OrbitStatus | None:
+        last = self.points[-1]
+        new = self._next(last)
+        if new is None:
+            return OrbitStatus.NOT_CONVERGED
+        if not self.span[0] <= new.value <= self.span[1]:
+            self._end_of_range(last, new)
+            return OrbitStatus.RANGE_END
+        if self._halves_meet(new):
+            return OrbitStatus.COMPLETED
+        self._look(last, new)
+        self.points.append(new)
+        self.left += self.is_out(new)
+        return OrbitStatus.LEFT_ADMISSIBLE if self.left >= BEYOND else None
+
+    def _next(self, last: Point) -> Point | None:
+        while self.step > 1e-7:
+            new = self.curve.correct(last.z + self.step * last.tangent, last.tangent)
+            if new is None:
+                self.step *= 0.5
+                continue
+            if new.tangent @ last.tangent < 0.9:
+                self.step *= 0.5
+                continue
+            if new.corrections <= 3:
+                self.step = min(1.4 * self.step, self.longest)
+            elif new.corrections > 5:
+                self.step *= 0.6
+            return new
+        return None
+
+    def _end_of_range(self, last: Point, new: Point) -> None:
+        end = self.span[0] if new.value < self.span[0] else self.span[1]
+        part = (end - last.value) / (new.value - last.value)
+        guess = last.z + part * (new.z - last.z)
+        normal = np.zeros(len(guess))
+        normal[-1] = 1.0
+        guess[-1] = end / self.curve.scale[-1]
+        point = self.curve.correct(guess, normal)
+        if point is None:
+            return
+        if point.tangent @ last.tangent < 0.0:
+            point = dataclasses.replace(point, tangent=-point.tangent)
+        self._look(last, point)
+        self.points.append(point)
+
+    def _halves_meet(self, new: Point) -> bool:
+        """Whether a doubled orbit is the single one again."""
+        k = len(new.at.y) if new.at.y.ndim == 2 else 0
+        if k % 2 or k == 0 or self.curve.frame.multiple % 2 or len(self.points) < 2:
+            return False
+        speeds = new.at.y[:, 1]
+        apart = np.max(np.abs(speeds[: k // 2] - speeds[k // 2 :]))
+        return bool(apart < HALVES_MEET * np.max(np.abs(speeds)))
+
+    def _look(self, last: Point, new: Point) -> None:
+        """Find what happens between two points."""
+        if self.is_out(last):
+            return
+        found: list[tuple[str, Point]] = []
+        # an impact that dies takes the flight after it behind the wall
+        dies = new.least_speed < 0.0
+        tests: list[tuple[str, Callable[[Point], float]]] = [("fold", _rise)]
+        tests.append(("grazing", _least) if dies else ("interior_impact", _lowest))
+        if not dies:
+            tests.append(("period_doubling", lambda point: point.doubling))
+        for kind, test in tests:
+            if kind in EDGES and abs(test(last)) <= self.edge and test(new) < 0.0:
+                found.append((kind, last))
+            elif test(last) * test(new) < 0.0:
+                point = locate(self.curve, last, new, test)
+                found += [(kind, point)] if point is not None else []
+        if dies and found:
+            self._doubling_before(last, found)
+        chord = new.z - last.z
+        self.events += sorted(found, key=lambda it: float((it[1].z - last.z) @ chord))
+
+    def _doubling_before(self, last: Point, found: list[tuple[str, Point]]) -> None:
+        """Look for a period doubling that hides just before a grazing, where a multiplier grows."""
+        grazing = next((point for kind, point in found if kind == "grazing"), None)
+        if grazing is None or last.doubling <= 0.0:
+            return
+        chord = grazing.z - last.z
+        normal = chord / np.linalg.norm(chord)
+        near = self.curve.correct(last.z + 0.999 * chord, normal)
+        if near is not None and near.doubling < 0.0 < near.least_speed:
+            point = locate(self.curve, last, near, lambda point: point.doubling)
+            found += [("period_doubling", point)] if point is not None else []

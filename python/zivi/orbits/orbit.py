@@ -1,0 +1,418 @@
+"""A periodic orbit: from a simulation or a guess to times, speeds, multipliers."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zivi._check import Array, finite, real_array, whole
+from zivi._extras import needed
+from zivi._misplaced import check_system
+from zivi._parameters import parameter
+from zivi.methods import SwitchedRK
+from zivi.orbits.flights import PRECISE, FlightError, period_of
+from zivi.orbits.sequence import Equations, Frame, equations, newton
+from zivi.sensitivity import OrbitStatus, sensitivity
+from zivi.simulate import simulate
+from zivi.system import ImpactSystem
+from zivi.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["PeriodicOrbit", "periodic_orbit"]
+
+ORBIT_IMPACT = np.dtype([("t", "f8"), ("u", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class PeriodicOrbit:
+    """A periodic motion.
+
+    Attributes
+    ----------
+    system : ImpactSystem
+        The system whose motion it is.
+    kind : str
+        ``"flight"`` (without impacts), ``"impacting"``, or ``"resting"`` (it comes to rest through
+        a Zeno point and lifts off again).
+    period : float
+        Period of the excitation (s).
+    multiple : int
+        After how many of them the motion repeats.
+    impacts : structured ndarray
+        The impacts of one period of the motion: ``t`` (s), ``u``, the speed after it (m/s), and
+        ``xdot_before``, ``xdot_after``. Of a resting orbit those that were computed.
+    multipliers : ndarray
+        The two Floquet multipliers (complex); 0 and 0 for a resting orbit.
+    residual : float
+        Largest residual of the equations, relative to the size of the motion.
+    iterations : int
+        Newton's steps.
+    depth : float
+        How far the nearest grazing is (m): the least height of a minimum above the wall, or by
+        how much a grazing impact would have to rise to vanish.
+    admissible : bool
+        Whether it is a motion of the system: all speeds after impacts positive, no flight behind
+        the wall, and a simulation follows it.
+    status : OrbitStatus
+        ``COMPLETED``, ``NOT_CONVERGED``, ``LEFT_ADMISSIBLE``, or ``RESTS`` for a mass that never
+        lifts off again.
+    message : str
+        What happened.
+    zeno_time, liftoff_time : float or None
+        Of a resting orbit, when it comes to rest and when it lifted off before that (s).
+    """
+
+    system: ImpactSystem
+    kind: str
+    period: float
+    multiple: int
+    impacts: NDArray[np.void]
+    multipliers: NDArray[np.complex128]
+    residual: float
+    iterations: int
+    depth: float
+    admissible: bool
+    status: OrbitStatus
+    message: str
+    _frame: Frame
+    _y: Array
+    zeno_time: float | None = None
+    liftoff_time: float | None = None
+    _away: Array | None = None
+    """Where the orbit lies beside the event that it came from."""
+
+    @property
+    def success(self) -> bool:
+        """Whether it was found and is a motion of the system."""
+        return self.status is OrbitStatus.COMPLETED
+
+    @property
+    def stable(self) -> bool:
+        """Whether both multipliers lie within the unit circle."""
+        return bool(np.all(np.abs(self.multipliers) < 1.0))
+
+    @property
+    def margin(self) -> float | None:
+        """How long a resting orbit rests before it lifts off again (s)."""
+        if self.zeno_time is None or self.liftoff_time is None:
+            return None
+        return self.liftoff_time + self.multiple * self.period - self.zeno_time
+
+    @functools.cached_property
+    def trajectory(self) -> Trajectory:
+        """A simulation over one period of the motion, from its first impact or its lift-off."""
+        t, state = self._beginning()
+        length = self.multiple * self.period
+        return simulate(self.system, (t, t + length), state, self._frame.method)
+
+    def _beginning(self) -> tuple[float, tuple[float, float]]:
+        if self.liftoff_time is not None:
+            return self.liftoff_time, (0.0, 0.0)
+        if self.kind == "flight":
+            return self._frame.start, (float(self._y[0]), float(self._y[1]))
+        return float(self._y[0, 0]), (0.0, float(self._y[0, 1]))
+
+    def monodromy(self, t0: float | None = None) -> Array:
+        """Give the derivative of the state after one period of the motion by the state at `t0`.
+
+        Parameters
+        ----------
+        t0 : float, optional
+            A time in flight (s); by default in the middle of the longest flight.
+
+        Returns
+        -------
+        ndarray
+            Of shape (2, 2); its eigenvalues are the multipliers.
+        """
+        length = self.multiple * self.period
+        if t0 is None:
+            times = np.append(self.impacts["t"], self._beginning()[0] + length)
+            longest = int(np.argmax(np.diff(times))) if len(times) > 1 else 0
+            t0 = float(times[longest : longest + 2].mean())
+        begin = self._beginning()[0]
+        x, v = self.trajectory(begin + (finite("t0", t0) - begin) % length)
+        s = sensitivity(
+            self.system,
+            (t0, t0 + length),
+            (max(float(x), 0.0), float(v)),
+            method=self._frame.method,
+            dense_output=False,
+        )
+        return s.final
+
+    def derivative(self, name: str) -> Array:
+        """Give the derivative of the orbit by a parameter.
+
+        Parameters
+        ----------
+        name : str
+            A parameter of the system.
+
+        Returns
+        -------
+        ndarray
+            Of ``(t_1, u_1, t_2, u_2, ...)``, flat; of the state in flight without impacts; of the
+            Zeno time and the lift-off time before it for a resting orbit.
+        """
+        parameter(self.system, name)
+        if self.kind == "resting":
+            s = self._sensitivity(name)
+            lift = s.liftoff_times[:1, 0]
+            return np.concatenate([s.zeno_times[-1:, 0], lift])
+        at = equations(self.system, self._frame, self._y, name)
+        return np.asarray(-np.linalg.solve(at.jacobian, at.by), np.float64)
+
+    def _sensitivity(self, name: str) -> Any:
+        """Differentiate a resting orbit, from the rest before its lift-off."""
+        assert self.liftoff_time is not None
+        assert self.zeno_time is not None
+        rest = 0.5 * (self.margin or 0.0)
+        begin = self.liftoff_time - rest
+        end = self.zeno_time + rest
+        return sensitivity(self.system, (begin, end), (0.0, 0.0), (name,), self._frame.method)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to a labelled dataset: the impacts and the multipliers."""
+        needed("xarray", "labelled datasets")
+        import xarray
+
+        data = {name: ("impact", self.impacts[name]) for name in ("t", "u", "xdot_before")}
+        data |= {
+            "multiplier_real": ("multiplier", self.multipliers.real),
+            "multiplier_imag": ("multiplier", self.multipliers.imag),
+        }
+        attrs = {"kind": self.kind, "period": self.period, "multiple": self.multiple}
+        return xarray.Dataset(data, attrs=attrs | {"status": self.status.name})
+
+    def __repr__(self) -> str:
+        multipliers = ", ".join(f"{value:.4g}" for value in self.multipliers)
+        return (
+            f"<PeriodicOrbit {self.kind}, {len(self.impacts)} impacts in {self.multiple} periods, "
+            f"multipliers {multipliers}: {self.status.name.lower()}>"
+        )
+
+
+def periodic_orbit(
+    system: ImpactSystem,
+    start: Any,
+    multiple: int | None = None,
+    *,
+    period: float | None = None,
+    method: SwitchedRK = PRECISE,
+    max_iter: int = 20,
+) -> PeriodicOrbit:
+    """Find a periodic orbit from what a simulation settled on, or from a guess.
+
+    Unknowns are the times of the impacts and the speeds after them, so Newton's iteration looks for
+    no events and is regular up to a grazing. A motion that rests needs no iteration: it starts
+    at its lift-off, which the parameters alone determine, and one simulation is the orbit.
+
+    Parameters
+    ----------
+    system : ImpactSystem
+        A system with a periodic excitation.
+    start : Trajectory, (t0, (x0, xdot0)), PeriodicOrbit or array_like
+        A run, of which the end is taken; a state, from which some periods are simulated; an orbit
+        (of a system near this one); or rows ``(t, u)`` of the impacts of one period.
+    multiple : int, optional
+        After how many periods of the excitation the motion repeats; by default what `start` shows.
+    period : float, optional
+        The period of the excitation (s), by default from a `LinearForce` or a `HarmonicWall`.
+    method : SwitchedRK
+        Tolerances.
+    max_iter : int
+        Newton's steps, at most.
+
+    Returns
+    -------
+    PeriodicOrbit
+        Its ``status`` says whether it was found and whether it is a motion of the system.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range, or a system whose period is not known.
+
+    Examples
+    --------
+    >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
+    >>> ball = zivi.ImpactSystem(table, e=0.5)
+    >>> orbit = zivi.periodic_orbit(ball, [(0.6, 2.1)])
+    >>> orbit.kind, orbit.stable
+    ('impacting', True)
+    >>> abs(orbit.multipliers).round(9)  # complex, of the modulus e
+    array([0.5, 0.5])
+    """
+    from zivi.orbits.start import guess_of
+
+    check_system(system)
+    length = period_of(system, period)
+    if multiple is not None and whole("multiple", multiple) < 1:
+        raise ValueError(f"multiple must be >= 1, got {multiple}")
+    if not isinstance(method, SwitchedRK):
+        raise TypeError(f"method must be a zivi.SwitchedRK, got {method!r}")
+    if whole("max_iter", max_iter) < 1:
+        raise ValueError(f"max_iter must be >= 1, got {max_iter}")
+    guess = guess_of(system, start, multiple, length, method)
+    frame = Frame(guess.multiple, period, method, guess.start)
+    if guess.resting:
+        from zivi.orbits.rest import resting_orbit
+
+        return resting_orbit(system, frame, guess.phase)
+    return solve(system, frame, guess.y, max_iter)
+
+
+def solve(system: ImpactSystem, frame: Frame, y: Array, max_iter: int = 20) -> PeriodicOrbit:
+    """Solve for an orbit from a guess of its unknowns, and look whether it is a motion."""
+    try:
+        found = newton(system, frame, y, max_iter)
+        at = equations(system, frame, found.equations.y, minima=True)
+    except FlightError as error:
+        return _failed(system, frame, y, f"A flight could not be computed: {error}")
+    if not found.converged:
+        message = (
+            f"Newton's iteration did not converge in {found.iterations} steps: the residual is "
+            f"{found.residual:.3g}, the nearest grazing {at.depth:.3g} m away."
+        )
+        return orbit_of(
+            system, frame, at, found.residual, found.iterations, OrbitStatus.NOT_CONVERGED, message
+        )
+    period = frame.period_of(system)
+    canonical = _canonical(at.y, period, frame.multiple * period)
+    if canonical is not at.y:
+        at = equations(system, frame, canonical, minima=True)
+    return checked(system, frame, at, found.residual, found.iterations)
+
+
+def _canonical(y: Array, period: float, length: float) -> Array:
+    """Give the impacts from that of the smallest phase on, its time within the first period."""
+    if y.ndim == 1:
+        return y
+    phases = y[:, 0] % period
+    first = int(np.argmin(phases))
+    shift = phases[first] - y[first, 0]
+    turned = np.roll(y, -first, axis=0)
+    if first == 0 and shift == 0.0:
+        return y
+    times = turned[:, 0] + shift
+    times[len(y) - first :] += length
+    return np.column_stack([times, turned[:, 1]])
+
+
+def orbit_of(
+    system: ImpactSystem,
+    frame: Frame,
+    at: Equations,
+    residual: float,
+    iterations: int,
+    status: OrbitStatus,
+    message: str,
+) -> PeriodicOrbit:
+    """Make the orbit that the equations describe."""
+    impacts = np.empty(len(at.y) if at.y.ndim == 2 else 0, ORBIT_IMPACT)
+    if at.y.ndim == 2:
+        impacts["t"], impacts["u"] = at.y.T
+        impacts["xdot_after"] = impacts["u"]
+        impacts["xdot_before"] = np.roll(at.legs.v, 1)
+    return PeriodicOrbit(
+        system=system,
+        kind="impacting" if at.y.ndim == 2 else "flight",
+        period=frame.period_of(system),
+        multiple=frame.multiple,
+        impacts=impacts,
+        multipliers=at.multipliers,
+        residual=residual,
+        iterations=iterations,
+        depth=at.depth,
+        admissible=status is OrbitStatus.COMPLETED,
+        status=status,
+        message=message,
+        _frame=frame,
+        _y=at.y,
+    )
+
+
+def why_not(system: ImpactSystem, at: Equations) -> str | None:
+    """Say why unknowns that solve the equations are no motion; None if they may be one."""
+    if at.y.ndim == 2 and np.any(at.y[:, 1] < 0.0):
+        t, u = at.y[int(np.argmin(at.y[:, 1]))]
+        return f"The impact at t = {t:.9g} s would leave the wall at {u:.3g} m/s < 0."
+    x, t = at.lowest
+    if x < -1e-12 * max(1.0, float(np.max(np.abs(at.y)))):
+        return f"The flight goes behind the wall, to {x:.3g} m at t = {t:.9g} s."
+    return None
+
+
+def checked(
+    system: ImpactSystem, frame: Frame, at: Equations, residual: float, iterations: int
+) -> PeriodicOrbit:
+    """Look whether an orbit is a motion: its signs, and one simulation of it."""
+    why = why_not(system, at)
+    if why is None:
+        why = _not_followed(system, frame, at)
+    status = OrbitStatus.COMPLETED if why is None else OrbitStatus.LEFT_ADMISSIBLE
+    message = why or "The orbit was found, and a simulation follows it."
+    return orbit_of(system, frame, at, residual, iterations, status, message)
+
+
+def _not_followed(system: ImpactSystem, frame: Frame, at: Equations) -> str | None:
+    """Say where a simulation from the first impact leaves the orbit; None if it does not."""
+    length = frame.multiple * frame.period_of(system)
+    flies = at.y.ndim == 1
+    t, state = (frame.start, at.y) if flies else (at.y[0, 0], (0.0, at.y[0, 1]))
+    run = simulate(system, (t, t + length), state, frame.method, dense_output=False)
+    impacts = run.impacts
+    k = 0 if flies else len(at.y) - 1
+    # the impact that ends the period may lie on either side of its end
+    seen = impacts[impacts["t"] < t + length * (1.0 - 1e-6)]
+    if len(seen) != k:
+        return f"A simulation has {len(seen)} impacts within the period, the orbit {k}."
+    growth = max(1.0, float(np.max(np.abs(at.monodromy))))
+    near = 1e5 * frame.method.rtol * growth
+    if k and np.max(np.abs(seen["t"] - at.y[1:, 0])) > near * length:
+        return "A simulation has its impacts at other times than the orbit."
+    return None
+
+
+def _failed(system: ImpactSystem, frame: Frame, y: Array, message: str) -> PeriodicOrbit:
+    impacts = np.empty(len(y) if y.ndim == 2 else 0, ORBIT_IMPACT)
+    if y.ndim == 2:
+        impacts["t"], impacts["u"] = y.T
+        impacts["xdot_after"], impacts["xdot_before"] = y[:, 1], np.nan
+    return PeriodicOrbit(
+        system=system,
+        kind="impacting" if y.ndim == 2 else "flight",
+        period=frame.period_of(system),
+        multiple=frame.multiple,
+        impacts=impacts,
+        multipliers=np.full(2, np.nan, np.complex128),
+        residual=np.inf,
+        iterations=0,
+        depth=np.nan,
+        admissible=False,
+        status=OrbitStatus.NOT_CONVERGED,
+        message=message,
+        _frame=frame,
+        _y=y,
+    )
+
+
+def rows_of(start: ArrayLike) -> Array:
+    """Give the impacts of an array as rows ``(t, u)``."""
+    array = np.asarray(start)
+    if array.dtype.names:
+        speed = "u" if "u" in array.dtype.names else "xdot_after"
+        return np.column_stack([array["t"], array[speed]]).astype(np.float64)
+    rows = real_array("start", array)
+    if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
+        raise ValueError(f"start must have rows (t, u), got an array of shape {rows.shape}")
+    if not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) <= 0.0):
+        raise ValueError("start must have finite rows (t, u) at ascending times")
+    return rows

@@ -1,0 +1,176 @@
+"""Orbits that rest: they start at a lift-off, and one simulation is the orbit."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zivi._check import Array
+from zivi._functions import of_three
+from zivi.orbits.orbit import ORBIT_IMPACT, PeriodicOrbit
+from zivi.orbits.sequence import Frame
+from zivi.sensitivity import OrbitStatus
+from zivi.simulate import simulate
+from zivi.system import ImpactSystem
+
+__all__ = ["chatter_exponent", "highest_pull", "resting_orbit", "rises"]
+
+MOST_PERIODS = 32
+LOOKS = 256
+
+
+def rises(system: ImpactSystem, period: float, start: float = 0.0) -> list[float]:
+    """Give times, one for each lift-off of a period, shortly before which the force holds."""
+    times = start + period * np.arange(LOOKS + 1) / LOOKS
+    force = np.array([force_at_rest(system, float(t)) for t in times])
+    found = [float(times[i]) for i in range(LOOKS) if force[i] <= 0.0 < force[i + 1]]
+    if found or force[0] > 0.0:
+        return found
+    # the force may be positive between two looks
+    t, highest = _maximum(system, times, force)
+    return [t - period / LOOKS] if highest > 0.0 else []
+
+
+def _maximum(system: ImpactSystem, times: Array, force: Array) -> tuple[float, float]:
+    """Give when the force at rest is largest, and how large."""
+    i = int(np.argmax(force))
+    t, h = float(times[i]), float(times[1] - times[0])
+    best = float(force[i])
+    for _ in range(4):
+        left, right = (force_at_rest(system, t + side) for side in (-h, h))
+        bend = left - 2.0 * best + right
+        if bend >= 0.0:
+            break
+        there = t - 0.5 * h * (right - left) / bend
+        value = force_at_rest(system, there)
+        if value <= best:
+            break
+        t, best, h = there, value, 0.1 * h
+    return t, best
+
+
+def highest_pull(system: ImpactSystem, period: float) -> float:
+    """Give the largest force on the mass at rest over a period."""
+    times = period * np.arange(LOOKS + 1) / LOOKS
+    force = np.array([force_at_rest(system, float(t)) for t in times])
+    return _maximum(system, times, force)[1]
+
+
+def force_at_rest(system: ImpactSystem, t: float) -> float:
+    """Give the force on the mass at rest at the wall."""
+    w, wdot, wddot = (0.0, 0.0, 0.0) if system.wall is None else map(float, system.wall(t))
+    force = system.force
+    value = float(force) if isinstance(force, int | float) else float(_called(system, t, w, wdot))
+    return value - wddot
+
+
+def _called(system: ImpactSystem, t: float, x: float, xdot: float) -> float:
+    force: Any = system.force
+    # a compiled callable is called as it is; a function may be one of (t, y)
+    compiled = getattr(force, "ctypes", None)
+    function = compiled or of_three("force", force, more_than_y=False)
+    return float(function(t, x, xdot))
+
+
+def resting_orbit(system: ImpactSystem, frame: Frame, phase: float) -> PeriodicOrbit:
+    """Simulate the motion that lifts off first after a time, until it rests and lifts off again."""
+    period = frame.period_of(system)
+    starts = rises(system, period, phase)
+    if not starts:
+        resting = force_at_rest(system, phase) <= 0.0
+        why = "The mass rests and never lifts off." if resting else "The mass never stays at rest."
+        status = OrbitStatus.RESTS if resting else OrbitStatus.NOT_CONVERGED
+        return _orbit(system, frame, None, None, np.empty(0, ORBIT_IMPACT), status, why)
+    begin = starts[0]
+    for periods in (2, MOST_PERIODS):
+        run = simulate(
+            system, (begin, begin + periods * period), (0.0, 0.0), frame.method, dense_output=False
+        )
+        lifts, zenos = run.liftoff_times, run.zeno_times
+        if len(lifts) > 1 and len(zenos):
+            break
+    if not len(lifts) or not len(zenos) or len(lifts) < 2:
+        why = f"The motion after the lift-off does not rest again within {MOST_PERIODS} periods."
+        empty = np.empty(0, ORBIT_IMPACT)
+        return _orbit(system, frame, None, None, empty, OrbitStatus.NOT_CONVERGED, why)
+    return _first_return(system, frame, run.impacts, lifts, zenos)
+
+
+def _first_return(
+    system: ImpactSystem, frame: Frame, impacts: NDArray[np.void], lifts: Array, zenos: Array
+) -> PeriodicOrbit:
+    """Make the orbit that ends with the first lift-off at the phase of the first."""
+    period = frame.period_of(system)
+    for lift in lifts[1:]:
+        turns = (lift - lifts[0]) / period
+        if abs(turns - round(turns)) < 1e-8:
+            break
+    else:
+        why = "No later lift-off has the phase of the first."
+        empty = np.empty(0, ORBIT_IMPACT)
+        return _orbit(system, frame, None, None, empty, OrbitStatus.NOT_CONVERGED, why)
+    own = impacts[impacts["t"] < lift]
+    listed = np.empty(len(own), ORBIT_IMPACT)
+    listed["t"], listed["u"] = own["t"], own["xdot_after"]
+    listed["xdot_before"], listed["xdot_after"] = own["xdot_before"], own["xdot_after"]
+    zeno = float(zenos[zenos < lift][-1])
+    shift = float(lifts[0] % period - lifts[0])
+    listed["t"] += shift
+    new = Frame(round(turns), frame.period, frame.method, frame.start)
+    why = "The motion rests and lifts off again at the same phase."
+    lifted, rests = float(lifts[0]) + shift, zeno + shift
+    return _orbit(system, new, lifted, rests, listed, OrbitStatus.COMPLETED, why)
+
+
+def _orbit(
+    system: ImpactSystem,
+    frame: Frame,
+    lift: float | None,
+    zeno: float | None,
+    impacts: NDArray[np.void],
+    status: OrbitStatus,
+    message: str,
+) -> PeriodicOrbit:
+    found = status is OrbitStatus.COMPLETED
+    rests = status is OrbitStatus.RESTS
+    return PeriodicOrbit(
+        system=system,
+        kind="resting",
+        period=frame.period_of(system),
+        multiple=frame.multiple,
+        impacts=impacts,
+        multipliers=np.zeros(2, np.complex128) if found or rests else np.full(2, np.nan + 0j),
+        residual=0.0 if found else np.inf,
+        iterations=0,
+        depth=np.inf,
+        admissible=found or rests,
+        status=status,
+        message=message,
+        _frame=frame,
+        _y=np.column_stack([impacts["t"], impacts["u"]]),
+        zeno_time=zeno,
+        liftoff_time=lift,
+    )
+
+
+def chatter_exponent(e: float) -> float:
+    r"""Give the exponent with which a resting orbit ends.
+
+    Near the parameter at which the impacts no longer accumulate before the force turns outward, the
+    time at rest vanishes like :math:`(F_c - F)^\beta` with
+
+    .. math::
+
+        \lambda^3 + 2 \lambda^2 = e (1 + 2 \lambda), \quad \tau = 1 - \lambda, \quad
+        \beta = \frac{\ln 1/\lambda}{\ln \mu}
+    """
+    roots = np.roots([1.0, 2.0, -2.0 * e, -e])
+    lam = float(max(root.real for root in roots if abs(root.imag) < 1e-12))
+    tau = 1.0 - lam
+    half = tau / 2.0 - tau**2 / 3.0
+    top = e * ((0.5 - 2.0 * tau / 3.0) * (1.0 - tau) + 2.0 * half)
+    mu = top / ((1.0 - tau) ** 3 * (0.5 - tau / 3.0))
+    return math.log(1.0 / lam) / math.log(mu)

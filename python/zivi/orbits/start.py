@@ -1,0 +1,124 @@
+"""From what a user has, a run, a state, an orbit, an array, to a guess of an orbit."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from zivi._check import Array, real
+from zivi.methods import SwitchedRK
+from zivi.orbits.orbit import PeriodicOrbit, rows_of
+from zivi.simulate import pair, simulate
+from zivi.system import ImpactSystem
+from zivi.trajectory import Trajectory
+
+__all__ = ["Guess", "guess_of"]
+
+MOST_MULTIPLE = 64
+TOLERANCES = (1e-6, 1e-4, 1e-2)
+SETTLING = 200
+"""Periods that are simulated from a state when nothing says how the motion repeats."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Guess:
+    """A guess of an orbit."""
+
+    y: Array
+    multiple: int
+    resting: bool = False
+    phase: float = 0.0
+    """A time before its lift-off."""
+    start: float = 0.0
+    """Where an orbit without impacts is looked at."""
+
+
+def guess_of(
+    system: ImpactSystem, start: Any, multiple: int | None, period: float, method: SwitchedRK
+) -> Guess:
+    """Give the guess that a start is."""
+    if isinstance(start, PeriodicOrbit):
+        if start.kind == "resting":
+            phase = (start.liftoff_time or 0.0) - 0.5 * min(start.margin or period, period)
+            return Guess(start._y, multiple or start.multiple, resting=True, phase=phase)
+        return Guess(start._y, multiple or start.multiple, start=start._frame.start)
+    if isinstance(start, Trajectory):
+        return from_run(start, multiple, period)
+    if isinstance(start, tuple) and len(start) == 2 and np.ndim(start[0]) == 0:
+        return _from_state(system, start, multiple, period, method)
+    rows = rows_of(start)
+    shown = math.floor((rows[-1, 0] - rows[0, 0]) / period * (1.0 - 1e-9)) + 1
+    return Guess(rows, multiple or shown)
+
+
+def _from_state(
+    system: ImpactSystem,
+    start: tuple[Any, Any],
+    multiple: int | None,
+    period: float,
+    method: SwitchedRK,
+) -> Guess:
+    t0, state = real("start[0]", start[0]), pair("start[1]", start[1], "(x0, xdot0)")
+    if multiple is not None:
+        # a guess of the orbit itself: the impacts of its period
+        length = multiple * period
+        run = simulate(system, (t0, t0 + length), state, method, dense_output=False)
+        if len(run.zeno_times):
+            return Guess(np.empty((0, 2)), multiple, resting=True, phase=float(run.zeno_times[-1]))
+        if not len(run.impacts):
+            return Guess(np.array(state), multiple, start=t0)
+        return Guess(np.column_stack([run.impacts["t"], run.impacts["xdot_after"]]), multiple)
+    run = simulate(system, (t0, t0 + SETTLING * period), state, method, dense_output=False)
+    return from_run(run, None, period)
+
+
+def from_run(run: Trajectory, multiple: int | None, period: float) -> Guess:
+    """Give what the end of a run shows."""
+    end = float(run.t[-1])
+    recent = end - 2.0 * (multiple or 1) * period
+    if len(run.zeno_times) and run.zeno_times[-1] > recent:
+        return Guess(np.empty((0, 2)), multiple or 1, resting=True, phase=float(run.zeno_times[-1]))
+    if run.rest_time is not None:
+        return Guess(np.empty((0, 2)), 1, resting=True, phase=end)
+    impacts = np.column_stack([run.impacts["t"], run.impacts["xdot_after"]])
+    impacts = impacts[impacts[:, 0] > end - 2 * MOST_MULTIPLE * period]
+    last = impacts[impacts[:, 0] > end - (multiple or 4) * period]
+    if not len(last):
+        state = np.array([run.x[-1], run.xdot[-1]])
+        return Guess(state, multiple or 1, start=end)
+    if multiple is None:
+        multiple = _repeats(impacts, end, period)
+    return Guess(_window(impacts, end, multiple * period), multiple)
+
+
+def _window(impacts: Array, end: float, length: float, before: float = 0.0) -> Array:
+    """Give the impacts of the last period of the motion, as seen from the middle of a flight."""
+    close = _quiet(impacts, end) - before
+    inside = (impacts[:, 0] > close - length) & (impacts[:, 0] <= close)
+    return impacts[inside]
+
+
+def _quiet(impacts: Array, end: float) -> float:
+    """Give the middle of the longest of the last flights."""
+    times = np.append(impacts[-8:, 0], end)
+    gaps = np.diff(times)
+    longest = int(np.argmax(gaps)) if len(gaps) else 0
+    return float(times[longest] + 0.5 * gaps[longest]) if len(gaps) else end
+
+
+def _repeats(impacts: Array, end: float, period: float) -> int:
+    """Give after how many periods the impacts repeat, as well as they do."""
+    scale = float(np.max(np.abs(impacts[:, 1]))) or 1.0
+    for tolerance in TOLERANCES:
+        for m in range(1, MOST_MULTIPLE + 1):
+            length = m * period
+            now, before = (_window(impacts, end, length, back) for back in (0.0, length))
+            if not len(now) or len(now) != len(before):
+                continue
+            shift = np.abs(now - before - [length, 0.0]) / [period, scale]
+            if np.max(shift) <= tolerance:
+                return m
+    return 1
