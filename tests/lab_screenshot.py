@@ -1,27 +1,29 @@
-"""Write the picture of docs/lab.md: python tests/lab_screenshot.py docs/figures/lab.png."""
+"""Write the pictures of docs/lab.md: python tests/lab_screenshot.py docs/figures."""
 
-import shutil
 import sys
-
-from playwright.sync_api import sync_playwright
+from pathlib import Path
 
 from lab_server import serving
+from screenshots import browser, save
 
-SIZE = {"width": 1500, "height": 900}
+PICTURES = {
+    "lab": (1280, 720, "?tab=Tracker"),
+    "lab_middle": (900, 700, "?tab=Regulator"),
+    "lab_narrow": (420, 700, "?tab=Ball"),
+}
+"""Width, height and settings of each."""
 
 
-def main(path):
-    with serving() as (_, url), sync_playwright() as driver:
-        arguments = {"executable_path": shutil.which("chromium"), "args": ["--no-sandbox"]}
-        browser = driver.chromium.launch(**arguments)
-        page = browser.new_page(viewport=SIZE)
-        page.goto(url)
-        page.get_by_role("tab", name="Tracker").click()
-        page.get_by_text("reference", exact=True).first.wait_for()
-        page.mouse.move(SIZE["width"] / 2, 5)
-        page.wait_for_timeout(1000)  # what fades in has faded in
-        page.screenshot(path=path)
-        browser.close()
+def main(folder):
+    with serving() as (_, url), browser() as chromium:
+        for name, (width, height, query) in PICTURES.items():
+            page = chromium.new_page(viewport={"width": width, "height": height})
+            page.goto(url + query)
+            page.locator(".js-plotly-plot .main-svg").first.wait_for()
+            page.mouse.move(width / 2, 5)
+            page.wait_for_timeout(1500)  # what fades in has faded in
+            save(page, Path(folder) / f"{name}.png")
+            page.close()
 
 
 if __name__ == "__main__":

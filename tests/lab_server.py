@@ -11,15 +11,15 @@ COMMAND = [sys.executable, "-c", PROGRAM, "lab", "--no-browser"]
 
 
 @contextlib.contextmanager
-def serving(program=PROGRAM):
+def serving(program=PROGRAM, options=()):
     """Serve on a free port; give the process and the address."""
-    command = [sys.executable, "-c", program, *COMMAND[3:], "--port", "0"]
+    command = [sys.executable, "-c", program, *COMMAND[3:], "--port", "0", *options]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         try:
             line = process.stdout.readline()
-            found = re.search(r"http://127\.0\.0\.1:\d+/[\w-]{22}/", line)
+            found = re.search(r"http://[\w.-]+:\d+/[\w-]{22}/", line)
             assert found, line + (process.stderr.read() if process.poll() is not None else "")
             yield process, found[0]
         finally:

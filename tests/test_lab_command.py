@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 
 import pytest
@@ -30,6 +31,15 @@ def test_help_names_the_options():
     text = run(app, ["lab", "--help"]).stdout
     assert "--port" in text
     assert "--no-browser" in text
+    assert "--host" in text
+
+
+def test_a_host_that_is_not_of_this_machine_is_one_line():
+    pytest.importorskip("marimo")
+    result = run(app, ["lab", "--no-browser", "--host", "192.0.2.1"])
+    assert result.exit_code == 2
+    assert result.stderr.startswith("zivi: port 2718 of host 192.0.2.1 cannot be used (")
+    assert result.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("port", ["-1", "65536", "x"])
@@ -68,6 +78,15 @@ class TestServer:
         assert '"mode": "read"' in page
         assert "import marimo" not in page
 
+    def test_with_a_host_others_can_reach_it_but_not_without_the_token(self):
+        with serving(options=("--host", "0.0.0.0")) as (_, url):
+            assert f"//{socket.gethostname()}:" in url
+            port = urllib.parse.urlsplit(url).port
+            token = urllib.parse.urlsplit(url).path
+            assert b"zivi lab" in _page(f"http://127.0.0.2:{port}{token}")
+            with pytest.raises(urllib.error.HTTPError, match="403"):
+                _page(f"http://127.0.0.2:{port}/")
+
 
 def _page(url):
     end = time.monotonic() + 30
@@ -75,6 +94,8 @@ def _page(url):
         try:
             with urllib.request.urlopen(url, timeout=10) as answer:
                 return answer.read()
+        except urllib.error.HTTPError:
+            raise
         except urllib.error.URLError:
             if time.monotonic() > end:
                 raise

@@ -116,6 +116,40 @@ class TestServer:
         assert b"too many pages are open" in text
 
 
+@pytest.mark.parametrize(
+    ("host", "everywhere", "enters"),
+    [
+        ("desk:2718", False, True),
+        ("DESK:2718", False, True),
+        ("desk:2719", False, False),
+        ("desk", False, False),
+        ("desk:2718", True, True),
+        ("192.168.1.5:2718", True, True),
+        ("192.168.1.5:2718", False, False),
+        ("evil.example:2718", True, False),
+        ("192.168.1.5.evil.example:2718", True, False),
+        ("[::1]:2718", True, False),
+    ],
+)
+def test_by_which_names_a_server_for_others_is_asked(host, everywhere, enters):
+    async def page(scope, receive, send):
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    said = []
+
+    async def send(message):
+        said.append(message)
+
+    gate = Gate(page, port=2718, token=TOKEN, lasting=60.0, names=("desk",), any_address=everywhere)
+    scope = {"type": "http", "path": f"/{TOKEN}/", "headers": [(b"host", host.encode())]}
+    asyncio.run(gate(scope, None, send))
+    assert said[0]["status"] == (200 if enters else 403)
+    scope["path"] = "/"
+    said.clear()
+    asyncio.run(gate(scope, None, send))
+    assert said[0]["status"] == 403
+
+
 def test_a_session_that_has_ended_makes_room(monkeypatch):
     clock = [0.0]
     monkeypatch.setattr("zivi.lab.gate.time.monotonic", lambda: clock[0])

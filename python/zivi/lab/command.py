@@ -17,33 +17,42 @@ WRONG = 2
 
 
 def lab(
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0 takes a free one.")
-    ] = PORT,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = PORT,
+    host: Annotated[
+        str,
+        typer.Option(
+            help="IPv4 address or name of this machine under which others can reach the page; "
+            "0.0.0.0 for all."
+        ),
+    ] = "127.0.0.1",
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
     ] = True,
 ) -> None:
     """Serve the interactive page: ball, regulator and tracker with sliders.
 
-    Only this machine can reach it, and only with the address that is printed: it holds a token that
-    is new every time. Exit code 2 if it cannot be served; Ctrl-C ends it.
+    Without --host only this machine can reach it, and in any case only with the address that is
+    printed: it holds a token that is new every time. Exit code 2 if it cannot be served; Ctrl-C
+    ends it.
     """
     for module in NEEDED:
         try:
             importlib.import_module(module)
         except ImportError:
             raise _failed(f"the page needs {module}: pip install 'zivi[lab]'") from None
+    from zivi.lab.gate import LOOPBACK
     from zivi.lab.server import address, listen, serve
 
     try:
-        listener = listen(port)
+        listener = listen(port, host)
     except OSError as error:
-        said = f"port {port} cannot be used ({error.strerror}); --port 0 takes a free one"
+        why = str(error.strerror).partition(" (while ")[0]
+        where = f"port {port}" if host in LOOPBACK else f"port {port} of host {host}"
+        said = f"{where} cannot be used ({why}); --port 0 takes a free one"
         raise _failed(said) from None
     token = secrets.token_urlsafe(16)
-    typer.echo(f"zivi lab: {address(listener, token)} (Ctrl-C ends it)")
-    serve(listener, token, browser=browser)
+    typer.echo(f"zivi lab: {address(listener, token, host)} (Ctrl-C ends it)")
+    serve(listener, token, browser=browser, host=host)
 
 
 def _failed(message: str) -> typer.Exit:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Curve", "Look", "curves", "figure"]
 
 GREY = "#666666"
-COLORS = {"implicit": BLUE, "explicit": ORANGE, "high_order": GREY}
+COLORS = {"implicit": BLUE, "explicit": ORANGE, "high_order": GREY, "reference": GREEN}
 BELOW = ("explicit", "implicit", "high_order")
 """In which order runs are drawn: explicit signs, which may fill a band, lie below."""
 PANELS = {
@@ -83,7 +83,7 @@ class Curve:
     held: bool = False
 
 
-def figure(runs: Runs, window: tuple[float, float] | None = None) -> go.Figure:
+def figure(runs: Runs, window: tuple[float, float] | None = None, columns: int = 3) -> go.Figure:
     """Draw runs: time series, phase plane, signs, of a closed loop the control.
 
     Parameters
@@ -93,6 +93,8 @@ def figure(runs: Runs, window: tuple[float, float] | None = None) -> go.Figure:
     window : (float, float), optional
         Times to show (s); all by default. A line has at most 1000 points, those with the extremes:
         where a window holds fewer samples, all are shown.
+    columns : {3, 2, 1}
+        How many panels stand beside each other.
 
     Returns
     -------
@@ -106,7 +108,7 @@ def figure(runs: Runs, window: tuple[float, float] | None = None) -> go.Figure:
     for curve in curves(runs, window):
         traces.append(_trace(curve, panels.index(curve.panel) + 1, curve.look.name not in drawn))
         drawn.add(curve.look.name)
-    return go.Figure({"data": traces, "layout": _layout(panels)})
+    return go.Figure({"data": traces, "layout": _layout(panels, columns)})
 
 
 def curves(runs: Runs, window: tuple[float, float] | None = None) -> list[Curve]:
@@ -147,7 +149,7 @@ def _reference(run: ClosedLoop, window: tuple[float, float] | None) -> list[Curv
         return []
     t, x, xdot = _within(run.t, window, run.x_ref, run.xdot_ref)
     pairs = {"position": (t, x), "velocity": (t, xdot), "phase": (x, xdot)}
-    look = Look("reference", GREEN, "dash")
+    look = Look("reference", COLORS["reference"], "dash")
     return [_curve(panel, look, *pair) for panel, pair in pairs.items()]
 
 
@@ -219,26 +221,35 @@ def _trace(curve: Curve, number: int, in_legend: bool) -> dict[str, Any]:
     }
 
 
-COLUMNS, GAP, ROWS = 3, 0.075, ((0.58, 1.0), (0.0, 0.42))
-"""Columns, the gap between them, and the rows, as parts of the figure."""
+GAPS = {3: 0.075, 2: 0.11, 1: 0.0}
+"""The gap between columns, as a part of the width, by their number."""
+BETWEEN = {3: 80, 2: 80, 1: 100}
+"""Height between two rows (px) by the number of columns: in one the legend of the signs wraps."""
+ROW, ABOVE, BELOW_ALL = 205, 40, 45
+"""Heights of a row of panels, and above and below all (px)."""
 
 
-def _layout(panels: list[str]) -> dict[str, Any]:
-    width = (1.0 - GAP * (COLUMNS - 1)) / COLUMNS
+def _layout(panels: list[str], columns: int) -> dict[str, Any]:
+    gap, between = GAPS[columns], BETWEEN[columns]
+    width = (1.0 - gap * (columns - 1)) / columns
+    rows = -(-len(panels) // columns)
+    height = rows * ROW + (rows - 1) * between
     layout: dict[str, Any] = {}
     for number, panel in enumerate(panels, start=1):
-        row, column = divmod(number - 1, COLUMNS)
-        left = column * (width + GAP)
-        tall = panel == "phase" and len(panels) < COLUMNS * len(ROWS)
-        rows = (0.0, 1.0) if tall else ROWS[row]
+        row, column = divmod(number - 1, columns)
+        left, top = column * (width + gap), 1.0 - row * (ROW + between) / height
+        # where the place below the phase plane would stay empty, it takes that too
+        tall = panel == "phase" and columns == 3 and len(panels) < columns * rows
+        domain = (0.0 if tall else max(top - ROW / height, 0.0), top)
         across, up = PANELS[panel]
         layout[f"xaxis{number}"] = _axis(across, (left, left + width), f"y{number}")
-        layout[f"yaxis{number}"] = _axis(up, rows, f"x{number}")
+        layout[f"yaxis{number}"] = _axis(up, domain, f"x{number}")
         if panel != "phase":
             layout[f"xaxis{number}"]["matches"] = None if number == 1 else "x"
         if panel == "signs":
             layout[f"yaxis{number}"]["range"] = (-1.15, 1.15)
-    return layout | _style(width, panels)
+            corner = (left + width, top + 2.0 / height)
+    return layout | _style(height, corner)
 
 
 def _axis(title: str, domain: tuple[float, float], anchor: str) -> dict[str, Any]:
@@ -254,20 +265,20 @@ def _axis(title: str, domain: tuple[float, float], anchor: str) -> dict[str, Any
     }
 
 
-def _style(width: float, panels: list[str]) -> dict[str, Any]:
-    column = panels.index("signs") % COLUMNS
+def _style(height: int, corner: tuple[float, float]) -> dict[str, Any]:
+    """Give the rest of the layout; `corner` is the upper right one of the panel of signs."""
     return {
-        "height": 570,
-        "margin": {"l": 55, "r": 10, "t": 40, "b": 45},
+        "height": ABOVE + height + BELOW_ALL,
+        "margin": {"l": 55, "r": 10, "t": ABOVE, "b": BELOW_ALL},
         "font": {"size": 12, "color": "#222222"},
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
-        "legend": {"orientation": "h", "x": 0.0, "y": 1.02, "yanchor": "bottom"},
+        "legend": {"orientation": "h", "x": 0.0, "y": 1.0 + 6.0 / height, "yanchor": "bottom"},
         "legend2": {
             "orientation": "h",
-            "x": column * (width + GAP) + width,
+            "x": corner[0],
             "xanchor": "right",
-            "y": ROWS[1][1] + 0.01,
+            "y": corner[1],
             "yanchor": "bottom",
         },
         "hovermode": "closest",

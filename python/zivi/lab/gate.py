@@ -1,26 +1,30 @@
-"""Who may see the page: a browser on this machine that was given the address with its token.
+"""Who may see the page: a browser that was given the address with its token.
 
-Any page that is open in a browser can send requests to this machine. So a request must ask for
-this server by its own name (``Host``: else a name that an attacker points at this machine would
-do), must not come from the page of another server (``Origin``), and must know the token, which is
-the first part of every path.
+By default the page is served to this machine only, with ``--host`` to others as well. Any page that
+is open in a browser can send requests to this machine. So a request must ask for this server by
+its own name (``Host``: else a name that an attacker points at this machine would do), must not
+come from the page of another server (``Origin``), and must know the token, which is the first part
+of every path.
 """
 
 from __future__ import annotations
 
 import hmac
+import ipaddress
 import time
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any, TypeAlias
 from urllib.parse import parse_qs
 
-__all__ = ["MOST_SESSIONS", "Gate"]
+__all__ = ["LOOPBACK", "MOST_SESSIONS", "Gate"]
 
 Message: TypeAlias = MutableMapping[str, Any]
 Receive: TypeAlias = Callable[[], Awaitable[Message]]
 Send: TypeAlias = Callable[[Message], Awaitable[None]]
 App: TypeAlias = Callable[[Message, Receive, Send], Awaitable[None]]
 
+LOOPBACK = ("127.0.0.1", "localhost")
+"""Names of this machine for itself."""
 MOST_SESSIONS = 16
 """Pages that are open at a time; each has a thread that computes."""
 SESSION_PATHS = ("ws", "sse")
@@ -44,18 +48,30 @@ class Gate:
         What is behind it, mounted at ``/TOKEN``.
     port : int
         Port of the server.
+    names : tuple of str
+        Names and addresses by which the server may be asked for.
+    any_address : bool
+        Whether every numerical address is one of them, for a server that listens on all of its
+        machine: an attacker can only point a name at it.
     token : str
         First part of every path.
     lasting : float
         Time (s) for which the application keeps a session whose page was closed.
     """
 
-    def __init__(self, app: App, *, port: int, token: str, lasting: float) -> None:
+    def __init__(
+        self,
+        app: App,
+        *,
+        port: int,
+        token: str,
+        lasting: float,
+        names: tuple[str, ...] = LOOPBACK,
+        any_address: bool = False,
+    ) -> None:
         self._app, self._token, self._lasting = app, token, lasting
-        names = ("127.0.0.1", "localhost")
-        self._hosts = {f"{name}:{port}".encode() for name in names}
-        if port == 80:
-            self._hosts |= {name.encode() for name in names}
+        self._port, self._any_address = port, any_address
+        self._names = {name.lower() for name in names}
         self._open: dict[str, int] = {}
         self._closed: dict[str, float] = {}
 
@@ -75,10 +91,18 @@ class Gate:
         token = scope["path"].split("/", 2)[1] if scope["path"].startswith("/") else ""
         return (
             len(hosts) == 1
-            and hosts[0] in self._hosts
+            and self._is_ours(hosts[0])
             and all(origin == b"http://" + hosts[0] for origin in origins)
             and hmac.compare_digest(token.encode(), self._token.encode())
         )
+
+    def _is_ours(self, host: bytes) -> bool:
+        name, colon, port = host.decode("latin-1").lower().rpartition(":")
+        if not colon and self._port == 80:
+            name, port = port, "80"
+        if port != str(self._port):
+            return False
+        return name in self._names or (self._any_address and _is_address(name))
 
     async def _in_session(self, scope: Message, receive: Receive, send: Send) -> None:
         asked = parse_qs(scope.get("query_string", b"").decode("latin-1"))
@@ -97,6 +121,14 @@ class Gate:
             if not self._open[session]:
                 del self._open[session]
                 self._closed[session] = time.monotonic()
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.IPv4Address(name)
+    except ValueError:
+        return False
+    return True
 
 
 def _values(scope: Message, wanted: bytes) -> list[bytes]:

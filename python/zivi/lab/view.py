@@ -10,41 +10,54 @@ import marimo as mo
 
 from zivi.lab.facts import facts, warnings
 from zivi.lab.figures import figure
+from zivi.lab.film import film
+from zivi.lab.link import query
 from zivi.lab.runs import compute
+from zivi.lab.says import sentence
 from zivi.lab.script import script
 from zivi.lab.settings import Settings
 
 __all__ = ["shown"]
 
 
-def shown(kind: type[Settings], values: dict[str, Any]) -> Any:
+def shown(
+    settings: Settings, part: tuple[float, float], columns: int, before: dict[type, Any]
+) -> Any:
     """Show what the controls of a tab ask for.
 
     Parameters
     ----------
-    kind : type
-        `Ball`, `Regulator` or `Tracker`.
-    values : dict
-        Values of the controls, by name.
+    settings : Ball, Regulator or Tracker
+        The settings of a tab.
+    part : (float, float)
+        Beginning and end of what is shown (% of the run).
+    columns : {3, 2, 1}
+        How many plots stand beside each other.
+    before : dict
+        What was shown last of each kind of settings; it is brought up to date.
 
     Returns
     -------
     marimo.Html
-        A figure with its numbers and its Python; for an invalid value the library's message.
+        What is seen in a sentence, a figure, its numbers, the motion and the Python; for an
+        invalid value the library's message, above what was shown before.
     """
-    settings = kind(**{name: value for name, value in values.items() if name != "shown"})
     start = time.perf_counter()
     try:
         runs = compute(settings)
     except (ValueError, TypeError) as error:
-        return _message(f"Not possible: {error}")
-    low, high = (settings.t_end * percent / 100.0 for percent in values["shown"])
-    drawn = mo.ui.plotly(figure(runs, (low, high)), config={"displaylogo": False})
-    table = _table(facts(runs, (low, high)))
+        said = _message(f"Not possible: {error}. Below is what was shown before.")
+        return mo.vstack([said, before.get(type(settings), mo.Html(""))])
+    window = (settings.t_end * part[0] / 100.0, settings.t_end * part[1] / 100.0)
+    drawn = mo.ui.plotly(figure(runs, window, columns), config={"displaylogo": False})
+    table = _table(facts(runs, window))
     took = f"<small>computed and drawn in {(time.perf_counter() - start) * 1e3:.0f} ms</small>"
-    below = mo.hstack([table, mo.Html(took)], justify="start", align="end", gap=2)
+    below = mo.hstack([mo.Html(took), _link(settings)], justify="start", gap=2, wrap=True)
     notes = [_message(text) for text in warnings(runs)]
-    return mo.vstack([*notes, drawn, below, _code(settings)])
+    seen = mo.Html(f"<p>{html.escape(sentence(runs))}</p>")
+    more = mo.accordion({"The motion": mo.Html(film(runs)), CODE: _code(settings)})
+    before[type(settings)] = mo.vstack([*notes, seen, drawn, table, below, more])
+    return before[type(settings)]
 
 
 def _message(text: str) -> Any:
@@ -58,9 +71,17 @@ def _table(rows: list[dict[str, str]]) -> Any:
         "".join(cell.format(tag="td", text=html.escape(text)) for text in row.values())
         for row in rows
     )
-    return mo.Html(f"<table><tr>{'</tr><tr>'.join([titles, *lines])}</tr></table>")
+    rows_of = "</tr><tr>".join([titles, *lines])
+    return mo.Html(f'<div style="overflow-x: auto"><table><tr>{rows_of}</tr></table></div>')
+
+
+CODE = "Python for what is on the screen"
 
 
 def _code(settings: Settings) -> Any:
-    code = mo.md(f"```python\n{script(settings)}```")
-    return mo.accordion({"Python for what is on the screen": code})
+    return mo.md(f"```python\n{script(settings)}```")
+
+
+def _link(settings: Settings) -> Any:
+    to = html.escape(query(settings), quote=True)
+    return mo.Html(f'<a id="zivi-link" href="{to}"><u>Link to these settings</u></a>')

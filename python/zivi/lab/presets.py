@@ -1,0 +1,39 @@
+"""Settings to begin from, for each tab."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from zivi.lab.settings import Ball, Regulator, Settings, Tracker
+
+__all__ = ["PRESETS"]
+
+_BALL = Ball(e=0.42, h=1e-3, x0=1.0, xdot0=6.0, t_end=4.0)
+_REGULATOR = Regulator(h=1e-3)
+_TRACKER = Tracker(h=1e-3, force_ref=-19.81, t_end=2.0)
+
+PRESETS: dict[type[Settings], dict[str, Settings]] = {
+    Ball: {
+        "first look": Ball(),
+        "the paper": _BALL,
+        "chattering": Ball(e=0.42, h=2e-2, xdot0=6.0, t_end=6.0),
+        "shaken": Ball(e=0.8, h=1e-3, amplitude=15.0, omega=30.0, x0=0.5, xdot0=0.0),
+    },
+    Regulator: {
+        "first look": Regulator(),
+        "the paper": _REGULATOR,
+        "chattering": Regulator(e=0.8, h=5e-2, x0=2.0, xdot0=3.0, t_end=5.0),
+        "noise": Regulator(h=1e-3, noise_x=1e-4, noise_xdot=1e-2),
+        "disturbance": Regulator(h=1e-3, mu1=8.0, mu2=4.0, force=-1.0, disturbance=0.5),
+    },
+    Tracker: {
+        "first look": Tracker(),
+        "the paper": _TRACKER,
+        "chattering": Tracker(
+            h=5e-3, force_ref=-9.81, x0=3.0, xdot0=7.0, x_ref0=3.0, xdot_ref0=8.0, t_end=1.5
+        ),
+        "noise": replace(_TRACKER, noise_x=1e-4, noise_xdot=1e-2),
+        "disturbance": replace(_TRACKER, disturbance=1.5),
+    },
+}
+"""By tab and name; the first is what the page begins with: the defaults."""

@@ -1,0 +1,121 @@
+"""Between which values each setting can be chosen."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from zivi.lab.settings import Ball, Regulator, Settings, Tracker
+
+__all__ = ["SECTIONS", "nearest", "ranges"]
+
+PERIODS = [1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2]
+NOISE = [0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1]
+
+E = {"e": {"start": 0.01, "stop": 1.0, "step": 0.01, "label": "e, restitution"}}
+STEP = {"h": {"steps": PERIODS, "label": "h, step (s)"}}
+PERIOD = {"h": {"steps": PERIODS, "label": "h, sampling period (s)"}}
+START = {
+    "x0": {"start": 0.0, "stop": 10.0, "step": 0.1, "label": "x at t = 0 (m)"},
+    "xdot0": {"start": -10.0, "stop": 10.0, "step": 0.1, "label": "velocity at t = 0 (m/s)"},
+}
+END = {"t_end": {"start": 0.5, "stop": 10.0, "step": 0.5, "label": "end of the run (s)"}}
+SENSOR = {
+    "noise_x": {"steps": NOISE, "label": "noise of x (m)"},
+    "noise_xdot": {"steps": NOISE, "label": "noise of the velocity (m/s)"},
+    "delay": {"start": 0, "stop": 10, "step": 1, "label": "delay (periods)"},
+    "seed": {"start": 1, "stop": 20, "step": 1, "label": "seed of the noise"},
+}
+
+
+def _gains(largest: float, step: float) -> dict[str, Any]:
+    span = {"start": step, "stop": largest, "step": step}
+    return {"mu1": span | {"label": "μ1 (m/s²)"}, "mu2": span | {"label": "μ2 (m/s²)"}}
+
+
+def _forces(largest: float) -> dict[str, Any]:
+    span = {"start": -largest, "stop": largest}
+    return {
+        "force": span | {"step": 0.01, "label": "force, known (m/s²)"},
+        "disturbance": span | {"step": 0.1, "label": "disturbance, unknown (m/s²)"},
+    }
+
+
+SECTIONS: dict[type[Settings], dict[str, dict[str, Any]]] = {
+    Ball: {
+        "Wall and step": E | STEP,
+        "Forces": {
+            "gravity": {"start": -5.0, "stop": 20.0, "step": 0.01, "label": "gravity (m/s²)"},
+            "amplitude": {"start": 0.0, "stop": 50.0, "step": 0.5, "label": "shaking (m/s²)"},
+            "omega": {"start": 0.0, "stop": 60.0, "step": 0.5, "label": "its frequency (rad/s)"},
+        },
+        "Run": START | END,
+    },
+    Regulator: {
+        "Wall and period": E | PERIOD,
+        "Gains": _gains(20.0, 0.1),
+        "Forces": _forces(10.0),
+        "Sensor": SENSOR,
+        "Run": START | END,
+    },
+    Tracker: {
+        "Wall and period": E | PERIOD,
+        "Gains": _gains(150.0, 1.0)
+        | {"branch": {"options": ["positive", "nearest"], "label": "branch"}},
+        "Forces": _forces(30.0),
+        "Reference": {
+            "force_ref": {"start": -30.0, "stop": 5.0, "step": 0.01, "label": "its force (m/s²)"},
+            "x_ref0": START["x0"] | {"label": "its x at t = 0 (m)"},
+            "xdot_ref0": START["xdot0"] | {"label": "its velocity at t = 0 (m/s)"},
+        },
+        "Sensor": SENSOR,
+        "Run": START | END,
+    },
+}
+"""What can be set in each tab, in groups: the arguments of the sliders."""
+
+
+def ranges(kind: type[Settings]) -> dict[str, dict[str, Any]]:
+    """Give the arguments of the sliders of a tab, by the names of its settings.
+
+    Parameters
+    ----------
+    kind : type
+        `Ball`, `Regulator` or `Tracker`.
+
+    Returns
+    -------
+    dict
+        ``start``, ``stop`` and ``step``, or the ``steps`` or ``options`` there are, and a
+        ``label``. A value within them is possible; only gains are refused with mu2 >= mu1.
+    """
+    return {name: given for group in SECTIONS[kind].values() for name, given in group.items()}
+
+
+def nearest(given: dict[str, Any], text: str) -> Any:
+    """Take a text to the nearest value that a slider can have.
+
+    Parameters
+    ----------
+    given : dict
+        One of `ranges`.
+    text : str
+        A number, or the name of an option.
+
+    Returns
+    -------
+    float, int, str or None
+        None if it is no number, or no option.
+    """
+    if "options" in given:
+        return text if text in given["options"] else None
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    if not math.isfinite(value):
+        return None
+    if "steps" in given:
+        return min(given["steps"], key=lambda step: abs(step - value))
+    value = min(max(value, given["start"]), given["stop"])
+    return round(value) if isinstance(given["start"], int) else value

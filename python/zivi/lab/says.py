@@ -1,0 +1,87 @@
+"""What is seen, in a sentence or two."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zivi._check import Array
+from zivi.closed_loop import ClosedLoop
+from zivi.lab.runs import Runs
+from zivi.trajectory import Trajectory
+
+__all__ = ["sentence"]
+
+LATE = 0.1
+"""The last part of a run, in which a loop is judged."""
+ALIKE = 1.5
+"""Changes of the control that differ by less than this factor are called alike."""
+
+
+def sentence(runs: Runs) -> str:
+    """Say what implicit signs do on the screen, and what explicit ones do.
+
+    Parameters
+    ----------
+    runs : dict
+        What `zivi.lab.runs.compute` gave.
+
+    Returns
+    -------
+    str
+        Plain text.
+    """
+    implicit, explicit = runs["implicit"], runs["explicit"]
+    if not isinstance(implicit, ClosedLoop):
+        assert isinstance(explicit, Trajectory)
+        return _ball(implicit, explicit, runs["high_order"])
+    assert isinstance(explicit, ClosedLoop)
+    if np.all(np.isnan(implicit.x_ref)):
+        return f"The mass is {_rest(implicit)} with implicit signs, {_rest(explicit)} with " + (
+            f"explicit ones. {_switching(implicit, explicit)}"
+        )
+    error = f"{_late(implicit, np.abs(implicit.error)).max():.2g} m"
+    other = f"{_late(explicit, np.abs(explicit.error)).max():.2g} m"
+    return (
+        f"In the last tenth of the run the mass is at most {error} off its reference with implicit "
+        f"signs, {other} with explicit ones. {_switching(implicit, explicit)}"
+    )
+
+
+def _ball(
+    implicit: Trajectory, explicit: Trajectory, high_order: Trajectory | ClosedLoop | None
+) -> str:
+    said = (
+        f"The ball is {_rest(implicit)} with implicit signs, {_rest(explicit)} with explicit ones."
+    )
+    if isinstance(high_order, Trajectory) and high_order.rest_time is not None:
+        said += f" SwitchedRK, to its tolerance: {_rest(high_order)}."
+    return said
+
+
+def _rest(run: Trajectory | ClosedLoop) -> str:
+    if run.rest_time is None:
+        return f"not at rest within {run.t[-1]:.4g} s"
+    return f"exactly at rest from {run.rest_time:.4g} s"
+
+
+def _switching(implicit: ClosedLoop, explicit: ClosedLoop) -> str:
+    """Compare how much the controls change while the mass is controlled, late in the run."""
+    quiet, loud = (_variation(run) for run in (implicit, explicit))
+    if max(quiet, loud) == 0.0:
+        return "Then neither control changes any more."
+    if quiet * ALIKE < loud:
+        much = f"{loud / quiet:.3g} times" if quiet > 1e-6 * loud else "more than a million times"
+        return f"The explicit control then changes {much} as much as the implicit one."
+    if loud * ALIKE < quiet:
+        return f"The implicit control then changes {quiet / max(loud, 1e-300):.3g} times as much."
+    return "Both controls then change alike."
+
+
+def _variation(run: ClosedLoop) -> float:
+    return float(np.abs(np.diff(_late(run, run.u))).sum())
+
+
+def _late(run: ClosedLoop, values: Array) -> Array:
+    start = run.t[-1] - LATE * (run.t[-1] - run.t[0])
+    late: Array = values[run.t >= start]
+    return late

@@ -1,0 +1,129 @@
+"""What the lab says and shows beside its plots: presets, links, sentences, the motion."""
+
+import re
+import xml.etree.ElementTree
+
+import numpy as np
+import pytest
+
+import zivi
+from zivi.lab.film import A_SECOND, film
+from zivi.lab.link import query, settings_of
+from zivi.lab.presets import PRESETS
+from zivi.lab.runs import compute
+from zivi.lab.says import sentence
+from zivi.lab.settings import Ball, Regulator, Tracker
+
+EVERY = [(kind, name) for kind, presets in PRESETS.items() for name in presets]
+
+
+def of(kind, name):
+    return compute(PRESETS[kind][name])
+
+
+@pytest.mark.parametrize(("kind", "name"), EVERY, ids=lambda it: getattr(it, "__name__", it))
+def test_every_preset_runs_to_its_end(kind, name):
+    runs = of(kind, name)
+    assert all(run.success for run in runs.values())
+    assert sentence(runs)
+
+
+@pytest.mark.parametrize("kind", PRESETS)
+def test_there_are_the_presets_that_were_promised(kind):
+    wanted = {"the paper", "chattering"} | ({"noise"} if kind is not Ball else set())
+    assert wanted <= set(PRESETS[kind])
+
+
+def test_chattering_is_that_of_explicit_signs():
+    runs = of(Tracker, "chattering")
+    late = {name: np.abs(np.diff(run.u[run.t > 1.35])).sum() for name, run in runs.items()}
+    assert late["explicit"] > 100 * late["implicit"]
+    ball = of(Ball, "chattering")
+    assert ball["implicit"].rest_time is not None
+    assert ball["explicit"].rest_time is None
+
+
+def test_the_sentence_has_the_numbers_of_the_runs():
+    runs = compute(Ball())
+    said = sentence(runs)
+    rests = [f"{runs[name].rest_time:.4g} s" for name in ("implicit", "high_order")]
+    assert re.findall(r"from (\S+ s)", said) == rests
+    assert "not at rest within 4 s with explicit ones" in said
+
+    runs = of(Tracker, "chattering")
+    t = runs["implicit"].t
+    late = t >= 0.9 * t[-1]
+    variations = [np.abs(np.diff(runs[name].u[late])).sum() for name in ("explicit", "implicit")]
+    said = sentence(runs)
+    assert f"at most {np.abs(runs['implicit'].error[late]).max():.2g} m off" in said
+    if variations[0] < 1e6 * variations[1]:
+        assert f"changes {variations[0] / variations[1]:.3g} times as much" in said
+    else:
+        assert "more than a million times as much" in said
+    assert "neither control changes" in sentence(compute(Regulator()))
+
+
+def test_the_film_shows_the_motion():
+    runs = compute(Ball(t_end=2.0))
+    drawn = xml.etree.ElementTree.fromstring(film(runs))
+    circles = drawn.findall("circle")
+    assert len(circles) == len(runs) == 3
+    top = max(run.x.max() for run in runs.values())
+    for circle, run in zip(circles, runs.values(), strict=True):
+        (moved,) = circle
+        assert moved.get("dur") == "2s"
+        heights = np.array([float(y) for y in moved.get("values").split(";")])
+        assert len(heights) == 2 * A_SECOND
+        x = run(np.linspace(0.0, 2.0, len(heights)))[0]
+        across = (heights.max() - heights) / np.ptp(heights)
+        assert np.abs(across * x.max() - x).max() < 0.01 * top
+    with_reference = xml.etree.ElementTree.fromstring(film(compute(Tracker())))
+    assert [text.text for text in with_reference.findall("text")] == [
+        "implicit signs",
+        "explicit signs",
+        "reference",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("asked", "settings"),
+    [
+        ({}, Ball()),
+        ({"tab": "Nothing", "e": "0.7"}, Ball(e=0.7)),
+        ({"tab": "Ball", "e": "1.5", "gravity": "-99"}, Ball(e=1.0, gravity=-5.0)),
+        ({"tab": "Ball", "e": "nan", "x0": "1e400", "mu1": "3"}, Ball()),
+        ({"tab": "Tracker", "h": "0.0011", "branch": "nearest"}, Tracker(h=1e-3, branch="nearest")),
+        ({"tab": "Tracker", "branch": "best", "delay": "2.4"}, Tracker(delay=2)),
+    ],
+)
+def test_a_link_asks_for_settings_that_are_possible(asked, settings):
+    assert settings_of(asked) == settings
+
+
+def test_a_link_names_what_is_no_default():
+    assert query(Regulator()) == "?tab=Regulator"
+    assert query(Tracker(h=1e-3, branch="nearest")) == "?tab=Tracker&h=0.001&branch=nearest"
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3])
+@pytest.mark.parametrize("given", [Ball(), Tracker()], ids=["five", "six"])
+def test_panels_do_not_overlap(columns, given):
+    pytest.importorskip("plotly")
+    from zivi.lab.figures import figure
+
+    layout = figure(compute(given), columns=columns).layout
+    count = 5 if isinstance(given, Ball) else 6
+    boxes = [
+        (*layout[f"xaxis{k}"].domain, *layout[f"yaxis{k}"].domain) for k in range(1, count + 1)
+    ]
+    rows = -(-count // columns)
+    inside = layout.height - layout.margin.t - layout.margin.b
+    for k, (left, right, low, high) in enumerate(boxes):
+        assert 0 <= left < right <= 1 + 1e-12
+        assert 0 <= low < high <= 1
+        assert (high - low) * inside > 200
+        for other in boxes[:k]:
+            apart = other[1] < left or right < other[0] or other[3] < low or high < other[2]
+            assert apart
+    assert inside < 300 * rows
+    assert zivi.plot.BLUE in {trace.line.color for trace in figure(compute(given)).data}
