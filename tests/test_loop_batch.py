@@ -71,7 +71,7 @@ def test_each_loop_is_what_it_is_alone(settings):
 
 
 def test_plants_starts_and_references_may_differ():
-    plants = [zivi.ImpactSystem(-9.81, kappa=0.5), zivi.ImpactSystem(-8.0, e=0.4)]
+    plants = [zivi.ImpactSystem(-9.81, kappa=0.5), zivi.ImpactSystem(-8.0, kappa=0.5)]
     starts, references = [(6, 5), (1, 0)], [(3, 3), (2, 0)]
     batch = zivi.simulate_closed_loop_batch(
         plants, tracker(), SPAN, starts, y_ref0=references, force_ref=-19.81

@@ -459,6 +459,8 @@ def simulate_closed_loop(
     ours: bool,
     dense: bool,
     events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
+    given: Any,
+    wall_ref: tuple[float, float],
     progress: Any = None,
 ) -> LoopRecord: ...
 def ballistic_motion(rows: _Array, wall: tuple[float, float]) -> list[_Array]: ...
@@ -509,6 +511,7 @@ def simulate_closed_loop_batch(
     within: float,
     every: int,
     threads: int,
+    references: list[tuple[_Array, float]] = ...,
     progress: Any = None,
 ) -> LoopBatchRecord: ...
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, Never, Protocol
 
@@ -29,6 +30,13 @@ from zivi._loop_arguments import (
     period_of,
 )
 from zivi._loop_path import SampledReference, path_of
+from zivi._loop_reference import (
+    GivenReference,
+    Reference,
+    check_reference,
+    describe_reference,
+    given,
+)
 from zivi._loop_samples import ended_by_event, restrict
 from zivi._misplaced import check_system, refuse
 from zivi._progress import ProgressBar
@@ -40,6 +48,7 @@ from zivi.simulate import Event, as_raised, pair, times_within, with_partial
 from zivi.status import Status
 from zivi.system import Force, ImpactSystem
 from zivi.trajectory import describe, describe_system
+from zivi.transform import coefficients
 
 __all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
 
@@ -92,6 +101,7 @@ def simulate_closed_loop(
     *,
     y_ref0: ArrayLike | None = None,
     force_ref: Force | None = None,
+    reference: Reference | None = None,
     force_model: Force | None = None,
     method: ThetaGamma | SwitchedRK | None = None,
     noise: Sequence[float] = (0.0, 0.0),
@@ -134,6 +144,14 @@ def simulate_closed_loop(
         wall, where everything else is in the wall's frame, so is this force. The reference is
         advanced by implicit Euler steps: it drifts, see "A reference given as a force" in
         control.md.
+    reference : Trajectory, callable or array_like, optional
+        The reference itself, in place of `y_ref0` and `force_ref`, for a `TwistingTracker` or any
+        controller with ``step_to``: a run of `simulate` that covers `t_span`; a function of time
+        that gives ``(x_r, xdot_r)``, or ``(x_r, xdot_r, acceleration)``; or these at the samples,
+        shape (2, n) or (3, n). The control is told where it is at the sample and at the next one,
+        nothing is integrated, nothing drifts. It may bounce, rest and lift off. A function is
+        asked for both ends of each period when that begins: what it gives may change while the
+        loop runs.
     force_model : float, LinearForce or callable, optional
         The force that the controller believes in, at the measured state; by default the true one.
     method : SwitchedRK or ThetaGamma, optional
@@ -203,6 +221,9 @@ def simulate_closed_loop(
     state = pair("y0", y0, "(x0, xdot0)")
     forces, specs = forces_of(system, force_model, force_ref)
     check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
+    check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
+    told = None if reference is None else given(reference, span, h)
+    wall_ref = coefficients(None, getattr(controller, "kappa_ref", system.kappa))
     deviations = check_not_negative("noise", noise)
     resolution = check_not_negative("quantization", quantization)
     periods, scheme = check_delay(delay), check_method(method, h)
@@ -224,6 +245,7 @@ def simulate_closed_loop(
             "t_span": list(span),
             "y0": list(state),
             "y_ref0": None if start_ref is None else list(start_ref),
+            "reference": None if reference is None else describe_reference(reference),
             "controller": described(controller),
             "method": None if method is None else describe(method),
             "noise": list(deviations),
@@ -248,10 +270,14 @@ def simulate_closed_loop(
             interface=interface,
             ours=is_ours(controller),
             dense=dense_output or times is not None or bool(watched),
+            given=told,
+            wall_ref=wall_ref,
             events=[(it.function, it.direction, it.terminal, it.level) for it in watched],
             progress=bar.report,
         )
     run, raised = _run(record, config), record.raised
+    if reference is not None:
+        run = _with_reference(run, reference)
     # an exception holds this frame: it must not hold the record that holds the exception
     del record
     if raised is None and (raised := ear.ends(run.success)):
@@ -291,6 +317,14 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
         _reference=_reference(t, samples, config),
         _span=(float(t[0]), float(t[-1])) if len(t) else None,
     )
+
+
+def _with_reference(run: ClosedLoop, reference: Any) -> ClosedLoop:
+    """Give a run its reference as it is between the samples, where that is known."""
+    sampled = run._reference
+    if not callable(reference) or not isinstance(sampled, SampledReference):
+        return run
+    return dataclasses.replace(run, _reference=GivenReference(reference, sampled))
 
 
 def _reference(

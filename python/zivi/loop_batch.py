@@ -23,6 +23,7 @@ from zivi._loop_arguments import (
     motion_of,
     on_wall,
 )
+from zivi._loop_reference import Reference, check_reference, describe_reference, rows_of
 from zivi._progress import ProgressBar
 from zivi.batch import MAX_DESCRIBED, Runs, check_native, check_threads
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
@@ -149,6 +150,7 @@ def simulate_closed_loop_batch(
     *,
     y_ref0: ArrayLike | None = None,
     force_ref: Force | None = None,
+    reference: Reference | Sequence[Reference] | None = None,
     force_model: Force | None = None,
     method: ThetaGamma | SwitchedRK | None = None,
     quantization: Sequence[float] = (0.0, 0.0),
@@ -178,6 +180,9 @@ def simulate_closed_loop_batch(
         goes on from where it is.
     force_ref, force_model : float, LinearForce or compiled callable, optional
         As for `simulate_closed_loop`, the same for all.
+    reference : Trajectory, callable, array_like or list of these, optional
+        The references, as for `simulate_closed_loop`: one for all loops, or a list with one for
+        each. A function is asked once for each sample, before the loops begin.
     method : SwitchedRK or ThetaGamma, optional
         How the plants move between samples, as for `simulate_closed_loop`.
     quantization : (float, float)
@@ -229,9 +234,12 @@ def simulate_closed_loop_batch(
             kind = type(controller).__name__
             raise TypeError(f"controllers must be zivi's own, got {kind} (number {i})")
         check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
+        check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
     states = _rows("y0", y0)
     references = np.empty((1, 0)) if y_ref0 is None else _rows("y_ref0", y_ref0)
-    n = _common({"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references})
+    followed = reference if isinstance(reference, list) else [reference]
+    lists = {"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references}
+    n = _common(lists | {"reference": followed})
     if y_ref0 is not None:
         ticking = _placed(ticking, references, n)
     forces = _forces(plants, force_model, force_ref)
@@ -239,6 +247,7 @@ def simulate_closed_loop_batch(
     scheme, *_ = [check_method(method, controller.h) for controller in ticking]
     if not (finite("within", within) > 0.0):
         raise ValueError(f"within must be > 0 (m), got {within}")
+    rows = [] if reference is None else _references(followed, ticking, span, n)
     specs = [spec for several in forces for spec in several]
     with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
         record = _zivi.simulate_closed_loop_batch(
@@ -254,6 +263,7 @@ def simulate_closed_loop_batch(
             within=float(within),
             every=_every(save),
             threads=check_threads(threads),
+            references=rows,
             progress=bar.report,
         )
     tell(ear, record.status)
@@ -264,6 +274,7 @@ def simulate_closed_loop_batch(
         "t_span": list(span),
         "y0": states[:MAX_DESCRIBED].tolist(),
         "y_ref0": None if y_ref0 is None else references[:MAX_DESCRIBED].tolist(),
+        "reference": None if reference is None else [*map(describe_reference, followed)],
         "force_model": None if force_model is None else describe(force_model),
         "force_ref": None if force_ref is None else describe(force_ref),
         "method": None if method is None else describe(method),
@@ -323,6 +334,15 @@ def _on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> lis
     count = n if several else len(controllers)
     # one warning for all of a kind: the warnings of one place are shown once
     return [on_wall(_of(controllers, i), _of(plants, i), stacklevel=4) for i in range(count)]
+
+
+def _references(
+    references: list[Any], controllers: list[Any], span: tuple[float, float], n: int
+) -> list[tuple[Array, float]]:
+    """Give the references at the samples, and the kappas of their walls."""
+    count = n if max(len(references), len({(it.h, it.kappa_ref) for it in controllers})) > 1 else 1
+    pairs = [(_of(references, i), _of(controllers, i)) for i in range(count)]
+    return [(rows_of(it, span, controller.h), controller.kappa_ref) for it, controller in pairs]
 
 
 def _of(things: list[Any], i: int) -> Any:

@@ -2,20 +2,22 @@
 
 use std::cell::Cell;
 
+use numpy::ndarray::ArrayView1;
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyTuple};
 use zivi::drive::closed_loop::{
-    observe_closed_loop, Controller, Forces, Loop, LoopOutput, LoopPath, LoopRun, Motion, Sensor,
-    Tick, TickError,
+    observe_closed_loop, Controller, Course, Followed, Forces, Given, Loop, LoopOptions, LoopPath,
+    LoopRun, Motion, Reference, Samples, Sensor, Tick, TickError,
 };
 use zivi::stepping::ballistic;
-use zivi::{Events, Force, Physical, Restitution, SetupError, UserEvent};
+use zivi::{Branch, Events, Force, Physical, Restitution, SetupError, UserEvent};
+use zivi_core::control::Waypoint;
 
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::force::{ForceSpec, NativeForce};
-use crate::simulate::{setup_error, Course};
+use crate::simulate::{setup_error, Course as RunCourse};
 use crate::switched_rk::{settings, MotionPath};
 use crate::transform::WallPair;
 use crate::user_events::{columns_of, event, EventSpec};
@@ -72,7 +74,18 @@ fn control(answer: &Bound<'_, PyAny>) -> PyResult<f64> {
     }
 }
 
+type Place = (f64, f64, f64);
+
 impl Controller<PyErr> for PythonController<'_> {
+    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<PyErr>> {
+        let Tick { measured: Physical { x, xdot }, force, .. } = tick;
+        let place = |at: Waypoint| -> Place { (at.state.x, at.state.xdot, at.branch.sigma()) };
+        let arguments =
+            (x, xdot, force, place(course.now), place(course.next), course.acceleration);
+        let answer = self.object.call_method1("step_to", arguments);
+        answer.and_then(|u| control(&u)).map_err(TickError::Raised)
+    }
+
     fn tick(&mut self, tick: Tick) -> Result<f64, TickError<PyErr>> {
         if let Some(error) = self.raised.take() {
             return Err(TickError::Raised(error));
@@ -99,13 +112,57 @@ impl Controller<PyErr> for PythonController<'_> {
     }
 }
 
+/// A reference that is given.
+pub(crate) enum Source<'py> {
+    /// A function of time that gives `x, x'` and the acceleration, NaN where that is not known.
+    Function(Bound<'py, PyAny>),
+    /// What it is at the samples.
+    Samples(Vec<Given>),
+}
+
+impl<'py> Source<'py> {
+    pub(crate) fn new(given: Bound<'py, PyAny>) -> PyResult<Self> {
+        match given.extract::<PyReadonlyArray2<'_, f64>>() {
+            Ok(rows) => {
+                Ok(Self::Samples(rows.as_array().rows().into_iter().map(given_of_row).collect()))
+            }
+            Err(_) => Ok(Self::Function(given)),
+        }
+    }
+}
+
+/// `x, x'`, the branch (0 where it is not known) and the acceleration (NaN where it is not known).
+pub(crate) fn given_of_row(row: ArrayView1<'_, f64>) -> Given {
+    let branch = match row[2] {
+        side if side > 0.0 => Some(Branch::Positive),
+        side if side < 0.0 => Some(Branch::Negative),
+        _ => None,
+    };
+    let state = Physical { x: row[0], xdot: row[1] };
+    Given { state, branch, acceleration: Some(row[3]).filter(|it| !it.is_nan()) }
+}
+
+impl Reference<PyErr> for Source<'_> {
+    fn at(&mut self, k: usize, t: f64) -> PyResult<Given> {
+        match self {
+            Self::Samples(samples) => Reference::<PyErr>::at(&mut Samples(samples), k, t),
+            Self::Function(function) => {
+                let (x, xdot, acceleration): (f64, f64, f64) = function.call1((t,))?.extract()?;
+                let acceleration = Some(acceleration).filter(|it| !it.is_nan());
+                Ok(Given { state: Physical { x, xdot }, branch: None, acceleration })
+            }
+        }
+    }
+}
+
 /// The settings of a loop that are the same for every controller and force.
 struct Surroundings<'a> {
-    course: Course,
+    course: RunCourse,
     motion: Motion,
     sensor: Sensor<'a>,
     delay: usize,
     dense: bool,
+    wall_ref: Restitution,
 }
 
 type Outcome = Result<LoopRun<PyErr>, SetupError>;
@@ -115,15 +172,17 @@ impl Surroundings<'_> {
         &self,
         controller: &mut (impl Controller<PyErr> + ?Sized),
         [plant, model, reference]: &mut [F; 3],
-        events: Vec<UserEvent<'_, PyErr>>,
+        (events, given): (Vec<UserEvent<'_, PyErr>>, Option<&mut dyn Reference<PyErr>>),
         watch: &mut Watch,
     ) -> Outcome {
-        let Course { wall, grid, initial } = self.course;
+        let RunCourse { wall, grid, initial } = self.course;
         let Self { motion, sensor, delay, dense, .. } = *self;
         let surroundings = Loop { wall, grid, initial, motion, sensor, delay };
         let forces = Forces { plant, model, reference };
-        let output = LoopOutput { dense, events };
-        observe_closed_loop(controller, surroundings, forces, output, watch)
+        let wall = self.wall_ref;
+        let followed = given.map(|reference| Followed { reference, wall });
+        let options = LoopOptions { reference: followed, dense, events };
+        observe_closed_loop(controller, surroundings, forces, options, watch)
     }
 
     /// A controller of ours: without the interpreter, if the forces allow it.
@@ -133,15 +192,27 @@ impl Surroundings<'_> {
         controller: &mut (dyn Controller<PyErr> + Send),
         forces: &mut [ForceSpec<'_>; 3],
         events: Vec<UserEvent<'_, PyErr>>,
+        mut given: Option<Source<'_>>,
         watch: &mut Watch,
     ) -> Outcome {
         let native: Vec<NativeForce> = forces.iter().filter_map(ForceSpec::native).collect();
         match <[NativeForce; 3]>::try_from(native) {
-            // events need the interpreter
-            Ok(mut native) if events.is_empty() => {
-                py.detach(|| self.run(controller, &mut native, Vec::new(), watch))
+            // events and functions need the interpreter
+            Ok(mut native) if events.is_empty() && !matches!(given, Some(Source::Function(_))) => {
+                let samples = match given {
+                    Some(Source::Samples(samples)) => Some(samples),
+                    _ => None,
+                };
+                py.detach(|| {
+                    let mut samples = samples.as_deref().map(Samples);
+                    let reference = samples.as_mut().map(|it| it as &mut dyn Reference<PyErr>);
+                    self.run(controller, &mut native, (Vec::new(), reference), watch)
+                })
             }
-            _ => self.run(controller, forces, events, watch),
+            _ => {
+                let reference = given.as_mut().map(|it| it as &mut dyn Reference<PyErr>);
+                self.run(controller, forces, (events, reference), watch)
+            }
         }
     }
 }
@@ -153,7 +224,8 @@ impl Surroundings<'_> {
 #[pyfunction]
 #[pyo3(signature = (
     controller, forces, *, wall, h, span, state, scheme, switched, exact, noise, resolution,
-    delay, interface, ours, dense, events, progress=None
+    delay, interface, ours, dense, events, given, wall_ref,
+    progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_closed_loop(
@@ -174,6 +246,8 @@ pub(crate) fn simulate_closed_loop(
     ours: bool,
     dense: bool,
     events: Vec<EventSpec<'_>>,
+    given: Option<Bound<'_, PyAny>>,
+    wall_ref: WallPair,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
     let motion = match scheme {
@@ -183,8 +257,10 @@ pub(crate) fn simulate_closed_loop(
     };
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
-    let course = Course::new(wall, h, span, state)?;
-    let surroundings = Surroundings { course, motion, sensor, delay, dense };
+    let course = RunCourse::new(wall, h, span, state)?;
+    let wall_ref = crate::transform::wall(wall_ref)?;
+    let surroundings = Surroundings { course, motion, sensor, delay, dense, wall_ref };
+    let mut given = given.map(Source::new).transpose()?;
     let [plant, model, reference] = &forces;
     let mut forces = [
         ForceSpec::from_tuple(plant)?,
@@ -198,7 +274,7 @@ pub(crate) fn simulate_closed_loop(
         ($class:ty) => {
             if let (true, Ok(object)) = (ours, controller.cast::<$class>()) {
                 let mut copy = object.borrow().inner;
-                let run = surroundings.run_native(py, &mut copy, &mut forces, events, watch);
+                let run = surroundings.run_native(py, &mut copy, &mut forces, events, given, watch);
                 object.borrow_mut().inner = copy;
                 return LoopRecord::new(py, run.map_err(setup_error)?, course.wall);
             }
@@ -209,7 +285,10 @@ pub(crate) fn simulate_closed_loop(
     native!(Explicit);
     let raised = Cell::new(None);
     let mut controller = PythonController { object: controller.clone(), interface, raised };
-    let run = surroundings.run(&mut controller, &mut forces, events, watch);
+    let run = {
+        let given = given.as_mut().map(|it| it as &mut dyn Reference<PyErr>);
+        surroundings.run(&mut controller, &mut forces, (events, given), watch)
+    };
     LoopRecord::new(py, run.map_err(setup_error)?, course.wall)
 }
 

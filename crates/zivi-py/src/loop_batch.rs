@@ -7,13 +7,15 @@ use pyo3::types::PyList;
 use zivi::drive::batch::{
     simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings,
 };
-use zivi::drive::closed_loop::{AnyController, Motion};
+use zivi::drive::closed_loop::{AnyController, Given, Motion};
 use zivi::{Grid, Physical, Status};
 
 use crate::batch::{natives, refused, row_wall, rows};
+use crate::closed_loop::given_of_row;
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::simulate::setup_error;
 use crate::switched_rk::{settings, Settings};
+use crate::transform::wall_of;
 use crate::watch::Watch;
 
 fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
@@ -34,7 +36,7 @@ fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
 #[pyfunction]
 #[pyo3(signature = (
     controllers, forces, walls, states, *, span, scheme, switched, exact, resolution, delay,
-    within, every, threads, progress=None
+    within, every, threads, references=Vec::new(), progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_closed_loop_batch(
@@ -52,6 +54,7 @@ pub(crate) fn simulate_closed_loop_batch(
     within: f64,
     every: usize,
     threads: usize,
+    references: Vec<(PyReadonlyArray2<'_, f64>, f64)>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopBatchRecord> {
     let motion = match scheme {
@@ -61,8 +64,15 @@ pub(crate) fn simulate_closed_loop_batch(
     };
     let shared = LoopSettings { motion, resolution, delay, within, every };
     let controllers = controllers.iter().map(native).collect::<PyResult<Vec<_>>>()?;
-    let [plants, models, references] = &forces;
-    let (plants, models, references) = (natives(plants)?, natives(models)?, natives(references)?);
+    let [plants, models, drives] = &forces;
+    let (plants, models, drives) = (natives(plants)?, natives(models)?, natives(drives)?);
+    let given = references
+        .iter()
+        .map(|(rows, kappa)| {
+            let rows: Vec<Given> = rows.as_array().rows().into_iter().map(given_of_row).collect();
+            Ok((rows, wall_of(*kappa)?))
+        })
+        .collect::<PyResult<Vec<_>>>()?;
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
         let which = |n: usize| if n == 1 { 0 } else { i };
@@ -73,11 +83,15 @@ pub(crate) fn simulate_closed_loop_batch(
             forces: [
                 plants[which(plants.len())],
                 models[which(models.len())],
-                references[which(references.len())],
+                drives[which(drives.len())],
             ],
             initial: Physical { x: state[0], xdot: state[1] },
             grid: Grid::new(span.0, span.1, controller.h())
                 .map_err(|error| setup_error(error.into()))?,
+            reference: match given.len() {
+                0 => None,
+                n => Some((given[which(n)].0.as_slice(), given[which(n)].1)),
+            },
         });
     }
     let watch = &mut Watch { progress };

@@ -5,15 +5,15 @@ use zivi_core::{Physical, Restitution};
 use super::outcome::{samples, thinned};
 use super::{pool, BatchError, Need, Stopped};
 use crate::drive::closed_loop::{
-    simulate_closed_loop, AnyController, Forces, Loop, LoopRun, Motion, Sensor, LOOP_COLUMNS,
-    REFUSED,
+    observe_closed_loop, AnyController, Followed, Forces, Given, Loop, LoopOptions, LoopRun,
+    Motion, Samples, Sensor, LOOP_COLUMNS, REFUSED,
 };
 use crate::stepping::fixed_step::check_initial;
 use crate::{Force, Grid, Monitor, SetupError, Status};
 
 /// One closed loop of a batch.
 #[derive(Clone, Copy, Debug)]
-pub struct LoopMember<F> {
+pub struct LoopMember<'r, F> {
     /// The controller, its reference where it starts.
     pub controller: AnyController,
     /// The plant's wall.
@@ -24,6 +24,8 @@ pub struct LoopMember<F> {
     pub initial: Physical,
     /// The samples.
     pub grid: Grid,
+    /// A reference that is given at the samples, and its wall.
+    pub reference: Option<(&'r [Given], Restitution)>,
 }
 
 /// What is the same for all loops of a batch.
@@ -80,7 +82,7 @@ pub struct LoopOutcome {
 /// [`BatchError`]: a loop cannot start (the first one is named), before anything is computed; or
 /// the monitor wants to stop.
 pub fn simulate_closed_loop_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
-    members: &[LoopMember<F>],
+    members: &[LoopMember<'_, F>],
     settings: LoopSettings,
     threads: usize,
     monitor: &mut impl Monitor<E>,
@@ -91,7 +93,7 @@ pub fn simulate_closed_loop_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     check_memory(members, settings, threads)?;
     let work = pool::Work {
         width: CHUNK,
-        chunk: |chunk: &[LoopMember<F>], stop: &dyn Fn() -> bool| {
+        chunk: |chunk: &[LoopMember<'_, F>], stop: &dyn Fn() -> bool| {
             chunk.iter().map(|member| one(member, settings, stop)).collect()
         },
         lost: LoopOutcome::lost,
@@ -101,7 +103,7 @@ pub fn simulate_closed_loop_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
 
 /// Refuses a batch whose results would not fit into memory.
 fn check_memory<E, F>(
-    members: &[LoopMember<F>],
+    members: &[LoopMember<'_, F>],
     settings: LoopSettings,
     threads: usize,
 ) -> Result<(), BatchError<E>> {
@@ -131,23 +133,27 @@ impl Monitor<Stopped> for Quiet<'_> {
 }
 
 fn one<F: Force<Stopped> + Copy>(
-    member: &LoopMember<F>,
+    member: &LoopMember<'_, F>,
     settings: LoopSettings,
     stop: &dyn Fn() -> bool,
 ) -> Result<LoopOutcome, SetupError> {
-    let LoopMember { mut controller, wall, mut forces, initial, grid } = *member;
+    let LoopMember { mut controller, wall, mut forces, initial, grid, reference: given } = *member;
     let LoopSettings { motion, resolution, delay, .. } = settings;
     let sensor = Sensor { resolution, ..Sensor::default() };
     let surroundings = Loop { wall, grid, initial, motion, sensor, delay };
     let [plant, model, reference] = &mut forces;
     let forces = Forces { plant, model, reference };
-    let run = simulate_closed_loop(&mut controller, surroundings, forces, &mut Quiet(stop))?;
+    let mut samples = given.map(|(samples, wall)| (Samples(samples), wall));
+    let reference = samples.as_mut().map(|(it, wall)| Followed { reference: it, wall: *wall });
+    let options = LoopOptions { reference, ..LoopOptions::default() };
+    let monitor = &mut Quiet(stop);
+    let run = observe_closed_loop(&mut controller, surroundings, forces, options, monitor)?;
     LoopOutcome::of(&run, settings)
 }
 
 impl LoopOutcome {
     /// Of a loop of which nothing is left.
-    fn lost<F>(member: &LoopMember<F>, status: Status) -> Self {
+    fn lost<F>(member: &LoopMember<'_, F>, status: Status) -> Self {
         let Physical { x, xdot } = member.initial;
         let none = f64::NAN;
         Self {

@@ -1,5 +1,6 @@
 //! What the sampled loop asks of a controller, and the controllers of `zivi_core` in that form.
 
+use super::reference::Course;
 use zivi_core::control::{ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker};
 use zivi_core::{Physical, SettingError};
 
@@ -43,6 +44,15 @@ pub trait Controller<E> {
     /// [`TickError`]: the sample was refused, or the controller raised an error.
     fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>>;
 
+    /// The control for the period that starts now, for a reference that is given.
+    ///
+    /// # Errors
+    /// As [`Controller::tick`]; a controller that follows no given reference refuses.
+    fn tick_to(&mut self, _: Tick, _: Course) -> Result<f64, TickError<E>> {
+        let text = "a controller that follows one";
+        Err(TickError::Refused(SettingError { name: "reference", value: f64::NAN, range: text }))
+    }
+
     /// The reference now, if there is one.
     fn reference(&self) -> Option<Physical> {
         None
@@ -82,11 +92,13 @@ impl<E> Controller<E> for TwistingRegulator {
 
 /// The two controllers with a reference have one interface.
 macro_rules! controller_with_reference {
-    ($controller:ty) => {
+    ($controller:ty $(, $tick_to:item)?) => {
         impl<E> Controller<E> for $controller {
             fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
                 Ok(<$controller>::tick(self, tick.measured, tick.force, tick.force_ref)?)
             }
+
+            $($tick_to)?
 
             fn reference(&self) -> Option<Physical> {
                 Some(<$controller>::reference(self))
@@ -103,7 +115,13 @@ macro_rules! controller_with_reference {
     };
 }
 
-controller_with_reference!(TwistingTracker);
+controller_with_reference!(
+    TwistingTracker,
+    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
+        let (Tick { measured, force, .. }, Course { now, next, acceleration }) = (tick, course);
+        Ok(TwistingTracker::tick_to(self, measured, force, now, next, acceleration)?)
+    }
+);
 controller_with_reference!(ExplicitTwisting);
 
 /// One of the controllers of `zivi_core`.
@@ -143,6 +161,14 @@ impl<E> Controller<E> for AnyController {
             AnyController::Regulator(it) => Controller::<E>::tick(it, tick),
             AnyController::Tracker(it) => Controller::<E>::tick(it, tick),
             AnyController::Explicit(it) => Controller::<E>::tick(it, tick),
+        }
+    }
+
+    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
+        match self {
+            AnyController::Regulator(it) => Controller::<E>::tick_to(it, tick, course),
+            AnyController::Tracker(it) => Controller::<E>::tick_to(it, tick, course),
+            AnyController::Explicit(it) => Controller::<E>::tick_to(it, tick, course),
         }
     }
 

@@ -3,23 +3,26 @@
 use zivi_core::{Lifted, Physical};
 
 use super::plant::Plant;
+use super::reference::Followed;
 use super::Period;
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
 use crate::switched::Watch;
 use crate::{DensePath, EventHit, Impact, PathPoint, UserEvent};
 
-/// What a closed loop shall keep.
-pub struct LoopOutput<'a, E> {
+/// What a closed loop may be given beside its surroundings, and what it shall keep.
+pub struct LoopOptions<'a, E> {
+    /// The reference, if it is given: the controller does not advance one of its own then.
+    pub reference: Option<Followed<'a, E>>,
     /// Whether to keep the motion between the samples.
     pub dense: bool,
     /// The user's events. A level is a function as others are.
     pub events: Vec<UserEvent<'a, E>>,
 }
 
-impl<E> Default for LoopOutput<'_, E> {
+impl<E> Default for LoopOptions<'_, E> {
     fn default() -> Self {
-        Self { dense: false, events: Vec::new() }
+        Self { reference: None, dense: false, events: Vec::new() }
     }
 }
 

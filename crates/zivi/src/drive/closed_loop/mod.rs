@@ -11,6 +11,7 @@ mod controller;
 mod follow;
 mod plant;
 mod record;
+mod reference;
 mod sensor;
 
 use std::collections::VecDeque;
@@ -18,9 +19,10 @@ use std::collections::VecDeque;
 use zivi_core::{Physical, Restitution, ThetaGammaStep};
 
 pub use controller::{AnyController, Controller, Tick, TickError, SIGNS};
-pub use follow::{LoopOutput, LoopPath};
+pub use follow::{LoopOptions, LoopPath};
 pub use plant::{Period, Plant};
 pub use record::{LoopRun, LOOP_COLUMNS, REFUSED};
+pub use reference::{Course, Followed, Given, Reference, Samples};
 pub use sensor::Sensor;
 
 use crate::record::failure::Failure;
@@ -30,6 +32,7 @@ use crate::{Dependence, Force, Grid, Monitor, SetupError, Status, SwitchedRk};
 use follow::Follower;
 use plant::{BallisticPlant, Keeps, SchemePlant, SwitchedPlant};
 use record::LoopRecord;
+use reference::Guide;
 
 /// How the plant moves between the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +88,7 @@ pub fn simulate_closed_loop<E, F: Force<E>>(
     forces: Forces<'_, F>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<LoopRun<E>, SetupError> {
-    observe_closed_loop(controller, surroundings, forces, LoopOutput::default(), monitor)
+    observe_closed_loop(controller, surroundings, forces, LoopOptions::default(), monitor)
 }
 
 /// Runs a closed loop that keeps more than its samples.
@@ -96,7 +99,7 @@ pub fn observe_closed_loop<E, F: Force<E>>(
     controller: &mut (impl Controller<E> + ?Sized),
     surroundings: Loop<'_>,
     forces: Forces<'_, F>,
-    mut output: LoopOutput<'_, E>,
+    mut output: LoopOptions<'_, E>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<LoopRun<E>, SetupError> {
     let Loop { wall, grid, initial, motion, .. } = surroundings;
@@ -139,7 +142,7 @@ fn run<E, F: Force<E>>(
     plant: impl Plant<E>,
     surroundings: Loop<'_>,
     models: Models<'_, F>,
-    output: &mut LoopOutput<'_, E>,
+    output: &mut LoopOptions<'_, E>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<LoopRun<E>, SetupError> {
     let n = surroundings.grid.n_steps();
@@ -163,6 +166,7 @@ struct Walk<'a, 'e, C: ?Sized, P, F, E> {
     pending: VecDeque<f64>,
     follower: Follower<'a, 'e, E>,
     dense: bool,
+    guide: Option<Guide<'e, E>>,
 }
 
 impl<'a, 'e, C, P, F, E> Walk<'a, 'e, C, P, F, E>
@@ -176,7 +180,7 @@ where
         plant: P,
         surroundings: Loop<'a>,
         models: Models<'a, F>,
-        output: &'a mut LoopOutput<'e, E>,
+        output: &'a mut LoopOptions<'e, E>,
     ) -> Result<Self, SetupError> {
         let Loop { grid, initial, delay, .. } = surroundings;
         let record = LoopRecord::with_room(grid.n_steps() + 1)?;
@@ -195,6 +199,7 @@ where
             state: initial,
             u: 0.0,
             pending,
+            guide: output.reference.take().map(Guide::new),
             follower: Follower::new(&mut output.events),
             dense: output.dense,
         })
@@ -212,8 +217,15 @@ where
         let grid = self.surroundings.grid;
         let n = grid.n_steps();
         let t = grid.t(self.k);
-        let reference = self.controller.reference();
-        let tick = self.tick(t, reference)?;
+        let course = match &mut self.guide {
+            Some(guide) => {
+                Some(guide.period(self.k, (t, grid.t(self.k + 1))).map_err(Failure::Raised)?)
+            }
+            None => None,
+        };
+        let own = || self.controller.reference();
+        let reference = course.map_or_else(own, |course| Some(course.now.state));
+        let tick = self.tick(t, reference, course)?;
         self.record.push((t, self.state, reference), self.u, &*self.controller, tick);
         let h = if self.k + 1 == n { grid.last_h() } else { grid.h() };
         let period = Period { t, t_next: grid.t(self.k + 1), h };
@@ -230,16 +242,26 @@ where
     }
 
     /// Asks the controller, and decides what acts from `t` on. Gives the bits of the tick.
-    fn tick(&mut self, t: f64, reference: Option<Physical>) -> Result<u8, Failure<E>> {
+    fn tick(
+        &mut self,
+        t: f64,
+        reference: Option<Physical>,
+        course: Option<Course>,
+    ) -> Result<u8, Failure<E>> {
         let measured = self.surroundings.sensor.measure(self.k, self.state);
         let force = finite_force(self.models.model, t, measured)?;
         let force_ref = match reference {
-            Some(reference) if self.controller.takes_force_ref() => {
+            Some(reference) if course.is_none() && self.controller.takes_force_ref() => {
                 finite_force(self.models.reference, t, reference)?
             }
             _ => 0.0,
         };
-        let bits = match self.controller.tick(Tick { t, measured, force, force_ref }) {
+        let tick = Tick { t, measured, force, force_ref };
+        let answer = match course {
+            Some(course) => self.controller.tick_to(tick, course),
+            None => self.controller.tick(tick),
+        };
+        let bits = match answer {
             Ok(u) => {
                 self.pending.push_back(u);
                 self.controller.status().bits()
@@ -268,7 +290,11 @@ where
     fn finish(mut self, ending: Failure<E>) -> LoopRun<E> {
         // the last sample, unless the run ended within the period that starts there
         if self.record.ticks.len() == self.k {
-            let last = (self.surroundings.grid.t(self.k), self.state, self.controller.reference());
+            let t = self.surroundings.grid.t(self.k);
+            // what the reference raises now, it raised at the sample before, or the run is over
+            let given = self.guide.as_mut().map(|guide| guide.state(self.k, t).ok());
+            let reference = given.unwrap_or_else(|| self.controller.reference());
+            let last = (t, self.state, reference);
             self.record.push(last, self.u, &*self.controller, 0);
         }
         let (status, raised) = match ending {

@@ -19,7 +19,7 @@ pub struct LoopRun<E> {
     pub ticks: Vec<u8>,
     /// What happened at the wall; a rest until the end has lasted a whole period.
     pub events: Events,
-    /// The motion between the samples, if [`super::LoopOutput::dense`] asked for it.
+    /// The motion between the samples, if [`super::LoopOptions::dense`] asked for it.
     pub path: Option<LoopPath>,
     /// What happened of each event of the user. One that ends the run does so with the period in
     /// which it happens.
