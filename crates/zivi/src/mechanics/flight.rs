@@ -97,6 +97,9 @@ impl Machine {
                 h = h.min(ARC * 2.0 * speed / pull);
             }
         }
+        if let Some(obstacle) = self.obstacle {
+            h = h.min(obstacle.longest_step(self.now.t));
+        }
         // no sliver of a step is left for the end
         let h = if h >= left * (1.0 - 1e-12) { left } else { h };
         Ok(Plan { h, wanted })

@@ -52,11 +52,16 @@ impl Machine {
         let key = Key { hit, closed: before };
         let all_hit = hit.iter().all(|i| positive.has(i));
         if closed == before && all_hit {
-            self.weigh(key, model)
+            self.weigh(key, model)?;
         } else {
             self.chain.clear();
-            Ok(())
         }
+        let opened = before.without(closed).without(hit);
+        self.corners.note(hit, before, opened, &self.now);
+        if self.ahead.is_none() {
+            self.ahead = self.corner_ahead(model)?;
+        }
+        Ok(())
     }
 
     /// Speeds after the impact, equation (1); the gaps with an impulse.
@@ -170,7 +175,7 @@ impl Machine {
         let bounce = Bounce { t: self.now.t, u: self.now.v[n + first], g };
         self.chain.note(key, e, bounce, &z, &rates);
         if g > 0.0 {
-            self.zeno = self.end_of_chain(bounce);
+            self.ahead = self.end_of_chain(bounce, model)?;
         }
         Ok(())
     }
@@ -178,7 +183,12 @@ impl Machine {
     /// The state with the speeds of the bouncing gaps taken out, along the impulses: that from
     /// which they would stay closed.
     pub(super) fn without_bounce<E>(&mut self, key: Key) -> Result<Vec<f64>, Failure<E>> {
-        let (n, set) = (self.layout.n, key.closed.with(key.hit));
+        self.without_speeds(key.closed.with(key.hit))
+    }
+
+    /// The same for any set of gaps.
+    pub(super) fn without_speeds<E>(&mut self, set: GapSet) -> Result<Vec<f64>, Failure<E>> {
+        let n = self.layout.n;
         let (mut x, mut v) = (self.now.x.clone(), self.now.v.clone());
         // twice: the first leaves rounding of the speeds
         for _ in 0..2 {

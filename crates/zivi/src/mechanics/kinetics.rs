@@ -204,6 +204,11 @@ impl Kinetics {
         }
     }
 
+    /// What was solved for last, by the order in the set.
+    pub(super) fn solved(&self) -> &[f64] {
+        &self.right
+    }
+
     /// By how much what was solved for last on a set changes the speed of a gap.
     pub(super) fn passed_on(&mut self, gap: usize, set: GapSet) -> f64 {
         set.iter().enumerate().map(|(row, i)| self.coupling(gap, i) * self.right[row]).sum()

@@ -1,100 +1,275 @@
-//! The jump through a Zeno point onto the manifold of one more closed gap.
+//! The jump through a Zeno point onto the manifold of more closed gaps.
 
 use super::chain::Landing;
 use super::gap_set::GapSet;
-use super::kinetics::Model;
+use super::kinetics::{Kinetics, Model};
 use super::machine::Machine;
 use super::occurrence::Occurrence;
 use super::tail::{EndOfArcs, SkippedArcs};
+use crate::numeric::bernstein::Bernstein;
 use crate::record::failure::Failure;
 use crate::switched::chain::Bounce;
+use crate::switched::lookahead::Lookahead;
+use crate::switched::stages::Counted;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::Force;
+
+/// Where impacts accumulate.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Ahead {
+    pub(super) landing: Landing,
+    /// The gaps that close together, if it is no Zeno point of a chain.
+    pub(super) corner: Option<GapSet>,
+}
+
+/// A jump passes no other gap that is nearer than so many of its estimated errors.
+const CLEAR: f64 = 100.0;
 
 impl Machine {
     /// Where the chain ends, if that is known to the tolerance.
-    pub(super) fn end_of_chain(&self, last: Bounce) -> Option<Landing> {
+    pub(super) fn end_of_chain<E, D: Dynamics<E>>(
+        &mut self,
+        last: Bounce,
+        model: &mut Model<'_, D>,
+    ) -> Result<Option<Ahead>, Failure<E>> {
         let left = self.chain.times.remaining(last);
         // what is left of the chain is below rounding, of the time or of the speeds
         if left <= 4.0 * f64::EPSILON * last.t.abs() || self.chain.times.is_spent() {
-            return Some(self.chain.leading());
+            return Ok(Some(Ahead { landing: self.chain.leading(), corner: None }));
         }
-        let landing = self.chain.landing(&self.scales(last))?;
+        let scales = self.scales(last);
+        let Some(landing) = self.chain.landing(&scales) else { return Ok(None) };
         let ahead = landing.t - last.t;
-        (landing.size <= 1.0 && ahead > 0.0 && ahead < 3.0 * left).then_some(landing)
+        let key = self.chain.key;
+        let set = key.closed.with(key.hit);
+        if !(landing.size <= 1.0 && ahead > 0.0 && ahead < 3.0 * left)
+            || !self.is_clear(&landing, set)
+            || !self.stays_closed(&landing, set, model)?
+        {
+            return Ok(None);
+        }
+        let as_expected = self.look_ahead(&landing, scales[0], model)?;
+        Ok(as_expected.then_some(Ahead { landing, corner: None }))
     }
 
     /// The tolerances of a Zeno time and of the state there.
     fn scales(&self, last: Bounce) -> Vec<f64> {
-        let ([atol_x, atol_v], rtol) = (self.settings.atol, self.settings.rtol);
+        let [atol_x, atol_v] = self.settings.atol;
         let times = &self.chain.times;
-        let of_time = rtol * times.duration() + (atol_x / times.fastest()).min(atol_v / last.g);
+        let absolute = (atol_x / times.fastest()).min(atol_v / last.g);
+        self.scales_with(absolute + self.settings.rtol * times.duration())
+    }
+
+    /// The same with the tolerance of the time given.
+    pub(super) fn scales_with(&self, of_time: f64) -> Vec<f64> {
+        let ([atol_x, atol_v], rtol) = (self.settings.atol, self.settings.rtol);
         let of_x = self.now.x.iter().map(|x| atol_x + rtol * x.abs());
         let of_v = self.now.v.iter().map(|v| atol_v + rtol * v.abs());
         std::iter::once(of_time).chain(of_x).chain(of_v).collect()
     }
 
-    /// Through the rest of the chain, onto the manifold.
+    /// Whether the gaps outside of a set stay open on the way to the landing: the cubic between
+    /// both ends stays clear of zero.
+    pub(super) fn is_clear(&self, landing: &Landing, set: GapSet) -> bool {
+        let (n, m) = (self.layout.n, self.layout.m);
+        let h = landing.t - self.now.t;
+        (0..m).filter(|&k| !set.has(k)).all(|k| {
+            let (c, error) = (n + k, landing.error[1 + n + k]);
+            let (first, last) = (self.now.x[c], landing.z[c]);
+            let (slope, end) = (h * self.now.v[c], h * landing.z[n + m + c]);
+            let p = Bernstein::hermite((first, slope), (last, end));
+            p.coefficients().iter().all(|&c| c > CLEAR * error)
+        })
+    }
+
+    /// Whether the forces keep all gaps of a set closed along the way to the landing.
+    pub(super) fn stays_closed<E, D: Dynamics<E>>(
+        &mut self,
+        landing: &Landing,
+        set: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<bool, Failure<E>> {
+        let Layout { n, m } = self.layout;
+        for part in [0.25, 0.5, 0.75, 1.0] {
+            let on_the_way = |from: &[f64], to: &[f64]| -> Vec<f64> {
+                from.iter().zip(to).map(|(a, b)| a + part * (b - a)).collect()
+            };
+            let q = on_the_way(&self.now.x[..n], &landing.z[..n]);
+            let w = on_the_way(&self.now.v[..n], &landing.z[n + m..][..n]);
+            let t = self.now.t + part * (landing.t - self.now.t);
+            match self.aside.evaluate(model, t, &q, &w) {
+                Err(Failure::Status(_)) => return Ok(false),
+                evaluated => evaluated?,
+            }
+            if self.aside.contact(set).is_err() {
+                return Ok(false);
+            }
+            let at = &mut self.aside;
+            let pushes = |at: &mut Kinetics, i: usize| {
+                // bodies in free fall touch without a force
+                let none = if self.closed.has(i) { -at.noise(i) / at.d(i, i) } else { 0.0 };
+                at.lambda[i] > none || (self.closed.has(i) && at.lambda[i] >= none)
+            };
+            if !set.iter().all(|i| pushes(at, i)) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Whether the forces make the arcs that a jump would skip: they are put back into the
+    /// equation of the bouncing gap.
+    fn look_ahead<E, D: Dynamics<E>>(
+        &mut self,
+        landing: &Landing,
+        tolerance: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<bool, Failure<E>> {
+        let key = self.chain.key;
+        let set = key.closed.with(key.hit);
+        let Some(gap) = key.hit.iter().next() else { return Ok(false) };
+        let (t, state) = (self.now.t, self.without_bounce(key)?);
+        let first = self.end_of_arcs(t, state, set, key.hit, model)?;
+        let last = self.end_of_arcs(landing.t, landing.z.clone(), set, key.hit, model)?;
+        let arcs = SkippedArcs::of_chain(&self.chain, landing.t, [first, last]);
+        let Some(tail) = &arcs.arcs else { return Ok(false) };
+        let (e, max_step) = (self.chain.e, self.settings.max_step);
+        let ahead = Lookahead { tail, e, tolerance, max_step, period: None };
+        let size = self.layout.n + self.layout.m;
+        let mut pull = AlongArcs {
+            arcs: &arcs,
+            kinetics: &mut self.aside,
+            model,
+            closed: key.closed,
+            component: self.layout.n + gap,
+            n: self.layout.n,
+            x: vec![0.0; size],
+            v: vec![0.0; size],
+        };
+        self.obstacle = ahead.obstacle(self.obstacle, &mut Counted::new(&mut pull))?;
+        Ok(self.obstacle.is_none())
+    }
+
+    /// Through the rest of an accumulation, onto the manifold.
     pub(super) fn jump<E, D: Dynamics<E>>(
         &mut self,
-        landing: Landing,
+        Ahead { landing, corner }: Ahead,
         model: &mut Model<'_, D>,
     ) -> Result<SkippedArcs, Failure<E>> {
-        let (n, key) = (self.layout.n, self.chain.key);
-        let set = key.closed.with(key.hit);
-        let speeds: Vec<f64> = self.now.v[n..].to_vec();
-        let bouncing = |i: usize| if key.hit.has(i) { speeds[i] } else { 0.0 };
-        let state = self.without_bounce(key)?;
-        let first = self.end_of_arcs(state, set, bouncing, model)?;
+        let (n, size) = (self.layout.n, self.layout.n + self.layout.m);
+        let key = self.chain.key;
+        let set = corner.unwrap_or(key.closed.with(key.hit));
+        let bouncing = if corner.is_some() { GapSet::EMPTY } else { key.hit };
+        let (start, before) = (self.now.t, self.closed);
+        let state = match corner {
+            Some(_) => self.without_speeds(set)?,
+            None => self.without_bounce(key)?,
+        };
+        let first = self.end_of_arcs(start, state, set, bouncing, model)?;
+        let speeds = self.now.v.clone();
         (self.now.t, self.now.late) = (landing.t.max(self.now.t), 0.0);
-        let (x, v) = landing.z.split_at(n + self.layout.m);
-        self.now.x.copy_from_slice(x);
-        self.now.v.copy_from_slice(v);
+        self.now.x.copy_from_slice(&landing.z[..size]);
+        self.now.v.copy_from_slice(&landing.z[size..]);
         for i in set.iter() {
             (self.now.x[n + i], self.now.v[n + i]) = (0.0, 0.0);
         }
         self.project(set, model)?;
         let state = [&self.now.x[..], &self.now.v[..]].concat();
-        let last = self.end_of_arcs(state, set, bouncing, model)?;
-        let arcs = SkippedArcs::new(&self.chain, self.now.t, [first, last]);
+        let mut last = self.end_of_arcs(self.now.t, state, set, GapSet::EMPTY, model)?;
+        last.way = self.way(set, bouncing, &speeds)?;
+        let ends = [first, last];
+        let arcs = match corner {
+            Some(_) => SkippedArcs::between(start, self.now.t, ends),
+            None => SkippedArcs::of_chain(&self.chain, self.now.t, ends),
+        };
         let (closed, left) = self.settle(set)?;
         (self.closed, self.unarmed) = (closed, left);
         self.refresh()?;
         let t = self.now.t;
-        for gap in key.hit.iter() {
-            self.occurrences.push(Occurrence::Zeno { t, gap, closed: set });
+        if corner.is_some() {
+            self.occurrences.push(Occurrence::Corner { t, gaps: set });
+            self.corners.clear();
+        } else {
+            let zeno = |gap| Occurrence::Zeno { t, gap, closed: set };
+            self.occurrences.extend(set.without(before).iter().map(zeno));
         }
         self.note_lifted(left);
         self.chain.clear();
-        self.struck = 0;
+        (self.struck, self.obstacle) = (0, None);
         Ok(arcs)
     }
 
     /// One end of the arcs that a jump skips: the motion in contact, and which way the bouncing
-    /// gaps, with these speeds, move the system out of it.
+    /// gaps move the system out of it.
     fn end_of_arcs<E, D: Dynamics<E>>(
         &mut self,
+        t: f64,
         state: Vec<f64>,
         set: GapSet,
-        speeds: impl Fn(usize) -> f64 + Copy,
+        bouncing: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<EndOfArcs, Failure<E>> {
-        let Layout { n, m } = self.layout;
-        let (x, v) = state.split_at(n + m);
-        self.aside.evaluate(model, self.now.t, &x[..n], &v[..n])?;
+        let n = self.layout.n;
+        let (x, v) = state.split_at(n + self.layout.m);
+        self.aside.evaluate(model, t, &x[..n], &v[..n])?;
         self.aside.contact(set)?;
         let acceleration = self.aside.acceleration.clone();
-        let unit = self.chain.times.bounces().last().map_or(1.0, |last| last.u);
-        self.aside.solve(set, |_, i| speeds(i) / unit)?;
+        let speeds = self.now.v.clone();
+        let way = self.way(set, bouncing, &speeds)?;
+        Ok(EndOfArcs { x: x.to_vec(), v: v.to_vec(), acceleration, way })
+    }
+
+    /// The direction in which the bouncing gaps, at the given speeds, move coordinates and gaps
+    /// from where the system was last evaluated aside.
+    fn way<E>(
+        &mut self,
+        set: GapSet,
+        bouncing: GapSet,
+        speeds: &[f64],
+    ) -> Result<Vec<f64>, Failure<E>> {
+        let Layout { n, m } = self.layout;
         let mut way = vec![0.0; n + m];
+        let Some(last) = self.chain.times.bounces().last().filter(|_| !bouncing.is_empty()) else {
+            return Ok(way);
+        };
+        let part = |i: usize| if bouncing.has(i) { speeds[n + i] / last.u } else { 0.0 };
+        self.aside.solve(set, |_, i| part(i))?;
         self.aside.apply(set, &mut way[..n]);
         for k in 0..m {
-            way[n + k] = if set.has(k) { speeds(k) / unit } else { self.aside.passed_on(k, set) };
+            way[n + k] = if set.has(k) { part(k) } else { self.aside.passed_on(k, set) };
         }
-        Ok(EndOfArcs { x: x.to_vec(), v: v.to_vec(), acceleration, way })
+        Ok(way)
     }
 
     pub(super) fn note_lifted(&mut self, gaps: GapSet) {
         let t = self.now.t;
         self.occurrences.extend(gaps.iter().map(|gap| Occurrence::LiftOff { t, gap }));
+    }
+}
+
+/// The acceleration of the bouncing gap along the arcs of a jump, as the force of a scalar motion.
+struct AlongArcs<'r, 'm, D> {
+    arcs: &'r SkippedArcs,
+    kinetics: &'r mut Kinetics,
+    model: &'r mut Model<'m, D>,
+    closed: GapSet,
+    component: usize,
+    n: usize,
+    x: Vec<f64>,
+    v: Vec<f64>,
+}
+
+impl<E, D: Dynamics<E>> Force<E> for AlongArcs<'_, '_, D> {
+    fn at(&mut self, t: f64, y: f64, u: f64) -> Result<f64, E> {
+        self.arcs.combine(t, (y, u), &mut self.x, &mut self.v);
+        match self.kinetics.evaluate(self.model, t, &self.x[..self.n], &self.v[..self.n]) {
+            Err(Failure::Raised(error)) => return Err(error),
+            Err(Failure::Status(_)) => return Ok(f64::NAN),
+            Ok(()) => (),
+        }
+        Ok(match self.kinetics.contact(self.closed) {
+            Ok(()) => self.kinetics.acceleration[self.component],
+            Err(_) => f64::NAN,
+        })
     }
 }

@@ -134,6 +134,7 @@ impl Machine {
         self.note_lifted(left);
         self.flag_lifted(left);
         self.chain.clear();
+        self.corners.clear();
         self.struck = 0;
         self.h = Some(PART * h);
         self.refresh()

@@ -3,14 +3,17 @@
 //! The mode is the set of closed gaps: with none of them it is free flight, else motion on the
 //! manifold where they are zero. Between events both are one ordinary differential equation.
 
-use super::chain::{Landing, StateChain};
+use super::chain::StateChain;
+use super::corner::CornerLog;
 use super::gap_set::GapSet;
 use super::kinetics::{Kinetics, Model};
+use super::landing::Ahead;
 use super::lcp;
 use super::occurrence::Occurrence;
 use super::stages::{Stages, State};
 use super::tail::SkippedArcs;
 use crate::record::failure::Failure;
+use crate::switched::lookahead::Obstacle;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::{Counts, Status};
@@ -53,8 +56,11 @@ pub(super) struct Machine {
     pub(super) lambda: Vec<f64>,
     pub(super) fresh: bool,
     pub(super) chain: StateChain,
-    /// Where the chain ends, once that is known well enough.
-    pub(super) zeno: Option<Landing>,
+    /// Where impacts accumulate, once that is known well enough.
+    pub(super) ahead: Option<Ahead>,
+    pub(super) corners: CornerLog,
+    /// Where the forces last kept the system from jumping there.
+    pub(super) obstacle: Option<Obstacle>,
     /// Step size to try next.
     pub(super) h: Option<f64>,
     pub(super) pending: Option<Pending>,
@@ -98,7 +104,9 @@ impl Machine {
             lambda: vec![0.0; layout.m],
             fresh: false,
             chain: StateChain::new(2 * size),
-            zeno: None,
+            ahead: None,
+            corners: CornerLog::default(),
+            obstacle: None,
             h: settings.first_step,
             pending: None,
             length: 0.0,
@@ -168,8 +176,8 @@ impl Machine {
             }
             return Ok(Piece::Instant);
         }
-        if let Some(landing) = self.zeno.take().filter(|landing| landing.t <= t_end) {
-            return self.jump(landing, model).map(Piece::Skipped);
+        if let Some(ahead) = self.ahead.take().filter(|ahead| ahead.landing.t <= t_end) {
+            return self.jump(ahead, model).map(Piece::Skipped);
         }
         if self.struck > self.settings.max_impacts {
             self.struck = 0;
@@ -194,13 +202,14 @@ impl Machine {
 
     /// Forgets what was learnt from the forces: from here on they are others.
     pub(super) fn restart(&mut self) {
-        (self.fresh, self.zeno) = (false, None);
+        (self.fresh, self.ahead, self.obstacle) = (false, None, None);
         self.chain.clear();
+        self.corners.clear();
     }
 
     /// Whether something happens before the time moves on beyond `t_end`.
     pub(super) fn is_pending(&self, t_end: f64) -> bool {
-        self.pending.is_some() || self.zeno.as_ref().is_some_and(|landing| landing.t <= t_end)
+        self.pending.is_some() || self.ahead.as_ref().is_some_and(|it| it.landing.t <= t_end)
     }
 
     /// Accelerations and contact forces at the present state.

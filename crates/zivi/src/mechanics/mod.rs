@@ -11,6 +11,7 @@
 //! coordinates, so that impacts keep their precision however small the bounces become.
 
 mod chain;
+mod corner;
 mod flight;
 mod gap_set;
 mod impact;

@@ -106,7 +106,7 @@ impl MechanicalPath {
     pub(super) fn push_skipped(&mut self, arcs: &SkippedArcs, closed: GapSet) {
         let kind = Kind::Skipped(self.skipped.len());
         self.skipped.push(arcs.clone());
-        self.push(Segment { start: arcs.start(), closed, kind });
+        self.push(Segment { start: arcs.start, closed, kind });
     }
 
     fn push(&mut self, segment: Segment) {

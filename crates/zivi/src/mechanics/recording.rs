@@ -226,7 +226,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         if self.watch.is_idle() {
             return Ok(None);
         }
-        let mut t = arcs.start();
+        let mut t = arcs.start;
         for m in 0..ARCS {
             let Some((_, end)) = arcs.arc(m) else { break };
             // up to the next impact from before it, then from after it
@@ -239,6 +239,10 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             if let Some(stop) = self.watch.across(t, &self.x, &self.v)? {
                 return Ok(Some(stop));
             }
+        }
+        let end = self.machine.now.t;
+        if let Some(stop) = self.watch.along(t, end, motion)? {
+            return Ok(Some(stop));
         }
         let now = &self.machine.now;
         self.watch.across(now.t, &now.x, &now.v)

@@ -3,7 +3,7 @@
 //! ```text
 //! version, n, m, segments, coefficients, skipped
 //! segments: start, closed (two halves), kind (0 motion, 1 skipped), first, degree, h
-//! coefficients; skipped arcs: those of the tail, then 8 numbers a component; end: t, closed, x, v
+//! coefficients; skipped arcs: start, end, whether a tail follows, 8 numbers a component; end: t, closed, x, v
 //! ```
 
 use super::gap_set::GapSet;
@@ -50,7 +50,8 @@ impl MechanicalPath {
         }
         numbers.extend(&self.coefficients);
         for arcs in &self.skipped {
-            numbers.extend(arcs.arcs.to_numbers());
+            numbers.extend([arcs.start, arcs.end, f64::from(u8::from(arcs.arcs.is_some()))]);
+            numbers.extend(arcs.arcs.iter().flat_map(Tail::to_numbers));
             numbers.extend(arcs.rows.iter().flatten());
         }
         if let Some((t, point)) = &self.end {
@@ -77,10 +78,14 @@ impl MechanicalPath {
         }
         path.coefficients = take(&mut rest, coefficients)?.to_vec();
         for _ in 0..skipped {
-            let arcs = Tail::from_numbers(take(&mut rest, TAIL_NUMBERS)?)?;
+            let &[start, end, known] = take(&mut rest, 3)? else { return None };
+            let arcs = match known {
+                0.0 => None,
+                _ => Some(Tail::from_numbers(take(&mut rest, TAIL_NUMBERS)?)?),
+            };
             let rows = take(&mut rest, 8 * size)?.chunks_exact(8);
             let rows = rows.map(|row| row.try_into().ok()).collect::<Option<Vec<[f64; 8]>>>()?;
-            path.skipped.push(SkippedArcs { arcs, rows });
+            path.skipped.push(SkippedArcs { start, end, arcs, rows });
         }
         if let [t, low, high, state @ ..] = rest {
             let (x, v) = state.split_at_checked(size).filter(|(_, v)| v.len() == size)?;

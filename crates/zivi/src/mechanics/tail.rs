@@ -25,18 +25,28 @@ pub(super) struct EndOfArcs {
     pub(super) way: Vec<f64>,
 }
 
-/// The arcs of a bouncing gap between the last computed impact and the Zeno point.
+/// The motion between the last computed impact and a Zeno point or corner.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct SkippedArcs {
-    pub(super) arcs: Tail,
+    pub(super) start: f64,
+    pub(super) end: f64,
+    /// The arcs of the bouncing gap; none of the many before a corner are known.
+    pub(super) arcs: Option<Tail>,
     /// By component: the coefficients of `c`, then both ends of `r`.
     pub(super) rows: Vec<[f64; 8]>,
 }
 
 impl SkippedArcs {
-    pub(super) fn new(chain: &StateChain, zeno: f64, [first, last]: [EndOfArcs; 2]) -> Self {
+    /// The arcs of a chain that ends at `zeno`.
+    pub(super) fn of_chain(chain: &StateChain, zeno: f64, ends: [EndOfArcs; 2]) -> Self {
         let arcs = Tail::new(&chain.times, chain.e, zeno, 1.0);
-        let h = zeno - arcs.start();
+        let start = arcs.start();
+        Self { arcs: Some(arcs), ..Self::between(start, zeno, ends) }
+    }
+
+    /// The motion in contact between two times.
+    pub(super) fn between(start: f64, end: f64, [first, last]: [EndOfArcs; 2]) -> Self {
+        let h = end - start;
         let row = |c: usize| {
             let ((x0, v0, a0), (x1, v1, a1)) = (
                 (first.x[c], h * first.v[c] / 5.0, h * h * first.acceleration[c] / 20.0),
@@ -45,36 +55,37 @@ impl SkippedArcs {
             let (c1, c4) = (x0 + v0, x1 - v1);
             [x0, c1, c1 + v0 + a0, c4 - v1 + a1, c4, x1, first.way[c], last.way[c]]
         };
-        Self { arcs, rows: (0..first.x.len()).map(row).collect() }
-    }
-
-    pub(super) fn start(&self) -> f64 {
-        self.arcs.start()
+        Self { start, end, arcs: None, rows: (0..first.x.len()).map(row).collect() }
     }
 
     /// Start and end of an arc, unless it is too short to be told from its ends.
     pub(super) fn arc(&self, m: usize) -> Option<(f64, f64)> {
-        self.arcs.arc(m).map(|arc| (arc.start, arc.end))
+        self.arcs.as_ref()?.arc(m).map(|arc| (arc.start, arc.end))
     }
 
     /// Equations (1) at `t`, after the impact if there is one.
     pub(super) fn at(&self, t: f64, x: &mut [f64], v: &mut [f64]) {
-        let bounce = self.arcs.at(t);
-        self.combine(t, (bounce.x, bounce.xdot), x, v);
+        let bounce = self.arcs.as_ref().map_or((0.0, 0.0), |arcs| {
+            let at = arcs.at(t);
+            (at.x, at.xdot)
+        });
+        self.combine(t, bounce, x, v);
     }
 
     /// The same on the arc `m`, before the impact at its end.
     pub(super) fn at_before(&self, t: f64, m: usize, x: &mut [f64], v: &mut [f64]) {
-        let bounce = self.arcs.arc(m).map_or((0.0, 0.0), |arc| {
+        let arc = self.arcs.as_ref().and_then(|arcs| arcs.arc(m));
+        let bounce = arc.map_or((0.0, 0.0), |arc| {
             let at = arc.at(t);
             (at.x, at.xdot)
         });
         self.combine(t, bounce, x, v);
     }
 
-    fn combine(&self, t: f64, (y, u): (f64, f64), x: &mut [f64], v: &mut [f64]) {
-        let h = self.arcs.zeno_time() - self.arcs.start();
-        let theta = if h > 0.0 { ((t - self.arcs.start()) / h).clamp(0.0, 1.0) } else { 1.0 };
+    /// Equations (1) with `Y` and `Y'` given.
+    pub(super) fn combine(&self, t: f64, (y, u): (f64, f64), x: &mut [f64], v: &mut [f64]) {
+        let h = self.end - self.start;
+        let theta = if h > 0.0 { ((t - self.start) / h).clamp(0.0, 1.0) } else { 1.0 };
         for (c, row) in self.rows.iter().enumerate() {
             let (motion, [.., r0, r1]) = (Bernstein::new(&row[..6]), *row);
             let way = r0 + theta * (r1 - r0);

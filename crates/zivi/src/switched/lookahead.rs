@@ -53,7 +53,7 @@ const STEPS: f64 = 4.0;
 
 /// An arc on which the force was seen to make another motion than expected.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Obstacle {
+pub(crate) struct Obstacle {
     from: f64,
     to: f64,
     /// Impacts before all arcs are looked at again.
@@ -67,7 +67,7 @@ const PER_IMPACT: u64 = 32;
 impl Obstacle {
     /// Longest step at `t`: between the stages of one that is a whole arc long there may be enough
     /// room to overlook once more what was seen.
-    pub(super) fn longest_step(&self, t: f64) -> f64 {
+    pub(crate) fn longest_step(&self, t: f64) -> f64 {
         if t >= self.from && t < self.to {
             (self.to - self.from) / STEPS
         } else {
@@ -77,21 +77,21 @@ impl Obstacle {
 }
 
 /// The arcs of a tail, looked at before they are skipped.
-pub(super) struct Lookahead<'t> {
-    pub(super) tail: &'t Tail,
-    pub(super) e: f64,
+pub(crate) struct Lookahead<'t> {
+    pub(crate) tail: &'t Tail,
+    pub(crate) e: f64,
     /// Tolerance of the Zeno time (s).
-    pub(super) tolerance: f64,
+    pub(crate) tolerance: f64,
     /// Longest time between two looks (s).
-    pub(super) max_step: f64,
+    pub(crate) max_step: f64,
     /// The shortest period of the force, where that is known (s).
-    pub(super) period: Option<f64>,
+    pub(crate) period: Option<f64>,
 }
 
 impl Lookahead<'_> {
     /// The first arc at which the force is known to make another motion; none if it makes that of
     /// the tail. One that did so before, `suspect`, is looked at first.
-    pub(super) fn obstacle<E, F: Force<E>>(
+    pub(crate) fn obstacle<E, F: Force<E>>(
         &self,
         suspect: Option<Obstacle>,
         force: &mut Counted<'_, F>,

@@ -27,7 +27,7 @@ pub(crate) mod flight;
 mod impact;
 mod integrator;
 mod lift_off;
-mod lookahead;
+pub(crate) mod lookahead;
 mod path;
 mod picture;
 mod recording;

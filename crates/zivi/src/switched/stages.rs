@@ -17,7 +17,7 @@ use crate::system::evaluation::{ends_at_the_wall, evaluate};
 use crate::{Force, Physical};
 
 /// A force whose evaluations are counted.
-pub(super) struct Counted<'a, F> {
+pub(crate) struct Counted<'a, F> {
     force: &'a mut F,
     count: u64,
     /// Times between which it is smooth: it is asked at no others.
@@ -27,7 +27,7 @@ pub(super) struct Counted<'a, F> {
 }
 
 impl<'a, F> Counted<'a, F> {
-    pub(super) fn new(force: &'a mut F) -> Self {
+    pub(crate) fn new(force: &'a mut F) -> Self {
         Self { force, count: 0, smooth: (f64::NEG_INFINITY, f64::INFINITY), linear: None }
     }
 

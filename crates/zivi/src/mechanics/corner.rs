@@ -1,0 +1,238 @@
+//! Accumulations of several gaps at once.
+//!
+//! They are self-similar: impacts, or impacts that open contacts, repeat in a pattern, and times
+//! and states of one phase of it approach the corner in powers of a ratio `r` that is in general
+//! none of the `e`. So it is measured,
+//!
+//! ```text
+//! r = (t_3 - t_2)/(t_2 - t_1)      S^(j) = (S_k^(j-1) - r^j S_(k-1)^(j-1))/(1 - r^j)     (1)
+//! ```
+//!
+//! An inexact `r` costs no order: its error is of the order of the speeds. Where no pattern shows,
+//! `L = 1/2 g' . D^-1 g' + lambda . g`, constant in flight and falling at impacts, tells when what
+//! is left of the motion is below the tolerance.
+
+use super::chain::Landing;
+use super::gap_set::GapSet;
+use super::kinetics::Model;
+use super::landing::Ahead;
+use super::machine::Machine;
+use super::stages::State;
+use crate::record::failure::Failure;
+use crate::system::dynamics::Dynamics;
+
+/// Longest pattern, in events.
+const LONGEST: usize = 6;
+/// Periods over which it must repeat.
+const REPEATS: usize = 3;
+/// Events of one phase in a table: fewest and most.
+const PHASE: (usize, usize) = (4, 7);
+/// Largest ratio, and how far the last two may differ, relative to `1 - r`.
+const RATIO: (f64, f64) = (0.98, 0.1);
+/// Speeds below which a corner is reached whatever the pattern: relative to `1 + |q'|`, and in
+/// tolerances.
+const FLOOR: (f64, f64) = (1e-12, 1e-2);
+
+/// An event of an accumulation.
+#[derive(Clone, Debug, PartialEq)]
+struct Mark {
+    hit: GapSet,
+    /// The gaps that were closed, or those that were opened.
+    with: GapSet,
+    t: f64,
+    z: Vec<f64>,
+}
+
+/// The last impacts, and the last of them that opened contacts.
+#[derive(Clone, Debug, Default)]
+pub(super) struct CornerLog {
+    impacts: Vec<Mark>,
+    openings: Vec<Mark>,
+}
+
+impl CornerLog {
+    pub(super) fn clear(&mut self) {
+        self.impacts.clear();
+        self.openings.clear();
+    }
+
+    /// Appends an impact.
+    pub(super) fn note(&mut self, hit: GapSet, closed: GapSet, opened: GapSet, now: &State) {
+        let z = || now.x.iter().chain(&now.v).copied().collect();
+        append(&mut self.impacts, Mark { hit, with: closed, t: now.t, z: z() });
+        if !opened.is_empty() {
+            append(&mut self.openings, Mark { hit, with: opened, t: now.t, z: z() });
+        }
+    }
+
+    /// The gaps of the last impacts.
+    fn recent(&self) -> GapSet {
+        self.impacts.iter().fold(GapSet::EMPTY, |gaps, mark| gaps.with(mark.hit))
+    }
+}
+
+fn append(marks: &mut Vec<Mark>, mark: Mark) {
+    if marks.len() == LONGEST * PHASE.1 {
+        marks.remove(0);
+    }
+    marks.push(mark);
+}
+
+/// The shortest pattern in which several gaps take part: its length and gaps.
+fn pattern(marks: &[Mark]) -> Option<(usize, GapSet)> {
+    let n = marks.len();
+    let same = |a: &Mark, b: &Mark| a.hit == b.hit && a.with == b.with;
+    let repeats = |&p: &usize| {
+        n > REPEATS * p && (n - (REPEATS - 1) * p - 1..n).all(|k| same(&marks[k], &marks[k - p]))
+    };
+    let p = (1..=LONGEST).find(repeats)?;
+    let gaps = marks[n - p..].iter().fold(GapSet::EMPTY, |set, it| set.with(it.hit));
+    (gaps.len() >= 2).then_some((p, gaps))
+}
+
+/// Equation (1) for the phase of the last event.
+fn landing(marks: &[Mark], p: usize, scales: &[f64]) -> Option<Landing> {
+    let phase: Vec<&Mark> = marks.iter().rev().step_by(p).take(PHASE.1).collect();
+    let count = phase.len();
+    if count < PHASE.0 {
+        return None;
+    }
+    let gap = |k: usize| phase[k].t - phase[k + 1].t;
+    let (r, previous) = (gap(0) / gap(1), gap(1) / gap(2));
+    let steady = (r - previous).abs() < RATIO.1 * (1.0 - r);
+    if !(r > 0.0 && r < RATIO.0 && steady) {
+        return None;
+    }
+    let first = phase[count - 1].t;
+    let row = |mark: &Mark| -> Vec<f64> {
+        std::iter::once(mark.t - first).chain(mark.z.iter().copied()).collect()
+    };
+    // the last row first
+    let mut rows: Vec<Vec<f64>> = phase.iter().map(|mark| row(mark)).collect();
+    let mut best: Option<Landing> = None;
+    let mut power = 1.0;
+    while rows.len() > 2 {
+        power *= r;
+        let across = rows[0].clone();
+        for k in 0..rows.len() - 1 {
+            let (now, before) = rows.split_at_mut(k + 1);
+            for (now, before) in now[k].iter_mut().zip(&before[0]) {
+                *now = (*now - power * before) / (1.0 - power);
+            }
+        }
+        rows.pop();
+        let found = judge(&rows, &across, power * r, scales, first);
+        if best.as_ref().is_none_or(|best| found.size < best.size) {
+            best = Some(found);
+        }
+    }
+    best.filter(|best| best.size <= 1.0)
+}
+
+fn judge(rows: &[Vec<f64>], across: &[f64], power: f64, scales: &[f64], t: f64) -> Landing {
+    let (last, above) = (&rows[0], &rows[1]);
+    let mut size = 0.0_f64;
+    let error: Vec<f64> = (0..last.len())
+        .map(|c| {
+            let down = (last[c] - above[c]).abs() / (1.0 - power);
+            let error = (last[c] - across[c]).abs().max(down);
+            size = size.max(error / scales[c]);
+            error
+        })
+        .collect();
+    Landing { t: t + last[0], z: last[1..].to_vec(), error, size }
+}
+
+impl Machine {
+    /// The corner that the last events approach, if it is known to the tolerance.
+    pub(super) fn corner_ahead<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<Option<Ahead>, Failure<E>> {
+        let recent = self.corners.recent();
+        if recent.len() < 2 {
+            return Ok(None);
+        }
+        for of_openings in [false, true] {
+            let marks = if of_openings { &self.corners.openings } else { &self.corners.impacts };
+            if marks.last().is_none_or(|last| last.t < self.now.t) {
+                continue;
+            }
+            let Some((p, gaps)) = pattern(marks) else { continue };
+            let rtol = self.settings.rtol;
+            let since = self.now.t - marks[0].t;
+            let scales = self.scales_with(rtol * since);
+            let Some(landing) = landing(marks, p, &scales) else { continue };
+            let set = self.closed.with(gaps);
+            if landing.t > self.now.t
+                && self.is_clear(&landing, set)
+                && self.stays_closed(&landing, set, model)?
+            {
+                return Ok(Some(Ahead { landing, corner: Some(set) }));
+            }
+        }
+        self.floor(recent)
+    }
+
+    /// The corner where the system is, if the speeds in it are below all tolerances.
+    fn floor<E>(&mut self, recent: GapSet) -> Result<Option<Ahead>, Failure<E>> {
+        let (n, m) = (self.layout.n, self.layout.m);
+        let speed = self.now.v[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let slow = FLOOR.0.max(FLOOR.1 * self.settings.rtol) * (1.0 + speed);
+        let (x, v) = (&self.now.x[n..], &self.now.v[n..]);
+        let near = |&i: &usize| {
+            let low = 2.0 * x[i] * self.kinetics.b(i).abs() <= slow * slow;
+            self.closed.has(i) || (recent.has(i) && v[i].abs() <= slow && low)
+        };
+        let set: GapSet = (0..m).filter(near).collect();
+        if set.without(self.closed).is_empty() || set.iter().filter(|&i| recent.has(i)).count() < 2
+        {
+            return Ok(None);
+        }
+        if self.kinetics.solve(set, |at, i| -at.b(i)).is_err() {
+            return Ok(None);
+        }
+        let pressed = self.kinetics.solved()[..set.len()].to_vec();
+        if pressed.iter().any(|&force| force <= 0.0) {
+            return Ok(None);
+        }
+        let speeds = &self.now.v[n..];
+        self.kinetics.solve(set, |_, i| speeds[i])?;
+        let momenta = self.kinetics.solved()[..set.len()].to_vec();
+        let (mut depth, mut widest) = (0.0, 0.0_f64);
+        for (row, i) in set.iter().enumerate() {
+            depth += 0.5 * speeds[i] * momenta[row] + pressed[row] * self.now.x[n + i];
+            widest = widest.max(self.kinetics.d(i, i));
+        }
+        if (2.0 * depth * widest).sqrt() > slow {
+            return Ok(None);
+        }
+        let z = self.without_speeds(set)?;
+        let error = vec![0.0; 1 + z.len()];
+        let landing = Landing { t: self.now.t, z, error, size: 0.0 };
+        Ok(Some(Ahead { landing, corner: Some(set) }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_corner_is_extrapolated_with_the_ratio_of_its_times() {
+        // t = 2 - q - 0.2 q^2, z = 1 + q - 0.5 q^2, q = 0.3^k; gaps 0 and 1 in turn
+        let mark = |k: i32| {
+            let q = 0.3f64.powi(k / 2) * if k % 2 == 0 { 1.0 } else { 0.6 };
+            let (hit, with) = (GapSet::of((k % 2) as usize), GapSet::EMPTY);
+            Mark { hit, with, t: 2.0 - q - 0.2 * q * q, z: vec![1.0 + q - 0.5 * q * q] }
+        };
+        let marks: Vec<Mark> = (0..14).map(mark).collect();
+        assert_eq!(pattern(&marks), Some((2, GapSet(3))));
+        assert_eq!(pattern(&marks[..6]), None);
+        let found = landing(&marks, 2, &[1e-5, 1e-5]).unwrap();
+        let errors = [(found.t - 2.0).abs(), (found.z[0] - 1.0).abs()];
+        assert!(errors[0] < 1e-6 && errors[1] < 1e-6, "{found:?}");
+        assert!(errors[0] <= found.error[0] && errors[1] <= found.error[1], "{found:?}");
+        assert_eq!(landing(&marks, 2, &[1e-14, 1e-14]), None);
+    }
+}
