@@ -11,7 +11,7 @@ OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock \
     $(wildcard include/*.h tools/c/* tools/native.py)
 
-.PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test lint lint-rust lint-python bench wasm picture docs docs-packages wheel clean
+.PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test host lint lint-rust lint-python bench wasm picture docs docs-packages wheel clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
@@ -19,6 +19,7 @@ help:
 	@echo 'make test-quick  the tests in Python without the slow ones: less than a minute'
 	@echo 'make test-browser  the pages in chromium, which must be there'
 	@echo 'make c-test  the C library: its examples in C99 and C++, bad arguments, what it needs'
+	@echo 'make host    the shared library for C and C++ programs on this machine, into out/host'
 	@echo 'make mutants one mutation of the code after the other, and the tests that must notice; NAMES="step-*"'
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
@@ -55,6 +56,9 @@ test-browser: $(READY)
 c-test:
 	'$(PYTHON)' tools/native.py c
 	sh tools/c-test.sh python/zivi/_native
+
+host:
+	'$(PYTHON)' tools/native.py host
 
 mutants: $(READY)
 	$(BIN)/python tools/mutants --report docs/testing.md $(NAMES)

@@ -16,7 +16,7 @@ TYPES = {
 
 
 class Header:
-    """What a header of the repository declares."""
+    """What a header of the repository declares: of structures those of plain numbers."""
 
     def __init__(self, path: Path) -> None:
         text = re.sub(r"/\*.*?\*/|//[^\n]*", "", path.read_text(), flags=re.DOTALL)
@@ -25,6 +25,8 @@ class Header:
         }
         self.structures: dict[str, Any] = {}
         for name, body in re.findall(r"typedef struct (\w+) \{(.*?)\} \1;", text, re.DOTALL):
-            fields = [(field, TYPES[kind]) for kind, field in re.findall(r"(\w+) (\w+);", body)]
-            self.structures[name] = type(name, (ctypes.Structure,), {"_fields_": fields})
+            fields = re.findall(r"(\w+) (\*?\w+);", body)
+            if all(kind in TYPES and not field.startswith("*") for kind, field in fields):
+                members = [(field, TYPES[kind]) for kind, field in fields]
+                self.structures[name] = type(name, (ctypes.Structure,), {"_fields_": members})
         self.functions = set(re.findall(r"\b(zivi_\w+)\(", text))

@@ -11,3 +11,4 @@ if ! command -v "$cbindgen" >/dev/null 2>&1; then
     exit 77
 fi
 "$cbindgen" --quiet --config "$here/crates/zivi-c/cbindgen.toml" "$here/crates/zivi-c" --output "$out/zivi.h"
+"$cbindgen" --quiet --config "$here/crates/zivi-host/cbindgen.toml" "$here/crates/zivi-host" --output "$out/zivi_host.h"

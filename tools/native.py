@@ -6,6 +6,8 @@ Into ``python/zivi/_native``, from which it gets into wheels; laid out like ``/u
   ``lib/cmake``: the C library for targets;
 - ``fmu/x86_64-linux.so``, or what this machine is called in FMI: the binary of the FMUs.
 
+Asked for by name, ``host`` builds the shared library for programs in C and C++ into ``out/host``.
+
 Needs cargo and a C compiler, nothing else. ``CARGO_TARGET_DIR`` says where cargo builds.
 """
 
@@ -27,7 +29,7 @@ TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
 
 
 def main(names: list[str]) -> int:
-    """Build the products with these names, all of them by default."""
+    """Build the products with these names, by default those of the package."""
     unknown = sorted(set(names) - set(PRODUCTS))
     if unknown:
         print(f"native: no {', '.join(unknown)}; there are {', '.join(PRODUCTS)}", file=sys.stderr)
@@ -35,7 +37,7 @@ def main(names: list[str]) -> int:
     if shutil.which("cargo") is None:
         print("native: cargo is missing: install Rust >= 1.88 (https://rustup.rs)", file=sys.stderr)
         return 2
-    for name in names or PRODUCTS:
+    for name in names or PACKAGED:
         PRODUCTS[name]()
     return 0
 
@@ -69,6 +71,23 @@ def fmu() -> None:
     }.get(sys.platform, ("linux", "lib", ".so"))
     built = TARGET / "bare" / f"{prefix}zivi_fmu{ending}"
     copied(built, place("fmu", f"{machine}-{system}{ending}"))
+
+
+def host() -> None:
+    """Build the shared library for programs on this machine, and put its headers beside it."""
+    command = "cargo rustc --locked --quiet --release --package zivi-host --lib --crate-type cdylib"
+    subprocess.run([*command.split(), "--target-dir", str(TARGET)], check=True, cwd=ROOT)
+    prefix, ending = {"darwin": ("lib", ".dylib"), "win32": ("", ".dll")}.get(
+        sys.platform, ("lib", ".so")
+    )
+    folder = ROOT / "out" / "host"
+    for part in ("include", "lib"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    built = TARGET / "release" / f"{prefix}zivi_host{ending}"
+    shutil.copyfile(built, folder / "lib" / f"{prefix}zivi{ending}")
+    for name in ("zivi.h", "zivi_host.h", "zivi.hpp"):
+        shutil.copyfile(ROOT / "include" / name, folder / "include" / name)
+    print(folder)
 
 
 CONFIGS = [
@@ -131,7 +150,10 @@ def archive_of(member: bytes, library: Path) -> None:
         os.replace(Path(folder, "new.a"), library)
 
 
-PRODUCTS: dict[str, Callable[[], None]] = {"c": c_library, "fmu": fmu}
+PRODUCTS: dict[str, Callable[[], None]] = {"c": c_library, "fmu": fmu, "host": host}
+
+PACKAGED = ("c", "fmu")
+"""What is built when nothing is named."""
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

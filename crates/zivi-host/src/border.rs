@@ -1,0 +1,101 @@
+//! The border: codes, words, and no panic across.
+
+use std::cell::RefCell;
+use std::ffi::{c_char, CString};
+use std::panic::{catch_unwind, AssertUnwindSafe};
+
+use zivi_c::code::{ZIVI_E_NULL, ZIVI_E_SIZE};
+
+/// What was asked for is out of range: `zivi_last_error` says what, and nothing was computed.
+pub const ZIVI_E_INVALID: i32 = -50;
+/// A fault in zivi; `zivi_last_error` has its words.
+pub const ZIVI_E_PANIC: i32 = -51;
+
+thread_local! {
+    static WORDS: RefCell<CString> = RefCell::default();
+}
+
+/// Why a call is refused.
+pub(crate) struct Refused {
+    code: i32,
+    words: String,
+}
+
+impl Refused {
+    pub(crate) const NULL: &'static str = "a pointer is NULL or not aligned";
+
+    pub(crate) fn null() -> Self {
+        Self { code: ZIVI_E_NULL, words: Self::NULL.to_owned() }
+    }
+
+    pub(crate) fn size() -> Self {
+        Self { code: ZIVI_E_SIZE, words: "size is not that of this library's structure".to_owned() }
+    }
+}
+
+impl<E: std::fmt::Display> From<E> for Refused {
+    fn from(error: E) -> Self {
+        Self { code: ZIVI_E_INVALID, words: error.to_string() }
+    }
+}
+
+/// Runs what a call asks for: a code, and words where it is refused or fails.
+pub(crate) fn guarded(call: impl FnOnce() -> Result<i32, Refused>) -> i32 {
+    let refused = match catch_unwind(AssertUnwindSafe(call)) {
+        Ok(Ok(code)) => return code,
+        Ok(Err(refused)) => refused,
+        Err(panic) => {
+            let words = panic.downcast_ref::<String>().cloned();
+            let words = words.or_else(|| panic.downcast_ref::<&str>().map(|it| (*it).to_owned()));
+            Refused { code: ZIVI_E_PANIC, words: words.unwrap_or_default() }
+        }
+    };
+    let words = CString::new(refused.words.replace('\0', " ")).unwrap_or_default();
+    WORDS.with(|kept| *kept.borrow_mut() = words);
+    refused.code
+}
+
+/// What was wrong in the last call of this thread that gave a code < 0; kept until the next one.
+#[no_mangle]
+pub extern "C" fn zivi_last_error() -> *const c_char {
+    WORDS.with(|kept| kept.borrow().as_ptr())
+}
+
+/// What a pointer points to.
+pub(crate) unsafe fn read<'a, T>(pointer: *const T) -> Result<&'a T, Refused> {
+    let aligned = pointer.is_aligned();
+    // SAFETY: the caller says that it points to an object
+    unsafe { pointer.as_ref() }.filter(|_| aligned).ok_or_else(Refused::null)
+}
+
+/// What a pointer points to, to be written.
+pub(crate) unsafe fn written<'a, T>(pointer: *mut T) -> Result<&'a mut T, Refused> {
+    let aligned = pointer.is_aligned();
+    // SAFETY: the caller says that it points to an object
+    unsafe { pointer.as_mut() }.filter(|_| aligned).ok_or_else(Refused::null)
+}
+
+/// An array of the caller; NULL is one without elements.
+pub(crate) unsafe fn array<'a>(pointer: *const f64, length: usize) -> Result<&'a [f64], Refused> {
+    if length == 0 {
+        return Ok(&[]);
+    }
+    if pointer.is_null() || !pointer.is_aligned() || length > isize::MAX as usize / 8 {
+        return Err(Refused::null());
+    }
+    // SAFETY: the caller says that it has so many elements
+    Ok(unsafe { std::slice::from_raw_parts(pointer, length) })
+}
+
+/// A structure states its size.
+pub(crate) fn checked_size<T>(size: u32) -> Result<(), Refused> {
+    if size as usize == size_of::<T>() {
+        Ok(())
+    } else {
+        Err(Refused::size())
+    }
+}
+
+/// A function of the caller failed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Raised;

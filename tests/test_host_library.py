@@ -1,0 +1,292 @@
+"""The shared library for programs in C and C++: the numbers of the package."""
+
+from __future__ import annotations
+
+import ctypes as c
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zivi
+from c_header import Header
+
+ROOT = Path(__file__).resolve().parent.parent
+HEADER = Header(ROOT / "include" / "zivi_host.h")
+FORCE = c.CFUNCTYPE(c.c_int32, c.c_void_p, *[c.c_double] * 3, c.POINTER(c.c_double))
+MAP = c.CFUNCTYPE(c.c_int32, c.c_void_p, c.c_size_t, c.POINTER(c.c_double), c.POINTER(c.c_double))
+EVALUATION = c.CFUNCTYPE(c.c_int32, c.c_void_p, c.c_double, *[c.POINTER(c.c_double)] * 3)
+DOUBLES = c.POINTER(c.c_double)
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.xdist_group("host-library"),
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="options of gcc on Linux"),
+]
+
+
+class System(c.Structure):
+    """``zivi_system``."""
+
+    _fields_ = [
+        ("size", c.c_uint32),
+        ("reserved", c.c_uint32),
+        ("e", c.c_double),
+        ("kappa", c.c_double),
+        ("force", c.c_double),
+        ("function", FORCE),
+        ("user", c.c_void_p),
+    ]
+
+
+class Method(c.Structure):
+    """``zivi_method``."""
+
+    _fields_ = [
+        ("size", c.c_uint32),
+        ("reserved", c.c_uint32),
+        ("h", c.c_double),
+        ("rtol", c.c_double),
+        ("atol", c.c_double),
+        ("max_step", c.c_double),
+        ("t_eval", DOUBLES),
+        ("n_eval", c.c_size_t),
+    ]
+
+
+class Mechanics(c.Structure):
+    """``zivi_mechanics``."""
+
+    _fields_ = [
+        ("size", c.c_uint32),
+        ("reserved", c.c_uint32),
+        ("n", c.c_size_t),
+        ("m", c.c_size_t),
+        ("e", DOUBLES),
+        ("function", EVALUATION),
+        ("user", c.c_void_p),
+    ]
+
+
+class Problem(c.Structure):
+    """``zivi_vi_problem``."""
+
+    _fields_ = [
+        ("size", c.c_uint32),
+        ("reserved", c.c_uint32),
+        ("n", c.c_size_t),
+        ("lower", DOUBLES),
+        ("upper", DOUBLES),
+        ("map", MAP),
+        ("jacobian", MAP),
+        ("user", c.c_void_p),
+        ("tol", c.c_double),
+    ]
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the library, without optimisation: it takes a third of the time."""
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
+    command = "cargo rustc --locked --quiet --package zivi-host --lib --crate-type cdylib"
+    subprocess.run([*command.split(), "--target-dir", target], check=True, cwd=ROOT)
+    folder = tmp_path_factory.mktemp("host")
+    shutil.copyfile(target / "debug" / "libzivi_host.so", folder / "libzivi.so")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def library(prefix: Path) -> c.CDLL:
+    found = c.CDLL(str(prefix / "libzivi.so"))
+    for name in ("zivi_last_error", "zivi_status_message", "zivi_vi_message"):
+        getattr(found, name).restype = c.c_char_p
+    found.zivi_run_rest_time.restype = c.c_double
+    for name in ("zivi_run_column", "zivi_mechanical_column"):
+        getattr(found, name).restype = DOUBLES
+    for name in ("zivi_run_samples", "zivi_mechanical_samples"):
+        getattr(found, name).restype = c.c_size_t
+    found.zivi_simulate.argtypes = [c.c_void_p, c.c_void_p, *[c.c_double] * 4, c.c_void_p]
+    found.zivi_simulate_mechanical.argtypes = [c.c_void_p] * 2 + [c.c_double] * 2 + [c.c_void_p] * 3
+    return found
+
+
+def system(**members: object) -> System:
+    return System(size=c.sizeof(System), **members)
+
+
+def simulate(library: c.CDLL, it: System, method: Method | None, end: float, start: tuple):
+    """Give the code, the columns t, x, xdot and the time of rest."""
+    run = c.c_void_p()
+    how = None if method is None else c.byref(method)
+    code = library.zivi_simulate(c.byref(it), how, 0.0, end, *start, c.byref(run))
+    if code < 0:
+        assert run.value is None
+        return code, None, library.zivi_last_error().decode()
+    n = library.zivi_run_samples(run)
+    columns = [np.array(library.zivi_run_column(run, k)[:n]) for k in range(3)]
+    rest = library.zivi_run_rest_time(run)
+    assert not library.zivi_run_column(run, 5)
+    library.zivi_run_free(run)
+    return code, columns, rest
+
+
+def test_the_examples(prefix: Path) -> None:
+    strict = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{ROOT / 'include'}"]
+    link = [f"-L{prefix}", "-lzivi", "-lm", f"-Wl,-rpath,{prefix}"]
+    for compiler, source in (
+        (["cc", "-std=c99"], "complementarity.c"),
+        (["c++", "-std=c++17"], "ball.cpp"),
+    ):
+        if shutil.which(compiler[0]) is None:
+            pytest.skip(f"no {compiler[0]}")
+        program = prefix / source.partition(".")[0]
+        path = ROOT / "examples" / "host" / source
+        subprocess.run([*compiler, *strict, path, *link, "-o", program], check=True)
+        told = subprocess.run([program], capture_output=True, text=True, check=False)
+        assert told.returncode == 0, told.stdout + told.stderr
+
+
+def test_the_header_and_the_library_agree(prefix: Path) -> None:
+    listed = subprocess.run(
+        ["nm", "-D", "--defined-only", prefix / "libzivi.so"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    symbols = {line.split()[-1] for line in listed.stdout.splitlines() if " T zivi" in line}
+    target = Header(ROOT / "include" / "zivi.h")
+    assert symbols == HEADER.functions | target.functions
+
+
+def test_runs_have_the_bits_of_the_package(library: c.CDLL) -> None:
+    ball = zivi.ImpactSystem(-9.81, e=0.5)
+    code, columns, rest = simulate(library, system(e=0.5, force=-9.81), None, 4.0, (1.0, 0.0))
+    run = zivi.simulate(ball, (0, 4), (1, 0))
+    assert code == 0
+    assert rest == run.rest_time
+    times = np.linspace(0.0, 3.0, 50)
+    given = (c.c_double * 50)(*times)
+    method = Method(c.sizeof(Method), rtol=1e-9, t_eval=c.cast(given, DOUBLES), n_eval=50)
+    code, columns, _ = simulate(library, system(e=0.5, force=-9.81), method, 3.0, (1.0, 0.0))
+    run = zivi.simulate(ball, (0, 3), (1, 0), method=zivi.SwitchedRK(rtol=1e-9), t_eval=times)
+    for found, name in zip(columns, ("t", "x", "xdot"), strict=True):
+        assert np.array_equal(found, getattr(run, name)), name
+
+    def swing(_user, t, x, xdot, force):
+        force[0] = -9.81 - 20.0 * x - 0.1 * xdot
+        return 0
+
+    method = Method(c.sizeof(Method), h=1e-3)
+    it = system(kappa=0.41, function=FORCE(swing))
+    code, columns, _ = simulate(library, it, method, 0.5, (1.0, 6.0))
+    spring = zivi.ImpactSystem(lambda t, x, xdot: -9.81 - 20.0 * x - 0.1 * xdot, kappa=0.41)
+    run = zivi.simulate(spring, (0, 0.5), (1, 6), method=zivi.ThetaGamma(1e-3))
+    for found, name in zip(columns, ("t", "x", "xdot"), strict=True):
+        assert np.array_equal(found, getattr(run, name)), name
+
+
+def test_what_is_refused_is_told(library: c.CDLL) -> None:
+    refused = {
+        "e must lie in [0, 1], got 1.5": (system(e=1.5), None, (1.0, 0.0)),
+        "e must lie in [0, 1], got NaN": (system(e=float("nan")), None, (1.0, 0.0)),
+        "size is not": (System(size=8), None, (1.0, 0.0)),
+        "rtol must be": (system(e=0.5), Method(c.sizeof(Method), rtol=2.0), (1.0, 0.0)),
+        "t_eval must be NULL": (
+            system(e=0.5),
+            Method(c.sizeof(Method), h=1e-3, t_eval=(c.c_double * 1)(0.5), n_eval=1),
+            (1.0, 0.0),
+        ),
+    }
+    for words, (it, method, start) in refused.items():
+        code, _, told = simulate(library, it, method, 4.0, start)
+        assert code < 0
+        assert words in told
+    run = c.c_void_p()
+    assert library.zivi_simulate(None, None, 0.0, 1.0, 1.0, 0.0, c.byref(run)) == -1
+    library.zivi_run_free(None)
+    assert library.zivi_run_samples(None) == 0
+    assert np.isnan(library.zivi_run_rest_time(None))
+
+
+def test_a_force_that_fails_keeps_what_was_computed(library: c.CDLL) -> None:
+    def failing(_user, t, _x, _xdot, force):
+        force[0] = -1.0
+        return 1 if t > 0.5 else 0
+
+    method = Method(c.sizeof(Method), h=1e-2)
+    it = system(e=0.5, function=FORCE(failing))
+    code, columns, _ = simulate(library, it, method, 4.0, (1.0, 0.0))
+    assert code == int(zivi.Status.RAISED)
+    assert 0.4 < columns[0][-1] <= 0.5
+    assert b"exception" in library.zivi_status_message(code)
+
+
+def test_variational_inequalities(library: c.CDLL) -> None:
+    def murty(_user, n, z, f):
+        for i in range(n):
+            f[i] = z[i] - 1.0 + 2.0 * sum(z[j] for j in range(i + 1, n))
+        return 0
+
+    n = 6
+    lower = (c.c_double * n)()
+    z, report = (c.c_double * n)(*[0.5] * n), HEADER.structures["zivi_vi_report"]()
+    problem = Problem(c.sizeof(Problem), n=n, lower=c.cast(lower, DOUBLES), map=MAP(murty))
+    assert library.zivi_solve_vi(c.byref(problem), z, c.byref(report)) in (0, 1)
+    # the solution of Murty's problem: one at the last component, zero before
+    assert np.allclose(z[:], [0.0] * (n - 1) + [1.0], atol=1e-9)
+    assert report.residual < 1e-9
+    matrix = np.eye(n) + 2.0 * np.triu(np.ones((n, n)), 1)
+    q = -np.ones(n)
+    z = (c.c_double * n)()
+    entries, constant = (c.c_double * n**2)(*matrix.ravel()), (c.c_double * n)(*q)
+    code = library.zivi_solve_avi(c.byref(problem), entries, constant, z, None)
+    assert code in (0, 1)
+    expected = zivi.solve_avi(matrix, q, 0.0, np.inf, np.zeros(n)).x
+    assert np.array_equal(z[:], expected)
+    entries[3] = float("nan")
+    assert library.zivi_solve_avi(c.byref(problem), entries, constant, z, None) == -50
+    assert library.zivi_last_error() == b"matrix[3] must be finite, got NaN"
+    problem.map = MAP(lambda *_: 1)
+    assert library.zivi_vi_message(library.zivi_solve_vi(c.byref(problem), z, None)).startswith(
+        b"the evaluation of F"
+    )
+    problem.n = 0
+    assert library.zivi_solve_vi(c.byref(problem), z, None) == -50
+
+
+def test_a_mechanical_system(library: c.CDLL) -> None:
+    """Two coordinates above one wall: the second moves freely, the first bounces to rest."""
+
+    def evaluate(_user, _t, q, _w, out):
+        for k, value in enumerate([2.0, 0.0, 0.0, 1.0, -19.62, 0.5, q[0], 1.0, 0.0, 0.0, 0.0]):
+            out[k] = value
+        return 0
+
+    e = (c.c_double * 1)(0.5)
+    it = Mechanics(
+        c.sizeof(Mechanics), n=2, m=1, e=c.cast(e, DOUBLES), function=EVALUATION(evaluate)
+    )
+    q, w, run = (c.c_double * 2)(1.0, 0.0), (c.c_double * 2)(0.0, 0.0), c.c_void_p()
+    method = Method(c.sizeof(Method), rtol=1e-10)
+    code = library.zivi_simulate_mechanical(
+        c.byref(it), c.byref(method), 0.0, 3.0, q, w, c.byref(run)
+    )
+    assert code == 0, library.zivi_last_error()
+    n = library.zivi_mechanical_samples(run)
+    t = np.array(library.zivi_mechanical_column(run, 0)[:n])
+    x = np.array(library.zivi_mechanical_column(run, 1)[: 3 * n]).reshape(n, 3)
+    force = np.array(library.zivi_mechanical_column(run, 3)[:n])
+    assert t[-1] == 3.0
+    assert x[-1, 2] == 0.0  # the gap, closed
+    assert x[-1, 1] == pytest.approx(0.25 * 9.0, abs=1e-8)
+    assert force[-1] == pytest.approx(19.62)
+    zeno = 3.0 * np.sqrt(2.0 / 9.81)
+    first = t[np.nonzero(x[:, 2] == 0.0)[0]]
+    assert np.min(np.abs(first - zeno)) < 1e-8
+    library.zivi_mechanical_free(run)
+    it.n = 0
+    assert library.zivi_simulate_mechanical(c.byref(it), None, 0.0, 3.0, q, w, c.byref(run)) < 0
