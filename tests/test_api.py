@@ -49,7 +49,8 @@ RESULT += " status success message nfev n_steps to_xarray"
 
 # made by the package, not by its users
 RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Equilibrium", "Trajectory"}
-RESULTS |= {"Branch", "BranchEvent", "PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
+RESULTS |= {"Attractor", "Basins", "Branch", "BranchEvent", "Diagram", "Lyapunov"}
+RESULTS |= {"PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
 # described by what they have, not made by a call
 PROTOCOLS = {"zivi.Controller", "zivi.Method"}
 
@@ -159,7 +160,9 @@ def test_every_result_field_is_documented(name):
         if re.match(r"\w[\w, ]* : ", line)
         for part in line.split(" : ")[0].split(",")
     }
-    fields = {field.name for field in dataclasses.fields(thing)}
+    # a named tuple has its fields by another name
+    named = getattr(thing, "_fields", None)
+    fields = set(named or (field.name for field in dataclasses.fields(thing)))
     assert {field for field in fields if not field.startswith("_")} <= documented
 
 

@@ -24,7 +24,20 @@ from zivi.events import Level
 from zivi.fmu import export_fmu
 from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
-from zivi.orbits import Branch, BranchEvent, PeriodicOrbit, continue_orbit, periodic_orbit
+from zivi.orbits import (
+    Attractor,
+    Basins,
+    Branch,
+    BranchEvent,
+    Diagram,
+    Lyapunov,
+    PeriodicOrbit,
+    basins,
+    bifurcation_diagram,
+    continue_orbit,
+    lyapunov_exponents,
+    periodic_orbit,
+)
 from zivi.parametric import ParametricForce
 from zivi.sensitivity import OrbitStatus, Sensitivity, sensitivity
 from zivi.simulate import simulate
@@ -46,6 +59,8 @@ from zivi.vi import (
 from zivi.wall import HarmonicWall, MovingWall
 
 __all__ = [
+    "Attractor",
+    "Basins",
     "Batch",
     "Branch",
     "BranchEvent",
@@ -53,6 +68,7 @@ __all__ = [
     "ClosedLoopBatch",
     "Controller",
     "Design",
+    "Diagram",
     "Equilibrium",
     "ExplicitEuler",
     "ExplicitTwisting",
@@ -60,6 +76,7 @@ __all__ = [
     "ImpactSystem",
     "Level",
     "LinearForce",
+    "Lyapunov",
     "Method",
     "ModelWarning",
     "MoreauJean",
@@ -81,12 +98,15 @@ __all__ = [
     "VIResult",
     "VIStatus",
     "__version__",
+    "basins",
+    "bifurcation_diagram",
     "bimatrix",
     "check_jacobian",
     "continue_orbit",
     "export_fmu",
     "grid",
     "lift",
+    "lyapunov_exponents",
     "natural_residual",
     "open_study",
     "periodic_orbit",

@@ -1,6 +1,23 @@
 """Periodic orbits of systems with impacts: their stability, their branches, what they attract."""
 
+from zivi.orbits.attractor import Attractor
+from zivi.orbits.basins import Basins, basins
 from zivi.orbits.branch import Branch, BranchEvent, continue_orbit
+from zivi.orbits.diagram import Diagram, bifurcation_diagram
+from zivi.orbits.lyapunov import Lyapunov, lyapunov_exponents
 from zivi.orbits.orbit import PeriodicOrbit, periodic_orbit
 
-__all__ = ["Branch", "BranchEvent", "PeriodicOrbit", "continue_orbit", "periodic_orbit"]
+__all__ = [
+    "Attractor",
+    "Basins",
+    "Branch",
+    "BranchEvent",
+    "Diagram",
+    "Lyapunov",
+    "PeriodicOrbit",
+    "basins",
+    "bifurcation_diagram",
+    "continue_orbit",
+    "lyapunov_exponents",
+    "periodic_orbit",
+]

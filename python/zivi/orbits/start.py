@@ -102,11 +102,11 @@ def _window(impacts: Array, end: float, length: float, before: float = 0.0) -> A
 
 
 def _quiet(impacts: Array, end: float) -> float:
-    """Give the middle of the longest of the last flights."""
+    """Give the middle of the last long flight."""
     times = np.append(impacts[-8:, 0], end)
     gaps = np.diff(times)
-    longest = int(np.argmax(gaps)) if len(gaps) else 0
-    return float(times[longest] + 0.5 * gaps[longest]) if len(gaps) else end
+    i = int(np.flatnonzero(gaps >= 0.5 * np.max(gaps))[-1])
+    return float(times[i] + 0.5 * gaps[i])
 
 
 def _repeats(impacts: Array, end: float, period: float) -> int:

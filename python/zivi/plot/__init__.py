@@ -6,6 +6,7 @@ colour. Further keywords go to `matplotlib.axes.Axes.plot`.
 
 curves            over time, and velocity over position
 section           points of a Poincare section
+orbits            branches of periodic orbits, bifurcation diagrams, basins
 runs              which runs a plot can draw
 panels            several of them in one figure
 animation         the motion as a film
@@ -22,6 +23,7 @@ from zivi.plot.curves import (
     velocity,
 )
 from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE
+from zivi.plot.orbits import basins, branch, diagram
 from zivi.plot.panels import overview
 from zivi.plot.section import poincare
 
@@ -31,7 +33,10 @@ __all__ = [
     "ORANGE",
     "PURPLE",
     "animate",
+    "basins",
+    "branch",
     "control",
+    "diagram",
     "lifted",
     "multipliers",
     "overview",

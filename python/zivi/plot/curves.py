@@ -20,12 +20,14 @@ from zivi.plot.look import (
     next_colour,
     wall_of,
 )
+from zivi.plot.orbits import branch_multipliers
 from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from zivi.closed_loop import ClosedLoop
+    from zivi.orbits.branch import Branch
     from zivi.plot.look import Frame
     from zivi.trajectory import Trajectory
 
@@ -115,13 +117,18 @@ def lifted(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) ->
     return ax
 
 
-def multipliers(sol: Trajectory, ax: Axes | None = None, **line: Any) -> Axes:
-    r"""Plot the multipliers over time.
+def multipliers(sol: Trajectory | Branch, ax: Axes | None = None, **line: Any) -> Axes:
+    r"""Plot the multipliers of a run over time, or those of a branch of orbits.
 
     .. math:: \lambda_s \in \mathrm{sgn}\,s, \qquad \lambda_v \in \mathrm{sgn}\,v
 
+    The Floquet multipliers of a `Branch` are drawn in the complex plane, with the unit circle.
     Parameters and return value as for `position`.
     """
+    from zivi.orbits.branch import Branch
+
+    if isinstance(sol, Branch):
+        return branch_multipliers(sol, ax, **line)
     check_run("multipliers", sol, needs="lambda_s", of="Trajectory")
     ax = axes_of(ax)
     ax.step(sol.t, sol.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))

@@ -1,0 +1,207 @@
+"""Branches of periodic orbits, bifurcation diagrams, basins of attraction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zivi.plot.look import BLUE, GREEN, ORANGE, PALETTE, PURPLE, axes_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from zivi._check import Array
+    from zivi.orbits.basins import Basins
+    from zivi.orbits.branch import Branch
+    from zivi.orbits.diagram import Diagram
+
+EVENTS = {
+    "fold": ("s", BLUE, "fold"),
+    "period_doubling": ("D", ORANGE, "period doubling"),
+    "grazing": ("v", PURPLE, "grazing"),
+    "interior_impact": ("^", PURPLE, "new impact"),
+    "end_of_rest": ("X", GREEN, "end of rest"),
+    "end_of_liftoff": ("P", GREEN, "no lift-off"),
+}
+"""Marker, colour and name of each event."""
+QUANTITIES = {
+    "u": "speed after the impact (m/s)",
+    "phase": "phase of the impact (1)",
+    "margin": "time at rest (s)",
+    "multiplier": "largest modulus of a multiplier (1)",
+}
+
+
+def branch(b: Branch, y: str = "u", ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot a branch over its parameter: stable orbits solid, others dashed, events marked.
+
+    Parameters
+    ----------
+    b : Branch
+        The branch.
+    y : {"u", "phase", "margin", "multiplier"}
+        What is drawn: the speeds after impacts (m/s), their phases, the time at rest of a resting
+        orbit (s), the largest modulus of a multiplier.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    **line
+        Passed to `matplotlib.axes.Axes.plot`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        For another quantity.
+
+    Examples
+    --------
+    >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
+    >>> orbit = zivi.periodic_orbit(zivi.ImpactSystem(table, e=0.5), [(0.6, 2.1)])
+    >>> b = zivi.continue_orbit(orbit, "amplitude", (1.2, 1.4))
+    >>> zivi.plot.branch(b).get_xlabel()
+    'amplitude'
+    """
+    if y not in QUANTITIES:
+        names = ", ".join(repr(name) for name in QUANTITIES)
+        raise ValueError(f"y must be one of {names}, got {y!r}")
+    ax = axes_of(ax)
+    rests = any(orbit.kind == "resting" for orbit in b.orbits)
+    look: dict[str, Any] = {"color": GREEN if rests else "black", "lw": 1.2} | line
+    rows = np.array([_quantity(orbit, y) for orbit in b.orbits])
+    solid = b.stable & b.admissible
+    for column in rows.T:
+        ax.plot(b.values, np.where(_with_neighbours(solid), column, np.nan), **look)
+        ax.plot(b.values, np.where(solid, np.nan, column), ls="--", **look)
+    for event in b.events:
+        marker, colour, _ = EVENTS[event.kind]
+        values = _quantity(event.orbit, y)
+        ax.plot([event.value] * len(values), values, marker, color=colour, ms=5.0)
+    ax.set(xlabel=b.name, ylabel=QUANTITIES[y])
+    return ax
+
+
+def _with_neighbours(kept: np.ndarray) -> np.ndarray:
+    """Add the next points, so that no gap is drawn where the stability changes."""
+    wider = kept.copy()
+    wider[1:] |= kept[:-1]
+    wider[:-1] |= kept[1:]
+    return wider
+
+
+def _quantity(orbit: Any, y: str) -> Array:
+    if y == "margin":
+        return np.array([np.nan if orbit.margin is None else orbit.margin])
+    if y == "multiplier":
+        return np.array([np.max(np.abs(orbit.multipliers))])
+    impacts = orbit.impacts
+    if not len(impacts):
+        return np.array([np.nan if y == "phase" else 0.0])
+    if orbit.kind == "resting":
+        impacts = impacts[:1]  # as many on all points: the first after the lift-off
+    values = impacts["t"] / orbit.period % 1.0 if y == "phase" else impacts["u"]
+    return np.asarray(values, np.float64)
+
+
+def branch_multipliers(b: Branch, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the multipliers of a branch in the complex plane, with the unit circle."""
+    ax = axes_of(ax)
+    circle = np.linspace(0.0, 2.0 * np.pi, 200)
+    ax.plot(np.cos(circle), np.sin(circle), color="0.5", lw=0.8)
+    # near a grazing a multiplier grows beyond all bounds: what matters is near the circle
+    values = np.where(np.abs(b.multipliers) < 3.0, b.multipliers, np.nan)
+    for column, colour in zip(values.T, (BLUE, ORANGE), strict=True):
+        look: dict[str, Any] = {"color": colour, "marker": ".", "ms": 3.0, "lw": 0.8}
+        ax.plot(column.real, column.imag, **look | line)
+    ax.set(xlabel="real part of the multiplier (1)", ylabel="imaginary part (1)", aspect="equal")
+    return ax
+
+
+def diagram(
+    d: Diagram, branches: Sequence[Branch] = (), ax: Axes | None = None, **line: Any
+) -> Axes:
+    """Plot what runs settled on, with branches over it; runs that rest are green.
+
+    Parameters
+    ----------
+    d : Diagram
+        From `bifurcation_diagram`.
+    branches : sequence of Branch
+        Drawn over the points: stable solid, unstable dashed, events marked.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    **line
+        Passed to `matplotlib.axes.Axes.plot` for the points.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> table = zivi.ImpactSystem(
+    ...     zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2), e=0.5)
+    >>> d = zivi.bifurcation_diagram(table, "amplitude", [1.3], transient=50)
+    >>> zivi.plot.diagram(d).get_ylabel()
+    'speed after the impact (m/s)'
+    """
+    ax = axes_of(ax)
+    rests = d.resting[d.run] if len(d.run) else np.zeros(0, dtype=bool)
+    for kept, colour in ((~rests, "0.35"), (rests, GREEN)):
+        look: dict[str, Any] = {"color": colour, "marker": ".", "ms": 1.0, "ls": ""}
+        ax.plot(d.value[kept], d.second[kept], **look | line)
+    still = d.run_value[np.array([it.kind == "rest" for it in d.attractors], dtype=bool)]
+    ax.plot(still, np.zeros(len(still)), color=GREEN, marker=".", ms=1.0, ls="")
+    for one in branches:
+        branch(one, "u", ax)
+    named = "speed after the impact (m/s)" if d.section == "impacts" else "velocity (m/s)"
+    ax.set(xlabel=d.name, ylabel=named)
+    return ax
+
+
+def basins(b: Basins, ax: Axes | None = None, **image: Any) -> Axes:
+    """Plot basins of attraction, a colour for each attractor.
+
+    Parameters
+    ----------
+    b : Basins
+        From `zivi.basins`.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    **image
+        Passed to `matplotlib.axes.Axes.pcolormesh`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
+    >>> found = zivi.basins(zivi.ImpactSystem(table, e=0.5), [0.0, 1.0], [-1.0, 0.0], transient=50)
+    >>> zivi.plot.basins(found).get_xlabel()
+    'initial distance $x_0$ (m)'
+    """
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch
+
+    ax = axes_of(ax)
+    n = len(b.attractors)
+    colours = [PALETTE[i % len(PALETTE)] for i in range(n)]
+    norm = BoundaryNorm(np.arange(n + 1) - 0.5, n)
+    given: dict[str, Any] = {"cmap": ListedColormap(colours), "norm": norm, "shading": "nearest"}
+    ax.pcolormesh(b.x0s, b.v0s, b.label, **given | image)
+    names = [_named(it.kind, it.multiple) for it in b.attractors]
+    handles = [Patch(color=c, label=name) for c, name in zip(colours, names, strict=True)]
+    ax.legend(handles=handles, loc="upper right", fontsize="small")
+    ax.set(xlabel="initial distance $x_0$ (m)", ylabel=r"initial velocity $\dot x_0$ (m/s)")
+    return ax
+
+
+def _named(kind: str, multiple: int) -> str:
+    periods = f", {multiple} period{'s' if multiple > 1 else ''}"
+    return kind + (periods if multiple else "")
