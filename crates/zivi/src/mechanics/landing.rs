@@ -42,14 +42,12 @@ impl Machine {
         let ahead = landing.t - last.t;
         let key = self.chain.key;
         let set = key.closed.with(key.hit);
-        if !(landing.size <= 1.0 && ahead > 0.0 && ahead < 3.0 * left)
-            || !self.is_clear(&landing, set)
-            || !self.stays_closed(&landing, set, model)?
-        {
-            return Ok(None);
-        }
-        let as_expected = self.look_ahead(&landing, scales[0], model)?;
-        Ok(as_expected.then_some(Ahead { landing, corner: None }))
+        let known = landing.size <= 1.0 && ahead > 0.0 && ahead < 3.0 * left;
+        let sound = known
+            && self.is_clear(&landing, set)
+            && self.stays_closed(&landing, set, model)?
+            && self.look_ahead(&landing, scales[0], model)?;
+        Ok(sound.then_some(Ahead { landing, corner: None }))
     }
 
     /// The tolerances of a Zeno time and of the state there.
