@@ -1,6 +1,7 @@
 //! Mechanical systems with several coordinates and gaps.
 
 mod models;
+mod physics;
 mod problems;
 mod random;
 mod references;

@@ -1,0 +1,315 @@
+//! What is known of impacts and contact without a reference.
+
+use std::convert::Infallible;
+
+use zivi::mechanics::{
+    simulate_mechanical, FlagKind, MechanicalOutput, MechanicalRun, Occurrence, StateEvent,
+};
+use zivi::system::dynamics::{FunctionDynamics, Layout};
+use zivi::{
+    simulate_switched_rk, FunctionForce, Order, Output, Physical, Quantity, Restitution, Silent,
+    Status, SwitchedRk,
+};
+
+use crate::problems::{events_of, last_state, parameters, Problem};
+
+fn flags<E>(run: &MechanicalRun<E>, wanted: FlagKind) -> usize {
+    let is = |it: &&Occurrence| matches!(it, Occurrence::Flag { kind, .. } if *kind == wanted);
+    run.occurrences.iter().filter(is).count()
+}
+
+fn cradle(e: f64, om: f64) -> Problem {
+    Problem {
+        model: "cradle",
+        par: parameters(&[("m1", 1.0), ("m2", 1.0), ("m3", 1.0), ("om", om), ("dl", 0.0)]),
+        e: vec![e; 2],
+        q0: vec![-1.0, 0.0, 0.0],
+        w0: vec![1.0, 0.0, 0.0],
+        t1: 2.0,
+    }
+}
+
+#[test]
+fn the_cradle_by_newtons_law() {
+    // free balls, the first onto two that touch: -1/3, 2/3, 2/3 and for e = 1/2 0, 1/2, 1/2
+    for (e, expected) in [(1.0, [-1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0]), (0.5, [0.0, 0.5, 0.5])] {
+        let run = cradle(e, 0.0).run(SwitchedRk::with_tol(1e-9));
+        let state = last_state(&run);
+        for (one, other) in state[3..].iter().zip(expected) {
+            assert!((one - other).abs() < 1e-14, "{e}: {state:?}");
+        }
+    }
+}
+
+/// A bar that drops with one end lower by the angle.
+fn bar(angle: f64) -> Problem {
+    let par = [("m", 1.0), ("J", 1.0 / 12.0), ("G", 9.81), ("l", 0.5), ("d", 9.0)];
+    Problem {
+        model: "dumb",
+        par: parameters(&par),
+        e: vec![0.5; 3],
+        q0: vec![0.0, 0.5, angle],
+        w0: vec![0.0; 3],
+        t1: 1.5,
+    }
+}
+
+#[test]
+fn a_bar_that_drops_flat_is_flagged_and_so_is_one_that_nearly_does() {
+    let settings = SwitchedRk::with_tol(1e-6);
+    let flat = bar(0.0).run(settings);
+    // free fall over 0.5 m, then all arcs with ratio e: t (1 + 2 e/(1 - e))
+    let rest = (2.0 * 0.5 / 9.81_f64).sqrt() * 3.0;
+    let found = events_of(&flat);
+    assert_eq!(found.len(), 2);
+    assert!(found.iter().all(|it| (it.1 - rest).abs() < 1e-12), "{found:?} {rest}");
+    assert_eq!(flags(&flat, FlagKind::Simultaneous), 4 - 1);
+    let nearly = bar(1e-12).run(settings);
+    assert!(flags(&nearly, FlagKind::OrderUncertain) + flags(&nearly, FlagKind::Simultaneous) > 0);
+    let tilted = bar(0.1).run(settings);
+    assert_eq!(flags(&tilted, FlagKind::OrderUncertain), 0);
+    assert_eq!(tilted.status, Status::Completed);
+}
+
+type Run = MechanicalRun<Infallible>;
+
+/// A rigid bar with three feet on a floor.
+fn three_feet(e: f64) -> Run {
+    let layout = Layout { n: 2, m: 3 };
+    let function = |_: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
+        out.fill(0.0);
+        out[layout.mass()].copy_from_slice(&[1.0, 0.0, 0.0, 0.3]);
+        out[layout.force()].copy_from_slice(&[-9.81, 0.0]);
+        for (i, arm) in [-1.0, 0.0, 1.0].into_iter().enumerate() {
+            out[layout.gap().start + i] = q[0] + arm * q[1];
+            out[layout.gradient()][2 * i..][..2].copy_from_slice(&[1.0, arm]);
+        }
+        Ok::<(), Infallible>(())
+    };
+    let mut system = FunctionDynamics { layout, function };
+    let (settings, output) = (SwitchedRk::default(), MechanicalOutput::default());
+    let start = (&[0.5, 0.0][..], &[0.0, 0.0][..]);
+    simulate_mechanical(settings, &mut system, &[e; 3], (0.0, 2.0), start, output, &mut Silent)
+        .unwrap()
+}
+
+#[test]
+fn redundant_gaps_end_the_run_with_what_was_computed() {
+    let run = three_feet(0.5);
+    assert_eq!(run.status, Status::RedundantContacts);
+    let fall = (2.0 * 0.5 / 9.81_f64).sqrt();
+    assert!((run.samples.t.last().unwrap() - fall).abs() < 1e-12);
+}
+
+/// The last position and velocity of a scalar run.
+fn last_sample(trajectory: &zivi::Trajectory) -> [f64; 2] {
+    [Quantity::X, Quantity::Xdot].map(|quantity| *trajectory.columns.of(quantity).last().unwrap())
+}
+
+#[test]
+fn orthogonal_gaps_are_scalar_runs() {
+    // floor and wall at right angles, pushed: x and y know nothing of each other
+    let par = [("m", 1.0), ("G", 9.81), ("fx", 2.0), ("om", 1.5), ("d", 0.8)];
+    let problem = Problem {
+        model: "corner",
+        par: parameters(&par),
+        e: vec![0.5, 0.3],
+        q0: vec![0.0, 0.5],
+        w0: vec![0.5, 0.0],
+        t1: 1.6,
+    };
+    let settings = SwitchedRk::with_tol(1e-13);
+    let run = problem.run(settings);
+    let scalar = |e: f64, x: f64, v: f64, f: fn(f64) -> f64| {
+        let mut force = FunctionForce(move |t: f64, _: f64, _: f64| Ok::<f64, Infallible>(f(t)));
+        let wall = Restitution::from_e(e).unwrap();
+        let (start, output) = (Physical { x, xdot: v }, Output::default());
+        let run = simulate_switched_rk(
+            settings,
+            wall,
+            &mut force,
+            (0.0, 1.6),
+            start,
+            output,
+            &mut Silent,
+        );
+        run.unwrap().trajectory
+    };
+    let floor = scalar(0.5, 0.5, 0.0, |_| -9.81);
+    let wall = scalar(0.3, 0.8, -0.5, |t| -2.0 * (1.5 * t).cos());
+    let zeno: Vec<f64> =
+        floor.events.zeno_times.iter().chain(&wall.events.zeno_times).copied().collect();
+    let found = events_of(&run);
+    for t in zeno {
+        assert!(found.iter().any(|it| (it.1 - t).abs() < 1e-12), "{t} {found:?}");
+    }
+    let state = last_state(&run);
+    let last = last_sample(&wall);
+    assert!((0.8 - state[0] - last[0]).abs() < 1e-12 && (state[2] + last[1]).abs() < 1e-12);
+}
+
+#[test]
+fn one_coordinate_is_the_scalar_mass() {
+    let layout = Layout { n: 1, m: 1 };
+    let f = |t: f64, x: f64, v: f64| -9.81 - 0.3 * v - 0.5 * x + 14.0 * (6.0 * t).sin();
+    for order in [Order::Five, Order::Eight] {
+        for (tol, near) in [(1e-8, 1e-7), (1e-13, 1e-13)] {
+            let settings = SwitchedRk { order, ..SwitchedRk::with_tol(tol) };
+            let function = |t: f64, q: &[f64], w: &[f64], out: &mut [f64]| {
+                out.fill(0.0);
+                (out[0], out[1], out[2], out[3]) = (2.0, 2.0 * f(t, q[0], w[0]), q[0], 1.0);
+                Ok::<(), Infallible>(())
+            };
+            let mut system = FunctionDynamics { layout, function };
+            let (start, output) = ((&[1.0][..], &[0.0][..]), MechanicalOutput::default());
+            let span = (0.0, 3.0);
+            let run = simulate_mechanical(
+                settings,
+                &mut system,
+                &[0.5],
+                span,
+                start,
+                output,
+                &mut Silent,
+            )
+            .unwrap();
+            let mut force =
+                FunctionForce(|t: f64, x: f64, v: f64| Ok::<f64, Infallible>(f(t, x, v)));
+            let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical { x: 1.0, xdot: 0.0 });
+            let scalar = simulate_switched_rk(
+                settings,
+                wall,
+                &mut force,
+                span,
+                start,
+                Output::default(),
+                &mut Silent,
+            )
+            .unwrap();
+            let events = events_of(&run);
+            let of = |kind: &str| -> Vec<f64> {
+                events.iter().filter(|it| it.0 == kind).map(|it| it.1).collect()
+            };
+            let theirs = &scalar.trajectory.events;
+            for (one, other) in
+                [(of("zeno"), &theirs.zeno_times), (of("lift"), &theirs.liftoff_times)]
+            {
+                assert_eq!(one.len(), other.len(), "{order:?} {tol:e}");
+                let apart = one.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                println!("{order:?} {tol:e} times {apart:e}");
+                assert!(apart <= near, "{order:?} {tol:e}: {apart:e}");
+            }
+            let (state, last) = (last_state(&run), last_sample(&scalar.trajectory));
+            let apart = (state[0] - last[0]).abs().max((state[1] - last[1]).abs());
+            println!("{order:?} {tol:e} state {apart:e}");
+            assert!(apart <= near, "{order:?} {tol:e}: {apart:e}");
+        }
+    }
+}
+
+/// `E = T + V` of the double pendulum between walls.
+fn energy(p: &Problem, q: &[f64], w: &[f64]) -> f64 {
+    let par = |name: &str| p.par[name];
+    let (m1, m2, l1, l2, g) = (par("m1"), par("m2"), par("l1"), par("l2"), par("G"));
+    let kinetic = 0.5 * (m1 + m2) * l1 * l1 * w[0] * w[0]
+        + 0.5 * m2 * l2 * l2 * w[1] * w[1]
+        + m2 * l1 * l2 * (q[0] - q[1]).cos() * w[0] * w[1];
+    kinetic - (m1 + m2) * g * l1 * q[0].cos() - m2 * g * l2 * q[1].cos()
+}
+
+#[test]
+fn energy_never_rises_whatever_the_restitutions() {
+    for e in [vec![0.5, 0.4, 0.6], vec![1.0, 0.2, 0.9], vec![0.0, 0.9, 0.3], vec![1.0; 3]] {
+        let par = [
+            ("m1", 1.0),
+            ("m2", 0.8),
+            ("l1", 1.0),
+            ("l2", 0.7),
+            ("G", 9.81),
+            ("cd", 0.0),
+            ("d1", -0.12),
+            ("d2", -0.25),
+            ("d3", 1.1),
+        ];
+        let problem = Problem {
+            model: "dpend",
+            par: parameters(&par),
+            e,
+            q0: vec![0.5, 0.9],
+            w0: vec![0.0; 2],
+            t1: 5.0,
+        };
+        let run = problem.run(SwitchedRk::with_tol(1e-13));
+        assert_eq!(run.status, Status::Completed, "{:?}", problem.e);
+        let (x, v) = (run.samples.x.chunks(5), run.samples.v.chunks(5));
+        let energies: Vec<f64> = x.zip(v).map(|(x, v)| energy(&problem, x, v)).collect();
+        let rise = energies.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        assert!(rise < 1e-12 * energies[0].abs(), "{:?}: {rise:e}", problem.e);
+    }
+}
+
+#[test]
+fn a_motion_is_the_same_when_it_is_dense_sampled_and_stored() {
+    let par = [("a", 0.25), ("k", 2.0), ("G", 9.81)];
+    let problem = Problem {
+        model: "sine",
+        par: parameters(&par),
+        e: vec![0.3],
+        q0: vec![0.4, 0.4],
+        w0: vec![3.6, 0.0],
+        t1: 2.4,
+    };
+    let settings = SwitchedRk::with_tol(1e-8);
+    let (plain, fine) = (problem.run(settings), problem.run(SwitchedRk::with_tol(1e-13)));
+    let times: Vec<f64> = (0..=600).map(|k| 2.4 * f64::from(k) / 600.0).collect();
+    let output = MechanicalOutput { t_eval: Some(&times), dense: true, ..Default::default() };
+    let run = problem.run_with(settings, output);
+    assert_eq!(run.occurrences, plain.occurrences);
+    assert_eq!((run.samples.t.clone(), last_state(&run)), (times.clone(), last_state(&plain)));
+    let output = MechanicalOutput { t_eval: Some(&times), ..Default::default() };
+    let exact = problem.run_with(SwitchedRk::with_tol(1e-13), output).samples;
+    let path = run.path.unwrap();
+    let stored = zivi::mechanics::MechanicalPath::from_numbers(&path.to_numbers()).unwrap();
+    assert_eq!(stored, path);
+    let impacts: Vec<f64> = fine
+        .occurrences
+        .iter()
+        .filter_map(|it| match it {
+            Occurrence::Impact { t, .. } => Some(*t),
+            _ => None,
+        })
+        .collect();
+    let mut worst = [0.0_f64; 2];
+    for (k, &t) in times.iter().enumerate() {
+        let (point, at) = (path.at(t).unwrap(), 3 * k);
+        assert!((0..3).all(|c| (point.x[c] - run.samples.x[at + c]).abs() < 1e-12), "{t}");
+        if impacts.iter().any(|it| (it - t).abs() < 1e-4) {
+            continue;
+        }
+        for c in 0..2 {
+            worst[0] = worst[0].max((point.x[c] - exact.x[at + c]).abs());
+            worst[1] = worst[1].max((point.v[c] - exact.v[at + c]).abs());
+        }
+    }
+    println!("dense {worst:?}");
+    assert!(worst[0] < 1e-7 && worst[1] < 1e-4, "{worst:?}");
+}
+
+#[test]
+fn events_of_coordinates_are_found_and_end_a_run() {
+    let problem = bar(0.0);
+    let hits = |terminal| {
+        let function = Box::new(|_: f64, q: &[f64], _: &[f64]| Ok(q[1] - 0.1));
+        let event = StateEvent { function, direction: zivi::Direction::Either, terminal };
+        let output = MechanicalOutput { events: vec![event], ..Default::default() };
+        problem.run_with(SwitchedRk::with_tol(1e-9), output)
+    };
+    let first = (2.0 * 0.4 / 9.81_f64).sqrt();
+    let run = hits(None);
+    // the first arc after the impact rises to e^2 0.5 = 0.125, the next not to 0.1
+    assert_eq!(run.hits[0].len(), 3);
+    assert!((run.hits[0][0].t - first).abs() < 1e-10);
+    let ended = hits(Some(2));
+    assert_eq!(ended.status, Status::TerminatedByEvent);
+    assert_eq!(ended.samples.t.last(), Some(&run.hits[0][1].t));
+}
