@@ -51,6 +51,7 @@ RESULT += " status success message nfev n_steps to_xarray"
 RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Equilibrium", "Trajectory"}
 RESULTS |= {"Attractor", "Basins", "Branch", "BranchEvent", "Diagram", "Lyapunov"}
 RESULTS |= {"PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
+RESULTS |= {"GainDesign"}
 # described by what they have, not made by a call
 PROTOCOLS = {"zivi.Controller", "zivi.Method"}
 
@@ -72,7 +73,7 @@ PUBLIC = public_things()
 
 def called_by_users(name):
     thing = PUBLIC[name]
-    no_call = inspect.isclass(thing) and issubclass(thing, int | Warning)
+    no_call = inspect.isclass(thing) and issubclass(thing, int | Exception)
     return not no_call and name not in PROTOCOLS | {f"zivi.{made}" for made in RESULTS}
 
 

@@ -48,9 +48,15 @@ def snippet(text):
 
 def test_the_pages_snippet_runs(capsys):
     names: dict = {}
-    exec(compile(snippet(PAGE), "control.md", "exec"), names)
+    first, *others = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    exec(compile(first, "control.md", "exec"), names)
     assert names["run"].u[-1] == 9.81 - 19.5  # D = 2 (30 - 17)/(4/3)
     assert "-9.69" in capsys.readouterr().out
+    for code in others:
+        exec(compile(code, "control.md", "exec"), names)
+    design = names["design"]
+    assert (round(design.mu1, 2), round(design.mu2, 2), round(design.h, 3)) == (11.35, 6.13, 0.005)
+    assert abs(names["run"].error[1500:]).max() < 1e-3
 
 
 def test_the_readmes_snippet_runs(tmp_path, monkeypatch, capsys):

@@ -20,6 +20,7 @@ from zivi._zivi import __version__
 from zivi.batch import Batch, simulate_batch
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
+from zivi.design import GainDesign, InfeasibleError, best_ratio, design_regulator, design_tracker
 from zivi.events import Level
 from zivi.fmu import export_fmu
 from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
@@ -72,8 +73,10 @@ __all__ = [
     "Equilibrium",
     "ExplicitEuler",
     "ExplicitTwisting",
+    "GainDesign",
     "HarmonicWall",
     "ImpactSystem",
+    "InfeasibleError",
     "Level",
     "LinearForce",
     "Lyapunov",
@@ -99,10 +102,13 @@ __all__ = [
     "VIStatus",
     "__version__",
     "basins",
+    "best_ratio",
     "bifurcation_diagram",
     "bimatrix",
     "check_jacobian",
     "continue_orbit",
+    "design_regulator",
+    "design_tracker",
     "export_fmu",
     "grid",
     "lift",

@@ -101,8 +101,8 @@ def simulate_closed_loop(
     *,
     y_ref0: ArrayLike | None = None,
     force_ref: Force | None = None,
-    reference: Reference | None = None,
     force_model: Force | None = None,
+    reference: Reference | None = None,
     method: ThetaGamma | SwitchedRK | None = None,
     noise: Sequence[float] = (0.0, 0.0),
     seed: int | None = None,
@@ -144,6 +144,8 @@ def simulate_closed_loop(
         wall, where everything else is in the wall's frame, so is this force. The reference is
         advanced by implicit Euler steps: it drifts, see "A reference given as a force" in
         control.md.
+    force_model : float, LinearForce or callable, optional
+        The force that the controller believes in, at the measured state; by default the true one.
     reference : Trajectory, callable or array_like, optional
         The reference itself, in place of `y_ref0` and `force_ref`, for a `TwistingTracker` or any
         controller with ``step_to``: a run of `simulate` that covers `t_span`; a function of time
@@ -152,8 +154,6 @@ def simulate_closed_loop(
         nothing is integrated, nothing drifts. It may bounce, rest and lift off. A function is
         asked for both ends of each period when that begins: what it gives may change while the
         loop runs.
-    force_model : float, LinearForce or callable, optional
-        The force that the controller believes in, at the measured state; by default the true one.
     method : SwitchedRK or ThetaGamma, optional
         How the plant moves between samples. By default exactly where the force is constant, else
         by ``SwitchedRK(rtol=1e-9, atol=1e-12)``. With `ThetaGamma` the plant is on one grid with
