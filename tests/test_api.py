@@ -48,7 +48,7 @@ RESULT = "t x xdot s v lambda_s lambda_v residual impacts zeno_times liftoff_tim
 RESULT += " status success message nfev n_steps to_xarray"
 
 # made by the package, not by its users
-RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Equilibrium", "Trajectory"}
+RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Equilibrium", "Observed", "Trajectory"}
 RESULTS |= {"Attractor", "Basins", "Branch", "BranchEvent", "Diagram", "Lyapunov"}
 RESULTS |= {"PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
 RESULTS |= {"GainDesign"}

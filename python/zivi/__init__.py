@@ -25,6 +25,7 @@ from zivi.events import Level
 from zivi.fmu import export_fmu
 from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
+from zivi.observer import ImpactObserver, Observed
 from zivi.orbits import (
     Attractor,
     Basins,
@@ -75,6 +76,7 @@ __all__ = [
     "ExplicitTwisting",
     "GainDesign",
     "HarmonicWall",
+    "ImpactObserver",
     "ImpactSystem",
     "InfeasibleError",
     "Level",
@@ -84,6 +86,7 @@ __all__ = [
     "ModelWarning",
     "MoreauJean",
     "MovingWall",
+    "Observed",
     "OrbitStatus",
     "ParametricForce",
     "PeriodicOrbit",

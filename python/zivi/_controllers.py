@@ -6,7 +6,7 @@ import copy
 import enum
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Never, Self, TypeVar
 
 import numpy as np
@@ -36,10 +36,81 @@ class TickStatus(enum.IntFlag):
     """In a closed loop: the sample was refused, the last control was held."""
 
 
-class Shared:
-    """Settings and state: what the controllers have in common beside their ticks."""
+def is_state(state: Any) -> bool:
+    try:
+        s, v, side, u, signs, bits = state
+        numbers = [float(number) for number in (s, v, side, u, *signs)]
+        return (
+            all(map(math.isfinite, numbers))
+            and abs(side) == 1.0
+            and s * side >= 0.0
+            and len(signs) == 6
+            and all(abs(sign) <= 1.0 for sign in signs)
+            and bits in range(4)
+        )
+    except (TypeError, ValueError):
+        return False
+
+
+class Component:
+    """Settings, state, copies and pickles of what is ticked."""
 
     _settings: dict[str, Any]
+    _is_state: Callable[[Any], bool]
+    _kind: str
+
+    if TYPE_CHECKING:  # the extension's classes have them
+
+        def _get_state(self) -> tuple[Any, ...]: ...
+        def _set_state(self, state: Any, /) -> None: ...
+
+    @property
+    def h(self) -> float:
+        """Sampling period (s)."""
+        return float(self._settings["h"])
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings, as they are given to the constructor."""
+        return dict(self._settings)
+
+    @property
+    def state(self) -> tuple[Any, ...]:
+        """All that changes from tick to tick; assigning it restores what it was of exactly."""
+        return self._get_state()
+
+    @state.setter
+    def state(self, state: tuple[Any, ...]) -> None:
+        if not type(self)._is_state(state):
+            raise ValueError(f"state must be what {self._kind} state gave, got {state!r}")
+        self._set_state(state)
+
+    def copy(self) -> Self:
+        """Copy it: the same settings, the same state."""
+        twin: Self = rebuilt(type(self), dict(self.__dict__), self.state)
+        return twin
+
+    def __copy__(self) -> Self:
+        return self.copy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        attributes = copy.deepcopy(self.__dict__, memo)
+        twin: Self = rebuilt(type(self), attributes, self.state)
+        return twin
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return rebuilt, (type(self), self.__dict__, self.state)
+
+    def __repr__(self) -> str:
+        shown = {name: value for name, value in self._settings.items() if value is not None}
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in shown.items())})"
+
+
+class Shared(Component):
+    """What the controllers have in common beside their ticks."""
+
+    _is_state = staticmethod(is_state)
+    _kind = "a controller's"
 
     if TYPE_CHECKING:  # the extension's classes have them
 
@@ -47,8 +118,6 @@ class Shared:
         def _status(self) -> int: ...
         @property
         def _signs(self) -> Sequence[float]: ...
-        def _get_state(self) -> tuple[Any, ...]: ...
-        def _set_state(self, state: Any, /) -> None: ...
 
     def _number(self, name: str) -> float:
         value = self._settings[name]
@@ -79,11 +148,6 @@ class Shared:
         return self._number("mu2")
 
     @property
-    def h(self) -> float:
-        """Sampling period (s)."""
-        return self._number("h")
-
-    @property
     def e(self) -> float:
         """Coefficient of restitution of the plant's wall."""
         return coefficients(None, self.kappa)[0]
@@ -94,11 +158,6 @@ class Shared:
         return self._number("kappa")
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """All settings, as they are given to the constructor."""
-        return dict(self._settings)
-
-    @property
     def signs(self) -> Array:
         """Multipliers of the last tick, those of the regulator or all six (a copy)."""
         return np.array(self._signs)
@@ -107,37 +166,6 @@ class Shared:
     def status(self) -> TickStatus:
         """What was done to the last sample and to the control."""
         return TickStatus(self._status)
-
-    @property
-    def state(self) -> tuple[Any, ...]:
-        """All that changes from tick to tick; assigning it restores the controller exactly."""
-        return self._get_state()
-
-    @state.setter
-    def state(self, state: tuple[Any, ...]) -> None:
-        if not is_state(state):
-            raise ValueError(f"state must be what a controller's state gave, got {state!r}")
-        self._set_state(state)
-
-    def copy(self) -> Self:
-        """Copy the controller: the same settings, the same state."""
-        twin: Self = rebuilt(type(self), dict(self.__dict__), self.state)
-        return twin
-
-    def __copy__(self) -> Self:
-        return self.copy()
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        attributes = copy.deepcopy(self.__dict__, memo)
-        twin: Self = rebuilt(type(self), attributes, self.state)
-        return twin
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return rebuilt, (type(self), self.__dict__, self.state)
-
-    def __repr__(self) -> str:
-        shown = {name: value for name, value in self._settings.items() if value is not None}
-        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in shown.items())})"
 
 
 class Following(Shared):
@@ -175,22 +203,6 @@ def rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...])
     controller.__dict__.update(attributes)
     controller.state = state
     return controller
-
-
-def is_state(state: Any) -> bool:
-    try:
-        s, v, side, u, signs, bits = state
-        numbers = [float(number) for number in (s, v, side, u, *signs)]
-        return (
-            all(map(math.isfinite, numbers))
-            and abs(side) == 1.0
-            and s * side >= 0.0
-            and len(signs) == 6
-            and all(abs(sign) <= 1.0 for sign in signs)
-            and bits in range(4)
-        )
-    except (TypeError, ValueError):
-        return False
 
 
 def common(

@@ -16,6 +16,7 @@ from zivi._misplaced import told
 from zivi._warnings import ModelWarning
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import SwitchedRK, ThetaGamma
+from zivi.observer import ImpactObserver
 from zivi.simulate import pair
 from zivi.system import ImpactSystem, force_spec, in_wall_frame
 
@@ -26,7 +27,9 @@ __all__ = [
     "check_interface",
     "check_method",
     "check_not_negative",
+    "check_observer",
     "described",
+    "described_observer",
     "forces_of",
     "interface_of",
     "is_ours",
@@ -230,3 +233,21 @@ def described(controller: Any) -> dict[str, Any]:
     """Plain values that tell a controller again."""
     settings = getattr(controller, "settings", {})
     return {"name": type(controller).__name__, **(settings if isinstance(settings, dict) else {})}
+
+
+def check_observer(observer: Any, h: float) -> None:
+    """Refuse what is no observer of ours, or one of another period."""
+    if observer is None:
+        return
+    if type(observer) is not ImpactObserver:
+        raise TypeError(f"observer must be a zivi.ImpactObserver, got {told(observer)}")
+    if observer.h != h:
+        raise ValueError(f"observer.h must be the controller's h = {h}, got {observer.h}")
+
+
+def described_observer(observer: Any) -> dict[str, Any]:
+    """Plain values that tell an observer again; nothing without one."""
+    if observer is None:
+        return {}
+    settings = observer.settings
+    return {"observer": {**settings, "noise": list(settings["noise"])}}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from zivi._check import Array
-from zivi.loop_run import ClosedLoop
+from zivi.loop_run import ESTIMATES, ClosedLoop
 
 __all__ = ["ended_by_event", "restrict"]
 
@@ -27,7 +27,8 @@ def _at(run: ClosedLoop, times: Array) -> dict[str, Any]:
     x, xdot = run(times)
     unknown = np.full((2, len(times)), np.nan)
     x_ref, xdot_ref = unknown if run._reference is None else run.reference(times)
-    held = {name: getattr(run, name)[k] for name in ("u", "signs", "tick_status")}
+    names = ("u", "signs", "tick_status", *(ESTIMATES if run.x_est is not None else ()))
+    held = {name: getattr(run, name)[k] for name in names}
     return {"x": x, "xdot": xdot, "x_ref": x_ref, "xdot_ref": xdot_ref, **held}
 
 

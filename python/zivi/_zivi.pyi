@@ -14,6 +14,7 @@ __all__ = [
     "MechanicalPath",
     "MechanicalRecord",
     "MotionPath",
+    "Observer",
     "Regulator",
     "RunRecord",
     "SensitivityRecord",
@@ -382,6 +383,35 @@ class Tracker:
     def _set_state(self, state: _State) -> None: ...
 
 @disjoint_base
+class Observer:
+    def __new__(
+        cls,
+        e: float,
+        h: float,
+        *,
+        noise: tuple[float, float],
+        q_d: float,
+        se: float,
+        dmax: float,
+        position_only: bool,
+    ) -> Self: ...
+    def step(
+        self, x: float, xdot: float | None, force: float, u: float
+    ) -> tuple[float, float, float]: ...
+    def reset(self) -> None: ...
+    def _observe(
+        self, t: _Array, x: _Array, xdot: _Array, held: _Array
+    ) -> tuple[list[_Array], list[_Array], NDArray[np.bool_]]: ...
+    @property
+    def _covariance(self) -> list[list[float]]: ...
+    def _get_state(
+        self,
+    ) -> tuple[bool, float, float, float, list[float], int, int]: ...
+    def _set_state(
+        self, state: tuple[bool, float, float, float, list[float], int, int]
+    ) -> None: ...
+
+@disjoint_base
 class Explicit:
     def __new__(
         cls,
@@ -414,6 +444,8 @@ class Explicit:
 class LoopRecord:
     @property
     def columns(self) -> list[_Array]: ...
+    @property
+    def estimates(self) -> list[_Array]: ...
     @property
     def ticks(self) -> NDArray[np.uint8]: ...
     @property
@@ -455,6 +487,7 @@ def simulate_closed_loop(
     noise: tuple[_Array, _Array],
     resolution: tuple[float, float],
     delay: int,
+    observer: Observer | None,
     interface: dict[str, bool],
     ours: bool,
     dense: bool,
@@ -498,6 +531,7 @@ class LoopBatchRecord:
 
 def simulate_closed_loop_batch(
     controllers: list[Any],
+    observers: list[Observer],
     forces: tuple[list[Any], list[Any], list[Any]],
     walls: _Array,
     states: _Array,

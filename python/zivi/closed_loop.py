@@ -20,7 +20,9 @@ from zivi._loop_arguments import (
     check_interface,
     check_method,
     check_not_negative,
+    check_observer,
     described,
+    described_observer,
     forces_of,
     interface_of,
     is_ours,
@@ -42,8 +44,9 @@ from zivi._misplaced import check_system, refuse
 from zivi._progress import ProgressBar
 from zivi.control import TickStatus
 from zivi.events import events_of
-from zivi.loop_run import QUANTITIES, ClosedLoop
+from zivi.loop_run import ESTIMATES, QUANTITIES, ClosedLoop
 from zivi.methods import SwitchedRK, ThetaGamma
+from zivi.observer import ImpactObserver
 from zivi.simulate import Event, as_raised, pair, times_within, with_partial
 from zivi.status import Status
 from zivi.system import Force, ImpactSystem
@@ -108,6 +111,7 @@ def simulate_closed_loop(
     seed: int | None = None,
     quantization: Sequence[float] = (0.0, 0.0),
     delay: int = 0,
+    observer: ImpactObserver | None = None,
     t_eval: ArrayLike | None = None,
     events: Event | Sequence[Event] | None = None,
     dense_output: bool = True,
@@ -167,6 +171,10 @@ def simulate_closed_loop(
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0; until then 0 acts.
         Zivi's controllers should be told: ``ahead=1 + delay``.
+    observer : ImpactObserver, optional
+        What the controller is told instead of the measurement: the position and velocity that the
+        observer estimates, and its unknown force as a part of the model's. A copy runs, from where
+        it is; it is told the control that acts, after limits and delay.
     t_eval : array_like, optional
         Ascending times in `t_span` to report instead of the samples (s). ``u``, ``signs`` and
         ``tick_status`` are those of the sample before.
@@ -220,6 +228,7 @@ def simulate_closed_loop(
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
     forces, specs = forces_of(system, force_model, force_ref)
+    check_observer(observer, h)
     check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
     check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
     told = None if reference is None else given(reference, span, h)
@@ -254,6 +263,7 @@ def simulate_closed_loop(
             "delay": periods,
         }
     )
+    config |= described_observer(observer)
     with ProgressBar(progress) as bar, listening(specs) as ear:
         record = _zivi.simulate_closed_loop(
             controller,
@@ -267,6 +277,7 @@ def simulate_closed_loop(
             noise=samples,
             resolution=resolution,
             delay=periods,
+            observer=observer,
             interface=interface,
             ours=is_ours(controller),
             dense=dense_output or times is not None or bool(watched),
@@ -310,6 +321,7 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
         message=record.message,
         nfev=record.nfev,
         config=config,
+        **_estimates(record.estimates),
         n_refused=int(np.count_nonzero(record.ticks & TickStatus.REFUSED)),
         t_events=[times for times, _, _ in record.hits],
         y_events=[np.column_stack((x, xdot)) for _, x, xdot in record.hits],
@@ -325,6 +337,13 @@ def _with_reference(run: ClosedLoop, reference: Any) -> ClosedLoop:
     if not callable(reference) or not isinstance(sampled, SampledReference):
         return run
     return dataclasses.replace(run, _reference=GivenReference(reference, sampled))
+
+
+def _estimates(columns: Sequence[Array]) -> dict[str, Array]:
+    """Name what an observer thought, nothing without one."""
+    if not len(columns[0]):
+        return {}
+    return dict(zip(ESTIMATES, columns, strict=True))
 
 
 def _reference(

@@ -20,6 +20,8 @@ from zivi._loop_arguments import (
     check_follows,
     check_method,
     check_not_negative,
+    check_observer,
+    described_observer,
     motion_of,
     on_wall,
 )
@@ -28,6 +30,7 @@ from zivi._progress import ProgressBar
 from zivi.batch import MAX_DESCRIBED, Runs, check_native, check_threads
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import SwitchedRK, ThetaGamma
+from zivi.observer import ImpactObserver
 from zivi.simulate import pair
 from zivi.system import Force, ImpactSystem, force_spec, in_wall_frame
 from zivi.trajectory import describe, describe_system
@@ -155,6 +158,7 @@ def simulate_closed_loop_batch(
     method: ThetaGamma | SwitchedRK | None = None,
     quantization: Sequence[float] = (0.0, 0.0),
     delay: int = 0,
+    observer: ImpactObserver | Sequence[ImpactObserver] | None = None,
     within: float = 1e-2,
     save: str | int = "final",
     threads: int | None = None,
@@ -189,6 +193,9 @@ def simulate_closed_loop_batch(
         Resolution of the measured position (m) and velocity (m/s); 0 is exact.
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0.
+    observer : ImpactObserver or sequence of ImpactObserver, optional
+        What the controllers are told instead of the measurement, as for `simulate_closed_loop`: one
+        for all, or one for each; copies run.
     within : float
         The position error that counts as followed, > 0 (m): see ``settling_time``.
     save : "final" or int
@@ -238,8 +245,10 @@ def simulate_closed_loop_batch(
     states = _rows("y0", y0)
     references = np.empty((1, 0)) if y_ref0 is None else _rows("y_ref0", y_ref0)
     followed = reference if isinstance(reference, list) else [reference]
+    observers = _observers(observer, ticking)
     lists = {"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references}
-    n = _common(lists | {"reference": followed})
+    lists |= {"reference": followed} | ({"observer": observers} if observers else {})
+    n = _common(lists)
     if y_ref0 is not None:
         ticking = _placed(ticking, references, n)
     forces = _forces(plants, force_model, force_ref)
@@ -252,6 +261,7 @@ def simulate_closed_loop_batch(
     with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
         record = _zivi.simulate_closed_loop_batch(
             ticking,
+            observers,
             forces,
             np.array([(plant.e, plant.kappa) for plant in plants]),
             np.ascontiguousarray(np.broadcast_to(states, (n, 2))),
@@ -281,6 +291,7 @@ def simulate_closed_loop_batch(
         "quantization": [float(value) for value in quantization],
         "delay": int(delay),
         "within": float(within),
+        **described_observer(observers[0] if observers else None),
         "save": save if isinstance(save, str) else int(save),
         "controllers": [
             {"name": type(it).__name__, **it.settings} for it in ticking[:MAX_DESCRIBED]
@@ -290,9 +301,20 @@ def simulate_closed_loop_batch(
     return _batch(record, config, save != "final")
 
 
+def _observers(observer: Any, controllers: list[Any]) -> list[Any]:
+    """Return the observers, each of its controller's period."""
+    observers = [] if observer is None else _several("observer", observer)
+    for i in range(max(len(observers), len(controllers)) if observers else 0):
+        if i < len(observers) or len(observers) == 1:
+            check_observer(_of(observers, i), controllers[min(i, len(controllers) - 1)].h)
+    return observers
+
+
 def _several(name: str, things: Any) -> list[Any]:
     try:
-        several = [things] if isinstance(things, (ImpactSystem, *OURS)) else list(things)
+        several = (
+            [things] if isinstance(things, (ImpactSystem, ImpactObserver, *OURS)) else list(things)
+        )
     except TypeError:
         several = [things]
     if not several:

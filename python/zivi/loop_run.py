@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["QUANTITIES", "SIGNS", "ClosedLoop"]
+__all__ = ["ESTIMATES", "QUANTITIES", "SIGNS", "ClosedLoop"]
 
 QUANTITIES = {
     "x": ("m", "distance from the wall"),
@@ -32,6 +32,8 @@ QUANTITIES = {
     "u": ("m/s^2", "control, held from the sample on"),
 }
 """Unit and meaning of each sampled quantity, in the order of the record's rows after time."""
+ESTIMATES = ("x_est", "xdot_est", "d_est")
+"""What an observer thinks at the samples."""
 SIGNS = ("lambda_s", "lambda_v", "lambda_sr", "lambda_vr", "lambda_es", "lambda_ev")
 """Names of the columns of ``signs``."""
 
@@ -78,6 +80,9 @@ class ClosedLoop:
         The states ``(x, xdot)`` of the plant there, each of shape (n, 2).
     n_refused : int
         Samples that the controller refused; the last control was held.
+    x_est, xdot_est, d_est : ndarray or None
+        What the observer thought of position (m), velocity (m/s) and unknown force (m/s^2) at the
+        samples; None without one.
     s, v : ndarray
         The plant in transformed coordinates (m, m/s), ``x = |s|``; the branch changes at each
         impact.
@@ -102,6 +107,9 @@ class ClosedLoop:
     n_refused: int = 0
     t_events: list[Array] = dataclasses.field(default_factory=list)
     y_events: list[Array] = dataclasses.field(default_factory=list)
+    x_est: Array | None = None
+    xdot_est: Array | None = None
+    d_est: Array | None = None
     _path: Path | None = None
     _reference: Reference | None = None
     _span: tuple[float, float] | None = None

@@ -14,9 +14,11 @@ use zivi::drive::closed_loop::{
 use zivi::stepping::ballistic;
 use zivi::{Branch, Events, Force, Physical, Restitution, SetupError, UserEvent};
 use zivi_core::control::Waypoint;
+use zivi_core::observer::ImpactObserver;
 
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::force::{ForceSpec, NativeForce};
+use crate::observer::Observer;
 use crate::simulate::{setup_error, Course as RunCourse};
 use crate::switched_rk::{settings, MotionPath};
 use crate::transform::WallPair;
@@ -160,6 +162,7 @@ struct Surroundings<'a> {
     course: RunCourse,
     motion: Motion,
     sensor: Sensor<'a>,
+    observer: Option<ImpactObserver>,
     delay: usize,
     dense: bool,
     wall_ref: Restitution,
@@ -176,8 +179,8 @@ impl Surroundings<'_> {
         watch: &mut Watch,
     ) -> Outcome {
         let RunCourse { wall, grid, initial } = self.course;
-        let Self { motion, sensor, delay, dense, .. } = *self;
-        let surroundings = Loop { wall, grid, initial, motion, sensor, delay };
+        let Self { motion, sensor, observer, delay, dense, .. } = *self;
+        let surroundings = Loop { wall, grid, initial, motion, sensor, observer, delay };
         let forces = Forces { plant, model, reference };
         let wall = self.wall_ref;
         let followed = given.map(|reference| Followed { reference, wall });
@@ -224,7 +227,7 @@ impl Surroundings<'_> {
 #[pyfunction]
 #[pyo3(signature = (
     controller, forces, *, wall, h, span, state, scheme, switched, exact, noise, resolution,
-    delay, interface, ours, dense, events, given, wall_ref,
+    delay, observer, interface, ours, dense, events, given, wall_ref,
     progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
@@ -242,6 +245,7 @@ pub(crate) fn simulate_closed_loop(
     noise: (PyReadonlyArray1<'_, f64>, PyReadonlyArray1<'_, f64>),
     resolution: (f64, f64),
     delay: usize,
+    observer: Option<PyRef<'_, Observer>>,
     interface: Interface,
     ours: bool,
     dense: bool,
@@ -259,7 +263,8 @@ pub(crate) fn simulate_closed_loop(
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
     let course = RunCourse::new(wall, h, span, state)?;
     let wall_ref = crate::transform::wall(wall_ref)?;
-    let surroundings = Surroundings { course, motion, sensor, delay, dense, wall_ref };
+    let observer = observer.map(|it| it.inner);
+    let surroundings = Surroundings { course, motion, sensor, observer, delay, dense, wall_ref };
     let mut given = given.map(Source::new).transpose()?;
     let [plant, model, reference] = &forces;
     let mut forces = [
@@ -299,6 +304,8 @@ type Array = Py<PyArray1<f64>>;
 pub(crate) struct LoopRecord {
     /// An array for each of `t, x, xdot, x_ref, xdot_ref, u` and the six signs.
     columns: Vec<Array>,
+    /// `x, xdot, d` of the observer; empty arrays without one.
+    estimates: Vec<Array>,
     ticks: Py<PyArray1<u8>>,
     impact_t: Array,
     impact_xdot_before: Array,
@@ -319,12 +326,13 @@ pub(crate) struct LoopRecord {
 
 impl LoopRecord {
     fn new(py: Python<'_>, run: LoopRun<PyErr>, wall: Restitution) -> PyResult<Self> {
-        let LoopRun { columns, ticks, events, path, hits, status, nfev, raised } = run;
+        let LoopRun { columns, estimates, ticks, events, path, hits, status, nfev, raised } = run;
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
         let of_impacts =
             |field: fn(&zivi::Impact) -> f64| array(events.impacts.iter().map(field).collect());
         Ok(Self {
             columns: columns.into_iter().map(array).collect(),
+            estimates: estimates.into_iter().map(array).collect(),
             ticks: PyArray1::from_vec(py, ticks).unbind(),
             impact_t: of_impacts(|impact| impact.t),
             impact_xdot_before: of_impacts(|impact| impact.xdot_before),

@@ -10,6 +10,7 @@ mod force;
 mod loop_batch;
 mod mechanics;
 mod motion;
+mod observer;
 mod record;
 mod sensitivity;
 mod simulate;
@@ -59,6 +60,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<control::Regulator>()?;
     module.add_class::<control::Tracker>()?;
     module.add_class::<control::Explicit>()?;
+    module.add_class::<observer::Observer>()?;
     module.add_class::<closed_loop::LoopRecord>()?;
     module.add_function(wrap_pyfunction!(closed_loop::simulate_closed_loop, module)?)?;
     module.add_function(wrap_pyfunction!(closed_loop::ballistic_motion, module)?)?;

@@ -13,6 +13,7 @@ use zivi::{Grid, Physical, Status};
 use crate::batch::{natives, refused, row_wall, rows};
 use crate::closed_loop::given_of_row;
 use crate::control::{Explicit, Regulator, Tracker};
+use crate::observer::Observer;
 use crate::simulate::setup_error;
 use crate::switched_rk::{settings, Settings};
 use crate::transform::wall_of;
@@ -35,13 +36,14 @@ fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
 /// list has an entry for each loop, or one for all.
 #[pyfunction]
 #[pyo3(signature = (
-    controllers, forces, walls, states, *, span, scheme, switched, exact, resolution, delay,
-    within, every, threads, references=Vec::new(), progress=None
+    controllers, observers, forces, walls, states, *, span, scheme, switched, exact, resolution,
+    delay, within, every, threads, references=Vec::new(), progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_closed_loop_batch(
     py: Python<'_>,
     controllers: Vec<Bound<'_, PyAny>>,
+    observers: Vec<PyRef<'_, Observer>>,
     forces: [Bound<'_, PyList>; 3],
     walls: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
@@ -79,6 +81,7 @@ pub(crate) fn simulate_closed_loop_batch(
         let controller = controllers[which(controllers.len())];
         members.push(LoopMember {
             controller,
+            observer: observers.get(which(observers.len())).map(|it| it.inner),
             wall: row_wall(&walls, i)?,
             forces: [
                 plants[which(plants.len())],

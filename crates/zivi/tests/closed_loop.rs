@@ -73,7 +73,7 @@ fn motions() -> [Motion; 3] {
 fn around(motion: Motion, end: f64, h: f64, initial: Physical) -> Loop<'static> {
     let wall = Restitution::from_e(0.5).expect("in range");
     let grid = Grid::new(0.0, end, h).expect("a grid");
-    Loop { wall, grid, initial, motion, sensor: Sensor::default(), delay: 0 }
+    Loop { wall, grid, initial, motion, sensor: Sensor::default(), observer: None, delay: 0 }
 }
 
 /// The loop with the same force for plant, model and reference.

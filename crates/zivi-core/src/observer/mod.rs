@@ -130,6 +130,8 @@ impl ImpactObserver {
         force: f64,
         u: f64,
     ) -> Result<Estimate, SettingError> {
+        let velocity = measured.xdot.filter(|_| !self.settings.position_only);
+        let measured = Measurement { xdot: velocity, ..measured };
         require(dt > 0.0 && dt.is_finite(), "dt", dt, "a finite time > 0 (s)")?;
         require(measured.x.is_finite(), "x", measured.x, "a finite position (m)")?;
         let xdot = measured.xdot.unwrap_or(0.0);

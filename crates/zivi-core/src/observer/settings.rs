@@ -13,6 +13,7 @@ pub struct ObserverSettings {
     pub(super) q_d: f64,
     pub(super) se: f64,
     pub(super) dmax: f64,
+    pub(super) position_only: bool,
 }
 
 /// Largest and smallest deviations whose squares are numbers.
@@ -28,7 +29,7 @@ impl ObserverSettings {
     pub fn new(wall: Restitution, h: f64) -> Result<Self, SettingError> {
         require(h > 0.0 && h.is_finite(), "h", h, "a finite sampling period > 0")?;
         let noise = [1e-4 * 1e-4, 1e-2 * 1e-2];
-        Ok(Self { wall, h, noise, q_d: 1e-3, se: 0.0, dmax: 20.0 })
+        Ok(Self { wall, h, noise, q_d: 1e-3, se: 0.0, dmax: 20.0, position_only: false })
     }
 
     /// The same with these standard deviations of a measured position (m) and velocity (m/s).
@@ -64,6 +65,12 @@ impl ObserverSettings {
     pub fn with_restitution_error(self, se: f64) -> Result<Self, SettingError> {
         require((0.0..=1.0).contains(&se), "se", se, "a standard deviation of e, in [0, 1]")?;
         Ok(Self { se, ..self })
+    }
+
+    /// The same with velocities taken into account or not.
+    #[must_use]
+    pub fn with_position_only(self, position_only: bool) -> Self {
+        Self { position_only, ..self }
     }
 
     /// The wall.

@@ -1,5 +1,6 @@
 //! Many closed loops at once: the study of gains and of tolerances.
 
+use zivi_core::observer::ImpactObserver;
 use zivi_core::{Physical, Restitution};
 
 use super::outcome::{samples, thinned};
@@ -16,6 +17,8 @@ use crate::{Force, Grid, Monitor, SetupError, Status};
 pub struct LoopMember<'r, F> {
     /// The controller, its reference where it starts.
     pub controller: AnyController,
+    /// What it is told instead of the measurement, if anything.
+    pub observer: Option<ImpactObserver>,
     /// The plant's wall.
     pub wall: Restitution,
     /// The forces on the plant, in the controller's model, and on the reference.
@@ -137,10 +140,11 @@ fn one<F: Force<Stopped> + Copy>(
     settings: LoopSettings,
     stop: &dyn Fn() -> bool,
 ) -> Result<LoopOutcome, SetupError> {
-    let LoopMember { mut controller, wall, mut forces, initial, grid, reference: given } = *member;
+    let LoopMember { mut controller, observer, wall, mut forces, initial, grid, reference: given } =
+        *member;
     let LoopSettings { motion, resolution, delay, .. } = settings;
     let sensor = Sensor { resolution, ..Sensor::default() };
-    let surroundings = Loop { wall, grid, initial, motion, sensor, delay };
+    let surroundings = Loop { wall, grid, initial, motion, sensor, observer, delay };
     let [plant, model, reference] = &mut forces;
     let forces = Forces { plant, model, reference };
     let mut samples = given.map(|(samples, wall)| (Samples(samples), wall));

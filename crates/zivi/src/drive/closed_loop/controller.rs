@@ -141,7 +141,7 @@ impl AnyController {
     pub fn h(&self) -> f64 {
         match self {
             AnyController::Regulator(it) => it.step().h,
-            AnyController::Tracker(it) => it.step().h,
+            AnyController::Tracker(it) => it.h(),
             AnyController::Explicit(it) => it.h(),
         }
     }

@@ -16,12 +16,13 @@ mod sensor;
 
 use std::collections::VecDeque;
 
-use zivi_core::{Physical, Restitution, ThetaGammaStep};
+use zivi_core::observer::{Estimate, ImpactObserver, Measurement};
+use zivi_core::{Physical, Restitution, SettingError, ThetaGammaStep};
 
 pub use controller::{AnyController, Controller, Tick, TickError, SIGNS};
 pub use follow::{LoopOptions, LoopPath};
 pub use plant::{Period, Plant};
-pub use record::{LoopRun, LOOP_COLUMNS, REFUSED};
+pub use record::{LoopRun, ESTIMATES, LOOP_COLUMNS, REFUSED};
 pub use reference::{Course, Followed, Given, Reference, Samples};
 pub use sensor::Sensor;
 
@@ -63,6 +64,8 @@ pub struct Loop<'a> {
     pub motion: Motion,
     /// What the controller sees.
     pub sensor: Sensor<'a>,
+    /// What the controller is told instead of the measurement, if anything.
+    pub observer: Option<ImpactObserver>,
     /// Periods that pass before a control acts (`0` control acts until then).
     pub delay: usize,
 }
@@ -162,6 +165,9 @@ struct Walk<'a, 'e, C: ?Sized, P, F, E> {
     state: Physical,
     /// What acts on the plant.
     u: f64,
+    /// The model's force over the last period, without what the observer adds.
+    known: f64,
+    observer: Option<ImpactObserver>,
     /// Controls that do not act yet, the oldest first.
     pending: VecDeque<f64>,
     follower: Follower<'a, 'e, E>,
@@ -182,8 +188,8 @@ where
         models: Models<'a, F>,
         output: &'a mut LoopOptions<'e, E>,
     ) -> Result<Self, SetupError> {
-        let Loop { grid, initial, delay, .. } = surroundings;
-        let record = LoopRecord::with_room(grid.n_steps() + 1)?;
+        let Loop { grid, initial, delay, observer, .. } = surroundings;
+        let record = LoopRecord::with_room(grid.n_steps() + 1, observer.is_some())?;
         if delay > grid.n_steps() {
             let periods = "at most the number of periods of the run";
             return Err(SetupError::Count("delay", delay, periods));
@@ -198,6 +204,8 @@ where
             k: 0,
             state: initial,
             u: 0.0,
+            known: 0.0,
+            observer,
             pending,
             guide: output.reference.take().map(Guide::new),
             follower: Follower::new(&mut output.events),
@@ -227,6 +235,7 @@ where
         let reference = course.map_or_else(own, |course| Some(course.now.state));
         let tick = self.tick(t, reference, course)?;
         self.record.push((t, self.state, reference), self.u, &*self.controller, tick);
+        self.record.note(self.observer.as_ref());
         let h = if self.k + 1 == n { grid.last_h() } else { grid.h() };
         let period = Period { t, t_next: grid.t(self.k + 1), h };
         let next = self.plant.advance(period, self.state, self.u)?;
@@ -241,15 +250,19 @@ where
         Ok(())
     }
 
-    /// Asks the controller, and decides what acts from `t` on. Gives the bits of the tick.
-    fn tick(
+    /// Asks the controller.
+    fn ask(
         &mut self,
         t: f64,
         reference: Option<Physical>,
         course: Option<Course>,
-    ) -> Result<u8, Failure<E>> {
-        let measured = self.surroundings.sensor.measure(self.k, self.state);
-        let force = finite_force(self.models.model, t, measured)?;
+    ) -> Result<Result<f64, TickError<E>>, Failure<E>> {
+        let Estimate { state: measured, d } = match self.observe() {
+            Ok(estimate) => estimate,
+            Err(error) => return Ok(Err(error.into())),
+        };
+        self.known = finite_force(self.models.model, t, measured)?;
+        let force = self.known + d;
         let force_ref = match reference {
             Some(reference) if course.is_none() && self.controller.takes_force_ref() => {
                 finite_force(self.models.reference, t, reference)?
@@ -257,11 +270,29 @@ where
             _ => 0.0,
         };
         let tick = Tick { t, measured, force, force_ref };
-        let answer = match course {
+        Ok(match course {
             Some(course) => self.controller.tick_to(tick, course),
             None => self.controller.tick(tick),
+        })
+    }
+
+    /// What is thought of the mass at this sample: what is measured, or what the observer makes of it.
+    fn observe(&mut self) -> Result<Estimate, SettingError> {
+        let Physical { x, xdot } = self.surroundings.sensor.measure(self.k, self.state);
+        let Some(observer) = &mut self.observer else {
+            return Ok(Estimate { state: Physical { x, xdot }, d: 0.0 });
         };
-        let bits = match answer {
+        observer.tick(Measurement { x, xdot: Some(xdot) }, self.known, self.u)
+    }
+
+    /// Decides what acts from `t` on. Gives the bits of the tick.
+    fn tick(
+        &mut self,
+        t: f64,
+        reference: Option<Physical>,
+        course: Option<Course>,
+    ) -> Result<u8, Failure<E>> {
+        let bits = match self.ask(t, reference, course)? {
             Ok(u) => {
                 self.pending.push_back(u);
                 self.controller.status().bits()
@@ -296,6 +327,9 @@ where
             let reference = given.unwrap_or_else(|| self.controller.reference());
             let last = (t, self.state, reference);
             self.record.push(last, self.u, &*self.controller, 0);
+            // the estimate at the end of the last period; a measurement that is refused leaves it
+            let _ = self.observe();
+            self.record.note(self.observer.as_ref());
         }
         let (status, raised) = match ending {
             Failure::Status(status) => (status, None),
@@ -305,9 +339,9 @@ where
         // the control of the next sample may end a rest: it counts once it has lasted a period
         let latest = self.latest_rest();
         events.rest_time = events.rest_time.filter(|rest| *rest <= latest);
-        let LoopRecord { columns, ticks } = self.record;
+        let LoopRecord { columns, estimates, ticks } = self.record;
         let path = self.dense.then(|| self.plant.path());
         let hits = self.follower.into_hits();
-        LoopRun { columns, ticks, events, path, hits, status, nfev, raised }
+        LoopRun { columns, estimates, ticks, events, path, hits, status, nfev, raised }
     }
 }

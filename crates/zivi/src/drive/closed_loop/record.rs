@@ -1,5 +1,6 @@
 //! The record of a closed loop.
 
+use zivi_core::observer::{Estimate, ImpactObserver};
 use zivi_core::Physical;
 
 use super::controller::{Controller, SIGNS};
@@ -9,12 +10,17 @@ use crate::{EventHit, Events, SetupError, Status};
 /// Columns of the record: `t, x, xdot, x_ref, xdot_ref, u` and the signs.
 pub const LOOP_COLUMNS: usize = 6 + SIGNS;
 
+/// Columns of an observer's estimates.
+pub const ESTIMATES: usize = 3;
+
 /// A closed loop as far as it went: states at the samples, and what is held from there on.
 #[derive(Clone, Debug)]
 pub struct LoopRun<E> {
     /// `t, x, xdot, x_ref, xdot_ref, u, ls, lv, lsr, lvr, les, lev` (NaN where a controller has
     /// none); the control and the signs of a row hold from its time on, the last row repeats them.
     pub columns: [Vec<f64>; LOOP_COLUMNS],
+    /// What the observer thought at the samples, `x, xdot, d`; empty without one.
+    pub estimates: [Vec<f64>; ESTIMATES],
     /// At each sample, as bits: 1 clamped, 2 saturated, 4 refused.
     pub ticks: Vec<u8>,
     /// What happened at the wall; a rest until the end has lasted a whole period.
@@ -41,11 +47,12 @@ pub const REFUSED: u8 = 4;
 /// Fills the columns.
 pub(super) struct LoopRecord {
     pub(super) columns: [Vec<f64>; LOOP_COLUMNS],
+    pub(super) estimates: [Vec<f64>; ESTIMATES],
     pub(super) ticks: Vec<u8>,
 }
 
 impl LoopRecord {
-    pub(super) fn with_room(rows: usize) -> Result<Self, SetupError> {
+    pub(super) fn with_room(rows: usize, observed: bool) -> Result<Self, SetupError> {
         if rows > MOST_SAMPLES {
             return Err(SetupError::Memory(rows));
         }
@@ -54,9 +61,24 @@ impl LoopRecord {
         for column in &mut columns {
             column.try_reserve_exact(rows).map_err(refused)?;
         }
+        let mut estimates: [Vec<f64>; ESTIMATES] = Default::default();
+        if observed {
+            for column in &mut estimates {
+                column.try_reserve_exact(rows).map_err(refused)?;
+            }
+        }
         let mut ticks = Vec::new();
         ticks.try_reserve_exact(rows).map_err(refused)?;
-        Ok(Self { columns, ticks })
+        Ok(Self { columns, estimates, ticks })
+    }
+
+    /// What is thought of the mass at the sample that was pushed last.
+    pub(super) fn note(&mut self, observer: Option<&ImpactObserver>) {
+        let Some(observer) = observer else { return };
+        let Estimate { state, d } = observer.estimate();
+        for (column, value) in self.estimates.iter_mut().zip([state.x, state.xdot, d]) {
+            column.push(value);
+        }
     }
 
     /// A sample: the states at `t` and what is held from there on.
