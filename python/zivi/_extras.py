@@ -20,6 +20,7 @@ EXTRAS = {
     "dask": "dask",
     "distributed": "dask",
     "control": "control",
+    "jax": "jax",
     "marimo": "lab",
     "plotly": "lab",
     "uvicorn": "lab",

@@ -1,8 +1,11 @@
-"""Impact systems and controllers in the simulation functions of other libraries.
+"""Impact systems, controllers and derivatives of runs in other libraries.
 
-`zivi.interop.python_control` needs the extra ``control``; nothing here is imported with `zivi`.
+`zivi.interop.python_control` needs the extra ``control``, `zivi.interop.jax_function` the extra
+``jax``; nothing here is imported with `zivi`.
 """
 
+from zivi.interop.gradient import RunFunction, run_function
+from zivi.interop.jax import jax_function
 from zivi.interop.python_control import (
     controller_block,
     force_block,
@@ -10,4 +13,12 @@ from zivi.interop.python_control import (
     state_vector,
 )
 
-__all__ = ["controller_block", "force_block", "impact_plant", "state_vector"]
+__all__ = [
+    "RunFunction",
+    "controller_block",
+    "force_block",
+    "impact_plant",
+    "jax_function",
+    "run_function",
+    "state_vector",
+]

@@ -1,0 +1,79 @@
+"""Runs inside programs of JAX: differentiated by their own sensitivities, not by tracing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from zivi._extras import needed
+from zivi.interop.gradient import RunFunction
+
+__all__ = ["jax_function"]
+
+
+def jax_function(function: RunFunction) -> Callable[[Any], Any]:
+    """Make a function of JAX from a run.
+
+    It can be compiled, differentiated forwards and backwards once (``jax.jvp``, ``jax.grad``,
+    ``jax.jacobian``), and mapped over arrays of parameters (``jax.vmap``, one run after the other).
+
+    Parameters
+    ----------
+    function : RunFunction
+        From `run_function`.
+
+    Returns
+    -------
+    callable
+        ``f(p)``, of an array with an entry for each parameter; in single precision unless
+        ``jax_enable_x64`` is set.
+
+    Raises
+    ------
+    TypeError
+        If `function` is no `RunFunction`.
+    ImportError
+        Without JAX.
+
+    Examples
+    --------
+    >>> import jax  # doctest: +SKIP
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)  # doctest: +SKIP
+    >>> rest = zivi.interop.run_function(ball, (0, 9), (1, 0), ["e"], "zeno_time")  # doctest: +SKIP
+    >>> jax.grad(lambda e: zivi.interop.jax_function(rest)(e[None]))(0.5)  # doctest: +SKIP
+    Array(3.612189, dtype=float32, weak_type=True)
+    """
+    if not isinstance(function, RunFunction):
+        raise TypeError(f"function must be a RunFunction, from run_function, got {function!r}")
+    jax = needed("jax", "runs in programs of JAX")
+    shape, m = function.shape, len(function.wrt)
+
+    def run(p: Any) -> tuple[Any, Any]:
+        value, derivative = function(np.asarray(p, np.float64))
+        kind = np.asarray(p).dtype
+        return np.asarray(value, kind).reshape(shape), np.asarray(derivative, kind)
+
+    def called(p: Any) -> Any:
+        kinds = (
+            jax.ShapeDtypeStruct(shape, p.dtype),
+            jax.ShapeDtypeStruct((*shape, m), p.dtype),
+        )
+        return jax.pure_callback(run, kinds, p, vmap_method="sequential")
+
+    def rule(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+        (p,), (dp,) = primals, tangents
+        at, derivative = called(p)
+        return at, derivative @ dp
+
+    value = jax.custom_jvp(lambda p: called(p)[0])
+    value.defjvp(rule)
+
+    def checked(p: Any) -> Any:
+        array = jax.numpy.asarray(p, dtype=float)
+        if array.shape != (m,):
+            raise ValueError(f"p must have shape ({m},), got {array.shape}")
+        return value(array)
+
+    return checked
