@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -229,3 +230,17 @@ def test_the_header_is_what_cbindgen_makes(tmp_path: Path) -> None:
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="of another machine")
 def test_the_library_is_one_small_object() -> None:
     assert LIBRARY.stat().st_size < 80_000
+
+
+@pytest.mark.slow
+def test_the_tutorial_runs_as_it_stands(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "tutorial_target.md").read_text()
+    (program,) = re.findall(r"```c\n(.*?)```", text, re.DOTALL)
+    (tmp_path / "target.c").write_text(program)
+    script = "".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+    told = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert told.returncode == 0, told.stderr
+    expected = re.findall(r"^\s*print\(.*\)  # (.*)$", text, re.MULTILINE)
+    assert [line for line in told.stdout.splitlines() if line] == expected

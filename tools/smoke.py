@@ -1,11 +1,35 @@
 """What a wheel must do where nothing but NumPy is installed: ``python tools/smoke.py``."""
 
+import ctypes
+import os
 import sys
+import tempfile
+import zipfile
 from importlib import metadata
 
 import numpy as np
 
 import zivi
+from zivi import native
+
+
+def exports() -> bool:
+    """Whether an FMU is written without a compiler, and its binary loads."""
+    os.environ["PATH"] = ""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        (path,) = zivi.export_fmu(folder, "mass", 3)
+        with zipfile.ZipFile(path) as archive:
+            (name,) = [it for it in archive.namelist() if it.startswith("binaries/")]
+            binary = ctypes.CDLL(archive.extract(name, folder))
+    binary.fmi3GetVersion.restype = ctypes.c_char_p
+    return bool(binary.fmi3GetVersion() == b"3.0")
+
+
+def has_library() -> bool:
+    """Whether the C library and its header are there."""
+    folder = native.prefix()
+    library = "zivi.lib" if sys.platform == "win32" else "libzivi.a"
+    return (folder / "lib" / library).exists() and (folder / "include" / "zivi.h").exists()
 
 
 def main() -> int:
@@ -26,6 +50,8 @@ def main() -> int:
         "batch": bool(np.all(batch.x == 0.0)),
         "closed loop": held.success and held.x[-1] == 0.0,
         "variational inequality": abs(answer.x[0] - 2 ** (1 / 3)) < 1e-9,
+        "FMU": exports(),
+        "C library": has_library(),
         "version": zivi.__version__ == metadata.version("zivi"),
     }
     for name, right in results.items():
