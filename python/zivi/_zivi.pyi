@@ -41,6 +41,7 @@ __all__ = [
     "simulate_closed_loop_batch",
     "simulate_explicit_euler",
     "simulate_mechanical",
+    "simulate_mechanical_moreau_jean",
     "simulate_moreau_jean",
     "simulate_switched_rk",
     "simulate_theta_gamma",
@@ -175,6 +176,20 @@ def simulate_mechanical(
     tstops: _Array,
     events: list[tuple[Any, int, int | None]],
     dense: bool,
+    progress: Any = None,
+) -> MechanicalRecord: ...
+def simulate_mechanical_moreau_jean(
+    model: tuple[Any, ...],
+    *,
+    n: int,
+    m: int,
+    e: _Array,
+    h: float,
+    theta: float,
+    span: tuple[float, float],
+    q0: _Array,
+    qdot0: _Array,
+    events: list[tuple[Any, int, int | None]],
     progress: Any = None,
 ) -> MechanicalRecord: ...
 def check_moreau_jean(theta: float) -> None: ...

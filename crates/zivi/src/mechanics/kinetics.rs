@@ -249,6 +249,11 @@ impl Kinetics {
         }
     }
 
+    /// Writes `A`.
+    pub(super) fn free_to(&self, to: &mut [f64]) {
+        to.copy_from_slice(&self.free);
+    }
+
     /// `b_i`.
     pub(super) fn b(&self, i: usize) -> f64 {
         self.b[i]

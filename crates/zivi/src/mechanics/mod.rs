@@ -20,6 +20,7 @@ mod landing;
 mod lcp;
 mod lift_off;
 mod machine;
+mod moreau_jean;
 mod occurrence;
 mod path;
 mod recording;
@@ -31,6 +32,7 @@ mod stored;
 mod tail;
 
 pub use gap_set::GapSet;
+pub use moreau_jean::simulate_mechanical_moreau_jean;
 pub use occurrence::{FlagKind, Occurrence};
 pub use path::{MechanicalPath, MotionPoint};
 pub use run::{simulate_mechanical, MechanicalOutput, MechanicalRun, MechanicalSamples};

@@ -160,11 +160,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         let Self { samples, path, watch, reserve, machine, t_eval, next, .. } = self;
         let (size, m) = (machine.now.x.len(), machine.layout.m);
         let count = t_eval.map_or(OF_A_PIECE, |times| times.len() - *next + 1);
-        reserve.room(&mut samples.t, count, size_of::<f64>())?;
-        reserve.room(&mut samples.x, count * size, size_of::<f64>())?;
-        reserve.room(&mut samples.v, count * size, size_of::<f64>())?;
-        reserve.room(&mut samples.lambda, count * m, size_of::<f64>())?;
-        reserve.room(&mut samples.closed, count, m)?;
+        samples.make_room(reserve, count, size, m)?;
         reserve.room(&mut machine.occurrences, OF_A_PIECE * (m + 1), 2 * size_of::<f64>())?;
         watch.make_room(reserve)?;
         if let Some(path) = path {
@@ -279,7 +275,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             }
             let lambda = std::mem::take(&mut self.machine.aside.lambda);
             let (x, v) = (std::mem::take(&mut self.x), std::mem::take(&mut self.v));
-            self.push(at, (&x, &v), &lambda, closed);
+            self.samples.push(at, (&x, &v), &lambda, closed);
             (self.x, self.v, self.machine.aside.lambda) = (x, v, lambda);
             self.next += 1;
         }
@@ -298,12 +294,8 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         // an anchored gap
         self.arrive();
         let (now, lambda) = (&self.machine.now, &self.machine.lambda);
-        push(&mut self.samples, t, (&now.x, &now.v), lambda, self.machine.closed);
+        self.samples.push(t, (&now.x, &now.v), lambda, self.machine.closed);
         Ok(())
-    }
-
-    fn push(&mut self, t: f64, (x, v): (&[f64], &[f64]), lambda: &[f64], closed: GapSet) {
-        push(&mut self.samples, t, (x, v), lambda, closed);
     }
 
     pub(super) fn finish(mut self, ending: Ending<E>, nfev: u64) -> MechanicalRun<E> {
@@ -322,7 +314,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         };
         if wanted {
             let none = vec![0.0; self.machine.layout.m];
-            push(&mut self.samples, *t, (&point.x, &point.v), &none, point.closed);
+            self.samples.push(*t, (&point.x, &point.v), &none, point.closed);
         }
         drop(self.reserve);
         if let Some(path) = &mut self.path {
@@ -340,18 +332,4 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             counts: Counts { nfev, ..machine.counts },
         }
     }
-}
-
-fn push(
-    samples: &mut MechanicalSamples,
-    t: f64,
-    (x, v): (&[f64], &[f64]),
-    lambda: &[f64],
-    closed: GapSet,
-) {
-    samples.t.push(t);
-    samples.x.extend_from_slice(x);
-    samples.v.extend_from_slice(v);
-    samples.lambda.extend_from_slice(lambda);
-    samples.closed.push(closed);
 }

@@ -1,5 +1,7 @@
 //! A whole run of a mechanical system: samples, occurrences, events, dense output.
 
+use std::collections::TryReserveError;
+
 use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::machine::Machine;
@@ -8,6 +10,7 @@ use super::path::MechanicalPath;
 use super::recording::Running;
 use super::state_events::{StateEvent, StateHit};
 use crate::record::failure::Failure;
+use crate::record::reserve::Reserve;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout, MOST};
 use crate::{Counts, GridError, Monitor, SetupError, Status};
@@ -44,6 +47,38 @@ pub struct MechanicalSamples {
     pub lambda: Vec<f64>,
     /// The closed gaps.
     pub closed: Vec<GapSet>,
+}
+
+impl MechanicalSamples {
+    /// Makes room for so many more, of so many coordinates and gaps.
+    pub(super) fn make_room(
+        &mut self,
+        reserve: &mut Reserve,
+        count: usize,
+        size: usize,
+        m: usize,
+    ) -> Result<(), TryReserveError> {
+        const ASIDE: usize = size_of::<f64>();
+        reserve.room(&mut self.t, count, ASIDE)?;
+        reserve.room(&mut self.x, count * size, ASIDE)?;
+        reserve.room(&mut self.v, count * size, ASIDE)?;
+        reserve.room(&mut self.lambda, count * m, ASIDE)?;
+        reserve.room(&mut self.closed, count, m)
+    }
+
+    pub(super) fn push(
+        &mut self,
+        t: f64,
+        (x, v): (&[f64], &[f64]),
+        lambda: &[f64],
+        closed: GapSet,
+    ) {
+        self.t.push(t);
+        self.x.extend_from_slice(x);
+        self.v.extend_from_slice(v);
+        self.lambda.extend_from_slice(lambda);
+        self.closed.push(closed);
+    }
 }
 
 /// A run of a mechanical system.
@@ -138,7 +173,12 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     Ok(running.finish(ending, model.count))
 }
 
-fn check_sizes(Layout { n, m }: Layout, e: &[f64], q: &[f64], w: &[f64]) -> Result<(), SetupError> {
+pub(super) fn check_sizes(
+    Layout { n, m }: Layout,
+    e: &[f64],
+    q: &[f64],
+    w: &[f64],
+) -> Result<(), SetupError> {
     if n == 0 || n > MOST {
         return Err(SetupError::Count("n", n, "from 1 to 64"));
     }

@@ -5,3 +5,4 @@ mod physics;
 mod problems;
 mod random;
 mod references;
+mod time_stepping;

@@ -28,11 +28,14 @@ const FAMILIES: [&str; 13] = [
     "wedge", "tower3",
 ];
 
+/// Parameters, start, span and number of gaps.
+type Drawn<'a> = (&'a [(&'a str, f64)], Vec<f64>, Vec<f64>, f64, usize);
+
 /// A problem of a family.
 pub(crate) fn draw(family: &'static str, random: &mut Random) -> Problem {
     let mut r = |low: f64, high: f64| random.within(low, high);
     let third = 0.416_666_666_666_666_7;
-    let (par, q0, w0, t1, m): (&[(&str, f64)], Vec<f64>, Vec<f64>, f64, usize) = match family {
+    let (par, q0, w0, t1, m): Drawn<'_> = match family {
         "bowl" => (
             &[("c", 0.5), ("G", 9.81), ("cd", 0.2)],
             vec![r(-0.8, 0.8), r(1.0, 2.0)],

@@ -1,0 +1,83 @@
+//! Moreau-Jean time stepping against the switched method.
+
+use zivi::mechanics::{simulate_mechanical_moreau_jean, MechanicalRun, Occurrence};
+use zivi::{Grid, MoreauJean, Silent, Status, SwitchedRk};
+
+use crate::models::Model;
+use crate::problems::{last_state, parameters, Problem};
+
+fn wedge(t1: f64) -> Problem {
+    let par = [("m", 1.0), ("G", 9.81), ("cd", 0.1), ("a1", 1.1), ("a2", 0.9)];
+    let (q0, w0) = (vec![0.1, 1.2], vec![0.3, 0.0]);
+    Problem { model: "wedge", par: parameters(&par), e: vec![0.5, 0.4], q0, w0, t1 }
+}
+
+fn dome(t1: f64) -> Problem {
+    let par = [
+        ("m", 1.0),
+        ("G", 9.81),
+        ("cd", 0.2),
+        ("fx", 6.0),
+        ("om", 2.5),
+        ("s", 0.3),
+        ("c", 0.1),
+        ("d", 0.7),
+    ];
+    let (q0, w0) = (vec![0.0, 0.4], vec![0.3, 0.0]);
+    Problem { model: "dome", par: parameters(&par), e: vec![0.4, 0.5], q0, w0, t1 }
+}
+
+fn steps(problem: &Problem, h: f64, theta: f64) -> MechanicalRun<std::convert::Infallible> {
+    let mut model = Model::new(problem.model, problem.par.clone());
+    let grid = Grid::new(0.0, problem.t1, h).unwrap();
+    let start = (&problem.q0[..], &problem.w0[..]);
+    let method = MoreauJean { theta };
+    simulate_mechanical_moreau_jean(
+        method,
+        &mut model,
+        &problem.e,
+        grid,
+        start,
+        Vec::new(),
+        &mut Silent,
+    )
+    .unwrap()
+}
+
+#[test]
+fn of_first_order_through_impacts_accumulations_and_contact() {
+    // jittered steps: the error of one step size is a matter of luck
+    let jitters = [1.0, 1.07, 1.13, 1.21, 1.32];
+    for problem in [wedge(0.6), wedge(0.9), dome(3.0)] {
+        let exact = last_state(&problem.run(SwitchedRk::with_tol(1e-11)));
+        let error = |h: f64| {
+            let squares = jitters.iter().map(|jitter| {
+                let run = steps(&problem, h * jitter, 0.5);
+                assert_eq!(run.status, Status::Completed);
+                let state = last_state(&run).into_iter().zip(&exact);
+                state.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max).powi(2)
+            });
+            (squares.sum::<f64>() / jitters.len() as f64).sqrt()
+        };
+        let (coarse, fine) = (error(2e-3), error(1.25e-4));
+        let order = (coarse / fine).log2() / 4.0;
+        println!("{} {}: {coarse:e} {fine:e} {order:.2}", problem.model, problem.t1);
+        assert!(order > 0.7 && order < 1.6, "{}: {coarse:e} {fine:e} {order}", problem.model);
+    }
+}
+
+#[test]
+fn rest_in_a_corner_and_what_presses_there() {
+    let problem = wedge(3.0);
+    let run = steps(&problem, 1e-3, 0.5);
+    let closed = run.samples.closed.last().unwrap();
+    assert!(closed.has(0) && closed.has(1));
+    let zeno = run.occurrences.iter().filter(|it| matches!(it, Occurrence::Zeno { .. })).count();
+    assert!(zeno >= 2, "{zeno}");
+    // lambda_1 n_1 + lambda_2 n_2 carries the weight
+    let lambda = &run.samples.lambda[run.samples.lambda.len() - 2..];
+    let ((s1, c1), (s2, c2)) = (1.1_f64.sin_cos(), 0.9_f64.sin_cos());
+    let sides = lambda[0] * s1 - lambda[1] * s2;
+    let up = lambda[0] * c1 + lambda[1] * c2;
+    assert!(sides.abs() < 1e-9 && (up - 9.81).abs() < 1e-9, "{lambda:?}");
+}
