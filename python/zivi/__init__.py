@@ -24,6 +24,10 @@ from zivi.design import GainDesign, InfeasibleError, best_ratio, design_regulato
 from zivi.events import Level
 from zivi.fmu import export_fmu
 from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
+from zivi.mechanics.batch import MechanicalBatch
+from zivi.mechanics.gap import Gap, LinearGap
+from zivi.mechanics.system import MechanicalSystem
+from zivi.mechanics.trajectory import MechanicalTrajectory
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.observer import ImpactObserver, Observed
 from zivi.orbits import (
@@ -75,13 +79,18 @@ __all__ = [
     "ExplicitEuler",
     "ExplicitTwisting",
     "GainDesign",
+    "Gap",
     "HarmonicWall",
     "ImpactObserver",
     "ImpactSystem",
     "InfeasibleError",
     "Level",
     "LinearForce",
+    "LinearGap",
     "Lyapunov",
+    "MechanicalBatch",
+    "MechanicalSystem",
+    "MechanicalTrajectory",
     "Method",
     "ModelWarning",
     "MoreauJean",
@@ -135,7 +144,7 @@ __all__ = [
     "sweep",
 ]
 
-_LAZY = ("files", "interop", "lab", "study")
+_LAZY = ("files", "interop", "lab", "study", "symbolic")
 """Modules that are imported when they are first asked for."""
 
 

@@ -21,6 +21,7 @@ EXTRAS = {
     "distributed": "dask",
     "control": "control",
     "jax": "jax",
+    "sympy": "symbolic",
     "marimo": "lab",
     "plotly": "lab",
     "uvicorn": "lab",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,8 @@ from zivi._impacts import IMPACT
 from zivi._json import text_of
 from zivi._misplaced import check_method
 from zivi._progress import ProgressBar
+from zivi.mechanics.batch import MechanicalBatch, mechanical_batch
+from zivi.mechanics.system import MechanicalSystem
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulate import pair
 from zivi.status import Status
@@ -163,16 +165,42 @@ class Batch(Runs):
         return xarray.Dataset(variables, coords=coords, attrs=attrs)
 
 
+@overload
+def simulate_batch(
+    systems: MechanicalSystem | Sequence[MechanicalSystem],
+    t_span: Sequence[float],
+    y0: Any,
+    *,
+    method: Method,
+    save: str | int = ...,
+    threads: int | None = ...,
+    progress: bool | None = ...,
+) -> MechanicalBatch: ...
+
+
+@overload
 def simulate_batch(
     systems: ImpactSystem | Sequence[ImpactSystem],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
     method: Method,
+    save: str | int = ...,
+    threads: int | None = ...,
+    progress: bool | None = ...,
+) -> Batch: ...
+
+
+def simulate_batch(
+    systems: Any,
+    t_span: Sequence[float],
+    y0: Any,
+    *,
+    method: Method,
     save: str | int = "final",
     threads: int | None = None,
     progress: bool | None = None,
-) -> Batch:
+) -> Batch | MechanicalBatch:
     """Simulate many independent runs, on all cores and without the interpreter.
 
     The results do not depend on the number of threads, and each run gives what `simulate` gives
@@ -180,18 +208,22 @@ def simulate_batch(
 
     Parameters
     ----------
-    systems : ImpactSystem or sequence of ImpactSystem
+    systems : ImpactSystem or sequence of ImpactSystem, or of MechanicalSystem
         One for all runs, or one for each. Forces must not need the interpreter: numbers,
-        `LinearForce` and compiled callables do not.
+        `LinearForce` and compiled callables do not. A `MechanicalSystem` may; those of
+        `zivi.symbolic`, which do not, run side by side.
     t_span : (float, float)
         Start and end (s), the same for all.
     y0 : array_like
-        Initial states, shape (n, 2), or (2,) for all systems.
+        Initial states, shape (n, 2), or (2,) for all systems. Of mechanical systems
+        ``(q0, qdot0)``, each with a row for each run or one for all.
     method : ThetaGamma, SwitchedRK, MoreauJean or ExplicitEuler
-        The method. Under constant forces `ThetaGamma` moves many masses side by side.
+        The method, for mechanical systems `SwitchedRK`. Under constant forces `ThetaGamma` moves
+        many masses side by side.
     save : {"final", "statistics", "events"} or int
         What is kept of each run: its end; its end and the extremes of its samples; its end and
-        all events; or its end and every so many samples (methods of fixed steps only).
+        all events; or its end and every so many samples (methods of fixed steps only). Of
+        mechanical systems "final", "events" or "runs", the runs themselves.
     threads : int, optional
         Number of threads, >= 1; by default as many as the machine runs at once.
     progress : bool, optional
@@ -200,7 +232,7 @@ def simulate_batch(
 
     Returns
     -------
-    Batch
+    Batch or MechanicalBatch
         An entry for each run; one that ended early has its status and the last valid state.
 
     Raises
@@ -221,6 +253,9 @@ def simulate_batch(
     <Batch of 4 runs: 4 completed, 4 at rest>
     """
     span = pair("t_span", t_span, "(t0, t1)")
+    first = next(iter(systems), None) if isinstance(systems, Sequence) else systems
+    if isinstance(first, MechanicalSystem):
+        return mechanical_batch(systems, span, y0, method, save, check_threads(threads), progress)
     several = _systems(systems)
     states = _states(y0, len(several))
     spec = _method(method)

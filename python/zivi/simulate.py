@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Never, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Never, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,15 @@ from zivi._misplaced import check_method, check_system, refuse
 from zivi._progress import ProgressBar
 from zivi._steps import ended_by_event, restrict
 from zivi.events import events_of
+from zivi.mechanics.run import (
+    Asked,
+    check_mechanical_method,
+    mechanical_events,
+    run_mechanical,
+    state_of,
+)
+from zivi.mechanics.system import MechanicalSystem
+from zivi.mechanics.trajectory import MechanicalTrajectory
 from zivi.methods import Course, Method, SwitchedRK
 from zivi.status import Status
 from zivi.system import ImpactSystem
@@ -29,16 +38,50 @@ __all__ = ["simulate"]
 
 DEFAULT_METHOD = SwitchedRK()
 
-Run = TypeVar("Run", "Trajectory", "ClosedLoop")
+Run = TypeVar("Run", "Trajectory", "ClosedLoop", "MechanicalTrajectory")
 
 Event: TypeAlias = Callable[..., float]
 """``g(t, x, xdot)`` or ``g(t, y)``, with attributes ``terminal`` and ``direction``."""
 
 
+@overload
+def simulate(
+    system: MechanicalSystem,
+    t_span: Sequence[float],
+    y0: Any,
+    method: Method = ...,
+    t_eval: ArrayLike | None = ...,
+    *,
+    events: Event | Sequence[Event] | None = ...,
+    dense_output: bool = ...,
+    progress: bool | None = ...,
+    tstops: ArrayLike | None = ...,
+    samples: Literal["motion", "steps"] = ...,
+    **misplaced: Never,
+) -> MechanicalTrajectory: ...
+
+
+@overload
 def simulate(
     system: ImpactSystem,
     t_span: Sequence[float],
     y0: ArrayLike,
+    method: Method = ...,
+    t_eval: ArrayLike | None = ...,
+    *,
+    events: Event | Sequence[Event] | None = ...,
+    dense_output: bool = ...,
+    progress: bool | None = ...,
+    tstops: ArrayLike | None = ...,
+    samples: Literal["motion", "steps"] = ...,
+    **misplaced: Never,
+) -> Trajectory: ...
+
+
+def simulate(
+    system: ImpactSystem | MechanicalSystem,
+    t_span: Sequence[float],
+    y0: Any,
     method: Method = DEFAULT_METHOD,
     t_eval: ArrayLike | None = None,
     *,
@@ -48,28 +91,31 @@ def simulate(
     tstops: ArrayLike | None = None,
     samples: Literal["motion", "steps"] = "motion",
     **misplaced: Never,
-) -> Trajectory:
+) -> Trajectory | MechanicalTrajectory:
     r"""Simulate a system with impacts.
 
     .. math:: \ddot x = f(t, x, \dot x), \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
 
     Parameters
     ----------
-    system : ImpactSystem
-        The force and the wall.
+    system : ImpactSystem or MechanicalSystem
+        The force and the wall; or mass, force and gaps of several coordinates.
     t_span : (float, float)
         Start and end (s), ``t0 < t1``.
-    y0 : (float, float)
+    y0 : (float, float) or (array_like, array_like)
         Initial distance from the wall, >= 0 (m), and velocity (m/s). A velocity into the wall
-        at ``x = 0`` is an impact at ``t0``.
+        at ``x = 0`` is an impact at ``t0``. Of a `MechanicalSystem` its coordinates and
+        velocities ``(q0, qdot0)``, each of shape (n,).
     method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
-        The method with its settings; by default `SwitchedRK` with error control.
+        The method with its settings; by default `SwitchedRK` with error control, which is the
+        one for a `MechanicalSystem`.
     t_eval : array_like, optional
         Ascending times in `t_span` to report instead of all steps (s), each once with
         `SwitchedRK`. With a method of fixed steps `s` and `v` are linear between them; the
         multipliers and the residual are those of the step that contains the time.
     events : callable or sequence of callables, optional
-        Functions ``g(t, x, xdot)`` or, as in SciPy, ``g(t, y)``, whose changes of sign are
+        Functions ``g(t, x, xdot)`` or, as in SciPy, ``g(t, y)``, of a `MechanicalSystem`
+        ``g(t, q, qdot)`` with arrays, whose changes of sign are
         located: see ``t_events`` and ``y_events`` of the result. Attributes as in SciPy:
         ``terminal`` (a bool, or the number of the event that ends the run) and ``direction`` (1
         only rising, -1 only falling, 0 both). A velocity that changes its sign in an impact is an
@@ -103,7 +149,7 @@ def simulate(
 
     Returns
     -------
-    Trajectory
+    Trajectory or MechanicalTrajectory
         Always valid up to its last sample. If the run ended early, ``success`` is False and
         ``status`` and ``message`` say why.
 
@@ -125,12 +171,13 @@ def simulate(
     0.25
     """
     refuse("simulate", misplaced)
+    if isinstance(system, MechanicalSystem):
+        return _mechanical(
+            system, t_span, y0, method, t_eval, events, dense_output, progress, tstops, samples
+        )
     check_system(system)
     check_method(method)
-    if samples not in ("motion", "steps"):
-        raise ValueError(f"samples must be 'motion' or 'steps', got {samples!r}")
-    if not isinstance(dense_output, bool):
-        raise TypeError(f"dense_output must be True or False, got {dense_output!r}")
+    _check_switches(samples, dense_output)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
     times = None if t_eval is None else times_within(t_eval, span)
@@ -159,6 +206,46 @@ def simulate(
         raise with_partial(error, sol)
     finally:
         del error, ear
+
+
+def _mechanical(
+    system: MechanicalSystem,
+    t_span: Sequence[float],
+    y0: Any,
+    method: Any,
+    t_eval: ArrayLike | None,
+    events: Any,
+    dense_output: bool,
+    progress: bool | None,
+    tstops: ArrayLike | None,
+    samples: str,
+) -> MechanicalTrajectory:
+    """Run a system of several coordinates and gaps."""
+    check_mechanical_method(method, system)
+    _check_switches(samples, dense_output)
+    span = pair("t_span", t_span, "(t0, t1)")
+    q, qdot = state_of(y0, system._n)
+    times = None if t_eval is None else times_within(t_eval, span)
+    asked = Asked(
+        span, q, qdot, times, _stops(tstops, method), mechanical_events(events), dense_output
+    )
+    with ProgressBar(progress) as bar, listening([("compiled",)]) as ear:
+        sol, error = run_mechanical(system, method, asked, bar.report)
+    if error is None and (error := ear.ends(sol.success)):
+        sol = as_raised(sol)
+    if error is None:
+        return sol
+    try:
+        raise with_partial(error, sol)
+    finally:
+        del error, ear
+
+
+def _check_switches(samples: Any, dense_output: Any) -> None:
+    if samples not in ("motion", "steps"):
+        raise ValueError(f"samples must be 'motion' or 'steps', got {samples!r}")
+    if not isinstance(dense_output, bool):
+        raise TypeError(f"dense_output must be True or False, got {dense_output!r}")
 
 
 def pair(name: str, value: Any, form: str) -> tuple[float, float]:
@@ -204,7 +291,9 @@ def as_raised(run: Run) -> Run:
     return dataclasses.replace(run, status=Status.RAISED, message=message)
 
 
-def with_partial(error: BaseException, sol: Trajectory | ClosedLoop) -> BaseException:
+def with_partial(
+    error: BaseException, sol: Trajectory | ClosedLoop | MechanicalTrajectory
+) -> BaseException:
     """Attach what was computed to the exception that ended a run."""
     path = getattr(sol, "_path", None)
     _, end = (path and path.span) or (None, sol.t[-1] if len(sol.t) else None)

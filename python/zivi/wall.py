@@ -69,6 +69,12 @@ class HarmonicWall:
         speed = -self.amplitude * self.omega * np.sin(angle)
         return self.offset + swing, speed, -(self.omega**2) * swing
 
+    def _at(self, t: float) -> tuple[float, float, float]:
+        angle = self.omega * t + self.phase
+        swing = self.amplitude * math.cos(angle)
+        speed = -self.amplitude * self.omega * math.sin(angle)
+        return self.offset + swing, speed, -(self.omega**2) * swing
+
     def _spec(self) -> tuple[Any, ...]:
         return "harmonic", self.amplitude, self.omega, self.phase, self.offset
 

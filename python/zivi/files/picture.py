@@ -9,15 +9,16 @@ import numpy as np
 
 from zivi import plot
 from zivi._check import Array
-from zivi.closed_loop import ClosedLoop
 from zivi.files.mistakes import FileError
 from zivi.study import Study
+from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from zivi.trajectory import Trajectory
+    from zivi.closed_loop import ClosedLoop
+    from zivi.mechanics.trajectory import MechanicalTrajectory
 
 __all__ = ["of_run", "of_study"]
 
@@ -29,9 +30,9 @@ NUMERIC = "biuf"
 """Kinds of arrays of numbers."""
 
 
-def of_run(run: Trajectory | ClosedLoop) -> Figure:
+def of_run(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> Figure:
     """Draw one run."""
-    if isinstance(run, ClosedLoop):
+    if not isinstance(run, Trajectory):
         return plot.overview(run)
     figure = _figure((9.0, 6.0))
     axes = figure.subplots(2, 2)

@@ -15,7 +15,9 @@ from zivi._impacts import IMPACT
 from zivi._loop_path import BallisticPath, SampledReference
 from zivi._zivi import MotionPath
 from zivi.dense import LinearPath, LostPath, PenetratingPath
+from zivi.files.mechanical import holds_mechanical, mechanical_run
 from zivi.loop_run import ClosedLoop
+from zivi.mechanics.trajectory import MechanicalTrajectory
 from zivi.status import Status
 from zivi.trajectory import Trajectory
 from zivi.wall import HarmonicWall, MovingWall
@@ -36,15 +38,17 @@ MOTION, NOTHING, LOST = "MotionPath", "none", ""
 """Other names: the dense output of a method, no path, and that of files which never held one."""
 
 
-def run_of(dataset: xarray.Dataset) -> Trajectory | ClosedLoop:
+def run_of(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
     """Give the run that a dataset holds."""
+    if holds_mechanical(dataset):
+        return mechanical_run(dataset)
     return _closed_loop(dataset) if "u" in dataset else _trajectory(dataset)
 
 
-def drawn(dataset: xarray.Dataset) -> Trajectory | ClosedLoop:
+def drawn(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
     """Give the run with the samples that its plots show."""
     run = run_of(dataset)
-    if "curve_time" not in dataset or isinstance(run, ClosedLoop):
+    if "curve_time" not in dataset or not isinstance(run, Trajectory):
         return run
     curve: dict[str, Any] = {
         name: dataset[f"curve_{name}"].values for name in ("x", "xdot", "s", "v")

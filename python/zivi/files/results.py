@@ -15,7 +15,9 @@ import numpy as np
 from zivi._curve import Line, line_of
 from zivi._extras import needed
 from zivi.closed_loop import ClosedLoop
+from zivi.files.mechanical import mechanical_dataset
 from zivi.files.restore import loop_variables, path_variables, run_of
+from zivi.mechanics.trajectory import MechanicalTrajectory
 from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -55,7 +57,10 @@ def require_library() -> None:
 
 
 def save(
-    run: Trajectory | ClosedLoop, path: str | PathLike[str], *, overwrite: bool = False
+    run: Trajectory | ClosedLoop | MechanicalTrajectory,
+    path: str | PathLike[str],
+    *,
+    overwrite: bool = False,
 ) -> None:
     """Write a run to a netCDF file, which is there as a whole or not at all.
 
@@ -63,7 +68,7 @@ def save(
 
     Parameters
     ----------
-    run : Trajectory or ClosedLoop
+    run : Trajectory, ClosedLoop or MechanicalTrajectory
         The run.
     path : path
         The file; its folder is made if it is not there.
@@ -140,7 +145,7 @@ def _check_seal(file: Path) -> None:
         raise ResultError(f"{file}: was damaged or changed since zivi wrote it")
 
 
-def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop:
+def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop | MechanicalTrajectory:
     """Read a run back from a netCDF file.
 
     Parameters
@@ -150,7 +155,7 @@ def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop:
 
     Returns
     -------
-    Trajectory or ClosedLoop
+    Trajectory, ClosedLoop or MechanicalTrajectory
         All samples, events and settings. It gives ``sol(t)`` and `impacts_down_to` to the last bit
         as before it was saved.
 
@@ -167,8 +172,8 @@ def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop:
 def restored(
     path: str | PathLike[str],
     dataset: xarray.Dataset,
-    make: Callable[[xarray.Dataset], Trajectory | ClosedLoop],
-) -> Trajectory | ClosedLoop:
+    make: Callable[[xarray.Dataset], Trajectory | ClosedLoop | MechanicalTrajectory],
+) -> Trajectory | ClosedLoop | MechanicalTrajectory:
     """Make a run of what a file holds; a `ResultError` if it does not hold one."""
     try:
         return make(dataset)
@@ -196,8 +201,10 @@ def open_result(path: str | PathLike[str]) -> xarray.Dataset:
         raise ResultError(f"{path}: cannot be read ({reason:.200})") from error
 
 
-def dataset_of(run: Trajectory | ClosedLoop) -> xarray.Dataset:
+def dataset_of(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> xarray.Dataset:
     """Give all that a run is, with the curve that plots draw if it is finer than the samples."""
+    if isinstance(run, MechanicalTrajectory):
+        return mechanical_dataset(run)
     dataset = run.to_xarray()
     if isinstance(run, Trajectory):
         dataset["failed_step"] = "failed", run.failed_steps, {"long_name": "number of a step"}

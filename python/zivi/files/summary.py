@@ -12,6 +12,8 @@ from rich.table import Table
 from zivi._check import Array
 from zivi.closed_loop import ClosedLoop
 from zivi.files.sweeps import parameters_of
+from zivi.mechanics.labelled import rows_of
+from zivi.mechanics.trajectory import MechanicalTrajectory
 from zivi.study import EXPERIMENTS, Study
 from zivi.study.work import DONE, FAILED, MISSING
 from zivi.trajectory import Trajectory
@@ -36,8 +38,10 @@ def _table(title: str, rows: Iterable[tuple[str, str]]) -> Table:
     return table
 
 
-def of_run(run: Trajectory | ClosedLoop) -> Table:
+def of_run(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> Table:
     """Sum up one run."""
+    if isinstance(run, MechanicalTrajectory):
+        return _table("Mechanical system", list(rows_of(run).items()))
     rows = [("status", f"{run.status.name.lower()}: {run.message}"), ("time", _span(run.t, "s"))]
     rows += _wall_rows(run)
     rows += _loop_rows(run) if isinstance(run, ClosedLoop) else _step_rows(run)

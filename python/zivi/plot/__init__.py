@@ -5,6 +5,7 @@ global setting and never calls ``show``. A line that is drawn into axes with lin
 colour. Further keywords go to `matplotlib.axes.Axes.plot`.
 
 curves            over time, and velocity over position
+mechanics         gaps, reactions and coordinates of mechanical systems
 section           points of a Poincare section
 orbits            branches of periodic orbits, bifurcation diagrams, basins
 runs              which runs a plot can draw
@@ -23,6 +24,7 @@ from zivi.plot.curves import (
     velocity,
 )
 from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE
+from zivi.plot.mechanics import configuration, coordinates, gaps, reactions
 from zivi.plot.orbits import basins, branch, diagram
 from zivi.plot.panels import overview
 from zivi.plot.section import poincare
@@ -35,14 +37,18 @@ __all__ = [
     "animate",
     "basins",
     "branch",
+    "configuration",
     "control",
+    "coordinates",
     "diagram",
+    "gaps",
     "lifted",
     "multipliers",
     "overview",
     "phase_plane",
     "poincare",
     "position",
+    "reactions",
     "signs",
     "velocity",
 ]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from zivi.plot.curves import control, lifted, phase_plane, position, signs, velocity
 from zivi.plot.look import figure_of
+from zivi.plot.mechanics import configuration, coordinates, gaps, is_mechanical, reactions
 from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
@@ -16,18 +17,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from zivi.closed_loop import ClosedLoop
+    from zivi.mechanics.trajectory import MechanicalTrajectory
     from zivi.trajectory import Trajectory
 
 
-def overview(run: Trajectory | ClosedLoop, figure: Figure | None = None) -> Figure:
+def overview(
+    run: Trajectory | ClosedLoop | MechanicalTrajectory, figure: Figure | None = None
+) -> Figure:
     """Plot a run as a whole.
 
     A trajectory: position, velocity and transformed state over time, and the physical phase
-    plane. A closed loop: position, velocity, control and signs over time.
+    plane. A closed loop: position, velocity, control and signs over time. A mechanical system:
+    coordinates, gaps and reactions over time, and its configuration.
 
     Parameters
     ----------
-    run : Trajectory or ClosedLoop
+    run : Trajectory, ClosedLoop or MechanicalTrajectory
         The run.
     figure : matplotlib.figure.Figure, optional
         Where to draw; a new figure by default.
@@ -42,13 +47,13 @@ def overview(run: Trajectory | ClosedLoop, figure: Figure | None = None) -> Figu
     >>> len(zivi.plot.overview(zivi.simulate(ball, (0, 3), (1, 0))).axes)
     4
     """
-    check_run("overview", run)
+    drawings: list[Callable[..., Axes]] = [coordinates, gaps, reactions, partial(configuration)]
+    if not is_mechanical(run):
+        check_run("overview", run)
+        drawings = [position, velocity, lifted, partial(phase_plane, coordinates="physical")]
+        if hasattr(run, "u"):
+            drawings[2:] = [control, signs]
     figure = figure_of(figure, 9.0, 6.0)
-    drawings: list[Callable[..., Axes]] = [position, velocity]
-    if hasattr(run, "u"):
-        drawings += [control, signs]
-    else:
-        drawings += [lifted, partial(phase_plane, coordinates="physical")]
     first = None
     for number, draw in enumerate(drawings, start=1):
         over_time = not isinstance(draw, partial)

@@ -42,6 +42,8 @@ def check_run(plot: str, run: Any, *, needs: str | None = None, of: str | None =
 
 
 def _instead(run: Any) -> str:
+    if hasattr(run, "gaps"):
+        return ": of a mechanical system draw zivi.plot.gaps, reactions, coordinates, configuration"
     if hasattr(run, "n_impacts"):
         return ": a batch keeps no motion, simulate the run that is to be drawn by itself"
     if isinstance(run, list | tuple):

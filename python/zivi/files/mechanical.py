@@ -1,0 +1,71 @@
+"""Runs of mechanical systems in datasets, and back."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zivi._zivi import MechanicalPath
+from zivi.mechanics.labelled import MEANING, TABLES
+from zivi.mechanics.trajectory import FIELDS, MechanicalTrajectory, table
+from zivi.status import Status
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["holds_mechanical", "mechanical_dataset", "mechanical_run"]
+
+
+def holds_mechanical(dataset: xarray.Dataset) -> bool:
+    """Whether a dataset is a run of a mechanical system."""
+    return "reactions" in dataset
+
+
+def mechanical_dataset(run: MechanicalTrajectory) -> xarray.Dataset:
+    """Give all that a run is: its labelled dataset, the events of the user and the motion."""
+    dataset = run.to_xarray()
+    numbers = np.repeat(np.arange(len(run.t_events)), [len(times) for times in run.t_events])
+    nothing = np.empty((0, run.q.shape[1]))
+    dataset["event_function"] = "event", numbers, {"long_name": "number of the event function"}
+    dataset["event_time"] = "event", np.concatenate([*run.t_events, np.empty(0)])
+    for name, states in (("event_q", run.q_events), ("event_qdot", run.qdot_events)):
+        dataset[name] = ("event", "coordinate"), np.concatenate([*states, nothing])
+    dataset.attrs["n_event_functions"] = len(run.t_events)
+    if run._path is not None:
+        meaning = "the motion between the samples, in zivi's own form"
+        dataset["motion"] = "motion_number", run._path.numbers(), {"long_name": meaning}
+    return dataset
+
+
+def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
+    """Give the run that a dataset holds; its system is not in it."""
+    attrs = dataset.attrs
+    names = tuple(str(name) for name in dataset["gap"].values)
+    function = dataset["event_function"].values
+    each = [function == number for number in range(int(attrs["n_event_functions"]))]
+    sampled: dict[str, Any] = {name: dataset[name].values for name in MEANING}
+    return MechanicalTrajectory(
+        t=dataset["time"].values,
+        **sampled | {"contacts": dataset["contacts"].values.astype(bool)},
+        **{name: _table(dataset, name, len(names)) for name in TABLES},
+        status=Status(int(attrs["status"])),
+        message=str(attrs["message"]),
+        nfev=int(attrs["nfev"]),
+        n_steps=int(attrs["n_steps"]),
+        n_rejected=int(attrs["n_rejected"]),
+        coordinate_names=tuple(str(name) for name in dataset["coordinate"].values),
+        gap_names=names,
+        config=json.loads(attrs["config"]),
+        t_events=[dataset["event_time"].values[own] for own in each],
+        q_events=[dataset["event_q"].values[own] for own in each],
+        qdot_events=[dataset["event_qdot"].values[own] for own in each],
+        _path=MechanicalPath.restored(dataset["motion"].values) if "motion" in dataset else None,
+    )
+
+
+def _table(dataset: xarray.Dataset, name: str, m: int) -> Any:
+    fields, dim = FIELDS[name], TABLES[name]
+    columns = {field: dataset[f"{dim}_{field}"].values for field in fields}
+    return table(fields, m, columns)

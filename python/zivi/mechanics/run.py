@@ -1,0 +1,154 @@
+"""A run of a mechanical system: its arguments, checked, and its record as a result."""
+
+from __future__ import annotations
+
+import dataclasses
+import numbers
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from zivi import _zivi
+from zivi._check import Array, real_array
+from zivi.mechanics.start import check_start
+from zivi.mechanics.system import MechanicalSystem, Model
+from zivi.mechanics.trajectory import MechanicalTrajectory
+from zivi.methods import ExplicitEuler, MoreauJean, SwitchedRK, ThetaGamma
+
+__all__ = [
+    "Asked",
+    "check_mechanical_method",
+    "mechanical_events",
+    "run_mechanical",
+    "state_of",
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """What a run is asked for.
+
+    Parameters
+    ----------
+    span : (float, float)
+        Start and end.
+    q, qdot : ndarray
+        The state at the start.
+    t_eval : ndarray or None
+        Times of the samples.
+    tstops : ndarray
+        Times where the force is not smooth.
+    events : list
+        As `mechanical_events` gives them.
+    dense : bool
+        Whether the motion between the samples is kept.
+    """
+
+    span: tuple[float, float]
+    q: Array
+    qdot: Array
+    t_eval: Array | None
+    tstops: Array
+    events: list[tuple[Any, int, int | None]]
+    dense: bool
+
+
+def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
+    """Read ``(q0, qdot0)``."""
+    try:
+        given = tuple(y0)
+    except TypeError:
+        given = ()
+    if len(given) != 2:
+        raise TypeError(f"y0 must be (q0, qdot0), two arrays of shape (n,), got {y0!r}")
+    q, qdot = (
+        np.atleast_1d(real_array(name, value)).astype(np.float64)
+        for name, value in zip(("q0", "qdot0"), given, strict=True)
+    )
+    size = len(q) if n is None else n
+    for name, value in (("q0", q), ("qdot0", qdot)):
+        if value.shape != (size,):
+            raise ValueError(f"{name} must have shape ({size},), got {value.shape}")
+        if not np.all(np.isfinite(value)):
+            raise ValueError(f"{name} must be finite, got {value.tolist()}")
+    return np.ascontiguousarray(q), np.ascontiguousarray(qdot)
+
+
+def mechanical_events(events: Any) -> list[tuple[Any, int, int | None]]:
+    """Read events ``g(t, q, qdot)`` with SciPy's attributes."""
+    if events is None:
+        return []
+    if not (callable(events) or isinstance(events, Iterable)):
+        raise TypeError(f"events must be a function or a sequence of functions, got {events!r}")
+    functions = [events] if callable(events) else list(events)
+    return [_event(k, function) for k, function in enumerate(functions)]
+
+
+def _event(k: int, function: Any) -> tuple[Any, int, int | None]:
+    if not callable(function):
+        raise TypeError(f"events[{k}] must be a function g(t, q, qdot), got {function!r}")
+    terminal = getattr(function, "terminal", None) or 0
+    direction = getattr(function, "direction", 0)
+    if (isinstance(terminal, float) and not terminal.is_integer()) or int(terminal) < 0:
+        raise ValueError(f"events[{k}].terminal must be a bool or a count, got {terminal!r}")
+    if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
+        raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
+    sign = int(float(direction) > 0) - int(float(direction) < 0)
+    return function, sign, int(terminal) or None
+
+
+def check_mechanical_method(method: Any, system: MechanicalSystem) -> None:
+    """Refuse methods that do not take mechanical systems, and say why."""
+    if isinstance(method, SwitchedRK):
+        return
+    if isinstance(method, ThetaGamma | ExplicitEuler | MoreauJean):
+        raise ValueError(WHY[type(method).__name__])
+    raise TypeError(f"method must be a zivi.SwitchedRK for a MechanicalSystem, got {method!r}")
+
+
+WHY = {
+    "ThetaGamma": (
+        "ThetaGamma takes a zivi.ImpactSystem, one mass above one wall. For gaps that are coupled "
+        "through the mass matrix its step is not sound: an impact on one gap changes the speed of "
+        "the others at once, which its continuous velocity v cannot follow. Use zivi.SwitchedRK()"
+    ),
+    "ExplicitEuler": "ExplicitEuler takes a zivi.ImpactSystem only: use zivi.SwitchedRK()",
+    "MoreauJean": "MoreauJean takes a zivi.ImpactSystem only: use zivi.SwitchedRK()",
+}
+
+
+def run_mechanical(
+    system: MechanicalSystem, method: SwitchedRK, asked: Asked, report: Any
+) -> tuple[MechanicalTrajectory, BaseException | None]:
+    """Check the start, run, and give the result with the exception that ended it, if one did."""
+    model: Model = system.model(len(asked.q))
+    check_start(system, model, asked.span, asked.q, asked.qdot)
+    record = _zivi.simulate_mechanical(
+        model.spec,
+        method._settings(),
+        n=model.layout.n,
+        m=model.layout.m,
+        e=system.e,
+        span=asked.span,
+        q0=asked.q,
+        qdot0=asked.qdot,
+        t_eval=asked.t_eval,
+        tstops=asked.tstops,
+        events=asked.events,
+        dense=asked.dense,
+        progress=report,
+    )
+    config = {
+        "system": repr(system),
+        "e": system.e.tolist(),
+        "coordinates": list(system.coordinate_names(model.layout.n)),
+        "gaps": list(system.gap_names),
+        "t_span": list(asked.span),
+        "q0": asked.q.tolist(),
+        "qdot0": asked.qdot.tolist(),
+        "method": {"name": type(method).__name__} | dataclasses.asdict(method),
+    }
+    if system.derived:
+        config["parameters"] = dict(system.parameters)  # type: ignore[attr-defined]
+    return MechanicalTrajectory._from_record(record, model, config), record.raised

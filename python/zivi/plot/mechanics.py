@@ -1,0 +1,149 @@
+"""Plots of mechanical systems: gaps, reactions and coordinates over time, and the configuration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zivi.plot.look import PALETTE, WALL, axes_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+    from zivi._check import Array
+    from zivi.mechanics.trajectory import MechanicalTrajectory
+
+__all__ = ["check_mechanical", "configuration", "coordinates", "gaps", "is_mechanical", "reactions"]
+
+POINTS = 2000
+"""So many equidistant times beside the samples draw a motion."""
+
+
+def is_mechanical(run: Any) -> bool:
+    """Whether a run has coordinates and gaps."""
+    return all(hasattr(run, name) for name in ("q", "gaps", "reactions"))
+
+
+def check_mechanical(plot: str, run: Any) -> None:
+    """Raise a TypeError for what a plot of a mechanical system cannot draw."""
+    if not is_mechanical(run):
+        raise TypeError(
+            f"zivi.plot.{plot} draws a zivi.MechanicalTrajectory, got {type(run).__name__}"
+        )
+
+
+def drawn(sol: MechanicalTrajectory) -> MechanicalTrajectory:
+    """Give a run with so many samples that lines draw it, if it keeps its motion."""
+    if sol._path is None or len(sol.t) < 2:
+        return sol
+    times = np.union1d(sol.t, np.linspace(sol.t[0], sol.t[-1], POINTS))
+    return sol.resample(times)
+
+
+def gaps(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the gaps over time, with a mark at each accumulation and each lift-off.
+
+    Parameters
+    ----------
+    sol : MechanicalTrajectory
+        The run.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    **line
+        Passed to `matplotlib.axes.Axes.plot`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    check_mechanical("gaps", sol)
+    ax = axes_of(ax)
+    curve = drawn(sol)
+    _lines(ax, curve.t, curve.gaps, sol.gap_names, line)
+    for events, mark in ((sol.zeno, "v"), (sol.liftoffs, "^")):
+        for event in events:
+            ax.plot(event["t"], 0.0, mark, color=_colour(int(event["gap"])), ms=5, clip_on=False)
+    ax.axhline(0.0, color=WALL, lw=0.8, zorder=0)
+    ax.set(xlabel="time $t$", ylabel="gaps $g_i$")
+    return ax
+
+
+def reactions(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the reactions over time; impulses, which are infinite forces, are not in them.
+
+    Parameters and return value as for `gaps`.
+    """
+    check_mechanical("reactions", sol)
+    ax = axes_of(ax)
+    curve = sol if sol._model is None else drawn(sol)
+    # a reaction jumps where its contact begins and ends
+    values = np.where(curve.contacts, curve.reactions, np.nan)
+    _lines(ax, curve.t, values, sol.gap_names, line)
+    ax.set(xlabel="time $t$", ylabel=r"reactions $\lambda_i$")
+    return ax
+
+
+def coordinates(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the coordinates over time.
+
+    Parameters and return value as for `gaps`.
+    """
+    check_mechanical("coordinates", sol)
+    ax = axes_of(ax)
+    curve = drawn(sol)
+    _lines(ax, curve.t, curve.q, sol.coordinate_names, line)
+    ax.set(xlabel="time $t$", ylabel="coordinates $q_i$")
+    return ax
+
+
+def configuration(
+    sol: MechanicalTrajectory,
+    ax: Axes | None = None,
+    *,
+    over: Sequence[int] | Sequence[str] | None = None,
+    **line: Any,
+) -> Axes:
+    """Plot one coordinate over another; of a single coordinate its velocity over it.
+
+    Parameters and return value as for `gaps`; `over` are two coordinates, numbers or names, by
+    default the first two.
+    """
+    check_mechanical("configuration", sol)
+    ax = axes_of(ax)
+    curve = drawn(sol)
+    names = sol.coordinate_names
+    if over is None and len(names) == 1:
+        ax.plot(curve.q[:, 0], curve.qdot[:, 0], **({"color": _colour(len(ax.lines))} | line))
+        ax.set(xlabel=names[0], ylabel=f"velocity of {names[0]}")
+        return ax
+    chosen = [_number(names, item) for item in (over if over is not None else (0, 1))]
+    if len(chosen) != 2:
+        raise ValueError(f"over must be two coordinates, got {over!r}")
+    first, second = chosen
+    ax.plot(curve.q[:, first], curve.q[:, second], **({"color": _colour(len(ax.lines))} | line))
+    ax.set(xlabel=names[first], ylabel=names[second])
+    return ax
+
+
+def _number(names: tuple[str, ...], item: int | str) -> int:
+    if isinstance(item, str) and item in names:
+        return names.index(item)
+    if isinstance(item, int | np.integer) and -len(names) <= item < len(names):
+        return int(item) % len(names)
+    raise ValueError(f"over must hold coordinates of {', '.join(names)}, got {item!r}")
+
+
+def _lines(
+    ax: Axes, t: Array, columns: Array, names: tuple[str, ...], line: dict[str, Any]
+) -> None:
+    for k, (values, name) in enumerate(zip(columns.T, names, strict=True)):
+        ax.plot(t, values, **({"color": _colour(k), "label": name} | line))
+    if names:
+        ax.legend()
+
+
+def _colour(k: int) -> str:
+    return PALETTE[k % len(PALETTE)]
