@@ -1,0 +1,35 @@
+"""The examples of mechanical systems: what they print agrees with what they expect."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from example_scripts import example
+
+pytest.importorskip("sympy")
+pytest.importorskip("matplotlib")
+
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("mechanical models")]
+
+NAMES = sorted(
+    path.stem for path in (Path(__file__).parents[1] / "examples").glob("mechanics_*.py")
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_number_is_the_expected_one(name, tmp_path, capsys):
+    path = tmp_path / "out.png"
+    example(name).main(str(path))
+    assert path.stat().st_size > 10_000
+    pairs = re.findall(r"(\d+\.\d{4,})[^(\d]*\((\d+\.\d{4,})\)", capsys.readouterr().out)
+    assert len(pairs) >= 2
+    for found, expected in pairs:
+        digits = len(expected.split(".")[1])
+        assert float(found) == pytest.approx(float(expected), abs=1.5 * 10.0**-digits)
+
+
+def test_the_pages_show_all_of_them():
+    gallery = (Path(__file__).parents[1] / "docs" / "gallery.md").read_text()
+    assert all(f"gallery/{name}.md" in gallery for name in NAMES)
+    assert len(NAMES) >= 6

@@ -1,0 +1,462 @@
+"""Mechanical systems: laws, equivalences, bad input, and what a result can do."""
+
+import ctypes
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import zivi
+from mechanical_models import compiled, model, multi_case, ndof_case
+from zivi.mechanics.reactions import multipliers
+
+pytestmark = pytest.mark.xdist_group("mechanical models")
+
+TIGHT = zivi.SwitchedRK(rtol=1e-10, atol=1e-12)
+FLOOR = zivi.LinearGap([0, 1], name="floor")
+WALL = zivi.LinearGap([-1, 0], 0.8, name="wall")
+
+
+def box(**changes):
+    given = {"mass": np.eye(2), "force": [2.0, -9.81], "gaps": [FLOOR, WALL], "e": [0.5, 0.3]}
+    return zivi.MechanicalSystem(**given | changes)
+
+
+# --- the smallest case, and independent gaps
+
+
+SCALAR = [
+    (zivi.LinearForce(gravity=9.81), 0.5, (1.0, 0.3), 3.0),
+    (zivi.LinearForce(gravity=1.0, amplitude=2.0, omega=3.0, damping=0.1), 0.6, (0.5, 0.0), 6.0),
+    (zivi.LinearForce(stiffness=4.0, gravity=0.5), 0.3, (0.2, -0.4), 5.0),
+    (zivi.LinearForce(gravity=9.81), 0.0, (1.0, 0.0), 2.0),
+    (zivi.LinearForce(gravity=9.81), 1.0, (1.0, 0.0), 2.0),
+]
+
+
+@pytest.mark.parametrize("order", [5, 8])
+@pytest.mark.parametrize("case", range(len(SCALAR)))
+def test_one_coordinate_and_one_gap_are_an_impact_system(case, order):
+    force, e, (x, xdot), end = SCALAR[case]
+    method = zivi.SwitchedRK(rtol=1e-9, atol=1e-11, order=order)
+    one = zivi.simulate(zivi.ImpactSystem(force, e=e), (0, end), (x, xdot), method)
+    system = zivi.MechanicalSystem(
+        mass=1.0,
+        force=lambda t, q, qdot: [force(t, q[0], qdot[0])],
+        gaps=[zivi.LinearGap([1])],
+        e=e,
+    )
+    sol = zivi.simulate(system, (0, end), ([x], [xdot]), method)
+    assert sol.success
+    assert sol.zeno["t"] == pytest.approx(one.zeno_times, abs=1e-13)
+    assert sol.liftoffs["t"] == pytest.approx(one.liftoff_times, abs=1e-13)
+    n = min(len(sol.impacts), len(one.impacts), 8)
+    assert sol.impacts["t"][:n] == pytest.approx(one.impacts["t"][:n], abs=1e-13)
+    assert [sol.q[-1, 0], sol.qdot[-1, 0]] == pytest.approx([one.x[-1], one.xdot[-1]], abs=1e-13)
+
+
+def test_orthogonal_gaps_are_scalar_runs():
+    push = zivi.LinearForce(gravity=-2.0, amplitude=3.0, omega=2.0)
+    method = zivi.SwitchedRK(rtol=1e-13, atol=1e-14)
+    system = box(force=lambda t, q, qdot: [push(t, 0.0, 0.0), -9.81])
+    sol = zivi.simulate(system, (0, 3), ([0.0, 0.5], [0.5, 0.0]), method)
+    below = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 3), (0.5, 0.0), method)
+    away = zivi.LinearForce(gravity=2.0, amplitude=-3.0, omega=2.0)
+    beside = zivi.simulate(zivi.ImpactSystem(away, e=0.3), (0, 3), (0.8, -0.5), method)
+    for gap, run in ((0, below), (1, beside)):
+        assert sol.zeno["t"][sol.zeno["gap"] == gap] == pytest.approx(run.zeno_times, abs=1e-12)
+        mine = sol.liftoffs["t"][sol.liftoffs["gap"] == gap]
+        assert mine == pytest.approx(run.liftoff_times, abs=1e-12)
+        assert sol.gaps[-1, gap] == pytest.approx(run.x[-1], abs=1e-12)
+    times = np.linspace(0, 3, 50)
+    assert sol(times)[0, :, 1] == pytest.approx(below(times)[0], abs=1e-10)
+    assert len(sol.flags) == 0
+
+
+# --- energy
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0, (0.9, 0.2)])
+@pytest.mark.parametrize("name", ["wedge", "rock"])
+def test_the_energy_never_rises(name, e):
+    par = {
+        "wedge": {"m": 1.3, "G": 9.81, "cd": 0.0, "a1": 1.1, "a2": 0.9},
+        "rock": {"m": 1, "J": 5 / 12, "G": 9.81, "hh": 0.5, "b": 1, "A": 0, "B": 0, "om": 1},
+    }[name]
+    start = {"wedge": ([0.1, 1.2], [0.3, 0.0]), "rock": ([0.9, 0.1], [0.0, 0.3])}[name]
+    system = model(name, par, e)
+    method = zivi.SwitchedRK(rtol=1e-12, atol=1e-13)
+    sol = zivi.simulate(system, (0, 1.5), start, method)
+    mass = np.diag(system.at(0, *start).mass)
+    height = sol.q[:, 1] if name == "wedge" else sol.q[:, 0]
+    energy = (sol.qdot**2) @ mass / 2 + par["m"] * 9.81 * height
+    assert np.max(np.diff(energy)) < 1e-11 * energy[0]
+    if e == 1.0:
+        assert energy[-1] == pytest.approx(energy[0], rel=1e-10)
+
+
+def test_every_impact_obeys_its_law():
+    system, span, state = multi_case("dumb")
+    sol = zivi.simulate(system, span, state, TIGHT)
+    rows = sol.impacts
+    assert np.all(rows["speed_before"] <= 0)
+    assert np.all(rows["impulse"] >= 0)
+    hit = rows["impulse"] > 0
+    expected = -system.e[rows["gap"]] * rows["speed_before"]
+    assert rows["speed_after"][hit] == pytest.approx(expected[hit], rel=1e-9, abs=1e-12)
+    assert np.all(rows["speed_after"] >= expected - 1e-12)
+
+
+# --- known answers, and what they hang on
+
+
+def test_newtons_cradle():
+    gaps = [zivi.LinearGap([-1, 1, 0]), zivi.LinearGap([0, -1, 1])]
+    line = zivi.MechanicalSystem(mass=np.eye(3), force=np.zeros(3), gaps=gaps, e=1.0)
+    sol = zivi.simulate(line, (0, 1), ([-0.5, 0, 0], [1, 0, 0]), TIGHT)
+    assert sol.qdot[-1] == pytest.approx([-1 / 3, 2 / 3, 2 / 3], abs=1e-13)
+    apart = zivi.simulate(line, (0, 1), ([-0.5, 0, 1e-6], [1, 0, 0]), TIGHT)
+    assert apart.qdot[-1] == pytest.approx([0, 0, 1], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("tilt", "rests", "flagged"),
+    [(0.0, 0.957826, True), (1e-10, 0.685957, True), (1e-12, None, True), (0.1, None, False)],
+)
+def test_a_bar_dropped_flat(tilt, rests, flagged):
+    par = {"m": 1, "J": 1 / 12, "G": 9.81, "l": 0.5, "d": 10}
+    system = model("dumb", par, 0.5)
+    method = zivi.SwitchedRK(rtol=1e-9, atol=1e-9)
+    sol = zivi.simulate(system, (0, 1.2), ([0, 0.5, tilt], [0, 0, 0]), method)
+    assert sol.success
+    assert bool(len(sol.flags)) is flagged
+    assert sol.contacts[-1].tolist() == [True, True, False]
+    if rests is not None:
+        last = max([*sol.zeno["t"], *sol.corners["t"]])
+        assert last == pytest.approx(rests, abs=2e-6)
+
+
+def test_three_feet_are_a_clear_status():
+    # a bar over a floor: three feet, two coordinates
+    feet = [zivi.LinearGap([1, x], name=f"foot {x}") for x in (-1, 0, 1)]
+    bar = zivi.MechanicalSystem(mass=np.diag([1.0, 0.3]), force=[-9.81, 0], gaps=feet, e=0.5)
+    sol = zivi.simulate(bar, (0, 3), ([0.5, 0.0], [0, 0]), TIGHT)
+    assert not sol.success
+    assert "REDUNDANT" in sol.status.name or "NOT_SOLVED" in sol.status.name
+    assert sol.message
+    assert 0.3 < sol.t[-1] < 3
+
+
+def test_the_reactions_are_those_of_the_equations():
+    system, span, state = multi_case("rock_wide")
+    sol = zivi.simulate(system, span, state, TIGHT)
+    closed = np.flatnonzero(sol.contacts.any(axis=1))
+    assert len(closed) > 10
+    for k in closed[::7]:
+        here = system.at(sol.t[k], sol.q[k], sol.qdot[k])
+        force = multipliers(here, sol.contacts[k])
+        assert sol.reactions[k] == pytest.approx(force, abs=1e-7 * (1 + np.max(np.abs(force))))
+        # they keep the gaps closed
+        acceleration = np.linalg.solve(here.mass, here.force + here.gradients.T @ force)
+        second = here.gradients @ acceleration + here.curvatures
+        assert np.abs(second[sol.contacts[k]]).max() < 1e-10
+    assert np.all(sol.reactions[~sol.contacts] == 0)
+
+
+# --- the same system, given otherwise
+
+
+def sine(**curvature):
+    a, k = 0.25, 2.0
+    gap = zivi.Gap(
+        lambda t, q: q[1] - a * math.sin(k * q[0]),
+        lambda t, q: [-a * k * math.cos(k * q[0]), 1.0],
+        *curvature.values(),
+        name="floor",
+    )
+    return zivi.MechanicalSystem(mass=np.eye(2), force=[0, -9.81], gaps=[gap], e=0.3)
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        sine(),
+        sine(h=lambda t, q, qdot: math.sin(2 * q[0]) * qdot[0] ** 2),
+    ],
+    ids=["differenced", "given"],
+)
+def test_python_functions_give_what_the_compiled_system_gives(system):
+    derived, span, state = ndof_case("sine")
+    method = zivi.SwitchedRK(rtol=1e-9, atol=1e-9)
+    sols = [zivi.simulate(it, span, state, method) for it in (derived, system)]
+    assert sols[1].zeno["t"] == pytest.approx(sols[0].zeno["t"], abs=1e-9)
+    assert sols[1].q[-1] == pytest.approx(sols[0].q[-1], abs=1e-9)
+
+
+def test_compiled_parts():
+    DOUBLES = ctypes.POINTER(ctypes.c_double)
+
+    @ctypes.CFUNCTYPE(None, ctypes.c_double, DOUBLES, DOUBLES, DOUBLES)
+    def force(t, q, qdot, out):
+        out[0], out[1] = 2.0 - 0.1 * qdot[0], -9.81
+
+    @ctypes.CFUNCTYPE(None, ctypes.c_double, DOUBLES, DOUBLES, DOUBLES)
+    def height(t, q, qdot, out):
+        out[0] = q[1]
+
+    start = ([0.0, 0.5], [0.5, 0.0])
+    gaps = [zivi.Gap(height, [0, 1], name="floor"), WALL]
+    by_c = zivi.simulate(box(force=force, gaps=gaps), (0, 2), start)
+    by_python = zivi.simulate(box(force=lambda t, q, w: [2.0 - 0.1 * w[0], -9.81]), (0, 2), start)
+    assert np.array_equal(by_c.q, by_python.q)
+
+
+# --- walls that move
+
+
+def test_a_moving_wall_is_that_of_an_impact_system():
+    table = zivi.HarmonicWall(0.12, 11.0, phase=0.4)
+    ball = zivi.ImpactSystem(-9.81, e=0.4, wall=table)
+    method = zivi.SwitchedRK(rtol=1e-10, atol=1e-12)
+    one = zivi.simulate(ball, (0, 4), (0.3, 0.0), method)
+    w, wdot, _ = table(0.0)
+    system = zivi.MechanicalSystem(
+        mass=2.0, force=[-19.62], gaps=[zivi.LinearGap([1], motion=table)], e=0.4
+    )
+    sol = zivi.simulate(system, (0, 4), ([0.3 + w], [wdot]), method)
+    assert sol.zeno["t"] == pytest.approx(one.zeno_times, abs=1e-9)
+    assert sol.liftoffs["t"] == pytest.approx(one.liftoff_times, abs=1e-9)
+    assert len(sol.liftoffs) > 1
+
+
+# --- events, samples, the motion between them
+
+
+def test_events_and_times():
+    def apex(t, q, qdot):
+        return qdot[1]
+
+    apex.direction = -1
+
+    def stop(t, q, qdot):
+        return q[0] - 0.75
+
+    stop.terminal = True
+    times = np.linspace(0, 3, 31)
+    sol = zivi.simulate(box(), (0, 3), ([0.0, 0.5], [0.5, 0.0]), TIGHT, times, events=[apex, stop])
+    assert sol.status is zivi.Status.TERMINATED_BY_EVENT
+    assert sol.t_events[1] == pytest.approx([-0.25 + math.sqrt(0.0625 + 0.75)], abs=1e-9)
+    assert sol.q_events[1][0, 0] == pytest.approx(0.75, abs=1e-9)
+    fall = math.sqrt(2 * 0.5 / 9.81)
+    assert sol.t_events[0][0] == pytest.approx(fall + 0.5 * fall, abs=1e-9)
+    assert np.isin(sol.t, [*times, *sol.t_events[1]]).all()
+
+
+def test_the_motion_between_the_samples():
+    system, span, state = ndof_case("surf3")
+    sol = zivi.simulate(system, span, state, TIGHT)
+    mid = (sol.t[1:] + sol.t[:-1]) / 2
+    found = sol(mid)
+    again = zivi.simulate(system, span, state, TIGHT, mid)
+    assert found.shape == (2, len(mid), 3)
+    assert found[0] == pytest.approx(again.q, abs=1e-7)
+    assert sol(0.3).shape == (2, 3)
+    other = sol.resample(n=101)
+    assert other.q.shape == (101, 3)
+    here = [system.at(t, q, w).gaps for t, q, w in zip(other.t, other.q, other.qdot, strict=True)]
+    assert other.gaps == pytest.approx(np.array(here), abs=1e-8)
+    assert np.all(other.reactions[other.contacts] > 0)
+    with pytest.raises(ValueError, match="within the computed span"):
+        sol(span[1] + 1)
+    bare = zivi.simulate(system, span, state, TIGHT, dense_output=False)
+    with pytest.raises(ValueError, match="dense_output=True"):
+        bare(0.1)
+
+
+def test_what_a_result_can_do(tmp_path):
+    sol = zivi.simulate(box(coordinates=["x", "y"]), (0, 3), ([0.0, 0.5], [0.5, 0.0]))
+    assert repr(sol).startswith("<MechanicalTrajectory 0 .. 3")
+    assert "floor" in sol._repr_html_()
+    assert np.array_equal(sol.zeno.t, sol.zeno["t"])
+    copy = pickle.loads(pickle.dumps(sol))
+    assert np.array_equal(copy(1.234), sol(1.234))
+    assert copy.gap_names == ("floor", "wall")
+    pytest.importorskip("pandas")
+    table = sol.to_pandas(n=5)
+    assert list(table.columns)[:6] == ["x", "y", "xdot", "ydot", "floor", "wall"]
+    data = sol.to_xarray(n=7)
+    assert data.q.sel(coordinate="y").shape == (7,)
+    assert data.reactions.sel(gap="floor").values[-1] == pytest.approx(9.81)
+    pytest.importorskip("h5netcdf")
+    zivi.files.save(sol, tmp_path / "box.nc")
+    back = zivi.files.load(tmp_path / "box.nc")
+    assert np.array_equal(back(1.234), sol(1.234))
+    for name in ("t", "q", "contacts", "reactions", "impacts", "zeno", "flags", "corners"):
+        assert np.array_equal(getattr(back, name), getattr(sol, name)), name
+    assert back.config == sol.config
+    assert repr(back) == repr(sol)
+
+
+def test_plots(monkeypatch):
+    mpl = pytest.importorskip("matplotlib")
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    sol = zivi.simulate(box(coordinates=["x", "y"]), (0, 3), ([0.0, 0.5], [0.5, 0.0]))
+    ax = zivi.plot.gaps(sol)
+    assert [line.get_label() for line in ax.lines[:2]] == ["floor", "wall"]
+    assert np.nanmin(ax.lines[0].get_ydata()) >= 0
+    ax = zivi.plot.configuration(sol, over=("y", "x"))
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("y", "x")
+    ax = zivi.plot.reactions(sol)
+    assert ax.lines[0].get_ydata()[-1] == pytest.approx(9.81)
+    assert len(zivi.plot.overview(sol).axes) == 4
+    with pytest.raises(ValueError, match="over must hold"):
+        zivi.plot.configuration(sol, over=("z", "x"))
+    with pytest.raises(TypeError, match="of a mechanical system draw"):
+        zivi.plot.position(sol)
+    ball = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 3), (1, 0))
+    with pytest.raises(TypeError, match="MechanicalTrajectory"):
+        zivi.plot.gaps(ball)
+    plt.close("all")
+
+
+# --- batches
+
+
+def test_batches():
+    par = {"al": 0.3, "G": 9.81, "mm": 2.0}
+    heights = np.linspace(0.5, 1.0, 5)
+    q0 = np.column_stack([np.zeros(5), heights])
+    batch = zivi.simulate_batch(
+        model("incline", par, 0.6), (0, 3), (q0, [1.0, 0.5]), method=TIGHT, threads=2, save="runs"
+    )
+    assert batch.success.all()
+    for q, qdot, run, start in zip(batch.q, batch.qdot, batch.runs, q0, strict=True):
+        one = zivi.simulate(model("incline", par, 0.6), (0, 3), (start, [1.0, 0.5]), TIGHT)
+        assert np.array_equal(one.q[-1], q)
+        assert np.array_equal(one.qdot[-1], qdot)
+        assert np.array_equal(run.t, one.t)
+    assert batch.n_zeno.tolist() == [1] * 5
+    slopes = [model("incline", par | {"al": angle}, 0.6) for angle in (0.1, 0.2)]
+    other = zivi.simulate_batch(
+        slopes, (0, 3), ([0.0, 1.0], [1.0, 0.5]), method=TIGHT, save="events"
+    )
+    assert other.events[0]["zeno"]["t"][0] != other.events[1]["zeno"]["t"][0]
+    pytest.importorskip("xarray")
+    assert batch.to_xarray().q.sel(coordinate="y").shape == (5,)
+    with pytest.raises(ValueError, match="save must be one of"):
+        zivi.simulate_batch(slopes, (0, 3), ([0.0, 1.0], [1.0, 0.5]), method=TIGHT, save="all")
+    with pytest.raises(ValueError, match="a row for each"):
+        zivi.simulate_batch(slopes, (0, 3), (q0, [1.0, 0.5]), method=TIGHT)
+
+
+# --- what goes wrong
+
+
+def raises():
+    raise ZeroDivisionError("of the user")
+
+
+def test_what_a_function_raises_keeps_the_run():
+    def force(t, q, qdot):
+        return raises() if t > 1 else [2.0, -9.81]
+
+    with pytest.raises(ZeroDivisionError, match="of the user") as caught:
+        zivi.simulate(box(force=force), (0, 3), ([0.0, 0.5], [0.5, 0.0]))
+    partial = caught.value.trajectory
+    assert partial.status is zivi.Status.RAISED
+    assert 0.3 < partial.t[-1] <= 1.0
+
+
+def bowl(**parts):
+    given = {
+        "value": lambda t, q: q[1] - q[0] ** 2 / 2,
+        "gradient": lambda t, q: [-q[0], 1.0],
+        "curvature": lambda t, q, qdot: -(qdot[0] ** 2),
+        "name": "bowl",
+    }
+    return zivi.Gap(**given | parts)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"mass": [[1.0, 2.0], [2.0, 1.0]]}, "mass must be positive definite"),
+        ({"mass": [[1.0, 0.5], [0.0, 1.0]]}, "mass must be symmetric"),
+        ({"mass": lambda t, q: -np.eye(2)}, "mass must be positive definite"),
+        ({"mass": np.eye(3)}, "same size"),
+        ({"mass": lambda t, q: np.eye(3)}, r"mass must have shape \(2, 2\)"),
+        ({"force": lambda t, q, qdot: [1.0]}, r"force must have shape \(2,\)"),
+        ({"force": [np.nan, 0]}, "force must be finite"),
+        ({"e": 1.1}, r"e\[0\] must be in \[0, 1\]"),
+        ({"e": [0.5]}, "e must be one number or one for each"),
+        ({"gaps": [FLOOR, FLOOR]}, "'floor' twice"),
+        ({"gaps": [FLOOR, zivi.LinearGap([0, 2], name="again")]}, "'again' is redundant"),
+        ({"gaps": [zivi.LinearGap([0, -1], name="roof")], "e": 0.5}, "'roof' must be >= 0"),
+        ({"gaps": [bowl(gradient=lambda t, q: [q[0], 1.0])], "e": 0.5}, "gradient.* of gap 'bowl'"),
+        (
+            {"gaps": [bowl(curvature=lambda t, q, w: w[0] ** 2)], "e": 0.5},
+            "curvature of gap 'bowl'",
+        ),
+        (
+            {"gaps": [bowl(value=lambda t, q: q[1] - t - q[0] ** 2 / 2)], "e": 0.5},
+            "'bowl' depends on time",
+        ),
+        ({"gaps": [bowl(gradient=[[1.0, 2.0]])], "e": 0.5}, "bowl"),
+        ({"gaps": [bowl(rate=0.3)], "e": 0.5}, "rate of gap 'bowl'"),
+        ({"coordinates": ["x"]}, "coordinates must be 2 names"),
+    ],
+)
+def test_bad_systems_are_named(changes, told):
+    with pytest.raises(ValueError, match=told):
+        zivi.simulate(box(**changes), (0, 1), ([0.1, 0.5], [0.5, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"mass": "heavy"}, "mass must be an array, a function"),
+        ({"gaps": 3}, "gaps must be a sequence"),
+        ({"gaps": [lambda t, q: q[1]]}, r"gaps\[0\] must be a zivi.Gap"),
+    ],
+)
+def test_bad_types_are_named(changes, told):
+    with pytest.raises(TypeError, match=told):
+        box(**changes)
+
+
+@pytest.mark.parametrize(
+    ("y0", "error", "told"),
+    [
+        (([0.0, 0.5, 0.0], [0.5, 0.0]), ValueError, r"q0 must have shape \(2,\)"),
+        (([0.0, 0.5], [0.5]), ValueError, r"qdot0 must have shape \(2,\)"),
+        (([0.0, np.inf], [0.5, 0.0]), ValueError, "q0 must be finite"),
+        (0.5, TypeError, r"y0 must be \(q0, qdot0\)"),
+    ],
+)
+def test_bad_states_are_named(y0, error, told):
+    with pytest.raises(error, match=told):
+        zivi.simulate(box(), (0, 1), y0)
+
+
+def test_methods_that_do_not_take_it_say_why():
+    start = ([0.0, 0.5], [0.5, 0.0])
+    with pytest.raises(ValueError, match="coupled"):
+        zivi.simulate(box(), (0, 1), start, zivi.ThetaGamma(h=1e-3))
+
+
+def test_bad_gaps_and_normals():
+    with pytest.raises(ValueError, match="normal must be a vector"):
+        zivi.LinearGap([0.0, 0.0])
+    with pytest.raises(TypeError, match="motion must be"):
+        zivi.LinearGap([1.0], motion=lambda t: 0.0)
+    with pytest.raises(TypeError, match="value of gap 'w' must be a function"):
+        zivi.Gap(1.0, [1.0], name="w")
+    copy = pickle.loads(pickle.dumps(zivi.LinearGap([1, 0], 0.5, zivi.HarmonicWall(0.1, 2.0), "w")))
+    assert copy._value(0.3, np.array([1.0, 0.0])) == pytest.approx(1.5 - 0.1 * math.cos(0.6))
+
+
+def test_the_models_are_compiled_once():
+    assert compiled.cache_info().hits > 0
