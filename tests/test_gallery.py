@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import control_oracle
+import zivi
 from example_scripts import example
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("gallery")]
@@ -25,9 +26,12 @@ table = example("gallery_table_bifurcation")
 oscillator = example("gallery_oscillator_bifurcation")
 basins = example("gallery_basins")
 gains = example("gallery_gain_map")
+orbits = example("gallery_orbits")
 
 
-@pytest.mark.parametrize("module", [table, oscillator, basins, gains], ids=lambda it: it.__name__)
+@pytest.mark.parametrize(
+    "module", [table, oscillator, basins, gains, orbits], ids=lambda it: it.__name__
+)
 def test_every_study_draws_its_figure(module, tmp_path, capsys):
     path = tmp_path / "out.png"
     module.main(str(path))
@@ -311,3 +315,24 @@ def test_the_numbers_of_the_page(capsys):
     ((*written,),) = re.findall(pattern, page)
     assert (written[0], written[2]) == (inside, outside)
     assert int(written[1]) == pytest.approx(int(settled), abs=5)
+
+
+def test_the_orbits_of_the_gallery_are_those_of_the_closed_forms():
+    ratio = math.pi / 3
+    first = orbits.cascade()[0]
+    assert first.of_kind("fold")[0].value == pytest.approx(ratio, rel=1e-11)
+    assert orbits.cascade()[-1].orbits[0].multiple == orbits.LONGEST
+    end = orbits.resting().of_kind("end_of_rest")[0].value
+    assert end == pytest.approx(1.5973488311951537, rel=1e-9)  # in high precision
+    d, a, b = orbits.closed()
+    smooth, other = orbits.grazing()
+    assert smooth.of_kind("interior_impact")[0].value == pytest.approx(math.sqrt(d), rel=1e-10)
+    for orbit in other.orbits:
+        u, force = orbit.impacts["u"][0], orbit.system.force.amplitude
+        assert force**2 == pytest.approx(d * (a * u * u + b * u + 1), rel=1e-8)
+    # the design rests when it should, by a plain run
+    (e, x0), speed, _ = orbits.design()
+    spring = zivi.LinearForce(stiffness=1.0, damping=0.2, gravity=9.81)
+    run = zivi.simulate(zivi.ImpactSystem(spring, e=e), (0, 60), (x0, 0))
+    assert run.rest_time == pytest.approx(3.0, abs=1e-5)
+    assert -run.impacts["xdot_before"][0] == pytest.approx(speed, rel=1e-6)

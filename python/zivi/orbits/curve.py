@@ -55,6 +55,7 @@ class Curve:
         at = equations(system, frame, y, name)
         pull = float(np.max(np.abs([at.legs.first, at.legs.last])))
         speed = max(sizes[1], 0.1 * pull * period / 6.0)
+        sizes = np.tile([speed * period / 6.0, speed], len(sizes) // 2)
         rates = np.linalg.lstsq(at.jacobian, at.by, rcond=1e-6)[0][1::2]
         speed = max(speed, min(0.3 * width * float(np.max(np.abs(rates))), 20.0 * speed))
         own = [period, speed] if y.ndim == 2 else [speed * period / 6.0, speed]

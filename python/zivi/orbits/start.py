@@ -88,7 +88,8 @@ def from_run(run: Trajectory, multiple: int | None, period: float) -> Guess:
     last = impacts[impacts[:, 0] > end - (multiple or 4) * period]
     if not len(last):
         state = np.array([run.x[-1], run.xdot[-1]])
-        return Guess(state, multiple or 1, start=end)
+        # far from t = 0 the phase of the excitation loses digits
+        return Guess(state, multiple or 1, start=end % period)
     if multiple is None:
         multiple = _repeats(impacts, end, period)
     return Guess(_window(impacts, end, multiple * period), multiple)
