@@ -24,6 +24,7 @@ from zivi.design import GainDesign, InfeasibleError, best_ratio, design_regulato
 from zivi.events import Level
 from zivi.fmu import export_fmu
 from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
+from zivi.maps import ImpactMap, ImpactReturn, impact_map
 from zivi.mechanics.batch import MechanicalBatch
 from zivi.mechanics.gap import Gap, LinearGap
 from zivi.mechanics.system import MechanicalSystem
@@ -81,7 +82,9 @@ __all__ = [
     "GainDesign",
     "Gap",
     "HarmonicWall",
+    "ImpactMap",
     "ImpactObserver",
+    "ImpactReturn",
     "ImpactSystem",
     "InfeasibleError",
     "Level",
@@ -123,6 +126,7 @@ __all__ = [
     "design_tracker",
     "export_fmu",
     "grid",
+    "impact_map",
     "lift",
     "lyapunov_exponents",
     "natural_residual",

@@ -23,6 +23,7 @@ __all__ = [
     "__version__",
     "available_threads",
     "ballistic_motion",
+    "check_impact_map",
     "check_moreau_jean",
     "check_switched_rk",
     "check_theta_gamma",
@@ -32,7 +33,9 @@ __all__ = [
     "force_raised",
     "grid_times",
     "lift",
+    "map_of_impacts",
     "natural_residual",
+    "orbits_of_impacts",
     "project",
     "restitution",
     "sensitivity",
@@ -204,6 +207,26 @@ def simulate_moreau_jean(
     events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
     progress: Any = None,
 ) -> RunRecord: ...
+def check_impact_map(force: tuple[Any, ...], of_wall: tuple[float, float]) -> None: ...
+def map_of_impacts(
+    force: tuple[Any, ...],
+    of_wall: tuple[float, float],
+    starts: _Array,
+    *,
+    parameters: list[str],
+    threads: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[_Array, _Array, _Array]: ...
+def orbits_of_impacts(
+    forces: list[tuple[Any, ...]],
+    walls: list[tuple[float, float]],
+    starts: _Array,
+    *,
+    skip: int,
+    n: int,
+    threads: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> _Array: ...
 def check_switched_rk(given: _SwitchedSettings) -> None: ...
 def simulate_switched_rk(
     force: tuple[Any, ...],

@@ -58,15 +58,20 @@ def states(random: Random) -> Iterator[tuple[float, float]]:
     yield random.uniform(0.0, 1.0), random.uniform(-5.0, 5.0)
 
 
+def pair(**settings) -> zivi.SwitchedRK:
+    """Flights by the Runge-Kutta pair, whatever the force is."""
+    return zivi.SwitchedRK(**settings, flights="rk")
+
+
 def switched() -> Iterator[tuple[str, zivi.SwitchedRK]]:
     """Every setting of the switched method."""
     for order in (8, 5):
         for rtol in (1e-4, 1e-9, 1e-12):
-            yield f"rk{order}-{rtol:g}", zivi.SwitchedRK(rtol=rtol, atol=1e-3 * rtol, order=order)
-    yield "rk8-max", zivi.SwitchedRK(max_step=0.05)
-    yield "rk8-first", zivi.SwitchedRK(first_step=1e-3)
-    yield "rk5-budget", zivi.SwitchedRK(order=5, max_steps=40)
-    yield "rk8-zeno", zivi.SwitchedRK(rtol=1e-12, max_impacts=4)
+            yield f"rk{order}-{rtol:g}", pair(rtol=rtol, atol=1e-3 * rtol, order=order)
+    yield "rk8-max", pair(max_step=0.05)
+    yield "rk8-first", pair(first_step=1e-3)
+    yield "rk5-budget", pair(order=5, max_steps=40)
+    yield "rk8-zeno", pair(rtol=1e-12, max_impacts=4)
 
 
 def fixed_steps() -> Iterator[tuple[str, object]]:
@@ -110,8 +115,8 @@ def options() -> Iterator[tuple[str, Run]]:
 
     apex.terminal = 4
     methods = {
-        "rk8": zivi.SwitchedRK(),
-        "rk5": zivi.SwitchedRK(rtol=1e-8, order=5),
+        "rk8": pair(),
+        "rk5": pair(rtol=1e-8, order=5),
         "theta": zivi.ThetaGamma(0.01),
         "moreau": zivi.MoreauJean(0.01),
     }
@@ -185,6 +190,8 @@ def loops() -> Iterator[tuple[str, Run]]:
                         ("noise", {"noise": (1e-4, 1e-2), "seed": 7}),
                         ("paper", {"method": zivi.ThetaGamma(h)}),
                     ):
+                        if of_plant == "spring" and "method" not in more:
+                            more = more | {"method": pair(rtol=1e-9, atol=1e-12)}
                         yield (
                             f"{key} {of_plant} kappa{kappa:.3g} h{h} {imperfect}",
                             lambda p=plant, m=make, h=h, k=kappa, r=given, o=more: (
@@ -212,7 +219,7 @@ def batches() -> Iterator[tuple[str, Run]]:
     methods = {
         "theta": zivi.ThetaGamma(0.01),
         "mid": zivi.ThetaGamma(0.01, 0.5, 0.5),
-        "rk8": zivi.SwitchedRK(),
+        "rk8": pair(),
         "moreau": zivi.MoreauJean(0.01),
     }
     for of_system, system in systems.items():

@@ -7,6 +7,7 @@ mod closed_loop;
 mod control;
 mod dynamics;
 mod force;
+mod impact_map;
 mod loop_batch;
 mod mechanics;
 mod motion;
@@ -43,6 +44,9 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(batch::simulate_batch, module)?)?;
     module.add_function(wrap_pyfunction!(batch::available_threads, module)?)?;
     module.add_function(wrap_pyfunction!(batch::grid_times, module)?)?;
+    module.add_function(wrap_pyfunction!(impact_map::check_impact_map, module)?)?;
+    module.add_function(wrap_pyfunction!(impact_map::map_of_impacts, module)?)?;
+    module.add_function(wrap_pyfunction!(impact_map::orbits_of_impacts, module)?)?;
     module.add_class::<switched_rk::MotionPath>()?;
     module.add_function(wrap_pyfunction!(switched_rk::check_switched_rk, module)?)?;
     module.add_function(wrap_pyfunction!(switched_rk::simulate_switched_rk, module)?)?;

@@ -49,9 +49,9 @@ pub use stepping::moreau_jean::{simulate_moreau_jean, MoreauJean};
 pub use stepping::step_events::{Following, Interpolation, Knot, Stretch};
 pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use switched::{
-    simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Flights, Level,
-    Motion, MotionError, Occurrence, Order, Output, PathPoint, SwitchedIntegrator, SwitchedRk,
-    SwitchedRun, Tail, UserEvent,
+    simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Flights,
+    ImpactMap, Level, MapParameter, Motion, MotionError, Occurrence, Order, Output, PathPoint,
+    Return, SwitchedIntegrator, SwitchedRk, SwitchedRun, Tail, UserEvent,
 };
 pub use system::force::{
     ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, Wave,

@@ -25,6 +25,7 @@
 pub(crate) mod chain;
 pub(crate) mod flight;
 mod impact;
+mod impact_map;
 mod integrator;
 mod lift_off;
 pub(crate) mod lookahead;
@@ -43,6 +44,7 @@ pub(crate) mod tail;
 mod tracing;
 mod user_events;
 
+pub use impact_map::{ImpactMap, MapParameter, Return};
 pub use integrator::{Counts, Occurrence, SwitchedIntegrator};
 pub use path::{DensePath, PathPoint};
 pub use run::{simulate_switched_rk, Output, SwitchedRun};

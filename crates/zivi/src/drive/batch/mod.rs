@@ -9,12 +9,14 @@ mod lanes;
 mod loops;
 mod outcome;
 mod pool;
+mod returns;
 
 use zivi_core::{Physical, Restitution, ThetaGammaStep};
 
 pub use loops::{simulate_closed_loop_batch, LoopMember, LoopOutcome, LoopSettings};
 pub use outcome::{Outcome, Saved};
 pub use pool::available_threads;
+pub use returns::{map_impacts, orbits, Mapped};
 
 use crate::stepping::fixed_step::{check_initial, lift};
 use crate::{

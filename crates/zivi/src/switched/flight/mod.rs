@@ -66,7 +66,7 @@ impl<E, F: Force<E>> FreeFlight<E, F> for PowerSeries<'_> {
             rises
         };
         let flown = series.next(from, known, t_end);
-        let (end, lands) = (flown.end, flown.lands);
+        let (end, lands) = (flown.end, flown.lands());
         if !(end.x.is_finite() && end.xdot.is_finite()) {
             return Err(Failure::Status(Status::StateNotFinite));
         }

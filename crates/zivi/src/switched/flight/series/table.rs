@@ -248,7 +248,7 @@ fn sum_by(a: &Series, of: impl Fn(f64, f64) -> f64) -> f64 {
 }
 
 /// Equation (2).
-fn column(k: f64, c: f64, x: f64, v: f64, d: &Series) -> Series {
+pub(crate) fn column(k: f64, c: f64, x: f64, v: f64, d: &Series) -> Series {
     let mut a = [0.0; TERMS];
     (a[0], a[1]) = (x, v);
     for n in 0..TERMS - 2 {

@@ -1,0 +1,103 @@
+//! Maps from impact to impact, from Python.
+
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyList, PyTuple};
+use zivi::drive::batch::{map_impacts, orbits};
+use zivi::{ImpactMap, MapParameter, Restitution};
+
+use crate::batch::{natives, refused};
+use crate::simulate::setup_error;
+use crate::transform::{wall, WallPair};
+use crate::watch::Watch;
+
+fn map_of(force: &Bound<'_, PyAny>, wall: Restitution) -> PyResult<ImpactMap> {
+    let forces = PyList::new(force.py(), [force])?;
+    let native = natives(&forces)?;
+    ImpactMap::new(&native[0], wall).map_err(setup_error)
+}
+
+fn parameter(name: &str) -> PyResult<MapParameter> {
+    Ok(match name {
+        "stiffness" => MapParameter::Stiffness,
+        "damping" => MapParameter::Damping,
+        "gravity" => MapParameter::Gravity,
+        "amplitude" => MapParameter::Amplitude,
+        "omega" => MapParameter::Omega,
+        "phase" => MapParameter::Phase,
+        "e" => MapParameter::Restitution,
+        other => {
+            return Err(PyValueError::new_err(format!(
+                "parameters must be of 'stiffness', 'damping', 'gravity', 'amplitude', 'omega', \
+                 'phase', 'e', got {other:?}"
+            )))
+        }
+    })
+}
+
+fn starts_of(given: &PyReadonlyArray2<'_, f64>) -> Vec<[f64; 2]> {
+    given.as_array().rows().into_iter().map(|row| [row[0], row[1]]).collect()
+}
+
+/// Refuses a system that has no such map.
+#[pyfunction]
+pub(crate) fn check_impact_map(force: &Bound<'_, PyTuple>, of_wall: WallPair) -> PyResult<()> {
+    map_of(force, wall(of_wall)?).map(drop)
+}
+
+type Maps<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>, Bound<'py, PyArray3<f64>>);
+
+/// The next impacts of rows `phase, u`: rows `phase, u, duration`, Jacobians, and for each impact
+/// and parameter the derivatives of its phase and speed.
+#[pyfunction]
+#[pyo3(signature = (force, of_wall, starts, *, parameters, threads, progress=None))]
+pub(crate) fn map_of_impacts<'py>(
+    py: Python<'py>,
+    force: &Bound<'py, PyTuple>,
+    of_wall: WallPair,
+    starts: PyReadonlyArray2<'py, f64>,
+    parameters: Vec<String>,
+    threads: usize,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Maps<'py>> {
+    let map = map_of(force, wall(of_wall)?)?;
+    let by = parameters.iter().map(|name| parameter(name)).collect::<PyResult<Vec<_>>>()?;
+    let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
+    let all = py.detach(|| map_impacts(&map, &starts, &by, threads, watch)).map_err(refused)?;
+    let n = all.len();
+    let next = all.iter().flat_map(|it| [it.next.phase, it.next.u, it.next.duration]);
+    let jacobian = all.iter().flat_map(|it| it.jacobian.into_iter().flatten());
+    let of_parameters = all.iter().flat_map(|it| it.by.iter().flatten().copied());
+    Ok((
+        PyArray1::from_iter(py, next).reshape([n, 3])?,
+        PyArray1::from_iter(py, jacobian).reshape([n, 2, 2])?,
+        PyArray1::from_iter(py, of_parameters).reshape([n, by.len(), 2])?,
+    ))
+}
+
+/// Orbits from rows `phase, u`: for each start `n` rows `phase, u`, the first after `skip` others.
+/// `forces` and `walls` have an entry for each start, or one for all.
+#[pyfunction]
+#[pyo3(signature = (forces, walls, starts, *, skip, n, threads, progress=None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn orbits_of_impacts<'py>(
+    py: Python<'py>,
+    forces: &Bound<'py, PyList>,
+    walls: Vec<WallPair>,
+    starts: PyReadonlyArray2<'py, f64>,
+    skip: usize,
+    n: usize,
+    threads: usize,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let maps = forces
+        .iter()
+        .zip(walls)
+        .map(|(force, of_wall)| map_of(&force, wall(of_wall)?))
+        .collect::<PyResult<Vec<_>>>()?;
+    let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
+    let all = py.detach(|| orbits(&maps, &starts, (skip, n), threads, watch)).map_err(refused)?;
+    let values = all.iter().flatten().flatten().copied();
+    PyArray1::from_iter(py, values).reshape([all.len(), n, 2])
+}
