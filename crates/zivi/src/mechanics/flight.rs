@@ -2,7 +2,7 @@
 
 use super::gap_set::GapSet;
 use super::kinetics::Model;
-use super::machine::{Machine, Pending};
+use super::machine::{Jump, Machine, Pending};
 use crate::record::failure::Failure;
 use crate::system::dynamics::Dynamics;
 use crate::Status;
@@ -15,6 +15,8 @@ const FACTORS: (f64, f64) = (0.2, 5.0);
 const RETREAT: f64 = 0.25;
 /// A step near a Zeno point is a little longer than the arc under a constant pull.
 const ARC: f64 = 1.1;
+/// What closes within this part of a flight closes together.
+const TOGETHER: f64 = 1e-13;
 /// Rounding of the time.
 const ULPS: f64 = 4.0 * f64::EPSILON;
 
@@ -46,6 +48,7 @@ impl Machine {
     ) -> Result<(), Failure<E>> {
         let plan = self.plan(t_end, model)?;
         let (mut h, shortest) = (plan.h, 8.0 * f64::EPSILON * self.now.t.abs());
+        self.jump = Jump { met_before: self.jump.met, ..Jump::default() };
         loop {
             if self.spent >= self.settings.max_steps {
                 return Err(Failure::Status(Status::StepBudget));
@@ -73,7 +76,10 @@ impl Machine {
             };
             self.counts.rejected += 1;
             h *= factor;
-            if h <= shortest || h < f64::MIN_POSITIVE {
+            let jumps = matches!(why, Status::StepSizeTooSmall | Status::ContactNotSolved);
+            if h <= shortest && jumps && !(self.jump.allowed || self.jump.met_before) {
+                (h, self.jump.allowed) = (shortest, true);
+            } else if h <= shortest || h < f64::MIN_POSITIVE {
                 return Err(Failure::Status(why));
             }
         }
@@ -211,7 +217,12 @@ impl Machine {
         if !settings.adaptive {
             return Ok(0.0);
         }
-        stages.error(settings.atol, settings.rtol, kinetics, model)
+        let error = stages.error(settings.atol, settings.rtol, kinetics, model)?;
+        if self.jump.allowed && error > 1.0 && self.stages.is_smooth_to_rounding() {
+            self.jump.met = true;
+            return Ok(0.0);
+        }
+        Ok(error)
     }
 
     /// The first gap that closes in the step, and after which part of it.
@@ -364,7 +375,7 @@ impl Machine {
     /// The gap and those that close at the same time, to rounding of the flight's length.
     fn hit_together(&self, gap: usize, flight: f64) -> GapSet {
         let n = self.layout.n;
-        let near = 1e-11 * flight + ULPS * self.now.t.abs();
+        let near = TOGETHER * flight + ULPS * self.now.t.abs();
         let is_hit = |i: usize| {
             let (x, v) = (self.now.x[n + i], self.now.v[n + i]);
             !self.closed.has(i) && v < 0.0 && x <= -v * near

@@ -126,11 +126,11 @@ impl Kinetics {
     /// What rounding of the coordinates leaves of `g_i`, and of the velocities of `g_i'`.
     pub(super) fn rounding(&self, i: usize, q: &[f64], w: &[f64]) -> (f64, f64) {
         let normal = self.normal(i);
-        let largest = q.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-        let height = largest * normal.iter().map(|n| n.abs()).sum::<f64>();
-        let speed = normal.iter().zip(w).map(|(n, w)| (n * w).abs()).sum::<f64>();
+        let largest = |v: &[f64]| v.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let slope = normal.iter().map(|n| n.abs()).sum::<f64>();
         let rate = self.values[self.layout.rate()][i].abs();
-        (16.0 * f64::EPSILON * height, 16.0 * f64::EPSILON * (speed + rate))
+        let scale = 16.0 * f64::EPSILON;
+        (scale * slope * largest(q), scale * (slope * largest(w) + rate))
     }
 
     /// What rounding leaves of `b_i`.

@@ -48,6 +48,12 @@ impl Machine {
         if self.closed.is_empty() {
             return Ok(Release::None);
         }
+        if self.jump.allowed {
+            // across a jump of the forces no polynomial fits
+            self.stages.finish(&mut self.kinetics, model)?;
+            let released = self.closed.iter().find(|&i| self.stages.end_lambda[i] < 0.0);
+            return Ok(released.map_or(Release::None, |i| Release::At(1.0, i)));
+        }
         let (forces, noise) = self.forces_along(model)?;
         let mut first: Option<(f64, usize)> = None;
         for (row, i) in self.closed.iter().enumerate() {

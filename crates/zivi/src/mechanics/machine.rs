@@ -29,6 +29,18 @@ pub(super) enum Piece {
     Instant,
 }
 
+/// A step so short that rounding is all that is left of it may have any error: the forces jump
+/// there. Not two of them in a row: that is a singularity.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Jump {
+    /// Whether the step that is tried is that short.
+    pub(super) allowed: bool,
+    /// Whether its error was too large.
+    pub(super) met: bool,
+    /// Whether that of the last step was.
+    pub(super) met_before: bool,
+}
+
 /// An event at the present time that is yet to be dealt with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Pending {
@@ -68,6 +80,7 @@ pub(super) struct Machine {
     pub(super) length: f64,
     pub(super) last_impact: f64,
     pub(super) group: u64,
+    pub(super) jump: Jump,
     /// Events since the time last advanced by a step.
     pub(super) stalled: u32,
     pub(super) occurrences: Vec<Occurrence>,
@@ -81,6 +94,8 @@ pub(super) struct Machine {
 
 /// Events at one instant after which the motion is called unsolved.
 const MOST_AT_ONCE: u32 = 200;
+/// A gap of this part of the unit of length is closed at the start.
+const NEAR: f64 = 1e-15;
 /// Newton iterations of a projection.
 const PROJECTIONS: usize = 4;
 /// A gap is as its function says while that is larger than this part of its terms.
@@ -112,6 +127,7 @@ impl Machine {
             length: 0.0,
             last_impact: f64::NEG_INFINITY,
             group: 0,
+            jump: Jump::default(),
             stalled: 0,
             occurrences: Vec::new(),
             dense_from: f64::INFINITY,
@@ -138,11 +154,16 @@ impl Machine {
         for i in 0..m {
             let (gap, rate) = (self.kinetics.gap(i), self.kinetics.rate(i, w));
             let (of_gap, of_rate) = self.kinetics.rounding(i, q, w);
+            // a gap that vanishes by cancellation leaves rounding of its terms, which may be larger
+            // than what the coordinates tell
+            let of_gap =
+                of_gap.max(NEAR * self.kinetics.normal(i).iter().map(|n| n.abs()).sum::<f64>());
             if gap < -8.0 * of_gap {
                 return Ok(Some((i, gap)));
             }
             let zero = |value: f64, noise: f64| if value.abs() <= noise { 0.0 } else { value };
-            (self.now.x[n + i], self.now.v[n + i]) = (zero(gap, 8.0 * of_gap), zero(rate, of_rate));
+            (self.now.x[n + i], self.now.v[n + i]) =
+                (zero(gap, 8.0 * of_gap), zero(rate, 4.0 * of_rate));
             if self.now.x[n + i] == 0.0 && self.now.v[n + i] <= 0.0 {
                 let set = if self.now.v[n + i] < 0.0 { &mut hit } else { &mut touching };
                 *set = set.with(GapSet::of(i));

@@ -210,6 +210,16 @@ impl Stages {
         Ok(worst)
     }
 
+    /// Whether the velocities hardly change in the step: across a jump of the forces they change by
+    /// no more than rounding of the time explains, at a pole by any amount.
+    pub(super) fn is_smooth_to_rounding(&self) -> bool {
+        const HARDLY: f64 = 1e-3;
+        let (from, end) = (&self.from.v, &self.end.v);
+        let change = from.iter().zip(end).fold(0.0_f64, |a, (v, w)| a.max((w - v).abs()));
+        let speed = from.iter().chain(end).fold(0.0_f64, |a, v| a.max(v.abs()));
+        change <= HARDLY * speed
+    }
+
     /// As the screen of the scalar method, for one component.
     pub(super) fn screen(&self, c: usize) -> Option<(Bernstein, f64)> {
         let Interpolant::Nested { .. } = self.pair.interpolant else { return None };
