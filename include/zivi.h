@@ -104,6 +104,15 @@
 // `shift` is neither 0 nor 1.
 #define ZIVI_E_SHIFT -26
 
+// `noise_x` or `noise_xdot` is not a standard deviation that can be computed with.
+#define ZIVI_E_NOISE -27
+
+// `q_d` is not a finite variance >= 0.
+#define ZIVI_E_Q_D -28
+
+// `se` is not in [0, 1].
+#define ZIVI_E_SE -29
+
 // `x` is not finite, or further behind the wall than `depth`.
 #define ZIVI_E_X -30
 
@@ -130,6 +139,12 @@
 
 // `side` of a given reference is neither +1 nor -1.
 #define ZIVI_E_SIDE -38
+
+// `dmax` is not a bound from 0 to 1e150.
+#define ZIVI_E_DMAX -39
+
+// `position_only` is neither 0 nor 1.
+#define ZIVI_E_POSITION_ONLY -40
 
 // A setting without a code of its own.
 #define ZIVI_E_SETTING -99
@@ -377,6 +392,65 @@ typedef struct zivi_given_reference {
   double side;
 } zivi_given_reference;
 
+// Settings of an observer. A member that is zero takes its default.
+typedef struct zivi_observer_config {
+  // `sizeof(zivi_observer_config)`.
+  uint32_t size;
+  // 1: the velocity is not measured; 0: it is, where it is not NaN.
+  uint32_t position_only;
+  // Sampling period (s), > 0.
+  double h;
+  // Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
+  double e;
+  // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+  double kappa;
+  // Standard deviation of a measured position (m); by default 1e-4.
+  double noise_x;
+  // Standard deviation of a measured velocity (m/s); by default 1e-2.
+  double noise_xdot;
+  // Variance of what a period adds to the unknown force (m^2/s^4); by default 1e-3.
+  double q_d;
+  // Standard deviation of `e`; by default 0.
+  double se;
+  // Bound of the unknown force (m/s^2); by default 20.
+  double dmax;
+} zivi_observer_config;
+
+// An observer. Everything in it may be read, copied and logged; it is changed by
+// `zivi_observer_*` alone.
+typedef struct zivi_observer {
+  // The settings.
+  struct zivi_observer_config config;
+  // Estimate of the distance from the wall (m).
+  double x;
+  // Estimate of the velocity (m/s).
+  double xdot;
+  // Estimate of the unknown force (m/s^2).
+  double d;
+  // Covariance of the estimates.
+  double p_xx;
+  // The same of position and velocity.
+  double p_xv;
+  // The same of position and force.
+  double p_xd;
+  // Variance of the velocity.
+  double p_vv;
+  // Covariance of velocity and force.
+  double p_vd;
+  // Variance of the force.
+  double p_dd;
+  // Whether there was a measurement.
+  uint32_t started;
+  // Measurements refused in a row.
+  uint32_t in_a_row;
+  // Measurements refused so far.
+  uint32_t refused;
+  // 0.
+  uint32_t reserved;
+  // Marks an initialised object.
+  uint64_t mark;
+} zivi_observer;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -474,6 +548,31 @@ int32_t zivi_tracker_step_to(struct zivi_tracker *tracker,
                              const struct zivi_given_reference *next,
                              double acceleration,
                              double *u);
+
+// `sizeof(zivi_observer)` in the library.
+uint32_t zivi_observer_size(void);
+
+// Sets the size, and everything else to its default: 0. What has none (period, wall) is yours to
+// set.
+int32_t zivi_observer_defaults(struct zivi_observer_config *config);
+
+// Checks the settings; nothing was measured yet. Where a code < 0 is given, nothing is written.
+int32_t zivi_observer_init(struct zivi_observer *observer,
+                           const struct zivi_observer_config *config);
+
+// Forgets all measurements.
+int32_t zivi_observer_reset(struct zivi_observer *observer);
+
+// Takes the measurement `x` (m), `xdot` (m/s, NaN where it is not measured). `force` is the known
+// force, `u` the control that acted over the period that ends now (m/s^2). The estimates are in
+// `observer->x`, `->xdot` and `->d`, the unknown force, to be added to the known one.
+//
+// Where a measurement is refused by a code < 0, nothing has changed.
+int32_t zivi_observer_step(struct zivi_observer *observer,
+                           double x,
+                           double xdot,
+                           double force,
+                           double u);
 
 #ifdef __cplusplus
 }  // extern "C"

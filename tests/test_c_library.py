@@ -45,7 +45,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     library.zivi_message.restype = ctypes.c_char_p
     library.zivi_version.restype = ctypes.c_char_p
     library.fall.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_void_p, ctypes.c_size_t]
-    for name in ("track_rows", "regulate_rows"):
+    for name in ("track_rows", "regulate_rows", "observe_rows"):
         getattr(library, name).argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_size_t]
     return library
 
@@ -178,6 +178,29 @@ def test_the_regulator_has_the_bits_of_python(
     assert refused == 158
 
 
+@pytest.mark.parametrize("position_only", [False, True])
+def test_the_observer_has_the_bits_of_python(compiled: ctypes.CDLL, position_only: bool) -> None:
+    settings = {"h": 1e-2, "q_d": 1e-4, "se": 0.02, "dmax": 8.0}
+    noise = {"noise_x": 1e-3, "noise_xdot": 2e-2}
+    it = initialised(compiled, "observer", e=0.6, position_only=position_only, **settings, **noise)
+    deviations = 1e-3 if position_only else (1e-3, 2e-2)
+    twin = zivi.ImpactObserver(0.6, noise=deviations, position_only=position_only, **settings)
+    ball = zivi.ImpactSystem(-9.81 + 1.5, e=0.6)
+    times = np.linspace(0.0, 6.0, 601)
+    run = zivi.simulate(ball, (0, 6), (1, 2), t_eval=times)
+    rng = np.random.default_rng(1)
+    draws = np.zeros((len(times), 4))
+    draws[:, 0] = run.x + 1e-3 * rng.normal(size=len(times))
+    draws[:, 1] = run.xdot + 2e-2 * rng.normal(size=len(times))
+    draws[:, 2] = -9.81
+    draws[300:306, 0] += 1.0  # refused, and then taken
+    found = rows(compiled.observe_rows, it, draws, 4)
+    assert not found[:, 3].any()
+    for row, (x, xdot, force, u) in zip(found.tolist(), draws.tolist(), strict=True):
+        assert row[:3] == list(twin.step(x, None if position_only else xdot, force, u))
+    assert it.refused > 3
+
+
 @pytest.mark.parametrize("wall", [{"kappa": 0.41}, {"e": 0.3}])
 def test_the_mass_has_the_bits_of_simulate(compiled: ctypes.CDLL, wall: dict[str, float]) -> None:
     run = zivi.simulate(
@@ -197,7 +220,7 @@ def test_the_header_and_the_library_agree(compiled: ctypes.CDLL) -> None:
     listed = subprocess.run(["nm", "-g", LIBRARY], capture_output=True, text=True, check=True)
     symbols = {line.split()[-1].lstrip("_") for line in listed.stdout.splitlines() if " T " in line}
     assert symbols == HEADER.functions
-    for kind in ("mass", "regulator", "tracker"):
+    for kind in ("mass", "regulator", "tracker", "observer"):
         size = ctypes.sizeof(HEADER.structures[f"zivi_{kind}"])
         assert getattr(compiled, f"zivi_{kind}_size")() == size
     assert compiled.zivi_abi_version() == HEADER.constants["ZIVI_ABI_VERSION"]
@@ -214,7 +237,7 @@ def test_every_code_has_words_of_its_own(compiled: ctypes.CDLL) -> None:
     for name, said in words.items():
         assert said.encode() != unknown, name
         setting = name.removeprefix("ZIVI_E_").lower()
-        if codes[name] <= -10 and setting not in ("setting", "u"):
+        if codes[name] <= -10 and setting not in ("setting", "u", "noise"):
             assert said.startswith(setting), name
 
 

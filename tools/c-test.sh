@@ -16,7 +16,7 @@ fail() { printf 'c-test: FAILED: %s\n' "$*" >&2; exit 1; }
 
 # the examples, in C99 and as C++, with no other library than that of C itself
 run_examples() {
-    for name in bounce regulate track; do
+    for name in bounce regulate track observe; do
         # shellcheck disable=SC2086 # several words
         "$@" "$here/examples/c/$name.c" -I"$prefix/include" -o "$work/$name" -xnone "$library"
         "$work/$name" >"$work/$name.txt" || fail "$name: $(cat "$work/$name.txt")"

@@ -26,6 +26,15 @@ static zivi_tracker_config tracker_config(void)
     return config;
 }
 
+static zivi_observer_config observer_config(void)
+{
+    zivi_observer_config config;
+    zivi_observer_defaults(&config);
+    config.h = 1e-3;
+    config.e = 0.5;
+    return config;
+}
+
 static zivi_regulator_config regulator_config(void)
 {
     zivi_regulator_config config;
@@ -87,6 +96,15 @@ static void settings(void)
     REFUSED(tracker, press, INFINITY, ZIVI_E_PRESS);
     REFUSED(tracker, horizon, 0.5, ZIVI_E_HORIZON);
     REFUSED(tracker, horizon, NAN, ZIVI_E_HORIZON);
+    REFUSED(observer, size, 8, ZIVI_E_SIZE);
+    REFUSED(observer, h, NAN, ZIVI_E_H);
+    REFUSED(observer, e, 2.0, ZIVI_E_E);
+    REFUSED(observer, noise_x, -1.0, ZIVI_E_NOISE);
+    REFUSED(observer, noise_xdot, NAN, ZIVI_E_NOISE);
+    REFUSED(observer, q_d, -1.0, ZIVI_E_Q_D);
+    REFUSED(observer, se, 1.5, ZIVI_E_SE);
+    REFUSED(observer, dmax, INFINITY, ZIVI_E_DMAX);
+    REFUSED(observer, position_only, 2, ZIVI_E_POSITION_ONLY);
     REFUSED(regulator, size, 4, ZIVI_E_SIZE);
     REFUSED(regulator, h, 0.0, ZIVI_E_H);
     REFUSED(regulator, e, 1.0000001, ZIVI_E_E);
@@ -207,6 +225,31 @@ static void independence(void)
     EXPECT(memcmp(&alone[0], &copy, sizeof copy) == 0);
 }
 
+static void observers(void)
+{
+    const double bad[] = {NAN, INFINITY, -INFINITY};
+    zivi_observer it, before;
+    zivi_observer_config config = observer_config();
+    size_t k;
+    EXPECT(zivi_observer_init(NULL, &config) == ZIVI_E_NULL);
+    EXPECT(zivi_observer_init(&it, &config) == ZIVI_OK);
+    EXPECT(zivi_observer_step(&it, 1.0, NAN, -9.81, 0.0) == ZIVI_OK && it.x == 1.0);
+    EXPECT(zivi_observer_step(&it, 1.0, 0.0, -9.81, 0.0) == ZIVI_OK);
+    before = it;
+    for (k = 0; k < 3; k++) {
+        EXPECT(zivi_observer_step(&it, bad[k], 0.0, 0.0, 0.0) == ZIVI_E_X);
+        EXPECT(k == 0 || zivi_observer_step(&it, 1.0, bad[k], 0.0, 0.0) == ZIVI_E_XDOT);
+        EXPECT(zivi_observer_step(&it, 1.0, 0.0, bad[k], 0.0) == ZIVI_E_FORCE);
+        EXPECT(zivi_observer_step(&it, 1.0, 0.0, 0.0, bad[k]) == ZIVI_E_U);
+    }
+    EXPECT(memcmp(&it, &before, sizeof it) == 0);
+    EXPECT(zivi_observer_reset(&it) == ZIVI_OK && it.started == 0);
+    EXPECT(zivi_observer_step(NULL, 1.0, 0.0, 0.0, 0.0) == ZIVI_E_NULL);
+    memset(&it, 0, sizeof it);
+    EXPECT(zivi_observer_step(&it, 1.0, 0.0, 0.0, 0.0) == ZIVI_E_STATE);
+    EXPECT(zivi_observer_reset(&it) == ZIVI_E_STATE);
+}
+
 static void words(void)
 {
     EXPECT(strcmp(zivi_message(ZIVI_OK), "ok") == 0);
@@ -222,6 +265,7 @@ int main(void)
     masses();
     samples();
     independence();
+    observers();
     words();
     printf("behaviour: %s\n", failures == 0 ? "as promised" : "NOT as promised");
     return failures == 0 ? 0 : 1;

@@ -39,10 +39,17 @@ AT(zivi_tracker_config, horizon, 96);
 AT(zivi_tracker_config, u_max, 120);
 SAME(given_reference_size, sizeof(zivi_given_reference) == 24);
 
+SAME(observer_size, sizeof(zivi_observer) == 168);
+AT(zivi_observer, x, 72);
+AT(zivi_observer, d, 88);
+AT(zivi_observer, started, 144);
+SAME(observer_config_size, sizeof(zivi_observer_config) == 72);
+
 int main(void)
 {
     if (zivi_mass_size() != sizeof(zivi_mass) || zivi_regulator_size() != sizeof(zivi_regulator)
-        || zivi_tracker_size() != sizeof(zivi_tracker))
+        || zivi_tracker_size() != sizeof(zivi_tracker)
+        || zivi_observer_size() != sizeof(zivi_observer))
         return 1;
     printf("layout: as promised\n");
     return 0;

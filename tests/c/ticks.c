@@ -37,3 +37,15 @@ void fall(zivi_mass *mass, double force, double *out, size_t rows)
         out[3] = mass->xdot;
     }
 }
+
+/* Rows x, xdot, force, u; x, xdot, d, code. */
+void observe_rows(zivi_observer *observer, const double *in, double *out, size_t rows)
+{
+    size_t k;
+    for (k = 0; k < rows; k++, in += 4, out += 4) {
+        out[3] = zivi_observer_step(observer, in[0], in[1], in[2], in[3]);
+        out[0] = observer->x;
+        out[1] = observer->xdot;
+        out[2] = observer->d;
+    }
+}

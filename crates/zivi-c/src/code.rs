@@ -58,6 +58,12 @@ pub const ZIVI_E_PRESS: i32 = -24;
 pub const ZIVI_E_HORIZON: i32 = -25;
 /// `shift` is neither 0 nor 1.
 pub const ZIVI_E_SHIFT: i32 = -26;
+/// `noise_x` or `noise_xdot` is not a standard deviation that can be computed with.
+pub const ZIVI_E_NOISE: i32 = -27;
+/// `q_d` is not a finite variance >= 0.
+pub const ZIVI_E_Q_D: i32 = -28;
+/// `se` is not in [0, 1].
+pub const ZIVI_E_SE: i32 = -29;
 
 /// `x` is not finite, or further behind the wall than `depth`.
 pub const ZIVI_E_X: i32 = -30;
@@ -77,6 +83,10 @@ pub const ZIVI_E_XDOT_REF: i32 = -36;
 pub const ZIVI_E_ACCELERATION: i32 = -37;
 /// `side` of a given reference is neither +1 nor -1.
 pub const ZIVI_E_SIDE: i32 = -38;
+/// `dmax` is not a bound from 0 to 1e150.
+pub const ZIVI_E_DMAX: i32 = -39;
+/// `position_only` is neither 0 nor 1.
+pub const ZIVI_E_POSITION_ONLY: i32 = -40;
 
 /// A setting without a code of its own.
 pub const ZIVI_E_SETTING: i32 = -99;
@@ -107,6 +117,10 @@ pub fn of_setting(name: &str) -> Code {
         "x_ref" => ZIVI_E_X_REF,
         "xdot_ref" => ZIVI_E_XDOT_REF,
         "acceleration" => ZIVI_E_ACCELERATION,
+        "noise" => ZIVI_E_NOISE,
+        "q_d" => ZIVI_E_Q_D,
+        "se" => ZIVI_E_SE,
+        "dmax" => ZIVI_E_DMAX,
         _ => ZIVI_E_SETTING,
     }
 }

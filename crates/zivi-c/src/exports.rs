@@ -10,8 +10,8 @@ use core::ffi::{c_char, CStr};
 
 use crate::code::{ZIVI_E_NULL, ZIVI_E_STATE, ZIVI_OK};
 use crate::{
-    GivenReference, Mass, MassConfig, Regulator, RegulatorConfig, Tracker, TrackerConfig,
-    ZIVI_ABI_VERSION,
+    GivenReference, Mass, MassConfig, Observer, ObserverConfig, Regulator, RegulatorConfig,
+    Tracker, TrackerConfig, ZIVI_ABI_VERSION,
 };
 
 const VERSION: &CStr =
@@ -233,6 +233,59 @@ pub unsafe extern "C" fn zivi_tracker_step_to(
     let reference = [*now, *next];
     // SAFETY: see the module
     unsafe { ticked(tracker, u, |it| it.step_to(x, xdot, force, reference, acceleration)) }
+}
+
+/// `sizeof(zivi_observer)` in the library.
+#[no_mangle]
+pub extern "C" fn zivi_observer_size() -> u32 {
+    size_of::<Observer>() as u32
+}
+
+/// Sets the size, and everything else to its default: 0. What has none (period, wall) is yours to
+/// set.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_observer_defaults(config: *mut ObserverConfig) -> i32 {
+    // SAFETY: see the module
+    let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
+    *config = ObserverConfig::defaults();
+    ZIVI_OK
+}
+
+/// Checks the settings; nothing was measured yet. Where a code < 0 is given, nothing is written.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_observer_init(
+    observer: *mut Observer,
+    config: *const ObserverConfig,
+) -> i32 {
+    // SAFETY: see the module
+    match unsafe { (object(observer), constant(config)) } {
+        (Some(it), Some(config)) => it.init(config),
+        _ => ZIVI_E_NULL,
+    }
+}
+
+/// Forgets all measurements.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_observer_reset(observer: *mut Observer) -> i32 {
+    // SAFETY: see the module
+    unsafe { object(observer) }.map_or(ZIVI_E_NULL, Observer::reset)
+}
+
+/// Takes the measurement `x` (m), `xdot` (m/s, NaN where it is not measured). `force` is the known
+/// force, `u` the control that acted over the period that ends now (m/s^2). The estimates are in
+/// `observer->x`, `->xdot` and `->d`, the unknown force, to be added to the known one.
+///
+/// Where a measurement is refused by a code < 0, nothing has changed.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_observer_step(
+    observer: *mut Observer,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    u: f64,
+) -> i32 {
+    // SAFETY: see the module
+    unsafe { object(observer) }.map_or(ZIVI_E_NULL, |it| it.step(x, xdot, force, u))
 }
 
 /// Ticks, and gives the control that holds then.

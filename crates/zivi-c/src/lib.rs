@@ -24,6 +24,7 @@ mod config;
 pub mod exports;
 mod mass;
 mod message;
+mod observer;
 mod regulator;
 mod tracker;
 
@@ -31,6 +32,7 @@ pub use code::Code;
 pub use config::{ZIVI_TICK_LANDING, ZIVI_TICK_PAPER};
 pub use mass::{Mass, MassConfig};
 pub use message::message;
+pub use observer::{Observer, ObserverConfig};
 pub use regulator::{Regulator, RegulatorConfig};
 pub use tracker::{
     GivenReference, Tracker, TrackerConfig, ZIVI_BRANCH_NEAREST, ZIVI_BRANCH_POSITIVE,

@@ -29,6 +29,9 @@ tick must be ZIVI_TICK_LANDING or ZIVI_TICK_PAPER\0\
 press must be finite and at least bound, and is not of ZIVI_TICK_PAPER\0\
 horizon must be a finite number of periods >= 1\0\
 shift must be 0 or 1\0\
+noise_x and noise_xdot must be standard deviations > 0\0\
+q_d must be a finite variance >= 0\0\
+se must be in [0, 1]\0\
 x must be finite and at most depth behind the wall\0\
 xdot must be finite\0\
 force must be finite\0\
@@ -38,6 +41,8 @@ x_ref must be finite and >= 0\0\
 xdot_ref must be finite\0\
 acceleration must be finite, or NaN if it is not known\0\
 side must be +1 or -1\0\
+dmax must be a bound from 0 to 1e150\0\
+position_only must be 0 or 1\0\
 a setting is out of range\0\
 not a code of this library\0";
 
@@ -47,10 +52,9 @@ fn place(code: Code) -> u32 {
     match code {
         0..=3 => distance,
         ZIVI_E_NO_SOLUTION..=ZIVI_E_NULL => 3 + distance,
-        ZIVI_E_SHIFT..=ZIVI_E_H => distance - 1,
-        ZIVI_E_SIDE..=ZIVI_E_X => distance - 4,
-        ZIVI_E_SETTING => 35,
-        _ => 36,
+        ZIVI_E_POSITION_ONLY..=ZIVI_E_H => distance - 1,
+        ZIVI_E_SETTING => 40,
+        _ => 41,
     }
 }
 
