@@ -6,6 +6,7 @@
 
 from zivi.interop.gradient import RunFunction, run_function
 from zivi.interop.jax import jax_function
+from zivi.interop.juggler import juggler
 from zivi.interop.python_control import (
     controller_block,
     force_block,
@@ -19,6 +20,7 @@ __all__ = [
     "force_block",
     "impact_plant",
     "jax_function",
+    "juggler",
     "run_function",
     "state_vector",
 ]
