@@ -460,3 +460,34 @@ def test_bad_gaps_and_normals():
 
 def test_the_models_are_compiled_once():
     assert compiled.cache_info().hits > 0
+
+
+# --- a second opinion
+
+
+def test_moreau_jean_converges_to_the_switched_method(tmp_path):
+    system, _, state = multi_case("wedge_acute")
+    even = system.replace(e=0.5)
+    exact = zivi.simulate(even, (0, 0.6), state, TIGHT)
+    times = np.linspace(0.5, 0.6, 20)  # after some impacts
+    errors = []
+    for h in (4e-3, 1e-3, 2.5e-4):
+        sol = zivi.simulate(even, (0, 0.6), state, zivi.MoreauJean(h=h), times)
+        assert sol.success
+        errors.append(np.sqrt(np.mean((sol.q - exact(times)[0]) ** 2)))
+    slope = np.polyfit(np.log([4e-3, 1e-3, 2.5e-4]), np.log(errors), 1)[0]
+    assert slope == pytest.approx(1.0, abs=0.35)
+    stepped = zivi.simulate(even, (0, 0.6), state, zivi.MoreauJean(h=1e-3))
+    assert stepped(0.1234).shape == (2, 2)
+    pytest.importorskip("h5netcdf")
+    zivi.files.save(stepped, tmp_path / "wedge.nc")
+    back = zivi.files.load(tmp_path / "wedge.nc")
+    assert np.array_equal(back(0.1234), stepped(0.1234))
+
+
+def test_moreau_jean_warns_of_what_it_may_do_to_the_energy():
+    system, _, state = multi_case("wedge_acute")  # coupled, e differ
+    with pytest.warns(RuntimeWarning, match="may raise the energy"):
+        zivi.simulate(system, (0, 0.1), state, zivi.MoreauJean(h=1e-2))
+    # orthogonal gaps: no warning, which would be an error here
+    zivi.simulate(box(), (0, 0.1), ([0.0, 0.5], [0.5, 0.0]), zivi.MoreauJean(h=1e-2))

@@ -107,8 +107,8 @@ def simulate(
         at ``x = 0`` is an impact at ``t0``. Of a `MechanicalSystem` its coordinates and
         velocities ``(q0, qdot0)``, each of shape (n,).
     method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
-        The method with its settings; by default `SwitchedRK` with error control, which is the
-        one for a `MechanicalSystem`.
+        The method with its settings; by default `SwitchedRK` with error control. A
+        `MechanicalSystem` takes `SwitchedRK`, or `MoreauJean` as a second opinion of low order.
     t_eval : array_like, optional
         Ascending times in `t_span` to report instead of all steps (s), each once with
         `SwitchedRK`. With a method of fixed steps `s` and `v` are linear between them; the
@@ -221,7 +221,7 @@ def _mechanical(
     samples: str,
 ) -> MechanicalTrajectory:
     """Run a system of several coordinates and gaps."""
-    check_mechanical_method(method, system)
+    check_mechanical_method(method)
     _check_switches(samples, dense_output)
     span = pair("t_span", t_span, "(t0, t1)")
     q, qdot = state_of(y0, system._n)

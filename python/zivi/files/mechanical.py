@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from zivi._zivi import MechanicalPath
 from zivi.mechanics.labelled import MEANING, TABLES
+from zivi.mechanics.linear_motion import LinearMotion
 from zivi.mechanics.trajectory import FIELDS, MechanicalTrajectory, table
 from zivi.status import Status
 
@@ -33,7 +35,12 @@ def mechanical_dataset(run: MechanicalTrajectory) -> xarray.Dataset:
     for name, states in (("event_q", run.q_events), ("event_qdot", run.qdot_events)):
         dataset[name] = ("event", "coordinate"), np.concatenate([*states, nothing])
     dataset.attrs["n_event_functions"] = len(run.t_events)
-    if run._path is not None:
+    if isinstance(run._path, LinearMotion):
+        for field in dataclasses.fields(run._path):
+            values = getattr(run._path, field.name)
+            dims = ("step", "coordinate") if field.name in ("q", "qdot") else ("step", "gap")
+            dataset[f"step_{field.name}"] = dims[: values.ndim], values
+    elif run._path is not None:
         meaning = "the motion between the samples, in zivi's own form"
         dataset["motion"] = "motion_number", run._path.numbers(), {"long_name": meaning}
     return dataset
@@ -61,8 +68,18 @@ def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
         t_events=[dataset["event_time"].values[own] for own in each],
         q_events=[dataset["event_q"].values[own] for own in each],
         qdot_events=[dataset["event_qdot"].values[own] for own in each],
-        _path=MechanicalPath.restored(dataset["motion"].values) if "motion" in dataset else None,
+        _path=_path(dataset),
     )
+
+
+def _path(dataset: xarray.Dataset) -> Any:
+    if "motion" in dataset:
+        return MechanicalPath.restored(dataset["motion"].values)
+    if "step_t" not in dataset:
+        return None
+    names = [field.name for field in dataclasses.fields(LinearMotion)]
+    steps: dict[str, Any] = {name: dataset[f"step_{name}"].values for name in names}
+    return LinearMotion(**steps | {"contacts": steps["contacts"].astype(bool)})
 
 
 def _table(dataset: xarray.Dataset, name: str, m: int) -> Any:

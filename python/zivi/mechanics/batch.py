@@ -19,7 +19,7 @@ from zivi._progress import ProgressBar
 from zivi.mechanics.run import Asked, check_mechanical_method, run_mechanical
 from zivi.mechanics.system import MechanicalSystem
 from zivi.mechanics.trajectory import MechanicalTrajectory
-from zivi.methods import SwitchedRK
+from zivi.methods import MoreauJean, SwitchedRK
 from zivi.status import Status
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def mechanical_batch(
         names = ", ".join(repr(name) for name in SAVES)
         raise ValueError(f"save must be one of {names} for mechanical systems, got {save!r}")
     several = _systems(systems)
-    check_mechanical_method(method, several[0])
+    check_mechanical_method(method)
     q, qdot = _states(y0, len(several))
     several = several * len(q) if len(several) == 1 else several
     starts = zip(several, q, qdot, strict=True)
@@ -167,7 +167,10 @@ def mechanical_batch(
 
 
 def _computed(
-    tasks: list[tuple[MechanicalSystem, Asked]], method: SwitchedRK, threads: int, report: Any
+    tasks: list[tuple[MechanicalSystem, Asked]],
+    method: SwitchedRK | MoreauJean,
+    threads: int,
+    report: Any,
 ) -> list[MechanicalTrajectory]:
     """Compute all runs in their order; the first exception ends the rest."""
     stopped = threading.Event()

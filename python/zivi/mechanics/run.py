@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import numbers
+import warnings
 from collections.abc import Iterable
 from typing import Any
 
@@ -98,13 +99,13 @@ def _event(k: int, function: Any) -> tuple[Any, int, int | None]:
     return function, sign, int(terminal) or None
 
 
-def check_mechanical_method(method: Any, system: MechanicalSystem) -> None:
+def check_mechanical_method(method: Any) -> None:
     """Refuse methods that do not take mechanical systems, and say why."""
-    if isinstance(method, SwitchedRK):
+    if isinstance(method, SwitchedRK | MoreauJean):
         return
-    if isinstance(method, ThetaGamma | ExplicitEuler | MoreauJean):
+    if isinstance(method, ThetaGamma | ExplicitEuler):
         raise ValueError(WHY[type(method).__name__])
-    raise TypeError(f"method must be a zivi.SwitchedRK for a MechanicalSystem, got {method!r}")
+    raise TypeError(f"method must be zivi.SwitchedRK() or zivi.MoreauJean(h), got {method!r}")
 
 
 WHY = {
@@ -114,17 +115,32 @@ WHY = {
         "the others at once, which its continuous velocity v cannot follow. Use zivi.SwitchedRK()"
     ),
     "ExplicitEuler": "ExplicitEuler takes a zivi.ImpactSystem only: use zivi.SwitchedRK()",
-    "MoreauJean": "MoreauJean takes a zivi.ImpactSystem only: use zivi.SwitchedRK()",
 }
 
 
 def run_mechanical(
-    system: MechanicalSystem, method: SwitchedRK, asked: Asked, report: Any
+    system: MechanicalSystem, method: SwitchedRK | MoreauJean, asked: Asked, report: Any
 ) -> tuple[MechanicalTrajectory, BaseException | None]:
     """Check the start, run, and give the result with the exception that ended it, if one did."""
     model: Model = system.model(len(asked.q))
     check_start(system, model, asked.span, asked.q, asked.qdot)
-    record = _zivi.simulate_mechanical(
+    if isinstance(method, SwitchedRK):
+        record = _switched(system, model, method, asked, report)
+    else:
+        _warn_of_energy(system, model, asked)
+        record = _stepped(system, model, method, asked, report)
+    sol = MechanicalTrajectory._from_record(
+        record, model, _configuration(system, model, method, asked)
+    )
+    if isinstance(method, MoreauJean) and asked.t_eval is not None:
+        sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
+    return sol, record.raised
+
+
+def _switched(
+    system: MechanicalSystem, model: Model, method: SwitchedRK, asked: Asked, report: Any
+) -> _zivi.MechanicalRecord:
+    return _zivi.simulate_mechanical(
         model.spec,
         method._settings(),
         n=model.layout.n,
@@ -139,6 +155,49 @@ def run_mechanical(
         dense=asked.dense,
         progress=report,
     )
+
+
+def _stepped(
+    system: MechanicalSystem, model: Model, method: MoreauJean, asked: Asked, report: Any
+) -> _zivi.MechanicalRecord:
+    return _zivi.simulate_mechanical_moreau_jean(
+        model.spec,
+        n=model.layout.n,
+        m=model.layout.m,
+        e=system.e,
+        h=method.h,
+        theta=method.theta,
+        span=asked.span,
+        q0=asked.q,
+        qdot0=asked.qdot,
+        events=asked.events,
+        progress=report,
+    )
+
+
+def _warn_of_energy(system: MechanicalSystem, model: Model, asked: Asked) -> None:
+    """Warn where impulses on coupled gaps with different e may raise the energy."""
+    e = system.e
+    if len(e) < 2 or np.ptp(e) == 0.0:
+        return
+    here = model.layout.read(model.evaluate(asked.span[0], asked.q, asked.qdot))
+    coupling = here.gradients @ np.linalg.solve(here.mass, here.gradients.T)
+    size = np.sqrt(np.diag(coupling))
+    differ = np.abs(e[:, None] - e) > 0
+    if np.any(np.abs(coupling)[differ] > 1e-9 * np.outer(size, size)[differ]):
+        warnings.warn(
+            "MoreauJean predicts which gaps are hit in a step; where coupled gaps have different "
+            f"coefficients of restitution, here {e.tolist()}, such a step may raise the energy. "
+            "SwitchedRK never does",
+            RuntimeWarning,
+            stacklevel=5,
+        )
+
+
+def _configuration(
+    system: MechanicalSystem, model: Model, method: Any, asked: Asked
+) -> dict[str, Any]:
+    """Plain values that tell the run again (functions only by their names)."""
     config = {
         "system": repr(system),
         "e": system.e.tolist(),
@@ -151,4 +210,4 @@ def run_mechanical(
     }
     if system.derived:
         config["parameters"] = dict(system.parameters)  # type: ignore[attr-defined]
-    return MechanicalTrajectory._from_record(record, model, config), record.raised
+    return config

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from zivi import _zivi
 from zivi._check import Array, real_array, whole
 from zivi.mechanics import labelled
+from zivi.mechanics.linear_motion import LinearMotion
 from zivi.mechanics.reactions import reactions_at
 from zivi.mechanics.system import Model
 from zivi.status import Status
@@ -114,6 +115,10 @@ class MechanicalTrajectory:
         cls, record: _zivi.MechanicalRecord, model: Model, config: dict[str, Any]
     ) -> MechanicalTrajectory:
         m = model.layout.m
+        # a method of fixed steps: its steps are all there is
+        steps = ("t", "q", "qdot", "gaps", "gap_rates", "reactions", "contacts")
+        stepped = config["method"]["name"] == "MoreauJean"
+        linear = LinearMotion(**{name: getattr(record, name) for name in steps})
         impacts = {name: getattr(record, f"impact_{name}") for name in IMPACT}
         flags = {
             "kind": np.array(record.flag_kind, dtype="U16"),
@@ -150,7 +155,7 @@ class MechanicalTrajectory:
             t_events=[hit[0] for hit in record.hits],
             q_events=[hit[1] for hit in record.hits],
             qdot_events=[hit[2] for hit in record.hits],
-            _path=record.path,
+            _path=linear if stepped else record.path,
             _model=model,
         )
 
@@ -228,7 +233,9 @@ class MechanicalTrajectory:
             gaps=gaps,
             gap_rates=rates,
             contacts=contacts,
-            reactions=reactions_at(self._model, times, q, qdot, contacts),
+            reactions=self._path.reactions_at(times)
+            if isinstance(self._path, LinearMotion)
+            else reactions_at(self._model, times, q, qdot, contacts),
         )
 
     def __repr__(self) -> str:
