@@ -11,7 +11,7 @@ OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock \
     $(wildcard include/*.h tools/c/* tools/native.py)
 
-.PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test host lint lint-rust lint-python bench wasm picture docs docs-packages wheel clean
+.PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test host lint lint-rust lint-python bench wasm picture screenshots docs docs-packages wheel clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
@@ -24,6 +24,7 @@ help:
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
 	@echo 'make picture the pictures of the README'
+	@echo 'make screenshots  the pictures of the pages, with chromium'
 	@echo 'make docs    the documentation as a site, into out/site'
 	@echo 'make wasm    the binary of the page without Python (docs/browser.md)'
 	@echo 'make wheel   a wheel that runs on other machines too, tried in a fresh environment'
@@ -107,6 +108,11 @@ bench: $(READY)
 picture: $(READY)
 	$(BIN)/python examples/readme_picture.py docs/figures/zeno.png
 	$(BIN)/python examples/readme_tracking.py docs/figures/tracking.png docs/figures/chattering.png
+
+screenshots: docs
+	$(BIN)/python tests/lab_screenshot.py docs/figures
+	$(BIN)/python tests/browser_screenshot.py docs/figures/browser.png
+	$(BIN)/python tests/site_screenshot.py out/site docs/figures
 
 # warnings are errors; every page of the tutorial and the gallery is executed
 docs-packages: $(VENV)/.docs

@@ -81,7 +81,7 @@ def measure() -> str:
     fastest = min(middle.c, key=middle.c.__getitem__)
     first, last = agreement.rest_times
     return f"""\
-# Batches
+# Benchmarks of batches
 
 Written by `make bench`; do not edit. One run on a shared machine: {cpu()}. The contenders of a
 table run in turn, round after round; a figure is a median over the rounds, a ratio the median of

@@ -41,6 +41,7 @@ python_display_short_literal_types = True
 
 # pages in Markdown, read here and in the repository; the tutorial and the gallery are executed
 myst_heading_anchors = 3
+myst_fence_as_directive = ["math"]  # formulas, as GitHub sets them too
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
@@ -65,6 +66,7 @@ html_title = f"zivi {release}"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["copy.js"]
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {

@@ -72,6 +72,19 @@ def test_the_link_check_can_fail():
     assert "figures/chattering.png" in set(links(DOCS / "control.md"))
 
 
+def test_no_two_pages_have_one_title():
+    titles = [re.search(r"^# (.+)$", prose(path), re.MULTILINE) for path in PAGES]
+    named_pages = [title[1] for title in titles if title]
+    assert len(set(named_pages)) == len(named_pages) > 30
+
+
+def test_formulas_are_typeset():
+    """What stands indented is a layout of files, no formula."""
+    for path in PAGES:
+        indented = re.findall(r"(?<=\n\n)    (?! )(.+)$", prose(path), re.MULTILINE)
+        assert not [line for line in indented if re.search(r"\S = |\S < ", line)], path.name
+
+
 def documented():
     """Names that the pages of the reference describe."""
     found = set()

@@ -52,15 +52,14 @@ def test_the_sentence_has_the_numbers_of_the_runs():
 
     runs = of(Tracker, "chattering")
     t = runs["implicit"].t
-    late = t >= 0.9 * t[-1]
+    late = t >= 0.5 * t[-1]  # neither comes to rest
     variations = [np.abs(np.diff(runs[name].u[late])).sum() for name in ("explicit", "implicit")]
     said = sentence(runs)
     assert f"at most {np.abs(runs['implicit'].error[late]).max():.2g} m off" in said
-    if variations[0] < 1e6 * variations[1]:
-        assert f"changes {variations[0] / variations[1]:.3g} times as much" in said
-    else:
-        assert "more than a million times as much" in said
-    assert "neither control changes" in sentence(compute(Regulator()))
+    assert f"changes {variations[0] / variations[1]:.3g} times as much" in said
+    assert "From 0.75 to 1.5 s" in said
+    still = compute(Regulator(x0=0.0))
+    assert "neither control changes" in sentence(still)
 
 
 def test_the_film_shows_the_motion():

@@ -13,7 +13,7 @@ logger = logging.getLogger(__name__)
 
 def _mathml(node: nodes.Element, *, as_block: bool) -> str:
     text = node.astext().strip().replace(r"\dots", r"\ldots")
-    if as_block and ("&" in text or r"\\" in text):
+    if as_block and r"\begin" not in text and ("&" in text or r"\\" in text):
         text = rf"\begin{{aligned}}{text}\end{{aligned}}"
     try:
         # without a mathematical font, browsers set an accent into its letter

@@ -17,7 +17,7 @@ def real(name: str, value: object) -> float:
     """Return `value` as a float; an error names what is not a real number, or too large."""
     if type(value) is float:
         return value
-    if not isinstance(value, numbers.Real):
+    if type(value) is not int and not isinstance(value, numbers.Real):
         raise TypeError(f"{name} must be a real number, got {type(value).__name__} {value!r}")
     try:
         return float(value)

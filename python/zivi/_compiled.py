@@ -50,13 +50,21 @@ _before: Any = None
 """The hook before ours, while there are ears."""
 
 
-@contextlib.contextmanager
-def listening(specs: Iterable[tuple[Any, ...]], *, threads: bool = False) -> Iterator[Ear]:
+_DEAF = contextlib.nullcontext(Ear(None))
+"""For runs without a compiled force: nothing can be heard in them."""
+
+
+def listening(
+    specs: Iterable[tuple[Any, ...]], *, threads: bool = False
+) -> contextlib.AbstractContextManager[Ear]:
     """Listen to the compiled forces among some while they are run, in this thread or in several."""
-    ear = Ear(None if threads else threading.get_ident())
-    if not any(_is_compiled(spec) for spec in specs):
-        yield ear
-        return
+    if not any(map(_is_compiled, specs)):
+        return _DEAF
+    return _listening(Ear(None if threads else threading.get_ident()))
+
+
+@contextlib.contextmanager
+def _listening(ear: Ear) -> Iterator[Ear]:
     _open(ear)
     try:
         yield ear

@@ -18,10 +18,7 @@ IMPACT = np.dtype([("t", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
 
 def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> NDArray[np.void]:
     """Return the impacts of a record as a structured array."""
-    impacts = np.empty(len(record.impact_t), IMPACT)
-    for field in IMPACT.names or ():
-        impacts[field] = getattr(record, f"impact_{field}")
-    return impacts
+    return record.impacts.view(IMPACT)  # which has its rows
 
 
 def down_to(known: NDArray[np.void], path: Any, speed: float, limit: int) -> NDArray[np.void]:

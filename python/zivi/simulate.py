@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 __all__ = ["simulate"]
 
 DEFAULT_METHOD = SwitchedRK()
+NO_STOPS = np.empty(0)
+NO_STOPS.flags.writeable = False
 
 Run = TypeVar("Run", "Trajectory", "ClosedLoop", "MechanicalTrajectory")
 
@@ -260,7 +262,7 @@ def pair(name: str, value: Any, form: str) -> tuple[float, float]:
 def _stops(tstops: ArrayLike | None, method: Method) -> np.ndarray:
     """Return the declared breaks of the force, ascending and each once."""
     if tstops is None:
-        return np.empty(0)
+        return NO_STOPS
     if not getattr(method, "_takes_tstops", False):
         raise ValueError(
             f"tstops needs a method with error control, SwitchedRK, got {type(method).__name__}: "

@@ -19,6 +19,7 @@ use zivi_core::observer::ImpactObserver;
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::force::{ForceSpec, NativeForce};
 use crate::observer::Observer;
+use crate::record::rows_of;
 use crate::simulate::{setup_error, Course as RunCourse};
 use crate::switched_rk::{settings, MotionPath};
 use crate::transform::WallPair;
@@ -307,9 +308,8 @@ pub(crate) struct LoopRecord {
     /// `x, xdot, d` of the observer; empty arrays without one.
     estimates: Vec<Array>,
     ticks: Py<PyArray1<u8>>,
-    impact_t: Array,
-    impact_xdot_before: Array,
-    impact_xdot_after: Array,
+    /// A row for each: time, velocity before and velocity after.
+    impacts: Array,
     zeno_times: Array,
     liftoff_times: Array,
     rest_time: Option<f64>,
@@ -328,15 +328,11 @@ impl LoopRecord {
     fn new(py: Python<'_>, run: LoopRun<PyErr>, wall: Restitution) -> PyResult<Self> {
         let LoopRun { columns, estimates, ticks, events, path, hits, status, nfev, raised } = run;
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
-        let of_impacts =
-            |field: fn(&zivi::Impact) -> f64| array(events.impacts.iter().map(field).collect());
         Ok(Self {
             columns: columns.into_iter().map(array).collect(),
             estimates: estimates.into_iter().map(array).collect(),
             ticks: PyArray1::from_vec(py, ticks).unbind(),
-            impact_t: of_impacts(|impact| impact.t),
-            impact_xdot_before: of_impacts(|impact| impact.xdot_before),
-            impact_xdot_after: of_impacts(|impact| impact.xdot_after),
+            impacts: rows_of(py, &events.impacts),
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,

@@ -15,9 +15,8 @@ pub(crate) struct RunRecord {
     columns: Py<PyArray2<f64>>,
     /// How many entries of each row are samples.
     n_samples: usize,
-    impact_t: Array,
-    impact_xdot_before: Array,
-    impact_xdot_after: Array,
+    /// A row for each: time, velocity before and velocity after.
+    impacts: Array,
     zeno_times: Array,
     liftoff_times: Array,
     rest_time: Option<f64>,
@@ -42,14 +41,10 @@ impl RunRecord {
         let n_samples = columns.len();
         let (block, room) = columns.into_block();
         let failed_steps = failed_steps.iter().map(|&k| k as i64);
-        let of_impacts =
-            |field: fn(&zivi::Impact) -> f64| array(events.impacts.iter().map(field).collect());
         Ok(Self {
             columns: PyArray1::from_vec(py, block).reshape([QUANTITIES, room])?.unbind(),
             n_samples,
-            impact_t: of_impacts(|impact| impact.t),
-            impact_xdot_before: of_impacts(|impact| impact.xdot_before),
-            impact_xdot_after: of_impacts(|impact| impact.xdot_after),
+            impacts: rows_of(py, &events.impacts),
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
@@ -64,6 +59,12 @@ impl RunRecord {
             raised: run.raised.map(|error| error.into_value(py).into_any()),
         })
     }
+}
+
+/// The impacts in rows of time, velocity before and velocity after.
+pub(crate) fn rows_of(py: Python<'_>, impacts: &[zivi::Impact]) -> Array {
+    let rows = impacts.iter().flat_map(|it| [it.t, it.xdot_before, it.xdot_after]);
+    PyArray1::from_vec(py, rows.collect()).unbind()
 }
 
 /// The message of every status, in the order of their numbers.

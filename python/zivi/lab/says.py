@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from zivi._check import Array
 from zivi.closed_loop import ClosedLoop
 from zivi.lab.runs import Runs
 from zivi.trajectory import Trajectory
 
 __all__ = ["sentence"]
 
-LATE = 0.1
-"""The last part of a run, in which a loop is judged."""
+LATE = 0.5
+"""The last part of the motion before the rest, if there is one, in which a loop is judged."""
 ALIKE = 1.5
 """Changes of the control that differ by less than this factor are called alike."""
 
@@ -39,11 +38,14 @@ def sentence(runs: Runs) -> str:
         return f"The mass is {_rest(implicit)} with implicit signs, {_rest(explicit)} with " + (
             f"explicit ones. {_switching(implicit, explicit)}"
         )
-    error = f"{_late(implicit, np.abs(implicit.error)).max():.2g} m"
-    other = f"{_late(explicit, np.abs(explicit.error)).max():.2g} m"
+    start, end = _part(implicit, explicit)
+    errors = [
+        f"{np.abs(run.error[(run.t >= start) & (run.t <= end)]).max():.2g} m"
+        for run in (implicit, explicit)
+    ]
     return (
-        f"In the last tenth of the run the mass is at most {error} off its reference with implicit "
-        f"signs, {other} with explicit ones. {_switching(implicit, explicit)}"
+        f"From {start:.3g} to {end:.3g} s the mass is at most {errors[0]} off its reference with "
+        f"implicit signs, {errors[1]} with explicit ones. {_switching(implicit, explicit)}"
     )
 
 
@@ -65,8 +67,12 @@ def _rest(run: Trajectory | ClosedLoop) -> str:
 
 
 def _switching(implicit: ClosedLoop, explicit: ClosedLoop) -> str:
-    """Compare how much the controls change while the mass is controlled, late in the run."""
-    quiet, loud = (_variation(run) for run in (implicit, explicit))
+    """Compare how much the controls change late in the motion."""
+    start, end = _part(implicit, explicit)
+    quiet, loud = (
+        float(np.abs(np.diff(run.u[(run.t >= start) & (run.t <= end)])).sum())
+        for run in (implicit, explicit)
+    )
     if max(quiet, loud) == 0.0:
         return "Then neither control changes any more."
     if quiet * ALIKE < loud:
@@ -77,11 +83,9 @@ def _switching(implicit: ClosedLoop, explicit: ClosedLoop) -> str:
     return "Both controls then change alike."
 
 
-def _variation(run: ClosedLoop) -> float:
-    return float(np.abs(np.diff(_late(run, run.u))).sum())
-
-
-def _late(run: ClosedLoop, values: Array) -> Array:
-    start = run.t[-1] - LATE * (run.t[-1] - run.t[0])
-    late: Array = values[run.t >= start]
-    return late
+def _part(*runs: ClosedLoop) -> tuple[float, float]:
+    """Give the later part of the time in which a mass moves (s)."""
+    first, last = float(runs[0].t[0]), float(runs[0].t[-1])
+    ends = [last if run.rest_time is None else float(run.rest_time) for run in runs]
+    end = max(ends)
+    return end - LATE * (end - first), end
