@@ -78,13 +78,6 @@ def test_no_two_pages_have_one_title():
     assert len(set(named_pages)) == len(named_pages) > 30
 
 
-def test_formulas_are_typeset():
-    """What stands indented is a layout of files, no formula."""
-    for path in PAGES:
-        indented = re.findall(r"(?<=\n\n)    (?! )(.+)$", prose(path), re.MULTILINE)
-        assert not [line for line in indented if re.search(r"\S = |\S < ", line)], path.name
-
-
 def documented():
     """Names that the pages of the reference describe."""
     found = set()
