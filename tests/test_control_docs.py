@@ -54,6 +54,9 @@ def test_the_pages_snippet_runs(capsys):
     assert "-9.69" in capsys.readouterr().out
     for code in others:
         exec(compile(code, "control.md", "exec"), names)
+    seen = names["seen"]
+    assert seen.rest_time < 1.5
+    assert abs(seen.d_est[(seen.t > 0.5) & (seen.t < 1.2)].mean() - 1.5) < 0.1
     design = names["design"]
     assert (round(design.mu1, 2), round(design.mu2, 2), round(design.h, 3)) == (11.35, 6.13, 0.005)
     assert abs(names["run"].error[1500:]).max() < 1e-3
