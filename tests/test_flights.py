@@ -135,6 +135,14 @@ def test_flights_that_never_return_end_with_the_run(force, end):
     assert (sol.x[-1], sol.xdot[-1]) == pytest.approx(end, rel=1e-10)
 
 
+@pytest.mark.parametrize("force", [-1e-200, -1e-300, 5e-324, 1e-160, -1e-17])
+def test_forces_that_hardly_act(force):
+    sol = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 3), (1, -0.2), method=series())
+    assert sol.success
+    assert sol.n_steps < 20
+    assert (sol.x[-1], sol.xdot[-1]) == (pytest.approx(0.4, abs=1e-15), pytest.approx(-0.2))
+
+
 def test_what_grows_without_bounds_ends_at_the_largest_numbers():
     system = zivi.ImpactSystem(zivi.LinearForce(stiffness=-100.0), e=0.5)
     sol = zivi.simulate(system, (0, 1e3), (0, 1), method=series())

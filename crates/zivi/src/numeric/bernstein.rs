@@ -56,6 +56,17 @@ impl Bernstein {
 }
 
 impl<const M: usize> Polynomial<M> {
+    /// `1/binom(M - 1, i)`.
+    const WEIGHTS: [f64; M] = {
+        let (mut weights, mut binomial, mut i) = ([1.0; M], 1.0, 0);
+        while i < M {
+            weights[i] = 1.0 / binomial;
+            binomial = binomial * (M - 1 - i) as f64 / (i + 1) as f64;
+            i += 1;
+        }
+        weights
+    };
+
     pub(crate) fn new(coefficients: &[f64]) -> Self {
         let mut c = [0.0; M];
         c[..coefficients.len()].copy_from_slice(coefficients);
@@ -107,10 +118,9 @@ impl<const M: usize> Polynomial<M> {
     /// `a_0 + a_1 theta + ...` with `M` coefficients.
     pub(crate) fn from_powers(a: [f64; M]) -> Self {
         // c_j = sum_i binom(j, i)/binom(M - 1, i) a_i, by repeated sums
-        let (mut c, mut binomial) = (a, 1.0);
-        for (i, c) in c.iter_mut().enumerate() {
-            *c /= binomial;
-            binomial *= (M - 1 - i) as f64 / (i + 1) as f64;
+        let mut c = a;
+        for (c, weight) in c.iter_mut().zip(Self::WEIGHTS) {
+            *c *= weight;
         }
         for level in 1..M {
             for j in (level..M).rev() {

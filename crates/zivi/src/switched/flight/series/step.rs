@@ -88,8 +88,9 @@ impl Step {
 fn width(table: &Table, a: &Series, known: usize, left: f64) -> f64 {
     let [x, v, bend, ..] = *a;
     let arc = match known {
-        0 if bend < 0.0 => (v + (v * v - 4.0 * bend * x).sqrt()) / (-2.0 * bend),
+        // the form without cancellation
         0 if v < 0.0 => 2.0 * x / ((v * v - 4.0 * bend * x).sqrt() - v),
+        0 if bend < 0.0 => (v + (v * v - 4.0 * bend * x).sqrt()) / (-2.0 * bend),
         1 if bend < 0.0 => -v / bend,
         _ => f64::INFINITY,
     };
