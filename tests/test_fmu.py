@@ -198,7 +198,7 @@ def through(unit: Unit, steps: range) -> list[tuple[float, ...]]:
     ]
     for k in steps:
         assert unit.set(**{name: 0.3 + 0.2 * np.sin(0.05 * k) for name in inputs}) == 0
-        before = unit.get("u")
+        before = tuple(map(unit.get, unit.archive.variables))
         assert unit.step(k * H, H) in (0, 1)
         rows.append((before, *map(unit.get, unit.archive.variables)))
     return rows
@@ -306,6 +306,21 @@ def test_the_loop_in_one_unit_is_the_native_one(archives: dict, fmi: int) -> Non
     loop = native_loop(2.0)
     for row, name in zip(np.array(rows).T, names, strict=True):
         assert np.array_equal(row, getattr(loop, name)[:2000]), name
+    unit.free()
+
+
+@BOTH
+def test_the_observer_has_the_bits_of_python(archives: dict, fmi: int) -> None:
+    unit = Unit(archives["observer", fmi]).start(dmax=8.0, q_d=1e-4)
+    twin = zivi.ImpactObserver(0.5, H, q_d=1e-4, dmax=8.0)
+    run = native_loop(1.0)
+    u = 0.0
+    for k, (x, xdot) in enumerate(zip(run.x.tolist(), run.xdot.tolist(), strict=True)):
+        unit.set(x=x, xdot=xdot, u=u)
+        expected = twin.step(x, xdot, -9.81, u)
+        assert [unit.get(name) for name in ("x_est", "xdot_est", "d_est")] == list(expected)
+        assert unit.step(k * H, H) == 0
+        u = float(run.u[k])
     unit.free()
 
 

@@ -207,7 +207,7 @@ def fmu(
     out: Annotated[Path, typer.Option(help="Folder for the FMUs; those of the same names go.")],
     model: Annotated[
         list[str] | None,
-        typer.Option(help="mass, regulator, tracker or loop; may be given repeatedly."),
+        typer.Option(help="mass, regulator, tracker, loop or observer; may be given repeatedly."),
     ] = None,
     fmi: Annotated[list[int] | None, typer.Option(help="2 or 3; by default both.")] = None,
     quiet: Quiet = False,

@@ -1,12 +1,12 @@
 //! The models: what their parameters set up, what a step does, what their outputs are.
 
 use zivi_c::{
-    code, MassConfig, RegulatorConfig, TrackerConfig, ZIVI_BRANCH_NEAREST, ZIVI_BRANCH_POSITIVE,
-    ZIVI_TICK_LANDING, ZIVI_TICK_PAPER,
+    code, MassConfig, ObserverConfig, RegulatorConfig, TrackerConfig, ZIVI_BRANCH_NEAREST,
+    ZIVI_BRANCH_POSITIVE, ZIVI_TICK_LANDING, ZIVI_TICK_PAPER,
 };
 
 use crate::state::State;
-use crate::table::{closed_loop, mass, regulator, tracker, Variable};
+use crate::table::{closed_loop, mass, observer, regulator, tracker, Variable};
 
 /// Which model an instance is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,13 +15,15 @@ pub(crate) enum Model {
     Regulator,
     Tracker,
     Loop,
+    Observer,
 }
 
-const MODELS: [(Model, &[u8]); 4] = [
+const MODELS: [(Model, &[u8]); 5] = [
     (Model::Mass, b"zivi-impacting-mass-1"),
     (Model::Regulator, b"zivi-twisting-regulator-1"),
     (Model::Tracker, b"zivi-twisting-tracker-1"),
     (Model::Loop, b"zivi-twisting-loop-1"),
+    (Model::Observer, b"zivi-impact-observer-1"),
 ];
 
 /// How a communication step is refused.
@@ -51,6 +53,7 @@ impl Model {
             Model::Regulator => regulator::TABLE,
             Model::Tracker => tracker::TABLE,
             Model::Loop => closed_loop::TABLE,
+            Model::Observer => observer::TABLE,
         }
     }
 
@@ -68,6 +71,7 @@ impl Model {
                 }
                 configure_tracker(state, &LOOP)
             }
+            Model::Observer => configure_observer(state),
         }
     }
 
@@ -78,6 +82,7 @@ impl Model {
             Model::Regulator => regulator::H,
             Model::Tracker => tracker::H,
             Model::Loop => closed_loop::H,
+            Model::Observer => observer::H,
         };
         let parts = Parts::of(length, state.value(h))?;
         if self != Model::Mass && !parts.whole {
@@ -114,6 +119,10 @@ impl Model {
                 let u = state.tracker.u;
                 move_mass(state, h, acting + u)?;
             }
+            Model::Observer => {
+                let [x, xdot, force, u] = observer_inputs(state);
+                state.code = state.observer.step(x, xdot, force, u);
+            }
         }
         Ok(())
     }
@@ -125,6 +134,7 @@ impl Model {
             Model::Regulator => regulator_outputs(state),
             Model::Tracker => tracker_outputs(state),
             Model::Loop => loop_outputs(state),
+            Model::Observer => observer_outputs(state),
         }
     }
 }
@@ -188,6 +198,22 @@ fn configure_regulator(state: &mut State) -> i32 {
         ..RegulatorConfig::defaults()
     };
     state.regulator.init(&config)
+}
+
+fn configure_observer(state: &mut State) -> i32 {
+    use observer::{DMAX, E, H, NOISE_X, NOISE_XDOT, POSITION_ONLY, Q_D, SE};
+    let config = ObserverConfig {
+        position_only: u32::from(state.value(POSITION_ONLY) != 0.0),
+        h: state.value(H),
+        e: state.value(E),
+        noise_x: state.value(NOISE_X),
+        noise_xdot: state.value(NOISE_XDOT),
+        q_d: state.value(Q_D),
+        se: state.value(SE),
+        dmax: state.value(DMAX),
+        ..ObserverConfig::defaults()
+    };
+    state.observer.init(&config)
 }
 
 /// Where the parameters of a tracker are in a model, one after another.
@@ -254,6 +280,11 @@ fn tracker_inputs(state: &State) -> [f64; 4] {
     [X, XDOT, FORCE, FORCE_REF].map(|place| state.value(place))
 }
 
+fn observer_inputs(state: &State) -> [f64; 4] {
+    use observer::{FORCE, U, X, XDOT};
+    [X, XDOT, FORCE, U].map(|place| state.value(place))
+}
+
 fn mass_outputs(state: &mut State) {
     let mass = state.mass;
     state.put(mass::X, mass.x);
@@ -286,6 +317,21 @@ fn tracker_outputs(state: &mut State) {
     }
     state.put(tracker::U, ahead.u);
     state.put(tracker::STATUS, f64::from(code));
+}
+
+/// The estimates at the measurement that was set since the last step, else the last ones.
+fn observer_outputs(state: &mut State) {
+    use observer::{D_EST, REFUSED, STATUS, XDOT_EST, X_EST};
+    let (mut ahead, mut code) = (state.observer, state.code);
+    if state.asked != 0 {
+        let [x, xdot, force, u] = observer_inputs(state);
+        code = ahead.step(x, xdot, force, u);
+    }
+    state.put(X_EST, ahead.x);
+    state.put(XDOT_EST, ahead.xdot);
+    state.put(D_EST, ahead.d);
+    state.put(REFUSED, f64::from(ahead.refused));
+    state.put(STATUS, f64::from(code));
 }
 
 /// The control is that of the sample that is taken now.

@@ -1,6 +1,6 @@
 //! Everything that changes while a model runs.
 
-use zivi_c::{Mass, Regulator, Tracker};
+use zivi_c::{Mass, Observer, Regulator, Tracker};
 
 use crate::model::Model;
 use crate::table::{Kind, Role, MOST};
@@ -29,6 +29,7 @@ pub(crate) struct State {
     pub(crate) mass: Mass,
     pub(crate) regulator: Regulator,
     pub(crate) tracker: Tracker,
+    pub(crate) observer: Observer,
 }
 
 impl State {
@@ -47,6 +48,7 @@ impl State {
             mass: Mass::default(),
             regulator: Regulator::default(),
             tracker: Tracker::default(),
+            observer: Observer::default(),
         }
     }
 

@@ -144,3 +144,24 @@ variables! { closed_loop:
     HORIZON Real Parameter 1.0;
     SHIFT Boolean Parameter 0.0;
 }
+
+variables! { observer:
+    TIME Real Time 0.0;
+    X Real Input 0.0;
+    XDOT Real Input 0.0;
+    FORCE Real Input -9.81;
+    U Real Input 0.0;
+    X_EST Real Output 0.0;
+    XDOT_EST Real Output 0.0;
+    D_EST Real Output 0.0;
+    REFUSED Integer Output 0.0;
+    STATUS Integer Output 0.0;
+    H Real Parameter 1e-3;
+    E Real Parameter 0.5;
+    NOISE_X Real Parameter 1e-4;
+    NOISE_XDOT Real Parameter 1e-2;
+    Q_D Real Parameter 1e-3;
+    SE Real Parameter 0.0;
+    DMAX Real Parameter 20.0;
+    POSITION_ONLY Boolean Parameter 0.0;
+}

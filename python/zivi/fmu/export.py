@@ -45,8 +45,8 @@ def export_fmu(
         The folder into which they are written; it is made if it is not there. Files of the same
         names are replaced.
     model : str or iterable of str, optional
-        Any of ``"mass"`` (a mass with impacts), ``"regulator"``, ``"tracker"`` (the controllers)
-        and ``"loop"`` (a mass with its tracker, without any delay); by default all.
+        Any of ``"mass"`` (a mass with impacts), ``"regulator"``, ``"tracker"`` (the controllers),
+        ``"loop"`` (a mass with its tracker, without any delay) and ``"observer"``; by default all.
     fmi : {2, 3} or iterable of int, optional
         Version of FMI, by default both.
 

@@ -117,6 +117,7 @@ MOVED = (
     real("x", "output", 0.0, "m", "Distance from the wall"),
     real("xdot", "output", 0.0, "m/s", "Velocity, at the wall the one after the impact"),
 )
+ESTIMATES = ("x_est", "xdot_est", "d_est", "refused", "status")
 REFERENCE_START = ("x_ref0", "xdot_ref0", "e", "e_ref")
 
 MODELS = {
@@ -219,6 +220,33 @@ MODELS = {
                 "u": ("force", "force_ref", "x0", "xdot0", *REFERENCE_START),
                 "status": ("force", "force_ref"),
             },
+        ),
+        Model(
+            "observer",
+            "ImpactObserver",
+            "zivi-impact-observer-1",
+            "Position, velocity and an unknown force of a mass with impacts, from measurements",
+            (
+                TIME,
+                *MEASURED,
+                FORCE,
+                real("u", "input", 0.0, "m/s2", "Control that acted over the period that ends now"),
+                real("x_est", "output", 0.0, "m", "Estimate of the distance from the wall"),
+                real("xdot_est", "output", 0.0, "m/s", "Estimate of the velocity"),
+                real("d_est", "output", 0.0, "m/s2", "Estimate of the unknown force"),
+                integer("refused", "output", 0, "Measurements beyond 5 standard deviations so far"),
+                integer("status", "output", 0, "< 0: the measurement was not finite"),
+                real("h", "parameter", 1e-3, "s", "Sampling period"),
+                real("e", "parameter", 0.5, None, "Coefficient of restitution, in (0, 1]"),
+                real("noise_x", "parameter", 1e-4, "m", "Standard deviation of a position"),
+                real("noise_xdot", "parameter", 1e-2, "m/s", "Standard deviation of a velocity"),
+                real("q_d", "parameter", 1e-3, None, "Variance that a period adds to the force"),
+                real("se", "parameter", 0.0, None, "Standard deviation of e"),
+                real("dmax", "parameter", 20.0, "m/s2", "Bound of the unknown force"),
+                boolean("position_only", "parameter", False, "Whether xdot is not measured"),
+            ),
+            feedthrough=dict.fromkeys(ESTIMATES, ("x", "xdot", "force", "u")),
+            initial=dict.fromkeys(ESTIMATES, ("x", "xdot", "force", "u")),
         ),
     )
 }
