@@ -372,3 +372,12 @@ def test_bytes_of_a_run(save, size):
     arrays = [getattr(batch, field.name) for field in dataclasses.fields(batch)]
     arrays = [it for it in arrays if isinstance(it, np.ndarray) and it is not batch.sample_t]
     assert sum(it.nbytes for it in arrays) == 10 * size
+
+
+def test_the_default_method_is_that_of_simulate():
+    ball = zivi.ImpactSystem(-9.81, e=0.5)
+    batch = zivi.simulate_batch(ball, (0, 3), [(1, 0), (0.5, 1)])
+    for i, start in enumerate([(1, 0), (0.5, 1)]):
+        sol = zivi.simulate(ball, (0, 3), start)
+        assert (batch.rest_time[i], batch.x[i]) == (sol.rest_time, sol.x[-1])
+    assert batch.config["method"]["name"] == "SwitchedRK"

@@ -20,7 +20,7 @@ from zivi._progress import ProgressBar
 from zivi.mechanics.batch import MechanicalBatch, mechanical_batch
 from zivi.mechanics.system import MechanicalSystem
 from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
-from zivi.simulate import pair
+from zivi.simulate import DEFAULT_METHOD, pair
 from zivi.status import Status
 from zivi.system import ImpactSystem
 from zivi.trajectory import describe, describe_system
@@ -171,7 +171,7 @@ def simulate_batch(
     t_span: Sequence[float],
     y0: Any,
     *,
-    method: Method,
+    method: Method = ...,
     save: str | int = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
@@ -184,7 +184,7 @@ def simulate_batch(
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
-    method: Method,
+    method: Method = ...,
     save: str | int = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
@@ -196,7 +196,7 @@ def simulate_batch(
     t_span: Sequence[float],
     y0: Any,
     *,
-    method: Method,
+    method: Method = DEFAULT_METHOD,
     save: str | int = "final",
     threads: int | None = None,
     progress: bool | None = None,
@@ -217,9 +217,9 @@ def simulate_batch(
     y0 : array_like
         Initial states, shape (n, 2), or (2,) for all systems. Of mechanical systems
         ``(q0, qdot0)``, each with a row for each run or one for all.
-    method : ThetaGamma, SwitchedRK, MoreauJean or ExplicitEuler
-        The method, for mechanical systems `SwitchedRK`. Under constant forces `ThetaGamma` moves
-        many masses side by side.
+    method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
+        The method, by default and for mechanical systems `SwitchedRK`. Under constant forces
+        `ThetaGamma` moves many masses side by side.
     save : {"final", "statistics", "events"} or int
         What is kept of each run: its end; its end and the extremes of its samples; its end and
         all events; or its end and every so many samples (methods of fixed steps only). Of

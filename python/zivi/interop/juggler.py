@@ -94,7 +94,7 @@ def _juggler() -> type[Any]:
     class Juggler(gym.Env):  # type: ignore[misc]
         """A ball above a wall, and a bounded acceleration."""
 
-        metadata = {"render_modes": []}  # noqa: RUF012 gymnasium's name
+        metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 gymnasium's name
 
         def __init__(
             self, wall: tuple[float, float], *, h: float, height: float, u_max: float, steps: int
