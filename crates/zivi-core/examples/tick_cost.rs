@@ -20,7 +20,9 @@ mod ticks;
 
 use std::hint::black_box;
 
-use ticks::{closed_loop, drawn, hard, of_the_paper, one_tick, Controller, Failure, Rng, Tick, H};
+use ticks::{
+    closed_loop, drawn, hard, observed, of_the_paper, one_tick, Controller, Failure, Rng, Tick, H,
+};
 use zivi_core::control::{Approach, ExplicitTwisting, TwistingRegulator};
 use zivi_core::Physical;
 
@@ -51,6 +53,7 @@ fn main() -> Result<(), Failure> {
             explicit.reset(Physical { x: 3.0, xdot: 3.0 })?;
             count(closed_loop(explicit, number)?)
         }
+        "observer" => count(observed(tracker, number)?),
         "hard" => count(hard(number, &rng)?),
         kind => count((0..number).map(|_| drawn(kind, &rng)).collect::<Result<_, _>>()?),
     }

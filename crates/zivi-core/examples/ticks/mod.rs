@@ -10,6 +10,7 @@ use zivi_core::control::tracking::{Target, Tracking};
 use zivi_core::control::{
     Approach, ExplicitTwisting, Gains, TrackerState, TwistingRegulator, TwistingTracker,
 };
+use zivi_core::observer::{ImpactObserver, Measurement, ObserverSettings};
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 pub(crate) type Failure = Box<dyn std::error::Error>;
@@ -46,6 +47,33 @@ impl Controller for TwistingRegulator {
     fn tick(&mut self, measured: Physical, f: f64, _: f64) -> Result<f64, SettingError> {
         TwistingRegulator::tick(self, measured, f)
     }
+}
+
+/// An observer, whose control is the last argument and whose answer is the unknown force.
+impl Controller for ImpactObserver {
+    #[inline(always)]
+    fn tick(&mut self, measured: Physical, f: f64, u: f64) -> Result<f64, SettingError> {
+        let measured = Measurement { x: measured.x, xdot: Some(measured.xdot) };
+        Ok(ImpactObserver::tick(self, measured, f, u)?.d)
+    }
+}
+
+/// Every tick of an observer of the paper's loop.
+pub(crate) fn observed(
+    tracker: TwistingTracker,
+    count: usize,
+) -> Result<Vec<Tick<ImpactObserver>>, Failure> {
+    let settings = ObserverSettings::new(tracker.step().wall, H)?;
+    let mut observer = ImpactObserver::new(settings);
+    let mut ticks = Vec::with_capacity(count);
+    let mut u = 0.0;
+    for it in closed_loop(tracker, count)? {
+        let Tick { mut controller, measured, force, force_ref } = it;
+        ticks.push(Tick { controller: observer, measured, force, force_ref: u });
+        Controller::tick(&mut observer, measured, force, u)?;
+        u = controller.tick(measured, force, force_ref)?;
+    }
+    Ok(ticks)
 }
 
 #[inline(never)]
