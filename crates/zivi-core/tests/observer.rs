@@ -204,7 +204,7 @@ fn stress(draws: u32, seed: u64) {
             let a = rng.between(-30.0, 10.0);
             v += h * a;
             x += h * v;
-            if x < 0.0 || x > 10.0 {
+            if !(0.0..=10.0).contains(&x) {
                 (x, v) = (x.clamp(0.0, 10.0), -e * v);
             }
             let noise = |size: f64| size * rng.between(-1.0, 1.0);
