@@ -1,5 +1,6 @@
 """The README is a promise: its snippet runs, its numbers are computed again, its links exist."""
 
+import math
 import re
 from pathlib import Path
 
@@ -26,7 +27,7 @@ def ball(h):
 def test_the_snippet_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     import matplotlib.pyplot as plt
 
-    snippet, _ = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    snippet, *_ = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     assert 8 <= sum(bool(line.strip()) for line in snippet.splitlines()) <= 12
     monkeypatch.chdir(tmp_path)
     names: dict = {}
@@ -37,6 +38,50 @@ def test_the_snippet_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     assert names["sol"].rest_time == pytest.approx(float(printed), abs=5e-14)
     assert Ball.of_kappa(1.0, 6.0, kappa=0.41).zeno == pytest.approx(float(printed), abs=1e-13)
     assert printed[:-2] in capsys.readouterr().out
+
+
+def run_section(title, monkeypatch, tmp_path):
+    """Names and text of the snippet of a section, run after `import zivi`."""
+    import matplotlib.pyplot as plt
+
+    section = README.split(f"## {title}\n")[1].split("\n## ")[0]
+    (snippet,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    names = {"zivi": zivi}
+    exec(compile(snippet, "README.md", "exec"), names)
+    plt.close("all")
+    return names, snippet
+
+
+def test_the_mechanical_system(monkeypatch, tmp_path):
+    """Times to the digits printed; those of the machine itself are held to references elsewhere."""
+    names, snippet = run_section("Mechanical systems", monkeypatch, tmp_path)
+    zeno, liftoffs = (
+        [float(t) for t in times.split(",")] for times in re.findall(r"# ([\d., ]+):", snippet)
+    )
+    tight = zivi.simulate(names["pendulum"], (0, 5), ([0.5, 0.5], [0, 0]), zivi.SwitchedRK(1e-11))
+    for sol, tol in ((tight, 6e-7), (names["swing"], 1e-5)):
+        assert sol.zeno["t"] == pytest.approx(zeno, abs=tol)
+        assert sol.liftoffs["t"] == pytest.approx(liftoffs, abs=tol)
+
+
+def test_derivatives_and_orbits(monkeypatch, tmp_path):
+    names, snippet = run_section("Derivatives and orbits", monkeypatch, tmp_path)
+    # t_inf = sqrt(2 x0/g) (1 + e)/(1 - e)
+    x0, g, e = 1.0, 9.81, 0.5
+    by_x0 = (1 + e) / (1 - e) / math.sqrt(2 * g * x0)
+    by_e = 2 * math.sqrt(2 * x0 / g) / (1 - e) ** 2
+    printed = [float(number) for number in re.findall(r"\[\[(\S+) (\S+)\]\]", snippet)[0]]
+    assert printed == pytest.approx([by_x0, by_e], abs=1e-8)
+    assert names["slopes"].zeno_times[0] == pytest.approx([by_x0, by_e], rel=1e-7)
+    # fold at F = pi (1 - e)/(1 + e); doubling at F^2 = that^2 + (2 (1 + e^2)/(1 + e)^2)^2
+    fold = math.pi * (1 - e) / (1 + e)
+    doubling = math.hypot(fold, 2 * (1 + e**2) / (1 + e) ** 2)
+    told = dict(re.findall(r"(fold|period_doubling) (\d\.\d+)", snippet))
+    found = {event.kind: event.value for event in names["branch"].events}
+    for kind, value in {"fold": fold, "period_doubling": doubling}.items():
+        assert float(told[kind]) == pytest.approx(value, abs=1e-9)
+        assert found[kind] == pytest.approx(value, abs=1e-9)
 
 
 def test_what_the_default_promises(table):
