@@ -85,6 +85,21 @@ def test_random_runs_are_those_of_the_pair():
         assert np.abs(ours(times)[0] - other(times)[0]).max() < 1e-9
 
 
+def test_a_plastic_impact_under_a_push_after_a_lift_off():
+    # rest, a lift-off that grows from zero, then an impact from which the mass is pushed at once
+    wall = zivi.HarmonicWall(amplitude=0.0747, omega=18.07, phase=-0.822, offset=-0.066)
+    system = zivi.ImpactSystem(zivi.LinearForce(damping=-0.2256, gravity=7.433), e=0.0, wall=wall)
+    ours, other = (
+        zivi.simulate(
+            system, (0, 3), (1.493, 2.545), method=zivi.SwitchedRK(1e-12, 1e-12, flights=flights)
+        )
+        for flights in ("series", "rk")
+    )
+    assert len(ours.impacts) == len(other.impacts) >= 4
+    assert np.abs(ours.impacts["t"] - other.impacts["t"]).max() < 1e-10
+    assert len(ours.liftoff_times) == len(other.liftoff_times)
+
+
 def test_flights_do_not_depend_on_the_tolerances():
     system = zivi.ImpactSystem(OSCILLATOR, e=0.8)
     coarse, fine = (

@@ -21,7 +21,8 @@ impl SwitchedIntegrator {
         self.now = Point { x: 0.0, xdot: after, ..contact };
         self.sigma = -sigma;
         (self.armed, self.continues, self.struck) = (true, false, true);
-        self.steps = 0;
+        // a plastic impact under a push leaves with it at once
+        (self.steps, self.rises) = (0, 2);
         Piece::Flight { from, sigma, impact: Some(impact) }
     }
 

@@ -315,7 +315,7 @@ impl<'m> Flight<'m> {
         let ImpactMap { table, e, omega, .. } = self.map;
         let h = table.h();
         let v = step.v / h;
-        let bend = value(&derivative(&derivative(&step.series)), 1.0);
+        let bend = value(&derivative(&derivative(&step.series())), 1.0);
         let a = bend / (step.length * h).powi(2);
         let dt = -column.x / v;
         let du = -e * (column.v / h + a * dt) - v * column.e;

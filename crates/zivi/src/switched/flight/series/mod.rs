@@ -144,9 +144,9 @@ impl SeriesFlight {
     /// ends at the wall.
     pub(in crate::switched) fn part(&self, k: usize) -> (Series, f64, f64, bool) {
         let Flown { from, step, .. } = self.piece;
-        let Step { start, series, length, doublings, lands, .. } = step;
+        let Step { start, length, doublings, lands, .. } = step;
         let h = self.table.h();
-        let Some(j) = doublings else { return (series, from.t, length * h, lands) };
+        let Some(j) = doublings else { return (step.series(), from.t, length * h, lands) };
         let at = (0..j).filter(|bit| k >> bit & 1 == 1);
         let start = at.fold(start, |start, bit| self.table.jump(&start, bit));
         let from = from.after(k as f64 * h, 0.0, 0.0);

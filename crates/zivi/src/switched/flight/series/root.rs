@@ -41,7 +41,12 @@ enum Screen {
 /// The first point of `[0, 1]` where the series becomes negative, its first `known` coefficients
 /// being zero: a root of that order at 0 that the motion leaves.
 pub(crate) fn first_root(a: &Series, known: usize) -> Option<Root> {
-    let q: Series = std::array::from_fn(|n| a.get(n + known).copied().unwrap_or(0.0));
+    let mut q = [0.0; TERMS];
+    match known {
+        0 => q = *a,
+        1 => q[..TERMS - 1].copy_from_slice(&a[1..]),
+        _ => q[..TERMS - known].copy_from_slice(&a[known..]),
+    }
     let at = match screen(&q) {
         Screen::Clear => return None,
         Screen::One(guess) => polished(&q, guess),
@@ -87,6 +92,7 @@ fn polished(q: &Series, guess: f64) -> f64 {
         } else {
             high = s;
         }
+        // Halley's formula
         let step = 2.0 * value * first / (value * second - 2.0 * first * first);
         let next = s + step;
         if step.abs() <= LAST * s && next >= low && next <= high {

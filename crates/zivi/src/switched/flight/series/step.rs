@@ -13,8 +13,10 @@ const ARC: f64 = 1.3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Step {
     pub(crate) start: Start,
-    /// The position by powers of the part of the length, unless it is several whole steps.
-    pub(crate) series: Series,
+    /// The position by powers of the part of a longer stretch, unless it is several whole steps.
+    series: Series,
+    /// Which part of that it is.
+    part: f64,
     /// Its length, in steps of the table.
     pub(crate) length: f64,
     /// `2^j` whole steps.
@@ -32,6 +34,7 @@ impl Step {
     pub(crate) const NONE: Self = Self {
         start: Start { x: 0.0, v: 0.0, force: 0.0, waves: [[0.0; 2]; 2] },
         series: [0.0; TERMS],
+        part: 1.0,
         length: 0.0,
         doublings: None,
         x: 0.0,
@@ -62,15 +65,19 @@ impl Step {
         let reaches = left <= width * OVER;
         let (part, x, slope) = match root {
             Some(root) => (root.at, 0.0, root.slope.min(0.0)),
+            None if width == 1.0 && left > 1.0 && known < 2 => {
+                let end = table.jump(start, 0);
+                (1.0, end.x, end.v)
+            }
             None => {
                 let part = if reaches { left / width } else { 1.0 };
                 (part, value(&a, part), value(&derivative(&a), part))
             }
         };
-        stretch(&mut a, part);
         Self {
             start: *start,
             series: a,
+            part,
             length: part * width,
             doublings: None,
             // not max, which would drop NaN
@@ -80,6 +87,15 @@ impl Step {
             lands: root.is_some() || (x <= 0.0 && slope < 0.0),
             complete: root.is_none() && reaches,
         }
+    }
+}
+
+impl Step {
+    /// The position by powers of the part of the step, which is not several at once.
+    pub(crate) fn series(&self) -> Series {
+        let mut a = self.series;
+        stretch(&mut a, self.part);
+        a
     }
 }
 
