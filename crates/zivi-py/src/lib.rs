@@ -59,6 +59,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<motion::MechanicalPath>()?;
     module.add_function(wrap_pyfunction!(mechanics::simulate_mechanical, module)?)?;
     module.add_function(wrap_pyfunction!(mechanics::simulate_mechanical_moreau_jean, module)?)?;
+    module.add_function(wrap_pyfunction!(mechanics::simulate_mechanical_theta_gamma, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::compiled_model, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::check_moreau_jean, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate_moreau_jean, module)?)?;

@@ -5,8 +5,9 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::mechanics::{
-    simulate_mechanical as simulate, simulate_mechanical_moreau_jean as moreau_jean, GapSet,
-    MechanicalOutput, MechanicalRun, Occurrence, StateEvent, StateHit,
+    simulate_mechanical as simulate, simulate_mechanical_moreau_jean as moreau_jean,
+    simulate_mechanical_theta_gamma as theta_gamma, GapSet, MechanicalOutput, MechanicalRun,
+    Occurrence, StateEvent, StateHit,
 };
 use zivi::system::dynamics::Layout;
 use zivi::{Direction, Grid, MoreauJean};
@@ -107,6 +108,46 @@ pub(crate) fn simulate_mechanical_moreau_jean(
                 }
                 DynamicsSpec::Callable(mut it) => {
                     moreau_jean(method, &mut it, &e, grid, start, events, watch)
+                }
+            }
+        }
+    };
+    MechanicalRecord::new(py, run.map_err(setup_error)?)
+}
+
+/// A run of the implicit scheme for a mechanical system with one gap or gaps at right angles.
+#[pyfunction]
+#[pyo3(signature = (model, *, n, m, e, h, span, q0, qdot0, events, progress=None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn simulate_mechanical_theta_gamma(
+    py: Python<'_>,
+    model: &Bound<'_, PyTuple>,
+    n: usize,
+    m: usize,
+    e: PyReadonlyArray1<'_, f64>,
+    h: f64,
+    span: (f64, f64),
+    q0: PyReadonlyArray1<'_, f64>,
+    qdot0: PyReadonlyArray1<'_, f64>,
+    events: Vec<StateEventSpec<'_>>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<MechanicalRecord> {
+    let grid = Grid::new(span.0, span.1, h).map_err(|error| setup_error(error.into()))?;
+    let (e, q0, qdot0) = (vector(&e), vector(&q0), vector(&qdot0));
+    let watch = &mut Watch { progress };
+    let start = (&q0[..], &qdot0[..]);
+    let run = match DynamicsSpec::from_tuple(model, Layout { n, m })? {
+        DynamicsSpec::Compiled(mut it) if events.is_empty() => {
+            py.detach(|| theta_gamma(&mut it, &e, grid, start, Vec::new(), watch))
+        }
+        spec => {
+            let events = events.into_iter().map(|it| event(it, n)).collect();
+            match spec {
+                DynamicsSpec::Compiled(mut it) => {
+                    theta_gamma(&mut it, &e, grid, start, events, watch)
+                }
+                DynamicsSpec::Callable(mut it) => {
+                    theta_gamma(&mut it, &e, grid, start, events, watch)
                 }
             }
         }

@@ -12,6 +12,7 @@
 
 mod chain;
 mod corner;
+mod fixed_steps;
 mod flight;
 mod gap_set;
 mod impact;
@@ -30,6 +31,7 @@ mod state_events;
 mod stops;
 mod stored;
 mod tail;
+mod theta_gamma;
 
 pub use gap_set::GapSet;
 pub use moreau_jean::simulate_mechanical_moreau_jean;
@@ -37,3 +39,4 @@ pub use occurrence::{FlagKind, Occurrence};
 pub use path::{MechanicalPath, MotionPoint};
 pub use run::{simulate_mechanical, MechanicalOutput, MechanicalRun, MechanicalSamples};
 pub use state_events::{StateEvent, StateFunction, StateHit};
+pub use theta_gamma::simulate_mechanical_theta_gamma;

@@ -1,7 +1,11 @@
 //! Moreau-Jean time stepping against the switched method.
 
-use zivi::mechanics::{simulate_mechanical_moreau_jean, MechanicalRun, Occurrence};
-use zivi::{Grid, MoreauJean, Silent, Status, SwitchedRk};
+use std::convert::Infallible;
+
+use zivi::mechanics::{
+    simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma, MechanicalRun, Occurrence,
+};
+use zivi::{Grid, MoreauJean, SetupError, Silent, Status, SwitchedRk};
 
 use crate::models::Model;
 use crate::problems::{last_state, parameters, Problem};
@@ -80,4 +84,58 @@ fn rest_in_a_corner_and_what_presses_there() {
     let sides = lambda[0] * s1 - lambda[1] * s2;
     let up = lambda[0] * c1 + lambda[1] * c2;
     assert!(sides.abs() < 1e-9 && (up - 9.81).abs() < 1e-9, "{lambda:?}");
+}
+
+fn implicit(problem: &Problem, h: f64) -> Result<MechanicalRun<Infallible>, SetupError> {
+    let mut model = Model::new(problem.model, problem.par.clone());
+    let grid = Grid::new(0.0, problem.t1, h).unwrap();
+    let start = (&problem.q0[..], &problem.w0[..]);
+    simulate_mechanical_theta_gamma(&mut model, &problem.e, grid, start, Vec::new(), &mut Silent)
+}
+
+fn surface(t1: f64) -> Problem {
+    let par =
+        [("a", 0.12), ("b", 0.1), ("k", 2.0), ("G", 9.81), ("cd", 0.1), ("f", 1.5), ("om", 3.0)];
+    let (q0, w0) = (vec![0.1, -0.2, 0.5], vec![1.0, 0.7, 0.0]);
+    Problem { model: "surf3", par: parameters(&par), e: vec![0.45], q0, w0, t1 }
+}
+
+fn floor_and_wall(t1: f64) -> Problem {
+    let par = [("m", 1.0), ("G", 9.81), ("fx", 2.0), ("om", 1.5), ("d", 0.8)];
+    let (q0, w0) = (vec![0.0, 0.5], vec![0.5, 0.0]);
+    Problem { model: "corner", par: parameters(&par), e: vec![0.5, 0.3], q0, w0, t1 }
+}
+
+#[test]
+fn the_implicit_step_is_of_first_order_and_lands_exactly() {
+    let jitters = [1.0, 1.07, 1.13, 1.21];
+    for problem in [surface(0.2), surface(1.0), floor_and_wall(0.5), floor_and_wall(1.5)] {
+        let exact = last_state(&problem.run(SwitchedRk::with_tol(1e-11)));
+        let error = |h: f64| {
+            let squares = jitters.iter().map(|jitter| {
+                let run = implicit(&problem, h * jitter).unwrap();
+                assert_eq!(run.status, Status::Completed);
+                let state = last_state(&run).into_iter().zip(&exact);
+                state.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max).powi(2)
+            });
+            (squares.sum::<f64>() / jitters.len() as f64).sqrt()
+        };
+        let (coarse, fine) = (error(4e-3), error(2.5e-4));
+        let order = (coarse / fine).log2() / 4.0;
+        println!("{} {}: {coarse:e} {fine:e} {order:.2}", problem.model, problem.t1);
+        assert!(order > 0.75 && order < 1.4, "{}: {coarse:e} {fine:e} {order}", problem.model);
+    }
+    let run = implicit(&surface(1.0), 1e-3).unwrap();
+    assert!(run.samples.closed.last().unwrap().has(0));
+    let last = run.samples.x.len() - 1;
+    assert_eq!((run.samples.x[last], run.samples.v[last]), (0.0, 0.0));
+    let q = &run.samples.x[last - 3..last];
+    let gap = q[2] - 0.12 * (2.0 * q[0]).sin() - 0.1 * (2.0 * q[1]).cos();
+    assert!(gap.abs() < 1e-15, "{gap:e}");
+}
+
+#[test]
+fn the_implicit_step_refuses_coupled_gaps_and_says_why() {
+    let error = implicit(&wedge(1.0), 1e-3).unwrap_err().to_string();
+    assert!(error.contains("kinetic cosine") && error.contains("right angles"), "{error}");
 }

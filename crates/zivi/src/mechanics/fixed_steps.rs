@@ -1,0 +1,246 @@
+//! Runs with fixed steps: what the schemes share.
+
+use super::gap_set::GapSet;
+use super::kinetics::{Kinetics, Model};
+use super::occurrence::Occurrence;
+use super::run::{check_sizes, MechanicalRun, MechanicalSamples};
+use super::state_events::{StateEvent, StateHit, StateWatch};
+use crate::record::failure::Failure;
+use crate::record::monitor::Pace;
+use crate::record::reserve::Reserve;
+use crate::system::dynamics::{Dynamics, Layout};
+use crate::{Counts, Grid, Monitor, SetupError, Status};
+
+/// A scheme that takes fixed steps.
+pub(super) trait Scheme {
+    /// Looks at the start, where the system has been evaluated.
+    fn begin(&mut self, state: &mut Stepped) -> Result<(), SetupError>;
+
+    /// One step of length `h` to `t_end`: fills the next state and the impulses.
+    fn step<E, D: Dynamics<E>>(
+        &mut self,
+        t_end: f64,
+        h: f64,
+        state: &mut Stepped,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>>;
+
+    /// What happened in the step, whose end is the present state now and whose start the next.
+    fn note<E>(&mut self, t: f64, t_end: f64, state: &mut Stepped) -> Result<(), Failure<E>>;
+
+    /// What is known at the end only.
+    fn finish(&mut self, _state: &mut Stepped) {}
+}
+
+/// The state of a run with fixed steps.
+pub(super) struct Stepped {
+    pub(super) layout: Layout,
+    pub(super) e: Vec<f64>,
+    pub(super) kinetics: Kinetics,
+    /// Coordinates and gaps, their rates, and the free accelerations of the coordinates.
+    pub(super) x: Vec<f64>,
+    pub(super) v: Vec<f64>,
+    pub(super) free: Vec<f64>,
+    /// The end of the step, and by gap what acts in it: impulses, then reactions.
+    pub(super) next_x: Vec<f64>,
+    pub(super) next_v: Vec<f64>,
+    pub(super) lambda: Vec<f64>,
+    /// The gaps that are at rest.
+    pub(super) closed: GapSet,
+    pub(super) group: u64,
+    pub(super) occurrences: Vec<Occurrence>,
+    samples: MechanicalSamples,
+    reserve: Reserve,
+}
+
+/// Fixed-point iterations of a step, and the change that ends them, relative to the state.
+const SWEEPS: usize = 60;
+const CONVERGED: f64 = 1e-13;
+/// Rounding of a coordinate that iterates may differ by.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+
+impl Stepped {
+    fn new(layout: Layout, e: &[f64], (q, w): (&[f64], &[f64])) -> Self {
+        let zeros = vec![0.0; layout.n + layout.m];
+        let (mut x, mut v) = (zeros.clone(), zeros);
+        x[..layout.n].copy_from_slice(q);
+        v[..layout.n].copy_from_slice(w);
+        Self {
+            layout,
+            e: e.to_vec(),
+            kinetics: Kinetics::new(layout),
+            next_x: x.clone(),
+            next_v: v.clone(),
+            x,
+            v,
+            free: vec![0.0; layout.n],
+            lambda: vec![0.0; layout.m],
+            closed: GapSet::EMPTY,
+            group: 0,
+            occurrences: Vec::new(),
+            samples: MechanicalSamples::default(),
+            reserve: Reserve::default(),
+        }
+    }
+
+    fn evaluate_start<E, D: Dynamics<E>>(
+        &mut self,
+        t: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let n = self.layout.n;
+        self.kinetics.evaluate(model, t, &self.x[..n], &self.v[..n])?;
+        self.kinetics.free_to(&mut self.free);
+        for i in 0..self.layout.m {
+            let (gap, rate) = (self.kinetics.gap(i), self.kinetics.rate(i, &self.v[..n]));
+            (self.x[n + i], self.v[n + i]) = (gap, rate);
+        }
+        Ok(())
+    }
+
+    /// Iterates `sweep`, which moves the next state by its return relative to the size of the
+    /// state, until that is rounding; the system is evaluated at the iterates.
+    pub(super) fn iterate<E, D: Dynamics<E>>(
+        &mut self,
+        t_end: f64,
+        h: f64,
+        model: &mut Model<'_, D>,
+        mut sweep: impl FnMut(&mut Self) -> Result<f64, Failure<E>>,
+    ) -> Result<(), Failure<E>> {
+        let n = self.layout.n;
+        for i in 0..n {
+            self.next_v[i] = self.v[i] + h * self.free[i];
+            self.next_x[i] = self.x[i] + h * self.v[i];
+        }
+        for _ in 0..SWEEPS {
+            self.kinetics.evaluate(model, t_end, &self.next_x[..n], &self.next_v[..n])?;
+            let change = sweep(self)?;
+            if change.is_nan() {
+                return Err(Failure::Status(Status::StateNotFinite));
+            }
+            if change <= CONVERGED {
+                self.kinetics.free_to(&mut self.free);
+                return Ok(());
+            }
+        }
+        Err(Failure::Status(Status::ForceNotConverged))
+    }
+
+    /// Moves the next coordinates and velocities; by how much, relative to their size.
+    pub(super) fn move_to(&mut self, h: f64, q: &[f64], w: &[f64]) -> f64 {
+        let (mut change, mut size) = (0.0_f64, f64::MIN_POSITIVE);
+        for (i, (&q, &w)) in q.iter().zip(w).enumerate() {
+            let moved = (w - self.next_v[i]).abs().max((q - self.next_x[i]).abs() / h);
+            // f64::max would drop NaN
+            change = if moved > change || moved.is_nan() { moved } else { change };
+            size = size.max(w.abs()).max(self.v[i].abs()).max(h * self.free[i].abs());
+            size = size.max(ROUNDING / CONVERGED * q.abs() / h);
+            (self.next_v[i], self.next_x[i]) = (w, q);
+        }
+        change / size
+    }
+
+    fn make_room<E>(&mut self, watch: &mut StateWatch<'_, '_, E>) -> Result<(), Failure<E>> {
+        let (size, m) = (self.x.len(), self.layout.m);
+        self.samples.make_room(&mut self.reserve, 1, size, m)?;
+        self.reserve.room(&mut self.occurrences, 2 * m, 2 * size_of::<f64>())?;
+        watch.make_room(&mut self.reserve)?;
+        Ok(())
+    }
+
+    fn sample(&mut self, t: f64) {
+        self.samples.push(t, (&self.x, &self.v), &self.lambda, self.closed);
+    }
+
+    /// Follows the user's events along the line between both ends of the step.
+    fn look<E>(
+        &self,
+        t: f64,
+        t_end: f64,
+        watch: &mut StateWatch<'_, '_, E>,
+    ) -> Result<Option<StateHit>, Failure<E>> {
+        if watch.is_idle() {
+            return Ok(None);
+        }
+        let line = |at: f64, x: &mut [f64], v: &mut [f64]| {
+            let part = (at - t) / (t_end - t);
+            for c in 0..x.len() {
+                x[c] = self.x[c] + part * (self.next_x[c] - self.x[c]);
+                v[c] = self.v[c] + part * (self.next_v[c] - self.v[c]);
+            }
+        };
+        watch.along(t, t_end, &line).map_err(Failure::Raised)
+    }
+}
+
+/// A run of a scheme.
+pub(super) fn simulate<E, D: Dynamics<E>>(
+    mut scheme: impl Scheme,
+    dynamics: &mut D,
+    e: &[f64],
+    grid: Grid,
+    (q, w): (&[f64], &[f64]),
+    mut events: Vec<StateEvent<'_, E>>,
+    monitor: &mut impl Monitor<E>,
+) -> Result<MechanicalRun<E>, SetupError> {
+    let layout = dynamics.layout();
+    check_sizes(layout, e, q, w)?;
+    let mut model = Model::new(dynamics);
+    let mut state = Stepped::new(layout, e, (q, w));
+    let mut watch = StateWatch::new(&mut events, layout.n, layout.m);
+    let mut steps = 0;
+    let ending = match state.evaluate_start(grid.t(0), &mut model) {
+        Err(failure) => Err(failure),
+        Ok(()) => {
+            scheme.begin(&mut state)?;
+            walk(&mut scheme, &mut state, grid, &mut steps, (&mut model, &mut watch, monitor))
+        }
+    };
+    scheme.finish(&mut state);
+    let (status, raised) = match ending {
+        Ok(None) => (Status::Completed, None),
+        Ok(Some(hit)) => {
+            state.samples.push(hit.t, (&hit.x, &hit.v), &vec![0.0; layout.m], state.closed);
+            (Status::TerminatedByEvent, None)
+        }
+        Err(Failure::Status(status)) => (status, None),
+        Err(Failure::Raised(error)) => (Status::Raised, Some(error)),
+    };
+    let (nfev, accepted) = (model.count, steps as u64);
+    let counts = Counts { nfev, accepted, rejected: 0, impacts: state.group };
+    let Stepped { samples, occurrences, .. } = state;
+    let hits = watch.into_hits();
+    Ok(MechanicalRun { layout, samples, occurrences, hits, path: None, status, raised, counts })
+}
+
+/// All steps, or those up to an event of the user that ends the run.
+fn walk<E, D: Dynamics<E>, M: Monitor<E>>(
+    scheme: &mut impl Scheme,
+    state: &mut Stepped,
+    grid: Grid,
+    steps: &mut usize,
+    (model, watch, monitor): (&mut Model<'_, D>, &mut StateWatch<'_, '_, E>, &mut M),
+) -> Result<Option<StateHit>, Failure<E>> {
+    state.make_room(watch)?;
+    state.sample(grid.t(0));
+    watch.start(grid.t(0), &state.x, &state.v).map_err(Failure::Raised)?;
+    let mut pace = Pace::start();
+    while *steps < grid.n_steps() {
+        for _ in 0..pace.chunk().min(grid.n_steps() - *steps) {
+            let (t, t_end) = (grid.t(*steps), grid.t(*steps + 1));
+            state.make_room(watch)?;
+            scheme.step(t_end, t_end - t, state, model)?;
+            if let Some(stop) = state.look(t, t_end, watch)? {
+                return Ok(Some(stop));
+            }
+            std::mem::swap(&mut state.x, &mut state.next_x);
+            std::mem::swap(&mut state.v, &mut state.next_v);
+            scheme.note(t, t_end, state)?;
+            state.sample(t_end);
+            *steps += 1;
+        }
+        monitor.poll(*steps, grid.n_steps()).map_err(Failure::Raised)?;
+        pace.adjust();
+    }
+    Ok(None)
+}
