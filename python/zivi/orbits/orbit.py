@@ -7,15 +7,15 @@ import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from zivi._check import Array, finite, real_array, whole
+from zivi._check import Array, finite, whole
 from zivi._extras import needed
 from zivi._misplaced import check_system
 from zivi._parameters import parameter
 from zivi.methods import SwitchedRK
 from zivi.orbits.flights import PRECISE, FlightError, period_of
-from zivi.orbits.sequence import Equations, Frame, equations, newton
+from zivi.orbits.sequence import Equations, Frame, canonical, equations, newton
 from zivi.sensitivity import OrbitStatus, sensitivity
 from zivi.simulate import simulate
 from zivi.system import ImpactSystem
@@ -285,25 +285,10 @@ def solve(system: ImpactSystem, frame: Frame, y: Array, max_iter: int = 20) -> P
             system, frame, at, found.residual, found.iterations, OrbitStatus.NOT_CONVERGED, message
         )
     period = frame.period_of(system)
-    canonical = _canonical(at.y, period, frame.multiple * period)
-    if canonical is not at.y:
-        at = equations(system, frame, canonical, minima=True)
+    turned = canonical(at.y, period, frame.multiple * period)
+    if turned is not at.y:
+        at = equations(system, frame, turned, minima=True)
     return checked(system, frame, at, found.residual, found.iterations)
-
-
-def _canonical(y: Array, period: float, length: float) -> Array:
-    """Give the impacts from that of the smallest phase on, its time within the first period."""
-    if y.ndim == 1:
-        return y
-    phases = y[:, 0] % period
-    first = int(np.argmin(phases))
-    shift = phases[first] - y[first, 0]
-    turned = np.roll(y, -first, axis=0)
-    if first == 0 and shift == 0.0:
-        return y
-    times = turned[:, 0] + shift
-    times[len(y) - first :] += length
-    return np.column_stack([times, turned[:, 1]])
 
 
 def orbit_of(
@@ -402,17 +387,3 @@ def _failed(system: ImpactSystem, frame: Frame, y: Array, message: str) -> Perio
         _frame=frame,
         _y=y,
     )
-
-
-def rows_of(start: ArrayLike) -> Array:
-    """Give the impacts of an array as rows ``(t, u)``."""
-    array = np.asarray(start)
-    if array.dtype.names:
-        speed = "u" if "u" in array.dtype.names else "xdot_after"
-        return np.column_stack([array["t"], array[speed]]).astype(np.float64)
-    rows = real_array("start", array)
-    if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
-        raise ValueError(f"start must have rows (t, u), got an array of shape {rows.shape}")
-    if not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) <= 0.0):
-        raise ValueError("start must have finite rows (t, u) at ascending times")
-    return rows

@@ -23,7 +23,7 @@ from zivi.orbits.flights import FlightError, Legs, fly
 from zivi.status import Status
 from zivi.system import ImpactSystem
 
-__all__ = ["Equations", "Frame", "Solution", "newton"]
+__all__ = ["Equations", "Frame", "Solution", "canonical", "equations", "newton", "size_of"]
 
 MOST_STEPS = 20
 HALVINGS = 6
@@ -211,3 +211,18 @@ def _damped(
             return there, new
         part *= 0.5
     return None
+
+
+def canonical(y: Array, period: float, length: float) -> Array:
+    """Give the impacts from that of the smallest phase on, its time within the first period."""
+    if y.ndim == 1:
+        return y
+    phases = y[:, 0] % period
+    first = int(np.argmin(phases))
+    shift = phases[first] - y[first, 0]
+    turned = np.roll(y, -first, axis=0)
+    if first == 0 and shift == 0.0:
+        return y
+    times = turned[:, 0] + shift
+    times[len(y) - first :] += length
+    return np.column_stack([times, turned[:, 1]])

@@ -7,10 +7,11 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from zivi._check import Array, real
+from zivi._check import Array, real, real_array
 from zivi.methods import SwitchedRK
-from zivi.orbits.orbit import PeriodicOrbit, rows_of
+from zivi.orbits.orbit import PeriodicOrbit
 from zivi.simulate import pair, simulate
 from zivi.system import ImpactSystem
 from zivi.trajectory import Trajectory
@@ -123,3 +124,17 @@ def _repeats(impacts: Array, end: float, period: float) -> int:
             if np.max(shift) <= tolerance:
                 return m
     return 1
+
+
+def rows_of(start: ArrayLike) -> Array:
+    """Give the impacts of an array as rows ``(t, u)``."""
+    array = np.asarray(start)
+    if array.dtype.names:
+        speed = "u" if "u" in array.dtype.names else "xdot_after"
+        return np.column_stack([array["t"], array[speed]]).astype(np.float64)
+    rows = real_array("start", array)
+    if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
+        raise ValueError(f"start must have rows (t, u), got an array of shape {rows.shape}")
+    if not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) <= 0.0):
+        raise ValueError("start must have finite rows (t, u) at ascending times")
+    return rows
