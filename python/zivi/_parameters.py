@@ -5,15 +5,35 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from zivi._misplaced import check_system
+from zivi.mechanics.system import MechanicalSystem
 from zivi.parametric import ParametricForce
 from zivi.system import ImpactSystem, LinearForce, force_spec
 from zivi.wall import HarmonicWall
 
-__all__ = ["codes_of", "excitation", "names_of", "parameter", "slopes_spec", "with_value"]
+__all__ = [
+    "check_differentiable",
+    "codes_of",
+    "excitation",
+    "names_of",
+    "parameter",
+    "slopes_spec",
+    "with_value",
+]
 
 INITIAL = {"x0": -1, "xdot0": -2, "t0": -3}
 """What the extension calls the initial state; ``e`` is -4."""
 OF_E = -4
+
+
+def check_differentiable(system: Any) -> None:
+    """Refuse what is no system of one mass and one wall, and say what can be differentiated."""
+    if isinstance(system, MechanicalSystem):
+        raise TypeError(
+            "derivatives and orbits are there for a zivi.ImpactSystem, one mass above one wall: a "
+            "zivi.MechanicalSystem is not supported, take differences of zivi.simulate there"
+        )
+    check_system(system)
 
 
 def of_force(force: Any) -> dict[str, float]:

@@ -15,8 +15,8 @@ from zivi import _zivi
 from zivi._check import Array, real_array
 from zivi._compiled import listening
 from zivi._extras import needed
-from zivi._misplaced import check_system, told
-from zivi._parameters import INITIAL, codes_of, parameter, slopes_spec
+from zivi._misplaced import told
+from zivi._parameters import INITIAL, check_differentiable, codes_of, parameter, slopes_spec
 from zivi._progress import ProgressBar
 from zivi.methods import SwitchedRK
 from zivi.simulate import as_raised, pair, with_partial
@@ -376,7 +376,7 @@ def sensitivity(
     >>> s.zeno_times.round(6)  # of sqrt(2 x0/g) (1 + e)/(1 - e)
     array([[0.677285, 3.612189, 0.06904 ]])
     """
-    check_system(system)
+    check_differentiable(system)
     if not isinstance(method, SwitchedRK):
         raise TypeError(f"sensitivity needs method=zivi.SwitchedRK(...), got {told(method)}")
     span, state = pair("t_span", t_span, "(t0, t1)"), pair("y0", y0, "(x0, xdot0)")

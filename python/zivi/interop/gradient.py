@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi._check import Array, real_array, whole
-from zivi._misplaced import check_system
-from zivi._parameters import INITIAL, codes_of, with_value
+from zivi._parameters import INITIAL, check_differentiable, codes_of, with_value
 from zivi.methods import SwitchedRK
 from zivi.sensitivity import Sensitivity, sensitivity
 from zivi.simulate import pair
@@ -143,7 +142,7 @@ def run_function(
     >>> round(value, 6), derivative.round(6)
     (1.354571, array([0.677285, 3.612189]))
     """
-    check_system(system)
+    check_differentiable(system)
     names = tuple(wrt)
     codes_of(system, names)
     if output not in OUTPUTS:

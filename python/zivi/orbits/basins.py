@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from zivi import _zivi
 from zivi._check import Array, real_array, whole
 from zivi._extras import needed
-from zivi._misplaced import check_system
+from zivi._parameters import check_differentiable
 from zivi.methods import SwitchedRK
 from zivi.orbits.attractor import TOLERANCE, Attractor, classify, settle
 from zivi.orbits.diagram import USUAL
@@ -153,7 +153,7 @@ def basins(
     >>> sorted({it.kind for it in found.attractors})  # both are stable
     ['impacting', 'resting']
     """
-    check_system(system)
+    check_differentiable(system)
     across, along = (real_array(n, v).ravel() for n, v in (("x0s", x0s), ("v0s", v0s)))
     if not len(across) or not len(along) or np.any(across < 0.0):
         raise ValueError("x0s and v0s must hold numbers, those of x0s >= 0")

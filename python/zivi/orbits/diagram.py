@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from zivi import _zivi
 from zivi._check import Array, real_array, whole
 from zivi._extras import needed
-from zivi._misplaced import check_system
-from zivi._parameters import parameter, with_value
+from zivi._parameters import check_differentiable, parameter, with_value
 from zivi.methods import SwitchedRK
 from zivi.orbits.attractor import Attractor, Settled, classify, settle, settle_one
 from zivi.orbits.flights import period_of
@@ -169,7 +168,7 @@ def bifurcation_diagram(
     >>> [(it.kind, it.multiple) for it in found.attractors]
     [('impacting', 1), ('impacting', 2)]
     """
-    check_system(system)
+    check_differentiable(system)
     parameter(system, name)
     grid = real_array("values", values).ravel()
     if not len(grid) or not np.all(np.isfinite(grid)):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi._check import Array, finite
-from zivi._misplaced import check_system
+from zivi._parameters import check_differentiable
 from zivi.methods import SwitchedRK
 from zivi.orbits.flights import fly
 from zivi.sensitivity import OrbitStatus
@@ -104,7 +104,7 @@ def lyapunov_exponents(
     >>> found.exponents.round(2)  # ln(1/2)/(2 pi)
     array([-0.11, -0.11])
     """
-    check_system(system)
+    check_differentiable(system)
     span = pair("t_span", t_span, "(t0, t1)")
     if not 0.0 <= finite("transient", transient) < span[1] - span[0]:
         raise ValueError(f"transient must be >= 0 and shorter than t_span, got {transient}")

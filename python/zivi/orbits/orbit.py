@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from zivi._check import Array, finite, whole
 from zivi._extras import needed
-from zivi._misplaced import check_system
-from zivi._parameters import parameter
+from zivi._parameters import check_differentiable, parameter
 from zivi.methods import SwitchedRK
 from zivi.orbits.flights import PRECISE, FlightError, period_of
 from zivi.orbits.sequence import Equations, Frame, canonical, equations, newton
@@ -252,7 +251,7 @@ def periodic_orbit(
     """
     from zivi.orbits.start import guess_of
 
-    check_system(system)
+    check_differentiable(system)
     length = period_of(system, period)
     if multiple is not None and whole("multiple", multiple) < 1:
         raise ValueError(f"multiple must be >= 1, got {multiple}")
