@@ -12,8 +12,8 @@ import pytest
 
 import zivi
 from mechanical_models import MODELS, MULTI, NDOF, compiled, model, multi_case, ndof_case
+from zivi import _machine_code as native
 from zivi.mechanics.start import _check_curvatures, _check_gradients, _check_rates, _Look
-from zivi.symbolic import native
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 
@@ -206,8 +206,7 @@ def test_a_cache_that_was_cut_short_or_cannot_be_written(tmp_path, monkeypatch, 
     library.unlink()
     library.write_bytes(b"\x7fELF")
     code = (
-        "import sys, zivi.symbolic.native as n;"
-        "print(n._by_c(sys.stdin.read()).function is not None)"
+        "import sys, zivi._machine_code as n;print(n._by_c(sys.stdin.read()).function is not None)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],

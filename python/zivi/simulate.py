@@ -83,7 +83,7 @@ def simulate(
 def simulate(
     system: ImpactSystem | MechanicalSystem,
     t_span: Sequence[float],
-    y0: Any,
+    y0: ArrayLike,
     method: Method = DEFAULT_METHOD,
     t_eval: ArrayLike | None = None,
     *,

@@ -3,7 +3,10 @@
 pieces, gap       what the user gives: arrays, functions, compiled functions
 layout, assemble  one row of numbers, and the function that fills it
 system            `MechanicalSystem`
+glue              compiled parts joined by a compiled function
 start             what is checked before a run
+run, trajectory   a run and its result; reactions, linear_motion, labelled: what it can do
+batch             many runs on threads
 """
 
 from zivi.mechanics.gap import Gap, LinearGap

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from zivi._check import Array, finite, real_array
 from zivi.mechanics.assemble import Evaluate, assembled
 from zivi.mechanics.gap import Gap
+from zivi.mechanics.glue import glued
 from zivi.mechanics.layout import Evaluation, Layout
 from zivi.mechanics.pieces import Part, part
 
@@ -178,7 +179,11 @@ class MechanicalSystem:
             raise ValueError(f"q0 must have from 1 to {MAX_SIZE} entries, got {n}")
         layout = Layout(n, self.m)
         evaluate = assembled(layout, self._mass, self._force, self._gaps)
-        return Model(layout, ("callable", evaluate), evaluate)
+        native = glued(layout, self._mass, self._force, self._gaps)
+        if native is None:
+            return Model(layout, ("callable", evaluate), evaluate)
+        spec = ("compiled", native.native.address, native.address, True)
+        return Model(layout, spec, evaluate, native)
 
     def at(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Evaluation:
         """Evaluate the system.

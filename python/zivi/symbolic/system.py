@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi._check import Array, finite
+from zivi._machine_code import Native, compiled
 from zivi.mechanics.layout import Layout
 from zivi.mechanics.system import MechanicalSystem, Model, restitutions
 from zivi.symbolic.derive import derive
-from zivi.symbolic.native import Native, compiled
 from zivi.symbolic.source import c_source, python_source
 
 __all__ = ["Parameters", "SymbolicSystem", "system"]

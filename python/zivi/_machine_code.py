@@ -93,7 +93,7 @@ def _chosen(compiler: str) -> str:
             return name
     wanted = {"auto": "a C compiler or numba", "c": "a C compiler", "numba": "numba"}[compiler]
     raise RuntimeError(
-        f"symbolic systems need {wanted}, and there is none: install a C compiler that is found "
+        f"compiled systems need {wanted}, and there is none: install a C compiler that is found "
         "as cc or named by the environment variable CC, or pip install numba"
     )
 
