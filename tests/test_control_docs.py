@@ -161,7 +161,7 @@ def test_exact_rest():
 def test_the_regulator():
     ratio = quoted(r"`e sqrt\(D/U\)` = (\S+) from")
     assert ratio == pytest.approx(1 / 3 * (1 / 5) ** 0.5, abs=5e-4)
-    settle = quoted(r"= (\d\.\d+) s with `t_c`")
+    settle = quoted(r"= (\d\.\d+)\\ \\mathrm\{s\} ``` with `t_c`")
     assert settle == pytest.approx(1.7727623, abs=5e-5)
     found = quoted(
         r"rests exactly, at (\S+), (\S+), (\S+) s in the paper's loop and (\S+), (\S+), (\S+) s in"
