@@ -166,7 +166,7 @@ impl Machine {
             let set = self.closed.with(gaps);
             if landing.t > self.now.t
                 && self.is_clear(&landing, set)
-                && self.stays_closed(&landing, set, model)?
+                && self.stays_closed(&landing, set, GapSet::EMPTY, model)?
             {
                 return Ok(Some(Ahead { landing, corner: Some(set) }));
             }

@@ -45,7 +45,7 @@ impl Machine {
         let known = landing.size <= 1.0 && ahead > 0.0 && ahead < 3.0 * left;
         let sound = known
             && self.is_clear(&landing, set)
-            && self.stays_closed(&landing, set, model)?
+            && self.stays_closed(&landing, set, key.closed, model)?
             && self.look_ahead(&landing, scales[0], model)?;
         Ok(sound.then_some(Ahead { landing, corner: None }))
     }
@@ -80,11 +80,13 @@ impl Machine {
         })
     }
 
-    /// Whether the forces keep all gaps of a set closed along the way to the landing.
+    /// Whether the forces keep all gaps of a set closed along the way to the landing, and those
+    /// that stay closed while another one bounces also without it.
     pub(super) fn stays_closed<E, D: Dynamics<E>>(
         &mut self,
         landing: &Landing,
         set: GapSet,
+        meanwhile: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
         let Layout { n, m } = self.layout;
@@ -109,6 +111,9 @@ impl Machine {
                 at.lambda[i] > none || (self.closed.has(i) && at.lambda[i] >= none)
             };
             if !set.iter().all(|i| pushes(at, i)) {
+                return Ok(false);
+            }
+            if at.contact(meanwhile).is_err() || !meanwhile.iter().all(|i| pushes(at, i)) {
                 return Ok(false);
             }
         }
