@@ -2,6 +2,7 @@
 
 use super::gap_set::GapSet;
 use super::kinetics::Model;
+use super::lift_off::Release;
 use super::machine::{Jump, Machine, Pending};
 use crate::record::failure::Failure;
 use crate::system::dynamics::Dynamics;
@@ -382,16 +383,6 @@ impl Machine {
         };
         (0..self.layout.m).filter(|&i| i == gap || is_hit(i)).collect()
     }
-}
-
-/// Where the force of a contact vanishes in a step.
-pub(super) enum Release {
-    /// Nowhere.
-    None,
-    /// After this part of it, at this gap.
-    At(f64, usize),
-    /// The step is too long to tell.
-    Unclear,
 }
 
 /// Time until the downward root of `x + v d + a d^2/2` nearest to zero.

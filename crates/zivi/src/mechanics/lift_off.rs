@@ -4,7 +4,6 @@
 //! polynomial of degree 7 through its values at Chebyshev's points; its Bernstein coefficients
 //! certify that there is no change of sign, two more values how well it fits.
 
-use super::flight::Release;
 use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::machine::{settle, Machine, Pending};
@@ -35,6 +34,16 @@ const ITERATIONS: usize = 4;
 const LATER: f64 = 1e-4;
 /// The first step after a lift-off, relative to that before.
 const PART: f64 = 1e-2;
+
+/// Where the force of a contact vanishes in a step.
+pub(super) enum Release {
+    /// Nowhere.
+    None,
+    /// After this part of it, at this gap.
+    At(f64, usize),
+    /// The step is too long to tell.
+    Unclear,
+}
 
 /// Values of a contact force at the nodes, then at the checks.
 type Values = [f64; MOST_DEGREE + 3];
