@@ -471,8 +471,25 @@ def test_bad_states_are_named(y0, error, told):
 
 def test_methods_that_do_not_take_it_say_why():
     start = ([0.0, 0.5], [0.5, 0.0])
+    with pytest.raises(ValueError, match="ExplicitEuler takes"):
+        zivi.simulate(box(), (0, 1), start, zivi.ExplicitEuler(h=1e-3))
+    with pytest.raises(ValueError, match="with its defaults"):
+        zivi.simulate(box(), (0, 1), start, zivi.ThetaGamma(h=1e-3, theta=0.5))
+    system, span, state = multi_case("wedge_acute")
     with pytest.raises(ValueError, match="coupled"):
-        zivi.simulate(box(), (0, 1), start, zivi.ThetaGamma(h=1e-3))
+        zivi.simulate(system, span, state, zivi.ThetaGamma(h=1e-3))
+
+
+def test_the_implicit_scheme_comes_to_rest_between_orthogonal_gaps():
+    errors = []
+    for h in (4e-3, 1e-3):
+        sol = zivi.simulate(box(), (0, 3), ([0.0, 0.5], [0.5, 0.0]), zivi.ThetaGamma(h=h))
+        assert sol.success
+        assert sol.contacts[-1].tolist() == [True, True]
+        assert np.all(sol.qdot[-1] == 0)
+        exact = zivi.simulate(box(), (0, 3), ([0.0, 0.5], [0.5, 0.0]), TIGHT)
+        errors.append(np.abs(sol(0.3)[0] - exact(0.3)[0]).max())
+    assert errors[1] < 0.4 * errors[0]
 
 
 def test_bad_gaps_and_normals():

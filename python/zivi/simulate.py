@@ -110,7 +110,8 @@ def simulate(
         velocities ``(q0, qdot0)``, each of shape (n,).
     method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
         The method with its settings; by default `SwitchedRK` with error control. A
-        `MechanicalSystem` takes `SwitchedRK`, or `MoreauJean` as a second opinion of low order.
+        `MechanicalSystem` takes `SwitchedRK`, or as second opinions of low order `MoreauJean` and,
+        for gaps at right angles, `ThetaGamma`.
     t_eval : array_like, optional
         Ascending times in `t_span` to report instead of all steps (s), each once with
         `SwitchedRK`. With a method of fixed steps `s` and `v` are linear between them; the

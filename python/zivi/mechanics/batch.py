@@ -16,10 +16,9 @@ from zivi import _zivi
 from zivi._check import Array, real_array
 from zivi._extras import needed
 from zivi._progress import ProgressBar
-from zivi.mechanics.run import Asked, check_mechanical_method, run_mechanical
+from zivi.mechanics.run import Asked, FixedOrSwitched, check_mechanical_method, run_mechanical
 from zivi.mechanics.system import MechanicalSystem
 from zivi.mechanics.trajectory import MechanicalTrajectory
-from zivi.methods import MoreauJean, SwitchedRK
 from zivi.status import Status
 
 if TYPE_CHECKING:
@@ -168,7 +167,7 @@ def mechanical_batch(
 
 def _computed(
     tasks: list[tuple[MechanicalSystem, Asked]],
-    method: SwitchedRK | MoreauJean,
+    method: FixedOrSwitched,
     threads: int,
     report: Any,
 ) -> list[MechanicalTrajectory]:

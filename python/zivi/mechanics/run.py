@@ -6,7 +6,7 @@ import dataclasses
 import numbers
 import warnings
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -19,11 +19,16 @@ from zivi.methods import ExplicitEuler, MoreauJean, SwitchedRK, ThetaGamma
 
 __all__ = [
     "Asked",
+    "FixedOrSwitched",
     "check_mechanical_method",
     "mechanical_events",
     "run_mechanical",
     "state_of",
 ]
+
+
+FixedOrSwitched: TypeAlias = SwitchedRK | MoreauJean | ThetaGamma
+"""The methods that take mechanical systems."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,38 +106,45 @@ def _event(k: int, function: Any) -> tuple[Any, int, int | None]:
 
 def check_mechanical_method(method: Any) -> None:
     """Refuse methods that do not take mechanical systems, and say why."""
-    if isinstance(method, SwitchedRK | MoreauJean):
-        return
-    if isinstance(method, ThetaGamma | ExplicitEuler):
-        raise ValueError(WHY[type(method).__name__])
-    raise TypeError(f"method must be zivi.SwitchedRK() or zivi.MoreauJean(h), got {method!r}")
+    if isinstance(method, ExplicitEuler):
+        raise ValueError("ExplicitEuler takes a zivi.ImpactSystem only: use zivi.SwitchedRK()")
+    if not isinstance(method, SwitchedRK | MoreauJean | ThetaGamma):
+        raise TypeError(f"method must be zivi.SwitchedRK() or zivi.MoreauJean(h), got {method!r}")
+    if isinstance(method, ThetaGamma) and (method.theta, method.gamma, method.solver) != IMPLICIT:
+        raise ValueError(
+            f"a MechanicalSystem takes zivi.ThetaGamma(h) with its defaults, got {method}"
+        )
 
 
-WHY = {
-    "ThetaGamma": (
-        "ThetaGamma takes a zivi.ImpactSystem, one mass above one wall. For gaps that are coupled "
-        "through the mass matrix its step is not sound: an impact on one gap changes the speed of "
-        "the others at once, which its continuous velocity v cannot follow. Use zivi.SwitchedRK()"
-    ),
-    "ExplicitEuler": "ExplicitEuler takes a zivi.ImpactSystem only: use zivi.SwitchedRK()",
-}
+IMPLICIT = (1.0, 1.0, "exact")
+"""theta, gamma and solver of the member that comes to rest exactly."""
+
+COUPLED = (
+    "an impact on one of them changes the speed of the others at once, which the continuous "
+    "velocity v of ThetaGamma cannot follow. Use zivi.SwitchedRK()"
+)
 
 
 def run_mechanical(
-    system: MechanicalSystem, method: SwitchedRK | MoreauJean, asked: Asked, report: Any
+    system: MechanicalSystem, method: FixedOrSwitched, asked: Asked, report: Any
 ) -> tuple[MechanicalTrajectory, BaseException | None]:
     """Check the start, run, and give the result with the exception that ended it, if one did."""
     model: Model = system.model(len(asked.q))
     check_start(system, model, asked.span, asked.q, asked.qdot)
     if isinstance(method, SwitchedRK):
         record = _switched(system, model, method, asked, report)
-    else:
-        _warn_of_energy(system, model, asked)
+    elif isinstance(method, MoreauJean):
+        if _coupled(system, model, asked, differing=True):
+            warnings.warn(ENERGY.format(e=system.e.tolist()), RuntimeWarning, stacklevel=4)
         record = _stepped(system, model, method, asked, report)
+    else:
+        if _coupled(system, model, asked):
+            raise ValueError(f"the gaps {', '.join(system.gap_names)} are coupled: {COUPLED}")
+        record = _implicit(system, model, method, asked, report)
     sol = MechanicalTrajectory._from_record(
         record, model, _configuration(system, model, method, asked)
     )
-    if isinstance(method, MoreauJean) and asked.t_eval is not None:
+    if not isinstance(method, SwitchedRK) and asked.t_eval is not None:
         sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
     return sol, record.raised
 
@@ -175,23 +187,42 @@ def _stepped(
     )
 
 
-def _warn_of_energy(system: MechanicalSystem, model: Model, asked: Asked) -> None:
-    """Warn where impulses on coupled gaps with different e may raise the energy."""
-    e = system.e
-    if len(e) < 2 or np.ptp(e) == 0.0:
-        return
+def _implicit(
+    system: MechanicalSystem, model: Model, method: ThetaGamma, asked: Asked, report: Any
+) -> _zivi.MechanicalRecord:
+    return _zivi.simulate_mechanical_theta_gamma(
+        model.spec,
+        n=model.layout.n,
+        m=model.layout.m,
+        e=system.e,
+        h=method.h,
+        span=asked.span,
+        q0=asked.q,
+        qdot0=asked.qdot,
+        events=asked.events,
+        progress=report,
+    )
+
+
+ENERGY = (
+    "MoreauJean predicts which gaps are hit in a step; where coupled gaps have different "
+    "coefficients of restitution, here {e}, such a step may raise the energy. SwitchedRK never does"
+)
+
+
+def _coupled(
+    system: MechanicalSystem, model: Model, asked: Asked, *, differing: bool = False
+) -> bool:
+    """Whether gaps, or those with different e, are coupled through the mass matrix at the start."""
+    pairs = ~np.eye(system.m, dtype=bool)
+    if differing:
+        pairs &= system.e[:, None] != system.e
+    if not np.any(pairs):
+        return False
     here = model.layout.read(model.evaluate(asked.span[0], asked.q, asked.qdot))
     coupling = here.gradients @ np.linalg.solve(here.mass, here.gradients.T)
     size = np.sqrt(np.diag(coupling))
-    differ = np.abs(e[:, None] - e) > 0
-    if np.any(np.abs(coupling)[differ] > 1e-9 * np.outer(size, size)[differ]):
-        warnings.warn(
-            "MoreauJean predicts which gaps are hit in a step; where coupled gaps have different "
-            f"coefficients of restitution, here {e.tolist()}, such a step may raise the energy. "
-            "SwitchedRK never does",
-            RuntimeWarning,
-            stacklevel=5,
-        )
+    return bool(np.any(np.abs(coupling)[pairs] > 1e-9 * np.outer(size, size)[pairs]))
 
 
 def _configuration(

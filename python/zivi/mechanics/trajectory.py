@@ -117,7 +117,7 @@ class MechanicalTrajectory:
         m = model.layout.m
         # a method of fixed steps: its steps are all there is
         steps = ("t", "q", "qdot", "gaps", "gap_rates", "reactions", "contacts")
-        stepped = config["method"]["name"] == "MoreauJean"
+        stepped = config["method"]["name"] != "SwitchedRK"
         linear = LinearMotion(**{name: getattr(record, name) for name in steps})
         impacts = {name: getattr(record, f"impact_{name}") for name in IMPACT}
         flags = {
