@@ -113,7 +113,7 @@ pub enum BatchError<E> {
 /// or the monitor wants to stop.
 ///
 /// ```
-/// use zivi::batch::{simulate_batch, Course, Member, Save};
+/// use zivi::drive::batch::{simulate_batch, Course, Member, Save};
 /// use zivi::{ConstantForce, Grid, Physical, Restitution, Silent, ThetaGamma};
 ///
 /// let wall = Restitution::from_kappa(0.41)?;
