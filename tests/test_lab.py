@@ -33,6 +33,9 @@ CASES = {
     "tracker": Tracker(),
     "tracker, the paper's": Tracker(h=1e-3, force_ref=-19.81),
     "tracker, disturbed": Tracker(branch="nearest", disturbance=5.0, delay=2, noise_x=1e-4, seed=7),
+    "tracker, without landing": Tracker(landing=False, delay=1),
+    "tracker, observed": Tracker(observer=True, position_only=True, amplitude=2.0, noise_x=1e-3),
+    "regulator, observed": Regulator(observer=True, amplitude=0.3, omega=4.5, landing=False),
 }
 SAMPLED = ("t", "x", "xdot")
 
@@ -58,10 +61,12 @@ def test_the_script_gives_the_runs_on_the_screen(case, capsys):
 
 @pytest.mark.parametrize("kind", [Ball, Regulator, Tracker])
 def test_the_script_knows_every_setting(kind):
-    usual = script(kind())
+    start = kind() if kind is Ball else kind(amplitude=1.0, observer=True)
+    usual = script(start)
     for field in dataclasses.fields(kind):
-        other = "nearest" if field.name == "branch" else 7
-        changed = script(dataclasses.replace(kind(), **{field.name: other}))
+        value = getattr(start, field.name)
+        other = "nearest" if field.name == "branch" else not value if isinstance(value, bool) else 7
+        changed = script(dataclasses.replace(start, **{field.name: other}))
         assert changed != usual, field.name
 
 
@@ -97,6 +102,48 @@ def test_explicit_signs_chatter_and_implicit_ones_do_not():
     assert float(explicit[title]) > 1e3
 
 
+def test_the_facts_have_the_variation_of_the_part_that_is_shown():
+    runs = compute(Tracker(observer=True, noise_x=1e-4))
+    for row, run in zip(facts(runs, (1.0, 3.0)), runs.values(), strict=True):
+        shown = (run.t >= 1.0) & (run.t <= 3.0)
+        steps = np.diff(run.u[shown])
+        assert row["Σ|Δu| (m/s²)"] == f"{steps[steps > 0].sum() - steps[steps < 0].sum():.4g}"
+        off = (run.xdot_est - run.xdot)[shown]
+        rms = np.hypot(off.std(), off.mean())
+        assert float(row["observed velocity off by, rms (m/s)"]) == pytest.approx(rms, rel=0.06)
+    assert all("observed" not in title for title in facts(compute(Tracker()))[0])
+
+
+def test_the_unknown_sine_pushes_the_mass_and_not_the_model():
+    # u = -mu1 + mu2 while the mass falls
+    given = Regulator(x0=5.0, xdot0=-6.0, amplitude=2.0, omega=4.0, disturbance=0.3, t_end=0.5)
+    run = compute(given)["explicit"]
+    t, constant = run.t, 0.3 - given.mu1 + given.mu2
+    exact = 5.0 - 6.0 * t + constant * t**2 / 2 + 2.0 / 16.0 * (1.0 - np.cos(4.0 * t))
+    assert np.abs(run.x - exact).max() < 1e-8
+    assert run.config["force_model"] == 0.0
+
+
+def test_the_switches_reach_the_loop():
+    runs = compute(Tracker(delay=2, observer=True, position_only=True, noise_x=1e-3))
+    controller = runs["implicit"].config["controller"]
+    assert (controller["landing"], controller["ahead"]) == (True, 3)
+    for run in runs.values():
+        assert run.config["observer"]["position_only"] is True
+        assert run.config["observer"]["noise"][0] == 1e-3
+    runs = compute(Regulator(landing=False, delay=2))
+    assert runs["implicit"].config["controller"]["landing"] is False
+    assert "observer" not in runs["implicit"].config
+
+
+def test_an_observer_finds_the_unknown_force():
+    flying = Tracker(observer=True, position_only=True, noise_x=1e-4, disturbance=2.0, h=1e-3)
+    for run in compute(flying).values():
+        part = (run.t > 0.2) & (run.t < 0.4)
+        assert run.impacts["t"][0] > 0.4
+        assert np.abs(run.d_est[part] - 2.0).max() < 0.5
+
+
 INVALID = {
     "e above 1": (Ball(e=1.1), "e must lie in [0, 1], got 1.1"),
     "e = 0": (Ball(e=0.0), "e must be > 0 for this scheme"),
@@ -114,6 +161,7 @@ INVALID = {
     "tracker, mu1 = 0": (Tracker(mu1=0), "mu1 must be a gain > 0"),
     "tracker, reference": (Tracker(x_ref0=-1), "x_ref must be"),
     "tracker, branch": (Tracker(branch="other"), "branch must be one of positive, nearest"),
+    "tracker, landing": (Tracker(landing=1), "landing must be True or False"),
     "tracker, seed": (Tracker(seed=-1), "seed must be a whole number >= 0"),
 }
 
@@ -260,6 +308,8 @@ def attempt(chosen):
 
 
 def _position(given):
+    if "switch" in given:
+        return st.booleans()
     listed = given.get("options") or given.get("steps")
     if listed:
         return st.sampled_from(listed)

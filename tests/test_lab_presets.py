@@ -43,6 +43,26 @@ def test_chattering_is_that_of_explicit_signs():
     assert ball["explicit"].rest_time is None
 
 
+def test_landing_is_exact_rest_where_the_control_alternated_for_ever():
+    landed, before = (
+        of(Tracker, name)["implicit"]
+        for name in ("exact rest at e = 0.8", "e = 0.8, without landing")
+    )
+    late = landed.t > 3.0
+    assert landed.rest_time < 3.0
+    assert np.all(landed.error[late] == 0.0)
+    assert len(set(landed.u[late])) == 1
+    assert before.rest_time is None
+    assert np.ptp(before.u[late]) > 15.0
+    assert np.abs(np.diff(before.u[late])).sum() > 1e4
+
+
+def test_positions_alone_under_an_unknown_sine_are_enough_to_land():
+    run = of(Tracker, "unknown sine, positions alone")["implicit"]
+    assert run.config["observer"]["position_only"] is True
+    assert run.rest_time < 3.0
+
+
 def test_the_sentence_has_the_numbers_of_the_runs():
     runs = compute(Ball())
     said = sentence(runs)
@@ -92,6 +112,7 @@ def test_the_film_shows_the_motion():
         ({"tab": "Ball", "e": "1.5", "gravity": "-99"}, Ball(e=1.0, gravity=-5.0)),
         ({"tab": "Ball", "e": "nan", "x0": "1e400", "mu1": "3"}, Ball()),
         ({"tab": "Tracker", "h": "0.0011", "branch": "nearest"}, Tracker(h=1e-3, branch="nearest")),
+        ({"tab": "Regulator", "landing": "False", "observer": "7"}, Regulator(landing=False)),
         ({"tab": "Tracker", "branch": "best", "delay": "2.4"}, Tracker(delay=2)),
     ],
 )
@@ -102,6 +123,7 @@ def test_a_link_asks_for_settings_that_are_possible(asked, settings):
 def test_a_link_names_what_is_no_default():
     assert query(Regulator()) == "?tab=Regulator"
     assert query(Tracker(h=1e-3, branch="nearest")) == "?tab=Tracker&h=0.001&branch=nearest"
+    assert query(Tracker(landing=False)) == "?tab=Tracker&landing=False"
 
 
 @pytest.mark.parametrize("columns", [1, 2, 3])

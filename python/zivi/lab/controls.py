@@ -51,6 +51,8 @@ def panel(settings: Settings, moved: Moved) -> dict[str, Any]:
 
 
 def _element(given: dict[str, Any], value: Any) -> Any:
+    if "switch" in given:
+        return mo.ui.switch(value, label=given["label"], on_change=given["on_change"])
     if "options" in given:
         return mo.ui.dropdown(**given, value=value, full_width=True)
     return mo.ui.slider(**given, value=value, include_input=True, full_width=True)

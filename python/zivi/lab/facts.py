@@ -55,10 +55,17 @@ def _control(run: Trajectory | ClosedLoop, window: tuple[float, float] | None) -
     u = run.u[part]
     if len(u) < 2:
         return {}
-    variation = float(np.abs(np.diff(u)).sum()) / (end - start)
-    row = {"u (m/s²)": f"{u.min():.4g} .. {u.max():.4g}", "Σ|Δu| a second": f"{variation:.3g}"}
+    variation = float(np.abs(np.diff(u)).sum())
+    row = {
+        "u (m/s²)": f"{u.min():.4g} .. {u.max():.4g}",
+        "Σ|Δu| (m/s²)": f"{variation:.4g}",
+        "Σ|Δu| a second": f"{variation / (end - start):.3g}",
+    }
     if not np.all(np.isnan(run.x_ref)):
         row["largest |x - x_r| (m)"] = f"{float(np.abs(run.error[part]).max()):.2g}"
+    if run.xdot_est is not None:
+        off = float(np.sqrt(np.mean((run.xdot_est[part] - run.xdot[part]) ** 2)))
+        row["observed velocity off by, rms (m/s)"] = f"{off:.2g}"
     return row
 
 

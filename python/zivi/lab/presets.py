@@ -9,8 +9,10 @@ from zivi.lab.settings import Ball, Regulator, Settings, Tracker
 __all__ = ["PRESETS"]
 
 _BALL = Ball(e=0.42, h=1e-3, x0=1.0, xdot0=6.0, t_end=4.0)
-_REGULATOR = Regulator(h=1e-3)
 _TRACKER = Tracker(h=1e-3, force_ref=-19.81, t_end=2.0)
+_REST = Tracker(
+    e=0.8, h=1e-3, force_ref=-19.81, x0=2.0, xdot0=0.0, x_ref0=1.0, xdot_ref0=0.0, t_end=4.0
+)
 
 PRESETS: dict[type[Settings], dict[str, Settings]] = {
     Ball: {
@@ -21,19 +23,24 @@ PRESETS: dict[type[Settings], dict[str, Settings]] = {
     },
     Regulator: {
         "first look": Regulator(),
-        "the paper": _REGULATOR,
+        "the paper": Regulator(h=1e-3, landing=False),
         "chattering": Regulator(e=0.8, h=5e-2, x0=2.0, xdot0=3.0, t_end=5.0),
         "noise": Regulator(h=1e-3, noise_x=1e-4, noise_xdot=1e-2),
         "disturbance": Regulator(h=1e-3, mu1=8.0, mu2=4.0, force=-1.0, disturbance=0.5),
     },
     Tracker: {
         "first look": Tracker(),
-        "the paper": _TRACKER,
+        "the paper": replace(_TRACKER, landing=False),
         "chattering": Tracker(
             h=5e-3, force_ref=-9.81, x0=3.0, xdot0=7.0, x_ref0=3.0, xdot_ref0=8.0, t_end=1.5
         ),
         "noise": replace(_TRACKER, noise_x=1e-4, noise_xdot=1e-2),
         "disturbance": replace(_TRACKER, disturbance=1.5),
+        "exact rest at e = 0.8": _REST,
+        "e = 0.8, without landing": replace(_REST, landing=False),
+        "unknown sine, positions alone": replace(
+            _REST, amplitude=1.5, noise_x=1e-4, observer=True, position_only=True
+        ),
     },
 }
 """By tab and name; the first is what the page begins with: the defaults."""

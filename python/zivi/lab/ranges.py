@@ -26,6 +26,11 @@ SENSOR = {
     "delay": {"start": 0, "stop": 10, "step": 1, "label": "delay (periods)"},
     "seed": {"start": 1, "stop": 20, "step": 1, "label": "seed of the noise"},
 }
+LANDING = {"landing": {"switch": True, "label": "landing"}}
+OBSERVER = {
+    "observer": {"switch": True, "label": "observer"},
+    "position_only": {"switch": True, "label": "from positions alone"},
+}
 
 
 def _gains(largest: float, step: float) -> dict[str, Any]:
@@ -38,6 +43,8 @@ def _forces(largest: float) -> dict[str, Any]:
     return {
         "force": span | {"step": 0.01, "label": "force, known (m/s²)"},
         "disturbance": span | {"step": 0.1, "label": "disturbance, unknown (m/s²)"},
+        "amplitude": span | {"start": 0.0, "step": 0.1, "label": "unknown sine (m/s²)"},
+        "omega": {"start": 0.0, "stop": 30.0, "step": 0.5, "label": "its frequency (rad/s)"},
     }
 
 
@@ -53,15 +60,17 @@ SECTIONS: dict[type[Settings], dict[str, dict[str, Any]]] = {
     },
     Regulator: {
         "Wall and period": E | PERIOD,
-        "Gains": _gains(20.0, 0.1),
+        "Gains": _gains(20.0, 0.1) | LANDING,
         "Forces": _forces(10.0),
         "Sensor": SENSOR,
+        "Observer": OBSERVER,
         "Run": START | END,
     },
     Tracker: {
         "Wall and period": E | PERIOD,
         "Gains": _gains(150.0, 1.0)
-        | {"branch": {"options": ["positive", "nearest"], "label": "branch"}},
+        | {"branch": {"options": ["positive", "nearest"], "label": "branch"}}
+        | LANDING,
         "Forces": _forces(30.0),
         "Reference": {
             "force_ref": {"start": -30.0, "stop": 5.0, "step": 0.01, "label": "its force (m/s²)"},
@@ -69,6 +78,7 @@ SECTIONS: dict[type[Settings], dict[str, dict[str, Any]]] = {
             "xdot_ref0": START["xdot0"] | {"label": "its velocity at t = 0 (m/s)"},
         },
         "Sensor": SENSOR,
+        "Observer": OBSERVER,
         "Run": START | END,
     },
 }
@@ -86,8 +96,8 @@ def ranges(kind: type[Settings]) -> dict[str, dict[str, Any]]:
     Returns
     -------
     dict
-        ``start``, ``stop`` and ``step``, or the ``steps`` or ``options`` there are, and a
-        ``label``. A value within them is possible; only gains are refused with mu2 >= mu1.
+        ``start``, ``stop`` and ``step``, or the ``steps`` or ``options`` there are, or ``switch``,
+        and a ``label``. A value within them is possible; only gains are refused with mu2 >= mu1.
     """
     return {name: given for group in SECTIONS[kind].values() for name, given in group.items()}
 
@@ -104,9 +114,11 @@ def nearest(given: dict[str, Any], text: str) -> Any:
 
     Returns
     -------
-    float, int, str or None
-        None if it is no number, or no option.
+    float, int, bool, str or None
+        None if it is no number, no option, or neither ``True`` nor ``False``.
     """
+    if "switch" in given:
+        return {"True": True, "False": False}.get(text)
     if "options" in given:
         return text if text in given["options"] else None
     try:

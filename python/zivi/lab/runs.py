@@ -7,10 +7,19 @@ from typing import Any, TypeAlias
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.lab.explicit import ExplicitRegulator
-from zivi.lab.settings import Ball, Regulator, Settings, Tracker, check
+from zivi.lab.settings import (
+    Ball,
+    Regulator,
+    Settings,
+    Tracker,
+    check,
+    landing_of,
+    observer_of,
+)
 from zivi.methods import ExplicitEuler, Method, SwitchedRK, ThetaGamma
+from zivi.observer import ImpactObserver
 from zivi.simulate import simulate
-from zivi.system import ImpactSystem, LinearForce
+from zivi.system import Force, ImpactSystem, LinearForce
 from zivi.trajectory import Trajectory
 
 __all__ = ["Runs", "compute"]
@@ -63,24 +72,30 @@ def _ball(ball: Ball) -> dict[str, Trajectory]:
 
 
 def _regulators(given: Regulator) -> dict[str, Controller]:
+    mu1, mu2, h = given.mu1, given.mu2, given.h
     return {
-        "implicit": TwistingRegulator(given.mu1, given.mu2, h=given.h, e=given.e),
-        "explicit": ExplicitRegulator(given.mu1, given.mu2, h=given.h),
+        "implicit": TwistingRegulator(mu1, mu2, h=h, e=given.e, **landing_of(given)),
+        "explicit": ExplicitRegulator(mu1, mu2, h=h),
     }
 
 
 def _trackers(given: Tracker) -> dict[str, Controller]:
     mu1, mu2, h, e = given.mu1, given.mu2, given.h, given.e
+    lands = landing_of(given)
     return {
-        "implicit": TwistingTracker(mu1, mu2, h=h, e=e, branch=given.branch),
+        "implicit": TwistingTracker(mu1, mu2, h=h, e=e, branch=given.branch, **lands),
         "explicit": ExplicitTwisting(mu1, mu2, h=h, e=e),
     }
 
 
 def _loop(given: Regulator | Tracker, controller: Controller, **reference: Any) -> ClosedLoop:
-    plant = ImpactSystem(given.force + given.disturbance, e=given.e)
+    constant = given.force + given.disturbance
+    force: Force = constant
+    if given.amplitude:
+        force = LinearForce(gravity=-constant, amplitude=given.amplitude, omega=given.omega)
+    observer = ImpactObserver(given.e, given.h, **observer_of(given)) if given.observer else None
     return simulate_closed_loop(
-        plant,
+        ImpactSystem(force, e=given.e),
         controller,
         (0.0, given.t_end),
         (given.x0, given.xdot0),
@@ -88,6 +103,7 @@ def _loop(given: Regulator | Tracker, controller: Controller, **reference: Any) 
         noise=(given.noise_x, given.noise_xdot),
         seed=given.seed,
         delay=given.delay,
+        observer=observer,
         progress=False,
         **reference,
     )

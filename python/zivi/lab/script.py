@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import inspect
+from typing import Any
 
 from zivi.lab.explicit import ExplicitRegulator
-from zivi.lab.settings import Ball, Regulator, Settings, Tracker
+from zivi.lab.settings import (
+    Ball,
+    Regulator,
+    Settings,
+    Tracker,
+    landing_of,
+    observer_of,
+)
 
 __all__ = ["script"]
 
@@ -59,7 +67,7 @@ import zivi
 {inspect.getsource(ExplicitRegulator)}
 
 {_world(given)}
-regulator = zivi.TwistingRegulator({gains}, e={given.e!r})
+regulator = zivi.TwistingRegulator({gains}, e={given.e!r}, {_named(landing_of(given))})
 baseline = ExplicitRegulator({gains})
 
 {RUN_BOTH.format(controller="regulator", name="regulator")}"""
@@ -74,7 +82,9 @@ def _tracker(given: Tracker) -> str:
 import zivi
 
 {_world(given, reference)}
-tracker = zivi.TwistingTracker({gains}, branch="{given.branch}")
+tracker = zivi.TwistingTracker(
+    {gains}, branch="{given.branch}", {_named(landing_of(given))}
+)
 baseline = zivi.ExplicitTwisting({gains})
 
 {RUN_BOTH.format(controller="tracker", name="tracking")}"""
@@ -92,12 +102,25 @@ figure = zivi.plot.overview(implicit)  # figure.savefig("{name}.png")
 
 def _world(given: Regulator | Tracker, reference: str = "") -> str:
     """Write the plant, and everything around it that the controller does not choose."""
+    force = f"{given.force!r} + {given.disturbance!r}"
+    if given.amplitude:
+        sine = f"amplitude={given.amplitude!r}, omega={given.omega!r}"
+        force = f"zivi.LinearForce(gravity=-({force}), {sine})"
+    observer = "None"
+    if given.observer:
+        named = _named(observer_of(given))
+        observer = f"zivi.ImpactObserver(\n        {given.e!r}, {given.h!r}, {named}\n    )"
     return f"""\
-plant = zivi.ImpactSystem({given.force!r} + {given.disturbance!r}, e={given.e!r})
+plant = zivi.ImpactSystem({force}, e={given.e!r})
 span, start = (0.0, {given.t_end!r}), ({given.x0!r}, {given.xdot0!r})
 world = dict(
 {reference}    force_model={given.force!r},  # what the controller knows of the force
     noise=({given.noise_x!r}, {given.noise_xdot!r}),
     seed={given.seed!r},
     delay={given.delay!r},
+    observer={observer},
 )"""
+
+
+def _named(arguments: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={value!r}" for name, value in arguments.items())

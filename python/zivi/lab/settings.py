@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
-from zivi._check import finite
+from zivi._check import finite, switch
 
-__all__ = ["Ball", "Regulator", "Settings", "Tracker", "check"]
+__all__ = ["Ball", "Regulator", "Settings", "Tracker", "check", "landing_of", "observer_of"]
 
 MOST_STEPS = 400_000
 """Steps of the longest run that the page computes while a slider moves."""
@@ -59,12 +59,20 @@ class Regulator:
         Force that the controller knows (m/s^2).
     disturbance : float
         Force that it does not know (m/s^2).
+    amplitude, omega : float
+        Amplitude (m/s^2) and frequency (rad/s) of a harmonic force that it does not know either.
+    landing : bool
+        Whether the implicit controller lands.
     noise_x, noise_xdot : float
         Standard deviations of the measured position (m) and velocity (m/s).
     seed : int
         Seed of the noise.
     delay : int
         Periods from a measurement to its control.
+    observer : bool
+        Whether an observer stands between the sensor and both controllers.
+    position_only : bool
+        Whether it takes positions alone.
     x0, xdot0 : float
         Initial distance (m) and velocity (m/s).
     t_end : float
@@ -77,10 +85,15 @@ class Regulator:
     mu2: float = 2.0
     force: float = 0.0
     disturbance: float = 0.0
+    amplitude: float = 0.0
+    omega: float = 3.0
+    landing: bool = True
     noise_x: float = 0.0
     noise_xdot: float = 0.0
     seed: int = 1
     delay: int = 0
+    observer: bool = False
+    position_only: bool = False
     x0: float = 1.0
     xdot0: float = 0.0
     t_end: float = 3.0
@@ -92,7 +105,9 @@ class Tracker:
 
     Parameters
     ----------
-    e, h, mu1, mu2, force, disturbance, noise_x, noise_xdot, seed, delay, x0, xdot0, t_end
+    e, h, mu1, mu2, force, disturbance, amplitude, omega, landing, noise_x, noise_xdot, seed, delay
+        As of `Regulator`.
+    observer, position_only, x0, xdot0, t_end
         As of `Regulator`.
     force_ref : float
         Force on the reference (m/s^2).
@@ -108,10 +123,15 @@ class Tracker:
     mu2: float = 17.0
     force: float = -9.81
     disturbance: float = 0.0
+    amplitude: float = 0.0
+    omega: float = 3.0
+    landing: bool = True
     noise_x: float = 0.0
     noise_xdot: float = 0.0
     seed: int = 1
     delay: int = 0
+    observer: bool = False
+    position_only: bool = False
     x0: float = 6.0
     xdot0: float = 5.0
     t_end: float = 4.0
@@ -133,10 +153,38 @@ def check(settings: Settings) -> None:
         For a run of too many steps, or an empty field.
     """
     for field in dataclasses.fields(settings):
-        if field.name != "branch":
-            finite(field.name, getattr(settings, field.name))
+        value = getattr(settings, field.name)
+        if isinstance(field.default, bool):
+            switch(field.name, value)
+        elif field.name != "branch":
+            finite(field.name, value)
     if settings.h > 0.0 and settings.t_end / settings.h > MOST_STEPS:
         raise ValueError(
             f"t_end / h must be at most {MOST_STEPS} steps on this page, "
             f"got {settings.t_end / settings.h:.3g}"
         )
+
+
+def landing_of(given: Regulator | Tracker) -> dict[str, Any]:
+    """Give the arguments of an implicit controller that are of the landing."""
+    return {"landing": True, "ahead": 1 + given.delay} if given.landing else {"landing": False}
+
+
+LEAST_NOISE = (1e-6, 1e-4)
+"""What an observer takes for the noise of an exact sensor (m, m/s)."""
+
+
+def observer_of(given: Regulator | Tracker) -> dict[str, Any]:
+    """Give the arguments of the observer beside `e` and `h`.
+
+    The variance of the change of the unknown force is 7 (h max|d'|)^2, but at least that of a
+    random walk of 1 m^2/s^5.
+    """
+    least_x, least_xdot = LEAST_NOISE
+    walk = given.h * given.amplitude * given.omega
+    return {
+        "noise": (max(given.noise_x, least_x), max(given.noise_xdot, least_xdot)),
+        "q_d": max(given.h, 7.0 * walk**2),
+        "dmax": max(20.0, 2.0 * (abs(given.disturbance) + given.amplitude)),
+        "position_only": given.position_only,
+    }
