@@ -98,13 +98,13 @@ def test_control(place):
 def test_sweep(place):
     told = run("sweep", "sweep.toml").output
     assert 'sweep.zarr: xarray.open_zarr("sweep.zarr")' in told
-    assert re.search(r"done\W+3\n?", told)
+    assert re.search(r"completed\W+3\n?", told)
     assert re.search(r"failed\W+0", told)
     with xarray.open_zarr("sweep.zarr", chunks=None) as dataset:
         np.testing.assert_allclose(dataset.rest_time, dataset.exact, rtol=1e-9)
     # the same again: nothing to do
     files_before = {p: p.stat().st_mtime_ns for p in Path("sweep.zarr").rglob("0")}
-    assert "done" in run("sweep", "sweep.toml").output
+    assert "completed" in run("sweep", "sweep.toml").output
     assert files_before == {p: p.stat().st_mtime_ns for p in Path("sweep.zarr").rglob("0")}
 
 

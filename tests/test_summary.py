@@ -79,6 +79,6 @@ def test_a_study_with_points_that_fail():
 
     told = rows(summary.of_study(zivi.sweep(half, {"a": [0.0, 1.0, 2.0, 3.0]})))
     assert told["points"] == "4: a"
-    assert (told["done"], told["failed"], told["missing"]) == ("3", "1", "0")
+    assert (told["completed"], told["failed"], told["missing"]) == ("3", "1", "0")
     assert told["b"] == "0 .. 1"
     assert "too large" in told["point 3"]

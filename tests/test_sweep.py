@@ -184,7 +184,9 @@ def test_a_folder_and_memory_give_the_same(tmp_path):
 
 def test_what_a_study_says(tmp_path):
     study = zivi.sweep(functions.cheap, {"x": [6.0, 7.0], "y": [0.0, 1.0]}, out=tmp_path / "a")
-    assert "3 of 4 points done, 1 failed" in repr(study)
+    assert "3 of 4 points completed, 1 failed" in repr(study)
+    completed, failed = zivi.StudyStatus.COMPLETED, zivi.StudyStatus.FAILED
+    assert study.status.tolist() == [completed, completed, failed, completed] == [1, 1, 2, 1]
     assert str(tmp_path / "a") in repr(study)
     assert study["area"].equals(study.dataset["area"])
     with pytest.raises(AttributeError):

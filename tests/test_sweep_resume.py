@@ -282,7 +282,7 @@ def test_a_missing_file_is_noticed_without_reading_all(store):
         study = zivi.open_study(store)
     assert np.count_nonzero(study.status == 0) == 16
     assert not study.complete
-    assert "111 of 128 points done, 1 failed, 16 missing" in repr(study)
+    assert "111 of 128 points completed, 1 failed, 16 missing" in repr(study)
 
 
 def test_a_damaged_file_is_an_error_when_it_is_read(store):

@@ -48,7 +48,7 @@ from zivi.orbits import (
 from zivi.parametric import ParametricForce
 from zivi.sensitivity import OrbitStatus, Sensitivity, sensitivity
 from zivi.simulate import simulate
-from zivi.status import Status
+from zivi.status import Status, StudyStatus
 from zivi.study import Design, Study, grid, open_study, points, sample, sweep
 from zivi.system import ImpactSystem, LinearForce
 from zivi.trajectory import Trajectory
@@ -105,6 +105,7 @@ __all__ = [
     "Sensitivity",
     "Status",
     "Study",
+    "StudyStatus",
     "SwitchedRK",
     "ThetaGamma",
     "TickStatus",

@@ -1,6 +1,8 @@
-"""How a run ended."""
+"""How a run ended, and what became of a point of a study."""
 
 import enum
+
+__all__ = ["Status", "StudyStatus"]
 
 
 class Status(enum.IntEnum):
@@ -54,3 +56,26 @@ class Status(enum.IntEnum):
     """Which contacts of a mechanical system stay closed was not decided."""
     MASS_NOT_DEFINITE = 15
     """The mass matrix of a mechanical system is not symmetric positive definite."""
+
+
+class StudyStatus(enum.IntEnum):
+    """What became of a point of a study, in ``status`` of a `Study` and of its dataset.
+
+    The words are those of runs and batches: what was computed is *completed*, what was not
+    *failed*; only a study, which can go on later, has points that are *missing*. A point is
+    completed when its function returned: how a run in it ended is another number, ``run_status`` of
+    zivi's own experiments, a `Status`. The numbers are those of the stored files and do not change.
+
+    Examples
+    --------
+    >>> study = zivi.sweep(lambda x: 1 / x, {"x": [0, 1, 2]})
+    >>> [zivi.StudyStatus(number).name for number in study.status]
+    ['FAILED', 'COMPLETED', 'COMPLETED']
+    """
+
+    MISSING = 0
+    """Not computed yet, or what was stored is damaged."""
+    COMPLETED = 1
+    """The function returned, and what it gave is there."""
+    FAILED = 2
+    """The function raised, or took its worker with it: ``message`` says why."""

@@ -16,9 +16,9 @@ from zivi.files.results import require_library, require_regular, save
 from zivi.files.runs import Prepared
 from zivi.files.sweeps import prepare_sweep
 from zivi.files.telling import say, show_table, warn
+from zivi.status import StudyStatus
 from zivi.study import Study
 from zivi.study.folder import FolderStore
-from zivi.study.work import DONE
 from zivi.trajectory import Trajectory
 
 __all__ = ["EARLY", "INTERRUPTED", "WRONG", "example", "output", "picture", "single", "study"]
@@ -126,7 +126,7 @@ def study(
     if not quiet:
         show_table(summary.of_study(found))
         say(f"{path}: {summary.opening(path, study=True)}")
-    return code or (0 if (found.status == DONE).all() else EARLY)
+    return code or (0 if (found.status == StudyStatus.COMPLETED).all() else EARLY)
 
 
 def _with_hint(error: FileError) -> FileError:

@@ -14,8 +14,8 @@ from zivi.closed_loop import ClosedLoop
 from zivi.files.sweeps import parameters_of
 from zivi.mechanics.labelled import rows_of
 from zivi.mechanics.trajectory import MechanicalTrajectory
+from zivi.status import StudyStatus
 from zivi.study import EXPERIMENTS, Study
-from zivi.study.work import DONE, FAILED, MISSING
 from zivi.trajectory import Trajectory
 
 __all__ = ["experiments", "of_run", "of_study", "opening"]
@@ -98,13 +98,13 @@ def of_study(study: Study) -> Table:
     """Sum up a study."""
     status = study.status
     rows = [("points", f"{len(status)}: {', '.join(map(str, study.dataset.coords))}")]
-    for word, state in (("done", DONE), ("failed", FAILED), ("missing", MISSING)):
-        rows.append((word, str(np.count_nonzero(status == state))))
+    for state in (StudyStatus.COMPLETED, StudyStatus.FAILED, StudyStatus.MISSING):
+        rows.append((state.name.lower(), str(np.count_nonzero(status == state))))
     for name, variable in study.dataset.data_vars.items():
         if variable.dtype.kind == "f":
             found = variable.values[np.isfinite(variable.values)]
             rows.append((str(name), _span(found, _unit(variable.attrs.get("units"))).strip()))
-    if np.any(status == FAILED):
+    if np.any(status == StudyStatus.FAILED):
         failed = study.failed.head(SHOWN)
         for number, point in failed.iterrows():
             rows.append((f"point {number}", str(point["message"])))

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi._check import Array
+from zivi.status import StudyStatus
 from zivi.study.outcome import Events
-from zivi.study.work import DONE, FAILED, Piece, Schema
+from zivi.study.work import Piece, Schema
 
 __all__ = ["Block"]
 
@@ -54,13 +55,13 @@ class Block:
         places = piece.done - self.span.start
         for name, rows in piece.values.items():
             self.values[name][places] = rows
-        self.status[places] = DONE
+        self.status[places] = StudyStatus.COMPLETED
         for point in piece.done.tolist():
             self.messages.pop(point, None)
             self.events.pop(point, None)
         self.events.update(piece.events)
         for point, message in piece.failed.items():
-            self.status[point - self.span.start] = FAILED
+            self.status[point - self.span.start] = StudyStatus.FAILED
             self.messages[point] = message
 
     def counts(self) -> NDArray[np.int64]:

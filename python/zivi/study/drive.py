@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi._progress import ProgressBar
+from zivi.status import StudyStatus
 from zivi.study.block import Block
 from zivi.study.design import Design
 from zivi.study.pools import Pool
 from zivi.study.store import Store
-from zivi.study.work import FAILED, MISSING, SLICE, Job, Piece, alike, compute, lives, message_of
+from zivi.study.work import SLICE, Job, Piece, alike, compute, lives, message_of
 
 __all__ = ["Driver"]
 
@@ -81,8 +82,9 @@ class Driver:
         status = self._store.status()
         before, total = int(np.count_nonzero(status)), len(status)
         if retry_failed:
-            before -= int(np.count_nonzero(status == FAILED))
-        wanted = (MISSING, FAILED) if retry_failed else (MISSING,)
+            before -= int(np.count_nonzero(status == StudyStatus.FAILED))
+        retried = (StudyStatus.FAILED,) if retry_failed else ()
+        wanted = (StudyStatus.MISSING, *retried)
         self._fresh = self._tasks(status, wanted)
         try:
             while self._hand_out():

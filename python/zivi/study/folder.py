@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi._extras import needed
+from zivi.status import StudyStatus
 from zivi.study.block import Block
 from zivi.study.design import Design
 from zivi.study.form import EVENTS, GROUP, KINDS, difference
@@ -26,7 +27,7 @@ from zivi.study.head import Head, json_text, read_head, read_json, write_json
 from zivi.study.lock import locked
 from zivi.study.parquet import DamagedError, parted, read_events, write_events
 from zivi.study.store import Labels
-from zivi.study.work import DONE, FAILED, MISSING, Schema
+from zivi.study.work import Schema
 
 if TYPE_CHECKING:
     from zivi.study.result import Study
@@ -203,7 +204,7 @@ class FolderStore:
         try:
             return np.asarray(self._array("status")[self.layout.slices(chunk)], np.int8).ravel()
         except Exception:
-            return np.full(len(self.layout.span(chunk)), MISSING, np.int8)
+            return np.full(len(self.layout.span(chunk)), StudyStatus.MISSING, np.int8)
 
     def load(self, chunk: int) -> Block:
         """Give what is there of a chunk, nothing if something of it cannot be read."""
@@ -219,16 +220,16 @@ class FolderStore:
         if not self._file("status", chunk).exists():
             return block
         block.status = self._rows("status", chunk, ())
-        if not np.isin(block.status, (MISSING, DONE, FAILED)).all():
+        if not np.isin(block.status, tuple(StudyStatus)).all():
             raise DamagedError(f"{self._file('status', chunk)} has states that there are not")
-        if np.any(block.status == DONE) and self.schema is None:
+        if np.any(block.status == StudyStatus.COMPLETED) and self.schema is None:
             raise DamagedError(f"chunk {chunk} is done, but what it holds is not known")
-        if self.schema is not None and np.any(block.status == DONE):
+        if self.schema is not None and np.any(block.status == StudyStatus.COMPLETED):
             for name, shape in self.schema.shapes.items():
                 block.values[name] = self._rows(name, chunk, shape)
             if self.schema.has_events:
                 self._read_events(chunk, block)
-        if self._file("message", chunk).exists() or np.any(block.status == FAILED):
+        if self._file("message", chunk).exists() or np.any(block.status == StudyStatus.FAILED):
             self._messages.add(chunk)
             texts = self._rows("message", chunk, ())
             places = zip(block.span, texts.tolist(), strict=True)
@@ -237,7 +238,7 @@ class FolderStore:
 
     def _read_events(self, chunk: int, block: Block) -> None:
         # what a killed run wrote of further points does not count
-        done = block.status == DONE
+        done = block.status == StudyStatus.COMPLETED
         expected = np.where(done, self._rows("n_events", chunk, ()), 0)
         if not expected.any():
             return
@@ -278,8 +279,9 @@ class FolderStore:
             except DamagedError:
                 found.append(self._file("status", chunk))
                 continue
-            needed = [self._file(name, chunk) for name in self.results if DONE in status]
-            if FAILED in status:
+            results = self.results if StudyStatus.COMPLETED in status else []
+            needed = [self._file(name, chunk) for name in results]
+            if StudyStatus.FAILED in status:
                 needed.append(self._file("message", chunk))
             if self._has_events(chunk, status):
                 needed.append(self._events(chunk))
@@ -291,7 +293,7 @@ class FolderStore:
         if self.schema is None or not self.schema.has_events or self._events(chunk).exists():
             return False
         try:
-            return bool(np.any(self._rows("n_events", chunk, ())[status == DONE]))
+            return bool(np.any(self._rows("n_events", chunk, ())[status == StudyStatus.COMPLETED]))
         except DamagedError:
             return False
 

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi._extras import have, needed
+from zivi.status import StudyStatus
 from zivi.study.design import Design
 from zivi.study.folder import FolderStore
 from zivi.study.parquet import DamagedError
 from zivi.study.store import MemoryStore
-from zivi.study.work import DONE, FAILED, MISSING
 
 if TYPE_CHECKING:
     import pandas
@@ -38,10 +38,10 @@ class Study:
     Parameters
     ----------
     dataset : xarray.Dataset
-        The results over the parameters, with units where they are known. ``status`` is 0 where a
-        point is missing, 1 where it is done, 2 where it failed, ``message`` says why. The
-        attributes tell the seed, the version and, as JSON, what the study is. From a folder, the
-        values are read when they are used.
+        The results over the parameters, with units where they are known. ``status`` holds the
+        numbers of `StudyStatus`: 0 where a point is missing, 1 where it is completed, 2 where it
+        failed, ``message`` says why. The attributes tell the seed, the version and, as JSON, what
+        the study is. From a folder, the values are read when they are used.
     path : Path, optional
         The folder.
     events : optional
@@ -68,13 +68,13 @@ class Study:
 
     @property
     def status(self) -> NDArray[np.int8]:
-        """States of all points, in the order of C: 0 missing, 1 done, 2 failed."""
+        """States of all points, in the order of C, the numbers of `StudyStatus`."""
         return np.asarray(self.dataset["status"].values, np.int8).ravel()
 
     @property
     def complete(self) -> bool:
         """Whether no point is missing."""
-        return not np.any(self.status == MISSING)
+        return not np.any(self.status == StudyStatus.MISSING)
 
     @property
     def failed(self) -> pandas.DataFrame:
@@ -82,7 +82,7 @@ class Study:
         import pandas
 
         dataset = self.dataset
-        numbers = np.flatnonzero(self.status == FAILED)
+        numbers = np.flatnonzero(self.status == StudyStatus.FAILED)
         columns: dict[str, Any]
         if "point" in dataset.dims:
             columns = {str(name): dataset[name].values[numbers] for name in dataset.coords}
@@ -104,10 +104,11 @@ class Study:
 
     def __repr__(self) -> str:
         status = self.status
-        counts = [f"{np.count_nonzero(status == DONE)} of {len(status)} points done"]
-        for state, word in ((FAILED, "failed"), (MISSING, "missing")):
+        completed = np.count_nonzero(status == StudyStatus.COMPLETED)
+        counts = [f"{completed} of {len(status)} points completed"]
+        for state in (StudyStatus.FAILED, StudyStatus.MISSING):
             if number := np.count_nonzero(status == state):
-                counts.append(f"{number} {word}")
+                counts.append(f"{number} {state.name.lower()}")
         where = "" if self.path is None else f" in {self.path}"
         results = ", ".join(str(name) for name in self.dataset.data_vars)
         return f"<Study{where}: {', '.join(counts)}; {results}>"
@@ -200,14 +201,14 @@ def _salvaged(store: FolderStore, known: dict[str, NDArray[Any]]) -> Study:
 
 @dataclasses.dataclass(frozen=True)
 class StoredEvents:
-    """Reads the events of all points that are done, and warns of files that cannot be read.
+    """Reads the events of all points that are completed, and warns of files that cannot be read.
 
     Parameters
     ----------
     path : Path
         The store.
     status : ndarray of int8
-        The states of its points: those that are done count.
+        The states of its points: those that are completed count.
     """
 
     path: Path

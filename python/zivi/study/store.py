@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DESCRIPTIONS", "Labels", "MemoryStore", "Store", "attributes", "dims_of"]
 
+# the metadata of a folder are compared with these: the words of version 0.1 stay in them
 DESCRIPTIONS = {
     "status": {"long_name": "0 missing, 1 done, 2 failed", "units": "1"},
     "message": {"long_name": "why a point failed"},

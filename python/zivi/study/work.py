@@ -18,10 +18,7 @@ from zivi.study.outcome import RUN_UNITS, Events, Values, split
 from zivi.trajectory import Trajectory
 
 __all__ = [
-    "DONE",
-    "FAILED",
     "MAX_SEED",
-    "MISSING",
     "SLICE",
     "Job",
     "Piece",
@@ -30,8 +27,6 @@ __all__ = [
     "compute",
 ]
 
-MISSING, DONE, FAILED = 0, 1, 2
-"""States of a point."""
 SLICE = 2.0
 """Seconds after which a task hands back what it has: no more than that is lost with a worker."""
 LONGEST = 1000
