@@ -35,6 +35,7 @@ CASES = {
     "tracker, disturbed": Tracker(branch="nearest", disturbance=5.0, delay=2, noise_x=1e-4, seed=7),
     "tracker, without landing": Tracker(landing=False, delay=1),
     "tracker, observed": Tracker(observer=True, position_only=True, amplitude=2.0, noise_x=1e-3),
+    "tracker, drawn": Tracker(drawn=True, delay=1, t_end=1.234),
     "regulator, observed": Regulator(observer=True, amplitude=0.3, omega=4.5, landing=False),
 }
 SAMPLED = ("t", "x", "xdot")
@@ -61,13 +62,16 @@ def test_the_script_gives_the_runs_on_the_screen(case, capsys):
 
 @pytest.mark.parametrize("kind", [Ball, Regulator, Tracker])
 def test_the_script_knows_every_setting(kind):
-    start = kind() if kind is Ball else kind(amplitude=1.0, observer=True)
-    usual = script(start)
+    starts = [kind()] if kind is Ball else [kind(amplitude=1.0, observer=True)]
+    starts += [Tracker(drawn=True)] if kind is Tracker else []
     for field in dataclasses.fields(kind):
-        value = getattr(start, field.name)
-        other = "nearest" if field.name == "branch" else not value if isinstance(value, bool) else 7
-        changed = script(dataclasses.replace(start, **{field.name: other}))
-        assert changed != usual, field.name
+        changed = [dataclasses.replace(it, **{field.name: _other(it, field)}) for it in starts]
+        assert [script(it) for it in changed] != [script(it) for it in starts], field.name
+
+
+def _other(start, field):
+    value = getattr(start, field.name)
+    return "nearest" if field.name == "branch" else not value if isinstance(value, bool) else 7
 
 
 def test_a_script_can_be_a_file_of_its_own(tmp_path):
@@ -134,6 +138,20 @@ def test_the_switches_reach_the_loop():
     runs = compute(Regulator(landing=False, delay=2))
     assert runs["implicit"].config["controller"]["landing"] is False
     assert "observer" not in runs["implicit"].config
+
+
+def test_a_drawn_reference_is_followed_through_its_heights_and_a_rest():
+    given = Tracker(drawn=True, h=1e-3, e=0.8, x0=2.0, xdot0=0.0, x_ref0=1.0, t_end=5.0)
+    runs = compute(given)
+    for run in runs.values():
+        assert np.allclose(run.x_ref[::1000], given.heights, atol=1e-12)
+        slopes = np.gradient(run.x_ref, run.t)
+        assert np.abs(slopes - run.xdot_ref)[1:-1].max() < 2e-5
+        assert np.abs(run.error[run.t > 2.0]).max() < 2e-2
+    implicit = runs["implicit"]
+    resting = (implicit.t > 3.5) & (implicit.t < 4.0)
+    assert np.all(implicit.x[resting] == 0.0)
+    assert len(set(implicit.u[resting])) == 1
 
 
 def test_an_observer_finds_the_unknown_force():

@@ -76,7 +76,9 @@ SECTIONS: dict[type[Settings], dict[str, dict[str, Any]]] = {
             "force_ref": {"start": -30.0, "stop": 5.0, "step": 0.01, "label": "its force (m/s²)"},
             "x_ref0": START["x0"] | {"label": "its x at t = 0 (m)"},
             "xdot_ref0": START["xdot0"] | {"label": "its velocity at t = 0 (m/s)"},
-        },
+            "drawn": {"switch": True, "label": "drawn by hand instead"},
+        }
+        | {f"height{k}": START["x0"] | {"label": f"drawn x at {k}/5 (m)"} for k in range(1, 6)},
         "Sensor": SENSOR,
         "Observer": OBSERVER,
         "Run": START | END,

@@ -6,6 +6,7 @@ from typing import Any, TypeAlias
 
 from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.lab.drawn import Drawn, ExplicitFollower
 from zivi.lab.explicit import ExplicitRegulator
 from zivi.lab.settings import (
     Ball,
@@ -51,7 +52,12 @@ def compute(settings: Settings) -> Runs:
         return _ball(settings)
     if isinstance(settings, Regulator):
         return {name: _loop(settings, made) for name, made in _regulators(settings).items()}
-    reference = {"y_ref0": (settings.x_ref0, settings.xdot_ref0), "force_ref": settings.force_ref}
+    reference: dict[str, Any] = {
+        "y_ref0": (settings.x_ref0, settings.xdot_ref0),
+        "force_ref": settings.force_ref,
+    }
+    if settings.drawn:
+        reference = {"reference": Drawn(settings.heights, settings.t_end)}
     trackers = _trackers(settings).items()
     return {name: _loop(settings, made, **reference) for name, made in trackers}
 
@@ -82,9 +88,10 @@ def _regulators(given: Regulator) -> dict[str, Controller]:
 def _trackers(given: Tracker) -> dict[str, Controller]:
     mu1, mu2, h, e = given.mu1, given.mu2, given.h, given.e
     lands = landing_of(given)
+    baseline: Any = ExplicitFollower if given.drawn else ExplicitTwisting
     return {
         "implicit": TwistingTracker(mu1, mu2, h=h, e=e, branch=given.branch, **lands),
-        "explicit": ExplicitTwisting(mu1, mu2, h=h, e=e),
+        "explicit": baseline(mu1, mu2, h=h, e=e),
     }
 
 

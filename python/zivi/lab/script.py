@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+from zivi.lab.drawn import Drawn, ExplicitFollower
 from zivi.lab.explicit import ExplicitRegulator
 from zivi.lab.settings import (
     Ball,
@@ -78,14 +79,19 @@ def _tracker(given: Tracker) -> str:
     reference = (
         f"    y_ref0=({given.x_ref0!r}, {given.xdot_ref0!r}),\n    force_ref={given.force_ref!r},\n"
     )
+    baseline, sources = "zivi.ExplicitTwisting", ""
+    if given.drawn:
+        reference = f"    reference=Drawn({given.heights!r}, {given.t_end!r}),\n"
+        baseline = "ExplicitFollower"
+        sources = "".join(f"\n\n{inspect.getsource(it)}" for it in (Drawn, ExplicitFollower)) + "\n"
     return f"""\
 import zivi
-
+{sources}
 {_world(given, reference)}
 tracker = zivi.TwistingTracker(
     {gains}, branch="{given.branch}", {_named(landing_of(given))}
 )
-baseline = zivi.ExplicitTwisting({gains})
+baseline = {baseline}({gains})
 
 {RUN_BOTH.format(controller="tracker", name="tracking")}"""
 

@@ -115,6 +115,10 @@ class Tracker:
         Initial distance (m) and velocity (m/s) of the reference.
     branch : {"positive", "nearest"}
         How the implicit tracker lifts what it measures.
+    drawn : bool
+        Whether the reference is drawn by hand: from `x_ref0` through the heights.
+    height1, height2, height3, height4, height5 : float
+        Heights of the drawn reference after each fifth of the run (m).
     """
 
     e: float = 0.33
@@ -139,6 +143,18 @@ class Tracker:
     x_ref0: float = 3.0
     xdot_ref0: float = 3.0
     branch: Literal["positive", "nearest"] = "positive"
+    drawn: bool = False
+    height1: float = 1.0
+    height2: float = 2.0
+    height3: float = 0.0
+    height4: float = 0.0
+    height5: float = 1.5
+
+    @property
+    def heights(self) -> tuple[float, ...]:
+        """Heights of the drawn reference, from its beginning to its end (m)."""
+        later = (self.height1, self.height2, self.height3, self.height4, self.height5)
+        return (self.x_ref0, *later)
 
 
 Settings: TypeAlias = Ball | Regulator | Tracker
