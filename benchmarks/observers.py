@@ -1,18 +1,22 @@
 """Observers of a bouncing mass from positions alone, with an unknown constant force.
 
-zivi's impact observer; a Kalman filter that knows no impacts, with the same gate and restarts; and
-the homogeneous differentiator of Levant (orders 0 to 2, L = 20), on the exact map with its resets
-and without. Median over the draws of the rms error of velocity and unknown force in the second
-half of the run, in which the mass bounces, and the median time from which the velocity stays within
-0.05 m/s.
+zivi's impact observer; a Kalman filter that knows no impacts, with the same gate and restarts; the
+homogeneous differentiator of Levant (orders 0 to 2, L = 20), on the exact map with its resets and
+without; and the salted Kalman filter of hybrid-tools 0.1.0, where that is installed
+(``pip install hybrid-tools==0.1.0``). Median over the draws of the rms error of velocity and
+unknown force in the second half of the run, in which the mass bounces, and the median time from
+which the velocity stays within 0.05 m/s.
 
-Run as ``python benchmarks/observers.py [draws]``: 40 draws take some minutes.
+Run as ``python benchmarks/observers.py [draws [noise ...]]``: 40 draws take some minutes, with the
+salted filter, which integrates every period numerically, some more for each noise.
 """
 
 import math
 import sys
+from collections.abc import Sequence
 
 import numpy as np
+from observers_salted import salted_kalman
 
 import zivi
 
@@ -104,6 +108,10 @@ def compare(e: float, believed: float, sigma: float, draws: int) -> dict[str, tu
             "Kalman without impacts": kalman_without_impacts(x, sigma),
             "differentiator without": differentiator(x, None),
         }
+        if salted_kalman is not None:
+            estimates["salted Kalman (hybrid-tools)"] = salted_kalman(x, believed, sigma, se)
+        if salted_kalman is not None:
+            estimates["salted Kalman (hybrid-tools)"] = salted_kalman(x, believed, sigma)
         late = sol.t > 0.5 * sol.t[-1]
         for name, (xdot, unknown) in estimates.items():
             off = np.abs(xdot - sol.xdot)
@@ -114,14 +122,16 @@ def compare(e: float, believed: float, sigma: float, draws: int) -> dict[str, tu
     return {name: tuple(np.median(rows, axis=0)) for name, rows in found.items()}
 
 
-def main(draws: int = 40) -> None:
+def main(draws: int = 40, noises: Sequence[float] = NOISE) -> None:
     """Print the table."""
+    if salted_kalman is None:
+        print("hybrid-tools is not installed: without its salted Kalman filter")
     for e, believed in CASES:
-        for sigma in NOISE:
+        for sigma in noises:
             print(f"e = {e}, believed {believed}, noise {sigma:g} m")
             for name, (xdot, d, known) in compare(e, believed, sigma, draws).items():
-                print(f"  {name:27} x' {xdot:.1e}  d {d:.2f}  known from {known:.3f} s")
+                print(f"  {name:28} x' {xdot:.1e}  d {d:.2f}  known from {known:.3f} s", flush=True)
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]))
+    main(int((sys.argv[1:2] or [40])[0]), [float(word) for word in sys.argv[2:]] or NOISE)
