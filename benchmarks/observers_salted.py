@@ -37,9 +37,7 @@ def bouncing_mass(e: float, sigma: float) -> "hybrid_tools.HybridDynamicalSystem
 
     def guard(row: list[list[float]]) -> "hybrid_tools.ModeGuard":
         row = np.array(row)
-        return hybrid_tools.ModeGuard(
-            g=lambda z, _u, _h, _p: row @ z, G=lambda _z, _u, _h, _p: row
-        )
+        return hybrid_tools.ModeGuard(g=lambda z, _u, _h, _p: row @ z, G=lambda _z, _u, _h, _p: row)
 
     # the rate is constant over a period: (h rate)^2 = q_d
     noise = hybrid_tools.ModeNoise(W=np.array([[Q_D / H**2]]), V=np.array([[sigma**2]]))
