@@ -16,9 +16,9 @@ import sys
 from collections.abc import Sequence
 
 import numpy as np
-from observers_salted import salted_kalman
 
 import zivi
+from observers_salted import salted_kalman
 
 F, H, DMAX, Q_D = -9.81, 1e-3, 5.0, 1e-3
 CASES = ((0.6, 0.6), (0.9, 0.9), (0.6, 0.63))
@@ -109,7 +109,7 @@ def compare(e: float, believed: float, sigma: float, draws: int) -> dict[str, tu
             "differentiator without": differentiator(x, None),
         }
         if salted_kalman is not None:
-            estimates["salted Kalman (hybrid-tools)"] = salted_kalman(x, believed, sigma, se)
+            estimates["salted Kalman (hybrid-tools)"] = salted_kalman(x, believed, sigma)
         if salted_kalman is not None:
             estimates["salted Kalman (hybrid-tools)"] = salted_kalman(x, believed, sigma)
         late = sol.t > 0.5 * sol.t[-1]
