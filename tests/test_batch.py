@@ -121,6 +121,50 @@ def test_a_run_in_a_batch_is_the_run_alone(method, save):
     check(systems, starts(20), method, save)
 
 
+@pytest.mark.parametrize("method", METHODS, ids=repr)
+def test_states_at_given_times_are_those_of_the_runs_alone(method):
+    # the last one overflows, and ends before the last times
+    systems = [zivi.ImpactSystem([-9.81, 0.0, LINEAR][i % 3], e=0.1 + 0.1 * i) for i in range(8)]
+    systems.append(zivi.ImpactSystem(zivi.LinearForce(stiffness=-1e6), e=0.5))
+    states, span = starts(9), (0, 1.503)
+    times = np.sort(np.append(np.random.default_rng(1).uniform(*span, 40), [*span, 0.5]))
+    batch = zivi.simulate_batch(systems, span, states, method=method, t_eval=times, threads=2)
+    ends = zivi.simulate_batch(systems, span, states, method=method, threads=2)
+    assert batch.sample_x.shape == batch.sample_xdot.shape == (9, 43)
+    same(batch.sample_t, times)
+    for i, (system, state) in enumerate(zip(systems, states, strict=True)):
+        sol = zivi.simulate(system, span, state, method=method, t_eval=times)
+        n = len(sol.t)
+        assert batch.sample_x[i, :n].tobytes() == sol.x.tobytes()
+        assert batch.sample_xdot[i, :n].tobytes() == sol.xdot.tobytes()
+        assert np.isnan(batch.sample_x[i, n:]).all()
+    assert ends.status[-1] != 0
+    assert np.isnan(batch.sample_x[-1]).any()
+    # what else is known of the runs is not changed by what is kept of them
+    for field in dataclasses.fields(batch):
+        found, expected = getattr(batch, field.name), getattr(ends, field.name)
+        if isinstance(expected, np.ndarray) and field.name != "nfev":
+            assert found.tobytes() == expected.tobytes(), field.name
+
+
+def test_no_times_and_times_that_no_run_reaches():
+    for method in METHODS:
+        none = run(method=method, t_eval=[])
+        assert none.sample_x.shape == (1, 0)
+        assert none.to_xarray().sample_x.shape == (1, 0)
+        system = zivi.ImpactSystem(zivi.LinearForce(stiffness=-1e6), e=0.5)
+        lost = run(systems=system, method=method, t_span=(0, 9), t_eval=[8.0, 9.0])
+        assert np.isnan(lost.sample_x).all()
+        assert lost.sample_x.shape == (1, 2)
+
+
+@pytest.mark.parametrize("method", [EULER, zivi.SwitchedRK()], ids=repr)
+def test_more_states_than_memory_are_refused_beforehand(method):
+    times = np.linspace(0, 1, 10**6)
+    with pytest.raises(MemoryError, match="y0 gives 10000000 runs, t_eval 1000000 samples of each"):
+        run(y0=np.ones((10**7, 2)), method=method, t_eval=times)
+
+
 @pytest.mark.parametrize("save", SAVES)
 def test_many_different_balls(save):
     draw = np.random.default_rng(3)
@@ -217,6 +261,12 @@ def run(**changes):
         ({"save": 0}, ValueError, "save must be a number of samples >= 1"),
         ({"save": 2.5}, TypeError, "save"),
         ({"save": 2, "method": zivi.SwitchedRK()}, ValueError, "needs a method of fixed steps"),
+        ({"t_eval": [0.1], "save": 2}, ValueError, "t_eval goes with save='final' only"),
+        ({"t_eval": [0.1], "save": "events"}, ValueError, "got save='events'"),
+        ({"t_eval": [0.2, 0.1]}, ValueError, "t_eval must be ascending and within t_span"),
+        ({"t_eval": [0.2, 1.1]}, ValueError, "t_eval must be ascending and within t_span"),
+        ({"t_eval": [[0.2]]}, ValueError, "t_eval must be one-dimensional"),
+        ({"t_eval": [0.2, 0.2], "method": zivi.SwitchedRK()}, ValueError, "t_eval must be"),
         ({"threads": 0}, ValueError, "threads must be from 1"),
         ({"threads": 10**6}, ValueError, "threads must be from 1"),
         ({"threads": 1.5}, TypeError, "threads"),

@@ -618,6 +618,10 @@ class BatchRecord:
     @property
     def samples_xdot(self) -> _Array: ...
     @property
+    def samples_s(self) -> _Array: ...
+    @property
+    def samples_v(self) -> _Array: ...
+    @property
     def impact_t(self) -> list[_Array]: ...
     @property
     def impact_xdot_before(self) -> list[_Array]: ...
@@ -645,6 +649,8 @@ def simulate_batch(
     span: tuple[float, float],
     save: Any,
     threads: int,
+    at: _Array | None = None,
+    steps: NDArray[np.intp] | None = None,
     progress: Any = None,
 ) -> BatchRecord: ...
 

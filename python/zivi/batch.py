@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
+from zivi._batch_samples import sampled, sampling_of
 from zivi._check import Array, real_array, whole
 from zivi._compiled import listening, tell
 from zivi._extras import needed
@@ -104,7 +105,7 @@ class Batch(Runs):
         With ``save="events"``: for each run a dict with ``impacts`` (structured as those of a
         `Trajectory`), ``zeno_times`` and ``liftoff_times``.
     sample_t : ndarray or None
-        With ``save=k``: the times of the samples (s).
+        With ``save=k`` or ``t_eval``: the times of the samples (s).
     sample_x, sample_xdot : ndarray or None
         The samples, a row for each run; NaN after the end of a run that ended early.
     config : dict
@@ -172,6 +173,7 @@ def simulate_batch(
     y0: Any,
     *,
     method: Method = ...,
+    t_eval: ArrayLike | None = ...,
     save: str | int = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
@@ -185,6 +187,7 @@ def simulate_batch(
     y0: ArrayLike,
     *,
     method: Method = ...,
+    t_eval: ArrayLike | None = ...,
     save: str | int = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
@@ -197,6 +200,7 @@ def simulate_batch(
     y0: Any,
     *,
     method: Method = DEFAULT_METHOD,
+    t_eval: ArrayLike | None = None,
     save: str | int = "final",
     threads: int | None = None,
     progress: bool | None = None,
@@ -220,6 +224,11 @@ def simulate_batch(
     method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
         The method, by default and for mechanical systems `SwitchedRK`. Under constant forces
         `ThetaGamma` moves many masses side by side.
+    t_eval : array_like, optional
+        Ascending times in `t_span` (s) at which the states of all runs are kept beside their ends,
+        as those that `simulate` gives: with `SwitchedRK` from its dense output, each time once;
+        with a method of fixed steps between its steps, then also `ThetaGamma` goes run by run. Not
+        with another `save`, and not for a `MechanicalSystem`.
     save : {"final", "statistics", "events"} or int
         What is kept of each run: its end; its end and the extremes of its samples; its end and
         all events; or its end and every so many samples (methods of fixed steps only). Of
@@ -255,11 +264,17 @@ def simulate_batch(
     span = pair("t_span", t_span, "(t0, t1)")
     first = next(iter(systems), None) if isinstance(systems, Sequence) else systems
     if isinstance(first, MechanicalSystem):
+        if t_eval is not None:
+            raise ValueError(
+                "t_eval is not for a MechanicalSystem: save='runs' keeps its runs, which give the "
+                "motion at any time"
+            )
         return mechanical_batch(systems, span, y0, method, save, check_threads(threads), progress)
     several = _systems(systems)
     states = _states(y0, len(several))
     spec = _method(method)
     every = _save(save, method)
+    sampling = sampling_of(t_eval, save, span, method, len(states))
     workers = check_threads(threads)
     specs = [system._spec for system in several]
     with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
@@ -271,6 +286,8 @@ def simulate_batch(
             span=span,
             save=save if every is None else every,
             threads=workers,
+            at=sampling.at,
+            steps=sampling.steps,
             progress=bar.report,
         )
     tell(ear, record.status)
@@ -278,12 +295,14 @@ def simulate_batch(
         "t_span": list(span),
         "method": describe(method),
         "save": save if every is None else every,
+        **({} if sampling.times is None else {"t_eval": sampling.times.tolist()}),
         "systems": [describe_system(system) for system in several[:MAX_DESCRIBED]],
         "n_systems": len(several),
         "y0": states[:MAX_DESCRIBED].tolist(),
         "n_runs": len(states),
     }
-    return _batch(record, span, method, every, str(save), config)
+    batch = _batch(record, span, method, every, str(save), config)
+    return batch if sampling.times is None else sampled(batch, record, several, method, sampling)
 
 
 MAX_THREADS = 1024

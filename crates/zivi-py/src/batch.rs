@@ -49,7 +49,18 @@ fn course(method: &Bound<'_, PyTuple>, span: (f64, f64)) -> PyResult<Course> {
     }
 }
 
-fn saving(save: &Bound<'_, PyAny>) -> PyResult<Save> {
+/// A name, or a number of samples; `at` and `steps` go before.
+fn saving<'a>(
+    save: &Bound<'_, PyAny>,
+    at: Option<&'a [f64]>,
+    steps: Option<&'a [usize]>,
+) -> PyResult<Save<'a>> {
+    if let Some(times) = at {
+        return Ok(Save::At(times));
+    }
+    if let Some(steps) = steps {
+        return Ok(Save::Steps(steps));
+    }
     if let Ok(every) = save.extract::<usize>() {
         return Ok(Save::Every(every));
     }
@@ -83,8 +94,9 @@ pub(crate) fn row_wall(walls: &PyReadonlyArray2<'_, f64>, i: usize) -> PyResult<
 }
 
 /// Many runs. `forces` and `walls`, rows `e, kappa`, have an entry for each run, or one for all.
+/// What is saved are the states `at` given times, the samples of `steps`, or what `save` says.
 #[pyfunction]
-#[pyo3(signature = (forces, walls, states, method, *, span, save, threads, progress=None))]
+#[pyo3(signature = (forces, walls, states, method, *, span, save, threads, at=None, steps=None, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
     py: Python<'_>,
@@ -95,9 +107,11 @@ pub(crate) fn simulate_batch(
     span: (f64, f64),
     save: &Bound<'_, PyAny>,
     threads: usize,
+    at: Option<Vec<f64>>,
+    steps: Option<Vec<usize>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
-    let (course, save) = (course(method, span)?, saving(save)?);
+    let (course, save) = (course(method, span)?, saving(save, at.as_deref(), steps.as_deref())?);
     let forces = natives(forces)?;
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
@@ -134,6 +148,9 @@ pub(crate) struct BatchRecord {
     /// A row for each run, filled up with NaN where a run ended early.
     samples_x: Py<PyArray2<f64>>,
     samples_xdot: Py<PyArray2<f64>>,
+    /// The same of the lifted states, where numbers of steps were asked for.
+    samples_s: Py<PyArray2<f64>>,
+    samples_v: Py<PyArray2<f64>>,
     impact_t: Times,
     impact_xdot_before: Times,
     impact_xdot_after: Times,
@@ -172,6 +189,8 @@ impl BatchRecord {
                 .unbind(),
             samples_x: rows(py, ends.iter().map(|end| end.saved.x.as_slice()))?,
             samples_xdot: rows(py, ends.iter().map(|end| end.saved.xdot.as_slice()))?,
+            samples_s: rows(py, ends.iter().map(|end| end.saved.s.as_slice()))?,
+            samples_v: rows(py, ends.iter().map(|end| end.saved.v.as_slice()))?,
             impact_t: of_impacts(|impact| impact.t)?,
             impact_xdot_before: of_impacts(|impact| impact.xdot_before)?,
             impact_xdot_after: of_impacts(|impact| impact.xdot_after)?,

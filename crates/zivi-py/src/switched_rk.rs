@@ -226,7 +226,7 @@ impl RunRecord {
         run: SwitchedRun<PyErr>,
         wall: zivi::Restitution,
     ) -> PyResult<Self> {
-        let SwitchedRun { trajectory, raised, path, tails, hits, counts } = run;
+        let SwitchedRun { trajectory, raised, path, tails, hits, counts, .. } = run;
         let mut record = Self::new(py, zivi::Run { trajectory, raised })?;
         record.hits = columns_of(py, &hits);
         record.n_steps = Some(counts.accepted);

@@ -94,6 +94,8 @@ fn assert_same(outcome: &Outcome, run: &Run<Infallible>, save: Save, which: usiz
             assert_eq!(bits(&outcome.saved.xdot), bits(&of(Quantity::Xdot).collect::<Vec<_>>()));
         }
         Save::Final => assert!(outcome.events.is_none() && outcome.saved.x.is_empty()),
+        Save::At(times) => assert_eq!(outcome.saved.x.len(), times.len()),
+        Save::Steps(steps) => assert_eq!(outcome.saved.s.len(), steps.len()),
     }
 }
 

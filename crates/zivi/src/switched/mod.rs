@@ -47,6 +47,7 @@ mod user_events;
 pub use impact_map::{ImpactMap, MapParameter, Return};
 pub use integrator::{Counts, Occurrence, SwitchedIntegrator};
 pub use path::{DensePath, PathPoint};
+pub(crate) use run::check_span;
 pub use run::{simulate_switched_rk, Output, SwitchedRun};
 pub use settings::{Flights, Order, SwitchedRk};
 pub use stored::{Motion, MotionError};

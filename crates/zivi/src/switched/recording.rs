@@ -14,7 +14,7 @@ use crate::record::failure::Failure;
 use crate::record::monitor::Pace;
 use crate::record::reserve::Reserve;
 use crate::record::trajectory::{SetupError, Trajectory};
-use crate::{Events, Force, Impact, Monitor, Status};
+use crate::{Events, Force, Impact, Monitor, Physical, Status};
 
 /// Why a run ends.
 pub(super) enum Ending<E> {
@@ -396,7 +396,8 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };
         let counts = Counts { nfev, ..self.integrator.counts };
         let (path, tails, hits) = (self.path, self.tails, self.watch.into_hits());
-        Ok(SwitchedRun { trajectory, raised, path, tails, hits, counts })
+        let end = (t, Physical { x: end.x, xdot: end.xdot });
+        Ok(SwitchedRun { trajectory, raised, path, tails, hits, counts, end })
     }
 }
 

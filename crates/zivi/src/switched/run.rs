@@ -52,6 +52,8 @@ pub struct SwitchedRun<E> {
     pub hits: Vec<Vec<EventHit>>,
     /// How much work was done.
     pub counts: Counts,
+    /// The time and the state up to which the motion is known, whatever is sampled.
+    pub end: (f64, Physical),
 }
 
 impl<E> SwitchedRun<E> {
@@ -157,7 +159,7 @@ fn check_stops(tstops: &[f64]) -> Result<(), SetupError> {
     Ok(())
 }
 
-pub(super) fn check_span(t0: f64, t1: f64, t_eval: Option<&[f64]>) -> Result<(), SetupError> {
+pub(crate) fn check_span(t0: f64, t1: f64, t_eval: Option<&[f64]>) -> Result<(), SetupError> {
     if !(t0.is_finite() && t1.is_finite() && (t1 - t0).is_finite()) {
         return Err(GridError::SpanNotFinite(t0, t1).into());
     }

@@ -77,7 +77,7 @@ struct Course {
 pub(super) fn run(
     masses: &[Falling],
     grid: Grid,
-    save: Save,
+    save: Save<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
     let mut courses = Vec::with_capacity(masses.len());
@@ -324,7 +324,7 @@ const MARGIN: f64 = 100.0 * SIGN_TOLERANCE;
 const HUGE: f64 = 1e300;
 
 impl Course {
-    fn start(falling: Falling, z: Lifted, grid: Grid, save: Save) -> Result<Self, SetupError> {
+    fn start(falling: Falling, z: Lifted, grid: Grid, save: Save<'_>) -> Result<Self, SetupError> {
         let Falling { step, initial, .. } = falling;
         let incoming = initial.x == 0.0 && initial.xdot < 0.0;
         let mut course = Self {
@@ -382,7 +382,7 @@ impl Course {
         }
     }
 
-    fn finish(self, lanes: &Lanes, i: usize, end: f64, save: Save) -> Outcome {
+    fn finish(self, lanes: &Lanes, i: usize, end: f64, save: Save<'_>) -> Outcome {
         let Physical { x, xdot } = transform::project(lanes.at(i, self.side), self.wall());
         let (x_max, speed_max) = (lanes.x_max[i], lanes.speed_max[i]);
         let summary = Summary { t: self.ended.unwrap_or(end), x, xdot, x_max, speed_max };

@@ -19,6 +19,7 @@ pub use pool::available_threads;
 pub use returns::{map_impacts, orbits, Mapped};
 
 use crate::stepping::fixed_step::{check_initial, lift};
+use crate::switched::check_span;
 use crate::{
     simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
     Dependence, Force, Grid, Keep, Monitor, MoreauJean, Output, Run, SetupError, Solver, Summary,
@@ -26,8 +27,8 @@ use crate::{
 };
 
 /// What is saved of each run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Save {
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Save<'a> {
     /// The last state, counts of events, rest time.
     #[default]
     Final,
@@ -37,9 +38,15 @@ pub enum Save {
     Events,
     /// The same as [`Save::Final`], and the first and every so many samples after it (at least 1).
     Every(usize),
+    /// The same as [`Save::Final`], and the states at these times, increasing and within the span
+    /// (the switched method only).
+    At(&'a [f64]),
+    /// The same as [`Save::Final`], and the samples of these steps, increasing numbers, with `s`
+    /// and `v` (methods of fixed steps only).
+    Steps(&'a [usize]),
 }
 
-impl Save {
+impl Save<'_> {
     /// Samples from one that is saved to the next, 0 if none is.
     fn every(self) -> usize {
         match self {
@@ -127,14 +134,11 @@ pub enum BatchError<E> {
 pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     members: &[Member<F>],
     course: Course,
-    save: Save,
+    save: Save<'_>,
     threads: usize,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Vec<Outcome>, BatchError<E>> {
-    if let (Course::SwitchedRk(..), Save::Every(_)) = (course, save) {
-        let refused = SetupError::Setting("save", f64::NAN, "for a method of fixed steps");
-        return Err(BatchError::Setup(None, refused));
-    }
+    check_save(course, save).map_err(|error| BatchError::Setup(None, error))?;
     for (i, member) in members.iter().enumerate() {
         check(member, course).map_err(|error| BatchError::Setup(Some(i), error))?;
     }
@@ -149,17 +153,35 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     pool::run(members, threads, monitor, work)
 }
 
+/// Refuses what is not saved of a method.
+fn check_save(course: Course, save: Save<'_>) -> Result<(), SetupError> {
+    match (course, save) {
+        (Course::SwitchedRk(..), Save::Every(_) | Save::Steps(_)) => {
+            Err(SetupError::Setting("save", f64::NAN, "for a method of fixed steps"))
+        }
+        (Course::SwitchedRk(_, (t0, t1)), Save::At(times)) => check_span(t0, t1, Some(times)),
+        (_, Save::At(_)) => Err(SetupError::Setting("save", f64::NAN, "for the switched method")),
+        _ => Ok(()),
+    }
+}
+
 /// Refuses a batch whose results would not fit into memory.
 fn check_memory<E, F: Force<Stopped>>(
     members: &[Member<F>],
     course: Course,
-    save: Save,
+    save: Save<'_>,
     threads: usize,
 ) -> Result<(), BatchError<E>> {
-    let samples = course.grid().map_or(0, |grid| outcome::samples(save.every(), grid));
-    let recorded = match course {
+    let samples = match save {
+        Save::At(times) => times.len(),
+        // s and v take as much as x and x'
+        Save::Steps(steps) => 2 * steps.len(),
+        _ => course.grid().map_or(0, |grid| outcome::samples(save.every(), grid)),
+    };
+    let whole = course.grid().map_or(samples, |grid| outcome::samples(1, grid));
+    let recorded = match (course, save) {
+        (_, Save::Steps(_)) | (Course::MoreauJean(..), _) => whole,
         _ if members.iter().all(|member| side_by_side(member, course)) => 0,
-        Course::MoreauJean(_, grid) => outcome::samples(1, grid),
         _ => samples,
     };
     let record = recorded.saturating_mul(QUANTITIES * size_of::<f64>());
@@ -227,11 +249,12 @@ fn check<F>(member: &Member<F>, course: Course) -> Result<(), SetupError> {
 fn several<F: Force<Stopped> + Copy>(
     chunk: &[Member<F>],
     course: Course,
-    save: Save,
+    save: Save<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
     if let Course::ThetaGamma(ThetaGamma { theta, gamma, .. }, grid) = course {
-        if chunk.iter().all(|it| side_by_side(it, course)) {
+        let several = !matches!(save, Save::Steps(_));
+        if several && chunk.iter().all(|it| side_by_side(it, course)) {
             let mut masses = Vec::with_capacity(chunk.len());
             for &Member { wall, mut force, initial } in chunk {
                 let step = ThetaGammaStep::new(grid.h(), theta, gamma, wall)?;
@@ -269,12 +292,15 @@ impl Monitor<Stopped> for Quiet<'_> {
 fn one<F: Force<Stopped> + Copy>(
     member: &Member<F>,
     course: Course,
-    save: Save,
+    save: Save<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Outcome, SetupError> {
     let Member { wall, mut force, initial } = *member;
     let every = save.every();
-    let watch = &mut Quiet { keep: Keep::Every(every), stop };
+    let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
+    let watch = &mut Quiet { keep, stop };
+    // the end of a run that is not sampled there
+    let mut end = None;
     let Run { trajectory, .. } = match course {
         Course::ThetaGamma(method, grid) => {
             simulate_theta_gamma(method, wall, &mut force, grid, initial, watch)?
@@ -286,19 +312,25 @@ fn one<F: Force<Stopped> + Copy>(
             simulate_moreau_jean(method, wall, &mut force, grid, initial, watch)?
         }
         Course::SwitchedRk(method, span) => {
-            let output = Output::default();
+            let t_eval = if let Save::At(times) = save { Some(times) } else { None };
+            let output = Output { t_eval, ..Output::default() };
             let run = simulate_switched_rk(method, wall, &mut force, span, initial, output, watch)?;
+            end = t_eval.map(|_| run.end);
             Run { trajectory: run.trajectory, raised: run.raised }
         }
     };
     let Trajectory { columns, summary, events, status, nfev, .. } = trajectory;
     // a method that keeps all of its samples is thinned afterwards
-    let saved = match (every, summary) {
-        (0, _) => Saved::default(),
-        (_, Some(_)) => Saved::every(&columns, 1)?,
-        (every, None) => Saved::every(&columns, every)?,
+    let saved = match (save, summary) {
+        (Save::At(_), _) | (Save::Every(_), Some(_)) => Saved::every(&columns, 1)?,
+        (Save::Every(every), None) => Saved::every(&columns, every)?,
+        (Save::Steps(steps), _) => Saved::steps(&columns, steps)?,
+        _ => Saved::default(),
     };
     let mut summary = summary.unwrap_or_else(|| Summary::of(&columns));
+    if let Some((t, Physical { x, xdot })) = end {
+        (summary.t, summary.x, summary.xdot) = (t, x, xdot);
+    }
     if save != Save::Statistics {
         (summary.x_max, summary.speed_max) = (0.0, 0.0);
     }

@@ -13,18 +13,38 @@ pub struct Saved {
     pub x: Vec<f64>,
     /// Velocities (m/s).
     pub xdot: Vec<f64>,
+    /// Transformed positions (m), with [`Save::Steps`].
+    pub s: Vec<f64>,
+    /// Transformed velocities (m/s), with [`Save::Steps`].
+    pub v: Vec<f64>,
 }
 
 impl Saved {
     pub(super) fn with_room(every: usize, grid: Grid) -> Result<Self, SetupError> {
         let room = samples(every, grid);
-        Ok(Self { x: with_room(room)?, xdot: with_room(room)? })
+        Ok(Self { x: with_room(room)?, xdot: with_room(room)?, ..Self::default() })
     }
 
     /// The first sample and every so many after it.
     pub(super) fn every(columns: &Columns, every: usize) -> Result<Self, SetupError> {
         let of = |quantity| thinned(columns.of(quantity), every);
-        Ok(Self { x: of(Quantity::X)?, xdot: of(Quantity::Xdot)? })
+        Ok(Self { x: of(Quantity::X)?, xdot: of(Quantity::Xdot)?, ..Self::default() })
+    }
+
+    /// The samples of these steps, as far as the run went.
+    pub(super) fn steps(columns: &Columns, steps: &[usize]) -> Result<Self, SetupError> {
+        let of = |quantity| -> Result<Vec<f64>, SetupError> {
+            let values = columns.of(quantity);
+            let mut list = with_room(steps.len())?;
+            list.extend(steps.iter().map_while(|&step| values.get(step)));
+            Ok(list)
+        };
+        Ok(Self {
+            x: of(Quantity::X)?,
+            xdot: of(Quantity::Xdot)?,
+            s: of(Quantity::S)?,
+            v: of(Quantity::V)?,
+        })
     }
 
     pub(super) fn push(&mut self, x: f64, xdot: f64) {
@@ -81,7 +101,12 @@ pub struct Outcome {
 
 impl Outcome {
     /// Of a run from `initial` at `t` of which nothing is left.
-    pub(super) fn lost(t: f64, Physical { x, xdot }: Physical, status: Status, save: Save) -> Self {
+    pub(super) fn lost(
+        t: f64,
+        Physical { x, xdot }: Physical,
+        status: Status,
+        save: Save<'_>,
+    ) -> Self {
         let summary = Summary { t, x, xdot, ..Summary::default() };
         Self::new(Events::default(), Saved::default(), summary, (status, 0), save)
     }
@@ -91,7 +116,7 @@ impl Outcome {
         saved: Saved,
         summary: Summary,
         (status, nfev): (Status, u64),
-        save: Save,
+        save: Save<'_>,
     ) -> Self {
         let time = |impact: Option<&Impact>| impact.map_or(f64::NAN, |impact| impact.t);
         let hardest = |so_far: f64, impact: &Impact| so_far.max(-impact.xdot_before);
