@@ -184,6 +184,16 @@ def test_a_preset_and_back_to_it_while_the_other_tabs_keep_theirs(lab):
     soon(lab.shows, preset)
 
 
+def test_switches(lab):
+    lab.choose("Tracker")
+    soon(lab.shows, Tracker())
+    for changed in ({"landing": False}, {"landing": False, "drawn": True}):
+        label = "drawn by hand" if "drawn" in changed else "landing"
+        switch = lab.page.locator("marimo-switch").filter(has_text=label)
+        switch.get_by_role("switch").click()
+        soon(lab.shows, Tracker(**changed))
+
+
 def test_a_link_carries_the_settings(lab):
     lab.choose("Tracker")
     soon(lab.shows, Tracker())

@@ -45,8 +45,7 @@ def test_chattering_is_that_of_explicit_signs():
 
 def test_landing_is_exact_rest_where_the_control_alternated_for_ever():
     landed, before = (
-        of(Tracker, name)["implicit"]
-        for name in ("exact rest at e = 0.8", "e = 0.8, without landing")
+        of(Tracker, name)["implicit"] for name in ("exact rest at e = 0.8", "e = 0.8, no landing")
     )
     late = landed.t > 3.0
     assert landed.rest_time < 3.0
@@ -58,7 +57,7 @@ def test_landing_is_exact_rest_where_the_control_alternated_for_ever():
 
 
 def test_positions_alone_under_an_unknown_sine_are_enough_to_land():
-    run = of(Tracker, "unknown sine, positions alone")["implicit"]
+    run = of(Tracker, "sine, positions alone")["implicit"]
     assert run.config["observer"]["position_only"] is True
     assert run.rest_time < 3.0
 

@@ -37,9 +37,9 @@ PRESETS: dict[type[Settings], dict[str, Settings]] = {
         "noise": replace(_TRACKER, noise_x=1e-4, noise_xdot=1e-2),
         "disturbance": replace(_TRACKER, disturbance=1.5),
         "exact rest at e = 0.8": _REST,
-        "e = 0.8, without landing": replace(_REST, landing=False),
+        "e = 0.8, no landing": replace(_REST, landing=False),
         "drawn by hand": Tracker(h=1e-3, e=0.8, drawn=True, x0=2.0, xdot0=0.0, x_ref0=1.0),
-        "unknown sine, positions alone": replace(
+        "sine, positions alone": replace(
             _REST, amplitude=1.5, noise_x=1e-4, observer=True, position_only=True
         ),
     },
