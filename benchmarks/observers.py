@@ -110,8 +110,6 @@ def compare(e: float, believed: float, sigma: float, draws: int) -> dict[str, tu
         }
         if salted_kalman is not None:
             estimates["salted Kalman (hybrid-tools)"] = salted_kalman(x, believed, sigma)
-        if salted_kalman is not None:
-            estimates["salted Kalman (hybrid-tools)"] = salted_kalman(x, believed, sigma)
         late = sol.t > 0.5 * sol.t[-1]
         for name, (xdot, unknown) in estimates.items():
             off = np.abs(xdot - sol.xdot)
