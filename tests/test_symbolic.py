@@ -6,6 +6,7 @@ import pickle
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -232,6 +233,7 @@ def test_the_source_is_the_same_in_every_process():
             text=True,
             check=True,
             env=os.environ | {"PYTHONHASHSEED": seed},
+            cwd=Path(__file__).parent,
         ).stdout
         for seed in ("1", "2")
     }

@@ -44,10 +44,10 @@ def export_fmu(
     out : path
         The folder into which they are written; it is made if it is not there. Files of the same
         names are replaced.
-    model : str or iterable of str, optional
+    model : str or sequence of str, optional
         Any of ``"mass"`` (a mass with impacts), ``"regulator"``, ``"tracker"`` (the controllers),
         ``"loop"`` (a mass with its tracker, without any delay) and ``"observer"``; by default all.
-    fmi : {2, 3} or iterable of int, optional
+    fmi : {2, 3} or sequence of int, optional
         Version of FMI, by default both.
 
     Returns
