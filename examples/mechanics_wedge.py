@@ -66,7 +66,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.6))
-    x = np.linspace(-0.5, 0.6, 3)
+    x = np.array([-0.5, 0.0, 0.6])
     left.fill_between(x, np.where(x < 0, -math.tan(A1) * x, math.tan(A2) * x), -0.1, color="0.85")
     zivi.plot.configuration(sol, left, lw=0.8)
     left.set(xlabel="$x$ (m)", ylabel="$y$ (m)", aspect="equal", ylim=(-0.1, 0.65))
