@@ -188,3 +188,57 @@ def test_what_is_not_ours_is_refused():
         zivi.simulate_closed_loop_batch(PLANT, regulator, SPAN, START, y_ref0=REFERENCE)
     with pytest.raises(ValueError, match="run 1 of the batch"):
         zivi.simulate_closed_loop_batch(PLANT, tracker(), SPAN, [(1, 0), (-1, 0)], **PAPER)
+
+
+def test_states_at_given_times_are_those_of_the_loops():
+    times = np.array([0.0, 0.0105, 0.7, 0.7005, 1.23456, 2.0])
+    plants = [zivi.ImpactSystem(force, e=0.5) for force in (-9.81, zivi.LinearForce(gravity=9.0))]
+    trackers = [zivi.TwistingTracker(30, 17, h=1e-3, e=0.5) for _ in plants]
+    settings = {"force_ref": -19.81, "delay": 1}
+    starts, references = [(6, 5), (2, -1)], [(3, 3), (1, 0)]
+    batch = zivi.simulate_closed_loop_batch(
+        plants, trackers, (0, 2), starts, y_ref0=references, t_eval=times, threads=2, **settings
+    )
+    assert batch.config["t_eval"] == times.tolist()
+    np.testing.assert_array_equal(batch.sample_t, times)
+    for i, plant in enumerate(plants):
+        run = zivi.simulate_closed_loop(
+            plant, trackers[i], (0, 2), starts[i], y_ref0=references[i], t_eval=times, **settings
+        )
+        for name in ("x", "xdot", "x_ref", "u"):
+            values = getattr(batch, f"sample_{name}")[i]
+            np.testing.assert_array_equal(values, getattr(run, name))
+        assert batch.sample_x[i, -1] == batch.x[i]
+    data = batch.to_xarray()
+    assert data.sample_xdot.dims == ("run", "sample")
+    assert data.sample_t.attrs["units"] == "s"
+
+
+def test_loops_that_end_early_have_no_states_after_it():
+    def overflow(t, x, xdot):
+        return 1e300 * x
+
+    numba = pytest.importorskip("numba")
+    force = numba.cfunc("float64(float64, float64, float64)")(overflow)
+    plants = [zivi.ImpactSystem(force, e=0.5), zivi.ImpactSystem(-9.81, e=0.5)]
+    regulator = zivi.TwistingRegulator(30, 17, h=1e-2, e=0.5)
+    times = [0.0, 0.5, 1.0]
+    batch = zivi.simulate_closed_loop_batch(
+        plants, regulator, (0, 1), (1, 0), force_model=-9.81, t_eval=times
+    )
+    assert batch.status[0] not in (0, 9)
+    assert np.isnan(batch.sample_x[0, 1:]).all()
+    assert np.isfinite(batch.sample_x[1]).all()
+
+
+def test_times_that_are_none_are_refused_beforehand():
+    plant, regulator = (
+        zivi.ImpactSystem(-9.81, e=0.5),
+        zivi.TwistingRegulator(30, 17, h=1e-3, e=0.5),
+    )
+    for given, told in (
+        ({"t_eval": [0.5, 2.0]}, "t_eval"),
+        ({"t_eval": [0.5], "save": 10}, "save='final'"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            zivi.simulate_closed_loop_batch(plant, regulator, (0, 1), (1, 0), **given)

@@ -25,9 +25,11 @@ from zivi._loop_arguments import (
     motion_of,
     on_wall,
 )
+from zivi._loop_batch_samples import room_for, sampled
 from zivi._loop_reference import Reference, check_reference, describe_reference, rows_of
 from zivi._progress import ProgressBar
 from zivi.batch import MAX_DESCRIBED, Runs, check_native, check_threads
+from zivi.closed_loop import ClosedLoop, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.observer import ImpactObserver
@@ -65,6 +67,10 @@ NUMBERS = {
 """Unit and meaning of what a batch has for each loop."""
 
 
+SAMPLED = {"sample_x": "m", "sample_xdot": "m/s", "sample_x_ref": "m", "sample_u": "m/s^2"}
+"""Unit of what is kept of the loops' motions."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class ClosedLoopBatch(Runs):
     """Results of a batch of closed loops: an entry for each.
@@ -91,7 +97,10 @@ class ClosedLoopBatch(Runs):
         How each run ended, the numbers of `Status`.
     sample_x, sample_x_ref, sample_u : ndarray or None
         With ``save=k``: positions (m), reference positions (m) and controls (m/s^2) of the first
-        and every so many samples after it, a row for each loop.
+        and every so many samples after it, a row for each loop. With ``t_eval`` those at its times,
+        NaN after the end of a loop that stopped early.
+    sample_t, sample_xdot : ndarray or None
+        With ``t_eval``: its times (s), and the velocities there (m/s).
     config : dict
         Settings of the batch, as plain values: systems, controllers and states of the first 100.
     """
@@ -115,6 +124,8 @@ class ClosedLoopBatch(Runs):
     sample_x_ref: Array | None
     sample_u: Array | None
     config: dict[str, Any]
+    sample_t: Array | None = None
+    sample_xdot: Array | None = None
 
     _called = "loops"
 
@@ -133,10 +144,11 @@ class ClosedLoopBatch(Runs):
             name: ("run", getattr(self, name), {"units": unit, "long_name": meaning})
             for name, (unit, meaning) in NUMBERS.items()
         }
-        if self.sample_x is not None:
-            for name, unit in (("sample_x", "m"), ("sample_x_ref", "m"), ("sample_u", "m/s^2")):
-                values = getattr(self, name)
+        for name, unit in SAMPLED.items():
+            if (values := getattr(self, name)) is not None:
                 variables[name] = (("run", "sample"), values, {"units": unit})
+        if self.sample_t is not None:
+            variables["sample_t"] = ("sample", self.sample_t, {"units": "s"})
         attrs = {
             "title": "Batch of closed loops of mechanical systems with impacts",
             "source": f"zivi {_zivi.__version__}",
@@ -161,6 +173,7 @@ def simulate_closed_loop_batch(
     observer: ImpactObserver | Sequence[ImpactObserver] | None = None,
     within: float = 1e-2,
     save: str | int = "final",
+    t_eval: ArrayLike | None = None,
     threads: int | None = None,
     progress: bool | None = None,
 ) -> ClosedLoopBatch:
@@ -200,6 +213,10 @@ def simulate_closed_loop_batch(
         The position error that counts as followed, > 0 (m): see ``settling_time``.
     save : "final" or int
         Whether every so many samples are kept, beside the numbers of each loop.
+    t_eval : array_like, optional
+        Ascending times in `t_span` at which positions, velocities, references and controls are
+        kept, as by `simulate_closed_loop` (s); with ``save="final"`` only. Each loop is run once
+        more for them.
     threads : int, optional
         Number of threads, >= 1; by default as many as the machine runs at once.
     progress : bool, optional
@@ -249,6 +266,7 @@ def simulate_closed_loop_batch(
     lists = {"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references}
     lists |= {"reference": followed} | ({"observer": observers} if observers else {})
     n = _common(lists)
+    room = room_for(t_eval, save, span, n)
     if y_ref0 is not None:
         ticking = _placed(ticking, references, n)
     forces = _forces(plants, force_model, force_ref)
@@ -293,12 +311,34 @@ def simulate_closed_loop_batch(
         "within": float(within),
         **described_observer(observers[0] if observers else None),
         "save": save if isinstance(save, str) else int(save),
+        **({} if room is None else {"t_eval": room[0].tolist()}),
         "controllers": [
             {"name": type(it).__name__, **it.settings} for it in ticking[:MAX_DESCRIBED]
         ],
         "n_controllers": len(ticking),
     }
-    return _batch(record, config, save != "final")
+    batch = _batch(record, config, save != "final")
+    if room is None:
+        return batch
+
+    def loop(i: int) -> ClosedLoop:
+        return simulate_closed_loop(
+            _of(plants, i),
+            _of(ticking, i),
+            span,
+            _of(states, i),
+            force_ref=force_ref,
+            force_model=force_model,
+            reference=_of(followed, i),
+            method=method,
+            quantization=quantization,
+            delay=delay,
+            observer=_of(observers, i) if observers else None,
+            t_eval=room[0],
+            progress=False,
+        )
+
+    return sampled(batch, room, loop, check_threads(threads))
 
 
 def _observers(observer: Any, controllers: list[Any]) -> list[Any]:
@@ -367,7 +407,7 @@ def _references(
     return [(rows_of(it, span, controller.h), controller.kappa_ref) for it, controller in pairs]
 
 
-def _of(things: list[Any], i: int) -> Any:
+def _of(things: Sequence[Any] | Array, i: int) -> Any:
     return things[i if len(things) > 1 else 0]
 
 
