@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -71,9 +75,10 @@ def test_scipy_finds_the_restitution_of_a_settling_time():
     assert abs(found.x[0] - 0.62) < 1e-6
 
 
-@pytest.mark.slow
-def test_jax_differentiates_through_a_run():
-    jax = pytest.importorskip("jax")
+def in_jax():
+    """Check runs in programs of JAX, which is to be alone in its process: it has threads."""
+    import jax
+
     with jax.enable_x64(True):
         rest = interop.run_function(BALL, (0, 20), (1, 0), NAMES, "zeno_time")
         f = interop.jax_function(rest)
@@ -93,6 +98,20 @@ def test_jax_differentiates_through_a_run():
         assert jax.jacobian(end)(jax.numpy.asarray(POINT)).shape == (2, 3)
         with pytest.raises(ValueError, match="shape"):
             f(jax.numpy.ones(2))
+
+
+@pytest.mark.slow
+def test_jax_differentiates_through_a_run():
+    if importlib.util.find_spec("jax") is None:
+        pytest.skip("jax is not installed: it comes with the extra jax")
+    done = subprocess.run(
+        [sys.executable, "-c", "import test_gradients; test_gradients.in_jax()"],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
 
 
 def test_bad_input():
