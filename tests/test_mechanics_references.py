@@ -37,9 +37,7 @@ def test_one_gap(name, order, tol):
         assert len(found) == len(times), kind
         assert found == pytest.approx(times, abs=(50 if kind == "zeno" else 10) * tol)
     state = np.array(case["zT"], dtype=float)
-    # slow impacts of the cart amplify an error of the state
-    allowed = 30 if "cart" not in name else 100
-    assert np.concatenate([sol.q[-1], sol.qdot[-1]]) == pytest.approx(state, abs=allowed * tol)
+    assert np.concatenate([sol.q[-1], sol.qdot[-1]]) == pytest.approx(state, abs=30 * tol)
     assert bool(sol.contacts[-1, 0]) is (case["mode"] == "C")
 
 
@@ -51,11 +49,10 @@ def test_several_gaps(name, order, tol):
     assert sol.success, sol.message
     times, gaps = expected(case["events"], "zeno")
     n = FIRST if name in NESTED else len(times)
-    allowed = 100 if (name, order, tol) == ("rock_wide", 5, 1e-6) else 50
     if name not in NESTED:
         assert len(sol.zeno) == len(times)
     assert sol.zeno["gap"][:n].tolist() == [gap for (gap,) in gaps[:n]]
-    assert sol.zeno["t"][:n] == pytest.approx(times[:n], abs=allowed * tol)
+    assert sol.zeno["t"][:n] == pytest.approx(times[:n], abs=50 * tol)
     times, gaps = expected(case["events"], "lift")
     assert sol.liftoffs["gap"].tolist() == [gap for (gap,) in gaps]
     assert sol.liftoffs["t"] == pytest.approx(times, abs=10 * tol)
@@ -72,7 +69,8 @@ def test_several_gaps(name, order, tol):
     hits = [e for e in case["events"] if e[0] == "impact" and float(e[1]) < first]
     hits = hits[: min(3, len(hits))]
     rows = sol.impacts[sol.impacts["speed_before"] < 0]  # others pass an impulse on
+    assert len(rows) >= len(hits)
     for event, row in zip(hits, rows, strict=False):
         assert row["t"] == pytest.approx(float(event[1]), abs=30 * tol)
         assert row["gap"] == event[2][0]
-        assert -row["speed_before"] == pytest.approx(float(event[3][0]), abs=100 * tol)
+        assert -row["speed_before"] == pytest.approx(float(event[3][0]), abs=30 * tol)
