@@ -293,6 +293,16 @@ def test_what_is_no_motion_says_so():
     assert still.status is zivi.OrbitStatus.RESTS
 
 
+def test_a_mass_that_never_lifts_off_is_an_orbit_too():
+    still = zivi.periodic_orbit(table(0.5), (0.0, (0.2, 0.0)))
+    assert (still.kind, still.residual, still.stable) == ("resting", 0.0, True)
+    np.testing.assert_array_equal(still.trajectory.x, 0.0)
+    np.testing.assert_array_equal(still.monodromy(), np.zeros((2, 2)))
+    assert still.derivative("amplitude").size == 0
+    with pytest.raises(ValueError, match="never lifts off"):
+        zivi.continue_orbit(still, "amplitude", (0.4, 0.6))
+
+
 def test_bad_input():
     orbit = zivi.periodic_orbit(table(1.3), [(0.6, 2.1)])
     ball = zivi.ImpactSystem(-9.81, e=0.5)

@@ -115,6 +115,10 @@ class PeriodicOrbit:
             return self.liftoff_time, (0.0, 0.0)
         if self.kind == "flight":
             return self._frame.start, (float(self._y[0]), float(self._y[1]))
+        if self.status is OrbitStatus.RESTS:
+            return self._frame.start, (0.0, 0.0)
+        if not len(self._y):
+            raise ValueError(f"no orbit was found: {self.message}")
         return float(self._y[0, 0]), (0.0, float(self._y[0, 1]))
 
     def monodromy(self, t0: float | None = None) -> Array:
@@ -158,9 +162,14 @@ class PeriodicOrbit:
         -------
         ndarray
             Of ``(t_1, u_1, t_2, u_2, ...)``, flat; of the state in flight without impacts; of the
-            Zeno time and the lift-off time before it for a resting orbit.
+            Zeno time and the lift-off time before it for a resting orbit; empty for a mass that
+            never lifts off, which has none of these.
         """
         parameter(self.system, name)
+        if self.status is OrbitStatus.RESTS:
+            return np.empty(0)
+        if not len(self._y):
+            raise ValueError(f"no orbit was found: {self.message}")
         if self.kind == "resting":
             s = self._sensitivity(name)
             lift = s.liftoff_times[:1, 0]

@@ -143,7 +143,7 @@ def _orbit(
         multiple=frame.multiple,
         impacts=impacts,
         multipliers=np.zeros(2, np.complex128) if found or rests else np.full(2, np.nan + 0j),
-        residual=0.0 if found else np.inf,
+        residual=0.0 if found or rests else np.inf,
         iterations=0,
         depth=np.inf,
         admissible=found or rests,
