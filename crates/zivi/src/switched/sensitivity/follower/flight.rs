@@ -1,0 +1,138 @@
+//! The columns in flight: through the steps of the motion, shorter ones where the columns need them.
+
+use super::Follower;
+use crate::record::failure::Failure;
+use crate::switched::integrator::{Piece, SwitchedIntegrator};
+use crate::switched::sensitivity::validity::Limit;
+use crate::switched::stages::{Counted, Stages};
+use crate::system::slopes::DifferentiableForce;
+use crate::{Impact, Status};
+
+/// Smallest and largest factor between two steps, and what keeps the next from being rejected.
+const FACTORS: (f64, f64) = (0.2, 5.0);
+const SAFETY: f64 = 0.9;
+/// Steps that are given up for the columns before one is taken as it is.
+const RETRIES: u32 = 40;
+/// How far the step onto an impact may be moved to it, relative to its length.
+const NUDGE: f64 = 1e-4;
+
+impl Follower {
+    /// The columns over a piece of flight; by how much the step was too long for them.
+    fn fly<E, F: DifferentiableForce<E>>(
+        &mut self,
+        integrator: &SwitchedIntegrator,
+        force: &mut Counted<'_, F>,
+    ) -> Result<f64, Failure<E>> {
+        self.step.step(&integrator.stages, force)?;
+        if !self.controlled || !integrator.settings.adaptive {
+            return Ok(0.0);
+        }
+        let settings = &integrator.settings;
+        let tolerances = (settings.rtol, settings.atol);
+        self.step.error(&integrator.stages, tolerances, &self.sizes, force)
+    }
+
+    /// What a piece of flight that was taken adds: a minimum, the dense output, an impact.
+    fn flew<E, F: DifferentiableForce<E>>(
+        &mut self,
+        integrator: &mut SwitchedIntegrator,
+        impact: Option<Impact>,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        self.highest = self.highest.max(integrator.stages.from.x.abs());
+        if impact.is_none() {
+            self.minimum(integrator, force)?;
+        }
+        let length = integrator.landing.filter(|_| impact.is_some()).map(|landing| landing.0);
+        let mut onto = None;
+        if let Some(total) = length.filter(|&total| far(total, &integrator.stages)) {
+            // the impact was found on the polynomials, away from the end of the step
+            let mut stages = integrator.stages.clone();
+            stages.step(stages.from, stages.slope_at_start(), total, force)?;
+            self.step.step(&stages, force)?;
+            onto = Some(stages);
+        }
+        let stages = onto.as_ref().unwrap_or(&integrator.stages);
+        if let Some(path) = &mut self.path {
+            self.step.all_stages(stages, force)?;
+            path.push_flight(stages, &self.step, length);
+        }
+        if let Some(total) = length {
+            self.step.polish(stages, total - stages.h, force)?;
+        }
+        match impact {
+            Some(impact) => self.strike(&impact, integrator.wall.e(), force),
+            None => Ok(()),
+        }
+    }
+
+    /// A minimum of the distance within the step, above the wall.
+    fn minimum<E, F: DifferentiableForce<E>>(
+        &mut self,
+        integrator: &mut SwitchedIntegrator,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        let stages = &mut integrator.stages;
+        if !(stages.from.xdot < 0.0 && stages.end.xdot > 0.0) {
+            return Ok(());
+        }
+        let [x, xdot] = stages.polynomials(force)?;
+        let Some(theta) = xdot.negated().first_negative() else { return Ok(()) };
+        self.step.all_stages(stages, force)?;
+        let rates: Vec<f64> = (0..self.sizes.len())
+            .map(|column| self.step.polynomials(stages, column)[0].at(theta))
+            .collect();
+        let t = stages.from.t + theta * stages.h;
+        self.validity.note(Limit::Minimum, t, x.at(theta), rates);
+        Ok(())
+    }
+
+    /// A step of flight, shorter ones until the columns are within the tolerances too.
+    pub(super) fn fly_within<E, F: DifferentiableForce<E>>(
+        &mut self,
+        integrator: &mut SwitchedIntegrator,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        std::mem::swap(&mut self.step.from, &mut self.step.end);
+        let before = integrator.clone();
+        let order = integrator.stages.order_of_error();
+        let shortest = 16.0 * f64::EPSILON * before.now.t.abs();
+        for retry in 0.. {
+            let piece = integrator.proceed(t_end, force)?;
+            let Piece::Flight { impact, .. } = piece else {
+                // rest follows an impact that stopped the mass
+                std::mem::swap(&mut self.step.from, &mut self.step.end);
+                return self.other(integrator, piece, force);
+            };
+            if let Some(impact) = impact.filter(|_| integrator.landing.is_none()) {
+                // the last step ended at the wall
+                std::mem::swap(&mut self.step.from, &mut self.step.end);
+                self.strike(&impact, integrator.wall.e(), force)?;
+                return Ok(piece);
+            }
+            let h = integrator.stages.h;
+            let error = self.fly(integrator, force)?;
+            let factor = SAFETY * error.powf(-1.0 / order);
+            if error <= 1.0 || retry == RETRIES || h <= shortest {
+                if error > 0.0 {
+                    let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
+                    integrator.h = integrator.h.map(|next| next.min(longest));
+                }
+                self.flew(integrator, impact, force)?;
+                return Ok(piece);
+            }
+            let factor = if factor > FACTORS.0 { factor.min(SAFETY) } else { FACTORS.0 };
+            let rejected = integrator.counts.rejected + 1;
+            integrator.clone_from(&before);
+            integrator.counts.rejected = rejected;
+            integrator.h = Some(factor * h);
+        }
+        Err(Failure::Status(Status::Internal))
+    }
+}
+
+/// Whether an impact lies away from the end of the step that was made onto it.
+fn far(total: f64, stages: &Stages) -> bool {
+    (total - stages.h).abs() > NUDGE * stages.h
+}

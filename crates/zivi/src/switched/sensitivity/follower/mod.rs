@@ -1,0 +1,244 @@
+//! Follows a run of the switched method with the columns: each step, impact, Zeno point, rest and
+//! lift-off.
+//!
+//! ```text
+//! impact    dt = -X-/v-      dv- = V- + a- dt      du = -e dv- - v- de
+//!           X+ = -u dt       V+ = du - a+ dt       a+- = f(t, 0, x'+-)
+//! ```
+
+mod flight;
+mod rest;
+
+use super::columns::{ColumnStep, Wrt};
+use super::validity::{Limit, Validity};
+use super::zeno::{ChainRates, ZenoRates};
+use crate::record::failure::Failure;
+use crate::switched::integrator::{Mode, Piece, SwitchedIntegrator};
+use crate::switched::stages::{Counted, Point};
+use crate::switched::stepper::Stepper;
+use crate::system::slopes::{DifferentiableForce, Place};
+use crate::Impact;
+
+/// The derivatives of the events, one row for each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(in crate::switched) struct EventRates {
+    pub(in crate::switched) impact_dt: Vec<f64>,
+    pub(in crate::switched) impact_du: Vec<f64>,
+    pub(in crate::switched) zeno: Vec<f64>,
+    pub(in crate::switched) lift_off: Vec<f64>,
+}
+
+/// The columns of a run under way.
+pub(in crate::switched) struct Follower {
+    wrt: Vec<Wrt>,
+    by_e: Option<usize>,
+    /// Magnitudes of what the columns are derivatives by.
+    sizes: Vec<f64>,
+    /// Whether the steps are adapted to the columns too.
+    controlled: bool,
+    pub(in crate::switched) step: ColumnStep,
+    rates: ChainRates,
+    pub(in crate::switched) events: EventRates,
+    pub(in crate::switched) validity: Validity,
+    pub(in crate::switched) path: Option<super::path::ColumnPath>,
+    /// `dt` and `du` of the last impact; of the arrival at rest.
+    dt: Vec<f64>,
+    du: Vec<f64>,
+    /// Of the Zeno point that the chain is about to reach.
+    zeno: ZenoRates,
+    /// Since when the mass rests.
+    resting: Option<f64>,
+    /// The largest distance so far, and when the run ends.
+    pub(in crate::switched) highest: f64,
+    end: f64,
+}
+
+impl Follower {
+    pub(in crate::switched) fn new(
+        wrt: &[Wrt],
+        sizes: &[f64],
+        controlled: bool,
+        end: f64,
+        dense: bool,
+    ) -> Self {
+        let m = wrt.len();
+        let zeros = vec![0.0; m];
+        Self {
+            wrt: wrt.to_vec(),
+            by_e: wrt.iter().position(|&it| it == Wrt::E),
+            sizes: sizes.to_vec(),
+            controlled,
+            step: ColumnStep::new(wrt),
+            rates: ChainRates::new(m),
+            events: EventRates::default(),
+            validity: Validity::new(m),
+            path: dense.then(|| super::path::ColumnPath::new(m)),
+            dt: zeros.clone(),
+            du: zeros,
+            zeno: ZenoRates::default(),
+            resting: None,
+            highest: 0.0,
+            end,
+        }
+    }
+
+    /// The columns where the integrator starts, through an impact if it starts with one.
+    pub(in crate::switched) fn begin<E, F: DifferentiableForce<E>>(
+        &mut self,
+        start: Point,
+        e: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        let pull = force.at(start.t, start.x, start.xdot)?;
+        self.step.end.clear();
+        self.highest = start.x;
+        if start.x == 0.0 && start.xdot == 0.0 {
+            for (dt, wrt) in self.dt.iter_mut().zip(&self.wrt) {
+                *dt = if *wrt == Wrt::T0 { 1.0 } else { 0.0 };
+            }
+            self.resting = Some(start.t);
+            return Ok(());
+        }
+        for (column, wrt) in self.wrt.iter().enumerate() {
+            let (x, v) = match wrt {
+                Wrt::X0 => (1.0, 0.0),
+                Wrt::Xdot0 => (0.0, 1.0),
+                Wrt::T0 => (-start.xdot, -pull),
+                Wrt::E | Wrt::Parameter(_) => (0.0, 0.0),
+            };
+            (self.step.end.x[column], self.step.end.v[column]) = (x, v);
+        }
+        if start.x == 0.0 && start.xdot < 0.0 {
+            let impact =
+                Impact { t: start.t, xdot_before: start.xdot, xdot_after: -e * start.xdot };
+            return self.strike(&impact, e, force);
+        }
+        Ok(())
+    }
+
+    /// Through an impact, from the columns before it to those after it.
+    fn strike<E, F: DifferentiableForce<E>>(
+        &mut self,
+        impact: &Impact,
+        e: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        let Impact { t, xdot_before: v, xdot_after: u } = *impact;
+        let before = force.at(t, 0.0, v)?;
+        let after = force.at(t, 0.0, u)?;
+        if before > 0.0 {
+            // pulled off the wall: v^2/(2 a) is how much higher the lowest point may be
+            let depth = v * v / (2.0 * before);
+            self.validity.note(Limit::Impact, t, depth, self.step.end.x.iter().copied());
+        }
+        let Self { step, dt, du, by_e, .. } = self;
+        for column in 0..dt.len() {
+            let (x, xdot) = (&mut step.end.x[column], &mut step.end.v[column]);
+            dt[column] = -*x / v;
+            let dv = *xdot + before * dt[column];
+            du[column] = -e * dv - if *by_e == Some(column) { v } else { 0.0 };
+            (*x, *xdot) = (-u * dt[column], du[column] - after * dt[column]);
+        }
+        self.validity.note(Limit::End, t, self.end - t, self.dt.iter().copied());
+        self.events.impact_dt.extend_from_slice(&self.dt);
+        self.events.impact_du.extend_from_slice(&self.du);
+        Ok(())
+    }
+
+    /// Once the last impact has been thought about: its part in the chain, and whether the
+    /// derivatives of a Zeno time are known as well as the time.
+    fn weigh<E, F: DifferentiableForce<E>>(
+        &mut self,
+        integrator: &mut SwitchedIntegrator,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        let Some(&last) = integrator.chain.bounces().last() else { return Ok(()) };
+        if last.t != integrator.now.t {
+            return Ok(());
+        }
+        let mut dg = vec![0.0; self.dt.len()];
+        self.wall_rates(last.t, &self.dt.clone(), force, &mut dg)?;
+        dg.iter_mut().for_each(|dg| *dg = -*dg);
+        self.rates.note(&integrator.chain, [&self.dt, &self.du, &dg]);
+        if integrator.zeno.is_none() {
+            return Ok(());
+        }
+        let e = integrator.wall.e();
+        self.zeno = self.rates.zeno(&integrator.chain, e, self.by_e);
+        let rest = integrator.chain.remaining(last);
+        let spent = integrator.chain.is_spent() || rest <= 4.0 * f64::EPSILON * last.t.abs();
+        let tolerance = integrator.zeno_tolerance(&integrator.chain, last.g);
+        let rtol = integrator.settings.rtol;
+        let known = self.zeno.dt.iter().zip(&self.zeno.error).zip(&self.sizes);
+        let mut all =
+            known.map(|((dt, error), size)| error * size <= tolerance + rtol * size * dt.abs());
+        if self.controlled && !spent && !all.all(|known| known) {
+            integrator.zeno = None;
+        }
+        Ok(())
+    }
+
+    /// The derivatives of `f(t, 0, 0)` along a time that moves by `dt`; also `f_t`.
+    fn wall_rates<E, F: DifferentiableForce<E>>(
+        &mut self,
+        t: f64,
+        dt: &[f64],
+        force: &mut Counted<'_, F>,
+        out: &mut [f64],
+    ) -> Result<f64, Failure<E>> {
+        let place = Place { t, x: 0.0, xdot: 0.0 };
+        let slopes = self.step.forcing.slopes(place, true, force)?;
+        for (out, dt) in out.iter_mut().zip(dt) {
+            *out = slopes.t * dt;
+        }
+        self.step.forcing.add_to(out, 1.0);
+        Ok(slopes.t)
+    }
+
+    /// A tail or a rest.
+    fn other<E, F: DifferentiableForce<E>>(
+        &mut self,
+        integrator: &SwitchedIntegrator,
+        piece: Piece,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        let t = integrator.now.t;
+        match piece {
+            Piece::Tail(ref tail) => {
+                self.dt.clone_from(&self.zeno.dt);
+                self.came_to_rest(t, true, force)?;
+                if let Some(path) = &mut self.path {
+                    path.push_tail(tail.start());
+                }
+            }
+            Piece::Rest { from, lifted } => {
+                self.rest((from, t), lifted, force)?;
+                if let Some(path) = &mut self.path {
+                    path.push_rest(from);
+                }
+            }
+            Piece::Flight { .. } => {}
+        }
+        Ok(piece)
+    }
+}
+
+impl<E, F: DifferentiableForce<E>> Stepper<E, F> for Follower {
+    fn step(
+        &mut self,
+        integrator: &mut SwitchedIntegrator,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        if integrator.struck {
+            integrator.settle(t_end, force)?;
+            self.weigh(integrator, force)?;
+        }
+        let jumps = integrator.zeno.is_some_and(|zeno| zeno <= t_end);
+        if jumps || integrator.mode == Mode::Rest {
+            let piece = integrator.proceed(t_end, force)?;
+            return self.other(integrator, piece, force);
+        }
+        self.fly_within(integrator, t_end, force)
+    }
+}
