@@ -423,7 +423,7 @@ def bowl(**parts):
         ({"gaps": [FLOOR, FLOOR]}, "'floor' twice"),
         ({"gaps": [FLOOR, zivi.LinearGap([0, 2], name="again")]}, "'again' is redundant"),
         ({"gaps": [zivi.LinearGap([0, -1], name="roof")], "e": 0.5}, "'roof' must be >= 0"),
-        ({"gaps": [bowl(gradient=lambda t, q: [q[0], 1.0])], "e": 0.5}, "gradient.* of gap 'bowl'"),
+        ({"gaps": [bowl(gradient=lambda t, q: [q[0], 1.0])]}, "gradient.* of gap 'bowl'"),
         (
             {"gaps": [bowl(curvature=lambda t, q, w: w[0] ** 2)], "e": 0.5},
             "curvature of gap 'bowl'",
@@ -433,13 +433,50 @@ def bowl(**parts):
             "'bowl' depends on time",
         ),
         ({"gaps": [bowl(gradient=[[1.0, 2.0]])], "e": 0.5}, "bowl"),
+        ({"gaps": [bowl(gradient=lambda t, q: [1.0])]}, r"gradient of gap 'bowl' must have shape"),
+        ({"gaps": [bowl(gradient=lambda t, q: [np.inf, 1.0])]}, "gradient of gap 'bowl' must be f"),
+        ({"gaps": [bowl(value=lambda t, q: q)]}, r"value of gap 'bowl' must be one number, .*\(2,"),
+        ({"gaps": [bowl(value=lambda t, q: np.nan)]}, "gap 'bowl' must be finite"),
+        ({"gaps": [bowl(curvature=lambda t, q, w: w)]}, "curvature of gap 'bowl' must be one"),
+        ({"gaps": [bowl(rate=lambda t, q: q)]}, "rate of gap 'bowl' must be one number"),
+        ({"gaps": [bowl(rate=lambda t, q: np.nan)]}, "rate of gap 'bowl' must be finite"),
+        (
+            {"gaps": [bowl(gradient=lambda t, q: [0.0, 0.0], value=lambda t, q: 1.0)]},
+            "gradient of gap 'bowl' must not be zero",
+        ),
+        ({"gaps": [FLOOR, bowl(), bowl(name="basin")]}, "'basin' is redundant: it is gap 'bowl'"),
+        ({"mass": np.zeros((0, 0))}, r"mass must have shape \(n, n\) with n >= 1"),
+        ({"mass": np.ones((2, 3))}, r"mass must have shape \(n, n\)"),
+        ({"mass": lambda t, q: np.full((2, 2), np.nan)}, "mass must be finite at the start"),
         ({"gaps": [bowl(rate=0.3)], "e": 0.5}, "rate of gap 'bowl'"),
         ({"coordinates": ["x"]}, "coordinates must be 2 names"),
     ],
 )
 def test_bad_systems_are_named(changes, told):
     with pytest.raises(ValueError, match=told):
-        zivi.simulate(box(**changes), (0, 1), ([0.1, 0.5], [0.5, 0.0]))
+        zivi.simulate(box(**{"e": 0.5} | changes), (0, 1), ([0.1, 0.5], [0.5, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "status", "told"),
+    [
+        ({"mass": lambda t, q: np.diag([1 - t, 1])}, "MASS_NOT_DEFINITE", "mass matrix"),
+        (
+            {"mass": lambda t, q: [[1, 0.1 * (t > 1)], [0, 1]]},
+            "MASS_NOT_DEFINITE",
+            "not symmetric",
+        ),
+        ({"mass": lambda t, q: np.diag([np.nan if t > 1 else 1, 1])}, "FORCE_NOT_FINITE", "mass"),
+        ({"force": lambda t, q, w: [0, np.nan if t > 1 else -9.81]}, "FORCE_NOT_FINITE", "force"),
+    ],
+)
+def test_what_goes_wrong_later_is_a_status_and_keeps_the_run(changes, status, told):
+    sol = zivi.simulate(box(**changes), (0, 3), ([0.0, 0.5], [0.1, 0.0]))
+    assert sol.status.name == status
+    assert told in sol.message
+    assert sol.t[-1] == pytest.approx(1.0, abs=1e-3)
+    assert len(sol.impacts) > 2
+    assert sol(0.2)[0, 1] == pytest.approx(0.5 - 9.81 * 0.02, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -448,11 +485,13 @@ def test_bad_systems_are_named(changes, told):
         ({"mass": "heavy"}, "mass must be an array, a function"),
         ({"gaps": 3}, "gaps must be a sequence"),
         ({"gaps": [lambda t, q: q[1]]}, r"gaps\[0\] must be a zivi.Gap"),
+        ({"force": lambda t, q, w: ["a", "b"]}, "force must hold real numbers"),
+        ({"gaps": [bowl(value=lambda t, q: "high")], "e": 0.5}, "value of gap 'bowl' must be one"),
     ],
 )
 def test_bad_types_are_named(changes, told):
     with pytest.raises(TypeError, match=told):
-        box(**changes)
+        zivi.simulate(box(**changes), (0, 1), ([0.1, 0.5], [0.5, 0.0]))
 
 
 @pytest.mark.parametrize(
@@ -493,6 +532,8 @@ def test_the_implicit_scheme_comes_to_rest_between_orthogonal_gaps():
 
 
 def test_bad_gaps_and_normals():
+    with pytest.raises(ValueError, match="rate of gap 'bowl' must be one number"):
+        bowl(rate=[0.0, 1.0])
     with pytest.raises(ValueError, match="normal must be a vector"):
         zivi.LinearGap([0.0, 0.0])
     with pytest.raises(TypeError, match="motion must be"):

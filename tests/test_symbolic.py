@@ -175,6 +175,8 @@ def test_bad_parameters(pendulum, name, value, error):
     [
         ({"parameters": {"m": 1.0, "l": 0.5, "g": 9.81}}, "has d, which is no"),
         ({"T": "m*phidot**3"}, "quadratic"),
+        ({"V": "m*g*cos(phi"}, "V must be an expression"),
+        ({"gaps": {"wall": "d +* phi"}}, "gap 'wall' must be an expression"),
         ({"gaps": ["phi + phidot", "d*l*m*g"]}, "not on velocities"),
         ({"Q": [0, 0]}, "each of the 1 coordinates"),
         ({"Q": {"x": 1}}, "has x, which is no coordinate"),

@@ -59,7 +59,10 @@ def _filler(name: str, given: Part, view: Array, arguments: int) -> Filler | Non
     def write(result: Any) -> None:
         if np.shape(result) != shape and not (one and np.size(result) == 1):
             raise ValueError(f"{name} must have shape {shape}, got {np.shape(result)}")
-        view[...] = np.reshape(result, shape) if one else result
+        try:
+            view[...] = np.reshape(result, shape) if one else result
+        except (TypeError, ValueError):
+            raise TypeError(f"{name} must hold real numbers, got {result!r}") from None
 
     if isinstance(given, np.ndarray):
         write(given)
@@ -86,7 +89,9 @@ def _number_filler(name: str, given: Part, view: Array, arguments: int) -> Fille
         try:
             view[0] = result
         except (TypeError, ValueError):
-            told = f"{type(result).__name__} of shape {np.shape(result)}"
-            raise TypeError(f"{name} must be one number, got {told}") from None
+            told = f"{name} must be one number, got {type(result).__name__}"
+            if shape := np.shape(result):
+                raise ValueError(f"{told} of shape {shape}") from None
+            raise TypeError(told) from None
 
     return number

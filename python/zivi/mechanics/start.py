@@ -36,9 +36,7 @@ def check_start(
     """
     look = _Look(model)
     here = look(span[0], q, qdot)
-    for name in model.layout.shapes:
-        if not np.all(np.isfinite(values := getattr(here, name))):
-            raise ValueError(f"{name} must be finite at the start, got {values.tolist()}")
+    _check_finite(system, here)
     check_mass(here.mass)
     for name, gap in zip(system.gap_names, here.gaps, strict=True):
         if gap < -RESOLUTION * (1.0 + float(np.max(np.abs(q)))):
@@ -50,6 +48,20 @@ def check_start(
     _check_rates(system, look, span, q, here)
     _check_curvatures(system, look, span[0], q)
 
+
+def _check_finite(system: MechanicalSystem, here: Evaluation) -> None:
+    for name in ("mass", "force"):
+        if not np.all(np.isfinite(values := getattr(here, name))):
+            raise ValueError(f"{name} must be finite at the start, got {values.tolist()}")
+    for part, name in OF_GAPS.items():
+        for gap, values in zip(system.gap_names, getattr(here, name), strict=True):
+            if not np.all(np.isfinite(values)):
+                told = f"{part} of gap {gap!r}" if part else f"gap {gap!r}"
+                raise ValueError(f"{told} must be finite at the start, got {values.tolist()}")
+
+
+OF_GAPS = {"": "gaps", "gradient": "gradients", "curvature": "curvatures", "rate": "rates"}
+"""Parts of a gap, and what an evaluation calls those of all."""
 
 RESOLUTION = 1e-14
 """What a gap may be below zero by rounding, relative to the coordinates."""

@@ -244,8 +244,8 @@ def _gaps(gaps: Any) -> tuple[Gap, ...]:
 def _matrix(mass: Array) -> Array:
     """Check a constant mass matrix."""
     matrix = mass.reshape(1, 1) if mass.size == 1 else mass
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-        raise ValueError(f"mass must have shape (n, n), got {mass.shape}")
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
+        raise ValueError(f"mass must have shape (n, n) with n >= 1, got {mass.shape}")
     check_mass(matrix)
     return matrix
 

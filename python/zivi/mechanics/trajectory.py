@@ -14,6 +14,7 @@ from zivi.mechanics import labelled
 from zivi.mechanics.linear_motion import LinearMotion
 from zivi.mechanics.reactions import reactions_at
 from zivi.mechanics.system import Model
+from zivi.mechanics.telling import ending
 from zivi.status import Status
 
 if TYPE_CHECKING:
@@ -145,7 +146,7 @@ class MechanicalTrajectory:
             corners=table(CORNER, m, {"t": record.corner_t, "gaps": record.corner_gaps}),
             flags=table(FLAG, m, flags),
             status=Status(record.status),
-            message=record.message,
+            message=ending(record, config["gaps"]),
             nfev=record.nfev,
             n_steps=record.n_steps,
             n_rejected=record.n_rejected,

@@ -124,11 +124,11 @@ class _Words:
     def read(self, what: str, given: Any) -> Any:
         """Give an expression of the user in our symbols; an error names what is unknown."""
         sympy = self.sympy
-        if isinstance(given, str):
-            words = {name: sympy.Symbol(name) for name in self.table}
+        words = {name: sympy.Symbol(name) for name in self.table}
+        try:
             expression = sympy.sympify(given, locals=words)
-        else:
-            expression = sympy.sympify(given)
+        except sympy.SympifyError:
+            raise ValueError(f"{what} must be an expression, got {given!r}") from None
         if not isinstance(expression, sympy.Expr):
             raise TypeError(f"{what} must be one expression, got {type(given).__name__} {given!r}")
         for item, x, w in zip(self.given, self.q, self.w, strict=True):

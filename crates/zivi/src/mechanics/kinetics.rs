@@ -51,6 +51,8 @@ pub(super) struct Kinetics {
 
 /// Left of a diagonal entry of `D_CC` by the other gaps: below this they determine it.
 const REDUNDANT: f64 = 1e-10;
+/// A mass matrix is not symmetric beyond this, relative to its diagonal.
+const SKEW: f64 = 1e-8;
 /// Kinetic cosines below this are rounding.
 const ORTHOGONAL: f64 = 1e-12;
 /// Rounding of an acceleration or a speed of a gap, relative to its terms.
@@ -90,8 +92,9 @@ impl Kinetics {
             return Err(Failure::Status(Status::ForceNotFinite));
         }
         self.mass.copy_from_slice(&self.values[layout.mass()]);
+        let symmetric = is_symmetric(&self.mass, layout.n);
         let definite = cholesky::factor(&mut self.mass, layout.n) > 0.0;
-        if !definite {
+        if !(symmetric && definite) {
             return Err(Failure::Status(Status::MassNotDefinite));
         }
         self.free.copy_from_slice(&self.values[layout.force()]);
@@ -258,6 +261,15 @@ impl Kinetics {
     pub(super) fn b(&self, i: usize) -> f64 {
         self.b[i]
     }
+}
+
+/// Whether a matrix with a positive diagonal is symmetric, but for rounding.
+fn is_symmetric(a: &[f64], n: usize) -> bool {
+    let pairs = (1..n).flat_map(|i| (0..i).map(move |j| (i, j)));
+    pairs.into_iter().all(|(i, j)| {
+        let skew = a[i * n + j] - a[j * n + i];
+        skew * skew <= SKEW * SKEW * (a[i * n + i] * a[j * n + j]).abs()
+    })
 }
 
 /// The gaps of a set do not determine the forces: one of them follows from the others.

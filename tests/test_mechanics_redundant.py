@@ -1,0 +1,106 @@
+"""Contacts whose forces are not determined end a run clearly, wherever they arise."""
+
+import math
+
+import numpy as np
+import pytest
+
+import zivi
+
+METHOD = zivi.SwitchedRK(rtol=1e-9, atol=1e-10)
+G = 9.81
+FEET = [zivi.LinearGap([1, x], name=f"foot {x}") for x in (-1.0, -0.4, 0.4, 1.0)]
+EVERY = tuple(gap.name for gap in FEET)
+FALL = math.sqrt(2 * 0.5 / G)
+"""From a height of 0.5."""
+
+
+def table(e):
+    """A table on four legs in the plane: height and angle."""
+    return zivi.MechanicalSystem(mass=np.diag([1.0, 0.3]), force=[-G, 0], gaps=FEET, e=e)
+
+
+def ball(e, force=(0.0, -G)):
+    """A ball in a corner of three walls that is symmetric."""
+    s, c = math.sin(1), math.cos(1)
+    walls = [("floor", [0, 1]), ("left", [s, c]), ("right", [-s, c])]
+    gaps = [zivi.LinearGap(normal, name=name) for name, normal in walls]
+    return zivi.MechanicalSystem(mass=np.eye(2), force=force, gaps=gaps, e=e)
+
+
+def ramp():
+    """A mass slides along a floor to where a ramp and a wall begin."""
+    gaps = [
+        zivi.LinearGap([0, 1], name="floor"),
+        zivi.LinearGap([-1, 1], 1.0, name="ramp"),
+        zivi.LinearGap([-1, 0], 1.0, name="wall"),
+    ]
+    return zivi.MechanicalSystem(mass=np.eye(2), force=[0, -G], gaps=gaps, e=0.5)
+
+
+def press():
+    """A mass on the ground, and a press that comes down on it: nowhere to go."""
+    gaps = [
+        zivi.LinearGap([1], name="ground"),
+        zivi.Gap(lambda t, q: 1 - t - q[0], [-1.0], rate=-1.0, name="press"),
+    ]
+    return zivi.MechanicalSystem(mass=1.0, force=[-G], gaps=gaps, e=0.5)
+
+
+WALLS = ("floor", "left", "right")
+# what closes, how it starts, when it ends, which gaps are named
+ENDS = {
+    "start at rest": (table(0.5), ([0, 0], [0, 0]), 0.0, EVERY),
+    "start with an impact": (table(0.5), ([0, 0], [-1, 0]), 0.0, EVERY),
+    "flat impact": (table(0.5), ([0.5, 0], [0, 0]), FALL, EVERY),
+    "flat impact, plastic": (table(0.0), ([0.5, 0], [0, 0]), FALL, EVERY),
+    "flat impact, elastic": (table(1.0), ([0.5, 0], [0, 0]), FALL, EVERY),
+    "impact over a contact": (table(0.0), ([0.5, 0.1], [0, 0]), None, EVERY),
+    "landing over a contact": (table(0.5), ([0.5, 0.1], [0, 0]), None, EVERY),
+    "three walls at once": (ball(0.5), ([0, 0.5], [0, 0]), FALL, WALLS),
+    "three walls at the start": (ball(0.5), ([0, 0], [0, 0]), 0.0, WALLS),
+    "accumulations in three walls": (ball(0.5), ([0.05, 0.5], [0.1, 0]), None, WALLS),
+    "sliding contact": (ramp(), ([0, 0], [1, 0]), 1.0, ("floor", "ramp", "wall")),
+    "press on a contact": (press(), ([0.0], [0.0]), 1.0, ("ground", "press")),
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_redundant_contacts_are_told_and_lose_nothing(name):
+    system, start, end, named = ENDS[name]
+    sol = zivi.simulate(system, (0, 3), start, METHOD)
+    assert sol.status is zivi.Status.REDUNDANT_CONTACTS
+    assert not sol.success
+    assert "do not determine their forces" in sol.message
+    assert sol.message.endswith(f"touch: {', '.join(map(repr, named))}.")
+    if end is None:
+        assert len(sol.impacts) > 0
+    else:
+        assert sol.t[-1] == pytest.approx(end, abs=1e-9)
+    # the trajectory holds up to there, and can be evaluated
+    assert sol.t[0] == 0
+    assert np.all(np.isfinite(sol.q))
+    assert sol(sol.t[-1])[0] == pytest.approx(sol.q[-1], abs=1e-12)
+    there = system.at(sol.t[-1], sol.q[-1], sol.qdot[-1])
+    assert there.gaps == pytest.approx(np.zeros(system.m), abs=1e-9)
+
+
+def test_a_table_may_bounce_on_two_legs_or_leave():
+    # no more than two feet touch at a time
+    up = zivi.simulate(table(0.5), (0, 0.3), ([0, 0], [3.0, 0]), METHOD)
+    assert up.success
+    assert up.q[-1, 0] == pytest.approx(3 * 0.3 - G * 0.045, abs=1e-9)
+    elastic = zivi.simulate(table(1.0), (0, 1.5), ([0.5, 0.1], [0, 0]), METHOD)
+    assert elastic.success
+    energy = elastic.qdot**2 @ [0.5, 0.15] + G * elastic.q[:, 0]
+    assert np.ptp(energy) < 1e-9
+
+
+def test_a_corner_of_two_of_the_walls_is_none():
+    # without the floor the ball rests
+    walls = ball(0.5).gaps[1:]
+    free = zivi.MechanicalSystem(mass=np.eye(2), force=[0, -G], gaps=walls, e=0.5)
+    sol = zivi.simulate(free, (0, 3), ([0.05, 0.5], [0.1, 0]), METHOD)
+    assert sol.success
+    assert sol.contacts[-1].all()
+    assert sol.reactions[-1] == pytest.approx(np.full(2, G / (2 * math.cos(1))), rel=1e-9)
