@@ -1,4 +1,4 @@
-"""Mechanical systems against references that follow every impact (tools/mechanical_references.py)."""
+"""Mechanical systems against references that follow every impact (tests/references)."""
 
 import functools
 import json

@@ -12,6 +12,8 @@
 //!
 //! has an error of order `u^(j+2)`; `a` is the pull on the gap while `A` is closed.
 
+use std::collections::TryReserveError;
+
 use super::gap_set::GapSet;
 use crate::switched::chain::{Bounce, Chain};
 
@@ -67,7 +69,17 @@ impl StateChain {
 
     /// Appends an impact whose projected state moves with the rates `f`; a chain that it does not
     /// continue is given up first.
-    pub(super) fn note(&mut self, key: Key, e: f64, bounce: Bounce, z: &[f64], f: &[f64]) {
+    ///
+    /// # Errors
+    /// Where there is no memory for it.
+    pub(super) fn note(
+        &mut self,
+        key: Key,
+        e: f64,
+        bounce: Bounce,
+        z: &[f64],
+        f: &[f64],
+    ) -> Result<(), TryReserveError> {
         if key != self.key || e != self.e {
             self.times = Chain::new(e);
             (self.key, self.e) = (key, e);
@@ -77,8 +89,10 @@ impl StateChain {
             self.rows.clear();
         }
         let (first, left) = (self.times.bounces()[0].t, self.times.remaining(bounce));
+        self.rows.try_reserve(self.width)?;
         self.rows.push(bounce.t - first + left);
         self.rows.extend(z.iter().zip(f).map(|(z, f)| z + left * f));
+        Ok(())
     }
 
     /// The last row of column zero.

@@ -90,20 +90,29 @@ fn pattern(marks: &[Mark]) -> Option<(usize, GapSet)> {
     (gaps.len() >= 2).then_some((p, gaps))
 }
 
-/// Equation (1) for the phase of the last event.
-fn landing(marks: &[Mark], p: usize, scales: &[f64]) -> Option<Landing> {
+/// The events of the phase of the last one, that first, and the ratio of their times.
+fn of_last_phase(marks: &[Mark], p: usize) -> Option<(Vec<&Mark>, f64)> {
     let phase: Vec<&Mark> = marks.iter().rev().step_by(p).take(PHASE.1).collect();
-    let count = phase.len();
-    if count < PHASE.0 {
+    if phase.len() < PHASE.0 {
         return None;
     }
     let gap = |k: usize| phase[k].t - phase[k + 1].t;
     let (r, previous) = (gap(0) / gap(1), gap(1) / gap(2));
     let steady = (r - previous).abs() < RATIO.1 * (1.0 - r);
-    if !(r > 0.0 && r < RATIO.0 && steady) {
-        return None;
-    }
-    let first = phase[count - 1].t;
+    (r > 0.0 && r < RATIO.0 && steady).then_some((phase, r))
+}
+
+/// The sum of the geometric series of the times: where the corner is, without the state.
+fn time_of_corner(marks: &[Mark]) -> Option<f64> {
+    let (p, _) = pattern(marks)?;
+    let (phase, r) = of_last_phase(marks, p)?;
+    Some(phase[0].t + (phase[0].t - phase[1].t) * r / (1.0 - r))
+}
+
+/// Equation (1) for the phase of the last event.
+fn landing(marks: &[Mark], p: usize, scales: &[f64]) -> Option<Landing> {
+    let (phase, r) = of_last_phase(marks, p)?;
+    let first = phase[phase.len() - 1].t;
     let row = |mark: &Mark| -> Vec<f64> {
         std::iter::once(mark.t - first).chain(mark.z.iter().copied()).collect()
     };
@@ -209,7 +218,10 @@ impl Machine {
         }
         let z = self.without_speeds(set)?;
         let error = vec![0.0; 1 + z.len()];
-        let landing = Landing { t: self.now.t, z, error, size: 0.0 };
+        let CornerLog { impacts, openings } = &self.corners;
+        let end = time_of_corner(openings).or_else(|| time_of_corner(impacts));
+        let t = end.map_or(self.now.t, |end| end.max(self.now.t));
+        let landing = Landing { t, z, error, size: 0.0 };
         Ok(Some(Ahead { landing, corner: Some(set) }))
     }
 }

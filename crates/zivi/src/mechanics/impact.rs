@@ -173,7 +173,7 @@ impl Machine {
         let mut rates = v.to_vec();
         rates.extend_from_slice(&self.aside.acceleration);
         let bounce = Bounce { t: self.now.t, u: self.now.v[n + first], g };
-        self.chain.note(key, e, bounce, &z, &rates);
+        self.chain.note(key, e, bounce, &z, &rates)?;
         if g > 0.0 {
             self.ahead = self.end_of_chain(bounce, model)?;
         }
