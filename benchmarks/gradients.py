@@ -46,7 +46,9 @@ class Problem:
         start = {k: moved.pop(k, v) for k, v in self.start.items()}
         system, _ = orbit_data.system_of(self.it["parameters"], **moved)
         y0 = (start["x0"], start["v0"])
-        sol = zivi.simulate(system, self.span, y0, zivi.SwitchedRK(tol, tol), dense_output=False)
+        # as the sensitivities
+        method = zivi.SwitchedRK(tol, tol, flights="rk")
+        sol = zivi.simulate(system, self.span, y0, method, dense_output=False)
         value = sol.zeno_times[-1] if self.label == "zeno" else sol.xdot[-1]
         return float(value), sol.nfev
 

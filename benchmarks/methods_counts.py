@@ -31,8 +31,8 @@ class Run:
 
 
 def switched(order: int, tol: float) -> zivi.SwitchedRK:
-    """Give the method with equal relative and absolute tolerance."""
-    return zivi.SwitchedRK(rtol=tol, atol=tol, order=order)
+    """Give the Runge-Kutta pair with equal relative and absolute tolerance."""
+    return zivi.SwitchedRK(rtol=tol, atol=tol, order=order, flights="rk")
 
 
 def follow(problem: Problem, method: Any, force: Any = None, dense: bool = False) -> Any:

@@ -76,7 +76,7 @@ def assert_is(batch, i, sol, save):
         same(getattr(batch, name)[i], getattr(sol, name)[-1])
     same(batch.rest_time[i], sol.rest_time)
     assert batch.status[i] == sol.status
-    assert batch.nfev[i] == max(sol.nfev, 1)
+    assert batch.nfev[i] == sol.nfev
     assert batch.n_impacts[i] == len(sol.impacts)
     assert batch.n_zeno[i] == len(sol.zeno_times)
     assert batch.n_liftoffs[i] == len(sol.liftoff_times)

@@ -22,8 +22,9 @@ ORDERS = pytest.mark.parametrize("order", [8, 5])
 
 
 def simulate(force, e, span, state, tol=1e-9, **more):
+    """A run of the Runge-Kutta pair, whose dense output this is about."""
     settings = {name: more.pop(name) for name in ("order", "max_step") if name in more}
-    method = zivi.SwitchedRK(rtol=tol, atol=tol, **settings)
+    method = zivi.SwitchedRK(rtol=tol, atol=tol, flights="rk", **settings)
     return zivi.simulate(zivi.ImpactSystem(force, e=e), span, state, method=method, **more)
 
 
@@ -190,7 +191,7 @@ def test_outside_of_the_span(t):
 
 
 def test_only_as_far_as_the_run_came():
-    sol = zivi.simulate(BALL, (0, 3), (1, 0), method=zivi.SwitchedRK(max_steps=3))
+    sol = zivi.simulate(BALL, (0, 3), (1, 0), method=zivi.SwitchedRK(max_steps=3, flights="rk"))
     assert sol.status == zivi.Status.STEP_BUDGET
     assert 0 < sol.t[-1] < 0.4
     assert sol(sol.t[-1])[0] == pytest.approx(sol.x[-1], abs=1e-14)

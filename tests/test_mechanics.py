@@ -39,7 +39,7 @@ SCALAR = [
 @pytest.mark.parametrize("case", range(len(SCALAR)))
 def test_one_coordinate_and_one_gap_are_an_impact_system(case, order):
     force, e, (x, xdot), end = SCALAR[case]
-    method = zivi.SwitchedRK(rtol=1e-9, atol=1e-11, order=order)
+    method = zivi.SwitchedRK(rtol=1e-9, atol=1e-11, order=order, flights="rk")
     one = zivi.simulate(zivi.ImpactSystem(force, e=e), (0, end), (x, xdot), method)
     system = zivi.MechanicalSystem(
         mass=1.0,
@@ -72,6 +72,12 @@ def test_orthogonal_gaps_are_scalar_runs():
     times = np.linspace(0, 3, 50)
     assert sol(times)[0, :, 1] == pytest.approx(below(times)[0], abs=1e-10)
     assert len(sol.flags) == 0
+
+
+def test_flights_by_power_series_are_for_impact_systems():
+    system = box(force=lambda t, q, qdot: [0.0, -9.81])
+    with pytest.raises(ValueError, match="flights must be 'auto' or 'rk' for a MechanicalSystem"):
+        zivi.simulate(system, (0, 1), ([1, 1], [0, 0]), zivi.SwitchedRK(flights="series"))
 
 
 # --- energy

@@ -13,8 +13,8 @@ G = 9.81
 METHODS = pytest.mark.parametrize(
     "method",
     [
-        zivi.SwitchedRK(rtol=1e-10, atol=1e-10),
-        zivi.SwitchedRK(rtol=1e-10, atol=1e-10, order=5),
+        zivi.SwitchedRK(rtol=1e-10, atol=1e-10, flights="rk"),
+        zivi.SwitchedRK(rtol=1e-10, atol=1e-10, order=5, flights="rk"),
         zivi.ThetaGamma(h=1e-3),
     ],
     ids=["order 8", "order 5", "ThetaGamma"],

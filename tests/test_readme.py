@@ -35,8 +35,8 @@ def test_the_snippet_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     plt.close("all")
     assert (tmp_path / "ball.png").stat().st_size > 1000
     (printed,) = re.findall(r"rest_time\)  # (\d+\.\d+):", snippet)
-    assert names["sol"].rest_time == pytest.approx(float(printed), abs=5e-14)
-    assert Ball.of_kappa(1.0, 6.0, kappa=0.41).zeno == pytest.approx(float(printed), abs=1e-13)
+    assert names["sol"].rest_time == pytest.approx(float(printed), abs=1e-15)
+    assert Ball.of_kappa(1.0, 6.0, kappa=0.41).zeno == pytest.approx(float(printed), abs=1e-15)
     assert printed[:-2] in capsys.readouterr().out
 
 
@@ -92,10 +92,22 @@ def test_what_the_default_promises(table):
         cells = re.search(rf"^\| {rtol} \| (\S+) \| (\S+) \| (\S+) \|", page, re.MULTILINE)
         assert max(map(float, cells.groups())) == pytest.approx(float(printed), abs=0.05)
     system = zivi.ImpactSystem(-9.81, kappa=0.41)
-    sol = zivi.simulate(system, (0, 4), (1, 6))
+    sol = zivi.simulate(system, (0, 4), (1, 6), zivi.SwitchedRK(flights="rk"))
     rest, nfev = re.findall(r"rest at (\S+) s after (\d+) evaluations", row)[0]
     assert sol.rest_time == pytest.approx(float(rest), abs=1e-13)
     assert sol.nfev == int(nfev)
+
+
+def test_what_it_promises_to_rounding(table):
+    """The references have a test of their own."""
+    row = table["To rounding"]
+    rest, nfev = re.findall(r"rest at (\S+) s, 3e-16 s from the exact time, after (\d+)", row)[0]
+    for rtol in (1e-4, 1e-12):
+        method = zivi.SwitchedRK(rtol)
+        sol = zivi.simulate(zivi.ImpactSystem(-9.81, kappa=0.41), (0, 4), (1, 6), method)
+        assert sol.rest_time == pytest.approx(float(rest), abs=6e-16)
+        assert sol.rest_time == pytest.approx(Ball.of_kappa(1, 6, kappa=0.41).zeno, abs=6e-16)
+        assert sol.nfev == int(nfev)
 
 
 def test_the_limits_are_those_of_the_page(table):

@@ -129,11 +129,11 @@ def polyline_error(sol):
     return np.max(np.abs(np.interp(times, sol.t, sol.x) - sol(times)[0])) / np.max(sol.x)
 
 
-@pytest.mark.parametrize("order", [5, 8])
+@pytest.mark.parametrize(("order", "flights"), [(5, "rk"), (8, "rk"), (8, "series")])
 @pytest.mark.parametrize("force", [-G, TABLE, zivi.LinearForce(stiffness=40.0, damping=0.1)])
-def test_lines_through_the_samples_draw_the_motion(force, order):
+def test_lines_through_the_samples_draw_the_motion(force, order, flights):
     system = zivi.ImpactSystem(force, e=0.7)
-    sol = zivi.simulate(system, (0, 6), (0.5, 0), zivi.SwitchedRK(order=order))
+    sol = zivi.simulate(system, (0, 6), (0.5, 0), zivi.SwitchedRK(order=order, flights=flights))
     assert polyline_error(sol) < 0.005
     # what is sampled is the motion, in the order of time, each time once
     assert np.all(np.diff(sol.t) > 0)

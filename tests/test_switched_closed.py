@@ -15,7 +15,7 @@ METHODS = pytest.mark.parametrize(
 
 
 def run(force, e, span, state, order=8, tol=1e-10, **more):
-    method = zivi.SwitchedRK(rtol=tol, atol=tol, order=order)
+    method = zivi.SwitchedRK(rtol=tol, atol=tol, order=order, flights="rk")
     return zivi.simulate(zivi.ImpactSystem(force, e=e), span, state, method=method, **more)
 
 

@@ -86,7 +86,7 @@ class Problem:
         values = dataclasses.asdict(self.force)
         e = values.pop("e")
         system = zivi.ImpactSystem(zivi.LinearForce(**values), e=e)
-        method = zivi.SwitchedRK(rtol=TOL, atol=TOL, order=self.order, **settings)
+        method = zivi.SwitchedRK(rtol=TOL, atol=TOL, order=self.order, flights="rk", **settings)
         return zivi.simulate(system, self.span, self.start, method=method)
 
 

@@ -31,7 +31,8 @@ def system_of(case):
 @functools.cache
 def run(name, order, tol):
     case = REFERENCES[name]
-    method = zivi.SwitchedRK(rtol=tol, atol=tol, order=order)
+    # flights by power series have a test of their own
+    method = zivi.SwitchedRK(rtol=tol, atol=tol, order=order, flights="rk")
     span, state = (case["t0"], case["t_end"]), (case["x0"], case["xdot0"])
     return zivi.simulate(system_of(case), span, state, method=method)
 

@@ -18,7 +18,8 @@ import zivi
 G = 9.81
 BALL = zivi.ImpactSystem(-G, e=0.5)
 TABLE = zivi.LinearForce(gravity=G, amplitude=14.715, omega=2 * np.pi, phase=-np.pi / 2)
-ORDER = st.sampled_from([8, 5])
+ORDER = st.sampled_from([8, 5, "series"])
+"""Of the Runge-Kutta pair, or flights by power series."""
 TOLERANCE = st.sampled_from([1e-5, 1e-8, 1e-11])
 RESTITUTION = st.one_of(st.just(0.0), st.floats(0.05, 0.9), st.just(1.0))
 # whole millimetres: what is below the tolerances is looked at elsewhere
@@ -45,7 +46,9 @@ def simulate(force, e, span, state, *, tol=1e-9, atol=None, order=8, **more):
         for name in ("max_step", "first_step", "max_steps", "max_impacts")
         if name in more
     }
-    method = zivi.SwitchedRK(rtol=tol, atol=tol if atol is None else atol, order=order, **settings)
+    flights = {"flights": "series"} if order == "series" else {"flights": "rk", "order": order}
+    atol = tol if atol is None else atol
+    method = zivi.SwitchedRK(rtol=tol, atol=atol, **flights, **settings)
     return zivi.simulate(zivi.ImpactSystem(force, e=e), span, state, method=method, **more)
 
 

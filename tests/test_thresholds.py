@@ -37,7 +37,7 @@ def orbit(gamma, e):
 
 
 def impacts_after(gamma, e, t, u, periods, tol=1e-12, order=8):
-    method = zivi.SwitchedRK(rtol=tol, atol=tol, order=order)
+    method = zivi.SwitchedRK(rtol=tol, atol=tol, order=order, flights="rk")
     span = (t, t + (periods + 0.5) * PERIOD)
     return zivi.simulate(table(gamma, e), span, (0.0, u), method=method).impacts
 

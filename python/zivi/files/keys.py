@@ -87,7 +87,7 @@ SWITCHED_RK = (
     Key("first_step", POSITIVE, "first step", "s", "from the force at the start"),
     Key("max_steps", Whole(1), "steps after which the run ends", "1", "1000000"),
     Key("max_impacts", Whole(3), "impacts of an accumulation after which it ends", "1", "1000000"),
-    Key("flights", Choice(FLIGHTS), "how free flight is computed", default='"rk"'),
+    Key("flights", Choice(FLIGHTS), "how free flight is computed", default='"auto"'),
 )
 METHODS = {
     "SwitchedRK": SWITCHED_RK,

@@ -110,6 +110,8 @@ def check_mechanical_method(method: Any) -> None:
         raise ValueError("ExplicitEuler takes a zivi.ImpactSystem only: use zivi.SwitchedRK()")
     if not isinstance(method, SwitchedRK | MoreauJean | ThetaGamma):
         raise TypeError(f"method must be zivi.SwitchedRK() or zivi.MoreauJean(h), got {method!r}")
+    if isinstance(method, SwitchedRK) and method.flights == "series":
+        raise ValueError("flights must be 'auto' or 'rk' for a MechanicalSystem, got 'series'")
     if isinstance(method, ThetaGamma) and (method.theta, method.gamma, method.solver) != IMPLICIT:
         raise ValueError(
             f"a MechanicalSystem takes zivi.ThetaGamma(h) with its defaults, got {method}"

@@ -191,7 +191,7 @@ impl<const M: usize> Polynomial<M> {
     }
 
     /// The sign just after `theta = 0`: that of the first coefficient that is not zero.
-    fn starts_negative(&self) -> bool {
+    pub(crate) fn starts_negative(&self) -> bool {
         self.coefficients().iter().find(|&&c| c != 0.0).is_some_and(|&c| c < 0.0)
     }
 

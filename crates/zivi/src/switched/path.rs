@@ -33,8 +33,8 @@ pub(super) struct Curve {
 enum Form {
     /// Polynomials of both.
     Both([Bernstein; 2]),
-    /// Powers of `theta` for the position; whether it ends at the wall.
-    Powers(Series, bool),
+    /// Powers of `theta` for the position, the velocity at the start; whether it ends at the wall.
+    Powers(Series, f64, bool),
 }
 
 impl Curve {
@@ -42,8 +42,16 @@ impl Curve {
         Self { start, h, sigma, form: Form::Both(both) }
     }
 
-    pub(super) fn powers(start: f64, h: f64, sigma: f64, a: Series, lands: bool) -> Self {
-        Self { start, h, sigma, form: Form::Powers(a, lands) }
+    /// By powers of the part of the step, the second of which is `h xdot`.
+    pub(super) fn powers(
+        (start, h): (f64, f64),
+        sigma: f64,
+        mut a: Series,
+        xdot: f64,
+        lands: bool,
+    ) -> Self {
+        a[1] = h * xdot;
+        Self { start, h, sigma, form: Form::Powers(a, xdot, lands) }
     }
 
     /// When the step ends.
@@ -55,7 +63,12 @@ impl Curve {
         let theta = theta(t, self.start, self.h);
         let (x, xdot) = match &self.form {
             Form::Both([x, xdot]) => (x.at(theta), xdot.at(theta)),
-            Form::Powers(a, _) => (value(a, theta), value(&derivative(a), theta) / self.h),
+            Form::Powers(a, xdot, _) => {
+                // exactly the state at the start
+                let mut later = derivative(a);
+                later[0] = 0.0;
+                (value(a, theta), xdot + value(&later, theta) / self.h)
+            }
         };
         PathPoint { x: x.max(0.0), xdot, sigma: self.sigma }
     }
@@ -64,7 +77,7 @@ impl Curve {
     pub(super) fn lands(&self) -> bool {
         match &self.form {
             Form::Both([x, _]) => x.coefficients().last() == Some(&0.0),
-            Form::Powers(_, lands) => *lands,
+            Form::Powers(_, _, lands) => *lands,
         }
     }
 
@@ -72,8 +85,9 @@ impl Curve {
     pub(super) fn forms(&self) -> [Polynomial<TERMS>; 2] {
         match &self.form {
             Form::Both(both) => both.map(|p| Polynomial::new(p.coefficients())),
-            Form::Powers(a, _) => {
-                let xdot = derivative(a).map(|a| a / self.h);
+            Form::Powers(a, start, _) => {
+                let mut xdot = derivative(a).map(|a| a / self.h);
+                xdot[0] = *start;
                 [Polynomial::from_powers(*a), Polynomial::from_powers(xdot)]
             }
         }
@@ -103,8 +117,8 @@ pub(super) enum Kind {
         degree: usize,
         h: f64,
     },
-    /// So many powers of the part of a step of length `h`, their coefficients from here on, and
-    /// whether it ends at the wall.
+    /// So many powers of the part of a step of length `h`, at least two, their coefficients from
+    /// here on (the second, `h x'`, as the velocity `x'`), and whether it ends at the wall.
     Series {
         first: usize,
         terms: usize,
@@ -127,7 +141,7 @@ pub(super) struct Segment {
 fn significant(a: &Series) -> usize {
     const NOTHING: f64 = 1e-18;
     let whole: f64 = a.iter().map(|a| a.abs()).sum();
-    a.iter().rposition(|a| a.abs() > NOTHING * whole).map_or(1, |last| last + 1)
+    a.iter().rposition(|a| a.abs() > NOTHING * whole).map_or(2, |last| (last + 1).max(2))
 }
 
 /// The motion at any time of a run, across impacts, Zeno points, rest and lift-off.
@@ -176,9 +190,10 @@ impl DensePath {
                 self.coefficients.extend_from_slice(xdot.coefficients());
                 Kind::Flight { first, degree: x.coefficients().len() - 1, h }
             }
-            Form::Powers(a, lands) => {
+            Form::Powers(a, xdot, lands) => {
                 let terms = significant(a);
                 self.coefficients.extend_from_slice(&a[..terms]);
+                self.coefficients[first + 1] = *xdot;
                 Kind::Series { first, terms, h, lands: *lands }
             }
         };
@@ -259,7 +274,8 @@ impl DensePath {
             Kind::Series { first, terms, h, lands } => {
                 let mut a = [0.0; TERMS];
                 a[..terms].copy_from_slice(&self.coefficients[first..][..terms]);
-                (Form::Powers(a, lands), h)
+                let (step, xdot) = ((segment.start, h), a[1]);
+                return Some(Curve::powers(step, segment.sigma, a, xdot, lands));
             }
             Kind::Tail(_) | Kind::Rest => return None,
         };

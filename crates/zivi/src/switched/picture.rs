@@ -110,11 +110,11 @@ fn draw_flight(
     rows: &mut Vec<Row>,
 ) -> Result<(), TryReserveError> {
     let first = rows.len();
-    rows.try_reserve(parts as usize + 2)?;
+    rows.try_reserve(parts as usize + TERMS)?;
     let length = end - curve.start;
     let inside = (1..parts as usize).map(|k| curve.start + k as f64 / parts * length);
     rows.extend(inside.filter(|&t| curve.start < t && t < end).map(|t| row(t, curve.at(t))));
-    if let Some(apex) = apex(curve).filter(|&t| curve.start < t && t < end) {
+    for apex in apexes(curve).into_iter().filter(|&t| curve.start < t && t < end) {
         let at = first + rows[first..].partition_point(|row| row[0] < apex);
         if rows.get(at).is_none_or(|row| row[0] > apex) {
             rows.insert(at, row(apex, curve.at(apex)));
@@ -136,12 +136,13 @@ fn draw_contact(t: f64, motion: impl Fn(f64) -> PathPoint, rows: &mut Vec<Row>) 
     }
 }
 
-/// Where the velocity first changes its sign downwards.
-fn apex(curve: &Curve) -> Option<f64> {
+/// Where the velocity changes its sign downwards.
+fn apexes(curve: &Curve) -> Vec<f64> {
     let [_, xdot] = curve.forms();
-    let rises = xdot.coefficients().first() > Some(&0.0);
-    let theta = rises.then(|| xdot.first_negative()).flatten()?;
-    Some(curve.start + theta * curve.h)
+    // a step that falls has its first turn at the bottom
+    let skipped = usize::from(xdot.starts_negative());
+    let turns = xdot.crossings(0.0).into_iter().skip(skipped).step_by(2);
+    turns.map(|theta| curve.start + theta * curve.h).collect()
 }
 
 fn draw_tail(

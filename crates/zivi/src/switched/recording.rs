@@ -9,7 +9,7 @@ use super::stages::{Counted, Point};
 use super::stepper::{Plainly, Stepper};
 use super::stops::Stops;
 use super::tail::Tail;
-use super::user_events::{EventHit, Watch};
+use super::user_events::{EventHit, Level, Watch};
 use crate::record::failure::Failure;
 use crate::record::monitor::Pace;
 use crate::record::reserve::Reserve;
@@ -61,7 +61,7 @@ pub(super) struct Running<'e, 'a, E> {
 /// Progress is told in parts of the span.
 const PARTS: usize = 1_000_000;
 
-/// Pieces of one rest that events look at.
+/// Pieces of one part of the motion that events look at.
 const MOST_LOOKS: f64 = 1e6;
 
 /// Most arcs of a tail that events look at one by one. From e = 0.99996 on a tail may have more
@@ -260,10 +260,42 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             Some(contact) if t >= end => contact,
             _ => curve.at(t),
         };
-        let stop = self.watch.along(curve.start, end, at, |it| curve.crossings(it, end));
+        let stop = self.watch_part((curve.start, end), at, |it| curve.crossings(it, end));
         let until = until(&stop, end);
         self.samples.along(until, |t| curve.at(t));
         unless_terminal(stop)
+    }
+
+    /// Events along a part of the motion, which may be longer than a step of an embedded pair would
+    /// be: `max_step` bounds what is looked at in one.
+    fn watch_part(
+        &mut self,
+        (from, end): (f64, f64),
+        motion: impl Fn(f64) -> PathPoint,
+        crossings: impl Fn(Level) -> Vec<f64>,
+    ) -> Result<Option<EventHit>, E> {
+        /// A step of that length is one, whatever rounding makes of it.
+        const ROUNDING: f64 = 1.0 - 1e-9;
+        if self.watch.is_idle() {
+            return Ok(None);
+        }
+        let pieces = (ROUNDING * (end - from) / self.integrator.settings.max_step).ceil();
+        let pieces = pieces.clamp(1.0, MOST_LOOKS) as usize;
+        let mut t = from;
+        for piece in 1..=pieces {
+            let part = piece as f64 / pieces as f64;
+            let next = if piece == pieces { end } else { from + part * (end - from) };
+            let within = |level| {
+                let mut all = crossings(level);
+                all.retain(|&at| (t < at || piece == 1) && at <= next);
+                all
+            };
+            if let Some(stop) = self.watch.along(t, next, &motion, within)? {
+                return Ok(Some(stop));
+            }
+            t = next;
+        }
+        Ok(None)
     }
 
     /// Events by the jump of the velocity.
@@ -320,7 +352,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             if let Some(path) = &mut self.path {
                 path.push_rest(from, end.1.sigma);
             }
-            let stop = self.watch_rest(from, end);
+            let stop = self.watch_part((from, end.0), |_| end.1, |_| Vec::new());
             let until = until(&stop, end.0);
             self.samples.along(until, |_| end.1);
             unless_terminal(stop)?;
@@ -335,26 +367,6 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             }
         }
         Ok(())
-    }
-
-    /// Rest under a constant force is one piece, however long: `max_step` bounds what is looked at
-    /// in one.
-    fn watch_rest(&mut self, from: f64, end: (f64, PathPoint)) -> Result<Option<EventHit>, E> {
-        if self.watch.is_idle() {
-            return Ok(None);
-        }
-        let pieces = ((end.0 - from) / self.integrator.settings.max_step).ceil();
-        let pieces = pieces.clamp(1.0, MOST_LOOKS) as usize;
-        let mut t = from;
-        for piece in 1..=pieces {
-            let part = piece as f64 / pieces as f64;
-            let next = if piece == pieces { end.0 } else { from + part * (end.0 - from) };
-            if let Some(stop) = self.watch.along(t, next, |_| end.1, |_| Vec::new())? {
-                return Ok(Some(stop));
-            }
-            t = next;
-        }
-        Ok(None)
     }
 
     fn came_to_rest(&mut self, t: f64) {

@@ -26,10 +26,11 @@ impl Order {
 /// How free flight is computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Flights {
-    /// By power series where the force is linear ([`crate::Force::linear`]), else by the pair.
+    /// By power series where the force is linear ([`crate::Force::linear`]) and steps are adapted,
+    /// else by the pair.
+    #[default]
     Auto,
     /// By the embedded pair.
-    #[default]
     RungeKutta,
     /// By power series to rounding; the force must be linear.
     Series,
@@ -37,7 +38,7 @@ pub enum Flights {
 
 /// The switched Runge-Kutta method: settings.
 ///
-/// The local error of a step is kept below `atol_i + rtol |y_i|` in `x` (m) and `x'` (m/s), and the
+/// The local error of a step of the pair is kept below `atol_i + rtol |y_i|` in `x` (m) and `x'` (m/s), and the
 /// estimated error of a Zeno time below
 ///
 /// ```text
@@ -63,8 +64,8 @@ pub struct SwitchedRk {
     pub atol: [f64; 2],
     /// Order of the pair (default 8).
     pub order: Order,
-    /// Longest step (s), positive, may be infinite (the default). Also the longest look ahead at
-    /// rest, and the longest time between two looks at the arcs that a jump to rest would skip: a
+    /// Longest step of the pair (s), positive, may be infinite (the default). Also the longest part
+    /// of the motion that events look at in one, the longest look ahead at rest, and the longest time between two looks at the arcs that a jump to rest would skip: a
     /// pulse of the force that is shorter can be overlooked.
     pub max_step: f64,
     /// The first step (s), positive and finite. `None` (the default): from the force and its

@@ -6,8 +6,8 @@
 //!           start, sigma, kind, first, degree, h  of each segment,  the coefficients,  the tails ]
 //! ```
 //!
-//! Format 2 has power series among the segments, whose `degree` is how many terms they have; what
-//! is in format 1 is read as well.
+//! Format 2 has power series among the segments, whose `degree` is how many terms they have and whose
+//! second coefficient is the velocity at the start; what is in format 1 is read as well.
 //!
 //! Counts are below 2^53 and exact. Whoever changes what the numbers mean, here or in
 //! [`Tail::to_numbers`], raises [`FORMAT`].
@@ -192,7 +192,7 @@ impl DensePath {
                         && h.is_finite()
                 }
                 Kind::Series { first, terms, h, .. } => {
-                    (1..=TERMS).contains(&terms)
+                    (2..=TERMS).contains(&terms)
                         && first + terms <= self.coefficients.len()
                         && h > 0.0
                         && h.is_finite()
@@ -229,10 +229,13 @@ fn segment(numbers: &[f64]) -> Option<Segment> {
 mod tests {
     use super::*;
     use crate::{
-        simulate_switched_rk, LinearForce, Output, Physical, Restitution, Silent, SwitchedRk,
+        simulate_switched_rk, Flights, LinearForce, Output, Physical, Restitution, Silent,
+        SwitchedRk,
     };
 
-    fn path() -> DensePath {
+    const KINDS: [Flights; 2] = [Flights::RungeKutta, Flights::Series];
+
+    fn path(flights: Flights) -> DensePath {
         let mut table = LinearForce {
             stiffness: 0.0,
             damping: 0.0,
@@ -243,15 +246,15 @@ mod tests {
         };
         let (start, wall) = (Physical { x: 0.2, xdot: 0.0 }, Restitution::from_e(0.5).unwrap());
         let output = Output { dense: true, ..Output::default() };
-        let method = SwitchedRk::default();
+        let method = SwitchedRk { flights, ..SwitchedRk::default() };
         simulate_switched_rk(method, wall, &mut table, (0.0, 3.0), start, output, &mut Silent)
             .unwrap()
             .path
             .unwrap()
     }
 
-    fn motion() -> Motion {
-        let path = path();
+    fn motion(flights: Flights) -> Motion {
+        let path = path(flights);
         Motion {
             tails: path.tails.clone(),
             path: Some(path),
@@ -261,25 +264,32 @@ mod tests {
 
     #[test]
     fn a_motion_comes_back_as_it_was() {
-        let dense = motion();
-        assert!(!dense.tails.is_empty());
-        for path in [None, Some(DensePath::default()), dense.path.clone()] {
-            for tails in [Vec::new(), dense.tails.clone()] {
-                let motion = Motion { path: path.clone(), tails, wall: dense.wall };
-                assert_eq!(Motion::from_numbers(&motion.to_numbers()), Ok(motion));
+        for dense in KINDS.map(motion) {
+            assert!(!dense.tails.is_empty());
+            for path in [None, Some(DensePath::default()), dense.path.clone()] {
+                for tails in [Vec::new(), dense.tails.clone()] {
+                    let motion = Motion { path: path.clone(), tails, wall: dense.wall };
+                    assert_eq!(Motion::from_numbers(&motion.to_numbers()), Ok(motion));
+                }
             }
         }
     }
 
     #[test]
     fn numbers_that_do_not_fit_together_are_refused() {
-        let numbers = motion().to_numbers();
+        refused(&motion(Flights::RungeKutta), 2.0, &[8.0, 9.0, 1e15]);
+        refused(&motion(Flights::Series), 3.0, &[0.0, 1.0, 25.0, 1e15]);
+    }
+
+    /// Of a flight of this kind, which never has one of these degrees.
+    fn refused(motion: &Motion, kind: f64, degrees: &[f64]) {
+        let numbers = motion.to_numbers();
         for n in 0..numbers.len() {
             assert_eq!(Motion::from_numbers(&numbers[..n]), Err(MotionError::Damaged), "{n}");
         }
-        let path = MOTION_HEAD + TAIL_NUMBERS * motion().tails.len();
+        let path = MOTION_HEAD + TAIL_NUMBERS * motion.tails.len();
         let first = path + HEAD;
-        let flight = (0..).find(|i| numbers[first + OF_SEGMENT * i + 2] == 2.0).unwrap();
+        let flight = (0..).find(|i| numbers[first + OF_SEGMENT * i + 2] == kind).unwrap();
         let flight = first + OF_SEGMENT * flight;
         let not_there = [numbers[path + 1] - 1.0, 1e6, 8e15];
         let wrong: Vec<(usize, &[f64])> = vec![
@@ -297,7 +307,7 @@ mod tests {
             (first + 1, &[0.0, 2.0]),                   // its branch
             (first + 2, &[5.0, 7.0]),                   // its kind
             (flight + 3, &not_there),                   // coefficients that are not there
-            (flight + 4, &[8.0, 9.0, 1e15]),            // a degree that no step has
+            (flight + 4, degrees),                      // a degree that no step has
             (flight + 5, &[0.0, -1.0, f64::INFINITY]),  // its length
         ];
         for (k, values) in wrong {
@@ -319,9 +329,12 @@ mod tests {
     /// Whatever the numbers are, a motion that is made of them can be asked for anything.
     #[test]
     fn numbers_changed_at_random_give_an_error_or_a_motion() {
+        KINDS.into_iter().for_each(|flights| changed_at_random(&motion(flights).to_numbers()));
+    }
+
+    fn changed_at_random(whole: &[f64]) {
         const VALUES: [f64; 12] =
             [0.0, -0.0, 1.0, -1.0, 2.0, 0.5, 8.0, 1e9, 1e300, 5e-324, f64::INFINITY, f64::NAN];
-        let whole = motion().to_numbers();
         let mut draw = 5_u64;
         let mut below = |n: usize| {
             draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -329,7 +342,7 @@ mod tests {
         };
         let mut made = 0;
         for _ in 0..20_000 {
-            let mut numbers = whole.clone();
+            let mut numbers = whole.to_vec();
             for _ in 0..=below(3) {
                 // mostly in the counts, which are at the beginning
                 let k = if below(2) == 0 { below(60) } else { below(whole.len()) };

@@ -72,6 +72,10 @@ impl SwitchedIntegrator {
             match piece {
                 Piece::Flight { from, sigma, .. } if integrator.now.t > from.t => {
                     for k in 0..integrator.curves::<E, F>() {
+                        if k > 0 {
+                            // one of many steps at once
+                            integrator.spend()?;
+                        }
                         path.make_room(reserve)?;
                         path.push_flight(&integrator.curve(k, *sigma, force)?);
                     }

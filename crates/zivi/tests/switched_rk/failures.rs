@@ -1,9 +1,9 @@
 //! Runs that cannot go on: they say why, and what they computed is valid.
 
 use zivi::{
-    simulate_switched_rk, ConstantForce, Failure, Force, FunctionForce, LinearForce, Monitor,
-    Order, Output, Physical, Quantity, Restitution, Silent, Status, SwitchedIntegrator, SwitchedRk,
-    SwitchedRun,
+    simulate_switched_rk, ConstantForce, Failure, Flights, Force, FunctionForce, LinearForce,
+    Monitor, Order, Output, Physical, Quantity, Restitution, Silent, Status, SwitchedIntegrator,
+    SwitchedRk, SwitchedRun,
 };
 
 use crate::problems::settings;
@@ -106,7 +106,7 @@ fn a_monitor_can_end_the_run_and_is_told_the_progress() {
         }
     }
     let mut monitor = Curious(Vec::new(), 0);
-    let settings = SwitchedRk { max_step: 1e-4, ..SwitchedRk::default() };
+    let settings = SwitchedRk { max_step: 1e-4, ..settings(Order::Eight, 1e-6) };
     let run = simulate_switched_rk(
         settings,
         wall(),
@@ -161,7 +161,9 @@ fn a_long_chain_exhausts_its_budget_and_can_be_resumed() {
 
 #[test]
 fn a_budget_of_steps_ends_the_run_and_can_be_resumed() {
-    let settings = SwitchedRk { max_steps: 40, max_step: 0.01, ..SwitchedRk::default() };
+    let flights = Flights::RungeKutta;
+    let small = SwitchedRk { max_step: 0.01, flights, ..SwitchedRk::default() };
+    let settings = SwitchedRk { max_steps: 40, ..small };
     let stopped = run(settings, &mut ConstantForce(-9.81), 1.0);
     assert_eq!(stopped.trajectory.status, Status::StepBudget);
     assert!((last_time(&stopped) - 0.37).abs() < 0.03);
@@ -173,8 +175,7 @@ fn a_budget_of_steps_ends_the_run_and_can_be_resumed() {
         parts += 1;
         assert!(parts < 10);
     }
-    let whole =
-        run(SwitchedRk { max_step: 0.01, ..SwitchedRk::default() }, &mut ConstantForce(-9.81), 0.9);
+    let whole = run(small, &mut ConstantForce(-9.81), 0.9);
     let x = *whole.trajectory.columns.of(Quantity::X).last().unwrap();
     assert!(parts > 2 && (integrator.state().x - x).abs() < 1e-13);
 }

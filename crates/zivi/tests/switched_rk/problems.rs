@@ -5,8 +5,8 @@ use std::fs;
 
 use serde_json::Value;
 use zivi::{
-    simulate_switched_rk, Force, LinearForce, Order, Output, Physical, Restitution, Silent, Status,
-    SwitchedRk, SwitchedRun,
+    simulate_switched_rk, Flights, Force, LinearForce, Order, Output, Physical, Restitution,
+    Silent, Status, SwitchedRk, SwitchedRun,
 };
 
 pub(crate) type Run = SwitchedRun<Infallible>;
@@ -89,7 +89,7 @@ impl Reference {
 }
 
 pub(crate) fn settings(order: Order, tol: f64) -> SwitchedRk {
-    SwitchedRk { order, ..SwitchedRk::with_tol(tol) }
+    SwitchedRk { order, flights: Flights::RungeKutta, ..SwitchedRk::with_tol(tol) }
 }
 
 /// A completed run with dense output.

@@ -1,6 +1,6 @@
 //! The stored trajectories, computed in closed form between events with 50 digits.
 
-use zivi::{Order, Quantity, SwitchedRk};
+use zivi::{Order, Quantity};
 
 use crate::problems::{end, settings, Reference, Run};
 
@@ -93,7 +93,7 @@ fn the_evaluations_of_the_force_are_those_of_the_method() {
 
 #[test]
 fn samples_are_consistent() {
-    let run = Reference::named("T3").simulate(SwitchedRk::with_tol(1e-8));
+    let run = Reference::named("T3").simulate(settings(Order::Eight, 1e-8));
     let of = |quantity| run.trajectory.columns.of(quantity);
     let (t, x, xdot) = (of(Quantity::T), of(Quantity::X), of(Quantity::Xdot));
     let (s, v) = (of(Quantity::S), of(Quantity::V));

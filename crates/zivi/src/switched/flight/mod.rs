@@ -85,8 +85,8 @@ impl<E, F: Force<E>> FreeFlight<E, F> for PowerSeries<'_> {
 
     fn curve(&mut self, k: usize, sigma: f64, _: &mut Counted<'_, F>) -> Result<Curve, Failure<E>> {
         let Some(series) = &self.0.series else { return Err(Failure::Status(Status::Internal)) };
-        let (a, start, h, lands) = series.part(k);
-        Ok(Curve::powers(start, h, sigma, a, lands))
+        let (a, step, xdot, lands) = series.part(k);
+        Ok(Curve::powers(step, sigma, a, xdot, lands))
     }
 }
 
@@ -95,6 +95,7 @@ impl SwitchedIntegrator {
     pub(super) fn adopt<E, F: Force<E>>(&mut self, force: &F) {
         let law = match self.settings.flights {
             Flights::RungeKutta => None,
+            Flights::Auto if !self.settings.adaptive => None,
             Flights::Auto | Flights::Series => force.linear(),
         };
         self.series = match (self.series.take(), law) {

@@ -140,17 +140,20 @@ impl SeriesFlight {
         self.piece.step.doublings.map_or(1, |j| 1 << j)
     }
 
-    /// The power series of a part of the last piece, where it starts, its length (s), and whether it
-    /// ends at the wall.
-    pub(in crate::switched) fn part(&self, k: usize) -> (Series, f64, f64, bool) {
+    /// The power series of a part of the last piece, where it starts and its length (s), the
+    /// velocity there, and whether it ends at the wall.
+    pub(in crate::switched) fn part(&self, k: usize) -> (Series, (f64, f64), f64, bool) {
         let Flown { from, step, .. } = self.piece;
         let Step { start, length, doublings, lands, .. } = step;
         let h = self.table.h();
-        let Some(j) = doublings else { return (step.series(), from.t, length * h, lands) };
+        let Some(j) = doublings else {
+            return (step.series(), (from.t, length * h), from.xdot, lands);
+        };
         let at = (0..j).filter(|bit| k >> bit & 1 == 1);
         let start = at.fold(start, |start, bit| self.table.jump(&start, bit));
+        let xdot = if k == 0 { from.xdot } else { start.v / h };
         let from = from.after(k as f64 * h, 0.0, 0.0);
-        (self.table.series(&start), from.t, h, false)
+        (self.table.series(&start), (from.t, h), xdot, false)
     }
 
     /// The clock at the next lift-off from rest, up to `t_end`, where that is known in closed form.
