@@ -288,3 +288,44 @@ def test_mechanical_systems_are_refused_by_name():
         zivi.sensitivity(drop, (0, 1), (1, 0))
     with pytest.raises(TypeError, match=r"there for a zivi\.ImpactSystem"):
         zivi.periodic_orbit(drop, [(0.6, 2.1)])
+
+
+def kicked(t: float, x: float, xdot: float, pull: float) -> float:
+    """A spring; from t = 2 on a pull more."""
+    return -1.0 - 4.0 * x - 0.1 * xdot + (pull if t >= 2.0 else 0.0)
+
+
+def test_the_derivatives_across_a_jump_are_the_product_of_those_on_its_sides():
+    # an impact shortly before the jump of the force, and some after it
+    force = zivi.ParametricForce(kicked, {"pull": -0.7})
+    system = zivi.ImpactSystem(force, e=0.8)
+    s = zivi.sensitivity(system, (0, 4), (1, 0.2), tstops=[2.0], method=tight(1e-11))
+    k = int(np.sum(s.trajectory.impacts["t"] < 2))
+    assert 1 <= k < len(s.trajectory.impacts)
+    sides, state = [], (1.0, 0.2)
+    for span, pull in (((0, 2), 0.0), ((2, 4), -0.7)):
+        linear = zivi.LinearForce(stiffness=4.0, damping=0.1, gravity=1.0 - pull)
+        side = zivi.sensitivity(zivi.ImpactSystem(linear, e=0.8), span, state, method=tight(1e-11))
+        sides.append(side.monodromy)
+        state = (side.trajectory.x[-1], side.trajectory.xdot[-1])
+    np.testing.assert_allclose(s.monodromy, sides[1] @ sides[0], rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(s(2.0), sides[0], rtol=1e-8, atol=1e-8)
+    # one that is not told of the jump is far off, or takes far more steps
+    blind = zivi.sensitivity(system, (0, 4), (1, 0.2), method=tight(1e-11))
+    assert blind.trajectory.nfev > 1.3 * s.trajectory.nfev
+
+
+def test_a_jump_that_throws_a_resting_mass_off_is_at_a_fixed_time():
+    force = zivi.ParametricForce(lambda t, x, v, p: -9.81 if t < 3.0 else p, {"p": 2.0})
+    s = zivi.sensitivity(
+        zivi.ImpactSystem(force, e=0.5), (0, 4), (1, 0), ("x0", "p"), tstops=[3.0]
+    )
+    assert s.trajectory.liftoff_times.tolist() == [3.0]
+    assert not s.liftoff_times.any()
+    np.testing.assert_allclose(s.final, [[0, 0.5], [0, 1.0]], atol=1e-9)
+    # the Zeno point, at 1.35 s, may be moved to the jump
+    zeno = s.trajectory.zeno_times[0]
+    assert s.limits[0].kind == "stop"
+    assert math.isclose(s.radius[0], (3.0 - zeno) / s.zeno_times[0, 0], rel_tol=1e-9)
+    with pytest.raises(ValueError, match="tstops must"):
+        zivi.sensitivity(zivi.ImpactSystem(force, e=0.5), (0, 4), (1, 0), tstops=[math.nan])

@@ -292,6 +292,7 @@ def sensitivity(
     controlled: bool,
     dense: bool,
     drawn: bool,
+    tstops: _Array,
     times: _Array,
     progress: Any = None,
 ) -> SensitivityRecord: ...

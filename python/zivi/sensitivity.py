@@ -19,7 +19,7 @@ from zivi._misplaced import told
 from zivi._parameters import INITIAL, check_differentiable, codes_of, parameter, slopes_spec
 from zivi._progress import ProgressBar
 from zivi.methods import SwitchedRK
-from zivi.simulate import as_raised, pair, with_partial
+from zivi.simulate import as_raised, pair, stop_times, with_partial
 from zivi.system import ImpactSystem
 from zivi.trajectory import Trajectory
 
@@ -62,15 +62,15 @@ class Nearest(NamedTuple):
     """The event that limits a derivative: what it is, when, and how far the run is from it."""
 
     kind: str
-    """``impact`` (one may vanish), ``minimum`` (one may appear), ``zeno``, ``rest``, ``liftoff``
-    or ``end`` (an event may pass the end of the run)."""
+    """``impact`` (one may vanish), ``minimum`` (one may appear), ``zeno``, ``rest``, ``liftoff``,
+    ``end`` (an event may pass the end of the run) or ``stop`` (one of `tstops`)."""
     t: float
     """When (s)."""
     depth: float
-    """A height (m) for impacts and minima, a force (m/s^2) or, at the end, a time (s)."""
+    """A height (m) for impacts and minima, a force (m/s^2) or, at the end and at stops, a time (s)."""
 
 
-KINDS = ("impact", "minimum", "zeno", "rest", "liftoff", "end")
+KINDS = ("impact", "minimum", "zeno", "rest", "liftoff", "end", "stop")
 DEFAULT = SwitchedRK()
 
 
@@ -217,6 +217,7 @@ class _Problem:
     wrt: tuple[str, ...]
     method: SwitchedRK
     errsens: bool
+    stops: Array
     codes: list[int]
     sizes: Array
 
@@ -229,15 +230,17 @@ class _Problem:
         wrt: tuple[str, ...],
         method: SwitchedRK,
         errsens: bool,
+        stops: Array,
     ) -> _Problem:
         codes = codes_of(system, wrt)
         starts = {"x0": state[0], "xdot0": state[1], "t0": span[1] - span[0]}
         values = [starts[name] if name in INITIAL else parameter(system, name) for name in wrt]
         sizes = np.array([abs(value) or 1.0 for value in values])
-        return cls(system, span, state, wrt, method, errsens, codes, sizes)
+        return cls(system, span, state, wrt, method, errsens, stops, codes, sizes)
 
     def with_wrt(self, wrt: tuple[str, ...]) -> _Problem:
-        return _Problem.of(self.system, self.span, self.state, wrt, self.method, self.errsens)
+        system, span, state, method = self.system, self.span, self.state, self.method
+        return _Problem.of(system, span, state, wrt, method, self.errsens, self.stops)
 
     def record(
         self, span: tuple[float, float], times: Array, dense: bool, progress: bool | None = False
@@ -254,6 +257,7 @@ class _Problem:
                 controlled=self.errsens,
                 dense=dense,
                 drawn=dense,
+                tstops=self.stops,
                 times=times,
                 progress=bar.report,
             )
@@ -317,6 +321,7 @@ def sensitivity(
     *,
     errsens: bool = True,
     dense_output: bool = True,
+    tstops: ArrayLike | None = None,
     progress: bool | None = None,
 ) -> Sensitivity:
     r"""Simulate a system with the derivatives of the run, through impacts and Zeno points.
@@ -352,6 +357,9 @@ def sensitivity(
         are those of the state divided by the size of the parameter).
     dense_output : bool
         Whether the trajectory keeps the motion between its samples.
+    tstops : array_like, optional
+        Times where the force, or one of its derivatives, jumps (s), as in `simulate`. They are
+        fixed: what moves them is not differentiated by.
     progress : bool, optional
         Show a progress bar once a run lasts longer than a second; by default on a terminal only.
 
@@ -383,8 +391,9 @@ def sensitivity(
     for name, value in (("errsens", errsens), ("dense_output", dense_output)):
         if not isinstance(value, bool):
             raise TypeError(f"{name} must be True or False, got {value!r}")
+    stops = stop_times(tstops, method)
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     if not names or len(set(names)) != len(names):
         raise ValueError(f"wrt must be one or more different names, got {names!r}")
-    problem = _Problem.of(system, span, state, names, method, errsens)
+    problem = _Problem.of(system, span, state, names, method, errsens, stops)
     return problem.solve(dense_output, progress)

@@ -184,7 +184,7 @@ def simulate(
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
     times = None if t_eval is None else times_within(t_eval, span)
-    stops = _stops(tstops, method)
+    stops = stop_times(tstops, method)
     watched = events_of(events)
     with ProgressBar(progress) as bar, listening([system._spec]) as ear:
         course = Course(
@@ -230,7 +230,7 @@ def _mechanical(
     q, qdot = state_of(y0, system._n)
     times = None if t_eval is None else times_within(t_eval, span)
     asked = Asked(
-        span, q, qdot, times, _stops(tstops, method), mechanical_events(events), dense_output
+        span, q, qdot, times, stop_times(tstops, method), mechanical_events(events), dense_output
     )
     with ProgressBar(progress) as bar, listening([("compiled",)]) as ear:
         sol, error = run_mechanical(system, method, asked, bar.report)
@@ -260,7 +260,7 @@ def pair(name: str, value: Any, form: str) -> tuple[float, float]:
     return real(name, first), real(name, second)
 
 
-def _stops(tstops: ArrayLike | None, method: Method) -> np.ndarray:
+def stop_times(tstops: ArrayLike | None, method: Method) -> np.ndarray:
     """Return the declared breaks of the force, ascending and each once."""
     if tstops is None:
         return NO_STOPS

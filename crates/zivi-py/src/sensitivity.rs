@@ -49,7 +49,7 @@ fn wrt_of(codes: &[i64]) -> PyResult<Vec<Wrt>> {
 
 /// A run of the switched method with its derivatives.
 #[pyfunction]
-#[pyo3(signature = (force, method, *, wall, span, state, wrt, sizes, controlled, dense, drawn, times, progress=None))]
+#[pyo3(signature = (force, method, *, wall, span, state, wrt, sizes, controlled, dense, drawn, tstops, times, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn sensitivity(
     py: Python<'_>,
@@ -63,17 +63,18 @@ pub(crate) fn sensitivity(
     controlled: bool,
     dense: bool,
     drawn: bool,
+    tstops: PyReadonlyArray1<'_, f64>,
     times: PyReadonlyArray1<'_, f64>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<SensitivityRecord> {
     let (method, wall) = (settings(method)?, crate::transform::wall(wall)?);
     let initial = Physical { x: state.0, xdot: state.1 };
     let wrt = wrt_of(&wrt)?;
-    let (sizes, times) = (sizes.as_slice()?, times.as_slice()?);
+    let (sizes, times, tstops) = (sizes.as_slice()?, times.as_slice()?, tstops.as_slice()?);
     let question = &Question { wrt: &wrt, sizes, controlled, times };
     let watch = &mut Watch { progress };
     let result = with_slopes!(py, force, span.1 - span.0, |force| {
-        let output = Output { dense, drawn, ..Output::default() };
+        let output = Output { tstops, dense, drawn, ..Output::default() };
         zivi::switched::sensitivity::sensitivity(
             method, wall, force, span, initial, output, question, watch,
         )

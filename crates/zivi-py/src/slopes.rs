@@ -30,7 +30,7 @@ impl Parametrised for ParametricForce<'_> {
 
 impl Force<PyErr> for ParametricForce<'_> {
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
-        let value = self.call(&self.callable, Place { t, x, xdot })?;
+        let value = self.call(&self.callable, Place::new(t, x, xdot))?;
         value.bind(self.callable.py()).extract()
     }
 

@@ -148,7 +148,7 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
     run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))
 }
 
-fn check_stops(tstops: &[f64]) -> Result<(), SetupError> {
+pub(super) fn check_stops(tstops: &[f64]) -> Result<(), SetupError> {
     let mut last = f64::NEG_INFINITY;
     for &t in tstops {
         if !(t > last && t.is_finite()) {

@@ -47,9 +47,9 @@ impl<'a, F> Counted<'a, F> {
         self.count
     }
 
-    /// The force itself, and the time at which it is asked instead of `t`.
-    pub(super) fn smooth_at(&mut self, t: f64) -> (&mut F, f64) {
-        (self.force, t.max(self.smooth.0).min(self.smooth.1))
+    /// The force itself, the time at which it is asked instead of `t`, and the window for that.
+    pub(super) fn smooth_at(&mut self, t: f64) -> (&mut F, f64, (f64, f64)) {
+        (self.force, t.max(self.smooth.0).min(self.smooth.1), self.smooth)
     }
 
     pub(super) fn at<E>(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, Failure<E>>

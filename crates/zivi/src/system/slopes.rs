@@ -26,6 +26,16 @@ pub struct Place {
     pub x: f64,
     /// Velocity (m/s).
     pub xdot: f64,
+    /// Times between which the force is smooth: it is asked at no others (s).
+    pub within: (f64, f64),
+}
+
+impl Place {
+    /// A point of a force that is smooth at all times.
+    #[must_use]
+    pub const fn new(t: f64, x: f64, xdot: f64) -> Self {
+        Self { t, x, xdot, within: (f64::NEG_INFINITY, f64::INFINITY) }
+    }
 }
 
 /// A force whose partial derivatives are known.
@@ -139,7 +149,7 @@ impl<E, F: DifferentiableForce<E>, W: DifferentiableWall<E>> DifferentiableForce
         out: &mut [f64],
     ) -> Result<Slopes, E> {
         let [w, wdot, wddot] = self.wall.at(at.t)?;
-        let fixed = Place { t: at.t, x: at.x + w, xdot: at.xdot + wdot };
+        let fixed = Place { x: at.x + w, xdot: at.xdot + wdot, ..at };
         let own = self.force.parameters();
         let mut slopes = Slopes::default();
         let mut known = false;
@@ -221,6 +231,22 @@ pub fn central<E>(
     }
 }
 
+/// A difference by time that asks within a window only: near its ends that of a parabola.
+fn by_time_within<E>(
+    t: f64,
+    scale: f64,
+    (low, high): (f64, f64),
+    mut f: impl FnMut(f64) -> Result<f64, E>,
+) -> Result<f64, E> {
+    let h = difference_step(t, scale);
+    if t - h >= low && t + h <= high {
+        return central(t, scale, f);
+    }
+    let side = if t + 2.0 * h <= high { h } else { -h };
+    let (here, near, far) = (f(t)?, f(t + side)?, f(t + 2.0 * side)?);
+    Ok((4.0 * near - far - 3.0 * here) / (2.0 * side))
+}
+
 impl<E, F: Force<E>> Force<E> for Differenced<F> {
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
         self.force.at(t, x, xdot)
@@ -255,7 +281,7 @@ impl<E, F: Force<E> + Parametrised> DifferentiableForce<E> for Differenced<F> {
         by: &[usize],
         out: &mut [f64],
     ) -> Result<Slopes, E> {
-        let Place { t, x, xdot } = at;
+        let Place { t, x, xdot, within } = at;
         for (out, &index) in out.iter_mut().zip(by) {
             let value = self.force.values()[index];
             let force = &mut self.force;
@@ -271,7 +297,11 @@ impl<E, F: Force<E> + Parametrised> DifferentiableForce<E> for Differenced<F> {
         let [of_t, of_x, of_xdot] = self.scale;
         let force = &mut self.force;
         Ok(Slopes {
-            t: if by_time { central(t, of_t, |t| force.at(t, x, xdot))? } else { 0.0 },
+            t: if by_time {
+                by_time_within(t, of_t, within, |t| force.at(t, x, xdot))?
+            } else {
+                0.0
+            },
             x: central(x, of_x, |x| force.at(t, x, xdot))?,
             xdot: central(xdot, of_xdot, |xdot| force.at(t, x, xdot))?,
         })
@@ -283,7 +313,7 @@ mod tests {
     use super::*;
     use std::convert::Infallible;
 
-    const PLACE: Place = Place { t: 0.7, x: 0.4, xdot: -1.3 };
+    const PLACE: Place = Place::new(0.7, 0.4, -1.3);
 
     fn linear(values: [f64; 6]) -> LinearForce {
         let [stiffness, damping, gravity, amplitude, omega, phase] = values;
@@ -336,11 +366,22 @@ mod tests {
             |t: f64, x: f64, v: f64| Ok::<f64, Infallible>((3.0 * t).sin() * x * x - 0.2 * v * x);
         let mut force = Differenced::new(crate::FunctionForce(f), 1.0);
         let Ok(known) = force.slopes(PLACE, true, &[], &mut []);
-        let Place { t, x, xdot } = PLACE;
+        let Place { t, x, xdot, .. } = PLACE;
         let exact =
             [3.0 * (3.0 * t).cos() * x * x, 2.0 * x * (3.0 * t).sin() - 0.2 * xdot, -0.2 * x];
         for (known, exact) in [known.t, known.x, known.xdot].iter().zip(exact) {
             assert!((known - exact).abs() < 1e-9, "{known} {exact}");
+        }
+    }
+
+    #[test]
+    fn differences_by_time_stay_on_their_side_of_a_jump() {
+        let f = |t: f64, _: f64, _: f64| Ok::<f64, Infallible>(t.sin() + f64::from(t > 0.7));
+        let mut force = Differenced::new(crate::FunctionForce(f), 1.0);
+        for (t, within) in [(0.7 - 1e-9, (0.0, 0.7 - 1e-9)), (0.7 + 1e-9, (0.7 + 1e-9, 2.0))] {
+            let place = Place { within, ..Place::new(t, 0.4, -1.3) };
+            let Ok(known) = force.slopes(place, true, &[], &mut []);
+            assert!((known.t - t.cos()).abs() < 1e-8, "{t}: {}", known.t);
         }
     }
 }

@@ -85,9 +85,9 @@ impl Forcing {
         force: &mut Counted<'_, F>,
     ) -> Result<Slopes, Failure<E>> {
         self.count += 1;
-        let (force, t) = force.smooth_at(at.t);
+        let (force, t, within) = force.smooth_at(at.t);
         force
-            .slopes(Place { t, ..at }, by_time, &self.by, &mut self.values)
+            .slopes(Place { t, within, ..at }, by_time, &self.by, &mut self.values)
             .map_err(Failure::Raised)
     }
 
@@ -168,7 +168,7 @@ impl ColumnStep {
         node: Point,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        let place = Place { t: node.t, x: node.x, xdot: node.xdot };
+        let place = Place::new(node.t, node.x, node.xdot);
         let slopes = self.forcing.slopes(place, false, force)?;
         let (first, m) = (self.known * self.m, self.m);
         let k = &mut self.k[first..][..m];

@@ -7,9 +7,10 @@ use super::follower::Follower;
 use super::validity::Nearest;
 use crate::record::trajectory::SetupError;
 use crate::switched::recording::{Ending, Running};
-use crate::switched::run::{check_span, Output, SwitchedRun};
+use crate::switched::run::{check_span, check_stops, Output, SwitchedRun};
 use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::Counted;
+use crate::switched::stops::Stops;
 use crate::switched::SwitchedIntegrator;
 use crate::system::slopes::DifferentiableForce;
 use crate::{Monitor, Physical};
@@ -89,12 +90,15 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<(SwitchedRun<E>, Derivatives), SetupError> {
     check_span(t0, t1, output.t_eval)?;
+    check_stops(output.tstops)?;
     let mut integrator = SwitchedIntegrator::new(settings, wall)?;
     integrator.start(t0, initial)?;
     integrator.lookout.probing = force.shortest_period().is_none();
     let Question { wrt, sizes, controlled, times } = *question;
-    let mut follower = Follower::new(wrt, sizes, controlled, t1, !times.is_empty());
+    let dense = !times.is_empty();
+    let mut follower = Follower::new(wrt, sizes, controlled, t1, output.tstops, dense);
     let mut force = Counted::new(force);
+    Stops::new(output.tstops, t1).enter(t0, &mut force);
     let begun = follower.begin(integrator.now, wall.e(), &mut force);
     let mut run = Running::new(integrator, t1, &mut output);
     let ending = match begun {

@@ -17,6 +17,8 @@ pub enum Limit {
     LiftOff = 4,
     /// An event near the end of the run passes it.
     End = 5,
+    /// An event near a jump of the force passes it.
+    Stop = 6,
 }
 
 /// The nearest event: what it is, when, and how deep (in its own unit).
@@ -27,7 +29,7 @@ pub struct Nearest {
     /// When (s).
     pub t: f64,
     /// How far the run is from it: a height (m) of an impact or a minimum, a force (m/s^2) at a
-    /// Zeno point, at rest or at a lift-off, a time (s) at the end.
+    /// Zeno point, at rest or at a lift-off, a time (s) at the end and at jumps.
     pub depth: f64,
 }
 

@@ -51,6 +51,8 @@ pub(in crate::switched) struct Follower {
     /// The largest distance so far, and when the run ends.
     pub(in crate::switched) highest: f64,
     end: f64,
+    /// Times at which the force may jump, increasing.
+    stops: Vec<f64>,
 }
 
 impl Follower {
@@ -59,6 +61,7 @@ impl Follower {
         sizes: &[f64],
         controlled: bool,
         end: f64,
+        stops: &[f64],
         dense: bool,
     ) -> Self {
         let m = wrt.len();
@@ -79,6 +82,7 @@ impl Follower {
             resting: None,
             highest: 0.0,
             end,
+            stops: stops.to_vec(),
         }
     }
 
@@ -139,7 +143,7 @@ impl Follower {
             du[column] = -e * dv - if *by_e == Some(column) { v } else { 0.0 };
             (*x, *xdot) = (-u * dt[column], du[column] - after * dt[column]);
         }
-        self.validity.note(Limit::End, t, self.end - t, self.dt.iter().copied());
+        self.note_neighbours(t);
         self.events.impact_dt.extend_from_slice(&self.dt);
         self.events.impact_du.extend_from_slice(&self.du);
         Ok(())
@@ -178,6 +182,16 @@ impl Follower {
         Ok(())
     }
 
+    /// An event at `t` that moves by `self.dt` may pass the end of the run, or a jump of the force.
+    fn note_neighbours(&mut self, t: f64) {
+        self.validity.note(Limit::End, t, self.end - t, self.dt.iter().copied());
+        let after = self.stops.partition_point(|&stop| stop <= t);
+        let near = [after.checked_sub(1), Some(after)];
+        for stop in near.into_iter().flatten().filter_map(|i| self.stops.get(i)) {
+            self.validity.note(Limit::Stop, t, (stop - t).abs(), self.dt.iter().copied());
+        }
+    }
+
     /// The derivatives of `f(t, 0, 0)` along a time that moves by `dt`; also `f_t`.
     fn wall_rates<E, F: DifferentiableForce<E>>(
         &mut self,
@@ -186,7 +200,7 @@ impl Follower {
         force: &mut Counted<'_, F>,
         out: &mut [f64],
     ) -> Result<f64, Failure<E>> {
-        let place = Place { t, x: 0.0, xdot: 0.0 };
+        let place = Place::new(t, 0.0, 0.0);
         let slopes = self.step.forcing.slopes(place, true, force)?;
         for (out, dt) in out.iter_mut().zip(dt) {
             *out = slopes.t * dt;

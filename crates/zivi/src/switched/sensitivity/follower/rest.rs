@@ -25,7 +25,7 @@ impl Follower {
     ) -> Result<(), Failure<E>> {
         self.step.end.clear();
         self.events.zeno.extend_from_slice(&self.dt);
-        self.validity.note(Limit::End, t, self.end - t, self.dt.iter().copied());
+        self.note_neighbours(t);
         if through_chain {
             let pull = -force.at_wall(t)?;
             let mut rates = vec![0.0; self.dt.len()];
@@ -74,7 +74,12 @@ impl Follower {
             self.validity.note(Limit::Rest, from, pull, rates);
         }
         if lifted {
-            self.lift_off(to, to > since, force)?;
+            // at once where the force jumps to a pull: at a fixed time
+            let jumped = from == to && since < to && self.stops.contains(&to);
+            if jumped {
+                self.dt.fill(0.0);
+            }
+            self.lift_off(to, to > since && !jumped, force)?;
         }
         Ok(())
     }
@@ -113,7 +118,7 @@ impl Follower {
                 *v = -pull * dt;
             }
         }
-        self.validity.note(Limit::End, t, self.end - t, self.dt.iter().copied());
+        self.note_neighbours(t);
         self.events.lift_off.extend_from_slice(&self.dt);
         self.resting = None;
         Ok(())
