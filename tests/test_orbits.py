@@ -14,6 +14,8 @@ from zivi.orbits.rest import chatter_exponent
 
 OSCILLATORS = [Oscillator(0.05, 0.9, 0.8), Oscillator(0.02, 1.2, 0.7), Oscillator(0.05, 2.8, 0.8)]
 DONE = zivi.OrbitStatus.COMPLETED
+CRITICAL_03 = 1.946938480312789
+"""Where the resting orbit of e = 0.3 ends: flights in closed form with 50 digits, bisected."""
 
 
 def table(amplitude: float, e: float = 0.5) -> zivi.ImpactSystem:
@@ -241,6 +243,43 @@ def test_the_resting_orbit_ends_where_its_exponent_says():
     beside = zivi.periodic_orbit(table(1.3), [(0.6, 2.1)])
     assert beside.stable
     assert FOLD < 1.3 < end.value
+
+
+@pytest.mark.parametrize(
+    ("e", "start", "critical"),
+    [(0.5, 1.3, None), (0.3, 1.5, CRITICAL_03)],
+    ids=["e=0.5", "e=0.3"],
+)
+def test_the_end_of_rest_takes_few_simulations(e, start, critical):
+    exact = critical or float(orbit_data.references()["C1_critical_chatter_e0.5"]["F_c"])
+    orbit = zivi.periodic_orbit(table(start, e), (0.0, (0.5, 0.0)))
+    branch = zivi.continue_orbit(orbit, "amplitude", (start, 2.1), step=0.2)
+    (end,) = branch.of_kind("end_of_rest")
+    assert abs(end.value / exact - 1) < 1e-10
+    assert branch.n_flights <= 15
+
+
+def test_orbits_beyond_the_end_of_rest_gain_impacts_at_the_universal_rate():
+    # their grazings come closer by mu, the repelling multiplier of critical chatter
+    it = orbit_data.references()["C1_critical_chatter_e0.5"]
+    critical, mu = float(it["F_c"]), float(it["mu"])
+    rests = zivi.periodic_orbit(table(1.5), (0.0, (0.5, 0.0)))
+    branch = zivi.continue_orbit(rests, "amplitude", (1.5, 1.7), step=0.4)
+    orbit = branch.switch(branch.of_kind("end_of_rest")[0])
+    distances = []
+    for k in range(8, 12):
+        assert (orbit.kind, len(orbit.impacts), orbit.status) == ("impacting", k, DONE)
+        branch = zivi.continue_orbit(orbit, "amplitude", (1.5, 1.7))
+        (more,) = branch.of_kind("interior_impact")
+        distances.append(more.value - critical)
+        # the end of rest is seen from here too
+        (appears,) = branch.of_kind("rest_appears")
+        assert abs(appears.value / critical - 1) < 1e-10
+        orbit = branch.switch(more)
+    assert branch.switch(appears).kind == "resting"
+    a, b, c = (distances[i] / distances[i + 1] for i in range(3))
+    assert a > b > c > mu
+    assert abs(c - (c - b) ** 2 / ((c - b) - (b - a)) - mu) < 0.03  # their limit, by Aitken
 
 
 def test_determinant_and_trace_of_the_return_map():

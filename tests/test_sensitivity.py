@@ -317,9 +317,7 @@ def test_the_derivatives_across_a_jump_are_the_product_of_those_on_its_sides():
 
 def test_a_jump_that_throws_a_resting_mass_off_is_at_a_fixed_time():
     force = zivi.ParametricForce(lambda t, x, v, p: -9.81 if t < 3.0 else p, {"p": 2.0})
-    s = zivi.sensitivity(
-        zivi.ImpactSystem(force, e=0.5), (0, 4), (1, 0), ("x0", "p"), tstops=[3.0]
-    )
+    s = zivi.sensitivity(zivi.ImpactSystem(force, e=0.5), (0, 4), (1, 0), ("x0", "p"), tstops=[3.0])
     assert s.trajectory.liftoff_times.tolist() == [3.0]
     assert not s.liftoff_times.any()
     np.testing.assert_allclose(s.final, [[0, 0.5], [0, 1.0]], atol=1e-9)

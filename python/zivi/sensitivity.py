@@ -67,7 +67,8 @@ class Nearest(NamedTuple):
     t: float
     """When (s)."""
     depth: float
-    """A height (m) for impacts and minima, a force (m/s^2) or, at the end and at stops, a time (s)."""
+    """A height (m) for impacts and minima, a time (s) at the end and at stops, else a force
+    (m/s^2)."""
 
 
 KINDS = ("impact", "minimum", "zeno", "rest", "liftoff", "end", "stop")

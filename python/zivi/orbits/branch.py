@@ -40,7 +40,8 @@ class BranchEvent(NamedTuple):
     ----------
     kind : str
         ``fold``, ``period_doubling``, ``grazing`` (an impact dies), ``interior_impact`` (a new
-        one), ``end_of_rest`` (the time at rest vanishes), ``end_of_liftoff``.
+        one), ``end_of_rest`` (the time at rest vanishes), ``end_of_liftoff``, ``rest_appears``
+        (near a new impact they become infinitely many, and the orbit rests).
     value : float
         The parameter.
     orbit : PeriodicOrbit
@@ -124,7 +125,8 @@ class Branch:
         event : BranchEvent
             One of `events`. At a period doubling the orbit of twice the period, a little away; at
             a grazing the orbit without the impact; at an interior impact that with it; at the
-            end of a rest what a simulation beyond settles on; at a fold the orbit there.
+            end of a rest an orbit of finitely many impacts beyond; where rest appears the orbit
+            that rests; at a fold the orbit there.
 
         Returns
         -------
@@ -261,8 +263,22 @@ def _follow(
     status = max((arc.status for arc in arcs), key=_weight)
     orbits = [_orbit(curve, point) for point in points]
     events = [BranchEvent(kind, at.value, _orbit(curve, at, here=True)) for kind, at in found]
+    if away is None:
+        events = [*_rest(curve, arcs[0], span), *events]
+    events += _rest(curve, arcs[-1], span)
     values = np.array([point.value for point in points])
     return Branch(name, orbits, values, events, status, MESSAGES[status], curve.flights)
+
+
+def _rest(curve: Curve, arc: Arc, span: tuple[float, float]) -> list[BranchEvent]:
+    """Give where rest appears beyond the end of an arc, if it does."""
+    from zivi.orbits.rest_appears import rest_beyond
+
+    if arc.status is not OrbitStatus.LEFT_ADMISSIBLE or not arc.events:
+        return []
+    kind, edge = arc.events[-1]
+    found = rest_beyond(curve, edge, span) if kind == "interior_impact" else None
+    return [] if found is None else [BranchEvent("rest_appears", *found)]
 
 
 def _same(one: tuple[str, Point], other: tuple[str, Point]) -> bool:

@@ -75,8 +75,13 @@ def _called(system: ImpactSystem, t: float, x: float, xdot: float) -> float:
     return float(function(t, x, xdot))
 
 
-def resting_orbit(system: ImpactSystem, frame: Frame, phase: float) -> PeriodicOrbit:
-    """Simulate the motion that lifts off first after a time, until it rests and lifts off again."""
+def resting_orbit(
+    system: ImpactSystem, frame: Frame, phase: float, most: int = MOST_PERIODS
+) -> PeriodicOrbit:
+    """Simulate the motion that lifts off first after a time, until it rests and lifts off again.
+
+    At most so many periods are simulated: first two, then all, where there are more.
+    """
     period = frame.period_of(system)
     starts = rises(system, period, phase)
     if not starts:
@@ -85,7 +90,7 @@ def resting_orbit(system: ImpactSystem, frame: Frame, phase: float) -> PeriodicO
         status = OrbitStatus.RESTS if resting else OrbitStatus.NOT_CONVERGED
         return _orbit(system, frame, None, None, np.empty(0, ORBIT_IMPACT), status, why)
     begin = starts[0]
-    for periods in (2, MOST_PERIODS):
+    for periods in sorted({min(2, most), most}):
         run = simulate(
             system, (begin, begin + periods * period), (0.0, 0.0), frame.method, dense_output=False
         )
@@ -93,7 +98,7 @@ def resting_orbit(system: ImpactSystem, frame: Frame, phase: float) -> PeriodicO
         if len(lifts) > 1 and len(zenos):
             break
     if not len(lifts) or not len(zenos) or len(lifts) < 2:
-        why = f"The motion after the lift-off does not rest again within {MOST_PERIODS} periods."
+        why = f"The motion after the lift-off does not rest again within {most} periods."
         empty = np.empty(0, ORBIT_IMPACT)
         return _orbit(system, frame, None, None, empty, OrbitStatus.NOT_CONVERGED, why)
     return _first_return(system, frame, run.impacts, lifts, zenos)

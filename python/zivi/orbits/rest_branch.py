@@ -11,13 +11,20 @@ from zivi.orbits.rest import chatter_exponent, highest_pull, resting_orbit
 from zivi.orbits.sequence import Frame
 from zivi.sensitivity import OrbitStatus
 
-__all__ = ["follow_rest"]
+__all__ = ["Follower", "ending", "follow_rest"]
+
+Inside = tuple[float, PeriodicOrbit]
+"""A value of the parameter, and the resting orbit there."""
 
 CLOSEST = 1e-13
-MOST_SECANTS = 14
+ENOUGH = 1e-11
+"""Two roots in turn that differ by less, relative to them, are the end."""
+SHORT = 1e-2
+"""How far a look stays short of a root, relative to its distance: beyond is nothing to see."""
+MOST_SECANTS = 12
 
 
-class _Follower:
+class Follower:
     """Simulates the orbit at values of the parameter."""
 
     def __init__(self, orbit: PeriodicOrbit, name: str) -> None:
@@ -30,7 +37,7 @@ class _Follower:
         first = self.orbit
         system = with_value(first.system, self.name, value)
         frame = Frame(first.multiple, first._frame.period, first._frame.method)
-        found = resting_orbit(system, frame, self.phase)
+        found = resting_orbit(system, frame, self.phase, first.multiple + 1)
         same = found.success and found.multiple == first.multiple
         return found if same and (found.margin or 0.0) > 0.0 else None
 
@@ -39,7 +46,7 @@ def follow_rest(
     orbit: PeriodicOrbit, name: str, span: tuple[float, float], step: float, most: int
 ) -> Branch:
     """Follow an orbit that rests to both ends of a range, or of itself."""
-    follower = _Follower(orbit, name)
+    follower = Follower(orbit, name)
     width = span[1] - span[0]
     arms = [_arm(follower, end, step * width, most // 2) for end in span]
     (below, first, ends_below), (above, last, ends_above) = arms
@@ -53,34 +60,35 @@ def follow_rest(
 
 
 def _arm(
-    follower: _Follower, end: float, step: float, most: int
+    follower: Follower, end: float, step: float, most: int
 ) -> tuple[list[PeriodicOrbit], BranchEvent | None, OrbitStatus]:
     """Go from the first orbit towards one end of the range."""
     now = follower.orbit
     value = parameter(now.system, follower.name)
     sign = 1.0 if end > value else -1.0
     found: list[PeriodicOrbit] = []
+    before: Inside | None = None
     while len(found) < most and value != end:
         new = value + sign * step
         if sign * (end - new) <= 1e-12 * step:
             new = end
         there = follower.at(new)
         if there is None:
-            event = _ending(follower, (value, now), new)
+            event = ending(follower, (value, now), new, before)
             return found, event, OrbitStatus.LEFT_ADMISSIBLE
         found.append(there)
-        value, now = new, there
+        before, value, now = (value, now), new, there
     status = OrbitStatus.RANGE_END if value == end else OrbitStatus.MAX_POINTS
     return found, None, status
 
 
-def _ending(
-    follower: _Follower, inside: tuple[float, PeriodicOrbit], outside: float
+def ending(
+    follower: Follower, inside: Inside, outside: float, before: Inside | None = None
 ) -> BranchEvent:
     """Find where the branch ends: where the time at rest vanishes, or the lift-off does.
 
     With ``s`` the time at rest ``s^(1/beta)`` is a smooth function of the parameter that vanishes
-    at the end: its secants converge, those of ``s`` hardly do.
+    at the end: its secants converge, those of ``s`` hardly do. `before` is a point further inside.
     """
     lifts = _end_of_liftoff(follower, inside, outside)
     if lifts is not None:
@@ -88,17 +96,21 @@ def _ending(
     beta = chatter_exponent(follower.orbit.system.e)
     value, orbit = inside
     step = outside - value
-    points = [(value, orbit)]
-    near = follower.at(value - 0.25 * step)
-    if near is not None:
-        points.insert(0, (value - 0.25 * step, near))
+    points = [inside]
+    if before is None and (near := follower.at(value - 0.25 * step)) is not None:
+        before = (value - 0.25 * step, near)
+    points = points if before is None else [before, inside]
+    root = np.nan
     for _ in range(MOST_SECANTS):
-        guess = _zero(points, beta, value, outside)
+        last, root = root, _root(points, beta)
+        if abs(root - last) <= ENOUGH * abs(root):
+            break
+        guess = _short_of(root, value, outside)
         if abs(guess - value) <= CLOSEST * max(abs(value), 1e-3):
             break
         there = follower.at(guess)
         if there is None:
-            outside = guess
+            outside, root = guess, np.nan
             if abs(outside - value) <= 4e-12 * abs(value):
                 break
             continue
@@ -108,9 +120,7 @@ def _ending(
     return BranchEvent("end_of_rest", end if np.isfinite(end) else value, orbit)
 
 
-def _end_of_liftoff(
-    follower: _Follower, inside: tuple[float, PeriodicOrbit], outside: float
-) -> BranchEvent | None:
+def _end_of_liftoff(follower: Follower, inside: Inside, outside: float) -> BranchEvent | None:
     """Find where the force at rest no longer becomes positive, if that is why there is no orbit."""
     first, period = follower.orbit, follower.orbit.period
 
@@ -135,7 +145,7 @@ def _end_of_liftoff(
     return BranchEvent("end_of_liftoff", middle, orbit)
 
 
-def _root(points: list[tuple[float, PeriodicOrbit]], beta: float) -> float:
+def _root(points: list[Inside], beta: float) -> float:
     """Give the zero of the line through the last two values of ``s^(1/beta)``."""
     if len(points) < 2:
         return np.nan
@@ -144,13 +154,8 @@ def _root(points: list[tuple[float, PeriodicOrbit]], beta: float) -> float:
     return q - b * (q - p) / (b - a) if a != b else np.nan
 
 
-def _zero(
-    points: list[tuple[float, PeriodicOrbit]], beta: float, inside: float, outside: float
-) -> float:
+def _short_of(root: float, inside: float, outside: float) -> float:
     """Give the next place to look: short of the root, or the middle of the bracket."""
-    root = _root(points, beta)
-    low, high = min(inside, outside), max(inside, outside)
-    if np.isfinite(root) and low < root < high:
-        # a little short of it: beyond there is nothing to see
-        return float(inside + (1.0 - 1e-2) * (root - inside))
+    if min(inside, outside) < root < max(inside, outside):
+        return float(inside + (1.0 - SHORT) * (root - inside))
     return 0.5 * (inside + outside)

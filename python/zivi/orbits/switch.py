@@ -12,6 +12,7 @@ from zivi._parameters import with_value
 from zivi.orbits.curve import Curve
 from zivi.orbits.flights import fly
 from zivi.orbits.orbit import PeriodicOrbit, checked, periodic_orbit, solve
+from zivi.orbits.rest_branch import Follower
 from zivi.orbits.sequence import Frame, equations
 from zivi.sensitivity import OrbitStatus
 from zivi.simulate import simulate
@@ -21,12 +22,16 @@ if TYPE_CHECKING:
 
 __all__ = ["switched"]
 
-AMPLITUDE = 5e-4
-"""How far the new orbit is from the event, relative to the period and the speeds."""
+AMPLITUDES = (5e-4, 2e-5, 1e-6)
+"""How far the new orbit is from the event, relative to the period and the speeds: less for one with
+impacts that are much slower than its fastest."""
 EDGE = 1e-8
 """How deep an orbit that touches the wall may be (m)."""
-SETTLING = 400
-"""Periods that are simulated beyond the end of a rest."""
+DISTANCES = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
+"""How far beyond the end of a rest orbits are looked for, relative to the parameter."""
+RETURNS = 12
+"""Periods of the motion that are simulated there."""
+CLOSE = 1e-9
 
 
 def switched(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
@@ -35,7 +40,8 @@ def switched(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
         "period_doubling": _doubled,
         "grazing": _without,
         "interior_impact": _inserted,
-        "end_of_rest": _settled,
+        "end_of_rest": _beyond,
+        "rest_appears": _resting,
     }
     if event.kind not in kinds:
         return event.orbit
@@ -83,7 +89,9 @@ def _at_amplitude(
     curve = Curve(event.orbit.system, frame, branch.name, y, width)
     normal = np.append(direction.ravel(), 0.0) / curve.scale
     normal /= np.linalg.norm(normal)
-    point = curve.correct(curve.scaled(y, event.value) + AMPLITUDE * normal, normal)
+    scaled = curve.scaled(y, event.value)
+    points = (curve.correct(scaled + amplitude * normal, normal) for amplitude in AMPLITUDES)
+    point = next((it for it in points if it is not None), None)
     if point is None:
         failed = OrbitStatus.NOT_CONVERGED
         return dataclasses.replace(
@@ -123,13 +131,36 @@ def _on_edge(orbit: PeriodicOrbit) -> PeriodicOrbit:
     )
 
 
-def _settled(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
-    """Find what a simulation settles on, a little beyond the end of the rest."""
-    orbit = event.orbit
-    inside = float(np.mean(branch.values))
-    beyond = event.value + 1e-3 * np.sign(event.value - inside) * max(abs(event.value), 1.0)
-    system = with_value(orbit.system, branch.name, float(beyond))
-    t = orbit.liftoff_time or 0.0
-    span = (t - 0.25 * (orbit.margin or 0.0), t + SETTLING * orbit.period)
-    run = simulate(system, span, (0.0, 0.0), orbit._frame.method, dense_output=False)
-    return periodic_orbit(system, run, period=orbit._frame.period, method=orbit._frame.method)
+def _beyond(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
+    """Find the orbit of finitely many impacts that meets the resting one at its end.
+
+    The nearer the end, the more impacts it has, and it grazes wherever their number changes: of
+    some distances the first at which a run from the lift-off leads to a motion is taken.
+    """
+    orbit, found = event.orbit, None
+    sign = np.sign(event.value - float(np.mean(branch.values))) or 1.0
+    for distance in DISTANCES:
+        beyond = event.value + sign * distance * max(abs(event.value), 1e-3)
+        system = with_value(orbit.system, branch.name, float(beyond))
+        length = orbit.multiple * orbit.period
+        t = (orbit.liftoff_time or 0.0) - 0.25 * (orbit.margin or 0.0)
+        span = (t, t + RETURNS * length)
+        method, period = orbit._frame.method, orbit._frame.period
+        run = simulate(system, span, (0.0, 0.0), method, dense_output=False)
+        found = periodic_orbit(system, run, orbit.multiple, period=period, method=method)
+        if found.kind == "impacting" and found.success:
+            return found
+    assert found is not None
+    return found
+
+
+def _resting(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
+    """Give the resting orbit, away from where it appears by as much as the last orbit is."""
+    near = float(branch.values[np.argmin(np.abs(branch.values - event.value))])
+    orbit, away = event.orbit, event.value - near
+    follower = Follower(orbit, branch.name)
+    while abs(away) > CLOSE * abs(event.value):
+        if (found := follower.at(event.value + away)) is not None:
+            return found
+        away *= 0.5
+    return orbit

@@ -24,6 +24,7 @@ EVENTS = {
     "interior_impact": ("^", PURPLE, "new impact"),
     "end_of_rest": ("X", GREEN, "end of rest"),
     "end_of_liftoff": ("P", GREEN, "no lift-off"),
+    "rest_appears": ("X", GREEN, "rest appears"),
 }
 """Marker, colour and name of each event."""
 QUANTITIES = {
