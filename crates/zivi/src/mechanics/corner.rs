@@ -13,11 +13,11 @@
 //! is left of the motion is below the tolerance.
 
 use super::chain::Landing;
+use super::equation::State;
 use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::landing::Ahead;
 use super::machine::Machine;
-use super::stages::State;
 use crate::record::failure::Failure;
 use crate::system::dynamics::Dynamics;
 
@@ -58,7 +58,7 @@ impl CornerLog {
 
     /// Appends an impact.
     pub(super) fn note(&mut self, hit: GapSet, closed: GapSet, opened: GapSet, now: &State) {
-        let z = || now.x.iter().chain(&now.v).copied().collect();
+        let z = || now.x.iter().chain(&now.xdot).copied().collect();
         append(&mut self.impacts, Mark { hit, with: closed, t: now.t, z: z() });
         if !opened.is_empty() {
             append(&mut self.openings, Mark { hit, with: opened, t: now.t, z: z() });
@@ -186,9 +186,9 @@ impl Machine {
     /// The corner where the system is, if the speeds in it are below all tolerances.
     fn floor<E>(&mut self, recent: GapSet) -> Result<Option<Ahead>, Failure<E>> {
         let (n, m) = (self.layout.n, self.layout.m);
-        let speed = self.now.v[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let speed = self.now.xdot[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         let slow = FLOOR.0.max(FLOOR.1 * self.settings.rtol) * (1.0 + speed);
-        let (x, v) = (&self.now.x[n..], &self.now.v[n..]);
+        let (x, v) = (&self.now.x[n..], &self.now.xdot[n..]);
         let near = |&i: &usize| {
             let low = 2.0 * x[i] * self.kinetics.b(i).abs() <= slow * slow;
             self.closed.has(i) || (recent.has(i) && v[i].abs() <= slow && low)
@@ -205,7 +205,7 @@ impl Machine {
         if pressed.iter().any(|&force| force <= 0.0) {
             return Ok(None);
         }
-        let speeds = &self.now.v[n..];
+        let speeds = &self.now.xdot[n..];
         self.kinetics.solve(set, |_, i| speeds[i])?;
         let momenta = self.kinetics.solved()[..set.len()].to_vec();
         let (mut depth, mut widest) = (0.0, 0.0_f64);

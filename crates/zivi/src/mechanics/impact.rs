@@ -36,12 +36,12 @@ impl Machine {
     ) -> Result<(), Failure<E>> {
         let (n, before) = (self.layout.n, self.closed);
         let set = before.with(hit);
-        self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.v[..n])?;
+        self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])?;
         self.kinetics.solve(set, |_, _| 0.0)?;
         self.note_flags(hit);
         let positive = self.exchange(set, hit)?;
         self.project(set, model)?;
-        let touching: GapSet = set.iter().filter(|&i| self.now.v[n + i] == 0.0).collect();
+        let touching: GapSet = set.iter().filter(|&i| self.now.xdot[n + i] == 0.0).collect();
         let (closed, left) = self.settle(touching)?;
         self.closed = closed;
         self.unarmed = left;
@@ -68,16 +68,16 @@ impl Machine {
     fn exchange<E>(&mut self, set: GapSet, hit: GapSet) -> Result<GapSet, Failure<E>> {
         let n = self.layout.n;
         for i in set.iter() {
-            let v = &mut self.now.v[n + i];
+            let v = &mut self.now.xdot[n + i];
             *v = if hit.has(i) { v.min(0.0) } else { 0.0 };
         }
-        let (speeds, e) = (&self.now.v[n..], &self.e);
+        let (speeds, e) = (&self.now.xdot[n..], &self.e);
         let (matrix, right) = problem(&mut self.kinetics, set, |_, i| (1.0 + e[i]) * speeds[i]);
         let solution = lcp::solve(&matrix, &right);
         let solution = solution.ok_or(Failure::Status(Status::ImpactNotSolved))?;
         self.group += 1;
         self.counts.impacts += 1;
-        let before: Vec<f64> = self.now.v[n..].to_vec();
+        let before: Vec<f64> = self.now.xdot[n..].to_vec();
         let mut positive = GapSet::EMPTY;
         for k in 0..self.layout.m {
             let change: f64 = set
@@ -94,7 +94,7 @@ impl Machine {
                 Some(_) => (before[k] + change).max(restored(self.e[k], before[k])),
                 None => before[k] + change,
             };
-            self.now.v[n + k] = after;
+            self.now.xdot[n + k] = after;
             if let Some(row) = row.filter(|_| hit.has(k) || positive.has(k)) {
                 let (t, group, impulse) = (self.now.t, self.group, solution.z[row]);
                 let (gap, before) = (k, before[k]);
@@ -120,7 +120,7 @@ impl Machine {
         let flight = t - self.last_impact;
         let near = (UNCERTAIN * self.settings.rtol).min(1.0 / LONGER) * flight;
         for j in (0..self.layout.m).filter(|&j| !hit.with(self.closed).has(j)) {
-            let (x, v) = (self.now.x[n + j], self.now.v[n + j]);
+            let (x, v) = (self.now.x[n + j], self.now.xdot[n + j]);
             let later = -x / v;
             let coupled = hit.iter().any(|i| self.kinetics.cosine(i, j).abs() > COUPLED);
             if v < 0.0 && later <= near && coupled {
@@ -158,7 +158,7 @@ impl Machine {
         let Some(first) = key.hit.iter().next() else { return Ok(()) };
         let e = self.e[first];
         let alike = key.hit.iter().all(|i| self.e[i] == e);
-        if !(alike && e > 0.0 && e < 1.0 && self.now.v[n + first] > 0.0) {
+        if !(alike && e > 0.0 && e < 1.0 && self.now.xdot[n + first] > 0.0) {
             self.chain.clear();
             return Ok(());
         }
@@ -172,7 +172,7 @@ impl Machine {
         self.aside.contact(key.closed.with(key.hit))?;
         let mut rates = v.to_vec();
         rates.extend_from_slice(&self.aside.acceleration);
-        let bounce = Bounce { t: self.now.t, u: self.now.v[n + first], g };
+        let bounce = Bounce { t: self.now.t, u: self.now.xdot[n + first], g };
         self.chain.note(key, e, bounce, &z, &rates)?;
         if g > 0.0 {
             self.ahead = self.end_of_chain(bounce, model)?;
@@ -189,14 +189,14 @@ impl Machine {
     /// The same for any set of gaps.
     pub(super) fn without_speeds<E>(&mut self, set: GapSet) -> Result<Vec<f64>, Failure<E>> {
         let n = self.layout.n;
-        let (mut x, mut v) = (self.now.x.clone(), self.now.v.clone());
+        let (mut x, mut v) = (self.now.x.clone(), self.now.xdot.clone());
         // twice: the first leaves rounding of the speeds
         for _ in 0..2 {
             let w = &v[..n];
             self.kinetics.solve(set, |at, i| -at.rate(i, w))?;
             self.kinetics.apply(set, &mut v[..n]);
         }
-        let speeds = &self.now.v[n..];
+        let speeds = &self.now.xdot[n..];
         self.kinetics.solve(set, |_, i| -speeds[i])?;
         for k in 0..self.layout.m {
             v[n + k] = if set.has(k) { 0.0 } else { v[n + k] + self.kinetics.passed_on(k, set) };

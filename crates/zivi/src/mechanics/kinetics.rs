@@ -106,6 +106,11 @@ impl Kinetics {
         Ok(())
     }
 
+    /// How many coordinates there are.
+    pub(super) fn coordinates(&self) -> usize {
+        self.layout.n
+    }
+
     /// `g_i`.
     pub(super) fn gap(&self, i: usize) -> f64 {
         self.values[self.layout.gap()][i]

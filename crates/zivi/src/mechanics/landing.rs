@@ -62,7 +62,7 @@ impl Machine {
     pub(super) fn scales_with(&self, of_time: f64) -> Vec<f64> {
         let ([atol_x, atol_v], rtol) = (self.settings.atol, self.settings.rtol);
         let of_x = self.now.x.iter().map(|x| atol_x + rtol * x.abs());
-        let of_v = self.now.v.iter().map(|v| atol_v + rtol * v.abs());
+        let of_v = self.now.xdot.iter().map(|v| atol_v + rtol * v.abs());
         std::iter::once(of_time).chain(of_x).chain(of_v).collect()
     }
 
@@ -74,7 +74,7 @@ impl Machine {
         (0..m).filter(|&k| !set.has(k)).all(|k| {
             let (c, error) = (n + k, landing.error[1 + n + k]);
             let (first, last) = (self.now.x[c], landing.z[c]);
-            let (slope, end) = (h * self.now.v[c], h * landing.z[n + m + c]);
+            let (slope, end) = (h * self.now.xdot[c], h * landing.z[n + m + c]);
             let p = Bernstein::hermite((first, slope), (last, end));
             p.coefficients().iter().all(|&c| c > CLEAR * error)
         })
@@ -95,7 +95,7 @@ impl Machine {
                 from.iter().zip(to).map(|(a, b)| a + part * (b - a)).collect()
             };
             let q = on_the_way(&self.now.x[..n], &landing.z[..n]);
-            let w = on_the_way(&self.now.v[..n], &landing.z[n + m..][..n]);
+            let w = on_the_way(&self.now.xdot[..n], &landing.z[n + m..][..n]);
             let t = self.now.t + part * (landing.t - self.now.t);
             match self.aside.evaluate(model, t, &q, &w) {
                 Err(Failure::Status(_)) => return Ok(false),
@@ -169,15 +169,15 @@ impl Machine {
             None => self.without_bounce(key)?,
         };
         let first = self.end_of_arcs(start, state, set, bouncing, model)?;
-        let speeds = self.now.v.clone();
+        let speeds = self.now.xdot.clone();
         (self.now.t, self.now.late) = (landing.t.max(self.now.t), 0.0);
         self.now.x.copy_from_slice(&landing.z[..size]);
-        self.now.v.copy_from_slice(&landing.z[size..]);
+        self.now.xdot.copy_from_slice(&landing.z[size..]);
         for i in set.iter() {
-            (self.now.x[n + i], self.now.v[n + i]) = (0.0, 0.0);
+            (self.now.x[n + i], self.now.xdot[n + i]) = (0.0, 0.0);
         }
         self.project(set, model)?;
-        let state = [&self.now.x[..], &self.now.v[..]].concat();
+        let state = [&self.now.x[..], &self.now.xdot[..]].concat();
         let mut last = self.end_of_arcs(self.now.t, state, set, GapSet::EMPTY, model)?;
         last.way = self.way(set, bouncing, &speeds)?;
         let ends = [first, last];
@@ -217,7 +217,7 @@ impl Machine {
         self.aside.evaluate(model, t, &x[..n], &v[..n])?;
         self.aside.contact(set)?;
         let acceleration = self.aside.acceleration.clone();
-        let speeds = self.now.v.clone();
+        let speeds = self.now.xdot.clone();
         let way = self.way(set, bouncing, &speeds)?;
         Ok(EndOfArcs { x: x.to_vec(), v: v.to_vec(), acceleration, way })
     }

@@ -59,8 +59,8 @@ impl Machine {
         }
         if self.jump.allowed {
             // across a jump of the forces no polynomial fits
-            self.stages.finish(&mut self.kinetics, model)?;
-            let released = self.closed.iter().find(|&i| self.stages.end_lambda[i] < 0.0);
+            self.finish_step(model)?;
+            let released = self.closed.iter().find(|&i| self.at_end.lambda[i] < 0.0);
             return Ok(released.map_or(Release::None, |i| Release::At(1.0, i)));
         }
         let (forces, noise) = self.forces_along(model)?;
@@ -97,8 +97,9 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<(Vec<Values>, Vec<f64>), Failure<E>> {
         let n = self.layout.n;
-        self.stages.complete(&mut self.kinetics, model)?;
-        let polynomials: Vec<[Bernstein; 2]> = (0..n).map(|c| self.stages.polynomials(c)).collect();
+        self.complete_step(model)?;
+        let polynomials: Vec<[Bernstein; 2]> =
+            (0..n).map(|c| self.stages.polynomials_of(c)).collect();
         let mut forces = vec![[0.0; MOST_DEGREE + 3]; self.closed.len()];
         let mut noise = vec![0.0_f64; self.closed.len()];
         for (k, theta) in NODES.into_iter().chain(CHECKS).enumerate() {
@@ -127,7 +128,7 @@ impl Machine {
         let whole = self.stages.h;
         let length = self.release(length, gap, model)?;
         if self.now.t + length > self.dense_from {
-            self.stages.complete(&mut self.kinetics, model)?;
+            self.complete_step(model)?;
         }
         self.counts.accepted += 1;
         self.arrive(length, 0.0, t_end);
@@ -167,8 +168,8 @@ impl Machine {
         let mut x = length;
         for iteration in 0..ITERATIONS {
             self.try_step(x, model)?;
-            self.stages.finish(&mut self.kinetics, model)?;
-            let force = self.stages.end_lambda[gap];
+            self.finish_step(model)?;
+            let force = self.at_end.lambda[gap];
             let slope = (force - one.1) / (x - one.0);
             let next = x - force / slope;
             one = (x, force);
@@ -194,8 +195,8 @@ impl Machine {
         let now = &self.now;
         let (q, w): (Vec<f64>, Vec<f64>) = (0..n)
             .map(|c| {
-                let v = now.v[c] + later * a[c];
-                (now.x[c] + later * (now.v[c] + 0.5 * later * a[c]), v)
+                let v = now.xdot[c] + later * a[c];
+                (now.x[c] + later * (now.xdot[c] + 0.5 * later * a[c]), v)
             })
             .unzip();
         self.aside.evaluate(model, now.t + later, &q, &w)?;

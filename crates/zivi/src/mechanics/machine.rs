@@ -5,13 +5,14 @@
 
 use super::chain::StateChain;
 use super::corner::CornerLog;
+use super::equation::{AtEnd, InContact, Stages, State};
 use super::gap_set::GapSet;
 use super::kinetics::{Kinetics, Model};
 use super::landing::Ahead;
 use super::lcp;
 use super::occurrence::Occurrence;
-use super::stages::{Stages, State};
 use super::tail::SkippedArcs;
+use crate::numeric::step_size::Jump;
 use crate::record::failure::Failure;
 use crate::switched::lookahead::Obstacle;
 use crate::switched::SwitchedRk;
@@ -27,18 +28,6 @@ pub(super) enum Piece {
     Skipped(SkippedArcs),
     /// Nothing but an event at the present time.
     Instant,
-}
-
-/// A step so short that rounding is all that is left of it may have any error: the forces jump
-/// there. Not two of them in a row: that is a singularity.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Jump {
-    /// Whether the step that is tried is that short.
-    pub(super) allowed: bool,
-    /// Whether its error was too large.
-    pub(super) met: bool,
-    /// Whether that of the last step was.
-    pub(super) met_before: bool,
 }
 
 /// An event at the present time that is yet to be dealt with.
@@ -59,6 +48,7 @@ pub(super) struct Machine {
     pub(super) kinetics: Kinetics,
     pub(super) aside: Kinetics,
     pub(super) stages: Stages,
+    pub(super) at_end: AtEnd,
     pub(super) now: State,
     pub(super) closed: GapSet,
     /// Gaps that have just opened from contact: not looked out for in the first step.
@@ -104,15 +94,15 @@ const ANCHOR: f64 = 1e-5;
 impl Machine {
     pub(super) fn new(settings: SwitchedRk, layout: Layout, e: &[f64]) -> Self {
         let size = layout.n + layout.m;
-        let state = State { x: vec![0.0; size], v: vec![0.0; size], ..State::default() };
         Self {
             settings,
             layout,
             e: e.to_vec(),
             kinetics: Kinetics::new(layout),
             aside: Kinetics::new(layout),
-            stages: Stages::new(settings.order.pair(), layout),
-            now: state,
+            stages: Stages::new(settings.order.pair(), size),
+            at_end: AtEnd::new(layout.m),
+            now: State::zeros(size),
             closed: GapSet::EMPTY,
             unarmed: GapSet::EMPTY,
             slope: vec![0.0; size],
@@ -148,7 +138,7 @@ impl Machine {
         let Layout { n, m } = self.layout;
         (self.now.t, self.now.late, self.last_impact) = (t, 0.0, t);
         self.now.x[..n].copy_from_slice(q);
-        self.now.v[..n].copy_from_slice(w);
+        self.now.xdot[..n].copy_from_slice(w);
         self.kinetics.evaluate(model, t, q, w)?;
         let (mut touching, mut hit) = (GapSet::EMPTY, GapSet::EMPTY);
         for i in 0..m {
@@ -162,10 +152,10 @@ impl Machine {
                 return Ok(Some((i, gap)));
             }
             let zero = |value: f64, noise: f64| if value.abs() <= noise { 0.0 } else { value };
-            (self.now.x[n + i], self.now.v[n + i]) =
+            (self.now.x[n + i], self.now.xdot[n + i]) =
                 (zero(gap, 8.0 * of_gap), zero(rate, 4.0 * of_rate));
-            if self.now.x[n + i] == 0.0 && self.now.v[n + i] <= 0.0 {
-                let set = if self.now.v[n + i] < 0.0 { &mut hit } else { &mut touching };
+            if self.now.x[n + i] == 0.0 && self.now.xdot[n + i] <= 0.0 {
+                let set = if self.now.xdot[n + i] < 0.0 { &mut hit } else { &mut touching };
                 *set = set.with(GapSet::of(i));
             }
         }
@@ -207,7 +197,7 @@ impl Machine {
         let n = self.layout.n;
         let open = (0..self.layout.m).filter(|&i| !self.closed.has(i));
         let through: GapSet =
-            open.filter(|&i| self.now.x[n + i] <= 0.0 && self.now.v[n + i] < 0.0).collect();
+            open.filter(|&i| self.now.x[n + i] <= 0.0 && self.now.xdot[n + i] < 0.0).collect();
         if !through.is_empty() {
             self.strike(through, model)?;
             return Ok(Piece::Instant);
@@ -233,6 +223,33 @@ impl Machine {
         self.pending.is_some() || self.ahead.as_ref().is_some_and(|it| it.landing.t <= t_end)
     }
 
+    /// The last step, and the equation of which it is one.
+    pub(super) fn stages_of<'r, 'm, D>(
+        &'r mut self,
+        model: &'r mut Model<'m, D>,
+    ) -> (&'r mut Stages, InContact<'r, 'm, D>) {
+        let Self { stages, kinetics, at_end, closed, .. } = self;
+        (stages, InContact { closed: *closed, kinetics, model, at_end: Some(at_end) })
+    }
+
+    /// Evaluates the system at the end of the last step.
+    pub(super) fn finish_step<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (stages, mut equation) = self.stages_of(model);
+        stages.finish(&mut equation)
+    }
+
+    /// Computes what the polynomials of the last step need.
+    pub(super) fn complete_step<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (stages, mut equation) = self.stages_of(model);
+        stages.complete(&mut equation)
+    }
+
     /// Accelerations and contact forces at the present state.
     pub(super) fn prepare<E, D: Dynamics<E>>(
         &mut self,
@@ -240,10 +257,10 @@ impl Machine {
     ) -> Result<(), Failure<E>> {
         if !self.fresh {
             let n = self.layout.n;
-            self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.v[..n])?;
+            self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])?;
             self.refresh()?;
             for i in 0..self.layout.m {
-                self.anchor(i, self.kinetics.gap(i), self.kinetics.rate(i, &self.now.v[..n]));
+                self.anchor(i, self.kinetics.gap(i), self.kinetics.rate(i, &self.now.xdot[..n]));
             }
         }
         Ok(())
@@ -264,7 +281,7 @@ impl Machine {
         let size = self.now.x[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         let clear = gap > ANCHOR * (size + gap) && self.now.x[n + i] > 0.0;
         if clear && !self.closed.has(i) {
-            (self.now.x[n + i], self.now.v[n + i]) = (gap, rate);
+            (self.now.x[n + i], self.now.xdot[n + i]) = (gap, rate);
         }
     }
 
@@ -280,7 +297,7 @@ impl Machine {
         self.fresh = false;
         for iteration in 0..=PROJECTIONS {
             let (q, gaps) = now.x.split_at_mut(n);
-            let (w, speeds) = now.v.split_at_mut(n);
+            let (w, speeds) = now.xdot.split_at_mut(n);
             kinetics.evaluate(model, now.t, q, w)?;
             let (mut far, mut fast) = (false, false);
             for i in set.iter() {

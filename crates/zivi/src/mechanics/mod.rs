@@ -12,6 +12,7 @@
 
 mod chain;
 mod corner;
+mod equation;
 mod fixed_steps;
 mod flight;
 mod gap_set;
@@ -26,7 +27,6 @@ mod occurrence;
 mod path;
 mod recording;
 mod run;
-mod stages;
 mod state_events;
 mod stops;
 mod stored;

@@ -2,8 +2,8 @@
 
 use std::collections::TryReserveError;
 
+use super::equation::{Stages, State};
 use super::gap_set::GapSet;
-use super::stages::{Stages, State};
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{evaluate, Bernstein, MOST_DEGREE};
 use crate::record::reserve::Reserve;
@@ -59,12 +59,12 @@ impl Curve {
         let part = length / stages.h;
         let whole = length == stages.h;
         let row = |c: usize| {
-            let [x, v] = stages.polynomials(c);
+            let [x, v] = stages.polynomials_of(c);
             if whole {
                 return [x, v];
             }
             let cut = |p: Bernstein, first: f64, last: f64| p.split(part).0.with_ends(first, last);
-            [cut(x, stages.from.x[c], end.x[c]), cut(v, stages.from.v[c], end.v[c])]
+            [cut(x, stages.from.x[c], end.x[c]), cut(v, stages.from.xdot[c], end.xdot[c])]
         };
         let rows = (0..stages.from.x.len()).map(row).collect();
         Self { start: stages.from.t, h: length, rows }

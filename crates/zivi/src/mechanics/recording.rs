@@ -59,7 +59,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         let layout = machine.layout;
         let size = layout.n + layout.m;
         let now = &machine.now;
-        let point = MotionPoint { x: now.x.clone(), v: now.v.clone(), closed: machine.closed };
+        let point = MotionPoint { x: now.x.clone(), v: now.xdot.clone(), closed: machine.closed };
         Self {
             t1,
             stops: Stops::new(output.tstops, t1),
@@ -95,7 +95,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         self.make_room()?;
         let t0 = self.machine.now.t;
         let mut until = self.stops.enter(t0, model);
-        let (x, v) = (&self.machine.now.x, &self.machine.now.v);
+        let (x, v) = (&self.machine.now.x, &self.machine.now.xdot);
         self.watch.start(t0, x, v).map_err(Failure::Raised)?;
         if !self.machine.is_pending(until) {
             self.at_step(model)?;
@@ -134,7 +134,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             Piece::Skipped(arcs) => self.skipped(&arcs, closed, model)?,
             Piece::Instant => {
                 let now = &self.machine.now;
-                let stop = self.watch.across(now.t, &now.x, &now.v).map_err(Failure::Raised)?;
+                let stop = self.watch.across(now.t, &now.x, &now.xdot).map_err(Failure::Raised)?;
                 self.arrive();
                 self.unless_terminal(stop)?;
             }
@@ -174,7 +174,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         let now = &self.machine.now;
         self.end.0 = now.t;
         self.end.1.x.clone_from(&now.x);
-        self.end.1.v.clone_from(&now.v);
+        self.end.1.v.clone_from(&now.xdot);
         self.end.1.closed = self.machine.closed;
     }
 
@@ -241,7 +241,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             return Ok(Some(stop));
         }
         let now = &self.machine.now;
-        self.watch.across(now.t, &now.x, &now.v)
+        self.watch.across(now.t, &now.x, &now.xdot)
     }
 
     /// An event that ends the run is passed on like an error.
@@ -294,7 +294,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         // an anchored gap
         self.arrive();
         let (now, lambda) = (&self.machine.now, &self.machine.lambda);
-        self.samples.push(t, (&now.x, &now.v), lambda, self.machine.closed);
+        self.samples.push(t, (&now.x, &now.xdot), lambda, self.machine.closed);
         Ok(())
     }
 

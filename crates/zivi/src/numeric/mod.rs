@@ -1,8 +1,14 @@
-//! Numerics that know no mechanics: Runge-Kutta pairs, Bernstein polynomials, roots, grids.
+//! Numerics that know no mechanics: Runge-Kutta pairs and their steps, Bernstein polynomials, roots,
+//! grids.
 
 pub(crate) mod bernstein;
 pub(crate) mod cholesky;
+pub(crate) mod coordinates;
+pub(crate) mod dense;
 pub mod grid;
 pub(crate) mod root;
+pub(crate) mod stages;
+pub(crate) mod step_error;
+pub(crate) mod step_size;
 pub(crate) mod tableau;
 pub(crate) mod turns;

@@ -100,6 +100,20 @@ fn next_part(one: Point, two: Point, three: Point) -> f64 {
     }
 }
 
+/// Time until, and rate at, the downward root of `x + xdot d + pull d^2/2` nearest to zero.
+pub(crate) fn touchdown(x: f64, xdot: f64, pull: f64) -> Option<(f64, f64)> {
+    let squared = xdot * xdot - 2.0 * pull * x;
+    if squared < 0.0 {
+        return (x <= 0.0).then_some((0.0, xdot.min(0.0)));
+    }
+    let speed = squared.sqrt();
+    if x == 0.0 && xdot <= 0.0 {
+        return Some((0.0, xdot));
+    }
+    let delta = 2.0 * x / (speed - xdot);
+    delta.is_finite().then_some((delta, -speed))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -10,6 +10,7 @@ use super::lookahead::Obstacle;
 use super::settings::SwitchedRk;
 use super::stages::{Counted, Point, Stages};
 use super::tail::Tail;
+use crate::numeric::step_size::Jump;
 use crate::record::failure::Failure;
 use crate::stepping::fixed_step::check_initial;
 use crate::{Dependence, Force, Impact, Physical, SetupError, Status};
@@ -45,18 +46,6 @@ pub enum Occurrence {
     Rest(f64),
     /// The mass left rest at this time (s).
     LiftOff(f64),
-}
-
-/// A step so short that rounding is all that is left of it may have any error: the force jumps
-/// there. Not two of them in a row: that is a singularity.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Jump {
-    /// Whether the step that is tried is that short.
-    pub(super) allowed: bool,
-    /// Whether its error was too large.
-    pub(super) met: bool,
-    /// Whether that of the last step was.
-    pub(super) met_before: bool,
 }
 
 /// A part of the motion that one step of the integrator covers.
@@ -147,7 +136,7 @@ impl SwitchedIntegrator {
         Ok(Self {
             settings,
             wall,
-            stages: Stages::new(settings.order.pair()),
+            stages: Stages::new(settings.order.pair(), 1),
             chain: Chain::new(wall.e()),
             now: Point::default(),
             sigma: 1.0,

@@ -2,6 +2,7 @@
 
 use crate::SetupError;
 
+use crate::numeric::step_error::Tolerances;
 use crate::numeric::tableau::{Pair, DOP853, DORMAND_PRINCE_5};
 
 /// Order of the Runge-Kutta pair.
@@ -107,6 +108,10 @@ impl SwitchedRk {
     #[must_use]
     pub fn with_tol(tol: f64) -> Self {
         Self { rtol: tol, atol: [tol; 2], ..Self::default() }
+    }
+
+    pub(crate) fn tolerances(&self) -> Tolerances {
+        Tolerances { rtol: self.rtol, atol: self.atol, rounding: 0.25 }
     }
 
     /// The settings, if each of them is in its range.

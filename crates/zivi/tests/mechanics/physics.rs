@@ -156,7 +156,11 @@ fn one_coordinate_is_the_scalar_mass() {
     let layout = Layout { n: 1, m: 1 };
     let f = |t: f64, x: f64, v: f64| -9.81 - 0.3 * v - 0.5 * x + 14.0 * (6.0 * t).sin();
     for order in [Order::Five, Order::Eight] {
-        for (tol, near) in [(1e-8, 1e-7), (1e-13, 1e-13)] {
+        // rest, lift-off and a flight at the end: before a Zeno point impacts at ever smaller
+        // speeds magnify rounding
+        for (tol, near, x) in
+            [(1e-8, 1e-7, 1.0), (1e-13, 1e-13, 0.76), (1e-13, 1e-13, 1.0), (1e-13, 1e-13, 1.16)]
+        {
             let settings = SwitchedRk { order, ..SwitchedRk::with_tol(tol) };
             let function = |t: f64, q: &[f64], w: &[f64], out: &mut [f64]| {
                 out.fill(0.0);
@@ -164,8 +168,8 @@ fn one_coordinate_is_the_scalar_mass() {
                 Ok::<(), Infallible>(())
             };
             let mut system = FunctionDynamics { layout, function };
-            let (start, output) = ((&[1.0][..], &[0.0][..]), MechanicalOutput::default());
-            let span = (0.0, 3.0);
+            let (q, span) = ([x], (0.0, 3.6));
+            let (start, output) = ((&q[..], &[0.0][..]), MechanicalOutput::default());
             let run = simulate_mechanical(
                 settings,
                 &mut system,
@@ -178,7 +182,7 @@ fn one_coordinate_is_the_scalar_mass() {
             .unwrap();
             let mut force =
                 FunctionForce(|t: f64, x: f64, v: f64| Ok::<f64, Infallible>(f(t, x, v)));
-            let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical { x: 1.0, xdot: 0.0 });
+            let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical { x, xdot: 0.0 });
             let scalar = simulate_switched_rk(
                 settings,
                 wall,
@@ -197,7 +201,7 @@ fn one_coordinate_is_the_scalar_mass() {
             for (one, other) in
                 [(of("zeno"), &theirs.zeno_times), (of("lift"), &theirs.liftoff_times)]
             {
-                assert_eq!(one.len(), other.len(), "{order:?} {tol:e}");
+                assert!(!one.is_empty() && one.len() == other.len(), "{order:?} {tol:e} {x}");
                 let apart = one.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 println!("{order:?} {tol:e} times {apart:e}");
                 assert!(apart <= near, "{order:?} {tol:e}: {apart:e}");

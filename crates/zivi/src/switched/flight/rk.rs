@@ -1,19 +1,14 @@
 //! Free flight: steps under error control, each searched for the first impact.
 
 use crate::numeric::bernstein::Bernstein;
+use crate::numeric::root::touchdown;
+use crate::numeric::step_size::{factor, first_step, shorter, Plan, FACTORS, RETREAT};
 use crate::record::failure::Failure;
-use crate::switched::integrator::{Jump, Piece, SwitchedIntegrator};
+use crate::switched::integrator::{Piece, SwitchedIntegrator};
 use crate::switched::path::Curve;
-use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::{Counted, Point};
 use crate::{Dependence, Force, Status};
 
-/// Factor that keeps the next step from being rejected.
-const SAFETY: f64 = 0.9;
-/// Smallest and largest factor between two steps.
-const FACTORS: (f64, f64) = (0.2, 5.0);
-/// Factor after a step that could not be judged.
-const RETREAT: f64 = 0.25;
 /// Steps that begin at most so many steps after an impact are looked at once more, and those that
 /// are this many times as long as the last.
 const YOUNG: u32 = 1;
@@ -33,13 +28,6 @@ enum Verdict {
     Shorten(f64, Status),
 }
 
-/// A step size, and what the error control had asked for if that was more.
-#[derive(Clone, Copy)]
-struct Plan {
-    h: f64,
-    wanted: f64,
-}
-
 impl SwitchedIntegrator {
     /// One step, or the part of it up to an impact.
     pub(super) fn runge_kutta<E, F: Force<E>>(
@@ -50,7 +38,7 @@ impl SwitchedIntegrator {
         let slope = self.slope(force)?;
         let plan = self.plan(slope, t_end, force)?;
         let (mut h, shortest) = (plan.h, 8.0 * f64::EPSILON * self.now.t.abs());
-        self.jump = Jump { met_before: self.jump.met, ..Jump::default() };
+        self.jump = self.jump.next();
         loop {
             self.spend()?;
             let (factor, why) = match self.judge(slope, h, force)? {
@@ -73,10 +61,8 @@ impl SwitchedIntegrator {
             };
             self.counts.rejected += 1;
             h *= factor;
-            if h <= shortest
-                && why == Status::StepSizeTooSmall
-                && !(self.jump.allowed || self.jump.met_before)
-            {
+            let jumps = why == Status::StepSizeTooSmall && self.jump.may_be_allowed();
+            if h <= shortest && jumps {
                 (h, self.jump.allowed) = (shortest, true);
             } else if h <= shortest || h < f64::MIN_POSITIVE {
                 return Err(Failure::Status(why));
@@ -112,53 +98,19 @@ impl SwitchedIntegrator {
         if let Some(obstacle) = self.obstacle {
             h = h.min(obstacle.longest_step(self.now.t));
         }
-        // no sliver of a step is left for the end
-        let h = if h >= left * (1.0 - 1e-12) { left } else { h };
-        Ok(Plan { h, wanted })
+        Ok(Plan::up_to(left, h, wanted))
     }
 
-    /// A step whose error should be near the tolerance, from the force and its change (E. Hairer,
-    /// S. P. Norsett, G. Wanner, *Solving Ordinary Differential Equations I*, section II.4).
+    /// The first step, from the force and its change.
     fn first_step<E, F: Force<E>>(
         &self,
         slope: f64,
         left: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
-        let Point { t, x, xdot, .. } = self.now;
-        let [scale_x, scale_xdot] = self.scales(self.now, self.now);
-        let norm = |x: f64, xdot: f64| (x / scale_x).abs().max((xdot / scale_xdot).abs());
-        let (size, rate) = (norm(x, xdot), norm(xdot, slope));
-        let known = size > 1e-5 && rate > 1e-5;
-        let euler = if known { 1e-2 * size / rate } else { 1e-6 * left }.min(left);
-        let ahead = match force.at(t + euler, x + euler * xdot, xdot + euler * slope) {
-            Err(Failure::Status(_)) => return Ok(euler),
-            ahead => ahead?,
-        };
-        let change = norm(euler * slope, ahead - slope) / euler;
-        let fastest = rate.max(change);
-        let step = if fastest > 1e-15 {
-            (1e-2 / fastest).powf(1.0 / self.stages.order_of_error())
-        } else {
-            left
-        };
-        Ok(step.min(100.0 * euler).min(left))
-    }
-
-    /// `atol + rtol |y|` of position and velocity, with the larger of the values at both ends.
-    fn scales(&self, one: Point, other: Point) -> [f64; 2] {
-        let SwitchedRk { rtol, atol: [atol_x, atol_xdot], .. } = self.settings;
-        [
-            atol_x + rtol * one.x.abs().max(other.x.abs()),
-            atol_xdot + rtol * one.xdot.abs().max(other.xdot.abs()),
-        ]
-    }
-
-    /// Those of the last step, of which more than rounding of the time cannot be asked.
-    fn scales_of_step(&self) -> [f64; 2] {
-        let [scale_x, scale_xdot] = self.scales(self.stages.from, self.stages.end);
-        let [x, xdot] = self.stages.rounding();
-        [scale_x + x, scale_xdot + xdot]
+        let control = (&self.settings.tolerances(), self.stages.order_of_error());
+        let harmless = |why: &Failure<E>| matches!(why, Failure::Status(_));
+        first_step(&self.now, &slope, left, control, force, harmless)
     }
 
     fn judge<E, F: Force<E>>(
@@ -182,13 +134,12 @@ impl SwitchedIntegrator {
     ) -> Result<Verdict, Failure<E>> {
         let end = self.try_step(slope, h, force)?;
         let error = self.error(force)?;
-        let factor = SAFETY * error.powf(-1.0 / self.stages.order_of_error());
+        let factor = factor(error, self.stages.order_of_error());
         if error > 1.0 || error.is_nan() {
-            let factor = if factor > FACTORS.0 { factor.min(SAFETY) } else { FACTORS.0 };
-            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+            return Ok(Verdict::Shorten(shorter(factor), Status::StepSizeTooSmall));
         }
         let growth = if self.settings.adaptive { factor.min(FACTORS.1) } else { 1.0 };
-        if !self.armed && !self.stages.rises() {
+        if !self.armed && !self.stages.rises(0) {
             return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
         }
         let contact = if self.armed { self.first_contact(force)? } else { None };
@@ -225,9 +176,8 @@ impl SwitchedIntegrator {
         let polynomials = self.stages.polynomials(force)?;
         let apex = polynomials[1].first_negative().unwrap_or(0.5);
         let defect = self.stages.defect(&polynomials, apex, force)?;
-        let [scale_x, scale_xdot] = self.scales_of_step();
-        let excess = defect.norm(scale_x, scale_xdot) / DEFECT;
-        let factor = SAFETY * excess.powf(-1.0 / self.stages.order_of_error());
+        let excess = defect.norm(self.stages.scales(0, &self.settings.tolerances())) / DEFECT;
+        let factor = factor(excess, self.stages.order_of_error());
         if excess <= 1.0 {
             return Ok(None);
         }
@@ -243,9 +193,9 @@ impl SwitchedIntegrator {
         h: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Point, Failure<E>> {
-        let end = self.stages.step(self.now, slope, h, force)?;
-        if end.x.is_finite() && end.xdot.is_finite() {
-            Ok(end)
+        self.stages.step(&self.now, &slope, h, force)?;
+        if self.stages.is_finite() {
+            Ok(self.stages.end)
         } else {
             Err(Failure::Status(Status::StateNotFinite))
         }
@@ -256,21 +206,12 @@ impl SwitchedIntegrator {
         if !self.settings.adaptive {
             return Ok(0.0);
         }
-        let [scale_x, scale_xdot] = self.scales_of_step();
-        let error = self.stages.error(force)?.norm(scale_x, scale_xdot);
-        if self.jump.allowed && error > 1.0 && self.is_smooth_to_rounding() {
+        let error = self.stages.error(&self.settings.tolerances(), force)?;
+        if self.jump.allowed && error > 1.0 && self.stages.is_smooth_to_rounding() {
             self.jump.met = true;
             return Ok(0.0);
         }
         Ok(error)
-    }
-
-    /// Whether the velocity hardly changes in the last step: across a jump of the force it changes
-    /// by no more than rounding of the time explains, at a pole by any amount.
-    fn is_smooth_to_rounding(&self) -> bool {
-        const HARDLY: f64 = 1e-3;
-        let (before, after) = (self.stages.from.xdot, self.stages.end.xdot);
-        (after - before).abs() <= HARDLY * before.abs().max(after.abs())
     }
 
     /// The part of the step after which the mass would be behind the wall.
@@ -279,7 +220,7 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<Option<f64>, Failure<E>> {
         let above = |(p, slack): (Bernstein, f64)| p.coefficients().iter().all(|&c| c > slack);
-        if self.stages.screen().is_some_and(above) {
+        if self.stages.screen(0).is_some_and(above) {
             return Ok(None);
         }
         let [x, _] = self.stages.polynomials(force)?;
@@ -298,14 +239,7 @@ impl SwitchedIntegrator {
         }
         (self.armed, self.continues, self.landing) = (true, true, None);
         (self.steps, self.last_h) = (self.steps + 1, self.stages.h);
-        self.h = Some(if h < plan.h {
-            h * growth.min(1.0)
-        } else if h < plan.wanted && growth >= 1.0 {
-            // a step that something else cut short says nothing against a longer one
-            (h * growth).max(plan.wanted)
-        } else {
-            h * growth
-        });
+        self.h = Some(plan.next(h, growth));
         Piece::Flight { from, sigma: self.sigma, impact: None }
     }
 
@@ -376,18 +310,4 @@ impl SwitchedIntegrator {
         }
         Ok(Curve::polynomials(from.t, h, sigma, [x, xdot]))
     }
-}
-
-/// Time until, and velocity at, the downward root of `x + xdot d + pull d^2/2` nearest to zero.
-fn touchdown(x: f64, xdot: f64, pull: f64) -> Option<(f64, f64)> {
-    let squared = xdot * xdot - 2.0 * pull * x;
-    if squared < 0.0 {
-        return (x <= 0.0).then_some((0.0, xdot.min(0.0)));
-    }
-    let speed = squared.sqrt();
-    if x == 0.0 && xdot <= 0.0 {
-        return Some((0.0, xdot));
-    }
-    let delta = 2.0 * x / (speed - xdot);
-    delta.is_finite().then_some((delta, -speed))
 }

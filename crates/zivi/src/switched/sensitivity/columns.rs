@@ -10,9 +10,11 @@
 //! stages: the columns are the exact derivative of the step that was made.
 
 use crate::numeric::bernstein::Bernstein;
+use crate::numeric::dense::polynomial;
+use crate::numeric::step_error::{worse, StepError, Tolerances};
 use crate::numeric::tableau::{Estimate, Interpolant, MOST_STAGES};
 use crate::record::failure::Failure;
-use crate::switched::stages::{nested, quartic, Counted, Point, Stages, StepError};
+use crate::switched::stages::{Counted, Point, Stages};
 use crate::system::slopes::{DifferentiableForce, Place, Slopes};
 
 /// What a column is the derivative by.
@@ -204,14 +206,14 @@ impl ColumnStep {
     pub(in crate::switched) fn error<E, F: DifferentiableForce<E>>(
         &mut self,
         stages: &Stages,
-        (rtol, atol): (f64, [f64; 2]),
+        &Tolerances { rtol, atol, rounding }: &Tolerances,
         sizes: &[f64],
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
         if let Estimate::Single(_) = stages.pair.estimate {
             self.stage_at_end(stages, force)?;
         }
-        let rounding = 0.25 * f64::EPSILON * stages.from.t.abs();
+        let rounding = rounding * f64::EPSILON * stages.from.t.abs();
         let mut worst = 0.0_f64;
         for (column, size) in sizes.iter().enumerate() {
             let error = self.error_of(stages, column);
@@ -220,8 +222,7 @@ impl ColumnStep {
             let pull = self.k[column].abs();
             let scale_x = atol[0] / size + rtol * place + rounding * speed;
             let scale_v = atol[1] / size + rtol * speed + rounding * pull;
-            let error = error.norm(scale_x, scale_v);
-            worst = if error > worst || error.is_nan() { error } else { worst };
+            worst = worse(error.norm([scale_x, scale_v]), worst);
         }
         Ok(worst)
     }
@@ -291,20 +292,7 @@ impl ColumnStep {
         let (v, k, h) = (gather(&self.v), gather(&self.k), stages.h);
         let (from, end) = (&self.from, &self.end);
         let [x0, v0, x1, v1] = [from.x[column], from.v[column], end.x[column], end.v[column]];
-        let [x, xdot] = match stages.pair.interpolant {
-            Interpolant::Monomials(p) => [
-                Bernstein::from_quartic(quartic(x0, h, &v, p)),
-                Bernstein::from_quartic(quartic(v0, h, &k, p)),
-            ],
-            Interpolant::Nested { d, .. } => {
-                let last = stages.pair.b.len();
-                [
-                    Bernstein::from_nested(x0, nested([x0, x1], h, &v, last, &d)),
-                    Bernstein::from_nested(v0, nested([v0, v1], h, &k, last, &d)),
-                ]
-            }
-        };
-        [x.with_ends(x0, x1), xdot.with_ends(v0, v1)]
+        [polynomial(stages.pair, [x0, x1], h, &v), polynomial(stages.pair, [v0, v1], h, &k)]
     }
 }
 

@@ -9,6 +9,7 @@
 //! goes there.
 
 use super::columns::{ColumnStep, Wrt};
+use crate::numeric::step_size::{factor, shorter, FACTORS};
 use crate::record::failure::Failure;
 use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::{Counted, Point, Stages};
@@ -60,9 +61,6 @@ pub struct Apart<'a> {
     pub minima: bool,
 }
 
-const SAFETY: f64 = 0.9;
-const FACTORS: (f64, f64) = (0.2, 5.0);
-
 /// Flies each of the flights by itself.
 ///
 /// # Errors
@@ -76,7 +74,7 @@ pub fn fly_apart<E, F: DifferentiableForce<E>>(
     let mut wrt = vec![Wrt::X0, Wrt::Xdot0];
     wrt.extend(apart.by.iter().map(|&index| Wrt::Parameter(index)));
     let mut force = Counted::new(force);
-    let stages = Stages::new(settings.order.pair());
+    let stages = Stages::new(settings.order.pair(), 1);
     let mut pilot =
         Pilot { settings, apart, stages, step: ColumnStep::new(&wrt), h: f64::INFINITY };
     flights.iter().map(|flight| pilot.fly(*flight, &mut force)).collect()
@@ -114,13 +112,13 @@ impl Pilot<'_> {
                     return Err(Failure::Status(Status::StepBudget));
                 }
                 let error = self.try_step(now, slope, h, force)?;
-                let factor = SAFETY * error.powf(-1.0 / self.stages.order_of_error());
+                let factor = factor(error, self.stages.order_of_error());
                 if error <= 1.0 {
                     let next = h * factor.clamp(FACTORS.0, FACTORS.1);
                     self.h = if h < left { next } else { self.h.max(next).min(FACTORS.1 * next) };
                     break;
                 }
-                h *= if factor > FACTORS.0 { factor.min(SAFETY) } else { FACTORS.0 };
+                h *= shorter(factor);
                 if h <= 8.0 * f64::EPSILON * now.t.abs() || h < f64::MIN_POSITIVE {
                     return Err(Failure::Status(Status::StepSizeTooSmall));
                 }
@@ -147,20 +145,17 @@ impl Pilot<'_> {
         h: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
-        let end = match self.stages.step(now, slope, h, force) {
+        match self.stages.step(&now, &slope, h, force) {
             Err(Failure::Status(_)) => return Ok(f64::INFINITY),
-            end => end?,
-        };
-        let SwitchedRk { rtol, atol, .. } = self.settings;
-        let scale = |i: usize, a: f64, b: f64| atol[i] + rtol * a.abs().max(b.abs());
-        let [of_x, of_v] = self.stages.rounding();
-        let (of_x, of_v) = (of_x + scale(0, now.x, end.x), of_v + scale(1, now.xdot, end.xdot));
-        let error = self.stages.error(force)?.norm(of_x, of_v);
+            done => done?,
+        }
+        let tolerances = self.settings.tolerances();
+        let error = self.stages.error(&tolerances, force)?;
         if error > 1.0 || error.is_nan() {
             return Ok(if error.is_nan() { f64::INFINITY } else { error });
         }
         self.step.step(&self.stages, force)?;
-        let of_columns = self.step.error(&self.stages, (rtol, atol), self.apart.sizes, force)?;
+        let of_columns = self.step.error(&self.stages, &tolerances, self.apart.sizes, force)?;
         Ok(if of_columns.is_nan() { f64::INFINITY } else { error.max(of_columns) })
     }
 

@@ -1,6 +1,7 @@
 //! The columns in flight: through the steps of the motion, shorter ones where the columns need them.
 
 use super::Follower;
+use crate::numeric::step_size::{factor, shorter, FACTORS};
 use crate::record::failure::Failure;
 use crate::switched::integrator::{Piece, SwitchedIntegrator};
 use crate::switched::sensitivity::validity::Limit;
@@ -8,9 +9,6 @@ use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::DifferentiableForce;
 use crate::{Impact, Status};
 
-/// Smallest and largest factor between two steps, and what keeps the next from being rejected.
-const FACTORS: (f64, f64) = (0.2, 5.0);
-const SAFETY: f64 = 0.9;
 /// Steps that are given up for the columns before one is taken as it is.
 const RETRIES: u32 = 40;
 /// How far the step onto an impact may be moved to it, relative to its length.
@@ -28,8 +26,7 @@ impl Follower {
             return Ok(0.0);
         }
         let settings = &integrator.settings;
-        let tolerances = (settings.rtol, settings.atol);
-        self.step.error(&integrator.stages, tolerances, &self.sizes, force)
+        self.step.error(&integrator.stages, &settings.tolerances(), &self.sizes, force)
     }
 
     /// What a piece of flight that was taken adds: a minimum, the dense output, an impact.
@@ -48,7 +45,8 @@ impl Follower {
         if let Some(total) = length.filter(|&total| far(total, &integrator.stages)) {
             // the impact was found on the polynomials, away from the end of the step
             let mut stages = integrator.stages.clone();
-            stages.step(stages.from, stages.slope_at_start(), total, force)?;
+            let (from, slope) = (stages.from, stages.start_slope(0));
+            stages.step(&from, &slope, total, force)?;
             self.step.step(&stages, force)?;
             onto = Some(stages);
         }
@@ -113,7 +111,7 @@ impl Follower {
             }
             let h = integrator.stages.h;
             let error = self.fly(integrator, force)?;
-            let factor = SAFETY * error.powf(-1.0 / order);
+            let factor = factor(error, order);
             if error <= 1.0 || retry == RETRIES || h <= shortest {
                 if error > 0.0 {
                     let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
@@ -122,11 +120,10 @@ impl Follower {
                 self.flew(integrator, impact, force)?;
                 return Ok(piece);
             }
-            let factor = if factor > FACTORS.0 { factor.min(SAFETY) } else { FACTORS.0 };
             let rejected = integrator.counts.rejected + 1;
             integrator.clone_from(&before);
             integrator.counts.rejected = rejected;
-            integrator.h = Some(factor * h);
+            integrator.h = Some(shorter(factor) * h);
         }
         Err(Failure::Status(Status::Internal))
     }

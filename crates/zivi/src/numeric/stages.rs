@@ -1,0 +1,393 @@
+//! One step of an embedded pair on `x'' = a(t, x, x')`, for one coordinate or for several.
+//!
+//! With `y = (x, x')` the stages are velocities `V_i` and accelerations `k_i`:
+//!
+//! ```text
+//! X_i = x + h sum_j a_ij V_j     V_i = x' + h sum_j a_ij k_j     k_i = a(t + c_i h, X_i, V_i)
+//! ```
+//!
+//! Only `a` is evaluated, and it is evaluated where the stages are: in a step that ends in an
+//! impact they may be a little beyond it.
+
+use super::bernstein::Bernstein;
+use super::coordinates::{Coordinates, Row, State};
+use super::dense;
+use super::step_error::{worse, StepError, Tolerances};
+use super::tableau::{Estimate, Interpolant, Pair};
+
+/// What is integrated, `x'' = a(t, x, x')`, with the reason `X` where there is no `a`.
+pub(crate) trait Equation<Q, X> {
+    /// Writes `a` at a state.
+    fn acceleration(&mut self, at: &State<Q>, into: &mut Q) -> Result<(), X>;
+
+    /// Told once `a` has been asked for at the end of a step.
+    fn is_at_end(&mut self, _at: &State<Q>) {}
+}
+
+/// The last step that was computed: its stages and both of its ends.
+#[derive(Clone, Debug)]
+pub(crate) struct Stages<Q: Coordinates> {
+    pub(crate) pair: &'static Pair,
+    pub(crate) from: State<Q>,
+    pub(crate) h: f64,
+    pub(crate) end: State<Q>,
+    /// Velocities and accelerations of the stages.
+    v: Q::Rows,
+    k: Q::Rows,
+    /// Stages known: those of the step, the one at its end, further ones.
+    known: usize,
+    /// Memory for the stage that is computed: state and accelerations.
+    work: [Q; 3],
+}
+
+impl<Q: Coordinates> Stages<Q> {
+    /// For so many coordinates.
+    pub(crate) fn new(pair: &'static Pair, count: usize) -> Self {
+        let (zeros, rows) = (State::zeros(count), Q::rows(count));
+        Self {
+            pair,
+            from: zeros.clone(),
+            h: 0.0,
+            end: zeros.clone(),
+            v: rows.clone(),
+            k: rows,
+            known: 0,
+            work: std::array::from_fn(|_| Q::zeros(count)),
+        }
+    }
+
+    /// `q` in the local error: a step of length `h` has one of order `h^q`.
+    pub(crate) fn order_of_error(&self) -> f64 {
+        self.pair.q
+    }
+
+    /// The step of length `h` from `from`, where the accelerations are `slope`.
+    #[inline]
+    pub(crate) fn step<X>(
+        &mut self,
+        from: &State<Q>,
+        slope: &Q,
+        h: f64,
+        equation: &mut impl Equation<Q, X>,
+    ) -> Result<(), X> {
+        self.from.copy_from(from);
+        self.h = h;
+        put::<Q>((&mut self.v, &mut self.k), 0, (&from.xdot, slope));
+        self.known = 1;
+        let pair = self.pair;
+        for row in pair.a {
+            self.stage(row, equation)?;
+        }
+        let Self { from, h, end, v, k, .. } = self;
+        along(end, from, *h, (v, k), pair.b, 1.0);
+        Ok(())
+    }
+
+    /// The state at the stage `i`, whose row of the tableau this is.
+    pub(crate) fn node(&self, i: usize, row: &[f64]) -> State<Q> {
+        let mut at = self.from.clone();
+        along(&mut at, &self.from, self.h, (&self.v, &self.k), row, self.pair.c[i]);
+        at
+    }
+
+    #[inline]
+    fn stage<X>(&mut self, row: &[f64], equation: &mut impl Equation<Q, X>) -> Result<(), X> {
+        let Self { pair, from, h, v, k, known, work, .. } = self;
+        let [x, xdot, mut slope] = work.each_mut().map(Q::lend);
+        let (mut at, i) = (State { t: from.t, late: from.late, x, xdot }, *known);
+        along(&mut at, from, *h, (v, k), row, pair.c[i]);
+        let done = equation.acceleration(&at, &mut slope);
+        if done.is_ok() {
+            put::<Q>((v, k), i, (&at.xdot, &slope));
+            *known = i + 1;
+        }
+        for (one, place) in [at.x, at.xdot, slope].into_iter().zip(work) {
+            one.give_back(place);
+        }
+        done
+    }
+
+    /// Evaluates the accelerations at the end of the step, which is the next stage.
+    #[inline]
+    pub(crate) fn finish<X>(&mut self, equation: &mut impl Equation<Q, X>) -> Result<(), X> {
+        let Self { pair, end, v, k, known, work: [slope, ..], .. } = self;
+        let last = pair.b.len();
+        if *known != last {
+            return Ok(());
+        }
+        let mut a = Q::lend(slope);
+        let done = equation.acceleration(end, &mut a);
+        if done.is_ok() {
+            equation.is_at_end(end);
+            put::<Q>((v, k), last, (&end.xdot, &a));
+            *known = last + 1;
+        }
+        a.give_back(slope);
+        done
+    }
+
+    /// Computes the stages that the polynomials need.
+    #[inline]
+    pub(crate) fn complete<X>(&mut self, equation: &mut impl Equation<Q, X>) -> Result<(), X> {
+        self.finish(equation)?;
+        if let Interpolant::Nested { a, .. } = self.pair.interpolant {
+            for row in &a[self.known - self.pair.b.len() - 1..] {
+                self.stage(row, equation)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Velocities and accelerations of the stages of a coordinate.
+    #[inline]
+    pub(crate) fn rows(&self, c: usize) -> [&Row; 2] {
+        [&self.v.as_ref()[c], &self.k.as_ref()[c]]
+    }
+
+    /// The acceleration of a coordinate at the start of the step.
+    pub(crate) fn start_slope(&self, c: usize) -> f64 {
+        self.k.as_ref()[c][0]
+    }
+
+    /// The acceleration of a coordinate at the end of the step, once it is finished.
+    #[inline]
+    pub(crate) fn end_slope(&self, c: usize) -> f64 {
+        self.k.as_ref()[c][self.pair.b.len()]
+    }
+
+    /// The accelerations at the end of the step, if they are known.
+    pub(crate) fn copy_end_slope(&self, slope: &mut Q) -> bool {
+        for (c, slope) in slope.as_mut_slice().iter_mut().enumerate() {
+            *slope = self.end_slope(c);
+        }
+        self.known > self.pair.b.len()
+    }
+
+    /// Whether the step ends in numbers.
+    #[inline]
+    pub(crate) fn is_finite(&self) -> bool {
+        let finite = |of: &Q| of.as_slice().iter().all(|it| it.is_finite());
+        finite(&self.end.x) && finite(&self.end.xdot)
+    }
+
+    /// What rounding of the time does to a coordinate and its rate, so many `eps t (x', x'')`, in a
+    /// step that is not itself of that size.
+    #[inline]
+    fn rounding(&self, c: usize, of_time: f64) -> [f64; 2] {
+        let time = of_time * f64::EPSILON * self.from.t.abs();
+        if self.h < 1e4 * time {
+            return [0.0; 2];
+        }
+        let [from, end] = [&self.from, &self.end].map(|it| it.xdot.as_slice()[c].abs());
+        let k = &self.k.as_ref()[c][..self.pair.b.len()];
+        let pull = k.iter().fold(0.0_f64, |most, k| most.max(k.abs()));
+        [time * from.max(end), time * pull]
+    }
+
+    /// The tolerances of a coordinate and its rate in the step, of which more than rounding of the
+    /// time cannot be asked.
+    #[inline]
+    pub(crate) fn scales(&self, c: usize, tolerances: &Tolerances) -> [f64; 2] {
+        let [from, end] =
+            [&self.from, &self.end].map(|it| (it.x.as_slice()[c], it.xdot.as_slice()[c]));
+        let [scale_x, scale_xdot] = tolerances.scales(from, end);
+        let [x, xdot] = self.rounding(c, tolerances.rounding);
+        [scale_x + x, scale_xdot + xdot]
+    }
+
+    /// The estimated error of the step relative to the tolerances.
+    #[inline]
+    pub(crate) fn error<X>(
+        &mut self,
+        tolerances: &Tolerances,
+        equation: &mut impl Equation<Q, X>,
+    ) -> Result<f64, X> {
+        if let Estimate::Single(_) = self.pair.estimate {
+            self.finish(equation)?;
+        }
+        let all = 0..self.from.x.as_slice().len();
+        let each = all.map(|c| self.error_of(c).norm(self.scales(c, tolerances)));
+        Ok(each.reduce(worse).unwrap_or(0.0))
+    }
+
+    /// The estimated error of a coordinate.
+    #[inline]
+    fn error_of(&self, c: usize) -> StepError {
+        let ([v, k], h) = (self.rows(c), self.h);
+        match self.pair.estimate {
+            Estimate::Single(e) => {
+                let (x, xdot) = weighted(e, v, k);
+                StepError { x: [h * x, 0.0], xdot: [h * xdot, 0.0], double: false }
+            }
+            Estimate::Double(e5, e3) => {
+                let ((x5, v5), (x3, v3)) = (weighted(e5, v, k), weighted(e3, v, k));
+                StepError { x: [h * x5, h * x3], xdot: [h * v5, h * v3], double: true }
+            }
+        }
+    }
+
+    /// Whether the velocities hardly change in the step: across a jump of the acceleration they
+    /// change by no more than rounding of the time explains, at a pole by any amount.
+    pub(crate) fn is_smooth_to_rounding(&self) -> bool {
+        const HARDLY: f64 = 1e-3;
+        let (from, end) = (self.from.xdot.as_slice(), self.end.xdot.as_slice());
+        let change = from.iter().zip(end).fold(0.0_f64, |a, (v, w)| a.max((w - v).abs()));
+        let speed = from.iter().chain(end).fold(0.0_f64, |a, v| a.max(v.abs()));
+        change <= HARDLY * speed
+    }
+
+    /// Whether all stages and the end of a coordinate move away from zero, or are pushed away from
+    /// it: so the whole step from there moves away. (Where the force grows like a high power of
+    /// the time, the velocities of some stages are negative for every step size.)
+    pub(crate) fn rises(&self, c: usize) -> bool {
+        let last = self.pair.b.len();
+        let away = |of: &Row| of[..last].iter().all(|&it| it >= 0.0);
+        let [v, k] = self.rows(c);
+        let [from, end] = [&self.from, &self.end].map(|it| it.x.as_slice()[c]);
+        (away(v) || away(k)) && end > from && self.end.xdot.as_slice()[c] > 0.0
+    }
+
+    /// As [`dense::screen`], for a coordinate.
+    #[inline]
+    pub(crate) fn screen(&self, c: usize) -> Option<(Bernstein, f64)> {
+        let [from, end] =
+            [&self.from, &self.end].map(|it| (it.x.as_slice()[c], it.xdot.as_slice()[c]));
+        dense::screen(self.pair, self.h, from, end, &self.k.as_ref()[c])
+    }
+
+    /// The polynomials of a coordinate and of its rate over the step, once it is complete.
+    #[inline]
+    pub(crate) fn polynomials_of(&self, c: usize) -> [Bernstein; 2] {
+        let [x, xdot] = [
+            [self.from.x.as_slice()[c], self.end.x.as_slice()[c]],
+            [self.from.xdot.as_slice()[c], self.end.xdot.as_slice()[c]],
+        ];
+        let [v, k] = self.rows(c);
+        [dense::polynomial(self.pair, x, self.h, v), dense::polynomial(self.pair, xdot, self.h, k)]
+    }
+}
+
+/// Writes the stage `i`.
+#[inline]
+fn put<Q: Coordinates>((v, k): (&mut Q::Rows, &mut Q::Rows), i: usize, (xdot, slope): (&Q, &Q)) {
+    let rows = v.as_mut().iter_mut().zip(k.as_mut());
+    for ((v, k), (xdot, slope)) in rows.zip(xdot.as_slice().iter().zip(slope.as_slice())) {
+        (v[i], k[i]) = (*xdot, *slope);
+    }
+}
+
+/// `at <- from + h sum_j a_j (V_j, k_j)` at the node `c`.
+#[inline]
+fn along<Q: Coordinates>(
+    at: &mut State<Q>,
+    from: &State<Q>,
+    h: f64,
+    (v, k): (&Q::Rows, &Q::Rows),
+    a: &[f64],
+    c: f64,
+) {
+    (at.t, at.late) = (from.t, from.late);
+    at.pass(c * h);
+    let to = at.x.as_mut_slice().iter_mut().zip(at.xdot.as_mut_slice());
+    let start = from.x.as_slice().iter().zip(from.xdot.as_slice());
+    let rows = v.as_ref().iter().zip(k.as_ref());
+    for (((x, xdot), (x0, v0)), (v, k)) in to.zip(start).zip(rows) {
+        let (of_x, of_xdot) = weighted(a, v, k);
+        *x = x0 + h * of_x;
+        *xdot = v0 + h * of_xdot;
+    }
+}
+
+#[inline]
+fn weighted(a: &[f64], v: &Row, k: &Row) -> (f64, f64) {
+    let (mut x, mut xdot) = (0.0, 0.0);
+    for ((a, v), k) in a.iter().zip(v).zip(k) {
+        x += a * v;
+        xdot += a * k;
+    }
+    (x, xdot)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::tableau::{DOP853, DORMAND_PRINCE_5};
+
+    /// `x'' = a(t, x, x')` for each of some coordinates.
+    struct Each<A>(A);
+
+    impl<Q: Coordinates, A: Fn(f64, f64, f64) -> f64> Equation<Q, ()> for Each<A> {
+        fn acceleration(&mut self, at: &State<Q>, into: &mut Q) -> Result<(), ()> {
+            let state = at.x.as_slice().iter().zip(at.xdot.as_slice());
+            for (into, (x, v)) in into.as_mut_slice().iter_mut().zip(state) {
+                *into = (self.0)(at.t, *x, *v);
+            }
+            Ok(())
+        }
+    }
+
+    /// `x'' = -x + 0.3 t - 0.1 x'`: error of one step and of its polynomials, by step size.
+    fn errors(pair: &'static Pair, h: f64) -> [f64; 2] {
+        let exact = |t: f64| {
+            // x = p + q t + e^(-0.05 t) (a cos w t + b sin w t), q = 0.3, p = -0.03
+            let w = (1.0 - 0.0025f64).sqrt();
+            let (a, b) = (1.03, (0.2 - 0.3 + 0.05 * 1.03) / w);
+            let (sin, cos) = (w * t).sin_cos();
+            let decay = (-0.05 * t).exp();
+            -0.03 + 0.3 * t + decay * (a * cos + b * sin)
+        };
+        let equation = &mut Each(|t: f64, x: f64, v: f64| -x + 0.3 * t - 0.1 * v);
+        let mut stages = Stages::<f64>::new(pair, 1);
+        let from = State { x: 1.0, xdot: 0.2, ..State::default() };
+        assert_eq!(stages.step(&from, &(-1.0 - 0.02), h, equation), Ok(()));
+        assert_eq!(stages.complete(equation), Ok(()));
+        let (end, [x, xdot]) = (stages.end, stages.polynomials_of(0));
+        assert!((x.at(1.0) - end.x).abs() < 1e-14 && (xdot.at(1.0) - end.xdot).abs() < 1e-14);
+        let inside = (1..8).map(|i| f64::from(i) / 8.0);
+        let dense = inside.map(|c| (x.at(c) - exact(c * h)).abs()).fold(0.0, f64::max);
+        [(end.x - exact(h)).abs(), dense]
+    }
+
+    #[test]
+    fn steps_and_polynomials_have_their_orders() {
+        // local errors: h^(p+1) for the step, h^(q+1) for the polynomial of order q
+        for (pair, h, orders) in [(&DORMAND_PRINCE_5, 0.4, [5.9, 4.8]), (&DOP853, 1.6, [8.7, 7.7])]
+        {
+            let (coarse, fine) = (errors(pair, h), errors(pair, h / 2.0));
+            for i in 0..2 {
+                let order = (coarse[i] / fine[i]).log2();
+                assert!(order > orders[i], "{i}: order {order} {coarse:?} {fine:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn several_coordinates_make_the_steps_of_each_of_them_to_the_last_bit() {
+        let tolerances = Tolerances { rtol: 1e-6, atol: [1e-9; 2], rounding: 0.25 };
+        let starts = [(1.0, 0.2), (-0.4, 3.0), (0.0, -1.0)];
+        let equation = &mut Each(|t: f64, x: f64, v: f64| (3.0 * t).sin() - 2.0 * x - 0.1 * v * v);
+        for pair in [&DORMAND_PRINCE_5, &DOP853] {
+            let (mut many, mut one) =
+                (Stages::<Vec<f64>>::new(pair, 3), Stages::<f64>::new(pair, 1));
+            let mut from = State::<Vec<f64>>::zeros(3);
+            (from.t, from.late) = (7.3, 1e-17);
+            (from.x, from.xdot) = starts.into_iter().unzip();
+            let mut slopes = vec![0.0; 3];
+            assert_eq!(equation.acceleration(&from, &mut slopes), Ok(()));
+            assert_eq!(many.step(&from, &slopes, 0.7, equation), Ok(()));
+            let (error, mut worst) = (many.error(&tolerances, equation), 0.0);
+            assert_eq!(many.complete(equation), Ok(()));
+            for c in 0..3 {
+                let alone = State { t: 7.3, late: 1e-17, x: from.x[c], xdot: from.xdot[c] };
+                assert_eq!(one.step(&alone, &slopes[c], 0.7, equation), Ok(()));
+                worst = worse(one.error(&tolerances, equation).unwrap_or(f64::NAN), worst);
+                assert_eq!(one.complete(equation), Ok(()));
+                let end = (many.end.t, many.end.late, many.end.x[c], many.end.xdot[c]);
+                assert_eq!((one.end.t, one.end.late, one.end.x, one.end.xdot), end);
+                assert_eq!(one.polynomials_of(0), many.polynomials_of(c));
+                assert_eq!((one.screen(0), one.rises(0)), (many.screen(c), many.rises(c)));
+            }
+            assert_eq!(error, Ok(worst));
+        }
+    }
+}
