@@ -20,14 +20,23 @@ PAGE = (ROOT / "docs" / "command_line.md").read_text("utf-8")
 EXAMPLES = ROOT / "examples" / "files"
 PREPARE = {
     "simulate": files.prepare_simulate,
+    "mechanics": files.prepare_simulate,
     "control": files.prepare_control,
     "sweep": files.prepare_sweep,
 }
 
 
+HEADINGS = {"mechanics": "simulate, mechanical systems"}
+"""The sections of the page that are not named after a command."""
+COMMAND = {"mechanics": ("simulate", "--example-mechanics")}
+"""The command that reads such a file, and its option that prints one."""
+
+
 def documented(command):
     """Read the tables of the page as a user does: key, for what, unit, allowed, default."""
-    section = PAGE.partition(f"### zivi {command}\n")[2].partition("\n### ")[0]
+    section = PAGE.partition(f"### zivi {HEADINGS.get(command, command)}\n")[2].partition("\n### ")[
+        0
+    ]
     found = []
     for line in section.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split(" | ")]
@@ -84,9 +93,14 @@ VALUES = {
     "executor": "'threads'",
     "sampler": "'halton'",
     "log": "true",
+    "V": "'9.81*u'",
+    "Q": "['cos(3*t) - 0.1*udot']",
 }
 BASES = {
     "simulate": {"t_span": "[0, 1]", "y0": "[1, 0]", "system.force": "-1.0", "system.e": "0.5"},
+    "mechanics": {
+        "t_span": "[0, 1]", "y0": "[[1], [0]]", "system.q": "['u']", "system.T": "'udot**2/2'",
+    },
     "control": {
         "t_span": "[0, 0.1]", "y0": "[1, 0]", "system.force": "-1.0", "system.e": "0.5",
         "controller.name": "'TwistingTracker'", "controller.mu1": "3.0", "controller.mu2": "2.0",
@@ -108,6 +122,8 @@ def complete(command, key, kind):
             given["method.h"] = "1e-2"
         if kind == "sample":
             given |= {"parameters.e": "{ start = 0.1, stop = 0.9 }", "design.n": "4"}
+    if key == "system.e" and command == "mechanics":
+        given["system.gaps.floor"] = "'u'"
     if key == "system.kappa":
         del given["system.e"]
     if table == "system.wall":
@@ -123,13 +139,14 @@ def complete(command, key, kind):
         given["controller.name"] = f"'{kind}'"
     given.setdefault(key, VALUES.get(name, "1"))
     told = {
-        path.replace("parameters.NAME", "parameters.e").replace("fixed.NAME", "fixed.g"): value
+        re.sub(r"(parameters|fixed|gaps)\.NAME", lambda m: f"{m[1]}.{NAMES[m[1]]}", path): value
         for path, value in given.items()
     }
     return "".join(f"{path} = {value}\n" for path, value in told.items())
 
 
-WHOLE_TABLES = ("system", "system.wall", "method", "controller", "parameters", "parameters.NAME",
+NAMES = {"parameters": "e", "fixed": "g", "gaps": "floor"}
+WHOLE_TABLES = ("system.gaps", "system.parameters", "system", "system.wall", "method", "controller", "parameters", "parameters.NAME",
                 "fixed", "design")  # fmt: skip
 
 
@@ -202,19 +219,24 @@ def test_all_settings_of_the_library_are_there():
     without = {"progress", "events", "dense_output", "t_eval", "reference", "observer", "misplaced"}
     assert taken - keys == without
     taken = set(inspect.signature(zivi.simulate).parameters)
-    keys = {key.name for key in document.COMMANDS["simulate"]}
-    assert taken - keys == {"progress", "events", "dense_output", "samples", "misplaced"}
+    for command in ("simulate", "mechanics"):
+        keys = {key.name for key in document.COMMANDS[command]}
+        assert taken - keys == {"progress", "events", "dense_output", "samples", "misplaced"}
+    taken = set(inspect.signature(zivi.symbolic.system).parameters)
+    (system,) = (key for key in document.COMMANDS["mechanics"] if key.name == "system")
+    assert taken - {key.name for key in system.kind.keys} == {"qdot", "compiler"}
 
 
 @pytest.mark.parametrize("command", PREPARE)
 def test_examples(command, tmp_path, monkeypatch):
-    told = CliRunner().invoke(app, [command, "--example"])
+    name, option = COMMAND.get(command, (command, "--example"))
+    told = CliRunner().invoke(app, [name, option])
     assert told.exit_code == 0
     kept = EXAMPLES / f"{command}.toml"
     assert told.output == kept.read_text("utf-8")
     monkeypatch.chdir(tmp_path)
     Path("FILE.toml").write_text(told.output)
-    ended = CliRunner().invoke(app, [command, "FILE.toml"])
+    ended = CliRunner().invoke(app, [name, "FILE.toml"])
     assert ended.exit_code == 0, ended.output
     # each setting in a comment works as well, in place of the one that it is an example for
     together = re.search(r"^# \[.*?(\n\n|\Z)", told.output, re.MULTILINE | re.DOTALL)
@@ -242,7 +264,7 @@ def test_tables_in_comments_of_examples(tmp_path):
 
 
 def test_what_the_page_says():
-    for command in (*PREPARE, "show"):
+    for command in {*PREPARE} - {*COMMAND} | {"show"}:
         told = CliRunner().invoke(app, [command, "--help"]).output
         for option in re.findall(r"--[a-z-]+", told):
             assert f"`{option}" in PAGE or option == "--help", option

@@ -90,6 +90,15 @@ def simulate(
         bool,
         typer.Option("--example", callback=_example("simulate"), is_eager=True, help=Example),
     ] = False,
+    example_mechanics: Annotated[
+        bool,
+        typer.Option(
+            "--example-mechanics",
+            callback=_example("mechanics"),
+            is_eager=True,
+            help="Print an example file of a mechanical system.",
+        ),
+    ] = False,
 ) -> None:
     """Simulate one system from a file; write a netCDF file.
 

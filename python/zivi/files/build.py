@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 import zivi
+from zivi import symbolic
 from zivi.files.mistakes import Mistakes
 from zivi.system import Force
 
-__all__ = ["controller", "force", "method", "named", "restitution", "spaced", "system"]
+__all__ = ["controller", "force", "mechanics", "method", "named", "restitution", "spaced", "system"]
 
 
 def force(value: Any) -> Force:
@@ -29,6 +30,12 @@ def system(values: dict[str, Any], mistakes: Mistakes) -> zivi.ImpactSystem:
             wall=None if wall is None else zivi.HarmonicWall(**wall),
             **given,
         )
+
+
+def mechanics(values: dict[str, Any], mistakes: Mistakes) -> zivi.MechanicalSystem:
+    """Build a mechanical system from its energies."""
+    with mistakes.naming(named("system", values), "system"):
+        return symbolic.system(**values)
 
 
 def method(values: dict[str, Any], mistakes: Mistakes) -> Any:

@@ -9,17 +9,15 @@ from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
-from zivi.closed_loop import ClosedLoop
 from zivi.files import show, summary
 from zivi.files.mistakes import FileError
 from zivi.files.results import require_library, require_regular, save
-from zivi.files.runs import Prepared
+from zivi.files.runs import Prepared, Run
 from zivi.files.sweeps import prepare_sweep
 from zivi.files.telling import say, show_table, warn
 from zivi.status import StudyStatus
 from zivi.study import Study
 from zivi.study.folder import FolderStore
-from zivi.trajectory import Trajectory
 
 __all__ = ["EARLY", "INTERRUPTED", "WRONG", "example", "output", "picture", "single", "study"]
 
@@ -74,18 +72,18 @@ def single(
     return code
 
 
-def _computed(prepared: Prepared, quiet: bool) -> tuple[Trajectory | ClosedLoop, int]:
+def _computed(prepared: Prepared, quiet: bool) -> tuple[Run, int]:
     try:
         run = prepared.run(progress=False if quiet else None)
     except (Exception, KeyboardInterrupt) as error:
         partial = getattr(error, "trajectory", None)
-        if not isinstance(partial, Trajectory | ClosedLoop):
+        if not isinstance(partial, Run):
             raise
         return partial, INTERRUPTED if isinstance(error, KeyboardInterrupt) else EARLY
     return run, 0 if run.success else EARLY
 
 
-def _saved(run: Trajectory | ClosedLoop, path: Path, force: bool) -> bool:
+def _saved(run: Run, path: Path, force: bool) -> bool:
     try:
         save(run, path, overwrite=force)
     except OSError as error:

@@ -6,11 +6,12 @@ import sys
 from pathlib import Path
 
 from zivi.files.keys import CONTROL, SIMULATE, SWEEP
+from zivi.files.mechanical_keys import MECHANICS
 from zivi.files.tables import Key, rows
 
 __all__ = ["COMMANDS", "insert", "markdown"]
 
-COMMANDS = {"simulate": SIMULATE, "control": CONTROL, "sweep": SWEEP}
+COMMANDS = {"simulate": SIMULATE, "mechanics": MECHANICS, "control": CONTROL, "sweep": SWEEP}
 HEAD = "| key | only for | unit | allowed | default | meaning |\n|---|---|---|---|---|---|\n"
 
 

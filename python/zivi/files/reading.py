@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from zivi.files.mistakes import FileError, Mistakes
 from zivi.files.tables import Key, read_keys
 
 __all__ = ["Content", "read"]
+
+Keys: TypeAlias = tuple[Key, ...]
 
 LARGEST = 50_000_000
 """Bytes of a file that is read."""
@@ -32,10 +35,19 @@ class Content:
     mistakes: Mistakes
 
 
-def read(path: Path, keys: tuple[Key, ...]) -> Content:
-    """Read a file; a `FileError` tells all that is wrong with it."""
+def read(path: Path, keys: Keys | Callable[[dict[str, Any]], Keys]) -> Content:
+    """Read a file; a `FileError` tells all that is wrong with it.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    keys : tuple of Key, or callable
+        Its keys, or what gives them for what the file holds.
+    """
     mistakes = Mistakes(path)
-    values = read_keys(keys, _parsed(path), "", mistakes)
+    content = _parsed(path)
+    values = read_keys(keys(content) if callable(keys) else keys, content, "", mistakes)
     mistakes.stop()
     return Content(values, mistakes)
 

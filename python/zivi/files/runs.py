@@ -5,19 +5,24 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from zivi.closed_loop import ClosedLoop, simulate_closed_loop
 from zivi.files import build
 from zivi.files.keys import CONTROL, SIMULATE
+from zivi.files.mechanical_keys import MECHANICS, is_mechanical
 from zivi.files.mistakes import Mistakes
 from zivi.files.reading import read
+from zivi.mechanics.trajectory import MechanicalTrajectory
 from zivi.simulate import simulate
 from zivi.trajectory import Trajectory
 
-__all__ = ["Prepared", "prepare_control", "prepare_simulate"]
+__all__ = ["Prepared", "Run", "prepare_control", "prepare_simulate"]
+
+Run: TypeAlias = Trajectory | ClosedLoop | MechanicalTrajectory
+"""What a single run gives."""
 
 PAIRS = {"x0": "y0", "xdot0": "y0", "x_ref": "y_ref0", "xdot_ref": "y_ref0"}
 """The arguments that the library names where a pair is wrong, and their keys."""
@@ -37,11 +42,11 @@ class Prepared:
         Of the file.
     """
 
-    call: Callable[[bool | None], Trajectory | ClosedLoop]
+    call: Callable[[bool | None], Run]
     keys: dict[str, str]
     mistakes: Mistakes
 
-    def run(self, progress: bool | None = None) -> Trajectory | ClosedLoop:
+    def run(self, progress: bool | None = None) -> Run:
         """Compute; a `FileError` tells what only shows when everything is put together."""
         with self.mistakes.naming(self.keys):
             return self.call(progress)
@@ -49,19 +54,25 @@ class Prepared:
 
 def prepare_simulate(path: Path) -> Prepared:
     """Read a file of ``zivi simulate``."""
-    content = read(path, SIMULATE)
+    content = read(path, lambda given: MECHANICS if is_mechanical(given) else SIMULATE)
     values, mistakes = content.values, content.mistakes
-    plant = build.system(values["system"], mistakes)
+    plant: Any
+    keys = {name: name for name in ("t_span", "y0", "t_eval", "tstops")} | {"h": "method.h"}
+    if is_mechanical(values):
+        plant = build.mechanics(values["system"], mistakes)
+        keys |= {"q0": "y0", "qdot0": "y0"}
+    else:
+        plant = build.system(values["system"], mistakes)
+        keys |= PAIRS | build.restitution(values["system"])
     arguments: dict[str, Any] = {"t_eval": _times(values.get("t_eval"), mistakes)}
     if "tstops" in values:
         arguments["tstops"] = np.array(values["tstops"])
     if "method" in values:
         arguments["method"] = build.method(values["method"], mistakes)
-    keys = {name: name for name in ("t_span", "y0", "t_eval", "tstops")} | PAIRS
-    keys |= {"h": "method.h"} | build.restitution(values["system"])
 
-    def call(progress: bool | None) -> Trajectory:
-        return simulate(plant, values["t_span"], values["y0"], progress=progress, **arguments)
+    def call(progress: bool | None) -> Run:
+        run: Run = simulate(plant, values["t_span"], values["y0"], progress=progress, **arguments)
+        return run
 
     return Prepared(call, keys, mistakes)
 

@@ -1,0 +1,56 @@
+"""All keys of a file of a mechanical system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from zivi.files.expressions import Each, Expression, Names, OneOrEach
+from zivi.files.keys import ANY, METHODS, POSITIVE, SIMULATE, UNIT
+from zivi.files.kinds import Numbers
+from zivi.files.tables import Key, Open, Table, Tagged
+
+__all__ = ["MECHANICS", "is_mechanical"]
+
+FORMULA = Expression()
+SHARED = {key.name: key for key in SIMULATE}
+
+SYSTEM = Table(
+    (
+        Key("q", Names(), "the coordinates; the velocity of x is xdot, the time t"),
+        Key("T", FORMULA, "kinetic energy, quadratic in the velocities"),
+        Key("V", FORMULA, "potential energy", default="0"),
+        Key("Q", Each(FORMULA, "expressions"), "other forces, one for each of q", default="none"),
+        Key("gaps", Open(FORMULA, "gaps"), "what stays >= 0, by name", default="none"),
+        Key("parameters", Open(ANY, "parameters"), "values of all other names", default="none"),
+        Key("e", OneOrEach(UNIT), "coefficient of restitution, of all gaps or of each", "1", "0"),
+    )
+)
+
+MECHANICS = (
+    SHARED["t_span"],
+    Key("y0", Each(Numbers(), "two lists of numbers, [q0, qdot0]"), "coordinates and velocities"),
+    Key("system", SYSTEM, "the system, by its energies"),
+    Key(
+        "method",
+        Tagged(
+            "name",
+            {
+                "SwitchedRK": METHODS["SwitchedRK"],
+                "MoreauJean": METHODS["MoreauJean"],
+                "ThetaGamma": (Key("h", POSITIVE, "step", "s"),),
+            },
+            "SwitchedRK",
+        ),
+        "the method",
+        default="SwitchedRK",
+    ),
+    SHARED["t_eval"],
+    SHARED["tstops"],
+)
+
+
+def is_mechanical(content: Mapping[str, Any]) -> bool:
+    """Whether a file describes a mechanical system, and not a mass above a wall."""
+    system = content.get("system")
+    return isinstance(system, dict) and bool({"q", "T", "V", "Q", "gaps"} & set(system))

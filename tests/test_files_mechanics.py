@@ -1,0 +1,132 @@
+"""Files of mechanical systems: what they give, what is refused, and that no code is run."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import zivi
+from mechanical_models import ndof_case
+from zivi import files
+from zivi.cli import app
+from zivi.files import FileError, commands
+
+pytest.importorskip("h5netcdf")
+pytestmark = pytest.mark.xdist_group("mechanical models")
+
+EXAMPLE = commands.example("mechanics")
+
+
+def changed(tmp_path, pattern, line):
+    path = tmp_path / "file.toml"
+    text, found = re.subn(pattern, lambda _: line, EXAMPLE, flags=re.MULTILINE)
+    assert found == 1
+    path.write_text(text)
+    return path
+
+
+def test_the_command_gives_what_python_gives(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("pendulum.toml").write_text(EXAMPLE)
+    ended = CliRunner().invoke(app, ["simulate", "pendulum.toml"])
+    assert ended.exit_code == 0, ended.output
+    assert "Mechanical system" in ended.output
+    system, span, start = ndof_case("dpend")  # the same pendulum
+    one = zivi.simulate(system, span, start, zivi.SwitchedRK(rtol=1e-8, atol=1e-10))
+    sol = files.load("pendulum.nc")
+    assert sol.gap_names == ("wall",)
+    assert sol.coordinate_names == ("a", "b")
+    assert sol.zeno["t"] == pytest.approx(one.zeno["t"], abs=1e-9)
+    assert sol.q[-1] == pytest.approx(one.q[-1], abs=1e-8)
+    assert sol.config["parameters"]["m2"] == 0.8
+    shown = CliRunner().invoke(app, ["show", "pendulum.nc"])
+    assert shown.exit_code == 0, shown.output
+    assert Path("pendulum.png").stat().st_size > 10_000
+
+
+def test_times_and_other_methods(tmp_path):
+    path = changed(tmp_path, r"^# t_eval = .*$", "t_eval = { start = 0.0, stop = 1.0, num = 5 }")
+    sol = files.prepare_simulate(path).run()
+    assert sol.t == pytest.approx(np.linspace(0, 1, 5))
+    path = changed(tmp_path, r"^name = .*\n.*\n.*$", 'name = "MoreauJean"\nh = 1e-3')
+    stepped = files.prepare_simulate(path).run()
+    assert stepped(1.0)[0] == pytest.approx(sol.q[-1], abs=0.02)
+
+
+def test_a_run_that_ends_early_is_kept(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("bar.toml").write_text(
+        "t_span = [0, 2]\ny0 = [[0.5, 0.0], [0.0, 0.0]]\n[system]\nq = ['y', 'th']\n"
+        "T = '(ydot**2 + 0.3*thdot**2)/2'\nV = '9.81*y'\ne = [0.5, 0.5, 0.5]\n"
+        "gaps = { left = 'y - th', middle = 'y', right = 'y + th' }\n"
+    )
+    ended = CliRunner().invoke(app, ["simulate", "bar.toml", "-q"])
+    assert ended.exit_code == commands.EARLY
+    assert "these gaps touch: 'left', 'middle', 'right'" in ended.output
+    sol = files.load("bar.nc")
+    assert sol.status is zivi.Status.REDUNDANT_CONTACTS
+    assert sol.t[-1] == pytest.approx(np.sqrt(1 / 9.81))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "line", "told"),
+    [
+        (r"^wall = .*$", "wall = 'l1*sin(a) + l9'", "system: gap 'wall' has l9, which is no"),
+        (r"^wall = .*$", "wall = 'l1*sinn(a)'", "sinn is no function"),
+        (r"^wall = .*$", "wall = 'l1*sin'", "sin needs an argument"),
+        (r"^wall = .*$", "wall = 'a +* b'", "it is no formula"),
+        (r"^wall = .*$", "wall = 'a^2'", r"a power is \*\*"),
+        (r"^wall = .*$", "wall = 'a**2000'", "the exponent 2000 is too high"),
+        (r"^wall = .*$", "wall = 'a + 1e999'", "a number is too large"),
+        (r"^wall = .*$", "wall = true", "system.gaps.wall must be an expression or a finite"),
+        (r"^wall = .*$", "wall = 'a + adot'", "not on velocities"),
+        (r"^wall = .*$", "wall = '-1 - a**2'", "gap 'wall' must be >= 0 at the start"),
+        (r"^T = .*$", "T = 'adot**2/2'", "mass must be positive definite"),
+        (r"^T = .*$", "TT = 'adot**2/2'", r"system.TT is no key[^\0]*system.T is missing"),
+        (r"^Q = .*$", "Q = ['1']", "system.Q must have an entry for each of the 2 coordinates"),
+        (r"^q = .*$", "q = ['a', 'a']", r"system.q\[1\] must be another name"),
+        (r"^q = .*$", "q = ['a', 'b c']", r"system.q\[1\] must be a name of letters"),
+        (r"^e = .*$", "e = 1.4", "system.e must be a finite number >= 0 and <= 1"),
+        (r"^e = .*$", "e = [0.1, 0.2]", "system.e must be one number or one for each"),
+        (r"^y0 = .*$", "y0 = [0.5, 0.9]", r"y0\[0\] must be a list"),
+        (r"^y0 = .*$", "y0 = [[0.5, 0.9], [0.0]]", r"y0 must have shape \(2,\)"),
+        (r"^d = .*$", "d = '0.1'", "system.parameters.d must be a finite number"),
+        (r"^name = .*$", "name = 'ExplicitEuler'", "method.name must be one of"),
+    ],
+)
+def test_what_is_wrong_names_its_key(tmp_path, pattern, line, told):
+    path = changed(tmp_path, pattern, line)
+    with pytest.raises(FileError, match=told):
+        files.prepare_simulate(path).run()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "__import__('os').mkdir('ran')",
+        "().__class__.__bases__",
+        "[x for x in (1, 2)]",
+        "(lambda: 1)()",
+        "open",
+        "eval('1')",
+        "sin(x=1)",
+        "'a'",
+        "a if b else 1",
+        "a < b",
+        "a @ b",
+        "f'{a}'",
+        "(a := 1)",
+        "a[0]",
+        "sin(*a)",
+        "None",
+        "1j",
+    ],
+)
+def test_no_code_is_run(tmp_path, monkeypatch, text):
+    monkeypatch.chdir(tmp_path)
+    path = changed(tmp_path, r"^V = .*$", f'V = "{text}"')
+    with pytest.raises(FileError, match=r"system\.V"):
+        files.prepare_simulate(path).run()
+    assert not Path("ran").exists()
