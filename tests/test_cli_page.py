@@ -146,8 +146,8 @@ def complete(command, key, kind):
 
 
 NAMES = {"parameters": "e", "fixed": "g", "gaps": "floor"}
-WHOLE_TABLES = ("system.gaps", "system.parameters", "system", "system.wall", "method", "controller", "parameters", "parameters.NAME",
-                "fixed", "design")  # fmt: skip
+WHOLE_TABLES = ("system", "system.wall", "system.gaps", "system.parameters", "method", "controller",
+                "parameters", "parameters.NAME", "fixed", "design")  # fmt: skip
 
 
 @pytest.mark.parametrize(
