@@ -106,7 +106,9 @@ class Arc:
     def _halves_meet(self, new: Point) -> bool:
         """Whether a doubled orbit is the single one again."""
         k = len(new.at.y) if new.at.y.ndim == 2 else 0
-        if k % 2 or k == 0 or self.curve.frame.multiple % 2 or len(self.points) < 2:
+        frame = self.curve.frame
+        halves = k % 2 == 0 and (frame.free or frame.multiple % 2 == 0)
+        if k == 0 or not halves or len(self.points) < 2:
             return False
         speeds = new.at.y[:, 1]
         apart = np.max(np.abs(speeds[: k // 2] - speeds[k // 2 :]))

@@ -50,7 +50,7 @@ class Curve:
         self.system, self.frame, self.name = system, frame, name
         self.shape = y.shape
         sizes = size_of(system, frame, y)
-        period = frame.period_of(system)
+        period = frame.length(system, y) / frame.multiple
         # near a grazing the speeds are small, not the motion
         at = equations(system, frame, y, name)
         pull = float(np.max(np.abs([at.legs.first, at.legs.last])))

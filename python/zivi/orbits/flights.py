@@ -97,7 +97,7 @@ def fly(
     )
 
 
-def period_of(system: ImpactSystem, period: float | None) -> float:
+def period_of(system: ImpactSystem, period: float | str | None, *, or_free: bool = False) -> float:
     """Give the period of the excitation; a ValueError where it is not known."""
     if period is not None:
         if not (period := finite("period", period)) > 0.0:
@@ -105,7 +105,9 @@ def period_of(system: ImpactSystem, period: float | None) -> float:
         return period
     omega, _ = excitation(system)
     if omega is None:
+        hint = ", or period='free' where it does not depend on time" if or_free else ""
         raise ValueError(
             "period: the force has no single excitation whose period is known, give period=... (s)"
+            f"{hint}"
         )
     return 2.0 * math.pi / omega

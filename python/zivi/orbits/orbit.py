@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zivi._check import Array, finite, whole
 from zivi._extras import needed
-from zivi._parameters import check_differentiable, parameter
+from zivi._parameters import check_differentiable, excitation, parameter
 from zivi.methods import SwitchedRK
 from zivi.orbits.flights import PRECISE, FlightError, period_of
 from zivi.orbits.sequence import Equations, Frame, canonical, equations, newton
@@ -47,7 +47,8 @@ class PeriodicOrbit:
         The impacts of one period of the motion: ``t`` (s), ``u``, the speed after it (m/s), and
         ``xdot_before``, ``xdot_after``. Of a resting orbit those that were computed.
     multipliers : ndarray
-        The two Floquet multipliers (complex); 0 and 0 for a resting orbit.
+        The two Floquet multipliers (complex); 0 and 0 for a resting orbit. Where nothing excites
+        the system one of them is 1, that of a shift in time.
     residual : float
         Largest residual of the equations, relative to the size of the motion.
     iterations : int
@@ -93,8 +94,11 @@ class PeriodicOrbit:
 
     @property
     def stable(self) -> bool:
-        """Whether both multipliers lie within the unit circle."""
-        return bool(np.all(np.abs(self.multipliers) < 1.0))
+        """Whether the multipliers lie within the unit circle, but for that of a shift in time."""
+        own = self.multipliers
+        if self._frame.free and np.all(np.isfinite(own)):
+            own = np.delete(own, np.argmin(np.abs(own - 1.0)))
+        return bool(np.all(np.abs(own) < 1.0))
 
     @property
     def margin(self) -> float | None:
@@ -114,12 +118,13 @@ class PeriodicOrbit:
         if self.liftoff_time is not None:
             return self.liftoff_time, (0.0, 0.0)
         if self.kind == "flight":
-            return self._frame.start, (float(self._y[0]), float(self._y[1]))
+            t, x, xdot, _ = self._frame.rows(self.system, self._y)[0]
+            return float(t), (float(x), float(xdot))
         if self.status is OrbitStatus.RESTS:
             return self._frame.start, (0.0, 0.0)
         if not len(self._y):
             raise ValueError(f"no orbit was found: {self.message}")
-        return float(self._y[0, 0]), (0.0, float(self._y[0, 1]))
+        return float(self.impacts["t"][0]), (0.0, float(self._y[0, 1]))
 
     def monodromy(self, t0: float | None = None) -> Array:
         """Give the derivative of the state after one period of the motion by the state at `t0`.
@@ -163,7 +168,8 @@ class PeriodicOrbit:
         ndarray
             Of ``(t_1, u_1, t_2, u_2, ...)``, flat; of the state in flight without impacts; of the
             Zeno time and the lift-off time before it for a resting orbit; empty for a mass that
-            never lifts off, which has none of these.
+            never lifts off, which has none of these. Where nothing excites the system the period
+            takes the place of ``t_1``, and of the velocity in flight.
         """
         parameter(self.system, name)
         if self.status is OrbitStatus.RESTS:
@@ -212,7 +218,7 @@ def periodic_orbit(
     start: Any,
     multiple: int | None = None,
     *,
-    period: float | None = None,
+    period: float | Literal["free"] | None = None,
     method: SwitchedRK = PRECISE,
     max_iter: int = 20,
 ) -> PeriodicOrbit:
@@ -225,14 +231,16 @@ def periodic_orbit(
     Parameters
     ----------
     system : ImpactSystem
-        A system with a periodic excitation.
+        A system with a periodic excitation, or one that nothing excites from outside.
     start : Trajectory, (t0, (x0, xdot0)), PeriodicOrbit or array_like
         A run, of which the end is taken; a state, from which some periods are simulated; an orbit
         (of a system near this one); or rows ``(t, u)`` of the impacts of one period.
     multiple : int, optional
         After how many periods of the excitation the motion repeats; by default what `start` shows.
-    period : float, optional
-        The period of the excitation (s), by default from a `LinearForce` or a `HarmonicWall`.
+    period : float or "free", optional
+        The period of the excitation (s), by default from a `LinearForce` or a `HarmonicWall`. Where
+        nothing excites the system it is ``"free"``: an unknown, and times start at the first
+        impact. A force that is asked at several times and does not depend on them is one of these.
     method : SwitchedRK
         Tolerances.
     max_iter : int
@@ -261,20 +269,44 @@ def periodic_orbit(
     from zivi.orbits.start import guess_of
 
     check_differentiable(system)
-    length = period_of(system, period)
     if multiple is not None and whole("multiple", multiple) < 1:
         raise ValueError(f"multiple must be >= 1, got {multiple}")
+    known = None if is_free(system, period, multiple) else period_of(system, period, or_free=True)
     if not isinstance(method, SwitchedRK):
         raise TypeError(f"method must be a zivi.SwitchedRK, got {method!r}")
     if whole("max_iter", max_iter) < 1:
         raise ValueError(f"max_iter must be >= 1, got {max_iter}")
-    guess = guess_of(system, start, multiple, length, method)
-    frame = Frame(guess.multiple, period, method, guess.start)
+    if known is None:
+        from zivi.orbits.free import free_guess
+
+        guess = free_guess(system, start, method)
+        # at rest any period is one
+        frame = Frame(1, 1.0 if guess.resting else None, method, free=not guess.resting)
+    else:
+        guess = guess_of(system, start, multiple, known, method)
+        own = None if period is None else known
+        frame = Frame(guess.multiple, own, method, guess.start)
     if guess.resting:
         from zivi.orbits.rest import resting_orbit
 
         return resting_orbit(system, frame, guess.phase)
     return solve(system, frame, guess.y, max_iter)
+
+
+def is_free(system: ImpactSystem, period: float | str | None, multiple: int | None) -> bool:
+    """Whether the period is an unknown; a ValueError for what does not go with it."""
+    from zivi.orbits.free import is_autonomous
+
+    if isinstance(period, str):
+        if period != "free":
+            raise ValueError(f"period must be a number of seconds or 'free', got {period!r}")
+        if excitation(system)[0] is not None:
+            raise ValueError("period cannot be 'free': the system is excited, and has its period")
+    elif period is not None or not is_autonomous(system):
+        return False
+    if multiple not in (None, 1):
+        raise ValueError(f"multiple counts periods of an excitation; there is none, got {multiple}")
+    return True
 
 
 def solve(system: ImpactSystem, frame: Frame, y: Array, max_iter: int = 20) -> PeriodicOrbit:
@@ -292,10 +324,11 @@ def solve(system: ImpactSystem, frame: Frame, y: Array, max_iter: int = 20) -> P
         return orbit_of(
             system, frame, at, found.residual, found.iterations, OrbitStatus.NOT_CONVERGED, message
         )
-    period = frame.period_of(system)
-    turned = canonical(at.y, period, frame.multiple * period)
-    if turned is not at.y:
-        at = equations(system, frame, turned, minima=True)
+    if not frame.free:
+        period = frame.period_of(system)
+        turned = canonical(at.y, period, frame.multiple * period)
+        if turned is not at.y:
+            at = equations(system, frame, turned, minima=True)
     return checked(system, frame, at, found.residual, found.iterations)
 
 
@@ -311,13 +344,13 @@ def orbit_of(
     """Make the orbit that the equations describe."""
     impacts = np.empty(len(at.y) if at.y.ndim == 2 else 0, ORBIT_IMPACT)
     if at.y.ndim == 2:
-        impacts["t"], impacts["u"] = at.y.T
+        impacts["t"], impacts["u"] = frame.listed(at.y).T
         impacts["xdot_after"] = impacts["u"]
         impacts["xdot_before"] = np.roll(at.legs.v, 1)
     return PeriodicOrbit(
         system=system,
         kind="impacting" if at.y.ndim == 2 else "flight",
-        period=frame.period_of(system),
+        period=frame.length(system, at.y) / frame.multiple,
         multiple=frame.multiple,
         impacts=impacts,
         multipliers=at.multipliers,
@@ -357,10 +390,10 @@ def checked(
 
 def _not_followed(system: ImpactSystem, frame: Frame, at: Equations) -> str | None:
     """Say where a simulation from the first impact leaves the orbit; None if it does not."""
-    length = frame.multiple * frame.period_of(system)
+    length = frame.length(system, at.y)
     flies = at.y.ndim == 1
-    t, state = (frame.start, at.y) if flies else (at.y[0, 0], (0.0, at.y[0, 1]))
-    run = simulate(system, (t, t + length), state, frame.method, dense_output=False)
+    t, x, xdot, _ = frame.rows(system, at.y)[0]
+    run = simulate(system, (t, t + length), (x, xdot), frame.method, dense_output=False)
     impacts = run.impacts
     k = 0 if flies else len(at.y) - 1
     # the impact that ends the period may lie on either side of its end
@@ -377,12 +410,12 @@ def _not_followed(system: ImpactSystem, frame: Frame, at: Equations) -> str | No
 def _failed(system: ImpactSystem, frame: Frame, y: Array, message: str) -> PeriodicOrbit:
     impacts = np.empty(len(y) if y.ndim == 2 else 0, ORBIT_IMPACT)
     if y.ndim == 2:
-        impacts["t"], impacts["u"] = y.T
+        impacts["t"], impacts["u"] = frame.listed(y).T
         impacts["xdot_after"], impacts["xdot_before"] = y[:, 1], np.nan
     return PeriodicOrbit(
         system=system,
         kind="impacting" if y.ndim == 2 else "flight",
-        period=frame.period_of(system),
+        period=frame.length(system, y) / frame.multiple,
         multiple=frame.multiple,
         impacts=impacts,
         multipliers=np.full(2, np.nan, np.complex128),

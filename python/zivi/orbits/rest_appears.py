@@ -38,7 +38,7 @@ def rest_beyond(
     are looked at. None where there is no such orbit near it.
     """
     rows = edge.at.y
-    if rows.ndim != 2 or not _is_chain(rows[:, 1]):
+    if curve.frame.free or rows.ndim != 2 or not _is_chain(rows[:, 1]):
         return None
     outside = {1.0: edge.value, -1.0: edge.value}
     for look in range(LOOKS):

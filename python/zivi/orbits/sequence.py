@@ -6,6 +6,10 @@ With the flight from ``(t_i, 0, u_i)`` to ``t_j``, the last one to ``t_1 + m T``
 
 Every flight is a smooth problem of known length: nothing is searched for, and the equations are
 regular where an impact grazes and beyond (``u < 0``, which no motion has).
+
+Where nothing excites the system every shift of the times is an orbit too: the first impact is put
+at ``t = 0``, and the period `T` takes the place of its time among the unknowns. A motion without
+impacts starts at its highest point then, with the unknowns ``(x, T)`` instead of ``(x, xdot)``.
 """
 
 from __future__ import annotations
@@ -23,7 +27,16 @@ from zivi.orbits.flights import FlightError, Legs, fly
 from zivi.status import Status
 from zivi.system import ImpactSystem
 
-__all__ = ["Equations", "Frame", "Solution", "canonical", "equations", "newton", "size_of"]
+__all__ = [
+    "Equations",
+    "Frame",
+    "Solution",
+    "canonical",
+    "equations",
+    "newton",
+    "size_of",
+    "unknowns_of",
+]
 
 MOST_STEPS = 20
 HALVINGS = 6
@@ -39,6 +52,8 @@ class Frame:
     method: SwitchedRK
     start: float = 0.0
     """Where an orbit without impacts is looked at (s)."""
+    free: bool = False
+    """Whether nothing excites the system, and the period is an unknown."""
 
     def period_of(self, system: ImpactSystem) -> float:
         """Give the period of the excitation of a system."""
@@ -52,17 +67,44 @@ class Frame:
     def period_by(self, system: ImpactSystem, name: str | None) -> float:
         """Give the derivative of the period by a parameter."""
         omega, of = excitation(system)
-        if self.period is not None or omega is None or name is None or name != of:
+        if self.free or self.period is not None or omega is None or name is None or name != of:
             return 0.0
         return -2.0 * math.pi / omega**2
 
+    def length(self, system: ImpactSystem, y: Array) -> float:
+        """Give after how long an orbit repeats."""
+        if self.free:
+            return float(y[1] if y.ndim == 1 else y[0, 0])
+        return self.multiple * self.period_of(system)
+
     def rows(self, system: ImpactSystem, y: Array) -> Array:
         """Give the flights of an orbit: start, state, end."""
-        length = self.multiple * self.period_of(system)
+        length = self.length(system, y)
         if y.ndim == 1:
-            return np.array([[self.start, y[0], y[1], self.start + length]])
-        ends = np.append(y[1:, 0], y[0, 0] + length)
-        return np.column_stack([y[:, 0], np.zeros(len(y)), y[:, 1], ends])
+            xdot = 0.0 if self.free else y[1]
+            return np.array([[self.start, y[0], xdot, self.start + length]])
+        listed = self.listed(y)
+        ends = np.append(listed[1:, 0], listed[0, 0] + length)
+        return np.column_stack([listed[:, 0], np.zeros(len(y)), y[:, 1], ends])
+
+    def listed(self, y: Array) -> Array:
+        """Give the impacts, rows ``(t, u)``, of the unknowns of an orbit."""
+        if not self.free:
+            return y
+        rows = y.copy()
+        rows[0, 0] = 0.0
+        return rows
+
+    def unknowns(self, rows: Array, length: float) -> Array:
+        """Give the unknowns of the orbit with these impacts."""
+        return unknowns_of(rows, length) if self.free else rows
+
+
+def unknowns_of(rows: Array, length: float) -> Array:
+    """Give the unknowns of an orbit with a free period: its length instead of the first time."""
+    y = rows - np.array([rows[0, 0], 0.0])
+    y[0, 0] = length
+    return np.asarray(y, np.float64)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +170,8 @@ def equations(
         j = (i + 1) % k
         residual[i] = legs.x[i], u[j] + e * legs.v[i]
         end = scale * [legs.v[i], legs.last[i]]
-        jacobian[i, :, i, 0] -= scale * (legs.phi[i] @ [u[i], legs.first[i]])
+        if i or not frame.free:
+            jacobian[i, :, i, 0] -= scale * (legs.phi[i] @ [u[i], legs.first[i]])
         jacobian[i, :, i, 1] += scale * legs.phi[i][:, 1]
         jacobian[i, :, j, 0] += end
         jacobian[i, 1, j, 1] += 1.0
@@ -149,8 +192,12 @@ def _of_flight(
     """Evaluate ``P(z) - z`` of an orbit without impacts."""
     by = np.zeros(2) if name in (None, "e") else legs.by[0].copy()
     by += np.array([legs.v[0], legs.last[0]]) * frame.multiple * frame.period_by(system, name)
-    residual = np.array([legs.x[0], legs.v[0]]) - y
-    return Equations(y, residual, legs.phi[0] - np.eye(2), by, legs, [legs.phi[0]])
+    end = np.array([legs.x[0], legs.v[0]])
+    if frame.free:
+        start, own = np.array([y[0], 0.0]), np.array([1.0, 0.0])
+        jacobian = np.column_stack([legs.phi[0][:, 0] - own, [legs.v[0], legs.last[0]]])
+        return Equations(y, end - start, jacobian, by, legs, [legs.phi[0]])
+    return Equations(y, end - y, legs.phi[0] - np.eye(2), by, legs, [legs.phi[0]])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,10 +214,10 @@ class Solution:
 
 def size_of(system: ImpactSystem, frame: Frame, y: Array) -> Array:
     """Give the sizes of the residuals: of a distance and a speed, by turns."""
-    time = frame.period_of(system) / (2.0 * math.pi)
+    time = frame.length(system, y) / frame.multiple / (2.0 * math.pi)
     speed = float(np.max(np.abs(y[:, 1]), initial=1e-3)) if y.ndim == 2 else 1.0
     if y.ndim == 1:
-        speed = max(abs(y[1]), abs(y[0]) / time, 1e-3)
+        speed = max(0.0 if frame.free else abs(y[1]), abs(y[0]) / time, 1e-3)
     return np.tile([speed * time, speed], max(1, len(y) if y.ndim == 2 else 1))
 
 

@@ -11,6 +11,7 @@ from zivi._check import Array
 from zivi._parameters import with_value
 from zivi.orbits.curve import Curve
 from zivi.orbits.flights import fly
+from zivi.orbits.free import apex
 from zivi.orbits.orbit import PeriodicOrbit, checked, periodic_orbit, solve
 from zivi.orbits.rest_branch import Follower
 from zivi.orbits.sequence import Frame, equations
@@ -60,10 +61,13 @@ def _doubled(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
     for each in at.maps[:-1]:
         moved.append(each @ moved[-1])
     half = np.array(moved)
-    length = frame.multiple * orbit.period
-    twice = np.vstack([y, y + np.array([length, 0.0])])
-    new = dataclasses.replace(frame, multiple=2 * frame.multiple)
-    return _at_amplitude(branch, event, new, twice, np.vstack([half, -half]))
+    length, rows = frame.length(orbit.system, y), frame.listed(y)
+    twice = np.vstack([rows, rows + np.array([length, 0.0])])
+    direction = np.vstack([half, -half])
+    if frame.free:
+        direction[:, 0] -= direction[0, 0]
+    new = dataclasses.replace(frame, multiple=1 if frame.free else 2 * frame.multiple)
+    return _at_amplitude(branch, event, new, new.unknowns(twice, 2.0 * length), direction)
 
 
 def _inserted(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
@@ -71,11 +75,12 @@ def _inserted(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
     orbit = event.orbit
     frame, low = orbit._frame, equations(orbit.system, orbit._frame, orbit._y, minima=True).lowest
     if orbit._y.ndim == 1:
-        y, first = np.array([[low[1], 0.0]]), 0
+        rows, first = np.array([[low[1], 0.0]]), 0
     else:
-        y = np.vstack([orbit._y, [low[1], 0.0]])
-        order = np.argsort(y[:, 0], kind="stable")
-        y, first = y[order], int(np.argmax(order == len(y) - 1))
+        rows = np.vstack([frame.listed(orbit._y), [low[1], 0.0]])
+        order = np.argsort(rows[:, 0], kind="stable")
+        rows, first = rows[order], int(np.argmax(order == len(rows) - 1))
+    y = frame.unknowns(rows, frame.length(orbit.system, orbit._y))
     direction = np.zeros_like(y)
     direction[first, 1] = 1.0
     return _at_amplitude(branch, event, frame, y, direction)
@@ -110,15 +115,19 @@ def _without(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
     """Solve the sequence without the impact that dies, or the motion that touches the wall."""
     del branch
     orbit = event.orbit
-    dies = int(np.argmin(orbit._y[:, 1]))
-    rest = np.delete(orbit._y, dies, axis=0)
+    system, frame, rows = orbit.system, orbit._frame, orbit._frame.listed(orbit._y)
+    length, dies = frame.length(system, orbit._y), int(np.argmin(rows[:, 1]))
+    rest = np.delete(rows, dies, axis=0)
     if len(rest):
-        return _on_edge(solve(orbit.system, orbit._frame, rest))
-    t, u = orbit._y[dies]
-    middle = t + 0.5 * orbit.multiple * orbit.period
-    leg = fly(orbit.system, np.array([[t, 0.0, u, middle]]), method=orbit._frame.method)
-    frame = dataclasses.replace(orbit._frame, start=float(middle))
-    return _on_edge(solve(orbit.system, frame, np.array([leg.x[0], leg.v[0]])))
+        return _on_edge(solve(system, frame, frame.unknowns(rest, length)))
+    t, u = rows[dies]
+    if frame.free:
+        _, high = apex(system, np.array([t, 0.0, u, t + length]), frame.method)
+        return _on_edge(solve(system, frame, np.array([high, length])))
+    middle = t + 0.5 * length
+    leg = fly(system, np.array([[t, 0.0, u, middle]]), method=frame.method)
+    frame = dataclasses.replace(frame, start=float(middle))
+    return _on_edge(solve(system, frame, np.array([leg.x[0], leg.v[0]])))
 
 
 def _on_edge(orbit: PeriodicOrbit) -> PeriodicOrbit:
