@@ -34,12 +34,31 @@ const TABLE: LinearForce = LinearForce {
     phase: 0.0,
 };
 
+/// What is kept of a run.
+#[derive(Clone, Copy, PartialEq)]
+enum Sampling {
+    /// Impacts alone.
+    Impacts,
+    /// The ends of steps, too.
+    Steps,
+    /// The motion as a function of time, and samples that draw it.
+    Drawn,
+}
+
 /// A run of so many periods.
-fn run(mut force: LinearForce, e: f64, flights: Flights, periods: u32) -> Result<f64, Failed> {
+fn run(
+    mut force: LinearForce,
+    e: f64,
+    flights: Flights,
+    periods: u32,
+    sampling: Sampling,
+) -> Result<f64, Failed> {
     let span = (0.0, f64::from(periods) * std::f64::consts::TAU / force.omega);
     let settings = SwitchedRk { flights, max_steps: usize::MAX, ..SwitchedRk::with_tol(1e-6) };
     let start = Physical { x: 1.0, xdot: 0.0 };
-    let output = Output::<Infallible>::default();
+    let t_eval = (sampling == Sampling::Impacts).then_some(&[][..]);
+    let dense = sampling == Sampling::Drawn;
+    let output = Output::<Infallible> { t_eval, dense, drawn: dense, ..Output::default() };
     let wall = Restitution::from_e(e)?;
     let run = simulate_switched_rk(settings, wall, &mut force, span, start, output, &mut Silent)?;
     Ok(black_box(run).trajectory.events.impacts.len() as f64)
@@ -84,10 +103,14 @@ fn main() -> Result<(), Failed> {
     let n: u32 = arguments.next().map_or(Ok(1000), |it| it.parse())?;
     let start = Instant::now();
     let result = match case.as_str() {
-        "oscillator" => run(OSCILLATOR, 0.8, Flights::Series, n),
-        "oscillator-rk" => run(OSCILLATOR, 0.8, Flights::RungeKutta, n),
-        "table" => run(TABLE, 0.85, Flights::Series, n),
-        "table-rk" => run(TABLE, 0.85, Flights::RungeKutta, n),
+        "oscillator" => run(OSCILLATOR, 0.8, Flights::Series, n, Sampling::Impacts),
+        "oscillator-rk" => run(OSCILLATOR, 0.8, Flights::RungeKutta, n, Sampling::Impacts),
+        "steps" => run(OSCILLATOR, 0.8, Flights::Series, n, Sampling::Steps),
+        "steps-rk" => run(OSCILLATOR, 0.8, Flights::RungeKutta, n, Sampling::Steps),
+        "drawn" => run(OSCILLATOR, 0.8, Flights::Series, n, Sampling::Drawn),
+        "drawn-rk" => run(OSCILLATOR, 0.8, Flights::RungeKutta, n, Sampling::Drawn),
+        "table" => run(TABLE, 0.85, Flights::Series, n, Sampling::Impacts),
+        "table-rk" => run(TABLE, 0.85, Flights::RungeKutta, n, Sampling::Impacts),
         "map" => map(0.8, n, false),
         "tangent" => map(0.8, n, true),
         "sampled" => sampled(Flights::Series, n),

@@ -35,7 +35,7 @@ impl SwitchedIntegrator {
         let Point { t, xdot: u, .. } = self.now;
         if u == 0.0 {
             // the impact stops the mass, which stays or is pulled off
-            let stays = force.at_wall(t)? <= 0.0;
+            let stays = self.at_wall(force)? <= 0.0;
             self.armed = stays;
             self.chain.clear();
             return Ok(());
@@ -43,7 +43,7 @@ impl SwitchedIntegrator {
         if self.wall.e() == 1.0 {
             return Ok(()); // nothing accumulates
         }
-        let bounce = Bounce { t, u, g: -force.at_wall(t)? };
+        let bounce = Bounce { t, u, g: -self.at_wall(force)? };
         // where errors of the tolerance in each flight keep the speed up
         let slow = 10.0 * self.settings.atol[1] / (1.0 - self.wall.e());
         if self.patter.goes_on(bounce, slow) {

@@ -19,8 +19,8 @@ use std::sync::Arc;
 
 use zivi_core::Restitution;
 
-use super::flight::series::{column, derivative, stretch, value, Linear, Series, Start, Step};
-use super::flight::series::{Table, TERMS};
+use super::flight::series::{column, derivative, stretch, value, Linear, Reading, Series};
+use super::flight::series::{Start, Step, Table, TERMS};
 use crate::numeric::turns::{of_angle, Phase};
 use crate::{LinearLaw, SetupError, Wave};
 
@@ -91,10 +91,13 @@ const MOST_STEPS: usize = 1_000_000;
 /// A flight that lasts so little, in turns and in steps of the table, is one of an accumulation.
 const SHORTEST: f64 = 1e-13;
 
+/// The clock of the one wave that there is tells no time.
+const NO_TIME: (f64, f64) = (0.0, 0.0);
+
 /// A flight under way: its start, and derivatives of its state.
 struct Flight<'m> {
     map: &'m ImpactMap,
-    phase: Phase,
+    clock: Reading,
     start: Start,
     known: usize,
     /// Steps so far.
@@ -219,7 +222,7 @@ impl ImpactMap {
             let step = Step::next(&self.table, &flight.start, flight.known, f64::INFINITY, true);
             flight.go_on(&step);
             if step.lands {
-                return (flight.landed(&step), flight.phase);
+                return (flight.landed(&step), flight.phase());
             }
             if !(step.x.is_finite() && step.v.is_finite()) {
                 break;
@@ -279,29 +282,34 @@ impl ImpactMap {
 
 impl<'m> Flight<'m> {
     fn new(map: &'m ImpactMap, phase: Phase, u: f64) -> Self {
-        let phase = Phase { turns: 0.0, ..phase };
-        let start = Start {
-            x: 0.0,
-            v: u * map.table.h(),
-            force: map.linear.constant,
-            waves: [map.wave(phase), [0.0; 2]],
-        };
-        Self { map, phase, start, known: 1, steps: 0.0 }
+        let clock = Reading::new(&map.linear, Phase { turns: 0.0, ..phase }, NO_TIME);
+        let start =
+            Start { x: 0.0, v: u * map.table.h(), force: map.linear.constant, waves: clock.waves };
+        Self { map, clock, start, known: 1, steps: 0.0 }
     }
 
     /// To the end of a step.
     fn go_on(&mut self, step: &Step) {
-        self.phase = self.phase.after(step.length * self.map.table.turns()[0]);
+        let ImpactMap { linear, table, .. } = self.map;
+        if step.lands {
+            self.clock = Reading::new(linear, self.clock.phase(step.length, table), NO_TIME);
+        } else {
+            self.clock = self.clock.after::<1>(step.length, NO_TIME, linear, table);
+        }
         self.steps += step.length;
-        let waves = [self.map.wave(self.phase), [0.0; 2]];
-        self.start = Start { x: step.x, v: step.v, waves, ..self.start };
+        self.start = Start { x: step.x, v: step.v, waves: self.clock.waves, ..self.start };
         self.known = if step.x > 0.0 { 0 } else { 1 };
     }
 
+    fn phase(&self) -> Phase {
+        self.clock.phase(0.0, &self.map.table)
+    }
+
     fn landed(&self, step: &Step) -> Return {
-        let part = self.phase.part + if self.phase.part < 0.0 { 1.0 } else { 0.0 };
+        let part = self.phase().part;
+        let part = part + if part < 0.0 { 1.0 } else { 0.0 };
         let duration = self.steps * self.map.table.h();
-        if self.steps * (1.0 + self.map.table.turns()[0]) < SHORTEST {
+        if self.steps * (1.0 + self.map.table.turns()) < SHORTEST {
             return Return::NONE;
         }
         // a part just below zero is a whole turn by rounding
@@ -315,18 +323,12 @@ impl<'m> Flight<'m> {
         let ImpactMap { table, e, omega, .. } = self.map;
         let h = table.h();
         let v = step.v / h;
-        let bend = value(&derivative(&derivative(&step.series())), 1.0);
-        let a = bend / (step.length * h).powi(2);
+        let ImpactMap { law, linear, .. } = self.map;
+        let a = linear.constant + self.start.waves[0][0] - law.damping * v;
         let dt = -column.x / v;
         let du = -e * (column.v / h + a * dt) - v * column.e;
         let own = if column.by == By::Omega { next.duration } else { 0.0 };
         [column.phase + omega * dt + own, du]
-    }
-}
-
-impl ImpactMap {
-    fn wave(&self, phase: Phase) -> [f64; 2] {
-        self.linear.first().map_or([0.0; 2], |wave| wave.at(phase))
     }
 }
 
@@ -373,7 +375,7 @@ impl Column {
         let angle = self.turn + if self.by == By::Omega { flight.steps * h } else { 0.0 };
         let mut wave = [-angle * im, angle * re];
         if let Some(unit) = self.wave.as_ref().and_then(Linear::first) {
-            let more = unit.at(flight.phase);
+            let more = unit.at(flight.phase());
             wave = [wave[0] + more[0], wave[1] + more[1]];
         }
         let start = Start { x: self.x, v: self.v, force: self.force, waves: [wave, [0.0; 2]] };

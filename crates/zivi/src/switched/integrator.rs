@@ -113,6 +113,8 @@ pub struct SwitchedIntegrator {
     pub(super) landing: Option<(f64, f64)>,
     /// Steps that end later than this have their polynomials computed.
     pub(super) dense_from: f64,
+    /// Whether all ends of steps are looked at.
+    pub(super) by_steps: bool,
     pub(super) counts: Counts,
     /// Steps in flight since the last impact or lift-off, and the length of the last (s).
     pub(super) steps: u32,
@@ -123,7 +125,7 @@ pub struct SwitchedIntegrator {
     /// Order of the root with which the mass leaves rest: 3 where the force grows from zero.
     pub(super) rises: usize,
     /// Steps of this advance.
-    spent: usize,
+    pub(super) spent: usize,
 }
 
 impl SwitchedIntegrator {
@@ -151,6 +153,7 @@ impl SwitchedIntegrator {
             lookout: Lookout::default(),
             landing: None,
             dense_from: f64::INFINITY,
+            by_steps: false,
             counts: Counts::default(),
             steps: 0,
             last_h: 0.0,
@@ -402,10 +405,17 @@ impl SwitchedIntegrator {
 
     /// Counts a step; an error when there were too many.
     pub(super) fn spend<E>(&mut self) -> Result<(), Failure<E>> {
-        if self.spent >= self.settings.max_steps {
-            return Err(Failure::Status(Status::StepBudget));
-        }
+        self.left_to_spend()?;
         self.spent += 1;
         Ok(())
+    }
+
+    /// How many steps this advance may take yet; an error if there are none.
+    pub(super) fn left_to_spend<E>(&self) -> Result<usize, Failure<E>> {
+        let left = self.settings.max_steps.saturating_sub(self.spent);
+        if left == 0 {
+            return Err(Failure::Status(Status::StepBudget));
+        }
+        Ok(left)
     }
 }

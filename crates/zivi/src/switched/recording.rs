@@ -71,11 +71,12 @@ const ARCS: usize = 1_000_000;
 impl<'e, 'a, E> Running<'e, 'a, E> {
     /// A run to `t1` from where the integrator starts.
     pub(super) fn new(
-        integrator: SwitchedIntegrator,
+        mut integrator: SwitchedIntegrator,
         t1: f64,
         output: &'e mut Output<'a, E>,
     ) -> Self {
         let start = PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 };
+        integrator.by_steps = output.t_eval.is_none();
         Self {
             t1,
             stops: Stops::new(output.tstops, t1),

@@ -9,7 +9,7 @@ use super::settings::Flights;
 use super::stages::Counted;
 use crate::record::failure::Failure;
 use crate::{Force, Status};
-use series::{Linear, SeriesFlight};
+use series::{Arrival, Linear, Reach, SeriesFlight};
 
 /// A way to compute free flight.
 pub(super) trait FreeFlight<E, F: Force<E>> {
@@ -48,35 +48,40 @@ impl<E, F: Force<E>> FreeFlight<E, F> for RungeKutta<'_> {
     }
 }
 
+/// Steps of power series that are taken in one go where nobody looks at their ends.
+const AT_ONCE: usize = 1000;
+
 /// Power series of a linear force.
 struct PowerSeries<'i>(&'i mut SwitchedIntegrator);
 
 impl<E, F: Force<E>> FreeFlight<E, F> for PowerSeries<'_> {
     fn next(&mut self, t_end: f64, _: &mut Counted<'_, F>) -> Result<Piece, Failure<E>> {
-        self.0.spend()?;
-        let SwitchedIntegrator { now: from, sigma, rises, .. } = *self.0;
+        let SwitchedIntegrator { now, rises, .. } = *self.0;
+        let steps = if self.0.by_steps { 1 } else { AT_ONCE };
+        let steps = steps.min(self.0.left_to_spend()?);
         let Some(series) = &mut self.0.series else {
             return Err(Failure::Status(Status::Internal));
         };
-        let known = if from.x > 0.0 {
+        let known = if now.x > 0.0 {
             0
-        } else if from.xdot > 0.0 {
+        } else if now.xdot > 0.0 {
             1
         } else {
             rises
         };
-        let flown = series.next(from, known, t_end);
-        let (end, lands) = (flown.end, flown.lands());
+        let reach = Reach { t_end, look: self.0.dense_from, steps };
+        let Arrival { from, end, lands, steps } = series.fly(now, known, reach);
         if !(end.x.is_finite() && end.xdot.is_finite()) {
             return Err(Failure::Status(Status::StateNotFinite));
         }
-        self.0.counts.accepted += 1;
+        self.0.spent += steps;
+        self.0.counts.accepted += steps as u64;
         self.0.armed = true;
         if lands {
             return Ok(self.0.strike(from, end));
         }
         self.0.now = end;
-        Ok(Piece::Flight { from, sigma, impact: None })
+        Ok(Piece::Flight { from, sigma: self.0.sigma, impact: None })
     }
 
     fn curves(&self) -> usize {
@@ -108,6 +113,16 @@ impl SwitchedIntegrator {
     /// The force by its numbers, if flights are power series.
     pub(super) fn linear(&self) -> Option<Linear> {
         self.series.as_ref().map(|series| series.linear())
+    }
+
+    /// The force on the mass at rest at the wall, now.
+    #[inline]
+    pub(super) fn at_wall<E, F: Force<E>>(
+        &self,
+        force: &mut Counted<'_, F>,
+    ) -> Result<f64, Failure<E>> {
+        let known = self.series.as_ref().and_then(|series| series.at_wall(self.now));
+        known.filter(|f| f.is_finite()).map_or_else(|| force.at_wall(self.now.t), Ok)
     }
 
     /// The next piece of free flight.

@@ -35,6 +35,8 @@ pub(crate) struct Linear {
     damping: f64,
     /// The part that does not vary (m/s^2).
     pub(crate) constant: f64,
+    /// What waves that do not turn add to it.
+    still: f64,
     waves: [Option<Excitation>; WAVES],
 }
 
@@ -42,7 +44,7 @@ impl Linear {
     /// The same force; waves of one frequency are added, one that does not turn is a constant.
     pub(crate) fn new(law: &LinearLaw) -> Self {
         let LinearLaw { stiffness, damping, gravity, waves } = *law;
-        let mut all = Self { stiffness, damping, constant: 0.0 - gravity, waves: [None; WAVES] };
+        let mut all = Self { stiffness, damping, constant: 0.0, still: 0.0, waves: [None; WAVES] };
         for wave in waves.iter().filter(|wave| wave.amplitude != [0.0; 2]) {
             // the conjugate turns the other way
             let sign = if wave.omega < 0.0 { -1.0 } else { 1.0 };
@@ -50,12 +52,19 @@ impl Linear {
             let z = turned([re, sign * im], of_angle(sign * wave.phase));
             all.add(sign * wave.omega, z);
         }
+        all.pulled_by(gravity);
         all
+    }
+
+    /// Sets the constant pull towards the wall (m/s^2).
+    #[inline]
+    pub(crate) fn pulled_by(&mut self, gravity: f64) {
+        self.constant = (0.0 - gravity) + self.still;
     }
 
     fn add(&mut self, omega: f64, [re, im]: [f64; 2]) {
         if omega == 0.0 {
-            self.constant += re;
+            self.still += re;
             return;
         }
         for place in &mut self.waves {

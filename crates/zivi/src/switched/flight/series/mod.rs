@@ -4,18 +4,22 @@
 //! turns and the part of one, and the time is read from it: phase and time cannot drift apart.
 
 mod law;
+mod level;
+mod powers;
+mod reading;
 mod root;
+mod screen;
 mod step;
 mod table;
 
 pub(crate) use law::Linear;
-pub(crate) use root::{derivative, value};
-pub(crate) use step::{stretch, Step};
+pub(crate) use powers::{derivative, stretch, value};
+pub(crate) use reading::Reading;
+pub(crate) use step::Step;
 pub(crate) use table::{column, Series, Start, Table, TERMS};
 
 use std::sync::Arc;
 
-use crate::numeric::turns::Phase;
 use crate::switched::stages::Point;
 use crate::LinearLaw;
 
@@ -25,27 +29,48 @@ pub(in crate::switched) struct SeriesFlight {
     law: LinearLaw,
     linear: Linear,
     table: Arc<Table>,
-    /// The clock of the first wave, and the time that it stands for.
-    phase: Phase,
+    /// The waves, and the time that they are at.
+    clock: Reading,
     at: (f64, f64),
-    /// The last piece.
+    /// The last velocity, and what it is times the length of a step.
+    speed: (f64, f64),
+    /// The last step.
     piece: Flown,
 }
 
-/// A piece of flight.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::switched) struct Flown {
-    from: Point,
-    step: Step,
-    /// Where it ends.
-    pub(in crate::switched) end: Point,
+/// How far to fly.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::switched) struct Reach {
+    /// Up to this time.
+    pub(in crate::switched) t_end: f64,
+    /// Up to the end of the first step that ends later than this.
+    pub(in crate::switched) look: f64,
+    /// So many steps at most.
+    pub(in crate::switched) steps: usize,
 }
 
-impl Flown {
-    /// Whether it ends at the wall.
-    pub(in crate::switched) fn lands(&self) -> bool {
-        self.step.lands
-    }
+/// The end of a flight, or of a part of it.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::switched) struct Arrival {
+    /// Where the last step started.
+    pub(in crate::switched) from: Point,
+    /// Where it ended.
+    pub(in crate::switched) end: Point,
+    /// Whether that is at the wall.
+    pub(in crate::switched) lands: bool,
+    /// How many steps there were.
+    pub(in crate::switched) steps: usize,
+}
+
+/// The last step of a flight, or several at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Flown {
+    /// Where it started, and from what.
+    from: Point,
+    start: Start,
+    /// How many derivatives of the position were zero there.
+    known: usize,
+    step: Step,
 }
 
 impl SeriesFlight {
@@ -58,15 +83,20 @@ impl SeriesFlight {
 
     fn with_table(law: LinearLaw, linear: Linear, table: Arc<Table>) -> Option<Self> {
         let usable = table.h() > 1e-100 && table.h() < 1e100;
-        let from = Point::default();
-        let piece = Flown { from, step: Step::NONE, end: from };
-        let (phase, at) = (Phase::default(), (f64::NAN, f64::NAN));
-        usable.then_some(Self { law, linear, table, phase, at, piece })
+        let piece = Flown::default();
+        let (clock, at, speed) = (Reading::default(), (f64::NAN, f64::NAN), (f64::NAN, 0.0));
+        usable.then_some(Self { law, linear, table, clock, at, speed, piece })
     }
 
     /// Goes over to another law: with the same table if that serves. None as for `new`.
+    #[inline]
     pub(in crate::switched) fn under(&mut self, law: LinearLaw) -> Option<()> {
-        if law == self.law {
+        if (law.stiffness, law.damping, law.waves)
+            == (self.law.stiffness, self.law.damping, self.law.waves)
+        {
+            // a control that is held is but another constant
+            self.linear.pulled_by(law.gravity);
+            self.law = law;
             return Some(());
         }
         let linear = Linear::new(&law);
@@ -83,56 +113,102 @@ impl SeriesFlight {
         self.linear
     }
 
-    /// Sets the clock.
-    #[inline]
+    /// Reads the clock, unless that was done.
+    #[inline(always)]
     fn look_at_clock(&mut self, now: Point) {
         if let Some(wave) = self.linear.first() {
-            if self.at != (now.t, now.late) {
-                self.phase = wave.clock.phase(now.t, now.late);
-                self.at = (now.t, now.late);
+            let at = (now.t, now.late);
+            if self.at != at {
+                self.clock = Reading::new(&self.linear, wave.clock.phase(now.t, now.late), at);
+                self.at = at;
             }
         }
     }
 
+    /// The force at rest at the wall, where the clock stands at that time.
     #[inline]
-    fn start(&mut self, now: Point) -> Start {
+    pub(in crate::switched) fn at_wall(&self, now: Point) -> Option<f64> {
+        let stands = self.linear.first().is_none() || self.at == (now.t, now.late);
+        let [[first, _], [second, _]] = self.clock.waves;
+        stands.then_some(self.linear.constant + first + second)
+    }
+
+    /// From here as far as that reaches or up to the wall. The first `known` derivatives of the
+    /// position are zero at the start.
+    #[inline]
+    pub(in crate::switched) fn fly(&mut self, now: Point, known: usize, reach: Reach) -> Arrival {
+        match self.table.n_waves() {
+            0 => self.with_waves::<0>(now, known, reach),
+            1 => self.with_waves::<1>(now, known, reach),
+            _ => self.with_waves::<2>(now, known, reach),
+        }
+    }
+
+    fn with_waves<const W: usize>(
+        &mut self,
+        now: Point,
+        mut known: usize,
+        reach: Reach,
+    ) -> Arrival {
         self.look_at_clock(now);
-        let first = self.linear.first().map_or([0.0; 2], |wave| wave.at(self.phase));
-        let second = self
-            .linear
-            .second()
-            .map_or([0.0; 2], |wave| wave.at(wave.clock.phase(now.t, now.late)));
-        let (x, v) = (now.x, now.xdot * self.table.h());
-        Start { x, v, force: self.linear.constant, waves: [first, second] }
-    }
-
-    /// The state `x`, `xdot` after so many steps from `now`.
-    #[inline]
-    fn after(&mut self, now: Point, steps: f64, x: f64, xdot: f64) -> Point {
-        match self.linear.first() {
-            Some(wave) => {
-                self.phase = self.phase.after(steps * self.table.turns()[0]);
-                let (t, late) = wave.clock.time(self.phase);
-                self.at = (t, late);
-                Point { t, late, x, xdot }
+        let Self { linear, table, clock, piece, .. } = self;
+        let (table, h, mut from) = (&**table, table.h(), now);
+        let v = if now.xdot == self.speed.0 { self.speed.1 } else { now.xdot * h };
+        let mut start = Start { x: now.x, v, force: linear.constant, waves: clock.waves };
+        let last = reach.t_end.min(reach.look);
+        for steps in 1.. {
+            let left = ((reach.t_end - from.t) - from.late) / h;
+            let step = Step::with_waves::<W>(table, &start, known, left, true);
+            let end = from.after(step.length * h, step.x, step.v / h);
+            // false for NaN, too
+            let goes_on = step.x > 0.0 && step.x + step.v.abs() < f64::INFINITY;
+            let there = step.lands || step.complete || end.t > last || steps >= reach.steps;
+            if goes_on && !there {
+                *clock = clock.after::<W>(step.length, (end.t, end.late), linear, table);
+                start = Start { x: step.x, v: step.v, waves: clock.waves, ..start };
+                (from, known) = (end, 0);
+                continue;
             }
-            None => now.after(steps * self.table.h(), x, xdot),
+            *piece = Flown { from, start, known, step };
+            self.speed = (end.xdot, step.v);
+            let end = self.arrive::<W>(from, &step, end, reach.t_end);
+            return Arrival { from, end, lands: step.lands, steps };
         }
+        unreachable!("a count of steps has no end")
     }
 
-    /// The next piece of flight, up to the wall, a whole number of steps or `t_end`. The first
-    /// `known` derivatives of the position are zero at its start.
-    pub(in crate::switched) fn next(&mut self, now: Point, known: usize, t_end: f64) -> &Flown {
-        let start = self.start(now);
-        let h = self.table.h();
-        let left = ((t_end - now.t) - now.late) / h;
-        let step = Step::next(&self.table, &start, known, left, true);
-        let mut end = self.after(now, step.length, step.x, step.v / h);
-        if step.complete || end.t > t_end {
+    /// The time at the end of the last step: at the wall by the clock of the first wave, else by
+    /// the sum of the steps.
+    #[inline(always)]
+    fn arrive<const W: usize>(
+        &mut self,
+        from: Point,
+        step: &Step,
+        mut end: Point,
+        t_end: f64,
+    ) -> Point {
+        let Self { linear, table, clock, .. } = self;
+        let Some(wave) = linear.first().filter(|_| !step.complete) else {
+            if step.complete || end.t > t_end {
+                (end.t, end.late) = (t_end, 0.0);
+            }
+            return end;
+        };
+        if !step.lands {
+            self.at = (end.t, end.late);
+            *clock = clock.after::<W>(step.length, self.at, linear, table);
+        } else {
+            let phase = clock.phase(step.length, table);
+            let (t, late) = wave.clock.time(phase);
+            // both are the same up to rounding, of which a short flight may be less
+            self.at = if t < from.t { (from.t, from.late) } else { (t, late) };
+            *clock = Reading::new(linear, phase, self.at);
+            (end.t, end.late) = self.at;
+        }
+        if end.t > t_end {
             (end.t, end.late) = (t_end, 0.0);
         }
-        self.piece = Flown { from: now, step, end };
-        &self.piece
+        end
     }
 
     /// Of how many power series the last piece consists.
@@ -143,17 +219,19 @@ impl SeriesFlight {
     /// The power series of a part of the last piece, where it starts and its length (s), the
     /// velocity there, and whether it ends at the wall.
     pub(in crate::switched) fn part(&self, k: usize) -> (Series, (f64, f64), f64, bool) {
-        let Flown { from, step, .. } = self.piece;
-        let Step { start, length, doublings, lands, .. } = step;
-        let h = self.table.h();
-        let Some(j) = doublings else {
-            return (step.series(), (from.t, length * h), from.xdot, lands);
+        let Flown { from, start, known, step } = self.piece;
+        let (table, h) = (&self.table, self.table.h());
+        let Some(j) = step.doublings else {
+            let mut a = table.series(&start);
+            a[..known].fill(0.0);
+            stretch(&mut a, step.length);
+            return (a, (from.t, step.length * h), from.xdot, step.lands);
         };
         let at = (0..j).filter(|bit| k >> bit & 1 == 1);
-        let start = at.fold(start, |start, bit| self.table.jump(&start, bit));
+        let start = at.fold(start, |start, bit| table.jump(&start, bit));
         let xdot = if k == 0 { from.xdot } else { start.v / h };
         let from = from.after(k as f64 * h, 0.0, 0.0);
-        (self.table.series(&start), (from.t, h), xdot, false)
+        (table.series(&start), (from.t, h), xdot, false)
     }
 
     /// The clock at the next lift-off from rest, up to `t_end`, where that is known in closed form.
@@ -163,15 +241,17 @@ impl SeriesFlight {
         }
         self.look_at_clock(now);
         let wave = self.linear.first()?;
-        let Some(phase) = self.linear.lift_off(wave, self.phase) else { return Some(None) };
-        if phase == self.phase {
+        let now_at = self.clock.phase(0.0, &self.table);
+        let Some(phase) = self.linear.lift_off(wave, now_at) else { return Some(None) };
+        if phase == now_at {
             return Some(Some(now.t));
         }
         let t = wave.clock.time(phase).0.max(now.t);
         if t > t_end {
             return Some(None);
         }
-        (self.phase, self.at) = (phase, (t, 0.0));
+        self.at = (t, 0.0);
+        self.clock = Reading::new(&self.linear, phase, self.at);
         Some(Some(t))
     }
 }

@@ -5,15 +5,13 @@
 //! first: their values would be rounding. Degree 11 decides nearly always, the terms beyond being a
 //! slack; else the whole series is subdivided. A dip below rounding is none.
 
-use super::table::{Series, TERMS};
+use super::powers::{of_few, slopes, value_and_slope};
+use super::screen::{screened, Verdict};
+use super::table::{Series, PART, SHORT, TERMS};
 use crate::numeric::bernstein::Polynomial;
 
-/// Coefficients of the screen.
-const SCREEN: usize = 12;
-
-/// Rounding of a value, relative to the sum of the absolute values of the terms: in the screen,
-/// and where a series is subdivided.
-const ROUNDING: f64 = 2e-15;
+/// Rounding of a value, relative to the sum of the absolute values of the terms, where a series is
+/// subdivided.
 const DIP: f64 = 1e-15;
 
 /// A step by Halley's formula that is so short, relative to the abscissa, is the last.
@@ -29,15 +27,6 @@ pub(crate) struct Root {
     pub(crate) slope: f64,
 }
 
-/// What the screen says of a polynomial that starts positive.
-enum Screen {
-    /// It stays so over `[0, 1]`.
-    Clear,
-    /// It has one root, near here.
-    One(f64),
-    Open,
-}
-
 /// The first point of `[0, 1]` where the series becomes negative, its first `known` coefficients
 /// being zero: a root of that order at 0 that the motion leaves.
 pub(crate) fn first_root(a: &Series, known: usize) -> Option<Root> {
@@ -47,46 +36,30 @@ pub(crate) fn first_root(a: &Series, known: usize) -> Option<Root> {
         1 => q[..TERMS - 1].copy_from_slice(&a[1..]),
         _ => q[..TERMS - known].copy_from_slice(&a[known..]),
     }
-    let at = match screen(&q) {
-        Screen::Clear => return None,
-        Screen::One(guess) => polished(&q, guess),
-        Screen::Open => subdivided(&q)?,
+    let at = match screened(&q) {
+        Verdict::Clear => return None,
+        Verdict::One(guess) => polished(&q, guess),
+        Verdict::Open => subdivided(&q)?,
     };
     // a = s^known q: at a root of q the derivative is s^known q'
-    let slope = slopes(&q)(at)[1] * at.powi(known as i32);
+    let slope = value_and_slope(&q, at)[1] * at.powi(known as i32);
     Some(Root { at, slope })
 }
 
-/// The screen of degree 11.
-fn screen(q: &Series) -> Screen {
-    let mut low = [0.0; SCREEN];
-    low.copy_from_slice(&q[..SCREEN]);
-    let beyond: f64 = q[SCREEN..].iter().map(|a| a.abs()).sum();
-    let within: f64 = low.iter().map(|a| a.abs()).sum();
-    let slack = beyond + ROUNDING * (within + beyond);
-    let p = Polynomial::<SCREEN>::from_powers(low);
-    let b = p.coefficients();
-    // written so that NaN and a negative zero never are a certificate
-    if b.iter().all(|&b| b > slack) {
-        return Screen::Clear;
-    }
-    let Some(first) = b.iter().position(|&b| b < 0.0) else { return Screen::Open };
-    let one = b[..first].iter().all(|&b| b > slack) && b[first..].iter().all(|&b| b < -slack);
-    if !one || first == 0 {
-        return Screen::Open;
-    }
-    // where the control polygon crosses zero
-    let (before, after) = (b[first - 1], b[first]);
-    let crossing = (first - 1) as f64 + before / (before - after);
-    Screen::One(crossing / (SCREEN - 1) as f64)
+/// The only root in `(0, 1]` of a series that changes there from positive to negative, near a
+/// guess.
+#[inline(always)]
+pub(super) fn only_root(a: &Series, guess: f64) -> Root {
+    let at = polished(a, guess);
+    Root { at, slope: value_and_slope(a, at)[1] }
 }
 
-/// The only root in `[0, 1]` of a series that changes from positive to negative.
+/// The abscissa of such a root.
+#[inline(always)]
 fn polished(q: &Series, guess: f64) -> f64 {
-    let at = slopes(q);
     let (mut low, mut high, mut s) = (0.0, 1.0, guess);
     for _ in 0..MOST_STEPS {
-        let [value, first, second] = at(s);
+        let [value, first, second] = slopes(q, s);
         if value > 0.0 {
             low = s;
         } else {
@@ -106,18 +79,54 @@ fn polished(q: &Series, guess: f64) -> f64 {
     s
 }
 
+/// The only root after 0 of a short arc from the wall, if it certainly is that: the first
+/// coefficients, and a bound of `sum (n - 1) |a_n|` over those beyond.
+///
+/// ```text
+/// q = a/s = a_1 + a_2 s + ...,    s (sum_(n>=3) (n - 1) |a_n| s^(n-3)) <= |a_2|/5 at 1.3 s_0
+/// ```
+///
+/// with `s_0 = -a_1/a_2`: `q` falls by at least `0.8 |a_2|` up to there, where it is negative.
+#[inline(always)]
+pub(super) fn of_short_arc(a: &[f64; SHORT], beyond: f64) -> Option<Root> {
+    const FARTHER: f64 = 1.3;
+    /// A step by Newton's formula that is so short is the last.
+    const NEAR: f64 = 1e-8;
+    let mut s = -a[1] / a[2];
+    // false for NaN too
+    let short = s > 0.0 && FARTHER * s <= PART && a[2] < 0.0;
+    let (far, mut sum) = (FARTHER * s, beyond);
+    for n in (3..SHORT).rev() {
+        sum = sum * far + (n as f64 - 1.0) * a[n].abs();
+    }
+    if !(short && far * sum <= -0.2 * a[2]) {
+        return None;
+    }
+    let mut q = [0.0; SHORT - 1];
+    q.copy_from_slice(&a[1..]);
+    for _ in 0..MOST_STEPS {
+        let [value, slope] = of_few(&q, s);
+        let step = value / slope;
+        s -= step;
+        if step.abs() <= NEAR * s {
+            break;
+        }
+    }
+    Some(Root { at: s, slope: s * of_few(&q, s)[1] })
+}
+
 /// The first root by subdivision of the whole series, rounding above zero.
+#[cold]
 fn subdivided(q: &Series) -> Option<f64> {
     let rounding: f64 = DIP * q.iter().map(|a| a.abs()).sum::<f64>();
     let mut p = Polynomial::<TERMS>::from_powers(*q);
     p.add(rounding);
     let found = p.first_negative()?;
     // that of the shifted one comes a little after the root itself
-    let at = slopes(q);
-    let (mut s, mut now) = (found, at(found));
+    let (mut s, mut now) = (found, slopes(q, found));
     for _ in 0..8 {
         let next = (s - now[0] / now[1]).clamp(0.0, 1.0);
-        let then = at(next);
+        let then = slopes(q, next);
         if then[0].abs() < now[0].abs() {
             (s, now) = (next, then);
         } else {
@@ -127,37 +136,9 @@ fn subdivided(q: &Series) -> Option<f64> {
     Some(s)
 }
 
-/// The values of a series and of its first two derivatives.
-fn slopes(q: &Series) -> impl Fn(f64) -> [f64; 3] {
-    let q = *q;
-    let first = derivative(&q);
-    let second = derivative(&first);
-    move |s| [value(&q, s), value(&first, s), value(&second, s)]
-}
-
-pub(crate) fn derivative(a: &Series) -> Series {
-    let mut d = [0.0; TERMS];
-    for (n, d) in d.iter_mut().enumerate().take(TERMS - 1) {
-        *d = (n as f64 + 1.0) * a[n + 1];
-    }
-    d
-}
-
-/// The value of a series: four interleaved ones in `s^4`, which a processor sums side by side.
-#[inline]
-pub(crate) fn value(a: &Series, s: f64) -> f64 {
-    let (s2, mut sums) = (s * s, [0.0; 4]);
-    let s4 = s2 * s2;
-    for k in (0..TERMS / 4).rev() {
-        for (i, sum) in sums.iter_mut().enumerate() {
-            *sum = *sum * s4 + a[4 * k + i];
-        }
-    }
-    (sums[0] + s * sums[1]) + s2 * (sums[2] + s * sums[3])
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::powers::{derivative, value};
     use super::*;
 
     /// The powers of `+- prod (s - root)`, positive at the start, after `known` roots at 0.

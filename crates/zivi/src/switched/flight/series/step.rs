@@ -1,7 +1,9 @@
 //! A step of a flight: as far as nothing can happen, or up to the wall.
 
-use super::root::{derivative, first_root, value};
-use super::table::{Series, Start, Table, TERMS};
+use super::powers::{of_few, stretch, value_and_slope};
+use super::root::{first_root, of_short_arc, only_root, Root};
+use super::screen::Verdict;
+use super::table::{Series, Start, Table, PART, SHORT, TERMS};
 
 /// A step that ends at most this part of it after its end is no longer: what rounding makes of it.
 const OVER: f64 = 1.0 + 1e-9;
@@ -10,13 +12,8 @@ const OVER: f64 = 1.0 + 1e-9;
 const ARC: f64 = 1.3;
 
 /// A step, or many at once.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Step {
-    pub(crate) start: Start,
-    /// The position by powers of the part of a longer stretch, unless it is several whole steps.
-    series: Series,
-    /// Which part of that it is.
-    part: f64,
     /// Its length, in steps of the table.
     pub(crate) length: f64,
     /// `2^j` whole steps.
@@ -30,73 +27,135 @@ pub(crate) struct Step {
     pub(crate) complete: bool,
 }
 
-impl Step {
-    pub(crate) const NONE: Self = Self {
-        start: Start { x: 0.0, v: 0.0, force: 0.0, waves: [[0.0; 2]; 2] },
-        series: [0.0; TERMS],
-        part: 1.0,
-        length: 0.0,
-        doublings: None,
-        x: 0.0,
-        v: 0.0,
-        lands: false,
-        complete: false,
-    };
+/// How a step ends: where, as `x` and `V`, and whether at the wall.
+type End = (f64, [f64; 2], bool);
 
+impl Step {
     /// The next step of a flight, at most `left` long: many at once where they stay far from the
     /// wall and `far` allows it, else one, or the part of one up to the wall. The first `known`
     /// derivatives of the position are zero at its start.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn next(table: &Table, start: &Start, known: usize, left: f64, far: bool) -> Self {
-        if far && known == 0 && !table.is_parabola() {
-            if let Some(j) = table.far(start, left) {
-                let end = table.jump(start, j);
-                let length = f64::from(1u32 << j);
-                let (doublings, complete) = (Some(j), left <= length);
-                let (start, x, v) = (*start, end.x, end.v);
-                return Self { start, length, doublings, x, v, complete, ..Self::NONE };
-            }
+        match table.n_waves() {
+            0 => Self::with_waves::<0>(table, start, known, left, far),
+            1 => Self::with_waves::<1>(table, start, known, left, far),
+            _ => Self::with_waves::<2>(table, start, known, left, far),
         }
-        let mut a = table.series(start);
-        a[..known].fill(0.0);
-        let width = width(table, &a, known, left);
-        stretch(&mut a, width);
-        let root = first_root(&a, known).filter(|root| root.at * width <= left);
-        let reaches = left <= width * OVER;
-        let (part, x, slope) = match root {
-            Some(root) => (root.at, 0.0, root.slope.min(0.0)),
-            None if width == 1.0 && left > 1.0 && known < 2 => {
-                let end = table.jump(start, 0);
-                (1.0, end.x, end.v)
-            }
-            None => {
-                let part = if reaches { left / width } else { 1.0 };
-                (part, value(&a, part), value(&derivative(&a), part))
-            }
+    }
+
+    #[inline(always)]
+    pub(super) fn with_waves<const W: usize>(
+        table: &Table,
+        start: &Start,
+        known: usize,
+        left: f64,
+        far: bool,
+    ) -> Self {
+        let mut doublings = None;
+        let jump = |doublings: &mut Option<usize>| {
+            *doublings = if far { table.far::<W>(start, left) } else { None };
+            doublings.map(|j| (f64::from(1u32 << j), table.ends::<W>(start, j), false))
+        };
+        let (length, [x, v], root) = if let Some(end) = of_parabola(table, start, known, left) {
+            end
+        } else if known > 1 {
+            searched(table, start, known, left)
+        } else if let Some(end) = jump(&mut doublings) {
+            end
+        } else if left <= 1.0 && table.is_clear::<W>(start, left) {
+            (left, part_of::<W>(table, start, left), false)
+        } else {
+            single::<W>(table, start, known, left)
         };
         Self {
-            start: *start,
-            series: a,
-            part,
-            length: part * width,
-            doublings: None,
+            length,
+            doublings,
             // not max, which would drop NaN
             x: if x < 0.0 { 0.0 } else { x },
-            v: slope / width,
+            v,
             // less than rounding above the wall, and moving to it
-            lands: root.is_some() || (x <= 0.0 && slope < 0.0),
-            complete: root.is_none() && reaches,
+            lands: root || (x <= 0.0 && v < 0.0),
+            complete: !root && left <= length * OVER,
         }
     }
 }
 
-impl Step {
-    /// The position by powers of the part of the step, which is not several at once.
-    pub(crate) fn series(&self) -> Series {
-        let mut a = self.series;
-        stretch(&mut a, self.part);
-        a
+/// Of one step of an ordinary flight.
+#[inline(always)]
+fn single<const W: usize>(table: &Table, start: &Start, known: usize, left: f64) -> End {
+    if known == 1 && table.is_short::<W>(start) {
+        let a = table.first::<W, SHORT>(start);
+        let root = of_short_arc(&a, table.beyond::<W>(start)).filter(|root| root.at <= left);
+        if let Some(Root { at, slope }) = root {
+            return (at, [0.0, slope], true);
+        }
     }
+    let guess = match table.screened::<W>(start, known) {
+        Verdict::Clear if left > 1.0 => return (1.0, table.ends::<W>(start, 0), false),
+        Verdict::Clear => return (left, part_of::<W>(table, start, left), false),
+        Verdict::Open => return searched(table, start, known, left),
+        Verdict::One(guess) => guess,
+    };
+    let mut a = table.first::<W, TERMS>(start);
+    if known == 1 {
+        a[0] = 0.0;
+    }
+    let Root { at, slope } = only_root(&a, guess);
+    if at <= left {
+        (at, [0.0, slope.min(0.0)], true)
+    } else {
+        (left, value_and_slope(&a, left), false)
+    }
+}
+
+/// Position and velocity after a part of a step.
+#[inline(always)]
+fn part_of<const W: usize>(table: &Table, start: &Start, part: f64) -> [f64; 2] {
+    if part <= PART {
+        of_few(&table.first::<W, SHORT>(start), part)
+    } else {
+        value_and_slope(&table.first::<W, TERMS>(start), part)
+    }
+}
+
+/// Where a parabola meets the wall, in a form without cancellation; unless the motion is none, or
+/// its numbers are beyond what can be squared.
+#[inline]
+fn of_parabola(table: &Table, start: &Start, known: usize, left: f64) -> Option<End> {
+    const USUAL: std::ops::Range<f64> = 1e-290..1e290;
+    if !table.is_parabola() {
+        return None;
+    }
+    let (x, v, bend) = (start.x, start.v, 0.5 * table.h() * table.h() * start.force);
+    let square = v * v - 4.0 * bend * x;
+    let (at, slope) = match known {
+        0 if !USUAL.contains(&square.abs()) => return None,
+        0 if square < 0.0 => (f64::INFINITY, 0.0),
+        0 if v < 0.0 => (2.0 * x / (square.sqrt() - v), -square.sqrt()),
+        0 if bend < 0.0 => ((v + square.sqrt()) / (-2.0 * bend), -square.sqrt()),
+        1 if bend < 0.0 => (-v / bend, -v),
+        _ => (f64::INFINITY, 0.0),
+    };
+    if at <= left {
+        return Some((at, [0.0, slope], true));
+    }
+    let (x, v) = (if known > 0 { 0.0 } else { x }, if known > 1 { 0.0 } else { v });
+    Some((left, [x + left * (v + bend * left), v + 2.0 * bend * left], false))
+}
+
+/// Of a step where the wall is looked for as long as it takes.
+#[cold]
+fn searched(table: &Table, start: &Start, known: usize, left: f64) -> End {
+    let mut a = table.series(start);
+    a[..known].fill(0.0);
+    let width = width(table, &a, known, left);
+    stretch(&mut a, width);
+    if let Some(root) = first_root(&a, known).filter(|root| root.at * width <= left) {
+        return (root.at * width, [0.0, root.slope.min(0.0) / width], true);
+    }
+    let part = if left <= width * OVER { left / width } else { 1.0 };
+    let [x, slope] = value_and_slope(&a, part);
+    (part * width, [x, slope / width], false)
 }
 
 /// Up to where to look for the wall: a power of two times the step. A step of a motion that hardly
@@ -127,17 +186,4 @@ fn power_of_two(x: f64) -> f64 {
     let power = f64::from_bits(x.to_bits() & EXPONENT);
     // all of them are finite
     power.clamp(f64::MIN_POSITIVE, 1e300)
-}
-
-/// The series of a part of what it was one of.
-#[inline]
-pub(crate) fn stretch(a: &mut Series, part: f64) {
-    if part == 1.0 {
-        return;
-    }
-    let mut power = 1.0;
-    for a in a.iter_mut() {
-        *a *= power;
-        power *= part;
-    }
 }

@@ -1,0 +1,58 @@
+//! The waves of a flight from step to step.
+
+use super::law::Linear;
+use super::table::{Table, WAVES};
+use crate::numeric::turns::Phase;
+
+/// Whole steps over which waves are turned by what the table says before they are read off the
+/// clock again.
+const TURNED: u32 = 16;
+
+/// The waves at a time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Reading {
+    pub(crate) waves: [[f64; 2]; WAVES],
+    /// Phase of the first wave when they were read.
+    phase: Phase,
+    /// Whole steps since then.
+    turned: u32,
+}
+
+impl Reading {
+    /// At a phase of the first wave that stands for a time, and what rounding leaves out of it.
+    #[inline]
+    pub(crate) fn new(linear: &Linear, phase: Phase, (t, late): (f64, f64)) -> Self {
+        let first = linear.first().map_or([0.0; 2], |wave| wave.at(phase));
+        let second = linear.second().map_or([0.0; 2], |wave| wave.at(wave.clock.phase(t, late)));
+        Self { waves: [first, second], phase, turned: 0 }
+    }
+
+    /// The phase of the first wave after some steps more.
+    #[inline]
+    pub(crate) fn phase(&self, length: f64, table: &Table) -> Phase {
+        let ([high, low], whole) = (table.turns_in_two(), f64::from(self.turned));
+        // the products of the whole steps are exact
+        self.phase.after(whole * high).after(whole * low + length * (high + low))
+    }
+
+    /// After some steps with `W` waves, at the end of which the time is `at`.
+    #[inline(always)]
+    pub(crate) fn after<const W: usize>(
+        &self,
+        length: f64,
+        at: (f64, f64),
+        linear: &Linear,
+        table: &Table,
+    ) -> Self {
+        if length == 1.0 && self.turned < TURNED {
+            let (waves, turned) = (table.turned::<W>(self.waves), self.turned + 1);
+            return Self { waves, turned, ..*self };
+        }
+        self.read(length, at, linear, table)
+    }
+
+    #[cold]
+    fn read(&self, length: f64, at: (f64, f64), linear: &Linear, table: &Table) -> Self {
+        Self::new(linear, self.phase(length, table), at)
+    }
+}

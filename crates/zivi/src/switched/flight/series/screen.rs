@@ -1,0 +1,87 @@
+//! Which steps have no root, or one: by Bernstein coefficients.
+//!
+//! The coefficients of degree 11 are linear in where the step starts, so a table has their columns.
+//! They enclose the polynomial, and the number of their changes of sign bounds that of its roots;
+//! the terms beyond are a slack, which is linear, too.
+
+use super::table::{Bound, Columns, Start, TERMS};
+use crate::numeric::bernstein::Polynomial;
+
+/// Coefficients of the screen.
+pub(super) const SCREEN: usize = 12;
+
+/// Rounding of a value, relative to the sum of the absolute values of the terms.
+const ROUNDING: f64 = 2e-15;
+
+/// What the screen says of a polynomial that starts positive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Verdict {
+    /// It stays so over `[0, 1]`.
+    Clear,
+    /// It has one root, near here.
+    One(f64),
+    Open,
+}
+
+/// Columns of Bernstein coefficients, and the slack.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Screen {
+    coefficients: Columns<SCREEN>,
+    slack: Bound,
+}
+
+impl Screen {
+    /// Of series that are divided by `s^known`.
+    pub(super) fn new(series: &Columns<TERMS>, known: usize) -> Self {
+        let coefficients = series.0.each_ref().map(|a| {
+            let mut low = [0.0; SCREEN];
+            low.copy_from_slice(&a[known..known + SCREEN]);
+            bernstein(low)
+        });
+        let slack = Bound::sizes(|c| {
+            let (low, high) = series.0[c].split_at(known + SCREEN);
+            slack(low, high)
+        });
+        Self { coefficients: Columns(coefficients), slack }
+    }
+
+    #[inline(always)]
+    pub(super) fn of<const W: usize>(&self, start: &Start) -> Verdict {
+        verdict(&self.coefficients.of::<W, SCREEN>(start), self.slack.of::<W>(start))
+    }
+}
+
+/// The same of a series, a root of whose has been divided out.
+pub(super) fn screened(q: &[f64; TERMS]) -> Verdict {
+    let mut low = [0.0; SCREEN];
+    low.copy_from_slice(&q[..SCREEN]);
+    verdict(&bernstein(low), slack(&low, &q[SCREEN..]))
+}
+
+fn bernstein(low: [f64; SCREEN]) -> [f64; SCREEN] {
+    let mut b = [0.0; SCREEN];
+    b.copy_from_slice(Polynomial::<SCREEN>::from_powers(low).coefficients());
+    b
+}
+
+fn slack(low: &[f64], high: &[f64]) -> f64 {
+    let size = |a: &[f64]| a.iter().map(|a| a.abs()).sum::<f64>();
+    size(high) + ROUNDING * (size(low) + size(high))
+}
+
+#[inline(always)]
+fn verdict(b: &[f64; SCREEN], slack: f64) -> Verdict {
+    // written so that NaN and a negative zero never are a certificate
+    if b.iter().fold(true, |all, &b| all & (b > slack)) {
+        return Verdict::Clear;
+    }
+    let Some(first) = b.iter().position(|&b| b < 0.0) else { return Verdict::Open };
+    let one = b[..first].iter().all(|&b| b > slack) && b[first..].iter().all(|&b| b < -slack);
+    if !one || first == 0 {
+        return Verdict::Open;
+    }
+    // where the control polygon crosses zero
+    let (before, after) = (b[first - 1], b[first]);
+    let crossing = (first - 1) as f64 + before / (before - after);
+    Verdict::One(crossing / (SCREEN - 1) as f64)
+}
