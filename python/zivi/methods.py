@@ -258,7 +258,7 @@ class SwitchedRK:
     >>> ball = zivi.ImpactSystem(-9.81, kappa=0.41)
     >>> sol = zivi.simulate(ball, (0, 4), (1, 6), method=zivi.SwitchedRK(rtol=1e-10))
     >>> round(sol.rest_time, 15)
-    2.465846631559045
+    2.465846631559044
     """
 
     _takes_tstops: ClassVar[bool] = True
