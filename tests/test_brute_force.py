@@ -121,6 +121,47 @@ def test_basins_of_a_bistable_table():
     assert found.to_xarray().label.dims == ("xdot0", "x0")
 
 
+@pytest.mark.parametrize("flights", ["rk", "series", "callable"])
+def test_cells_that_a_grazing_decides_are_marked(flights):
+    # x'' = 1 - x from (x0, 0) touches the wall for x0 = 2: below it swings, above it hits
+    near = 2 + np.array([-0.1, -1e-5, -1e-10, 0.0, 1e-10, 1e-5, 0.1])
+    method = zivi.SwitchedRK(
+        rtol=1e-8, atol=1e-10, flights="rk" if flights == "callable" else flights
+    )
+    force = zivi.LinearForce(stiffness=1.0, gravity=-1.0)
+    system = zivi.ImpactSystem(spring if flights == "callable" else force, e=0.8)
+    found = zivi.basins(system, near, [0.0], period=2 * math.pi, transient=1, keep=2, method=method)
+    assert found.grazing.tolist() == [[False, False, True, True, True, False, False]]
+    assert found.border[found.grazing].all()
+    assert found.to_xarray().grazing.dims == ("xdot0", "x0")
+    if flights != "callable":
+        starts = np.column_stack([near, 0 * near])
+        batch = zivi.simulate_batch(system, (0, 7), starts, method=method, save="grazing")
+        assert batch.grazing.tolist() == found.grazing[0].tolist()
+        plain = zivi.simulate_batch(system, (0, 7), starts, method=method)
+        assert (batch.x.tobytes(), plain.grazing) == (plain.x.tobytes(), None)
+
+
+def spring(t: float, x: float, xdot: float) -> float:
+    """The same force, in the interpreter."""
+    return 1.0 - x
+
+
+def test_a_chain_of_impacts_is_no_grazing():
+    found = zivi.basins(table(1.3), np.linspace(0, 2, 12), [0.3], transient=20, keep=4)
+    assert "resting" in {it.kind for it in found.attractors}
+    assert not found.grazing.any()
+
+
+def test_cells_that_merge_settle_on_what_each_would_alone():
+    across, along = np.linspace(0, 2, 9), np.linspace(-1.5, 2.1, 9)
+    found = zivi.basins(table(1.3), across, along, transient=100, keep=8)
+    for i, v in enumerate(along):
+        for j, x in enumerate(across):
+            alone = zivi.basins(table(1.3), [x], [v], transient=0, keep=100, tolerance=1e-4)
+            assert alone.attractors[0].kind == found.attractors[found.label[i, j]].kind
+
+
 def test_bad_input():
     with pytest.raises(ValueError, match="transient"):
         zivi.lyapunov_exponents(table(1.3), (0, 10), (1, 0), transient=11)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "simulate_batch"]
 
-SAVES = ("final", "statistics", "events")
+SAVES = ("final", "statistics", "events", "grazing")
 """What can be saved of each run, beside a number of samples."""
 
 NUMBERS = {
@@ -101,6 +101,9 @@ class Batch(Runs):
         Evaluations of the force.
     x_max, speed_max : ndarray or None
         Largest sampled distance (m) and speed (m/s), with ``save="statistics"``.
+    grazing : ndarray of bool or None
+        With ``save="grazing"``: whether the run passed a grazing, an impact or the want of one that
+        its tolerances decided.
     events : list or None
         With ``save="events"``: for each run a dict with ``impacts`` (structured as those of a
         `Trajectory`), ``zeno_times`` and ``liftoff_times``.
@@ -126,6 +129,7 @@ class Batch(Runs):
     nfev: NDArray[np.uint64]
     x_max: Array | None
     speed_max: Array | None
+    grazing: NDArray[np.bool_] | None
     events: list[dict[str, Any]] | None
     sample_t: Array | None
     sample_x: Array | None
@@ -229,10 +233,11 @@ def simulate_batch(
         as those that `simulate` gives: with `SwitchedRK` from its dense output, each time once;
         with a method of fixed steps between its steps, then also `ThetaGamma` goes run by run. Not
         with another `save`, and not for a `MechanicalSystem`.
-    save : {"final", "statistics", "events"} or int
+    save : {"final", "statistics", "events", "grazing"} or int
         What is kept of each run: its end; its end and the extremes of its samples; its end and
-        all events; or its end and every so many samples (methods of fixed steps only). Of
-        mechanical systems "final", "events" or "runs", the runs themselves.
+        all events; its end and whether it passed a grazing (`SwitchedRK` only); or its end and
+        every so many samples (methods of fixed steps only). Of mechanical systems "final", "events"
+        or "runs", the runs themselves.
     threads : int, optional
         Number of threads, >= 1; by default as many as the machine runs at once.
     progress : bool, optional
@@ -415,6 +420,7 @@ def _batch(
         nfev=record.nfev,
         x_max=record.x_max if extremes else None,
         speed_max=record.speed_max if extremes else None,
+        grazing=record.grazing if save == "grazing" else None,
         events=_events(record) if save == "events" else None,
         sample_t=None if every is None else _zivi.grid_times(*span, method.h, every),
         sample_x=None if every is None else record.samples_x,

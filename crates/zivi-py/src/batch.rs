@@ -68,6 +68,7 @@ fn saving<'a>(
         "final" => Ok(Save::Final),
         "statistics" => Ok(Save::Statistics),
         "events" => Ok(Save::Events),
+        "grazing" => Ok(Save::Grazing),
         other => Err(PyValueError::new_err(format!("unknown kind of save {other:?}"))),
     }
 }
@@ -141,6 +142,7 @@ pub(crate) struct BatchRecord {
     last_impact: Array,
     hardest_impact: Array,
     rest_time: Array,
+    grazing: Py<PyArray1<bool>>,
     status: Py<PyArray1<u8>>,
     nfev: Py<PyArray1<u64>>,
     /// Numbers of impacts, Zeno points and lift-offs of each run.
@@ -182,6 +184,7 @@ impl BatchRecord {
             last_impact: column(|end| end.last_impact),
             hardest_impact: column(|end| end.hardest_impact),
             rest_time: column(|end| end.rest_time),
+            grazing: PyArray1::from_iter(py, ends.iter().map(|end| end.grazing)).unbind(),
             status: PyArray1::from_iter(py, ends.iter().map(|end| end.status as u8)).unbind(),
             nfev: PyArray1::from_iter(py, ends.iter().map(|end| end.nfev)).unbind(),
             counts: PyArray1::from_iter(py, ends.iter().flat_map(|end| end.counts))

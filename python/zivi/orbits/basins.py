@@ -14,7 +14,8 @@ from zivi._check import Array, real_array, whole
 from zivi._extras import needed
 from zivi._parameters import check_differentiable
 from zivi.methods import SwitchedRK
-from zivi.orbits.attractor import TOLERANCE, Attractor, classify, settle
+from zivi.orbits.attractor import TOLERANCE, Attractor, classify
+from zivi.orbits.cells import settle_cells
 from zivi.orbits.diagram import USUAL
 from zivi.orbits.flights import period_of
 from zivi.orbits.orbit import PeriodicOrbit
@@ -41,19 +42,23 @@ class Basins:
         Of shape (len(v0s), len(x0s)): the number of the attractor.
     attractors : list of Attractor
         Those given first, then those that were found.
+    grazing : ndarray of bool
+        Cells of which the run passed a grazing: an impact, or the want of one, that the tolerances
+        decided. Their labels are those of the runs as computed, and uncertain.
     border : ndarray of bool
-        Cells with a neighbour that settles on something else.
+        Cells with a neighbour that settles on something else, and grazing ones.
     """
 
     x0s: Array
     v0s: Array
     label: NDArray[np.int64]
     attractors: list[Attractor]
+    grazing: NDArray[np.bool_]
 
     @property
     def border(self) -> NDArray[np.bool_]:
-        """Cells with a neighbour that settles on something else."""
-        label, edge = self.label, np.zeros(self.label.shape, dtype=bool)
+        """Cells with a neighbour that settles on something else, and grazing ones."""
+        label, edge = self.label, self.grazing.copy()
         across, along = label[1:] != label[:-1], label[:, 1:] != label[:, :-1]
         edge[1:] |= across
         edge[:-1] |= across
@@ -87,6 +92,7 @@ class Basins:
             {
                 "label": (("xdot0", "x0"), self.label),
                 "border": (("xdot0", "x0"), self.border),
+                "grazing": (("xdot0", "x0"), self.grazing),
                 "kind": ("attractor", [it.kind for it in self.attractors]),
                 "multiple": ("attractor", [it.multiple for it in self.attractors]),
             },
@@ -112,7 +118,9 @@ def basins(
     """Simulate from a grid of initial states, and tell what each settles on.
 
     Motions are told apart by their kind, after how many periods they repeat, and the phases and
-    speeds of their impacts. A motion that rests is one class for each phase of its lift-off.
+    speeds of their impacts. A motion that rests is one class for each phase of its lift-off. Runs
+    whose states at the start of a period differ by less than the tolerances are one from there on.
+    A cell of which a grazing decided is marked.
 
     Parameters
     ----------
@@ -138,7 +146,7 @@ def basins(
     Returns
     -------
     Basins
-        The number of the attractor of each cell.
+        The number of the attractor of each cell, and whether a grazing decided it.
 
     Raises
     ------
@@ -164,16 +172,18 @@ def basins(
     length = period_of(system, period)
     known = [_of_orbit(orbit) for orbit in attractors or ()]
     states = np.stack(np.meshgrid(across, along), axis=-1).reshape(-1, 2)
-    systems, periods = [system] * len(states), [length] * len(states)
-    settled = settle(systems, states, periods, transient, keep, method, threads, progress)
-    label = np.empty(len(states), dtype=np.int64)
-    for i, it in enumerate(settled):
-        mine = classify(it, length, keep, tolerance)
+    cells = settle_cells(system, states, length, transient, keep, method, threads, progress)
+    label = np.empty(len(cells.settled), dtype=np.int64)
+    # attractors are numbered in the order of the cells
+    for i in np.argsort(np.unique(cells.which, return_index=True)[1]):
+        mine = classify(cells.settled[i], length, keep, tolerance)
         same = (j for j, other in enumerate(known) if mine.is_same(other, NEAR * tolerance))
         label[i] = next(same, len(known))
         if label[i] == len(known):
             known.append(mine)
-    return Basins(across, along, label.reshape(len(along), len(across)), known)
+    shape = (len(along), len(across))
+    label, grazing = label[cells.which].reshape(shape), cells.grazing.reshape(shape)
+    return Basins(across, along, label, known, grazing)
 
 
 def _of_orbit(orbit: PeriodicOrbit) -> Attractor:

@@ -197,7 +197,10 @@ def basins(b: Basins, ax: Axes | None = None, **image: Any) -> Axes:
     given: dict[str, Any] = {"cmap": ListedColormap(colours), "norm": norm, "shading": "nearest"}
     ax.pcolormesh(b.x0s, b.v0s, b.label, **given | image)
     names = [_named(it.kind, it.multiple) for it in b.attractors]
-    handles = [Patch(color=c, label=name) for c, name in zip(colours, names, strict=True)]
+    handles: list[Any] = [Patch(color=c, label=it) for c, it in zip(colours, names, strict=True)]
+    if b.grazing.any():
+        i, j = np.nonzero(b.grazing)
+        handles += ax.plot(b.x0s[j], b.v0s[i], "k.", ms=3, label="decided by a grazing")
     ax.legend(handles=handles, loc="upper right", fontsize="small")
     ax.set(xlabel="initial distance $x_0$ (m)", ylabel=r"initial velocity $\dot x_0$ (m/s)")
     return ax

@@ -24,6 +24,7 @@
 
 pub(crate) mod chain;
 pub(crate) mod flight;
+pub(crate) mod grazing;
 mod impact;
 mod impact_map;
 mod integrator;

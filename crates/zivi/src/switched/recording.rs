@@ -6,7 +6,7 @@ use super::picture::between_steps;
 use super::run::{Output, SwitchedRun};
 use super::samples::Samples;
 use super::stages::{Counted, Point};
-use super::stepper::{Plainly, Stepper};
+use super::stepper::Stepper;
 use super::stops::Stops;
 use super::tail::Tail;
 use super::user_events::{EventHit, Level, Watch};
@@ -93,16 +93,8 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         }
     }
 
+    /// Takes the steps of a stepper to the end.
     pub(super) fn go<F: Force<E>>(
-        &mut self,
-        force: &mut Counted<'_, F>,
-        monitor: &mut impl Monitor<E>,
-    ) -> Ending<E> {
-        self.go_with(&mut Plainly, force, monitor)
-    }
-
-    /// The same in the steps of somebody else.
-    pub(super) fn go_with<F: Force<E>>(
         &mut self,
         stepper: &mut impl Stepper<E, F>,
         force: &mut Counted<'_, F>,

@@ -7,6 +7,7 @@ use super::path::DensePath;
 use super::recording::Running;
 use super::settings::{Flights, SwitchedRk};
 use super::stages::Counted;
+use super::stepper::{Plainly, Stepper};
 use super::tail::Tail;
 use super::user_events::{EventHit, UserEvent};
 use crate::record::trajectory::{SetupError, Trajectory};
@@ -126,6 +127,21 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
     settings: SwitchedRk,
     wall: Restitution,
     force: &mut F,
+    span: (f64, f64),
+    initial: Physical,
+    output: Output<'_, E>,
+    monitor: &mut impl Monitor<E>,
+) -> Result<SwitchedRun<E>, SetupError> {
+    simulate_with(&mut Plainly, settings, wall, force, span, initial, output, monitor)
+}
+
+/// The same in the steps of somebody else.
+#[allow(clippy::too_many_arguments)]
+pub(super) fn simulate_with<E, F: Force<E>>(
+    stepper: &mut impl Stepper<E, F>,
+    settings: SwitchedRk,
+    wall: Restitution,
+    force: &mut F,
     (t0, t1): (f64, f64),
     initial: Physical,
     mut output: Output<'_, E>,
@@ -143,7 +159,7 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
     }
     let mut run = Running::new(integrator, t1, &mut output);
     let mut force = Counted::new(force).linear(linear);
-    let ending = run.go(&mut force, monitor);
+    let ending = run.go(stepper, &mut force, monitor);
     let nfev = force.count();
     run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))
 }

@@ -20,6 +20,7 @@ pub use returns::{map_impacts, orbits, Mapped};
 
 use crate::stepping::fixed_step::{check_initial, lift};
 use crate::switched::check_span;
+use crate::switched::grazing::simulate_watching;
 use crate::{
     simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
     Dependence, Force, Grid, Keep, Monitor, MoreauJean, Output, Run, SetupError, Solver, Summary,
@@ -36,6 +37,9 @@ pub enum Save<'a> {
     Statistics,
     /// The same as [`Save::Final`], and every event.
     Events,
+    /// The same as [`Save::Final`], and whether the run passed a grazing that its tolerances
+    /// decided (the switched method only).
+    Grazing,
     /// The same as [`Save::Final`], and the first and every so many samples after it (at least 1).
     Every(usize),
     /// The same as [`Save::Final`], and the states at these times, increasing and within the span
@@ -160,7 +164,10 @@ fn check_save(course: Course, save: Save<'_>) -> Result<(), SetupError> {
             Err(SetupError::Setting("save", f64::NAN, "for a method of fixed steps"))
         }
         (Course::SwitchedRk(_, (t0, t1)), Save::At(times)) => check_span(t0, t1, Some(times)),
-        (_, Save::At(_)) => Err(SetupError::Setting("save", f64::NAN, "for the switched method")),
+        (Course::SwitchedRk(..), Save::Grazing) => Ok(()),
+        (_, Save::At(_) | Save::Grazing) => {
+            Err(SetupError::Setting("save", f64::NAN, "for the switched method"))
+        }
         _ => Ok(()),
     }
 }
@@ -301,6 +308,7 @@ fn one<F: Force<Stopped> + Copy>(
     let watch = &mut Quiet { keep, stop };
     // the end of a run that is not sampled there
     let mut end = None;
+    let mut grazing = false;
     let Run { trajectory, .. } = match course {
         Course::ThetaGamma(method, grid) => {
             simulate_theta_gamma(method, wall, &mut force, grid, initial, watch)?
@@ -310,6 +318,11 @@ fn one<F: Force<Stopped> + Copy>(
         }
         Course::MoreauJean(method, grid) => {
             simulate_moreau_jean(method, wall, &mut force, grid, initial, watch)?
+        }
+        Course::SwitchedRk(method, span) if save == Save::Grazing => {
+            let (run, grazes) = simulate_watching(method, wall, &mut force, span, initial, watch)?;
+            grazing = grazes;
+            Run { trajectory: run.trajectory, raised: run.raised }
         }
         Course::SwitchedRk(method, span) => {
             let t_eval = if let Save::At(times) = save { Some(times) } else { None };
@@ -334,5 +347,5 @@ fn one<F: Force<Stopped> + Copy>(
     if save != Save::Statistics {
         (summary.x_max, summary.speed_max) = (0.0, 0.0);
     }
-    Ok(Outcome::new(events, saved, summary, (status, nfev), save))
+    Ok(Outcome { grazing, ..Outcome::new(events, saved, summary, (status, nfev), save) })
 }

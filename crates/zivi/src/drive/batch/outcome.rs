@@ -93,6 +93,8 @@ pub struct Outcome {
     pub hardest_impact: f64,
     /// Time from which the mass rests until the end (s), NaN if it does not.
     pub rest_time: f64,
+    /// Whether it passed a grazing that its tolerances decided, with [`Save::Grazing`].
+    pub grazing: bool,
     /// The events, with [`Save::Events`].
     pub events: Option<Events>,
     /// The samples, with [`Save::Every`].
@@ -134,6 +136,7 @@ impl Outcome {
             last_impact: time(events.impacts.last()),
             hardest_impact: events.impacts.iter().fold(0.0, hardest),
             rest_time: events.rest_time.unwrap_or(f64::NAN),
+            grazing: false,
             events: (save == Save::Events).then_some(events),
             saved,
         }

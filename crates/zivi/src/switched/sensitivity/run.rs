@@ -102,7 +102,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     let begun = follower.begin(integrator.now, wall.e(), &mut force);
     let mut run = Running::new(integrator, t1, &mut output);
     let ending = match begun {
-        Ok(()) => run.go_with(&mut follower, &mut force, monitor),
+        Ok(()) => run.go(&mut follower, &mut force, monitor),
         Err(failure) => Ending::Failed(failure),
     };
     let nfev = force.count();

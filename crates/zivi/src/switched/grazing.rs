@@ -1,0 +1,111 @@
+//! Whether a run of the switched method passed a grazing: an impact, or the want of one, that is
+//! decided by the tolerances.
+//!
+//! An impact with the velocity `v` that the force pulls off, `a = f(t, 0, v) > 0`, would not be one
+//! if its flight went higher by `v^2/(2 a)`; a minimum of a flight at the height `x` would be one if
+//! it went lower by `x`. Low speeds at `a < 0`, those of a chain of impacts, are no grazing.
+
+use super::integrator::{Piece, SwitchedIntegrator};
+use super::run::{simulate_with, Output, SwitchedRun};
+use super::settings::SwitchedRk;
+use super::stages::Counted;
+use super::stepper::Stepper;
+use super::user_events::Level;
+use crate::record::failure::Failure;
+use crate::{Force, Monitor, SetupError};
+use zivi_core::{Physical, Restitution};
+
+/// A depth that is decided by the tolerances, in units of those of the distance.
+const DECIDED: f64 = 10.0;
+
+/// How near to a grazing a run came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Grazing {
+    /// The smallest depth of an impact or a minimum (m).
+    shallowest: f64,
+    /// The largest distance at the end of a step (m).
+    highest: f64,
+}
+
+impl Default for Grazing {
+    fn default() -> Self {
+        Self { shallowest: f64::INFINITY, highest: 0.0 }
+    }
+}
+
+impl Grazing {
+    /// Whether the tolerances decided.
+    fn is_undecided(&self, settings: &SwitchedRk) -> bool {
+        self.shallowest <= DECIDED * (settings.atol[0] + settings.rtol * self.highest)
+    }
+
+    fn note(&mut self, depth: f64) {
+        self.shallowest = self.shallowest.min(depth);
+    }
+
+    /// A minimum of the distance within the last piece of flight.
+    fn minimum<E, F: Force<E>>(
+        &mut self,
+        integrator: &mut SwitchedIntegrator,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Failure<E>> {
+        // a piece of several curves is far from the wall
+        if integrator.curves::<E, F>() != 1 {
+            return Ok(());
+        }
+        let (end, sigma) = (integrator.now.t, integrator.sigma);
+        let curve = integrator.curve(0, sigma, force)?;
+        for t in curve.crossings(Level::Velocity(0.0), end) {
+            self.note(curve.at(t).x);
+        }
+        Ok(())
+    }
+}
+
+/// Simulates as [`crate::simulate_switched_rk`], and tells whether the run passed a grazing that
+/// the tolerances decided.
+///
+/// # Errors
+/// [`SetupError`] before anything is computed.
+pub(crate) fn simulate_watching<E, F: Force<E>>(
+    settings: SwitchedRk,
+    wall: Restitution,
+    force: &mut F,
+    span: (f64, f64),
+    initial: Physical,
+    monitor: &mut impl Monitor<E>,
+) -> Result<(SwitchedRun<E>, bool), SetupError> {
+    let mut grazing = Grazing::default();
+    let output = Output::default();
+    let run = simulate_with(&mut grazing, settings, wall, force, span, initial, output, monitor)?;
+    Ok((run, grazing.is_undecided(&settings)))
+}
+
+impl<E, F: Force<E>> Stepper<E, F> for Grazing {
+    fn step(
+        &mut self,
+        integrator: &mut SwitchedIntegrator,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        let before = integrator.now;
+        self.highest = self.highest.max(before.x);
+        let piece = integrator.step(t_end, force)?;
+        match piece {
+            Piece::Flight { impact: Some(impact), .. } => {
+                let v = impact.xdot_before;
+                let pull = force.known_at(impact.t, 0.0, v)?;
+                if pull > 0.0 {
+                    self.note(v * v / (2.0 * pull));
+                }
+            }
+            Piece::Flight { impact: None, .. } => {
+                if before.xdot < 0.0 && integrator.now.xdot > 0.0 {
+                    self.minimum(integrator, force)?;
+                }
+            }
+            Piece::Tail(_) | Piece::Rest { .. } => {}
+        }
+        Ok(piece)
+    }
+}
