@@ -27,7 +27,7 @@
 #include <stdint.h>
 
 // The version of this interface: it changes when a structure or the meaning of a function does.
-#define ZIVI_ABI_VERSION 1
+#define ZIVI_ABI_VERSION 2
 
 // Done; nothing to report.
 #define ZIVI_OK 0
@@ -44,7 +44,7 @@
 // The member `size` of a configuration is not the size of any version of it.
 #define ZIVI_E_SIZE -2
 
-// The object was not initialised, or is damaged.
+// The object was not initialised, or its settings were changed since, or it is damaged.
 #define ZIVI_E_STATE -3
 
 // The state or the force is too large to compute with.
@@ -200,8 +200,8 @@ typedef struct zivi_mass {
   double lambda_v;
   // Steps since the start.
   uint64_t steps;
-  // Marks an initialised object.
-  uint64_t mark;
+  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  uint64_t seal;
 } zivi_mass;
 
 // Settings of a regulator. A member that is zero takes its default.
@@ -253,6 +253,10 @@ typedef struct zivi_regulator {
   double u_min;
   // Largest control (m/s^2).
   double u_max;
+  // Horizon of the landing in periods, 0 for the tick of the paper.
+  uint32_t ahead;
+  // 0.
+  uint32_t reserved;
   // The last control (m/s^2).
   double u;
   // Multiplier in `sgn s` of the last tick.
@@ -263,10 +267,10 @@ typedef struct zivi_regulator {
   uint64_t ticks;
   // Bits of what was done to the last sample and control.
   uint32_t status;
-  // Horizon of the landing in periods, 0 for the tick of the paper.
-  uint32_t ahead;
-  // Marks an initialised object.
-  uint64_t mark;
+  // 0.
+  uint32_t unused;
+  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  uint64_t seal;
 } zivi_regulator;
 
 // Settings of a tracker. A member that is zero takes its default.
@@ -339,6 +343,14 @@ typedef struct zivi_tracker {
   double u_min;
   // Largest control (m/s^2).
   double u_max;
+  // How measurements are lifted.
+  uint32_t branch;
+  // Horizon of the landing in periods, 0 for the tick of the paper.
+  uint32_t ahead;
+  // Whether the measured velocity is taken half a period back in the air.
+  uint32_t shift;
+  // 0.
+  uint32_t reserved;
   // The reference's transformed position (m).
   double s_ref;
   // The reference's transformed velocity (m/s).
@@ -369,16 +381,8 @@ typedef struct zivi_tracker {
   uint32_t status;
   // Iterations of the last tick.
   uint32_t iterations;
-  // How measurements are lifted.
-  uint32_t branch;
-  // Horizon of the landing in periods, 0 for the tick of the paper.
-  uint32_t ahead;
-  // Whether the measured velocity is taken half a period back in the air.
-  uint32_t shift;
-  // 0.
-  uint32_t reserved;
-  // Marks an initialised object.
-  uint64_t mark;
+  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  uint64_t seal;
 } zivi_tracker;
 
 // A reference that is given, at one sample.
@@ -419,7 +423,7 @@ typedef struct zivi_observer_config {
 // An observer. Everything in it may be read, copied and logged; it is changed by
 // `zivi_observer_*` alone.
 typedef struct zivi_observer {
-  // The settings.
+  // The settings, defaults filled in.
   struct zivi_observer_config config;
   // Estimate of the distance from the wall (m).
   double x;
@@ -447,8 +451,8 @@ typedef struct zivi_observer {
   uint32_t refused;
   // 0.
   uint32_t reserved;
-  // Marks an initialised object.
-  uint64_t mark;
+  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  uint64_t seal;
 } zivi_observer;
 
 #ifdef __cplusplus

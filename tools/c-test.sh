@@ -62,6 +62,20 @@ else
     say 'skipped: no valgrind'
 fi
 
+# the bits of many calls, the same on every machine, and how much stack a call takes
+program bits_host -O2 "$here/tests/c/bits.c" -pthread
+"$work/bits_host" >"$work/bits.txt" || fail 'the series of tests/c/bits.c'
+cut -d' ' -f1,3- "$work/bits.txt" | cmp -s - "$here/tests/c/bits.txt" \
+    || fail "other bits than those of tests/c/bits.txt: $(cat "$work/bits.txt")"
+say 'the bits are those of tests/c/bits.txt'
+if [ "$(uname -sm)" = 'Linux x86_64' ]; then
+    awk '{ limit = /given reference/ ? 1088 : 1024 }
+        $2 > most { most = $2 }
+        $2 > limit { print; bad = 1 }
+        END { printf "c-test: stack of a call: at most %d bytes\n", most; exit bad }' \
+        "$work/bits.txt" || fail 'the stack of a call'
+fi
+
 if command -v pkg-config >/dev/null 2>&1; then
     # shellcheck disable=SC2046
     "$cc" "$here/examples/c/bounce.c" -o "$work/bounce" \
@@ -99,3 +113,29 @@ case $(uname -sm) in
         ;;
 esac
 say 'nothing undefined, nothing global but zivi_*'
+
+# the code of a program that calls these functions and no others: name, limit, functions
+part() {
+    name=$1 limit=$2
+    shift 2
+    # shellcheck disable=SC2046 # several words
+    ld -r --gc-sections $(printf -- '-u zivi_%s ' "$@") "$library" -o "$work/part.o"
+    size -A "$work/part.o" | awk -v name="$name" -v limit="$limit" '
+        $1 ~ /^\.text/ { text += $2 }
+        END { printf "c-test: text of %s: %d bytes\n", name, text; exit text > limit }' \
+        || fail "more than $limit bytes of code: $name"
+}
+calls() { for call in defaults init reset step; do printf '%s_%s ' "$1" $call; done; }
+if [ "$(uname -sm)" = 'Linux x86_64' ] && command -v ld >/dev/null 2>&1; then
+    part 'the ticks of regulator and tracker' 16000 regulator_step tracker_step tracker_step_to
+    # shellcheck disable=SC2046
+    part 'regulator and tracker, all calls' 19500 $(calls regulator) $(calls tracker) tracker_step_to
+    # shellcheck disable=SC2046
+    part 'the tracker' 16500 $(calls tracker) tracker_step_to
+    # shellcheck disable=SC2046
+    part 'the regulator' 4000 $(calls regulator)
+    # shellcheck disable=SC2046
+    part 'the observer' 5500 $(calls observer)
+    # shellcheck disable=SC2046
+    part 'the mass' 6500 $(calls mass)
+fi

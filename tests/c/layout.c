@@ -15,24 +15,29 @@ AT(zivi_mass, s, 24);
 AT(zivi_mass, x, 48);
 AT(zivi_mass, xdot, 56);
 AT(zivi_mass, steps, 80);
+AT(zivi_mass, seal, 88);
 SAME(mass_config_size, sizeof(zivi_mass_config) == 32);
 AT(zivi_mass_config, h, 8);
 
-SAME(regulator_size, sizeof(zivi_regulator) == 112);
-AT(zivi_regulator, u, 64);
-AT(zivi_regulator, ticks, 88);
-AT(zivi_regulator, status, 96);
+SAME(regulator_size, sizeof(zivi_regulator) == 120);
+AT(zivi_regulator, ahead, 64);
+AT(zivi_regulator, u, 72);
+AT(zivi_regulator, ticks, 96);
+AT(zivi_regulator, status, 104);
+AT(zivi_regulator, seal, 112);
 SAME(regulator_config_size, sizeof(zivi_regulator_config) == 88);
 AT(zivi_regulator_config, mu1, 16);
 AT(zivi_regulator_config, u_max, 80);
 
 SAME(tracker_size, sizeof(zivi_tracker) == 232);
 AT(zivi_tracker, press, 56);
-AT(zivi_tracker, s_ref, 96);
-AT(zivi_tracker, x_ref, 120);
-AT(zivi_tracker, u, 136);
-AT(zivi_tracker, ticks, 192);
-AT(zivi_tracker, iterations, 204);
+AT(zivi_tracker, branch, 96);
+AT(zivi_tracker, s_ref, 112);
+AT(zivi_tracker, x_ref, 136);
+AT(zivi_tracker, u, 152);
+AT(zivi_tracker, ticks, 208);
+AT(zivi_tracker, iterations, 220);
+AT(zivi_tracker, seal, 224);
 SAME(tracker_config_size, sizeof(zivi_tracker_config) == 128);
 AT(zivi_tracker_config, mu1, 24);
 AT(zivi_tracker_config, horizon, 96);
@@ -43,6 +48,7 @@ SAME(observer_size, sizeof(zivi_observer) == 168);
 AT(zivi_observer, x, 72);
 AT(zivi_observer, d, 88);
 AT(zivi_observer, started, 144);
+AT(zivi_observer, seal, 160);
 SAME(observer_config_size, sizeof(zivi_observer_config) == 72);
 
 int main(void)

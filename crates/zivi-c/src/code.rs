@@ -17,7 +17,7 @@ pub const ZIVI_SATURATED: i32 = 2;
 pub const ZIVI_E_NULL: i32 = -1;
 /// The member `size` of a configuration is not the size of any version of it.
 pub const ZIVI_E_SIZE: i32 = -2;
-/// The object was not initialised, or is damaged.
+/// The object was not initialised, or its settings were changed since, or it is damaged.
 pub const ZIVI_E_STATE: i32 = -3;
 /// The state or the force is too large to compute with.
 pub const ZIVI_E_OVERFLOW: i32 = -4;
@@ -91,38 +91,67 @@ pub const ZIVI_E_POSITION_ONLY: i32 = -40;
 /// A setting without a code of its own.
 pub const ZIVI_E_SETTING: i32 = -99;
 
+/// Names of settings, filled up with zeros, and their codes. No pointers: those would be memory that
+/// a program has to initialise.
+const NAMES: [([u8; LONGEST], i8); 26] = [
+    named("h", ZIVI_E_H),
+    named("e", ZIVI_E_E),
+    named("kappa", ZIVI_E_KAPPA),
+    named("e_ref", ZIVI_E_E_REF),
+    named("kappa_ref", ZIVI_E_KAPPA_REF),
+    named("mu1", ZIVI_E_MU1),
+    named("mu2", ZIVI_E_MU2),
+    named("bound", ZIVI_E_BOUND),
+    named("depth", ZIVI_E_DEPTH),
+    named("u_min", ZIVI_E_U_MIN),
+    named("u_max", ZIVI_E_U_MAX),
+    named("ahead", ZIVI_E_AHEAD),
+    named("press", ZIVI_E_PRESS),
+    named("horizon", ZIVI_E_HORIZON),
+    named("x", ZIVI_E_X),
+    named("xdot", ZIVI_E_XDOT),
+    named("force", ZIVI_E_FORCE),
+    named("force_ref", ZIVI_E_FORCE_REF),
+    named("u", ZIVI_E_U),
+    named("x_ref", ZIVI_E_X_REF),
+    named("xdot_ref", ZIVI_E_XDOT_REF),
+    named("acceleration", ZIVI_E_ACCELERATION),
+    named("noise", ZIVI_E_NOISE),
+    named("q_d", ZIVI_E_Q_D),
+    named("se", ZIVI_E_SE),
+    named("dmax", ZIVI_E_DMAX),
+];
+
+/// Length of the longest name.
+const LONGEST: usize = "acceleration".len();
+
+#[allow(clippy::indexing_slicing, reason = "a constant")]
+const fn named(name: &str, code: Code) -> ([u8; LONGEST], i8) {
+    let mut filled = [0; LONGEST];
+    let mut k = 0;
+    while k < name.len() {
+        filled[k] = name.as_bytes()[k];
+        k += 1;
+    }
+    (filled, code as i8)
+}
+
 /// The code of the setting with this name.
+#[cold]
+#[inline(never)]
 #[must_use]
 pub fn of_setting(name: &str) -> Code {
-    match name {
-        "h" => ZIVI_E_H,
-        "e" => ZIVI_E_E,
-        "kappa" => ZIVI_E_KAPPA,
-        "e_ref" => ZIVI_E_E_REF,
-        "kappa_ref" => ZIVI_E_KAPPA_REF,
-        "mu1" => ZIVI_E_MU1,
-        "mu2" => ZIVI_E_MU2,
-        "bound" => ZIVI_E_BOUND,
-        "depth" => ZIVI_E_DEPTH,
-        "u_min" => ZIVI_E_U_MIN,
-        "u_max" => ZIVI_E_U_MAX,
-        "ahead" => ZIVI_E_AHEAD,
-        "press" => ZIVI_E_PRESS,
-        "horizon" => ZIVI_E_HORIZON,
-        "x" => ZIVI_E_X,
-        "xdot" => ZIVI_E_XDOT,
-        "force" => ZIVI_E_FORCE,
-        "force_ref" => ZIVI_E_FORCE_REF,
-        "u" => ZIVI_E_U,
-        "x_ref" => ZIVI_E_X_REF,
-        "xdot_ref" => ZIVI_E_XDOT_REF,
-        "acceleration" => ZIVI_E_ACCELERATION,
-        "noise" => ZIVI_E_NOISE,
-        "q_d" => ZIVI_E_Q_D,
-        "se" => ZIVI_E_SE,
-        "dmax" => ZIVI_E_DMAX,
-        _ => ZIVI_E_SETTING,
+    for (known, code) in &NAMES {
+        let mut same = true;
+        let mut rest = name.bytes();
+        for byte in known {
+            same &= rest.next().unwrap_or(0) == *byte;
+        }
+        if same {
+            return Code::from(*code);
+        }
     }
+    ZIVI_E_SETTING
 }
 
 pub(crate) fn of(error: SettingError) -> Code {

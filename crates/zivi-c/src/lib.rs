@@ -2,7 +2,7 @@
 //!
 //! Every object is a structure of plain numbers that the caller owns: it can be copied, logged,
 //! stored and restored at any time, and nothing is allocated or kept anywhere else. The settings
-//! are checked once, by `zivi_*_init`; a step takes its measurement and gives a code: 0, bits of
+//! are checked once, by `zivi_*_init`, and sealed with a checksum; a step takes its measurement and gives a code: 0, bits of
 //! what was done to the sample and the control, or a negative number for what was refused, and
 //! then nothing has changed. The mathematics is that of `zivi-core`, bit by bit.
 //!
@@ -26,6 +26,7 @@ mod mass;
 mod message;
 mod observer;
 mod regulator;
+mod seal;
 mod tracker;
 
 pub use code::Code;
@@ -39,7 +40,7 @@ pub use tracker::{
 };
 
 /// The version of this interface: it changes when a structure or the meaning of a function does.
-pub const ZIVI_ABI_VERSION: u32 = 1;
+pub const ZIVI_ABI_VERSION: u32 = 2;
 
 #[cfg(feature = "target")]
 mod panic_free {

@@ -3,9 +3,11 @@
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepFailure, ThetaGammaStep};
 
 use crate::code::{
-    self, Code, ZIVI_E_NO_SOLUTION, ZIVI_E_OVERFLOW, ZIVI_E_STATE, ZIVI_E_X, ZIVI_E_XDOT, ZIVI_OK,
+    self, Code, ZIVI_E_H, ZIVI_E_NO_SOLUTION, ZIVI_E_OVERFLOW, ZIVI_E_STATE, ZIVI_E_X, ZIVI_E_XDOT,
+    ZIVI_OK,
 };
 use crate::config;
+use crate::seal::Sealed;
 
 /// Settings of a mass. A member that is zero takes its default.
 #[repr(C)]
@@ -50,12 +52,26 @@ pub struct Mass {
     pub lambda_v: f64,
     /// Steps since the start.
     pub steps: u64,
-    /// Marks an initialised object.
-    pub mark: u64,
+    /// Checksum of the settings, by which an object that is damaged or not initialised is known.
+    pub seal: u64,
 }
 
-/// In `mark` of a mass that was initialised.
-const MARK: u64 = 0x7a69_7669_6d61_7373;
+// SAFETY: `h`, `e` and `kappa`
+unsafe impl Sealed for Mass {
+    const SETTINGS: usize = 3;
+    const KIND: u64 = 0x7a69_7669_6d61_7373;
+
+    fn seal(&self) -> u64 {
+        self.seal
+    }
+}
+
+const _: () = {
+    use core::mem::offset_of;
+    assert!(size_of::<Mass>() == 96 && size_of::<MassConfig>() == 32);
+    assert!(offset_of!(Mass, s) == 8 * <Mass as Sealed>::SETTINGS);
+    assert!(offset_of!(Mass, x) == 48 && offset_of!(Mass, steps) == 80);
+};
 
 impl MassConfig {
     /// The size, and everything else 0.
@@ -68,28 +84,30 @@ impl MassConfig {
 impl Mass {
     /// Checks the settings and starts at rest on the wall.
     pub fn init(&mut self, config: &MassConfig) -> Code {
-        let mass = match Self::from_config(config) {
-            Ok(mass) => mass,
-            Err(code) => return code,
-        };
-        *self = mass;
-        ZIVI_OK
+        match Self::checked(config) {
+            Ok((h, wall)) => {
+                let (e, kappa) = (wall.e(), wall.kappa());
+                *self = Self { h, e, kappa, side: 1.0, ..Self::default() };
+                self.seal = self.seal_of_settings();
+                ZIVI_OK
+            }
+            Err(code) => code,
+        }
     }
 
-    fn from_config(config: &MassConfig) -> Result<Self, Code> {
+    fn checked(config: &MassConfig) -> Result<(f64, Restitution), Code> {
         config::checked_size::<MassConfig>(config.size)?;
         let wall = config::wall(config.e, config.kappa)?;
         ThetaGammaStep::new(config.h, 1.0, 1.0, wall).map_err(code::of)?;
-        let (e, kappa) = (wall.e(), wall.kappa());
-        Ok(Self { h: config.h, e, kappa, side: 1.0, mark: MARK, ..Self::default() })
+        Ok((config.h, wall))
     }
 
     /// Puts the mass at `x` with velocity `xdot`, on the branch `s >= 0`.
     pub fn reset(&mut self, x: f64, xdot: f64) -> Code {
-        let wall = match self.step_of(self.h) {
-            Ok(step) => step.wall(),
-            Err(code) => return code,
-        };
+        if let Err(code) = self.intact() {
+            return code;
+        }
+        let wall = Restitution::trusted(self.e, self.kappa);
         if !(x >= 0.0 && x.is_finite()) {
             return ZIVI_E_X;
         }
@@ -111,10 +129,16 @@ impl Mass {
 
     /// One step of another size.
     pub fn advance(&mut self, h: f64, force: f64) -> Code {
-        let step = match self.step_of(h) {
-            Ok(step) => step,
-            Err(code) => return code,
-        };
+        if let Err(code) = self.intact() {
+            return code;
+        }
+        if self.side.abs() != 1.0 {
+            return ZIVI_E_STATE;
+        }
+        if !(h > 0.0 && h.is_finite()) {
+            return ZIVI_E_H;
+        }
+        let step = ThetaGammaStep::trusted(h, 1.0, 1.0, Restitution::trusted(self.e, self.kappa));
         if !force.is_finite() {
             return code::ZIVI_E_FORCE;
         }
@@ -130,12 +154,5 @@ impl Mass {
         (self.lambda_s, self.lambda_v) = (found.lambda_s, found.lambda_v);
         self.steps = self.steps.wrapping_add(1);
         ZIVI_OK
-    }
-
-    fn step_of(&self, h: f64) -> Result<ThetaGammaStep, Code> {
-        let fine = self.mark == MARK && self.side.abs() == 1.0;
-        let wall = Restitution::from_both(self.e, self.kappa);
-        let (true, Ok(wall)) = (fine, wall) else { return Err(ZIVI_E_STATE) };
-        ThetaGammaStep::new(h, 1.0, 1.0, wall).map_err(code::of)
     }
 }

@@ -5,8 +5,9 @@ use zivi_core::observer::{
 };
 use zivi_core::{Physical, Restitution};
 
-use crate::code::{self, Code, ZIVI_E_POSITION_ONLY, ZIVI_E_STATE, ZIVI_OK};
+use crate::code::{self, Code, ZIVI_E_POSITION_ONLY, ZIVI_OK};
 use crate::config;
+use crate::seal::Sealed;
 
 /// Settings of an observer. A member that is zero takes its default.
 #[repr(C)]
@@ -39,7 +40,7 @@ pub struct ObserverConfig {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Observer {
-    /// The settings.
+    /// The settings, defaults filled in.
     pub config: ObserverConfig,
     /// Estimate of the distance from the wall (m).
     pub x: f64,
@@ -67,12 +68,26 @@ pub struct Observer {
     pub refused: u32,
     /// 0.
     pub reserved: u32,
-    /// Marks an initialised object.
-    pub mark: u64,
+    /// Checksum of the settings, by which an object that is damaged or not initialised is known.
+    pub seal: u64,
 }
 
-/// In `mark` of an observer that was initialised.
-const MARK: u64 = 0x7a69_7669_6f62_7365;
+// SAFETY: `config`
+unsafe impl Sealed for Observer {
+    const SETTINGS: usize = 9;
+    const KIND: u64 = 0x7a69_7669_6f62_7365;
+
+    fn seal(&self) -> u64 {
+        self.seal
+    }
+}
+
+const _: () = {
+    use core::mem::offset_of;
+    assert!(size_of::<Observer>() == 168 && size_of::<ObserverConfig>() == 72);
+    assert!(offset_of!(Observer, x) == 8 * <Observer as Sealed>::SETTINGS);
+    assert!(offset_of!(Observer, started) == 144);
+};
 
 impl ObserverConfig {
     /// The size, and everything else 0.
@@ -81,29 +96,32 @@ impl ObserverConfig {
         Self { size: size_of::<Self>() as u32, ..Self::default() }
     }
 
-    fn settings(&self) -> Result<ObserverSettings, Code> {
+    /// The same with its defaults filled in, all checked.
+    fn checked(&self) -> Result<Self, Code> {
+        config::checked_size::<Self>(self.size)?;
         let or = |value: f64, default: f64| if value == 0.0 { default } else { value };
         let wall: Restitution = config::wall(self.e, self.kappa)?;
+        let (noise_x, noise_xdot) = (or(self.noise_x, 1e-4), or(self.noise_xdot, 1e-2));
+        let (q_d, dmax) = (or(self.q_d, 1e-3), or(self.dmax, 20.0));
         let bare = ObserverSettings::new(wall, self.h).map_err(code::of)?;
-        let (of_x, of_v) = (or(self.noise_x, 1e-4), or(self.noise_xdot, 1e-2));
-        let heard = bare.with_noise(of_x, of_v).map_err(code::of)?;
-        let pushed = heard.with_force(or(self.q_d, 1e-3), or(self.dmax, 20.0)).map_err(code::of)?;
-        let settings = pushed.with_restitution_error(self.se).map_err(code::of)?;
-        match self.position_only {
-            0 => Ok(settings.with_position_only(false)),
-            1 => Ok(settings.with_position_only(true)),
-            _ => Err(ZIVI_E_POSITION_ONLY),
+        let heard = bare.with_noise(noise_x, noise_xdot).map_err(code::of)?;
+        let pushed = heard.with_force(q_d, dmax).map_err(code::of)?;
+        pushed.with_restitution_error(self.se).map_err(code::of)?;
+        if self.position_only > 1 {
+            return Err(ZIVI_E_POSITION_ONLY);
         }
+        let (e, kappa) = (wall.e(), wall.kappa());
+        Ok(Self { e, kappa, noise_x, noise_xdot, q_d, dmax, ..*self })
     }
 }
 
 impl Observer {
     /// Checks the settings; nothing was measured yet.
     pub fn init(&mut self, config: &ObserverConfig) -> Code {
-        let checked = config::checked_size::<ObserverConfig>(config.size);
-        match checked.and_then(|()| config.settings()) {
-            Ok(_) => {
-                *self = Self { config: *config, mark: MARK, ..Self::default() };
+        match config.checked() {
+            Ok(config) => {
+                *self = Self { config, ..Self::default() };
+                self.seal = self.seal_of_settings();
                 ZIVI_OK
             }
             Err(code) => code,
@@ -112,8 +130,8 @@ impl Observer {
 
     /// Forgets all measurements.
     pub fn reset(&mut self) -> Code {
-        if self.mark != MARK {
-            return ZIVI_E_STATE;
+        if let Err(code) = self.intact() {
+            return code;
         }
         self.remember(ObserverState::default());
         ZIVI_OK
@@ -122,10 +140,10 @@ impl Observer {
     /// Takes a measurement; `xdot` is NaN where it is not measured. `force` is the known force and
     /// `u` the control that acted over the period that ends now.
     pub fn step(&mut self, x: f64, xdot: f64, force: f64, u: f64) -> Code {
-        let (true, Ok(settings)) = (self.mark == MARK, self.config.settings()) else {
-            return ZIVI_E_STATE;
-        };
-        let mut core = ImpactObserver::new(settings);
+        if let Err(code) = self.intact() {
+            return code;
+        }
+        let mut core = ImpactObserver::new(self.settings());
         core.set_state(self.state());
         let measured = Measurement { x, xdot: (!xdot.is_nan()).then_some(xdot) };
         match core.tick(measured, force, u) {
@@ -135,6 +153,15 @@ impl Observer {
             }
             Err(error) => code::of(error),
         }
+    }
+
+    /// The settings, which were checked.
+    #[inline]
+    fn settings(&self) -> ObserverSettings {
+        let ObserverConfig { h, e, kappa, noise_x, noise_xdot, q_d, se, dmax, .. } = self.config;
+        let wall = Restitution::trusted(e, kappa);
+        ObserverSettings::trusted(wall, h, [noise_x, noise_xdot, q_d, se, dmax])
+            .with_position_only(self.config.position_only != 0)
     }
 
     fn state(&self) -> ObserverState {

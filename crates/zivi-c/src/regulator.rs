@@ -1,10 +1,12 @@
 //! The twisting regulator: brings the mass to rest at the wall.
 
-use zivi_core::control::{Gains, Port, RegulatorState, TwistingRegulator};
+use zivi_core::control::regulation::RegulationStep;
+use zivi_core::control::{Gains, Landing, Port, RegulatorState, TwistingRegulator};
 use zivi_core::{Physical, Restitution};
 
-use crate::code::{self, Code, ZIVI_E_STATE, ZIVI_OK};
+use crate::code::{self, Code, ZIVI_OK};
 use crate::config;
+use crate::seal::Sealed;
 
 /// Settings of a regulator. A member that is zero takes its default.
 #[repr(C)]
@@ -59,6 +61,10 @@ pub struct Regulator {
     pub u_min: f64,
     /// Largest control (m/s^2).
     pub u_max: f64,
+    /// Horizon of the landing in periods, 0 for the tick of the paper.
+    pub ahead: u32,
+    /// 0.
+    pub reserved: u32,
     /// The last control (m/s^2).
     pub u: f64,
     /// Multiplier in `sgn s` of the last tick.
@@ -69,14 +75,28 @@ pub struct Regulator {
     pub ticks: u64,
     /// Bits of what was done to the last sample and control.
     pub status: u32,
-    /// Horizon of the landing in periods, 0 for the tick of the paper.
-    pub ahead: u32,
-    /// Marks an initialised object.
-    pub mark: u64,
+    /// 0.
+    pub unused: u32,
+    /// Checksum of the settings, by which an object that is damaged or not initialised is known.
+    pub seal: u64,
 }
 
-/// In `mark` of a regulator that was initialised.
-const MARK: u64 = 0x7a69_7669_7265_6775;
+// SAFETY: `mu1` to `reserved`
+unsafe impl Sealed for Regulator {
+    const SETTINGS: usize = 9;
+    const KIND: u64 = 0x7a69_7669_7265_6775;
+
+    fn seal(&self) -> u64 {
+        self.seal
+    }
+}
+
+const _: () = {
+    use core::mem::offset_of;
+    assert!(size_of::<Regulator>() == 120 && size_of::<RegulatorConfig>() == 88);
+    assert!(offset_of!(Regulator, u) == 8 * <Regulator as Sealed>::SETTINGS);
+    assert!(offset_of!(Regulator, ticks) == 96 && offset_of!(Regulator, status) == 104);
+};
 
 impl RegulatorConfig {
     /// The size, and everything else 0.
@@ -98,35 +118,28 @@ impl Regulator {
     fn configured(&mut self, config: &RegulatorConfig) -> Result<(), Code> {
         config::checked_size::<RegulatorConfig>(config.size)?;
         let ahead = config::ahead(config.tick, config.ahead)?;
-        let RegulatorConfig { mu1, mu2, bound, .. } = *config;
+        let RegulatorConfig { mu1, mu2, h, bound, .. } = *config;
         let wall = config::wall(config.e, config.kappa)?;
         Gains::new(mu1, mu2).map_err(code::of)?;
         if bound != 0.0 {
             Gains::for_regulation(mu1, mu2, bound, wall).map_err(code::of_gain)?;
         }
         let port = config::port(config.depth, config.u_min, config.u_max)?;
-        match Self::fresh(config, wall, port, ahead).call(None) {
-            ZIVI_OK => *self = Self::fresh(config, wall, port, ahead),
-            code => return Err(code),
-        }
-        Ok(())
-    }
-
-    /// With these settings, nothing remembered. (Made twice and never copied: a copy would be a call
-    /// of memcpy.)
-    #[inline(always)]
-    fn fresh(config: &RegulatorConfig, wall: Restitution, port: Port, ahead: u32) -> Self {
-        let RegulatorConfig { mu1, mu2, h, .. } = *config;
+        let gains = Gains::trusted(mu1, mu2);
+        TwistingRegulator::new(gains, h, wall).map_err(code::of)?;
+        config::landing(ahead, h)?;
         let (e, kappa, depth) = (wall.e(), wall.kappa(), port.depth());
         let (u_min, u_max) = port.actuator();
-        let fresh = Self { ahead, mark: MARK, ..Self::default() };
-        Self { mu1, mu2, h, e, kappa, depth, u_min, u_max, ..fresh }
+        let none = Self::default();
+        *self = Self { mu1, mu2, h, e, kappa, depth, u_min, u_max, ahead, ..none };
+        self.seal = self.seal_of_settings();
+        Ok(())
     }
 
     /// Forgets the last tick.
     pub fn reset(&mut self) -> Code {
-        if self.mark != MARK {
-            return ZIVI_E_STATE;
+        if let Err(code) = self.intact() {
+            return code;
         }
         (self.u, self.lambda_s, self.lambda_v) = (0.0, 0.0, 0.0);
         (self.ticks, self.status) = (0, 0);
@@ -135,20 +148,14 @@ impl Regulator {
 
     /// The control for the period that starts with this measurement: [`Regulator::u`].
     pub fn step(&mut self, x: f64, xdot: f64, force: f64) -> Code {
-        self.call(Some((Physical { x, xdot }, force)))
-    }
-
-    /// The one place where the controller of the core is made: checks the settings, and ticks.
-    fn call(&mut self, sample: Option<(Physical, f64)>) -> Code {
-        match self.called(sample) {
+        match self.call(Physical { x, xdot }, force) {
             Ok(code) | Err(code) => code,
         }
     }
 
-    #[inline(always)]
-    fn called(&mut self, sample: Option<(Physical, f64)>) -> Result<Code, Code> {
-        let mut core = self.core()?;
-        let Some((measured, force)) = sample else { return Ok(ZIVI_OK) };
+    fn call(&mut self, measured: Physical, force: f64) -> Result<Code, Code> {
+        self.intact()?;
+        let mut core = self.core();
         core.tick(measured, force).map_err(code::of)?;
         let RegulatorState { u, signs: [lambda_s, lambda_v], status } = core.state();
         (self.u, self.lambda_s, self.lambda_v) = (u, lambda_s, lambda_v);
@@ -157,16 +164,13 @@ impl Regulator {
         Ok(code::of_status(status))
     }
 
+    /// The controller of the core with the settings that were checked.
     #[inline(always)] // taken apart: no copy of it is ever made
-    fn core(&self) -> Result<TwistingRegulator, Code> {
-        if self.mark != MARK {
-            return Err(ZIVI_E_STATE);
-        }
-        let wall = Restitution::from_both(self.e, self.kappa).map_err(code::of_restitution)?;
-        let gains = Gains::new(self.mu1, self.mu2).map_err(code::of)?;
-        let port = config::port(self.depth, self.u_min, self.u_max)?;
-        let bare = TwistingRegulator::new(gains, self.h, wall).map_err(code::of)?;
-        let landing = config::landing(self.ahead, self.h)?;
-        Ok(bare.with_landing(landing).with_port(port))
+    fn core(&self) -> TwistingRegulator {
+        let Self { mu1, mu2, h, e, kappa, depth, u_min, u_max, ahead, .. } = *self;
+        let (gains, wall) = (Gains::trusted(mu1, mu2), Restitution::trusted(e, kappa));
+        let landing = (ahead > 0).then(|| Landing::trusted(ahead, h));
+        let port = Port::trusted(depth, (u_min, u_max));
+        TwistingRegulator::trusted(RegulationStep { h, wall, gains }, landing, port)
     }
 }

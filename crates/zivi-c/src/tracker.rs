@@ -1,7 +1,8 @@
 //! The twisting tracker: makes the mass follow a bouncing reference.
 
 use zivi_core::control::{
-    Approach, Gains, Port, TickStatus, TrackerState, TwistingTracker, Waypoint,
+    Approach, Gains, Guide, Landing, Port, TickStatus, TrackerSettings, TrackerState,
+    TwistingTracker, Waypoint,
 };
 use zivi_core::{Branch, Lifted, Physical, Restitution};
 
@@ -9,6 +10,7 @@ use crate::code::{
     self, Code, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE, ZIVI_E_STATE, ZIVI_OK,
 };
 use crate::config;
+use crate::seal::Sealed;
 
 /// In `branch`: measurements are lifted to `s >= 0`, the default.
 pub const ZIVI_BRANCH_POSITIVE: u32 = 0;
@@ -89,6 +91,14 @@ pub struct Tracker {
     pub u_min: f64,
     /// Largest control (m/s^2).
     pub u_max: f64,
+    /// How measurements are lifted.
+    pub branch: u32,
+    /// Horizon of the landing in periods, 0 for the tick of the paper.
+    pub ahead: u32,
+    /// Whether the measured velocity is taken half a period back in the air.
+    pub shift: u32,
+    /// 0.
+    pub reserved: u32,
     /// The reference's transformed position (m).
     pub s_ref: f64,
     /// The reference's transformed velocity (m/s).
@@ -119,20 +129,27 @@ pub struct Tracker {
     pub status: u32,
     /// Iterations of the last tick.
     pub iterations: u32,
-    /// How measurements are lifted.
-    pub branch: u32,
-    /// Horizon of the landing in periods, 0 for the tick of the paper.
-    pub ahead: u32,
-    /// Whether the measured velocity is taken half a period back in the air.
-    pub shift: u32,
-    /// 0.
-    pub reserved: u32,
-    /// Marks an initialised object.
-    pub mark: u64,
+    /// Checksum of the settings, by which an object that is damaged or not initialised is known.
+    pub seal: u64,
 }
 
-/// In `mark` of a tracker that was initialised.
-const MARK: u64 = 0x7a69_7669_7472_6163;
+// SAFETY: `mu1` to `reserved`
+unsafe impl Sealed for Tracker {
+    const SETTINGS: usize = 14;
+    const KIND: u64 = 0x7a69_7669_7472_6163;
+
+    fn seal(&self) -> u64 {
+        self.seal
+    }
+}
+
+const _: () = {
+    use core::mem::offset_of;
+    assert!(size_of::<Tracker>() == 232 && size_of::<TrackerConfig>() == 128);
+    assert!(offset_of!(Tracker, s_ref) == 8 * <Tracker as Sealed>::SETTINGS);
+    assert!(offset_of!(Tracker, x_ref) == 136 && offset_of!(Tracker, u) == 152);
+    assert!(offset_of!(Tracker, ticks) == 208 && offset_of!(Tracker, iterations) == 220);
+};
 
 impl TrackerConfig {
     /// The size, and everything else 0.
@@ -167,19 +184,6 @@ impl GivenReference {
     }
 }
 
-/// What is asked of the controller of the core.
-enum Call {
-    /// To accept the settings.
-    Check,
-    /// To start from this reference.
-    Reset(Physical),
-    /// To tick: the measurement, the force, the reference's force.
-    Tick(Physical, f64, f64),
-    /// To tick towards a given reference: at this sample, at the next one, its acceleration (NaN:
-    /// not known).
-    TickTo(Physical, f64, [GivenReference; 2], f64),
-}
-
 impl Tracker {
     /// Checks the settings; the reference starts at rest.
     pub fn init(&mut self, config: &TrackerConfig) -> Code {
@@ -191,7 +195,7 @@ impl Tracker {
 
     fn configured(&mut self, config: &TrackerConfig) -> Result<(), Code> {
         config::checked_size::<TrackerConfig>(config.size)?;
-        let TrackerConfig { mu1, mu2, bound, press, .. } = *config;
+        let TrackerConfig { mu1, mu2, h, bound, press, branch, shift, .. } = *config;
         let ahead = config::ahead(config.tick, config.ahead)?;
         let horizon = if config.horizon == 0.0 { 1.0 } else { config.horizon };
         if press != 0.0 && (ahead == 0 || press < bound) {
@@ -199,31 +203,23 @@ impl Tracker {
         }
         let wall = config::wall(config.e, config.kappa)?;
         let wall_ref = config::wall_ref(config.e_ref, config.kappa_ref, wall)?;
-        Gains::new(mu1, mu2).map_err(code::of)?;
+        let gains = Gains::new(mu1, mu2).map_err(code::of)?;
         if bound != 0.0 {
             Gains::for_tracking(mu1, mu2, bound, wall).map_err(code::of_gain)?;
         }
         let port = config::port(config.depth, config.u_min, config.u_max)?;
-        let (walls, times) = ([wall, wall_ref], (ahead, horizon));
-        match Self::fresh(config, walls, port, times).call(Call::Check) {
-            ZIVI_OK => *self = Self::fresh(config, walls, port, times),
-            code => return Err(code),
+        let approach = approach(branch).ok_or(ZIVI_E_BRANCH)?;
+        let bare = TwistingTracker::new(gains, h, wall, wall_ref, approach).map_err(code::of)?;
+        config::landing(ahead, h)?;
+        if shift > 1 {
+            return Err(ZIVI_E_SHIFT);
         }
-        Ok(())
-    }
-
-    /// With these settings, the reference at rest. (Made twice and never copied: a copy would be a
-    /// call of memcpy.)
-    #[inline(always)]
-    fn fresh(
-        config: &TrackerConfig,
-        [wall, wall_ref]: [Restitution; 2],
-        port: Port,
-        (ahead, horizon): (u32, f64),
-    ) -> Self {
-        let TrackerConfig { mu1, mu2, h, branch, press, shift, .. } = *config;
+        if !press.is_finite() {
+            return Err(ZIVI_E_PRESS);
+        }
+        bare.with_horizon(horizon).map_err(code::of)?;
         let (u_min, u_max) = port.actuator();
-        Self {
+        *self = Self {
             mu1,
             mu2,
             h,
@@ -240,20 +236,33 @@ impl Tracker {
             ahead,
             shift,
             side: 1.0,
-            mark: MARK,
             ..Self::default()
-        }
+        };
+        self.seal = self.seal_of_settings();
+        Ok(())
     }
 
     /// Puts the reference at `x_ref` with velocity `xdot_ref` and forgets the last tick.
     pub fn reset(&mut self, x_ref: f64, xdot_ref: f64) -> Code {
-        self.call(Call::Reset(Physical { x: x_ref, xdot: xdot_ref }))
+        match self.placed(Physical { x: x_ref, xdot: xdot_ref }) {
+            Ok(()) => ZIVI_OK,
+            Err(code) => code,
+        }
+    }
+
+    fn placed(&mut self, reference: Physical) -> Result<(), Code> {
+        self.intact()?;
+        let mut core = self.core();
+        core.reset(reference).map_err(code::of)?;
+        self.remember(&core);
+        self.ticks = 0;
+        Ok(())
     }
 
     /// The control for the period that starts with this measurement: [`Tracker::u`]. The reference
     /// advances by one period.
     pub fn step(&mut self, x: f64, xdot: f64, force: f64, force_ref: f64) -> Code {
-        self.call(Call::Tick(Physical { x, xdot }, force, force_ref))
+        self.tick(Physical { x, xdot }, force, Guide::Own { force: force_ref })
     }
 
     /// The same for a reference that is given at this sample and at the next one; `acceleration` is
@@ -263,39 +272,69 @@ impl Tracker {
         x: f64,
         xdot: f64,
         force: f64,
-        reference: [GivenReference; 2],
+        [now, next]: [GivenReference; 2],
         acceleration: f64,
     ) -> Code {
-        self.call(Call::TickTo(Physical { x, xdot }, force, reference, acceleration))
+        let acceleration = (!acceleration.is_nan()).then_some(acceleration);
+        match (now.waypoint(), next.waypoint()) {
+            (Ok(now), Ok(next)) => {
+                let guide = Guide::Given { reference: &[now, next], acceleration };
+                self.tick(Physical { x, xdot }, force, guide)
+            }
+            (Err(code), _) | (_, Err(code)) => self.intact().map_or_else(|first| first, |()| code),
+        }
     }
 
-    /// The one place where the controller of the core is made, from the settings and the state.
-    fn call(&mut self, call: Call) -> Code {
-        match self.called(call) {
+    fn tick(&mut self, measured: Physical, force: f64, guide: Guide<'_>) -> Code {
+        match self.ticked(measured, force, guide) {
             Ok(code) | Err(code) => code,
         }
     }
 
     #[inline(always)]
-    fn called(&mut self, call: Call) -> Result<Code, Code> {
-        let mut core = self.core()?;
-        self.ticks = match call {
-            Call::Check => return Ok(ZIVI_OK),
-            Call::Reset(reference) => {
-                core.reset(reference).map_err(code::of)?;
-                0
-            }
-            Call::Tick(measured, force, force_ref) => {
-                core.tick(measured, force, force_ref).map_err(code::of)?;
-                self.ticks.wrapping_add(1)
-            }
-            Call::TickTo(measured, force, [now, next], acceleration) => {
-                let known = (!acceleration.is_nan()).then_some(acceleration);
-                let (now, next) = (now.waypoint()?, next.waypoint()?);
-                core.tick_to(measured, force, now, next, known).map_err(code::of)?;
-                self.ticks.wrapping_add(1)
-            }
+    fn ticked(&mut self, measured: Physical, force: f64, guide: Guide<'_>) -> Result<Code, Code> {
+        self.intact()?;
+        let reference = Lifted { s: self.s_ref, v: self.v_ref };
+        if !reference.is_finite() || self.side.abs() != 1.0 {
+            return Err(ZIVI_E_STATE);
+        }
+        // the controller is made for each half of the tick: neither loads what only the other needs
+        let planned = self.core().plan(measured, force, guide).map_err(code::of)?;
+        let mut core = self.core();
+        core.follow(&planned).map_err(code::of)?;
+        self.remember(&core);
+        self.ticks = self.ticks.wrapping_add(1);
+        Ok(code::of_status(core.state().status))
+    }
+
+    /// The controller of the core with the settings that were checked, in this state.
+    #[inline(always)] // taken apart: no copy of it is ever made
+    fn core(&self) -> TwistingTracker {
+        let settings = TrackerSettings {
+            gains: Gains::trusted(self.mu1, self.mu2),
+            h: self.h,
+            wall: Restitution::trusted(self.e, self.kappa),
+            wall_ref: Restitution::trusted(self.e_ref, self.kappa_ref),
+            approach: approach(self.branch).unwrap_or_default(),
+            landing: (self.ahead > 0).then(|| Landing::trusted(self.ahead, self.h)),
+            press: (self.press != 0.0).then_some(self.press),
+            horizon: self.horizon,
+            shift: self.shift != 0,
+            port: Port::trusted(self.depth, (self.u_min, self.u_max)),
         };
+        let state = TrackerState {
+            reference: Lifted { s: self.s_ref, v: self.v_ref },
+            side: self.side,
+            u: self.u,
+            signs: [0.0; 6], // of the last tick: they do not influence the next one
+            status: TickStatus::default(),
+            iterations: 0,
+        };
+        TwistingTracker::trusted(settings, state)
+    }
+
+    #[inline(always)]
+    fn remember(&mut self, core: &TwistingTracker) {
         let TrackerState { reference, side, u, signs, status, iterations } = core.state();
         let Physical { x, xdot } = core.reference();
         (self.s_ref, self.v_ref, self.side) = (reference.s, reference.v, side);
@@ -304,49 +343,15 @@ impl Tracker {
         (self.lambda_s, self.lambda_v, self.lambda_sr) = (ls, lv, lsr);
         (self.lambda_vr, self.lambda_es, self.lambda_ev) = (lvr, les, lev);
         (self.status, self.iterations) = (u32::from(status.bits()), iterations);
-        Ok(code::of_status(status))
     }
+}
 
-    #[inline(always)] // taken apart: no copy of it is ever made
-    fn core(&self) -> Result<TwistingTracker, Code> {
-        if self.mark != MARK {
-            return Err(ZIVI_E_STATE);
-        }
-        let wall = Restitution::from_both(self.e, self.kappa).map_err(code::of_restitution)?;
-        let wall_ref = Restitution::from_both(self.e_ref, self.kappa_ref);
-        let wall_ref = wall_ref.map_err(code::of_restitution)?;
-        let gains = Gains::new(self.mu1, self.mu2).map_err(code::of)?;
-        let approach = match self.branch {
-            ZIVI_BRANCH_POSITIVE => Approach::Positive,
-            ZIVI_BRANCH_NEAREST => Approach::Nearest,
-            _ => return Err(ZIVI_E_BRANCH),
-        };
-        let port = config::port(self.depth, self.u_min, self.u_max)?;
-        let bare = TwistingTracker::new(gains, self.h, wall, wall_ref, approach);
-        let bare = bare.map_err(code::of)?.with_port(port);
-        let landing = config::landing(self.ahead, self.h)?;
-        let shift = match self.shift {
-            0 => false,
-            1 => true,
-            _ => return Err(ZIVI_E_SHIFT),
-        };
-        let mut core = bare.with_landing(landing);
-        if self.press != 0.0 {
-            core = core.with_press(self.press, f64::NEG_INFINITY).map_err(code::of_gain)?;
-        }
-        core = core.with_horizon(self.horizon).map_err(code::of)?.with_shift(shift);
-        let reference = Lifted { s: self.s_ref, v: self.v_ref };
-        if !reference.is_finite() || self.side.abs() != 1.0 {
-            return Err(ZIVI_E_STATE);
-        }
-        core.set_state(TrackerState {
-            reference,
-            side: self.side,
-            u: self.u,
-            signs: [0.0; 6], // of the last tick: they do not influence the next one
-            status: TickStatus::default(),
-            iterations: 0,
-        });
-        Ok(core)
+/// The approach with this number.
+#[inline]
+fn approach(branch: u32) -> Option<Approach> {
+    match branch {
+        ZIVI_BRANCH_POSITIVE => Some(Approach::Positive),
+        ZIVI_BRANCH_NEAREST => Some(Approach::Nearest),
+        _ => None,
     }
 }

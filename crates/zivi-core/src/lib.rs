@@ -57,10 +57,9 @@ pub use transform::{Branch, Lifted, Physical};
 #[inline]
 #[must_use]
 pub fn sgn(z: f64) -> f64 {
-    if z > 0.0 {
-        1.0
-    } else if z < 0.0 {
-        -1.0
+    // also for what is not a number
+    if z.abs() > 0.0 {
+        1.0_f64.copysign(z)
     } else {
         0.0
     }

@@ -79,6 +79,13 @@ impl Restitution {
         Ok(wall)
     }
 
+    /// From both, which were checked before and are not checked again.
+    #[inline]
+    #[must_use]
+    pub fn trusted(e: f64, kappa: f64) -> Self {
+        Self { e, kappa }
+    }
+
     /// The coefficient of restitution `e = (1 - kappa)/(1 + kappa)`.
     #[inline]
     #[must_use]

@@ -89,6 +89,7 @@ pub fn side(z: Lifted, last: f64) -> f64 {
 /// assert!((z.v - 6.0 / 0.59).abs() < 1e-14);
 /// # Ok::<(), zivi_core::RestitutionError>(())
 /// ```
+#[inline]
 #[must_use]
 pub fn lift(state: Physical, branch: Branch, wall: Restitution) -> Lifted {
     let sigma = branch.sigma();

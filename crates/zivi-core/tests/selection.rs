@@ -103,6 +103,47 @@ fn so_it_is_for_every_member_of_the_family() {
     }
 }
 
+/// Under `f <= 0` the solver has shortcuts; what it takes is the first of the list, to the last bit,
+/// also where a step just reaches the wall or just turns.
+#[test]
+fn pressed_to_the_wall_the_first_of_the_list_is_taken() {
+    let rng = Rng::new(53);
+    let mut cases = [0; 4];
+    for k in 0..60_000 {
+        let euler = k % 3 > 0;
+        let weight = || if euler { 1.0 } else { 1.0 - rng.unit() };
+        let (theta, gamma) = (weight(), weight());
+        let kappa = rng.pick(&[0.0, 0.41, 0.9, rng.between(0.0, 0.95)]);
+        let scheme = Scheme { h: rng.log_between(1e-4, 1e-1), theta, gamma, kappa };
+        let grid = |z: f64| if k % 2 == 0 { (2.0 * z).round() / 2.0 } else { z };
+        let state = [grid(rng.between(-4.0, 4.0)), grid(rng.between(-4.0, 4.0))];
+        let mut problem = scaled_problem(scheme, state, -grid(rng.between(0.0, 3.0)).abs());
+        if k % 5 == 0 {
+            // ends on the wall, up to a few roundings, with the signs of a fall
+            let fall = scheme.h * ((1.0 + kappa) * problem.z.v - scheme.h * problem.f.abs());
+            problem.z.s = -fall * (1.0 + f64::from(k % 7) * f64::EPSILON);
+        }
+        let step = scheme.build();
+        let Some(first) = step.solutions(problem.z, problem.f).next() else { continue };
+        let found = step.solve(problem.z, problem.f, 1.0).expect("there is one");
+        cases[match found.case {
+            Case::Origin => 0,
+            Case::Wall => 1,
+            Case::Apex => 2,
+            Case::Regular => 3,
+        }] += 1;
+        // a step with room to spare may be listed after one that coincides with it
+        let same = [found.s.to_bits(), found.v.to_bits()] == [first.s.to_bits(), first.v.to_bits()];
+        let unique = theta >= gamma;
+        assert!(
+            same || !unique && found.case == Case::Regular,
+            "{problem:?}: {found:?}, {first:?}"
+        );
+    }
+    println!("{cases:?}");
+    assert!(cases.iter().all(|&count| count > 500), "{cases:?}");
+}
+
 /// Hand-computed: `kappa = 1/2`, `h = f = 1`, `s = 10`, `v = -5/4`. The exact velocity is
 /// `x' = 3/2 v + 1 = -7/8`, so `v = -7/12`, `s = 10 - 15/8 + 1/2`. Going on inwards gives
 /// `v+ = v + 2/3 = -7/12` (a solution), turning outwards `v+ = v + 2 = 3/4` (another), and

@@ -1,7 +1,7 @@
 //! The explicit twisting controller, the baseline that chatters.
 
+use super::followed::{advanced_apart, Advance, Followed};
 use super::port::checked_force;
-use super::tracker::advanced;
 use super::{checked, Gains, Port, TickStatus, TrackerState};
 use crate::{sgn, transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
@@ -36,7 +36,7 @@ impl ExplicitTwisting {
         checked(h, wall, "e")?;
         checked(h, wall_ref, "e_ref")?;
         let reference = ThetaGammaStep::new(h, 1.0, 1.0, wall_ref)?;
-        let state = TrackerState::at(Physical::default(), wall_ref)?;
+        let state = TrackerState::starting(Followed::at(Physical::default(), wall_ref)?);
         Ok(Self { gains, wall, reference, port: Port::default(), state })
     }
 
@@ -51,7 +51,8 @@ impl ExplicitTwisting {
     /// # Errors
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        self.state = TrackerState::at(reference, self.reference.wall())?.folded();
+        let start = Followed::at(reference, self.reference.wall())?;
+        self.state = TrackerState::starting(start.folded());
         Ok(())
     }
 
@@ -68,12 +69,14 @@ impl ExplicitTwisting {
     ) -> Result<f64, SettingError> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
-        let (next, _) = advanced(&self.reference, &self.state, force_ref)?;
+        let Advance { next, .. } =
+            advanced_apart(&self.reference, self.state.followed(), force_ref)?;
         let z = transform::lift(state, Branch::Positive, self.wall);
         let (wanted, signs) = self.law(z, force, force_ref);
         let (u, saturated) = self.port.actuate(wanted)?;
-        let next = TrackerState { u, signs, status: TickStatus { clamped, saturated }, ..next };
-        self.state = next.folded();
+        let Followed { z, side } = next.folded();
+        let status = TickStatus { clamped, saturated };
+        self.state = TrackerState { reference: z, side, u, signs, status, iterations: 0 };
         Ok(u)
     }
 

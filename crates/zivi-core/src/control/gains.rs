@@ -102,6 +102,13 @@ impl Gains {
         Ok(Self { mu1, mu2 })
     }
 
+    /// Gains that were checked before and are not checked again.
+    #[inline]
+    #[must_use]
+    pub fn trusted(mu1: f64, mu2: f64) -> Self {
+        Self { mu1, mu2 }
+    }
+
     /// Gains with which a tracker on `wall` follows whatever an unknown force does that is bounded
     /// by `bound`: `M/R < mu2 < mu1 - M/R` with `R = 2e/(1 + e)`.
     ///

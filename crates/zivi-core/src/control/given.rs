@@ -6,9 +6,9 @@
 //! the air: the step then ends where a parabola through the given state does, and a mass on the
 //! reference is given `u = a - F`.
 
+use super::followed::{Course, Followed, Guide};
 use super::port::checked_force;
-use super::tracker::Planned;
-use super::{TrackerState, TwistingTracker};
+use super::TwistingTracker;
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError};
 
 /// A given reference at one sample: its state, and the side of the wall on which it is followed,
@@ -22,13 +22,12 @@ pub struct Waypoint {
 }
 
 impl Waypoint {
-    fn checked(self, wall: Restitution) -> Result<TrackerState, SettingError> {
-        let state = TrackerState::at(self.state, wall)?;
-        let Lifted { s, v } = state.reference;
+    fn checked(self, wall: Restitution) -> Result<Followed, SettingError> {
+        let Followed { z: Lifted { s, v }, side } = Followed::at(self.state, wall)?;
         let sigma = self.branch.sigma();
         // adding 0.0 turns -0.0 into 0.0
-        let reference = Lifted { s: sigma * s + 0.0, v: sigma * v + 0.0 };
-        Ok(TrackerState { reference, side: sigma * state.side, ..state })
+        let z = Lifted { s: sigma * s + 0.0, v: sigma * v + 0.0 };
+        Ok(Followed { z, side: sigma * side })
     }
 }
 
@@ -64,29 +63,36 @@ impl TwistingTracker {
         next: Waypoint,
         acceleration: Option<f64>,
     ) -> Result<f64, SettingError> {
-        let (state, clamped) = self.port().sense(measured)?;
-        checked_force("force", force)?;
-        let wall = self.reference_step().wall();
-        let (start, end) = (now.checked(wall)?, next.checked(wall)?);
-        let h = self.h();
-        let flies = now.branch == next.branch && now.state.x > 0.0 && next.state.x > 0.0;
-        let rests = start.reference == end.reference && start.reference == Lifted::default();
-        let differenced = now.branch == next.branch || rests;
-        let acceleration = match acceleration {
-            Some(given) => given,
-            None if differenced => (next.state.xdot - now.state.xdot) / h,
-            None => force,
-        };
-        checked_force("acceleration", acceleration)?;
-        let back = if flies { 0.5 * h * acceleration } else { 0.0 };
-        let behind = |at: Physical| Physical { xdot: at.xdot - back, ..at };
-        let sigma = now.branch.sigma();
-        let Lifted { s, v } = transform::lift(behind(now.state), Branch::Positive, wall);
-        let reference = Lifted { s: sigma * s, v: sigma * v };
-        let start = self.on_its_branch(TrackerState { reference, ..start });
-        let (reached, target) = self.outlook(&start, acceleration)?;
-        let end = TrackerState { reference: end.reference, side: end.side, ..reached };
-        let planned = Planned { now: start.reference, next: end, target };
-        self.decide((state, back, clamped), force, planned)
+        let guide = Guide::Given { reference: &[now, next], acceleration };
+        let planned = self.plan(measured, force, guide)?;
+        self.follow(&planned)
     }
+}
+
+/// A period of a reference on `wall` that is given every `h`, on the side that it is given on. (Not a
+/// part of a tick with a reference of its own.)
+#[inline(never)]
+pub(super) fn course_between(
+    (wall, h): (Restitution, f64),
+    force: f64,
+    [now, next]: &[Waypoint; 2],
+    acceleration: Option<f64>,
+) -> Result<Course, SettingError> {
+    let (start, end) = (now.checked(wall)?, next.checked(wall)?);
+    let flies = now.branch == next.branch && now.state.x > 0.0 && next.state.x > 0.0;
+    let rests = start.z == end.z && start.z == Lifted::default();
+    let differenced = now.branch == next.branch || rests;
+    let acceleration = match acceleration {
+        Some(given) => given,
+        None if differenced => (next.state.xdot - now.state.xdot) / h,
+        None => force,
+    };
+    checked_force("acceleration", acceleration)?;
+    let back = if flies { 0.5 * h * acceleration } else { 0.0 };
+    let behind = |at: Physical| Physical { xdot: at.xdot - back, ..at };
+    let sigma = now.branch.sigma();
+    let Lifted { s, v } = transform::lift(behind(now.state), Branch::Positive, wall);
+    let z = Lifted { s: sigma * s, v: sigma * v };
+    let now = Followed { z, ..start };
+    Ok(Course { now, force: acceleration, back, next: Some(end) })
 }

@@ -50,6 +50,13 @@ impl Landing {
         Ok(Self { ahead, horizon })
     }
 
+    /// The same of numbers that were checked before and are not checked again.
+    #[inline]
+    #[must_use]
+    pub fn trusted(ahead: u32, h: f64) -> Self {
+        Self { ahead, horizon: f64::from(ahead) * h }
+    }
+
     /// The horizon in periods.
     #[must_use]
     pub fn ahead(&self) -> u32 {
@@ -61,6 +68,16 @@ impl Landing {
     #[inline]
     pub(super) fn lambda_v(&self, xdot: f64, f: f64, gains: Gains) -> f64 {
         cut((xdot / self.horizon - (gains.mu1() - f)) / gains.mu2())
+    }
+}
+
+/// `Ok` if `press` is a `g` of a mass that rests: at least the bound of the unknown force.
+pub(super) fn checked_press(press: f64, bound: f64) -> Result<(), GainError> {
+    require(press.is_finite(), "press", press, "a finite acceleration (m/s^2)")?;
+    if press >= bound {
+        Ok(())
+    } else {
+        Err(GainError::Press { value: press, bound })
     }
 }
 
@@ -77,21 +94,18 @@ pub struct Descent {
 }
 
 impl Descent {
-    /// The landing of a tracker with these gains on `wall`; a mass at rest is pressed with `D`.
-    pub(super) fn new(landing: Landing, gains: Gains, wall: Restitution) -> Self {
+    /// The landing of a tracker with these gains on `wall`; a mass at rest is pressed with `press`,
+    /// by default `D`.
+    #[inline]
+    pub(super) fn new(
+        landing: Landing,
+        gains: Gains,
+        wall: Restitution,
+        press: Option<f64>,
+    ) -> Self {
         let falling = wall.r(1.0, -1.0) * (gains.mu1() - gains.mu2());
         let braking = wall.r(1.0, 1.0) * (gains.mu1() + gains.mu2());
-        Self { landing, falling, braking, press: falling }
-    }
-
-    /// The same with another `g` of a mass that rests, at least the bound of the unknown force.
-    pub(super) fn with_press(self, press: f64, bound: f64) -> Result<Self, GainError> {
-        require(press.is_finite(), "press", press, "a finite acceleration (m/s^2)")?;
-        if press >= bound {
-            Ok(Self { press, ..self })
-        } else {
-            Err(GainError::Press { value: press, bound })
-        }
+        Self { landing, falling, braking, press: press.unwrap_or(falling) }
     }
 
     /// The horizon.

@@ -20,6 +20,7 @@
 pub mod cubic;
 mod dual;
 mod explicit;
+mod followed;
 mod gains;
 mod given;
 pub mod inclusion;
@@ -29,15 +30,18 @@ mod port;
 pub mod regulation;
 mod regulator;
 mod tracker;
+mod tracker_state;
 pub mod tracking;
 
 pub use explicit::ExplicitTwisting;
+pub use followed::{Guide, Planned};
 pub use gains::{GainError, Gains};
 pub use given::Waypoint;
 pub use landing::{Descent, Landing};
 pub use port::{Port, TickStatus};
 pub use regulator::{RegulatorState, TwistingRegulator};
-pub use tracker::{Approach, TrackerState, TwistingTracker};
+pub use tracker::{Approach, TwistingTracker};
+pub use tracker_state::{TrackerSettings, TrackerState};
 
 use crate::setting::require;
 use crate::{Restitution, SettingError};

@@ -51,13 +51,11 @@ pub fn balance(b: f64, first: Switch, second: Switch) -> Balance {
             Balance { y: first.at, first: share, second: share }
         };
     }
-    if first.at < second.at {
-        let (y, low, high) = ordered(b, first, second);
-        Balance { y, first: low, second: high }
-    } else {
-        let (y, low, high) = ordered(b, second, first);
-        Balance { y, first: high, second: low }
-    }
+    let in_order = first.at < second.at;
+    let (low, high) = if in_order { (first, second) } else { (second, first) };
+    let (y, low, high) = ordered(b, low, high);
+    let (first, second) = if in_order { (low, high) } else { (high, low) };
+    Balance { y, first, second }
 }
 
 /// The same with `low.at < high.at`: the five pieces of the graph from its upper end downwards.

@@ -63,6 +63,13 @@ impl Port {
         Ok(Self { low, high, ..self })
     }
 
+    /// Limits that were checked before and are not checked again.
+    #[inline]
+    #[must_use]
+    pub fn trusted(depth: f64, (low, high): (f64, f64)) -> Self {
+        Self { depth, low, high }
+    }
+
     /// How far behind the wall a measurement may lie (m).
     #[must_use]
     pub fn depth(&self) -> f64 {

@@ -51,8 +51,14 @@ impl TwistingRegulator {
     pub fn new(gains: Gains, h: f64, wall: Restitution) -> Result<Self, SettingError> {
         checked(h, wall, "e")?;
         let step = RegulationStep { h, wall, gains };
-        let landing = Some(Landing::new(1, h)?);
-        Ok(Self { step, landing, port: Port::default(), state: RegulatorState::default() })
+        Ok(Self::trusted(step, Some(Landing::new(1, h)?), Port::default()))
+    }
+
+    /// A regulator whose settings were checked before and are not checked again.
+    #[inline]
+    #[must_use]
+    pub fn trusted(step: RegulationStep, landing: Option<Landing>, port: Port) -> Self {
+        Self { step, landing, port, state: RegulatorState::default() }
     }
 
     /// The same with another horizon of its landing; `None` is the paper's tick.

@@ -1,7 +1,10 @@
 //! The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
-use super::landing::Descent;
+use super::followed::{advanced, advanced_apart, Advance, Course, Followed, Guide, Planned};
+use super::given::course_between;
+use super::landing::{checked_press, Descent};
 use super::port::checked_force;
+use super::tracker_state::{TrackerSettings, TrackerState};
 use super::tracking::{Target, Tracking, TrackingStep};
 use super::{checked, GainError, Gains, Landing, Port, TickStatus};
 use crate::setting::require;
@@ -47,64 +50,13 @@ pub struct TwistingTracker {
     step: TrackingStep,
     /// Over a period.
     reference: ThetaGammaStep,
-    /// Over the horizon, if that is longer than a period.
-    outlook: Option<ThetaGammaStep>,
     shift: bool,
-    descent: Option<Descent>,
+    landing: Option<Landing>,
+    /// Acceleration towards the wall of a mass at rest, if it is not the law's own (m/s^2).
+    press: Option<f64>,
     approach: Approach,
     port: Port,
     state: TrackerState,
-}
-
-/// What the tracker remembers between ticks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrackerState {
-    /// The reference `(s_r, v_r)`.
-    pub reference: Lifted,
-    /// The side of the wall on which the reference was last, `+1` or `-1`.
-    pub side: f64,
-    /// The last control (m/s^2).
-    pub u: f64,
-    /// The last `ls, lv, lsr, lvr, les, lev`.
-    pub signs: [f64; 6],
-    /// What was done to the last sample and control.
-    pub status: TickStatus,
-    /// Iterations of the last tick: [`Tracking::iterations`].
-    pub iterations: u32,
-}
-
-impl TrackerState {
-    /// The reference at rest.
-    const REST: Self = Self {
-        reference: Lifted { s: 0.0, v: 0.0 },
-        side: 1.0,
-        u: 0.0,
-        signs: [0.0; 6],
-        status: TickStatus { clamped: false, saturated: false },
-        iterations: 0,
-    };
-
-    /// The reference set to a physical state.
-    pub(super) fn at(reference: Physical, wall: Restitution) -> Result<Self, SettingError> {
-        let Physical { x, xdot } = reference;
-        let refused = |name, value, range| Err(SettingError { name, value, range });
-        if !(x >= 0.0 && x.is_finite()) {
-            return refused("x_ref", x, "a finite distance >= 0 from the wall (m)");
-        }
-        let z = transform::lift(reference, Branch::Positive, wall);
-        if !z.v.is_finite() {
-            return refused("xdot_ref", xdot, "a finite velocity (m/s)");
-        }
-        Ok(Self { reference: z, side: transform::side(z, 1.0), ..Self::REST })
-    }
-
-    /// On the branch `+1`.
-    pub(super) fn folded(self) -> Self {
-        let Lifted { s, v } = self.reference;
-        let reference =
-            if self.side < 0.0 { Lifted { s: 0.0 - s, v: 0.0 - v } } else { self.reference };
-        Self { reference, side: 1.0, ..self }
-    }
 }
 
 impl TwistingTracker {
@@ -123,20 +75,39 @@ impl TwistingTracker {
     ) -> Result<Self, SettingError> {
         checked(h, wall, "e")?;
         checked(h, wall_ref, "e_ref")?;
-        let reference = ThetaGammaStep::new(h, 1.0, 1.0, wall_ref)?;
-        let step = TrackingStep { h, wall, gains };
-        let descent = Some(Descent::new(Landing::new(1, h)?, gains, wall));
-        let (port, state) = (Port::default(), TrackerState::REST);
-        let (outlook, shift) = (None, false);
-        Ok(Self { step, reference, outlook, shift, descent, approach, port, state })
+        let landing = Some(Landing::new(1, h)?);
+        let (press, horizon, shift, port) = (None, 1.0, false, Port::default());
+        let settings = TrackerSettings {
+            gains,
+            h,
+            wall,
+            wall_ref,
+            approach,
+            landing,
+            press,
+            horizon,
+            shift,
+            port,
+        };
+        Ok(Self::trusted(settings, TrackerState::REST))
+    }
+
+    /// A tracker whose settings and state were checked before and are not checked again.
+    #[inline(always)]
+    #[must_use]
+    pub fn trusted(settings: TrackerSettings, state: TrackerState) -> Self {
+        let TrackerSettings { gains, h, wall, horizon, shift, landing, press, .. } = settings;
+        let TrackerSettings { approach, port, .. } = settings;
+        let reference = ThetaGammaStep::trusted(h, 1.0, 1.0, settings.wall_ref);
+        let step = TrackingStep { h: horizon * h, wall, gains };
+        Self { step, reference, shift, landing, press, approach, port, state }
     }
 
     /// The same with another horizon of its landing; `None` is the paper's tick. A mass at rest is
     /// pressed with the law's own `D` again.
     #[must_use]
     pub fn with_landing(self, landing: Option<Landing>) -> Self {
-        let TrackingStep { gains, wall, .. } = self.step;
-        Self { descent: landing.map(|it| Descent::new(it, gains, wall)), ..self }
+        Self { landing, press: None, ..self }
     }
 
     /// The same where a mass that rests is pressed with `press` (m/s^2), at least the `bound` of
@@ -145,8 +116,10 @@ impl TwistingTracker {
     /// # Errors
     /// [`GainError`] unless `press` is finite and at least `bound`.
     pub fn with_press(self, press: f64, bound: f64) -> Result<Self, GainError> {
-        let descent = self.descent.map(|it| it.with_press(press, bound)).transpose()?;
-        Ok(Self { descent, ..self })
+        if self.landing.is_some() {
+            checked_press(press, bound)?;
+        }
+        Ok(Self { press: Some(press), ..self })
     }
 
     /// The same with its step planned over `horizon` sampling periods.
@@ -158,8 +131,7 @@ impl TwistingTracker {
         require(horizon >= 1.0 && horizon.is_finite(), "horizon", horizon, range)?;
         let h = horizon * self.reference.h();
         require(h.is_finite(), "horizon", horizon, "such that horizon h is finite")?;
-        let outlook = if horizon > 1.0 { Some(self.reference.with_h(h)?) } else { None };
-        Ok(Self { step: TrackingStep { h, ..self.step }, outlook, ..self })
+        Ok(Self { step: TrackingStep { h, ..self.step }, ..self })
     }
 
     /// The same with the measured velocity taken half a period back in the air.
@@ -178,9 +150,10 @@ impl TwistingTracker {
     ///
     /// # Errors
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
+    #[inline]
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        let state = TrackerState::at(reference, self.reference.wall())?;
-        self.state = self.on_its_branch(state);
+        let start = Followed::at(reference, self.reference.wall())?;
+        self.state = TrackerState::starting(self.on_its_branch(start));
         Ok(())
     }
 
@@ -197,72 +170,108 @@ impl TwistingTracker {
         force: f64,
         force_ref: f64,
     ) -> Result<f64, SettingError> {
+        let planned = self.plan(measured, force, Guide::Own { force: force_ref })?;
+        self.follow(&planned)
+    }
+
+    /// The first half of a tick, of [`TwistingTracker::tick`] or [`TwistingTracker::tick_to`] as the
+    /// guide says: what the second half, [`TwistingTracker::follow`], has to follow.
+    ///
+    /// # Errors
+    /// As these.
+    #[inline]
+    pub fn plan(
+        &self,
+        measured: Physical,
+        force: f64,
+        guide: Guide<'_>,
+    ) -> Result<Planned, SettingError> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
-        let (next, target) = self.outlook(&self.state, force_ref)?;
-        let back =
-            if self.shift && self.flies(force_ref) { 0.5 * self.h() * force_ref } else { 0.0 };
-        let planned = Planned { now: self.state.reference, next, target };
-        self.decide((state, back, clamped), force, planned)
+        let course = match guide {
+            Guide::Own { force } => self.course(force),
+            Guide::Given { reference, acceleration } => {
+                let of = (self.reference.wall(), self.h());
+                let course = course_between(of, force, reference, acceleration)?;
+                Course { now: self.on_its_branch(course.now), ..course }
+            }
+        };
+        let (next, signs, target) = self.outlook(&course)?;
+        let (now, measured) = (course.now.z, Physical { xdot: state.xdot - course.back, ..state });
+        Ok(Planned { state, measured, clamped, force, now, next, signs, target })
+    }
+
+    /// A period of its own reference.
+    #[inline(always)]
+    fn course(&self, force: f64) -> Course {
+        let back = if self.shift && self.flies(force) { 0.5 * self.h() * force } else { 0.0 };
+        Course { now: self.state.followed(), force, back, next: None }
     }
 
     /// The reference after a period, and what the plant has to follow over the horizon.
-    #[inline]
-    pub(super) fn outlook(
+    #[inline(always)]
+    fn outlook(
         &self,
-        state: &TrackerState,
-        force_ref: f64,
-    ) -> Result<(TrackerState, Target), SettingError> {
-        let (next, target) = advanced(&self.reference, state, force_ref)?;
-        let target = match &self.outlook {
-            Some(step) => advanced(step, state, force_ref)?.1,
-            None => target,
+        &Course { now, force, next, .. }: &Course,
+    ) -> Result<(Followed, [f64; 2], Target), SettingError> {
+        let step = self.reference.implicit(); // not a part of self, which need not be in memory then
+        let Advance { next: reached, signs, acceleration } = advanced(&step, now, force)?;
+        let next = next.unwrap_or(reached);
+        let target = if self.step.h > step.h() {
+            let step = step.over(self.step.h);
+            let Advance { next, acceleration, .. } = advanced_apart(&step, now, force)?;
+            Target { end: next.z, acceleration }
+        } else {
+            Target { end: reached.z, acceleration }
         };
-        Ok((next, target))
+        Ok((next, signs, target))
     }
 
-    /// The control for this sample, its velocity taken `back`, and this step of the reference; and
+    /// The second half of a tick: the control for this sample and this period of the reference; and
     /// all that is remembered.
-    #[inline(always)]
-    pub(super) fn decide(
-        &mut self,
-        (state, back, clamped): (Physical, f64, bool),
-        force: f64,
-        Planned { now, next, target }: Planned,
-    ) -> Result<f64, SettingError> {
-        let (wanted, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations) = match &self.descent {
-            Some(descent) if now == Lifted::default() && next.reference == Lifted::default() => {
+    ///
+    /// # Errors
+    /// [`SettingError`] where the control is not finite; nothing has changed then.
+    #[inline]
+    pub fn follow(&mut self, planned: &Planned) -> Result<f64, SettingError> {
+        let Planned { state, measured, clamped, force, now, next, signs, target } = *planned;
+        let (wanted, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations) = match self.landing {
+            Some(landing) if now == Lifted::default() && next.z == Lifted::default() => {
+                let descent = self.descent_of(landing);
                 let g = descent.towards_wall(state);
                 let TrackingStep { gains, wall, .. } = self.step;
                 (-force - g, Descent::signs(state.xdot, g, gains, wall), 0)
             }
             _ => {
-                let z = self.lifted(Physical { xdot: state.xdot - back, ..state }, now);
+                let z = self.lifted(measured, now);
+                let step = self.step; // as above
                 let Tracking { u, lambda_s, lambda_v, lambda_es, lambda_ev, iterations, .. } =
-                    self.step.solve(z, force, target);
+                    step.solve(z, force, target);
                 (u, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations)
             }
         };
         let (u, saturated) = self.port.actuate(wanted)?;
-        let [_, _, lambda_sr, lambda_vr, _, _] = next.signs;
+        let [lambda_sr, lambda_vr] = signs;
         let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
         let status = TickStatus { clamped, saturated };
-        let next = TrackerState { u, signs, status, iterations, ..next };
-        self.state = self.on_its_branch(next);
+        let Followed { z, side } = self.on_its_branch(next);
+        self.state = TrackerState { reference: z, side, u, signs, status, iterations };
         Ok(u)
     }
 
     /// Whether the reference is in the air at this sample and at the next one.
+    #[inline(always)]
     fn flies(&self, force_ref: f64) -> bool {
         let (Physical { x, xdot }, h) = (self.reference(), self.h());
         x > 0.0 && x + h * (xdot + h * force_ref) > 0.0
     }
 
     /// The reference on the branch that the approach keeps it on.
-    pub(super) fn on_its_branch(&self, state: TrackerState) -> TrackerState {
+    #[inline]
+    fn on_its_branch(&self, reference: Followed) -> Followed {
         match self.approach {
-            Approach::Positive => state.folded(),
-            Approach::Nearest => state,
+            Approach::Positive => reference.folded(),
+            Approach::Nearest => reference,
         }
     }
 
@@ -282,6 +291,7 @@ impl TwistingTracker {
     }
 
     /// The reference's state: that at the next sample, once a tick is done.
+    #[inline(always)]
     #[must_use]
     pub fn reference(&self) -> Physical {
         transform::project(self.state.reference, self.reference.wall())
@@ -296,7 +306,13 @@ impl TwistingTracker {
     /// How it lands; `None` is the paper's tick.
     #[must_use]
     pub fn descent(&self) -> Option<Descent> {
-        self.descent
+        self.landing.map(|it| self.descent_of(it))
+    }
+
+    #[inline(always)]
+    fn descent_of(&self, landing: Landing) -> Descent {
+        let TrackingStep { gains, wall, .. } = self.step;
+        Descent::new(landing, gains, wall, self.press)
     }
 
     /// The plant's part of the step, over the horizon.
@@ -324,6 +340,7 @@ impl TwistingTracker {
     }
 
     /// What is remembered.
+    #[inline]
     #[must_use]
     pub fn state(&self) -> TrackerState {
         self.state
@@ -334,36 +351,4 @@ impl TwistingTracker {
     pub fn set_state(&mut self, state: TrackerState) {
         self.state = state;
     }
-}
-
-/// A period of the reference, and what the plant has to follow.
-pub(super) struct Planned {
-    pub(super) now: Lifted,
-    pub(super) next: TrackerState,
-    pub(super) target: Target,
-}
-
-/// One implicit Euler step of the reference, with its signs in their places, and what the plant
-/// has to follow.
-#[inline]
-pub(super) fn advanced(
-    reference: &ThetaGammaStep,
-    state: &TrackerState,
-    force_ref: f64,
-) -> Result<(TrackerState, Target), SettingError> {
-    checked_force("force_ref", force_ref)?;
-    let Ok(found) = reference.solve(state.reference, force_ref, state.side) else {
-        let range = "small enough for the reference to stay finite (m/s^2)";
-        return Err(SettingError { name: "force_ref", value: force_ref, range });
-    };
-    let r = reference.wall().r(found.lambda_s, found.lambda_v);
-    let acceleration = found.lambda_s * force_ref / r;
-    let end = found.end();
-    let next = TrackerState {
-        reference: end,
-        side: transform::side(end, state.side),
-        signs: [0.0, 0.0, found.lambda_s, found.lambda_v, 0.0, 0.0],
-        ..*state
-    };
-    Ok((next, Target { end, acceleration }))
 }

@@ -81,47 +81,63 @@ pub struct Tracking {
     pub iterations: u32,
 }
 
+/// The end of a step with `ls, lv, les, lev`.
+struct Candidate {
+    end: Lifted,
+    signs: [f64; 4],
+    iterations: u32,
+}
+
 /// The step seen from the side `s >= 0`.
 struct Frame<'a> {
     step: &'a TrackingStep,
     z: Lifted,
-    target: Target,
+    target: &'a Target,
     f: f64,
 }
 
 impl TrackingStep {
     /// Solves the step from `z` under the force `f` that acts on the plant without control.
+    #[inline]
     #[must_use]
     pub fn solve(&self, z: Lifted, f: f64, target: Target) -> Tracking {
-        if z.s < 0.0 {
-            let z = Lifted { s: -z.s, v: -z.v };
-            self.on_positive_side(z, f, target.mirrored()).mirrored()
+        let mirror = z.s < 0.0;
+        let (z, target) =
+            if mirror { (Lifted { s: -z.s, v: -z.v }, target.mirrored()) } else { (z, target) };
+        let found = self.on_positive_side(z, f, &target);
+        if mirror {
+            found.mirrored()
         } else {
-            self.on_positive_side(z, f, target)
+            found
         }
     }
 
-    fn on_positive_side(&self, z: Lifted, f: f64, target: Target) -> Tracking {
+    fn on_positive_side(&self, z: Lifted, f: f64, target: &Target) -> Tracking {
         let frame = Frame { step: self, z, target, f };
-        let same = frame.off_the_wall(1.0);
-        if same.end.s >= 0.0 {
-            return same;
-        }
-        let other = frame.off_the_wall(-1.0);
-        if other.end.s <= 0.0 {
-            return other;
-        }
-        frame.on_the_wall()
+        let (candidate, place) = frame.accepted();
+        frame.tracking(candidate, place)
     }
 }
 
 impl Frame<'_> {
+    /// By the selection rule. (One candidate in memory at a time; a NaN goes on to the wall.)
+    #[inline(always)]
+    fn accepted(&self) -> (Candidate, Place) {
+        let (mut candidate, mut place) = (self.off_the_wall(1.0), Place::Same);
+        if candidate.end.s < 0.0 || candidate.end.s.is_nan() {
+            (candidate, place) = (self.off_the_wall(-1.0), Place::Other);
+            if candidate.end.s > 0.0 || candidate.end.s.is_nan() {
+                (candidate, place) = (self.on_the_wall(), Place::Wall);
+            }
+        }
+        (candidate, place)
+    }
+
     /// The candidate with `ls = g`. With `psi(v+) = R v+ = v+ (1 - kappa g sgn v+)` the position
     /// error switches where `psi(v+) = (s_r+ - s)/h`.
-    #[inline]
-    fn off_the_wall(&self, g: f64) -> Tracking {
+    fn off_the_wall(&self, g: f64) -> Candidate {
         let TrackingStep { h, wall, gains } = *self.step;
-        let Target { end: aim, acceleration } = self.target;
+        let Target { end: aim, acceleration } = *self.target;
         let travel = (aim.s - self.z.s) / h;
         let at_aim = travel / wall.r(g, sgn(travel));
         let found = balance(
@@ -133,15 +149,15 @@ impl Frame<'_> {
         let r = wall.r(g, lambda_v);
         // on the switch the position is the reference's, to the last bit
         let s = if found.y == at_aim { aim.s } else { self.z.s + h * (r * found.y) };
-        let place = if g > 0.0 { Place::Same } else { Place::Other };
         let end = Lifted { s, v: found.y };
-        self.tracking(end, [g, lambda_v, found.first, found.second], place, 0)
+        Candidate { end, signs: [g, lambda_v, found.first, found.second], iterations: 0 }
     }
 
     /// `s+ = 0`. The sign of the velocity error switches at `ls = split`, where `v+ = v_r+`; that of
     /// the position error is `-sgn s_r+`, and free where the reference is on the wall too. The
     /// cubic's value between its two limits at `split` decides on which side of it there is a root.
-    fn on_the_wall(&self) -> Tracking {
+    #[inline(never)]
+    fn on_the_wall(&self) -> Candidate {
         let aim = self.target.end;
         let travel = self.z.s / self.step.h;
         let split = self.split(travel);
@@ -152,10 +168,15 @@ impl Frame<'_> {
             (if split < -1.0 { 1.0 } else { -1.0 }, if split > 1.0 { -1.0 } else { 1.0 });
         let greatest = self.cubic(es_low, ev_low).at(near);
         let least = self.cubic(es_high, ev_high).at(near);
-        let (ls, les, lev, iterations) = if least > 0.0 {
-            self.nearest_root(near, 1.0, es_high, [ev_high, ev_low])
+        let way = if least > 0.0 {
+            Some((1.0, es_high, [ev_high, ev_low]))
         } else if greatest < 0.0 {
-            self.nearest_root(near, -1.0, es_low, [ev_low, ev_high])
+            Some((-1.0, es_low, [ev_low, ev_high]))
+        } else {
+            None
+        };
+        let (ls, les, lev, iterations) = if let Some((end, les, signs)) = way {
+            self.nearest_root(near, end, les, signs)
         } else {
             let part = if greatest > least { greatest / (greatest - least) } else { 0.0 };
             let between = |low: f64, high: f64| cut(low + part * (high - low));
@@ -164,12 +185,13 @@ impl Frame<'_> {
         let stays = ls == split && aim.v <= 0.0;
         let v = if stays { aim.v } else { self.velocity_on_the_wall(ls) };
         let end = Lifted { s: 0.0, v };
-        self.tracking(end, [ls, -1.0, les, lev], Place::Wall, iterations)
+        Candidate { end, signs: [ls, -1.0, les, lev], iterations }
     }
 
     /// The root whose `v+` is nearest to `v_r+`, with its signs and the iterations: on the way from
     /// `near` to `end` there is one, on the way to `-end` there can be two. The sign of the velocity
     /// error is `ahead` on the one way and `behind` on the other.
+    #[inline]
     fn nearest_root(
         &self,
         near: f64,
@@ -213,6 +235,7 @@ impl Frame<'_> {
     }
 
     /// `G` with these signs of the errors.
+    #[inline(never)] // seldom asked for, at four places
     fn cubic(&self, lambda_es: f64, lambda_ev: f64) -> Cubic {
         let h = self.step.h;
         let kappa = self.step.wall.kappa();
@@ -232,14 +255,11 @@ impl Frame<'_> {
         self.target.acceleration - gains.mu1() * lambda_es - gains.mu2() * lambda_ev
     }
 
+    /// The accepted candidate with its control.
     #[inline]
-    fn tracking(
-        &self,
-        end: Lifted,
-        [lambda_s, lambda_v, lambda_es, lambda_ev]: [f64; 4],
-        place: Place,
-        iterations: u32,
-    ) -> Tracking {
+    fn tracking(&self, candidate: Candidate, place: Place) -> Tracking {
+        let Candidate { end, signs, iterations } = candidate;
+        let [lambda_s, lambda_v, lambda_es, lambda_ev] = signs;
         let r = self.step.wall.r(lambda_s, lambda_v);
         let c = self.pull(lambda_es, lambda_ev);
         let u = r * lambda_s * c - lambda_s * lambda_s * self.f;

@@ -32,6 +32,14 @@ impl ObserverSettings {
         Ok(Self { wall, h, noise, q_d: 1e-3, se: 0.0, dmax: 20.0, position_only: false })
     }
 
+    /// The settings of numbers that were checked before and are not checked again: the standard
+    /// deviations of position and velocity, `q_d`, `se` and `dmax`.
+    #[inline]
+    #[must_use]
+    pub fn trusted(wall: Restitution, h: f64, [x, xdot, q_d, se, dmax]: [f64; 5]) -> Self {
+        Self { wall, h, noise: [x * x, xdot * xdot], q_d, se, dmax, position_only: false }
+    }
+
     /// The same with these standard deviations of a measured position (m) and velocity (m/s).
     ///
     /// # Errors

@@ -4,6 +4,7 @@
 //! `+1`. With `v_gamma = 0` or `s_gamma = 0` the other equation fixes the interior sign in closed
 //! form; no iteration anywhere, at most nine candidates.
 
+use super::pattern::{Pattern, PATTERNS};
 use super::selection::{distance, exact_motion};
 use super::{Case, StepFailure, StepSolution, ThetaGammaStep};
 use crate::{sgn, transform, Lifted};
@@ -12,37 +13,15 @@ use crate::{sgn, transform, Lifted};
 /// to the degenerate candidate beside it.
 pub const SIGN_TOLERANCE: f64 = 1e-13;
 
-/// Which signs are interior, and the ends that the others take, seen from the side of the state
-/// (`lambda_s = 1` is the side where the mass is).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Pattern {
-    /// `s_gamma = v_gamma = 0`.
-    Origin,
-    /// `s_gamma = 0`, with this `lambda_v`.
-    Wall(f64),
-    /// `v_gamma = 0`, with this `lambda_s`.
-    Apex(f64),
-    /// These `lambda_s` and `lambda_v`.
-    Regular(f64, f64),
-}
-
-/// All patterns, the most degenerate first: the order of [`super::selection`].
-pub const PATTERNS: [Pattern; 9] = [
-    Pattern::Origin,
-    Pattern::Wall(1.0),
-    Pattern::Wall(-1.0),
-    Pattern::Apex(1.0),
-    Pattern::Apex(-1.0),
-    Pattern::Regular(1.0, 1.0),
-    Pattern::Regular(1.0, -1.0),
-    Pattern::Regular(-1.0, 1.0),
-    Pattern::Regular(-1.0, -1.0),
-];
+/// `theta` and `gamma`, handed on as numbers of their own: where all steps of a program have the same
+/// ones, as in the library for C programs, the compiler works them in.
+type Weights = (f64, f64);
 
 /// A step to be solved, seen from the side `+1`.
 #[derive(Clone, Copy)]
 struct Frozen<'a> {
     step: &'a ThetaGammaStep,
+    weights: Weights,
     s: f64,
     v: f64,
     f: f64,
@@ -69,7 +48,8 @@ impl ThetaGammaStep {
             return Ok(solution);
         }
         // taken apart, so that the everyday solution need not be kept where this one is returned
-        let StepSolution { s, v, lambda_s, lambda_v, case } = self.by_cases(z, f, side)?;
+        let StepSolution { s, v, lambda_s, lambda_v, case } =
+            self.seldom((self.theta, self.gamma), z, f, side)?;
         Ok(StepSolution { s, v, lambda_s, lambda_v, case })
     }
 
@@ -84,7 +64,8 @@ impl ThetaGammaStep {
         }
         let sign = |z: f64| if z > 0.0 { 1.0 } else { -1.0 };
         // not mirrored to the side +1: that would lengthen the chain from step to step
-        let seen = Frozen { step: self, s: z.s, v: z.v, f };
+        let weights = (self.theta, self.gamma);
+        let seen = Frozen { step: self, weights, s: z.s, v: z.v, f };
         match seen.regular(sign(z.s), sign(z.v), -SIGN_TOLERANCE) {
             Some(StepSolution { s, v, lambda_s, lambda_v, case })
                 if (Lifted { s, v }).is_finite() =>
@@ -95,11 +76,56 @@ impl ThetaGammaStep {
         }
     }
 
+    /// The steps that are not everyday.
+    #[inline(never)]
+    fn seldom(
+        &self,
+        weights: Weights,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> Result<StepSolution, StepFailure> {
+        match self.roomy(weights, z, f) {
+            Some(found) => Ok(found),
+            None => self.by_cases(weights, z, f, side),
+        }
+    }
+
+    /// Steps through the wall or over an apex, under `f <= 0`. With `theta >= gamma` the solution is
+    /// unique then: a regular one whose signs have much more room than the tolerance is it, and the
+    /// degenerate patterns need not be tried.
+    #[inline(always)]
+    fn roomy(&self, weights: Weights, z: Lifted, f: f64) -> Option<StepSolution> {
+        const ROOM: f64 = 1e4 * SIGN_TOLERANCE;
+        let (theta, gamma) = weights;
+        if f > 0.0 || z.s == 0.0 || theta < gamma {
+            return None;
+        }
+        let (side, seen) = (sgn(z.s), Frozen { step: self, weights, s: z.s, v: z.v, f });
+        // towards the wall v has the other side's sign, and so has what is beyond it
+        for lambda_s in [-side, side] {
+            let found = seen.regular(lambda_s, -side, -ROOM);
+            if let Some(StepSolution { s, v, lambda_s, lambda_v, case }) = found {
+                if (Lifted { s, v }).is_finite() {
+                    return Some(StepSolution { s, v, lambda_s, lambda_v, case });
+                }
+            }
+        }
+        None
+    }
+
     /// Any step, on the side `+1`, by the rule of [`super::selection`].
     #[cold]
     #[inline(never)]
-    fn by_cases(&self, z: Lifted, f: f64, side: f64) -> Result<StepSolution, StepFailure> {
+    fn by_cases(
+        &self,
+        weights: Weights,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> Result<StepSolution, StepFailure> {
         let (sigma, frozen) = self.frozen(z, f, side);
+        let frozen = Frozen { weights, ..frozen };
         let found = frozen.selected()?.mirrored(sigma);
         if found.end().is_finite() {
             Ok(found)
@@ -196,7 +222,8 @@ impl ThetaGammaStep {
     fn frozen(&self, z: Lifted, f: f64, side: f64) -> (f64, Frozen<'_>) {
         let last = if side < 0.0 { -1.0 } else { 1.0 };
         let sigma = transform::side(z, last);
-        (sigma, Frozen { step: self, s: sigma * z.s, v: sigma * z.v, f })
+        let weights = (self.theta, self.gamma);
+        (sigma, Frozen { step: self, weights, s: sigma * z.s, v: sigma * z.v, f })
     }
 }
 
@@ -206,18 +233,26 @@ impl<'a> Frozen<'a> {
         if !(self.s.is_finite() && self.v.is_finite() && self.f.is_finite()) {
             return Err(StepFailure::NotFinite);
         }
-        let found = if self.f <= 0.0 {
-            self.candidates().next()
-        } else {
-            let (h, wall) = (self.step.h, self.step.wall);
-            let exact = exact_motion(Lifted { s: self.s, v: self.v }, self.f, h, wall);
+        let (h, wall) = (self.step.h, self.step.wall);
+        let chosen = self.f > 0.0;
+        let mut exact = Lifted::default();
+        if chosen {
+            exact = exact_motion(Lifted { s: self.s, v: self.v }, self.f, h, wall);
             if !exact.is_finite() {
                 return Err(StepFailure::NotFinite);
             }
-            let away = |candidate: &StepSolution| distance(candidate, exact, h);
-            self.candidates().min_by(|a, b| away(a).total_cmp(&away(b)))
-        };
-        found.ok_or(StepFailure::NoSolution)
+        }
+        let mut best: Option<(f64, StepSolution)> = None;
+        for candidate in self.candidates() {
+            if !chosen {
+                return Ok(candidate);
+            }
+            let away = distance(&candidate, exact, h);
+            if best.is_none_or(|(least, _)| away.total_cmp(&least).is_lt()) {
+                best = Some((away, candidate));
+            }
+        }
+        best.map(|(_, nearest)| nearest).ok_or(StepFailure::NoSolution)
     }
 
     /// The accepted candidates, most degenerate first, evaluated as they are asked for.
@@ -239,7 +274,8 @@ impl<'a> Frozen<'a> {
     /// A negative `slack` is the margin that is asked for.
     #[inline(always)]
     fn regular(&self, lambda_s: f64, lambda_v: f64, slack: f64) -> Option<StepSolution> {
-        let ThetaGammaStep { h, theta, gamma, wall, inverse_r: [outward, inward] } = *self.step;
+        let ThetaGammaStep { h, wall, inverse_r: [outward, inward], .. } = *self.step;
+        let (theta, gamma) = self.weights;
         let away = lambda_s * lambda_v > 0.0;
         let r = wall.r(1.0, if away { 1.0 } else { -1.0 });
         let travel = h * r * self.v;
@@ -261,7 +297,7 @@ impl<'a> Frozen<'a> {
 
     /// `v_gamma = 0` with `lambda_s` at an end: `R = -gamma h lambda_s f / v` gives `lambda_v`.
     fn apex(&self, lambda_s: f64, slack: f64) -> Option<StepSolution> {
-        let ThetaGammaStep { h, theta, gamma, wall, .. } = *self.step;
+        let (ThetaGammaStep { h, wall, .. }, (theta, gamma)) = (*self.step, self.weights);
         let r = -gamma * h * lambda_s * self.f / self.v;
         let lambda_v = interior_sign(1.0 - r, wall.kappa() * lambda_s, 2.0, slack)?;
         // R v = -gamma h lambda_s f, so s+ = s + (theta - gamma) h^2 lambda_s f
@@ -282,7 +318,7 @@ impl<'a> Frozen<'a> {
     /// s/(gamma h) + v = lambda_s (kappa lambda_v v - theta h f)
     /// ```
     fn wall(&self, lambda_v: f64, slack: f64) -> Option<StepSolution> {
-        let ThetaGammaStep { h, theta, gamma, wall, .. } = *self.step;
+        let (ThetaGammaStep { h, wall, .. }, (theta, gamma)) = (*self.step, self.weights);
         let slope = wall.kappa() * lambda_v * self.v - theta * h * self.f;
         let approach = self.s / (gamma * h);
         let terms = approach.abs() + self.v.abs() + slope.abs();
@@ -302,7 +338,7 @@ impl<'a> Frozen<'a> {
     /// `s_gamma = v_gamma = 0`: `R v = -gamma h lambda_s f` and
     /// `s = -gamma (theta - gamma) h^2 lambda_s f`.
     fn origin(&self, slack: f64) -> Option<StepSolution> {
-        let ThetaGammaStep { h, theta, gamma, wall, .. } = *self.step;
+        let (ThetaGammaStep { h, wall, .. }, (theta, gamma)) = (*self.step, self.weights);
         let push = gamma * h * self.f;
         let (lambda_s, lambda_v) = if theta == gamma {
             let signs = self.stopping_signs(push, slack)?;
@@ -341,7 +377,8 @@ impl<'a> Frozen<'a> {
 
     /// `z+` from `z_gamma = 0`, that is `-(1 - gamma)/gamma z` (and not `-0`).
     fn extrapolated(&self, z: f64) -> f64 {
-        0.0 - (1.0 - self.step.gamma) / self.step.gamma * z
+        let (_, gamma) = self.weights;
+        0.0 - (1.0 - gamma) / gamma * z
     }
 }
 

@@ -20,10 +20,12 @@
 
 mod exact;
 pub mod inclusion;
+mod pattern;
 pub mod selection;
 
-pub use exact::{Pattern, PATTERNS, SIGN_TOLERANCE};
+pub use exact::SIGN_TOLERANCE;
 pub use inclusion::StepInclusion;
+pub use pattern::{Pattern, PATTERNS};
 
 use crate::setting::{require, SettingError};
 use crate::{Lifted, Restitution};
@@ -55,7 +57,27 @@ impl ThetaGammaStep {
             wall.e(),
             "> 0 for this scheme (R = 0 at e = 0; below about 1e-16 kappa rounds to 1)",
         )?;
-        Ok(Self { h, theta, gamma, wall, inverse_r: [1.0 / (1.0 - kappa), 1.0 / (1.0 + kappa)] })
+        Ok(Self::trusted(h, theta, gamma, wall))
+    }
+
+    /// The same of numbers that were checked before and are not checked again.
+    #[inline]
+    #[must_use]
+    pub fn trusted(h: f64, theta: f64, gamma: f64, wall: Restitution) -> Self {
+        let kappa = wall.kappa();
+        Self { h, theta, gamma, wall, inverse_r: [1.0 / (1.0 - kappa), 1.0 / (1.0 + kappa)] }
+    }
+
+    /// The same as the implicit Euler scheme.
+    #[inline]
+    pub(crate) fn implicit(&self) -> Self {
+        Self { theta: 1.0, gamma: 1.0, ..*self }
+    }
+
+    /// The same over `h` that was checked before.
+    #[inline]
+    pub(crate) fn over(self, h: f64) -> Self {
+        Self { h, ..self }
     }
 
     /// The same scheme with another step size (the last step of a run is often shorter).

@@ -1,0 +1,70 @@
+//! What a tracker is made of and what it remembers, as plain numbers.
+
+use super::followed::Followed;
+use super::{Approach, Gains, Landing, Port, TickStatus};
+use crate::{Lifted, Restitution};
+
+/// Everything that a tracker is made of, for one that is stored as plain numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackerSettings {
+    /// The gains.
+    pub gains: Gains,
+    /// Sampling period (s).
+    pub h: f64,
+    /// The plant's wall.
+    pub wall: Restitution,
+    /// The reference's wall.
+    pub wall_ref: Restitution,
+    /// How measurements are lifted.
+    pub approach: Approach,
+    /// How it lands; `None` is the paper's tick.
+    pub landing: Option<Landing>,
+    /// Acceleration towards the wall of a mass at rest (m/s^2), `None` for the law's own.
+    pub press: Option<f64>,
+    /// Periods that a step is planned over.
+    pub horizon: f64,
+    /// Whether the measured velocity is taken half a period back in the air.
+    pub shift: bool,
+    /// The limits of the sensor and of the actuator.
+    pub port: Port,
+}
+
+/// What the tracker remembers between ticks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackerState {
+    /// The reference `(s_r, v_r)`.
+    pub reference: Lifted,
+    /// The side of the wall on which the reference was last, `+1` or `-1`.
+    pub side: f64,
+    /// The last control (m/s^2).
+    pub u: f64,
+    /// The last `ls, lv, lsr, lvr, les, lev`.
+    pub signs: [f64; 6],
+    /// What was done to the last sample and control.
+    pub status: TickStatus,
+    /// Iterations of the last tick: [`Tracking::iterations`].
+    pub iterations: u32,
+}
+
+impl TrackerState {
+    /// The reference at rest.
+    pub(super) const REST: Self = Self {
+        reference: Lifted { s: 0.0, v: 0.0 },
+        side: 1.0,
+        u: 0.0,
+        signs: [0.0; 6],
+        status: TickStatus { clamped: false, saturated: false },
+        iterations: 0,
+    };
+
+    /// Nothing done yet, the reference here.
+    pub(super) fn starting(Followed { z, side }: Followed) -> Self {
+        Self { reference: z, side, ..Self::REST }
+    }
+
+    /// The reference.
+    #[inline]
+    pub(super) fn followed(&self) -> Followed {
+        Followed { z: self.reference, side: self.side }
+    }
+}
