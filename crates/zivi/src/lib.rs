@@ -41,6 +41,7 @@ pub use numeric::grid::{Grid, GridError};
 pub use record::events::{Events, Impact};
 pub use record::failure::Failure;
 pub use record::monitor::{Monitor, Silent};
+pub use record::occurrence::Occurrence;
 pub use record::status::Status;
 pub use record::summary::{Keep, Summary};
 pub use record::trajectory::{Columns, Quantity, Run, SetupError, Trajectory, QUANTITIES};
@@ -50,8 +51,8 @@ pub use stepping::step_events::{Following, Interpolation, Knot, Stretch};
 pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use switched::{
     simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Flights,
-    ImpactMap, Level, MapParameter, Motion, MotionError, Occurrence, Order, Output, PathPoint,
-    Return, SwitchedIntegrator, SwitchedRk, SwitchedRun, Tail, UserEvent,
+    ImpactMap, Level, MapParameter, Motion, MotionError, Order, Output, PathPoint, Return,
+    SwitchedIntegrator, SwitchedRk, SwitchedRun, Tail, UserEvent,
 };
 pub use system::force::{
     ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, Wave,

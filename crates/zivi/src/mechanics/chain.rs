@@ -14,7 +14,7 @@
 
 use std::collections::TryReserveError;
 
-use super::gap_set::GapSet;
+use crate::record::gap_set::GapSet;
 use crate::switched::chain::{Bounce, Chain};
 
 /// Columns of the table after the first.

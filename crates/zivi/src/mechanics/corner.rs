@@ -14,11 +14,11 @@
 
 use super::chain::Landing;
 use super::equation::State;
-use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::landing::Ahead;
 use super::machine::Machine;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Dynamics;
 
 /// Longest pattern, in events.

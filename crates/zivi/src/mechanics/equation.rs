@@ -4,11 +4,11 @@
 //! The gaps are integrated along: `g_k'' = b_k + D_kC lambda_C` costs no further evaluation, and
 //! keeps its relative precision where the difference `g(q)` has none left.
 
-use super::gap_set::GapSet;
 use super::kinetics::{Kinetics, Model};
 use crate::numeric::coordinates;
 use crate::numeric::stages::Equation;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Dynamics;
 
 /// A state at a time: `x` are the coordinates, then the gaps, `xdot` their rates.

@@ -1,12 +1,12 @@
 //! Runs with fixed steps: what the schemes share.
 
-use super::gap_set::GapSet;
 use super::kinetics::{Kinetics, Model};
-use super::occurrence::Occurrence;
 use super::run::{check_sizes, MechanicalRun, MechanicalSamples};
 use super::state_events::{StateEvent, StateHit, StateWatch};
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::record::monitor::Pace;
+use crate::record::occurrence::Occurrence;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::{Counts, Grid, Monitor, SetupError, Status};

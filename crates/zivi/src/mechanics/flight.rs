@@ -1,7 +1,6 @@
 //! Steps under error control, each searched for the first impact and the first lift-off.
 
 use super::equation::InContact;
-use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::lift_off::Release;
 use super::machine::{Machine, Pending};
@@ -9,6 +8,7 @@ use crate::numeric::root::touchdown;
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::step_size::{factor, first_step, shorter, Plan, FACTORS, RETREAT};
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::Dynamics;
 use crate::Status;

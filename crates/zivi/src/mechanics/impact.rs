@@ -9,12 +9,12 @@
 //! Energy never rises, whatever the `e_i`: `E+ - E- = 1/2 sum_(P_i > 0) (1 - e_i) P_i g-_i <= 0`.
 
 use super::chain::Key;
-use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::lcp;
 use super::machine::{problem, Machine};
-use super::occurrence::{FlagKind, Occurrence};
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::switched::chain::Bounce;
 use crate::system::dynamics::Dynamics;
 use crate::Status;

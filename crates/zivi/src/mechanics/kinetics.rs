@@ -6,9 +6,9 @@
 //!                 g_k'' = b_k + D_kC lambda_C
 //! ```
 
-use super::gap_set::GapSet;
 use crate::numeric::cholesky;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::Status;
 

@@ -1,13 +1,13 @@
 //! The jump through a Zeno point onto the manifold of more closed gaps.
 
 use super::chain::Landing;
-use super::gap_set::GapSet;
 use super::kinetics::{Kinetics, Model};
 use super::machine::Machine;
-use super::occurrence::Occurrence;
 use super::tail::{EndOfArcs, SkippedArcs};
 use crate::numeric::bernstein::Bernstein;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
 use crate::switched::chain::Bounce;
 use crate::switched::lookahead::Lookahead;
 use crate::switched::stages::Counted;

@@ -5,8 +5,8 @@
 
 use zivi_core::vi::{self, Affine, Settings, Workspace};
 
-use super::gap_set::GapSet;
 use crate::numeric::cholesky;
+use crate::record::gap_set::GapSet;
 
 /// Most unknowns whose patterns are tried one by one.
 const FEW: usize = 6;

@@ -4,12 +4,12 @@
 //! polynomial of degree 7 through its values at Chebyshev's points; its Bernstein coefficients
 //! certify that there is no change of sign, two more values how well it fits.
 
-use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::machine::{settle, Machine, Pending};
-use super::occurrence::{FlagKind, Occurrence};
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::system::dynamics::Dynamics;
 
 /// Nodes of the polynomial of a contact force: `(1 - cos(pi k/7))/2`.

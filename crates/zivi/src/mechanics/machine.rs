@@ -6,14 +6,14 @@
 use super::chain::StateChain;
 use super::corner::CornerLog;
 use super::equation::{AtEnd, InContact, Stages, State};
-use super::gap_set::GapSet;
 use super::kinetics::{Kinetics, Model};
 use super::landing::Ahead;
 use super::lcp;
-use super::occurrence::Occurrence;
 use super::tail::SkippedArcs;
 use crate::numeric::step_size::Jump;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
 use crate::switched::lookahead::Obstacle;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};

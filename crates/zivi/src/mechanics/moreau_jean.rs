@@ -12,14 +12,14 @@
 //! the `e_i` differ, impulses on several gaps of which some open may raise the energy.
 
 use super::fixed_steps::{simulate, Scheme, Stepped};
-use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::lcp;
 use super::machine::problem;
-use super::occurrence::Occurrence;
 use super::run::MechanicalRun;
 use super::state_events::StateEvent;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
 use crate::system::dynamics::Dynamics;
 use crate::{Grid, Monitor, MoreauJean, SetupError, Status};
 

@@ -3,9 +3,9 @@
 use std::collections::TryReserveError;
 
 use super::equation::{Stages, State};
-use super::gap_set::GapSet;
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{evaluate, Bernstein, MOST_DEGREE};
+use crate::record::gap_set::GapSet;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::Layout;
 

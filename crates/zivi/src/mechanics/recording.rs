@@ -1,6 +1,5 @@
 //! A run under way: what each piece of the motion adds to the record.
 
-use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::machine::{Machine, Piece};
 use super::path::{Curve, MechanicalPath, MotionPoint};
@@ -9,6 +8,7 @@ use super::state_events::{Along, StateHit, StateWatch};
 use super::stops::Stops;
 use super::tail::SkippedArcs;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::record::monitor::Pace;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::Dynamics;

@@ -2,14 +2,14 @@
 
 use std::collections::TryReserveError;
 
-use super::gap_set::GapSet;
 use super::kinetics::Model;
 use super::machine::Machine;
-use super::occurrence::Occurrence;
 use super::path::MechanicalPath;
 use super::recording::Running;
 use super::state_events::{StateEvent, StateHit};
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
 use crate::record::reserve::Reserve;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout, MOST};

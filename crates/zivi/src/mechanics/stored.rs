@@ -6,10 +6,10 @@
 //! coefficients; skipped arcs: start, end, whether a tail follows, 8 numbers a component; end: t, closed, x, v
 //! ```
 
-use super::gap_set::GapSet;
 use super::path::{Kind, MechanicalPath, MotionPoint, Segment};
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::MOST_DEGREE;
+use crate::record::gap_set::GapSet;
 use crate::switched::tail::{Tail, TAIL_NUMBERS};
 use crate::system::dynamics::{Layout, MOST};
 

@@ -15,13 +15,13 @@
 //! coupled `v` would jump at the impacts of the others: they are refused.
 
 use super::fixed_steps::{simulate, Scheme, Stepped};
-use super::gap_set::GapSet;
 use super::kinetics::Model;
-use super::occurrence::Occurrence;
 use super::run::MechanicalRun;
 use super::state_events::StateEvent;
 use crate::record::events::EventLog;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
 use crate::system::dynamics::Dynamics;
 use crate::{Branch, Grid, Lifted, Monitor, Physical, Restitution, SetupError, Status};
 use zivi_core::{transform, StepSolution, ThetaGammaStep};

@@ -1,10 +1,12 @@
-//! Impacts, Zeno points, rest and lift-off, read off the steps of a fixed-step run.
+//! Impacts, Zeno points, rest and lift-off at one gap: the reader of what happens there, and what
+//! happens read off the steps of a fixed-step run.
 
 use std::collections::TryReserveError;
 
 use zivi_core::transform::impact_velocities;
 use zivi_core::{Lifted, Restitution};
 
+use super::occurrence::Occurrence;
 use crate::record::reserve::Reserve;
 
 /// One impact: when, and the velocities on both sides of it (their ratio is `-e`).
@@ -32,11 +34,107 @@ pub struct Events {
 }
 
 impl Events {
+    /// Those of a mass that is at rest from the start on, at time `t` (s), or is not.
+    #[must_use]
+    pub fn starting(t: f64, at_rest: bool) -> Self {
+        Self { rest_time: at_rest.then_some(t), ..Self::default() }
+    }
+
+    /// Reads what happened next. A gap that is closed does not close again, one that is open does
+    /// not open.
+    ///
+    /// ```
+    /// use zivi::{Events, Impact, Occurrence};
+    ///
+    /// let mut events = Events::default();
+    /// let impact = Impact { t: 1.0, xdot_before: -2.0, xdot_after: 1.0 };
+    /// events.note(Occurrence::of_mass(impact, 1));
+    /// events.note(Occurrence::rest_of_mass(2.0));
+    /// assert_eq!((events.impacts[0], events.rest_time), (impact, Some(2.0)));
+    /// events.note(Occurrence::lift_off_of_mass(3.0));
+    /// assert_eq!((events.zeno_times, events.liftoff_times), (vec![2.0], vec![3.0]));
+    /// assert_eq!(events.rest_time, None);
+    /// ```
+    pub fn note(&mut self, occurrence: Occurrence) {
+        match occurrence {
+            Occurrence::Impact { t, before, after, .. } => {
+                self.impacts.push(Impact { t, xdot_before: before, xdot_after: after });
+            }
+            Occurrence::Zeno { t, .. } => {
+                if self.rest_time.is_none() {
+                    self.zeno_times.push(t);
+                    self.rest_time = Some(t);
+                }
+            }
+            Occurrence::Contact { t, .. } | Occurrence::Corner { t, .. } => {
+                self.rest_time.get_or_insert(t);
+            }
+            Occurrence::LiftOff { t, .. } => {
+                if self.rest_time.take().is_some() {
+                    self.liftoff_times.push(t);
+                }
+            }
+            Occurrence::Opened { .. } => self.rest_time = None,
+            Occurrence::Flag { .. } => (),
+        }
+    }
+
+    /// Reads what happened at one gap off the stream of all of them.
+    ///
+    /// ```
+    /// use zivi::mechanics::GapSet;
+    /// use zivi::{Events, Occurrence};
+    ///
+    /// let closed = GapSet::of(0).with(GapSet::of(1));
+    /// let all = [
+    ///     Occurrence::Zeno { t: 1.0, gap: 0, closed: GapSet::of(0) },
+    ///     Occurrence::Zeno { t: 2.0, gap: 1, closed },
+    ///     Occurrence::Opened { t: 3.0, gap: 0 },
+    /// ];
+    /// assert_eq!(Events::of_gap(0, &all).rest_time, None);
+    /// assert_eq!(Events::of_gap(1, &all).rest_time, Some(2.0));
+    /// ```
+    #[must_use]
+    pub fn of_gap(gap: usize, all: &[Occurrence]) -> Self {
+        let mut events = Self::default();
+        all.iter().filter(|it| it.concerns(gap)).for_each(|it| events.note(*it));
+        events
+    }
+
     /// Makes room for one more of each.
     pub(crate) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
         reserve.room(&mut self.impacts, 1, IMPACT_ARRAYS)?;
         reserve.room(&mut self.zeno_times, 1, size_of::<f64>())?;
         reserve.room(&mut self.liftoff_times, 1, size_of::<f64>())
+    }
+}
+
+/// Reads [`Events`] off a source that cannot tell how a mass came to rest: without an impact since
+/// it last left rest, that is no Zeno point.
+#[derive(Debug, Default)]
+pub(crate) struct Reader {
+    pub(crate) events: Events,
+    impacts_at_liftoff: usize,
+}
+
+impl Reader {
+    /// From the start on, where the mass is at rest or is not.
+    pub(crate) fn starting(t: f64, at_rest: bool) -> Self {
+        Self { events: Events::starting(t, at_rest), impacts_at_liftoff: 0 }
+    }
+
+    /// As [`Events::note`].
+    pub(crate) fn note(&mut self, occurrence: Occurrence) {
+        let impacts = self.events.impacts.len();
+        self.events.note(match occurrence {
+            Occurrence::Zeno { t, gap, .. } if impacts == self.impacts_at_liftoff => {
+                Occurrence::Contact { t, gap }
+            }
+            other => other,
+        });
+        if let Occurrence::LiftOff { .. } = occurrence {
+            self.impacts_at_liftoff = impacts;
+        }
     }
 }
 
@@ -49,19 +147,16 @@ const ORIGIN: Lifted = Lifted { s: 0.0, v: 0.0 };
 /// Reads events off consecutive states.
 #[derive(Debug)]
 pub(crate) struct EventLog {
-    events: Events,
+    reader: Reader,
     wall: Restitution,
-    impacts_at_liftoff: usize,
     reserve: Reserve,
 }
 
 impl EventLog {
     pub(crate) fn start(t0: f64, z: Lifted, incoming: bool, wall: Restitution) -> Self {
-        let (events, reserve) = (Events::default(), Reserve::default());
-        let mut log = Self { events, wall, impacts_at_liftoff: 0, reserve };
-        if z == ORIGIN {
-            log.events.rest_time = Some(t0);
-        } else if incoming {
+        let reader = Reader::starting(t0, z == ORIGIN);
+        let mut log = Self { reader, wall, reserve: Reserve::default() };
+        if z != ORIGIN && incoming {
             log.impact(t0, z.v);
         }
         log
@@ -81,7 +176,7 @@ impl EventLog {
         if before.s * after.s > 0.0 {
             return Ok(());
         }
-        self.events.make_room(&mut self.reserve)?;
+        self.reader.events.make_room(&mut self.reserve)?;
         self.at_the_wall((t, before), (t_next, after));
         Ok(())
     }
@@ -90,7 +185,7 @@ impl EventLog {
     fn at_the_wall(&mut self, (t, before): (f64, Lifted), (t_next, after): (f64, Lifted)) {
         if before == ORIGIN {
             if after != ORIGIN {
-                self.liftoff(t);
+                self.reader.note(Occurrence::lift_off_of_mass(t));
             }
         } else {
             if before.s != 0.0 && after.s == 0.0 {
@@ -100,35 +195,23 @@ impl EventLog {
                 self.impact(t + part * (t_next - t), before.v + part * (after.v - before.v));
             }
             if after == ORIGIN {
-                self.rest(t_next);
+                self.reader.note(Occurrence::rest_of_mass(t_next));
             }
         }
     }
 
     fn impact(&mut self, t: f64, v: f64) {
         let (xdot_before, xdot_after) = impact_velocities(v, self.wall);
-        self.events.impacts.push(Impact { t, xdot_before, xdot_after });
-    }
-
-    fn rest(&mut self, t: f64) {
-        self.events.rest_time = Some(t);
-        if self.events.impacts.len() > self.impacts_at_liftoff {
-            self.events.zeno_times.push(t);
-        }
-    }
-
-    fn liftoff(&mut self, t: f64) {
-        self.events.rest_time = None;
-        self.events.liftoff_times.push(t);
-        self.impacts_at_liftoff = self.events.impacts.len();
+        let number = self.impacts().len() as u64 + 1;
+        self.reader.note(Occurrence::of_mass(Impact { t, xdot_before, xdot_after }, number));
     }
 
     pub(crate) fn impacts(&self) -> &[Impact] {
-        &self.events.impacts
+        &self.reader.events.impacts
     }
 
     pub(crate) fn finish(self) -> Events {
-        self.events
+        self.reader.events
     }
 }
 

@@ -2,7 +2,9 @@
 
 pub mod events;
 pub mod failure;
+pub mod gap_set;
 pub mod monitor;
+pub mod occurrence;
 pub(crate) mod recorder;
 pub(crate) mod reserve;
 pub mod status;

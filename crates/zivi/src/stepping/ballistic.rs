@@ -9,7 +9,7 @@
 
 use zivi_core::{flight, Physical, Restitution};
 
-use crate::{Events, Impact};
+use crate::{Events, Impact, Occurrence};
 
 /// Impacts that one call follows one by one (and lists); further ones are skipped in closed form.
 const MAX_LISTED: usize = 1000;
@@ -65,12 +65,10 @@ impl Flight<'_> {
             return false;
         }
         if self.f <= 0.0 {
-            self.events.rest_time.get_or_insert(self.t);
+            self.events.note(Occurrence::Contact { t: self.t, gap: 0 });
             return true;
         }
-        if self.events.rest_time.take().is_some() {
-            self.events.liftoff_times.push(self.t);
-        }
+        self.events.note(Occurrence::lift_off_of_mass(self.t));
         false
     }
 
@@ -84,7 +82,9 @@ impl Flight<'_> {
 
     fn bounce(&mut self, xdot_before: f64) {
         let xdot_after = 0.0 - self.wall.e() * xdot_before;
-        self.events.impacts.push(Impact { t: self.t, xdot_before, xdot_after });
+        let (impact, number) =
+            (Impact { t: self.t, xdot_before, xdot_after }, self.events.impacts.len() as u64 + 1);
+        self.events.note(Occurrence::of_mass(impact, number));
         self.state = Physical { x: 0.0, xdot: xdot_after };
     }
 
@@ -103,8 +103,7 @@ impl Flight<'_> {
         self.t += until_rest;
         self.left -= until_rest;
         self.state = Physical::default();
-        self.events.zeno_times.push(self.t);
-        self.events.rest_time = Some(self.t);
+        self.events.note(Occurrence::rest_of_mass(self.t));
         true
     }
 
@@ -124,8 +123,7 @@ impl Flight<'_> {
             self.t += until_rest;
             self.left = 0.0;
             self.state = Physical::default();
-            self.events.zeno_times.push(self.t);
-            self.events.rest_time = Some(self.t);
+            self.events.note(Occurrence::rest_of_mass(self.t));
             return;
         }
         // flights 0 .. n-1 last until_rest (1 - e^n), written so that nothing cancels near e = 1

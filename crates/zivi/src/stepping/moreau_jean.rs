@@ -22,6 +22,7 @@ use std::collections::TryReserveError;
 
 use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution};
 
+use crate::record::events::Reader;
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
 use crate::record::trajectory::{Columns, Run, SetupError, Trajectory};
@@ -29,7 +30,7 @@ use crate::stepping::fixed_step::{check_initial, tell, watched};
 use crate::stepping::implicit::search::{Search, DEFAULT_SLOPE};
 use crate::stepping::step_events::{Interpolation, Knot};
 use crate::system::evaluation::finite_force;
-use crate::{Dependence, Events, Force, Grid, Impact, Monitor, Status};
+use crate::{Dependence, Force, Grid, Impact, Monitor, Occurrence, Status};
 
 /// Settings of the method; the step size is the grid's.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,9 +104,8 @@ pub fn simulate_moreau_jean<E, F: Force<E>>(
         nfev: 0,
     };
     let at_rest = initial == Physical::default();
-    let events = Events { rest_time: at_rest.then_some(grid.t(0)), ..Events::default() };
-    let reserve = Reserve::default();
-    let log = ContactLog { events, sigma: 1.0, at_rest, impacts_at_liftoff: 0, reserve };
+    let (reader, reserve) = (Reader::starting(grid.t(0), at_rest), Reserve::default());
+    let log = ContactLog { reader, sigma: 1.0, at_rest, reserve };
     let mut walk = Walk { scheme, wall, grid, columns, log, k: 0, state: initial };
     walk.record();
     let ending =
@@ -248,10 +248,9 @@ impl Scheme {
 
 /// Reads impacts, rest and lift-off off the impulses.
 struct ContactLog {
-    events: Events,
+    reader: Reader,
     sigma: f64,
     at_rest: bool,
-    impacts_at_liftoff: usize,
     reserve: Reserve,
 }
 
@@ -262,7 +261,7 @@ impl ContactLog {
         (t, before): (f64, f64),
         (t_end, step): (f64, Step),
     ) -> Result<(), TryReserveError> {
-        self.events.make_room(&mut self.reserve)?;
+        self.reader.events.make_room(&mut self.reserve)?;
         let pressed = step.impulse > 0.0;
         let after = step.end.xdot;
         let slow = before.abs() <= step.pull.abs() && after.abs() <= step.pull.abs();
@@ -271,20 +270,16 @@ impl ContactLog {
             let leaves = after > step.pull.abs() || (step.pull > 0.0 && step.end.x > 0.0);
             if !pressed && leaves {
                 self.at_rest = false;
-                self.events.rest_time = None;
-                self.events.liftoff_times.push(t);
-                self.impacts_at_liftoff = self.events.impacts.len();
+                self.reader.note(Occurrence::lift_off_of_mass(t));
             }
         } else if pressed && slow {
             self.at_rest = true;
-            self.events.rest_time = Some(t_end);
-            if self.events.impacts.len() > self.impacts_at_liftoff {
-                self.events.zeno_times.push(t_end);
-            }
+            self.reader.note(Occurrence::rest_of_mass(t_end));
         } else if pressed && before < 0.0 {
             self.sigma = -self.sigma;
             let impact = Impact { t: t_end, xdot_before: before, xdot_after: after };
-            self.events.impacts.push(impact);
+            let number = self.reader.events.impacts.len() as u64 + 1;
+            self.reader.note(Occurrence::of_mass(impact, number));
         }
         Ok(())
     }
@@ -356,7 +351,7 @@ impl Walk {
         let trajectory = Trajectory {
             columns: self.columns,
             summary: None,
-            events: self.log.events,
+            events: self.log.reader.events,
             failed_steps: Vec::new(),
             status,
             nfev: self.scheme.nfev,

@@ -12,6 +12,7 @@ use super::stages::{Counted, Point, Stages};
 use super::tail::Tail;
 use crate::numeric::step_size::Jump;
 use crate::record::failure::Failure;
+use crate::record::occurrence::Occurrence;
 use crate::stepping::fixed_step::check_initial;
 use crate::{Dependence, Force, Impact, Physical, SetupError, Status};
 
@@ -35,17 +36,6 @@ pub struct Counts {
     pub rejected: u64,
     /// Impacts that were computed; those that a jump to rest skips are not among them.
     pub impacts: u64,
-}
-
-/// What happened at the wall.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Occurrence {
-    /// An impact.
-    Impact(Impact),
-    /// Rest was reached: through infinitely many impacts, or by an impact that stops the mass.
-    Rest(f64),
-    /// The mass left rest at this time (s).
-    LiftOff(f64),
 }
 
 /// A part of the motion that one step of the integrator covers.

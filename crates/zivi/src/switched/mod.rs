@@ -46,7 +46,7 @@ mod tracing;
 mod user_events;
 
 pub use impact_map::{ImpactMap, MapParameter, Return};
-pub use integrator::{Counts, Occurrence, SwitchedIntegrator};
+pub use integrator::{Counts, SwitchedIntegrator};
 pub use path::{DensePath, PathPoint};
 pub(crate) use run::check_span;
 pub use run::{simulate_switched_rk, Output, SwitchedRun};

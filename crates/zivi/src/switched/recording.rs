@@ -10,11 +10,12 @@ use super::stepper::Stepper;
 use super::stops::Stops;
 use super::tail::Tail;
 use super::user_events::{EventHit, Level, Watch};
+use crate::record::events::Reader;
 use crate::record::failure::Failure;
 use crate::record::monitor::Pace;
 use crate::record::reserve::Reserve;
 use crate::record::trajectory::{SetupError, Trajectory};
-use crate::{Events, Force, Impact, Monitor, Physical, Status};
+use crate::{Force, Impact, Monitor, Occurrence, Physical, Status};
 
 /// Why a run ends.
 pub(super) enum Ending<E> {
@@ -48,12 +49,10 @@ pub(super) struct Running<'e, 'a, E> {
     path: Option<DensePath>,
     /// Whether samples between the steps draw the motion.
     drawn: bool,
-    events: Events,
+    reader: Reader,
     tails: Vec<Tail>,
     /// Set aside for what is made of all these lists.
     reserve: Reserve,
-    /// Whether the mass is not at rest: it comes to rest by impacts only.
-    airborne: bool,
     /// What is recorded goes up to here.
     end: (f64, PathPoint),
 }
@@ -77,6 +76,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     ) -> Self {
         let start = PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 };
         integrator.by_steps = output.t_eval.is_none();
+        let reader = Reader::starting(integrator.now.t, integrator.is_at_rest());
         Self {
             t1,
             stops: Stops::new(output.tstops, t1),
@@ -86,10 +86,9 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             samples: Samples::new(output.t_eval),
             path: output.dense.then(DensePath::default),
             drawn: output.drawn && output.t_eval.is_none(),
-            events: Events::default(),
+            reader,
             tails: Vec::new(),
             reserve: Reserve::default(),
-            airborne: false,
         }
     }
 
@@ -143,8 +142,8 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     /// Makes room for what the next piece of the motion adds to the record: where there is none,
     /// the run ends with all that it has.
     fn make_room(&mut self) -> Result<(), Failure<E>> {
-        let Self { samples, path, events, tails, watch, reserve, .. } = self;
-        events.make_room(reserve)?;
+        let Self { samples, path, reader, tails, watch, reserve, .. } = self;
+        reader.events.make_room(reserve)?;
         reserve.room(tails, 1, 0)?;
         samples.make_room(reserve)?;
         watch.make_room(reserve)?;
@@ -166,18 +165,11 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     /// The initial state; a mass that arrives at the wall has its impact first.
     fn begin(&mut self) -> Result<(), Ending<E>> {
         let Point { t, x, xdot, .. } = self.integrator.now;
-        if self.integrator.is_at_rest() {
-            self.events.rest_time = Some(t);
-        } else {
-            self.airborne = true;
-        }
         let before = PathPoint { x, xdot, sigma: self.integrator.sigma };
         let arrives = x == 0.0 && xdot < 0.0;
         if arrives {
             let piece = self.integrator.strike(self.integrator.now, self.integrator.now);
-            if let Piece::Flight { impact: Some(impact), .. } = piece {
-                self.events.impacts.push(impact);
-            }
+            self.integrator.tell(&piece, false, &mut |it| self.reader.note(it));
         }
         self.end = self.here();
         self.samples.at_step(t, self.end.1);
@@ -232,7 +224,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         }
         self.end = end;
         if let Some(impact) = impact {
-            self.events.impacts.push(impact);
+            self.reader.note(Occurrence::of_mass(impact, self.integrator.counts.impacts));
             self.samples.at_step(end.0, end.1);
             return self.jumped();
         }
@@ -307,7 +299,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         }
         self.tails.push(tail);
         if until == end.0 {
-            self.came_to_rest(end.0);
+            self.reader.note(Occurrence::rest_of_mass(end.0));
         }
         unless_terminal(stop)?;
         self.end = end;
@@ -338,9 +330,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     fn rest(&mut self, from: f64, lifted: bool) -> Result<(), Ending<E>> {
         let end = self.here();
-        if self.airborne {
-            self.came_to_rest(from);
-        }
+        self.reader.note(Occurrence::rest_of_mass(from));
         if end.0 > from {
             if let Some(path) = &mut self.path {
                 path.push_rest(from, end.1.sigma);
@@ -352,20 +342,12 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         }
         self.end = end;
         if lifted {
-            self.events.rest_time = None;
-            self.events.liftoff_times.push(end.0);
-            self.airborne = true;
+            self.reader.note(Occurrence::lift_off_of_mass(end.0));
             if end.0 > from {
                 self.samples.at_step(end.0, end.1);
             }
         }
         Ok(())
-    }
-
-    fn came_to_rest(&mut self, t: f64) {
-        self.airborne = false;
-        self.events.zeno_times.push(t);
-        self.events.rest_time = Some(t);
     }
 
     pub(super) fn finish(
@@ -395,7 +377,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         }
         drop(self.reserve);
         let columns = self.samples.into_columns(self.integrator.wall, advise)?;
-        let events = self.events;
+        let events = self.reader.events;
         let summary = None;
         let trajectory =
             Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };

@@ -1,9 +1,10 @@
 //! The motion of an integrator that is driven from outside, kept as a path.
 
-use super::integrator::{Occurrence, Piece, SwitchedIntegrator};
+use super::integrator::{Piece, SwitchedIntegrator};
 use super::path::{DensePath, PathPoint};
 use super::stages::Counted;
 use crate::record::failure::Failure;
+use crate::record::occurrence::Occurrence;
 use crate::record::reserve::Reserve;
 use crate::{Force, Physical, SetupError};
 
@@ -35,15 +36,16 @@ impl SwitchedIntegrator {
     pub(super) fn tell(&self, piece: &Piece, resting: bool, observe: &mut impl FnMut(Occurrence)) {
         match *piece {
             Piece::Flight { impact, .. } => {
-                impact.into_iter().for_each(|impact| observe(Occurrence::Impact(impact)));
+                let number = self.counts.impacts;
+                impact.into_iter().for_each(|it| observe(Occurrence::of_mass(it, number)));
             }
-            Piece::Tail(_) => observe(Occurrence::Rest(self.now.t)),
+            Piece::Tail(_) => observe(Occurrence::rest_of_mass(self.now.t)),
             Piece::Rest { from, lifted } => {
                 if !resting {
-                    observe(Occurrence::Rest(from));
+                    observe(Occurrence::rest_of_mass(from));
                 }
                 if lifted {
-                    observe(Occurrence::LiftOff(self.now.t));
+                    observe(Occurrence::lift_off_of_mass(self.now.t));
                 }
             }
         }

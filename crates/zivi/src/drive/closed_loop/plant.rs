@@ -3,7 +3,7 @@
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 use super::follow::LoopPath;
-use crate::record::events::EventLog;
+use crate::record::events::{EventLog, Reader};
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
 use crate::stepping::ballistic;
@@ -13,8 +13,8 @@ use crate::stepping::theta_gamma::Stepper;
 use crate::switched::Trace;
 use crate::system::evaluation::finite_force;
 use crate::{
-    Dependence, Events, Force, Impact, LinearLaw, Occurrence, SetupError, Status,
-    SwitchedIntegrator, SwitchedRk,
+    Dependence, Events, Force, Impact, LinearLaw, SetupError, Status, SwitchedIntegrator,
+    SwitchedRk,
 };
 
 /// A sampling period.
@@ -68,7 +68,7 @@ pub(super) struct BallisticPlant<'a, F> {
 impl<'a, F> BallisticPlant<'a, F> {
     pub(super) fn new(wall: Restitution, force: &'a mut F, t0: f64, initial: Physical) -> Self {
         let rests = initial == Physical::default();
-        let events = Events { rest_time: rests.then_some(t0), ..Events::default() };
+        let events = Events::starting(t0, rests);
         Self { wall, force, value: None, events, last: (t0, initial, 0.0) }
     }
 }
@@ -114,9 +114,7 @@ impl<E, F: Force<E>> Plant<E> for BallisticPlant<'_, F> {
 pub(super) struct SwitchedPlant<'a, F> {
     integrator: SwitchedIntegrator,
     force: &'a mut F,
-    events: Events,
-    /// Impacts when the mass was last at rest.
-    impacts_before: usize,
+    reader: Reader,
     /// The motion, if it is wanted: that of the last period, or all of it.
     trace: Option<Trace>,
     all: bool,
@@ -133,10 +131,10 @@ impl<'a, F> SwitchedPlant<'a, F> {
         let mut integrator = SwitchedIntegrator::new(settings, wall)?;
         integrator.start(t0, initial)?;
         let rests = initial == Physical::default();
-        let events = Events { rest_time: rests.then_some(t0), ..Events::default() };
+        let reader = Reader::starting(t0, rests);
         let trace = (keep != Keeps::Nothing).then(Trace::default);
         let all = keep == Keeps::Everything;
-        Ok(Self { integrator, force, events, impacts_before: 0, trace, all })
+        Ok(Self { integrator, force, reader, trace, all })
     }
 }
 
@@ -151,30 +149,6 @@ pub(super) enum Keeps {
     Everything,
 }
 
-impl Events {
-    /// Notes what the switched method saw; `impacts_before` is how many impacts there were when
-    /// the mass was last at rest.
-    fn note(&mut self, occurrence: Occurrence, impacts_before: &mut usize) {
-        match occurrence {
-            Occurrence::Impact(impact) => self.impacts.push(impact),
-            Occurrence::Rest(t) => {
-                if self.rest_time.is_none() {
-                    if self.impacts.len() > *impacts_before {
-                        self.zeno_times.push(t);
-                    }
-                    self.rest_time = Some(t);
-                }
-            }
-            Occurrence::LiftOff(t) => {
-                if self.rest_time.take().is_some() {
-                    self.liftoff_times.push(t);
-                }
-                *impacts_before = self.impacts.len();
-            }
-        }
-    }
-}
-
 impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
     fn advance(
         &mut self,
@@ -186,9 +160,9 @@ impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
         let Ok(()) = self.integrator.start_again(t, state) else {
             return Err(Failure::Status(Status::StateNotFinite));
         };
-        let Self { integrator, force, events, impacts_before, trace, all } = self;
+        let Self { integrator, force, reader, trace, all } = self;
         let mut net = Net { force: &mut **force, u };
-        let note = |seen| events.note(seen, impacts_before);
+        let note = |seen| reader.note(seen);
         match trace {
             Some(trace) => {
                 if !*all {
@@ -207,7 +181,7 @@ impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
     }
 
     fn impacts(&self) -> &[Impact] {
-        &self.events.impacts
+        &self.reader.events.impacts
     }
 
     fn path(&mut self) -> LoopPath {
@@ -215,7 +189,7 @@ impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
     }
 
     fn events(&mut self) -> Events {
-        std::mem::take(&mut self.events)
+        std::mem::take(&mut self.reader.events)
     }
 
     fn nfev(&self) -> u64 {

@@ -1,8 +1,9 @@
 //! What happens at the gaps, in one stream.
 
+use super::events::Impact;
 use super::gap_set::GapSet;
 
-/// What happens at the gaps of a system.
+/// What happens at the gaps of a system; a mass above a wall has one, number 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Occurrence {
     /// An impulse at a gap: it was hit, or it was closed and passes on the impact of another.
@@ -15,7 +16,7 @@ pub enum Occurrence {
         before: f64,
         /// Speed of the gap after, `>= 0`.
         after: f64,
-        /// The impulse along the gradient of the gap.
+        /// The impulse along the gradient of the gap (of a mass: by its mass).
         impulse: f64,
         /// Impulses of one impact have the same number.
         group: u64,
@@ -28,6 +29,13 @@ pub enum Occurrence {
         gap: usize,
         /// The gaps that are closed after it.
         closed: GapSet,
+    },
+    /// A gap is closed from the start on, or closed without an impact.
+    Contact {
+        /// Time (s).
+        t: f64,
+        /// The gap.
+        gap: usize,
     },
     /// A contact opened because its force vanished.
     LiftOff {
@@ -61,6 +69,40 @@ pub enum Occurrence {
         /// How strong: the kinetic cosine, or the time by which the order is uncertain (s).
         size: f64,
     },
+}
+
+impl Occurrence {
+    /// The impact of this number of a mass above a wall.
+    #[must_use]
+    pub fn of_mass(impact: Impact, number: u64) -> Self {
+        let Impact { t, xdot_before: before, xdot_after: after } = impact;
+        Occurrence::Impact { t, gap: 0, before, after, impulse: after - before, group: number }
+    }
+
+    /// Whether it happened at a gap, perhaps among others.
+    #[must_use]
+    pub fn concerns(&self, number: usize) -> bool {
+        match *self {
+            Occurrence::Impact { gap, .. }
+            | Occurrence::Zeno { gap, .. }
+            | Occurrence::Contact { gap, .. }
+            | Occurrence::LiftOff { gap, .. }
+            | Occurrence::Opened { gap, .. } => gap == number,
+            Occurrence::Corner { gaps, .. } | Occurrence::Flag { gaps, .. } => gaps.has(number),
+        }
+    }
+
+    /// A mass comes to rest at a wall at time `t` (s), through impacts.
+    #[must_use]
+    pub fn rest_of_mass(t: f64) -> Self {
+        Occurrence::Zeno { t, gap: 0, closed: GapSet::of(0) }
+    }
+
+    /// A mass leaves rest at a wall at time `t` (s).
+    #[must_use]
+    pub fn lift_off_of_mass(t: f64) -> Self {
+        Occurrence::LiftOff { t, gap: 0 }
+    }
 }
 
 /// Why an impact or lift-off is not determined continuously by the data.
