@@ -10,7 +10,7 @@ import zivi
 from zivi import files
 from zivi.cli import app
 from zivi.files import FileError, document
-from zivi.files.keys import CONTROLLERS, METHODS, SWITCHED_RK
+from zivi.files.keys import CONTROLLERS, METHODS
 from zivi.files.tables import rows
 
 pytest.importorskip("h5netcdf")
@@ -210,7 +210,10 @@ def test_all_settings_of_the_library_are_there():
     for name, keys in METHODS.items():
         fields = {field.name for field in dataclasses.fields(getattr(zivi, name))}
         assert {key.name for key in keys} == fields
-    assert METHODS["SwitchedRK"] is SWITCHED_RK
+        method = getattr(zivi, name)
+        needed = {key.name for key in keys if key.default is None}
+        assert needed == ({"h"} if name != "SwitchedRK" else set())
+        assert method(**dict.fromkeys(needed, 1e-3)) is not None
     for name, keys in CONTROLLERS.items():
         taken = set(inspect.signature(getattr(zivi, name).__new__).parameters) - {"cls"}
         assert {key.name for key in keys} == taken

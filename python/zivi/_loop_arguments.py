@@ -62,8 +62,10 @@ def forces_of(
 
 def motion_of(method: ThetaGamma | SwitchedRK | None) -> dict[str, Any]:
     """Return how the plant moves between samples, as the extension takes it."""
-    switched = method if isinstance(method, SwitchedRK) else BETWEEN_SAMPLES
-    return {"switched": switched._settings(), "exact": method is None}
+    return {
+        "method": (BETWEEN_SAMPLES if method is None else method)._core,
+        "exact": method is None,
+    }
 
 
 def period_of(controller: Any) -> float:
@@ -215,10 +217,10 @@ def check_follows(controller: Any, **given: Any) -> None:
             raise TypeError(f"{name} is given, but {kind} follows no reference")
 
 
-def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> tuple[float, float] | None:
-    """Return theta and gamma of a plant on the controller's grid, None for another motion."""
+def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> None:
+    """Refuse a motion between samples that is none, or is not on the controller's grid."""
     if method is None or isinstance(method, SwitchedRK):
-        return None
+        return
     if not isinstance(method, ThetaGamma) or method.solver != "exact":
         raise TypeError(
             "method must be None, a zivi.SwitchedRK or an exact zivi.ThetaGamma, "
@@ -226,7 +228,6 @@ def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> tuple[floa
         )
     if method.h != h:
         raise ValueError(f"method.h must be the controller's h = {h}, got {method.h}")
-    return method.theta, method.gamma
 
 
 def described(controller: Any) -> dict[str, Any]:

@@ -71,7 +71,7 @@ def check_system(system: Any) -> None:
 
 def check_method(method: Any) -> None:
     """Refuse what is no method with its settings."""
-    if not isinstance(method, type) and hasattr(method, "_integrate"):
+    if not isinstance(method, type) and hasattr(method, "_core"):
         return
     example = "e.g. zivi.SwitchedRK(rtol=1e-6) or zivi.ThetaGamma(h=1e-3)"
     raise TypeError(f"method must be one of zivi's methods, {example}, got {told(method)}")

@@ -1,32 +1,42 @@
 from collections.abc import Callable
-from typing import Any, Self, final
+from typing import Any, Self, final, overload
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import disjoint_base
 
 __all__ = [
+    "SETTINGS",
     "STATUS_MESSAGES",
     "BatchRecord",
+    "Configuration",
+    "Event",
     "Explicit",
+    "ExplicitEuler",
+    "Keep",
     "LoopBatchRecord",
     "LoopRecord",
     "MechanicalPath",
     "MechanicalRecord",
+    "Mechanism",
+    "Method",
+    "MoreauJean",
     "MotionPath",
     "Observer",
+    "PointMass",
     "Regulator",
     "RunRecord",
     "SensitivityRecord",
+    "Setting",
+    "State",
+    "SwitchedRK",
+    "ThetaGamma",
     "Tracker",
     "ViRecord",
     "__version__",
     "available_threads",
     "ballistic_motion",
     "check_impact_map",
-    "check_moreau_jean",
-    "check_switched_rk",
-    "check_theta_gamma",
     "compiled_force",
     "compiled_model",
     "fly_apart",
@@ -39,16 +49,10 @@ __all__ = [
     "project",
     "restitution",
     "sensitivity",
+    "simulate",
     "simulate_batch",
     "simulate_closed_loop",
     "simulate_closed_loop_batch",
-    "simulate_explicit_euler",
-    "simulate_mechanical",
-    "simulate_mechanical_moreau_jean",
-    "simulate_mechanical_theta_gamma",
-    "simulate_moreau_jean",
-    "simulate_switched_rk",
-    "simulate_theta_gamma",
     "solve_avi",
     "solve_steps",
     "solve_tracking_steps",
@@ -59,6 +63,138 @@ __version__: str
 STATUS_MESSAGES: list[str]
 
 _Array = NDArray[np.float64]
+
+@final
+class Setting:
+    @property
+    def name(self) -> str: ...
+    @property
+    def meaning(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def range(self) -> str: ...
+    @property
+    def above(self) -> float | None: ...
+    @property
+    def below(self) -> float | None: ...
+    @property
+    def least(self) -> Any: ...
+    @property
+    def most(self) -> Any: ...
+    @property
+    def whole(self) -> bool: ...
+    @property
+    def choices(self) -> tuple[Any, ...] | None: ...
+    @property
+    def default(self) -> Any: ...
+    @property
+    def required(self) -> bool: ...
+    @property
+    def comes(self) -> str | None: ...
+
+SETTINGS: dict[str, list[Setting]]
+
+@disjoint_base
+class Method: ...
+
+@final
+class SwitchedRK(Method):
+    def __new__(
+        cls,
+        *,
+        rtol: float,
+        atol: tuple[float, float],
+        order: int,
+        max_step: float,
+        first_step: float | None,
+        max_steps: int,
+        max_impacts: int,
+        flights: str,
+    ) -> Self: ...
+
+@final
+class ThetaGamma(Method):
+    def __new__(
+        cls, *, h: float, theta: float, gamma: float, solver: str, linearisations: int
+    ) -> Self: ...
+
+@final
+class MoreauJean(Method):
+    def __new__(cls, *, h: float, theta: float) -> Self: ...
+
+@final
+class ExplicitEuler(Method):
+    def __new__(cls, *, h: float) -> Self: ...
+
+@final
+class PointMass:
+    def __new__(cls, force: tuple[Any, ...], e: float, kappa: float) -> Self: ...
+
+@final
+class State:
+    def __new__(cls, x: float, xdot: float) -> Self: ...
+
+@final
+class Mechanism:
+    def __new__(cls, model: tuple[Any, ...], *, n: int, m: int, e: _Array) -> Self: ...
+
+@final
+class Configuration:
+    def __new__(cls, q: _Array, qdot: _Array) -> Self: ...
+
+@final
+class Event:
+    def __new__(
+        cls,
+        function: Callable[..., float],
+        *,
+        direction: int,
+        terminal: int | None,
+        level_x: float | None = None,
+        level_xdot: float | None = None,
+    ) -> Self: ...
+    @property
+    def function(self) -> Callable[..., float]: ...
+    @property
+    def direction(self) -> int: ...
+    @property
+    def terminal(self) -> int | None: ...
+    @property
+    def level_x(self) -> float | None: ...
+    @property
+    def level_xdot(self) -> float | None: ...
+
+@final
+class Keep:
+    def __new__(
+        cls,
+        *,
+        t_eval: _Array | None = None,
+        tstops: _Array | None = None,
+        events: list[Event] = ...,
+        dense: bool = False,
+        drawn: bool = False,
+    ) -> Self: ...
+
+@overload
+def simulate(
+    system: PointMass,
+    method: Method,
+    span: tuple[float, float],
+    start: State,
+    keep: Keep,
+    progress: Callable[[int, int], None] | None = None,
+) -> RunRecord: ...
+@overload
+def simulate(
+    system: Mechanism,
+    method: Method,
+    span: tuple[float, float],
+    start: Configuration,
+    keep: Keep,
+    progress: Callable[[int, int], None] | None = None,
+) -> MechanicalRecord: ...
 
 @final
 class RunRecord:
@@ -77,9 +213,11 @@ class RunRecord:
     @property
     def failed_steps(self) -> NDArray[np.int64]: ...
     @property
-    def hits(self) -> list[tuple[_Array, _Array, _Array]]: ...
+    def t_events(self) -> list[_Array]: ...
     @property
-    def n_steps(self) -> int | None: ...
+    def y_events(self) -> list[_Array]: ...
+    @property
+    def n_steps(self) -> int: ...
     @property
     def n_rejected(self) -> int: ...
     @property
@@ -92,8 +230,6 @@ class RunRecord:
     def nfev(self) -> int: ...
     @property
     def raised(self) -> BaseException | None: ...
-
-_SwitchedSettings = tuple[float, tuple[float, float], int, float, float | None, int, int, str]
 
 @final
 class MotionPath:
@@ -162,61 +298,6 @@ class MechanicalRecord:
     raised: BaseException | None
     path: MechanicalPath | None
 
-def simulate_mechanical(
-    model: tuple[Any, ...],
-    method: _SwitchedSettings,
-    *,
-    n: int,
-    m: int,
-    e: _Array,
-    span: tuple[float, float],
-    q0: _Array,
-    qdot0: _Array,
-    t_eval: _Array | None,
-    tstops: _Array,
-    events: list[tuple[Any, int, int | None]],
-    dense: bool,
-    progress: Any = None,
-) -> MechanicalRecord: ...
-def simulate_mechanical_moreau_jean(
-    model: tuple[Any, ...],
-    *,
-    n: int,
-    m: int,
-    e: _Array,
-    h: float,
-    theta: float,
-    span: tuple[float, float],
-    q0: _Array,
-    qdot0: _Array,
-    events: list[tuple[Any, int, int | None]],
-    progress: Any = None,
-) -> MechanicalRecord: ...
-def simulate_mechanical_theta_gamma(
-    model: tuple[Any, ...],
-    *,
-    n: int,
-    m: int,
-    e: _Array,
-    h: float,
-    span: tuple[float, float],
-    q0: _Array,
-    qdot0: _Array,
-    events: list[tuple[Any, int, int | None]],
-    progress: Any = None,
-) -> MechanicalRecord: ...
-def check_moreau_jean(theta: float) -> None: ...
-def simulate_moreau_jean(
-    force: tuple[Any, ...],
-    *,
-    wall: tuple[float, float],
-    h: float,
-    theta: float,
-    span: tuple[float, float],
-    state: tuple[float, float],
-    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
-    progress: Any = None,
-) -> RunRecord: ...
 def check_impact_map(force: tuple[Any, ...], of_wall: tuple[float, float]) -> None: ...
 def map_of_impacts(
     force: tuple[Any, ...],
@@ -237,21 +318,6 @@ def orbits_of_impacts(
     threads: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> _Array: ...
-def check_switched_rk(given: _SwitchedSettings) -> None: ...
-def simulate_switched_rk(
-    force: tuple[Any, ...],
-    method: _SwitchedSettings,
-    *,
-    wall: tuple[float, float],
-    span: tuple[float, float],
-    state: tuple[float, float],
-    t_eval: _Array | None,
-    tstops: _Array,
-    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
-    dense: bool,
-    drawn: bool,
-    progress: Any = None,
-) -> RunRecord: ...
 
 @final
 class SensitivityRecord:
@@ -281,12 +347,11 @@ class SensitivityRecord:
     def n_slopes(self) -> int: ...
 
 def sensitivity(
-    force: tuple[Any, ...],
-    method: _SwitchedSettings,
-    *,
-    wall: tuple[float, float],
+    system: PointMass,
+    method: Method,
     span: tuple[float, float],
-    state: tuple[float, float],
+    start: State,
+    *,
     wrt: list[int],
     sizes: _Array,
     controlled: bool,
@@ -298,7 +363,7 @@ def sensitivity(
 ) -> SensitivityRecord: ...
 def fly_apart(
     force: tuple[Any, ...],
-    method: _SwitchedSettings,
+    method: Method,
     flights: _Array,
     by: list[int],
     sizes: _Array,
@@ -307,23 +372,8 @@ def fly_apart(
 def restitution(*, e: float | None = None, kappa: float | None = None) -> tuple[float, float]: ...
 def lift(x: _Array, xdot: _Array, sigma: float, kappa: float) -> tuple[_Array, _Array]: ...
 def project(s: _Array, v: _Array, kappa: float) -> tuple[_Array, _Array]: ...
-def check_theta_gamma(h: float, theta: float, gamma: float, kappa: float) -> None: ...
 def force_raised() -> None: ...
 def compiled_force(callable: Any, argument: str) -> tuple[int, int | None]: ...
-def simulate_theta_gamma(
-    force: tuple[Any, ...],
-    *,
-    wall: tuple[float, float],
-    h: float,
-    theta: float,
-    gamma: float,
-    solver: str,
-    linearisations: int,
-    span: tuple[float, float],
-    state: tuple[float, float],
-    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
-    progress: Any = None,
-) -> RunRecord: ...
 def solve_steps(
     s: _Array,
     v: _Array,
@@ -349,16 +399,6 @@ def solve_tracking_steps(
     linearisations: int,
     fall_backs: bool,
 ) -> tuple[_Array, NDArray[np.bool_]]: ...
-def simulate_explicit_euler(
-    force: tuple[Any, ...],
-    *,
-    wall: tuple[float, float],
-    h: float,
-    span: tuple[float, float],
-    state: tuple[float, float],
-    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
-    progress: Any = None,
-) -> RunRecord: ...
 
 _State = tuple[float, float, float, float, list[float], int]
 
@@ -508,7 +548,9 @@ class LoopRecord:
     @property
     def path(self) -> float | MotionPath | tuple[_Array, _Array] | None: ...
     @property
-    def hits(self) -> list[tuple[_Array, _Array, _Array]]: ...
+    def t_events(self) -> list[_Array]: ...
+    @property
+    def y_events(self) -> list[_Array]: ...
     @property
     def status(self) -> int: ...
     @property
@@ -525,9 +567,8 @@ def simulate_closed_loop(
     wall: tuple[float, float],
     h: float,
     span: tuple[float, float],
-    state: tuple[float, float],
-    scheme: tuple[float, float] | None,
-    switched: _SwitchedSettings,
+    start: State,
+    method: Method,
     exact: bool,
     noise: tuple[_Array, _Array],
     resolution: tuple[float, float],
@@ -536,7 +577,7 @@ def simulate_closed_loop(
     interface: dict[str, bool],
     ours: bool,
     dense: bool,
-    events: list[tuple[Any, int, int | None, tuple[bool, float] | None]],
+    events: list[Event],
     given: Any,
     wall_ref: tuple[float, float],
     progress: Any = None,
@@ -582,8 +623,7 @@ def simulate_closed_loop_batch(
     states: _Array,
     *,
     span: tuple[float, float],
-    scheme: tuple[float, float] | None,
-    switched: _SwitchedSettings,
+    method: Method,
     exact: bool,
     resolution: tuple[float, float],
     delay: int,
@@ -647,7 +687,7 @@ def simulate_batch(
     forces: list[tuple[Any, ...]],
     walls: _Array,
     states: _Array,
-    method: tuple[Any, ...],
+    method: Method,
     *,
     span: tuple[float, float],
     save: Any,

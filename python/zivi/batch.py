@@ -20,7 +20,7 @@ from zivi._misplaced import check_method
 from zivi._progress import ProgressBar
 from zivi.mechanics.batch import MechanicalBatch, mechanical_batch
 from zivi.mechanics.system import MechanicalSystem
-from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
+from zivi.methods import Method, SwitchedRK
 from zivi.simulate import DEFAULT_METHOD, pair
 from zivi.status import Status
 from zivi.system import ImpactSystem
@@ -277,7 +277,7 @@ def simulate_batch(
         return mechanical_batch(systems, span, y0, method, save, check_threads(threads), progress)
     several = _systems(systems)
     states = _states(y0, len(several))
-    spec = _method(method)
+    check_method(method)
     every = _save(save, method)
     sampling = sampling_of(t_eval, save, span, method, len(states))
     workers = check_threads(threads)
@@ -287,7 +287,7 @@ def simulate_batch(
             specs,
             np.array([(system.e, system.kappa) for system in several]),
             states,
-            spec,
+            method._core,
             span=span,
             save=save if every is None else every,
             threads=workers,
@@ -364,20 +364,6 @@ def _states(y0: ArrayLike, n_systems: int) -> Array:
             f"y0 must have a row for each of the {n_systems} systems, got {len(states)}"
         )
     return np.ascontiguousarray(states)
-
-
-def _method(method: Any) -> tuple[Any, ...]:
-    if isinstance(method, ThetaGamma):
-        scheme = (method.h, method.theta, method.gamma)
-        return "theta_gamma", *scheme, method.solver, method.linearisations
-    if isinstance(method, ExplicitEuler):
-        return "explicit_euler", method.h
-    if isinstance(method, MoreauJean):
-        return "moreau_jean", method.h, method.theta
-    if isinstance(method, SwitchedRK):
-        return "switched_rk", method._settings()
-    check_method(method)
-    raise TypeError(f"method must be one of zivi's own methods, got {method!r}")
 
 
 def _save(save: Any, method: Method) -> int | None:

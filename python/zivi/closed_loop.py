@@ -235,7 +235,8 @@ def simulate_closed_loop(
     wall_ref = coefficients(None, getattr(controller, "kappa_ref", system.kappa))
     deviations = check_not_negative("noise", noise)
     resolution = check_not_negative("quantization", quantization)
-    periods, scheme = check_delay(delay), check_method(method, h)
+    periods = check_delay(delay)
+    check_method(method, h)
     times = None if t_eval is None else times_within(t_eval, span)
     watched = events_of(events)
     if not isinstance(dense_output, bool):
@@ -271,8 +272,7 @@ def simulate_closed_loop(
             wall=(system.e, system.kappa),
             h=h,
             span=span,
-            state=state,
-            scheme=scheme,
+            start=_zivi.State(*state),
             **motion_of(method),
             noise=samples,
             resolution=resolution,
@@ -283,7 +283,7 @@ def simulate_closed_loop(
             dense=dense_output or times is not None or bool(watched),
             given=told,
             wall_ref=wall_ref,
-            events=[(it.function, it.direction, it.terminal, it.level) for it in watched],
+            events=watched,
             progress=bar.report,
         )
     run, raised = _run(record, config), record.raised
@@ -323,8 +323,8 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
         config=config,
         **_estimates(record.estimates),
         n_refused=int(np.count_nonzero(record.ticks & TickStatus.REFUSED)),
-        t_events=[times for times, _, _ in record.hits],
-        y_events=[np.column_stack((x, xdot)) for _, x, xdot in record.hits],
+        t_events=record.t_events,
+        y_events=record.y_events,
         _path=path,
         _reference=_reference(t, samples, config),
         _span=(float(t[0]), float(t[-1])) if len(t) else None,

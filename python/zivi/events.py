@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import numbers
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any, cast
 
 import numpy as np
 
+from zivi import _zivi
 from zivi._check import finite
 from zivi._functions import of_three
 
-__all__ = ["Event", "Level", "events_of"]
+__all__ = ["Level", "events_of"]
 
 
 class Level:
@@ -58,53 +58,26 @@ class Level:
         self.xdot = None if xdot is None else finite("xdot", xdot)
         self.terminal, self.direction = terminal, direction
 
-    @property
-    def _level(self) -> tuple[bool, float]:
-        return (False, self.x) if self.x is not None else (True, cast(float, self.xdot))
-
     def __call__(self, t: float, x: float, xdot: float) -> float:
         """Signed distance from the level."""
-        of_velocity, value = self._level
-        return xdot - value if of_velocity else x - value
+        return x - self.x if self.x is not None else xdot - cast(float, self.xdot)
 
     def __repr__(self) -> str:
         name, value = ("xdot", self.xdot) if self.x is None else ("x", self.x)
         return f"Level({name}={value}, terminal={self.terminal}, direction={self.direction})"
 
 
-@dataclasses.dataclass(frozen=True)
-class Event:
-    """A function whose changes of sign are events.
-
-    Parameters
-    ----------
-    function : callable
-        ``g(t, x, xdot)``.
-    direction : int
-        1: only from negative to positive; -1: only the other way; 0: both.
-    terminal : int or None
-        The run ends at the event of this number.
-    level : (bool, float) or None
-        For a `Level`: whether it is one of the velocity, and which.
-    """
-
-    function: Callable[[float, float, float], float]
-    direction: int
-    terminal: int | None
-    level: tuple[bool, float] | None = None
-
-
-def events_of(events: Any) -> tuple[Event, ...]:
+def events_of(events: Any) -> list[_zivi.Event]:
     """Read the argument ``events``: a function or several, with SciPy's attributes."""
     if events is None:
-        return ()
+        return []
     if not (callable(events) or isinstance(events, Iterable)):
         raise TypeError(f"events must be a function or a sequence of functions, got {events!r}")
     functions = [events] if callable(events) else list(events)
-    return tuple(_event(k, function) for k, function in enumerate(functions))
+    return [_event(k, function) for k, function in enumerate(functions)]
 
 
-def _event(k: int, function: Any) -> Event:
+def _event(k: int, function: Any) -> _zivi.Event:
     if not callable(function):
         raise TypeError(f"events[{k}] must be a function g(t, x, xdot), got {function!r}")
     terminal = getattr(function, "terminal", None)
@@ -117,9 +90,14 @@ def _event(k: int, function: Any) -> Event:
         raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
     # no numpy.sign, which takes neither a bool nor an integer beyond 64 bits
     sign = int(direction > 0) - int(direction < 0)  # type: ignore[operator]
-    level = function._level if isinstance(function, Level) else None
-    called = of_three(f"events[{k}]", function, more_than_y=True)
-    return Event(called, sign, int(terminal or 0) or None, level)
+    levels = (function.x, function.xdot) if isinstance(function, Level) else (None, None)
+    return _zivi.Event(
+        of_three(f"events[{k}]", function, more_than_y=True),
+        direction=sign,
+        terminal=int(terminal or 0) or None,
+        level_x=levels[0],
+        level_xdot=levels[1],
+    )
 
 
 def _is_count(value: Any) -> bool:

@@ -271,7 +271,8 @@ def simulate_closed_loop_batch(
         ticking = _placed(ticking, references, n)
     forces = _forces(plants, force_model, force_ref)
     ticking = _on_walls(ticking, plants, n)
-    scheme, *_ = [check_method(method, controller.h) for controller in ticking]
+    for controller in ticking:
+        check_method(method, controller.h)
     if not (finite("within", within) > 0.0):
         raise ValueError(f"within must be > 0 (m), got {within}")
     rows = [] if reference is None else _references(followed, ticking, span, n)
@@ -284,7 +285,6 @@ def simulate_closed_loop_batch(
             np.array([(plant.e, plant.kappa) for plant in plants]),
             np.ascontiguousarray(np.broadcast_to(states, (n, 2))),
             span=span,
-            scheme=scheme,
             **motion_of(method),
             resolution=check_not_negative("quantization", quantization),
             delay=check_delay(delay),

@@ -3,82 +3,57 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+import functools
 import numbers
 from collections.abc import Callable
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol
 
 from zivi import _zivi
 from zivi._check import Array, real, whole
 from zivi.dense import LinearPath, Path, PenetratingPath
-from zivi.events import Event
-from zivi.system import ImpactSystem
 
 __all__ = ["ExplicitEuler", "Method", "MoreauJean", "SwitchedRK", "ThetaGamma"]
 
 Report = Callable[[int, int], None]
 """Called with the number of steps done and their total."""
 
-FLIGHTS = ("auto", "rk", "series")
-"""How free flight can be computed."""
-SOLVERS = ("exact", "newton", "outer")
-"""How a step can find its signs."""
-MAX_LINEARISATIONS = 1000
 
-Settings: TypeAlias = tuple[float, tuple[float, float], int, float, float | None, int, int, str]
-"""The settings of `SwitchedRK` in their order."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Course:
-    """What a run is asked for, beside its system and its method.
-
-    Parameters
-    ----------
-    t_span : (float, float)
-        Start and end (s).
-    y0 : (float, float)
-        Initial state.
-    t_eval : ndarray or None
-        Times of the samples; a method of fixed steps samples its steps whatever is asked for.
-    tstops : ndarray
-        Times where the force is not smooth, ascending; none for a method of fixed steps.
-    events : tuple of Event
-        Events of the user.
-    dense : bool
-        Whether the motion between the samples is wanted.
-    drawn : bool
-        Whether samples between the steps are wanted, so that lines draw the motion.
-    report : callable or None
-        Told the progress.
-    """
-
-    t_span: tuple[float, float]
-    y0: tuple[float, float]
-    t_eval: Array | None
-    tstops: Array
-    events: tuple[Event, ...]
-    dense: bool
-    drawn: bool
-    report: Report | None
-
-    @property
-    def event_specs(self) -> list[tuple[Any, int, int | None, tuple[bool, float] | None]]:
-        """The events as the core takes them."""
-        return [(e.function, e.direction, e.terminal, e.level) for e in self.events]
+def _defaults(name: str) -> dict[str, Any]:
+    """Give the defaults of a method, which the core knows, as it does the ranges."""
+    return {it.name: it.default for it in _zivi.SETTINGS[name]}
 
 
 class Method(Protocol):
     """Anything that `simulate` can run."""
 
-    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord: ...
+    @property
+    def _core(self) -> _zivi.Method: ...
 
 
-class _FixedSteps:
+class _Settings:
+    """Settings that the core keeps, and checks, as well."""
+
+    def _checked(self) -> _zivi.Method:
+        raise NotImplementedError
+
+    @functools.cached_property
+    def _core(self) -> _zivi.Method:
+        """The method as the core takes it."""
+        return self._checked()
+
+    def __getstate__(self) -> dict[str, Any]:
+        # what the core keeps is made anew
+        return {name: value for name, value in self.__dict__.items() if name != "_core"}
+
+
+class _FixedSteps(_Settings):
     """A method that knows the motion at its steps only."""
 
     def _path(self, kappa: float, t: Array, samples: dict[str, Array]) -> Path:
         return LinearPath(t, samples["s"], samples["v"], kappa)
+
+
+_THETA_GAMMA = _defaults("ThetaGamma")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,37 +104,25 @@ class ThetaGamma(_FixedSteps):
     """
 
     h: float
-    theta: float = 1.0
-    gamma: float = 1.0
-    solver: str = "exact"
-    linearisations: int = 20
+    theta: float = _THETA_GAMMA["theta"]
+    gamma: float = _THETA_GAMMA["gamma"]
+    solver: str = _THETA_GAMMA["solver"]
+    linearisations: int = _THETA_GAMMA["linearisations"]
 
     def __post_init__(self) -> None:
         for name in ("h", "theta", "gamma"):
             object.__setattr__(self, name, real(name, getattr(self, name)))
-        if self.solver not in SOLVERS:
-            raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {self.solver!r}")
         if isinstance(self.linearisations, bool) or not isinstance(self.linearisations, int):
             raise TypeError(f"linearisations must be an integer, got {self.linearisations!r}")
-        if not 1 <= self.linearisations <= MAX_LINEARISATIONS:
-            raise ValueError(
-                f"linearisations must be from 1 to {MAX_LINEARISATIONS}, got {self.linearisations}"
-            )
-        _zivi.check_theta_gamma(self.h, self.theta, self.gamma, 0.0)
+        _ = self._core
 
-    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
-        return _zivi.simulate_theta_gamma(
-            system._spec,
-            wall=(system.e, system.kappa),
+    def _checked(self) -> _zivi.Method:
+        return _zivi.ThetaGamma(
             h=self.h,
             theta=self.theta,
             gamma=self.gamma,
             solver=self.solver,
             linearisations=self.linearisations,
-            span=course.t_span,
-            state=course.y0,
-            events=course.event_specs,
-            progress=course.report,
         )
 
 
@@ -192,22 +155,17 @@ class ExplicitEuler(_FixedSteps):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "h", real("h", self.h))
-        _zivi.check_theta_gamma(self.h, 1.0, 1.0, 0.0)
+        _ = self._core
 
-    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
-        return _zivi.simulate_explicit_euler(
-            system._spec,
-            wall=(system.e, system.kappa),
-            h=self.h,
-            span=course.t_span,
-            state=course.y0,
-            events=course.event_specs,
-            progress=course.report,
-        )
+    def _checked(self) -> _zivi.Method:
+        return _zivi.ExplicitEuler(h=self.h)
+
+
+_SWITCHED_RK = _defaults("SwitchedRK")
 
 
 @dataclasses.dataclass(frozen=True)
-class SwitchedRK:
+class SwitchedRK(_Settings):
     r"""High order through impacts, Zeno points, rest and lift-off, with error control.
 
     Free flight is integrated in :math:`(x, \dot x)` by DOP853 or Dormand-Prince 5(4); a step that
@@ -263,14 +221,14 @@ class SwitchedRK:
 
     _takes_tstops: ClassVar[bool] = True
 
-    rtol: float = 1e-6
-    atol: float | tuple[float, float] = 1e-9
-    order: int = 8
-    max_step: float = math.inf
-    first_step: float | None = None
-    max_steps: int = 1_000_000
-    max_impacts: int = 1_000_000
-    flights: str = "auto"
+    rtol: float = _SWITCHED_RK["rtol"]
+    atol: float | tuple[float, float] = _SWITCHED_RK["atol"]
+    order: int = _SWITCHED_RK["order"]
+    max_step: float = _SWITCHED_RK["max_step"]
+    first_step: float | None = _SWITCHED_RK["first_step"]
+    max_steps: int = _SWITCHED_RK["max_steps"]
+    max_impacts: int = _SWITCHED_RK["max_impacts"]
+    flights: str = _SWITCHED_RK["flights"]
 
     def __post_init__(self) -> None:
         for name in ("rtol", "max_step"):
@@ -280,31 +238,18 @@ class SwitchedRK:
             object.__setattr__(self, "first_step", real("first_step", self.first_step))
         for name in ("order", "max_steps", "max_impacts"):
             object.__setattr__(self, name, whole(name, getattr(self, name)))
-        if self.flights not in FLIGHTS:
-            raise ValueError(f"flights must be 'auto', 'rk' or 'series', got {self.flights!r}")
-        _zivi.check_switched_rk(self._settings())
+        _ = self._core
 
-    def _settings(self) -> Settings:
-        """Give the settings as the extension takes them."""
-        atol = self.atol if isinstance(self.atol, tuple) else (self.atol, self.atol)
-        return (
-            *(self.rtol, atol, self.order, self.max_step, self.first_step),
-            *(self.max_steps, self.max_impacts, self.flights),
-        )
-
-    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
-        return _zivi.simulate_switched_rk(
-            system._spec,
-            self._settings(),
-            wall=(system.e, system.kappa),
-            span=course.t_span,
-            state=course.y0,
-            t_eval=course.t_eval,
-            tstops=course.tstops,
-            events=course.event_specs,
-            dense=course.dense,
-            drawn=course.drawn,
-            progress=course.report,
+    def _checked(self) -> _zivi.Method:
+        return _zivi.SwitchedRK(
+            rtol=self.rtol,
+            atol=self.atol if isinstance(self.atol, tuple) else (self.atol, self.atol),
+            order=self.order,
+            max_step=self.max_step,
+            first_step=self.first_step,
+            max_steps=self.max_steps,
+            max_impacts=self.max_impacts,
+            flights=self.flights,
         )
 
 
@@ -317,6 +262,9 @@ def _one_or_two(name: str, value: Any) -> float | tuple[float, float]:
     except (TypeError, ValueError):
         raise TypeError(f"{name} must be a number or two, (x, xdot), got {value!r}") from None
     return real(name, of_x), real(name, of_xdot)
+
+
+_MOREAU_JEAN = _defaults("MoreauJean")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -352,25 +300,15 @@ class MoreauJean(_FixedSteps):
     """
 
     h: float
-    theta: float = 0.5
+    theta: float = _MOREAU_JEAN["theta"]
 
     def __post_init__(self) -> None:
         for name in ("h", "theta"):
             object.__setattr__(self, name, real(name, getattr(self, name)))
-        _zivi.check_theta_gamma(self.h, 1.0, 1.0, 0.0)  # the same range of h
-        _zivi.check_moreau_jean(self.theta)
+        _ = self._core
 
-    def _integrate(self, system: ImpactSystem, course: Course) -> _zivi.RunRecord:
-        return _zivi.simulate_moreau_jean(
-            system._spec,
-            wall=(system.e, system.kappa),
-            h=self.h,
-            theta=self.theta,
-            span=course.t_span,
-            state=course.y0,
-            events=course.event_specs,
-            progress=course.report,
-        )
+    def _checked(self) -> _zivi.Method:
+        return _zivi.MoreauJean(h=self.h, theta=self.theta)
 
     def _path(self, kappa: float, t: Array, samples: dict[str, Array]) -> Path:
         x, xdot = samples["x"], samples["xdot"]

@@ -248,11 +248,10 @@ class _Problem:
     ) -> _zivi.SensitivityRecord:
         with ProgressBar(progress, "sensitivity") as bar:
             return _zivi.sensitivity(
-                slopes_spec(self.system),
-                self.method._settings(),
-                wall=(self.system.e, self.system.kappa),
-                span=span,
-                state=self.state,
+                _zivi.PointMass(slopes_spec(self.system), self.system.e, self.system.kappa),
+                self.method._core,
+                span,
+                _zivi.State(*self.state),
                 wrt=self.codes,
                 sizes=self.sizes,
                 controlled=self.errsens,

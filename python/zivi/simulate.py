@@ -26,7 +26,7 @@ from zivi.mechanics.run import (
 )
 from zivi.mechanics.system import MechanicalSystem
 from zivi.mechanics.trajectory import MechanicalTrajectory
-from zivi.methods import Course, Method, SwitchedRK
+from zivi.methods import Method, SwitchedRK
 from zivi.status import Status
 from zivi.system import ImpactSystem
 from zivi.trajectory import Trajectory
@@ -187,10 +187,15 @@ def simulate(
     stops = stop_times(tstops, method)
     watched = events_of(events)
     with ProgressBar(progress) as bar, listening([system._spec]) as ear:
-        course = Course(
-            span, state, times, stops, watched, dense_output, samples == "motion", bar.report
+        keep = _zivi.Keep(
+            t_eval=times,
+            tstops=stops,
+            events=watched,
+            dense=dense_output,
+            drawn=samples == "motion",
         )
-        record = method._integrate(system, course)
+        start = _zivi.State(*state)
+        record = _zivi.simulate(system._core, method._core, span, start, keep, bar.report)
     sol = Trajectory._from_record(record, system, method, span, state)
     error = record.raised
     if error is None and (error := ear.ends(sol.success)):

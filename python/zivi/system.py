@@ -137,7 +137,7 @@ class ImpactSystem:
     0.25
     """
 
-    __slots__ = ("_e", "_force", "_kappa", "_owner", "_spec", "_wall")
+    __slots__ = ("_core", "_e", "_force", "_kappa", "_owner", "_spec", "_wall")
 
     def __init__(
         self,
@@ -160,6 +160,7 @@ class ImpactSystem:
         # a compiled callable is called through its bare address: its owner must live as long
         spec, self._owner = force_spec(self._force)
         self._spec = in_wall_frame(self, spec)
+        self._core = _zivi.PointMass(self._spec, self._e, self._kappa)
 
     def __getstate__(self) -> tuple[Any, ...]:
         return self._force, self._e, self._kappa, self._wall

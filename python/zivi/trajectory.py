@@ -150,11 +150,11 @@ class Trajectory:
             status=Status(record.status),
             message=record.message,
             nfev=record.nfev,
-            n_steps=len(t) - 1 if record.n_steps is None else record.n_steps,
+            n_steps=record.n_steps,
             n_rejected=record.n_rejected,
             _setup=functools.partial(_configuration, system, method, span, state),
-            t_events=[times for times, _, _ in record.hits],
-            y_events=[np.column_stack((x, xdot)) for _, x, xdot in record.hits],
+            t_events=record.t_events,
+            y_events=record.y_events,
             _path=record.path or method._path(system.kappa, t, samples),  # type: ignore[attr-defined]
             _wall=system.wall,
         )

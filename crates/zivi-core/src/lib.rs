@@ -39,7 +39,7 @@ pub mod control;
 pub mod flight;
 pub mod observer;
 pub mod restitution;
-mod setting;
+pub mod setting;
 pub mod step;
 pub mod transform;
 pub mod vi;

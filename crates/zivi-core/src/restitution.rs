@@ -46,6 +46,9 @@ fn conjugate(z: f64) -> f64 {
 }
 
 impl Restitution {
+    /// `e = 1`: no loss.
+    pub const ELASTIC: Self = Self { e: 1.0, kappa: 0.0 };
+
     /// From the coefficient of restitution `e`.
     ///
     /// # Errors

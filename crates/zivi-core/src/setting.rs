@@ -1,6 +1,7 @@
-//! A setting, or a sample, outside its admissible range.
+//! Settings: what they are, the values they may have, and what is refused.
 
 use core::fmt;
+use core::ops::{Bound, RangeBounds};
 
 /// Which value was refused, and what it should have been.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,5 +33,100 @@ pub(crate) fn require(
         Ok(())
     } else {
         Err(SettingError { name, value, range })
+    }
+}
+
+/// A setting: what it is, which values it may have, and what it is unless told otherwise.
+///
+/// ```
+/// use zivi_core::setting::{Setting, Value, Values};
+/// let theta = Setting {
+///     name: "theta",
+///     meaning: "weight of the end of the step",
+///     unit: "1",
+///     values: Values::UNIT,
+///     range: "a number from 0 to 1",
+///     default: Value::Number(0.5),
+/// };
+/// assert!(theta.check(1.0).is_ok());
+/// let refused = theta.check(1.5).unwrap_err();
+/// assert_eq!(refused.to_string(), "theta must be a number from 0 to 1, got 1.5");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setting {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is.
+    pub meaning: &'static str,
+    /// Its unit, empty if it is no quantity.
+    pub unit: &'static str,
+    /// The values it may have.
+    pub values: Values,
+    /// The same in words, as in "... must be a number from 0 to 1".
+    pub range: &'static str,
+    /// What it is unless told otherwise.
+    pub default: Value,
+}
+
+/// The values that a setting may have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Values {
+    /// The numbers between two bounds.
+    Numbers(Bound<f64>, Bound<f64>),
+    /// The whole numbers between two that are among them.
+    Counts(usize, usize),
+    /// Some numbers or names.
+    Choice(&'static [Value]),
+}
+
+/// A value of a setting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Value {
+    /// None: it must be given.
+    Required,
+    /// None: it is found when it is needed, as the words say.
+    Open(&'static str),
+    /// A number.
+    Number(f64),
+    /// A whole number.
+    Count(usize),
+    /// A name.
+    Name(&'static str),
+}
+
+impl Values {
+    /// Finite numbers above 0.
+    pub const POSITIVE: Self =
+        Values::Numbers(Bound::Excluded(0.0), Bound::Excluded(f64::INFINITY));
+    /// Numbers from 0 to 1.
+    pub const UNIT: Self = Values::Numbers(Bound::Included(0.0), Bound::Included(1.0));
+
+    /// Whether a number is among them.
+    #[must_use]
+    pub fn hold(&self, value: f64) -> bool {
+        match *self {
+            Values::Numbers(from, to) => (from, to).contains(&value),
+            Values::Counts(..) | Values::Choice(_) => false,
+        }
+    }
+
+    /// Whether a whole number is among them.
+    #[must_use]
+    pub fn hold_count(&self, value: usize) -> bool {
+        match *self {
+            Values::Counts(from, to) => (from..=to).contains(&value),
+            Values::Choice(values) => values.contains(&Value::Count(value)),
+            Values::Numbers(..) => false,
+        }
+    }
+}
+
+impl Setting {
+    /// Refuses a number out of range.
+    ///
+    /// # Errors
+    /// [`SettingError`].
+    pub fn check(&self, value: f64) -> Result<(), SettingError> {
+        require(self.values.hold(value), self.name, value, self.range)
     }
 }

@@ -3,13 +3,13 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyList, PyTuple};
+use pyo3::types::PyList;
 use zivi::drive::batch::{simulate_batch as run_batch, BatchError, Course, Member, Outcome, Save};
-use zivi::{Events, Grid, Impact, MoreauJean, Physical, Restitution, ThetaGamma};
+use zivi::{Events, Grid, Impact, Physical, Restitution};
 
 use crate::force::{ForceSpec, NativeForce};
-use crate::simulate::{setup_error, step_solver};
-use crate::switched_rk::{settings, Settings};
+use crate::method::Method;
+use crate::simulate::setup_error;
 use crate::transform::wall;
 use crate::watch::Watch;
 
@@ -20,32 +20,6 @@ pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
         }
         BatchError::Setup(None, error) => setup_error(error),
         BatchError::Raised(error) => error,
-    }
-}
-
-/// A method as the Python layer hands it over, a tuple that starts with its name.
-fn course(method: &Bound<'_, PyTuple>, span: (f64, f64)) -> PyResult<Course> {
-    let number = |k: usize| -> PyResult<f64> { method.get_item(k)?.extract() };
-    let grid = || -> PyResult<Grid> {
-        Grid::new(span.0, span.1, number(1)?).map_err(|error| setup_error(error.into()))
-    };
-    let name: String = method.get_item(0)?.extract()?;
-    match name.as_str() {
-        "theta_gamma" => {
-            let solver: String = method.get_item(4)?.extract()?;
-            let solver = step_solver(&solver, method.get_item(5)?.extract()?)?;
-            let scheme = ThetaGamma { theta: number(2)?, gamma: number(3)?, solver };
-            Ok(Course::ThetaGamma(scheme, grid()?))
-        }
-        "explicit_euler" => Ok(Course::ExplicitEuler(grid()?)),
-        "moreau_jean" => Ok(Course::MoreauJean(MoreauJean { theta: number(2)? }, grid()?)),
-        "switched_rk" => {
-            // a span that gives no grid gives no run either
-            Grid::new(span.0, span.1, f64::MAX).map_err(|error| setup_error(error.into()))?;
-            let given: Settings = method.get_item(1)?.extract()?;
-            Ok(Course::SwitchedRk(settings(given)?, span))
-        }
-        other => Err(PyValueError::new_err(format!("unknown method {other:?}"))),
     }
 }
 
@@ -104,7 +78,7 @@ pub(crate) fn simulate_batch(
     forces: &Bound<'_, PyList>,
     walls: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
-    method: &Bound<'_, PyTuple>,
+    method: PyRef<'_, Method>,
     span: (f64, f64),
     save: &Bound<'_, PyAny>,
     threads: usize,
@@ -112,7 +86,8 @@ pub(crate) fn simulate_batch(
     steps: Option<Vec<usize>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
-    let (course, save) = (course(method, span)?, saving(save, at.as_deref(), steps.as_deref())?);
+    let course = Course { method: method.inner, span };
+    let save = saving(save, at.as_deref(), steps.as_deref())?;
     let forces = natives(forces)?;
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {

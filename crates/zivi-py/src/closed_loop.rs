@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use numpy::ndarray::ArrayView1;
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyTuple};
@@ -12,18 +12,23 @@ use zivi::drive::closed_loop::{
     LoopRun, Motion, Reference, Samples, Sensor, Tick, TickError,
 };
 use zivi::stepping::ballistic;
-use zivi::{Branch, Events, Force, Physical, Restitution, SetupError, UserEvent};
+use zivi::{
+    AnyMethod, Branch, Events, FixedSteps, Force, Grid, Physical, Restitution, SetupError,
+    ThetaGamma, UserEvent,
+};
 use zivi_core::control::Waypoint;
 use zivi_core::observer::ImpactObserver;
 
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::force::{ForceSpec, NativeForce};
+use crate::method::Method;
 use crate::observer::Observer;
 use crate::record::rows_of;
-use crate::simulate::{setup_error, Course as RunCourse};
-use crate::switched_rk::{settings, MotionPath};
+use crate::simulate::{grid_of, setup_error};
+use crate::switched_rk::MotionPath;
+use crate::system::State;
 use crate::transform::WallPair;
-use crate::user_events::{columns_of, event, EventSpec};
+use crate::user_events::{Event, Hits};
 use crate::watch::Watch;
 
 /// What a controller has beside `step`, and what this takes beside `x, xdot, force`.
@@ -158,6 +163,14 @@ impl Reference<PyErr> for Source<'_> {
     }
 }
 
+/// The wall, the steps and the initial state of a loop.
+#[derive(Clone, Copy)]
+struct RunCourse {
+    wall: Restitution,
+    grid: Grid,
+    initial: Physical,
+}
+
 /// The settings of a loop that are the same for every controller and force.
 struct Surroundings<'a> {
     course: RunCourse,
@@ -221,13 +234,24 @@ impl Surroundings<'_> {
     }
 }
 
-/// A closed loop: `forces` are the plant's, the model's and the reference's; `scheme` is
-/// `(theta, gamma)` for the plant on the controller's grid, else `switched` moves the plant, but
-/// where the force is constant and `exact` is set. `ours`: the controller's ticks are those
+/// How a plant moves between samples: by the theta-gamma scheme on the controller's grid or by the
+/// switched method, but exactly where the force is constant and `exact` is set.
+pub(crate) fn motion_of(method: &Method, exact: bool) -> PyResult<Motion> {
+    Ok(match method.inner {
+        AnyMethod::ThetaGamma(FixedSteps { scheme: ThetaGamma { theta, gamma, .. }, .. }) => {
+            Motion::Scheme { theta, gamma }
+        }
+        _ if exact => Motion::Exact(method.switched()?),
+        _ => Motion::Switched(method.switched()?),
+    })
+}
+
+/// A closed loop: `forces` are the plant's, the model's and the reference's; `method` moves the
+/// plant, but where the force is constant and `exact` is set. `ours`: the controller's ticks are those
 /// of one of our classes, not those of a subclass.
 #[pyfunction]
 #[pyo3(signature = (
-    controller, forces, *, wall, h, span, state, scheme, switched, exact, noise, resolution,
+    controller, forces, *, wall, h, span, start, method, exact, noise, resolution,
     delay, observer, interface, ours, dense, events, given, wall_ref,
     progress=None
 ))]
@@ -239,9 +263,8 @@ pub(crate) fn simulate_closed_loop(
     wall: WallPair,
     h: f64,
     span: (f64, f64),
-    state: (f64, f64),
-    scheme: Option<(f64, f64)>,
-    switched: crate::switched_rk::Settings,
+    start: PyRef<'_, State>,
+    method: PyRef<'_, Method>,
     exact: bool,
     noise: (PyReadonlyArray1<'_, f64>, PyReadonlyArray1<'_, f64>),
     resolution: (f64, f64),
@@ -250,19 +273,16 @@ pub(crate) fn simulate_closed_loop(
     interface: Interface,
     ours: bool,
     dense: bool,
-    events: Vec<EventSpec<'_>>,
+    events: Vec<PyRef<'_, Event>>,
     given: Option<Bound<'_, PyAny>>,
     wall_ref: WallPair,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
-    let motion = match scheme {
-        Some((theta, gamma)) => Motion::Scheme { theta, gamma },
-        None if exact => Motion::Exact(settings(switched)?),
-        None => Motion::Switched(settings(switched)?),
-    };
+    let motion = motion_of(&method, exact)?;
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
-    let course = RunCourse::new(wall, h, span, state)?;
+    let (wall, initial) = (crate::transform::wall(wall)?, start.inner);
+    let course = RunCourse { wall, grid: grid_of(span, h)?, initial };
     let wall_ref = crate::transform::wall(wall_ref)?;
     let observer = observer.map(|it| it.inner);
     let surroundings = Surroundings { course, motion, sensor, observer, delay, dense, wall_ref };
@@ -273,7 +293,7 @@ pub(crate) fn simulate_closed_loop(
         ForceSpec::from_tuple(model)?,
         ForceSpec::from_tuple(reference)?,
     ];
-    let events: Vec<_> = events.into_iter().map(event).collect();
+    let events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
     let watch = &mut Watch { progress };
     // a copy runs, so that no controller is borrowed while other threads may call it
     macro_rules! native {
@@ -316,8 +336,9 @@ pub(crate) struct LoopRecord {
     /// What the motion between the samples is made of: the plant's own constant force, a path, or
     /// `s` and `v` at the samples.
     path: Option<Py<PyAny>>,
-    /// Times, positions and velocities of each event of the user.
-    hits: Vec<(Array, Array, Array)>,
+    /// The times of each event of the user, and the states there in rows.
+    t_events: Vec<Array>,
+    y_events: Vec<Py<PyArray2<f64>>>,
     status: u8,
     message: &'static str,
     nfev: u64,
@@ -328,6 +349,7 @@ impl LoopRecord {
     fn new(py: Python<'_>, run: LoopRun<PyErr>, wall: Restitution) -> PyResult<Self> {
         let LoopRun { columns, estimates, ticks, events, path, hits, status, nfev, raised } = run;
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
+        let Hits { t: t_events, y: y_events } = Hits::new(py, &hits)?;
         Ok(Self {
             columns: columns.into_iter().map(array).collect(),
             estimates: estimates.into_iter().map(array).collect(),
@@ -337,7 +359,8 @@ impl LoopRecord {
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
             path: path.map(|path| path_object(py, path, wall)).transpose()?,
-            hits: columns_of(py, &hits),
+            t_events,
+            y_events,
             status: status as u8,
             message: status.message(),
             nfev,

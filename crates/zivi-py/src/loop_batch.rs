@@ -7,15 +7,15 @@ use pyo3::types::PyList;
 use zivi::drive::batch::{
     simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings,
 };
-use zivi::drive::closed_loop::{AnyController, Given, Motion};
-use zivi::{Grid, Physical, Status};
+use zivi::drive::closed_loop::{AnyController, Given};
+use zivi::{Physical, Status};
 
 use crate::batch::{natives, refused, row_wall, rows};
-use crate::closed_loop::given_of_row;
+use crate::closed_loop::{given_of_row, motion_of};
 use crate::control::{Explicit, Regulator, Tracker};
+use crate::method::Method;
 use crate::observer::Observer;
-use crate::simulate::setup_error;
-use crate::switched_rk::{settings, Settings};
+use crate::simulate::grid_of;
 use crate::transform::wall_of;
 use crate::watch::Watch;
 
@@ -36,7 +36,7 @@ fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
 /// list has an entry for each loop, or one for all.
 #[pyfunction]
 #[pyo3(signature = (
-    controllers, observers, forces, walls, states, *, span, scheme, switched, exact, resolution,
+    controllers, observers, forces, walls, states, *, span, method, exact, resolution,
     delay, within, every, threads, references=Vec::new(), progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
@@ -48,8 +48,7 @@ pub(crate) fn simulate_closed_loop_batch(
     walls: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
     span: (f64, f64),
-    scheme: Option<(f64, f64)>,
-    switched: Settings,
+    method: PyRef<'_, Method>,
     exact: bool,
     resolution: (f64, f64),
     delay: usize,
@@ -59,12 +58,8 @@ pub(crate) fn simulate_closed_loop_batch(
     references: Vec<(PyReadonlyArray2<'_, f64>, f64)>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopBatchRecord> {
-    let motion = match scheme {
-        Some((theta, gamma)) => Motion::Scheme { theta, gamma },
-        None if exact => Motion::Exact(settings(switched)?),
-        None => Motion::Switched(settings(switched)?),
-    };
-    let shared = LoopSettings { motion, resolution, delay, within, every };
+    let shared =
+        LoopSettings { motion: motion_of(&method, exact)?, resolution, delay, within, every };
     let controllers = controllers.iter().map(native).collect::<PyResult<Vec<_>>>()?;
     let [plants, models, drives] = &forces;
     let (plants, models, drives) = (natives(plants)?, natives(models)?, natives(drives)?);
@@ -89,8 +84,7 @@ pub(crate) fn simulate_closed_loop_batch(
                 drives[which(drives.len())],
             ],
             initial: Physical { x: state[0], xdot: state[1] },
-            grid: Grid::new(span.0, span.1, controller.h())
-                .map_err(|error| setup_error(error.into()))?,
+            grid: grid_of(span, controller.h())?,
             reference: match given.len() {
                 0 => None,
                 n => Some((given[which(n)].0.as_slice(), given[which(n)].1)),

@@ -2,9 +2,10 @@
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use zivi::{Run, Status, QUANTITIES};
+use zivi::{PointRun, Status, QUANTITIES};
 
 use crate::switched_rk::MotionPath;
+use crate::user_events::Hits;
 
 pub(crate) type Array = Py<PyArray1<f64>>;
 
@@ -21,13 +22,13 @@ pub(crate) struct RunRecord {
     liftoff_times: Array,
     rest_time: Option<f64>,
     failed_steps: Py<PyArray1<i64>>,
-    /// Times, positions and velocities of each event of the user.
-    pub(crate) hits: Vec<(Array, Array, Array)>,
-    /// Steps, where they are not one less than the samples.
-    pub(crate) n_steps: Option<u64>,
-    pub(crate) n_rejected: u64,
+    /// The times of each event of the user, and the states there in rows.
+    t_events: Vec<Array>,
+    y_events: Vec<Py<PyArray2<f64>>>,
+    n_steps: u64,
+    n_rejected: u64,
     /// The motion between the samples, for a method that has one of its own.
-    pub(crate) path: Option<Py<MotionPath>>,
+    path: Option<Py<MotionPath>>,
     status: u8,
     message: &'static str,
     nfev: u64,
@@ -35,9 +36,11 @@ pub(crate) struct RunRecord {
 }
 
 impl RunRecord {
-    pub(crate) fn new(py: Python<'_>, run: Run<PyErr>) -> PyResult<Self> {
+    pub(crate) fn new(py: Python<'_>, run: PointRun<PyErr>) -> PyResult<Self> {
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
-        let zivi::Trajectory { columns, events, failed_steps, status, nfev, .. } = run.trajectory;
+        let PointRun { trajectory, raised, motion, hits, counts, .. } = run;
+        let zivi::Trajectory { columns, events, failed_steps, status, nfev, .. } = trajectory;
+        let Hits { t: t_events, y: y_events } = Hits::new(py, &hits)?;
         let n_samples = columns.len();
         let (block, room) = columns.into_block();
         let failed_steps = failed_steps.iter().map(|&k| k as i64);
@@ -49,14 +52,15 @@ impl RunRecord {
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
             failed_steps: PyArray1::from_iter(py, failed_steps).unbind(),
-            hits: Vec::new(),
-            n_steps: None,
-            n_rejected: 0,
-            path: None,
+            t_events,
+            y_events,
+            n_steps: counts.accepted,
+            n_rejected: counts.rejected,
+            path: motion.map(|motion| Py::new(py, MotionPath { motion })).transpose()?,
             status: status as u8,
             message: status.message(),
             nfev,
-            raised: run.raised.map(|error| error.into_value(py).into_any()),
+            raised: raised.map(|error| error.into_value(py).into_any()),
         })
     }
 }

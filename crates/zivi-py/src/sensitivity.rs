@@ -6,13 +6,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::record::failure::Failure;
 use zivi::switched::sensitivity::{Apart, Derivatives, Flight, Flown, Question, Wrt};
-use zivi::{Output, Physical};
+use zivi::{Output, PointRun};
 
+use crate::method::Method;
 use crate::record::{Array, RunRecord};
 use crate::simulate::setup_error;
 use crate::slopes::with_slopes;
-use crate::switched_rk::{settings, Settings};
-use crate::transform::WallPair;
+use crate::system::{PointMass, State};
 use crate::watch::Watch;
 
 /// A run and its derivatives; arrays of events have a row of one number for each column.
@@ -49,15 +49,14 @@ fn wrt_of(codes: &[i64]) -> PyResult<Vec<Wrt>> {
 
 /// A run of the switched method with its derivatives.
 #[pyfunction]
-#[pyo3(signature = (force, method, *, wall, span, state, wrt, sizes, controlled, dense, drawn, tstops, times, progress=None))]
+#[pyo3(signature = (system, method, span, start, *, wrt, sizes, controlled, dense, drawn, tstops, times, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn sensitivity(
     py: Python<'_>,
-    force: &Bound<'_, PyTuple>,
-    method: Settings,
-    wall: WallPair,
+    system: PyRef<'_, PointMass>,
+    method: PyRef<'_, Method>,
     span: (f64, f64),
-    state: (f64, f64),
+    start: PyRef<'_, State>,
     wrt: Vec<i64>,
     sizes: PyReadonlyArray1<'_, f64>,
     controlled: bool,
@@ -67,13 +66,12 @@ pub(crate) fn sensitivity(
     times: PyReadonlyArray1<'_, f64>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<SensitivityRecord> {
-    let (method, wall) = (settings(method)?, crate::transform::wall(wall)?);
-    let initial = Physical { x: state.0, xdot: state.1 };
+    let (method, wall, initial) = (method.switched()?, system.wall, start.inner);
     let wrt = wrt_of(&wrt)?;
     let (sizes, times, tstops) = (sizes.as_slice()?, times.as_slice()?, tstops.as_slice()?);
     let question = &Question { wrt: &wrt, sizes, controlled, times };
     let watch = &mut Watch { progress };
-    let result = with_slopes!(py, force, span.1 - span.0, |force| {
+    let result = with_slopes!(py, system.force.bind(py), span.1 - span.0, |force| {
         let output = Output { tstops, dense, drawn, ..Output::default() };
         zivi::switched::sensitivity::sensitivity(
             method, wall, force, span, initial, output, question, watch,
@@ -85,7 +83,7 @@ pub(crate) fn sensitivity(
     let nearest =
         derivatives.nearest.iter().map(|it| it.map(|it| (it.limit as u8, it.t, it.depth)));
     Ok(SensitivityRecord {
-        run: Py::new(py, RunRecord::switched(py, run, wall)?)?,
+        run: Py::new(py, RunRecord::new(py, PointRun::switched(run, wall))?)?,
         x: array(x),
         xdot: array(xdot),
         impact_dt: array(impact_dt),
@@ -108,13 +106,13 @@ pub(crate) fn sensitivity(
 pub(crate) fn fly_apart(
     py: Python<'_>,
     force: &Bound<'_, PyTuple>,
-    method: Settings,
+    method: PyRef<'_, Method>,
     flights: PyReadonlyArray1<'_, f64>,
     by: Vec<usize>,
     sizes: PyReadonlyArray1<'_, f64>,
     minima: bool,
 ) -> PyResult<(u8, Array)> {
-    let settings = settings(method)?;
+    let settings = method.switched()?;
     let flights: Vec<Flight> = flights
         .as_slice()?
         .chunks_exact(4)

@@ -1,21 +1,21 @@
-//! Runs from Python: the lock is released unless the force is a Python callable.
+//! Runs from Python: one entry for all methods and systems. The lock is released unless the force
+//! or an event is a Python callable.
 
-use numpy::{PyArray1, PyReadonlyArray1};
-use pyo3::exceptions::{PyMemoryError, PyValueError};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
+use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::stepping::step_solver::General;
-use zivi::Lifted;
-use zivi::{
-    EventHit, Following, Grid, MoreauJean, Physical, Restitution, Run, SetupError, Solver,
-    ThetaGamma,
-};
-use zivi_core::ThetaGammaStep;
+use zivi::system::dynamics::Layout;
+use zivi::{AnyMethod, Grid, Lifted, Method as _, Output, Physical, PointRun, SetupError, Solver};
 
+use crate::dynamics::DynamicsSpec;
 use crate::force::ForceSpec;
+use crate::mechanics::MechanicalRecord;
+use crate::method::{step_of, step_solver, Method};
 use crate::record::RunRecord;
-use crate::transform::{wall, wall_of, WallPair};
-use crate::user_events::{columns_of, event, EventSpec};
+use crate::system::{Configuration, Keep, Mechanism, PointMass, State};
+use crate::transform::wall_of;
 use crate::watch::Watch;
 
 pub(crate) fn setup_error(error: SetupError) -> PyErr {
@@ -24,27 +24,6 @@ pub(crate) fn setup_error(error: SetupError) -> PyErr {
             PyMemoryError::new_err(error.to_string())
         }
         _ => PyValueError::new_err(error.to_string()),
-    }
-}
-
-/// The span, the step size and the initial state of a fixed-step run.
-#[derive(Clone, Copy)]
-pub(crate) struct Course {
-    pub(crate) wall: Restitution,
-    pub(crate) grid: Grid,
-    pub(crate) initial: Physical,
-}
-
-impl Course {
-    pub(crate) fn new(
-        pair: WallPair,
-        h: f64,
-        span: (f64, f64),
-        state: (f64, f64),
-    ) -> PyResult<Self> {
-        let grid = Grid::new(span.0, span.1, h).map_err(|error| setup_error(error.into()))?;
-        let initial = Physical { x: state.0, xdot: state.1 };
-        Ok(Self { wall: wall(pair)?, grid, initial })
     }
 }
 
@@ -85,80 +64,119 @@ macro_rules! with_force {
     };
 }
 
-pub(crate) use with_force;
+/// An array of times as a slice, for as long as it is held.
+pub(crate) struct Times<'py>(Option<PyReadonlyArray1<'py, f64>>);
 
-/// A solver by its name.
-pub(crate) fn step_solver(name: &str, linearisations: usize) -> PyResult<Solver> {
-    match name {
-        "exact" => Ok(Solver::Exact),
-        "newton" => Ok(Solver::Newton),
-        "outer" => Ok(Solver::Outer { linearisations }),
-        other => Err(PyValueError::new_err(format!(
-            "solver must be 'exact', 'newton' or 'outer', got {other:?}"
-        ))),
+impl<'py> Times<'py> {
+    fn new(py: Python<'py>, given: Option<&Py<PyArray1<f64>>>) -> PyResult<Self> {
+        let held = given.map(|times| times.bind(py).try_readonly()).transpose();
+        let locked = |_| PyValueError::new_err("the times of a run must not be locked");
+        Ok(Self(held.map_err(locked)?))
+    }
+
+    fn given(&self) -> PyResult<Option<&[f64]>> {
+        Ok(match &self.0 {
+            Some(times) => Some(times.as_slice()?),
+            None => None,
+        })
     }
 }
 
-/// A run of fixed steps whose events of the user are followed.
-macro_rules! stepped {
-    ($py:expr, $spec:expr, $events:expr, $progress:expr, |$force:ident, $watch:ident| $run:expr) => {{
-        let mut watch = Watch { progress: $progress };
-        if $events.is_empty() {
-            let $watch = &mut watch;
-            record($py, with_force!($py, $spec, |$force| $run), &[])
-        } else {
-            // the events need the interpreter
-            let $force = &mut ForceSpec::from_tuple($spec)?;
-            let mut following =
-                Following::new($events.into_iter().map(event).collect(), &mut watch);
-            let $watch = &mut following;
-            let run = $run;
-            record($py, run, &following.into_hits())
-        }
-    }};
-}
-
-fn record(
-    py: Python<'_>,
-    run: Result<Run<PyErr>, SetupError>,
-    hits: &[Vec<EventHit>],
-) -> PyResult<RunRecord> {
-    let mut record = RunRecord::new(py, run.map_err(setup_error)?)?;
-    record.hits = columns_of(py, hits);
-    Ok(record)
-}
-
-/// Refuses settings of the theta-gamma scheme that are out of range.
+/// A run of any method: of a mass above a wall from a `State`, of a mechanical system from a
+/// `Configuration`.
 #[pyfunction]
-pub(crate) fn check_theta_gamma(h: f64, theta: f64, gamma: f64, kappa: f64) -> PyResult<()> {
-    let step = ThetaGammaStep::new(h, theta, gamma, wall_of(kappa)?);
-    step.map(drop).map_err(|error| setup_error(error.into()))
-}
-
-/// The theta-gamma method.
-#[pyfunction]
-#[pyo3(signature = (force, *, wall, h, theta, gamma, solver, linearisations, span, state, events, progress=None))]
-#[allow(clippy::too_many_arguments)]
-pub(crate) fn simulate_theta_gamma(
+#[pyo3(signature = (system, method, span, start, keep, progress=None))]
+pub(crate) fn simulate(
     py: Python<'_>,
-    force: &Bound<'_, PyTuple>,
-    wall: WallPair,
-    h: f64,
-    theta: f64,
-    gamma: f64,
-    solver: &str,
-    linearisations: usize,
+    system: &Bound<'_, PyAny>,
+    method: PyRef<'_, Method>,
     span: (f64, f64),
-    state: (f64, f64),
-    events: Vec<EventSpec<'_>>,
+    start: &Bound<'_, PyAny>,
+    keep: PyRef<'_, Keep>,
     progress: Option<Py<PyAny>>,
-) -> PyResult<RunRecord> {
-    let Course { wall, grid, initial } = Course::new(wall, h, span, state)?;
-    let solver = step_solver(solver, linearisations)?;
-    let method = ThetaGamma { theta, gamma, solver };
-    stepped!(py, force, events, progress, |force, watch| zivi::simulate_theta_gamma(
-        method, wall, force, grid, initial, watch
+) -> PyResult<Py<PyAny>> {
+    let (method, watch) = (method.inner, &mut Watch { progress });
+    if let (Ok(system), Ok(start)) = (system.cast::<PointMass>(), start.cast::<State>()) {
+        let run = run_point(py, system.get(), method, span, start.get().inner, &keep, watch)?;
+        let record = RunRecord::new(py, run.map_err(setup_error)?)?;
+        return Ok(Py::new(py, record)?.into_any());
+    }
+    if let (Ok(system), Ok(start)) = (system.cast::<Mechanism>(), start.cast::<Configuration>()) {
+        let run = run_mechanism(py, system.get(), method, span, start.get(), &keep, watch)?;
+        let record = MechanicalRecord::new(py, run.map_err(setup_error)?)?;
+        return Ok(Py::new(py, record)?.into_any());
+    }
+    Err(PyTypeError::new_err(
+        "simulate takes a PointMass and a State, or a Mechanism and a Configuration",
     ))
+}
+
+type Ran<R> = PyResult<Result<R, SetupError>>;
+
+fn run_point(
+    py: Python<'_>,
+    system: &PointMass,
+    method: AnyMethod,
+    span: (f64, f64),
+    start: Physical,
+    keep: &Keep,
+    watch: &mut Watch,
+) -> Ran<PointRun<PyErr>> {
+    let (t_eval, tstops) =
+        (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
+    let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
+    let (wall, dense, drawn) = (system.wall, keep.dense, keep.drawn);
+    let spec = system.force.bind(py);
+    if keep.events.is_empty() {
+        return Ok(with_force!(py, spec, |force| {
+            let output = Output { t_eval, tstops, dense, drawn, events: Vec::new() };
+            method.run(zivi::PointMass { force, wall }, span, start, output, watch)
+        }));
+    }
+    // the events need the interpreter
+    let events = keep.events.iter().map(|it| it.get().of_point(py)).collect();
+    let output = Output { t_eval, tstops, dense, drawn, events };
+    let force = &mut ForceSpec::from_tuple(spec)?;
+    Ok(method.run(zivi::PointMass { force, wall }, span, start, output, watch))
+}
+
+fn run_mechanism(
+    py: Python<'_>,
+    system: &Mechanism,
+    method: AnyMethod,
+    span: (f64, f64),
+    start: &Configuration,
+    keep: &Keep,
+    watch: &mut Watch,
+) -> Ran<MechanicalRun<PyErr>> {
+    let (t_eval, tstops) =
+        (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
+    let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
+    let (dense, e) = (keep.dense, system.e.as_slice());
+    let start = (start.q.as_slice(), start.qdot.as_slice());
+    let layout = Layout { n: system.n, m: system.m };
+    let dynamics = DynamicsSpec::from_tuple(system.model.bind(py), layout)?;
+    let output = |events| MechanicalOutput { t_eval, tstops, dense, events };
+    Ok(match dynamics {
+        DynamicsSpec::Compiled(mut compiled) if keep.events.is_empty() => py.detach(|| {
+            let system = zivi::Mechanism { dynamics: &mut compiled, e };
+            method.run(system, span, start, output(Vec::new()), watch)
+        }),
+        // the events need the interpreter
+        dynamics => {
+            let events = keep.events.iter().map(|it| it.get().of_mechanism(py, layout.n)).collect();
+            match dynamics {
+                DynamicsSpec::Compiled(mut compiled) => {
+                    let system = zivi::Mechanism { dynamics: &mut compiled, e };
+                    method.run(system, span, start, output(events), watch)
+                }
+                DynamicsSpec::Callable(mut callable) => {
+                    let system = zivi::Mechanism { dynamics: &mut callable, e };
+                    method.run(system, span, start, output(events), watch)
+                }
+            }
+        }
+    })
 }
 
 /// Multipliers of many independent steps by a general solver, each from the present signs, and
@@ -173,12 +191,11 @@ pub(crate) fn solve_steps<'py>(
     f: PyReadonlyArray1<'py, f64>,
     kappa: f64,
     h: f64,
-    solver: &str,
-    linearisations: usize,
+    solver: &Bound<'_, PyAny>,
+    linearisations: i64,
     fall_backs: bool,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>)> {
-    let step = ThetaGammaStep::new(h, 1.0, 1.0, wall_of(kappa)?);
-    let step = step.map_err(|error| setup_error(error.into()))?;
+    let step = step_of(h, wall_of(kappa)?)?;
     let mut general = match (step_solver(solver, linearisations)?, fall_backs) {
         (Solver::Outer { linearisations }, _) => General::outer(linearisations),
         (_, true) => General::newton(),
@@ -198,50 +215,7 @@ pub(crate) fn solve_steps<'py>(
     Ok((lambda_s, lambda_v, PyArray1::from_vec(py, solved)))
 }
 
-/// Explicit Euler with explicit signs.
-#[pyfunction]
-#[pyo3(signature = (force, *, wall, h, span, state, events, progress=None))]
-#[allow(clippy::too_many_arguments)]
-pub(crate) fn simulate_explicit_euler(
-    py: Python<'_>,
-    force: &Bound<'_, PyTuple>,
-    wall: WallPair,
-    h: f64,
-    span: (f64, f64),
-    state: (f64, f64),
-    events: Vec<EventSpec<'_>>,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<RunRecord> {
-    let Course { wall, grid, initial } = Course::new(wall, h, span, state)?;
-    stepped!(py, force, events, progress, |force, watch| zivi::simulate_explicit_euler(
-        wall, force, grid, initial, watch
-    ))
-}
-
-/// Refuses a weight of Moreau-Jean time stepping that is out of range.
-#[pyfunction]
-pub(crate) fn check_moreau_jean(theta: f64) -> PyResult<()> {
-    MoreauJean { theta }.validated().map(drop).map_err(setup_error)
-}
-
-/// Moreau-Jean time stepping.
-#[pyfunction]
-#[pyo3(signature = (force, *, wall, h, theta, span, state, events, progress=None))]
-#[allow(clippy::too_many_arguments)]
-pub(crate) fn simulate_moreau_jean(
-    py: Python<'_>,
-    force: &Bound<'_, PyTuple>,
-    wall: WallPair,
-    h: f64,
-    theta: f64,
-    span: (f64, f64),
-    state: (f64, f64),
-    events: Vec<EventSpec<'_>>,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<RunRecord> {
-    let Course { wall, grid, initial } = Course::new(wall, h, span, state)?;
-    let method = MoreauJean { theta };
-    stepped!(py, force, events, progress, |force, watch| zivi::simulate_moreau_jean(
-        method, wall, force, grid, initial, watch
-    ))
+/// The grid of a run of fixed steps.
+pub(crate) fn grid_of(span: (f64, f64), h: f64) -> PyResult<Grid> {
+    Grid::new(span.0, span.1, h).map_err(|error| setup_error(error.into()))
 }

@@ -1,117 +1,15 @@
-//! The switched Runge-Kutta method from Python.
+//! The motion of a mass between the samples of a run.
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
-use zivi::{DensePath, Flights, Motion, Order, Output, Physical, SwitchedRk, SwitchedRun};
+use zivi::{DensePath, Motion, Physical};
 use zivi_core::{transform, Branch};
-
-use crate::force::ForceSpec;
-use crate::record::RunRecord;
-use crate::simulate::{setup_error, with_force};
-use crate::transform::WallPair;
-use crate::user_events::{columns_of, event, EventSpec};
-use crate::watch::Watch;
-
-/// `(rtol, (atol of x, atol of x'), order, max_step, first_step, max_steps, max_impacts, flights)`.
-pub(crate) type Settings = (f64, [f64; 2], i64, f64, Option<f64>, i64, i64, String);
-
-pub(crate) fn settings(given: Settings) -> PyResult<SwitchedRk> {
-    let (rtol, atol, order, max_step, first_step, max_steps, max_impacts, flights) = given;
-    let order = match order {
-        5 => Order::Five,
-        8 => Order::Eight,
-        other => return Err(PyValueError::new_err(format!("order must be 5 or 8, got {other}"))),
-    };
-    let count = |name: &str, value: i64| {
-        usize::try_from(value)
-            .map_err(|_| PyValueError::new_err(format!("{name} must be at least 1, got {value}")))
-    };
-    let (max_steps, max_impacts) =
-        (count("max_steps", max_steps)?, count("max_impacts", max_impacts)?);
-    let flights = match flights.as_str() {
-        "auto" => Flights::Auto,
-        "rk" => Flights::RungeKutta,
-        "series" => Flights::Series,
-        other => {
-            let message = format!("flights must be 'auto', 'rk' or 'series', got {other:?}");
-            return Err(PyValueError::new_err(message));
-        }
-    };
-    let adaptive = true;
-    SwitchedRk {
-        rtol,
-        atol,
-        order,
-        max_step,
-        first_step,
-        max_steps,
-        max_impacts,
-        adaptive,
-        flights,
-    }
-    .validated()
-    .map_err(setup_error)
-}
-
-/// Refuses settings that are out of range.
-#[pyfunction]
-pub(crate) fn check_switched_rk(given: Settings) -> PyResult<()> {
-    settings(given).map(drop)
-}
-
-/// A run of the switched method.
-#[pyfunction]
-#[pyo3(signature = (force, method, *, wall, span, state, t_eval, tstops, events, dense, drawn, progress=None))]
-#[allow(clippy::too_many_arguments)]
-pub(crate) fn simulate_switched_rk(
-    py: Python<'_>,
-    force: &Bound<'_, PyTuple>,
-    method: Settings,
-    wall: WallPair,
-    span: (f64, f64),
-    state: (f64, f64),
-    t_eval: Option<PyReadonlyArray1<'_, f64>>,
-    tstops: PyReadonlyArray1<'_, f64>,
-    events: Vec<EventSpec<'_>>,
-    dense: bool,
-    drawn: bool,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<RunRecord> {
-    let (method, wall) = (settings(method)?, crate::transform::wall(wall)?);
-    let initial = Physical { x: state.0, xdot: state.1 };
-    let t_eval = match &t_eval {
-        Some(times) => Some(times.as_slice()?),
-        None => None,
-    };
-    let tstops = tstops.as_slice()?;
-    let watch = &mut Watch { progress };
-    let run = if events.is_empty() {
-        with_force!(py, force, |force| {
-            let output = Output { t_eval, tstops, dense, drawn, events: Vec::new() };
-            zivi::simulate_switched_rk(method, wall, force, span, initial, output, watch)
-        })
-    } else {
-        // the events need the interpreter
-        let output = Output {
-            t_eval,
-            tstops,
-            dense,
-            drawn,
-            events: events.into_iter().map(event).collect(),
-        };
-        let force = &mut ForceSpec::from_tuple(force)?;
-        zivi::simulate_switched_rk(method, wall, force, span, initial, output, watch)
-    };
-    let run = run.map_err(setup_error)?;
-    RunRecord::switched(py, run, wall)
-}
 
 /// The motion between the samples of a run.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct MotionPath {
-    motion: Motion,
+    pub(crate) motion: Motion,
 }
 
 type Arrays<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
@@ -217,21 +115,5 @@ impl MotionPath {
     #[getter]
     fn tails(&self) -> Vec<(f64, f64)> {
         self.motion.tails.iter().map(|tail| (tail.start(), tail.zeno_time())).collect()
-    }
-}
-
-impl RunRecord {
-    pub(crate) fn switched(
-        py: Python<'_>,
-        run: SwitchedRun<PyErr>,
-        wall: zivi::Restitution,
-    ) -> PyResult<Self> {
-        let SwitchedRun { trajectory, raised, path, tails, hits, counts, .. } = run;
-        let mut record = Self::new(py, zivi::Run { trajectory, raised })?;
-        record.hits = columns_of(py, &hits);
-        record.n_steps = Some(counts.accepted);
-        record.n_rejected = counts.rejected;
-        record.path = Some(Py::new(py, MotionPath { motion: Motion { path, tails, wall } })?);
-        Ok(record)
     }
 }

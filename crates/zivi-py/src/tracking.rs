@@ -10,7 +10,8 @@ use zivi_core::control::tracking::{Target, TrackingStep};
 use zivi_core::control::Gains;
 use zivi_core::ThetaGammaStep;
 
-use crate::simulate::{setup_error, step_solver};
+use crate::method::step_solver;
+use crate::simulate::setup_error;
 use crate::transform::wall_of;
 
 /// `s, v, s_r, v_r` at the start of a step.
@@ -84,8 +85,8 @@ pub(crate) fn solve_tracking_steps<'py>(
     h: f64,
     f: f64,
     f_ref: f64,
-    solver: &str,
-    linearisations: usize,
+    solver: &Bound<'_, PyAny>,
+    linearisations: i64,
     fall_backs: bool,
 ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
     let refused = |error: zivi_core::SettingError| PyValueError::new_err(error.to_string());

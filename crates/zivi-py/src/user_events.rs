@@ -1,44 +1,100 @@
 //! Events of the user: functions from Python, and what happened of them.
 
-use numpy::PyArray1;
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use zivi::mechanics::StateEvent;
 use zivi::{Direction, EventHit, Level, UserEvent};
 
+use crate::dynamics::fill;
 use crate::record::Array;
 
-/// An event of the user: function, direction, number of the event that ends the run, level (of the
-/// velocity or the position, and which).
-pub(crate) type EventSpec<'py> = (Bound<'py, PyAny>, i32, Option<usize>, Option<(bool, f64)>);
-
-pub(crate) fn event<'py>(
-    (function, direction, terminal, level): EventSpec<'py>,
-) -> UserEvent<'py, PyErr> {
-    let direction = match direction {
-        0 => Direction::Either,
-        below if below < 0 => Direction::Falling,
-        _ => Direction::Rising,
-    };
-    let call = move |t: f64, x: f64, xdot: f64| {
-        let value = function.call1((t, x, xdot))?;
-        value.extract().map_err(|_| {
-            let kind = value.get_type();
-            PyTypeError::new_err(format!("an event function must return a float, got {kind}"))
-        })
-    };
-    let level = level.map(|(of_velocity, value)| match of_velocity {
-        true => Level::Velocity(value),
-        false => Level::Position(value),
-    });
-    UserEvent { direction, terminal, level, ..UserEvent::new(call) }
+/// An event of the user: where a function of time and state changes its sign.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct Event {
+    /// `g(t, x, x')`, or `g(t, q, q')` of a mechanical system.
+    function: Py<PyAny>,
+    /// Upwards only, downwards only (below 0) or both (0).
+    direction: i32,
+    /// The number of the event that ends the run.
+    terminal: Option<usize>,
+    /// The level that is crossed, if the function is that simple: one of the position or of the
+    /// velocity.
+    level_x: Option<f64>,
+    level_xdot: Option<f64>,
 }
 
-/// Times, positions and velocities of each event.
-pub(crate) fn columns_of(py: Python<'_>, hits: &[Vec<EventHit>]) -> Vec<(Array, Array, Array)> {
-    let column = |hits: &[EventHit], of: fn(&EventHit) -> f64| {
-        PyArray1::from_vec(py, hits.iter().map(of).collect()).unbind()
-    };
-    hits.iter()
-        .map(|hits| (column(hits, |it| it.t), column(hits, |it| it.x), column(hits, |it| it.xdot)))
-        .collect()
+#[pymethods]
+impl Event {
+    #[new]
+    #[pyo3(signature = (function, *, direction, terminal, level_x=None, level_xdot=None))]
+    fn new(
+        function: Py<PyAny>,
+        direction: i32,
+        terminal: Option<usize>,
+        level_x: Option<f64>,
+        level_xdot: Option<f64>,
+    ) -> Self {
+        Self { function, direction, terminal, level_x, level_xdot }
+    }
+}
+
+/// What a function of an event returned, as a number.
+fn number(value: &Bound<'_, PyAny>) -> PyResult<f64> {
+    value.extract().map_err(|_| {
+        let kind = value.get_type();
+        PyTypeError::new_err(format!("an event function must return a float, got {kind}"))
+    })
+}
+
+impl Event {
+    fn direction(&self) -> Direction {
+        match self.direction {
+            0 => Direction::Either,
+            below if below < 0 => Direction::Falling,
+            _ => Direction::Rising,
+        }
+    }
+
+    /// As an event of a mass above a wall.
+    pub(crate) fn of_point<'py>(&self, py: Python<'py>) -> UserEvent<'py, PyErr> {
+        let function = self.function.bind(py).clone();
+        let call = move |t: f64, x: f64, xdot: f64| number(&function.call1((t, x, xdot))?);
+        let of_x = self.level_x.map(Level::Position);
+        let level = of_x.or(self.level_xdot.map(Level::Velocity));
+        let (direction, terminal) = (self.direction(), self.terminal);
+        UserEvent { direction, terminal, level, ..UserEvent::new(call) }
+    }
+
+    /// As an event of a mechanical system of `n` coordinates.
+    pub(crate) fn of_mechanism<'py>(&self, py: Python<'py>, n: usize) -> StateEvent<'py, PyErr> {
+        let function = self.function.bind(py).clone();
+        let zeros = || PyArray1::zeros(py, n, false);
+        let (of_q, of_w) = (zeros(), zeros());
+        let call = move |t: f64, q: &[f64], w: &[f64]| {
+            fill(&of_q, q)?;
+            fill(&of_w, w)?;
+            number(&function.call1((t, &of_q, &of_w))?)
+        };
+        let (direction, terminal) = (self.direction(), self.terminal);
+        StateEvent { function: Box::new(call), direction, terminal }
+    }
+}
+
+/// The times of each event, and the states there: a row `x, x'` for each.
+pub(crate) struct Hits {
+    pub(crate) t: Vec<Array>,
+    pub(crate) y: Vec<Py<PyArray2<f64>>>,
+}
+
+impl Hits {
+    pub(crate) fn new(py: Python<'_>, hits: &[Vec<EventHit>]) -> PyResult<Self> {
+        let times = |hits: &Vec<EventHit>| PyArray1::from_iter(py, hits.iter().map(|it| it.t));
+        let states = |hits: &Vec<EventHit>| {
+            let all = hits.iter().flat_map(|it| [it.x, it.xdot]);
+            Ok(PyArray1::from_iter(py, all).reshape([hits.len(), 2])?.unbind())
+        };
+        let t = hits.iter().map(|hits| times(hits).unbind()).collect();
+        Ok(Self { t, y: hits.iter().map(states).collect::<PyResult<_>>()? })
+    }
 }

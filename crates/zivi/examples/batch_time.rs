@@ -9,7 +9,7 @@
 use std::time::Instant;
 
 use zivi::drive::batch::{simulate_batch, Course, Member, Save};
-use zivi::{ConstantForce, Grid, Physical, Restitution, Silent, ThetaGamma};
+use zivi::{ConstantForce, FixedSteps, Physical, Restitution, Silent, ThetaGamma};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let numbers: Vec<usize> =
@@ -18,8 +18,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("expected BALLS STEPS THREADS REPETITIONS".into());
     };
     let wall = Restitution::from_kappa(0.41)?;
-    let grid = Grid::new(0.0, 1e-3 * steps as f64, 1e-3)?;
-    let course = Course::ThetaGamma(ThetaGamma::implicit_euler(), grid);
+    let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
+    let course = Course { method, span: (0.0, 1e-3 * steps as f64) };
     let members: Vec<_> = (0..balls)
         .map(|i| Member {
             wall,

@@ -18,11 +18,13 @@
 //! * [`numeric`] knows no mechanics: Runge-Kutta pairs, Bernstein polynomials, roots, grids.
 //! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall).
 //! * [`record`]: what a run leaves: a [`Trajectory`] with its [`Events`], a [`Status`].
-//! * [`stepping`]: fixed steps. [`stepping::theta_gamma`] and [`stepping::explicit`] implement
+//! * [`stepping`]: fixed steps, each scheme a [`stepping::scheme::Scheme`].
+//!   [`stepping::theta_gamma`] and [`stepping::explicit`] implement
 //!   [`stepping::fixed_step::FixedStep`], which is driven over a [`Grid`];
 //!   [`stepping::moreau_jean`] has a walk of its own.
 //! * [`switched`]: error control, high order through impacts and Zeno points.
 //! * [`mechanics`]: the same for systems of several coordinates and gaps.
+//! * [`method`]: one entry to all of them, from a system, a span and a state to a run.
 //! * [`drive`]: a sampled controller of `zivi_core::control` and a plant between its samples
 //!   ([`drive::closed_loop`]); many runs on all cores ([`drive::batch`]).
 
@@ -30,6 +32,7 @@
 
 pub mod drive;
 pub mod mechanics;
+pub mod method;
 pub mod numeric;
 pub mod record;
 pub mod stepping;
@@ -37,6 +40,7 @@ pub mod switched;
 pub mod system;
 
 pub use drive::closed_loop::{simulate_closed_loop, LoopRun};
+pub use method::{AnyMethod, Mechanism, Method, PointMass, PointRun};
 pub use numeric::grid::{Grid, GridError};
 pub use record::events::{Events, Impact};
 pub use record::failure::Failure;
@@ -45,8 +49,9 @@ pub use record::occurrence::Occurrence;
 pub use record::status::Status;
 pub use record::summary::{Keep, Summary};
 pub use record::trajectory::{Columns, Quantity, Run, SetupError, Trajectory, QUANTITIES};
-pub use stepping::explicit::simulate_explicit_euler;
+pub use stepping::explicit::{simulate_explicit_euler, ExplicitEuler};
 pub use stepping::moreau_jean::{simulate_moreau_jean, MoreauJean};
+pub use stepping::scheme::{FixedSteps, Scheme};
 pub use stepping::step_events::{Following, Interpolation, Knot, Stretch};
 pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use switched::{

@@ -5,8 +5,9 @@ use std::convert::Infallible;
 use zivi::drive::batch::{simulate_batch, BatchError, Course, Member, Outcome, Save};
 use zivi::{
     simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
-    ConstantForce, Force, Grid, LinearForce, Monitor, MoreauJean, Output, Physical, Quantity,
-    Restitution, Run, Silent, Status, Summary, SwitchedRk, ThetaGamma,
+    AnyMethod, ConstantForce, ExplicitEuler, FixedSteps, Force, Grid, LinearForce, Monitor,
+    MoreauJean, Output, Physical, Quantity, Restitution, Run, Silent, Status, Summary, SwitchedRk,
+    ThetaGamma,
 };
 
 /// A generator whose draws are the same everywhere.
@@ -40,20 +41,34 @@ fn balls(n: usize) -> Vec<Member<ConstantForce>> {
         .collect()
 }
 
+/// A course of steps `h` over a span.
+fn steps<S>(scheme: S, span: (f64, f64), h: f64) -> Course
+where
+    AnyMethod: From<FixedSteps<S>>,
+{
+    Course { method: FixedSteps { h, scheme }.into(), span }
+}
+
+fn implicit(span: (f64, f64), h: f64) -> Course {
+    steps(ThetaGamma::implicit_euler(), span, h)
+}
+
+/// A run by the function of its method, not by the entry that batches use.
 fn alone<F: Force<Infallible> + Copy>(member: &Member<F>, course: Course) -> Run<Infallible> {
     let Member { wall, mut force, initial } = *member;
-    let force = &mut force;
-    match course {
-        Course::ThetaGamma(method, grid) => {
-            simulate_theta_gamma(method, wall, force, grid, initial, &mut Silent)
+    let (force, Course { method, span }) = (&mut force, course);
+    let grid = |h: f64| Grid::new(span.0, span.1, h).unwrap();
+    match method {
+        AnyMethod::ThetaGamma(FixedSteps { h, scheme }) => {
+            simulate_theta_gamma(scheme, wall, force, grid(h), initial, &mut Silent)
         }
-        Course::ExplicitEuler(grid) => {
-            simulate_explicit_euler(wall, force, grid, initial, &mut Silent)
+        AnyMethod::ExplicitEuler(FixedSteps { h, .. }) => {
+            simulate_explicit_euler(wall, force, grid(h), initial, &mut Silent)
         }
-        Course::MoreauJean(method, grid) => {
-            simulate_moreau_jean(method, wall, force, grid, initial, &mut Silent)
+        AnyMethod::MoreauJean(FixedSteps { h, scheme }) => {
+            simulate_moreau_jean(scheme, wall, force, grid(h), initial, &mut Silent)
         }
-        Course::SwitchedRk(method, span) => {
+        AnyMethod::SwitchedRk(method) => {
             let output = Output::default();
             simulate_switched_rk(method, wall, force, span, initial, output, &mut Silent)
                 .map(|run| Run { trajectory: run.trajectory, raised: run.raised })
@@ -110,8 +125,8 @@ fn balls_move_as_they_move_alone() {
     for (theta, gamma) in [(1.0, 1.0), (0.5, 1.0), (1.0, 0.5), (0.7, 0.8)] {
         let method = ThetaGamma { theta, gamma, ..ThetaGamma::implicit_euler() };
         // a span that the step does not divide
-        for grid in [Grid::new(0.0, 2.0, 1e-3).unwrap(), Grid::new(1.0, 2.0005, 2e-3).unwrap()] {
-            let course = Course::ThetaGamma(method, grid);
+        for (span, h) in [((0.0, 2.0), 1e-3), ((1.0, 2.0005), 2e-3)] {
+            let course = steps(method, span, h);
             for save in SAVES {
                 let ends = simulate_batch(&members, course, save, 2, &mut Silent).unwrap();
                 for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
@@ -135,16 +150,16 @@ fn every_method_and_force_gives_what_it_gives_alone() {
     let wall = Restitution::from_e(0.6).unwrap();
     let member = |x| Member { wall, force, initial: Physical { x, xdot: 0.5 } };
     let members: Vec<_> = (0..40).map(|i| member(0.05 * f64::from(i))).collect();
-    let grid = Grid::new(0.0, 3.0, 1e-3).unwrap();
+    let span = (0.0, 3.0);
     let courses = [
-        Course::ThetaGamma(ThetaGamma::implicit_euler(), grid),
-        Course::ExplicitEuler(grid),
-        Course::MoreauJean(MoreauJean::default(), grid),
-        Course::SwitchedRk(SwitchedRk::default(), (0.0, 3.0)),
+        implicit(span, 1e-3),
+        steps(ExplicitEuler, span, 1e-3),
+        steps(MoreauJean::default(), span, 1e-3),
+        Course { method: SwitchedRk::default().into(), span },
     ];
     for course in courses {
         for save in SAVES {
-            if matches!((course, save), (Course::SwitchedRk(..), Save::Every(_))) {
+            if matches!((course.method, save), (AnyMethod::SwitchedRk(_), Save::Every(_))) {
                 continue;
             }
             let ends = simulate_batch(&members, course, save, 2, &mut Silent).unwrap();
@@ -158,8 +173,7 @@ fn every_method_and_force_gives_what_it_gives_alone() {
 #[test]
 fn the_number_of_threads_changes_nothing() {
     let members = balls(333);
-    let course =
-        Course::ThetaGamma(ThetaGamma::implicit_euler(), Grid::new(0.0, 1.0, 1e-3).unwrap());
+    let course = implicit((0.0, 1.0), 1e-3);
     let of = |threads| simulate_batch(&members, course, Save::Every(100), threads, &mut Silent);
     // debug output tells NaN and the signs of zeros
     let one = format!("{:?}", of(1).unwrap());
@@ -174,8 +188,7 @@ fn the_first_member_that_cannot_start_is_named() {
     let mut members = balls(70);
     members[33].initial.x = -1.0;
     members[60].initial.xdot = f64::NAN;
-    let course =
-        Course::ThetaGamma(ThetaGamma::implicit_euler(), Grid::new(0.0, 1.0, 1e-2).unwrap());
+    let course = implicit((0.0, 1.0), 1e-2);
     let refused = simulate_batch(&members, course, Save::Final, 2, &mut Silent);
     let Err(BatchError::Setup(Some(33), error)) = refused else { panic!("{refused:?}") };
     assert!(error.to_string().starts_with("x0 must be"), "{error}");
@@ -200,8 +213,7 @@ impl Monitor<&'static str> for Impatient {
 fn a_batch_can_be_stopped() {
     // a minute of work, were it not stopped
     let members = balls(10_000);
-    let grid = Grid::new(0.0, 1e3, 1e-4).unwrap();
-    let course = Course::ThetaGamma(ThetaGamma::implicit_euler(), grid);
+    let course = implicit((0.0, 1e3), 1e-4);
     let begun = std::time::Instant::now();
     let ended = simulate_batch(&members, course, Save::Final, 2, &mut Impatient(0));
     assert_eq!(ended, Err(BatchError::Raised("enough")));
@@ -213,8 +225,7 @@ fn a_failure_is_that_of_its_member_alone() {
     let mut members = balls(60);
     // off the wall, so that nothing stops it
     members[7].initial = Physical { x: 1.0, xdot: 0.0 };
-    let course =
-        Course::ThetaGamma(ThetaGamma::implicit_euler(), Grid::new(0.0, 100.0, 1.0).unwrap());
+    let course = implicit((0.0, 100.0), 1.0);
     let ends = simulate_batch(&members, course, Save::Final, 1, &mut Silent).unwrap();
     let with = |status| ends.iter().filter(|end| end.status == status).count();
     assert_eq!(with(Status::ForceNotFinite), members.len() / 11);
@@ -242,8 +253,7 @@ fn a_fault_costs_no_other_run_its_result() {
         force: Faulty(if i % 7 == 3 { 1.0 } else { -f64::from(i) - 1.0 }),
     };
     let members: Vec<_> = (0..70).map(member).collect();
-    let grid = Grid::new(0.0, 0.5, 1e-2).unwrap();
-    let course = Course::ThetaGamma(ThetaGamma::implicit_euler(), grid);
+    let course = implicit((0.0, 0.5), 1e-2);
     for threads in [1, 3] {
         let ends = simulate_batch(&members, course, Save::Every(5), threads, &mut Silent).unwrap();
         for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
@@ -261,7 +271,7 @@ fn a_fault_costs_no_other_run_its_result() {
 fn what_cannot_fit_into_memory_is_refused_before_anything_is_computed() {
     // beyond what any system promises
     let members = vec![balls(1)[0]; 100_000];
-    let grid = Grid::new(0.0, 1e3, 1e-6).unwrap();
+    let (span, h) = ((0.0, 1e3), 1e-6);
     let begun = std::time::Instant::now();
     let refused = |method, save| match simulate_batch(&members, method, save, 1 << 20, &mut Silent)
     {
@@ -269,11 +279,11 @@ fn what_cannot_fit_into_memory_is_refused_before_anything_is_computed() {
         other => panic!("{:?}", other.map(|ends| ends.len())),
     };
     // 2 x 16 bytes a sample: what is kept, and the arrays
-    let text = refused(Course::ThetaGamma(ThetaGamma::implicit_euler(), grid), Save::Every(1));
+    let text = refused(implicit(span, h), Save::Every(1));
     assert!(text.contains("100000 runs") && text.contains("1000000001 samples"), "{text}");
     assert!(text.contains(" 3200000.0"), "{text}");
     // a record of one run for each thread
-    let text = refused(Course::MoreauJean(MoreauJean::default(), grid), Save::Final);
+    let text = refused(steps(MoreauJean::default(), span, h), Save::Final);
     assert!(text.contains("the record of 1000000001 steps"), "{text}");
     assert!(begun.elapsed().as_secs_f64() < 1.0);
 }
@@ -293,12 +303,9 @@ fn statistics_are_those_of_the_samples_and_the_impacts() {
     let member = |x| Member { wall, force, initial: Physical { x, xdot: 0.5 } };
     let far = member(80.0);
     let members: Vec<_> = (1..9).map(|k| member(0.02 * f64::from(k))).chain([far]).collect();
-    let grid = Grid::new(0.0, 3.0, 1e-3).unwrap();
+    let (span, h) = ((0.0, 3.0), 1e-3);
     let mut in_between = false;
-    for course in [
-        Course::ThetaGamma(ThetaGamma::implicit_euler(), grid),
-        Course::MoreauJean(MoreauJean::default(), grid),
-    ] {
+    for course in [implicit(span, h), steps(MoreauJean::default(), span, h)] {
         let ends = simulate_batch(&members, course, Save::Statistics, 1, &mut Silent).unwrap();
         for (member, end) in members.iter().zip(&ends) {
             let run = alone(member, course).trajectory;
@@ -327,11 +334,8 @@ fn statistics_are_those_of_the_samples_and_the_impacts() {
 
 #[test]
 fn only_what_was_asked_for_is_kept() {
-    let grid = Grid::new(0.0, 1.0, 1e-3).unwrap();
-    for course in [
-        Course::ThetaGamma(ThetaGamma::implicit_euler(), grid),
-        Course::MoreauJean(MoreauJean::default(), grid),
-    ] {
+    let (span, h) = ((0.0, 1.0), 1e-3);
+    for course in [implicit(span, h), steps(MoreauJean::default(), span, h)] {
         for save in SAVES {
             for end in simulate_batch(&balls(8), course, save, 1, &mut Silent).unwrap() {
                 assert_eq!(end.events.is_some(), save == Save::Events);

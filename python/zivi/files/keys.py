@@ -5,10 +5,12 @@ After a change, ``python -m zivi.files.document docs/command_line.md`` brings th
 
 from __future__ import annotations
 
+import math
+
+from zivi import _zivi
 from zivi.control import BRANCHES
-from zivi.files.kinds import Choice, Either, Number, Numbers, Pair, Switch, Whole
+from zivi.files.kinds import Choice, Either, Kind, Number, Numbers, Pair, Switch, Whole
 from zivi.files.tables import Key, Open, Table, Tagged
-from zivi.methods import FLIGHTS, MAX_LINEARISATIONS, SOLVERS
 from zivi.study import EXPERIMENTS
 
 __all__ = ["CONTROL", "MAX_NUM", "SIMULATE", "SWEEP"]
@@ -66,37 +68,30 @@ SYSTEM = Key(
     "the mass and its wall",
 )
 
-THETA_GAMMA = (
-    Key("h", POSITIVE, "step", "s"),
-    Key("theta", STEP, "weight of the end of the step in the state", "1", "1"),
-    Key("gamma", STEP, "weight of the end of the step in the signs", "1", "1"),
-    Key("solver", Choice(SOLVERS), "how the signs are found", default='"exact"'),
-    Key(
-        "linearisations",
-        Whole(1, MAX_LINEARISATIONS),
-        "for solver outer: at most so many",
-        "1",
-        "20",
-    ),
-)
-SWITCHED_RK = (
-    Key("rtol", Number(least=1e-14, below=1.0), "relative tolerance of a step", "1", "1e-6"),
-    Key("atol", POSITIVE, "absolute tolerance of a step", "m, m/s", "1e-9"),
-    Key("order", Choice((8, 5)), "order of the Runge-Kutta pair", "1", "8"),
-    Key("max_step", Number(above=0.0, infinite=True), "longest step", "s", "inf"),
-    Key("first_step", POSITIVE, "first step", "s", "from the force at the start"),
-    Key("max_steps", Whole(1), "steps after which the run ends", "1", "1000000"),
-    Key("max_impacts", Whole(3), "impacts of an accumulation after which it ends", "1", "1000000"),
-    Key("flights", Choice(FLIGHTS), "how free flight is computed", default='"auto"'),
-)
+
+def _setting(it: _zivi.Setting) -> Key:
+    """Give a setting of a method, which the core knows, as a key."""
+    kind: Kind
+    if it.choices is not None:
+        kind = Choice(it.choices)
+    elif it.whole:
+        kind = Whole(it.least, it.most) if it.most is not None else Whole(it.least)
+    else:
+        below, most = (None if bound == math.inf else bound for bound in (it.below, it.most))
+        kind = Number(it.above, it.least, below, most, infinite=it.most == math.inf)
+    default = it.comes or (None if it.required else _written(it.default))
+    return Key(it.name, kind, it.meaning, it.unit, default)
+
+
+def _written(value: str | float) -> str:
+    """Write a default as a file has it."""
+    if isinstance(value, str):
+        return f'"{value}"'
+    return str(value) if isinstance(value, int) else f"{value:g}".replace("e-0", "e-")
+
+
 METHODS = {
-    "SwitchedRK": SWITCHED_RK,
-    "ThetaGamma": THETA_GAMMA,
-    "MoreauJean": (
-        Key("h", POSITIVE, "step", "s"),
-        Key("theta", UNIT, "weight of the end of the step", "1", "0.5"),
-    ),
-    "ExplicitEuler": (Key("h", POSITIVE, "step", "s"),),
+    name: tuple(_setting(it) for it in settings) for name, settings in _zivi.SETTINGS.items()
 }
 
 RANGE = (
@@ -175,7 +170,9 @@ CONTROL = (
     Key("delay", Whole(0, 10**9), "periods until a control acts", "1", "0"),
     Key(
         "method",
-        Tagged("name", {"SwitchedRK": SWITCHED_RK, "ThetaGamma": THETA_GAMMA}, "SwitchedRK"),
+        Tagged(
+            "name", {name: METHODS[name] for name in ("SwitchedRK", "ThetaGamma")}, "SwitchedRK"
+        ),
         "how the plant moves between samples",
         default="exactly where the force is constant, else SwitchedRK, rtol 1e-9, atol 1e-12",
     ),

@@ -56,7 +56,7 @@ class Asked:
     qdot: Array
     t_eval: Array | None
     tstops: Array
-    events: list[tuple[Any, int, int | None]]
+    events: list[_zivi.Event]
     dense: bool
 
 
@@ -81,7 +81,7 @@ def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
     return np.ascontiguousarray(q), np.ascontiguousarray(qdot)
 
 
-def mechanical_events(events: Any) -> list[tuple[Any, int, int | None]]:
+def mechanical_events(events: Any) -> list[_zivi.Event]:
     """Read events ``g(t, q, qdot)`` with SciPy's attributes."""
     if events is None:
         return []
@@ -91,7 +91,7 @@ def mechanical_events(events: Any) -> list[tuple[Any, int, int | None]]:
     return [_event(k, function) for k, function in enumerate(functions)]
 
 
-def _event(k: int, function: Any) -> tuple[Any, int, int | None]:
+def _event(k: int, function: Any) -> _zivi.Event:
     if not callable(function):
         raise TypeError(f"events[{k}] must be a function g(t, q, qdot), got {function!r}")
     terminal = getattr(function, "terminal", None) or 0
@@ -101,7 +101,7 @@ def _event(k: int, function: Any) -> tuple[Any, int, int | None]:
     if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
         raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
     sign = int(float(direction) > 0) - int(float(direction) < 0)
-    return function, sign, int(terminal) or None
+    return _zivi.Event(function, direction=sign, terminal=int(terminal) or None)
 
 
 def check_mechanical_method(method: Any) -> None:
@@ -133,77 +133,27 @@ def run_mechanical(
     """Check the start, run, and give the result with the exception that ended it, if one did."""
     model: Model = system.model(len(asked.q))
     check_start(system, model, asked.span, asked.q, asked.qdot)
-    if isinstance(method, SwitchedRK):
-        record = _switched(system, model, method, asked, report)
-    elif isinstance(method, MoreauJean):
-        if _coupled(system, model, asked, differing=True):
-            warnings.warn(ENERGY.format(e=system.e.tolist()), RuntimeWarning, stacklevel=4)
-        record = _stepped(system, model, method, asked, report)
-    else:
-        if _coupled(system, model, asked):
-            raise ValueError(f"the gaps {', '.join(system.gap_names)} are coupled: {COUPLED}")
-        record = _implicit(system, model, method, asked, report)
+    if isinstance(method, MoreauJean) and _coupled(system, model, asked, differing=True):
+        warnings.warn(ENERGY.format(e=system.e.tolist()), RuntimeWarning, stacklevel=4)
+    if isinstance(method, ThetaGamma) and _coupled(system, model, asked):
+        raise ValueError(f"the gaps {', '.join(system.gap_names)} are coupled: {COUPLED}")
+    keep = _zivi.Keep(
+        t_eval=asked.t_eval, tstops=asked.tstops, events=asked.events, dense=asked.dense
+    )
+    record = _zivi.simulate(
+        _zivi.Mechanism(model.spec, n=model.layout.n, m=model.layout.m, e=system.e),
+        method._core,
+        asked.span,
+        _zivi.Configuration(asked.q, asked.qdot),
+        keep,
+        report,
+    )
     sol = MechanicalTrajectory._from_record(
         record, model, _configuration(system, model, method, asked)
     )
     if not isinstance(method, SwitchedRK) and asked.t_eval is not None:
         sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
     return sol, record.raised
-
-
-def _switched(
-    system: MechanicalSystem, model: Model, method: SwitchedRK, asked: Asked, report: Any
-) -> _zivi.MechanicalRecord:
-    return _zivi.simulate_mechanical(
-        model.spec,
-        method._settings(),
-        n=model.layout.n,
-        m=model.layout.m,
-        e=system.e,
-        span=asked.span,
-        q0=asked.q,
-        qdot0=asked.qdot,
-        t_eval=asked.t_eval,
-        tstops=asked.tstops,
-        events=asked.events,
-        dense=asked.dense,
-        progress=report,
-    )
-
-
-def _stepped(
-    system: MechanicalSystem, model: Model, method: MoreauJean, asked: Asked, report: Any
-) -> _zivi.MechanicalRecord:
-    return _zivi.simulate_mechanical_moreau_jean(
-        model.spec,
-        n=model.layout.n,
-        m=model.layout.m,
-        e=system.e,
-        h=method.h,
-        theta=method.theta,
-        span=asked.span,
-        q0=asked.q,
-        qdot0=asked.qdot,
-        events=asked.events,
-        progress=report,
-    )
-
-
-def _implicit(
-    system: MechanicalSystem, model: Model, method: ThetaGamma, asked: Asked, report: Any
-) -> _zivi.MechanicalRecord:
-    return _zivi.simulate_mechanical_theta_gamma(
-        model.spec,
-        n=model.layout.n,
-        m=model.layout.m,
-        e=system.e,
-        h=method.h,
-        span=asked.span,
-        q0=asked.q,
-        qdot0=asked.qdot,
-        events=asked.events,
-        progress=report,
-    )
 
 
 ENERGY = (

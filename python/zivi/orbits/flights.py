@@ -75,8 +75,8 @@ def fly(
     rows = np.ascontiguousarray(starts, dtype=np.float64).reshape(-1, 4)
     spec = slopes_spec(system)
     with listening([system._spec]) as ear:
-        settings = method._settings()
-        status, numbers = _zivi.fly_apart(spec, settings, rows.ravel(), by, np.array(sizes), minima)
+        core = method._core
+        status, numbers = _zivi.fly_apart(spec, core, rows.ravel(), by, np.array(sizes), minima)
     if (error := ear.ends(status == 0)) is not None:
         raise error
     if status:

@@ -27,7 +27,9 @@ pub use exact::SIGN_TOLERANCE;
 pub use inclusion::StepInclusion;
 pub use pattern::{Pattern, PATTERNS};
 
-use crate::setting::{require, SettingError};
+use core::ops::Bound;
+
+use crate::setting::{require, Setting, SettingError, Value, Values};
 use crate::{Lifted, Restitution};
 
 /// The scheme with its step size and the wall: all that is constant over a run.
@@ -42,14 +44,39 @@ pub struct ThetaGammaStep {
 }
 
 impl ThetaGammaStep {
+    /// The step size.
+    pub const STEP: Setting = Setting {
+        name: "h",
+        meaning: "step",
+        unit: "s",
+        values: Values::POSITIVE,
+        range: "a finite step size > 0",
+        default: Value::Required,
+    };
+    /// The weight `theta`.
+    pub const THETA: Setting = Setting {
+        name: "theta",
+        meaning: "weight of the end of the step in the state",
+        unit: "1",
+        values: Values::Numbers(Bound::Excluded(0.0), Bound::Included(1.0)),
+        range: "in (0, 1]",
+        default: Value::Number(1.0),
+    };
+    /// The weight `gamma`.
+    pub const GAMMA: Setting = Setting {
+        name: "gamma",
+        meaning: "weight of the end of the step in the signs",
+        ..Self::THETA
+    };
+
     /// A step of size `h` (s) with `theta`, `gamma` in `(0, 1]` on a wall with `e > 0`.
     ///
     /// # Errors
     /// [`SettingError`] names the first setting that is out of range.
     pub fn new(h: f64, theta: f64, gamma: f64, wall: Restitution) -> Result<Self, SettingError> {
-        require(h > 0.0 && h.is_finite(), "h", h, "a finite step size > 0")?;
-        require(theta > 0.0 && theta <= 1.0, "theta", theta, "in (0, 1]")?;
-        require(gamma > 0.0 && gamma <= 1.0, "gamma", gamma, "in (0, 1]")?;
+        Self::STEP.check(h)?;
+        Self::THETA.check(theta)?;
+        Self::GAMMA.check(gamma)?;
         let kappa = wall.kappa();
         require(
             kappa < 1.0,

@@ -3,6 +3,7 @@
 use std::collections::TryReserveError;
 use std::fmt;
 
+use zivi_core::setting::Setting;
 use zivi_core::{Lifted, SettingError};
 
 use crate::{Events, GridError, Status, Summary};
@@ -174,6 +175,8 @@ pub enum SetupError {
     Setting(&'static str, f64, &'static str),
     /// A number of things: name, value and range.
     Count(&'static str, usize, &'static str),
+    /// What a method does not do: what is wanted instead.
+    Refused(&'static str),
     /// The record does not fit into memory.
     Memory(usize),
     /// What a batch keeps does not fit into memory.
@@ -200,6 +203,7 @@ impl fmt::Display for SetupError {
             SetupError::Count(name, value, range) => {
                 write!(out, "{name} must be {range}, got {value}")
             }
+            SetupError::Refused(wanted) => out.write_str(wanted),
             SetupError::Memory(steps) => {
                 write!(out, "the record of {steps} steps does not fit into memory: increase h")
             }
@@ -220,6 +224,15 @@ impl fmt::Display for SetupError {
 }
 
 impl std::error::Error for SetupError {}
+
+/// Refuses a whole number that a setting may not be.
+pub(crate) fn checked_count(setting: &Setting, value: usize) -> Result<(), SetupError> {
+    if setting.values.hold_count(value) {
+        Ok(())
+    } else {
+        Err(SetupError::Count(setting.name, value, setting.range))
+    }
+}
 
 impl From<GridError> for SetupError {
     fn from(error: GridError) -> Self {

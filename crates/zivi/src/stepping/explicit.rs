@@ -6,11 +6,13 @@
 //!
 //! It passes the accumulation but never rests: the signs alternate and `(s, v)` chatters.
 
+use zivi_core::setting::Setting;
 use zivi_core::{transform, Lifted, Physical, Restitution, ThetaGammaStep};
 
 use crate::record::failure::Failure;
 use crate::record::trajectory::{Run, Sample, SetupError};
 use crate::stepping::fixed_step::{run, FixedStep, Start};
+use crate::stepping::scheme::Scheme;
 use crate::system::evaluation::finite_force;
 use crate::{Force, Grid, Monitor, Status};
 
@@ -25,12 +27,37 @@ pub fn simulate_explicit_euler<E, F: Force<E>>(
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    // the same range of h and e as the implicit scheme, checked in one place
-    let h = ThetaGammaStep::new(grid.h(), 1.0, 1.0, wall)?.h();
-    run(ExplicitEuler { h, wall, nfev: 0 }, wall, force, grid, initial, monitor)
+    let scheme = ExplicitEuler;
+    scheme.check(grid.h(), wall)?;
+    scheme.run(wall, force, grid, initial, monitor)
 }
 
-struct ExplicitEuler {
+/// The scheme, which has no settings but the step size.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ExplicitEuler;
+
+impl Scheme for ExplicitEuler {
+    const SETTINGS: &'static [Setting] = &[ThetaGammaStep::STEP];
+
+    /// The same range of `h` and `e` as the implicit scheme, checked in one place.
+    fn check(&self, h: f64, wall: Restitution) -> Result<(), SetupError> {
+        Ok(ThetaGammaStep::new(h, 1.0, 1.0, wall).map(drop)?)
+    }
+
+    fn run<E, F: Force<E>>(
+        &self,
+        wall: Restitution,
+        force: &mut F,
+        grid: Grid,
+        initial: Physical,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<Run<E>, SetupError> {
+        run(Stepper { h: grid.h(), wall, nfev: 0 }, wall, force, grid, initial, monitor)
+    }
+}
+
+/// The scheme as something that steps.
+struct Stepper {
     h: f64,
     wall: Restitution,
     nfev: u64,
@@ -45,7 +72,7 @@ fn one_sided_sign(z: f64) -> f64 {
     }
 }
 
-impl<E, F: Force<E>> FixedStep<E, F> for ExplicitEuler {
+impl<E, F: Force<E>> FixedStep<E, F> for Stepper {
     #[inline]
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
         let Start { t, z, .. } = start;

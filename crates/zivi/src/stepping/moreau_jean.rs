@@ -20,7 +20,8 @@
 
 use std::collections::TryReserveError;
 
-use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution};
+use zivi_core::setting::{Setting, Value, Values};
+use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
@@ -28,6 +29,7 @@ use crate::record::reserve::Reserve;
 use crate::record::trajectory::{Columns, Run, SetupError, Trajectory};
 use crate::stepping::fixed_step::{check_initial, tell, watched};
 use crate::stepping::implicit::search::{Search, DEFAULT_SLOPE};
+use crate::stepping::scheme::Scheme;
 use crate::stepping::step_events::{Interpolation, Knot};
 use crate::system::evaluation::finite_force;
 use crate::{Dependence, Force, Grid, Impact, Monitor, Occurrence, Status};
@@ -41,21 +43,31 @@ pub struct MoreauJean {
 
 impl Default for MoreauJean {
     fn default() -> Self {
-        Self { theta: 0.5 }
+        Self::MIDPOINT
     }
 }
 
 impl MoreauJean {
+    /// The default, `theta = 1/2`.
+    pub const MIDPOINT: Self = Self { theta: 0.5 };
+
+    /// The weight `theta`.
+    pub const THETA: Setting = Setting {
+        name: "theta",
+        meaning: "weight of the end of the step",
+        unit: "1",
+        values: Values::UNIT,
+        range: "a number from 0 to 1",
+        default: Value::Number(Self::MIDPOINT.theta),
+    };
+
     /// The settings, if they are in their range.
     ///
     /// # Errors
     /// [`SetupError::Setting`] for a weight outside `[0, 1]`.
     pub fn validated(self) -> Result<Self, SetupError> {
-        if (0.0..=1.0).contains(&self.theta) {
-            Ok(self)
-        } else {
-            Err(SetupError::Setting("theta", self.theta, "a number from 0 to 1"))
-        }
+        Self::THETA.check(self.theta)?;
+        Ok(self)
     }
 }
 
@@ -89,12 +101,46 @@ pub fn simulate_moreau_jean<E, F: Force<E>>(
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    let MoreauJean { theta } = method.validated()?;
+    method.validated()?.run(wall, force, grid, initial, monitor)
+}
+
+impl Scheme for MoreauJean {
+    const SETTINGS: &'static [Setting] = &[ThetaGammaStep::STEP, MoreauJean::THETA];
+
+    fn check(&self, h: f64, _: Restitution) -> Result<(), SetupError> {
+        // the range of h is that of the implicit scheme, whatever the wall
+        ThetaGammaStep::new(h, 1.0, 1.0, Restitution::ELASTIC)?;
+        self.validated().map(drop)
+    }
+
+    fn check_start(&self, initial: Physical, _: Restitution) -> Result<(), SetupError> {
+        check_initial(initial)
+    }
+
+    fn run<E, F: Force<E>>(
+        &self,
+        wall: Restitution,
+        force: &mut F,
+        grid: Grid,
+        initial: Physical,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<Run<E>, SetupError> {
+        walk(*self, wall, force, (grid, initial), monitor)
+    }
+}
+
+fn walk<E, F: Force<E>>(
+    MoreauJean { theta }: MoreauJean,
+    wall: Restitution,
+    force: &mut F,
+    (grid, initial): (Grid, Physical),
+    monitor: &mut impl Monitor<E>,
+) -> Result<Run<E>, SetupError> {
     check_initial(initial)?;
     let room = grid.n_steps() + 1;
     let columns = Columns::with_room(room, |start, len| monitor.record_allocated(start, len))
         .map_err(|_| SetupError::Memory(grid.n_steps()))?;
-    let scheme = Scheme {
+    let scheme = Stepper {
         theta,
         e: wall.e(),
         here: None,
@@ -123,7 +169,7 @@ struct Step {
 }
 
 /// The scheme with what it carries from step to step.
-struct Scheme {
+struct Stepper {
     theta: f64,
     e: f64,
     /// The force at the start of the step.
@@ -146,7 +192,7 @@ const SLOW: usize = 3;
 /// Change of the force within the rounding of the state, relative to the largest so far.
 const JUMP: f64 = 1e-6;
 
-impl Scheme {
+impl Stepper {
     fn step<E>(
         &mut self,
         start: Physical,
@@ -287,7 +333,7 @@ impl ContactLog {
 
 /// A run under way: `k` steps are done, the last of them ended in `state`.
 struct Walk {
-    scheme: Scheme,
+    scheme: Stepper,
     wall: Restitution,
     grid: Grid,
     columns: Columns,

@@ -6,12 +6,14 @@
 //! f = f(t + theta h, |s_theta|, R lambda_s v_theta)      z_theta = theta z+ + (1 - theta) z
 //! ```
 
+use zivi_core::setting::{Setting, Value, Values};
 use zivi_core::{Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
 
 use crate::record::failure::Failure;
-use crate::record::trajectory::{Run, Sample, SetupError};
+use crate::record::trajectory::{checked_count, Run, Sample, SetupError};
 use crate::stepping::fixed_step::{run, FixedStep, Start};
 use crate::stepping::implicit::ImplicitForce;
+use crate::stepping::scheme::Scheme;
 use crate::stepping::step_solver::{Exact, General, StepSolver};
 use crate::{Dependence, Force, Grid, Monitor};
 
@@ -36,16 +38,71 @@ pub enum Solver {
     Newton,
     /// Repeated affine VIs without a merit function ("outer linearisation").
     Outer {
-        /// At most so many of them in a step, at least 1.
+        /// At most so many of them in a step, from 1 to 1000.
         linearisations: usize,
     },
+}
+
+impl Solver {
+    /// Which solver.
+    pub const SETTING: Setting = Setting {
+        name: "solver",
+        meaning: "how the signs are found",
+        unit: "",
+        values: Values::Choice(&[
+            Value::Name("exact"),
+            Value::Name("newton"),
+            Value::Name("outer"),
+        ]),
+        range: "one of exact, newton, outer",
+        default: Value::Name("exact"),
+    };
+    /// The linearisations that a step may take.
+    pub const LINEARISATIONS: Setting = Setting {
+        name: "linearisations",
+        meaning: "for solver outer: at most so many",
+        unit: "1",
+        values: Values::Counts(1, 1000),
+        range: "from 1 to 1000",
+        default: Value::Count(20),
+    };
+
+    /// Refuses a number of linearisations out of range.
+    ///
+    /// # Errors
+    /// [`SetupError::Count`].
+    pub fn check(self) -> Result<(), SetupError> {
+        match self {
+            Solver::Outer { linearisations } => {
+                checked_count(&Self::LINEARISATIONS, linearisations)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The solver of a name; `linearisations` matter to one of them.
+    #[must_use]
+    pub fn named(name: &str, linearisations: usize) -> Option<Self> {
+        match name {
+            "exact" => Some(Solver::Exact),
+            "newton" => Some(Solver::Newton),
+            "outer" => Some(Solver::Outer { linearisations }),
+            _ => None,
+        }
+    }
 }
 
 impl ThetaGamma {
     /// `theta = gamma = 1`: the only member that reaches rest exactly.
     #[must_use]
-    pub fn implicit_euler() -> Self {
+    pub const fn implicit_euler() -> Self {
         Self { theta: 1.0, gamma: 1.0, solver: Solver::Exact }
+    }
+}
+
+impl Default for ThetaGamma {
+    fn default() -> Self {
+        Self::implicit_euler()
     }
 }
 
@@ -61,16 +118,40 @@ pub fn simulate_theta_gamma<E, F: Force<E>>(
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    let step = ThetaGammaStep::new(grid.h(), method.theta, method.gamma, wall)?;
-    let course = (grid, initial);
-    match method.solver {
-        Solver::Exact => with_solver(Exact, step, force, course, monitor),
-        Solver::Newton => with_solver(General::newton(), step, force, course, monitor),
-        Solver::Outer { linearisations: 0 } => {
-            Err(SetupError::Count("linearisations", 0, "at least 1"))
-        }
-        Solver::Outer { linearisations } => {
-            with_solver(General::outer(linearisations), step, force, course, monitor)
+    method.check(grid.h(), wall)?;
+    method.run(wall, force, grid, initial, monitor)
+}
+
+impl Scheme for ThetaGamma {
+    const SETTINGS: &'static [Setting] = &[
+        ThetaGammaStep::STEP,
+        ThetaGammaStep::THETA,
+        ThetaGammaStep::GAMMA,
+        Solver::SETTING,
+        Solver::LINEARISATIONS,
+    ];
+
+    fn check(&self, h: f64, wall: Restitution) -> Result<(), SetupError> {
+        ThetaGammaStep::new(h, self.theta, self.gamma, wall)?;
+        self.solver.check()
+    }
+
+    fn run<E, F: Force<E>>(
+        &self,
+        wall: Restitution,
+        force: &mut F,
+        grid: Grid,
+        initial: Physical,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<Run<E>, SetupError> {
+        let step = ThetaGammaStep::new(grid.h(), self.theta, self.gamma, wall)?;
+        let course = (grid, initial);
+        match self.solver {
+            Solver::Exact => with_solver(Exact, step, force, course, monitor),
+            Solver::Newton => with_solver(General::newton(), step, force, course, monitor),
+            Solver::Outer { linearisations } => {
+                with_solver(General::outer(linearisations), step, force, course, monitor)
+            }
         }
     }
 }

@@ -1,9 +1,12 @@
 //! Settings of the switched method.
 
-use crate::SetupError;
+use std::ops::Bound;
+
+use zivi_core::setting::{Setting, Value, Values};
 
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::tableau::{Pair, DOP853, DORMAND_PRINCE_5};
+use crate::record::trajectory::{checked_count, SetupError};
 
 /// Order of the Runge-Kutta pair.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -16,6 +19,16 @@ pub enum Order {
 }
 
 impl Order {
+    /// The order of a number.
+    #[must_use]
+    pub fn of(number: i64) -> Option<Self> {
+        match number {
+            5 => Some(Order::Five),
+            8 => Some(Order::Eight),
+            _ => None,
+        }
+    }
+
     pub(crate) fn pair(self) -> &'static Pair {
         match self {
             Order::Five => &DORMAND_PRINCE_5,
@@ -35,6 +48,29 @@ pub enum Flights {
     RungeKutta,
     /// By power series to rounding; the force must be linear.
     Series,
+}
+
+impl Flights {
+    /// The way of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "auto" => Some(Flights::Auto),
+            "rk" => Some(Flights::RungeKutta),
+            "series" => Some(Flights::Series),
+            _ => None,
+        }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Flights::Auto => "auto",
+            Flights::RungeKutta => "rk",
+            Flights::Series => "series",
+        }
+    }
 }
 
 /// The switched Runge-Kutta method: settings.
@@ -89,21 +125,108 @@ pub struct SwitchedRk {
 
 impl Default for SwitchedRk {
     fn default() -> Self {
-        Self {
-            rtol: 1e-6,
-            atol: [1e-9; 2],
-            order: Order::Eight,
-            max_step: f64::INFINITY,
-            first_step: None,
-            max_steps: 1_000_000,
-            max_impacts: 1_000_000,
-            adaptive: true,
-            flights: Flights::default(),
-        }
+        Self::DEFAULT
     }
 }
 
 impl SwitchedRk {
+    /// What each setting is unless told otherwise.
+    pub const DEFAULT: Self = Self {
+        rtol: 1e-6,
+        atol: [1e-9; 2],
+        order: Order::Eight,
+        max_step: f64::INFINITY,
+        first_step: None,
+        max_steps: 1_000_000,
+        max_impacts: 1_000_000,
+        adaptive: true,
+        flights: Flights::Auto,
+    };
+
+    /// Relative tolerance.
+    pub const RTOL: Setting = Setting {
+        name: "rtol",
+        meaning: "relative tolerance of a step",
+        unit: "1",
+        values: Values::Numbers(Bound::Included(1e-14), Bound::Excluded(1.0)),
+        range: "a number from 1e-14 to below 1",
+        default: Value::Number(Self::DEFAULT.rtol),
+    };
+    /// Absolute tolerances.
+    pub const ATOL: Setting = Setting {
+        name: "atol",
+        meaning: "absolute tolerance of a step",
+        unit: "m, m/s",
+        values: Values::POSITIVE,
+        range: "a finite number > 0",
+        default: Value::Number(Self::DEFAULT.atol[0]),
+    };
+    /// Order of the pair.
+    pub const ORDER: Setting = Setting {
+        name: "order",
+        meaning: "order of the Runge-Kutta pair",
+        unit: "1",
+        values: Values::Choice(&[Value::Count(8), Value::Count(5)]),
+        range: "5 or 8",
+        default: Value::Count(8),
+    };
+    /// Longest step.
+    pub const MAX_STEP: Setting = Setting {
+        name: "max_step",
+        meaning: "longest step",
+        unit: "s",
+        values: Values::Numbers(Bound::Excluded(0.0), Bound::Included(f64::INFINITY)),
+        range: "a time > 0, possibly infinite",
+        default: Value::Number(Self::DEFAULT.max_step),
+    };
+    /// First step.
+    pub const FIRST_STEP: Setting = Setting {
+        name: "first_step",
+        meaning: "first step",
+        unit: "s",
+        values: Values::POSITIVE,
+        range: "a finite time > 0",
+        default: Value::Open("from the force at the start"),
+    };
+    /// Budget of steps.
+    pub const MAX_STEPS: Setting = Setting {
+        name: "max_steps",
+        meaning: "steps after which the run ends",
+        unit: "1",
+        values: Values::Counts(1, usize::MAX),
+        range: "at least 1",
+        default: Value::Count(Self::DEFAULT.max_steps),
+    };
+    /// Budget of impacts.
+    pub const MAX_IMPACTS: Setting = Setting {
+        name: "max_impacts",
+        meaning: "impacts of an accumulation after which it ends",
+        unit: "1",
+        values: Values::Counts(3, usize::MAX),
+        range: "at least 3",
+        default: Value::Count(Self::DEFAULT.max_impacts),
+    };
+    /// Way of flight.
+    pub const FLIGHTS: Setting = Setting {
+        name: "flights",
+        meaning: "how free flight is computed",
+        unit: "",
+        values: Values::Choice(&[Value::Name("auto"), Value::Name("rk"), Value::Name("series")]),
+        range: "'auto', 'rk' or 'series'",
+        default: Value::Name(Self::DEFAULT.flights.name()),
+    };
+    /// The settings.
+    pub const SETTINGS: &'static [Setting] = &[
+        Self::RTOL,
+        Self::ATOL,
+        Self::ORDER,
+        Self::MAX_STEP,
+        Self::FIRST_STEP,
+        Self::MAX_STEPS,
+        Self::MAX_IMPACTS,
+        Self::FLIGHTS,
+    ];
+
     /// With one number for all tolerances.
     #[must_use]
     pub fn with_tol(tol: f64) -> Self {
@@ -119,29 +242,18 @@ impl SwitchedRk {
     /// # Errors
     /// [`SetupError::Setting`] names the first that is not, its value and its range.
     pub fn validated(self) -> Result<Self, SetupError> {
-        let positive = |value: f64| value > 0.0 && value.is_finite();
-        let refuse = |name, value, range| Err(SetupError::Setting(name, value, range));
-        if !(self.rtol >= 1e-14 && self.rtol < 1.0) {
-            return refuse("rtol", self.rtol, "a number from 1e-14 to below 1");
+        Self::RTOL.check(self.rtol)?;
+        for atol in self.atol {
+            Self::ATOL.check(atol)?;
         }
-        if let Some(&atol) = self.atol.iter().find(|&&atol| !positive(atol)) {
-            return refuse("atol", atol, "a finite number > 0");
-        }
-        if self.max_step.is_nan() || self.max_step <= 0.0 {
-            return refuse("max_step", self.max_step, "a time > 0, possibly infinite");
-        }
+        Self::MAX_STEP.check(self.max_step)?;
         if !self.adaptive && !self.max_step.is_finite() {
-            return refuse("max_step", self.max_step, "finite when steps are not adapted");
+            let range = "finite when steps are not adapted";
+            return Err(SetupError::Setting("max_step", self.max_step, range));
         }
-        if let Some(first) = self.first_step.filter(|&first| !positive(first)) {
-            return refuse("first_step", first, "a finite time > 0");
-        }
-        if self.max_steps == 0 {
-            return Err(SetupError::Count("max_steps", 0, "at least 1"));
-        }
-        if self.max_impacts < 3 {
-            return Err(SetupError::Count("max_impacts", self.max_impacts, "at least 3"));
-        }
+        self.first_step.map_or(Ok(()), |first| Self::FIRST_STEP.check(first))?;
+        checked_count(&Self::MAX_STEPS, self.max_steps)?;
+        checked_count(&Self::MAX_IMPACTS, self.max_impacts)?;
         Ok(self)
     }
 }

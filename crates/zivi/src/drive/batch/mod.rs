@@ -18,13 +18,12 @@ pub use outcome::{Outcome, Saved};
 pub use pool::available_threads;
 pub use returns::{map_impacts, orbits, Mapped};
 
-use crate::stepping::fixed_step::{check_initial, lift};
+use crate::method::{AnyMethod, Method, PointMass, PointRun, Settings};
 use crate::switched::check_span;
 use crate::switched::grazing::simulate_watching;
 use crate::{
-    simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
-    Dependence, Force, Grid, Keep, Monitor, MoreauJean, Output, Run, SetupError, Solver, Summary,
-    SwitchedRk, ThetaGamma, Trajectory, QUANTITIES,
+    Dependence, Force, Grid, Keep, Monitor, Output, SetupError, Solver, Summary, ThetaGamma,
+    Trajectory, QUANTITIES,
 };
 
 /// What is saved of each run.
@@ -60,36 +59,39 @@ impl Save<'_> {
     }
 }
 
-/// A method with the span of the runs.
+/// A method and the span of the runs, the same for all.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Course {
-    /// The theta-gamma scheme.
-    ThetaGamma(ThetaGamma, Grid),
-    /// Explicit signs.
-    ExplicitEuler(Grid),
-    /// Moreau-Jean time stepping.
-    MoreauJean(MoreauJean, Grid),
-    /// The switched Runge-Kutta method over a span; it saves no regular samples.
-    SwitchedRk(SwitchedRk, (f64, f64)),
+pub struct Course {
+    /// The method with its settings; the switched method saves no regular samples.
+    pub method: AnyMethod,
+    /// Start and end (s).
+    pub span: (f64, f64),
 }
 
-impl Course {
+/// What is the same for all runs, checked.
+#[derive(Clone, Copy)]
+struct Plan<'a> {
+    method: AnyMethod,
+    span: (f64, f64),
     /// The steps of a method of fixed steps.
-    fn grid(self) -> Option<Grid> {
-        match self {
-            Course::ThetaGamma(_, grid)
-            | Course::ExplicitEuler(grid)
-            | Course::MoreauJean(_, grid) => Some(grid),
-            Course::SwitchedRk(..) => None,
-        }
-    }
+    grid: Option<Grid>,
+    save: Save<'a>,
+}
 
-    /// Where the runs start (s).
-    fn start(self) -> f64 {
-        match self {
-            Course::SwitchedRk(_, (t0, _)) => t0,
-            _ => self.grid().map_or(f64::NAN, |grid| grid.t(0)),
-        }
+impl<'a> Plan<'a> {
+    /// Refuses a span without steps, and what is not saved of a method.
+    fn new(Course { method, span }: Course, save: Save<'a>) -> Result<Self, SetupError> {
+        // a span that gives no grid gives no run either
+        let grid = Grid::new(span.0, span.1, method.step().unwrap_or(f64::MAX))?;
+        let refuse = |range| Err(SetupError::Setting("save", f64::NAN, range));
+        let grid = method.step().map(|_| grid);
+        match (grid, save) {
+            (None, Save::Every(_) | Save::Steps(_)) => refuse("for a method of fixed steps"),
+            (Some(_), Save::At(_) | Save::Grazing) => refuse("for the switched method"),
+            (None, Save::At(times)) => check_span(span.0, span.1, Some(times)),
+            _ => Ok(()),
+        }?;
+        Ok(Self { method, span, grid, save })
     }
 }
 
@@ -125,12 +127,13 @@ pub enum BatchError<E> {
 ///
 /// ```
 /// use zivi::drive::batch::{simulate_batch, Course, Member, Save};
-/// use zivi::{ConstantForce, Grid, Physical, Restitution, Silent, ThetaGamma};
+/// use zivi::{ConstantForce, FixedSteps, Physical, Restitution, Silent, ThetaGamma};
 ///
 /// let wall = Restitution::from_kappa(0.41)?;
 /// let ball = |x| Member { wall, force: ConstantForce(-9.81), initial: Physical { x, xdot: 6.0 } };
 /// let balls: Vec<_> = (0..100).map(|i| ball(0.01 * f64::from(i))).collect();
-/// let course = Course::ThetaGamma(ThetaGamma::implicit_euler(), Grid::new(0.0, 4.0, 1e-3)?);
+/// let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
+/// let course = Course { method, span: (0.0, 4.0) };
 /// let ends = simulate_batch(&balls, course, Save::Final, 2, &mut Silent).unwrap();
 /// assert!(ends.iter().all(|end| end.summary.x == 0.0 && end.rest_time < 3.0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -142,53 +145,37 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     threads: usize,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Vec<Outcome>, BatchError<E>> {
-    check_save(course, save).map_err(|error| BatchError::Setup(None, error))?;
+    let plan = Plan::new(course, save).map_err(|error| BatchError::Setup(None, error))?;
     for (i, member) in members.iter().enumerate() {
-        check(member, course).map_err(|error| BatchError::Setup(Some(i), error))?;
+        let started = plan.method.check_start(member.initial, member.wall);
+        started.map_err(|error| BatchError::Setup(Some(i), error))?;
     }
-    check_memory(members, course, save, threads)?;
+    check_memory(members, plan, threads)?;
     let work = pool::Work {
         width: lanes::WIDTH,
-        chunk: |chunk: &[Member<F>], stop: &dyn Fn() -> bool| several(chunk, course, save, stop),
-        lost: |member: &Member<F>, status| {
-            Outcome::lost(course.start(), member.initial, status, save)
-        },
+        chunk: |chunk: &[Member<F>], stop: &dyn Fn() -> bool| several(chunk, plan, stop),
+        lost: |member: &Member<F>, status| Outcome::lost(plan.span.0, member.initial, status, save),
     };
     pool::run(members, threads, monitor, work)
-}
-
-/// Refuses what is not saved of a method.
-fn check_save(course: Course, save: Save<'_>) -> Result<(), SetupError> {
-    match (course, save) {
-        (Course::SwitchedRk(..), Save::Every(_) | Save::Steps(_)) => {
-            Err(SetupError::Setting("save", f64::NAN, "for a method of fixed steps"))
-        }
-        (Course::SwitchedRk(_, (t0, t1)), Save::At(times)) => check_span(t0, t1, Some(times)),
-        (Course::SwitchedRk(..), Save::Grazing) => Ok(()),
-        (_, Save::At(_) | Save::Grazing) => {
-            Err(SetupError::Setting("save", f64::NAN, "for the switched method"))
-        }
-        _ => Ok(()),
-    }
 }
 
 /// Refuses a batch whose results would not fit into memory.
 fn check_memory<E, F: Force<Stopped>>(
     members: &[Member<F>],
-    course: Course,
-    save: Save<'_>,
+    plan: Plan<'_>,
     threads: usize,
 ) -> Result<(), BatchError<E>> {
+    let Plan { method, grid, save, .. } = plan;
     let samples = match save {
         Save::At(times) => times.len(),
         // s and v take as much as x and x'
         Save::Steps(steps) => 2 * steps.len(),
-        _ => course.grid().map_or(0, |grid| outcome::samples(save.every(), grid)),
+        _ => grid.map_or(0, |grid| outcome::samples(save.every(), grid)),
     };
-    let whole = course.grid().map_or(samples, |grid| outcome::samples(1, grid));
-    let recorded = match (course, save) {
-        (_, Save::Steps(_)) | (Course::MoreauJean(..), _) => whole,
-        _ if members.iter().all(|member| side_by_side(member, course)) => 0,
+    let whole = grid.map_or(samples, |grid| outcome::samples(1, grid));
+    let recorded = match (method, save) {
+        (_, Save::Steps(_)) | (AnyMethod::MoreauJean(_), _) => whole,
+        _ if members.iter().all(|member| side_by_side(member, method)) => 0,
         _ => samples,
     };
     let record = recorded.saturating_mul(QUANTITIES * size_of::<f64>());
@@ -230,38 +217,21 @@ impl Need {
 }
 
 /// Whether a member can be moved side by side with others.
-fn side_by_side<F: Force<Stopped>>(member: &Member<F>, course: Course) -> bool {
-    matches!(course, Course::ThetaGamma(ThetaGamma { solver: Solver::Exact, .. }, _))
+fn side_by_side<F: Force<Stopped>>(member: &Member<F>, method: AnyMethod) -> bool {
+    matches!(method, AnyMethod::ThetaGamma(it) if it.scheme.solver == Solver::Exact)
         && member.force.dependence() == Dependence::Constant
-}
-
-/// Whether a member can start.
-fn check<F>(member: &Member<F>, course: Course) -> Result<(), SetupError> {
-    let Member { wall, initial, .. } = *member;
-    match course {
-        Course::ThetaGamma(ThetaGamma { theta, gamma, .. }, grid) => {
-            ThetaGammaStep::new(grid.h(), theta, gamma, wall)?;
-            lift(initial, wall).map(drop)
-        }
-        Course::ExplicitEuler(grid) => {
-            ThetaGammaStep::new(grid.h(), 1.0, 1.0, wall)?;
-            lift(initial, wall).map(drop)
-        }
-        Course::MoreauJean(method, _) => method.validated().and(check_initial(initial)),
-        Course::SwitchedRk(method, _) => method.validated().and(check_initial(initial)),
-    }
 }
 
 /// The runs of a chunk.
 fn several<F: Force<Stopped> + Copy>(
     chunk: &[Member<F>],
-    course: Course,
-    save: Save<'_>,
+    plan: Plan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
-    if let Course::ThetaGamma(ThetaGamma { theta, gamma, .. }, grid) = course {
-        let several = !matches!(save, Save::Steps(_));
-        if several && chunk.iter().all(|it| side_by_side(it, course)) {
+    let several = !matches!(plan.save, Save::Steps(_));
+    if several && chunk.iter().all(|it| side_by_side(it, plan.method)) {
+        if let (AnyMethod::ThetaGamma(it), Some(grid)) = (plan.method, plan.grid) {
+            let ThetaGamma { theta, gamma, .. } = it.scheme;
             let mut masses = Vec::with_capacity(chunk.len());
             for &Member { wall, mut force, initial } in chunk {
                 let step = ThetaGammaStep::new(grid.h(), theta, gamma, wall)?;
@@ -269,10 +239,10 @@ fn several<F: Force<Stopped> + Copy>(
                 let force = force.at(grid.t(0), 0.0, 0.0).unwrap_or(f64::NAN);
                 masses.push(lanes::Falling { step, force, initial });
             }
-            return lanes::run(&masses, grid, save, stop);
+            return lanes::run(&masses, grid, plan.save, stop);
         }
     }
-    chunk.iter().map(|member| one(member, course, save, stop)).collect()
+    chunk.iter().map(|member| one(member, plan, stop)).collect()
 }
 
 /// Looks whether to stop, and keeps what is to be saved.
@@ -298,39 +268,23 @@ impl Monitor<Stopped> for Quiet<'_> {
 /// One run by the loop of its method.
 fn one<F: Force<Stopped> + Copy>(
     member: &Member<F>,
-    course: Course,
-    save: Save<'_>,
+    Plan { method, span, save, .. }: Plan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Outcome, SetupError> {
     let Member { wall, mut force, initial } = *member;
     let every = save.every();
     let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
     let watch = &mut Quiet { keep, stop };
-    // the end of a run that is not sampled there
-    let mut end = None;
-    let mut grazing = false;
-    let Run { trajectory, .. } = match course {
-        Course::ThetaGamma(method, grid) => {
-            simulate_theta_gamma(method, wall, &mut force, grid, initial, watch)?
+    let t_eval = if let Save::At(times) = save { Some(times) } else { None };
+    let output = Output { t_eval, ..Output::default() };
+    let system = PointMass { force: &mut force, wall };
+    let (PointRun { trajectory, end, .. }, grazing) = match (method, save) {
+        (AnyMethod::SwitchedRk(method), Save::Grazing) => {
+            let PointMass { force, wall } = system;
+            let (run, grazes) = simulate_watching(method, wall, force, span, initial, watch)?;
+            (PointRun::switched(run, wall), grazes)
         }
-        Course::ExplicitEuler(grid) => {
-            simulate_explicit_euler(wall, &mut force, grid, initial, watch)?
-        }
-        Course::MoreauJean(method, grid) => {
-            simulate_moreau_jean(method, wall, &mut force, grid, initial, watch)?
-        }
-        Course::SwitchedRk(method, span) if save == Save::Grazing => {
-            let (run, grazes) = simulate_watching(method, wall, &mut force, span, initial, watch)?;
-            grazing = grazes;
-            Run { trajectory: run.trajectory, raised: run.raised }
-        }
-        Course::SwitchedRk(method, span) => {
-            let t_eval = if let Save::At(times) = save { Some(times) } else { None };
-            let output = Output { t_eval, ..Output::default() };
-            let run = simulate_switched_rk(method, wall, &mut force, span, initial, output, watch)?;
-            end = t_eval.map(|_| run.end);
-            Run { trajectory: run.trajectory, raised: run.raised }
-        }
+        _ => (method.run(system, span, initial, output, watch)?, false),
     };
     let Trajectory { columns, summary, events, status, nfev, .. } = trajectory;
     // a method that keeps all of its samples is thinned afterwards
@@ -341,7 +295,8 @@ fn one<F: Force<Stopped> + Copy>(
         _ => Saved::default(),
     };
     let mut summary = summary.unwrap_or_else(|| Summary::of(&columns));
-    if let Some((t, Physical { x, xdot })) = end {
+    // the end of a run that is not sampled there
+    if let (Some(_), Some((t, Physical { x, xdot }))) = (t_eval, end) {
         (summary.t, summary.x, summary.xdot) = (t, x, xdot);
     }
     if save != Save::Statistics {

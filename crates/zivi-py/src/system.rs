@@ -1,0 +1,102 @@
+//! What a run is asked for: the system, where it starts, what it shall keep.
+
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use zivi::{Physical, Restitution};
+
+use crate::dynamics::vector;
+use crate::user_events::Event;
+
+/// A mass above a wall.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct PointMass {
+    pub(crate) force: Py<PyTuple>,
+    pub(crate) wall: Restitution,
+}
+
+#[pymethods]
+impl PointMass {
+    /// From its force and both of its coefficients: one as it was given, the other its image.
+    #[new]
+    fn new(force: Py<PyTuple>, e: f64, kappa: f64) -> PyResult<Self> {
+        Ok(Self { force, wall: crate::transform::wall((e, kappa))? })
+    }
+}
+
+/// Distance from the wall and velocity.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct State {
+    pub(crate) inner: Physical,
+}
+
+#[pymethods]
+impl State {
+    #[new]
+    fn new(x: f64, xdot: f64) -> Self {
+        Self { inner: Physical { x, xdot } }
+    }
+}
+
+/// A mechanical system of `n` coordinates and `m` gaps.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct Mechanism {
+    pub(crate) model: Py<PyTuple>,
+    pub(crate) n: usize,
+    pub(crate) m: usize,
+    /// A coefficient of restitution for each gap.
+    pub(crate) e: Vec<f64>,
+}
+
+#[pymethods]
+impl Mechanism {
+    #[new]
+    #[pyo3(signature = (model, *, n, m, e))]
+    fn new(model: Py<PyTuple>, n: usize, m: usize, e: PyReadonlyArray1<'_, f64>) -> Self {
+        Self { model, n, m, e: vector(&e) }
+    }
+}
+
+/// Coordinates and velocities.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct Configuration {
+    pub(crate) q: Vec<f64>,
+    pub(crate) qdot: Vec<f64>,
+}
+
+#[pymethods]
+impl Configuration {
+    #[new]
+    fn new(q: PyReadonlyArray1<'_, f64>, qdot: PyReadonlyArray1<'_, f64>) -> Self {
+        Self { q: vector(&q), qdot: vector(&qdot) }
+    }
+}
+
+/// What a run shall keep, besides what happens at the wall.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct Keep {
+    /// Times of the samples, where they are given.
+    pub(crate) t_eval: Option<Py<PyArray1<f64>>>,
+    /// Times where the force is not smooth.
+    pub(crate) tstops: Option<Py<PyArray1<f64>>>,
+    pub(crate) events: Vec<Py<Event>>,
+    /// Whether the motion between the samples is kept.
+    pub(crate) dense: bool,
+    /// Whether there are samples between the steps, so that lines draw the motion.
+    pub(crate) drawn: bool,
+}
+
+#[pymethods]
+impl Keep {
+    #[new]
+    #[pyo3(signature = (*, t_eval=None, tstops=None, events=Vec::new(), dense=false, drawn=false))]
+    fn new(
+        t_eval: Option<Py<PyArray1<f64>>>,
+        tstops: Option<Py<PyArray1<f64>>>,
+        events: Vec<Py<Event>>,
+        dense: bool,
+        drawn: bool,
+    ) -> Self {
+        Self { t_eval, tstops, events, dense, drawn }
+    }
+}

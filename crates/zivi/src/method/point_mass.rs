@@ -1,0 +1,103 @@
+//! A mass above a wall, and the methods that run it.
+
+use super::{Method, Settings, System};
+use crate::stepping::fixed_step::check_initial;
+use crate::stepping::scheme::{FixedSteps, Scheme};
+use crate::{
+    simulate_switched_rk, Counts, EventHit, Following, Force, Monitor, Motion, Output, Physical,
+    Restitution, Run, SetupError, SwitchedRk, SwitchedRun, Trajectory,
+};
+
+/// A mass above a wall: `x'' = f`, `x >= 0`, `x'+ = -e x'-`.
+pub struct PointMass<'f, F> {
+    /// The force.
+    pub force: &'f mut F,
+    /// The wall.
+    pub wall: Restitution,
+}
+
+impl<E, F: Force<E>> System<E> for PointMass<'_, F> {
+    type State<'a> = Physical;
+    type Keep<'a> = Output<'a, E>;
+    type Run = PointRun<E>;
+}
+
+/// A run of any method.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointRun<E> {
+    /// Samples, impacts, Zeno points, lift-offs, status.
+    pub trajectory: Trajectory,
+    /// The error that the force, an event or the monitor raised.
+    pub raised: Option<E>,
+    /// What is known between the samples; a method of fixed steps knows its steps only.
+    pub motion: Option<Motion>,
+    /// For each event of the user what happened, in order.
+    pub hits: Vec<Vec<EventHit>>,
+    /// How much work was done.
+    pub counts: Counts,
+    /// The time and the state up to which the motion is known, whatever is sampled, where that is
+    /// not the last sample.
+    pub end: Option<(f64, Physical)>,
+}
+
+impl<E> PointRun<E> {
+    fn of_steps(Run { trajectory, raised }: Run<E>, hits: Vec<Vec<EventHit>>) -> Self {
+        let accepted = trajectory.columns.len().saturating_sub(1) as u64;
+        let counts = Counts { nfev: trajectory.nfev, accepted, ..Counts::default() };
+        Self { trajectory, raised, motion: None, hits, counts, end: None }
+    }
+
+    /// A run of the switched method above a wall.
+    #[must_use]
+    pub fn switched(run: SwitchedRun<E>, wall: Restitution) -> Self {
+        let SwitchedRun { trajectory, raised, path, tails, hits, counts, end } = run;
+        let motion = Some(Motion { path, tails, wall });
+        Self { trajectory, raised, motion, hits, counts, end: Some(end) }
+    }
+}
+
+impl Settings for SwitchedRk {
+    fn check(&self) -> Result<(), SetupError> {
+        self.validated().map(drop)
+    }
+
+    fn check_start(&self, initial: Physical, _: Restitution) -> Result<(), SetupError> {
+        self.check().and(check_initial(initial))
+    }
+}
+
+impl<'f, E, F: Force<E>> Method<E, PointMass<'f, F>> for SwitchedRk {
+    fn run(
+        &self,
+        PointMass { force, wall }: PointMass<'f, F>,
+        span: (f64, f64),
+        y0: Physical,
+        keep: Output<'_, E>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<PointRun<E>, SetupError> {
+        let run = simulate_switched_rk(*self, wall, force, span, y0, keep, monitor)?;
+        Ok(PointRun::switched(run, wall))
+    }
+}
+
+/// Of what is to be kept only the events matter: the samples are the steps.
+impl<'f, E, F: Force<E>, S: Scheme> Method<E, PointMass<'f, F>> for FixedSteps<S> {
+    fn run(
+        &self,
+        PointMass { force, wall }: PointMass<'f, F>,
+        span: (f64, f64),
+        y0: Physical,
+        keep: Output<'_, E>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<PointRun<E>, SetupError> {
+        let (grid, scheme) = (self.grid(span)?, &self.scheme);
+        scheme.check(self.h, wall)?;
+        if keep.events.is_empty() {
+            let run = scheme.run(wall, force, grid, y0, monitor)?;
+            return Ok(PointRun::of_steps(run, Vec::new()));
+        }
+        let mut following = Following::new(keep.events, monitor);
+        let run = scheme.run(wall, force, grid, y0, &mut following)?;
+        Ok(PointRun::of_steps(run, following.into_hits()))
+    }
+}
