@@ -22,7 +22,6 @@ from random import Random
 from typing import Any
 
 import numpy as np
-import zivi
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -47,15 +46,18 @@ def oracle(flights: NDArray[np.float64], depths: Any = np.nan) -> NDArray[np.flo
 
 
 def first(n: int = 100_000, seed: int = 1) -> None:
-    """Missed and invented impacts, and errors of the times, family by family."""
+    """Count missed and invented impacts, and tell errors of the times, family by family."""
+    every = []
     for name, share in flight_draws.FAMILIES.items():
         flights = flight_draws.draw(name, max(1, round(share * n)), seed)
-        found = flight_draws.compare(flights, flight_draws.first_impacts(flights), oracle(flights))
-        print(f"{name:12} {found}", flush=True)
+        rows = flights, flight_draws.first_impacts(flights), oracle(flights)
+        every.append(rows)
+        print(f"{name:12} {flight_draws.compare(*rows)}", flush=True)
+    print(f"{'all':12} {flight_draws.compare(*map(np.concatenate, zip(*every, strict=True)))}")
 
 
 def touch(n: int = 9000, seed: int = 1) -> None:
-    """The depths up to which what is an impact is not agreed upon."""
+    """Tell the depths up to which it is not agreed upon what is an impact."""
     flights, depths = flight_draws.draw_touches(n, seed)
     truth = oracle(flights, depths)
     missed, invented, error = flight_draws.compare_touches(flights, truth)
@@ -66,7 +68,7 @@ def touch(n: int = 9000, seed: int = 1) -> None:
 
 
 def pair(n: int = 500, seed: int = 1) -> None:
-    """Whole runs beside those of the embedded pair at rtol 1e-12."""
+    """Compare whole runs with those of the embedded pair at rtol 1e-12."""
     random, worst, apart = Random(seed), 0.0, 0
     for number in range(n):
         case = flight_draws.run(random)
@@ -79,24 +81,26 @@ def pair(n: int = 500, seed: int = 1) -> None:
 
 
 def area(n: int = 100_000, seed: int = 1) -> None:
-    """``det J = e^2 (u/u') exp(-c T)``."""
+    """Check ``det J = e^2 (u/u') exp(-c T)``."""
     error = flight_draws.errors_of_areas(n, seed)
     print(f"{len(error)} impacts: 99 % {np.quantile(error, 0.99):.2g}, most {error.max():.2g}")
 
 
 def near() -> None:
-    """Errors of a Zeno time near elastic impacts, in ``rtol T``."""
+    """Tell errors of a Zeno time near elastic impacts, in ``rtol T``."""
     for flights in ("series", "rk"):
         for rtol in (1e-6, 1e-8, 1e-10, 1e-12):
             error, impacts = flight_draws.near_elastic(flights, rtol)
-            print(f"{flights} {rtol:g}: {error:.2g} s, {error / rtol:.2g} rtol T, {impacts} impacts")
+            print(
+                f"{flights} {rtol:g}: {error:.2g} s, {error / rtol:.2g} rtol T, {impacts} impacts"
+            )
 
 
 def write() -> None:
     """Store some flights of each family and some that nearly touch, with the oracle's answers."""
     stored: dict[str, Any] = {"first": [], "touch": []}
     for k, name in enumerate(flight_draws.FAMILIES):
-        flights = flight_draws.draw(name, 60, 100 + k)
+        flights = flight_draws.draw(name, 300 if name == "ordinary" else 30, 100 + k)
         stored["first"] += [[*a, *b[:4]] for a, b in zip(flights, oracle(flights), strict=True)]
     flights, depths = flight_draws.draw_touches(150, 200)
     truth = oracle(flights, depths)

@@ -67,7 +67,8 @@ def draw(name, n, seed):
     on_wall = (start < 0.35) | (x0 == 0.0)
     x0[on_wall], v0[on_wall] = 0.0, np.abs(v0[on_wall])
     push = amplitude * np.cos(w * t0 + phi) - g
-    v0[(start < 0.05) & (push > 0.1)] = 0.0
+    # without a wave or a damper the mass would come back to touch the wall, no more
+    v0[(start < 0.05) & (push > 0.1) & (amplitude > 0)] = 0.0
     return np.column_stack([k, c, g, amplitude, w, phi, t0, x0, v0, np.full(n, length)])
 
 

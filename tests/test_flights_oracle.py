@@ -17,13 +17,16 @@ DATA = json.loads((Path(__file__).parent / "data" / "flights.json").read_text())
 FIRST, TOUCH = (np.array(DATA[key]) for key in ("first", "touch"))
 
 
-def test_first_impacts():
-    flights, truth = FIRST[:, :10], FIRST[:, 10:]
+@pytest.mark.parametrize(("least", "most", "error"), [(-1, 100, 5e-15), (100, 1e7, 1e-13)])
+def test_first_impacts(least, most, error):
+    """A mass that a damper of 1e3 1/s has stopped arrives so slowly that rounding tells."""
+    rows = FIRST[(FIRST[:, 1] >= least) & (FIRST[:, 1] < most)]
+    flights, truth = rows[:, :10], rows[:, 10:]
     found = flight_draws.compare(flights, flight_draws.first_impacts(flights), truth)
-    assert found.flights > 500
-    assert found.impacts > 300
+    assert found.flights > 100
+    assert found.impacts > 40
     assert (found.missed, found.invented, found.unknown) == (0, 0, 0)
-    assert np.quantile(found.errors, 0.99) < 5e-15
+    assert np.quantile(found.errors, 0.99) < error
     assert found.errors.max() < 1e-12
     assert np.quantile(found.speeds, 0.95) < 1e-13
 

@@ -15,7 +15,8 @@
 //! ```
 //!
 //! removes one power after the other: `S^(j)` has an error of order `u^(j+2)`. Nothing here knows
-//! what bounces: a chain holds times, speeds and pulls.
+//! what bounces: a chain holds times, speeds and pulls. Powers and logarithms are those of the
+//! `libm` crate, here and in what follows from a chain: the same on every machine.
 
 /// One impact of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,8 +92,17 @@ impl Chain {
     /// Rows of the table lie so many impacts apart that the speed falls by [`FALL`], if there are
     /// that many: neighbours tell little from each other when `e` is near 1.
     pub(crate) fn stride(&self) -> usize {
-        let longest = (FALL.ln() / self.e.ln()).round().max(1.0) as usize;
+        let longest = (libm::log(FALL) / libm::log(self.e)).round().max(1.0) as usize;
         longest.min(self.bounces.len() / (COLUMNS + 2)).max(1)
+    }
+
+    /// By how much the speed falls over so many impacts.
+    fn ratio(&self, stride: usize) -> f64 {
+        if stride == 1 {
+            self.e
+        } else {
+            libm::pow(self.e, stride as f64)
+        }
     }
 
     /// The last two rows, equations (2) and (3), and how many of their entries there are.
@@ -100,7 +110,7 @@ impl Chain {
         let (last, first) = (self.bounces.len() - 1, self.bounces[0].t);
         let rows = (last / stride + 1).min(COLUMNS + 2);
         let (mut row, mut before) = ([0.0; COLUMNS + 1], [0.0; COLUMNS + 1]);
-        let ratio = self.e.powf(stride as f64);
+        let ratio = self.ratio(stride);
         for i in (0..rows).rev() {
             let bounce = self.bounces[last - i * stride];
             before = row;
@@ -147,7 +157,7 @@ impl Chain {
         let (first, last) = (self.bounces.first()?, self.bounces.last()?);
         let stride = self.stride();
         let ([row, before], columns) = self.table(stride);
-        let ratio = self.e.powf(stride as f64);
+        let ratio = self.ratio(stride);
         let mut noise = f64::EPSILON * last.t.abs().max(row[0].abs());
         let mut best: Option<ZenoTime> = None;
         let mut power = ratio * ratio;

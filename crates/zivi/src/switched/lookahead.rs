@@ -140,7 +140,7 @@ impl Lookahead<'_> {
         if left > SPARSE {
             return (panels, 1);
         }
-        let arcs = LASTING.ln() / self.e.ln();
+        let arcs = libm::log(LASTING) / libm::log(self.e);
         (panels, arcs.min(longest / h).max(1.0).round() as usize)
     }
 

@@ -135,12 +135,12 @@ impl Tail {
         if m == 0.0 {
             self.start
         } else {
-            self.zeno - series(&self.c, self.e.powf(m))
+            self.zeno - series(&self.c, libm::pow(self.e, m))
         }
     }
 
     fn speed(&self, m: f64) -> f64 {
-        series(&self.d, self.e.powf(m))
+        series(&self.d, libm::pow(self.e, m))
     }
 
     /// Time of the last impact before the tail (s).
@@ -190,7 +190,7 @@ impl Tail {
         }
         let is_over = |m: usize| self.arc(m).is_some_and(|arc| arc.end <= t);
         // the leading term of (1) gives the arc up to a few: from there a bracket, and its halves
-        let guess = ((left / whole).ln() / self.e.ln()).floor().clamp(0.0, 1e9) as usize;
+        let guess = (libm::log(left / whole) / libm::log(self.e)).floor().clamp(0.0, 1e9) as usize;
         let (mut first, mut beyond, mut step) = (guess, guess, 1);
         while first > 0 && !is_over(first - 1) {
             (beyond, first) = (first - 1, first.saturating_sub(step));
@@ -226,7 +226,7 @@ fn stride(e: f64, terms: usize, last: usize) -> usize {
     if terms < 2 {
         return 1;
     }
-    let tenth = (0.9f64.ln() / e.ln()).round().max(1.0) as usize;
+    let tenth = (libm::log(0.9) / libm::log(e)).round().max(1.0) as usize;
     tenth.min(last / (terms - 1)).max(1)
 }
 
@@ -238,7 +238,7 @@ fn series(a: &[f64; TERMS], q: f64) -> f64 {
 /// The `a` with `sum_k a_k q_i^k = values_i`, `q_i = e^(-i stride)`, by Newton's interpolation of
 /// `values/q`.
 fn fit(e: f64, stride: usize, terms: usize, values: [f64; TERMS]) -> [f64; TERMS] {
-    let q: [f64; TERMS] = std::array::from_fn(|i| e.powf(-((i * stride) as f64)));
+    let q: [f64; TERMS] = std::array::from_fn(|i| libm::pow(e, -((i * stride) as f64)));
     let mut d: [f64; TERMS] = std::array::from_fn(|i| values[i] / q[i]);
     for level in 1..terms {
         for i in (level..terms).rev() {

@@ -259,6 +259,7 @@ impl SeriesFlight {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::turns::Phase;
     use crate::Wave;
 
     /// Speeds and phases of impacts with `e = 0.8` that begin so many turns after `t = 0`.
@@ -268,28 +269,26 @@ mod tests {
         let law = LinearLaw { stiffness: 1.0, damping: 0.1, gravity: -1.0, waves };
         let mut flight = SeriesFlight::new(law).unwrap();
         let clock = flight.linear.first().unwrap().clock;
-        flight.phase = Phase { turns, part: 0.123, rest: 0.0 };
-        flight.at = clock.time(flight.phase);
+        let phase = Phase { turns, part: 0.123, rest: 0.0 };
+        flight.at = clock.time(phase);
+        flight.clock = Reading::new(&flight.linear, phase, flight.at);
         let (t, late) = flight.at;
         let mut now = Point { t, late, x: 0.0, xdot: 1.3 };
-        let mut all = Vec::new();
-        for _ in 0..2000 {
-            let known = usize::from(now.x == 0.0);
-            let piece = flight.next(now, known, f64::MAX);
-            let lands = piece.lands();
-            now = piece.end;
-            if lands {
-                now.xdot *= -0.8;
-                all.push([now.xdot, flight.phase.part, flight.phase.rest].map(f64::to_bits));
-            }
-        }
-        all
+        let reach = Reach { t_end: f64::MAX, look: f64::MAX, steps: 1000 };
+        (0..200)
+            .map(|_| {
+                let Arrival { end, lands, .. } = flight.fly(now, 1, reach);
+                assert!(lands);
+                now = Point { xdot: -0.8 * end.xdot, ..end };
+                let Phase { part, rest, .. } = flight.clock.phase(0.0, &flight.table);
+                [now.xdot, part, rest].map(f64::to_bits)
+            })
+            .collect()
     }
 
     #[test]
     fn impacts_a_billion_periods_later_are_the_same_to_the_last_bit() {
         let early = impacts(0.0);
-        assert!(early.len() > 100);
         assert_eq!(impacts(1.0), early);
         assert_eq!(impacts(1e9), early);
     }
