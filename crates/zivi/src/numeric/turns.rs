@@ -49,7 +49,12 @@ pub(crate) fn sin_cos(turns: f64) -> (f64, f64) {
     let quarter = nearest(4.0 * turns);
     let y = TAU * (turns - 0.25 * quarter);
     let z = y * y;
-    let of = |c: &[f64; 7]| c.iter().rev().fold(0.0, |sum, c| sum * z + c);
+    // even and odd powers apart, which a processor sums side by side
+    let zz = z * z;
+    let of = |c: &[f64; 7]| {
+        let even = ((c[6] * zz + c[4]) * zz + c[2]) * zz + c[0];
+        even + z * ((c[5] * zz + c[3]) * zz + c[1])
+    };
     let sin = y + y * (z * of(&SIN));
     let cos = 1.0 - (0.5 * z - z * z * of(&COS));
     match quarter as i64 & 3 {

@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 use zivi_core::Restitution;
 
-use super::flight::series::{column, derivative, stretch, value, Linear, Reading, Series};
+use super::flight::series::{column, derivative, value_and_slope, Linear, Reading, Series};
 use super::flight::series::{Start, Step, Table, TERMS};
 use crate::numeric::turns::{of_angle, Phase};
 use crate::{LinearLaw, SetupError, Wave};
@@ -98,6 +98,8 @@ const NO_TIME: (f64, f64) = (0.0, 0.0);
 struct Flight<'m> {
     map: &'m ImpactMap,
     clock: Reading,
+    /// The phase of the impact at its end.
+    end: Phase,
     start: Start,
     known: usize,
     /// Steps so far.
@@ -132,7 +134,7 @@ impl ImpactMap {
         }
         let mut of_table = linear.table_law();
         of_table.omega[0] = omega;
-        let table = Arc::new(Table::new(of_table, f64::INFINITY));
+        let table = Table::shared(of_table);
         if !(table.h() > 1e-100 && table.h() < 1e100) {
             return refuse("force", table.h(), "one with times that can be computed with");
         }
@@ -219,10 +221,10 @@ impl ImpactMap {
         }
         let mut flight = Flight::new(self, phase, u);
         for _ in 0..MOST_STEPS {
-            let step = Step::next(&self.table, &flight.start, flight.known, f64::INFINITY, true);
+            let step = Step::next(&self.table, &flight.start, flight.known, true);
             flight.go_on(&step);
             if step.lands {
-                return (flight.landed(&step), flight.phase());
+                return (flight.landed(&step), flight.end);
             }
             if !(step.x.is_finite() && step.v.is_finite()) {
                 break;
@@ -244,7 +246,7 @@ impl ImpactMap {
         }
         let mut flight = Flight::new(self, of_angle(phase), u);
         for _ in 0..MOST_STEPS {
-            let step = Step::next(&self.table, &flight.start, flight.known, f64::INFINITY, far);
+            let step = Step::next(&self.table, &flight.start, flight.known, far);
             for column in &mut columns {
                 column.go_on(&flight, &step);
             }
@@ -285,28 +287,24 @@ impl<'m> Flight<'m> {
         let clock = Reading::new(&map.linear, Phase { turns: 0.0, ..phase }, NO_TIME);
         let start =
             Start { x: 0.0, v: u * map.table.h(), force: map.linear.constant, waves: clock.waves };
-        Self { map, clock, start, known: 1, steps: 0.0 }
+        Self { map, clock, end: phase, start, known: 1, steps: 0.0 }
     }
 
     /// To the end of a step.
     fn go_on(&mut self, step: &Step) {
+        self.steps += step.length;
         let ImpactMap { linear, table, .. } = self.map;
         if step.lands {
-            self.clock = Reading::new(linear, self.clock.phase(step.length, table), NO_TIME);
-        } else {
-            self.clock = self.clock.after::<1>(step.length, NO_TIME, linear, table);
+            self.end = self.clock.phase(step.length, table);
+            return;
         }
-        self.steps += step.length;
+        self.clock = self.clock.after::<1>(step.length, NO_TIME, linear, table);
         self.start = Start { x: step.x, v: step.v, waves: self.clock.waves, ..self.start };
         self.known = if step.x > 0.0 { 0 } else { 1 };
     }
 
-    fn phase(&self) -> Phase {
-        self.clock.phase(0.0, &self.map.table)
-    }
-
     fn landed(&self, step: &Step) -> Return {
-        let part = self.phase().part;
+        let part = self.end.part;
         let part = part + if part < 0.0 { 1.0 } else { 0.0 };
         let duration = self.steps * self.map.table.h();
         if self.steps * (1.0 + self.map.table.turns()) < SHORTEST {
@@ -324,7 +322,8 @@ impl<'m> Flight<'m> {
         let h = table.h();
         let v = step.v / h;
         let ImpactMap { law, linear, .. } = self.map;
-        let a = linear.constant + self.start.waves[0][0] - law.damping * v;
+        let push = linear.first().map_or(0.0, |wave| wave.at(self.end)[0]);
+        let a = linear.constant + push - law.damping * v;
         let dt = -column.x / v;
         let du = -e * (column.v / h + a * dt) - v * column.e;
         let own = if column.by == By::Omega { next.duration } else { 0.0 };
@@ -375,11 +374,12 @@ impl Column {
         let angle = self.turn + if self.by == By::Omega { flight.steps * h } else { 0.0 };
         let mut wave = [-angle * im, angle * re];
         if let Some(unit) = self.wave.as_ref().and_then(Linear::first) {
-            let more = unit.at(flight.phase());
+            let more = unit.at(flight.clock.phase(0.0, table));
             wave = [wave[0] + more[0], wave[1] + more[1]];
         }
         let start = Start { x: self.x, v: self.v, force: self.force, waves: [wave, [0.0; 2]] };
-        if let Some(j) = step.doublings {
+        let whole = (step.length == 1.0 && self.by == By::Nothing).then_some(0);
+        if let Some(j) = step.doublings.or(whole) {
             let end = table.jump(&start, j);
             (self.x, self.v) = (end.x, end.v);
             return;
@@ -389,8 +389,7 @@ impl Column {
             let own = self.particular(flight);
             y.iter_mut().zip(own).for_each(|(y, own)| *y += own);
         }
-        stretch(&mut y, step.length);
-        (self.x, self.v) = (value(&y, 1.0), value(&derivative(&y), 1.0) / step.length);
+        [self.x, self.v] = value_and_slope(&y, step.length);
     }
 
     /// The flight that starts at rest under what `k`, `c` or `omega` adds to the force of a column,

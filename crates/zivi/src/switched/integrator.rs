@@ -245,7 +245,8 @@ impl SwitchedIntegrator {
         mut observe: impl FnMut(Occurrence),
     ) -> Result<(), Failure<E>> {
         self.adopt(force);
-        let mut force = Counted::new(force).linear(self.linear());
+        let linear = self.linear().copied();
+        let mut force = Counted::known(force, linear.as_ref());
         self.spent = 0;
         let mut ended = Ok(());
         while self.now.t < t_end && ended.is_ok() {

@@ -153,12 +153,12 @@ pub(super) fn simulate_with<E, F: Force<E>>(
     integrator.start(t0, initial)?;
     integrator.lookout.probing = force.shortest_period().is_none();
     integrator.adopt(force);
-    let linear = integrator.linear();
+    let linear = integrator.linear().copied();
     if settings.flights == Flights::Series && linear.is_none() {
         return Err(SetupError::Setting("flights", f64::NAN, "series for a linear force only"));
     }
     let mut run = Running::new(integrator, t1, &mut output);
-    let mut force = Counted::new(force).linear(linear);
+    let mut force = Counted::known(force, linear.as_ref());
     let ending = run.go(stepper, &mut force, monitor);
     let nfev = force.count();
     run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))

@@ -22,17 +22,18 @@ pub(crate) struct Counted<'a, F> {
     /// Times between which it is smooth: it is asked at no others.
     smooth: (f64, f64),
     /// Its numbers, where it is known by them: then it is not evaluated.
-    linear: Option<Linear>,
+    linear: Option<&'a Linear>,
 }
 
 impl<'a, F> Counted<'a, F> {
     pub(crate) fn new(force: &'a mut F) -> Self {
-        Self { force, count: 0, smooth: (f64::NEG_INFINITY, f64::INFINITY), linear: None }
+        Self::known(force, None)
     }
 
     /// The same, known by its numbers if there are any.
-    pub(super) fn linear(self, linear: Option<Linear>) -> Self {
-        Self { linear, ..self }
+    pub(super) fn known(force: &'a mut F, linear: Option<&'a Linear>) -> Self {
+        let smooth = (f64::NEG_INFINITY, f64::INFINITY);
+        Self { force, count: 0, smooth, linear }
     }
 
     /// From here on the force is smooth from `start` to `end`, where it may jump: it is asked
@@ -80,10 +81,10 @@ impl<'a, F> Counted<'a, F> {
     where
         F: Force<E>,
     {
-        match &mut self.linear {
+        match self.linear {
             Some(linear) => {
                 let t = t.max(self.smooth.0).min(self.smooth.1);
-                evaluate(linear, t, Physical { x, xdot })
+                evaluate(&mut { *linear }, t, Physical { x, xdot })
             }
             None => self.at(t, x, xdot),
         }
@@ -93,7 +94,7 @@ impl<'a, F> Counted<'a, F> {
     where
         F: Force<E>,
     {
-        match &self.linear {
+        match self.linear {
             Some(linear) => Force::<E>::dependence_at_rest(linear),
             None => self.force.dependence_at_rest(),
         }
@@ -103,7 +104,7 @@ impl<'a, F> Counted<'a, F> {
     where
         F: Force<E>,
     {
-        match &self.linear {
+        match self.linear {
             Some(linear) => Force::<E>::shortest_period(linear),
             None => self.force.shortest_period(),
         }
@@ -113,7 +114,7 @@ impl<'a, F> Counted<'a, F> {
     where
         F: Force<E>,
     {
-        match &self.linear {
+        match self.linear {
             Some(linear) => Force::<E>::dependence(linear),
             None => self.force.dependence(),
         }

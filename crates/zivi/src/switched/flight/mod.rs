@@ -103,15 +103,17 @@ impl SwitchedIntegrator {
             Flights::Auto if !self.settings.adaptive => None,
             Flights::Auto | Flights::Series => force.linear(),
         };
-        self.series = match (self.series.take(), law) {
-            (_, None) => None,
-            (None, Some(law)) => SeriesFlight::new(law).map(Box::new),
-            (Some(mut series), Some(law)) => series.under(law).map(|()| series),
+        let same = match (&mut self.series, &law) {
+            (Some(series), Some(law)) => series.under(law),
+            (series, law) => series.is_none() && law.is_none(),
         };
+        if !same {
+            self.series = law.and_then(SeriesFlight::new).map(Box::new);
+        }
     }
 
     /// The force by its numbers, if flights are power series.
-    pub(super) fn linear(&self) -> Option<Linear> {
+    pub(super) fn linear(&self) -> Option<&Linear> {
         self.series.as_ref().map(|series| series.linear())
     }
 

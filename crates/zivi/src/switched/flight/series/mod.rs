@@ -13,7 +13,7 @@ mod step;
 mod table;
 
 pub(crate) use law::Linear;
-pub(crate) use powers::{derivative, stretch, value};
+pub(crate) use powers::{derivative, value, value_and_slope};
 pub(crate) use reading::Reading;
 pub(crate) use step::Step;
 pub(crate) use table::{column, Series, Start, Table, TERMS};
@@ -22,6 +22,7 @@ use std::sync::Arc;
 
 use crate::switched::stages::Point;
 use crate::LinearLaw;
+use powers::stretch;
 
 /// Flights under one linear force.
 #[derive(Clone, Debug)]
@@ -77,40 +78,29 @@ impl SeriesFlight {
     /// The flights under a law, unless its numbers are beyond what can be computed with.
     pub(in crate::switched) fn new(law: LinearLaw) -> Option<Self> {
         let linear = Linear::new(&law);
-        let table = Table::new(linear.table_law(), f64::INFINITY);
-        Self::with_table(law, linear, Arc::new(table))
-    }
-
-    fn with_table(law: LinearLaw, linear: Linear, table: Arc<Table>) -> Option<Self> {
+        let table = Table::shared(linear.table_law());
         let usable = table.h() > 1e-100 && table.h() < 1e100;
         let piece = Flown::default();
         let (clock, at, speed) = (Reading::default(), (f64::NAN, f64::NAN), (f64::NAN, 0.0));
         usable.then_some(Self { law, linear, table, clock, at, speed, piece })
     }
 
-    /// Goes over to another law: with the same table if that serves. None as for `new`.
+    /// Goes over to another law where that differs in its constant alone: a control that is held.
     #[inline]
-    pub(in crate::switched) fn under(&mut self, law: LinearLaw) -> Option<()> {
-        if (law.stiffness, law.damping, law.waves)
-            == (self.law.stiffness, self.law.damping, self.law.waves)
-        {
-            // a control that is held is but another constant
-            self.linear.pulled_by(law.gravity);
-            self.law = law;
-            return Some(());
+    pub(in crate::switched) fn under(&mut self, law: &LinearLaw) -> bool {
+        let LinearLaw { stiffness, damping, gravity, waves } = *law;
+        let own = &self.law;
+        if (stiffness, damping) != (own.stiffness, own.damping) || waves != own.waves {
+            return false;
         }
-        let linear = Linear::new(&law);
-        *self = if linear.table_law() == self.table.law() {
-            Self::with_table(law, linear, Arc::clone(&self.table))?
-        } else {
-            Self::new(law)?
-        };
-        Some(())
+        self.linear.pulled_by(gravity);
+        self.law.gravity = gravity;
+        true
     }
 
     /// The force.
-    pub(in crate::switched) fn linear(&self) -> Linear {
-        self.linear
+    pub(in crate::switched) fn linear(&self) -> &Linear {
+        &self.linear
     }
 
     /// Reads the clock, unless that was done.

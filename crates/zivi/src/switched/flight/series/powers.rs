@@ -61,7 +61,7 @@ pub(super) fn slopes(a: &Series, s: f64) -> [f64; 3] {
 
 /// The values of a series and of its derivative.
 #[inline(always)]
-pub(super) fn value_and_slope(a: &Series, s: f64) -> [f64; 2] {
+pub(crate) fn value_and_slope(a: &Series, s: f64) -> [f64; 2] {
     let s2 = s * s;
     let (s3, s4) = (s2 * s, s2 * s2);
     let of = |k: usize| -> Lanes { std::array::from_fn(|i| a[LANES * k + i]) };
@@ -77,15 +77,17 @@ pub(super) fn value_and_slope(a: &Series, s: f64) -> [f64; 2] {
     [joined(p, s), slope]
 }
 
-/// The same of a short series, term by term.
+/// The same of a short series, as two in `s^2`.
 #[inline(always)]
 pub(super) fn of_few<const N: usize>(a: &[f64; N], s: f64) -> [f64; 2] {
-    let (mut p, mut d) = (0.0, 0.0);
-    for &a in a.iter().rev() {
-        d = d * s + p;
-        p = p * s + a;
+    let (s2, mut p, mut d) = (s * s, [0.0; 2], [0.0; 2]);
+    for k in (0..N.div_ceil(2)).rev() {
+        for i in 0..2 {
+            d[i] = d[i] * s2 + p[i];
+            p[i] = p[i] * s2 + if 2 * k + i < N { a[2 * k + i] } else { 0.0 };
+        }
     }
-    [p, d]
+    [p[0] + s * p[1], p[1] + 2.0 * s * (d[0] + s * d[1])]
 }
 
 pub(crate) fn derivative(a: &Series) -> Series {
@@ -98,7 +100,7 @@ pub(crate) fn derivative(a: &Series) -> Series {
 
 /// The series of a part of what it was one of.
 #[inline]
-pub(crate) fn stretch(a: &mut Series, part: f64) {
+pub(super) fn stretch(a: &mut Series, part: f64) {
     if part == 1.0 {
         return;
     }

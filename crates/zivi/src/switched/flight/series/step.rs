@@ -31,18 +31,15 @@ pub(crate) struct Step {
 type End = (f64, [f64; 2], bool);
 
 impl Step {
+    /// The next step of a flight with one wave, however long.
+    #[inline]
+    pub(crate) fn next(table: &Table, start: &Start, known: usize, far: bool) -> Self {
+        Self::with_waves::<1>(table, start, known, f64::INFINITY, far)
+    }
+
     /// The next step of a flight, at most `left` long: many at once where they stay far from the
     /// wall and `far` allows it, else one, or the part of one up to the wall. The first `known`
     /// derivatives of the position are zero at its start.
-    #[inline(always)]
-    pub(crate) fn next(table: &Table, start: &Start, known: usize, left: f64, far: bool) -> Self {
-        match table.n_waves() {
-            0 => Self::with_waves::<0>(table, start, known, left, far),
-            1 => Self::with_waves::<1>(table, start, known, left, far),
-            _ => Self::with_waves::<2>(table, start, known, left, far),
-        }
-    }
-
     #[inline(always)]
     pub(super) fn with_waves<const W: usize>(
         table: &Table,

@@ -15,6 +15,9 @@
 //!
 //! No case is special: not `k = 0`, not `c^2 = 4 k`, not `omega^2 = k`.
 
+use std::cell::RefCell;
+use std::sync::Arc;
+
 use super::level::{Level, LEVELS};
 use super::screen::{Screen, Verdict};
 
@@ -163,6 +166,18 @@ impl Table {
         let turns = [high, turns[0] - high];
         let leaps = levels[0].leaps();
         Self { law, h, n_waves, series, screens, beyond, turns, leaps, levels }
+    }
+
+    /// The table of a law: that of the last flight on this thread, if it is the same. Runs that
+    /// differ in their starts alone have one for all of them.
+    pub(crate) fn shared(law: Law) -> Arc<Self> {
+        thread_local! {
+            static LAST: RefCell<Option<Arc<Table>>> = const { RefCell::new(None) };
+        }
+        LAST.with_borrow_mut(|last| match last {
+            Some(table) if table.law == law => Arc::clone(table),
+            _ => Arc::clone(last.insert(Arc::new(Self::new(law, f64::INFINITY)))),
+        })
     }
 
     pub(crate) fn law(&self) -> Law {
