@@ -63,15 +63,16 @@ class Nearest(NamedTuple):
 
     kind: str
     """``impact`` (one may vanish), ``minimum`` (one may appear), ``zeno``, ``rest``, ``liftoff``,
-    ``end`` (an event may pass the end of the run) or ``stop`` (one of `tstops`)."""
+    ``end`` (an event may pass the end of the run), ``stop`` (one of `tstops`) or ``chain`` (the
+    speed after an impact, or the pull at it, may vanish)."""
     t: float
     """When (s)."""
     depth: float
-    """A height (m) for impacts and minima, a time (s) at the end and at stops, else a force
-    (m/s^2)."""
+    """A height (m) for impacts and minima, a time (s) at the end and at stops, in a chain a speed
+    (m/s) or a force, else a force (m/s^2)."""
 
 
-KINDS = ("impact", "minimum", "zeno", "rest", "liftoff", "end", "stop")
+KINDS = ("impact", "minimum", "zeno", "rest", "liftoff", "end", "stop", "chain")
 DEFAULT = SwitchedRK()
 
 

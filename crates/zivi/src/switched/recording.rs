@@ -92,6 +92,11 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         }
     }
 
+    /// Where the integrator is.
+    pub(super) fn now(&self) -> Point {
+        self.integrator.now
+    }
+
     /// Takes the steps of a stepper to the end.
     pub(super) fn go<F: Force<E>>(
         &mut self,

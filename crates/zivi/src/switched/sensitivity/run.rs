@@ -106,6 +106,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
         Err(failure) => Ending::Failed(failure),
     };
     let nfev = force.count();
+    follower.ends(run.now());
     let run = run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))?;
     let derivatives = gather(follower, settings, times);
     Ok((run, derivatives))

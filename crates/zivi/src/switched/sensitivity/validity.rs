@@ -19,6 +19,8 @@ pub enum Limit {
     End = 5,
     /// An event near a jump of the force passes it.
     Stop = 6,
+    /// The speed after an impact, or the pull at it, vanishes.
+    Chain = 7,
 }
 
 /// The nearest event: what it is, when, and how deep (in its own unit).
@@ -29,7 +31,8 @@ pub struct Nearest {
     /// When (s).
     pub t: f64,
     /// How far the run is from it: a height (m) of an impact or a minimum, a force (m/s^2) at a
-    /// Zeno point, at rest or at a lift-off, a time (s) at the end and at jumps.
+    /// Zeno point, at rest or at a lift-off, a time (s) at the end and at jumps, a force or a speed
+    /// (m/s) in a chain.
     pub depth: f64,
 }
 

@@ -163,6 +163,9 @@ impl Follower {
         let mut dg = vec![0.0; self.dt.len()];
         self.wall_rates(last.t, &self.dt.clone(), force, &mut dg)?;
         dg.iter_mut().for_each(|dg| *dg = -*dg);
+        // flights after it are others, or long, where its speed or the pull has vanished
+        self.validity.note(Limit::Chain, last.t, last.g.abs(), dg.iter().copied());
+        self.validity.note(Limit::Chain, last.t, last.u, self.du.iter().copied());
         self.rates.note(&integrator.chain, [&self.dt, &self.du, &dg]);
         if integrator.zeno.is_none() {
             return Ok(());
@@ -189,6 +192,14 @@ impl Follower {
         let near = [after.checked_sub(1), Some(after)];
         for stop in near.into_iter().flatten().filter_map(|i| self.stops.get(i)) {
             self.validity.note(Limit::Stop, t, (stop - t).abs(), self.dt.iter().copied());
+        }
+    }
+
+    /// At the end of the run: an impact shortly behind it may come before it.
+    pub(in crate::switched) fn ends(&mut self, end: Point) {
+        if end.x > 0.0 && end.xdot < 0.0 {
+            let rates: Vec<f64> = self.step.end.x.iter().map(|x| x / end.xdot).collect();
+            self.validity.note(Limit::End, end.t, -end.x / end.xdot, rates);
         }
     }
 
