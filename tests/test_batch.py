@@ -397,7 +397,11 @@ def test_interrupt(system, method):
 def test_the_page():
     """docs/batch.md: its example, and the numbers it tells."""
     page = (Path(__file__).parents[1] / "docs" / "batch.md").read_text()
-    (program,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    program, mechanical = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names = {"np": np, "zivi": zivi}
+    exec(mechanical, names)
+    assert names["batch"].success.all()
+    assert names["batch"].sample_q.shape == (50, 301, 2)
     names = {}
     exec(program, names)
     (told,) = re.findall(r"print\(batch\)  # (.*)", program)

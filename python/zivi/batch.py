@@ -21,7 +21,7 @@ from zivi._progress import ProgressBar
 from zivi.mechanics.batch import MechanicalBatch, mechanical_batch
 from zivi.mechanics.system import MechanicalSystem
 from zivi.methods import Method, SwitchedRK
-from zivi.simulate import DEFAULT_METHOD, pair
+from zivi.simulate import DEFAULT_METHOD, pair, times_within
 from zivi.status import Status
 from zivi.system import ImpactSystem
 from zivi.trajectory import describe, describe_system
@@ -231,8 +231,8 @@ def simulate_batch(
     t_eval : array_like, optional
         Ascending times in `t_span` (s) at which the states of all runs are kept beside their ends,
         as those that `simulate` gives: with `SwitchedRK` from its dense output, each time once;
-        with a method of fixed steps between its steps, then also `ThetaGamma` goes run by run. Not
-        with another `save`, and not for a `MechanicalSystem`.
+        with a method of fixed steps between its steps, then also `ThetaGamma` goes run by run. Of
+        an `ImpactSystem` not with another `save`.
     save : {"final", "statistics", "events", "grazing"} or int
         What is kept of each run: its end; its end and the extremes of its samples; its end and
         all events; its end and whether it passed a grazing (`SwitchedRK` only); or its end and
@@ -269,12 +269,9 @@ def simulate_batch(
     span = pair("t_span", t_span, "(t0, t1)")
     first = next(iter(systems), None) if isinstance(systems, Sequence) else systems
     if isinstance(first, MechanicalSystem):
-        if t_eval is not None:
-            raise ValueError(
-                "t_eval is not for a MechanicalSystem: save='runs' keeps its runs, which give the "
-                "motion at any time"
-            )
-        return mechanical_batch(systems, span, y0, method, save, check_threads(threads), progress)
+        workers = check_threads(threads)
+        times = None if t_eval is None else times_within(t_eval, span)
+        return mechanical_batch(systems, span, y0, method, times, save, workers, progress)
     several = _systems(systems)
     states = _states(y0, len(several))
     check_method(method)

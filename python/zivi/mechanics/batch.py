@@ -3,134 +3,36 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _zivi
 from zivi._check import Array, real_array
-from zivi._extras import needed
 from zivi._progress import ProgressBar
+from zivi.mechanics.batch_result import NUMBERS, MechanicalBatch
 from zivi.mechanics.run import Asked, FixedOrSwitched, check_mechanical_method, run_mechanical
 from zivi.mechanics.system import MechanicalSystem
 from zivi.mechanics.trajectory import MechanicalTrajectory
-from zivi.status import Status
-
-if TYPE_CHECKING:
-    import xarray
 
 __all__ = ["MechanicalBatch", "mechanical_batch"]
 
 SAVES = ("final", "events", "runs")
 """What can be kept of each run."""
 
-NUMBERS = {
-    "first_impact": "time of the first impact, NaN without one",
-    "last_impact": "time of the last impact, NaN without one",
-    "n_impacts": "number of impacts that were resolved",
-    "n_zeno": "number of accumulations",
-    "n_liftoffs": "number of lift-offs",
-    "n_corners": "number of corners",
-    "n_flags": "number of flags",
-    "status": "how the run ended, a zivi.Status",
-    "nfev": "evaluations of the system",
-}
 
+@dataclasses.dataclass(frozen=True)
+class Kept:
+    """What is kept of one run; the rest of it is given up as soon as it is computed."""
 
-@dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalBatch:
-    """Results of a batch of mechanical systems: an entry for each of N runs.
-
-    Attributes
-    ----------
-    t : ndarray
-        Time at the end of each run, shape (N,).
-    q, qdot : ndarray
-        Coordinates and velocities there, shape (N, n).
-    gaps : ndarray
-        Gaps there, shape (N, m).
-    contacts : ndarray of bool
-        Which gaps are closed there, shape (N, m).
-    first_impact, last_impact : ndarray
-        Times of the first and the last impact, NaN without one.
-    n_impacts, n_zeno, n_liftoffs, n_corners, n_flags : ndarray of int
-        Numbers of impacts that were resolved, accumulations, lift-offs, corners and flags.
-    status : ndarray of uint8
-        How each run ended, the numbers of `Status`.
-    nfev : ndarray of int
-        Evaluations of the system.
-    events : list of dict or None
-        With ``save="events"``: the tables ``impacts``, ``zeno``, ``liftoffs``, ``openings``,
-        ``corners`` and ``flags`` of each run.
-    runs : list of MechanicalTrajectory or None
-        With ``save="runs"``: the runs themselves.
-    config : dict
-        Settings of the batch, as plain values.
-    """
-
-    t: Array
-    q: Array
-    qdot: Array
-    gaps: Array
-    contacts: NDArray[np.bool_]
-    first_impact: Array
-    last_impact: Array
-    n_impacts: NDArray[np.int64]
-    n_zeno: NDArray[np.int64]
-    n_liftoffs: NDArray[np.int64]
-    n_corners: NDArray[np.int64]
-    n_flags: NDArray[np.int64]
-    status: NDArray[np.uint8]
-    nfev: NDArray[np.int64]
-    events: list[dict[str, Any]] | None
-    runs: list[MechanicalTrajectory] | None
+    end: tuple[float, Array, Array, Array, NDArray[np.bool_]]
+    numbers: dict[str, float]
+    events: dict[str, Any] | None
+    run: MechanicalTrajectory | None
     config: dict[str, Any]
-
-    def __len__(self) -> int:
-        return len(self.status)
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """Which runs reached the end of the span."""
-        return np.equal(self.status, Status.COMPLETED)
-
-    def __repr__(self) -> str:
-        return f"<MechanicalBatch of {len(self)} runs: {int(np.sum(self.success))} completed>"
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset over ``run``, ``coordinate`` and ``gap``."""
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        ends = {
-            "t": (("run",), "time of the end"),
-            "q": (("run", "coordinate"), "coordinates at the end"),
-            "qdot": (("run", "coordinate"), "velocities at the end"),
-            "gaps": (("run", "gap"), "gaps at the end"),
-            "contacts": (("run", "gap"), "which gaps are closed at the end"),
-        }
-        told = ends | {name: (("run",), meaning) for name, meaning in NUMBERS.items()}
-        return xarray.Dataset(
-            {
-                name: (dims, getattr(self, name), {"long_name": meaning})
-                for name, (dims, meaning) in told.items()
-            },
-            coords={
-                "run": np.arange(len(self)),
-                "coordinate": ("coordinate", np.array(self.config["coordinates"], dtype=object)),
-                "gap": ("gap", np.array(self.config["gaps"], dtype=object)),
-            },
-            attrs={
-                "title": "Batch of runs of mechanical systems with impacts",
-                "source": f"zivi {_zivi.__version__}",
-                "config": json.dumps(self.config),
-            },
-        )
 
 
 def mechanical_batch(
@@ -138,6 +40,7 @@ def mechanical_batch(
     span: tuple[float, float],
     y0: Any,
     method: Any,
+    times: Array | None,
     save: Any,
     threads: int,
     progress: bool | None,
@@ -150,27 +53,49 @@ def mechanical_batch(
     check_mechanical_method(method)
     q, qdot = _states(y0, len(several))
     several = several * len(q) if len(several) == 1 else several
-    starts = zip(several, q, qdot, strict=True)
+    samples = None if times is None else _room(q.shape, len(times))
+    dense = save == "runs" or times is not None
+    tasks = [
+        (system, Asked(span, a, b, None, np.empty(0), [], dense))
+        for system, a, b in zip(several, q, qdot, strict=True)
+    ]
+
+    def kept(number: int, run: MechanicalTrajectory) -> Kept:
+        if samples is not None and times is not None:
+            reached = times[times <= run.t[-1]]
+            samples[:, number, : len(reached)] = run(reached)
+        return _kept(run, save)
+
     with ProgressBar(progress) as bar:
-        runs = _computed(
-            [
-                (system, Asked(span, a, b, None, np.empty(0), [], save == "runs"))
-                for system, a, b in starts
-            ],
-            method,
-            threads,
-            bar.report,
-        )
-    config = runs[0].config | {"n_runs": len(runs), "save": save}
-    return _batch(runs, save, config)
+        rows = _computed(tasks, method, threads, kept, bar.report)
+    config = rows[0].config | {"n_runs": len(rows), "save": save}
+    batch = _batch(rows, save, config)
+    if samples is None or times is None:
+        return batch
+    config["t_eval"] = times.tolist()
+    return dataclasses.replace(batch, sample_t=times, sample_q=samples[0], sample_qdot=samples[1])
+
+
+def _room(shape: tuple[int, ...], count: int) -> Array:
+    """Make room for the samples of all runs, NaN until they are reached."""
+    runs, n = shape
+    try:
+        return np.full((2, runs, count, n), np.nan)
+    except (MemoryError, ValueError):
+        raise MemoryError(
+            f"y0 gives {runs} runs, t_eval {count} samples of each: "
+            f"{16e-9 * runs * count * n:.3f} GB do not fit into memory; ask for fewer times, or "
+            "compute fewer runs at a time"
+        ) from None
 
 
 def _computed(
     tasks: list[tuple[MechanicalSystem, Asked]],
     method: FixedOrSwitched,
     threads: int,
+    kept: Callable[[int, MechanicalTrajectory], Kept],
     report: Any,
-) -> list[MechanicalTrajectory]:
+) -> list[Kept]:
     """Compute all runs in their order; the first exception ends the rest."""
     stopped = threading.Event()
 
@@ -178,14 +103,14 @@ def _computed(
         if stopped.is_set():
             raise KeyboardInterrupt
 
-    def one(task: tuple[MechanicalSystem, Asked]) -> MechanicalTrajectory:
-        sol, error = run_mechanical(task[0], method, task[1], go_on)
+    def one(number: int) -> Kept:
+        sol, error = run_mechanical(tasks[number][0], method, tasks[number][1], go_on)
         if error is not None:
             raise error
-        return sol
+        return kept(number, sol)
 
     with ThreadPoolExecutor(threads) as pool:
-        futures = [pool.submit(one, task) for task in tasks]
+        futures = [pool.submit(one, number) for number in range(len(tasks))]
         left = set(futures)
         try:
             while left:
@@ -235,35 +160,44 @@ def _states(y0: Any, n_systems: int) -> tuple[Array, Array]:
     return np.broadcast_to(q, shape).copy(), np.broadcast_to(qdot, shape).copy()
 
 
-def _batch(runs: list[MechanicalTrajectory], save: str, config: dict[str, Any]) -> MechanicalBatch:
-    def last(name: str) -> Any:
-        return np.array([getattr(run, name)[-1] for run in runs])
+TABLES = ("impacts", "zeno", "liftoffs", "openings", "corners", "flags")
 
-    def impact(k: int) -> Array:
-        return np.array([run.impacts["t"][k] if len(run.impacts) else np.nan for run in runs])
 
-    def count(name: str) -> NDArray[np.int64]:
-        return np.array([len(getattr(run, name)) for run in runs])
+def _kept(run: MechanicalTrajectory, save: str) -> Kept:
+    impacts = run.impacts["t"]
+    numbers = {f"n_{name}": len(getattr(run, name)) for name in COUNTED} | {
+        "first_impact": impacts[0] if len(impacts) else np.nan,
+        "last_impact": impacts[-1] if len(impacts) else np.nan,
+        "n_impacts": len(np.unique(run.impacts["group"])),
+        "status": int(run.status),
+        "nfev": run.nfev,
+    }
+    return Kept(
+        end=(run.t[-1], run.q[-1], run.qdot[-1], run.gaps[-1], run.contacts[-1]),
+        numbers=numbers,
+        events={name: getattr(run, name) for name in TABLES} if save == "events" else None,
+        run=run if save == "runs" else None,
+        config=run.config,
+    )
 
-    tables = ("impacts", "zeno", "liftoffs", "openings", "corners", "flags")
+
+COUNTED = ("zeno", "liftoffs", "corners", "flags")
+KINDS: dict[str, type] = {"first_impact": float, "last_impact": float, "status": np.uint8}
+"""Types of the numbers that are no counts."""
+
+
+def _batch(rows: list[Kept], save: str, config: dict[str, Any]) -> MechanicalBatch:
+    ends = zip(*(row.end for row in rows), strict=True)
+    names = ("t", "q", "qdot", "gaps", "contacts")
+    values: dict[str, Any] = {
+        name: np.array(column) for name, column in zip(names, ends, strict=True)
+    }
+    for name in NUMBERS:
+        column = [row.numbers[name] for row in rows]
+        values[name] = np.array(column, KINDS.get(name, np.int64))
     return MechanicalBatch(
-        t=last("t"),
-        q=last("q"),
-        qdot=last("qdot"),
-        gaps=last("gaps"),
-        contacts=last("contacts"),
-        first_impact=impact(0),
-        last_impact=impact(-1),
-        n_impacts=np.array([len(np.unique(run.impacts["group"])) for run in runs]),
-        n_zeno=count("zeno"),
-        n_liftoffs=count("liftoffs"),
-        n_corners=count("corners"),
-        n_flags=count("flags"),
-        status=np.array([run.status for run in runs], dtype=np.uint8),
-        nfev=np.array([run.nfev for run in runs]),
-        events=[{name: getattr(run, name) for name in tables} for run in runs]
-        if save == "events"
-        else None,
-        runs=runs if save == "runs" else None,
+        **values,
+        events=[row.events for row in rows if row.events is not None] if save == "events" else None,
+        runs=[row.run for row in rows if row.run is not None] if save == "runs" else None,
         config=config,
     )

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from zivi._check import Array
 from zivi.closed_loop import ClosedLoop
+from zivi.mechanics.trajectory import MechanicalTrajectory
 from zivi.study.design import name_of
 from zivi.trajectory import Trajectory
 
-__all__ = ["RUN_UNITS", "Events", "Values", "split"]
+__all__ = ["RUN_UNITS", "Events", "Values", "split", "units_of"]
 
 Values: TypeAlias = dict[str, float | Array]
 Events: TypeAlias = NDArray[np.void]
@@ -55,6 +56,8 @@ def values_of(returned: Any) -> Values:
         return {name: _value(name, value) for name, value in returned.items()}
     if isinstance(returned, Trajectory | ClosedLoop):
         return _summary(returned)
+    if isinstance(returned, MechanicalTrajectory):
+        return _mechanical_summary(returned)
     return {"value": _value("the result", returned)}
 
 
@@ -90,6 +93,33 @@ def _summary(run: Trajectory | ClosedLoop) -> Values:
             counts[name] = getattr(run, name)
     rest = np.nan if run.rest_time is None else run.rest_time
     return {**last, "rest_time": rest, **{name: float(count) for name, count in counts.items()}}
+
+
+def _mechanical_summary(run: MechanicalTrajectory) -> Values:
+    last: Values = {name: getattr(run, name)[-1] for name in ("q", "qdot", "gaps")}
+    counts: dict[str, float] = {
+        "n_impacts": len(np.unique(run.impacts["group"])),
+        "n_zeno": len(run.zeno),
+        "n_liftoffs": len(run.liftoffs),
+        "n_corners": len(run.corners),
+        "n_flags": len(run.flags),
+        "nfev": run.nfev,
+        "n_steps": run.n_steps,
+        "run_status": int(run.status),
+    }
+    contacts = run.contacts[-1].astype(np.float64)
+    counted = {name: float(count) for name, count in counts.items()}
+    return {"t": float(run.t[-1]), **last, "contacts": contacts, **counted}
+
+
+def units_of(returned: Any) -> dict[str, str]:
+    """Give the units of what is kept, as far as they are known: of runs."""
+    given = returned[0] if isinstance(returned, tuple) else returned
+    if isinstance(given, Trajectory | ClosedLoop):
+        return {name: RUN_UNITS[name] for name in _summary(given)}
+    if isinstance(given, MechanicalTrajectory):  # those of its coordinates are the user's
+        return {"t": "s"}
+    return {}
 
 
 def events_of(given: Any) -> Events | None:

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi._check import Array
-from zivi.closed_loop import ClosedLoop
 from zivi.study.design import name_of
-from zivi.study.outcome import RUN_UNITS, Events, Values, split
-from zivi.trajectory import Trajectory
+from zivi.study.outcome import Events, Values, split, units_of
 
 __all__ = [
     "MAX_SEED",
@@ -145,11 +143,7 @@ class _Collector:
             for name in shapes:
                 if name_of("result", name) in self._job.names:
                     raise ValueError(f"the result {name!r} has the name of a parameter")
-            run = isinstance(returned, Trajectory | ClosedLoop) or (
-                has_events and isinstance(returned[0], Trajectory | ClosedLoop)
-            )
-            units = {name: RUN_UNITS[name] for name in shapes} if run else {}
-            self.schema = Schema(shapes, has_events, units)
+            self.schema = Schema(shapes, has_events, units_of(returned))
         alike(self.schema, shapes, has_events)
         if events is not None:
             if self.dtype not in (None, events.dtype):

@@ -1,0 +1,92 @@
+"""Batches and studies of mechanical systems: states at given times, parameters of one model."""
+
+import numpy as np
+import pytest
+
+import zivi
+from mechanical_models import model
+from zivi import _machine_code
+
+pytestmark = pytest.mark.xdist_group("mechanical models")
+
+PAR = {"m": 1.0, "J": 0.42, "G": 9.81, "hh": 0.5, "b": 1.0, "A": 0.0, "B": 0.0, "om": 1.0}
+START = ([1.0, 0.1], [0.0, 0.0])
+TIMES = np.linspace(0, 1.5, 31)
+METHODS = [zivi.SwitchedRK(), zivi.SwitchedRK(order=5, rtol=1e-9), zivi.MoreauJean(h=1e-2)]
+
+
+def blocks(*widths):
+    block = model("rock", PAR, 0.4)
+    return [block.replace(b=width) for width in widths]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=repr)
+def test_states_at_given_times_are_those_of_single_runs(method):
+    systems = blocks(0.5, 0.8, 1.1)
+    batch = zivi.simulate_batch(systems, (0, 1.5), START, method=method, t_eval=TIMES, threads=2)
+    assert batch.success.all()
+    assert batch.sample_q.shape == batch.sample_qdot.shape == (3, len(TIMES), 2)
+    for number, system in enumerate(systems):
+        one = zivi.simulate(system, (0, 1.5), START, method, TIMES)
+        assert np.array_equal(one.t, batch.sample_t)
+        assert np.array_equal(one.q, batch.sample_q[number])
+        assert np.array_equal(one.qdot, batch.sample_qdot[number])
+    assert batch.config["t_eval"] == TIMES.tolist()
+    assert batch.runs is None
+    plain = zivi.simulate_batch(systems, (0, 1.5), START, method=method)
+    assert np.array_equal(plain.q, batch.q)
+    assert plain.sample_q is None
+    pytest.importorskip("xarray")
+    dataset = batch.to_xarray()
+    assert dataset.sample_q.dims == ("run", "time", "coordinate")
+    assert float(dataset.sample_q.sel(run=1, coordinate="th").isel(time=0)) == 0.1
+
+
+def test_what_a_run_did_not_reach_is_nan():
+    feet = [zivi.LinearGap([1, x], name=f"foot {x}") for x in (-1, 0, 1)]
+    bar = zivi.MechanicalSystem(mass=np.diag([1.0, 0.3]), force=[-9.81, 0], gaps=feet, e=0.5)
+    heights = [[0.5, 0.0], [50.0, 0.0]]  # the second does not fall as far
+    batch = zivi.simulate_batch(bar, (0, 1.5), (heights, [0, 0]), t_eval=TIMES, save="events")
+    assert batch.status.tolist() == [zivi.Status.REDUNDANT_CONTACTS, zivi.Status.COMPLETED]
+    reached = batch.t[0] >= TIMES
+    assert np.all(np.isfinite(batch.sample_q[0]) == reached[:, None])
+    assert batch.sample_q[0, reached, 0] == pytest.approx(0.5 - 9.81 * TIMES[reached] ** 2 / 2)
+    assert np.all(np.isfinite(batch.sample_q[1]))
+    assert len(batch.events) == 2
+
+
+@pytest.mark.parametrize("times", [[0.2, 0.1], [-1.0], [[0.1]]])
+def test_bad_times_are_named(times):
+    with pytest.raises(ValueError, match="t_eval must be"):
+        zivi.simulate_batch(blocks(1.0), (0, 1), START, t_eval=times)
+
+
+def test_no_memory_for_the_samples():
+    starts = np.broadcast_to(START[0], (10**6, 2)), START[1]
+    with pytest.raises(MemoryError, match="y0 gives 1000000 runs"):  # beyond all addresses
+        zivi.simulate_batch(blocks(1.0), (0, 1), starts, t_eval=np.broadcast_to(0.5, 10**7))
+
+
+def rests(b, e=0.4):
+    """Compute one point of a study of the width of a block."""
+    return zivi.simulate(model("rock", PAR, e).replace(b=b), (0, 1.5), START)
+
+
+def test_a_study_of_a_parameter_compiles_nothing(monkeypatch):
+    widths = [0.5, 0.8, 1.1]
+    known = [rests(b) for b in widths]
+    monkeypatch.setattr(_machine_code, "_compile", None)  # whoever compiles fails
+    study = zivi.sweep(rests, {"b": widths}, fixed={"e": 0.4})
+    dataset = study.dataset
+    assert np.all(dataset["status"] == zivi.StudyStatus.COMPLETED)
+    for number, run in enumerate(known):
+        point = dataset.isel(b=number)
+        assert np.array_equal(point["q"], run.q[-1])
+        assert np.array_equal(point["contacts"], run.contacts[-1])
+        assert float(point["n_zeno"]) == len(run.zeno)
+        assert float(point["n_impacts"]) == run.impacts["group"].max()
+    assert dataset["t"].attrs["units"] == "s"
+    batch = zivi.simulate_batch(blocks(*widths), (0, 1.5), START)
+    assert np.array_equal(batch.q, dataset["q"])
+    events = zivi.sweep(lambda b: (rests(b), rests(b).liftoffs), {"b": widths})
+    assert np.array_equal(events.dataset["q"], dataset["q"])
