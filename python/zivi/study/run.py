@@ -62,9 +62,9 @@ def sweep(
         names and shapes; None is NaN), or a `Trajectory`, `ClosedLoop` or `MechanicalTrajectory`,
         of which the last state, the rest time and the counts are kept. A tuple
         ``(values, events)`` adds events: a structured array such as ``sol.impacts``, or a dict of
-        arrays of one length. Values are kept as 64-bit floats. If it has a parameter ``seed`` or ``rng`` that is no parameter of
-        the study, each point gets its own: an int or a ``numpy.random.Generator`` made from the
-        child of ``numpy.random.SeedSequence(seed)`` with the number of the point.
+        arrays of one length. Values are kept as 64-bit floats. If it has a parameter ``seed`` or
+        ``rng`` that is no parameter of the study, each point gets its own: an int or a
+        ``numpy.random.Generator`` made from the child of ``numpy.random.SeedSequence(seed)`` with the number of the point.
     points : Design, dict or list of dict
         A dict of values is a grid; see `grid`, `points` and `sample`.
     out : path, optional
