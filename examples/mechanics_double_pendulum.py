@@ -9,7 +9,8 @@ and the wall is ``l1 sin a + l2 sin b + d >= 0``. The energies are all that is w
 derives the equations and they are compiled. In brackets: a computation with 26 digits, in which
 the accumulations were followed impact by impact.
 
-Run as ``python examples/mechanics_double_pendulum.py [out.png]``.
+Run as ``python examples/mechanics_double_pendulum.py [out.png]``. ``film("out.gif")`` writes a
+film.
 """
 
 import sys
@@ -42,6 +43,21 @@ def swing(rtol: float = 1e-10) -> zivi.MechanicalTrajectory:
     return zivi.simulate(pendulum(), (0, 5.2), ([0.5, 0.9], [0.0, 0.0]), method)
 
 
+def arms(t: float, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Give the points of the two arms."""
+    a, b = q
+    x = np.cumsum([0, L1 * np.sin(a), L2 * np.sin(b)])
+    y = np.cumsum([0, -L1 * np.cos(a), -L2 * np.cos(b)])
+    return [(x, y)]
+
+
+def film(path: str) -> None:
+    """Write the motion as a film."""
+    wall = ([-D, -D], [-1.9, 0.3])
+    frames = zivi.plot.animate(swing(), bodies=arms, walls=lambda t, q: [wall], fps=12)
+    frames.save(path, writer="pillow", dpi=60)
+
+
 def main(path: str | None) -> None:
     """Measure, print beside what is expected, and draw if a path is given."""
     sol = swing()
@@ -65,9 +81,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
         1, 3, layout="constrained", figsize=(10.5, 3.4), width_ratios=(1, 1.6, 1.6)
     )
     for t in np.linspace(0, sol.t[-1], 60):
-        (a, b), _ = sol(t)
-        x = np.cumsum([0, L1 * np.sin(a), L2 * np.sin(b)])
-        y = np.cumsum([0, -L1 * np.cos(a), -L2 * np.cos(b)])
+        ((x, y),) = arms(t, sol(t)[0])
         shade = 0.85 - 0.7 * t / sol.t[-1]
         left.plot(x, y, color=str(shade), lw=0.8)
     left.axvline(-D, color="0.5", lw=3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from zivi._check import finite
 from zivi._curve import line_of
 from zivi._extras import needed
 from zivi.plot.look import BLUE, GREEN, WALL, figure_of, has_reference, in_frame, wall_of
+from zivi.plot.mechanical_film import Lines, MechanicalScene
+from zivi.plot.mechanics import is_mechanical
 from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
     from zivi._check import Array
     from zivi.closed_loop import ClosedLoop
+    from zivi.mechanics.trajectory import MechanicalTrajectory
     from zivi.trajectory import Trajectory
 
 FRAMES = 20_000
@@ -27,20 +30,27 @@ FRAMES = 20_000
 
 
 def animate(
-    run: Trajectory | ClosedLoop,
+    run: Trajectory | ClosedLoop | MechanicalTrajectory,
     *,
+    bodies: Lines | None = None,
+    walls: Lines | None = None,
     speed: float = 1.0,
     fps: float = 30.0,
     figure: Figure | None = None,
 ) -> FuncAnimation:
     """Animate a run: the mass above its wall, and its position as it is drawn over time.
 
-    A closed loop is shown with its reference, a moving wall moves.
+    A closed loop is shown with its reference, a moving wall moves. Of a mechanical system the
+    configuration is shown, with its gaps as they are drawn over time.
 
     Parameters
     ----------
-    run : Trajectory or ClosedLoop
+    run : Trajectory, ClosedLoop or MechanicalTrajectory
         The run.
+    bodies, walls : callable, optional
+        How a mechanical system looks, and what it hits: functions of the time and the coordinates
+        that return a list of lines, each ``(x, y)``, numbers or arrays of points. By default two
+        coordinates are those of a point, others are points side by side, and there are no walls.
     speed : float
         Seconds of the motion in a second of the film, > 0.
     fps : float
@@ -56,6 +66,8 @@ def animate(
 
     Raises
     ------
+    TypeError
+        If `bodies` or `walls` is given for a mass above a wall.
     ValueError
         If `speed` or `fps` is not positive, the run has fewer than two samples, or the film
         would have more than 20,000 pictures.
@@ -66,18 +78,47 @@ def animate(
     >>> film = zivi.plot.animate(zivi.simulate(ball, (0, 0.2), (0.1, 0)), fps=10)
     >>> film.to_jshtml().strip()[:5]  # in a notebook; film.save("ball.gif") writes a file
     '<link'
+
+    A pendulum beside a wall:
+
+    >>> pendulum = zivi.MechanicalSystem(
+    ...     mass=0.25,
+    ...     force=lambda t, q, qdot: [-4.9 * np.sin(q[0])],
+    ...     gaps=zivi.LinearGap([1]),
+    ...     e=0.6,
+    ... )
+    >>> sol = zivi.simulate(pendulum, (0, 0.3), ([0.8], [0.0]))
+    >>> film = zivi.plot.animate(
+    ...     sol,
+    ...     bodies=lambda t, q: [([0, 0.5 * np.sin(q[0])], [0, -0.5 * np.cos(q[0])])],
+    ...     walls=lambda t, q: [([0, 0], [-0.6, -0.4])],
+    ...     fps=10,
+    ... )
+    >>> film.to_jshtml().strip()[:5]
+    '<link'
     """
-    check_run("animate", run)
+    mechanical = is_mechanical(run)
+    for name, lines in (("bodies", bodies), ("walls", walls)):
+        if lines is not None and not (mechanical and callable(lines)):
+            raise TypeError(f"{name} must be a function (t, q), for a run of a mechanical system")
+    if not mechanical:
+        check_run("animate", run)
     times = _times(run, finite("speed", speed), finite("fps", fps))
     library = needed("matplotlib.animation", "animations")
-    scene = _Scene(run, times, figure_of(figure, 8.0, 4.0))
+    where = figure_of(figure, 8.0, 4.0)
+    scene: _Scene | MechanicalScene
+    if mechanical:
+        system = cast("MechanicalTrajectory", run)
+        scene = MechanicalScene(system, times, where, bodies, walls)
+    else:
+        scene = _Scene(cast("Trajectory | ClosedLoop", run), times, where)
     film: FuncAnimation = library.FuncAnimation(
         scene.figure, scene.show, frames=len(times), interval=1000.0 / fps, blit=False
     )
     return film
 
 
-def _times(run: Trajectory | ClosedLoop, speed: float, fps: float) -> Array:
+def _times(run: Trajectory | ClosedLoop | MechanicalTrajectory, speed: float, fps: float) -> Array:
     for name, value in (("speed", speed), ("fps", fps)):
         if not value > 0.0:
             raise ValueError(f"{name} must be > 0, got {value}")

@@ -64,7 +64,8 @@ def sweep(
         ``(values, events)`` adds events: a structured array such as ``sol.impacts``, or a dict of
         arrays of one length. Values are kept as 64-bit floats. If it has a parameter ``seed`` or
         ``rng`` that is no parameter of the study, each point gets its own: an int or a
-        ``numpy.random.Generator`` made from the child of ``numpy.random.SeedSequence(seed)`` with the number of the point.
+        ``numpy.random.Generator`` made from the child of ``numpy.random.SeedSequence(seed)`` with
+        the number of the point.
     points : Design, dict or list of dict
         A dict of values is a grid; see `grid`, `points` and `sample`.
     out : path, optional

@@ -1,0 +1,118 @@
+"""Films of mechanical systems."""
+
+import numpy as np
+import pytest
+
+import zivi
+from example_scripts import example
+
+pytest.importorskip("matplotlib")
+
+PENDULUM = zivi.MechanicalSystem(
+    mass=0.25,
+    force=lambda t, q, qdot: [-4.9 * np.sin(q[0])],
+    gaps=[zivi.LinearGap([1], name="stop")],
+    e=0.6,
+    coordinates=["phi"],
+)
+
+
+@pytest.fixture(scope="module")
+def sol():
+    return zivi.simulate(PENDULUM, (0, 1), ([0.8], [0.0]))
+
+
+def arm(t, q):
+    return [([0, np.sin(q[0])], [0, -np.cos(q[0])]), (np.sin(q[0]), -np.cos(q[0]))]
+
+
+def played(film, number):
+    film._draw_was_started = True  # it was looked at, if not shown
+    return film._func(number)
+
+
+def test_the_bodies_are_where_the_coordinates_are(sol):
+    film = zivi.plot.animate(
+        sol, bodies=arm, walls=lambda t, q: [([0, 0], [-1.2, -0.8 - 0.1 * t])], fps=20
+    )
+    for number in (0, 7, 20):
+        line, bob, wall, gap, clock = played(film, number)
+        t = number / 20
+        (phi,) = sol(t)[0]
+        assert line.get_xdata() == pytest.approx([0, np.sin(phi)])
+        assert bob.get_ydata() == pytest.approx([-np.cos(phi)])
+        assert wall.get_ydata() == pytest.approx([-1.2, -0.8 - 0.1 * t])
+        assert gap.get_xdata()[-1] == pytest.approx(t)
+        assert gap.get_ydata()[-1] == pytest.approx(phi, abs=1e-12)
+        assert gap.get_ydata() == pytest.approx(sol(gap.get_xdata())[0, :, 0], abs=1e-9)
+        assert clock.get_text() == f"$t$ = {t:.2f}"
+    left, right = line.figure.axes
+    for number in range(21):
+        x, y = played(film, number)[0].get_data()
+        assert left.get_xlim()[0] < min(x) <= max(x) < left.get_xlim()[1]
+        assert left.get_ylim()[0] < min(y) <= max(y) < left.get_ylim()[1]
+    assert right.get_legend().get_texts()[0].get_text() == "stop"
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_without_bodies_it_is_points(n):
+    system = zivi.MechanicalSystem(mass=np.eye(n), force=-np.ones(n), gaps=[], e=0.5)
+    run = zivi.simulate(system, (0, 1), (np.arange(n) + 1.0, np.zeros(n)))
+    film = zivi.plot.animate(run, fps=10)
+    shown = played(film, 10)[: 1 if n == 2 else n]
+    data = np.array([mark.get_data() for mark in shown]).reshape(-1)
+    q = run.q[-1]
+    expected = q if n == 2 else np.array([[k, q[k]] for k in range(n)]).reshape(-1)
+    assert data == pytest.approx(expected)
+
+
+def test_steps_are_joined_where_no_motion_is_kept(sol):
+    bare = zivi.simulate(PENDULUM, (0, 1), ([0.8], [0.0]), dense_output=False)
+    _, bob, *_ = played(zivi.plot.animate(bare, bodies=arm, fps=10), 10)
+    assert bob.get_xdata() == pytest.approx([np.sin(bare.q[-1, 0])])
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        (lambda t, q: [1, 2, 3], "bodies must return pairs of x and y"),
+        (lambda t, q: [([0, 1], [0, 1, 2])], "bodies must return pairs of x and y"),
+        (lambda t, q: [(0, 0)] * (1 + int(t > 0.5)), "as many lines at all times"),
+    ],
+)
+def test_bodies_that_are_none(sol, lines, told):
+    with pytest.raises(ValueError, match=told):
+        zivi.plot.animate(sol, bodies=lines, fps=10)
+
+
+def test_a_mass_above_a_wall_has_no_bodies(sol):
+    ball = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (1, 0))
+    with pytest.raises(TypeError, match="walls must be a function"):
+        zivi.plot.animate(ball, walls=arm)
+    with pytest.raises(TypeError, match="bodies must be a function"):
+        zivi.plot.animate(sol, bodies=3)
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("mechanical models")
+@pytest.mark.parametrize("name", ["mechanics_double_pendulum", "mechanics_block"])
+def test_films_of_the_examples(name, tmp_path, monkeypatch):
+    pytest.importorskip("sympy")
+    made = []
+    animate = zivi.plot.animate
+
+    def noted(*run, **settings):
+        made.append(animate(*run, **settings))
+        return Unwritten()
+
+    monkeypatch.setattr(zivi.plot, "animate", noted)
+    example(name).film(str(tmp_path / "film.gif"))
+    assert len(made) == 1
+    played(made[0], 5)
+
+
+class Unwritten:
+    """Takes the place of a film, which takes seconds to write."""
+
+    def save(self, path, writer, dpi):
+        assert writer == "pillow"
