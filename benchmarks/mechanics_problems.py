@@ -46,8 +46,8 @@ TRUTH = {
         1.0: [0.0] * 6,
     },
 }  # fmt: skip
-"""States (q, q') after some impacts, and after all accumulations: by brute force with 45 digits, the
-code of tests/references."""
+"""States (q, q') after some impacts, and after all accumulations: by brute force with 45 digits
+(tests/references)."""
 
 STEPS = (2e-3, 5e-4, 1.25e-4)
 """Steps of the time stepping."""
