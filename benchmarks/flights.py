@@ -92,7 +92,7 @@ def near() -> None:
         for rtol in (1e-6, 1e-8, 1e-10, 1e-12):
             error, impacts = flight_draws.near_elastic(flights, rtol)
             print(
-                f"{flights} {rtol:g}: {error:.2g} s, {error / rtol:.2g} rtol T, {impacts} impacts"
+                f"{flights} {rtol:g}: {error:.2g} T, {error / rtol:.2g} rtol T, {impacts} impacts"
             )
 
 

@@ -12,7 +12,7 @@ REST = 1031.1633093359945
 def drop(force, e, t_end, **settings):
     system = zivi.ImpactSystem(force, e=e)
     return zivi.simulate(
-        system, (0, t_end), (1, 0), zivi.SwitchedRK(**settings), dense_output=False
+        system, (0, t_end), (1, 0), zivi.SwitchedRK(**settings, flights="rk"), dense_output=False
     )
 
 
