@@ -27,11 +27,11 @@ OF_E = -4
 
 
 def check_differentiable(system: Any) -> None:
-    """Refuse what is no system of one mass and one wall, and say what can be differentiated."""
+    """Refuse what is no system of one mass and one wall, and say what there is for others."""
     if isinstance(system, MechanicalSystem):
         raise TypeError(
-            "derivatives and orbits are there for a zivi.ImpactSystem, one mass above one wall: a "
-            "zivi.MechanicalSystem is not supported, take differences of zivi.simulate there"
+            "this is there for a zivi.ImpactSystem, one mass above one wall: of a "
+            "zivi.MechanicalSystem zivi.sensitivity gives the derivatives and the monodromy"
         )
     check_system(system)
 

@@ -18,6 +18,7 @@ __all__ = [
     "LoopRecord",
     "MechanicalPath",
     "MechanicalRecord",
+    "MechanicalSensitivityRecord",
     "Mechanism",
     "Method",
     "MoreauJean",
@@ -44,6 +45,7 @@ __all__ = [
     "grid_times",
     "lift",
     "map_of_impacts",
+    "mechanical_sensitivity",
     "natural_residual",
     "orbits_of_impacts",
     "project",
@@ -361,6 +363,55 @@ def sensitivity(
     times: _Array,
     progress: Any = None,
 ) -> SensitivityRecord: ...
+@final
+class MechanicalSensitivityRecord:
+    @property
+    def run(self) -> MechanicalRecord: ...
+    @property
+    def q(self) -> _Array: ...
+    @property
+    def qdot(self) -> _Array: ...
+    @property
+    def impact_dt(self) -> _Array: ...
+    @property
+    def impact_du(self) -> _Array: ...
+    @property
+    def zeno_times(self) -> _Array: ...
+    @property
+    def liftoff_times(self) -> _Array: ...
+    @property
+    def radius(self) -> _Array: ...
+    @property
+    def nearest(self) -> list[tuple[int, float, float] | None]: ...
+    @property
+    def grazing(self) -> bool: ...
+    @property
+    def lost_at(self) -> float | None: ...
+    @property
+    def samples(self) -> _Array: ...
+    @property
+    def n_slopes(self) -> int: ...
+
+def mechanical_sensitivity(
+    model: tuple[Any, ...],
+    partials: tuple[Any, ...],
+    method: _SwitchedSettings,
+    *,
+    n: int,
+    m: int,
+    e: _Array,
+    span: tuple[float, float],
+    q0: _Array,
+    qdot0: _Array,
+    wrt: list[tuple[int, int]],
+    sizes: _Array,
+    parameters: int,
+    controlled: bool,
+    dense: bool,
+    tstops: _Array,
+    times: _Array,
+    progress: Any = None,
+) -> MechanicalSensitivityRecord: ...
 def fly_apart(
     force: tuple[Any, ...],
     method: Method,

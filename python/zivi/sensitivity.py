@@ -6,7 +6,7 @@ import dataclasses
 import enum
 import functools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from zivi._extras import needed
 from zivi._misplaced import told
 from zivi._parameters import INITIAL, check_differentiable, codes_of, parameter, slopes_spec
 from zivi._progress import ProgressBar
+from zivi.mechanics.system import MechanicalSystem
 from zivi.methods import SwitchedRK
 from zivi.simulate import as_raised, pair, stop_times, with_partial
 from zivi.system import ImpactSystem
@@ -25,6 +26,8 @@ from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import xarray
+
+    from zivi.mechanics.sensitivity import MechanicalSensitivity
 
 __all__ = ["Nearest", "OrbitStatus", "Sensitivity", "sensitivity"]
 
@@ -56,6 +59,8 @@ class OrbitStatus(enum.IntEnum):
     """The branch reached an end of its range."""
     MAX_POINTS = 7
     """The branch has as many points as were allowed."""
+    NOT_DIFFERENTIABLE = 8
+    """Some derivative does not exist: a corner, or impacts on coupled gaps at once."""
 
 
 class Nearest(NamedTuple):
@@ -169,7 +174,7 @@ class Sensitivity:
         if not np.all((times >= start) & (times <= last)):
             raise ValueError(f"t must lie within the run, [{start}, {last}]")
         columns = self._problem.at(times.ravel())
-        return columns.reshape(2, len(self.wrt), *times.shape)
+        return columns.reshape(*self.final.shape, *times.shape)
 
     def __repr__(self) -> str:
         names = ", ".join(self.wrt)
@@ -313,11 +318,41 @@ class _Problem:
         return np.stack([record.x, record.xdot])
 
 
+@overload
+def sensitivity(
+    system: MechanicalSystem,
+    t_span: Sequence[float],
+    y0: Any,
+    wrt: Sequence[str] | None = None,
+    method: SwitchedRK = DEFAULT,
+    *,
+    errsens: bool = True,
+    dense_output: bool = True,
+    tstops: ArrayLike | None = None,
+    progress: bool | None = None,
+) -> MechanicalSensitivity: ...
+
+
+@overload
 def sensitivity(
     system: ImpactSystem,
     t_span: Sequence[float],
     y0: ArrayLike,
-    wrt: Sequence[str] = ("x0", "xdot0"),
+    wrt: Sequence[str] | None = None,
+    method: SwitchedRK = DEFAULT,
+    *,
+    errsens: bool = True,
+    dense_output: bool = True,
+    tstops: ArrayLike | None = None,
+    progress: bool | None = None,
+) -> Sensitivity: ...
+
+
+def sensitivity(
+    system: ImpactSystem | MechanicalSystem,
+    t_span: Sequence[float],
+    y0: Any,
+    wrt: Sequence[str] | None = None,
     method: SwitchedRK = DEFAULT,
     *,
     errsens: bool = True,
@@ -340,17 +375,23 @@ def sensitivity(
 
     Parameters
     ----------
-    system : ImpactSystem
+    system : ImpactSystem or MechanicalSystem
         The force and the wall. The force is a number, a `LinearForce`, a `ParametricForce`, or any
-        callable, whose derivatives by time and state are central differences then.
+        callable, whose derivatives by time and state are central differences then. Of a
+        `MechanicalSystem` the derivatives are those that SymPy derives (`zivi.symbolic.system`), or
+        central differences.
     t_span : (float, float)
         Start and end (s).
     y0 : (float, float)
-        Initial distance from the wall (m) and velocity (m/s).
-    wrt : sequence of str
+        Initial distance from the wall (m) and velocity (m/s); of a `MechanicalSystem`
+        ``(q0, qdot0)``.
+    wrt : sequence of str, optional
         Names of the columns: ``"x0"``, ``"xdot0"``, ``"t0"`` (the start moves, the end does
         not), ``"e"``, the fields of `LinearForce` or the parameters of a `ParametricForce`,
-        ``"force"`` for a number, those of a `HarmonicWall` as ``"wall.amplitude"``.
+        ``"force"`` for a number, those of a `HarmonicWall` as ``"wall.amplitude"``. Of a
+        `MechanicalSystem` ``"q0"`` and ``"qdot0"`` (all coordinates), ``"q0.x"`` or ``"q0[0]"``
+        (one), ``"t0"``, ``"e"`` (of all gaps together), ``"e.floor"`` or ``"e[0]"`` (of one), the
+        names of its parameters. By default the initial state.
     method : SwitchedRK
         Tolerances and order.
     errsens : bool
@@ -367,7 +408,7 @@ def sensitivity(
     Returns
     -------
     Sensitivity
-        The run and its derivatives.
+        The run and its derivatives; of a `MechanicalSystem` a `MechanicalSensitivity`.
 
     Raises
     ------
@@ -385,16 +426,35 @@ def sensitivity(
     >>> s.zeno_times.round(6)  # of sqrt(2 x0/g) (1 + e)/(1 - e)
     array([[0.677285, 3.612189, 0.06904 ]])
     """
-    check_differentiable(system)
+    mechanical = isinstance(system, MechanicalSystem)
+    if not mechanical:
+        check_differentiable(system)
     if not isinstance(method, SwitchedRK):
         raise TypeError(f"sensitivity needs method=zivi.SwitchedRK(...), got {told(method)}")
-    span, state = pair("t_span", t_span, "(t0, t1)"), pair("y0", y0, "(x0, xdot0)")
+    span = pair("t_span", t_span, "(t0, t1)")
     for name, value in (("errsens", errsens), ("dense_output", dense_output)):
         if not isinstance(value, bool):
             raise TypeError(f"{name} must be True or False, got {value!r}")
     stops = stop_times(tstops, method)
+    if wrt is None:
+        wrt = ("q0", "qdot0") if mechanical else ("x0", "xdot0")
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     if not names or len(set(names)) != len(names):
         raise ValueError(f"wrt must be one or more different names, got {names!r}")
+    if isinstance(system, MechanicalSystem):
+        from zivi.mechanics.sensitivity import differentiate_mechanical
+
+        return differentiate_mechanical(
+            system,
+            span,
+            y0,
+            names,
+            method,
+            errsens=errsens,
+            stops=stops,
+            dense=dense_output,
+            progress=progress,
+        )
+    state = pair("y0", y0, "(x0, xdot0)")
     problem = _Problem.of(system, span, state, names, method, errsens, stops)
     return problem.solve(dense_output, progress)

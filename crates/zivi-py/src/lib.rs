@@ -13,6 +13,7 @@ mod mechanics;
 mod method;
 mod motion;
 mod observer;
+mod partials;
 mod record;
 mod sensitivity;
 mod simulate;
@@ -68,6 +69,8 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(force::force_raised, module)?)?;
     module.add_class::<mechanics::MechanicalRecord>()?;
     module.add_class::<motion::MechanicalPath>()?;
+    module.add_class::<partials::MechanicalSensitivityRecord>()?;
+    module.add_function(wrap_pyfunction!(partials::mechanical_sensitivity, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::compiled_model, module)?)?;
     module.add_class::<control::Regulator>()?;
     module.add_class::<control::Tracker>()?;

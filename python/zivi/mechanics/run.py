@@ -21,6 +21,7 @@ __all__ = [
     "Asked",
     "FixedOrSwitched",
     "check_mechanical_method",
+    "configuration",
     "mechanical_events",
     "run_mechanical",
     "state_of",
@@ -149,7 +150,7 @@ def run_mechanical(
         report,
     )
     sol = MechanicalTrajectory._from_record(
-        record, model, _configuration(system, model, method, asked)
+        record, model, configuration(system, model, method, asked)
     )
     if not isinstance(method, SwitchedRK) and asked.t_eval is not None:
         sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
@@ -177,7 +178,7 @@ def _coupled(
     return bool(np.any(np.abs(coupling)[pairs] > 1e-9 * np.outer(size, size)[pairs]))
 
 
-def _configuration(
+def configuration(
     system: MechanicalSystem, model: Model, method: Any, asked: Asked
 ) -> dict[str, Any]:
     """Plain values that tell the run again (functions only by their names)."""

@@ -14,6 +14,7 @@ from zivi.mechanics.assemble import Evaluate, assembled
 from zivi.mechanics.gap import Gap
 from zivi.mechanics.glue import glued
 from zivi.mechanics.layout import Evaluation, Layout
+from zivi.mechanics.partials import Partials
 from zivi.mechanics.pieces import Part, part
 
 __all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass", "restitutions"]
@@ -184,6 +185,10 @@ class MechanicalSystem:
             return Model(layout, ("callable", evaluate), evaluate)
         spec = ("compiled", native.native.address, native.address, True)
         return Model(layout, spec, evaluate, native)
+
+    def partials(self, model: Model) -> Partials:
+        """Give what the extension takes for the partial derivatives of a model."""
+        return Partials(owner=model.owner)
 
     def at(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Evaluation:
         """Evaluate the system.

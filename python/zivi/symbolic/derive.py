@@ -31,6 +31,15 @@ class Derived:
     gaps: tuple[str, ...]
     parameters: dict[str, float]
 
+    def partials(self) -> tuple[Any, ...]:
+        """Derive the entries by time, coordinates, velocities and parameters, one after the other."""
+        sympy = needed("sympy", "symbolic systems")
+        n = len(self.coordinates)
+        names = ["t", *(f"{letter}[{i}]" for letter in "qw" for i in range(n))]
+        names += [f"p[{k}]" for k in range(len(self.parameters))]
+        symbols = [sympy.Symbol(name, real=True) for name in names]
+        return tuple(entry.diff(symbol) for symbol in symbols for entry in self.entries)
+
 
 def derive(
     q: Any, T: Any, V: Any, Q: Any, gaps: Any, parameters: Mapping[Any, Any] | None, *, qdot: Any

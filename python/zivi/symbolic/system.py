@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
+import functools
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from typing import Any
 
@@ -12,8 +14,9 @@ from numpy.typing import ArrayLike
 from zivi._check import Array, finite
 from zivi._machine_code import Native, compiled
 from zivi.mechanics.layout import Layout
+from zivi.mechanics.partials import Partials
 from zivi.mechanics.system import MechanicalSystem, Model, restitutions
-from zivi.symbolic.derive import derive
+from zivi.symbolic.derive import Derived, derive
 from zivi.symbolic.source import c_source, python_source
 
 __all__ = ["Parameters", "SymbolicSystem", "system"]
@@ -64,6 +67,25 @@ class Parameters(MutableMapping[str, float]):
         return repr(dict(self))
 
 
+@dataclasses.dataclass(frozen=True)
+class Equations:
+    """The equations of a symbolic system, kept for their derivatives.
+
+    Parameters
+    ----------
+    derived : Derived
+        The expressions.
+    """
+
+    derived: Derived
+
+    @functools.cached_property
+    def sources(self) -> dict[str, str]:
+        """The source of a function that fills in all partial derivatives."""
+        entries = self.derived.partials()
+        return {"c": c_source(entries), "numba": python_source(entries)}
+
+
 class SymbolicSystem(MechanicalSystem):
     """What `system` makes: a `zivi.MechanicalSystem` that is compiled.
 
@@ -79,6 +101,8 @@ class SymbolicSystem(MechanicalSystem):
         Coefficients of restitution.
     compiler : str
         As for `system`.
+    equations : Equations
+        What the function was made of, for derivatives.
     """
 
     derived = True
@@ -91,13 +115,14 @@ class SymbolicSystem(MechanicalSystem):
         parameters: Mapping[str, float],
         e: float | ArrayLike,
         compiler: str = "auto",
+        equations: Equations | None = None,
     ) -> None:
         self._gaps = ()
         self._gap_names = tuple(gaps)
         self._coordinates = tuple(coordinates)
         self._n = len(self._coordinates)
         self._e = restitutions(e, len(self._gap_names))
-        self._sources, self._compiler = sources, compiler
+        self._sources, self._compiler, self._equations = sources, compiler, equations
         self._parameters = Parameters(parameters)
         self._native: Native = compiled(sources, compiler)
 
@@ -138,6 +163,7 @@ class SymbolicSystem(MechanicalSystem):
             self._parameters,
             self._e if e is None else e,
             self._compiler,
+            self._equations,
         )
         other._parameters.update(parameters)
         return other
@@ -158,6 +184,20 @@ class SymbolicSystem(MechanicalSystem):
         spec = ("compiled", self._native.address, parameters.address, True)
         return Model(layout, spec, evaluate, (self._native, parameters))
 
+    def partials(self, model: Model) -> Partials:
+        """Give what the extension takes for the derivatives, compiled when they are first asked for.
+
+        Raises
+        ------
+        ImportError
+            Without SymPy.
+        """
+        if self._equations is None:
+            return super().partials(model)
+        native = compiled(self._equations.sources, self._compiler)
+        spec = ("compiled", native.address, self._parameters.address, True)
+        return Partials(spec, dict(self._parameters), (native, self._parameters))
+
     def __repr__(self) -> str:
         return f"{super().__repr__()[:-1]}, parameters={self._parameters!r})"
 
@@ -169,6 +209,7 @@ class SymbolicSystem(MechanicalSystem):
             "parameters": dict(self._parameters),
             "e": self._e,
             "compiler": self._compiler,
+            "equations": self._equations,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -262,4 +303,12 @@ def system(
     """
     found = derive(q, T, V, Q, gaps, parameters, qdot=qdot)
     sources = {"c": c_source(found.entries), "numba": python_source(found.entries)}
-    return SymbolicSystem(sources, found.coordinates, found.gaps, found.parameters, e, compiler)
+    return SymbolicSystem(
+        sources,
+        found.coordinates,
+        found.gaps,
+        found.parameters,
+        e,
+        compiler,
+        Equations(found),
+    )

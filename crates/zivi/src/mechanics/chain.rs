@@ -18,7 +18,7 @@ use crate::record::gap_set::GapSet;
 use crate::switched::chain::{Bounce, Chain};
 
 /// Columns of the table after the first.
-const COLUMNS: usize = 5;
+pub(super) const COLUMNS: usize = 5;
 
 /// What bounces on what.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,8 +36,8 @@ pub(super) struct StateChain {
     pub(super) times: Chain,
     pub(super) e: f64,
     /// Length of a row: the time since the first impact, then the state.
-    width: usize,
-    rows: Vec<f64>,
+    pub(super) width: usize,
+    pub(super) rows: Vec<f64>,
 }
 
 /// The extrapolated end of a chain.

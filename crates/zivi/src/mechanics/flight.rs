@@ -339,6 +339,6 @@ impl Machine {
 }
 
 /// Those of the settings. Gaps and coordinates are rounded apart: by more than one number is.
-fn tolerances(settings: &SwitchedRk) -> Tolerances {
+pub(super) fn tolerances(settings: &SwitchedRk) -> Tolerances {
     Tolerances { rounding: 4.0, ..settings.tolerances() }
 }

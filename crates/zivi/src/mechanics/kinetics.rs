@@ -111,6 +111,11 @@ impl Kinetics {
         self.layout.n
     }
 
+    /// `x <- M^-1 x`.
+    pub(super) fn solve_mass(&self, x: &mut [f64]) {
+        cholesky::solve(&self.mass, self.layout.n, x);
+    }
+
     /// `g_i`.
     pub(super) fn gap(&self, i: usize) -> f64 {
         self.values[self.layout.gap()][i]

@@ -51,7 +51,7 @@ impl Machine {
     }
 
     /// The tolerances of a Zeno time and of the state there.
-    fn scales(&self, last: Bounce) -> Vec<f64> {
+    pub(super) fn scales(&self, last: Bounce) -> Vec<f64> {
         let [atol_x, atol_v] = self.settings.atol;
         let times = &self.chain.times;
         let absolute = (atol_x / times.fastest()).min(atol_v / last.g);

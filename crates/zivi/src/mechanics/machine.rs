@@ -194,10 +194,7 @@ impl Machine {
             self.struck = 0;
             return Err(Failure::Status(Status::ZenoBudget));
         }
-        let n = self.layout.n;
-        let open = (0..self.layout.m).filter(|&i| !self.closed.has(i));
-        let through: GapSet =
-            open.filter(|&i| self.now.x[n + i] <= 0.0 && self.now.xdot[n + i] < 0.0).collect();
+        let through = self.through();
         if !through.is_empty() {
             self.strike(through, model)?;
             return Ok(Piece::Instant);
@@ -209,6 +206,13 @@ impl Machine {
             self.stalled = 0;
         }
         Ok(Piece::Motion)
+    }
+
+    /// The gaps that are hit at once, though none of them was seen to come near.
+    pub(super) fn through(&self) -> GapSet {
+        let n = self.layout.n;
+        let open = (0..self.layout.m).filter(|&i| !self.closed.has(i));
+        open.filter(|&i| self.now.x[n + i] <= 0.0 && self.now.xdot[n + i] < 0.0).collect()
     }
 
     /// Forgets what was learnt from the forces: from here on they are others.

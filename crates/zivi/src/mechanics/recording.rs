@@ -5,6 +5,7 @@ use super::machine::{Machine, Piece};
 use super::path::{Curve, MechanicalPath, MotionPoint};
 use super::run::{MechanicalOutput, MechanicalRun, MechanicalSamples};
 use super::state_events::{Along, StateHit, StateWatch};
+use super::stepper::{Plainly, Stepper};
 use super::stops::Stops;
 use super::tail::SkippedArcs;
 use crate::record::failure::Failure;
@@ -81,7 +82,17 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         model: &mut Model<'_, D>,
         monitor: &mut impl Monitor<E>,
     ) -> Ending<E> {
-        match self.try_go(model, monitor) {
+        self.go_with(&mut Plainly, model, monitor)
+    }
+
+    /// The same, each piece asked for by someone who follows the motion.
+    pub(super) fn go_with<D: Dynamics<E>>(
+        &mut self,
+        stepper: &mut impl Stepper<E, D>,
+        model: &mut Model<'_, D>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Ending<E> {
+        match self.try_go(stepper, model, monitor) {
             Ok(()) => Ending::Failed(Failure::Status(Status::Completed)),
             Err(ending) => ending,
         }
@@ -89,6 +100,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     fn try_go<D: Dynamics<E>>(
         &mut self,
+        stepper: &mut impl Stepper<E, D>,
         model: &mut Model<'_, D>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<(), Ending<E>> {
@@ -112,7 +124,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
                     self.machine.restart();
                     until = self.stops.enter(t, model);
                 }
-                self.piece(until, model)?;
+                self.piece(until, stepper, model)?;
             }
             let t = self.machine.now.t;
             let done = ((t - t0) / (self.t1 - t0) * PARTS as f64) as usize;
@@ -124,12 +136,13 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     fn piece<D: Dynamics<E>>(
         &mut self,
         until: f64,
+        stepper: &mut impl Stepper<E, D>,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
         self.make_room()?;
         self.machine.dense_from = self.dense_from();
         let (from, closed) = (self.machine.now.t, self.machine.closed);
-        match self.machine.advance(until, model)? {
+        match stepper.step(&mut self.machine, until, model)? {
             Piece::Motion => self.motion(from, closed, model)?,
             Piece::Skipped(arcs) => self.skipped(&arcs, closed, model)?,
             Piece::Instant => {

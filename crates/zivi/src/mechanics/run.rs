@@ -154,23 +154,29 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     check_span(t0, t1)?;
     let mut model = Model::new(dynamics);
     let mut machine = Machine::new(settings, layout, e);
-    let started = machine.start(t0, (q, w), &mut model);
-    match started {
+    let begun = started(machine.start(t0, (q, w), &mut model))?;
+    let mut running = Running::new(machine, t1, &mut output);
+    let ending = match begun {
+        Err(failure) => failure.into(),
+        Ok(()) => running.go(&mut model, monitor),
+    };
+    Ok(running.finish(ending, model.count))
+}
+
+/// What a machine says of its start, as an error of the setup or of the run.
+pub(super) fn started<E>(
+    start: Result<Option<(usize, f64)>, Failure<E>>,
+) -> Result<Result<(), Failure<E>>, SetupError> {
+    match start {
         Ok(Some((_, value))) => {
-            return Err(SetupError::Setting("q0", value, "such that no gap g(t0, q0) is below 0"));
+            Err(SetupError::Setting("q0", value, "such that no gap g(t0, q0) is below 0"))
         }
         Err(Failure::Status(Status::MassNotDefinite)) => {
             let range = "symmetric positive definite at the start";
-            return Err(SetupError::Setting("mass", f64::NAN, range));
+            Err(SetupError::Setting("mass", f64::NAN, range))
         }
-        _ => (),
+        start => Ok(start.map(|_| ())),
     }
-    let mut running = Running::new(machine, t1, &mut output);
-    let ending = match started {
-        Err(failure) => failure.into(),
-        Ok(_) => running.go(&mut model, monitor),
-    };
-    Ok(running.finish(ending, model.count))
 }
 
 pub(super) fn check_sizes(
@@ -201,7 +207,7 @@ pub(super) fn check_sizes(
     Ok(())
 }
 
-fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
+pub(super) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
     if !(t0.is_finite() && t1.is_finite()) {
         return Err(GridError::SpanNotFinite(t0, t1).into());
     }

@@ -212,7 +212,7 @@ impl<Q: Coordinates> Stages<Q> {
 
     /// The estimated error of a coordinate.
     #[inline]
-    fn error_of(&self, c: usize) -> StepError {
+    pub(crate) fn error_of(&self, c: usize) -> StepError {
         let ([v, k], h) = (self.rows(c), self.h);
         match self.pair.estimate {
             Estimate::Single(e) => {

@@ -4,4 +4,5 @@ pub mod dynamics;
 pub(crate) mod evaluation;
 pub mod force;
 pub mod moving_wall;
+pub mod partials;
 pub mod slopes;

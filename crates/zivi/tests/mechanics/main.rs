@@ -5,4 +5,5 @@ mod physics;
 mod problems;
 mod random;
 mod references;
+mod sensitivity;
 mod time_stepping;

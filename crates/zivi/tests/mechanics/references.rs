@@ -25,17 +25,17 @@ fn numbers(value: &Value) -> Vec<f64> {
 type Event = (&'static str, f64, usize);
 
 /// One case of either file.
-struct Case {
-    name: String,
-    model: String,
-    par: Parameters,
-    e: Vec<f64>,
-    q0: Vec<f64>,
-    w0: Vec<f64>,
-    t1: f64,
+pub(crate) struct Case {
+    pub(crate) name: String,
+    pub(crate) model: String,
+    pub(crate) par: Parameters,
+    pub(crate) e: Vec<f64>,
+    pub(crate) q0: Vec<f64>,
+    pub(crate) w0: Vec<f64>,
+    pub(crate) t1: f64,
     events: Vec<Event>,
     state: Vec<f64>,
-    nested: bool,
+    pub(crate) nested: bool,
     corner: Option<f64>,
 }
 
@@ -189,4 +189,9 @@ fn systems_of_one_gap() {
 #[test]
 fn systems_of_several_gaps() {
     check(&several_gaps());
+}
+
+/// All cases.
+pub(crate) fn cases() -> Vec<Case> {
+    one_gap().into_iter().chain(several_gaps()).collect()
 }

@@ -16,4 +16,5 @@ mod zeno;
 pub use columns::Wrt;
 pub use flights::{fly_apart, Apart, Flight, Flown};
 pub use run::{sensitivity, Derivatives, Question};
+pub(crate) use validity::Validity;
 pub use validity::{Limit, Nearest};

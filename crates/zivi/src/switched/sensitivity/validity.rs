@@ -38,20 +38,20 @@ pub struct Nearest {
 
 /// The radii of all columns.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::switched) struct Validity {
-    pub(in crate::switched) radius: Vec<f64>,
-    pub(in crate::switched) nearest: Vec<Option<Nearest>>,
+pub(crate) struct Validity {
+    pub(crate) radius: Vec<f64>,
+    pub(crate) nearest: Vec<Option<Nearest>>,
     /// The smallest depth of an impact or a minimum.
-    pub(in crate::switched) shallowest: f64,
+    pub(crate) shallowest: f64,
 }
 
 impl Validity {
-    pub(in crate::switched) fn new(m: usize) -> Self {
+    pub(crate) fn new(m: usize) -> Self {
         Self { radius: vec![f64::INFINITY; m], nearest: vec![None; m], shallowest: f64::INFINITY }
     }
 
     /// An event of this depth, which falls by `rates` for one unit of each column.
-    pub(in crate::switched) fn note(
+    pub(crate) fn note(
         &mut self,
         limit: Limit,
         t: f64,

@@ -1,0 +1,248 @@
+//! Mechanical systems from Python with their partial derivatives.
+
+use numpy::PyReadonlyArray1;
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use zivi::mechanics::sensitivity::{
+    mechanical_sensitivity as differentiate, MechanicalDerivatives, MechanicalQuestion,
+    MechanicalWrt,
+};
+use zivi::mechanics::{MechanicalOutput, MechanicalRun};
+use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::partials::{
+    DifferencedDynamics, DifferentiableDynamics, Neighbours, Posture, MOVES,
+};
+use zivi::{SetupError, SwitchedRk};
+
+use crate::dynamics::{vector, CompiledDynamics, DynamicsSpec, PythonDynamics};
+use crate::mechanics::MechanicalRecord;
+use crate::record::Array;
+use crate::simulate::setup_error;
+use crate::switched_rk::{settings, Settings};
+use crate::watch::Watch;
+
+/// A system, and a function that fills in all its partial derivatives.
+struct WithPartials<D, P> {
+    dynamics: D,
+    partials: P,
+    parameters: usize,
+    all: Vec<f64>,
+}
+
+impl<D: Dynamics<PyErr>, P: Dynamics<PyErr>> WithPartials<D, P> {
+    fn new(dynamics: D, partials: P, parameters: usize) -> Self {
+        let layout = dynamics.layout();
+        let all = vec![0.0; layout.len() * (1 + 2 * layout.n + parameters)];
+        Self { dynamics, partials, parameters, all }
+    }
+}
+
+impl<D: Dynamics<PyErr>, P> Dynamics<PyErr> for WithPartials<D, P> {
+    fn layout(&self) -> Layout {
+        self.dynamics.layout()
+    }
+
+    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        self.dynamics.evaluate(t, q, w, out)
+    }
+}
+
+impl<D: Dynamics<PyErr>, P: Dynamics<PyErr>> DifferentiableDynamics<PyErr> for WithPartials<D, P> {
+    fn parameters(&self) -> usize {
+        self.parameters
+    }
+
+    fn partials(&mut self, at: Posture<'_>, by: &[usize], out: &mut [f64]) -> PyResult<()> {
+        self.partials.evaluate(at.t, at.q, at.w, &mut self.all)?;
+        let length = self.layout().len();
+        let (state, parameters) = self.all.split_at((1 + 2 * at.q.len()) * length);
+        let (of_state, of_parameters) = out.split_at_mut(state.len());
+        of_state.copy_from_slice(state);
+        for (&parameter, out) in by.iter().zip(of_parameters.chunks_exact_mut(length)) {
+            out.copy_from_slice(&parameters[parameter * length..][..length]);
+        }
+        Ok(())
+    }
+}
+
+/// The same system with moved parameters, of the kind of the system itself.
+fn neighbours<'py, D>(
+    spec: &Bound<'py, PyTuple>,
+    layout: Layout,
+    of: impl Fn(DynamicsSpec<'py>) -> Option<D>,
+) -> PyResult<Vec<Neighbours<D>>> {
+    let given: Vec<(f64, Vec<Bound<'py, PyTuple>>)> = spec.get_item(1)?.extract()?;
+    let one = |(step, systems): (f64, Vec<Bound<'py, PyTuple>>)| {
+        let specs: PyResult<Vec<_>> =
+            systems.iter().map(|system| DynamicsSpec::from_tuple(system, layout)).collect();
+        let systems: Option<Vec<D>> = specs?.into_iter().map(&of).collect();
+        let systems = systems.and_then(|systems| <[D; MOVES.len()]>::try_from(systems).ok());
+        let systems = systems.ok_or_else(|| {
+            pyo3::exceptions::PyValueError::new_err("a parameter needs six systems of one kind")
+        })?;
+        Ok(Neighbours { step, systems })
+    };
+    given.into_iter().map(one).collect()
+}
+
+fn compiled(spec: DynamicsSpec<'_>) -> Option<CompiledDynamics> {
+    match spec {
+        DynamicsSpec::Compiled(it) => Some(it),
+        DynamicsSpec::Callable(_) => None,
+    }
+}
+
+fn callable(spec: DynamicsSpec<'_>) -> Option<PythonDynamics<'_>> {
+    match spec {
+        DynamicsSpec::Callable(it) => Some(it),
+        DynamicsSpec::Compiled(_) => None,
+    }
+}
+
+/// A run and its derivatives: arrays have a row of one number for each column.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct MechanicalSensitivityRecord {
+    run: Py<MechanicalRecord>,
+    /// For each column n numbers.
+    q: Array,
+    qdot: Array,
+    impact_dt: Array,
+    impact_du: Array,
+    zeno_times: Array,
+    liftoff_times: Array,
+    radius: Array,
+    /// `(kind, time, depth)` of the event that limits each column.
+    nearest: Vec<Option<(u8, f64, f64)>>,
+    grazing: bool,
+    lost_at: Option<f64>,
+    samples: Array,
+    n_slopes: u64,
+}
+
+/// `(kind, index)`: `q0`, `qdot0`, `t0`, `e` of all gaps, `e` of one, a parameter are 0 to 5.
+fn wrt_of((kind, index): &(u8, usize)) -> MechanicalWrt {
+    match kind {
+        0 => MechanicalWrt::Q0(*index),
+        1 => MechanicalWrt::Qdot0(*index),
+        2 => MechanicalWrt::T0,
+        3 => MechanicalWrt::AllE,
+        4 => MechanicalWrt::E(*index),
+        _ => MechanicalWrt::Parameter(*index),
+    }
+}
+
+/// What a run takes besides the system.
+struct Task<'a> {
+    method: SwitchedRk,
+    e: &'a [f64],
+    span: (f64, f64),
+    start: (&'a [f64], &'a [f64]),
+    tstops: &'a [f64],
+    dense: bool,
+    question: MechanicalQuestion<'a>,
+}
+
+type Outcome = Result<(MechanicalRun<PyErr>, MechanicalDerivatives), SetupError>;
+
+impl Task<'_> {
+    fn run(&self, dynamics: &mut impl DifferentiableDynamics<PyErr>, watch: &mut Watch) -> Outcome {
+        let Self { method, e, span, start, tstops, dense, question } = self;
+        let output = MechanicalOutput { tstops, dense: *dense, ..MechanicalOutput::default() };
+        differentiate(*method, dynamics, e, *span, *start, output, question, watch)
+    }
+
+    /// Without the interpreter where nothing needs it.
+    fn dispatch<'py>(
+        &self,
+        py: Python<'py>,
+        model: DynamicsSpec<'py>,
+        (spec, parameters): (&Bound<'py, PyTuple>, usize),
+        layout: Layout,
+        watch: &mut Watch,
+    ) -> PyResult<Outcome> {
+        let duration = self.span.1 - self.span.0;
+        let kind: String = spec.get_item(0)?.extract()?;
+        Ok(match (model, kind.as_str()) {
+            (DynamicsSpec::Compiled(model), "differences") => {
+                let more = neighbours(spec, layout, compiled)?;
+                let mut system = DifferencedDynamics::new(model, more, duration);
+                py.detach(|| self.run(&mut system, watch))
+            }
+            (DynamicsSpec::Callable(model), "differences") => {
+                let more = neighbours(spec, layout, callable)?;
+                self.run(&mut DifferencedDynamics::new(model, more, duration), watch)
+            }
+            (DynamicsSpec::Compiled(model), _) => match DynamicsSpec::from_tuple(spec, layout)? {
+                DynamicsSpec::Compiled(partials) => {
+                    let mut system = WithPartials::new(model, partials, parameters);
+                    py.detach(|| self.run(&mut system, watch))
+                }
+                DynamicsSpec::Callable(partials) => {
+                    self.run(&mut WithPartials::new(model, partials, parameters), watch)
+                }
+            },
+            (DynamicsSpec::Callable(model), _) => match DynamicsSpec::from_tuple(spec, layout)? {
+                DynamicsSpec::Compiled(partials) => {
+                    self.run(&mut WithPartials::new(model, partials, parameters), watch)
+                }
+                DynamicsSpec::Callable(partials) => {
+                    self.run(&mut WithPartials::new(model, partials, parameters), watch)
+                }
+            },
+        })
+    }
+}
+
+/// A run of the switched method for a mechanical system, with its derivatives.
+#[pyfunction]
+#[pyo3(signature = (model, partials, method, *, n, m, e, span, q0, qdot0, wrt, sizes, parameters, controlled, dense, tstops, times, progress=None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn mechanical_sensitivity(
+    py: Python<'_>,
+    model: &Bound<'_, PyTuple>,
+    partials: &Bound<'_, PyTuple>,
+    method: Settings,
+    n: usize,
+    m: usize,
+    e: PyReadonlyArray1<'_, f64>,
+    span: (f64, f64),
+    q0: PyReadonlyArray1<'_, f64>,
+    qdot0: PyReadonlyArray1<'_, f64>,
+    wrt: Vec<(u8, usize)>,
+    sizes: PyReadonlyArray1<'_, f64>,
+    parameters: usize,
+    controlled: bool,
+    dense: bool,
+    tstops: PyReadonlyArray1<'_, f64>,
+    times: PyReadonlyArray1<'_, f64>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<MechanicalSensitivityRecord> {
+    let (e, q0, qdot0) = (vector(&e), vector(&q0), vector(&qdot0));
+    let (sizes, times, tstops) = (vector(&sizes), vector(&times), vector(&tstops));
+    let wrt: Vec<MechanicalWrt> = wrt.iter().map(wrt_of).collect();
+    let layout = Layout { n, m };
+    let question = MechanicalQuestion { wrt: &wrt, sizes: &sizes, controlled, times: &times };
+    let (method, start) = (settings(method)?, (&q0[..], &qdot0[..]));
+    let task = Task { method, e: &e, span, start, tstops: &tstops, dense, question };
+    let system = DynamicsSpec::from_tuple(model, layout)?;
+    let watch = &mut Watch { progress };
+    let outcome = task.dispatch(py, system, (partials, parameters), layout, watch)?;
+    let (run, found) = outcome.map_err(setup_error)?;
+    let array = |values: Vec<f64>| numpy::PyArray1::from_vec(py, values).unbind();
+    let nearest = found.nearest.iter().map(|it| it.map(|it| (it.limit as u8, it.t, it.depth)));
+    Ok(MechanicalSensitivityRecord {
+        nearest: nearest.collect(),
+        run: Py::new(py, MechanicalRecord::new(py, run)?)?,
+        q: array(found.q),
+        qdot: array(found.qdot),
+        impact_dt: array(found.impact_dt),
+        impact_du: array(found.impact_du),
+        zeno_times: array(found.zeno_times),
+        liftoff_times: array(found.liftoff_times),
+        radius: array(found.radius),
+        grazing: found.grazing,
+        lost_at: found.lost_at,
+        samples: array(found.samples),
+        n_slopes: found.n_partials,
+    })
+}

@@ -1,0 +1,445 @@
+//! Follows a run of the machine with the columns: each step, impact, Zeno point and lift-off.
+
+use super::columns::{Columns, MechanicalWrt};
+use super::local::Direction;
+use super::zeno::{ChainRates, ZenoRate};
+use crate::mechanics::equation::{InContact, Stages, State};
+use crate::mechanics::flight::tolerances;
+use crate::mechanics::gap_set::GapSet;
+use crate::mechanics::kinetics::Model;
+use crate::mechanics::machine::{Machine, Pending, Piece};
+use crate::mechanics::occurrence::{FlagKind, Occurrence};
+use crate::mechanics::stepper::Stepper;
+use crate::numeric::step_size::{factor, shorter, FACTORS};
+use crate::numeric::tableau::Pair;
+use crate::record::failure::Failure;
+use crate::switched::sensitivity::{Limit, Validity};
+use crate::system::dynamics::Layout;
+use crate::system::partials::DifferentiableDynamics;
+use crate::Status;
+
+/// Steps that are given up for the columns before one is taken as it is.
+const RETRIES: u32 = 40;
+/// How far the step onto an impact may be moved to it, relative to its length.
+const NUDGE: f64 = 1e-4;
+
+/// The derivatives of the events, one row for each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct EventRates {
+    pub(super) impact_dt: Vec<f64>,
+    pub(super) impact_du: Vec<f64>,
+    pub(super) zeno: Vec<f64>,
+    pub(super) lift_off: Vec<f64>,
+}
+
+/// The columns of a run under way.
+pub(super) struct Follower<'a> {
+    pub(super) columns: Columns,
+    /// Magnitudes of what the columns are derivatives by.
+    pub(super) sizes: &'a [f64],
+    /// Whether the steps are adapted to the columns too.
+    pub(super) controlled: bool,
+    /// Times at which the columns are wanted, increasing, and the columns there.
+    times: &'a [f64],
+    pub(super) samples: Vec<f64>,
+    pub(super) chains: Vec<ChainRates>,
+    /// Of the Zeno point that the chain is about to reach.
+    pub(super) zeno: Vec<ZenoRate>,
+    pub(super) events: EventRates,
+    pub(super) validity: Validity,
+    /// Since when some column is not known, and which of them are not known now.
+    pub(super) lost_at: Option<f64>,
+    pub(super) lost: Vec<bool>,
+    /// Whether the order of coupled impacts is decided by the tolerance.
+    pub(super) uncertain: bool,
+    /// The largest gap so far, and when the run ends.
+    pub(super) highest: f64,
+    pub(super) end: f64,
+}
+
+impl<'a> Follower<'a> {
+    pub(super) fn new(
+        (wrt, sizes): (&[MechanicalWrt], &'a [f64]),
+        controlled: bool,
+        times: &'a [f64],
+        end: f64,
+        (layout, pair): (Layout, &'static Pair),
+    ) -> Self {
+        Self {
+            columns: Columns::new(wrt, layout, pair),
+            sizes,
+            controlled,
+            times,
+            samples: Vec::new(),
+            chains: vec![ChainRates::default(); wrt.len()],
+            zeno: Vec::new(),
+            events: EventRates::default(),
+            validity: Validity::new(wrt.len()),
+            lost_at: None,
+            lost: vec![false; wrt.len()],
+            uncertain: false,
+            highest: 0.0,
+            end,
+        }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.sizes.len()
+    }
+
+    /// The columns where the machine starts, before an impact if it starts with one.
+    pub(super) fn begin<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &Machine,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (Layout { n, m }, now) = (self.columns.layout, &machine.now);
+        let size = n + m;
+        self.set_extent(machine, model)?;
+        self.columns.visit(model, now, machine.closed)?;
+        self.note_height(machine);
+        let acceleration = self.columns.local.kinetics.acceleration.clone();
+        for column in 0..self.count() {
+            let (mut q, mut w) = (vec![0.0; n], vec![0.0; n]);
+            match self.columns.wrt[column] {
+                MechanicalWrt::Q0(i) => q[i] = 1.0,
+                MechanicalWrt::Qdot0(i) => w[i] = 1.0,
+                MechanicalWrt::T0 => {
+                    q.iter_mut().zip(&now.xdot).for_each(|(q, v)| *q = -v);
+                    w.iter_mut().zip(&acceleration).for_each(|(w, a)| *w = -a);
+                }
+                _ => (),
+            }
+            let local = &self.columns.local;
+            let parameter = self.columns.parameter[column];
+            let row = local.along(Direction { t: 0.0, q: &q, w: &w, parameter });
+            let gaps = local.gaps(&row, &now.xdot[..n], &w);
+            let end = &mut self.columns.now;
+            let (x, v) =
+                (&mut end.x[column * size..][..size], &mut end.xdot[column * size..][..size]);
+            x[..n].copy_from_slice(&q);
+            v[..n].copy_from_slice(&w);
+            for (k, [gap, rate]) in gaps.into_iter().enumerate() {
+                (x[n + k], v[n + k]) = (gap, rate);
+            }
+        }
+        if machine.closed.is_empty() {
+            return Ok(());
+        }
+        self.columns.project(machine.closed, now)
+    }
+
+    /// How far the state moves in a second, or in a run that is shorter.
+    fn set_extent<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &Machine,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (n, State { t, x, xdot: v, .. }) = (self.columns.layout.n, &machine.now);
+        let kinetics = &mut self.columns.local.kinetics;
+        kinetics.evaluate(model, *t, &x[..n], &v[..n])?;
+        kinetics.contact(machine.closed)?;
+        let (duration, a) = ((self.end - t).min(1.0), &kinetics.acceleration);
+        let of_w: Vec<f64> = (0..n).map(|c| v[c].abs() + duration * a[c].abs()).collect();
+        let of_q: Vec<f64> = (0..n).map(|c| x[c].abs() + duration * of_w[c]).collect();
+        model.dynamics.set_extent(&of_q, &of_w);
+        Ok(())
+    }
+
+    pub(super) fn note_height(&mut self, machine: &Machine) {
+        let n = self.columns.layout.n;
+        self.highest = machine.now.x[n..].iter().fold(self.highest, |a, b| a.max(b.abs()));
+    }
+
+    /// From here on a column is not known.
+    pub(super) fn lose(&mut self, column: usize, t: f64) {
+        self.lost[column] = true;
+        self.lost_at.get_or_insert(t);
+    }
+
+    /// From here on none is.
+    pub(super) fn lose_all(&mut self, t: f64) {
+        (0..self.count()).for_each(|column| self.lose(column, t));
+        self.blank();
+    }
+
+    /// NaN for the columns that are not known.
+    pub(super) fn blank(&mut self) {
+        let size = self.columns.size();
+        for column in (0..self.count()).filter(|&column| self.lost[column]) {
+            self.columns.now.x[column * size..][..size].fill(f64::NAN);
+            self.columns.now.xdot[column * size..][..size].fill(f64::NAN);
+        }
+        self.columns.visited = None;
+    }
+
+    /// Whether no column is known.
+    fn is_blind(&self) -> bool {
+        self.lost.iter().all(|&lost| lost)
+    }
+
+    /// Rows for what happened since the machine had so many occurrences.
+    pub(super) fn note_events(
+        &mut self,
+        machine: &Machine,
+        from: usize,
+        impact: impl Fn(usize) -> Option<(Vec<f64>, Vec<f64>)>,
+        lift_off: impl Fn(usize) -> Option<Vec<f64>>,
+        zeno: &[f64],
+    ) {
+        let unknown = vec![f64::NAN; self.count()];
+        for it in &machine.occurrences[from..] {
+            match *it {
+                Occurrence::Impact { gap, t, .. } => {
+                    let (dt, du) = impact(gap).unwrap_or((unknown.clone(), unknown.clone()));
+                    self.note_end(t, &dt);
+                    self.events.impact_dt.extend(dt);
+                    self.events.impact_du.extend(du);
+                }
+                Occurrence::Zeno { t, .. } => {
+                    self.note_end(t, zeno);
+                    self.events.zeno.extend_from_slice(zeno);
+                }
+                Occurrence::LiftOff { gap, t } => {
+                    let dt = lift_off(gap).unwrap_or(unknown.clone());
+                    self.note_end(t, &dt);
+                    self.events.lift_off.extend(dt);
+                }
+                Occurrence::Flag { kind: FlagKind::OrderUncertain, .. } => self.uncertain = true,
+                _ => (),
+            }
+        }
+    }
+
+    /// An event near the end of the run may pass it.
+    fn note_end(&mut self, t: f64, dt: &[f64]) {
+        self.validity.note(Limit::End, t, self.end - t, dt.iter().copied());
+    }
+
+    /// A piece of the motion without columns.
+    fn blindly<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut Machine,
+        t_end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        let from = machine.occurrences.len();
+        let piece = machine.advance(t_end, model)?;
+        let unknown = vec![f64::NAN; self.count()];
+        self.note_events(machine, from, |_| None, |_| None, &unknown);
+        self.fill_samples(machine.now.t);
+        self.hold(machine, model)?;
+        Ok(piece)
+    }
+
+    /// Where the contacts determine the state the columns are known whatever came before.
+    pub(super) fn hold<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &Machine,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        if machine.closed.len() < self.columns.layout.n || !self.lost.contains(&true) {
+            return Ok(());
+        }
+        let size = self.columns.size();
+        for column in 0..self.count() {
+            if std::mem::take(&mut self.lost[column]) {
+                self.columns.now.x[column * size..][..size].fill(0.0);
+                self.columns.now.xdot[column * size..][..size].fill(0.0);
+            }
+        }
+        self.columns.visit(model, &machine.now, machine.closed)?;
+        self.columns.project(machine.closed, &machine.now)
+    }
+
+    /// Samples up to a time where the columns are not known.
+    pub(super) fn fill_samples(&mut self, until: f64) {
+        let (n, count) = (self.columns.layout.n, self.count());
+        while self.next_time().is_some_and(|t| t < until) {
+            self.samples.extend(std::iter::repeat_n(f64::NAN, 2 * n * count));
+        }
+    }
+
+    /// The first wanted time that has no sample.
+    fn next_time(&self) -> Option<f64> {
+        let row = 2 * self.columns.layout.n * self.count();
+        self.times.get(self.samples.len().checked_div(row)?).copied()
+    }
+
+    /// Samples within the last step, before `until`.
+    fn sample<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        stages: &Stages,
+        until: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (n, size) = (self.columns.layout.n, self.columns.size());
+        while let Some(t) = self.next_time().filter(|&t| t < until) {
+            self.columns.complete(stages, model)?;
+            let theta = ((t - stages.from.t) / stages.h).clamp(0.0, 1.0);
+            for part in 0..2 {
+                for column in 0..self.count() {
+                    for c in 0..n {
+                        let entry = column * size + c;
+                        let curves = self.columns.steps.polynomials_of(entry);
+                        self.samples.push(curves[part].at(theta));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The columns of the present state for the times that are left.
+    pub(super) fn sample_end(&mut self, t: f64) {
+        let (n, size) = (self.columns.layout.n, self.columns.size());
+        while self.next_time().is_some_and(|wanted| wanted <= t) {
+            for of in [&self.columns.now.x, &self.columns.now.xdot] {
+                self.samples.extend(of.chunks_exact(size.max(1)).flat_map(|column| &column[..n]));
+            }
+        }
+    }
+
+    /// A step, shorter ones until the columns are within the tolerances too.
+    fn fly_within<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut Machine,
+        t_end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        let (visited, closed) = (self.columns.visited, machine.closed);
+        let events = std::mem::take(&mut machine.occurrences);
+        let before = machine.clone();
+        machine.occurrences = events;
+        let order = machine.stages.order_of_error();
+        let shortest = 16.0 * f64::EPSILON * before.now.t.abs();
+        for retry in 0.. {
+            let piece = machine.advance(t_end, model)?;
+            let h = machine.stages.h;
+            self.columns.visited = visited.filter(|_| retry == 0);
+            self.columns.advance(&machine.stages, closed, model)?;
+            let error = self.error(machine, model)?;
+            let factor = factor(error, order);
+            if error <= 1.0 || retry == RETRIES || h <= shortest {
+                if error > 0.0 {
+                    let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
+                    machine.h = machine.h.map(|next| next.min(longest));
+                }
+                self.flew(machine, model)?;
+                return Ok(piece);
+            }
+            let rejected = machine.counts.rejected + 1;
+            let events = std::mem::take(&mut machine.occurrences);
+            machine.clone_from(&before);
+            machine.occurrences = events;
+            machine.counts.rejected = rejected;
+            machine.h = Some(shorter(factor) * h);
+        }
+        Err(Failure::Status(Status::Internal))
+    }
+
+    fn error<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &Machine,
+        model: &mut Model<'_, D>,
+    ) -> Result<f64, Failure<E>> {
+        if !self.controlled || !machine.settings.adaptive {
+            return Ok(0.0);
+        }
+        let tolerances = tolerances(&machine.settings);
+        self.columns.error(&machine.stages, &tolerances, (self.sizes, &self.lost), model)
+    }
+
+    /// What a step that was taken adds: samples, minima, the end of the columns.
+    fn flew<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut Machine,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        self.note_height(machine);
+        let (total, t) = (machine.length, machine.now.t);
+        let mut onto = None;
+        let closed = self.columns.closed;
+        if (total - machine.stages.h).abs() > NUDGE * machine.stages.h {
+            // the event was found on the polynomials, away from the end of the step
+            let mut stages = machine.stages.clone();
+            let (from, size) = (stages.from.clone(), self.columns.size());
+            let slope: Vec<f64> = (0..size).map(|c| stages.start_slope(c)).collect();
+            stages.step(&from, &slope, total, &mut self.motion(closed, model))?;
+            self.columns.visited = None;
+            self.columns.advance(&stages, closed, model)?;
+            onto = Some(stages);
+        }
+        if machine.pending.is_none() {
+            self.minima(machine, model)?;
+        }
+        let stages = onto.as_ref().unwrap_or(&machine.stages);
+        self.sample(stages, t, model)?;
+        self.columns.take(stages, total - stages.h, model)?;
+        if !closed.is_empty() {
+            self.columns.visit(model, &machine.now, closed)?;
+            self.columns.project(closed, &machine.now)?;
+        }
+        Ok(())
+    }
+
+    /// The motion itself, evaluated aside.
+    fn motion<'r, 'm, D>(
+        &'r mut self,
+        closed: GapSet,
+        model: &'r mut Model<'m, D>,
+    ) -> InContact<'r, 'm, D> {
+        InContact { closed, kinetics: &mut self.columns.local.kinetics, model, at_end: None }
+    }
+
+    /// Minima of the gaps within the step.
+    fn minima<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut Machine,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (Layout { n, m }, size) = (self.columns.layout, self.columns.size());
+        let closed = self.columns.closed;
+        for gap in (0..m).filter(|&gap| !closed.has(gap)) {
+            let (from, end) = (machine.stages.from.xdot[n + gap], machine.stages.end.xdot[n + gap]);
+            if !(from < 0.0 && end > 0.0) {
+                continue;
+            }
+            let stages = &mut machine.stages;
+            stages.complete(&mut self.motion(closed, model))?;
+            let [x, rate] = stages.polynomials_of(n + gap);
+            let Some(theta) = rate.negated().first_negative() else { continue };
+            self.columns.complete(stages, model)?;
+            let rates: Vec<f64> = (0..self.count())
+                .map(|column| {
+                    let entry = column * size + n + gap;
+                    self.columns.steps.polynomials_of(entry)[0].at(theta)
+                })
+                .collect();
+            let t = stages.from.t + theta * stages.h;
+            self.validity.note(Limit::Minimum, t, x.at(theta), rates);
+        }
+        Ok(())
+    }
+}
+
+impl<E, D: DifferentiableDynamics<E>> Stepper<E, D> for Follower<'_> {
+    fn step(
+        &mut self,
+        machine: &mut Machine,
+        t_end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        if self.is_blind() {
+            return self.blindly(machine, t_end, model);
+        }
+        let jumps = machine.ahead.as_ref().is_some_and(|ahead| ahead.landing.t <= t_end);
+        match machine.pending {
+            Some(Pending::Hit(_)) => self.strike(machine, t_end, model),
+            Some(Pending::Release(..)) => self.release(machine, t_end, model),
+            None if jumps => self.jump(machine, t_end, model),
+            None if machine.through() != GapSet::EMPTY => self.strike(machine, t_end, model),
+            None => self.fly_within(machine, t_end, model),
+        }
+    }
+}

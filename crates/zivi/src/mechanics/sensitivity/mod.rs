@@ -1,0 +1,20 @@
+//! Derivatives of a run of a mechanical system by its initial state, the coefficients of restitution
+//! and parameters: through impacts, Zeno points, sliding contact and lift-off.
+//!
+//! ```text
+//! flight, contact   columns (dq, dq') of the equations of motion, in the steps of the run
+//! impact            dz+ = R_z dz- + (R_z F- + R_t - F+) dt        R the impact, dt its shift
+//! Zeno point        the table of times and states, differentiated: dz = D z_inf - F dt_inf
+//! lift-off          dt = -dlambda/lambda', no jump of the columns
+//! ```
+
+mod columns;
+mod contact;
+mod follower;
+mod local;
+mod run;
+mod strike;
+mod zeno;
+
+pub use columns::MechanicalWrt;
+pub use run::{mechanical_sensitivity, MechanicalDerivatives, MechanicalQuestion};

@@ -1,0 +1,283 @@
+"""Derivatives of mechanical systems: references of 12 digits, the scalar ones, identities."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zivi
+
+pytest.importorskip("sympy")
+CASES = json.loads((Path(__file__).parent / "data/mechanical_gradients.json").read_text("ascii"))
+
+
+def system_of(case):
+    return zivi.symbolic.system(
+        case["q"],
+        T=case["T"],
+        V=case["V"],
+        Q=case["Q"],
+        gaps=case["gaps"],
+        parameters={name: float(value) for name, value in case["parameters"].items()},
+        e=[float(e) for e in case["e"]],
+    )
+
+
+def start_of(case):
+    return tuple([float(value) for value in case[name]] for name in ("q0", "qdot0"))
+
+
+def quantities(s):
+    """The state at the end, Zeno times, lift-off times: a row of derivatives each."""
+    return np.concatenate([s.final[0], s.final[1], s.zeno_times, s.liftoff_times])
+
+
+def error(case, tol, **options):
+    names = tuple(case["derivatives"])
+    method = zivi.SwitchedRK(rtol=tol, atol=tol, **options)
+    s = zivi.sensitivity(
+        system_of(case), (0, float(case["t"])), start_of(case), names, method
+    )
+    assert s.status is zivi.OrbitStatus.COMPLETED
+    wanted = np.array([[float(v) for v in case["derivatives"][name]] for name in names]).T
+    return np.max(np.abs(quantities(s) - wanted) / (1 + np.abs(wanted)))
+
+
+@pytest.mark.parametrize("name", list(CASES))
+@pytest.mark.parametrize("tol", [1e-8, 1e-10])
+def test_references(name, tol):
+    assert error(CASES[name], tol) <= 15 * tol
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_references_at_order_five(name):
+    assert error(CASES[name], 1e-9, order=5) <= 15e-9
+
+
+FORCE = zivi.LinearForce(stiffness=1.3, damping=0.1, gravity=2.0, amplitude=2.6, omega=1.1)
+
+
+def one_coordinate(force=FORCE, e=0.6):
+    push = lambda t, q, w: [force(t, q[0], w[0])]  # noqa: E731
+    gap = zivi.LinearGap([1.0], name="wall")
+    return zivi.MechanicalSystem(mass=1.0, force=push, gaps=[gap], e=e, coordinates=["x"])
+
+
+def test_one_coordinate_is_the_scalar_motion():
+    method = zivi.SwitchedRK(rtol=1e-12, atol=1e-12)
+    scalar = zivi.sensitivity(
+        zivi.ImpactSystem(FORCE, e=0.6), (0, 14), (1, 0), ("x0", "xdot0", "t0", "e"), method
+    )
+    names = ("q0", "qdot0", "t0", "e")
+    s = zivi.sensitivity(one_coordinate(), (0, 14), ([1.0], [0.0]), names, method)
+    assert len(s.zeno_times) >= 2 and len(s.liftoff_times) >= 2
+    for mine, wanted in (
+        (s.final[:, 0], scalar.final),
+        (s.zeno_times, scalar.zeno_times),
+        (s.liftoff_times, scalar.liftoff_times),
+        (s.impacts["dt"][:6], scalar.impacts["dt"][:6]),
+        (s.impacts["du"][:6], scalar.impacts["du"][:6]),
+    ):
+        assert np.max(np.abs(mine - wanted) / (1 + np.abs(wanted))) < 1e-11
+
+
+def test_orthogonal_gaps_are_scalar_motions():
+    """A mass in a corner, its coordinates apart: two masses above walls."""
+    e, method = [0.5, 0.3], zivi.SwitchedRK(rtol=1e-11, atol=1e-11)
+    box = zivi.MechanicalSystem(
+        mass=np.diag([2.0, 2.0]),
+        force=lambda t, q, w: [2 * (-1.5 - 0.2 * w[0]), 2 * (-9.81 + 3 * np.cos(t) - 0.1 * w[1])],
+        gaps=[zivi.LinearGap([1, 0], name="wall"), zivi.LinearGap([0, 1], name="floor")],
+        e=e,
+        coordinates=["x", "y"],
+    )
+    s = zivi.sensitivity(
+        box, (0, 2.9), ([0.4, 0.3], [0.2, 0.0]), ("q0", "qdot0", "e.wall", "e.floor"), method
+    )
+    for i, force in enumerate(
+        (
+            zivi.LinearForce(damping=0.2, gravity=1.5),
+            zivi.LinearForce(damping=0.1, gravity=9.81, amplitude=3.0, omega=1.0),
+        )
+    ):
+        start = ((0.4, 0.2), (0.3, 0.0))[i]
+        alone = zivi.sensitivity(
+            zivi.ImpactSystem(force, e=e[i]), (0, 2.9), start, ("x0", "xdot0", "e"), method
+        )
+        own = [i, 2 + i, 4 + i]
+        times = s.trajectory.zeno["gap"] == i
+        assert np.allclose(s.final[:, i, own], alone.final, rtol=1e-9, atol=1e-9)
+        assert np.allclose(s.zeno_times[times][:, own], alone.zeno_times, rtol=1e-9, atol=1e-9)
+        others = [column for column in range(6) if column not in own]
+        assert np.max(np.abs(s.final[:, i, others])) < 1e-9
+
+
+def bumps(**parameters):
+    return system_of(CASES["bumps"]).replace(**parameters)
+
+
+def test_impacts_shrink_the_volume_of_states():
+    """Of a conservative system with a constant mass: det of the monodromy is e^(2 k)."""
+    for t, e in ((0.37, 0.3), (0.55, 0.7)):
+        method = zivi.SwitchedRK(rtol=1e-12, atol=1e-12)
+        system, start = bumps().replace(e=e), start_of(CASES["bumps"])
+        s = zivi.sensitivity(system, (0, t), start, method=method)
+        k = len(s.impacts)
+        assert k >= 2 and not len(s.zeno_times)
+        assert np.linalg.det(s.monodromy) == pytest.approx(e ** (2 * k), rel=1e-9)
+
+
+def test_a_shift_of_the_start():
+    """Moving the start is moving the state along the motion, backwards."""
+    case = CASES["wedge"]
+    names = ("q0", "qdot0", "t0")
+    s = zivi.sensitivity(
+        system_of(case), (0, 0.9), start_of(case), names, zivi.SwitchedRK(rtol=1e-11, atol=1e-11)
+    )
+    here = system_of(case).at(0.0, *start_of(case))
+    flow = np.concatenate([start_of(case)[1], np.linalg.solve(here.mass, here.force)])
+    for part in (s.final[0], s.final[1], s.zeno_times):
+        assert np.allclose(part[:, 4], -part[:, :4] @ flow, rtol=1e-9, atol=1e-10)
+
+
+def test_contact_keeps_tangential_derivatives_and_ends_normal_ones():
+    case = CASES["bumps"]
+    s = zivi.sensitivity(bumps(), (0, 0.6), start_of(case), ("q0", "qdot0", "k"))
+    assert s.trajectory.contacts[-1, 0]
+    q, w = s.trajectory.q[-1], s.trajectory.qdot[-1]
+    here, moved = bumps().at(0.6, q, w), bumps(k=2.0 + 1e-6).at(0.6, q, w)
+    by_k = np.array([0, 0, 0, 0, (moved.gaps[0] - here.gaps[0]) / 1e-6])
+    assert np.allclose(here.gradients[0] @ s.final[0], -by_k, atol=1e-6)
+    assert np.max(np.abs(s.final[0])) > 0.1
+
+
+def test_the_derivatives_between():
+    case = CASES["bumps"]
+    s = zivi.sensitivity(bumps(), (0, 1.6), start_of(case), ("q0", "h"))
+    # in flight, in the skipped impacts, in contact, after the lift-off, unordered
+    times = np.array([1.5, 0.2, 0.391, 0.7, 1.0, 0.0, 1.6])
+    found = s(times)
+    assert found.shape == (2, 2, 3, 7)
+    assert np.array_equal(found[..., 6], s.final)
+    assert np.array_equal(found[0, :, :2, 5], np.eye(2)) and not found[1, ..., 5].any()
+    for k, t in enumerate(times[:5]):
+        ends = zivi.sensitivity(bumps(), (0, t), start_of(case), ("q0", "h")).final
+        assert np.allclose(found[..., k], ends, rtol=1e-5, atol=1e-5)
+    assert s(0.2).shape == (2, 2, 3)
+    with pytest.raises(ValueError, match="t must lie within the run"):
+        s(1.7)
+
+
+def test_a_corner_has_no_derivatives_until_it_determines_the_state():
+    case = CASES["wedge"]
+    s = zivi.sensitivity(system_of(case), (0, 2.5), start_of(case), ("q0", "a1", "e"))
+    corner = s.trajectory.corners["t"]
+    assert len(corner) == 1 and s.lost_at == pytest.approx(corner[0])
+    assert s.status is zivi.OrbitStatus.NOT_DIFFERENTIABLE and not s.success
+    assert np.isfinite(s.zeno_times[:3]).all()
+    assert np.max(np.abs(s.final)) < 1e-12  # at rest in the corner, which does not move
+
+
+def test_impacts_of_coupled_gaps_at_once_have_no_derivatives():
+    bar = zivi.symbolic.system(
+        "y a",
+        T="m*ydot**2/2 + m*l**2*adot**2/6",
+        V="m*g*y",
+        gaps={"left": "y - l*sin(a)", "right": "y + l*sin(a)"},
+        parameters={"m": 1.0, "l": 0.5, "g": 9.81},
+        e=0.5,
+    )
+    s = zivi.sensitivity(bar, (0, 0.7), ([0.5, 0.0], [0.0, 0.0]), ("q0", "m"))
+    assert s.status is zivi.OrbitStatus.NOT_DIFFERENTIABLE
+    assert s.lost_at == s.impacts["t"][0]
+    assert np.isnan(s.final).all() and np.isnan(s.impacts["dt"]).all()
+    tilted = zivi.sensitivity(bar, (0, 0.35), ([0.5, 0.05], [0.0, 0.0]), ("q0", "m"))
+    assert tilted.status is zivi.OrbitStatus.COMPLETED and np.isfinite(tilted.final).all()
+
+
+def test_an_angle_that_opens_a_contact_by_its_sign_has_no_derivative():
+    """Orthogonal planes: turned one way an impact on one opens the other, the other way not."""
+    case = CASES["wedge"] | {"e": ["0.3", "0.7"]}
+    quarter = np.pi / 4
+    wedge = system_of(case).replace(a1=quarter, a2=np.pi / 2 - quarter)
+    s = zivi.sensitivity(wedge, (0, 1.9), ([0.3, 1.2], [0.2, 0.0]), ("q0", "e[1]", "a1"))
+    assert len(s.zeno_times) == 1 and s.status is zivi.OrbitStatus.NOT_DIFFERENTIABLE
+    assert np.isnan(s.final[:, :, 3]).all() and np.isfinite(s.final[:, :, :3]).all()
+
+
+@pytest.mark.parametrize("depth", [1e-2, 1e-4])
+def test_the_radius_of_a_grazing(depth):
+    """``x'' = 1 - x`` from ``2 + d`` reaches the wall by the depth d."""
+    oscillator = one_coordinate(zivi.LinearForce(stiffness=1.0, gravity=-1.0), e=0.5)
+    start = ([2 + depth], [0.0])
+    method = zivi.SwitchedRK(rtol=1e-12, atol=1e-12)
+    s = zivi.sensitivity(oscillator, (0, 4), start, ("q0",), method)
+    assert s.radius[0] == pytest.approx(depth, rel=max(2 * depth, 1e-3))
+    assert s.nearest is not None and s.nearest.kind == "impact"
+    near = zivi.sensitivity(oscillator, (0, 4), ([2 - depth], [0.0]), ("q0",), method)
+    assert near.nearest is not None and near.nearest.kind == "minimum"
+    assert near.radius[0] == pytest.approx(depth, rel=max(2 * depth, 1e-3))
+
+
+def test_grazing_is_flagged_and_chains_are_not():
+    oscillator = one_coordinate(zivi.LinearForce(stiffness=1.0, gravity=-1.0), e=0.5)
+    s = zivi.sensitivity(oscillator, (0, 4), ([2 + 1e-9], [0.0]), ("q0",))
+    assert s.status is zivi.OrbitStatus.GRAZING
+
+
+def test_a_dataset_with_names():
+    pytest.importorskip("xarray")
+    case = CASES["bumps"]
+    data = zivi.sensitivity(bumps(), (0, 1.6), start_of(case), ("q0", "e", "h")).to_xarray()
+    assert list(data.wrt.values) == ["q0.x", "q0.y", "e", "h"]
+    assert data.q.sel(coordinate="y", wrt="h").shape == ()
+    assert data.zeno_time.sel(wrt="e").shape == (3,)[:0] + (data.sizes["zeno"],)
+    assert set(data.impact_gap.values) == {"gap0"}
+
+
+def test_names_and_arguments():
+    case = CASES["bumps"]
+    run = lambda *wrt: zivi.sensitivity(bumps(), (0, 0.2), start_of(case), wrt)  # noqa: E731
+    assert run("qdot0[1]", "e[0]", "q0.x").wrt == ("qdot0.y", "e.gap0", "q0.x")
+    assert zivi.sensitivity(bumps(), (0, 0.2), start_of(case)).final.shape == (2, 2, 4)
+    with pytest.raises(ValueError, match=r"'z' is no parameter here: q0, qdot0, q0\.x, .*, k"):
+        run("z")
+    with pytest.raises(ValueError, match="one or more different names"):
+        run("q0", "q0.x")
+    with pytest.raises(TypeError, match="SwitchedRK"):
+        zivi.sensitivity(
+            bumps(), (0, 1), start_of(case), method=zivi.MoreauJean(h=0.1)  # type: ignore[arg-type]
+        )
+    with pytest.raises(TypeError, match=r"y0 must be \(q0, qdot0\)"):
+        zivi.sensitivity(bumps(), (0, 1), 3.0)
+
+
+def test_a_run_that_ends_early_keeps_its_derivatives():
+    s = zivi.sensitivity(
+        bumps(), (0, 1.6), start_of(CASES["bumps"]), ("q0",), zivi.SwitchedRK(max_steps=12)
+    )
+    assert s.status is zivi.OrbitStatus.RUN_ENDED
+    assert s.trajectory.status is zivi.Status.STEP_BUDGET and np.isfinite(s.final).all()
+
+
+def test_what_the_force_raises_carries_the_run():
+    def push(t, q, w):
+        if t > 0.5:
+            raise RuntimeError("gone")
+        return [-9.81]
+
+    drop = zivi.MechanicalSystem(mass=1.0, force=push, gaps=[zivi.LinearGap([1])], e=0.5)
+    with pytest.raises(RuntimeError, match="gone") as caught:
+        zivi.sensitivity(drop, (0, 2), ([1.0], [0.0]))
+    assert caught.value.trajectory.t[-1] <= 0.5  # type: ignore[attr-defined]
+
+
+def test_a_symbolic_system_keeps_its_derivatives_in_a_pickle():
+    again = pickle.loads(pickle.dumps(bumps(h=0.2)))
+    start = start_of(CASES["bumps"])
+    one, two = (zivi.sensitivity(it, (0, 0.5), start, ("h",)) for it in (bumps(h=0.2), again))
+    assert np.array_equal(one.final, two.final)
