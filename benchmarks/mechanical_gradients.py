@@ -8,6 +8,7 @@ It writes tests/data/mechanical_gradients.json anew; it takes some minutes.
 
 from __future__ import annotations
 
+import itertools
 import json
 import sys
 from collections.abc import Callable
@@ -31,9 +32,18 @@ CASES: dict[str, dict[str, Any]] = {
         "Q": ["-cd*adot", "-cd*bdot"],
         "gaps": ["l1*sin(a) + l2*sin(b) + d"],
         "parameters": {
-            "m1": "1", "m2": "0.8", "l1": "1", "l2": "0.7", "g": "9.81", "cd": "0.02", "d": "-0.2"
+            "m1": "1",
+            "m2": "0.8",
+            "l1": "1",
+            "l2": "0.7",
+            "g": "9.81",
+            "cd": "0.02",
+            "d": "-0.2",
         },
-        "e": ["0.4"], "q0": ["0.5", "0.9"], "qdot0": ["0", "0"], "t": "4.2",
+        "e": ["0.4"],
+        "q0": ["0.5", "0.9"],
+        "qdot0": ["0", "0"],
+        "t": "4.2",
         "by": ["m2", "l2", "d"],
     },
     "bumps": {
@@ -43,7 +53,10 @@ CASES: dict[str, dict[str, Any]] = {
         "Q": ["0", "0"],
         "gaps": ["y - h*sin(k*x)"],
         "parameters": {"m": "1", "g": "9.81", "h": "0.25", "k": "2"},
-        "e": ["0.3"], "q0": ["0.4", "0.4"], "qdot0": ["3.6", "0"], "t": "1.6",
+        "e": ["0.3"],
+        "q0": ["0.4", "0.4"],
+        "qdot0": ["3.6", "0"],
+        "t": "1.6",
         "by": ["g", "h", "k"],
     },
     "wedge": {
@@ -53,7 +66,10 @@ CASES: dict[str, dict[str, Any]] = {
         "Q": ["-cd*xdot", "-cd*ydot"],
         "gaps": ["y*cos(a1) + x*sin(a1)", "y*cos(a2) - x*sin(a2)"],
         "parameters": {"m": "1", "g": "9.81", "a1": "0.6", "a2": "0.4", "cd": "0.1"},
-        "e": ["0.3", "0.2"], "q0": ["0.2", "0.6"], "qdot0": ["0.3", "0"], "t": "0.9",
+        "e": ["0.3", "0.2"],
+        "q0": ["0.2", "0.6"],
+        "qdot0": ["0.3", "0"],
+        "t": "0.9",
         "by": ["a1", "a2", "g"],
     },
     "dome": {
@@ -63,10 +79,19 @@ CASES: dict[str, dict[str, Any]] = {
         "Q": ["-cd*xdot + f*sin(om*t)", "-cd*ydot"],
         "gaps": ["y + s*x + c*x**2", "d - x"],
         "parameters": {
-            "m": "1", "g": "9.81", "cd": "0.2", "f": "6", "om": "2.5", "s": "0.3", "c": "0.1",
+            "m": "1",
+            "g": "9.81",
+            "cd": "0.2",
+            "f": "6",
+            "om": "2.5",
+            "s": "0.3",
+            "c": "0.1",
             "d": "0.7",
         },
-        "e": ["0.4", "0.5"], "q0": ["0", "0.4"], "qdot0": ["0.3", "0"], "t": "2.2",
+        "e": ["0.4", "0.5"],
+        "q0": ["0", "0.4"],
+        "qdot0": ["0.3", "0"],
+        "t": "2.2",
         "by": ["f", "om", "c", "d"],
     },
 }
@@ -94,8 +119,11 @@ class System:
         gaps = [read(gap) for gap in case["gaps"]]
         normals = [[gap.diff(x) for x in q] for gap in gaps]
         bends = [
-            sum(n.diff(x) * v * u for n, u in zip(row, w, strict=True)
-                for x, v in zip(q, w, strict=True))
+            sum(
+                n.diff(x) * v * u
+                for n, u in zip(row, w, strict=True)
+                for x, v in zip(q, w, strict=True)
+            )
             for row in normals
         ]
         everything = [mass, sympy.Matrix(force), gaps, normals, bends]
@@ -114,10 +142,12 @@ class Run:
         self.chain: list[Any] = []
 
     def at(self, t: Any, y: list[Any]) -> Any:
+        """Give mass, force, gaps, normals and curvatures."""
         n = self.system.n
         return self.system.evaluate(t, y[:n], y[n:], self.p)
 
     def forces(self, t: Any, y: list[Any], closed: tuple[int, ...]) -> tuple[Any, Any]:
+        """Give accelerations, and the forces of contacts."""
         mass, force, _, normals, bends = self.at(t, y)
         free = mp.lu_solve(mass, force)
         if not closed:
@@ -129,6 +159,7 @@ class Run:
         return free + to * pressed, pressed
 
     def rates(self, t: Any, y: list[Any]) -> list[Any]:
+        """Give the right side of the equations of motion."""
         n = self.system.n
         return [*y[n:], *self.forces(t, y, self.closed)[0]]
 
@@ -164,6 +195,7 @@ class Run:
         return found
 
     def go(self, end: Any) -> None:
+        """Move on up to a time."""
         h, quiet = mpf("0.03"), None
         while self.t < end:
             length = min(h, end - self.t)
@@ -230,7 +262,7 @@ class Run:
             power *= self.e[gap]
             rows = [
                 [(b - power * a) / (1 - power) for a, b in zip(one, two, strict=True)]
-                for one, two in zip(rows, rows[1:], strict=False)
+                for one, two in itertools.pairwise(rows)
             ]
         self.t, self.y = rows[0][0], rows[0][1:]
         self.closed, self.chain = (*self.closed, gap), []

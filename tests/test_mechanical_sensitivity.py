@@ -39,9 +39,7 @@ def quantities(s):
 def error(case, tol, **options):
     names = tuple(case["derivatives"])
     method = zivi.SwitchedRK(rtol=tol, atol=tol, **options)
-    s = zivi.sensitivity(
-        system_of(case), (0, float(case["t"])), start_of(case), names, method
-    )
+    s = zivi.sensitivity(system_of(case), (0, float(case["t"])), start_of(case), names, method)
     assert s.status is zivi.OrbitStatus.COMPLETED
     wanted = np.array([[float(v) for v in case["derivatives"][name]] for name in names]).T
     return np.max(np.abs(quantities(s) - wanted) / (1 + np.abs(wanted)))
@@ -74,7 +72,8 @@ def test_one_coordinate_is_the_scalar_motion():
     )
     names = ("q0", "qdot0", "t0", "e")
     s = zivi.sensitivity(one_coordinate(), (0, 14), ([1.0], [0.0]), names, method)
-    assert len(s.zeno_times) >= 2 and len(s.liftoff_times) >= 2
+    assert len(s.zeno_times) >= 2
+    assert len(s.liftoff_times) >= 2
     for mine, wanted in (
         (s.final[:, 0], scalar.final),
         (s.zeno_times, scalar.zeno_times),
@@ -127,7 +126,8 @@ def test_impacts_shrink_the_volume_of_states():
         system, start = bumps().replace(e=e), start_of(CASES["bumps"])
         s = zivi.sensitivity(system, (0, t), start, method=method)
         k = len(s.impacts)
-        assert k >= 2 and not len(s.zeno_times)
+        assert k >= 2
+        assert not len(s.zeno_times)
         assert np.linalg.det(s.monodromy) == pytest.approx(e ** (2 * k), rel=1e-9)
 
 
@@ -163,7 +163,8 @@ def test_the_derivatives_between():
     found = s(times)
     assert found.shape == (2, 2, 3, 7)
     assert np.array_equal(found[..., 6], s.final)
-    assert np.array_equal(found[0, :, :2, 5], np.eye(2)) and not found[1, ..., 5].any()
+    assert np.array_equal(found[0, :, :2, 5], np.eye(2))
+    assert not found[1, ..., 5].any()
     for k, t in enumerate(times[:5]):
         ends = zivi.sensitivity(bumps(), (0, t), start_of(case), ("q0", "h")).final
         assert np.allclose(found[..., k], ends, rtol=1e-5, atol=1e-5)
@@ -176,8 +177,10 @@ def test_a_corner_has_no_derivatives_until_it_determines_the_state():
     case = CASES["wedge"]
     s = zivi.sensitivity(system_of(case), (0, 2.5), start_of(case), ("q0", "a1", "e"))
     corner = s.trajectory.corners["t"]
-    assert len(corner) == 1 and s.lost_at == pytest.approx(corner[0])
-    assert s.status is zivi.OrbitStatus.NOT_DIFFERENTIABLE and not s.success
+    assert len(corner) == 1
+    assert s.lost_at == pytest.approx(corner[0])
+    assert s.status is zivi.OrbitStatus.NOT_DIFFERENTIABLE
+    assert not s.success
     assert np.isfinite(s.zeno_times[:3]).all()
     assert np.max(np.abs(s.final)) < 1e-12  # at rest in the corner, which does not move
 
@@ -194,9 +197,11 @@ def test_impacts_of_coupled_gaps_at_once_have_no_derivatives():
     s = zivi.sensitivity(bar, (0, 0.7), ([0.5, 0.0], [0.0, 0.0]), ("q0", "m"))
     assert s.status is zivi.OrbitStatus.NOT_DIFFERENTIABLE
     assert s.lost_at == s.impacts["t"][0]
-    assert np.isnan(s.final).all() and np.isnan(s.impacts["dt"]).all()
+    assert np.isnan(s.final).all()
+    assert np.isnan(s.impacts["dt"]).all()
     tilted = zivi.sensitivity(bar, (0, 0.35), ([0.5, 0.05], [0.0, 0.0]), ("q0", "m"))
-    assert tilted.status is zivi.OrbitStatus.COMPLETED and np.isfinite(tilted.final).all()
+    assert tilted.status is zivi.OrbitStatus.COMPLETED
+    assert np.isfinite(tilted.final).all()
 
 
 def test_an_angle_that_opens_a_contact_by_its_sign_has_no_derivative():
@@ -205,8 +210,10 @@ def test_an_angle_that_opens_a_contact_by_its_sign_has_no_derivative():
     quarter = np.pi / 4
     wedge = system_of(case).replace(a1=quarter, a2=np.pi / 2 - quarter)
     s = zivi.sensitivity(wedge, (0, 1.9), ([0.3, 1.2], [0.2, 0.0]), ("q0", "e[1]", "a1"))
-    assert len(s.zeno_times) == 1 and s.status is zivi.OrbitStatus.NOT_DIFFERENTIABLE
-    assert np.isnan(s.final[:, :, 3]).all() and np.isfinite(s.final[:, :, :3]).all()
+    assert len(s.zeno_times) == 1
+    assert s.status is zivi.OrbitStatus.NOT_DIFFERENTIABLE
+    assert np.isnan(s.final[:, :, 3]).all()
+    assert np.isfinite(s.final[:, :, :3]).all()
 
 
 @pytest.mark.parametrize("depth", [1e-2, 1e-4])
@@ -217,9 +224,11 @@ def test_the_radius_of_a_grazing(depth):
     method = zivi.SwitchedRK(rtol=1e-12, atol=1e-12)
     s = zivi.sensitivity(oscillator, (0, 4), start, ("q0",), method)
     assert s.radius[0] == pytest.approx(depth, rel=max(2 * depth, 1e-3))
-    assert s.nearest is not None and s.nearest.kind == "impact"
+    assert s.nearest is not None
+    assert s.nearest.kind == "impact"
     near = zivi.sensitivity(oscillator, (0, 4), ([2 - depth], [0.0]), ("q0",), method)
-    assert near.nearest is not None and near.nearest.kind == "minimum"
+    assert near.nearest is not None
+    assert near.nearest.kind == "minimum"
     assert near.radius[0] == pytest.approx(depth, rel=max(2 * depth, 1e-3))
 
 
@@ -235,7 +244,7 @@ def test_a_dataset_with_names():
     data = zivi.sensitivity(bumps(), (0, 1.6), start_of(case), ("q0", "e", "h")).to_xarray()
     assert list(data.wrt.values) == ["q0.x", "q0.y", "e", "h"]
     assert data.q.sel(coordinate="y", wrt="h").shape == ()
-    assert data.zeno_time.sel(wrt="e").shape == (3,)[:0] + (data.sizes["zeno"],)
+    assert data.zeno_time.sel(wrt="e").shape == (data.sizes["zeno"],)
     assert set(data.impact_gap.values) == {"gap0"}
 
 
@@ -250,7 +259,10 @@ def test_names_and_arguments():
         run("q0", "q0.x")
     with pytest.raises(TypeError, match="SwitchedRK"):
         zivi.sensitivity(
-            bumps(), (0, 1), start_of(case), method=zivi.MoreauJean(h=0.1)  # type: ignore[arg-type]
+            bumps(),
+            (0, 1),
+            start_of(case),
+            method=zivi.MoreauJean(h=0.1),  # type: ignore[arg-type]
         )
     with pytest.raises(TypeError, match=r"y0 must be \(q0, qdot0\)"):
         zivi.sensitivity(bumps(), (0, 1), 3.0)
@@ -261,7 +273,8 @@ def test_a_run_that_ends_early_keeps_its_derivatives():
         bumps(), (0, 1.6), start_of(CASES["bumps"]), ("q0",), zivi.SwitchedRK(max_steps=12)
     )
     assert s.status is zivi.OrbitStatus.RUN_ENDED
-    assert s.trajectory.status is zivi.Status.STEP_BUDGET and np.isfinite(s.final).all()
+    assert s.trajectory.status is zivi.Status.STEP_BUDGET
+    assert np.isfinite(s.final).all()
 
 
 def test_what_the_force_raises_carries_the_run():
@@ -281,3 +294,52 @@ def test_a_symbolic_system_keeps_its_derivatives_in_a_pickle():
     start = start_of(CASES["bumps"])
     one, two = (zivi.sensitivity(it, (0, 0.5), start, ("h",)) for it in (bumps(h=0.2), again))
     assert np.array_equal(one.final, two.final)
+
+
+def bumps_by_hand(h, k, m):
+    road = zivi.Gap(
+        lambda t, q: q[1] - h * np.sin(k * q[0]),
+        lambda t, q: np.array([-h * k * np.cos(k * q[0]), 1.0]),
+        lambda t, q, w: h * k**2 * np.sin(k * q[0]) * w[0] ** 2,
+        name="road",
+    )
+    return zivi.MechanicalSystem(
+        mass=m * np.eye(2), force=[0.0, -9.81 * m], gaps=[road], e=0.3, coordinates=["x", "y"]
+    )
+
+
+def test_differences_are_what_sympy_derives():
+    start, names = start_of(CASES["bumps"]), ("q0", "qdot0", "e", "h", "k", "m")
+    by_hand = zivi.ParametricSystem(bumps_by_hand, {"h": 0.25, "k": 2.0, "m": 1.0})
+    method = zivi.SwitchedRK(rtol=1e-9, atol=1e-9)
+    one, two = (zivi.sensitivity(it, (0, 0.6), start, names, method) for it in (bumps(), by_hand))
+    assert len(one.zeno_times) == 1
+    for wanted, found in ((one.final, two.final), (one.zeno_times, two.zeno_times)):
+        assert np.max(np.abs(wanted - found)) < 1e-9
+    assert two.trajectory.config["parameters"] == by_hand.parameters
+
+
+def test_parameters_of_a_system_that_is_built():
+    system = zivi.ParametricSystem(bumps_by_hand, {"h": 0.25, "k": 2.0, "m": 1.0})
+    assert system.replace(h=0.3).parameters == {"h": 0.3, "k": 2.0, "m": 1.0}
+    assert system.at(0.0, [0.0, 1.0], [0.0, 0.0]).mass[0, 0] == 1.0
+    with pytest.raises(KeyError, match="'g' is no parameter: there are h, k, m"):
+        system.replace(g=1.0)
+    with pytest.raises(TypeError, match=r"build must give a zivi\.MechanicalSystem"):
+        zivi.ParametricSystem(lambda h: h, {"h": 1.0})  # type: ignore[arg-type, return-value]
+    bouncing = zivi.ParametricSystem(
+        lambda c: zivi.MechanicalSystem(mass=1, force=[-1], gaps=[zivi.LinearGap([1])], e=c),
+        {"c": 0.5},
+    )
+    with pytest.raises(ValueError, match="'c' must move neither gaps' names nor e"):
+        zivi.sensitivity(bouncing, (0, 1), ([1.0], [0.0]), ("c",))
+
+
+def test_a_break_of_the_force_that_is_declared():
+    """Gravity doubles at t = 0.2: the impact is that of two parabolas."""
+    push = lambda t, q, w: [-9.81 if t < 0.2 else -19.62]  # noqa: E731
+    drop = zivi.MechanicalSystem(mass=1.0, force=push, gaps=[zivi.LinearGap([1])], e=0.5)
+    method = zivi.SwitchedRK(rtol=1e-11, atol=1e-11)
+    s = zivi.sensitivity(drop, (0, 0.6), ([1.0], [0.0]), ("q0",), method, tstops=[0.2])
+    speed = -s.trajectory.impacts["speed_before"][0]
+    assert s.impacts["dt"][0, 0] == pytest.approx(1 / speed, rel=1e-9)

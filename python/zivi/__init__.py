@@ -27,6 +27,7 @@ from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.maps import ImpactMap, ImpactReturn, impact_map
 from zivi.mechanics.batch import MechanicalBatch
 from zivi.mechanics.gap import Gap, LinearGap
+from zivi.mechanics.parametric import ParametricSystem
 from zivi.mechanics.sensitivity import MechanicalSensitivity
 from zivi.mechanics.system import MechanicalSystem
 from zivi.mechanics.trajectory import MechanicalTrajectory
@@ -103,6 +104,7 @@ __all__ = [
     "Observed",
     "OrbitStatus",
     "ParametricForce",
+    "ParametricSystem",
     "PeriodicOrbit",
     "Sensitivity",
     "Status",

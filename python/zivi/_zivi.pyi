@@ -363,6 +363,7 @@ def sensitivity(
     times: _Array,
     progress: Any = None,
 ) -> SensitivityRecord: ...
+
 @final
 class MechanicalSensitivityRecord:
     @property
@@ -393,16 +394,12 @@ class MechanicalSensitivityRecord:
     def n_slopes(self) -> int: ...
 
 def mechanical_sensitivity(
-    model: tuple[Any, ...],
+    system: Mechanism,
     partials: tuple[Any, ...],
-    method: _SwitchedSettings,
-    *,
-    n: int,
-    m: int,
-    e: _Array,
+    method: Method,
     span: tuple[float, float],
-    q0: _Array,
-    qdot0: _Array,
+    start: Configuration,
+    *,
     wrt: list[tuple[int, int]],
     sizes: _Array,
     parameters: int,

@@ -16,9 +16,10 @@ use zivi::{SetupError, SwitchedRk};
 
 use crate::dynamics::{vector, CompiledDynamics, DynamicsSpec, PythonDynamics};
 use crate::mechanics::MechanicalRecord;
+use crate::method::Method;
 use crate::record::Array;
 use crate::simulate::setup_error;
-use crate::switched_rk::{settings, Settings};
+use crate::system::{Configuration, Mechanism};
 use crate::watch::Watch;
 
 /// A system, and a function that fills in all its partial derivatives.
@@ -195,19 +196,15 @@ impl Task<'_> {
 
 /// A run of the switched method for a mechanical system, with its derivatives.
 #[pyfunction]
-#[pyo3(signature = (model, partials, method, *, n, m, e, span, q0, qdot0, wrt, sizes, parameters, controlled, dense, tstops, times, progress=None))]
+#[pyo3(signature = (system, partials, method, span, start, *, wrt, sizes, parameters, controlled, dense, tstops, times, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn mechanical_sensitivity(
     py: Python<'_>,
-    model: &Bound<'_, PyTuple>,
+    system: PyRef<'_, Mechanism>,
     partials: &Bound<'_, PyTuple>,
-    method: Settings,
-    n: usize,
-    m: usize,
-    e: PyReadonlyArray1<'_, f64>,
+    method: PyRef<'_, Method>,
     span: (f64, f64),
-    q0: PyReadonlyArray1<'_, f64>,
-    qdot0: PyReadonlyArray1<'_, f64>,
+    start: PyRef<'_, Configuration>,
     wrt: Vec<(u8, usize)>,
     sizes: PyReadonlyArray1<'_, f64>,
     parameters: usize,
@@ -217,14 +214,15 @@ pub(crate) fn mechanical_sensitivity(
     times: PyReadonlyArray1<'_, f64>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<MechanicalSensitivityRecord> {
-    let (e, q0, qdot0) = (vector(&e), vector(&q0), vector(&qdot0));
+    let (method, e) = (method.switched()?, system.e.clone());
+    let (q, qdot) = (start.q.clone(), start.qdot.clone());
     let (sizes, times, tstops) = (vector(&sizes), vector(&times), vector(&tstops));
     let wrt: Vec<MechanicalWrt> = wrt.iter().map(wrt_of).collect();
-    let layout = Layout { n, m };
+    let layout = Layout { n: system.n, m: system.m };
     let question = MechanicalQuestion { wrt: &wrt, sizes: &sizes, controlled, times: &times };
-    let (method, start) = (settings(method)?, (&q0[..], &qdot0[..]));
+    let start = (&q[..], &qdot[..]);
     let task = Task { method, e: &e, span, start, tstops: &tstops, dense, question };
-    let system = DynamicsSpec::from_tuple(model, layout)?;
+    let system = DynamicsSpec::from_tuple(system.model.bind(py), layout)?;
     let watch = &mut Watch { progress };
     let outcome = task.dispatch(py, system, (partials, parameters), layout, watch)?;
     let (run, found) = outcome.map_err(setup_error)?;

@@ -6,6 +6,9 @@ system            `MechanicalSystem`
 glue              compiled parts joined by a compiled function
 start             what is checked before a run
 run, trajectory   a run and its result; reactions, linear_motion, labelled: what it can do
+parametric        a system with named parameters, by a function that builds it
+partials, wrt     derivatives: of a model's numbers; what they are by
+sensitivity       a run with its derivatives
 batch             many runs on threads
 """
 

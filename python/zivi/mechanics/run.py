@@ -192,6 +192,6 @@ def configuration(
         "qdot0": asked.qdot.tolist(),
         "method": {"name": type(method).__name__} | dataclasses.asdict(method),
     }
-    if system.derived:
-        config["parameters"] = dict(system.parameters)  # type: ignore[attr-defined]
+    if parameters := getattr(system, "parameters", None):
+        config["parameters"] = dict(parameters)
     return config

@@ -162,17 +162,14 @@ class _Problem:
     def record(
         self, span: tuple[float, float], times: Array, dense: bool, progress: bool | None = False
     ) -> _zivi.MechanicalSensitivityRecord:
+        layout = self.model.layout
         with ProgressBar(progress, "sensitivity") as bar:
             return _zivi.mechanical_sensitivity(
-                self.model.spec,
+                _zivi.Mechanism(self.model.spec, n=layout.n, m=layout.m, e=self.system.e),
                 self.partials.spec,
-                self.method._settings(),
-                n=self.model.layout.n,
-                m=self.model.layout.m,
-                e=self.system.e,
-                span=span,
-                q0=self.state[0],
-                qdot0=self.state[1],
+                self.method._core,
+                span,
+                _zivi.Configuration(*self.state),
                 wrt=self.codes,
                 sizes=self.sizes,
                 parameters=len(self.partials.parameters),

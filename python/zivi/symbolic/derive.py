@@ -32,7 +32,7 @@ class Derived:
     parameters: dict[str, float]
 
     def partials(self) -> tuple[Any, ...]:
-        """Derive the entries by time, coordinates, velocities and parameters, one after the other."""
+        """Derive all entries by time, then by each coordinate, velocity and parameter."""
         sympy = needed("sympy", "symbolic systems")
         n = len(self.coordinates)
         names = ["t", *(f"{letter}[{i}]" for letter in "qw" for i in range(n))]

@@ -185,7 +185,7 @@ class SymbolicSystem(MechanicalSystem):
         return Model(layout, spec, evaluate, (self._native, parameters))
 
     def partials(self, model: Model) -> Partials:
-        """Give what the extension takes for the derivatives, compiled when they are first asked for.
+        """Give the function of the derivatives, compiled when it is first asked for.
 
         Raises
         ------

@@ -9,8 +9,8 @@ use super::follower::Follower;
 use super::local::Direction;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::machine::{Machine, Piece};
-use crate::mechanics::occurrence::{FlagKind, Occurrence};
 use crate::record::failure::Failure;
+use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::switched::sensitivity::Limit;
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;
@@ -64,7 +64,7 @@ impl Follower<'_> {
     /// At a Zeno point the pull on the gap has to stay a pull.
     fn note_pull<E>(&mut self, c: usize, machine: &Machine) -> Result<(), Failure<E>> {
         let n = self.columns.layout.n;
-        let key_closed = machine.closed.without(crate::mechanics::GapSet::of(c - n));
+        let key_closed = machine.closed.without(crate::record::gap_set::GapSet::of(c - n));
         let local = &mut self.columns.local;
         local.kinetics.contact(key_closed)?;
         let pull = -local.kinetics.acceleration[c];

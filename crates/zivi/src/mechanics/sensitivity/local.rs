@@ -15,9 +15,9 @@
 //! N_S w+'          = u' - N_S' w+ - g_t'                                                  (2)
 //! ```
 
-use crate::mechanics::gap_set::GapSet;
 use crate::mechanics::kinetics::{axpy, dot, Kinetics, Model};
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Layout;
 use crate::system::partials::{DifferentiableDynamics, Posture};
 use crate::Status;

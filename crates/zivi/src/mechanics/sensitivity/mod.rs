@@ -10,6 +10,7 @@
 
 mod columns;
 mod contact;
+mod flight;
 mod follower;
 mod local;
 mod run;

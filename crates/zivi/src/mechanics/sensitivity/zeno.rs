@@ -142,7 +142,7 @@ fn judge(
 mod tests {
     use super::*;
     use crate::mechanics::chain::Key;
-    use crate::mechanics::gap_set::GapSet;
+    use crate::record::gap_set::GapSet;
 
     /// A chain whose times are `7 - q - 0.3 q^2 + 0.1 q^3`, `q = e^i`, and whose state is `2 + p q -
     /// q^2`, with the derivatives by `p` and by `e`. Its flow is zero: what is left of the state
