@@ -50,7 +50,7 @@ class ParametricSystem(MechanicalSystem):
     >>> system = zivi.ParametricSystem(drop, {"mass": 2.0, "floor": 0.1})
     >>> s = zivi.sensitivity(system, (0, 0.6), ([1.1], [0.0]), wrt=("mass", "floor"))
     >>> s.impacts["dt"][0].round(6)  # of sqrt(2 (1.1 - floor)/g)
-    array([ 0.      , -0.225763])
+    array([ 0.      , -0.225762])
     """
 
     def __init__(

@@ -50,9 +50,10 @@ class MechanicalSensitivity(Sensitivity):
     impacts : structured ndarray
         For each row of ``trajectory.impacts`` its ``t`` (s) and ``gap``, and the derivatives ``dt``
         of the time and ``du`` of the gap's speed after it, each of k numbers.
-    zeno_times, liftoff_times : ndarray
-        Derivatives of ``trajectory.zeno["t"]`` and of ``trajectory.liftoffs["t"]``, with a row of k
-        numbers each.
+    zeno_times : ndarray
+        Derivatives of ``trajectory.zeno["t"]``, a row of k numbers for each.
+    liftoff_times : ndarray
+        Derivatives of ``trajectory.liftoffs["t"]``, the same.
     radius : ndarray
         For each column how far its number may be moved, to first order, before an impact or a
         Zeno point appears or disappears, or passes the end: an estimate, of shape (k,).
@@ -78,7 +79,7 @@ class MechanicalSensitivity(Sensitivity):
         Taken from the run where the whole initial state is among its columns, else computed once.
         """
         n = self.final.shape[1]
-        codes = self._problem.codes
+        codes: Any = self._problem.codes
         wanted = [(kind, i) for kind in (0, 1) for i in range(n)]
         if all(code in codes for code in wanted):
             columns = [codes.index(code) for code in wanted]
