@@ -49,7 +49,7 @@ RESULT += " status success message nfev n_steps to_xarray"
 
 # made by the package, not by its users
 RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Equilibrium", "Observed", "Trajectory"}
-RESULTS |= {"MechanicalBatch", "MechanicalTrajectory"}
+RESULTS |= {"MechanicalBatch", "MechanicalSensitivity", "MechanicalTrajectory"}
 RESULTS |= {"Attractor", "Basins", "Branch", "BranchEvent", "Diagram", "Lyapunov"}
 RESULTS |= {"PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
 RESULTS |= {"GainDesign"}

@@ -161,7 +161,7 @@ mod tests {
             let bounce = Bounce { t, u, g };
             let z = 2.0 + 1.3 * q * q - q.powi(3);
             let z_by_e = (2.6 * q - 3.0 * q * q) * by_e;
-            chain.note(key, e, bounce, &[z], &[0.0]);
+            assert!(chain.note(key, e, bounce, &[z], &[0.0]).is_ok());
             let flow = [&[0.0][..], &[0.0][..]];
             let by_p = Rate { dt: 0.0, du: 0.0, da: 0.0, de: 0.0, flow, dz: &[q * q] };
             let by_e = Rate { dt: t_by_e, du: u_by_e, da: g_by_e, de: 1.0, flow, dz: &[z_by_e] };
