@@ -246,5 +246,8 @@ mod tests {
         assert!(errors[0] < 1e-6 && errors[1] < 1e-6, "{found:?}");
         assert!(errors[0] <= found.error[0] && errors[1] <= found.error[1], "{found:?}");
         assert_eq!(landing(&marks, 2, &[1e-14, 1e-14]), None);
+        // without the table: one geometric series
+        let sum = time_of_corner(&marks).unwrap();
+        assert!((sum - 2.0).abs() < 1e-5 && marks[13].t < 2.0 - 1e-4, "{sum}");
     }
 }

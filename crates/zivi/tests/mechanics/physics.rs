@@ -104,6 +104,27 @@ fn redundant_gaps_end_the_run_with_what_was_computed() {
     assert!((run.samples.t.last().unwrap() - fall).abs() < 1e-12);
 }
 
+#[test]
+fn a_mass_that_is_not_symmetric_ends_the_run() {
+    let layout = Layout { n: 2, m: 0 };
+    let skew = |late: f64| {
+        let function = move |t: f64, _: &[f64], _: &[f64], out: &mut [f64]| {
+            let off = if t > late { 0.1 } else { 0.0 };
+            out[layout.mass()].copy_from_slice(&[1.0, off, 0.0, 1.0]);
+            out[layout.force()].copy_from_slice(&[1.0, -1.0]);
+            Ok::<(), Infallible>(())
+        };
+        let mut system = FunctionDynamics { layout, function };
+        let (settings, output) = (SwitchedRk::default(), MechanicalOutput::default());
+        let start = (&[0.0, 0.0][..], &[0.0, 0.0][..]);
+        simulate_mechanical(settings, &mut system, &[], (0.0, 2.0), start, output, &mut Silent)
+    };
+    let run = skew(1.0).unwrap();
+    assert_eq!(run.status, Status::MassNotDefinite);
+    assert!((run.samples.t.last().unwrap() - 1.0).abs() < 1e-3);
+    assert!(skew(-1.0).is_err());
+}
+
 /// The last position and velocity of a scalar run.
 fn last_sample(trajectory: &zivi::Trajectory) -> [f64; 2] {
     [Quantity::X, Quantity::Xdot].map(|quantity| *trajectory.columns.of(quantity).last().unwrap())
