@@ -235,9 +235,47 @@ def batches() -> Iterator[tuple[str, Run]]:
                 )
 
 
+def series() -> Iterator[tuple[str, Run]]:
+    """Flights by power series: all kinds of linear forces, walls and output."""
+    random = Random(3)
+    method = zivi.SwitchedRK(flights="series")
+    walls = {
+        "still": None,
+        "one": zivi.HarmonicWall(amplitude=0.02, omega=5.0, phase=0.3),
+        "two": zivi.HarmonicWall(amplitude=0.02, omega=17.0, offset=-0.1),
+    }
+    for of_force, force in [*compiled_forces(random), ("table", TABLE)]:
+        for i, y0 in enumerate(states(random)):
+            for of_wall, wall in walls.items():
+                e = random.choice((0.0, 0.3, 0.8, 0.95, 1.0))
+                system = zivi.ImpactSystem(force, e=e, wall=wall)
+                label = f"series {of_force} {of_wall} e{e:g} y{i}"
+                yield label, lambda s=system, y=y0: zivi.simulate(s, SPAN, y, method=method)
+    oscillator = zivi.ImpactSystem(OSCILLATOR, e=0.7)
+    outputs = {
+        "t_eval": {"t_eval": [0.05 * k for k in range(61)]},
+        "event": {"events": [lambda t, x, xdot: x - 0.3]},
+        "sparse": {"dense_output": False},
+        "steps": {"samples": "steps"},
+    }
+    for key, more in outputs.items():
+        yield (
+            f"series {key}",
+            lambda more=more: zivi.simulate(oscillator, SPAN, (0.7, 1.0), method=method, **more),
+        )
+    late = (1e4, 1e4 + 3.0)
+    yield "series late", lambda: zivi.simulate(oscillator, late, (0.5, 0), method=method)
+    starts = [(random.uniform(0, 2), random.uniform(-3, 3)) for _ in range(33)]
+    yield (
+        "series batch",
+        lambda: zivi.simulate_batch(oscillator, SPAN, starts, method=method, save="events"),
+    )
+
+
 GROUPS = {
     "simulations": simulations,
     "options": options,
     "loops": loops,
     "batches": batches,
+    "series": series,
 }

@@ -3,6 +3,7 @@
 //! A step evaluates no force and has no error to control. The clock of the first wave counts whole
 //! turns and the part of one, and the time is read from it: phase and time cannot drift apart.
 
+mod columns;
 mod law;
 mod level;
 mod powers;
@@ -281,5 +282,22 @@ mod tests {
         let early = impacts(0.0);
         assert_eq!(impacts(1.0), early);
         assert_eq!(impacts(1e9), early);
+    }
+
+    #[test]
+    fn a_held_control_is_another_constant_and_nothing_else() {
+        let still = Wave { amplitude: [0.3, 0.0], ..Wave::default() };
+        let waves = [Wave { amplitude: [0.6, 0.0], omega: 0.9, phase: 0.0 }, still];
+        let law = LinearLaw { stiffness: 1.0, damping: 0.1, gravity: -1.0, waves };
+        let mut flight = SeriesFlight::new(law).unwrap();
+        let held = LinearLaw { gravity: 3.0, ..law };
+        assert!(flight.under(&held));
+        assert_eq!(*flight.linear(), Linear::new(&held));
+        assert_eq!(flight.linear().constant, 0.3 - 3.0);
+        let mut louder = law;
+        louder.waves[0].amplitude = [0.7, 0.0];
+        for other in [louder, LinearLaw { damping: 0.2, ..law }] {
+            assert!(!flight.under(&other));
+        }
     }
 }

@@ -56,3 +56,30 @@ impl Reading {
         Self::new(linear, self.phase(length, table), at)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{LinearLaw, Wave};
+
+    #[test]
+    fn steps_turn_the_phase_and_the_waves() {
+        let wave = Wave { amplitude: [0.6, 0.2], omega: 0.9, phase: 0.4 };
+        let waves = [wave, Wave { omega: 2.3, ..wave }];
+        let linear = Linear::new(&LinearLaw { waves, stiffness: 1.0, ..LinearLaw::default() });
+        let table = Table::new(linear.table_law(), f64::INFINITY);
+        let clock = linear.first().unwrap().clock;
+        let read = |t: f64| Reading::new(&linear, clock.phase(t, 0.0), (t, 0.0));
+        let mut reading = read(5.0);
+        for k in 1..=40 {
+            let t = 5.0 + f64::from(k) * table.h();
+            reading = reading.after::<2>(1.0, (t, 0.0), &linear, &table);
+            let (phase, direct) = (reading.phase(0.0, &table), read(t));
+            let off = (phase.turns - direct.phase.turns) + (phase.part - direct.phase.part);
+            assert!((off + phase.rest - direct.phase.rest).abs() < 2e-15, "{k}: {off:e}");
+            let pairs = reading.waves.iter().flatten().zip(direct.waves.iter().flatten());
+            pairs.for_each(|(a, b)| assert!((a - b).abs() < 1e-14, "{k}: {:e}", a - b));
+            assert!(reading.turned <= TURNED);
+        }
+    }
+}

@@ -4,7 +4,8 @@
 //! They enclose the polynomial, and the number of their changes of sign bounds that of its roots;
 //! the terms beyond are a slack, which is linear, too.
 
-use super::table::{Bound, Columns, Start, TERMS};
+use super::columns::{Bound, Columns};
+use super::table::{Start, TERMS};
 use crate::numeric::bernstein::Polynomial;
 
 /// Coefficients of the screen.

@@ -184,3 +184,81 @@ fn power_of_two(x: f64) -> f64 {
     // all of them are finite
     power.clamp(f64::MIN_POSITIVE, 1e300)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::powers::value;
+    use super::super::table::Law;
+    use super::*;
+
+    fn random(draw: &mut u64) -> f64 {
+        *draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (*draw >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    /// Every step, whichever way it took, against values of its series: above the wall before its
+    /// end, at the wall there if it lands, its velocity that of a difference.
+    fn check(law: Law, seed: u64) -> [u32; 2] {
+        let (table, mut draw, mut counts) = (Table::new(law, f64::INFINITY), seed, [0; 2]);
+        for _ in 0..4000 {
+            let mut r = || random(&mut draw);
+            let speed = 10.0_f64.powf(-3.0 + 3.0 * r());
+            let known = usize::from(r() > 0.0);
+            let x = if known == 1 { 0.0 } else { r().abs() * speed };
+            let v = if known == 1 { speed } else { speed * r() };
+            let waves = [[r(), r()], [0.0; 2]];
+            let start = Start { x, v, force: r() - 0.5, waves };
+            let left = if r() > 0.0 { 0.5 + 0.5 * r() } else { 5.0 };
+            let step = Step::with_waves::<1>(&table, &start, known, left, true);
+            assert!(step.length > 0.0 && step.length <= left);
+            counts[usize::from(step.lands)] += 1;
+            let whole = step.doublings.map_or(step.length, |j| f64::from(1 << j));
+            if whole > 1.0 {
+                continue; // levels have tests of their own
+            }
+            let mut a = table.series(&start);
+            a[..known].fill(0.0);
+            // divided by what is known to be zero at the start
+            let size = a.iter().map(|a| a.abs()).sum::<f64>();
+            for k in 1..60 {
+                let s = whole * f64::from(k) / 60.0;
+                assert!(value(&a, s) > -1e-15 * size, "{start:?} {known} {k} {step:?}");
+            }
+            let end = value(&a, whole);
+            assert!((end - step.x).abs() < 1e-15 * size, "{start:?} {known} {step:?} {end:e}");
+            let slope = value(&super::super::powers::derivative(&a), whole);
+            assert!((slope - step.v).abs() < 4e-15 * size, "{start:?} {known} {step:?} {slope}");
+        }
+        counts
+    }
+
+    #[test]
+    fn steps_end_at_the_wall_or_above_it() {
+        let laws = [
+            Law { stiffness: 2.0, damping: 0.3, omega: [1.7, 0.0] },
+            Law { stiffness: -1.0, damping: -0.1, omega: [0.9, 0.0] },
+            Law { stiffness: 0.0, damping: 0.0, omega: [30.0, 0.0] },
+            Law { stiffness: 0.0, damping: 0.0, omega: [0.0; 2] },
+        ];
+        for (law, seed) in laws.into_iter().zip(3..) {
+            let counts = check(law, seed);
+            assert!(counts.iter().all(|&count| count > 300), "{law:?} {counts:?}");
+        }
+    }
+
+    #[test]
+    fn a_short_arc_has_the_digits_of_its_speed() {
+        // x'' = -g: back at the wall after 2 u/g, however small u is; the spring hardly acts
+        let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
+        let table = Table::new(law, f64::INFINITY);
+        for u in [1e-3, 1e-7, 1e-11] {
+            let v = u * table.h();
+            let start = Start { x: 0.0, v, force: -1.0, ..Start::default() };
+            let step = Step::with_waves::<0>(&table, &start, 1, 10.0, true);
+            // x = -1 + cos t + u sin t: zero at 2 atan u with the velocity -u
+            let exact = 2.0 * u.atan();
+            assert!((step.length * table.h() / exact - 1.0).abs() < 1e-15, "{u}");
+            assert!(step.lands && (step.v / v + 1.0).abs() < 2e-15, "{u} {:e}", step.v / v + 1.0);
+        }
+    }
+}

@@ -18,6 +18,7 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
+use super::columns::{Bound, Columns};
 use super::level::{Level, LEVELS};
 use super::screen::{Screen, Verdict};
 
@@ -30,9 +31,6 @@ const STEP: f64 = 1.75;
 
 /// Most waves of a force.
 pub(crate) const WAVES: usize = 2;
-
-/// What a flight is linear in: `x`, `V`, the constant, the two parts of each wave.
-pub(super) const COLUMNS: usize = 3 + 2 * WAVES;
 
 /// Coefficients of powers of `s`.
 pub(crate) type Series = [f64; TERMS];
@@ -57,50 +55,6 @@ pub(crate) struct Start {
     pub(crate) force: f64,
     /// Waves: real and imaginary parts (m/s^2).
     pub(crate) waves: [[f64; 2]; WAVES],
-}
-
-/// Numbers that are linear in where a step starts: by each of what it is linear in.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Columns<const N: usize>(pub(super) [[f64; N]; COLUMNS]);
-
-impl<const N: usize> Columns<N> {
-    /// The first of them for a start with `W` waves.
-    #[inline(always)]
-    pub(super) fn of<const W: usize, const FIRST: usize>(&self, start: &Start) -> [f64; FIRST] {
-        let (Start { x, v, force, waves }, by) = (*start, &self.0);
-        std::array::from_fn(|n| {
-            let mut sum = x * by[0][n] + v * by[1][n] + force * by[2][n];
-            for m in 0..W {
-                let [re, im] = waves[m];
-                sum += re * by[3 + 2 * m][n] + im * by[4 + 2 * m][n];
-            }
-            sum
-        })
-    }
-}
-
-/// A bound that is linear in the sizes of what a step starts from: by `|x|`, by `|V|`, by the
-/// constant, by `|z|` of each wave.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Bound(pub(super) [f64; 3 + WAVES]);
-
-impl Bound {
-    /// That of the sizes that columns have; the two of a wave are turned into each other.
-    pub(super) fn sizes(of: impl Fn(usize) -> f64) -> Self {
-        let wave = |m: usize| length(of(3 + 2 * m), of(4 + 2 * m));
-        Self([of(0), of(1), of(2), wave(0), wave(1)])
-    }
-
-    #[inline(always)]
-    pub(super) fn of<const W: usize>(&self, start: &Start) -> f64 {
-        let Self([x, v, force, waves @ ..]) = self;
-        let mut sum = x * start.x.abs() + v * start.v.abs() + force * start.force.abs();
-        for (of, z) in waves.iter().zip(&start.waves).take(W) {
-            // |z| is at most the sum of the absolute values of its parts
-            sum += of * (z[0].abs() + z[1].abs());
-        }
-        sum
-    }
 }
 
 /// Columns of power series, and what follows from them.
@@ -295,11 +249,6 @@ impl Table {
     }
 }
 
-/// `sqrt(a^2 + b^2)` for numbers whose squares are some.
-pub(super) fn length(a: f64, b: f64) -> f64 {
-    (a * a + b * b).sqrt()
-}
-
 /// The sum of `of(n, a_n)`, the smallest first.
 pub(super) fn sum_by(a: &Series, of: impl Fn(f64, f64) -> f64) -> f64 {
     a.iter().enumerate().rev().map(|(n, &a)| of(n as f64, a)).sum()
@@ -401,5 +350,14 @@ mod tests {
             }
         }
         assert!(jumps > 500, "{jumps}");
+    }
+
+    #[test]
+    fn equal_laws_share_a_table() {
+        let other = Law { damping: 0.4, ..LAW };
+        let tables = [LAW, LAW, other].map(Table::shared);
+        assert!(Arc::ptr_eq(&tables[0], &tables[1]));
+        assert_eq!((tables[1].law(), tables[2].law()), (LAW, other));
+        assert_eq!(*tables[2], Table::new(other, f64::INFINITY));
     }
 }
