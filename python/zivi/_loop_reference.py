@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from zivi import _zivi
 from zivi._check import Array, real_array
+from zivi._describe import describe
 from zivi._loop_path import SampledReference, on_side
-from zivi.trajectory import Trajectory, describe
+from zivi.trajectory import Trajectory
 
 __all__ = [
     "GivenReference",

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
+from zivi._batch_arguments import check_threads, every_of, states_of, systems_of
 from zivi._batch_samples import sampled, sampling_of
-from zivi._check import Array, real_array, whole
+from zivi._check import Array
 from zivi._compiled import listening, tell
+from zivi._describe import describe, describe_system
 from zivi._extras import needed
 from zivi._impacts import IMPACT
 from zivi._json import text_of
@@ -20,18 +22,16 @@ from zivi._misplaced import check_method
 from zivi._progress import ProgressBar
 from zivi.mechanics.batch import MechanicalBatch, mechanical_batch
 from zivi.mechanics.system import MechanicalSystem
-from zivi.methods import Method, SwitchedRK
+from zivi.methods import Method
 from zivi.simulate import DEFAULT_METHOD, pair, times_within
 from zivi.status import Status
 from zivi.system import ImpactSystem
-from zivi.trajectory import describe, describe_system
 
 if TYPE_CHECKING:
     import xarray
 
 __all__ = ["Batch", "simulate_batch"]
 
-SAVES = ("final", "statistics", "events", "grazing")
 """What can be saved of each run, beside a number of samples."""
 
 NUMBERS = {
@@ -272,10 +272,10 @@ def simulate_batch(
         workers = check_threads(threads)
         times = None if t_eval is None else times_within(t_eval, span)
         return mechanical_batch(systems, span, y0, method, times, save, workers, progress)
-    several = _systems(systems)
-    states = _states(y0, len(several))
+    several = systems_of(systems)
+    states = states_of(y0, len(several))
     check_method(method)
-    every = _save(save, method)
+    every = every_of(save, method)
     sampling = sampling_of(t_eval, save, span, method, len(states))
     workers = check_threads(threads)
     specs = [system._spec for system in several]
@@ -307,75 +307,8 @@ def simulate_batch(
     return batch if sampling.times is None else sampled(batch, record, several, method, sampling)
 
 
-MAX_THREADS = 1024
 MAX_DESCRIBED = 100
 """Systems, and states, that are told in ``config``."""
-
-
-def _systems(systems: Any) -> list[ImpactSystem]:
-    try:
-        several = [systems] if isinstance(systems, ImpactSystem) else list(systems)
-    except TypeError:
-        several = [systems]
-    for i, system in enumerate(several):
-        if not isinstance(system, ImpactSystem):
-            kind = type(system).__name__
-            raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
-        check_native(system._spec, f"the force of system {i}")
-    if not several:
-        raise ValueError("systems must hold at least one system")
-    return several
-
-
-def check_native(spec: tuple[Any, ...], what: str) -> None:
-    """Refuse a force that needs the interpreter."""
-    if not _is_native(spec):
-        raise ValueError(
-            f"{what} needs the interpreter: a batch takes numbers, LinearForce and compiled "
-            "callables (numba cfunc, scipy.LowLevelCallable); zivi.sweep runs any function"
-        )
-
-
-def check_threads(threads: int | None) -> int:
-    """Return the number of threads, by default as many as the machine runs at once."""
-    workers = _zivi.available_threads() if threads is None else whole("threads", threads)
-    if not 1 <= workers <= MAX_THREADS:
-        raise ValueError(f"threads must be from 1 to {MAX_THREADS}, got {workers}")
-    return workers
-
-
-def _is_native(spec: tuple[Any, ...]) -> bool:
-    if spec[0] == "moving":
-        return _is_native(spec[1]) and spec[2][0] == "harmonic"
-    return bool(spec[0] != "callable")
-
-
-def _states(y0: ArrayLike, n_systems: int) -> Array:
-    states = real_array("y0", y0)
-    if states.shape == (2,):
-        states = np.tile(states, (n_systems, 1))
-    if states.ndim != 2 or states.shape[1] != 2:
-        raise ValueError(f"y0 must have shape (n, 2) or (2,), got {states.shape}")
-    if n_systems not in (1, len(states)):
-        raise ValueError(
-            f"y0 must have a row for each of the {n_systems} systems, got {len(states)}"
-        )
-    return np.ascontiguousarray(states)
-
-
-def _save(save: Any, method: Method) -> int | None:
-    """Return the number of samples from one that is saved to the next, if any is."""
-    if isinstance(save, str):
-        if save not in SAVES:
-            names = ", ".join(repr(name) for name in SAVES)
-            raise ValueError(f"save must be one of {names} or a number of samples, got {save!r}")
-        return None
-    every = whole("save", save)
-    if every < 1:
-        raise ValueError(f"save must be a number of samples >= 1, got {every}")
-    if isinstance(method, SwitchedRK):
-        raise ValueError(f"save={every} needs a method of fixed steps, got {method!r}")
-    return every
 
 
 def _batch(

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from zivi import _zivi
 from zivi._check import Array
 from zivi._compiled import listening
+from zivi._describe import describe, describe_system
 from zivi._impacts import impacts_of
 from zivi._loop_arguments import (
     OURS,
@@ -50,7 +51,6 @@ from zivi.observer import ImpactObserver
 from zivi.simulate import Event, as_raised, pair, times_within, with_partial
 from zivi.status import Status
 from zivi.system import Force, ImpactSystem
-from zivi.trajectory import describe, describe_system
 from zivi.transform import coefficients
 
 __all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
-from zivi._check import Array, finite, real_array, whole
+from zivi._batch_arguments import check_threads
+from zivi._check import Array, finite
 from zivi._compiled import listening, tell
+from zivi._describe import describe, describe_system
 from zivi._extras import needed
 from zivi._json import text_of
 from zivi._loop_arguments import (
@@ -20,22 +22,31 @@ from zivi._loop_arguments import (
     check_follows,
     check_method,
     check_not_negative,
-    check_observer,
     described_observer,
     motion_of,
-    on_wall,
+)
+from zivi._loop_batch_arguments import (
+    common,
+    entry,
+    every_of,
+    forces_of,
+    observers_of,
+    on_walls,
+    placed,
+    references_of,
+    several,
+    states_of,
 )
 from zivi._loop_batch_samples import room_for, sampled
-from zivi._loop_reference import Reference, check_reference, describe_reference, rows_of
+from zivi._loop_reference import Reference, check_reference, describe_reference
 from zivi._progress import ProgressBar
-from zivi.batch import MAX_DESCRIBED, Runs, check_native, check_threads
+from zivi.batch import MAX_DESCRIBED, Runs
 from zivi.closed_loop import ClosedLoop, simulate_closed_loop
 from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.observer import ImpactObserver
 from zivi.simulate import pair
-from zivi.system import Force, ImpactSystem, force_spec, in_wall_frame
-from zivi.trajectory import describe, describe_system
+from zivi.system import Force, ImpactSystem
 
 if TYPE_CHECKING:
     import xarray
@@ -248,7 +259,7 @@ def simulate_closed_loop_batch(
     1.211
     """
     span = pair("t_span", t_span, "(t0, t1)")
-    plants, ticking = _several("systems", systems), _several("controllers", controllers)
+    plants, ticking = several("systems", systems), several("controllers", controllers)
     for i, plant in enumerate(plants):
         if not isinstance(plant, ImpactSystem):
             kind = type(plant).__name__
@@ -259,23 +270,23 @@ def simulate_closed_loop_batch(
             raise TypeError(f"controllers must be zivi's own, got {kind} (number {i})")
         check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
         check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
-    states = _rows("y0", y0)
-    references = np.empty((1, 0)) if y_ref0 is None else _rows("y_ref0", y_ref0)
+    states = states_of("y0", y0)
+    references = np.empty((1, 0)) if y_ref0 is None else states_of("y_ref0", y_ref0)
     followed = reference if isinstance(reference, list) else [reference]
-    observers = _observers(observer, ticking)
+    observers = observers_of(observer, ticking)
     lists = {"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references}
     lists |= {"reference": followed} | ({"observer": observers} if observers else {})
-    n = _common(lists)
+    n = common(lists)
     room = room_for(t_eval, save, span, n)
     if y_ref0 is not None:
-        ticking = _placed(ticking, references, n)
-    forces = _forces(plants, force_model, force_ref)
-    ticking = _on_walls(ticking, plants, n)
+        ticking = placed(ticking, references, n)
+    forces = forces_of(plants, force_model, force_ref)
+    ticking = on_walls(ticking, plants, n)
     for controller in ticking:
         check_method(method, controller.h)
     if not (finite("within", within) > 0.0):
         raise ValueError(f"within must be > 0 (m), got {within}")
-    rows = [] if reference is None else _references(followed, ticking, span, n)
+    rows = [] if reference is None else references_of(followed, ticking, span, n)
     specs = [spec for several in forces for spec in several]
     with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
         record = _zivi.simulate_closed_loop_batch(
@@ -289,7 +300,7 @@ def simulate_closed_loop_batch(
             resolution=check_not_negative("quantization", quantization),
             delay=check_delay(delay),
             within=float(within),
-            every=_every(save),
+            every=every_of(save),
             threads=check_threads(threads),
             references=rows,
             progress=bar.report,
@@ -323,120 +334,22 @@ def simulate_closed_loop_batch(
 
     def loop(i: int) -> ClosedLoop:
         return simulate_closed_loop(
-            _of(plants, i),
-            _of(ticking, i),
+            entry(plants, i),
+            entry(ticking, i),
             span,
-            _of(states, i),
+            entry(states, i),
             force_ref=force_ref,
             force_model=force_model,
-            reference=_of(followed, i),
+            reference=entry(followed, i),
             method=method,
             quantization=quantization,
             delay=delay,
-            observer=_of(observers, i) if observers else None,
+            observer=entry(observers, i) if observers else None,
             t_eval=room[0],
             progress=False,
         )
 
     return sampled(batch, room, loop, check_threads(threads))
-
-
-def _observers(observer: Any, controllers: list[Any]) -> list[Any]:
-    """Return the observers, each of its controller's period."""
-    observers = [] if observer is None else _several("observer", observer)
-    for i in range(max(len(observers), len(controllers)) if observers else 0):
-        if i < len(observers) or len(observers) == 1:
-            check_observer(_of(observers, i), controllers[min(i, len(controllers) - 1)].h)
-    return observers
-
-
-def _several(name: str, things: Any) -> list[Any]:
-    try:
-        several = (
-            [things] if isinstance(things, (ImpactSystem, ImpactObserver, *OURS)) else list(things)
-        )
-    except TypeError:
-        several = [things]
-    if not several:
-        raise ValueError(f"{name} must hold at least one")
-    return several
-
-
-def _rows(name: str, value: ArrayLike) -> Array:
-    rows = np.atleast_2d(real_array(name, value))
-    if rows.ndim != 2 or rows.shape[1] != len(STATE):
-        raise ValueError(f"{name} must have shape (n, 2) or (2,), got {np.shape(value)}")
-    return rows
-
-
-def _common(lists: dict[str, Any]) -> int:
-    """Return the number of loops; every list has an entry for each, or one for all."""
-    n = max(len(it) for it in lists.values())
-    for name, it in lists.items():
-        if len(it) not in (1, n):
-            raise ValueError(f"{name} must have 1 or {n} entries, got {len(it)}")
-    return n
-
-
-def _placed(controllers: list[Any], references: Array, n: int) -> list[Any]:
-    """Copy the controllers, with their references where they start."""
-    placed = []
-    for i in range(n):
-        controller = controllers[i if len(controllers) > 1 else 0].copy()
-        controller.reset(*(float(it) for it in references[i if len(references) > 1 else 0]))
-        placed.append(controller)
-        if len(controllers) == 1 and len(references) == 1:
-            break
-    return placed
-
-
-def _on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> list[Any]:
-    """Give the controllers without `e` their plants'."""
-    several = len(plants) > 1 and any(it._settings["kappa"] is None for it in controllers)
-    count = n if several else len(controllers)
-    # one warning for all of a kind: the warnings of one place are shown once
-    return [on_wall(_of(controllers, i), _of(plants, i), stacklevel=4) for i in range(count)]
-
-
-def _references(
-    references: list[Any], controllers: list[Any], span: tuple[float, float], n: int
-) -> list[tuple[Array, float]]:
-    """Give the references at the samples, and the kappas of their walls."""
-    count = n if max(len(references), len({(it.h, it.kappa_ref) for it in controllers})) > 1 else 1
-    pairs = [(_of(references, i), _of(controllers, i)) for i in range(count)]
-    return [(rows_of(it, span, controller.h), controller.kappa_ref) for it, controller in pairs]
-
-
-def _of(things: Sequence[Any] | Array, i: int) -> Any:
-    return things[i if len(things) > 1 else 0]
-
-
-def _forces(
-    plants: list[ImpactSystem], force_model: Any, force_ref: Any
-) -> tuple[list[Any], list[Any], list[Any]]:
-    """Translate the forces on the plants, in the models and on the references."""
-    own = [plant._spec for plant in plants]
-    if force_model is None:
-        models = own
-    else:
-        model = force_spec(force_model, "force_model")[0]
-        models = [in_wall_frame(plant, model) for plant in plants]
-    references = models if force_ref is None else [force_spec(force_ref, "force_ref")[0]]
-    for name, specs in (("system", own), ("model", models), ("reference", references)):
-        for i, spec in enumerate(specs):
-            check_native(spec, f"the force of {name} {i}")
-    return own, models, references
-
-
-def _every(save: Any) -> int:
-    if save == "final":
-        return 0
-    if isinstance(save, str):
-        raise ValueError(f"save must be 'final' or a number of samples >= 1, got {save!r}")
-    every = whole("save", save)
-    if every < 1:
-        raise ValueError(f"save must be a number of samples >= 1, got {every}")
-    return every
 
 
 def _batch(record: _zivi.LoopBatchRecord, config: dict[str, Any], sampled: bool) -> ClosedLoopBatch:

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi import _zivi
+from zivi._batch_arguments import check_threads
 from zivi._check import Array, real_array, whole
 from zivi._misplaced import check_system
 from zivi._progress import ProgressBar
-from zivi.batch import check_threads
 from zivi.system import ImpactSystem
 
 __all__ = ["ImpactMap", "ImpactReturn", "impact_map"]

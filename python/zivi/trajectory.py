@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, real_array
+from zivi._describe import configuration_of
 from zivi._impacts import IMPACT, down_to, impacts_of
 from zivi._labelled import QUANTITIES, dataset_of, html_of, table_of
 from zivi._resample import resampled, times_of
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from zivi.system import ImpactSystem
     from zivi.wall import HarmonicWall, MovingWall
 
-__all__ = ["IMPACT", "Trajectory", "describe", "describe_system"]
+__all__ = ["IMPACT", "Trajectory"]
 
 Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
 """The configuration of a run, or what makes it once it is asked for."""
@@ -152,7 +153,7 @@ class Trajectory:
             nfev=record.nfev,
             n_steps=record.n_steps,
             n_rejected=record.n_rejected,
-            _setup=functools.partial(_configuration, system, method, span, state),
+            _setup=functools.partial(configuration_of, system, method, span, state),
             t_events=record.t_events,
             y_events=record.y_events,
             _path=record.path or method._path(system.kappa, t, samples),  # type: ignore[attr-defined]
@@ -368,41 +369,3 @@ class Trajectory:
         'm'
         """
         return dataset_of(self if t is None and n is None else self.resample(t, n=n))
-
-
-def _configuration(
-    system: ImpactSystem, method: Method, span: tuple[float, float], state: tuple[float, float]
-) -> dict[str, Any]:
-    """Plain values that tell the run again (a callable only by its name)."""
-    settings = {
-        field.name: getattr(method, field.name)
-        for field in dataclasses.fields(method)  # type: ignore[arg-type]
-    }
-    return {
-        **describe_system(system),
-        "t_span": list(span),
-        "y0": list(state),
-        "method": {"name": type(method).__name__, **settings},
-    }
-
-
-def describe_system(system: ImpactSystem) -> dict[str, Any]:
-    """Plain values that tell a system again."""
-    return {
-        "force": describe(system.force),
-        "e": system.e,
-        "kappa": system.kappa,
-        "wall": None if system.wall is None else describe(system.wall),
-    }
-
-
-def describe(force: Any) -> Any:
-    """Plain values that tell a force or a wall again (a callable only by its name)."""
-    if dataclasses.is_dataclass(force) and not isinstance(force, type):
-        values = {field.name: getattr(force, field.name) for field in dataclasses.fields(force)}
-        plain = {name: describe(it) if callable(it) else it for name, it in values.items()}
-        return {"name": type(force).__name__, **plain}
-    if isinstance(force, int | float):
-        return float(force)
-    name = getattr(force, "__qualname__", None) or type(force).__qualname__
-    return f"{getattr(force, '__module__', None) or '?'}.{name}"

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from zivi._batch_arguments import is_native
 from zivi._check import Array
-from zivi.batch import _is_native, simulate_batch
+from zivi.batch import simulate_batch
 from zivi.methods import SwitchedRK
 from zivi.simulate import simulate
 from zivi.system import ImpactSystem
@@ -149,7 +150,7 @@ def settle(
 
     Runs whose forces need no interpreter and whose periods are the same are batches.
     """
-    together = len(set(periods)) == 1 and all(_is_native(it._spec) for it in systems)
+    together = len(set(periods)) == 1 and all(is_native(it._spec) for it in systems)
     if not together:
         triples = zip(systems, states, periods, strict=True)
         return [settle_one(*it, transient, keep, method) for it in triples]

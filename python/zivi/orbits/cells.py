@@ -12,8 +12,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from zivi._batch_arguments import is_native
 from zivi._check import Array
-from zivi.batch import _is_native, simulate_batch
+from zivi.batch import simulate_batch
 from zivi.methods import SwitchedRK
 from zivi.orbits.attractor import Settled, settle
 from zivi.sensitivity import OrbitStatus, sensitivity
@@ -47,7 +48,7 @@ class _Runner:
     def after(self, states: Array, periods: int) -> tuple[Array, NDArray[np.bool_]]:
         """Give the states after some periods, NaN for runs that fail, and which runs graze."""
         span = (0.0, periods * self.period)
-        if not _is_native(self.system._spec):
+        if not is_native(self.system._spec):
             return self._one_by_one(states, span)
         batch = simulate_batch(
             [self.system] * len(states),
