@@ -11,7 +11,7 @@ OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock \
     $(wildcard include/*.h tools/c/* tools/native.py)
 
-.PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test same-bits host lint lint-rust lint-python bench wasm picture screenshots docs docs-packages wheel clean
+.PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test same-bits host lint lint-rust lint-python bench wasm picture screenshots docs docs-packages wheel embedded fmu-test clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
@@ -19,6 +19,8 @@ help:
 	@echo 'make test-quick  the tests in Python without the slow ones: less than a minute'
 	@echo 'make test-browser  the pages in chromium, which must be there'
 	@echo 'make c-test  the C library: its examples in C99 and C++, bad arguments, what it needs'
+	@echo 'make embedded  the C library on simulated microcontrollers, where the tools are'
+	@echo 'make fmu-test  the binary of the FMUs under valgrind or a sanitizer'
 	@echo 'make host    the shared library for C and C++ programs on this machine, into out/host'
 	@echo 'make same-bits  flights by power series built for several processors: every bit is the same'
 	@echo 'make mutants one mutation of the code after the other, and the tests that must notice; NAMES="step-*"'
@@ -62,6 +64,14 @@ c-test:
 # needs cargo; a processor with AVX2, where it is one of that family
 same-bits:
 	sh tools/same-bits.sh
+
+# skipped (77) where a tool is missing, which is named
+embedded:
+	@sh tools/embedded.sh || test $$? = 77
+
+fmu-test:
+	'$(PYTHON)' tools/native.py fmu
+	sh tools/fmu-test.sh python/zivi/_native || test $$? = 77
 
 host:
 	'$(PYTHON)' tools/native.py host

@@ -255,6 +255,18 @@ def test_the_library_is_one_small_object() -> None:
     assert LIBRARY.stat().st_size < 80_000
 
 
+def test_without_tools_the_microcontrollers_are_skipped_with_a_reason() -> None:
+    done = subprocess.run(
+        ["/bin/sh", ROOT / "tools" / "embedded.sh"],
+        env={**os.environ, "ARM_GCC": "no-such-gcc"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 77
+    assert "skipped: no no-such-gcc" in done.stdout
+
+
 @pytest.mark.slow
 def test_the_tutorial_runs_as_it_stands(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorial_target.md").read_text()

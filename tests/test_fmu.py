@@ -40,6 +40,17 @@ def archives(exported: Path, tmp_path_factory: pytest.TempPathFactory) -> dict:
     return found
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a compiler and valgrind")
+def test_every_call_and_every_mistake_of_an_importer() -> None:
+    root = Path(__file__).resolve().parent.parent
+    command = ["sh", root / "tools" / "fmu-test.sh", root / "python" / "zivi" / "_native", "quick"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == 77:
+        pytest.skip(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 BOTH = pytest.mark.parametrize("fmi", [2, 3])
 EACH = pytest.mark.parametrize(("key", "fmi"), list(itertools.product(MODELS, (2, 3))))
 

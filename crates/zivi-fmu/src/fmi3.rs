@@ -4,11 +4,9 @@
 
 use core::ffi::{c_char, c_void};
 
-use crate::common::{
-    absent, free_state, freed, get, get_state, instance, instantiated, restore, set, set_state,
-    store, stored_size,
-};
+use crate::common::{self, instance, instantiated};
 use crate::instance::{Instance, Log, Logger3, Status, ERROR, OK};
+use crate::shared::{absent, lifecycle, variables};
 use crate::state::{mode, State};
 use crate::table::Kind;
 
@@ -47,22 +45,6 @@ extern "C" fn fmi3InstantiateScheduledExecution() -> *mut Instance {
 }
 
 #[no_mangle]
-unsafe extern "C" fn fmi3FreeInstance(it: *mut Instance) {
-    // SAFETY: NULL or ours
-    unsafe { freed(it) }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3SetDebugLogging(it: *mut Instance) -> Status {
-    // SAFETY: NULL or ours; what is wrong is always told
-    if unsafe { instance(it) }.is_some() {
-        OK
-    } else {
-        ERROR
-    }
-}
-
-#[no_mangle]
 unsafe extern "C" fn fmi3EnterInitializationMode(
     it: *mut Instance,
     _tolerance_defined: bool,
@@ -76,24 +58,6 @@ unsafe extern "C" fn fmi3EnterInitializationMode(
         it.state.put(0, start);
     }
     status
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3ExitInitializationMode(it: *mut Instance) -> Status {
-    // SAFETY: NULL or ours
-    unsafe { instance(it) }.map_or(ERROR, Instance::exit_initialisation)
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3Terminate(it: *mut Instance) -> Status {
-    // SAFETY: NULL or ours
-    unsafe { instance(it) }.map_or(ERROR, |it| it.go(mode::STEP, mode::TERMINATED))
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3Reset(it: *mut Instance) -> Status {
-    // SAFETY: NULL or ours
-    unsafe { instance(it) }.map_or(ERROR, Instance::reset)
 }
 
 #[no_mangle]
@@ -123,168 +87,19 @@ unsafe extern "C" fn fmi3DoStep(
     status
 }
 
-#[no_mangle]
-unsafe extern "C" fn fmi3GetFloat64(
-    it: *mut Instance,
-    references: *const u32,
-    count: usize,
-    values: *mut f64,
-    room: usize,
-) -> Status {
-    // SAFETY: the arrays have so many elements
-    unsafe {
-        if room < count {
-            return absent(it);
-        }
-        get(it, references, count, Kind::Real, |k, value| values.add(k).write(value))
-    }
+lifecycle! {
+    free: fmi3FreeInstance, log: fmi3SetDebugLogging, ready: fmi3ExitInitializationMode,
+    end: fmi3Terminate, reset: fmi3Reset,
+    get: fmi3GetFMUState, set: fmi3SetFMUState, forget: fmi3FreeFMUState,
+    size: fmi3SerializedFMUStateSize, store: fmi3SerializeFMUState,
+    restore: fmi3DeserializeFMUState,
 }
 
-#[no_mangle]
-unsafe extern "C" fn fmi3SetFloat64(
-    it: *mut Instance,
-    references: *const u32,
-    count: usize,
-    values: *const f64,
-    given: usize,
-) -> Status {
-    // SAFETY: the arrays have so many elements
-    unsafe {
-        if given < count {
-            return absent(it);
-        }
-        set(it, references, count, Kind::Real, |k| *values.add(k))
-    }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3GetInt32(
-    it: *mut Instance,
-    references: *const u32,
-    count: usize,
-    values: *mut i32,
-    room: usize,
-) -> Status {
-    // SAFETY: the arrays have so many elements
-    unsafe {
-        if room < count {
-            return absent(it);
-        }
-        get(it, references, count, Kind::Integer, |k, value| values.add(k).write(value as i32))
-    }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3SetInt32(
-    it: *mut Instance,
-    references: *const u32,
-    count: usize,
-    values: *const i32,
-    given: usize,
-) -> Status {
-    // SAFETY: the arrays have so many elements
-    unsafe {
-        if given < count {
-            return absent(it);
-        }
-        set(it, references, count, Kind::Integer, |k| f64::from(*values.add(k)))
-    }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3GetBoolean(
-    it: *mut Instance,
-    references: *const u32,
-    count: usize,
-    values: *mut bool,
-    room: usize,
-) -> Status {
-    // SAFETY: the arrays have so many elements
-    unsafe {
-        if room < count {
-            return absent(it);
-        }
-        get(it, references, count, Kind::Boolean, |k, value| values.add(k).write(value != 0.0))
-    }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3SetBoolean(
-    it: *mut Instance,
-    references: *const u32,
-    count: usize,
-    values: *const bool,
-    given: usize,
-) -> Status {
-    // SAFETY: the arrays have so many elements
-    unsafe {
-        if given < count {
-            return absent(it);
-        }
-        set(it, references, count, Kind::Boolean, |k| f64::from(u8::from(*values.add(k))))
-    }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3GetFMUState(it: *mut Instance, to: *mut *mut State) -> Status {
-    // SAFETY: see there
-    unsafe { get_state(it, to) }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3SetFMUState(it: *mut Instance, from: *mut State) -> Status {
-    // SAFETY: see there
-    unsafe { set_state(it, from) }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3FreeFMUState(_it: *mut Instance, state: *mut *mut State) -> Status {
-    // SAFETY: see there
-    unsafe { free_state(state) }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3SerializedFMUStateSize(
-    _it: *mut Instance,
-    _state: *mut State,
-    size: *mut usize,
-) -> Status {
-    // SAFETY: see there
-    unsafe { stored_size(size) }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3SerializeFMUState(
-    it: *mut Instance,
-    from: *mut State,
-    to: *mut u8,
-    size: usize,
-) -> Status {
-    // SAFETY: see there
-    unsafe { store(it, from, to, size) }
-}
-
-#[no_mangle]
-unsafe extern "C" fn fmi3DeserializeFMUState(
-    it: *mut Instance,
-    from: *const u8,
-    size: usize,
-    to: *mut *mut State,
-) -> Status {
-    // SAFETY: see there
-    unsafe { restore(it, from, size, to) }
-}
-
-/// Functions that are not provided. Of their arguments only the instance is looked at, which the
-/// calling conventions of C allow.
-macro_rules! absent {
-    ($($name:ident)*) => {$(
-        #[no_mangle]
-        unsafe extern "C" fn $name(it: *mut Instance) -> Status {
-            // SAFETY: NULL or ours
-            unsafe { absent(it) }
-        }
-    )*};
+variables! {
+    fmi3GetFloat64 fmi3SetFloat64: Real as f64, |value| value, |value| value, room;
+    fmi3GetInt32 fmi3SetInt32: Integer as i32, |value| value as i32, f64::from, room;
+    fmi3GetBoolean fmi3SetBoolean: Boolean as bool, |value| value != 0.0,
+        |value| f64::from(u8::from(value)), room;
 }
 
 absent! {

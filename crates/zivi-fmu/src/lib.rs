@@ -27,6 +27,8 @@ mod fmi2;
 mod fmi3;
 mod instance;
 mod model;
+#[cfg(feature = "target")]
+mod shared;
 mod state;
 mod table;
 

@@ -1,0 +1,148 @@
+//! Functions that FMI 2 and FMI 3 have alike, under their names in each.
+
+/// What takes an instance, or a state of it, and nothing else that the versions differ in.
+macro_rules! lifecycle {
+    (
+        free: $free:ident, log: $log:ident, ready: $ready:ident, end: $end:ident, reset: $reset:ident,
+        get: $get:ident, set: $set:ident, forget: $forget:ident,
+        size: $size:ident, store: $store:ident, restore: $restore:ident $(,)?
+    ) => {
+        #[no_mangle]
+        unsafe extern "C" fn $free(it: *mut Instance) {
+            // SAFETY: NULL or ours
+            unsafe { common::freed(it) }
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $log(it: *mut Instance) -> Status {
+            // SAFETY: NULL or ours; what is wrong is always told
+            unsafe { common::instance(it) }.map_or(ERROR, |_| OK)
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $ready(it: *mut Instance) -> Status {
+            // SAFETY: NULL or ours
+            unsafe { common::instance(it) }.map_or(ERROR, Instance::exit_initialisation)
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $end(it: *mut Instance) -> Status {
+            // SAFETY: NULL or ours
+            unsafe { common::instance(it) }.map_or(ERROR, |it| it.go(mode::STEP, mode::TERMINATED))
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $reset(it: *mut Instance) -> Status {
+            // SAFETY: NULL or ours
+            unsafe { common::instance(it) }.map_or(ERROR, Instance::reset)
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $get(it: *mut Instance, to: *mut *mut State) -> Status {
+            // SAFETY: see there
+            unsafe { common::get_state(it, to) }
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $set(it: *mut Instance, from: *mut State) -> Status {
+            // SAFETY: see there
+            unsafe { common::set_state(it, from) }
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $forget(_it: *mut Instance, state: *mut *mut State) -> Status {
+            // SAFETY: see there
+            unsafe { common::free_state(state) }
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $size(
+            _it: *mut Instance,
+            _state: *mut State,
+            size: *mut usize,
+        ) -> Status {
+            // SAFETY: see there
+            unsafe { common::stored_size(size) }
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $store(
+            it: *mut Instance,
+            from: *mut State,
+            to: *mut u8,
+            size: usize,
+        ) -> Status {
+            // SAFETY: see there
+            unsafe { common::store(it, from, to, size) }
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $restore(
+            it: *mut Instance,
+            from: *const u8,
+            size: usize,
+            to: *mut *mut State,
+        ) -> Status {
+            // SAFETY: see there
+            unsafe { common::restore(it, from, size, to) }
+        }
+    };
+}
+
+/// Readers and writers of variables of one kind: names, the type in C, what makes it of a number and
+/// a number of it, and in FMI 3 the length of the array.
+macro_rules! variables {
+    ($($get:ident $set:ident: $kind:ident as $type:ty, $made:expr, $read:expr $(, $room:ident)?;)*) => {$(
+        #[no_mangle]
+        unsafe extern "C" fn $get(
+            it: *mut Instance,
+            references: *const u32,
+            count: usize,
+            values: *mut $type,
+            $($room: usize,)?
+        ) -> Status {
+            // SAFETY: the arrays have so many elements
+            unsafe {
+                $(if $room < count {
+                    return common::absent(it);
+                })?
+                let made: fn(f64) -> $type = $made;
+                common::get(it, references, count, Kind::$kind, |k, value| {
+                    values.add(k).write(made(value))
+                })
+            }
+        }
+
+        #[no_mangle]
+        unsafe extern "C" fn $set(
+            it: *mut Instance,
+            references: *const u32,
+            count: usize,
+            values: *const $type,
+            $($room: usize,)?
+        ) -> Status {
+            // SAFETY: the arrays have so many elements
+            unsafe {
+                $(if $room < count {
+                    return common::absent(it);
+                })?
+                let read: fn($type) -> f64 = $read;
+                common::set(it, references, count, Kind::$kind, |k| read(*values.add(k)))
+            }
+        }
+    )*};
+}
+
+/// Functions that are not provided. Of their arguments only the instance is looked at, which the
+/// calling conventions of C allow.
+macro_rules! absent {
+    ($($name:ident)*) => {$(
+        #[no_mangle]
+        unsafe extern "C" fn $name(it: *mut Instance) -> Status {
+            // SAFETY: NULL or ours
+            unsafe { common::absent(it) }
+        }
+    )*};
+}
+
+pub(crate) use {absent, lifecycle, variables};
