@@ -11,7 +11,7 @@ OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock \
     $(wildcard include/*.h tools/c/* tools/native.py)
 
-.PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test same-bits host lint lint-rust lint-python bench wasm picture screenshots docs docs-packages wheel embedded fmu-test clean
+.PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test same-bits host lint lint-rust lint-python bench wasm picture screenshots docs docs-packages wheel embedded fmu-test sdist-test clean
 
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
@@ -31,6 +31,7 @@ help:
 	@echo 'make docs    the documentation as a site, into out/site'
 	@echo 'make wasm    the binary of the page without Python (docs/browser.md)'
 	@echo 'make wheel   a wheel that runs on other machines too, tried in a fresh environment'
+	@echo 'make sdist-test  the source distribution, installed with cargo and without'
 	@echo 'make clean   remove everything that was built'
 
 paper: $(READY)
@@ -147,6 +148,9 @@ wheel: $(VENV)/.packages
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	    --constraint constraints.txt maturin ziglang auditwheel
 	PATH="$(CURDIR)/$(BIN):$$PATH" sh tools/wheel.sh $(BIN)/python out/wheels
+
+sdist-test: $(VENV)/.packages
+	sh tools/sdist-test.sh '$(CURDIR)/$(BIN)/python' out/sdist
 
 clean:
 	rm -rf target out $(VENV) python/zivi/*.so python/zivi/_native
