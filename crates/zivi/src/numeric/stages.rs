@@ -377,9 +377,9 @@ mod tests {
             assert_eq!(many.step(&from, &slopes, 0.7, equation), Ok(()));
             let (error, mut worst) = (many.error(&tolerances, equation), 0.0);
             assert_eq!(many.complete(equation), Ok(()));
-            for c in 0..3 {
+            for (c, slope) in slopes.iter().enumerate() {
                 let alone = State { t: 7.3, late: 1e-17, x: from.x[c], xdot: from.xdot[c] };
-                assert_eq!(one.step(&alone, &slopes[c], 0.7, equation), Ok(()));
+                assert_eq!(one.step(&alone, slope, 0.7, equation), Ok(()));
                 worst = worse(one.error(&tolerances, equation).unwrap_or(f64::NAN), worst);
                 assert_eq!(one.complete(equation), Ok(()));
                 let end = (many.end.t, many.end.late, many.end.x[c], many.end.xdot[c]);
