@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -37,9 +38,30 @@ def main(names: list[str]) -> int:
     if shutil.which("cargo") is None:
         print("native: cargo is missing: install Rust >= 1.88 (https://rustup.rs)", file=sys.stderr)
         return 2
+    whole_workspace()
     for name in names or PACKAGED:
         PRODUCTS[name]()
     return 0
+
+
+def whole_workspace() -> None:
+    """Put our crates back into the workspace: in a source distribution maturin leaves them out.
+
+    The workspace there has the crates of the extension alone, although the others are in it too.
+    """
+    manifest = ROOT / "Cargo.toml"
+    text = manifest.read_text()
+    listed = tomllib.loads(text)["workspace"]["members"]
+    missing = [name for name in CRATES if name not in listed]
+    if missing:
+        members = ", ".join(f'"{name}"' for name in [*listed, *missing])
+        manifest.write_text(
+            re.sub(r"(?ms)^members = \[.*?\]", f"members = [{members}]", text, count=1)
+        )
+
+
+CRATES = ("crates/zivi-c", "crates/zivi-fmu", "crates/zivi-host")
+"""What is built here and is no part of the extension."""
 
 
 def c_library() -> None:
