@@ -246,6 +246,12 @@ mod tests {
         assert!(errors[0] < 1e-6 && errors[1] < 1e-6, "{found:?}");
         assert!(errors[0] <= found.error[0] && errors[1] <= found.error[1], "{found:?}");
         assert_eq!(landing(&marks, 2, &[1e-14, 1e-14]), None);
+        // one gap that bounces is a chain, and times without a ratio are no corner
+        let alone = |mark: &Mark| Mark { hit: GapSet::of(0), ..mark.clone() };
+        assert_eq!(pattern(&marks.iter().map(alone).collect::<Vec<_>>()), None);
+        let mut uneven = marks.clone();
+        uneven[11].t += 0.5 * (marks[13].t - marks[11].t);
+        assert_eq!(landing(&uneven, 2, &[1e9, 1e9]), None);
         // without the table: one geometric series
         let sum = time_of_corner(&marks).unwrap();
         assert!((sum - 2.0).abs() < 1e-5 && marks[13].t < 2.0 - 1e-4, "{sum}");

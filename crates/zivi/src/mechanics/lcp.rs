@@ -138,6 +138,11 @@ mod tests {
                 let (one, two) = (by_patterns(&d, &q).unwrap(), by_pivots(&d, &q).unwrap());
                 assert!(residual(&d, &q, &one.z) < 1e-12 && residual(&d, &q, &two.z) < 1e-12);
                 assert_eq!(one.positive, two.positive, "{k} {case}");
+                // of speeds near the end of an accumulation, too
+                let slow: Vec<f64> = q.iter().map(|q| 1e-15 * q).collect();
+                let three = by_pivots(&d, &slow).unwrap();
+                assert!(residual(&d, &slow, &three.z) < 1e-27, "{k} {case}");
+                assert_eq!(one.positive, three.positive, "{k} {case}");
             }
         }
     }

@@ -163,6 +163,7 @@ fn orthogonal_gaps_are_scalar_runs() {
     let wall = scalar(0.3, 0.8, -0.5, |t| -2.0 * (1.5 * t).cos());
     let zeno: Vec<f64> =
         floor.events.zeno_times.iter().chain(&wall.events.zeno_times).copied().collect();
+    assert_eq!(flags(&run, FlagKind::Simultaneous) + flags(&run, FlagKind::OrderUncertain), 0);
     let found = events_of(&run);
     for t in zeno {
         assert!(found.iter().any(|it| (it.1 - t).abs() < 1e-12), "{t} {found:?}");
