@@ -15,9 +15,11 @@
 //!
 //! The rooms, each of which knows only those above it:
 //!
-//! * [`numeric`] knows no mechanics: Runge-Kutta pairs, Bernstein polynomials, roots, grids.
+//! * [`numeric`] knows no mechanics: Runge-Kutta pairs and their steps, Bernstein polynomials, roots,
+//!   grids.
+//! * [`record`]: what a run leaves: a [`Trajectory`], a [`Status`], and what happened at the gaps:
+//!   [`Occurrence`]s, which [`Events`] reads.
 //! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall).
-//! * [`record`]: what a run leaves: a [`Trajectory`] with its [`Events`], a [`Status`].
 //! * [`stepping`]: fixed steps, each scheme a [`stepping::scheme::Scheme`].
 //!   [`stepping::theta_gamma`] and [`stepping::explicit`] implement
 //!   [`stepping::fixed_step::FixedStep`], which is driven over a [`Grid`];
@@ -47,17 +49,18 @@ pub use record::failure::Failure;
 pub use record::monitor::{Monitor, Silent};
 pub use record::occurrence::Occurrence;
 pub use record::status::Status;
+pub use record::stretch::{Interpolation, Knot, Stretch};
 pub use record::summary::{Keep, Summary};
 pub use record::trajectory::{Columns, Quantity, Run, SetupError, Trajectory, QUANTITIES};
+pub use record::user_events::{Direction, EventFunction, EventHit, Level, UserEvent};
 pub use stepping::explicit::{simulate_explicit_euler, ExplicitEuler};
 pub use stepping::moreau_jean::{simulate_moreau_jean, MoreauJean};
 pub use stepping::scheme::{FixedSteps, Scheme};
-pub use stepping::step_events::{Following, Interpolation, Knot, Stretch};
+pub use stepping::step_events::Following;
 pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use switched::{
-    simulate_switched_rk, Counts, DensePath, Direction, EventFunction, EventHit, Flights,
-    ImpactMap, Level, MapParameter, Motion, MotionError, Order, Output, PathPoint, Return,
-    SwitchedIntegrator, SwitchedRk, SwitchedRun, Tail, UserEvent,
+    simulate_switched_rk, Counts, DensePath, Flights, ImpactMap, MapParameter, Motion, MotionError,
+    Order, Output, PathPoint, Return, SwitchedIntegrator, SwitchedRk, SwitchedRun, Tail,
 };
 pub use system::force::{
     ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, Wave,

@@ -14,6 +14,7 @@
 
 use std::collections::TryReserveError;
 
+use crate::numeric::richardson::{self, Powers};
 use crate::record::gap_set::GapSet;
 use crate::switched::chain::{Bounce, Chain};
 
@@ -107,57 +108,35 @@ impl StateChain {
     pub(super) fn landing(&self, scales: &[f64]) -> Option<Landing> {
         let stride = self.times.stride();
         let count = ((self.len().max(1) - 1) / stride + 1).min(COLUMNS + 2);
-        if count < 3 {
-            return None;
-        }
-        let ratio = self.e.powf(stride as f64);
-        let mut column = self.strided(stride, count);
-        let mut best: Option<Landing> = None;
-        let mut power = ratio;
-        for j in 1..count {
-            power *= ratio;
-            let before: Vec<f64> = column[column.len() - self.width..].to_vec();
-            column = self.next_column(&column, power);
-            if column.len() < 2 * self.width {
-                break;
+        let (last, width) = (self.len().max(1) - 1, self.width);
+        let row = |k: usize| &self.rows[(last - k * stride) * width..][..width];
+        let start = self.times.bounces().first()?.t;
+        let rows = (0..count).flat_map(row).copied().collect();
+        Landing::extrapolated(rows, start, self.times.powers(stride), scales)
+    }
+}
+
+impl Landing {
+    /// The newest entry with the smallest estimated error, in the given scales, of the table of
+    /// these rows: times since `start` followed by states, the newest first.
+    pub(super) fn extrapolated(
+        mut rows: Vec<f64>,
+        start: f64,
+        powers: Powers,
+        scales: &[f64],
+    ) -> Option<Self> {
+        let mut best: Option<Self> = None;
+        let mut across = vec![0.0; scales.len()];
+        richardson::columns(&mut rows, &mut across, powers, |entry| {
+            let rounding = |c: usize| f64::EPSILON * entry.newest[c].abs();
+            let error: Vec<f64> =
+                (0..scales.len()).map(|c| entry.error(c).max(rounding(c))).collect();
+            let size = error.iter().zip(scales).fold(0.0_f64, |a, (b, scale)| a.max(b / scale));
+            if best.as_ref().is_none_or(|best| size < best.size) {
+                let (t, z) = (start + entry.newest[0], entry.newest[1..].to_vec());
+                best = Some(Self { t, z, error, size });
             }
-            let landing = self.judge(&column, &before, power * ratio, scales);
-            if j <= COLUMNS && best.as_ref().is_none_or(|best| landing.size < best.size) {
-                best = Some(landing);
-            }
-        }
+        });
         best
-    }
-
-    /// Rows of column zero that lie `stride` impacts apart, the last of them that of the last.
-    fn strided(&self, stride: usize, count: usize) -> Vec<f64> {
-        let (last, width) = (self.len() - 1, self.width);
-        let rows = (0..count).rev().map(|k| &self.rows[(last - k * stride) * width..][..width]);
-        rows.flatten().copied().collect()
-    }
-
-    /// Equation (2).
-    fn next_column(&self, column: &[f64], power: f64) -> Vec<f64> {
-        let ahead = column[self.width..].iter().zip(column);
-        ahead.map(|(now, before)| (now - power * before) / (1.0 - power)).collect()
-    }
-
-    /// The last entry of a column, with the larger of two differences as its error: to the column
-    /// before and to the row before.
-    fn judge(&self, column: &[f64], across: &[f64], power: f64, scales: &[f64]) -> Landing {
-        let width = self.width;
-        let (last, above) = (&column[column.len() - width..], &column[column.len() - 2 * width..]);
-        let mut size = 0.0_f64;
-        let error: Vec<f64> = (0..width)
-            .map(|c| {
-                let down = (last[c] - above[c]).abs() / (1.0 - power);
-                let rounding = f64::EPSILON * last[c].abs();
-                let error = (last[c] - across[c]).abs().max(down).max(rounding);
-                size = size.max(error / scales[c]);
-                error
-            })
-            .collect();
-        let t = self.times.bounces()[0].t + last[0];
-        Landing { t, z: last[1..].to_vec(), error, size }
     }
 }

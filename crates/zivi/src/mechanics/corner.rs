@@ -17,6 +17,7 @@ use super::equation::State;
 use super::kinetics::Model;
 use super::landing::Ahead;
 use super::machine::Machine;
+use crate::numeric::richardson::Powers;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Dynamics;
@@ -113,43 +114,13 @@ fn time_of_corner(marks: &[Mark]) -> Option<f64> {
 fn landing(marks: &[Mark], p: usize, scales: &[f64]) -> Option<Landing> {
     let (phase, r) = of_last_phase(marks, p)?;
     let first = phase[phase.len() - 1].t;
-    let row = |mark: &Mark| -> Vec<f64> {
+    let row = |mark: &&Mark| -> Vec<f64> {
         std::iter::once(mark.t - first).chain(mark.z.iter().copied()).collect()
     };
     // the last row first
-    let mut rows: Vec<Vec<f64>> = phase.iter().map(|mark| row(mark)).collect();
-    let mut best: Option<Landing> = None;
-    let mut power = 1.0;
-    while rows.len() > 2 {
-        power *= r;
-        let across = rows[0].clone();
-        for k in 0..rows.len() - 1 {
-            let (now, before) = rows.split_at_mut(k + 1);
-            for (now, before) in now[k].iter_mut().zip(&before[0]) {
-                *now = (*now - power * before) / (1.0 - power);
-            }
-        }
-        rows.pop();
-        let found = judge(&rows, &across, power * r, scales, first);
-        if best.as_ref().is_none_or(|best| found.size < best.size) {
-            best = Some(found);
-        }
-    }
-    best.filter(|best| best.size <= 1.0)
-}
-
-fn judge(rows: &[Vec<f64>], across: &[f64], power: f64, scales: &[f64], t: f64) -> Landing {
-    let (last, above) = (&rows[0], &rows[1]);
-    let mut size = 0.0_f64;
-    let error: Vec<f64> = (0..last.len())
-        .map(|c| {
-            let down = (last[c] - above[c]).abs() / (1.0 - power);
-            let error = (last[c] - across[c]).abs().max(down);
-            size = size.max(error / scales[c]);
-            error
-        })
-        .collect();
-    Landing { t: t + last[0], z: last[1..].to_vec(), error, size }
+    let rows = phase.iter().flat_map(row).collect();
+    let found = Landing::extrapolated(rows, first, Powers { ratio: r, first: r }, scales);
+    found.filter(|found| found.size <= 1.0)
 }
 
 impl Machine {

@@ -10,6 +10,7 @@ use crate::numeric::cholesky;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::stops::Smooth;
 use crate::Status;
 
 /// A system whose evaluations are counted, between times where it is smooth.
@@ -17,12 +18,12 @@ pub(super) struct Model<'a, D> {
     pub(super) dynamics: &'a mut D,
     pub(super) count: u64,
     /// It is asked at no times outside.
-    pub(super) smooth: (f64, f64),
+    pub(super) smooth: Smooth,
 }
 
 impl<'a, D> Model<'a, D> {
     pub(super) fn new(dynamics: &'a mut D) -> Self {
-        Self { dynamics, count: 0, smooth: (f64::NEG_INFINITY, f64::INFINITY) }
+        Self { dynamics, count: 0, smooth: Smooth::ALWAYS }
     }
 }
 
@@ -85,7 +86,7 @@ impl Kinetics {
         q: &[f64],
         w: &[f64],
     ) -> Result<(), Failure<E>> {
-        let (layout, t) = (self.layout, t.clamp(model.smooth.0, model.smooth.1));
+        let (layout, t) = (self.layout, model.smooth.nearest(t));
         model.count += 1;
         model.dynamics.evaluate(t, q, w, &mut self.values).map_err(Failure::Raised)?;
         if !self.values.iter().all(|value| value.is_finite()) {

@@ -28,7 +28,6 @@ mod run;
 pub mod sensitivity;
 mod state_events;
 mod stepper;
-mod stops;
 mod stored;
 mod tail;
 mod theta_gamma;

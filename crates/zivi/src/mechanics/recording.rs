@@ -6,13 +6,13 @@ use super::path::{Curve, MechanicalPath, MotionPoint};
 use super::run::{MechanicalOutput, MechanicalRun, MechanicalSamples};
 use super::state_events::{Along, StateHit, StateWatch};
 use super::stepper::{Plainly, Stepper};
-use super::stops::Stops;
 use super::tail::SkippedArcs;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::monitor::Pace;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::Dynamics;
+use crate::system::stops::Stops;
 use crate::{Counts, Monitor, Status};
 
 /// Why a run ends.
@@ -106,7 +106,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     ) -> Result<(), Ending<E>> {
         self.make_room()?;
         let t0 = self.machine.now.t;
-        let mut until = self.stops.enter(t0, model);
+        let mut until = self.stops.enter(t0, &mut model.smooth);
         let (x, v) = (&self.machine.now.x, &self.machine.now.xdot);
         self.watch.start(t0, x, v).map_err(Failure::Raised)?;
         if !self.machine.is_pending(until) {
@@ -122,7 +122,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
                 }
                 if t >= until && !waits {
                     self.machine.restart();
-                    until = self.stops.enter(t, model);
+                    until = self.stops.enter(t, &mut model.smooth);
                 }
                 self.piece(until, stepper, model)?;
             }

@@ -4,7 +4,7 @@ use std::collections::TryReserveError;
 
 use crate::numeric::root;
 use crate::record::reserve::Reserve;
-use crate::switched::changes;
+use crate::record::user_events::changes;
 use crate::Direction;
 
 /// A function `g(t, q, q')` of which `E` is the error it may raise.

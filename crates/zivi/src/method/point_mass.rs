@@ -1,8 +1,8 @@
 //! A mass above a wall, and the methods that run it.
 
 use super::{Method, Settings, System};
-use crate::stepping::fixed_step::check_initial;
 use crate::stepping::scheme::{FixedSteps, Scheme};
+use crate::system::evaluation::check_initial;
 use crate::{
     simulate_switched_rk, Counts, EventHit, Following, Force, Monitor, Motion, Output, Physical,
     Restitution, Run, SetupError, SwitchedRk, SwitchedRun, Trajectory,

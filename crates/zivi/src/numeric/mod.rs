@@ -6,6 +6,7 @@ pub(crate) mod cholesky;
 pub(crate) mod coordinates;
 pub(crate) mod dense;
 pub mod grid;
+pub(crate) mod richardson;
 pub(crate) mod root;
 pub(crate) mod stages;
 pub(crate) mod step_error;

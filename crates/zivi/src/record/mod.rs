@@ -8,5 +8,7 @@ pub mod occurrence;
 pub(crate) mod recorder;
 pub(crate) mod reserve;
 pub mod status;
+pub mod stretch;
 pub mod summary;
 pub mod trajectory;
+pub mod user_events;

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use crate::stepping::step_events::Stretch;
+use super::stretch::Stretch;
 use crate::{Keep, Status};
 
 /// Something that is told how far a run is and may end it.

@@ -8,9 +8,10 @@ use crate::record::events::EventLog;
 use crate::record::monitor::Pace;
 use crate::record::recorder::{memory, Recorder};
 use crate::record::reserve::Reserve;
+use crate::record::stretch::{Interpolation, Knot, Stretch};
 use crate::record::summary::Keep;
 use crate::record::trajectory::{Run, Sample, SetupError, Trajectory};
-use crate::stepping::step_events::{Interpolation, Knot, Stretch};
+use crate::system::evaluation::check_initial;
 use crate::{Failure, Force, Grid, Monitor, Status};
 
 /// Where a step starts.
@@ -284,17 +285,6 @@ impl<M> Walk<M> {
 fn uneventful(before: Lifted, after: Lifted) -> bool {
     let rest = Lifted::default();
     before.s * after.s > 0.0 || (before == rest && after == rest)
-}
-
-/// Refuses a state that is not finite or behind the wall.
-pub(crate) fn check_initial(initial: Physical) -> Result<(), SetupError> {
-    if !(initial.x >= 0.0 && initial.x.is_finite()) {
-        return Err(SetupError::Setting("x0", initial.x, "a finite distance >= 0 from the wall"));
-    }
-    if !initial.xdot.is_finite() {
-        return Err(SetupError::Setting("xdot0", initial.xdot, "a finite velocity"));
-    }
-    Ok(())
 }
 
 /// The initial state on the branch `+1`.

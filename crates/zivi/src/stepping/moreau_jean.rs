@@ -26,12 +26,12 @@ use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGamm
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
+use crate::record::stretch::{Interpolation, Knot};
 use crate::record::trajectory::{Columns, Run, SetupError, Trajectory};
-use crate::stepping::fixed_step::{check_initial, tell, watched};
+use crate::stepping::fixed_step::{tell, watched};
 use crate::stepping::implicit::search::{Search, DEFAULT_SLOPE};
 use crate::stepping::scheme::Scheme;
-use crate::stepping::step_events::{Interpolation, Knot};
-use crate::system::evaluation::finite_force;
+use crate::system::evaluation::{check_initial, finite_force};
 use crate::{Dependence, Force, Grid, Impact, Monitor, Occurrence, Status};
 
 /// Settings of the method; the step size is the grid's.

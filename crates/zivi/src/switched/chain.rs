@@ -18,6 +18,8 @@
 //! what bounces: a chain holds times, speeds and pulls. Powers and logarithms are those of the
 //! `libm` crate, here and in what follows from a chain: the same on every machine.
 
+use crate::numeric::richardson::{self, Powers};
+
 /// One impact of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bounce {
@@ -43,9 +45,6 @@ pub(crate) struct Chain {
     /// Largest speed before an impact: the scale of the speeds.
     fastest: f64,
 }
-
-/// A row of the table: times since the first impact.
-type Row = [f64; COLUMNS + 1];
 
 /// An estimate of the Zeno time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,23 +104,23 @@ impl Chain {
         }
     }
 
-    /// The last two rows, equations (2) and (3), and how many of their entries there are.
-    fn table(&self, stride: usize) -> ([Row; 2], usize) {
-        let (last, first) = (self.bounces.len() - 1, self.bounces[0].t);
+    /// The entries (2) of the last rows, times since the first impact, the newest first, and how
+    /// many there are; the table (3) of them has columns in these powers.
+    fn first_column(&self) -> ([f64; COLUMNS + 2], usize, Powers) {
+        let (last, first, stride) = (self.bounces.len() - 1, self.bounces[0].t, self.stride());
         let rows = (last / stride + 1).min(COLUMNS + 2);
-        let (mut row, mut before) = ([0.0; COLUMNS + 1], [0.0; COLUMNS + 1]);
-        let ratio = self.ratio(stride);
-        for i in (0..rows).rev() {
+        let mut column = [0.0; COLUMNS + 2];
+        for (i, entry) in column[..rows].iter_mut().enumerate() {
             let bounce = self.bounces[last - i * stride];
-            before = row;
-            row[0] = bounce.t - first + self.remaining(bounce);
-            let mut power = ratio;
-            for j in 1..(rows - i).min(COLUMNS + 1) {
-                power *= ratio;
-                row[j] = (row[j - 1] - power * before[j - 1]) / (1.0 - power);
-            }
+            *entry = bounce.t - first + self.remaining(bounce);
         }
-        ([row, before], rows.min(COLUMNS + 1))
+        (column, rows, self.powers(stride))
+    }
+
+    /// Those of equation (3) for rows that lie so many impacts apart.
+    pub(crate) fn powers(&self, stride: usize) -> Powers {
+        let ratio = self.ratio(stride);
+        Powers { ratio, first: ratio * ratio }
     }
 
     /// Time from an impact to the Zeno point under a constant pull, `2 u/(g (1 - e))`.
@@ -150,27 +149,20 @@ impl Chain {
 
     /// The entry of the last row with the smallest estimated error, from three impacts on.
     ///
-    /// The estimate takes the larger of two differences, to the column before and to the row
-    /// before; the first alone is optimistic by up to two digits. It is at least what rounding
-    /// does: each column magnifies that of the one before by `(1 + q^(j+1))/(1 - q^(j+1))`.
+    /// The estimate is at least what rounding does: each column magnifies that of the one before by
+    /// `(1 + q^(j+1))/(1 - q^(j+1))`.
     pub(super) fn zeno_time(&self) -> Option<ZenoTime> {
         let (first, last) = (self.bounces.first()?, self.bounces.last()?);
-        let stride = self.stride();
-        let ([row, before], columns) = self.table(stride);
-        let ratio = self.ratio(stride);
-        let mut noise = f64::EPSILON * last.t.abs().max(row[0].abs());
+        let (mut column, rows, powers) = self.first_column();
+        let mut noise = f64::EPSILON * last.t.abs().max(column[0].abs());
         let mut best: Option<ZenoTime> = None;
-        let mut power = ratio * ratio;
-        for j in 1..columns.saturating_sub(1) {
-            noise *= (1.0 + power) / (1.0 - power);
-            power *= ratio; // q^(j+2)
-            let across = (row[j] - row[j - 1]).abs();
-            let down = (row[j] - before[j]).abs() / (1.0 - power);
-            let error = across.max(down).max(noise);
-            if best.is_none_or(|best| error < best.error) {
-                best = Some(ZenoTime { t: first.t + row[j], error });
+        richardson::columns(&mut column[..rows], &mut [0.0], powers, |entry| {
+            noise *= (1.0 + entry.power) / (1.0 - entry.power);
+            let error = entry.error(0).max(noise);
+            if entry.j < COLUMNS && best.is_none_or(|best| error < best.error) {
+                best = Some(ZenoTime { t: first.t + entry.newest[0], error });
             }
-        }
+        });
         best
     }
 }
@@ -215,14 +207,18 @@ mod tests {
                 chain.note(Bounce { t, u, g });
                 let (Some(zeno), first) = (chain.zeno_time(), chain.bounces[0].t) else { continue };
                 let error = (zeno.t - 5.0).abs();
-                let ([row, _], columns) = chain.table(1);
-                let columns = columns - 1;
-                let across = |j: usize| (row[j] - row[j - 1]).abs();
-                let best = (1..columns).min_by(|&a, &b| across(a).total_cmp(&across(b)));
-                let Some(j) = best else { continue };
+                let (mut column, rows, powers) = chain.first_column();
+                let mut best: Option<(f64, f64)> = None;
+                richardson::columns(&mut column[..rows], &mut [0.0], powers, |entry| {
+                    let across = (entry.newest[0] - entry.across[0]).abs();
+                    if entry.j < COLUMNS && best.is_none_or(|best| across < best.0) {
+                        best = Some((across, entry.newest[0]));
+                    }
+                });
+                let Some((across, t)) = best else { continue };
                 all += 1;
                 optimistic += i32::from(error > 2.0 * zeno.error);
-                naive += i32::from((first + row[j] - 5.0).abs() > 2.0 * across(j));
+                naive += i32::from((first + t - 5.0).abs() > 2.0 * across);
             }
         }
         assert!(optimistic * 100 < all && naive > 5 * optimistic, "{optimistic} {naive} {all}");

@@ -10,8 +10,8 @@ use super::run::{simulate_with, Output, SwitchedRun};
 use super::settings::SwitchedRk;
 use super::stages::Counted;
 use super::stepper::Stepper;
-use super::user_events::Level;
 use crate::record::failure::Failure;
+use crate::record::user_events::Level;
 use crate::{Force, Monitor, SetupError};
 use zivi_core::{Physical, Restitution};
 

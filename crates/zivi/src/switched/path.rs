@@ -4,9 +4,9 @@ use std::collections::TryReserveError;
 
 use super::flight::series::{derivative, value, Series, TERMS};
 use super::tail::Tail;
-use super::user_events::Level;
 use crate::numeric::bernstein::{evaluate, Bernstein, Polynomial, MOST_DEGREE};
 use crate::record::reserve::Reserve;
+use crate::record::user_events::Level;
 
 /// A state at some time, and on which branch of the transform it lies.
 #[derive(Clone, Copy, Debug, PartialEq)]

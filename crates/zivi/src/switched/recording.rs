@@ -7,14 +7,15 @@ use super::run::{Output, SwitchedRun};
 use super::samples::Samples;
 use super::stages::{Counted, Point};
 use super::stepper::Stepper;
-use super::stops::Stops;
 use super::tail::Tail;
-use super::user_events::{EventHit, Level, Watch};
+use super::user_events::Watch;
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
 use crate::record::monitor::Pace;
 use crate::record::reserve::Reserve;
 use crate::record::trajectory::{SetupError, Trajectory};
+use crate::record::user_events::{EventHit, Level};
+use crate::system::stops::Stops;
 use crate::{Force, Impact, Monitor, Occurrence, Physical, Status};
 
 /// Why a run ends.
@@ -119,7 +120,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         self.begin()?;
         let mut pace = Pace::start();
         let t0 = self.integrator.now.t;
-        let mut until = self.stops.enter(t0, force);
+        let mut until = self.stops.enter(t0, &mut force.smooth);
         loop {
             for _ in 0..pace.chunk() {
                 if self.integrator.now.t >= self.t1 {
@@ -127,7 +128,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
                 }
                 if self.integrator.now.t >= until {
                     self.integrator.restart();
-                    until = self.stops.enter(self.integrator.now.t, force);
+                    until = self.stops.enter(self.integrator.now.t, &mut force.smooth);
                 }
                 self.make_room()?;
                 self.integrator.dense_from = self.dense_from();

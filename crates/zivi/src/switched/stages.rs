@@ -7,6 +7,7 @@ use crate::numeric::stages::Equation;
 use crate::numeric::step_error::StepError;
 use crate::record::failure::Failure;
 use crate::system::evaluation::{ends_at_the_wall, evaluate};
+use crate::system::stops::Smooth;
 use crate::{Force, Physical};
 
 /// The state of the mass at a time.
@@ -19,8 +20,8 @@ pub(super) type Stages = crate::numeric::stages::Stages<f64>;
 pub(crate) struct Counted<'a, F> {
     force: &'a mut F,
     count: u64,
-    /// Times between which it is smooth: it is asked at no others.
-    smooth: (f64, f64),
+    /// It is asked at no times outside.
+    pub(super) smooth: Smooth,
     /// Its numbers, where it is known by them: then it is not evaluated.
     linear: Option<&'a Linear>,
 }
@@ -32,15 +33,7 @@ impl<'a, F> Counted<'a, F> {
 
     /// The same, known by its numbers if there are any.
     pub(super) fn known(force: &'a mut F, linear: Option<&'a Linear>) -> Self {
-        let smooth = (f64::NEG_INFINITY, f64::INFINITY);
-        Self { force, count: 0, smooth, linear }
-    }
-
-    /// From here on the force is smooth from `start` to `end`, where it may jump: it is asked
-    /// between them only, by more than rounding, so that each side has its own limit.
-    pub(super) fn is_smooth_between(&mut self, start: f64, end: f64) {
-        let margin = |t: f64| (4.0 * f64::EPSILON * t.abs()).max(f64::MIN_POSITIVE);
-        self.smooth = (start + margin(start), end - margin(end));
+        Self { force, count: 0, smooth: Smooth::ALWAYS, linear }
     }
 
     pub(super) fn count(&self) -> u64 {
@@ -49,7 +42,7 @@ impl<'a, F> Counted<'a, F> {
 
     /// The force itself, the time at which it is asked instead of `t`, and the window for that.
     pub(super) fn smooth_at(&mut self, t: f64) -> (&mut F, f64, (f64, f64)) {
-        (self.force, t.max(self.smooth.0).min(self.smooth.1), self.smooth)
+        (self.force, self.smooth.nearest(t), self.smooth.ends())
     }
 
     pub(super) fn at<E>(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, Failure<E>>
@@ -57,7 +50,7 @@ impl<'a, F> Counted<'a, F> {
         F: Force<E>,
     {
         self.count += 1;
-        let t = t.max(self.smooth.0).min(self.smooth.1);
+        let t = self.smooth.nearest(t);
         let state = Physical { x, xdot };
         match evaluate(self.force, t, state) {
             Err(failure) if ends_at_the_wall(self.force, state, &failure) => {
@@ -83,7 +76,7 @@ impl<'a, F> Counted<'a, F> {
     {
         match self.linear {
             Some(linear) => {
-                let t = t.max(self.smooth.0).min(self.smooth.1);
+                let t = self.smooth.nearest(t);
                 evaluate(&mut { *linear }, t, Physical { x, xdot })
             }
             None => self.at(t, x, xdot),

@@ -13,8 +13,8 @@
 use super::chain::Chain;
 use super::path::PathPoint;
 use super::stored::is_side;
-use super::user_events::Level;
 use crate::numeric::bernstein::Bernstein;
+use crate::record::user_events::Level;
 use crate::Impact;
 
 /// Most terms of (1).

@@ -3,7 +3,7 @@
 use zivi_core::Physical;
 
 use crate::record::failure::Failure;
-use crate::{Force, Status};
+use crate::{Force, SetupError, Status};
 
 /// Evaluates the force, turning NaN and infinity into a failure. Behind the wall, where a law of
 /// contact need not have a value, a force that fails is asked at the wall instead.
@@ -48,4 +48,15 @@ pub(crate) fn evaluate<E>(
     } else {
         Err(Failure::Status(Status::ForceNotFinite))
     }
+}
+
+/// Refuses a state that is not finite or behind the wall.
+pub(crate) fn check_initial(initial: Physical) -> Result<(), SetupError> {
+    if !(initial.x >= 0.0 && initial.x.is_finite()) {
+        return Err(SetupError::Setting("x0", initial.x, "a finite distance >= 0 from the wall"));
+    }
+    if !initial.xdot.is_finite() {
+        return Err(SetupError::Setting("xdot0", initial.xdot, "a finite velocity"));
+    }
+    Ok(())
 }

@@ -6,3 +6,4 @@ pub mod force;
 pub mod moving_wall;
 pub mod partials;
 pub mod slopes;
+pub(crate) mod stops;

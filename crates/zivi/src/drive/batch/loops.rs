@@ -9,7 +9,7 @@ use crate::drive::closed_loop::{
     observe_closed_loop, AnyController, Followed, Forces, Given, Loop, LoopOptions, LoopRun,
     Motion, Samples, Sensor, LOOP_COLUMNS, REFUSED,
 };
-use crate::stepping::fixed_step::check_initial;
+use crate::system::evaluation::check_initial;
 use crate::{Force, Grid, Monitor, SetupError, Status};
 
 /// One closed loop of a batch.

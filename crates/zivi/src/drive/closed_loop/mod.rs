@@ -27,7 +27,8 @@ pub use reference::{Course, Followed, Given, Reference, Samples};
 pub use sensor::Sensor;
 
 use crate::record::failure::Failure;
-use crate::stepping::fixed_step::{check_initial, watched};
+use crate::stepping::fixed_step::watched;
+use crate::system::evaluation::check_initial;
 use crate::system::evaluation::finite_force;
 use crate::{Dependence, Force, Grid, Monitor, SetupError, Status, SwitchedRk};
 use follow::Follower;

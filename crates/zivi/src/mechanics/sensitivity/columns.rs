@@ -137,7 +137,7 @@ impl Columns {
         let n = self.layout.n;
         self.local.visit(model, at.t, &at.x[..n], &at.xdot[..n])?;
         self.local.kinetics.contact(closed)?;
-        self.visited = Some((at.t, closed, model.smooth));
+        self.visited = Some((at.t, closed, model.smooth.ends()));
         Ok(())
     }
 
@@ -160,7 +160,7 @@ impl Columns {
         closed: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        if self.visited != Some((motion.from.t, closed, model.smooth)) {
+        if self.visited != Some((motion.from.t, closed, model.smooth.ends())) {
             self.visit(model, &motion.from, closed)?;
         }
         (self.now.t, self.now.late) = (motion.from.t, motion.from.late);

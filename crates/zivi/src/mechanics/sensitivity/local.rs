@@ -70,7 +70,7 @@ impl Local {
         w: &[f64],
     ) -> Result<(), Failure<E>> {
         self.kinetics.evaluate(model, t, q, w)?;
-        let t = t.clamp(model.smooth.0, model.smooth.1);
+        let t = model.smooth.nearest(t);
         self.count += 1;
         let at = Posture { t, q, w };
         model.dynamics.partials(at, &self.by, &mut self.partials).map_err(Failure::Raised)?;

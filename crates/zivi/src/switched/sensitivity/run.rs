@@ -10,9 +10,9 @@ use crate::switched::recording::{Ending, Running};
 use crate::switched::run::{check_span, check_stops, Output, SwitchedRun};
 use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::Counted;
-use crate::switched::stops::Stops;
 use crate::switched::SwitchedIntegrator;
 use crate::system::slopes::DifferentiableForce;
+use crate::system::stops::Stops;
 use crate::{Monitor, Physical};
 
 /// What is to be differentiated by what.
@@ -98,7 +98,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     let dense = !times.is_empty();
     let mut follower = Follower::new(wrt, sizes, controlled, t1, output.tstops, dense);
     let mut force = Counted::new(force);
-    Stops::new(output.tstops, t1).enter(t0, &mut force);
+    Stops::new(output.tstops, t1).enter(t0, &mut force.smooth);
     let begun = follower.begin(integrator.now, wall.e(), &mut force);
     let mut run = Running::new(integrator, t1, &mut output);
     let ending = match begun {
