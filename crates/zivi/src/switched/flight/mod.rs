@@ -6,7 +6,7 @@ pub(crate) mod series;
 use super::integrator::{Piece, SwitchedIntegrator};
 use super::path::Curve;
 use super::settings::Flights;
-use super::stages::Counted;
+use super::stages::{Counted, Point};
 use crate::record::failure::Failure;
 use crate::{Force, Status};
 use series::{Arrival, Linear, Reach, SeriesFlight};
@@ -54,6 +54,16 @@ const AT_ONCE: usize = 1000;
 /// Power series of a linear force.
 struct PowerSeries<'i>(&'i mut SwitchedIntegrator);
 
+impl PowerSeries<'_> {
+    /// Steps that end in the air.
+    #[inline]
+    fn flown(&mut self, from: Point, end: Point, steps: usize) -> Piece {
+        self.0.count(steps);
+        self.0.now = end;
+        Piece::Flight { from, sigma: self.0.sigma, impact: None }
+    }
+}
+
 impl<E, F: Force<E>> FreeFlight<E, F> for PowerSeries<'_> {
     fn next(&mut self, t_end: f64, _: &mut Counted<'_, F>) -> Result<Piece, Failure<E>> {
         let SwitchedIntegrator { now, rises, .. } = *self.0;
@@ -72,16 +82,17 @@ impl<E, F: Force<E>> FreeFlight<E, F> for PowerSeries<'_> {
         let reach = Reach { t_end, look: self.0.dense_from, steps };
         let Arrival { from, end, lands, steps } = series.fly(now, known, reach);
         if !(end.x.is_finite() && end.xdot.is_finite()) {
-            return Err(Failure::Status(Status::StateNotFinite));
+            if steps == 1 {
+                return Err(Failure::Status(Status::StateNotFinite));
+            }
+            // a run that looks at every step ends with the last finite one: so does this, next time
+            return Ok(self.flown(from, from, steps - 1));
         }
-        self.0.spent += steps;
-        self.0.counts.accepted += steps as u64;
-        self.0.armed = true;
-        if lands {
-            return Ok(self.0.strike(from, end));
+        if !lands {
+            return Ok(self.flown(from, end, steps));
         }
-        self.0.now = end;
-        Ok(Piece::Flight { from, sigma: self.0.sigma, impact: None })
+        self.0.count(steps);
+        Ok(self.0.strike(from, end))
     }
 
     fn curves(&self) -> usize {
@@ -96,6 +107,14 @@ impl<E, F: Force<E>> FreeFlight<E, F> for PowerSeries<'_> {
 }
 
 impl SwitchedIntegrator {
+    /// Counts steps of power series.
+    #[inline]
+    fn count(&mut self, steps: usize) {
+        self.spent += steps;
+        self.counts.accepted += steps as u64;
+        self.armed = true;
+    }
+
     /// Chooses the flights that the settings ask for under this force.
     pub(super) fn adopt<E, F: Force<E>>(&mut self, force: &F) {
         let law = match self.settings.flights {

@@ -152,7 +152,7 @@ impl SeriesFlight {
             let step = Step::with_waves::<W>(table, &start, known, left, true);
             let end = from.after(step.length * h, step.x, step.v / h);
             // false for NaN, too
-            let goes_on = step.x > 0.0 && step.x + step.v.abs() < f64::INFINITY;
+            let goes_on = step.x > 0.0 && step.x + end.xdot.abs() < f64::INFINITY;
             let there = step.lands || step.complete || end.t > last || steps >= reach.steps;
             if goes_on && !there {
                 *clock = clock.after::<W>(step.length, (end.t, end.late), linear, table);
