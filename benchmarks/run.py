@@ -10,6 +10,7 @@ from pathlib import Path
 import bench_ball
 import bench_batch
 import bench_control
+import bench_flights
 import bench_mechanics
 import bench_vi
 import cball
@@ -68,6 +69,7 @@ def main() -> None:
     print(bench_control.write())
     print(methods.write())
     print(bench_batch.write())
+    print(bench_flights.write())
     print(bench_mechanics.write())
 
 

@@ -111,8 +111,8 @@ def test_the_configuration_is_made_when_it_is_asked_for(monkeypatch):
     import zivi.trajectory as module
 
     calls = []
-    real = module._configuration
-    monkeypatch.setattr(module, "_configuration", lambda *a: calls.append(a) or real(*a))
+    real = module.configuration_of
+    monkeypatch.setattr(module, "configuration_of", lambda *a: calls.append(a) or real(*a))
     sol = zivi.simulate(zivi.ImpactSystem(lambda t, x, v: -G, e=E), (0, 1), (1, 0))
     assert not calls
     assert sol.config is sol.config

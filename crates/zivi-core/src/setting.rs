@@ -102,6 +102,7 @@ impl Values {
     pub const UNIT: Self = Values::Numbers(Bound::Included(0.0), Bound::Included(1.0));
 
     /// Whether a number is among them.
+    #[inline]
     #[must_use]
     pub fn hold(&self, value: f64) -> bool {
         match *self {
@@ -126,6 +127,7 @@ impl Setting {
     ///
     /// # Errors
     /// [`SettingError`].
+    #[inline(always)] // what a setting means needs no room on a target then
     pub fn check(&self, value: f64) -> Result<(), SettingError> {
         require(self.values.hold(value), self.name, value, self.range)
     }
