@@ -7,6 +7,7 @@ from random import Random
 import numpy as np
 import pytest
 
+import flight_draws
 import zivi
 from references import REFERENCES
 
@@ -46,30 +47,10 @@ def test_references(name):
         assert np.abs(sol(float(t)) - state).max() <= 1e-11  # samples within tails are among them
 
 
-def draw(random):
-    """A system, an initial state and a start, of any kind."""
-    force = zivi.LinearForce(
-        stiffness=random.choice((0.0, random.uniform(0.1, 20), random.uniform(-2, 0))),
-        damping=random.choice((0.0, random.uniform(0, 2), random.uniform(-0.3, 0))),
-        gravity=random.uniform(-1, 10),
-        amplitude=random.choice((0.0, random.uniform(0, 15))),
-        omega=random.choice((random.uniform(0.5, 12), -2.0)),
-        phase=random.uniform(-3, 3),
-    )
-    omega, phase = random.choice((force.omega, random.uniform(1, 20))), random.uniform(-3, 3)
-    table = zivi.HarmonicWall(
-        amplitude=random.uniform(0, 0.1), omega=omega, phase=phase, offset=random.uniform(-0.2, 0.2)
-    )
-    wall = random.choice((None, None, table))
-    e = random.choice((0.0, 0.3, 0.6, 0.8, 0.95, 1.0))
-    state = (random.choice((0.0, random.uniform(0, 2))), random.uniform(-3, 3))
-    return zivi.ImpactSystem(force, e=e, wall=wall), state, random.choice((0.0, 123.4))
-
-
 def test_random_runs_are_those_of_the_pair():
     random = Random(5)
     for _ in range(40):
-        system, state, t0 = draw(random)
+        system, state, t0 = flight_draws.run(random)
         span = (t0, t0 + 2.0)
         runs = [
             zivi.simulate(

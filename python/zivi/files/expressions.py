@@ -11,7 +11,7 @@ import dataclasses
 import keyword
 from typing import Any, TypeGuard
 
-from zivi.files.kinds import Kind, Number
+from zivi.files.kinds import Kind, Number, read_each
 from zivi.files.mistakes import Mistakes, got
 
 __all__ = ["FUNCTIONS", "Each", "Expression", "Names", "OneOrEach"]
@@ -145,10 +145,7 @@ class Each:
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> list[Any] | None:
         """Give the list."""
-        if not (isinstance(value, list) and value):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
-            return None
-        return [self.of.read(it, f"{key}[{n}]", mistakes) for n, it in enumerate(value)]
+        return read_each(self, self.of, value, key, mistakes)
 
 
 @dataclasses.dataclass(frozen=True)

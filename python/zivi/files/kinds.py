@@ -175,6 +175,14 @@ class Pair:
         return first, self.second.read(value[1], f"{key}[1]", mistakes)
 
 
+def read_each(whole: Kind, of: Kind, value: Any, key: str, mistakes: Mistakes) -> list[Any] | None:
+    """Give the entries of a list that must not be empty, each of one kind."""
+    if not (isinstance(value, list) and value):
+        mistakes.add(key, f"must be {whole.allowed}, {got(value)}")
+        return None
+    return [of.read(it, f"{key}[{n}]", mistakes) for n, it in enumerate(value)]
+
+
 @dataclasses.dataclass(frozen=True)
 class Numbers:
     """A list of numbers, not empty."""
@@ -188,10 +196,7 @@ class Numbers:
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> list[Any] | None:
         """Give a list of numbers."""
-        if not (isinstance(value, list) and value):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
-            return None
-        return [self.of.read(it, f"{key}[{n}]", mistakes) for n, it in enumerate(value)]
+        return read_each(self, self.of, value, key, mistakes)
 
 
 @dataclasses.dataclass(frozen=True)
