@@ -123,7 +123,7 @@ they are given, one for each gap. Problems (`benchmarks/mechanics_problems.py`):
 
 The error is the largest of all coordinates and velocities at a time between impacts, where the
 order and the times of all impacts before count, and at a time after the last accumulation, where
-all is at rest. The truth was computed by brute force with 45 digits (`tests/references`). zivi
+all is at rest. The truth was computed by brute force with 45 digits (`tests/brute_force`). zivi
 integrates a compiled system (`zivi.symbolic`); its compilation is not counted.
 
 MuJoCo and Drake were not used: their contacts are soft, or have no coefficient of restitution,

@@ -47,7 +47,7 @@ TRUTH = {
     },
 }  # fmt: skip
 """States (q, q') after some impacts, and after all accumulations: by brute force with 45 digits
-(tests/references)."""
+(tests/brute_force)."""
 
 STEPS = (2e-3, 5e-4, 1.25e-4)
 """Steps of the time stepping."""

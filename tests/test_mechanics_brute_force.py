@@ -1,4 +1,4 @@
-"""Mechanical systems against references that follow every impact (tests/references)."""
+"""Mechanical systems against references that follow every impact (tests/brute_force)."""
 
 import functools
 import json

@@ -4,7 +4,7 @@ Nothing is shared with zivi: own Lagrange equations (SymPy), the extrapolated mi
 Bulirsch, Stoer) with 45 digits, and every impact is followed until its speed is 1e-19, without
 any extrapolation of accumulations. It takes minutes:
 
-    python tests/references [--digits 45] [NAME ...]
+    python tests/brute_force [--digits 45] [NAME ...]
 """
 
 import argparse
