@@ -20,6 +20,7 @@
 //! * [`record`]: what a run leaves: a [`Trajectory`], a [`Status`], and what happened at the gaps:
 //!   [`Occurrence`]s, which [`Events`] reads.
 //! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall).
+//! * [`zeno`]: where impacts accumulate: extrapolation of times and states, the arcs that are skipped.
 //! * [`stepping`]: fixed steps, each scheme a [`stepping::scheme::Scheme`].
 //!   [`stepping::theta_gamma`] and [`stepping::explicit`] implement
 //!   [`stepping::fixed_step::FixedStep`], which is driven over a [`Grid`];
@@ -40,6 +41,7 @@ pub mod record;
 pub mod stepping;
 pub mod switched;
 pub mod system;
+pub mod zeno;
 
 pub use drive::closed_loop::{simulate_closed_loop, LoopRun};
 pub use method::{AnyMethod, Mechanism, Method, PointMass, PointRun};
@@ -48,6 +50,7 @@ pub use record::events::{Events, Impact};
 pub use record::failure::Failure;
 pub use record::monitor::{Monitor, Silent};
 pub use record::occurrence::Occurrence;
+pub use record::path_point::PathPoint;
 pub use record::status::Status;
 pub use record::stretch::{Interpolation, Knot, Stretch};
 pub use record::summary::{Keep, Summary};
@@ -60,10 +63,11 @@ pub use stepping::step_events::Following;
 pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use switched::{
     simulate_switched_rk, Counts, DensePath, Flights, ImpactMap, MapParameter, Motion, MotionError,
-    Order, Output, PathPoint, Return, SwitchedIntegrator, SwitchedRk, SwitchedRun, Tail,
+    Order, Output, Return, SwitchedIntegrator, SwitchedRk, SwitchedRun,
 };
 pub use system::force::{
     ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, Wave,
 };
 pub use system::moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
+pub use zeno::Tail;
 pub use zivi_core::{Branch, Lifted, Physical, Restitution};

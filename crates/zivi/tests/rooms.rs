@@ -5,15 +5,19 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room with the rooms whose names may stand in its files.
-const ROOMS: [(&str, &[&str]); 8] = [
+const ROOMS: [(&str, &[&str]); 9] = [
     ("numeric", &[]),
     ("record", &["numeric"]),
     ("system", &["numeric", "record"]),
     ("stepping", &["numeric", "record", "system"]),
-    ("switched", &["numeric", "record", "system"]),
-    ("mechanics", &["numeric", "record", "system", "stepping", "switched"]),
-    ("method", &["numeric", "record", "system", "stepping", "switched", "mechanics"]),
-    ("drive", &["numeric", "record", "system", "stepping", "switched", "mechanics", "method"]),
+    ("zeno", &["numeric", "record"]),
+    ("switched", &["numeric", "record", "system", "zeno"]),
+    ("mechanics", &["numeric", "record", "system", "zeno", "stepping", "switched"]),
+    ("method", &["numeric", "record", "system", "zeno", "stepping", "switched", "mechanics"]),
+    (
+        "drive",
+        &["numeric", "record", "system", "zeno", "stepping", "switched", "mechanics", "method"],
+    ),
 ];
 
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {

@@ -16,7 +16,7 @@ use std::collections::TryReserveError;
 
 use crate::numeric::richardson::{self, Powers};
 use crate::record::gap_set::GapSet;
-use crate::switched::chain::{Bounce, Chain};
+use crate::zeno::chain::{Bounce, Chain};
 
 /// Columns of the table after the first.
 pub(super) const COLUMNS: usize = 5;

@@ -15,8 +15,8 @@ use super::machine::{problem, Machine};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
-use crate::switched::chain::Bounce;
 use crate::system::dynamics::Dynamics;
+use crate::zeno::chain::Bounce;
 use crate::Status;
 
 /// Gaps with a kinetic cosine above this are coupled.

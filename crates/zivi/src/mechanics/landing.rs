@@ -8,10 +8,10 @@ use crate::numeric::bernstein::Bernstein;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
-use crate::switched::chain::Bounce;
 use crate::switched::lookahead::Lookahead;
 use crate::switched::stages::Counted;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::zeno::chain::Bounce;
 use crate::Force;
 
 /// Where impacts accumulate.

@@ -10,8 +10,8 @@ use super::path::{Kind, MechanicalPath, MotionPoint, Segment};
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::MOST_DEGREE;
 use crate::record::gap_set::GapSet;
-use crate::switched::tail::{Tail, TAIL_NUMBERS};
 use crate::system::dynamics::{Layout, MOST};
+use crate::zeno::tail::{Tail, TAIL_NUMBERS};
 
 const VERSION: f64 = 1.0;
 const HEAD: usize = 6;

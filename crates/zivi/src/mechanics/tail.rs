@@ -13,7 +13,7 @@
 
 use super::chain::StateChain;
 use crate::numeric::bernstein::Bernstein;
-use crate::switched::tail::Tail;
+use crate::zeno::tail::Tail;
 
 /// One end of the skipped arcs: coordinates and gaps in contact, their rates and accelerations,
 /// and which way the bounces move them.

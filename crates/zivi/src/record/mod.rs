@@ -5,6 +5,7 @@ pub mod failure;
 pub mod gap_set;
 pub mod monitor;
 pub mod occurrence;
+pub mod path_point;
 pub(crate) mod recorder;
 pub(crate) mod reserve;
 pub mod status;

@@ -1,11 +1,11 @@
 //! Impacts, what follows from them, and the jump to rest.
 
-use super::chain::{Bounce, Chain, ZenoTime};
 use super::integrator::{Mode, Piece, SwitchedIntegrator};
 use super::lookahead::Lookahead;
 use super::stages::{Counted, Point};
-use super::tail::Tail;
 use crate::record::failure::Failure;
+use crate::zeno::chain::{Bounce, Chain, ZenoTime};
+use crate::zeno::tail::Tail;
 use crate::{Dependence, Force, Impact, Status};
 
 impl SwitchedIntegrator {

@@ -2,18 +2,18 @@
 
 use zivi_core::Restitution;
 
-use super::chain::Chain;
 use super::flight::series::SeriesFlight;
 use super::impact::Patter;
 use super::lift_off::Lookout;
 use super::lookahead::Obstacle;
 use super::settings::SwitchedRk;
 use super::stages::{Counted, Point, Stages};
-use super::tail::Tail;
 use crate::numeric::step_size::Jump;
 use crate::record::failure::Failure;
 use crate::record::occurrence::Occurrence;
 use crate::system::evaluation::check_initial;
+use crate::zeno::chain::Chain;
+use crate::zeno::tail::Tail;
 use crate::{Force, Impact, Physical, SetupError, Status};
 
 /// What the motion does now.

@@ -23,8 +23,8 @@
 //! them is overlooked, a change that lasts is not.
 
 use super::stages::Counted;
-use super::tail::{Tail, TailArc};
 use crate::record::failure::Failure;
+use crate::zeno::tail::{Tail, TailArc};
 use crate::Force;
 
 /// Where a smooth force and its best line meet, as parts of the way from the middle to an end.
@@ -188,8 +188,8 @@ impl Lookahead<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::chain::{Bounce, Chain};
     use super::*;
+    use crate::zeno::chain::{Bounce, Chain};
     use crate::FunctionForce;
 
     /// `x'' = -2`, `e = 1/2`: impacts at 0, 1, 1.5, 1.75, ...; the tail is what follows 1.5.

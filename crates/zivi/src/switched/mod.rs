@@ -22,7 +22,6 @@
 //! * [`simulate_switched_rk`]: a whole run, with samples, events and dense output.
 //! * [`SwitchedIntegrator`]: piece by piece, under a force that may change between calls.
 
-pub(crate) mod chain;
 pub(crate) mod flight;
 pub(crate) mod grazing;
 mod impact;
@@ -41,17 +40,15 @@ mod settings;
 pub(crate) mod stages;
 mod stepper;
 mod stored;
-pub(crate) mod tail;
 mod tracing;
 mod user_events;
 
 pub use impact_map::{ImpactMap, MapParameter, Return};
 pub use integrator::{Counts, SwitchedIntegrator};
-pub use path::{DensePath, PathPoint};
+pub use path::DensePath;
 pub(crate) use run::check_span;
 pub use run::{simulate_switched_rk, Output, SwitchedRun};
 pub use settings::{Flights, Order, SwitchedRk};
 pub use stored::{Motion, MotionError};
-pub use tail::Tail;
 pub(crate) use tracing::Trace;
 pub(crate) use user_events::Watch;

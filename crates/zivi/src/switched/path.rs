@@ -3,21 +3,11 @@
 use std::collections::TryReserveError;
 
 use super::flight::series::{derivative, value, Series, TERMS};
-use super::tail::Tail;
 use crate::numeric::bernstein::{evaluate, Bernstein, Polynomial, MOST_DEGREE};
 use crate::record::reserve::Reserve;
 use crate::record::user_events::Level;
-
-/// A state at some time, and on which branch of the transform it lies.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PathPoint {
-    /// Distance from the wall, `>= 0` (m).
-    pub x: f64,
-    /// Velocity (m/s); at the time of an impact the one after it.
-    pub xdot: f64,
-    /// Branch, `+1` or `-1`: it changes at each impact, and `s = sigma x`.
-    pub sigma: f64,
-}
+use crate::zeno::tail::Tail;
+use crate::PathPoint;
 
 /// The motion in free flight over one step.
 #[derive(Clone, Copy, Debug, PartialEq)]

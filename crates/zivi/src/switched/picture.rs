@@ -8,9 +8,10 @@
 use std::collections::TryReserveError;
 
 use super::flight::series::TERMS;
-use super::path::{Curve, DensePath, Kind, PathPoint, Segment};
-use super::tail::Tail;
+use super::path::{Curve, DensePath, Kind, Segment};
 use crate::numeric::bernstein::Polynomial;
+use crate::zeno::tail::Tail;
+use crate::PathPoint;
 
 type Form = Polynomial<TERMS>;
 

@@ -1,13 +1,12 @@
 //! A run under way: what each piece of the motion adds to the record.
 
 use super::integrator::{Counts, Piece, SwitchedIntegrator};
-use super::path::{Curve, DensePath, PathPoint};
+use super::path::{Curve, DensePath};
 use super::picture::between_steps;
 use super::run::{Output, SwitchedRun};
 use super::samples::Samples;
 use super::stages::{Counted, Point};
 use super::stepper::Stepper;
-use super::tail::Tail;
 use super::user_events::Watch;
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
@@ -16,7 +15,8 @@ use crate::record::reserve::Reserve;
 use crate::record::trajectory::{SetupError, Trajectory};
 use crate::record::user_events::{EventHit, Level};
 use crate::system::stops::Stops;
-use crate::{Force, Impact, Monitor, Occurrence, Physical, Status};
+use crate::zeno::tail::Tail;
+use crate::{Force, Impact, Monitor, Occurrence, PathPoint, Physical, Status};
 
 /// Why a run ends.
 pub(super) enum Ending<E> {

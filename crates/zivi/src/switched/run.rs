@@ -8,9 +8,9 @@ use super::recording::Running;
 use super::settings::{Flights, SwitchedRk};
 use super::stages::Counted;
 use super::stepper::{Plainly, Stepper};
-use super::tail::Tail;
 use crate::record::trajectory::{SetupError, Trajectory};
 use crate::record::user_events::{EventHit, UserEvent};
+use crate::zeno::tail::Tail;
 use crate::{Force, GridError, Impact, Monitor, Physical};
 
 /// What a run shall give, besides its impacts, Zeno points and lift-offs.

@@ -4,11 +4,10 @@ use zivi_core::{sgn, transform, Branch, Restitution};
 
 use std::collections::TryReserveError;
 
-use super::path::PathPoint;
 use super::picture::Row;
 use crate::record::reserve::Reserve;
 use crate::record::trajectory::{Columns, SetupError, QUANTITIES};
-use crate::Physical;
+use crate::{PathPoint, Physical};
 
 /// Samples at the ends of steps that a piece of the motion has, at most.
 const OF_A_PIECE: usize = 4;

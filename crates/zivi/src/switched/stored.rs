@@ -17,9 +17,11 @@ use std::fmt;
 use zivi_core::Restitution;
 
 use super::flight::series::TERMS;
-use super::path::{DensePath, Kind, PathPoint, Segment};
-use super::tail::{Tail, TAIL_NUMBERS};
+use super::path::{DensePath, Kind, Segment};
 use crate::numeric::bernstein::MOST_DEGREE;
+use crate::record::path_point::is_side;
+use crate::zeno::tail::{Tail, TAIL_NUMBERS};
+use crate::PathPoint;
 
 /// The meaning of the numbers.
 const FORMAT: f64 = 2.0;
@@ -199,11 +201,6 @@ impl DensePath {
                 }
             }
     }
-}
-
-/// Whether a number is one of the two branches.
-pub(super) fn is_side(sigma: f64) -> bool {
-    sigma.abs() == 1.0
 }
 
 fn count(number: f64) -> Option<usize> {

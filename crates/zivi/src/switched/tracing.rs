@@ -1,12 +1,12 @@
 //! The motion of an integrator that is driven from outside, kept as a path.
 
 use super::integrator::{Piece, SwitchedIntegrator};
-use super::path::{DensePath, PathPoint};
+use super::path::DensePath;
 use super::stages::Counted;
 use crate::record::failure::Failure;
 use crate::record::occurrence::Occurrence;
 use crate::record::reserve::Reserve;
-use crate::{Force, Physical, SetupError};
+use crate::{Force, PathPoint, Physical, SetupError};
 
 /// What drives of an integrator left, one after the other, as one motion.
 #[derive(Debug, Default)]

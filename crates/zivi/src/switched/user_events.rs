@@ -2,10 +2,10 @@
 
 use std::collections::TryReserveError;
 
-use super::path::PathPoint;
 use crate::numeric::root;
 use crate::record::reserve::Reserve;
 use crate::record::user_events::{changes, EventHit, Level, UserEvent};
+use crate::PathPoint;
 
 /// Parts of a step, at the ends of which a function is evaluated.
 const PARTS: u32 = 4;

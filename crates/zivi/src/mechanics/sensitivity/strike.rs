@@ -17,10 +17,10 @@ use crate::mechanics::machine::{Machine, Piece};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
-use crate::switched::chain::Bounce;
 use crate::switched::sensitivity::Limit;
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;
+use crate::zeno::chain::Bounce;
 
 /// A rate of a closed gap that an orthogonal impact should leave, relative to the others.
 const KINK: f64 = 1e-7;

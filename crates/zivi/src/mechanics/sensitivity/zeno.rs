@@ -17,7 +17,7 @@
 //! Without the last term the derivatives by `e` would keep terms `n e^n` and the order two.
 
 use crate::mechanics::chain::{StateChain, COLUMNS};
-use crate::switched::chain::Bounce;
+use crate::zeno::chain::Bounce;
 
 /// The derivatives of a chain of impacts by one column.
 #[derive(Clone, Debug, Default)]

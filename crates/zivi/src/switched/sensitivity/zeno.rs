@@ -1,4 +1,4 @@
-//! The derivative of the Zeno time: the table of [`crate::switched::chain`], differentiated.
+//! The derivative of the Zeno time: the table of [`crate::zeno::chain`], differentiated.
 //!
 //! With `q = 2/(g (1 - e))` the first column and its derivative are
 //!
@@ -16,7 +16,7 @@
 //! Without the last term the expansion by `e` keeps terms `n e^n` and every column is of the
 //! order two; with it `D^(j)` has an error of order `u^(j+2)`, as `S^(j)` has.
 
-use crate::switched::chain::{Bounce, Chain, COLUMNS};
+use crate::zeno::chain::{Bounce, Chain, COLUMNS};
 
 /// Rows of the table.
 const ROWS: usize = COLUMNS + 2;

@@ -11,11 +11,10 @@
 //! both ends and the velocities `U(m)` and `-U(m+1)/e` there.
 
 use super::chain::Chain;
-use super::path::PathPoint;
-use super::stored::is_side;
 use crate::numeric::bernstein::Bernstein;
+use crate::record::path_point::is_side;
 use crate::record::user_events::Level;
-use crate::Impact;
+use crate::{Impact, PathPoint};
 
 /// Most terms of (1).
 const TERMS: usize = 4;
@@ -40,7 +39,7 @@ pub(crate) struct TailArc {
     pub(crate) end: f64,
     pub(crate) u: f64,
     pub(crate) incoming: f64,
-    pub(super) sigma: f64,
+    pub(crate) sigma: f64,
 }
 
 impl TailArc {
@@ -65,7 +64,7 @@ impl TailArc {
 
 impl TailArc {
     /// When a level is crossed.
-    pub(super) fn crossings(&self, level: Level) -> Vec<f64> {
+    pub(crate) fn crossings(&self, level: Level) -> Vec<f64> {
         let h = self.end - self.start;
         let (u, w) = (self.u, self.incoming);
         let all = match level {
@@ -156,7 +155,7 @@ impl Tail {
     }
 
     /// Ends the tail before its Zeno point.
-    pub(super) fn cut(&mut self, t: f64) {
+    pub(crate) fn cut(&mut self, t: f64) {
         self.until = t;
     }
 
@@ -183,7 +182,7 @@ impl Tail {
     }
 
     /// The arc on which `t` lies, if there is one that can be told from its ends.
-    pub(super) fn arc_at(&self, t: f64) -> Option<TailArc> {
+    pub(crate) fn arc_at(&self, t: f64) -> Option<TailArc> {
         let (left, whole) = (self.zeno - t, self.zeno - self.start);
         if !(left > 0.0 && left <= whole) {
             return None;
@@ -258,8 +257,8 @@ fn fit(e: f64, stride: usize, terms: usize, values: [f64; TERMS]) -> [f64; TERMS
 
 #[cfg(test)]
 mod tests {
-    use super::super::chain::Bounce;
     use super::*;
+    use crate::zeno::chain::Bounce;
 
     #[test]
     fn a_tail_that_is_cut_has_no_impacts_after_that() {

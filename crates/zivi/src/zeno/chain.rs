@@ -32,7 +32,7 @@ pub(crate) struct Bounce {
 }
 
 /// Columns of the table after the first.
-pub(super) const COLUMNS: usize = 5;
+pub(crate) const COLUMNS: usize = 5;
 
 /// By how much the speed falls from one row of the table to the next, if the chain is long enough.
 const FALL: f64 = 0.9;
@@ -48,11 +48,11 @@ pub(crate) struct Chain {
 
 /// An estimate of the Zeno time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct ZenoTime {
+pub(crate) struct ZenoTime {
     /// The time (s).
-    pub(super) t: f64,
+    pub(crate) t: f64,
     /// Estimate of its error (s).
-    pub(super) error: f64,
+    pub(crate) error: f64,
 }
 
 impl Chain {
@@ -151,7 +151,7 @@ impl Chain {
     ///
     /// The estimate is at least what rounding does: each column magnifies that of the one before by
     /// `(1 + q^(j+1))/(1 - q^(j+1))`.
-    pub(super) fn zeno_time(&self) -> Option<ZenoTime> {
+    pub(crate) fn zeno_time(&self) -> Option<ZenoTime> {
         let (first, last) = (self.bounces.first()?, self.bounces.last()?);
         let (mut column, rows, powers) = self.first_column();
         let mut noise = f64::EPSILON * last.t.abs().max(column[0].abs());

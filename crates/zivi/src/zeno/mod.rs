@@ -1,0 +1,17 @@
+//! Where impacts accumulate: infinitely many of them in a finite time.
+//!
+//! ```text
+//! t_n = t_inf - C_1 e^n - C_2 e^(2n) - ...      z_n = z_inf + Z_1 e^n + Z_2 e^(2n) + ...
+//! ```
+//!
+//! The map from one impact to the next has the multiplier `e` across `u = 0`, where it is the
+//! identity: so the powers are known, and extrapolation removes one after the other. Nothing here
+//! knows what bounces. A mass above a wall has times alone, mechanisms have states along with them.
+//!
+//! * [`chain`]: impacts at falling speeds, and what they say of the Zeno point.
+//! * [`tail`]: the arcs between the last of them and that point.
+
+pub(crate) mod chain;
+pub(crate) mod tail;
+
+pub use tail::Tail;
