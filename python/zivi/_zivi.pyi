@@ -300,10 +300,10 @@ class MechanicalRecord:
     raised: BaseException | None
     path: MechanicalPath | None
 
-def check_impact_map(force: tuple[Any, ...], of_wall: tuple[float, float]) -> None: ...
+def check_impact_map(force: tuple[Any, ...], of_restitution: tuple[float, float]) -> None: ...
 def map_of_impacts(
     force: tuple[Any, ...],
-    of_wall: tuple[float, float],
+    of_restitution: tuple[float, float],
     starts: _Array,
     *,
     parameters: list[str],
@@ -312,7 +312,7 @@ def map_of_impacts(
 ) -> tuple[_Array, _Array, _Array]: ...
 def orbits_of_impacts(
     forces: list[tuple[Any, ...]],
-    walls: list[tuple[float, float]],
+    restitutions: list[tuple[float, float]],
     starts: _Array,
     *,
     skip: int,
@@ -612,7 +612,7 @@ def simulate_closed_loop(
     controller: Any,
     forces: list[tuple[Any, ...]],
     *,
-    wall: tuple[float, float],
+    restitution: tuple[float, float],
     h: float,
     span: tuple[float, float],
     start: State,
@@ -627,10 +627,10 @@ def simulate_closed_loop(
     dense: bool,
     events: list[Event],
     given: Any,
-    wall_ref: tuple[float, float],
+    restitution_ref: tuple[float, float],
     progress: Any = None,
 ) -> LoopRecord: ...
-def ballistic_motion(rows: _Array, wall: tuple[float, float]) -> list[_Array]: ...
+def ballistic_motion(rows: _Array, restitution: tuple[float, float]) -> list[_Array]: ...
 
 @final
 class LoopBatchRecord:
@@ -667,7 +667,7 @@ def simulate_closed_loop_batch(
     controllers: list[Any],
     observers: list[Observer],
     forces: tuple[list[Any], list[Any], list[Any]],
-    walls: _Array,
+    restitutions: _Array,
     states: _Array,
     *,
     span: tuple[float, float],
@@ -733,7 +733,7 @@ def available_threads() -> int: ...
 def grid_times(t0: float, t1: float, h: float, every: int) -> _Array: ...
 def simulate_batch(
     forces: list[tuple[Any, ...]],
-    walls: _Array,
+    restitutions: _Array,
     states: _Array,
     method: Method,
     *,

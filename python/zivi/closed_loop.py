@@ -232,7 +232,7 @@ def simulate_closed_loop(
     check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
     check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
     told = None if reference is None else given(reference, span, h)
-    wall_ref = coefficients(None, getattr(controller, "kappa_ref", system.kappa))
+    restitution_ref = coefficients(None, getattr(controller, "kappa_ref", system.kappa))
     deviations = check_not_negative("noise", noise)
     resolution = check_not_negative("quantization", quantization)
     periods = check_delay(delay)
@@ -269,7 +269,7 @@ def simulate_closed_loop(
         record = _zivi.simulate_closed_loop(
             controller,
             specs,
-            wall=(system.e, system.kappa),
+            restitution=(system.e, system.kappa),
             h=h,
             span=span,
             start=_zivi.State(*state),
@@ -282,7 +282,7 @@ def simulate_closed_loop(
             ours=is_ours(controller),
             dense=dense_output or times is not None or bool(watched),
             given=told,
-            wall_ref=wall_ref,
+            restitution_ref=restitution_ref,
             events=watched,
             progress=bar.report,
         )

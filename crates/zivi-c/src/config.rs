@@ -23,27 +23,27 @@ pub(crate) fn checked_size<T>(size: u32) -> Result<(), Code> {
 }
 
 /// The wall of `e` or of `kappa`, whichever is not zero.
-pub(crate) fn wall(e: f64, kappa: f64) -> Result<Restitution, Code> {
+pub(crate) fn restitution(e: f64, kappa: f64) -> Result<Restitution, Code> {
     if kappa == 0.0 {
-        let wall = Restitution::from_e(e).map_err(code::of_restitution)?;
-        return if wall.kappa() < 1.0 { Ok(wall) } else { Err(ZIVI_E_E) };
+        let restitution = Restitution::from_e(e).map_err(code::of_restitution)?;
+        return if restitution.kappa() < 1.0 { Ok(restitution) } else { Err(ZIVI_E_E) };
     }
-    let wall =
+    let restitution =
         if e == 0.0 { Restitution::from_kappa(kappa) } else { Restitution::from_both(e, kappa) };
-    let wall = wall.map_err(code::of_restitution)?;
-    if wall.kappa() < 1.0 {
-        Ok(wall)
+    let restitution = restitution.map_err(code::of_restitution)?;
+    if restitution.kappa() < 1.0 {
+        Ok(restitution)
     } else {
         Err(ZIVI_E_KAPPA)
     }
 }
 
 /// The same for the reference's wall; the plant's if both are zero.
-pub(crate) fn wall_ref(e: f64, kappa: f64, plant: Restitution) -> Result<Restitution, Code> {
+pub(crate) fn restitution_ref(e: f64, kappa: f64, plant: Restitution) -> Result<Restitution, Code> {
     if e == 0.0 && kappa == 0.0 {
         return Ok(plant);
     }
-    wall(e, kappa).map_err(|code| match code {
+    restitution(e, kappa).map_err(|code| match code {
         ZIVI_E_KAPPA => ZIVI_E_KAPPA_REF,
         _ => ZIVI_E_E_REF,
     })

@@ -85,8 +85,8 @@ impl Mass {
     /// Checks the settings and starts at rest on the wall.
     pub fn init(&mut self, config: &MassConfig) -> Code {
         match Self::checked(config) {
-            Ok((h, wall)) => {
-                let (e, kappa) = (wall.e(), wall.kappa());
+            Ok((h, restitution)) => {
+                let (e, kappa) = (restitution.e(), restitution.kappa());
                 *self = Self { h, e, kappa, side: 1.0, ..Self::default() };
                 self.seal = self.seal_of_settings();
                 ZIVI_OK
@@ -97,9 +97,9 @@ impl Mass {
 
     fn checked(config: &MassConfig) -> Result<(f64, Restitution), Code> {
         config::checked_size::<MassConfig>(config.size)?;
-        let wall = config::wall(config.e, config.kappa)?;
-        ThetaGammaStep::new(config.h, 1.0, 1.0, wall).map_err(code::of)?;
-        Ok((config.h, wall))
+        let restitution = config::restitution(config.e, config.kappa)?;
+        ThetaGammaStep::new(config.h, 1.0, 1.0, restitution).map_err(code::of)?;
+        Ok((config.h, restitution))
     }
 
     /// Puts the mass at `x` with velocity `xdot`, on the branch `s >= 0`.
@@ -107,17 +107,17 @@ impl Mass {
         if let Err(code) = self.intact() {
             return code;
         }
-        let wall = Restitution::trusted(self.e, self.kappa);
+        let restitution = Restitution::trusted(self.e, self.kappa);
         if !(x >= 0.0 && x.is_finite()) {
             return ZIVI_E_X;
         }
-        let z = transform::lift(Physical { x, xdot }, Branch::Positive, wall);
+        let z = transform::lift(Physical { x, xdot }, Branch::Positive, restitution);
         if !z.is_finite() {
             return ZIVI_E_XDOT;
         }
         let Lifted { s, v } = z;
         let side = transform::side(z, 1.0);
-        let Physical { x, xdot } = transform::project(z, wall);
+        let Physical { x, xdot } = transform::project(z, restitution);
         *self = Self { s, v, side, x, xdot, lambda_s: 0.0, lambda_v: 0.0, steps: 0, ..*self };
         ZIVI_OK
     }
@@ -148,7 +148,7 @@ impl Mass {
             Err(StepFailure::NoSolution) => return ZIVI_E_NO_SOLUTION,
         };
         let end = found.end();
-        let Physical { x, xdot } = transform::project(end, step.wall());
+        let Physical { x, xdot } = transform::project(end, step.restitution());
         self.side = transform::side(end, self.side);
         (self.s, self.v, self.x, self.xdot) = (end.s, end.v, x, xdot);
         (self.lambda_s, self.lambda_v) = (found.lambda_s, found.lambda_v);

@@ -100,17 +100,17 @@ impl ObserverConfig {
     fn checked(&self) -> Result<Self, Code> {
         config::checked_size::<Self>(self.size)?;
         let or = |value: f64, default: f64| if value == 0.0 { default } else { value };
-        let wall: Restitution = config::wall(self.e, self.kappa)?;
+        let restitution: Restitution = config::restitution(self.e, self.kappa)?;
         let (noise_x, noise_xdot) = (or(self.noise_x, 1e-4), or(self.noise_xdot, 1e-2));
         let (q_d, dmax) = (or(self.q_d, 1e-3), or(self.dmax, 20.0));
-        let bare = ObserverSettings::new(wall, self.h).map_err(code::of)?;
+        let bare = ObserverSettings::new(restitution, self.h).map_err(code::of)?;
         let heard = bare.with_noise(noise_x, noise_xdot).map_err(code::of)?;
         let pushed = heard.with_force(q_d, dmax).map_err(code::of)?;
         pushed.with_restitution_error(self.se).map_err(code::of)?;
         if self.position_only > 1 {
             return Err(ZIVI_E_POSITION_ONLY);
         }
-        let (e, kappa) = (wall.e(), wall.kappa());
+        let (e, kappa) = (restitution.e(), restitution.kappa());
         Ok(Self { e, kappa, noise_x, noise_xdot, q_d, dmax, ..*self })
     }
 }
@@ -159,8 +159,8 @@ impl Observer {
     #[inline]
     fn settings(&self) -> ObserverSettings {
         let ObserverConfig { h, e, kappa, noise_x, noise_xdot, q_d, se, dmax, .. } = self.config;
-        let wall = Restitution::trusted(e, kappa);
-        ObserverSettings::trusted(wall, h, [noise_x, noise_xdot, q_d, se, dmax])
+        let restitution = Restitution::trusted(e, kappa);
+        ObserverSettings::trusted(restitution, h, [noise_x, noise_xdot, q_d, se, dmax])
             .with_position_only(self.config.position_only != 0)
     }
 

@@ -119,16 +119,16 @@ impl Regulator {
         config::checked_size::<RegulatorConfig>(config.size)?;
         let ahead = config::ahead(config.tick, config.ahead)?;
         let RegulatorConfig { mu1, mu2, h, bound, .. } = *config;
-        let wall = config::wall(config.e, config.kappa)?;
+        let restitution = config::restitution(config.e, config.kappa)?;
         Gains::new(mu1, mu2).map_err(code::of)?;
         if bound != 0.0 {
-            Gains::for_regulation(mu1, mu2, bound, wall).map_err(code::of_gain)?;
+            Gains::for_regulation(mu1, mu2, bound, restitution).map_err(code::of_gain)?;
         }
         let port = config::port(config.depth, config.u_min, config.u_max)?;
         let gains = Gains::trusted(mu1, mu2);
-        TwistingRegulator::new(gains, h, wall).map_err(code::of)?;
+        TwistingRegulator::new(gains, h, restitution).map_err(code::of)?;
         config::landing(ahead, h)?;
-        let (e, kappa, depth) = (wall.e(), wall.kappa(), port.depth());
+        let (e, kappa, depth) = (restitution.e(), restitution.kappa(), port.depth());
         let (u_min, u_max) = port.actuator();
         let none = Self::default();
         *self = Self { mu1, mu2, h, e, kappa, depth, u_min, u_max, ahead, ..none };
@@ -168,9 +168,9 @@ impl Regulator {
     #[inline(always)] // taken apart: no copy of it is ever made
     fn core(&self) -> TwistingRegulator {
         let Self { mu1, mu2, h, e, kappa, depth, u_min, u_max, ahead, .. } = *self;
-        let (gains, wall) = (Gains::trusted(mu1, mu2), Restitution::trusted(e, kappa));
+        let (gains, restitution) = (Gains::trusted(mu1, mu2), Restitution::trusted(e, kappa));
         let landing = (ahead > 0).then(|| Landing::trusted(ahead, h));
         let port = Port::trusted(depth, (u_min, u_max));
-        TwistingRegulator::trusted(RegulationStep { h, wall, gains }, landing, port)
+        TwistingRegulator::trusted(RegulationStep { h, restitution, gains }, landing, port)
     }
 }

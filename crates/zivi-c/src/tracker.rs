@@ -201,15 +201,16 @@ impl Tracker {
         if press != 0.0 && (ahead == 0 || press < bound) {
             return Err(ZIVI_E_PRESS);
         }
-        let wall = config::wall(config.e, config.kappa)?;
-        let wall_ref = config::wall_ref(config.e_ref, config.kappa_ref, wall)?;
+        let restitution = config::restitution(config.e, config.kappa)?;
+        let restitution_ref = config::restitution_ref(config.e_ref, config.kappa_ref, restitution)?;
         let gains = Gains::new(mu1, mu2).map_err(code::of)?;
         if bound != 0.0 {
-            Gains::for_tracking(mu1, mu2, bound, wall).map_err(code::of_gain)?;
+            Gains::for_tracking(mu1, mu2, bound, restitution).map_err(code::of_gain)?;
         }
         let port = config::port(config.depth, config.u_min, config.u_max)?;
         let approach = approach(branch).ok_or(ZIVI_E_BRANCH)?;
-        let bare = TwistingTracker::new(gains, h, wall, wall_ref, approach).map_err(code::of)?;
+        let bare = TwistingTracker::new(gains, h, restitution, restitution_ref, approach)
+            .map_err(code::of)?;
         config::landing(ahead, h)?;
         if shift > 1 {
             return Err(ZIVI_E_SHIFT);
@@ -223,10 +224,10 @@ impl Tracker {
             mu1,
             mu2,
             h,
-            e: wall.e(),
-            kappa: wall.kappa(),
-            e_ref: wall_ref.e(),
-            kappa_ref: wall_ref.kappa(),
+            e: restitution.e(),
+            kappa: restitution.kappa(),
+            e_ref: restitution_ref.e(),
+            kappa_ref: restitution_ref.kappa(),
             press,
             horizon,
             depth: port.depth(),
@@ -313,8 +314,8 @@ impl Tracker {
         let settings = TrackerSettings {
             gains: Gains::trusted(self.mu1, self.mu2),
             h: self.h,
-            wall: Restitution::trusted(self.e, self.kappa),
-            wall_ref: Restitution::trusted(self.e_ref, self.kappa_ref),
+            restitution: Restitution::trusted(self.e, self.kappa),
+            restitution_ref: Restitution::trusted(self.e_ref, self.kappa_ref),
             approach: approach(self.branch).unwrap_or_default(),
             landing: (self.ahead > 0).then(|| Landing::trusted(self.ahead, self.h)),
             press: (self.press != 0.0).then_some(self.press),

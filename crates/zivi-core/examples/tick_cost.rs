@@ -43,13 +43,13 @@ fn main() -> Result<(), Failure> {
     let number: usize = number.parse()?;
     let rng = Rng::new(101);
     let tracker = of_the_paper(Approach::Positive)?;
-    let (gains, wall) = (tracker.step().gains, tracker.step().wall);
+    let (gains, restitution) = (tracker.step().gains, tracker.step().restitution);
     match case.as_str() {
         "loop" => count(closed_loop(tracker, number)?),
         "nearest" => count(closed_loop(of_the_paper(Approach::Nearest)?, number)?),
-        "regulator" => count(closed_loop(TwistingRegulator::new(gains, H, wall)?, number)?),
+        "regulator" => count(closed_loop(TwistingRegulator::new(gains, H, restitution)?, number)?),
         "explicit" => {
-            let mut explicit = ExplicitTwisting::new(gains, H, wall, wall)?;
+            let mut explicit = ExplicitTwisting::new(gains, H, restitution, restitution)?;
             explicit.reset(Physical { x: 3.0, xdot: 3.0 })?;
             count(closed_loop(explicit, number)?)
         }

@@ -84,7 +84,7 @@ fn both(
     [s, v, s_ref, v_ref]: [f64; 4],
 ) -> Result<Tracking, StepFailure> {
     let next = reference.solve(Lifted { s: s_ref, v: v_ref }, f_ref, 1.0)?;
-    let r = reference.wall().r(next.lambda_s, next.lambda_v);
+    let r = reference.restitution().r(next.lambda_s, next.lambda_v);
     let target = Target { end: next.end(), acceleration: next.lambda_s * f_ref / r };
     Ok(step.solve(Lifted { s, v }, f, target))
 }
@@ -103,8 +103,8 @@ fn report_steps(rounds: usize) -> Result<(), Failure> {
     if states.len() != count as usize {
         return Err("the input has another number of steps than it says".into());
     }
-    let wall = Restitution::from_kappa(kappa)?;
-    let step = TrackingStep { h, wall, gains: Gains::new(mu1, mu2)? };
+    let restitution = Restitution::from_kappa(kappa)?;
+    let step = TrackingStep { h, restitution, gains: Gains::new(mu1, mu2)? };
     let reference = ThetaGammaStep::new(h, 1.0, 1.0, Restitution::from_kappa(kappa_ref)?)?;
     let mut means: Vec<f64> = (0..rounds)
         .map(|_| {

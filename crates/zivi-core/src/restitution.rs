@@ -12,8 +12,8 @@ use core::fmt;
 ///
 /// ```
 /// use zivi_core::Restitution;
-/// let wall = Restitution::from_kappa(0.5)?;
-/// assert!((wall.e() - 1.0 / 3.0).abs() < 1e-16);
+/// let restitution = Restitution::from_kappa(0.5)?;
+/// assert!((restitution.e() - 1.0 / 3.0).abs() < 1e-16);
 /// assert!(Restitution::from_e(1.2).is_err());
 /// # Ok::<(), zivi_core::RestitutionError>(())
 /// ```
@@ -75,11 +75,11 @@ impl Restitution {
     /// rounding.
     pub fn from_both(e: f64, kappa: f64) -> Result<Self, RestitutionError> {
         const ROUNDING: f64 = 4.0 * f64::EPSILON;
-        let wall = Self { e: in_unit_interval("e", e)?, kappa: in_unit_interval("kappa", kappa)? };
+        let given = Self { e: in_unit_interval("e", e)?, kappa: in_unit_interval("kappa", kappa)? };
         if (kappa - conjugate(e)).abs() > ROUNDING {
             return Err(RestitutionError { name: "kappa", value: kappa });
         }
-        Ok(wall)
+        Ok(given)
     }
 
     /// From both, which were checked before and are not checked again.
@@ -134,8 +134,9 @@ mod tests {
     #[test]
     fn both_are_kept_to_the_last_bit() {
         for e in [0.0, 1e-300, 1e-15, 1e-9, 0.3, 1.0 - 1e-12, 1.0] {
-            let wall = Restitution::from_e(e).and_then(|it| Restitution::from_both(e, it.kappa()));
-            assert_eq!(wall, Restitution::from_e(e));
+            let restitution =
+                Restitution::from_e(e).and_then(|it| Restitution::from_both(e, it.kappa()));
+            assert_eq!(restitution, Restitution::from_e(e));
         }
         for (e, kappa) in [(0.5, 0.5), (0.5, f64::NAN), (1.1, 0.0), (0.0, 1.0 - 1e-12)] {
             assert!(Restitution::from_both(e, kappa).is_err(), "{e} {kappa}");

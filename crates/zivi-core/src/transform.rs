@@ -84,16 +84,17 @@ pub fn side(z: Lifted, last: f64) -> f64 {
 ///
 /// ```
 /// use zivi_core::{transform, Branch, Physical, Restitution};
-/// let wall = Restitution::from_kappa(0.41)?;
-/// let z = transform::lift(Physical { x: 1.0, xdot: 6.0 }, Branch::Positive, wall);
+/// let restitution = Restitution::from_kappa(0.41)?;
+/// let z = transform::lift(Physical { x: 1.0, xdot: 6.0 }, Branch::Positive, restitution);
 /// assert!((z.v - 6.0 / 0.59).abs() < 1e-14);
 /// # Ok::<(), zivi_core::RestitutionError>(())
 /// ```
 #[inline]
 #[must_use]
-pub fn lift(state: Physical, branch: Branch, wall: Restitution) -> Lifted {
+pub fn lift(state: Physical, branch: Branch, restitution: Restitution) -> Lifted {
     let sigma = branch.sigma();
-    let v = state.xdot / wall.r(1.0, sgn(state.xdot)); // x' = 0: R = 1, also for the plastic wall
+    // x' = 0: R = 1, also for the plastic wall
+    let v = state.xdot / restitution.r(1.0, sgn(state.xdot));
     Lifted { s: sigma * state.x, v: sigma * v }
 }
 
@@ -103,25 +104,25 @@ pub fn lift(state: Physical, branch: Branch, wall: Restitution) -> Lifted {
 /// one before it was `-(1 + kappa) |v|`, and their ratio is `-e`.
 #[inline]
 #[must_use]
-pub fn project(z: Lifted, wall: Restitution) -> Physical {
+pub fn project(z: Lifted, restitution: Restitution) -> Physical {
     let sigma = side(z, 0.0);
-    Physical { x: z.s.abs(), xdot: wall.r(sigma, sgn(z.v)) * z.v * sigma }
+    Physical { x: z.s.abs(), xdot: restitution.r(sigma, sgn(z.v)) * z.v * sigma }
 }
 
 /// Velocities just before and just after the impact at `s = 0`: `-(1 + kappa) |v|` and
 /// `(1 - kappa) |v|`, in the ratio `-e` to rounding.
 #[must_use]
-pub fn impact_velocities(v: f64, wall: Restitution) -> (f64, f64) {
-    let before = wall.r(1.0, -1.0) * v.abs();
+pub fn impact_velocities(v: f64, restitution: Restitution) -> (f64, f64) {
+    let before = restitution.r(1.0, -1.0) * v.abs();
     // (1 - kappa)/(1 + kappa) = e; 1 - kappa would lose the digits of a small e
-    (-before, wall.e() * before)
+    (-before, restitution.e() * before)
 }
 
 /// The right-hand side of (2) for given values of the set-valued signs.
 #[inline]
 #[must_use]
-pub fn field(v: f64, lambda_s: f64, lambda_v: f64, f: f64, wall: Restitution) -> Lifted {
-    let r = wall.r(lambda_s, lambda_v);
+pub fn field(v: f64, lambda_s: f64, lambda_v: f64, f: f64, restitution: Restitution) -> Lifted {
+    let r = restitution.r(lambda_s, lambda_v);
     Lifted { s: r * v, v: lambda_s * f / r }
 }
 
@@ -131,7 +132,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn wall(kappa: f64) -> Restitution {
+    fn restitution(kappa: f64) -> Restitution {
         Restitution::from_kappa(kappa).expect("kappa in [0, 1]")
     }
 
@@ -141,7 +142,8 @@ mod tests {
         #[test]
         fn project_undoes_lift(x in 0.0..1e3f64, xdot in -1e3..1e3f64, kappa in 0.0..0.99f64) {
             for branch in BRANCHES {
-                let back = project(lift(Physical { x, xdot }, branch, wall(kappa)), wall(kappa));
+                let lifted = lift(Physical { x, xdot }, branch, restitution(kappa));
+                let back = project(lifted, restitution(kappa));
                 prop_assert_eq!(back.x, x);
                 prop_assert!((back.xdot - xdot).abs() <= 4.0 * f64::EPSILON * xdot.abs());
             }
@@ -149,37 +151,37 @@ mod tests {
 
         #[test]
         fn both_branches_project_to_one_state(s in -9.0..9.0f64, v in -9.0..9.0f64, kappa in 0.0..1.0f64) {
-            let mirrored = project(Lifted { s: -s, v: -v }, wall(kappa));
-            prop_assert_eq!(project(Lifted { s, v }, wall(kappa)), mirrored);
+            let mirrored = project(Lifted { s: -s, v: -v }, restitution(kappa));
+            prop_assert_eq!(project(Lifted { s, v }, restitution(kappa)), mirrored);
         }
 
         #[test]
         fn the_field_is_the_physical_one(s in 0.1..9.0f64, v in -9.0..9.0f64, f in -9.0..9.0f64, kappa in 0.0..0.9f64) {
             // away from switches: x' of the projection is s', and R v' sgn s is f
-            let wall = wall(kappa);
-            let rate = field(v, 1.0, sgn(v), f, wall);
-            let xdot = project(Lifted { s, v }, wall).xdot;
+            let restitution = restitution(kappa);
+            let rate = field(v, 1.0, sgn(v), f, restitution);
+            let xdot = project(Lifted { s, v }, restitution).xdot;
             prop_assert!((rate.s - xdot).abs() < 1e-13);
-            prop_assert!((wall.r(1.0, sgn(v)) * rate.v - f).abs() < 1e-13);
+            prop_assert!((restitution.r(1.0, sgn(v)) * rate.v - f).abs() < 1e-13);
         }
     }
 
     #[test]
     fn an_incoming_state_at_the_wall_projects_to_the_state_after_the_impact() {
         for branch in BRANCHES {
-            let z = lift(Physical { x: 0.0, xdot: -3.0 }, branch, wall(0.5));
-            let after = project(z, wall(0.5));
+            let z = lift(Physical { x: 0.0, xdot: -3.0 }, branch, restitution(0.5));
+            let after = project(z, restitution(0.5));
             assert_eq!(after.x, 0.0);
             assert!((after.xdot - 1.0).abs() < 1e-15); // e = 1/3
-            assert_eq!(impact_velocities(z.v, wall(0.5)), (-3.0, after.xdot));
+            assert_eq!(impact_velocities(z.v, restitution(0.5)), (-3.0, after.xdot));
         }
     }
 
     #[test]
     fn the_velocities_of_an_impact_keep_the_digits_of_e() {
         for e in [1e-3, 1e-9, 1e-15, 0.0] {
-            let wall = Restitution::from_e(e).expect("e in [0, 1]");
-            let (before, after) = impact_velocities(2.0, wall);
+            let restitution = Restitution::from_e(e).expect("e in [0, 1]");
+            let (before, after) = impact_velocities(2.0, restitution);
             assert!((after + e * before).abs() <= f64::EPSILON * after, "{e}");
         }
     }
@@ -195,7 +197,10 @@ mod tests {
     #[test]
     fn rest_lifts_to_the_origin_for_every_restitution() {
         for kappa in [0.0, 0.41, 1.0] {
-            assert_eq!(lift(Physical::default(), Branch::Positive, wall(kappa)), Lifted::default());
+            assert_eq!(
+                lift(Physical::default(), Branch::Positive, restitution(kappa)),
+                Lifted::default()
+            );
         }
     }
 }

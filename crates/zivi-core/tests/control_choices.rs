@@ -9,7 +9,7 @@ fn half() -> Restitution {
 }
 
 fn regulation(h: f64, mu1: f64, mu2: f64) -> RegulationStep {
-    RegulationStep { h, wall: half(), gains: Gains::new(mu1, mu2).expect("in range") }
+    RegulationStep { h, restitution: half(), gains: Gains::new(mu1, mu2).expect("in range") }
 }
 
 /// A force far beyond the gains: of a velocity away from the wall and one towards it, both of which

@@ -17,8 +17,8 @@ use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep
 #[derive(Clone, Copy, Debug)]
 struct Whole {
     h: f64,
-    wall: Restitution,
-    wall_ref: Restitution,
+    restitution: Restitution,
+    restitution_ref: Restitution,
     gains: Gains,
     z: Lifted,
     reference: Lifted,
@@ -34,8 +34,8 @@ fn draw(rng: &Rng) -> Whole {
     let (gains, f) = stable(rng);
     Whole {
         h: rng.log_between(1e-5, 1.0),
-        wall: random_wall(rng),
-        wall_ref: random_wall(rng),
+        restitution: random_wall(rng),
+        restitution_ref: random_wall(rng),
         gains,
         z: state(rng),
         reference: state(rng),
@@ -53,11 +53,11 @@ type Rows = Vec<(f64, f64)>;
 
 impl Whole {
     fn tracking(&self) -> TrackingStep {
-        TrackingStep { h: self.h, wall: self.wall, gains: self.gains }
+        TrackingStep { h: self.h, restitution: self.restitution, gains: self.gains }
     }
 
     fn regulation(&self) -> RegulationStep {
-        RegulationStep { h: self.h, wall: self.wall, gains: self.gains }
+        RegulationStep { h: self.h, restitution: self.restitution, gains: self.gains }
     }
 
     /// `v+ = v + h acceleration`, `s+ = s + h R v+`, as rows.
@@ -68,13 +68,13 @@ impl Whole {
     }
 
     fn regulator_rows(&self, [ls, lv]: [f64; 2]) -> Rows {
-        let r = 1.0 - self.wall.kappa() * ls * lv;
+        let r = 1.0 - self.restitution.kappa() * ls * lv;
         let pushes = [ls * self.f / r, -self.gains.mu1() * ls / r, -self.gains.mu2() * lv / r];
         self.moved(self.z, r, &pushes).into()
     }
 
     fn plant_rows(&self, a: f64, aim: Lifted, [ls, lv, les, lev]: [f64; 4]) -> Rows {
-        let r = 1.0 - self.wall.kappa() * ls * lv;
+        let r = 1.0 - self.restitution.kappa() * ls * lv;
         let square = ls * ls;
         let pushes = [
             -square * self.gains.mu1() * les,
@@ -87,7 +87,7 @@ impl Whole {
     }
 
     fn tracker_rows(&self, [ls, lv, lsr, lvr, les, lev]: [f64; 6]) -> Rows {
-        let r = 1.0 - self.wall_ref.kappa() * lsr * lvr;
+        let r = 1.0 - self.restitution_ref.kappa() * lsr * lvr;
         let a = lsr * self.f_ref / r;
         let [s_r, v_r] = self.moved(self.reference, r, &[a]);
         let plant = self.plant_rows(a, Lifted { s: s_r.0, v: v_r.0 }, [ls, lv, les, lev]);
@@ -114,7 +114,7 @@ fn the_maps_are_the_equations_of_the_steps() {
     let mut worst: f64 = 0.0;
     for _ in 0..50_000 {
         let it = draw(&rng);
-        let kappa = it.wall.kappa().max(it.wall_ref.kappa());
+        let kappa = it.restitution.kappa().max(it.restitution_ref.kappa());
         let (two, four, six) = (inside(&rng), inside(&rng), inside(&rng));
         let regulator = RegulationInclusion { step: &it.regulation(), z: it.z, f: it.f };
         worst = worst.max(compare(regulator.map(two), &it.regulator_rows(two), kappa, &it));
@@ -123,8 +123,9 @@ fn the_maps_are_the_equations_of_the_steps() {
         let rows = it.plant_rows(it.f_ref, it.reference, four);
         worst = worst.max(compare(plant.map(four), &rows, kappa, &it));
         let (z, reference, f, f_ref) = (it.z, it.reference, it.f, it.f_ref);
-        let wall_ref = it.wall_ref;
-        let whole = TrackingInclusion { step: &it.tracking(), wall_ref, z, reference, f, f_ref };
+        let restitution_ref = it.restitution_ref;
+        let whole =
+            TrackingInclusion { step: &it.tracking(), restitution_ref, z, reference, f, f_ref };
         worst = worst.max(compare(whole.map(six), &it.tracker_rows(six), kappa, &it));
     }
     println!("(1 - kappa) times the largest relative difference: {worst:.1e}");
@@ -169,7 +170,7 @@ fn the_jacobians_are_the_difference_quotients() {
     let mut worst: f64 = 0.0;
     for _ in 0..10_000 {
         let it = draw(&rng);
-        let smallest = 1.0 - it.wall.kappa().max(it.wall_ref.kappa());
+        let smallest = 1.0 - it.restitution.kappa().max(it.restitution_ref.kappa());
         let (z, reference, f, f_ref) = (it.z, it.reference, it.f, it.f_ref);
         let lambda = inside(&rng);
         let jacobian = RegulationInclusion { step: &it.regulation(), z, f }.jacobian(lambda);
@@ -179,8 +180,8 @@ fn the_jacobians_are_the_difference_quotients() {
         let jacobian = PlantInclusion { step: &it.tracking(), z, f, target }.jacobian(lambda);
         let rows_at = |at| it.plant_rows(f_ref, reference, at);
         worst = worst.max(differenced(jacobian, lambda, smallest, rows_at));
-        let (lambda, step, wall_ref) = (inside(&rng), &it.tracking(), it.wall_ref);
-        let whole = TrackingInclusion { step, wall_ref, z, reference, f, f_ref };
+        let (lambda, step, restitution_ref) = (inside(&rng), &it.tracking(), it.restitution_ref);
+        let whole = TrackingInclusion { step, restitution_ref, z, reference, f, f_ref };
         let rows_at = |at| it.tracker_rows(at);
         worst = worst.max(differenced(whole.jacobian(lambda), lambda, smallest, rows_at));
     }
@@ -194,17 +195,17 @@ fn six_signs_are_two_and_four() {
     for _ in 0..20_000 {
         let it = draw(&rng);
         let (z, reference, f, f_ref) = (it.z, it.reference, it.f, it.f_ref);
-        let (step, wall_ref) = (&it.tracking(), it.wall_ref);
+        let (step, restitution_ref) = (&it.tracking(), it.restitution_ref);
         let lambda: [f64; 6] = inside(&rng);
         let [ls, lv, lsr, lvr, les, lev] = lambda;
-        let whole = TrackingInclusion { step, wall_ref, z, reference, f, f_ref };
+        let whole = TrackingInclusion { step, restitution_ref, z, reference, f, f_ref };
         let [s, v, s_r, v_r, e_s, e_v] = whole.map(lambda);
-        let scheme = ThetaGammaStep::new(it.h, 1.0, 1.0, wall_ref).expect("admissible");
+        let scheme = ThetaGammaStep::new(it.h, 1.0, 1.0, restitution_ref).expect("admissible");
         let expected = scheme.vi_map(reference, f_ref, [lsr, lvr]);
         let scales = whole.scales(lambda);
         let near = |a: f64, b: f64, scale: f64| (a - b).abs() < 1e-13 * scale / (1.0 - 0.99);
         assert!(near(s_r, expected[0], scales[2]) && near(v_r, expected[1], scales[3]));
-        let a = lsr * f_ref / wall_ref.r(lsr, lvr);
+        let a = lsr * f_ref / restitution_ref.r(lsr, lvr);
         let target = Target { end: Lifted { s: -s_r, v: -v_r }, acceleration: a };
         let plant = PlantInclusion { step, z, f, target }.map([ls, lv, les, lev]);
         for (found, expected) in [s, v, e_s, e_v].into_iter().zip(plant) {
@@ -227,11 +228,11 @@ fn the_signs_of_a_tick_solve_all_six_rows() {
     let mut worst: f64 = 0.0;
     for round in 0..200_000 {
         let (gains, f) = stable(&rng);
-        let (wall, wall_ref) = (random_wall(&rng), random_wall(&rng));
+        let (restitution, restitution_ref) = (random_wall(&rng), random_wall(&rng));
         let h = rng.log_between(1e-5, 1e-1);
         let approach = rng.pick(&[Approach::Positive, Approach::Nearest]);
-        let mut tracker =
-            TwistingTracker::new(gains, h, wall, wall_ref, approach).expect("admissible");
+        let mut tracker = TwistingTracker::new(gains, h, restitution, restitution_ref, approach)
+            .expect("admissible");
         let unit = if round % 2 == 0 { 1.0 } else { h * gains.mu1() };
         let size = |rng: &Rng, low: f64| unit * rng.log_between(low, 10.0);
         let start = Physical { x: size(&rng, 1e-4) * unit.min(h), xdot: size(&rng, 1e-3) };
@@ -241,20 +242,20 @@ fn the_signs_of_a_tick_solve_all_six_rows() {
         let before = tracker.state().reference;
         let f_ref = if rng.chance(0.2) { 1.0 } else { -1.0 } * rng.log_between(1e-2, 1e2);
         tracker.tick(measured, f, f_ref).expect("a usable sample");
-        let lifted = transform::lift(measured, Branch::Positive, wall);
+        let lifted = transform::lift(measured, Branch::Positive, restitution);
         let aligned = lifted.s * before.s + lifted.v * before.v >= 0.0;
         let mirror = approach == Approach::Nearest && !aligned;
         let z = if mirror { Lifted { s: -lifted.s, v: -lifted.v } } else { lifted };
         let (step, lambda) = (tracker.step(), tracker.state().signs);
-        let whole = TrackingInclusion { step, wall_ref, z, reference: before, f, f_ref };
-        let it = Whole { h, wall, wall_ref, gains, z, reference: before, f, f_ref };
+        let whole = TrackingInclusion { step, restitution_ref, z, reference: before, f, f_ref };
+        let it = Whole { h, restitution, restitution_ref, gains, z, reference: before, f, f_ref };
         let own = whole.residual(lambda);
         let mut misfit: f64 = 0.0;
         for (sign, (row, terms)) in lambda.into_iter().zip(it.tracker_rows(lambda)) {
             let towards = if terms == 0.0 { 0.0 } else { -row / terms };
             misfit = misfit.max((sign - 1.0).max((sign + 1.0).min(towards)).abs());
         }
-        let rounding = 1.0 - wall.kappa().max(wall_ref.kappa());
+        let rounding = 1.0 - restitution.kappa().max(restitution_ref.kappa());
         worst = worst.max(misfit.max(own) * rounding);
         assert!(misfit.max(own) * rounding < 1e-15, "{own:e}, {misfit:e}: {lambda:?} of {it:?}");
     }

@@ -19,9 +19,9 @@ struct Mass {
 }
 
 impl Mass {
-    fn new(rng: &Rng, wall: Restitution, h: f64) -> Self {
+    fn new(rng: &Rng, restitution: Restitution, h: f64) -> Self {
         let at = Physical { x: rng.between(0.0, 2.0), xdot: rng.between(-3.0, 3.0) };
-        Self { at, e: wall.e(), h, noise: rng.pick(&[0.0, 1e-6, 1e-3, 0.05]) }
+        Self { at, e: restitution.e(), h, noise: rng.pick(&[0.0, 1e-6, 1e-3, 0.05]) }
     }
 
     fn measured(&mut self, rng: &Rng, a: f64) -> Physical {
@@ -40,10 +40,16 @@ impl Mass {
     }
 }
 
-fn random_tracker(rng: &Rng, gains: Gains, walls: [Restitution; 2], h: f64) -> TwistingTracker {
+fn random_tracker(
+    rng: &Rng,
+    gains: Gains,
+    restitutions: [Restitution; 2],
+    h: f64,
+) -> TwistingTracker {
     let approach = rng.pick(&[Approach::Positive, Approach::Nearest]);
     let landing = Landing::new(rng.pick(&[1, 2, 5, 100]), h).expect("in range");
-    let it = TwistingTracker::new(gains, h, walls[0], walls[1], approach).expect("admissible");
+    let it = TwistingTracker::new(gains, h, restitutions[0], restitutions[1], approach)
+        .expect("admissible");
     let mut it = it
         .with_landing(rng.chance(0.8).then_some(landing))
         .with_horizon(rng.pick(&[1.0, rng.between(1.0, 5.0), 50.0]))
@@ -64,7 +70,8 @@ fn random_tracker(rng: &Rng, gains: Gains, walls: [Restitution; 2], h: f64) -> T
 /// landing `|F|` and the largest of `U`, `D` and the press.
 fn bound(it: &TwistingTracker, force: f64, force_ref: f64) -> f64 {
     let gains = it.step().gains;
-    let (kappa, kappa_ref) = (it.step().wall.kappa(), it.reference_step().wall().kappa());
+    let (kappa, kappa_ref) =
+        (it.step().restitution.kappa(), it.reference_step().restitution().kappa());
     let both = gains.mu1() + gains.mu2() + force_ref.abs() / (1.0 - kappa_ref);
     let landing = it.descent().map_or(0.0, |it| it.accelerations().into_iter().fold(0.0, f64::max));
     ((1.0 + kappa) * both).max(landing) + force.abs()
@@ -93,10 +100,10 @@ fn track(loops: u32, seed: u64) -> [u32; 2] {
     let mut seen = [0; 2];
     for _ in 0..loops {
         let (gains, f) = stable(&rng);
-        let walls = [random_wall(&rng), random_wall(&rng)];
+        let restitutions = [random_wall(&rng), random_wall(&rng)];
         let h = rng.log_between(1e-5, 1e-1);
-        let mut it = random_tracker(&rng, gains, walls, h);
-        let mut mass = Mass::new(&rng, walls[0], h);
+        let mut it = random_tracker(&rng, gains, restitutions, h);
+        let mut mass = Mass::new(&rng, restitutions[0], h);
         let (given, weight) = (rng.chance(0.3), -rng.log_between(0.1, 30.0));
         let mut now = Waypoint { state: it.reference(), branch: Branch::Positive };
         let (mut u, mut lifts) = (0.0, false);
@@ -132,11 +139,11 @@ fn regulate(loops: u32, seed: u64) {
     let rng = Rng::new(seed);
     for _ in 0..loops {
         let (gains, f) = stable(&rng);
-        let (wall, h) = (random_wall(&rng), rng.log_between(1e-5, 1e-1));
+        let (restitution, h) = (random_wall(&rng), rng.log_between(1e-5, 1e-1));
         let landing = Landing::new(rng.pick(&[1, 2, 5, 100]), h).expect("in range");
-        let regulator = TwistingRegulator::new(gains, h, wall).expect("admissible");
+        let regulator = TwistingRegulator::new(gains, h, restitution).expect("admissible");
         let mut it = regulator.with_landing(rng.chance(0.7).then_some(landing));
-        let mut mass = Mass::new(&rng, wall, h);
+        let mut mass = Mass::new(&rng, restitution, h);
         let (most, mut u) = (gains.mu1() + gains.mu2(), 0.0);
         for _ in 0..1000 {
             let measured = mass.measured(&rng, u + f + rng.between(-1.0, 1.0));

@@ -31,19 +31,20 @@ impl Controller {
     fn all(
         gains: Gains,
         h: f64,
-        walls: [Restitution; 2],
+        restitutions: [Restitution; 2],
         port: Port,
         start: Physical,
     ) -> [Self; 4] {
-        let [wall, wall_ref] = walls;
+        let [restitution, restitution_ref] = restitutions;
         let tracker = |approach| {
-            let new = TwistingTracker::new(gains, h, wall, wall_ref, approach);
+            let new = TwistingTracker::new(gains, h, restitution, restitution_ref, approach);
             let mut it = new.expect("admissible").with_port(port);
             it.reset(start).expect("admissible");
             Self::Tracker(it)
         };
-        let regulator = TwistingRegulator::new(gains, h, wall).expect("admissible");
-        let explicit = ExplicitTwisting::new(gains, h, wall, wall_ref).expect("admissible");
+        let regulator = TwistingRegulator::new(gains, h, restitution).expect("admissible");
+        let explicit =
+            ExplicitTwisting::new(gains, h, restitution, restitution_ref).expect("admissible");
         let mut explicit = explicit.with_port(port);
         explicit.reset(start).expect("admissible");
         [
@@ -56,8 +57,8 @@ impl Controller {
 
     /// All with the paper's settings.
     fn of_the_paper(port: Port) -> [Self; 4] {
-        let walls = [half(), half()];
-        Self::all(gains_of_the_paper(), 1e-3, walls, port, Physical { x: 3.0, xdot: 3.0 })
+        let restitutions = [half(), half()];
+        Self::all(gains_of_the_paper(), 1e-3, restitutions, port, Physical { x: 3.0, xdot: 3.0 })
     }
 
     fn tick(&mut self, at: Sample) -> Result<f64, SettingError> {
@@ -164,8 +165,8 @@ fn huge_input_is_refused_or_answered_with_finite_numbers() {
     for h in [5e-324, 1e-10, 1e-3, 1e3, 1e300] {
         let start = Physical { x: 3.0, xdot: 3.0 };
         let port = Port::default().with_depth(1e301).expect("admissible");
-        let walls = [half(), half()];
-        for fresh in Controller::all(gains_of_the_paper(), h, walls, port, start) {
+        let restitutions = [half(), half()];
+        for fresh in Controller::all(gains_of_the_paper(), h, restitutions, port, start) {
             for x in sizes {
                 for xdot in sizes {
                     for force in sizes {
@@ -259,15 +260,18 @@ fn limits_out_of_range_are_refused_by_name() {
     for (low, high) in [(1.0, 1.0), (1.0, 0.0), (0.0, f64::NAN)] {
         assert_eq!(name(port.with_actuator(low, high)), "u_max");
     }
-    let wall = half();
+    let restitution = half();
     let (plastic, gains) = (Restitution::from_e(0.0).expect("in range"), gains_of_the_paper());
     for h in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        let tracker = TwistingTracker::new(gains, h, wall, wall, Approach::Positive);
+        let tracker = TwistingTracker::new(gains, h, restitution, restitution, Approach::Positive);
         assert_eq!(tracker.expect_err("out of range").name, "h");
-        assert_eq!(TwistingRegulator::new(gains, h, wall).expect_err("out of range").name, "h");
+        assert_eq!(
+            TwistingRegulator::new(gains, h, restitution).expect_err("out of range").name,
+            "h"
+        );
     }
     let explicit = |a, b| ExplicitTwisting::new(gains, 1e-3, a, b).expect_err("out of range").name;
-    assert_eq!((explicit(plastic, wall), explicit(wall, plastic)), ("e", "e_ref"));
+    assert_eq!((explicit(plastic, restitution), explicit(restitution, plastic)), ("e", "e_ref"));
     let gains = |mu1, mu2| Gains::new(mu1, mu2).expect_err("out of range").name;
     assert_eq!((gains(0.0, 17.0), gains(30.0, 30.0)), ("mu1", "mu2"));
     assert_eq!((gains(f64::NAN, 1.0), gains(1.1e150, 1.0)), ("mu1", "mu1"));
@@ -275,9 +279,10 @@ fn limits_out_of_range_are_refused_by_name() {
 
 #[test]
 fn a_reset_to_a_bad_reference_changes_nothing() {
-    let wall = half();
+    let restitution = half();
     let gains = gains_of_the_paper();
-    let mut tracker = TwistingTracker::new(gains, 1e-3, wall, wall, Approach::Nearest).expect("ok");
+    let mut tracker =
+        TwistingTracker::new(gains, 1e-3, restitution, restitution, Approach::Nearest).expect("ok");
     tracker.reset(Physical { x: 3.0, xdot: 3.0 }).expect("in range");
     tracker.tick(Physical { x: 6.0, xdot: 5.0 }, -9.81, -19.81).expect("a good sample");
     let before = tracker;
@@ -355,14 +360,14 @@ fn the_control_is_bounded_by_the_gains_and_the_forces() {
     let mut closest: f64 = 0.0;
     for _ in 0..50_000 {
         let (gains, f) = stable(&rng);
-        let walls = [random_wall(&rng), random_wall(&rng)];
+        let restitutions = [random_wall(&rng), random_wall(&rng)];
         let start = Physical { x: rng.log_between(1e-6, 10.0), xdot: rng.between(-5.0, 5.0) };
         let h = rng.log_between(1e-5, 1e-1);
         let force_ref = rng.between(-20.0, 5.0);
         let x = start.x * rng.pick(&[0.0, 1.0, rng.unit(), 2.0]);
         let at = Sample { x, xdot: rng.between(-5.0, 5.0), force: f, force_ref };
-        let [kappa, kappa_ref] = walls.map(Restitution::kappa);
-        for mut it in Controller::all(gains, h, walls, Port::default(), start) {
+        let [kappa, kappa_ref] = restitutions.map(Restitution::kappa);
+        for mut it in Controller::all(gains, h, restitutions, Port::default(), start) {
             let u = it.tick(at).expect("a good sample").abs();
             let both = gains.mu1() + gains.mu2();
             let bound = if it.has_reference() {
@@ -380,9 +385,9 @@ fn the_control_is_bounded_by_the_gains_and_the_forces() {
 /// An incoming state at the wall and the one after its impact are the same reference.
 #[test]
 fn a_reset_into_the_wall_is_on_the_positive_branch() {
-    let (wall, gains) = (Restitution::from_e(0.4).expect("in range"), gains_of_the_paper());
-    let tracker = TwistingTracker::new(gains, 1e-3, wall, wall, Approach::Positive);
-    let explicit = ExplicitTwisting::new(gains, 1e-3, wall, wall);
+    let (restitution, gains) = (Restitution::from_e(0.4).expect("in range"), gains_of_the_paper());
+    let tracker = TwistingTracker::new(gains, 1e-3, restitution, restitution, Approach::Positive);
+    let explicit = ExplicitTwisting::new(gains, 1e-3, restitution, restitution);
     let start = |xdot| Physical { x: 0.0, xdot };
     for controller in [
         Controller::Tracker(tracker.expect("admissible")),
@@ -411,32 +416,32 @@ fn gains_hold_what_their_condition_says() {
     let mut accepted = [0; 2];
     for _ in 0..20_000 {
         let e = rng.between(0.02, 1.0);
-        let wall = Restitution::from_e(e).expect("in range");
+        let restitution = Restitution::from_e(e).expect("in range");
         let mu1 = rng.log_between(1e-2, 1e2);
         let (mu2, bound) = (mu1 * rng.between(0.01, 0.99), mu1 * rng.between(0.0, 1.0));
         let image = bound * (1.0 + e) / (2.0 * e);
-        let tracking = Gains::for_tracking(mu1, mu2, bound, wall);
+        let tracking = Gains::for_tracking(mu1, mu2, bound, restitution);
         assert_eq!(tracking.is_ok(), image < mu2 && mu2 + image < mu1);
         // e^2 (D + M)/(U - M) < 1 with D = mu1 - mu2 > M, U = mu1 + mu2
         let (down, up) = (mu1 - mu2 - bound, mu1 + mu2 - bound);
         let shrinks = e * e * (mu1 - mu2 + bound) / up;
         if (shrinks - 1.0).abs() > 1e-12 && down.abs() > 1e-12 * mu1 {
-            let regulation = Gains::for_regulation(mu1, mu2, bound, wall);
+            let regulation = Gains::for_regulation(mu1, mu2, bound, restitution);
             assert_eq!(regulation.is_ok(), down > 0.0 && shrinks < 1.0);
             accepted[1] += u32::from(regulation.is_ok());
         }
         accepted[0] += u32::from(tracking.is_ok());
     }
     assert!(accepted.iter().all(|it| (500..19_500).contains(it)), "{accepted:?}");
-    let wall = half();
-    let refusal = Gains::for_tracking(30.0, 17.0, 13.0, wall).expect_err("too small");
+    let restitution = half();
+    let refusal = Gains::for_tracking(30.0, 17.0, 13.0, restitution).expect_err("too small");
     assert_eq!(refusal.name(), "mu2");
     let text = refusal.to_string();
     assert!(text.starts_with("mu2 must be greater than bound (1 + e)/(2 e) = 26.0"), "{text}");
     assert!(text.ends_with("for bound = 13.0, got 17.0"), "{text}");
     for bound in [-1.0, f64::NAN, f64::INFINITY] {
         assert_eq!(
-            Gains::for_tracking(30.0, 17.0, bound, wall).expect_err("range").name(),
+            Gains::for_tracking(30.0, 17.0, bound, restitution).expect_err("range").name(),
             "bound"
         );
     }

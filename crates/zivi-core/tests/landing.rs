@@ -121,7 +121,7 @@ fn without_a_landing_it_is_the_papers_step() {
     for _ in 0..100_000 {
         let it = Draw::new(&rng);
         let mut paper = it.regulator.with_landing(None);
-        let z = transform::lift(it.at, Branch::Positive, paper.step().wall);
+        let z = transform::lift(it.at, Branch::Positive, paper.step().restitution);
         let found = paper.step().solve(z, it.f);
         assert_eq!(paper.tick(it.at, it.f), Ok(found.u));
         assert_eq!(paper.state().signs, [found.lambda_s, found.lambda_v]);
@@ -134,7 +134,7 @@ fn a_horizon_is_at_least_a_period() {
     assert_eq!(Landing::new(u32::MAX, 1e300).expect_err("out of range").name, "h");
     assert_eq!(Landing::new(3, 1e-3).expect("in range").ahead(), 3);
     let gains = Gains::new(3.0, 2.0).expect("in range");
-    let wall = Restitution::from_kappa(0.5).expect("in range");
-    let regulator = TwistingRegulator::new(gains, 1e-3, wall).expect("admissible");
+    let restitution = Restitution::from_kappa(0.5).expect("in range");
+    let regulator = TwistingRegulator::new(gains, 1e-3, restitution).expect("admissible");
     assert_eq!(regulator.landing().map(|it| it.ahead()), Some(1), "by default");
 }

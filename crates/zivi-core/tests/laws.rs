@@ -83,8 +83,8 @@ fn other_units_change_only_the_rounding() {
     }
 }
 
-fn energy(z: Lifted, wall: Restitution, g: f64) -> f64 {
-    let physical = transform::project(z, wall);
+fn energy(z: Lifted, restitution: Restitution, g: f64) -> f64 {
+    let physical = transform::project(z, restitution);
     physical.xdot * physical.xdot / 2.0 + g * physical.x
 }
 
@@ -96,10 +96,10 @@ fn implicit_euler_never_gains_energy_under_gravity() {
         let mut problem = draw(&rng);
         (problem.scheme.theta, problem.scheme.gamma) = (1.0, 1.0);
         problem.f = -problem.f.abs();
-        let wall = Restitution::from_kappa(problem.scheme.kappa).expect("in range");
+        let restitution = Restitution::from_kappa(problem.scheme.kappa).expect("in range");
         let end = problem.solve(1.0).expect("a solution");
-        let before = energy(problem.z, wall, -problem.f);
-        let after = energy(Lifted { s: end.s, v: end.v }, wall, -problem.f);
+        let before = energy(problem.z, restitution, -problem.f);
+        let after = energy(Lifted { s: end.s, v: end.v }, restitution, -problem.f);
         let rounding = 1e-13 * (before + (problem.scheme.h * problem.f).powi(2));
         assert!(after <= before + rounding, "{before:e} -> {after:e} in {problem:?}\n{end:?}");
     }
@@ -184,24 +184,24 @@ fn a_strange_side_does_no_harm() {
 
 #[test]
 fn settings_out_of_range_are_refused_by_name() {
-    let wall = Restitution::from_e(0.5).expect("in range");
-    let refused = |h: f64, theta: f64, gamma: f64, wall: Restitution| {
-        let error = ThetaGammaStep::new(h, theta, gamma, wall).expect_err("out of range");
+    let restitution = Restitution::from_e(0.5).expect("in range");
+    let refused = |h: f64, theta: f64, gamma: f64, restitution: Restitution| {
+        let error = ThetaGammaStep::new(h, theta, gamma, restitution).expect_err("out of range");
         let text = error.to_string();
         assert!(text.contains(error.name) && text.contains(error.range), "{text}");
         (error.name, error.value.to_bits())
     };
     let out_of_range = [0.0, -0.0, -1.0, -5e-324, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
     for bad in out_of_range {
-        assert_eq!(refused(bad, 1.0, 1.0, wall), ("h", bad.to_bits()));
-        assert_eq!(refused(1e-3, bad, 1.0, wall), ("theta", bad.to_bits()));
-        assert_eq!(refused(1e-3, 1.0, bad, wall), ("gamma", bad.to_bits()));
-        let step = ThetaGammaStep::new(1e-3, 1.0, 1.0, wall).expect("admissible");
+        assert_eq!(refused(bad, 1.0, 1.0, restitution), ("h", bad.to_bits()));
+        assert_eq!(refused(1e-3, bad, 1.0, restitution), ("theta", bad.to_bits()));
+        assert_eq!(refused(1e-3, 1.0, bad, restitution), ("gamma", bad.to_bits()));
+        let step = ThetaGammaStep::new(1e-3, 1.0, 1.0, restitution).expect("admissible");
         assert_eq!(step.with_h(bad).expect_err("out of range").name, "h");
     }
     for bad in [1.0 + f64::EPSILON, 2.0] {
-        assert_eq!(refused(1e-3, bad, 1.0, wall), ("theta", bad.to_bits()));
-        assert_eq!(refused(1e-3, 1.0, bad, wall), ("gamma", bad.to_bits()));
+        assert_eq!(refused(1e-3, bad, 1.0, restitution), ("theta", bad.to_bits()));
+        assert_eq!(refused(1e-3, 1.0, bad, restitution), ("gamma", bad.to_bits()));
     }
     let plastic = Restitution::from_e(0.0).expect("in range");
     assert_eq!(refused(1e-3, 1.0, 1.0, plastic), ("e", 0.0_f64.to_bits()));
@@ -213,9 +213,9 @@ fn settings_out_of_range_are_refused_by_name() {
 
 #[test]
 fn the_limits_of_the_settings_are_admitted() {
-    let wall = Restitution::from_kappa(1.0 - f64::EPSILON / 2.0).expect("in range");
+    let restitution = Restitution::from_kappa(1.0 - f64::EPSILON / 2.0).expect("in range");
     for (h, weight) in [(5e-324, 5e-324), (f64::MAX, 1.0)] {
-        let step = ThetaGammaStep::new(h, weight, weight, wall).expect("admissible");
+        let step = ThetaGammaStep::new(h, weight, weight, restitution).expect("admissible");
         assert_eq!((step.h(), step.theta(), step.gamma()), (h, weight, weight));
         assert_eq!(step.with_h(0.25).map(|it| it.h()), Ok(0.25));
     }

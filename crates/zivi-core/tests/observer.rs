@@ -35,8 +35,8 @@ fn exact([x, v, d]: [f64; 3], known: f64, e: f64, mut left: f64) -> Option<([f64
 }
 
 fn observer(e: f64, h: f64, q_d: f64) -> ImpactObserver {
-    let wall = Restitution::from_e(e).expect("in range");
-    let settings = ObserverSettings::new(wall, h).and_then(|it| it.with_force(q_d, 1e3));
+    let restitution = Restitution::from_e(e).expect("in range");
+    let settings = ObserverSettings::new(restitution, h).and_then(|it| it.with_force(q_d, 1e3));
     ImpactObserver::new(settings.expect("in range"))
 }
 
@@ -191,9 +191,9 @@ fn stress(draws: u32, seed: u64) {
     for _ in 0..draws {
         let e = rng.pick(&[0.0, 1.0, rng.between(0.0, 1.0)]);
         let h = rng.log_between(1e-5, 1e-1);
-        let wall = Restitution::from_e(e).expect("in range");
+        let restitution = Restitution::from_e(e).expect("in range");
         let dmax = rng.log_between(0.1, 100.0);
-        let settings = ObserverSettings::new(wall, h)
+        let settings = ObserverSettings::new(restitution, h)
             .and_then(|it| it.with_noise(rng.log_between(1e-7, 1e-1), rng.log_between(1e-5, 10.0)))
             .and_then(|it| it.with_force(rng.log_between(1e-8, 1e2), dmax))
             .and_then(|it| it.with_restitution_error(rng.pick(&[0.0, 0.03, 0.5])));

@@ -19,7 +19,8 @@ struct Instance {
 impl Instance {
     /// Anywhere, near the wall, or crossing it; some numbers exactly zero.
     fn draw(rng: &Rng, gains: Gains, f: f64) -> Self {
-        let step = RegulationStep { h: rng.log_between(1e-5, 1e-1), wall: random_wall(rng), gains };
+        let step =
+            RegulationStep { h: rng.log_between(1e-5, 1e-1), restitution: random_wall(rng), gains };
         let reach = step.h * gains.mu1();
         let z = match rng.pick(&[0, 1, 2]) {
             0 => Lifted { s: signed(rng, 1e-12, 1e3), v: signed(rng, 1e-12, 1e3) },
@@ -42,8 +43,8 @@ impl Instance {
     /// v+ = v + h ( ls F - mu1 ls - mu2 lv )/R      s+ = s + h R v+      R = 1 - kappa ls lv
     /// ```
     fn end(&self, [ls, lv]: [f64; 2]) -> ([f64; 2], [f64; 2]) {
-        let RegulationStep { h, wall, gains } = self.step;
-        let r = 1.0 - wall.kappa() * ls * lv;
+        let RegulationStep { h, restitution, gains } = self.step;
+        let r = 1.0 - restitution.kappa() * ls * lv;
         let pushes = [ls * self.f * h / r, -gains.mu1() * ls * h / r, -gains.mu2() * lv * h / r];
         let v = self.z.v + pushes.iter().sum::<f64>();
         let of_v = self.z.v.abs() + pushes.iter().map(|it| it.abs()).sum::<f64>();
@@ -64,7 +65,7 @@ impl Instance {
             let both = if inclusion.is_nan() { f64::NAN } else { inclusion.max(update) };
             worst = if both > worst || both.is_nan() { both } else { worst };
         }
-        worst * (1.0 - self.step.wall.kappa())
+        worst * (1.0 - self.step.restitution.kappa())
     }
 
     fn solve(&self) -> Regulation {
@@ -73,8 +74,8 @@ impl Instance {
 
     /// All solutions with one of the nine patterns of signs, coincident states merged.
     fn enumerated(&self) -> Vec<Lifted> {
-        let RegulationStep { h, wall, gains } = self.step;
-        let (k, Lifted { s, v }) = (wall.kappa(), self.z);
+        let RegulationStep { h, restitution, gains } = self.step;
+        let (k, Lifted { s, v }) = (restitution.kappa(), self.z);
         let (push, brake) = (h * (self.f - gains.mu1()), h * gains.mu2());
         let mut tried: Vec<[f64; 2]> = Vec::new();
         for one in [-1.0, 1.0] {
@@ -106,17 +107,18 @@ impl Instance {
     /// From `s = 0` to `(0, 0)`: some `(ls, lv)` with `R v + ls push - lv brake = 0`. The left-hand
     /// side is linear in each sign: its extremes are at the corners.
     fn can_stop(&self) -> bool {
-        let RegulationStep { h, wall, gains } = self.step;
+        let RegulationStep { h, restitution, gains } = self.step;
         let (push, brake) = (h * (self.f - gains.mu1()), h * gains.mu2());
-        let at =
-            |ls: f64, lv: f64| (1.0 - wall.kappa() * ls * lv) * self.z.v + ls * push - lv * brake;
+        let at = |ls: f64, lv: f64| {
+            (1.0 - restitution.kappa() * ls * lv) * self.z.v + ls * push - lv * brake
+        };
         let corners = [at(1.0, 1.0), at(1.0, -1.0), at(-1.0, 1.0), at(-1.0, -1.0)];
         corners.iter().any(|it| *it >= 0.0) && corners.iter().any(|it| *it <= 0.0)
     }
 
     fn coincide(&self, a: Lifted, b: Lifted) -> bool {
         let (_, [of_s, of_v]) = self.end([1.0, 1.0]);
-        let blur = 1e-10 / (1.0 - self.step.wall.kappa());
+        let blur = 1e-10 / (1.0 - self.step.restitution.kappa());
         (a.s - b.s).abs() <= blur * of_s && (a.v - b.v).abs() <= blur * of_v
     }
 }
@@ -226,9 +228,9 @@ impl Fall {
 
     /// When the step, iterated, first ends at `(0, 0)`.
     fn stepped(&self, h: f64) -> Option<f64> {
-        let wall = Restitution::from_e(self.e).expect("in range");
-        let step = RegulationStep { h, wall, gains: self.gains };
-        let mut z = transform::lift(self.start, Branch::Positive, wall);
+        let restitution = Restitution::from_e(self.e).expect("in range");
+        let step = RegulationStep { h, restitution, gains: self.gains };
+        let mut z = transform::lift(self.start, Branch::Positive, restitution);
         let most = (3.0 * self.settling_time() / h) as u32;
         for count in 1..=most {
             z = step.solve(z, self.f).end;

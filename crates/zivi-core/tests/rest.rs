@@ -10,8 +10,8 @@ const G: f64 = 9.81;
 /// Steps until the state is exactly `(0, 0)`; the number of steps and the last one.
 fn run_to_rest(scheme: Scheme, start: Physical, limit: u32) -> Option<(u32, StepSolution)> {
     let step = scheme.build();
-    let wall = Restitution::from_kappa(scheme.kappa).expect("in range");
-    let mut z = transform::lift(start, Branch::Positive, wall);
+    let restitution = Restitution::from_kappa(scheme.kappa).expect("in range");
+    let mut z = transform::lift(start, Branch::Positive, restitution);
     let mut side = 1.0;
     for number in 1..=limit {
         let end = step.solve(z, -G, side).expect("a solution");

@@ -47,8 +47,8 @@ fn the_exact_motion_of_the_library_is_the_one_of_this_file() {
         let scheme = Scheme::implicit_euler(rng.log_between(1e-2, 1e1), rng.between(0.0, 0.95));
         let state = [rng.between(0.0, 4.0), rng.between(-4.0, 4.0)];
         let problem = scaled_problem(scheme, state, rng.log_between(1e-2, 1e2));
-        let wall = scheme.build().wall();
-        let theirs = exact_motion(problem.z, problem.f, scheme.h, wall);
+        let restitution = scheme.build().restitution();
+        let theirs = exact_motion(problem.z, problem.f, scheme.h, restitution);
         let (s, v) = exact(&problem, 1.0);
         impacts += u32::from(s < 0.0);
         let unit = scheme.h * problem.f / (1.0 - scheme.kappa);

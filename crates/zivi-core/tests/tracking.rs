@@ -42,7 +42,7 @@ fn misfits(it: &Instance, found: &Tracking) -> (f64, f64) {
     let ([s, v], [of_s, of_v]) = it.end([ls, lv, les, lev]);
     let update = worst(relative(found.end.s - s, of_s), relative(found.end.v - v, of_v));
     let gains = it.step.gains;
-    let r = 1.0 - it.step.wall.kappa() * ls * lv;
+    let r = 1.0 - it.step.restitution.kappa() * ls * lv;
     let terms = [
         r * ls * it.target.acceleration,
         -r * ls * gains.mu1() * les,
@@ -58,7 +58,7 @@ impl Met {
     /// account for.
     fn take(&mut self, it: &Instance, share: impl Fn(&Tracking) -> f64) {
         let found = it.solve();
-        let amplified = (1.0 - it.step.wall.kappa()) * share(&found);
+        let amplified = (1.0 - it.step.restitution.kappa()) * share(&found);
         let (update, control) = misfits(it, &found);
         self.residual = worst(self.residual, it.residual(signs(&found)) * amplified);
         self.update = worst(self.update, update * amplified);
@@ -145,7 +145,7 @@ fn extreme_walls_are_stepped() {
             let mut met = Met::default();
             for _ in 0..50_000 {
                 let mut it = Instance::draw(&rng, kind).with_zeros(&rng, 0.02);
-                it.step.wall = Restitution::from_kappa(kappa).expect("in range");
+                it.step.restitution = Restitution::from_kappa(kappa).expect("in range");
                 met.take(&it, |_| 1.0);
             }
             println!("{kappa} {kind:?}: {:e}, {} iterations", met.residual, met.iterations);

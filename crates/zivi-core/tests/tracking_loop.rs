@@ -54,17 +54,19 @@ fn the_reference_is_implicit_euler_iterated() {
     let rng = Rng::new(91);
     for _ in 0..200 {
         let (gains, f) = stable(&rng);
-        let (wall, wall_ref) = (random_wall(&rng), random_wall(&rng));
+        let (restitution, restitution_ref) = (random_wall(&rng), random_wall(&rng));
         let h = rng.log_between(1e-4, 1e-2);
         let start = Physical { x: rng.between(0.0, 3.0), xdot: rng.between(-3.0, 3.0) };
-        let scheme = ThetaGammaStep::new(h, 1.0, 1.0, wall_ref).expect("admissible");
+        let scheme = ThetaGammaStep::new(h, 1.0, 1.0, restitution_ref).expect("admissible");
         for approach in APPROACHES {
-            let new = TwistingTracker::new(gains, h, wall, wall_ref, approach);
+            let new = TwistingTracker::new(gains, h, restitution, restitution_ref, approach);
             let mut tracker = new.expect("admissible");
             tracker.reset(start).expect("in range");
-            let mut explicit = ExplicitTwisting::new(gains, h, wall, wall_ref).expect("admissible");
+            let mut explicit =
+                ExplicitTwisting::new(gains, h, restitution, restitution_ref).expect("admissible");
             explicit.reset(start).expect("in range");
-            let (mut z, mut side) = (transform::lift(start, Branch::Positive, wall_ref), 1.0);
+            let (mut z, mut side) =
+                (transform::lift(start, Branch::Positive, restitution_ref), 1.0);
             side = transform::side(z, side);
             for _ in 0..300 {
                 // now and then pulled off the wall
@@ -74,7 +76,7 @@ fn the_reference_is_implicit_euler_iterated() {
                 explicit.tick(measured, f, force_ref).expect("a good sample");
                 z = scheme.solve(z, force_ref, side).expect("a solution").end();
                 side = transform::side(z, side);
-                assert_eq!(tracker.reference(), transform::project(z, wall_ref));
+                assert_eq!(tracker.reference(), transform::project(z, restitution_ref));
                 assert_eq!(explicit.reference(), tracker.reference());
                 if approach == Approach::Nearest {
                     assert_eq!(tracker.state().reference, z);
@@ -123,8 +125,8 @@ fn a_mass_and_a_reference_at_rest_stay() {
     for approach in APPROACHES {
         for _ in 0..1000 {
             let (gains, f) = stable(&rng);
-            let (wall, wall_ref) = (random_wall(&rng), random_wall(&rng));
-            let new = TwistingTracker::new(gains, H, wall, wall_ref, approach);
+            let (restitution, restitution_ref) = (random_wall(&rng), random_wall(&rng));
+            let new = TwistingTracker::new(gains, H, restitution, restitution_ref, approach);
             let landing = new.expect("admissible");
             let [press, ..] = landing.descent().expect("the default").accelerations();
             for (mut tracker, u) in [(landing, -f - press), (landing.with_landing(None), -f)] {
@@ -167,22 +169,24 @@ fn the_explicit_controller_is_the_law_with_the_signs_of_the_sample() {
     let rng = Rng::new(93);
     for _ in 0..10_000 {
         let (gains, f) = stable(&rng);
-        let (wall, wall_ref) = (random_wall(&rng), random_wall(&rng));
-        let mut it = ExplicitTwisting::new(gains, H, wall, wall_ref).expect("admissible");
+        let (restitution, restitution_ref) = (random_wall(&rng), random_wall(&rng));
+        let mut it =
+            ExplicitTwisting::new(gains, H, restitution, restitution_ref).expect("admissible");
         let any = || Physical { x: rng.log_between(1e-6, 10.0), xdot: rng.between(-5.0, 5.0) };
         let (start, measured) = (any(), any());
         it.reset(start).expect("in range");
         let f_ref = rng.between(-20.0, 20.0);
         let u = it.tick(measured, f, f_ref).expect("a good sample");
-        let r = |wall: Restitution, xdot: f64| 1.0 - wall.kappa() * xdot.signum();
-        let (r_plant, r_ref) = (r(wall, measured.xdot), r(wall_ref, start.xdot));
+        let r = |restitution: Restitution, xdot: f64| 1.0 - restitution.kappa() * xdot.signum();
+        let (r_plant, r_ref) = (r(restitution, measured.xdot), r(restitution_ref, start.xdot));
         let error_v = measured.xdot / r_plant - start.xdot / r_ref;
         let pull = f_ref / r_ref
             - gains.mu1() * (measured.x - start.x).signum()
             - gains.mu2() * error_v.signum();
         let expected = r_plant * pull - f;
         let terms = r_plant * (f_ref.abs() / r_ref + gains.mu1() + gains.mu2()) + f.abs();
-        let rounding = 4.0 * f64::EPSILON / (1.0 - wall.kappa().max(wall_ref.kappa()));
+        let rounding =
+            4.0 * f64::EPSILON / (1.0 - restitution.kappa().max(restitution_ref.kappa()));
         assert!((u - expected).abs() <= rounding * terms, "{u}, not {expected}: {it:?}");
         let signs = it.state().signs;
         assert!(signs.iter().all(|it| it.abs() == 1.0), "{signs:?}");

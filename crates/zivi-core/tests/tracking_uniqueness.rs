@@ -65,10 +65,10 @@ impl Instance {
     /// With `ls = g` an end, `v+ = v + h C`. A free error sign has its row zero, which gives `v+`,
     /// and then the sign.
     fn off_the_wall(&self, g: f64, found: &mut Vec<[f64; 4]>) {
-        let TrackingStep { h, wall, gains } = self.step;
+        let TrackingStep { h, restitution, gains } = self.step;
         let aim = self.target.end;
         for lv in [-1.0, 1.0] {
-            let r = 1.0 - wall.kappa() * g * lv;
+            let r = 1.0 - restitution.kappa() * g * lv;
             for les in KINDS {
                 for lev in KINDS {
                     let excess = |v: f64, known: f64| (self.z.v - v) / h + known;
@@ -118,7 +118,7 @@ impl Instance {
     /// `R v + h [ls^2 C R + ls (1 - ls^2) F] = -s/h` is a cubic in `ls`; for a free sign of the
     /// velocity error `R = -s/(h v_r+)` gives `ls`; for one of the position error `s_r+ = 0`.
     fn on_the_wall(&self, found: &mut Vec<[f64; 4]>) {
-        let (h, k) = (self.step.h, self.step.wall.kappa());
+        let (h, k) = (self.step.h, self.step.restitution.kappa());
         let (mu1, mu2) = (self.step.gains.mu1(), self.step.gains.mu2());
         let travel = self.z.s / h;
         let aim = self.target.end;
@@ -164,7 +164,7 @@ impl Instance {
     /// The state with these signs, if they fit: what a free sign pins is exact, the rest rounded.
     fn accepted(&self, signs: [f64; 4]) -> Option<State> {
         let fits = signs.iter().all(|it| it.abs() <= 1.0 + ACCEPTED);
-        if !fits || self.residual(signs) >= ACCEPTED / (1.0 - self.step.wall.kappa()) {
+        if !fits || self.residual(signs) >= ACCEPTED / (1.0 - self.step.restitution.kappa()) {
             return None;
         }
         let aim = self.target.end;
@@ -208,7 +208,7 @@ impl Instance {
 
     fn coincide(&self, a: Lifted, b: Lifted) -> bool {
         let (_, [of_s, of_v]) = self.end([1.0, 1.0, 1.0, 1.0]);
-        let blur = 1e-9 / (1.0 - self.step.wall.kappa());
+        let blur = 1e-9 / (1.0 - self.step.restitution.kappa());
         (a.s - b.s).abs() <= blur * of_s && (a.v - b.v).abs() <= blur * of_v
     }
 
@@ -281,18 +281,18 @@ fn the_same_with_exact_zeros() {
 impl Instance {
     /// `s+` for this `ls`, at the `v+` that solves `v+ in v + h [..]`.
     fn position(&self, ls: f64) -> f64 {
-        let TrackingStep { h, wall, gains } = self.step;
+        let TrackingStep { h, restitution, gains } = self.step;
         let Lifted { s, v } = self.z;
-        let travel = |y: f64| y * (1.0 - wall.kappa() * ls * zivi_core::sgn(y));
+        let travel = |y: f64| y * (1.0 - restitution.kappa() * ls * zivi_core::sgn(y));
         let defect = |y: f64| {
-            let r = 1.0 - wall.kappa() * ls * zivi_core::sgn(y);
+            let r = 1.0 - restitution.kappa() * ls * zivi_core::sgn(y);
             let error_s = zivi_core::sgn(s + h * travel(y) - self.target.end.s);
             let error_v = zivi_core::sgn(y - self.target.end.v);
             let pull = self.target.acceleration - gains.mu1() * error_s - gains.mu2() * error_v;
             y - v - h * (ls * ls * pull + ls * (1.0 - ls * ls) * self.f / r)
         };
         let pulls = self.target.acceleration.abs() + gains.mu1() + gains.mu2();
-        let reach = h * (pulls + self.f.abs() / (1.0 - wall.kappa()));
+        let reach = h * (pulls + self.f.abs() / (1.0 - restitution.kappa()));
         let (mut low, mut high) = (v - reach, v + reach);
         for _ in 0..70 {
             let middle = 0.5 * (low + high);

@@ -133,13 +133,16 @@ pub unsafe extern "C" fn zivi_simulate(
         checked_size::<System>(system.size)?;
         // SAFETY: NULL or the caller's
         let how = unsafe { How::of(method)? };
-        let wall = wall(system.e, system.kappa)?;
+        let restitution = restitution(system.e, system.kappa)?;
         let start = Physical { x: x0, xdot: xdot0 };
         let trajectory = match system.function {
-            Some(function) => {
-                how.run(&mut Callback { function, user: system.user }, wall, (t0, t1), start)?
-            }
-            None => how.run(&mut ConstantForce(system.force), wall, (t0, t1), start)?,
+            Some(function) => how.run(
+                &mut Callback { function, user: system.user },
+                restitution,
+                (t0, t1),
+                start,
+            )?,
+            None => how.run(&mut ConstantForce(system.force), restitution, (t0, t1), start)?,
         };
         let impacts = trajectory.events.impacts.iter().map(|it| Impact {
             t: it.t,
@@ -223,7 +226,7 @@ pub extern "C" fn zivi_status_message(status: i32) -> *const c_char {
 }
 
 /// `e` or `kappa`, whichever is not zero; `e = 0` is the plastic wall.
-pub(crate) fn wall(e: f64, kappa: f64) -> Result<Restitution, Refused> {
+pub(crate) fn restitution(e: f64, kappa: f64) -> Result<Restitution, Refused> {
     Ok(match (e == 0.0, kappa == 0.0) {
         (_, true) => Restitution::from_e(e)?,
         (true, false) => Restitution::from_kappa(kappa)?,
@@ -265,7 +268,7 @@ impl How<'_> {
     fn run(
         &self,
         force: &mut impl Force<Raised>,
-        wall: Restitution,
+        restitution: Restitution,
         span: (f64, f64),
         start: Physical,
     ) -> Result<Trajectory, Refused> {
@@ -273,7 +276,7 @@ impl How<'_> {
             let output = Output { t_eval: self.t_eval, ..Output::default() };
             let run = simulate_switched_rk(
                 self.settings,
-                wall,
+                restitution,
                 force,
                 span,
                 start,
@@ -286,7 +289,8 @@ impl How<'_> {
             return Err(Refused::from("t_eval must be NULL where h is given: samples are h apart"));
         }
         let (grid, method) = (Grid::new(span.0, span.1, self.h)?, ThetaGamma::implicit_euler());
-        Ok(simulate_theta_gamma(method, wall, force, grid, start, &mut Unwatched)?.trajectory)
+        Ok(simulate_theta_gamma(method, restitution, force, grid, start, &mut Unwatched)?
+            .trajectory)
     }
 }
 

@@ -10,7 +10,7 @@ use zivi::{Events, Grid, Impact, Physical, Restitution};
 use crate::force::{ForceSpec, NativeForce};
 use crate::method::Method;
 use crate::simulate::setup_error;
-use crate::transform::wall;
+use crate::transform::from_both;
 use crate::watch::Watch;
 
 pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
@@ -62,21 +62,26 @@ pub(crate) fn natives(forces: &Bound<'_, PyList>) -> PyResult<Vec<NativeForce>> 
 }
 
 /// The wall of run `i`, from a row `e, kappa` for each run or one for all.
-pub(crate) fn row_wall(walls: &PyReadonlyArray2<'_, f64>, i: usize) -> PyResult<Restitution> {
-    let walls = walls.as_array();
-    let row = if walls.nrows() == 1 { 0 } else { i };
-    wall((walls[[row, 0]], walls[[row, 1]]))
+pub(crate) fn row_restitution(
+    restitutions: &PyReadonlyArray2<'_, f64>,
+    i: usize,
+) -> PyResult<Restitution> {
+    let restitutions = restitutions.as_array();
+    let row = if restitutions.nrows() == 1 { 0 } else { i };
+    from_both((restitutions[[row, 0]], restitutions[[row, 1]]))
 }
 
-/// Many runs. `forces` and `walls`, rows `e, kappa`, have an entry for each run, or one for all.
-/// What is saved are the states `at` given times, the samples of `steps`, or what `save` says.
+/// Many runs. `forces` and `restitutions`, rows `e, kappa`, have an entry for each run, or one for
+/// all. What is saved are the states `at` given times, the samples of `steps`, or what `save` says.
 #[pyfunction]
-#[pyo3(signature = (forces, walls, states, method, *, span, save, threads, at=None, steps=None, progress=None))]
+#[pyo3(signature = (
+    forces, restitutions, states, method, *, span, save, threads, at=None, steps=None, progress=None
+))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
     py: Python<'_>,
     forces: &Bound<'_, PyList>,
-    walls: PyReadonlyArray2<'_, f64>,
+    restitutions: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
     method: PyRef<'_, Method>,
     span: (f64, f64),
@@ -92,7 +97,7 @@ pub(crate) fn simulate_batch(
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
         members.push(Member {
-            wall: row_wall(&walls, i)?,
+            restitution: row_restitution(&restitutions, i)?,
             force: forces[if forces.len() == 1 { 0 } else { i }],
             initial: Physical { x: state[0], xdot: state[1] },
         });

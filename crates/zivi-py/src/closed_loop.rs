@@ -166,7 +166,7 @@ impl Reference<PyErr> for Source<'_> {
 /// The wall, the steps and the initial state of a loop.
 #[derive(Clone, Copy)]
 struct RunCourse {
-    wall: Restitution,
+    restitution: Restitution,
     grid: Grid,
     initial: Physical,
 }
@@ -179,7 +179,7 @@ struct Surroundings<'a> {
     observer: Option<ImpactObserver>,
     delay: usize,
     dense: bool,
-    wall_ref: Restitution,
+    restitution_ref: Restitution,
 }
 
 type Outcome = Result<LoopRun<PyErr>, SetupError>;
@@ -192,12 +192,12 @@ impl Surroundings<'_> {
         (events, given): (Vec<UserEvent<'_, PyErr>>, Option<&mut dyn Reference<PyErr>>),
         watch: &mut Watch,
     ) -> Outcome {
-        let RunCourse { wall, grid, initial } = self.course;
+        let RunCourse { restitution, grid, initial } = self.course;
         let Self { motion, sensor, observer, delay, dense, .. } = *self;
-        let surroundings = Loop { wall, grid, initial, motion, sensor, observer, delay };
+        let surroundings = Loop { restitution, grid, initial, motion, sensor, observer, delay };
         let forces = Forces { plant, model, reference };
-        let wall = self.wall_ref;
-        let followed = given.map(|reference| Followed { reference, wall });
+        let restitution = self.restitution_ref;
+        let followed = given.map(|reference| Followed { reference, restitution });
         let options = LoopOptions { reference: followed, dense, events };
         observe_closed_loop(controller, surroundings, forces, options, watch)
     }
@@ -251,8 +251,8 @@ pub(crate) fn motion_of(method: &Method, exact: bool) -> PyResult<Motion> {
 /// of one of our classes, not those of a subclass.
 #[pyfunction]
 #[pyo3(signature = (
-    controller, forces, *, wall, h, span, start, method, exact, noise, resolution,
-    delay, observer, interface, ours, dense, events, given, wall_ref,
+    controller, forces, *, restitution, h, span, start, method, exact, noise, resolution,
+    delay, observer, interface, ours, dense, events, given, restitution_ref,
     progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
@@ -260,7 +260,7 @@ pub(crate) fn simulate_closed_loop(
     py: Python<'_>,
     controller: &Bound<'_, PyAny>,
     forces: [Bound<'_, PyTuple>; 3],
-    wall: WallPair,
+    restitution: WallPair,
     h: f64,
     span: (f64, f64),
     start: PyRef<'_, State>,
@@ -275,17 +275,18 @@ pub(crate) fn simulate_closed_loop(
     dense: bool,
     events: Vec<PyRef<'_, Event>>,
     given: Option<Bound<'_, PyAny>>,
-    wall_ref: WallPair,
+    restitution_ref: WallPair,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
     let motion = motion_of(&method, exact)?;
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
-    let (wall, initial) = (crate::transform::wall(wall)?, start.inner);
-    let course = RunCourse { wall, grid: grid_of(span, h)?, initial };
-    let wall_ref = crate::transform::wall(wall_ref)?;
+    let (restitution, initial) = (crate::transform::from_both(restitution)?, start.inner);
+    let course = RunCourse { restitution, grid: grid_of(span, h)?, initial };
+    let restitution_ref = crate::transform::from_both(restitution_ref)?;
     let observer = observer.map(|it| it.inner);
-    let surroundings = Surroundings { course, motion, sensor, observer, delay, dense, wall_ref };
+    let surroundings =
+        Surroundings { course, motion, sensor, observer, delay, dense, restitution_ref };
     let mut given = given.map(Source::new).transpose()?;
     let [plant, model, reference] = &forces;
     let mut forces = [
@@ -302,7 +303,7 @@ pub(crate) fn simulate_closed_loop(
                 let mut copy = object.borrow().inner;
                 let run = surroundings.run_native(py, &mut copy, &mut forces, events, given, watch);
                 object.borrow_mut().inner = copy;
-                return LoopRecord::new(py, run.map_err(setup_error)?, course.wall);
+                return LoopRecord::new(py, run.map_err(setup_error)?, course.restitution);
             }
         };
     }
@@ -315,7 +316,7 @@ pub(crate) fn simulate_closed_loop(
         let given = given.as_mut().map(|it| it as &mut dyn Reference<PyErr>);
         surroundings.run(&mut controller, &mut forces, (events, given), watch)
     };
-    LoopRecord::new(py, run.map_err(setup_error)?, course.wall)
+    LoopRecord::new(py, run.map_err(setup_error)?, course.restitution)
 }
 
 type Array = Py<PyArray1<f64>>;
@@ -346,7 +347,7 @@ pub(crate) struct LoopRecord {
 }
 
 impl LoopRecord {
-    fn new(py: Python<'_>, run: LoopRun<PyErr>, wall: Restitution) -> PyResult<Self> {
+    fn new(py: Python<'_>, run: LoopRun<PyErr>, restitution: Restitution) -> PyResult<Self> {
         let LoopRun { columns, estimates, ticks, events, path, hits, status, nfev, raised } = run;
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
         let Hits { t: t_events, y: y_events } = Hits::new(py, &hits)?;
@@ -358,7 +359,7 @@ impl LoopRecord {
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
-            path: path.map(|path| path_object(py, path, wall)).transpose()?,
+            path: path.map(|path| path_object(py, path, restitution)).transpose()?,
             t_events,
             y_events,
             status: status as u8,
@@ -370,11 +371,11 @@ impl LoopRecord {
 }
 
 /// What Python makes the motion between the samples of.
-fn path_object(py: Python<'_>, path: LoopPath, wall: Restitution) -> PyResult<Py<PyAny>> {
+fn path_object(py: Python<'_>, path: LoopPath, restitution: Restitution) -> PyResult<Py<PyAny>> {
     let array = |values: Vec<f64>| PyArray1::from_vec(py, values);
     Ok(match path {
         LoopPath::Ballistic(force) => force.into_pyobject(py)?.into_any().unbind(),
-        LoopPath::Switched(path) => Py::new(py, MotionPath::of_loop(path, wall))?.into_any(),
+        LoopPath::Switched(path) => Py::new(py, MotionPath::of_loop(path, restitution))?.into_any(),
         LoopPath::Lifted(states) => {
             let (s, v): (Vec<f64>, Vec<f64>) = states.iter().map(|z| (z.s, z.v)).unzip();
             (array(s), array(v)).into_pyobject(py)?.into_any().unbind()
@@ -388,14 +389,14 @@ fn path_object(py: Python<'_>, path: LoopPath, wall: Restitution) -> PyResult<Py
 pub(crate) fn ballistic_motion<'py>(
     py: Python<'py>,
     rows: PyReadonlyArray2<'py, f64>,
-    wall: WallPair,
+    restitution: WallPair,
 ) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
-    let wall = crate::transform::wall(wall)?;
+    let restitution = crate::transform::from_both(restitution)?;
     let rows = rows.as_array();
     let mut columns: [Vec<f64>; 3] = Default::default();
     for row in rows.rows() {
         let (state, mut events) = (Physical { x: row[0], xdot: row[1] }, Events::default());
-        let end = ballistic::advance(state, row[2], wall, (0.0, row[3]), &mut events);
+        let end = ballistic::advance(state, row[2], restitution, (0.0, row[3]), &mut events);
         for (column, value) in
             columns.iter_mut().zip([end.x, end.xdot, events.impacts.len() as f64])
         {

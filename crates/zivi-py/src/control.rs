@@ -8,7 +8,7 @@ use zivi_core::control::{
 };
 use zivi_core::{Branch, Lifted, Physical, Restitution, SettingError};
 
-use crate::transform::wall_of;
+use crate::transform::restitution_of;
 
 fn refused(error: SettingError) -> PyErr {
     PyValueError::new_err(error.to_string())
@@ -18,12 +18,12 @@ fn refused(error: SettingError) -> PyErr {
 fn gains(
     mu1: f64,
     mu2: f64,
-    wall: Restitution,
+    restitution: Restitution,
     bound: Option<f64>,
     condition: fn(f64, f64, f64, Restitution) -> Result<Gains, GainError>,
 ) -> PyResult<Gains> {
     match bound {
-        Some(bound) => condition(mu1, mu2, bound, wall),
+        Some(bound) => condition(mu1, mu2, bound, restitution),
         None => Gains::new(mu1, mu2).map_err(GainError::from),
     }
     .map_err(|error| PyValueError::new_err(error.to_string()))
@@ -70,9 +70,9 @@ impl Regulator {
         actuator: (f64, f64),
         ahead: Option<u32>,
     ) -> PyResult<Self> {
-        let wall = wall_of(kappa)?;
-        let gains = gains(mu1, mu2, wall, bound, Gains::for_regulation)?;
-        let bare = TwistingRegulator::new(gains, h, wall);
+        let restitution = restitution_of(kappa)?;
+        let gains = gains(mu1, mu2, restitution, bound, Gains::for_regulation)?;
+        let bare = TwistingRegulator::new(gains, h, restitution);
         let landing = ahead.map(|ahead| Landing::new(ahead, h)).transpose();
         let landing = landing.map_err(refused)?;
         let inner = bare.map_err(refused)?.with_landing(landing);
@@ -255,11 +255,11 @@ with_reference! { Tracker,
         shift: bool,
     ) -> PyResult<Self> {
         let approach = if nearest { Approach::Nearest } else { Approach::Positive };
-        let (wall, wall_ref) = (wall_of(kappa)?, wall_of(kappa_ref)?);
-        let gains = gains(mu1, mu2, wall, bound, Gains::for_tracking)?;
-        let bare = TwistingTracker::new(gains, h, wall, wall_ref, approach).map_err(refused)?;
+        let (restitution, restitution_ref) = (restitution_of(kappa)?, restitution_of(kappa_ref)?);
+        let gains = gains(mu1, mu2, restitution, bound, Gains::for_tracking)?;
+        let bare = TwistingTracker::new(gains, h, restitution, restitution_ref, approach);
         let landing = ahead.map(|ahead| Landing::new(ahead, h)).transpose().map_err(refused)?;
-        let landing = bare.with_landing(landing);
+        let landing = bare.map_err(refused)?.with_landing(landing);
         let pressing = match press {
             Some(press) => landing.with_press(press, bound.unwrap_or(0.0)),
             None => Ok(landing),
@@ -335,9 +335,9 @@ with_reference! { Explicit,
         depth: f64,
         actuator: (f64, f64),
     ) -> PyResult<Self> {
-        let (wall, wall_ref) = (wall_of(kappa)?, wall_of(kappa_ref)?);
-        let gains = gains(mu1, mu2, wall, bound, Gains::for_tracking)?;
-        let bare = ExplicitTwisting::new(gains, h, wall, wall_ref).map_err(refused)?;
+        let (restitution, restitution_ref) = (restitution_of(kappa)?, restitution_of(kappa_ref)?);
+        let gains = gains(mu1, mu2, restitution, bound, Gains::for_tracking)?;
+        let bare = ExplicitTwisting::new(gains, h, restitution, restitution_ref).map_err(refused)?;
         Ok(Self { inner: bare.with_port(port(depth, actuator)?) })
     }
 }

@@ -9,13 +9,13 @@ use zivi::{ImpactMap, MapParameter, Restitution};
 
 use crate::batch::{natives, refused};
 use crate::simulate::setup_error;
-use crate::transform::{wall, WallPair};
+use crate::transform::{from_both, WallPair};
 use crate::watch::Watch;
 
-fn map_of(force: &Bound<'_, PyAny>, wall: Restitution) -> PyResult<ImpactMap> {
+fn map_of(force: &Bound<'_, PyAny>, restitution: Restitution) -> PyResult<ImpactMap> {
     let forces = PyList::new(force.py(), [force])?;
     let native = natives(&forces)?;
-    ImpactMap::new(&native[0], wall).map_err(setup_error)
+    ImpactMap::new(&native[0], restitution).map_err(setup_error)
 }
 
 fn parameter(name: &str) -> PyResult<MapParameter> {
@@ -42,8 +42,11 @@ fn starts_of(given: &PyReadonlyArray2<'_, f64>) -> Vec<[f64; 2]> {
 
 /// Refuses a system that has no such map.
 #[pyfunction]
-pub(crate) fn check_impact_map(force: &Bound<'_, PyTuple>, of_wall: WallPair) -> PyResult<()> {
-    map_of(force, wall(of_wall)?).map(drop)
+pub(crate) fn check_impact_map(
+    force: &Bound<'_, PyTuple>,
+    of_restitution: WallPair,
+) -> PyResult<()> {
+    map_of(force, from_both(of_restitution)?).map(drop)
 }
 
 type Maps<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>, Bound<'py, PyArray3<f64>>);
@@ -51,17 +54,17 @@ type Maps<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>, Bound<'p
 /// The next impacts of rows `phase, u`: rows `phase, u, duration`, Jacobians, and for each impact
 /// and parameter the derivatives of its phase and speed.
 #[pyfunction]
-#[pyo3(signature = (force, of_wall, starts, *, parameters, threads, progress=None))]
+#[pyo3(signature = (force, of_restitution, starts, *, parameters, threads, progress=None))]
 pub(crate) fn map_of_impacts<'py>(
     py: Python<'py>,
     force: &Bound<'py, PyTuple>,
-    of_wall: WallPair,
+    of_restitution: WallPair,
     starts: PyReadonlyArray2<'py, f64>,
     parameters: Vec<String>,
     threads: usize,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Maps<'py>> {
-    let map = map_of(force, wall(of_wall)?)?;
+    let map = map_of(force, from_both(of_restitution)?)?;
     let by = parameters.iter().map(|name| parameter(name)).collect::<PyResult<Vec<_>>>()?;
     let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
     let all = py.detach(|| map_impacts(&map, &starts, &by, threads, watch)).map_err(refused)?;
@@ -77,14 +80,14 @@ pub(crate) fn map_of_impacts<'py>(
 }
 
 /// Orbits from rows `phase, u`: for each start `n` rows `phase, u`, the first after `skip` others.
-/// `forces` and `walls` have an entry for each start, or one for all.
+/// `forces` and `restitutions` have an entry for each start, or one for all.
 #[pyfunction]
-#[pyo3(signature = (forces, walls, starts, *, skip, n, threads, progress=None))]
+#[pyo3(signature = (forces, restitutions, starts, *, skip, n, threads, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn orbits_of_impacts<'py>(
     py: Python<'py>,
     forces: &Bound<'py, PyList>,
-    walls: Vec<WallPair>,
+    restitutions: Vec<WallPair>,
     starts: PyReadonlyArray2<'py, f64>,
     skip: usize,
     n: usize,
@@ -93,8 +96,8 @@ pub(crate) fn orbits_of_impacts<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let maps = forces
         .iter()
-        .zip(walls)
-        .map(|(force, of_wall)| map_of(&force, wall(of_wall)?))
+        .zip(restitutions)
+        .map(|(force, of_restitution)| map_of(&force, from_both(of_restitution)?))
         .collect::<PyResult<Vec<_>>>()?;
     let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
     let all = py.detach(|| orbits(&maps, &starts, (skip, n), threads, watch)).map_err(refused)?;

@@ -10,13 +10,13 @@ use zivi::drive::batch::{
 use zivi::drive::closed_loop::{AnyController, Given};
 use zivi::{Physical, Status};
 
-use crate::batch::{natives, refused, row_wall, rows};
+use crate::batch::{natives, refused, row_restitution, rows};
 use crate::closed_loop::{given_of_row, motion_of};
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::method::Method;
 use crate::observer::Observer;
 use crate::simulate::grid_of;
-use crate::transform::wall_of;
+use crate::transform::restitution_of;
 use crate::watch::Watch;
 
 fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
@@ -36,7 +36,7 @@ fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
 /// list has an entry for each loop, or one for all.
 #[pyfunction]
 #[pyo3(signature = (
-    controllers, observers, forces, walls, states, *, span, method, exact, resolution,
+    controllers, observers, forces, restitutions, states, *, span, method, exact, resolution,
     delay, within, every, threads, references=Vec::new(), progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
@@ -45,7 +45,7 @@ pub(crate) fn simulate_closed_loop_batch(
     controllers: Vec<Bound<'_, PyAny>>,
     observers: Vec<PyRef<'_, Observer>>,
     forces: [Bound<'_, PyList>; 3],
-    walls: PyReadonlyArray2<'_, f64>,
+    restitutions: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
     span: (f64, f64),
     method: PyRef<'_, Method>,
@@ -67,7 +67,7 @@ pub(crate) fn simulate_closed_loop_batch(
         .iter()
         .map(|(rows, kappa)| {
             let rows: Vec<Given> = rows.as_array().rows().into_iter().map(given_of_row).collect();
-            Ok((rows, wall_of(*kappa)?))
+            Ok((rows, restitution_of(*kappa)?))
         })
         .collect::<PyResult<Vec<_>>>()?;
     let mut members = Vec::with_capacity(states.as_array().nrows());
@@ -77,7 +77,7 @@ pub(crate) fn simulate_closed_loop_batch(
         members.push(LoopMember {
             controller,
             observer: observers.get(which(observers.len())).map(|it| it.inner),
-            wall: row_wall(&walls, i)?,
+            restitution: row_restitution(&restitutions, i)?,
             forces: [
                 plants[which(plants.len())],
                 models[which(models.len())],

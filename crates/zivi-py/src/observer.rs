@@ -38,9 +38,9 @@ impl Observer {
         dmax: f64,
         position_only: bool,
     ) -> PyResult<Self> {
-        let wall = Restitution::from_e(e);
-        let wall = wall.map_err(|error| PyValueError::new_err(error.to_string()))?;
-        let settings = ObserverSettings::new(wall, h)
+        let restitution = Restitution::from_e(e);
+        let restitution = restitution.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        let settings = ObserverSettings::new(restitution, h)
             .and_then(|it| it.with_noise(noise.0, noise.1))
             .and_then(|it| it.with_force(q_d, dmax))
             .and_then(|it| it.with_restitution_error(se))

@@ -66,7 +66,7 @@ pub(crate) fn sensitivity(
     times: PyReadonlyArray1<'_, f64>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<SensitivityRecord> {
-    let (method, wall, initial) = (method.switched()?, system.wall, start.inner);
+    let (method, restitution, initial) = (method.switched()?, system.restitution, start.inner);
     let wrt = wrt_of(&wrt)?;
     let (sizes, times, tstops) = (sizes.as_slice()?, times.as_slice()?, tstops.as_slice()?);
     let question = &Question { wrt: &wrt, sizes, controlled, times };
@@ -74,7 +74,14 @@ pub(crate) fn sensitivity(
     let result = with_slopes!(py, system.force.bind(py), span.1 - span.0, |force| {
         let output = Output { tstops, dense, drawn, ..Output::default() };
         zivi::switched::sensitivity::sensitivity(
-            method, wall, force, span, initial, output, question, watch,
+            method,
+            restitution,
+            force,
+            span,
+            initial,
+            output,
+            question,
+            watch,
         )
     });
     let (run, derivatives) = result.map_err(setup_error)?;
@@ -83,7 +90,7 @@ pub(crate) fn sensitivity(
     let nearest =
         derivatives.nearest.iter().map(|it| it.map(|it| (it.limit as u8, it.t, it.depth)));
     Ok(SensitivityRecord {
-        run: Py::new(py, RunRecord::new(py, PointRun::switched(run, wall))?)?,
+        run: Py::new(py, RunRecord::new(py, PointRun::switched(run, restitution))?)?,
         x: array(x),
         xdot: array(xdot),
         impact_dt: array(impact_dt),

@@ -15,7 +15,7 @@ use crate::mechanics::MechanicalRecord;
 use crate::method::{step_of, step_solver, Method};
 use crate::record::RunRecord;
 use crate::system::{Configuration, Keep, Mechanism, PointMass, State};
-use crate::transform::wall_of;
+use crate::transform::restitution_of;
 use crate::watch::Watch;
 
 pub(crate) fn setup_error(error: SetupError) -> PyErr {
@@ -125,19 +125,19 @@ fn run_point(
     let (t_eval, tstops) =
         (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
     let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
-    let (wall, dense, drawn) = (system.wall, keep.dense, keep.drawn);
+    let (restitution, dense, drawn) = (system.restitution, keep.dense, keep.drawn);
     let spec = system.force.bind(py);
     if keep.events.is_empty() {
         return Ok(with_force!(py, spec, |force| {
             let output = Output { t_eval, tstops, dense, drawn, events: Vec::new() };
-            method.run(zivi::PointMass { force, wall }, span, start, output, watch)
+            method.run(zivi::PointMass { force, restitution }, span, start, output, watch)
         }));
     }
     // the events need the interpreter
     let events = keep.events.iter().map(|it| it.get().of_point(py)).collect();
     let output = Output { t_eval, tstops, dense, drawn, events };
     let force = &mut ForceSpec::from_tuple(spec)?;
-    Ok(method.run(zivi::PointMass { force, wall }, span, start, output, watch))
+    Ok(method.run(zivi::PointMass { force, restitution }, span, start, output, watch))
 }
 
 fn run_mechanism(
@@ -195,7 +195,7 @@ pub(crate) fn solve_steps<'py>(
     linearisations: i64,
     fall_backs: bool,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>)> {
-    let step = step_of(h, wall_of(kappa)?)?;
+    let step = step_of(h, restitution_of(kappa)?)?;
     let mut general = match (step_solver(solver, linearisations)?, fall_backs) {
         (Solver::Outer { linearisations }, _) => General::outer(linearisations),
         (_, true) => General::newton(),

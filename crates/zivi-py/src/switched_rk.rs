@@ -20,9 +20,9 @@ type ThreeArrays<'py> =
 
 impl MotionPath {
     /// The motion of the plant of a closed loop.
-    pub(crate) fn of_loop(path: DensePath, wall: zivi::Restitution) -> Self {
+    pub(crate) fn of_loop(path: DensePath, restitution: zivi::Restitution) -> Self {
         let tails = path.tails().to_vec();
-        Self { motion: Motion { path: Some(path), tails, wall } }
+        Self { motion: Motion { path: Some(path), tails, restitution } }
     }
 
     /// Two quantities of the motion at each time, NaN outside of the span.
@@ -87,7 +87,7 @@ impl MotionPath {
     fn lifted<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> Arrays<'py> {
         self.sample(py, &times, |zivi::PathPoint { x, xdot, sigma }| {
             let branch = if sigma > 0.0 { Branch::Positive } else { Branch::Negative };
-            let z = transform::lift(Physical { x, xdot }, branch, self.motion.wall);
+            let z = transform::lift(Physical { x, xdot }, branch, self.motion.restitution);
             (z.s + 0.0, z.v + 0.0)
         })
     }

@@ -12,7 +12,7 @@ use crate::user_events::Event;
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct PointMass {
     pub(crate) force: Py<PyTuple>,
-    pub(crate) wall: Restitution,
+    pub(crate) restitution: Restitution,
 }
 
 #[pymethods]
@@ -20,7 +20,7 @@ impl PointMass {
     /// From its force and both of its coefficients: one as it was given, the other its image.
     #[new]
     fn new(force: Py<PyTuple>, e: f64, kappa: f64) -> PyResult<Self> {
-        Ok(Self { force, wall: crate::transform::wall((e, kappa))? })
+        Ok(Self { force, restitution: crate::transform::from_both((e, kappa))? })
     }
 }
 

@@ -12,7 +12,7 @@ use zivi_core::ThetaGammaStep;
 
 use crate::method::step_solver;
 use crate::simulate::setup_error;
-use crate::transform::wall_of;
+use crate::transform::restitution_of;
 
 /// `s, v, s_r, v_r` at the start of a step.
 const STATE: usize = 4;
@@ -34,7 +34,7 @@ impl Scheme {
         let reference = Lifted { s: s_ref, v: v_ref };
         let of_ref = self.reference.solve(reference, self.f_ref, 1.0).ok()?;
         let (lambda_sr, lambda_vr) = (of_ref.lambda_s, of_ref.lambda_v);
-        let r = self.reference.wall().r(lambda_sr, lambda_vr);
+        let r = self.reference.restitution().r(lambda_sr, lambda_vr);
         let target = Target { end: of_ref.end(), acceleration: lambda_sr * self.f_ref / r };
         let it = self.step.solve(Lifted { s, v }, self.f, target);
         Some([it.lambda_s, it.lambda_v, lambda_sr, lambda_vr, it.lambda_es, it.lambda_ev])
@@ -45,7 +45,7 @@ impl Scheme {
         let [s, v, s_ref, v_ref] = state;
         let inclusion = TrackingInclusion {
             step: &self.step,
-            wall_ref: self.reference.wall(),
+            restitution_ref: self.reference.restitution(),
             z: Lifted { s, v },
             reference: Lifted { s: s_ref, v: v_ref },
             f: self.f,
@@ -91,9 +91,9 @@ pub(crate) fn solve_tracking_steps<'py>(
 ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
     let refused = |error: zivi_core::SettingError| PyValueError::new_err(error.to_string());
     let gains = Gains::new(gains.0, gains.1).map_err(refused)?;
-    let reference = ThetaGammaStep::new(h, 1.0, 1.0, wall_of(kappa_ref)?);
+    let reference = ThetaGammaStep::new(h, 1.0, 1.0, restitution_of(kappa_ref)?);
     let reference = reference.map_err(|error| setup_error(error.into()))?;
-    let step = TrackingStep { h, wall: wall_of(kappa)?, gains };
+    let step = TrackingStep { h, restitution: restitution_of(kappa)?, gains };
     let scheme = Scheme { step, reference, f, f_ref };
     let states = rows::<STATE>("states", &states)?;
     let starts = rows::<SIGNS>("starts", &starts)?;

@@ -8,12 +8,12 @@ use zivi_core::{transform, Branch, Lifted, Physical, Restitution};
 /// `(e, kappa)`: one as it was given, the other its image, so that neither loses digits.
 pub(crate) type WallPair = (f64, f64);
 
-pub(crate) fn wall((e, kappa): WallPair) -> PyResult<Restitution> {
+pub(crate) fn from_both((e, kappa): WallPair) -> PyResult<Restitution> {
     Restitution::from_both(e, kappa).map_err(|error| PyValueError::new_err(error.to_string()))
 }
 
 /// Where only the parameter of the transform matters.
-pub(crate) fn wall_of(kappa: f64) -> PyResult<Restitution> {
+pub(crate) fn restitution_of(kappa: f64) -> PyResult<Restitution> {
     Restitution::from_kappa(kappa).map_err(|error| PyValueError::new_err(error.to_string()))
 }
 
@@ -56,10 +56,10 @@ pub(crate) fn lift<'py>(
     sigma: f64,
     kappa: f64,
 ) -> PyResult<Pair<'py>> {
-    let wall = wall_of(kappa)?;
+    let restitution = restitution_of(kappa)?;
     let branch = if sigma < 0.0 { Branch::Negative } else { Branch::Positive };
     Ok(map_pairs(py, (x, xdot), |x, xdot| {
-        let z = transform::lift(Physical { x, xdot }, branch, wall);
+        let z = transform::lift(Physical { x, xdot }, branch, restitution);
         (z.s, z.v)
     }))
 }
@@ -72,9 +72,9 @@ pub(crate) fn project<'py>(
     v: PyReadonlyArray1<'py, f64>,
     kappa: f64,
 ) -> PyResult<Pair<'py>> {
-    let wall = wall_of(kappa)?;
+    let restitution = restitution_of(kappa)?;
     Ok(map_pairs(py, (s, v), |s, v| {
-        let physical = transform::project(Lifted { s, v }, wall);
+        let physical = transform::project(Lifted { s, v }, restitution);
         (physical.x, physical.xdot)
     }))
 }

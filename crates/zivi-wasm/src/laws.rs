@@ -49,8 +49,8 @@ impl Law {
 }
 
 /// A start above the wall, on the branch `s >= 0`.
-pub(crate) fn lifted(start: Physical, wall: Restitution) -> Option<Lifted> {
-    let z = transform::lift(start, Branch::Positive, wall);
+pub(crate) fn lifted(start: Physical, restitution: Restitution) -> Option<Lifted> {
+    let z = transform::lift(start, Branch::Positive, restitution);
     (z.s >= 0.0 && z.is_finite()).then_some(z)
 }
 
@@ -62,16 +62,16 @@ pub(crate) fn close(
     start: Physical,
     n: u32,
 ) -> Option<u32> {
-    let wall = scheme.wall();
+    let restitution = scheme.restitution();
     let mut state = start;
-    let mut z = lifted(start, wall)?;
+    let mut z = lifted(start, restitution)?;
     let mut side = transform::side(z, 1.0);
     let (mut u, mut signs) = (0.0, [NONE; 6]);
     TABLE.fill(n, |k| {
         if k > 0 {
             z = scheme.solve(z, forces.plant + u, side).ok()?.end();
             side = transform::side(z, side);
-            state = transform::project(z, wall);
+            state = transform::project(z, restitution);
         }
         let reference = law.reference();
         if k < n as usize {

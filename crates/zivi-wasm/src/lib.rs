@@ -52,12 +52,12 @@ pub extern "C" fn ball(explicit: u32, n: u32, h: f64, e: f64, f: f64, x: f64, xd
     let run = |scheme: ThetaGammaStep| {
         let advance = |z: Lifted, side: f64| {
             if explicit != 0 {
-                return Some(explicit_euler(z, f, h, scheme.wall()));
+                return Some(explicit_euler(z, f, h, scheme.restitution()));
             }
             let found = scheme.solve(z, f, side).ok()?;
             Some((found.end(), [found.lambda_s, found.lambda_v]))
         };
-        fall(n, start, scheme.wall(), advance)
+        fall(n, start, scheme.restitution(), advance)
     };
     scheme(h, e).and_then(run).unwrap_or(0)
 }
@@ -82,7 +82,8 @@ pub extern "C" fn regulator(
         let law = if explicit != 0 {
             Law::Sampled(gains)
         } else {
-            Law::Regulator(TwistingRegulator::new(gains, h, scheme.wall()).ok()?.with_landing(None))
+            let regulator = TwistingRegulator::new(gains, h, scheme.restitution()).ok()?;
+            Law::Regulator(regulator.with_landing(None))
         };
         laws::close(law, scheme, Forces { plant: f, model: f, reference: 0.0 }, start, n)
     };
@@ -111,14 +112,14 @@ pub extern "C" fn tracker(
     let (start, reference) = (Physical { x, xdot }, Physical { x: x_ref, xdot: xdot_ref });
     let run = || {
         let scheme = scheme(h, e)?;
-        let (gains, wall) = (Gains::new(mu1, mu2).ok()?, scheme.wall());
+        let (gains, restitution) = (Gains::new(mu1, mu2).ok()?, scheme.restitution());
         let approach = if kind == 1 { Approach::Nearest } else { Approach::Positive };
         let law = if kind == 2 {
-            let mut law = ExplicitTwisting::new(gains, h, wall, wall).ok()?;
+            let mut law = ExplicitTwisting::new(gains, h, restitution, restitution).ok()?;
             law.reset(reference).ok()?;
             Law::Explicit(law)
         } else {
-            let law = TwistingTracker::new(gains, h, wall, wall, approach).ok()?;
+            let law = TwistingTracker::new(gains, h, restitution, restitution, approach).ok()?;
             let mut law = law.with_landing(None);
             law.reset(reference).ok()?;
             Law::Tracker(law)
@@ -133,10 +134,10 @@ fn scheme(h: f64, e: f64) -> Option<ThetaGammaStep> {
 }
 
 /// `v+ = v + h sgn(s) f / R`, `s+ = s + h R v` with `sgn 0 = +1`.
-fn explicit_euler(z: Lifted, f: f64, h: f64, wall: Restitution) -> (Lifted, [f64; 2]) {
+fn explicit_euler(z: Lifted, f: f64, h: f64, restitution: Restitution) -> (Lifted, [f64; 2]) {
     let sign = |z: f64| if z < 0.0 { -1.0 } else { 1.0 };
     let (lambda_s, lambda_v) = (sign(z.s), sign(z.v));
-    let rate = transform::field(z.v, lambda_s, lambda_v, f, wall);
+    let rate = transform::field(z.v, lambda_s, lambda_v, f, restitution);
     (Lifted { s: z.s + h * rate.s, v: z.v + h * rate.v }, [lambda_s, lambda_v])
 }
 
@@ -144,17 +145,17 @@ fn explicit_euler(z: Lifted, f: f64, h: f64, wall: Restitution) -> (Lifted, [f64
 fn fall(
     n: u32,
     start: Physical,
-    wall: Restitution,
+    restitution: Restitution,
     advance: impl Fn(Lifted, f64) -> Option<(Lifted, [f64; 2])>,
 ) -> Option<u32> {
-    let mut z = lifted(start, wall)?;
+    let mut z = lifted(start, restitution)?;
     let (mut side, mut signs) = (transform::side(z, 1.0), [sgn(z.s), sgn(z.v)]);
     TABLE.fill(n, |k| {
         if k > 0 {
             (z, signs) = advance(z, side)?;
             side = transform::side(z, side);
         }
-        let Physical { x, xdot } = transform::project(z, wall);
+        let Physical { x, xdot } = transform::project(z, restitution);
         let [lambda_s, lambda_v] = signs;
         Some(Row { x, xdot, s: z.s, v: z.v, lambda_s, lambda_v, ..Row::EMPTY })
     })

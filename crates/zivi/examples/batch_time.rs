@@ -17,12 +17,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let &[balls, steps, threads, repetitions] = numbers.as_slice() else {
         return Err("expected BALLS STEPS THREADS REPETITIONS".into());
     };
-    let wall = Restitution::from_kappa(0.41)?;
+    let restitution = Restitution::from_kappa(0.41)?;
     let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
     let course = Course { method, span: (0.0, 1e-3 * steps as f64) };
     let members: Vec<_> = (0..balls)
         .map(|i| Member {
-            wall,
+            restitution,
             force: ConstantForce(-9.81),
             initial: Physical { x: 1.0 + 1e-4 * i as f64, xdot: 6.0 },
         })

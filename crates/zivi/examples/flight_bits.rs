@@ -71,7 +71,7 @@ fn runs(n: u32) -> Result<u64, Box<dyn std::error::Error>> {
             max_steps: 20_000,
             ..SwitchedRk::with_tol(draw.one_of([1e-4, 1e-8, 1e-12]))
         };
-        let wall = Restitution::from_e(e)?;
+        let restitution = Restitution::from_e(e)?;
         let output = Output { dense: true, ..Output::default() };
         let run = if number % 3 == 0 {
             let wave = HarmonicWall {
@@ -81,9 +81,25 @@ fn runs(n: u32) -> Result<u64, Box<dyn std::error::Error>> {
                 offset: draw.within(-0.2, 0.2),
             };
             let mut moved = OnMovingWall { force, wall: wave };
-            simulate_switched_rk(settings, wall, &mut moved, span, start, output, &mut Silent)?
+            simulate_switched_rk(
+                settings,
+                restitution,
+                &mut moved,
+                span,
+                start,
+                output,
+                &mut Silent,
+            )?
         } else {
-            simulate_switched_rk(settings, wall, &mut force, span, start, output, &mut Silent)?
+            simulate_switched_rk(
+                settings,
+                restitution,
+                &mut force,
+                span,
+                start,
+                output,
+                &mut Silent,
+            )?
         };
         bits.add_run(&run, span);
     }

@@ -59,8 +59,9 @@ fn run(
     let t_eval = (sampling == Sampling::Impacts).then_some(&[][..]);
     let dense = sampling == Sampling::Drawn;
     let output = Output::<Infallible> { t_eval, dense, drawn: dense, ..Output::default() };
-    let wall = Restitution::from_e(e)?;
-    let run = simulate_switched_rk(settings, wall, &mut force, span, start, output, &mut Silent)?;
+    let restitution = Restitution::from_e(e)?;
+    let run =
+        simulate_switched_rk(settings, restitution, &mut force, span, start, output, &mut Silent)?;
     Ok(black_box(run).trajectory.events.impacts.len() as f64)
 }
 

@@ -79,17 +79,18 @@ fn run<F: DifferentiableForce<Infallible>>(
     columns: Option<usize>,
 ) -> Result<u64, Box<dyn std::error::Error>> {
     let settings = SwitchedRk { flights: Flights::RungeKutta, ..SwitchedRk::with_tol(1e-6) };
-    let wall = Restitution::from_e(E)?;
+    let restitution = Restitution::from_e(E)?;
     let Some(m) = columns else {
         let output = Output::default();
-        let run = simulate_switched_rk(settings, wall, force, SPAN, START, output, &mut Silent)?;
+        let run =
+            simulate_switched_rk(settings, restitution, force, SPAN, START, output, &mut Silent)?;
         return Ok(run.counts.accepted);
     };
     let question =
         Question { wrt: &COLUMNS[..m], sizes: &[1.0; 10][..m], controlled: true, times: &[] };
     let output = Output::default();
     let (run, derivatives) =
-        sensitivity(settings, wall, force, SPAN, START, output, &question, &mut Silent)?;
+        sensitivity(settings, restitution, force, SPAN, START, output, &question, &mut Silent)?;
     black_box(derivatives.x);
     Ok(run.counts.accepted)
 }

@@ -49,8 +49,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("usage: step_cost CASE REPETITIONS".into());
     };
     let repetitions: u32 = count.parse()?;
-    let wall = Restitution::from_kappa(0.41)?;
-    let step = ThetaGammaStep::new(H, 1.0, 1.0, wall)?;
+    let restitution = Restitution::from_kappa(0.41)?;
+    let step = ThetaGammaStep::new(H, 1.0, 1.0, restitution)?;
     let (up, f) = (Lifted { s: 1.0, v: 5.0 }, GRAVITY);
     match case.as_str() {
         "nothing" => (0..repetitions).for_each(|_| {
@@ -65,7 +65,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let grid = Grid::new(0.0, f64::from(repetitions) * H, H)?;
             let method = ThetaGamma::implicit_euler();
             let force = &mut ConstantForce(f);
-            black_box(simulate_theta_gamma(method, wall, force, grid, start, &mut Silent)?);
+            black_box(simulate_theta_gamma(method, restitution, force, grid, start, &mut Silent)?);
         }
         name => {
             let known = STEPS.iter().find(|it| it.0 == name);

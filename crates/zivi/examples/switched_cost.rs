@@ -33,11 +33,12 @@ fn run(
     start: Physical,
     dense: bool,
 ) -> Result<Counts, Box<dyn std::error::Error>> {
-    let wall = Restitution::from_e(e)?;
+    let restitution = Restitution::from_e(e)?;
     let output = Output::<Infallible> { dense, ..Output::default() };
     let span = (0.0, t_end);
     let mut force = *force;
-    let run = simulate_switched_rk(settings, wall, &mut force, span, start, output, &mut Silent)?;
+    let run =
+        simulate_switched_rk(settings, restitution, &mut force, span, start, output, &mut Silent)?;
     Ok(black_box(run).counts)
 }
 

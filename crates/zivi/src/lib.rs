@@ -3,11 +3,12 @@
 //! ```
 //! use zivi::{simulate_theta_gamma, ConstantForce, Grid, Physical, Restitution, Silent, ThetaGamma};
 //!
-//! let wall = Restitution::from_kappa(0.41)?;
+//! let restitution = Restitution::from_kappa(0.41)?;
 //! let ball = Physical { x: 1.0, xdot: 6.0 };
 //! let grid = Grid::new(0.0, 3.0, 1e-3)?;
 //! let run = simulate_theta_gamma(
-//!     ThetaGamma::implicit_euler(), wall, &mut ConstantForce(-9.81), grid, ball, &mut Silent,
+//!     ThetaGamma::implicit_euler(), restitution, &mut ConstantForce(-9.81), grid, ball,
+//!     &mut Silent,
 //! )?;
 //! assert!((run.trajectory.events.rest_time.unwrap() - 2.444).abs() < 1e-9);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

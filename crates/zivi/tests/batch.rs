@@ -26,7 +26,7 @@ fn balls(n: usize) -> Vec<Member<ConstantForce>> {
     let mut draws = Draws(7);
     (0..n)
         .map(|i| {
-            let wall = Restitution::from_e(draws.between(0.05, 1.0)).unwrap();
+            let restitution = Restitution::from_e(draws.between(0.05, 1.0)).unwrap();
             let force = match i % 11 {
                 3 => 0.0,
                 5 => draws.between(0.0, 2.0),
@@ -36,7 +36,7 @@ fn balls(n: usize) -> Vec<Member<ConstantForce>> {
             };
             let x = if i % 5 == 0 { 0.0 } else { draws.between(0.0, 2.0) };
             let xdot = if i % 10 == 0 { 0.0 } else { draws.between(-5.0, 5.0) };
-            Member { wall, force: ConstantForce(force), initial: Physical { x, xdot } }
+            Member { restitution, force: ConstantForce(force), initial: Physical { x, xdot } }
         })
         .collect()
 }
@@ -55,22 +55,22 @@ fn implicit(span: (f64, f64), h: f64) -> Course {
 
 /// A run by the function of its method, not by the entry that batches use.
 fn alone<F: Force<Infallible> + Copy>(member: &Member<F>, course: Course) -> Run<Infallible> {
-    let Member { wall, mut force, initial } = *member;
+    let Member { restitution, mut force, initial } = *member;
     let (force, Course { method, span }) = (&mut force, course);
     let grid = |h: f64| Grid::new(span.0, span.1, h).unwrap();
     match method {
         AnyMethod::ThetaGamma(FixedSteps { h, scheme }) => {
-            simulate_theta_gamma(scheme, wall, force, grid(h), initial, &mut Silent)
+            simulate_theta_gamma(scheme, restitution, force, grid(h), initial, &mut Silent)
         }
         AnyMethod::ExplicitEuler(FixedSteps { h, .. }) => {
-            simulate_explicit_euler(wall, force, grid(h), initial, &mut Silent)
+            simulate_explicit_euler(restitution, force, grid(h), initial, &mut Silent)
         }
         AnyMethod::MoreauJean(FixedSteps { h, scheme }) => {
-            simulate_moreau_jean(scheme, wall, force, grid(h), initial, &mut Silent)
+            simulate_moreau_jean(scheme, restitution, force, grid(h), initial, &mut Silent)
         }
         AnyMethod::SwitchedRk(method) => {
             let output = Output::default();
-            simulate_switched_rk(method, wall, force, span, initial, output, &mut Silent)
+            simulate_switched_rk(method, restitution, force, span, initial, output, &mut Silent)
                 .map(|run| Run { trajectory: run.trajectory, raised: run.raised })
         }
     }
@@ -147,8 +147,8 @@ fn every_method_and_force_gives_what_it_gives_alone() {
         omega: 5.0,
         phase: 0.3,
     };
-    let wall = Restitution::from_e(0.6).unwrap();
-    let member = |x| Member { wall, force, initial: Physical { x, xdot: 0.5 } };
+    let restitution = Restitution::from_e(0.6).unwrap();
+    let member = |x| Member { restitution, force, initial: Physical { x, xdot: 0.5 } };
     let members: Vec<_> = (0..40).map(|i| member(0.05 * f64::from(i))).collect();
     let span = (0.0, 3.0);
     let courses = [
@@ -245,10 +245,10 @@ impl<E> Force<E> for Faulty {
 
 #[test]
 fn a_fault_costs_no_other_run_its_result() {
-    let wall = Restitution::from_e(0.5).unwrap();
+    let restitution = Restitution::from_e(0.5).unwrap();
     let initial = Physical { x: 1.0, xdot: 0.0 };
     let member = |i: u32| Member {
-        wall,
+        restitution,
         initial,
         force: Faulty(if i % 7 == 3 { 1.0 } else { -f64::from(i) - 1.0 }),
     };
@@ -299,8 +299,8 @@ fn statistics_are_those_of_the_samples_and_the_impacts() {
         omega: 6.0,
         phase: 0.3,
     };
-    let wall = Restitution::from_e(0.7).unwrap();
-    let member = |x| Member { wall, force, initial: Physical { x, xdot: 0.5 } };
+    let restitution = Restitution::from_e(0.7).unwrap();
+    let member = |x| Member { restitution, force, initial: Physical { x, xdot: 0.5 } };
     let far = member(80.0);
     let members: Vec<_> = (1..9).map(|k| member(0.02 * f64::from(k))).chain([far]).collect();
     let (span, h) = ((0.0, 3.0), 1e-3);

@@ -71,9 +71,9 @@ fn motions() -> [Motion; 3] {
 }
 
 fn around(motion: Motion, end: f64, h: f64, initial: Physical) -> Loop<'static> {
-    let wall = Restitution::from_e(0.5).expect("in range");
+    let restitution = Restitution::from_e(0.5).expect("in range");
     let grid = Grid::new(0.0, end, h).expect("a grid");
-    Loop { wall, grid, initial, motion, sensor: Sensor::default(), observer: None, delay: 0 }
+    Loop { restitution, grid, initial, motion, sensor: Sensor::default(), observer: None, delay: 0 }
 }
 
 /// The loop with the same force for plant, model and reference.
@@ -241,9 +241,9 @@ fn what_goes_wrong_ends_the_run_and_keeps_it() {
 /// A controller of the library as one of several kinds is the same controller.
 #[test]
 fn any_controller_is_the_one_it_holds() {
-    let wall = Restitution::from_e(0.5).expect("in range");
+    let restitution = Restitution::from_e(0.5).expect("in range");
     let gains = Gains::new(30.0, 17.0).expect("in range");
-    let mut alone = TwistingRegulator::new(gains, 1e-2, wall).expect("admissible");
+    let mut alone = TwistingRegulator::new(gains, 1e-2, restitution).expect("admissible");
     let mut held = AnyController::Regulator(alone);
     assert_eq!(held.h(), 1e-2);
     for (x, xdot) in [(1.0, 0.3), (0.0, 0.0), (-0.01, 0.2), (-1.0, 0.0)] {

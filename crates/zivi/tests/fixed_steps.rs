@@ -11,14 +11,14 @@ use zivi_core::{Lifted, ThetaGammaStep};
 const KAPPA: f64 = 0.5;
 const H: f64 = 1e-3;
 
-fn wall() -> Restitution {
+fn restitution() -> Restitution {
     Restitution::from_kappa(KAPPA).unwrap()
 }
 
 fn explicit(f: impl FnMut(f64, f64, f64) -> f64, grid: Grid, start: Physical) -> Trajectory {
     let mut f = f;
     let mut force = FunctionForce(|t, x, v| Ok::<f64, Infallible>(f(t, x, v)));
-    simulate_explicit_euler(wall(), &mut force, grid, start, &mut Silent).unwrap().trajectory
+    simulate_explicit_euler(restitution(), &mut force, grid, start, &mut Silent).unwrap().trajectory
 }
 
 #[test]
@@ -78,10 +78,16 @@ fn the_residual_is_that_of_the_step_from_the_sample_before() {
     let (g, grid) = (9.81, Grid::new(0.0, 1.0, H).unwrap());
     let start = Physical { x: 0.2, xdot: 0.0 };
     let method = ThetaGamma::implicit_euler();
-    let run =
-        simulate_theta_gamma(method, wall(), &mut ConstantForce(-g), grid, start, &mut Silent);
+    let run = simulate_theta_gamma(
+        method,
+        restitution(),
+        &mut ConstantForce(-g),
+        grid,
+        start,
+        &mut Silent,
+    );
     let sol = run.unwrap().trajectory;
-    let step = ThetaGammaStep::new(H, 1.0, 1.0, wall()).unwrap();
+    let step = ThetaGammaStep::new(H, 1.0, 1.0, restitution()).unwrap();
     let of = |quantity| sol.columns.of(quantity);
     let (s, v) = (of(Quantity::S), of(Quantity::V));
     for k in 1..s.len() {

@@ -27,10 +27,11 @@ impl Random {
 }
 
 fn simulate(force: LinearForce, e: f64, h: f64, steps: f64, start: Physical) -> Trajectory {
-    let wall = Restitution::from_e(e).unwrap();
+    let restitution = Restitution::from_e(e).unwrap();
     let grid = Grid::new(0.0, h * steps, h).unwrap();
     let method = ThetaGamma::implicit_euler();
-    let run = simulate_theta_gamma(method, wall, &mut force.clone(), grid, start, &mut Silent);
+    let run =
+        simulate_theta_gamma(method, restitution, &mut force.clone(), grid, start, &mut Silent);
     run.unwrap().trajectory
 }
 

@@ -6,9 +6,9 @@ use zivi::{
 };
 
 fn simulate(theta: f64, e: f64, force: LinearForce, grid: Grid, start: Physical) -> Trajectory {
-    let wall = Restitution::from_e(e).unwrap();
+    let restitution = Restitution::from_e(e).unwrap();
     let method = MoreauJean { theta };
-    simulate_moreau_jean(method, wall, &mut force.clone(), grid, start, &mut Silent)
+    simulate_moreau_jean(method, restitution, &mut force.clone(), grid, start, &mut Silent)
         .unwrap()
         .trajectory
 }
@@ -149,12 +149,12 @@ fn the_ball_passes_its_zeno_point_and_penetrates() {
 #[test]
 fn rest_ends_with_the_force_that_lifts() {
     // f = -1 + t
-    let wall = Restitution::from_e(0.5).unwrap();
+    let restitution = Restitution::from_e(0.5).unwrap();
     let grid = Grid::new(0.0, 2.0, 1e-3).unwrap();
     let mut ramp = FunctionForce(|t: f64, _: f64, _: f64| Ok(t - 1.0));
     let run = simulate_moreau_jean(
         MoreauJean::default(),
-        wall,
+        restitution,
         &mut ramp,
         grid,
         Physical::default(),
@@ -224,12 +224,12 @@ fn failures_are_reported() {
             Ok(())
         }
     }
-    let wall = Restitution::from_e(0.5).unwrap();
+    let restitution = Restitution::from_e(0.5).unwrap();
     let (grid, start) = (Grid::new(0.0, 1.0, 1e-2).unwrap(), Physical { x: 1.0, xdot: 0.0 });
     let run = |f: &mut dyn FnMut(f64, f64, f64) -> Result<f64, &'static str>| {
         let run = simulate_moreau_jean(
             MoreauJean::default(),
-            wall,
+            restitution,
             &mut FunctionForce(f),
             grid,
             start,
@@ -250,7 +250,7 @@ fn failures_are_reported() {
     for theta in [-0.1, 1.1, f64::NAN] {
         let refused = simulate_moreau_jean(
             MoreauJean { theta },
-            wall,
+            restitution,
             &mut ConstantForce(-1.0),
             grid,
             start,
@@ -267,9 +267,9 @@ fn timed(e: f64, t1: f64, start: Physical, law: impl Fn(f64) -> f64) -> (Traject
         calls += 1;
         Ok::<f64, std::convert::Infallible>(law(t))
     });
-    let (wall, grid) = (Restitution::from_e(e).unwrap(), Grid::new(0.0, t1, 1e-3).unwrap());
+    let (restitution, grid) = (Restitution::from_e(e).unwrap(), Grid::new(0.0, t1, 1e-3).unwrap());
     let method = MoreauJean::default();
-    let run = simulate_moreau_jean(method, wall, &mut force, grid, start, &mut Silent);
+    let run = simulate_moreau_jean(method, restitution, &mut force, grid, start, &mut Silent);
     (run.unwrap().trajectory, calls)
 }
 

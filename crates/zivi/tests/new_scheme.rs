@@ -28,38 +28,38 @@ struct SemiImplicit;
 impl Scheme for SemiImplicit {
     const SETTINGS: &'static [Setting] = &[ThetaGammaStep::STEP];
 
-    fn check(&self, h: f64, wall: Restitution) -> Result<(), SetupError> {
-        Ok(ThetaGammaStep::new(h, 1.0, 1.0, wall).map(drop)?)
+    fn check(&self, h: f64, restitution: Restitution) -> Result<(), SetupError> {
+        Ok(ThetaGammaStep::new(h, 1.0, 1.0, restitution).map(drop)?)
     }
 
     fn run<E, F: Force<E>>(
         &self,
-        wall: Restitution,
+        restitution: Restitution,
         force: &mut F,
         grid: Grid,
         initial: Physical,
         monitor: &mut impl Monitor<E>,
     ) -> Result<Run<E>, SetupError> {
-        let stepper = Stepper { h: grid.h(), wall, nfev: 0 };
-        fixed_step::run(stepper, wall, force, grid, initial, monitor)
+        let stepper = Stepper { h: grid.h(), restitution, nfev: 0 };
+        fixed_step::run(stepper, restitution, force, grid, initial, monitor)
     }
 }
 
 /// One step after the other.
 struct Stepper {
     h: f64,
-    wall: Restitution,
+    restitution: Restitution,
     nfev: u64,
 }
 
 impl<E, F: Force<E>> FixedStep<E, F> for Stepper {
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
         let Start { t, z, side } = start;
-        let state = transform::project(z, self.wall);
+        let state = transform::project(z, self.restitution);
         let (lambda_s, lambda_v) = (side, if z.v < 0.0 { -1.0 } else { 1.0 });
         self.nfev += 1;
         let f = force.at(t, state.x, state.xdot).map_err(Failure::Raised)?;
-        let r = self.wall.r(lambda_s, lambda_v);
+        let r = self.restitution.r(lambda_s, lambda_v);
         let v = z.v + self.h * lambda_s * f / r;
         Ok(Sample { z: Lifted { s: z.s + self.h * r * v, v }, lambda_s, lambda_v, f })
     }
@@ -81,8 +81,10 @@ impl<E, F: Force<E>> FixedStep<E, F> for Stepper {
 fn fall(h: f64, output: Output<'_, Infallible>) -> PointRun<Infallible> {
     let method = FixedSteps { h, scheme: SemiImplicit };
     method.check().unwrap();
-    let system =
-        PointMass { force: &mut ConstantForce(-2.0), wall: Restitution::from_e(0.5).unwrap() };
+    let system = PointMass {
+        force: &mut ConstantForce(-2.0),
+        restitution: Restitution::from_e(0.5).unwrap(),
+    };
     let start = Physical { x: 10.0, xdot: -1.0 };
     method.run(system, (0.0, 1.0), start, output, &mut Silent).unwrap()
 }
@@ -116,8 +118,8 @@ fn it_bounces_and_its_events_are_followed_as_those_of_every_scheme() {
     assert!((run.hits[0][0].t - GOLDEN).abs() < 1e-3);
 
     let method = FixedSteps { h: 1e-4, scheme: SemiImplicit };
-    let wall = Restitution::from_e(0.5).unwrap();
-    let system = PointMass { force: &mut ConstantForce(-2.0), wall };
+    let restitution = Restitution::from_e(0.5).unwrap();
+    let system = PointMass { force: &mut ConstantForce(-2.0), restitution };
     let start = Physical { x: 1.0, xdot: -1.0 };
     let run: PointRun<Infallible> =
         method.run(system, (0.0, 1.5), start, Output::default(), &mut Silent).unwrap();

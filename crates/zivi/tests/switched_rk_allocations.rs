@@ -27,9 +27,9 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_warm_integrator_allocates_nothing() {
-    let wall = Restitution::from_e(0.7).unwrap();
+    let restitution = Restitution::from_e(0.7).unwrap();
     let settings = SwitchedRk { first_step: Some(1e-2), ..SwitchedRk::default() };
-    let mut plant = SwitchedIntegrator::new(settings, wall).unwrap();
+    let mut plant = SwitchedIntegrator::new(settings, restitution).unwrap();
     // flight, impacts, Zeno point, rest and lift-off, again and again
     let mut episode = || {
         plant.start(0.0, Physical { x: 0.1, xdot: 0.0 }).unwrap();

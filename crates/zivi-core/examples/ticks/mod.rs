@@ -63,7 +63,7 @@ pub(crate) fn observed(
     tracker: TwistingTracker,
     count: usize,
 ) -> Result<Vec<Tick<ImpactObserver>>, Failure> {
-    let settings = ObserverSettings::new(tracker.step().wall, H)?;
+    let settings = ObserverSettings::new(tracker.step().restitution, H)?;
     let mut observer = ImpactObserver::new(settings);
     let mut ticks = Vec::with_capacity(count);
     let mut u = 0.0;
@@ -86,14 +86,14 @@ pub(crate) fn closed_loop<C: Controller>(
     mut controller: C,
     count: usize,
 ) -> Result<Vec<Tick<C>>, Failure> {
-    let wall = Restitution::from_kappa(0.5)?;
-    let plant = ThetaGammaStep::new(H, 1.0, 1.0, wall)?;
+    let restitution = Restitution::from_kappa(0.5)?;
+    let plant = ThetaGammaStep::new(H, 1.0, 1.0, restitution)?;
     let (force, force_ref) = (-9.81, -19.81);
-    let mut z = transform::lift(Physical { x: 6.0, xdot: 5.0 }, Branch::Positive, wall);
+    let mut z = transform::lift(Physical { x: 6.0, xdot: 5.0 }, Branch::Positive, restitution);
     let mut side = 1.0;
     let mut ticks = Vec::with_capacity(count);
     for _ in 0..count {
-        let measured = transform::project(z, wall);
+        let measured = transform::project(z, restitution);
         ticks.push(Tick { controller, measured, force, force_ref });
         let u = controller.tick(measured, force, force_ref)?;
         z = plant.solve(z, force + u, side).map_err(|it| format!("{it:?}"))?.end();
@@ -105,9 +105,9 @@ pub(crate) fn closed_loop<C: Controller>(
 pub(crate) const H: f64 = 1e-3;
 
 pub(crate) fn of_the_paper(approach: Approach) -> Result<TwistingTracker, Failure> {
-    let wall = Restitution::from_kappa(0.5)?;
+    let restitution = Restitution::from_kappa(0.5)?;
     let gains = Gains::new(30.0, 17.0)?;
-    let mut tracker = TwistingTracker::new(gains, H, wall, wall, approach)?;
+    let mut tracker = TwistingTracker::new(gains, H, restitution, restitution, approach)?;
     tracker.reset(Physical { x: 3.0, xdot: 3.0 })?;
     Ok(tracker)
 }
@@ -116,9 +116,10 @@ pub(crate) fn of_the_paper(approach: Approach) -> Result<TwistingTracker, Failur
 /// or the plant about to cross the wall (`crossing`).
 pub(crate) fn drawn(kind: &str, rng: &Rng) -> Result<Tick<TwistingTracker>, Failure> {
     let (gains, force) = stable(rng);
-    let wall = random_wall(rng);
+    let restitution = random_wall(rng);
     let h = rng.log_between(1e-5, 1e-1);
-    let mut controller = TwistingTracker::new(gains, h, wall, wall, Approach::Nearest)?;
+    let mut controller =
+        TwistingTracker::new(gains, h, restitution, restitution, Approach::Nearest)?;
     let reach = h * gains.mu1();
     let (measured, reference) = match kind {
         "wide" => {
@@ -138,7 +139,7 @@ pub(crate) fn drawn(kind: &str, rng: &Rng) -> Result<Tick<TwistingTracker>, Fail
         _ => return Err("unknown case".into()),
     };
     controller.set_state(TrackerState { reference, ..controller.state() });
-    let measured = transform::project(measured, wall);
+    let measured = transform::project(measured, restitution);
     Ok(Tick { controller, measured, force, force_ref: -rng.log_between(1e-3, 1e2) })
 }
 
@@ -147,11 +148,11 @@ fn iterations(it: &Tick<TwistingTracker>) -> Result<u32, Failure> {
     let (step, reference) = (it.controller.step(), it.controller.state().reference);
     let solved = it.controller.reference_step().solve(reference, it.force_ref, 1.0);
     let next = solved.map_err(|failure| format!("{failure:?}"))?;
-    let r = it.controller.reference_step().wall().r(next.lambda_s, next.lambda_v);
+    let r = it.controller.reference_step().restitution().r(next.lambda_s, next.lambda_v);
     let target = Target { end: next.end(), acceleration: next.lambda_s * it.force_ref / r };
     let branches = [Branch::Positive, Branch::Negative];
     let near = |z: &Lifted| z.s * reference.s + z.v * reference.v >= 0.0;
-    let lifted = branches.map(|branch| transform::lift(it.measured, branch, step.wall));
+    let lifted = branches.map(|branch| transform::lift(it.measured, branch, step.restitution));
     let z = lifted.into_iter().find(near).ok_or("no branch")?;
     let Tracking { iterations, .. } = step.solve(z, it.force, target);
     Ok(iterations)

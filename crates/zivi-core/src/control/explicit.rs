@@ -16,7 +16,7 @@ use crate::{sgn, transform, Branch, Lifted, Physical, Restitution, SettingError,
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExplicitTwisting {
     gains: Gains,
-    wall: Restitution,
+    restitution: Restitution,
     reference: ThetaGammaStep,
     port: Port,
     state: TrackerState,
@@ -30,14 +30,14 @@ impl ExplicitTwisting {
     pub fn new(
         gains: Gains,
         h: f64,
-        wall: Restitution,
-        wall_ref: Restitution,
+        restitution: Restitution,
+        restitution_ref: Restitution,
     ) -> Result<Self, SettingError> {
-        checked(h, wall, "e")?;
-        checked(h, wall_ref, "e_ref")?;
-        let reference = ThetaGammaStep::new(h, 1.0, 1.0, wall_ref)?;
-        let state = TrackerState::starting(Followed::at(Physical::default(), wall_ref)?);
-        Ok(Self { gains, wall, reference, port: Port::default(), state })
+        checked(h, restitution, "e")?;
+        checked(h, restitution_ref, "e_ref")?;
+        let reference = ThetaGammaStep::new(h, 1.0, 1.0, restitution_ref)?;
+        let state = TrackerState::starting(Followed::at(Physical::default(), restitution_ref)?);
+        Ok(Self { gains, restitution, reference, port: Port::default(), state })
     }
 
     /// The same with limits of the sensor and of the actuator.
@@ -51,7 +51,7 @@ impl ExplicitTwisting {
     /// # Errors
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        let start = Followed::at(reference, self.reference.wall())?;
+        let start = Followed::at(reference, self.reference.restitution())?;
         self.state = TrackerState::starting(start.folded());
         Ok(())
     }
@@ -71,7 +71,7 @@ impl ExplicitTwisting {
         checked_force("force", force)?;
         let Advance { next, .. } =
             advanced_apart(&self.reference, self.state.followed(), force_ref)?;
-        let z = transform::lift(state, Branch::Positive, self.wall);
+        let z = transform::lift(state, Branch::Positive, self.restitution);
         let (wanted, signs) = self.law(z, force, force_ref);
         let (u, saturated) = self.port.actuate(wanted)?;
         let Followed { z, side } = next.folded();
@@ -87,17 +87,17 @@ impl ExplicitTwisting {
         let lambda_es = sgn(z.s - reference.s);
         let lambda_ev = sgn(z.v - reference.v);
         let rests = reference == Lifted::default() && force_ref <= 0.0;
-        let r_ref = self.reference.wall().r(lambda_sr, lambda_vr);
+        let r_ref = self.reference.restitution().r(lambda_sr, lambda_vr);
         let acceleration = if rests { 0.0 } else { force_ref / r_ref };
         let pull = acceleration - self.gains.mu1() * lambda_es - self.gains.mu2() * lambda_ev;
-        let u = self.wall.r(lambda_s, lambda_v) * pull - force;
+        let u = self.restitution.r(lambda_s, lambda_v) * pull - force;
         (u, [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev])
     }
 
     /// The reference's state: that at the next sample, once a tick is done.
     #[must_use]
     pub fn reference(&self) -> Physical {
-        transform::project(self.state.reference, self.reference.wall())
+        transform::project(self.state.reference, self.reference.restitution())
     }
 
     /// The sampling period (s).
@@ -114,8 +114,8 @@ impl ExplicitTwisting {
 
     /// The plant's wall and the reference's.
     #[must_use]
-    pub fn walls(&self) -> (Restitution, Restitution) {
-        (self.wall, self.reference.wall())
+    pub fn restitutions(&self) -> (Restitution, Restitution) {
+        (self.restitution, self.reference.restitution())
     }
 
     /// The limits of the sensor and of the actuator.

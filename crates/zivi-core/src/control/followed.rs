@@ -32,13 +32,13 @@ pub(super) struct Followed {
 impl Followed {
     /// At a physical state.
     #[inline(never)]
-    pub(super) fn at(reference: Physical, wall: Restitution) -> Result<Self, SettingError> {
+    pub(super) fn at(reference: Physical, restitution: Restitution) -> Result<Self, SettingError> {
         let Physical { x, xdot } = reference;
         let refused = |name, value, range| Err(SettingError { name, value, range });
         if !(x >= 0.0 && x.is_finite()) {
             return refused("x_ref", x, "a finite distance >= 0 from the wall (m)");
         }
-        let z = transform::lift(reference, Branch::Positive, wall);
+        let z = transform::lift(reference, Branch::Positive, restitution);
         if !z.v.is_finite() {
             return refused("xdot_ref", xdot, "a finite velocity (m/s)");
         }
@@ -98,7 +98,7 @@ pub(super) fn advanced(
         let range = "small enough for the reference to stay finite (m/s^2)";
         return Err(SettingError { name: "force_ref", value: force_ref, range });
     };
-    let r = reference.wall().r(found.lambda_s, found.lambda_v);
+    let r = reference.restitution().r(found.lambda_s, found.lambda_v);
     let acceleration = found.lambda_s * force_ref / r;
     let z = found.end();
     let next = Followed { z, side: transform::side(z, from.side) };

@@ -109,8 +109,8 @@ impl Gains {
         Self { mu1, mu2 }
     }
 
-    /// Gains with which a tracker on `wall` follows whatever an unknown force does that is bounded
-    /// by `bound`: `M/R < mu2 < mu1 - M/R` with `R = 2e/(1 + e)`.
+    /// Gains with which a tracker follows whatever an unknown force does that is bounded by `bound`:
+    /// `M/R < mu2 < mu1 - M/R` with `R = 2e/(1 + e)`.
     ///
     /// # Errors
     /// [`GainError`] names the gain that is too small, and what it must exceed.
@@ -118,26 +118,26 @@ impl Gains {
     /// ```
     /// use zivi_core::control::Gains;
     /// use zivi_core::Restitution;
-    /// let wall = Restitution::from_e(0.5)?; // R = 2/3
-    /// assert!(Gains::for_tracking(30.0, 17.0, 8.6, wall).is_ok());
-    /// assert!(Gains::for_tracking(30.0, 17.0, 8.7, wall).is_err()); // mu1 - mu2 < M/R
+    /// let restitution = Restitution::from_e(0.5)?; // R = 2/3
+    /// assert!(Gains::for_tracking(30.0, 17.0, 8.6, restitution).is_ok());
+    /// assert!(Gains::for_tracking(30.0, 17.0, 8.7, restitution).is_err()); // mu1 - mu2 < M/R
     /// # Ok::<(), zivi_core::RestitutionError>(())
     /// ```
     pub fn for_tracking(
         mu1: f64,
         mu2: f64,
         bound: f64,
-        wall: Restitution,
+        restitution: Restitution,
     ) -> Result<Self, GainError> {
-        let gains = Self::checked(mu1, mu2, bound, wall)?;
-        let image = bound * (1.0 + wall.e()) / (2.0 * wall.e());
+        let gains = Self::checked(mu1, mu2, bound, restitution)?;
+        let image = bound * (1.0 + restitution.e()) / (2.0 * restitution.e());
         gains.exceed(bound, ("mu2", "bound (1 + e)/(2 e)"), image)?;
         gains.exceed(bound, ("mu1", "mu2 + bound (1 + e)/(2 e)"), mu2 + image)?;
         Ok(gains)
     }
 
-    /// Gains with which a regulator on `wall` stops the mass whatever a force does that is bounded
-    /// by `bound`: `M - mu1 (1 - e^2)/(1 + e^2) < mu2 < mu1 - M`.
+    /// Gains with which a regulator stops the mass whatever a force does that is bounded by `bound`:
+    /// `M - mu1 (1 - e^2)/(1 + e^2) < mu2 < mu1 - M`.
     ///
     /// # Errors
     /// [`GainError`] names the gain that is too small, and what it must exceed.
@@ -145,8 +145,8 @@ impl Gains {
     /// ```
     /// use zivi_core::control::Gains;
     /// use zivi_core::Restitution;
-    /// let wall = Restitution::from_e(0.5)?;
-    /// assert!(Gains::for_regulation(3.0, 0.5, 2.2, wall).is_ok()); // mu2 > 2.2 - 1.8
+    /// let restitution = Restitution::from_e(0.5)?;
+    /// assert!(Gains::for_regulation(3.0, 0.5, 2.2, restitution).is_ok()); // mu2 > 2.2 - 1.8
     /// assert!(Gains::for_regulation(3.0, 0.5, 2.2, Restitution::from_e(1.0)?).is_err());
     /// # Ok::<(), zivi_core::RestitutionError>(())
     /// ```
@@ -154,10 +154,10 @@ impl Gains {
         mu1: f64,
         mu2: f64,
         bound: f64,
-        wall: Restitution,
+        restitution: Restitution,
     ) -> Result<Self, GainError> {
-        let gains = Self::checked(mu1, mu2, bound, wall)?;
-        let square = wall.e() * wall.e();
+        let gains = Self::checked(mu1, mu2, bound, restitution)?;
+        let square = restitution.e() * restitution.e();
         let lost = mu1 * (1.0 - square) / (1.0 + square);
         gains.exceed(bound, ("mu1", "mu2 + bound"), mu2 + bound)?;
         let formula = "bound - mu1 (1 - e^2)/(1 + e^2)";
@@ -165,9 +165,14 @@ impl Gains {
         Ok(gains)
     }
 
-    fn checked(mu1: f64, mu2: f64, bound: f64, wall: Restitution) -> Result<Self, GainError> {
+    fn checked(
+        mu1: f64,
+        mu2: f64,
+        bound: f64,
+        restitution: Restitution,
+    ) -> Result<Self, GainError> {
         let gains = Self::new(mu1, mu2)?;
-        super::checked_wall(wall, "e")?;
+        super::checked_wall(restitution, "e")?;
         let range = "a finite bound >= 0 of the unknown force (m/s^2)";
         require(bound >= 0.0 && bound.is_finite(), "bound", bound, range)?;
         Ok(gains)

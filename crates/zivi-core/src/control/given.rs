@@ -22,8 +22,8 @@ pub struct Waypoint {
 }
 
 impl Waypoint {
-    fn checked(self, wall: Restitution) -> Result<Followed, SettingError> {
-        let Followed { z: Lifted { s, v }, side } = Followed::at(self.state, wall)?;
+    fn checked(self, restitution: Restitution) -> Result<Followed, SettingError> {
+        let Followed { z: Lifted { s, v }, side } = Followed::at(self.state, restitution)?;
         let sigma = self.branch.sigma();
         // adding 0.0 turns -0.0 into 0.0
         let z = Lifted { s: sigma * s + 0.0, v: sigma * v + 0.0 };
@@ -46,9 +46,10 @@ impl TwistingTracker {
     /// ```
     /// use zivi_core::control::{Approach, Gains, TwistingTracker, Waypoint};
     /// use zivi_core::{Branch, Physical, Restitution};
-    /// let wall = Restitution::from_e(0.5)?;
+    /// let restitution = Restitution::from_e(0.5)?;
+    /// let gains = Gains::new(30.0, 17.0)?;
     /// let mut tracker =
-    ///     TwistingTracker::new(Gains::new(30.0, 17.0)?, 1e-3, wall, wall, Approach::Nearest)?;
+    ///     TwistingTracker::new(gains, 1e-3, restitution, restitution, Approach::Nearest)?;
     /// let at = |x, xdot| Waypoint { state: Physical { x, xdot }, branch: Branch::Positive };
     /// let (now, next) = (at(1.0, 0.5), at(1.0005 - 2e-6, 0.496)); // it brakes with 4 m/s^2
     /// let u = tracker.tick_to(now.state, -9.81, now, next, None)?;
@@ -69,16 +70,16 @@ impl TwistingTracker {
     }
 }
 
-/// A period of a reference on `wall` that is given every `h`, on the side that it is given on. (Not a
-/// part of a tick with a reference of its own.)
+/// A period of a reference that is given every `h`, on the side that it is given on. (Not a part of
+/// a tick with a reference of its own.)
 #[inline(never)]
 pub(super) fn course_between(
-    (wall, h): (Restitution, f64),
+    (restitution, h): (Restitution, f64),
     force: f64,
     [now, next]: &[Waypoint; 2],
     acceleration: Option<f64>,
 ) -> Result<Course, SettingError> {
-    let (start, end) = (now.checked(wall)?, next.checked(wall)?);
+    let (start, end) = (now.checked(restitution)?, next.checked(restitution)?);
     let flies = now.branch == next.branch && now.state.x > 0.0 && next.state.x > 0.0;
     let rests = start.z == end.z && start.z == Lifted::default();
     let differenced = now.branch == next.branch || rests;
@@ -91,7 +92,7 @@ pub(super) fn course_between(
     let back = if flies { 0.5 * h * acceleration } else { 0.0 };
     let behind = |at: Physical| Physical { xdot: at.xdot - back, ..at };
     let sigma = now.branch.sigma();
-    let Lifted { s, v } = transform::lift(behind(now.state), Branch::Positive, wall);
+    let Lifted { s, v } = transform::lift(behind(now.state), Branch::Positive, restitution);
     let z = Lifted { s: sigma * s, v: sigma * v };
     let now = Followed { z, ..start };
     Ok(Course { now, force: acceleration, back, next: Some(end) })

@@ -70,7 +70,7 @@ pub struct TrackingInclusion<'a> {
     /// The scheme.
     pub step: &'a TrackingStep,
     /// The reference's wall.
-    pub wall_ref: Restitution,
+    pub restitution_ref: Restitution,
     /// Where the plant's step starts.
     pub z: Lifted,
     /// Where the reference's step starts.
@@ -82,8 +82,8 @@ pub struct TrackingInclusion<'a> {
 }
 
 /// `R = 1 - kappa ls lv`.
-fn r<const N: usize>(wall: Restitution, lambda_s: Dual<N>, lambda_v: Dual<N>) -> Dual<N> {
-    lambda_s * lambda_v * -wall.kappa() + 1.0
+fn r<const N: usize>(restitution: Restitution, lambda_s: Dual<N>, lambda_v: Dual<N>) -> Dual<N> {
+    lambda_s * lambda_v * -restitution.kappa() + 1.0
 }
 
 /// The end of the regulator's step.
@@ -91,8 +91,8 @@ fn regulated<const N: usize>(
     it: &RegulationInclusion<'_>,
     [lambda_s, lambda_v]: [Dual<N>; 2],
 ) -> [Dual<N>; 2] {
-    let RegulationStep { h, wall, gains } = *it.step;
-    let r = r(wall, lambda_s, lambda_v);
+    let RegulationStep { h, restitution, gains } = *it.step;
+    let r = r(restitution, lambda_s, lambda_v);
     let push = lambda_s * (it.f - gains.mu1()) + lambda_v * -gains.mu2();
     let v = push / r * h + it.z.v;
     [r * v * h + it.z.s, v]
@@ -106,8 +106,8 @@ fn plant<const N: usize>(
     a: Dual<N>,
     [lambda_s, lambda_v, lambda_es, lambda_ev]: [Dual<N>; 4],
 ) -> [Dual<N>; 2] {
-    let TrackingStep { h, wall, gains } = *step;
-    let r = r(wall, lambda_s, lambda_v);
+    let TrackingStep { h, restitution, gains } = *step;
+    let r = r(restitution, lambda_s, lambda_v);
     let square = lambda_s * lambda_s;
     let pull = a + lambda_es * -gains.mu1() + lambda_ev * -gains.mu2();
     let free = lambda_s * (square * -1.0 + 1.0) * f / r;
@@ -121,7 +121,7 @@ fn reference<const N: usize>(
     [lambda_sr, lambda_vr]: [Dual<N>; 2],
 ) -> ([Dual<N>; 2], Dual<N>) {
     let h = it.step.h;
-    let r = r(it.wall_ref, lambda_sr, lambda_vr);
+    let r = r(it.restitution_ref, lambda_sr, lambda_vr);
     let a = lambda_sr * it.f_ref / r;
     let v = a * h + it.reference.v;
     ([r * v * h + it.reference.s, v], a)
@@ -166,8 +166,8 @@ fn plant_scales(
     a: f64,
     [ls, lv, les, lev]: [f64; 4],
 ) -> [f64; 2] {
-    let TrackingStep { h, wall, gains } = *step;
-    let r = wall.r(ls, lv);
+    let TrackingStep { h, restitution, gains } = *step;
+    let r = restitution.r(ls, lv);
     let pull = a.abs() + gains.mu1() * les.abs() + gains.mu2() * lev.abs();
     let v = z.v.abs() + h * (ls * ls * pull + (ls * (1.0 - ls * ls) * f / r).abs());
     [z.s.abs() + h * r * v, v]
@@ -195,8 +195,8 @@ impl Inclusion<2> for RegulationInclusion<'_> {
     forms!(2);
 
     fn scales(&self, [ls, lv]: [f64; 2]) -> [f64; 2] {
-        let RegulationStep { h, wall, gains } = *self.step;
-        let r = wall.r(ls, lv);
+        let RegulationStep { h, restitution, gains } = *self.step;
+        let r = restitution.r(ls, lv);
         let push = (ls * (self.f.abs() + gains.mu1())).abs() + gains.mu2() * lv.abs();
         let v = self.z.v.abs() + h * push / r;
         [self.z.s.abs() + h * r * v, v].map(or_one)
@@ -218,7 +218,7 @@ impl Inclusion<6> for TrackingInclusion<'_> {
 
     fn scales(&self, [ls, lv, lsr, lvr, les, lev]: [f64; 6]) -> [f64; 6] {
         let h = self.step.h;
-        let r = self.wall_ref.r(lsr, lvr);
+        let r = self.restitution_ref.r(lsr, lvr);
         let a = lsr * self.f_ref / r;
         let [s, v] = plant_scales(self.step, self.z, self.f, a, [ls, lv, les, lev]);
         let v_ref = self.reference.v.abs() + h * a.abs();

@@ -94,17 +94,17 @@ pub struct Descent {
 }
 
 impl Descent {
-    /// The landing of a tracker with these gains on `wall`; a mass at rest is pressed with `press`,
-    /// by default `D`.
+    /// The landing of a tracker with these gains above this wall; a mass at rest is pressed with
+    /// `press`, by default `D`.
     #[inline]
     pub(super) fn new(
         landing: Landing,
         gains: Gains,
-        wall: Restitution,
+        restitution: Restitution,
         press: Option<f64>,
     ) -> Self {
-        let falling = wall.r(1.0, -1.0) * (gains.mu1() - gains.mu2());
-        let braking = wall.r(1.0, 1.0) * (gains.mu1() + gains.mu2());
+        let falling = restitution.r(1.0, -1.0) * (gains.mu1() - gains.mu2());
+        let braking = restitution.r(1.0, 1.0) * (gains.mu1() + gains.mu2());
         Self { landing, falling, braking, press: press.unwrap_or(falling) }
     }
 
@@ -136,9 +136,9 @@ impl Descent {
 
     /// `ls, lv, les, lev` that stand for `g` in the law: both errors above, the brake in part.
     #[inline]
-    pub(super) fn signs(xdot: f64, g: f64, gains: Gains, wall: Restitution) -> [f64; 4] {
+    pub(super) fn signs(xdot: f64, g: f64, gains: Gains, restitution: Restitution) -> [f64; 4] {
         let lambda_v = sgn(xdot);
-        let lambda_ev = cut((g / wall.r(1.0, lambda_v) - gains.mu1()) / gains.mu2());
+        let lambda_ev = cut((g / restitution.r(1.0, lambda_v) - gains.mu1()) / gains.mu2());
         [1.0, lambda_v, 1.0, lambda_ev]
     }
 }

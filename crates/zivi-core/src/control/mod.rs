@@ -47,13 +47,13 @@ use crate::setting::require;
 use crate::{Restitution, SettingError};
 
 /// Admissible sampling periods and walls, the same for every controller.
-fn checked(h: f64, wall: Restitution, name_of_e: &'static str) -> Result<(), SettingError> {
+fn checked(h: f64, restitution: Restitution, name_of_e: &'static str) -> Result<(), SettingError> {
     require(h > 0.0 && h.is_finite(), "h", h, "a finite sampling period > 0")?;
-    checked_wall(wall, name_of_e)
+    checked_wall(restitution, name_of_e)
 }
 
 /// Admissible walls: `R = 1 - kappa` must not vanish.
-fn checked_wall(wall: Restitution, name_of_e: &'static str) -> Result<(), SettingError> {
+fn checked_wall(restitution: Restitution, name_of_e: &'static str) -> Result<(), SettingError> {
     let range = "> 0 (R = 0 at e = 0; below about 1e-16 kappa rounds to 1)";
-    require(wall.kappa() < 1.0, name_of_e, wall.e(), range)
+    require(restitution.kappa() < 1.0, name_of_e, restitution.e(), range)
 }

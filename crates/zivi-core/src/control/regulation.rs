@@ -28,7 +28,7 @@ pub struct RegulationStep {
     /// Sampling period (s).
     pub h: f64,
     /// The plant's wall.
-    pub wall: Restitution,
+    pub restitution: Restitution,
     /// The gains.
     pub gains: Gains,
 }
@@ -85,7 +85,7 @@ impl RegulationStep {
     /// `R v+ = R v + D - B lv` with `lv` in `sgn v+`, `R = 1 - kappa lv`.
     fn off_the_wall(&self, v: f64, push: f64) -> Side {
         let brake = self.h * self.gains.mu2();
-        let (slow, fast) = (self.wall.r(1.0, 1.0), self.wall.r(1.0, -1.0));
+        let (slow, fast) = (self.restitution.r(1.0, 1.0), self.restitution.r(1.0, -1.0));
         let outward = slow * v + push - brake;
         let inward = fast * v + push + brake;
         if outward > 0.0 && (v > 0.0 || inward >= 0.0) {
@@ -93,21 +93,21 @@ impl RegulationStep {
         } else if inward < 0.0 {
             Side { travel: inward, v: inward / fast, lambda_v: -1.0 }
         } else {
-            let lambda_v = quotient(v + push, self.wall.kappa() * v + brake);
+            let lambda_v = quotient(v + push, self.restitution.kappa() * v + brake);
             Side { travel: 0.0, v: 0.0, lambda_v }
         }
     }
 
     fn on_the_wall(&self, z: Lifted, push: f64) -> Regulation {
         let brake = self.h * self.gains.mu2();
-        let kappa = self.wall.kappa();
+        let kappa = self.restitution.kappa();
         if z.s == 0.0 {
             let (lambda_s, lambda_v) = self.stopping_signs(z.v, push);
             return self.regulation(Lifted::default(), lambda_s, lambda_v);
         }
         let travel = z.s / self.h;
         let lambda_s = quotient(-(travel + z.v + brake), kappa * z.v + push);
-        let v = -travel / self.wall.r(lambda_s, -1.0);
+        let v = -travel / self.restitution.r(lambda_s, -1.0);
         self.regulation(Lifted { s: 0.0, v }, lambda_s, -1.0)
     }
 
@@ -120,7 +120,7 @@ impl RegulationStep {
             return (0.0, share);
         }
         let (speed, sign) = (v.abs(), if v > 0.0 { 1.0 } else { -1.0 });
-        let lambda_s = quotient(speed - brake, self.wall.kappa() * speed - push);
+        let lambda_s = quotient(speed - brake, self.restitution.kappa() * speed - push);
         (sign * lambda_s, sign)
     }
 

@@ -18,8 +18,8 @@ use crate::{transform, Branch, Physical, Restitution, SettingError};
 /// ```
 /// use zivi_core::control::{Gains, TwistingRegulator};
 /// use zivi_core::{Physical, Restitution};
-/// let wall = Restitution::from_kappa(0.5)?;
-/// let mut regulator = TwistingRegulator::new(Gains::new(3.0, 2.0)?, 1e-3, wall)?;
+/// let restitution = Restitution::from_kappa(0.5)?;
+/// let mut regulator = TwistingRegulator::new(Gains::new(3.0, 2.0)?, 1e-3, restitution)?;
 /// let u = regulator.tick(Physical { x: 1.0, xdot: -0.5 }, 0.0)?;
 /// assert_eq!(u, -3.0 + 2.0); // falling: -mu1 + mu2
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -44,13 +44,13 @@ pub struct RegulatorState {
 }
 
 impl TwistingRegulator {
-    /// A regulator with sampling period `h` (s) for a mass on `wall`, landing one period ahead.
+    /// A regulator with sampling period `h` (s) above such a wall, landing one period ahead.
     ///
     /// # Errors
     /// [`SettingError`] names the setting that is out of range.
-    pub fn new(gains: Gains, h: f64, wall: Restitution) -> Result<Self, SettingError> {
-        checked(h, wall, "e")?;
-        let step = RegulationStep { h, wall, gains };
+    pub fn new(gains: Gains, h: f64, restitution: Restitution) -> Result<Self, SettingError> {
+        checked(h, restitution, "e")?;
+        let step = RegulationStep { h, restitution, gains };
         Ok(Self::trusted(step, Some(Landing::new(1, h)?), Port::default()))
     }
 
@@ -91,12 +91,12 @@ impl TwistingRegulator {
     /// The control and its signs `ls`, `lv`.
     #[inline]
     fn law(&self, state: Physical, force: f64) -> (f64, [f64; 2]) {
-        let RegulationStep { wall, gains, .. } = self.step;
+        let RegulationStep { restitution, gains, .. } = self.step;
         if let Some(landing) = self.landing {
             let lambda_v = landing.lambda_v(state.xdot, force, gains);
             return (-gains.mu1() - gains.mu2() * lambda_v, [1.0, lambda_v]);
         }
-        let z = transform::lift(state, Branch::Positive, wall);
+        let z = transform::lift(state, Branch::Positive, restitution);
         let Regulation { u, lambda_s, lambda_v, .. } = self.step.solve(z, force);
         (u, [lambda_s, lambda_v])
     }

@@ -35,9 +35,9 @@ pub enum Approach {
 /// ```
 /// use zivi_core::control::{Approach, Gains, TwistingTracker};
 /// use zivi_core::{Physical, Restitution};
-/// let wall = Restitution::from_kappa(0.5)?;
-/// let gains = Gains::for_tracking(30.0, 17.0, 5.0, wall)?;
-/// let mut tracker = TwistingTracker::new(gains, 1e-3, wall, wall, Approach::Positive)?;
+/// let restitution = Restitution::from_kappa(0.5)?;
+/// let gains = Gains::for_tracking(30.0, 17.0, 5.0, restitution)?;
+/// let mut tracker = TwistingTracker::new(gains, 1e-3, restitution, restitution, Approach::Positive)?;
 /// tracker.reset(Physical { x: 3.0, xdot: 3.0 })?;
 /// let u = tracker.tick(Physical { x: 6.0, xdot: 5.0 }, -9.81, -19.81)?;
 /// // both errors positive and R = 1/2 for plant and reference: -(30 + 17 + 19.81/R)/2 + 9.81
@@ -60,28 +60,28 @@ pub struct TwistingTracker {
 }
 
 impl TwistingTracker {
-    /// A tracker with sampling period `h` (s) for a mass on `wall`, following a reference that
-    /// bounces on `wall_ref`. Exact tracking needs equal walls. The reference starts at rest: see
-    /// [`TwistingTracker::reset`].
+    /// A tracker with sampling period `h` (s) for a mass that bounces with `restitution`, following a
+    /// reference that bounces with `restitution_ref`. Exact tracking needs equal ones. The reference
+    /// starts at rest: see [`TwistingTracker::reset`].
     ///
     /// # Errors
     /// [`SettingError`] names the setting that is out of range.
     pub fn new(
         gains: Gains,
         h: f64,
-        wall: Restitution,
-        wall_ref: Restitution,
+        restitution: Restitution,
+        restitution_ref: Restitution,
         approach: Approach,
     ) -> Result<Self, SettingError> {
-        checked(h, wall, "e")?;
-        checked(h, wall_ref, "e_ref")?;
+        checked(h, restitution, "e")?;
+        checked(h, restitution_ref, "e_ref")?;
         let landing = Some(Landing::new(1, h)?);
         let (press, horizon, shift, port) = (None, 1.0, false, Port::default());
         let settings = TrackerSettings {
             gains,
             h,
-            wall,
-            wall_ref,
+            restitution,
+            restitution_ref,
             approach,
             landing,
             press,
@@ -96,10 +96,11 @@ impl TwistingTracker {
     #[inline(always)]
     #[must_use]
     pub fn trusted(settings: TrackerSettings, state: TrackerState) -> Self {
-        let TrackerSettings { gains, h, wall, horizon, shift, landing, press, .. } = settings;
+        let TrackerSettings { gains, h, restitution, horizon, shift, landing, press, .. } =
+            settings;
         let TrackerSettings { approach, port, .. } = settings;
-        let reference = ThetaGammaStep::trusted(h, 1.0, 1.0, settings.wall_ref);
-        let step = TrackingStep { h: horizon * h, wall, gains };
+        let reference = ThetaGammaStep::trusted(h, 1.0, 1.0, settings.restitution_ref);
+        let step = TrackingStep { h: horizon * h, restitution, gains };
         Self { step, reference, shift, landing, press, approach, port, state }
     }
 
@@ -152,7 +153,7 @@ impl TwistingTracker {
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
     #[inline]
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        let start = Followed::at(reference, self.reference.wall())?;
+        let start = Followed::at(reference, self.reference.restitution())?;
         self.state = TrackerState::starting(self.on_its_branch(start));
         Ok(())
     }
@@ -191,7 +192,7 @@ impl TwistingTracker {
         let course = match guide {
             Guide::Own { force } => self.course(force),
             Guide::Given { reference, acceleration } => {
-                let of = (self.reference.wall(), self.h());
+                let of = (self.reference.restitution(), self.h());
                 let course = course_between(of, force, reference, acceleration)?;
                 Course { now: self.on_its_branch(course.now), ..course }
             }
@@ -239,8 +240,8 @@ impl TwistingTracker {
             Some(landing) if now == Lifted::default() && next.z == Lifted::default() => {
                 let descent = self.descent_of(landing);
                 let g = descent.towards_wall(state);
-                let TrackingStep { gains, wall, .. } = self.step;
-                (-force - g, Descent::signs(state.xdot, g, gains, wall), 0)
+                let TrackingStep { gains, restitution, .. } = self.step;
+                (-force - g, Descent::signs(state.xdot, g, gains, restitution), 0)
             }
             _ => {
                 let z = self.lifted(measured, now);
@@ -278,7 +279,7 @@ impl TwistingTracker {
     /// The measured state on the branch that the approach takes beside this reference.
     #[inline]
     fn lifted(&self, state: Physical, reference: Lifted) -> Lifted {
-        let Lifted { s, v } = transform::lift(state, Branch::Positive, self.step.wall);
+        let Lifted { s, v } = transform::lift(state, Branch::Positive, self.step.restitution);
         let mirror = match self.approach {
             Approach::Positive => false,
             Approach::Nearest => s * reference.s + v * reference.v < 0.0,
@@ -294,7 +295,7 @@ impl TwistingTracker {
     #[inline(always)]
     #[must_use]
     pub fn reference(&self) -> Physical {
-        transform::project(self.state.reference, self.reference.wall())
+        transform::project(self.state.reference, self.reference.restitution())
     }
 
     /// The sampling period (s).
@@ -311,8 +312,8 @@ impl TwistingTracker {
 
     #[inline(always)]
     fn descent_of(&self, landing: Landing) -> Descent {
-        let TrackingStep { gains, wall, .. } = self.step;
-        Descent::new(landing, gains, wall, self.press)
+        let TrackingStep { gains, restitution, .. } = self.step;
+        Descent::new(landing, gains, restitution, self.press)
     }
 
     /// The plant's part of the step, over the horizon.

@@ -12,9 +12,9 @@ pub struct TrackerSettings {
     /// Sampling period (s).
     pub h: f64,
     /// The plant's wall.
-    pub wall: Restitution,
+    pub restitution: Restitution,
     /// The reference's wall.
-    pub wall_ref: Restitution,
+    pub restitution_ref: Restitution,
     /// How measurements are lifted.
     pub approach: Approach,
     /// How it lands; `None` is the paper's tick.

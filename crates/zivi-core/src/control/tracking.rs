@@ -35,7 +35,7 @@ pub struct TrackingStep {
     /// Sampling period (s).
     pub h: f64,
     /// The plant's wall.
-    pub wall: Restitution,
+    pub restitution: Restitution,
     /// The gains.
     pub gains: Gains,
 }
@@ -136,17 +136,17 @@ impl Frame<'_> {
     /// The candidate with `ls = g`. With `psi(v+) = R v+ = v+ (1 - kappa g sgn v+)` the position
     /// error switches where `psi(v+) = (s_r+ - s)/h`.
     fn off_the_wall(&self, g: f64) -> Candidate {
-        let TrackingStep { h, wall, gains } = *self.step;
+        let TrackingStep { h, restitution, gains } = *self.step;
         let Target { end: aim, acceleration } = *self.target;
         let travel = (aim.s - self.z.s) / h;
-        let at_aim = travel / wall.r(g, sgn(travel));
+        let at_aim = travel / restitution.r(g, sgn(travel));
         let found = balance(
             self.z.v + h * acceleration,
             Switch { at: at_aim, weight: h * gains.mu1() },
             Switch { at: aim.v, weight: h * gains.mu2() },
         );
         let lambda_v = sgn(found.y);
-        let r = wall.r(g, lambda_v);
+        let r = restitution.r(g, lambda_v);
         // on the switch the position is the reference's, to the last bit
         let s = if found.y == at_aim { aim.s } else { self.z.s + h * (r * found.y) };
         let end = Lifted { s, v: found.y };
@@ -213,7 +213,7 @@ impl Frame<'_> {
 
     /// `v+ = -(s/h)/R` for `s+ = 0` (adding `0.0` turns `-0.0` into `0.0`).
     fn velocity_on_the_wall(&self, lambda_s: f64) -> f64 {
-        -(self.z.s / self.step.h) / self.step.wall.r(lambda_s, -1.0) + 0.0
+        -(self.z.s / self.step.h) / self.step.restitution.r(lambda_s, -1.0) + 0.0
     }
 
     /// The `ls` at which `v+ = -(s/h)/(1 + kappa ls)` equals `v_r+`: below it `v+` is smaller.
@@ -225,7 +225,7 @@ impl Frame<'_> {
             if excess == 0.0 {
                 0.0
             } else {
-                excess / self.step.wall.kappa()
+                excess / self.step.restitution.kappa()
             }
         } else if v_r == 0.0 && travel == 0.0 {
             0.0
@@ -238,7 +238,7 @@ impl Frame<'_> {
     #[inline(never)] // seldom asked for, at four places
     fn cubic(&self, lambda_es: f64, lambda_ev: f64) -> Cubic {
         let h = self.step.h;
-        let kappa = self.step.wall.kappa();
+        let kappa = self.step.restitution.kappa();
         let c = self.pull(lambda_es, lambda_ev);
         Cubic {
             c0: self.z.s / h + self.z.v,
@@ -260,7 +260,7 @@ impl Frame<'_> {
     fn tracking(&self, candidate: Candidate, place: Place) -> Tracking {
         let Candidate { end, signs, iterations } = candidate;
         let [lambda_s, lambda_v, lambda_es, lambda_ev] = signs;
-        let r = self.step.wall.r(lambda_s, lambda_v);
+        let r = self.step.restitution.r(lambda_s, lambda_v);
         let c = self.pull(lambda_es, lambda_ev);
         let u = r * lambda_s * c - lambda_s * lambda_s * self.f;
         Tracking { end, lambda_s, lambda_v, lambda_es, lambda_ev, u, place, iterations }

@@ -178,7 +178,7 @@ impl ImpactObserver {
     }
 
     fn move_on(&self, it: &mut ObserverState, dt: f64, a: f64) {
-        let (e, mut left) = (self.settings.wall.e(), dt);
+        let (e, mut left) = (self.settings.restitution.e(), dt);
         let mut at = it.estimate.state;
         if at.x == 0.0 && at.xdot < 0.0 {
             at = self.bounce(&mut it.covariance, at.xdot, a);
@@ -209,8 +209,8 @@ impl ImpactObserver {
 
     /// The state after an impact with `before < 0`.
     fn bounce(&self, covariance: &mut Covariance, before: f64, a: f64) -> Physical {
-        let ObserverSettings { wall, h, se, .. } = self.settings;
-        let e = wall.e();
+        let ObserverSettings { restitution, h, se, .. } = self.settings;
+        let e = restitution.e();
         let speed = before.abs().max(GRAZING * h * a.abs());
         let k = if speed > 0.0 { -(1.0 + e) * a / speed } else { 0.0 };
         covariance.bounce(e, k);

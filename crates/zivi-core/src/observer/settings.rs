@@ -6,7 +6,7 @@ use crate::{Restitution, SettingError};
 /// Settings of an [`super::ImpactObserver`], all in range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObserverSettings {
-    pub(super) wall: Restitution,
+    pub(super) restitution: Restitution,
     pub(super) h: f64,
     /// Variances of a measured position and velocity.
     pub(super) noise: [f64; 2],
@@ -20,24 +20,24 @@ pub struct ObserverSettings {
 const RANGE: [f64; 2] = [1e-150, 1e150];
 
 impl ObserverSettings {
-    /// Settings for a mass on `wall` that is measured every `h` (s), with noise of 1e-4 m and 1e-2
+    /// Settings for a mass that is measured every `h` (s), with noise of 1e-4 m and 1e-2
     /// m/s, an exact `e`, and an unknown force of at most 20 m/s^2 whose change per period has the
     /// variance 1e-3 (m/s^2)^2.
     ///
     /// # Errors
     /// [`SettingError`] unless `h` is positive and finite.
-    pub fn new(wall: Restitution, h: f64) -> Result<Self, SettingError> {
+    pub fn new(restitution: Restitution, h: f64) -> Result<Self, SettingError> {
         require(h > 0.0 && h.is_finite(), "h", h, "a finite sampling period > 0")?;
         let noise = [1e-4 * 1e-4, 1e-2 * 1e-2];
-        Ok(Self { wall, h, noise, q_d: 1e-3, se: 0.0, dmax: 20.0, position_only: false })
+        Ok(Self { restitution, h, noise, q_d: 1e-3, se: 0.0, dmax: 20.0, position_only: false })
     }
 
     /// The settings of numbers that were checked before and are not checked again: the standard
     /// deviations of position and velocity, `q_d`, `se` and `dmax`.
     #[inline]
     #[must_use]
-    pub fn trusted(wall: Restitution, h: f64, [x, xdot, q_d, se, dmax]: [f64; 5]) -> Self {
-        Self { wall, h, noise: [x * x, xdot * xdot], q_d, se, dmax, position_only: false }
+    pub fn trusted(restitution: Restitution, h: f64, [x, xdot, q_d, se, dmax]: [f64; 5]) -> Self {
+        Self { restitution, h, noise: [x * x, xdot * xdot], q_d, se, dmax, position_only: false }
     }
 
     /// The same with these standard deviations of a measured position (m) and velocity (m/s).
@@ -83,8 +83,8 @@ impl ObserverSettings {
 
     /// The wall.
     #[must_use]
-    pub fn wall(&self) -> Restitution {
-        self.wall
+    pub fn restitution(&self) -> Restitution {
+        self.restitution
     }
 
     /// The sampling period (s).

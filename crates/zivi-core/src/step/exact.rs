@@ -36,8 +36,8 @@ impl ThetaGammaStep {
     ///
     /// ```
     /// use zivi_core::{Case, Lifted, Restitution, ThetaGammaStep};
-    /// let wall = Restitution::from_kappa(0.41)?;
-    /// let step = ThetaGammaStep::new(1e-3, 1.0, 1.0, wall).unwrap();
+    /// let restitution = Restitution::from_kappa(0.41)?;
+    /// let step = ThetaGammaStep::new(1e-3, 1.0, 1.0, restitution).unwrap();
     /// let rest = step.solve(Lifted::default(), -9.81, 1.0).unwrap();
     /// assert_eq!((rest.s, rest.v, rest.case), (0.0, 0.0, Case::Origin));
     /// # Ok::<(), zivi_core::RestitutionError>(())
@@ -177,23 +177,23 @@ impl ThetaGammaStep {
     #[must_use]
     pub fn force_ranges(&self, pattern: Pattern, z: Lifted, side: f64) -> [Option<(f64, f64)>; 2] {
         let (_, Frozen { s, v, .. }) = self.frozen(z, 0.0, side);
-        let ThetaGammaStep { h, theta, gamma, wall, .. } = *self;
+        let ThetaGammaStep { h, theta, gamma, restitution, .. } = *self;
         let approach = s / (gamma * h);
         let range = |low: f64, high: f64| (low <= high).then_some((low, high));
         match pattern {
             Pattern::Origin => [range(f64::NEG_INFINITY, f64::INFINITY), None],
             Pattern::Wall(lambda_v) => {
-                let middle = wall.kappa() * lambda_v * v / (theta * h);
+                let middle = restitution.kappa() * lambda_v * v / (theta * h);
                 let half = (approach + v).abs() / (theta * h);
                 [range(f64::NEG_INFINITY, middle - half), range(middle + half, f64::INFINITY)]
             }
             Pattern::Apex(lambda_s) => {
                 let unit = -lambda_s * v / (gamma * h);
-                let (a, b) = (unit * wall.r(1.0, 1.0), unit * wall.r(1.0, -1.0));
+                let (a, b) = (unit * restitution.r(1.0, 1.0), unit * restitution.r(1.0, -1.0));
                 [range(a.min(b), a.max(b)), None]
             }
             Pattern::Regular(lambda_s, lambda_v) => {
-                let r = wall.r(lambda_s, lambda_v);
+                let r = restitution.r(lambda_s, lambda_v);
                 let stays = -lambda_s * (approach + r * v) / (theta * h);
                 let turns = -lambda_s * v * r / (gamma * h);
                 if lambda_s * lambda_v > 0.0 {
@@ -213,7 +213,7 @@ impl ThetaGammaStep {
             return 0.0;
         }
         let (sigma, Frozen { s, v, .. }) = self.frozen(z, f, side);
-        let exact = exact_motion(Lifted { s, v }, f, self.h, self.wall);
+        let exact = exact_motion(Lifted { s, v }, f, self.h, self.restitution);
         distance(&solution.mirrored(sigma), exact, self.h) / (self.h * self.h * f)
     }
 
@@ -233,11 +233,11 @@ impl<'a> Frozen<'a> {
         if !(self.s.is_finite() && self.v.is_finite() && self.f.is_finite()) {
             return Err(StepFailure::NotFinite);
         }
-        let (h, wall) = (self.step.h, self.step.wall);
+        let (h, restitution) = (self.step.h, self.step.restitution);
         let chosen = self.f > 0.0;
         let mut exact = Lifted::default();
         if chosen {
-            exact = exact_motion(Lifted { s: self.s, v: self.v }, self.f, h, wall);
+            exact = exact_motion(Lifted { s: self.s, v: self.v }, self.f, h, restitution);
             if !exact.is_finite() {
                 return Err(StepFailure::NotFinite);
             }
@@ -274,10 +274,10 @@ impl<'a> Frozen<'a> {
     /// A negative `slack` is the margin that is asked for.
     #[inline(always)]
     fn regular(&self, lambda_s: f64, lambda_v: f64, slack: f64) -> Option<StepSolution> {
-        let ThetaGammaStep { h, wall, inverse_r: [outward, inward], .. } = *self.step;
+        let ThetaGammaStep { h, restitution, inverse_r: [outward, inward], .. } = *self.step;
         let (theta, gamma) = self.weights;
         let away = lambda_s * lambda_v > 0.0;
-        let r = wall.r(1.0, if away { 1.0 } else { -1.0 });
+        let r = restitution.r(1.0, if away { 1.0 } else { -1.0 });
         let travel = h * r * self.v;
         let push = h * lambda_s * self.f;
         let kick = push * if away { outward } else { inward };
@@ -297,9 +297,9 @@ impl<'a> Frozen<'a> {
 
     /// `v_gamma = 0` with `lambda_s` at an end: `R = -gamma h lambda_s f / v` gives `lambda_v`.
     fn apex(&self, lambda_s: f64, slack: f64) -> Option<StepSolution> {
-        let (ThetaGammaStep { h, wall, .. }, (theta, gamma)) = (*self.step, self.weights);
+        let (ThetaGammaStep { h, restitution, .. }, (theta, gamma)) = (*self.step, self.weights);
         let r = -gamma * h * lambda_s * self.f / self.v;
-        let lambda_v = interior_sign(1.0 - r, wall.kappa() * lambda_s, 2.0, slack)?;
+        let lambda_v = interior_sign(1.0 - r, restitution.kappa() * lambda_s, 2.0, slack)?;
         // R v = -gamma h lambda_s f, so s+ = s + (theta - gamma) h^2 lambda_s f
         let rise = (theta - gamma) * h * h * lambda_s * self.f;
         let scale = self.s.abs() + gamma * rise.abs();
@@ -318,12 +318,12 @@ impl<'a> Frozen<'a> {
     /// s/(gamma h) + v = lambda_s (kappa lambda_v v - theta h f)
     /// ```
     fn wall(&self, lambda_v: f64, slack: f64) -> Option<StepSolution> {
-        let (ThetaGammaStep { h, wall, .. }, (theta, gamma)) = (*self.step, self.weights);
-        let slope = wall.kappa() * lambda_v * self.v - theta * h * self.f;
+        let (ThetaGammaStep { h, restitution, .. }, (theta, gamma)) = (*self.step, self.weights);
+        let slope = restitution.kappa() * lambda_v * self.v - theta * h * self.f;
         let approach = self.s / (gamma * h);
         let terms = approach.abs() + self.v.abs() + slope.abs();
         let lambda_s = interior_sign(approach + self.v, slope, terms, slack)?;
-        let r = wall.r(lambda_s, lambda_v);
+        let r = restitution.r(lambda_s, lambda_v);
         let kick = h * lambda_s * self.f / r;
         let scale = self.v.abs() + gamma * kick.abs();
         (lambda_v * (self.v + gamma * kick) >= -slack * scale).then_some(StepSolution {
@@ -338,7 +338,7 @@ impl<'a> Frozen<'a> {
     /// `s_gamma = v_gamma = 0`: `R v = -gamma h lambda_s f` and
     /// `s = -gamma (theta - gamma) h^2 lambda_s f`.
     fn origin(&self, slack: f64) -> Option<StepSolution> {
-        let (ThetaGammaStep { h, wall, .. }, (theta, gamma)) = (*self.step, self.weights);
+        let (ThetaGammaStep { h, restitution, .. }, (theta, gamma)) = (*self.step, self.weights);
         let push = gamma * h * self.f;
         let (lambda_s, lambda_v) = if theta == gamma {
             let signs = self.stopping_signs(push, slack)?;
@@ -349,7 +349,7 @@ impl<'a> Frozen<'a> {
             let lambda_s = interior_sign(-self.s, (theta - gamma) * h * push, self.s, slack)?;
             let r = if self.v == 0.0 { 1.0 } else { -lambda_s * push / self.v };
             (self.v != 0.0 || lambda_s * push == 0.0).then_some(())?;
-            (lambda_s, interior_sign(1.0 - r, wall.kappa() * lambda_s, 2.0, slack)?)
+            (lambda_s, interior_sign(1.0 - r, restitution.kappa() * lambda_s, 2.0, slack)?)
         };
         Some(StepSolution {
             s: self.extrapolated(self.s),
@@ -370,7 +370,7 @@ impl<'a> Frozen<'a> {
             return Some((0.0, 0.0));
         }
         let c = (self.v / push).abs();
-        let size = interior_sign(c, 1.0 + self.step.wall.kappa() * c, c, slack)?;
+        let size = interior_sign(c, 1.0 + self.step.restitution.kappa() * c, c, slack)?;
         let sign = -sgn(self.v) * sgn(push);
         Some((sign * size, sign))
     }

@@ -18,7 +18,7 @@ impl ThetaGammaStep {
     #[must_use]
     pub fn vi_map(&self, z: Lifted, f: f64, [lambda_s, lambda_v]: [f64; 2]) -> [f64; 2] {
         let (h, gamma) = (self.h, self.gamma);
-        let r = self.wall.r(lambda_s, lambda_v);
+        let r = self.restitution.r(lambda_s, lambda_v);
         [
             -(z.s + gamma * h * (r * z.v + self.theta * h * lambda_s * f)),
             -(z.v + lambda_s * (gamma * h * f / r)),
@@ -34,8 +34,8 @@ impl ThetaGammaStep {
     /// (`d(lambda_s/R)/d lambda_s = (R + kappa lambda_s lambda_v)/R^2 = 1/R^2`.)
     #[must_use]
     pub fn vi_jacobian(&self, z: Lifted, f: f64, [lambda_s, lambda_v]: [f64; 2]) -> [[f64; 2]; 2] {
-        let (h, gamma, kappa) = (self.h, self.gamma, self.wall.kappa());
-        let r = self.wall.r(lambda_s, lambda_v);
+        let (h, gamma, kappa) = (self.h, self.gamma, self.restitution.kappa());
+        let r = self.restitution.r(lambda_s, lambda_v);
         let gain = gamma * h * f / (r * r);
         [
             [
@@ -52,7 +52,7 @@ impl ThetaGammaStep {
     #[must_use]
     pub fn vi_scales(&self, z: Lifted, f: f64, [lambda_s, lambda_v]: [f64; 2]) -> [f64; 2] {
         let reach = self.gamma * self.h;
-        let r = self.wall.r(lambda_s, lambda_v);
+        let r = self.restitution.r(lambda_s, lambda_v);
         let or_one = |scale: f64| if scale == 0.0 { 1.0 } else { scale };
         [
             or_one(z.s.abs() + reach * (r * z.v.abs() + self.theta * self.h * f.abs())),
@@ -74,7 +74,7 @@ impl ThetaGammaStep {
         };
         let at_wall = vanishes(lambda_s, row_s, scale_s);
         let at_apex = vanishes(lambda_v, row_v, scale_v);
-        let r = self.wall.r(lambda_s, lambda_v);
+        let r = self.restitution.r(lambda_s, lambda_v);
         let kick = h * lambda_s * f / r;
         let extrapolated = |z: f64| 0.0 - (1.0 - gamma) / gamma * z;
         StepSolution {

@@ -38,7 +38,7 @@ pub struct ThetaGammaStep {
     h: f64,
     theta: f64,
     gamma: f64,
-    wall: Restitution,
+    restitution: Restitution,
     /// `1/(1 - kappa)` and `1/(1 + kappa)`: `1/R` away from the wall and towards it.
     inverse_r: [f64; 2],
 }
@@ -73,26 +73,31 @@ impl ThetaGammaStep {
     ///
     /// # Errors
     /// [`SettingError`] names the first setting that is out of range.
-    pub fn new(h: f64, theta: f64, gamma: f64, wall: Restitution) -> Result<Self, SettingError> {
+    pub fn new(
+        h: f64,
+        theta: f64,
+        gamma: f64,
+        restitution: Restitution,
+    ) -> Result<Self, SettingError> {
         Self::STEP.check(h)?;
         Self::THETA.check(theta)?;
         Self::GAMMA.check(gamma)?;
-        let kappa = wall.kappa();
+        let kappa = restitution.kappa();
         require(
             kappa < 1.0,
             "e",
-            wall.e(),
+            restitution.e(),
             "> 0 for this scheme (R = 0 at e = 0; below about 1e-16 kappa rounds to 1)",
         )?;
-        Ok(Self::trusted(h, theta, gamma, wall))
+        Ok(Self::trusted(h, theta, gamma, restitution))
     }
 
     /// The same of numbers that were checked before and are not checked again.
     #[inline]
     #[must_use]
-    pub fn trusted(h: f64, theta: f64, gamma: f64, wall: Restitution) -> Self {
-        let kappa = wall.kappa();
-        Self { h, theta, gamma, wall, inverse_r: [1.0 / (1.0 - kappa), 1.0 / (1.0 + kappa)] }
+    pub fn trusted(h: f64, theta: f64, gamma: f64, restitution: Restitution) -> Self {
+        let kappa = restitution.kappa();
+        Self { h, theta, gamma, restitution, inverse_r: [1.0 / (1.0 - kappa), 1.0 / (1.0 + kappa)] }
     }
 
     /// The same as the implicit Euler scheme.
@@ -112,7 +117,7 @@ impl ThetaGammaStep {
     /// # Errors
     /// [`SettingError`] when `h` is not positive and finite.
     pub fn with_h(self, h: f64) -> Result<Self, SettingError> {
-        Self::new(h, self.theta, self.gamma, self.wall)
+        Self::new(h, self.theta, self.gamma, self.restitution)
     }
 
     /// The step size `h` (s).
@@ -135,8 +140,8 @@ impl ThetaGammaStep {
 
     /// The wall.
     #[must_use]
-    pub fn wall(&self) -> Restitution {
-        self.wall
+    pub fn restitution(&self) -> Restitution {
+        self.restitution
     }
 }
 

@@ -26,21 +26,22 @@ use crate::{sgn, Lifted, Restitution};
 ///
 /// ```
 /// use zivi_core::{step::selection, Lifted, Restitution};
-/// let wall = Restitution::from_e(0.5)?;
-/// let up = selection::exact_motion(Lifted::default(), 2.0, 0.1, wall);
+/// let restitution = Restitution::from_e(0.5)?;
+/// let up = selection::exact_motion(Lifted::default(), 2.0, 0.1, restitution);
 /// assert!((up.s - 0.01).abs() < 1e-15); // f h^2/2
 /// # Ok::<(), zivi_core::RestitutionError>(())
 /// ```
 #[must_use]
-pub fn exact_motion(z: Lifted, f: f64, h: f64, wall: Restitution) -> Lifted {
-    let xdot = wall.r(1.0, sgn(z.v)) * z.v;
+pub fn exact_motion(z: Lifted, f: f64, h: f64, restitution: Restitution) -> Lifted {
+    let xdot = restitution.r(1.0, sgn(z.v)) * z.v;
     match time_of_impact(z.s, xdot, f).filter(|&t| t <= h) {
         Some(t) => {
-            let (_, speed_after) = impact_velocities((xdot + f * t) / wall.r(1.0, -1.0), wall);
-            let after = flight(0.0, speed_after, f, h - t, wall);
+            let (_, speed_after) =
+                impact_velocities((xdot + f * t) / restitution.r(1.0, -1.0), restitution);
+            let after = flight(0.0, speed_after, f, h - t, restitution);
             Lifted { s: -after.s, v: -after.v }
         }
-        None => flight(z.s, xdot, f, h, wall),
+        None => flight(z.s, xdot, f, h, restitution),
     }
 }
 
@@ -51,9 +52,9 @@ fn time_of_impact(x: f64, xdot: f64, f: f64) -> Option<f64> {
     (xdot < 0.0 && discriminant >= 0.0).then(|| 2.0 * x / (libm::sqrt(discriminant) - xdot))
 }
 
-fn flight(x: f64, xdot: f64, f: f64, t: f64, wall: Restitution) -> Lifted {
+fn flight(x: f64, xdot: f64, f: f64, t: f64, restitution: Restitution) -> Lifted {
     let end = xdot + f * t;
-    Lifted { s: x + t * (xdot + 0.5 * f * t), v: end / wall.r(1.0, sgn(end)) }
+    Lifted { s: x + t * (xdot + 0.5 * f * t), v: end / restitution.r(1.0, sgn(end)) }
 }
 
 /// `h^2 f` times the distance between a candidate and the exact motion (the common factor does
@@ -88,12 +89,12 @@ mod tests {
         fn exact_motion_agrees_with_a_fine_simulation(
             x in 0.0..2.0f64, xdot in -4.0..4.0f64, f in 0.1..5.0f64, h in 0.1..1.0f64, e in 0.1..1.0f64,
         ) {
-            let wall = Restitution::from_e(e).expect("e in [0, 1]");
-            let v = xdot / wall.r(1.0, sgn(xdot));
+            let restitution = Restitution::from_e(e).expect("e in [0, 1]");
+            let v = xdot / restitution.r(1.0, sgn(xdot));
             prop_assume!(x > 1e-3);
-            let end = exact_motion(Lifted { s: x, v }, f, h, wall);
+            let end = exact_motion(Lifted { s: x, v }, f, h, restitution);
             let (x_fine, xdot_fine, hit) = fine_motion(x, xdot, f, h, e);
-            let physical = crate::transform::project(end, wall);
+            let physical = crate::transform::project(end, restitution);
             prop_assume!(physical.x > 2e-3); // not within a fine step of an impact
             prop_assert_eq!(hit, end.s < 0.0);
             prop_assert!((physical.x - x_fine).abs() < 2e-3);

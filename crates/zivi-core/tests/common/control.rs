@@ -47,7 +47,8 @@ pub(crate) fn signed(rng: &Rng, low: f64, high: f64) -> f64 {
 impl Instance {
     pub(crate) fn draw(rng: &Rng, kind: Draw) -> Self {
         let (gains, f) = stable(rng);
-        let step = TrackingStep { h: rng.log_between(1e-5, 1e-1), wall: random_wall(rng), gains };
+        let step =
+            TrackingStep { h: rng.log_between(1e-5, 1e-1), restitution: random_wall(rng), gains };
         let acceleration = signed(rng, 1e-3, 1e2);
         let reach = step.h * step.gains.mu1();
         let (z, end) = match kind {
@@ -97,8 +98,8 @@ impl Instance {
     /// v+ = v + h [ ls^2 (A - mu1 les - mu2 lev) + ls (1 - ls^2) F/R ]     s+ = s + h R v+
     /// ```
     pub(crate) fn end(&self, [ls, lv, les, lev]: [f64; 4]) -> ([f64; 2], [f64; 2]) {
-        let TrackingStep { h, wall, gains } = self.step;
-        let r = 1.0 - wall.kappa() * ls * lv;
+        let TrackingStep { h, restitution, gains } = self.step;
+        let r = 1.0 - restitution.kappa() * ls * lv;
         let terms = [
             self.z.v,
             h * ls * ls * self.target.acceleration,

@@ -67,8 +67,9 @@ impl Scheme {
     }
 
     pub(crate) fn build(self) -> ThetaGammaStep {
-        let wall = Restitution::from_kappa(self.kappa).expect("kappa in [0, 1]");
-        ThetaGammaStep::new(self.h, self.theta, self.gamma, wall).expect("admissible settings")
+        let restitution = Restitution::from_kappa(self.kappa).expect("kappa in [0, 1]");
+        ThetaGammaStep::new(self.h, self.theta, self.gamma, restitution)
+            .expect("admissible settings")
     }
 }
 

@@ -44,9 +44,9 @@ pub fn simulate_mechanical_theta_gamma<E, D: Dynamics<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<MechanicalRun<E>, SetupError> {
     let step = |&e: &f64| {
-        let wall = Restitution::from_e(e);
-        let wall = wall.map_err(|_| SetupError::Setting("e", e, "from 0 to 1"))?;
-        Ok(ThetaGammaStep::new(grid.h(), 1.0, 1.0, wall)?)
+        let restitution = Restitution::from_e(e);
+        let restitution = restitution.map_err(|_| SetupError::Setting("e", e, "from 0 to 1"))?;
+        Ok(ThetaGammaStep::new(grid.h(), 1.0, 1.0, restitution)?)
     };
     let steps = e.iter().map(step).collect::<Result<_, SetupError>>()?;
     let scheme = Implicit {
@@ -81,9 +81,9 @@ impl Scheme for Implicit {
             if x < 0.0 {
                 return Err(SetupError::Setting("q0", x, "such that no gap g(t0, q0) is below 0"));
             }
-            let z = transform::lift(Physical { x, xdot }, Branch::Positive, step.wall());
+            let z = transform::lift(Physical { x, xdot }, Branch::Positive, step.restitution());
             self.z.push(z);
-            self.logs.push(EventLog::start(self.t, z, x == 0.0 && xdot < 0.0, step.wall()));
+            self.logs.push(EventLog::start(self.t, z, x == 0.0 && xdot < 0.0, step.restitution()));
         }
         if let Some(cosine) = coupled(state) {
             let range = "0 for this method, which needs gaps at right angles in the metric M";
@@ -112,7 +112,7 @@ impl Scheme for Implicit {
                 // the last step of a grid may be shorter
                 let step = if step.h() == h { *step } else { step.with_h(h).unwrap_or(*step) };
                 let end = step.solve(z, state.kinetics.b(i), transform::side(z, 1.0))?;
-                let r = step.wall().r(end.lambda_s, end.lambda_v);
+                let r = step.restitution().r(end.lambda_s, end.lambda_v);
                 state.next_v[n + i] = r * end.lambda_s * end.v;
                 state.next_x[n + i] = end.s.abs();
                 ends.push(end);

@@ -48,7 +48,7 @@ pub trait Settings {
     ///
     /// # Errors
     /// [`SetupError`] names what is out of range.
-    fn check_start(&self, initial: Physical, wall: Restitution) -> Result<(), SetupError>;
+    fn check_start(&self, initial: Physical, restitution: Restitution) -> Result<(), SetupError>;
 
     /// The step size (s) of a method of fixed steps.
     fn step(&self) -> Option<f64> {
@@ -77,9 +77,9 @@ impl<S: Scheme> Settings for FixedSteps<S> {
         self.scheme.check(self.h, Restitution::ELASTIC)
     }
 
-    fn check_start(&self, initial: Physical, wall: Restitution) -> Result<(), SetupError> {
-        self.scheme.check(self.h, wall)?;
-        self.scheme.check_start(initial, wall)
+    fn check_start(&self, initial: Physical, restitution: Restitution) -> Result<(), SetupError> {
+        self.scheme.check(self.h, restitution)?;
+        self.scheme.check_start(initial, restitution)
     }
 
     fn step(&self) -> Option<f64> {
@@ -125,9 +125,13 @@ macro_rules! methods {
                 }
             }
 
-            fn check_start(&self, initial: Physical, wall: Restitution) -> Result<(), SetupError> {
+            fn check_start(
+                &self,
+                initial: Physical,
+                restitution: Restitution,
+            ) -> Result<(), SetupError> {
                 match self {
-                    $(Self::$name(method) => method.check_start(initial, wall),)*
+                    $(Self::$name(method) => method.check_start(initial, restitution),)*
                 }
             }
 

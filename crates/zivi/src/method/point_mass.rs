@@ -13,7 +13,7 @@ pub struct PointMass<'f, F> {
     /// The force.
     pub force: &'f mut F,
     /// The wall.
-    pub wall: Restitution,
+    pub restitution: Restitution,
 }
 
 impl<E, F: Force<E>> System<E> for PointMass<'_, F> {
@@ -49,9 +49,9 @@ impl<E> PointRun<E> {
 
     /// A run of the switched method above a wall.
     #[must_use]
-    pub fn switched(run: SwitchedRun<E>, wall: Restitution) -> Self {
+    pub fn switched(run: SwitchedRun<E>, restitution: Restitution) -> Self {
         let SwitchedRun { trajectory, raised, path, tails, hits, counts, end } = run;
-        let motion = Some(Motion { path, tails, wall });
+        let motion = Some(Motion { path, tails, restitution });
         Self { trajectory, raised, motion, hits, counts, end: Some(end) }
     }
 }
@@ -69,14 +69,14 @@ impl Settings for SwitchedRk {
 impl<'f, E, F: Force<E>> Method<E, PointMass<'f, F>> for SwitchedRk {
     fn run(
         &self,
-        PointMass { force, wall }: PointMass<'f, F>,
+        PointMass { force, restitution }: PointMass<'f, F>,
         span: (f64, f64),
         y0: Physical,
         keep: Output<'_, E>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<PointRun<E>, SetupError> {
-        let run = simulate_switched_rk(*self, wall, force, span, y0, keep, monitor)?;
-        Ok(PointRun::switched(run, wall))
+        let run = simulate_switched_rk(*self, restitution, force, span, y0, keep, monitor)?;
+        Ok(PointRun::switched(run, restitution))
     }
 }
 
@@ -84,20 +84,20 @@ impl<'f, E, F: Force<E>> Method<E, PointMass<'f, F>> for SwitchedRk {
 impl<'f, E, F: Force<E>, S: Scheme> Method<E, PointMass<'f, F>> for FixedSteps<S> {
     fn run(
         &self,
-        PointMass { force, wall }: PointMass<'f, F>,
+        PointMass { force, restitution }: PointMass<'f, F>,
         span: (f64, f64),
         y0: Physical,
         keep: Output<'_, E>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<PointRun<E>, SetupError> {
         let (grid, scheme) = (self.grid(span)?, &self.scheme);
-        scheme.check(self.h, wall)?;
+        scheme.check(self.h, restitution)?;
         if keep.events.is_empty() {
-            let run = scheme.run(wall, force, grid, y0, monitor)?;
+            let run = scheme.run(restitution, force, grid, y0, monitor)?;
             return Ok(PointRun::of_steps(run, Vec::new()));
         }
         let mut following = Following::new(keep.events, monitor);
-        let run = scheme.run(wall, force, grid, y0, &mut following)?;
+        let run = scheme.run(restitution, force, grid, y0, &mut following)?;
         Ok(PointRun::of_steps(run, following.into_hits()))
     }
 }

@@ -148,14 +148,14 @@ const ORIGIN: Lifted = Lifted { s: 0.0, v: 0.0 };
 #[derive(Debug)]
 pub(crate) struct EventLog {
     reader: Reader,
-    wall: Restitution,
+    restitution: Restitution,
     reserve: Reserve,
 }
 
 impl EventLog {
-    pub(crate) fn start(t0: f64, z: Lifted, incoming: bool, wall: Restitution) -> Self {
+    pub(crate) fn start(t0: f64, z: Lifted, incoming: bool, restitution: Restitution) -> Self {
         let reader = Reader::starting(t0, z == ORIGIN);
-        let mut log = Self { reader, wall, reserve: Reserve::default() };
+        let mut log = Self { reader, restitution, reserve: Reserve::default() };
         if z != ORIGIN && incoming {
             log.impact(t0, z.v);
         }
@@ -201,7 +201,7 @@ impl EventLog {
     }
 
     fn impact(&mut self, t: f64, v: f64) {
-        let (xdot_before, xdot_after) = impact_velocities(v, self.wall);
+        let (xdot_before, xdot_after) = impact_velocities(v, self.restitution);
         let number = self.impacts().len() as u64 + 1;
         self.reader.note(Occurrence::of_mass(Impact { t, xdot_before, xdot_after }, number));
     }
@@ -220,9 +220,9 @@ mod tests {
     use super::*;
 
     fn replay(states: &[(f64, f64)]) -> Events {
-        let wall = Restitution::from_kappa(0.5).unwrap();
+        let restitution = Restitution::from_kappa(0.5).unwrap();
         let z: Vec<Lifted> = states.iter().map(|&(s, v)| Lifted { s, v }).collect();
-        let mut log = EventLog::start(0.0, z[0], false, wall);
+        let mut log = EventLog::start(0.0, z[0], false, restitution);
         for (k, pair) in z.windows(2).enumerate() {
             log.step((k as f64, pair[0]), (k as f64 + 1.0, pair[1])).unwrap();
         }

@@ -15,7 +15,7 @@ pub(crate) struct Recorder {
     columns: Columns,
     /// What is kept of the columns, if not all: they are then a block that is used again.
     thinned: Option<Thinned>,
-    wall: Restitution,
+    restitution: Restitution,
     staged: usize,
     /// The state before the staged steps.
     before: Lifted,
@@ -78,8 +78,8 @@ impl Recorder {
 
     /// Fills `columns`, which have room for the initial state `z` and all steps; its signs are
     /// recorded as its multipliers.
-    pub(crate) fn start(mut columns: Columns, t: f64, z: Lifted, wall: Restitution) -> Self {
-        let physical = transform::project(z, wall);
+    pub(crate) fn start(mut columns: Columns, t: f64, z: Lifted, restitution: Restitution) -> Self {
+        let physical = transform::project(z, restitution);
         let (lambda_s, lambda_v) = (sgn(z.s), sgn(z.v));
         let initial = [t, physical.x, physical.xdot, z.s, z.v, lambda_s, lambda_v, 0.0];
         for (row, value) in columns.extend(1).into_iter().zip(initial) {
@@ -88,7 +88,7 @@ impl Recorder {
         let (t, s, v, f) = ([0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
         let (lambda_s, lambda_v) = ([0.0; BLOCK], [0.0; BLOCK]);
         let thinned = None;
-        Self { columns, thinned, wall, staged: 0, before: z, t, s, v, lambda_s, lambda_v, f }
+        Self { columns, thinned, restitution, staged: 0, before: z, t, s, v, lambda_s, lambda_v, f }
     }
 
     /// Steps that can be staged before the block must be flushed.
@@ -120,7 +120,7 @@ impl Recorder {
     /// multipliers.
     #[inline(never)]
     pub(crate) fn flush(&mut self, residual: impl Fn(Lifted, f64, [f64; 2]) -> f64) {
-        let (n, wall) = (self.staged, self.wall);
+        let (n, restitution) = (self.staged, self.restitution);
         let (s, v, f) = (&self.s[..n], &self.v[..n], &self.f[..n]);
         let (lambda_s, lambda_v) = (&self.lambda_s[..n], &self.lambda_v[..n]);
         let [to_t, to_x, to_xdot, to_s, to_v, to_lambda_s, to_lambda_v, to_residual] =
@@ -133,7 +133,7 @@ impl Recorder {
         let mut before = self.before;
         for k in 0..n {
             let z = Lifted { s: s[k], v: v[k] };
-            let physical = transform::project(z, wall);
+            let physical = transform::project(z, restitution);
             (to_x[k], to_xdot[k]) = (physical.x, physical.xdot);
             to_residual[k] = residual(before, f[k], [lambda_s[k], lambda_v[k]]);
             before = z;
@@ -165,9 +165,9 @@ mod tests {
     /// Steps through blocks that start anew in between; what is recorded of them.
     fn recorded(keep: Keep) -> (Columns, Option<Summary>) {
         let (columns, kept) = memory(STEPS, keep, |_, _| ()).unwrap();
-        let wall = Restitution::from_kappa(0.5).unwrap();
+        let restitution = Restitution::from_kappa(0.5).unwrap();
         let at = |k: usize| Lifted { s: k as f64 + 0.5, v: -1.0 };
-        let mut record = Recorder::start(columns, 0.0, at(0), wall);
+        let mut record = Recorder::start(columns, 0.0, at(0), restitution);
         if let (Keep::Every(every), Some(kept)) = (keep, kept) {
             record = record.thinned(every, kept);
         }

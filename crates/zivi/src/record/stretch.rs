@@ -55,7 +55,7 @@ impl Stretch {
     pub(crate) fn at(&self, t: f64) -> Physical {
         let (from, to) = (self.from.state, self.to.state);
         match self.interpolation {
-            Interpolation::Lifted(wall) => transform::project(self.z(t), wall),
+            Interpolation::Lifted(restitution) => transform::project(self.z(t), restitution),
             Interpolation::Physical => Physical {
                 x: self.linear(t, from.x, to.x),
                 xdot: self.linear(t, from.xdot, to.xdot),

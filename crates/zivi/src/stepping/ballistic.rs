@@ -18,7 +18,7 @@ const SHORTEST: f64 = 1e-13;
 
 /// A mass in motion from `t` on.
 struct Flight<'a> {
-    wall: Restitution,
+    restitution: Restitution,
     f: f64,
     t: f64,
     state: Physical,
@@ -31,11 +31,11 @@ struct Flight<'a> {
 pub fn advance(
     state: Physical,
     f: f64,
-    wall: Restitution,
+    restitution: Restitution,
     (t, duration): (f64, f64),
     events: &mut Events,
 ) -> Physical {
-    let mut flight = Flight { wall, f, t, state, left: duration, events };
+    let mut flight = Flight { restitution, f, t, state, left: duration, events };
     if state.x == 0.0 && state.xdot < 0.0 {
         flight.bounce(state.xdot);
         if flight.comes_to_rest() {
@@ -81,7 +81,7 @@ impl Flight<'_> {
     }
 
     fn bounce(&mut self, xdot_before: f64) {
-        let xdot_after = 0.0 - self.wall.e() * xdot_before;
+        let xdot_after = 0.0 - self.restitution.e() * xdot_before;
         let (impact, number) =
             (Impact { t: self.t, xdot_before, xdot_after }, self.events.impacts.len() as u64 + 1);
         self.events.note(Occurrence::of_mass(impact, number));
@@ -91,7 +91,7 @@ impl Flight<'_> {
     /// Whether the mass rests within the time left and what remains until then need not be
     /// listed; then it does.
     fn comes_to_rest(&mut self) -> bool {
-        let (g, u, e) = (-self.f, self.state.xdot, self.wall.e());
+        let (g, u, e) = (-self.f, self.state.xdot, self.restitution.e());
         if g < 0.0 || (g == 0.0 && u > 0.0) || e == 1.0 && u > 0.0 {
             return false;
         }
@@ -109,7 +109,7 @@ impl Flight<'_> {
 
     /// From an impact, past the bounces that end within the time left (or to rest).
     fn skip_bounces(&mut self) {
-        let (g, u, e) = (-self.f, self.state.xdot, self.wall.e());
+        let (g, u, e) = (-self.f, self.state.xdot, self.restitution.e());
         if self.state.x > 0.0 || u <= 0.0 || g <= 0.0 {
             return;
         }

@@ -21,15 +21,15 @@ use crate::{Force, Grid, Monitor, Status};
 /// # Errors
 /// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
 pub fn simulate_explicit_euler<E, F: Force<E>>(
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut F,
     grid: Grid,
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
     let scheme = ExplicitEuler;
-    scheme.check(grid.h(), wall)?;
-    scheme.run(wall, force, grid, initial, monitor)
+    scheme.check(grid.h(), restitution)?;
+    scheme.run(restitution, force, grid, initial, monitor)
 }
 
 /// The scheme, which has no settings but the step size.
@@ -40,26 +40,33 @@ impl Scheme for ExplicitEuler {
     const SETTINGS: &'static [Setting] = &[ThetaGammaStep::STEP];
 
     /// The same range of `h` and `e` as the implicit scheme, checked in one place.
-    fn check(&self, h: f64, wall: Restitution) -> Result<(), SetupError> {
-        Ok(ThetaGammaStep::new(h, 1.0, 1.0, wall).map(drop)?)
+    fn check(&self, h: f64, restitution: Restitution) -> Result<(), SetupError> {
+        Ok(ThetaGammaStep::new(h, 1.0, 1.0, restitution).map(drop)?)
     }
 
     fn run<E, F: Force<E>>(
         &self,
-        wall: Restitution,
+        restitution: Restitution,
         force: &mut F,
         grid: Grid,
         initial: Physical,
         monitor: &mut impl Monitor<E>,
     ) -> Result<Run<E>, SetupError> {
-        run(Stepper { h: grid.h(), wall, nfev: 0 }, wall, force, grid, initial, monitor)
+        run(
+            Stepper { h: grid.h(), restitution, nfev: 0 },
+            restitution,
+            force,
+            grid,
+            initial,
+            monitor,
+        )
     }
 }
 
 /// The scheme as something that steps.
 struct Stepper {
     h: f64,
-    wall: Restitution,
+    restitution: Restitution,
     nfev: u64,
 }
 
@@ -77,10 +84,10 @@ impl<E, F: Force<E>> FixedStep<E, F> for Stepper {
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
         let Start { t, z, .. } = start;
         let (lambda_s, lambda_v) = (one_sided_sign(z.s), one_sided_sign(z.v));
-        let xdot = self.wall.r(lambda_s, lambda_v) * z.v * lambda_s;
+        let xdot = self.restitution.r(lambda_s, lambda_v) * z.v * lambda_s;
         self.nfev += 1;
         let f = finite_force(force, t, Physical { x: z.s.abs(), xdot })?;
-        let rate = transform::field(z.v, lambda_s, lambda_v, f, self.wall);
+        let rate = transform::field(z.v, lambda_s, lambda_v, f, self.restitution);
         let z = Lifted { s: z.s + self.h * rate.s, v: z.v + self.h * rate.v };
         if z.is_finite() {
             Ok(Sample { z, lambda_s, lambda_v, f })

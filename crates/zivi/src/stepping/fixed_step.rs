@@ -63,13 +63,13 @@ pub trait FixedStep<E, F: Force<E>> {
 /// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
 pub fn run<E, F: Force<E>>(
     method: impl FixedStep<E, F>,
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut F,
     grid: Grid,
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    let mut walk = Walk::start(method, wall, grid, initial, monitor)?;
+    let mut walk = Walk::start(method, restitution, grid, initial, monitor)?;
     let ending = watched(grid.n_steps(), monitor, |until, monitor| {
         walk.go_to::<E, F>(until, force, monitor)
     });
@@ -120,7 +120,7 @@ pub(crate) fn tell<E>(
 /// A run under way: `k` steps are done, the last of them ended at `t` in `z`.
 struct Walk<M> {
     method: M,
-    wall: Restitution,
+    restitution: Restitution,
     grid: Grid,
     record: Recorder,
     log: EventLog,
@@ -135,27 +135,27 @@ struct Walk<M> {
 impl<M> Walk<M> {
     fn start<E>(
         method: M,
-        wall: Restitution,
+        restitution: Restitution,
         grid: Grid,
         initial: Physical,
         monitor: &mut impl Monitor<E>,
     ) -> Result<Self, SetupError> {
-        let z = lift(initial, wall)?;
+        let z = lift(initial, restitution)?;
         let (t, n) = (grid.t(0), grid.n_steps());
         let keep = monitor.keep();
         let (columns, kept) = memory(n, keep, |start, len| monitor.record_allocated(start, len))
             .map_err(|_| SetupError::Memory(n))?;
-        let record = Recorder::start(columns, t, z, wall);
+        let record = Recorder::start(columns, t, z, restitution);
         let incoming = initial.x == 0.0 && initial.xdot < 0.0;
         Ok(Self {
             method,
-            wall,
+            restitution,
             grid,
             record: match (keep, kept) {
                 (Keep::Every(every), Some(kept)) => record.thinned(every, kept),
                 _ => record,
             },
-            log: EventLog::start(t, z, incoming, wall),
+            log: EventLog::start(t, z, incoming, restitution),
             failed_steps: Vec::new(),
             reserve: Reserve::default(),
             k: 0,
@@ -194,7 +194,7 @@ impl<M> Walk<M> {
             let from = follows.then(|| self.knot());
             self.step(force)?;
             if let Some(from) = from {
-                tell(monitor, from, self.knot(), Interpolation::Lifted(self.wall))?;
+                tell(monitor, from, self.knot(), Interpolation::Lifted(self.restitution))?;
             }
         }
         Ok(())
@@ -202,7 +202,7 @@ impl<M> Walk<M> {
 
     /// Where the run is.
     fn knot(&self) -> Knot {
-        Knot { t: self.t, state: transform::project(self.z, self.wall), z: self.z }
+        Knot { t: self.t, state: transform::project(self.z, self.restitution), z: self.z }
     }
 
     /// The steps that need no search, as long as nothing happens and the record has room.
@@ -288,9 +288,9 @@ fn uneventful(before: Lifted, after: Lifted) -> bool {
 }
 
 /// The initial state on the branch `+1`.
-pub(crate) fn lift(initial: Physical, wall: Restitution) -> Result<Lifted, SetupError> {
+pub(crate) fn lift(initial: Physical, restitution: Restitution) -> Result<Lifted, SetupError> {
     check_initial(initial)?;
-    let z = transform::lift(initial, Branch::Positive, wall);
+    let z = transform::lift(initial, Branch::Positive, restitution);
     if !z.v.is_finite() {
         let range = "a velocity whose image v = xdot0/(1 - kappa sgn xdot0) is finite";
         return Err(SetupError::Setting("xdot0", initial.xdot, range));

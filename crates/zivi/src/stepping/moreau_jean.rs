@@ -83,10 +83,10 @@ impl MoreauJean {
 ///     simulate_moreau_jean, ConstantForce, Grid, MoreauJean, Physical, Restitution, Silent,
 /// };
 ///
-/// let (ball, wall) = (Physical { x: 1.0, xdot: 0.0 }, Restitution::from_e(0.5)?);
+/// let (ball, restitution) = (Physical { x: 1.0, xdot: 0.0 }, Restitution::from_e(0.5)?);
 /// let grid = Grid::new(0.0, 4.0, 1e-3)?;
 /// let run = simulate_moreau_jean(
-///     MoreauJean::default(), wall, &mut ConstantForce(-2.0), grid, ball, &mut Silent,
+///     MoreauJean::default(), restitution, &mut ConstantForce(-2.0), grid, ball, &mut Silent,
 /// )?;
 /// // impacts at 1, 2, 2.5, ... and rest at 3, to first order
 /// assert!((run.trajectory.events.impacts[1].t - 2.0).abs() < 3e-3);
@@ -95,13 +95,13 @@ impl MoreauJean {
 /// ```
 pub fn simulate_moreau_jean<E, F: Force<E>>(
     method: MoreauJean,
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut F,
     grid: Grid,
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    method.validated()?.run(wall, force, grid, initial, monitor)
+    method.validated()?.run(restitution, force, grid, initial, monitor)
 }
 
 impl Scheme for MoreauJean {
@@ -119,19 +119,19 @@ impl Scheme for MoreauJean {
 
     fn run<E, F: Force<E>>(
         &self,
-        wall: Restitution,
+        restitution: Restitution,
         force: &mut F,
         grid: Grid,
         initial: Physical,
         monitor: &mut impl Monitor<E>,
     ) -> Result<Run<E>, SetupError> {
-        walk(*self, wall, force, (grid, initial), monitor)
+        walk(*self, restitution, force, (grid, initial), monitor)
     }
 }
 
 fn walk<E, F: Force<E>>(
     MoreauJean { theta }: MoreauJean,
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut F,
     (grid, initial): (Grid, Physical),
     monitor: &mut impl Monitor<E>,
@@ -142,7 +142,7 @@ fn walk<E, F: Force<E>>(
         .map_err(|_| SetupError::Memory(grid.n_steps()))?;
     let scheme = Stepper {
         theta,
-        e: wall.e(),
+        e: restitution.e(),
         here: None,
         fixed: None,
         slope: DEFAULT_SLOPE,
@@ -152,7 +152,7 @@ fn walk<E, F: Force<E>>(
     let at_rest = initial == Physical::default();
     let (reader, reserve) = (Reader::starting(grid.t(0), at_rest), Reserve::default());
     let log = ContactLog { reader, sigma: 1.0, at_rest, reserve };
-    let mut walk = Walk { scheme, wall, grid, columns, log, k: 0, state: initial };
+    let mut walk = Walk { scheme, restitution, grid, columns, log, k: 0, state: initial };
     walk.record();
     let ending =
         watched(grid.n_steps(), monitor, |until, monitor| walk.go_to(until, force, monitor));
@@ -334,7 +334,7 @@ impl ContactLog {
 /// A run under way: `k` steps are done, the last of them ended in `state`.
 struct Walk {
     scheme: Stepper,
-    wall: Restitution,
+    restitution: Restitution,
     grid: Grid,
     columns: Columns,
     log: ContactLog,
@@ -372,7 +372,7 @@ impl Walk {
     /// Where the run is.
     fn knot(&self) -> Knot {
         let branch = if self.log.sigma > 0.0 { Branch::Positive } else { Branch::Negative };
-        let z = transform::lift(self.state, branch, self.wall);
+        let z = transform::lift(self.state, branch, self.restitution);
         // no negative zeros
         let z = Lifted { s: z.s + 0.0, v: z.v + 0.0 };
         Knot { t: self.grid.t(self.k), state: self.state, z }

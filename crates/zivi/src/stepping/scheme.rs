@@ -20,14 +20,14 @@ pub trait Scheme {
     ///
     /// # Errors
     /// [`SetupError`] names what is out of range.
-    fn check(&self, h: f64, wall: Restitution) -> Result<(), SetupError>;
+    fn check(&self, h: f64, restitution: Restitution) -> Result<(), SetupError>;
 
     /// Refuses a state where no run can start: one that has no finite image `(s, v)`.
     ///
     /// # Errors
     /// [`SetupError`] names what is out of range.
-    fn check_start(&self, initial: Physical, wall: Restitution) -> Result<(), SetupError> {
-        lift(initial, wall).map(drop)
+    fn check_start(&self, initial: Physical, restitution: Restitution) -> Result<(), SetupError> {
+        lift(initial, restitution).map(drop)
     }
 
     /// Runs over a grid.
@@ -36,7 +36,7 @@ pub trait Scheme {
     /// [`SetupError`] before anything is computed. Whatever goes wrong later is in the status.
     fn run<E, F: Force<E>>(
         &self,
-        wall: Restitution,
+        restitution: Restitution,
         force: &mut F,
         grid: Grid,
         initial: Physical,

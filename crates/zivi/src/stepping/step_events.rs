@@ -23,14 +23,14 @@ use crate::{Direction, EventHit, Keep, Monitor, Status, UserEvent};
 ///     ThetaGamma, UserEvent,
 /// };
 ///
-/// let (ball, wall) = (Physical { x: 1.0, xdot: 0.0 }, Restitution::from_e(0.5)?);
+/// let (ball, restitution) = (Physical { x: 1.0, xdot: 0.0 }, Restitution::from_e(0.5)?);
 /// let grid = Grid::new(0.0, 1e3, 1e-3)?;
 /// let half = UserEvent::new(|_, x, _| Ok::<_, Infallible>(x - 0.5));
 /// let mut silent = Silent;
 /// let mut monitor = Following::new(vec![UserEvent { terminal: Some(1), ..half }], &mut silent);
 /// let method = ThetaGamma::implicit_euler();
 /// let run =
-///     simulate_theta_gamma(method, wall, &mut ConstantForce(-4.0), grid, ball, &mut monitor)?;
+///     simulate_theta_gamma(method, restitution, &mut ConstantForce(-4.0), grid, ball, &mut monitor)?;
 /// assert_eq!(run.trajectory.status, Status::TerminatedByEvent);
 /// assert!(run.trajectory.columns.len() < 502);
 /// assert!((monitor.into_hits()[0][0].t - 0.5).abs() < 1e-3);

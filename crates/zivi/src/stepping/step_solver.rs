@@ -148,6 +148,6 @@ impl StepSolver for General {
 fn signs_of_exact_motion(step: &ThetaGammaStep, z: Lifted, f: f64, side: f64) -> [f64; 2] {
     let sigma = transform::side(z, side);
     let seen = Lifted { s: sigma * z.s, v: sigma * z.v };
-    let end = selection::exact_motion(seen, f, step.h(), step.wall());
+    let end = selection::exact_motion(seen, f, step.h(), step.restitution());
     [sigma * sgn(end.s), sigma * sgn(end.v)]
 }

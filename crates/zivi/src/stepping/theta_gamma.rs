@@ -112,14 +112,14 @@ impl Default for ThetaGamma {
 /// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
 pub fn simulate_theta_gamma<E, F: Force<E>>(
     method: ThetaGamma,
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut F,
     grid: Grid,
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    method.check(grid.h(), wall)?;
-    method.run(wall, force, grid, initial, monitor)
+    method.check(grid.h(), restitution)?;
+    method.run(restitution, force, grid, initial, monitor)
 }
 
 impl Scheme for ThetaGamma {
@@ -131,20 +131,20 @@ impl Scheme for ThetaGamma {
         Solver::LINEARISATIONS,
     ];
 
-    fn check(&self, h: f64, wall: Restitution) -> Result<(), SetupError> {
-        ThetaGammaStep::new(h, self.theta, self.gamma, wall)?;
+    fn check(&self, h: f64, restitution: Restitution) -> Result<(), SetupError> {
+        ThetaGammaStep::new(h, self.theta, self.gamma, restitution)?;
         self.solver.check()
     }
 
     fn run<E, F: Force<E>>(
         &self,
-        wall: Restitution,
+        restitution: Restitution,
         force: &mut F,
         grid: Grid,
         initial: Physical,
         monitor: &mut impl Monitor<E>,
     ) -> Result<Run<E>, SetupError> {
-        let step = ThetaGammaStep::new(grid.h(), self.theta, self.gamma, wall)?;
+        let step = ThetaGammaStep::new(grid.h(), self.theta, self.gamma, restitution)?;
         let course = (grid, initial);
         match self.solver {
             Solver::Exact => with_solver(Exact, step, force, course, monitor),
@@ -164,7 +164,7 @@ fn with_solver<E, F: Force<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
     let stepper = Stepper::new(step, solver);
-    run(stepper, step.wall(), force, grid, initial, monitor)
+    run(stepper, step.restitution(), force, grid, initial, monitor)
 }
 
 /// The method as something that steps.

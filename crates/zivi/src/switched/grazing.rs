@@ -69,7 +69,7 @@ impl Grazing {
 /// [`SetupError`] before anything is computed.
 pub(crate) fn simulate_watching<E, F: Force<E>>(
     settings: SwitchedRk,
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut F,
     span: (f64, f64),
     initial: Physical,
@@ -77,7 +77,8 @@ pub(crate) fn simulate_watching<E, F: Force<E>>(
 ) -> Result<(SwitchedRun<E>, bool), SetupError> {
     let mut grazing = Grazing::default();
     let output = Output::default();
-    let run = simulate_with(&mut grazing, settings, wall, force, span, initial, output, monitor)?;
+    let run =
+        simulate_with(&mut grazing, settings, restitution, force, span, initial, output, monitor)?;
     Ok((run, grazing.is_undecided(&settings)))
 }
 

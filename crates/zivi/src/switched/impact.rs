@@ -12,7 +12,7 @@ impl SwitchedIntegrator {
     /// The impact with the velocity `xdot < 0`: `x'+ = -e x'-`.
     pub(super) fn strike(&mut self, from: Point, contact: Point) -> Piece {
         let Point { t, xdot, .. } = contact;
-        let after = self.wall.e() * xdot.abs();
+        let after = self.restitution.e() * xdot.abs();
         // the height of the next arc would underflow
         let after = if after * after < f64::MIN_POSITIVE { 0.0 } else { after };
         let impact = Impact { t, xdot_before: xdot, xdot_after: after };
@@ -40,12 +40,12 @@ impl SwitchedIntegrator {
             self.chain.clear();
             return Ok(());
         }
-        if self.wall.e() == 1.0 {
+        if self.restitution.e() == 1.0 {
             return Ok(()); // nothing accumulates
         }
         let bounce = Bounce { t, u, g: -self.at_wall(force)? };
         // where errors of the tolerance in each flight keep the speed up
-        let slow = 10.0 * self.settings.atol[1] / (1.0 - self.wall.e());
+        let slow = 10.0 * self.settings.atol[1] / (1.0 - self.restitution.e());
         if self.patter.goes_on(bounce, slow) {
             return Err(Failure::Status(Status::ZenoBudget));
         }
@@ -78,7 +78,7 @@ impl SwitchedIntegrator {
         if force.dependence::<E>() == Dependence::Constant {
             return Ok(Some(zeno));
         }
-        let (e, max_step) = (self.wall.e(), self.settings.max_step);
+        let (e, max_step) = (self.restitution.e(), self.settings.max_step);
         let tail = Tail::new(&self.chain, e, zeno, self.sigma);
         let period = force.shortest_period::<E>();
         let lookahead = Lookahead { tail: &tail, e, tolerance, max_step, period };
@@ -95,7 +95,7 @@ impl SwitchedIntegrator {
 
     /// Through the rest of the chain, to rest at `zeno`.
     pub(super) fn jump(&mut self, zeno: f64) -> Piece {
-        let tail = Tail::new(&self.chain, self.wall.e(), zeno, self.sigma);
+        let tail = Tail::new(&self.chain, self.restitution.e(), zeno, self.sigma);
         self.now = Point { t: zeno, ..Point::default() };
         self.mode = Mode::Rest;
         self.continues = false;

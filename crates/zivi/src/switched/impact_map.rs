@@ -114,7 +114,7 @@ impl ImpactMap {
     /// `omega` is zero.
     pub fn new<F: crate::Force<std::convert::Infallible>>(
         force: &F,
-        wall: Restitution,
+        restitution: Restitution,
     ) -> Result<Self, SetupError> {
         let refuse = |name, value, range| Err(SetupError::Setting(name, value, range));
         let Some(law) = force.linear() else {
@@ -138,7 +138,7 @@ impl ImpactMap {
         if !(table.h() > 1e-100 && table.h() < 1e100) {
             return refuse("force", table.h(), "one with times that can be computed with");
         }
-        Ok(Self { law, linear, table, omega, e: wall.e() })
+        Ok(Self { law, linear, table, omega, e: restitution.e() })
     }
 
     /// The next impact.

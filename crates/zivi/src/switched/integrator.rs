@@ -62,10 +62,10 @@ pub(super) enum Piece {
 /// use zivi::{ConstantForce, Physical, Restitution, SwitchedIntegrator, SwitchedRk};
 /// use std::convert::Infallible;
 ///
-/// let wall = Restitution::from_e(0.5)?;
+/// let restitution = Restitution::from_e(0.5)?;
 /// let period = 0.01;
 /// let settings = SwitchedRk { first_step: Some(period), ..SwitchedRk::default() };
-/// let mut plant = SwitchedIntegrator::new(settings, wall)?;
+/// let mut plant = SwitchedIntegrator::new(settings, restitution)?;
 /// plant.start(0.0, Physical { x: 1.0, xdot: 0.0 })?;
 /// for k in 1..=300 {
 ///     let u = -9.81 - 2.0 * plant.state().xdot;
@@ -78,7 +78,7 @@ pub(super) enum Piece {
 #[derive(Clone, Debug)]
 pub struct SwitchedIntegrator {
     pub(super) settings: SwitchedRk,
-    pub(super) wall: Restitution,
+    pub(super) restitution: Restitution,
     pub(super) stages: Stages,
     pub(super) chain: Chain,
     pub(super) now: Point,
@@ -123,13 +123,13 @@ impl SwitchedIntegrator {
     ///
     /// # Errors
     /// [`SetupError::Setting`] for a setting out of its range.
-    pub fn new(settings: SwitchedRk, wall: Restitution) -> Result<Self, SetupError> {
+    pub fn new(settings: SwitchedRk, restitution: Restitution) -> Result<Self, SetupError> {
         let settings = settings.validated()?;
         Ok(Self {
             settings,
-            wall,
+            restitution,
             stages: Stages::new(settings.order.pair(), 1),
-            chain: Chain::new(wall.e()),
+            chain: Chain::new(restitution.e()),
             now: Point::default(),
             sigma: 1.0,
             mode: Mode::Rest,

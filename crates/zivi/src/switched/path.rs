@@ -142,11 +142,12 @@ fn significant(a: &Series) -> usize {
 /// ```
 /// use zivi::{simulate_switched_rk, ConstantForce, Output, Physical, Restitution, Silent, SwitchedRk};
 ///
-/// let wall = Restitution::from_e(0.5)?;
+/// let restitution = Restitution::from_e(0.5)?;
 /// let ball = Physical { x: 1.0, xdot: 0.0 };
 /// let output = Output { dense: true, ..Output::default() };
 /// let run = simulate_switched_rk(
-///     SwitchedRk::default(), wall, &mut ConstantForce(-2.0), (0.0, 4.0), ball, output, &mut Silent,
+///     SwitchedRk::default(), restitution, &mut ConstantForce(-2.0), (0.0, 4.0), ball, output,
+///     &mut Silent,
 /// )?;
 /// let path = run.path.unwrap();
 /// // 1 m at 2 m/s^2 takes 1 s; the ball bounces at half its speed and is up again at 1.5 s

@@ -382,7 +382,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             }
         }
         drop(self.reserve);
-        let columns = self.samples.into_columns(self.integrator.wall, advise)?;
+        let columns = self.samples.into_columns(self.integrator.restitution, advise)?;
         let events = self.reader.events;
         let summary = None;
         let trajectory =

@@ -66,9 +66,9 @@ impl<E> SwitchedRun<E> {
     ///     simulate_switched_rk, ConstantForce, Output, Physical, Restitution, Silent, SwitchedRk,
     /// };
     ///
-    /// let (ball, wall) = (Physical { x: 1.0, xdot: 0.0 }, Restitution::from_e(0.5)?);
+    /// let (ball, restitution) = (Physical { x: 1.0, xdot: 0.0 }, Restitution::from_e(0.5)?);
     /// let run = simulate_switched_rk(
-    ///     SwitchedRk::default(), wall, &mut ConstantForce(-2.0), (0.0, 4.0), ball,
+    ///     SwitchedRk::default(), restitution, &mut ConstantForce(-2.0), (0.0, 4.0), ball,
     ///     Output::default(), &mut Silent,
     /// )?;
     /// assert_eq!(run.trajectory.events.impacts.len(), 3);
@@ -112,9 +112,9 @@ impl<E> SwitchedRun<E> {
 ///     stiffness: 0.0, damping: 0.0, gravity: 9.81,
 ///     amplitude: 14.715, omega: 6.283185307179586, phase: -1.5707963267948966,
 /// };
-/// let (start, wall) = (Physical { x: 0.2, xdot: 0.0 }, Restitution::from_e(0.5)?);
+/// let (start, restitution) = (Physical { x: 0.2, xdot: 0.0 }, Restitution::from_e(0.5)?);
 /// let run = simulate_switched_rk(
-///     SwitchedRk::with_tol(1e-9), wall, &mut force, (0.0, 2.0), start, Output::default(),
+///     SwitchedRk::with_tol(1e-9), restitution, &mut force, (0.0, 2.0), start, Output::default(),
 ///     &mut Silent,
 /// )?;
 /// assert_eq!(run.trajectory.status, Status::Completed);
@@ -125,14 +125,14 @@ impl<E> SwitchedRun<E> {
 /// ```
 pub fn simulate_switched_rk<E, F: Force<E>>(
     settings: SwitchedRk,
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut F,
     span: (f64, f64),
     initial: Physical,
     output: Output<'_, E>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<SwitchedRun<E>, SetupError> {
-    simulate_with(&mut Plainly, settings, wall, force, span, initial, output, monitor)
+    simulate_with(&mut Plainly, settings, restitution, force, span, initial, output, monitor)
 }
 
 /// The same in the steps of somebody else.
@@ -140,7 +140,7 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
 pub(super) fn simulate_with<E, F: Force<E>>(
     stepper: &mut impl Stepper<E, F>,
     settings: SwitchedRk,
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut F,
     (t0, t1): (f64, f64),
     initial: Physical,
@@ -149,7 +149,7 @@ pub(super) fn simulate_with<E, F: Force<E>>(
 ) -> Result<SwitchedRun<E>, SetupError> {
     check_span(t0, t1, output.t_eval)?;
     check_stops(output.tstops)?;
-    let mut integrator = SwitchedIntegrator::new(settings, wall)?;
+    let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
     integrator.start(t0, initial)?;
     integrator.lookout.probing = force.shortest_period().is_none();
     integrator.adopt(force);

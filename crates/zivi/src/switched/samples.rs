@@ -92,7 +92,7 @@ impl<'a> Samples<'a> {
     /// memory is.
     pub(super) fn into_columns(
         self,
-        wall: Restitution,
+        restitution: Restitution,
         advise: impl FnOnce(*const f64, usize),
     ) -> Result<Columns, SetupError> {
         let rows = self.rows;
@@ -101,7 +101,7 @@ impl<'a> Samples<'a> {
         let mut to = columns.extend(rows.len());
         for (k, &[t, x, xdot, sigma]) in rows.iter().enumerate() {
             let branch = if sigma > 0.0 { Branch::Positive } else { Branch::Negative };
-            let z = transform::lift(Physical { x, xdot }, branch, wall);
+            let z = transform::lift(Physical { x, xdot }, branch, restitution);
             let at_rest = x == 0.0 && xdot == 0.0;
             let lambda_s = if at_rest { 0.0 } else { sigma };
             // no negative zeros

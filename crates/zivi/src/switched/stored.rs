@@ -41,7 +41,7 @@ pub struct Motion {
     /// The arcs that jumps to rest skipped.
     pub tails: Vec<Tail>,
     /// The wall.
-    pub wall: Restitution,
+    pub restitution: Restitution,
 }
 
 /// Why numbers are no motion.
@@ -72,7 +72,7 @@ impl Motion {
     pub fn to_numbers(&self) -> Vec<f64> {
         let count = |n: usize| n as f64;
         let dense = f64::from(u8::from(self.path.is_some()));
-        let (e, kappa) = (self.wall.e(), self.wall.kappa());
+        let (e, kappa) = (self.restitution.e(), self.restitution.kappa());
         let mut numbers = vec![FORMAT, e, kappa, count(self.tails.len()), dense];
         numbers.extend(self.tails.iter().flat_map(Tail::to_numbers));
         if let Some(path) = &self.path {
@@ -103,8 +103,8 @@ impl Motion {
             (1, rest) => Some(DensePath::from_numbers(rest)?),
             _ => return None,
         };
-        let wall = Restitution::from_both(e, kappa).ok()?;
-        Some(Self { path, tails: tails_of(tails)?, wall })
+        let restitution = Restitution::from_both(e, kappa).ok()?;
+        Some(Self { path, tails: tails_of(tails)?, restitution })
     }
 }
 
@@ -241,13 +241,22 @@ mod tests {
             omega: 6.3,
             phase: 0.0,
         };
-        let (start, wall) = (Physical { x: 0.2, xdot: 0.0 }, Restitution::from_e(0.5).unwrap());
+        let (start, restitution) =
+            (Physical { x: 0.2, xdot: 0.0 }, Restitution::from_e(0.5).unwrap());
         let output = Output { dense: true, ..Output::default() };
         let method = SwitchedRk { flights, ..SwitchedRk::default() };
-        simulate_switched_rk(method, wall, &mut table, (0.0, 3.0), start, output, &mut Silent)
-            .unwrap()
-            .path
-            .unwrap()
+        simulate_switched_rk(
+            method,
+            restitution,
+            &mut table,
+            (0.0, 3.0),
+            start,
+            output,
+            &mut Silent,
+        )
+        .unwrap()
+        .path
+        .unwrap()
     }
 
     fn motion(flights: Flights) -> Motion {
@@ -255,7 +264,7 @@ mod tests {
         Motion {
             tails: path.tails.clone(),
             path: Some(path),
-            wall: Restitution::from_e(0.5).unwrap(),
+            restitution: Restitution::from_e(0.5).unwrap(),
         }
     }
 
@@ -265,7 +274,8 @@ mod tests {
             assert!(!dense.tails.is_empty());
             for path in [None, Some(DensePath::default()), dense.path.clone()] {
                 for tails in [Vec::new(), dense.tails.clone()] {
-                    let motion = Motion { path: path.clone(), tails, wall: dense.wall };
+                    let motion =
+                        Motion { path: path.clone(), tails, restitution: dense.restitution };
                     assert_eq!(Motion::from_numbers(&motion.to_numbers()), Ok(motion));
                 }
             }

@@ -146,11 +146,11 @@ fn orthogonal_gaps_are_scalar_runs() {
     let run = problem.run(settings);
     let scalar = |e: f64, x: f64, v: f64, f: fn(f64) -> f64| {
         let mut force = FunctionForce(move |t: f64, _: f64, _: f64| Ok::<f64, Infallible>(f(t)));
-        let wall = Restitution::from_e(e).unwrap();
+        let restitution = Restitution::from_e(e).unwrap();
         let (start, output) = (Physical { x, xdot: v }, Output::default());
         let run = simulate_switched_rk(
             settings,
-            wall,
+            restitution,
             &mut force,
             (0.0, 1.6),
             start,
@@ -204,10 +204,11 @@ fn one_coordinate_is_the_scalar_mass() {
             .unwrap();
             let mut force =
                 FunctionForce(|t: f64, x: f64, v: f64| Ok::<f64, Infallible>(f(t, x, v)));
-            let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical { x, xdot: 0.0 });
+            let (restitution, start) =
+                (Restitution::from_e(0.5).unwrap(), Physical { x, xdot: 0.0 });
             let scalar = simulate_switched_rk(
                 settings,
-                wall,
+                restitution,
                 &mut force,
                 span,
                 start,

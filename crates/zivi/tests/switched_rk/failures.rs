@@ -11,7 +11,7 @@ use crate::problems::settings;
 const START: Physical = Physical { x: 1.0, xdot: 0.0 };
 const ORDERS: [Order; 2] = [Order::Five, Order::Eight];
 
-fn wall() -> Restitution {
+fn restitution() -> Restitution {
     Restitution::from_e(0.5).unwrap()
 }
 
@@ -28,7 +28,8 @@ impl Monitor<Stop> for Quiet {
 
 fn run(settings: SwitchedRk, force: &mut impl Force<Stop>, t_end: f64) -> SwitchedRun<Stop> {
     let output = Output { dense: true, ..Output::default() };
-    simulate_switched_rk(settings, wall(), force, (0.0, t_end), START, output, &mut Quiet).unwrap()
+    simulate_switched_rk(settings, restitution(), force, (0.0, t_end), START, output, &mut Quiet)
+        .unwrap()
 }
 
 fn last_time(run: &SwitchedRun<Stop>) -> f64 {
@@ -109,7 +110,7 @@ fn a_monitor_can_end_the_run_and_is_told_the_progress() {
     let settings = SwitchedRk { max_step: 1e-4, ..settings(Order::Eight, 1e-6) };
     let run = simulate_switched_rk(
         settings,
-        wall(),
+        restitution(),
         &mut ConstantForce(-9.81),
         (0.0, 0.4),
         START,
@@ -126,7 +127,7 @@ fn a_monitor_can_end_the_run_and_is_told_the_progress() {
 
 #[test]
 fn a_long_chain_exhausts_its_budget_and_can_be_resumed() {
-    let wall = Restitution::from_e(0.99).unwrap();
+    let restitution = Restitution::from_e(0.99).unwrap();
     let settings = SwitchedRk { max_impacts: 50, ..settings(Order::Eight, 1e-8) };
     let mut force = LinearForce {
         stiffness: 0.0,
@@ -136,7 +137,7 @@ fn a_long_chain_exhausts_its_budget_and_can_be_resumed() {
         omega: 5.0,
         phase: 0.0,
     };
-    let mut integrator = SwitchedIntegrator::new(settings, wall).unwrap();
+    let mut integrator = SwitchedIntegrator::new(settings, restitution).unwrap();
     integrator.start(0.0, START).unwrap();
     let mut budgets = 0;
     loop {
@@ -153,7 +154,7 @@ fn a_long_chain_exhausts_its_budget_and_can_be_resumed() {
     assert!(budgets > 5 && integrator.is_at_rest() && integrator.t() == 50.0);
     // within its budget the same run needs none of that
     let whole = SwitchedRk { max_impacts: 3000, ..settings };
-    let mut integrator = SwitchedIntegrator::new(whole, wall).unwrap();
+    let mut integrator = SwitchedIntegrator::new(whole, restitution).unwrap();
     integrator.start(0.0, START).unwrap();
     assert_eq!(integrator.advance_to::<Stop, _>(50.0, &mut force), Ok(()));
     assert!(integrator.is_at_rest());
@@ -168,7 +169,7 @@ fn a_budget_of_steps_ends_the_run_and_can_be_resumed() {
     assert_eq!(stopped.trajectory.status, Status::StepBudget);
     assert!((last_time(&stopped) - 0.37).abs() < 0.03);
     assert_valid(&stopped);
-    let mut integrator = SwitchedIntegrator::new(settings, wall()).unwrap();
+    let mut integrator = SwitchedIntegrator::new(settings, restitution()).unwrap();
     integrator.start(0.0, START).unwrap();
     let mut parts = 1;
     while integrator.resume_to::<Stop, _>(0.9, &mut ConstantForce(-9.81)).is_err() {
@@ -188,7 +189,7 @@ fn a_singularity_ends_the_run() {
         let start = Physical { x: 10.0, xdot: 0.0 };
         let run = simulate_switched_rk(
             settings(order, 1e-6),
-            wall(),
+            restitution(),
             &mut force,
             (0.0, 10.0),
             start,
@@ -220,8 +221,16 @@ fn spans_and_sample_times_are_checked() {
     let try_with = |span, t_eval: Option<&[f64]>| {
         let output = Output { t_eval, ..Output::default() };
         let force = &mut ConstantForce(-9.81);
-        simulate_switched_rk(SwitchedRk::default(), wall(), force, span, START, output, &mut Silent)
-            .map(|_| ())
+        simulate_switched_rk(
+            SwitchedRk::default(),
+            restitution(),
+            force,
+            span,
+            START,
+            output,
+            &mut Silent,
+        )
+        .map(|_| ())
     };
     assert!(try_with((0.0, 1.0), Some(&[0.0, 0.5, 1.0])).is_ok());
     assert!(try_with((0.0, 1.0), Some(&[])).is_ok());

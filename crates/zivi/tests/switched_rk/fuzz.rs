@@ -33,9 +33,9 @@ fn force(random: &mut Random, wild: bool) -> impl FnMut(f64, f64, f64) -> Result
         let friction = if v == 0.0 { 0.0 } else { -dry * v.signum() };
         let narrow = pulse * (-((t - 1.0) / 1e-3).powi(2)).exp();
         let rough = noise * (1e7 * (t + x + v)).sin();
-        let wall = if deep > 0.0 { (x + deep).sqrt() } else { 0.0 };
+        let restitution = if deep > 0.0 { (x + deep).sqrt() } else { 0.0 };
         let smooth = -g - k * x - c * v + a * (w * t).cos() - wind * v * v.abs();
-        Ok(smooth + square + friction - cubic * x.powi(3) + narrow + rough + wall)
+        Ok(smooth + square + friction - cubic * x.powi(3) + narrow + rough + restitution)
     }
 }
 
@@ -80,7 +80,7 @@ fn odd_forces_end_with_a_status_and_a_valid_record() {
             max_impacts: 3_000,
             ..SwitchedRk::with_tol(10f64.powf(random.between(-10.0, -3.0)))
         };
-        let wall = Restitution::from_e(e).unwrap();
+        let restitution = Restitution::from_e(e).unwrap();
         let start = Physical {
             x: if case % 7 == 0 { 0.0 } else { random.between(0.0, 2.0) },
             xdot: if case % 11 == 0 { 0.0 } else { random.between(-5.0, 5.0) },
@@ -93,7 +93,7 @@ fn odd_forces_end_with_a_status_and_a_valid_record() {
         });
         let run = simulate_switched_rk(
             settings,
-            wall,
+            restitution,
             &mut counted,
             (0.0, 3.0),
             start,

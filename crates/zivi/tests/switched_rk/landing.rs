@@ -25,8 +25,8 @@ fn what_only_the_step_onto_the_impact_sees_is_not_passed_over() {
         });
         let settings = SwitchedRk { first_step: Some(first_step), ..settings(order, 1e-6) };
         let start = Physical { x: 1.0, xdot: 0.0 };
-        let wall = Restitution::from_e(0.5).unwrap();
-        let run = simulate(settings, wall, &mut force, (0.0, 1.5), start);
+        let restitution = Restitution::from_e(0.5).unwrap();
+        let run = simulate(settings, restitution, &mut force, (0.0, 1.5), start);
         // after the push x = 1 - t^2 + p b (t - a - b/2)
         let (q, r) = (p * b, 1.0 - p * b * (a + 0.5 * b));
         let exact = 0.5 * (q + (q * q + 4.0 * r).sqrt());
@@ -49,10 +49,10 @@ fn no_motion_below_the_tolerance_comes_to_rest_before_its_last_impact() {
         let mut force = FunctionForce(|t: f64, _: f64, _: f64| {
             Ok::<f64, Infallible>(-9.81 * (1.0 + part * (omega * t + phase).sin()))
         });
-        let wall = Restitution::from_e(random.between(0.4, 0.85)).unwrap();
+        let restitution = Restitution::from_e(random.between(0.4, 0.85)).unwrap();
         let settings = settings(order, 10f64.powf(random.between(-5.0, -2.0)));
         let start = Physical { x: height, xdot: 0.0 };
-        let run = simulate(settings, wall, &mut force, (0.0, 100.0 * fall), start);
+        let run = simulate(settings, restitution, &mut force, (0.0, 100.0 * fall), start);
         let events = &run.trajectory.events;
         let last = events.impacts.last().expect("an impact").t;
         assert!(events.zeno_times.iter().all(|&zeno| zeno >= last), "{i}: {events:?}");
@@ -76,8 +76,8 @@ fn a_pass_at_half_the_tolerance_is_no_impact() {
                 phase: 0.0,
             };
             let settings = SwitchedRk { first_step: Some(3.0), ..settings(Order::Eight, tol) };
-            let wall = Restitution::from_e(0.5).unwrap();
-            let run = simulate(settings, wall, &mut force, (0.0, 6.0), start);
+            let restitution = Restitution::from_e(0.5).unwrap();
+            let run = simulate(settings, restitution, &mut force, (0.0, 6.0), start);
             assert!(run.trajectory.events.impacts.is_empty(), "{tol:e} {phase}");
         }
     }

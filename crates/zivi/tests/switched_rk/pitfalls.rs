@@ -12,7 +12,7 @@ use crate::problems::{end, settings, simulate, Random, Reference};
 
 const ORDERS: [Order; 2] = [Order::Five, Order::Eight];
 
-fn wall(e: f64) -> Restitution {
+fn restitution(e: f64) -> Restitution {
     Restitution::from_e(e).unwrap()
 }
 
@@ -38,7 +38,8 @@ fn no_dip_behind_the_wall_is_missed() {
                 let first = (-1.0 / (1.0 + d)).acos() - phase;
                 let half = (1.0 / (1.0 + d)).acos();
                 let mut force = spring(1.0, 0.0, -1.0);
-                let run = simulate(settings(order, tol), wall(0.5), &mut force, (0.0, 8.0), start);
+                let run =
+                    simulate(settings(order, tol), restitution(0.5), &mut force, (0.0, 8.0), start);
                 let found = run.trajectory.events.impacts.first().expect("an impact").t;
                 // an error of x of some tolerances moves the shallow crossing
                 let allowed = (100.0 * tol / half).min(half) + 1e-9;
@@ -57,7 +58,8 @@ fn a_near_miss_is_no_impact() {
                 let (sin, cos) = phase.sin_cos();
                 let start = Physical { x: 1.0 + (1.0 - d) * cos, xdot: -(1.0 - d) * sin };
                 let mut force = spring(1.0, 0.0, -1.0);
-                let run = simulate(settings(order, tol), wall(0.5), &mut force, (0.0, 8.0), start);
+                let run =
+                    simulate(settings(order, tol), restitution(0.5), &mut force, (0.0, 8.0), start);
                 assert!(run.trajectory.events.impacts.is_empty(), "{d:e} {order:?} {phase}");
             }
         }
@@ -72,7 +74,8 @@ fn grazing_within_the_tolerance_is_passed() {
             let d = f64::from(i) * 1e-6;
             let start = Physical { x: 2.0 + d, xdot: 0.0 };
             let mut force = spring(1.0, 0.0, -1.0);
-            let run = simulate(settings(order, 1e-5), wall(0.5), &mut force, (0.0, 4.0), start);
+            let run =
+                simulate(settings(order, 1e-5), restitution(0.5), &mut force, (0.0, 4.0), start);
             // the speed of an impact would be up to sqrt(2 d)
             let end = end(&run);
             assert!((end.x - 1.0 - 4f64.cos()).abs() < 2e-2, "{d:e} {end:?}");
@@ -93,7 +96,8 @@ fn lift_off_and_short_arcs_do_not_make_steps_short() {
     // one step from impact to impact, however short the arcs before were
     let mut drag = spring(0.0, 0.3, 9.81);
     let start = Physical { x: 1.0, xdot: 0.0 };
-    let run = simulate(settings(Order::Eight, 1e-6), wall(0.9), &mut drag, (0.0, 30.0), start);
+    let run =
+        simulate(settings(Order::Eight, 1e-6), restitution(0.9), &mut drag, (0.0, 30.0), start);
     assert!(run.counts.accepted <= run.counts.impacts + 5, "{:?}", run.counts);
 }
 
@@ -112,8 +116,8 @@ fn rest_is_exact() {
     for i in 0..200 {
         let start = Physical { x: random.between(0.1, 2.0), xdot: random.between(-3.0, 3.0) };
         let settings = settings(ORDERS[i % 2], 1e-4 * 0.5f64.powi(i as i32 % 30));
-        let wall = wall(random.between(0.05, 0.9));
-        let run = simulate(settings, wall, &mut ConstantForce(-9.81), (0.0, 60.0), start);
+        let restitution = restitution(random.between(0.05, 0.9));
+        let run = simulate(settings, restitution, &mut ConstantForce(-9.81), (0.0, 60.0), start);
         assert_eq!(end(&run), Physical::default());
         assert!(run.trajectory.events.rest_time.is_some());
     }
@@ -128,7 +132,8 @@ fn large_times_terminate() {
             let (span, start) = ((t0, t0 + 3.0), Physical { x: 1.0, xdot: 6.0 });
             for tolerance in [1e-6, 1e-12] {
                 let settings = settings(order, tolerance);
-                let run = simulate(settings, wall(e), &mut ConstantForce(-9.81), span, start);
+                let run =
+                    simulate(settings, restitution(e), &mut ConstantForce(-9.81), span, start);
                 let rest = run.trajectory.events.rest_time.unwrap() - t0;
                 assert!((rest - exact).abs() < tol, "{t0:e} {order:?} {rest}");
             }
@@ -146,7 +151,7 @@ fn many_impacts_far_from_zero_do_not_drift() {
             // a force that says that it may change keeps every impact
             let mut force = FunctionForce(|_: f64, _: f64, _: f64| Ok::<f64, Infallible>(-g));
             let (span, start) = ((t0, t0 + 9.0), Physical { x: 1.0, xdot: 0.0 });
-            let run = simulate(settings(order, 1e-12), wall(e), &mut force, span, start);
+            let run = simulate(settings(order, 1e-12), restitution(e), &mut force, span, start);
             let impacts = &run.trajectory.events.impacts;
             let mut exact = fall;
             for (n, impact) in (1..).zip(impacts) {
@@ -164,7 +169,7 @@ fn tolerances_below_rounding_of_the_time_cost_nothing() {
     for order in ORDERS {
         let mut force = LinearForce { amplitude: 1.0, ..spring(1.0, 0.1, 2.0) };
         let (span, start) = ((7e6, 7e6 + 30.0), Physical { x: 1.0, xdot: 0.0 });
-        let run = simulate(settings(order, 1e-13), wall(0.8), &mut force, span, start);
+        let run = simulate(settings(order, 1e-13), restitution(0.8), &mut force, span, start);
         assert_eq!(run.trajectory.status, Status::Completed);
         assert!(run.counts.nfev < 60_000, "{:?}", run.counts);
     }
@@ -181,7 +186,7 @@ fn stages_look_behind_the_wall_only_a_little() {
         };
         let start = Physical { x: 1.0, xdot: 0.0 };
         let mut force = FunctionForce(f);
-        let run = simulate(settings(order, 1e-8), wall(0.6), &mut force, (0.0, 5.0), start);
+        let run = simulate(settings(order, 1e-8), restitution(0.6), &mut force, (0.0, 5.0), start);
         assert_eq!(run.trajectory.events.zeno_times.len(), 1);
         assert!(deepest < 0.0);
     }
@@ -197,7 +202,8 @@ fn an_end_within_the_accumulation_is_the_state_there() {
             let u = 2.0 * 0.5f64.powi(n + 1);
             let start = Physical { x: 1.0, xdot: 0.0 };
             let mut force = ConstantForce(-2.0);
-            let run = simulate(settings(order, 1e-6), wall(0.5), &mut force, (0.0, t_end), start);
+            let run =
+                simulate(settings(order, 1e-6), restitution(0.5), &mut force, (0.0, t_end), start);
             let end = end(&run);
             assert!((end.x - u * part + part * part).abs() < 1e-12, "{n} {end:?}");
             assert!((end.xdot - u + 2.0 * part).abs() < 1e-12, "{n} {end:?}");
@@ -213,7 +219,8 @@ fn decay_without_accumulation_is_not_rest() {
     for order in ORDERS {
         let mut force = spring(1.0, 0.2, 0.0);
         let start = Physical { x: 1.0, xdot: 0.0 };
-        let run = simulate(settings(order, 1e-12), wall(0.5), &mut force, (0.0, 60.0), start);
+        let run =
+            simulate(settings(order, 1e-12), restitution(0.5), &mut force, (0.0, 60.0), start);
         let events = &run.trajectory.events;
         assert!(events.zeno_times.is_empty() && events.rest_time.is_none());
         assert_eq!(events.impacts.len(), 19);
@@ -224,7 +231,8 @@ fn decay_without_accumulation_is_not_rest() {
     }
     // nor is a motion that has decayed far below the tolerance
     let (mut force, start) = (spring(1.0, 0.2, 0.0), Physical { x: 1.0, xdot: 0.0 });
-    let run = simulate(settings(Order::Eight, 1e-8), wall(0.5), &mut force, (0.0, 1e3), start);
+    let run =
+        simulate(settings(Order::Eight, 1e-8), restitution(0.5), &mut force, (0.0, 1e3), start);
     assert!(run.trajectory.events.rest_time.is_none() && end(&run).x < 1e-7);
     assert!(run.counts.accepted < 20_000, "{:?}", run.counts);
 }
@@ -236,7 +244,7 @@ fn a_rocking_block_comes_to_rest() {
     for order in ORDERS {
         let start = Physical { x: 0.1, xdot: 0.0 };
         let mut force = spring(-1.0, 0.0, 0.2);
-        let run = simulate(settings(order, 1e-11), wall(e), &mut force, (0.0, 40.0), start);
+        let run = simulate(settings(order, 1e-11), restitution(e), &mut force, (0.0, 40.0), start);
         let rest = run.trajectory.events.rest_time.unwrap();
         assert!((rest - 31.902_716).abs() < 6e-7, "{rest}");
     }
@@ -263,7 +271,8 @@ fn periodic_orbits_of_the_vibrating_table() {
             for order in ORDERS {
                 let start = Physical { x: 0.0, xdot: u };
                 let settings = settings(order, 1e-12);
-                let run = simulate(settings, wall(e), &mut force, (0.0, 4.5 * period), start);
+                let run =
+                    simulate(settings, restitution(e), &mut force, (0.0, 4.5 * period), start);
                 let impacts = &run.trajectory.events.impacts;
                 assert_eq!(impacts.len(), 4);
                 for (i, impact) in impacts.iter().enumerate() {
@@ -296,7 +305,7 @@ fn a_plastic_wall_stops_the_mass_and_lets_it_go() {
         let story = closed::simulate(force, 0.0, (0.0, 8.0), start);
         let initial = Physical { x: start.0, xdot: start.1 };
         let settings = settings(ORDERS[i % 2], 1e-11);
-        let run = simulate(settings, wall(0.0), &mut force, (0.0, 8.0), initial);
+        let run = simulate(settings, restitution(0.0), &mut force, (0.0, 8.0), initial);
         let events = &run.trajectory.events;
         assert_eq!(events.impacts.len(), story.impacts.len(), "{i} {force:?}");
         assert_eq!(events.zeno_times.len(), story.zeno.len(), "{i} {force:?}");
@@ -319,7 +328,8 @@ fn an_elastic_wall_keeps_the_energy() {
             };
             let start = Physical { x: 1.0, xdot: -1.0 };
             let mut force = spring(stiffness, 0.0, gravity);
-            let run = simulate(settings(order, 1e-11), wall(1.0), &mut force, (0.0, 100.0), start);
+            let run =
+                simulate(settings(order, 1e-11), restitution(1.0), &mut force, (0.0, 100.0), start);
             let events = &run.trajectory.events;
             assert!(events.impacts.len() > 15 && events.rest_time.is_none());
             let drift = energy(end(&run)) / energy(start) - 1.0;
@@ -332,7 +342,8 @@ fn an_elastic_wall_keeps_the_energy() {
 fn a_mass_that_arrives_at_the_wall_has_its_impact_at_once() {
     let start = Physical { x: 0.0, xdot: -2.0 };
     let mut force = ConstantForce(-2.0);
-    let run = simulate(settings(Order::Eight, 1e-6), wall(0.5), &mut force, (0.0, 3.0), start);
+    let run =
+        simulate(settings(Order::Eight, 1e-6), restitution(0.5), &mut force, (0.0, 3.0), start);
     let events = &run.trajectory.events;
     assert_eq!((events.impacts[0].t, events.impacts[0].xdot_after), (0.0, 1.0));
     assert!((events.rest_time.unwrap() - 2.0).abs() < 1e-12);
@@ -343,12 +354,14 @@ fn a_mass_that_arrives_at_the_wall_has_its_impact_at_once() {
 fn a_force_that_pulls_off_lifts_off_at_once() {
     let mut force = ConstantForce(2.0);
     let start = Physical::default();
-    let run = simulate(settings(Order::Eight, 1e-6), wall(0.5), &mut force, (0.0, 3.0), start);
+    let run =
+        simulate(settings(Order::Eight, 1e-6), restitution(0.5), &mut force, (0.0, 3.0), start);
     assert_eq!(run.trajectory.events.liftoff_times, [0.0]);
     assert!((end(&run).x - 9.0).abs() < 1e-12);
     // and one that grows does so at its zero: f = -1 + t lifts at 1, then x = (t - 1)^3/6
     let mut ramp = FunctionForce(|t: f64, _: f64, _: f64| Ok::<f64, Infallible>(t - 1.0));
-    let run = simulate(settings(Order::Eight, 1e-9), wall(0.5), &mut ramp, (0.0, 3.0), start);
+    let run =
+        simulate(settings(Order::Eight, 1e-9), restitution(0.5), &mut ramp, (0.0, 3.0), start);
     assert!((run.trajectory.events.liftoff_times[0] - 1.0).abs() < 1e-15);
     assert!((end(&run).x - 8.0 / 6.0).abs() < 1e-9);
 }
@@ -386,9 +399,9 @@ fn a_mass_under_no_force_lifts_off_where_the_force_becomes_positive() {
             let mut force = FunctionForce(|t: f64, _: f64, _: f64| {
                 Ok::<f64, Infallible>(if t < 1.0 { 0.0 } else { s * (t - 1.0).powi(m) })
             });
-            let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical::default());
+            let (restitution, start) = (Restitution::from_e(0.5).unwrap(), Physical::default());
             let settings = SwitchedRk { atol: [1e-16; 2], ..settings(order, 1e-9) };
-            let run = simulate(settings, wall, &mut force, (0.0, t_end), start);
+            let run = simulate(settings, restitution, &mut force, (0.0, t_end), start);
             let lifts = &run.trajectory.events.liftoff_times;
             assert!(lifts.len() == 1 && (lifts[0] - 1.0).abs() < 2e-15, "{order:?} {m}: {lifts:?}");
             let power = f64::from(m);

@@ -15,7 +15,7 @@ pub(crate) type Run = SwitchedRun<Infallible>;
 pub(crate) struct Reference {
     name: String,
     pub(crate) force: LinearForce,
-    pub(crate) wall: Restitution,
+    pub(crate) restitution: Restitution,
     pub(crate) span: (f64, f64),
     pub(crate) initial: Physical,
     pub(crate) end: Physical,
@@ -52,7 +52,7 @@ impl Reference {
         Self {
             name: name.to_owned(),
             force,
-            wall: Restitution::from_e(number("e")).unwrap(),
+            restitution: Restitution::from_e(number("e")).unwrap(),
             span: (number("t0"), number("t_end")),
             initial: Physical { x: number("x0"), xdot: number("xdot0") },
             end: Physical { x: number("x_end"), xdot: number("xdot_end") },
@@ -77,14 +77,15 @@ impl Reference {
     }
 
     pub(crate) fn simulate(&self, settings: SwitchedRk) -> Run {
-        simulate(settings, self.wall, &mut self.force.clone(), self.span, self.initial)
+        simulate(settings, self.restitution, &mut self.force.clone(), self.span, self.initial)
     }
 
     /// Without dense output.
     pub(crate) fn simulate_bare(&self, settings: SwitchedRk) -> Run {
         let (force, output) = (&mut self.force.clone(), Output::default());
         let (span, start) = (self.span, self.initial);
-        simulate_switched_rk(settings, self.wall, force, span, start, output, &mut Silent).unwrap()
+        simulate_switched_rk(settings, self.restitution, force, span, start, output, &mut Silent)
+            .unwrap()
     }
 }
 
@@ -95,13 +96,14 @@ pub(crate) fn settings(order: Order, tol: f64) -> SwitchedRk {
 /// A completed run with dense output.
 pub(crate) fn simulate(
     settings: SwitchedRk,
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut impl Force<Infallible>,
     span: (f64, f64),
     initial: Physical,
 ) -> Run {
     let output = Output { dense: true, ..Output::default() };
-    let run = simulate_switched_rk(settings, wall, force, span, initial, output, &mut Silent);
+    let run =
+        simulate_switched_rk(settings, restitution, force, span, initial, output, &mut Silent);
     let run = run.unwrap();
     assert_eq!(run.trajectory.status, Status::Completed);
     run

@@ -50,9 +50,9 @@ fn a_thousand_random_forces_have_the_events_of_the_closed_form() {
         let problem = Problem::random(&mut random, number);
         let (story, mut force) = (problem.closed(), problem.force);
         let order = if number % 2 == 0 { Order::Eight } else { Order::Five };
-        let wall = Restitution::from_e(problem.e).unwrap();
+        let restitution = Restitution::from_e(problem.e).unwrap();
         let initial = Physical { x: problem.start.0, xdot: problem.start.1 };
-        let run = simulate(settings(order, 1e-11), wall, &mut force, problem.span, initial);
+        let run = simulate(settings(order, 1e-11), restitution, &mut force, problem.span, initial);
 
         let events = &run.trajectory.events;
         let (zeno, lift) = (&events.zeno_times, &events.liftoff_times);
@@ -94,10 +94,10 @@ fn loose_tolerances_do_not_change_what_happens() {
                 let mut problem = Problem::random(&mut random, number);
                 problem.e = random.between(low, high);
                 let (story, mut force) = (problem.closed(), problem.force);
-                let wall = Restitution::from_e(problem.e).unwrap();
+                let restitution = Restitution::from_e(problem.e).unwrap();
                 let initial = Physical { x: problem.start.0, xdot: problem.start.1 };
                 let settings = settings(order, tol);
-                let run = simulate(settings, wall, &mut force, problem.span, initial);
+                let run = simulate(settings, restitution, &mut force, problem.span, initial);
                 // what happens at the very end may happen before it or behind
                 let last = problem.span.1 - 0.05;
                 let early = |times: &[f64]| times.iter().filter(|&&t| t < last).copied().collect();

@@ -12,9 +12,9 @@ use crate::problems::{end, settings, simulate, Random};
 
 const PERIOD: f64 = 0.01;
 
-fn integrator(order: Order, wall: Restitution) -> SwitchedIntegrator {
+fn integrator(order: Order, restitution: Restitution) -> SwitchedIntegrator {
     let settings = SwitchedRk { first_step: Some(PERIOD), ..settings(order, 1e-10) };
-    SwitchedIntegrator::new(settings, wall).unwrap()
+    SwitchedIntegrator::new(settings, restitution).unwrap()
 }
 
 #[test]
@@ -22,8 +22,8 @@ fn held_forces_give_the_motion_of_the_closed_form() {
     // a different constant force in every period, up and down: x'' = u_k
     let mut random = Random(21);
     for order in [Order::Five, Order::Eight] {
-        let wall = Restitution::from_e(0.6).unwrap();
-        let mut plant = integrator(order, wall);
+        let restitution = Restitution::from_e(0.6).unwrap();
+        let mut plant = integrator(order, restitution);
         plant.start(0.0, Physical { x: 0.05, xdot: 0.0 }).unwrap();
         let mut state = (0.05, 0.0);
         let (mut impacts, mut exact_impacts) = (0, 0);
@@ -75,10 +75,12 @@ fn pieces_are_the_whole() {
         omega: std::f64::consts::TAU,
         phase: -std::f64::consts::FRAC_PI_2,
     };
-    let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical { x: 0.2, xdot: 0.0 });
+    let (restitution, start) = (Restitution::from_e(0.5).unwrap(), Physical { x: 0.2, xdot: 0.0 });
     for order in [Order::Five, Order::Eight] {
-        let whole = simulate(settings(order, 1e-10), wall, &mut force.clone(), (0.0, 3.7), start);
-        let (mut same, mut other) = (integrator(order, wall), integrator(order, wall));
+        let whole =
+            simulate(settings(order, 1e-10), restitution, &mut force.clone(), (0.0, 3.7), start);
+        let (mut same, mut other) =
+            (integrator(order, restitution), integrator(order, restitution));
         same.start(0.0, start).unwrap();
         other.start(0.0, start).unwrap();
         let mut lifts = 0;
@@ -98,10 +100,10 @@ fn pieces_are_the_whole() {
 
 #[test]
 fn periods_are_cheap() {
-    let wall = Restitution::from_e(0.5).unwrap();
+    let restitution = Restitution::from_e(0.5).unwrap();
     for (order, flight) in [(Order::Five, 7), (Order::Eight, 12)] {
         // in flight one step and the slope at its start
-        let mut plant = integrator(order, wall);
+        let mut plant = integrator(order, restitution);
         plant.start(0.0, Physical { x: 100.0, xdot: 0.0 }).unwrap();
         for k in 1..=100 {
             let t = f64::from(k) * PERIOD;
@@ -109,7 +111,7 @@ fn periods_are_cheap() {
         }
         assert!(plant.counts().nfev <= 100 * flight, "{:?}", plant.counts());
         // at rest one evaluation if the force is known to be constant
-        let mut plant = integrator(order, wall);
+        let mut plant = integrator(order, restitution);
         plant.start(0.0, Physical::default()).unwrap();
         for k in 1..=100 {
             let t = f64::from(k) * PERIOD;
@@ -129,8 +131,8 @@ fn periods_are_cheap() {
 
 #[test]
 fn a_lift_off_at_the_end_of_a_period_asks_the_next_force() {
-    let wall = Restitution::from_e(0.5).unwrap();
-    let mut plant = integrator(Order::Eight, wall);
+    let restitution = Restitution::from_e(0.5).unwrap();
+    let mut plant = integrator(Order::Eight, restitution);
     plant.start(0.0, Physical::default()).unwrap();
     for k in 0..20 {
         let t = f64::from(k) * PERIOD;
@@ -160,8 +162,8 @@ fn a_chain_is_forgotten_with_its_force() {
 
 #[test]
 fn rest_is_told_once_and_only_after_flight() {
-    let wall = Restitution::from_e(0.5).unwrap();
-    let mut plant = integrator(Order::Five, wall);
+    let restitution = Restitution::from_e(0.5).unwrap();
+    let mut plant = integrator(Order::Five, restitution);
     plant.start(0.0, Physical::default()).unwrap();
     let mut told = Vec::new();
     for (t, u) in [(1.0, -1.0), (2.0, -2.0), (2.5, 4.0), (9.0, -2.0)] {

@@ -23,8 +23,9 @@ fn no_result_depends_on_the_units() {
             first_step: Some(0.01 * t),
             ..SwitchedRk::default()
         };
-        let (wall, start) = (Restitution::from_e(0.4).unwrap(), Physical { x: l, xdot: 0.0 });
-        simulate(settings, wall, &mut force, (0.0, 7.0 * t), start)
+        let (restitution, start) =
+            (Restitution::from_e(0.4).unwrap(), Physical { x: l, xdot: 0.0 });
+        simulate(settings, restitution, &mut force, (0.0, 7.0 * t), start)
     };
     for (order, exponents) in
         [(Order::Eight, (-30, 0)), (Order::Five, (30, -20)), (Order::Eight, (0, 30))]
@@ -54,8 +55,10 @@ fn a_zeno_time_is_known_to_what_the_tolerances_allow_in_any_units() {
             omega: 1.0,
             phase: 0.0,
         };
-        let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical { x: nm, xdot: 0.0 });
-        simulate(settings, wall, &mut force, (0.0, 3.0), start).trajectory.events.zeno_times[0]
+        let (restitution, start) =
+            (Restitution::from_e(0.5).unwrap(), Physical { x: nm, xdot: 0.0 });
+        simulate(settings, restitution, &mut force, (0.0, 3.0), start).trajectory.events.zeno_times
+            [0]
     };
     let exact = zeno(1.0, SwitchedRk::with_tol(1e-12));
     let mine = zeno(1e9, SwitchedRk { atol: [1.0; 2], ..SwitchedRk::default() });

@@ -14,10 +14,11 @@ const ORDERS: [Order; 2] = [Order::Five, Order::Eight];
 
 /// The ball `x'' = -2` from 1 m with `e = 1/2`: impacts at 1, 2, 2.5, 2.75, ..., rest at 3.
 fn ball(output: Output<'_, Infallible>, order: Order, t_end: f64) -> Run {
-    let (wall, start) = (Restitution::from_e(0.5).unwrap(), Physical { x: 1.0, xdot: 0.0 });
+    let (restitution, start) = (Restitution::from_e(0.5).unwrap(), Physical { x: 1.0, xdot: 0.0 });
     let settings = settings(order, 1e-8);
     let force = &mut ConstantForce(-2.0);
-    simulate_switched_rk(settings, wall, force, (0.0, t_end), start, output, &mut Silent).unwrap()
+    simulate_switched_rk(settings, restitution, force, (0.0, t_end), start, output, &mut Silent)
+        .unwrap()
 }
 
 fn event<'a>(g: impl Fn(f64, f64, f64) -> f64 + 'a) -> UserEvent<'a, Infallible> {
@@ -174,10 +175,18 @@ fn given_sample_times_are_the_samples() {
         for order in ORDERS {
             let whole = reference.simulate(settings(order, 1e-8));
             let output = Output { t_eval: Some(&times), ..Output::default() };
-            let (force, wall) = (&mut reference.force.clone(), reference.wall);
+            let (force, restitution) = (&mut reference.force.clone(), reference.restitution);
             let settings = settings(order, 1e-8);
             let (span, start) = (reference.span, reference.initial);
-            let run = simulate_switched_rk(settings, wall, force, span, start, output, &mut Silent);
+            let run = simulate_switched_rk(
+                settings,
+                restitution,
+                force,
+                span,
+                start,
+                output,
+                &mut Silent,
+            );
             let columns = run.unwrap().trajectory.columns;
             assert_eq!(columns.of(Quantity::T), times);
             let path = whole.path.unwrap();
@@ -216,9 +225,10 @@ fn the_path_is_continuous_except_for_the_velocity_at_impacts() {
 
 #[test]
 fn the_path_starts_and_ends_where_the_run_does() {
-    let wall = Restitution::from_e(0.5).unwrap();
+    let restitution = Restitution::from_e(0.5).unwrap();
     let start = Physical { x: 0.0, xdot: 3.0 };
-    let run = simulate(SwitchedRk::default(), wall, &mut ConstantForce(-2.0), (5.0, 6.0), start);
+    let run =
+        simulate(SwitchedRk::default(), restitution, &mut ConstantForce(-2.0), (5.0, 6.0), start);
     let path = run.path.unwrap();
     assert_eq!(path.span(), Some((5.0, 6.0)));
     assert_eq!(path.at(5.0), Some(PathPoint { x: 0.0, xdot: 3.0, sigma: 1.0 }));
@@ -234,12 +244,13 @@ fn events_in_late_arcs_of_a_tail_are_seen() {
     // the flight after impact k takes 2 e^k fall
     let impact = |n: i32| fall + (1..n).map(|k| 2.0 * e.powi(k) * fall).sum::<f64>();
     let start = Physical { x: 1.0, xdot: 0.0 };
-    let wall = Restitution::from_e(e).unwrap();
+    let restitution = Restitution::from_e(e).unwrap();
     let run = |events, order| {
         let output = Output { events, dense: true, ..Output::default() };
         let (settings, span) = (settings(order, 1e-8), (0.0, 100.0));
         let force = &mut ConstantForce(-g);
-        simulate_switched_rk(settings, wall, force, span, start, output, &mut Silent).unwrap()
+        simulate_switched_rk(settings, restitution, force, span, start, output, &mut Silent)
+            .unwrap()
     };
     for order in ORDERS {
         // the energy falls below that of 1 mm by impact 344

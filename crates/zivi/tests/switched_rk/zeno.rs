@@ -7,7 +7,7 @@ use crate::problems::{settings, simulate, Random, Run};
 
 struct Episode {
     force: LinearForce,
-    wall: Restitution,
+    restitution: Restitution,
     start: Physical,
     zeno: f64,
 }
@@ -28,12 +28,12 @@ impl Episode {
         let e = random.between(0.15, 0.98);
         let start = Physical { x: random.between(0.2, 1.5), xdot: random.between(-1.0, 1.0) };
         let story = closed::simulate(force, e, (0.0, 500.0), (start.x, start.xdot));
-        Self { force, wall: Restitution::from_e(e).unwrap(), start, zeno: story.zeno[0] }
+        Self { force, restitution: Restitution::from_e(e).unwrap(), start, zeno: story.zeno[0] }
     }
 
     fn simulate(&self, order: Order, tol: f64) -> Run {
         let span = (0.0, self.zeno + 0.5);
-        simulate(settings(order, tol), self.wall, &mut self.force.clone(), span, self.start)
+        simulate(settings(order, tol), self.restitution, &mut self.force.clone(), span, self.start)
     }
 }
 
@@ -88,10 +88,10 @@ fn the_number_of_impacts_before_the_jump() {
     ];
     let start = Physical { x: 1.0, xdot: 0.0 };
     for (e, impacts) in table {
-        let wall = Restitution::from_e(e).unwrap();
+        let restitution = Restitution::from_e(e).unwrap();
         let until_rest = |tol| {
             let settings = settings(Order::Eight, tol);
-            let run = simulate(settings, wall, &mut force.clone(), (0.0, 600.0), start);
+            let run = simulate(settings, restitution, &mut force.clone(), (0.0, 600.0), start);
             (run.counts.impacts, run.trajectory.events.zeno_times[0])
         };
         let (_, exact) = until_rest(1e-13);
@@ -109,7 +109,7 @@ fn the_number_of_impacts_before_the_jump() {
 fn tail_error(episode: &Episode, run: &Run, shortest: f64) -> [f64; 2] {
     let (path, tail) = (run.path.as_ref().unwrap(), &run.tails[0]);
     let start = (episode.start.x, episode.start.xdot);
-    let (e, zeno) = (episode.wall.e(), episode.zeno);
+    let (e, zeno) = (episode.restitution.e(), episode.zeno);
     let story = closed::simulate(episode.force, e, (0.0, zeno + 0.1), start);
     let mut worst = [0.0_f64; 2];
     for pair in story.impacts.windows(2).filter(|pair| pair[0][0] > tail.start() - 1e-9) {

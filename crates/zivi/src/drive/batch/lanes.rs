@@ -84,7 +84,7 @@ pub(super) fn run(
     let gamma = masses.first().map_or(1.0, |falling| falling.step.gamma());
     let mut lanes = Lanes::new(gamma, grid.n_steps());
     for (i, &falling) in masses.iter().enumerate() {
-        let z = lift(falling.initial, falling.step.wall())?;
+        let z = lift(falling.initial, falling.step.restitution())?;
         let course = Course::start(falling, z, grid, save)?;
         lanes.place(i, z, &course);
         courses.push(course);
@@ -221,9 +221,9 @@ impl Lanes {
     /// The constants of steps of size `h`.
     fn prepare(&mut self, courses: &[Course], h: f64) {
         for (i, Course { falling: Falling { step, force, .. }, .. }) in courses.iter().enumerate() {
-            let (wall, push) = (step.wall(), h * force);
+            let (restitution, push) = (step.restitution(), h * force);
             for (way, lambda_v) in [1.0, -1.0].into_iter().enumerate() {
-                let r = wall.r(1.0, lambda_v);
+                let r = restitution.r(1.0, lambda_v);
                 self.r[way][i] = r;
                 self.reach[way][i] = h * r;
                 self.kick[way][i] = push * (1.0 / r);
@@ -329,7 +329,7 @@ impl Course {
         let incoming = initial.x == 0.0 && initial.xdot < 0.0;
         let mut course = Self {
             falling,
-            log: EventLog::start(grid.t(0), z, incoming, step.wall()),
+            log: EventLog::start(grid.t(0), z, incoming, step.restitution()),
             side: transform::side(z, Branch::Positive.sigma()),
             status: Status::Completed,
             ended: None,
@@ -371,19 +371,19 @@ impl Course {
         }
     }
 
-    fn wall(&self) -> Restitution {
-        self.falling.step.wall()
+    fn restitution(&self) -> Restitution {
+        self.falling.step.restitution()
     }
 
     fn sample(&mut self, z: Lifted) {
         if self.ended.is_none() {
-            let Physical { x, xdot } = transform::project(z, self.wall());
+            let Physical { x, xdot } = transform::project(z, self.restitution());
             self.saved.push(x, xdot);
         }
     }
 
     fn finish(self, lanes: &Lanes, i: usize, end: f64, save: Save<'_>) -> Outcome {
-        let Physical { x, xdot } = transform::project(lanes.at(i, self.side), self.wall());
+        let Physical { x, xdot } = transform::project(lanes.at(i, self.side), self.restitution());
         let (x_max, speed_max) = (lanes.x_max[i], lanes.speed_max[i]);
         let summary = Summary { t: self.ended.unwrap_or(end), x, xdot, x_max, speed_max };
         Outcome::new(self.log.finish(), self.saved, summary, (self.status, 1), save)

@@ -20,7 +20,7 @@ pub struct LoopMember<'r, F> {
     /// What it is told instead of the measurement, if anything.
     pub observer: Option<ImpactObserver>,
     /// The plant's wall.
-    pub wall: Restitution,
+    pub restitution: Restitution,
     /// The forces on the plant, in the controller's model, and on the reference.
     pub forces: [F; 3],
     /// The plant's initial state.
@@ -140,15 +140,24 @@ fn one<F: Force<Stopped> + Copy>(
     settings: LoopSettings,
     stop: &dyn Fn() -> bool,
 ) -> Result<LoopOutcome, SetupError> {
-    let LoopMember { mut controller, observer, wall, mut forces, initial, grid, reference: given } =
-        *member;
+    let LoopMember {
+        mut controller,
+        observer,
+        restitution,
+        mut forces,
+        initial,
+        grid,
+        reference: given,
+    } = *member;
     let LoopSettings { motion, resolution, delay, .. } = settings;
     let sensor = Sensor { resolution, ..Sensor::default() };
-    let surroundings = Loop { wall, grid, initial, motion, sensor, observer, delay };
+    let surroundings = Loop { restitution, grid, initial, motion, sensor, observer, delay };
     let [plant, model, reference] = &mut forces;
     let forces = Forces { plant, model, reference };
-    let mut samples = given.map(|(samples, wall)| (Samples(samples), wall));
-    let reference = samples.as_mut().map(|(it, wall)| Followed { reference: it, wall: *wall });
+    let mut samples = given.map(|(samples, restitution)| (Samples(samples), restitution));
+    let reference = samples
+        .as_mut()
+        .map(|(it, restitution)| Followed { reference: it, restitution: *restitution });
     let options = LoopOptions { reference, ..LoopOptions::default() };
     let monitor = &mut Quiet(stop);
     let run = observe_closed_loop(&mut controller, surroundings, forces, options, monitor)?;

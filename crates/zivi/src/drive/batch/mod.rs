@@ -99,7 +99,7 @@ impl<'a> Plan<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Member<F> {
     /// The wall.
-    pub wall: Restitution,
+    pub restitution: Restitution,
     /// The force.
     pub force: F,
     /// The initial state.
@@ -129,8 +129,9 @@ pub enum BatchError<E> {
 /// use zivi::drive::batch::{simulate_batch, Course, Member, Save};
 /// use zivi::{ConstantForce, FixedSteps, Physical, Restitution, Silent, ThetaGamma};
 ///
-/// let wall = Restitution::from_kappa(0.41)?;
-/// let ball = |x| Member { wall, force: ConstantForce(-9.81), initial: Physical { x, xdot: 6.0 } };
+/// let restitution = Restitution::from_kappa(0.41)?;
+/// let initial = |x| Physical { x, xdot: 6.0 };
+/// let ball = |x| Member { restitution, force: ConstantForce(-9.81), initial: initial(x) };
 /// let balls: Vec<_> = (0..100).map(|i| ball(0.01 * f64::from(i))).collect();
 /// let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
 /// let course = Course { method, span: (0.0, 4.0) };
@@ -147,7 +148,7 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
 ) -> Result<Vec<Outcome>, BatchError<E>> {
     let plan = Plan::new(course, save).map_err(|error| BatchError::Setup(None, error))?;
     for (i, member) in members.iter().enumerate() {
-        let started = plan.method.check_start(member.initial, member.wall);
+        let started = plan.method.check_start(member.initial, member.restitution);
         started.map_err(|error| BatchError::Setup(Some(i), error))?;
     }
     check_memory(members, plan, threads)?;
@@ -233,8 +234,8 @@ fn several<F: Force<Stopped> + Copy>(
         if let (AnyMethod::ThetaGamma(it), Some(grid)) = (plan.method, plan.grid) {
             let ThetaGamma { theta, gamma, .. } = it.scheme;
             let mut masses = Vec::with_capacity(chunk.len());
-            for &Member { wall, mut force, initial } in chunk {
-                let step = ThetaGammaStep::new(grid.h(), theta, gamma, wall)?;
+            for &Member { restitution, mut force, initial } in chunk {
+                let step = ThetaGammaStep::new(grid.h(), theta, gamma, restitution)?;
                 // a constant has nothing to raise
                 let force = force.at(grid.t(0), 0.0, 0.0).unwrap_or(f64::NAN);
                 masses.push(lanes::Falling { step, force, initial });
@@ -271,18 +272,19 @@ fn one<F: Force<Stopped> + Copy>(
     Plan { method, span, save, .. }: Plan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Outcome, SetupError> {
-    let Member { wall, mut force, initial } = *member;
+    let Member { restitution, mut force, initial } = *member;
     let every = save.every();
     let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
     let watch = &mut Quiet { keep, stop };
     let t_eval = if let Save::At(times) = save { Some(times) } else { None };
     let output = Output { t_eval, ..Output::default() };
-    let system = PointMass { force: &mut force, wall };
+    let system = PointMass { force: &mut force, restitution };
     let (PointRun { trajectory, end, .. }, grazing) = match (method, save) {
         (AnyMethod::SwitchedRk(method), Save::Grazing) => {
-            let PointMass { force, wall } = system;
-            let (run, grazes) = simulate_watching(method, wall, force, span, initial, watch)?;
-            (PointRun::switched(run, wall), grazes)
+            let PointMass { force, restitution } = system;
+            let (run, grazes) =
+                simulate_watching(method, restitution, force, span, initial, watch)?;
+            (PointRun::switched(run, restitution), grazes)
         }
         _ => (method.run(system, span, initial, output, watch)?, false),
     };

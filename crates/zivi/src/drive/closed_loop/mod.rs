@@ -56,7 +56,7 @@ pub enum Motion {
 #[derive(Clone, Copy, Debug)]
 pub struct Loop<'a> {
     /// The plant's wall.
-    pub wall: Restitution,
+    pub restitution: Restitution,
     /// The samples.
     pub grid: Grid,
     /// The plant's state at the first sample.
@@ -106,7 +106,7 @@ pub fn observe_closed_loop<E, F: Force<E>>(
     mut output: LoopOptions<'_, E>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<LoopRun<E>, SetupError> {
-    let Loop { wall, grid, initial, motion, .. } = surroundings;
+    let Loop { restitution, grid, initial, motion, .. } = surroundings;
     check_initial(initial)?;
     let Forces { plant: force, model, reference } = forces;
     let (t0, models) = (grid.t(0), Models { model, reference });
@@ -118,18 +118,18 @@ pub fn observe_closed_loop<E, F: Force<E>>(
     let output = &mut output;
     match motion {
         Motion::Scheme { theta, gamma } => {
-            let step = ThetaGammaStep::new(grid.h(), theta, gamma, wall)?;
+            let step = ThetaGammaStep::new(grid.h(), theta, gamma, restitution)?;
             let plant = SchemePlant::new(step, force, (t0, initial), keep);
             run(controller, plant, surroundings, models, output, monitor)
         }
         Motion::Exact(_) if force.dependence() == Dependence::Constant => {
-            let plant = BallisticPlant::new(wall, force, t0, initial);
+            let plant = BallisticPlant::new(restitution, force, t0, initial);
             run(controller, plant, surroundings, models, output, monitor)
         }
         Motion::Exact(method) | Motion::Switched(method) => {
             // a period is one step, unless the error control wants more
             let method = SwitchedRk { first_step: Some(grid.h()), ..method };
-            let plant = SwitchedPlant::new(method, wall, force, (t0, initial), keep)?;
+            let plant = SwitchedPlant::new(method, restitution, force, (t0, initial), keep)?;
             run(controller, plant, surroundings, models, output, monitor)
         }
     }

@@ -56,7 +56,7 @@ pub trait Plant<E> {
 
 /// The exact motion where the force does not depend on time or state.
 pub(super) struct BallisticPlant<'a, F> {
-    wall: Restitution,
+    restitution: Restitution,
     force: &'a mut F,
     /// Its value, once it is known.
     value: Option<f64>,
@@ -66,10 +66,15 @@ pub(super) struct BallisticPlant<'a, F> {
 }
 
 impl<'a, F> BallisticPlant<'a, F> {
-    pub(super) fn new(wall: Restitution, force: &'a mut F, t0: f64, initial: Physical) -> Self {
+    pub(super) fn new(
+        restitution: Restitution,
+        force: &'a mut F,
+        t0: f64,
+        initial: Physical,
+    ) -> Self {
         let rests = initial == Physical::default();
         let events = Events::starting(t0, rests);
-        Self { wall, force, value: None, events, last: (t0, initial, 0.0) }
+        Self { restitution, force, value: None, events, last: (t0, initial, 0.0) }
     }
 }
 
@@ -85,12 +90,12 @@ impl<E, F: Force<E>> Plant<E> for BallisticPlant<'_, F> {
             None => *self.value.insert(finite_force(self.force, t, state)?),
         };
         self.last = (t, state, own + u);
-        Ok(ballistic::advance(state, own + u, self.wall, (t, h), &mut self.events))
+        Ok(ballistic::advance(state, own + u, self.restitution, (t, h), &mut self.events))
     }
 
     fn at(&self, time: f64) -> Physical {
         let (t, state, f) = self.last;
-        ballistic::advance(state, f, self.wall, (t, time - t), &mut Events::default())
+        ballistic::advance(state, f, self.restitution, (t, time - t), &mut Events::default())
     }
 
     fn impacts(&self) -> &[Impact] {
@@ -123,12 +128,12 @@ pub(super) struct SwitchedPlant<'a, F> {
 impl<'a, F> SwitchedPlant<'a, F> {
     pub(super) fn new(
         settings: SwitchedRk,
-        wall: Restitution,
+        restitution: Restitution,
         force: &'a mut F,
         (t0, initial): (f64, Physical),
         keep: Keeps,
     ) -> Result<Self, SetupError> {
-        let mut integrator = SwitchedIntegrator::new(settings, wall)?;
+        let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
         integrator.start(t0, initial)?;
         let rests = initial == Physical::default();
         let reader = Reader::starting(t0, rests);
@@ -201,7 +206,7 @@ impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
 pub(super) struct SchemePlant<'a, F> {
     stepper: Stepper<Exact>,
     force: &'a mut F,
-    wall: Restitution,
+    restitution: Restitution,
     h: f64,
     z: Lifted,
     side: f64,
@@ -220,15 +225,15 @@ impl<'a, F> SchemePlant<'a, F> {
         (t0, initial): (f64, Physical),
         keep: Keeps,
     ) -> Self {
-        let wall = step.wall();
-        let z = transform::lift(initial, Branch::Positive, wall);
+        let restitution = step.restitution();
+        let z = transform::lift(initial, Branch::Positive, restitution);
         let incoming = initial.x == 0.0 && initial.xdot < 0.0;
         let side = transform::side(z, Branch::Positive.sigma());
-        let log = EventLog::start(t0, z, incoming, wall);
+        let log = EventLog::start(t0, z, incoming, restitution);
         let stepper = Stepper::new(step, Exact);
         let (last, reserve) = ([(t0, z); 2], Reserve::default());
         let states = (keep == Keeps::Everything).then(|| vec![z]);
-        Self { stepper, force, wall, h: step.h(), z, side, log, last, states, reserve }
+        Self { stepper, force, restitution, h: step.h(), z, side, log, last, states, reserve }
     }
 }
 
@@ -279,7 +284,7 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
             states.push(next);
         }
         self.z = next;
-        Ok(transform::project(next, self.wall))
+        Ok(transform::project(next, self.restitution))
     }
 
     fn at(&self, t: f64) -> Physical {
@@ -287,7 +292,7 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
         let part = (t - from) / (to - from);
         let z =
             Lifted { s: start.s + part * (end.s - start.s), v: start.v + part * (end.v - start.v) };
-        transform::project(z, self.wall)
+        transform::project(z, self.restitution)
     }
 
     fn impacts(&self) -> &[Impact] {
@@ -299,7 +304,7 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
     }
 
     fn events(&mut self) -> Events {
-        let empty = EventLog::start(0.0, Lifted { s: 1.0, v: 0.0 }, false, self.wall);
+        let empty = EventLog::start(0.0, Lifted { s: 1.0, v: 0.0 }, false, self.restitution);
         std::mem::replace(&mut self.log, empty).finish()
     }
 

@@ -54,7 +54,7 @@ pub struct Followed<'a, E> {
     /// The reference.
     pub reference: &'a mut dyn Reference<E>,
     /// Its wall.
-    pub wall: Restitution,
+    pub restitution: Restitution,
 }
 
 /// Follows a given reference from sample to sample.
@@ -82,7 +82,7 @@ impl<'a, E> Guide<'a, E> {
         let now = from.branch.unwrap_or(self.branch);
         let pull = from.acceleration.unwrap_or(self.pull);
         let next = to.branch.unwrap_or_else(|| {
-            if bounces(from.state, to.state, pull, self.followed.wall, t_next - t) {
+            if bounces(from.state, to.state, pull, self.followed.restitution, t_next - t) {
                 other(now)
             } else {
                 now
@@ -109,9 +109,9 @@ fn other(branch: Branch) -> Branch {
 
 /// Whether a reference has an odd number of impacts between two samples: whether its last
 /// acceleration explains the second better with the impacts that it makes than without.
-fn bounces(from: Physical, to: Physical, pull: f64, wall: Restitution, h: f64) -> bool {
+fn bounces(from: Physical, to: Physical, pull: f64, restitution: Restitution, h: f64) -> bool {
     let mut events = Events::default();
-    let bounced = ballistic::advance(from, pull, wall, (0.0, h), &mut events);
+    let bounced = ballistic::advance(from, pull, restitution, (0.0, h), &mut events);
     if events.impacts.len() % 2 == 0 {
         return false;
     }

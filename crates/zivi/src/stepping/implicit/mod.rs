@@ -71,7 +71,7 @@ impl ImplicitForce {
         let sought = Sought { step, start, t: start.t + step.theta() * step.h() };
         let first = match self.last {
             Some(last) => last,
-            None => self.evaluate(force, start.t, project(start.z, step.wall()))?,
+            None => self.evaluate(force, start.t, project(start.z, step.restitution()))?,
         };
         self.last = Some(first);
         let search = Search::from(first, self.slope, SELECTED_TRIALS);
@@ -193,7 +193,7 @@ impl Sought<'_> {
     fn state_at_theta(&self, end: &StepSolution) -> Physical {
         let (step, z) = (self.step, self.start.z);
         let mean = |new: f64, old: f64| step.theta() * new + (1.0 - step.theta()) * old;
-        let r = step.wall().r(end.lambda_s, end.lambda_v);
+        let r = step.restitution().r(end.lambda_s, end.lambda_v);
         Physical { x: mean(end.s, z.s).abs(), xdot: r * end.lambda_s * mean(end.v, z.v) }
     }
 
@@ -201,7 +201,7 @@ impl Sought<'_> {
     fn rounding_at_theta(&self, f: f64, end: &StepSolution) -> Physical {
         let lambda = [end.lambda_s, end.lambda_v];
         let [scale_s, scale_v] = self.step.vi_scales(self.start.z, f, lambda);
-        let r = self.step.wall().r(end.lambda_s, end.lambda_v);
+        let r = self.step.restitution().r(end.lambda_s, end.lambda_v);
         Physical { x: 8.0 * f64::EPSILON * scale_s, xdot: 8.0 * f64::EPSILON * r * scale_v }
     }
 }

@@ -81,7 +81,7 @@ pub struct Derivatives {
 #[allow(clippy::too_many_arguments)]
 pub fn sensitivity<E, F: DifferentiableForce<E>>(
     settings: SwitchedRk,
-    wall: Restitution,
+    restitution: Restitution,
     force: &mut F,
     (t0, t1): (f64, f64),
     initial: Physical,
@@ -91,7 +91,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
 ) -> Result<(SwitchedRun<E>, Derivatives), SetupError> {
     check_span(t0, t1, output.t_eval)?;
     check_stops(output.tstops)?;
-    let mut integrator = SwitchedIntegrator::new(settings, wall)?;
+    let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
     integrator.start(t0, initial)?;
     integrator.lookout.probing = force.shortest_period().is_none();
     let Question { wrt, sizes, controlled, times } = *question;
@@ -99,7 +99,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     let mut follower = Follower::new(wrt, sizes, controlled, t1, output.tstops, dense);
     let mut force = Counted::new(force);
     Stops::new(output.tstops, t1).enter(t0, &mut force.smooth);
-    let begun = follower.begin(integrator.now, wall.e(), &mut force);
+    let begun = follower.begin(integrator.now, restitution.e(), &mut force);
     let mut run = Running::new(integrator, t1, &mut output);
     let ending = match begun {
         Ok(()) => run.go(&mut follower, &mut force, monitor),

@@ -59,7 +59,7 @@ impl Follower {
             self.step.polish(stages, total - stages.h, force)?;
         }
         match impact {
-            Some(impact) => self.strike(&impact, integrator.wall.e(), force),
+            Some(impact) => self.strike(&impact, integrator.restitution.e(), force),
             None => Ok(()),
         }
     }
@@ -106,7 +106,7 @@ impl Follower {
             if let Some(impact) = impact.filter(|_| integrator.landing.is_none()) {
                 // the last step ended at the wall
                 std::mem::swap(&mut self.step.from, &mut self.step.end);
-                self.strike(&impact, integrator.wall.e(), force)?;
+                self.strike(&impact, integrator.restitution.e(), force)?;
                 return Ok(piece);
             }
             let h = integrator.stages.h;

@@ -170,7 +170,7 @@ impl Follower {
         if integrator.zeno.is_none() {
             return Ok(());
         }
-        let e = integrator.wall.e();
+        let e = integrator.restitution.e();
         self.zeno = self.rates.zeno(&integrator.chain, e, self.by_e);
         let rest = integrator.chain.remaining(last);
         let spent = integrator.chain.is_spent() || rest <= 4.0 * f64::EPSILON * last.t.abs();
