@@ -3,8 +3,9 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::mechanics::{GapSet, MechanicalRun, Occurrence, StateHit};
+use zivi::mechanics::{GapSet, MechanicalRun, Occurrence};
 use zivi::system::dynamics::Layout;
+use zivi::{Hit, MotionPoint};
 
 use crate::motion::MechanicalPath;
 
@@ -146,13 +147,13 @@ impl MechanicalRecord {
     }
 }
 
-fn hits_of(py: Python<'_>, hits: &[StateHit], n: usize) -> PyResult<Hits> {
-    let rows = |of: fn(&StateHit) -> &Vec<f64>| -> PyResult<Matrix<f64>> {
-        let all: Vec<f64> = hits.iter().flat_map(|hit| of(hit)[..n].iter().copied()).collect();
+fn hits_of(py: Python<'_>, hits: &[Hit<MotionPoint>], n: usize) -> PyResult<Hits> {
+    let rows = |of: fn(&MotionPoint) -> &Vec<f64>| -> PyResult<Matrix<f64>> {
+        let all: Vec<f64> = hits.iter().flat_map(|hit| of(&hit.at)[..n].iter().copied()).collect();
         Ok(PyArray1::from_vec(py, all).reshape([hits.len(), n])?.unbind())
     };
     let times = PyArray1::from_vec(py, hits.iter().map(|hit| hit.t).collect()).unbind();
-    Ok((times, rows(|hit| &hit.x)?, rows(|hit| &hit.v)?))
+    Ok((times, rows(|at| &at.x)?, rows(|at| &at.v)?))
 }
 
 /// A ValueError for numbers of a motion that are none.

@@ -3,8 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use zivi::mechanics::StateEvent;
-use zivi::{Direction, EventHit, Level, UserEvent};
+use zivi::{Direction, Hit, Level, MotionPoint, UserEvent};
 
 use crate::dynamics::fill;
 use crate::record::Array;
@@ -67,17 +66,21 @@ impl Event {
     }
 
     /// As an event of a mechanical system of `n` coordinates.
-    pub(crate) fn of_mechanism<'py>(&self, py: Python<'py>, n: usize) -> StateEvent<'py, PyErr> {
+    pub(crate) fn of_mechanism<'py>(
+        &self,
+        py: Python<'py>,
+        n: usize,
+    ) -> UserEvent<'py, PyErr, MotionPoint> {
         let function = self.function.bind(py).clone();
         let zeros = || PyArray1::zeros(py, n, false);
         let (of_q, of_w) = (zeros(), zeros());
-        let call = move |t: f64, q: &[f64], w: &[f64]| {
-            fill(&of_q, q)?;
-            fill(&of_w, w)?;
+        let call = move |t: f64, at: &MotionPoint| {
+            fill(&of_q, &at.x[..n])?;
+            fill(&of_w, &at.v[..n])?;
             number(&function.call1((t, &of_q, &of_w))?)
         };
         let (direction, terminal) = (self.direction(), self.terminal);
-        StateEvent { function: Box::new(call), direction, terminal }
+        UserEvent { direction, terminal, ..UserEvent::of(call) }
     }
 }
 
@@ -88,10 +91,10 @@ pub(crate) struct Hits {
 }
 
 impl Hits {
-    pub(crate) fn new(py: Python<'_>, hits: &[Vec<EventHit>]) -> PyResult<Self> {
-        let times = |hits: &Vec<EventHit>| PyArray1::from_iter(py, hits.iter().map(|it| it.t));
-        let states = |hits: &Vec<EventHit>| {
-            let all = hits.iter().flat_map(|it| [it.x, it.xdot]);
+    pub(crate) fn new(py: Python<'_>, hits: &[Vec<Hit>]) -> PyResult<Self> {
+        let times = |hits: &Vec<Hit>| PyArray1::from_iter(py, hits.iter().map(|it| it.t));
+        let states = |hits: &Vec<Hit>| {
+            let all = hits.iter().flat_map(|it| [it.at.x, it.at.xdot]);
             Ok(PyArray1::from_iter(py, all).reshape([hits.len(), 2])?.unbind())
         };
         let t = hits.iter().map(|hits| times(hits).unbind()).collect();

@@ -2,14 +2,15 @@
 
 use super::kinetics::{Kinetics, Model};
 use super::run::{check_sizes, MechanicalRun, MechanicalSamples};
-use super::state_events::{StateEvent, StateHit, StateWatch};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::monitor::Pace;
 use crate::record::occurrence::Occurrence;
+use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
+use crate::record::seeker::{unknown, Seeker, SmoothPart};
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::{Counts, Grid, Monitor, SetupError, Status};
+use crate::{Counts, Grid, Hit, Monitor, SetupError, Status, UserEvent};
 
 /// A scheme that takes fixed steps.
 pub(super) trait Scheme {
@@ -31,6 +32,8 @@ pub(super) trait Scheme {
     /// What is known at the end only.
     fn finish(&mut self, _state: &mut Stepped) {}
 }
+
+type StateSeeker<'a, E> = Seeker<'a, E, MotionPoint>;
 
 /// The state of a run with fixed steps.
 pub(super) struct Stepped {
@@ -140,12 +143,17 @@ impl Stepped {
         change / size
     }
 
-    fn make_room<E>(&mut self, watch: &mut StateWatch<'_, '_, E>) -> Result<(), Failure<E>> {
+    fn make_room<E>(&mut self, seeker: &mut StateSeeker<'_, E>) -> Result<(), Failure<E>> {
         let (size, m) = (self.x.len(), self.layout.m);
         self.samples.make_room(&mut self.reserve, 1, size, m)?;
         self.reserve.room(&mut self.occurrences, 2 * m, 2 * size_of::<f64>())?;
-        watch.make_room(&mut self.reserve)?;
+        seeker.make_room(&mut self.reserve)?;
         Ok(())
+    }
+
+    /// The present state.
+    fn point(&self) -> MotionPoint {
+        MotionPoint { x: self.x.clone(), v: self.v.clone(), closed: self.closed }
     }
 
     fn sample(&mut self, t: f64) {
@@ -157,19 +165,21 @@ impl Stepped {
         &self,
         t: f64,
         t_end: f64,
-        watch: &mut StateWatch<'_, '_, E>,
-    ) -> Result<Option<StateHit>, Failure<E>> {
-        if watch.is_idle() {
+        seeker: &mut StateSeeker<'_, E>,
+    ) -> Result<Option<Hit<MotionPoint>>, Failure<E>> {
+        if seeker.is_idle() {
             return Ok(None);
         }
-        let line = |at: f64, x: &mut [f64], v: &mut [f64]| {
+        let motion = |at: f64, to: &mut MotionPoint| {
             let part = (at - t) / (t_end - t);
-            for c in 0..x.len() {
-                x[c] = self.x[c] + part * (self.next_x[c] - self.x[c]);
-                v[c] = self.v[c] + part * (self.next_v[c] - self.v[c]);
+            for c in 0..self.x.len() {
+                to.x[c] = self.x[c] + part * (self.next_x[c] - self.x[c]);
+                to.v[c] = self.v[c] + part * (self.next_v[c] - self.v[c]);
             }
+            to.closed = self.closed;
         };
-        watch.along(t, t_end, &line).map_err(Failure::Raised)
+        let part = SmoothPart { span: (t, t_end), motion, crossings: unknown };
+        seeker.along(&part).map_err(Failure::Raised)
     }
 }
 
@@ -180,27 +190,28 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     e: &[f64],
     grid: Grid,
     (q, w): (&[f64], &[f64]),
-    mut events: Vec<StateEvent<'_, E>>,
+    events: Vec<UserEvent<'_, E, MotionPoint>>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<MechanicalRun<E>, SetupError> {
     let layout = dynamics.layout();
     check_sizes(layout, e, q, w)?;
     let mut model = Model::new(dynamics);
     let mut state = Stepped::new(layout, e, (q, w));
-    let mut watch = StateWatch::new(&mut events, layout.n, layout.m);
+    let mut seeker = Seeker::new(events, state.point());
     let mut steps = 0;
     let ending = match state.evaluate_start(grid.t(0), &mut model) {
         Err(failure) => Err(failure),
         Ok(()) => {
             scheme.begin(&mut state)?;
-            walk(&mut scheme, &mut state, grid, &mut steps, (&mut model, &mut watch, monitor))
+            walk(&mut scheme, &mut state, grid, &mut steps, (&mut model, &mut seeker, monitor))
         }
     };
     scheme.finish(&mut state);
     let (status, raised) = match ending {
         Ok(None) => (Status::Completed, None),
         Ok(Some(hit)) => {
-            state.samples.push(hit.t, (&hit.x, &hit.v), &vec![0.0; layout.m], state.closed);
+            let MotionPoint { x, v, closed } = &hit.at;
+            state.samples.push(hit.t, (x, v), &vec![0.0; layout.m], *closed);
             (Status::TerminatedByEvent, None)
         }
         Err(Failure::Status(status)) => (status, None),
@@ -209,7 +220,7 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     let (nfev, accepted) = (model.count, steps as u64);
     let counts = Counts { nfev, accepted, rejected: 0, impacts: state.group };
     let Stepped { samples, occurrences, .. } = state;
-    let hits = watch.into_hits();
+    let hits = seeker.into_hits();
     Ok(MechanicalRun { layout, samples, occurrences, hits, path: None, status, raised, counts })
 }
 
@@ -219,18 +230,18 @@ fn walk<E, D: Dynamics<E>, M: Monitor<E>>(
     state: &mut Stepped,
     grid: Grid,
     steps: &mut usize,
-    (model, watch, monitor): (&mut Model<'_, D>, &mut StateWatch<'_, '_, E>, &mut M),
-) -> Result<Option<StateHit>, Failure<E>> {
-    state.make_room(watch)?;
+    (model, seeker, monitor): (&mut Model<'_, D>, &mut StateSeeker<'_, E>, &mut M),
+) -> Result<Option<Hit<MotionPoint>>, Failure<E>> {
+    state.make_room(seeker)?;
     state.sample(grid.t(0));
-    watch.start(grid.t(0), &state.x, &state.v).map_err(Failure::Raised)?;
+    seeker.start(grid.t(0), &state.point()).map_err(Failure::Raised)?;
     let mut pace = Pace::start();
     while *steps < grid.n_steps() {
         for _ in 0..pace.chunk().min(grid.n_steps() - *steps) {
             let (t, t_end) = (grid.t(*steps), grid.t(*steps + 1));
-            state.make_room(watch)?;
+            state.make_room(seeker)?;
             scheme.step(t_end, t_end - t, state, model)?;
-            if let Some(stop) = state.look(t, t_end, watch)? {
+            if let Some(stop) = state.look(t, t_end, seeker)? {
                 return Ok(Some(stop));
             }
             std::mem::swap(&mut state.x, &mut state.next_x);

@@ -26,7 +26,6 @@ mod path;
 mod recording;
 mod run;
 pub mod sensitivity;
-mod state_events;
 mod stepper;
 mod stored;
 mod tail;
@@ -34,8 +33,8 @@ mod theta_gamma;
 
 pub use crate::record::gap_set::GapSet;
 pub use crate::record::occurrence::{FlagKind, Occurrence};
+pub use crate::record::point::MotionPoint;
 pub use moreau_jean::simulate_mechanical_moreau_jean;
-pub use path::{MechanicalPath, MotionPoint};
+pub use path::MechanicalPath;
 pub use run::{simulate_mechanical, MechanicalOutput, MechanicalRun, MechanicalSamples};
-pub use state_events::{StateEvent, StateFunction, StateHit};
 pub use theta_gamma::simulate_mechanical_theta_gamma;

@@ -16,12 +16,12 @@ use super::kinetics::Model;
 use super::lcp;
 use super::machine::problem;
 use super::run::MechanicalRun;
-use super::state_events::StateEvent;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
+use crate::record::point::MotionPoint;
 use crate::system::dynamics::Dynamics;
-use crate::{Grid, Monitor, MoreauJean, SetupError, Status};
+use crate::{Grid, Monitor, MoreauJean, SetupError, Status, UserEvent};
 
 /// Simulates a mechanical system with Moreau-Jean time stepping.
 ///
@@ -36,7 +36,7 @@ pub fn simulate_mechanical_moreau_jean<E, D: Dynamics<E>>(
     e: &[f64],
     grid: Grid,
     (q, w): (&[f64], &[f64]),
-    events: Vec<StateEvent<'_, E>>,
+    events: Vec<UserEvent<'_, E, MotionPoint>>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<MechanicalRun<E>, SetupError> {
     let MoreauJean { theta } = method.validated()?;

@@ -6,6 +6,7 @@ use super::equation::{Stages, State};
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{evaluate, Bernstein, MOST_DEGREE};
 use crate::record::gap_set::GapSet;
+use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::Layout;
 
@@ -23,17 +24,6 @@ pub(super) enum Kind {
     Motion { first: usize, degree: usize, h: f64 },
     /// The skipped arcs of this number.
     Skipped(usize),
-}
-
-/// A state of the motion: coordinates then gaps, their rates, and the closed gaps.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MotionPoint {
-    /// `q`, then `g`.
-    pub x: Vec<f64>,
-    /// `q'`, then `g'`.
-    pub v: Vec<f64>,
-    /// The gaps that are closed.
-    pub closed: GapSet,
 }
 
 /// The motion as a function of time, through skipped arcs and contact.

@@ -2,24 +2,25 @@
 
 use super::kinetics::Model;
 use super::machine::{Machine, Piece};
-use super::path::{Curve, MechanicalPath, MotionPoint};
+use super::path::{Curve, MechanicalPath};
 use super::run::{MechanicalOutput, MechanicalRun, MechanicalSamples};
-use super::state_events::{Along, StateHit, StateWatch};
 use super::stepper::{Plainly, Stepper};
 use super::tail::SkippedArcs;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::monitor::Pace;
+use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
+use crate::record::seeker::{unknown, Seeker, SmoothPart};
 use crate::system::dynamics::Dynamics;
 use crate::system::stops::Stops;
-use crate::{Counts, Monitor, Status};
+use crate::{Counts, Hit, Monitor, Status};
 
 /// Why a run ends.
 pub(super) enum Ending<E> {
     Failed(Failure<E>),
     /// An event of the user ends it.
-    Event(StateHit),
+    Event(Hit<MotionPoint>),
 }
 
 impl<E> From<Failure<E>> for Ending<E> {
@@ -29,11 +30,11 @@ impl<E> From<Failure<E>> for Ending<E> {
 }
 
 /// A run under way.
-pub(super) struct Running<'e, 'a, E> {
+pub(super) struct Running<'a, E> {
     t1: f64,
     stops: Stops<'a>,
     machine: Machine,
-    watch: StateWatch<'e, 'a, E>,
+    seeker: Seeker<'a, E, MotionPoint>,
     t_eval: Option<&'a [f64]>,
     /// The next of the wanted times.
     next: usize,
@@ -43,9 +44,11 @@ pub(super) struct Running<'e, 'a, E> {
     /// What is recorded goes up to here.
     end: (f64, MotionPoint),
     /// Where a sample at a wanted time is made.
-    x: Vec<f64>,
-    v: Vec<f64>,
+    at: MotionPoint,
 }
+
+/// The motion over some time, as a function that writes the state.
+type Along<'m> = &'m dyn Fn(f64, &mut MotionPoint);
 
 /// Progress is told in parts of the span.
 const PARTS: usize = 1_000_000;
@@ -54,26 +57,24 @@ const ARCS: usize = 1_000_000;
 /// Samples and occurrences that a piece of the motion has, at most, by gap.
 const OF_A_PIECE: usize = 4;
 
-impl<'e, 'a, E> Running<'e, 'a, E> {
+impl<'a, E> Running<'a, E> {
     /// A run to `t1` from where the machine starts.
-    pub(super) fn new(machine: Machine, t1: f64, output: &'e mut MechanicalOutput<'a, E>) -> Self {
+    pub(super) fn new(machine: Machine, t1: f64, output: MechanicalOutput<'a, E>) -> Self {
         let layout = machine.layout;
-        let size = layout.n + layout.m;
         let now = &machine.now;
         let point = MotionPoint { x: now.x.clone(), v: now.xdot.clone(), closed: machine.closed };
         Self {
             t1,
             stops: Stops::new(output.tstops, t1),
-            watch: StateWatch::new(&mut output.events, layout.n, layout.m),
+            seeker: Seeker::new(output.events, point.clone()),
             t_eval: output.t_eval,
             next: 0,
             samples: MechanicalSamples::default(),
             path: output.dense.then(|| MechanicalPath::new(layout)),
             reserve: Reserve::default(),
+            at: point.clone(),
             end: (now.t, point),
             machine,
-            x: vec![0.0; size],
-            v: vec![0.0; size],
         }
     }
 
@@ -107,8 +108,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         self.make_room()?;
         let t0 = self.machine.now.t;
         let mut until = self.stops.enter(t0, &mut model.smooth);
-        let (x, v) = (&self.machine.now.x, &self.machine.now.xdot);
-        self.watch.start(t0, x, v).map_err(Failure::Raised)?;
+        self.seeker.start(t0, &self.end.1).map_err(Failure::Raised)?;
         if !self.machine.is_pending(until) {
             self.at_step(model)?;
         }
@@ -146,9 +146,9 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             Piece::Motion => self.motion(from, closed, model)?,
             Piece::Skipped(arcs) => self.skipped(&arcs, closed, model)?,
             Piece::Instant => {
-                let now = &self.machine.now;
-                let stop = self.watch.across(now.t, &now.x, &now.xdot).map_err(Failure::Raised)?;
                 self.arrive();
+                let (t, point) = &self.end;
+                let stop = self.seeker.across(*t, point).map_err(Failure::Raised)?;
                 self.unless_terminal(stop)?;
             }
         }
@@ -160,7 +160,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     /// From when on the motion between the ends of steps is asked for.
     fn dense_from(&self) -> f64 {
-        if self.path.is_some() || !self.watch.is_idle() {
+        if self.path.is_some() || !self.seeker.is_idle() {
             f64::NEG_INFINITY
         } else {
             self.next_wanted().unwrap_or(f64::INFINITY)
@@ -170,12 +170,12 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     /// Makes room for what the next piece of the motion adds: where there is none, the run ends
     /// with all that it has.
     fn make_room(&mut self) -> Result<(), Failure<E>> {
-        let Self { samples, path, watch, reserve, machine, t_eval, next, .. } = self;
+        let Self { samples, path, seeker, reserve, machine, t_eval, next, .. } = self;
         let (size, m) = (machine.now.x.len(), machine.layout.m);
         let count = t_eval.map_or(OF_A_PIECE, |times| times.len() - *next + 1);
         samples.make_room(reserve, count, size, m)?;
         reserve.room(&mut machine.occurrences, OF_A_PIECE * (m + 1), 2 * size_of::<f64>())?;
-        watch.make_room(reserve)?;
+        seeker.make_room(reserve)?;
         if let Some(path) = path {
             path.make_room(reserve)?;
         }
@@ -204,9 +204,12 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             if let Some(path) = &mut self.path {
                 path.push_motion(&curve, closed);
             }
-            let motion = |t: f64, x: &mut [f64], v: &mut [f64]| curve.at(t, x, v);
-            let stop = self.watch.along(from, end, &motion).map_err(Failure::Raised)?;
-            self.sample_until(stop.as_ref().map_or(end, |hit| hit.t), closed, &motion, model)?;
+            let motion = |t: f64, to: &mut MotionPoint| {
+                curve.at(t, &mut to.x, &mut to.v);
+                to.closed = closed;
+            };
+            let stop = self.seek((from, end), &motion).map_err(Failure::Raised)?;
+            self.sample_until(stop.as_ref().map_or(end, |hit| hit.t), &motion, model)?;
             self.unless_terminal(stop)?;
         }
         self.arrive();
@@ -220,45 +223,68 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
         let end = self.machine.now.t;
-        let motion = |t: f64, x: &mut [f64], v: &mut [f64]| arcs.at(t, x, v);
+        let motion = |t: f64, to: &mut MotionPoint| {
+            arcs.at(t, &mut to.x, &mut to.v);
+            to.closed = closed;
+        };
         if let Some(path) = &mut self.path {
             path.push_skipped(arcs, closed);
         }
-        let stop = self.watch_arcs(arcs, &motion).map_err(Failure::Raised)?;
-        self.sample_until(stop.as_ref().map_or(end, |hit| hit.t), closed, &motion, model)?;
+        let stop = self.seek_in_arcs(arcs, closed, &motion).map_err(Failure::Raised)?;
+        self.sample_until(stop.as_ref().map_or(end, |hit| hit.t), &motion, model)?;
         self.unless_terminal(stop)?;
         self.arrive();
         Ok(())
     }
 
-    fn watch_arcs(&mut self, arcs: &SkippedArcs, motion: Along<'_>) -> Result<Option<StateHit>, E> {
-        if self.watch.is_idle() {
+    /// Events along a smooth part of the motion.
+    fn seek(
+        &mut self,
+        span: (f64, f64),
+        motion: impl Fn(f64, &mut MotionPoint),
+    ) -> Result<Option<Hit<MotionPoint>>, E> {
+        self.seeker.along(&SmoothPart { span, motion, crossings: unknown })
+    }
+
+    fn seek_in_arcs(
+        &mut self,
+        arcs: &SkippedArcs,
+        closed: GapSet,
+        motion: Along<'_>,
+    ) -> Result<Option<Hit<MotionPoint>>, E> {
+        if self.seeker.is_idle() {
             return Ok(None);
         }
         let mut t = arcs.start;
         for m in 0..ARCS {
             let Some((_, end)) = arcs.arc(m) else { break };
             // up to the next impact from before it, then from after it
-            let before = |at: f64, x: &mut [f64], v: &mut [f64]| arcs.at_before(at, m, x, v);
-            if let Some(stop) = self.watch.along(t, end, &before)? {
+            let before = |at: f64, to: &mut MotionPoint| {
+                arcs.at_before(at, m, &mut to.x, &mut to.v);
+                to.closed = closed;
+            };
+            if let Some(stop) = self.seek((t, end), before)? {
                 return Ok(Some(stop));
             }
             t = end;
-            motion(t, &mut self.x, &mut self.v);
-            if let Some(stop) = self.watch.across(t, &self.x, &self.v)? {
+            motion(t, &mut self.at);
+            if let Some(stop) = self.seeker.across(t, &self.at)? {
                 return Ok(Some(stop));
             }
         }
         let end = self.machine.now.t;
-        if let Some(stop) = self.watch.along(t, end, motion)? {
+        if let Some(stop) = self.seek((t, end), motion)? {
             return Ok(Some(stop));
         }
         let now = &self.machine.now;
-        self.watch.across(now.t, &now.x, &now.xdot)
+        self.at.x.copy_from_slice(&now.x);
+        self.at.v.copy_from_slice(&now.xdot);
+        self.at.closed = self.machine.closed;
+        self.seeker.across(now.t, &self.at)
     }
 
     /// An event that ends the run is passed on like an error.
-    fn unless_terminal(&mut self, stop: Option<StateHit>) -> Result<(), Ending<E>> {
+    fn unless_terminal(&mut self, stop: Option<Hit<MotionPoint>>) -> Result<(), Ending<E>> {
         stop.map_or(Ok(()), |hit| Err(Ending::Event(hit)))
     }
 
@@ -270,26 +296,24 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     fn sample_until<D: Dynamics<E>>(
         &mut self,
         t: f64,
-        closed: GapSet,
         motion: Along<'_>,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         while let Some(at) = self.next_wanted().filter(|&next| next < t) {
-            motion(at, &mut self.x, &mut self.v);
+            motion(at, &mut self.at);
             let n = self.machine.layout.n;
+            let MotionPoint { x, v, closed } = &mut self.at;
             for gap in closed.iter() {
-                (self.x[n + gap], self.v[n + gap]) = (0.0, 0.0);
+                (x[n + gap], v[n + gap]) = (0.0, 0.0);
             }
+            let aside = &mut self.machine.aside;
             if closed.is_empty() {
-                self.machine.aside.lambda.fill(0.0);
+                aside.lambda.fill(0.0);
             } else {
-                self.machine.aside.evaluate(model, at, &self.x[..n], &self.v[..n])?;
-                self.machine.aside.contact(closed)?;
+                aside.evaluate(model, at, &x[..n], &v[..n])?;
+                aside.contact(*closed)?;
             }
-            let lambda = std::mem::take(&mut self.machine.aside.lambda);
-            let (x, v) = (std::mem::take(&mut self.x), std::mem::take(&mut self.v));
-            self.samples.push(at, (&x, &v), &lambda, closed);
-            (self.x, self.v, self.machine.aside.lambda) = (x, v, lambda);
+            self.samples.push(at, (x, v), &aside.lambda, *closed);
             self.next += 1;
         }
         Ok(())
@@ -315,8 +339,8 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         let (status, raised) = match ending {
             Ending::Failed(Failure::Status(status)) => (status, None),
             Ending::Failed(Failure::Raised(error)) => (Status::Raised, Some(error)),
-            Ending::Event(StateHit { t, x, v }) => {
-                self.end = (t, MotionPoint { x, v, closed: self.end.1.closed });
+            Ending::Event(Hit { t, at }) => {
+                self.end = (t, at);
                 (Status::TerminatedByEvent, None)
             }
         };
@@ -333,12 +357,12 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         if let Some(path) = &mut self.path {
             path.end = Some(self.end);
         }
-        let Self { machine, samples, path, watch, .. } = self;
+        let Self { machine, samples, path, seeker, .. } = self;
         MechanicalRun {
             layout: machine.layout,
             samples,
             occurrences: machine.occurrences,
-            hits: watch.into_hits(),
+            hits: seeker.into_hits(),
             path,
             status,
             raised,

@@ -6,14 +6,14 @@ use super::kinetics::Model;
 use super::machine::Machine;
 use super::path::MechanicalPath;
 use super::recording::Running;
-use super::state_events::{StateEvent, StateHit};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
+use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout, MOST};
-use crate::{Counts, GridError, Monitor, SetupError, Status};
+use crate::{Counts, GridError, Hit, Monitor, SetupError, Status, UserEvent};
 
 /// What a run shall give, besides what happens at the gaps.
 pub struct MechanicalOutput<'a, E> {
@@ -25,7 +25,7 @@ pub struct MechanicalOutput<'a, E> {
     /// Whether to keep the motion as a function of time.
     pub dense: bool,
     /// The user's events.
-    pub events: Vec<StateEvent<'a, E>>,
+    pub events: Vec<UserEvent<'a, E, MotionPoint>>,
 }
 
 impl<E> Default for MechanicalOutput<'_, E> {
@@ -91,7 +91,7 @@ pub struct MechanicalRun<E> {
     /// What happened at the gaps, in order.
     pub occurrences: Vec<Occurrence>,
     /// The user's events, by function.
-    pub hits: Vec<Vec<StateHit>>,
+    pub hits: Vec<Vec<Hit<MotionPoint>>>,
     /// The motion as a function of time, if it was asked for.
     pub path: Option<MechanicalPath>,
     /// How the run ended.
@@ -145,7 +145,7 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     e: &[f64],
     (t0, t1): (f64, f64),
     (q, w): (&[f64], &[f64]),
-    mut output: MechanicalOutput<'_, E>,
+    output: MechanicalOutput<'_, E>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<MechanicalRun<E>, SetupError> {
     let settings = settings.validated()?;
@@ -155,7 +155,7 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     let mut model = Model::new(dynamics);
     let mut machine = Machine::new(settings, layout, e);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
-    let mut running = Running::new(machine, t1, &mut output);
+    let mut running = Running::new(machine, t1, output);
     let ending = match begun {
         Err(failure) => failure.into(),
         Ok(()) => running.go(&mut model, monitor),

@@ -6,10 +6,11 @@
 //! coefficients; skipped arcs: start, end, whether a tail follows, 8 numbers a component; end: t, closed, x, v
 //! ```
 
-use super::path::{Kind, MechanicalPath, MotionPoint, Segment};
+use super::path::{Kind, MechanicalPath, Segment};
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::MOST_DEGREE;
 use crate::record::gap_set::GapSet;
+use crate::record::point::MotionPoint;
 use crate::system::dynamics::{Layout, MOST};
 use crate::zeno::tail::{Tail, TAIL_NUMBERS};
 

@@ -17,13 +17,13 @@
 use super::fixed_steps::{simulate, Scheme, Stepped};
 use super::kinetics::Model;
 use super::run::MechanicalRun;
-use super::state_events::StateEvent;
 use crate::record::events::EventLog;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
+use crate::record::point::MotionPoint;
 use crate::system::dynamics::Dynamics;
-use crate::{Branch, Grid, Lifted, Monitor, Physical, Restitution, SetupError, Status};
+use crate::{Branch, Grid, Lifted, Monitor, Physical, Restitution, SetupError, Status, UserEvent};
 use zivi_core::{transform, StepSolution, ThetaGammaStep};
 
 /// Largest kinetic cosine of gaps at right angles.
@@ -40,7 +40,7 @@ pub fn simulate_mechanical_theta_gamma<E, D: Dynamics<E>>(
     e: &[f64],
     grid: Grid,
     (q, w): (&[f64], &[f64]),
-    events: Vec<StateEvent<'_, E>>,
+    events: Vec<UserEvent<'_, E, MotionPoint>>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<MechanicalRun<E>, SetupError> {
     let step = |&e: &f64| {

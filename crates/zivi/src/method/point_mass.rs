@@ -4,7 +4,7 @@ use super::{Method, Settings, System};
 use crate::stepping::scheme::{FixedSteps, Scheme};
 use crate::system::evaluation::check_initial;
 use crate::{
-    simulate_switched_rk, Counts, EventHit, Following, Force, Monitor, Motion, Output, Physical,
+    simulate_switched_rk, Counts, Following, Force, Hit, Monitor, Motion, Output, Physical,
     Restitution, Run, SetupError, SwitchedRk, SwitchedRun, Trajectory,
 };
 
@@ -32,7 +32,7 @@ pub struct PointRun<E> {
     /// What is known between the samples; a method of fixed steps knows its steps only.
     pub motion: Option<Motion>,
     /// For each event of the user what happened, in order.
-    pub hits: Vec<Vec<EventHit>>,
+    pub hits: Vec<Vec<Hit>>,
     /// How much work was done.
     pub counts: Counts,
     /// The time and the state up to which the motion is known, whatever is sampled, where that is
@@ -41,7 +41,7 @@ pub struct PointRun<E> {
 }
 
 impl<E> PointRun<E> {
-    fn of_steps(Run { trajectory, raised }: Run<E>, hits: Vec<Vec<EventHit>>) -> Self {
+    fn of_steps(Run { trajectory, raised }: Run<E>, hits: Vec<Vec<Hit>>) -> Self {
         let accepted = trajectory.columns.len().saturating_sub(1) as u64;
         let counts = Counts { nfev: trajectory.nfev, accepted, ..Counts::default() };
         Self { trajectory, raised, motion: None, hits, counts, end: None }

@@ -1,5 +1,7 @@
 //! Events that the user defines: zeros of functions of time and state along the motion.
 
+use super::point::PathPoint;
+
 /// Which changes of sign of a function are events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Direction {
@@ -22,10 +24,10 @@ pub enum Level {
     Velocity(f64),
 }
 
-/// A function `g(t, x, x')` of which `E` is the error it may raise.
-pub type EventFunction<'a, E> = Box<dyn FnMut(f64, f64, f64) -> Result<f64, E> + 'a>;
+/// A function of time and state of which `E` is the error it may raise.
+pub type EventFunction<'a, E, P = PathPoint> = Box<dyn FnMut(f64, &P) -> Result<f64, E> + 'a>;
 
-/// An event: where `g(t, x, x')` changes its sign.
+/// An event: where a function of time and state changes its sign.
 ///
 /// The function is looked at on both ends of each step and at three points between, and the zero
 /// is found on the dense output. A zero counts when it is reached, not when it is left: `g = x`
@@ -33,20 +35,21 @@ pub type EventFunction<'a, E> = Box<dyn FnMut(f64, f64, f64) -> Result<f64, E> +
 /// by that, the event is at the time of the impact and has the state after it. In a tail (see
 /// [`crate::Tail`]) the arcs are looked at one by one like steps, down to those that rounding ends,
 /// at most a million.
-pub struct UserEvent<'a, E> {
+pub struct UserEvent<'a, E, P = PathPoint> {
     /// The function.
-    pub function: EventFunction<'a, E>,
+    pub function: EventFunction<'a, E, P>,
     /// Which changes of sign count.
     pub direction: Direction,
     /// The run ends at the event of this number (1 for the first), if any.
     pub terminal: Option<usize>,
-    /// The level whose crossings the function tells, if it is that simple.
+    /// The level whose crossings the function tells, if it is that simple: where the motion knows
+    /// them, the function is not looked at.
     pub level: Option<Level>,
 }
 
-impl<'a, E> UserEvent<'a, E> {
-    /// An event in both directions that does not end the run.
-    pub fn new(function: impl FnMut(f64, f64, f64) -> Result<f64, E> + 'a) -> Self {
+impl<'a, E, P> UserEvent<'a, E, P> {
+    /// An event in both directions that does not end the run, of a function of time and state.
+    pub fn of(function: impl FnMut(f64, &P) -> Result<f64, E> + 'a) -> Self {
         Self {
             function: Box::new(function),
             direction: Direction::Either,
@@ -54,31 +57,34 @@ impl<'a, E> UserEvent<'a, E> {
             level: None,
         }
     }
+}
+
+impl<'a, E> UserEvent<'a, E> {
+    /// The same of a function `g(t, x, x')`.
+    pub fn new(mut function: impl FnMut(f64, f64, f64) -> Result<f64, E> + 'a) -> Self {
+        Self::of(move |t, at| function(t, at.x, at.xdot))
+    }
 
     /// An event where the motion crosses a level.
     #[must_use]
     pub fn at_level(level: Level) -> Self {
-        let distance = move |_: f64, x: f64, xdot: f64| {
+        let distance = move |_: f64, at: &PathPoint| {
             Ok(match level {
-                Level::Position(c) => x - c,
-                Level::Velocity(c) => xdot - c,
+                Level::Position(c) => at.x - c,
+                Level::Velocity(c) => at.xdot - c,
             })
         };
-        Self { level: Some(level), ..Self::new(distance) }
+        Self { level: Some(level), ..Self::of(distance) }
     }
 }
 
 /// An event that happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EventHit {
+pub struct Hit<P = PathPoint> {
     /// Time (s).
     pub t: f64,
-    /// Distance from the wall (m).
-    pub x: f64,
-    /// Velocity (m/s).
-    pub xdot: f64,
-    /// Branch of the transform.
-    pub sigma: f64,
+    /// The state.
+    pub at: P,
 }
 
 /// Whether a function that goes from `before` to `after` reaches zero in the wanted direction.

@@ -6,12 +6,13 @@
 
 use std::ops::ControlFlow;
 
-use zivi_core::{transform, Physical};
+use zivi_core::{transform, Lifted, Physical};
 
 use crate::record::reserve::Reserve;
+use crate::record::seeker::{Part, Seeker};
 use crate::record::stretch::{Knot, Stretch};
 use crate::record::user_events::changes;
-use crate::{Direction, EventHit, Keep, Monitor, Status, UserEvent};
+use crate::{Direction, Hit, Keep, Monitor, PathPoint, Status, UserEvent};
 
 /// A monitor that follows events along a run of fixed steps; one of them may end it
 /// ([`Status::TerminatedByEvent`]) with the step in which it happens.
@@ -38,96 +39,71 @@ use crate::{Direction, EventHit, Keep, Monitor, Status, UserEvent};
 /// ```
 pub struct Following<'m, 'a, M, E> {
     monitor: &'m mut M,
-    events: Vec<UserEvent<'a, E>>,
-    /// The functions' values at the last look; none before the first step.
-    values: Vec<f64>,
-    hits: Vec<Vec<EventHit>>,
+    seeker: Seeker<'a, E, PathPoint>,
+    started: bool,
     reserve: Reserve,
 }
 
 impl<'m, 'a, M, E> Following<'m, 'a, M, E> {
     /// Follows events (their levels are functions as others are), and tells `monitor` the rest.
     pub fn new(events: Vec<UserEvent<'a, E>>, monitor: &'m mut M) -> Self {
-        let hits = events.iter().map(|_| Vec::new()).collect();
-        Self { monitor, events, values: Vec::new(), hits, reserve: Reserve::default() }
+        let seeker = Seeker::new(events, PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 });
+        Self { monitor, seeker, started: false, reserve: Reserve::default() }
     }
 
     /// What happened of each event, in the order of time, up to the one that ended the run.
-    pub fn into_hits(self) -> Vec<Vec<EventHit>> {
-        self.hits
+    pub fn into_hits(self) -> Vec<Vec<Hit>> {
+        self.seeker.into_hits()
+    }
+}
+
+/// A state and its image.
+fn point(Physical { x, xdot }: Physical, z: Lifted) -> PathPoint {
+    PathPoint { x, xdot, sigma: transform::side(z, 1.0) }
+}
+
+impl Part<PathPoint> for Stretch {
+    fn span(&self) -> (f64, f64) {
+        (self.from.t, self.to.t)
     }
 
-    /// Evaluates the functions where the run starts.
-    fn start(&mut self, Knot { t, state, .. }: Knot) -> Result<(), E> {
-        let value = |event: &mut UserEvent<'a, E>| (event.function)(t, state.x, state.xdot);
-        self.values = self.events.iter_mut().map(value).collect::<Result<_, E>>()?;
-        Ok(())
+    fn at(&self, t: f64, to: &mut PathPoint) {
+        *to = point(Stretch::at(self, t), self.z(t));
     }
 
-    /// The times of the events of a step and their numbers.
-    fn found(&mut self, step: &Stretch) -> Result<Vec<(f64, usize)>, E> {
-        let mut found = Vec::new();
-        for (i, (event, last)) in self.events.iter_mut().zip(&mut self.values).enumerate() {
-            let mut left = step.from.t;
-            for (t, Physical { x, xdot }) in step.looks() {
-                let value = (event.function)(t, x, xdot)?;
-                if changes(*last, value, event.direction) {
-                    found.push((root(event, step, left, t)?, i));
-                }
-                (left, *last) = (t, value);
+    fn look(&self, number: usize, to: &mut PathPoint) -> Option<f64> {
+        let (t, state) = self.looks().nth(number)?;
+        *to = point(state, self.z(t));
+        Some(t)
+    }
+
+    /// By bisection: a jump of the velocity has no zero.
+    fn root<E>(
+        &self,
+        (mut left, _): (f64, f64),
+        (mut right, _): (f64, f64),
+        direction: Direction,
+        mut value_at: impl FnMut(f64) -> Result<f64, E>,
+    ) -> Result<f64, E> {
+        let mut low = value_at(left)?;
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (left + right);
+            if !(left < middle && middle < right) {
+                break;
+            }
+            let value = value_at(middle)?;
+            if changes(low, value, direction) {
+                right = middle;
+            } else {
+                (left, low) = (middle, value);
             }
         }
-        found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Ok(found)
-    }
-
-    /// Notes the events of a step up to one that ends the run.
-    fn note(&mut self, found: &[(f64, usize)], step: &Stretch) -> ControlFlow<Status> {
-        for &(t, i) in found {
-            let (Physical { x, xdot }, hits) = (step.at(t), &mut self.hits[i]);
-            if self.reserve.room(hits, 1, size_of::<EventHit>()).is_err() {
-                return ControlFlow::Break(Status::OutOfMemory);
-            }
-            hits.push(EventHit { t, x, xdot, sigma: transform::side(step.z(t), 1.0) });
-            if self.events[i].terminal == Some(hits.len()) {
-                return ControlFlow::Break(Status::TerminatedByEvent);
-            }
-        }
-        ControlFlow::Continue(())
+        Ok(right)
     }
 }
 
 /// Bisections of an interval.
 const BISECTIONS: usize = 60;
-
-/// The time between two looks at which the function has changed its sign; a jump of the velocity
-/// has no zero.
-fn root<E>(
-    event: &mut UserEvent<'_, E>,
-    step: &Stretch,
-    mut left: f64,
-    mut right: f64,
-) -> Result<f64, E> {
-    let direction: Direction = event.direction;
-    let mut value_at = |t: f64| {
-        let Physical { x, xdot } = step.at(t);
-        (event.function)(t, x, xdot)
-    };
-    let mut low = value_at(left)?;
-    for _ in 0..BISECTIONS {
-        let middle = 0.5 * (left + right);
-        if !(left < middle && middle < right) {
-            break;
-        }
-        let value = value_at(middle)?;
-        if changes(low, value, direction) {
-            right = middle;
-        } else {
-            (left, low) = (middle, value);
-        }
-    }
-    Ok(right)
-}
 
 impl<E, M: Monitor<E>> Monitor<E> for Following<'_, '_, M, E> {
     fn poll(&mut self, done: usize, of: usize) -> Result<(), E> {
@@ -143,14 +119,21 @@ impl<E, M: Monitor<E>> Monitor<E> for Following<'_, '_, M, E> {
     }
 
     fn follows(&self) -> bool {
-        !self.events.is_empty()
+        !self.seeker.is_idle()
     }
 
     fn follow(&mut self, step: &Stretch) -> Result<ControlFlow<Status>, E> {
-        if self.values.is_empty() {
-            self.start(step.from)?;
+        if self.seeker.make_room(&mut self.reserve).is_err() {
+            return Ok(ControlFlow::Break(Status::OutOfMemory));
         }
-        let found = self.found(step)?;
-        Ok(self.note(&found, step))
+        if !self.started {
+            let Knot { t, state, z } = step.from;
+            self.seeker.start(t, &point(state, z))?;
+            self.started = true;
+        }
+        Ok(match self.seeker.along(step)? {
+            Some(_) => ControlFlow::Break(Status::TerminatedByEvent),
+            None => ControlFlow::Continue(()),
+        })
     }
 }

@@ -41,7 +41,6 @@ pub(crate) mod stages;
 mod stepper;
 mod stored;
 mod tracing;
-mod user_events;
 
 pub use impact_map::{ImpactMap, MapParameter, Return};
 pub use integrator::{Counts, SwitchedIntegrator};
@@ -51,4 +50,3 @@ pub use run::{simulate_switched_rk, Output, SwitchedRun};
 pub use settings::{Flights, Order, SwitchedRk};
 pub use stored::{Motion, MotionError};
 pub(crate) use tracing::Trace;
-pub(crate) use user_events::Watch;

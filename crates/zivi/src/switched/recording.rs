@@ -7,13 +7,13 @@ use super::run::{Output, SwitchedRun};
 use super::samples::Samples;
 use super::stages::{Counted, Point};
 use super::stepper::Stepper;
-use super::user_events::Watch;
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
 use crate::record::monitor::Pace;
 use crate::record::reserve::Reserve;
+use crate::record::seeker::{Seeker, SmoothPart};
 use crate::record::trajectory::{SetupError, Trajectory};
-use crate::record::user_events::{EventHit, Level};
+use crate::record::user_events::{Hit, Level};
 use crate::system::stops::Stops;
 use crate::zeno::tail::Tail;
 use crate::{Force, Impact, Monitor, Occurrence, PathPoint, Physical, Status};
@@ -22,7 +22,7 @@ use crate::{Force, Impact, Monitor, Occurrence, PathPoint, Physical, Status};
 pub(super) enum Ending<E> {
     Failed(Failure<E>),
     /// An event of the user ends it.
-    Event(EventHit),
+    Event(Hit),
 }
 
 impl<E> From<Failure<E>> for Ending<E> {
@@ -32,7 +32,7 @@ impl<E> From<Failure<E>> for Ending<E> {
 }
 
 /// An event that ends the run is passed on like an error.
-fn unless_terminal<E>(found: Result<Option<EventHit>, E>) -> Result<(), Ending<E>> {
+fn unless_terminal<E>(found: Result<Option<Hit>, E>) -> Result<(), Ending<E>> {
     match found {
         Ok(None) => Ok(()),
         Ok(Some(hit)) => Err(Ending::Event(hit)),
@@ -41,11 +41,11 @@ fn unless_terminal<E>(found: Result<Option<EventHit>, E>) -> Result<(), Ending<E
 }
 
 /// A run under way.
-pub(super) struct Running<'e, 'a, E> {
+pub(super) struct Running<'a, E> {
     t1: f64,
     stops: Stops<'a>,
     integrator: SwitchedIntegrator,
-    watch: Watch<'e, 'a, E>,
+    seeker: Seeker<'a, E, PathPoint>,
     samples: Samples<'a>,
     path: Option<DensePath>,
     /// Whether samples between the steps draw the motion.
@@ -68,13 +68,9 @@ const MOST_LOOKS: f64 = 1e6;
 /// before rounding ends it.
 const ARCS: usize = 1_000_000;
 
-impl<'e, 'a, E> Running<'e, 'a, E> {
+impl<'a, E> Running<'a, E> {
     /// A run to `t1` from where the integrator starts.
-    pub(super) fn new(
-        mut integrator: SwitchedIntegrator,
-        t1: f64,
-        output: &'e mut Output<'a, E>,
-    ) -> Self {
+    pub(super) fn new(mut integrator: SwitchedIntegrator, t1: f64, output: Output<'a, E>) -> Self {
         let start = PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 };
         integrator.by_steps = output.t_eval.is_none();
         let reader = Reader::starting(integrator.now.t, integrator.is_at_rest());
@@ -83,7 +79,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             stops: Stops::new(output.tstops, t1),
             end: (integrator.now.t, start),
             integrator,
-            watch: Watch::new(&mut output.events),
+            seeker: Seeker::new(output.events, start),
             samples: Samples::new(output.t_eval),
             path: output.dense.then(DensePath::default),
             drawn: output.drawn && output.t_eval.is_none(),
@@ -148,11 +144,11 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
     /// Makes room for what the next piece of the motion adds to the record: where there is none,
     /// the run ends with all that it has.
     fn make_room(&mut self) -> Result<(), Failure<E>> {
-        let Self { samples, path, reader, tails, watch, reserve, .. } = self;
+        let Self { samples, path, reader, tails, seeker, reserve, .. } = self;
         reader.events.make_room(reserve)?;
         reserve.room(tails, 1, 0)?;
         samples.make_room(reserve)?;
-        watch.make_room(reserve)?;
+        seeker.make_room(reserve)?;
         if let Some(path) = path {
             path.make_room(reserve)?;
         }
@@ -161,7 +157,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     /// From when on the motion between the ends of steps is asked for.
     fn dense_from(&self) -> f64 {
-        if self.path.is_some() || !self.watch.is_idle() {
+        if self.path.is_some() || !self.seeker.is_idle() {
             f64::NEG_INFINITY
         } else {
             self.samples.next_wanted().unwrap_or(f64::INFINITY)
@@ -179,7 +175,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         }
         self.end = self.here();
         self.samples.at_step(t, self.end.1);
-        self.watch.start(t, before).map_err(Failure::Raised)?;
+        self.seeker.start(t, &before).map_err(Failure::Raised)?;
         if arrives {
             self.jumped()?;
         }
@@ -251,7 +247,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             Some(contact) if t >= end => contact,
             _ => curve.at(t),
         };
-        let stop = self.watch_part((curve.start, end), at, |it| curve.crossings(it, end));
+        let stop = self.seek((curve.start, end), at, |it| curve.crossings(it, end));
         let until = until(&stop, end);
         self.samples.along(until, |t| curve.at(t));
         unless_terminal(stop)
@@ -259,15 +255,15 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     /// Events along a part of the motion, which may be longer than a step of an embedded pair would
     /// be: `max_step` bounds what is looked at in one.
-    fn watch_part(
+    fn seek(
         &mut self,
         (from, end): (f64, f64),
         motion: impl Fn(f64) -> PathPoint,
         crossings: impl Fn(Level) -> Vec<f64>,
-    ) -> Result<Option<EventHit>, E> {
+    ) -> Result<Option<Hit>, E> {
         /// A step of that length is one, whatever rounding makes of it.
         const ROUNDING: f64 = 1.0 - 1e-9;
-        if self.watch.is_idle() {
+        if self.seeker.is_idle() {
             return Ok(None);
         }
         let pieces = (ROUNDING * (end - from) / self.integrator.settings.max_step).ceil();
@@ -279,9 +275,11 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             let within = |level| {
                 let mut all = crossings(level);
                 all.retain(|&at| (t < at || piece == 1) && at <= next);
-                all
+                Some(all)
             };
-            if let Some(stop) = self.watch.along(t, next, &motion, within)? {
+            let motion = |t: f64, to: &mut PathPoint| *to = motion(t);
+            let part = SmoothPart { span: (t, next), motion, crossings: within };
+            if let Some(stop) = self.seeker.along(&part)? {
                 return Ok(Some(stop));
             }
             t = next;
@@ -291,12 +289,12 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
 
     /// Events by the jump of the velocity.
     fn jumped(&mut self) -> Result<(), Ending<E>> {
-        unless_terminal(self.watch.across(self.end.0, self.end.1))
+        unless_terminal(self.seeker.across(self.end.0, &self.end.1))
     }
 
     fn tail(&mut self, mut tail: Tail) -> Result<(), Ending<E>> {
         let end = self.here();
-        let stop = self.watch_tail(&tail, end);
+        let stop = self.seek_in_tail(&tail, end);
         let until = until(&stop, end.0);
         self.samples.along(until, |t| tail.at(t));
         tail.cut(until);
@@ -313,25 +311,27 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         Ok(())
     }
 
-    fn watch_tail(&mut self, tail: &Tail, end: (f64, PathPoint)) -> Result<Option<EventHit>, E> {
-        if self.watch.is_idle() {
+    fn seek_in_tail(&mut self, tail: &Tail, end: (f64, PathPoint)) -> Result<Option<Hit>, E> {
+        if self.seeker.is_idle() {
             return Ok(None);
         }
         let (mut t, mut next) = (tail.start(), tail.arc(0));
         for m in 1..=ARCS {
             let Some(arc) = next else { break };
-            if let Some(stop) =
-                self.watch.along(arc.start, arc.end, |t| arc.at(t), |it| arc.crossings(it))?
-            {
+            let motion = |t: f64, to: &mut PathPoint| *to = arc.at(t);
+            let crossings = |level| Some(arc.crossings(level));
+            let part = SmoothPart { span: (arc.start, arc.end), motion, crossings };
+            if let Some(stop) = self.seeker.along(&part)? {
                 return Ok(Some(stop));
             }
             (t, next) = (arc.end, tail.arc(m));
             let after = next.map_or(end.1, |next| next.at(t));
-            if let Some(stop) = self.watch.across(t, after)? {
+            if let Some(stop) = self.seeker.across(t, &after)? {
                 return Ok(Some(stop));
             }
         }
-        self.watch.along(t, end.0, |_| end.1, |_| Vec::new())
+        let motion = |_: f64, to: &mut PathPoint| *to = end.1;
+        self.seeker.along(&SmoothPart { span: (t, end.0), motion, crossings: |_| Some(Vec::new()) })
     }
 
     fn rest(&mut self, from: f64, lifted: bool) -> Result<(), Ending<E>> {
@@ -341,7 +341,7 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
             if let Some(path) = &mut self.path {
                 path.push_rest(from, end.1.sigma);
             }
-            let stop = self.watch_part((from, end.0), |_| end.1, |_| Vec::new());
+            let stop = self.seek((from, end.0), |_| end.1, |_| Vec::new());
             let until = until(&stop, end.0);
             self.samples.along(until, |_| end.1);
             unless_terminal(stop)?;
@@ -365,8 +365,8 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         let (status, raised) = match ending {
             Ending::Failed(Failure::Status(status)) => (status, None),
             Ending::Failed(Failure::Raised(error)) => (Status::Raised, Some(error)),
-            Ending::Event(EventHit { t, x, xdot, sigma }) => {
-                self.end = (t, PathPoint { x, xdot, sigma });
+            Ending::Event(Hit { t, at }) => {
+                self.end = (t, at);
                 (Status::TerminatedByEvent, None)
             }
         };
@@ -388,14 +388,14 @@ impl<'e, 'a, E> Running<'e, 'a, E> {
         let trajectory =
             Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };
         let counts = Counts { nfev, ..self.integrator.counts };
-        let (path, tails, hits) = (self.path, self.tails, self.watch.into_hits());
+        let (path, tails, hits) = (self.path, self.tails, self.seeker.into_hits());
         let end = (t, Physical { x: end.x, xdot: end.xdot });
         Ok(SwitchedRun { trajectory, raised, path, tails, hits, counts, end })
     }
 }
 
 /// The end of a part of the motion, or where an event ends the run before.
-fn until<E>(stop: &Result<Option<EventHit>, E>, end: f64) -> f64 {
+fn until<E>(stop: &Result<Option<Hit>, E>, end: f64) -> f64 {
     match stop {
         Ok(Some(hit)) => hit.t,
         _ => end,

@@ -9,7 +9,7 @@ use super::settings::{Flights, SwitchedRk};
 use super::stages::Counted;
 use super::stepper::{Plainly, Stepper};
 use crate::record::trajectory::{SetupError, Trajectory};
-use crate::record::user_events::{EventHit, UserEvent};
+use crate::record::user_events::{Hit, UserEvent};
 use crate::zeno::tail::Tail;
 use crate::{Force, GridError, Impact, Monitor, Physical};
 
@@ -50,7 +50,7 @@ pub struct SwitchedRun<E> {
     /// The arcs that jumps to rest skipped, in order.
     pub tails: Vec<Tail>,
     /// For each event of the user what happened, in order.
-    pub hits: Vec<Vec<EventHit>>,
+    pub hits: Vec<Vec<Hit>>,
     /// How much work was done.
     pub counts: Counts,
     /// The time and the state up to which the motion is known, whatever is sampled.
@@ -144,7 +144,7 @@ pub(super) fn simulate_with<E, F: Force<E>>(
     force: &mut F,
     (t0, t1): (f64, f64),
     initial: Physical,
-    mut output: Output<'_, E>,
+    output: Output<'_, E>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<SwitchedRun<E>, SetupError> {
     check_span(t0, t1, output.t_eval)?;
@@ -157,7 +157,7 @@ pub(super) fn simulate_with<E, F: Force<E>>(
     if settings.flights == Flights::Series && linear.is_none() {
         return Err(SetupError::Setting("flights", f64::NAN, "series for a linear force only"));
     }
-    let mut run = Running::new(integrator, t1, &mut output);
+    let mut run = Running::new(integrator, t1, output);
     let mut force = Counted::known(force, linear.as_ref());
     let ending = run.go(stepper, &mut force, monitor);
     let nfev = force.count();

@@ -19,7 +19,7 @@ use zivi_core::Restitution;
 use super::flight::series::TERMS;
 use super::path::{DensePath, Kind, Segment};
 use crate::numeric::bernstein::MOST_DEGREE;
-use crate::record::path_point::is_side;
+use crate::record::point::is_side;
 use crate::zeno::tail::{Tail, TAIL_NUMBERS};
 use crate::PathPoint;
 

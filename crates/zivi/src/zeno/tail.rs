@@ -12,7 +12,7 @@
 
 use super::chain::Chain;
 use crate::numeric::bernstein::Bernstein;
-use crate::record::path_point::is_side;
+use crate::record::point::is_side;
 use crate::record::user_events::Level;
 use crate::{Impact, PathPoint};
 

@@ -2,13 +2,11 @@
 
 use std::convert::Infallible;
 
-use zivi::mechanics::{
-    simulate_mechanical, FlagKind, MechanicalOutput, MechanicalRun, Occurrence, StateEvent,
-};
+use zivi::mechanics::{simulate_mechanical, FlagKind, MechanicalOutput, MechanicalRun, Occurrence};
 use zivi::system::dynamics::{FunctionDynamics, Layout};
 use zivi::{
-    simulate_switched_rk, Events, FunctionForce, Order, Output, Physical, Quantity, Restitution,
-    Silent, Status, SwitchedRk,
+    simulate_switched_rk, Events, FunctionForce, MotionPoint, Order, Output, Physical, Quantity,
+    Restitution, Silent, Status, SwitchedRk, UserEvent,
 };
 
 use crate::problems::{events_of, last_state, parameters, Problem};
@@ -325,8 +323,8 @@ fn a_motion_is_the_same_when_it_is_dense_sampled_and_stored() {
 fn events_of_coordinates_are_found_and_end_a_run() {
     let problem = bar(0.0);
     let hits = |terminal| {
-        let function = Box::new(|_: f64, q: &[f64], _: &[f64]| Ok(q[1] - 0.1));
-        let event = StateEvent { function, direction: zivi::Direction::Either, terminal };
+        let event =
+            UserEvent { terminal, ..UserEvent::of(|_, at: &MotionPoint| Ok(at.x[1] - 0.1)) };
         let output = MechanicalOutput { events: vec![event], ..Default::default() };
         problem.run_with(SwitchedRk::with_tol(1e-9), output)
     };

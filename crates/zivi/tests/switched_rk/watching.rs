@@ -56,8 +56,8 @@ fn levels_apices_and_impacts_are_found_in_their_directions() {
         assert!(near(&times(&run, 3), &[1.5, 2.25]));
         // by its jump at an impact the velocity rises through zero
         assert!(near(&times(&run, 4), &[1.0, 2.0, 2.5]));
-        assert_eq!(run.hits[4].iter().map(|hit| hit.x).fold(0.0, f64::max), 0.0);
-        assert!(run.hits[4].iter().all(|hit| hit.xdot > 0.0));
+        assert_eq!(run.hits[4].iter().map(|hit| hit.at.x).fold(0.0, f64::max), 0.0);
+        assert!(run.hits[4].iter().all(|hit| hit.at.xdot > 0.0));
         assert!(near(&times(&run, 5), &[1.0, 2.0, 2.5]));
         assert!(near(&times(&run, 6), &[2.2]));
     }
@@ -104,7 +104,7 @@ fn events_within_the_tail_are_found() {
             let left = 2.0 * 0.5f64.powi(number as i32);
             let apex = run.hits[0][number - 1].t;
             assert!((apex - (3.0 - 1.5 * left)).abs() < 1e-11, "{number} {apex} {left}");
-            assert!((run.hits[0][number - 1].x - left * left / 4.0).abs() < 1e-11);
+            assert!((run.hits[0][number - 1].at.x - left * left / 4.0).abs() < 1e-11);
             assert_eq!(run.impacts_down_to(0.0, 1000).len(), number);
             let at_end = run.path.as_ref().unwrap().at(3.0 - 2.0 * left);
             assert!(at_end.unwrap().x < 1e-9 && run.path.unwrap().at(3.0).is_none());
@@ -264,7 +264,7 @@ fn events_in_late_arcs_of_a_tail_are_seen() {
         let (hit, at) = (late.hits[0][0], late.path.unwrap().at(50.0).unwrap());
         let n = (1..).find(|&n| impact(n + 1) > 50.0).unwrap();
         let (tau, u) = (50.0 - impact(n), e.powi(n) * g * fall);
-        for (x, xdot) in [(hit.x, hit.xdot), (at.x, at.xdot)] {
+        for (x, xdot) in [(hit.at.x, hit.at.xdot), (at.x, at.xdot)] {
             assert!((x - (u * tau - g * tau * tau / 2.0)).abs() < 1e-9);
             assert!((xdot - (u - g * tau)).abs() < 1e-9);
         }

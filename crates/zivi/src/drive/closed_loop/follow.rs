@@ -7,8 +7,8 @@ use super::reference::Followed;
 use super::Period;
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
-use crate::switched::Watch;
-use crate::{DensePath, EventHit, Impact, PathPoint, UserEvent};
+use crate::record::seeker::{unknown, Seeker, SmoothPart};
+use crate::{DensePath, Hit, Impact, PathPoint, UserEvent};
 
 /// What a closed loop may be given beside its surroundings, and what it shall keep.
 pub struct LoopOptions<'a, E> {
@@ -37,21 +37,19 @@ pub enum LoopPath {
     Lifted(Vec<Lifted>),
 }
 
-/// Follows the events of the user along the plant.
-pub(super) struct Follower<'e, 'a, E> {
-    watch: Watch<'e, 'a, E>,
+/// The events of the user along the plant.
+pub(super) struct LoopEvents<'a, E> {
+    seeker: Seeker<'a, E, PathPoint>,
     reserve: Reserve,
     started: bool,
     /// Impacts that were seen.
     impacts: usize,
 }
 
-impl<'e, 'a, E> Follower<'e, 'a, E> {
-    pub(super) fn new(events: &'e mut [UserEvent<'a, E>]) -> Self {
-        // a function that tells the distance from a level has its zeros where the level is crossed
-        events.iter_mut().for_each(|event| event.level = None);
-        let watch = Watch::new(events);
-        Self { watch, reserve: Reserve::default(), started: false, impacts: 0 }
+impl<'a, E> LoopEvents<'a, E> {
+    pub(super) fn new(events: Vec<UserEvent<'a, E>>) -> Self {
+        let seeker = Seeker::new(events, point(Physical::default()));
+        Self { seeker, reserve: Reserve::default(), started: false, impacts: 0 }
     }
 
     /// Follows a period that is over; whether an event ends the run.
@@ -61,12 +59,12 @@ impl<'e, 'a, E> Follower<'e, 'a, E> {
         (from, to): (Physical, Physical),
         plant: &impl Plant<E>,
     ) -> Result<bool, Failure<E>> {
-        if self.watch.is_idle() {
+        if self.seeker.is_idle() {
             return Ok(false);
         }
-        self.watch.make_room(&mut self.reserve)?;
+        self.seeker.make_room(&mut self.reserve)?;
         if !self.started {
-            self.watch.start(t, point(from)).map_err(Failure::Raised)?;
+            self.seeker.start(t, &point(from)).map_err(Failure::Raised)?;
             self.started = true;
         }
         let impacts = &plant.impacts()[self.impacts..];
@@ -82,29 +80,34 @@ impl<'e, 'a, E> Follower<'e, 'a, E> {
         end: Physical,
         impacts: &[Impact],
         plant: &impl Plant<E>,
-    ) -> Result<Option<EventHit>, E> {
+    ) -> Result<Option<Hit>, E> {
         for &Impact { t: at, xdot_before, xdot_after } in impacts {
             let contact = point(Physical { x: 0.0, xdot: xdot_before });
-            let motion = |time: f64| if time >= at { contact } else { point(plant.at(time)) };
+            let motion = |time: f64, to: &mut PathPoint| {
+                *to = if time >= at { contact } else { point(plant.at(time)) };
+            };
             let mut stop = None;
             if at > t {
-                stop = self.watch.along(t, at, motion, |_| Vec::new())?;
+                let part = SmoothPart { span: (t, at), motion, crossings: unknown };
+                stop = self.seeker.along(&part)?;
             }
             if stop.is_none() {
-                stop = self.watch.across(at, point(Physical { x: 0.0, xdot: xdot_after }))?;
+                stop = self.seeker.across(at, &point(Physical { x: 0.0, xdot: xdot_after }))?;
             }
             if stop.is_some() {
                 return Ok(stop);
             }
             t = at;
         }
-        let motion = |time: f64| point(if time >= t_next { end } else { plant.at(time) });
-        self.watch.along(t, t_next, motion, |_| Vec::new())
+        let motion = |time: f64, to: &mut PathPoint| {
+            *to = point(if time >= t_next { end } else { plant.at(time) });
+        };
+        self.seeker.along(&SmoothPart { span: (t, t_next), motion, crossings: unknown })
     }
 
     /// What happened of each event.
-    pub(super) fn into_hits(self) -> Vec<Vec<EventHit>> {
-        self.watch.into_hits()
+    pub(super) fn into_hits(self) -> Vec<Vec<Hit>> {
+        self.seeker.into_hits()
     }
 }
 

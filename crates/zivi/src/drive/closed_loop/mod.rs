@@ -31,7 +31,7 @@ use crate::stepping::fixed_step::watched;
 use crate::system::evaluation::check_initial;
 use crate::system::evaluation::finite_force;
 use crate::{Dependence, Force, Grid, Monitor, SetupError, Status, SwitchedRk};
-use follow::Follower;
+use follow::LoopEvents;
 use plant::{BallisticPlant, Keeps, SchemePlant, SwitchedPlant};
 use record::LoopRecord;
 use reference::Guide;
@@ -171,7 +171,7 @@ struct Walk<'a, 'e, C: ?Sized, P, F, E> {
     observer: Option<ImpactObserver>,
     /// Controls that do not act yet, the oldest first.
     pending: VecDeque<f64>,
-    follower: Follower<'a, 'e, E>,
+    events: LoopEvents<'e, E>,
     dense: bool,
     guide: Option<Guide<'e, E>>,
 }
@@ -209,7 +209,7 @@ where
             observer,
             pending,
             guide: output.reference.take().map(Guide::new),
-            follower: Follower::new(&mut output.events),
+            events: LoopEvents::new(std::mem::take(&mut output.events)),
             dense: output.dense,
         })
     }
@@ -245,7 +245,7 @@ where
         }
         let ends = (std::mem::replace(&mut self.state, next), next);
         self.k += 1;
-        if self.follower.follow(period, ends, &self.plant)? {
+        if self.events.follow(period, ends, &self.plant)? {
             return Err(Failure::Status(Status::TerminatedByEvent));
         }
         Ok(())
@@ -342,7 +342,7 @@ where
         events.rest_time = events.rest_time.filter(|rest| *rest <= latest);
         let LoopRecord { columns, estimates, ticks } = self.record;
         let path = self.dense.then(|| self.plant.path());
-        let hits = self.follower.into_hits();
+        let hits = self.events.into_hits();
         LoopRun { columns, estimates, ticks, events, path, hits, status, nfev, raised }
     }
 }

@@ -97,7 +97,7 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     e: &[f64],
     (t0, t1): (f64, f64),
     (q, w): (&[f64], &[f64]),
-    mut output: MechanicalOutput<'_, E>,
+    output: MechanicalOutput<'_, E>,
     question: &MechanicalQuestion<'_>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<(MechanicalRun<E>, MechanicalDerivatives), SetupError> {
@@ -112,7 +112,7 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     let mut follower =
         Follower::new((wrt, sizes), controlled, times, t1, (layout, settings.order.pair()));
     let begun = begun.and_then(|()| follower.begin(&machine, &mut model));
-    let mut running = Running::new(machine, t1, &mut output);
+    let mut running = Running::new(machine, t1, output);
     let ending = match begun {
         Err(failure) => failure.into(),
         Ok(()) => running.go_with(&mut follower, &mut model, monitor),

@@ -85,7 +85,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     force: &mut F,
     (t0, t1): (f64, f64),
     initial: Physical,
-    mut output: Output<'_, E>,
+    output: Output<'_, E>,
     question: &Question<'_>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<(SwitchedRun<E>, Derivatives), SetupError> {
@@ -100,7 +100,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     let mut force = Counted::new(force);
     Stops::new(output.tstops, t1).enter(t0, &mut force.smooth);
     let begun = follower.begin(integrator.now, restitution.e(), &mut force);
-    let mut run = Running::new(integrator, t1, &mut output);
+    let mut run = Running::new(integrator, t1, output);
     let ending = match begun {
         Ok(()) => run.go(&mut follower, &mut force, monitor),
         Err(failure) => Ending::Failed(failure),
