@@ -540,8 +540,8 @@ def test_the_implicit_scheme_comes_to_rest_between_orthogonal_gaps():
 def test_bad_gaps_and_normals():
     with pytest.raises(ValueError, match="rate of gap 'bowl' must be one number"):
         bowl(rate=[0.0, 1.0])
-    with pytest.raises(ValueError, match="normal must be a vector"):
-        zivi.LinearGap([0.0, 0.0])
+    with pytest.raises(ValueError, match="normal of gap 'none' must be a vector"):
+        zivi.LinearGap([0.0, 0.0], name="none")
     with pytest.raises(TypeError, match="motion must be"):
         zivi.LinearGap([1.0], motion=lambda t: 0.0)
     with pytest.raises(TypeError, match="value of gap 'w' must be a function"):

@@ -165,7 +165,10 @@ class LinearGap(Gap):
     ) -> None:
         n = np.atleast_1d(real_array("normal", normal)).copy()
         if n.ndim != 1 or not np.all(np.isfinite(n)) or not np.any(n):
-            raise ValueError(f"normal must be a vector, finite and not zero, got {n.tolist()}")
+            whose = f" of gap {name!r}" if name else ""
+            raise ValueError(
+                f"normal{whose} must be a vector, finite and not zero, got {n.tolist()}"
+            )
         c = finite("offset", offset)
         if not (motion is None or isinstance(motion, HarmonicWall | MovingWall)):
             raise TypeError(

@@ -147,10 +147,14 @@ impl Kinetics {
         (scale * slope * largest(q), scale * (slope * largest(w) + rate))
     }
 
-    /// What rounding leaves of `b_i`.
-    pub(super) fn noise(&self, i: usize) -> f64 {
+    /// What rounding leaves of `b_i`. No part of `n . A` is larger than `|n| |A|` in the metric of
+    /// the masses, `sqrt(D_ii A . F)`, and also where the forces on the gap itself are nothing but
+    /// rounding (drag at a speed that is zero but for it), this is its measure.
+    pub(super) fn noise(&mut self, i: usize) -> f64 {
+        let work = dot(&self.free, &self.values[self.layout.force()]);
         let terms = self.normal(i).iter().zip(&self.free).map(|(n, a)| (n * a).abs());
-        NOISE * (terms.sum::<f64>() + self.curvature(i).abs())
+        let size = terms.sum::<f64>().max((self.d(i, i) * work).sqrt());
+        NOISE * (size + self.curvature(i).abs())
     }
 
     /// `M^-1 n_i`.
@@ -207,6 +211,18 @@ impl Kinetics {
         }
         cholesky::solve(&self.small[..k * k], k, &mut self.right[..k]);
         Ok(())
+    }
+
+    /// Whether impacts on the gaps `hit` press the contacts `closed`: the impulses there,
+    /// `D^-1` times the changes of the speeds, are not negative.
+    pub(super) fn impacts_press(&mut self, hit: GapSet, closed: GapSet) -> Result<bool, Redundant> {
+        let set = hit.with(closed);
+        self.solve(set, |_, i| if hit.has(i) { 1.0 } else { 0.0 })?;
+        let impulses: Vec<(usize, f64)> = set.iter().zip(self.right.iter().copied()).collect();
+        let mut size = |(i, impulse): (usize, f64)| impulse * self.d(i, i).sqrt();
+        let sizes: Vec<f64> = impulses.into_iter().map(&mut size).collect();
+        let rounding = ORTHOGONAL * sizes.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        Ok(set.iter().zip(&sizes).all(|(i, &size)| hit.has(i) || size >= -rounding))
     }
 
     /// Adds `M^-1 N_C^T x` with what was solved for last to a vector: so its gap speeds change by

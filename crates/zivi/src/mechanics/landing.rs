@@ -81,7 +81,7 @@ impl Machine {
     }
 
     /// Whether the forces keep all gaps of a set closed along the way to the landing, and those
-    /// that stay closed while another one bounces also without it.
+    /// that stay closed while another one bounces also without it, and under its impacts.
     pub(super) fn stays_closed<E, D: Dynamics<E>>(
         &mut self,
         landing: &Landing,
@@ -114,6 +114,9 @@ impl Machine {
                 return Ok(false);
             }
             if at.contact(meanwhile).is_err() || !meanwhile.iter().all(|i| pushes(at, i)) {
+                return Ok(false);
+            }
+            if !meanwhile.is_empty() && !at.impacts_press(set.without(meanwhile), meanwhile)? {
                 return Ok(false);
             }
         }
