@@ -37,6 +37,22 @@ pub struct Physical {
     pub xdot: f64,
 }
 
+impl Physical {
+    /// Whether this is the origin `x = x' = 0`, where the mass rests if it is not pulled off.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_at_origin(self) -> bool {
+        self.x == 0.0 && self.xdot == 0.0
+    }
+
+    /// Whether the mass arrives at the wall, `x = 0 > x'`: what comes next is an impact.
+    #[inline(always)]
+    #[must_use]
+    pub fn arrives(self) -> bool {
+        self.x == 0.0 && self.xdot < 0.0
+    }
+}
+
 /// Which of the two preimages a lift takes: the sign of `s` (of `v`, when `x = 0`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Branch {

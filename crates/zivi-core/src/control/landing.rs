@@ -122,9 +122,9 @@ impl Descent {
 
     /// `g`: the acceleration towards the wall, control and force together.
     #[inline]
-    pub(super) fn towards_wall(&self, Physical { x, xdot }: Physical) -> f64 {
-        let horizon = self.landing.horizon;
-        if x == 0.0 && xdot == 0.0 {
+    pub(super) fn towards_wall(&self, state: Physical) -> f64 {
+        let (horizon, xdot) = (self.landing.horizon, state.xdot);
+        if state.is_at_origin() {
             self.press
         } else if xdot >= horizon * self.braking {
             self.braking

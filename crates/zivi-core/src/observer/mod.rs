@@ -180,7 +180,7 @@ impl ImpactObserver {
     fn move_on(&self, it: &mut ObserverState, dt: f64, a: f64) {
         let (e, mut left) = (self.settings.restitution.e(), dt);
         let mut at = it.estimate.state;
-        if at.x == 0.0 && at.xdot < 0.0 {
+        if at.arrives() {
             at = self.bounce(&mut it.covariance, at.xdot, a);
         }
         for _ in 0..MAX_IMPACTS {

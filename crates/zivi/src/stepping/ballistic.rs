@@ -36,7 +36,7 @@ pub fn advance(
     events: &mut Events,
 ) -> Physical {
     let mut flight = Flight { restitution, f, t, state, left: duration, events };
-    if state.x == 0.0 && state.xdot < 0.0 {
+    if state.arrives() {
         flight.bounce(state.xdot);
         if flight.comes_to_rest() {
             return flight.state;

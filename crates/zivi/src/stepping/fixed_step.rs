@@ -146,7 +146,7 @@ impl<M> Walk<M> {
         let (columns, kept) = memory(n, keep, |start, len| monitor.record_allocated(start, len))
             .map_err(|_| SetupError::Memory(n))?;
         let record = Recorder::start(columns, t, z, restitution);
-        let incoming = initial.x == 0.0 && initial.xdot < 0.0;
+        let incoming = initial.arrives();
         Ok(Self {
             method,
             restitution,

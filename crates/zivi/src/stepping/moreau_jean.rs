@@ -149,7 +149,7 @@ fn walk<E, F: Force<E>>(
         largest: 0.0,
         nfev: 0,
     };
-    let at_rest = initial == Physical::default();
+    let at_rest = initial.is_at_origin();
     let (reader, reserve) = (Reader::starting(grid.t(0), at_rest), Reserve::default());
     let log = ContactLog { reader, sigma: 1.0, at_rest, reserve };
     let mut walk = Walk { scheme, restitution, grid, columns, log, k: 0, state: initial };

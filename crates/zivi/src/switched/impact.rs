@@ -1,7 +1,8 @@
 //! Impacts, what follows from them, and the jump to rest.
 
-use super::integrator::{Mode, Piece, SwitchedIntegrator};
+use super::integrator::{Piece, SwitchedIntegrator};
 use super::lookahead::Lookahead;
+use super::mode::{Flight, Mode};
 use super::stages::{Counted, Point};
 use crate::record::failure::Failure;
 use crate::zeno::chain::{Bounce, Chain, ZenoTime};
@@ -20,9 +21,7 @@ impl SwitchedIntegrator {
         self.counts.impacts += 1;
         self.now = Point { x: 0.0, xdot: after, ..contact };
         self.sigma = -sigma;
-        (self.armed, self.continues, self.struck) = (true, false, true);
-        // a plastic impact under a push leaves with it at once
-        (self.steps, self.rises) = (0, 2);
+        self.mode = Mode::Flight(Flight::Weigh);
         Piece::Flight { from, sigma, impact: Some(impact) }
     }
 
@@ -34,25 +33,26 @@ impl SwitchedIntegrator {
     ) -> Result<(), Failure<E>> {
         let Point { t, xdot: u, .. } = self.now;
         if u == 0.0 {
-            // the impact stops the mass, which stays or is pulled off
+            // the impact stops the mass, which stays in the origin or is pulled off at once
             let stays = self.at_wall(force)? <= 0.0;
-            self.armed = stays;
+            self.mode = if stays { Mode::FLIGHT } else { Mode::LIFT_OFF };
             self.chain.clear();
             return Ok(());
         }
-        if self.restitution.e() == 1.0 {
-            return Ok(()); // nothing accumulates
+        let mut zeno = None;
+        if self.restitution.e() < 1.0 {
+            let bounce = Bounce { t, u, g: -self.at_wall(force)? };
+            // where errors of the tolerance in each flight keep the speed up
+            let slow = 10.0 * self.settings.atol[1] / (1.0 - self.restitution.e());
+            if self.patter.goes_on(bounce, slow) {
+                return Err(Failure::Status(Status::ZenoBudget));
+            }
+            self.chain.note(bounce);
+            if bounce.g > 0.0 {
+                zeno = self.end_of_chain(bounce, t_end, force)?;
+            }
         }
-        let bounce = Bounce { t, u, g: -self.at_wall(force)? };
-        // where errors of the tolerance in each flight keep the speed up
-        let slow = 10.0 * self.settings.atol[1] / (1.0 - self.restitution.e());
-        if self.patter.goes_on(bounce, slow) {
-            return Err(Failure::Status(Status::ZenoBudget));
-        }
-        self.chain.note(bounce);
-        if bounce.g > 0.0 {
-            self.zeno = self.end_of_chain(bounce, t_end, force)?;
-        }
+        self.mode = zeno.map_or(Mode::FLIGHT, |zeno| Mode::Flight(Flight::Jump { zeno }));
         Ok(())
     }
 
@@ -97,10 +97,9 @@ impl SwitchedIntegrator {
     pub(super) fn jump(&mut self, zeno: f64) -> Piece {
         let tail = Tail::new(&self.chain, self.restitution.e(), zeno, self.sigma);
         self.now = Point { t: zeno, ..Point::default() };
-        self.mode = Mode::Rest;
-        self.continues = false;
+        self.mode = Mode::REST;
         self.chain.clear();
-        self.lookout.length = self.h.take().or(self.lookout.length);
+        self.lookout.length = self.control.h.take().or(self.lookout.length);
         Piece::Tail(tail)
     }
 }

@@ -6,24 +6,16 @@ use super::flight::series::SeriesFlight;
 use super::impact::Patter;
 use super::lift_off::Lookout;
 use super::lookahead::Obstacle;
+use super::mode::{Flight, Mode};
 use super::settings::SwitchedRk;
-use super::stages::{Counted, Point, Stages};
-use crate::numeric::step_size::Jump;
+use super::stages::{Counted, LastStep, Point};
+use super::step_control::{Looks, StepControl};
 use crate::record::failure::Failure;
 use crate::record::occurrence::Occurrence;
 use crate::system::evaluation::check_initial;
 use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 use crate::{Force, Impact, Physical, SetupError, Status};
-
-/// What the motion does now.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Mode {
-    /// `x'' = f`.
-    Flight,
-    /// `x = x' = 0` while `f(t, 0, 0) <= 0`.
-    Rest,
-}
 
 /// How much work was done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,43 +71,21 @@ pub(super) enum Piece {
 pub struct SwitchedIntegrator {
     pub(super) settings: SwitchedRk,
     pub(super) restitution: Restitution,
-    pub(super) stages: Stages,
-    pub(super) chain: Chain,
     pub(super) now: Point,
     pub(super) sigma: f64,
     pub(super) mode: Mode,
-    /// Whether the wall is looked out for: not in the first step after a lift-off, which starts
-    /// with a root of order three.
-    pub(super) armed: bool,
-    /// Whether the state is that at the end of the last step.
-    pub(super) continues: bool,
-    /// Whether the last impact has yet to be thought about.
-    pub(super) struck: bool,
-    /// Where the chain comes to rest, once that is known well enough.
-    pub(super) zeno: Option<f64>,
-    /// Where the force last kept the mass from jumping there.
-    pub(super) obstacle: Option<Obstacle>,
-    pub(super) patter: Patter,
-    /// Step size to try next.
-    pub(super) h: Option<f64>,
-    pub(super) lookout: Lookout,
-    /// Length of the last step up to its impact, and the velocity there.
-    pub(super) landing: Option<(f64, f64)>,
-    /// Steps that end later than this have their polynomials computed.
-    pub(super) dense_from: f64,
-    /// Whether all ends of steps are looked at.
-    pub(super) by_steps: bool,
-    pub(super) counts: Counts,
-    /// Steps in flight since the last impact or lift-off, and the length of the last (s).
-    pub(super) steps: u32,
-    pub(super) last_h: f64,
-    pub(super) jump: Jump,
+    /// The last step of the pair.
+    pub(super) last: LastStep,
     /// Flights under a linear force.
     pub(super) series: Option<Box<SeriesFlight>>,
-    /// Order of the root with which the mass leaves rest: 3 where the force grows from zero.
-    pub(super) rises: usize,
-    /// Steps of this advance.
-    pub(super) spent: usize,
+    pub(super) chain: Chain,
+    /// Where the force last kept the mass from jumping to the end of it.
+    pub(super) obstacle: Option<Obstacle>,
+    pub(super) patter: Patter,
+    pub(super) lookout: Lookout,
+    pub(super) control: StepControl,
+    pub(super) looks: Looks,
+    pub(super) counts: Counts,
 }
 
 impl SwitchedIntegrator {
@@ -128,29 +98,18 @@ impl SwitchedIntegrator {
         Ok(Self {
             settings,
             restitution,
-            stages: Stages::new(settings.order.pair(), 1),
-            chain: Chain::new(restitution.e()),
             now: Point::default(),
             sigma: 1.0,
-            mode: Mode::Rest,
-            armed: true,
-            continues: false,
-            struck: false,
-            zeno: None,
+            mode: Mode::REST,
+            last: LastStep::new(settings.order.pair()),
+            series: None,
+            chain: Chain::new(restitution.e()),
             obstacle: None,
             patter: Patter::default(),
-            h: None,
             lookout: Lookout::default(),
-            landing: None,
-            dense_from: f64::INFINITY,
-            by_steps: false,
+            control: StepControl::default(),
+            looks: Looks::NONE,
             counts: Counts::default(),
-            steps: 0,
-            last_h: 0.0,
-            jump: Jump::default(),
-            series: None,
-            rises: 2,
-            spent: 0,
         })
     }
 
@@ -168,23 +127,20 @@ impl SwitchedIntegrator {
         self.now = Point { t, x, xdot, late: 0.0 };
         self.patter = Patter::starting_at(t);
         self.sigma = 1.0;
-        self.mode = if x == 0.0 && xdot == 0.0 { Mode::Rest } else { Mode::Flight };
-        (self.armed, self.struck, self.steps, self.rises) = (true, false, 0, 2);
+        self.mode = if state.is_at_origin() { Mode::REST } else { Mode::FLIGHT };
         if self.settings.first_step.is_some() {
-            self.h = self.settings.first_step;
+            self.control.h = self.settings.first_step;
         }
-        self.lookout = Lookout { length: self.h, ..Lookout::default() };
+        self.lookout = Lookout { length: self.control.h, ..Lookout::default() };
         self.forget_force();
         Ok(())
     }
 
     /// Forgets what was learnt from the force: from here on it is another one.
     pub fn forget_force(&mut self) {
-        self.continues = false;
-        (self.zeno, self.obstacle) = (None, None);
+        self.mode.forget_force();
+        self.obstacle = None;
         self.chain.clear();
-        // a mass that was about to lift off asks again
-        self.armed |= self.now.x == 0.0 && self.now.xdot == 0.0;
     }
 
     /// Forgets what was learnt from the force, and how it varied at rest.
@@ -192,6 +148,9 @@ impl SwitchedIntegrator {
         self.forget_force();
         let Lookout { length, probing, .. } = self.lookout;
         self.lookout = Lookout { length, probing, ..Lookout::default() };
+        if let Mode::Rest(_) = self.mode {
+            self.mode = Mode::REST;
+        }
     }
 
     /// Advances to `t_end` (finite; nothing is done up to now or before) under a force that may be
@@ -247,10 +206,10 @@ impl SwitchedIntegrator {
         self.adopt(force);
         let linear = self.linear().copied();
         let mut force = Counted::known(force, linear.as_ref());
-        self.spent = 0;
+        self.control.spent = 0;
         let mut ended = Ok(());
         while self.now.t < t_end && ended.is_ok() {
-            let resting = self.mode == Mode::Rest;
+            let resting = self.is_at_rest();
             ended = self.step(t_end, &mut force).and_then(|piece| {
                 absorb(self, &piece, &mut force)?;
                 self.tell(&piece, resting, &mut observe);
@@ -270,7 +229,7 @@ impl SwitchedIntegrator {
     /// State; at an impact the one after it.
     #[must_use]
     pub fn state(&self) -> Physical {
-        Physical { x: self.now.x, xdot: self.now.xdot }
+        self.now.physical()
     }
 
     /// Branch, `+1` or `-1`: it changes at each impact, and `s = sigma x`.
@@ -282,7 +241,7 @@ impl SwitchedIntegrator {
     /// Whether the mass rests at the wall.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        self.mode == Mode::Rest
+        matches!(self.mode, Mode::Rest(_))
     }
 
     /// How much work was done so far.
@@ -307,11 +266,10 @@ impl SwitchedIntegrator {
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        if self.struck {
-            self.weigh_impact(t_end, force)?;
-            self.struck = false;
+        match self.mode {
+            Mode::Flight(Flight::Weigh) => self.weigh_impact(t_end, force),
+            Mode::Flight(_) | Mode::Rest(_) => Ok(()),
         }
-        Ok(())
     }
 
     /// The next piece of the motion once that is done.
@@ -320,33 +278,22 @@ impl SwitchedIntegrator {
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Piece, Failure<E>> {
-        if let Some(zeno) = self.zeno.take().filter(|&zeno| zeno <= t_end) {
-            return Ok(self.jump(zeno));
+        match self.mode {
+            Mode::Rest(_) => self.wait(t_end, force),
+            Mode::Flight(Flight::Jump { zeno }) => Ok(self.jump(zeno)),
+            Mode::Flight(_) if self.chain.bounces().len() > self.settings.max_impacts => {
+                self.chain.clear();
+                Err(Failure::Status(Status::ZenoBudget))
+            }
+            Mode::Flight(Flight::Weigh | Flight::Step(_)) if self.state().is_at_origin() => {
+                self.wait(t_end, force)
+            }
+            Mode::Flight(_) => self.fly(t_end, force),
         }
-        if self.chain.bounces().len() > self.settings.max_impacts {
-            self.chain.clear();
-            return Err(Failure::Status(Status::ZenoBudget));
-        }
-        let at_origin = self.now.x == 0.0 && self.now.xdot == 0.0;
-        if self.mode == Mode::Rest || (at_origin && self.armed) {
-            return self.wait(t_end, force);
-        }
-        self.fly(t_end, force)
     }
 
     /// Counts a step; an error when there were too many.
     pub(super) fn spend<E>(&mut self) -> Result<(), Failure<E>> {
-        self.left_to_spend()?;
-        self.spent += 1;
-        Ok(())
-    }
-
-    /// How many steps this advance may take yet; an error if there are none.
-    pub(super) fn left_to_spend<E>(&self) -> Result<usize, Failure<E>> {
-        let left = self.settings.max_steps.saturating_sub(self.spent);
-        if left == 0 {
-            return Err(Failure::Status(Status::StepBudget));
-        }
-        Ok(left)
+        self.control.spend(&self.settings)
     }
 }

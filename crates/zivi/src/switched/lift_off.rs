@@ -6,6 +6,7 @@
 //! force may vary: there are [`PROBES`] more looks in all, and when one shows something, as many
 //! before that, until nothing new is seen.
 
+use super::mode::Rest;
 use crate::numeric::bernstein::{evaluate, Bernstein};
 use crate::numeric::root;
 
@@ -122,8 +123,6 @@ pub(super) struct Lookout {
     /// Whether there are more looks than those of a window: not where a controller looks anew at
     /// the start of each of its periods.
     pub(super) probing: bool,
-    /// The farthest end of this rest when it began (s): probes are spread over it.
-    pub(super) horizon: f64,
     /// Up to here the probes showed nothing (s).
     pub(super) clear: f64,
     /// No window goes beyond this time, at which a probe showed that the force varies (s).
@@ -136,8 +135,8 @@ impl Default for Lookout {
     fn default() -> Self {
         let (clear, suspect, spacing) = (f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY);
         let (length, probing) = (None, false);
-        let (longest, largest, horizon) = (0.0, 0.0, 0.0);
-        Self { length, longest, largest, probing, horizon, clear, suspect, spacing }
+        let (longest, largest) = (0.0, 0.0);
+        Self { length, longest, largest, probing, clear, suspect, spacing }
     }
 }
 
@@ -146,8 +145,8 @@ impl Lookout {
     /// is shorter than that where `phi` demands it. A `phi` that is not finite is NaN or infinite.
     pub(super) fn look<E>(
         &mut self,
-        t: f64,
-        until: f64,
+        rest: &mut Rest,
+        (t, until): (f64, f64),
         longest: f64,
         mut phi: impl FnMut(f64) -> Result<f64, E>,
     ) -> Result<Window, E> {
@@ -158,7 +157,7 @@ impl Lookout {
         if first > 0.0 {
             return Ok(Window::LiftOff(t));
         }
-        self.horizon = self.horizon.max(until - t);
+        rest.horizon = rest.horizon.max(until - t);
         let until = if self.suspect > t { until.min(self.suspect) } else { until };
         let mut length = self.length.unwrap_or(until - t).min(longest).min(until - t);
         let shortest = (SHORTEST * self.longest).max(32.0 * f64::EPSILON * t.abs());
@@ -171,7 +170,7 @@ impl Lookout {
                     break fit;
                 }
                 if !(fit.is_poor() || fit.is_undecided()) {
-                    match self.probe(t, length, &fit, &mut phi)? {
+                    match self.probe(rest.horizon, (t, length), &fit, &mut phi)? {
                         Some(shorter) => length = shorter,
                         None => break fit,
                     }
@@ -205,15 +204,15 @@ impl Lookout {
     /// a window that ends before it deviates, or where it does.
     fn probe<E>(
         &mut self,
-        t: f64,
-        length: f64,
+        horizon: f64,
+        (t, length): (f64, f64),
         fit: &Fit,
         phi: &mut impl FnMut(f64) -> Result<f64, E>,
     ) -> Result<Option<f64>, E> {
         if !(self.probing && fit.is_very_good()) || t + length <= self.clear {
             return Ok(None);
         }
-        let spacing = self.spacing.min(self.horizon / PROBES);
+        let spacing = self.spacing.min(horizon / PROBES);
         let (mut end, mut shorter) = (length, None);
         loop {
             let n = (end / spacing.min(self.spacing)).ceil().clamp(1.0, MOST_PROBES);
@@ -300,8 +299,9 @@ mod tests {
     fn search(h: f64, until: f64, phi: impl Fn(f64) -> f64) -> (Option<f64>, usize) {
         let (mut t, mut n) = (0.0, 0);
         let mut lookout = Lookout { length: Some(h), probing: true, ..Lookout::default() };
+        let mut rest = Rest::default();
         while t < until {
-            let window = lookout.look(t, until, f64::INFINITY, |t| {
+            let window = lookout.look(&mut rest, (t, until), f64::INFINITY, |t| {
                 n += 1;
                 Ok::<f64, Infallible>(phi(t))
             });

@@ -72,7 +72,7 @@ impl<'a, E> Running<'a, E> {
     /// A run to `t1` from where the integrator starts.
     pub(super) fn new(mut integrator: SwitchedIntegrator, t1: f64, output: Output<'a, E>) -> Self {
         let start = PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 };
-        integrator.by_steps = output.t_eval.is_none();
+        integrator.looks.by_steps = output.t_eval.is_none();
         let reader = Reader::starting(integrator.now.t, integrator.is_at_rest());
         Self {
             t1,
@@ -127,7 +127,7 @@ impl<'a, E> Running<'a, E> {
                     until = self.stops.enter(self.integrator.now.t, &mut force.smooth);
                 }
                 self.make_room()?;
-                self.integrator.dense_from = self.dense_from();
+                self.integrator.looks.dense_from = self.dense_from();
                 let piece = stepper.step(&mut self.integrator, until, force)?;
                 self.absorb(piece, force)?;
             }
@@ -168,7 +168,7 @@ impl<'a, E> Running<'a, E> {
     fn begin(&mut self) -> Result<(), Ending<E>> {
         let Point { t, x, xdot, .. } = self.integrator.now;
         let before = PathPoint { x, xdot, sigma: self.integrator.sigma };
-        let arrives = x == 0.0 && xdot < 0.0;
+        let arrives = self.integrator.state().arrives();
         if arrives {
             let piece = self.integrator.strike(self.integrator.now, self.integrator.now);
             self.integrator.tell(&piece, false, &mut |it| self.reader.note(it));

@@ -101,9 +101,9 @@ impl<'a> Samples<'a> {
         let mut to = columns.extend(rows.len());
         for (k, &[t, x, xdot, sigma]) in rows.iter().enumerate() {
             let branch = if sigma > 0.0 { Branch::Positive } else { Branch::Negative };
-            let z = transform::lift(Physical { x, xdot }, branch, restitution);
-            let at_rest = x == 0.0 && xdot == 0.0;
-            let lambda_s = if at_rest { 0.0 } else { sigma };
+            let state = Physical { x, xdot };
+            let z = transform::lift(state, branch, restitution);
+            let lambda_s = if state.is_at_origin() { 0.0 } else { sigma };
             // no negative zeros
             let (s, v) = (z.s + 0.0, z.v + 0.0);
             let row = [t, x, xdot, s, v, lambda_s, sigma * sgn(xdot) + 0.0, f64::NAN];

@@ -67,7 +67,7 @@ impl SwitchedIntegrator {
         trace: &mut Trace,
         observe: impl FnMut(Occurrence),
     ) -> Result<(), Failure<E>> {
-        self.dense_from = f64::NEG_INFINITY;
+        self.looks.dense_from = f64::NEG_INFINITY;
         let Trace { path, reserve } = trace;
         let absorb = |integrator: &mut Self, piece: &Piece, force: &mut Counted<'_, F>| {
             path.make_room(reserve)?;

@@ -326,7 +326,7 @@ const HUGE: f64 = 1e300;
 impl Course {
     fn start(falling: Falling, z: Lifted, grid: Grid, save: Save<'_>) -> Result<Self, SetupError> {
         let Falling { step, initial, .. } = falling;
-        let incoming = initial.x == 0.0 && initial.xdot < 0.0;
+        let incoming = initial.arrives();
         let mut course = Self {
             falling,
             log: EventLog::start(grid.t(0), z, incoming, step.restitution()),

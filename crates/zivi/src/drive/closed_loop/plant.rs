@@ -72,7 +72,7 @@ impl<'a, F> BallisticPlant<'a, F> {
         t0: f64,
         initial: Physical,
     ) -> Self {
-        let rests = initial == Physical::default();
+        let rests = initial.is_at_origin();
         let events = Events::starting(t0, rests);
         Self { restitution, force, value: None, events, last: (t0, initial, 0.0) }
     }
@@ -135,7 +135,7 @@ impl<'a, F> SwitchedPlant<'a, F> {
     ) -> Result<Self, SetupError> {
         let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
         integrator.start(t0, initial)?;
-        let rests = initial == Physical::default();
+        let rests = initial.is_at_origin();
         let reader = Reader::starting(t0, rests);
         let trace = (keep != Keeps::Nothing).then(Trace::default);
         let all = keep == Keeps::Everything;
@@ -227,7 +227,7 @@ impl<'a, F> SchemePlant<'a, F> {
     ) -> Self {
         let restitution = step.restitution();
         let z = transform::lift(initial, Branch::Positive, restitution);
-        let incoming = initial.x == 0.0 && initial.xdot < 0.0;
+        let incoming = initial.arrives();
         let side = transform::side(z, Branch::Positive.sigma());
         let log = EventLog::start(t0, z, incoming, restitution);
         let stepper = Stepper::new(step, Exact);

@@ -4,6 +4,7 @@ mod rk;
 pub(crate) mod series;
 
 use super::integrator::{Piece, SwitchedIntegrator};
+use super::mode::{Flight, Mode};
 use super::path::Curve;
 use super::settings::Flights;
 use super::stages::{Counted, Point};
@@ -60,26 +61,24 @@ impl PowerSeries<'_> {
     fn flown(&mut self, from: Point, end: Point, steps: usize) -> Piece {
         self.0.count(steps);
         self.0.now = end;
+        self.0.mode = Mode::FLIGHT;
         Piece::Flight { from, sigma: self.0.sigma, impact: None }
     }
 }
 
 impl<E, F: Force<E>> FreeFlight<E, F> for PowerSeries<'_> {
     fn next(&mut self, t_end: f64, _: &mut Counted<'_, F>) -> Result<Piece, Failure<E>> {
-        let SwitchedIntegrator { now, rises, .. } = *self.0;
-        let steps = if self.0.by_steps { 1 } else { AT_ONCE };
-        let steps = steps.min(self.0.left_to_spend()?);
+        let SwitchedIntegrator { now, mode, looks, .. } = *self.0;
+        let steps = if looks.by_steps { 1 } else { AT_ONCE };
+        let steps = steps.min(self.0.control.left(&self.0.settings)?);
         let Some(series) = &mut self.0.series else {
             return Err(Failure::Status(Status::Internal));
         };
-        let known = if now.x > 0.0 {
-            0
-        } else if now.xdot > 0.0 {
-            1
-        } else {
-            rises
+        let known = match mode {
+            Mode::Flight(Flight::Leave { order }) => order,
+            _ => usize::from(now.x == 0.0),
         };
-        let reach = Reach { t_end, look: self.0.dense_from, steps };
+        let reach = Reach { t_end, look: looks.dense_from, steps };
         let Arrival { from, end, lands, steps } = series.fly(now, known, reach);
         if !(end.x.is_finite() && end.xdot.is_finite()) {
             if steps == 1 {
@@ -110,9 +109,8 @@ impl SwitchedIntegrator {
     /// Counts steps of power series.
     #[inline]
     fn count(&mut self, steps: usize) {
-        self.spent += steps;
+        self.control.spent += steps;
         self.counts.accepted += steps as u64;
-        self.armed = true;
     }
 
     /// Chooses the flights that the settings ask for under this force.
@@ -152,7 +150,7 @@ impl SwitchedIntegrator {
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Piece, Failure<E>> {
-        if self.now.x == 0.0 && self.now.xdot < 0.0 {
+        if self.now.physical().arrives() {
             return Ok(self.strike(self.now, self.now));
         }
         match self.series {

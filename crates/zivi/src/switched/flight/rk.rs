@@ -5,8 +5,9 @@ use crate::numeric::root::touchdown;
 use crate::numeric::step_size::{factor, first_step, shorter, Plan, FACTORS, RETREAT};
 use crate::record::failure::Failure;
 use crate::switched::integrator::{Piece, SwitchedIntegrator};
+use crate::switched::mode::{Flight, Mode};
 use crate::switched::path::Curve;
-use crate::switched::stages::{Counted, Point};
+use crate::switched::stages::{Counted, Landing, Point};
 use crate::{Dependence, Force, Status};
 
 /// Steps that begin at most so many steps after an impact are looked at once more, and those that
@@ -38,7 +39,7 @@ impl SwitchedIntegrator {
         let slope = self.slope(force)?;
         let plan = self.plan(slope, t_end, force)?;
         let (mut h, shortest) = (plan.h, 8.0 * f64::EPSILON * self.now.t.abs());
-        self.jump = self.jump.next();
+        self.control.jump = self.control.jump.next();
         loop {
             self.spend()?;
             let (factor, why) = match self.judge(slope, h, force)? {
@@ -48,7 +49,7 @@ impl SwitchedIntegrator {
                     landed => {
                         let landed = landed?;
                         if h < plan.h {
-                            self.h = Some(h);
+                            self.control.h = Some(h);
                         }
                         return Ok(match landed {
                             Some(impact) => impact,
@@ -61,9 +62,9 @@ impl SwitchedIntegrator {
             };
             self.counts.rejected += 1;
             h *= factor;
-            let jumps = why == Status::StepSizeTooSmall && self.jump.may_be_allowed();
+            let jumps = why == Status::StepSizeTooSmall && self.control.jump.may_be_allowed();
             if h <= shortest && jumps {
-                (h, self.jump.allowed) = (shortest, true);
+                (h, self.control.jump.allowed) = (shortest, true);
             } else if h <= shortest || h < f64::MIN_POSITIVE {
                 return Err(Failure::Status(why));
             }
@@ -72,8 +73,8 @@ impl SwitchedIntegrator {
 
     /// The acceleration here.
     fn slope<E, F: Force<E>>(&mut self, force: &mut Counted<'_, F>) -> Result<f64, Failure<E>> {
-        if self.continues {
-            self.stages.slope_at_end(force)
+        if self.mode.steps().continues {
+            self.last.stages.slope_at_end(force)
         } else {
             force.at(self.now.t, self.now.x, self.now.xdot)
         }
@@ -86,7 +87,7 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<Plan, Failure<E>> {
         let left = (t_end - self.now.t) - self.now.late;
-        let wanted = match self.h {
+        let wanted = match self.control.h {
             _ if !self.settings.adaptive => self.settings.max_step,
             Some(h) => h.min(self.settings.max_step),
             None => self.first_step(slope, left, force)?.min(self.settings.max_step),
@@ -108,7 +109,7 @@ impl SwitchedIntegrator {
         left: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
-        let control = (&self.settings.tolerances(), self.stages.order_of_error());
+        let control = (&self.settings.tolerances(), self.last.stages.order_of_error());
         let harmless = |why: &Failure<E>| matches!(why, Failure::Status(_));
         first_step(&self.now, &slope, left, control, force, harmless)
     }
@@ -134,24 +135,25 @@ impl SwitchedIntegrator {
     ) -> Result<Verdict, Failure<E>> {
         let end = self.try_step(slope, h, force)?;
         let error = self.error(force)?;
-        let factor = factor(error, self.stages.order_of_error());
+        let factor = factor(error, self.last.stages.order_of_error());
         if error > 1.0 || error.is_nan() {
             return Ok(Verdict::Shorten(shorter(factor), Status::StepSizeTooSmall));
         }
         let growth = if self.settings.adaptive { factor.min(FACTORS.1) } else { 1.0 };
-        if !self.armed && !self.stages.rises(0) {
+        let leaves = self.mode.leaves();
+        if leaves && !self.last.stages.rises(0) {
             return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
         }
-        let contact = if self.armed { self.first_contact(force)? } else { None };
+        let contact = if leaves { None } else { self.first_contact(force)? };
         if let Some(factor) = self.overlooked(contact, force)? {
             return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
         }
         if let Some(theta) = contact {
             return Ok(Verdict::Land(theta));
         }
-        if end.t > self.dense_from {
+        if end.t > self.looks.dense_from {
             // with its polynomials, or not at all
-            self.stages.polynomials(force)?;
+            self.last.stages.polynomials(force)?;
         }
         Ok(Verdict::Take(growth))
     }
@@ -165,24 +167,27 @@ impl SwitchedIntegrator {
         contact: Option<f64>,
         force: &mut Counted<'_, F>,
     ) -> Result<Option<f64>, Failure<E>> {
-        let known = self.steps > YOUNG && self.stages.h <= GREW * self.last_h;
-        let turns = self.now.xdot > 0.0 && (contact.is_some() || self.stages.end.xdot < 0.0);
-        if known || !turns || !self.settings.adaptive || self.jump.allowed {
+        let steps = self.mode.steps();
+        let known = steps.count > YOUNG && self.last.stages.h <= GREW * steps.last;
+        let turns = self.now.xdot > 0.0 && (contact.is_some() || self.last.stages.end.xdot < 0.0);
+        if known || !turns || !self.settings.adaptive || self.control.jump.allowed {
             return Ok(None);
         }
         if force.dependence::<E>() == Dependence::Constant {
             return Ok(None);
         }
-        let polynomials = self.stages.polynomials(force)?;
+        let polynomials = self.last.stages.polynomials(force)?;
         let apex = polynomials[1].first_negative().unwrap_or(0.5);
-        let defect = self.stages.defect(&polynomials, apex, force)?;
-        let excess = defect.norm(self.stages.scales(0, &self.settings.tolerances())) / DEFECT;
-        let factor = factor(excess, self.stages.order_of_error());
+        let defect = self.last.stages.defect(&polynomials, apex, force)?;
+        let excess = defect.norm(self.last.stages.scales(0, &self.settings.tolerances())) / DEFECT;
+        let factor = factor(excess, self.last.stages.order_of_error());
         if excess <= 1.0 {
             return Ok(None);
         }
         // the shorter step is looked at again
-        self.steps = 0;
+        if let Mode::Flight(Flight::Step(steps)) = &mut self.mode {
+            steps.count = 0;
+        }
         Ok(Some(factor.max(FACTORS.0)))
     }
 
@@ -193,9 +198,9 @@ impl SwitchedIntegrator {
         h: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Point, Failure<E>> {
-        self.stages.step(&self.now, &slope, h, force)?;
-        if self.stages.is_finite() {
-            Ok(self.stages.end)
+        self.last.stages.step(&self.now, &slope, h, force)?;
+        if self.last.stages.is_finite() {
+            Ok(self.last.stages.end)
         } else {
             Err(Failure::Status(Status::StateNotFinite))
         }
@@ -206,9 +211,9 @@ impl SwitchedIntegrator {
         if !self.settings.adaptive {
             return Ok(0.0);
         }
-        let error = self.stages.error(&self.settings.tolerances(), force)?;
-        if self.jump.allowed && error > 1.0 && self.stages.is_smooth_to_rounding() {
-            self.jump.met = true;
+        let error = self.last.stages.error(&self.settings.tolerances(), force)?;
+        if self.control.jump.allowed && error > 1.0 && self.last.stages.is_smooth_to_rounding() {
+            self.control.jump.met = true;
             return Ok(0.0);
         }
         Ok(error)
@@ -220,10 +225,10 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<Option<f64>, Failure<E>> {
         let above = |(p, slack): (Bernstein, f64)| p.coefficients().iter().all(|&c| c > slack);
-        if self.stages.screen(0).is_some_and(above) {
+        if self.last.stages.screen(0).is_some_and(above) {
             return Ok(None);
         }
-        let [x, _] = self.stages.polynomials(force)?;
+        let [x, _] = self.last.stages.polynomials(force)?;
         // after an impact theta = 0 is a root, and known
         let p = if self.now.x == 0.0 { x.without_root_at_zero() } else { x };
         Ok(p.first_negative())
@@ -233,13 +238,13 @@ impl SwitchedIntegrator {
     fn take(&mut self, plan: Plan, h: f64, growth: f64, t_end: f64) -> Piece {
         let from = self.now;
         self.counts.accepted += 1;
-        self.now = self.stages.end;
-        if self.stages.h >= (t_end - from.t) - from.late {
+        self.now = self.last.stages.end;
+        if self.last.stages.h >= (t_end - from.t) - from.late {
             (self.now.t, self.now.late) = (t_end, 0.0);
         }
-        (self.armed, self.continues, self.landing) = (true, true, None);
-        (self.steps, self.last_h) = (self.steps + 1, self.stages.h);
-        self.h = Some(plan.next(h, growth));
+        self.last.landing = None;
+        self.mode.step(self.last.stages.h);
+        self.control.h = Some(plan.next(h, growth));
         Piece::Flight { from, sigma: self.sigma, impact: None }
     }
 
@@ -259,24 +264,24 @@ impl SwitchedIntegrator {
             if self.error(force)? > 1.0 {
                 return Err(Failure::Status(Status::StepSizeTooSmall));
             }
-            let pull = self.stages.slope_at_end(force)?;
+            let pull = self.last.stages.slope_at_end(force)?;
             landing = touchdown(end.x, end.xdot, pull).filter(|it| it.0.abs() < 0.5 * length);
             match landing {
                 Some((delta, _)) if delta.abs() > 1e-3 * length => length += delta,
                 _ => break,
             }
         }
-        let end = self.stages.end;
+        let end = self.last.stages.end;
         let (total, xdot) = match landing {
-            Some((delta, xdot)) => (self.stages.h + delta, xdot),
+            Some((delta, xdot)) => (self.last.stages.h + delta, xdot),
             None if end.x > 0.0 => return Ok(None),
             None => self.landing_inside(force)?,
         };
-        if from.t + total > self.dense_from {
-            self.stages.polynomials(force)?;
+        if from.t + total > self.looks.dense_from {
+            self.last.stages.polynomials(force)?;
         }
         self.counts.accepted += 1;
-        self.landing = Some((total, xdot));
+        self.last.landing = Some(Landing { length: total, xdot });
         let mut contact = from.after(total.max(0.0), 0.0, xdot);
         if contact.t > t_end {
             (contact.t, contact.late) = (t_end, 0.0);
@@ -291,8 +296,8 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<(f64, f64), Failure<E>> {
         let theta = self.first_contact(force)?.unwrap_or(1.0);
-        let [_, xdot] = self.stages.polynomials(force)?;
-        Ok((theta * self.stages.h, xdot.at(theta).min(0.0)))
+        let [_, xdot] = self.last.stages.polynomials(force)?;
+        Ok((theta * self.last.stages.h, xdot.at(theta).min(0.0)))
     }
 
     /// The polynomials of the last step, up to its impact if there was one.
@@ -301,9 +306,9 @@ impl SwitchedIntegrator {
         sigma: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Curve, Failure<E>> {
-        let [mut x, mut xdot] = self.stages.polynomials(force)?;
-        let (from, mut h) = (self.stages.from, self.stages.h);
-        if let Some((length, incoming)) = self.landing {
+        let [mut x, mut xdot] = self.last.stages.polynomials(force)?;
+        let (from, mut h) = (self.last.stages.from, self.last.stages.h);
+        if let Some(Landing { length, xdot: incoming }) = self.last.landing {
             x = x.split(length / h).0.with_ends(from.x, 0.0);
             xdot = xdot.split(length / h).0.with_ends(from.xdot, incoming);
             h = length;

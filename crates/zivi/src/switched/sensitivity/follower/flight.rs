@@ -21,12 +21,12 @@ impl Follower {
         integrator: &SwitchedIntegrator,
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
-        self.step.step(&integrator.stages, force)?;
+        self.step.step(&integrator.last.stages, force)?;
         if !self.controlled || !integrator.settings.adaptive {
             return Ok(0.0);
         }
         let settings = &integrator.settings;
-        self.step.error(&integrator.stages, &settings.tolerances(), &self.sizes, force)
+        self.step.error(&integrator.last.stages, &settings.tolerances(), &self.sizes, force)
     }
 
     /// What a piece of flight that was taken adds: a minimum, the dense output, an impact.
@@ -36,21 +36,21 @@ impl Follower {
         impact: Option<Impact>,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        self.highest = self.highest.max(integrator.stages.from.x.abs());
+        self.highest = self.highest.max(integrator.last.stages.from.x.abs());
         if impact.is_none() {
             self.minimum(integrator, force)?;
         }
-        let length = integrator.landing.filter(|_| impact.is_some()).map(|landing| landing.0);
+        let length = integrator.last.landing.filter(|_| impact.is_some()).map(|it| it.length);
         let mut onto = None;
-        if let Some(total) = length.filter(|&total| far(total, &integrator.stages)) {
+        if let Some(total) = length.filter(|&total| far(total, &integrator.last.stages)) {
             // the impact was found on the polynomials, away from the end of the step
-            let mut stages = integrator.stages.clone();
+            let mut stages = integrator.last.stages.clone();
             let (from, slope) = (stages.from, stages.start_slope(0));
             stages.step(&from, &slope, total, force)?;
             self.step.step(&stages, force)?;
             onto = Some(stages);
         }
-        let stages = onto.as_ref().unwrap_or(&integrator.stages);
+        let stages = onto.as_ref().unwrap_or(&integrator.last.stages);
         if let Some(path) = &mut self.path {
             self.step.all_stages(stages, force)?;
             path.push_flight(stages, &self.step, length);
@@ -70,7 +70,7 @@ impl Follower {
         integrator: &mut SwitchedIntegrator,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        let stages = &mut integrator.stages;
+        let stages = &mut integrator.last.stages;
         if !(stages.from.xdot < 0.0 && stages.end.xdot > 0.0) {
             return Ok(());
         }
@@ -94,7 +94,7 @@ impl Follower {
     ) -> Result<Piece, Failure<E>> {
         std::mem::swap(&mut self.step.from, &mut self.step.end);
         let before = integrator.clone();
-        let order = integrator.stages.order_of_error();
+        let order = integrator.last.stages.order_of_error();
         let shortest = 16.0 * f64::EPSILON * before.now.t.abs();
         for retry in 0.. {
             let piece = integrator.proceed(t_end, force)?;
@@ -103,19 +103,19 @@ impl Follower {
                 std::mem::swap(&mut self.step.from, &mut self.step.end);
                 return self.other(integrator, piece, force);
             };
-            if let Some(impact) = impact.filter(|_| integrator.landing.is_none()) {
+            if let Some(impact) = impact.filter(|_| integrator.last.landing.is_none()) {
                 // the last step ended at the wall
                 std::mem::swap(&mut self.step.from, &mut self.step.end);
                 self.strike(&impact, integrator.restitution.e(), force)?;
                 return Ok(piece);
             }
-            let h = integrator.stages.h;
+            let h = integrator.last.stages.h;
             let error = self.fly(integrator, force)?;
             let factor = factor(error, order);
             if error <= 1.0 || retry == RETRIES || h <= shortest {
                 if error > 0.0 {
                     let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
-                    integrator.h = integrator.h.map(|next| next.min(longest));
+                    integrator.control.h = integrator.control.h.map(|next| next.min(longest));
                 }
                 self.flew(integrator, impact, force)?;
                 return Ok(piece);
@@ -123,7 +123,7 @@ impl Follower {
             let rejected = integrator.counts.rejected + 1;
             integrator.clone_from(&before);
             integrator.counts.rejected = rejected;
-            integrator.h = Some(shorter(factor) * h);
+            integrator.control.h = Some(shorter(factor) * h);
         }
         Err(Failure::Status(Status::Internal))
     }

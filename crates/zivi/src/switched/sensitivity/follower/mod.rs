@@ -13,7 +13,8 @@ use super::columns::{ColumnStep, Wrt};
 use super::validity::{Limit, Validity};
 use super::zeno::{ChainRates, ZenoRates};
 use crate::record::failure::Failure;
-use crate::switched::integrator::{Mode, Piece, SwitchedIntegrator};
+use crate::switched::integrator::{Piece, SwitchedIntegrator};
+use crate::switched::mode::{Flight, Mode};
 use crate::switched::stages::{Counted, Point};
 use crate::switched::stepper::Stepper;
 use crate::system::slopes::{DifferentiableForce, Place};
@@ -96,7 +97,7 @@ impl Follower {
         let pull = force.at(start.t, start.x, start.xdot)?;
         self.step.end.clear();
         self.highest = start.x;
-        if start.x == 0.0 && start.xdot == 0.0 {
+        if start.physical().is_at_origin() {
             for (dt, wrt) in self.dt.iter_mut().zip(&self.wrt) {
                 *dt = if *wrt == Wrt::T0 { 1.0 } else { 0.0 };
             }
@@ -112,7 +113,7 @@ impl Follower {
             };
             (self.step.end.x[column], self.step.end.v[column]) = (x, v);
         }
-        if start.x == 0.0 && start.xdot < 0.0 {
+        if start.physical().arrives() {
             let impact =
                 Impact { t: start.t, xdot_before: start.xdot, xdot_after: -e * start.xdot };
             return self.strike(&impact, e, force);
@@ -167,9 +168,7 @@ impl Follower {
         self.validity.note(Limit::Chain, last.t, last.g.abs(), dg.iter().copied());
         self.validity.note(Limit::Chain, last.t, last.u, self.du.iter().copied());
         self.rates.note(&integrator.chain, [&self.dt, &self.du, &dg]);
-        if integrator.zeno.is_none() {
-            return Ok(());
-        }
+        let Mode::Flight(Flight::Jump { .. }) = integrator.mode else { return Ok(()) };
         let e = integrator.restitution.e();
         self.zeno = self.rates.zeno(&integrator.chain, e, self.by_e);
         let rest = integrator.chain.remaining(last);
@@ -180,7 +179,7 @@ impl Follower {
         let mut all =
             known.map(|((dt, error), size)| error * size <= tolerance + rtol * size * dt.abs());
         if self.controlled && !spent && !all.all(|known| known) {
-            integrator.zeno = None;
+            integrator.mode = Mode::FLIGHT;
         }
         Ok(())
     }
@@ -255,15 +254,16 @@ impl<E, F: DifferentiableForce<E>> Stepper<E, F> for Follower {
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Piece, Failure<E>> {
-        if integrator.struck {
+        if let Mode::Flight(Flight::Weigh) = integrator.mode {
             integrator.settle(t_end, force)?;
             self.weigh(integrator, force)?;
         }
-        let jumps = integrator.zeno.is_some_and(|zeno| zeno <= t_end);
-        if jumps || integrator.mode == Mode::Rest {
-            let piece = integrator.proceed(t_end, force)?;
-            return self.other(integrator, piece, force);
+        match integrator.mode {
+            Mode::Rest(_) | Mode::Flight(Flight::Jump { .. }) => {
+                let piece = integrator.proceed(t_end, force)?;
+                self.other(integrator, piece, force)
+            }
+            Mode::Flight(_) => self.fly_within(integrator, t_end, force),
         }
-        self.fly_within(integrator, t_end, force)
     }
 }

@@ -1,0 +1,102 @@
+//! What a mass does, flight or rest, and what is known in each of them.
+//!
+//! ```text
+//! Step, Leave  -- impact ---->  Weigh         Leave  -- step ------>  Step
+//! Weigh  -- bounces -------->  Step           Rest   -- lift-off -->  Leave
+//! Weigh  -- accumulates ---->  Jump  -->  Rest
+//! Weigh  -- stops, stays --->  Step in the origin  -->  Rest
+//! Weigh  -- stops, pulled -->  Leave
+//! ```
+
+/// What the mass does now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Mode {
+    /// `x'' = f`.
+    Flight(Flight),
+    /// `x = x' = 0` while `f(t, 0, 0) <= 0`.
+    Rest(Rest),
+}
+
+/// What comes next in flight. A tag apart from what it holds is written in one instruction, as once
+/// an impact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(u32)]
+pub(super) enum Flight {
+    /// The last impact has yet to be thought about.
+    Weigh,
+    /// A step, or the part of it up to an impact.
+    Step(Steps),
+    /// The first step off the wall from rest. The distance starts with a root of this order, and
+    /// the wall is not looked out for.
+    Leave { order: usize },
+    /// The jump to rest, at the time at which the impacts accumulate.
+    Jump { zeno: f64 },
+}
+
+/// Steps since the last impact or lift-off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Steps {
+    /// How many.
+    pub(super) count: u32,
+    /// The length of the last (s).
+    pub(super) last: f64,
+    /// Whether the state is that at its end, and the force the one that made it.
+    pub(super) continues: bool,
+}
+
+/// Rest at the wall.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Rest {
+    /// How far ahead its end was when it began, at most (s).
+    pub(super) horizon: f64,
+}
+
+impl Mode {
+    /// Rest from now on.
+    pub(super) const REST: Self = Self::Rest(Rest { horizon: 0.0 });
+
+    /// Flight whose first step is yet to come.
+    pub(super) const FLIGHT: Self = Self::Flight(Flight::Step(Steps::NONE));
+    /// The lift-off where the force is positive all at once.
+    pub(super) const LIFT_OFF: Self = Self::Flight(Flight::Leave { order: 2 });
+    /// The lift-off where the force grows from zero.
+    pub(super) const SMOOTH_LIFT_OFF: Self = Self::Flight(Flight::Leave { order: 3 });
+
+    /// The same under another force. A mass that was about to lift off asks again.
+    #[inline]
+    pub(super) fn forget_force(&mut self) {
+        match self {
+            Self::Flight(Flight::Step(steps)) => steps.continues = false,
+            Self::Flight(Flight::Leave { .. } | Flight::Jump { .. }) => {
+                *self = Self::FLIGHT;
+            }
+            Self::Flight(Flight::Weigh) | Self::Rest(_) => (),
+        }
+    }
+
+    /// The steps so far since the last impact or lift-off.
+    #[inline]
+    pub(super) fn steps(&self) -> Steps {
+        match *self {
+            Self::Flight(Flight::Step(steps)) => steps,
+            _ => Steps::NONE,
+        }
+    }
+
+    /// Whether the first step off the wall from rest comes next.
+    #[inline]
+    pub(super) fn leaves(&self) -> bool {
+        matches!(self, Self::Flight(Flight::Leave { .. }))
+    }
+
+    /// One more step, of length `h`.
+    #[inline]
+    pub(super) fn step(&mut self, h: f64) {
+        let count = self.steps().count + 1;
+        *self = Self::Flight(Flight::Step(Steps { count, last: h, continues: true }));
+    }
+}
+
+impl Steps {
+    const NONE: Self = Self { count: 0, last: 0.0, continues: false };
+}
