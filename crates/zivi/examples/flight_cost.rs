@@ -34,6 +34,16 @@ const TABLE: LinearForce = LinearForce {
     phase: 0.0,
 };
 
+/// Nothing but a pull away from the wall.
+const FREE: LinearForce = LinearForce {
+    stiffness: 0.0,
+    damping: 0.0,
+    gravity: -1.0,
+    amplitude: 0.0,
+    omega: 0.0,
+    phase: 0.0,
+};
+
 /// What is kept of a run.
 #[derive(Clone, Copy, PartialEq)]
 enum Sampling {
@@ -83,13 +93,13 @@ fn map(e: f64, impacts: u32, tangent: bool) -> Result<f64, Failed> {
 }
 
 /// So many periods of 10 ms of a sampled loop.
-fn sampled(flights: Flights, periods: u32) -> Result<f64, Failed> {
+fn sampled(force: LinearForce, flights: Flights, periods: u32) -> Result<f64, Failed> {
     const H: f64 = 0.01;
     let settings = SwitchedRk { flights, first_step: Some(H), ..SwitchedRk::with_tol(1e-6) };
     let mut plant = SwitchedIntegrator::new(settings, Restitution::from_e(0.8)?)?;
     plant.start(0.0, Physical { x: 1.0, xdot: 0.0 })?;
     for k in 1..=periods {
-        let mut held = OSCILLATOR;
+        let mut held = force;
         held.gravity -= 0.01 * plant.state().xdot;
         if plant.advance_to::<Infallible, _>(f64::from(k) * H, &mut held).is_err() {
             return Err("the loop ended early".into());
@@ -114,8 +124,9 @@ fn main() -> Result<(), Failed> {
         "table-rk" => run(TABLE, 0.85, Flights::RungeKutta, n, Sampling::Impacts),
         "map" => map(0.8, n, false),
         "tangent" => map(0.8, n, true),
-        "sampled" => sampled(Flights::Series, n),
-        "sampled-rk" => sampled(Flights::RungeKutta, n),
+        "sampled" => sampled(OSCILLATOR, Flights::Series, n),
+        "sampled-rk" => sampled(OSCILLATOR, Flights::RungeKutta, n),
+        "sampled-free" => sampled(FREE, Flights::Series, n),
         other => Err(format!("unknown case {other:?}").into()),
     }?;
     let each = start.elapsed().as_nanos() as f64 / f64::from(n);

@@ -124,6 +124,10 @@ impl SwitchedIntegrator {
         }
         check_initial(state)?;
         let Physical { x, xdot } = state;
+        if t != self.now.t {
+            // another run: its last bits do not depend on this one
+            self.series.iter_mut().for_each(|series| series.start());
+        }
         self.now = Point { t, x, xdot, late: 0.0 };
         self.patter = Patter::starting_at(t);
         self.sigma = 1.0;

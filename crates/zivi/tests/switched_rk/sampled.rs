@@ -3,7 +3,7 @@
 use std::convert::Infallible;
 
 use zivi::{
-    ConstantForce, FunctionForce, LinearForce, Occurrence, Order, Physical, Restitution,
+    ConstantForce, Flights, FunctionForce, LinearForce, Occurrence, Order, Physical, Restitution,
     SwitchedIntegrator, SwitchedRk,
 };
 
@@ -61,6 +61,92 @@ fn held_forces_give_the_motion_of_the_closed_form() {
             assert!((state.1 - story.end[1]).abs() < 1e-7, "{k} {state:?} {story:?}");
         }
         assert!(impacts > 40 && exact_impacts >= impacts, "{impacts} {exact_impacts}");
+    }
+}
+
+/// `x'' = -k x - c x' - g + A cos(omega t)` (k > c^2/4) after `h`, from a state at `t`.
+fn oscillation(force: &LinearForce, t: f64, h: f64, [x, v]: [f64; 2]) -> [f64; 2] {
+    let LinearForce { stiffness: k, damping: c, gravity: g, amplitude, omega, .. } = *force;
+    // Re z e^(i omega t) - g/k and a damped oscillation
+    let (re, im) = (k - omega * omega, c * omega);
+    let size = amplitude / (re * re + im * im);
+    let forced = |t: f64| {
+        let (sin, cos) = (omega * t).sin_cos();
+        let position = size * (re * cos + im * sin) - g / k;
+        [position, omega * size * (im * cos - re * sin)]
+    };
+    let ([x0, v0], [x1, v1]) = (forced(t), forced(t + h));
+    let rate = (k - 0.25 * c * c).sqrt();
+    let (sin, cos) = (rate * h).sin_cos();
+    let (a, fall) = (x - x0, (-0.5 * c * h).exp());
+    let b = (v - v0 + 0.5 * c * a) / rate;
+    let (y, w) = (a * cos + b * sin, rate * (b * cos - a * sin));
+    [x1 + fall * y, v1 + fall * (w - 0.5 * c * y)]
+}
+
+#[test]
+fn held_forces_beside_a_spring_give_the_motion_of_the_closed_form() {
+    let spring = LinearForce {
+        stiffness: 2.0,
+        damping: 0.1,
+        gravity: 0.0,
+        amplitude: 0.6,
+        omega: 0.9,
+        phase: 0.0,
+    };
+    let wall = Restitution::from_e(0.6).unwrap();
+    let mut random = Random(22);
+    let mut plant = SwitchedIntegrator::new(SwitchedRk::default(), wall).unwrap();
+    let run = |plant: &mut SwitchedIntegrator, random: &mut Random| {
+        plant.start(0.0, Physical { x: 5.0, xdot: 0.0 }).unwrap();
+        let mut state = [5.0, 0.0];
+        for k in 0..3000 {
+            let [t, end] = [k, k + 1].map(|k| f64::from(k) * PERIOD);
+            let mut held = LinearForce { gravity: random.between(-20.0, 0.0), ..spring };
+            assert!(plant.advance_to::<Infallible, _>(end, &mut held).is_ok());
+            state = oscillation(&held, t, end - t, state);
+            let Physical { x, xdot } = plant.state();
+            let off = (x - state[0]).abs().max((xdot - state[1]).abs());
+            assert!(off < 2e-13, "{k}: {off:e}");
+        }
+        assert_eq!((plant.counts().impacts, plant.counts().nfev), (0, 0));
+        plant.state()
+    };
+    let first = run(&mut plant, &mut Random(22));
+    // to the last bit what a run before has left behind is of no account
+    assert_eq!(run(&mut plant, &mut random), first);
+}
+
+#[test]
+fn periods_near_the_wall_are_those_of_the_pair() {
+    let wall = Restitution::from_e(0.8).unwrap();
+    let drive = |flights| {
+        let settings = SwitchedRk { flights, ..settings(Order::Eight, 1e-11) };
+        let mut plant = SwitchedIntegrator::new(settings, wall).unwrap();
+        plant.start(0.0, Physical { x: 0.2, xdot: 0.0 }).unwrap();
+        let mut random = Random(23);
+        let states = (1..=1000).map(|k| {
+            let gravity = random.between(0.0, 6.0);
+            let mut held = LinearForce {
+                stiffness: 2.0,
+                damping: 0.1,
+                gravity,
+                amplitude: 3.0,
+                omega: 4.0,
+                phase: 0.3,
+            };
+            let t = f64::from(k) * PERIOD;
+            assert!(plant.advance_to::<Infallible, _>(t, &mut held).is_ok());
+            let Physical { x, xdot } = plant.state();
+            [x, xdot]
+        });
+        let states: Vec<_> = states.collect();
+        (states, plant.counts().impacts)
+    };
+    let (series, pair) = (drive(Flights::Series), drive(Flights::RungeKutta));
+    assert!(series.1 > 10 && series.1 == pair.1, "{} {}", series.1, pair.1);
+    for (k, (a, b)) in series.0.iter().zip(&pair.0).enumerate() {
+        assert!((a[0] - b[0]).abs().max((a[1] - b[1]).abs()) < 1e-8, "{k}: {a:?} {b:?}");
     }
 }
 

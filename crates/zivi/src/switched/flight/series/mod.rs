@@ -6,6 +6,7 @@
 mod columns;
 mod law;
 mod level;
+mod period;
 mod powers;
 mod reading;
 mod root;
@@ -23,6 +24,7 @@ use std::sync::Arc;
 
 use crate::switched::stages::Point;
 use crate::LinearLaw;
+use period::Period;
 use powers::stretch;
 
 /// Flights under one linear force.
@@ -36,6 +38,8 @@ pub(in crate::switched) struct SeriesFlight {
     at: (f64, f64),
     /// The last velocity, and what it is times the length of a step.
     speed: (f64, f64),
+    /// Flights of one length again and again.
+    period: Period,
     /// The last step.
     piece: Flown,
 }
@@ -83,7 +87,8 @@ impl SeriesFlight {
         let usable = table.h() > 1e-100 && table.h() < 1e100;
         let piece = Flown::default();
         let (clock, at, speed) = (Reading::default(), (f64::NAN, f64::NAN), (f64::NAN, 0.0));
-        usable.then_some(Self { law, linear, table, clock, at, speed, piece })
+        let period = Period::default();
+        usable.then_some(Self { law, linear, table, clock, at, speed, period, piece })
     }
 
     /// Goes over to another law where that differs in its constant alone: a control that is held.
@@ -97,6 +102,12 @@ impl SeriesFlight {
         self.linear.pulled_by(gravity);
         self.law.gravity = gravity;
         true
+    }
+
+    /// Forgets the flights so far.
+    pub(in crate::switched) fn start(&mut self) {
+        (self.at, self.speed) = ((f64::NAN, f64::NAN), (f64::NAN, 0.0));
+        self.period = Period::default();
     }
 
     /// The force.
@@ -141,10 +152,13 @@ impl SeriesFlight {
         mut known: usize,
         reach: Reach,
     ) -> Arrival {
+        if let Some(arrival) = self.again::<W>(now, known, reach) {
+            return arrival;
+        }
         self.look_at_clock(now);
+        let v = self.times_step(now.xdot);
         let Self { linear, table, clock, piece, .. } = self;
         let (table, h, mut from) = (&**table, table.h(), now);
-        let v = if now.xdot == self.speed.0 { self.speed.1 } else { now.xdot * h };
         let mut start = Start { x: now.x, v, force: linear.constant, waves: clock.waves };
         let last = reach.t_end.min(reach.look);
         for steps in 1.. {
@@ -162,10 +176,50 @@ impl SeriesFlight {
             }
             *piece = Flown { from, start, known, step };
             self.speed = (end.xdot, step.v);
+            if step.complete && steps == 1 {
+                self.period.note(step.length, &self.table);
+            }
             let end = self.arrive::<W>(from, &step, end, reach.t_end);
             return Arrival { from, end, lands: step.lands, steps };
         }
         unreachable!("a count of steps has no end")
+    }
+
+    /// The velocity, times the length of a step.
+    #[inline(always)]
+    fn times_step(&self, xdot: f64) -> f64 {
+        if xdot == self.speed.0 {
+            self.speed.1
+        } else {
+            xdot * self.table.h()
+        }
+    }
+
+    /// A flight that is as long as the last ones and stays clear of the wall.
+    #[inline(always)]
+    fn again<const W: usize>(&mut self, now: Point, known: usize, reach: Reach) -> Option<Arrival> {
+        let h = self.table.h();
+        let length = ((reach.t_end - now.t) - now.late) / h;
+        if known > 0 || !self.period.knows(length) {
+            return None;
+        }
+        let turned = self.period.waves_at((now.t, now.late));
+        let waves = turned.unwrap_or_else(|| {
+            self.look_at_clock(now);
+            self.clock.waves
+        });
+        let v = self.times_step(now.xdot);
+        let start = Start { x: now.x, v, force: self.linear.constant, waves };
+        if !self.table.is_clear::<W>(&start, length) {
+            return None;
+        }
+        let to = (reach.t_end, 0.0);
+        let [x, v] = self.period.fly::<W>(&start, length, turned.is_none(), to)?;
+        let end = Point { t: to.0, late: to.1, x, xdot: v / h };
+        let step = Step { length, doublings: None, x, v, lands: false, complete: true };
+        self.piece = Flown { from: now, start, known, step };
+        self.speed = (end.xdot, v);
+        Some(Arrival { from: now, end, lands: false, steps: 1 })
     }
 
     /// The time at the end of the last step: at the wall by the clock of the first wave, else by

@@ -18,7 +18,7 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
-use super::columns::{Bound, Columns};
+use super::columns::{Bound, Columns, COLUMNS};
 use super::level::{Level, LEVELS};
 use super::screen::{Screen, Verdict};
 
@@ -166,6 +166,11 @@ impl Table {
     pub(crate) fn is_parabola(&self) -> bool {
         let Law { stiffness, damping, .. } = self.law;
         stiffness == 0.0 && damping == 0.0 && self.n_waves == 0
+    }
+
+    /// The power series of all columns.
+    pub(super) fn columns(&self) -> [Series; COLUMNS] {
+        self.series.0
     }
 
     /// The position over the step, as a power series.
