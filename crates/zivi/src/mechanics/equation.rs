@@ -17,19 +17,20 @@ pub(super) type State = coordinates::State<Vec<f64>>;
 /// The last step.
 pub(super) type Stages = crate::numeric::stages::Stages<Vec<f64>>;
 
-/// What is known at the end of the last step, by gap: contact forces, and the gaps and their rates
-/// as their functions have them.
+/// What is known at the end of the last step, by gap: contact forces, and the gaps, their rates and
+/// the sums of their gradients as their functions have them.
 #[derive(Clone, Debug)]
 pub(super) struct AtEnd {
     pub(super) lambda: Vec<f64>,
     pub(super) gap: Vec<f64>,
     pub(super) rate: Vec<f64>,
+    pub(super) steepness: Vec<f64>,
 }
 
 impl AtEnd {
     pub(super) fn new(m: usize) -> Self {
         let zeros = vec![0.0; m];
-        Self { lambda: zeros.clone(), gap: zeros.clone(), rate: zeros }
+        Self { lambda: zeros.clone(), gap: zeros.clone(), rate: zeros.clone(), steepness: zeros }
     }
 }
 
@@ -56,6 +57,7 @@ impl<E, D: Dynamics<E>> Equation<Vec<f64>, Failure<E>> for InContact<'_, '_, D> 
         end.lambda.copy_from_slice(&kinetics.lambda);
         for gap in 0..end.gap.len() {
             end.gap[gap] = kinetics.gap(gap);
+            end.steepness[gap] = kinetics.steepness(gap);
             end.rate[gap] = kinetics.rate(gap, &at.xdot[..kinetics.coordinates()]);
         }
     }

@@ -4,6 +4,7 @@ use super::equation::InContact;
 use super::kinetics::Model;
 use super::lift_off::Release;
 use super::machine::{Machine, Pending};
+use super::overlooked::Experience;
 use crate::numeric::root::touchdown;
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::step_size::{factor, first_step, shorter, Plan, FACTORS, RETREAT};
@@ -145,6 +146,9 @@ impl Machine {
             return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
         }
         let contact = self.first_contact(model)?;
+        if let Some(factor) = self.overlooked(contact.map(|(_, gap)| gap), model)? {
+            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+        }
         let release = match self.first_release(model)? {
             Release::None => None,
             Release::At(theta, gap) => Some((theta, gap)),
@@ -225,6 +229,7 @@ impl Machine {
     ) -> Result<(), Failure<E>> {
         self.counts.accepted += 1;
         self.length = self.stages.h;
+        self.experience.gain(self.length);
         let ends = self.stages.h >= (t_end - self.now.t) - self.now.late;
         self.h = Some(plan.next(h, growth));
         self.now.copy_from(&self.stages.end);
@@ -288,6 +293,9 @@ impl Machine {
             None if self.stages.end.x[c] > 0.0 => return Ok(false),
             None => self.crossing_inside(c, model)? - self.stages.h,
         };
+        if self.settings.adaptive && !self.jump.allowed && self.misfit() > 1.0 {
+            return Err(Failure::Status(Status::StepSizeTooSmall));
+        }
         let total = (self.stages.h + delta).max(0.0);
         if self.now.t + total > self.dense_from {
             self.complete_step(model)?;
@@ -313,7 +321,7 @@ impl Machine {
     /// Moves to the time `total` after the start of the last step, `delta` after its end.
     pub(super) fn arrive(&mut self, total: f64, delta: f64, t_end: f64) {
         let end = &self.stages.end;
-        self.length = total;
+        (self.length, self.experience) = (total, Experience::default());
         self.now.pass(total);
         if self.now.t > t_end {
             (self.now.t, self.now.late) = (t_end, 0.0);

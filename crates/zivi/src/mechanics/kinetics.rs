@@ -137,11 +137,15 @@ impl Kinetics {
         dot(self.normal(i), w) + self.values[self.layout.rate()][i]
     }
 
+    /// How much `g_i` may change with the coordinates: the sum of `|n_i|`.
+    pub(super) fn steepness(&self, i: usize) -> f64 {
+        self.normal(i).iter().map(|n| n.abs()).sum()
+    }
+
     /// What rounding of the coordinates leaves of `g_i`, and of the velocities of `g_i'`.
     pub(super) fn rounding(&self, i: usize, q: &[f64], w: &[f64]) -> (f64, f64) {
-        let normal = self.normal(i);
         let largest = |v: &[f64]| v.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-        let slope = normal.iter().map(|n| n.abs()).sum::<f64>();
+        let slope = self.steepness(i);
         let rate = self.values[self.layout.rate()][i].abs();
         let scale = 16.0 * f64::EPSILON;
         (scale * slope * largest(q), scale * (slope * largest(w) + rate))

@@ -9,6 +9,7 @@ use super::equation::{AtEnd, InContact, Stages, State};
 use super::kinetics::{Kinetics, Model};
 use super::landing::Ahead;
 use super::lcp;
+use super::overlooked::Experience;
 use super::tail::SkippedArcs;
 use crate::numeric::step_size::Jump;
 use crate::record::failure::Failure;
@@ -65,6 +66,8 @@ pub(super) struct Machine {
     pub(super) obstacle: Option<Obstacle>,
     /// Step size to try next.
     pub(super) h: Option<f64>,
+    /// What speaks for it.
+    pub(super) experience: Experience,
     pub(super) pending: Option<Pending>,
     /// Length of the last piece.
     pub(super) length: f64,
@@ -113,6 +116,7 @@ impl Machine {
             corners: CornerLog::default(),
             obstacle: None,
             h: settings.first_step,
+            experience: Experience::default(),
             pending: None,
             length: 0.0,
             last_impact: f64::NEG_INFINITY,
@@ -146,8 +150,7 @@ impl Machine {
             let (of_gap, of_rate) = self.kinetics.rounding(i, q, w);
             // a gap that vanishes by cancellation leaves rounding of its terms, which may be larger
             // than what the coordinates tell
-            let of_gap =
-                of_gap.max(NEAR * self.kinetics.normal(i).iter().map(|n| n.abs()).sum::<f64>());
+            let of_gap = of_gap.max(NEAR * self.kinetics.steepness(i));
             if gap < -8.0 * of_gap {
                 return Ok(Some((i, gap)));
             }

@@ -22,6 +22,7 @@ mod lcp;
 mod lift_off;
 mod machine;
 mod moreau_jean;
+mod overlooked;
 mod path;
 mod recording;
 mod run;

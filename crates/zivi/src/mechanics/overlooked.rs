@@ -1,0 +1,110 @@
+//! Features of the forces or of the surfaces that lie between the stages of a step.
+
+use super::flight::tolerances;
+use super::kinetics::Model;
+use super::machine::Machine;
+use crate::numeric::bernstein::Bernstein;
+use crate::numeric::step_error::{worse, StepError};
+use crate::numeric::step_size::{factor, FACTORS};
+use crate::record::failure::Failure;
+use crate::system::dynamics::Dynamics;
+
+/// What speaks for the length of a step: those before it since the last event.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Experience {
+    steps: u32,
+    last: f64,
+}
+
+/// So many steps after an event there is no experience.
+const YOUNG: u32 = 1;
+/// Nor is there for a step that is so many times longer than the last.
+const GREW: f64 = 2.0;
+/// What is overlooked is more than so many tolerances: the polynomials are no better than that.
+const DEFECT: f64 = 100.0;
+
+impl Experience {
+    /// A step of this length was taken.
+    pub(super) fn gain(&mut self, length: f64) {
+        (self.steps, self.last) = (self.steps + 1, length);
+    }
+
+    fn is_enough(self, length: f64) -> bool {
+        self.steps > YOUNG && length <= GREW * self.last
+    }
+}
+
+impl Machine {
+    /// Whether the step overlooks something that lies between its stages, and by which factor it
+    /// is to be shortened then; `contact` tells the gap that closes in it. The gaps that are
+    /// integrated must be those of their functions at its end, and where a step may be a whole arc,
+    /// the equation of motion must hold at the apex.
+    pub(super) fn overlooked<E, D: Dynamics<E>>(
+        &mut self,
+        contact: Option<usize>,
+        model: &mut Model<'_, D>,
+    ) -> Result<Option<f64>, Failure<E>> {
+        if !self.settings.adaptive || self.jump.allowed {
+            return Ok(None);
+        }
+        let mut excess = 0.0;
+        if contact.is_none() {
+            self.finish_step(model)?;
+            excess = self.misfit();
+        }
+        if excess <= 1.0 && !self.experience.is_enough(self.stages.h) {
+            let (n, closed) = (self.layout.n, self.closed);
+            for i in (0..self.layout.m).filter(|&i| !closed.has(i)) {
+                let falls = contact == Some(i) || self.stages.end.xdot[n + i] < 0.0;
+                if self.now.xdot[n + i] > 0.0 && falls {
+                    excess = worse(excess, self.defect_at_apex(i, model)?);
+                }
+            }
+        }
+        if excess <= 1.0 {
+            return Ok(None);
+        }
+        // the shorter step is looked at again
+        self.experience = Experience::default();
+        Ok(Some(factor(excess, self.stages.order_of_error()).max(FACTORS.0)))
+    }
+
+    /// How far the gaps at the end of the finished step are from their functions, in what is
+    /// allowed of it.
+    pub(super) fn misfit(&self) -> f64 {
+        let (n, m) = (self.layout.n, self.layout.m);
+        let of = |c: usize| self.stages.scales(c, &tolerances(&self.settings))[0];
+        let largest = (0..n).map(of).fold(0.0_f64, f64::max);
+        let each = (0..m).map(|i| {
+            let far = (self.at_end.gap[i] - self.stages.end.x[n + i]).abs();
+            far / (DEFECT * (of(n + i) + self.at_end.steepness[i] * largest))
+        });
+        each.fold(0.0, worse)
+    }
+
+    /// How far the polynomials of the step are from the equation of motion where a gap is largest,
+    /// as an error at its end, in what is allowed of it.
+    fn defect_at_apex<E, D: Dynamics<E>>(
+        &mut self,
+        gap: usize,
+        model: &mut Model<'_, D>,
+    ) -> Result<f64, Failure<E>> {
+        self.complete_step(model)?;
+        let (n, h) = (self.layout.n, self.stages.h);
+        let [_, rate] = self.stages.polynomials_of(n + gap);
+        let theta = rate.first_negative().unwrap_or(0.5);
+        let rows: Vec<[Bernstein; 2]> =
+            (0..self.now.x.len()).map(|c| self.stages.polynomials_of(c)).collect();
+        let (q, w): (Vec<f64>, Vec<f64>) =
+            rows[..n].iter().map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
+        self.aside.evaluate(model, self.now.t + theta * h, &q, &w)?;
+        self.aside.contact(self.closed)?;
+        let tolerances = tolerances(&self.settings);
+        let defects = rows.iter().enumerate().map(|(c, [_, v])| {
+            let defect = h * self.aside.acceleration[c] - v.slope(theta);
+            let error = StepError { x: [h * defect, 0.0], xdot: [defect, 0.0], double: false };
+            error.norm(self.stages.scales(c, &tolerances)) / DEFECT
+        });
+        Ok(defects.fold(0.0, worse))
+    }
+}
