@@ -12,7 +12,7 @@ from zivi._check import Array, real_array, whole
 from zivi.methods import Method, SwitchedRK
 from zivi.system import ImpactSystem
 
-__all__ = ["check_native", "check_threads", "every_of", "is_native", "states_of", "systems_of"]
+__all__ = ["check_native", "check_threads", "every_of", "states_of", "systems_of"]
 
 MAX_THREADS = 1024
 SAVES = ("final", "statistics", "events", "grazing")
@@ -34,9 +34,9 @@ def systems_of(systems: Any) -> list[ImpactSystem]:
     return several
 
 
-def check_native(spec: tuple[Any, ...], what: str) -> None:
+def check_native(spec: _zivi.Force, what: str) -> None:
     """Refuse a force that needs the interpreter."""
-    if not is_native(spec):
+    if not spec.is_native:
         raise ValueError(
             f"{what} needs the interpreter: a batch takes numbers, LinearForce and compiled "
             "callables (numba cfunc, scipy.LowLevelCallable); zivi.sweep runs any function"
@@ -49,13 +49,6 @@ def check_threads(threads: int | None) -> int:
     if not 1 <= workers <= MAX_THREADS:
         raise ValueError(f"threads must be from 1 to {MAX_THREADS}, got {workers}")
     return workers
-
-
-def is_native(spec: tuple[Any, ...]) -> bool:
-    """Whether a force does without the interpreter."""
-    if spec[0] == "moving":
-        return is_native(spec[1]) and spec[2][0] == "harmonic"
-    return bool(spec[0] != "callable")
 
 
 def states_of(y0: ArrayLike, n_systems: int) -> Array:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from zivi import _zivi
 from zivi.status import Status
 
-__all__ = ["Ear", "listening", "tell"]
+__all__ = ["Ear", "listening", "listening_always", "tell"]
 
 CALLBACKS = ("ctypes callback", "cffi callback")
 """What the message of a report speaks of if it is one of these libraries'."""
@@ -55,11 +55,16 @@ _DEAF = contextlib.nullcontext(Ear(None))
 
 
 def listening(
-    specs: Iterable[tuple[Any, ...]], *, threads: bool = False
+    specs: Iterable[_zivi.Force], *, threads: bool = False
 ) -> contextlib.AbstractContextManager[Ear]:
     """Listen to the compiled forces among some while they are run, in this thread or in several."""
-    if not any(map(_is_compiled, specs)):
+    if not any(spec.is_compiled for spec in specs):
         return _DEAF
+    return listening_always(threads=threads)
+
+
+def listening_always(*, threads: bool = False) -> contextlib.AbstractContextManager[Ear]:
+    """Listen whatever is run: a mechanical system may have compiled parts."""
     return _listening(Ear(None if threads else threading.get_ident()))
 
 
@@ -83,10 +88,6 @@ def tell(ear: Ear, status: NDArray[np.uint8]) -> None:
             RuntimeWarning,
             stacklevel=3,
         )
-
-
-def _is_compiled(spec: tuple[Any, ...]) -> bool:
-    return _is_compiled(spec[1]) if spec[0] == "moving" else bool(spec[0] == "compiled")
 
 
 def _open(ear: Ear) -> None:

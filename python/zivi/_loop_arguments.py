@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from zivi import _zivi
 from zivi._check import Array, real
 from zivi._misplaced import told
 from zivi._warnings import ModelWarning
@@ -47,15 +48,15 @@ OURS = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
 
 def forces_of(
     system: ImpactSystem, force_model: Any, force_ref: Any
-) -> tuple[dict[str, Any], list[tuple[Any, ...]]]:
+) -> tuple[dict[str, Any], list[_zivi.Force]]:
     """Return the forces on the plant, in the model and on the reference, and their specs."""
     forces = {
         "force": system.force,
         "force_model": system.force if force_model is None else force_model,
     }
     # in the frame of a moving wall, which the controller knows
-    specs = [in_wall_frame(system, force_spec(force, name)[0]) for name, force in forces.items()]
-    specs.append(specs[-1] if force_ref is None else force_spec(force_ref, "force_ref")[0])
+    specs = [in_wall_frame(system, force_spec(force, name)) for name, force in forces.items()]
+    specs.append(specs[-1] if force_ref is None else force_spec(force_ref, "force_ref"))
     forces["force_ref"] = forces["force_model"] if force_ref is None else force_ref
     return forces, specs
 
@@ -193,7 +194,7 @@ def interface_of(controller: Any) -> dict[str, bool]:
 
 
 def check_interface(
-    controller: Any, interface: dict[str, bool], spec_ref: tuple[Any, ...], **given: Any
+    controller: Any, interface: dict[str, bool], spec_ref: _zivi.Force, **given: Any
 ) -> None:
     """Refuse what a controller cannot be given; `spec_ref` is the force on its reference."""
     check_follows(controller, **given)
@@ -202,7 +203,7 @@ def check_interface(
         raise TypeError(f"force_ref is given, but the step of {kind} does not take it")
     if given["y_ref0"] is not None and not callable(getattr(controller, "reset", None)):
         raise TypeError(f"y_ref0 is given, but {kind} has no method reset(x_ref, xdot_ref)")
-    if interface["force_ref"] and not interface["xdot_ref"] and spec_ref[0] != "constant":
+    if interface["force_ref"] and not interface["xdot_ref"] and not spec_ref.is_constant:
         raise TypeError(
             f"the force on the reference may depend on its velocity, but {kind} has no xdot_ref: "
             "add it, or let step take (x, xdot, force) only"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zivi import _zivi
 from zivi._batch_arguments import check_native
 from zivi._check import Array, real_array, whole
 from zivi._loop_arguments import OURS, check_observer, on_wall
@@ -103,15 +104,15 @@ def entry(things: Sequence[Any] | Array, i: int) -> Any:
 
 def forces_of(
     plants: list[ImpactSystem], force_model: Any, force_ref: Any
-) -> tuple[list[Any], list[Any], list[Any]]:
+) -> tuple[list[_zivi.Force], list[_zivi.Force], list[_zivi.Force]]:
     """Translate the forces on the plants, in the models and on the references."""
     own = [plant._spec for plant in plants]
     if force_model is None:
         models = own
     else:
-        model = force_spec(force_model, "force_model")[0]
+        model = force_spec(force_model, "force_model")
         models = [in_wall_frame(plant, model) for plant in plants]
-    references = models if force_ref is None else [force_spec(force_ref, "force_ref")[0]]
+    references = models if force_ref is None else [force_spec(force_ref, "force_ref")]
     for name, specs in (("system", own), ("model", models), ("reference", references)):
         for i, spec in enumerate(specs):
             check_native(spec, f"the force of {name} {i}")

@@ -61,8 +61,8 @@ class BallisticPath:
     def _at(self, times: Array) -> tuple[Array, Array, Array]:
         k = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 1)
         rows = np.column_stack([self.x[k], self.xdot[k], self.net[k], times - self.t[k]])
-        x, xdot, flips = _zivi.ballistic_motion(rows, self.wall)
-        return x, xdot, self.side[k] * (1.0 - 2.0 * (flips % 2))
+        end = _zivi.ballistic_motion(rows, _zivi.Restitution.of_both(*self.wall))
+        return end.x, end.xdot, self.side[k] * (1.0 - 2.0 * (end.n_impacts % 2))
 
     def physical(self, times: Array) -> tuple[Array, Array]:
         """Give ``(x, xdot)``, after the impact where there is one."""
@@ -97,14 +97,13 @@ def on_side(x: Array, xdot: Array, side: Array, kappa: float) -> tuple[Array, Ar
 def path_of(record: _zivi.LoopRecord, impacts: NDArray[np.void], wall: tuple[float, float]) -> Any:
     """Give the motion of the plant between its samples, None if it was not kept."""
     t, x, xdot, _, _, u = record.columns[:6]
-    kept = record.path
-    if isinstance(kept, float):
-        side = sides(t, impacts["t"])
-        return BallisticPath(t, x, xdot, kept + u, side, wall, _full(t, impacts))
-    if isinstance(kept, tuple):
-        s, v = (column[: len(t)] for column in kept)
+    if record.own_force is not None:
+        side, net = sides(t, impacts["t"]), record.own_force + u
+        return BallisticPath(t, x, xdot, net, side, wall, _full(t, impacts))
+    if record.lifted is not None:
+        s, v = record.lifted.s[: len(t)], record.lifted.v[: len(t)]
         return LinearPath(t, s, v, wall[1])
-    return kept
+    return record.path
 
 
 def _full(t: Array, impacts: NDArray[np.void]) -> Array:

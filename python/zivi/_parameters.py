@@ -8,7 +8,7 @@ from typing import Any
 from zivi._misplaced import check_system
 from zivi.mechanics.system import MechanicalSystem
 from zivi.parametric import ParametricForce
-from zivi.system import ImpactSystem, LinearForce, force_spec
+from zivi.system import ImpactSystem, LinearForce
 from zivi.wall import HarmonicWall
 
 __all__ = [
@@ -17,7 +17,6 @@ __all__ = [
     "excitation",
     "names_of",
     "parameter",
-    "slopes_spec",
     "with_value",
 ]
 
@@ -95,13 +94,6 @@ def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
     else:
         force = value
     return ImpactSystem(force, e=e, wall=wall)
-
-
-def slopes_spec(system: ImpactSystem) -> tuple[Any, ...]:
-    """Give what the extension takes for the force of a system and its derivatives."""
-    force = system.force
-    spec = force._slopes_spec() if isinstance(force, ParametricForce) else force_spec(force)[0]
-    return spec if system.wall is None else ("moving", spec, system.wall._spec())
 
 
 def excitation(system: ImpactSystem) -> tuple[float | None, str | None]:

@@ -8,12 +8,17 @@ from typing_extensions import disjoint_base
 __all__ = [
     "SETTINGS",
     "STATUS_MESSAGES",
+    "Ballistic",
     "BatchRecord",
+    "CompiledFunction",
     "Configuration",
     "Event",
     "Explicit",
     "ExplicitEuler",
+    "Force",
+    "Hits",
     "Keep",
+    "LiftedSamples",
     "LoopBatchRecord",
     "LoopRecord",
     "MechanicalPath",
@@ -21,11 +26,16 @@ __all__ = [
     "MechanicalSensitivityRecord",
     "Mechanism",
     "Method",
+    "Model",
     "MoreauJean",
     "MotionPath",
+    "Moved",
+    "Nearest",
     "Observer",
+    "Partials",
     "PointMass",
     "Regulator",
+    "Restitution",
     "RunRecord",
     "SensitivityRecord",
     "Setting",
@@ -34,11 +44,11 @@ __all__ = [
     "ThetaGamma",
     "Tracker",
     "ViRecord",
+    "Wall",
     "__version__",
     "available_threads",
     "ballistic_motion",
     "check_impact_map",
-    "compiled_force",
     "compiled_model",
     "fly_apart",
     "force_raised",
@@ -49,7 +59,6 @@ __all__ = [
     "natural_residual",
     "orbits_of_impacts",
     "project",
-    "restitution",
     "sensitivity",
     "simulate",
     "simulate_batch",
@@ -130,16 +139,102 @@ class ExplicitEuler(Method):
     def __new__(cls, *, h: float) -> Self: ...
 
 @final
+class Wall:
+    @staticmethod
+    def harmonic(*, amplitude: float, omega: float, phase: float, offset: float) -> Wall: ...
+    @staticmethod
+    def callable(motion: Callable[[float], tuple[float, float, float]]) -> Wall: ...
+    @property
+    def is_native(self) -> bool: ...
+
+@final
+class Force:
+    @staticmethod
+    def constant(value: float) -> Force: ...
+    @staticmethod
+    def linear(
+        *,
+        stiffness: float,
+        damping: float,
+        gravity: float,
+        amplitude: float,
+        omega: float,
+        phase: float,
+    ) -> Force: ...
+    @staticmethod
+    def compiled(address: int, *, parameters: list[float] = ..., owner: object) -> Force: ...
+    @staticmethod
+    def low_level(callable: Any, argument: str) -> Force: ...
+    @staticmethod
+    def callable(function: Callable[[float, float, float], float]) -> Force: ...
+    @staticmethod
+    def parametric(
+        plain: Force,
+        function: Callable[..., float],
+        values: list[float],
+        jacobian: Callable[..., Any] | None = None,
+    ) -> Force: ...
+    @staticmethod
+    def above(wall: Wall, force: Force) -> Force: ...
+    @property
+    def is_constant(self) -> bool: ...
+    @property
+    def is_compiled(self) -> bool: ...
+    @property
+    def is_native(self) -> bool: ...
+    @property
+    def address(self) -> int | None: ...
+
+@final
+class Restitution:
+    def __new__(cls, *, e: float | None = None, kappa: float | None = None) -> Self: ...
+    @staticmethod
+    def of_both(e: float, kappa: float) -> Restitution: ...
+    @property
+    def e(self) -> float: ...
+    @property
+    def kappa(self) -> float: ...
+
+@final
 class PointMass:
-    def __new__(cls, force: tuple[Any, ...], e: float, kappa: float) -> Self: ...
+    def __new__(cls, force: Force, restitution: Restitution) -> Self: ...
 
 @final
 class State:
     def __new__(cls, x: float, xdot: float) -> Self: ...
 
 @final
+class Model:
+    @staticmethod
+    def compiled(address: int, *, data: int | None = None, owner: object) -> Model: ...
+    @staticmethod
+    def callable(function: Callable[[float, _Array, _Array], _Array]) -> Model: ...
+    @property
+    def function(self) -> CompiledFunction | None: ...
+
+@final
+class CompiledFunction:
+    @property
+    def address(self) -> int: ...
+    @property
+    def data(self) -> int | None: ...
+    @property
+    def returns_int(self) -> bool: ...
+
+@final
+class Partials:
+    @staticmethod
+    def differences(moved: list[Moved]) -> Partials: ...
+    @staticmethod
+    def function(function: Model, parameters: int) -> Partials: ...
+
+@final
+class Moved:
+    def __new__(cls, step: float, models: list[Model]) -> Self: ...
+
+@final
 class Mechanism:
-    def __new__(cls, model: tuple[Any, ...], *, n: int, m: int, e: _Array) -> Self: ...
+    def __new__(cls, model: Model, *, n: int, m: int, e: _Array) -> Self: ...
 
 @final
 class Configuration:
@@ -166,6 +261,15 @@ class Event:
     def level_x(self) -> float | None: ...
     @property
     def level_xdot(self) -> float | None: ...
+
+@final
+class Hits:
+    @property
+    def t(self) -> _Array: ...
+    @property
+    def q(self) -> _Array: ...
+    @property
+    def qdot(self) -> _Array: ...
 
 @final
 class Keep:
@@ -215,9 +319,7 @@ class RunRecord:
     @property
     def failed_steps(self) -> NDArray[np.int64]: ...
     @property
-    def t_events(self) -> list[_Array]: ...
-    @property
-    def y_events(self) -> list[_Array]: ...
+    def hits(self) -> list[Hits]: ...
     @property
     def n_steps(self) -> int: ...
     @property
@@ -250,7 +352,7 @@ class MotionPath:
     def lifted(self, times: _Array) -> tuple[_Array, _Array]: ...
     def skipped_impacts(self, speed: float, at_most: int) -> tuple[_Array, _Array, _Array]: ...
 
-def compiled_model(callable: tuple[Any, ...], argument: str) -> tuple[int, int | None, bool]: ...
+def compiled_model(callable: Any, argument: str) -> CompiledFunction: ...
 
 @final
 class MechanicalPath:
@@ -290,7 +392,7 @@ class MechanicalRecord:
     flag_t: _Array
     flag_gaps: NDArray[np.bool_]
     flag_size: _Array
-    hits: list[tuple[_Array, _Array, _Array]]
+    hits: list[Hits]
     status: int
     message: str
     nfev: int
@@ -300,10 +402,9 @@ class MechanicalRecord:
     raised: BaseException | None
     path: MechanicalPath | None
 
-def check_impact_map(force: tuple[Any, ...], of_restitution: tuple[float, float]) -> None: ...
+def check_impact_map(system: PointMass) -> None: ...
 def map_of_impacts(
-    force: tuple[Any, ...],
-    of_restitution: tuple[float, float],
+    system: PointMass,
     starts: _Array,
     *,
     parameters: list[str],
@@ -311,8 +412,7 @@ def map_of_impacts(
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[_Array, _Array, _Array]: ...
 def orbits_of_impacts(
-    forces: list[tuple[Any, ...]],
-    restitutions: list[tuple[float, float]],
+    systems: list[PointMass],
     starts: _Array,
     *,
     skip: int,
@@ -320,6 +420,15 @@ def orbits_of_impacts(
     threads: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> _Array: ...
+
+@final
+class Nearest:
+    @property
+    def limit(self) -> int: ...
+    @property
+    def t(self) -> float: ...
+    @property
+    def depth(self) -> float: ...
 
 @final
 class SensitivityRecord:
@@ -340,7 +449,7 @@ class SensitivityRecord:
     @property
     def radius(self) -> _Array: ...
     @property
-    def nearest(self) -> list[tuple[int, float, float] | None]: ...
+    def nearest(self) -> list[Nearest | None]: ...
     @property
     def grazing(self) -> bool: ...
     @property
@@ -383,7 +492,7 @@ class MechanicalSensitivityRecord:
     @property
     def radius(self) -> _Array: ...
     @property
-    def nearest(self) -> list[tuple[int, float, float] | None]: ...
+    def nearest(self) -> list[Nearest | None]: ...
     @property
     def grazing(self) -> bool: ...
     @property
@@ -395,14 +504,13 @@ class MechanicalSensitivityRecord:
 
 def mechanical_sensitivity(
     system: Mechanism,
-    partials: tuple[Any, ...],
+    partials: Partials,
     method: Method,
     span: tuple[float, float],
     start: Configuration,
     *,
     wrt: list[tuple[int, int]],
     sizes: _Array,
-    parameters: int,
     controlled: bool,
     dense: bool,
     tstops: _Array,
@@ -410,18 +518,16 @@ def mechanical_sensitivity(
     progress: Any = None,
 ) -> MechanicalSensitivityRecord: ...
 def fly_apart(
-    force: tuple[Any, ...],
+    force: Force,
     method: Method,
     flights: _Array,
     by: list[int],
     sizes: _Array,
     minima: bool,
 ) -> tuple[int, _Array]: ...
-def restitution(*, e: float | None = None, kappa: float | None = None) -> tuple[float, float]: ...
 def lift(x: _Array, xdot: _Array, sigma: float, kappa: float) -> tuple[_Array, _Array]: ...
 def project(s: _Array, v: _Array, kappa: float) -> tuple[_Array, _Array]: ...
 def force_raised() -> None: ...
-def compiled_force(callable: Any, argument: str) -> tuple[int, int | None]: ...
 def solve_steps(
     s: _Array,
     v: _Array,
@@ -594,11 +700,13 @@ class LoopRecord:
     @property
     def rest_time(self) -> float | None: ...
     @property
-    def path(self) -> float | MotionPath | tuple[_Array, _Array] | None: ...
+    def own_force(self) -> float | None: ...
     @property
-    def t_events(self) -> list[_Array]: ...
+    def path(self) -> MotionPath | None: ...
     @property
-    def y_events(self) -> list[_Array]: ...
+    def lifted(self) -> LiftedSamples | None: ...
+    @property
+    def hits(self) -> list[Hits]: ...
     @property
     def status(self) -> int: ...
     @property
@@ -608,11 +716,18 @@ class LoopRecord:
     @property
     def raised(self) -> BaseException | None: ...
 
+@final
+class LiftedSamples:
+    @property
+    def s(self) -> _Array: ...
+    @property
+    def v(self) -> _Array: ...
+
 def simulate_closed_loop(
     controller: Any,
-    forces: list[tuple[Any, ...]],
+    forces: list[Force],
     *,
-    restitution: tuple[float, float],
+    restitution: Restitution,
     h: float,
     span: tuple[float, float],
     start: State,
@@ -627,10 +742,20 @@ def simulate_closed_loop(
     dense: bool,
     events: list[Event],
     given: Any,
-    restitution_ref: tuple[float, float],
+    restitution_ref: Restitution,
     progress: Any = None,
 ) -> LoopRecord: ...
-def ballistic_motion(rows: _Array, restitution: tuple[float, float]) -> list[_Array]: ...
+
+@final
+class Ballistic:
+    @property
+    def x(self) -> _Array: ...
+    @property
+    def xdot(self) -> _Array: ...
+    @property
+    def n_impacts(self) -> _Array: ...
+
+def ballistic_motion(rows: _Array, restitution: Restitution) -> Ballistic: ...
 
 @final
 class LoopBatchRecord:
@@ -666,7 +791,7 @@ class LoopBatchRecord:
 def simulate_closed_loop_batch(
     controllers: list[Any],
     observers: list[Observer],
-    forces: tuple[list[Any], list[Any], list[Any]],
+    forces: tuple[list[Force], list[Force], list[Force]],
     restitutions: _Array,
     states: _Array,
     *,
@@ -732,7 +857,7 @@ class BatchRecord:
 def available_threads() -> int: ...
 def grid_times(t0: float, t1: float, h: float, every: int) -> _Array: ...
 def simulate_batch(
-    forces: list[tuple[Any, ...]],
+    forces: list[Force],
     restitutions: _Array,
     states: _Array,
     method: Method,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi import _zivi
-from zivi._check import Array
+from zivi._check import Array, real
 from zivi._compiled import listening
 from zivi._describe import describe, describe_system
 from zivi._impacts import impacts_of
@@ -51,7 +51,6 @@ from zivi.observer import ImpactObserver
 from zivi.simulate import Event, as_raised, pair, times_within, with_partial
 from zivi.status import Status
 from zivi.system import Force, ImpactSystem
-from zivi.transform import coefficients
 
 __all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
 
@@ -232,7 +231,8 @@ def simulate_closed_loop(
     check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
     check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
     told = None if reference is None else given(reference, span, h)
-    restitution_ref = coefficients(None, getattr(controller, "kappa_ref", system.kappa))
+    kappa_ref = real("kappa_ref", getattr(controller, "kappa_ref", system.kappa))
+    restitution_ref = _zivi.Restitution(kappa=kappa_ref)
     deviations = check_not_negative("noise", noise)
     resolution = check_not_negative("quantization", quantization)
     periods = check_delay(delay)
@@ -269,7 +269,7 @@ def simulate_closed_loop(
         record = _zivi.simulate_closed_loop(
             controller,
             specs,
-            restitution=(system.e, system.kappa),
+            restitution=_zivi.Restitution.of_both(system.e, system.kappa),
             h=h,
             span=span,
             start=_zivi.State(*state),
@@ -323,8 +323,8 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
         config=config,
         **_estimates(record.estimates),
         n_refused=int(np.count_nonzero(record.ticks & TickStatus.REFUSED)),
-        t_events=record.t_events,
-        y_events=record.y_events,
+        t_events=[hits.t for hits in record.hits],
+        y_events=[np.hstack([hits.q, hits.qdot]) for hits in record.hits],
         _path=path,
         _reference=_reference(t, samples, config),
         _span=(float(t[0]), float(t[-1])) if len(t) else None,

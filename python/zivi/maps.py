@@ -62,8 +62,7 @@ class ImpactMap:
     def __init__(self, system: ImpactSystem) -> None:
         check_system(system)
         self.system = system
-        self._wall = (system.e, system.kappa)
-        _zivi.check_impact_map(system._spec, self._wall)
+        _zivi.check_impact_map(system._core)
 
     def __call__(
         self, phase: ArrayLike, u: ArrayLike, *, threads: int | None = None
@@ -173,8 +172,7 @@ class ImpactMap:
     ) -> tuple[Array, Array, Array, tuple[int, ...]]:
         starts, shape = _starts(phase, u)
         mapped = _zivi.map_of_impacts(
-            self.system._spec,
-            self._wall,
+            self.system._core,
             starts,
             parameters=list(names),
             threads=check_threads(threads),
@@ -219,8 +217,7 @@ def orbits(
         raise ValueError(f"maps must be one, or one for each of {len(starts)}, got {len(maps)}")
     with ProgressBar(progress, "orbits") as bar:
         found = _zivi.orbits_of_impacts(
-            [each.system._spec for each in maps],
-            [each._wall for each in maps],
+            [each.system._core for each in maps],
             starts,
             skip=skip,
             n=n,

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from zivi import _zivi
 from zivi._check import finite
 
 __all__ = ["ParametricForce"]
@@ -130,18 +131,15 @@ class ParametricForce:
             raise ValueError("f: the compiled function is a null pointer")
         return address, owner
 
-    def _spec(self) -> tuple[tuple[Any, ...], object]:
-        """Give what the extension takes for a run, and what owns the code."""
+    def _spec(self) -> _zivi.Force:
+        """Give what the extension takes."""
+        values = list(self.parameters.values())
         if (compiled := self._compiled()) is not None:
             address, owner = compiled
-            return ("compiled", address, None, tuple(self.parameters.values())), owner
-        return ("callable", self), None
-
-    def _slopes_spec(self) -> tuple[Any, ...]:
-        """Give what the extension takes for a run with derivatives."""
-        if self.jacobian is None and (compiled := self._compiled()) is not None:
-            return "compiled", compiled[0], None, tuple(self.parameters.values())
-        return "parametric", self._function(), tuple(self.parameters.values()), self.jacobian
+            plain = _zivi.Force.compiled(address, parameters=values, owner=owner)
+        else:
+            plain = _zivi.Force.callable(self)
+        return _zivi.Force.parametric(plain, self._function(), values, self.jacobian)
 
 
 def _compiled_by_numba(function: Any, n: int) -> Any:

@@ -16,7 +16,7 @@ from zivi._check import Array, real_array
 from zivi._compiled import listening
 from zivi._extras import needed
 from zivi._misplaced import told
-from zivi._parameters import INITIAL, check_differentiable, codes_of, parameter, slopes_spec
+from zivi._parameters import INITIAL, check_differentiable, codes_of, parameter
 from zivi._progress import ProgressBar
 from zivi.mechanics.system import MechanicalSystem
 from zivi.methods import SwitchedRK
@@ -254,7 +254,7 @@ class _Problem:
     ) -> _zivi.SensitivityRecord:
         with ProgressBar(progress, "sensitivity") as bar:
             return _zivi.sensitivity(
-                _zivi.PointMass(slopes_spec(self.system), self.system.e, self.system.kappa),
+                self.system._core,
                 self.method._core,
                 span,
                 _zivi.State(*self.state),
@@ -287,7 +287,7 @@ class _Problem:
         n = min(len(dt), len(sol.impacts))
         impacts = np.empty(n, [("t", "f8"), ("dt", "f8", (m,)), ("du", "f8", (m,))])
         impacts["t"], impacts["dt"], impacts["du"] = sol.impacts["t"][:n], dt[:n], du[:n]
-        limits = [it and Nearest(KINDS[it[0]], it[1], it[2]) for it in record.nearest]
+        limits = [it and Nearest(KINDS[it.limit], it.t, it.depth) for it in record.nearest]
         status = OrbitStatus.GRAZING if record.grazing else OrbitStatus.COMPLETED
         return Sensitivity(
             trajectory=sol,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from zivi import _zivi
 from zivi._check import real, real_array
-from zivi._compiled import listening
+from zivi._compiled import listening, listening_always
 from zivi._misplaced import check_method, check_system, refuse
 from zivi._progress import ProgressBar
 from zivi._steps import ended_by_event, restrict
@@ -237,7 +237,7 @@ def _mechanical(
     asked = Asked(
         span, q, qdot, times, stop_times(tstops, method), mechanical_events(events), dense_output
     )
-    with ProgressBar(progress) as bar, listening([("compiled",)]) as ear:
+    with ProgressBar(progress) as bar, listening_always() as ear:
         sol, error = run_mechanical(system, method, asked, bar.report)
     if error is None and (error := ear.ends(sol.success)):
         sol = as_raised(sol)

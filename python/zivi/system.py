@@ -137,7 +137,7 @@ class ImpactSystem:
     0.25
     """
 
-    __slots__ = ("_core", "_e", "_force", "_kappa", "_owner", "_spec", "_wall")
+    __slots__ = ("_core", "_e", "_force", "_kappa", "_spec", "_wall")
 
     def __init__(
         self,
@@ -157,10 +157,9 @@ class ImpactSystem:
         self._prepare()
 
     def _prepare(self) -> None:
-        # a compiled callable is called through its bare address: its owner must live as long
-        spec, self._owner = force_spec(self._force)
-        self._spec = in_wall_frame(self, spec)
-        self._core = _zivi.PointMass(self._spec, self._e, self._kappa)
+        self._spec = in_wall_frame(self, force_spec(self._force))
+        restitution = _zivi.Restitution.of_both(self._e, self._kappa)
+        self._core = _zivi.PointMass(self._spec, restitution)
 
     def __getstate__(self) -> tuple[Any, ...]:
         return self._force, self._e, self._kappa, self._wall
@@ -194,31 +193,31 @@ class ImpactSystem:
         return f"ImpactSystem(force={self._force!r}, e={self._e!r}, kappa={self._kappa!r}{wall})"
 
 
-def in_wall_frame(system: ImpactSystem, spec: tuple[Any, ...]) -> tuple[Any, ...]:
+def in_wall_frame(system: ImpactSystem, spec: _zivi.Force) -> _zivi.Force:
     """Translate a force of the fixed frame into the frame of the system's wall."""
-    return spec if system.wall is None else ("moving", spec, system.wall._spec())
+    return spec if system.wall is None else _zivi.Force.above(system.wall._spec(), spec)
 
 
-def force_spec(force: Any, name: str = "force") -> tuple[tuple[Any, ...], object]:
-    """Translate a force into what the extension takes, and the object that owns its code."""
+def force_spec(force: Any, name: str = "force") -> _zivi.Force:
+    """Translate a force into what the extension takes; it holds the owner of compiled code."""
     if isinstance(force, numbers.Real):
-        return ("constant", finite(name, force)), None
+        return _zivi.Force.constant(finite(name, force))
     if isinstance(force, LinearForce):
-        return ("linear", *dataclasses.astuple(force)), None
+        return _zivi.Force.linear(**vars(force))
     if isinstance(force, ParametricForce):
         return force._spec()
     # an object of SciPy's class can only be here if SciPy has been imported
     low_level = getattr(sys.modules.get("scipy"), "LowLevelCallable", None)
     if low_level is not None and isinstance(force, low_level):
-        return ("compiled", *_zivi.compiled_force(force, name)), force
+        return _zivi.Force.low_level(force, name)
     if isinstance(force, _CFunction):
-        return ("compiled", _ctypes_address(force, name), None), force
+        return _zivi.Force.compiled(_ctypes_address(force, name), owner=force)
     if hasattr(force, "address") and isinstance(getattr(force, "ctypes", None), _CFunction):
-        return ("compiled", _ctypes_address(force.ctypes, name), None), force
+        return _zivi.Force.compiled(_ctypes_address(force.ctypes, name), owner=force)
     if callable(force):
         if (code := compiled_by_numba(force, name)) is not None:
-            return ("compiled", code.address, None), code
-        return ("callable", of_three(name, force, more_than_y=False)), None
+            return _zivi.Force.compiled(code.address, owner=code)
+        return _zivi.Force.callable(of_three(name, force, more_than_y=False))
     raise TypeError(
         f"{name} must be a number, a zivi.LinearForce, a callable f(t, x, xdot) or f(t, y), or a "
         f"compiled callable (scipy.LowLevelCallable, numba cfunc), got {type(force).__name__}"

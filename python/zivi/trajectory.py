@@ -154,8 +154,8 @@ class Trajectory:
             n_steps=record.n_steps,
             n_rejected=record.n_rejected,
             _setup=functools.partial(configuration_of, system, method, span, state),
-            t_events=record.t_events,
-            y_events=record.y_events,
+            t_events=[hits.t for hits in record.hits],
+            y_events=[np.hstack([hits.q, hits.qdot]) for hits in record.hits],
             _path=record.path or method._path(system.kappa, t, samples),  # type: ignore[attr-defined]
             _wall=system.wall,
         )

@@ -105,10 +105,11 @@ def project(
 
 def coefficients(e: float | None, kappa: float | None) -> tuple[float, float]:
     """Return `e` and `kappa` from exactly one of them, in [0, 1]."""
-    return _zivi.restitution(
+    given = _zivi.Restitution(
         e=None if e is None else real("e", e),
         kappa=None if kappa is None else real("kappa", kappa),
     )
+    return given.e, given.kappa
 
 
 def _broadcast(**named: Any) -> tuple[Array, Array]:

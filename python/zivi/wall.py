@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zivi import _zivi
 from zivi._check import Array, finite, real_array
 
 __all__ = ["HarmonicWall", "MovingWall"]
@@ -75,8 +76,8 @@ class HarmonicWall:
         speed = -self.amplitude * self.omega * math.sin(angle)
         return self.offset + swing, speed, -(self.omega**2) * swing
 
-    def _spec(self) -> tuple[Any, ...]:
-        return "harmonic", self.amplitude, self.omega, self.phase, self.offset
+    def _spec(self) -> _zivi.Wall:
+        return _zivi.Wall.harmonic(**vars(self))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,8 +128,8 @@ class MovingWall:
             _number("acceleration", self.acceleration(t)),
         )
 
-    def _spec(self) -> tuple[Any, ...]:
-        return "callable", self._at
+    def _spec(self) -> _zivi.Wall:
+        return _zivi.Wall.callable(self._at)
 
 
 def _number(name: str, value: Any) -> float:

@@ -3,11 +3,10 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyList;
 use zivi::drive::batch::{simulate_batch as run_batch, BatchError, Course, Member, Outcome, Save};
 use zivi::{Events, Grid, Impact, Physical, Restitution};
 
-use crate::force::{ForceSpec, NativeForce};
+use crate::force::{AnyForce, Force, NativeForce};
 use crate::method::Method;
 use crate::simulate::setup_error;
 use crate::transform::from_both;
@@ -48,15 +47,15 @@ fn saving<'a>(
 }
 
 /// A force for each run, or one for all.
-pub(crate) fn natives(forces: &Bound<'_, PyList>) -> PyResult<Vec<NativeForce>> {
-    let native = |(i, spec): (usize, Bound<'_, PyAny>)| -> PyResult<NativeForce> {
+pub(crate) fn natives(py: Python<'_>, forces: &[Py<Force>]) -> PyResult<Vec<NativeForce>> {
+    let native = |(i, force): (usize, &Py<Force>)| -> PyResult<NativeForce> {
         let refuse = || {
             PyValueError::new_err(format!(
                 "the force of system {i} needs the interpreter: a batch takes numbers, \
                  LinearForce and compiled callables"
             ))
         };
-        ForceSpec::from_tuple(spec.cast()?)?.native().ok_or_else(refuse)
+        AnyForce::of(py, force.get()).native().ok_or_else(refuse)
     };
     forces.iter().enumerate().map(native).collect()
 }
@@ -68,7 +67,7 @@ pub(crate) fn row_restitution(
 ) -> PyResult<Restitution> {
     let restitutions = restitutions.as_array();
     let row = if restitutions.nrows() == 1 { 0 } else { i };
-    from_both((restitutions[[row, 0]], restitutions[[row, 1]]))
+    from_both(restitutions[[row, 0]], restitutions[[row, 1]])
 }
 
 /// Many runs. `forces` and `restitutions`, rows `e, kappa`, have an entry for each run, or one for
@@ -80,7 +79,7 @@ pub(crate) fn row_restitution(
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
     py: Python<'_>,
-    forces: &Bound<'_, PyList>,
+    forces: Vec<Py<Force>>,
     restitutions: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
     method: PyRef<'_, Method>,
@@ -93,7 +92,7 @@ pub(crate) fn simulate_batch(
 ) -> PyResult<BatchRecord> {
     let course = Course { method: method.inner, span };
     let save = saving(save, at.as_deref(), steps.as_deref())?;
-    let forces = natives(forces)?;
+    let forces = natives(py, &forces)?;
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
         members.push(Member {

@@ -3,31 +3,30 @@
 use std::cell::Cell;
 
 use numpy::ndarray::ArrayView1;
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::{IntoPyDict, PyTuple};
+use pyo3::types::IntoPyDict;
 use zivi::drive::closed_loop::{
     observe_closed_loop, Controller, Course, Followed, Forces, Given, Loop, LoopOptions, LoopPath,
     LoopRun, Motion, Reference, Samples, Sensor, Tick, TickError,
 };
-use zivi::stepping::ballistic;
 use zivi::{
-    AnyMethod, Branch, Events, FixedSteps, Force, Grid, Physical, Restitution, SetupError,
+    AnyMethod, Branch, FixedSteps, Force, Grid, Lifted, Physical, Restitution, SetupError,
     ThetaGamma, UserEvent,
 };
 use zivi_core::control::Waypoint;
 use zivi_core::observer::ImpactObserver;
 
 use crate::control::{Explicit, Regulator, Tracker};
-use crate::force::{ForceSpec, NativeForce};
+use crate::force::{AnyForce, Force as GivenForce, NativeForce};
 use crate::method::Method;
 use crate::observer::Observer;
 use crate::record::rows_of;
 use crate::simulate::{grid_of, setup_error};
 use crate::switched_rk::MotionPath;
 use crate::system::State;
-use crate::transform::WallPair;
+use crate::transform::Restitution as GivenRestitution;
 use crate::user_events::{Event, Hits};
 use crate::watch::Watch;
 
@@ -207,12 +206,12 @@ impl Surroundings<'_> {
         &self,
         py: Python<'_>,
         controller: &mut (dyn Controller<PyErr> + Send),
-        forces: &mut [ForceSpec<'_>; 3],
+        forces: &mut [AnyForce<'_>; 3],
         events: Vec<UserEvent<'_, PyErr>>,
         mut given: Option<Source<'_>>,
         watch: &mut Watch,
     ) -> Outcome {
-        let native: Vec<NativeForce> = forces.iter().filter_map(ForceSpec::native).collect();
+        let native: Vec<NativeForce> = forces.iter().filter_map(AnyForce::native).collect();
         match <[NativeForce; 3]>::try_from(native) {
             // events and functions need the interpreter
             Ok(mut native) if events.is_empty() && !matches!(given, Some(Source::Function(_))) => {
@@ -259,8 +258,8 @@ pub(crate) fn motion_of(method: &Method, exact: bool) -> PyResult<Motion> {
 pub(crate) fn simulate_closed_loop(
     py: Python<'_>,
     controller: &Bound<'_, PyAny>,
-    forces: [Bound<'_, PyTuple>; 3],
-    restitution: WallPair,
+    forces: [Py<GivenForce>; 3],
+    restitution: PyRef<'_, GivenRestitution>,
     h: f64,
     span: (f64, f64),
     start: PyRef<'_, State>,
@@ -275,25 +274,20 @@ pub(crate) fn simulate_closed_loop(
     dense: bool,
     events: Vec<PyRef<'_, Event>>,
     given: Option<Bound<'_, PyAny>>,
-    restitution_ref: WallPair,
+    restitution_ref: PyRef<'_, GivenRestitution>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
     let motion = motion_of(&method, exact)?;
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
-    let (restitution, initial) = (crate::transform::from_both(restitution)?, start.inner);
+    let (restitution, initial) = (restitution.inner, start.inner);
     let course = RunCourse { restitution, grid: grid_of(span, h)?, initial };
-    let restitution_ref = crate::transform::from_both(restitution_ref)?;
+    let restitution_ref = restitution_ref.inner;
     let observer = observer.map(|it| it.inner);
     let surroundings =
         Surroundings { course, motion, sensor, observer, delay, dense, restitution_ref };
     let mut given = given.map(Source::new).transpose()?;
-    let [plant, model, reference] = &forces;
-    let mut forces = [
-        ForceSpec::from_tuple(plant)?,
-        ForceSpec::from_tuple(model)?,
-        ForceSpec::from_tuple(reference)?,
-    ];
+    let mut forces = forces.each_ref().map(|force| AnyForce::of(py, force.get()));
     let events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
     let watch = &mut Watch { progress };
     // a copy runs, so that no controller is borrowed while other threads may call it
@@ -336,10 +330,11 @@ pub(crate) struct LoopRecord {
     rest_time: Option<f64>,
     /// What the motion between the samples is made of: the plant's own constant force, a path, or
     /// `s` and `v` at the samples.
-    path: Option<Py<PyAny>>,
-    /// The times of each event of the user, and the states there in rows.
-    t_events: Vec<Array>,
-    y_events: Vec<Py<PyArray2<f64>>>,
+    own_force: Option<f64>,
+    path: Option<Py<MotionPath>>,
+    lifted: Option<Py<LiftedSamples>>,
+    /// What happened of each event of the user.
+    hits: Vec<Py<Hits>>,
     status: u8,
     message: &'static str,
     nfev: u64,
@@ -350,7 +345,16 @@ impl LoopRecord {
     fn new(py: Python<'_>, run: LoopRun<PyErr>, restitution: Restitution) -> PyResult<Self> {
         let LoopRun { columns, estimates, ticks, events, path, hits, status, nfev, raised } = run;
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
-        let Hits { t: t_events, y: y_events } = Hits::new(py, &hits)?;
+        let (own_force, path, lifted) = match path {
+            None => (None, None, None),
+            Some(LoopPath::Ballistic(force)) => (Some(force), None, None),
+            Some(LoopPath::Switched(path)) => {
+                (None, Some(Py::new(py, MotionPath::of_loop(path, restitution))?), None)
+            }
+            Some(LoopPath::Lifted(states)) => {
+                (None, None, Some(Py::new(py, LiftedSamples::new(py, &states))?))
+            }
+        };
         Ok(Self {
             columns: columns.into_iter().map(array).collect(),
             estimates: estimates.into_iter().map(array).collect(),
@@ -359,9 +363,10 @@ impl LoopRecord {
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
-            path: path.map(|path| path_object(py, path, restitution)).transpose()?,
-            t_events,
-            y_events,
+            own_force,
+            path,
+            lifted,
+            hits: Hits::of(py, &hits, 1)?,
             status: status as u8,
             message: status.message(),
             nfev,
@@ -370,38 +375,16 @@ impl LoopRecord {
     }
 }
 
-/// What Python makes the motion between the samples of.
-fn path_object(py: Python<'_>, path: LoopPath, restitution: Restitution) -> PyResult<Py<PyAny>> {
-    let array = |values: Vec<f64>| PyArray1::from_vec(py, values);
-    Ok(match path {
-        LoopPath::Ballistic(force) => force.into_pyobject(py)?.into_any().unbind(),
-        LoopPath::Switched(path) => Py::new(py, MotionPath::of_loop(path, restitution))?.into_any(),
-        LoopPath::Lifted(states) => {
-            let (s, v): (Vec<f64>, Vec<f64>) = states.iter().map(|z| (z.s, z.v)).unzip();
-            (array(s), array(v)).into_pyobject(py)?.into_any().unbind()
-        }
-    })
+/// `s` and `v` at the samples.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct LiftedSamples {
+    s: Array,
+    v: Array,
 }
 
-/// The exact motion from states `x, x'` (rows) under accelerations for durations (columns 2 and 3
-/// of the rows): `x, x'` and the number of impacts.
-#[pyfunction]
-pub(crate) fn ballistic_motion<'py>(
-    py: Python<'py>,
-    rows: PyReadonlyArray2<'py, f64>,
-    restitution: WallPair,
-) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
-    let restitution = crate::transform::from_both(restitution)?;
-    let rows = rows.as_array();
-    let mut columns: [Vec<f64>; 3] = Default::default();
-    for row in rows.rows() {
-        let (state, mut events) = (Physical { x: row[0], xdot: row[1] }, Events::default());
-        let end = ballistic::advance(state, row[2], restitution, (0.0, row[3]), &mut events);
-        for (column, value) in
-            columns.iter_mut().zip([end.x, end.xdot, events.impacts.len() as f64])
-        {
-            column.push(value);
-        }
+impl LiftedSamples {
+    fn new(py: Python<'_>, states: &[Lifted]) -> Self {
+        let column = |of: fn(&Lifted) -> f64| PyArray1::from_iter(py, states.iter().map(of));
+        Self { s: column(|z| z.s).unbind(), v: column(|z| z.v).unbind() }
     }
-    Ok(columns.into_iter().map(|column| PyArray1::from_vec(py, column)).collect())
 }

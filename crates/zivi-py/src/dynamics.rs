@@ -4,10 +4,12 @@ use std::ffi::{c_int, c_void};
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
+use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use pyo3::types::{PyCapsule, PyCapsuleMethods, PyTuple};
+use pyo3::types::PyTuple;
 use zivi::system::dynamics::{Dynamics, Layout};
 
+use crate::capsule::Capsule;
 use crate::force::Raised;
 
 type Evaluate = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64) -> c_int;
@@ -19,41 +21,88 @@ type FillWith = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64, *mut
 /// What a compiled system is called with, after what it returns.
 const ARGUMENTS: &str = "(double,double*,double*,double*";
 
-/// A system as the Python layer hands it over, a tuple that starts with its kind.
-pub(crate) enum DynamicsSpec<'py> {
-    Compiled(CompiledDynamics),
-    Callable(PythonDynamics<'py>),
+/// The numbers of a mechanical system as a function of time and state, of one of its kinds.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct Model {
+    kind: Kind,
 }
 
-impl<'py> DynamicsSpec<'py> {
-    pub(crate) fn from_tuple(spec: &Bound<'py, PyTuple>, layout: Layout) -> PyResult<Self> {
-        let kind: String = spec.get_item(0)?.extract()?;
-        match kind.as_str() {
-            "compiled" => Ok(Self::Compiled(CompiledDynamics {
-                layout,
-                address: spec.get_item(1)?.extract()?,
-                data: spec.get_item(2)?.extract()?,
-                returns_int: spec.get_item(3)?.extract()?,
-                raised: Raised::now(),
-            })),
-            "callable" => {
-                let py = spec.py();
-                let zeros = || PyArray1::zeros(py, layout.n, false);
-                let (callable, q, w) = (spec.get_item(1)?, zeros(), zeros());
-                Ok(Self::Callable(PythonDynamics { layout, callable, q, w }))
-            }
-            other => Err(PyValueError::new_err(format!("unknown kind of system {other:?}"))),
+enum Kind {
+    /// A compiled function, and what owns its code.
+    Compiled(CompiledFunction, Py<PyAny>),
+    Callable(Py<PyAny>),
+}
+
+#[pymethods]
+impl Model {
+    /// A function at an address that returns 0, or else an error code, and is called with the data,
+    /// if there are any. The owner of code and data lives as long as this.
+    #[staticmethod]
+    #[pyo3(signature = (address, *, data=None, owner))]
+    fn compiled(address: usize, data: Option<usize>, owner: Py<PyAny>) -> Self {
+        let function = CompiledFunction { address, data, returns_int: true };
+        Self { kind: Kind::Compiled(function, owner) }
+    }
+
+    #[staticmethod]
+    fn callable(function: Py<PyAny>) -> Self {
+        Self { kind: Kind::Callable(function) }
+    }
+
+    /// Where the compiled function is, if there is one, and the data that it is called with.
+    #[getter]
+    fn function(&self) -> Option<CompiledFunction> {
+        match self.kind {
+            Kind::Compiled(function, _) => Some(function),
+            Kind::Callable(_) => None,
+        }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        match &self.kind {
+            Kind::Compiled(_, held) | Kind::Callable(held) => visit.call(held),
         }
     }
 }
 
-/// A compiled function, called without the interpreter. Whoever made the tuple keeps it alive.
+/// A compiled function that fills in the numbers of a system, or a part of them.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+#[derive(Clone, Copy)]
+pub(crate) struct CompiledFunction {
+    address: usize,
+    /// What it is called with, if anything.
+    data: Option<usize>,
+    /// Whether it returns an int, 0 for success.
+    returns_int: bool,
+}
+
+/// A model that is ready to be evaluated.
+pub(crate) enum AnyDynamics<'py> {
+    Compiled(CompiledDynamics),
+    Callable(PythonDynamics<'py>),
+}
+
+impl<'py> AnyDynamics<'py> {
+    pub(crate) fn of(py: Python<'py>, model: &Model, layout: Layout) -> Self {
+        match &model.kind {
+            Kind::Compiled(function, _) => {
+                let (function, raised) = (*function, Raised::now());
+                Self::Compiled(CompiledDynamics { layout, function, raised })
+            }
+            Kind::Callable(callable) => {
+                let zeros = || PyArray1::zeros(py, layout.n, false);
+                let (callable, q, w) = (callable.bind(py).clone(), zeros(), zeros());
+                Self::Callable(PythonDynamics { layout, callable, q, w })
+            }
+        }
+    }
+}
+
+/// A compiled function, called without the interpreter. The [`Model`] holds what owns its code.
 #[derive(Clone, Copy)]
 pub(crate) struct CompiledDynamics {
     layout: Layout,
-    address: usize,
-    data: Option<usize>,
-    returns_int: bool,
+    function: CompiledFunction,
     raised: Raised,
 }
 
@@ -64,21 +113,21 @@ impl Dynamics<PyErr> for CompiledDynamics {
 
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
         let (q, w, to) = (q.as_ptr(), w.as_ptr(), out.as_mut_ptr());
+        let CompiledFunction { address, data, returns_int } = self.function;
         // SAFETY: the Python layer passes only the address of a function whose signature was
-        // checked or declared, and holds the object that owns the code for the duration of the
-        // run; `q` and `w` have n numbers, `out` as many as the layout says.
+        // checked or declared, and the `Model` holds the object that owns the code; `q` and `w` have n numbers, `out` as many as the layout says.
         let code = unsafe {
-            match (self.data.map(|data| data as *mut c_void), self.returns_int) {
-                (None, true) => std::mem::transmute::<usize, Evaluate>(self.address)(t, q, w, to),
+            match (data.map(|data| data as *mut c_void), returns_int) {
+                (None, true) => std::mem::transmute::<usize, Evaluate>(address)(t, q, w, to),
                 (Some(data), true) => {
-                    std::mem::transmute::<usize, EvaluateWith>(self.address)(t, q, w, to, data)
+                    std::mem::transmute::<usize, EvaluateWith>(address)(t, q, w, to, data)
                 }
                 (None, false) => {
-                    std::mem::transmute::<usize, Fill>(self.address)(t, q, w, to);
+                    std::mem::transmute::<usize, Fill>(address)(t, q, w, to);
                     0
                 }
                 (Some(data), false) => {
-                    std::mem::transmute::<usize, FillWith>(self.address)(t, q, w, to, data);
+                    std::mem::transmute::<usize, FillWith>(address)(t, q, w, to, data);
                     0
                 }
             }
@@ -139,36 +188,25 @@ pub(crate) fn fill(array: &Bound<'_, PyArray1<f64>>, values: &[f64]) -> PyResult
     Ok(())
 }
 
-/// `(address, user data or None, whether it returns an int)` of a `scipy.LowLevelCallable`, after a
-/// check of its signature.
+/// The function of a `scipy.LowLevelCallable`, after a check of its signature.
 #[pyfunction]
 pub(crate) fn compiled_model(
     callable: &Bound<'_, PyTuple>,
     argument: &str,
-) -> PyResult<(usize, Option<usize>, bool)> {
-    let item = callable.get_item(0)?;
-    let capsule = item.cast::<PyCapsule>().map_err(|_| {
-        PyTypeError::new_err(format!("{argument}: the LowLevelCallable holds no function capsule"))
-    })?;
-    let name = capsule.name()?;
-    // SAFETY: the capsule is alive and nobody renames it while its name is read here
-    let signature: String =
-        name.map_or(String::new(), |name| unsafe { name.as_cstr() }.to_string_lossy().into());
-    let address = capsule.pointer_checked(name.map(|name| unsafe { name.as_cstr() }))?;
-    // SAFETY: reading the context of a live capsule
-    let data = capsule.context()? as usize;
+) -> PyResult<CompiledFunction> {
+    let Capsule { address, data, signature } = Capsule::of(callable, argument)?;
     let written = signature.replace("const", "").replace(' ', "");
     for (returns, returns_int) in [("int", true), ("void", false)] {
         if written == format!("{returns}{ARGUMENTS})") {
-            return Ok((address.as_ptr() as usize, None, returns_int));
+            return Ok(CompiledFunction { address, data: None, returns_int });
         }
         if written == format!("{returns}{ARGUMENTS},void*)") {
-            return Ok((address.as_ptr() as usize, Some(data), returns_int));
+            return Ok(CompiledFunction { address, data: Some(data), returns_int });
         }
     }
     Err(PyTypeError::new_err(format!(
-        "{argument} must have the signature \"int (double, double *, double *, double *)\" (or void, \
-         or with a last \"void *\"), got {signature:?}"
+        "{argument} must have the signature \"int (double, double *, double *, double *)\" (or \
+         void, or with a last \"void *\"), got {signature:?}"
     )))
 }
 

@@ -3,19 +3,17 @@
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyList, PyTuple};
 use zivi::drive::batch::{map_impacts, orbits};
-use zivi::{ImpactMap, MapParameter, Restitution};
+use zivi::{ImpactMap, MapParameter};
 
 use crate::batch::{natives, refused};
 use crate::simulate::setup_error;
-use crate::transform::{from_both, WallPair};
+use crate::system::PointMass;
 use crate::watch::Watch;
 
-fn map_of(force: &Bound<'_, PyAny>, restitution: Restitution) -> PyResult<ImpactMap> {
-    let forces = PyList::new(force.py(), [force])?;
-    let native = natives(&forces)?;
-    ImpactMap::new(&native[0], restitution).map_err(setup_error)
+fn map_of(py: Python<'_>, system: &PointMass) -> PyResult<ImpactMap> {
+    let native = natives(py, &[system.force.clone_ref(py)])?;
+    ImpactMap::new(&native[0], system.restitution).map_err(setup_error)
 }
 
 fn parameter(name: &str) -> PyResult<MapParameter> {
@@ -42,11 +40,8 @@ fn starts_of(given: &PyReadonlyArray2<'_, f64>) -> Vec<[f64; 2]> {
 
 /// Refuses a system that has no such map.
 #[pyfunction]
-pub(crate) fn check_impact_map(
-    force: &Bound<'_, PyTuple>,
-    of_restitution: WallPair,
-) -> PyResult<()> {
-    map_of(force, from_both(of_restitution)?).map(drop)
+pub(crate) fn check_impact_map(py: Python<'_>, system: PyRef<'_, PointMass>) -> PyResult<()> {
+    map_of(py, &system).map(drop)
 }
 
 type Maps<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>, Bound<'py, PyArray3<f64>>);
@@ -54,17 +49,16 @@ type Maps<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>, Bound<'p
 /// The next impacts of rows `phase, u`: rows `phase, u, duration`, Jacobians, and for each impact
 /// and parameter the derivatives of its phase and speed.
 #[pyfunction]
-#[pyo3(signature = (force, of_restitution, starts, *, parameters, threads, progress=None))]
+#[pyo3(signature = (system, starts, *, parameters, threads, progress=None))]
 pub(crate) fn map_of_impacts<'py>(
     py: Python<'py>,
-    force: &Bound<'py, PyTuple>,
-    of_restitution: WallPair,
+    system: PyRef<'py, PointMass>,
     starts: PyReadonlyArray2<'py, f64>,
     parameters: Vec<String>,
     threads: usize,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Maps<'py>> {
-    let map = map_of(force, from_both(of_restitution)?)?;
+    let map = map_of(py, &system)?;
     let by = parameters.iter().map(|name| parameter(name)).collect::<PyResult<Vec<_>>>()?;
     let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
     let all = py.detach(|| map_impacts(&map, &starts, &by, threads, watch)).map_err(refused)?;
@@ -80,25 +74,20 @@ pub(crate) fn map_of_impacts<'py>(
 }
 
 /// Orbits from rows `phase, u`: for each start `n` rows `phase, u`, the first after `skip` others.
-/// `forces` and `restitutions` have an entry for each start, or one for all.
+/// There is a system for each start, or one for all.
 #[pyfunction]
-#[pyo3(signature = (forces, restitutions, starts, *, skip, n, threads, progress=None))]
+#[pyo3(signature = (systems, starts, *, skip, n, threads, progress=None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn orbits_of_impacts<'py>(
     py: Python<'py>,
-    forces: &Bound<'py, PyList>,
-    restitutions: Vec<WallPair>,
+    systems: Vec<PyRef<'py, PointMass>>,
     starts: PyReadonlyArray2<'py, f64>,
     skip: usize,
     n: usize,
     threads: usize,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let maps = forces
-        .iter()
-        .zip(restitutions)
-        .map(|(force, of_restitution)| map_of(&force, from_both(of_restitution)?))
-        .collect::<PyResult<Vec<_>>>()?;
+    let maps = systems.iter().map(|it| map_of(py, it)).collect::<PyResult<Vec<_>>>()?;
     let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
     let all = py.detach(|| orbits(&maps, &starts, (skip, n), threads, watch)).map_err(refused)?;
     let values = all.iter().flatten().flatten().copied();

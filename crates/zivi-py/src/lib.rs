@@ -2,7 +2,9 @@
 //!
 //! No numerics here. `python/zivi` is what users import; `python/zivi/_zivi.pyi` types this module.
 
+mod ballistic;
 mod batch;
+mod capsule;
 mod closed_loop;
 mod control;
 mod dynamics;
@@ -17,7 +19,6 @@ mod partials;
 mod record;
 mod sensitivity;
 mod simulate;
-mod slopes;
 mod switched_rk;
 mod system;
 mod tracking;
@@ -45,9 +46,10 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<system::Configuration>()?;
     module.add_class::<system::Keep>()?;
     module.add_class::<user_events::Event>()?;
+    module.add_class::<user_events::Hits>()?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
     module.add_class::<record::RunRecord>()?;
-    module.add_function(wrap_pyfunction!(transform::restitution, module)?)?;
+    module.add_class::<transform::Restitution>()?;
     module.add_function(wrap_pyfunction!(transform::lift, module)?)?;
     module.add_function(wrap_pyfunction!(transform::project, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::solve_steps, module)?)?;
@@ -62,13 +64,19 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(impact_map::map_of_impacts, module)?)?;
     module.add_function(wrap_pyfunction!(impact_map::orbits_of_impacts, module)?)?;
     module.add_class::<switched_rk::MotionPath>()?;
+    module.add_class::<sensitivity::Nearest>()?;
     module.add_class::<sensitivity::SensitivityRecord>()?;
     module.add_function(wrap_pyfunction!(sensitivity::sensitivity, module)?)?;
     module.add_function(wrap_pyfunction!(sensitivity::fly_apart, module)?)?;
-    module.add_function(wrap_pyfunction!(force::compiled_force, module)?)?;
+    module.add_class::<force::Force>()?;
+    module.add_class::<force::Wall>()?;
     module.add_function(wrap_pyfunction!(force::force_raised, module)?)?;
     module.add_class::<mechanics::MechanicalRecord>()?;
     module.add_class::<motion::MechanicalPath>()?;
+    module.add_class::<dynamics::Model>()?;
+    module.add_class::<dynamics::CompiledFunction>()?;
+    module.add_class::<partials::Partials>()?;
+    module.add_class::<partials::Moved>()?;
     module.add_class::<partials::MechanicalSensitivityRecord>()?;
     module.add_function(wrap_pyfunction!(partials::mechanical_sensitivity, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::compiled_model, module)?)?;
@@ -77,8 +85,10 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<control::Explicit>()?;
     module.add_class::<observer::Observer>()?;
     module.add_class::<closed_loop::LoopRecord>()?;
+    module.add_class::<closed_loop::LiftedSamples>()?;
+    module.add_class::<ballistic::Ballistic>()?;
     module.add_function(wrap_pyfunction!(closed_loop::simulate_closed_loop, module)?)?;
-    module.add_function(wrap_pyfunction!(closed_loop::ballistic_motion, module)?)?;
+    module.add_function(wrap_pyfunction!(ballistic::ballistic_motion, module)?)?;
     module.add_class::<vi::ViRecord>()?;
     module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;

@@ -3,7 +3,6 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::PyList;
 use zivi::drive::batch::{
     simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings,
 };
@@ -13,6 +12,7 @@ use zivi::{Physical, Status};
 use crate::batch::{natives, refused, row_restitution, rows};
 use crate::closed_loop::{given_of_row, motion_of};
 use crate::control::{Explicit, Regulator, Tracker};
+use crate::force::Force;
 use crate::method::Method;
 use crate::observer::Observer;
 use crate::simulate::grid_of;
@@ -44,7 +44,7 @@ pub(crate) fn simulate_closed_loop_batch(
     py: Python<'_>,
     controllers: Vec<Bound<'_, PyAny>>,
     observers: Vec<PyRef<'_, Observer>>,
-    forces: [Bound<'_, PyList>; 3],
+    forces: [Vec<Py<Force>>; 3],
     restitutions: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
     span: (f64, f64),
@@ -62,7 +62,8 @@ pub(crate) fn simulate_closed_loop_batch(
         LoopSettings { motion: motion_of(&method, exact)?, resolution, delay, within, every };
     let controllers = controllers.iter().map(native).collect::<PyResult<Vec<_>>>()?;
     let [plants, models, drives] = &forces;
-    let (plants, models, drives) = (natives(plants)?, natives(models)?, natives(drives)?);
+    let (plants, models) = (natives(py, plants)?, natives(py, models)?);
+    let drives = natives(py, drives)?;
     let given = references
         .iter()
         .map(|(rows, kappa)| {

@@ -5,14 +5,12 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::mechanics::{GapSet, MechanicalRun, Occurrence};
 use zivi::system::dynamics::Layout;
-use zivi::{Hit, MotionPoint};
 
 use crate::motion::MechanicalPath;
+use crate::user_events::Hits;
 
 pub(crate) type Vector<T> = Py<PyArray1<T>>;
 pub(crate) type Matrix<T> = Py<PyArray2<T>>;
-/// Times, coordinates and velocities of the events of one function.
-type Hits = (Vector<f64>, Matrix<f64>, Matrix<f64>);
 /// Samples, occurrences and outcome of one run.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct MechanicalRecord {
@@ -42,8 +40,8 @@ pub(crate) struct MechanicalRecord {
     flag_t: Vector<f64>,
     flag_gaps: Matrix<bool>,
     flag_size: Vector<f64>,
-    /// Times, coordinates and velocities of each event of the user.
-    hits: Vec<Hits>,
+    /// What happened of each event of the user.
+    hits: Vec<Py<Hits>>,
     status: u8,
     message: &'static str,
     nfev: u64,
@@ -105,7 +103,7 @@ impl MechanicalRecord {
             _ => None,
         });
         let flag_kind = kinds.collect();
-        let hits = run.hits.iter().map(|hits| hits_of(py, hits, n)).collect::<PyResult<_>>()?;
+        let hits = Hits::of(py, &run.hits, n)?;
         let path = run.path.map(|path| Py::new(py, MechanicalPath { path })).transpose()?;
         Ok(Self {
             t: PyArray1::from_slice(py, &samples.t).unbind(),
@@ -145,15 +143,6 @@ impl MechanicalRecord {
             path,
         })
     }
-}
-
-fn hits_of(py: Python<'_>, hits: &[Hit<MotionPoint>], n: usize) -> PyResult<Hits> {
-    let rows = |of: fn(&MotionPoint) -> &Vec<f64>| -> PyResult<Matrix<f64>> {
-        let all: Vec<f64> = hits.iter().flat_map(|hit| of(&hit.at)[..n].iter().copied()).collect();
-        Ok(PyArray1::from_vec(py, all).reshape([hits.len(), n])?.unbind())
-    };
-    let times = PyArray1::from_vec(py, hits.iter().map(|hit| hit.t).collect()).unbind();
-    Ok((times, rows(|at| &at.x)?, rows(|at| &at.v)?))
 }
 
 /// A ValueError for numbers of a motion that are none.

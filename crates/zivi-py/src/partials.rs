@@ -1,8 +1,8 @@
 //! Mechanical systems from Python with their partial derivatives.
 
 use numpy::PyReadonlyArray1;
+use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
 use zivi::mechanics::sensitivity::{
     mechanical_sensitivity as differentiate, MechanicalDerivatives, MechanicalQuestion,
     MechanicalWrt,
@@ -14,10 +14,11 @@ use zivi::system::partials::{
 };
 use zivi::{SetupError, SwitchedRk};
 
-use crate::dynamics::{vector, CompiledDynamics, DynamicsSpec, PythonDynamics};
+use crate::dynamics::{vector, AnyDynamics, CompiledDynamics, Model, PythonDynamics};
 use crate::mechanics::MechanicalRecord;
 use crate::method::Method;
 use crate::record::Array;
+use crate::sensitivity::Nearest;
 use crate::simulate::setup_error;
 use crate::system::{Configuration, Mechanism};
 use crate::watch::Watch;
@@ -66,37 +67,90 @@ impl<D: Dynamics<PyErr>, P: Dynamics<PyErr>> DifferentiableDynamics<PyErr> for W
     }
 }
 
+/// What the partial derivatives of a model are taken from.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct Partials {
+    source: Source,
+}
+
+enum Source {
+    /// Differences: of the model itself by time and state, of moved models by each parameter.
+    Differences(Vec<Py<Moved>>),
+    /// A function that fills in all of them, by time, coordinates, velocities and so many
+    /// parameters, one after the other.
+    Function(Py<Model>, usize),
+}
+
+#[pymethods]
+impl Partials {
+    #[staticmethod]
+    fn differences(moved: Vec<Py<Moved>>) -> Self {
+        Self { source: Source::Differences(moved) }
+    }
+
+    #[staticmethod]
+    fn function(function: Py<Model>, parameters: usize) -> Self {
+        Self { source: Source::Function(function, parameters) }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        match &self.source {
+            Source::Differences(moved) => moved.iter().try_for_each(|it| visit.call(it)),
+            Source::Function(function, _) => visit.call(function),
+        }
+    }
+}
+
+/// A model with a parameter moved by multiples of a step.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct Moved {
+    step: f64,
+    models: Vec<Py<Model>>,
+}
+
+#[pymethods]
+impl Moved {
+    #[new]
+    fn new(step: f64, models: Vec<Py<Model>>) -> Self {
+        Self { step, models }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.models.iter().try_for_each(|it| visit.call(it))
+    }
+}
+
 /// The same system with moved parameters, of the kind of the system itself.
 fn neighbours<'py, D>(
-    spec: &Bound<'py, PyTuple>,
+    py: Python<'py>,
+    moved: &[Py<Moved>],
     layout: Layout,
-    of: impl Fn(DynamicsSpec<'py>) -> Option<D>,
+    of: impl Fn(AnyDynamics<'py>) -> Option<D>,
 ) -> PyResult<Vec<Neighbours<D>>> {
-    let given: Vec<(f64, Vec<Bound<'py, PyTuple>>)> = spec.get_item(1)?.extract()?;
-    let one = |(step, systems): (f64, Vec<Bound<'py, PyTuple>>)| {
-        let specs: PyResult<Vec<_>> =
-            systems.iter().map(|system| DynamicsSpec::from_tuple(system, layout)).collect();
-        let systems: Option<Vec<D>> = specs?.into_iter().map(&of).collect();
+    let one = |moved: &Py<Moved>| {
+        let Moved { step, models } = moved.get();
+        let systems = models.iter().map(|model| of(AnyDynamics::of(py, model.get(), layout)));
+        let systems: Option<Vec<D>> = systems.collect();
         let systems = systems.and_then(|systems| <[D; MOVES.len()]>::try_from(systems).ok());
         let systems = systems.ok_or_else(|| {
             pyo3::exceptions::PyValueError::new_err("a parameter needs six systems of one kind")
         })?;
-        Ok(Neighbours { step, systems })
+        Ok(Neighbours { step: *step, systems })
     };
-    given.into_iter().map(one).collect()
+    moved.iter().map(one).collect()
 }
 
-fn compiled(spec: DynamicsSpec<'_>) -> Option<CompiledDynamics> {
+fn compiled(spec: AnyDynamics<'_>) -> Option<CompiledDynamics> {
     match spec {
-        DynamicsSpec::Compiled(it) => Some(it),
-        DynamicsSpec::Callable(_) => None,
+        AnyDynamics::Compiled(it) => Some(it),
+        AnyDynamics::Callable(_) => None,
     }
 }
 
-fn callable(spec: DynamicsSpec<'_>) -> Option<PythonDynamics<'_>> {
+fn callable(spec: AnyDynamics<'_>) -> Option<PythonDynamics<'_>> {
     match spec {
-        DynamicsSpec::Callable(it) => Some(it),
-        DynamicsSpec::Compiled(_) => None,
+        AnyDynamics::Callable(it) => Some(it),
+        AnyDynamics::Compiled(_) => None,
     }
 }
 
@@ -112,8 +166,8 @@ pub(crate) struct MechanicalSensitivityRecord {
     zeno_times: Array,
     liftoff_times: Array,
     radius: Array,
-    /// `(kind, time, depth)` of the event that limits each column.
-    nearest: Vec<Option<(u8, f64, f64)>>,
+    /// The event that limits each column.
+    nearest: Vec<Option<Nearest>>,
     grazing: bool,
     lost_at: Option<f64>,
     samples: Array,
@@ -156,58 +210,59 @@ impl Task<'_> {
     fn dispatch<'py>(
         &self,
         py: Python<'py>,
-        model: DynamicsSpec<'py>,
-        (spec, parameters): (&Bound<'py, PyTuple>, usize),
+        model: AnyDynamics<'py>,
+        partials: &Partials,
         layout: Layout,
         watch: &mut Watch,
     ) -> PyResult<Outcome> {
         let duration = self.span.1 - self.span.0;
-        let kind: String = spec.get_item(0)?.extract()?;
-        Ok(match (model, kind.as_str()) {
-            (DynamicsSpec::Compiled(model), "differences") => {
-                let more = neighbours(spec, layout, compiled)?;
+        Ok(match (model, &partials.source) {
+            (AnyDynamics::Compiled(model), Source::Differences(moved)) => {
+                let more = neighbours(py, moved, layout, compiled)?;
                 let mut system = DifferencedDynamics::new(model, more, duration);
                 py.detach(|| self.run(&mut system, watch))
             }
-            (DynamicsSpec::Callable(model), "differences") => {
-                let more = neighbours(spec, layout, callable)?;
+            (AnyDynamics::Callable(model), Source::Differences(moved)) => {
+                let more = neighbours(py, moved, layout, callable)?;
                 self.run(&mut DifferencedDynamics::new(model, more, duration), watch)
             }
-            (DynamicsSpec::Compiled(model), _) => match DynamicsSpec::from_tuple(spec, layout)? {
-                DynamicsSpec::Compiled(partials) => {
-                    let mut system = WithPartials::new(model, partials, parameters);
-                    py.detach(|| self.run(&mut system, watch))
+            (model, Source::Function(function, parameters)) => {
+                match (model, AnyDynamics::of(py, function.get(), layout)) {
+                    (AnyDynamics::Compiled(model), AnyDynamics::Compiled(partials)) => {
+                        let mut system = WithPartials::new(model, partials, *parameters);
+                        py.detach(|| self.run(&mut system, watch))
+                    }
+                    (AnyDynamics::Compiled(model), AnyDynamics::Callable(partials)) => {
+                        self.run(&mut WithPartials::new(model, partials, *parameters), watch)
+                    }
+                    (AnyDynamics::Callable(model), AnyDynamics::Compiled(partials)) => {
+                        self.run(&mut WithPartials::new(model, partials, *parameters), watch)
+                    }
+                    (AnyDynamics::Callable(model), AnyDynamics::Callable(partials)) => {
+                        self.run(&mut WithPartials::new(model, partials, *parameters), watch)
+                    }
                 }
-                DynamicsSpec::Callable(partials) => {
-                    self.run(&mut WithPartials::new(model, partials, parameters), watch)
-                }
-            },
-            (DynamicsSpec::Callable(model), _) => match DynamicsSpec::from_tuple(spec, layout)? {
-                DynamicsSpec::Compiled(partials) => {
-                    self.run(&mut WithPartials::new(model, partials, parameters), watch)
-                }
-                DynamicsSpec::Callable(partials) => {
-                    self.run(&mut WithPartials::new(model, partials, parameters), watch)
-                }
-            },
+            }
         })
     }
 }
 
 /// A run of the switched method for a mechanical system, with its derivatives.
 #[pyfunction]
-#[pyo3(signature = (system, partials, method, span, start, *, wrt, sizes, parameters, controlled, dense, tstops, times, progress=None))]
+#[pyo3(signature = (
+    system, partials, method, span, start, *, wrt, sizes, controlled, dense, tstops, times,
+    progress=None
+))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn mechanical_sensitivity(
     py: Python<'_>,
     system: PyRef<'_, Mechanism>,
-    partials: &Bound<'_, PyTuple>,
+    partials: PyRef<'_, Partials>,
     method: PyRef<'_, Method>,
     span: (f64, f64),
     start: PyRef<'_, Configuration>,
     wrt: Vec<(u8, usize)>,
     sizes: PyReadonlyArray1<'_, f64>,
-    parameters: usize,
     controlled: bool,
     dense: bool,
     tstops: PyReadonlyArray1<'_, f64>,
@@ -222,12 +277,15 @@ pub(crate) fn mechanical_sensitivity(
     let question = MechanicalQuestion { wrt: &wrt, sizes: &sizes, controlled, times: &times };
     let start = (&q[..], &qdot[..]);
     let task = Task { method, e: &e, span, start, tstops: &tstops, dense, question };
-    let system = DynamicsSpec::from_tuple(system.model.bind(py), layout)?;
+    let model = AnyDynamics::of(py, system.model.get(), layout);
     let watch = &mut Watch { progress };
-    let outcome = task.dispatch(py, system, (partials, parameters), layout, watch)?;
+    let outcome = task.dispatch(py, model, &partials, layout, watch)?;
     let (run, found) = outcome.map_err(setup_error)?;
     let array = |values: Vec<f64>| numpy::PyArray1::from_vec(py, values).unbind();
-    let nearest = found.nearest.iter().map(|it| it.map(|it| (it.limit as u8, it.t, it.depth)));
+    let nearest = found
+        .nearest
+        .iter()
+        .map(|it| it.map(|it| Nearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
     Ok(MechanicalSensitivityRecord {
         nearest: nearest.collect(),
         run: Py::new(py, MechanicalRecord::new(py, run)?)?,

@@ -22,9 +22,8 @@ pub(crate) struct RunRecord {
     liftoff_times: Array,
     rest_time: Option<f64>,
     failed_steps: Py<PyArray1<i64>>,
-    /// The times of each event of the user, and the states there in rows.
-    t_events: Vec<Array>,
-    y_events: Vec<Py<PyArray2<f64>>>,
+    /// What happened of each event of the user.
+    hits: Vec<Py<Hits>>,
     n_steps: u64,
     n_rejected: u64,
     /// The motion between the samples, for a method that has one of its own.
@@ -40,7 +39,6 @@ impl RunRecord {
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
         let PointRun { trajectory, raised, motion, hits, counts, .. } = run;
         let zivi::Trajectory { columns, events, failed_steps, status, nfev, .. } = trajectory;
-        let Hits { t: t_events, y: y_events } = Hits::new(py, &hits)?;
         let n_samples = columns.len();
         let (block, room) = columns.into_block();
         let failed_steps = failed_steps.iter().map(|&k| k as i64);
@@ -52,8 +50,7 @@ impl RunRecord {
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
             failed_steps: PyArray1::from_iter(py, failed_steps).unbind(),
-            t_events,
-            y_events,
+            hits: Hits::of(py, &hits, 1)?,
             n_steps: counts.accepted,
             n_rejected: counts.rejected,
             path: motion.map(|motion| Py::new(py, MotionPath { motion })).transpose()?,

@@ -3,15 +3,15 @@
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
 use zivi::record::failure::Failure;
 use zivi::switched::sensitivity::{Apart, Derivatives, Flight, Flown, Question, Wrt};
 use zivi::{Output, PointRun};
 
+use crate::force::slopes::with_slopes;
+use crate::force::Force;
 use crate::method::Method;
 use crate::record::{Array, RunRecord};
 use crate::simulate::setup_error;
-use crate::slopes::with_slopes;
 use crate::system::{PointMass, State};
 use crate::watch::Watch;
 
@@ -26,11 +26,22 @@ pub(crate) struct SensitivityRecord {
     zeno_times: Array,
     liftoff_times: Array,
     radius: Array,
-    /// `(kind, time, depth)` of the event that limits each column.
-    nearest: Vec<Option<(u8, f64, f64)>>,
+    /// The event that limits each column.
+    nearest: Vec<Option<Nearest>>,
     grazing: bool,
     samples: Array,
     n_slopes: u64,
+}
+
+/// The event that is nearest to another order of events.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+#[derive(Clone, Copy)]
+pub(crate) struct Nearest {
+    /// Which of the limits of a derivative it is.
+    pub(crate) limit: u8,
+    pub(crate) t: f64,
+    /// How far from it the run passes.
+    pub(crate) depth: f64,
 }
 
 /// `x0`, `xdot0`, `t0`, `e` are -1 to -4; parameters of the force have their numbers.
@@ -71,7 +82,7 @@ pub(crate) fn sensitivity(
     let (sizes, times, tstops) = (sizes.as_slice()?, times.as_slice()?, tstops.as_slice()?);
     let question = &Question { wrt: &wrt, sizes, controlled, times };
     let watch = &mut Watch { progress };
-    let result = with_slopes!(py, system.force.bind(py), span.1 - span.0, |force| {
+    let result = with_slopes!(py, system.force.get(), span.1 - span.0, |force| {
         let output = Output { tstops, dense, drawn, ..Output::default() };
         zivi::switched::sensitivity::sensitivity(
             method,
@@ -87,8 +98,10 @@ pub(crate) fn sensitivity(
     let (run, derivatives) = result.map_err(setup_error)?;
     let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
     let Derivatives { x, xdot, impact_dt, impact_du, zeno_times, liftoff_times, .. } = derivatives;
-    let nearest =
-        derivatives.nearest.iter().map(|it| it.map(|it| (it.limit as u8, it.t, it.depth)));
+    let nearest = derivatives
+        .nearest
+        .iter()
+        .map(|it| it.map(|it| Nearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
     Ok(SensitivityRecord {
         run: Py::new(py, RunRecord::new(py, PointRun::switched(run, restitution))?)?,
         x: array(x),
@@ -112,7 +125,7 @@ pub(crate) fn sensitivity(
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn fly_apart(
     py: Python<'_>,
-    force: &Bound<'_, PyTuple>,
+    force: PyRef<'_, Force>,
     method: PyRef<'_, Method>,
     flights: PyReadonlyArray1<'_, f64>,
     by: Vec<usize>,
@@ -127,7 +140,7 @@ pub(crate) fn fly_apart(
         .collect();
     let apart = &Apart { settings, by: &by, sizes: sizes.as_slice()?, minima };
     let longest = flights.iter().fold(0.0_f64, |longest, it| longest.max(it.to - it.from));
-    let flown: Result<Vec<Flown>, Failure<PyErr>> = with_slopes!(py, force, longest, |force| {
+    let flown: Result<Vec<Flown>, Failure<PyErr>> = with_slopes!(py, &force, longest, |force| {
         zivi::switched::sensitivity::fly_apart(force, &flights, apart)
     });
     let mut numbers = Vec::new();

@@ -9,8 +9,8 @@ use zivi::stepping::step_solver::General;
 use zivi::system::dynamics::Layout;
 use zivi::{AnyMethod, Grid, Lifted, Method as _, Output, Physical, PointRun, SetupError, Solver};
 
-use crate::dynamics::DynamicsSpec;
-use crate::force::ForceSpec;
+use crate::dynamics::AnyDynamics;
+use crate::force::{with_force, AnyForce};
 use crate::mechanics::MechanicalRecord;
 use crate::method::{step_of, step_solver, Method};
 use crate::record::RunRecord;
@@ -25,43 +25,6 @@ pub(crate) fn setup_error(error: SetupError) -> PyErr {
         }
         _ => PyValueError::new_err(error.to_string()),
     }
-}
-
-/// One call for every kind of force, so that each is compiled into its own loop.
-macro_rules! with_force {
-    ($py:expr, $spec:expr, |$force:ident| $run:expr) => {
-        match $crate::force::ForceSpec::from_tuple($spec)? {
-            $crate::force::ForceSpec::Constant(value) => {
-                let $force = &mut zivi::ConstantForce(value);
-                $py.detach(|| $run)
-            }
-            $crate::force::ForceSpec::Linear(mut linear) => {
-                let $force = &mut linear;
-                $py.detach(|| $run)
-            }
-            $crate::force::ForceSpec::Compiled(mut compiled) => {
-                let $force = &mut compiled;
-                $py.detach(|| $run)
-            }
-            $crate::force::ForceSpec::Callable(mut callable) => {
-                let $force = &mut callable;
-                $run
-            }
-            $crate::force::ForceSpec::Moving(moving) => {
-                let mut spec = $crate::force::ForceSpec::Moving(moving);
-                match spec.native() {
-                    Some(mut native) => {
-                        let $force = &mut native;
-                        $py.detach(|| $run)
-                    }
-                    None => {
-                        let $force = &mut spec;
-                        $run
-                    }
-                }
-            }
-        }
-    };
 }
 
 /// An array of times as a slice, for as long as it is held.
@@ -126,9 +89,9 @@ fn run_point(
         (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
     let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
     let (restitution, dense, drawn) = (system.restitution, keep.dense, keep.drawn);
-    let spec = system.force.bind(py);
+    let given = system.force.get();
     if keep.events.is_empty() {
-        return Ok(with_force!(py, spec, |force| {
+        return Ok(with_force!(py, given, |force| {
             let output = Output { t_eval, tstops, dense, drawn, events: Vec::new() };
             method.run(zivi::PointMass { force, restitution }, span, start, output, watch)
         }));
@@ -136,7 +99,7 @@ fn run_point(
     // the events need the interpreter
     let events = keep.events.iter().map(|it| it.get().of_point(py)).collect();
     let output = Output { t_eval, tstops, dense, drawn, events };
-    let force = &mut ForceSpec::from_tuple(spec)?;
+    let force = &mut AnyForce::of(py, given);
     Ok(method.run(zivi::PointMass { force, restitution }, span, start, output, watch))
 }
 
@@ -155,10 +118,10 @@ fn run_mechanism(
     let (dense, e) = (keep.dense, system.e.as_slice());
     let start = (start.q.as_slice(), start.qdot.as_slice());
     let layout = Layout { n: system.n, m: system.m };
-    let dynamics = DynamicsSpec::from_tuple(system.model.bind(py), layout)?;
+    let dynamics = AnyDynamics::of(py, system.model.get(), layout);
     let output = |events| MechanicalOutput { t_eval, tstops, dense, events };
     Ok(match dynamics {
-        DynamicsSpec::Compiled(mut compiled) if keep.events.is_empty() => py.detach(|| {
+        AnyDynamics::Compiled(mut compiled) if keep.events.is_empty() => py.detach(|| {
             let system = zivi::Mechanism { dynamics: &mut compiled, e };
             method.run(system, span, start, output(Vec::new()), watch)
         }),
@@ -166,11 +129,11 @@ fn run_mechanism(
         dynamics => {
             let events = keep.events.iter().map(|it| it.get().of_mechanism(py, layout.n)).collect();
             match dynamics {
-                DynamicsSpec::Compiled(mut compiled) => {
+                AnyDynamics::Compiled(mut compiled) => {
                     let system = zivi::Mechanism { dynamics: &mut compiled, e };
                     method.run(system, span, start, output(events), watch)
                 }
-                DynamicsSpec::Callable(mut callable) => {
+                AnyDynamics::Callable(mut callable) => {
                     let system = zivi::Mechanism { dynamics: &mut callable, e };
                     method.run(system, span, start, output(events), watch)
                 }

@@ -1,26 +1,31 @@
 //! What a run is asked for: the system, where it starts, what it shall keep.
 
 use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
-use zivi::{Physical, Restitution};
+use zivi::Physical;
 
-use crate::dynamics::vector;
+use crate::dynamics::{vector, Model};
+use crate::force::Force;
+use crate::transform::Restitution;
 use crate::user_events::Event;
 
 /// A mass above a wall.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct PointMass {
-    pub(crate) force: Py<PyTuple>,
-    pub(crate) restitution: Restitution,
+    pub(crate) force: Py<Force>,
+    pub(crate) restitution: zivi::Restitution,
 }
 
 #[pymethods]
 impl PointMass {
-    /// From its force and both of its coefficients: one as it was given, the other its image.
     #[new]
-    fn new(force: Py<PyTuple>, e: f64, kappa: f64) -> PyResult<Self> {
-        Ok(Self { force, restitution: crate::transform::from_both((e, kappa))? })
+    fn new(force: Py<Force>, restitution: PyRef<'_, Restitution>) -> Self {
+        Self { force, restitution: restitution.inner }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.force)
     }
 }
 
@@ -41,7 +46,7 @@ impl State {
 /// A mechanical system of `n` coordinates and `m` gaps.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Mechanism {
-    pub(crate) model: Py<PyTuple>,
+    pub(crate) model: Py<Model>,
     pub(crate) n: usize,
     pub(crate) m: usize,
     /// A coefficient of restitution for each gap.
@@ -52,8 +57,12 @@ pub(crate) struct Mechanism {
 impl Mechanism {
     #[new]
     #[pyo3(signature = (model, *, n, m, e))]
-    fn new(model: Py<PyTuple>, n: usize, m: usize, e: PyReadonlyArray1<'_, f64>) -> Self {
+    fn new(model: Py<Model>, n: usize, m: usize, e: PyReadonlyArray1<'_, f64>) -> Self {
         Self { model, n, m, e: vector(&e) }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.model)
     }
 }
 

@@ -3,36 +3,64 @@
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi_core::{transform, Branch, Lifted, Physical, Restitution};
+use zivi_core::{
+    transform, Branch, Lifted, Physical, Restitution as Coefficients, RestitutionError,
+};
 
-/// `(e, kappa)`: one as it was given, the other its image, so that neither loses digits.
-pub(crate) type WallPair = (f64, f64);
+fn refused(error: RestitutionError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
 
-pub(crate) fn from_both((e, kappa): WallPair) -> PyResult<Restitution> {
-    Restitution::from_both(e, kappa).map_err(|error| PyValueError::new_err(error.to_string()))
+/// What a wall gives back, both as `e` and as `kappa`: one as it was given, the other its image, so
+/// that neither loses digits.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct Restitution {
+    pub(crate) inner: Coefficients,
+}
+
+#[pymethods]
+impl Restitution {
+    /// From exactly one of them.
+    #[new]
+    #[pyo3(signature = (*, e=None, kappa=None))]
+    fn new(e: Option<f64>, kappa: Option<f64>) -> PyResult<Self> {
+        let inner = match (e, kappa) {
+            (Some(e), None) => Coefficients::from_e(e),
+            (None, Some(kappa)) => Coefficients::from_kappa(kappa),
+            _ => {
+                let given = if e.is_some() { "both" } else { "neither" };
+                return Err(PyValueError::new_err(format!(
+                    "exactly one of e and kappa must be given, got {given}"
+                )));
+            }
+        };
+        Ok(Self { inner: inner.map_err(refused)? })
+    }
+
+    /// From both, which must be each other's image.
+    #[staticmethod]
+    fn of_both(e: f64, kappa: f64) -> PyResult<Self> {
+        Ok(Self { inner: from_both(e, kappa)? })
+    }
+
+    #[getter]
+    fn e(&self) -> f64 {
+        self.inner.e()
+    }
+
+    #[getter]
+    fn kappa(&self) -> f64 {
+        self.inner.kappa()
+    }
+}
+
+pub(crate) fn from_both(e: f64, kappa: f64) -> PyResult<Coefficients> {
+    Coefficients::from_both(e, kappa).map_err(refused)
 }
 
 /// Where only the parameter of the transform matters.
-pub(crate) fn restitution_of(kappa: f64) -> PyResult<Restitution> {
-    Restitution::from_kappa(kappa).map_err(|error| PyValueError::new_err(error.to_string()))
-}
-
-/// `(e, kappa)` from exactly one of them.
-#[pyfunction]
-#[pyo3(signature = (*, e=None, kappa=None))]
-pub(crate) fn restitution(e: Option<f64>, kappa: Option<f64>) -> PyResult<(f64, f64)> {
-    let wall = match (e, kappa) {
-        (Some(e), None) => Restitution::from_e(e),
-        (None, Some(kappa)) => Restitution::from_kappa(kappa),
-        _ => {
-            let given = if e.is_some() { "both" } else { "neither" };
-            return Err(PyValueError::new_err(format!(
-                "exactly one of e and kappa must be given, got {given}"
-            )));
-        }
-    };
-    let wall = wall.map_err(|error| PyValueError::new_err(error.to_string()))?;
-    Ok((wall.e(), wall.kappa()))
+pub(crate) fn restitution_of(kappa: f64) -> PyResult<Coefficients> {
+    Coefficients::from_kappa(kappa).map_err(refused)
 }
 
 type Pair<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);

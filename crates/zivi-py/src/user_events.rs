@@ -1,11 +1,14 @@
 //! Events of the user: functions from Python, and what happened of them.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use std::slice::from_ref;
+
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use zivi::{Direction, Hit, Level, MotionPoint, UserEvent};
+use zivi::{Direction, Hit, Level, MotionPoint, PathPoint, UserEvent};
 
 use crate::dynamics::fill;
+use crate::mechanics::Matrix;
 use crate::record::Array;
 
 /// An event of the user: where a function of time and state changes its sign.
@@ -84,20 +87,60 @@ impl Event {
     }
 }
 
-/// The times of each event, and the states there: a row `x, x'` for each.
+/// Where one event of the user happened: its times, and the states there in rows.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct Hits {
-    pub(crate) t: Vec<Array>,
-    pub(crate) y: Vec<Py<PyArray2<f64>>>,
+    t: Array,
+    /// Coordinates: one, the distance from the wall, for a mass.
+    q: Matrix<f64>,
+    qdot: Matrix<f64>,
+}
+
+/// A state at which an event happened.
+pub(crate) trait Place {
+    /// Coordinates.
+    fn q(&self) -> &[f64];
+    /// Velocities.
+    fn qdot(&self) -> &[f64];
+}
+
+impl Place for PathPoint {
+    fn q(&self) -> &[f64] {
+        from_ref(&self.x)
+    }
+
+    fn qdot(&self) -> &[f64] {
+        from_ref(&self.xdot)
+    }
+}
+
+/// Gaps and their rates follow the coordinates and velocities.
+impl Place for MotionPoint {
+    fn q(&self) -> &[f64] {
+        &self.x
+    }
+
+    fn qdot(&self) -> &[f64] {
+        &self.v
+    }
 }
 
 impl Hits {
-    pub(crate) fn new(py: Python<'_>, hits: &[Vec<Hit>]) -> PyResult<Self> {
-        let times = |hits: &Vec<Hit>| PyArray1::from_iter(py, hits.iter().map(|it| it.t));
-        let states = |hits: &Vec<Hit>| {
-            let all = hits.iter().flat_map(|it| [it.at.x, it.at.xdot]);
-            Ok(PyArray1::from_iter(py, all).reshape([hits.len(), 2])?.unbind())
+    /// Those of each event, at states of `n` coordinates.
+    pub(crate) fn of<S: Place>(
+        py: Python<'_>,
+        events: &[Vec<Hit<S>>],
+        n: usize,
+    ) -> PyResult<Vec<Py<Self>>> {
+        let one = |hits: &Vec<Hit<S>>| {
+            let rows = |of: fn(&S) -> &[f64]| -> PyResult<Matrix<f64>> {
+                let all: Vec<f64> =
+                    hits.iter().flat_map(|it| of(&it.at)[..n].iter().copied()).collect();
+                Ok(PyArray1::from_vec(py, all).reshape([hits.len(), n])?.unbind())
+            };
+            let t = PyArray1::from_iter(py, hits.iter().map(|it| it.t)).unbind();
+            Py::new(py, Self { t, q: rows(S::q)?, qdot: rows(S::qdot)? })
         };
-        let t = hits.iter().map(|hits| times(hits).unbind()).collect();
-        Ok(Self { t, y: hits.iter().map(states).collect::<PyResult<_>>()? })
+        events.iter().map(one).collect()
     }
 }

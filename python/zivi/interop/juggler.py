@@ -99,7 +99,8 @@ def _juggler() -> type[Any]:
         def __init__(
             self, wall: tuple[float, float], *, h: float, height: float, u_max: float, steps: int
         ) -> None:
-            self._wall, self._h, self._steps, self._u_max = wall, h, steps, u_max
+            self._restitution = _zivi.Restitution.of_both(*wall)
+            self._h, self._steps, self._u_max = h, steps, u_max
             self._height, self._speed = height, math.sqrt(2.0 * GRAVITY * height)
             self._state, self._k = (height, 0.0), 0
             low = np.array([0.0, -np.inf], np.float32)
@@ -126,7 +127,8 @@ def _juggler() -> type[Any]:
         def step(self, action: Any) -> tuple[Any, float, bool, bool, Any]:
             u = self._u_max * float(np.clip(np.ravel(action)[0], -1.0, 1.0))
             row = np.array([[*self._state, u - GRAVITY, self._h]])
-            x, xdot, impacts = (float(it[0]) for it in _zivi.ballistic_motion(row, self._wall))
+            end = _zivi.ballistic_motion(row, self._restitution)
+            x, xdot, impacts = (float(it[0]) for it in (end.x, end.xdot, end.n_impacts))
             self._state, self._k = (x, xdot), self._k + 1
             energy = (0.5 * xdot * xdot + GRAVITY * x) / (GRAVITY * self._height)
             info = {"t": self._k * self._h, "u": u, "impacts": int(impacts)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from zivi import _zivi
 from zivi._check import finite
 from zivi.mechanics.partials import Partials
 from zivi.mechanics.system import MechanicalSystem, Model
@@ -117,7 +118,7 @@ class ParametricSystem(MechanicalSystem):
         ValueError
             If a parameter moves a coefficient of restitution or changes the gaps.
         """
-        differences, owners = [], []
+        differences = []
         for name, value in self._parameters.items():
             h = (value + STEP * (abs(value) or 1.0)) - value
             systems = [self._at({name: value + k * h}) for k in MOVES]
@@ -128,10 +129,8 @@ class ParametricSystem(MechanicalSystem):
                         "coefficients of restitution are those by 'e'"
                     )
             models = [system.model(model.layout.n) for system in systems]
-            owners.append(models)
-            differences.append((h, [moved.spec for moved in models]))
-        spec: tuple[Any, ...] = ("differences", differences)
-        return Partials(spec, self._parameters, owners)
+            differences.append(_zivi.Moved(h, [moved.spec for moved in models]))
+        return Partials(_zivi.Partials.differences(differences), self._parameters)
 
     def __repr__(self) -> str:
         return f"ParametricSystem({self._built!r}, parameters={self._parameters!r})"

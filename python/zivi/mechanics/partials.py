@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+
+from zivi import _zivi
 
 __all__ = ["Partials"]
 
@@ -15,16 +16,11 @@ class Partials:
 
     Parameters
     ----------
-    spec : tuple
-        ``("differences", [(step, six models), ...])``, or the model of a function that fills in the
-        derivatives of all numbers by time, coordinates, velocities and parameters, one after the
-        other.
+    spec : _zivi.Partials
+        Differences, or a function that fills in all derivatives.
     parameters : dict
         Names and values of the parameters, in their order.
-    owner : object
-        What keeps compiled functions alive.
     """
 
-    spec: tuple[Any, ...] = ("differences", [])
+    spec: _zivi.Partials = dataclasses.field(default_factory=lambda: _zivi.Partials.differences([]))
     parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    owner: object = None

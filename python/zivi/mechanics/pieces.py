@@ -88,5 +88,5 @@ def compiled_part(name: str, given: Any) -> Compiled | None:
 
 def _low_level(name: str, given: Any) -> tuple[int, int | None]:
     """Read a `scipy.LowLevelCallable`: the address and the data of its capsule."""
-    address, data, _ = _zivi.compiled_model(tuple(given), name)
-    return address, data
+    function = _zivi.compiled_model(tuple(given), name)
+    return function.address, function.data

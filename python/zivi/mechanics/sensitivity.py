@@ -11,7 +11,7 @@ import numpy as np
 
 from zivi import _zivi
 from zivi._check import Array
-from zivi._compiled import listening
+from zivi._compiled import listening_always
 from zivi._extras import needed
 from zivi._progress import ProgressBar
 from zivi.mechanics.run import Asked, configuration, state_of
@@ -173,7 +173,6 @@ class _Problem:
                 _zivi.Configuration(*self.state),
                 wrt=self.codes,
                 sizes=self.sizes,
-                parameters=len(self.partials.parameters),
                 controlled=self.errsens,
                 dense=dense,
                 tstops=self.stops,
@@ -182,7 +181,7 @@ class _Problem:
             )
 
     def solve(self, dense: bool = False, progress: bool | None = False) -> MechanicalSensitivity:
-        with listening([("compiled",)]) as ear:
+        with listening_always() as ear:
             record = self.record(self.span, np.empty(0), dense, progress)
         asked = Asked(self.span, *self.state, None, self.stops, [], dense)
         sol = MechanicalTrajectory._from_record(
@@ -206,7 +205,7 @@ class _Problem:
         for name, values in (("t", sol.impacts["t"]), ("gap", sol.impacts["gap"])):
             impacts[name] = values[:count]
         impacts["dt"], impacts["du"] = dt[:count], du[:count]
-        limits = [it and Nearest(KINDS[it[0]], it[1], it[2]) for it in record.nearest]
+        limits = [it and Nearest(KINDS[it.limit], it.t, it.depth) for it in record.nearest]
         status = OrbitStatus.GRAZING if record.grazing else OrbitStatus.COMPLETED
         if record.lost_at is not None:
             status = OrbitStatus.NOT_DIFFERENTIABLE

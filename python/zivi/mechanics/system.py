@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zivi import _zivi
 from zivi._check import Array, finite, real_array
 from zivi.mechanics.assemble import Evaluate, assembled
 from zivi.mechanics.gap import Gap
@@ -31,18 +32,15 @@ class Model:
     ----------
     layout : Layout
         Numbers of coordinates and gaps.
-    spec : tuple
-        ``("compiled", address, data, returns_int)`` or ``("callable", evaluate)``.
+    spec : _zivi.Model
+        The model, compiled or not; it holds the owner of compiled code.
     evaluate : callable
         The same model for the interpreter.
-    owner : object
-        What keeps the compiled one alive.
     """
 
     layout: Layout
-    spec: tuple[Any, ...]
+    spec: _zivi.Model
     evaluate: Evaluate
-    owner: object = None
 
 
 class MechanicalSystem:
@@ -182,13 +180,13 @@ class MechanicalSystem:
         evaluate = assembled(layout, self._mass, self._force, self._gaps)
         native = glued(layout, self._mass, self._force, self._gaps)
         if native is None:
-            return Model(layout, ("callable", evaluate), evaluate)
-        spec = ("compiled", native.native.address, native.address, True)
-        return Model(layout, spec, evaluate, native)
+            return Model(layout, _zivi.Model.callable(evaluate), evaluate)
+        spec = _zivi.Model.compiled(native.native.address, data=native.address, owner=native)
+        return Model(layout, spec, evaluate)
 
     def partials(self, model: Model) -> Partials:
         """Give what the extension takes for the partial derivatives of a model."""
-        return Partials(owner=model.owner)
+        return Partials()
 
     def at(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Evaluation:
         """Evaluate the system.

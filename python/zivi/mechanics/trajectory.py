@@ -153,9 +153,9 @@ class MechanicalTrajectory:
             coordinate_names=tuple(config["coordinates"]),
             gap_names=tuple(config["gaps"]),
             config=config,
-            t_events=[hit[0] for hit in record.hits],
-            q_events=[hit[1] for hit in record.hits],
-            qdot_events=[hit[2] for hit in record.hits],
+            t_events=[hits.t for hits in record.hits],
+            q_events=[hits.q for hits in record.hits],
+            qdot_events=[hits.qdot for hits in record.hits],
             _path=linear if stepped else record.path,
             _model=model,
         )

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from zivi._batch_arguments import is_native
 from zivi._check import Array
 from zivi.batch import simulate_batch
 from zivi.methods import SwitchedRK
@@ -150,7 +149,7 @@ def settle(
 
     Runs whose forces need no interpreter and whose periods are the same are batches.
     """
-    together = len(set(periods)) == 1 and all(is_native(it._spec) for it in systems)
+    together = len(set(periods)) == 1 and all(it._spec.is_native for it in systems)
     if not together:
         triples = zip(systems, states, periods, strict=True)
         return [settle_one(*it, transient, keep, method) for it in triples]

@@ -12,7 +12,6 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._batch_arguments import is_native
 from zivi._check import Array
 from zivi.batch import simulate_batch
 from zivi.methods import SwitchedRK
@@ -48,7 +47,7 @@ class _Runner:
     def after(self, states: Array, periods: int) -> tuple[Array, NDArray[np.bool_]]:
         """Give the states after some periods, NaN for runs that fail, and which runs graze."""
         span = (0.0, periods * self.period)
-        if not is_native(self.system._spec):
+        if not self.system._spec.is_native:
             return self._one_by_one(states, span)
         batch = simulate_batch(
             [self.system] * len(states),

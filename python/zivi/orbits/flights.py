@@ -10,7 +10,7 @@ import numpy as np
 from zivi import _zivi
 from zivi._check import Array, finite
 from zivi._compiled import listening
-from zivi._parameters import codes_of, excitation, parameter, slopes_spec
+from zivi._parameters import codes_of, excitation, parameter
 from zivi.methods import SwitchedRK
 from zivi.status import Status
 from zivi.system import ImpactSystem
@@ -73,8 +73,8 @@ def fly(
     by = [] if name in (None, "e") else codes_of(system, (str(name),))
     sizes = [1.0, 1.0] + [abs(parameter(system, str(name))) or 1.0 for _ in by]
     rows = np.ascontiguousarray(starts, dtype=np.float64).reshape(-1, 4)
-    spec = slopes_spec(system)
-    with listening([system._spec]) as ear:
+    spec = system._spec
+    with listening([spec]) as ear:
         core = method._core
         status, numbers = _zivi.fly_apart(spec, core, rows.ravel(), by, np.array(sizes), minima)
     if (error := ear.ends(status == 0)) is not None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zivi import _zivi
 from zivi._check import Array, finite
 from zivi._machine_code import Native, compiled
 from zivi.mechanics.layout import Layout
@@ -181,8 +182,9 @@ class SymbolicSystem(MechanicalSystem):
             function(t, *pointers, _pointer(row), parameters.address)
             return row
 
-        spec = ("compiled", self._native.address, parameters.address, True)
-        return Model(layout, spec, evaluate, (self._native, parameters))
+        owner = self._native, parameters
+        spec = _zivi.Model.compiled(self._native.address, data=parameters.address, owner=owner)
+        return Model(layout, spec, evaluate)
 
     def partials(self, model: Model) -> Partials:
         """Give the function of the derivatives, compiled when it is first asked for.
@@ -195,8 +197,11 @@ class SymbolicSystem(MechanicalSystem):
         if self._equations is None:
             return super().partials(model)
         native = compiled(self._equations.sources, self._compiler)
-        spec = ("compiled", native.address, self._parameters.address, True)
-        return Partials(spec, dict(self._parameters), (native, self._parameters))
+        parameters = self._parameters
+        owner = native, parameters
+        function = _zivi.Model.compiled(native.address, data=parameters.address, owner=owner)
+        spec = _zivi.Partials.function(function, len(parameters))
+        return Partials(spec, dict(parameters))
 
     def __repr__(self) -> str:
         return f"{super().__repr__()[:-1]}, parameters={self._parameters!r})"

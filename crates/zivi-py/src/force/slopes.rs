@@ -4,9 +4,12 @@ use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::system::slopes::{Differenced, DifferentiableForce, Parametrised, Place, Slopes};
-use zivi::{Force, HarmonicWall, OnMovingWall};
+use zivi::{Force as Evaluated, HarmonicWall, OnMovingWall};
 
-use crate::force::{CompiledForce, ForceSpec, WallSpec};
+use super::any::AnyForce;
+use super::compiled::CompiledForce;
+use super::wall::AnyWall;
+use super::{Force, Kind};
 
 /// `f(t, x, xdot, *values)` in the interpreter.
 pub(crate) struct ParametricForce<'py> {
@@ -28,7 +31,7 @@ impl Parametrised for ParametricForce<'_> {
     }
 }
 
-impl Force<PyErr> for ParametricForce<'_> {
+impl Evaluated<PyErr> for ParametricForce<'_> {
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
         let value = self.call(&self.callable, Place::new(t, x, xdot))?;
         value.bind(self.callable.py()).extract()
@@ -45,7 +48,7 @@ pub(crate) struct WithJacobian<'py> {
     jacobian: Bound<'py, PyAny>,
 }
 
-impl Force<PyErr> for WithJacobian<'_> {
+impl Evaluated<PyErr> for WithJacobian<'_> {
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
         self.force.at(t, x, xdot)
     }
@@ -79,7 +82,7 @@ impl DifferentiableForce<PyErr> for WithJacobian<'_> {
 }
 
 /// A force whose partial derivatives are known, or taken by differences.
-pub(crate) enum SlopesSpec<'py> {
+pub(crate) enum AnySlopes<'py> {
     Constant(zivi::ConstantForce),
     Linear(zivi::LinearForce),
     Compiled(Differenced<CompiledForce>),
@@ -90,45 +93,47 @@ pub(crate) enum SlopesSpec<'py> {
     Jacobian(WithJacobian<'py>),
     MovingParametric(OnMovingWall<Differenced<ParametricForce<'py>>, HarmonicWall>),
     MovingJacobian(OnMovingWall<WithJacobian<'py>, HarmonicWall>),
-    MovingCallable(OnMovingWall<Differenced<ForceSpec<'py>>, HarmonicWall>),
+    MovingCallable(OnMovingWall<Differenced<AnyForce<'py>>, HarmonicWall>),
     /// A force without parameters of its own.
-    Other(Differenced<ForceSpec<'py>>),
+    Other(Differenced<AnyForce<'py>>),
 }
 
-impl<'py> SlopesSpec<'py> {
-    /// From the tuple of a force, for a span that is so long.
-    pub(crate) fn from_tuple(spec: &Bound<'py, PyTuple>, duration: f64) -> PyResult<Self> {
-        let kind: String = spec.get_item(0)?.extract()?;
-        if kind == "parametric" {
-            let force = ParametricForce {
-                callable: spec.get_item(1)?,
-                values: spec.get_item(2)?.extract()?,
-            };
-            let jacobian = spec.get_item(3)?;
-            return Ok(if jacobian.is_none() {
-                Self::Parametric(Differenced::new(force, duration))
-            } else {
-                Self::Jacobian(WithJacobian { force, jacobian })
-            });
-        }
-        if kind == "moving" {
-            return Self::moving(spec, duration);
-        }
-        Ok(match ForceSpec::from_tuple(spec)? {
-            ForceSpec::Constant(value) => Self::Constant(zivi::ConstantForce(value)),
-            ForceSpec::Linear(force) => Self::Linear(force),
-            ForceSpec::Compiled(force) => Self::Compiled(Differenced::new(force, duration)),
-            other => Self::Other(Differenced::new(other, duration)),
+impl<'py> AnySlopes<'py> {
+    /// For a span that is so long.
+    pub(crate) fn of(py: Python<'py>, force: &Force, duration: f64) -> PyResult<Self> {
+        Ok(match &force.kind {
+            Kind::Constant(value) => Self::Constant(zivi::ConstantForce(*value)),
+            Kind::Linear(force) => Self::Linear(*force),
+            Kind::Compiled(force, _) => {
+                Self::Compiled(Differenced::new(force.listening(), duration))
+            }
+            Kind::Callable(_) => Self::Other(Differenced::new(AnyForce::of(py, force), duration)),
+            Kind::Parametric(it) => match (&it.plain.get().kind, &it.jacobian) {
+                (Kind::Compiled(..), None) => Self::of(py, it.plain.get(), duration)?,
+                (_, jacobian) => {
+                    let callable = it.function.bind(py).clone();
+                    let force = ParametricForce { callable, values: it.values.clone() };
+                    match jacobian {
+                        None => Self::Parametric(Differenced::new(force, duration)),
+                        Some(jacobian) => {
+                            let jacobian = jacobian.bind(py).clone();
+                            Self::Jacobian(WithJacobian { force, jacobian })
+                        }
+                    }
+                }
+            },
+            Kind::Moving(inner, wall) => {
+                let AnyWall::Harmonic(wall) = AnyWall::of(py, wall.get()) else {
+                    let force = AnyForce::of(py, force);
+                    return Ok(Self::Other(Differenced::new(force, duration)));
+                };
+                Self::of(py, inner.get(), duration)?.above(wall)?
+            }
         })
     }
 
-    fn moving(spec: &Bound<'py, PyTuple>, duration: f64) -> PyResult<Self> {
-        let inner = spec.get_item(1)?;
-        let motion = spec.get_item(2)?;
-        let WallSpec::Harmonic(wall) = WallSpec::from_tuple(motion.cast()?)? else {
-            return Ok(Self::Other(Differenced::new(ForceSpec::from_tuple(spec)?, duration)));
-        };
-        Ok(match Self::from_tuple(inner.cast()?, duration)? {
+    fn above(self, wall: HarmonicWall) -> PyResult<Self> {
+        Ok(match self {
             Self::Constant(force) => Self::MovingConstant(OnMovingWall { force, wall }),
             Self::Linear(force) => Self::MovingLinear(OnMovingWall { force, wall }),
             Self::Compiled(force) => Self::MovingCompiled(OnMovingWall { force, wall }),
@@ -142,21 +147,21 @@ impl<'py> SlopesSpec<'py> {
 
 /// One call for every kind of force; the lock is released where no interpreter is needed.
 macro_rules! with_slopes {
-    ($py:expr, $spec:expr, $duration:expr, |$force:ident| $run:expr) => {{
-        use $crate::slopes::SlopesSpec as Spec;
+    ($py:expr, $given:expr, $duration:expr, |$force:ident| $run:expr) => {{
+        use $crate::force::slopes::AnySlopes as Spec;
         macro_rules! native {
-            ($given:ident) => {{
-                let $force = &mut $given;
+            ($one:ident) => {{
+                let $force = &mut $one;
                 $py.detach(|| $run)
             }};
         }
         macro_rules! interpreted {
-            ($given:ident) => {{
-                let $force = &mut $given;
+            ($one:ident) => {{
+                let $force = &mut $one;
                 $run
             }};
         }
-        match Spec::from_tuple($spec, $duration)? {
+        match Spec::of($py, $given, $duration)? {
             Spec::Constant(mut given) => native!(given),
             Spec::Linear(mut given) => native!(given),
             Spec::Compiled(mut given) => native!(given),

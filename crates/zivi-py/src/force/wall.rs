@@ -1,0 +1,78 @@
+//! Walls that move.
+
+use pyo3::gc::{PyTraverseError, PyVisit};
+use pyo3::prelude::*;
+use zivi::{HarmonicWall, WallMotion};
+
+/// The motion of a wall, of one of its kinds.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct Wall {
+    kind: Kind,
+}
+
+enum Kind {
+    Harmonic(HarmonicWall),
+    /// Gives position, velocity and acceleration.
+    Callable(Py<PyAny>),
+}
+
+#[pymethods]
+impl Wall {
+    #[staticmethod]
+    #[pyo3(signature = (*, amplitude, omega, phase, offset))]
+    fn harmonic(amplitude: f64, omega: f64, phase: f64, offset: f64) -> Self {
+        Self { kind: Kind::Harmonic(HarmonicWall { amplitude, omega, phase, offset }) }
+    }
+
+    #[staticmethod]
+    fn callable(motion: Py<PyAny>) -> Self {
+        Self { kind: Kind::Callable(motion) }
+    }
+
+    /// Whether runs do without the interpreter.
+    #[getter]
+    pub(crate) fn is_native(&self) -> bool {
+        matches!(self.kind, Kind::Harmonic(_))
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        match &self.kind {
+            Kind::Harmonic(_) => Ok(()),
+            Kind::Callable(motion) => visit.call(motion),
+        }
+    }
+}
+
+/// A wall that is ready to be asked where it is.
+pub(crate) enum AnyWall<'py> {
+    Harmonic(HarmonicWall),
+    Callable(Bound<'py, PyAny>),
+}
+
+impl<'py> AnyWall<'py> {
+    pub(crate) fn of(py: Python<'py>, wall: &Wall) -> Self {
+        match &wall.kind {
+            Kind::Harmonic(wall) => Self::Harmonic(*wall),
+            Kind::Callable(motion) => Self::Callable(motion.bind(py).clone()),
+        }
+    }
+}
+
+impl WallMotion<PyErr> for AnyWall<'_> {
+    fn at(&mut self, t: f64) -> PyResult<[f64; 3]> {
+        match self {
+            Self::Harmonic(wall) => wall.at(t),
+            Self::Callable(motion) => {
+                let (w, wdot, wddot) = motion.call1((t,))?.extract()?;
+                Ok([w, wdot, wddot])
+            }
+        }
+    }
+
+    fn harmonic(&self) -> Option<HarmonicWall> {
+        match self {
+            Self::Harmonic(wall) => Some(*wall),
+            Self::Callable(_) => None,
+        }
+    }
+}
