@@ -22,6 +22,7 @@
 //!   [`Occurrence`]s, which [`Events`] reads.
 //! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall).
 //! * [`zeno`]: where impacts accumulate: extrapolation of times and states, the arcs that are skipped.
+//! * `piecewise`: the run loop of methods that advance up to one event after the other.
 //! * [`stepping`]: fixed steps, each scheme a [`stepping::scheme::Scheme`].
 //!   [`stepping::theta_gamma`] and [`stepping::explicit`] implement
 //!   [`stepping::fixed_step::FixedStep`], which is driven over a [`Grid`];
@@ -38,6 +39,7 @@ pub mod drive;
 pub mod mechanics;
 pub mod method;
 pub mod numeric;
+mod piecewise;
 pub mod record;
 pub mod stepping;
 pub mod switched;

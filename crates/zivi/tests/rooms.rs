@@ -5,19 +5,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room with the rooms whose names may stand in its files.
-const ROOMS: [(&str, &[&str]); 9] = [
+const ROOMS: [(&str, &[&str]); 10] = [
     ("numeric", &[]),
     ("record", &["numeric"]),
     ("system", &["numeric", "record"]),
     ("stepping", &["numeric", "record", "system"]),
     ("zeno", &["numeric", "record"]),
-    ("switched", &["numeric", "record", "system", "zeno"]),
-    ("mechanics", &["numeric", "record", "system", "zeno", "stepping", "switched"]),
-    ("method", &["numeric", "record", "system", "zeno", "stepping", "switched", "mechanics"]),
-    (
-        "drive",
-        &["numeric", "record", "system", "zeno", "stepping", "switched", "mechanics", "method"],
-    ),
+    ("piecewise", &["numeric", "record", "system"]),
+    ("switched", &["numeric", "record", "system", "zeno", "piecewise"]),
+    ("mechanics", &["numeric", "record", "system", "zeno", "piecewise", "stepping", "switched"]),
+    ("method", &["numeric", "record", "system", "stepping", "switched", "mechanics"]),
+    ("drive", &["numeric", "record", "system", "zeno", "stepping", "switched", "method"]),
 ];
 
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {

@@ -27,7 +27,6 @@ mod path;
 mod recording;
 mod run;
 pub mod sensitivity;
-mod stepper;
 mod stored;
 mod tail;
 mod theta_gamma;

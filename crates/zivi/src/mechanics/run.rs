@@ -5,7 +5,8 @@ use std::collections::TryReserveError;
 use super::kinetics::Model;
 use super::machine::Machine;
 use super::path::MechanicalPath;
-use super::recording::Running;
+use super::recording::running;
+use crate::piecewise::method::Plainly;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
@@ -155,10 +156,10 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     let mut model = Model::new(dynamics);
     let mut machine = Machine::new(settings, layout, e);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
-    let mut running = Running::new(machine, t1, output);
+    let mut running = running(machine, t1, output);
     let ending = match begun {
         Err(failure) => failure.into(),
-        Ok(()) => running.go(&mut model, monitor),
+        Ok(()) => running.go(&mut Plainly, &mut model, monitor),
     };
     Ok(running.finish(ending, model.count))
 }

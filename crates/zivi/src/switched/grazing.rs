@@ -9,7 +9,7 @@ use super::integrator::{Piece, SwitchedIntegrator};
 use super::run::{simulate_with, Output, SwitchedRun};
 use super::settings::SwitchedRk;
 use super::stages::Counted;
-use super::stepper::Stepper;
+use crate::piecewise::method::Driver;
 use crate::record::failure::Failure;
 use crate::record::user_events::Level;
 use crate::{Force, Monitor, SetupError};
@@ -82,12 +82,12 @@ pub(crate) fn simulate_watching<E, F: Force<E>>(
     Ok((run, grazing.is_undecided(&settings)))
 }
 
-impl<E, F: Force<E>> Stepper<E, F> for Grazing {
+impl<'f, E, F: Force<E>> Driver<SwitchedIntegrator, Counted<'f, F>, E> for Grazing {
     fn step(
         &mut self,
         integrator: &mut SwitchedIntegrator,
         t_end: f64,
-        force: &mut Counted<'_, F>,
+        force: &mut Counted<'f, F>,
     ) -> Result<Piece, Failure<E>> {
         let before = integrator.now;
         self.highest = self.highest.max(before.x);

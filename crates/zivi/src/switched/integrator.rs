@@ -32,7 +32,7 @@ pub struct Counts {
 
 /// A part of the motion that one step of the integrator covers.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Piece {
+pub(crate) enum Piece {
     /// Free flight from a state, up to an impact if there is one.
     Flight { from: Point, sigma: f64, impact: Option<Impact> },
     /// Infinitely many impacts.

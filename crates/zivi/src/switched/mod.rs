@@ -40,7 +40,6 @@ pub mod sensitivity;
 mod settings;
 pub(crate) mod stages;
 pub(crate) mod step_control;
-mod stepper;
 mod stored;
 mod tracing;
 

@@ -4,10 +4,10 @@ use zivi_core::Restitution;
 
 use super::integrator::{Counts, SwitchedIntegrator};
 use super::path::DensePath;
-use super::recording::Running;
+use super::recording::running;
 use super::settings::{Flights, SwitchedRk};
 use super::stages::Counted;
-use super::stepper::{Plainly, Stepper};
+use crate::piecewise::method::{Driver, Plainly};
 use crate::record::trajectory::{SetupError, Trajectory};
 use crate::record::user_events::{Hit, UserEvent};
 use crate::zeno::tail::Tail;
@@ -138,7 +138,7 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
 /// The same in the steps of somebody else.
 #[allow(clippy::too_many_arguments)]
 pub(super) fn simulate_with<E, F: Force<E>>(
-    stepper: &mut impl Stepper<E, F>,
+    driver: &mut impl for<'f> Driver<SwitchedIntegrator, Counted<'f, F>, E>,
     settings: SwitchedRk,
     restitution: Restitution,
     force: &mut F,
@@ -157,9 +157,9 @@ pub(super) fn simulate_with<E, F: Force<E>>(
     if settings.flights == Flights::Series && linear.is_none() {
         return Err(SetupError::Setting("flights", f64::NAN, "series for a linear force only"));
     }
-    let mut run = Running::new(integrator, t1, output);
+    let mut run = running(integrator, t1, output);
     let mut force = Counted::known(force, linear.as_ref());
-    let ending = run.go(stepper, &mut force, monitor);
+    let ending = run.go(driver, &mut force, monitor);
     let nfev = force.count();
     run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))
 }

@@ -9,57 +9,29 @@ use crate::record::reserve::Reserve;
 use crate::record::trajectory::{Columns, SetupError, QUANTITIES};
 use crate::{PathPoint, Physical};
 
-/// Samples at the ends of steps that a piece of the motion has, at most.
-const OF_A_PIECE: usize = 4;
-
-/// What is sampled.
-pub(super) struct Samples<'a> {
-    t_eval: Option<&'a [f64]>,
-    /// The next of the wanted times.
-    next: usize,
+/// The samples of a run.
+#[derive(Debug, Default)]
+pub(super) struct Samples {
     rows: Vec<Row>,
 }
 
-impl<'a> Samples<'a> {
-    pub(super) fn new(t_eval: Option<&'a [f64]>) -> Self {
-        Self { t_eval, next: 0, rows: Vec::new() }
+impl Samples {
+    /// Makes room for so many more.
+    pub(super) fn make_room(
+        &mut self,
+        count: usize,
+        reserve: &mut Reserve,
+    ) -> Result<(), TryReserveError> {
+        reserve.room(&mut self.rows, count, QUANTITIES * size_of::<f64>())
     }
 
-    /// Makes room for what a piece of the motion adds, and for all of the given times.
-    pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
-        let wanted = self.t_eval.map_or(OF_A_PIECE, |times| times.len() - self.next);
-        reserve.room(&mut self.rows, wanted, QUANTITIES * size_of::<f64>())
+    /// The time of the last one.
+    pub(super) fn last(&self) -> Option<f64> {
+        self.rows.last().map(|row| row[0])
     }
 
-    /// The next of the given times.
-    pub(super) fn next_wanted(&self) -> Option<f64> {
-        self.t_eval.and_then(|times| times.get(self.next).copied())
-    }
-
-    /// Samples the motion at the wanted times before `t`.
-    pub(super) fn along(&mut self, t: f64, motion: impl Fn(f64) -> PathPoint) {
-        while let Some(at) = self.next_wanted().filter(|&next| next < t) {
-            self.push(at, motion(at));
-            self.next += 1;
-        }
-    }
-
-    /// A sample at the end of a step, unless the times are given.
-    pub(super) fn at_step(&mut self, t: f64, point: PathPoint) {
-        if self.t_eval.is_none() {
-            self.push(t, point);
-        }
-    }
-
-    /// A sample where the run ends, if it is wanted and not there yet.
-    pub(super) fn at_end(&mut self, t: f64, point: PathPoint) {
-        let wanted = match self.t_eval {
-            Some(times) => times.get(self.next) == Some(&t),
-            None => self.rows.last().is_none_or(|row| row[0] < t),
-        };
-        if wanted {
-            self.push(t, point);
-        }
+    pub(super) fn push(&mut self, t: f64, point: PathPoint) {
+        self.rows.push([t, point.x, point.xdot, point.sigma]);
     }
 
     /// More samples, both in the order of time; where there is one already it stays. Without the
@@ -82,10 +54,6 @@ impl<'a> Samples<'a> {
             }
         }
         self.rows.dedup_by_key(|row| row[0]);
-    }
-
-    fn push(&mut self, t: f64, point: PathPoint) {
-        self.rows.push([t, point.x, point.xdot, point.sigma]);
     }
 
     /// All samples, with `s`, `v` and the multipliers of the branch; `advise` learns where their

@@ -6,8 +6,8 @@ use super::zeno::{ChainRates, ZenoRate};
 use crate::mechanics::equation::State;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::machine::{Machine, Pending, Piece};
-use crate::mechanics::stepper::Stepper;
 use crate::numeric::tableau::Pair;
+use crate::piecewise::method::Driver;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
@@ -269,12 +269,12 @@ impl<'a> Follower<'a> {
     }
 }
 
-impl<E, D: DifferentiableDynamics<E>> Stepper<E, D> for Follower<'_> {
+impl<'f, E, D: DifferentiableDynamics<E>> Driver<Machine, Model<'f, D>, E> for Follower<'_> {
     fn step(
         &mut self,
         machine: &mut Machine,
         t_end: f64,
-        model: &mut Model<'_, D>,
+        model: &mut Model<'f, D>,
     ) -> Result<Piece, Failure<E>> {
         if self.is_blind() {
             return self.blindly(machine, t_end, model);

@@ -4,7 +4,7 @@ use super::columns::MechanicalWrt;
 use super::follower::Follower;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::machine::Machine;
-use crate::mechanics::recording::Running;
+use crate::mechanics::recording::running;
 use crate::mechanics::run::{check_sizes, check_span, started};
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::switched::sensitivity::Nearest;
@@ -112,10 +112,10 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     let mut follower =
         Follower::new((wrt, sizes), controlled, times, t1, (layout, settings.order.pair()));
     let begun = begun.and_then(|()| follower.begin(&machine, &mut model));
-    let mut running = Running::new(machine, t1, output);
+    let mut running = running(machine, t1, output);
     let ending = match begun {
         Err(failure) => failure.into(),
-        Ok(()) => running.go_with(&mut follower, &mut model, monitor),
+        Ok(()) => running.go(&mut follower, &mut model, monitor),
     };
     let run = running.finish(ending, model.count);
     let reached = run.samples.t.last().copied().unwrap_or(t0);

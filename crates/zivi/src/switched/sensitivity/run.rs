@@ -6,7 +6,7 @@ use super::columns::Wrt;
 use super::follower::Follower;
 use super::validity::Nearest;
 use crate::record::trajectory::SetupError;
-use crate::switched::recording::{Ending, Running};
+use crate::switched::recording::running;
 use crate::switched::run::{check_span, check_stops, Output, SwitchedRun};
 use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::Counted;
@@ -100,13 +100,13 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     let mut force = Counted::new(force);
     Stops::new(output.tstops, t1).enter(t0, &mut force.smooth);
     let begun = follower.begin(integrator.now, restitution.e(), &mut force);
-    let mut run = Running::new(integrator, t1, output);
+    let mut run = running(integrator, t1, output);
     let ending = match begun {
         Ok(()) => run.go(&mut follower, &mut force, monitor),
-        Err(failure) => Ending::Failed(failure),
+        Err(failure) => failure.into(),
     };
     let nfev = force.count();
-    follower.ends(run.now());
+    follower.ends(run.method.now);
     let run = run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))?;
     let derivatives = gather(follower, settings, times);
     Ok((run, derivatives))

@@ -12,11 +12,11 @@ mod rest;
 use super::columns::{ColumnStep, Wrt};
 use super::validity::{Limit, Validity};
 use super::zeno::{ChainRates, ZenoRates};
+use crate::piecewise::method::Driver;
 use crate::record::failure::Failure;
 use crate::switched::integrator::{Piece, SwitchedIntegrator};
 use crate::switched::mode::{Flight, Mode};
 use crate::switched::stages::{Counted, Point};
-use crate::switched::stepper::Stepper;
 use crate::system::slopes::{DifferentiableForce, Place};
 use crate::Impact;
 
@@ -247,12 +247,12 @@ impl Follower {
     }
 }
 
-impl<E, F: DifferentiableForce<E>> Stepper<E, F> for Follower {
+impl<'f, E, F: DifferentiableForce<E>> Driver<SwitchedIntegrator, Counted<'f, F>, E> for Follower {
     fn step(
         &mut self,
         integrator: &mut SwitchedIntegrator,
         t_end: f64,
-        force: &mut Counted<'_, F>,
+        force: &mut Counted<'f, F>,
     ) -> Result<Piece, Failure<E>> {
         if let Mode::Flight(Flight::Weigh) = integrator.mode {
             integrator.settle(t_end, force)?;

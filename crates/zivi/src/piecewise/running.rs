@@ -1,0 +1,215 @@
+//! A run under way.
+
+use std::collections::TryReserveError;
+
+use super::method::{Asked, Driver, Piecewise};
+use super::wanted::Wanted;
+use crate::record::failure::Failure;
+use crate::record::monitor::Pace;
+use crate::record::reserve::Reserve;
+use crate::record::seeker::{Part, Seeker};
+use crate::record::user_events::{Hit, UserEvent};
+use crate::system::stops::Stops;
+use crate::{Monitor, Status};
+
+/// Why a run ends.
+pub(crate) enum Ending<E, P> {
+    Failed(Failure<E>),
+    /// An event of the user ends it.
+    Event(Hit<P>),
+}
+
+impl<E, P> From<Failure<E>> for Ending<E, P> {
+    fn from(failure: Failure<E>) -> Self {
+        Ending::Failed(failure)
+    }
+}
+
+/// What a run records of the motion of a method, besides the user's events.
+pub(crate) trait Record<M> {
+    /// Makes room for what the next piece of the motion adds, with so many samples at most.
+    fn make_room(
+        &mut self,
+        method: &mut M,
+        samples: usize,
+        reserve: &mut Reserve,
+    ) -> Result<(), TryReserveError>;
+
+    /// Whether the motion is kept as a function of time.
+    fn is_dense(&self) -> bool;
+}
+
+/// A run that records the pieces of a method that asks `S`.
+pub(crate) trait Absorb<M: Piecewise, S, E> {
+    /// The start, in a stretch that ends at `until`.
+    fn begin(&mut self, until: f64, asked: &mut S) -> Result<(), Ending<E, M::Point>>;
+
+    /// A piece of the motion, after which the method is where it ends.
+    fn absorb(
+        &mut self,
+        piece: M::Piece,
+        until: f64,
+        asked: &mut S,
+    ) -> Result<(), Ending<E, M::Point>>;
+}
+
+/// A run under way.
+pub(crate) struct Running<'a, E, M: Piecewise, R> {
+    t1: f64,
+    stops: Stops<'a>,
+    pub(crate) method: M,
+    pub(crate) seeker: Seeker<'a, E, M::Point>,
+    pub(crate) wanted: Wanted<'a>,
+    pub(crate) record: R,
+    /// Set aside for what is made of the lists of the record.
+    pub(crate) reserve: Reserve,
+    /// What is recorded goes up to here.
+    pub(crate) end: (f64, M::Point),
+}
+
+/// Progress is told in parts of the span.
+const PARTS: usize = 1_000_000;
+
+impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
+    /// A run to `t1` from where a method starts, at a state, with the times at which the forces
+    /// are not smooth and those at which samples are wanted.
+    pub(crate) fn new(
+        (method, start): (M, M::Point),
+        t1: f64,
+        (tstops, t_eval): (&'a [f64], Option<&'a [f64]>),
+        events: Vec<UserEvent<'a, E, M::Point>>,
+        record: R,
+    ) -> Self {
+        Self {
+            t1,
+            stops: Stops::new(tstops, t1),
+            seeker: Seeker::new(events, start.clone()),
+            wanted: Wanted::new(t_eval),
+            record,
+            reserve: Reserve::default(),
+            end: (method.t(), start),
+            method,
+        }
+    }
+
+    /// Takes the pieces of a driver to the end.
+    pub(crate) fn go<S: Asked>(
+        &mut self,
+        driver: &mut impl Driver<M, S, E>,
+        asked: &mut S,
+        monitor: &mut impl Monitor<E>,
+    ) -> Ending<E, M::Point>
+    where
+        Self: Absorb<M, S, E>,
+    {
+        match self.try_go(driver, asked, monitor) {
+            Ok(()) => Ending::Failed(Failure::Status(Status::Completed)),
+            Err(ending) => ending,
+        }
+    }
+
+    fn try_go<S: Asked>(
+        &mut self,
+        driver: &mut impl Driver<M, S, E>,
+        asked: &mut S,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<(), Ending<E, M::Point>>
+    where
+        Self: Absorb<M, S, E>,
+    {
+        self.make_room()?;
+        let t0 = self.method.t();
+        let mut until = self.stops.enter(t0, asked.smooth());
+        self.begin(until, asked)?;
+        let mut pace = Pace::start();
+        loop {
+            for _ in 0..pace.chunk() {
+                if self.is_over(until) {
+                    break;
+                }
+                let t = self.method.t();
+                if t >= until && !self.method.is_pending(until) {
+                    self.method.restart();
+                    until = self.stops.enter(t, asked.smooth());
+                }
+                self.make_room()?;
+                self.method.look_from(self.dense_from());
+                let piece = driver.step(&mut self.method, until, asked)?;
+                self.absorb(piece, until, asked)?;
+            }
+            let done = ((self.method.t() - t0) / (self.t1 - t0) * PARTS as f64) as usize;
+            monitor.poll(done, PARTS).map_err(Failure::Raised)?;
+            if self.is_over(until) {
+                return Ok(());
+            }
+            pace.adjust();
+        }
+    }
+
+    fn is_over(&self, until: f64) -> bool {
+        self.method.t() >= self.t1 && !self.method.is_pending(until)
+    }
+
+    /// Makes room for what the next piece of the motion adds to the record: where there is none,
+    /// the run ends with all that it has.
+    pub(crate) fn make_room(&mut self) -> Result<(), Failure<E>> {
+        let Self { method, record, seeker, wanted, reserve, .. } = self;
+        record.make_room(method, wanted.at_most(), reserve)?;
+        Ok(seeker.make_room(reserve)?)
+    }
+
+    /// From when on the motion between the ends of steps is asked for.
+    pub(crate) fn dense_from(&self) -> f64 {
+        if self.record.is_dense() || !self.seeker.is_idle() {
+            f64::NEG_INFINITY
+        } else {
+            self.wanted.next().unwrap_or(f64::INFINITY)
+        }
+    }
+
+    /// The end of what is recorded moves to the present state.
+    pub(crate) fn arrive(&mut self) {
+        self.end.0 = self.method.t();
+        self.method.state_to(&mut self.end.1);
+    }
+
+    /// Events along a part of the motion.
+    pub(crate) fn seek(&mut self, part: &impl Part<M::Point>) -> Result<Option<Hit<M::Point>>, E> {
+        self.seeker.along(part)
+    }
+
+    /// Events by the jump at the end of what is recorded.
+    pub(crate) fn jumped(&mut self) -> Result<(), Ending<E, M::Point>> {
+        let (t, after) = &self.end;
+        unless_terminal(self.seeker.across(*t, after))
+    }
+
+    /// Takes note of why the run ended.
+    pub(crate) fn close(&mut self, ending: Ending<E, M::Point>) -> (Status, Option<E>) {
+        match ending {
+            Ending::Failed(Failure::Status(status)) => (status, None),
+            Ending::Failed(Failure::Raised(error)) => (Status::Raised, Some(error)),
+            Ending::Event(Hit { t, at }) => {
+                self.end = (t, at);
+                (Status::TerminatedByEvent, None)
+            }
+        }
+    }
+}
+
+/// An event that ends the run is passed on like an error.
+pub(crate) fn unless_terminal<E, P>(found: Result<Option<Hit<P>>, E>) -> Result<(), Ending<E, P>> {
+    match found {
+        Ok(None) => Ok(()),
+        Ok(Some(hit)) => Err(Ending::Event(hit)),
+        Err(error) => Err(Ending::Failed(Failure::Raised(error))),
+    }
+}
+
+/// The end of a part of the motion, or where an event ends the run before.
+pub(crate) fn until<E, P>(found: &Result<Option<Hit<P>>, E>, end: f64) -> f64 {
+    match found {
+        Ok(Some(hit)) => hit.t,
+        _ => end,
+    }
+}
