@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use zivi::drive::batch::{simulate_batch as run_batch, BatchError, Course, Member, Outcome, Save};
+use zivi::drive::batch::{simulate_batch as run_batch, BatchError, Member, Outcome, Save, Task};
 use zivi::{Events, Grid, Impact, Physical, Restitution};
 
 use crate::force::{AnyForce, Force, NativeForce};
@@ -90,7 +90,7 @@ pub(crate) fn simulate_batch(
     steps: Option<Vec<usize>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
-    let course = Course { method: method.inner, span };
+    let task = Task { method: method.inner, span };
     let save = saving(save, at.as_deref(), steps.as_deref())?;
     let forces = natives(py, &forces)?;
     let mut members = Vec::with_capacity(states.as_array().nrows());
@@ -102,7 +102,7 @@ pub(crate) fn simulate_batch(
         });
     }
     let watch = &mut Watch { progress };
-    let ends = py.detach(|| run_batch(&members, course, save, threads, watch)).map_err(refused)?;
+    let ends = py.detach(|| run_batch(&members, task, save, threads, watch)).map_err(refused)?;
     BatchRecord::new(py, ends)
 }
 

@@ -164,7 +164,7 @@ impl Reference<PyErr> for Source<'_> {
 
 /// The wall, the steps and the initial state of a loop.
 #[derive(Clone, Copy)]
-struct RunCourse {
+struct RunStart {
     restitution: Restitution,
     grid: Grid,
     initial: Physical,
@@ -172,7 +172,7 @@ struct RunCourse {
 
 /// The settings of a loop that are the same for every controller and force.
 struct Surroundings<'a> {
-    course: RunCourse,
+    start: RunStart,
     motion: Motion,
     sensor: Sensor<'a>,
     observer: Option<ImpactObserver>,
@@ -191,7 +191,7 @@ impl Surroundings<'_> {
         (events, given): (Vec<UserEvent<'_, PyErr>>, Option<&mut dyn Reference<PyErr>>),
         watch: &mut Watch,
     ) -> Outcome {
-        let RunCourse { restitution, grid, initial } = self.course;
+        let RunStart { restitution, grid, initial } = self.start;
         let Self { motion, sensor, observer, delay, dense, .. } = *self;
         let surroundings = Loop { restitution, grid, initial, motion, sensor, observer, delay };
         let forces = Forces { plant, model, reference };
@@ -281,11 +281,11 @@ pub(crate) fn simulate_closed_loop(
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
     let (restitution, initial) = (restitution.inner, start.inner);
-    let course = RunCourse { restitution, grid: grid_of(span, h)?, initial };
+    let start = RunStart { restitution, grid: grid_of(span, h)?, initial };
     let restitution_ref = restitution_ref.inner;
     let observer = observer.map(|it| it.inner);
     let surroundings =
-        Surroundings { course, motion, sensor, observer, delay, dense, restitution_ref };
+        Surroundings { start, motion, sensor, observer, delay, dense, restitution_ref };
     let mut given = given.map(Source::new).transpose()?;
     let mut forces = forces.each_ref().map(|force| AnyForce::of(py, force.get()));
     let events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
@@ -297,7 +297,7 @@ pub(crate) fn simulate_closed_loop(
                 let mut copy = object.borrow().inner;
                 let run = surroundings.run_native(py, &mut copy, &mut forces, events, given, watch);
                 object.borrow_mut().inner = copy;
-                return LoopRecord::new(py, run.map_err(setup_error)?, course.restitution);
+                return LoopRecord::new(py, run.map_err(setup_error)?, start.restitution);
             }
         };
     }
@@ -310,7 +310,7 @@ pub(crate) fn simulate_closed_loop(
         let given = given.as_mut().map(|it| it as &mut dyn Reference<PyErr>);
         surroundings.run(&mut controller, &mut forces, (events, given), watch)
     };
-    LoopRecord::new(py, run.map_err(setup_error)?, course.restitution)
+    LoopRecord::new(py, run.map_err(setup_error)?, start.restitution)
 }
 
 type Array = Py<PyArray1<f64>>;

@@ -1,8 +1,8 @@
 //! Box VIs from Python. The lock is held while `F` is a Python callable, released otherwise.
 
 mod callbacks;
+mod interrupts;
 mod settings;
-mod watch;
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -13,8 +13,8 @@ use zivi_core::vi::{
 };
 
 use callbacks::{Callbacks, Watched, WithJacobian};
+use interrupts::{Interruptible, Interrupts};
 use settings::GivenSettings;
-use watch::{Interruptible, Watch};
 
 /// Code of a solve that its time limit ended; those of the solver itself are smaller.
 const TIME_LIMIT: u8 = 10;
@@ -97,9 +97,9 @@ impl Vectors {
         py: Python<'_>,
         (report, f): (Report, Vec<f64>),
         nfev: usize,
-        watch: &Watch,
+        interrupts: &Interrupts,
     ) -> ViRecord {
-        let timed_out = report.status == Status::Stopped && watch.timed_out();
+        let timed_out = report.status == Status::Stopped && interrupts.timed_out();
         ViRecord {
             x: PyArray1::from_vec(py, self.z).unbind(),
             f: PyArray1::from_vec(py, f).unbind(),
@@ -145,7 +145,7 @@ pub(crate) fn solve_vi<'py>(
 ) -> PyResult<ViRecord> {
     let mut vectors = Vectors::new(&lower, &upper, &x0);
     let given = GivenSettings::from_dict(settings)?;
-    let watch = Watch::new(time_limit, observe);
+    let interrupts = Interrupts::new(time_limit, observe);
     let callbacks = Callbacks::new(py, f, convert);
     let scheme = match jac.extract::<&str>() {
         Ok("2-point") => Some(Scheme::TwoPoint),
@@ -155,7 +155,7 @@ pub(crate) fn solve_vi<'py>(
     let solved = match scheme {
         None => {
             let problem = WithJacobian::new(&callbacks, jac);
-            vectors.solve(&mut Watched::new(problem, &callbacks, &watch), &given.get())
+            vectors.solve(&mut Watched::new(problem, &callbacks, &interrupts), &given.get())
         }
         Some(scheme) => {
             let (lower, upper) = (vectors.lower.clone(), vectors.upper.clone());
@@ -165,15 +165,15 @@ pub(crate) fn solve_vi<'py>(
                 .ok_or(InvalidInput::Workspace)
                 .map(|it| it.with_scheme(scheme).with_rounding(&callbacks.rounding))
                 .and_then(|problem| {
-                    vectors.solve(&mut Watched::new(problem, &callbacks, &watch), &given.get())
+                    vectors.solve(&mut Watched::new(problem, &callbacks, &interrupts), &given.get())
                 })
         }
     };
-    if let Some(error) = callbacks.raised.take().or_else(|| watch.raised()) {
+    if let Some(error) = callbacks.raised.take().or_else(|| interrupts.raised()) {
         return Err(error);
     }
     let end = solved.map_err(invalid)?;
-    let mut record = vectors.record(py, end, callbacks.nfev.get(), &watch);
+    let mut record = vectors.record(py, end, callbacks.nfev.get(), &interrupts);
     record.message.push_str(&callbacks.undefined());
     Ok(record)
 }
@@ -205,16 +205,16 @@ pub(crate) fn solve_avi<'py>(
     let z = x0.map_or_else(|| vec![0.0; n], |x0| x0.as_array().to_vec());
     let mut vectors = Vectors { lower: lower.to_vec(n), upper: upper.to_vec(n), z };
     let given = GivenSettings::from_dict(settings)?;
-    let watch = Watch::new(time_limit, observe);
+    let interrupts = Interrupts::new(time_limit, observe);
     let affine = Affine { matrix: &matrix, q: &q };
-    let mut problem = Interruptible { affine, watch };
+    let mut problem = Interruptible { affine, interrupts };
     let solved = py.detach(|| vectors.solve(&mut problem, &given.get()));
-    if let Some(error) = problem.watch.raised() {
+    if let Some(error) = problem.interrupts.raised() {
         return Err(error);
     }
     let end = solved.map_err(invalid)?;
     let nfev = end.0.counts.f;
-    Ok(vectors.record(py, end, nfev, &problem.watch))
+    Ok(vectors.record(py, end, nfev, &problem.interrupts))
 }
 
 /// The natural residual of `x`, given `F(x)`.

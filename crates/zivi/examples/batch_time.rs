@@ -8,7 +8,7 @@
 
 use std::time::Instant;
 
-use zivi::drive::batch::{simulate_batch, Course, Member, Save};
+use zivi::drive::batch::{simulate_batch, Member, Save, Task};
 use zivi::{ConstantForce, FixedSteps, Physical, Restitution, Silent, ThetaGamma};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let restitution = Restitution::from_kappa(0.41)?;
     let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
-    let course = Course { method, span: (0.0, 1e-3 * steps as f64) };
+    let task = Task { method, span: (0.0, 1e-3 * steps as f64) };
     let members: Vec<_> = (0..balls)
         .map(|i| Member {
             restitution,
@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .collect();
     for _ in 0..repetitions {
         let start = Instant::now();
-        let ends = simulate_batch(&members, course, Save::Final, threads, &mut Silent)
+        let ends = simulate_batch(&members, task, Save::Final, threads, &mut Silent)
             .map_err(|error| format!("{error:?}"))?;
         let took = start.elapsed().as_secs_f64();
         assert_eq!(ends.len(), balls);

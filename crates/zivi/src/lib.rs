@@ -62,7 +62,7 @@ pub use record::user_events::{Direction, EventFunction, Hit, Level, UserEvent};
 pub use stepping::explicit::{simulate_explicit_euler, ExplicitEuler};
 pub use stepping::moreau_jean::{simulate_moreau_jean, MoreauJean};
 pub use stepping::scheme::{FixedSteps, Scheme};
-pub use stepping::step_events::Following;
+pub use stepping::step_events::StepEvents;
 pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use switched::{
     simulate_switched_rk, Counts, DensePath, Flights, ImpactMap, MapParameter, Motion, MotionError,

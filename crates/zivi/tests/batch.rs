@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 
-use zivi::drive::batch::{simulate_batch, BatchError, Course, Member, Outcome, Save};
+use zivi::drive::batch::{simulate_batch, BatchError, Member, Outcome, Save, Task};
 use zivi::{
     simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
     AnyMethod, ConstantForce, ExplicitEuler, FixedSteps, Force, Grid, LinearForce, Monitor,
@@ -41,22 +41,22 @@ fn balls(n: usize) -> Vec<Member<ConstantForce>> {
         .collect()
 }
 
-/// A course of steps `h` over a span.
-fn steps<S>(scheme: S, span: (f64, f64), h: f64) -> Course
+/// A task of steps `h` over a span.
+fn steps<S>(scheme: S, span: (f64, f64), h: f64) -> Task
 where
     AnyMethod: From<FixedSteps<S>>,
 {
-    Course { method: FixedSteps { h, scheme }.into(), span }
+    Task { method: FixedSteps { h, scheme }.into(), span }
 }
 
-fn implicit(span: (f64, f64), h: f64) -> Course {
+fn implicit(span: (f64, f64), h: f64) -> Task {
     steps(ThetaGamma::implicit_euler(), span, h)
 }
 
 /// A run by the function of its method, not by the entry that batches use.
-fn alone<F: Force<Infallible> + Copy>(member: &Member<F>, course: Course) -> Run<Infallible> {
+fn alone<F: Force<Infallible> + Copy>(member: &Member<F>, task: Task) -> Run<Infallible> {
     let Member { restitution, mut force, initial } = *member;
-    let (force, Course { method, span }) = (&mut force, course);
+    let (force, Task { method, span }) = (&mut force, task);
     let grid = |h: f64| Grid::new(span.0, span.1, h).unwrap();
     match method {
         AnyMethod::ThetaGamma(FixedSteps { h, scheme }) => {
@@ -126,11 +126,11 @@ fn balls_move_as_they_move_alone() {
         let method = ThetaGamma { theta, gamma, ..ThetaGamma::implicit_euler() };
         // a span that the step does not divide
         for (span, h) in [((0.0, 2.0), 1e-3), ((1.0, 2.0005), 2e-3)] {
-            let course = steps(method, span, h);
+            let task = steps(method, span, h);
             for save in SAVES {
-                let ends = simulate_batch(&members, course, save, 2, &mut Silent).unwrap();
+                let ends = simulate_batch(&members, task, save, 2, &mut Silent).unwrap();
                 for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
-                    assert_same(end, &alone(member, course), save, i);
+                    assert_same(end, &alone(member, task), save, i);
                 }
             }
         }
@@ -151,20 +151,20 @@ fn every_method_and_force_gives_what_it_gives_alone() {
     let member = |x| Member { restitution, force, initial: Physical { x, xdot: 0.5 } };
     let members: Vec<_> = (0..40).map(|i| member(0.05 * f64::from(i))).collect();
     let span = (0.0, 3.0);
-    let courses = [
+    let tasks = [
         implicit(span, 1e-3),
         steps(ExplicitEuler, span, 1e-3),
         steps(MoreauJean::default(), span, 1e-3),
-        Course { method: SwitchedRk::default().into(), span },
+        Task { method: SwitchedRk::default().into(), span },
     ];
-    for course in courses {
+    for task in tasks {
         for save in SAVES {
-            if matches!((course.method, save), (AnyMethod::SwitchedRk(_), Save::Every(_))) {
+            if matches!((task.method, save), (AnyMethod::SwitchedRk(_), Save::Every(_))) {
                 continue;
             }
-            let ends = simulate_batch(&members, course, save, 2, &mut Silent).unwrap();
+            let ends = simulate_batch(&members, task, save, 2, &mut Silent).unwrap();
             for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
-                assert_same(end, &alone(member, course), save, i);
+                assert_same(end, &alone(member, task), save, i);
             }
         }
     }
@@ -173,14 +173,14 @@ fn every_method_and_force_gives_what_it_gives_alone() {
 #[test]
 fn the_number_of_threads_changes_nothing() {
     let members = balls(333);
-    let course = implicit((0.0, 1.0), 1e-3);
-    let of = |threads| simulate_batch(&members, course, Save::Every(100), threads, &mut Silent);
+    let task = implicit((0.0, 1.0), 1e-3);
+    let of = |threads| simulate_batch(&members, task, Save::Every(100), threads, &mut Silent);
     // debug output tells NaN and the signs of zeros
     let one = format!("{:?}", of(1).unwrap());
     for threads in [2, 3, 64] {
         assert_eq!(format!("{:?}", of(threads).unwrap()), one);
     }
-    assert!(simulate_batch(&members[..0], course, Save::Final, 2, &mut Silent).unwrap().is_empty());
+    assert!(simulate_batch(&members[..0], task, Save::Final, 2, &mut Silent).unwrap().is_empty());
 }
 
 #[test]
@@ -188,8 +188,8 @@ fn the_first_member_that_cannot_start_is_named() {
     let mut members = balls(70);
     members[33].initial.x = -1.0;
     members[60].initial.xdot = f64::NAN;
-    let course = implicit((0.0, 1.0), 1e-2);
-    let refused = simulate_batch(&members, course, Save::Final, 2, &mut Silent);
+    let task = implicit((0.0, 1.0), 1e-2);
+    let refused = simulate_batch(&members, task, Save::Final, 2, &mut Silent);
     let Err(BatchError::Setup(Some(33), error)) = refused else { panic!("{refused:?}") };
     assert!(error.to_string().starts_with("x0 must be"), "{error}");
 }
@@ -213,9 +213,9 @@ impl Monitor<&'static str> for Impatient {
 fn a_batch_can_be_stopped() {
     // a minute of work, were it not stopped
     let members = balls(10_000);
-    let course = implicit((0.0, 1e3), 1e-4);
+    let task = implicit((0.0, 1e3), 1e-4);
     let begun = std::time::Instant::now();
-    let ended = simulate_batch(&members, course, Save::Final, 2, &mut Impatient(0));
+    let ended = simulate_batch(&members, task, Save::Final, 2, &mut Impatient(0));
     assert_eq!(ended, Err(BatchError::Raised("enough")));
     assert!(begun.elapsed().as_secs_f64() < 5.0);
 }
@@ -225,8 +225,8 @@ fn a_failure_is_that_of_its_member_alone() {
     let mut members = balls(60);
     // off the wall, so that nothing stops it
     members[7].initial = Physical { x: 1.0, xdot: 0.0 };
-    let course = implicit((0.0, 100.0), 1.0);
-    let ends = simulate_batch(&members, course, Save::Final, 1, &mut Silent).unwrap();
+    let task = implicit((0.0, 100.0), 1.0);
+    let ends = simulate_batch(&members, task, Save::Final, 1, &mut Silent).unwrap();
     let with = |status| ends.iter().filter(|end| end.status == status).count();
     assert_eq!(with(Status::ForceNotFinite), members.len() / 11);
     assert!(with(Status::StateNotFinite) > 0 && with(Status::Completed) > 40);
@@ -253,15 +253,15 @@ fn a_fault_costs_no_other_run_its_result() {
         force: Faulty(if i % 7 == 3 { 1.0 } else { -f64::from(i) - 1.0 }),
     };
     let members: Vec<_> = (0..70).map(member).collect();
-    let course = implicit((0.0, 0.5), 1e-2);
+    let task = implicit((0.0, 0.5), 1e-2);
     for threads in [1, 3] {
-        let ends = simulate_batch(&members, course, Save::Every(5), threads, &mut Silent).unwrap();
+        let ends = simulate_batch(&members, task, Save::Every(5), threads, &mut Silent).unwrap();
         for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
             if i % 7 == 3 {
                 assert_eq!((end.status, end.summary.x), (Status::Internal, 1.0));
                 assert!(end.saved.x.is_empty() && end.rest_time.is_nan());
             } else {
-                assert_same(end, &alone(member, course), Save::Every(5), i);
+                assert_same(end, &alone(member, task), Save::Every(5), i);
             }
         }
     }
@@ -305,10 +305,10 @@ fn statistics_are_those_of_the_samples_and_the_impacts() {
     let members: Vec<_> = (1..9).map(|k| member(0.02 * f64::from(k))).chain([far]).collect();
     let (span, h) = ((0.0, 3.0), 1e-3);
     let mut in_between = false;
-    for course in [implicit(span, h), steps(MoreauJean::default(), span, h)] {
-        let ends = simulate_batch(&members, course, Save::Statistics, 1, &mut Silent).unwrap();
+    for task in [implicit(span, h), steps(MoreauJean::default(), span, h)] {
+        let ends = simulate_batch(&members, task, Save::Statistics, 1, &mut Silent).unwrap();
         for (member, end) in members.iter().zip(&ends) {
-            let run = alone(member, course).trajectory;
+            let run = alone(member, task).trajectory;
             let of = |quantity| run.columns.of(quantity);
             let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
             assert_eq!(end.summary.x_max, largest(&mut of(Quantity::X).iter().copied()));
@@ -335,9 +335,9 @@ fn statistics_are_those_of_the_samples_and_the_impacts() {
 #[test]
 fn only_what_was_asked_for_is_kept() {
     let (span, h) = ((0.0, 1.0), 1e-3);
-    for course in [implicit(span, h), steps(MoreauJean::default(), span, h)] {
+    for task in [implicit(span, h), steps(MoreauJean::default(), span, h)] {
         for save in SAVES {
-            for end in simulate_batch(&balls(8), course, save, 1, &mut Silent).unwrap() {
+            for end in simulate_batch(&balls(8), task, save, 1, &mut Silent).unwrap() {
                 assert_eq!(end.events.is_some(), save == Save::Events);
                 let samples = end.saved.x.len();
                 assert_eq!(samples > 0, matches!(save, Save::Every(_)), "{save:?}");

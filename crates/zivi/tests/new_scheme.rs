@@ -54,9 +54,9 @@ struct Stepper {
 
 impl<E, F: Force<E>> FixedStep<E, F> for Stepper {
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
-        let Start { t, z, side } = start;
+        let Start { t, z, sigma } = start;
         let state = transform::project(z, self.restitution);
-        let (lambda_s, lambda_v) = (side, if z.v < 0.0 { -1.0 } else { 1.0 });
+        let (lambda_s, lambda_v) = (sigma, if z.v < 0.0 { -1.0 } else { 1.0 });
         self.nfev += 1;
         let f = force.at(t, state.x, state.xdot).map_err(Failure::Raised)?;
         let r = self.restitution.r(lambda_s, lambda_v);

@@ -7,7 +7,7 @@ use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
 use zivi_core::vi::{EvaluationError, Interruption, Problem, Progress};
 
-use super::watch::Watch;
+use super::interrupts::Interrupts;
 
 /// Calls Python; what it raises is kept for the caller and stops the solver, but for the errors
 /// by which a function says that it is not defined at a point: after the first call they count as
@@ -190,12 +190,16 @@ impl Problem for WithJacobian<'_, '_> {
 pub(super) struct Watched<'a, 'py, P> {
     problem: P,
     callbacks: &'a Callbacks<'py>,
-    watch: &'a Watch,
+    interrupts: &'a Interrupts,
 }
 
 impl<'a, 'py, P> Watched<'a, 'py, P> {
-    pub(super) fn new(problem: P, callbacks: &'a Callbacks<'py>, watch: &'a Watch) -> Self {
-        Self { problem, callbacks, watch }
+    pub(super) fn new(
+        problem: P,
+        callbacks: &'a Callbacks<'py>,
+        interrupts: &'a Interrupts,
+    ) -> Self {
+        Self { problem, callbacks, interrupts }
     }
 }
 
@@ -217,10 +221,10 @@ impl<P: Problem> Problem for Watched<'_, '_, P> {
     }
 
     fn poll(&mut self) -> Result<(), Interruption> {
-        self.watch.look(self.callbacks.py)
+        self.interrupts.look(self.callbacks.py)
     }
 
     fn monitor(&mut self, progress: &Progress) -> Result<(), Interruption> {
-        self.watch.report(progress)
+        self.interrupts.report(progress)
     }
 }

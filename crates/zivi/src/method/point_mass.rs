@@ -4,8 +4,8 @@ use super::{Method, Settings, System};
 use crate::stepping::scheme::{FixedSteps, Scheme};
 use crate::system::evaluation::check_initial;
 use crate::{
-    simulate_switched_rk, Counts, Following, Force, Hit, Monitor, Motion, Output, Physical,
-    Restitution, Run, SetupError, SwitchedRk, SwitchedRun, Trajectory,
+    simulate_switched_rk, Counts, Force, Hit, Monitor, Motion, Output, Physical, Restitution, Run,
+    SetupError, StepEvents, SwitchedRk, SwitchedRun, Trajectory,
 };
 
 /// A mass above a wall: `x'' = f`, `x >= 0`, `x'+ = -e x'-`.
@@ -96,8 +96,8 @@ impl<'f, E, F: Force<E>, S: Scheme> Method<E, PointMass<'f, F>> for FixedSteps<S
             let run = scheme.run(restitution, force, grid, y0, monitor)?;
             return Ok(PointRun::of_steps(run, Vec::new()));
         }
-        let mut following = Following::new(keep.events, monitor);
-        let run = scheme.run(restitution, force, grid, y0, &mut following)?;
-        Ok(PointRun::of_steps(run, following.into_hits()))
+        let mut step_events = StepEvents::new(keep.events, monitor);
+        let run = scheme.run(restitution, force, grid, y0, &mut step_events)?;
+        Ok(PointRun::of_steps(run, step_events.into_hits()))
     }
 }

@@ -14,7 +14,7 @@ pub struct PathPoint {
 }
 
 /// Whether a number is one of the two branches.
-pub(crate) fn is_side(sigma: f64) -> bool {
+pub(crate) fn is_sigma(sigma: f64) -> bool {
     sigma.abs() == 1.0
 }
 

@@ -22,7 +22,7 @@ pub struct Start {
     /// State.
     pub z: Lifted,
     /// Side of the wall on which the mass was last, `+1` or `-1`.
-    pub side: f64,
+    pub sigma: f64,
 }
 
 /// A method that advances by one step.
@@ -129,7 +129,7 @@ struct Walk<M> {
     k: usize,
     t: f64,
     z: Lifted,
-    side: f64,
+    sigma: f64,
 }
 
 impl<M> Walk<M> {
@@ -161,7 +161,7 @@ impl<M> Walk<M> {
             k: 0,
             t,
             z,
-            side: transform::side(z, Branch::Positive.sigma()),
+            sigma: transform::side(z, Branch::Positive.sigma()),
         })
     }
 
@@ -234,12 +234,12 @@ impl<M> Walk<M> {
     where
         M: FixedStep<E, F>,
     {
-        let Self { t, z, side, .. } = *self;
-        let sample = self.method.advance(Start { t, z, side }, force)?;
+        let Self { t, z, sigma, .. } = *self;
+        let sample = self.method.advance(Start { t, z, sigma }, force)?;
         let t_next = self.grid.t(self.k + 1);
         if !uneventful(z, sample.z) {
             self.log.step((t, z), (t_next, sample.z))?;
-            self.side = transform::side(sample.z, side);
+            self.sigma = transform::side(sample.z, sigma);
         }
         if self.method.has_failed() {
             self.reserve.room(&mut self.failed_steps, 1, size_of::<i64>())?;

@@ -152,7 +152,7 @@ fn walk<E, F: Force<E>>(
     let at_rest = initial.is_at_origin();
     let (reader, reserve) = (Reader::starting(grid.t(0), at_rest), Reserve::default());
     let log = ContactLog { reader, sigma: 1.0, at_rest, reserve };
-    let mut walk = Walk { scheme, restitution, grid, columns, log, k: 0, state: initial };
+    let mut walk = MoreauWalk { scheme, restitution, grid, columns, log, k: 0, state: initial };
     walk.record();
     let ending =
         watched(grid.n_steps(), monitor, |until, monitor| walk.go_to(until, force, monitor));
@@ -332,7 +332,7 @@ impl ContactLog {
 }
 
 /// A run under way: `k` steps are done, the last of them ended in `state`.
-struct Walk {
+struct MoreauWalk {
     scheme: Stepper,
     restitution: Restitution,
     grid: Grid,
@@ -342,7 +342,7 @@ struct Walk {
     state: Physical,
 }
 
-impl Walk {
+impl MoreauWalk {
     fn go_to<E>(
         &mut self,
         until: usize,

@@ -20,7 +20,7 @@ use crate::{Direction, Hit, Keep, Monitor, PathPoint, Status, UserEvent};
 /// ```
 /// use std::convert::Infallible;
 /// use zivi::{
-///     simulate_theta_gamma, ConstantForce, Following, Grid, Physical, Restitution, Silent, Status,
+///     simulate_theta_gamma, ConstantForce, StepEvents, Grid, Physical, Restitution, Silent, Status,
 ///     ThetaGamma, UserEvent,
 /// };
 ///
@@ -28,7 +28,7 @@ use crate::{Direction, Hit, Keep, Monitor, PathPoint, Status, UserEvent};
 /// let grid = Grid::new(0.0, 1e3, 1e-3)?;
 /// let half = UserEvent::new(|_, x, _| Ok::<_, Infallible>(x - 0.5));
 /// let mut silent = Silent;
-/// let mut monitor = Following::new(vec![UserEvent { terminal: Some(1), ..half }], &mut silent);
+/// let mut monitor = StepEvents::new(vec![UserEvent { terminal: Some(1), ..half }], &mut silent);
 /// let method = ThetaGamma::implicit_euler();
 /// let run =
 ///     simulate_theta_gamma(method, restitution, &mut ConstantForce(-4.0), grid, ball, &mut monitor)?;
@@ -37,14 +37,14 @@ use crate::{Direction, Hit, Keep, Monitor, PathPoint, Status, UserEvent};
 /// assert!((monitor.into_hits()[0][0].t - 0.5).abs() < 1e-3);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub struct Following<'m, 'a, M, E> {
+pub struct StepEvents<'m, 'a, M, E> {
     monitor: &'m mut M,
     seeker: Seeker<'a, E, PathPoint>,
     started: bool,
     reserve: Reserve,
 }
 
-impl<'m, 'a, M, E> Following<'m, 'a, M, E> {
+impl<'m, 'a, M, E> StepEvents<'m, 'a, M, E> {
     /// Follows events (their levels are functions as others are), and tells `monitor` the rest.
     pub fn new(events: Vec<UserEvent<'a, E>>, monitor: &'m mut M) -> Self {
         let seeker = Seeker::new(events, PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 });
@@ -105,7 +105,7 @@ impl Part<PathPoint> for Stretch {
 /// Bisections of an interval.
 const BISECTIONS: usize = 60;
 
-impl<E, M: Monitor<E>> Monitor<E> for Following<'_, '_, M, E> {
+impl<E, M: Monitor<E>> Monitor<E> for StepEvents<'_, '_, M, E> {
     fn poll(&mut self, done: usize, of: usize) -> Result<(), E> {
         self.monitor.poll(done, of)
     }

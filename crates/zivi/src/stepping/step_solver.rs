@@ -25,7 +25,7 @@ pub trait StepSolver {
         step: &ThetaGammaStep,
         z: Lifted,
         f: f64,
-        side: f64,
+        sigma: f64,
     ) -> Result<StepSolution, StepFailure>;
 
     /// The same where it takes no search; must be small and call nothing.
@@ -54,9 +54,9 @@ impl StepSolver for Exact {
         step: &ThetaGammaStep,
         z: Lifted,
         f: f64,
-        side: f64,
+        sigma: f64,
     ) -> Result<StepSolution, StepFailure> {
-        step.solve(z, f, side)
+        step.solve(z, f, sigma)
     }
 
     #[inline(always)]
@@ -116,14 +116,14 @@ impl StepSolver for General {
         step: &ThetaGammaStep,
         z: Lifted,
         f: f64,
-        side: f64,
+        sigma: f64,
     ) -> Result<StepSolution, StepFailure> {
         if f > 0.0 {
-            self.start_from(signs_of_exact_motion(step, z, f, side));
+            self.start_from(signs_of_exact_motion(step, z, f, sigma));
         }
         self.failed = !self.solve_inclusion(step, z, f);
         if self.failed {
-            let end = step.solve(z, f, side)?;
+            let end = step.solve(z, f, sigma)?;
             self.start_from([end.lambda_s, end.lambda_v]);
             return Ok(end);
         }
@@ -145,8 +145,8 @@ impl StepSolver for General {
 }
 
 /// Where the selection rule points when the force pulls off the wall.
-fn signs_of_exact_motion(step: &ThetaGammaStep, z: Lifted, f: f64, side: f64) -> [f64; 2] {
-    let sigma = transform::side(z, side);
+fn signs_of_exact_motion(step: &ThetaGammaStep, z: Lifted, f: f64, sigma: f64) -> [f64; 2] {
+    let sigma = transform::side(z, sigma);
     let seen = Lifted { s: sigma * z.s, v: sigma * z.v };
     let end = selection::exact_motion(seen, f, step.h(), step.restitution());
     [sigma * sgn(end.s), sigma * sgn(end.v)]

@@ -145,12 +145,12 @@ impl Scheme for ThetaGamma {
         monitor: &mut impl Monitor<E>,
     ) -> Result<Run<E>, SetupError> {
         let step = ThetaGammaStep::new(grid.h(), self.theta, self.gamma, restitution)?;
-        let course = (grid, initial);
+        let start = (grid, initial);
         match self.solver {
-            Solver::Exact => with_solver(Exact, step, force, course, monitor),
-            Solver::Newton => with_solver(General::newton(), step, force, course, monitor),
+            Solver::Exact => with_solver(Exact, step, force, start, monitor),
+            Solver::Newton => with_solver(General::newton(), step, force, start, monitor),
             Solver::Outer { linearisations } => {
-                with_solver(General::outer(linearisations), step, force, course, monitor)
+                with_solver(General::outer(linearisations), step, force, start, monitor)
             }
         }
     }
@@ -184,7 +184,7 @@ impl<S: StepSolver> Stepper<S> {
     /// The step under a force that does not depend on where it ends.
     #[inline]
     fn under<E>(&mut self, f: f64, start: Start) -> Result<Sample, Failure<E>> {
-        let end = self.solver.solve(&self.step, start.z, f, start.side)?;
+        let end = self.solver.solve(&self.step, start.z, f, start.sigma)?;
         Ok(sample(f, end))
     }
 }

@@ -19,7 +19,7 @@ use zivi_core::Restitution;
 use super::flight::series::TERMS;
 use super::path::{DensePath, Kind, Segment};
 use crate::numeric::bernstein::MOST_DEGREE;
-use crate::record::point::is_side;
+use crate::record::point::is_sigma;
 use crate::zeno::tail::{Tail, TAIL_NUMBERS};
 use crate::PathPoint;
 
@@ -169,7 +169,7 @@ impl DensePath {
         let times: Vec<f64> = starts.chain(self.end.map(|(t, _)| t)).collect();
         let ended = match self.end {
             Some((_, PathPoint { x, xdot, sigma })) => {
-                x >= 0.0 && x.is_finite() && xdot.is_finite() && is_side(sigma)
+                x >= 0.0 && x.is_finite() && xdot.is_finite() && is_sigma(sigma)
             }
             None => self.segments.is_empty(),
         };
@@ -182,7 +182,7 @@ impl DensePath {
 
     /// Whether what a segment refers to is there.
     fn holds(&self, segment: &Segment) -> bool {
-        is_side(segment.sigma)
+        is_sigma(segment.sigma)
             && match segment.kind {
                 Kind::Rest => true,
                 Kind::Tail(number) => number < self.tails.len(),

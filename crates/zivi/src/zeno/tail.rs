@@ -12,7 +12,7 @@
 
 use super::chain::Chain;
 use crate::numeric::bernstein::Bernstein;
-use crate::record::point::is_side;
+use crate::record::point::is_sigma;
 use crate::record::user_events::Level;
 use crate::{Impact, PathPoint};
 
@@ -91,7 +91,7 @@ impl Tail {
         let &[e, start, zeno, until, sigma] = head else { return None };
         let (c, d) = series.split_at_checked(TERMS)?;
         let finite = numbers.iter().all(|number| number.is_finite());
-        let ordered = start <= until && until <= zeno && 0.0 < e && e < 1.0 && is_side(sigma);
+        let ordered = start <= until && until <= zeno && 0.0 < e && e < 1.0 && is_sigma(sigma);
         let (c, d) = (c.try_into().ok()?, d.try_into().ok()?);
         (finite && ordered).then_some(Self { e, start, zeno, until, sigma, c, d })
     }

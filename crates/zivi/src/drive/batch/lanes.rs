@@ -63,10 +63,10 @@ struct Lanes {
 }
 
 /// What goes on beside the states.
-struct Course {
+struct Ledger {
     falling: Falling,
     log: EventLog,
-    side: f64,
+    sigma: f64,
     status: Status,
     /// When it stopped, if it did.
     ended: Option<f64>,
@@ -80,16 +80,16 @@ pub(super) fn run(
     save: Save<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
-    let mut courses = Vec::with_capacity(masses.len());
+    let mut ledgers = Vec::with_capacity(masses.len());
     let gamma = masses.first().map_or(1.0, |falling| falling.step.gamma());
     let mut lanes = Lanes::new(gamma, grid.n_steps());
     for (i, &falling) in masses.iter().enumerate() {
         let z = lift(falling.initial, falling.step.restitution())?;
-        let course = Course::start(falling, z, grid, save)?;
-        lanes.place(i, z, &course);
-        courses.push(course);
+        let ledger = Ledger::start(falling, z, grid, save)?;
+        lanes.place(i, z, &ledger);
+        ledgers.push(ledger);
     }
-    lanes.prepare(&courses, grid.h());
+    lanes.prepare(&ledgers, grid.h());
     let arch = pulp::Arch::new();
     arch.dispatch(Start(&mut lanes));
     let (n, every) = (grid.n_steps(), save.every());
@@ -99,9 +99,9 @@ pub(super) fn run(
         let to_sample = if every > 0 { every - k % every } else { PIECE };
         let until = (k + to_sample.min(PIECE)).min(n - 1).max(k + 1);
         if k + 1 == n {
-            lanes.prepare(&courses, grid.last_h());
+            lanes.prepare(&ledgers, grid.last_h());
         }
-        let pass = Pass { lanes: &mut lanes, courses: &mut courses, grid, range: (k, until) };
+        let pass = Pass { lanes: &mut lanes, ledgers: &mut ledgers, grid, range: (k, until) };
         match (save == Save::Statistics, gamma == 1.0) {
             (false, true) => arch.dispatch(Steps::<false, true>(pass)),
             (false, false) => arch.dispatch(Steps::<false, false>(pass)),
@@ -110,13 +110,13 @@ pub(super) fn run(
         }
         k = until;
         if every > 0 && k % every == 0 {
-            for (i, course) in courses.iter_mut().enumerate() {
-                course.sample(lanes.at(i, course.side));
+            for (i, ledger) in ledgers.iter_mut().enumerate() {
+                ledger.sample(lanes.at(i, ledger.sigma));
             }
         }
     }
     let end = grid.t(k);
-    Ok(courses.into_iter().enumerate().map(|(i, it)| it.finish(&lanes, i, end, save)).collect())
+    Ok(ledgers.into_iter().enumerate().map(|(i, it)| it.finish(&lanes, i, end, save)).collect())
 }
 
 /// Steps between two looks at whether to stop.
@@ -125,7 +125,7 @@ const PIECE: usize = 1 << 14;
 /// The steps of a range.
 struct Pass<'a> {
     lanes: &'a mut Lanes,
-    courses: &'a mut [Course],
+    ledgers: &'a mut [Ledger],
     grid: Grid,
     range: (usize, usize),
 }
@@ -151,7 +151,7 @@ impl<const EXTREMES: bool, const PLAIN: bool> WithSimd for Steps<'_, EXTREMES, P
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Pass { lanes, courses, grid, range: (k, until) } = self.0;
+        let Pass { lanes, ledgers, grid, range: (k, until) } = self.0;
         let mut hard = [0.0; WIDTH];
         let mut moving = lanes.any_busy();
         for k in k..until {
@@ -161,11 +161,11 @@ impl<const EXTREMES: bool, const PLAIN: bool> WithSimd for Steps<'_, EXTREMES, P
             if lanes.everyday::<S, PLAIN>(simd, &mut hard) {
                 let h = if k + 1 == grid.n_steps() { grid.last_h() } else { grid.h() };
                 let times = (grid.t(k), grid.t(k + 1));
-                for (i, course) in courses.iter_mut().enumerate() {
+                for (i, ledger) in ledgers.iter_mut().enumerate() {
                     if hard[i] != 0.0 {
-                        let z = lanes.at(i, course.side);
-                        let end = course.step(z, h, times);
-                        lanes.place(i, end.unwrap_or(z), course);
+                        let z = lanes.at(i, ledger.sigma);
+                        let end = ledger.step(z, h, times);
+                        lanes.place(i, end.unwrap_or(z), ledger);
                         lanes.guard(i);
                         moving = lanes.busy[i] != 0.0 || lanes.any_busy();
                     }
@@ -204,23 +204,23 @@ impl Lanes {
         self.busy.iter().any(|&busy| busy != 0.0)
     }
 
-    /// The state of a mass that is on this side of the wall.
-    fn at(&self, i: usize, side: f64) -> Lifted {
+    /// The state of a mass that is on this branch.
+    fn at(&self, i: usize, sigma: f64) -> Lifted {
         // adding 0.0 turns the -0.0 of a mirrored zero into 0.0
-        Lifted { s: side * self.s[i] + 0.0, v: side * self.v[i] + 0.0 }
+        Lifted { s: sigma * self.s[i] + 0.0, v: sigma * self.v[i] + 0.0 }
     }
 
     /// Puts a mass where it is.
-    fn place(&mut self, i: usize, z: Lifted, course: &Course) {
+    fn place(&mut self, i: usize, z: Lifted, ledger: &Ledger) {
         // no negative zeros
-        (self.s[i], self.v[i]) = (course.side * z.s + 0.0, course.side * z.v + 0.0);
-        let rests = z == Lifted::default() && course.falling.force <= 0.0;
-        self.busy[i] = f64::from(u8::from(!rests && course.ended.is_none()));
+        (self.s[i], self.v[i]) = (ledger.sigma * z.s + 0.0, ledger.sigma * z.v + 0.0);
+        let rests = z == Lifted::default() && ledger.falling.force <= 0.0;
+        self.busy[i] = f64::from(u8::from(!rests && ledger.ended.is_none()));
     }
 
     /// The constants of steps of size `h`.
-    fn prepare(&mut self, courses: &[Course], h: f64) {
-        for (i, Course { falling: Falling { step, force, .. }, .. }) in courses.iter().enumerate() {
+    fn prepare(&mut self, ledgers: &[Ledger], h: f64) {
+        for (i, Ledger { falling: Falling { step, force, .. }, .. }) in ledgers.iter().enumerate() {
             let (restitution, push) = (step.restitution(), h * force);
             for (way, lambda_v) in [1.0, -1.0].into_iter().enumerate() {
                 let r = restitution.r(1.0, lambda_v);
@@ -323,22 +323,22 @@ const MARGIN: f64 = 100.0 * SIGN_TOLERANCE;
 /// States beyond it are looked at one by one.
 const HUGE: f64 = 1e300;
 
-impl Course {
+impl Ledger {
     fn start(falling: Falling, z: Lifted, grid: Grid, save: Save<'_>) -> Result<Self, SetupError> {
         let Falling { step, initial, .. } = falling;
         let incoming = initial.arrives();
-        let mut course = Self {
+        let mut ledger = Self {
             falling,
             log: EventLog::start(grid.t(0), z, incoming, step.restitution()),
-            side: transform::side(z, Branch::Positive.sigma()),
+            sigma: transform::side(z, Branch::Positive.sigma()),
             status: Status::Completed,
             ended: None,
             saved: Saved::with_room(save.every(), grid)?,
         };
         if save.every() > 0 {
-            course.sample(z);
+            ledger.sample(z);
         }
-        Ok(course)
+        Ok(ledger)
     }
 
     /// A step that is not everyday; `None` where there is none, and the mass stops.
@@ -348,7 +348,7 @@ impl Course {
         let Falling { step, force, .. } = self.falling;
         let step = if h == step.h() { step } else { step.with_h(h).ok()? };
         let found = if force.is_finite() {
-            step.solve(z, force, self.side).map_err(|failure| match failure {
+            step.solve(z, force, self.sigma).map_err(|failure| match failure {
                 StepFailure::NotFinite => Status::StateNotFinite,
                 StepFailure::NoSolution => Status::StepNotSolved,
             })
@@ -361,7 +361,7 @@ impl Course {
         });
         match noted {
             Ok(end) => {
-                self.side = transform::side(end, self.side);
+                self.sigma = transform::side(end, self.sigma);
                 Some(end)
             }
             Err(status) => {
@@ -383,7 +383,7 @@ impl Course {
     }
 
     fn finish(self, lanes: &Lanes, i: usize, end: f64, save: Save<'_>) -> Outcome {
-        let Physical { x, xdot } = transform::project(lanes.at(i, self.side), self.restitution());
+        let Physical { x, xdot } = transform::project(lanes.at(i, self.sigma), self.restitution());
         let (x_max, speed_max) = (lanes.x_max[i], lanes.speed_max[i]);
         let summary = Summary { t: self.ended.unwrap_or(end), x, xdot, x_max, speed_max };
         Outcome::new(self.log.finish(), self.saved, summary, (self.status, 1), save)

@@ -61,7 +61,7 @@ impl Save<'_> {
 
 /// A method and the span of the runs, the same for all.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Course {
+pub struct Task {
     /// The method with its settings; the switched method saves no regular samples.
     pub method: AnyMethod,
     /// Start and end (s).
@@ -80,7 +80,7 @@ struct Plan<'a> {
 
 impl<'a> Plan<'a> {
     /// Refuses a span without steps, and what is not saved of a method.
-    fn new(Course { method, span }: Course, save: Save<'a>) -> Result<Self, SetupError> {
+    fn new(Task { method, span }: Task, save: Save<'a>) -> Result<Self, SetupError> {
         // a span that gives no grid gives no run either
         let grid = Grid::new(span.0, span.1, method.step().unwrap_or(f64::MAX))?;
         let refuse = |range| Err(SetupError::Setting("save", f64::NAN, range));
@@ -126,7 +126,7 @@ pub enum BatchError<E> {
 /// or the monitor wants to stop.
 ///
 /// ```
-/// use zivi::drive::batch::{simulate_batch, Course, Member, Save};
+/// use zivi::drive::batch::{simulate_batch, Task, Member, Save};
 /// use zivi::{ConstantForce, FixedSteps, Physical, Restitution, Silent, ThetaGamma};
 ///
 /// let restitution = Restitution::from_kappa(0.41)?;
@@ -134,19 +134,19 @@ pub enum BatchError<E> {
 /// let ball = |x| Member { restitution, force: ConstantForce(-9.81), initial: initial(x) };
 /// let balls: Vec<_> = (0..100).map(|i| ball(0.01 * f64::from(i))).collect();
 /// let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
-/// let course = Course { method, span: (0.0, 4.0) };
-/// let ends = simulate_batch(&balls, course, Save::Final, 2, &mut Silent).unwrap();
+/// let task = Task { method, span: (0.0, 4.0) };
+/// let ends = simulate_batch(&balls, task, Save::Final, 2, &mut Silent).unwrap();
 /// assert!(ends.iter().all(|end| end.summary.x == 0.0 && end.rest_time < 3.0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     members: &[Member<F>],
-    course: Course,
+    task: Task,
     save: Save<'_>,
     threads: usize,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Vec<Outcome>, BatchError<E>> {
-    let plan = Plan::new(course, save).map_err(|error| BatchError::Setup(None, error))?;
+    let plan = Plan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
     for (i, member) in members.iter().enumerate() {
         let started = plan.method.check_start(member.initial, member.restitution);
         started.map_err(|error| BatchError::Setup(Some(i), error))?;

@@ -150,13 +150,13 @@ fn run<E, F: Force<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<LoopRun<E>, SetupError> {
     let n = surroundings.grid.n_steps();
-    let mut walk = Walk::start(controller, plant, surroundings, models, output)?;
+    let mut walk = LoopWalk::start(controller, plant, surroundings, models, output)?;
     let ending = watched(n, monitor, |until, _| walk.go_to(until));
     Ok(walk.finish(ending))
 }
 
 /// A closed loop under way: `k` periods are done, the last of them ended in `state`.
-struct Walk<'a, 'e, C: ?Sized, P, F, E> {
+struct LoopWalk<'a, 'e, C: ?Sized, P, F, E> {
     controller: &'a mut C,
     plant: P,
     surroundings: Loop<'a>,
@@ -176,7 +176,7 @@ struct Walk<'a, 'e, C: ?Sized, P, F, E> {
     guide: Option<Guide<'e, E>>,
 }
 
-impl<'a, 'e, C, P, F, E> Walk<'a, 'e, C, P, F, E>
+impl<'a, 'e, C, P, F, E> LoopWalk<'a, 'e, C, P, F, E>
 where
     C: Controller<E> + ?Sized,
     P: Plant<E>,

@@ -209,7 +209,7 @@ pub(super) struct SchemePlant<'a, F> {
     restitution: Restitution,
     h: f64,
     z: Lifted,
-    side: f64,
+    sigma: f64,
     log: EventLog,
     /// The ends of the last step.
     last: [(f64, Lifted); 2],
@@ -228,12 +228,12 @@ impl<'a, F> SchemePlant<'a, F> {
         let restitution = step.restitution();
         let z = transform::lift(initial, Branch::Positive, restitution);
         let incoming = initial.arrives();
-        let side = transform::side(z, Branch::Positive.sigma());
+        let sigma = transform::side(z, Branch::Positive.sigma());
         let log = EventLog::start(t0, z, incoming, restitution);
         let stepper = Stepper::new(step, Exact);
         let (last, reserve) = ([(t0, z); 2], Reserve::default());
         let states = (keep == Keeps::Everything).then(|| vec![z]);
-        Self { stepper, force, restitution, h: step.h(), z, side, log, last, states, reserve }
+        Self { stepper, force, restitution, h: step.h(), z, sigma, log, last, states, reserve }
     }
 }
 
@@ -274,10 +274,10 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
             self.h = h;
         }
         let net = &mut Net { force: &mut *self.force, u };
-        let start = Start { t, z: self.z, side: self.side };
+        let start = Start { t, z: self.z, sigma: self.sigma };
         let next = self.stepper.advance(start, net)?.z;
         self.log.step((t, self.z), (t_next, next))?;
-        self.side = transform::side(next, self.side);
+        self.sigma = transform::side(next, self.sigma);
         self.last = [(t, self.z), (t_next, next)];
         if let Some(states) = &mut self.states {
             self.reserve.room(states, 1, size_of::<Lifted>())?;

@@ -76,7 +76,7 @@ impl ImplicitForce {
         self.last = Some(first);
         let search = Search::from(first, self.slope, SELECTED_TRIALS);
         let found = match self.follow(&sought, force, search, |f| {
-            solver.solve(step, start.z, f, start.side).map_err(Failure::from)
+            solver.solve(step, start.z, f, start.sigma).map_err(Failure::from)
         }) {
             Err(Failure::Status(why)) => {
                 solver.replaced();
@@ -125,15 +125,15 @@ impl ImplicitForce {
         first: f64,
         why: Status,
     ) -> Found<E> {
-        let Sought { step, start: Start { z, side, .. }, .. } = *sought;
+        let Sought { step, start: Start { z, sigma, .. }, .. } = *sought;
         let mut failure = Failure::Status(why);
         let mut best = None;
         let mut least = f64::INFINITY;
         for pattern in PATTERNS {
-            for range in step.force_ranges(pattern, z, side).into_iter().flatten() {
+            for range in step.force_ranges(pattern, z, sigma).into_iter().flatten() {
                 let search = Search::within(range, first, PATTERN_TRIALS);
                 let f = match self.follow(sought, force, search, |f| {
-                    let end = step.continued(pattern, z, f, side);
+                    let end = step.continued(pattern, z, f, sigma);
                     end.ok_or(Failure::Status(NOT_CONVERGED))
                 }) {
                     Ok((f, _)) => f,
@@ -144,8 +144,8 @@ impl ImplicitForce {
                         continue;
                     }
                 };
-                let Some(end) = step.accepted(pattern, z, f, side) else { continue };
-                let away = step.inconsistency(&end, z, f, side);
+                let Some(end) = step.accepted(pattern, z, f, sigma) else { continue };
+                let away = step.inconsistency(&end, z, f, sigma);
                 if away < least {
                     (best, least) = (Some((f, end)), away);
                 }

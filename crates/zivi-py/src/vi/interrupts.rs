@@ -11,7 +11,7 @@ use zivi_core::vi::{Affine, EvaluationError, Interruption, Problem, Progress};
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// Watches one solve.
-pub(super) struct Watch {
+pub(super) struct Interrupts {
     deadline: Option<Instant>,
     timed_out: Cell<bool>,
     looked: Cell<Instant>,
@@ -19,7 +19,7 @@ pub(super) struct Watch {
     raised: RefCell<Option<PyErr>>,
 }
 
-impl Watch {
+impl Interrupts {
     pub(super) fn new(time_limit: Option<f64>, observe: Option<Py<PyAny>>) -> Self {
         let now = Instant::now();
         // a limit beyond the range of the clock is none
@@ -91,7 +91,7 @@ impl Watch {
 /// An affine problem, solved without the lock but for a look at the signals now and then.
 pub(super) struct Interruptible<'a> {
     pub(super) affine: Affine<'a>,
-    pub(super) watch: Watch,
+    pub(super) interrupts: Interrupts,
 }
 
 impl Problem for Interruptible<'_> {
@@ -108,10 +108,10 @@ impl Problem for Interruptible<'_> {
     }
 
     fn poll(&mut self) -> Result<(), Interruption> {
-        self.watch.look_detached()
+        self.interrupts.look_detached()
     }
 
     fn monitor(&mut self, progress: &Progress) -> Result<(), Interruption> {
-        self.watch.report(progress)
+        self.interrupts.report(progress)
     }
 }
