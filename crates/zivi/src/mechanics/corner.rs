@@ -12,15 +12,15 @@
 //! `L = 1/2 g' . D^-1 g' + lambda . g`, constant in flight and falling at impacts, tells when what
 //! is left of the motion is below the tolerance.
 
-use super::chain::Landing;
 use super::equation::State;
 use super::kinetics::Model;
 use super::landing::Ahead;
-use super::machine::Machine;
+use super::machine::{Machine, COLUMNS};
 use crate::numeric::richardson::Powers;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Dynamics;
+use crate::zeno::table::{Landing, Table};
 
 /// Longest pattern, in events.
 const LONGEST: usize = 6;
@@ -42,6 +42,13 @@ struct Mark {
     with: GapSet,
     t: f64,
     z: Vec<f64>,
+}
+
+impl Mark {
+    /// A row of the table (1): the time since `start`, then the state.
+    fn row_since(&self, start: f64) -> Vec<f64> {
+        std::iter::once(self.t - start).chain(self.z.iter().copied()).collect()
+    }
 }
 
 /// The last impacts, and the last of them that opened contacts.
@@ -111,15 +118,14 @@ fn time_of_corner(marks: &[Mark]) -> Option<f64> {
 }
 
 /// Equation (1) for the phase of the last event.
-fn landing(marks: &[Mark], p: usize, scales: &[f64]) -> Option<Landing> {
+fn landing(marks: &[Mark], p: usize, scales: &[f64]) -> Option<Landing<Vec<f64>>> {
     let (phase, r) = of_last_phase(marks, p)?;
     let first = phase[phase.len() - 1].t;
-    let row = |mark: &&Mark| -> Vec<f64> {
-        std::iter::once(mark.t - first).chain(mark.z.iter().copied()).collect()
-    };
-    // the last row first
-    let rows = phase.iter().flat_map(row).collect();
-    let found = Landing::extrapolated(rows, first, Powers { ratio: r, first: r }, scales);
+    let mut table = Table::new(scales.len(), COLUMNS);
+    for mark in &phase {
+        table.push(&mark.row_since(first));
+    }
+    let found = table.landing(first, phase[0].t, Powers { ratio: r, first: r }, scales);
     found.filter(|found| found.size <= 1.0)
 }
 
@@ -188,11 +194,10 @@ impl Machine {
             return Ok(None);
         }
         let z = self.without_speeds(set)?;
-        let error = vec![0.0; 1 + z.len()];
         let CornerLog { impacts, openings } = &self.corners;
         let end = time_of_corner(openings).or_else(|| time_of_corner(impacts));
         let t = end.map_or(self.now.t, |end| end.max(self.now.t));
-        let landing = Landing { t, z, error, size: 0.0 };
+        let landing = Landing::new(t, &[&[0.0], &z[..]].concat(), 0.0);
         Ok(Some(Ahead { landing, corner: Some(set) }))
     }
 }
@@ -213,9 +218,9 @@ mod tests {
         assert_eq!(pattern(&marks), Some((2, GapSet(3))));
         assert_eq!(pattern(&marks[..6]), None);
         let found = landing(&marks, 2, &[1e-5, 1e-5]).unwrap();
-        let errors = [(found.t - 2.0).abs(), (found.z[0] - 1.0).abs()];
+        let errors = [(found.t - 2.0).abs(), (found.state()[0] - 1.0).abs()];
         assert!(errors[0] < 1e-6 && errors[1] < 1e-6, "{found:?}");
-        assert!(errors[0] <= found.error[0] && errors[1] <= found.error[1], "{found:?}");
+        assert!(errors[0] <= found.size * 1e-5 && errors[1] <= found.errors()[0], "{found:?}");
         assert_eq!(landing(&marks, 2, &[1e-14, 1e-14]), None);
         // one gap that bounces is a chain, and times without a ratio are no corner
         let alone = |mark: &Mark| Mark { hit: GapSet::of(0), ..mark.clone() };

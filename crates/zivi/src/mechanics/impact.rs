@@ -8,7 +8,6 @@
 //!
 //! Energy never rises, whatever the `e_i`: `E+ - E- = 1/2 sum_(P_i > 0) (1 - e_i) P_i g-_i <= 0`.
 
-use super::chain::Key;
 use super::kinetics::Model;
 use super::lcp;
 use super::machine::{problem, Machine};
@@ -25,6 +24,15 @@ const COUPLED: f64 = 1e-9;
 const UNCERTAIN: f64 = 100.0;
 /// The last flight must have been so many times longer.
 const LONGER: f64 = 1e3;
+
+/// What bounces on what.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Key {
+    /// The gaps that are hit together.
+    pub(super) hit: GapSet,
+    /// The gaps that stay closed.
+    pub(super) closed: GapSet,
+}
 
 impl Machine {
     /// The impact on the gaps `hit` at the present state, and what follows from it: which gaps
@@ -173,7 +181,8 @@ impl Machine {
         let mut rates = v.to_vec();
         rates.extend_from_slice(&self.aside.acceleration);
         let bounce = Bounce { t: self.now.t, u: self.now.xdot[n + first], g };
-        self.chain.note(key, e, bounce, &z, &rates)?;
+        self.chain.turn_to(key, e);
+        self.chain.note(bounce, &z, &rates)?;
         if g > 0.0 {
             self.ahead = self.end_of_chain(bounce, model)?;
         }

@@ -1,6 +1,5 @@
 //! The jump through a Zeno point onto the manifold of more closed gaps.
 
-use super::chain::Landing;
 use super::kinetics::{Kinetics, Model};
 use super::machine::Machine;
 use super::tail::{EndOfArcs, SkippedArcs};
@@ -12,12 +11,13 @@ use crate::switched::lookahead::Lookahead;
 use crate::switched::stages::Counted;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::chain::Bounce;
+use crate::zeno::table::Landing;
 use crate::Force;
 
 /// Where impacts accumulate.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Ahead {
-    pub(super) landing: Landing,
+    pub(super) landing: Landing<Vec<f64>>,
     /// The gaps that close together, if it is no Zeno point of a chain.
     pub(super) corner: Option<GapSet>,
 }
@@ -32,15 +32,14 @@ impl Machine {
         last: Bounce,
         model: &mut Model<'_, D>,
     ) -> Result<Option<Ahead>, Failure<E>> {
-        let left = self.chain.times.remaining(last);
-        // what is left of the chain is below rounding, of the time or of the speeds
-        if left <= 4.0 * f64::EPSILON * last.t.abs() || self.chain.times.is_spent() {
-            return Ok(Some(Ahead { landing: self.chain.leading(), corner: None }));
+        if self.chain.is_over() {
+            return Ok(self.chain.leading().map(|landing| Ahead { landing, corner: None }));
         }
+        let left = self.chain.remaining(last);
         let scales = self.scales(last);
         let Some(landing) = self.chain.landing(&scales) else { return Ok(None) };
         let ahead = landing.t - last.t;
-        let key = self.chain.key;
+        let key = self.chain.key();
         let set = key.closed.with(key.hit);
         let known = landing.size <= 1.0 && ahead > 0.0 && ahead < 3.0 * left;
         let sound = known
@@ -53,9 +52,9 @@ impl Machine {
     /// The tolerances of a Zeno time and of the state there.
     pub(super) fn scales(&self, last: Bounce) -> Vec<f64> {
         let [atol_x, atol_v] = self.settings.atol;
-        let times = &self.chain.times;
-        let absolute = (atol_x / times.fastest()).min(atol_v / last.g);
-        self.scales_with(absolute + self.settings.rtol * times.duration())
+        let chain = &self.chain;
+        let absolute = (atol_x / chain.fastest()).min(atol_v / last.g);
+        self.scales_with(absolute + self.settings.rtol * chain.duration())
     }
 
     /// The same with the tolerance of the time given.
@@ -68,13 +67,13 @@ impl Machine {
 
     /// Whether the gaps outside of a set stay open on the way to the landing: the cubic between
     /// both ends stays clear of zero.
-    pub(super) fn is_clear(&self, landing: &Landing, set: GapSet) -> bool {
+    pub(super) fn is_clear(&self, landing: &Landing<Vec<f64>>, set: GapSet) -> bool {
         let (n, m) = (self.layout.n, self.layout.m);
-        let h = landing.t - self.now.t;
+        let (h, z, errors) = (landing.t - self.now.t, landing.state(), landing.errors());
         (0..m).filter(|&k| !set.has(k)).all(|k| {
-            let (c, error) = (n + k, landing.error[1 + n + k]);
-            let (first, last) = (self.now.x[c], landing.z[c]);
-            let (slope, end) = (h * self.now.xdot[c], h * landing.z[n + m + c]);
+            let (c, error) = (n + k, errors[n + k]);
+            let (first, last) = (self.now.x[c], z[c]);
+            let (slope, end) = (h * self.now.xdot[c], h * z[n + m + c]);
             let p = Bernstein::hermite((first, slope), (last, end));
             p.coefficients().iter().all(|&c| c > CLEAR * error)
         })
@@ -84,18 +83,18 @@ impl Machine {
     /// that stay closed while another one bounces also without it, and under its impacts.
     pub(super) fn stays_closed<E, D: Dynamics<E>>(
         &mut self,
-        landing: &Landing,
+        landing: &Landing<Vec<f64>>,
         set: GapSet,
         meanwhile: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
-        let Layout { n, m } = self.layout;
+        let (Layout { n, m }, z) = (self.layout, landing.state());
         for part in [0.25, 0.5, 0.75, 1.0] {
             let on_the_way = |from: &[f64], to: &[f64]| -> Vec<f64> {
                 from.iter().zip(to).map(|(a, b)| a + part * (b - a)).collect()
             };
-            let q = on_the_way(&self.now.x[..n], &landing.z[..n]);
-            let w = on_the_way(&self.now.xdot[..n], &landing.z[n + m..][..n]);
+            let q = on_the_way(&self.now.x[..n], &z[..n]);
+            let w = on_the_way(&self.now.xdot[..n], &z[n + m..][..n]);
             let t = self.now.t + part * (landing.t - self.now.t);
             match self.aside.evaluate(model, t, &q, &w) {
                 Err(Failure::Status(_)) => return Ok(false),
@@ -127,19 +126,19 @@ impl Machine {
     /// equation of the bouncing gap.
     fn look_ahead<E, D: Dynamics<E>>(
         &mut self,
-        landing: &Landing,
+        landing: &Landing<Vec<f64>>,
         tolerance: f64,
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
-        let key = self.chain.key;
+        let key = self.chain.key();
         let set = key.closed.with(key.hit);
         let Some(gap) = key.hit.iter().next() else { return Ok(false) };
         let (t, state) = (self.now.t, self.without_bounce(key)?);
         let first = self.end_of_arcs(t, state, set, key.hit, model)?;
-        let last = self.end_of_arcs(landing.t, landing.z.clone(), set, key.hit, model)?;
+        let last = self.end_of_arcs(landing.t, landing.state().to_vec(), set, key.hit, model)?;
         let arcs = SkippedArcs::of_chain(&self.chain, landing.t, [first, last]);
         let Some(tail) = &arcs.arcs else { return Ok(false) };
-        let (e, max_step) = (self.chain.e, self.settings.max_step);
+        let (e, max_step) = (self.chain.e(), self.settings.max_step);
         let ahead = Lookahead { tail, e, tolerance, max_step, period: None };
         let size = self.layout.n + self.layout.m;
         let mut pull = AlongArcs {
@@ -163,7 +162,7 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<SkippedArcs, Failure<E>> {
         let (n, size) = (self.layout.n, self.layout.n + self.layout.m);
-        let key = self.chain.key;
+        let key = self.chain.key();
         let set = corner.unwrap_or(key.closed.with(key.hit));
         let bouncing = if corner.is_some() { GapSet::EMPTY } else { key.hit };
         let (start, before) = (self.now.t, self.closed);
@@ -174,8 +173,9 @@ impl Machine {
         let first = self.end_of_arcs(start, state, set, bouncing, model)?;
         let speeds = self.now.xdot.clone();
         (self.now.t, self.now.late) = (landing.t.max(self.now.t), 0.0);
-        self.now.x.copy_from_slice(&landing.z[..size]);
-        self.now.xdot.copy_from_slice(&landing.z[size..]);
+        let (x, xdot) = landing.state().split_at(size);
+        self.now.x.copy_from_slice(x);
+        self.now.xdot.copy_from_slice(xdot);
         for i in set.iter() {
             (self.now.x[n + i], self.now.xdot[n + i]) = (0.0, 0.0);
         }
@@ -235,7 +235,7 @@ impl Machine {
     ) -> Result<Vec<f64>, Failure<E>> {
         let Layout { n, m } = self.layout;
         let mut way = vec![0.0; n + m];
-        let Some(last) = self.chain.times.bounces().last().filter(|_| !bouncing.is_empty()) else {
+        let Some(last) = self.chain.bounces().last().filter(|_| !bouncing.is_empty()) else {
             return Ok(way);
         };
         let part = |i: usize| if bouncing.has(i) { speeds[n + i] / last.u } else { 0.0 };

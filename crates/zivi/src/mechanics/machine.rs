@@ -3,9 +3,9 @@
 //! The mode is the set of closed gaps: with none of them it is free flight, else motion on the
 //! manifold where they are zero. Between events both are one ordinary differential equation.
 
-use super::chain::StateChain;
 use super::corner::CornerLog;
 use super::equation::{AtEnd, InContact, Stages, State};
+use super::impact::Key;
 use super::kinetics::{Kinetics, Model};
 use super::landing::Ahead;
 use super::lcp;
@@ -18,7 +18,11 @@ use crate::record::occurrence::Occurrence;
 use crate::switched::lookahead::Obstacle;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::zeno::chain::Chain;
 use crate::{Counts, Status};
+
+/// Columns of the tables of Zeno points after the first.
+pub(super) const COLUMNS: usize = 5;
 
 /// A part of the motion that one step of the machine covers.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,7 +62,7 @@ pub(super) struct Machine {
     pub(super) slope: Vec<f64>,
     pub(super) lambda: Vec<f64>,
     pub(super) fresh: bool,
-    pub(super) chain: StateChain,
+    pub(super) chain: Chain<Vec<f64>, Key>,
     /// Where impacts accumulate, once that is known well enough.
     pub(super) ahead: Option<Ahead>,
     pub(super) corners: CornerLog,
@@ -111,7 +115,7 @@ impl Machine {
             slope: vec![0.0; size],
             lambda: vec![0.0; layout.m],
             fresh: false,
-            chain: StateChain::new(2 * size),
+            chain: Chain::new(Key::default(), 0.5, 2 * size, COLUMNS),
             ahead: None,
             corners: CornerLog::default(),
             obstacle: None,

@@ -10,7 +10,6 @@
 //! The mode is the set `C` of closed gaps. The gaps and their speeds are integrated along with the
 //! coordinates, so that impacts keep their precision however small the bounces become.
 
-mod chain;
 mod corner;
 mod equation;
 mod fixed_steps;

@@ -11,8 +11,9 @@
 //! with `c` the polynomial of degree 5 through position, velocity and acceleration at both ends,
 //! and `r` the line.
 
-use super::chain::StateChain;
+use super::impact::Key;
 use crate::numeric::bernstein::Bernstein;
+use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 
 /// One end of the skipped arcs: coordinates and gaps in contact, their rates and accelerations,
@@ -38,8 +39,8 @@ pub(super) struct SkippedArcs {
 
 impl SkippedArcs {
     /// The arcs of a chain that ends at `zeno`.
-    pub(super) fn of_chain(chain: &StateChain, zeno: f64, ends: [EndOfArcs; 2]) -> Self {
-        let arcs = Tail::new(&chain.times, chain.e, zeno, 1.0);
+    pub(super) fn of_chain(chain: &Chain<Vec<f64>, Key>, zeno: f64, ends: [EndOfArcs; 2]) -> Self {
+        let arcs = chain.tail(zeno, 1.0);
         let start = arcs.start();
         Self { arcs: Some(arcs), ..Self::between(start, zeno, ends) }
     }

@@ -40,13 +40,36 @@ impl Entry<'_> {
     }
 }
 
+/// A column that is being made.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Column {
+    /// Its number.
+    pub(crate) j: usize,
+    /// `p_j`.
+    pub(crate) power: f64,
+    /// How many numbers its entries are together.
+    pub(crate) length: usize,
+}
+
 /// Makes the columns (1) in the place of the rows, vectors of one length, the newest first, and
 /// shows each that has two entries; `across` is memory for one vector.
 #[inline]
 pub(crate) fn columns(
     rows: &mut [f64],
     across: &mut [f64],
+    powers: Powers,
+    show: impl FnMut(&Entry<'_>),
+) {
+    columns_with(rows, across, powers, |_, _| (), show);
+}
+
+/// The same with something added to a column before it is shown.
+#[inline]
+pub(crate) fn columns_with(
+    rows: &mut [f64],
+    across: &mut [f64],
     Powers { ratio, first }: Powers,
+    mut add: impl FnMut(Column, &mut [f64]),
     mut show: impl FnMut(&Entry<'_>),
 ) {
     let width = across.len();
@@ -57,9 +80,11 @@ pub(crate) fn columns(
             return;
         }
         across.copy_from_slice(&rows[..width]);
-        for i in 0..left * width {
+        let length = left * width;
+        for i in 0..length {
             rows[i] = (rows[i] - power * rows[i + width]) / (1.0 - power);
         }
+        add(Column { j, power, length }, rows);
         let (newest, above) = rows.split_at(width);
         show(&Entry { j, power, next: power * ratio, newest, above, across });
         power *= ratio;

@@ -5,8 +5,7 @@ use super::lookahead::Lookahead;
 use super::mode::{Flight, Mode};
 use super::stages::{Counted, Point};
 use crate::record::failure::Failure;
-use crate::zeno::chain::{Bounce, Chain, ZenoTime};
-use crate::zeno::tail::Tail;
+use crate::zeno::chain::{Bounce, Chain};
 use crate::{Dependence, Force, Impact, Status};
 
 impl SwitchedIntegrator {
@@ -47,7 +46,7 @@ impl SwitchedIntegrator {
             if self.patter.goes_on(bounce, slow) {
                 return Err(Failure::Status(Status::ZenoBudget));
             }
-            self.chain.note(bounce);
+            self.chain.note(bounce, &[], &[])?;
             if bounce.g > 0.0 {
                 zeno = self.end_of_chain(bounce, t_end, force)?;
             }
@@ -64,22 +63,18 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<Option<f64>, Failure<E>> {
         let t = last.t;
-        let remaining = self.chain.remaining(last);
-        // what is left of the chain is below rounding, of the time or of the speeds
-        if remaining <= 4.0 * f64::EPSILON * t.abs() || self.chain.is_spent() {
-            return Ok(Some((t + remaining).min(t_end)));
+        if self.chain.is_over() {
+            return Ok(Some((t + self.chain.remaining(last)).min(t_end)));
         }
         let tolerance = self.zeno_tolerance(&self.chain, last.g);
-        let known = self.chain.zeno_time().filter(|zeno| zeno.error <= tolerance);
-        let Some(ZenoTime { t: zeno, .. }) = known.filter(|zeno| zeno.t > t && zeno.t <= t_end)
-        else {
-            return Ok(None);
-        };
+        let known = self.chain.landing(&[1.0]).filter(|landing| landing.size <= tolerance);
+        let ahead = known.map(|landing| landing.t).filter(|&zeno| zeno > t && zeno <= t_end);
+        let Some(zeno) = ahead else { return Ok(None) };
         if force.dependence::<E>() == Dependence::Constant {
             return Ok(Some(zeno));
         }
         let (e, max_step) = (self.restitution.e(), self.settings.max_step);
-        let tail = Tail::new(&self.chain, e, zeno, self.sigma);
+        let tail = self.chain.tail(zeno, self.sigma);
         let period = force.shortest_period::<E>();
         let lookahead = Lookahead { tail: &tail, e, tolerance, max_step, period };
         self.obstacle = lookahead.obstacle(self.obstacle, force)?;
@@ -87,7 +82,7 @@ impl SwitchedIntegrator {
     }
 
     /// `rtol T + min(atol_x/U, atol_x'/g)`: see [`crate::SwitchedRk`].
-    pub(super) fn zeno_tolerance(&self, chain: &Chain, pull: f64) -> f64 {
+    pub(super) fn zeno_tolerance(&self, chain: &Chain<f64>, pull: f64) -> f64 {
         let [atol_x, atol_xdot] = self.settings.atol;
         let absolute = (atol_x / chain.fastest()).min(atol_xdot / pull);
         absolute + self.settings.rtol * chain.duration()
@@ -95,7 +90,7 @@ impl SwitchedIntegrator {
 
     /// Through the rest of the chain, to rest at `zeno`.
     pub(super) fn jump(&mut self, zeno: f64) -> Piece {
-        let tail = Tail::new(&self.chain, self.restitution.e(), zeno, self.sigma);
+        let tail = self.chain.tail(zeno, self.sigma);
         self.now = Point { t: zeno, ..Point::default() };
         self.mode = Mode::REST;
         self.chain.clear();

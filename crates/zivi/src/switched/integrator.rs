@@ -17,6 +17,9 @@ use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 use crate::{Force, Impact, Physical, SetupError, Status};
 
+/// Columns of the table of the Zeno time after the first.
+const COLUMNS: usize = 4;
+
 /// How much work was done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
@@ -78,7 +81,7 @@ pub struct SwitchedIntegrator {
     pub(super) last: LastStep,
     /// Flights under a linear force.
     pub(super) series: Option<Box<SeriesFlight>>,
-    pub(super) chain: Chain,
+    pub(super) chain: Chain<f64>,
     /// Where the force last kept the mass from jumping to the end of it.
     pub(super) obstacle: Option<Obstacle>,
     pub(super) patter: Patter,
@@ -103,7 +106,7 @@ impl SwitchedIntegrator {
             mode: Mode::REST,
             last: LastStep::new(settings.order.pair()),
             series: None,
-            chain: Chain::new(restitution.e()),
+            chain: Chain::new((), restitution.e(), 0, COLUMNS),
             obstacle: None,
             patter: Patter::default(),
             lookout: Lookout::default(),

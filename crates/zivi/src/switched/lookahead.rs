@@ -199,11 +199,11 @@ mod tests {
     const TOLERANCE: f64 = 1e-6;
 
     fn tail() -> Tail {
-        let mut chain = Chain::new(E);
+        let mut chain = Chain::<f64>::new((), E, 0, 4);
         for (t, u) in [(0.0, 1.0), (1.0, 0.5), (1.5, 0.25)] {
-            chain.note(Bounce { t, u, g: PULL });
+            assert!(chain.note(Bounce { t, u, g: PULL }, &[], &[]).is_ok());
         }
-        Tail::new(&chain, E, ZENO, 1.0)
+        chain.tail(ZENO, 1.0)
     }
 
     /// What the look through the tail finds, and how often the force was asked.
@@ -289,13 +289,13 @@ mod tests {
     fn where_little_is_left_one_arc_stands_for_several() {
         // at 0.99 there are 1400 arcs before what is left is 1e-6 of the tail
         let (e, g) = (0.99_f64, 2.0);
-        let mut chain = Chain::new(e);
+        let mut chain = Chain::<f64>::new((), e, 0, 4);
         let zeno = 1.0 / (1.0 - e);
         for n in -100..=0 {
             let q = e.powi(n);
-            chain.note(Bounce { t: zeno * (1.0 - q), u: q, g });
+            assert!(chain.note(Bounce { t: zeno * (1.0 - q), u: q, g }, &[], &[]).is_ok());
         }
-        let tail = Tail::new(&chain, e, zeno, 1.0);
+        let tail = chain.tail(zeno, 1.0);
         let ahead =
             Lookahead { tail: &tail, e, tolerance: 1e-6 * zeno, max_step: 1e3, period: None };
         for (until, lasting) in [(2.0 * zeno, false), (0.999 * zeno, true)] {

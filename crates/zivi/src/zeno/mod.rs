@@ -9,9 +9,13 @@
 //! knows what bounces. A mass above a wall has times alone, mechanisms have states along with them.
 //!
 //! * [`chain`]: impacts at falling speeds, and what they say of the Zeno point.
+//! * [`table`]: extrapolation of times and states.
+//! * [`rates`]: their derivatives.
 //! * [`tail`]: the arcs between the last of them and that point.
 
 pub(crate) mod chain;
+pub(crate) mod rates;
+pub(crate) mod table;
 pub(crate) mod tail;
 
 pub use tail::Tail;

@@ -10,7 +10,7 @@
 //! of the chain (`m <= 0`). On the arc `[T(m), T(m+1)]` the position is the cubic with `x = 0` at
 //! both ends and the velocities `U(m)` and `-U(m+1)/e` there.
 
-use super::chain::Chain;
+use super::chain::Bounce;
 use crate::numeric::bernstein::Bernstein;
 use crate::record::point::is_sigma;
 use crate::record::user_events::Level;
@@ -96,9 +96,8 @@ impl Tail {
         (finite && ordered).then_some(Self { e, start, zeno, until, sigma, c, d })
     }
 
-    /// The tail of a chain with at least one impact that comes to rest at `zeno`.
-    pub(crate) fn new(chain: &Chain, e: f64, zeno: f64, sigma: f64) -> Self {
-        let bounces = chain.bounces();
+    /// The tail of a chain of at least one impact that comes to rest at `zeno`.
+    pub(super) fn new(bounces: &[Bounce], e: f64, zeno: f64, sigma: f64) -> Self {
         let last = bounces.len() - 1;
         let mut terms = TERMS.min(bounces.len());
         loop {
@@ -258,14 +257,13 @@ fn fit(e: f64, stride: usize, terms: usize, values: [f64; TERMS]) -> [f64; TERMS
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::zeno::chain::Bounce;
 
     #[test]
     fn a_tail_that_is_cut_has_no_impacts_after_that() {
         // x'' = -2, e = 1/2: impacts at 0, 1, 1.5, 1.75, ..., with half the speed each time
-        let mut chain = Chain::new(0.5);
+        let mut chain = Vec::new();
         for (t, u) in [(0.0, 1.0), (1.0, 0.5), (1.5, 0.25)] {
-            chain.note(Bounce { t, u, g: 2.0 });
+            chain.push(Bounce { t, u, g: 2.0 });
         }
         let mut tail = Tail::new(&chain, 0.5, 2.0, 1.0);
         tail.cut(1.9);
@@ -277,10 +275,10 @@ mod tests {
     #[test]
     fn the_ball_is_exact() {
         let (e, g, u0) = (0.6, 9.81, 3.0);
-        let mut chain = Chain::new(e);
+        let mut chain = Vec::new();
         let (mut t, mut u) = (1.0, u0);
         for _ in 0..6 {
-            chain.note(Bounce { t, u, g });
+            chain.push(Bounce { t, u, g });
             (t, u) = (t + 2.0 * u / g, e * u);
         }
         let (start, first) = (t - 2.0 * (u / e) / g, u / e);
@@ -309,10 +307,10 @@ mod tests {
     fn the_arc_at_a_time_is_found_however_far_the_leading_term_is_off() {
         // t_n = 9 - q - 0.3 q^2, q = e^n: the leading term alone is thousands of arcs off
         let e = 0.9999_f64;
-        let mut chain = Chain::new(e);
+        let mut chain = Vec::new();
         for n in 0..5000 {
             let q = e.powi(n);
-            chain.note(Bounce { t: 9.0 - q - 0.3 * q * q, u: 5e-4 * q * (1.0 + 0.3 * q), g: 9.81 });
+            chain.push(Bounce { t: 9.0 - q - 0.3 * q * q, u: 5e-4 * q * (1.0 + 0.3 * q), g: 9.81 });
         }
         let tail = Tail::new(&chain, e, 9.0, 1.0);
         for m in [0, 1, 77, 3000, 9999, 40_000] {

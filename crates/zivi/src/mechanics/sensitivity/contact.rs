@@ -29,7 +29,7 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
         let corner = machine.ahead.as_ref().is_some_and(|ahead| ahead.corner.is_some());
-        let (from, key) = (machine.occurrences.len(), machine.chain.key);
+        let (from, key) = (machine.occurrences.len(), machine.chain.key());
         let piece = machine.advance(t_end, model)?;
         let t = machine.now.t;
         self.fill_samples(t);
@@ -40,15 +40,16 @@ impl Follower<'_> {
             self.hold(machine, model)?;
             return Ok(piece);
         }
-        let dt: Vec<f64> = self.zeno.iter().map(|zeno| zeno.dt).collect();
+        let dt: Vec<f64> = self.zeno.iter().map(|zeno| zeno.t).collect();
         self.note_events(machine, from, |_| None, |_| Some(dt.clone()), &dt);
         let (Layout { n, .. }, size) = (self.columns.layout, self.columns.size());
         let end = &mut self.columns.now;
         for (column, zeno) in self.zeno.iter().enumerate() {
+            let dz = zeno.state();
             for c in 0..size {
                 let entry = column * size + c;
-                end.x[entry] = zeno.dz[c] - zeno.dt * machine.now.xdot[c];
-                end.xdot[entry] = zeno.dz[size + c] - zeno.dt * machine.slope[c];
+                end.x[entry] = dz[c] - zeno.t * machine.now.xdot[c];
+                end.xdot[entry] = dz[size + c] - zeno.t * machine.slope[c];
             }
         }
         self.columns.visit(model, &machine.now, machine.closed)?;
@@ -70,10 +71,11 @@ impl Follower<'_> {
         let pull = -local.kinetics.acceleration[c];
         let mut rates = Vec::with_capacity(self.zeno.len());
         for (column, zeno) in self.zeno.iter().enumerate() {
-            let size = zeno.dz.len() / 2;
-            let (q, w) = (&zeno.dz[..n], &zeno.dz[size..][..n]);
+            let dz = zeno.state();
+            let size = dz.len() / 2;
+            let (q, w) = (&dz[..n], &dz[size..][..n]);
             let parameter = self.columns.parameter[column];
-            let row = local.along(Direction { t: zeno.dt, q, w, parameter });
+            let row = local.along(Direction { t: zeno.t, q, w, parameter });
             rates.push(local.acceleration(key_closed, &row)?.0[c]);
         }
         local.kinetics.contact(machine.closed)?;

@@ -2,7 +2,6 @@
 
 use super::columns::{Columns, MechanicalWrt};
 use super::local::Direction;
-use super::zeno::{ChainRates, ZenoRate};
 use crate::mechanics::equation::State;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::machine::{Machine, Pending, Piece};
@@ -14,6 +13,8 @@ use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::switched::sensitivity::{Limit, Validity};
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;
+use crate::zeno::rates::ChainRates;
+use crate::zeno::table::Landing;
 
 /// The derivatives of the events, one row for each.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -36,7 +37,7 @@ pub(super) struct Follower<'a> {
     pub(super) samples: Vec<f64>,
     pub(super) chains: Vec<ChainRates>,
     /// Of the Zeno point that the chain is about to reach.
-    pub(super) zeno: Vec<ZenoRate>,
+    pub(super) zeno: Vec<Landing<Vec<f64>>>,
     pub(super) events: EventRates,
     pub(super) validity: Validity,
     /// Since when some column is not known, and which of them are not known now.

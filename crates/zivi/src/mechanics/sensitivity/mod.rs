@@ -15,7 +15,6 @@ mod follower;
 mod local;
 mod run;
 mod strike;
-mod zeno;
 
 pub use columns::MechanicalWrt;
 pub use run::{mechanical_sensitivity, MechanicalDerivatives, MechanicalQuestion};

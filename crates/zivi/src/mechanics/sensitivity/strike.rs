@@ -10,7 +10,6 @@
 
 use super::follower::Follower;
 use super::local::{Direction, Exchange};
-use super::zeno::Rate;
 use crate::mechanics::equation::State;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::machine::{Machine, Piece};
@@ -20,7 +19,7 @@ use crate::record::occurrence::Occurrence;
 use crate::switched::sensitivity::Limit;
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;
-use crate::zeno::chain::Bounce;
+use crate::zeno::rates::Rate;
 
 /// A rate of a closed gap that an orthogonal impact should leave, relative to the others.
 const KINK: f64 = 1e-7;
@@ -207,12 +206,12 @@ impl Follower<'_> {
         machine: &mut Machine,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let Some(&last) = machine.chain.times.bounces().last() else { return Ok(()) };
-        let key = machine.chain.key;
+        let Some(&last) = machine.chain.bounces().last() else { return Ok(()) };
+        let key = machine.chain.key();
         if last.t != machine.now.t || key.hit != struck.hit {
             return Ok(());
         }
-        self.note_chain(last, shifted, machine, model)?;
+        self.note_chain(shifted, machine, model)?;
         if machine.ahead.as_ref().is_none_or(|ahead| ahead.corner.is_some()) {
             return Ok(());
         }
@@ -224,7 +223,7 @@ impl Follower<'_> {
             let size = self.sizes[column];
             let de = self.columns.wrt[column].of_e(gap);
             let scale = |c: usize, rate: f64| scales[c] / size + rtol * rate.abs();
-            match chain.zeno(&machine.chain, de, scale) {
+            match chain.landing(&machine.chain, de, scale) {
                 Some(zeno) => {
                     known &= self.lost[column] || zeno.size <= 1.0;
                     self.zeno.push(zeno);
@@ -232,9 +231,7 @@ impl Follower<'_> {
                 None => known = false,
             }
         }
-        let left = machine.chain.times.remaining(last);
-        let spent = machine.chain.times.is_spent() || left <= 4.0 * f64::EPSILON * last.t.abs();
-        if !known && !spent && self.zeno_wanted() {
+        if !known && !machine.chain.is_over() && self.zeno_wanted() {
             machine.ahead = None;
         }
         Ok(())
@@ -243,13 +240,12 @@ impl Follower<'_> {
     /// Notes the last impact of a chain.
     fn note_chain<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        last: Bounce,
         shifted: &[Shifted],
         machine: &mut Machine,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m }, size, key) =
-            (self.columns.layout, self.columns.size(), machine.chain.key);
+            (self.columns.layout, self.columns.size(), machine.chain.key());
         let (set, now) = (key.closed.with(key.hit), machine.now.clone());
         let Some(gap) = key.hit.iter().next() else { return Ok(()) };
         let z = machine.without_bounce(key)?;
@@ -290,12 +286,12 @@ impl Follower<'_> {
             let rate = Rate {
                 dt: it.dt,
                 du: it.v[n + gap],
-                da: pulls[column],
+                dg: pulls[column],
                 de: self.columns.wrt[column].of_e(gap),
                 flow: [&flow, &by_flow],
                 dz,
             };
-            self.chains[column].note(&machine.chain, last, &rate);
+            self.chains[column].note(&machine.chain, &rate);
         }
         debug_assert_eq!(flow.len(), 2 * (n + m));
         self.columns.visited = None;

@@ -32,6 +32,13 @@ pub enum Wrt {
     Parameter(usize),
 }
 
+impl Wrt {
+    /// The derivative of the coefficient of restitution by it.
+    pub(in crate::switched) fn of_e(self) -> f64 {
+        f64::from(self == Self::E)
+    }
+}
+
 /// The columns at one point of the motion.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::switched) struct Columns {

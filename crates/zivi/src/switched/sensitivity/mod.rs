@@ -11,7 +11,6 @@ mod follower;
 mod path;
 mod run;
 mod validity;
-mod zeno;
 
 pub use columns::Wrt;
 pub use flights::{fly_apart, Apart, Flight, Flown};

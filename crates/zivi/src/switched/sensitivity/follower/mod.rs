@@ -11,13 +11,13 @@ mod rest;
 
 use super::columns::{ColumnStep, Wrt};
 use super::validity::{Limit, Validity};
-use super::zeno::{ChainRates, ZenoRates};
 use crate::piecewise::method::Driver;
 use crate::record::failure::Failure;
 use crate::switched::integrator::{Piece, SwitchedIntegrator};
 use crate::switched::mode::{Flight, Mode};
 use crate::switched::stages::{Counted, Point};
 use crate::system::slopes::{DifferentiableForce, Place};
+use crate::zeno::rates::{ChainRates, Rate};
 use crate::Impact;
 
 /// The derivatives of the events, one row for each.
@@ -32,13 +32,12 @@ pub(in crate::switched) struct EventRates {
 /// The columns of a run under way.
 pub(in crate::switched) struct Follower {
     wrt: Vec<Wrt>,
-    by_e: Option<usize>,
     /// Magnitudes of what the columns are derivatives by.
     sizes: Vec<f64>,
     /// Whether the steps are adapted to the columns too.
     controlled: bool,
     pub(in crate::switched) step: ColumnStep,
-    rates: ChainRates,
+    chains: Vec<ChainRates>,
     pub(in crate::switched) events: EventRates,
     pub(in crate::switched) validity: Validity,
     pub(in crate::switched) path: Option<super::path::ColumnPath>,
@@ -46,7 +45,7 @@ pub(in crate::switched) struct Follower {
     dt: Vec<f64>,
     du: Vec<f64>,
     /// Of the Zeno point that the chain is about to reach.
-    zeno: ZenoRates,
+    zeno: Vec<f64>,
     /// Since when the mass rests.
     resting: Option<f64>,
     /// The largest distance so far, and when the run ends.
@@ -69,17 +68,16 @@ impl Follower {
         let zeros = vec![0.0; m];
         Self {
             wrt: wrt.to_vec(),
-            by_e: wrt.iter().position(|&it| it == Wrt::E),
             sizes: sizes.to_vec(),
             controlled,
             step: ColumnStep::new(wrt),
-            rates: ChainRates::new(m),
+            chains: vec![ChainRates::default(); m],
             events: EventRates::default(),
             validity: Validity::new(m),
             path: dense.then(|| super::path::ColumnPath::new(m)),
             dt: zeros.clone(),
             du: zeros,
-            zeno: ZenoRates::default(),
+            zeno: Vec::new(),
             resting: None,
             highest: 0.0,
             end,
@@ -136,12 +134,12 @@ impl Follower {
             let depth = v * v / (2.0 * before);
             self.validity.note(Limit::Impact, t, depth, self.step.end.x.iter().copied());
         }
-        let Self { step, dt, du, by_e, .. } = self;
+        let Self { step, dt, du, wrt, .. } = self;
         for column in 0..dt.len() {
             let (x, xdot) = (&mut step.end.x[column], &mut step.end.v[column]);
             dt[column] = -*x / v;
             let dv = *xdot + before * dt[column];
-            du[column] = -e * dv - if *by_e == Some(column) { v } else { 0.0 };
+            du[column] = -e * dv - v * wrt[column].of_e();
             (*x, *xdot) = (-u * dt[column], du[column] - after * dt[column]);
         }
         self.note_neighbours(t);
@@ -167,18 +165,23 @@ impl Follower {
         // flights after it are others, or long, where its speed or the pull has vanished
         self.validity.note(Limit::Chain, last.t, last.g.abs(), dg.iter().copied());
         self.validity.note(Limit::Chain, last.t, last.u, self.du.iter().copied());
-        self.rates.note(&integrator.chain, [&self.dt, &self.du, &dg]);
+        for (column, chain) in self.chains.iter_mut().enumerate() {
+            let (dt, du, de) = (self.dt[column], self.du[column], self.wrt[column].of_e());
+            let rate = Rate { dt, du, dg: dg[column], de, flow: [&[], &[]], dz: &[] };
+            chain.note(&integrator.chain, &rate);
+        }
         let Mode::Flight(Flight::Jump { .. }) = integrator.mode else { return Ok(()) };
-        let e = integrator.restitution.e();
-        self.zeno = self.rates.zeno(&integrator.chain, e, self.by_e);
-        let rest = integrator.chain.remaining(last);
-        let spent = integrator.chain.is_spent() || rest <= 4.0 * f64::EPSILON * last.t.abs();
         let tolerance = integrator.zeno_tolerance(&integrator.chain, last.g);
-        let rtol = integrator.settings.rtol;
-        let known = self.zeno.dt.iter().zip(&self.zeno.error).zip(&self.sizes);
-        let mut all =
-            known.map(|((dt, error), size)| error * size <= tolerance + rtol * size * dt.abs());
-        if self.controlled && !spent && !all.all(|known| known) {
+        let (rtol, mut known) = (integrator.settings.rtol, true);
+        self.zeno.clear();
+        for (column, chain) in self.chains.iter().enumerate() {
+            let (de, size) = (self.wrt[column].of_e(), self.sizes[column]);
+            let landing = chain.landing(&integrator.chain, de, |_, _| 1.0);
+            let (dt, error) = landing.map_or((0.0, f64::INFINITY), |it| (it.t, it.size));
+            known &= error * size <= tolerance + rtol * size * dt.abs();
+            self.zeno.push(dt);
+        }
+        if self.controlled && !integrator.chain.is_over() && !known {
             integrator.mode = Mode::FLIGHT;
         }
         Ok(())
@@ -229,7 +232,7 @@ impl Follower {
         let t = integrator.now.t;
         match piece {
             Piece::Tail(ref tail) => {
-                self.dt.clone_from(&self.zeno.dt);
+                self.dt.clone_from(&self.zeno);
                 self.came_to_rest(t, true, force)?;
                 if let Some(path) = &mut self.path {
                     path.push_tail(tail.start());

@@ -1,0 +1,168 @@
+//! The table of extrapolation of the end of an accumulation, of times and states together.
+//!
+//! ```text
+//! S_i^(j) = (S_i^(j-1) - e^(j+1) S_(i-1)^(j-1)) / (1 - e^(j+1))                         (1)
+//! ```
+//!
+//! removes one power after the other from rows whose errors begin with `e^2`: `S^(j)` has an error
+//! of order `u^(j+2)`. The columns are those of [`richardson`]; here is which entry is taken, and
+//! what is known of its error.
+
+use crate::numeric::coordinates::Coordinates;
+use crate::numeric::richardson::{self, Entry, Powers};
+
+/// Rows of the table.
+pub(super) const ROWS: usize = 7;
+
+/// The extrapolated end of an accumulation.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Landing<Z> {
+    pub(crate) t: f64,
+    /// The time since the start, then the state.
+    z: Z,
+    /// Estimates of their errors.
+    error: Z,
+    /// The largest of them in the scales.
+    pub(crate) size: f64,
+}
+
+impl<Z: Coordinates> Landing<Z> {
+    /// The time since `start`, then the state, with an error of such a size, none by component.
+    pub(crate) fn new(start: f64, row: &[f64], size: f64) -> Self {
+        let mut z = Z::zeros(row.len());
+        z.as_mut_slice().copy_from_slice(row);
+        Self { t: start + row[0], z, error: Z::zeros(row.len()), size }
+    }
+
+    /// The state.
+    pub(crate) fn state(&self) -> &[f64] {
+        &self.z.as_slice()[1..]
+    }
+
+    /// Estimates of the errors of the state.
+    pub(crate) fn errors(&self) -> &[f64] {
+        &self.error.as_slice()[1..]
+    }
+}
+
+/// The table, and memory to work in.
+#[derive(Clone, Debug)]
+pub(crate) struct Table<Z> {
+    /// The newest first.
+    rows: Vec<f64>,
+    /// So many columns after the first are looked at.
+    columns: usize,
+    across: Z,
+    /// What rounding does, and that or more.
+    noise: Z,
+    error: Z,
+}
+
+impl<Z: Coordinates> Table<Z> {
+    /// For rows of such a length, with so many columns after the first.
+    pub(crate) fn new(width: usize, columns: usize) -> Self {
+        let [across, noise, error] = [(); 3].map(|()| Z::zeros(width));
+        Self { rows: Vec::new(), columns, across, noise, error }
+    }
+
+    /// How many columns there are after the first.
+    pub(super) fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Without rows.
+    pub(super) fn begin(&mut self) {
+        self.rows.clear();
+    }
+
+    /// Appends a row that is older than those before it: the time since a start, then the state.
+    pub(crate) fn push(&mut self, row: &[f64]) {
+        self.rows.extend_from_slice(row);
+    }
+
+    /// The newest entry with the smallest estimated error in the given scales, from three rows on,
+    /// the newest at the time `now`.
+    ///
+    /// The estimate is at least what rounding does: each column magnifies that of the one before by
+    /// `(1 + p)/(1 - p)`, with the power `p` that it removes.
+    #[inline]
+    pub(crate) fn landing(
+        &mut self,
+        start: f64,
+        now: f64,
+        powers: Powers,
+        scales: &[f64],
+    ) -> Option<Landing<Z>> {
+        let Self { rows, columns, across, noise, error } = self;
+        let (noise, error) = (noise.as_mut_slice(), error.as_mut_slice());
+        for (noise, entry) in noise.iter_mut().zip(rows.iter()) {
+            *noise = f64::EPSILON * entry.abs();
+        }
+        noise[0] = noise[0].max(f64::EPSILON * now.abs());
+        let mut best: Option<Landing<Z>> = None;
+        richardson::columns(rows, across.as_mut_slice(), powers, |entry| {
+            let size = judge(entry, noise, error, scales);
+            if entry.j <= *columns && best.as_ref().is_none_or(|best| size < best.size) {
+                let best = best.get_or_insert_with(|| Landing::new(start, entry.newest, size));
+                (best.t, best.size) = (start + entry.newest[0], size);
+                best.z.as_mut_slice().copy_from_slice(entry.newest);
+                best.error.as_mut_slice().copy_from_slice(error);
+            }
+        });
+        best
+    }
+}
+
+/// The estimated errors of an entry; the largest in the scales, NaN if one is.
+#[inline]
+fn judge(entry: &Entry<'_>, noise: &mut [f64], error: &mut [f64], scales: &[f64]) -> f64 {
+    let growth = (1.0 + entry.power) / (1.0 - entry.power);
+    let mut worst = 0.0_f64;
+    for (c, scale) in scales.iter().enumerate() {
+        noise[c] *= growth;
+        error[c] = entry.error(c).max(noise[c]);
+        let size = error[c] / scale;
+        worst = if size > worst || size.is_nan() { size } else { worst };
+    }
+    worst
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POWERS: Powers = Powers { ratio: 0.5, first: 0.25 };
+
+    /// The landing of the time and a state, `t = 3 - q^2` and `z = 1 + a q^2`, `q = 0.5^k`, at so
+    /// many rows.
+    fn landing(rows: i32, a: f64, scales: &[f64]) -> Option<Landing<Vec<f64>>> {
+        let mut table = Table::new(2, 5);
+        for k in (0..rows).rev() {
+            let q2 = 0.25f64.powi(k);
+            table.push(&[3.0 - q2, 1.0 + a * q2]);
+        }
+        table.landing(1010.0, 1012.9, POWERS, scales)
+    }
+
+    #[test]
+    fn times_count_from_the_start_and_states_do_not() {
+        let found = landing(4, 0.7, &[1.0, 1.0]).unwrap();
+        assert!((found.t - 1013.0).abs() < 1e-12 && (found.state()[0] - 1.0).abs() < 1e-14);
+        assert!(landing(2, 0.7, &[1.0, 1.0]).is_none());
+    }
+
+    #[test]
+    fn the_size_is_that_of_the_worst_component_in_its_scale() {
+        // nothing but rounding is left, of 1012.9 and of about 1
+        let found = landing(4, 0.7, &[1.0, 1e-6]).unwrap();
+        assert_eq!(found.size, found.errors()[0] / 1e-6);
+        let time = landing(4, 0.7, &[1e-6, 1.0]).unwrap();
+        let noise = 1012.9 * f64::EPSILON * (1.25 / 0.75) * (1.125 / 0.875); // of two columns
+        assert!((time.size * 1e-6 / noise - 1.0).abs() < 1e-12, "{:e}", time.size);
+    }
+
+    #[test]
+    fn a_state_that_is_no_number_has_no_size() {
+        assert!(landing(5, f64::NAN, &[1.0, 1.0]).unwrap().size.is_nan());
+    }
+}
