@@ -122,11 +122,14 @@ impl<const M: usize> Polynomial<M> {
         for (c, weight) in c.iter_mut().zip(Self::WEIGHTS) {
             *c *= weight;
         }
+        // backwards, as a processor does several of them at once then
+        c.reverse();
         for level in 1..M {
-            for j in (level..M).rev() {
-                c[j] += c[j - 1];
+            for j in 0..M - level {
+                c[j] += c[j + 1];
             }
         }
+        c.reverse();
         Self { n: M - 1, c }
     }
 
@@ -147,6 +150,25 @@ impl<const M: usize> Polynomial<M> {
             *d = self.n as f64 * (pair[1] - pair[0]);
         }
         value::<M>(&d[..self.n.max(1)], theta)
+    }
+
+    /// The derivative, as a polynomial of the same degree.
+    pub(crate) fn derivative(&self) -> Self {
+        // n (c_(j+1) - c_j), of a degree less, raised by one
+        let (mut d, mut before, mut after) = ([0.0; M], 0.0, self.n as f64);
+        for j in 0..self.n.min(M - 1) {
+            let difference = self.c[j + 1] - self.c[j];
+            d[j] += after * difference;
+            (before, after) = (before + 1.0, after - 1.0);
+            d[j + 1] = before * difference;
+        }
+        Self { n: self.n, c: d }
+    }
+
+    /// The same times a number.
+    pub(crate) fn times(mut self, factor: f64) -> Self {
+        self.c.iter_mut().for_each(|c| *c *= factor);
+        self
     }
 
     /// `p(theta)/theta` for a polynomial with `p(0) = 0`.
@@ -217,6 +239,9 @@ impl<const M: usize> Polynomial<M> {
             let Some(theta) = above.first_negative() else { break };
             start += theta * (1.0 - start);
             all.push(start);
+            if above.sign_changes() == 1 {
+                break;
+            }
             p = above.split(theta).1;
             p.c[0] = 0.0;
         }
@@ -261,6 +286,9 @@ pub(crate) fn evaluate(coefficients: &[f64], theta: f64) -> f64 {
 fn value<const M: usize>(coefficients: &[f64], theta: f64) -> f64 {
     let mut c = [0.0; M];
     let n = coefficients.len();
+    if n > MOST_DEGREE + 1 {
+        return nested(coefficients, theta);
+    }
     c[..n].copy_from_slice(coefficients);
     for level in 1..n {
         for j in 0..n - level {
@@ -268,6 +296,26 @@ fn value<const M: usize>(coefficients: &[f64], theta: f64) -> f64 {
         }
     }
     c[0]
+}
+
+/// The same where de Casteljau's scheme takes too many operations, with `u = theta/(1 - theta)` up
+/// to the middle, and from the other end beyond,
+///
+/// ```text
+/// p = (1 - theta)^n (c_0 + u n/1 (c_1 + u (n - 1)/2 (c_2 + ... + u/n c_n))).
+/// ```
+fn nested(coefficients: &[f64], theta: f64) -> f64 {
+    let n = coefficients.len() - 1;
+    let sum = |u: f64, of: &dyn Fn(usize) -> f64| {
+        let inner = |sum, j| sum * (u * ((n - j) as f64 / (j + 1) as f64)) + of(j);
+        (0..n).rev().fold(of(n), inner)
+    };
+    let rest = 1.0 - theta;
+    if theta <= 0.5 {
+        rest.powi(n as i32) * sum(theta / rest, &|j| coefficients[j])
+    } else {
+        theta.powi(n as i32) * sum(rest / theta, &|j| coefficients[n - j])
+    }
 }
 
 #[cfg(test)]

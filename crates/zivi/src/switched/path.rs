@@ -71,24 +71,45 @@ impl Curve {
         }
     }
 
-    /// Position and velocity in Bernstein form.
-    pub(super) fn forms(&self) -> [Polynomial<TERMS>; 2] {
+    /// The position in Bernstein form.
+    fn position(&self) -> Polynomial<TERMS> {
         match &self.form {
-            Form::Both(both) => both.map(|p| Polynomial::new(p.coefficients())),
+            Form::Both([x, _]) => Polynomial::new(x.coefficients()),
+            Form::Powers(a, ..) => Polynomial::from_powers(*a),
+        }
+    }
+
+    /// The velocity in Bernstein form.
+    pub(super) fn velocity(&self) -> Polynomial<TERMS> {
+        match &self.form {
+            Form::Both([_, xdot]) => Polynomial::new(xdot.coefficients()),
             Form::Powers(a, start, _) => {
                 let mut xdot = derivative(a).map(|a| a / self.h);
                 xdot[0] = *start;
-                [Polynomial::from_powers(*a), Polynomial::from_powers(xdot)]
+                Polynomial::from_powers(xdot)
+            }
+        }
+    }
+
+    /// The way from the start and the velocity in Bernstein form, the velocity by differences of
+    /// the way where it is not known apart from that: for a drawing.
+    pub(super) fn outline(&self) -> (f64, [Polynomial<TERMS>; 2]) {
+        match &self.form {
+            Form::Both(_) => (0.0, [self.position(), self.velocity()]),
+            Form::Powers(a, ..) => {
+                let mut way = *a;
+                way[0] = 0.0;
+                let way = Polynomial::from_powers(way);
+                (a[0], [way, way.derivative().times(1.0 / self.h)])
             }
         }
     }
 
     /// When a level is crossed, up to `end`.
     pub(super) fn crossings(&self, level: Level, end: f64) -> Vec<f64> {
-        let [x, xdot] = self.forms();
         let all = match level {
-            Level::Position(c) => x.crossings(c),
-            Level::Velocity(c) => xdot.crossings(c),
+            Level::Position(c) => self.position().crossings(c),
+            Level::Velocity(c) => self.velocity().crossings(c),
         };
         all.iter().map(|theta| (self.start + theta * self.h).min(end)).collect()
     }

@@ -38,18 +38,26 @@ pub(super) type Row = [f64; 4];
 /// # Errors
 /// There is no room for them.
 pub(super) fn between_steps(path: &DensePath) -> Result<Vec<Row>, TryReserveError> {
-    let scale = Scale::of(path);
-    let wanted: f64 = flights(path).map(|(curve, end)| scale.parts(&curve, end)).sum();
+    let mut outlines = Vec::new();
+    for (curve, end) in flights(path) {
+        outlines.try_reserve(1)?;
+        outlines.push(Outline::of(&curve, end));
+    }
+    let scale = Scale::of(&outlines);
+    let wanted: f64 = outlines.iter().map(|it| scale.parts(it)).sum();
     let share = (BUDGET / wanted).min(1.0);
+    let mut outlines = outlines.iter();
     let mut rows = Vec::new();
     for (segment, end) in segments(path) {
         match segment.kind {
             Kind::Rest => (),
             Kind::Tail(number) => draw_tail(&path.tails[number], end, scale, &mut rows)?,
             Kind::Flight { .. } | Kind::Series { .. } => {
-                let Some(curve) = path.curve(&segment) else { continue };
-                let parts = (share * scale.parts(&curve, end)).ceil();
-                draw_flight(&curve, end, parts, &mut rows)?;
+                let (Some(curve), Some(outline)) = (path.curve(&segment), outlines.next()) else {
+                    continue;
+                };
+                let parts = (share * scale.parts(outline)).ceil();
+                draw_flight(&curve, end, (parts, outline.turns), &mut rows)?;
             }
         }
     }
@@ -67,6 +75,69 @@ fn flights(path: &DensePath) -> impl Iterator<Item = (Curve, f64)> + '_ {
     segments(path).filter_map(|(segment, end)| path.curve(&segment).map(|curve| (curve, end)))
 }
 
+/// What a drawing needs to know of a flight.
+#[derive(Clone, Copy)]
+struct Outline {
+    x: Bend,
+    xdot: Bend,
+    /// How much of the step it is.
+    part: f64,
+    /// Whether the velocity may change its sign.
+    turns: bool,
+}
+
+impl Outline {
+    fn of(curve: &Curve, end: f64) -> Self {
+        /// What may be rounding, relative to the largest coefficient.
+        const ROUNDING: f64 = 1e-12;
+        let (x0, [x, xdot]) = curve.outline();
+        let part = ((end - curve.start) / curve.h).min(1.0);
+        let (x, velocity) = (Bend::of(&x).above(x0), Bend::of(&xdot));
+        let clear = ROUNDING * velocity.largest();
+        let turns = !(velocity.least > clear || velocity.most < -clear);
+        Self { x, xdot: velocity, part, turns }
+    }
+}
+
+/// How far a polynomial is from straight, and its coefficients.
+#[derive(Clone, Copy)]
+struct Bend {
+    least: f64,
+    most: f64,
+    /// A bound of the second derivative.
+    second: f64,
+}
+
+impl Bend {
+    fn of(p: &Form) -> Self {
+        // comparisons that drop NaN
+        let smaller = |a: f64, b: f64| if b < a { b } else { a };
+        let larger = |a: f64, b: f64| if b > a { b } else { a };
+        let c = p.coefficients();
+        let least = c.iter().copied().fold(f64::INFINITY, smaller);
+        let most = c.iter().copied().fold(f64::NEG_INFINITY, larger);
+        let n = c.len() as f64 - 1.0;
+        let second = c.windows(3).map(|c| (c[0] - 2.0 * c[1] + c[2]).abs()).fold(0.0, larger);
+        Self { least, most, second: n * (n - 1.0) * second }
+    }
+
+    /// The same of the polynomial and a constant.
+    fn above(self, constant: f64) -> Self {
+        Self { least: self.least + constant, most: self.most + constant, ..self }
+    }
+
+    /// The largest absolute value.
+    fn largest(&self) -> f64 {
+        self.least.abs().max(self.most.abs())
+    }
+
+    /// `sqrt(max |p''|/(8 FLATNESS height))` with the height of the polynomial, at least `low`.
+    fn parts(&self, low: f64) -> f64 {
+        let height = (self.most - self.least).max(low).max(f64::MIN_POSITIVE);
+        (self.second / (8.0 * FLATNESS * height)).sqrt()
+    }
+}
+
 /// The largest distance and speed of a run.
 #[derive(Clone, Copy)]
 struct Scale {
@@ -75,39 +146,24 @@ struct Scale {
 }
 
 impl Scale {
-    fn of(path: &DensePath) -> Self {
-        let largest = |p: &Form| p.coefficients().iter().fold(0.0_f64, |a, c| a.max(c.abs()));
-        flights(path).fold(Self { x: 0.0, xdot: 0.0 }, |scale, (curve, _)| {
-            let [x, xdot] = curve.forms();
-            Self { x: scale.x.max(largest(&x)), xdot: scale.xdot.max(largest(&xdot)) }
+    fn of(outlines: &[Outline]) -> Self {
+        outlines.iter().fold(Self { x: 0.0, xdot: 0.0 }, |scale, it| Self {
+            x: scale.x.max(it.x.largest()),
+            xdot: scale.xdot.max(it.xdot.largest()),
         })
     }
 
-    /// Into how many parts lines divide a flight up to `end`.
-    fn parts(&self, curve: &Curve, end: f64) -> f64 {
-        let part = ((end - curve.start) / curve.h).min(1.0);
-        let [x, xdot] = curve.forms();
-        let (of_x, of_xdot) = (bend(&x, LOW * self.x), bend(&xdot, LOW * self.xdot));
+    /// Into how many parts lines divide a flight.
+    fn parts(&self, Outline { x, xdot, part, .. }: &Outline) -> f64 {
+        let (of_x, of_xdot) = (x.parts(LOW * self.x), xdot.parts(LOW * self.xdot));
         (part * of_x.max(of_xdot)).ceil().clamp(1.0, MOST_PARTS)
     }
-}
-
-/// `sqrt(max |p''|/(8 FLATNESS height))` with the height of the polynomial, at least `low`.
-fn bend(p: &Form, low: f64) -> f64 {
-    let c = p.coefficients();
-    let (least, most) = c
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &c| (least.min(c), most.max(c)));
-    let n = c.len() as f64 - 1.0;
-    let second = c.windows(3).map(|c| (c[0] - 2.0 * c[1] + c[2]).abs()).fold(0.0, f64::max);
-    let height = (most - least).max(low).max(f64::MIN_POSITIVE);
-    (n * (n - 1.0) * second / (8.0 * FLATNESS * height)).sqrt()
 }
 
 fn draw_flight(
     curve: &Curve,
     end: f64,
-    parts: f64,
+    (parts, turns): (f64, bool),
     rows: &mut Vec<Row>,
 ) -> Result<(), TryReserveError> {
     let first = rows.len();
@@ -115,7 +171,8 @@ fn draw_flight(
     let length = end - curve.start;
     let inside = (1..parts as usize).map(|k| curve.start + k as f64 / parts * length);
     rows.extend(inside.filter(|&t| curve.start < t && t < end).map(|t| row(t, curve.at(t))));
-    for apex in apexes(curve).into_iter().filter(|&t| curve.start < t && t < end) {
+    let apexes = if turns { apexes(curve) } else { Vec::new() };
+    for apex in apexes.into_iter().filter(|&t| curve.start < t && t < end) {
         let at = first + rows[first..].partition_point(|row| row[0] < apex);
         if rows.get(at).is_none_or(|row| row[0] > apex) {
             rows.insert(at, row(apex, curve.at(apex)));
@@ -139,7 +196,7 @@ fn draw_contact(t: f64, motion: impl Fn(f64) -> PathPoint, rows: &mut Vec<Row>) 
 
 /// Where the velocity changes its sign downwards.
 fn apexes(curve: &Curve) -> Vec<f64> {
-    let [_, xdot] = curve.forms();
+    let xdot = curve.velocity();
     // a step that falls has its first turn at the bottom
     let skipped = usize::from(xdot.starts_negative());
     let turns = xdot.crossings(0.0).into_iter().skip(skipped).step_by(2);
@@ -189,7 +246,7 @@ mod tests {
         let arcs = [vec![0.0, 2.0, 0.0], vec![0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 1.0, 0.0]];
         for c in arcs {
             let p = Form::new(&c);
-            let n = bend(&p, 0.0).ceil();
+            let n = Bend::of(&p).parts(0.0).ceil();
             let line = |theta: f64| {
                 let k = (theta * n).floor().min(n - 1.0);
                 let (a, b) = (p.at(k / n), p.at((k + 1.0) / n));

@@ -123,3 +123,26 @@ fn forms_and_parts_agree() {
         assert!((q.at(theta) - direct).abs() < 1e-14);
     }
 }
+
+#[test]
+fn high_degrees_are_evaluated_as_their_powers_are() {
+    let a: [f64; 24] =
+        std::array::from_fn(|n| (1.3 * n as f64 + 0.2).sin() * 0.9f64.powi(n as i32));
+    let p = Polynomial::<24>::from_powers(a);
+    let slopes = p.derivative();
+    let size: f64 = a.iter().map(|a| a.abs()).sum();
+    for i in 0..=40 {
+        let theta = f64::from(i) / 40.0;
+        let value = a.iter().rev().fold(0.0, |sum, a| sum * theta + a);
+        let terms = (1..24).rev().map(|n| n as f64 * a[n]);
+        let slope = terms.fold(0.0, |sum, term| sum * theta + term);
+        assert!((p.at(theta) - value).abs() < 1e-15 * size, "{theta}");
+        assert!((slopes.at(theta) - slope).abs() < 1e-13 * size, "{theta}");
+    }
+}
+
+#[test]
+fn the_derivative_of_a_constant_is_zero() {
+    assert_eq!(Bernstein::new(&[3.0]).derivative().coefficients(), [0.0]);
+    assert_eq!(Bernstein::new(&[1.0, 3.0]).derivative().coefficients(), [2.0, 2.0]);
+}
