@@ -193,6 +193,8 @@ def test_files_of_older_versions_say_what_they_lack(name, tmp_path):
         (lambda it: it["motion"].__setitem__(slice(None), 9.0), "format 9"),
         (lambda it: it.isel(motion_number=slice(0, -1)), "the stored motion is damaged"),
         (lambda it: it.isel(motion_number=slice(0, 0)), "the stored motion is damaged"),
+        (lambda it: it.attrs.update(format=4), "has format 4, this zivi reads 3: a newer wrote it"),
+        (lambda it: it.attrs.update(format="four"), "holds no run of zivi"),
         (lambda it: it.attrs.update(path="Bow"), "lacks 'Bow'"),
         (lambda it: it.attrs.update(config="{"), "holds no run of zivi"),
         (lambda it: it.attrs.update(config="[" * 10**5), "holds no run of zivi"),
@@ -206,6 +208,13 @@ def test_files_of_older_versions_say_what_they_lack(name, tmp_path):
 def test_damaged_contents(change, match, tmp_path):
     save(RUNS["switched"](), tmp_path / "run.nc")
     refused(rewritten(tmp_path / "run.nc", change), match)
+
+
+def test_files_that_do_not_tell_their_format_are_read(tmp_path):
+    run = RUNS["switched"]()
+    save(run, tmp_path / "run.nc")
+    rewritten(tmp_path / "run.nc", lambda it: it.attrs.pop("format") and None)
+    assert_same(load(tmp_path / "run.nc"), run)
 
 
 def test_no_numbers_make_a_motion_that_fails():

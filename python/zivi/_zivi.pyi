@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from typing_extensions import disjoint_base
 
 __all__ = [
+    "FORMAT",
     "SETTINGS",
     "STATUS_MESSAGES",
     "Ballistic",
@@ -71,6 +72,7 @@ __all__ = [
 ]
 
 __version__: str
+FORMAT: int
 STATUS_MESSAGES: list[str]
 
 _Array = NDArray[np.float64]

@@ -32,6 +32,7 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("FORMAT", zivi::record::stored::FORMAT)?;
     module.add("STATUS_MESSAGES", record::status_messages())?;
     module.add("SETTINGS", method::all_settings(module.py())?)?;
     module.add_class::<method::Setting>()?;

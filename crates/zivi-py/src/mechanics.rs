@@ -1,7 +1,6 @@
 //! Mechanical systems from Python: the record of a run.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::mechanics::{GapSet, MechanicalRun, Occurrence};
 use zivi::system::dynamics::Layout;
@@ -143,9 +142,4 @@ impl MechanicalRecord {
             path,
         })
     }
-}
-
-/// A ValueError for numbers of a motion that are none.
-pub(crate) fn not_a_motion() -> PyErr {
-    PyValueError::new_err("these numbers are none of a motion of a mechanical system")
 }

@@ -1,10 +1,11 @@
 //! The motion of a mechanical system between the samples of a run.
 
 use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::mechanics::{GapSet, MechanicalPath as Path};
 
-use crate::mechanics::{columns, members, not_a_motion, Matrix};
+use crate::mechanics::{columns, members, Matrix};
 
 /// What restores an object, and its arguments.
 type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
@@ -58,8 +59,8 @@ impl MechanicalPath {
     #[staticmethod]
     fn restored(numbers: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
         let numbers: Vec<f64> = numbers.as_array().iter().copied().collect();
-        let path = Path::from_numbers(&numbers).ok_or_else(not_a_motion)?;
-        Ok(Self { path })
+        let path = Path::from_numbers(&numbers);
+        Ok(Self { path: path.map_err(|error| PyValueError::new_err(error.to_string()))? })
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {

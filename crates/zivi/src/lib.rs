@@ -55,6 +55,7 @@ pub use record::monitor::{Monitor, Silent};
 pub use record::occurrence::Occurrence;
 pub use record::point::{MotionPoint, PathPoint};
 pub use record::status::Status;
+pub use record::stored::MotionError;
 pub use record::stretch::{Interpolation, Knot, Stretch};
 pub use record::summary::{Keep, Summary};
 pub use record::trajectory::{Columns, Quantity, Run, SetupError, Trajectory, QUANTITIES};
@@ -65,8 +66,8 @@ pub use stepping::scheme::{FixedSteps, Scheme};
 pub use stepping::step_events::StepEvents;
 pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use switched::{
-    simulate_switched_rk, Counts, DensePath, Flights, ImpactMap, MapParameter, Motion, MotionError,
-    Order, Output, Return, SwitchedIntegrator, SwitchedRk, SwitchedRun,
+    simulate_switched_rk, Counts, DensePath, Flights, ImpactMap, MapParameter, Motion, Order,
+    Output, Return, SwitchedIntegrator, SwitchedRk, SwitchedRun,
 };
 pub use system::force::{
     ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, Wave,

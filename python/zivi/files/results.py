@@ -8,12 +8,13 @@ import uuid
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from zivi._curve import Line, line_of
 from zivi._extras import needed
+from zivi._zivi import FORMAT
 from zivi.closed_loop import ClosedLoop
 from zivi.files.mechanical import mechanical_dataset
 from zivi.files.restore import loop_variables, path_variables, run_of
@@ -175,6 +176,7 @@ def restored(
     make: Callable[[xarray.Dataset], Trajectory | ClosedLoop | MechanicalTrajectory],
 ) -> Trajectory | ClosedLoop | MechanicalTrajectory:
     """Make a run of what a file holds; a `ResultError` if it does not hold one."""
+    _check_format(path, dataset.attrs.get("format", 0))
     try:
         return make(dataset)
     except KeyError as error:
@@ -182,6 +184,16 @@ def restored(
     except Exception as error:  # whatever stands there in place of what was written
         reason = f"{type(error).__name__}: {error}"
         raise ResultError(f"{path}: holds no run of zivi ({reason:.200})") from error
+
+
+def _check_format(path: str | PathLike[str], form: Any) -> None:
+    """Raise for a file of a newer zivi; files before format 3 do not tell theirs."""
+    try:
+        newer = float(form) > FORMAT
+    except (TypeError, ValueError):
+        raise ResultError(f"{path}: holds no run of zivi (its format is {form!r:.50})") from None
+    if newer:
+        raise ResultError(f"{path}: has format {form}, this zivi reads {FORMAT}: a newer wrote it")
 
 
 def open_result(path: str | PathLike[str]) -> xarray.Dataset:
@@ -203,6 +215,12 @@ def open_result(path: str | PathLike[str]) -> xarray.Dataset:
 
 def dataset_of(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> xarray.Dataset:
     """Give all that a run is, with the curve that plots draw if it is finer than the samples."""
+    dataset = _contents(run)
+    dataset.attrs["format"] = FORMAT
+    return dataset
+
+
+def _contents(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> xarray.Dataset:
     if isinstance(run, MechanicalTrajectory):
         return mechanical_dataset(run)
     dataset = run.to_xarray()

@@ -10,6 +10,7 @@ pub(crate) mod recorder;
 pub(crate) mod reserve;
 pub(crate) mod seeker;
 pub mod status;
+pub mod stored;
 pub mod stretch;
 pub mod summary;
 pub mod trajectory;

@@ -49,5 +49,5 @@ pub use path::DensePath;
 pub(crate) use run::check_span;
 pub use run::{simulate_switched_rk, Output, SwitchedRun};
 pub use settings::{Flights, Order, SwitchedRk};
-pub use stored::{Motion, MotionError};
+pub use stored::Motion;
 pub(crate) use tracing::Trace;

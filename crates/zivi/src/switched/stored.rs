@@ -1,18 +1,13 @@
-//! The motion of a run as plain numbers, for storing it and for sending it to another process.
+//! The motion of a mass as plain numbers, behind the header of [`crate::record::stored`].
 //!
 //! ```text
-//! motion  [ format, e, kappa, tails, whether there is a path,  the tails,  the path ]
+//! motion  [ e, kappa, tails, whether there is a path,  the tails,  the path ]
 //! path    [ segments, coefficients, tails, ended,  t, x, x', sigma of the end,
 //!           start, sigma, kind, first, degree, h  of each segment,  the coefficients,  the tails ]
 //! ```
 //!
-//! Format 2 has power series among the segments, whose `degree` is how many terms they have and whose
-//! second coefficient is the velocity at the start; what is in format 1 is read as well.
-//!
-//! Counts are below 2^53 and exact. Whoever changes what the numbers mean, here or in
-//! [`Tail::to_numbers`], raises [`FORMAT`].
-
-use std::fmt;
+//! Formats 1 and 2 had the same numbers, format 1 without power series among the segments, whose
+//! `degree` is how many terms they have and whose second coefficient is the velocity at the start.
 
 use zivi_core::Restitution;
 
@@ -20,17 +15,9 @@ use super::flight::series::TERMS;
 use super::path::{DensePath, Kind, Segment};
 use crate::numeric::bernstein::MOST_DEGREE;
 use crate::record::point::is_sigma;
+use crate::record::stored::{as_count, Kind as Stored, MotionError, Reader, Writer};
 use crate::zeno::tail::{Tail, TAIL_NUMBERS};
 use crate::PathPoint;
-
-/// The meaning of the numbers.
-const FORMAT: f64 = 2.0;
-/// Formats that are a part of it.
-const BEFORE: [f64; 1] = [1.0];
-
-const MOTION_HEAD: usize = 5;
-const HEAD: usize = 8;
-const OF_SEGMENT: usize = 6;
 
 /// What is known of a run between its samples: the dense output, if it was kept, and the arcs that
 /// jumps to rest skipped.
@@ -44,41 +31,19 @@ pub struct Motion {
     pub restitution: Restitution,
 }
 
-/// Why numbers are no motion.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum MotionError {
-    /// They are of another version of this library, which used this format.
-    Format(f64),
-    /// They do not fit together.
-    Damaged,
-}
-
-impl fmt::Display for MotionError {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            MotionError::Format(format) => {
-                write!(out, "the stored motion has format {format}, this zivi reads {FORMAT}")
-            }
-            MotionError::Damaged => write!(out, "the stored motion is damaged"),
-        }
-    }
-}
-
-impl std::error::Error for MotionError {}
-
 impl Motion {
     /// All that it consists of.
     #[must_use]
     pub fn to_numbers(&self) -> Vec<f64> {
-        let count = |n: usize| n as f64;
-        let dense = f64::from(u8::from(self.path.is_some()));
-        let (e, kappa) = (self.restitution.e(), self.restitution.kappa());
-        let mut numbers = vec![FORMAT, e, kappa, count(self.tails.len()), dense];
-        numbers.extend(self.tails.iter().flat_map(Tail::to_numbers));
+        let mut out = Writer::new(Stored::Point);
+        out.numbers(&[self.restitution.e(), self.restitution.kappa()]);
+        out.count(self.tails.len());
+        out.flag(self.path.is_some());
+        write_tails(&mut out, &self.tails);
         if let Some(path) = &self.path {
-            numbers.extend(path.to_numbers());
+            path.write(&mut out);
         }
-        numbers
+        out.finish()
     }
 
     /// What [`Motion::to_numbers`] came from.
@@ -86,44 +51,36 @@ impl Motion {
     /// # Errors
     /// [`MotionError`] for numbers that are none of a motion.
     pub fn from_numbers(numbers: &[f64]) -> Result<Self, MotionError> {
-        match numbers.first() {
-            Some(format) if *format != FORMAT && !BEFORE.contains(format) => {
-                Err(MotionError::Format(*format))
-            }
-            _ => Self::of_this_format(numbers).ok_or(MotionError::Damaged),
-        }
+        Reader::read(Stored::Point, numbers, Self::read)
     }
 
-    fn of_this_format(numbers: &[f64]) -> Option<Self> {
-        let (head, rest) = numbers.split_at_checked(MOTION_HEAD)?;
-        let &[_, e, kappa, tails, dense] = head else { return None };
-        let (tails, rest) = rest.split_at_checked(TAIL_NUMBERS.checked_mul(count(tails)?)?)?;
-        let path = match (count(dense)?, rest) {
-            (0, []) => None,
-            (1, rest) => Some(DensePath::from_numbers(rest)?),
-            _ => return None,
-        };
+    fn read(from: &mut Reader<'_>) -> Option<Self> {
+        let [e, kappa] = from.row()?;
+        let (tails, dense) = (from.count()?, from.flag()?);
+        let tails = read_tails(from, tails)?;
+        let path = if dense { Some(DensePath::read(from)?) } else { None };
         let restitution = Restitution::from_both(e, kappa).ok()?;
-        Some(Self { path, tails: tails_of(tails)?, restitution })
+        Some(Self { path, tails, restitution })
     }
 }
 
-fn tails_of(numbers: &[f64]) -> Option<Vec<Tail>> {
+fn write_tails(out: &mut Writer, tails: &[Tail]) {
+    tails.iter().for_each(|tail| out.numbers(&tail.to_numbers()));
+}
+
+fn read_tails(from: &mut Reader<'_>, n: usize) -> Option<Vec<Tail>> {
+    let numbers = from.take(TAIL_NUMBERS.checked_mul(n)?)?;
     numbers.chunks_exact(TAIL_NUMBERS).map(Tail::from_numbers).collect()
 }
 
 impl DensePath {
-    /// All that it consists of.
-    fn to_numbers(&self) -> Vec<f64> {
-        let count = |n: usize| n as f64;
+    fn write(&self, out: &mut Writer) {
         let (t, end) = self.end.unwrap_or((f64::NAN, PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 }));
-        let mut numbers = vec![
-            count(self.segments.len()),
-            count(self.coefficients.len()),
-            count(self.tails.len()),
-            f64::from(u8::from(self.end.is_some())),
-        ];
-        numbers.extend([t, end.x, end.xdot, end.sigma]);
+        for count in [self.segments.len(), self.coefficients.len(), self.tails.len()] {
+            out.count(count);
+        }
+        out.flag(self.end.is_some());
+        out.numbers(&[t, end.x, end.xdot, end.sigma]);
         for Segment { start, sigma, kind } in &self.segments {
             let (code, first, degree, h) = match *kind {
                 Kind::Rest => (0.0, 0, 0, 0.0),
@@ -132,34 +89,22 @@ impl DensePath {
                 Kind::Series { first, terms, h, lands: false } => (3.0, first, terms, h),
                 Kind::Series { first, terms, h, lands: true } => (4.0, first, terms, h),
             };
-            numbers.extend([*start, *sigma, code, count(first), count(degree), h]);
+            out.numbers(&[*start, *sigma, code, first as f64, degree as f64, h]);
         }
-        numbers.extend_from_slice(&self.coefficients);
-        numbers.extend(self.tails.iter().flat_map(Tail::to_numbers));
-        numbers
+        out.numbers(&self.coefficients);
+        write_tails(out, &self.tails);
     }
 
-    /// What [`DensePath::to_numbers`] came from; `None` if the numbers do not fit together.
-    fn from_numbers(numbers: &[f64]) -> Option<Self> {
-        let (head, rest) = numbers.split_at_checked(HEAD)?;
-        let &[segments, coefficients, tails, ended, t, x, xdot, sigma] = head else { return None };
-        let (segments, rest) = rest.split_at_checked(OF_SEGMENT.checked_mul(count(segments)?)?)?;
-        let (coefficients, rest) = rest.split_at_checked(count(coefficients)?)?;
-        let tails = count(tails)?;
-        if rest.len() != TAIL_NUMBERS.checked_mul(tails)? {
-            return None;
-        }
-        let end = match count(ended)? {
-            0 => None,
-            1 => Some((t, PathPoint { x, xdot, sigma })),
-            _ => return None,
-        };
-        let path = Self {
-            segments: segments.chunks_exact(OF_SEGMENT).map(segment).collect::<Option<_>>()?,
-            coefficients: coefficients.to_vec(),
-            tails: tails_of(rest)?,
-            end,
-        };
+    /// What [`DensePath::write`] wrote; `None` if the numbers do not fit together.
+    fn read(from: &mut Reader<'_>) -> Option<Self> {
+        let [segments, coefficients, tails] = from.counts()?;
+        let ended = from.flag()?;
+        let [t, x, xdot, sigma] = from.row()?;
+        let segments = from.rows(segments)?.into_iter().map(segment).collect::<Option<_>>()?;
+        let coefficients = from.take(coefficients)?.to_vec();
+        let tails = read_tails(from, tails)?;
+        let end = ended.then_some((t, PathPoint { x, xdot, sigma }));
+        let path = Self { segments, coefficients, tails, end };
         path.fits_together().then_some(path)
     }
 
@@ -203,18 +148,13 @@ impl DensePath {
     }
 }
 
-fn count(number: f64) -> Option<usize> {
-    ((0.0..9e15).contains(&number) && number.fract() == 0.0).then_some(number as usize)
-}
-
-fn segment(numbers: &[f64]) -> Option<Segment> {
-    let &[start, sigma, code, first, degree, h] = numbers else { return None };
-    let kind = match count(code)? {
+fn segment([start, sigma, code, first, degree, h]: [f64; 6]) -> Option<Segment> {
+    let kind = match as_count(code)? {
         0 => Kind::Rest,
-        1 => Kind::Tail(count(first)?),
-        2 => Kind::Flight { first: count(first)?, degree: count(degree)?, h },
+        1 => Kind::Tail(as_count(first)?),
+        2 => Kind::Flight { first: as_count(first)?, degree: as_count(degree)?, h },
         code @ (3 | 4) => {
-            let (first, terms) = (count(first)?, count(degree)?);
+            let (first, terms) = (as_count(first)?, as_count(degree)?);
             Kind::Series { first, terms, h, lands: code == 4 }
         }
         _ => return None,
@@ -229,6 +169,12 @@ mod tests {
         simulate_switched_rk, Flights, LinearForce, Output, Physical, Restitution, Silent,
         SwitchedRk,
     };
+
+    /// Numbers of the header, those before the tails of a motion, of a path, and of a segment.
+    const HEADER: usize = 3;
+    const MOTION_HEAD: usize = HEADER + 4;
+    const HEAD: usize = 8;
+    const OF_SEGMENT: usize = 6;
 
     const KINDS: [Flights; 2] = [Flights::RungeKutta, Flights::Series];
 
@@ -300,10 +246,10 @@ mod tests {
         let flight = first + OF_SEGMENT * flight;
         let not_there = [numbers[path + 1] - 1.0, 1e6, 8e15];
         let wrong: Vec<(usize, &[f64])> = vec![
-            (1, &[-0.1, 1.1, f64::NAN]),                // e
-            (2, &[-0.1, 0.4, f64::NAN]),                // kappa
-            (3, &[1e9, -1.0, 0.25, f64::NAN]),          // tails
-            (4, &[0.0, 2.0]),                           // whether there is a path
+            (HEADER, &[-0.1, 1.1, f64::NAN]),           // e
+            (HEADER + 1, &[-0.1, 0.4, f64::NAN]),       // kappa
+            (HEADER + 2, &[1e9, -1.0, 0.25, f64::NAN]), // tails
+            (HEADER + 3, &[0.0, 2.0]),                  // whether there is a path
             (MOTION_HEAD, &[0.0, 1.0, -1.0, f64::NAN]), // e of a tail
             (path, &[1e9, f64::INFINITY]),              // segments
             (path + 1, &[-1.0, 9e15]),                  // coefficients
@@ -329,8 +275,8 @@ mod tests {
             }
         }
         let mut later = numbers.clone();
-        later[0] = 3.0;
-        assert_eq!(Motion::from_numbers(&later), Err(MotionError::Format(3.0)));
+        later[0] = 4.0;
+        assert_eq!(Motion::from_numbers(&later), Err(MotionError::Format(4.0)));
     }
 
     /// Whatever the numbers are, a motion that is made of them can be asked for anything.
