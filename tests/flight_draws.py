@@ -238,9 +238,9 @@ REST = 1031.1633093359945
 """Of the ball from 1 m with e = 0.9999 and drag 0.01, the sum of the flight times of all arcs."""
 
 
-def near_elastic(flights, rtol):
+def near_elastic(flights, rtol, order=8):
     """Error of that time, relative to it, and how many impacts were followed."""
     system = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81, damping=0.01), e=0.9999)
-    method = zivi.SwitchedRK(rtol, rtol / 1000, flights=flights)
+    method = zivi.SwitchedRK(rtol, rtol / 1000, order=order, flights=flights)
     sol = zivi.simulate(system, (0, 2000), (1, 0), method, dense_output=False)
     return abs(sol.rest_time / REST - 1), len(sol.impacts)

@@ -180,6 +180,7 @@ impl Machine {
             (self.now.x[n + i], self.now.xdot[n + i]) = (0.0, 0.0);
         }
         self.project(set, model)?;
+        let set = set.with(self.closed_along(set));
         let state = [&self.now.x[..], &self.now.xdot[..]].concat();
         let mut last = self.end_of_arcs(self.now.t, state, set, GapSet::EMPTY, model)?;
         last.way = self.way(set, bouncing, &speeds)?;
@@ -203,6 +204,24 @@ impl Machine {
         self.chain.clear();
         (self.struck, self.obstacle) = (0, None);
         Ok(arcs)
+    }
+
+    /// The gaps that are closed to rounding with those of a set, where the system has just been
+    /// evaluated. If the set determines them they never move, and no impact would tell.
+    fn closed_along(&mut self, set: GapSet) -> GapSet {
+        let Layout { n, m } = self.layout;
+        let [of_x, of_v] = self.settings.atol.map(|atol| f64::EPSILON * atol);
+        let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
+        let touches = |&i: &usize| {
+            let (of_gap, of_rate) = self.kinetics.rounding(i, q, w);
+            let (gap, rate) = (self.kinetics.gap(i), self.kinetics.rate(i, w));
+            !set.has(i) && gap.abs() <= of_gap + of_x && rate.abs() <= of_rate + of_v
+        };
+        let more: GapSet = (0..m).filter(touches).collect();
+        for i in more.iter() {
+            (self.now.x[n + i], self.now.xdot[n + i]) = (0.0, 0.0);
+        }
+        more
     }
 
     /// One end of the arcs that a jump skips: the motion in contact, and which way the bouncing

@@ -7,8 +7,17 @@ use std::fmt::Debug;
 
 use super::tableau::MOST_STAGES;
 
-/// What the stages of a step have of one coordinate: sums over them are dot products.
-pub(crate) type Row = [f64; MOST_STAGES];
+/// What a stage has beyond a uniform acceleration from the start of the step: `(V_i - x' - c_i h
+/// k_0)/h` and `k_i - k_0`, side by side for sums over both.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(align(16))]
+pub(crate) struct Beyond {
+    pub(crate) v: f64,
+    pub(crate) k: f64,
+}
+
+/// That of all stages in one coordinate. The start has nothing beyond itself.
+pub(crate) type Row = [Beyond; MOST_STAGES];
 
 /// The coordinates of a state.
 pub(crate) trait Coordinates: Clone + Debug + PartialEq {
@@ -43,7 +52,7 @@ impl Coordinates for f64 {
     }
 
     fn rows(_: usize) -> Self::Rows {
-        [[0.0; MOST_STAGES]]
+        [Row::default()]
     }
 
     #[inline(always)]
@@ -73,7 +82,7 @@ impl Coordinates for Vec<f64> {
     }
 
     fn rows(count: usize) -> Self::Rows {
-        vec![[0.0; MOST_STAGES]; count]
+        vec![Row::default(); count]
     }
 
     fn lend(place: &mut Self) -> Self {

@@ -2,39 +2,46 @@
 
 use super::bernstein::Bernstein;
 use super::coordinates::Row;
-use super::tableau::{Interpolant, Pair};
+use super::tableau::{Interpolant, Pair, Weights};
 
-/// The polynomial from `y` to `end` over a step of length `h` with the slopes `k` of all stages.
-pub(crate) fn polynomial(pair: &Pair, [y, end]: [f64; 2], h: f64, k: &Row) -> Bernstein {
-    let p = match pair.interpolant {
-        Interpolant::Monomials(p) => Bernstein::from_quartic(quartic(y, h, k, p)),
+/// The polynomials of position and velocity over a step of length `h` from `(x, v)`, where the
+/// acceleration is `k`, to `(x1, v1)`. The weights of all powers but the first two have `sum_i d_i =
+/// sum_i c_i d_i = 0`: a uniform acceleration has no part in them.
+pub(crate) fn polynomials(
+    pair: &Pair,
+    h: f64,
+    ([x, v], k): ([f64; 2], f64),
+    [x1, v1]: [f64; 2],
+    row: &Row,
+) -> [Bernstein; 2] {
+    let of_stages = |d: &Weights| {
+        let (of_x, of_v) = d.sums(row);
+        [h * h * of_x, h * of_v]
+    };
+    let both = match &pair.interpolant {
+        Interpolant::Monomials([_, second, third, fourth]) => {
+            let [[x2, v2], [x3, v3], [x4, v4]] = [second, third, fourth].map(of_stages);
+            [[x, h * v, 0.5 * h * h * k + x2, x3, x4], [v, h * k, v2, v3, v4]]
+                .map(Bernstein::from_quartic)
+        }
         Interpolant::Nested { d, .. } => {
-            Bernstein::from_nested(y, nested([y, end], h, k, pair.b.len(), &d))
+            let [[x3, v3], [x4, v4], [x5, v5], [x6, v6]] = d.each_ref().map(of_stages);
+            let [x0, x1, x2] = hermite(x1 - x, [h * v, h * v1]);
+            let [v0, v1, v2] = hermite(v1 - v, [h * k, h * (k + row[pair.b.len()].k)]);
+            [
+                Bernstein::from_nested(x, [x0, x1, x2, x3, x4, x5, x6]),
+                Bernstein::from_nested(v, [v0, v1, v2, v3, v4, v5, v6]),
+            ]
         }
     };
     // what rounding leaves at the ends would be on the wrong side of the wall
-    p.with_ends(y, end)
+    let [of_x, of_v] = both;
+    [of_x.with_ends(x, x1), of_v.with_ends(v, v1)]
 }
 
-/// Coefficients of `y + h sum_i k_i p_i(theta)`.
-fn quartic(y: f64, h: f64, k: &Row, p: &[[f64; 4]]) -> [f64; 5] {
-    let mut a = [y, 0.0, 0.0, 0.0, 0.0];
-    for (k, row) in k.iter().zip(p) {
-        for (a, p) in a[1..].iter_mut().zip(row) {
-            *a += h * k * p;
-        }
-    }
-    a
-}
-
-/// Coefficients of the nested form: the Hermite part from the ends, the rest from all stages.
-fn nested([y, end]: [f64; 2], h: f64, k: &Row, last: usize, d: &[&[f64]; 4]) -> [f64; 7] {
-    let rise = end - y;
-    let mut f = [rise, h * k[0] - rise, 2.0 * rise - h * (k[0] + k[last]), 0.0, 0.0, 0.0, 0.0];
-    for (f, row) in f[3..].iter_mut().zip(d) {
-        *f = h * row.iter().zip(k).map(|(d, k)| d * k).sum::<f64>();
-    }
-    f
+/// The first coefficients of the nested form, by the slopes at both ends.
+fn hermite(rise: f64, [first, last]: [f64; 2]) -> [f64; 3] {
+    [rise, first - rise, 2.0 * rise - (first + last)]
 }
 
 /// The cubic through the ends of a step with accelerations `k`, and by how much the coordinate may
@@ -44,17 +51,18 @@ fn nested([y, end]: [f64; 2], h: f64, k: &Row, last: usize, d: &[&[f64]; 4]) -> 
 pub(crate) fn screen(
     pair: &Pair,
     h: f64,
-    (x0, v0): (f64, f64),
+    ((x0, v0), k): ((f64, f64), f64),
     (x1, v1): (f64, f64),
-    k: &Row,
+    row: &Row,
 ) -> Option<(Bernstein, f64)> {
     let Interpolant::Nested { .. } = pair.interpolant else { return None };
     let cubic = Bernstein::hermite((x0, h * v0), (x1, h * v1));
     let &[c0, c1, c2, c3] = cubic.coefficients() else { return None };
     let (first, last) = (6.0 * (c0 - 2.0 * c1 + c2), 6.0 * (c1 - 2.0 * c2 + c3));
-    let mut worst = 0.0_f64;
-    for (c, k) in pair.c.iter().zip(k).take(pair.b.len()) {
-        worst = worst.max((h * h * k - first - c * (last - first)).abs());
+    let (beyond, growth) = (first - h * h * k, last - first);
+    let mut worst = beyond.abs();
+    for (c, stage) in pair.c[1..pair.b.len()].iter().zip(&row[1..]) {
+        worst = worst.max((h * h * stage.k - beyond - c * growth).abs());
     }
     // |e''| <= worst and e = 0 at both ends: |e| <= worst/8, |e'| <= worst/2
     Some(if x0 == 0.0 {

@@ -6,30 +6,84 @@
 //! * DOP853, order 8 with estimates of orders 5 and 3 and a dense output of order 7 from three
 //!   more stages: E. Hairer, S. P. Norsett and G. Wanner, *Solving Ordinary Differential Equations
 //!   I*, section II.10.
+//!
+//! The coefficients are rounded: `sum_j a_ij` differs from `c_i` by some `eps`, and rounding of
+//! sums with weights up to 50 adds more. Therefore no sum runs over slopes, but over what the
+//! slopes are beyond that of the start ([`Pair::uniform`]).
+
+use super::coordinates::Row;
+
+/// Weights of the stages. That of the start has its place in the conditions only: there is nothing
+/// to sum there.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Weights {
+    all: &'static [f64],
+    /// Those from the first on that is not zero, behind the start.
+    rest: &'static [f64],
+}
+
+impl Weights {
+    const fn new(all: &'static [f64]) -> Self {
+        let mut first = 1;
+        while first < all.len() && all[first] == 0.0 {
+            first += 1;
+        }
+        Self { all, rest: all.split_at(first).1 }
+    }
+
+    /// The sums over what the velocities and the accelerations of the stages have.
+    #[inline(always)]
+    pub(crate) fn sums(&self, row: &Row) -> (f64, f64) {
+        let (mut v, mut k) = (0.0, 0.0);
+        for (weight, beyond) in self.rest.iter().zip(&row[self.first()..self.len()]) {
+            v += weight * beyond.v;
+            k += weight * beyond.k;
+        }
+        (v, k)
+    }
+
+    /// For how many stages.
+    #[inline]
+    pub(crate) const fn len(&self) -> usize {
+        self.all.len()
+    }
+
+    /// The first stage that counts.
+    #[inline]
+    pub(crate) const fn first(&self) -> usize {
+        self.all.len() - self.rest.len()
+    }
+
+    /// The weights from there on.
+    #[inline]
+    pub(crate) const fn rest(&self) -> &'static [f64] {
+        self.rest
+    }
+}
 
 /// `A` by rows, the first of them that of the second stage.
-type Rows = &'static [&'static [f64]];
+type Rows = &'static [Weights];
 
 /// How the error of a step is estimated: weights of the stages.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Estimate {
     /// The difference between the two orders of the pair.
-    Single(&'static [f64]),
+    Single(Weights),
     /// Two estimates `e5`, `e3` that are combined to `e5^2 / sqrt(e5^2 + 0.01 e3^2)`.
-    Double(&'static [f64], &'static [f64]),
+    Double(Weights, Weights),
 }
 
 /// The polynomial through a step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Interpolant {
-    /// `y + h sum_i k_i p_i(theta)`: a row per stage, the coefficients of `theta, theta^2, ...`
-    Monomials(&'static [[f64; 4]]),
+    /// `y + h sum_i k_i p_i(theta)`: the coefficients of `theta, theta^2, ...` in all `p_i`.
+    Monomials([Weights; 4]),
     /// More stages, and the rows of the four coefficients that they give.
     Nested {
         /// Rows of `A` of the further stages, on all stages before them.
         a: Rows,
         /// Weights of all stages.
-        d: [&'static [f64]; 4],
+        d: [Weights; 4],
     },
 }
 
@@ -41,13 +95,24 @@ pub(crate) struct Pair {
     /// Coefficients of the stages that make the step.
     pub(crate) a: Rows,
     /// Weights.
-    pub(crate) b: &'static [f64],
+    pub(crate) b: Weights,
     /// Error estimate.
     pub(crate) estimate: Estimate,
     /// The local error is of order `h^q`.
     pub(crate) q: f64,
     /// Dense output.
     pub(crate) interpolant: Interpolant,
+}
+
+impl Pair {
+    /// How a uniform acceleration leads to the stage `i`: `c_i = sum_j a_ij` times the step size in
+    /// the velocity, `sum_j a_ij c_j` times its square in the position. That is `c_i^2/2`, but
+    /// nothing in the second stage, which knows the start alone.
+    #[inline]
+    pub(crate) fn uniform(&self, i: usize) -> [f64; 2] {
+        let c = self.c[i];
+        [c, if i == 1 { 0.0 } else { 0.5 * c * c }]
+    }
 }
 
 /// Most stages that a pair has, further ones included.
@@ -57,27 +122,32 @@ pub(crate) const MOST_STAGES: usize = 16;
 pub(crate) static DORMAND_PRINCE_5: Pair = Pair {
     c: &[0.0, 0.2, 0.3, 0.8, 0.8888888888888888, 1.0, 1.0],
     a: &[
-        &[0.2],
-        &[0.075, 0.225],
-        &[0.9777777777777777, -3.7333333333333334, 3.5555555555555554],
-        &[2.9525986892242035, -11.595793324188385, 9.822892851699436, -0.2908093278463649],
-        &[
+        Weights::new(&[0.2]),
+        Weights::new(&[0.075, 0.225]),
+        Weights::new(&[0.9777777777777777, -3.7333333333333334, 3.5555555555555554]),
+        Weights::new(&[
+            2.9525986892242035,
+            -11.595793324188385,
+            9.822892851699436,
+            -0.2908093278463649,
+        ]),
+        Weights::new(&[
             2.8462752525252526,
             -10.757575757575758,
             8.906422717743473,
             0.2784090909090909,
             -0.2735313036020583,
-        ],
+        ]),
     ],
-    b: &[
+    b: Weights::new(&[
         0.09114583333333333,
         0.0,
         0.44923629829290207,
         0.6510416666666666,
         -0.322376179245283,
         0.13095238095238096,
-    ],
-    estimate: Estimate::Single(&[
+    ]),
+    estimate: Estimate::Single(Weights::new(&[
         -0.0012326388888888888,
         0.0,
         0.0042527702905061394,
@@ -85,16 +155,37 @@ pub(crate) static DORMAND_PRINCE_5: Pair = Pair {
         0.05086379716981132,
         -0.0419047619047619,
         0.025,
-    ]),
+    ])),
     q: 5.0,
-    interpolant: Interpolant::Monomials(&[
-        [1.0, -2.8535800653862835, 3.0717434641059005, -1.1270175653862835],
-        [0.0, 0.0, 0.0, 0.0],
-        [0.0, 4.023133379230305, -6.249321565289, 2.675424484351598],
-        [0.0, -3.7324019615885042, 10.068970589843675, -5.685526961588504],
-        [0.0, 2.5548038301849423, -6.399112377351017, 3.5219323679207912],
-        [0.0, -1.3744241142186024, 3.272657752246729, -1.7672812570757455],
-        [0.0, 1.3824689317781436, -3.764937863556287, 2.382468931778144],
+    interpolant: Interpolant::Monomials([
+        Weights::new(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        Weights::new(&[
+            -2.8535800653862835,
+            0.0,
+            4.023133379230305,
+            -3.7324019615885042,
+            2.5548038301849423,
+            -1.3744241142186024,
+            1.3824689317781436,
+        ]),
+        Weights::new(&[
+            3.0717434641059005,
+            0.0,
+            -6.249321565289,
+            10.068970589843675,
+            -6.399112377351017,
+            3.272657752246729,
+            -3.764937863556287,
+        ]),
+        Weights::new(&[
+            -1.1270175653862835,
+            0.0,
+            2.675424484351598,
+            -5.685526961588504,
+            3.5219323679207912,
+            -1.7672812570757455,
+            2.382468931778144,
+        ]),
     ]),
 };
 
@@ -119,13 +210,20 @@ pub(crate) static DOP853: Pair = Pair {
         0.7777777777777778,
     ],
     a: &[
-        &[0.05260015195876773],
-        &[0.0197250569845379, 0.0591751709536137],
-        &[0.02958758547680685, 0.0, 0.08876275643042054],
-        &[0.2413651341592667, 0.0, -0.8845494793282861, 0.924834003261792],
-        &[0.037037037037037035, 0.0, 0.0, 0.17082860872947386, 0.12546768756682242],
-        &[0.037109375, 0.0, 0.0, 0.17025221101954405, 0.06021653898045596, -0.017578125],
-        &[
+        Weights::new(&[0.05260015195876773]),
+        Weights::new(&[0.0197250569845379, 0.0591751709536137]),
+        Weights::new(&[0.02958758547680685, 0.0, 0.08876275643042054]),
+        Weights::new(&[0.2413651341592667, 0.0, -0.8845494793282861, 0.924834003261792]),
+        Weights::new(&[0.037037037037037035, 0.0, 0.0, 0.17082860872947386, 0.12546768756682242]),
+        Weights::new(&[
+            0.037109375,
+            0.0,
+            0.0,
+            0.17025221101954405,
+            0.06021653898045596,
+            -0.017578125,
+        ]),
+        Weights::new(&[
             0.03709200011850479,
             0.0,
             0.0,
@@ -133,8 +231,8 @@ pub(crate) static DOP853: Pair = Pair {
             0.10726203044637328,
             -0.015319437748624402,
             0.008273789163814023,
-        ],
-        &[
+        ]),
+        Weights::new(&[
             0.6241109587160757,
             0.0,
             0.0,
@@ -143,8 +241,8 @@ pub(crate) static DOP853: Pair = Pair {
             27.59209969944671,
             20.154067550477894,
             -43.48988418106996,
-        ],
-        &[
+        ]),
+        Weights::new(&[
             0.47766253643826434,
             0.0,
             0.0,
@@ -154,8 +252,8 @@ pub(crate) static DOP853: Pair = Pair {
             15.279233632882423,
             -33.28821096898486,
             -0.020331201708508627,
-        ],
-        &[
+        ]),
+        Weights::new(&[
             -0.9371424300859873,
             0.0,
             0.0,
@@ -166,8 +264,8 @@ pub(crate) static DOP853: Pair = Pair {
             22.739487099350505,
             2.4936055526796523,
             -3.0467644718982196,
-        ],
-        &[
+        ]),
+        Weights::new(&[
             2.273310147516538,
             0.0,
             0.0,
@@ -179,9 +277,9 @@ pub(crate) static DOP853: Pair = Pair {
             -8.87285693353063,
             12.360567175794303,
             0.6433927460157636,
-        ],
+        ]),
     ],
-    b: &[
+    b: Weights::new(&[
         0.054293734116568765,
         0.0,
         0.0,
@@ -194,9 +292,9 @@ pub(crate) static DOP853: Pair = Pair {
         -0.1521609496625161,
         0.20136540080403034,
         0.04471061572777259,
-    ],
+    ]),
     estimate: Estimate::Double(
-        &[
+        Weights::new(&[
             0.01312004499419488,
             0.0,
             0.0,
@@ -209,8 +307,8 @@ pub(crate) static DOP853: Pair = Pair {
             0.3341791187130175,
             0.08192320648511571,
             -0.022355307863886294,
-        ],
-        &[
+        ]),
+        Weights::new(&[
             -0.18980075407240762,
             0.0,
             0.0,
@@ -223,12 +321,12 @@ pub(crate) static DOP853: Pair = Pair {
             -0.1521609496625161,
             0.20136540080403034,
             0.02265179219836082,
-        ],
+        ]),
     ),
     q: 8.0,
     interpolant: Interpolant::Nested {
         a: &[
-            &[
+            Weights::new(&[
                 0.056167502283047954,
                 0.0,
                 0.0,
@@ -242,8 +340,8 @@ pub(crate) static DOP853: Pair = Pair {
                 0.00820105229563469,
                 0.007567897660545699,
                 -0.008298,
-            ],
-            &[
+            ]),
+            Weights::new(&[
                 0.03183464816350214,
                 0.0,
                 0.0,
@@ -258,8 +356,8 @@ pub(crate) static DOP853: Pair = Pair {
                 0.0003825710908356584,
                 -0.00034046500868740456,
                 0.1413124436746325,
-            ],
-            &[
+            ]),
+            Weights::new(&[
                 -0.42889630158379194,
                 0.0,
                 0.0,
@@ -275,10 +373,10 @@ pub(crate) static DOP853: Pair = Pair {
                 -0.0013990241651590145,
                 2.9475147891527724,
                 -9.15095847217987,
-            ],
+            ]),
         ],
         d: [
-            &[
+            Weights::new(&[
                 -8.428938276109013,
                 0.0,
                 0.0,
@@ -295,8 +393,8 @@ pub(crate) static DOP853: Pair = Pair {
                 18.148505520854727,
                 -9.194632392478356,
                 -4.436036387594894,
-            ],
-            &[
+            ]),
+            Weights::new(&[
                 10.427508642579134,
                 0.0,
                 0.0,
@@ -313,8 +411,8 @@ pub(crate) static DOP853: Pair = Pair {
                 -31.139403219565178,
                 -9.35292435884448,
                 35.81684148639408,
-            ],
-            &[
+            ]),
+            Weights::new(&[
                 19.985053242002433,
                 0.0,
                 0.0,
@@ -331,8 +429,8 @@ pub(crate) static DOP853: Pair = Pair {
                 -60.19669523126412,
                 84.32040550667716,
                 11.99229113618279,
-            ],
-            &[
+            ]),
+            Weights::new(&[
                 -25.69393346270375,
                 0.0,
                 0.0,
@@ -349,7 +447,53 @@ pub(crate) static DOP853: Pair = Pair {
                 96.32455395918828,
                 -39.17726167561544,
                 -149.72683625798564,
-            ],
+            ]),
         ],
     },
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether `sum_j row_j` and `sum_j row_j c_j` are these numbers.
+    fn sums(pair: &Pair, row: &[f64], expected: [f64; 2]) {
+        let weight = row.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+        let plain: f64 = row.iter().sum();
+        let first: f64 = row.iter().zip(pair.c).map(|(a, c)| a * c).sum();
+        for (sum, expected) in [plain, first].into_iter().zip(expected) {
+            assert!((sum - expected).abs() <= 4e-16 * weight.max(1.0), "{row:?}: {sum} {expected}");
+        }
+    }
+
+    #[test]
+    fn uniform_accelerations_are_integrated_exactly() {
+        // what sums over differences leave out
+        for pair in [&DORMAND_PRINCE_5, &DOP853] {
+            for (i, row) in pair.a.iter().enumerate() {
+                sums(pair, row.all, pair.uniform(i + 1));
+            }
+            let last = pair.b.len();
+            sums(pair, pair.b.all, pair.uniform(last));
+            match pair.estimate {
+                Estimate::Single(e) => sums(pair, e.all, [0.0; 2]),
+                Estimate::Double(e5, e3) => {
+                    sums(pair, e5.all, [0.0; 2]);
+                    sums(pair, e3.all, [0.0; 2]);
+                }
+            }
+            match pair.interpolant {
+                Interpolant::Monomials(p) => {
+                    let expected = [[1.0, 0.0], [0.0, 0.5], [0.0; 2], [0.0; 2]];
+                    p.iter().zip(expected).for_each(|(p, it)| sums(pair, p.all, it));
+                }
+                Interpolant::Nested { a, d } => {
+                    for (i, row) in a.iter().enumerate() {
+                        sums(pair, row.all, pair.uniform(last + 1 + i));
+                    }
+                    d.iter().for_each(|row| sums(pair, row.all, [0.0; 2]));
+                }
+            }
+        }
+    }
+}

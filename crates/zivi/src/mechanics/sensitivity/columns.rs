@@ -83,8 +83,8 @@ impl<E, D: DifferentiableDynamics<E>> Equation<Vec<f64>, Failure<E>> for Variati
         let last = motion.pair.b.len();
         let node = match motion.pair.interpolant {
             _ if i == last => motion.end.clone(),
-            Interpolant::Nested { a, .. } if i > last => motion.node(i, a[i - last - 1]),
-            _ => motion.node(i, motion.pair.a[i - 1]),
+            Interpolant::Nested { a, .. } if i > last => motion.node(i, &a[i - last - 1]),
+            _ => motion.node(i, &motion.pair.a[i - 1]),
         };
         self.local.visit(self.model, node.t, &node.x[..n], &node.xdot[..n])?;
         self.local.kinetics.contact(self.closed)?;

@@ -10,9 +10,11 @@
 //! stages: the columns are the exact derivative of the step that was made.
 
 use crate::numeric::bernstein::Bernstein;
-use crate::numeric::dense::polynomial;
+use crate::numeric::coordinates::{Beyond, Row};
+use crate::numeric::dense::polynomials;
+use crate::numeric::stages::Node;
 use crate::numeric::step_error::{worse, StepError, Tolerances};
-use crate::numeric::tableau::{Estimate, Interpolant, MOST_STAGES};
+use crate::numeric::tableau::{Estimate, Interpolant, Weights, MOST_STAGES};
 use crate::record::failure::Failure;
 use crate::switched::stages::{Counted, Point, Stages};
 use crate::system::slopes::{DifferentiableForce, Place, Slopes};
@@ -116,7 +118,8 @@ pub(in crate::switched) struct ColumnStep {
     pub(in crate::switched) from: Columns,
     pub(in crate::switched) end: Columns,
     pub(in crate::switched) forcing: Forcing,
-    /// Velocities and accelerations of the stages, one after the other.
+    /// Velocities and accelerations of the stages, one after the other, as those of the motion: what
+    /// they are beyond a uniform acceleration, but at the start.
     v: Vec<f64>,
     k: Vec<f64>,
     known: usize,
@@ -148,13 +151,14 @@ impl ColumnStep {
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
         self.known = 0;
-        self.stage(stages, stages.from, &[], force)?;
+        self.at.clone_from(&self.from);
+        self.keep_stage(stages.from, force)?;
         for row in stages.pair.a {
             let node = stages.node(self.known, row);
             self.stage(stages, node, row, force)?;
         }
-        let Self { end, from, v, k, m, .. } = self;
-        combine(end, from, v, k, *m, stages.pair.b, stages.h);
+        let Self { end, from, v, k, .. } = self;
+        combine(end, from, (v, k), stages, (stages.pair.b.len(), &stages.pair.b));
         Ok(())
     }
 
@@ -163,11 +167,11 @@ impl ColumnStep {
         &mut self,
         stages: &Stages,
         node: Point,
-        row: &[f64],
+        row: &Weights,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        let Self { at, from, v, k, m, .. } = self;
-        combine(at, from, v, k, *m, row, stages.h);
+        let Self { at, from, v, k, known, .. } = self;
+        combine(at, from, (v, k), stages, (*known, row));
         self.keep_stage(node, force)
     }
 
@@ -179,13 +183,15 @@ impl ColumnStep {
     ) -> Result<(), Failure<E>> {
         let place = Place::new(node.t, node.x, node.xdot);
         let slopes = self.forcing.slopes(place, false, force)?;
-        let (first, m) = (self.known * self.m, self.m);
-        let k = &mut self.k[first..][..m];
+        let (before, k) = self.k.split_at_mut(self.known * self.m);
+        let k = &mut k[..self.m];
         for ((k, x), v) in k.iter_mut().zip(&self.at.x).zip(&self.at.v) {
             *k = slopes.x * x + slopes.xdot * v;
         }
         self.forcing.add_to(k, 1.0);
-        self.v[first..][..m].copy_from_slice(&self.at.v);
+        for (k, start) in k.iter_mut().zip(before) {
+            *k -= *start;
+        }
         self.known += 1;
         Ok(())
     }
@@ -203,9 +209,9 @@ impl ColumnStep {
         Ok(())
     }
 
-    /// Accelerations of the columns at the end of the step.
-    fn slopes_at_end(&self, stages: &Stages) -> &[f64] {
-        &self.k[stages.pair.b.len() * self.m..][..self.m]
+    /// The acceleration of a column at the end of the step.
+    fn slope_at_end(&self, stages: &Stages, column: usize) -> f64 {
+        self.k[column] + self.k[stages.pair.b.len() * self.m + column]
     }
 
     /// The largest error of a column relative to its scale `atol/size + rtol |column|`, `sizes`
@@ -236,15 +242,18 @@ impl ColumnStep {
 
     fn error_of(&self, stages: &Stages, column: usize) -> StepError {
         let h = stages.h;
-        let sum = |weights: &[f64], of: &[f64]| {
-            weights.iter().enumerate().map(|(i, w)| w * of[i * self.m + column]).sum::<f64>() * h
+        let sum = |weights: Weights, of: &[f64]| {
+            let stages = of.chunks_exact(self.m).skip(weights.first());
+            weights.rest().iter().zip(stages).map(|(w, of)| w * of[column]).sum::<f64>() * h
         };
         match stages.pair.estimate {
-            Estimate::Single(e) => {
-                StepError { x: [sum(e, &self.v), 0.0], xdot: [sum(e, &self.k), 0.0], double: false }
-            }
+            Estimate::Single(e) => StepError {
+                x: [h * sum(e, &self.v), 0.0],
+                xdot: [sum(e, &self.k), 0.0],
+                double: false,
+            },
             Estimate::Double(e5, e3) => StepError {
-                x: [sum(e5, &self.v), sum(e3, &self.v)],
+                x: [h * sum(e5, &self.v), h * sum(e3, &self.v)],
                 xdot: [sum(e5, &self.k), sum(e3, &self.k)],
                 double: true,
             },
@@ -262,8 +271,8 @@ impl ColumnStep {
             return Ok(());
         }
         self.stage_at_end(stages, force)?;
-        let slopes = self.slopes_at_end(stages).to_vec();
-        for (column, slope) in slopes.iter().enumerate() {
+        for column in 0..self.m {
+            let slope = self.slope_at_end(stages, column);
             self.end.x[column] += delta * (self.end.v[column] + 0.5 * delta * slope);
             self.end.v[column] += delta * slope;
         }
@@ -280,7 +289,7 @@ impl ColumnStep {
         if let Interpolant::Nested { a, .. } = stages.pair.interpolant {
             let last = stages.pair.b.len();
             while self.known - last - 1 < a.len() {
-                let row = a[self.known - last - 1];
+                let row = &a[self.known - last - 1];
                 let node = stages.node(self.known, row);
                 self.stage(stages, node, row, force)?;
             }
@@ -294,29 +303,40 @@ impl ColumnStep {
         stages: &Stages,
         column: usize,
     ) -> [Bernstein; 2] {
-        let gather =
-            |of: &[f64]| -> [f64; MOST_STAGES] { std::array::from_fn(|i| of[i * self.m + column]) };
-        let (v, k, h) = (gather(&self.v), gather(&self.k), stages.h);
-        let (from, end) = (&self.from, &self.end);
-        let [x0, v0, x1, v1] = [from.x[column], from.v[column], end.x[column], end.v[column]];
-        [polynomial(stages.pair, [x0, x1], h, &v), polynomial(stages.pair, [v0, v1], h, &k)]
+        let row: Row = std::array::from_fn(|i| {
+            let at = i * self.m + column;
+            Beyond { v: self.v[at], k: self.k[at] }
+        });
+        let [from, end] = [&self.from, &self.end].map(|it| [it.x[column], it.v[column]]);
+        polynomials(stages.pair, stages.h, (from, self.k[column]), end, &row)
     }
 }
 
-/// `to = from + h sum_j a_j (V_j, K_j)`.
+/// The columns at the stage `i` with the row `a`, `to = from + h sum_j a_j (V_j, K_j)`. Writes what
+/// their velocities have beyond a uniform acceleration.
 #[inline]
-fn combine(to: &mut Columns, from: &Columns, v: &[f64], k: &[f64], m: usize, a: &[f64], h: f64) {
-    to.clone_from(from);
-    for ((a, v), k) in a.iter().zip(v.chunks_exact(m)).zip(k.chunks_exact(m)) {
-        if *a == 0.0 {
-            continue;
-        }
-        let weight = h * a;
+fn combine(
+    to: &mut Columns,
+    from: &Columns,
+    (v, k): (&mut [f64], &[f64]),
+    stages: &Stages,
+    (i, a): (usize, &Weights),
+) {
+    let (m, node) = (from.x.len(), Node::new(stages.pair, i, stages.h));
+    to.clear();
+    let rows = v.chunks_exact(m).zip(k.chunks_exact(m)).skip(a.first());
+    for (a, (v, k)) in a.rest().iter().zip(rows) {
         for (to, v) in to.x.iter_mut().zip(v) {
-            *to += weight * v;
+            *to += a * v;
         }
         for (to, k) in to.v.iter_mut().zip(k) {
-            *to += weight * k;
+            *to += a * k;
         }
+    }
+    for (column, beyond) in v[i * m..][..m].iter_mut().enumerate() {
+        let (start, sums) =
+            ([from.x[column], from.v[column], k[column]], (to.x[column], to.v[column]));
+        (to.x[column], to.v[column]) = node.reach(start, sums);
+        *beyond = sums.1;
     }
 }
