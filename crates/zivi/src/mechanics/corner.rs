@@ -135,12 +135,16 @@ impl Machine {
         &mut self,
         model: &mut Model<'_, D>,
     ) -> Result<Option<Ahead>, Failure<E>> {
-        let recent = self.corners.recent();
+        let recent = self.gathered.corners.recent();
         if recent.len() < 2 {
             return Ok(None);
         }
         for of_openings in [false, true] {
-            let marks = if of_openings { &self.corners.openings } else { &self.corners.impacts };
+            let marks = if of_openings {
+                &self.gathered.corners.openings
+            } else {
+                &self.gathered.corners.impacts
+            };
             if marks.last().is_none_or(|last| last.t < self.now.t) {
                 continue;
             }
@@ -149,7 +153,7 @@ impl Machine {
             let since = self.now.t - marks[0].t;
             let scales = self.scales_with(rtol * since);
             let Some(landing) = landing(marks, p, &scales) else { continue };
-            let set = self.closed.with(gaps);
+            let set = self.contacts.closed.with(gaps);
             if landing.t > self.now.t
                 && self.is_clear(&landing, set)
                 && self.stays_closed(&landing, set, GapSet::EMPTY, model)?
@@ -168,10 +172,11 @@ impl Machine {
         let (x, v) = (&self.now.x[n..], &self.now.xdot[n..]);
         let near = |&i: &usize| {
             let low = 2.0 * x[i] * self.kinetics.b(i).abs() <= slow * slow;
-            self.closed.has(i) || (recent.has(i) && v[i].abs() <= slow && low)
+            self.contacts.closed.has(i) || (recent.has(i) && v[i].abs() <= slow && low)
         };
         let set: GapSet = (0..m).filter(near).collect();
-        if set.without(self.closed).is_empty() || set.iter().filter(|&i| recent.has(i)).count() < 2
+        if set.without(self.contacts.closed).is_empty()
+            || set.iter().filter(|&i| recent.has(i)).count() < 2
         {
             return Ok(None);
         }
@@ -194,7 +199,7 @@ impl Machine {
             return Ok(None);
         }
         let z = self.without_speeds(set)?;
-        let CornerLog { impacts, openings } = &self.corners;
+        let CornerLog { impacts, openings } = &self.gathered.corners;
         let end = time_of_corner(openings).or_else(|| time_of_corner(impacts));
         let t = end.map_or(self.now.t, |end| end.max(self.now.t));
         let landing = Landing::new(t, &[&[0.0], &z[..]].concat(), 0.0);

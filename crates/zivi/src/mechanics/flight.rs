@@ -1,10 +1,10 @@
 //! Steps under error control, each searched for the first impact and the first lift-off.
 
-use super::equation::InContact;
+use super::equation::{InContact, LastStep};
 use super::kinetics::Model;
 use super::lift_off::Release;
-use super::machine::{Machine, Pending};
-use super::overlooked::Experience;
+use super::machine::Machine;
+use super::mode::Next;
 use crate::numeric::root::touchdown;
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::step_size::{factor, first_step, shorter, Plan, FACTORS, RETREAT};
@@ -42,12 +42,9 @@ impl Machine {
     ) -> Result<(), Failure<E>> {
         let plan = self.plan(t_end, model)?;
         let (mut h, shortest) = (plan.h, 8.0 * f64::EPSILON * self.now.t.abs());
-        self.jump = self.jump.next();
+        self.control.jump = self.control.jump.next();
         loop {
-            if self.spent >= self.settings.max_steps {
-                return Err(Failure::Status(Status::StepBudget));
-            }
-            self.spent += 1;
+            self.control.spend(&self.settings)?;
             let (factor, why) = match self.judge(h, model)? {
                 Verdict::Take(growth) => return self.take(plan, h, growth, t_end, model),
                 Verdict::Land(theta, gap) => match self.land(theta * h, gap, t_end, model) {
@@ -56,7 +53,7 @@ impl Machine {
                     }
                     landed => {
                         if h < plan.h {
-                            self.h = Some(h);
+                            self.control.h = Some(h);
                         }
                         return match landed? {
                             true => Ok(()),
@@ -71,8 +68,8 @@ impl Machine {
             self.counts.rejected += 1;
             h *= factor;
             let jumps = matches!(why, Status::StepSizeTooSmall | Status::ContactNotSolved);
-            if h <= shortest && jumps && self.jump.may_be_allowed() {
-                (h, self.jump.allowed) = (shortest, true);
+            if h <= shortest && jumps && self.control.jump.may_be_allowed() {
+                (h, self.control.jump.allowed) = (shortest, true);
             } else if h <= shortest || h < f64::MIN_POSITIVE {
                 return Err(Failure::Status(why));
             }
@@ -85,19 +82,19 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<Plan, Failure<E>> {
         let left = (t_end - self.now.t) - self.now.late;
-        let wanted = match self.h {
+        let wanted = match self.control.h {
             _ if !self.settings.adaptive => self.settings.max_step,
             Some(h) => h.min(self.settings.max_step),
             None => self.first_step(left, model)?.min(self.settings.max_step),
         };
         let (mut h, n) = (wanted, self.layout.n);
         for c in n..n + self.layout.m {
-            let (speed, pull) = (self.now.xdot[c], -self.slope[c]);
+            let (speed, pull) = (self.now.xdot[c], -self.here.slope[c]);
             if self.now.x[c] == 0.0 && speed > 0.0 && pull > 0.0 {
                 h = h.min(ARC * 2.0 * speed / pull);
             }
         }
-        if let Some(obstacle) = self.obstacle {
+        if let Some(obstacle) = self.gathered.obstacle {
             h = h.min(obstacle.longest_step(self.now.t));
         }
         Ok(Plan::up_to(left, h, wanted))
@@ -109,11 +106,11 @@ impl Machine {
         left: f64,
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
-        let Self { settings, stages, closed, aside: kinetics, now, slope, .. } = self;
-        let mut equation = InContact { closed: *closed, kinetics, model, at_end: None };
-        let control = (&tolerances(settings), stages.order_of_error());
+        let Self { settings, last, contacts, aside: kinetics, now, here, .. } = self;
+        let mut equation = InContact { closed: contacts.closed, kinetics, model, at_end: None };
+        let control = (&tolerances(settings), last.stages.order_of_error());
         let harmless = |why: &Failure<E>| matches!(why, Failure::Status(_));
-        first_step(now, slope, left, control, &mut equation, harmless)
+        first_step(now, &here.slope, left, control, &mut equation, harmless)
     }
 
     fn judge<E, D: Dynamics<E>>(
@@ -136,13 +133,13 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<Verdict, Failure<E>> {
         let error = self.try_step(h, model)?;
-        let factor = factor(error, self.stages.order_of_error());
+        let factor = factor(error, self.last.stages.order_of_error());
         if error > 1.0 || error.is_nan() {
             return Ok(Verdict::Shorten(shorter(factor), Status::StepSizeTooSmall));
         }
         let growth = if self.settings.adaptive { factor.min(FACTORS.1) } else { 1.0 };
-        let (n, end) = (self.layout.n, &self.stages.end);
-        if !self.unarmed.iter().all(|i| end.x[n + i] > 0.0 && end.xdot[n + i] > 0.0) {
+        let (n, end) = (self.layout.n, &self.last.stages.end);
+        if !self.contacts.left.iter().all(|i| end.x[n + i] > 0.0 && end.xdot[n + i] > 0.0) {
             return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
         }
         let contact = self.first_contact(model)?;
@@ -154,7 +151,7 @@ impl Machine {
             Release::At(theta, gap) => Some((theta, gap)),
             Release::Unclear => return Ok(Verdict::Shorten(0.5, Status::ContactNotSolved)),
         };
-        if self.stages.end.t > self.dense_from {
+        if self.last.stages.end.t > self.dense_from {
             self.complete_step(model)?;
         }
         Ok(match (contact, release) {
@@ -173,9 +170,11 @@ impl Machine {
         h: f64,
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
-        let Self { stages, kinetics, at_end, now, slope, settings, closed, .. } = self;
-        let mut equation = InContact { closed: *closed, kinetics, model, at_end: Some(at_end) };
-        stages.step(now, slope, h, &mut equation)?;
+        let Self { last, kinetics, now, here, settings, contacts, .. } = self;
+        let LastStep { stages, at_end, .. } = last;
+        let closed = contacts.closed;
+        let mut equation = InContact { closed, kinetics, model, at_end: Some(at_end) };
+        stages.step(now, &here.slope, h, &mut equation)?;
         if !stages.is_finite() {
             return Err(Failure::Status(Status::StateNotFinite));
         }
@@ -183,8 +182,8 @@ impl Machine {
             return Ok(0.0);
         }
         let error = stages.error(&tolerances(settings), &mut equation)?;
-        if self.jump.allowed && error > 1.0 && self.stages.is_smooth_to_rounding() {
-            self.jump.met = true;
+        if self.control.jump.allowed && error > 1.0 && self.last.stages.is_smooth_to_rounding() {
+            self.control.jump.met = true;
             return Ok(0.0);
         }
         Ok(error)
@@ -198,15 +197,15 @@ impl Machine {
         let n = self.layout.n;
         let mut first: Option<(f64, usize)> = None;
         for i in 0..self.layout.m {
-            if self.closed.has(i) || self.unarmed.has(i) {
+            if self.contacts.closed.has(i) || self.contacts.left.has(i) {
                 continue;
             }
-            let screen = self.stages.screen(n + i);
+            let screen = self.last.stages.screen(n + i);
             if screen.is_some_and(|(p, slack)| p.coefficients().iter().all(|&c| c > slack)) {
                 continue;
             }
             self.complete_step(model)?;
-            let [x, _] = self.stages.polynomials_of(n + i);
+            let [x, _] = self.last.stages.polynomials_of(n + i);
             // after an impact theta = 0 is a root, and known
             let p = if self.now.x[n + i] == 0.0 { x.without_root_at_zero() } else { x };
             if let Some(theta) = p.first_negative() {
@@ -228,15 +227,17 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         self.counts.accepted += 1;
-        self.length = self.stages.h;
-        self.experience.gain(self.length);
-        let ends = self.stages.h >= (t_end - self.now.t) - self.now.late;
-        self.h = Some(plan.next(h, growth));
-        self.now.copy_from(&self.stages.end);
+        self.last.length = self.last.stages.h;
+        if let Next::Step(experience) = &mut self.next {
+            experience.gain(self.last.length);
+        }
+        let ends = self.last.stages.h >= (t_end - self.now.t) - self.now.late;
+        self.control.h = Some(plan.next(h, growth));
+        self.now.copy_from(&self.last.stages.end);
         if ends {
             (self.now.t, self.now.late) = (t_end, 0.0);
         }
-        self.unarmed = GapSet::EMPTY;
+        self.contacts.left = GapSet::EMPTY;
         self.settle_step(model)
     }
 
@@ -245,8 +246,8 @@ impl Machine {
         &mut self,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        if !self.closed.is_empty() {
-            self.project(self.closed, model)?;
+        if !self.contacts.closed.is_empty() {
+            self.project(self.contacts.closed, model)?;
             self.refresh()?;
             for i in 0..self.layout.m {
                 let rate = self.kinetics.rate(i, &self.now.xdot[..self.layout.n]);
@@ -254,11 +255,11 @@ impl Machine {
             }
             return Ok(());
         }
-        self.fresh = self.stages.copy_end_slope(&mut self.slope);
-        self.lambda.fill(0.0);
-        if self.fresh {
+        self.here.known = self.last.stages.copy_end_slope(&mut self.here.slope);
+        self.here.lambda.fill(0.0);
+        if self.here.known {
             for i in 0..self.layout.m {
-                self.anchor(i, self.at_end.gap[i], self.at_end.rate[i]);
+                self.anchor(i, self.last.at_end.gap[i], self.last.at_end.rate[i]);
             }
         }
         Ok(())
@@ -280,8 +281,8 @@ impl Machine {
                 return Err(Failure::Status(Status::StepSizeTooSmall));
             }
             self.finish_step(model)?;
-            let end = &self.stages.end;
-            landing = touchdown(end.x[c], end.xdot[c], self.stages.end_slope(c))
+            let end = &self.last.stages.end;
+            landing = touchdown(end.x[c], end.xdot[c], self.last.stages.end_slope(c))
                 .filter(|it| it.0.abs() < 0.5 * length);
             match landing {
                 Some((delta, _)) if delta.abs() > 1e-3 * length => length += delta,
@@ -290,19 +291,19 @@ impl Machine {
         }
         let delta = match landing {
             Some((delta, _)) => delta,
-            None if self.stages.end.x[c] > 0.0 => return Ok(false),
-            None => self.crossing_inside(c, model)? - self.stages.h,
+            None if self.last.stages.end.x[c] > 0.0 => return Ok(false),
+            None => self.crossing_inside(c, model)? - self.last.stages.h,
         };
-        if self.settings.adaptive && !self.jump.allowed && self.misfit() > 1.0 {
+        if self.settings.adaptive && !self.control.jump.allowed && self.misfit() > 1.0 {
             return Err(Failure::Status(Status::StepSizeTooSmall));
         }
-        let total = (self.stages.h + delta).max(0.0);
+        let total = (self.last.stages.h + delta).max(0.0);
         if self.now.t + total > self.dense_from {
             self.complete_step(model)?;
         }
         self.counts.accepted += 1;
         self.arrive(total, delta, t_end);
-        self.pending = Some(Pending::Hit(self.hit_together(gap, total)));
+        self.next = Next::Hit(self.hit_together(gap, total));
         Ok(true)
     }
 
@@ -313,25 +314,25 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
         self.complete_step(model)?;
-        let [x, _] = self.stages.polynomials_of(c);
+        let [x, _] = self.last.stages.polynomials_of(c);
         let p = if self.now.x[c] == 0.0 { x.without_root_at_zero() } else { x };
-        Ok(p.first_negative().unwrap_or(1.0) * self.stages.h)
+        Ok(p.first_negative().unwrap_or(1.0) * self.last.stages.h)
     }
 
     /// Moves to the time `total` after the start of the last step, `delta` after its end.
     pub(super) fn arrive(&mut self, total: f64, delta: f64, t_end: f64) {
-        let end = &self.stages.end;
-        (self.length, self.experience) = (total, Experience::default());
+        let end = &self.last.stages.end;
+        self.last.length = total;
         self.now.pass(total);
         if self.now.t > t_end {
             (self.now.t, self.now.late) = (t_end, 0.0);
         }
         for c in 0..self.now.x.len() {
-            let slope = self.stages.end_slope(c);
+            let slope = self.last.stages.end_slope(c);
             self.now.x[c] = end.x[c] + delta * (end.xdot[c] + 0.5 * delta * slope);
             self.now.xdot[c] = end.xdot[c] + delta * slope;
         }
-        self.fresh = false;
+        self.here.known = false;
     }
 
     /// The gap and those that close at the same time, to rounding of the flight's length.
@@ -340,7 +341,7 @@ impl Machine {
         let near = TOGETHER * flight + ULPS * self.now.t.abs();
         let is_hit = |i: usize| {
             let (x, v) = (self.now.x[n + i], self.now.xdot[n + i]);
-            !self.closed.has(i) && v < 0.0 && x <= -v * near
+            !self.contacts.closed.has(i) && v < 0.0 && x <= -v * near
         };
         (0..self.layout.m).filter(|&i| i == gap || is_hit(i)).collect()
     }

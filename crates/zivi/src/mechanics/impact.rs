@@ -10,7 +10,8 @@
 
 use super::kinetics::Model;
 use super::lcp;
-use super::machine::{problem, Machine};
+use super::machine::{problem, Machine, Piece};
+use super::mode::Next;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
@@ -41,8 +42,8 @@ impl Machine {
         &mut self,
         hit: GapSet,
         model: &mut Model<'_, D>,
-    ) -> Result<(), Failure<E>> {
-        let (n, before) = (self.layout.n, self.closed);
+    ) -> Result<Piece, Failure<E>> {
+        let (n, before) = (self.layout.n, self.contacts.closed);
         let set = before.with(hit);
         self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])?;
         self.kinetics.solve(set, |_, _| 0.0)?;
@@ -50,26 +51,25 @@ impl Machine {
         let positive = self.exchange(set, hit)?;
         self.project(set, model)?;
         let touching: GapSet = set.iter().filter(|&i| self.now.xdot[n + i] == 0.0).collect();
-        let (closed, left) = self.settle(touching)?;
-        self.closed = closed;
-        self.unarmed = left;
+        self.contacts = self.settle(touching)?;
+        let closed = self.contacts.closed;
         self.refresh()?;
         self.note_changes(before, hit, touching);
         self.last_impact = self.now.t;
-        self.struck += 1;
+        self.gathered.impacts += 1;
         let key = Key { hit, closed: before };
         let all_hit = hit.iter().all(|i| positive.has(i));
         if closed == before && all_hit {
             self.weigh(key, model)?;
         } else {
-            self.chain.clear();
+            self.gathered.chain.clear();
         }
         let opened = before.without(closed).without(hit);
-        self.corners.note(hit, before, opened, &self.now);
-        if self.ahead.is_none() {
-            self.ahead = self.corner_ahead(model)?;
+        self.gathered.corners.note(hit, before, opened, &self.now);
+        if let Next::Step(_) = self.next {
+            self.next = Next::jump(self.corner_ahead(model)?);
         }
-        Ok(())
+        Ok(Piece::Instant)
     }
 
     /// Speeds after the impact, equation (1); the gaps with an impulse.
@@ -127,7 +127,7 @@ impl Machine {
         }
         let flight = t - self.last_impact;
         let near = (UNCERTAIN * self.settings.rtol).min(1.0 / LONGER) * flight;
-        for j in (0..self.layout.m).filter(|&j| !hit.with(self.closed).has(j)) {
+        for j in (0..self.layout.m).filter(|&j| !hit.with(self.contacts.closed).has(j)) {
             let (x, v) = (self.now.x[n + j], self.now.xdot[n + j]);
             let later = -x / v;
             let coupled = hit.iter().any(|i| self.kinetics.cosine(i, j).abs() > COUPLED);
@@ -140,7 +140,7 @@ impl Machine {
 
     /// Notes the gaps that closed and opened by an impact.
     fn note_changes(&mut self, before: GapSet, hit: GapSet, touching: GapSet) {
-        let (t, closed) = (self.now.t, self.closed);
+        let (t, closed) = (self.now.t, self.contacts.closed);
         for gap in closed.without(before).iter() {
             self.occurrences.push(Occurrence::Zeno { t, gap, closed });
         }
@@ -152,7 +152,7 @@ impl Machine {
             });
         }
         if closed != before {
-            self.struck = 0;
+            self.gathered.impacts = 0;
         }
     }
 
@@ -167,7 +167,7 @@ impl Machine {
         let e = self.e[first];
         let alike = key.hit.iter().all(|i| self.e[i] == e);
         if !(alike && e > 0.0 && e < 1.0 && self.now.xdot[n + first] > 0.0) {
-            self.chain.clear();
+            self.gathered.chain.clear();
             return Ok(());
         }
         let z = self.without_bounce(key)?;
@@ -181,10 +181,10 @@ impl Machine {
         let mut rates = v.to_vec();
         rates.extend_from_slice(&self.aside.acceleration);
         let bounce = Bounce { t: self.now.t, u: self.now.xdot[n + first], g };
-        self.chain.turn_to(key, e);
-        self.chain.note(bounce, &z, &rates)?;
+        self.gathered.chain.turn_to(key, e);
+        self.gathered.chain.note(bounce, &z, &rates)?;
         if g > 0.0 {
-            self.ahead = self.end_of_chain(bounce, model)?;
+            self.next = Next::jump(self.end_of_chain(bounce, model)?);
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! The jump through a Zeno point onto the manifold of more closed gaps.
 
 use super::kinetics::{Kinetics, Model};
-use super::machine::Machine;
+use super::machine::{Machine, Piece};
 use super::tail::{EndOfArcs, SkippedArcs};
 use crate::numeric::bernstein::Bernstein;
 use crate::record::failure::Failure;
@@ -32,14 +32,18 @@ impl Machine {
         last: Bounce,
         model: &mut Model<'_, D>,
     ) -> Result<Option<Ahead>, Failure<E>> {
-        if self.chain.is_over() {
-            return Ok(self.chain.leading().map(|landing| Ahead { landing, corner: None }));
+        if self.gathered.chain.is_over() {
+            return Ok(self
+                .gathered
+                .chain
+                .leading()
+                .map(|landing| Ahead { landing, corner: None }));
         }
-        let left = self.chain.remaining(last);
+        let left = self.gathered.chain.remaining(last);
         let scales = self.scales(last);
-        let Some(landing) = self.chain.landing(&scales) else { return Ok(None) };
+        let Some(landing) = self.gathered.chain.landing(&scales) else { return Ok(None) };
         let ahead = landing.t - last.t;
-        let key = self.chain.key();
+        let key = self.gathered.chain.key();
         let set = key.closed.with(key.hit);
         let known = landing.size <= 1.0 && ahead > 0.0 && ahead < 3.0 * left;
         let sound = known
@@ -52,7 +56,7 @@ impl Machine {
     /// The tolerances of a Zeno time and of the state there.
     pub(super) fn scales(&self, last: Bounce) -> Vec<f64> {
         let [atol_x, atol_v] = self.settings.atol;
-        let chain = &self.chain;
+        let chain = &self.gathered.chain;
         let absolute = (atol_x / chain.fastest()).min(atol_v / last.g);
         self.scales_with(absolute + self.settings.rtol * chain.duration())
     }
@@ -106,8 +110,9 @@ impl Machine {
             let at = &mut self.aside;
             let pushes = |at: &mut Kinetics, i: usize| {
                 // bodies in free fall touch without a force
-                let none = if self.closed.has(i) { -at.noise(i) / at.d(i, i) } else { 0.0 };
-                at.lambda[i] > none || (self.closed.has(i) && at.lambda[i] >= none)
+                let none =
+                    if self.contacts.closed.has(i) { -at.noise(i) / at.d(i, i) } else { 0.0 };
+                at.lambda[i] > none || (self.contacts.closed.has(i) && at.lambda[i] >= none)
             };
             if !set.iter().all(|i| pushes(at, i)) {
                 return Ok(false);
@@ -130,15 +135,15 @@ impl Machine {
         tolerance: f64,
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
-        let key = self.chain.key();
+        let key = self.gathered.chain.key();
         let set = key.closed.with(key.hit);
         let Some(gap) = key.hit.iter().next() else { return Ok(false) };
         let (t, state) = (self.now.t, self.without_bounce(key)?);
         let first = self.end_of_arcs(t, state, set, key.hit, model)?;
         let last = self.end_of_arcs(landing.t, landing.state().to_vec(), set, key.hit, model)?;
-        let arcs = SkippedArcs::of_chain(&self.chain, landing.t, [first, last]);
+        let arcs = SkippedArcs::of_chain(&self.gathered.chain, landing.t, [first, last]);
         let Some(tail) = &arcs.arcs else { return Ok(false) };
-        let (e, max_step) = (self.chain.e(), self.settings.max_step);
+        let (e, max_step) = (self.gathered.chain.e(), self.settings.max_step);
         let ahead = Lookahead { tail, e, tolerance, max_step, period: None };
         let size = self.layout.n + self.layout.m;
         let mut pull = AlongArcs {
@@ -151,8 +156,9 @@ impl Machine {
             x: vec![0.0; size],
             v: vec![0.0; size],
         };
-        self.obstacle = ahead.obstacle(self.obstacle, &mut Counted::new(&mut pull))?;
-        Ok(self.obstacle.is_none())
+        let obstacle = &mut self.gathered.obstacle;
+        *obstacle = ahead.obstacle(*obstacle, &mut Counted::new(&mut pull))?;
+        Ok(obstacle.is_none())
     }
 
     /// Through the rest of an accumulation, onto the manifold.
@@ -160,12 +166,12 @@ impl Machine {
         &mut self,
         Ahead { landing, corner }: Ahead,
         model: &mut Model<'_, D>,
-    ) -> Result<SkippedArcs, Failure<E>> {
+    ) -> Result<Piece, Failure<E>> {
         let (n, size) = (self.layout.n, self.layout.n + self.layout.m);
-        let key = self.chain.key();
+        let key = self.gathered.chain.key();
         let set = corner.unwrap_or(key.closed.with(key.hit));
         let bouncing = if corner.is_some() { GapSet::EMPTY } else { key.hit };
-        let (start, before) = (self.now.t, self.closed);
+        let (start, before) = (self.now.t, self.contacts.closed);
         let state = match corner {
             Some(_) => self.without_speeds(set)?,
             None => self.without_bounce(key)?,
@@ -187,23 +193,22 @@ impl Machine {
         let ends = [first, last];
         let arcs = match corner {
             Some(_) => SkippedArcs::between(start, self.now.t, ends),
-            None => SkippedArcs::of_chain(&self.chain, self.now.t, ends),
+            None => SkippedArcs::of_chain(&self.gathered.chain, self.now.t, ends),
         };
-        let (closed, left) = self.settle(set)?;
-        (self.closed, self.unarmed) = (closed, left);
+        self.contacts = self.settle(set)?;
         self.refresh()?;
         let t = self.now.t;
         if corner.is_some() {
             self.occurrences.push(Occurrence::Corner { t, gaps: set });
-            self.corners.clear();
+            self.gathered.corners.clear();
         } else {
             let zeno = |gap| Occurrence::Zeno { t, gap, closed: set };
             self.occurrences.extend(set.without(before).iter().map(zeno));
         }
-        self.note_lifted(left);
-        self.chain.clear();
-        (self.struck, self.obstacle) = (0, None);
-        Ok(arcs)
+        self.note_lifted(self.contacts.left);
+        self.gathered.chain.clear();
+        (self.gathered.impacts, self.gathered.obstacle) = (0, None);
+        Ok(Piece::Skipped(arcs))
     }
 
     /// The gaps that are closed to rounding with those of a set, where the system has just been
@@ -254,7 +259,8 @@ impl Machine {
     ) -> Result<Vec<f64>, Failure<E>> {
         let Layout { n, m } = self.layout;
         let mut way = vec![0.0; n + m];
-        let Some(last) = self.chain.bounces().last().filter(|_| !bouncing.is_empty()) else {
+        let Some(last) = self.gathered.chain.bounces().last().filter(|_| !bouncing.is_empty())
+        else {
             return Ok(way);
         };
         let part = |i: usize| if bouncing.has(i) { speeds[n + i] / last.u } else { 0.0 };

@@ -5,7 +5,8 @@
 //! certify that there is no change of sign, two more values how well it fits.
 
 use super::kinetics::Model;
-use super::machine::{settle, Machine, Pending};
+use super::machine::{settle, Machine, Piece};
+use super::mode::{Contacts, Next};
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -54,18 +55,18 @@ impl Machine {
         &mut self,
         model: &mut Model<'_, D>,
     ) -> Result<Release, Failure<E>> {
-        if self.closed.is_empty() {
+        if self.contacts.closed.is_empty() {
             return Ok(Release::None);
         }
-        if self.jump.allowed {
+        if self.control.jump.allowed {
             // across a jump of the forces no polynomial fits
             self.finish_step(model)?;
-            let released = self.closed.iter().find(|&i| self.at_end.lambda[i] < 0.0);
+            let released = self.contacts.closed.iter().find(|&i| self.last.at_end.lambda[i] < 0.0);
             return Ok(released.map_or(Release::None, |i| Release::At(1.0, i)));
         }
         let (forces, noise) = self.forces_along(model)?;
         let mut first: Option<(f64, usize)> = None;
-        for (row, i) in self.closed.iter().enumerate() {
+        for (row, i) in self.contacts.closed.iter().enumerate() {
             let values = &forces[row];
             let scale = values.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
             let p = through(values);
@@ -99,15 +100,15 @@ impl Machine {
         let n = self.layout.n;
         self.complete_step(model)?;
         let polynomials: Vec<[Bernstein; 2]> =
-            (0..n).map(|c| self.stages.polynomials_of(c)).collect();
-        let mut forces = vec![[0.0; MOST_DEGREE + 3]; self.closed.len()];
-        let mut noise = vec![0.0_f64; self.closed.len()];
+            (0..n).map(|c| self.last.stages.polynomials_of(c)).collect();
+        let mut forces = vec![[0.0; MOST_DEGREE + 3]; self.contacts.closed.len()];
+        let mut noise = vec![0.0_f64; self.contacts.closed.len()];
         for (k, theta) in NODES.into_iter().chain(CHECKS).enumerate() {
             let (q, w): (Vec<f64>, Vec<f64>) =
                 polynomials.iter().map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
-            self.aside.evaluate(model, self.now.t + theta * self.stages.h, &q, &w)?;
-            self.aside.contact(self.closed)?;
-            for (row, i) in self.closed.iter().enumerate() {
+            self.aside.evaluate(model, self.now.t + theta * self.last.stages.h, &q, &w)?;
+            self.aside.contact(self.contacts.closed)?;
+            for (row, i) in self.contacts.closed.iter().enumerate() {
                 let none = self.aside.noise(i) / self.aside.d(i, i);
                 let force = self.aside.lambda[i];
                 forces[row][k] = if force.abs() <= none { 0.0 } else { force };
@@ -125,14 +126,14 @@ impl Machine {
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let whole = self.stages.h;
+        let whole = self.last.stages.h;
         let length = self.release(length, gap, model)?;
         if self.now.t + length > self.dense_from {
             self.complete_step(model)?;
         }
         self.counts.accepted += 1;
         self.arrive(length, 0.0, t_end);
-        self.pending = Some(Pending::Release(gap, whole));
+        self.next = Next::Release { gap, h: whole };
         Ok(())
     }
 
@@ -142,18 +143,18 @@ impl Machine {
         gap: usize,
         h: f64,
         model: &mut Model<'_, D>,
-    ) -> Result<(), Failure<E>> {
-        self.project(self.closed, model)?;
+    ) -> Result<Piece, Failure<E>> {
+        self.project(self.contacts.closed, model)?;
         let left = self.released(gap, LATER * h, model)?;
-        self.closed = self.closed.without(left);
-        self.unarmed = left;
+        self.contacts = Contacts { closed: self.contacts.closed.without(left), left };
         self.note_lifted(left);
         self.flag_lifted(left);
-        self.chain.clear();
-        self.corners.clear();
-        self.struck = 0;
-        self.h = Some(PART * h);
-        self.refresh()
+        self.gathered.chain.clear();
+        self.gathered.corners.clear();
+        self.gathered.impacts = 0;
+        self.control.h = Some(PART * h);
+        self.refresh()?;
+        Ok(Piece::Instant)
     }
 
     /// The length of the step after which the force of a contact vanishes; that step is computed.
@@ -163,13 +164,13 @@ impl Machine {
         gap: usize,
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
-        let whole = self.stages.h;
-        let mut one = (0.0, self.lambda[gap]);
+        let whole = self.last.stages.h;
+        let mut one = (0.0, self.here.lambda[gap]);
         let mut x = length;
         for iteration in 0..ITERATIONS {
             self.try_step(x, model)?;
             self.finish_step(model)?;
-            let force = self.at_end.lambda[gap];
+            let force = self.last.at_end.lambda[gap];
             let slope = (force - one.1) / (x - one.0);
             let next = x - force / slope;
             one = (x, force);
@@ -190,7 +191,7 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<GapSet, Failure<E>> {
         let n = self.layout.n;
-        self.kinetics.contact(self.closed)?;
+        self.kinetics.contact(self.contacts.closed)?;
         let a = &self.kinetics.acceleration;
         let now = &self.now;
         let (q, w): (Vec<f64>, Vec<f64>) = (0..n)
@@ -200,7 +201,7 @@ impl Machine {
             })
             .unzip();
         self.aside.evaluate(model, now.t + later, &q, &w)?;
-        let (_, left) = settle(&mut self.aside, self.closed)?;
+        let left = settle(&mut self.aside, self.contacts.closed)?.left;
         // where the force comes back at once, again and again, the contact opens all the same
         const OFTEN: u32 = 8;
         Ok(if left.is_empty() && self.stalled > OFTEN { GapSet::of(gap) } else { left })

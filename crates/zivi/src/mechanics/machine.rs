@@ -4,18 +4,17 @@
 //! manifold where they are zero. Between events both are one ordinary differential equation.
 
 use super::corner::CornerLog;
-use super::equation::{AtEnd, InContact, Stages, State};
+use super::equation::{InContact, LastStep, Stages, State};
 use super::impact::Key;
 use super::kinetics::{Kinetics, Model};
-use super::landing::Ahead;
 use super::lcp;
-use super::overlooked::Experience;
+use super::mode::{Contacts, Next, Response};
 use super::tail::SkippedArcs;
-use crate::numeric::step_size::Jump;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
 use crate::switched::lookahead::Obstacle;
+use crate::switched::step_control::StepControl;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::chain::Chain;
@@ -35,15 +34,6 @@ pub(super) enum Piece {
     Instant,
 }
 
-/// An event at the present time that is yet to be dealt with.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Pending {
-    /// These gaps are hit.
-    Hit(GapSet),
-    /// The force of this contact vanishes, in a step of this length.
-    Release(usize, f64),
-}
-
 /// The switched method for mechanical systems as an object that is driven piece by piece.
 #[derive(Clone, Debug)]
 pub(super) struct Machine {
@@ -52,41 +42,32 @@ pub(super) struct Machine {
     pub(super) e: Vec<f64>,
     pub(super) kinetics: Kinetics,
     pub(super) aside: Kinetics,
-    pub(super) stages: Stages,
-    pub(super) at_end: AtEnd,
     pub(super) now: State,
-    pub(super) closed: GapSet,
-    /// Gaps that have just opened from contact: not looked out for in the first step.
-    pub(super) unarmed: GapSet,
-    /// Accelerations and contact forces here, if `fresh`.
-    pub(super) slope: Vec<f64>,
-    pub(super) lambda: Vec<f64>,
-    pub(super) fresh: bool,
-    pub(super) chain: Chain<Vec<f64>, Key>,
-    /// Where impacts accumulate, once that is known well enough.
-    pub(super) ahead: Option<Ahead>,
-    pub(super) corners: CornerLog,
-    /// Where the forces last kept the system from jumping there.
-    pub(super) obstacle: Option<Obstacle>,
-    /// Step size to try next.
-    pub(super) h: Option<f64>,
-    /// What speaks for it.
-    pub(super) experience: Experience,
-    pub(super) pending: Option<Pending>,
-    /// Length of the last piece.
-    pub(super) length: f64,
-    pub(super) last_impact: f64,
-    pub(super) group: u64,
-    pub(super) jump: Jump,
-    /// Events since the time last advanced by a step.
-    pub(super) stalled: u32,
-    pub(super) occurrences: Vec<Occurrence>,
+    pub(super) contacts: Contacts,
+    pub(super) next: Next,
+    pub(super) here: Response,
+    pub(super) last: LastStep,
+    pub(super) gathered: Gathered,
+    pub(super) control: StepControl,
     /// Steps that end later than this have their polynomials computed.
     pub(super) dense_from: f64,
+    pub(super) last_impact: f64,
+    pub(super) group: u64,
+    pub(super) occurrences: Vec<Occurrence>,
+    /// Events since the time last advanced by a step.
+    pub(super) stalled: u32,
     pub(super) counts: Counts,
+}
+
+/// What impacts gathered that may accumulate.
+#[derive(Clone, Debug)]
+pub(super) struct Gathered {
+    pub(super) chain: Chain<Vec<f64>, Key>,
+    pub(super) corners: CornerLog,
+    /// Where the forces last kept the system from jumping to the end of them.
+    pub(super) obstacle: Option<Obstacle>,
     /// Impacts since a gap last closed or a contact lifted off.
-    pub(super) struck: usize,
-    pub(super) spent: usize,
+    pub(super) impacts: usize,
 }
 
 /// Events at one instant after which the motion is called unsolved.
@@ -107,31 +88,24 @@ impl Machine {
             e: e.to_vec(),
             kinetics: Kinetics::new(layout),
             aside: Kinetics::new(layout),
-            stages: Stages::new(settings.order.pair(), size),
-            at_end: AtEnd::new(layout.m),
             now: State::zeros(size),
-            closed: GapSet::EMPTY,
-            unarmed: GapSet::EMPTY,
-            slope: vec![0.0; size],
-            lambda: vec![0.0; layout.m],
-            fresh: false,
-            chain: Chain::new(Key::default(), 0.5, 2 * size, COLUMNS),
-            ahead: None,
-            corners: CornerLog::default(),
-            obstacle: None,
-            h: settings.first_step,
-            experience: Experience::default(),
-            pending: None,
-            length: 0.0,
+            contacts: Contacts::default(),
+            next: Next::STEP,
+            here: Response { slope: vec![0.0; size], lambda: vec![0.0; layout.m], known: false },
+            last: LastStep::new(settings.order.pair(), layout),
+            gathered: Gathered {
+                chain: Chain::new(Key::default(), 0.5, 2 * size, COLUMNS),
+                corners: CornerLog::default(),
+                obstacle: None,
+                impacts: 0,
+            },
+            control: StepControl { h: settings.first_step, ..StepControl::default() },
+            dense_from: f64::INFINITY,
             last_impact: f64::NEG_INFINITY,
             group: 0,
-            jump: Jump::default(),
-            stalled: 0,
             occurrences: Vec::new(),
-            dense_from: f64::INFINITY,
+            stalled: 0,
             counts: Counts::default(),
-            struck: 0,
-            spent: 0,
         }
     }
 
@@ -166,13 +140,12 @@ impl Machine {
                 *set = set.with(GapSet::of(i));
             }
         }
-        self.closed = touching;
-        if hit.is_empty() && !touching.is_empty() {
+        self.contacts = Contacts { closed: touching, left: GapSet::EMPTY };
+        if !hit.is_empty() {
+            self.next = Next::Hit(hit);
+        } else if !touching.is_empty() {
             self.project(touching, model)?;
-            let (closed, left) = self.settle(touching)?;
-            (self.closed, self.unarmed) = (closed, left);
-        } else if !hit.is_empty() {
-            self.pending = Some(Pending::Hit(hit));
+            self.contacts = self.settle(touching)?;
         }
         Ok(None)
     }
@@ -187,24 +160,20 @@ impl Machine {
         if self.stalled > MOST_AT_ONCE {
             return Err(Failure::Status(Status::ContactNotSolved));
         }
-        if let Some(event) = self.pending.take() {
-            match event {
-                Pending::Hit(gaps) => self.strike(gaps, model)?,
-                Pending::Release(gap, h) => self.open(gap, h, model)?,
-            }
-            return Ok(Piece::Instant);
+        match std::mem::replace(&mut self.next, Next::STEP) {
+            Next::Hit(gaps) => return self.strike(gaps, model),
+            Next::Release { gap, h } => return self.open(gap, h, model),
+            Next::Jump(ahead) if ahead.landing.t <= t_end => return self.jump(ahead, model),
+            Next::Jump(_) => (),
+            Next::Step(experience) => self.next = Next::Step(experience),
         }
-        if let Some(ahead) = self.ahead.take().filter(|ahead| ahead.landing.t <= t_end) {
-            return self.jump(ahead, model).map(Piece::Skipped);
-        }
-        if self.struck > self.settings.max_impacts {
-            self.struck = 0;
+        if self.gathered.impacts > self.settings.max_impacts {
+            self.gathered.impacts = 0;
             return Err(Failure::Status(Status::ZenoBudget));
         }
         let through = self.through();
         if !through.is_empty() {
-            self.strike(through, model)?;
-            return Ok(Piece::Instant);
+            return self.strike(through, model);
         }
         self.prepare(model)?;
         let t = self.now.t;
@@ -218,20 +187,24 @@ impl Machine {
     /// The gaps that are hit at once, though none of them was seen to come near.
     pub(super) fn through(&self) -> GapSet {
         let n = self.layout.n;
-        let open = (0..self.layout.m).filter(|&i| !self.closed.has(i));
+        let open = (0..self.layout.m).filter(|&i| !self.contacts.closed.has(i));
         open.filter(|&i| self.now.x[n + i] <= 0.0 && self.now.xdot[n + i] < 0.0).collect()
     }
 
     /// Forgets what was learnt from the forces: from here on they are others.
     pub(super) fn restart(&mut self) {
-        (self.fresh, self.ahead, self.obstacle) = (false, None, None);
-        self.chain.clear();
-        self.corners.clear();
+        self.here.known = false;
+        if let Next::Jump(_) = self.next {
+            self.next = Next::STEP;
+        }
+        self.gathered.obstacle = None;
+        self.gathered.chain.clear();
+        self.gathered.corners.clear();
     }
 
     /// Whether something happens before the time moves on beyond `t_end`.
     pub(super) fn is_pending(&self, t_end: f64) -> bool {
-        self.pending.is_some() || self.ahead.as_ref().is_some_and(|it| it.landing.t <= t_end)
+        self.next.is_due(t_end)
     }
 
     /// The last step, and the equation of which it is one.
@@ -239,8 +212,8 @@ impl Machine {
         &'r mut self,
         model: &'r mut Model<'m, D>,
     ) -> (&'r mut Stages, InContact<'r, 'm, D>) {
-        let Self { stages, kinetics, at_end, closed, .. } = self;
-        (stages, InContact { closed: *closed, kinetics, model, at_end: Some(at_end) })
+        let Self { last: LastStep { stages, at_end, .. }, kinetics, contacts, .. } = self;
+        (stages, InContact { closed: contacts.closed, kinetics, model, at_end: Some(at_end) })
     }
 
     /// Evaluates the system at the end of the last step.
@@ -266,7 +239,7 @@ impl Machine {
         &mut self,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        if !self.fresh {
+        if !self.here.known {
             let n = self.layout.n;
             self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])?;
             self.refresh()?;
@@ -279,10 +252,10 @@ impl Machine {
 
     /// The same, where the system has just been evaluated.
     pub(super) fn refresh<E>(&mut self) -> Result<(), Failure<E>> {
-        self.kinetics.contact(self.closed)?;
-        self.slope.copy_from_slice(&self.kinetics.acceleration);
-        self.lambda.copy_from_slice(&self.kinetics.lambda);
-        self.fresh = true;
+        self.kinetics.contact(self.contacts.closed)?;
+        self.here.slope.copy_from_slice(&self.kinetics.acceleration);
+        self.here.lambda.copy_from_slice(&self.kinetics.lambda);
+        self.here.known = true;
         Ok(())
     }
 
@@ -291,7 +264,7 @@ impl Machine {
         let n = self.layout.n;
         let size = self.now.x[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         let clear = gap > ANCHOR * (size + gap) && self.now.x[n + i] > 0.0;
-        if clear && !self.closed.has(i) {
+        if clear && !self.contacts.closed.has(i) {
             (self.now.x[n + i], self.now.xdot[n + i]) = (gap, rate);
         }
     }
@@ -305,7 +278,7 @@ impl Machine {
     ) -> Result<(), Failure<E>> {
         let Self { kinetics, now, layout, .. } = self;
         let n = layout.n;
-        self.fresh = false;
+        self.here.known = false;
         for iteration in 0..=PROJECTIONS {
             let (q, gaps) = now.x.split_at_mut(n);
             let (w, speeds) = now.xdot.split_at_mut(n);
@@ -334,18 +307,15 @@ impl Machine {
 
     /// Which of the gaps that touch without a speed stay closed, and which the forces open, where
     /// the system has just been evaluated: `0 <= lambda  perp  b + D lambda >= 0`.
-    pub(super) fn settle<E>(&mut self, touching: GapSet) -> Result<(GapSet, GapSet), Failure<E>> {
+    pub(super) fn settle<E>(&mut self, touching: GapSet) -> Result<Contacts, Failure<E>> {
         settle(&mut self.kinetics, touching)
     }
 }
 
 /// As [`Machine::settle`].
-pub(super) fn settle<E>(
-    kinetics: &mut Kinetics,
-    touching: GapSet,
-) -> Result<(GapSet, GapSet), Failure<E>> {
+pub(super) fn settle<E>(kinetics: &mut Kinetics, touching: GapSet) -> Result<Contacts, Failure<E>> {
     if touching.is_empty() {
-        return Ok((touching, touching));
+        return Ok(Contacts::default());
     }
     kinetics.solve(touching, |_, _| 0.0)?;
     let (matrix, b) = problem(kinetics, touching, |at, i| at.b(i));
@@ -358,7 +328,7 @@ pub(super) fn settle<E>(
             left = left.with(GapSet::of(i));
         }
     }
-    Ok((touching.without(left), left))
+    Ok(Contacts { closed: touching.without(left), left })
 }
 
 /// `D_CC` row by row and the right side of a complementarity problem.

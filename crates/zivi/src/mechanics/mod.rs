@@ -20,6 +20,7 @@ mod landing;
 mod lcp;
 mod lift_off;
 mod machine;
+mod mode;
 mod moreau_jean;
 mod overlooked;
 mod path;

@@ -3,36 +3,15 @@
 use super::flight::tolerances;
 use super::kinetics::Model;
 use super::machine::Machine;
+use super::mode::Next;
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::step_error::{worse, StepError};
 use crate::numeric::step_size::{factor, FACTORS};
 use crate::record::failure::Failure;
 use crate::system::dynamics::Dynamics;
 
-/// What speaks for the length of a step: those before it since the last event.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Experience {
-    steps: u32,
-    last: f64,
-}
-
-/// So many steps after an event there is no experience.
-const YOUNG: u32 = 1;
-/// Nor is there for a step that is so many times longer than the last.
-const GREW: f64 = 2.0;
 /// What is overlooked is more than so many tolerances: the polynomials are no better than that.
 const DEFECT: f64 = 100.0;
-
-impl Experience {
-    /// A step of this length was taken.
-    pub(super) fn gain(&mut self, length: f64) {
-        (self.steps, self.last) = (self.steps + 1, length);
-    }
-
-    fn is_enough(self, length: f64) -> bool {
-        self.steps > YOUNG && length <= GREW * self.last
-    }
-}
 
 impl Machine {
     /// Whether the step overlooks something that lies between its stages, and by which factor it
@@ -44,7 +23,7 @@ impl Machine {
         contact: Option<usize>,
         model: &mut Model<'_, D>,
     ) -> Result<Option<f64>, Failure<E>> {
-        if !self.settings.adaptive || self.jump.allowed {
+        if !self.settings.adaptive || self.control.jump.allowed {
             return Ok(None);
         }
         let mut excess = 0.0;
@@ -52,10 +31,10 @@ impl Machine {
             self.finish_step(model)?;
             excess = self.misfit();
         }
-        if excess <= 1.0 && !self.experience.is_enough(self.stages.h) {
-            let (n, closed) = (self.layout.n, self.closed);
+        if excess <= 1.0 && !self.next.experience().is_enough(self.last.stages.h) {
+            let (n, closed) = (self.layout.n, self.contacts.closed);
             for i in (0..self.layout.m).filter(|&i| !closed.has(i)) {
-                let falls = contact == Some(i) || self.stages.end.xdot[n + i] < 0.0;
+                let falls = contact == Some(i) || self.last.stages.end.xdot[n + i] < 0.0;
                 if self.now.xdot[n + i] > 0.0 && falls {
                     excess = worse(excess, self.defect_at_apex(i, model)?);
                 }
@@ -65,19 +44,19 @@ impl Machine {
             return Ok(None);
         }
         // the shorter step is looked at again
-        self.experience = Experience::default();
-        Ok(Some(factor(excess, self.stages.order_of_error()).max(FACTORS.0)))
+        self.next = Next::STEP;
+        Ok(Some(factor(excess, self.last.stages.order_of_error()).max(FACTORS.0)))
     }
 
     /// How far the gaps at the end of the finished step are from their functions, in what is
     /// allowed of it.
     pub(super) fn misfit(&self) -> f64 {
         let (n, m) = (self.layout.n, self.layout.m);
-        let of = |c: usize| self.stages.scales(c, &tolerances(&self.settings))[0];
+        let of = |c: usize| self.last.stages.scales(c, &tolerances(&self.settings))[0];
         let largest = (0..n).map(of).fold(0.0_f64, f64::max);
         let each = (0..m).map(|i| {
-            let far = (self.at_end.gap[i] - self.stages.end.x[n + i]).abs();
-            far / (DEFECT * (of(n + i) + self.at_end.steepness[i] * largest))
+            let far = (self.last.at_end.gap[i] - self.last.stages.end.x[n + i]).abs();
+            far / (DEFECT * (of(n + i) + self.last.at_end.steepness[i] * largest))
         });
         each.fold(0.0, worse)
     }
@@ -90,20 +69,20 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
         self.complete_step(model)?;
-        let (n, h) = (self.layout.n, self.stages.h);
-        let [_, rate] = self.stages.polynomials_of(n + gap);
+        let (n, h) = (self.layout.n, self.last.stages.h);
+        let [_, rate] = self.last.stages.polynomials_of(n + gap);
         let theta = rate.first_negative().unwrap_or(0.5);
         let rows: Vec<[Bernstein; 2]> =
-            (0..self.now.x.len()).map(|c| self.stages.polynomials_of(c)).collect();
+            (0..self.now.x.len()).map(|c| self.last.stages.polynomials_of(c)).collect();
         let (q, w): (Vec<f64>, Vec<f64>) =
             rows[..n].iter().map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
         self.aside.evaluate(model, self.now.t + theta * h, &q, &w)?;
-        self.aside.contact(self.closed)?;
+        self.aside.contact(self.contacts.closed)?;
         let tolerances = tolerances(&self.settings);
         let defects = rows.iter().enumerate().map(|(c, [_, v])| {
             let defect = h * self.aside.acceleration[c] - v.slope(theta);
             let error = StepError { x: [h * defect, 0.0], xdot: [defect, 0.0], double: false };
-            error.norm(self.stages.scales(c, &tolerances)) / DEFECT
+            error.norm(self.last.stages.scales(c, &tolerances)) / DEFECT
         });
         Ok(defects.fold(0.0, worse))
     }

@@ -49,7 +49,7 @@ pub(super) fn running<E>(
     let start = MotionPoint {
         x: machine.now.x.clone(),
         v: machine.now.xdot.clone(),
-        closed: machine.closed,
+        closed: machine.contacts.closed,
     };
     let record = MechanicalRecord {
         samples: MechanicalSamples::default(),
@@ -70,7 +70,7 @@ impl Piecewise for Machine {
     fn state_to(&self, to: &mut MotionPoint) {
         to.x.clone_from(&self.now.x);
         to.v.clone_from(&self.now.xdot);
-        to.closed = self.closed;
+        to.closed = self.contacts.closed;
     }
 
     fn is_pending(&self, t_end: f64) -> bool {
@@ -151,8 +151,8 @@ impl<E> Running<'_, E> {
     ) -> Result<(), Ending<E>> {
         let end = self.method.now.t;
         if end > self.dense_from() && end > from {
-            let length = self.method.length;
-            let curve = Curve::new(&self.method.stages, &self.method.now, length);
+            let length = self.method.last.length;
+            let curve = Curve::new(&self.method.last.stages, &self.method.now, length);
             if let Some(path) = &mut self.record.path {
                 path.push_motion(&curve, closed);
             }
@@ -271,8 +271,8 @@ impl<E> Running<'_, E> {
         self.method.prepare(model)?;
         // an anchored gap
         self.arrive();
-        let Machine { now, lambda, closed, .. } = &self.method;
-        self.record.samples.push(t, (&now.x, &now.xdot), lambda, *closed);
+        let Machine { now, here, contacts, .. } = &self.method;
+        self.record.samples.push(t, (&now.x, &now.xdot), &here.lambda, contacts.closed);
         Ok(())
     }
 

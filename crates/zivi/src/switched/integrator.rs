@@ -292,7 +292,7 @@ impl SwitchedIntegrator {
                 self.chain.clear();
                 Err(Failure::Status(Status::ZenoBudget))
             }
-            Mode::Flight(Flight::Weigh | Flight::Step(_)) if self.state().is_at_origin() => {
+            Mode::Flight(Flight::Weigh | Flight::Step { .. }) if self.state().is_at_origin() => {
                 self.wait(t_end, force)
             }
             Mode::Flight(_) => self.fly(t_end, force),

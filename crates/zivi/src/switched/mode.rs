@@ -8,6 +8,8 @@
 //! Weigh  -- stops, pulled -->  Leave
 //! ```
 
+use super::step_control::Experience;
+
 /// What the mass does now.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Mode {
@@ -25,23 +27,16 @@ pub(super) enum Flight {
     /// The last impact has yet to be thought about.
     Weigh,
     /// A step, or the part of it up to an impact.
-    Step(Steps),
+    Step {
+        experience: Experience,
+        /// Whether the state is that at the end of the last step of the pair, under the same force.
+        continues: bool,
+    },
     /// The first step off the wall from rest. The distance starts with a root of this order, and
     /// the wall is not looked out for.
     Leave { order: usize },
     /// The jump to rest, at the time at which the impacts accumulate.
     Jump { zeno: f64 },
-}
-
-/// Steps since the last impact or lift-off.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Steps {
-    /// How many.
-    pub(super) count: u32,
-    /// The length of the last (s).
-    pub(super) last: f64,
-    /// Whether the state is that at its end, and the force the one that made it.
-    pub(super) continues: bool,
 }
 
 /// Rest at the wall.
@@ -56,7 +51,8 @@ impl Mode {
     pub(super) const REST: Self = Self::Rest(Rest { horizon: 0.0 });
 
     /// Flight whose first step is yet to come.
-    pub(super) const FLIGHT: Self = Self::Flight(Flight::Step(Steps::NONE));
+    pub(super) const FLIGHT: Self =
+        Self::Flight(Flight::Step { experience: Experience::NONE, continues: false });
     /// The lift-off where the force is positive all at once.
     pub(super) const LIFT_OFF: Self = Self::Flight(Flight::Leave { order: 2 });
     /// The lift-off where the force grows from zero.
@@ -66,7 +62,7 @@ impl Mode {
     #[inline]
     pub(super) fn forget_force(&mut self) {
         match self {
-            Self::Flight(Flight::Step(steps)) => steps.continues = false,
+            Self::Flight(Flight::Step { continues, .. }) => *continues = false,
             Self::Flight(Flight::Leave { .. } | Flight::Jump { .. }) => {
                 *self = Self::FLIGHT;
             }
@@ -74,13 +70,19 @@ impl Mode {
         }
     }
 
-    /// The steps so far since the last impact or lift-off.
+    /// What speaks for the length of the next step.
     #[inline]
-    pub(super) fn steps(&self) -> Steps {
+    pub(super) fn experience(&self) -> Experience {
         match *self {
-            Self::Flight(Flight::Step(steps)) => steps,
-            _ => Steps::NONE,
+            Self::Flight(Flight::Step { experience, .. }) => experience,
+            _ => Experience::NONE,
         }
+    }
+
+    /// Whether the state is that at the end of the last step of the pair.
+    #[inline]
+    pub(super) fn continues(&self) -> bool {
+        matches!(self, Self::Flight(Flight::Step { continues: true, .. }))
     }
 
     /// Whether the first step off the wall from rest comes next.
@@ -89,14 +91,11 @@ impl Mode {
         matches!(self, Self::Flight(Flight::Leave { .. }))
     }
 
-    /// One more step, of length `h`.
+    /// A step of length `h` was taken.
     #[inline]
     pub(super) fn step(&mut self, h: f64) {
-        let count = self.steps().count + 1;
-        *self = Self::Flight(Flight::Step(Steps { count, last: h, continues: true }));
+        let mut experience = self.experience();
+        experience.gain(h);
+        *self = Self::Flight(Flight::Step { experience, continues: true });
     }
-}
-
-impl Steps {
-    const NONE: Self = Self { count: 0, last: 0.0, continues: false };
 }

@@ -33,6 +33,35 @@ impl StepControl {
     }
 }
 
+/// What speaks for the length of a step: those before it since the last event.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Experience {
+    /// How many.
+    steps: u32,
+    /// The length of the last (s).
+    last: f64,
+}
+
+impl Experience {
+    pub(crate) const NONE: Self = Self { steps: 0, last: 0.0 };
+    /// So many steps after an event there is none.
+    const YOUNG: u32 = 1;
+    /// Nor is there any for a step that is so many times longer than the last.
+    const GREW: f64 = 2.0;
+
+    /// A step of this length was taken.
+    #[inline]
+    pub(crate) fn gain(&mut self, length: f64) {
+        (self.steps, self.last) = (self.steps + 1, length);
+    }
+
+    /// Whether there is enough for a step of this length to be taken without another look.
+    #[inline]
+    pub(crate) fn is_enough(self, length: f64) -> bool {
+        self.steps > Self::YOUNG && length <= Self::GREW * self.last
+    }
+}
+
 /// Who looks at the ends of steps and at the motion between them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Looks {

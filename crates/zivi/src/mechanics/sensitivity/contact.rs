@@ -9,6 +9,7 @@ use super::follower::Follower;
 use super::local::Direction;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::machine::{Machine, Piece};
+use crate::mechanics::mode::Next;
 use crate::record::failure::Failure;
 use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::switched::sensitivity::Limit;
@@ -28,8 +29,8 @@ impl Follower<'_> {
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let corner = machine.ahead.as_ref().is_some_and(|ahead| ahead.corner.is_some());
-        let (from, key) = (machine.occurrences.len(), machine.chain.key());
+        let corner = matches!(&machine.next, Next::Jump(ahead) if ahead.corner.is_some());
+        let (from, key) = (machine.occurrences.len(), machine.gathered.chain.key());
         let piece = machine.advance(t_end, model)?;
         let t = machine.now.t;
         self.fill_samples(t);
@@ -49,14 +50,14 @@ impl Follower<'_> {
             for c in 0..size {
                 let entry = column * size + c;
                 end.x[entry] = dz[c] - zeno.t * machine.now.xdot[c];
-                end.xdot[entry] = dz[size + c] - zeno.t * machine.slope[c];
+                end.xdot[entry] = dz[size + c] - zeno.t * machine.here.slope[c];
             }
         }
-        self.columns.visit(model, &machine.now, machine.closed)?;
+        self.columns.visit(model, &machine.now, machine.contacts.closed)?;
         if let Some(gap) = key.hit.iter().next() {
             self.note_pull(n + gap, machine)?;
         }
-        self.columns.project(machine.closed, &machine.now)?;
+        self.columns.project(machine.contacts.closed, &machine.now)?;
         self.hold(machine, model)?;
         self.zeno.clear();
         Ok(piece)
@@ -65,7 +66,7 @@ impl Follower<'_> {
     /// At a Zeno point the pull on the gap has to stay a pull.
     fn note_pull<E>(&mut self, c: usize, machine: &Machine) -> Result<(), Failure<E>> {
         let n = self.columns.layout.n;
-        let key_closed = machine.closed.without(crate::record::gap_set::GapSet::of(c - n));
+        let key_closed = machine.contacts.closed.without(crate::record::gap_set::GapSet::of(c - n));
         let local = &mut self.columns.local;
         local.kinetics.contact(key_closed)?;
         let pull = -local.kinetics.acceleration[c];
@@ -78,7 +79,7 @@ impl Follower<'_> {
             let row = local.along(Direction { t: zeno.t, q, w, parameter });
             rates.push(local.acceleration(key_closed, &row)?.0[c]);
         }
-        local.kinetics.contact(machine.closed)?;
+        local.kinetics.contact(machine.contacts.closed)?;
         if pull > 0.0 {
             self.validity.note(Limit::Zeno, machine.now.t, pull, rates);
         }
@@ -93,7 +94,8 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
         let (Layout { n, .. }, size) = (self.columns.layout, self.columns.size());
-        let (closed, now, from) = (machine.closed, machine.now.clone(), machine.occurrences.len());
+        let (closed, now, from) =
+            (machine.contacts.closed, machine.now.clone(), machine.occurrences.len());
         self.columns.visit(model, &now, closed)?;
         let local = &mut self.columns.local;
         let a = local.kinetics.acceleration[..n].to_vec();

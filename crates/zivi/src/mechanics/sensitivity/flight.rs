@@ -6,6 +6,7 @@ use crate::mechanics::equation::{InContact, Stages};
 use crate::mechanics::flight::tolerances;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::machine::{Machine, Piece};
+use crate::mechanics::mode::Next;
 use crate::numeric::step_size::{factor, shorter, FACTORS};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -27,23 +28,23 @@ impl Follower<'_> {
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let (visited, closed) = (self.columns.visited, machine.closed);
+        let (visited, closed) = (self.columns.visited, machine.contacts.closed);
         let events = std::mem::take(&mut machine.occurrences);
         let before = machine.clone();
         machine.occurrences = events;
-        let order = machine.stages.order_of_error();
+        let order = machine.last.stages.order_of_error();
         let shortest = 16.0 * f64::EPSILON * before.now.t.abs();
         for retry in 0.. {
             let piece = machine.advance(t_end, model)?;
-            let h = machine.stages.h;
+            let h = machine.last.stages.h;
             self.columns.visited = visited.filter(|_| retry == 0);
-            self.columns.advance(&machine.stages, closed, model)?;
+            self.columns.advance(&machine.last.stages, closed, model)?;
             let error = self.error(machine, model)?;
             let factor = factor(error, order);
             if error <= 1.0 || retry == RETRIES || h <= shortest {
                 if error > 0.0 {
                     let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
-                    machine.h = machine.h.map(|next| next.min(longest));
+                    machine.control.h = machine.control.h.map(|next| next.min(longest));
                 }
                 self.flew(machine, model)?;
                 return Ok(piece);
@@ -53,7 +54,7 @@ impl Follower<'_> {
             machine.clone_from(&before);
             machine.occurrences = events;
             machine.counts.rejected = rejected;
-            machine.h = Some(shorter(factor) * h);
+            machine.control.h = Some(shorter(factor) * h);
         }
         Err(Failure::Status(Status::Internal))
     }
@@ -67,7 +68,7 @@ impl Follower<'_> {
             return Ok(0.0);
         }
         let tolerances = tolerances(&machine.settings);
-        self.columns.error(&machine.stages, &tolerances, (self.sizes, &self.lost), model)
+        self.columns.error(&machine.last.stages, &tolerances, (self.sizes, &self.lost), model)
     }
 
     /// What a step that was taken adds: samples, minima, the end of the columns.
@@ -77,12 +78,12 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         self.note_height(machine);
-        let (total, t) = (machine.length, machine.now.t);
+        let (total, t) = (machine.last.length, machine.now.t);
         let mut onto = None;
         let closed = self.columns.closed;
-        if (total - machine.stages.h).abs() > NUDGE * machine.stages.h {
+        if (total - machine.last.stages.h).abs() > NUDGE * machine.last.stages.h {
             // the event was found on the polynomials, away from the end of the step
-            let mut stages = machine.stages.clone();
+            let mut stages = machine.last.stages.clone();
             let (from, size) = (stages.from.clone(), self.columns.size());
             let slope: Vec<f64> = (0..size).map(|c| stages.start_slope(c)).collect();
             stages.step(&from, &slope, total, &mut self.motion(closed, model))?;
@@ -90,10 +91,10 @@ impl Follower<'_> {
             self.columns.advance(&stages, closed, model)?;
             onto = Some(stages);
         }
-        if machine.pending.is_none() {
+        if let Next::Step(_) = machine.next {
             self.minima(machine, model)?;
         }
-        let stages = onto.as_ref().unwrap_or(&machine.stages);
+        let stages = onto.as_ref().unwrap_or(&machine.last.stages);
         self.sample(stages, t, model)?;
         self.columns.take(stages, total - stages.h, model)?;
         if !closed.is_empty() {
@@ -121,11 +122,12 @@ impl Follower<'_> {
         let (Layout { n, m }, size) = (self.columns.layout, self.columns.size());
         let closed = self.columns.closed;
         for gap in (0..m).filter(|&gap| !closed.has(gap)) {
-            let (from, end) = (machine.stages.from.xdot[n + gap], machine.stages.end.xdot[n + gap]);
+            let (from, end) =
+                (machine.last.stages.from.xdot[n + gap], machine.last.stages.end.xdot[n + gap]);
             if !(from < 0.0 && end > 0.0) {
                 continue;
             }
-            let stages = &mut machine.stages;
+            let stages = &mut machine.last.stages;
             stages.complete(&mut self.motion(closed, model))?;
             let [x, rate] = stages.polynomials_of(n + gap);
             let Some(theta) = rate.negated().first_negative() else { continue };

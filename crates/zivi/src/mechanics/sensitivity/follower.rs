@@ -4,7 +4,8 @@ use super::columns::{Columns, MechanicalWrt};
 use super::local::Direction;
 use crate::mechanics::equation::State;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::machine::{Machine, Pending, Piece};
+use crate::mechanics::machine::{Machine, Piece};
+use crate::mechanics::mode::Next;
 use crate::numeric::tableau::Pair;
 use crate::piecewise::method::Driver;
 use crate::record::failure::Failure;
@@ -89,7 +90,7 @@ impl<'a> Follower<'a> {
         let (Layout { n, m }, now) = (self.columns.layout, &machine.now);
         let size = n + m;
         self.set_extent(machine, model)?;
-        self.columns.visit(model, now, machine.closed)?;
+        self.columns.visit(model, now, machine.contacts.closed)?;
         self.note_height(machine);
         let acceleration = self.columns.local.kinetics.acceleration.clone();
         for column in 0..self.count() {
@@ -116,10 +117,10 @@ impl<'a> Follower<'a> {
                 (x[n + k], v[n + k]) = (gap, rate);
             }
         }
-        if machine.closed.is_empty() {
+        if machine.contacts.closed.is_empty() {
             return Ok(());
         }
-        self.columns.project(machine.closed, now)
+        self.columns.project(machine.contacts.closed, now)
     }
 
     /// How far the state moves in a second, or in a run that is shorter.
@@ -131,7 +132,7 @@ impl<'a> Follower<'a> {
         let (n, State { t, x, xdot: v, .. }) = (self.columns.layout.n, &machine.now);
         let kinetics = &mut self.columns.local.kinetics;
         kinetics.evaluate(model, *t, &x[..n], &v[..n])?;
-        kinetics.contact(machine.closed)?;
+        kinetics.contact(machine.contacts.closed)?;
         let (duration, a) = ((self.end - t).min(1.0), &kinetics.acceleration);
         let of_w: Vec<f64> = (0..n).map(|c| v[c].abs() + duration * a[c].abs()).collect();
         let of_q: Vec<f64> = (0..n).map(|c| x[c].abs() + duration * of_w[c]).collect();
@@ -231,7 +232,7 @@ impl<'a> Follower<'a> {
         machine: &Machine,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        if machine.closed.len() < self.columns.layout.n || !self.lost.contains(&true) {
+        if machine.contacts.closed.len() < self.columns.layout.n || !self.lost.contains(&true) {
             return Ok(());
         }
         let size = self.columns.size();
@@ -241,8 +242,8 @@ impl<'a> Follower<'a> {
                 self.columns.now.xdot[column * size..][..size].fill(0.0);
             }
         }
-        self.columns.visit(model, &machine.now, machine.closed)?;
-        self.columns.project(machine.closed, &machine.now)
+        self.columns.visit(model, &machine.now, machine.contacts.closed)?;
+        self.columns.project(machine.contacts.closed, &machine.now)
     }
 
     /// Samples up to a time where the columns are not known.
@@ -280,13 +281,12 @@ impl<'f, E, D: DifferentiableDynamics<E>> Driver<Machine, Model<'f, D>, E> for F
         if self.is_blind() {
             return self.blindly(machine, t_end, model);
         }
-        let jumps = machine.ahead.as_ref().is_some_and(|ahead| ahead.landing.t <= t_end);
-        match machine.pending {
-            Some(Pending::Hit(_)) => self.strike(machine, t_end, model),
-            Some(Pending::Release(..)) => self.release(machine, t_end, model),
-            None if jumps => self.jump(machine, t_end, model),
-            None if machine.through() != GapSet::EMPTY => self.strike(machine, t_end, model),
-            None => self.fly_within(machine, t_end, model),
+        match &machine.next {
+            Next::Hit(_) => self.strike(machine, t_end, model),
+            Next::Release { .. } => self.release(machine, t_end, model),
+            Next::Jump(ahead) if ahead.landing.t <= t_end => self.jump(machine, t_end, model),
+            _ if machine.through() != GapSet::EMPTY => self.strike(machine, t_end, model),
+            _ => self.fly_within(machine, t_end, model),
         }
     }
 }

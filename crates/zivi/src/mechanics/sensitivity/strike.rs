@@ -13,6 +13,7 @@ use super::local::{Direction, Exchange};
 use crate::mechanics::equation::State;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::machine::{Machine, Piece};
+use crate::mechanics::mode::Next;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
@@ -54,7 +55,7 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
         let (before, closed, from) =
-            (machine.now.clone(), machine.closed, machine.occurrences.len());
+            (machine.now.clone(), machine.contacts.closed, machine.occurrences.len());
         self.columns.visit(model, &before, closed)?;
         let slope = self.columns.local.kinetics.acceleration.clone();
         let piece = machine.advance(t_end, model)?;
@@ -124,7 +125,7 @@ impl Follower<'_> {
             let row = local.along(Direction { t: dt, q: &x[..n], w, parameter });
             let wrt = self.columns.wrt[column];
             let after = &machine.now.xdot;
-            let stays = |i: usize| i == gap && machine.closed.has(i);
+            let stays = |i: usize| i == gap && machine.contacts.closed.has(i);
             let target = |i: usize| match i {
                 i if stays(i) || i != gap => 0.0,
                 _ => -machine.e[i] * rates[i] - before.xdot[n + i] * wrt.of_e(i),
@@ -165,7 +166,7 @@ impl Follower<'_> {
     ) -> Result<Vec<f64>, Failure<E>> {
         let n = self.columns.layout.n;
         let mut dt: Vec<f64> = shifted.iter().map(|it| it.dt).collect();
-        let Some(gap) = struck.hit.iter().find(|&gap| machine.closed.has(gap)) else {
+        let Some(gap) = struck.hit.iter().find(|&gap| machine.contacts.closed.has(gap)) else {
             return Ok(dt);
         };
         let kinetics = &mut self.columns.local.kinetics;
@@ -190,9 +191,9 @@ impl Follower<'_> {
         for (column, it) in shifted.iter().enumerate() {
             for c in 0..size {
                 end.x[column * size + c] = it.x[c] - it.dt * machine.now.xdot[c];
-                end.xdot[column * size + c] = it.v[c] - it.dt * machine.slope[c];
+                end.xdot[column * size + c] = it.v[c] - it.dt * machine.here.slope[c];
             }
-            close(column * size + self.columns.layout.n, machine.closed, end);
+            close(column * size + self.columns.layout.n, machine.contacts.closed, end);
         }
         self.blank();
     }
@@ -206,13 +207,13 @@ impl Follower<'_> {
         machine: &mut Machine,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let Some(&last) = machine.chain.bounces().last() else { return Ok(()) };
-        let key = machine.chain.key();
+        let Some(&last) = machine.gathered.chain.bounces().last() else { return Ok(()) };
+        let key = machine.gathered.chain.key();
         if last.t != machine.now.t || key.hit != struck.hit {
             return Ok(());
         }
         self.note_chain(shifted, machine, model)?;
-        if machine.ahead.as_ref().is_none_or(|ahead| ahead.corner.is_some()) {
+        if !matches!(&machine.next, Next::Jump(ahead) if ahead.corner.is_none()) {
             return Ok(());
         }
         let (scales, rtol) = (machine.scales(last), machine.settings.rtol);
@@ -223,7 +224,7 @@ impl Follower<'_> {
             let size = self.sizes[column];
             let de = self.columns.wrt[column].of_e(gap);
             let scale = |c: usize, rate: f64| scales[c] / size + rtol * rate.abs();
-            match chain.landing(&machine.chain, de, scale) {
+            match chain.landing(&machine.gathered.chain, de, scale) {
                 Some(zeno) => {
                     known &= self.lost[column] || zeno.size <= 1.0;
                     self.zeno.push(zeno);
@@ -231,8 +232,8 @@ impl Follower<'_> {
                 None => known = false,
             }
         }
-        if !known && !machine.chain.is_over() && self.zeno_wanted() {
-            machine.ahead = None;
+        if !known && !machine.gathered.chain.is_over() && self.zeno_wanted() {
+            machine.next = Next::STEP;
         }
         Ok(())
     }
@@ -245,7 +246,7 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m }, size, key) =
-            (self.columns.layout, self.columns.size(), machine.chain.key());
+            (self.columns.layout, self.columns.size(), machine.gathered.chain.key());
         let (set, now) = (key.closed.with(key.hit), machine.now.clone());
         let Some(gap) = key.hit.iter().next() else { return Ok(()) };
         let z = machine.without_bounce(key)?;
@@ -291,7 +292,7 @@ impl Follower<'_> {
                 flow: [&flow, &by_flow],
                 dz,
             };
-            self.chains[column].note(&machine.chain, &rate);
+            self.chains[column].note(&machine.gathered.chain, &rate);
         }
         debug_assert_eq!(flow.len(), 2 * (n + m));
         self.columns.visited = None;

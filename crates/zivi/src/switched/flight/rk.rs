@@ -8,12 +8,9 @@ use crate::switched::integrator::{Piece, SwitchedIntegrator};
 use crate::switched::mode::{Flight, Mode};
 use crate::switched::path::Curve;
 use crate::switched::stages::{Counted, Landing, Point};
+use crate::switched::step_control::Experience;
 use crate::{Dependence, Force, Status};
 
-/// Steps that begin at most so many steps after an impact are looked at once more, and those that
-/// are this many times as long as the last.
-const YOUNG: u32 = 1;
-const GREW: f64 = 2.0;
 /// Defect of the polynomials, relative to the tolerances, that shows a feature of the force.
 const DEFECT: f64 = 100.0;
 /// A step near a Zeno point is a little longer than the arc under a constant pull.
@@ -73,7 +70,7 @@ impl SwitchedIntegrator {
 
     /// The acceleration here.
     fn slope<E, F: Force<E>>(&mut self, force: &mut Counted<'_, F>) -> Result<f64, Failure<E>> {
-        if self.mode.steps().continues {
+        if self.mode.continues() {
             self.last.stages.slope_at_end(force)
         } else {
             force.at(self.now.t, self.now.x, self.now.xdot)
@@ -167,8 +164,7 @@ impl SwitchedIntegrator {
         contact: Option<f64>,
         force: &mut Counted<'_, F>,
     ) -> Result<Option<f64>, Failure<E>> {
-        let steps = self.mode.steps();
-        let known = steps.count > YOUNG && self.last.stages.h <= GREW * steps.last;
+        let known = self.mode.experience().is_enough(self.last.stages.h);
         let turns = self.now.xdot > 0.0 && (contact.is_some() || self.last.stages.end.xdot < 0.0);
         if known || !turns || !self.settings.adaptive || self.control.jump.allowed {
             return Ok(None);
@@ -185,8 +181,8 @@ impl SwitchedIntegrator {
             return Ok(None);
         }
         // the shorter step is looked at again
-        if let Mode::Flight(Flight::Step(steps)) = &mut self.mode {
-            steps.count = 0;
+        if let Mode::Flight(Flight::Step { experience, .. }) = &mut self.mode {
+            *experience = Experience::NONE;
         }
         Ok(Some(factor.max(FACTORS.0)))
     }

@@ -1,0 +1,67 @@
+//! What a mechanical system does: on which contacts it moves, and what comes next.
+//!
+//! The mode is the set of closed gaps. Flight is motion without any of them, and one equation
+//! serves all sets, so that there are no two cases with data of their own as there are for a mass,
+//! whose rest needs no equation.
+
+use super::landing::Ahead;
+use crate::record::gap_set::GapSet;
+use crate::switched::step_control::Experience;
+
+/// What the gaps do that touch, or touched when the last step began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Contacts {
+    /// They stay closed.
+    pub(super) closed: GapSet,
+    /// They open: they are not looked out for in the first step.
+    pub(super) left: GapSet,
+}
+
+/// What comes next.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Next {
+    /// A step, or the part of it up to an event.
+    Step(Experience),
+    /// The impact of these gaps, here.
+    Hit(GapSet),
+    /// The opening of a contact whose force vanishes here, in a step of the length `h`.
+    Release { gap: usize, h: f64 },
+    /// The jump to where the impacts accumulate.
+    Jump(Ahead),
+}
+
+impl Next {
+    /// The first step after an event.
+    pub(super) const STEP: Self = Self::Step(Experience::NONE);
+
+    /// The jump, if the accumulation is known.
+    pub(super) fn jump(ahead: Option<Ahead>) -> Self {
+        ahead.map_or(Self::STEP, Self::Jump)
+    }
+
+    /// What speaks for the length of the next step.
+    pub(super) fn experience(&self) -> Experience {
+        match *self {
+            Self::Step(experience) => experience,
+            _ => Experience::NONE,
+        }
+    }
+
+    /// Whether something happens before the time moves on beyond `t_end`.
+    pub(super) fn is_due(&self, t_end: f64) -> bool {
+        match self {
+            Self::Hit(_) | Self::Release { .. } => true,
+            Self::Jump(ahead) => ahead.landing.t <= t_end,
+            Self::Step(_) => false,
+        }
+    }
+}
+
+/// Accelerations and contact forces at the present state.
+#[derive(Clone, Debug)]
+pub(super) struct Response {
+    pub(super) slope: Vec<f64>,
+    pub(super) lambda: Vec<f64>,
+    /// Whether they are those: else they are to be computed.
+    pub(super) known: bool,
+}
