@@ -108,6 +108,14 @@ fn sampled(force: LinearForce, flights: Flights, periods: u32) -> Result<f64, Fa
     Ok(plant.state().x)
 }
 
+/// So many short runs, under four laws in turns.
+fn alternating(runs: u32) -> Result<f64, Failed> {
+    (0..runs).try_fold(0.0, |impacts, k| {
+        let force = LinearForce { stiffness: 1.0 + f64::from(k % 4), ..OSCILLATOR };
+        Ok(impacts + run(force, 0.8, Flights::Series, 1, Sampling::Impacts)?)
+    })
+}
+
 fn main() -> Result<(), Failed> {
     let mut arguments = std::env::args().skip(1);
     let case = arguments.next().unwrap_or_default();
@@ -127,6 +135,7 @@ fn main() -> Result<(), Failed> {
         "sampled" => sampled(OSCILLATOR, Flights::Series, n),
         "sampled-rk" => sampled(OSCILLATOR, Flights::RungeKutta, n),
         "sampled-free" => sampled(FREE, Flights::Series, n),
+        "alternating" => alternating(n),
         other => Err(format!("unknown case {other:?}").into()),
     }?;
     let each = start.elapsed().as_nanos() as f64 / f64::from(n);

@@ -29,6 +29,9 @@ pub(crate) const TERMS: usize = 24;
 /// Length of a step times the fastest rate of the motion.
 const STEP: f64 = 1.75;
 
+/// Tables that a thread keeps, of some 7 kB each.
+const SHARED: usize = 16;
+
 /// Most waves of a force.
 pub(crate) const WAVES: usize = 2;
 
@@ -122,15 +125,23 @@ impl Table {
         Self { law, h, n_waves, series, screens, beyond, turns, leaps, levels }
     }
 
-    /// The table of a law: that of the last flight on this thread, if it is the same. Runs that
-    /// differ in their starts alone have one for all of them.
+    /// The table of a law, one of those of the last flights on this thread if it is among them.
+    /// Runs that differ in their starts alone, or in a few values of their parameters in turns,
+    /// have one for all that are under the same law.
     pub(crate) fn shared(law: Law) -> Arc<Self> {
         thread_local! {
-            static LAST: RefCell<Option<Arc<Table>>> = const { RefCell::new(None) };
+            /// The last used first.
+            static LAST: RefCell<Vec<Arc<Table>>> = const { RefCell::new(Vec::new()) };
         }
-        LAST.with_borrow_mut(|last| match last {
-            Some(table) if table.law == law => Arc::clone(table),
-            _ => Arc::clone(last.insert(Arc::new(Self::new(law, f64::INFINITY)))),
+        LAST.with_borrow_mut(|last| {
+            match last.iter().position(|table| table.law == law) {
+                Some(place) => last[..=place].rotate_right(1),
+                None => {
+                    last.truncate(SHARED - 1);
+                    last.insert(0, Arc::new(Self::new(law, f64::INFINITY)));
+                }
+            }
+            Arc::clone(&last[0])
         })
     }
 
@@ -359,10 +370,17 @@ mod tests {
 
     #[test]
     fn equal_laws_share_a_table() {
-        let other = Law { damping: 0.4, ..LAW };
-        let tables = [LAW, LAW, other].map(Table::shared);
-        assert!(Arc::ptr_eq(&tables[0], &tables[1]));
-        assert_eq!((tables[1].law(), tables[2].law()), (LAW, other));
-        assert_eq!(*tables[2], Table::new(other, f64::INFINITY));
+        let of = |k: usize| Table::shared(Law { damping: 0.3 + k as f64, ..LAW });
+        let all: Vec<_> = (0..SHARED).map(of).collect();
+        for (k, table) in all.iter().enumerate() {
+            assert!(Arc::ptr_eq(table, &of(k)), "{k}");
+            assert_eq!(table.law().damping, 0.3 + k as f64);
+        }
+        assert_eq!(*all[1], Table::new(Law { damping: 1.3, ..LAW }, f64::INFINITY));
+        // one more takes the place of the one that was not used for the longest time
+        assert!(Arc::ptr_eq(&all[0], &of(0)));
+        of(SHARED);
+        assert!(Arc::ptr_eq(&all[0], &of(0)) && Arc::ptr_eq(&all[2], &of(2)));
+        assert!(!Arc::ptr_eq(&all[1], &of(1)));
     }
 }
