@@ -2,6 +2,8 @@
  * instruction at a time. Linux on x86-64.
  *
  *     cc -O2 tick_instructions.c -I<prefix>/include <prefix>/lib/libzivi.a -lm && ./a.out
+ *
+ * -DDRAWS=40 for fewer calls of each kind.
  */
 #define _GNU_SOURCE
 #include <math.h>
@@ -14,7 +16,11 @@
 
 #include "zivi.h"
 
-enum { DRAWS = 300, KINDS = 5 };
+#ifndef DRAWS
+#define DRAWS 300
+#endif
+
+enum { KINDS = 5 };
 static const char *names[KINDS] = {"mass", "regulator", "tracker, wide", "tracker, near", "tracker, fast"};
 
 static double uniform(void)
@@ -88,12 +94,14 @@ int main(void)
     int status, seen = 0, counted = 0, kind, k;
     const pid_t child = fork();
     if (child == 0) {
-        ptrace(PTRACE_TRACEME, 0, NULL, NULL);
+        if (ptrace(PTRACE_TRACEME, 0, NULL, NULL) != 0)
+            _exit(1);
         raise(SIGSTOP);
         calls();
         _exit(0);
     }
-    waitpid(child, &status, 0);
+    if (waitpid(child, &status, 0) != child || !WIFSTOPPED(status))
+        return 1; /* it may not be traced here */
     ptrace(PTRACE_CONT, child, NULL, NULL);
     while (waitpid(child, &status, 0) == child && WIFSTOPPED(status)) {
         siginfo_t info;

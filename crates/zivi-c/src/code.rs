@@ -166,6 +166,15 @@ pub(crate) fn of_restitution(error: RestitutionError) -> Code {
     of_setting(error.name)
 }
 
+/// The code of what was refused.
+pub(crate) struct Refusal(pub(crate) Code);
+
+impl From<SettingError> for Refusal {
+    fn from(error: SettingError) -> Self {
+        Refusal(of(error))
+    }
+}
+
 /// The bits of a tick.
 pub(crate) fn of_status(status: TickStatus) -> Code {
     Code::from(status.bits())

@@ -1,6 +1,6 @@
 //! Settings that several configurations share. A member that is zero takes its default.
 
-use zivi_core::control::{Landing, Port};
+use zivi_core::control::{Gains, Landing, Port};
 use zivi_core::Restitution;
 
 use crate::code::{
@@ -22,19 +22,18 @@ pub(crate) fn checked_size<T>(size: u32) -> Result<(), Code> {
     }
 }
 
-/// The wall of `e` or of `kappa`, whichever is not zero.
+/// The restitution of `e` or of `kappa`, whichever is not zero.
 pub(crate) fn restitution(e: f64, kappa: f64) -> Result<Restitution, Code> {
-    if kappa == 0.0 {
-        let restitution = Restitution::from_e(e).map_err(code::of_restitution)?;
-        return if restitution.kappa() < 1.0 { Ok(restitution) } else { Err(ZIVI_E_E) };
-    }
-    let restitution =
-        if e == 0.0 { Restitution::from_kappa(kappa) } else { Restitution::from_both(e, kappa) };
+    let restitution = match (e == 0.0, kappa == 0.0) {
+        (_, true) => Restitution::from_e(e),
+        (true, false) => Restitution::from_kappa(kappa),
+        (false, false) => Restitution::from_both(e, kappa),
+    };
     let restitution = restitution.map_err(code::of_restitution)?;
-    if restitution.kappa() < 1.0 {
-        Ok(restitution)
-    } else {
-        Err(ZIVI_E_KAPPA)
+    match restitution.kappa() < 1.0 {
+        true => Ok(restitution),
+        false if kappa == 0.0 => Err(ZIVI_E_E),
+        false => Err(ZIVI_E_KAPPA),
     }
 }
 
@@ -49,23 +48,39 @@ pub(crate) fn restitution_ref(e: f64, kappa: f64, plant: Restitution) -> Result<
     })
 }
 
-/// The horizon of a landing in periods, at least 1; 0 for the tick of the paper.
-pub(crate) fn ahead(tick: u32, ahead: u32) -> Result<u32, Code> {
-    match tick {
-        ZIVI_TICK_LANDING => Ok(ahead.max(1)),
-        ZIVI_TICK_PAPER if ahead <= 1 => Ok(0),
-        ZIVI_TICK_PAPER => Err(ZIVI_E_AHEAD),
-        _ => Err(ZIVI_E_TICK),
-    }
+/// Which condition the gains have to meet for the `bound` of the unknown force.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Task {
+    Regulate,
+    Track,
 }
 
-/// The landing with the horizon that [`ahead`] gave.
-#[inline(always)]
-pub(crate) fn landing(ahead: u32, h: f64) -> Result<Option<Landing>, Code> {
-    match ahead {
-        0 => Ok(None),
-        _ => Landing::new(ahead, h).map(Some).map_err(|_| ZIVI_E_AHEAD),
-    }
+/// The restitution, and the horizon of the landing in periods (0 for the tick of the paper), of a
+/// controller whose settings are good ones. (Once for both controllers.)
+#[inline(never)]
+pub(crate) fn law(
+    task: Task,
+    (mu1, mu2): (f64, f64),
+    bound: f64,
+    h: f64,
+    (e, kappa): (f64, f64),
+    (tick, ahead): (u32, u32),
+) -> Result<(Restitution, u32), Code> {
+    let ahead = match tick {
+        ZIVI_TICK_LANDING => ahead.max(1),
+        ZIVI_TICK_PAPER if ahead <= 1 => 0,
+        ZIVI_TICK_PAPER => return Err(ZIVI_E_AHEAD),
+        _ => return Err(ZIVI_E_TICK),
+    };
+    let restitution = restitution(e, kappa)?;
+    let gains = Gains::bounded(mu1, mu2, bound, restitution).and_then(|gains| match task {
+        Task::Regulate => gains.regulate(bound, restitution),
+        Task::Track => gains.track(bound, restitution),
+    });
+    gains.map_err(code::of_gain)?;
+    Landing::new(1, h).map_err(code::of)?;
+    Landing::new(ahead.max(1), h).map_err(|_| ZIVI_E_AHEAD)?;
+    Ok((restitution, ahead))
 }
 
 /// Limits of the sensor and of the actuator; `depth` 0 is 0.1 m, `u_min = u_max = 0` no limits.

@@ -8,6 +8,8 @@
 
 use core::ffi::{c_char, CStr};
 
+use zivi_core::Physical;
+
 use crate::code::{ZIVI_E_NULL, ZIVI_E_STATE, ZIVI_OK};
 use crate::{
     GivenReference, Mass, MassConfig, Observer, ObserverConfig, Regulator, RegulatorConfig,
@@ -209,7 +211,7 @@ pub unsafe extern "C" fn zivi_tracker_step(
     u: *mut f64,
 ) -> i32 {
     // SAFETY: see the module
-    unsafe { ticked(tracker, u, |it| it.step(x, xdot, force, force_ref)) }
+    unsafe { tracked(tracker, (x, xdot), force, force_ref, None, u) }
 }
 
 /// The same for a reference that is given: where it is at this sample and at the next one.
@@ -230,9 +232,22 @@ pub unsafe extern "C" fn zivi_tracker_step_to(
     let (Some(now), Some(next)) = (unsafe { (constant(now), constant(next)) }) else {
         return ZIVI_E_NULL;
     };
-    let reference = [*now, *next];
     // SAFETY: see the module
-    unsafe { ticked(tracker, u, |it| it.step_to(x, xdot, force, reference, acceleration)) }
+    unsafe { tracked(tracker, (x, xdot), force, acceleration, Some((now, next)), u) }
+}
+
+/// Both of them: there is one tick of a tracker.
+#[inline(never)]
+unsafe fn tracked(
+    tracker: *mut Tracker,
+    (x, xdot): (f64, f64),
+    force: f64,
+    drive: f64,
+    given: Option<(&GivenReference, &GivenReference)>,
+    u: *mut f64,
+) -> i32 {
+    // SAFETY: see the module
+    unsafe { ticked(tracker, u, |it| it.tick(Physical { x, xdot }, force, drive, given)) }
 }
 
 /// `sizeof(zivi_observer)` in the library.

@@ -5,7 +5,7 @@ use zivi_core::control::{Gains, Landing, Port, RegulatorState, TwistingRegulator
 use zivi_core::{Physical, Restitution};
 
 use crate::code::{self, Code, ZIVI_OK};
-use crate::config;
+use crate::config::{self, Task};
 use crate::seal::Sealed;
 
 /// Settings of a regulator. A member that is zero takes its default.
@@ -117,17 +117,10 @@ impl Regulator {
 
     fn configured(&mut self, config: &RegulatorConfig) -> Result<(), Code> {
         config::checked_size::<RegulatorConfig>(config.size)?;
-        let ahead = config::ahead(config.tick, config.ahead)?;
-        let RegulatorConfig { mu1, mu2, h, bound, .. } = *config;
-        let restitution = config::restitution(config.e, config.kappa)?;
-        Gains::new(mu1, mu2).map_err(code::of)?;
-        if bound != 0.0 {
-            Gains::for_regulation(mu1, mu2, bound, restitution).map_err(code::of_gain)?;
-        }
+        let RegulatorConfig { mu1, mu2, h, bound, e, kappa, tick, ahead, .. } = *config;
+        let (restitution, ahead) =
+            config::law(Task::Regulate, (mu1, mu2), bound, h, (e, kappa), (tick, ahead))?;
         let port = config::port(config.depth, config.u_min, config.u_max)?;
-        let gains = Gains::trusted(mu1, mu2);
-        TwistingRegulator::new(gains, h, restitution).map_err(code::of)?;
-        config::landing(ahead, h)?;
         let (e, kappa, depth) = (restitution.e(), restitution.kappa(), port.depth());
         let (u_min, u_max) = port.actuator();
         let none = Self::default();

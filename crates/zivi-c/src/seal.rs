@@ -18,8 +18,9 @@ pub(crate) unsafe trait Sealed: Sized {
     /// The seal that was written when the object was initialised.
     fn seal(&self) -> u64;
 
-    /// The seal that belongs to the settings.
-    #[inline]
+    /// The seal that belongs to the settings. (Once for a kind, and as short for its callers as it can
+    /// be: every call asks for it.)
+    #[inline(never)]
     fn seal_of_settings(&self) -> u64 {
         // SAFETY: so many words of plain numbers, see the trait
         let words = unsafe {
@@ -41,14 +42,16 @@ pub(crate) unsafe trait Sealed: Sized {
 
 /// Two words at a time. Every step is one-to-one in the sum and in each word (the factor is odd): a
 /// change of one word always shows.
-#[inline(never)]
+#[inline(always)]
 fn checksum(start: u64, words: &[u64]) -> u64 {
     const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15; // 2^64 over the golden ratio
     let mixed = |sum: u64, a: u64, b: u64| {
         (sum ^ a).rotate_left(29).wrapping_add(b).wrapping_mul(FACTOR).rotate_left(32)
     };
-    let (pairs, rest) = words.as_chunks::<2>();
-    let sum = pairs.iter().fold(start, |sum, [a, b]| mixed(sum, *a, *b));
+    let (fours, rest) = words.as_chunks::<4>();
+    let (twos, rest) = rest.as_chunks::<2>();
+    let sum = fours.iter().fold(start, |sum, [a, b, c, d]| mixed(mixed(sum, *a, *b), *c, *d));
+    let sum = twos.iter().fold(sum, |sum, [a, b]| mixed(sum, *a, *b));
     rest.iter().fold(sum, |sum, a| mixed(sum, *a, 0))
 }
 

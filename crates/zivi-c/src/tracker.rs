@@ -1,15 +1,16 @@
 //! The twisting tracker: makes the mass follow a bouncing reference.
 
 use zivi_core::control::{
-    Approach, Gains, Guide, Landing, Port, TickStatus, TrackerSettings, TrackerState,
-    TwistingTracker, Waypoint,
+    checked_horizon, Approach, Course, Gains, Landing, Port, TickStatus, TrackerSettings,
+    TrackerState, TwistingTracker, Waypoint,
 };
 use zivi_core::{Branch, Lifted, Physical, Restitution};
 
 use crate::code::{
-    self, Code, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE, ZIVI_E_STATE, ZIVI_OK,
+    self, Code, Refusal, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE, ZIVI_E_STATE,
+    ZIVI_OK,
 };
-use crate::config;
+use crate::config::{self, Task};
 use crate::seal::Sealed;
 
 /// In `branch`: measurements are lifted to `s >= 0`, the default.
@@ -173,15 +174,31 @@ pub struct GivenReference {
 }
 
 impl GivenReference {
-    fn waypoint(self) -> Result<Waypoint, Code> {
+    fn waypoint(self) -> Result<Waypoint, Refusal> {
         let Self { x, xdot, side } = self;
         let branch = match side {
             1.0 => Branch::Positive,
             -1.0 => Branch::Negative,
-            _ => return Err(ZIVI_E_SIDE),
+            _ => return Err(Refusal(ZIVI_E_SIDE)),
         };
         Ok(Waypoint { state: Physical { x, xdot }, branch })
     }
+}
+
+/// The way of a reference in a period `h`, where it is given; `acceleration` is its own, NaN if it is
+/// not known.
+#[cold]
+#[inline(never)]
+fn course_between(
+    restitution: Restitution,
+    h: f64,
+    force: f64,
+    (now, next): (&GivenReference, &GivenReference),
+    acceleration: f64,
+) -> Result<Course, Refusal> {
+    let acceleration = (!acceleration.is_nan()).then_some(acceleration);
+    let waypoints = [now.waypoint()?, next.waypoint()?];
+    Ok(Course::between((restitution, h), force, waypoints, acceleration)?)
 }
 
 impl Tracker {
@@ -195,30 +212,21 @@ impl Tracker {
 
     fn configured(&mut self, config: &TrackerConfig) -> Result<(), Code> {
         config::checked_size::<TrackerConfig>(config.size)?;
-        let TrackerConfig { mu1, mu2, h, bound, press, branch, shift, .. } = *config;
-        let ahead = config::ahead(config.tick, config.ahead)?;
-        let horizon = if config.horizon == 0.0 { 1.0 } else { config.horizon };
-        if press != 0.0 && (ahead == 0 || press < bound) {
+        let TrackerConfig { mu1, mu2, h, bound, e, kappa, tick, ahead, .. } = *config;
+        let (restitution, ahead) =
+            config::law(Task::Track, (mu1, mu2), bound, h, (e, kappa), (tick, ahead))?;
+        let TrackerConfig { press, branch, shift, .. } = *config;
+        if press != 0.0 && (ahead == 0 || press < bound || !press.is_finite()) {
             return Err(ZIVI_E_PRESS);
         }
-        let restitution = config::restitution(config.e, config.kappa)?;
         let restitution_ref = config::restitution_ref(config.e_ref, config.kappa_ref, restitution)?;
-        let gains = Gains::new(mu1, mu2).map_err(code::of)?;
-        if bound != 0.0 {
-            Gains::for_tracking(mu1, mu2, bound, restitution).map_err(code::of_gain)?;
-        }
         let port = config::port(config.depth, config.u_min, config.u_max)?;
-        let approach = approach(branch).ok_or(ZIVI_E_BRANCH)?;
-        let bare = TwistingTracker::new(gains, h, restitution, restitution_ref, approach)
-            .map_err(code::of)?;
-        config::landing(ahead, h)?;
+        approach(branch).ok_or(ZIVI_E_BRANCH)?;
         if shift > 1 {
             return Err(ZIVI_E_SHIFT);
         }
-        if !press.is_finite() {
-            return Err(ZIVI_E_PRESS);
-        }
-        bare.with_horizon(horizon).map_err(code::of)?;
+        let horizon = if config.horizon == 0.0 { 1.0 } else { config.horizon };
+        checked_horizon(horizon, h).map_err(code::of)?;
         let (u_min, u_max) = port.actuator();
         *self = Self {
             mu1,
@@ -263,7 +271,7 @@ impl Tracker {
     /// The control for the period that starts with this measurement: [`Tracker::u`]. The reference
     /// advances by one period.
     pub fn step(&mut self, x: f64, xdot: f64, force: f64, force_ref: f64) -> Code {
-        self.tick(Physical { x, xdot }, force, Guide::Own { force: force_ref })
+        self.tick(Physical { x, xdot }, force, force_ref, None)
     }
 
     /// The same for a reference that is given at this sample and at the next one; `acceleration` is
@@ -276,31 +284,43 @@ impl Tracker {
         [now, next]: [GivenReference; 2],
         acceleration: f64,
     ) -> Code {
-        let acceleration = (!acceleration.is_nan()).then_some(acceleration);
-        match (now.waypoint(), next.waypoint()) {
-            (Ok(now), Ok(next)) => {
-                let guide = Guide::Given { reference: &[now, next], acceleration };
-                self.tick(Physical { x, xdot }, force, guide)
-            }
-            (Err(code), _) | (_, Err(code)) => self.intact().map_or_else(|first| first, |()| code),
-        }
+        self.tick(Physical { x, xdot }, force, acceleration, Some((&now, &next)))
     }
 
-    fn tick(&mut self, measured: Physical, force: f64, guide: Guide<'_>) -> Code {
-        match self.ticked(measured, force, guide) {
+    /// A tick for its own reference under the force `drive`, or for one that is given, with this
+    /// acceleration.
+    pub(crate) fn tick(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        drive: f64,
+        given: Option<(&GivenReference, &GivenReference)>,
+    ) -> Code {
+        match self.ticked(measured, force, drive, given) {
             Ok(code) | Err(code) => code,
         }
     }
 
     #[inline(always)]
-    fn ticked(&mut self, measured: Physical, force: f64, guide: Guide<'_>) -> Result<Code, Code> {
+    fn ticked(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        drive: f64,
+        given: Option<(&GivenReference, &GivenReference)>,
+    ) -> Result<Code, Code> {
         self.intact()?;
         let reference = Lifted { s: self.s_ref, v: self.v_ref };
         if !reference.is_finite() || self.side.abs() != 1.0 {
             return Err(ZIVI_E_STATE);
         }
         // the controller is made for each half of the tick: neither loads what only the other needs
-        let planned = self.core().plan(measured, force, guide).map_err(code::of)?;
+        let planned = self.core().plan(measured, force, |core| {
+            let Some(given) = given else { return Ok(core.own_course(drive)) };
+            let (restitution, h) = (core.reference_step().restitution(), core.h());
+            Ok(core.given_course(course_between(restitution, h, force, given, drive)?))
+        });
+        let planned = planned.map_err(|Refusal(code)| code)?;
         let mut core = self.core();
         core.follow(&planned).map_err(code::of)?;
         self.remember(&core);

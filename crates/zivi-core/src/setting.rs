@@ -36,6 +36,19 @@ pub(crate) fn require(
     }
 }
 
+/// Whether `x` is finite and `> 0`. (Compared with the largest number and not with infinity: of that
+/// the compiler makes a longer test of the number's class.)
+#[inline]
+pub(crate) fn is_positive(x: f64) -> bool {
+    x > 0.0 && x <= f64::MAX
+}
+
+/// Whether `x` is finite and `>= 0`.
+#[inline]
+pub(crate) fn is_not_negative(x: f64) -> bool {
+    (0.0..=f64::MAX).contains(&x)
+}
+
 /// A setting: what it is, which values it may have, and what it is unless told otherwise.
 ///
 /// ```

@@ -80,9 +80,10 @@ impl Branch {
 #[inline]
 #[must_use]
 pub fn side(z: Lifted, last: f64) -> f64 {
-    let toward = if z.s != 0.0 { z.s } else { z.v };
-    if toward != 0.0 {
-        sgn(toward)
+    if z.s != 0.0 {
+        1.0_f64.copysign(z.s)
+    } else if z.v != 0.0 {
+        1.0_f64.copysign(z.v)
     } else {
         last
     }
@@ -122,7 +123,8 @@ pub fn lift(state: Physical, branch: Branch, restitution: Restitution) -> Lifted
 #[must_use]
 pub fn project(z: Lifted, restitution: Restitution) -> Physical {
     let sigma = side(z, 0.0);
-    Physical { x: z.s.abs(), xdot: restitution.r(sigma, sgn(z.v)) * z.v * sigma }
+    // at v = 0 any R will do
+    Physical { x: z.s.abs(), xdot: restitution.r(sigma, 1.0_f64.copysign(z.v)) * z.v * sigma }
 }
 
 /// Velocities just before and just after the impact at `s = 0`: `-(1 + kappa) |v|` and

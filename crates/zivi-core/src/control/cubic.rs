@@ -101,13 +101,14 @@ impl Cubic {
     fn newton(&self, near: f64, far: f64, near_positive: bool) -> (f64, u32) {
         let bends_up = self.curvature(0.5 * (near + far)) > 0.0;
         let (start, other) = if bends_up == near_positive { (near, far) } else { (far, near) };
+        let way = 1.0_f64.copysign(other - start); // a factor: cases would be there twice
         let (mut before, mut beyond) = (start, other);
         let (mut z, mut cannot_overshoot) = (start, false);
         for count in 1..=MAX_ITERATIONS {
             let value = self.at(z);
             let overshot = (value > 0.0) != bends_up;
             let next = z - value / self.slope(z);
-            let onward = if start < other { next > z } else { next < z };
+            let onward = way * (next - z) > 0.0;
             if value == 0.0 || !overshot && !onward {
                 return (z, count);
             }
@@ -116,8 +117,7 @@ impl Cubic {
             } else {
                 before = z;
             }
-            let (low, high) = if start < other { (before, beyond) } else { (beyond, before) };
-            let inside = next >= low && next <= high;
+            let inside = way * (next - before) >= 0.0 && way * (beyond - next) >= 0.0;
             if overshot && cannot_overshoot {
                 // what is left is the rounding of the step that led here: one from here is finer
                 return (if inside { next } else { z }, count);

@@ -1,8 +1,8 @@
 //! The explicit twisting controller, the baseline that chatters.
 
-use super::followed::{advanced_apart, Advance, Followed};
+use super::followed::{advanced, Advance, Followed};
 use super::port::checked_force;
-use super::{checked, Gains, Port, TickStatus, TrackerState};
+use super::{checked, Gains, Port, TickStatus, TrackerState, Waypoint};
 use crate::{sgn, transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 /// The law (20) with the signs of the sampled state: the same interface as the implicit tracker.
@@ -36,7 +36,7 @@ impl ExplicitTwisting {
         checked(h, restitution, "e")?;
         checked(h, restitution_ref, "e_ref")?;
         let reference = ThetaGammaStep::new(h, 1.0, 1.0, restitution_ref)?;
-        let state = TrackerState::starting(Followed::at(Physical::default(), restitution_ref)?);
+        let state = TrackerState::starting(Followed::at(Waypoint::default(), restitution_ref)?);
         Ok(Self { gains, restitution, reference, port: Port::default(), state })
     }
 
@@ -51,7 +51,7 @@ impl ExplicitTwisting {
     /// # Errors
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        let start = Followed::at(reference, self.reference.restitution())?;
+        let start = Followed::at(reference.into(), self.reference.restitution())?;
         self.state = TrackerState::starting(start.folded());
         Ok(())
     }
@@ -69,8 +69,7 @@ impl ExplicitTwisting {
     ) -> Result<f64, SettingError> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
-        let Advance { next, .. } =
-            advanced_apart(&self.reference, self.state.followed(), force_ref)?;
+        let Advance { next, .. } = advanced(&self.reference, self.state.followed(), force_ref)?;
         let z = transform::lift(state, Branch::Positive, self.restitution);
         let (wanted, signs) = self.law(z, force, force_ref);
         let (u, saturated) = self.port.actuate(wanted)?;

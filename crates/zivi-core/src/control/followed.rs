@@ -3,24 +3,9 @@
 use super::port::checked_force;
 use super::tracking::Target;
 use super::Waypoint;
+use crate::setting::is_not_negative;
+use crate::step::{thorough, ImplicitEuler, StepSolution};
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
-
-/// Where the reference of a tick comes from.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Guide<'a> {
-    /// It is the tracker's own, under this force.
-    Own {
-        /// What acts on it (m/s^2).
-        force: f64,
-    },
-    /// It is given: where it is at this sample and at the next one.
-    Given {
-        /// At these two.
-        reference: &'a [Waypoint; 2],
-        /// Its own acceleration over the period (m/s^2), if it is known.
-        acceleration: Option<f64>,
-    },
-}
 
 /// A reference: its state and the side of the wall on which it was last.
 #[derive(Clone, Copy, Debug)]
@@ -30,19 +15,25 @@ pub(super) struct Followed {
 }
 
 impl Followed {
-    /// At a physical state.
+    /// At a physical state, on a branch.
     #[inline(never)]
-    pub(super) fn at(reference: Physical, restitution: Restitution) -> Result<Self, SettingError> {
-        let Physical { x, xdot } = reference;
+    pub(super) fn at(
+        Waypoint { state, branch }: Waypoint,
+        restitution: Restitution,
+    ) -> Result<Self, SettingError> {
+        let Physical { x, xdot } = state;
         let refused = |name, value, range| Err(SettingError { name, value, range });
-        if !(x >= 0.0 && x.is_finite()) {
+        if !is_not_negative(x) {
             return refused("x_ref", x, "a finite distance >= 0 from the wall (m)");
         }
-        let z = transform::lift(reference, Branch::Positive, restitution);
-        if !z.v.is_finite() {
+        let Lifted { s, v } = transform::lift(state, Branch::Positive, restitution);
+        if !v.is_finite() {
             return refused("xdot_ref", xdot, "a finite velocity (m/s)");
         }
-        Ok(Self { z, side: transform::side(z, 1.0) })
+        let sigma = branch.sigma();
+        // adding 0.0 turns -0.0 into 0.0
+        let z = Lifted { s: sigma * s + 0.0, v: sigma * v + 0.0 };
+        Ok(Self { z, side: transform::side(z, sigma) })
     }
 
     /// On the branch `+1`.
@@ -54,8 +45,16 @@ impl Followed {
     }
 }
 
+/// Where the reference of a tick comes from: it is the tracker's own, under this force, or it is given
+/// at this sample and at the next one, with its acceleration if that is known.
+pub(super) enum Guide<'a> {
+    Own(f64),
+    Given(&'a [Waypoint; 2], Option<f64>),
+}
+
 /// A period of the reference: from where, under which force.
-pub(super) struct Course {
+#[derive(Clone, Copy, Debug)]
+pub struct Course {
     pub(super) now: Followed,
     pub(super) force: f64,
     /// What the measured velocity is taken back by (m/s).
@@ -94,24 +93,36 @@ pub(super) fn advanced(
     force_ref: f64,
 ) -> Result<Advance, SettingError> {
     checked_force("force_ref", force_ref)?;
-    let Ok(found) = reference.implicit().solve(from.z, force_ref, from.side) else {
-        let range = "small enough for the reference to stay finite (m/s^2)";
-        return Err(SettingError { name: "force_ref", value: force_ref, range });
-    };
-    let r = reference.restitution().r(found.lambda_s, found.lambda_v);
-    let acceleration = found.lambda_s * force_ref / r;
+    let found = reference.implicit().solve(from.z, force_ref, from.side);
+    let found = found.map_err(|_| too_large(force_ref))?;
+    let acceleration = pulled(&found, reference.restitution(), force_ref);
     let z = found.end();
     let next = Followed { z, side: transform::side(z, from.side) };
     Ok(Advance { next, signs: [found.lambda_s, found.lambda_v], acceleration })
 }
 
-/// The same, not a part of its caller: for what is seldom asked for.
+/// What the plant has to follow over `h`, where that is not a period of the reference: seldom asked
+/// for, and not a part of its caller.
 #[cold]
 #[inline(never)]
-pub(super) fn advanced_apart(
-    reference: &ThetaGammaStep,
+pub(super) fn target_over(
+    h: f64,
+    restitution: Restitution,
     from: Followed,
     force_ref: f64,
-) -> Result<Advance, SettingError> {
-    advanced(reference, from, force_ref)
+) -> Result<Target, SettingError> {
+    let found = thorough(h, restitution, ImplicitEuler, from.z, force_ref, from.side);
+    let found = found.map_err(|_| too_large(force_ref))?;
+    Ok(Target { end: found.end(), acceleration: pulled(&found, restitution, force_ref) })
+}
+
+/// `A = lsr F_r/R_r` of a step of the reference (m/s^2).
+#[inline(always)]
+fn pulled(found: &StepSolution, restitution: Restitution, force_ref: f64) -> f64 {
+    found.lambda_s * force_ref / restitution.r(found.lambda_s, found.lambda_v)
+}
+
+fn too_large(force_ref: f64) -> SettingError {
+    let range = "small enough for the reference to stay finite (m/s^2)";
+    SettingError { name: "force_ref", value: force_ref, range }
 }

@@ -13,7 +13,7 @@
 
 use core::fmt;
 
-use crate::setting::require;
+use crate::setting::{is_not_negative, require};
 use crate::{Restitution, SettingError};
 
 /// `mu1 > mu2 > 0`: the gains on the sign of the position and of the velocity (m/s^2).
@@ -129,11 +129,19 @@ impl Gains {
         bound: f64,
         restitution: Restitution,
     ) -> Result<Self, GainError> {
-        let gains = Self::checked(mu1, mu2, bound, restitution)?;
+        Self::bounded(mu1, mu2, bound, restitution)?.track(bound, restitution)
+    }
+
+    /// The same of [`Gains::bounded`] ones.
+    ///
+    /// # Errors
+    /// [`GainError`] names the gain that is too small, and what it must exceed.
+    #[inline]
+    pub fn track(self, bound: f64, restitution: Restitution) -> Result<Self, GainError> {
         let image = bound * (1.0 + restitution.e()) / (2.0 * restitution.e());
-        gains.exceed(bound, ("mu2", "bound (1 + e)/(2 e)"), image)?;
-        gains.exceed(bound, ("mu1", "mu2 + bound (1 + e)/(2 e)"), mu2 + image)?;
-        Ok(gains)
+        self.exceed(bound, ("mu2", "bound (1 + e)/(2 e)"), image)?;
+        self.exceed(bound, ("mu1", "mu2 + bound (1 + e)/(2 e)"), self.mu2 + image)?;
+        Ok(self)
     }
 
     /// Gains with which a regulator stops the mass whatever a force does that is bounded by `bound`:
@@ -156,16 +164,29 @@ impl Gains {
         bound: f64,
         restitution: Restitution,
     ) -> Result<Self, GainError> {
-        let gains = Self::checked(mu1, mu2, bound, restitution)?;
-        let square = restitution.e() * restitution.e();
-        let lost = mu1 * (1.0 - square) / (1.0 + square);
-        gains.exceed(bound, ("mu1", "mu2 + bound"), mu2 + bound)?;
-        let formula = "bound - mu1 (1 - e^2)/(1 + e^2)";
-        gains.exceed(bound, ("mu2", formula), bound - lost)?;
-        Ok(gains)
+        Self::bounded(mu1, mu2, bound, restitution)?.regulate(bound, restitution)
     }
 
-    fn checked(
+    /// The same of [`Gains::bounded`] ones.
+    ///
+    /// # Errors
+    /// [`GainError`] names the gain that is too small, and what it must exceed.
+    #[inline]
+    pub fn regulate(self, bound: f64, restitution: Restitution) -> Result<Self, GainError> {
+        let square = restitution.e() * restitution.e();
+        let lost = self.mu1 * (1.0 - square) / (1.0 + square);
+        self.exceed(bound, ("mu1", "mu2 + bound"), self.mu2 + bound)?;
+        let formula = "bound - mu1 (1 - e^2)/(1 + e^2)";
+        self.exceed(bound, ("mu2", formula), bound - lost)?;
+        Ok(self)
+    }
+
+    /// Gains, a `bound` of the unknown force and a restitution, each in its range.
+    ///
+    /// # Errors
+    /// [`GainError`] names what is out of range.
+    #[inline]
+    pub fn bounded(
         mu1: f64,
         mu2: f64,
         bound: f64,
@@ -174,7 +195,7 @@ impl Gains {
         let gains = Self::new(mu1, mu2)?;
         super::checked_wall(restitution, "e")?;
         let range = "a finite bound >= 0 of the unknown force (m/s^2)";
-        require(bound >= 0.0 && bound.is_finite(), "bound", bound, range)?;
+        require(is_not_negative(bound), "bound", bound, range)?;
         Ok(gains)
     }
 

@@ -21,13 +21,10 @@ pub struct Waypoint {
     pub branch: Branch,
 }
 
-impl Waypoint {
-    fn checked(self, restitution: Restitution) -> Result<Followed, SettingError> {
-        let Followed { z: Lifted { s, v }, side } = Followed::at(self.state, restitution)?;
-        let sigma = self.branch.sigma();
-        // adding 0.0 turns -0.0 into 0.0
-        let z = Lifted { s: sigma * s + 0.0, v: sigma * v + 0.0 };
-        Ok(Followed { z, side: sigma * side })
+impl From<Physical> for Waypoint {
+    /// On the side `+1`.
+    fn from(state: Physical) -> Self {
+        Self { state, branch: Branch::Positive }
     }
 }
 
@@ -64,36 +61,39 @@ impl TwistingTracker {
         next: Waypoint,
         acceleration: Option<f64>,
     ) -> Result<f64, SettingError> {
-        let guide = Guide::Given { reference: &[now, next], acceleration };
-        let planned = self.plan(measured, force, guide)?;
-        self.follow(&planned)
+        self.ticked(measured, force, Guide::Given(&[now, next], acceleration))
     }
 }
 
-/// A period of a reference that is given every `h`, on the side that it is given on. (Not a part of
-/// a tick with a reference of its own.)
-#[inline(never)]
-pub(super) fn course_between(
-    (restitution, h): (Restitution, f64),
-    force: f64,
-    [now, next]: &[Waypoint; 2],
-    acceleration: Option<f64>,
-) -> Result<Course, SettingError> {
-    let (start, end) = (now.checked(restitution)?, next.checked(restitution)?);
-    let flies = now.branch == next.branch && now.state.x > 0.0 && next.state.x > 0.0;
-    let rests = start.z == end.z && start.z == Lifted::default();
-    let differenced = now.branch == next.branch || rests;
-    let acceleration = match acceleration {
-        Some(given) => given,
-        None if differenced => (next.state.xdot - now.state.xdot) / h,
-        None => force,
-    };
-    checked_force("acceleration", acceleration)?;
-    let back = if flies { 0.5 * h * acceleration } else { 0.0 };
-    let behind = |at: Physical| Physical { xdot: at.xdot - back, ..at };
-    let sigma = now.branch.sigma();
-    let Lifted { s, v } = transform::lift(behind(now.state), Branch::Positive, restitution);
-    let z = Lifted { s: sigma * s, v: sigma * v };
-    let now = Followed { z, ..start };
-    Ok(Course { now, force: acceleration, back, next: Some(end) })
+impl Course {
+    /// A period `h` (s) of a reference from one waypoint to the next, under its own `acceleration` if
+    /// that is known; `force` is the one without control: see [`TwistingTracker::tick_to`].
+    ///
+    /// # Errors
+    /// [`SettingError`] for a waypoint that is not finite or behind the wall, or an acceleration that
+    /// is not finite.
+    #[inline]
+    pub fn between(
+        (restitution, h): (Restitution, f64),
+        force: f64,
+        [now, next]: [Waypoint; 2],
+        acceleration: Option<f64>,
+    ) -> Result<Self, SettingError> {
+        let (start, end) = (Followed::at(now, restitution)?, Followed::at(next, restitution)?);
+        let flies = now.branch == next.branch && now.state.x > 0.0 && next.state.x > 0.0;
+        let rests = start.z == end.z && start.z == Lifted::default();
+        let differenced = now.branch == next.branch || rests;
+        let acceleration = match acceleration {
+            Some(given) => given,
+            None if differenced => (next.state.xdot - now.state.xdot) / h,
+            None => force,
+        };
+        checked_force("acceleration", acceleration)?;
+        let back = if flies { 0.5 * h * acceleration } else { 0.0 };
+        let behind = |at: Physical| Physical { xdot: at.xdot - back, ..at };
+        let sigma = now.branch.sigma();
+        let Lifted { s, v } = transform::lift(behind(now.state), Branch::Positive, restitution);
+        let z = Lifted { s: sigma * s, v: sigma * v };
+        Ok(Course { now: Followed { z, ..start }, force: acceleration, back, next: Some(end) })
+    }
 }

@@ -24,7 +24,7 @@
 
 use super::monotone::cut;
 use super::{GainError, Gains};
-use crate::setting::require;
+use crate::setting::{is_positive, require};
 use crate::{sgn, Physical, Restitution, SettingError};
 
 /// The horizon of a landing.
@@ -46,7 +46,7 @@ impl Landing {
         require(ahead >= 1, "ahead", f64::from(ahead), range)?;
         let horizon = f64::from(ahead) * h;
         let range = "a sampling period > 0 with a finite product ahead h";
-        require(horizon > 0.0 && horizon.is_finite(), "h", h, range)?;
+        require(is_positive(horizon), "h", h, range)?;
         Ok(Self { ahead, horizon })
     }
 
@@ -130,7 +130,12 @@ impl Descent {
             self.braking
         } else {
             // below U: also where U < D
-            self.falling.max(xdot / horizon)
+            let share = xdot / horizon;
+            if share > self.falling {
+                share
+            } else {
+                self.falling
+            }
         }
     }
 

@@ -34,21 +34,21 @@ mod tracker_state;
 pub mod tracking;
 
 pub use explicit::ExplicitTwisting;
-pub use followed::{Guide, Planned};
+pub use followed::{Course, Planned};
 pub use gains::{GainError, Gains};
 pub use given::Waypoint;
 pub use landing::{Descent, Landing};
 pub use port::{Port, TickStatus};
 pub use regulator::{RegulatorState, TwistingRegulator};
-pub use tracker::{Approach, TwistingTracker};
+pub use tracker::{checked_horizon, Approach, TwistingTracker};
 pub use tracker_state::{TrackerSettings, TrackerState};
 
-use crate::setting::require;
+use crate::setting::{is_positive, require};
 use crate::{Restitution, SettingError};
 
 /// Admissible sampling periods and walls, the same for every controller.
 fn checked(h: f64, restitution: Restitution, name_of_e: &'static str) -> Result<(), SettingError> {
-    require(h > 0.0 && h.is_finite(), "h", h, "a finite sampling period > 0")?;
+    require(is_positive(h), "h", h, "a finite sampling period > 0")?;
     checked_wall(restitution, name_of_e)
 }
 

@@ -37,7 +37,7 @@ pub struct Balance {
 /// let found = balance(4.5, slow, fast); // y stays at the second switch
 /// assert_eq!((found.y, found.first, found.second), (1.0, 1.0, 0.25));
 /// ```
-#[inline]
+#[inline(never)]
 #[must_use]
 pub fn balance(b: f64, first: Switch, second: Switch) -> Balance {
     if first.at == second.at {

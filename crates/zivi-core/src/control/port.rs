@@ -1,6 +1,6 @@
 //! Where a controller meets the plant: what it accepts from a sensor, what an actuator can do.
 
-use crate::setting::require;
+use crate::setting::{is_not_negative, require};
 use crate::{Physical, SettingError};
 
 /// Limits of the sensor and of the actuator.
@@ -49,7 +49,7 @@ impl Port {
     /// [`SettingError`] unless `depth >= 0` and finite.
     pub fn with_depth(self, depth: f64) -> Result<Self, SettingError> {
         let range = "a finite distance >= 0 behind the wall (m)";
-        require(depth >= 0.0 && depth.is_finite(), "depth", depth, range)?;
+        require(is_not_negative(depth), "depth", depth, range)?;
         Ok(Self { depth, ..self })
     }
 
@@ -87,7 +87,7 @@ impl Port {
     pub(super) fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
         let Physical { x, xdot } = measured;
         let range = "a finite position, at most `depth` behind the wall (m)";
-        require(x.is_finite() && x >= -self.depth, "x", x, range)?;
+        require((-self.depth..=f64::MAX).contains(&x), "x", x, range)?;
         require(xdot.is_finite(), "xdot", xdot, "a finite velocity (m/s)")?;
         if x < 0.0 {
             Ok((Physical { x: 0.0, xdot }, true))
@@ -105,13 +105,9 @@ impl Port {
             wanted,
             "finite: the sample is too large to compute with",
         )?;
-        if wanted < self.low {
-            Ok((self.low, true))
-        } else if wanted > self.high {
-            Ok((self.high, true))
-        } else {
-            Ok((wanted, false))
-        }
+        let above = if wanted < self.low { self.low } else { wanted };
+        let u = if above > self.high { self.high } else { above };
+        Ok((u, u != wanted))
     }
 }
 

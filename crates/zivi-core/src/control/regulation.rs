@@ -68,18 +68,20 @@ impl RegulationStep {
     }
 
     fn on_positive_side(&self, z: Lifted, push: f64) -> Regulation {
-        let same = self.off_the_wall(z.v, push);
-        let s = z.s + self.h * same.travel;
-        if s >= 0.0 {
-            return self.regulation(Lifted { s, v: same.v }, 1.0, same.lambda_v);
+        // the side of s, and the other one, mirrored
+        let mut g = 1.0;
+        loop {
+            let Side { travel, v, lambda_v } = self.off_the_wall(g * z.v, push);
+            let s = z.s + g * (self.h * travel);
+            if g * s >= 0.0 {
+                let mirror = |value: f64| g * value + 0.0;
+                return self.regulation(Lifted { s, v: mirror(v) }, g, mirror(lambda_v));
+            }
+            if g < 0.0 {
+                return self.on_the_wall(z, push);
+            }
+            g = -1.0;
         }
-        // the other side, mirrored
-        let other = self.off_the_wall(-z.v, push);
-        let s = z.s - self.h * other.travel;
-        if s <= 0.0 {
-            return self.regulation(Lifted { s, v: 0.0 - other.v }, -1.0, 0.0 - other.lambda_v);
-        }
-        self.on_the_wall(z, push)
     }
 
     /// `R v+ = R v + D - B lv` with `lv` in `sgn v+`, `R = 1 - kappa lv`.
@@ -119,7 +121,7 @@ impl RegulationStep {
         if share.abs() <= 1.0 {
             return (0.0, share);
         }
-        let (speed, sign) = (v.abs(), if v > 0.0 { 1.0 } else { -1.0 });
+        let (speed, sign) = (v.abs(), 1.0_f64.copysign(v));
         let lambda_s = quotient(speed - brake, self.restitution.kappa() * speed - push);
         (sign * lambda_s, sign)
     }

@@ -1,7 +1,6 @@
 //! The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
-use super::followed::{advanced, advanced_apart, Advance, Course, Followed, Guide, Planned};
-use super::given::course_between;
+use super::followed::{advanced, target_over, Advance, Course, Followed, Guide, Planned};
 use super::landing::{checked_press, Descent};
 use super::port::checked_force;
 use super::tracker_state::{TrackerSettings, TrackerState};
@@ -9,6 +8,18 @@ use super::tracking::{Target, Tracking, TrackingStep};
 use super::{checked, GainError, Gains, Landing, Port, TickStatus};
 use crate::setting::require;
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
+
+/// The time `horizon h` (s) of so many periods.
+///
+/// # Errors
+/// [`SettingError`] unless `horizon >= 1` and it is finite, also times `h`.
+#[inline]
+pub fn checked_horizon(horizon: f64, h: f64) -> Result<f64, SettingError> {
+    let (range, time) = ("a finite number of periods >= 1", horizon * h);
+    require((1.0..=f64::MAX).contains(&horizon), "horizon", horizon, range)?;
+    require(time <= f64::MAX, "horizon", horizon, "such that horizon h is finite")?;
+    Ok(time)
+}
 
 /// Which of its two preimages the measured state is lifted to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -128,10 +139,7 @@ impl TwistingTracker {
     /// # Errors
     /// [`SettingError`] unless `horizon >= 1` and it is finite, also times `h`.
     pub fn with_horizon(self, horizon: f64) -> Result<Self, SettingError> {
-        let range = "a finite number of periods >= 1";
-        require(horizon >= 1.0 && horizon.is_finite(), "horizon", horizon, range)?;
-        let h = horizon * self.reference.h();
-        require(h.is_finite(), "horizon", horizon, "such that horizon h is finite")?;
+        let h = checked_horizon(horizon, self.reference.h())?;
         Ok(Self { step: TrackingStep { h, ..self.step }, ..self })
     }
 
@@ -153,7 +161,7 @@ impl TwistingTracker {
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
     #[inline]
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        let start = Followed::at(reference, self.reference.restitution())?;
+        let start = Followed::at(reference.into(), self.reference.restitution())?;
         self.state = TrackerState::starting(self.on_its_branch(start));
         Ok(())
     }
@@ -171,42 +179,61 @@ impl TwistingTracker {
         force: f64,
         force_ref: f64,
     ) -> Result<f64, SettingError> {
-        let planned = self.plan(measured, force, Guide::Own { force: force_ref })?;
-        self.follow(&planned)
+        self.ticked(measured, force, Guide::Own(force_ref))
     }
 
-    /// The first half of a tick, of [`TwistingTracker::tick`] or [`TwistingTracker::tick_to`] as the
-    /// guide says: what the second half, [`TwistingTracker::follow`], has to follow.
-    ///
-    /// # Errors
-    /// As these.
-    #[inline]
-    pub fn plan(
-        &self,
+    /// A tick of either kind.
+    #[inline(never)]
+    pub(super) fn ticked(
+        &mut self,
         measured: Physical,
         force: f64,
         guide: Guide<'_>,
-    ) -> Result<Planned, SettingError> {
+    ) -> Result<f64, SettingError> {
+        let planned = self.plan(measured, force, |it| match guide {
+            Guide::Own(force_ref) => Ok(it.own_course(force_ref)),
+            Guide::Given(waypoints, acceleration) => {
+                let of = (it.reference.restitution(), it.h());
+                let course = Course::between(of, force, *waypoints, acceleration);
+                course.map(|given| it.given_course(given))
+            }
+        })?;
+        self.follow(&planned)
+    }
+
+    /// The first half of a tick, over this period of the reference, which is only asked for when the
+    /// sample is a good one: what the second half, [`TwistingTracker::follow`], has to follow.
+    ///
+    /// # Errors
+    /// As [`TwistingTracker::tick`], and those of the course.
+    #[inline]
+    pub fn plan<E: From<SettingError>>(
+        &self,
+        measured: Physical,
+        force: f64,
+        course: impl FnOnce(&Self) -> Result<Course, E>,
+    ) -> Result<Planned, E> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
-        let course = match guide {
-            Guide::Own { force } => self.course(force),
-            Guide::Given { reference, acceleration } => {
-                let of = (self.reference.restitution(), self.h());
-                let course = course_between(of, force, reference, acceleration)?;
-                Course { now: self.on_its_branch(course.now), ..course }
-            }
-        };
+        let course = course(self)?;
         let (next, signs, target) = self.outlook(&course)?;
         let (now, measured) = (course.now.z, Physical { xdot: state.xdot - course.back, ..state });
         Ok(Planned { state, measured, clamped, force, now, next, signs, target })
     }
 
-    /// A period of its own reference.
+    /// A period of its own reference, under this force (m/s^2).
     #[inline(always)]
-    fn course(&self, force: f64) -> Course {
+    #[must_use]
+    pub fn own_course(&self, force: f64) -> Course {
         let back = if self.shift && self.flies(force) { 0.5 * self.h() * force } else { 0.0 };
         Course { now: self.state.followed(), force, back, next: None }
+    }
+
+    /// A period of a reference that is given, on the branch that the approach keeps it on.
+    #[inline(always)]
+    #[must_use]
+    pub fn given_course(&self, course: Course) -> Course {
+        Course { now: self.on_its_branch(course.now), ..course }
     }
 
     /// The reference after a period, and what the plant has to follow over the horizon.
@@ -215,17 +242,15 @@ impl TwistingTracker {
         &self,
         &Course { now, force, next, .. }: &Course,
     ) -> Result<(Followed, [f64; 2], Target), SettingError> {
-        let step = self.reference.implicit(); // not a part of self, which need not be in memory then
-        let Advance { next: reached, signs, acceleration } = advanced(&step, now, force)?;
-        let next = next.unwrap_or(reached);
-        let target = if self.step.h > step.h() {
-            let step = step.over(self.step.h);
-            let Advance { next, acceleration, .. } = advanced_apart(&step, now, force)?;
-            Target { end: next.z, acceleration }
+        let Advance { next: reached, signs, acceleration } = advanced(&self.reference, now, force)?;
+        let period = Target { end: reached.z, acceleration };
+        let beyond = self.step.h > self.reference.h();
+        let target = if beyond {
+            target_over(self.step.h, self.reference.restitution(), now, force)?
         } else {
-            Target { end: reached.z, acceleration }
+            period
         };
-        Ok((next, signs, target))
+        Ok((next.unwrap_or(reached), signs, target))
     }
 
     /// The second half of a tick: the control for this sample and this period of the reference; and

@@ -89,10 +89,11 @@ struct Candidate {
 }
 
 /// The step seen from the side `s >= 0`.
-struct Frame<'a> {
-    step: &'a TrackingStep,
+#[derive(Clone, Copy)]
+struct Frame {
+    step: TrackingStep,
     z: Lifted,
-    target: &'a Target,
+    target: Target,
     f: f64,
 }
 
@@ -101,45 +102,41 @@ impl TrackingStep {
     #[inline]
     #[must_use]
     pub fn solve(&self, z: Lifted, f: f64, target: Target) -> Tracking {
-        let mirror = z.s < 0.0;
-        let (z, target) =
-            if mirror { (Lifted { s: -z.s, v: -z.v }, target.mirrored()) } else { (z, target) };
-        let found = self.on_positive_side(z, f, &target);
-        if mirror {
-            found.mirrored()
-        } else {
-            found
-        }
-    }
-
-    fn on_positive_side(&self, z: Lifted, f: f64, target: &Target) -> Tracking {
-        let frame = Frame { step: self, z, target, f };
+        // a factor and not a case: the code that follows need not be there twice
+        let side = 1.0_f64.copysign(z.s + 0.0);
+        let mirrored = |Lifted { s, v }| Lifted { s: side * s, v: side * v };
+        let target = Target { end: mirrored(target.end), acceleration: side * target.acceleration };
+        let frame = Frame { step: *self, z: mirrored(z), target, f };
         let (candidate, place) = frame.accepted();
-        frame.tracking(candidate, place)
+        frame.tracking(candidate, place).seen_from(side)
     }
 }
 
-impl Frame<'_> {
-    /// By the selection rule. (One candidate in memory at a time; a NaN goes on to the wall.)
+impl Frame {
+    /// By the selection rule. (A NaN goes on to the wall.)
     #[inline(always)]
     fn accepted(&self) -> (Candidate, Place) {
-        let (mut candidate, mut place) = (self.off_the_wall(1.0), Place::Same);
-        if candidate.end.s < 0.0 || candidate.end.s.is_nan() {
-            (candidate, place) = (self.off_the_wall(-1.0), Place::Other);
-            if candidate.end.s > 0.0 || candidate.end.s.is_nan() {
-                (candidate, place) = (self.on_the_wall(), Place::Wall);
+        let (mut g, mut place) = (1.0, Place::Same);
+        loop {
+            let candidate = self.off_the_wall(g);
+            if g * candidate.end.s >= 0.0 {
+                return (candidate, place);
             }
+            if g < 0.0 {
+                return (self.on_the_wall(), Place::Wall);
+            }
+            (g, place) = (-1.0, Place::Other);
         }
-        (candidate, place)
     }
 
     /// The candidate with `ls = g`. With `psi(v+) = R v+ = v+ (1 - kappa g sgn v+)` the position
     /// error switches where `psi(v+) = (s_r+ - s)/h`.
+    #[inline(always)]
     fn off_the_wall(&self, g: f64) -> Candidate {
-        let TrackingStep { h, restitution, gains } = *self.step;
-        let Target { end: aim, acceleration } = *self.target;
+        let TrackingStep { h, restitution, gains } = self.step;
+        let Target { end: aim, acceleration } = self.target;
         let travel = (aim.s - self.z.s) / h;
-        let at_aim = travel / restitution.r(g, sgn(travel));
+        let at_aim = travel / restitution.r(g, 1.0_f64.copysign(travel)); // at 0 any R > 0 will do
         let found = balance(
             self.z.v + h * acceleration,
             Switch { at: at_aim, weight: h * gains.mu1() },
@@ -156,8 +153,9 @@ impl Frame<'_> {
     /// `s+ = 0`. The sign of the velocity error switches at `ls = split`, where `v+ = v_r+`; that of
     /// the position error is `-sgn s_r+`, and free where the reference is on the wall too. The
     /// cubic's value between its two limits at `split` decides on which side of it there is a root.
+    #[cold]
     #[inline(never)]
-    fn on_the_wall(&self) -> Candidate {
+    fn on_the_wall(self) -> Candidate {
         let aim = self.target.end;
         let travel = self.z.s / self.step.h;
         let split = self.split(travel);
@@ -166,8 +164,8 @@ impl Frame<'_> {
         let (es_low, es_high) = if aim.s == 0.0 { (-1.0, 1.0) } else { (-sgn(aim.s), -sgn(aim.s)) };
         let (ev_low, ev_high) =
             (if split < -1.0 { 1.0 } else { -1.0 }, if split > 1.0 { -1.0 } else { 1.0 });
-        let greatest = self.cubic(es_low, ev_low).at(near);
-        let least = self.cubic(es_high, ev_high).at(near);
+        let greatest = self.value(near, es_low, ev_low);
+        let least = self.value(near, es_high, ev_high);
         let way = if least > 0.0 {
             Some((1.0, es_high, [ev_high, ev_low]))
         } else if greatest < 0.0 {
@@ -248,6 +246,12 @@ impl Frame<'_> {
         }
     }
 
+    /// The value of `G` at `lambda_s`.
+    #[inline(never)]
+    fn value(&self, lambda_s: f64, lambda_es: f64, lambda_ev: f64) -> f64 {
+        self.cubic(lambda_es, lambda_ev).at(lambda_s)
+    }
+
     /// `C = A - mu1 les - mu2 lev`.
     #[inline]
     fn pull(&self, lambda_es: f64, lambda_ev: f64) -> f64 {
@@ -267,17 +271,12 @@ impl Frame<'_> {
     }
 }
 
-impl Target {
-    fn mirrored(self) -> Self {
-        let Target { end: Lifted { s, v }, acceleration } = self;
-        Target { end: Lifted { s: -s, v: -v }, acceleration: -acceleration }
-    }
-}
-
 impl Tracking {
-    /// The mirrored solution; the control is the same (adding `0.0` turns `-0.0` into `0.0`).
-    fn mirrored(self) -> Self {
-        let mirror = |value: f64| 0.0 - value;
+    /// The solution as it is seen from the other side, for the factor -1; the control is the same (adding
+    /// `0.0` turns `-0.0` into `0.0`).
+    #[inline]
+    fn seen_from(self, side: f64) -> Self {
+        let mirror = |value: f64| side * value + 0.0;
         Tracking {
             end: Lifted { s: mirror(self.end.s), v: mirror(self.end.v) },
             lambda_s: mirror(self.lambda_s),

@@ -23,7 +23,7 @@ mod settings;
 pub use covariance::Covariance;
 pub use settings::ObserverSettings;
 
-use crate::setting::require;
+use crate::setting::{is_positive, require};
 use crate::{flight, Physical, SettingError};
 
 /// Impacts of one period that are followed; a mass that has more is taken to rest.
@@ -132,7 +132,7 @@ impl ImpactObserver {
     ) -> Result<Estimate, SettingError> {
         let velocity = measured.xdot.filter(|_| !self.settings.position_only);
         let measured = Measurement { xdot: velocity, ..measured };
-        require(dt > 0.0 && dt.is_finite(), "dt", dt, "a finite time > 0 (s)")?;
+        require(is_positive(dt), "dt", dt, "a finite time > 0 (s)")?;
         require(measured.x.is_finite(), "x", measured.x, "a finite position (m)")?;
         let xdot = measured.xdot.unwrap_or(0.0);
         require(xdot.is_finite(), "xdot", xdot, "a finite velocity (m/s)")?;

@@ -1,6 +1,6 @@
 //! What an observer is told of the plant and of its sensor.
 
-use crate::setting::require;
+use crate::setting::{is_not_negative, is_positive, require};
 use crate::{Restitution, SettingError};
 
 /// Settings of an [`super::ImpactObserver`], all in range.
@@ -27,7 +27,7 @@ impl ObserverSettings {
     /// # Errors
     /// [`SettingError`] unless `h` is positive and finite.
     pub fn new(restitution: Restitution, h: f64) -> Result<Self, SettingError> {
-        require(h > 0.0 && h.is_finite(), "h", h, "a finite sampling period > 0")?;
+        require(is_positive(h), "h", h, "a finite sampling period > 0")?;
         let noise = [1e-4 * 1e-4, 1e-2 * 1e-2];
         Ok(Self { restitution, h, noise, q_d: 1e-3, se: 0.0, dmax: 20.0, position_only: false })
     }
@@ -60,7 +60,7 @@ impl ObserverSettings {
     /// [`SettingError`] unless `q_d >= 0` and `dmax` lies in 0 to 1e150.
     pub fn with_force(self, q_d: f64, dmax: f64) -> Result<Self, SettingError> {
         let [_, most] = RANGE;
-        require(q_d >= 0.0 && q_d.is_finite(), "q_d", q_d, "a finite variance >= 0 (m^2/s^4)")?;
+        require(is_not_negative(q_d), "q_d", q_d, "a finite variance >= 0 (m^2/s^4)")?;
         let range = "a bound from 0 to 1e150 (m/s^2)";
         require(dmax >= 0.0 && dmax <= most, "dmax", dmax, range)?;
         Ok(Self { q_d, dmax, ..self })

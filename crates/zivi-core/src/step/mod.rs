@@ -15,15 +15,18 @@
 //! ```
 //!
 //! The rooms: [`inclusion`] writes the step as a box VI (`F`, its Jacobian, the natural
-//! residual); [`ThetaGammaStep::solve`] in `exact` finds its solution by cases; [`selection`]
+//! residual); [`ThetaGammaStep::solve`] in `exact` finds its solution by cases (`candidates`); [`selection`]
 //! says which one is taken when there are several.
 
+mod candidates;
 mod exact;
 pub mod inclusion;
 mod pattern;
 pub mod selection;
 
-pub use exact::SIGN_TOLERANCE;
+pub(crate) use candidates::ImplicitEuler;
+pub use candidates::SIGN_TOLERANCE;
+pub(crate) use exact::thorough;
 pub use inclusion::StepInclusion;
 pub use pattern::{Pattern, PATTERNS};
 
@@ -104,12 +107,6 @@ impl ThetaGammaStep {
     #[inline]
     pub(crate) fn implicit(&self) -> Self {
         Self { theta: 1.0, gamma: 1.0, ..*self }
-    }
-
-    /// The same over `h` that was checked before.
-    #[inline]
-    pub(crate) fn over(self, h: f64) -> Self {
-        Self { h, ..self }
     }
 
     /// The same scheme with another step size (the last step of a run is often shorter).

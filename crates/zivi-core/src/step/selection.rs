@@ -34,15 +34,16 @@ use crate::{sgn, Lifted, Restitution};
 #[must_use]
 pub fn exact_motion(z: Lifted, f: f64, h: f64, restitution: Restitution) -> Lifted {
     let xdot = restitution.r(1.0, sgn(z.v)) * z.v;
-    match time_of_impact(z.s, xdot, f).filter(|&t| t <= h) {
+    let (side, x, xdot, time) = match time_of_impact(z.s, xdot, f).filter(|&t| t <= h) {
         Some(t) => {
-            let (_, speed_after) =
+            let (_, after) =
                 impact_velocities((xdot + f * t) / restitution.r(1.0, -1.0), restitution);
-            let after = flight(0.0, speed_after, f, h - t, restitution);
-            Lifted { s: -after.s, v: -after.v }
+            (-1.0, 0.0, after, h - t)
         }
-        None => flight(z.s, xdot, f, h, restitution),
-    }
+        None => (1.0, z.s, xdot, h),
+    };
+    let Lifted { s, v } = flight(x, xdot, f, time, restitution);
+    Lifted { s: side * s, v: side * v }
 }
 
 /// First root of `x + x' t + f t^2/2`, for a mass that approaches (`x' < 0`).

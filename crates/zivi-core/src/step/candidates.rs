@@ -1,0 +1,255 @@
+//! The candidates of a step: for each pair of signs the end of the step, if it has those signs.
+
+use super::pattern::{Pattern, PATTERNS};
+use super::selection::{distance, exact_motion};
+use super::{Case, StepFailure, StepSolution};
+use crate::{sgn, transform, Lifted, Restitution};
+
+/// Relative tolerance of the sign tests: a candidate that violates one by less is taken as equal
+/// to the degenerate candidate beside it.
+pub const SIGN_TOLERANCE: f64 = 1e-13;
+
+/// `theta` and `gamma`, as a type: the code for those of implicit Euler is shorter and faster.
+pub(crate) trait Weights: Copy {
+    fn both(self) -> (f64, f64);
+}
+
+impl Weights for (f64, f64) {
+    #[inline(always)]
+    fn both(self) -> (f64, f64) {
+        self
+    }
+}
+
+/// Those of the implicit Euler scheme, known to the compiler.
+#[derive(Clone, Copy)]
+pub(crate) struct ImplicitEuler;
+
+impl Weights for ImplicitEuler {
+    #[inline(always)]
+    fn both(self) -> (f64, f64) {
+        (1.0, 1.0)
+    }
+}
+
+/// A step to be solved, seen from the side `+1`.
+#[derive(Clone, Copy)]
+pub(super) struct Frozen<W> {
+    pub(super) h: f64,
+    pub(super) restitution: Restitution,
+    pub(super) weights: W,
+    pub(super) s: f64,
+    pub(super) v: f64,
+    pub(super) f: f64,
+}
+
+impl<W: Weights> Frozen<W> {
+    /// The side `sigma` of the state, and the step as it is seen from there.
+    #[inline]
+    pub(super) fn seen(
+        (h, restitution): (f64, Restitution),
+        weights: W,
+        z: Lifted,
+        f: f64,
+        side: f64,
+    ) -> (f64, Self) {
+        let sigma = transform::side(z, 1.0_f64.copysign(side));
+        (sigma, Self { h, restitution, weights, s: sigma * z.s, v: sigma * z.v, f })
+    }
+
+    /// Steps away from the wall, through it or over an apex, under `f <= 0`. With `theta >= gamma` the solution is
+    /// unique then: a regular one whose signs have much more room than the tolerance is it, and the
+    /// degenerate patterns need not be tried.
+    #[inline(always)]
+    pub(super) fn roomy(&self) -> Option<StepSolution> {
+        const ROOM: f64 = 1e4 * SIGN_TOLERANCE;
+        const AWAY: &[(f64, f64)] = &[(1.0, 1.0)];
+        const THROUGH: &[(f64, f64)] = &[(-1.0, -1.0), (1.0, -1.0)];
+        let (theta, gamma) = self.weights.both();
+        if self.f > 0.0 || theta < gamma {
+            return None;
+        }
+        let signs = if self.s == 0.0 { AWAY } else { THROUGH };
+        signs.iter().find_map(|&signs| self.regular(signs, self.inverse_r(signs), -ROOM))
+    }
+
+    /// `1/R` with both signs at their ends.
+    #[inline]
+    fn inverse_r(&self, (lambda_s, lambda_v): (f64, f64)) -> f64 {
+        1.0 / self.restitution.r(lambda_s, lambda_v)
+    }
+
+    /// The solution that the rule of [`super::selection`] takes.
+    #[inline(always)]
+    pub(super) fn selected(&self) -> Result<StepSolution, StepFailure> {
+        if !(self.s.is_finite() && self.v.is_finite() && self.f.is_finite()) {
+            return Err(StepFailure::NotFinite);
+        }
+        if self.f > 0.0 {
+            return self.nearest();
+        }
+        self.candidates().next().ok_or(StepFailure::NoSolution)
+    }
+
+    /// The candidate nearest to the exact motion.
+    #[cold]
+    #[inline(never)]
+    fn nearest(&self) -> Result<StepSolution, StepFailure> {
+        let Self { h, restitution, s, v, f, .. } = *self;
+        let exact = exact_motion(Lifted { s, v }, f, h, restitution);
+        if !exact.is_finite() {
+            return Err(StepFailure::NotFinite);
+        }
+        let mut best: Option<(f64, StepSolution)> = None;
+        for candidate in self.candidates() {
+            let away = distance(&candidate, exact, h);
+            if best.is_none_or(|(least, _)| away.total_cmp(&least).is_lt()) {
+                best = Some((away, candidate));
+            }
+        }
+        best.map(|(_, nearest)| nearest).ok_or(StepFailure::NoSolution)
+    }
+
+    /// The accepted candidates, most degenerate first, evaluated as they are asked for.
+    pub(super) fn candidates(self) -> impl Iterator<Item = StepSolution> {
+        PATTERNS.iter().filter_map(move |&pattern| self.on(pattern, SIGN_TOLERANCE))
+    }
+
+    /// The candidate of one pattern, its sign conditions violated by no more than `slack`.
+    #[inline(never)]
+    pub(super) fn on(&self, pattern: Pattern, slack: f64) -> Option<StepSolution> {
+        match pattern {
+            Pattern::Origin => self.origin(slack),
+            Pattern::Wall(lambda_v) => self.wall(lambda_v, slack),
+            Pattern::Apex(lambda_s) => self.apex(lambda_s, slack),
+            Pattern::Regular(lambda_s, lambda_v) => {
+                let signs = (lambda_s, lambda_v);
+                self.regular(signs, self.inverse_r(signs), slack)
+            }
+        }
+    }
+
+    /// Both signs at their ends: `R` is known, `s_gamma` and `v_gamma` must have those signs.
+    /// A negative `slack` is the margin that is asked for.
+    #[inline(always)]
+    pub(super) fn regular(
+        &self,
+        (lambda_s, lambda_v): (f64, f64),
+        inverse_r: f64,
+        slack: f64,
+    ) -> Option<StepSolution> {
+        let (h, (theta, gamma)) = (self.h, self.weights.both());
+        let travel = h * self.restitution.r(lambda_s, lambda_v) * self.v;
+        let push = h * lambda_s * self.f;
+        let kick = push * inverse_r;
+        let drop = theta * h * push;
+        let s_gamma = lambda_s * (self.s + gamma * (travel + drop));
+        let v_gamma = lambda_v * (self.v + gamma * kick);
+        let scale_s = self.s.abs() + gamma * (travel.abs() + drop.abs());
+        let scale_v = self.v.abs() + gamma * kick.abs();
+        (s_gamma >= -slack * scale_s && v_gamma >= -slack * scale_v).then_some(StepSolution {
+            s: self.s + (travel + drop),
+            v: self.v + kick,
+            lambda_s,
+            lambda_v,
+            case: Case::Regular,
+        })
+    }
+
+    /// `v_gamma = 0` with `lambda_s` at an end: `R = -gamma h lambda_s f / v` gives `lambda_v`.
+    fn apex(&self, lambda_s: f64, slack: f64) -> Option<StepSolution> {
+        let (Self { h, restitution, .. }, (theta, gamma)) = (*self, self.weights.both());
+        let r = -gamma * h * lambda_s * self.f / self.v;
+        let lambda_v = interior_sign(1.0 - r, restitution.kappa() * lambda_s, 2.0, slack)?;
+        // R v = -gamma h lambda_s f, so s+ = s + (theta - gamma) h^2 lambda_s f
+        let rise = (theta - gamma) * h * h * lambda_s * self.f;
+        let scale = self.s.abs() + gamma * rise.abs();
+        (lambda_s * (self.s + gamma * rise) >= -slack * scale).then_some(StepSolution {
+            s: self.s + rise,
+            v: self.extrapolated(self.v),
+            lambda_s,
+            lambda_v,
+            case: Case::Apex,
+        })
+    }
+
+    /// `s_gamma = 0` with `lambda_v` at an end: linear in `lambda_s`.
+    ///
+    /// ```text
+    /// s/(gamma h) + v = lambda_s (kappa lambda_v v - theta h f)
+    /// ```
+    fn wall(&self, lambda_v: f64, slack: f64) -> Option<StepSolution> {
+        let (Self { h, restitution, .. }, (theta, gamma)) = (*self, self.weights.both());
+        let slope = restitution.kappa() * lambda_v * self.v - theta * h * self.f;
+        let approach = self.s / (gamma * h);
+        let terms = approach.abs() + self.v.abs() + slope.abs();
+        let lambda_s = interior_sign(approach + self.v, slope, terms, slack)?;
+        let r = restitution.r(lambda_s, lambda_v);
+        let kick = h * lambda_s * self.f / r;
+        let scale = self.v.abs() + gamma * kick.abs();
+        (lambda_v * (self.v + gamma * kick) >= -slack * scale).then_some(StepSolution {
+            s: self.extrapolated(self.s),
+            v: self.v + kick,
+            lambda_s,
+            lambda_v,
+            case: Case::Wall,
+        })
+    }
+
+    /// `s_gamma = v_gamma = 0`: `R v = -gamma h lambda_s f` and
+    /// `s = -gamma (theta - gamma) h^2 lambda_s f`.
+    fn origin(&self, slack: f64) -> Option<StepSolution> {
+        let (Self { h, restitution, .. }, (theta, gamma)) = (*self, self.weights.both());
+        let push = gamma * h * self.f;
+        let (lambda_s, lambda_v) = if theta == gamma {
+            let signs = self.stopping_signs(push, slack)?;
+            // against the two terms of s_gamma that cancel, R v and theta h lambda_s f
+            let reach = 2.0 * gamma * h * (signs.0 * push).abs();
+            (self.s <= slack * reach).then_some(signs)?
+        } else {
+            let lambda_s = interior_sign(-self.s, (theta - gamma) * h * push, self.s, slack)?;
+            let r = if self.v == 0.0 { 1.0 } else { -lambda_s * push / self.v };
+            (self.v != 0.0 || lambda_s * push == 0.0).then_some(())?;
+            (lambda_s, interior_sign(1.0 - r, restitution.kappa() * lambda_s, 2.0, slack)?)
+        };
+        Some(StepSolution {
+            s: self.extrapolated(self.s),
+            v: self.extrapolated(self.v),
+            lambda_s,
+            lambda_v,
+            case: Case::Origin,
+        })
+    }
+
+    /// Signs that stop the mass at the wall, `R v = -lambda_s push`: one equation for two signs.
+    ///
+    /// Of the family the member with the smallest `|lambda_s|` is taken, `lambda_v = sgn lambda_s`:
+    /// with `c = |v/push|` it is `|lambda_s| = c (1 - kappa |lambda_s|) = c/(1 + kappa c)`, which
+    /// is at most 1 just where the family is not empty, `(1 - kappa) |v| <= |push|`.
+    fn stopping_signs(&self, push: f64, slack: f64) -> Option<(f64, f64)> {
+        if self.v == 0.0 {
+            return Some((0.0, 0.0));
+        }
+        let c = (self.v / push).abs();
+        let size = interior_sign(c, 1.0 + self.restitution.kappa() * c, c, slack)?;
+        let sign = -sgn(self.v) * sgn(push);
+        Some((sign * size, sign))
+    }
+
+    /// `z+` from `z_gamma = 0`, that is `-(1 - gamma)/gamma z` (and not `-0`).
+    fn extrapolated(&self, z: f64) -> f64 {
+        let (_, gamma) = self.weights.both();
+        0.0 - (1.0 - gamma) / gamma * z
+    }
+}
+
+/// The root of `slope * lambda = value` if it lies in `[-1, 1]` to within the rounding of the
+/// `terms` that the equation is made of, then clipped.
+fn interior_sign(value: f64, slope: f64, terms: f64, slack: f64) -> Option<f64> {
+    if value == 0.0 {
+        return Some(0.0);
+    }
+    let lambda = value / slope;
+    let within = value.abs() <= slope.abs() + slack * terms;
+    (within && !lambda.is_nan()).then_some(lambda.clamp(-1.0, 1.0))
+}
