@@ -16,7 +16,7 @@ use crate::record::reserve::Reserve;
 use crate::record::seeker::{unknown, SmoothPart};
 use crate::system::dynamics::Dynamics;
 use crate::system::stops::Smooth;
-use crate::{Counts, Hit};
+use crate::{Counts, Hit, Status};
 
 /// A run of a mechanical system under way.
 pub(super) type Running<'a, E> = piecewise::Running<'a, E, Machine, MechanicalRecord>;
@@ -278,9 +278,11 @@ impl<E> Running<'_, E> {
 
     pub(super) fn finish(mut self, ending: Ending<E>, nfev: u64) -> MechanicalRun<E> {
         let (status, raised) = self.close(ending);
-        let Self { method: machine, seeker, wanted, record, reserve, end, .. } = self;
+        let Self { method: mut machine, seeker, wanted, record, reserve, end, .. } = self;
         let MechanicalRecord { mut samples, mut path, .. } = record;
         let (t, point) = &end;
+        // an event among skipped arcs ends the run before what they lead to
+        machine.occurrences.retain(|it| it.t() <= *t || status != Status::TerminatedByEvent);
         if wanted.is_missing_at(*t, samples.t.last().copied()) {
             let none = vec![0.0; machine.layout.m];
             samples.push(*t, (&point.x, &point.v), &none, point.closed);

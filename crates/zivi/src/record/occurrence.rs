@@ -79,6 +79,20 @@ impl Occurrence {
         Occurrence::Impact { t, gap: 0, before, after, impulse: after - before, group: number }
     }
 
+    /// When it happened (s).
+    #[must_use]
+    pub fn t(&self) -> f64 {
+        match *self {
+            Occurrence::Impact { t, .. }
+            | Occurrence::Zeno { t, .. }
+            | Occurrence::Contact { t, .. }
+            | Occurrence::LiftOff { t, .. }
+            | Occurrence::Opened { t, .. }
+            | Occurrence::Corner { t, .. }
+            | Occurrence::Flag { t, .. } => t,
+        }
+    }
+
     /// Whether it happened at a gap, perhaps among others.
     #[must_use]
     pub fn concerns(&self, number: usize) -> bool {

@@ -339,6 +339,25 @@ fn events_of_coordinates_are_found_and_end_a_run() {
 }
 
 #[test]
+fn an_event_among_the_skipped_arcs_ends_the_run_before_the_zeno_point() {
+    let problem = bar(0.0);
+    let settings = SwitchedRk::with_tol(1e-6);
+    let (_, zeno, _) = events_of(&problem.run(settings))[0];
+    let run = |at: f64| {
+        let event = UserEvent { terminal: Some(1), ..UserEvent::of(move |t, _| Ok(t - at)) };
+        let output = MechanicalOutput { events: vec![event], dense: true, ..Default::default() };
+        problem.run_with(settings, output)
+    };
+    let before = run(zeno - 1e-4);
+    assert_eq!(before.status, Status::TerminatedByEvent);
+    assert!(events_of(&before).is_empty() && before.path.as_ref().unwrap().at(zeno).is_none());
+    // the arcs there are among those that are skipped: the last impact was earlier
+    assert!(before.occurrences.iter().all(|it| it.t() < zeno - 1e-4));
+    let after = run(zeno + 1e-4);
+    assert!(!events_of(&after).is_empty());
+}
+
+#[test]
 fn a_start_in_contact_to_rounding_is_in_contact() {
     // in the valley of the sine, where cos(pi/2) leaves a speed of 1e-16 into the floor
     let (a, k) = (0.25, 2.0);
