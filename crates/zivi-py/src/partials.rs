@@ -4,8 +4,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::mechanics::sensitivity::{
-    mechanical_sensitivity as differentiate, MechanicalDerivatives, MechanicalQuestion,
-    MechanicalWrt,
+    mechanical_sensitivity as differentiate, Derivatives, EventRates, MechanicalWrt, Question,
 };
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::system::dynamics::{Dynamics, Layout};
@@ -194,10 +193,10 @@ struct Task<'a> {
     start: (&'a [f64], &'a [f64]),
     tstops: &'a [f64],
     dense: bool,
-    question: MechanicalQuestion<'a>,
+    question: Question<'a, MechanicalWrt>,
 }
 
-type Outcome = Result<(MechanicalRun<PyErr>, MechanicalDerivatives), SetupError>;
+type Outcome = Result<(MechanicalRun<PyErr>, Derivatives), SetupError>;
 
 impl Task<'_> {
     fn run(&self, dynamics: &mut impl DifferentiableDynamics<PyErr>, watch: &mut Watch) -> Outcome {
@@ -274,7 +273,7 @@ pub(crate) fn mechanical_sensitivity(
     let (sizes, times, tstops) = (vector(&sizes), vector(&times), vector(&tstops));
     let wrt: Vec<MechanicalWrt> = wrt.iter().map(wrt_of).collect();
     let layout = Layout { n: system.n, m: system.m };
-    let question = MechanicalQuestion { wrt: &wrt, sizes: &sizes, controlled, times: &times };
+    let question = Question { wrt: &wrt, sizes: &sizes, controlled, times: &times };
     let start = (&q[..], &qdot[..]);
     let task = Task { method, e: &e, span, start, tstops: &tstops, dense, question };
     let model = AnyDynamics::of(py, system.model.get(), layout);
@@ -286,19 +285,20 @@ pub(crate) fn mechanical_sensitivity(
         .nearest
         .iter()
         .map(|it| it.map(|it| Nearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
+    let EventRates { impact_dt, impact_du, zeno_times, liftoff_times } = found.events;
     Ok(MechanicalSensitivityRecord {
         nearest: nearest.collect(),
         run: Py::new(py, MechanicalRecord::new(py, run)?)?,
         q: array(found.q),
         qdot: array(found.qdot),
-        impact_dt: array(found.impact_dt),
-        impact_du: array(found.impact_du),
-        zeno_times: array(found.zeno_times),
-        liftoff_times: array(found.liftoff_times),
+        impact_dt: array(impact_dt),
+        impact_du: array(impact_du),
+        zeno_times: array(zeno_times),
+        liftoff_times: array(liftoff_times),
         radius: array(found.radius),
         grazing: found.grazing,
         lost_at: found.lost_at,
         samples: array(found.samples),
-        n_slopes: found.n_partials,
+        n_slopes: found.n_slopes,
     })
 }

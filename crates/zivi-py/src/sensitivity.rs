@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::record::failure::Failure;
-use zivi::switched::sensitivity::{Apart, Derivatives, Flight, Flown, Question, Wrt};
+use zivi::switched::sensitivity::{Apart, EventRates, Flight, Flown, Question, Wrt};
 use zivi::{Output, PointRun};
 
 use crate::force::slopes::with_slopes;
@@ -97,15 +97,15 @@ pub(crate) fn sensitivity(
     });
     let (run, derivatives) = result.map_err(setup_error)?;
     let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
-    let Derivatives { x, xdot, impact_dt, impact_du, zeno_times, liftoff_times, .. } = derivatives;
+    let EventRates { impact_dt, impact_du, zeno_times, liftoff_times } = derivatives.events;
     let nearest = derivatives
         .nearest
         .iter()
         .map(|it| it.map(|it| Nearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
     Ok(SensitivityRecord {
         run: Py::new(py, RunRecord::new(py, PointRun::switched(run, restitution))?)?,
-        x: array(x),
-        xdot: array(xdot),
+        x: array(derivatives.q),
+        xdot: array(derivatives.qdot),
         impact_dt: array(impact_dt),
         impact_du: array(impact_du),
         zeno_times: array(zeno_times),

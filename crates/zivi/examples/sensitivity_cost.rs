@@ -91,7 +91,7 @@ fn run<F: DifferentiableForce<Infallible>>(
     let output = Output::default();
     let (run, derivatives) =
         sensitivity(settings, restitution, force, SPAN, START, output, &question, &mut Silent)?;
-    black_box(derivatives.x);
+    black_box(derivatives.q);
     Ok(run.counts.accepted)
 }
 

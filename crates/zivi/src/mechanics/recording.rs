@@ -160,7 +160,7 @@ impl<E> Running<'_, E> {
                 curve.at(t, &mut to.x, &mut to.v);
                 to.closed = closed;
             };
-            let stop = self.seek_along((from, end), &motion);
+            let stop = self.seek_along((from, end), motion);
             self.sample_until(until(&stop, end), &motion, model)?;
             unless_terminal(stop)?;
         }

@@ -18,6 +18,11 @@ use zivi_core::{Physical, Restitution};
 /// A depth that is decided by the tolerances, in units of those of the distance.
 const DECIDED: f64 = 10.0;
 
+/// Whether the tolerances decided over the shallowest event of a run that is up to so high (m).
+pub(super) fn is_undecided(shallowest: f64, highest: f64, settings: &SwitchedRk) -> bool {
+    shallowest <= DECIDED * (settings.atol[0] + settings.rtol * highest)
+}
+
 /// How near to a grazing a run came.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Grazing {
@@ -34,11 +39,6 @@ impl Default for Grazing {
 }
 
 impl Grazing {
-    /// Whether the tolerances decided.
-    fn is_undecided(&self, settings: &SwitchedRk) -> bool {
-        self.shallowest <= DECIDED * (settings.atol[0] + settings.rtol * self.highest)
-    }
-
     fn note(&mut self, depth: f64) {
         self.shallowest = self.shallowest.min(depth);
     }
@@ -79,7 +79,7 @@ pub(crate) fn simulate_watching<E, F: Force<E>>(
     let output = Output::default();
     let run =
         simulate_with(&mut grazing, settings, restitution, force, span, initial, output, monitor)?;
-    Ok((run, grazing.is_undecided(&settings)))
+    Ok((run, is_undecided(grazing.shallowest, grazing.highest, &settings)))
 }
 
 impl<'f, E, F: Force<E>> Driver<SwitchedIntegrator, Counted<'f, F>, E> for Grazing {

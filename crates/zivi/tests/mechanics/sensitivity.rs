@@ -2,9 +2,7 @@
 
 use std::convert::Infallible;
 
-use zivi::mechanics::sensitivity::{
-    mechanical_sensitivity, MechanicalDerivatives, MechanicalQuestion, MechanicalWrt,
-};
+use zivi::mechanics::sensitivity::{mechanical_sensitivity, Derivatives, MechanicalWrt, Question};
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::system::partials::{parameter_step, DifferencedDynamics, Neighbours, MOVES};
 use zivi::{Silent, Status, SwitchedRk};
@@ -22,7 +20,7 @@ fn differentiate(
     case: &Case,
     settings: SwitchedRk,
     wrt: &[MechanicalWrt],
-) -> (MechanicalRun<Infallible>, MechanicalDerivatives) {
+) -> (MechanicalRun<Infallible>, Derivatives) {
     let Problem { model, par, e, q0, w0, t1 } = &case.problem;
     let system = |name: Option<(&str, f64)>| {
         let mut par = par.clone();
@@ -38,7 +36,7 @@ fn differentiate(
     });
     let mut dynamics = DifferencedDynamics::new(system(None), neighbours.collect(), *t1);
     let sizes = vec![1.0; wrt.len()];
-    let question = MechanicalQuestion { wrt, sizes: &sizes, controlled: true, times: &[] };
+    let question = Question { wrt, sizes: &sizes, controlled: true, times: &[] };
     let (span, output) = ((0.0, *t1), MechanicalOutput::default());
     let start = (&q0[..], &w0[..]);
     mechanical_sensitivity(settings, &mut dynamics, e, span, start, output, &question, &mut Silent)
@@ -95,7 +93,7 @@ fn worst(case: &Case, wrt: &[MechanicalWrt], tol: f64, steps: &[f64]) -> f64 {
     let (n, count) = (run.layout.n, wrt.len());
     let mut worst = 0.0_f64;
     for (column, &by) in wrt.iter().enumerate() {
-        let events = found.zeno_times.iter().chain(found.liftoff_times.iter());
+        let events = found.events.zeno_times.iter().chain(found.events.liftoff_times.iter());
         let mine: Vec<f64> = (found.q[column * n..][..n].iter())
             .chain(&found.qdot[column * n..][..n])
             .chain(events.skip(column).step_by(count))

@@ -11,20 +11,11 @@ use crate::piecewise::method::Driver;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
-use crate::switched::sensitivity::{Limit, Validity};
+use crate::switched::sensitivity::{EventRates, Limit, Validity};
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;
 use crate::zeno::rates::ChainRates;
 use crate::zeno::table::Landing;
-
-/// The derivatives of the events, one row for each.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct EventRates {
-    pub(super) impact_dt: Vec<f64>,
-    pub(super) impact_du: Vec<f64>,
-    pub(super) zeno: Vec<f64>,
-    pub(super) lift_off: Vec<f64>,
-}
 
 /// The columns of a run under way.
 pub(super) struct Follower<'a> {
@@ -192,12 +183,12 @@ impl<'a> Follower<'a> {
                 }
                 Occurrence::Zeno { t, .. } => {
                     self.note_end(t, zeno);
-                    self.events.zeno.extend_from_slice(zeno);
+                    self.events.zeno_times.extend_from_slice(zeno);
                 }
                 Occurrence::LiftOff { gap, t } => {
                     let dt = lift_off(gap).unwrap_or(unknown.clone());
                     self.note_end(t, &dt);
-                    self.events.lift_off.extend(dt);
+                    self.events.liftoff_times.extend(dt);
                 }
                 Occurrence::Flag { kind: FlagKind::OrderUncertain, .. } => self.uncertain = true,
                 _ => (),

@@ -16,5 +16,6 @@ mod local;
 mod run;
 mod strike;
 
+pub use crate::switched::sensitivity::{Derivatives, EventRates, Question};
 pub use columns::MechanicalWrt;
-pub use run::{mechanical_sensitivity, MechanicalDerivatives, MechanicalQuestion};
+pub use run::mechanical_sensitivity;

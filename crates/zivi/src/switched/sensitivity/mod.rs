@@ -6,6 +6,7 @@
 //! them and a lift-off starts them anew.
 
 mod columns;
+mod derivatives;
 mod flights;
 mod follower;
 mod path;
@@ -13,7 +14,8 @@ mod run;
 mod validity;
 
 pub use columns::Wrt;
+pub use derivatives::{Derivatives, EventRates, Question};
 pub use flights::{fly_apart, Apart, Flight, Flown};
-pub use run::{sensitivity, Derivatives, Question};
+pub use run::sensitivity;
 pub(crate) use validity::Validity;
 pub use validity::{Limit, Nearest};

@@ -2,9 +2,8 @@
 
 use zivi_core::Restitution;
 
-use super::columns::Wrt;
+use super::derivatives::{Derivatives, Question};
 use super::follower::Follower;
-use super::validity::Nearest;
 use crate::record::trajectory::SetupError;
 use crate::switched::recording::running;
 use crate::switched::run::{check_span, check_stops, Output, SwitchedRun};
@@ -14,48 +13,6 @@ use crate::switched::SwitchedIntegrator;
 use crate::system::slopes::DifferentiableForce;
 use crate::system::stops::Stops;
 use crate::{Monitor, Physical};
-
-/// What is to be differentiated by what.
-#[derive(Clone, Debug)]
-pub struct Question<'a> {
-    /// What the columns are derivatives by.
-    pub wrt: &'a [Wrt],
-    /// Magnitudes of these, positive: the absolute tolerance of a column is that of the state
-    /// divided by its magnitude.
-    pub sizes: &'a [f64],
-    /// Whether the steps are adapted to the errors of the columns too.
-    pub controlled: bool,
-    /// Times at which the columns are wanted, within the span (s).
-    pub times: &'a [f64],
-}
-
-/// The derivatives of a run; arrays by rows of one number for each column.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Derivatives {
-    /// Of the distance at the end of the run, at a fixed time.
-    pub x: Vec<f64>,
-    /// Of the velocity at the end.
-    pub xdot: Vec<f64>,
-    /// Of the times of the impacts that were computed.
-    pub impact_dt: Vec<f64>,
-    /// Of the speeds after them.
-    pub impact_du: Vec<f64>,
-    /// Of the times at which rest is reached.
-    pub zeno_times: Vec<f64>,
-    /// Of the times of the lift-offs.
-    pub liftoff_times: Vec<f64>,
-    /// To first order, how far each may be moved before an event appears or disappears.
-    pub radius: Vec<f64>,
-    /// The event that limits each.
-    pub nearest: Vec<Option<Nearest>>,
-    /// Whether an impact, or the want of one, is decided by the tolerances.
-    pub grazing: bool,
-    /// `dx/dq` and `dx'/dq` at each of the times asked for, in the order of the times; NaN where
-    /// the impacts accumulate.
-    pub samples: Vec<f64>,
-    /// Evaluations of the partial derivatives.
-    pub n_slopes: u64,
-}
 
 /// Simulates as [`crate::simulate_switched_rk`], with the derivatives of the run.
 ///
@@ -74,8 +31,8 @@ pub struct Derivatives {
 ///     (0.0, 4.0), Physical { x: 1.0, xdot: 0.0 }, Output::default(), &question, &mut Silent,
 /// )?;
 /// // t = sqrt(2 x/g) (1 + e)/(1 - e), with sqrt(2 x/g) = 1
-/// assert!((derivatives.zeno_times[0] - 1.5).abs() < 1e-9);
-/// assert!((derivatives.zeno_times[1] - 8.0).abs() < 1e-8);
+/// assert!((derivatives.events.zeno_times[0] - 1.5).abs() < 1e-9);
+/// assert!((derivatives.events.zeno_times[1] - 8.0).abs() < 1e-8);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[allow(clippy::too_many_arguments)]
@@ -121,18 +78,16 @@ fn gather(mut follower: Follower, settings: SwitchedRk, times: &[f64]) -> Deriva
             samples.extend_from_slice(&at.v);
         }
     }
-    let tolerance = settings.atol[0] + settings.rtol * follower.highest;
+    let grazing = follower.validity.is_undecided(&settings, follower.highest);
     let end = std::mem::take(&mut follower.step.end);
     Derivatives {
-        x: end.x,
-        xdot: end.v,
-        impact_dt: follower.events.impact_dt,
-        impact_du: follower.events.impact_du,
-        zeno_times: follower.events.zeno,
-        liftoff_times: follower.events.lift_off,
-        grazing: follower.validity.shallowest <= 10.0 * tolerance,
+        q: end.x,
+        qdot: end.v,
+        events: follower.events,
         radius: follower.validity.radius,
         nearest: follower.validity.nearest,
+        grazing,
+        lost_at: None,
         samples,
         n_slopes: follower.step.forcing.count,
     }

@@ -1,6 +1,8 @@
 //! How far the derivatives reach: the radius, in units of what they are derivatives by, at which
 //! to first order an event of the run appears, disappears, or passes the end.
 
+use crate::switched::{grazing, SwitchedRk};
+
 /// What limits a derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -48,6 +50,11 @@ pub(crate) struct Validity {
 impl Validity {
     pub(crate) fn new(m: usize) -> Self {
         Self { radius: vec![f64::INFINITY; m], nearest: vec![None; m], shallowest: f64::INFINITY }
+    }
+
+    /// Whether an impact or a minimum is decided by the tolerances of a run that is up to so high.
+    pub(crate) fn is_undecided(&self, settings: &SwitchedRk, highest: f64) -> bool {
+        grazing::is_undecided(self.shallowest, highest, settings)
     }
 
     /// An event of this depth, which falls by `rates` for one unit of each column.

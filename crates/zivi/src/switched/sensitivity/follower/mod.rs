@@ -10,6 +10,7 @@ mod flight;
 mod rest;
 
 use super::columns::{ColumnStep, Wrt};
+use super::derivatives::EventRates;
 use super::validity::{Limit, Validity};
 use crate::piecewise::method::Driver;
 use crate::record::failure::Failure;
@@ -19,15 +20,6 @@ use crate::switched::stages::{Counted, Point};
 use crate::system::slopes::{DifferentiableForce, Place};
 use crate::zeno::rates::{ChainRates, Rate};
 use crate::Impact;
-
-/// The derivatives of the events, one row for each.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(in crate::switched) struct EventRates {
-    pub(in crate::switched) impact_dt: Vec<f64>,
-    pub(in crate::switched) impact_du: Vec<f64>,
-    pub(in crate::switched) zeno: Vec<f64>,
-    pub(in crate::switched) lift_off: Vec<f64>,
-}
 
 /// The columns of a run under way.
 pub(in crate::switched) struct Follower {

@@ -24,7 +24,7 @@ impl Follower {
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
         self.step.end.clear();
-        self.events.zeno.extend_from_slice(&self.dt);
+        self.events.zeno_times.extend_from_slice(&self.dt);
         self.note_neighbours(t);
         if through_chain {
             let pull = -force.at_wall(t)?;
@@ -119,7 +119,7 @@ impl Follower {
             }
         }
         self.note_neighbours(t);
-        self.events.lift_off.extend_from_slice(&self.dt);
+        self.events.liftoff_times.extend_from_slice(&self.dt);
         self.resting = None;
         Ok(())
     }
