@@ -48,12 +48,14 @@ def error(case, tol, **options):
 @pytest.mark.parametrize("name", list(CASES))
 @pytest.mark.parametrize("tol", [1e-8, 1e-10])
 def test_references(name, tol):
-    assert error(CASES[name], tol) <= 15 * tol
+    assert error(CASES[name], tol) <= 1.5 * tol
 
 
 @pytest.mark.parametrize("name", list(CASES))
 def test_references_at_order_five(name):
-    assert error(CASES[name], 1e-8, order=5) <= 30e-8
+    # measured from 1e-7 to 1e-10: 16.5 to 18.8 tolerances for the pendulum, 0.8 for the others
+    bound = 20 if name == "double_pendulum" else 1.2
+    assert error(CASES[name], 1e-8, order=5) <= bound * 1e-8
 
 
 FORCE = zivi.LinearForce(stiffness=1.3, damping=0.1, gravity=2.0, amplitude=2.6, omega=1.1)

@@ -12,6 +12,7 @@ import numpy as np
 from zivi import _zivi
 from zivi._check import Array
 from zivi._compiled import listening_always
+from zivi._derivatives import KINDS, Nearest, OrbitStatus, Sensitivity
 from zivi._extras import needed
 from zivi._progress import ProgressBar
 from zivi.mechanics.run import Asked, configuration, state_of
@@ -20,7 +21,6 @@ from zivi.mechanics.system import MechanicalSystem, Model
 from zivi.mechanics.trajectory import MechanicalTrajectory
 from zivi.mechanics.wrt import Column, columns_of
 from zivi.methods import SwitchedRK
-from zivi.sensitivity import KINDS, Nearest, OrbitStatus, Sensitivity
 from zivi.simulate import as_raised, with_partial
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from zivi._extras import needed
 from zivi._parameters import parameter
 from zivi.orbits.arc import Arc
 from zivi.orbits.curve import Curve, Point
-from zivi.orbits.orbit import PeriodicOrbit, orbit_of, why_not
+from zivi.orbits.find import orbit_of, why_not
+from zivi.orbits.orbit import PeriodicOrbit
 from zivi.sensitivity import OrbitStatus
 from zivi.simulate import pair
 

@@ -1,20 +1,18 @@
-"""A periodic orbit: from a simulation or a guess to times, speeds, multipliers."""
+"""A periodic orbit: its times, speeds, multipliers, and what follows from them."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._check import Array, finite, whole
+from zivi._check import Array, finite
 from zivi._extras import needed
-from zivi._parameters import check_differentiable, excitation, parameter
-from zivi.methods import SwitchedRK
-from zivi.orbits.flights import PRECISE, FlightError, period_of
-from zivi.orbits.sequence import Equations, Frame, canonical, equations, newton
+from zivi._parameters import parameter
+from zivi.orbits.sequence import Frame, equations
 from zivi.sensitivity import OrbitStatus, sensitivity
 from zivi.simulate import simulate
 from zivi.system import ImpactSystem
@@ -23,7 +21,7 @@ from zivi.trajectory import Trajectory
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["PeriodicOrbit", "periodic_orbit"]
+__all__ = ["PeriodicOrbit"]
 
 ORBIT_IMPACT = np.dtype([("t", "f8"), ("u", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
 
@@ -211,220 +209,3 @@ class PeriodicOrbit:
             f"<PeriodicOrbit {self.kind}, {len(self.impacts)} impacts in {self.multiple} periods, "
             f"multipliers {multipliers}: {self.status.name.lower()}>"
         )
-
-
-def periodic_orbit(
-    system: ImpactSystem,
-    start: Any,
-    multiple: int | None = None,
-    *,
-    period: float | Literal["free"] | None = None,
-    method: SwitchedRK = PRECISE,
-    max_iter: int = 20,
-) -> PeriodicOrbit:
-    """Find a periodic orbit from what a simulation settled on, or from a guess.
-
-    Unknowns are the times of the impacts and the speeds after them, so Newton's iteration looks for
-    no events and is regular up to a grazing. A motion that rests needs no iteration: it starts
-    at its lift-off, which the parameters alone determine, and one simulation is the orbit.
-
-    Parameters
-    ----------
-    system : ImpactSystem
-        A system with a periodic excitation, or one that nothing excites from outside.
-    start : Trajectory, (t0, (x0, xdot0)), PeriodicOrbit or array_like
-        A run, of which the end is taken; a state, from which some periods are simulated; an orbit
-        (of a system near this one); or rows ``(t, u)`` of the impacts of one period.
-    multiple : int, optional
-        After how many periods of the excitation the motion repeats; by default what `start` shows.
-    period : float or "free", optional
-        The period of the excitation (s), by default from a `LinearForce` or a `HarmonicWall`. Where
-        nothing excites the system it is ``"free"``: an unknown, and times start at the first
-        impact. A force that is asked at several times and does not depend on them is one of these.
-    method : SwitchedRK
-        Tolerances.
-    max_iter : int
-        Newton's steps, at most.
-
-    Returns
-    -------
-    PeriodicOrbit
-        Its ``status`` says whether it was found and whether it is a motion of the system.
-
-    Raises
-    ------
-    ValueError, TypeError
-        For an argument out of range, or a system whose period is not known.
-
-    Examples
-    --------
-    >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
-    >>> ball = zivi.ImpactSystem(table, e=0.5)
-    >>> orbit = zivi.periodic_orbit(ball, [(0.6, 2.1)])
-    >>> orbit.kind, orbit.stable
-    ('impacting', True)
-    >>> abs(orbit.multipliers).round(9)  # complex, of the modulus e
-    array([0.5, 0.5])
-    """
-    from zivi.orbits.start import guess_of
-
-    check_differentiable(system)
-    if multiple is not None and whole("multiple", multiple) < 1:
-        raise ValueError(f"multiple must be >= 1, got {multiple}")
-    known = None if is_free(system, period, multiple) else period_of(system, period, or_free=True)
-    if not isinstance(method, SwitchedRK):
-        raise TypeError(f"method must be a zivi.SwitchedRK, got {method!r}")
-    if whole("max_iter", max_iter) < 1:
-        raise ValueError(f"max_iter must be >= 1, got {max_iter}")
-    if known is None:
-        from zivi.orbits.free import free_guess
-
-        guess = free_guess(system, start, method)
-        # at rest any period is one
-        frame = Frame(1, 1.0 if guess.resting else None, method, free=not guess.resting)
-    else:
-        guess = guess_of(system, start, multiple, known, method)
-        own = None if period is None else known
-        frame = Frame(guess.multiple, own, method, guess.start)
-    if guess.resting:
-        from zivi.orbits.rest import resting_orbit
-
-        return resting_orbit(system, frame, guess.phase)
-    return solve(system, frame, guess.y, max_iter)
-
-
-def is_free(system: ImpactSystem, period: float | str | None, multiple: int | None) -> bool:
-    """Whether the period is an unknown; a ValueError for what does not go with it."""
-    from zivi.orbits.free import is_autonomous
-
-    if isinstance(period, str):
-        if period != "free":
-            raise ValueError(f"period must be a number of seconds or 'free', got {period!r}")
-        if excitation(system)[0] is not None:
-            raise ValueError("period cannot be 'free': the system is excited, and has its period")
-    elif period is not None or not is_autonomous(system):
-        return False
-    if multiple not in (None, 1):
-        raise ValueError(f"multiple counts periods of an excitation; there is none, got {multiple}")
-    return True
-
-
-def solve(system: ImpactSystem, frame: Frame, y: Array, max_iter: int = 20) -> PeriodicOrbit:
-    """Solve for an orbit from a guess of its unknowns, and look whether it is a motion."""
-    try:
-        found = newton(system, frame, y, max_iter)
-        at = equations(system, frame, found.equations.y, minima=True)
-    except FlightError as error:
-        return _failed(system, frame, y, f"A flight could not be computed: {error}")
-    if not found.converged:
-        message = (
-            f"Newton's iteration did not converge in {found.iterations} steps: the residual is "
-            f"{found.residual:.3g}, the nearest grazing {at.depth:.3g} m away."
-        )
-        return orbit_of(
-            system, frame, at, found.residual, found.iterations, OrbitStatus.NOT_CONVERGED, message
-        )
-    if not frame.free:
-        period = frame.period_of(system)
-        turned = canonical(at.y, period, frame.multiple * period)
-        if turned is not at.y:
-            at = equations(system, frame, turned, minima=True)
-    return checked(system, frame, at, found.residual, found.iterations)
-
-
-def orbit_of(
-    system: ImpactSystem,
-    frame: Frame,
-    at: Equations,
-    residual: float,
-    iterations: int,
-    status: OrbitStatus,
-    message: str,
-) -> PeriodicOrbit:
-    """Make the orbit that the equations describe."""
-    impacts = np.empty(len(at.y) if at.y.ndim == 2 else 0, ORBIT_IMPACT)
-    if at.y.ndim == 2:
-        impacts["t"], impacts["u"] = frame.listed(at.y).T
-        impacts["xdot_after"] = impacts["u"]
-        impacts["xdot_before"] = np.roll(at.legs.v, 1)
-    return PeriodicOrbit(
-        system=system,
-        kind="impacting" if at.y.ndim == 2 else "flight",
-        period=frame.length(system, at.y) / frame.multiple,
-        multiple=frame.multiple,
-        impacts=impacts,
-        multipliers=at.multipliers,
-        residual=residual,
-        iterations=iterations,
-        depth=at.depth,
-        admissible=status is OrbitStatus.COMPLETED,
-        status=status,
-        message=message,
-        _frame=frame,
-        _y=at.y,
-    )
-
-
-def why_not(system: ImpactSystem, at: Equations) -> str | None:
-    """Say why unknowns that solve the equations are no motion; None if they may be one."""
-    if at.y.ndim == 2 and np.any(at.y[:, 1] < 0.0):
-        t, u = at.y[int(np.argmin(at.y[:, 1]))]
-        return f"The impact at t = {t:.9g} s would leave the wall at {u:.3g} m/s < 0."
-    x, t = at.lowest
-    if x < -1e-12 * max(1.0, float(np.max(np.abs(at.y)))):
-        return f"The flight goes behind the wall, to {x:.3g} m at t = {t:.9g} s."
-    return None
-
-
-def checked(
-    system: ImpactSystem, frame: Frame, at: Equations, residual: float, iterations: int
-) -> PeriodicOrbit:
-    """Look whether an orbit is a motion: its signs, and one simulation of it."""
-    why = why_not(system, at)
-    if why is None:
-        why = _not_followed(system, frame, at)
-    status = OrbitStatus.COMPLETED if why is None else OrbitStatus.LEFT_ADMISSIBLE
-    message = why or "The orbit was found, and a simulation follows it."
-    return orbit_of(system, frame, at, residual, iterations, status, message)
-
-
-def _not_followed(system: ImpactSystem, frame: Frame, at: Equations) -> str | None:
-    """Say where a simulation from the first impact leaves the orbit; None if it does not."""
-    length = frame.length(system, at.y)
-    flies = at.y.ndim == 1
-    t, x, xdot, _ = frame.rows(system, at.y)[0]
-    run = simulate(system, (t, t + length), (x, xdot), frame.method, dense_output=False)
-    impacts = run.impacts
-    k = 0 if flies else len(at.y) - 1
-    # the impact that ends the period may lie on either side of its end
-    seen = impacts[impacts["t"] < t + length * (1.0 - 1e-6)]
-    if len(seen) != k:
-        return f"A simulation has {len(seen)} impacts within the period, the orbit {k}."
-    growth = max(1.0, float(np.max(np.abs(at.monodromy))))
-    near = 1e5 * frame.method.rtol * growth
-    if k and np.max(np.abs(seen["t"] - at.y[1:, 0])) > near * length:
-        return "A simulation has its impacts at other times than the orbit."
-    return None
-
-
-def _failed(system: ImpactSystem, frame: Frame, y: Array, message: str) -> PeriodicOrbit:
-    impacts = np.empty(len(y) if y.ndim == 2 else 0, ORBIT_IMPACT)
-    if y.ndim == 2:
-        impacts["t"], impacts["u"] = frame.listed(y).T
-        impacts["xdot_after"], impacts["xdot_before"] = y[:, 1], np.nan
-    return PeriodicOrbit(
-        system=system,
-        kind="impacting" if y.ndim == 2 else "flight",
-        period=frame.length(system, y) / frame.multiple,
-        multiple=frame.multiple,
-        impacts=impacts,
-        multipliers=np.full(2, np.nan, np.complex128),
-        residual=np.inf,
-        iterations=0,
-        depth=np.nan,
-        admissible=False,
-        status=OrbitStatus.NOT_CONVERGED,
-        message=message,
-        _frame=frame,
-        _y=y,
-    )

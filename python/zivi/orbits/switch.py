@@ -10,9 +10,10 @@ import numpy as np
 from zivi._check import Array
 from zivi._parameters import with_value
 from zivi.orbits.curve import Curve
+from zivi.orbits.find import checked, periodic_orbit, solve
 from zivi.orbits.flights import fly
 from zivi.orbits.free import apex
-from zivi.orbits.orbit import PeriodicOrbit, checked, periodic_orbit, solve
+from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest_branch import Follower
 from zivi.orbits.sequence import Frame, equations
 from zivi.sensitivity import OrbitStatus

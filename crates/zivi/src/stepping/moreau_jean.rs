@@ -18,6 +18,8 @@
 //! changes at each impact, and `v = sigma x'/(1 - kappa sgn x')`; their multipliers are the signs
 //! (0 at rest), their residual is NaN.
 
+mod step;
+
 use std::collections::TryReserveError;
 
 use zivi_core::setting::{Setting, Value, Values};
@@ -29,10 +31,10 @@ use crate::record::reserve::Reserve;
 use crate::record::stretch::{Interpolation, Knot};
 use crate::record::trajectory::{Columns, Run, SetupError, Trajectory};
 use crate::stepping::fixed_step::{tell, watched};
-use crate::stepping::implicit::search::{Search, DEFAULT_SLOPE};
 use crate::stepping::scheme::Scheme;
-use crate::system::evaluation::{check_initial, finite_force};
-use crate::{Dependence, Force, Grid, Impact, Monitor, Occurrence, Status};
+use crate::system::evaluation::check_initial;
+use crate::{Force, Grid, Impact, Monitor, Occurrence, Status};
+use step::{Step, Stepper};
 
 /// Settings of the method; the step size is the grid's.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -140,15 +142,7 @@ fn walk<E, F: Force<E>>(
     let room = grid.n_steps() + 1;
     let columns = Columns::with_room(room, |start, len| monitor.record_allocated(start, len))
         .map_err(|_| SetupError::Memory(grid.n_steps()))?;
-    let scheme = Stepper {
-        theta,
-        e: restitution.e(),
-        here: None,
-        fixed: None,
-        slope: DEFAULT_SLOPE,
-        largest: 0.0,
-        nfev: 0,
-    };
+    let scheme = Stepper::new(theta, restitution.e());
     let at_rest = initial.is_at_origin();
     let (reader, reserve) = (Reader::starting(grid.t(0), at_rest), Reserve::default());
     let log = ContactLog { reader, sigma: 1.0, at_rest, reserve };
@@ -157,139 +151,6 @@ fn walk<E, F: Force<E>>(
     let ending =
         watched(grid.n_steps(), monitor, |until, monitor| walk.go_to(until, force, monitor));
     Ok(walk.finish(ending))
-}
-
-/// One step of (1).
-#[derive(Clone, Copy, Debug)]
-struct Step {
-    end: Physical,
-    /// `P`, and the change of velocity that the force alone gives.
-    impulse: f64,
-    pull: f64,
-}
-
-/// The scheme with what it carries from step to step.
-struct Stepper {
-    theta: f64,
-    e: f64,
-    /// The force at the start of the step.
-    here: Option<f64>,
-    /// The value of a force that depends on nothing, once it is known.
-    fixed: Option<f64>,
-    /// Slope of the mismatch at the last solution.
-    slope: f64,
-    /// The largest force so far.
-    largest: f64,
-    nfev: u64,
-}
-
-/// The mismatch of the force at the end of a step that is accepted, relative to the force.
-const TOLERANCE: f64 = 1e-12;
-/// Trial forces in a step.
-const TRIALS: usize = 60;
-/// From this trial on a mismatch at the rounding of the force is accepted too.
-const SLOW: usize = 3;
-/// Change of the force within the rounding of the state, relative to the largest so far.
-const JUMP: f64 = 1e-6;
-
-impl Stepper {
-    fn step<E>(
-        &mut self,
-        start: Physical,
-        (t, t_end): (f64, f64),
-        h: f64,
-        force: &mut impl Force<E>,
-    ) -> Result<Step, Failure<E>> {
-        if let Some(f) = self.fixed {
-            return Ok(self.under(f, start, h));
-        }
-        let dependence = force.dependence();
-        let first = match self.here {
-            Some(f) => f,
-            None => self.evaluate(force, t, start)?,
-        };
-        if dependence == Dependence::Constant {
-            self.fixed = Some(first);
-            return Ok(self.under(first, start, h));
-        }
-        let theta = self.theta;
-        if dependence == Dependence::State && theta > 0.0 {
-            return self.implicit(start, first, t_end, h, force);
-        }
-        let known = if theta > 0.0 { Some(self.evaluate(force, t_end, start)?) } else { None };
-        let f = (1.0 - theta) * first + theta * known.unwrap_or(0.0);
-        let step = self.under(f, start, h);
-        self.here = match known {
-            Some(last) => Some(last),
-            None => Some(self.evaluate(force, t_end, step.end)?),
-        };
-        Ok(step)
-    }
-
-    /// The step whose force at the end is that of the state at the end: one scalar equation.
-    fn implicit<E>(
-        &mut self,
-        start: Physical,
-        first: f64,
-        t_end: f64,
-        h: f64,
-        force: &mut impl Force<E>,
-    ) -> Result<Step, Failure<E>> {
-        let mut search = Search::from(first, self.slope, TRIALS);
-        while let Some(last) = search.trial() {
-            let step = self.under((1.0 - self.theta) * first + self.theta * last, start, h);
-            let value = self.evaluate(force, t_end, step.end)?;
-            let mismatch = value - last;
-            if mismatch.abs() <= TOLERANCE * value.abs().max(first.abs())
-                || (search.trials() > SLOW
-                    && mismatch.abs() <= self.rounding(step.end, value, t_end, force)?)
-            {
-                (self.slope, self.here) = (search.slope(), Some(last));
-                return Ok(step);
-            }
-            search.learn(mismatch);
-        }
-        Err(Failure::Status(Status::ForceNotConverged))
-    }
-
-    /// How much the force changes when the state changes by its rounding: no trial can do better.
-    #[cold]
-    fn rounding<E>(
-        &mut self,
-        Physical { x, xdot }: Physical,
-        value: f64,
-        t: f64,
-        force: &mut impl Force<E>,
-    ) -> Result<f64, Failure<E>> {
-        let beside = |z: f64| z * (1.0 + 8.0 * f64::EPSILON);
-        let by_x = self.evaluate(force, t, Physical { x: beside(x), xdot })? - value;
-        let by_xdot = self.evaluate(force, t, Physical { x, xdot: beside(xdot) })? - value;
-        let rounding = by_x.abs() + by_xdot.abs() + 8.0 * f64::EPSILON * value.abs();
-        // more than that is no rounding but a jump of the force
-        Ok(if rounding <= JUMP * self.largest { rounding } else { 0.0 })
-    }
-
-    /// The step under the force `f_theta`.
-    fn under(&self, f: f64, start: Physical, h: f64) -> Step {
-        let Physical { x, xdot: v } = start;
-        let free = v + h * f;
-        let closed = x + 0.5 * h * v <= 0.0;
-        let xdot = if closed { free.max(-self.e * v) } else { free };
-        let end = Physical { x: x + h * (self.theta * xdot + (1.0 - self.theta) * v), xdot };
-        Step { end, impulse: xdot - free, pull: h * f }
-    }
-
-    fn evaluate<E>(
-        &mut self,
-        force: &mut impl Force<E>,
-        t: f64,
-        state: Physical,
-    ) -> Result<f64, Failure<E>> {
-        self.nfev += 1;
-        let f = finite_force(force, t, state)?;
-        self.largest = self.largest.max(f.abs());
-        Ok(f)
-    }
 }
 
 /// Reads impacts, rest and lift-off off the impulses.

@@ -14,15 +14,17 @@
 //!
 //! Where only `phi` and `u` vary, `det J = e^2 (u/u') exp(-c t)`.
 
+mod columns;
+
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use zivi_core::Restitution;
 
-use super::flight::series::{column, derivative, value_and_slope, Linear, Reading, Series};
-use super::flight::series::{Start, Step, Table, TERMS};
+use super::flight::series::{Linear, Reading, Start, Step, Table};
 use crate::numeric::turns::{of_angle, Phase};
-use crate::{LinearLaw, SetupError, Wave};
+use crate::{LinearLaw, SetupError};
+use columns::{By, Column};
 
 /// A parameter by which the map is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -172,7 +174,8 @@ impl ImpactMap {
         let mut next = self.next(phase, u);
         let mut all = Vec::with_capacity(parameters.len());
         for &parameter in parameters {
-            let (found, [column]) = self.with_columns(phase, u, [self.column(parameter)], false);
+            let (found, [column]) =
+                self.with_columns(phase, u, [Column::of_parameter(parameter, &self.law)], false);
             next = found;
             all.push(column);
         }
@@ -261,25 +264,6 @@ impl ImpactMap {
         }
         (Return::NONE, [NONE; N])
     }
-
-    fn column(&self, parameter: MapParameter) -> Column {
-        let none = Column::default();
-        let unit = Wave { amplitude: [1.0, 0.0], ..self.law.waves[0] };
-        let unit = LinearLaw { waves: [unit, Wave::default()], ..LinearLaw::default() };
-        let unit = Linear::new(&unit);
-        match parameter {
-            MapParameter::Stiffness => Column { by: By::Stiffness, ..none },
-            MapParameter::Damping => Column { by: By::Damping, ..none },
-            MapParameter::Gravity => Column { force: -1.0, ..none },
-            MapParameter::Amplitude => Column { wave: Some(unit), ..none },
-            MapParameter::Omega => Column { by: By::Omega, ..none },
-            // a frequency below zero turns the other way
-            MapParameter::Phase => {
-                Column { turn: if self.law.waves[0].omega < 0.0 { -1.0 } else { 1.0 }, ..none }
-            }
-            MapParameter::Restitution => Column { e: 1.0, ..none },
-        }
-    }
 }
 
 impl<'m> Flight<'m> {
@@ -328,92 +312,5 @@ impl<'m> Flight<'m> {
         let du = -e * (column.v / h + a * dt) - v * column.e;
         let own = if column.by == By::Omega { next.duration } else { 0.0 };
         [column.phase + omega * dt + own, du]
-    }
-}
-
-/// What enters the equation of a column besides the columns themselves.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum By {
-    #[default]
-    Nothing,
-    Stiffness,
-    Damping,
-    Omega,
-}
-
-/// Derivatives of the state, of the force and of the phase by something.
-#[derive(Clone, Copy, Debug, Default)]
-struct Column {
-    x: f64,
-    /// Of the velocity, times the step of the table.
-    v: f64,
-    force: f64,
-    /// Of the phase of an impact, and by how much the wave turns.
-    phase: f64,
-    turn: f64,
-    /// A wave that is added.
-    wave: Option<Linear>,
-    e: f64,
-    by: By,
-}
-
-impl Column {
-    fn of_phase() -> Self {
-        Self { phase: 1.0, turn: 1.0, ..Self::default() }
-    }
-
-    fn of_speed(h: f64) -> Self {
-        Self { v: h, ..Self::default() }
-    }
-
-    /// To the end of a step of the flight.
-    fn go_on(&mut self, flight: &Flight<'_>, step: &Step) {
-        let (table, [re, im]) = (&flight.map.table, flight.start.waves[0]);
-        let h = table.h();
-        // the wave z turned by the angle a changes by i a z
-        let angle = self.turn + if self.by == By::Omega { flight.steps * h } else { 0.0 };
-        let mut wave = [-angle * im, angle * re];
-        if let Some(unit) = self.wave.as_ref().and_then(Linear::first) {
-            let more = unit.at(flight.clock.phase(0.0, table));
-            wave = [wave[0] + more[0], wave[1] + more[1]];
-        }
-        let start = Start { x: self.x, v: self.v, force: self.force, waves: [wave, [0.0; 2]] };
-        let whole = (step.length == 1.0 && self.by == By::Nothing).then_some(0);
-        if let Some(j) = step.doublings.or(whole) {
-            let end = table.jump(&start, j);
-            (self.x, self.v) = (end.x, end.v);
-            return;
-        }
-        let mut y = table.series(&start);
-        if self.by != By::Nothing {
-            let own = self.particular(flight);
-            y.iter_mut().zip(own).for_each(|(y, own)| *y += own);
-        }
-        [self.x, self.v] = value_and_slope(&y, step.length);
-    }
-
-    /// The flight that starts at rest under what `k`, `c` or `omega` adds to the force of a column,
-    /// `-x`, `-x'` or `s h i z e^(i W s)`.
-    fn particular(&self, flight: &Flight<'_>) -> Series {
-        let table = &flight.map.table;
-        let (law, h) = (table.law(), table.h());
-        let a = table.series(&flight.start);
-        let mut d = [0.0; TERMS];
-        match self.by {
-            By::Stiffness => d.iter_mut().zip(a).for_each(|(d, a)| *d = -h * h * a),
-            By::Damping => d.iter_mut().zip(derivative(&a)).for_each(|(d, a)| *d = -h * a),
-            By::Omega => {
-                let (w, [re, im]) = (law.omega[0] * h, flight.start.waves[0]);
-                // h^3 Re i z (i W)^n/n! s^(n+1)
-                let (mut term, mut size) = ([-im, re], h * h * h);
-                for (n, d) in d.iter_mut().enumerate().skip(1) {
-                    *d = size * term[0];
-                    term = [-term[1], term[0]];
-                    size *= w / n as f64;
-                }
-            }
-            By::Nothing => {}
-        }
-        column(law.stiffness * h * h, law.damping * h, 0.0, 0.0, &d)
     }
 }
