@@ -9,12 +9,23 @@
 use std::hint::black_box;
 
 use zivi::{
-    simulate_theta_gamma, ConstantForce, Grid, Lifted, Physical, Restitution, Silent, ThetaGamma,
+    simulate_theta_gamma, ConstantForce, Grid, Lifted, LinearForce, Physical, Restitution, Silent,
+    ThetaGamma,
 };
 use zivi_core::{Case, StepFailure, StepSolution, ThetaGammaStep};
 
 const H: f64 = 1e-3;
 const GRAVITY: f64 = -9.81;
+
+/// A soft spring beside gravity: both pull towards the wall.
+const SPRING: LinearForce = LinearForce {
+    stiffness: 1e-6,
+    damping: 1e-6,
+    gravity: 9.81,
+    amplitude: 0.0,
+    omega: 0.0,
+    phase: 0.0,
+};
 
 /// Name, state, force and the case that the step must take.
 const STEPS: [(&str, Lifted, f64, Case); 7] = [
@@ -65,6 +76,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let grid = Grid::new(0.0, f64::from(repetitions) * H, H)?;
             let method = ThetaGamma::implicit_euler();
             let force = &mut ConstantForce(f);
+            black_box(simulate_theta_gamma(method, restitution, force, grid, start, &mut Silent)?);
+        }
+        "recorded-linear" => {
+            // the same beside a spring and a damper
+            let mut force = SPRING;
+            let force = &mut force;
+            let start = Physical { x: 1e6, xdot: 5.0 };
+            let grid = Grid::new(0.0, f64::from(repetitions) * H, H)?;
+            let method = ThetaGamma::implicit_euler();
             black_box(simulate_theta_gamma(method, restitution, force, grid, start, &mut Silent)?);
         }
         name => {

@@ -74,10 +74,18 @@ impl ImplicitForce {
             None => self.evaluate(force, start.t, project(start.z, step.restitution()))?,
         };
         self.last = Some(first);
-        let search = Search::from(first, self.slope, SELECTED_TRIALS);
-        let found = match self.follow(&sought, force, search, |f| {
-            solver.solve(step, start.z, f, start.sigma).map_err(Failure::from)
-        }) {
+        let mut shown = Shown::default();
+        let found = match self.at_once(&sought, solver, force, first, &mut shown) {
+            Ok(Some(found)) => return Ok(found),
+            Ok(None) => {
+                let search = shown.replayed(Search::from(first, self.slope, SELECTED_TRIALS));
+                self.follow(&sought, force, search, |f| {
+                    solver.solve(step, start.z, f, start.sigma).map_err(Failure::from)
+                })
+            }
+            Err(failed) => Err(failed),
+        };
+        let found = match found {
             Err(Failure::Status(why)) => {
                 solver.replaced();
                 self.on_any_pattern(&sought, force, first, why)?
@@ -86,6 +94,40 @@ impl ImplicitForce {
         };
         self.last = Some(found.0);
         Ok(found)
+    }
+
+    /// The same where the first trial or the second one is it, as in nearly every step: without
+    /// the book-keeping of a search, which learns afterwards what the trials have shown.
+    #[inline(always)]
+    fn at_once<E>(
+        &mut self,
+        sought: &Sought<'_>,
+        solver: &impl StepSolver,
+        force: &mut impl Force<E>,
+        first: f64,
+        shown: &mut Shown,
+    ) -> Result<Option<(f64, StepSolution)>, Failure<E>> {
+        let mut trial = first;
+        for place in &mut shown.mismatches {
+            let Some(end) = solver.everyday(sought.step, sought.start.z, trial) else { break };
+            let value = self.evaluate(force, sought.t, sought.state_at_theta(&end))?;
+            let mismatch = value - trial;
+            if self.is_consistent(value, trial) {
+                self.last = Some(trial);
+                return Ok(Some((trial, end)));
+            }
+            *place = Some(mismatch);
+            let Some(next) = Search::second(trial, mismatch, self.slope) else { break };
+            trial = next;
+        }
+        Ok(None)
+    }
+
+    /// Whether a trial is the force that it leads to.
+    #[inline(always)]
+    fn is_consistent(&self, value: f64, trial: f64) -> bool {
+        let scale = value.abs().min(trial.abs()).max(self.last.map_or(0.0, f64::abs));
+        (value - trial).abs() <= TOLERANCE * scale
     }
 
     /// Solves `mismatch = 0` along the ends of step that `end` gives for each trial force.
@@ -101,8 +143,7 @@ impl ImplicitForce {
             let reached = end(trial)?;
             let value = self.evaluate(force, sought.t, sought.state_at_theta(&reached))?;
             let mismatch = value - trial;
-            let scale = value.abs().min(trial.abs()).max(self.last.map_or(0.0, f64::abs));
-            if mismatch.abs() <= TOLERANCE * scale
+            if self.is_consistent(value, trial)
                 || (search.trials() > SLOW
                     && mismatch.abs() <= self.rounding(sought, force, (trial, &reached), value)?)
             {
@@ -184,6 +225,25 @@ impl ImplicitForce {
         let change_x = (self.evaluate(force, sought.t, by_x)? - value).abs();
         let change_xdot = (self.evaluate(force, sought.t, by_xdot)? - value).abs();
         Ok(change_x + change_xdot)
+    }
+}
+
+/// The mismatches of the first trials.
+#[derive(Clone, Copy, Debug, Default)]
+struct Shown {
+    mismatches: [Option<f64>; 2],
+}
+
+impl Shown {
+    /// A search that knows them.
+    #[inline]
+    fn replayed(&self, mut search: Search) -> Search {
+        for mismatch in self.mismatches.into_iter().flatten() {
+            if search.trial().is_some() {
+                search.learn(mismatch);
+            }
+        }
+        search
     }
 }
 

@@ -49,6 +49,15 @@ impl Search {
         Self { range, ..Self::from(nearest, DEFAULT_SLOPE, cap) }
     }
 
+    /// The trial after the first one of [`Search::from`], if that is a plain one.
+    #[inline(always)]
+    pub(crate) fn second(first: f64, mismatch: f64, slope: f64) -> Option<f64> {
+        let next = first - mismatch / slope;
+        // false for NaN
+        let usual = next != first && next.abs() <= RUNAWAY * (first.abs() + mismatch.abs());
+        usual.then_some(next)
+    }
+
     /// The next trial, or none when nothing is left to try.
     #[inline]
     pub(crate) fn trial(&mut self) -> Option<f64> {
