@@ -164,11 +164,17 @@ impl Machine {
         self.floor(recent)
     }
 
+    /// A speed below all tolerances.
+    pub(super) fn slow(&self) -> f64 {
+        let w = &self.now.xdot[..self.layout.n];
+        let speed = w.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        FLOOR.0.max(FLOOR.1 * self.settings.rtol) * (1.0 + speed)
+    }
+
     /// The corner where the system is, if the speeds in it are below all tolerances.
     fn floor<E>(&mut self, recent: GapSet) -> Result<Option<Ahead>, Failure<E>> {
         let (n, m) = (self.layout.n, self.layout.m);
-        let speed = self.now.xdot[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-        let slow = FLOOR.0.max(FLOOR.1 * self.settings.rtol) * (1.0 + speed);
+        let slow = self.slow();
         let (x, v) = (&self.now.x[n..], &self.now.xdot[n..]);
         let near = |&i: &usize| {
             let low = 2.0 * x[i] * self.kinetics.b(i).abs() <= slow * slow;

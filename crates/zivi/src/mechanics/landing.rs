@@ -1,5 +1,6 @@
 //! The jump through a Zeno point onto the manifold of more closed gaps.
 
+use super::descent::Flight;
 use super::kinetics::{Kinetics, Model};
 use super::machine::{Machine, Piece};
 use super::tail::{EndOfArcs, SkippedArcs};
@@ -167,33 +168,23 @@ impl Machine {
         Ahead { landing, corner }: Ahead,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let (n, size) = (self.layout.n, self.layout.n + self.layout.m);
         let key = self.gathered.chain.key();
-        let set = corner.unwrap_or(key.closed.with(key.hit));
-        let bouncing = if corner.is_some() { GapSet::EMPTY } else { key.hit };
+        let mut set = corner.unwrap_or(key.closed.with(key.hit));
         let (start, before) = (self.now.t, self.contacts.closed);
-        let state = match corner {
-            Some(_) => self.without_speeds(set)?,
-            None => self.without_bounce(key)?,
-        };
-        let first = self.end_of_arcs(start, state, set, bouncing, model)?;
-        let speeds = self.now.xdot.clone();
-        (self.now.t, self.now.late) = (landing.t.max(self.now.t), 0.0);
-        let (x, xdot) = landing.state().split_at(size);
-        self.now.x.copy_from_slice(x);
-        self.now.xdot.copy_from_slice(xdot);
-        for i in set.iter() {
-            (self.now.x[n + i], self.now.xdot[n + i]) = (0.0, 0.0);
-        }
-        self.project(set, model)?;
-        let set = set.with(self.closed_along(set));
-        let state = [&self.now.x[..], &self.now.xdot[..]].concat();
-        let mut last = self.end_of_arcs(self.now.t, state, set, GapSet::EMPTY, model)?;
-        last.way = self.way(set, bouncing, &speeds)?;
-        let ends = [first, last];
-        let arcs = match corner {
-            Some(_) => SkippedArcs::between(start, self.now.t, ends),
-            None => SkippedArcs::of_chain(&self.gathered.chain, self.now.t, ends),
+        let piece = if corner.is_some() {
+            let (closed, flights) = self.into_corner(&landing, set, model)?;
+            set = closed;
+            Piece::Descent(flights)
+        } else {
+            let state = self.without_bounce(key)?;
+            let first = self.end_of_arcs(start, state, set, key.hit, model)?;
+            let speeds = self.now.xdot.clone();
+            set = self.move_to(&landing, set, model)?;
+            let state = [&self.now.x[..], &self.now.xdot[..]].concat();
+            let mut last = self.end_of_arcs(self.now.t, state, set, GapSet::EMPTY, model)?;
+            last.way = self.way(set, key.hit, &speeds)?;
+            let ends = [first, last];
+            Piece::Skipped(SkippedArcs::of_chain(&self.gathered.chain, self.now.t, ends))
         };
         self.contacts = self.settle(set)?;
         self.refresh()?;
@@ -208,7 +199,7 @@ impl Machine {
         self.note_lifted(self.contacts.left);
         self.gathered.chain.clear();
         (self.gathered.impacts, self.gathered.obstacle) = (0, None);
-        Ok(Piece::Skipped(arcs))
+        Ok(piece)
     }
 
     /// The gaps that are closed to rounding with those of a set, where the system has just been
@@ -229,9 +220,48 @@ impl Machine {
         more
     }
 
+    /// To where the gaps of a set are closed, and maybe others with them: all of these. The system
+    /// is evaluated there.
+    fn move_to<E, D: Dynamics<E>>(
+        &mut self,
+        landing: &Landing<Vec<f64>>,
+        set: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<GapSet, Failure<E>> {
+        let (n, size) = (self.layout.n, self.layout.n + self.layout.m);
+        (self.now.t, self.now.late) = (landing.t.max(self.now.t), 0.0);
+        let (x, xdot) = landing.state().split_at(size);
+        self.now.x.copy_from_slice(x);
+        self.now.xdot.copy_from_slice(xdot);
+        for i in set.iter() {
+            (self.now.x[n + i], self.now.xdot[n + i]) = (0.0, 0.0);
+        }
+        self.project(set, model)?;
+        Ok(set.with(self.closed_along(set)))
+    }
+
+    /// To the corner of a set: what is closed there, and the way, if it is asked for.
+    fn into_corner<E, D: Dynamics<E>>(
+        &mut self,
+        landing: &Landing<Vec<f64>>,
+        set: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(GapSet, Vec<Flight>), Failure<E>> {
+        let rim = match landing.t > self.dense_from {
+            true => Some(self.rim(set)?),
+            false => None,
+        };
+        let closed = self.move_to(landing, set, model)?;
+        let flights = match rim {
+            Some(rim) => self.descent(&rim, self.slow(), model)?,
+            None => Vec::new(),
+        };
+        Ok((closed, flights))
+    }
+
     /// One end of the arcs that a jump skips: the motion in contact, and which way the bouncing
     /// gaps move the system out of it.
-    fn end_of_arcs<E, D: Dynamics<E>>(
+    pub(super) fn end_of_arcs<E, D: Dynamics<E>>(
         &mut self,
         t: f64,
         state: Vec<f64>,

@@ -4,6 +4,7 @@
 //! manifold where they are zero. Between events both are one ordinary differential equation.
 
 use super::corner::CornerLog;
+use super::descent::Flight;
 use super::equation::{InContact, LastStep, Stages, State};
 use super::impact::Key;
 use super::kinetics::{Kinetics, Model};
@@ -30,6 +31,8 @@ pub(super) enum Piece {
     Motion,
     /// Infinitely many impacts of one gap.
     Skipped(SkippedArcs),
+    /// Impacts of several gaps by turns, down to a corner.
+    Descent(Vec<Flight>),
     /// Nothing but an event at the present time.
     Instant,
 }

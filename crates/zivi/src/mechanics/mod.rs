@@ -11,6 +11,7 @@
 //! coordinates, so that impacts keep their precision however small the bounces become.
 
 mod corner;
+mod descent;
 mod equation;
 mod fixed_steps;
 mod flight;
@@ -22,6 +23,7 @@ mod lift_off;
 mod machine;
 mod mode;
 mod moreau_jean;
+mod nest;
 mod overlooked;
 mod path;
 mod recording;

@@ -36,7 +36,8 @@ pub struct MechanicalPath {
     pub(super) end: Option<(f64, MotionPoint)>,
 }
 
-/// The polynomials of the last step, up to an event.
+/// Polynomials of coordinates and gaps over a time, as of the last step up to an event.
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Curve {
     pub(super) start: f64,
     pub(super) h: f64,

@@ -2,6 +2,7 @@
 
 use std::collections::TryReserveError;
 
+use super::descent::Flight;
 use super::kinetics::Model;
 use super::machine::{Machine, Piece};
 use super::path::{Curve, MechanicalPath};
@@ -133,6 +134,7 @@ impl<'f, E, D: Dynamics<E>> Absorb<Machine, Model<'f, D>, E> for Running<'_, E> 
         match piece {
             Piece::Motion => self.motion(from, closed, model)?,
             Piece::Skipped(arcs) => self.skipped(&arcs, closed, model)?,
+            Piece::Descent(flights) => self.descent(&flights, model)?,
             Piece::Instant => {
                 self.arrive();
                 self.jumped()?;
@@ -153,19 +155,48 @@ impl<E> Running<'_, E> {
         if end > self.dense_from() && end > from {
             let length = self.method.last.length;
             let curve = Curve::new(&self.method.last.stages, &self.method.now, length);
-            if let Some(path) = &mut self.record.path {
-                path.push_motion(&curve, closed);
-            }
-            let motion = |t: f64, to: &mut MotionPoint| {
-                curve.at(t, &mut to.x, &mut to.v);
-                to.closed = closed;
-            };
-            let stop = self.seek_along((from, end), motion);
-            self.sample_until(until(&stop, end), &motion, model)?;
-            unless_terminal(stop)?;
+            self.follow(&curve, (from, end), closed, model)?;
         }
         self.arrive();
         Ok(())
+    }
+
+    /// A smooth part of the motion.
+    fn follow<D: Dynamics<E>>(
+        &mut self,
+        curve: &Curve,
+        (from, end): (f64, f64),
+        closed: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Ending<E>> {
+        if let Some(path) = &mut self.record.path {
+            path.push_motion(curve, closed);
+        }
+        let motion = |t: f64, to: &mut MotionPoint| {
+            curve.at(t, &mut to.x, &mut to.v);
+            to.closed = closed;
+        };
+        let stop = self.seek_along((from, end), motion);
+        self.sample_until(until(&stop, end), &motion, model)?;
+        unless_terminal(stop)
+    }
+
+    /// The way into a corner, from impact to impact.
+    fn descent<D: Dynamics<E>>(
+        &mut self,
+        flights: &[Flight],
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Ending<E>> {
+        for Flight { curve, closed } in flights {
+            let (from, end) = (curve.start, curve.start + curve.h);
+            let at = &mut self.record.at;
+            curve.at(from, &mut at.x, &mut at.v);
+            at.closed = *closed;
+            unless_terminal(self.seeker.across(from, &self.record.at))?;
+            self.follow(curve, (from, end), *closed, model)?;
+        }
+        self.arrive();
+        self.jumped()
     }
 
     fn skipped<D: Dynamics<E>>(

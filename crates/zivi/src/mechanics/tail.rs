@@ -26,12 +26,19 @@ pub(super) struct EndOfArcs {
     pub(super) way: Vec<f64>,
 }
 
-/// The motion between the last computed impact and a Zeno point or corner.
+/// The Bernstein coefficients with value, slope and second derivative at both ends of a length.
+pub(super) fn quintic([x0, v0, a0]: [f64; 3], [x1, v1, a1]: [f64; 3], h: f64) -> [f64; 6] {
+    let (v0, v1, a0, a1) = (h * v0 / 5.0, h * v1 / 5.0, h * h * a0 / 20.0, h * h * a1 / 20.0);
+    let (c1, c4) = (x0 + v0, x1 - v1);
+    [x0, c1, c1 + v0 + a0, c4 - v1 + a1, c4, x1]
+}
+
+/// The motion between the last computed impact and a Zeno point.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct SkippedArcs {
     pub(super) start: f64,
     pub(super) end: f64,
-    /// The arcs of the bouncing gap; none of the many before a corner are known.
+    /// The arcs of the bouncing gap; none for the motion in contact alone.
     pub(super) arcs: Option<Tail>,
     /// By component: the coefficients of `c`, then both ends of `r`.
     pub(super) rows: Vec<[f64; 8]>,
@@ -49,12 +56,9 @@ impl SkippedArcs {
     pub(super) fn between(start: f64, end: f64, [first, last]: [EndOfArcs; 2]) -> Self {
         let h = end - start;
         let row = |c: usize| {
-            let ((x0, v0, a0), (x1, v1, a1)) = (
-                (first.x[c], h * first.v[c] / 5.0, h * h * first.acceleration[c] / 20.0),
-                (last.x[c], h * last.v[c] / 5.0, h * h * last.acceleration[c] / 20.0),
-            );
-            let (c1, c4) = (x0 + v0, x1 - v1);
-            [x0, c1, c1 + v0 + a0, c4 - v1 + a1, c4, x1, first.way[c], last.way[c]]
+            let at = |end: &EndOfArcs| [end.x[c], end.v[c], end.acceleration[c]];
+            let [c0, c1, c2, c3, c4, c5] = quintic(at(&first), at(&last), h);
+            [c0, c1, c2, c3, c4, c5, first.way[c], last.way[c]]
         };
         Self { start, end, arcs: None, rows: (0..first.x.len()).map(row).collect() }
     }

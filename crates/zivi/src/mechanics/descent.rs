@@ -1,0 +1,209 @@
+//! The way into a corner, drawn: the motion in contact, moved out of it by the heights of all gaps.
+//!
+//! ```text
+//! x = c(t) + sum_i r_i(t) Y_i(tau(t))       tau = (t - t_0) + kappa (t - t_0)^2           (1)
+//! ```
+//!
+//! with `c` of degree 5 through both ends as for one bouncing gap, `r_i` the line of the directions
+//! in which gap `i` alone is moved, and `Y` the parabolas of [`super::nest`]. `kappa` makes the last
+//! of them end in the corner, which is known better.
+
+use super::kinetics::Model;
+use super::machine::Machine;
+use super::nest::{Nest, NestArc};
+use super::path::Curve;
+use super::tail::{quintic, SkippedArcs};
+use crate::numeric::bernstein::Bernstein;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::system::dynamics::Dynamics;
+
+/// A part of the way into a corner, and the gaps closed in it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Flight {
+    pub(super) curve: Curve,
+    pub(super) closed: GapSet,
+}
+
+/// Largest part by which the times of the arcs are stretched to end in the corner.
+const STRETCH: f64 = 0.3;
+
+/// The state before a corner: what a jump starts from.
+pub(super) struct Rim {
+    pub(super) t: f64,
+    /// Coordinates and gaps, and their rates.
+    pub(super) x: Vec<f64>,
+    pub(super) v: Vec<f64>,
+    pub(super) set: GapSet,
+    /// The directions `r_i` there, by gap of the set.
+    pub(super) ways: Vec<Vec<f64>>,
+}
+
+impl Machine {
+    /// What a jump into the corner of a set starts from, where the system was last evaluated.
+    pub(super) fn rim<E>(&mut self, set: GapSet) -> Result<Rim, Failure<E>> {
+        let ways = set.iter().map(|i| self.direction(set, i)).collect::<Result<_, _>>()?;
+        Ok(Rim { t: self.now.t, x: self.now.x.clone(), v: self.now.xdot.clone(), set, ways })
+    }
+
+    /// How coordinates and gaps move where one gap of a set does, by its impulses.
+    fn direction<E>(&mut self, set: GapSet, gap: usize) -> Result<Vec<f64>, Failure<E>> {
+        let (n, m) = (self.layout.n, self.layout.m);
+        let one = |i: usize| if i == gap { 1.0 } else { 0.0 };
+        let mut way = vec![0.0; n + m];
+        self.kinetics.solve(set, |_, i| one(i))?;
+        self.kinetics.apply(set, &mut way[..n]);
+        for k in 0..m {
+            way[n + k] = if set.has(k) { one(k) } else { self.kinetics.passed_on(k, set) };
+        }
+        Ok(way)
+    }
+
+    /// The way from the rim to the corner that was reached, where the system was evaluated last:
+    /// its arcs down to the given speed, then the motion in contact.
+    pub(super) fn descent<E, D: Dynamics<E>>(
+        &mut self,
+        rim: &Rim,
+        floor: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Vec<Flight>, Failure<E>> {
+        let (n, set, h) = (self.layout.n, rim.set, self.now.t - rim.t);
+        if h <= 0.0 {
+            return Ok(Vec::new());
+        }
+        let to = set.iter().map(|i| self.direction(set, i)).collect::<Result<_, _>>()?;
+        let ways = Ways { from: &rim.ways, to, h };
+        let of = |values: &[f64]| -> Vec<f64> { set.iter().map(|i| values[n + i]).collect() };
+        let (y, v) = (of(&rim.x), of(&rim.v));
+        let mut arcs = self.nest(set).arcs(y.clone(), v.clone(), floor);
+        let time = arcs.last().map_or(h, |last| last.start + last.length);
+        if (time - h).abs() > STRETCH * h {
+            arcs.clear();
+        }
+        let kappa = if arcs.is_empty() { 0.0 } else { (time - h) / (h * h) };
+        let none = || vec![0.0; set.len()];
+        let still = || [none(), none(), none()];
+        let start = if arcs.is_empty() { still() } else { [y, v, none()] };
+        let base = self.in_contact(rim, &ways, &start, model)?;
+        let shortest = 4.0 * f64::EPSILON * self.now.t.abs();
+        let mut flights: Vec<Flight> = Vec::new();
+        let mut s = 0.0;
+        for arc in &arcs {
+            let [from, to] = [0.0, arc.length].map(|tau| state_at(arc, tau, kappa));
+            if to.0 - from.0 <= shortest || h - to.0 <= shortest {
+                break;
+            }
+            s = to.0;
+            let closed = arc.closed.iter().filter_map(|row| set.iter().nth(row)).collect();
+            flights.push(Flight { curve: ways.curve(&base, from, to), closed });
+        }
+        let curve = ways.curve(&base, (s, still()), (h, still()));
+        flights.push(Flight { curve, closed: set });
+        Ok(flights)
+    }
+
+    /// Equations of the impacts as they are where the system was evaluated last.
+    fn nest(&mut self, set: GapSet) -> Nest {
+        let pairs = set.iter().flat_map(|i| set.iter().map(move |j| (i, j)));
+        let d = pairs.map(|(i, j)| self.kinetics.coupling(i, j)).collect();
+        let b = set.iter().map(|i| self.kinetics.b(i)).collect();
+        Nest { d, b, e: set.iter().map(|i| self.e[i]).collect() }
+    }
+
+    /// The motion in contact from what the heights at the rim leave of its state.
+    fn in_contact<E, D: Dynamics<E>>(
+        &mut self,
+        rim: &Rim,
+        ways: &Ways<'_>,
+        heights: &Heights,
+        model: &mut Model<'_, D>,
+    ) -> Result<SkippedArcs, Failure<E>> {
+        let (n, size, t) = (self.layout.n, rim.x.len(), self.now.t);
+        let mut state = [&rim.x[..], &rim.v[..]].concat();
+        for c in 0..size {
+            let [x, v, _] = ways.out(c, 0.0, heights);
+            (state[c], state[size + c]) = (state[c] - x, state[size + c] - v);
+        }
+        for i in rim.set.iter() {
+            (state[n + i], state[size + n + i]) = (0.0, 0.0);
+        }
+        let first = self.end_of_arcs(rim.t, state, rim.set, GapSet::EMPTY, model)?;
+        let state = [&self.now.x[..], &self.now.xdot[..]].concat();
+        let last = self.end_of_arcs(t, state, rim.set, GapSet::EMPTY, model)?;
+        Ok(SkippedArcs::between(rim.t, t, [first, last]))
+    }
+}
+
+/// Heights, speeds and accelerations of the gaps of a corner.
+type Heights = [Vec<f64>; 3];
+
+/// The time since the rim, and the heights there, at `tau` of an arc: the times stretched.
+fn state_at(arc: &NestArc, tau: f64, kappa: f64) -> (f64, Heights) {
+    let at = arc.start + tau;
+    let s = 2.0 * at / (1.0 + (1.0 + 4.0 * kappa * at).sqrt());
+    let (rate, bend) = (1.0 + 2.0 * kappa * s, 2.0 * kappa);
+    let speed = |i: usize| arc.v[i] + tau * arc.a[i];
+    let of = |value: &dyn Fn(usize) -> f64| (0..arc.y.len()).map(value).collect();
+    let heights = [
+        of(&|i| (arc.y[i] + tau * (arc.v[i] + 0.5 * tau * arc.a[i])).max(0.0)),
+        of(&|i| rate * speed(i)),
+        of(&|i| rate * rate * arc.a[i] + bend * speed(i)),
+    ];
+    (s, heights)
+}
+
+/// The directions `r_i` at both ends of a time `h`.
+struct Ways<'r> {
+    from: &'r [Vec<f64>],
+    to: Vec<Vec<f64>>,
+    h: f64,
+}
+
+impl Ways<'_> {
+    /// `sum_i r_i Y_i` of a component and its first two derivatives.
+    fn out(&self, c: usize, s: f64, [y, u, a]: &Heights) -> [f64; 3] {
+        let mut out = [0.0; 3];
+        for (i, (from, to)) in self.from.iter().zip(&self.to).enumerate() {
+            let turn = (to[c] - from[c]) / self.h;
+            let way = from[c] + s * turn;
+            out[0] += way * y[i];
+            out[1] += way * u[i] + turn * y[i];
+            out[2] += way * a[i] + 2.0 * turn * u[i];
+        }
+        out
+    }
+
+    /// Equation (1) between two times since the rim, of which the heights are of degree 4.
+    fn curve(
+        &self,
+        base: &SkippedArcs,
+        (s0, from): (f64, Heights),
+        (s1, to): (f64, Heights),
+    ) -> Curve {
+        let length = s1 - s0;
+        let row = |c: usize| {
+            let motion = Bernstein::new(&base.rows[c][..6]);
+            let motion = motion.split(s1 / self.h).0.split(s0 / s1).1;
+            let (first, last) = (self.out(c, s0, &from), self.out(c, s1, &to));
+            let out = quintic(first, last, length);
+            let x: Vec<f64> =
+                motion.coefficients().iter().zip(out).map(|(motion, out)| motion + out).collect();
+            [Bernstein::new(&x), Bernstein::new(&derivative(&x, length))]
+        };
+        let rows = (0..base.rows.len()).map(row).collect();
+        Curve { start: base.start + s0, h: length, rows }
+    }
+}
+
+/// The derivative, as a polynomial of the same degree.
+fn derivative(x: &[f64], h: f64) -> Vec<f64> {
+    let n = x.len() - 1;
+    let slope = |k: usize| n as f64 * (x[k + 1] - x[k]) / h;
+    (0..=n)
+        .map(|k| {
+            let part = k as f64 / n as f64;
+            let before = if k > 0 { part * slope(k - 1) } else { 0.0 };
+            before + if k < n { (1.0 - part) * slope(k) } else { 0.0 }
+        })
+        .collect()
+}
