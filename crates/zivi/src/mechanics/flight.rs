@@ -5,17 +5,16 @@ use super::kinetics::Model;
 use super::lift_off::Release;
 use super::machine::Machine;
 use super::mode::Next;
-use crate::numeric::root::touchdown;
+use crate::numeric::first_root::step_onto;
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::step_size::{factor, first_step, shorter, Plan, FACTORS, RETREAT};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
+use crate::switched::step_control::StepControl;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::Dynamics;
 use crate::Status;
 
-/// A step near a Zeno point is a little longer than the arc under a constant pull.
-const ARC: f64 = 1.1;
 /// What closes within this part of a flight closes together.
 const TOGETHER: f64 = 1e-13;
 /// Rounding of the time.
@@ -66,13 +65,8 @@ impl Machine {
                 Verdict::Shorten(factor, why) => (factor, why),
             };
             self.counts.rejected += 1;
-            h *= factor;
-            let jumps = matches!(why, Status::StepSizeTooSmall | Status::ContactNotSolved);
-            if h <= shortest && jumps && self.control.jump.may_be_allowed() {
-                (h, self.control.jump.allowed) = (shortest, true);
-            } else if h <= shortest || h < f64::MIN_POSITIVE {
-                return Err(Failure::Status(why));
-            }
+            let may_jump = matches!(why, Status::StepSizeTooSmall | Status::ContactNotSolved);
+            h = self.control.shorter(h, shortest, (factor, why), may_jump)?;
         }
     }
 
@@ -82,22 +76,14 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<Plan, Failure<E>> {
         let left = (t_end - self.now.t) - self.now.late;
-        let wanted = match self.control.h {
+        let first = match self.control.h {
             _ if !self.settings.adaptive => self.settings.max_step,
-            Some(h) => h.min(self.settings.max_step),
-            None => self.first_step(left, model)?.min(self.settings.max_step),
+            Some(h) => h,
+            None => self.first_step(left, model)?,
         };
-        let (mut h, n) = (wanted, self.layout.n);
-        for c in n..n + self.layout.m {
-            let (speed, pull) = (self.now.xdot[c], -self.here.slope[c]);
-            if self.now.x[c] == 0.0 && speed > 0.0 && pull > 0.0 {
-                h = h.min(ARC * 2.0 * speed / pull);
-            }
-        }
-        if let Some(obstacle) = self.gathered.obstacle {
-            h = h.min(obstacle.longest_step(self.now.t));
-        }
-        Ok(Plan::up_to(left, h, wanted))
+        let (wanted, here) = ((&self.settings, first), (&self.now, &self.here.slope));
+        let gaps = self.layout.n..self.layout.n + self.layout.m;
+        Ok(StepControl::plan(wanted, here, gaps, self.gathered.obstacle, left))
     }
 
     /// The first step, from the accelerations and their change.
@@ -170,7 +156,7 @@ impl Machine {
         h: f64,
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
-        let Self { last, kinetics, now, here, settings, contacts, .. } = self;
+        let Self { last, kinetics, now, here, settings, contacts, control, .. } = self;
         let LastStep { stages, at_end, .. } = last;
         let closed = contacts.closed;
         let mut equation = InContact { closed, kinetics, model, at_end: Some(at_end) };
@@ -178,15 +164,7 @@ impl Machine {
         if !stages.is_finite() {
             return Err(Failure::Status(Status::StateNotFinite));
         }
-        if !settings.adaptive {
-            return Ok(0.0);
-        }
-        let error = stages.error(&tolerances(settings), &mut equation)?;
-        if self.control.jump.allowed && error > 1.0 && self.last.stages.is_smooth_to_rounding() {
-            self.control.jump.met = true;
-            return Ok(0.0);
-        }
-        Ok(error)
+        control.error(stages, (settings, &tolerances(settings)), &mut equation)
     }
 
     /// The first gap that closes in the step, and after which part of it.
@@ -200,15 +178,8 @@ impl Machine {
             if self.contacts.closed.has(i) || self.contacts.left.has(i) {
                 continue;
             }
-            let screen = self.last.stages.screen(n + i);
-            if screen.is_some_and(|(p, slack)| p.coefficients().iter().all(|&c| c > slack)) {
-                continue;
-            }
-            self.complete_step(model)?;
-            let [x, _] = self.last.stages.polynomials_of(n + i);
-            // after an impact theta = 0 is a root, and known
-            let p = if self.now.x[n + i] == 0.0 { x.without_root_at_zero() } else { x };
-            if let Some(theta) = p.first_negative() {
+            let (stages, mut equation) = self.stages_of(model);
+            if let Some(theta) = stages.first_root(n + i, &mut equation)? {
                 if first.is_none_or(|(before, _)| theta < before) {
                     first = Some((theta, i));
                 }
@@ -269,26 +240,19 @@ impl Machine {
     /// closely.
     fn land<E, D: Dynamics<E>>(
         &mut self,
-        mut length: f64,
+        length: f64,
         gap: usize,
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
         let c = self.layout.n + gap;
-        let mut landing = None;
-        for _ in 0..2 {
-            if self.try_step(length, model)? > 1.0 {
+        let step = |it: &mut Self, length| {
+            if it.try_step(length, model)? > 1.0 {
                 return Err(Failure::Status(Status::StepSizeTooSmall));
             }
-            self.finish_step(model)?;
-            let end = &self.last.stages.end;
-            landing = touchdown(end.x[c], end.xdot[c], self.last.stages.end_slope(c))
-                .filter(|it| it.0.abs() < 0.5 * length);
-            match landing {
-                Some((delta, _)) if delta.abs() > 1e-3 * length => length += delta,
-                _ => break,
-            }
-        }
+            it.finish_step(model)
+        };
+        let landing = step_onto(self, c, length, step, |it| &it.last.stages)?;
         let delta = match landing {
             Some((delta, _)) => delta,
             None if self.last.stages.end.x[c] > 0.0 => return Ok(false),
@@ -314,9 +278,8 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
         self.complete_step(model)?;
-        let [x, _] = self.last.stages.polynomials_of(c);
-        let p = if self.now.x[c] == 0.0 { x.without_root_at_zero() } else { x };
-        Ok(p.first_negative().unwrap_or(1.0) * self.last.stages.h)
+        let stages = &self.last.stages;
+        Ok(stages.root_of_polynomial(c).unwrap_or(1.0) * stages.h)
     }
 
     /// Moves to the time `total` after the start of the last step, `delta` after its end.

@@ -16,7 +16,7 @@ use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::system::dynamics::Dynamics;
-use crate::zeno::chain::Bounce;
+use crate::zeno::chain::{restored, Bounce};
 use crate::Status;
 
 /// Gaps with a kinetic cosine above this are coupled.
@@ -215,15 +215,5 @@ impl Machine {
         }
         x.append(&mut v);
         Ok(x)
-    }
-}
-
-/// The speed after an impact; none where the height of the next arc would underflow.
-fn restored(e: f64, before: f64) -> f64 {
-    let after = e * before.abs();
-    if after * after < f64::MIN_POSITIVE {
-        0.0
-    } else {
-        after
     }
 }

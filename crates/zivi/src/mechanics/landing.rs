@@ -56,10 +56,7 @@ impl Machine {
 
     /// The tolerances of a Zeno time and of the state there.
     pub(super) fn scales(&self, last: Bounce) -> Vec<f64> {
-        let [atol_x, atol_v] = self.settings.atol;
-        let chain = &self.gathered.chain;
-        let absolute = (atol_x / chain.fastest()).min(atol_v / last.g);
-        self.scales_with(absolute + self.settings.rtol * chain.duration())
+        self.scales_with(self.settings.zeno_tolerance(&self.gathered.chain, last.g))
     }
 
     /// The same with the tolerance of the time given.

@@ -5,16 +5,14 @@ use super::lookahead::Lookahead;
 use super::mode::{Flight, Mode};
 use super::stages::{Counted, Point};
 use crate::record::failure::Failure;
-use crate::zeno::chain::{Bounce, Chain};
+use crate::zeno::chain::{restored, Bounce};
 use crate::{Dependence, Force, Impact, Status};
 
 impl SwitchedIntegrator {
     /// The impact with the velocity `xdot < 0`: `x'+ = -e x'-`.
     pub(super) fn strike(&mut self, from: Point, contact: Point) -> Piece {
         let Point { t, xdot, .. } = contact;
-        let after = self.restitution.e() * xdot.abs();
-        // the height of the next arc would underflow
-        let after = if after * after < f64::MIN_POSITIVE { 0.0 } else { after };
+        let after = restored(self.restitution.e(), xdot);
         let impact = Impact { t, xdot_before: xdot, xdot_after: after };
         let sigma = self.sigma;
         self.counts.impacts += 1;
@@ -66,7 +64,7 @@ impl SwitchedIntegrator {
         if self.chain.is_over() {
             return Ok(Some((t + self.chain.remaining(last)).min(t_end)));
         }
-        let tolerance = self.zeno_tolerance(&self.chain, last.g);
+        let tolerance = self.settings.zeno_tolerance(&self.chain, last.g);
         let known = self.chain.landing(&[1.0]).filter(|landing| landing.size <= tolerance);
         let ahead = known.map(|landing| landing.t).filter(|&zeno| zeno > t && zeno <= t_end);
         let Some(zeno) = ahead else { return Ok(None) };
@@ -79,13 +77,6 @@ impl SwitchedIntegrator {
         let lookahead = Lookahead { tail: &tail, e, tolerance, max_step, period };
         self.obstacle = lookahead.obstacle(self.obstacle, force)?;
         Ok(self.obstacle.is_none().then_some(zeno))
-    }
-
-    /// `rtol T + min(atol_x/U, atol_x'/g)`: see [`crate::SwitchedRk`].
-    pub(super) fn zeno_tolerance(&self, chain: &Chain<f64>, pull: f64) -> f64 {
-        let [atol_x, atol_xdot] = self.settings.atol;
-        let absolute = (atol_x / chain.fastest()).min(atol_xdot / pull);
-        absolute + self.settings.rtol * chain.duration()
     }
 
     /// Through the rest of the chain, to rest at `zeno`.

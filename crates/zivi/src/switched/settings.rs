@@ -4,9 +4,11 @@ use std::ops::Bound;
 
 use zivi_core::setting::{Setting, Value, Values};
 
+use crate::numeric::coordinates::Coordinates;
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::tableau::{Pair, DOP853, DORMAND_PRINCE_5};
 use crate::record::trajectory::{checked_count, SetupError};
+use crate::zeno::chain::Chain;
 
 /// Order of the Runge-Kutta pair.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -235,6 +237,18 @@ impl SwitchedRk {
 
     pub(crate) fn tolerances(&self) -> Tolerances {
         Tolerances { rtol: self.rtol, atol: self.atol, rounding: 0.25 }
+    }
+
+    /// What a Zeno time is known to at least, `rtol T + min(atol_x/U, atol_x'/g)`, where `U` is the
+    /// largest speed of a chain that lasts `T`.
+    pub(crate) fn zeno_tolerance<Z: Coordinates, K: Copy + PartialEq>(
+        &self,
+        chain: &Chain<Z, K>,
+        pull: f64,
+    ) -> f64 {
+        let [atol_x, atol_xdot] = self.atol;
+        let absolute = (atol_x / chain.fastest()).min(atol_xdot / pull);
+        absolute + self.rtol * chain.duration()
     }
 
     /// The settings, if each of them is in its range.

@@ -212,6 +212,17 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
     }
 }
 
+/// The speed after an impact; none where the height of the next arc would underflow.
+#[inline]
+pub(crate) fn restored(e: f64, before: f64) -> f64 {
+    let after = e * before.abs();
+    if after * after < f64::MIN_POSITIVE {
+        0.0
+    } else {
+        after
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,20 +1,17 @@
 //! Free flight: steps under error control, each searched for the first impact.
 
-use crate::numeric::bernstein::Bernstein;
-use crate::numeric::root::touchdown;
+use crate::numeric::first_root::step_onto;
 use crate::numeric::step_size::{factor, first_step, shorter, Plan, FACTORS, RETREAT};
 use crate::record::failure::Failure;
 use crate::switched::integrator::{Piece, SwitchedIntegrator};
 use crate::switched::mode::{Flight, Mode};
 use crate::switched::path::Curve;
 use crate::switched::stages::{Counted, Landing, Point};
-use crate::switched::step_control::Experience;
+use crate::switched::step_control::{Experience, StepControl};
 use crate::{Dependence, Force, Status};
 
 /// Defect of the polynomials, relative to the tolerances, that shows a feature of the force.
 const DEFECT: f64 = 100.0;
-/// A step near a Zeno point is a little longer than the arc under a constant pull.
-const ARC: f64 = 1.1;
 
 /// What to do with a step that was tried.
 enum Verdict {
@@ -58,13 +55,8 @@ impl SwitchedIntegrator {
                 Verdict::Shorten(factor, why) => (factor, why),
             };
             self.counts.rejected += 1;
-            h *= factor;
-            let jumps = why == Status::StepSizeTooSmall && self.control.jump.may_be_allowed();
-            if h <= shortest && jumps {
-                (h, self.control.jump.allowed) = (shortest, true);
-            } else if h <= shortest || h < f64::MIN_POSITIVE {
-                return Err(Failure::Status(why));
-            }
+            let may_jump = why == Status::StepSizeTooSmall;
+            h = self.control.shorter(h, shortest, (factor, why), may_jump)?;
         }
     }
 
@@ -84,19 +76,13 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<Plan, Failure<E>> {
         let left = (t_end - self.now.t) - self.now.late;
-        let wanted = match self.control.h {
+        let first = match self.control.h {
             _ if !self.settings.adaptive => self.settings.max_step,
-            Some(h) => h.min(self.settings.max_step),
-            None => self.first_step(slope, left, force)?.min(self.settings.max_step),
+            Some(h) => h,
+            None => self.first_step(slope, left, force)?,
         };
-        let mut h = wanted;
-        if self.now.x == 0.0 && self.now.xdot > 0.0 && slope < 0.0 {
-            h = h.min(ARC * 2.0 * self.now.xdot / -slope);
-        }
-        if let Some(obstacle) = self.obstacle {
-            h = h.min(obstacle.longest_step(self.now.t));
-        }
-        Ok(Plan::up_to(left, h, wanted))
+        let wanted = (&self.settings, first);
+        Ok(StepControl::plan(wanted, (&self.now, &slope), 0..1, self.obstacle, left))
     }
 
     /// The first step, from the force and its change.
@@ -202,17 +188,10 @@ impl SwitchedIntegrator {
         }
     }
 
-    /// The error of the last step relative to the tolerances; zero where it is not asked for.
+    /// The error of the last step relative to the tolerances.
     fn error<E, F: Force<E>>(&mut self, force: &mut Counted<'_, F>) -> Result<f64, Failure<E>> {
-        if !self.settings.adaptive {
-            return Ok(0.0);
-        }
-        let error = self.last.stages.error(&self.settings.tolerances(), force)?;
-        if self.control.jump.allowed && error > 1.0 && self.last.stages.is_smooth_to_rounding() {
-            self.control.jump.met = true;
-            return Ok(0.0);
-        }
-        Ok(error)
+        let asked = (&self.settings, &self.settings.tolerances());
+        self.control.error(&mut self.last.stages, asked, force)
     }
 
     /// The part of the step after which the mass would be behind the wall.
@@ -220,14 +199,7 @@ impl SwitchedIntegrator {
         &mut self,
         force: &mut Counted<'_, F>,
     ) -> Result<Option<f64>, Failure<E>> {
-        let above = |(p, slack): (Bernstein, f64)| p.coefficients().iter().all(|&c| c > slack);
-        if self.last.stages.screen(0).is_some_and(above) {
-            return Ok(None);
-        }
-        let [x, _] = self.last.stages.polynomials(force)?;
-        // after an impact theta = 0 is a root, and known
-        let p = if self.now.x == 0.0 { x.without_root_at_zero() } else { x };
-        Ok(p.first_negative())
+        self.last.stages.first_root(0, force)
     }
 
     /// Takes the last step; `h` and `growth` say how long the next one may be.
@@ -249,24 +221,19 @@ impl SwitchedIntegrator {
     fn land<E, F: Force<E>>(
         &mut self,
         slope: f64,
-        mut length: f64,
+        length: f64,
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Option<Piece>, Failure<E>> {
         let from = self.now;
-        let mut landing = None;
-        for _ in 0..2 {
-            let end = self.try_step(slope, length, force)?;
-            if self.error(force)? > 1.0 {
+        let step = |it: &mut Self, length| {
+            it.try_step(slope, length, force)?;
+            if it.error(force)? > 1.0 {
                 return Err(Failure::Status(Status::StepSizeTooSmall));
             }
-            let pull = self.last.stages.slope_at_end(force)?;
-            landing = touchdown(end.x, end.xdot, pull).filter(|it| it.0.abs() < 0.5 * length);
-            match landing {
-                Some((delta, _)) if delta.abs() > 1e-3 * length => length += delta,
-                _ => break,
-            }
-        }
+            it.last.stages.finish(force)
+        };
+        let landing = step_onto(self, 0, length, step, |it| &it.last.stages)?;
         let end = self.last.stages.end;
         let (total, xdot) = match landing {
             Some((delta, xdot)) => (self.last.stages.h + delta, xdot),

@@ -163,7 +163,7 @@ impl Follower {
             chain.note(&integrator.chain, &rate);
         }
         let Mode::Flight(Flight::Jump { .. }) = integrator.mode else { return Ok(()) };
-        let tolerance = integrator.zeno_tolerance(&integrator.chain, last.g);
+        let tolerance = integrator.settings.zeno_tolerance(&integrator.chain, last.g);
         let (rtol, mut known) = (integrator.settings.rtol, true);
         self.zeno.clear();
         for (column, chain) in self.chains.iter().enumerate() {
