@@ -61,11 +61,14 @@ typedef struct zivi_method {
   uint32_t size;
   // 0.
   uint32_t reserved;
-  // Step of the implicit Euler scheme (s); 0: error control, order 8.
+  // Step of the implicit Euler scheme (s); 0: none. Then a mass above a wall flies by power series
+  // where the force is constant, exactly but for rounding, and everything else moves by a
+  // Runge-Kutta pair of order 8 with error control.
   double h;
-  // Relative tolerance, by default 1e-6.
+  // Relative tolerance, by default 1e-6: of the pair's steps, and of the times at which impacts
+  // accumulate. Flights by power series do not depend on it.
   double rtol;
-  // Absolute tolerance, by default 1e-9.
+  // Absolute tolerance, by default 1e-9, of the same.
   double atol;
   // Longest step (s), by default none.
   double max_step;

@@ -44,11 +44,14 @@ pub struct Method {
     pub size: u32,
     /// 0.
     pub reserved: u32,
-    /// Step of the implicit Euler scheme (s); 0: error control, order 8.
+    /// Step of the implicit Euler scheme (s); 0: none. Then a mass above a wall flies by power series
+    /// where the force is constant, exactly but for rounding, and everything else moves by a
+    /// Runge-Kutta pair of order 8 with error control.
     pub h: f64,
-    /// Relative tolerance, by default 1e-6.
+    /// Relative tolerance, by default 1e-6: of the pair's steps, and of the times at which impacts
+    /// accumulate. Flights by power series do not depend on it.
     pub rtol: f64,
-    /// Absolute tolerance, by default 1e-9.
+    /// Absolute tolerance, by default 1e-9, of the same.
     pub atol: f64,
     /// Longest step (s), by default none.
     pub max_step: f64,
@@ -317,5 +320,30 @@ pub(crate) struct Unwatched;
 impl Monitor<Raised> for Unwatched {
     fn poll(&mut self, _: usize, _: usize) -> Result<(), Raised> {
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As `zivi_method` says: under a constant force the tolerances are not those of the flights.
+    #[test]
+    fn impacts_under_a_constant_force_are_exact_whatever_the_tolerances() {
+        let (g, e, first) = (9.81, 0.7, (2.0_f64 / 9.81).sqrt()); // falls from 1 m
+        let exact = [first, first * (1.0 + 2.0 * e)];
+        for rtol in [1e-3, 1e-12] {
+            let settings = SwitchedRk { rtol, atol: [rtol; 2], ..SwitchedRk::default() };
+            let how = How { h: 0.0, settings, t_eval: None };
+            let restitution = Restitution::from_e(e).expect("in range");
+            let start = Physical { x: 1.0, xdot: 0.0 };
+            let run = how.run(&mut ConstantForce(-g), restitution, (0.0, 1.2), start);
+            let Ok(trajectory) = run else { panic!("a good run") };
+            let found: Vec<f64> = trajectory.events.impacts.iter().map(|it| it.t).collect();
+            assert_eq!(found.len(), 2);
+            for (t, exact) in found.iter().zip(exact) {
+                assert!((t - exact).abs() <= 4.0 * f64::EPSILON, "{t} {exact}");
+            }
+        }
     }
 }
