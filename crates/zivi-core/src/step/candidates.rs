@@ -70,13 +70,14 @@ impl<W: Weights> Frozen<W> {
             return None;
         }
         let signs = if self.s == 0.0 { AWAY } else { THROUGH };
-        signs.iter().find_map(|&signs| self.regular(signs, self.inverse_r(signs), -ROOM))
+        signs.iter().find_map(|&signs| self.regular(signs, self.both_r(signs), -ROOM))
     }
 
-    /// `1/R` with both signs at their ends.
+    /// `R` and `1/R` with both signs at their ends.
     #[inline]
-    fn inverse_r(&self, (lambda_s, lambda_v): (f64, f64)) -> f64 {
-        1.0 / self.restitution.r(lambda_s, lambda_v)
+    fn both_r(&self, (lambda_s, lambda_v): (f64, f64)) -> (f64, f64) {
+        let r = self.restitution.r(lambda_s, lambda_v);
+        (r, 1.0 / r)
     }
 
     /// The solution that the rule of [`super::selection`] takes.
@@ -124,7 +125,7 @@ impl<W: Weights> Frozen<W> {
             Pattern::Apex(lambda_s) => self.apex(lambda_s, slack),
             Pattern::Regular(lambda_s, lambda_v) => {
                 let signs = (lambda_s, lambda_v);
-                self.regular(signs, self.inverse_r(signs), slack)
+                self.regular(signs, self.both_r(signs), slack)
             }
         }
     }
@@ -135,11 +136,11 @@ impl<W: Weights> Frozen<W> {
     pub(super) fn regular(
         &self,
         (lambda_s, lambda_v): (f64, f64),
-        inverse_r: f64,
+        (r, inverse_r): (f64, f64),
         slack: f64,
     ) -> Option<StepSolution> {
         let (h, (theta, gamma)) = (self.h, self.weights.both());
-        let travel = h * self.restitution.r(lambda_s, lambda_v) * self.v;
+        let travel = h * r * self.v;
         let push = h * lambda_s * self.f;
         let kick = push * inverse_r;
         let drop = theta * h * push;

@@ -51,12 +51,14 @@ impl ThetaGammaStep {
         }
         let sign = |z: f64| if z > 0.0 { 1.0 } else { -1.0 };
         let (lambda_s, lambda_v) = (sign(z.s), sign(z.v));
-        let [outward, inward] = self.inverse_r;
-        let inverse_r = if lambda_s * lambda_v > 0.0 { outward } else { inward };
-        // not mirrored to the side +1: that would lengthen the chain from step to step
-        let Self { h, restitution, .. } = *self;
+        // two cases and no products, and not mirrored to the side +1: both would lengthen the chain from
+        // step to step
+        let Self { h, restitution, inverse_r: [outward, inward], .. } = *self;
+        let away = lambda_s * lambda_v > 0.0;
+        let r = restitution.r(1.0, if away { 1.0 } else { -1.0 });
+        let inverse_r = if away { outward } else { inward };
         let seen = Frozen { h, restitution, weights: (self.theta, self.gamma), s: z.s, v: z.v, f };
-        match seen.regular((lambda_s, lambda_v), inverse_r, -SIGN_TOLERANCE) {
+        match seen.regular((lambda_s, lambda_v), (r, inverse_r), -SIGN_TOLERANCE) {
             Some(StepSolution { s, v, lambda_s, lambda_v, case })
                 if (Lifted { s, v }).is_finite() =>
             {
