@@ -1,12 +1,14 @@
 """What controllers and closed loops refuse, and the gain conditions against simulated masses."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 import zivi
 from control_loops import PAPER, PLANT, Scripted
+from zivi import _zivi
 
 WITH_REFERENCE = [zivi.TwistingTracker, zivi.ExplicitTwisting]
 
@@ -210,3 +212,27 @@ def test_a_rest_lasts_a_period(method):
         zivi.ImpactSystem(-9.81, kappa=0.5), zivi.TwistingRegulator(**PAPER), (0, 1e-3), (0, 0)
     )
     assert batch.rest_time[0] == 0.0  # from the start to the end, a whole period
+
+
+def test_ranges_and_defaults_are_those_of_the_core():
+    shared = {"h": 1e-3, "kappa": 0.5}
+    makes = {
+        "TwistingRegulator": lambda **it: zivi.TwistingRegulator(3.0, 2.0, **shared, **it),
+        "TwistingTracker": lambda **it: zivi.TwistingTracker(30.0, 17.0, **shared, **it),
+        "ExplicitTwisting": lambda **it: zivi.ExplicitTwisting(30.0, 17.0, **shared, **it),
+        "ImpactObserver": lambda **it: zivi.ImpactObserver(0.5, 1e-3, **it),
+    }
+    assert set(makes) == set(_zivi.CONTROL_SETTINGS)
+    for kind, make in makes.items():
+        given = {it.name: it for it in _zivi.CONTROL_SETTINGS[kind] if it.name != "noise"}
+        settings = make().settings
+        assert {name: settings[name] for name in given} == {
+            n: it.default for n, it in given.items()
+        }
+        for name, it in given.items():
+            assert make(**{name: it.least}).settings[name] == it.least
+            for wrong in (it.least - 1e-9, math.inf, math.nan):
+                with pytest.raises(ValueError, match=f"^{name} must be {re.escape(it.range)}, got"):
+                    make(**{name: wrong})
+    noise = [it.default for it in _zivi.CONTROL_SETTINGS["ImpactObserver"] if it.name == "noise"]
+    assert makes["ImpactObserver"]().settings["noise"] == tuple(noise)

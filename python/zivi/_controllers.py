@@ -11,13 +11,17 @@ from typing import TYPE_CHECKING, Any, Never, Self, TypeVar
 
 import numpy as np
 
+from zivi import _zivi
 from zivi._check import Array, real, switch, whole
 from zivi.transform import coefficients
 
-__all__ = ["DEPTH", "TickStatus"]
+__all__ = ["DEPTH", "HORIZON", "TickStatus"]
 
-DEPTH = 0.1
+_DEPTH, _HORIZON = _zivi.CONTROL_SETTINGS["TwistingTracker"]
+DEPTH: float = _DEPTH.default
 """How far behind the wall a measurement may lie by default (m)."""
+HORIZON: float = _HORIZON.default
+"""Periods over which a step is planned by default."""
 ANY_KAPPA = 0.5
 TICKS = ("step", "step_to")
 Controller = TypeVar("Controller")

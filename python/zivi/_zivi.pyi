@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from typing_extensions import disjoint_base
 
 __all__ = [
+    "CONTROL_SETTINGS",
     "FORMAT",
     "SETTINGS",
     "STATUS_MESSAGES",
@@ -107,6 +108,7 @@ class Setting:
     def comes(self) -> str | None: ...
 
 SETTINGS: dict[str, list[Setting]]
+CONTROL_SETTINGS: dict[str, list[Setting]]
 
 @disjoint_base
 class Method: ...

@@ -9,6 +9,7 @@ from zivi import _zivi
 from zivi._check import real, switch
 from zivi._controllers import (
     DEPTH,
+    HORIZON,
     Following,
     Landing,
     TickStatus,
@@ -209,7 +210,7 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
         landing: bool = True,
         press: float | None = None,
         ahead: int = 1,
-        horizon: float = 1,
+        horizon: float = HORIZON,
         shift: bool = False,
     ) -> Self:
         if not (isinstance(branch, str) and branch in BRANCHES):

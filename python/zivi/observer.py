@@ -64,6 +64,11 @@ def _is_state(state: Any) -> bool:
         return False
 
 
+_of_x, _of_xdot, *_DEFAULTS = (it.default for it in _zivi.CONTROL_SETTINGS["ImpactObserver"])
+NOISE: tuple[float, float] = (_of_x, _of_xdot)
+Q_D, SE, DMAX = _DEFAULTS
+
+
 class ImpactObserver(_zivi.Observer, Component):
     r"""Observer of position, velocity and an unknown force :math:`d` through impacts.
 
@@ -124,10 +129,10 @@ class ImpactObserver(_zivi.Observer, Component):
         e: float,
         h: float,
         *,
-        noise: float | Sequence[float] = (1e-4, 1e-2),
-        q_d: float = 1e-3,
-        se: float = 0.0,
-        dmax: float = 20.0,
+        noise: float | Sequence[float] = NOISE,
+        q_d: float = Q_D,
+        se: float = SE,
+        dmax: float = DMAX,
         position_only: bool = False,
     ) -> Self:
         settings: dict[str, Any] = {
@@ -232,7 +237,7 @@ class ImpactObserver(_zivi.Observer, Component):
 def _deviations(noise: Any, position_only: bool) -> tuple[float, float]:
     """Return both; of a velocity that is not measured the default."""
     if position_only and np.ndim(noise) == 0:
-        return real("noise", noise), 1e-2
+        return real("noise", noise), NOISE[1]
     try:
         of_x, of_xdot = noise
     except (TypeError, ValueError):

@@ -101,8 +101,9 @@ impl ObserverConfig {
         config::checked_size::<Self>(self.size)?;
         let or = |value: f64, default: f64| if value == 0.0 { default } else { value };
         let restitution: Restitution = config::restitution(self.e, self.kappa)?;
-        let (noise_x, noise_xdot) = (or(self.noise_x, 1e-4), or(self.noise_xdot, 1e-2));
-        let (q_d, dmax) = (or(self.q_d, 1e-3), or(self.dmax, 20.0));
+        let [noise_x, noise_xdot, q_d, _, dmax] = ObserverSettings::DEFAULTS;
+        let (noise_x, noise_xdot) = (or(self.noise_x, noise_x), or(self.noise_xdot, noise_xdot));
+        let (q_d, dmax) = (or(self.q_d, q_d), or(self.dmax, dmax));
         let bare = ObserverSettings::new(restitution, self.h).map_err(code::of)?;
         let heard = bare.with_noise(noise_x, noise_xdot).map_err(code::of)?;
         let pushed = heard.with_force(q_d, dmax).map_err(code::of)?;

@@ -111,6 +111,9 @@ impl Values {
     /// Finite numbers above 0.
     pub const POSITIVE: Self =
         Values::Numbers(Bound::Excluded(0.0), Bound::Excluded(f64::INFINITY));
+    /// Finite numbers from 0 on.
+    pub const NOT_NEGATIVE: Self =
+        Values::Numbers(Bound::Included(0.0), Bound::Excluded(f64::INFINITY));
     /// Numbers from 0 to 1.
     pub const UNIT: Self = Values::Numbers(Bound::Included(0.0), Bound::Included(1.0));
 
@@ -119,6 +122,10 @@ impl Values {
     #[must_use]
     pub fn hold(&self, value: f64) -> bool {
         match *self {
+            // as in `is_positive`
+            Values::Numbers(from, Bound::Excluded(f64::INFINITY)) => {
+                (from, Bound::Included(f64::MAX)).contains(&value)
+            }
             Values::Numbers(from, to) => (from, to).contains(&value),
             Values::Counts(..) | Values::Choice(_) => false,
         }

@@ -35,6 +35,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FORMAT", zivi::record::stored::FORMAT)?;
     module.add("STATUS_MESSAGES", record::status_messages())?;
     module.add("SETTINGS", method::all_settings(module.py())?)?;
+    module.add("CONTROL_SETTINGS", method::control_settings(module.py())?)?;
     module.add_class::<method::Setting>()?;
     module.add_class::<method::Method>()?;
     module.add_class::<method::SwitchedRK>()?;

@@ -7,6 +7,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use zivi::method::Settings;
 use zivi::{AnyMethod, FixedSteps, Flights, Order, Solver, SwitchedRk};
+use zivi_core::control::{Port, TwistingTracker};
+use zivi_core::observer::ObserverSettings;
 use zivi_core::setting::{Setting as Described, Value, Values};
 use zivi_core::ThetaGammaStep;
 
@@ -246,6 +248,29 @@ pub(crate) fn all_settings(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
         let of = settings.iter().map(|it| Setting::new(py, it)).collect::<PyResult<Vec<_>>>()?;
         // Python writes its initials large
         all.set_item(if name == "SwitchedRk" { "SwitchedRK" } else { name }, of)?;
+    }
+    Ok(all)
+}
+
+/// The settings of controllers and of the observer that are numbers with a default.
+pub(crate) fn control_settings(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+    let observer = [
+        ObserverSettings::NOISE_X,
+        ObserverSettings::NOISE_XDOT,
+        ObserverSettings::Q_D,
+        ObserverSettings::SE,
+        ObserverSettings::DMAX,
+    ];
+    let classes: [(&str, &[Described]); 4] = [
+        ("TwistingRegulator", &[Port::DEPTH]),
+        ("TwistingTracker", &[Port::DEPTH, TwistingTracker::HORIZON]),
+        ("ExplicitTwisting", &[Port::DEPTH]),
+        ("ImpactObserver", &observer),
+    ];
+    let all = PyDict::new(py);
+    for (name, settings) in classes {
+        let of = settings.iter().map(|it| Setting::new(py, it)).collect::<PyResult<Vec<_>>>()?;
+        all.set_item(name, of)?;
     }
     Ok(all)
 }

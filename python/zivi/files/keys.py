@@ -115,19 +115,14 @@ SIMULATE = (
     Key("tstops", Numbers(), "times where the force is not smooth", "s", "none"),
 )
 
+_DEPTH, _HORIZON = (_setting(it) for it in _zivi.CONTROL_SETTINGS["TwistingTracker"])
 TWISTING = (
     Key("mu1", POSITIVE, "gain on the sign of the position", "m/s^2"),
     Key("mu2", POSITIVE, "gain on the sign of the velocity, mu2 < mu1", "m/s^2"),
     Key("h", POSITIVE, "sampling period", "s"),
     *_restitution("", "that of system"),
     Key("bound", NOT_NEGATIVE, "bound of the unknown force; checks the gains", "m/s^2", "no check"),
-    Key(
-        "depth",
-        NOT_NEGATIVE,
-        "depth behind the wall to which measurements are taken as 0",
-        "m",
-        "0.1",
-    ),
+    _DEPTH,
     Key(
         "u_limits",
         Pair(ANY, ANY, ("u_min", "u_max > u_min")),
@@ -149,7 +144,7 @@ CONTROLLERS = {
         *REFERENCE,
         Key("branch", Choice(BRANCHES), "how a measurement is lifted", default='"positive"'),
         Key("press", NOT_NEGATIVE, "acceleration towards the wall at rest", "m/s^2", "the law's"),
-        Key("horizon", Number(least=1.0), "periods over which a step is planned", "1", "1"),
+        _HORIZON,
         Key("shift", Switch(), "take the velocity half a period back in the air", default="false"),
     ),
     "ExplicitTwisting": (*TWISTING, *REFERENCE),

@@ -1,6 +1,6 @@
 //! Where a controller meets the plant: what it accepts from a sensor, what an actuator can do.
 
-use crate::setting::{is_not_negative, require};
+use crate::setting::{require, Setting, Value, Values};
 use crate::{Physical, SettingError};
 
 /// Limits of the sensor and of the actuator.
@@ -37,19 +37,30 @@ impl TickStatus {
 impl Default for Port {
     /// Up to 10 cm behind the wall is noise, any control is possible.
     fn default() -> Self {
-        Self { depth: 0.1, low: f64::NEG_INFINITY, high: f64::INFINITY }
+        Self::DEFAULT
     }
 }
 
 impl Port {
+    const DEFAULT: Self = Self { depth: 0.1, low: f64::NEG_INFINITY, high: f64::INFINITY };
+
+    /// How far behind the wall a measurement may lie.
+    pub const DEPTH: Setting = Setting {
+        name: "depth",
+        meaning: "depth behind the wall to which measurements are taken as 0",
+        unit: "m",
+        values: Values::NOT_NEGATIVE,
+        range: "a finite distance >= 0 behind the wall (m)",
+        default: Value::Number(Self::DEFAULT.depth),
+    };
+
     /// Measured positions down to `-depth` (m) are sensor noise and are taken as `0`; deeper ones
     /// are refused.
     ///
     /// # Errors
     /// [`SettingError`] unless `depth >= 0` and finite.
     pub fn with_depth(self, depth: f64) -> Result<Self, SettingError> {
-        let range = "a finite distance >= 0 behind the wall (m)";
-        require(is_not_negative(depth), "depth", depth, range)?;
+        Self::DEPTH.check(depth)?;
         Ok(Self { depth, ..self })
     }
 

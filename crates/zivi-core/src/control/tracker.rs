@@ -1,12 +1,14 @@
 //! The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
+use core::ops::Bound;
+
 use super::followed::{advanced, target_over, Advance, Course, Followed, Guide, Planned};
 use super::landing::{checked_press, Descent};
 use super::port::checked_force;
 use super::tracker_state::{TrackerSettings, TrackerState};
 use super::tracking::{Target, Tracking, TrackingStep};
 use super::{checked, GainError, Gains, Landing, Port, TickStatus};
-use crate::setting::require;
+use crate::setting::{require, Setting, Value, Values};
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 /// The time `horizon h` (s) of so many periods.
@@ -15,8 +17,8 @@ use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, Thet
 /// [`SettingError`] unless `horizon >= 1` and it is finite, also times `h`.
 #[inline]
 pub fn checked_horizon(horizon: f64, h: f64) -> Result<f64, SettingError> {
-    let (range, time) = ("a finite number of periods >= 1", horizon * h);
-    require((1.0..=f64::MAX).contains(&horizon), "horizon", horizon, range)?;
+    let time = horizon * h;
+    TwistingTracker::HORIZON.check(horizon)?;
     require(time <= f64::MAX, "horizon", horizon, "such that horizon h is finite")?;
     Ok(time)
 }
@@ -133,6 +135,16 @@ impl TwistingTracker {
         }
         Ok(Self { press: Some(press), ..self })
     }
+
+    /// The periods that a step is planned over.
+    pub const HORIZON: Setting = Setting {
+        name: "horizon",
+        meaning: "periods over which a step is planned",
+        unit: "1",
+        values: Values::Numbers(Bound::Included(1.0), Bound::Excluded(f64::INFINITY)),
+        range: "a finite number of periods >= 1",
+        default: Value::Number(1.0),
+    };
 
     /// The same with its step planned over `horizon` sampling periods.
     ///

@@ -1,6 +1,8 @@
 //! What an observer is told of the plant and of its sensor.
 
-use crate::setting::{is_not_negative, is_positive, require};
+use core::ops::Bound;
+
+use crate::setting::{is_positive, require, Setting, Value, Values};
 use crate::{Restitution, SettingError};
 
 /// Settings of an [`super::ImpactObserver`], all in range.
@@ -16,20 +18,68 @@ pub struct ObserverSettings {
     pub(super) position_only: bool,
 }
 
-/// Largest and smallest deviations whose squares are numbers.
-const RANGE: [f64; 2] = [1e-150, 1e150];
+/// Largest deviation whose square is a number.
+const MOST: f64 = 1e150;
+/// Deviations whose squares are numbers.
+const DEVIATION: Values = Values::Numbers(Bound::Included(1e-150), Bound::Included(MOST));
 
 impl ObserverSettings {
-    /// Settings for a mass that is measured every `h` (s), with noise of 1e-4 m and 1e-2
-    /// m/s, an exact `e`, and an unknown force of at most 20 m/s^2 whose change per period has the
-    /// variance 1e-3 (m/s^2)^2.
+    /// Standard deviations of a measured position and velocity, `q_d`, `se` and `dmax`, unless told
+    /// otherwise.
+    pub const DEFAULTS: [f64; 5] = [1e-4, 1e-2, 1e-3, 0.0, 20.0];
+
+    /// Standard deviation of a measured position.
+    pub const NOISE_X: Setting = Setting {
+        name: "noise",
+        meaning: "standard deviation of a measured position",
+        unit: "m",
+        values: DEVIATION,
+        range: "a standard deviation > 0, from 1e-150 to 1e150 (m, m/s)",
+        default: Value::Number(Self::DEFAULTS[0]),
+    };
+    /// Standard deviation of a measured velocity.
+    pub const NOISE_XDOT: Setting = Setting {
+        meaning: "standard deviation of a measured velocity",
+        unit: "m/s",
+        default: Value::Number(Self::DEFAULTS[1]),
+        ..Self::NOISE_X
+    };
+    /// Variance of the change of the unknown force per period.
+    pub const Q_D: Setting = Setting {
+        name: "q_d",
+        meaning: "variance of the change of the unknown force per period",
+        unit: "m^2/s^4",
+        values: Values::NOT_NEGATIVE,
+        range: "a finite variance >= 0 (m^2/s^4)",
+        default: Value::Number(Self::DEFAULTS[2]),
+    };
+    /// Standard deviation of the restitution.
+    pub const SE: Setting = Setting {
+        name: "se",
+        meaning: "standard deviation of e",
+        unit: "1",
+        values: Values::UNIT,
+        range: "a standard deviation of e, in [0, 1]",
+        default: Value::Number(Self::DEFAULTS[3]),
+    };
+    /// The largest unknown force.
+    pub const DMAX: Setting = Setting {
+        name: "dmax",
+        meaning: "bound of the unknown force",
+        unit: "m/s^2",
+        values: Values::Numbers(Bound::Included(0.0), Bound::Included(MOST)),
+        range: "a bound from 0 to 1e150 (m/s^2)",
+        default: Value::Number(Self::DEFAULTS[4]),
+    };
+
+    /// Settings for a mass that is measured every `h` (s), the others as in
+    /// [`ObserverSettings::DEFAULTS`].
     ///
     /// # Errors
     /// [`SettingError`] unless `h` is positive and finite.
     pub fn new(restitution: Restitution, h: f64) -> Result<Self, SettingError> {
         require(is_positive(h), "h", h, "a finite sampling period > 0")?;
-        let noise = [1e-4 * 1e-4, 1e-2 * 1e-2];
-        Ok(Self { restitution, h, noise, q_d: 1e-3, se: 0.0, dmax: 20.0, position_only: false })
+        Ok(Self::trusted(restitution, h, Self::DEFAULTS))
     }
 
     /// The settings of numbers that were checked before and are not checked again: the standard
@@ -45,11 +95,8 @@ impl ObserverSettings {
     /// # Errors
     /// [`SettingError`] unless both lie in 1e-150 to 1e150.
     pub fn with_noise(self, x: f64, xdot: f64) -> Result<Self, SettingError> {
-        let [least, most] = RANGE;
-        for value in [x, xdot] {
-            let range = "a standard deviation > 0, from 1e-150 to 1e150 (m, m/s)";
-            require(value >= least && value <= most, "noise", value, range)?;
-        }
+        Self::NOISE_X.check(x)?;
+        Self::NOISE_XDOT.check(xdot)?;
         Ok(Self { noise: [x * x, xdot * xdot], ..self })
     }
 
@@ -59,10 +106,8 @@ impl ObserverSettings {
     /// # Errors
     /// [`SettingError`] unless `q_d >= 0` and `dmax` lies in 0 to 1e150.
     pub fn with_force(self, q_d: f64, dmax: f64) -> Result<Self, SettingError> {
-        let [_, most] = RANGE;
-        require(is_not_negative(q_d), "q_d", q_d, "a finite variance >= 0 (m^2/s^4)")?;
-        let range = "a bound from 0 to 1e150 (m/s^2)";
-        require(dmax >= 0.0 && dmax <= most, "dmax", dmax, range)?;
+        Self::Q_D.check(q_d)?;
+        Self::DMAX.check(dmax)?;
         Ok(Self { q_d, dmax, ..self })
     }
 
@@ -71,7 +116,7 @@ impl ObserverSettings {
     /// # Errors
     /// [`SettingError`] unless `se` lies in 0 to 1.
     pub fn with_restitution_error(self, se: f64) -> Result<Self, SettingError> {
-        require((0.0..=1.0).contains(&se), "se", se, "a standard deviation of e, in [0, 1]")?;
+        Self::SE.check(se)?;
         Ok(Self { se, ..self })
     }
 
