@@ -169,7 +169,7 @@ impl Machine {
         let mut set = corner.unwrap_or(key.closed.with(key.hit));
         let (start, before) = (self.now.t, self.contacts.closed);
         let piece = if corner.is_some() {
-            let (closed, flights) = self.into_corner(&landing, set, model)?;
+            let (closed, flights) = self.move_into_corner(&landing, set, model)?;
             set = closed;
             Piece::Descent(flights)
         } else {
@@ -238,7 +238,7 @@ impl Machine {
     }
 
     /// To the corner of a set: what is closed there, and the way, if it is asked for.
-    fn into_corner<E, D: Dynamics<E>>(
+    fn move_into_corner<E, D: Dynamics<E>>(
         &mut self,
         landing: &Landing<Vec<f64>>,
         set: GapSet,
