@@ -21,7 +21,8 @@ use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::chain::Chain;
 use crate::{Counts, Status};
 
-/// Columns of the tables of Zeno points after the first.
+/// Columns of the tables of Zeno points after the first: with 4 in 120 random runs 3 % more impacts
+/// are needed before the jumps.
 pub(super) const COLUMNS: usize = 5;
 
 /// A part of the motion that one step of the machine covers.

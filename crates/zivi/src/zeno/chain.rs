@@ -38,7 +38,15 @@ pub(crate) struct Bounce {
 }
 
 /// By how much the speed falls from one row of the table to the next, if the chain is long enough.
+///
+/// In 40 random runs with `e` of 0.9995 0.95 saves 2 % of the impacts before the jump and makes the
+/// largest error 1.4 times as large; 0.8 needs 5 % more of them, 0.6 needs 21 % more.
 const FALL: f64 = 0.9;
+
+/// What ratio of speeds continues a chain, in units of `e`. The ratio is `e (1 + O(u))`: in 160
+/// random runs 0.9 and 1.1 change a single impact, and without either bound none. They tell chains from
+/// impacts after which something else happens.
+const CONTINUES: (f64, f64) = (0.6, 1.5);
 
 /// Impacts at ever smaller speeds of what bounces as `K` says, with states `Z`: the time since the
 /// first of them, and what has an expansion along with it.
@@ -49,8 +57,6 @@ pub(crate) struct Chain<Z, K = ()> {
     bounces: Vec<Bounce>,
     /// Equation (2) for each of them, one after the other.
     rows: Vec<f64>,
-    /// Length of a row.
-    width: usize,
     /// Largest speed before an impact: the scale of the speeds.
     fastest: f64,
     table: Table<Z>,
@@ -60,9 +66,9 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
     /// No impacts yet; so many numbers make a state, and the table has so many columns after its
     /// first.
     pub(crate) fn new(key: K, e: f64, states: usize, columns: usize) -> Self {
-        let (bounces, rows, width) = (Vec::new(), Vec::new(), 1 + states);
-        let table = Table::new(width, columns);
-        Self { key, e, bounces, rows, width, fastest: 0.0, table }
+        let (bounces, rows) = (Vec::new(), Vec::new());
+        let table = Table::new(1 + states, columns);
+        Self { key, e, bounces, rows, fastest: 0.0, table }
     }
 
     /// What bounces.
@@ -109,7 +115,8 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
     ) -> Result<(), TryReserveError> {
         if let Some(last) = self.bounces.last() {
             let ratio = bounce.u / last.u;
-            let continues = ratio > 0.6 * self.e && ratio < (1.5 * self.e).min(1.0);
+            let (least, most) = (CONTINUES.0 * self.e, (CONTINUES.1 * self.e).min(1.0));
+            let continues = ratio > least && ratio < most;
             if !(continues && bounce.g > 0.0) {
                 self.clear();
             }
@@ -119,7 +126,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         }
         self.fastest = self.fastest.max(bounce.u / self.e);
         self.bounces.try_reserve(1)?;
-        self.rows.try_reserve(self.width)?;
+        self.rows.try_reserve(self.width())?;
         self.bounces.push(bounce);
         let (first, left) = (self.bounces[0].t, self.remaining(bounce));
         self.rows.push(bounce.t - first + left);
@@ -149,12 +156,13 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
 
     /// Length of a row: the time since the first impact, then the state.
     pub(crate) fn width(&self) -> usize {
-        self.width
+        self.table.width()
     }
 
     /// The row (2) of an impact.
     pub(crate) fn row(&self, i: usize) -> &[f64] {
-        &self.rows[i * self.width..][..self.width]
+        let width = self.width();
+        &self.rows[i * width..][..width]
     }
 
     /// Time from an impact to the Zeno point under a constant pull, `2 u/(g (1 - e))`.
@@ -197,13 +205,14 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
     /// The end of the chain, from three impacts on: the entry of the last row of the table with the
     /// smallest estimated error in the given scales, of the time, then of the state.
     pub(crate) fn landing(&mut self, scales: &[f64]) -> Option<Landing<Z>> {
-        let (first, last) = (self.bounces.first()?.t, self.bounces.last()?.t);
+        let [first, _, .., last] = *self.bounces else { return None };
         let (chosen, powers, _) = self.selection();
         self.table.begin();
         for i in chosen {
-            self.table.push(&self.rows[i * self.width..][..self.width]);
+            let width = self.table.width();
+            self.table.push(&self.rows[i * width..][..width]);
         }
-        self.table.landing(first, last, powers, scales)
+        self.table.landing(first.t, last.t, powers, scales)
     }
 
     /// The arcs between the last impact and `zeno`, the first of them on the side `sigma`.

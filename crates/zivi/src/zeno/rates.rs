@@ -17,7 +17,7 @@
 //! two; with it `D^(j)` has an error of order `u^(j+2)`, as `S^(j)` has.
 
 use super::chain::Chain;
-use super::table::Landing;
+use super::table::{Landing, ROWS};
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::richardson::{self, Column, Entry};
 
@@ -96,12 +96,19 @@ impl ChainRates {
         K: Copy + PartialEq,
     {
         let (width, (chosen, powers, stride)) = (chain.width(), chain.selection());
-        let (mut values, mut rates) = (Vec::new(), Vec::new());
+        let moves = de != 0.0;
+        let mut rates = Vec::with_capacity(ROWS * width);
+        let mut values = Vec::with_capacity(if moves { ROWS * width } else { 0 });
         for i in chosen {
-            values.extend_from_slice(chain.row(i));
             rates.extend_from_slice(&self.rows[i * width..][..width]);
+            if moves {
+                values.extend_from_slice(chain.row(i));
+            }
         }
         let moving = |Column { j, power, length }: Column, rates: &mut [f64]| {
+            if !moves {
+                return;
+            }
             let dp = (stride * (j + 1)) as f64 * power / chain.e() * de;
             for i in 0..length {
                 let before = values[i + width];

@@ -70,6 +70,12 @@ impl<Z: Coordinates> Table<Z> {
         self.columns
     }
 
+    /// Length of a row.
+    #[inline]
+    pub(super) fn width(&self) -> usize {
+        self.across.as_slice().len()
+    }
+
     /// Without rows.
     pub(super) fn begin(&mut self) {
         self.rows.clear();
