@@ -144,7 +144,7 @@ calls() { for call in defaults init reset step; do printf '%s_%s ' "$1" $call; d
 if [ "$(uname -sm)" = 'Linux x86_64' ] && command -v ld >/dev/null 2>&1; then
     part 'the ticks of regulator and tracker' 13500 regulator_step tracker_step tracker_step_to
     # shellcheck disable=SC2046
-    part 'regulator and tracker, all calls' 16000 $(calls regulator) $(calls tracker) tracker_step_to
+    part 'regulator and tracker, all calls' 16384 $(calls regulator) $(calls tracker) tracker_step_to
     # shellcheck disable=SC2046
     part 'the tracker' 14500 $(calls tracker) tracker_step_to
     # shellcheck disable=SC2046

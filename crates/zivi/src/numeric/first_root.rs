@@ -10,7 +10,7 @@ const NEAR: f64 = 1e-3;
 
 impl<Q: Coordinates> Stages<Q> {
     /// The part of the step after which a coordinate is negative, if it comes to that.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn first_root<X>(
         &mut self,
         c: usize,
@@ -25,6 +25,7 @@ impl<Q: Coordinates> Stages<Q> {
     }
 
     /// The same by the polynomial of a complete step.
+    #[inline]
     pub(crate) fn root_of_polynomial(&self, c: usize) -> Option<f64> {
         let [x, _] = self.polynomials_of(c);
         // after an impact theta = 0 is a root, and known
@@ -35,6 +36,7 @@ impl<Q: Coordinates> Stages<Q> {
 
     /// The root of the coordinate nearest to the end of the finished step, if it is not too far:
     /// how much later, and the rate there.
+    #[inline]
     fn root_at_end(&self, c: usize) -> Option<(f64, f64)> {
         let (x, xdot) = (self.end.x.as_slice()[c], self.end.xdot.as_slice()[c]);
         touchdown(x, xdot, self.end_slope(c)).filter(|it| it.0.abs() < 0.5 * self.h)

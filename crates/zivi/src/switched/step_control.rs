@@ -35,7 +35,7 @@ impl StepControl {
     /// The next step: of the length that is wanted, `first` before there was any, or of one that
     /// something cuts short. Of an arc from a contact (the coordinates `gaps`) a little more than
     /// its whole length; not across an obstacle; up to the end, `left` away.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn plan<Q: Coordinates>(
         (settings, first): (&SwitchedRk, f64),
         (now, slope): (&State<Q>, &Q),
@@ -60,7 +60,7 @@ impl StepControl {
 
     /// The error of the last step relative to the tolerances: none where steps are not adapted to
     /// them, or where all that is left of a step is a jump of the accelerations.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn error<Q: Coordinates, X>(
         &mut self,
         stages: &mut Stages<Q>,
