@@ -9,8 +9,8 @@
 use std::hint::black_box;
 
 use zivi::{
-    simulate_theta_gamma, ConstantForce, Grid, Lifted, LinearForce, Physical, Restitution, Silent,
-    ThetaGamma,
+    ConstantForce, Force, Grid, Lifted, LinearForce, MoreauJean, Physical, Restitution, Scheme,
+    SetupError, Silent, ThetaGamma,
 };
 use zivi_core::{Case, StepFailure, StepSolution, ThetaGammaStep};
 
@@ -54,6 +54,21 @@ fn nothing(_: &ThetaGammaStep, _: Lifted, f: f64) -> f64 {
     f
 }
 
+/// A run with a record, high enough to stay in flight.
+fn record<F>(
+    scheme: impl Scheme,
+    restitution: Restitution,
+    mut force: F,
+    grid: Grid,
+) -> Result<(), SetupError>
+where
+    F: Force<std::convert::Infallible>,
+{
+    let start = Physical { x: 1e6, xdot: 5.0 };
+    black_box(scheme.run(restitution, &mut force, grid, start, &mut Silent)?);
+    Ok(())
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().collect();
     let [_, case, count] = arguments.as_slice() else {
@@ -63,6 +78,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let restitution = Restitution::from_kappa(0.41)?;
     let step = ThetaGammaStep::new(H, 1.0, 1.0, restitution)?;
     let (up, f) = (Lifted { s: 1.0, v: 5.0 }, GRAVITY);
+    let grid = Grid::new(0.0, f64::from(repetitions) * H, H);
     match case.as_str() {
         "nothing" => (0..repetitions).for_each(|_| {
             black_box(nothing(black_box(&step), black_box(up), black_box(f)));
@@ -70,23 +86,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "residual" => (0..repetitions).for_each(|_| {
             black_box(residual(black_box(&step), black_box(up), black_box(f)));
         }),
-        "recorded" => {
-            // high enough to stay in flight
-            let start = Physical { x: 1e6, xdot: 5.0 };
-            let grid = Grid::new(0.0, f64::from(repetitions) * H, H)?;
-            let method = ThetaGamma::implicit_euler();
-            let force = &mut ConstantForce(f);
-            black_box(simulate_theta_gamma(method, restitution, force, grid, start, &mut Silent)?);
-        }
-        "recorded-linear" => {
-            // the same beside a spring and a damper
-            let mut force = SPRING;
-            let force = &mut force;
-            let start = Physical { x: 1e6, xdot: 5.0 };
-            let grid = Grid::new(0.0, f64::from(repetitions) * H, H)?;
-            let method = ThetaGamma::implicit_euler();
-            black_box(simulate_theta_gamma(method, restitution, force, grid, start, &mut Silent)?);
-        }
+        // "-linear": beside a spring and a damper
+        "recorded" => record(ThetaGamma::implicit_euler(), restitution, ConstantForce(f), grid?)?,
+        "recorded-linear" => record(ThetaGamma::implicit_euler(), restitution, SPRING, grid?)?,
+        "moreau" => record(MoreauJean::MIDPOINT, restitution, ConstantForce(f), grid?)?,
+        "moreau-linear" => record(MoreauJean::MIDPOINT, restitution, SPRING, grid?)?,
         name => {
             let known = STEPS.iter().find(|it| it.0 == name);
             let &(_, z, f, expected) = known.ok_or("unknown case")?;

@@ -46,9 +46,7 @@ impl Thinned {
         }
         let first = self.seen.next_multiple_of(self.every) - self.seen;
         for k in (first..block.len()).step_by(self.every) {
-            for (row, quantity) in self.kept.extend(1).into_iter().zip(Quantity::ALL) {
-                row.fill(block.of(quantity)[k]);
-            }
+            self.kept.push(Quantity::ALL.map(|quantity| block.of(quantity)[k]));
         }
         self.seen += block.len();
     }
@@ -81,10 +79,7 @@ impl Recorder {
     pub(crate) fn start(mut columns: Columns, t: f64, z: Lifted, restitution: Restitution) -> Self {
         let physical = transform::project(z, restitution);
         let (lambda_s, lambda_v) = (sgn(z.s), sgn(z.v));
-        let initial = [t, physical.x, physical.xdot, z.s, z.v, lambda_s, lambda_v, 0.0];
-        for (row, value) in columns.extend(1).into_iter().zip(initial) {
-            row.fill(value);
-        }
+        columns.push([t, physical.x, physical.xdot, z.s, z.v, lambda_s, lambda_v, 0.0]);
         let (t, s, v, f) = ([0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
         let (lambda_s, lambda_v) = ([0.0; BLOCK], [0.0; BLOCK]);
         let thinned = None;

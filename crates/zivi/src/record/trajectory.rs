@@ -126,6 +126,16 @@ impl Columns {
         self.len = 0;
     }
 
+    /// The next sample, in the order of [`Quantity`]: there must be room for it.
+    #[inline]
+    pub(crate) fn push(&mut self, sample: [f64; QUANTITIES]) {
+        assert!(self.len < self.room, "a record of {} samples is full", self.room);
+        for (row, value) in sample.into_iter().enumerate() {
+            self.block[row * self.room + self.len] = value;
+        }
+        self.len += 1;
+    }
+
     /// Room for the next `n` samples of every quantity, in the order of [`Quantity`].
     pub(crate) fn extend(&mut self, n: usize) -> [&mut [f64]; QUANTITIES] {
         let from = self.len;

@@ -163,7 +163,22 @@ struct ContactLog {
 
 impl ContactLog {
     /// An error if there is no memory left to note what happened.
+    #[inline(always)]
     fn step(
+        &mut self,
+        start: (f64, f64),
+        (t_end, step): (f64, Step),
+    ) -> Result<(), TryReserveError> {
+        if step.impulse > 0.0 || self.at_rest {
+            self.at_wall(start, (t_end, step))
+        } else {
+            Ok(())
+        }
+    }
+
+    /// A step that is not of a flight.
+    #[inline(never)]
+    fn at_wall(
         &mut self,
         (t, before): (f64, f64),
         (t_end, step): (f64, Step),
@@ -244,10 +259,7 @@ impl MoreauWalk {
         let sigma = self.log.sigma;
         let (lambda_s, lambda_v) =
             if self.log.at_rest { (0.0, 0.0) } else { (sigma, sigma * sgn(xdot)) };
-        let row = [t, x, xdot, z.s, z.v, lambda_s, lambda_v + 0.0, f64::NAN];
-        for (to, value) in self.columns.extend(1).into_iter().zip(row) {
-            to.fill(value);
-        }
+        self.columns.push([t, x, xdot, z.s, z.v, lambda_s, lambda_v + 0.0, f64::NAN]);
     }
 
     fn finish<E>(self, ending: Failure<E>) -> Run<E> {

@@ -5,6 +5,7 @@
 //! and `x'` are affine in the trial, so for a linear force one secant step is exact. The slope is
 //! carried from step to step, and a bracket is kept wherever the mismatch has changed sign.
 
+pub(crate) mod opening;
 pub(crate) mod search;
 
 use zivi_core::step::PATTERNS;
@@ -16,6 +17,7 @@ use crate::stepping::fixed_step::Start;
 use crate::stepping::step_solver::StepSolver;
 use crate::system::evaluation::finite_force;
 use crate::{Force, Status};
+use opening::{Opening, Shown};
 use search::{Search, DEFAULT_SLOPE};
 
 /// The mismatch that is accepted, relative to the force of the step or of the one before.
@@ -74,15 +76,12 @@ impl ImplicitForce {
             None => self.evaluate(force, start.t, project(start.z, step.restitution()))?,
         };
         self.last = Some(first);
-        let mut shown = Shown::default();
-        let found = match self.at_once(&sought, solver, force, first, &mut shown) {
+        let mut opening = Opening::from(first, self.slope);
+        let found = match self.at_once(&sought, solver, force, &mut opening) {
             Ok(Some(found)) => return Ok(found),
-            Ok(None) => {
-                let search = shown.replayed(Search::from(first, self.slope, SELECTED_TRIALS));
-                self.follow(&sought, force, search, |f| {
-                    solver.solve(step, start.z, f, start.sigma).map_err(Failure::from)
-                })
-            }
+            Ok(None) => self.follow(&sought, force, opening.search(SELECTED_TRIALS), |f| {
+                solver.solve(step, start.z, f, start.sigma).map_err(Failure::from)
+            }),
             Err(failed) => Err(failed),
         };
         let found = match found {
@@ -96,31 +95,26 @@ impl ImplicitForce {
         Ok(found)
     }
 
-    /// The same where the first trial or the second one is it, as in nearly every step: without
-    /// the book-keeping of a search, which learns afterwards what the trials have shown.
+    /// The same where the first trial or the second one is it, as in nearly every step.
     #[inline(always)]
     fn at_once<E>(
         &mut self,
         sought: &Sought<'_>,
         solver: &impl StepSolver,
         force: &mut impl Force<E>,
-        first: f64,
-        shown: &mut Shown,
+        opening: &mut Opening,
     ) -> Result<Option<(f64, StepSolution)>, Failure<E>> {
-        let mut trial = first;
-        for place in &mut shown.mismatches {
-            let Some(end) = solver.everyday(sought.step, sought.start.z, trial) else { break };
+        opening.root(|trial| {
+            let Some(end) = solver.everyday(sought.step, sought.start.z, trial) else {
+                return Ok(Shown::Nothing);
+            };
             let value = self.evaluate(force, sought.t, sought.state_at_theta(&end))?;
-            let mismatch = value - trial;
-            if self.is_consistent(value, trial) {
-                self.last = Some(trial);
-                return Ok(Some((trial, end)));
+            if !self.is_consistent(value, trial) {
+                return Ok(Shown::Mismatch(value - trial));
             }
-            *place = Some(mismatch);
-            let Some(next) = Search::second(trial, mismatch, self.slope) else { break };
-            trial = next;
-        }
-        Ok(None)
+            self.last = Some(trial);
+            Ok(Shown::Root((trial, end)))
+        })
     }
 
     /// Whether a trial is the force that it leads to.
@@ -225,25 +219,6 @@ impl ImplicitForce {
         let change_x = (self.evaluate(force, sought.t, by_x)? - value).abs();
         let change_xdot = (self.evaluate(force, sought.t, by_xdot)? - value).abs();
         Ok(change_x + change_xdot)
-    }
-}
-
-/// The mismatches of the first trials.
-#[derive(Clone, Copy, Debug, Default)]
-struct Shown {
-    mismatches: [Option<f64>; 2],
-}
-
-impl Shown {
-    /// A search that knows them.
-    #[inline]
-    fn replayed(&self, mut search: Search) -> Search {
-        for mismatch in self.mismatches.into_iter().flatten() {
-            if search.trial().is_some() {
-                search.learn(mismatch);
-            }
-        }
-        search
     }
 }
 

@@ -3,6 +3,7 @@
 use zivi_core::Physical;
 
 use crate::record::failure::Failure;
+use crate::stepping::implicit::opening::{Opening, Shown};
 use crate::stepping::implicit::search::{Search, DEFAULT_SLOPE};
 use crate::system::evaluation::finite_force;
 use crate::{Dependence, Force, Status};
@@ -87,12 +88,35 @@ impl Stepper {
         h: f64,
         force: &mut impl Force<E>,
     ) -> Result<Step, Failure<E>> {
-        let mut search = Search::from(first, self.slope, TRIALS);
+        let mut opening = Opening::from(first, self.slope);
+        let found = opening.root(|last| -> Result<_, Failure<E>> {
+            let (step, value) = self.tried((first, last), start, t_end, h, force)?;
+            if !is_consistent(value, last, first) {
+                return Ok(Shown::Mismatch(value - last));
+            }
+            self.here = Some(last);
+            Ok(Shown::Root(step))
+        });
+        match found? {
+            Some(step) => Ok(step),
+            None => self.follow(opening.search(TRIALS), (start, first), t_end, h, force),
+        }
+    }
+
+    /// The same where the first two trials are not it.
+    #[inline(never)]
+    fn follow<E>(
+        &mut self,
+        mut search: Search,
+        (start, first): (Physical, f64),
+        t_end: f64,
+        h: f64,
+        force: &mut impl Force<E>,
+    ) -> Result<Step, Failure<E>> {
         while let Some(last) = search.trial() {
-            let step = self.under((1.0 - self.theta) * first + self.theta * last, start, h);
-            let value = self.evaluate(force, t_end, step.end)?;
+            let (step, value) = self.tried((first, last), start, t_end, h, force)?;
             let mismatch = value - last;
-            if mismatch.abs() <= TOLERANCE * value.abs().max(first.abs())
+            if is_consistent(value, last, first)
                 || (search.trials() > SLOW
                     && mismatch.abs() <= self.rounding(step.end, value, t_end, force)?)
             {
@@ -102,6 +126,21 @@ impl Stepper {
             search.learn(mismatch);
         }
         Err(Failure::Status(Status::ForceNotConverged))
+    }
+
+    /// The step under the forces `first` at its start and `last` at its end, and the force there.
+    #[inline(always)]
+    fn tried<E>(
+        &mut self,
+        (first, last): (f64, f64),
+        start: Physical,
+        t_end: f64,
+        h: f64,
+        force: &mut impl Force<E>,
+    ) -> Result<(Step, f64), Failure<E>> {
+        let step = self.under((1.0 - self.theta) * first + self.theta * last, start, h);
+        let value = self.evaluate(force, t_end, step.end)?;
+        Ok((step, value))
     }
 
     /// How much the force changes when the state changes by its rounding: no trial can do better.
@@ -142,4 +181,10 @@ impl Stepper {
         self.largest = self.largest.max(f.abs());
         Ok(f)
     }
+}
+
+/// Whether the trial `last` is the force at the end of the step that it gives.
+#[inline(always)]
+fn is_consistent(value: f64, last: f64, first: f64) -> bool {
+    (value - last).abs() <= TOLERANCE * value.abs().max(first.abs())
 }
