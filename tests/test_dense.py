@@ -247,3 +247,16 @@ def test_a_span_that_ends_in_a_tail():
         assert len(sol.zeno_times) == 0
         assert (sol.x[-1], sol.xdot[-1]) == pytest.approx(ball.state(end), abs=1e-12)
         assert len(sol.impacts_down_to(1e-9)) == n + 1
+
+
+@pytest.mark.parametrize("flights", ["series", "rk"])
+def test_an_apex_is_one_sample(flights):
+    # flights that a sample halves: the apex is that sample but for rounding
+    for k in range(20):
+        g, v, e = 1 + k / 8, 1 + k / 16, 0.5
+        ball = zivi.ImpactSystem(-g, e=e)
+        sol = zivi.simulate(ball, (0, 3.9 * v / g), (0, v), method=zivi.SwitchedRK(flights=flights))
+        speeds = v * e ** np.arange(4)
+        apexes = 2 / g * (np.cumsum(speeds) - speeds) + speeds / g
+        near = np.abs(np.subtract.outer(apexes, sol.t)) < 1e-12
+        assert near.sum(axis=1).tolist() == [1] * 4, k

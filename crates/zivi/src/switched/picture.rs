@@ -26,6 +26,8 @@ const MOST_PARTS: f64 = 64.0;
 const ARC_PARTS: usize = 6;
 const ARCS: usize = 64;
 const FINEST: f64 = 1e-3;
+/// An apex is drawn by a sample that is at most so many units in the last place of the time away.
+const SAME: f64 = 4.0;
 /// Samples of a whole run that are added at most, besides those at impacts and apexes: a run of
 /// more steps is drawn by its steps.
 const BUDGET: f64 = 1e5;
@@ -174,7 +176,9 @@ fn draw_flight(
     let apexes = if turns { apexes(curve) } else { Vec::new() };
     for apex in apexes.into_iter().filter(|&t| curve.start < t && t < end) {
         let at = first + rows[first..].partition_point(|row| row[0] < apex);
-        if rows.get(at).is_none_or(|row| row[0] > apex) {
+        let beside = &rows[at.saturating_sub(1).max(first)..rows.len().min(at + 1)];
+        let mut samples = beside.iter().map(|row| row[0]).chain([curve.start, end]);
+        if samples.all(|t| (t - apex).abs() > SAME * ulp(apex)) {
             rows.insert(at, row(apex, curve.at(apex)));
         }
     }
@@ -192,6 +196,11 @@ fn draw_contact(t: f64, motion: impl Fn(f64) -> PathPoint, rows: &mut Vec<Row>) 
     if let Some(before) = above.filter(|it| rows.last().is_none_or(|last| last[0] < it[0])) {
         rows.push(before);
     }
+}
+
+/// The unit in the last place.
+fn ulp(t: f64) -> f64 {
+    t.abs().next_up() - t.abs()
 }
 
 /// Where the velocity changes its sign downwards.
