@@ -5,7 +5,7 @@ import textwrap
 
 import pytest
 
-from interrupting import interrupted
+from interrupting import stops_within_a_second
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("interrupt")]
 
@@ -49,11 +49,4 @@ STEPS = {"number": 2e8, "linear": 1e8, "compiled": 1e8, "callable": 2e7, "slow c
 def test_interrupt_stops_within_a_second(name):
     method = f"ThetaGamma(h={1 / STEPS[name]!r})"
     program = textwrap.dedent(PROGRAM).format(setup=textwrap.dedent(FORCES[name]), method=method)
-    times = []
-    for _ in range(3):  # a busy machine may hold one of them up, not all
-        counted, took = interrupted(program)
-        assert counted > 0
-        if took < 1.0:
-            return
-        times.append(took)
-    pytest.fail(f"stopped after {times} s")
+    assert stops_within_a_second(program) > 0
