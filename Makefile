@@ -39,7 +39,7 @@ paper: $(READY)
 
 test: test-rust test-python
 
-test-rust: $(READY)
+test-rust: $(VENV)/.packages
 	cargo test --locked --quiet
 
 # on all processors; what shares an expensive fixture, a server or the clock stays together
@@ -99,7 +99,7 @@ lint: lint-rust lint-python
 
 # rustfmt and clippy are parts of Rust that some installations leave out; a lint that cannot run
 # fails unless SKIP_MISSING is set
-lint-rust: $(READY)
+lint-rust: $(VENV)/.packages
 	@if cargo fmt --version >/dev/null 2>&1; then cargo fmt --all --check; \
 	else echo 'cargo fmt is missing: rustup component add rustfmt'; test -n '$(SKIP_MISSING)'; fi
 	@if cargo clippy --version >/dev/null 2>&1; then \
