@@ -1,0 +1,69 @@
+"""Pickles, studies and files of results that version 0.1 stored: read, and gone on with."""
+
+import json
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zivi
+from stored.make import plain
+from stored.objects import CASES
+from stored.studies import STUDIES
+
+ARCHIVE = Path(__file__).parent / "stored" / "0.1.zip"
+
+
+@pytest.fixture(scope="module")
+def old(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stored")
+    with zipfile.ZipFile(ARCHIVE) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def told(old):
+    return json.loads((old / "told.json").read_text())
+
+
+def agree(found, expected):
+    if isinstance(expected, dict):
+        return all(agree(found[key], value) for key, value in expected.items())
+    if expected is None or isinstance(expected, str):
+        return found == expected
+    found, expected = (json.loads(json.dumps(it, default=plain)) for it in (found, expected))
+    if isinstance(expected, list) and not all(isinstance(it, (int, float)) for it in expected):
+        return len(found) == len(expected) and all(map(agree, found, expected))
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
+    return True
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_pickles_are_read(name, old, told):
+    value = pickle.loads((old / "pickles" / f"{name}.pickle").read_bytes())
+    assert agree(CASES[name][1](value), told[name])
+
+
+@pytest.mark.parametrize("name", ["Trajectory", "Trajectory_steps", "MechanicalTrajectory"])
+def test_files_of_results_are_read(name, old, told):
+    pytest.importorskip("h5netcdf", reason="the extra 'files' is not installed")
+    value = zivi.files.load(old / "results" / f"{name}.nc")
+    assert agree(CASES[name][1](value), told[name])
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_studies_go_on(name, old):
+    pytest.importorskip("zarr", reason="the extra 'study' is not installed")
+    folder, study = old / "studies" / name, STUDIES[name]
+    before = zivi.open_study(folder)
+    first = np.asarray(before.value)
+    done = np.isfinite(first)
+    assert 2 * done.sum() == done.size
+    after = zivi.sweep(**study, out=folder)
+    afresh = zivi.sweep(**study)
+    assert np.isfinite(after.value).all()
+    np.testing.assert_allclose(after.value, afresh.value, rtol=1e-13)
+    np.testing.assert_array_equal(np.asarray(after.value)[done], first[done])
