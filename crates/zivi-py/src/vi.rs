@@ -193,7 +193,8 @@ pub(crate) fn solve_avi<'py>(
     time_limit: Option<f64>,
     observe: Option<Py<PyAny>>,
 ) -> PyResult<ViRecord> {
-    let (matrix, q) = (matrix.as_slice()?.to_vec(), q.as_array().to_vec());
+    let (matrix, q): (Vec<f64>, _) =
+        (matrix.as_array().iter().copied().collect(), q.as_array().to_vec());
     let n = q.len();
     if let Some(k) = matrix.iter().position(|entry| !entry.is_finite()) {
         let (i, j, entry) = (k / n, k % n, matrix[k]);

@@ -43,6 +43,7 @@ def reactions_at(
 ) -> Array:
     """Give the multipliers at several states, NaN where the model is needed and not known."""
     found = np.zeros(contacts.shape)
+    q, qdot = (np.ascontiguousarray(it) for it in (q, qdot))  # compiled parts take rows
     for k in np.flatnonzero(np.any(contacts, axis=1)):
         if model is None:
             found[k, contacts[k]] = np.nan

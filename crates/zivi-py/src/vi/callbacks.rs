@@ -2,7 +2,8 @@
 
 use std::cell::{Cell, RefCell};
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::ndarray::Dimension;
+use numpy::{PyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
 use zivi_core::vi::{EvaluationError, Interruption, Problem, Progress};
@@ -52,28 +53,19 @@ impl<'py> Callbacks<'py> {
             return Ok(());
         };
         if let Ok(array) = value.cast::<PyArray1<f64>>() {
-            if array.len() == out.len()
-                && copy(
-                    &array
-                        .try_readonly()
-                        .as_ref()
-                        .map_or(Err(()), |it| it.as_slice().map_err(drop)),
-                    out,
-                )
-            {
+            if array.len() == out.len() && copy(array, out) {
                 return Ok(());
             }
         }
         self.keep(self.convert_values(value, out))
     }
 
-    /// Values of another type, shape or layout.
+    /// Values of another type or shape.
     fn convert_values(&self, value: Bound<'py, PyAny>, out: &mut [f64]) -> PyResult<()> {
         let (array, rounding): (Bound<'py, PyArray1<f64>>, f64) =
             self.convert.0.call1((value,))?.extract()?;
         self.rounding.set(rounding);
-        out.copy_from_slice(array.try_readonly()?.as_slice()?);
-        Ok(())
+        copy_all(&array, out)
     }
 
     fn jacobian(
@@ -90,22 +82,13 @@ impl<'py> Callbacks<'py> {
         };
         if let Ok(array) = value.cast::<PyArray2<f64>>() {
             let n = z.len();
-            if array.shape() == [n, n]
-                && copy(
-                    &array
-                        .try_readonly()
-                        .as_ref()
-                        .map_or(Err(()), |it| it.as_slice().map_err(drop)),
-                    out,
-                )
-            {
+            if array.shape() == [n, n] && copy(array, out) {
                 return Ok(());
             }
         }
         self.keep((|| {
             let array: Bound<'py, PyArray2<f64>> = self.convert.1.call1((value,))?.extract()?;
-            out.copy_from_slice(array.try_readonly()?.as_slice()?);
-            Ok(())
+            copy_all(&array, out)
         })())
     }
 
@@ -149,14 +132,23 @@ impl<'py> Callbacks<'py> {
     }
 }
 
-/// `to <- from`; false where `from` is not contiguous.
-fn copy<E>(from: &Result<&[f64], E>, to: &mut [f64]) -> bool {
-    match from {
-        Ok(from) if from.len() == to.len() => {
-            to.copy_from_slice(from);
-            true
-        }
-        _ => false,
+/// `to <- from`, row by row whatever the order in memory; false where `from` cannot be read.
+fn copy<D: Dimension>(from: &Bound<'_, PyArray<f64, D>>, to: &mut [f64]) -> bool {
+    let Ok(from) = from.try_readonly() else { return false };
+    // a matrix in Fortran's order is contiguous, too: only `as_array` knows its rows
+    let from = from.as_array();
+    match from.as_slice() {
+        Some(from) if from.len() == to.len() => to.copy_from_slice(from),
+        _ => to.iter_mut().zip(&from).for_each(|(to, from)| *to = *from),
+    }
+    true
+}
+
+/// The same of an array that was made for it, and has the shape.
+fn copy_all<D: Dimension>(from: &Bound<'_, PyArray<f64, D>>, to: &mut [f64]) -> PyResult<()> {
+    match copy(from, to) {
+        true => Ok(()),
+        false => Err(PyValueError::new_err("an array that was returned is being written to")),
     }
 }
 
