@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from zivi.orbits.curve import Curve, Point, locate
+from zivi._check import Array
+from zivi.orbits.curve import Curve, Point, locate, locate_near
+from zivi.orbits.flights import FlightError
+from zivi.orbits.least_period import half_difference, half_frame, mean_half
 from zivi.sensitivity import OrbitStatus
 
-__all__ = ["Arc"]
+__all__ = ["Arc", "Found"]
 
 BEYOND = 3
 """Points that are followed where an orbit is no motion any more."""
-HALVES_MEET = 1e-6
+HALVES_MEET = 1e-4
+"""Half differences that are less, in scaled unknowns, are those of a single orbit."""
 EDGES = ("grazing", "interior_impact")
 
 
@@ -30,6 +35,23 @@ def _lowest(point: Point) -> float:
     return point.at.lowest[0]
 
 
+def _doubling(point: Point) -> float:
+    return point.doubling
+
+
+def _push(point: Point) -> float:
+    return point.least_push
+
+
+class Found(NamedTuple):
+    """An event of a branch."""
+
+    kind: str
+    point: Point
+    curve: Curve
+    """The curve of the point: where a doubled orbit begins that of the single one."""
+
+
 class Arc:
     """One direction of a branch."""
 
@@ -39,14 +61,19 @@ class Arc:
         self.curve, self.span, self.step, self.most = curve, span, step, most
         self.longest = 5.0 * step
         self.edge = 1e-9 * float(np.max(curve.scale[:-1]))
+        self.plastic = curve.system.e == 0.0 and curve.name != "e" and start.at.y.ndim == 2
         self.points = [start]
-        self.events: list[tuple[str, Point]] = []
+        self.events: list[Found] = []
         self.status = OrbitStatus.MAX_POINTS
         self.left = 0
 
+    def sticks(self, point: Point) -> bool:
+        """Whether the force holds the mass at the wall after a plastic impact."""
+        return self.plastic and point.least_push < 0.0
+
     def is_out(self, point: Point) -> bool:
         """Whether a point is no motion, by more than rounding."""
-        return min(point.least_speed, _lowest(point)) < -self.edge
+        return self.sticks(point) or min(point.least_speed, _lowest(point)) < -self.edge
 
     def go(self) -> Arc:
         """Follow the curve to its end."""
@@ -65,7 +92,8 @@ class Arc:
         if not self.span[0] <= new.value <= self.span[1]:
             self._end_of_range(last, new)
             return OrbitStatus.RANGE_END
-        if self._halves_meet(new):
+        if self._halves_meet(last, new):
+            self._single_orbit(last)
             return OrbitStatus.COMPLETED
         self._look(last, new)
         self.points.append(new)
@@ -103,16 +131,37 @@ class Arc:
         self._look(last, point)
         self.points.append(point)
 
-    def _halves_meet(self, new: Point) -> bool:
-        """Whether a doubled orbit is the single one again."""
-        k = len(new.at.y) if new.at.y.ndim == 2 else 0
-        frame = self.curve.frame
-        halves = k % 2 == 0 and (frame.free or frame.multiple % 2 == 0)
-        if k == 0 or not halves or len(self.points) < 2:
+    def _halves_meet(self, last: Point, new: Point) -> bool:
+        """Whether a doubled orbit is, or passed, the single one again: its halves change places."""
+        before, now = self._half_difference(last), self._half_difference(new)
+        if before is None or now is None:
             return False
-        speeds = new.at.y[:, 1]
-        apart = np.max(np.abs(speeds[: k // 2] - speeds[k // 2 :]))
-        return bool(apart < HALVES_MEET * np.max(np.abs(speeds)))
+        near = float(np.linalg.norm(now)) < min(HALVES_MEET, float(np.linalg.norm(before)))
+        return near or bool(before @ now < 0.0)
+
+    def _half_difference(self, point: Point) -> Array | None:
+        curve = self.curve
+        system = curve.system_at(point.value)
+        apart = half_difference(system, curve.frame, point.at.y)
+        return None if apart is None else apart.ravel() / curve.scale[: apart.size]
+
+    def _single_orbit(self, last: Point) -> None:
+        """Find the period doubling of the single orbit at which a doubled one begins."""
+        curve = self.curve
+        system = curve.system_at(last.value)
+        mean = mean_half(system, curve.frame, last.at.y)
+        width = float(curve.scale[-1])
+        try:
+            single = Curve(system, half_frame(curve.frame), curve.name, mean, width)
+        except FlightError:
+            return
+        fixed = np.zeros(mean.size + 1)
+        fixed[-1] = 1.0
+        start = single.correct(single.scaled(mean, last.value), fixed)
+        point = None if start is None else locate_near(single, start, _doubling)
+        curve.flights += single.flights
+        if point is not None and self.span[0] <= point.value <= self.span[1]:
+            self.events.append(Found("period_doubling", point, single))
 
     def _look(self, last: Point, new: Point) -> None:
         """Find what happens between two points."""
@@ -121,11 +170,7 @@ class Arc:
         found: list[tuple[str, Point]] = []
         # an impact that dies takes the flight after it behind the wall
         dies = new.least_speed < 0.0
-        tests: list[tuple[str, Callable[[Point], float]]] = [("fold", _rise)]
-        tests.append(("grazing", _least) if dies else ("interior_impact", _lowest))
-        if not dies:
-            tests.append(("period_doubling", lambda point: point.doubling))
-        for kind, test in tests:
+        for kind, test in self._tests(new):
             if kind in EDGES and abs(test(last)) <= self.edge and test(new) < 0.0:
                 found.append((kind, last))
             elif test(last) * test(new) < 0.0:
@@ -134,7 +179,18 @@ class Arc:
         if dies and found:
             self._doubling_before(last, found)
         chord = new.z - last.z
-        self.events += sorted(found, key=lambda it: float((it[1].z - last.z) @ chord))
+        found = sorted(found, key=lambda it: float((it[1].z - last.z) @ chord))
+        self.events += [Found(kind, point, self.curve) for kind, point in found]
+
+    def _tests(self, new: Point) -> list[tuple[str, Callable[[Point], float]]]:
+        """Give the functions that may change their signs before a point."""
+        tests: list[tuple[str, Callable[[Point], float]]] = [("fold", _rise)]
+        if self.sticks(new):
+            # a held mass is behind the wall for the equations
+            return [*tests, ("rest_appears", _push), ("period_doubling", _doubling)]
+        if new.least_speed < 0.0:
+            return [*tests, ("grazing", _least)]
+        return [*tests, ("interior_impact", _lowest), ("period_doubling", _doubling)]
 
     def _doubling_before(self, last: Point, found: list[tuple[str, Point]]) -> None:
         """Look for a period doubling that hides just before a grazing, where a multiplier grows."""
@@ -145,5 +201,5 @@ class Arc:
         normal = chord / np.linalg.norm(chord)
         near = self.curve.correct(last.z + 0.999 * chord, normal)
         if near is not None and near.doubling < 0.0 < near.least_speed:
-            point = locate(self.curve, last, near, lambda point: point.doubling)
+            point = locate(self.curve, last, near, _doubling)
             found += [("period_doubling", point)] if point is not None else []

@@ -12,6 +12,7 @@ import numpy as np
 from zivi._check import Array
 from zivi.batch import simulate_batch
 from zivi.methods import SwitchedRK
+from zivi.orbits.least_period import least_rows
 from zivi.simulate import simulate
 from zivi.system import ImpactSystem
 
@@ -86,8 +87,10 @@ def _by_speed(rows: Array) -> Array:
     return rows[np.lexsort((rows[:, 0], np.round(rows[:, 1], 6)))]
 
 
-def classify(settled: Settled, period: float, keep: int, tolerance: float = TOLERANCE) -> Attractor:
-    """Say what a run settled on."""
+def classify(
+    system: ImpactSystem, settled: Settled, period: float, keep: int, tolerance: float = TOLERANCE
+) -> Attractor:
+    """Say what a run settled on; near a period doubling it may not have settled yet."""
     none = np.empty((0, 2))
     if not settled.success:
         return Attractor("failed", 0, none)
@@ -105,8 +108,9 @@ def classify(settled: Settled, period: float, keep: int, tolerance: float = TOLE
             continue
         shift = np.abs(now - before - np.array([m * period, 0.0])) / [period, size]
         if np.max(shift) <= tolerance:
+            least, now = least_rows(system, period, now, m)
             phases = np.column_stack([now[:, 0] / period % 1.0, now[:, 1]])
-            return Attractor("impacting", m, phases[np.argsort(phases[:, 0])])
+            return Attractor("impacting", least, phases[np.argsort(phases[:, 0])])
     return Attractor("irregular", 0, none)
 
 

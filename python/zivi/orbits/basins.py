@@ -176,7 +176,7 @@ def basins(
     label = np.empty(len(cells.settled), dtype=np.int64)
     # attractors are numbered in the order of the cells
     for i in np.argsort(np.unique(cells.which, return_index=True)[1]):
-        mine = classify(cells.settled[i], length, keep, tolerance)
+        mine = classify(system, cells.settled[i], length, keep, tolerance)
         same = (j for j, other in enumerate(known) if mine.is_same(other, NEAR * tolerance))
         label[i] = next(same, len(known))
         if label[i] == len(known):

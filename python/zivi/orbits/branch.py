@@ -13,7 +13,7 @@ from zivi import _zivi
 from zivi._check import Array, finite, whole
 from zivi._extras import needed
 from zivi._parameters import parameter
-from zivi.orbits.arc import Arc
+from zivi.orbits.arc import Arc, Found
 from zivi.orbits.curve import Curve, Point
 from zivi.orbits.find import orbit_of, why_not
 from zivi.orbits.orbit import PeriodicOrbit
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 __all__ = ["Branch", "BranchEvent", "continue_orbit"]
 
 MESSAGES = {
-    OrbitStatus.RANGE_END: "The branch was followed to both ends of the range.",
+    OrbitStatus.RANGE_END: "The branch was followed to the ends of the range.",
     OrbitStatus.MAX_POINTS: "The branch has max_points points.",
     OrbitStatus.LEFT_ADMISSIBLE: "The branch ends where the orbit is no motion any more.",
     OrbitStatus.NOT_CONVERGED: "No step was short enough for Newton's iteration to converge.",
-    OrbitStatus.COMPLETED: "The branch was followed to where it began.",
+    OrbitStatus.COMPLETED: "The branch was followed to where it begins, at a period doubling.",
 }
 
 
@@ -124,7 +124,8 @@ class Branch:
         Parameters
         ----------
         event : BranchEvent
-            One of `events`. At a period doubling the orbit of twice the period, a little away; at
+            One of `events`. At a period doubling the orbit of twice the period, a little away, or
+            from a doubled orbit the single one where it begins; at
             a grazing the orbit without the impact; at an interior impact that with it; at the
             end of a rest an orbit of finitely many impacts beyond; where rest appears the orbit
             that rests; at a fold the orbit there.
@@ -263,12 +264,22 @@ def _follow(
     found = [it for i, it in enumerate(found) if i == 0 or not _same(it, found[i - 1])]
     status = max((arc.status for arc in arcs), key=_weight)
     orbits = [_orbit(curve, point) for point in points]
-    events = [BranchEvent(kind, at.value, _orbit(curve, at, here=True)) for kind, at in found]
+    events = [_event(it, span) for it in found]
     if away is None:
         events = [*_rest(curve, arcs[0], span), *events]
     events += _rest(curve, arcs[-1], span)
     values = np.array([point.value for point in points])
     return Branch(name, orbits, values, events, status, MESSAGES[status], curve.flights)
+
+
+def _event(found: Found, span: tuple[float, float]) -> BranchEvent:
+    """Make an event: with the orbit there, or with the one that rests where rest appears."""
+    from zivi.orbits.rest_appears import rest_beyond
+
+    kind, point, curve = found
+    rests = rest_beyond(curve, point, span) if kind == "rest_appears" else None
+    orbit = _orbit(curve, point, here=True) if rests is None else rests[1]
+    return BranchEvent(kind, point.value, orbit)
 
 
 def _rest(curve: Curve, arc: Arc, span: tuple[float, float]) -> list[BranchEvent]:
@@ -277,13 +288,15 @@ def _rest(curve: Curve, arc: Arc, span: tuple[float, float]) -> list[BranchEvent
 
     if arc.status is not OrbitStatus.LEFT_ADMISSIBLE or not arc.events:
         return []
-    kind, edge = arc.events[-1]
-    found = rest_beyond(curve, edge, span) if kind == "interior_impact" else None
+    last = arc.events[-1]
+    found = rest_beyond(curve, last.point, span) if last.kind == "interior_impact" else None
     return [] if found is None else [BranchEvent("rest_appears", *found)]
 
 
-def _same(one: tuple[str, Point], other: tuple[str, Point]) -> bool:
-    return one[0] == other[0] and float(np.max(np.abs(one[1].z - other[1].z))) < 1e-9
+def _same(one: Found, other: Found) -> bool:
+    if one.kind != other.kind or one.curve is not other.curve:
+        return False
+    return float(np.max(np.abs(one.point.z - other.point.z))) < 1e-9
 
 
 def _weight(status: OrbitStatus) -> int:

@@ -13,9 +13,10 @@ from zivi.orbits.flights import FlightError
 from zivi.orbits.sequence import Equations, Frame, equations, size_of
 from zivi.system import ImpactSystem
 
-__all__ = ["Curve", "Point", "locate"]
+__all__ = ["Curve", "Point", "locate", "locate_near"]
 
 CORRECTIONS = 10
+MOST_SECANTS = 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,8 +31,13 @@ class Point:
 
     @property
     def least_speed(self) -> float:
-        """The least speed after an impact; 1 without impacts."""
-        return float(np.min(self.at.y[:, 1])) if self.at.y.ndim == 2 else 1.0
+        """The least speed before an impact, which plastic ones have too; 1 without impacts."""
+        return float(np.min(-self.at.legs.v)) if self.at.y.ndim == 2 else 1.0
+
+    @property
+    def least_push(self) -> float:
+        """The least force after a plastic impact, which holds the mass where it is negative."""
+        return float(np.min(self.at.legs.first))
 
     @property
     def doubling(self) -> float:
@@ -49,13 +55,10 @@ class Curve:
     ) -> None:
         self.system, self.frame, self.name = system, frame, name
         self.shape = y.shape
-        sizes = size_of(system, frame, y)
         period = frame.length(system, y) / frame.multiple
-        # near a grazing the speeds are small, not the motion
         at = equations(system, frame, y, name)
-        pull = float(np.max(np.abs([at.legs.first, at.legs.last])))
-        speed = max(sizes[1], 0.1 * pull * period / 6.0)
-        sizes = np.tile([speed * period / 6.0, speed], len(sizes) // 2)
+        sizes = size_of(system, frame, at)
+        speed = float(sizes[1])
         rates = np.linalg.lstsq(at.jacobian, at.by, rcond=1e-6)[0][1::2]
         speed = max(speed, min(0.3 * width * float(np.max(np.abs(rates))), 20.0 * speed))
         own = [period, speed] if y.ndim == 2 else [speed * period / 6.0, speed]
@@ -150,6 +153,21 @@ def locate(curve: Curve, one: Point, other: Point, test: Callable[[Point], float
         if value == 0.0 or abs(last[0] - before[0]) * length < 1e-13 or high[0] - low[0] < 1e-14:
             break
     return best
+
+
+def locate_near(curve: Curve, start: Point, test: Callable[[Point], float]) -> Point | None:
+    """Find the point near one at which a test function vanishes, by secants along the arc."""
+    normal, before, last = start.tangent, (0.0, test(start)), (1e-4, 0.0)
+    for _ in range(MOST_SECANTS):
+        point = curve.correct(start.z + last[0] * normal, normal)
+        if point is None:
+            return None
+        last = (last[0], test(point))
+        moved, rise = last[0] - before[0], last[1] - before[1]
+        if last[1] == 0.0 or abs(moved) < 1e-13 or rise == 0.0:
+            return point
+        before, last = last, (last[0] - last[1] * moved / rise, 0.0)
+    return None
 
 
 def _secant(

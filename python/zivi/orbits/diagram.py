@@ -223,30 +223,31 @@ class _Plan:
             systems, rows, periods, self.transient, self.keep, self.method, threads, progress
         )
         if self.section == "impacts":
-            return [self.points(*it) for it in zip(settled, periods, strict=True)]
+            return [self.points(*it) for it in zip(systems, settled, periods, strict=True)]
         strobed = [[it.end] for it in settled]
         for _ in range(self.keep - 1):
             ends = np.array([it[-1] for it in strobed])
             more = settle(systems, ends, periods, 0, 1, self.method, threads, progress=False)
             for own, it in zip(strobed, more, strict=True):
                 own.append(it.end)
-        kinds = [classify(*it, self.keep) for it in zip(settled, periods, strict=True)]
+        triples = zip(systems, settled, periods, strict=True)
+        kinds = [classify(*it, self.keep) for it in triples]
         return [(np.array(rows), kind) for rows, kind in zip(strobed, kinds, strict=True)]
 
-    def points(self, settled: Settled, period: float) -> Found:
+    def points(self, system: ImpactSystem, settled: Settled, period: float) -> Found:
         rows = settled.impacts / np.array([period, 1.0])
         rows[:, 0] %= 1.0
-        return rows, classify(settled, period, self.keep)
+        return rows, classify(system, settled, period, self.keep)
 
     def one(self, value: float, state: Array) -> tuple[Found, Array]:
         system, period = self.at(value)
         settled = settle_one(system, tuple(state), period, self.transient, self.keep, self.method)
         if self.section == "impacts":
-            return self.points(settled, period), settled.end
+            return self.points(system, settled, period), settled.end
         rows = [settled.end]
         for _ in range(self.keep - 1):
             rows.append(settle_one(system, tuple(rows[-1]), period, 0, 1, self.method).end)
-        return (np.array(rows), classify(settled, period, self.keep)), settled.end
+        return (np.array(rows), classify(system, settled, period, self.keep)), settled.end
 
     def following(self, grid: Array, state: Array) -> list[Found]:
         all_found = []

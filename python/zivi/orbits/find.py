@@ -10,6 +10,7 @@ from zivi._check import Array, whole
 from zivi._parameters import check_differentiable, excitation
 from zivi.methods import SwitchedRK
 from zivi.orbits.flights import PRECISE, FlightError, period_of
+from zivi.orbits.least_period import least_period
 from zivi.orbits.orbit import ORBIT_IMPACT, PeriodicOrbit
 from zivi.orbits.sequence import Equations, Frame, canonical, equations, newton
 from zivi.sensitivity import OrbitStatus
@@ -43,6 +44,7 @@ def periodic_orbit(
         (of a system near this one); or rows ``(t, u)`` of the impacts of one period.
     multiple : int, optional
         After how many periods of the excitation the motion repeats; by default what `start` shows.
+        An orbit that repeats earlier is given with its least period.
     period : float or "free", optional
         The period of the excitation (s), by default from a `LinearForce` or a `HarmonicWall`. Where
         nothing excites the system it is ``"free"``: an unknown, and times start at the first
@@ -119,23 +121,24 @@ def solve(system: ImpactSystem, frame: Frame, y: Array, max_iter: int = 20) -> P
     """Solve for an orbit from a guess of its unknowns, and look whether it is a motion."""
     try:
         found = newton(system, frame, y, max_iter)
+        steps = found.iterations
+        frame, found = least_period(system, frame, y, found, max_iter)
         at = equations(system, frame, found.equations.y, minima=True)
     except FlightError as error:
         return _failed(system, frame, y, f"A flight could not be computed: {error}")
     if not found.converged:
         message = (
-            f"Newton's iteration did not converge in {found.iterations} steps: the residual is "
+            f"Newton's iteration did not converge in {steps} steps: the residual is "
             f"{found.residual:.3g}, the nearest grazing {at.depth:.3g} m away."
         )
-        return orbit_of(
-            system, frame, at, found.residual, found.iterations, OrbitStatus.NOT_CONVERGED, message
-        )
+        status = OrbitStatus.NOT_CONVERGED
+        return orbit_of(system, frame, at, found.residual, steps, status, message)
     if not frame.free:
         period = frame.period_of(system)
         turned = canonical(at.y, period, frame.multiple * period)
         if turned is not at.y:
             at = equations(system, frame, turned, minima=True)
-    return checked(system, frame, at, found.residual, found.iterations)
+    return checked(system, frame, at, found.residual, steps)
 
 
 def orbit_of(
@@ -173,11 +176,15 @@ def orbit_of(
 
 def why_not(system: ImpactSystem, at: Equations) -> str | None:
     """Say why unknowns that solve the equations are no motion; None if they may be one."""
-    if at.y.ndim == 2 and np.any(at.y[:, 1] < 0.0):
+    rounding = 1e-12 * max(1.0, float(np.max(np.abs(at.y))))
+    if at.y.ndim == 2 and np.any(at.y[:, 1] < -rounding):
         t, u = at.y[int(np.argmin(at.y[:, 1]))]
         return f"The impact at t = {t:.9g} s would leave the wall at {u:.3g} m/s < 0."
+    if at.y.ndim == 2 and system.e == 0.0 and np.any(at.legs.first < 0.0):
+        t = at.y[int(np.argmin(at.legs.first)), 0]
+        return f"After the plastic impact at t = {t:.9g} s the force holds the mass at the wall."
     x, t = at.lowest
-    if x < -1e-12 * max(1.0, float(np.max(np.abs(at.y)))):
+    if x < -rounding:
         return f"The flight goes behind the wall, to {x:.3g} m at t = {t:.9g} s."
     return None
 
@@ -199,7 +206,8 @@ def _not_followed(system: ImpactSystem, frame: Frame, at: Equations) -> str | No
     length = frame.length(system, at.y)
     flies = at.y.ndim == 1
     t, x, xdot, _ = frame.rows(system, at.y)[0]
-    run = simulate(system, (t, t + length), (x, xdot), frame.method, dense_output=False)
+    state = (x, xdot if flies else max(xdot, 0.0))  # rounding of a plastic impact
+    run = simulate(system, (t, t + length), state, frame.method, dense_output=False)
     impacts = run.impacts
     k = 0 if flies else len(at.y) - 1
     # the impact that ends the period may lie on either side of its end

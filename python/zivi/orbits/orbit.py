@@ -122,7 +122,10 @@ class PeriodicOrbit:
             return self._frame.start, (0.0, 0.0)
         if not len(self._y):
             raise ValueError(f"no orbit was found: {self.message}")
-        return float(self.impacts["t"][0]), (0.0, float(self._y[0, 1]))
+        speed = float(self._y[0, 1])
+        if self.system.e == 0.0:
+            speed = max(speed, 0.0)  # rounding
+        return float(self.impacts["t"][0]), (0.0, speed)
 
     def monodromy(self, t0: float | None = None) -> Array:
         """Give the derivative of the state after one period of the motion by the state at `t0`.

@@ -171,7 +171,11 @@ def chatter_exponent(e: float) -> float:
 
         \lambda^3 + 2 \lambda^2 = e (1 + 2 \lambda), \quad \tau = 1 - \lambda, \quad
         \beta = \frac{\ln 1/\lambda}{\ln \mu}
+
+    One plastic impact (e = 0) moves smoothly past the lift-off: :math:`\beta = 1`.
     """
+    if e == 0.0:
+        return 1.0
     roots = np.roots([1.0, 2.0, -2.0 * e, -e])
     lam = float(max(root.real for root in roots if abs(root.imag) < 1e-12))
     tau = 1.0 - lam

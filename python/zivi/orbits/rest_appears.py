@@ -37,22 +37,39 @@ def rest_beyond(
     `edge` is where the branch ends with one impact more; it may have turned before, so both sides
     are looked at. None where there is no such orbit near it.
     """
-    rows = edge.at.y
-    if curve.frame.free or rows.ndim != 2 or not _is_chain(rows[:, 1]):
+    at = edge.at
+    if curve.frame.free or at.y.ndim != 2:
         return None
+    speeds = -np.roll(at.legs.v, 1)
+    if curve.system.e > 0.0 and not _is_chain(speeds):
+        return None
+    # where the chain, or the one plastic impact that the force holds, is
+    slowest = int(np.argmin(speeds if curve.system.e > 0.0 else at.legs.first))
+    near = _Impacting(at.y[:, 0], speeds, float(at.y[slowest, 0]))
     outside = {1.0: edge.value, -1.0: edge.value}
     for look in range(LOOKS):
         for side in outside:
             value = edge.value + side * FIRST * 2.0**look * (span[1] - span[0])
             if not span[0] <= value <= span[1]:
                 continue
-            orbit = _resting(curve, rows, value)
+            orbit = _resting(curve, near, value)
             if orbit is None:
                 outside[side] = value
                 continue
             event = ending(Follower(orbit, curve.name), (value, orbit), outside[side])
             return (event.value, event.orbit) if event.kind == "end_of_rest" else None
     return None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Impacting:
+    """The orbit at the end of the branch."""
+
+    times: Array
+    speeds: Array
+    """Of the impacts, before them."""
+    slowest: float
+    """When it nearly rests."""
 
 
 def _is_chain(speeds: Array) -> bool:
@@ -65,17 +82,16 @@ def _is_chain(speeds: Array) -> bool:
     return int(np.argmin(np.append(falls, False))) >= CHAIN
 
 
-def _resting(curve: Curve, rows: Array, value: float) -> PeriodicOrbit | None:
+def _resting(curve: Curve, near: _Impacting, value: float) -> PeriodicOrbit | None:
     """Give the resting orbit with the fastest impact of an impacting one."""
     system = with_value(curve.system, curve.name, value)
     frame = dataclasses.replace(curve.frame, start=0.0)
-    period = frame.period_of(system)
-    t, u = rows[np.argmax(rows[:, 1])]
-    slowest = rows[np.argmin(rows[:, 1]), 0]
-    orbit = resting_orbit(system, frame, slowest - 0.125 * period, frame.multiple + 1)
+    period, i = frame.period_of(system), int(np.argmax(near.speeds))
+    phase = near.slowest - 0.125 * period
+    orbit = resting_orbit(system, frame, phase, frame.multiple + 1)
     if not orbit.success or orbit.multiple != frame.multiple or not len(orbit.impacts):
         return None
-    fastest = orbit.impacts[np.argmax(orbit.impacts["u"])]
-    turn = (fastest["t"] - t) / (frame.multiple * period)
-    apart = max(abs(turn - round(turn)), abs(fastest["u"] - u) / abs(u))
-    return orbit if apart < ALIKE else None
+    fastest = orbit.impacts[np.argmin(orbit.impacts["xdot_before"])]
+    turn = (fastest["t"] - near.times[i]) / (frame.multiple * period)
+    faster = -fastest["xdot_before"] / near.speeds[i] - 1.0
+    return orbit if max(abs(turn - round(turn)), abs(faster)) < ALIKE else None

@@ -212,19 +212,26 @@ class Solution:
     """The residual at each step."""
 
 
-def size_of(system: ImpactSystem, frame: Frame, y: Array) -> Array:
-    """Give the sizes of the residuals: of a distance and a speed, by turns."""
+def size_of(system: ImpactSystem, frame: Frame, at: Equations) -> Array:
+    """Give the sizes of the residuals: of a distance and a speed, alternating.
+
+    The speed is the largest of the motion. Near a grazing, and after plastic impacts, speeds at the
+    wall are small, not the motion: it is not less than a part of what the force gives.
+    """
+    y, legs = at.y, at.legs
     time = frame.length(system, y) / frame.multiple / (2.0 * math.pi)
-    speed = float(np.max(np.abs(y[:, 1]), initial=1e-3)) if y.ndim == 2 else 1.0
-    if y.ndim == 1:
-        speed = max(0.0 if frame.free else abs(y[1]), abs(y[0]) / time, 1e-3)
-    return np.tile([speed * time, speed], max(1, len(y) if y.ndim == 2 else 1))
+    speed = 0.1 * time * float(np.max(np.abs([legs.first, legs.last])))
+    if y.ndim == 2:
+        speed = max(speed, float(np.max(np.abs([y[:, 1], legs.v]))))
+    else:
+        speed = max(speed, 0.0 if frame.free else abs(y[1]), abs(y[0]) / time)
+    return np.tile([speed * time, speed], max(1, y.size // 2))
 
 
 def newton(system: ImpactSystem, frame: Frame, y: Array, most: int = MOST_STEPS) -> Solution:
     """Solve the equations for the unknowns, from a guess."""
-    size = size_of(system, frame, y)
     now = equations(system, frame, y)
+    size = size_of(system, frame, now)
     error = float(np.max(np.abs(now.residual / size)))
     trace, tolerance = [error], 20.0 * max(frame.method.rtol, 1e-14)
     for step in range(most):

@@ -54,6 +54,8 @@ def _doubled(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
     """Solve twice the sequence, moved along the eigenvector of the multiplier -1."""
     orbit = event.orbit
     y, frame = orbit._y, orbit._frame
+    if len(y) < len(branch.orbits[0]._y):
+        return orbit  # the single orbit at which a doubled one begins
     at = equations(orbit.system, frame, y)
     values, vectors = np.linalg.eig(at.monodromy)
     moved = [np.real(vectors[:, int(np.argmin(np.abs(values + 1.0)))])]
