@@ -23,7 +23,7 @@ help:
 	@echo 'make fmu-test  the binary of the FMUs under valgrind or a sanitizer'
 	@echo 'make host    the shared library for C and C++ programs on this machine, into out/host'
 	@echo 'make same-bits  flights by power series built for several processors: every bit is the same'
-	@echo 'make mutants one mutation of the code after the other, and the tests that must notice; NAMES="step-*"'
+	@echo 'make mutants mutations drawn by tools, and whether the tests notice; MUTANTS="vi --draw 20 --seed 7"'
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
 	@echo 'make picture the pictures of the README'
@@ -78,7 +78,9 @@ host:
 	'$(PYTHON)' tools/native.py host
 
 mutants: $(READY)
-	$(BIN)/python tools/mutants --report docs/testing.md $(NAMES)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt mutmut
+	$(BIN)/python tools/mutants --report docs/testing.md $(MUTANTS)
 
 # the virtual environment with pinned packages, and the extension built into it
 $(VENV)/.packages: constraints.txt pyproject.toml

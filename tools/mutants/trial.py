@@ -1,80 +1,68 @@
-"""One mutation made, its tests run, the mutation taken back."""
+"""One mutation switched on, and the tests that reach it."""
 
-import sys
-import time
+import tempfile
+from collections import defaultdict
+from collections.abc import Sequence
 
-from results import BROKEN, KILLED, SURVIVED
-from scratch import LATE
+from mutant import Mutant
+from scratch import LATE, Scratch
+from suite import Suite, Test, pytest
 
-VERDICTS = {0: SURVIVED, 1: KILLED, LATE: KILLED}  # by pytest's exit code
-
-
-class CannotFailError(Exception):
-    """Without any mutation the tests fail, or do not run: that they fail would say nothing."""
-
-
-def baseline(scratch, mutants):
-    """See that the tests that `mutants` name pass before anything is changed."""
-    tests = list(dict.fromkeys(test for mutant in mutants for test in mutant.tests))
-    found, output = outcome(scratch, tests, compiled=True)
-    if found != SURVIVED:
-        raise CannotFailError(output[-3000:])
+KILLED, TIMEOUT, SURVIVED, EQUIVALENT = "killed", "timeout", "survived", "equivalent"
+QUICK = 0.3  # s; the tests below this run first
+PATIENCE = 10  # times as long as without mutation, and some seconds
+NO_TESTS = 5  # pytest's exit code
 
 
-def trial(scratch, mutant):
-    """Give what became of `mutant`, and how long it took (s)."""
-    start = time.monotonic()
-    path = scratch.tree / mutant.file
-    original = path.read_text(encoding="utf-8")
-    compiled = path.suffix == ".rs"
-    path.write_text(mutant.mutated(original), encoding="utf-8")
-    try:
-        found, _ = outcome(scratch, mutant.tests, compiled=compiled)
-    finally:
-        path.write_text(original, encoding="utf-8")
-    if compiled and any(is_python(test) for test in mutant.tests):
-        scratch.extension()  # of the code as it was, for the next mutation in Python
-    return found, time.monotonic() - start
+def trial(
+    scratch: Scratch, suite: Suite, mutant: Mutant, switch: dict[str, str], budget: float
+) -> tuple[str, str]:
+    """Give what became of `mutant`, and the tests that told (or how many did not).
 
-
-def is_python(test):
-    """Tell a test of pytest from one of cargo."""
-    return test.startswith("tests/")
-
-
-def binaries(tests):
-    """Group tests in Rust by their binary: the options of `cargo test`, and the names."""
-    groups = {}
-    for test in tests:
-        package, target, *names = test.split(" ")
-        binary = ("--lib",) if target == "lib" else ("--test", target)
-        groups.setdefault(("-p", package, *binary), []).append(names)
-    return {
-        binary: [] if [] in tests else [name for names in tests for name in names]
-        for binary, tests in groups.items()
-    }
-
-
-def outcome(scratch, tests, *, compiled):
-    """Run `tests`: killed where one fails, broken where they cannot run, else survived.
-
-    The extension is compiled first if the mutation is in what it is `compiled` from. Also gives the
-    output of the command that decided.
+    `switch` is the environment that switches it on; the tests take `budget` s of time at most, as
+    measured without mutations.
     """
-    for options, names in binaries([test for test in tests if not is_python(test)]).items():
-        code, output = scratch.cargo("test", *options, "--no-run")
-        if code != 0:
-            return BROKEN, output
-        code, output = scratch.cargo("test", *options, tests=names)
-        if code != 0:
-            return KILLED, output
-        if "running 0 tests" in output:
-            return BROKEN, output
-    scripts = [test for test in tests if is_python(test)]
-    if not scripts:
-        return SURVIVED, ""
-    if compiled and (complaint := scratch.extension()):
-        return BROKEN, complaint
-    options = ("-x", "-q", "-p", "no:cacheprovider")
-    code, output = scratch.run(sys.executable, "-m", "pytest", *options, *scripts)
-    return VERDICTS.get(code, BROKEN), output
+    spent, number = 0.0, 0
+    for tests in groups(suite, within(suite, suite.reaching(mutant.place), budget)):
+        seconds = sum(suite.seconds[test] for test in tests)
+        spent += seconds
+        number += len(tests)
+        code = run(scratch, tests, switch, 30 + PATIENCE * seconds)
+        if code == LATE:
+            return TIMEOUT, tests[0].binary
+        if code not in (0, NO_TESTS):
+            first = tests[0]
+            return KILLED, first.binary.rpartition("/")[2].partition("-")[0] + f" ({len(tests)})"
+    return SURVIVED, f"{number} tests, {spent:.1f} s"
+
+
+def within(suite: Suite, tests: Sequence[Test], budget: float) -> list[Test]:
+    """Leave out the slowest tests, beyond `budget` seconds together."""
+    kept, spent = [], 0.0
+    for test in tests:
+        spent += suite.seconds[test]
+        if kept and spent > budget:
+            break
+        kept.append(test)
+    return kept
+
+
+def groups(suite: Suite, tests: Sequence[Test]) -> list[list[Test]]:
+    """Put tests together that one command runs: in Rust first, there the fast ones first."""
+    found: dict[tuple[bool, bool, str], list[Test]] = defaultdict(list)
+    for test in tests:
+        python = test.binary == "pytest"
+        found[python, not python and suite.seconds[test] > QUICK, test.binary].append(test)
+    return [found[key] for key in sorted(found)]
+
+
+def run(scratch: Scratch, tests: Sequence[Test], switch: dict[str, str], timeout: float) -> int:
+    """Run tests of one binary or of pytest: the exit code."""
+    names = [test.name for test in tests]
+    if tests[0].binary != "pytest":
+        command = (tests[0].binary, "--exact", *names)
+        return scratch.run(*command, cwd=tests[0].folder, timeout=timeout, environment=switch)[0]
+    with tempfile.NamedTemporaryFile("w", suffix=".txt", encoding="utf-8") as file:
+        file.write("\n".join(names))
+        file.flush()
+        return scratch.run(*pytest("-x", f"@{file.name}"), timeout=timeout, environment=switch)[0]
