@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy
 
 import zivi
 from mechanical_models import MODELS, MULTI, NDOF, compiled, model, multi_case, ndof_case
@@ -103,7 +104,6 @@ def test_moving_frames_and_explicit_time():
 
 
 def test_coordinates_as_functions_symbols_and_names(pendulum):
-    sympy = pytest.importorskip("sympy")
     from sympy.physics.mechanics import dynamicsymbols
 
     m, length, g, d = sympy.symbols("m l g d", positive=True)
@@ -185,7 +185,8 @@ def test_bad_parameters(pendulum, name, value, error):
         ({"qdot": ["a", "b"]}, "qdot must have 1"),
         ({"e": 1.5}, r"e\[0\] must be in \[0, 1\]"),
         ({"compiler": "fortran"}, "compiler must be one of"),
-        ({"V": "zeta(phi)*m*g*l*d"}, "compiled form"),
+        ({"V": "zeta(phi)*m*g*l*d"}, "zeta is no function"),
+        ({"V": sympy.zeta(sympy.Symbol("phi"))}, "compiled form"),
     ],
 )
 def test_what_is_wrong_is_named(change, told):

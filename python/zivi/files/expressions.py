@@ -1,35 +1,19 @@
 """Kinds of values that describe a mechanical system: expressions, names and states.
 
-An expression is a formula and nothing else: what is no number, name, operator or known function is
-refused before anything reads it, so that a file cannot run code.
+An expression is a formula of `zivi._formula` and nothing else, so that a file cannot run code.
 """
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import keyword
-from typing import Any, TypeGuard
+from typing import Any
 
+from zivi._formula import FormulaError, normal, parse
 from zivi.files.kinds import Kind, Number, read_each
 from zivi.files.mistakes import Mistakes, got
 
-__all__ = ["FUNCTIONS", "Each", "Expression", "Names", "OneOrEach"]
-
-FUNCTIONS = (
-    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2"),
-    *("sinh", "cosh", "tanh", "exp", "log", "sqrt"),
-)
-"""What an expression may call."""
-LONGEST = 10_000
-"""Characters of an expression."""
-HIGHEST = 100
-"""Largest exponent that is a number: higher ones are slips, and take for ever."""
-
-LARGEST = 1e300
-"""Largest number."""
-
-OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
+__all__ = ["Each", "Expression", "Names", "OneOrEach"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,61 +28,16 @@ class Expression:
     def read(self, value: Any, key: str, mistakes: Mistakes) -> str | float | None:
         """Give the expression as it stands, or a float."""
         if isinstance(value, str):
-            wrong = _wrong(value)
-            if wrong:
-                mistakes.add(key, f"must be {self.allowed}, {got(value)}: {wrong}")
+            try:
+                parse(value)
+            except FormulaError as error:
+                mistakes.add(key, f"must be {self.allowed}, {got(value)}: {error}")
             return value
         tried = Mistakes(mistakes.file)
         number = Number().read(value, key, tried)
         if tried.found:
             mistakes.add(key, f"must be {self.allowed}, {got(value)}")
         return number
-
-
-def _wrong(text: str) -> str:
-    """Say what in a text is no formula; nothing if it is one."""
-    if len(text) > LONGEST:
-        return f"it has more than {LONGEST} characters"
-    try:
-        tree = ast.parse(text.strip(), mode="eval")
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return "it is no formula"
-    functions = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
-    for node in ast.walk(tree.body):
-        told = _wrong_node(node, id(node) in functions)
-        if told:
-            return told
-    return ""
-
-
-def _wrong_node(node: ast.AST, called: bool) -> str:
-    """Say why a node is no part of a formula; `called` tells the names of functions."""
-    if isinstance(node, (*OPERATORS, ast.UAdd, ast.USub, ast.UnaryOp, ast.Load)):
-        return ""
-    if isinstance(node, ast.BitXor):
-        return "a power is **"
-    if isinstance(node, ast.BinOp):
-        return _wrong_power(node)
-    if isinstance(node, ast.Name):
-        if called == (node.id in FUNCTIONS):
-            return ""
-        return f"{node.id} {'is no function' if called else 'needs an argument'}"
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-        return ""
-    if isinstance(node, ast.Constant) and _is_number(node.value):
-        return "" if abs(node.value) < LARGEST else "a number is too large"
-    return f"{type(node).__name__} is no part of a formula"
-
-
-def _wrong_power(node: ast.BinOp) -> str:
-    power = isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant)
-    exponent = node.right.value if power and isinstance(node.right, ast.Constant) else 0
-    high = _is_number(exponent) and abs(exponent) > HIGHEST
-    return f"the exponent {exponent!r} is too high" if high else ""
-
-
-def _is_number(value: object) -> TypeGuard[int | float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,12 +54,13 @@ class Names:
         if not (isinstance(value, list) and value):
             mistakes.add(key, f"must be {self.allowed}, {got(value)}")
             return None
-        for n, name in enumerate(value):
+        names = [normal(name) if isinstance(name, str) else name for name in value]
+        for n, name in enumerate(names):
             if not (isinstance(name, str) and name.isidentifier()) or keyword.iskeyword(name):
                 mistakes.add(f"{key}[{n}]", f"must be a name of letters and digits, {got(name)}")
-            elif name in value[:n]:
+            elif name in names[:n]:
                 mistakes.add(f"{key}[{n}]", f"must be another name, got {name!r} again")
-        return value
+        return names
 
 
 @dataclasses.dataclass(frozen=True)

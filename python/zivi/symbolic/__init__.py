@@ -3,6 +3,7 @@
 `system` makes a `zivi.MechanicalSystem` that runs without the interpreter.
 """
 
+from zivi._formula import FormulaError
 from zivi.symbolic.system import SymbolicSystem, system
 
-__all__ = ["SymbolicSystem", "system"]
+__all__ = ["FormulaError", "SymbolicSystem", "system"]

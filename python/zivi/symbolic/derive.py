@@ -8,8 +8,14 @@ from typing import Any
 
 from zivi._check import finite
 from zivi._extras import needed
+from zivi._formula import CONSTANTS, FormulaError, meant, normal
+from zivi.symbolic.formula import UnknownNameError, expression, sound
+from zivi.symbolic.quadratic import depends
 
 __all__ = ["Derived", "derive"]
+
+LONGEST = 60
+"""Characters of a wrong formula that are shown."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,10 +63,9 @@ def derive(
         h_i = \dot q^T H_i \dot q + 2 g_{i,tq} \dot q + g_{i,tt}
     """
     sympy = needed("sympy", "symbolic systems")
-    values = {
-        _name_of(key): finite(f"parameters[{key}]", v) for key, v in (parameters or {}).items()
-    }
-    words = _Words(sympy, q, qdot, tuple(values))
+    given = dict(parameters or {})
+    values = {_name_of(key): finite(f"parameters[{key}]", v) for key, v in given.items()}
+    words = _Words(sympy, q, qdot, [_name_of(key) for key in given])
     named = _named(gaps)
     kinetic, potential = words.read("T", T), words.read("V", V)
     pushes = [words.read(f"Q[{i}]", entry) for i, entry in enumerate(_forces(words, Q))]
@@ -69,7 +74,7 @@ def derive(
     lagrangian = kinetic - potential
     momenta = [lagrangian.diff(v) for v in w]
     mass = [[momenta[i].diff(w[j]) for j in range(n)] for i in range(n)]
-    if any(sympy.simplify(entry.diff(v)) != 0 for row in mass for entry in row for v in w):
+    if any(depends(entry, w) for row in mass for entry in row):
         raise ValueError("T must be quadratic in the velocities: its second derivatives have some")
     force = [
         pushes[i]
@@ -90,13 +95,17 @@ def derive(
     curvatures = [sum(y.diff(x[j]) * w[j] for j in range(n)) + y.diff(t) for y in along]
     entries = [entry for row in mass for entry in row] + force + distances
     entries += [entry for row in gradients for entry in row] + curvatures + rates
-    return Derived(tuple(map(sympy.sympify, entries)), words.names, tuple(named), values)
+    try:
+        found = tuple(sound(sympy.sympify(entry)) for entry in entries)
+    except FormulaError as error:
+        raise FormulaError(f"T, V, Q and gaps: {error}") from None
+    return Derived(found, words.names, tuple(named), values)
 
 
 class _Words:
     """The symbols of a user, and those of ours that take their places: real, and named as in C."""
 
-    def __init__(self, sympy: Any, q: Any, qdot: Any, parameters: tuple[str, ...]) -> None:
+    def __init__(self, sympy: Any, q: Any, qdot: Any, parameters: list[str]) -> None:
         self.sympy = sympy
         given = _sequence(sympy, q)
         if not given:
@@ -121,6 +130,9 @@ class _Words:
         self.w = [sympy.Symbol(f"w[{i}]", real=True) for i in range(len(given))]
         own = [sympy.Symbol(f"p[{k}]", real=True) for k in range(len(parameters))]
         names = [self.time.name, *self.names, *rates, *parameters]
+        for name in CONSTANTS:
+            if name in names:
+                raise ValueError(f"{name} is a number: give what you call so another name")
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(
@@ -131,37 +143,54 @@ class _Words:
         self.rates = rates
 
     def read(self, what: str, given: Any) -> Any:
-        """Give an expression of the user in our symbols; an error names what is unknown."""
+        """Give a formula or an expression in our symbols; an error names what is unknown."""
+        if isinstance(given, str):
+            return self._formula(what, given)
         sympy = self.sympy
-        words = {name: sympy.Symbol(name) for name in self.table}
         try:
-            expression = sympy.sympify(given, locals=words)
-        except sympy.SympifyError:
-            raise ValueError(f"{what} must be an expression, got {given!r}") from None
-        if not isinstance(expression, sympy.Expr):
+            found = sympy.sympify(given, strict=True)
+        except (sympy.SympifyError, TypeError, ValueError):
+            found = None
+        if not isinstance(found, sympy.Expr):
             raise TypeError(f"{what} must be one expression, got {type(given).__name__} {given!r}")
         for item, x, w in zip(self.given, self.q, self.w, strict=True):
             if not item.is_Symbol:
-                expression = expression.subs(sympy.Derivative(item, self.time), w).subs(item, x)
-        left = expression.atoms(sympy.core.function.AppliedUndef, sympy.Derivative)
+                found = found.subs(sympy.Derivative(item, self.time), w).subs(item, x)
+        left = found.atoms(sympy.core.function.AppliedUndef, sympy.Derivative)
         if left:
             raise ValueError(f"{what} has {left.pop()}, which is no coordinate and no velocity")
         ours = set(self.table.values())
-        unknown = {s for s in expression.free_symbols - ours if s.name not in self.table}
+        unknown = {s for s in found.free_symbols - ours if normal(s.name) not in self.table}
         if unknown:
-            name = min(str(s) for s in unknown)
-            raise ValueError(
-                f"{what} has {name}, which is no coordinate ({', '.join(self.names)}), no velocity "
-                f"({', '.join(self.rates)}) and no parameter: give parameters={{{name!r}: ...}}"
-            )
-        return expression.xreplace({s: self.table[s.name] for s in expression.free_symbols - ours})
+            raise self._unknown(what, min(str(s) for s in unknown))
+        return found.xreplace({s: self.table[normal(s.name)] for s in found.free_symbols - ours})
+
+    def _formula(self, what: str, text: str) -> Any:
+        try:
+            return expression(text, self.table)
+        except UnknownNameError as error:
+            raise self._unknown(what, error.name) from None
+        except FormulaError as error:
+            shown = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+            raise FormulaError(f"{what} must be an expression, got {shown!r}: {error}") from None
+
+    def _unknown(self, what: str, name: str) -> FormulaError:
+        parameters = [
+            it for it in self.table if it not in (*self.names, *self.rates, self.time.name)
+        ]
+        near = meant(name, self.table) or f"give parameters={{{name!r}: ...}}"
+        return FormulaError(
+            f"{what} has {name}, which is no coordinate ({', '.join(self.names)}), no velocity "
+            f"({', '.join(self.rates)}), not the time ({self.time.name}), not pi and no parameter "
+            f"({', '.join(parameters) or 'there are none'}); {near}"
+        )
 
 
 def _name_of(item: Any) -> str:
     if isinstance(item, str):
-        return item
+        return normal(item)
     name = getattr(item, "name", None) or getattr(getattr(item, "func", None), "__name__", None)
-    return str(name or item)
+    return normal(str(name or item))
 
 
 def _sequence(sympy: Any, items: Any) -> list[Any]:
@@ -170,7 +199,13 @@ def _sequence(sympy: Any, items: Any) -> list[Any]:
         items = items.replace(",", " ").split()
     if not isinstance(items, Iterable):
         items = [items]
-    return [sympy.Symbol(item) if isinstance(item, str) else item for item in items]
+    return [sympy.Symbol(_word(item)) if isinstance(item, str) else item for item in items]
+
+
+def _word(name: str) -> str:
+    if not normal(name).isidentifier():
+        raise ValueError(f"q must hold names of letters and digits, got {name!r}")
+    return normal(name)
 
 
 def _forces(words: _Words, Q: Any) -> Sequence[Any]:

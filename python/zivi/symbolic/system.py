@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from zivi import _zivi
 from zivi._check import Array, finite
+from zivi._formula import normal
 from zivi._machine_code import Native, compiled
 from zivi.mechanics.layout import Layout
 from zivi.mechanics.partials import Partials
@@ -43,7 +44,7 @@ class Parameters(MutableMapping[str, float]):
         return self._row.ctypes.data
 
     def _place(self, name: Any) -> int:
-        key = name if isinstance(name, str) else str(name)
+        key = normal(name if isinstance(name, str) else str(name))
         if key not in self._places:
             known = ", ".join(self._places) or "none"
             raise KeyError(f"{key!r} is no parameter: there are {known}")
@@ -282,7 +283,8 @@ def system(
     Raises
     ------
     ValueError, TypeError
-        For a symbol without meaning, which is named, or an energy of another form.
+        For what is no formula or has a name that is not declared (`FormulaError`), or an energy
+        of another form.
     ImportError
         Without SymPy: ``pip install 'zivi[symbolic]'``.
     RuntimeError
