@@ -47,3 +47,18 @@ def test_the_arcs_of_all_gaps_are_drawn(name):
     found = sampled.t_events[0][sampled.t_events[0] > jump]
     crossings = np.flatnonzero(np.diff(np.sign(drawn.gaps[:, index] - 0.2 * height)))
     assert len(found) >= len(crossings) > 0
+
+
+@pytest.mark.parametrize("spacing", [1e-6, 1e-9])
+def test_elastic_impacts_end_in_no_corner(spacing):
+    """However short they follow each other: nothing is lost, so nothing comes to rest."""
+    n, unit = 5, np.eye(5)
+    gaps = [zivi.LinearGap(unit[i + 1] - unit[i], spacing) for i in range(n - 1)]
+    cradle = zivi.MechanicalSystem(mass=unit, force=lambda t, q, v: -9.81 * q, e=1, gaps=gaps)
+    sol = zivi.simulate(cradle, (0, 6), ([-0.3, 0, 0, 0, 0], np.zeros(n)))
+    assert sol.success
+    assert (len(sol.corners), len(sol.liftoffs), len(sol.zeno), len(sol.flags)) == (0, 0, 0, 0)
+    # swings of one ball after the other, each passed on by four impacts
+    assert len(sol.impacts) == 4 * 6
+    energy = 0.5 * (sol.qdot**2).sum(axis=1) + 0.5 * 9.81 * (sol.q**2).sum(axis=1)
+    assert energy == pytest.approx(energy[0], rel=1e-6)

@@ -136,7 +136,7 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<Option<Ahead>, Failure<E>> {
         let recent = self.gathered.corners.recent();
-        if recent.len() < 2 {
+        if recent.len() < 2 || !self.lose_energy(recent) {
             return Ok(None);
         }
         for of_openings in [false, true] {
@@ -148,7 +148,9 @@ impl Machine {
             if marks.last().is_none_or(|last| last.t < self.now.t) {
                 continue;
             }
-            let Some((p, gaps)) = pattern(marks) else { continue };
+            let Some((p, gaps)) = pattern(marks).filter(|&(_, gaps)| self.lose_energy(gaps)) else {
+                continue;
+            };
             let rtol = self.settings.rtol;
             let since = self.now.t - marks[0].t;
             let scales = self.scales_with(rtol * since);
@@ -162,6 +164,11 @@ impl Machine {
             }
         }
         self.floor(recent)
+    }
+
+    /// Whether impacts on a set of gaps can accumulate: those on elastic ones keep the energy.
+    fn lose_energy(&self, gaps: GapSet) -> bool {
+        gaps.iter().any(|i| self.e[i] < 1.0)
     }
 
     /// A speed below all tolerances.

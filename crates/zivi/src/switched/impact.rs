@@ -65,10 +65,15 @@ impl SwitchedIntegrator {
             return Ok(Some((t + self.chain.remaining(last)).min(t_end)));
         }
         let tolerance = self.settings.zeno_tolerance(&self.chain, last.g);
-        let known = self.chain.landing(&[1.0]).filter(|landing| landing.size <= tolerance);
-        let ahead = known.map(|landing| landing.t).filter(|&zeno| zeno > t && zeno <= t_end);
+        let is_constant = force.dependence::<E>() == Dependence::Constant;
+        let exact = self.chain.end_under_constant_pull().filter(|_| is_constant);
+        let known = exact.or_else(|| {
+            let landing = self.chain.landing(&[1.0]);
+            landing.filter(|landing| landing.size <= tolerance).map(|landing| landing.t)
+        });
+        let ahead = known.filter(|&zeno| zeno > t && zeno <= t_end);
         let Some(zeno) = ahead else { return Ok(None) };
-        if force.dependence::<E>() == Dependence::Constant {
+        if is_constant {
             return Ok(Some(zeno));
         }
         let (e, max_step) = (self.restitution.e(), self.settings.max_step);

@@ -164,7 +164,7 @@ impl Lookahead<'_> {
         panels: usize,
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
-        let h = arc.end - arc.start;
+        let h = arc.length;
         let parts = panels as f64;
         let (mut impulse, mut moment) = (0.0, 0.0);
         for panel in 0..panels {

@@ -21,7 +21,7 @@
 
 use std::collections::TryReserveError;
 
-use super::table::{Landing, Table, ROWS};
+use super::table::{is_coarse, Landing, Table, ROWS};
 use super::tail::Tail;
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::richardson::Powers;
@@ -202,6 +202,13 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         Some(Landing::new(first.t, self.row(last), 0.0))
     }
 
+    /// The end of the chain under a pull that is known to be constant, from three impacts on, where a
+    /// table of neighbours would magnify rounding: the row (2) is exact.
+    pub(crate) fn end_under_constant_pull(&self) -> Option<f64> {
+        let known = self.bounces.len() > 2 && is_coarse(self.e * self.e);
+        self.leading().filter(|_| known).map(|landing| landing.t)
+    }
+
     /// The end of the chain, from three impacts on: the entry of the last row of the table with the
     /// smallest estimated error in the given scales, of the time, then of the state.
     pub(crate) fn landing(&mut self, scales: &[f64]) -> Option<Landing<Z>> {
@@ -334,6 +341,14 @@ mod tests {
         }
         let exact = 0.3 + 2.0 * 2.0 / (g * (1.0 - e));
         assert!((chain.landing(&[1.0]).unwrap().t - exact).abs() < 1e-15);
+        assert_eq!(chain.end_under_constant_pull(), None);
+        let (near, mut chain) = (0.99_f64, times(0.99));
+        for n in 0..3 {
+            assert_eq!(chain.end_under_constant_pull(), None);
+            let q = near.powi(n);
+            note(&mut chain, Bounce { t: 1.0 - q, u: q, g: 2.0 / (1.0 - near) });
+        }
+        assert!(chain.end_under_constant_pull().is_some_and(|t| (t - 1.0).abs() < 1e-15));
     }
 
     #[test]

@@ -11,9 +11,11 @@
 //! * [`chain`]: impacts at falling speeds, and what they say of the Zeno point.
 //! * [`table`]: extrapolation of times and states.
 //! * [`rates`]: their derivatives.
+//! * `fit`: series in those powers through impacts of a chain.
 //! * [`tail`]: the arcs between the last of them and that point.
 
 pub(crate) mod chain;
+mod fit;
 pub(crate) mod rates;
 pub(crate) mod table;
 pub(crate) mod tail;

@@ -14,6 +14,12 @@ use crate::numeric::richardson::{self, Entry, Powers};
 /// Rows of the table.
 pub(super) const ROWS: usize = 7;
 
+/// From this growth of rounding in the first column on, rows that agree are not extrapolated: with rows
+/// a tenth of the speed apart it is 10.
+const COARSE: f64 = 24.0;
+/// Rows agree within so many times their rounding.
+const AGREE: f64 = 16.0;
+
 /// The extrapolated end of an accumulation.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Landing<Z> {
@@ -90,7 +96,8 @@ impl<Z: Coordinates> Table<Z> {
     /// the newest at the time `now`.
     ///
     /// The estimate is at least what rounding does: each column magnifies that of the one before by
-    /// `(1 + p)/(1 - p)`, with the power `p` that it removes.
+    /// `(1 + p)/(1 - p)`, with the power `p` that it removes. Where that is large, a component whose
+    /// rows differ by nothing but rounding is the newest of them: so it is under a constant pull.
     #[inline]
     pub(crate) fn landing(
         &mut self,
@@ -105,6 +112,7 @@ impl<Z: Coordinates> Table<Z> {
             *noise = f64::EPSILON * entry.abs();
         }
         noise[0] = noise[0].max(f64::EPSILON * now.abs());
+        let settled = is_coarse(powers.first).then(|| settled::<Z>(rows, noise));
         let mut best: Option<Landing<Z>> = None;
         richardson::columns(rows, across.as_mut_slice(), powers, |entry| {
             let size = judge(entry, noise, error, scales);
@@ -115,14 +123,43 @@ impl<Z: Coordinates> Table<Z> {
                 best.error.as_mut_slice().copy_from_slice(error);
             }
         });
+        if let (Some(best), Some(settled)) = (&mut best, settled) {
+            for (z, row) in best.z.as_mut_slice().iter_mut().zip(settled.as_slice()) {
+                *z = if row.is_nan() { *z } else { *row };
+            }
+            best.t = start + best.z.as_slice()[0];
+        }
         best
     }
+}
+
+/// The newest row, and NaN for components in which the rows differ by more than rounding.
+fn settled<Z: Coordinates>(rows: &[f64], noise: &[f64]) -> Z {
+    let mut settled = Z::zeros(noise.len());
+    for (c, value) in settled.as_mut_slice().iter_mut().enumerate() {
+        let mut all = rows.iter().skip(c).step_by(noise.len());
+        let agree = all.all(|row| (row - rows[c]).abs() <= AGREE * noise[c]);
+        *value = if agree { rows[c] } else { f64::NAN };
+    }
+    settled
+}
+
+/// Whether a first column that removes this power magnifies rounding too much.
+#[inline]
+pub(super) fn is_coarse(power: f64) -> bool {
+    growth(power) > COARSE
+}
+
+/// By how much a column that removes a power magnifies rounding.
+#[inline]
+fn growth(power: f64) -> f64 {
+    (1.0 + power) / (1.0 - power)
 }
 
 /// The estimated errors of an entry; the largest in the scales, NaN if one is.
 #[inline]
 fn judge(entry: &Entry<'_>, noise: &mut [f64], error: &mut [f64], scales: &[f64]) -> f64 {
-    let growth = (1.0 + entry.power) / (1.0 - entry.power);
+    let growth = growth(entry.power);
     let mut worst = 0.0_f64;
     for (c, scale) in scales.iter().enumerate() {
         noise[c] *= growth;
@@ -170,5 +207,28 @@ mod tests {
     #[test]
     fn a_state_that_is_no_number_has_no_size() {
         assert!(landing(5, f64::NAN, &[1.0, 1.0]).unwrap().size.is_nan());
+    }
+
+    #[test]
+    fn rows_that_differ_by_rounding_alone_are_not_extrapolated_where_that_magnifies_it() {
+        // neighbours of e = 0.999: the time is 3 but for rounding, the state has a term of its own
+        let ratio = 0.999_f64;
+        let found = |noise: f64, ratio: f64| {
+            let mut table = Table::<Vec<f64>>::new(2, 5);
+            for k in 0..5 {
+                let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+                table.push(&[3.0 + sign * noise, 1.0 + 0.1 * ratio.powi(-2 * k)]);
+            }
+            let powers = Powers { ratio, first: ratio * ratio };
+            let found = table.landing(10.0, 12.9, powers, &[1.0, 1.0]).unwrap();
+            (found.t - 13.0, found.state()[0] - 1.0)
+        };
+        let noise = 4.0 * 12.9 * f64::EPSILON;
+        let (t, z) = found(noise, ratio);
+        assert!(t.abs() <= 2.0 * noise && z.abs() < 1e-9, "{t:e} {z:e}");
+        // what is more than rounding is extrapolated, and so is everything where rows are far apart
+        for (t, noise) in [(found(1e-9, ratio).0, 1e-9), (found(noise, 0.9).0, noise)] {
+            assert!(t.abs() > 8.0 * noise, "{t:e}");
+        }
     }
 }

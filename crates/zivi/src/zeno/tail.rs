@@ -11,13 +11,17 @@
 //! both ends and the velocities `U(m)` and `-U(m+1)/e` there.
 
 use super::chain::Bounce;
+use super::fit::{fit, rounding, series, stride, PARTS, TERMS};
 use crate::numeric::bernstein::Bernstein;
 use crate::record::point::is_sigma;
 use crate::record::user_events::Level;
 use crate::{Impact, PathPoint};
 
-/// Most terms of (1).
-const TERMS: usize = 4;
+/// What rounding may do to positions, relative to the height of the first arc, before terms must
+/// show that they are more than that.
+const SEEN: f64 = 1e-12;
+/// How many times more.
+const TOLD: f64 = 4.0;
 
 /// The arcs between the last computed impact and the Zeno point.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +44,9 @@ pub(crate) struct TailArc {
     pub(crate) u: f64,
     pub(crate) incoming: f64,
     pub(crate) sigma: f64,
+    /// As `end - start`, with the precision of the speeds: near the end of a long tail, and where `e` is
+    /// near 1, rounding of the times is much of that difference.
+    pub(crate) length: f64,
 }
 
 impl TailArc {
@@ -55,7 +62,7 @@ impl TailArc {
 
     /// Of the cubic.
     pub(crate) fn acceleration(&self, t: f64) -> f64 {
-        let h = self.end - self.start;
+        let h = self.length;
         let theta = ((t - self.start) / h).clamp(0.0, 1.0);
         let (u, w) = (self.u, self.incoming);
         (u * (6.0 * theta - 4.0) + w * (6.0 * theta - 2.0)) / h
@@ -97,24 +104,53 @@ impl Tail {
     }
 
     /// The tail of a chain of at least one impact that comes to rest at `zeno`.
+    ///
+    /// With as many terms as the chain has points for, unless rounding of the times would be seen:
+    /// then each term must change the positions, by more than rounding does and by less than the
+    /// one before. Under a constant force one is exact.
     pub(super) fn new(bounces: &[Bounce], e: f64, zeno: f64, sigma: f64) -> Self {
         let last = bounces.len() - 1;
-        let mut terms = TERMS.min(bounces.len());
-        loop {
-            let stride = stride(e, terms, last);
-            let points = (0..terms).map(|i| &bounces[last - i * stride]);
-            let (mut t, mut u) = ([0.0; TERMS], [0.0; TERMS]);
-            for (i, bounce) in points.enumerate() {
-                (t[i], u[i]) = (zeno - bounce.t, bounce.u);
-            }
-            let (c, d) = (fit(e, stride, terms, t), fit(e, stride, terms, u));
-            let start = bounces[last].t;
-            let tail = Self { e, start, zeno, until: zeno, sigma, c, d };
-            if terms == 1 || tail.is_sound() {
-                return tail;
-            }
-            terms -= 1;
+        let most = TERMS.min(bounces.len());
+        let with = |terms: usize| Self::with_terms(terms, bounces, (e, zeno, sigma));
+        let noise = |terms: usize| {
+            let arc = (1.0 - e) * (zeno - bounces[last].t);
+            rounding(e, stride(e, terms, last), terms) * zeno.abs() / arc
+        };
+        if noise(most) <= SEEN {
+            let found = (2..=most).rev().map(with).find(Self::is_sound);
+            return found.unwrap_or_else(|| with(1));
         }
+        let (mut tail, mut change) = (with(1), f64::INFINITY);
+        for terms in 2..=most {
+            let (next, before) = (with(terms), change);
+            change = next.distance(&tail);
+            if change >= before || change <= TOLD * noise(terms) || !next.is_sound() {
+                break;
+            }
+            tail = next;
+        }
+        tail
+    }
+
+    fn with_terms(terms: usize, bounces: &[Bounce], (e, zeno, sigma): (f64, f64, f64)) -> Self {
+        let last = bounces.len() - 1;
+        let stride = stride(e, terms, last);
+        let points = (0..terms).map(|i| &bounces[last - i * stride]);
+        let (mut t, mut u) = ([0.0; TERMS], [0.0; TERMS]);
+        for (i, bounce) in points.enumerate() {
+            (t[i], u[i]) = (zeno - bounce.t, bounce.u);
+        }
+        let (c, d) = (fit(e, stride, terms, t), fit(e, stride, terms, u));
+        Self { e, start: bounces[last].t, zeno, until: zeno, sigma, c, d }
+    }
+
+    /// How far the positions are from those of another tail of the same chain at most, relative to
+    /// the height of the first arc: under a constant pull that is `4/h` times the time between
+    /// them, an arc that begins at `q u` moves with the part `q` of that.
+    fn distance(&self, other: &Self) -> f64 {
+        let first = (1.0 - self.e) * (self.zeno - self.start);
+        let at = |q: f64| 4.0 * q * (series(&self.c, q) - series(&other.c, q)).abs() / first;
+        PARTS.map(at).into_iter().fold(0.0, f64::max)
     }
 
     /// Whether times rise and speeds fall over the first arcs, as they must.
@@ -135,6 +171,16 @@ impl Tail {
         } else {
             self.zeno - series(&self.c, libm::pow(self.e, m))
         }
+    }
+
+    /// `T(m + 1) - T(m) = sum_k C_k e^(km) (1 - e^k)`, with `1 - e^k = (1 - e) (1 + e + ...)`.
+    fn flight(&self, m: f64) -> f64 {
+        let (mut falls, mut sum) = (self.c, 0.0);
+        for fall in &mut falls {
+            sum = 1.0 + self.e * sum;
+            *fall *= (1.0 - self.e) * sum;
+        }
+        series(&falls, libm::pow(self.e, m))
     }
 
     fn speed(&self, m: f64) -> f64 {
@@ -176,7 +222,7 @@ impl Tail {
         let (start, end) = (self.time(n), self.time(n + 1.0).min(self.zeno));
         let sigma = if m.is_multiple_of(2) { self.sigma } else { -self.sigma };
         let incoming = -self.speed(n + 1.0) / self.e;
-        let arc = TailArc { start, end, u: self.speed(n), incoming, sigma };
+        let arc = TailArc { start, end, u: self.speed(n), incoming, sigma, length: self.flight(n) };
         (end > start && arc.u > 0.0 && incoming < 0.0).then_some(arc)
     }
 
@@ -215,43 +261,6 @@ impl Tail {
         let rest = PathPoint { x: 0.0, xdot: 0.0, sigma: self.sigma };
         self.arc_at(t).map_or(rest, |arc| arc.at(t))
     }
-}
-
-/// Points of the chain for the fit lie so many impacts apart that the speed falls by a tenth, if
-/// it has that many: neighbours tell little from each other when `e` is near 1, and what is far
-/// away tells little of the tail.
-fn stride(e: f64, terms: usize, last: usize) -> usize {
-    if terms < 2 {
-        return 1;
-    }
-    let tenth = (libm::log(0.9) / libm::log(e)).round().max(1.0) as usize;
-    tenth.min(last / (terms - 1)).max(1)
-}
-
-/// `sum_k a_k q^k`, `k = 1, 2, ...`
-fn series(a: &[f64; TERMS], q: f64) -> f64 {
-    a.iter().rev().fold(0.0, |sum, a| (sum + a) * q)
-}
-
-/// The `a` with `sum_k a_k q_i^k = values_i`, `q_i = e^(-i stride)`, by Newton's interpolation of
-/// `values/q`.
-fn fit(e: f64, stride: usize, terms: usize, values: [f64; TERMS]) -> [f64; TERMS] {
-    let q: [f64; TERMS] = std::array::from_fn(|i| libm::pow(e, -((i * stride) as f64)));
-    let mut d: [f64; TERMS] = std::array::from_fn(|i| values[i] / q[i]);
-    for level in 1..terms {
-        for i in (level..terms).rev() {
-            d[i] = (d[i] - d[i - 1]) / (q[i] - q[i - level]);
-        }
-    }
-    // from the Newton form to powers
-    let mut a = [0.0; TERMS];
-    for i in (0..terms).rev() {
-        for k in (1..TERMS).rev() {
-            a[k] = a[k - 1] - q[i] * a[k];
-        }
-        a[0] = d[i] - q[i] * a[0];
-    }
-    a
 }
 
 #[cfg(test)]
@@ -326,12 +335,44 @@ mod tests {
     }
 
     #[test]
-    fn the_fit_reproduces_a_series() {
-        let a = [1.0, -0.4, 0.2, 0.05];
-        let values = std::array::from_fn(|i| series(&a, 0.5f64.powi(-(i as i32))));
-        let fitted = fit(0.5, 1, 4, values);
-        for k in 0..4 {
-            assert!((fitted[k] - a[k]).abs() < 1e-13);
+    fn a_term_that_rounding_made_is_left_out_and_one_that_tells_is_kept() {
+        // under a constant pull, from 3 impacts that fell by 1e-4 each
+        let (e, g): (f64, f64) = (0.9999, 9.81);
+        let (mut chain, mut t, mut u) = (Vec::new(), 0.1, 3.0);
+        for _ in 0..3 {
+            chain.push(Bounce { t, u, g });
+            (t, u) = (t + 2.0 * u / g, e * u);
+        }
+        let last = chain[2];
+        let zeno = last.t + 2.0 * last.u / (g * (1.0 - e));
+        let tail = Tail::new(&chain, e, zeno, 1.0);
+        assert_eq!((tail.c[1..].to_vec(), tail.d[1..].to_vec()), (vec![0.0; 3], vec![0.0; 3]));
+        // t_n = 8000 - 8000 q - 5 q^2 + q^3 over 5000 impacts: both further terms are seen
+        let mut chain = Vec::new();
+        for n in 0..5000 {
+            let q = e.powi(n);
+            let t = 8000.0 * (1.0 - q) - 5.0 * q * q + q.powi(3);
+            chain.push(Bounce { t, u: 4.0 * q * (1.0 + 1e-3 * q), g });
+        }
+        let tail = Tail::new(&chain, e, 8000.0, 1.0);
+        for m in [1, 5000, 20_000] {
+            let q = e.powi(4999 + m);
+            let exact = 8000.0 * (1.0 - q) - 5.0 * q * q + q.powi(3);
+            assert!((tail.time(f64::from(m)) - exact).abs() < 1e-9, "{m}");
+            assert!((tail.speed(f64::from(m)) - 4.0 * q * (1.0 + 1e-3 * q)).abs() < 1e-12, "{m}");
+        }
+    }
+
+    #[test]
+    fn the_length_of_an_arc_keeps_its_digits() {
+        // t_n = 1 - 0.9 q - 0.1 q^2
+        let (e, c) = (0.5_f64, [0.9, 0.1, 0.0, 0.0]);
+        let tail = Tail { e, start: 0.0, zeno: 1.0, until: 1.0, sigma: 1.0, c, d: c };
+        for m in [0, 1, 20, 50] {
+            let (q, arc) = (e.powi(m as i32), tail.arc(m).unwrap());
+            let exact = 0.9 * q * 0.5 + 0.1 * q * q * 0.75;
+            assert!((arc.length / exact - 1.0).abs() < 1e-15, "{m}");
+            assert!((arc.end - arc.start - exact).abs() < 2e-16);
         }
     }
 }

@@ -1,0 +1,92 @@
+//! Series in powers of the ratio `e` through impacts of a chain.
+
+/// Most terms of a series.
+pub(super) const TERMS: usize = 4;
+/// Parts of the tail at which tails are compared.
+pub(super) const PARTS: [f64; 4] = [0.25, 0.5, 0.7, 0.9];
+
+/// Points of the chain for the fit lie so many impacts apart that the speed falls by a tenth, if
+/// it has that many: neighbours tell little from each other when `e` is near 1, and what is far
+/// away tells little of the tail.
+pub(super) fn stride(e: f64, terms: usize, last: usize) -> usize {
+    if terms < 2 {
+        return 1;
+    }
+    let tenth = (libm::log(0.9) / libm::log(e)).round().max(1.0) as usize;
+    tenth.min(last / (terms - 1)).max(1)
+}
+
+/// What rounding of all times to one unit in the last place of 1 does to the positions, in the units of
+/// [`Tail::distance`] with a first arc of length 1: `4 q sum_i |l_i(q)|` with the polynomials `l_i` of
+/// Lagrange at the points of [`fit`] and zero.
+pub(super) fn rounding(e: f64, stride: usize, terms: usize) -> f64 {
+    let q = points(e, stride);
+    let largest = PARTS.map(|at| {
+        let of = |i: usize| {
+            let others = (0..terms).filter(|&j| j != i);
+            others.fold(at / q[i], |l, j| l * (at - q[j]) / (q[i] - q[j])).abs()
+        };
+        4.0 * at * (0..terms).map(of).sum::<f64>()
+    });
+    f64::EPSILON * largest.into_iter().fold(0.0, f64::max)
+}
+
+/// `q_i = e^(-i stride)`.
+fn points(e: f64, stride: usize) -> [f64; TERMS] {
+    std::array::from_fn(|i| libm::pow(e, -((i * stride) as f64)))
+}
+
+/// `sum_k a_k q^k`, `k = 1, 2, ...`
+pub(super) fn series(a: &[f64; TERMS], q: f64) -> f64 {
+    a.iter().rev().fold(0.0, |sum, a| (sum + a) * q)
+}
+
+/// The `a` with `sum_k a_k q_i^k = values_i`, `q_i = e^(-i stride)`, by Newton's interpolation of
+/// `values/q`.
+pub(super) fn fit(e: f64, stride: usize, terms: usize, values: [f64; TERMS]) -> [f64; TERMS] {
+    let q = points(e, stride);
+    let mut d: [f64; TERMS] = std::array::from_fn(|i| values[i] / q[i]);
+    for level in 1..terms {
+        for i in (level..terms).rev() {
+            d[i] = (d[i] - d[i - 1]) / (q[i] - q[i - level]);
+        }
+    }
+    // from the Newton form to powers
+    let mut a = [0.0; TERMS];
+    for i in (0..terms).rev() {
+        for k in (1..TERMS).rev() {
+            a[k] = a[k - 1] - q[i] * a[k];
+        }
+        a[0] = d[i] - q[i] * a[0];
+    }
+    a
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fit_reproduces_a_series() {
+        let a = [1.0, -0.4, 0.2, 0.05];
+        let values = std::array::from_fn(|i| series(&a, 0.5f64.powi(-(i as i32))));
+        let fitted = fit(0.5, 1, 4, values);
+        for k in 0..4 {
+            assert!((fitted[k] - a[k]).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn rounding_grows_by_the_polynomials_of_lagrange() {
+        // in the points 1 and 1/e the values 1 and -1 make a line; with q = 1 - x, 1/e = 1 + d
+        let e = 1.0 / 1.01;
+        let line = |q: f64| q * ((1.01 - q) / 0.01 + (1.0 - q) / (1.01 * 0.01));
+        let largest = PARTS.map(|q| 4.0 * q * line(q)).into_iter().fold(0.0, f64::max);
+        let found = rounding(e, 1, 2) / f64::EPSILON;
+        assert!((found / largest - 1.0).abs() < 1e-12, "{found} {largest}");
+        assert_eq!(rounding(e, 1, 1), 4.0 * 0.9 * 0.9 * f64::EPSILON);
+        // far less where the points are apart
+        assert!(rounding(0.5, 1, 4) < 40.0 * f64::EPSILON);
+        assert!(rounding(0.9999, 1, 3) > 1e7 * f64::EPSILON);
+    }
+}
