@@ -49,10 +49,229 @@ def test_values_and_derivatives(output):
         assert abs(value - zeno(POINT)) < 1e-8
 
 
-def test_an_event_that_there_is_not_is_nan():
-    value, derivative = interop.run_function(BALL, (0, 0.1), (1, 0), ("e",), "zeno_time")([0.5])
+STATUS = zivi.OrbitStatus
+
+
+@pytest.mark.parametrize(
+    ("p", "status", "says"),
+    [
+        ([1.0, 0.5, 1.2], STATUS.OUT_OF_DOMAIN, "e must lie in"),
+        ([-1.0, 0.5, 0.5], STATUS.OUT_OF_DOMAIN, "x0 must be"),
+        ([1.0, math.nan, 0.5], STATUS.OUT_OF_DOMAIN, "xdot0"),
+        ([1.0, 0.5, 0.999], STATUS.NO_EVENT, "no zeno time number 0"),
+    ],
+)
+def test_where_there_is_no_result(p, status, says):
+    arguments = (zivi.ImpactSystem(-9.81, e=0.5), (0, 9), (1, 0), ("x0", "xdot0", "e"), "zeno_time")
+    found = interop.run_function(*arguments).evaluate(p)
+    assert (found.value, found.status) == (math.inf, status)
+    assert says in found.message
+    assert np.isnan(found.derivative).all()
+    assert found.derivative.shape == (3,)
+    value, derivative = interop.run_function(*arguments, outside="nan")(p)
     assert math.isnan(value)
     assert np.isnan(derivative).all()
+    with pytest.raises(ValueError, match=says):
+        interop.run_function(*arguments, outside="raise")(p)
+
+
+def test_a_run_that_ends_early_has_no_final_state_but_the_events_before():
+    method = zivi.SwitchedRK(max_impacts=3)
+    ball = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81, stiffness=0.1), e=0.9)
+    ends = interop.run_function(ball, (0, 3), (1, 0), ("e",), method=method)
+    found = ends.evaluate([0.9])
+    assert found.status is STATUS.RUN_ENDED
+    assert np.isposinf(found.value).all()
+    assert found.value.shape == (2,)
+    first = interop.run_function(ball, (0, 3), (1, 0), ("e",), "impact_speed", method=method)
+    assert first([0.9])[0] == pytest.approx(0.9 * math.sqrt(2 * 9.81 + 0.1))
+    last = interop.run_function(ball, (0, 3), (1, 0), ("e",), "zeno_time", method=method)
+    assert last.evaluate([0.9]).status is STATUS.RUN_ENDED
+
+
+def test_a_force_without_a_value_is_out_of_the_domain():
+    force = zivi.ParametricForce(lambda t, x, v, k: -math.sqrt(k), {"k": 4.0})
+    f = interop.run_function(zivi.ImpactSystem(force, e=0.5), (0, 9), (1, 0), ("k",), "zeno_time")
+    # x0 = 1, g = sqrt(k): t = 3 sqrt(2/g)
+    assert f([4.0])[0] == pytest.approx(3.0)
+    found = f.evaluate([-4.0])
+    assert found.status is STATUS.OUT_OF_DOMAIN
+    assert math.isinf(found.value)
+
+
+@pytest.mark.parametrize("start", [0.3, 0.8, 0.97])
+def test_optimisers_whose_line_search_leaves_the_domain_converge(start):
+    optimize = pytest.importorskip("scipy.optimize")
+    ball, e = zivi.ImpactSystem(-9.81, e=0.5), 0.95
+    wanted = math.sqrt(2 / 9.81) * (1 + e) / (1 - e)
+    f = interop.run_function(ball, (0, 200), (1, 0), ("e",), "zeno_time")
+    outside = []
+
+    def miss(p):
+        value, derivative = f(p)
+        outside.append(not math.isfinite(value))
+        return (value - wanted) ** 2, 2 * (value - wanted) * derivative
+
+    found = optimize.minimize(miss, [start], jac=True, method="BFGS")
+    assert found.success
+    assert abs(found.x[0] - e) < 1e-7
+    assert any(outside)
+    other = optimize.least_squares(lambda p: f.fun(p) - wanted, [start], jac=f.jac)
+    assert other.success
+    assert abs(other.x[0] - e) < 1e-7
+
+
+def test_parameters_from_measured_positions():
+    # more times than parameters, through the impacts; the first guess is off by 10 %
+    optimize = pytest.importorskip("scipy.optimize")
+    times = np.linspace(0.05, 1.2, 40)
+    arguments = (BALL, (0, 1.5), (1, 0), NAMES)
+    f = interop.run_function(*arguments, "positions", times=times)
+    true = np.array([1.1, 0.55, 0.12])
+    seen = f.fun(true)
+    assert f.shape == seen.shape == (40,)
+    assert f.jac(true).shape == (40, 3)
+    fall = 1.0 - 2.0 * times[:5] ** 2 / 2  # early, without spring and damper
+    free = interop.run_function(
+        zivi.ImpactSystem(-2.0, e=0.5), (0, 1.5), (1, 0), ("x0",), "positions", times=times[:5]
+    )
+    np.testing.assert_allclose(free.fun([1.0]), fall, rtol=1e-12)
+    found = optimize.least_squares(lambda p: f.fun(p) - seen, 0.9 * true, jac=f.jac)
+    assert found.success
+    np.testing.assert_allclose(found.x, true, atol=1e-6)
+
+
+@pytest.mark.parametrize("output", ["positions", "velocities"])
+def test_samples_have_the_derivatives_of_differences(output):
+    times = np.array([0.3, 0.9, 1.15, 1.7])
+    method = zivi.SwitchedRK(1e-11, 1e-12)
+    f = interop.run_function(BALL, (0, 3), (1, 0), NAMES, output, times=times, method=method)
+    value, derivative = f(POINT)
+    exact = differences(lambda p: f(p)[0], POINT)
+    np.testing.assert_allclose(derivative, exact.T, rtol=1e-6, atol=1e-7)
+    force = zivi.LinearForce(stiffness=1.0, damping=0.1, gravity=2.0)
+    run = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 3), (1, 0), method)
+    of = 0 if output == "positions" else 1
+    np.testing.assert_allclose(value, run(times)[of], rtol=1e-9, atol=1e-10)
+    s = zivi.sensitivity(BALL, (0, 3), (1, 0), NAMES, method)
+    np.testing.assert_allclose(s.jacobian(times, ("position", "velocity")[of]), derivative)
+    np.testing.assert_array_equal(s.jacobian(times), s(times)[0].T)
+
+
+def test_one_run_gives_value_and_derivative(monkeypatch):
+    from zivi.interop import gradient
+
+    runs = []
+    original = gradient.sensitivity
+    monkeypatch.setattr(
+        gradient, "sensitivity", lambda *a, **k: runs.append(1) or original(*a, **k)
+    )
+    f = interop.run_function(BALL, (0, 20), (1, 0), NAMES, "zeno_time")
+    f.fun(POINT)
+    first = f.jac(POINT)
+    first[:] = 0.0  # an optimiser may write into what it got
+    assert f.jac(POINT).all()
+    assert len(runs) == 1
+    f.fun(POINT + 0.01)
+    assert len(runs) == 2
+
+
+def box(**other: float) -> zivi.MechanicalSystem:
+    """A mass that falls on a floor while a force pushes it to a wall."""
+    values = {"mass": 2.0, "push": 3.0} | other
+
+    def build(mass: float, push: float) -> zivi.MechanicalSystem:
+        return zivi.MechanicalSystem(
+            mass=mass * np.eye(2),
+            force=[push, -9.81 * mass],
+            gaps=[zivi.LinearGap([0, 1], name="floor"), zivi.LinearGap([-1, 0], 0.9, name="wall")],
+            e=[0.5, 0.7],
+            coordinates=["x", "y"],
+        )
+
+    return zivi.ParametricSystem(build, values)
+
+
+MECHANICAL = ("q0.y", "qdot0.x", "mass", "push", "e.floor", "e")
+OF_BOX = np.array([1.0, 0.2, 2.0, 3.0, 0.5, 0.7])
+
+
+@pytest.mark.parametrize("output", ["final", "positions", "velocities", "impact_speed"])
+def test_mechanical_systems(output):
+    times = {"times": [0.2, 0.6, 0.9]} if output in ("positions", "velocities") else {}
+    start = ([0.0, 1.0], [0.2, 0.0])
+    method = zivi.SwitchedRK(1e-11, 1e-12)
+    arguments = (box(), (0, 1.0), start, MECHANICAL, output)
+    f = interop.run_function(*arguments, **times, method=method)
+    assert f.wrt == MECHANICAL
+    value, derivative = f(OF_BOX)
+    assert np.shape(value) == f.shape
+    assert derivative.shape == (*f.shape, 6)
+    # the same by a system built with the numbers; e moves both coefficients from their largest
+    shift, (floor, wall) = 1e-3, (0.5, 0.7)
+    moved = OF_BOX + np.array([0, 0, 0.1, 0, 0.02, shift])
+    e = [floor + 0.02 + shift, wall + shift]
+    plain = box(mass=2.1)._built
+    plain = zivi.MechanicalSystem(
+        mass=2.1 * np.eye(2), force=[3.0, -9.81 * 2.1], gaps=plain.gaps, e=e
+    )
+    run = zivi.simulate(plain, (0, 1.0), start, method)
+    other = f(moved)[0]
+    if output == "final":
+        np.testing.assert_allclose(other, [run.q[-1], run.qdot[-1]], atol=1e-9)
+    elif output == "impact_speed":
+        assert other == pytest.approx(run.impacts["speed_after"][0], rel=1e-10)
+    else:
+        both = run(np.array(times["times"]))
+        np.testing.assert_allclose(other, both[int(output == "velocities")], atol=1e-9)
+    exact = differences(lambda p: np.asarray(f(p)[0]), OF_BOX)
+    np.testing.assert_allclose(derivative, np.moveaxis(exact, 0, -1), rtol=1e-5, atol=1e-6)
+    assert f.fun(OF_BOX).shape == (np.size(value),)
+    assert f.jac(OF_BOX).shape == (np.size(value), 6)
+    assert f.evaluate(OF_BOX + 2 * np.eye(6)[4]).status is STATUS.OUT_OF_DOMAIN
+    assert f.evaluate(OF_BOX - 2 * np.eye(6)[0]).status is STATUS.OUT_OF_DOMAIN
+
+
+def test_impacts_that_a_jump_skipped_have_derivatives():
+    # x = 1, speed v = sqrt(2 g): impact k at v/g (1 + 2 (e + .. + e^k)), then v e^(k+1)
+    e, g = 0.5, 9.81
+    s = zivi.sensitivity(zivi.ImpactSystem(-g, e=e), (0, 3), (1, 0), ("x0", "e"))
+    listed = s.impacts_down_to(1e-2)
+    plain = s.trajectory.impacts_down_to(1e-2)
+    assert len(s.impacts) < len(listed) == len(plain)
+    np.testing.assert_allclose(listed["t"], plain["t"], rtol=1e-14)
+    v, k = math.sqrt(2 * g), np.arange(len(listed))
+    powers = np.cumsum(e**k) - 1  # e + .. + e^k
+    rates = np.cumsum(k * e ** np.maximum(k - 1.0, 0.0))
+    by_e = np.column_stack([(1 + 2 * powers) / v, 2 * v / g * rates])
+    np.testing.assert_allclose(listed["dt"], by_e, rtol=1e-11, atol=1e-14)
+    by_speed = np.column_stack([g / v * e ** (k + 1), v * (k + 1) * e**k])
+    np.testing.assert_allclose(listed["du"], by_speed, rtol=1e-11)
+    assert len(s.impacts_down_to(1e-2, limit=3)) == len(s.trajectory.impacts_down_to(1e-2, limit=3))
+    with pytest.raises(ValueError, match="speed must be > 0"):
+        s.impacts_down_to(0.0)
+
+
+def test_impacts_of_several_accumulations_are_listed_in_order():
+    force = zivi.LinearForce(stiffness=1.0, damping=0.1, gravity=0.4, amplitude=0.9, omega=0.7)
+    system = zivi.ImpactSystem(force, e=0.5)
+    s = zivi.sensitivity(system, (0, 30), (1, 0), ("amplitude",), zivi.SwitchedRK(1e-11, 1e-12))
+    listed, plain = s.impacts_down_to(1e-3), s.trajectory.impacts_down_to(1e-3)
+    assert len(s.trajectory.zeno_times) == 3
+    assert len(listed) == len(plain) > len(s.impacts_down_to(1e-2))
+    np.testing.assert_allclose(listed["t"], plain["t"], rtol=1e-11)
+    h, moved = 1e-5, []
+    for side in (h, -h):
+        other = zivi.LinearForce(
+            stiffness=1.0, damping=0.1, gravity=0.4, amplitude=0.9 + side, omega=0.7
+        )
+        run = zivi.simulate(
+            zivi.ImpactSystem(other, e=0.5), (0, 30), (1, 0), zivi.SwitchedRK(1e-11, 1e-12)
+        )
+        moved.append(run.impacts_down_to(0.9e-3)["t"][: len(listed)])
+    if all(len(it) == len(listed) for it in moved):
+        by = (moved[0] - moved[1]) / (2 * h)
+        np.testing.assert_allclose(listed["dt"][:8, 0], by[:8], rtol=1e-4, atol=1e-5)
 
 
 def test_scipy_finds_the_restitution_of_a_settling_time():
@@ -117,6 +336,20 @@ def test_jax_differentiates_through_a_run():
 def test_bad_input():
     with pytest.raises(ValueError, match="output must be one of"):
         interop.run_function(BALL, (0, 3), (1, 0), NAMES, "energy")
+    for bad, match in (
+        ({"number": -1}, "number must be >= 0"),
+        ({"outside": "zero"}, "outside must be 'inf', 'nan' or 'raise', got 'zero'"),
+        ({"times": [0.1]}, "times are those of 'positions' or 'velocities', not of 'zeno_time'"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            interop.run_function(BALL, (0, 3), (1, 0), NAMES, "zeno_time", **bad)
+    for times in ([], [0.2, 0.1], [0.1, 3.1], [-0.1], None):
+        with pytest.raises(ValueError, match="times must be"):
+            interop.run_function(BALL, (0, 3), (1, 0), NAMES, "positions", times=times)
+    with pytest.raises(TypeError, match="SwitchedRK"):
+        interop.run_function(BALL, (0, 3), (1, 0), NAMES, method=zivi.ThetaGamma(0.1))
+    with pytest.raises(ValueError, match="p must have 3 entries, got 2"):
+        interop.run_function(BALL, (0, 3), (1, 0), NAMES)([1.0, 0.5])
     with pytest.raises(ValueError, match="'mass'"):
         interop.run_function(BALL, (0, 3), (1, 0), ("mass",))
     with pytest.raises(TypeError, match="RunFunction"):

@@ -165,6 +165,22 @@ def test_derivatives_at_any_time_through_a_rest():
         np.testing.assert_allclose(columns[:, :, k], shorter.final, rtol=1e-7, atol=1e-10)
 
 
+@pytest.mark.parametrize("order", [5, 8])
+def test_derivatives_between_steps_by_all_parameters(order):
+    # parameters whose forces depend on the motion, at times within the steps of a longer run
+    force = zivi.LinearForce(
+        stiffness=1.0, damping=0.1, gravity=2.0, amplitude=0.5, omega=2.0, phase=0.3
+    )
+    names = ("stiffness", "damping", "gravity", "amplitude", "omega", "phase", "x0", "xdot0", "e")
+    system, method = zivi.ImpactSystem(force, e=0.5), zivi.SwitchedRK(1e-11, 1e-12, order=order)
+    s = zivi.sensitivity(system, (0, 2.0), (1, 0), names, method)
+    times = np.array([0.1, 0.3, 0.7, 1.3, 1.6])
+    between = s(times)
+    for k, t in enumerate(times):
+        shorter = zivi.sensitivity(system, (0, t), (1, 0), names, method)
+        np.testing.assert_allclose(between[:, :, k], shorter.final, rtol=1e-9, atol=1e-10)
+
+
 def test_derivatives_within_an_accumulation():
     # the ball of the closed form, between its impacts 20 and 21, that a jump to rest skips
     e, v = 0.5, math.sqrt(2 * 9.81)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +50,10 @@ class OrbitStatus(enum.IntEnum):
     """The branch has as many points as were allowed."""
     NOT_DIFFERENTIABLE = 8
     """Some derivative does not exist: a corner, or impacts on coupled gaps at once."""
+    OUT_OF_DOMAIN = 9
+    """There is no run: a parameter is out of its range, or the force has no value."""
+    NO_EVENT = 10
+    """The run has no such event."""
 
 
 class Nearest(NamedTuple):
@@ -163,6 +167,89 @@ class Sensitivity:
             raise ValueError(f"t must lie within the run, [{start}, {last}]")
         columns = self._problem.at(times.ravel())
         return columns.reshape(*self.final.shape, *times.shape)
+
+    def jacobian(self, t: ArrayLike, of: Literal["position", "velocity"] = "position") -> Array:
+        """Give the derivatives of samples as `scipy.optimize.least_squares` takes them.
+
+        Parameters
+        ----------
+        t : array_like
+            n times within the run (s).
+        of : {"position", "velocity"}
+            What is sampled.
+
+        Returns
+        -------
+        ndarray
+            Of shape (n, m): a row for each time, a column for each of `wrt`. Of a mechanical
+            system with nq coordinates (n, nq, m). ``s(t)`` has the same numbers as (2, m, n) or
+            (2, nq, m, n).
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside of the run.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> s = zivi.sensitivity(ball, (0, 3), (1, 0), wrt=("x0", "e"))
+        >>> s.jacobian([0.1, 0.2, 0.5]).round(3)
+        array([[ 1.   ,  0.   ],
+               [ 1.   ,  0.   ],
+               [-0.339,  0.215]])
+        """
+        if of not in ("position", "velocity"):
+            raise ValueError(f"of must be 'position' or 'velocity', got {of!r}")
+        columns = self(np.atleast_1d(real_array("t", t)))
+        return np.ascontiguousarray(np.moveaxis(columns[int(of == "velocity")], -1, 0))
+
+    def impacts_down_to(self, speed: float, *, limit: int = 10_000) -> NDArray[np.void]:
+        """List the impacts with at least a speed, also those that a jump to rest skipped.
+
+        Parameters
+        ----------
+        speed : float
+            Smallest speed after the impact, > 0 (m/s).
+        limit : int
+            At most so many impacts of each accumulation, >= 1.
+
+        Returns
+        -------
+        structured ndarray
+            As `impacts`, for the impacts of ``trajectory.impacts_down_to(speed)``. Where a jump
+            skipped some, a run that goes from one to the next is made up to the last of them.
+
+        Raises
+        ------
+        ValueError
+            If `speed` or `limit` is out of range.
+        TypeError
+            For a mechanical system.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> s = zivi.sensitivity(ball, (0, 3), (1, 0), wrt=("e",))
+        >>> len(s.impacts), len(s.impacts_down_to(1e-2))
+        (3, 8)
+        """
+        listed = getattr(self.trajectory, "impacts_down_to", None)
+        if listed is None:
+            raise TypeError("impacts_down_to is there for a zivi.ImpactSystem only")
+        wanted = listed(speed, limit=limit)["t"]
+        own = self.impacts
+        kept = [own[np.isin(own["t"], wanted)]]
+        # each accumulation is passed impact by impact by a run that ends within it
+        for zeno in self.trajectory.zeno_times[: len(self.zeno_times)]:
+            before = own["t"][own["t"] < zeno]
+            last = before[-1] if len(before) else self._problem.span[0]
+            skipped = wanted[(wanted > last) & (wanted < zeno)]
+            if len(skipped):
+                run = self._problem.ending_within(float(skipped[-1]), float(zeno)).impacts
+                kept.append(run[(run["t"] > last) & (run["t"] <= 0.5 * (skipped[-1] + zeno))])
+                kept[-1] = kept[-1][: len(skipped)]
+        return np.sort(np.concatenate(kept), order="t", kind="stable")
 
     def __repr__(self) -> str:
         names = ", ".join(self.wrt)

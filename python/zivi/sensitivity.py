@@ -129,6 +129,11 @@ class _Problem:
             columns[:, :, k] = self._ending_at(float(times[k]))
         return columns
 
+    def ending_within(self, t: float, zeno: float) -> Sensitivity:
+        """Run up to a time shortly after an impact of an accumulation, from impact to impact."""
+        span = (self.span[0], t + 0.25 * (zeno - t))
+        return dataclasses.replace(self, span=span).solve()
+
     def _ending_at(self, t: float) -> Array:
         record = self.record((self.span[0], t), np.empty(0), dense=False)
         return np.stack([record.x, record.xdot])

@@ -4,7 +4,7 @@
 ``jax``; nothing here is imported with `zivi`.
 """
 
-from zivi.interop.gradient import RunFunction, run_function
+from zivi.interop.gradient import RunFunction, RunPoint, run_function
 from zivi.interop.jax import jax_function
 from zivi.interop.juggler import juggler
 from zivi.interop.python_control import (
@@ -16,6 +16,7 @@ from zivi.interop.python_control import (
 
 __all__ = [
     "RunFunction",
+    "RunPoint",
     "controller_block",
     "force_block",
     "impact_plant",

@@ -50,8 +50,10 @@ impl Follower {
             self.step.step(&stages, force)?;
             onto = Some(stages);
         }
-        let stages = onto.as_ref().unwrap_or(&integrator.last.stages);
+        let stages = onto.as_mut().unwrap_or(&mut integrator.last.stages);
         if let Some(path) = &mut self.path {
+            // the columns are forced by the motion at its own further stages
+            stages.complete(force)?;
             self.step.all_stages(stages, force)?;
             path.push_flight(stages, &self.step, length);
         }
