@@ -87,9 +87,10 @@ def choose(given: argparse.Namespace, found: Sequence[Mutant], number: int) -> l
 def prepare(given: argparse.Namespace, scratch: Scratch) -> Draw:
     """Draw, and write the copy of the tree with everything drawn."""
     entries = by_hand.read() if any(a.name == by_hand.NAME for a in given.areas) else []
-    program = rust.installed(given.into / "tools")
-    listed = rust.list_mutants(program, ROOT, list(areas().values()))
-    listed += by_hand.in_rust(ROOT, entries)
+    listed = by_hand.in_rust(ROOT, entries)
+    if any(area.files and area.rust for area in given.areas):
+        program = rust.installed(given.into / "tools")
+        listed += rust.list_mutants(program, ROOT, list(areas().values()))
     scripts = python.Switched(
         ROOT, [area for area in given.areas if area.files and not area.rust], entries
     )
@@ -101,7 +102,8 @@ def prepare(given: argparse.Namespace, scratch: Scratch) -> Draw:
         print(*spare, *chosen, sep="\n")
         sys.exit()
     scratch.copy(but={mutant.file for mutant in (*spare, *chosen)} | rust.WRITTEN | python.WRITTEN)
-    core.drop_unviable()
+    if spare:
+        core.drop_unviable()
     scripts.write(scratch, chosen)
     for area in given.areas:
         inside = [mutant for mutant in (*spare, *chosen) if mutant.area == area.name]
@@ -173,6 +175,8 @@ class Trials:
         if not self.given.resume or not places <= suite.known:
             suite = Suite(known=places)
         record(suite, areas)
+        if not suite.seconds:
+            raise RuntimeError("no test passes in the copy")
         suite.save(path)
         if suite.failed:
             names = sorted(test.name for test in suite.failed)
@@ -192,7 +196,7 @@ class Trials:
 
     def record_python(self, suite: Suite, areas: Sequence[Area]) -> None:
         """Run the files of tests in Python that are new or were changed."""
-        self.scratch.extension()
+        self.scratch.extension(built=not any(area.rust for area in self.given.areas))
         patterns = {pattern for area in areas for pattern in area.tests}
         paths = {path for pattern in patterns for path in ROOT.glob(pattern)}
         files = {path.relative_to(ROOT).as_posix(): path.read_bytes() for path in paths}

@@ -1,5 +1,6 @@
 """For pytest: notes which test reaches which functions that have mutations."""
 
+import contextlib
 import ctypes
 import os
 from pathlib import Path
@@ -17,12 +18,12 @@ def pytest_runtest_logstart(nodeid):
     """Begin a test: what is reached from here on is noted again."""
     import zivi._zivi
 
-    ctypes.CDLL(zivi._zivi.__file__).zivi_mutants_forget()
-    try:
+    # an extension without mutations has no such function, as has a package without mutmut's
+    with contextlib.suppress(AttributeError):
+        ctypes.CDLL(zivi._zivi.__file__).zivi_mutants_forget()
+    with contextlib.suppress(ImportError):
         from zivi import _mutants
-    except ImportError:
-        pass
-    else:
+
         _mutants.REACHED.clear()
     note(f"start {nodeid}")
 

@@ -7,6 +7,7 @@ one build has them all.
 
 import json
 import os
+import shutil
 import subprocess
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -24,6 +25,8 @@ WRITTEN = {LIB, SWITCH}
 
 def installed(folder: Path) -> Path:
     """Give the program cargo-mutants, built first where it is missing."""
+    if found := shutil.which("cargo-mutants"):
+        return Path(found)
     program = folder / "bin" / "cargo-mutants"
     if not program.is_file():
         command = ["cargo", "install", "cargo-mutants", "--version", VERSION, "--locked"]
