@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes as c
 import importlib.util
 import itertools
 import json
@@ -260,6 +261,61 @@ def test_many_instances_and_none(archives: dict, fmi: int) -> None:
     getattr(archive.library, f"{prefix}FreeInstance")(None)
     for name in ("Reset", "Terminate", "DoStep", "EnterInitializationMode"):
         assert getattr(archive.library, f"{prefix}{name}")(None) == 3
+
+
+@BOTH
+def test_arrays_that_are_null_misaligned_or_short(archives: dict, fmi: int) -> None:
+    unit = Unit(archives["mass", fmi])
+    names = ("Real", "Integer", "Boolean") if fmi == 2 else ("Float64", "Int32", "Boolean")
+    references = (c.c_uint32 * 2)(0, 1)
+    places = (c.c_double * 4)()
+    odd = c.c_void_p(c.addressof(places) + 1)
+    for name, access in itertools.product(names, ("Get", "Set")):
+        wrong = [(references, None), (None, places), (None, None), (c.c_void_p(1), places)]
+        wrong += [(references, odd)] if name not in ("Boolean",) or fmi == 2 else []
+        for first, second in wrong:
+            room = (c.c_size_t(1),) if fmi == 3 else ()
+            status = unit.call(f"{access}{name}", first, c.c_size_t(1), second, *room)
+            assert (status, unit.told[-1][1]) == (3, "an array is NULL or not aligned")
+        room = (c.c_size_t(0),) if fmi == 3 else ()
+        assert unit.call(f"{access}{name}", None, c.c_size_t(0), None, *room) == 0
+        if fmi == 3:
+            status = unit.call(f"{access}{name}", references, c.c_size_t(2), places, c.c_size_t(1))
+            assert (status, unit.told[-1][1]) == (3, "there are less values than references")
+    s = "S" if fmi == 3 else "s"
+    for place in (None, c.c_void_p(1)):
+        for name in (f"GetFMU{s}tate", f"SetFMU{s}tate"):
+            assert unit.call(name, place) == 3
+        assert unit.call(f"SerializedFMU{s}tateSize", None, place) == 3
+    # any byte of C is a truth value
+    if fmi == 3:
+        boolean = next(it for it in archives["tracker", 3].variables.values() if it[0] == "Boolean")
+        other = Unit(archives["tracker", 3])
+        given, back = c.c_uint8(7), c.c_uint8(9)
+        place = (c.c_uint32 * 1)(boolean[1])
+        one = c.c_size_t(1)
+        if other.call("SetBoolean", place, one, c.byref(given), one) == 0:
+            assert other.call("GetBoolean", place, one, c.byref(back), one) == 0
+            assert back.value == 1
+
+
+@BOTH
+def test_a_step_from_another_time_than_the_one_reached_is_refused(archives: dict, fmi: int) -> None:
+    unit = Unit(archives["mass", fmi]).start(h=H)
+    reached = 0.0
+    for _ in range(3):
+        for wrong in (reached + H, reached - H, reached + 1e-4 * H, np.nan, np.inf, -np.inf):
+            assert unit.step(wrong, H) == 3
+            assert unit.told[-1][1] == "the communication point must be the time that was reached"
+            assert unit.get("time") == reached
+        assert unit.step(np.nextafter(reached, 1.0), H) == 0
+        reached = unit.get("time")
+    state = unit.state()
+    assert unit.step(3 * H, H) == 0
+    assert unit.restore(state) == 0
+    assert unit.step(4 * H, H) == 3
+    assert unit.step(3 * H, H) == 0
+    assert unit.free_state(state) == 0
 
 
 @BOTH

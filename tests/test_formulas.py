@@ -88,6 +88,8 @@ def test_the_micro_sign_is_the_letter_mu():
         ("exp(exp(exp(7*x/x)))", "a number is too large"),
         ("exp(1e300*x)*1e10", "a number is too large"),
         ("x**(101*x/x)", "an exponent is too high"),
+        ("tan(pi)**x", "a power of a number <= 0"),
+        ("(-2)**x", "a power of a number <= 0"),
         ("exp(-900)", "a number is too small"),
         ("1e-200*x*1e-200", "a number is too small"),
         ("1/0", "it divides by zero"),

@@ -142,7 +142,9 @@ def build(package: str, kind: str, features: str, *options: str) -> None:
     """Build one crate without the standard library."""
     command = ["cargo", "rustc", "--locked", "--quiet", "--profile", "bare", "--package", package]
     command += ["--features", features, "--crate-type", kind, "--target-dir", str(TARGET)]
-    subprocess.run([*command, *options], check=True, cwd=ROOT)
+    # the profile is that of Cargo.toml: without its link-time optimisation there are many objects
+    given = {key: it for key, it in os.environ.items() if not key.startswith("CARGO_PROFILE_")}
+    subprocess.run([*command, *options], check=True, cwd=ROOT, env=given)
 
 
 def own_member(archive: bytes) -> bytes:

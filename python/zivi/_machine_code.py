@@ -10,11 +10,13 @@ import importlib
 import os
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
 import sysconfig
 import tempfile
 import threading
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -113,7 +115,7 @@ def _by_c(source: str) -> Native:
     name = f"model-{digest[:32]}{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
     for folder in _folders():
         library = folder / name
-        with contextlib.suppress(OSError):  # absent, or cut short by a crash
+        with contextlib.suppress(OSError):  # absent, or not as it was written
             return _loaded(library)
         with contextlib.suppress(OSError):  # a folder that cannot be written
             _compile(command, source, library)
@@ -122,10 +124,35 @@ def _by_c(source: str) -> Native:
 
 
 def _loaded(library: Path) -> Native:
+    """Load a library that is as it was written; what is damaged would end the process."""
+    if _content(_seal_of(library)) != _sealed(library.name, _content(library)):
+        raise OSError(f"{library} is not as it was written")
     owner = ctypes.CDLL(str(library))
+    if not hasattr(owner, "model"):
+        raise RuntimeError(f"{library} has no function model")
     address = ctypes.cast(owner.model, ctypes.c_void_p).value
     assert address is not None
     return Native(address, owner)
+
+
+def _seal_of(library: Path) -> Path:
+    return library.with_name(f"{library.name}.sha256")
+
+
+def _sealed(name: str, content: bytes) -> bytes:
+    """Give the text that stands beside a library: what is in it, and which one it is."""
+    return hashlib.sha256(name.encode() + b"\0" + content).hexdigest().encode() + b"\n"
+
+
+def _content(file: Path) -> bytes:
+    """Read a file that nobody else can have written."""
+    # neither follow a link nor wait for a pipe
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    with open(os.open(file, flags | getattr(os, "O_BINARY", 0)), "rb") as opened:
+        found = os.fstat(opened.fileno())
+        if not stat.S_ISREG(found.st_mode) or _open_to_others(found):
+            raise OSError(f"{file} may be of somebody else")
+        return opened.read()
 
 
 def _compile(command: list[str], source: str, library: Path) -> None:
@@ -142,7 +169,11 @@ def _compile(command: list[str], source: str, library: Path) -> None:
         if done.returncode:
             last = (done.stderr.strip().splitlines() or ["no message"])[-1]
             raise RuntimeError(f"the C compiler, {command[0]}, failed: {last}")
+        made.chmod(0o700)
+        (seal := Path(folder) / "seal").write_bytes(_sealed(library.name, made.read_bytes()))
+        seal.chmod(0o600)
         os.replace(made, library)
+        os.replace(seal, _seal_of(library))
 
 
 def _folders() -> Iterator[Path]:
@@ -151,12 +182,46 @@ def _folders() -> Iterator[Path]:
     with contextlib.suppress(RuntimeError, OSError):  # nobody's home, no room in it
         base = Path(told) if told else (Path(root) if root else Path.home() / ".cache") / "zivi"
         base.mkdir(mode=0o700, parents=True, exist_ok=True)
-        yield base
+        if (why := _not_ours(base)) is None:
+            yield base
+        elif str(base) not in _refused:
+            _refused.add(str(base))
+            warnings.warn(
+                f"compiled models are not kept in {base}: {why}, who could put code there that "
+                "runs as yours; give ZIVI_CACHE a folder of your own",
+                RuntimeWarning,
+                stacklevel=2,
+            )
     if not _own_folder:
         _own_folder.append(tempfile.TemporaryDirectory(prefix="zivi-", ignore_cleanup_errors=True))
     yield Path(_own_folder[0].name)
 
 
+def _not_ours(folder: Path) -> str | None:
+    """Say why others could write into a folder; None if they cannot."""
+    found = os.stat(folder)
+    if _is_foreign(found):
+        return f"it belongs to another user (number {found.st_uid})"
+    if _open_to_others(found):
+        return f"others may write into it (mode {stat.S_IMODE(found.st_mode):o})"
+    for parent in folder.resolve().parents:
+        mode = os.stat(parent).st_mode
+        # with the sticky bit, as of /tmp, nobody can put another folder in its place
+        if os.name == "posix" and mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            return f"others may write into {parent}"
+    return None
+
+
+def _is_foreign(found: os.stat_result) -> bool:
+    return os.name == "posix" and found.st_uid not in (os.geteuid(), 0)
+
+
+def _open_to_others(found: os.stat_result) -> bool:
+    others = stat.S_IWGRP | stat.S_IWOTH
+    return _is_foreign(found) or (os.name == "posix" and bool(found.st_mode & others))
+
+
+_refused: set[str] = set()
 _own_folder: list[tempfile.TemporaryDirectory[str]] = []
 
 

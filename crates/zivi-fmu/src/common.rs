@@ -58,58 +58,94 @@ pub(crate) unsafe fn instantiated(
     unsafe { allocated(Instance::new(model, name, log, environment)) }
 }
 
+/// What a pointer points to, unless it is NULL or not aligned.
+pub(crate) unsafe fn place<'a, T>(pointer: *mut T) -> Option<&'a mut T> {
+    if pointer.is_aligned() {
+        // SAFETY: the importer's, or ours
+        unsafe { pointer.as_mut() }
+    } else {
+        None
+    }
+}
+
 /// The instance of a call.
 pub(crate) unsafe fn instance<'a>(pointer: *mut Instance) -> Option<&'a mut Instance> {
     // SAFETY: the importer gives what it got from an instantiation, or NULL
-    unsafe { pointer.as_mut() }
+    unsafe { place(pointer) }
 }
 
-/// Reads variables of one kind; `write` puts the k-th one into the array of the importer.
-pub(crate) unsafe fn get(
+/// Whether an array with elements is where elements can be.
+fn is_array<T>(pointer: *const T) -> bool {
+    !pointer.is_null() && pointer.is_aligned()
+}
+
+/// Variables of one kind of a call: their references and their values.
+pub(crate) struct Variables<T> {
+    pub(crate) references: *const u32,
+    pub(crate) count: usize,
+    pub(crate) values: T,
+    /// How many values there are, in FMI 3.
+    pub(crate) room: usize,
+    pub(crate) kind: Kind,
+}
+
+impl<T> Variables<T> {
+    /// What is wrong with the arrays.
+    fn wrong<V>(&self, values: *const V) -> Option<&'static CStr> {
+        if self.room < self.count {
+            Some(c"there are less values than references")
+        } else if self.count > 0 && !(is_array(self.references) && is_array(values)) {
+            Some(c"an array is NULL or not aligned")
+        } else {
+            None
+        }
+    }
+}
+
+/// Reads variables of one kind into the array of the importer; `made` makes them of numbers.
+pub(crate) unsafe fn get<V>(
     it: *mut Instance,
-    references: *const u32,
-    count: usize,
-    kind: Kind,
-    mut write: impl FnMut(usize, f64),
+    asked: Variables<*mut V>,
+    made: fn(f64) -> V,
 ) -> Status {
     // SAFETY: see `instance`
     let Some(it) = (unsafe { instance(it) }) else { return ERROR };
-    if count == 0 {
+    if let Some(words) = asked.wrong(asked.values.cast_const()) {
+        return it.tell(ERROR, words);
+    }
+    if asked.count == 0 {
         return OK;
     }
-    if references.is_null() {
-        return it.tell(ERROR, c"an array is NULL");
-    }
     let seen = it.seen();
-    for k in 0..count {
+    for k in 0..asked.count {
         // SAFETY: the array has so many elements
-        let reference = unsafe { references.add(k).read() };
-        match seen.get(it.model, reference, kind) {
-            Some(value) => write(k, value),
+        let reference = unsafe { asked.references.add(k).read() };
+        match seen.get(it.model, reference, asked.kind) {
+            // SAFETY: as above
+            Some(value) => unsafe { asked.values.add(k).write(made(value)) },
             None => return it.tell(ERROR, c"no variable of this type has this reference"),
         }
     }
     OK
 }
 
-/// Sets variables of one kind, none if one may not be set; `read` gives the k-th value.
-pub(crate) unsafe fn set(
+/// Sets variables of one kind, none if one may not be set; `read` makes numbers of the values.
+pub(crate) unsafe fn set<V: Copy>(
     it: *mut Instance,
-    references: *const u32,
-    count: usize,
-    kind: Kind,
-    read: impl Fn(usize) -> f64,
+    asked: Variables<*const V>,
+    read: fn(V) -> f64,
 ) -> Status {
     // SAFETY: see `instance`
     let Some(it) = (unsafe { instance(it) }) else { return ERROR };
-    if count > 0 && references.is_null() {
-        return it.tell(ERROR, c"an array is NULL");
+    if let Some(words) = asked.wrong(asked.values) {
+        return it.tell(ERROR, words);
     }
     let before = it.state;
-    for k in 0..count {
-        // SAFETY: the array has so many elements
-        let reference = unsafe { references.add(k).read() };
-        if it.set(reference, kind, read(k)) != OK {
+    for k in 0..asked.count {
+        // SAFETY: the arrays have so many elements
+        let (reference, value) =
+            unsafe { (asked.references.add(k).read(), asked.values.add(k).read()) };
+        if it.set(reference, asked.kind, read(value)) != OK {
             it.state = before;
             return ERROR;
         }
@@ -121,7 +157,7 @@ pub(crate) unsafe fn set(
 pub(crate) unsafe fn get_state(it: *mut Instance, to: *mut *mut State) -> Status {
     // SAFETY: see `instance`; `to` points to NULL or to a state
     unsafe {
-        let (Some(it), Some(to)) = (instance(it), to.as_mut()) else { return ERROR };
+        let (Some(it), Some(to)) = (instance(it), place(to)) else { return ERROR };
         if to.is_null() {
             *to = allocated(it.state);
         } else {
@@ -139,7 +175,7 @@ pub(crate) unsafe fn get_state(it: *mut Instance, to: *mut *mut State) -> Status
 pub(crate) unsafe fn set_state(it: *mut Instance, from: *mut State) -> Status {
     // SAFETY: see `instance`; a state of this library
     unsafe {
-        let (Some(it), Some(from)) = (instance(it), from.as_ref()) else { return ERROR };
+        let (Some(it), Some(from)) = (instance(it), place(from)) else { return ERROR };
         if from.model != it.model.number() {
             return it.tell(ERROR, c"the state is of another model");
         }
@@ -152,7 +188,7 @@ pub(crate) unsafe fn set_state(it: *mut Instance, from: *mut State) -> Status {
 pub(crate) unsafe fn free_state(state: *mut *mut State) -> Status {
     // SAFETY: NULL or a state of this library
     unsafe {
-        if let Some(state) = state.as_mut() {
+        if let Some(state) = place(state) {
             freed(*state);
             *state = core::ptr::null_mut();
         }
@@ -163,7 +199,7 @@ pub(crate) unsafe fn free_state(state: *mut *mut State) -> Status {
 /// Bytes of a stored state.
 pub(crate) unsafe fn stored_size(size: *mut usize) -> Status {
     // SAFETY: NULL or a place for a number
-    match unsafe { size.as_mut() } {
+    match unsafe { place(size) } {
         Some(size) => {
             *size = size_of::<State>();
             OK
@@ -199,7 +235,7 @@ pub(crate) unsafe fn restore(
 ) -> Status {
     // SAFETY: see `instance`; `from` has `size` bytes; any bytes are a state
     unsafe {
-        let (Some(it), Some(to)) = (instance(it), to.as_mut()) else { return ERROR };
+        let (Some(it), Some(to)) = (instance(it), place(to)) else { return ERROR };
         if from.is_null() || size != size_of::<State>() {
             return it.tell(ERROR, c"a stored state has another size");
         }

@@ -4,7 +4,7 @@
 
 use core::ffi::{c_char, c_int, c_void};
 
-use crate::common::{self, instance, instantiated};
+use crate::common::{self, instance, instantiated, place};
 use crate::instance::{Instance, Log, Logger2, Status, DISCARD, ERROR, OK};
 use crate::shared::{absent, lifecycle, variables};
 use crate::state::{mode, State};
@@ -39,12 +39,12 @@ unsafe extern "C" fn fmi2Instantiate(
     kind: c_int,
     token: *const c_char,
     _resources: *const c_char,
-    callbacks: *const Callbacks,
+    callbacks: *mut Callbacks,
     _visible: c_int,
     _logging: c_int,
 ) -> *mut Instance {
     // SAFETY: NULL or the importer's
-    let Some(callbacks) = (unsafe { callbacks.as_ref() }) else { return core::ptr::null_mut() };
+    let Some(callbacks) = (unsafe { place(callbacks) }) else { return core::ptr::null_mut() };
     if kind != CO_SIMULATION {
         return core::ptr::null_mut();
     }

@@ -4,7 +4,7 @@
 
 use core::ffi::{c_char, c_void};
 
-use crate::common::{self, instance, instantiated};
+use crate::common::{self, instance, instantiated, place};
 use crate::instance::{Instance, Log, Logger3, Status, ERROR, OK};
 use crate::shared::{absent, lifecycle, variables};
 use crate::state::{mode, State};
@@ -76,12 +76,12 @@ unsafe extern "C" fn fmi3DoStep(
     let status = it.step(from, length);
     for told in [event_needed, terminate, early_return] {
         // SAFETY: NULL or a place of the importer
-        if let Some(told) = unsafe { told.as_mut() } {
+        if let Some(told) = unsafe { place(told) } {
             *told = false;
         }
     }
     // SAFETY: as above
-    if let Some(last_time) = unsafe { last_time.as_mut() } {
+    if let Some(last_time) = unsafe { place(last_time) } {
         *last_time = it.state.value(0);
     }
     status
@@ -98,8 +98,9 @@ lifecycle! {
 variables! {
     fmi3GetFloat64 fmi3SetFloat64: Real as f64, |value| value, |value| value, room;
     fmi3GetInt32 fmi3SetInt32: Integer as i32, |value| value as i32, f64::from, room;
-    fmi3GetBoolean fmi3SetBoolean: Boolean as bool, |value| value != 0.0,
-        |value| f64::from(u8::from(value)), room;
+    // a byte: what an importer gives need not be 0 or 1
+    fmi3GetBoolean fmi3SetBoolean: Boolean as u8, |value| u8::from(value != 0.0),
+        |value| f64::from(u8::from(value != 0)), room;
 }
 
 absent! {

@@ -101,16 +101,11 @@ macro_rules! variables {
             values: *mut $type,
             $($room: usize,)?
         ) -> Status {
+            let (room, kind) = (count, Kind::$kind);
+            $(let room = room.min($room);)?
+            let asked = common::Variables { references, count, values, room, kind };
             // SAFETY: the arrays have so many elements
-            unsafe {
-                $(if $room < count {
-                    return common::absent(it);
-                })?
-                let made: fn(f64) -> $type = $made;
-                common::get(it, references, count, Kind::$kind, |k, value| {
-                    values.add(k).write(made(value))
-                })
-            }
+            unsafe { common::get(it, asked, $made) }
         }
 
         #[no_mangle]
@@ -121,14 +116,11 @@ macro_rules! variables {
             values: *const $type,
             $($room: usize,)?
         ) -> Status {
+            let (room, kind) = (count, Kind::$kind);
+            $(let room = room.min($room);)?
+            let asked = common::Variables { references, count, values, room, kind };
             // SAFETY: the arrays have so many elements
-            unsafe {
-                $(if $room < count {
-                    return common::absent(it);
-                })?
-                let read: fn($type) -> f64 = $read;
-                common::set(it, references, count, Kind::$kind, |k| read(*values.add(k)))
-            }
+            unsafe { common::set(it, asked, $read) }
         }
     )*};
 }

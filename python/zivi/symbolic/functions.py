@@ -115,4 +115,6 @@ def raised(base: Any, exponent: Any) -> Any:
             return sqrt(base)
         if exponent == -HALF:
             return 1 / sqrt(base)
+    if base.is_number and float(base) <= 0:
+        raise FormulaError("a power of a number <= 0 has an exponent that varies")
     return power(base, exponent)
