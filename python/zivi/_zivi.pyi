@@ -641,9 +641,17 @@ class Observer:
         se: float,
         dmax: float,
         position_only: bool,
+        learn_e: bool,
+        q_e: float,
     ) -> Self: ...
     def step(
-        self, x: float, xdot: float | None, force: float, u: float
+        self,
+        x: float | None,
+        xdot: float | None = None,
+        force: float = 0.0,
+        u: float = 0.0,
+        *,
+        dt: float | None = None,
     ) -> tuple[float, float, float]: ...
     def reset(self) -> None: ...
     def _observe(
@@ -651,12 +659,12 @@ class Observer:
     ) -> tuple[list[_Array], list[_Array], NDArray[np.bool_]]: ...
     @property
     def _covariance(self) -> list[list[float]]: ...
+    @property
+    def _restitution(self) -> tuple[float, float]: ...
     def _get_state(
         self,
-    ) -> tuple[bool, float, float, float, list[float], int, int]: ...
-    def _set_state(
-        self, state: tuple[bool, float, float, float, list[float], int, int]
-    ) -> None: ...
+    ) -> tuple[bool, float, float, float, list[float], int, int, list[float]]: ...
+    def _set_state(self, state: Any) -> None: ...
 
 @disjoint_base
 class Explicit:

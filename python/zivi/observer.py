@@ -33,6 +33,9 @@ class Observed:
         Standard deviations of `x`, `xdot` and `d`, as the observer thinks.
     refused : ndarray of bool
         Measurements that were too far off to be taken.
+    e, std_e : ndarray
+        Coefficient of restitution and its standard deviation: those that are believed where it is
+        not learnt.
     """
 
     t: Array
@@ -41,15 +44,37 @@ class Observed:
     d: Array
     std: Array
     refused: NDArray[np.bool_]
+    e: Array
+    std_e: Array
 
     def __repr__(self) -> str:
         n = np.count_nonzero(self.refused)
         return f"<Observed {len(self.t)} measurements, {n} refused>"
 
 
+VERSION = 2
+"""Of a state, first number of what it has more than the first version."""
+_HEAD, _SEEN = 8, 6
+
+
+def _is_later(later: Any) -> bool:
+    """Whether this is what a state has since the second version."""
+    version, waiting, e, _, _, _, ee, count, *seen = later
+    return (
+        version == VERSION
+        and all(map(math.isfinite, later))
+        and waiting in (0.0, 1.0)
+        and 0.0 <= e <= 1.0
+        and ee >= 0.0
+        and count in range(_SEEN + 1)
+        and len(seen) == 3 * _SEEN
+        and min(seen[2::3]) >= 0.0
+    )
+
+
 def _is_state(state: Any) -> bool:
     try:
-        started, x, xdot, d, covariance, in_a_row, refused = state
+        started, x, xdot, d, covariance, in_a_row, refused, *later = state
         variances = (covariance[0], covariance[3], covariance[5])
         return (
             isinstance(started, bool)
@@ -57,8 +82,10 @@ def _is_state(state: Any) -> bool:
             and x >= 0.0
             and len(covariance) == 6
             and min(variances) >= 0.0
-            and in_a_row in range(5)
+            and in_a_row in range(14)
             and refused in range(2**32)
+            and len(later) <= 1
+            and all(map(_is_later, later))
         )
     except (TypeError, ValueError, IndexError):
         return False
@@ -66,7 +93,7 @@ def _is_state(state: Any) -> bool:
 
 _of_x, _of_xdot, *_DEFAULTS = (it.default for it in _zivi.CONTROL_SETTINGS["ImpactObserver"])
 NOISE: tuple[float, float] = (_of_x, _of_xdot)
-Q_D, SE, DMAX = _DEFAULTS
+Q_D, SE, DMAX, Q_E = _DEFAULTS
 
 
 class ImpactObserver(_zivi.Observer, Component):
@@ -74,8 +101,8 @@ class ImpactObserver(_zivi.Observer, Component):
 
     .. math:: \ddot x = F + u + d, \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
 
-    An extended Kalman filter on the exact sampled map: the covariance of :math:`(x, \dot x, d)`
-    follows each flight of a period and, through the saltation matrix
+    An extended Kalman filter on the exact sampled map: the covariance of :math:`(x, \dot x, d)`,
+    with ``learn_e`` of :math:`e` too, follows each flight of a period and, through the saltation matrix
 
     .. math::
 
@@ -83,8 +110,10 @@ class ImpactObserver(_zivi.Observer, Component):
         \qquad a = F + u + d
 
     each impact; at a Zeno point and at rest only the variance of :math:`d` stays, which the wall's
-    reaction hides. Measurements 5 standard deviations off are not taken; the fifth in a row starts
-    it again there. It is a tick like a controller's, and bounded in the same way.
+    reaction hides. Measurements 5 standard deviations off are not taken. Several in a row start it
+    again: at the fifth, with its velocity; of positions alone where four of the last six, or all but
+    two, agree on a flight, so outliers do not. All that is measured in lengths and times scales with
+    their units. It is a tick like a controller's, and bounded in the same way.
 
     Parameters
     ----------
@@ -104,6 +133,12 @@ class ImpactObserver(_zivi.Observer, Component):
         Bound of :math:`|d|` (m/s^2).
     position_only : bool
         Whether the velocity is not measured: what `step` is given for it is ignored.
+    learn_e : bool
+        Whether the restitution is estimated, too, from the impacts that are faster than ten times
+        the noise of the position in a period: `e_est`, `e_std`. `se` is its standard deviation at
+        the start then, 0.1 if it is 0.
+    q_e : float
+        Variance that each impact adds to an `e` that is learnt, for walls that change (1e-6, say).
 
     Raises
     ------
@@ -134,6 +169,8 @@ class ImpactObserver(_zivi.Observer, Component):
         se: float = SE,
         dmax: float = DMAX,
         position_only: bool = False,
+        learn_e: bool = False,
+        q_e: float = Q_E,
     ) -> Self:
         settings: dict[str, Any] = {
             "e": real("e", e),
@@ -143,6 +180,8 @@ class ImpactObserver(_zivi.Observer, Component):
             "se": real("se", se),
             "dmax": real("dmax", dmax),
             "position_only": bool(position_only),
+            "learn_e": switch("learn_e", learn_e),
+            "q_e": real("q_e", q_e),
         }
         self = super().__new__(cls, **settings)
         self._settings = settings
@@ -165,14 +204,30 @@ class ImpactObserver(_zivi.Observer, Component):
         return x, xdot, d
 
     @property
+    def learn_e(self) -> bool:
+        """Whether the restitution is learnt."""
+        return bool(self._settings["learn_e"])
+
+    @property
+    def e_est(self) -> float:
+        """The restitution that is believed now."""
+        return float(self._restitution[0])
+
+    @property
+    def e_std(self) -> float:
+        """Its standard deviation, 0 where it is not learnt."""
+        return math.sqrt(self._restitution[1])
+
+    @property
     def covariance(self) -> Array:
-        """Covariance of the estimate, shape (3, 3) (a copy)."""
-        return np.array(self._covariance)
+        """Covariance of the estimate (a copy): shape (3, 3), or (4, 4) with ``learn_e``."""
+        n = 4 if self.learn_e else 3
+        return np.array(self._covariance)[:n, :n]
 
     @property
     def n_refused(self) -> int:
         """Measurements that were not taken so far."""
-        return int(self.state[-1])
+        return int(self.state[6])
 
     def observe(
         self,
@@ -230,8 +285,9 @@ class ImpactObserver(_zivi.Observer, Component):
                 )
         held = _held("force", force, len(times)) + _held("u", u, len(times))
         estimates, deviations, refused = self._observe(times, x, xdot, held)
-        x, xdot, d = estimates
-        return Observed(times, x, xdot, d, np.column_stack(deviations), refused)
+        x, xdot, d, e = estimates
+        *others, of_e = deviations
+        return Observed(times, x, xdot, d, np.column_stack(others), refused, e, of_e)
 
 
 def _deviations(noise: Any, position_only: bool) -> tuple[float, float]:

@@ -87,13 +87,19 @@ pub const ZIVI_E_SIDE: i32 = -38;
 pub const ZIVI_E_DMAX: i32 = -39;
 /// `position_only` is neither 0 nor 1.
 pub const ZIVI_E_POSITION_ONLY: i32 = -40;
+/// `learn_e` is neither 0 nor 1.
+pub const ZIVI_E_LEARN_E: i32 = -41;
+/// `q_e` is not in [0, 1].
+pub const ZIVI_E_Q_E: i32 = -42;
+/// `dt` is not a finite time > 0.
+pub const ZIVI_E_DT: i32 = -43;
 
 /// A setting without a code of its own.
 pub const ZIVI_E_SETTING: i32 = -99;
 
 /// Names of settings, filled up with zeros, and their codes. No pointers: those would be memory that
 /// a program has to initialise.
-const NAMES: [([u8; LONGEST], i8); 26] = [
+const NAMES: [([u8; LONGEST], i8); 28] = [
     named("h", ZIVI_E_H),
     named("e", ZIVI_E_E),
     named("kappa", ZIVI_E_KAPPA),
@@ -120,6 +126,8 @@ const NAMES: [([u8; LONGEST], i8); 26] = [
     named("q_d", ZIVI_E_Q_D),
     named("se", ZIVI_E_SE),
     named("dmax", ZIVI_E_DMAX),
+    named("q_e", ZIVI_E_Q_E),
+    named("dt", ZIVI_E_DT),
 ];
 
 /// Length of the longest name.

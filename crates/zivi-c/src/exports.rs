@@ -8,6 +8,7 @@
 
 use core::ffi::{c_char, CStr};
 
+use zivi_core::observer::Measurement;
 use zivi_core::Physical;
 
 use crate::code::{ZIVI_E_NULL, ZIVI_E_STATE, ZIVI_OK};
@@ -301,6 +302,23 @@ pub unsafe extern "C" fn zivi_observer_step(
 ) -> i32 {
     // SAFETY: see the module
     unsafe { object(observer) }.map_or(ZIVI_E_NULL, |it| it.step(x, xdot, force, u))
+}
+
+/// The same `dt` (s) after the last call, where that is not `h`. A measurement that is missing has NaN
+/// for `x`: the motion is followed, nothing is corrected, `xdot` is ignored.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_observer_step_after(
+    observer: *mut Observer,
+    dt: f64,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    u: f64,
+) -> i32 {
+    let velocity = (!xdot.is_nan()).then_some(xdot);
+    let measured = (!x.is_nan()).then_some(Measurement { x, xdot: velocity });
+    // SAFETY: see the module
+    unsafe { object(observer) }.map_or(ZIVI_E_NULL, |it| it.step_after(dt, measured, force, u))
 }
 
 /// Ticks, and gives the control that holds then.

@@ -40,7 +40,7 @@ pub use tracker::{
 };
 
 /// The version of this interface: it changes when a structure or the meaning of a function does.
-pub const ZIVI_ABI_VERSION: u32 = 2;
+pub const ZIVI_ABI_VERSION: u32 = 3;
 
 #[cfg(feature = "target")]
 mod panic_free {

@@ -43,6 +43,9 @@ acceleration must be finite, or NaN if it is not known\0\
 side must be +1 or -1\0\
 dmax must be a bound from 0 to 1e150\0\
 position_only must be 0 or 1\0\
+learn_e must be 0 or 1\0\
+q_e must be in [0, 1]\0\
+dt must be a finite time > 0\0\
 a setting is out of range\0\
 not a code of this library\0";
 
@@ -52,9 +55,9 @@ fn place(code: Code) -> u32 {
     match code {
         0..=3 => distance,
         ZIVI_E_NO_SOLUTION..=ZIVI_E_NULL => 3 + distance,
-        ZIVI_E_POSITION_ONLY..=ZIVI_E_H => distance - 1,
-        ZIVI_E_SETTING => 40,
-        _ => 41,
+        ZIVI_E_DT..=ZIVI_E_H => distance - 1,
+        ZIVI_E_SETTING => 43,
+        _ => 44,
     }
 }
 

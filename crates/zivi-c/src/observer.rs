@@ -1,11 +1,12 @@
 //! The observer: position, velocity and an unknown force of a mass, through impacts.
 
 use zivi_core::observer::{
-    Covariance, Estimate, ImpactObserver, Measurement, ObserverSettings, ObserverState,
+    Covariance, Estimate, ImpactObserver, Measurement, Memory, ObserverSettings, ObserverState,
+    Seen, REMEMBERED,
 };
 use zivi_core::{Physical, Restitution};
 
-use crate::code::{self, Code, ZIVI_E_POSITION_ONLY, ZIVI_OK};
+use crate::code::{self, Code, ZIVI_E_LEARN_E, ZIVI_E_POSITION_ONLY, ZIVI_OK};
 use crate::config;
 use crate::seal::Sealed;
 
@@ -17,6 +18,10 @@ pub struct ObserverConfig {
     pub size: u32,
     /// 1: the velocity is not measured; 0: it is, where it is not NaN.
     pub position_only: u32,
+    /// 1: `e` is learnt; `se` is its deviation at the start then, by default 0.1.
+    pub learn_e: u32,
+    /// 0.
+    pub reserved: u32,
     /// Sampling period (s), > 0.
     pub h: f64,
     /// Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
@@ -33,6 +38,8 @@ pub struct ObserverConfig {
     pub se: f64,
     /// Bound of the unknown force (m/s^2); by default 20.
     pub dmax: f64,
+    /// Variance that an impact adds to an `e` that is learnt; by default 0.
+    pub q_e: f64,
 }
 
 /// An observer. Everything in it may be read, copied and logged; it is changed by
@@ -48,6 +55,8 @@ pub struct Observer {
     pub xdot: f64,
     /// Estimate of the unknown force (m/s^2).
     pub d: f64,
+    /// The coefficient of restitution: the estimate where it is learnt.
+    pub e: f64,
     /// Covariance of the estimates.
     pub p_xx: f64,
     /// The same of position and velocity.
@@ -60,6 +69,24 @@ pub struct Observer {
     pub p_vd: f64,
     /// Variance of the force.
     pub p_dd: f64,
+    /// Covariance of position and `e`.
+    pub p_xe: f64,
+    /// The same of velocity and `e`.
+    pub p_ve: f64,
+    /// The same of force and `e`.
+    pub p_de: f64,
+    /// Variance of `e`, 0 where it is not learnt.
+    pub p_ee: f64,
+    /// The last positions that were measured (m), the newest first.
+    pub seen_x: [f64; REMEMBERED],
+    /// What the acceleration has moved the mass since (m).
+    pub seen_moved: [f64; REMEMBERED],
+    /// Time since (s).
+    pub seen_age: [f64; REMEMBERED],
+    /// How many there are.
+    pub seen: u32,
+    /// Whether the velocity waits for a second position.
+    pub waiting: u32,
     /// Whether there was a measurement.
     pub started: u32,
     /// Measurements refused in a row.
@@ -74,7 +101,7 @@ pub struct Observer {
 
 // SAFETY: `config`
 unsafe impl Sealed for Observer {
-    const SETTINGS: usize = 9;
+    const SETTINGS: usize = 11;
     const KIND: u64 = 0x7a69_7669_6f62_7365;
 
     fn seal(&self) -> u64 {
@@ -84,9 +111,9 @@ unsafe impl Sealed for Observer {
 
 const _: () = {
     use core::mem::offset_of;
-    assert!(size_of::<Observer>() == 168 && size_of::<ObserverConfig>() == 72);
+    assert!(size_of::<Observer>() == 376 && size_of::<ObserverConfig>() == 88);
     assert!(offset_of!(Observer, x) == 8 * <Observer as Sealed>::SETTINGS);
-    assert!(offset_of!(Observer, started) == 144);
+    assert!(offset_of!(Observer, started) == 352);
 };
 
 impl ObserverConfig {
@@ -107,10 +134,14 @@ impl ObserverConfig {
         let bare = ObserverSettings::new(restitution, self.h).map_err(code::of)?;
         let heard = bare.with_noise(noise_x, noise_xdot).map_err(code::of)?;
         let pushed = heard.with_force(q_d, dmax).map_err(code::of)?;
-        pushed.with_restitution_error(self.se).map_err(code::of)?;
+        let unsure = pushed.with_restitution_error(self.se).map_err(code::of)?;
         if self.position_only > 1 {
             return Err(ZIVI_E_POSITION_ONLY);
         }
+        if self.learn_e > 1 {
+            return Err(ZIVI_E_LEARN_E);
+        }
+        unsure.with_learning(self.learn_e != 0, self.q_e).map_err(code::of)?;
         let (e, kappa) = (restitution.e(), restitution.kappa());
         Ok(Self { e, kappa, noise_x, noise_xdot, q_d, dmax, ..*self })
     }
@@ -122,6 +153,7 @@ impl Observer {
         match config.checked() {
             Ok(config) => {
                 *self = Self { config, ..Self::default() };
+                self.remember(ImpactObserver::new(self.settings()).state());
                 self.seal = self.seal_of_settings();
                 ZIVI_OK
             }
@@ -134,20 +166,31 @@ impl Observer {
         if let Err(code) = self.intact() {
             return code;
         }
-        self.remember(ObserverState::default());
+        self.remember(ImpactObserver::new(self.settings()).state());
         ZIVI_OK
     }
 
     /// Takes a measurement; `xdot` is NaN where it is not measured. `force` is the known force and
     /// `u` the control that acted over the period that ends now.
     pub fn step(&mut self, x: f64, xdot: f64, force: f64, u: f64) -> Code {
+        let measured = Measurement { x, xdot: (!xdot.is_nan()).then_some(xdot) };
+        self.step_after(self.config.h, Some(measured), force, u)
+    }
+
+    /// The same `dt` (s) after the last one; `None` is a measurement that is missing.
+    pub fn step_after(
+        &mut self,
+        dt: f64,
+        measured: Option<Measurement>,
+        force: f64,
+        u: f64,
+    ) -> Code {
         if let Err(code) = self.intact() {
             return code;
         }
         let mut core = ImpactObserver::new(self.settings());
         core.set_state(self.state());
-        let measured = Measurement { x, xdot: (!xdot.is_nan()).then_some(xdot) };
-        match core.tick(measured, force, u) {
+        match core.tick_after(dt, measured, force, u) {
             Ok(_) => {
                 self.remember(core.state());
                 ZIVI_OK
@@ -159,29 +202,58 @@ impl Observer {
     /// The settings, which were checked.
     #[inline]
     fn settings(&self) -> ObserverSettings {
-        let ObserverConfig { h, e, kappa, noise_x, noise_xdot, q_d, se, dmax, .. } = self.config;
+        let ObserverConfig { h, e, kappa, noise_x, noise_xdot, q_d, se, dmax, q_e, .. } =
+            self.config;
         let restitution = Restitution::trusted(e, kappa);
         ObserverSettings::trusted(restitution, h, [noise_x, noise_xdot, q_d, se, dmax])
             .with_position_only(self.config.position_only != 0)
+            .trusted_learning(self.config.learn_e != 0, q_e)
     }
 
     fn state(&self) -> ObserverState {
-        let Self { x, xdot, d, p_xx, p_xv, p_xd, p_vv, p_vd, p_dd, .. } = *self;
+        let Self { x, xdot, d, e, p_xx, p_xv, p_xd, p_vv, p_vd, p_dd, .. } = *self;
+        let Self { p_xe, p_ve, p_de, p_ee, .. } = *self;
+        let mut memory = Memory { count: self.seen, ..Memory::default() };
+        let places = self.seen_x.iter().zip(&self.seen_moved).zip(&self.seen_age);
+        for (to, ((x, moved), age)) in memory.seen.iter_mut().zip(places) {
+            *to = Seen { x: *x, moved: *moved, age: *age };
+        }
         ObserverState {
             started: self.started != 0,
+            waiting: self.waiting != 0,
             estimate: Estimate { state: Physical { x, xdot }, d },
-            covariance: Covariance { xx: p_xx, xv: p_xv, xd: p_xd, vv: p_vv, vd: p_vd, dd: p_dd },
+            e,
+            covariance: Covariance {
+                xx: p_xx,
+                xv: p_xv,
+                xd: p_xd,
+                vv: p_vv,
+                vd: p_vd,
+                dd: p_dd,
+                xe: p_xe,
+                ve: p_ve,
+                de: p_de,
+                ee: p_ee,
+            },
+            memory,
             in_a_row: self.in_a_row,
             refused: self.refused,
         }
     }
 
     fn remember(&mut self, state: ObserverState) {
-        let ObserverState { started, estimate, covariance, in_a_row, refused } = state;
+        let ObserverState { started, waiting, estimate, e, covariance, memory, .. } = state;
         (self.x, self.xdot, self.d) = (estimate.state.x, estimate.state.xdot, estimate.d);
-        let Covariance { xx, xv, xd, vv, vd, dd } = covariance;
+        self.e = e;
+        let Covariance { xx, xv, xd, vv, vd, dd, xe, ve, de, ee } = covariance;
         (self.p_xx, self.p_xv, self.p_xd) = (xx, xv, xd);
         (self.p_vv, self.p_vd, self.p_dd) = (vv, vd, dd);
-        (self.started, self.in_a_row, self.refused) = (u32::from(started), in_a_row, refused);
+        (self.p_xe, self.p_ve, self.p_de, self.p_ee) = (xe, ve, de, ee);
+        self.seen_x = memory.seen.map(|it| it.x);
+        self.seen_moved = memory.seen.map(|it| it.moved);
+        self.seen_age = memory.seen.map(|it| it.age);
+        self.seen = memory.count;
+        (self.started, self.waiting) = (u32::from(started), u32::from(waiting));
+        (self.in_a_row, self.refused) = (state.in_a_row, state.refused);
     }
 }

@@ -130,6 +130,6 @@ mod tests {
             TrackerConfig { mu1: 3.0, mu2: 2.0, h: 1e-3, e: 0.5, ..TrackerConfig::defaults() };
         every_bit!(Tracker, tracker, 112, |it: &mut Tracker| it.step(1.0, 0.0, 0.0, 0.0));
         let observer = ObserverConfig { h: 1e-3, e: 0.5, ..ObserverConfig::defaults() };
-        every_bit!(Observer, observer, 72, |it: &mut Observer| it.step(1.0, 0.0, 0.0, 0.0));
+        every_bit!(Observer, observer, 88, |it: &mut Observer| it.step(1.0, 0.0, 0.0, 0.0));
     }
 }

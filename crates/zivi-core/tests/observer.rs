@@ -51,16 +51,17 @@ fn the_covariance_is_that_of_the_exact_map() {
         let (known, d) = (-rng.between(2.0, 30.0), rng.between(-1.5, 1.5));
         let speed = h * known.abs() * rng.log_between(0.2, 5.0);
         let (x, v) = (speed * h * rng.between(0.05, 1.5), rng.between(-1.0, 1.0) * speed);
-        let z = [x, v, d];
-        let Some((end, impacts, slowest)) = exact(z, known, e, h) else { continue };
-        let step = [1e-5 * x, 1e-5 * speed, 1e-5 * known.abs()];
-        let mut jacobian = [[0.0; 3]; 3];
+        let z = [x, v, d, e];
+        let moves = |[x, v, d, e]: [f64; 4]| exact([x, v, d], known, e, h);
+        let Some((end, impacts, slowest)) = moves(z) else { continue };
+        let step = [1e-5 * x, 1e-5 * speed, 1e-5 * known.abs(), 1e-5];
+        let mut jacobian = [[0.0; 4]; 4];
         let mut smooth = true;
-        for column in 0..3 {
+        for column in 0..4 {
             let moved = |sign: f64| {
                 let mut z = z;
                 z[column] += sign * step[column];
-                exact(z, known, e, h)
+                moves(z)
             };
             let (Some((plus, n, _)), Some((minus, m, _))) = (moved(1.0), moved(-1.0)) else {
                 smooth = false;
@@ -71,22 +72,34 @@ fn the_covariance_is_that_of_the_exact_map() {
                 jacobian[row][column] = (plus[row] - minus[row]) / (2.0 * step[column]);
             }
         }
+        jacobian[3][3] = 1.0;
         // slow impacts are where the filter's derivative is cut
         if !smooth || slowest < 0.1 * h * (known + d).abs() {
             continue;
         }
-        let mut it = observer(e, h, 0.0);
-        let size = [x, speed, known.abs()];
+        // positions so exact that every impact tells of e, and no variance is cut
+        let wall = Restitution::from_e(e).expect("in range");
+        let sensor = 1e-3 * h * slowest.min(speed);
+        let settings = ObserverSettings::new(wall, h)
+            .and_then(|it| it.with_noise(sensor, 1e-2))
+            .and_then(|it| it.with_force(0.0, 1e3))
+            .and_then(|it| it.with_learning(true, 0.0));
+        let mut it = ImpactObserver::new(settings.expect("in range"));
+        let size = [x, speed, known.abs(), 1.0];
         // small against what the velocity's variance is cut to
         let part = 1e-4;
-        let (xx, vv, dd) = (part * x * x, part * speed * speed, part * known * known);
+        let of = |i: usize, j: usize, share: f64| part * share * size[i] * size[j];
         let covariance = Covariance {
-            xx,
-            vv,
-            dd,
-            xv: part * 0.3 * size[0] * size[1],
-            xd: part * -0.2 * size[0] * size[2],
-            vd: part * 0.1 * size[1] * size[2],
+            xx: of(0, 0, 1.0),
+            vv: of(1, 1, 1.0),
+            dd: of(2, 2, 1.0),
+            ee: of(3, 3, 1.0),
+            xv: of(0, 1, 0.3),
+            xd: of(0, 2, -0.2),
+            vd: of(1, 2, 0.1),
+            xe: of(0, 3, -0.25),
+            ve: of(1, 3, 0.15),
+            de: of(2, 3, 0.35),
         };
         let estimate = Estimate { state: Physical { x, xdot: v }, d };
         it.set_state(ObserverState { started: true, estimate, covariance, ..it.state() });
@@ -96,17 +109,15 @@ fn the_covariance_is_that_of_the_exact_map() {
         let near = |a: f64, b: f64, size: f64| (a - b).abs() <= 1e-9 * size;
         assert!(near(found.state.x, end[0].max(0.0), x) && near(found.state.xdot, end[1], speed));
         let (p, q) = (covariance.rows(), it.state().covariance.rows());
-        for row in 0..3 {
-            for column in 0..3 {
-                let terms = (0..9).map(|k| (k / 3, k % 3));
-                let wanted: f64 = terms
-                    .clone()
-                    .map(|(i, j)| jacobian[row][i] * p[i][j] * jacobian[column][j])
-                    .sum();
-                let size: f64 = terms
-                    .map(|(i, j)| (jacobian[row][i] * p[i][j] * jacobian[column][j]).abs())
-                    .sum();
-                let floor = if row == column { [1e-18, 1e-14, 0.0][row] } else { 0.0 };
+        for row in 0..4 {
+            for column in 0..4 {
+                let terms = (0..16).map(|k| (k / 4, k % 4));
+                let term =
+                    |(i, j): (usize, usize)| jacobian[row][i] * p[i][j] * jacobian[column][j];
+                let wanted: f64 = terms.clone().map(term).sum();
+                let size: f64 = terms.map(|it| term(it).abs()).sum();
+                let unit = [1e-10 * sensor * sensor, 1e-12 * (sensor / h).powi(2), 0.0, 0.0];
+                let floor = if row == column { unit[row] } else { 0.0 };
                 let off = (q[row][column] - floor - wanted).abs() / (size + floor);
                 worst = worst.max(off);
             }
@@ -125,7 +136,8 @@ fn rest_hides_the_force() {
     let rest = Measurement { x: 0.0, xdot: Some(0.0) };
     it.tick(rest, -9.81, 0.0).expect("finite");
     let estimate = Estimate { state: Physical::default(), d: 1.25 };
-    let covariance = Covariance { dd: 4.0, xd: 1e-5, vd: 1e-3, xx: 1e-8, vv: 1e-4, xv: 0.0 };
+    let covariance =
+        Covariance { dd: 4.0, xd: 1e-5, vd: 1e-3, xx: 1e-8, vv: 1e-4, ..Covariance::default() };
     it.set_state(ObserverState { estimate, covariance, ..it.state() });
     for k in 1..=1000 {
         it.tick(rest, -9.81, 0.0).expect("finite");
@@ -179,7 +191,7 @@ fn what_is_refused_changes_nothing() {
         (good, 0.0, 0.0, 0.0, "dt"),
         (good, 1e308, 1e308, 1e-3, "x"),
     ] {
-        let error = it.tick_after(dt, measured, force, u).expect_err("refused");
+        let error = it.tick_after(dt, Some(measured), force, u).expect_err("refused");
         assert_eq!((error.name, it.state()), (name, before));
     }
 }
@@ -193,12 +205,15 @@ fn stress(draws: u32, seed: u64) {
         let h = rng.log_between(1e-5, 1e-1);
         let restitution = Restitution::from_e(e).expect("in range");
         let dmax = rng.log_between(0.1, 100.0);
+        let sensor = [rng.log_between(1e-7, 1e-1), rng.log_between(1e-5, 10.0)];
+        let learns = rng.chance(0.5);
         let settings = ObserverSettings::new(restitution, h)
-            .and_then(|it| it.with_noise(rng.log_between(1e-7, 1e-1), rng.log_between(1e-5, 10.0)))
+            .and_then(|it| it.with_noise(sensor[0], sensor[1]))
+            .and_then(|it| it.with_learning(learns, rng.pick(&[0.0, 1e-6, 0.1])))
             .and_then(|it| it.with_force(rng.log_between(1e-8, 1e2), dmax))
             .and_then(|it| it.with_restitution_error(rng.pick(&[0.0, 0.03, 0.5])));
         let mut it = ImpactObserver::new(settings.expect("in range"));
-        let wild = rng.pick(&[1e-3, 0.1, 10.0]);
+        let (wild, mut before) = (rng.pick(&[1e-3, 0.1, 10.0]), 0.0_f64);
         let (mut x, mut v) = (rng.between(0.0, 2.0), rng.between(-3.0, 3.0));
         for _ in 0..1000 {
             let a = rng.between(-30.0, 10.0);
@@ -212,10 +227,22 @@ fn stress(draws: u32, seed: u64) {
             let found = it.tick(Measurement { x: x + noise(wild), xdot }, a, noise(5.0));
             let found = found.expect("finite");
             assert!(found.state.x >= 0.0 && found.d.abs() <= dmax);
+            let believed = it.state().e;
+            assert!(if learns {
+                (0.01..=0.999).contains(&believed) || believed == e
+            } else {
+                believed == e
+            });
             let covariance = it.state().covariance;
-            let [[xx, xv, xd], [_, vv, vd], [_, _, dd]] = covariance.rows();
+            let Covariance { xx, xv, xd, vv, vd, dd, .. } = covariance;
             assert!(xx >= 0.0 && vv >= 0.0 && dd >= 0.0 && dd <= dmax * dmax, "{covariance:?}");
-            assert!(xx <= 1e3 && vv <= 1e4, "{e} {h} {covariance:?}");
+            // by the energy of the mass that is believed in, and the speed of noise
+            let [of_x, of_v] = sensor;
+            let fast = found.state.xdot.abs().max(before) + h * (dmax + 40.0);
+            let most = fast * fast + 2.0 * (dmax + 40.0) * (found.state.x + 10.0 * wild + 1e3);
+            let noise = 100.0 * (of_x / h).powi(2) + 4.0 * of_v * of_v + most;
+            assert!(vv <= 5.0 * (most + noise), "{e} {h} {covariance:?}");
+            before = found.state.xdot.abs();
             let slack = 1.0 + 1e-6;
             assert!(xv * xv <= slack * xx * vv + 1e-20, "{covariance:?}");
             assert!(xd * xd <= slack * xx * dd + 1e-20, "{covariance:?}");

@@ -260,6 +260,7 @@ pub(crate) fn control_settings(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
         ObserverSettings::Q_D,
         ObserverSettings::SE,
         ObserverSettings::DMAX,
+        ObserverSettings::Q_E,
     ];
     let classes: [(&str, &[Described]); 4] = [
         ("TwistingRegulator", &[Port::DEPTH]),

@@ -71,7 +71,7 @@ pub struct Planned {
     pub(super) measured: Physical,
     pub(super) clamped: bool,
     pub(super) force: f64,
-    pub(super) now: Lifted,
+    pub(super) now: Followed,
     pub(super) next: Followed,
     /// The signs of the reference's step.
     pub(super) signs: [f64; 2],

@@ -29,8 +29,9 @@ pub enum Approach {
     /// The plant and the reference to `s >= 0`, every period (the paper).
     #[default]
     Positive,
-    /// The plant to the preimage that is nearer to `(s_r, v_r)`, which itself evolves continuously:
-    /// `sigma` such that `sigma (s s_r + v v_r) >= 0`, time in seconds.
+    /// The plant to the image `sigma (s, v)` that is nearer to `(s_r, v_r)`, which itself evolves
+    /// continuously, by the energy of the error `mu1 |e_s| + e_v^2/2`: the same in all units. Of two
+    /// at equal distance the one on the side of the reference.
     Nearest,
 }
 
@@ -229,7 +230,7 @@ impl TwistingTracker {
         checked_force("force", force)?;
         let course = course(self)?;
         let (next, signs, target) = self.outlook(&course)?;
-        let (now, measured) = (course.now.z, Physical { xdot: state.xdot - course.back, ..state });
+        let (now, measured) = (course.now, Physical { xdot: state.xdot - course.back, ..state });
         Ok(Planned { state, measured, clamped, force, now, next, signs, target })
     }
 
@@ -274,7 +275,7 @@ impl TwistingTracker {
     pub fn follow(&mut self, planned: &Planned) -> Result<f64, SettingError> {
         let Planned { state, measured, clamped, force, now, next, signs, target } = *planned;
         let (wanted, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations) = match self.landing {
-            Some(landing) if now == Lifted::default() && next.z == Lifted::default() => {
+            Some(landing) if now.z == Lifted::default() && next.z == Lifted::default() => {
                 let descent = self.descent_of(landing);
                 let g = descent.towards_wall(state);
                 let TrackingStep { gains, restitution, .. } = self.step;
@@ -315,11 +316,16 @@ impl TwistingTracker {
 
     /// The measured state on the branch that the approach takes beside this reference.
     #[inline]
-    fn lifted(&self, state: Physical, reference: Lifted) -> Lifted {
+    fn lifted(&self, state: Physical, reference: Followed) -> Lifted {
         let Lifted { s, v } = transform::lift(state, Branch::Positive, self.step.restitution);
         let mirror = match self.approach {
             Approach::Positive => false,
-            Approach::Nearest => s * reference.s + v * reference.v < 0.0,
+            Approach::Nearest => {
+                let Followed { z, side } = reference;
+                // half of the energy of the error on the other side, less that on this one
+                let nearer = self.step.gains.mu1() * z.s.min(s).max(-s) + v * z.v;
+                nearer < 0.0 || (nearer == 0.0 && side < 0.0)
+            }
         };
         if mirror {
             Lifted { s: -s, v: -v }

@@ -1,7 +1,7 @@
-//! The covariance of `(x, x', d)`: six numbers, and what a flight, an impact, rest and a
+//! The covariance of `(x, x', d, e)`: ten numbers, and what a flight, an impact, rest and a
 //! measurement make of them.
 
-/// A symmetric 3 x 3 matrix.
+/// A symmetric 4 x 4 matrix; where `e` is not learnt its row and column are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Covariance {
     /// Variance of `x` (m^2).
@@ -16,45 +16,61 @@ pub struct Covariance {
     pub vd: f64,
     /// Variance of `d` (m^2/s^4).
     pub dd: f64,
+    /// Covariance of `x` and `e` (m).
+    pub xe: f64,
+    /// Covariance of `x'` and `e` (m/s).
+    pub ve: f64,
+    /// Covariance of `d` and `e` (m/s^2).
+    pub de: f64,
+    /// Variance of `e`.
+    pub ee: f64,
 }
 
 impl Covariance {
-    /// No correlations.
+    /// No correlations, and nothing unknown of `e`.
     pub(super) fn diagonal([xx, vv, dd]: [f64; 3]) -> Self {
         Self { xx, vv, dd, ..Self::default() }
     }
 
     /// The rows of the matrix.
     #[must_use]
-    pub fn rows(&self) -> [[f64; 3]; 3] {
-        let Self { xx, xv, xd, vv, vd, dd } = *self;
-        [[xx, xv, xd], [xv, vv, vd], [xd, vd, dd]]
+    pub fn rows(&self) -> [[f64; 4]; 4] {
+        let Self { xx, xv, xd, vv, vd, dd, xe, ve, de, ee } = *self;
+        [[xx, xv, xd, xe], [xv, vv, vd, ve], [xd, vd, dd, de], [xe, ve, de, ee]]
     }
 
     /// `A P A^T` of a flight of `t` seconds, `A = [[1, t, t^2/2], [0, 1, t], [0, 0, 1]]`.
     pub(super) fn fly(&mut self, t: f64) {
-        let Self { xx, xv, xd, vv, vd, dd } = *self;
+        let Self { xx, xv, xd, vv, vd, dd, ve, de, .. } = *self;
         self.vd = vd + t * dd;
         self.vv = vv + t * (vd + self.vd);
         self.xd = xd + t * (vd + 0.5 * t * dd);
         self.xv = xv + t * (vv + xd + t * (1.5 * vd + 0.5 * t * dd));
         self.xx = xx + t * (2.0 * xv + t * (vv + xd + t * (vd + 0.25 * t * dd)));
+        self.xe += t * (ve + 0.5 * t * de);
+        self.ve += t * de;
     }
 
-    /// `Xi P Xi^T` of an impact, `Xi = [[-e, 0, 0], [k, -e, 0], [0, 0, 1]]`, with `k` =
-    /// `(1 + e) a/v-`, the change of the velocity with the place of the state before it.
-    pub(super) fn bounce(&mut self, e: f64, k: f64) {
-        let Self { xx, xv, xd, vv, vd, .. } = *self;
+    /// `Xi P Xi^T` of an impact, `Xi = [[-e, 0, 0, 0], [k, -e, 0, w], [0, 0, 1, 0], [0, 0, 0, 1]]`,
+    /// with `k = (1 + e) a/v-`, the change of the velocity with the place of the state before it,
+    /// and `w = -v-`, its change with `e`.
+    pub(super) fn bounce(&mut self, e: f64, k: f64, w: f64) {
+        let Self { xx, xv, xd, vv, vd, xe, ve, de, ee, .. } = *self;
+        // the velocity's row with x, v, d and e before
+        let (of_x, of_v) = (k * xx - e * xv + w * xe, k * xv - e * vv + w * ve);
+        let (of_d, of_e) = (k * xd - e * vd + w * de, k * xe - e * ve + w * ee);
         self.xx = e * e * xx;
-        self.xv = e * (e * xv - k * xx);
+        self.xv = -e * of_x;
         self.xd = -e * xd;
-        self.vv = k * (k * xx - 2.0 * e * xv) + e * e * vv;
-        self.vd = k * xd - e * vd;
+        self.xe = -e * xe;
+        self.vv = k * of_x - e * of_v + w * of_e;
+        (self.vd, self.ve) = (of_d, of_e);
     }
 
-    /// Rest: nothing is left but what is unknown of `d`.
+    /// Rest: nothing is left but what is unknown of `d` and `e`.
     pub(super) fn rest(&mut self) {
-        *self = Self::diagonal([0.0, 0.0, self.dd]);
+        let Self { dd, de, ee, .. } = *self;
+        *self = Self { dd, de, ee, ..Self::default() };
     }
 
     /// The variance of `d` cut to `most`, its correlations kept.
@@ -64,6 +80,7 @@ impl Covariance {
             self.dd = most;
             self.xd *= share;
             self.vd *= share;
+            self.de *= share;
         }
     }
 
@@ -74,41 +91,51 @@ impl Covariance {
             self.vv = most;
             self.xv *= share;
             self.vd *= share;
+            self.ve *= share;
         }
     }
 
     /// A measurement of `x` with this variance: its gains and the variance of its innovation.
-    pub(super) fn measure_x(&mut self, variance: f64) -> ([f64; 3], f64) {
-        let Self { xx, xv, xd, .. } = *self;
+    pub(super) fn measure_x(&mut self, variance: f64) -> ([f64; 4], f64) {
+        let Self { xx, xv, xd, xe, .. } = *self;
         let total = xx + variance;
-        let (gain, left) = ([xx / total, xv / total, xd / total], variance / total);
-        let [_, of_v, of_d] = gain;
+        let gain = [xx / total, xv / total, xd / total, xe / total];
+        let left = variance / total;
+        let [_, of_v, of_d, of_e] = gain;
         self.xx = left * xx;
         self.xv = left * xv;
         self.xd = left * xd;
+        self.xe = left * xe;
         self.vv = (self.vv - of_v * xv).max(0.0);
         self.vd -= of_v * xd;
+        self.ve -= of_v * xe;
         self.dd = (self.dd - of_d * xd).max(0.0);
+        self.de -= of_d * xe;
+        self.ee = (self.ee - of_e * xe).max(0.0);
         (gain, total)
     }
 
     /// The same of `x'`.
-    pub(super) fn measure_v(&mut self, variance: f64) -> ([f64; 3], f64) {
-        let Self { xv, vv, vd, .. } = *self;
+    pub(super) fn measure_v(&mut self, variance: f64) -> ([f64; 4], f64) {
+        let Self { xv, vv, vd, ve, .. } = *self;
         let total = vv + variance;
-        let (gain, left) = ([xv / total, vv / total, vd / total], variance / total);
-        let [of_x, _, of_d] = gain;
+        let gain = [xv / total, vv / total, vd / total, ve / total];
+        let left = variance / total;
+        let [of_x, _, of_d, of_e] = gain;
         self.vv = left * vv;
         self.xv = left * xv;
         self.vd = left * vd;
+        self.ve = left * ve;
         self.xx = (self.xx - of_x * xv).max(0.0);
         self.xd -= of_x * vd;
+        self.xe -= of_x * ve;
         self.dd = (self.dd - of_d * vd).max(0.0);
+        self.de -= of_d * ve;
+        self.ee = (self.ee - of_e * ve).max(0.0);
         (gain, total)
     }
 
     pub(super) fn is_finite(&self) -> bool {
-        let Self { xx, xv, xd, vv, vd, dd } = *self;
-        [xx, xv, xd, vv, vd, dd].iter().all(|it| it.is_finite())
+        self.rows().as_flattened().iter().all(|it| it.is_finite())
     }
 }

@@ -1,11 +1,11 @@
-//! An observer of position, velocity and an unknown force through impacts: an extended Kalman
-//! filter on the exact sampled map.
+//! An observer of position, velocity, an unknown force and, if it shall, the restitution, through
+//! impacts: an extended Kalman filter on the exact sampled map.
 //!
 //! ```text
-//! z = (x, x', d)       x'' = F + u + d,   x >= 0,   x'+ = -e x'-,   d' is noise
-//! flight of t          P <- A P A^T        A  = [[1, t, t^2/2], [0, 1, t], [0, 0, 1]]
-//! impact               P <- Xi P Xi^T      Xi = [[-e, 0, 0], [(1 + e) a/v-, -e, 0], [0, 0, 1]]
-//! rest                 x = x' = 0, and of P only P_dd stays
+//! z = (x, x', d, e)    x'' = F + u + d,   x >= 0,   x'+ = -e x'-,   d' is noise
+//! flight of t          P <- A P A^T        A  = [[1, t, t^2/2, 0], [0, 1, t, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+//! impact               P <- Xi P Xi^T      Xi = [[-e, 0, 0, 0], [(1 + e) a/v-, -e, 0, -v-], [0, 0, 1, 0], [0, 0, 0, 1]]
+//! rest                 x = x' = 0, and of P only what is unknown of d and e stays
 //! ```
 //!
 //! with `a = F + u + d`. `Xi` is the saltation matrix: the derivative of the state after an impact,
@@ -13,15 +13,24 @@
 //! On the wall the force is hidden: the reaction takes it, and with `P_xd = P_vd = 0` so does the
 //! filter, which keeps its estimate while `P_dd` grows.
 //!
+//! Every constant is a pure number of the sensor's deviation `s_x`, of `h` and of accelerations: the
+//! unit of length or of time does not matter.
+//!
 //! A measurement that is further off than 5 standard deviations is not taken (a mass that bounced
-//! when the filter thinks it has not, or the other way round); the fifth in a row restarts the
-//! filter at the measurement, with the `d` that it has.
+//! when the filter thinks it has not, or the other way round). With velocities the fifth in a row
+//! restarts the filter at the measurement, with the `d` that it has. Of positions alone from the
+//! third on those of the last six that agree on a flight do ([`Memory`]), so that an outlier does
+//! not; and the fourteenth at the measurement, at rest.
 
 mod covariance;
+mod memory;
 mod settings;
 
 pub use covariance::Covariance;
+pub use memory::{Memory, Seen, REMEMBERED};
 pub use settings::ObserverSettings;
+
+use memory::Fitted;
 
 use crate::setting::{is_positive, require};
 use crate::{flight, Physical, SettingError};
@@ -30,16 +39,27 @@ use crate::{flight, Physical, SettingError};
 const MAX_IMPACTS: u32 = 20;
 /// The square of the standard deviations at which a measurement is refused.
 const GATE: f64 = 25.0;
-/// So many refused in a row restart the filter.
+/// So many refused in a row restart the filter where the velocity is measured.
 const PATIENCE: u32 = 5;
+/// From so many on positions that agree do.
+const DOUBT: u32 = 3;
+/// So many positions do without agreement.
+const LOST: u32 = 14;
 /// Grazing: the speed in `(1 + e) a/v-` is taken to be at least this part of `h |a|`.
 const GRAZING: f64 = 0.1;
-/// Variance of a velocity (m^2/s^2) that nothing is known of; with twice the speed squared, the
-/// largest: where the place is vague, an impact would make it boundless.
-const UNKNOWN_SPEED: f64 = 25.0;
-/// What a period adds to the variances of `x` and `x'`: without it a wrong `e` could never be
-/// corrected after a rest.
-const FLOOR: [f64; 2] = [1e-18, 1e-14];
+/// Impacts slower than so many `s_x/h` tell nothing of `e`.
+const SLOW: f64 = 10.0;
+/// What a period adds to the variances of `x` and `x'`, of `s_x^2` and `(s_x/h)^2`: without it a
+/// wrong `e` could never be corrected after a rest.
+const FLOOR: [f64; 2] = [1e-10, 1e-12];
+/// The same of the variance of a velocity that nothing is known of.
+const UNKNOWN_SPEED: f64 = 100.0;
+/// Deviations of the position within which the energy of the mass is bounded.
+const HIGHEST: f64 = 6.0;
+/// Restitutions that are learnt.
+const LEARNT: [f64; 2] = [0.01, 0.999];
+/// Largest variance of a restitution.
+const UNKNOWN_E: f64 = 0.25;
 
 /// A measurement: the position, and the velocity if there is one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,10 +84,16 @@ pub struct Estimate {
 pub struct ObserverState {
     /// Whether there was a measurement.
     pub started: bool,
+    /// Whether the velocity waits for a second position.
+    pub waiting: bool,
     /// The estimate.
     pub estimate: Estimate,
-    /// Its covariance.
+    /// The restitution: the estimate, where it is learnt.
+    pub e: f64,
+    /// Covariance of the estimates.
     pub covariance: Covariance,
+    /// The last positions.
+    pub memory: Memory,
     /// Measurements refused in a row up to the last one.
     pub in_a_row: u32,
     /// Measurements refused so far.
@@ -100,7 +126,7 @@ impl ImpactObserver {
     /// An observer that has seen nothing yet.
     #[must_use]
     pub fn new(settings: ObserverSettings) -> Self {
-        Self { settings, state: ObserverState::default() }
+        Self { settings, state: settings.unseen() }
     }
 
     /// The estimate at this measurement. `force` is the known force and `u` the control that acted
@@ -116,72 +142,101 @@ impl ImpactObserver {
         force: f64,
         u: f64,
     ) -> Result<Estimate, SettingError> {
-        self.tick_after(self.settings.h, measured, force, u)
+        self.tick_after(self.settings.h, Some(measured), force, u)
     }
 
-    /// The same for a measurement `dt` (s) after the last one; `q_d` is per `h`.
+    /// The same `dt` (s) after the last one, where `q_d` is per `h`; `None` is a measurement that is
+    /// missing: the motion is followed, nothing is corrected.
     ///
     /// # Errors
     /// As [`ImpactObserver::tick`], and for a `dt` that is not positive.
     pub fn tick_after(
         &mut self,
         dt: f64,
-        measured: Measurement,
+        measured: Option<Measurement>,
         force: f64,
         u: f64,
     ) -> Result<Estimate, SettingError> {
-        let velocity = measured.xdot.filter(|_| !self.settings.position_only);
-        let measured = Measurement { xdot: velocity, ..measured };
+        let velocity = measured.and_then(|it| it.xdot).filter(|_| !self.settings.position_only);
+        let measured = measured.map(|it| Measurement { xdot: velocity, ..it });
+        let x = measured.map_or(0.0, |it| it.x);
+        let xdot = velocity.unwrap_or(0.0);
         require(is_positive(dt), "dt", dt, "a finite time > 0 (s)")?;
-        require(measured.x.is_finite(), "x", measured.x, "a finite position (m)")?;
-        let xdot = measured.xdot.unwrap_or(0.0);
+        require(x.is_finite(), "x", x, "a finite position (m)")?;
         require(xdot.is_finite(), "xdot", xdot, "a finite velocity (m/s)")?;
         require(force.is_finite(), "force", force, "a finite force per unit mass (m/s^2)")?;
         require(u.is_finite(), "u", u, "a finite control (m/s^2)")?;
-        let next = if self.state.started {
-            let mut next = self.state;
-            self.predict(&mut next, dt, force + u);
-            self.correct(next, measured)
-        } else {
-            self.start(measured)
-        };
+        let next = self.after(dt, measured, force + u);
         let sound = next.covariance.is_finite() && next.estimate.is_finite();
-        require(sound, "x", measured.x, "finite: the sample is too large to compute with")?;
+        require(sound, "x", x, "finite: the sample is too large to compute with")?;
         self.state = next;
         Ok(next.estimate)
     }
 
-    fn start(&self, Measurement { x, xdot }: Measurement) -> ObserverState {
-        let ObserverSettings { noise: [of_x, of_v], dmax, .. } = self.settings;
-        let of_v = if xdot.is_some() { of_v } else { UNKNOWN_SPEED };
-        let state = Physical { x: x.max(0.0), xdot: xdot.unwrap_or(0.0) };
-        ObserverState {
-            started: true,
-            estimate: Estimate { state, d: 0.0 },
-            covariance: Covariance::diagonal([of_x, of_v, dmax * dmax]),
-            ..ObserverState::default()
+    /// The state after this time and this measurement, under a known acceleration.
+    fn after(&self, dt: f64, measured: Option<Measurement>, known: f64) -> ObserverState {
+        let mut next = self.state;
+        let a = known + next.estimate.d;
+        if next.started {
+            next.memory.pass(dt, a);
+            self.predict(&mut next, dt, a, velocity_of(measured));
         }
+        let Some(measured) = measured else { return next };
+        next.memory.see(measured.x);
+        let ObserverSettings { noise: [of_x, _], dmax, .. } = self.settings;
+        if !next.started {
+            return self.start(next, measured);
+        }
+        if next.waiting && measured.xdot.is_some() {
+            return self.start(next, measured);
+        }
+        if next.waiting {
+            let fitted = next.memory.of_two(of_x, dmax * dmax);
+            return fitted.map_or(next, |it| restarted(next, it));
+        }
+        self.correct(next, measured, a)
     }
 
-    /// The state after `dt` under the known force and `d`, through impacts and into rest.
-    fn predict(&self, it: &mut ObserverState, dt: f64, known: f64) {
-        let a = known + it.estimate.d;
+    /// At the first measurement, or at the first of a velocity.
+    fn start(&self, it: ObserverState, Measurement { x, xdot }: Measurement) -> ObserverState {
+        let ObserverSettings { noise: [of_x, of_v], dmax, .. } = self.settings;
+        let state = Physical { x: x.max(0.0), xdot: xdot.unwrap_or(0.0) };
+        let unknown = self.fastest(state, of_x, dmax);
+        let of_v = if xdot.is_some() { of_v } else { unknown };
+        let covariance = Covariance::diagonal([of_x, of_v, dmax * dmax]);
+        let covariance = Covariance { ee: it.covariance.ee, ..covariance };
+        let (estimate, waiting) = (Estimate { state, d: it.estimate.d }, xdot.is_none());
+        ObserverState { started: true, waiting, estimate, covariance, ..it }
+    }
+
+    /// The variance of a velocity of which only the height is known, up to the variance `of_x`, and
+    /// the acceleration: by the energy.
+    fn fastest(&self, Physical { x, xdot }: Physical, of_x: f64, a: f64) -> f64 {
+        let ObserverSettings { noise: [noise, _], h, .. } = self.settings;
+        let highest = x + HIGHEST * libm::sqrt(of_x);
+        4.0 * (xdot * xdot + 2.0 * a.abs() * highest) + UNKNOWN_SPEED * noise / (h * h)
+    }
+
+    /// The state after `dt` under the acceleration `a`, through impacts and into rest; what is
+    /// measured of the velocity then matters to what is unknown of it.
+    fn predict(&self, it: &mut ObserverState, dt: f64, a: f64, measured: Option<f64>) {
         self.move_on(it, dt, a);
-        let ObserverSettings { h, q_d, dmax, .. } = self.settings;
-        let [of_x, of_v] = FLOOR;
-        it.covariance.xx += of_x;
-        it.covariance.vv += of_v;
-        it.covariance.dd += q_d * (dt / h);
+        let ObserverSettings { h, q_d, dmax, noise: [of_x, of_v], .. } = self.settings;
+        let (share, [floor_x, floor_v]) = (dt / h, FLOOR);
+        it.covariance.xx += floor_x * of_x * share;
+        it.covariance.vv += floor_v * of_x / (h * h) * share;
+        it.covariance.dd += q_d * share;
         it.covariance.bound_d(dmax * dmax);
-        let speed = 2.0 * it.estimate.state.xdot;
-        it.covariance.bound_v(UNKNOWN_SPEED + speed * speed);
+        // a sensor that is worse than the motion has its own word
+        let sensor = if measured.is_some() { 4.0 * of_v } else { 0.0 };
+        it.covariance.bound_v(self.fastest(it.estimate.state, it.covariance.xx, a) + sensor);
     }
 
     fn move_on(&self, it: &mut ObserverState, dt: f64, a: f64) {
-        let (e, mut left) = (self.settings.restitution.e(), dt);
+        let (e, mut left) = (it.e, dt);
         let mut at = it.estimate.state;
         if at.arrives() {
-            at = self.bounce(&mut it.covariance, at.xdot, a);
+            at = self.bounce(it, at.xdot, a);
         }
         for _ in 0..MAX_IMPACTS {
             let on_the_wall = at.x == 0.0 && a <= 0.0;
@@ -192,7 +247,7 @@ impl ImpactObserver {
             match flight::time_to_wall(at, a) {
                 Some(t) if t <= left => {
                     it.covariance.fly(t);
-                    at = self.bounce(&mut it.covariance, -flight::speed_at_wall(at, a), a);
+                    at = self.bounce(it, -flight::speed_at_wall(at, a), a);
                     left -= t;
                 }
                 _ => {
@@ -207,51 +262,75 @@ impl ImpactObserver {
         it.estimate.state = Physical::default();
     }
 
-    /// The state after an impact with `before < 0`.
-    fn bounce(&self, covariance: &mut Covariance, before: f64, a: f64) -> Physical {
-        let ObserverSettings { restitution, h, se, .. } = self.settings;
-        let e = restitution.e();
-        let speed = before.abs().max(GRAZING * h * a.abs());
-        let k = if speed > 0.0 { -(1.0 + e) * a / speed } else { 0.0 };
-        covariance.bounce(e, k);
-        covariance.vv += (se * before) * (se * before);
+    /// The state after an impact with `before < 0`. A slow one tells nothing of `e`, which is as
+    /// uncertain as it was.
+    fn bounce(&self, it: &mut ObserverState, before: f64, a: f64) -> Physical {
+        let ObserverSettings { h, se, q_e, noise: [of_x, _], learn_e, .. } = self.settings;
+        let (e, speed) = (it.e, before.abs());
+        let least = speed.max(GRAZING * h * a.abs());
+        let k = if least > 0.0 { -(1.0 + e) * a / least } else { 0.0 };
+        let tells = learn_e && speed * speed * (h * h) >= SLOW * SLOW * of_x;
+        it.covariance.bounce(e, k, if tells { speed } else { 0.0 });
+        let of_e = if learn_e { it.covariance.ee } else { se * se };
+        if !tells {
+            it.covariance.vv += of_e * (before * before);
+        }
+        it.covariance.ee = (it.covariance.ee + q_e).min(UNKNOWN_E);
         Physical { x: 0.0, xdot: 0.0 - e * before }
     }
 
-    /// The state after this measurement, if it is within the gate.
-    fn correct(&self, predicted: ObserverState, measured: Measurement) -> ObserverState {
+    /// The state after this measurement, if it is within the gate; `a` acted before it.
+    fn correct(&self, predicted: ObserverState, measured: Measurement, a: f64) -> ObserverState {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = self.settings;
         let mut it = predicted;
         let (gain, variance) = it.covariance.measure_x(of_x);
         let innovation = measured.x - it.estimate.state.x;
-        it.estimate.shift(gain, innovation);
+        it.shift(gain, innovation);
         let mut distance = innovation * innovation / variance;
         if let Some(xdot) = measured.xdot {
             let (gain, variance) = it.covariance.measure_v(of_v);
             let innovation = xdot - it.estimate.state.xdot;
-            it.estimate.shift(gain, innovation);
+            it.shift(gain, innovation);
             distance += innovation * innovation / variance;
         }
         if distance <= GATE {
             it.estimate.state.x = it.estimate.state.x.max(0.0);
             it.estimate.d = it.estimate.d.max(-dmax).min(dmax);
+            if self.settings.learn_e {
+                let [least, most] = LEARNT;
+                it.e = it.e.max(least).min(most);
+            }
             return ObserverState { in_a_row: 0, ..it };
         }
         let (in_a_row, refused) = (predicted.in_a_row + 1, predicted.refused.saturating_add(1));
-        if in_a_row < PATIENCE {
-            return ObserverState { in_a_row, refused, ..predicted };
-        }
-        self.restart(ObserverState { in_a_row: 0, refused, ..predicted }, measured)
+        self.doubt(ObserverState { in_a_row, refused, ..predicted }, measured, a)
     }
 
-    /// At the measurement; `d` keeps its value.
-    fn restart(&self, it: ObserverState, Measurement { x, xdot }: Measurement) -> ObserverState {
+    /// After a measurement that was refused: where the mass is taken to be from now on.
+    fn doubt(
+        &self,
+        it: ObserverState,
+        Measurement { x, xdot }: Measurement,
+        a: f64,
+    ) -> ObserverState {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = self.settings;
-        let of_v = if xdot.is_some() { 4.0 * of_v } else { 1.0 };
-        let old = it.estimate.state;
-        let state = Physical { x: x.max(0.0), xdot: xdot.unwrap_or(old.xdot) };
-        let covariance = Covariance::diagonal([4.0 * of_x, of_v, 0.25 * dmax * dmax]);
-        ObserverState { estimate: Estimate { state, ..it.estimate }, covariance, ..it }
+        let of_d = 0.25 * dmax * dmax;
+        let at = |xdot, of_v| Fitted {
+            state: Physical { x: x.max(0.0), xdot },
+            covariance: Covariance::diagonal([4.0 * of_x, of_v, of_d]),
+        };
+        match xdot {
+            Some(xdot) if it.in_a_row >= PATIENCE => restarted(it, at(xdot, 4.0 * of_v)),
+            None if it.in_a_row >= DOUBT => match it.memory.consensus(of_x, dmax) {
+                Some(fitted) => restarted(it, fitted),
+                None if it.in_a_row >= LOST => {
+                    let still = Physical { x: x.max(0.0), xdot: 0.0 };
+                    restarted(it, at(0.0, self.fastest(still, of_x, a)))
+                }
+                None => it,
+            },
+            _ => it,
+        }
     }
 
     /// The last estimate.
@@ -274,7 +353,7 @@ impl ImpactObserver {
 
     /// Forgets all measurements.
     pub fn reset(&mut self) {
-        self.state = ObserverState::default();
+        self.state = self.settings.unseen();
     }
 
     /// The settings.
@@ -284,14 +363,30 @@ impl ImpactObserver {
     }
 }
 
-impl Estimate {
-    #[inline]
-    fn shift(&mut self, [x, v, d]: [f64; 3], innovation: f64) {
-        self.state.x += x * innovation;
-        self.state.xdot += v * innovation;
-        self.d += d * innovation;
-    }
+/// The velocity that is measured.
+fn velocity_of(measured: Option<Measurement>) -> Option<f64> {
+    measured.and_then(|it| it.xdot)
+}
 
+/// From here on; `d` and `e` keep their values, and `e` what is unknown of it.
+fn restarted(it: ObserverState, Fitted { state, covariance }: Fitted) -> ObserverState {
+    let state = Physical { x: state.x.max(0.0), ..state };
+    let covariance = Covariance { ee: it.covariance.ee, ..covariance };
+    let estimate = Estimate { state, ..it.estimate };
+    ObserverState { waiting: false, in_a_row: 0, estimate, covariance, ..it }
+}
+
+impl ObserverState {
+    #[inline]
+    fn shift(&mut self, [x, v, d, e]: [f64; 4], innovation: f64) {
+        self.estimate.state.x += x * innovation;
+        self.estimate.state.xdot += v * innovation;
+        self.estimate.d += d * innovation;
+        self.e += e * innovation;
+    }
+}
+
+impl Estimate {
     fn is_finite(&self) -> bool {
         self.state.x.is_finite() && self.state.xdot.is_finite() && self.d.is_finite()
     }

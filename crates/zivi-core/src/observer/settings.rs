@@ -2,6 +2,7 @@
 
 use core::ops::Bound;
 
+use super::{Covariance, ObserverState};
 use crate::setting::{is_positive, require, Setting, Value, Values};
 use crate::{Restitution, SettingError};
 
@@ -16,6 +17,8 @@ pub struct ObserverSettings {
     pub(super) se: f64,
     pub(super) dmax: f64,
     pub(super) position_only: bool,
+    pub(super) learn_e: bool,
+    pub(super) q_e: f64,
 }
 
 /// Largest deviation whose square is a number.
@@ -72,6 +75,19 @@ impl ObserverSettings {
         default: Value::Number(Self::DEFAULTS[4]),
     };
 
+    /// Variance of the change of a restitution that is learnt, per impact.
+    pub const Q_E: Setting = Setting {
+        name: "q_e",
+        meaning: "variance of the change of e per impact",
+        unit: "1",
+        values: Values::UNIT,
+        range: "a variance of e, in [0, 1]",
+        default: Value::Number(0.0),
+    };
+
+    /// Standard deviation of a restitution that is learnt and of which nothing was said.
+    pub const UNSAID: f64 = 0.1;
+
     /// Settings for a mass that is measured every `h` (s), the others as in
     /// [`ObserverSettings::DEFAULTS`].
     ///
@@ -87,7 +103,9 @@ impl ObserverSettings {
     #[inline]
     #[must_use]
     pub fn trusted(restitution: Restitution, h: f64, [x, xdot, q_d, se, dmax]: [f64; 5]) -> Self {
-        Self { restitution, h, noise: [x * x, xdot * xdot], q_d, se, dmax, position_only: false }
+        let noise = [x * x, xdot * xdot];
+        let (position_only, learn_e, q_e) = (false, false, 0.0);
+        Self { restitution, h, noise, q_d, se, dmax, position_only, learn_e, q_e }
     }
 
     /// The same with these standard deviations of a measured position (m) and velocity (m/s).
@@ -124,6 +142,38 @@ impl ObserverSettings {
     #[must_use]
     pub fn with_position_only(self, position_only: bool) -> Self {
         Self { position_only, ..self }
+    }
+
+    /// The same with a restitution that is learnt, or not. Of one that is, `se` is the deviation at
+    /// the start ([`ObserverSettings::UNSAID`] if it is 0), and `q_e` the variance that each impact
+    /// adds, 0 for a wall that is always the same.
+    ///
+    /// # Errors
+    /// [`SettingError`] unless `q_e` lies in 0 to 1.
+    pub fn with_learning(self, learn_e: bool, q_e: f64) -> Result<Self, SettingError> {
+        Self::Q_E.check(q_e)?;
+        Ok(self.trusted_learning(learn_e, q_e))
+    }
+
+    /// The same of a number that was checked before.
+    #[inline]
+    #[must_use]
+    pub fn trusted_learning(self, learn_e: bool, q_e: f64) -> Self {
+        Self { learn_e, q_e: if learn_e { q_e } else { 0.0 }, ..self }
+    }
+
+    /// What an observer remembers before it has seen anything.
+    pub(super) fn unseen(&self) -> ObserverState {
+        let se = if self.se > 0.0 { self.se } else { Self::UNSAID };
+        let ee = if self.learn_e { se * se } else { 0.0 };
+        let covariance = Covariance { ee, ..Covariance::default() };
+        ObserverState { e: self.restitution.e(), covariance, ..ObserverState::default() }
+    }
+
+    /// Whether the restitution is learnt.
+    #[must_use]
+    pub fn learns_e(&self) -> bool {
+        self.learn_e
     }
 
     /// The wall.

@@ -1,6 +1,7 @@
 //! What the sampled loop asks of a controller, and the controllers of `zivi_core` in that form.
 
 use super::reference::Course;
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker};
 use zivi_core::{Physical, SettingError};
 
@@ -72,6 +73,12 @@ pub trait Controller<E> {
     fn status(&self) -> TickStatus {
         TickStatus::default()
     }
+
+    /// The implicit step of the closed system, (12)-(13), whose signs its control is made of, if
+    /// the plant takes it as well in the paper's loop.
+    fn closed_step(&self) -> Option<RegulationStep> {
+        None
+    }
 }
 
 impl<E> Controller<E> for TwistingRegulator {
@@ -87,6 +94,10 @@ impl<E> Controller<E> for TwistingRegulator {
 
     fn status(&self) -> TickStatus {
         self.state().status
+    }
+
+    fn closed_step(&self) -> Option<RegulationStep> {
+        self.landing().is_none().then(|| *self.step())
     }
 }
 
@@ -182,5 +193,9 @@ impl<E> Controller<E> for AnyController {
 
     fn status(&self) -> TickStatus {
         self.inner::<E>().status()
+    }
+
+    fn closed_step(&self) -> Option<RegulationStep> {
+        self.inner::<E>().closed_step()
     }
 }

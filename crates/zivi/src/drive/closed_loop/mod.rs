@@ -16,6 +16,7 @@ mod sensor;
 
 use std::collections::VecDeque;
 
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::observer::{Estimate, ImpactObserver, Measurement};
 use zivi_core::{Physical, Restitution, SettingError, ThetaGammaStep};
 
@@ -239,6 +240,7 @@ where
         self.record.note(self.observer.as_ref());
         let h = if self.k + 1 == n { grid.last_h() } else { grid.h() };
         let period = Period { t, t_next: grid.t(self.k + 1), h };
+        self.plant.expect(self.expected(tick));
         let next = self.plant.advance(period, self.state, self.u)?;
         if !(next.x.is_finite() && next.xdot.is_finite()) {
             return Err(Failure::Status(Status::StateNotFinite));
@@ -249,6 +251,16 @@ where
             return Err(Failure::Status(Status::TerminatedByEvent));
         }
         Ok(())
+    }
+
+    /// The step that the control is of, where nothing came between: neither noise nor delay, and
+    /// the tick (these are its bits) was as it should be.
+    fn expected(&self, tick: u8) -> Option<(RegulationStep, f64)> {
+        let step = self.controller.closed_step()?;
+        let Loop { sensor, delay, .. } = &self.surroundings;
+        let direct = tick == 0 && *delay == 0 && self.observer.is_none();
+        let seen = direct && sensor.measure(self.k, self.state) == self.state;
+        seen.then_some((step, self.known))
     }
 
     /// Asks the controller.

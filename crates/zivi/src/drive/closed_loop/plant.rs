@@ -1,5 +1,6 @@
 //! The mass between two samples, under its force and the control that is held.
 
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 use super::follow::LoopPath;
@@ -30,6 +31,10 @@ pub struct Period {
 
 /// Something that moves a mass over a sampling period.
 pub trait Plant<E> {
+    /// What the control of the next period is of, where that is this step from the present state
+    /// under this force.
+    fn expect(&mut self, _: Option<(RegulationStep, f64)>) {}
+
     /// The state at the end of the period that starts in `state` (the end of the last one), with
     /// the control `u` (m/s^2) held.
     ///
@@ -205,7 +210,12 @@ impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
 /// The paper's loop: the plant on the controller's grid, by the implicit theta-gamma scheme.
 pub(super) struct SchemePlant<'a, F> {
     stepper: Stepper<Exact>,
+    implicit: bool,
+    /// The step that the controller planned, and its force.
+    planned: Option<(RegulationStep, f64)>,
     force: &'a mut F,
+    /// How often it was asked for the sake of the plan.
+    asked: u64,
     restitution: Restitution,
     h: f64,
     z: Lifted,
@@ -231,9 +241,46 @@ impl<'a, F> SchemePlant<'a, F> {
         let sigma = transform::side(z, Branch::Positive.sigma());
         let log = EventLog::start(t0, z, incoming, restitution);
         let stepper = Stepper::new(step, Exact);
+        let implicit = step.theta() == 1.0 && step.gamma() == 1.0;
+        let (planned, asked) = (None, 0);
         let (last, reserve) = ([(t0, z); 2], Reserve::default());
         let states = (keep == Keeps::Everything).then(|| vec![z]);
-        Self { stepper, force, restitution, h: step.h(), z, sigma, log, last, states, reserve }
+        let h = step.h();
+        Self {
+            stepper,
+            implicit,
+            planned,
+            force,
+            asked,
+            restitution,
+            h,
+            z,
+            sigma,
+            log,
+            last,
+            states,
+            reserve,
+        }
+    }
+
+    /// The end of the controller's own step, if it knows the force and the wall: at a step that
+    /// ends on the wall the force that the control makes there is `lv`'s whole, not `ls lv`.
+    fn as_planned<E>(&mut self, h: f64) -> Result<Option<Lifted>, Failure<E>>
+    where
+        F: Force<E>,
+    {
+        let Some((step, force)) = self.planned.take().filter(|_| self.implicit) else {
+            return Ok(None);
+        };
+        if self.force.dependence() != Dependence::Constant {
+            return Ok(None);
+        }
+        self.asked += 1;
+        let true_force = finite_force(self.force, 0.0, Physical::default())?;
+        let known = true_force == force && step.h == h && step.restitution == self.restitution;
+        // on the side of the sample that the controller had
+        let mirror = |z: Lifted| Lifted { s: self.sigma * z.s, v: self.sigma * z.v };
+        Ok(known.then(|| mirror(step.solve(mirror(self.z), force).end)))
     }
 }
 
@@ -263,6 +310,10 @@ impl<E, F: Force<E>> Force<E> for Net<'_, F> {
 }
 
 impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
+    fn expect(&mut self, planned: Option<(RegulationStep, f64)>) {
+        self.planned = planned;
+    }
+
     fn advance(
         &mut self,
         Period { t, t_next, h }: Period,
@@ -273,9 +324,14 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
             FixedStep::<E, Net<'_, F>>::resize(&mut self.stepper, h);
             self.h = h;
         }
-        let net = &mut Net { force: &mut *self.force, u };
-        let start = Start { t, z: self.z, sigma: self.sigma };
-        let next = self.stepper.advance(start, net)?.z;
+        let next = match self.as_planned(h)? {
+            Some(next) => next,
+            None => {
+                let net = &mut Net { force: &mut *self.force, u };
+                let start = Start { t, z: self.z, sigma: self.sigma };
+                self.stepper.advance(start, net)?.z
+            }
+        };
         self.log.step((t, self.z), (t_next, next))?;
         self.sigma = transform::side(next, self.sigma);
         self.last = [(t, self.z), (t_next, next)];
@@ -309,6 +365,6 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
     }
 
     fn nfev(&self) -> u64 {
-        FixedStep::<E, F>::nfev(&self.stepper)
+        FixedStep::<E, F>::nfev(&self.stepper) + self.asked
     }
 }

@@ -1,0 +1,158 @@
+//! The last positions that were measured, and the line through those of them that agree: how the
+//! filter starts without a velocity, and again when it has lost the mass.
+//!
+//! In flight under the acceleration `a` a position of age `tau` is
+//!
+//! ```text
+//! x_i = x - x' tau_i + c_i      c_i <- c_i + a dt tau_i + a dt^2/2,  tau_i <- tau_i + dt
+//! ```
+//!
+//! so that `y_i = x_i - c_i` lie on a line; an error `delta` of `a` bends it by `delta tau^2/2`.
+
+use super::Covariance;
+use crate::Physical;
+
+/// Positions that are kept.
+pub const REMEMBERED: usize = 6;
+/// So many must agree, and all but two of those that there are.
+const AGREEING: usize = 4;
+/// Positions agree within so many standard deviations, beside what the unknown force can bend.
+const WITHIN: f64 = 4.0;
+
+/// A position that was measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Distance from the wall (m).
+    pub x: f64,
+    /// `c`: what the acceleration has moved the mass since (m).
+    pub moved: f64,
+    /// Time since (s).
+    pub age: f64,
+}
+
+impl Seen {
+    fn y(&self) -> f64 {
+        self.x - self.moved
+    }
+}
+
+/// The last positions, the newest first.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Memory {
+    /// The positions.
+    pub seen: [Seen; REMEMBERED],
+    /// How many there are.
+    pub count: u32,
+}
+
+/// A state and its covariance for what is unknown of the force; that of `e` is not in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Fitted {
+    pub(super) state: Physical,
+    pub(super) covariance: Covariance,
+}
+
+impl Memory {
+    fn held(&self) -> &[Seen] {
+        let count = (self.count as usize).min(REMEMBERED);
+        self.seen.get(..count).unwrap_or_default()
+    }
+
+    /// `dt` later, under the acceleration `a`.
+    pub(super) fn pass(&mut self, dt: f64, a: f64) {
+        for it in &mut self.seen {
+            it.moved += a * dt * (it.age + 0.5 * dt);
+            it.age += dt;
+        }
+    }
+
+    /// A position is measured now.
+    pub(super) fn see(&mut self, x: f64) {
+        self.seen.rotate_right(1);
+        if let Some(first) = self.seen.first_mut() {
+            *first = Seen { x, moved: 0.0, age: 0.0 };
+        }
+        self.count = (self.count + 1).min(REMEMBERED as u32);
+    }
+
+    /// The state by the last two positions, for a force that is unknown up to the variance `of_d`.
+    pub(super) fn of_two(&self, of_x: f64, of_d: f64) -> Option<Fitted> {
+        fitted(self.held().iter().take(2), of_x, of_d)
+    }
+
+    /// The state by the positions that agree on a line within what noise and a force within `dmax`
+    /// allow, if they are enough.
+    pub(super) fn consensus(&self, of_x: f64, dmax: f64) -> Option<Fitted> {
+        let held = self.held();
+        let noise = WITHIN * libm::sqrt(of_x);
+        let agrees = |it: &Seen, line: Line| off(line, it) <= noise + bend(line, it, dmax);
+        let mut best: Option<(Line, usize, f64)> = None;
+        for (k, one) in held.iter().enumerate() {
+            for other in held.iter().skip(k + 1) {
+                let line = (*one, *other);
+                let near = held.iter().filter(|it| agrees(it, line));
+                let (count, sum) = near.fold((0, 0.0), |(n, sum), it| (n + 1, sum + off(line, it)));
+                if best.is_none_or(|(_, n, least)| count > n || (count == n && sum < least)) {
+                    best = Some((line, count, sum));
+                }
+            }
+        }
+        let (line, count, _) = best?;
+        if count < AGREEING || count + 2 < held.len() {
+            return None;
+        }
+        fitted(held.iter().filter(|it| agrees(it, line)), of_x, 0.25 * dmax * dmax)
+    }
+}
+
+/// Two positions, and the line through them.
+type Line = (Seen, Seen);
+
+/// How far a position is off the line through two others.
+fn off((one, other): Line, it: &Seen) -> f64 {
+    let slope = (other.y() - one.y()) / (other.age - one.age);
+    (it.y() - one.y() - slope * (it.age - one.age)).abs()
+}
+
+/// How far an unknown force of `dmax` may bring it off: a parabola through the two.
+fn bend((one, other): Line, it: &Seen, dmax: f64) -> f64 {
+    0.5 * dmax * ((it.age - one.age) * (it.age - other.age)).abs()
+}
+
+/// The line of least squares, `None` through positions of one time. Of an error `delta` of the
+/// acceleration the velocity has `q delta/2`, the position `-(m - q tau) delta/2`, with `tau`, `m`
+/// the means of `tau_i`, `tau_i^2` and `q` the slope of `tau_i^2`.
+fn fitted<'a>(
+    seen: impl Iterator<Item = &'a Seen> + Clone,
+    of_x: f64,
+    of_d: f64,
+) -> Option<Fitted> {
+    let (n, ages, places) = seen
+        .clone()
+        .fold((0.0, 0.0, 0.0), |(n, ages, places), it| (n + 1.0, ages + it.age, places + it.y()));
+    let (age, place) = (ages / n, places / n);
+    let (mut spread, mut slope, mut square, mut bent) = (0.0, 0.0, 0.0, 0.0);
+    for it in seen {
+        let since = it.age - age;
+        spread += since * since;
+        slope += since * (it.y() - place);
+        square += it.age * it.age / n;
+        bent += since * it.age * it.age;
+    }
+    if spread.is_nan() || spread <= 0.0 {
+        return None;
+    }
+    let (v, q) = (-slope / spread, bent / spread);
+    let (by_x, by_v) = (-0.5 * (square - q * age), 0.5 * q);
+    let vv = of_x / spread;
+    let covariance = Covariance {
+        xx: of_x / n + age * age * vv + by_x * by_x * of_d,
+        xv: age * vv + by_x * by_v * of_d,
+        xd: by_x * of_d,
+        vv: vv + by_v * by_v * of_d,
+        vd: by_v * of_d,
+        dd: of_d,
+        ..Covariance::default()
+    };
+    Some(Fitted { state: Physical { x: place + v * age, xdot: v }, covariance })
+}
