@@ -27,7 +27,7 @@
 #include <stdint.h>
 
 // The version of this interface: it changes when a structure or the meaning of a function does.
-#define ZIVI_ABI_VERSION 2
+#define ZIVI_ABI_VERSION 3
 
 // Done; nothing to report.
 #define ZIVI_OK 0
@@ -145,6 +145,15 @@
 
 // `position_only` is neither 0 nor 1.
 #define ZIVI_E_POSITION_ONLY -40
+
+// `learn_e` is neither 0 nor 1.
+#define ZIVI_E_LEARN_E -41
+
+// `q_e` is not in [0, 1].
+#define ZIVI_E_Q_E -42
+
+// `dt` is not a finite time > 0.
+#define ZIVI_E_DT -43
 
 // A setting without a code of its own.
 #define ZIVI_E_SETTING -99
@@ -402,6 +411,10 @@ typedef struct zivi_observer_config {
   uint32_t size;
   // 1: the velocity is not measured; 0: it is, where it is not NaN.
   uint32_t position_only;
+  // 1: `e` is learnt; `se` is its deviation at the start then, by default 0.1.
+  uint32_t learn_e;
+  // 0.
+  uint32_t reserved;
   // Sampling period (s), > 0.
   double h;
   // Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
@@ -418,6 +431,8 @@ typedef struct zivi_observer_config {
   double se;
   // Bound of the unknown force (m/s^2); by default 20.
   double dmax;
+  // Variance that an impact adds to an `e` that is learnt; by default 0.
+  double q_e;
 } zivi_observer_config;
 
 // An observer. Everything in it may be read, copied and logged; it is changed by
@@ -431,6 +446,8 @@ typedef struct zivi_observer {
   double xdot;
   // Estimate of the unknown force (m/s^2).
   double d;
+  // The coefficient of restitution: the estimate where it is learnt.
+  double e;
   // Covariance of the estimates.
   double p_xx;
   // The same of position and velocity.
@@ -443,6 +460,24 @@ typedef struct zivi_observer {
   double p_vd;
   // Variance of the force.
   double p_dd;
+  // Covariance of position and `e`.
+  double p_xe;
+  // The same of velocity and `e`.
+  double p_ve;
+  // The same of force and `e`.
+  double p_de;
+  // Variance of `e`, 0 where it is not learnt.
+  double p_ee;
+  // The last positions that were measured (m), the newest first.
+  double seen_x[6];
+  // What the acceleration has moved the mass since (m).
+  double seen_moved[6];
+  // Time since (s).
+  double seen_age[6];
+  // How many there are.
+  uint32_t seen;
+  // Whether the velocity waits for a second position.
+  uint32_t waiting;
   // Whether there was a measurement.
   uint32_t started;
   // Measurements refused in a row.
@@ -577,6 +612,15 @@ int32_t zivi_observer_step(struct zivi_observer *observer,
                            double xdot,
                            double force,
                            double u);
+
+// The same `dt` (s) after the last call, where that is not `h`. A measurement that is missing has NaN
+// for `x`: the motion is followed, nothing is corrected, `xdot` is ignored.
+int32_t zivi_observer_step_after(struct zivi_observer *observer,
+                                 double dt,
+                                 double x,
+                                 double xdot,
+                                 double force,
+                                 double u);
 
 #ifdef __cplusplus
 }  // extern "C"

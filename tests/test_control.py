@@ -51,7 +51,10 @@ def draw(rng, branch, near):
     for _ in range(rng.integers(0, 4)):
         controller.step(x, xdot, f, f_ref)
     z, z_ref = np.array(lifted(x, xdot, kappa)), np.array(controller.state[:2])
-    if branch == "nearest" and z @ z_ref < 0:
+    energy = [mu1 * abs(s - z_ref[0]) + (v - z_ref[1]) ** 2 / 2 for s, v in (z, -z)]
+    # the reference at rest has a side, too
+    tie, side = not z_ref.any(), controller.state[2]
+    if branch == "nearest" and (side < 0 if tie else energy[1] < energy[0]):
         z = -z
     problem = Tracking(h, kappa, kappa_ref, mu1, mu2, tuple(z), tuple(z_ref), f, f_ref)
     return controller, (x, xdot, f, f_ref), problem

@@ -70,15 +70,10 @@ def test_the_mass_may_be_on_the_table_itself(periodic):
     assert np.abs(sol.u[late]).max() < 0.2
 
 
-def test_nearest_can_lock_out_of_step(periodic):
-    assert periodic.statistics(periodic.run("nearest")).largest > 0.4
-    assert periodic.statistics(periodic.run("positive")).largest < 1e-3
-
-
-def test_gains_decide_whether_it_does(periodic):
-    assert periodic.out_of_step("positive", periodic.GAINS) == 0
-    assert periodic.out_of_step("nearest", periodic.GAINS) == pytest.approx(17, abs=3)
-    assert periodic.out_of_step("nearest", periodic.STRONG) == 0
+def test_no_start_locks_out_of_step(periodic):
+    for branch in periodic.BRANCHES:
+        assert periodic.statistics(periodic.run(branch)).largest < 1e-3
+        assert periodic.out_of_step(branch, periodic.GAINS) == 0
 
 
 def test_a_wrong_restitution_costs_millimetres(periodic):
@@ -129,9 +124,7 @@ def test_they_print_and_draw(name, tmp_path, capsys):
 
 
 def test_the_page_on_the_periodic_orbit(periodic):
-    ((starts, locked),) = re.findall(r"of (\d+) random starts (\d+) lock", PAGE)
-    assert int(starts) == periodic.STARTS
-    assert periodic.out_of_step("nearest", periodic.GAINS) == pytest.approx(int(locked), abs=3)
+    assert f"all {periodic.STARTS} random starts" in PAGE
     pattern = r"error is (\S+) mm at the right `e`, (\S+) mm at (\S+) and (\S+) mm at (\S+)\."
     ((right, low, e_low, high, e_high),) = re.findall(pattern, PAGE)
     found = {e: 1e3 * row["positive"].largest for e, row in periodic.wrong_restitution().items()}

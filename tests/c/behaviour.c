@@ -105,6 +105,8 @@ static void settings(void)
     REFUSED(observer, se, 1.5, ZIVI_E_SE);
     REFUSED(observer, dmax, INFINITY, ZIVI_E_DMAX);
     REFUSED(observer, position_only, 2, ZIVI_E_POSITION_ONLY);
+    REFUSED(observer, learn_e, 2, ZIVI_E_LEARN_E);
+    REFUSED(observer, q_e, -1.0, ZIVI_E_Q_E);
     REFUSED(regulator, size, 4, ZIVI_E_SIZE);
     REFUSED(regulator, h, 0.0, ZIVI_E_H);
     REFUSED(regulator, e, 1.0000001, ZIVI_E_E);

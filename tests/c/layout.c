@@ -44,12 +44,13 @@ AT(zivi_tracker_config, horizon, 96);
 AT(zivi_tracker_config, u_max, 120);
 SAME(given_reference_size, sizeof(zivi_given_reference) == 24);
 
-SAME(observer_size, sizeof(zivi_observer) == 168);
-AT(zivi_observer, x, 72);
-AT(zivi_observer, d, 88);
-AT(zivi_observer, started, 144);
-AT(zivi_observer, seal, 160);
-SAME(observer_config_size, sizeof(zivi_observer_config) == 72);
+SAME(observer_size, sizeof(zivi_observer) == 376);
+AT(zivi_observer, x, 88);
+AT(zivi_observer, d, 104);
+AT(zivi_observer, seen_x, 200);
+AT(zivi_observer, started, 352);
+AT(zivi_observer, seal, 368);
+SAME(observer_config_size, sizeof(zivi_observer_config) == 88);
 
 int main(void)
 {

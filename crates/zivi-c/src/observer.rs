@@ -78,11 +78,11 @@ pub struct Observer {
     /// Variance of `e`, 0 where it is not learnt.
     pub p_ee: f64,
     /// The last positions that were measured (m), the newest first.
-    pub seen_x: [f64; REMEMBERED],
+    pub seen_x: [f64; 6],
     /// What the acceleration has moved the mass since (m).
-    pub seen_moved: [f64; REMEMBERED],
+    pub seen_moved: [f64; 6],
     /// Time since (s).
-    pub seen_age: [f64; REMEMBERED],
+    pub seen_age: [f64; 6],
     /// How many there are.
     pub seen: u32,
     /// Whether the velocity waits for a second position.
@@ -111,6 +111,7 @@ unsafe impl Sealed for Observer {
 
 const _: () = {
     use core::mem::offset_of;
+    assert!(REMEMBERED == 6);
     assert!(size_of::<Observer>() == 376 && size_of::<ObserverConfig>() == 88);
     assert!(offset_of!(Observer, x) == 8 * <Observer as Sealed>::SETTINGS);
     assert!(offset_of!(Observer, started) == 352);

@@ -68,7 +68,7 @@ fn the_explicit_law_knows_when_its_reference_is_pulled_off() {
     }
 }
 
-/// `sigma (s s_r + v v_r) >= 0`: near the wall the velocity decides, whatever the positions say.
+/// Of least `mu1 |e_s| + e_v^2/2`: near the wall the velocity decides, whatever the positions say.
 #[test]
 fn the_nearest_image_looks_at_the_velocity_too() {
     let gains = Gains::new(30.0, 17.0).expect("in range");

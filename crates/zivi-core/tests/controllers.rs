@@ -203,7 +203,7 @@ fn noise_behind_the_wall_is_clamped_down_to_the_depth() {
         for mut controller in Controller::of_the_paper(port) {
             let mut at_the_wall = controller;
             let u = controller.tick(Sample { x: -depth, ..GOOD }).expect("noise");
-            assert_eq!(controller.status(), TickStatus { clamped: true, saturated: false });
+            assert_eq!(controller.status(), TickStatus { clamped: true, ..TickStatus::default() });
             assert_eq!(at_the_wall.tick(Sample { x: 0.0, ..GOOD }), Ok(u));
             assert_eq!(at_the_wall.status(), TickStatus::default());
             let before = controller.bits();

@@ -50,12 +50,10 @@ type Units = (f64, f64);
 #[derive(Clone, Copy, Debug)]
 struct Row {
     /// In metres and seconds: truth and estimates.
-    x: f64,
     v: f64,
     v_est: f64,
     d_est: f64,
     e_est: f64,
-    refused: u32,
     kicked: bool,
     flies: bool,
 }
@@ -104,12 +102,10 @@ fn run(seed: u64, trouble: Trouble, (length, time): Units) -> Run {
         let found = it.tick_after(H * time, measured, known * unit, 0.0).expect("finite");
         let energy = state.0 + 0.5 * state.1 * state.1 / 9.81;
         rows.push(Row {
-            x: state.0,
             v: state.1,
             v_est: found.state.xdot * time / length,
             d_est: found.d / unit,
             e_est: it.state().e,
-            refused: it.state().refused,
             kicked: kicks,
             flies: energy > 0.02,
         });

@@ -123,7 +123,10 @@ def loop_states(branch: Branch) -> tuple[Array, Array]:
         tracker.step(x, xdot, F, F_REF)
     reference = np.array(references)
     if branch == "nearest":
-        measured[np.sum(measured * reference, axis=1) < 0.0] *= -1.0
+        (s, v), (s_ref, v_ref) = measured.T, reference.T
+        # by the energy of the error, mu1 |e_s| + e_v^2/2
+        nearer = MU1 * (np.abs(s + s_ref) - np.abs(s - s_ref)) + 2.0 * v * v_ref
+        measured[nearer < 0.0] *= -1.0
     return np.column_stack([measured, reference]), run.signs[:-1]
 
 

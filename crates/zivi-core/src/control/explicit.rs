@@ -74,7 +74,7 @@ impl ExplicitTwisting {
         let (wanted, signs) = self.law(z, force, force_ref);
         let (u, saturated) = self.port.actuate(wanted)?;
         let Followed { z, side } = next.folded();
-        let status = TickStatus { clamped, saturated };
+        let status = TickStatus { clamped, saturated, unsolved: false };
         self.state = TrackerState { reference: z, side, u, signs, status, iterations: 0 };
         Ok(u)
     }

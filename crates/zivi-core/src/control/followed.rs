@@ -76,6 +76,8 @@ pub struct Planned {
     /// The signs of the reference's step.
     pub(super) signs: [f64; 2],
     pub(super) target: Target,
+    /// What acts on the reference (m/s^2).
+    pub(super) force_ref: f64,
 }
 
 /// The end of a step of the reference, its signs, and its acceleration (m/s^2).

@@ -1,5 +1,5 @@
 //! The controllers' steps as variational inequalities on `[-1, 1]^n`: the other form of the same
-//! steps, for the general solver and for checking. Nothing here is used by a tick.
+//! steps, for the general solver and for checking. No tick uses it unless it is asked to.
 //!
 //! ```text
 //! regulator   Lambda = (ls, lv)                        F = -(s+, v+)

@@ -15,7 +15,7 @@
 //! [`tracking`] solves the tracker's step exactly (with [`monotone`] and [`cubic`]), [`regulation`]
 //! the regulator's; [`landing`] is how a held control ends in exact rest; [`given`](Waypoint) is a
 //! reference that is given sample by sample; [`inclusion`] writes the same steps as box VIs of two,
-//! four and six signs for the general solver and for checking.
+//! four and six signs for a general solver ([`TwistingTracker::follow_by`]) and for checking.
 
 pub mod cubic;
 mod dual;

@@ -18,19 +18,21 @@ pub struct TickStatus {
     pub clamped: bool,
     /// The control was cut to the actuator's range.
     pub saturated: bool,
+    /// The general solver that was asked for found no signs; those of the exact solution were taken.
+    pub unsolved: bool,
 }
 
 impl TickStatus {
-    /// As a bit set: 1 clamped, 2 saturated.
+    /// As a bit set: 1 clamped, 2 saturated, 8 unsolved. (4 is a loop's, for a refused sample.)
     #[must_use]
     pub fn bits(self) -> u8 {
-        u8::from(self.clamped) | (u8::from(self.saturated) << 1)
+        u8::from(self.clamped) | (u8::from(self.saturated) << 1) | (u8::from(self.unsolved) << 3)
     }
 
     /// From a bit set; bits without a meaning are ignored.
     #[must_use]
     pub fn from_bits(bits: u8) -> Self {
-        Self { clamped: bits & 1 != 0, saturated: bits & 2 != 0 }
+        Self { clamped: bits & 1 != 0, saturated: bits & 2 != 0, unsolved: bits & 8 != 0 }
     }
 }
 

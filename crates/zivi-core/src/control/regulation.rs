@@ -67,6 +67,15 @@ impl RegulationStep {
         Regulation { end, lambda_s: mirror(lambda_s), lambda_v: mirror(lambda_v), u }
     }
 
+    /// The end of the step of these signs.
+    #[must_use]
+    pub fn of_signs(&self, z: Lifted, f: f64, [lambda_s, lambda_v]: [f64; 2]) -> Regulation {
+        let r = self.restitution.r(lambda_s, lambda_v);
+        let push = lambda_s * (f - self.gains.mu1()) - self.gains.mu2() * lambda_v;
+        let v = z.v + self.h * push / r;
+        self.regulation(Lifted { s: z.s + self.h * (r * v), v }, lambda_s, lambda_v)
+    }
+
     fn on_positive_side(&self, z: Lifted, push: f64) -> Regulation {
         // the side of s, and the other one, mirrored
         let mut g = 1.0;

@@ -1,9 +1,10 @@
 //! The twisting regulator: brings the mass to rest at the wall in finite time.
 
+use super::inclusion::RegulationInclusion;
 use super::port::checked_force;
 use super::regulation::{Regulation, RegulationStep};
 use super::{checked, Gains, Landing, Port, TickStatus};
-use crate::{transform, Branch, Physical, Restitution, SettingError};
+use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError};
 
 /// The regulator `u = -mu1 - mu2 lv` with `lv` in `sgn x'` taken implicitly, at the end of the
 /// sampling period.
@@ -80,25 +81,61 @@ impl TwistingRegulator {
     /// [`SettingError`] for a sample that is not finite or too deep behind the wall. Nothing has
     /// changed then: the last control is still [`RegulatorState::u`].
     pub fn tick(&mut self, measured: Physical, force: f64) -> Result<f64, SettingError> {
+        self.ticked(measured, force, |step, z| (step.solve(z, force), false))
+    }
+
+    /// The same with the two signs of the step, the VI (23), as `solve` finds them; where it finds
+    /// none, they are those of [`TwistingRegulator::tick`], and the status says so. A regulator that
+    /// lands solves no step.
+    ///
+    /// # Errors
+    /// As [`TwistingRegulator::tick`].
+    pub fn tick_by(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        solve: impl FnOnce(&RegulationInclusion<'_>) -> Option<[f64; 2]>,
+    ) -> Result<f64, SettingError> {
+        self.ticked(measured, force, |step, z| {
+            match solve(&RegulationInclusion { step, z, f: force }) {
+                Some(signs) => (step.of_signs(z, force, signs), false),
+                None => (step.solve(z, force), true),
+            }
+        })
+    }
+
+    #[inline(always)]
+    fn ticked(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        solve: impl FnOnce(&RegulationStep, Lifted) -> (Regulation, bool),
+    ) -> Result<f64, SettingError> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
-        let (wanted, signs) = self.law(state, force);
+        let (wanted, signs, unsolved) = self.law(state, force, solve);
         let (u, saturated) = self.port.actuate(wanted)?;
-        self.state = RegulatorState { u, signs, status: TickStatus { clamped, saturated } };
+        let status = TickStatus { clamped, saturated, unsolved };
+        self.state = RegulatorState { u, signs, status };
         Ok(u)
     }
 
     /// The control and its signs `ls`, `lv`.
     #[inline]
-    fn law(&self, state: Physical, force: f64) -> (f64, [f64; 2]) {
+    fn law(
+        &self,
+        state: Physical,
+        force: f64,
+        solve: impl FnOnce(&RegulationStep, Lifted) -> (Regulation, bool),
+    ) -> (f64, [f64; 2], bool) {
         let RegulationStep { restitution, gains, .. } = self.step;
         if let Some(landing) = self.landing {
             let lambda_v = landing.lambda_v(state.xdot, force, gains);
-            return (-gains.mu1() - gains.mu2() * lambda_v, [1.0, lambda_v]);
+            return (-gains.mu1() - gains.mu2() * lambda_v, [1.0, lambda_v], false);
         }
         let z = transform::lift(state, Branch::Positive, restitution);
-        let Regulation { u, lambda_s, lambda_v, .. } = self.step.solve(z, force);
-        (u, [lambda_s, lambda_v])
+        let (Regulation { u, lambda_s, lambda_v, .. }, unsolved) = solve(&self.step, z);
+        (u, [lambda_s, lambda_v], unsolved)
     }
 
     /// How it lands; `None` is the paper's tick.

@@ -3,6 +3,7 @@
 use core::ops::Bound;
 
 use super::followed::{advanced, target_over, Advance, Course, Followed, Guide, Planned};
+use super::inclusion::TrackingInclusion;
 use super::landing::{checked_press, Descent};
 use super::port::checked_force;
 use super::tracker_state::{TrackerSettings, TrackerState};
@@ -231,7 +232,8 @@ impl TwistingTracker {
         let course = course(self)?;
         let (next, signs, target) = self.outlook(&course)?;
         let (now, measured) = (course.now, Physical { xdot: state.xdot - course.back, ..state });
-        Ok(Planned { state, measured, clamped, force, now, next, signs, target })
+        let force_ref = course.force;
+        Ok(Planned { state, measured, clamped, force, now, next, signs, target, force_ref })
     }
 
     /// A period of its own reference, under this force (m/s^2).
@@ -273,7 +275,42 @@ impl TwistingTracker {
     /// [`SettingError`] where the control is not finite; nothing has changed then.
     #[inline]
     pub fn follow(&mut self, planned: &Planned) -> Result<f64, SettingError> {
-        let Planned { state, measured, clamped, force, now, next, signs, target } = *planned;
+        let Planned { force, target, .. } = *planned;
+        self.followed_by(planned, |step, z| (step.solve(z, force, target), false))
+    }
+
+    /// The same with the six signs of the step, the VI (24), as `solve` finds them; where it finds
+    /// none, they are those of [`TwistingTracker::follow`], and the status says so.
+    ///
+    /// # Errors
+    /// As [`TwistingTracker::follow`].
+    pub fn follow_by(
+        &mut self,
+        planned: &Planned,
+        solve: impl FnOnce(&TrackingInclusion<'_>) -> Option<[f64; 6]>,
+    ) -> Result<f64, SettingError> {
+        let Planned { force: f, target, now, force_ref: f_ref, .. } = *planned;
+        let (restitution_ref, reference) = (self.reference.restitution(), now.z);
+        self.followed_by(planned, |step, z| {
+            let inclusion = TrackingInclusion { step, restitution_ref, z, reference, f, f_ref };
+            match solve(&inclusion) {
+                Some([ls, lv, _, _, les, lev]) => {
+                    (step.of_signs(z, f, target, [ls, lv, les, lev]), false)
+                }
+                None => (step.solve(z, f, target), true),
+            }
+        })
+    }
+
+    /// The control of this step, unless the mass lands.
+    #[inline(always)]
+    fn followed_by(
+        &mut self,
+        planned: &Planned,
+        solve: impl FnOnce(&TrackingStep, Lifted) -> (Tracking, bool),
+    ) -> Result<f64, SettingError> {
+        let Planned { state, measured, clamped, force, now, next, signs, .. } = *planned;
+        let mut unsolved = false;
         let (wanted, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations) = match self.landing {
             Some(landing) if now.z == Lifted::default() && next.z == Lifted::default() => {
                 let descent = self.descent_of(landing);
@@ -284,15 +321,17 @@ impl TwistingTracker {
             _ => {
                 let z = self.lifted(measured, now);
                 let step = self.step; // as above
+                let (found, failed) = solve(&step, z);
+                unsolved = failed;
                 let Tracking { u, lambda_s, lambda_v, lambda_es, lambda_ev, iterations, .. } =
-                    step.solve(z, force, target);
+                    found;
                 (u, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations)
             }
         };
         let (u, saturated) = self.port.actuate(wanted)?;
         let [lambda_sr, lambda_vr] = signs;
         let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
-        let status = TickStatus { clamped, saturated };
+        let status = TickStatus { clamped, saturated, unsolved };
         let Followed { z, side } = self.on_its_branch(next);
         self.state = TrackerState { reference: z, side, u, signs, status, iterations };
         Ok(u)

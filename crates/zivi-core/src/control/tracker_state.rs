@@ -53,7 +53,7 @@ impl TrackerState {
         side: 1.0,
         u: 0.0,
         signs: [0.0; 6],
-        status: TickStatus { clamped: false, saturated: false },
+        status: TickStatus { clamped: false, saturated: false, unsolved: false },
         iterations: 0,
     };
 

@@ -110,6 +110,25 @@ impl TrackingStep {
         let (candidate, place) = frame.accepted();
         frame.tracking(candidate, place).seen_from(side)
     }
+
+    /// The end of the step and the control (20) of these `ls, lv, les, lev`.
+    #[must_use]
+    pub fn of_signs(&self, z: Lifted, f: f64, target: Target, signs: [f64; 4]) -> Tracking {
+        let [lambda_s, lambda_v, lambda_es, lambda_ev] = signs;
+        let (h, square) = (self.h, lambda_s * lambda_s);
+        let r = self.restitution.r(lambda_s, lambda_v);
+        let pull =
+            target.acceleration - self.gains.mu1() * lambda_es - self.gains.mu2() * lambda_ev;
+        let v = z.v + h * (square * pull + lambda_s * (1.0 - square) * f / r);
+        let end = Lifted { s: z.s + h * (r * v), v };
+        let place = match lambda_s * z.s {
+            _ if square < 1.0 => Place::Wall,
+            side if side < 0.0 => Place::Other,
+            _ => Place::Same,
+        };
+        let u = r * lambda_s * pull - square * f;
+        Tracking { end, lambda_s, lambda_v, lambda_es, lambda_ev, u, place, iterations: 0 }
+    }
 }
 
 impl Frame {

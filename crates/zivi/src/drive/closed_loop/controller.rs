@@ -1,6 +1,7 @@
 //! What the sampled loop asks of a controller, and the controllers of `zivi_core` in that form.
 
 use super::reference::Course;
+use super::solved::Solved;
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker};
 use zivi_core::{Physical, SettingError};
@@ -81,6 +82,48 @@ pub trait Controller<E> {
     }
 }
 
+impl<E> Controller<E> for Solved<TwistingRegulator> {
+    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
+        Ok(Solved::<TwistingRegulator>::tick(self, tick.measured, tick.force)?)
+    }
+
+    fn signs(&self) -> [f64; SIGNS] {
+        Controller::<E>::signs(&self.controller)
+    }
+
+    fn status(&self) -> TickStatus {
+        self.controller.state().status
+    }
+
+    fn closed_step(&self) -> Option<RegulationStep> {
+        Controller::<E>::closed_step(&self.controller)
+    }
+}
+
+impl<E> Controller<E> for Solved<TwistingTracker> {
+    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
+        let Tick { measured, force, force_ref, .. } = tick;
+        Ok(Solved::<TwistingTracker>::tick(self, measured, force, force_ref)?)
+    }
+
+    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
+        let (Tick { measured, force, .. }, Course { now, next, acceleration }) = (tick, course);
+        Ok(Solved::<TwistingTracker>::tick_to(self, measured, force, [now, next], acceleration)?)
+    }
+
+    fn reference(&self) -> Option<Physical> {
+        Some(self.controller.reference())
+    }
+
+    fn signs(&self) -> [f64; SIGNS] {
+        self.controller.state().signs
+    }
+
+    fn status(&self) -> TickStatus {
+        self.controller.state().status
+    }
+}
+
 impl<E> Controller<E> for TwistingRegulator {
     fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
         Ok(TwistingRegulator::tick(self, tick.measured, tick.force)?)
@@ -144,6 +187,10 @@ pub enum AnyController {
     Tracker(TwistingTracker),
     /// The explicit baseline.
     Explicit(ExplicitTwisting),
+    /// The regulator with a general solver.
+    SolvedRegulator(Solved<TwistingRegulator>),
+    /// The tracker with a general solver.
+    SolvedTracker(Solved<TwistingTracker>),
 }
 
 impl AnyController {
@@ -154,6 +201,8 @@ impl AnyController {
             AnyController::Regulator(it) => it.step().h,
             AnyController::Tracker(it) => it.h(),
             AnyController::Explicit(it) => it.h(),
+            AnyController::SolvedRegulator(it) => it.controller.step().h,
+            AnyController::SolvedTracker(it) => it.controller.h(),
         }
     }
 
@@ -162,6 +211,8 @@ impl AnyController {
             AnyController::Regulator(it) => it,
             AnyController::Tracker(it) => it,
             AnyController::Explicit(it) => it,
+            AnyController::SolvedRegulator(it) => it,
+            AnyController::SolvedTracker(it) => it,
         }
     }
 }
@@ -172,6 +223,8 @@ impl<E> Controller<E> for AnyController {
             AnyController::Regulator(it) => Controller::<E>::tick(it, tick),
             AnyController::Tracker(it) => Controller::<E>::tick(it, tick),
             AnyController::Explicit(it) => Controller::<E>::tick(it, tick),
+            AnyController::SolvedRegulator(it) => Controller::<E>::tick(it, tick),
+            AnyController::SolvedTracker(it) => Controller::<E>::tick(it, tick),
         }
     }
 
@@ -180,6 +233,8 @@ impl<E> Controller<E> for AnyController {
             AnyController::Regulator(it) => Controller::<E>::tick_to(it, tick, course),
             AnyController::Tracker(it) => Controller::<E>::tick_to(it, tick, course),
             AnyController::Explicit(it) => Controller::<E>::tick_to(it, tick, course),
+            AnyController::SolvedRegulator(it) => Controller::<E>::tick_to(it, tick, course),
+            AnyController::SolvedTracker(it) => Controller::<E>::tick_to(it, tick, course),
         }
     }
 

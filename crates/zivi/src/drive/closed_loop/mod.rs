@@ -13,6 +13,7 @@ mod plant;
 mod record;
 mod reference;
 mod sensor;
+mod solved;
 
 use std::collections::VecDeque;
 
@@ -26,6 +27,7 @@ pub use plant::{Period, Plant};
 pub use record::{LoopRun, ESTIMATES, LOOP_COLUMNS, REFUSED};
 pub use reference::{Course, Followed, Given, Reference, Samples};
 pub use sensor::Sensor;
+pub use solved::Solved;
 
 use crate::record::failure::Failure;
 use crate::stepping::fixed_step::watched;
