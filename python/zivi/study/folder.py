@@ -7,6 +7,7 @@ written last: what it calls done is there.
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import shutil
@@ -26,6 +27,7 @@ from zivi.study.form import EVENTS, GROUP, KINDS, difference
 from zivi.study.head import Head, json_text, read_head, read_json, write_json
 from zivi.study.lock import locked
 from zivi.study.parquet import DamagedError, parted, read_events, write_events
+from zivi.study.room import written
 from zivi.study.store import Labels
 from zivi.study.work import Schema
 
@@ -139,7 +141,7 @@ class FolderStore:
 
     def _column(self, name: str) -> NDArray[Any]:
         file = self.path / name / "c" / "0"
-        if not file.exists():
+        if not file.is_file():
             raise DamagedError(f"{file} is missing")
         try:
             column = self._array(name)[:]
@@ -153,7 +155,7 @@ class FolderStore:
             if file.parent.name == EVENTS:  # in place: this file is the lock
                 file.write_text(json_text(document), encoding="utf-8")
             else:
-                write_json(file, document)
+                written(self.path, file, functools.partial(write_json, file, document))
         for name, column in design.values.items():
             try:
                 there = self._column(name)
@@ -161,7 +163,8 @@ class FolderStore:
                 there = None
             # by their bytes: NaN is not equal to itself
             if there is None or there.tobytes() != column.tobytes():
-                self._array(name)[:] = column
+                put = functools.partial(self._array(name).__setitem__, slice(None), column)
+                written(self.path, self.path / name / "c" / "0", put)
 
     def altered(self) -> list[str]:
         """List metadata that are not as the head says."""
@@ -229,7 +232,7 @@ class FolderStore:
                 block.values[name] = self._rows(name, chunk, shape)
             if self.schema.has_events:
                 self._read_events(chunk, block)
-        if self._file("message", chunk).exists() or np.any(block.status == StudyStatus.FAILED):
+        if self._file("message", chunk).is_file() or np.any(block.status == StudyStatus.FAILED):
             self._messages.add(chunk)
             texts = self._rows("message", chunk, ())
             places = zip(block.span, texts.tolist(), strict=True)
@@ -285,12 +288,12 @@ class FolderStore:
                 needed.append(self._file("message", chunk))
             if self._has_events(chunk, status):
                 needed.append(self._events(chunk))
-            found += [file for file in needed if not file.exists()]
+            found += [file for file in needed if not file.is_file()]
         return [str(file) for file in found]
 
     def _has_events(self, chunk: int, status: NDArray[np.int8]) -> bool:
         """Whether a chunk needs a file of events."""
-        if self.schema is None or not self.schema.has_events or self._events(chunk).exists():
+        if self.schema is None or not self.schema.has_events or self._events(chunk).is_file():
             return False
         try:
             return bool(np.any(self._rows("n_events", chunk, ())[status == StudyStatus.COMPLETED]))
@@ -313,7 +316,7 @@ class FolderStore:
 
     def _rows(self, name: str, chunk: int, shape: tuple[int, ...]) -> NDArray[Any]:
         file = self._file(name, chunk)
-        if not file.exists():
+        if not file.is_file():
             raise DamagedError(f"{file} is missing")
         try:
             found = self._array(name)[self.layout.slices(chunk)]
@@ -351,7 +354,9 @@ class FolderStore:
         shape = tuple(piece.stop - piece.start for piece in slices)
 
         def put(name: str, rows: NDArray[Any]) -> None:
-            self._array(name)[slices] = rows.reshape(*shape, *rows.shape[1:])
+            values = rows.reshape(*shape, *rows.shape[1:])
+            write = functools.partial(self._array(name).__setitem__, slices, values)
+            written(self.path, self._file(name, chunk), write)
 
         if self.schema is not None:
             block.shaped(self.schema)
@@ -359,10 +364,12 @@ class FolderStore:
                 put(name, block.values[name])
             if self.schema.has_events:
                 table = block.table()
+                file = self._events(chunk)
                 if table is not None:
-                    write_events(self._events(chunk), *table)
+                    write = functools.partial(write_events, file, *table)
                 else:
-                    self._events(chunk).unlink(missing_ok=True)
+                    write = functools.partial(file.unlink, missing_ok=True)
+                written(self.path, file, write)
                 put("n_events", block.counts())
         if block.messages or chunk in self._messages:
             texts = [block.messages.get(point, "") for point in block.span]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
+import unicodedata
 from collections.abc import Callable
 from typing import Any
 
@@ -212,5 +213,16 @@ def lives(job: Job) -> bool:
 
 
 def message_of(error: BaseException) -> str:
-    """Tell an exception in one text."""
-    return f"{type(error).__name__}: {error}"[:LONGEST]
+    """Tell an exception in one text, which any file and any terminal can take."""
+    try:
+        text = f"{type(error).__name__}: {error}"[:LONGEST]
+    except Exception as other:  # of its own __str__
+        text = f"{type(error).__name__}, whose text raises {type(other).__name__}"
+    return "".join(map(_writable, text))[:LONGEST]
+
+
+def _writable(letter: str) -> str:
+    """Escape what is no letter: half a pair of UTF-16, a control character."""
+    if letter in "\n\t" or unicodedata.category(letter) not in ("Cc", "Cs"):
+        return letter
+    return letter.encode("unicode_escape", "surrogatepass").decode("ascii")

@@ -1,0 +1,29 @@
+"""Room for the files of a store where something else is in their place."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+
+__all__ = ["written"]
+
+
+def written(top: Path, file: Path, write: Callable[[], None]) -> None:
+    """Write a file below a folder; what is in its place and no file is moved aside, not removed."""
+    try:
+        write()
+    except OSError:
+        if not _made_room(top, file):
+            raise
+        write()
+
+
+def _made_room(top: Path, file: Path) -> bool:
+    """Move aside what is a folder where a file should be, or the other way round."""
+    folders = [it for it in reversed(file.parents) if it.is_relative_to(top) and it != top]
+    wrong = [it for it in folders if it.exists() and not it.is_dir()]
+    wrong += [file] if file.is_dir() else []
+    for it in wrong[:1]:
+        it.rename(it.with_name(f".{it.name}.{uuid.uuid4().hex[:8]}"))
+    return bool(wrong)
