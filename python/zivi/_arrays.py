@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from zivi._check import Array, real, real_array
+from zivi._check import Array, real, real_array, whole
 
 __all__ = [
     "MAX_DENSE",
@@ -49,7 +49,7 @@ def count(name: str, value: object, *, least: int = 0) -> int:
         raise TypeError(f"{name} must be an integer, got {type(value).__name__} {value!r}")
     if value < least:
         raise ValueError(f"{name} must be >= {least}, got {value}")
-    return int(value)
+    return whole(name, int(value))
 
 
 def require_finite(name: str, array: Array) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
-from typing import TYPE_CHECKING, Literal, NamedTuple
+import pickle
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,6 +71,21 @@ class Nearest(NamedTuple):
     (m/s) or a force, else a force (m/s^2)."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Gone:
+    """Stands for a problem whose functions could not be stored."""
+
+    sizes: Array
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise ValueError(
+            "the functions of this system could not be stored with its derivatives: those between "
+            "the events, and of other columns, need zivi.sensitivity again"
+        )
+
+
 KINDS = ("impact", "minimum", "zeno", "rest", "liftoff", "end", "stop", "chain")
 
 
@@ -118,6 +134,14 @@ class Sensitivity:
     status: OrbitStatus
     n_slopes: int
     _problem: _Problem
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Give what is stored: the problem too, where its functions can be."""
+        try:
+            pickle.dumps(self._problem)
+        except (pickle.PicklingError, AttributeError, TypeError, ValueError):
+            return self.__dict__ | {"_problem": _Gone(self._problem.sizes)}
+        return self.__dict__
 
     @property
     def success(self) -> bool:

@@ -81,7 +81,7 @@ def _event(k: int, function: Any) -> _zivi.Event:
     if not callable(function):
         raise TypeError(f"events[{k}] must be a function g(t, x, xdot), got {function!r}")
     terminal = getattr(function, "terminal", None)
-    if not (terminal is None or _is_count(terminal)):
+    if not (terminal is None or is_count(terminal)):
         raise ValueError(
             f"events[{k}].terminal must be a bool or a count from 0 to 2**63 - 1, got {terminal!r}"
         )
@@ -100,7 +100,7 @@ def _event(k: int, function: Any) -> _zivi.Event:
     )
 
 
-def _is_count(value: Any) -> bool:
+def is_count(value: Any) -> bool:
     """Whether SciPy would take it as the number of an event, or as a bool."""
     whole = isinstance(value, bool | np.bool | int | np.integer) or (
         isinstance(value, float) and value.is_integer()

@@ -114,6 +114,7 @@ class ThetaGamma(_FixedSteps):
             object.__setattr__(self, name, real(name, getattr(self, name)))
         if isinstance(self.linearisations, bool) or not isinstance(self.linearisations, int):
             raise TypeError(f"linearisations must be an integer, got {self.linearisations!r}")
+        whole("linearisations", self.linearisations)  # which the extension takes
         _ = self._core
 
     def _checked(self) -> _zivi.Method:

@@ -12,6 +12,7 @@ import numpy as np
 
 from zivi import _zivi
 from zivi._check import Array, real_array
+from zivi.events import is_count
 from zivi.mechanics.start import check_start
 from zivi.mechanics.system import MechanicalSystem, Model
 from zivi.mechanics.trajectory import MechanicalTrajectory
@@ -97,8 +98,10 @@ def _event(k: int, function: Any) -> _zivi.Event:
         raise TypeError(f"events[{k}] must be a function g(t, q, qdot), got {function!r}")
     terminal = getattr(function, "terminal", None) or 0
     direction = getattr(function, "direction", 0)
-    if (isinstance(terminal, float) and not terminal.is_integer()) or int(terminal) < 0:
-        raise ValueError(f"events[{k}].terminal must be a bool or a count, got {terminal!r}")
+    if not is_count(terminal):
+        raise ValueError(
+            f"events[{k}].terminal must be a bool or a count from 0 to 2**63 - 1, got {terminal!r}"
+        )
     if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
         raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
     sign = int(float(direction) > 0) - int(float(direction) < 0)

@@ -148,6 +148,16 @@ class _Problem:
     errsens: bool
     stops: Array
 
+    def __getstate__(self) -> dict[str, Any]:
+        # compiled models do not travel: they are made again of the system
+        state = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: state[name] for name in state if name not in ("model", "partials")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        system: MechanicalSystem = state["system"]
+        model: Model = system.model(len(state["state"][0]))
+        self.__dict__.update(state, model=model, partials=system.partials(model))
+
     @functools.cached_property
     def sizes(self) -> Array:
         return np.array([abs(column.value) or 1.0 for column in self.columns])
