@@ -155,6 +155,12 @@
 // `dt` is not a finite time > 0.
 #define ZIVI_E_DT -43
 
+// `quiet` is not finite and >= 0, or given for `ZIVI_TICK_PAPER`.
+#define ZIVI_E_QUIET -44
+
+// `given` has a bit of a member that the configuration does not have.
+#define ZIVI_E_GIVEN -45
+
 // A setting without a code of its own.
 #define ZIVI_E_SETTING -99
 
@@ -164,18 +170,58 @@
 // In `tick`: the tick of the paper.
 #define ZIVI_TICK_PAPER 1
 
+// In `given`: `e` is meant, also where it is 0.
+#define ZIVI_GIVEN_E 1
+
+// In `given`: `kappa` is meant, also where it is 0 (`e` = 1).
+#define ZIVI_GIVEN_KAPPA 2
+
+// In `given`: `e_ref` is meant.
+#define ZIVI_GIVEN_E_REF 4
+
+// In `given`: `kappa_ref` is meant.
+#define ZIVI_GIVEN_KAPPA_REF 8
+
+// In `given`: `ahead` is meant.
+#define ZIVI_GIVEN_AHEAD 16
+
+// In `given`: `press` is meant.
+#define ZIVI_GIVEN_PRESS 32
+
+// In `given`: `horizon` is meant.
+#define ZIVI_GIVEN_HORIZON 64
+
+// In `given`: `depth` is meant.
+#define ZIVI_GIVEN_DEPTH 128
+
+// In `given`: `u_min` and `u_max` are meant.
+#define ZIVI_GIVEN_U_LIMITS 256
+
+// In `given`: `noise_x` is meant.
+#define ZIVI_GIVEN_NOISE_X 512
+
+// In `given`: `noise_xdot` is meant.
+#define ZIVI_GIVEN_NOISE_XDOT 1024
+
+// In `given`: `q_d` is meant.
+#define ZIVI_GIVEN_Q_D 2048
+
+// In `given`: `dmax` is meant.
+#define ZIVI_GIVEN_DMAX 4096
+
 // In `branch`: measurements are lifted to `s >= 0`, the default.
 #define ZIVI_BRANCH_POSITIVE 0
 
 // In `branch`: measurements are lifted to the preimage that is nearer to the reference.
 #define ZIVI_BRANCH_NEAREST 1
 
-// Settings of a mass. A member that is zero takes its default.
+// Settings of a mass. A member that is zero takes its default, unless its bit
+// of `given` is set.
 typedef struct zivi_mass_config {
   // `sizeof(zivi_mass_config)`.
   uint32_t size;
-  // 0.
-  uint32_t reserved;
+  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  uint32_t given;
   // Step size (s), > 0.
   double h;
   // Coefficient of restitution, in (0, 1]; or give `kappa`.
@@ -213,7 +259,8 @@ typedef struct zivi_mass {
   uint64_t seal;
 } zivi_mass;
 
-// Settings of a regulator. A member that is zero takes its default.
+// Settings of a regulator. A member that is zero takes its default, unless its bit
+// of `given` is set.
 typedef struct zivi_regulator_config {
   // `sizeof(zivi_regulator_config)`.
   uint32_t size;
@@ -221,8 +268,8 @@ typedef struct zivi_regulator_config {
   uint32_t tick;
   // Horizon of the landing in periods, 1 + the periods of delay; by default 1.
   uint32_t ahead;
-  // 0.
-  uint32_t reserved;
+  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  uint32_t given;
   // Gain on the sign of the position (m/s^2).
   double mu1;
   // Gain on the sign of the velocity, 0 < mu2 < mu1 (m/s^2).
@@ -235,6 +282,8 @@ typedef struct zivi_regulator_config {
   double kappa;
   // A bound of the unknown force that the gains are checked against (m/s^2); by default none.
   double bound;
+  // Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+  double quiet;
   // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
   double depth;
   // Least control of the actuator (m/s^2); no limits while both are 0.
@@ -256,6 +305,8 @@ typedef struct zivi_regulator {
   double e;
   // `(1 - e)/(1 + e)`.
   double kappa;
+  // Dead zone of the landing (m/s).
+  double quiet;
   // How far behind the wall a measurement may lie (m).
   double depth;
   // Least control (m/s^2).
@@ -282,7 +333,8 @@ typedef struct zivi_regulator {
   uint64_t seal;
 } zivi_regulator;
 
-// Settings of a tracker. A member that is zero takes its default.
+// Settings of a tracker. A member that is zero takes its default, unless its bit
+// of `given` is set.
 typedef struct zivi_tracker_config {
   // `sizeof(zivi_tracker_config)`.
   uint32_t size;
@@ -294,8 +346,8 @@ typedef struct zivi_tracker_config {
   uint32_t ahead;
   // 1: the measured velocity is taken half a period back in the air; 0: it is not.
   uint32_t shift;
-  // 0.
-  uint32_t reserved;
+  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  uint32_t given;
   // Gain on the sign of the position error (m/s^2).
   double mu1;
   // Gain on the sign of the velocity error, 0 < mu2 < mu1 (m/s^2).
@@ -315,6 +367,8 @@ typedef struct zivi_tracker_config {
   // Acceleration towards the wall of a mass at rest, at least `bound` (m/s^2); by default the
   // law's own.
   double press;
+  // Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+  double quiet;
   // Periods that a step is planned over, >= 1; by default 1.
   double horizon;
   // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
@@ -342,8 +396,10 @@ typedef struct zivi_tracker {
   double e_ref;
   // `(1 - e_ref)/(1 + e_ref)`.
   double kappa_ref;
-  // Acceleration towards the wall of a mass at rest (m/s^2), 0 for the law's own.
+  // Acceleration towards the wall of a mass at rest (m/s^2), infinite for the law's own.
   double press;
+  // Dead zone of the landing (m/s).
+  double quiet;
   // Periods that a step is planned over.
   double horizon;
   // How far behind the wall a measurement may lie (m).
@@ -405,7 +461,8 @@ typedef struct zivi_given_reference {
   double side;
 } zivi_given_reference;
 
-// Settings of an observer. A member that is zero takes its default.
+// Settings of an observer. A member that is zero takes its default, unless its bit
+// of `given` is set.
 typedef struct zivi_observer_config {
   // `sizeof(zivi_observer_config)`.
   uint32_t size;
@@ -413,8 +470,8 @@ typedef struct zivi_observer_config {
   uint32_t position_only;
   // 1: `e` is learnt; `se` is its deviation at the start then, by default 0.1.
   uint32_t learn_e;
-  // 0.
-  uint32_t reserved;
+  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  uint32_t given;
   // Sampling period (s), > 0.
   double h;
   // Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
@@ -549,8 +606,8 @@ int32_t zivi_regulator_step(struct zivi_regulator *regulator,
 // `sizeof(zivi_tracker)` in the library.
 uint32_t zivi_tracker_size(void);
 
-// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
-// yours to set.
+// Sets the size, `horizon` to 1, and everything else to its default: 0. What has none (gains, period,
+// wall) is yours to set.
 int32_t zivi_tracker_defaults(struct zivi_tracker_config *config);
 
 // Checks the settings; the reference starts at rest. Where a code < 0 is given, nothing is

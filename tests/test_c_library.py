@@ -123,6 +123,7 @@ VARIANTS = {
         {"horizon": 3.0, "shift": 1, "press": 15.0, "ahead": 2},
         {"horizon": 3.0, "shift": True, "press": 15.0, "ahead": 2, "landing": True},
     ),
+    "dead zone": ({"quiet": 0.02}, {"quiet": 0.02, "landing": True}),
 }
 
 
@@ -151,11 +152,13 @@ def test_the_tracker_has_the_bits_of_python(compiled: ctypes.CDLL, kind: str, va
         assert found[:, 4].max() > 3  # the cubic was met
 
 
-@pytest.mark.parametrize(("tick", "landing"), [(0, True), (1, False)])
+@pytest.mark.parametrize(
+    ("tick", "landing", "quiet"), [(0, True, 0.0), (0, True, 1e-3), (1, False, 0.0)]
+)
 def test_the_regulator_has_the_bits_of_python(
-    compiled: ctypes.CDLL, tick: int, landing: bool
+    compiled: ctypes.CDLL, tick: int, landing: bool, quiet: float
 ) -> None:
-    settings = {"mu1": 3.0, "mu2": 2.0, "h": 1e-3, "e": 0.5}
+    settings = {"mu1": 3.0, "mu2": 2.0, "h": 1e-3, "e": 0.5, "quiet": quiet}
     it = initialised(compiled, "regulator", tick=tick, u_min=-4.5, u_max=-0.5, **settings)
     twin = zivi.TwistingRegulator(**settings, landing=landing, u_limits=(-4.5, -0.5))
     rng = np.random.default_rng(3)
@@ -230,7 +233,7 @@ def test_the_header_and_the_library_agree(compiled: ctypes.CDLL) -> None:
 
 
 def test_every_code_has_words_of_its_own(compiled: ctypes.CDLL) -> None:
-    codes = {name: code for name, code in HEADER.constants.items() if "_E_" in name}
+    codes = {name: code for name, code in HEADER.constants.items() if name.startswith("ZIVI_E_")}
     words = {name: compiled.zivi_message(code).decode() for name, code in codes.items()}
     assert len(set(words.values())) == len(codes) == len(set(codes.values()))
     unknown = compiled.zivi_message(-1000)

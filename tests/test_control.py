@@ -421,7 +421,7 @@ def test_names_and_defaults_of_the_contract():
         "u_limits": (True, None),
     }
     reference = {"e_ref": (True, None), "kappa_ref": (True, None)}
-    landing = {"landing": (True, True), "ahead": (True, 1)}
+    landing = {"landing": (True, True), "ahead": (True, 1), "quiet": (True, 0.0)}
     assert parameters(zivi.TwistingRegulator) == shared | landing
     assert parameters(zivi.ExplicitTwisting) == shared | reference
     quiet = {"press": (True, None), "horizon": (True, 1), "shift": (True, False)}

@@ -144,13 +144,13 @@ calls() { for call in defaults init reset step; do printf '%s_%s ' "$1" $call; d
 if [ "$(uname -sm)" = 'Linux x86_64' ] && command -v ld >/dev/null 2>&1; then
     part 'the ticks of regulator and tracker' 13500 regulator_step tracker_step tracker_step_to
     # shellcheck disable=SC2046
-    part 'regulator and tracker, all calls' 16384 $(calls regulator) $(calls tracker) tracker_step_to
+    part 'regulator and tracker, all calls' 17408 $(calls regulator) $(calls tracker) tracker_step_to
     # shellcheck disable=SC2046
-    part 'the tracker' 14500 $(calls tracker) tracker_step_to
+    part 'the tracker' 15200 $(calls tracker) tracker_step_to
     # shellcheck disable=SC2046
-    part 'the regulator' 3300 $(calls regulator)
+    part 'the regulator' 3600 $(calls regulator)
     # shellcheck disable=SC2046
-    part 'the observer' 5000 $(calls observer)
+    part 'the observer' 5100 $(calls observer)
     # shellcheck disable=SC2046
     part 'the mass' 5600 $(calls mass)
 fi

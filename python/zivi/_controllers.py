@@ -199,12 +199,19 @@ class Landing(Shared):
         """Horizon of the landing, in sampling periods."""
         return int(self._settings["ahead"])
 
+    @property
+    def quiet(self) -> float:
+        """Dead zone of the landing (m/s)."""
+        return self._number("quiet")
+
 
 def rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...]) -> Any:
     # by the constructor of the class of ours: a subclass may have one of its own
     ours: Any = next(base for base in kind.__mro__ if base.__module__.split(".")[0] == "zivi")
     controller = ours.__new__(kind, **attributes["_settings"])
-    controller.__dict__.update(attributes)
+    # settings that it did not have yet when it was stored have their defaults
+    settings = controller._settings | attributes["_settings"]
+    controller.__dict__.update(attributes | {"_settings": settings})
     controller.state = state
     return controller
 
@@ -295,3 +302,11 @@ def horizon_of(landing: Any, ahead: Any) -> int:
     if periods > 1 and not landing:
         raise ValueError(f"ahead is of the landing: with landing=False it must be 1, got {ahead}")
     return periods
+
+
+def quiet_of(landing: Any, quiet: Any) -> float:
+    """Return the dead zone of a landing; its range is checked in the core."""
+    zone = real("quiet", quiet)
+    if zone != 0.0 and not landing:
+        raise ValueError(f"quiet is of the landing: with landing=False it must be 0, got {zone}")
+    return zone

@@ -573,6 +573,7 @@ class Regulator:
         depth: float,
         actuator: tuple[float, float],
         ahead: int | None,
+        quiet: float,
     ) -> Self: ...
     def step(self, x: float, xdot: float, force: float) -> float: ...
     def reset(self) -> None: ...
@@ -600,6 +601,7 @@ class Tracker:
         depth: float,
         actuator: tuple[float, float],
         ahead: int | None,
+        quiet: float,
         press: float | None,
         horizon: float,
         shift: bool,

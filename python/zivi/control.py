@@ -17,6 +17,7 @@ from zivi._controllers import (
     core,
     horizon_of,
     plant_kappa,
+    quiet_of,
     reference_kappa,
     with_wall,
 )
@@ -38,11 +39,11 @@ class TwistingRegulator(_zivi.Regulator, Landing):
 
     with the signs taken implicitly, at the end of the sampling period; in physical terms
     :math:`u = -\mu_1 - \mu_2\,\mathrm{sgn}\,\dot x`. With ``landing`` the sign is as much of the
-    brake as stops the mass :math:`N` periods ahead,
+    brake as stops the mass :math:`N` periods ahead, but for a dead zone :math:`q` (`quiet`),
 
     .. math::
 
-        \ddot x = F + u = -\min(\max(\dot x / (N h), D), U), \qquad
+        \ddot x = F + u = -\min(\max((\dot x - q) / (N h), D), U), \qquad
         D = \mu_1 - \mu_2 - F, \quad U = \mu_1 + \mu_2 - F
 
     and a sampled loop ends in exact rest for every :math:`e < 1`; without it the step is solved as
@@ -73,6 +74,10 @@ class TwistingRegulator(_zivi.Regulator, Landing):
     ahead : int
         The horizon :math:`N` of the landing, >= 1: one more than the periods from a measurement
         to the moment when its control acts.
+    quiet : float
+        Dead zone of the landing, >= 0 (m/s): a bound of the errors of the measured velocity, such
+        as 5 standard deviations. A mass at rest has a constant control then, and the landing rests
+        as without errors.
 
     Raises
     ------
@@ -103,12 +108,14 @@ class TwistingRegulator(_zivi.Regulator, Landing):
         u_limits: Sequence[float] | None = None,
         landing: bool = True,
         ahead: int = 1,
+        quiet: float = 0.0,
     ) -> Self:
         kappa = plant_kappa(e, kappa)
         settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
         horizon = horizon_of(landing, ahead)
-        self = super().__new__(cls, **core(settings), ahead=horizon if landing else None)
-        self._settings = settings | {"landing": bool(landing), "ahead": horizon}
+        zone: dict[str, Any] = {"quiet": quiet_of(landing, quiet)}
+        self = super().__new__(cls, **core(settings), ahead=horizon if landing else None, **zone)
+        self._settings = settings | {"landing": bool(landing), "ahead": horizon} | zone
         return with_wall(self)
 
 
@@ -130,12 +137,13 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
 
     .. math::
 
-        \ddot x = F + u = -\min(\max(\dot x / (N h), D), U), \qquad
+        \ddot x = F + u = -\min(\max((\dot x - q) / (N h), D), U), \qquad
         D = \frac{2 (\mu_1 - \mu_2)}{1 + e}, \quad U = \frac{2 e (\mu_1 + \mu_2)}{1 + e}
 
-    (:math:`U < D`: :math:`U` if :math:`\dot x \ge N h U`, else :math:`D`), which are the law's own
-    accelerations as the mass falls and rises. A sampled loop ends in exact rest for every
-    :math:`0 < e < 1`, also under noise and an unknown force.
+    (:math:`U < D`: :math:`U` if :math:`\dot x - q \ge N h U`, else :math:`D`), which are the law's
+    own accelerations as the mass falls and rises, but for a dead zone :math:`q` (`quiet`).
+    A sampled loop ends in exact rest for every :math:`0 < e < 1`, also under noise and an unknown
+    force.
 
     Parameters
     ----------
@@ -171,6 +179,10 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
     ahead : int
         The horizon :math:`N` of the landing, >= 1: one more than the periods from a measurement to
         the moment when its control acts.
+    quiet : float
+        Dead zone of the landing, >= 0 (m/s): a bound of the errors of the measured velocity, such
+        as 5 standard deviations. A mass at rest has a constant control then, and the landing rests
+        as without errors.
     horizon : float
         Periods over which the implicit step is planned, >= 1. More, about 3 to 5, are quieter under
         noise and less sharp near an impact.
@@ -210,6 +222,7 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
         landing: bool = True,
         press: float | None = None,
         ahead: int = 1,
+        quiet: float = 0.0,
         horizon: float = HORIZON,
         shift: bool = False,
     ) -> Self:
@@ -219,7 +232,8 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
         settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
         settings["kappa_ref"] = reference_kappa(e_ref, kappa_ref, kappa)
         periods = horizon_of(landing, ahead)
-        quiet: dict[str, Any] = {
+        more: dict[str, Any] = {
+            "quiet": quiet_of(landing, quiet),
             "horizon": real("horizon", horizon),
             "shift": switch("shift", shift),
         }
@@ -235,14 +249,14 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
             nearest=branch == "nearest",
             ahead=periods if landing else None,
             press=press,
-            **quiet,
+            **more,
         )
         self._settings = settings | {
             "branch": branch,
             "landing": bool(landing),
             "press": press,
             "ahead": periods,
-            **quiet,
+            **more,
         }
         return with_wall(self)
 

@@ -8,24 +8,18 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from zivi._check import Array, finite, real
-from zivi._design_law import Law, settling
+from zivi._check import finite, real
+from zivi._design_law import Law
+from zivi._design_search import LARGEST, Asked, Found, feasible_time, least_limit, search
+from zivi._design_time import Landing
 from zivi._loop_arguments import check_delay
 from zivi.control import TwistingRegulator, TwistingTracker
 from zivi.simulate import pair
 from zivi.transform import coefficients
 
 __all__ = ["GainDesign", "InfeasibleError", "best_ratio", "design_regulator", "design_tracker"]
-
-RESERVE = 1.2
-"""By how much the gains exceed what the bound of the unknown force asks for."""
-PART = 0.9
-"""Part of the settling time that the law itself takes; sampling takes the rest."""
-RATIOS = np.linspace(0.02, 0.98, 193)
-LARGEST = 1e12
-"""Largest gain that is looked for (m/s^2)."""
 
 
 class InfeasibleError(ValueError):
@@ -62,15 +56,24 @@ class GainDesign:
     e : float
         Coefficient of restitution of the wall.
     bound : float
-        Bound of the unknown force (m/s^2).
+        Bound M of the unknown force (m/s^2).
     delay : int
         Periods from a measurement to the moment when its control acts.
+    quiet : float
+        Bound of the errors of the measured velocity (m/s).
     settling_time : float
-        The mass rests before it, whatever the unknown force does within its bound (s).
+        The mass rests before it, whatever the unknown force does within its bound (s); with
+        ``rest="practical"`` it stays `within` from then on.
+    rest : {"exact", "practical"}
+        Whether the mass comes to exact rest: ``M < (min(U, D) - e^2 D)/(1 + e^2)``.
+    within : float
+        How far from the wall the mass still gets after `settling_time` (m), 0 if it rests.
     rising, falling : float
-        Net accelerations towards the wall of a mass that rises and of one that falls (m/s^2).
-    peak : float
-        Largest control (m/s^2).
+        Net accelerations U and D towards the wall of a mass that rises and of one that falls
+        (m/s^2).
+    u_min, u_max : float
+        The control stays between them, ends included (m/s^2); with a delay so does the 0 of the
+        first periods.
     """
 
     kind: Literal["tracker", "regulator"]
@@ -80,10 +83,19 @@ class GainDesign:
     e: float
     bound: float
     delay: int
+    quiet: float
     settling_time: float
+    rest: Literal["exact", "practical"]
+    within: float
     rising: float
     falling: float
-    peak: float
+    u_min: float
+    u_max: float
+
+    @property
+    def peak(self) -> float:
+        """Largest absolute control (m/s^2)."""
+        return max(-self.u_min, self.u_max)
 
     def controller(self, **settings: Any) -> TwistingTracker | TwistingRegulator:
         """Make the controller.
@@ -97,7 +109,8 @@ class GainDesign:
         -------
         TwistingTracker or TwistingRegulator
         """
-        given: dict[str, Any] = {"h": self.h, "e": self.e, "ahead": 1 + self.delay} | settings
+        given: dict[str, Any] = {"h": self.h, "e": self.e, "ahead": 1 + self.delay}
+        given |= {"quiet": self.quiet} | settings
         if self.kind == "regulator":
             return TwistingRegulator(self.mu1, self.mu2, **given)
         return TwistingTracker(self.mu1, self.mu2, **({"bound": self.bound} | given))
@@ -146,10 +159,12 @@ def design_tracker(
     force_ref: float | None = None,
     u_limits: float | Sequence[float] | None = None,
     delay: int = 0,
+    quiet: float = 0.0,
+    rest: Literal["exact", "practical"] = "exact",
 ) -> GainDesign:
     """Compute gains and sampling period of a tracker that lands in time.
 
-    The reference rests; one that moves is captured in about 5 sqrt(D/(R mu1)), see control.md.
+    The reference rests; one that moves is captured in about 5 sqrt(Delta/(R mu1)), see control.md.
 
     Parameters
     ----------
@@ -162,13 +177,20 @@ def design_tracker(
     start : (float, float)
         Distance from the wall (m) and velocity (m/s) from which it shall; or the worst of them.
     force : float
-        The known force, for the actuator only (m/s^2).
+        The known force, constant: what acts while a delay keeps the control away, and what the
+        actuator has to bear (m/s^2).
     force_ref : float, optional
         Largest force on a reference that moves (m/s^2), for the actuator only.
     u_limits : float or (float, float), optional
-        What the actuator can: the largest absolute control, or its range (m/s^2).
+        What the actuator can: the largest absolute control, or its range, which holds 0 (m/s^2).
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0.
+    quiet : float
+        Bound of the errors of the measured velocity, >= 0 (m/s): 5 standard deviations, say. The
+        controller's landing has it as its dead zone.
+    rest : {"exact", "practical"}
+        Whether the mass has to come to exact rest, or may go on in bounces of some periods, which
+        asks for less where `e` is near 1: ``within`` of the design tells how high.
 
     Returns
     -------
@@ -181,6 +203,13 @@ def design_tracker(
         If the actuator cannot: its attribute ``settling_time`` is what it can.
     ValueError, TypeError
         For an argument out of range.
+
+    Notes
+    -----
+    Promised is rest for any unknown force within `bound`, one that follows the motion included, on
+    a wall with this `e`, under this constant known force, from `start` or a better one, with exact
+    positions and velocities (or errors within `quiet`) and with the design's own settings. Without
+    a delay that is a theorem, with one it is what 2000 of 2000 adversarial runs did.
 
     Examples
     --------
@@ -195,7 +224,7 @@ def design_tracker(
     e, _ = _restitution(e, kappa)
     largest = None if force_ref is None else finite("force_ref", force_ref)
     law = Law("tracker", e, finite("force", force), largest)
-    return _design(law, settling_time, bound, start, u_limits, delay)
+    return _design(law, (settling_time, bound, start, quiet), u_limits, delay, rest)
 
 
 def design_regulator(
@@ -208,6 +237,8 @@ def design_regulator(
     force: float = 0.0,
     u_limits: float | Sequence[float] | None = None,
     delay: int = 0,
+    quiet: float = 0.0,
+    rest: Literal["exact", "practical"] = "exact",
 ) -> GainDesign:
     """Compute gains and sampling period of a regulator that lands in time.
 
@@ -224,9 +255,15 @@ def design_regulator(
     force : float
         The known force, which the regulator leaves to act (m/s^2).
     u_limits : float or (float, float), optional
-        What the actuator can: the largest absolute control, or its range (m/s^2).
+        What the actuator can: the largest absolute control, or its range, which holds 0 (m/s^2).
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0.
+    quiet : float
+        Bound of the errors of the measured velocity, >= 0 (m/s): 5 standard deviations, say. The
+        controller's landing has it as its dead zone.
+    rest : {"exact", "practical"}
+        Whether the mass has to come to exact rest, or may go on in bounces of some periods, which
+        asks for less where `e` is near 1: ``within`` of the design tells how high.
 
     Returns
     -------
@@ -240,6 +277,13 @@ def design_regulator(
     ValueError, TypeError
         For an argument out of range.
 
+    Notes
+    -----
+    Promised is rest for any unknown force within `bound`, one that follows the motion included, on
+    a wall with this `e`, under this constant known force, from `start` or a better one, with exact
+    positions and velocities (or errors within `quiet`) and with the design's own settings. Without
+    a delay that is a theorem, with one it is what 2000 of 2000 adversarial runs did.
+
     Examples
     --------
     >>> design = zivi.design_regulator(1.5, e=0.5, bound=1.0)
@@ -248,124 +292,96 @@ def design_regulator(
     """
     e, _ = _restitution(e, kappa)
     law = Law("regulator", e, finite("force", force), None)
-    return _design(law, settling_time, bound, start, u_limits, delay)
+    return _design(law, (settling_time, bound, start, quiet), u_limits, delay, rest)
 
 
 def _design(
-    law: Law, settling_time: Any, bound: Any, start: Any, u_limits: Any, delay: Any
+    law: Law,
+    asked: tuple[Any, Any, Any, Any],
+    u_limits: Any,
+    delay: Any,
+    rest: Any,
 ) -> GainDesign:
-    time, bound = _positive("settling_time", settling_time), finite("bound", bound)
-    if bound < 0.0:
-        raise ValueError(f"bound must be >= 0 (m/s^2), got {bound}")
+    settling_time, bound, start, quiet = asked
+    time = _positive("settling_time", settling_time)
+    bound, quiet = _not_negative("bound", bound), _not_negative("quiet", quiet)
     state = pair("start", start, "(x, xdot)")
     if not (all(map(math.isfinite, state)) and state[0] >= 0.0):
         raise ValueError(f"start must be finite with x >= 0, got {start!r}")
-    periods, limit = check_delay(delay), _limit(u_limits)
-    found = _gains(law, time, bound, state)
+    if rest not in ("exact", "practical"):
+        raise ValueError(f"rest must be 'exact' or 'practical', got {rest!r}")
+    landing = Landing(law.e, law.force, bound, state, check_delay(delay), quiet)
+    wanted = Asked(law, landing, time, _limits(u_limits), rest == "exact")
+    found = search(wanted)
     if found is None:
-        text = f"no gains up to {LARGEST:g} m/s^2 rest within {time:g} s"
-        raise InfeasibleError(text, None, None)
-    peak = law.peak(*found)
-    if peak > limit:
-        raise _infeasible(law, (time, bound, state), peak, limit)
-    return _told(law, found, (time, bound, state), periods)
+        raise _infeasible(wanted)
+    return _told(wanted, found)
 
 
-def _gains(
-    law: Law, time: float, bound: float, start: tuple[float, float]
-) -> tuple[float, float] | None:
-    """Give the gains of least acceleration that rest within a time."""
-
-    def enough(mu1: Array) -> NDArray[np.bool_]:
-        mu2 = RATIOS * mu1
-        rising, falling = law.accelerations(mu1, mu2)
-        in_time = settling(law.e, rising, falling, bound, start) <= PART * time
-        both: NDArray[np.bool_] = in_time & law.suffices(mu1, mu2, RESERVE * bound)
-        return both
-
-    low, high = np.full(RATIOS.shape, -LARGEST_LOG), np.full(RATIOS.shape, LARGEST_LOG)
-    possible = enough(np.exp(high))
-    if not possible.any():
-        return None
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        good = enough(np.exp(middle))
-        low, high = np.where(good, low, middle), np.where(good, middle, high)
-    mu1 = np.exp(high)
-    most = np.where(possible, np.maximum(*law.accelerations(mu1, RATIOS * mu1)), np.inf)
-    best = int(np.argmin(most))
-    return float(mu1[best]), float(RATIOS[best] * mu1[best])
-
-
-LARGEST_LOG = math.log(LARGEST)
-BISECTIONS = 60
-
-
-def _told(
-    law: Law,
-    gains: tuple[float, float],
-    asked: tuple[float, float, tuple[float, float]],
-    delay: int,
-) -> GainDesign:
-    time, bound, start = asked
-    mu1, mu2 = gains
-    rising, falling = law.accelerations(np.array(mu1), np.array(mu2))
-    kappa = (1.0 - law.e) / (1.0 + law.e)
-    periods = 3.0 * (1.0 + 1.0 / kappa) * max(1.0, float(rising / falling))
-    h = (1.0 - PART) * time / (periods + 10.0) / (1 + delay)
-    law_takes = float(settling(law.e, rising, falling, bound, start))
-    sampled = law_takes + ((1 + delay) * periods + 10.0) * h
+def _told(asked: Asked, found: Found) -> GainDesign:
+    law, landing = asked.law, asked.landing
+    mu1, mu2 = law.gains(found.braking, found.falling)
+    u_min, u_max = law.controls(mu1, mu2, landing.delay > 0)
     return GainDesign(
         kind=law.kind,
         mu1=mu1,
         mu2=mu2,
-        h=h,
+        h=found.h,
         e=law.e,
-        bound=bound,
-        delay=delay,
-        settling_time=min(sampled, time),
-        rising=float(rising),
-        falling=float(falling),
-        peak=law.peak(mu1, mu2),
+        bound=landing.bound,
+        delay=landing.delay,
+        quiet=landing.quiet,
+        settling_time=found.time,
+        rest="exact" if found.height == 0.0 else "practical",
+        within=found.height,
+        rising=found.braking,
+        falling=found.falling,
+        u_min=u_min,
+        u_max=u_max,
     )
 
 
-def _infeasible(
-    law: Law, asked: tuple[float, float, tuple[float, float]], peak: float, limit: float
-) -> InfeasibleError:
-    """Say what the actuator can: the peak falls with the settling time."""
-    time, bound, start = asked
-
-    def allowed(longer: float) -> bool:
-        found = _gains(law, longer, bound, start)
-        return found is not None and law.peak(*found) <= limit
-
-    needs = f"{time:g} s need a control of {peak:.4g} m/s^2, the actuator has {limit:g}"
-    if not allowed(time * LONGEST):
+def _infeasible(asked: Asked) -> InfeasibleError:
+    """Say what the actuator can."""
+    low, high = asked.limits
+    needs = f"no gains rest within {asked.time:g} s"
+    if math.isinf(low) and math.isinf(high):
+        return InfeasibleError(f"{needs} that are at most {LARGEST:g} m/s^2", None, None)
+    time, peak = feasible_time(asked), least_limit(asked)
+    needs += f" with a control from {low:g} to {high:g} m/s^2"
+    if peak is not None:
+        needs += f" (|u| <= {peak:.4g} does)"
+    if time is None:
         return InfeasibleError(f"{needs}: it is too weak for any settling time", None, peak)
-    low, high = time, time * LONGEST
-    while high > (1.0 + 1e-6) * low:
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if allowed(middle) else (middle, high)
-    high = math.ceil(high * 1e4) / 1e4
-    text = f"{needs}: feasible is settling_time >= {high:.4f} s"
-    return InfeasibleError(text, high, peak)
+    time = _rounded_up(time)
+    return InfeasibleError(f"{needs}: feasible is settling_time >= {time:.6g} s", time, peak)
 
 
-LONGEST = 1e6
+def _rounded_up(time: float) -> float:
+    """Give the next number of 6 digits."""
+    digits = 10.0 ** (5 - math.floor(math.log10(time)))
+    return math.ceil(time * digits) / digits
 
 
-def _limit(u_limits: Any) -> float:
+def _limits(u_limits: Any) -> tuple[float, float]:
     if u_limits is None:
-        return math.inf
+        return -math.inf, math.inf
     if np.ndim(u_limits) == 0:
-        return _positive("u_limits", u_limits)
+        limit = _positive("u_limits", u_limits)
+        return -limit, limit
     low, high = pair("u_limits", u_limits, "(u_min, u_max)")
-    if not low < 0.0 < high:
+    if not (low <= 0.0 <= high and low < high):
         raise ValueError(
-            f"u_limits must be (u_min, u_max) with u_min < 0 < u_max, got {u_limits!r}"
+            f"u_limits must be (u_min, u_max) with u_min <= 0 <= u_max, got {u_limits!r}"
         )
-    return min(-low, high)
+    return low, high
+
+
+def _not_negative(name: str, value: Any) -> float:
+    number = finite(name, value)
+    if number < 0.0:
+        raise ValueError(f"{name} must be >= 0, got {number}")
+    return number
 
 
 def _positive(name: str, value: Any) -> float:

@@ -94,6 +94,8 @@ static void settings(void)
     REFUSED(tracker, shift, 2, ZIVI_E_SHIFT);
     REFUSED(tracker, press, NAN, ZIVI_E_PRESS);
     REFUSED(tracker, press, INFINITY, ZIVI_E_PRESS);
+    REFUSED(tracker, quiet, -1e-3, ZIVI_E_QUIET);
+    REFUSED(tracker, quiet, NAN, ZIVI_E_QUIET);
     REFUSED(tracker, horizon, 0.5, ZIVI_E_HORIZON);
     REFUSED(tracker, horizon, NAN, ZIVI_E_HORIZON);
     REFUSED(observer, size, 8, ZIVI_E_SIZE);
@@ -113,6 +115,48 @@ static void settings(void)
     REFUSED(regulator, mu2, 3.0, ZIVI_E_MU2);
     REFUSED(regulator, bound, 2.5, ZIVI_E_MU1);
     REFUSED(regulator, tick, 7, ZIVI_E_TICK);
+    REFUSED(regulator, quiet, INFINITY, ZIVI_E_QUIET);
+}
+
+/* A member that is zero is meant where its bit is set. */
+static void meant(void)
+{
+    zivi_tracker it;
+    zivi_tracker_config config = tracker_config();
+    zivi_observer seen;
+    zivi_observer_config seeing = observer_config();
+    zivi_mass mass;
+    zivi_mass_config moved;
+    double u;
+    REFUSED(tracker, given, ZIVI_GIVEN_DMAX, ZIVI_E_GIVEN);
+    REFUSED(tracker, given, 1u << 31, ZIVI_E_GIVEN);
+    REFUSED(regulator, given, ZIVI_GIVEN_PRESS, ZIVI_E_GIVEN);
+    REFUSED(observer, given, ZIVI_GIVEN_DEPTH, ZIVI_E_GIVEN);
+    REFUSED(tracker, given, ZIVI_GIVEN_AHEAD, ZIVI_E_AHEAD);
+    REFUSED(tracker, given, ZIVI_GIVEN_U_LIMITS, ZIVI_E_U_MAX);
+    REFUSED(tracker, given, ZIVI_GIVEN_E_REF, ZIVI_E_E_REF);
+    REFUSED(tracker, given, ZIVI_GIVEN_KAPPA, ZIVI_E_KAPPA); /* it is not that of e = 0.5 */
+    REFUSED(observer, given, ZIVI_GIVEN_NOISE_X, ZIVI_E_NOISE);
+    EXPECT(zivi_tracker_init(&it, &config) == ZIVI_OK && it.depth == 0.1);
+    EXPECT(zivi_tracker_step(&it, 0.0, 0.0, -9.81, -9.81, &u) == ZIVI_OK && u < 0.0);
+    config.given = ZIVI_GIVEN_DEPTH | ZIVI_GIVEN_PRESS | ZIVI_GIVEN_KAPPA_REF;
+    EXPECT(zivi_tracker_init(&it, &config) == ZIVI_OK && it.depth == 0.0 && it.e_ref == 1.0);
+    EXPECT(zivi_tracker_step(&it, -1e-9, 0.0, -9.81, -9.81, &u) == ZIVI_E_X);
+    EXPECT(zivi_tracker_step(&it, 0.0, 0.0, -9.81, -9.81, &u) == ZIVI_OK && u == 9.81);
+    config.horizon = 0.0;
+    EXPECT(zivi_tracker_init(&it, &config) == ZIVI_OK && it.horizon == 1.0);
+    config.given |= ZIVI_GIVEN_HORIZON;
+    EXPECT(zivi_tracker_init(&it, &config) == ZIVI_E_HORIZON);
+    config.given = ZIVI_GIVEN_PRESS;
+    config.bound = 1.0; /* which it does not press with */
+    EXPECT(zivi_tracker_init(&it, &config) == ZIVI_E_PRESS);
+    EXPECT(zivi_observer_init(&seen, &seeing) == ZIVI_OK && seen.config.dmax > 0.0);
+    seeing.given = ZIVI_GIVEN_DMAX | ZIVI_GIVEN_Q_D;
+    EXPECT(zivi_observer_init(&seen, &seeing) == ZIVI_OK);
+    EXPECT(seen.config.dmax == 0.0 && seen.config.q_d == 0.0);
+    EXPECT(zivi_mass_defaults(&moved) == ZIVI_OK && moved.given == 0);
+    moved.h = 1e-3, moved.given = ZIVI_GIVEN_KAPPA;
+    EXPECT(zivi_mass_init(&mass, &moved) == ZIVI_OK && mass.e == 1.0);
 }
 
 static void masses(void)
@@ -264,6 +308,7 @@ static void words(void)
 int main(void)
 {
     settings();
+    meant();
     masses();
     samples();
     independence();

@@ -93,13 +93,17 @@ pub const ZIVI_E_LEARN_E: i32 = -41;
 pub const ZIVI_E_Q_E: i32 = -42;
 /// `dt` is not a finite time > 0.
 pub const ZIVI_E_DT: i32 = -43;
+/// `quiet` is not finite and >= 0, or given for `ZIVI_TICK_PAPER`.
+pub const ZIVI_E_QUIET: i32 = -44;
+/// `given` has a bit of a member that the configuration does not have.
+pub const ZIVI_E_GIVEN: i32 = -45;
 
 /// A setting without a code of its own.
 pub const ZIVI_E_SETTING: i32 = -99;
 
 /// Names of settings, filled up with zeros, and their codes. No pointers: those would be memory that
 /// a program has to initialise.
-const NAMES: [([u8; LONGEST], i8); 28] = [
+const NAMES: [([u8; LONGEST], i8); 29] = [
     named("h", ZIVI_E_H),
     named("e", ZIVI_E_E),
     named("kappa", ZIVI_E_KAPPA),
@@ -113,6 +117,7 @@ const NAMES: [([u8; LONGEST], i8); 28] = [
     named("u_max", ZIVI_E_U_MAX),
     named("ahead", ZIVI_E_AHEAD),
     named("press", ZIVI_E_PRESS),
+    named("quiet", ZIVI_E_QUIET),
     named("horizon", ZIVI_E_HORIZON),
     named("x", ZIVI_E_X),
     named("xdot", ZIVI_E_XDOT),

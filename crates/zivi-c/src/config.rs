@@ -1,17 +1,79 @@
-//! Settings that several configurations share. A member that is zero takes its default.
+//! Settings that several configurations share. A member that is zero takes its default, unless a bit
+//! of `given` says that it is meant.
 
 use zivi_core::control::{Gains, Landing, Port};
 use zivi_core::Restitution;
 
 use crate::code::{
-    self, Code, ZIVI_E_AHEAD, ZIVI_E_E, ZIVI_E_E_REF, ZIVI_E_KAPPA, ZIVI_E_KAPPA_REF, ZIVI_E_SIZE,
-    ZIVI_E_TICK,
+    self, Code, ZIVI_E_AHEAD, ZIVI_E_E, ZIVI_E_E_REF, ZIVI_E_GIVEN, ZIVI_E_KAPPA, ZIVI_E_KAPPA_REF,
+    ZIVI_E_QUIET, ZIVI_E_SIZE, ZIVI_E_TICK,
 };
 
 /// In `tick`: the tick that ends in exact rest, the default.
 pub const ZIVI_TICK_LANDING: u32 = 0;
 /// In `tick`: the tick of the paper.
 pub const ZIVI_TICK_PAPER: u32 = 1;
+
+/// In `given`: `e` is meant, also where it is 0.
+pub const ZIVI_GIVEN_E: u32 = 1;
+/// In `given`: `kappa` is meant, also where it is 0 (`e` = 1).
+pub const ZIVI_GIVEN_KAPPA: u32 = 2;
+/// In `given`: `e_ref` is meant.
+pub const ZIVI_GIVEN_E_REF: u32 = 4;
+/// In `given`: `kappa_ref` is meant.
+pub const ZIVI_GIVEN_KAPPA_REF: u32 = 8;
+/// In `given`: `ahead` is meant.
+pub const ZIVI_GIVEN_AHEAD: u32 = 16;
+/// In `given`: `press` is meant.
+pub const ZIVI_GIVEN_PRESS: u32 = 32;
+/// In `given`: `horizon` is meant.
+pub const ZIVI_GIVEN_HORIZON: u32 = 64;
+/// In `given`: `depth` is meant.
+pub const ZIVI_GIVEN_DEPTH: u32 = 128;
+/// In `given`: `u_min` and `u_max` are meant.
+pub const ZIVI_GIVEN_U_LIMITS: u32 = 256;
+/// In `given`: `noise_x` is meant.
+pub const ZIVI_GIVEN_NOISE_X: u32 = 512;
+/// In `given`: `noise_xdot` is meant.
+pub const ZIVI_GIVEN_NOISE_XDOT: u32 = 1024;
+/// In `given`: `q_d` is meant.
+pub const ZIVI_GIVEN_Q_D: u32 = 2048;
+/// In `given`: `dmax` is meant.
+pub const ZIVI_GIVEN_DMAX: u32 = 4096;
+
+/// The bits of a configuration that says which of its members that are zero are meant.
+#[derive(Clone, Copy)]
+pub(crate) struct Given(u32);
+
+impl Given {
+    /// These bits, which are all of `possible`.
+    pub(crate) fn checked(bits: u32, possible: u32) -> Result<Self, Code> {
+        if bits & !possible == 0 {
+            Ok(Self(bits))
+        } else {
+            Err(ZIVI_E_GIVEN)
+        }
+    }
+
+    fn has(self, bit: u32) -> bool {
+        self.0 & bit != 0
+    }
+
+    /// A member, its default where it is zero and not meant.
+    pub(crate) fn or(self, bit: u32, value: f64, default: f64) -> f64 {
+        self.said(bit, value).unwrap_or(default)
+    }
+
+    /// A member, `None` where it is zero and not meant.
+    pub(crate) fn said(self, bit: u32, value: f64) -> Option<f64> {
+        (value != 0.0 || self.has(bit)).then_some(value)
+    }
+}
+
+/// `e` and `kappa` of a wall.
+pub(crate) const WALL: u32 = ZIVI_GIVEN_E | ZIVI_GIVEN_KAPPA;
+/// What both controllers have.
+pub(crate) const CONTROLLER: u32 = WALL | ZIVI_GIVEN_AHEAD | ZIVI_GIVEN_DEPTH | ZIVI_GIVEN_U_LIMITS;
 
 /// The size that a configuration of this version states.
 pub(crate) fn checked_size<T>(size: u32) -> Result<(), Code> {
@@ -22,27 +84,37 @@ pub(crate) fn checked_size<T>(size: u32) -> Result<(), Code> {
     }
 }
 
-/// The restitution of `e` or of `kappa`, whichever is not zero.
-pub(crate) fn restitution(e: f64, kappa: f64) -> Result<Restitution, Code> {
-    let restitution = match (e == 0.0, kappa == 0.0) {
-        (_, true) => Restitution::from_e(e),
-        (true, false) => Restitution::from_kappa(kappa),
-        (false, false) => Restitution::from_both(e, kappa),
+/// The restitution of `e` or of `kappa`, whichever is said.
+pub(crate) fn restitution(given: Given, e: f64, kappa: f64) -> Result<Restitution, Code> {
+    of_either(given.said(ZIVI_GIVEN_E, e), given.said(ZIVI_GIVEN_KAPPA, kappa))
+}
+
+fn of_either(e: Option<f64>, kappa: Option<f64>) -> Result<Restitution, Code> {
+    let restitution = match (e, kappa) {
+        (Some(e), Some(kappa)) => Restitution::from_both(e, kappa),
+        (None, Some(kappa)) => Restitution::from_kappa(kappa),
+        (e, None) => Restitution::from_e(e.unwrap_or(0.0)),
     };
     let restitution = restitution.map_err(code::of_restitution)?;
     match restitution.kappa() < 1.0 {
         true => Ok(restitution),
-        false if kappa == 0.0 => Err(ZIVI_E_E),
+        false if kappa.is_none() => Err(ZIVI_E_E),
         false => Err(ZIVI_E_KAPPA),
     }
 }
 
-/// The same for the reference's wall; the plant's if both are zero.
-pub(crate) fn restitution_ref(e: f64, kappa: f64, plant: Restitution) -> Result<Restitution, Code> {
-    if e == 0.0 && kappa == 0.0 {
+/// The same for the reference's wall; the plant's if neither is said.
+pub(crate) fn restitution_ref(
+    given: Given,
+    e: f64,
+    kappa: f64,
+    plant: Restitution,
+) -> Result<Restitution, Code> {
+    let (e, kappa) = (given.said(ZIVI_GIVEN_E_REF, e), given.said(ZIVI_GIVEN_KAPPA_REF, kappa));
+    if e.is_none() && kappa.is_none() {
         return Ok(plant);
     }
-    restitution(e, kappa).map_err(|code| match code {
+    of_either(e, kappa).map_err(|code| match code {
         ZIVI_E_KAPPA => ZIVI_E_KAPPA_REF,
         _ => ZIVI_E_E_REF,
     })
@@ -60,36 +132,42 @@ pub(crate) enum Task {
 #[inline(never)]
 pub(crate) fn law(
     task: Task,
+    given: Given,
     (mu1, mu2): (f64, f64),
     bound: f64,
     h: f64,
     (e, kappa): (f64, f64),
-    (tick, ahead): (u32, u32),
+    (tick, ahead, quiet): (u32, u32, f64),
 ) -> Result<(Restitution, u32), Code> {
     let ahead = match tick {
+        ZIVI_TICK_LANDING if ahead == 0 && given.has(ZIVI_GIVEN_AHEAD) => return Err(ZIVI_E_AHEAD),
         ZIVI_TICK_LANDING => ahead.max(1),
         ZIVI_TICK_PAPER if ahead <= 1 => 0,
         ZIVI_TICK_PAPER => return Err(ZIVI_E_AHEAD),
         _ => return Err(ZIVI_E_TICK),
     };
-    let restitution = restitution(e, kappa)?;
+    if ahead == 0 && quiet != 0.0 {
+        return Err(ZIVI_E_QUIET);
+    }
+    let restitution = restitution(given, e, kappa)?;
     let gains = Gains::bounded(mu1, mu2, bound, restitution).and_then(|gains| match task {
         Task::Regulate => gains.regulate(bound, restitution),
         Task::Track => gains.track(bound, restitution),
     });
     gains.map_err(code::of_gain)?;
-    Landing::new(1, h).map_err(code::of)?;
+    let landing = Landing::new(1, h).map_err(code::of)?;
+    landing.with_quiet(quiet).map_err(code::of)?;
     Landing::new(ahead.max(1), h).map_err(|_| ZIVI_E_AHEAD)?;
     Ok((restitution, ahead))
 }
 
-/// Limits of the sensor and of the actuator; `depth` 0 is 0.1 m, `u_min = u_max = 0` no limits.
-pub(crate) fn port(depth: f64, u_min: f64, u_max: f64) -> Result<Port, Code> {
+/// Limits of the sensor and of the actuator: by default 0.1 m, and none.
+pub(crate) fn port(given: Given, depth: f64, u_min: f64, u_max: f64) -> Result<Port, Code> {
     let mut port = Port::default();
-    if depth != 0.0 {
+    if let Some(depth) = given.said(ZIVI_GIVEN_DEPTH, depth) {
         port = port.with_depth(depth).map_err(code::of)?;
     }
-    if u_min != 0.0 || u_max != 0.0 {
+    if u_min != 0.0 || u_max != 0.0 || given.has(ZIVI_GIVEN_U_LIMITS) {
         port = port.with_actuator(u_min, u_max).map_err(code::of)?;
     }
     Ok(port)

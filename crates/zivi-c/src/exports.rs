@@ -161,8 +161,8 @@ pub extern "C" fn zivi_tracker_size() -> u32 {
     size_of::<Tracker>() as u32
 }
 
-/// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
-/// yours to set.
+/// Sets the size, `horizon` to 1, and everything else to its default: 0. What has none (gains, period,
+/// wall) is yours to set.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_tracker_defaults(config: *mut TrackerConfig) -> i32 {
     // SAFETY: see the module

@@ -30,7 +30,12 @@ mod seal;
 mod tracker;
 
 pub use code::Code;
-pub use config::{ZIVI_TICK_LANDING, ZIVI_TICK_PAPER};
+pub use config::{
+    ZIVI_GIVEN_AHEAD, ZIVI_GIVEN_DEPTH, ZIVI_GIVEN_DMAX, ZIVI_GIVEN_E, ZIVI_GIVEN_E_REF,
+    ZIVI_GIVEN_HORIZON, ZIVI_GIVEN_KAPPA, ZIVI_GIVEN_KAPPA_REF, ZIVI_GIVEN_NOISE_X,
+    ZIVI_GIVEN_NOISE_XDOT, ZIVI_GIVEN_PRESS, ZIVI_GIVEN_Q_D, ZIVI_GIVEN_U_LIMITS,
+    ZIVI_TICK_LANDING, ZIVI_TICK_PAPER,
+};
 pub use mass::{Mass, MassConfig};
 pub use message::message;
 pub use observer::{Observer, ObserverConfig};

@@ -6,17 +6,18 @@ use crate::code::{
     self, Code, ZIVI_E_H, ZIVI_E_NO_SOLUTION, ZIVI_E_OVERFLOW, ZIVI_E_STATE, ZIVI_E_X, ZIVI_E_XDOT,
     ZIVI_OK,
 };
-use crate::config;
+use crate::config::{self, Given};
 use crate::seal::Sealed;
 
-/// Settings of a mass. A member that is zero takes its default.
+/// Settings of a mass. A member that is zero takes its default, unless its bit
+/// of `given` is set.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MassConfig {
     /// `sizeof(zivi_mass_config)`.
     pub size: u32,
-    /// 0.
-    pub reserved: u32,
+    /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+    pub given: u32,
     /// Step size (s), > 0.
     pub h: f64,
     /// Coefficient of restitution, in (0, 1]; or give `kappa`.
@@ -97,7 +98,8 @@ impl Mass {
 
     fn checked(config: &MassConfig) -> Result<(f64, Restitution), Code> {
         config::checked_size::<MassConfig>(config.size)?;
-        let restitution = config::restitution(config.e, config.kappa)?;
+        let given = Given::checked(config.given, config::WALL)?;
+        let restitution = config::restitution(given, config.e, config.kappa)?;
         ThetaGammaStep::new(config.h, 1.0, 1.0, restitution).map_err(code::of)?;
         Ok((config.h, restitution))
     }

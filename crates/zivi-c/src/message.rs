@@ -46,6 +46,8 @@ position_only must be 0 or 1\0\
 learn_e must be 0 or 1\0\
 q_e must be in [0, 1]\0\
 dt must be a finite time > 0\0\
+quiet must be finite and >= 0, and is not of ZIVI_TICK_PAPER\0\
+given must have bits of members of the configuration only\0\
 a setting is out of range\0\
 not a code of this library\0";
 
@@ -55,9 +57,9 @@ fn place(code: Code) -> u32 {
     match code {
         0..=3 => distance,
         ZIVI_E_NO_SOLUTION..=ZIVI_E_NULL => 3 + distance,
-        ZIVI_E_DT..=ZIVI_E_H => distance - 1,
-        ZIVI_E_SETTING => 43,
-        _ => 44,
+        ZIVI_E_GIVEN..=ZIVI_E_H => distance - 1,
+        ZIVI_E_SETTING => 45,
+        _ => 46,
     }
 }
 

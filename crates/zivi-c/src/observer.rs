@@ -7,10 +7,17 @@ use zivi_core::observer::{
 use zivi_core::{Physical, Restitution};
 
 use crate::code::{self, Code, ZIVI_E_LEARN_E, ZIVI_E_POSITION_ONLY, ZIVI_OK};
-use crate::config;
+use crate::config::{
+    self, Given, ZIVI_GIVEN_DMAX, ZIVI_GIVEN_NOISE_X, ZIVI_GIVEN_NOISE_XDOT, ZIVI_GIVEN_Q_D,
+};
 use crate::seal::Sealed;
 
-/// Settings of an observer. A member that is zero takes its default.
+/// What an observer's `given` may have.
+const GIVEN: u32 =
+    config::WALL | ZIVI_GIVEN_NOISE_X | ZIVI_GIVEN_NOISE_XDOT | ZIVI_GIVEN_Q_D | ZIVI_GIVEN_DMAX;
+
+/// Settings of an observer. A member that is zero takes its default, unless its bit
+/// of `given` is set.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ObserverConfig {
@@ -20,8 +27,8 @@ pub struct ObserverConfig {
     pub position_only: u32,
     /// 1: `e` is learnt; `se` is its deviation at the start then, by default 0.1.
     pub learn_e: u32,
-    /// 0.
-    pub reserved: u32,
+    /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+    pub given: u32,
     /// Sampling period (s), > 0.
     pub h: f64,
     /// Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
@@ -127,11 +134,13 @@ impl ObserverConfig {
     /// The same with its defaults filled in, all checked.
     fn checked(&self) -> Result<Self, Code> {
         config::checked_size::<Self>(self.size)?;
-        let or = |value: f64, default: f64| if value == 0.0 { default } else { value };
-        let restitution: Restitution = config::restitution(self.e, self.kappa)?;
+        let given = Given::checked(self.given, GIVEN)?;
+        let restitution: Restitution = config::restitution(given, self.e, self.kappa)?;
         let [noise_x, noise_xdot, q_d, _, dmax] = ObserverSettings::DEFAULTS;
-        let (noise_x, noise_xdot) = (or(self.noise_x, noise_x), or(self.noise_xdot, noise_xdot));
-        let (q_d, dmax) = (or(self.q_d, q_d), or(self.dmax, dmax));
+        let noise_x = given.or(ZIVI_GIVEN_NOISE_X, self.noise_x, noise_x);
+        let noise_xdot = given.or(ZIVI_GIVEN_NOISE_XDOT, self.noise_xdot, noise_xdot);
+        let q_d = given.or(ZIVI_GIVEN_Q_D, self.q_d, q_d);
+        let dmax = given.or(ZIVI_GIVEN_DMAX, self.dmax, dmax);
         let bare = ObserverSettings::new(restitution, self.h).map_err(code::of)?;
         let heard = bare.with_noise(noise_x, noise_xdot).map_err(code::of)?;
         let pushed = heard.with_force(q_d, dmax).map_err(code::of)?;

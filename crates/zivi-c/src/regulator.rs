@@ -5,10 +5,11 @@ use zivi_core::control::{Gains, Landing, Port, RegulatorState, TwistingRegulator
 use zivi_core::{Physical, Restitution};
 
 use crate::code::{self, Code, ZIVI_OK};
-use crate::config::{self, Task};
+use crate::config::{self, Given, Task};
 use crate::seal::Sealed;
 
-/// Settings of a regulator. A member that is zero takes its default.
+/// Settings of a regulator. A member that is zero takes its default, unless its bit
+/// of `given` is set.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegulatorConfig {
@@ -18,8 +19,8 @@ pub struct RegulatorConfig {
     pub tick: u32,
     /// Horizon of the landing in periods, 1 + the periods of delay; by default 1.
     pub ahead: u32,
-    /// 0.
-    pub reserved: u32,
+    /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+    pub given: u32,
     /// Gain on the sign of the position (m/s^2).
     pub mu1: f64,
     /// Gain on the sign of the velocity, 0 < mu2 < mu1 (m/s^2).
@@ -32,6 +33,8 @@ pub struct RegulatorConfig {
     pub kappa: f64,
     /// A bound of the unknown force that the gains are checked against (m/s^2); by default none.
     pub bound: f64,
+    /// Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+    pub quiet: f64,
     /// Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
     pub depth: f64,
     /// Least control of the actuator (m/s^2); no limits while both are 0.
@@ -55,6 +58,8 @@ pub struct Regulator {
     pub e: f64,
     /// `(1 - e)/(1 + e)`.
     pub kappa: f64,
+    /// Dead zone of the landing (m/s).
+    pub quiet: f64,
     /// How far behind the wall a measurement may lie (m).
     pub depth: f64,
     /// Least control (m/s^2).
@@ -83,7 +88,7 @@ pub struct Regulator {
 
 // SAFETY: `mu1` to `reserved`
 unsafe impl Sealed for Regulator {
-    const SETTINGS: usize = 9;
+    const SETTINGS: usize = 10;
     const KIND: u64 = 0x7a69_7669_7265_6775;
 
     fn seal(&self) -> u64 {
@@ -93,9 +98,9 @@ unsafe impl Sealed for Regulator {
 
 const _: () = {
     use core::mem::offset_of;
-    assert!(size_of::<Regulator>() == 120 && size_of::<RegulatorConfig>() == 88);
+    assert!(size_of::<Regulator>() == 128 && size_of::<RegulatorConfig>() == 96);
     assert!(offset_of!(Regulator, u) == 8 * <Regulator as Sealed>::SETTINGS);
-    assert!(offset_of!(Regulator, ticks) == 96 && offset_of!(Regulator, status) == 104);
+    assert!(offset_of!(Regulator, ticks) == 104 && offset_of!(Regulator, status) == 112);
 };
 
 impl RegulatorConfig {
@@ -117,14 +122,16 @@ impl Regulator {
 
     fn configured(&mut self, config: &RegulatorConfig) -> Result<(), Code> {
         config::checked_size::<RegulatorConfig>(config.size)?;
-        let RegulatorConfig { mu1, mu2, h, bound, e, kappa, tick, ahead, .. } = *config;
+        let RegulatorConfig { mu1, mu2, h, bound, e, kappa, tick, ahead, quiet, .. } = *config;
+        let given = Given::checked(config.given, config::CONTROLLER)?;
+        let (landing, walls) = ((tick, ahead, quiet), (e, kappa));
         let (restitution, ahead) =
-            config::law(Task::Regulate, (mu1, mu2), bound, h, (e, kappa), (tick, ahead))?;
-        let port = config::port(config.depth, config.u_min, config.u_max)?;
+            config::law(Task::Regulate, given, (mu1, mu2), bound, h, walls, landing)?;
+        let port = config::port(given, config.depth, config.u_min, config.u_max)?;
         let (e, kappa, depth) = (restitution.e(), restitution.kappa(), port.depth());
         let (u_min, u_max) = port.actuator();
         let none = Self::default();
-        *self = Self { mu1, mu2, h, e, kappa, depth, u_min, u_max, ahead, ..none };
+        *self = Self { mu1, mu2, h, e, kappa, quiet, depth, u_min, u_max, ahead, ..none };
         self.seal = self.seal_of_settings();
         Ok(())
     }
@@ -160,9 +167,9 @@ impl Regulator {
     /// The controller of the core with the settings that were checked.
     #[inline(always)] // taken apart: no copy of it is ever made
     fn core(&self) -> TwistingRegulator {
-        let Self { mu1, mu2, h, e, kappa, depth, u_min, u_max, ahead, .. } = *self;
+        let Self { mu1, mu2, h, e, kappa, quiet, depth, u_min, u_max, ahead, .. } = *self;
         let (gains, restitution) = (Gains::trusted(mu1, mu2), Restitution::trusted(e, kappa));
-        let landing = (ahead > 0).then(|| Landing::trusted(ahead, h));
+        let landing = (ahead > 0).then(|| Landing::trusted(ahead, h, quiet));
         let port = Port::trusted(depth, (u_min, u_max));
         TwistingRegulator::trusted(RegulationStep { h, restitution, gains }, landing, port)
     }

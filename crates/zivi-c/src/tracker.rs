@@ -10,7 +10,9 @@ use crate::code::{
     self, Code, Refusal, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE, ZIVI_E_STATE,
     ZIVI_OK,
 };
-use crate::config::{self, Task};
+use crate::config::{
+    self, Given, Task, ZIVI_GIVEN_E_REF, ZIVI_GIVEN_HORIZON, ZIVI_GIVEN_KAPPA_REF, ZIVI_GIVEN_PRESS,
+};
 use crate::seal::Sealed;
 
 /// In `branch`: measurements are lifted to `s >= 0`, the default.
@@ -18,7 +20,15 @@ pub const ZIVI_BRANCH_POSITIVE: u32 = 0;
 /// In `branch`: measurements are lifted to the preimage that is nearer to the reference.
 pub const ZIVI_BRANCH_NEAREST: u32 = 1;
 
-/// Settings of a tracker. A member that is zero takes its default.
+/// What a tracker's `given` may have.
+const GIVEN: u32 = config::CONTROLLER
+    | ZIVI_GIVEN_E_REF
+    | ZIVI_GIVEN_KAPPA_REF
+    | ZIVI_GIVEN_PRESS
+    | ZIVI_GIVEN_HORIZON;
+
+/// Settings of a tracker. A member that is zero takes its default, unless its bit
+/// of `given` is set.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackerConfig {
@@ -32,8 +42,8 @@ pub struct TrackerConfig {
     pub ahead: u32,
     /// 1: the measured velocity is taken half a period back in the air; 0: it is not.
     pub shift: u32,
-    /// 0.
-    pub reserved: u32,
+    /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+    pub given: u32,
     /// Gain on the sign of the position error (m/s^2).
     pub mu1: f64,
     /// Gain on the sign of the velocity error, 0 < mu2 < mu1 (m/s^2).
@@ -53,6 +63,8 @@ pub struct TrackerConfig {
     /// Acceleration towards the wall of a mass at rest, at least `bound` (m/s^2); by default the
     /// law's own.
     pub press: f64,
+    /// Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+    pub quiet: f64,
     /// Periods that a step is planned over, >= 1; by default 1.
     pub horizon: f64,
     /// Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
@@ -82,8 +94,10 @@ pub struct Tracker {
     pub e_ref: f64,
     /// `(1 - e_ref)/(1 + e_ref)`.
     pub kappa_ref: f64,
-    /// Acceleration towards the wall of a mass at rest (m/s^2), 0 for the law's own.
+    /// Acceleration towards the wall of a mass at rest (m/s^2), infinite for the law's own.
     pub press: f64,
+    /// Dead zone of the landing (m/s).
+    pub quiet: f64,
     /// Periods that a step is planned over.
     pub horizon: f64,
     /// How far behind the wall a measurement may lie (m).
@@ -136,7 +150,7 @@ pub struct Tracker {
 
 // SAFETY: `mu1` to `reserved`
 unsafe impl Sealed for Tracker {
-    const SETTINGS: usize = 14;
+    const SETTINGS: usize = 15;
     const KIND: u64 = 0x7a69_7669_7472_6163;
 
     fn seal(&self) -> u64 {
@@ -146,17 +160,17 @@ unsafe impl Sealed for Tracker {
 
 const _: () = {
     use core::mem::offset_of;
-    assert!(size_of::<Tracker>() == 232 && size_of::<TrackerConfig>() == 128);
+    assert!(size_of::<Tracker>() == 240 && size_of::<TrackerConfig>() == 136);
     assert!(offset_of!(Tracker, s_ref) == 8 * <Tracker as Sealed>::SETTINGS);
-    assert!(offset_of!(Tracker, x_ref) == 136 && offset_of!(Tracker, u) == 152);
-    assert!(offset_of!(Tracker, ticks) == 208 && offset_of!(Tracker, iterations) == 220);
+    assert!(offset_of!(Tracker, x_ref) == 144 && offset_of!(Tracker, u) == 160);
+    assert!(offset_of!(Tracker, ticks) == 216 && offset_of!(Tracker, iterations) == 228);
 };
 
 impl TrackerConfig {
-    /// The size, and everything else 0.
+    /// The size, a horizon of 1, and everything else 0. (All zeros would be a call of memset.)
     #[must_use]
     pub fn defaults() -> Self {
-        Self { size: size_of::<Self>() as u32, ..Self::default() }
+        Self { size: size_of::<Self>() as u32, horizon: 1.0, ..Self::default() }
     }
 }
 
@@ -212,20 +226,26 @@ impl Tracker {
 
     fn configured(&mut self, config: &TrackerConfig) -> Result<(), Code> {
         config::checked_size::<TrackerConfig>(config.size)?;
-        let TrackerConfig { mu1, mu2, h, bound, e, kappa, tick, ahead, .. } = *config;
+        let TrackerConfig { mu1, mu2, h, bound, e, kappa, tick, ahead, quiet, .. } = *config;
+        let given = Given::checked(config.given, GIVEN)?;
+        let (landing, walls) = ((tick, ahead, quiet), (e, kappa));
         let (restitution, ahead) =
-            config::law(Task::Track, (mu1, mu2), bound, h, (e, kappa), (tick, ahead))?;
-        let TrackerConfig { press, branch, shift, .. } = *config;
-        if press != 0.0 && (ahead == 0 || press < bound || !press.is_finite()) {
-            return Err(ZIVI_E_PRESS);
-        }
-        let restitution_ref = config::restitution_ref(config.e_ref, config.kappa_ref, restitution)?;
-        let port = config::port(config.depth, config.u_min, config.u_max)?;
+            config::law(Task::Track, given, (mu1, mu2), bound, h, walls, landing)?;
+        let TrackerConfig { branch, shift, .. } = *config;
+        let press = match given.said(ZIVI_GIVEN_PRESS, config.press) {
+            Some(press) if ahead == 0 || press < bound || !press.is_finite() => {
+                return Err(ZIVI_E_PRESS);
+            }
+            said => said.unwrap_or(f64::INFINITY),
+        };
+        let (e_ref, kappa_ref) = (config.e_ref, config.kappa_ref);
+        let restitution_ref = config::restitution_ref(given, e_ref, kappa_ref, restitution)?;
+        let port = config::port(given, config.depth, config.u_min, config.u_max)?;
         approach(branch).ok_or(ZIVI_E_BRANCH)?;
         if shift > 1 {
             return Err(ZIVI_E_SHIFT);
         }
-        let horizon = if config.horizon == 0.0 { 1.0 } else { config.horizon };
+        let horizon = given.or(ZIVI_GIVEN_HORIZON, config.horizon, 1.0);
         checked_horizon(horizon, h).map_err(code::of)?;
         let (u_min, u_max) = port.actuator();
         *self = Self {
@@ -237,6 +257,7 @@ impl Tracker {
             e_ref: restitution_ref.e(),
             kappa_ref: restitution_ref.kappa(),
             press,
+            quiet,
             horizon,
             depth: port.depth(),
             u_min,
@@ -337,8 +358,8 @@ impl Tracker {
             restitution: Restitution::trusted(self.e, self.kappa),
             restitution_ref: Restitution::trusted(self.e_ref, self.kappa_ref),
             approach: approach(self.branch).unwrap_or_default(),
-            landing: (self.ahead > 0).then(|| Landing::trusted(self.ahead, self.h)),
-            press: (self.press != 0.0).then_some(self.press),
+            landing: (self.ahead > 0).then(|| Landing::trusted(self.ahead, self.h, self.quiet)),
+            press: self.press.is_finite().then_some(self.press),
             horizon: self.horizon,
             shift: self.shift != 0,
             port: Port::trusted(self.depth, (self.u_min, self.u_max)),

@@ -36,6 +36,12 @@ fn port(depth: f64, (low, high): (f64, f64)) -> PyResult<Port> {
         .map_err(refused)
 }
 
+/// The landing of so many periods, if any, with this dead zone.
+fn landing(ahead: Option<u32>, h: f64, quiet: f64) -> PyResult<Option<Landing>> {
+    let landing = |ahead| Landing::new(ahead, h).and_then(|it| it.with_quiet(quiet));
+    ahead.map(landing).transpose().map_err(refused)
+}
+
 /// `(s_r, v_r, side, u, signs, status bits)`.
 type State = (f64, f64, f64, f64, [f64; 6], u8);
 
@@ -58,7 +64,7 @@ pub(crate) struct Regulator {
 #[pymethods]
 impl Regulator {
     #[new]
-    #[pyo3(signature = (mu1, mu2, *, h, kappa, bound, depth, actuator, ahead))]
+    #[pyo3(signature = (mu1, mu2, *, h, kappa, bound, depth, actuator, ahead, quiet))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         mu1: f64,
@@ -69,13 +75,12 @@ impl Regulator {
         depth: f64,
         actuator: (f64, f64),
         ahead: Option<u32>,
+        quiet: f64,
     ) -> PyResult<Self> {
         let restitution = restitution_of(kappa)?;
         let gains = gains(mu1, mu2, restitution, bound, Gains::for_regulation)?;
         let bare = TwistingRegulator::new(gains, h, restitution);
-        let landing = ahead.map(|ahead| Landing::new(ahead, h)).transpose();
-        let landing = landing.map_err(refused)?;
-        let inner = bare.map_err(refused)?.with_landing(landing);
+        let inner = bare.map_err(refused)?.with_landing(landing(ahead, h, quiet)?);
         Ok(Self { inner: inner.with_port(port(depth, actuator)?) })
     }
 
@@ -235,8 +240,8 @@ fn waypoint(name: &str, (x, xdot, branch): (f64, f64, f64)) -> PyResult<Waypoint
 with_reference! { Tracker,
     #[new]
     #[pyo3(signature = (
-        mu1, mu2, *, h, kappa, kappa_ref, nearest, bound, depth, actuator, ahead, press, horizon,
-        shift
+        mu1, mu2, *, h, kappa, kappa_ref, nearest, bound, depth, actuator, ahead, quiet, press,
+        horizon, shift
     ))]
     #[allow(clippy::too_many_arguments)]
     fn new(
@@ -250,6 +255,7 @@ with_reference! { Tracker,
         depth: f64,
         actuator: (f64, f64),
         ahead: Option<u32>,
+        quiet: f64,
         press: Option<f64>,
         horizon: f64,
         shift: bool,
@@ -258,8 +264,7 @@ with_reference! { Tracker,
         let (restitution, restitution_ref) = (restitution_of(kappa)?, restitution_of(kappa_ref)?);
         let gains = gains(mu1, mu2, restitution, bound, Gains::for_tracking)?;
         let bare = TwistingTracker::new(gains, h, restitution, restitution_ref, approach);
-        let landing = ahead.map(|ahead| Landing::new(ahead, h)).transpose().map_err(refused)?;
-        let landing = bare.map_err(refused)?.with_landing(landing);
+        let landing = bare.map_err(refused)?.with_landing(landing(ahead, h, quiet)?);
         let pressing = match press {
             Some(press) => landing.with_press(press, bound.unwrap_or(0.0)),
             None => Ok(landing),

@@ -6,13 +6,14 @@
 //! of the brake as stops a rising mass at the end of the horizon `N h`, not before:
 //!
 //! ```text
-//! x'' = F + u = -g      g = clip(x'/(N h), D, U)
+//! x'' = F + u = -g      g = clip((x' - q)/(N h), D, U)
 //! regulator             D = mu1 - mu2 - F             U = mu1 + mu2 - F
 //! tracker               D = (1 + kappa)(mu1 - mu2)    U = (1 - kappa)(mu1 + mu2)
 //! ```
 //!
 //! Where `U < D` (a tracker on a wall with `e < (mu1 - mu2)/(mu1 + mu2)`) there is nothing between
-//! them: `g = U` if `x' >= N h U`, else `g = D`.
+//! them: `g = U` if `x' - q >= N h U`, else `g = D`. The dead zone `q` bounds the errors of the measured
+//! velocity, 0 by default: with it they take no brake of a mass that rests, whose control is still.
 //!
 //! With `V = x'^2/2 + D x`: `V` is constant while the mass falls and does not grow while it rises
 //! (`g >= D`); each impact multiplies it by `e^2` at least; and the last bounces lie within one
@@ -20,11 +21,17 @@
 //! noise cannot lift the mass. (Where `U < D`, `V` grows by `D/U` at most while the mass rises, and
 //! `e^2 D/U < 1`.)
 //!
+//! An unknown force of at most `M`, one that follows the motion included, leaves all of it true of
+//! `E = x'^2/2 + (D + M) x` and `v-^2 <= v+^2 (D + M)/(min(U, D) - M)`: the mass rests if
+//! `M < (min(U, D) - e^2 D)/(1 + e^2)`, and for `M sgn x'` only then (docs/control.md).
+//!
 //! `N = 1 + d` where a control acts `d` periods after its measurement: until then the mass rises on.
+//! The brake of such a loop, `v' = -v(t - d h)/(N h)`, does not swing over if
+//! `N >= (1 + d)^(1 + d)/d^d`.
 
 use super::monotone::cut;
 use super::{GainError, Gains};
-use crate::setting::{is_positive, require};
+use crate::setting::{is_not_negative, is_positive, require};
 use crate::{sgn, Physical, Restitution, SettingError};
 
 /// The horizon of a landing.
@@ -33,6 +40,8 @@ pub struct Landing {
     ahead: u32,
     /// `N h` (s).
     horizon: f64,
+    /// `q` (m/s).
+    quiet: f64,
 }
 
 impl Landing {
@@ -47,14 +56,24 @@ impl Landing {
         let horizon = f64::from(ahead) * h;
         let range = "a sampling period > 0 with a finite product ahead h";
         require(is_positive(horizon), "h", h, range)?;
-        Ok(Self { ahead, horizon })
+        Ok(Self { ahead, horizon, quiet: 0.0 })
+    }
+
+    /// The same for a measured velocity whose errors are at most `quiet` (m/s).
+    ///
+    /// # Errors
+    /// [`SettingError`] unless it is finite and `>= 0`.
+    pub fn with_quiet(self, quiet: f64) -> Result<Self, SettingError> {
+        let range = "a finite bound >= 0 of the velocity's errors (m/s)";
+        require(is_not_negative(quiet), "quiet", quiet, range)?;
+        Ok(Self { quiet, ..self })
     }
 
     /// The same of numbers that were checked before and are not checked again.
     #[inline]
     #[must_use]
-    pub fn trusted(ahead: u32, h: f64) -> Self {
-        Self { ahead, horizon: f64::from(ahead) * h }
+    pub fn trusted(ahead: u32, h: f64, quiet: f64) -> Self {
+        Self { ahead, horizon: f64::from(ahead) * h, quiet }
     }
 
     /// The horizon in periods.
@@ -63,11 +82,24 @@ impl Landing {
         self.ahead
     }
 
+    /// The dead zone of the velocity (m/s).
+    #[must_use]
+    pub fn quiet(&self) -> f64 {
+        self.quiet
+    }
+
     /// The regulator's sign of the velocity under the force `f`: the `lv` in `[-1, 1]` with
-    /// `mu1 - F + mu2 lv = x'/(N h)`, cut to that range.
+    /// `mu1 - F + mu2 lv = (x' - q)/(N h)`, cut to that range.
     #[inline]
     pub(super) fn lambda_v(&self, xdot: f64, f: f64, gains: Gains) -> f64 {
-        cut((xdot / self.horizon - (gains.mu1() - f)) / gains.mu2())
+        cut(((xdot - self.quiet) / self.horizon - (gains.mu1() - f)) / gains.mu2())
+    }
+
+    /// Whether a measurement tells nothing from rest on the wall: the velocity is within its errors,
+    /// the position within what these make of it in the horizon.
+    #[inline]
+    fn is_at_rest(&self, Physical { x, xdot }: Physical) -> bool {
+        xdot.abs() <= self.quiet && x <= self.horizon * self.quiet
     }
 }
 
@@ -123,14 +155,15 @@ impl Descent {
     /// `g`: the acceleration towards the wall, control and force together.
     #[inline]
     pub(super) fn towards_wall(&self, state: Physical) -> f64 {
-        let (horizon, xdot) = (self.landing.horizon, state.xdot);
-        if state.is_at_origin() {
+        let Landing { horizon, quiet, .. } = self.landing;
+        let speed = state.xdot - quiet;
+        if self.landing.is_at_rest(state) {
             self.press
-        } else if xdot >= horizon * self.braking {
+        } else if speed >= horizon * self.braking {
             self.braking
         } else {
             // below U: also where U < D
-            let share = xdot / horizon;
+            let share = speed / horizon;
             if share > self.falling {
                 share
             } else {
