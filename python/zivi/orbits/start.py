@@ -93,7 +93,12 @@ def from_run(run: Trajectory, multiple: int | None, period: float) -> Guess:
         return Guess(state, multiple or 1, start=end % period)
     if multiple is None:
         multiple = _repeats(impacts, end, period)
-    return Guess(_window(impacts, end, multiple * period), multiple)
+    rows = _window(impacts, end, multiple * period)
+    while not len(rows):
+        # a flight of more than the periods that were taken
+        multiple += 1
+        rows = _window(impacts, end, multiple * period)
+    return Guess(rows, multiple)
 
 
 def _window(impacts: Array, end: float, length: float, before: float = 0.0) -> Array:
