@@ -9,6 +9,7 @@ import pytest
 
 import zivi
 from zivi.orbits import attractor
+from zivi.orbits.curve import Curve
 from zivi.orbits.flights import PRECISE
 from zivi.orbits.rest import resting_orbit
 from zivi.orbits.sequence import Frame
@@ -337,3 +338,37 @@ def test_diagrams_of_impacts_and_of_states():
     ):
         with pytest.raises(ValueError, match=match):
             zivi.bifurcation_diagram(table(), "amplitude", **({"values": [1.3]} | settings | bad))
+
+
+@pytest.mark.parametrize("multiple", [1, 2, 4])
+def test_steps_are_shorter_for_orbits_of_many_periods(multiple):
+    # the doublings come closer, 4.67 times each: so do the first points of a branch
+    amplitude = {1: 1.3, 2: 1.6, 4: 1.69}[multiple]
+    run = zivi.simulate(table(amplitude), (0, 2400), (0.1, 2.0))
+    orbit = zivi.periodic_orbit(table(amplitude), run)
+    assert orbit.multiple == multiple
+    branch = zivi.continue_orbit(orbit, "amplitude", (1.25, 1.75), step=0.03, max_points=4)
+    curve = Curve(orbit.system, orbit._frame, "amplitude", orbit._y, 0.5)
+    z = [curve.scaled(it._y, value) for it, value in zip(branch.orbits, branch.values, strict=True)]
+    first = int(np.flatnonzero(branch.values == amplitude)[0])
+    beside = np.linalg.norm(z[first] - z[first + (1 if first == 0 else -1)])
+    assert beside == pytest.approx(0.03 / 3 ** math.log2(multiple), rel=0.02)
+
+
+def test_a_doubled_orbit_is_followed_away_from_its_beginning_only():
+    branch = zivi.continue_orbit(impacting(1.5), "amplitude", (1.4, 1.6))
+    doubled = branch.switch(branch.of_kind("period_doubling")[0])
+    value = doubled.system.force.amplitude
+    # half the difference of the speeds grows like the root of the distance
+    away = zivi.continue_orbit(doubled, "amplitude", (1.4, 1.58))
+    assert away.values[0] == value
+    assert np.all(np.diff(away.values) > 0)
+    apart = [abs(np.diff(it.impacts["u"])[0]) for it in away.orbits]
+    assert np.all(np.diff(apart) > 0)
+    doubling = math.hypot(math.pi / 3, 10 / 9)
+    ratio = np.array(apart[1:]) ** 2 / (away.values[1:] - doubling)
+    assert ratio.max() < 1.5 * ratio.min()
+    assert away.events == []
+    # the method travels with the orbit
+    assert doubled._frame.method is branch.orbits[0]._frame.method
+    assert (doubled._frame.free, doubled._frame.period) == (False, None)
