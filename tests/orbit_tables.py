@@ -1,0 +1,35 @@
+"""A ball on a table, and its orbit with one impact in a period in closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+import zivi
+from oscillator import Oscillator
+from zivi.orbits.flights import PRECISE
+from zivi.orbits.sequence import Frame, equations
+
+TURN = 2 * math.pi
+MODES = Oscillator(0.05, 0.9, 0.8)
+
+
+def table(amplitude: float = 1.3, e: float = 0.5, omega: float = 1.0) -> zivi.ImpactSystem:
+    force = zivi.LinearForce(gravity=1.0, amplitude=amplitude, phase=-math.pi / 2, omega=omega)
+    return zivi.ImpactSystem(force, e=e)
+
+
+def frame(multiple: int = 1, **other: Any) -> Frame:
+    return Frame(multiple, None, PRECISE, **other)
+
+
+def single(amplitude: float = 1.3, e: float = 0.5) -> np.ndarray:
+    """The orbit of one impact in one period, rows (t, u)."""
+    cosine = math.pi * (1 - e) / ((1 + e) * amplitude)
+    return np.array([[math.acos(cosine), TURN * e / (1 + e)]])
+
+
+def residual(system: zivi.ImpactSystem, own: Frame, y: np.ndarray) -> np.ndarray:
+    return equations(system, own, y).residual
