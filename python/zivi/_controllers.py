@@ -38,6 +38,8 @@ class TickStatus(enum.IntFlag):
     """The control was cut to ``u_limits``."""
     REFUSED = 4
     """In a closed loop: the sample was refused, the last control was held."""
+    UNSOLVED = 8
+    """The general solver that was asked for found no signs; the exact ones were taken."""
 
 
 def is_state(state: Any) -> bool:
@@ -50,7 +52,8 @@ def is_state(state: Any) -> bool:
             and s * side >= 0.0
             and len(signs) == 6
             and all(abs(sign) <= 1.0 for sign in signs)
-            and bits in range(4)
+            and 0 <= bits < 16
+            and not bits & TickStatus.REFUSED
         )
     except (TypeError, ValueError):
         return False
@@ -203,6 +206,11 @@ class Landing(Shared):
     def quiet(self) -> float:
         """Dead zone of the landing (m/s)."""
         return self._number("quiet")
+
+    @property
+    def solver(self) -> str:
+        """How the signs of a step are found."""
+        return str(self._settings["solver"])
 
 
 def rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...]) -> Any:

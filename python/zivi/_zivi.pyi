@@ -575,7 +575,15 @@ class Regulator:
         ahead: int | None,
         quiet: float,
     ) -> Self: ...
-    def step(self, x: float, xdot: float, force: float) -> float: ...
+    def step(
+        self,
+        x: float | None,
+        xdot: float | None = None,
+        force: float = 0.0,
+        *,
+        dt: float | None = None,
+    ) -> float: ...
+    def _solve_by(self, solver: str, linearisations: int) -> None: ...
     def reset(self) -> None: ...
     @property
     def u(self) -> float: ...
@@ -606,16 +614,27 @@ class Tracker:
         horizon: float,
         shift: bool,
     ) -> Self: ...
-    def step(self, x: float, xdot: float, force: float, force_ref: float) -> float: ...
+    def step(
+        self,
+        x: float | None,
+        xdot: float | None = None,
+        force: float = 0.0,
+        force_ref: float = 0.0,
+        *,
+        dt: float | None = None,
+    ) -> float: ...
     def step_to(
         self,
-        x: float,
-        xdot: float,
+        x: float | None,
+        xdot: float | None,
         force: float,
         now: tuple[float, float, float],
         next: tuple[float, float, float],
         acceleration: float | None = None,
+        *,
+        dt: float | None = None,
     ) -> float: ...
+    def _solve_by(self, solver: str, linearisations: int) -> None: ...
     def _accelerations(self) -> list[float] | None: ...
     def reset(self, x_ref: float, xdot_ref: float) -> None: ...
     @property
@@ -682,7 +701,15 @@ class Explicit:
         depth: float,
         actuator: tuple[float, float],
     ) -> Self: ...
-    def step(self, x: float, xdot: float, force: float, force_ref: float) -> float: ...
+    def step(
+        self,
+        x: float | None,
+        xdot: float | None = None,
+        force: float = 0.0,
+        force_ref: float = 0.0,
+        *,
+        dt: float | None = None,
+    ) -> float: ...
     def reset(self, x_ref: float, xdot_ref: float) -> None: ...
     @property
     def x_ref(self) -> float: ...

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Literal, Self
 
 from zivi import _zivi
-from zivi._check import real, switch
+from zivi._check import real, switch, whole
 from zivi._controllers import (
     DEPTH,
     HORIZON,
@@ -21,11 +21,22 @@ from zivi._controllers import (
     reference_kappa,
     with_wall,
 )
+from zivi.methods import ThetaGamma
 
 __all__ = ["ExplicitTwisting", "TickStatus", "TwistingRegulator", "TwistingTracker"]
 
 BRANCHES = ("positive", "nearest")
 """How a tracker lifts what it measures."""
+LINEARISATIONS: int = ThetaGamma.linearisations
+
+
+def _solve_by(
+    controller: _zivi.Regulator | _zivi.Tracker, solver: str, linearisations: int
+) -> dict[str, Any]:
+    """Have the steps of a controller solved so, and return the settings."""
+    count = whole("linearisations", linearisations)
+    controller._solve_by(solver, count)
+    return {"solver": solver, "linearisations": count}
 
 
 class TwistingRegulator(_zivi.Regulator, Landing):
@@ -78,6 +89,14 @@ class TwistingRegulator(_zivi.Regulator, Landing):
         Dead zone of the landing, >= 0 (m/s): a bound of the errors of the measured velocity, such
         as 5 standard deviations. A mass at rest has a constant control then, and the landing rests
         as without errors.
+    solver : {"exact", "newton", "outer"}
+        How the signs of a step without a landing are found: by cases; as the variational
+        inequality (23) by the general solver; or by affine ones, one after another, without a
+        merit function. Both start from the signs of the last tick. Where the step has one solution
+        the control is the same; where a solver finds none, the exact signs are taken and `status`
+        has ``UNSOLVED``.
+    linearisations : int
+        For ``solver="outer"``: at most so many affine problems in a step, >= 1.
 
     Raises
     ------
@@ -109,6 +128,8 @@ class TwistingRegulator(_zivi.Regulator, Landing):
         landing: bool = True,
         ahead: int = 1,
         quiet: float = 0.0,
+        solver: Literal["exact", "newton", "outer"] = "exact",
+        linearisations: int = LINEARISATIONS,
     ) -> Self:
         kappa = plant_kappa(e, kappa)
         settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
@@ -116,6 +137,7 @@ class TwistingRegulator(_zivi.Regulator, Landing):
         zone: dict[str, Any] = {"quiet": quiet_of(landing, quiet)}
         self = super().__new__(cls, **core(settings), ahead=horizon if landing else None, **zone)
         self._settings = settings | {"landing": bool(landing), "ahead": horizon} | zone
+        self._settings |= _solve_by(self, solver, linearisations)
         return with_wall(self)
 
 
@@ -161,7 +183,8 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
     branch : {"positive", "nearest"}
         How a measurement is lifted to ``(s, v)``: to ``s >= 0``, the reference too, every period
         (the paper); or to the preimage that is nearer to the reference, which itself passes
-        through the wall continuously.
+        through the wall continuously: the one with the smaller
+        :math:`\mu_1 |e_s| + e_v^2/2`.
     bound : float, optional
         A bound :math:`M` of the force that is not known (m/s^2). The gains are then checked
         against it: :math:`M_e < \mu_2 < \mu_1 - M_e` with :math:`M_e = M (1+e)/(2e)`.
@@ -189,6 +212,14 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
     shift : bool
         Whether the tick takes the measured velocity half a period back, :math:`\dot x - h F_r/2`,
         in the air: it removes the bias :math:`h^2 |F_r|/2` of the position.
+    solver : {"exact", "newton", "outer"}
+        How the signs of a step are found: by cases; as the variational inequality (24) of six
+        signs by the general solver; or by affine ones, one after another, without a merit function.
+        Both start from the signs of the last tick. Where the step has one solution the control is
+        the same; where a solver finds none, the exact signs are taken and `status` has
+        ``UNSOLVED``.
+    linearisations : int
+        For ``solver="outer"``: at most so many affine problems in a step, >= 1.
 
     Raises
     ------
@@ -225,6 +256,8 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
         quiet: float = 0.0,
         horizon: float = HORIZON,
         shift: bool = False,
+        solver: Literal["exact", "newton", "outer"] = "exact",
+        linearisations: int = LINEARISATIONS,
     ) -> Self:
         if not (isinstance(branch, str) and branch in BRANCHES):
             raise ValueError(f"branch must be one of {', '.join(BRANCHES)}, got {branch!r}")
@@ -258,6 +291,7 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
             "ahead": periods,
             **more,
         }
+        self._settings |= _solve_by(self, solver, linearisations)
         return with_wall(self)
 
     @property

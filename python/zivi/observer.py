@@ -102,7 +102,8 @@ class ImpactObserver(_zivi.Observer, Component):
     .. math:: \ddot x = F + u + d, \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
 
     An extended Kalman filter on the exact sampled map: the covariance of :math:`(x, \dot x, d)`,
-    with ``learn_e`` of :math:`e` too, follows each flight of a period and, through the saltation matrix
+    with ``learn_e`` of :math:`e` too, follows each flight of a period and, through the saltation
+    matrix
 
     .. math::
 
@@ -111,9 +112,9 @@ class ImpactObserver(_zivi.Observer, Component):
 
     each impact; at a Zeno point and at rest only the variance of :math:`d` stays, which the wall's
     reaction hides. Measurements 5 standard deviations off are not taken. Several in a row start it
-    again: at the fifth, with its velocity; of positions alone where four of the last six, or all but
-    two, agree on a flight, so outliers do not. All that is measured in lengths and times scales with
-    their units. It is a tick like a controller's, and bounded in the same way.
+    again: at the fifth, with its velocity; of positions alone where four of the last six (all but
+    two of fewer) agree on a flight, so outliers do not. What is measured in lengths and times
+    scales with their units. It is a tick like a controller's, and bounded in the same way.
 
     Parameters
     ----------

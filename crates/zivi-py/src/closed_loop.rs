@@ -294,9 +294,9 @@ pub(crate) fn simulate_closed_loop(
     macro_rules! native {
         ($class:ty) => {
             if let (true, Ok(object)) = (ours, controller.cast::<$class>()) {
-                let mut copy = object.borrow().inner;
+                let mut copy = object.borrow().solved();
                 let run = surroundings.run_native(py, &mut copy, &mut forces, events, given, watch);
-                object.borrow_mut().inner = copy;
+                object.borrow_mut().inner = copy.controller;
                 return LoopRecord::new(py, run.map_err(setup_error)?, start.restitution);
             }
         };

@@ -2,16 +2,31 @@
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use zivi::drive::closed_loop::Solved;
+use zivi::Solver;
 use zivi_core::control::{
     Approach, ExplicitTwisting, GainError, Gains, Landing, Port, RegulatorState, TickStatus,
     TrackerState, TwistingRegulator, TwistingTracker, Waypoint,
 };
 use zivi_core::{Branch, Lifted, Physical, Restitution, SettingError};
 
+use crate::method::step_solver;
 use crate::transform::restitution_of;
 
 fn refused(error: SettingError) -> PyErr {
     PyValueError::new_err(error.to_string())
+}
+
+/// The sample, `None` where it is missing.
+fn sample(x: Option<f64>, xdot: Option<f64>) -> PyResult<Option<Physical>> {
+    match (x, xdot) {
+        (None, _) => Ok(None),
+        (Some(x), Some(xdot)) => Ok(Some(Physical { x, xdot })),
+        (Some(_), None) => {
+            let message = "xdot must be a velocity (m/s) where x is measured, got None";
+            Err(PyValueError::new_err(message))
+        }
+    }
 }
 
 /// Gains, by this condition if a bound of the unknown force is given.
@@ -59,6 +74,20 @@ fn restored((s, v, side, u, signs, bits): State) -> TrackerState {
 #[pyclass(subclass, module = "zivi._zivi")]
 pub(crate) struct Regulator {
     pub(crate) inner: TwistingRegulator,
+    /// How its steps are solved.
+    solver: Solver,
+}
+
+impl Regulator {
+    pub(crate) fn solved(&self) -> Solved<TwistingRegulator> {
+        Solved { controller: self.inner, solver: self.solver }
+    }
+}
+
+impl Tracker {
+    pub(crate) fn solved(&self) -> Solved<TwistingTracker> {
+        Solved { controller: self.inner, solver: self.solver }
+    }
 }
 
 #[pymethods]
@@ -81,17 +110,20 @@ impl Regulator {
         let gains = gains(mu1, mu2, restitution, bound, Gains::for_regulation)?;
         let bare = TwistingRegulator::new(gains, h, restitution);
         let inner = bare.map_err(refused)?.with_landing(landing(ahead, h, quiet)?);
-        Ok(Self { inner: inner.with_port(port(depth, actuator)?) })
+        Ok(Self { inner: inner.with_port(port(depth, actuator)?), solver: Solver::Exact })
     }
 
     /// Give the control for the period that starts with this measurement.
     ///
     /// Parameters
     /// ----------
-    /// x, xdot : float
-    ///     Measured distance from the wall (m) and velocity (m/s).
+    /// x, xdot : float or None
+    ///     Measured distance from the wall (m) and velocity (m/s). Without `x` the sample is missing:
+    ///     the control is held.
     /// force : float
     ///     Force on the mass without control (m/s^2).
+    /// dt : float, optional
+    ///     Length of the period that starts now, > 0 (s); by default `h`.
     ///
     /// Returns
     /// -------
@@ -103,8 +135,28 @@ impl Regulator {
     /// ValueError
     ///     For a sample that is not finite or too deep behind the wall; nothing has changed then,
     ///     and the last control is still `u`.
-    fn step(&mut self, x: f64, xdot: f64, force: f64) -> PyResult<f64> {
-        self.inner.tick(Physical { x, xdot }, force).map_err(refused)
+    #[pyo3(signature = (x, xdot=None, force=0.0, *, dt=None))]
+    fn step(
+        &mut self,
+        x: Option<f64>,
+        xdot: Option<f64>,
+        force: f64,
+        dt: Option<f64>,
+    ) -> PyResult<f64> {
+        let Some(measured) = sample(x, xdot)? else { return Ok(self.inner.miss()) };
+        let mut it = self.solved();
+        if let Some(dt) = dt {
+            it.controller = it.controller.lasting(dt).map_err(refused)?;
+        }
+        let u = it.tick(measured, force).map_err(refused)?;
+        self.inner.set_state(it.controller.state());
+        Ok(u)
+    }
+
+    /// How the steps are solved.
+    fn _solve_by(&mut self, solver: &Bound<'_, PyAny>, linearisations: i64) -> PyResult<()> {
+        self.solver = step_solver(solver, linearisations)?;
+        Ok(())
     }
 
     /// Forget the last tick.
@@ -152,12 +204,16 @@ macro_rules! with_reference {
             ///
             /// Parameters
             /// ----------
-            /// x, xdot : float
-            ///     Measured distance from the wall (m) and velocity (m/s).
+            /// x, xdot : float or None
+            ///     Measured distance from the wall (m) and velocity (m/s). Without `x` the sample is
+            ///     missing: the control is held, the reference advances.
             /// force : float
             ///     Force on the mass without control (m/s^2).
             /// force_ref : float
             ///     Force on the reference (m/s^2).
+            /// dt : float, optional
+            ///     Length of the period that starts now, > 0 (s); by default `h`. The step is planned,
+            ///     and the reference advances, over it.
             ///
             /// Returns
             /// -------
@@ -169,8 +225,26 @@ macro_rules! with_reference {
             /// ValueError
             ///     For a sample that is not finite or too deep behind the wall; nothing has
             ///     changed then: the reference has not advanced, the last control is still `u`.
-            fn step(&mut self, x: f64, xdot: f64, force: f64, force_ref: f64) -> PyResult<f64> {
-                self.inner.tick(Physical { x, xdot }, force, force_ref).map_err(refused)
+            #[pyo3(signature = (x, xdot=None, force=0.0, force_ref=0.0, *, dt=None))]
+            fn step(
+                &mut self,
+                x: Option<f64>,
+                xdot: Option<f64>,
+                force: f64,
+                force_ref: f64,
+                dt: Option<f64>,
+            ) -> PyResult<f64> {
+                let mut it = self.solved();
+                if let Some(dt) = dt {
+                    it.controller = it.controller.lasting(dt).map_err(refused)?;
+                }
+                let u = match sample(x, xdot)? {
+                    Some(measured) => it.tick(measured, force, force_ref),
+                    None => it.controller.miss(force_ref),
+                };
+                let u = u.map_err(refused)?;
+                self.inner.set_state(it.controller.state());
+                Ok(u)
             }
 
             /// Set the reference's distance from its wall, >= 0 (m), and its velocity (m/s), and
@@ -222,6 +296,8 @@ macro_rules! with_reference {
 #[pyclass(subclass, module = "zivi._zivi")]
 pub(crate) struct Tracker {
     pub(crate) inner: TwistingTracker,
+    /// How its steps are solved.
+    solver: Solver,
 }
 
 /// A given reference at one sample, `(x_ref, xdot_ref, branch)`.
@@ -271,7 +347,7 @@ with_reference! { Tracker,
         };
         let pressing = pressing.map_err(|error| PyValueError::new_err(error.to_string()))?;
         let inner = pressing.with_horizon(horizon).map_err(refused)?.with_shift(shift);
-        Ok(Self { inner: inner.with_port(port(depth, actuator)?) })
+        Ok(Self { inner: inner.with_port(port(depth, actuator)?), solver: Solver::Exact })
     }
 
     /// Give the control for the period that starts with this measurement, for a reference that is
@@ -279,8 +355,9 @@ with_reference! { Tracker,
     ///
     /// Parameters
     /// ----------
-    /// x, xdot : float
-    ///     Measured distance from the wall (m) and velocity (m/s).
+    /// x, xdot : float or None
+    ///     Measured distance from the wall (m) and velocity (m/s). Without `x` the sample is missing:
+    ///     the control is held.
     /// force : float
     ///     Force on the mass without control (m/s^2).
     /// now, next : (float, float, float)
@@ -290,6 +367,8 @@ with_reference! { Tracker,
     /// acceleration : float, optional
     ///     The reference's acceleration over the period (m/s^2). By default the difference quotient
     ///     of its velocities; over an impact `force`.
+    /// dt : float, optional
+    ///     Length of the period that starts now, > 0 (s); by default `h`.
     ///
     /// Returns
     /// -------
@@ -300,18 +379,36 @@ with_reference! { Tracker,
     /// ------
     /// ValueError
     ///     For a sample or a reference that is out of range; nothing has changed then.
-    #[pyo3(signature = (x, xdot, force, now, next, acceleration=None))]
+    #[pyo3(signature = (x, xdot, force, now, next, acceleration=None, *, dt=None))]
+    #[allow(clippy::too_many_arguments)]
     fn step_to(
         &mut self,
-        x: f64,
-        xdot: f64,
+        x: Option<f64>,
+        xdot: Option<f64>,
         force: f64,
         now: (f64, f64, f64),
         next: (f64, f64, f64),
         acceleration: Option<f64>,
+        dt: Option<f64>,
     ) -> PyResult<f64> {
         let (now, next) = (waypoint("now", now)?, waypoint("next", next)?);
-        self.inner.tick_to(Physical { x, xdot }, force, now, next, acceleration).map_err(refused)
+        let mut it = self.solved();
+        if let Some(dt) = dt {
+            it.controller = it.controller.lasting(dt).map_err(refused)?;
+        }
+        let u = match sample(x, xdot)? {
+            Some(measured) => it.tick_to(measured, force, [now, next], acceleration),
+            None => it.controller.miss_to(next),
+        };
+        let u = u.map_err(refused)?;
+        self.inner.set_state(it.controller.state());
+        Ok(u)
+    }
+
+    /// How the steps are solved.
+    fn _solve_by(&mut self, solver: &Bound<'_, PyAny>, linearisations: i64) -> PyResult<()> {
+        self.solver = step_solver(solver, linearisations)?;
+        Ok(())
     }
 
     /// `D`, `U` and the acceleration at rest, None without a landing.
@@ -324,6 +421,13 @@ with_reference! { Tracker,
 #[pyclass(subclass, module = "zivi._zivi")]
 pub(crate) struct Explicit {
     pub(crate) inner: ExplicitTwisting,
+}
+
+impl Explicit {
+    /// Its signs are those of the sample: nothing is solved.
+    pub(crate) fn solved(&self) -> Solved<ExplicitTwisting> {
+        Solved { controller: self.inner, solver: Solver::Exact }
+    }
 }
 
 with_reference! { Explicit,

@@ -7,7 +7,7 @@ use zivi::drive::batch::{
     simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings,
 };
 use zivi::drive::closed_loop::{AnyController, Given};
-use zivi::{Physical, Status};
+use zivi::{Physical, Solver, Status};
 
 use crate::batch::{natives, refused, row_restitution, rows};
 use crate::closed_loop::{given_of_row, motion_of};
@@ -21,9 +21,17 @@ use crate::watch::Watch;
 
 fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
     if let Ok(it) = controller.cast::<Regulator>() {
-        Ok(AnyController::Regulator(it.borrow().inner))
+        let it = it.borrow().solved();
+        Ok(match it.solver {
+            Solver::Exact => AnyController::Regulator(it.controller),
+            _ => AnyController::SolvedRegulator(it),
+        })
     } else if let Ok(it) = controller.cast::<Tracker>() {
-        Ok(AnyController::Tracker(it.borrow().inner))
+        let it = it.borrow().solved();
+        Ok(match it.solver {
+            Solver::Exact => AnyController::Tracker(it.controller),
+            _ => AnyController::SolvedTracker(it),
+        })
     } else if let Ok(it) = controller.cast::<Explicit>() {
         Ok(AnyController::Explicit(it.borrow().inner))
     } else {

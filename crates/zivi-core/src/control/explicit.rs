@@ -17,9 +17,9 @@ use crate::{sgn, transform, Branch, Lifted, Physical, Restitution, SettingError,
 pub struct ExplicitTwisting {
     gains: Gains,
     restitution: Restitution,
-    reference: ThetaGammaStep,
+    pub(super) reference: ThetaGammaStep,
     port: Port,
-    state: TrackerState,
+    pub(super) state: TrackerState,
 }
 
 impl ExplicitTwisting {

@@ -76,6 +76,12 @@ impl Landing {
         Self { ahead, horizon: f64::from(ahead) * h, quiet }
     }
 
+    /// The same for periods that are longer by this factor.
+    #[inline]
+    pub(super) fn stretched(self, factor: f64) -> Self {
+        Self { horizon: self.horizon * factor, ..self }
+    }
+
     /// The horizon in periods.
     #[must_use]
     pub fn ahead(&self) -> u32 {

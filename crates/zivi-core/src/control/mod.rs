@@ -26,6 +26,7 @@ mod given;
 pub mod inclusion;
 pub mod landing;
 pub mod monotone;
+mod period;
 mod port;
 pub mod regulation;
 mod regulator;

@@ -27,10 +27,10 @@ use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwistingRegulator {
-    step: RegulationStep,
-    landing: Option<Landing>,
+    pub(super) step: RegulationStep,
+    pub(super) landing: Option<Landing>,
     port: Port,
-    state: RegulatorState,
+    pub(super) state: RegulatorState,
 }
 
 /// What the regulator remembers; it does not influence the next tick.

@@ -62,16 +62,16 @@ pub enum Approach {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwistingTracker {
     /// Over the horizon.
-    step: TrackingStep,
+    pub(super) step: TrackingStep,
     /// Over a period.
-    reference: ThetaGammaStep,
+    pub(super) reference: ThetaGammaStep,
     shift: bool,
-    landing: Option<Landing>,
+    pub(super) landing: Option<Landing>,
     /// Acceleration towards the wall of a mass at rest, if it is not the law's own (m/s^2).
     press: Option<f64>,
     approach: Approach,
     port: Port,
-    state: TrackerState,
+    pub(super) state: TrackerState,
 }
 
 impl TwistingTracker {
@@ -346,7 +346,7 @@ impl TwistingTracker {
 
     /// The reference on the branch that the approach keeps it on.
     #[inline]
-    fn on_its_branch(&self, reference: Followed) -> Followed {
+    pub(super) fn on_its_branch(&self, reference: Followed) -> Followed {
         match self.approach {
             Approach::Positive => reference.folded(),
             Approach::Nearest => reference,

@@ -60,7 +60,7 @@ impl Memory {
 
     /// `dt` later, under the acceleration `a`.
     pub(super) fn pass(&mut self, dt: f64, a: f64) {
-        for it in &mut self.seen {
+        for it in self.seen.iter_mut().take(self.count as usize) {
             it.moved += a * dt * (it.age + 0.5 * dt);
             it.age += dt;
         }

@@ -100,30 +100,6 @@ impl<E> Controller<E> for Solved<TwistingRegulator> {
     }
 }
 
-impl<E> Controller<E> for Solved<TwistingTracker> {
-    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
-        let Tick { measured, force, force_ref, .. } = tick;
-        Ok(Solved::<TwistingTracker>::tick(self, measured, force, force_ref)?)
-    }
-
-    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
-        let (Tick { measured, force, .. }, Course { now, next, acceleration }) = (tick, course);
-        Ok(Solved::<TwistingTracker>::tick_to(self, measured, force, [now, next], acceleration)?)
-    }
-
-    fn reference(&self) -> Option<Physical> {
-        Some(self.controller.reference())
-    }
-
-    fn signs(&self) -> [f64; SIGNS] {
-        self.controller.state().signs
-    }
-
-    fn status(&self) -> TickStatus {
-        self.controller.state().status
-    }
-}
-
 impl<E> Controller<E> for TwistingRegulator {
     fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
         Ok(TwistingRegulator::tick(self, tick.measured, tick.force)?)
@@ -144,9 +120,9 @@ impl<E> Controller<E> for TwistingRegulator {
     }
 }
 
-/// The two controllers with a reference have one interface.
+/// The controllers with a reference have one interface.
 macro_rules! controller_with_reference {
-    ($controller:ty $(, $tick_to:item)?) => {
+    ($controller:ty, $it:ident, $inner:expr $(, $tick_to:item)?) => {
         impl<E> Controller<E> for $controller {
             fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
                 Ok(<$controller>::tick(self, tick.measured, tick.force, tick.force_ref)?)
@@ -155,15 +131,18 @@ macro_rules! controller_with_reference {
             $($tick_to)?
 
             fn reference(&self) -> Option<Physical> {
-                Some(<$controller>::reference(self))
+                let $it = self;
+                Some($inner.reference())
             }
 
             fn signs(&self) -> [f64; SIGNS] {
-                self.state().signs
+                let $it = self;
+                $inner.state().signs
             }
 
             fn status(&self) -> TickStatus {
-                self.state().status
+                let $it = self;
+                $inner.state().status
             }
         }
     };
@@ -171,12 +150,24 @@ macro_rules! controller_with_reference {
 
 controller_with_reference!(
     TwistingTracker,
+    it,
+    it,
     fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
         let (Tick { measured, force, .. }, Course { now, next, acceleration }) = (tick, course);
         Ok(TwistingTracker::tick_to(self, measured, force, now, next, acceleration)?)
     }
 );
-controller_with_reference!(ExplicitTwisting);
+controller_with_reference!(ExplicitTwisting, it, it);
+controller_with_reference!(
+    Solved<TwistingTracker>,
+    it,
+    it.controller,
+    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
+        let (Tick { measured, force, .. }, Course { now, next, acceleration }) = (tick, course);
+        Ok(Solved::<TwistingTracker>::tick_to(self, measured, force, [now, next], acceleration)?)
+    }
+);
+controller_with_reference!(Solved<ExplicitTwisting>, it, it.controller);
 
 /// One of the controllers of `zivi_core`.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@
 //! that of the exact one; where it has several, this is the one near the last signs.
 
 use zivi_core::control::inclusion::{AsProblem, Inclusion};
-use zivi_core::control::{Course, TwistingRegulator, TwistingTracker, Waypoint};
+use zivi_core::control::{Course, ExplicitTwisting, TwistingRegulator, TwistingTracker, Waypoint};
 use zivi_core::{Physical, SettingError};
 
 use crate::stepping::sign_solver::SignSolver;
@@ -45,6 +45,21 @@ impl Solved<TwistingRegulator> {
             let scales = inclusion.scales([1.0; 2]);
             solver.solve(&mut AsProblem(*inclusion), scales).then(|| solver.signs())
         })
+    }
+}
+
+impl Solved<ExplicitTwisting> {
+    /// [`ExplicitTwisting::tick`], whose signs are those of the sample.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn tick(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        force_ref: f64,
+    ) -> Result<f64, SettingError> {
+        self.controller.tick(measured, force, force_ref)
     }
 }
 
