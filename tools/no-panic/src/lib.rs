@@ -121,8 +121,8 @@ pub extern "C" fn zivi_observer(
 #[no_mangle]
 pub extern "C" fn zivi_observer_tick(
     it: &mut ImpactObserver,
+    dt: f64,
     measured: &Option<Measurement>,
-    measured: &Measurement,
     [force, u]: &[f64; 2],
     to: &mut Estimate,
 ) -> bool {
