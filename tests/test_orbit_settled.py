@@ -256,3 +256,23 @@ def test_chains_of_impacts():
     assert not _is_chain(np.array([3.0, 2.0, 1.0]))
     assert not _is_chain(np.array([3.0, 2.0, 2.5, 1.0]))
     assert _is_chain(np.array([3.0, 2.0, 1.0, 0.5, 0.7]))
+
+
+def test_exponents_of_a_flight_are_those_of_equal_parts(monkeypatch):
+    rows = []
+    flown = lyapunov.fly
+    monkeypatch.setattr(lyapunov, "fly", lambda *a, **k: rows.append(a[1]) or flown(*a, **k))
+    force = zivi.LinearForce(stiffness=1.0, damping=0.2, gravity=-3.0, amplitude=0.3, omega=0.7)
+    found = zivi.lyapunov_exponents(
+        zivi.ImpactSystem(force, e=0.5), (5.0, 105.0), (3.0, 0.1), transient=20.0
+    )
+    (parts,) = rows
+    np.testing.assert_allclose(parts[:, 0], np.linspace(25, 105, 201)[:-1])
+    np.testing.assert_allclose(parts[:, 3], np.linspace(25, 105, 201)[1:])
+    np.testing.assert_allclose(parts[:, 1:3], found.trajectory(parts[:, 0]).T, atol=1e-12)
+    np.testing.assert_allclose(found.exponents, [-0.1, -0.1], atol=1e-3)
+    assert (found.duration, found.n_impacts) == (80.0, 0)
+    assert found.exponents.sum() == pytest.approx(-0.2, rel=1e-6)
+    # a single impact after the transient makes no map either
+    once = zivi.lyapunov_exponents(table(), (0, 9.0), (0.1, 2.0), transient=4.0)
+    assert once.n_impacts == 0
