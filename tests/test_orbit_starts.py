@@ -274,6 +274,7 @@ def test_guesses_of_free_motions():
     drop = zivi.ImpactSystem(zivi.LinearForce(gravity=1.0), e=0.5)
     rests = free.free_guess(drop, (0.0, (0.5, 0.0)), PRECISE)
     assert (rests.resting, rests.multiple, rests.phase) == (True, 1, 10.0)
+    assert rests.y.shape == (0, 2)
     assert free._flight(drop, -3.0) == pytest.approx(6.0)
     assert free._flight(drop, 200.0) == pytest.approx(400.0)
     away = zivi.ImpactSystem(zivi.LinearForce(gravity=-1.0), e=0.5)
