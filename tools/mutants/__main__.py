@@ -49,6 +49,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of the draw (1)")
     parser.add_argument("--resume", action="store_true", help="leave out what was killed before")
     parser.add_argument("--only", default="", help="mutants whose line has this text")
+    parser.add_argument("--only-rust", action="store_true", help="leave out the tests in Python")
     parser.add_argument("--list", action="store_true", help="only list what is drawn")
     parser.add_argument("--entries", action="store_true", help="print survivors as entries")
     parser.add_argument("--into", type=Path, default=ROOT / "target" / "mutants", help="the copy")
@@ -153,7 +154,7 @@ class Trials:
                 tried = [mutant for mutant in left if mutant.file.endswith(".rs")]
             else:
                 tried = left
-            if tried:
+            if tried and not (self.given.only_rust and stage == "python"):
                 suite = self.recorded(stage, record, areas)
                 with ThreadPoolExecutor(self.given.jobs) as pool:
                     list(pool.map(lambda mutant, suite=suite: self.one(suite, mutant), tried))

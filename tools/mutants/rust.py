@@ -178,10 +178,11 @@ class Switched:
 
     def drop_unviable(self) -> None:
         """Compile, and leave out what does not: mutants that are no program of Rust."""
+        packages = {mutant.file.split("/")[1] for mutant in self.mutants}
         while True:
             self.write()
             code, output = self.scratch.cargo(
-                "check", *(f"--package={package}" for package in PACKAGES), "--message-format=json"
+                "check", *(f"--package={package}" for package in packages), "--message-format=json"
             )
             if code == 0:
                 return

@@ -97,3 +97,42 @@ fn the_nearest_image_looks_at_the_velocity_too() {
     let u = tracker.tick(bounced, force, force_ref).expect("a good sample");
     assert_eq!(u, step.solve(transform::lift(bounced, Branch::Negative, half()), force, target).u);
 }
+
+fn tracker(h: f64) -> TwistingTracker {
+    let gains = Gains::new(30.0, 17.0).expect("in range");
+    TwistingTracker::new(gains, h, half(), half(), Approach::Nearest).expect("admissible")
+}
+
+/// A press below the bound of the unknown force is refused, and so is one that is not finite.
+#[test]
+fn a_press_bears_the_unknown_force() {
+    let it = tracker(1e-3);
+    assert!(it.descent().is_some());
+    for (press, bound, good) in
+        [(2.0, 2.0, true), (3.0, 2.0, true), (1.9, 2.0, false), (f64::NAN, 0.0, false)]
+    {
+        assert_eq!(it.with_press(press, bound).is_ok(), good, "{press} {bound}");
+        assert!(it.with_landing(None).with_press(press, bound).is_ok());
+    }
+}
+
+/// While its reference rests a mass is let down with `g`, and the signs stand for it:
+/// `(1 - kappa lv)(mu1 + mu2 lev) = g` with the brake in part.
+#[test]
+fn the_signs_of_a_landing_stand_for_its_acceleration() {
+    let (h, force) = (1e-2, -9.81);
+    let mut inside = 0;
+    for k in 0..200 {
+        let xdot = -2.0 + 0.02 * f64::from(k);
+        let mut it = tracker(h);
+        it.reset(Physical::default()).expect("in range");
+        let u = it.tick(Physical { x: 0.1, xdot }, force, -9.81).expect("a good sample");
+        let (g, [ls, lv, _, _, les, lev]) = (-force - u, it.state().signs);
+        assert_eq!((ls, les, lv), (1.0, 1.0, zivi_core::sgn(xdot)), "{xdot}");
+        if lev.abs() < 1.0 {
+            assert!(((1.0 - 0.5 * lv) * (30.0 + 17.0 * lev) - g).abs() < 1e-12, "{xdot}: {lev}");
+            inside += 1;
+        }
+    }
+    assert!(inside > 5, "{inside}");
+}

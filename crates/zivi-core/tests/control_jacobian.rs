@@ -108,6 +108,34 @@ fn compare<const N: usize>(map: [f64; N], rows: &Rows, kappa: f64, context: &Who
     worst
 }
 
+/// What the residual divides by, against the magnitudes of the terms.
+fn compare_scales<const N: usize>(scales: [f64; N], rows: &Rows) {
+    for (scale, (_, terms)) in scales.into_iter().zip(rows) {
+        assert!((scale - terms).abs() <= 1e-14 * terms, "{scales:?}, {rows:?}");
+    }
+}
+
+#[test]
+fn the_scales_are_the_magnitudes_of_the_terms() {
+    let rng = Rng::new(66);
+    for _ in 0..2_000 {
+        let it = draw(&rng);
+        let (two, four, six) = (inside(&rng), inside(&rng), inside(&rng));
+        let (z, reference, f, f_ref) = (it.z, it.reference, it.f, it.f_ref);
+        let regulator = RegulationInclusion { step: &it.regulation(), z, f };
+        compare_scales(regulator.scales(two), &it.regulator_rows(two));
+        let (step, restitution_ref) = (&it.tracking(), it.restitution_ref);
+        let target = Target { end: reference, acceleration: f_ref };
+        let plant = PlantInclusion { step, z, f, target };
+        compare_scales(plant.scales(four), &it.plant_rows(f_ref, reference, four));
+        let whole = TrackingInclusion { step, restitution_ref, z, reference, f, f_ref };
+        compare_scales(whole.scales(six), &it.tracker_rows(six));
+    }
+    let at_rest = RegulationStep { h: 0.1, ..draw(&rng).regulation() };
+    let nothing = RegulationInclusion { step: &at_rest, z: Lifted::default(), f: 0.0 };
+    assert_eq!(nothing.scales([0.0; 2]), [1.0; 2]);
+}
+
 #[test]
 fn the_maps_are_the_equations_of_the_steps() {
     let rng = Rng::new(61);
@@ -243,8 +271,12 @@ fn the_signs_of_a_tick_solve_all_six_rows() {
         let f_ref = if rng.chance(0.2) { 1.0 } else { -1.0 } * rng.log_between(1e-2, 1e2);
         tracker.tick(measured, f, f_ref).expect("a usable sample");
         let lifted = transform::lift(measured, Branch::Positive, restitution);
-        let aligned = lifted.s * before.s + lifted.v * before.v >= 0.0;
-        let mirror = approach == Approach::Nearest && !aligned;
+        // of least mu1 |e_s| + e_v^2/2
+        let far = |sigma: f64| {
+            let (s, v) = (sigma * lifted.s - before.s, sigma * lifted.v - before.v);
+            gains.mu1() * s.abs() + 0.5 * v * v
+        };
+        let mirror = approach == Approach::Nearest && far(-1.0) < far(1.0);
         let z = if mirror { Lifted { s: -lifted.s, v: -lifted.v } } else { lifted };
         let (step, lambda) = (tracker.step(), tracker.state().signs);
         let whole = TrackingInclusion { step, restitution_ref, z, reference: before, f, f_ref };

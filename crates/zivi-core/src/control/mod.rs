@@ -34,6 +34,9 @@ mod tracker;
 mod tracker_state;
 pub mod tracking;
 
+#[cfg(test)]
+mod tests;
+
 pub use explicit::ExplicitTwisting;
 pub use followed::{Course, Planned};
 pub use gains::{GainError, Gains};

@@ -1,0 +1,78 @@
+//! What a tick plans: the course of the reference and the target, which no one outside sees.
+
+use super::{Approach, Course, Gains, TwistingTracker, Waypoint};
+use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
+
+fn half() -> Restitution {
+    Restitution::from_kappa(0.5).expect("in range")
+}
+
+fn tracker(h: f64) -> TwistingTracker {
+    let gains = Gains::new(30.0, 17.0).expect("in range");
+    TwistingTracker::new(gains, h, half(), half(), Approach::Nearest).expect("admissible")
+}
+
+/// In the air the acceleration of a given reference is the difference quotient of its velocities;
+/// at rest it is zero; over an impact it is the force.
+#[test]
+fn the_acceleration_of_a_given_reference_is_that_of_its_velocities() {
+    let h = 1e-2;
+    let at = |x: f64, xdot: f64, branch| Waypoint { state: Physical { x, xdot }, branch };
+    let (one, other) = (Branch::Positive, Branch::Negative);
+    for (now, next, acceleration) in [
+        (at(1.0, 0.5, one), at(1.0048, 0.46, one), (0.46 - 0.5) / h),
+        (at(1.0, -0.5, other), at(0.9952, -0.46, other), (0.5 - 0.46) / h),
+        (at(0.0, 0.0, one), at(0.0, 0.0, other), 0.0),
+        (at(0.01, -2.0, one), at(0.005, 1.0, other), -9.81),
+    ] {
+        let course = Course::between((half(), h), -9.81, [now, next], None).expect("in range");
+        assert!((course.force - acceleration).abs() < 1e-11, "{now:?}: {}", course.force);
+        let given = Course::between((half(), h), 0.0, [now, next], Some(acceleration));
+        assert!((given.expect("in range").back - course.back).abs() < 1e-13);
+        let flies = now.branch == next.branch && now.state.x > 0.0;
+        assert!((course.back - if flies { 0.5 * h * acceleration } else { 0.0 }).abs() < 1e-13);
+    }
+}
+
+/// Half a period of the reference's force, where it stays off the wall for the period.
+#[test]
+fn the_velocity_is_taken_half_a_period_back_only_in_the_air() {
+    let (h, force) = (1e-2, -9.81);
+    let below = -(0.5_f64 / h) + force * -h; // x + h (x' + h F) = 0 at x = 1/2
+    for (x, xdot, flies) in [
+        (0.5, 0.0, true),
+        (0.5, below + 1e-9, true),
+        (0.5, below - 1e-9, false),
+        (0.5, 3.0, true),
+        (0.0, 3.0, false),
+        (0.0, 0.0, false),
+        (0.2, -30.0, false),
+    ] {
+        let mut it = tracker(h).with_shift(true);
+        it.reset(Physical { x, xdot }).expect("in range");
+        let back = it.own_course(force).back;
+        assert_eq!(back, if flies { 0.5 * h * force } else { 0.0 }, "{x} {xdot}");
+        assert_eq!(it.with_shift(false).own_course(force).back, 0.0);
+    }
+}
+
+/// Planned over several periods, the plant follows the reference over all of them; the reference
+/// itself advances by one.
+#[test]
+fn a_longer_horizon_plans_towards_a_later_reference() {
+    let (h, force_ref) = (1e-2, -9.81);
+    let start = Physical { x: 1.0, xdot: 0.3 };
+    let after = |h: f64| ThetaGammaStep::new(h, 1.0, 1.0, half()).expect("admissible");
+    for horizon in [1.0, 2.0, 5.0] {
+        let mut it = tracker(h).with_shift(false).with_horizon(horizon).expect("in range");
+        it.reset(start).expect("in range");
+        let z = transform::lift(start, Branch::Positive, half());
+        let own = |it: &TwistingTracker| Ok::<_, SettingError>(it.own_course(force_ref));
+        let planned = it.plan(start, -9.81, own).expect("a good sample");
+        let late = after(h * horizon).solve(z, force_ref, 1.0).expect("a step").end();
+        let next = after(h).solve(z, force_ref, 1.0).expect("a step").end();
+        let close = |one: Lifted, other: Lifted| (one.s - other.s).abs() + (one.v - other.v).abs();
+        assert!(close(planned.target.end, late) < 1e-14, "{horizon}");
+        assert_eq!(planned.next.z, next);
+    }
+}
