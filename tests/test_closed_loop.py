@@ -9,6 +9,8 @@ import zivi
 from control_loops import PAPER, PLANT, Scripted, assert_equal_runs, follow, loop
 from control_oracle import EPS
 
+pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
+
 
 @settings(max_examples=25)
 @given(

@@ -29,6 +29,8 @@ from control_loops import (
 )
 from interrupting import stops_within_a_second
 
+pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
+
 
 def test_names_and_defaults_of_the_contract():
     parameters = inspect.signature(zivi.simulate_closed_loop).parameters

@@ -427,6 +427,28 @@ def test_an_actuator_that_is_too_weak_for_any_time_is_told_so():
         zivi.design_tracker(1e-9, e=0.5)
 
 
+@pytest.mark.parametrize("make", [zivi.design_tracker, zivi.design_regulator])
+def test_errors_of_the_velocity_are_in_the_promise(make):
+    asked = {"e": 0.8, "bound": 0.5, "force": -4.0}
+    design = make(2.0, **asked, quiet=0.05)
+    controller = design.controller()
+    assert controller.quiet == design.quiet == 0.05
+    exact = make(2.0, **asked)
+    assert max(design.rising, design.falling) > max(exact.rising, exact.falling)
+    more = {"y_ref0": (0, 0), "force_model": -4.0} if design.kind == "tracker" else {}
+    for seed in range(3):
+        run = zivi.simulate_closed_loop(
+            zivi.ImpactSystem(-3.6, e=0.8),
+            controller,
+            (0, 2.5),
+            (1, 0),
+            noise=(0.0, 0.01),
+            seed=seed,
+            **more,
+        )
+        assert run.rest_time < design.settling_time <= 2.0
+
+
 def test_practical_rest_asks_for_less_and_says_how_high():
     asked = {"e": 0.9, "bound": 3.0, "force": -9.81}
     exact = zivi.design_tracker(2.0, **asked)

@@ -112,6 +112,41 @@ def test_a_periodic_orbit_is_held_for_as_long_as_it_runs():
     assert len(run.impacts) >= 30
 
 
+def test_controllers_of_the_user_are_told_the_reference():
+    told = []
+
+    class Plain:
+        h = H
+
+        def step(self, x, xdot, force):
+            return -force
+
+    class Knows(Plain):
+        def step(self, x, xdot, force, xdot_ref, x_ref):
+            told.append((x_ref, xdot_ref))
+            return -force + 100 * (x_ref - x) + 20 * (xdot_ref - xdot)
+
+    run = loop(swinging, (0, 2), controller=Knows())
+    np.testing.assert_array_equal(np.array(told).T, [run.x_ref[:-1], run.xdot_ref[:-1]])
+    np.testing.assert_array_equal(run.x_ref, swinging_at(run.t)[0])
+    assert abs(run.error[-1]) < 0.05
+    assert run.config["controller"]["name"] == "Knows"
+    # one that asks for nothing goes its own way
+    free = loop(swinging, (0, 2), controller=Plain())
+    np.testing.assert_array_equal(free.x_ref, run.x_ref)
+
+    class Timed(Plain):
+        def step(self, x, xdot, force, t):
+            return 0.0
+
+    with pytest.raises(TypeError, match=r"step_to.*Timed"):
+        loop(swinging, (0, 2), controller=Timed())
+
+
+def swinging_at(times):
+    return np.array([swinging(float(t))[:2] for t in times]).T
+
+
 def test_a_supervisor_changes_it_while_the_loop_runs():
     class Supervised:
         height = 1.0

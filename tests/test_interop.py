@@ -11,6 +11,8 @@ import pytest
 import zivi
 from zivi.interop import controller_block, force_block, impact_plant, state_vector
 
+pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
+
 ROOT = Path(__file__).parents[1]
 H = 1e-3
 GRAVITY = -9.81

@@ -1,5 +1,8 @@
 """The juggler of gymnasium: its checker, its motion, a controller that holds the height."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -70,3 +73,31 @@ def test_bad_input():
             zivi.interop.juggler(**{name: value})
     with pytest.raises(ValueError, match="y0"):
         zivi.interop.juggler().reset(options={"y0": (-1.0, 0.0)})
+
+
+def test_an_action_that_is_none_is_refused():
+    env = zivi.interop.juggler()
+    env.reset(seed=1)
+    before = env.unwrapped._state
+    for action in ([np.nan], [np.inf], [0.1, 0.2], []):
+        with pytest.raises(ValueError, match="action must be one finite number"):
+            env.step(np.array(action, np.float32))
+    assert env.unwrapped._state == before
+    assert np.all(np.isfinite(env.step(np.float32(0.1))[0]))
+
+
+def test_it_pickles_with_its_state_and_its_draws():
+    env = zivi.interop.juggler(e=0.6, h=0.03, height=0.4, u_max=4.0, steps=50)
+    env.reset(seed=3)
+    env.step([0.7])
+    for twin in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
+        assert twin is not env
+        for action in (0.2, -0.4):
+            state = env.unwrapped._state, env.unwrapped._k
+            found, wanted = twin.step([action]), env.step([action])
+            np.testing.assert_array_equal(found[0], wanted[0])
+            assert found[1:] == wanted[1:]
+            env.unwrapped._state, env.unwrapped._k = state
+            twin.unwrapped._state, twin.unwrapped._k = state
+    again = pickle.loads(pickle.dumps(env))
+    np.testing.assert_array_equal(again.reset()[0], env.reset()[0])

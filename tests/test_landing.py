@@ -9,6 +9,8 @@ import pytest
 import zivi
 from control_oracle import settling_time
 
+pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
+
 F = -9.81
 
 

@@ -225,3 +225,44 @@ def test_a_configuration_with_infinity_is_plain_json():
     for run in (sol, loop, batch):
         config = json.loads(run.to_xarray().attrs["config"], parse_constant=refuse)
         assert config["method"]["max_step"] is None
+
+
+def test_a_reference_with_a_wall_of_its_own_moves_by_that_wall():
+    """Its s and v are linear in a period with an impact, lifted by its own kappa."""
+    tracker = zivi.TwistingTracker(30, 17, h=1e-2, e=0.8, e_ref=0.3)
+    run = zivi.simulate_closed_loop(
+        zivi.ImpactSystem(-9.81, e=0.8), tracker, (0, 1), (1, 0), y_ref0=(1, 0)
+    )
+    k = int(np.flatnonzero((run.xdot_ref[:-1] < -1) & (run.xdot_ref[1:] > 0))[0])
+    kappa = 0.7 / 1.3
+    # x = |s|, x' = (1 - kappa sgn(s v)) sgn(s) v: down on the positive side, up on the other
+    v = run.xdot_ref[k] / (1 + kappa), -run.xdot_ref[k + 1] / (1 - kappa)
+    s = run.x_ref[k], -run.x_ref[k + 1]
+    for part in (0.1, 0.35, 0.6, 0.9):
+        s_t, v_t = (a + part * (b - a) for a, b in (s, v))
+        x, xdot = run.reference(run.t[k] + part * (run.t[k + 1] - run.t[k]))
+        assert x == pytest.approx(abs(s_t), rel=1e-9)
+        wanted = (1 - kappa * np.sign(s_t * v_t)) * np.sign(s_t) * v_t
+        assert xdot == pytest.approx(wanted, rel=1e-9)
+
+
+def test_rest_before_an_event_is_rest_for_a_period_at_least():
+    plant, h = zivi.ImpactSystem(-9.81, e=0.5), 1e-2
+    tracker = zivi.TwistingTracker(30, 17, h=h, e=0.5)
+
+    def until(time, y0=(0.1, 0)):
+        def due(t, x, xdot):
+            return t - time
+
+        due.terminal = True
+        return zivi.simulate_closed_loop(plant, tracker, (0, 1), y0, y_ref0=(0, 0), events=due)
+
+    zeno = until(0.9).zeno_times[-1]
+    assert until(zeno + 0.5 * h).rest_time is None
+    assert until(zeno + 0.97 * h).rest_time is None
+    assert until(zeno + 1.03 * h).rest_time == zeno
+    assert until(0.9).rest_time == zeno
+    assert until(0.9 * zeno).rest_time is None
+    # from the start on, if that is less than a period
+    assert until(0.4 * h, (0, 0)).rest_time == 0.0
+    assert until(1.4 * h, (0, 0)).rest_time == 0.0

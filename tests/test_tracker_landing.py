@@ -8,6 +8,8 @@ import pytest
 
 import zivi
 
+pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
+
 F, H = -9.81, 1e-3
 
 
@@ -221,3 +223,94 @@ def test_settings_survive_copies_and_pickles():
 def test_bad_settings_are_named(settings, error, message):
     with pytest.raises(error, match=message.replace("^", r"\^")):
         tracker(**settings)
+
+
+@pytest.mark.parametrize("gains", [(30, 17), (30, 3)])  # U > D, and U < D
+def test_the_dead_zone_takes_the_velocitys_errors_for_nothing(gains):
+    e, quiet, ahead = 0.3, 0.05, 3
+    D, U = accelerations(*gains, e)
+    it = tracker(e, *gains, quiet=quiet, ahead=ahead, press=25.0)
+    N = ahead * H
+    assert it.quiet == quiet
+    for x in (0.0, 0.9 * N * quiet, 1.1 * N * quiet, 1.0):
+        for xdot in np.concatenate(
+            [np.linspace(-0.2, 0.2, 81), quiet + N * U * np.array([0.99, 1.01])]
+        ):
+            it.reset(0, 0)
+            share = (xdot - quiet) / N
+            g = U if share >= U else max(share, D)
+            if abs(xdot) <= quiet and x <= N * quiet:
+                g = 25.0
+            assert -F - it.step(x, xdot, F, F) == pytest.approx(g, rel=1e-12)
+    regulator = zivi.TwistingRegulator(30, 17, h=H, e=e, quiet=quiet, ahead=ahead)
+    for xdot in np.linspace(-0.2, 0.6, 81):
+        g = np.clip((xdot - quiet) / N, 13 - F, 47 - F)
+        assert -F - regulator.step(0.5, xdot, F) == pytest.approx(g, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["tracker", "regulator"])
+def test_a_mass_at_rest_has_a_constant_control(kind):
+    rng = np.random.default_rng(5)
+    measured = np.column_stack([np.abs(rng.normal(0, 1e-4, 50_000)), rng.normal(0, 0.1, 50_000)])
+    changes = []
+    for quiet in (0.0, 0.5):
+        it = (
+            tracker(quiet=quiet)
+            if kind == "tracker"
+            else zivi.TwistingRegulator(30, 17, h=H, e=0.5, quiet=quiet)
+        )
+        more = (F, F) if kind == "tracker" else (F,)
+        u = [it.step(x, xdot, *more) for x, xdot in measured.tolist()]
+        changes.append(np.count_nonzero(np.diff(u)))
+    assert changes[0] > 1000
+    assert changes[1] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("settings", [{"ahead": 6, "quiet": 0.5}, {"ahead": 15}])
+def test_late_controls_rest_near_e_one_under_noise(settings):
+    """With ahead = 1 + d alone none does: its brake swings over."""
+    n, e = 6, 0.98
+    given = {"delay": 5, "noise": (0.0, 0.1), "seed": range(n)}
+    it = tracker(e, ahead=6)
+    with pytest.warns(
+        zivi.ModelWarning, match=r"quiet .5 deviations of the velocity., or ahead=15"
+    ):
+        assert share_at_rest(it, n, 12.0, **given) < 0.5
+    assert share_at_rest(tracker(e, **settings), n, 25.0, **given) == 1
+
+
+def test_what_may_never_rest_is_told():
+    plant, span = zivi.ImpactSystem(F, e=0.95), (0, 0.05)
+
+    def run(it, **settings):
+        return zivi.simulate_closed_loop(plant, it, span, (1, 0), **settings)
+
+    late = {"delay": 3}
+    with pytest.warns(zivi.ModelWarning, match=r"ahead = 1, but 1 . delay = 4"):
+        run(tracker(0.95), **late)
+    with pytest.warns(zivi.ModelWarning, match=r"ahead = 3, but 1 . delay = 4"):
+        run(zivi.TwistingRegulator(30, 17, h=H, e=0.95, ahead=3), **late)
+    noise = {"noise": (0.0, 0.1), "seed": 1, **late}
+    with pytest.warns(zivi.ModelWarning, match=r"e = 0.95: give it quiet .*, or ahead=10"):
+        run(tracker(0.95, ahead=9), **noise)  # 4^4/3^3 = 9.48
+    # errors: no warning
+    run(tracker(0.95, ahead=4), **late)
+    run(tracker(0.95, landing=False), **late)
+    run(tracker(0.95, ahead=10), **noise)
+    run(tracker(0.95, ahead=4, quiet=0.5), **noise)
+    run(tracker(0.95, ahead=4), **noise, observer=zivi.ImpactObserver(0.95, H, noise=(1e-6, 0.1)))
+    run(tracker(0.95, ahead=4), noise=(1e-4, 0.0), seed=1, **late)
+    assert run(tracker(0.95), noise=(0.0, 0.1), seed=1).success
+
+
+def test_a_bad_dead_zone_is_refused():
+    for quiet in (-1e-3, np.nan, np.inf):
+        with pytest.raises(ValueError, match="quiet must be"):
+            tracker(quiet=quiet)
+    with pytest.raises(ValueError, match="landing=False it must be 0"):
+        tracker(quiet=0.1, landing=False)
+    with pytest.raises(TypeError, match="quiet"):
+        tracker(quiet="little")
+    again = pickle.loads(pickle.dumps(tracker(quiet=0.1)))
+    assert again.quiet == copy.copy(again).quiet == 0.1

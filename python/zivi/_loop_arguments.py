@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import math
 import numbers
 import warnings
 from collections.abc import Sequence
@@ -23,12 +24,14 @@ from zivi.system import ImpactSystem, force_spec, in_wall_frame
 
 __all__ = [
     "OURS",
+    "check_ahead",
     "check_delay",
     "check_follows",
     "check_interface",
     "check_method",
     "check_not_negative",
     "check_observer",
+    "check_seed",
     "described",
     "described_observer",
     "forces_of",
@@ -109,6 +112,36 @@ def check_delay(delay: Any) -> int:
     return int(delay)
 
 
+def check_ahead(controller: Any, delay: int, noise: float = 0.0, stacklevel: int = 3) -> None:
+    """Warn of a landing that does not look as far ahead as its control is late.
+
+    Under noise of the velocity the brake of a late loop, ``v' = -v(t - d h)/(N h)``, swings over
+    unless ``N >= (1 + d)^(1 + d)/d^d``; a dead zone does as well.
+    """
+    if not (delay and isinstance(controller, OURS) and getattr(controller, "landing", False)):
+        return
+    it: Any = controller
+    text = ""
+    if it.ahead < 1 + delay:
+        text = f"a landing may never rest: ahead = {it.ahead}, but 1 + delay = {1 + delay}"
+    elif noise > 0.0 and it.quiet == 0.0 and it.e >= NEAR_ELASTIC and it.ahead < calm(delay):
+        text = (
+            f"under noise a landing with ahead = {it.ahead} and delay = {delay} may never rest at "
+            f"e = {it.e:.6g}: give it quiet (5 deviations of the velocity), or ahead={calm(delay)}"
+        )
+    if text:
+        warnings.warn(text, ModelWarning, stacklevel=stacklevel)
+
+
+NEAR_ELASTIC = 0.9
+"""`e` from which a brake that swings over may keep a mass from rest under noise."""
+
+
+def calm(delay: int) -> int:
+    """Give the least horizon whose late brake does not swing over."""
+    return math.ceil((1 + delay) * (1.0 + 1.0 / delay) ** delay)
+
+
 MAX_DELAY = 10**9
 """Periods of the longest run."""
 
@@ -126,12 +159,7 @@ def noise_of(
     deviations: tuple[float, float], seed: int | None, span: tuple[float, float], h: float
 ) -> tuple[int | None, tuple[Array, Array]]:
     """Draw the noise of the whole run."""
-    if seed is not None:
-        if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
-            raise TypeError(f"seed must be a whole number >= 0, got {seed!r}")
-        if seed < 0:
-            raise ValueError(f"seed must be a whole number >= 0, got {seed}")
-        seed = int(seed)
+    seed = None if seed is None else check_seed(seed)
     none = np.empty(0)
     if deviations == (0.0, 0.0):
         return seed, (none, none)
@@ -147,6 +175,15 @@ def noise_of(
         deviations[0] * draws[:, 0],
         deviations[1] * draws[:, 1],
     )
+
+
+def check_seed(seed: Any) -> int:
+    """Return a seed of the noise."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+        raise TypeError(f"seed must be a whole number >= 0, got {seed!r}")
+    if seed < 0:
+        raise ValueError(f"seed must be a whole number >= 0, got {seed}")
+    return int(seed)
 
 
 MAX_NOISE = 1e8

@@ -82,7 +82,8 @@ def placed(controllers: list[Any], references: Array, n: int) -> list[Any]:
 
 def on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> list[Any]:
     """Give the controllers without `e` their plants'."""
-    differ = len(plants) > 1 and any(it._settings["kappa"] is None for it in controllers)
+    ours = [it for it in controllers if isinstance(it, OURS)]
+    differ = len(plants) > 1 and any(it._settings["kappa"] is None for it in ours)
     count = n if differ else len(controllers)
     # one warning for all of a kind: the warnings of one place are shown once
     return [on_wall(entry(controllers, i), entry(plants, i), stacklevel=4) for i in range(count)]

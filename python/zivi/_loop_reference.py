@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from zivi import _zivi
 from zivi._check import Array, real_array
 from zivi._describe import describe
+from zivi._loop_arguments import OURS
 from zivi._loop_path import SampledReference, on_side
 from zivi.trajectory import Trajectory
 
@@ -22,6 +24,7 @@ __all__ = [
     "describe_reference",
     "given",
     "rows_of",
+    "told_of",
 ]
 
 Reference: TypeAlias = Trajectory | Callable[[float], Sequence[float]] | ArrayLike
@@ -41,11 +44,53 @@ def check_reference(controller: Any, reference: Any, **others: Any) -> None:
     for name, value in others.items():
         if value is not None:
             raise TypeError(f"{name} belongs to a reference that the controller advances itself")
-    if not callable(getattr(controller, "step_to", None)):
+    if isinstance(controller, OURS) and not callable(getattr(controller, "step_to", None)):
         kind = type(controller).__name__
         raise TypeError(
-            f"reference= needs a controller with step_to, such as zivi.TwistingTracker, got {kind}"
+            "reference= needs a controller with step_to, such as zivi.TwistingTracker, or one of "
+            f"your own, got {kind}"
         )
+
+
+class Told:
+    """A controller of the user without ``step_to``: its step is told the reference by name."""
+
+    def __init__(self, controller: Any) -> None:
+        self.controller, self.h = controller, controller.h
+        for name in ("e", "kappa_ref"):
+            if hasattr(controller, name):
+                setattr(self, name, getattr(controller, name))
+        try:
+            signature = inspect.signature(controller.step)
+        except (TypeError, ValueError):  # a builtin that does not tell
+            self._names: list[str] = []
+            return
+        self._names = [name for name in ("x_ref", "xdot_ref") if name in signature.parameters]
+        try:
+            signature.bind(0.0, 0.0, 0.0, **dict.fromkeys(self._names, 0.0))
+        except TypeError:
+            raise TypeError(
+                "with reference= the step of a controller takes (x, xdot, force), x_ref and "
+                "xdot_ref if it wants them; one that needs more has step_to. That of "
+                f"{type(controller).__name__} takes {signature}"
+            ) from None
+
+    def step(self, x: float, xdot: float, force: float) -> float:
+        """Do not tick: with a reference only `step_to` is called."""
+        raise NotImplementedError
+
+    def step_to(
+        self, x: float, xdot: float, force: float, now: Any, following: Any, acceleration: Any
+    ) -> Any:
+        """Tick with the reference at the sample."""
+        known = dict(zip(("x_ref", "xdot_ref"), now, strict=False))
+        return self.controller.step(x, xdot, force, **{name: known[name] for name in self._names})
+
+
+def told_of(controller: Any, reference: Any) -> Any:
+    """Give a controller of the user that has no ``step_to`` one, if there is a reference."""
+    ours = reference is None or isinstance(controller, OURS)
+    return controller if ours or hasattr(controller, "step_to") else Told(controller)
 
 
 def describe_reference(reference: Any) -> str:

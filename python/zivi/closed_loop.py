@@ -17,6 +17,7 @@ from zivi._describe import describe, describe_system
 from zivi._impacts import impacts_of
 from zivi._loop_arguments import (
     OURS,
+    check_ahead,
     check_delay,
     check_interface,
     check_method,
@@ -36,9 +37,11 @@ from zivi._loop_path import SampledReference, path_of
 from zivi._loop_reference import (
     GivenReference,
     Reference,
+    Told,
     check_reference,
     describe_reference,
     given,
+    told_of,
 )
 from zivi._loop_samples import ended_by_event, restrict
 from zivi._misplaced import check_system, refuse
@@ -65,6 +68,10 @@ class Controller(Protocol):
       (m/s^2): ``step(x, xdot, force, force_ref)``.
     - If ``step`` has an argument called ``t``, as in ``step(x, xdot, force, t)``, it is given the
       time of the sample (s).
+    - With ``reference=`` its method ``step_to(x, xdot, force, now, next, acceleration)`` is called,
+      as that of `TwistingTracker`. Without one ``step`` is given the reference at the sample where
+      it has arguments called ``x_ref`` and ``xdot_ref``; a ``step`` without them goes its own way,
+      and the run records how far that is from the reference.
     - A method ``reset(x_ref, xdot_ref)`` is called at the start of a run with ``y_ref0``, which
       cannot be given without it.
 
@@ -150,8 +157,8 @@ def simulate_closed_loop(
     force_model : float, LinearForce or callable, optional
         The force that the controller believes in, at the measured state; by default the true one.
     reference : Trajectory, callable or array_like, optional
-        The reference itself, in place of `y_ref0` and `force_ref`, for a `TwistingTracker` or any
-        controller with ``step_to``: a run of `simulate` that covers `t_span`; a function of time
+        The reference itself, in place of `y_ref0` and `force_ref`, for a `TwistingTracker` or a
+        controller of the user: a run of `simulate` that covers `t_span`; a function of time
         that gives ``(x_r, xdot_r)``, or ``(x_r, xdot_r, acceleration)``; or these at the samples,
         shape (2, n) or (3, n). The control is told where it is at the sample and at the next one,
         nothing is integrated, nothing drifts. It may bounce, rest and lift off. A function is
@@ -207,7 +214,8 @@ def simulate_closed_loop(
     Warns
     -----
     ModelWarning
-        If the controller believes in another `e` than the plant's.
+        If the controller believes in another `e` than the plant's, or its landing does not look as
+        far ahead as its control is late.
 
     Examples
     --------
@@ -222,7 +230,7 @@ def simulate_closed_loop(
     refuse("simulate_closed_loop", misplaced)
     check_system(system)
     h = period_of(controller)
-    controller = on_wall(controller, system)
+    own, controller = controller, on_wall(told_of(controller, reference), system)
     interface = interface_of(controller)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
@@ -236,6 +244,7 @@ def simulate_closed_loop(
     deviations = check_not_negative("noise", noise)
     resolution = check_not_negative("quantization", quantization)
     periods = check_delay(delay)
+    check_ahead(controller, periods, deviations[1] if observer is None else 0.0)
     check_method(method, h)
     times = None if t_eval is None else times_within(t_eval, span)
     watched = events_of(events)
@@ -256,7 +265,7 @@ def simulate_closed_loop(
             "y0": list(state),
             "y_ref0": None if start_ref is None else list(start_ref),
             "reference": None if reference is None else describe_reference(reference),
-            "controller": described(controller),
+            "controller": described(own if isinstance(controller, Told) else controller),
             "method": None if method is None else describe(method),
             "noise": list(deviations),
             "seed": seed,

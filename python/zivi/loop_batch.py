@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -18,12 +19,25 @@ from zivi._extras import needed
 from zivi._json import text_of
 from zivi._loop_arguments import (
     OURS,
+    check_ahead,
     check_delay,
     check_follows,
     check_method,
     check_not_negative,
+    described,
     described_observer,
     motion_of,
+    period_of,
+)
+from zivi._loop_batch_alone import (
+    check_starts,
+    columns_of,
+    columns_of_record,
+    copied,
+    noises_of,
+    numbers_of,
+    outcomes,
+    seeds_of,
 )
 from zivi._loop_batch_arguments import (
     common,
@@ -41,8 +55,7 @@ from zivi._loop_batch_samples import room_for, sampled
 from zivi._loop_reference import Reference, check_reference, describe_reference
 from zivi._progress import ProgressBar
 from zivi.batch import MAX_DESCRIBED, Runs
-from zivi.closed_loop import ClosedLoop, simulate_closed_loop
-from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.methods import SwitchedRK, ThetaGamma
 from zivi.observer import ImpactObserver
 from zivi.simulate import pair
@@ -55,8 +68,6 @@ __all__ = ["ClosedLoopBatch", "simulate_closed_loop_batch"]
 
 STATE = ("x", "xdot")
 """The columns of initial states."""
-
-Ours = TwistingRegulator | TwistingTracker | ExplicitTwisting
 
 NUMBERS = {
     "t": ("s", "time of the last sample"),
@@ -170,7 +181,7 @@ class ClosedLoopBatch(Runs):
 
 def simulate_closed_loop_batch(
     systems: ImpactSystem | Sequence[ImpactSystem],
-    controllers: Ours | Sequence[Ours],
+    controllers: Controller | Sequence[Controller],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
@@ -179,6 +190,8 @@ def simulate_closed_loop_batch(
     force_model: Force | None = None,
     reference: Reference | Sequence[Reference] | None = None,
     method: ThetaGamma | SwitchedRK | None = None,
+    noise: ArrayLike = (0.0, 0.0),
+    seed: int | Sequence[int] | None = None,
     quantization: Sequence[float] = (0.0, 0.0),
     delay: int = 0,
     observer: ImpactObserver | Sequence[ImpactObserver] | None = None,
@@ -190,15 +203,16 @@ def simulate_closed_loop_batch(
 ) -> ClosedLoopBatch:
     """Simulate many independent closed loops, on all cores and without the interpreter.
 
-    Each gives what `simulate_closed_loop` gives for it, to the last bit, whatever the number of
-    threads. What differs from loop to loop is given as a sequence, or as rows.
+    Loops with noise, and those of controllers of the user, run one by one on the threads. Each
+    gives what `simulate_closed_loop` gives for it, to the last bit, whatever the number of threads.
+    What differs from loop to loop is given as a sequence, or as rows.
 
     Parameters
     ----------
     systems : ImpactSystem or sequence of ImpactSystem
         The plants: one for all, or one for each. Forces must not need the interpreter.
     controllers : controller or sequence of controllers
-        Zivi's controllers, one for all or one for each; they are copied.
+        One for all or one for each; they are copied, those of the user by `copy.deepcopy`.
     t_span : (float, float)
         Start and end (s), the same for all.
     y0 : array_like
@@ -213,6 +227,12 @@ def simulate_closed_loop_batch(
         each. A function is asked once for each sample, before the loops begin.
     method : SwitchedRK or ThetaGamma, optional
         How the plants move between samples, as for `simulate_closed_loop`.
+    noise : array_like
+        Standard deviations of the measured positions (m) and velocities (m/s), shape (n, 2), or
+        (2,) for all.
+    seed : int or sequence of int, optional
+        Seeds of the noise: one for all loops, which then have the same, or one for each, such as
+        ``range(n)``. By default each draws its own; ``config["seed"]`` tells them.
     quantization : (float, float)
         Resolution of the measured position (m) and velocity (m/s); 0 is exact.
     delay : int
@@ -264,10 +284,9 @@ def simulate_closed_loop_batch(
         if not isinstance(plant, ImpactSystem):
             kind = type(plant).__name__
             raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
-    for i, controller in enumerate(ticking):
-        if type(controller) not in OURS:
-            kind = type(controller).__name__
-            raise TypeError(f"controllers must be zivi's own, got {kind} (number {i})")
+    ours = all(type(controller) in OURS for controller in ticking)
+    for controller in ticking:
+        period_of(controller)
         check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
         check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
     states = states_of("y0", y0)
@@ -276,36 +295,73 @@ def simulate_closed_loop_batch(
     observers = observers_of(observer, ticking)
     lists = {"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references}
     lists |= {"reference": followed} | ({"observer": observers} if observers else {})
+    deviations = noises_of(noise)
+    lists |= {"noise": deviations} | ({} if seed is None or np.ndim(seed) == 0 else {"seed": seed})
     n = common(lists)
+    noisy = any(it != (0.0, 0.0) for it in deviations)
+    seeds = seeds_of(seed, n) if noisy or seed is not None else []
     room = room_for(t_eval, save, span, n)
-    if y_ref0 is not None:
+    if y_ref0 is not None and ours:
         ticking = placed(ticking, references, n)
     forces = forces_of(plants, force_model, force_ref)
     ticking = on_walls(ticking, plants, n)
     for controller in ticking:
         check_method(method, controller.h)
+        check_ahead(controller, check_delay(delay), max(it[1] for it in deviations))
     if not (finite("within", within) > 0.0):
         raise ValueError(f"within must be > 0 (m), got {within}")
-    rows = [] if reference is None else references_of(followed, ticking, span, n)
-    specs = [spec for several in forces for spec in several]
-    with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
-        record = _zivi.simulate_closed_loop_batch(
-            ticking,
-            observers,
-            forces,
-            np.array([(plant.e, plant.kappa) for plant in plants]),
-            np.ascontiguousarray(np.broadcast_to(states, (n, 2))),
-            span=span,
-            **motion_of(method),
-            resolution=check_not_negative("quantization", quantization),
-            delay=check_delay(delay),
-            within=float(within),
-            every=every_of(save),
-            threads=check_threads(threads),
-            references=rows,
-            progress=bar.report,
+    asked = {"force_ref": force_ref, "force_model": force_model, "method": method, "delay": delay}
+    if not ours:
+        asked["y_ref0"] = y_ref0
+
+    def loop(i: int, times: Array | None = None) -> ClosedLoop:
+        given: dict[str, Any] = dict(asked)
+        if given.get("y_ref0") is not None:
+            given["y_ref0"] = entry(references, i)
+        if noisy:
+            given |= {"noise": entry(deviations, i), "seed": entry(seeds, i)}
+        return simulate_closed_loop(
+            entry(plants, i),
+            copied(entry(ticking, i), i),
+            span,
+            entry(states, i),
+            reference=entry(followed, i),
+            quantization=quantization,
+            observer=entry(observers, i) if observers else None,
+            t_eval=times,
+            progress=False,
+            **given,
         )
-    tell(ear, record.status)
+
+    every, workers = every_of(save), check_threads(threads)
+    resolution = check_not_negative("quantization", quantization)
+    specs = [spec for several in forces for spec in several]
+    with ProgressBar(progress) as bar:
+        if noisy or not ours:
+            check_starts(states)
+            of = functools.partial(numbers_of, within=float(within), every=every)
+            found = columns_of(outcomes(loop, n, workers, of, bar.report), every)
+        else:
+            rows = [] if reference is None else references_of(followed, ticking, span, n)
+            with listening(specs, threads=True) as ear:
+                record = _zivi.simulate_closed_loop_batch(
+                    ticking,
+                    observers,
+                    forces,
+                    np.array([(plant.e, plant.kappa) for plant in plants]),
+                    np.ascontiguousarray(np.broadcast_to(states, (n, 2))),
+                    span=span,
+                    **motion_of(method),
+                    resolution=resolution,
+                    delay=check_delay(delay),
+                    within=float(within),
+                    every=every,
+                    threads=workers,
+                    references=rows,
+                    progress=bar.report,
+                )
+            tell(ear, record.status)
+            found = columns_of_record(record, save != "final")
     config = {
         "systems": [describe_system(plant) for plant in plants[:MAX_DESCRIBED]],
         "n_systems": len(plants),
@@ -317,61 +373,17 @@ def simulate_closed_loop_batch(
         "force_model": None if force_model is None else describe(force_model),
         "force_ref": None if force_ref is None else describe(force_ref),
         "method": None if method is None else describe(method),
+        **({"noise": deviations[:MAX_DESCRIBED], "seed": seeds[:MAX_DESCRIBED]} if noisy else {}),
         "quantization": [float(value) for value in quantization],
         "delay": int(delay),
         "within": float(within),
         **described_observer(observers[0] if observers else None),
         "save": save if isinstance(save, str) else int(save),
         **({} if room is None else {"t_eval": room[0].tolist()}),
-        "controllers": [
-            {"name": type(it).__name__, **it.settings} for it in ticking[:MAX_DESCRIBED]
-        ],
+        "controllers": [described(it) for it in ticking[:MAX_DESCRIBED]],
         "n_controllers": len(ticking),
     }
-    batch = _batch(record, config, save != "final")
+    batch = ClosedLoopBatch(**found, config=config)
     if room is None:
         return batch
-
-    def loop(i: int) -> ClosedLoop:
-        return simulate_closed_loop(
-            entry(plants, i),
-            entry(ticking, i),
-            span,
-            entry(states, i),
-            force_ref=force_ref,
-            force_model=force_model,
-            reference=entry(followed, i),
-            method=method,
-            quantization=quantization,
-            delay=delay,
-            observer=entry(observers, i) if observers else None,
-            t_eval=room[0],
-            progress=False,
-        )
-
-    return sampled(batch, room, loop, check_threads(threads))
-
-
-def _batch(record: _zivi.LoopBatchRecord, config: dict[str, Any], sampled: bool) -> ClosedLoopBatch:
-    t, x, xdot, x_ref, xdot_ref = record.last.T
-    return ClosedLoopBatch(
-        t=t,
-        x=x,
-        xdot=xdot,
-        x_ref=x_ref,
-        xdot_ref=xdot_ref,
-        settling_time=record.settling_time,
-        error_max=record.error_max,
-        error_rms=record.error_rms,
-        u_max=record.u_max,
-        u_rms=record.u_rms,
-        u_variation=record.u_variation,
-        rest_time=record.rest_time,
-        n_impacts=record.n_impacts,
-        n_refused=record.n_refused,
-        status=record.status,
-        sample_x=record.samples_x if sampled else None,
-        sample_x_ref=record.samples_x_ref if sampled else None,
-        sample_u=record.samples_u if sampled else None,
-        config=config,
-    )
+    return sampled(batch, room, lambda i: loop(i, room[0]), workers)

@@ -57,7 +57,7 @@ def juggler(
         and ``xdot`` as a part of the speed of a fall from there. Reward: minus the relative error
         of the energy, at best 0. ``info``: time ``t`` (s), control ``u`` (m/s^2) and number of
         ``impacts`` of the step. ``reset(options={"y0": (x, xdot)})`` starts from a state, else a
-        random one.
+        random one. An action that is not finite is refused. It pickles.
 
     Raises
     ------
@@ -99,6 +99,7 @@ def _juggler() -> type[Any]:
         def __init__(
             self, wall: tuple[float, float], *, h: float, height: float, u_max: float, steps: int
         ) -> None:
+            self._wall = wall
             self._restitution = _zivi.Restitution.of_both(*wall)
             self._h, self._steps, self._u_max = h, steps, u_max
             self._height, self._speed = height, math.sqrt(2.0 * GRAVITY * height)
@@ -107,6 +108,11 @@ def _juggler() -> type[Any]:
             high = np.array([np.inf, np.inf], np.float32)
             self.observation_space = gym.spaces.Box(low, high, dtype=np.float32)
             self.action_space = gym.spaces.Box(-1.0, 1.0, (1,), np.float32)
+
+        def __reduce__(self) -> tuple[Any, ...]:
+            state = {name: it for name, it in self.__dict__.items() if name != "_restitution"}
+            made = (self._wall, self._h, self._height, self._u_max, self._steps)
+            return _rebuilt, made, state
 
         def _observed(self) -> Any:
             x, xdot = self._state
@@ -125,7 +131,10 @@ def _juggler() -> type[Any]:
             return self._observed(), {"t": 0.0, "u": 0.0, "impacts": 0}
 
         def step(self, action: Any) -> tuple[Any, float, bool, bool, Any]:
-            u = self._u_max * float(np.clip(np.ravel(action)[0], -1.0, 1.0))
+            number = np.ravel(action)
+            if number.size != 1 or not np.isfinite(number[0]):
+                raise ValueError(f"action must be one finite number, got {action!r}")
+            u = self._u_max * float(np.clip(number[0], -1.0, 1.0))
             row = np.array([[*self._state, u - GRAVITY, self._h]])
             end = _zivi.ballistic_motion(row, self._restitution)
             x, xdot, impacts = (float(it[0]) for it in (end.x, end.xdot, end.n_impacts))
@@ -135,3 +144,10 @@ def _juggler() -> type[Any]:
             return self._observed(), -abs(energy - 1.0), False, self._k >= self._steps, info
 
     return Juggler
+
+
+def _rebuilt(
+    wall: tuple[float, float], h: float, height: float, u_max: float, steps: int
+) -> gymnasium.Env[Any, Any]:
+    made: gymnasium.Env[Any, Any] = _juggler()(wall, h=h, height=height, u_max=u_max, steps=steps)
+    return made
