@@ -1,5 +1,7 @@
 //! Mechanical systems with several coordinates and gaps.
 
+mod laws;
+mod limits;
 mod models;
 mod physics;
 mod problems;
