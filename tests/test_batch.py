@@ -263,8 +263,16 @@ def run(**changes):
         ({"save": 2, "method": zivi.SwitchedRK()}, ValueError, "needs a method of fixed steps"),
         ({"t_eval": [0.1], "save": 2}, ValueError, "t_eval goes with save='final' only"),
         ({"t_eval": [0.1], "save": "events"}, ValueError, "got save='events'"),
-        ({"t_eval": [0.2, 0.1]}, ValueError, "t_eval must be ascending and within t_span"),
-        ({"t_eval": [0.2, 1.1]}, ValueError, "t_eval must be ascending and within t_span"),
+        (
+            {"t_eval": [0.2, 0.1]},
+            ValueError,
+            "t_eval must be increasing, each time once, and within t_span",
+        ),
+        (
+            {"t_eval": [0.2, 1.1]},
+            ValueError,
+            "t_eval must be increasing, each time once, and within t_span",
+        ),
         ({"t_eval": [[0.2]]}, ValueError, "t_eval must be one-dimensional"),
         ({"t_eval": [0.2, 0.2], "method": zivi.SwitchedRK()}, ValueError, "t_eval must be"),
         ({"threads": 0}, ValueError, "threads must be from 1"),

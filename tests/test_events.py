@@ -439,3 +439,55 @@ def test_wrong_number_of_parameters():
     for wrong in (lambda: 0.0, lambda t: t, lambda a, b, c, d: a):
         with pytest.raises(TypeError, match=r"events\[0\] must be a function of \(t, x, xdot\)"):
             follow(wrong)
+
+
+def waves(t, *state):
+    return math.sin(t)
+
+
+TENS = math.pi * np.arange(1, 11)
+"""Its zeros up to 33 s."""
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        zivi.SwitchedRK(),
+        zivi.SwitchedRK(max_step=5.0),
+        zivi.ThetaGamma(h=3.3),
+        zivi.MoreauJean(h=3.3),
+        zivi.ExplicitEuler(h=3.3),
+    ],
+    ids=["SwitchedRK", "max_step", "ThetaGamma", "MoreauJean", "ExplicitEuler"],
+)
+@pytest.mark.parametrize(
+    "force", [-G, lambda t, x, xdot: -G, zivi.LinearForce(gravity=G)], ids=["number", "f", "linear"]
+)
+def test_at_rest_no_zero_of_a_slow_function_is_overlooked(force, method):
+    for x0 in (0, 1e-3):
+        system = zivi.ImpactSystem(force, e=0.5)
+        sol = zivi.simulate(system, (0, 33), (x0, 0), method, events=waves)
+        assert sol.t_events[0] == pytest.approx(TENS, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "method", [zivi.SwitchedRK(), zivi.ThetaGamma(h=3.3), zivi.MoreauJean(h=3.3)], ids=repr
+)
+@pytest.mark.parametrize("gaps", [[], [zivi.LinearGap([1])]], ids=["free", "at rest"])
+def test_nor_is_one_of_a_mechanical_system(method, gaps):
+    system = zivi.MechanicalSystem(mass=1.0, force=[-G if gaps else 0.0], gaps=gaps, e=0.5)
+    sol = zivi.simulate(system, (0, 33), ([0], [0]), method, events=waves)
+    assert sol.t_events[0] == pytest.approx(TENS, abs=1e-12)
+
+
+def test_nor_is_one_along_a_free_flight():
+    sol = follow(waves, zivi.ImpactSystem(0, e=0.5), (0, 33), (1, 1))
+    assert sol.t_events[0] == pytest.approx(TENS, abs=1e-12)
+
+
+def test_nor_is_one_in_long_periods_of_a_closed_loop():
+    regulator = zivi.TwistingRegulator(mu1=30, mu2=17, h=1.65, e=0.5)
+    run = zivi.simulate_closed_loop(
+        zivi.ImpactSystem(-G, e=0.5), regulator, (0, 33), (0, 0), events=waves
+    )
+    assert run.t_events[0] == pytest.approx(TENS, abs=1e-12)

@@ -144,7 +144,7 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
             "rounds to 1), got 0.0",
         ]),
         ("y0 =", "t_eval = [2.0, 1.0]\ny0 =", [
-            "t_eval must be ascending and within t_span = (0.0, 3.0)",
+            "t_eval must be increasing, each time once, and within t_span = (0.0, 3.0)",
         ]),
         ("y0 =", "t_eval = []\ny0 =", [
             "t_eval must be a list, each a finite number, or a table with start, stop, num, got []",

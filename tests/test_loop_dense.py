@@ -145,7 +145,7 @@ def test_times_that_are_asked_for():
     np.testing.assert_array_equal(run.u[[1, 3]], whole.u[[0, 149]])
     np.testing.assert_array_equal(run(whole.t), whole(whole.t))
     assert len(run.impacts) == len(whole.impacts)
-    with pytest.raises(ValueError, match="t_eval must be ascending"):
+    with pytest.raises(ValueError, match="t_eval must be increasing"):
         tracked(t_eval=[0.2, 0.1])
 
 

@@ -223,7 +223,7 @@ def test_bad_use_is_refused():
         with pytest.raises(ValueError, match=f"{name} must be"):
             it.step(*arguments)
         assert it.state == before
-    with pytest.raises(ValueError, match="t must be finite and ascending"):
+    with pytest.raises(ValueError, match="t must be finite and increasing"):
         it.observe([0, 0], [1, 1])
     with pytest.raises(ValueError, match="x_measured must have the shape of t"):
         it.observe([0, 1], [1])

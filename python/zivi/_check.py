@@ -26,14 +26,18 @@ def real(name: str, value: object) -> float:
 
 
 def real_array(name: str, value: object) -> Array:
-    """Return `value` as a contiguous array of floats; a TypeError names what holds no reals."""
+    """Return `value` as a new contiguous array of floats; a TypeError names what holds no reals.
+
+    A copy: what the caller, or a function that the caller gave, writes into `value` later changes
+    nothing.
+    """
     try:
         array = np.asarray(value)
     except ValueError as error:  # ragged
         raise TypeError(f"{name} must hold real numbers: {error}") from None
     if array.dtype.kind not in "biuf":
         raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
-    return array.astype(np.float64, order="C", copy=False)
+    return array.astype(np.float64, order="C", copy=True)
 
 
 def finite(name: str, value: object) -> float:

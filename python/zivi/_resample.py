@@ -29,7 +29,7 @@ def times_of(sol: Trajectory, t: ArrayLike | None, n: int | None) -> Array:
     if times.ndim != 1:
         raise ValueError(f"t must be one-dimensional, got shape {times.shape}")
     if np.any(np.diff(times) < 0):
-        raise ValueError("t must be ascending")
+        raise ValueError("t must not decrease")
     return times
 
 

@@ -229,7 +229,7 @@ def simulate_batch(
         The method, by default and for mechanical systems `SwitchedRK`. Under constant forces
         `ThetaGamma` moves many masses side by side.
     t_eval : array_like, optional
-        Ascending times in `t_span` (s) at which the states of all runs are kept beside their ends,
+        Increasing times in `t_span` (s) at which the states of all runs are kept beside their ends,
         as those that `simulate` gives: with `SwitchedRK` from its dense output, each time once;
         with a method of fixed steps between its steps, then also `ThetaGamma` goes run by run. Of
         an `ImpactSystem` not with another `save`.

@@ -182,7 +182,7 @@ def simulate_closed_loop(
         observer estimates, and its unknown force as a part of the model's. A copy runs, from where
         it is; it is told the control that acts, after limits and delay.
     t_eval : array_like, optional
-        Ascending times in `t_span` to report instead of the samples (s). ``u``, ``signs`` and
+        Increasing times in `t_span` to report instead of the samples (s). ``u``, ``signs`` and
         ``tick_status`` are those of the sample before.
     events : callable or sequence of callables, optional
         Functions ``g(t, x, xdot)`` of the plant's state, as for `simulate`, whose changes of sign

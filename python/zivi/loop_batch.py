@@ -245,7 +245,7 @@ def simulate_closed_loop_batch(
     save : "final" or int
         Whether every so many samples are kept, beside the numbers of each loop.
     t_eval : array_like, optional
-        Ascending times in `t_span` at which positions, velocities, references and controls are
+        Increasing times in `t_span` at which positions, velocities, references and controls are
         kept, as by `simulate_closed_loop` (s); with ``save="final"`` only. Each loop is run once
         more for them.
     threads : int, optional

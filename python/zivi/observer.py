@@ -246,7 +246,7 @@ class ImpactObserver(_zivi.Observer, Component):
         Parameters
         ----------
         t : array_like, shape (n,)
-            Ascending times (s), of any distance; `q_d` is per `h`.
+            Increasing times (s), of any distance; `q_d` is per `h`.
         x_measured : array_like, shape (n,)
             Measured positions (m).
         xdot_measured : array_like, shape (n,), optional
@@ -274,7 +274,7 @@ class ImpactObserver(_zivi.Observer, Component):
         if times.ndim != 1 or len(times) == 0:
             raise ValueError(f"t must have shape (n,), n >= 1, got {times.shape}")
         if not (np.isfinite(times).all() and (np.diff(times) > 0.0).all()):
-            raise ValueError("t must be finite and ascending")
+            raise ValueError("t must be finite and increasing")
         if x.shape != times.shape:
             raise ValueError(f"x_measured must have the shape of t, {times.shape}, got {x.shape}")
         xdot = np.empty(0)

@@ -88,7 +88,8 @@ class _Problem:
         with listening([self.system._spec]) as ear:
             record = self.record(self.span, np.empty(0), dense, progress)
         run = record.run
-        sol = Trajectory._from_record(run, self.system, self.method, self.span, self.state)
+        told = (self.system, self.method, self.span, self.state, self.stops)
+        sol = Trajectory._from_record(run, *told)
         error = run.raised
         if error is None and (error := ear.ends(sol.success)):
             sol = as_raised(sol)

@@ -29,7 +29,7 @@ from zivi.mechanics.trajectory import MechanicalTrajectory
 from zivi.methods import Method, SwitchedRK
 from zivi.status import Status
 from zivi.system import ImpactSystem
-from zivi.trajectory import Trajectory
+from zivi.trajectory import NO_STOPS, Trajectory
 
 if TYPE_CHECKING:
     from zivi.loop_run import ClosedLoop
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 __all__ = ["simulate"]
 
 DEFAULT_METHOD = SwitchedRK()
-NO_STOPS = np.empty(0)
-NO_STOPS.flags.writeable = False
 
 Run = TypeVar("Run", "Trajectory", "ClosedLoop", "MechanicalTrajectory")
 
@@ -113,9 +111,9 @@ def simulate(
         `MechanicalSystem` takes `SwitchedRK`, or as second opinions of low order `MoreauJean` and,
         for gaps at right angles, `ThetaGamma`.
     t_eval : array_like, optional
-        Ascending times in `t_span` to report instead of all steps (s), each once with
-        `SwitchedRK`. With a method of fixed steps `s` and `v` are linear between them; the
-        multipliers and the residual are those of the step that contains the time.
+        Increasing times in `t_span` to report instead of all steps (s). With a method of fixed
+        steps `s` and `v` are linear between them; the multipliers and the residual are those of
+        the step that contains the time.
     events : callable or sequence of callables, optional
         Functions ``g(t, x, xdot)`` or, as in SciPy, ``g(t, y)``, of a `MechanicalSystem`
         ``g(t, q, qdot)`` with arrays, whose changes of sign are
@@ -123,11 +121,11 @@ def simulate(
         ``terminal`` (a bool, or the number of the event that ends the run) and ``direction`` (1
         only rising, -1 only falling, 0 both). A velocity that changes its sign in an impact is an
         event at the impact, with the state after it; ``g = x`` is one with the state before it. A
-        zero at the start is no event. The function is looked at a few times in a step: two
-        changes of sign shortly after one another are overlooked unless ``max_step`` is short, but
-        for a `Level`, of which none is. A method of fixed steps looks at it at the end of each
-        step and at the wall; it computes no step after that of a terminal event, and ``nfev``
-        counts the evaluations of the steps so far.
+        zero at the start is no event. The function is looked at a few times in a step and at
+        least 200 times in the span: two changes of sign that are nearer to one another may be
+        overlooked unless ``max_step`` is short, but for a `Level`, of which none is. A method of
+        fixed steps looks at it at the end of each step and at the wall; it computes no step after
+        that of a terminal event, and ``nfev`` counts the evaluations of the steps so far.
     dense_output : bool
         Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
         `SwitchedRK` takes less memory and fewer evaluations.
@@ -196,7 +194,7 @@ def simulate(
         )
         start = _zivi.State(*state)
         record = _zivi.simulate(system._core, method._core, span, start, keep, bar.report)
-    sol = Trajectory._from_record(record, system, method, span, state)
+    sol = Trajectory._from_record(record, system, method, span, state, stops)
     error = record.raised
     if error is None and (error := ear.ends(sol.success)):
         sol = as_raised(sol)
@@ -266,7 +264,7 @@ def pair(name: str, value: Any, form: str) -> tuple[float, float]:
 
 
 def stop_times(tstops: ArrayLike | None, method: Method) -> np.ndarray:
-    """Return the declared breaks of the force, ascending and each once."""
+    """Return the declared breaks of the force, increasing."""
     if tstops is None:
         return NO_STOPS
     if not getattr(method, "_takes_tstops", False):
@@ -283,13 +281,13 @@ def stop_times(tstops: ArrayLike | None, method: Method) -> np.ndarray:
 
 
 def times_within(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
-    """Return ascending times within a span."""
+    """Return increasing times within a span."""
     times = real_array("t_eval", t_eval)
     if times.ndim != 1:
         raise ValueError(f"t_eval must be one-dimensional, got shape {times.shape}")
     inside = np.all((times >= span[0]) & (times <= span[1]))
-    if not inside or np.any(np.diff(times) < 0):
-        raise ValueError(f"t_eval must be ascending and within t_span = {span}")
+    if not inside or np.any(np.diff(times) <= 0):
+        raise ValueError(f"t_eval must be increasing, each time once, and within t_span = {span}")
     return times
 
 

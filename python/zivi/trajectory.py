@@ -16,7 +16,9 @@ from zivi._describe import configuration_of
 from zivi._impacts import IMPACT, down_to, impacts_of
 from zivi._labelled import QUANTITIES, dataset_of, html_of, table_of
 from zivi._resample import resampled, times_of
+from zivi._trust import Closer, closer_mass, told, trusted
 from zivi.dense import LostPath, Path
+from zivi.methods import SwitchedRK
 from zivi.status import Status
 
 if TYPE_CHECKING:
@@ -28,7 +30,11 @@ if TYPE_CHECKING:
     from zivi.system import ImpactSystem
     from zivi.wall import HarmonicWall, MovingWall
 
-__all__ = ["IMPACT", "Trajectory"]
+__all__ = ["IMPACT", "NO_STOPS", "Trajectory"]
+
+NO_STOPS = np.empty(0)
+"""No times at which a force jumps."""
+NO_STOPS.flags.writeable = False
 
 Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
 """The configuration of a run, or what makes it once it is asked for."""
@@ -112,6 +118,7 @@ class Trajectory:
     y_events: list[Array] = dataclasses.field(default_factory=list)
     _path: Path | None = dataclasses.field(repr=False, default=None)
     _wall: HarmonicWall | MovingWall | None = dataclasses.field(repr=False, default=None)
+    _closer: Closer | None = dataclasses.field(repr=False, default=None)
 
     @functools.cached_property
     def config(self) -> dict[str, Any]:
@@ -120,12 +127,40 @@ class Trajectory:
 
     def __getstate__(self) -> dict[str, Any]:
         # plain values can be copied and sent where a force cannot
-        return self.__dict__ | {"_setup": self.config}
+        return self.__dict__ | {"_setup": self.config, "_closer": None}
 
     @property
     def success(self) -> bool:
         """Whether the end of the span was reached, or a terminal event."""
         return self.status in (Status.COMPLETED, Status.TERMINATED_BY_EVENT)
+
+    @functools.cached_property
+    def trusted_until(self) -> float:
+        """Time up to which the run is near the motion, the end if all of it is (s).
+
+        The tolerances bound the errors of steps; in a chaotic motion these grow until the run is
+        another one. The same run at a hundredth of the tolerances, restitution and start moved by
+        some roundings, tells when: up to here both agree in `x` to 300 times what `rtol` and
+        `atol` allow. It is made when this is first asked for, takes about twice the time of
+        the run, and calls its force again.
+
+        Raises
+        ------
+        ValueError
+            For a method of fixed steps, and for a run that was loaded or sent to another process
+            before it was asked.
+
+        Examples
+        --------
+        A ball on a table that vibrates with three times its weight:
+
+        >>> table = zivi.LinearForce(gravity=1, amplitude=3, omega=1)
+        >>> ball = zivi.ImpactSystem(table, e=0.8)
+        >>> sol = zivi.simulate(ball, (0, 300), (1, 0), zivi.SwitchedRK(flights="rk"))
+        >>> sol.success, 50 < sol.trusted_until < 150
+        (True, True)
+        """
+        return trusted(self, self.x)
 
     @classmethod
     def _from_record(
@@ -135,6 +170,7 @@ class Trajectory:
         method: Method,
         span: tuple[float, float],
         state: tuple[float, float],
+        stops: Array = NO_STOPS,
     ) -> Trajectory:
         t, *sampled = record.columns[:, : record.n_samples]
         samples = dict(zip(QUANTITIES, sampled, strict=True))
@@ -159,6 +195,10 @@ class Trajectory:
             _path=record.path or method._path(system.kappa, t, samples),  # type: ignore[attr-defined]
             _wall=system.wall,
         )
+        if isinstance(method, SwitchedRK):
+            vars(sol)["_closer"] = functools.partial(
+                closer_mass, system, method, span[0], state, stops
+            )
         return sol
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -210,7 +250,7 @@ class Trajectory:
         Parameters
         ----------
         t : array_like, optional
-            Ascending times within the computed span (s).
+            Times within the computed span that do not decrease (s).
         n : int, optional
             So many equidistant times instead, >= 2.
 
@@ -301,7 +341,7 @@ class Trajectory:
         steps = f"{self.n_steps} steps"
         if len(self.failed_steps):
             steps += f" ({len(self.failed_steps)} not solved by the chosen solver)"
-        return f"<Trajectory {span}, {steps}, {wall}: {self.status.name.lower()}>"
+        return f"<Trajectory {span}, {steps}, {wall}{told(self)}: {self.status.name.lower()}>"
 
     def plot(self, figure: Figure | None = None) -> Figure:
         """Plot the run as a whole, `zivi.plot.overview`.

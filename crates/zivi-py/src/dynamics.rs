@@ -30,7 +30,8 @@ pub(crate) struct Model {
 enum Kind {
     /// A compiled function, and what owns its code.
     Compiled(CompiledFunction, Py<PyAny>),
-    Callable(Py<PyAny>),
+    /// A function, and whether it gives constants.
+    Callable(Py<PyAny>, bool),
 }
 
 #[pymethods]
@@ -44,9 +45,11 @@ impl Model {
         Self { kind: Kind::Compiled(function, owner) }
     }
 
+    /// A function of the interpreter; `steady` if mass, force, gradients and rates are constants.
     #[staticmethod]
-    fn callable(function: Py<PyAny>) -> Self {
-        Self { kind: Kind::Callable(function) }
+    #[pyo3(signature = (function, *, steady=false))]
+    fn callable(function: Py<PyAny>, steady: bool) -> Self {
+        Self { kind: Kind::Callable(function, steady) }
     }
 
     /// Where the compiled function is, if there is one, and the data that it is called with.
@@ -54,13 +57,13 @@ impl Model {
     fn function(&self) -> Option<CompiledFunction> {
         match self.kind {
             Kind::Compiled(function, _) => Some(function),
-            Kind::Callable(_) => None,
+            Kind::Callable(..) => None,
         }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.kind {
-            Kind::Compiled(_, held) | Kind::Callable(held) => visit.call(held),
+            Kind::Compiled(_, held) | Kind::Callable(held, _) => visit.call(held),
         }
     }
 }
@@ -89,10 +92,10 @@ impl<'py> AnyDynamics<'py> {
                 let (function, raised) = (*function, Raised::now());
                 Self::Compiled(CompiledDynamics { layout, function, raised })
             }
-            Kind::Callable(callable) => {
+            Kind::Callable(callable, steady) => {
                 let zeros = || PyArray1::zeros(py, layout.n, false);
                 let (callable, q, w) = (callable.bind(py).clone(), zeros(), zeros());
-                Self::Callable(PythonDynamics { layout, callable, q, w })
+                Self::Callable(PythonDynamics { layout, callable, steady: *steady, q, w })
             }
         }
     }
@@ -145,6 +148,7 @@ impl Dynamics<PyErr> for CompiledDynamics {
 pub(crate) struct PythonDynamics<'py> {
     layout: Layout,
     callable: Bound<'py, PyAny>,
+    steady: bool,
     /// What it is called with.
     q: Bound<'py, PyArray1<f64>>,
     w: Bound<'py, PyArray1<f64>>,
@@ -174,6 +178,10 @@ impl Dynamics<PyErr> for PythonDynamics<'_> {
             *out = *value;
         }
         Ok(())
+    }
+
+    fn is_steady(&self) -> bool {
+        self.steady
     }
 }
 

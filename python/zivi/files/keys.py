@@ -108,7 +108,7 @@ SIMULATE = (
     Key(
         "t_eval",
         Either(Numbers(), Table(RANGE)),
-        "ascending times within t_span to report",
+        "increasing times within t_span to report",
         "s",
         "all steps",
     ),

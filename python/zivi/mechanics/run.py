@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import numbers
 import warnings
 from collections.abc import Iterable
@@ -12,6 +13,7 @@ import numpy as np
 
 from zivi import _zivi
 from zivi._check import Array, real_array
+from zivi._trust import Closer, closer_mechanism
 from zivi.events import is_count
 from zivi.mechanics.start import check_start
 from zivi.mechanics.system import MechanicalSystem, Model
@@ -22,6 +24,7 @@ __all__ = [
     "Asked",
     "FixedOrSwitched",
     "check_mechanical_method",
+    "closer_of",
     "configuration",
     "mechanical_events",
     "run_mechanical",
@@ -152,9 +155,8 @@ def run_mechanical(
         keep,
         report,
     )
-    sol = MechanicalTrajectory._from_record(
-        record, model, configuration(system, model, method, asked)
-    )
+    config = configuration(system, model, method, asked)
+    sol = MechanicalTrajectory._from_record(record, model, config, closer_of(system, method, asked))
     if not isinstance(method, SwitchedRK) and asked.t_eval is not None:
         sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
     return sol, record.raised
@@ -179,6 +181,14 @@ def _coupled(
     coupling = here.gradients @ np.linalg.solve(here.mass, here.gradients.T)
     size = np.sqrt(np.diag(coupling))
     return bool(np.any(np.abs(coupling)[pairs] > 1e-9 * np.outer(size, size)[pairs]))
+
+
+def closer_of(system: MechanicalSystem, method: FixedOrSwitched, asked: Asked) -> Closer | None:
+    """Give what makes the run with smaller errors, of a method with tolerances."""
+    if not isinstance(method, SwitchedRK):
+        return None
+    state = (asked.q, asked.qdot)
+    return functools.partial(closer_mechanism, system, method, asked.span[0], state, asked.tstops)
 
 
 def configuration(

@@ -15,7 +15,7 @@ from zivi._compiled import listening_always
 from zivi._derivatives import KINDS, Nearest, OrbitStatus, Sensitivity
 from zivi._extras import needed
 from zivi._progress import ProgressBar
-from zivi.mechanics.run import Asked, configuration, state_of
+from zivi.mechanics.run import Asked, closer_of, configuration, state_of
 from zivi.mechanics.start import check_start
 from zivi.mechanics.system import MechanicalSystem, Model
 from zivi.mechanics.trajectory import MechanicalTrajectory
@@ -195,7 +195,10 @@ class _Problem:
             record = self.record(self.span, np.empty(0), dense, progress)
         asked = Asked(self.span, *self.state, None, self.stops, [], dense)
         sol = MechanicalTrajectory._from_record(
-            record.run, self.model, configuration(self.system, self.model, self.method, asked)
+            record.run,
+            self.model,
+            configuration(self.system, self.model, self.method, asked),
+            closer_of(self.system, self.method, asked),
         )
         error = record.run.raised
         if error is None and (error := ear.ends(sol.success)):

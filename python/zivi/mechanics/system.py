@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from zivi import _zivi
 from zivi._check import Array, finite, real_array
 from zivi.mechanics.assemble import Evaluate, assembled
-from zivi.mechanics.gap import Gap
+from zivi.mechanics.gap import Gap, LinearGap
 from zivi.mechanics.glue import glued
 from zivi.mechanics.layout import Evaluation, Layout
 from zivi.mechanics.partials import Partials
@@ -180,9 +180,17 @@ class MechanicalSystem:
         evaluate = assembled(layout, self._mass, self._force, self._gaps)
         native = glued(layout, self._mass, self._force, self._gaps)
         if native is None:
-            return Model(layout, _zivi.Model.callable(evaluate), evaluate)
+            spec = _zivi.Model.callable(evaluate, steady=self._is_steady())
+            return Model(layout, spec, evaluate)
         spec = _zivi.Model.compiled(native.native.address, data=native.address, owner=native)
         return Model(layout, spec, evaluate)
+
+    def _is_steady(self) -> bool:
+        """Whether mass, force and gradients are arrays, and no gap moves."""
+        parts = (self._mass, self._force)
+        return all(isinstance(part, np.ndarray) for part in parts) and all(
+            isinstance(gap, LinearGap) and gap.motion is None for gap in self._gaps
+        )
 
     def partials(self, model: Model) -> Partials:
         """Give what the extension takes for the partial derivatives of a model."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi._check import Array, real_array, whole
+from zivi._trust import Closer, told, trusted
 from zivi.mechanics import labelled
 from zivi.mechanics.linear_motion import LinearMotion
 from zivi.mechanics.reactions import reactions_at
@@ -101,19 +103,50 @@ class MechanicalTrajectory:
     qdot_events: list[Array] = dataclasses.field(default_factory=list)
     _path: Any = None
     _model: Model | None = None
+    _closer: Closer | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         # samples can be sent where a model cannot
-        return self.__dict__ | {"_model": None}
+        return self.__dict__ | {"_model": None, "_closer": None}
 
     @property
     def success(self) -> bool:
         """Whether the end of the span was reached, or a terminal event."""
         return self.status in (Status.COMPLETED, Status.TERMINATED_BY_EVENT)
 
+    @functools.cached_property
+    def trusted_until(self) -> float:
+        """Time up to which the run is near the motion, the end if all of it is (s).
+
+        The tolerances bound the errors of steps; in a chaotic motion these grow until the run is
+        another one. The same run at a hundredth of the tolerances, restitution and velocities moved
+        by some roundings, tells when: up to here both agree in every coordinate to 300 times what
+        `rtol` and `atol` allow. It is made when this is first asked for, takes about twice the time
+        of the run, and calls its force again.
+
+        Raises
+        ------
+        ValueError
+            For a method of fixed steps, and for a run that was loaded or sent to another process
+            before it was asked.
+
+        Examples
+        --------
+        >>> ball = zivi.MechanicalSystem(
+        ...     mass=1.0, force=[-9.81], gaps=[zivi.LinearGap([1])], e=0.5
+        ... )
+        >>> zivi.simulate(ball, (0, 3), ([1], [0])).trusted_until
+        3.0
+        """
+        return trusted(self, self.q)
+
     @classmethod
     def _from_record(
-        cls, record: _zivi.MechanicalRecord, model: Model, config: dict[str, Any]
+        cls,
+        record: _zivi.MechanicalRecord,
+        model: Model,
+        config: dict[str, Any],
+        closer: Closer | None,
     ) -> MechanicalTrajectory:
         m = model.layout.m
         # a method of fixed steps: its steps are all there is
@@ -158,6 +191,7 @@ class MechanicalTrajectory:
             qdot_events=[hits.qdot for hits in record.hits],
             _path=linear if stepped else record.path,
             _model=model,
+            _closer=closer,
         )
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -197,7 +231,7 @@ class MechanicalTrajectory:
         Parameters
         ----------
         t : array_like, optional
-            Ascending times within the computed span.
+            Times within the computed span that do not decrease.
         n : int, optional
             So many equidistant times instead, >= 2.
 
@@ -224,7 +258,7 @@ class MechanicalTrajectory:
         else:
             times = np.atleast_1d(real_array("t", t))
             if times.ndim != 1 or np.any(np.diff(times) < 0):
-                raise ValueError("t must be ascending times")
+                raise ValueError("t must be times that do not decrease")
         q, qdot, gaps, rates, contacts = self._at(times)
         return dataclasses.replace(
             self,
@@ -248,7 +282,7 @@ class MechanicalTrajectory:
         if len(self.flags):
             counts += f", {len(self.flags)} flags"
         return (
-            f"<MechanicalTrajectory {span}, {self.n_steps} steps, {counts}: "
+            f"<MechanicalTrajectory {span}, {self.n_steps} steps, {counts}{told(self)}: "
             f"{self.status.name.lower()}>"
         )
 

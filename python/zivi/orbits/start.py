@@ -141,5 +141,5 @@ def rows_of(start: ArrayLike) -> Array:
     if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
         raise ValueError(f"start must have rows (t, u), got an array of shape {rows.shape}")
     if not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) <= 0.0):
-        raise ValueError("start must have finite rows (t, u) at ascending times")
+        raise ValueError("start must have finite rows (t, u) at increasing times")
     return rows

@@ -197,7 +197,8 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     check_sizes(layout, e, q, w)?;
     let mut model = Model::new(dynamics);
     let mut state = Stepped::new(layout, e, (q, w));
-    let mut seeker = Seeker::new(events, state.point());
+    let duration = grid.t(grid.n_steps()) - grid.t(0);
+    let mut seeker = Seeker::new(events, state.point(), duration);
     let mut steps = 0;
     let ending = match state.evaluate_start(grid.t(0), &mut model) {
         Err(failure) => Err(failure),

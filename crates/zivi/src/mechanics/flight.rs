@@ -83,7 +83,12 @@ impl Machine {
         };
         let (wanted, here) = ((&self.settings, first), (&self.now, &self.here.slope));
         let gaps = self.layout.n..self.layout.n + self.layout.m;
-        Ok(StepControl::plan(wanted, here, gaps, self.gathered.obstacle, left))
+        let mut plan = StepControl::plan(wanted, here, gaps, self.gathered.obstacle, left);
+        let end = self.probes.end(self.contacts.closed, self.now.t, t_end);
+        if end < t_end {
+            plan.h = plan.h.min(end - self.now.t);
+        }
+        Ok(plan)
     }
 
     /// The first step, from the accelerations and their change.
@@ -132,10 +137,14 @@ impl Machine {
         if let Some(factor) = self.overlooked(contact.map(|(_, gap)| gap), model)? {
             return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
         }
-        let release = match self.first_release(model)? {
+        let end = contact.map_or(1.0, |(theta, _)| theta);
+        let release = match self.first_release(end, model)? {
             Release::None => None,
             Release::At(theta, gap) => Some((theta, gap)),
             Release::Unclear => return Ok(Verdict::Shorten(0.5, Status::ContactNotSolved)),
+            Release::Varies(length) => {
+                return Ok(Verdict::Shorten(length / h, Status::StepSizeTooSmall))
+            }
         };
         if self.last.stages.end.t > self.dense_from {
             self.complete_step(model)?;

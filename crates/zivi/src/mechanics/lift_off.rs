@@ -2,12 +2,14 @@
 //!
 //! Within a step the force of a contact along the dense polynomials of the state is replaced by a
 //! polynomial of degree 7 through its values at Chebyshev's points; its Bernstein coefficients
-//! certify that there is no change of sign, two more values how well it fits.
+//! certify that there is no change of sign, two more values how well it fits. Long steps are probed
+//! between these points ([`Probes`]).
 
 use super::kinetics::Model;
 use super::machine::{settle, Machine, Piece};
 use super::mode::{Contacts, Next};
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
+use crate::numeric::probes::Probes;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
@@ -26,6 +28,8 @@ const NODES: [f64; MOST_DEGREE + 1] = [
 ];
 /// Where its fit is checked.
 const CHECKS: [f64; 2] = [0.279, 0.893];
+/// Largest distance between two of all these places.
+const APART: f64 = 0.223;
 /// Misfit relative to the largest force: above the first the step is too long, below the second
 /// what is undecided is decided as the polynomial has it.
 const MISFIT: (f64, f64) = (1e-3, 1e-10);
@@ -44,15 +48,67 @@ pub(super) enum Release {
     At(f64, usize),
     /// The step is too long to tell.
     Unclear,
+    /// The forces vary between the nodes: a step of this length (s) ends before that.
+    Varies(f64),
 }
 
 /// Values of a contact force at the nodes, then at the checks.
 type Values = [f64; MOST_DEGREE + 3];
 
+/// The probes of the motion with some gaps closed.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ContactProbes {
+    probes: Probes,
+    closed: GapSet,
+    /// How far the end of the run was ahead when they closed (s).
+    horizon: f64,
+}
+
+impl ContactProbes {
+    /// Where a step from `t` to `until` at most ends at the latest, with these gaps closed.
+    pub(super) fn end(&mut self, closed: GapSet, t: f64, until: f64) -> f64 {
+        if closed != self.closed {
+            *self = Self { closed, ..Self::default() };
+        }
+        self.horizon = self.horizon.max(until - t);
+        self.probes.end(t, until)
+    }
+}
+
+/// A contact force over a step.
+struct Fit {
+    p: Bernstein,
+    scale: f64,
+    misfit: f64,
+    /// What is rounding of it.
+    noise: f64,
+}
+
+impl Fit {
+    fn new(values: &Values, noise: f64) -> Self {
+        let scale = values.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let p = through(values);
+        let misfit = (0..CHECKS.len())
+            .map(|k| (p.at(CHECKS[k]) - values[NODES.len() + k]).abs())
+            .fold(0.0, f64::max);
+        Self { p, scale, misfit, noise }
+    }
+
+    /// Whether a force at `theta` is what the polynomial says.
+    fn conforms(&self, force: f64, theta: f64) -> bool {
+        (force - self.p.at(theta)).abs() <= 5.0 * MISFIT.0 * self.scale + self.noise
+    }
+}
+
+/// The polynomials of position and velocity over a step, of the coordinates and then the gaps.
+pub(super) type Rows = Vec<[Bernstein; 2]>;
+
 impl Machine {
-    /// The first contact whose force vanishes in the last step.
+    /// The first contact whose force vanishes in the last step, of which the part up to `end`
+    /// counts if it is short enough to tell.
     pub(super) fn first_release<E, D: Dynamics<E>>(
         &mut self,
+        end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Release, Failure<E>> {
         if self.contacts.closed.is_empty() {
@@ -64,50 +120,46 @@ impl Machine {
             let released = self.contacts.closed.iter().find(|&i| self.last.at_end.lambda[i] < 0.0);
             return Ok(released.map_or(Release::None, |i| Release::At(1.0, i)));
         }
-        let (forces, noise) = self.forces_along(model)?;
+        self.complete_step(model)?;
+        let rows: Rows = (0..self.layout.n).map(|c| self.last.stages.polynomials_of(c)).collect();
+        let fits = self.fits_along(&rows, model)?;
         let mut first: Option<(f64, usize)> = None;
-        for (row, i) in self.contacts.closed.iter().enumerate() {
-            let values = &forces[row];
-            let scale = values.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-            let p = through(values);
-            let misfit = (0..CHECKS.len())
-                .map(|k| (p.at(CHECKS[k]) - values[NODES.len() + k]).abs())
-                .fold(0.0, f64::max);
-            if misfit > MISFIT.0 * scale + noise[row] {
+        for (fit, i) in fits.iter().zip(self.contacts.closed.iter()) {
+            if fit.misfit > MISFIT.0 * fit.scale + fit.noise {
                 return Ok(Release::Unclear);
             }
-            let least = p.coefficients().iter().fold(f64::INFINITY, |a, &b| a.min(b));
-            if least > 2.0 * misfit || scale == 0.0 {
+            let least = fit.p.coefficients().iter().fold(f64::INFINITY, |a, &b| a.min(b));
+            if least > 2.0 * fit.misfit || fit.scale == 0.0 {
                 continue;
             }
-            match p.first_negative() {
+            match fit.p.first_negative() {
                 Some(theta) if first.is_none_or(|(before, _)| theta < before) => {
                     first = Some((theta, i));
                 }
-                None if misfit > MISFIT.1 * scale + noise[row] => return Ok(Release::Unclear),
+                None if fit.misfit > MISFIT.1 * fit.scale + fit.noise => {
+                    return Ok(Release::Unclear);
+                }
                 _ => (),
             }
+        }
+        let end = first.map_or(end, |(theta, _)| theta.min(end));
+        if let Some(length) = self.deviation(&rows, &fits, end, model)? {
+            return Ok(Release::Varies(length));
         }
         Ok(first.map_or(Release::None, |(theta, i)| Release::At(theta, i)))
     }
 
-    /// The forces of the contacts along the last step, and what rounding leaves of them: a force
-    /// below that is none, as that between bodies in free fall.
-    fn forces_along<E, D: Dynamics<E>>(
+    /// The forces of the contacts along the last step. One below what rounding leaves of it is
+    /// none, as that between bodies in free fall.
+    fn fits_along<E, D: Dynamics<E>>(
         &mut self,
+        rows: &Rows,
         model: &mut Model<'_, D>,
-    ) -> Result<(Vec<Values>, Vec<f64>), Failure<E>> {
-        let n = self.layout.n;
-        self.complete_step(model)?;
-        let polynomials: Vec<[Bernstein; 2]> =
-            (0..n).map(|c| self.last.stages.polynomials_of(c)).collect();
+    ) -> Result<Vec<Fit>, Failure<E>> {
         let mut forces = vec![[0.0; MOST_DEGREE + 3]; self.contacts.closed.len()];
         let mut noise = vec![0.0_f64; self.contacts.closed.len()];
         for (k, theta) in NODES.into_iter().chain(CHECKS).enumerate() {
-            let (q, w): (Vec<f64>, Vec<f64>) =
-                polynomials.iter().map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
-            self.aside.evaluate(model, self.now.t + theta * self.last.stages.h, &q, &w)?;
-            self.aside.contact(self.contacts.closed)?;
+            self.evaluate_along(rows, theta, model)?;
             for (row, i) in self.contacts.closed.iter().enumerate() {
                 let none = self.aside.noise(i) / self.aside.d(i, i);
                 let force = self.aside.lambda[i];
@@ -115,7 +167,53 @@ impl Machine {
                 noise[row] = noise[row].max(none);
             }
         }
-        Ok((forces, noise))
+        Ok(forces.iter().zip(noise).map(|(values, noise)| Fit::new(values, noise)).collect())
+    }
+
+    /// Probes the last step up to a part of it: the length of one that ends before the forces or
+    /// the accelerations deviate from what they are at the nodes.
+    fn deviation<E, D: Dynamics<E>>(
+        &mut self,
+        rows: &Rows,
+        fits: &[Fit],
+        end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Option<f64>, Failure<E>> {
+        let ContactProbes { mut probes, horizon, .. } = self.probes;
+        let (t, h) = (self.now.t, self.last.stages.h);
+        if !self.settings.adaptive || model.dynamics.is_steady() {
+            return Ok(None);
+        }
+        let found = probes.deviation(horizon, (t, end * h), APART * h, |at| {
+            match self.conforms(rows, fits, at / h, model) {
+                Err(Failure::Status(_)) => Ok(false),
+                conforms => conforms,
+            }
+        });
+        self.probes.probes = probes;
+        found
+    }
+
+    fn conforms<E, D: Dynamics<E>>(
+        &mut self,
+        rows: &Rows,
+        fits: &[Fit],
+        theta: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<bool, Failure<E>> {
+        let defect = self.defect(rows, theta, model)?;
+        let h = self.last.stages.h;
+        let pushed = |c: usize| {
+            let v = &rows[c][1];
+            let largest = NODES.iter().fold(0.0_f64, |a, &theta| a.max(v.slope(theta).abs()));
+            let off = (h * self.aside.acceleration[c] - v.slope(theta)).abs();
+            off > 5.0 * MISFIT.0 * largest
+        };
+        if defect > 1.0 && (0..rows.len()).any(pushed) {
+            return Ok(false);
+        }
+        let mut closed = fits.iter().zip(self.contacts.closed.iter());
+        Ok(closed.all(|(fit, i)| fit.conforms(self.aside.lambda[i], theta)))
     }
 
     /// Steps to where the force of a contact vanishes, near `now + length`.
@@ -241,6 +339,14 @@ fn through(values: &Values) -> Bernstein {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_largest_distance_between_looks_is_known() {
+        let mut all: Vec<f64> = NODES.into_iter().chain(CHECKS).collect();
+        all.sort_by(f64::total_cmp);
+        let apart = all.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        assert!(apart <= APART && apart > 0.99 * APART, "{apart}");
+    }
 
     #[test]
     fn the_polynomial_takes_the_values_at_the_nodes() {

@@ -9,6 +9,7 @@ use super::equation::{InContact, LastStep, Stages, State};
 use super::impact::Key;
 use super::kinetics::{Kinetics, Model};
 use super::lcp;
+use super::lift_off::ContactProbes;
 use super::mode::{Contacts, Next, Response};
 use super::tail::SkippedArcs;
 use crate::record::failure::Failure;
@@ -53,6 +54,7 @@ pub(super) struct Machine {
     pub(super) last: LastStep,
     pub(super) gathered: Gathered,
     pub(super) control: StepControl,
+    pub(super) probes: ContactProbes,
     /// Steps that end later than this have their polynomials computed.
     pub(super) dense_from: f64,
     pub(super) last_impact: f64,
@@ -104,6 +106,7 @@ impl Machine {
                 impacts: 0,
             },
             control: StepControl { h: settings.first_step, ..StepControl::default() },
+            probes: ContactProbes::default(),
             dense_from: f64::INFINITY,
             last_impact: f64::NEG_INFINITY,
             group: 0,
@@ -204,6 +207,7 @@ impl Machine {
         self.gathered.obstacle = None;
         self.gathered.chain.clear();
         self.gathered.corners.clear();
+        self.probes = ContactProbes::default();
     }
 
     /// Whether something happens before the time moves on beyond `t_end`.

@@ -2,9 +2,9 @@
 
 use super::flight::tolerances;
 use super::kinetics::Model;
+use super::lift_off::Rows;
 use super::machine::Machine;
 use super::mode::Next;
-use crate::numeric::bernstein::Bernstein;
 use crate::numeric::step_error::{worse, StepError};
 use crate::numeric::step_size::{factor, FACTORS};
 use crate::record::failure::Failure;
@@ -69,21 +69,40 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
         self.complete_step(model)?;
-        let (n, h) = (self.layout.n, self.last.stages.h);
-        let [_, rate] = self.last.stages.polynomials_of(n + gap);
+        let [_, rate] = self.last.stages.polynomials_of(self.layout.n + gap);
         let theta = rate.first_negative().unwrap_or(0.5);
-        let rows: Vec<[Bernstein; 2]> =
-            (0..self.now.x.len()).map(|c| self.last.stages.polynomials_of(c)).collect();
-        let (q, w): (Vec<f64>, Vec<f64>) =
-            rows[..n].iter().map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
-        self.aside.evaluate(model, self.now.t + theta * h, &q, &w)?;
-        self.aside.contact(self.contacts.closed)?;
-        let tolerances = tolerances(&self.settings);
+        let rows = (0..self.now.x.len()).map(|c| self.last.stages.polynomials_of(c)).collect();
+        self.defect(&rows, theta, model)
+    }
+
+    /// The same at a part of the step, where the system is evaluated.
+    pub(super) fn defect<E, D: Dynamics<E>>(
+        &mut self,
+        rows: &Rows,
+        theta: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<f64, Failure<E>> {
+        self.evaluate_along(rows, theta, model)?;
+        let (h, tolerances) = (self.last.stages.h, tolerances(&self.settings));
         let defects = rows.iter().enumerate().map(|(c, [_, v])| {
             let defect = h * self.aside.acceleration[c] - v.slope(theta);
             let error = StepError { x: [h * defect, 0.0], xdot: [defect, 0.0], double: false };
             error.norm(self.last.stages.scales(c, &tolerances)) / DEFECT
         });
         Ok(defects.fold(0.0, worse))
+    }
+
+    /// Evaluates the system at a part of the last step, aside.
+    pub(super) fn evaluate_along<E, D: Dynamics<E>>(
+        &mut self,
+        rows: &Rows,
+        theta: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let coordinates = rows[..self.layout.n].iter();
+        let (q, w): (Vec<f64>, Vec<f64>) =
+            coordinates.map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
+        self.aside.evaluate(model, self.now.t + theta * self.last.stages.h, &q, &w)?;
+        Ok(self.aside.contact(self.contacts.closed)?)
     }
 }

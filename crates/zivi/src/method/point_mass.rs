@@ -96,7 +96,7 @@ impl<'f, E, F: Force<E>, S: Scheme> Method<E, PointMass<'f, F>> for FixedSteps<S
             let run = scheme.run(restitution, force, grid, y0, monitor)?;
             return Ok(PointRun::of_steps(run, Vec::new()));
         }
-        let mut step_events = StepEvents::new(keep.events, monitor);
+        let mut step_events = StepEvents::new(keep.events, span.1 - span.0, monitor);
         let run = scheme.run(restitution, force, grid, y0, &mut step_events)?;
         Ok(PointRun::of_steps(run, step_events.into_hits()))
     }

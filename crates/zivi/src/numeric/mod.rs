@@ -7,6 +7,7 @@ pub(crate) mod coordinates;
 pub(crate) mod dense;
 pub(crate) mod first_root;
 pub mod grid;
+pub(crate) mod probes;
 pub(crate) mod richardson;
 pub(crate) mod root;
 pub(crate) mod stages;

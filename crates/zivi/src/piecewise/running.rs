@@ -83,7 +83,7 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         Self {
             t1,
             stops: Stops::new(tstops, t1),
-            seeker: Seeker::new(events, start.clone()),
+            seeker: Seeker::new(events, start.clone(), t1 - method.t()),
             wanted: Wanted::new(t_eval),
             record,
             reserve: Reserve::default(),

@@ -7,8 +7,12 @@ use super::reserve::Reserve;
 use super::user_events::{changes, Direction, Hit, Level, UserEvent};
 use crate::numeric::root;
 
-/// Looks at a function along a smooth part of the motion.
+/// Looks at a function along a smooth part of the motion, at least.
 const LOOKS: usize = 4;
+/// Looks along a whole run, at least: a part may be as long as that, such as a rest.
+const LOOKS_OF_A_RUN: f64 = 200.0;
+/// A part of that length is one, whatever rounding makes of it.
+const ROUNDING: f64 = 1.0 - 1e-9;
 
 /// A part of the motion along which functions are looked at.
 pub(crate) trait Part<P> {
@@ -18,14 +22,20 @@ pub(crate) trait Part<P> {
     /// Writes the state at a time.
     fn at(&self, t: f64, to: &mut P);
 
+    /// In how many parts it is looked at, each of them at most `longest` (s).
+    fn looks(&self, longest: f64) -> usize {
+        let (from, end) = self.span();
+        parts(end - from, longest).max(LOOKS)
+    }
+
     /// Writes the state at which functions are looked at for the time of this number, from 0 on,
-    /// and gives the time; the last is the end.
-    fn look(&self, number: usize, to: &mut P) -> Option<f64> {
+    /// of so many looks, and gives the time; the last is the end.
+    fn look(&self, number: usize, looks: usize, to: &mut P) -> Option<f64> {
         let (from, end) = self.span();
         let t = match number + 1 {
-            LOOKS => end,
-            beyond if beyond > LOOKS => return None,
-            part => from + part as f64 / LOOKS as f64 * (end - from),
+            last if last == looks => end,
+            beyond if beyond > looks => return None,
+            part => from + part as f64 / looks as f64 * (end - from),
         };
         self.at(t, to);
         Some(t)
@@ -75,6 +85,11 @@ where
     }
 }
 
+/// How many parts of a length there are in another.
+pub(crate) fn parts(whole: f64, longest: f64) -> usize {
+    (ROUNDING * whole / longest).ceil() as usize
+}
+
 /// The motion cannot tell when it crosses a level.
 pub(crate) fn unknown(_: Level) -> Option<Vec<f64>> {
     None
@@ -89,16 +104,18 @@ pub(crate) struct Seeker<'a, E, P> {
     /// The functions' values at the end of what was looked at.
     values: Vec<f64>,
     hits: Vec<Vec<Hit<P>>>,
+    /// Longest time between two looks (s).
+    longest: f64,
     /// Where the functions are evaluated.
     at: P,
 }
 
 impl<'a, E, P: Recorded> Seeker<'a, E, P> {
-    /// A seeker along a motion of states like this one.
-    pub(crate) fn new(events: Vec<UserEvent<'a, E, P>>, like: P) -> Self {
+    /// A seeker along a motion of states like this one that takes a time (s).
+    pub(crate) fn new(events: Vec<UserEvent<'a, E, P>>, like: P, duration: f64) -> Self {
         let hits = events.iter().map(|_| Vec::new()).collect();
         let values = vec![0.0; events.len()];
-        Self { events, values, hits, at: like }
+        Self { events, values, hits, longest: duration / LOOKS_OF_A_RUN, at: like }
     }
 
     /// Makes room for some events of each function.
@@ -131,7 +148,7 @@ impl<'a, E, P: Recorded> Seeker<'a, E, P> {
             let note = |t: f64| found.push((t, i));
             match event.level.and_then(|level| part.crossings(level)) {
                 Some(crossings) => event.by_crossings(&crossings, part, value, at, note)?,
-                None => event.by_looks(part, value, at, note)?,
+                None => event.by_looks(part, self.longest, value, at, note)?,
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -170,13 +187,15 @@ impl<E, P> UserEvent<'_, E, P> {
     fn by_looks(
         &mut self,
         part: &impl Part<P>,
+        longest: f64,
         value: &mut f64,
         at: &mut P,
         mut note: impl FnMut(f64),
     ) -> Result<(), E> {
         let mut before = (part.span().0, *value);
+        let looks = part.looks(longest);
         for number in 0.. {
-            let Some(t) = part.look(number, at) else { break };
+            let Some(t) = part.look(number, looks, at) else { break };
             let after = (t, (self.function)(t, at)?);
             if changes(before.1, after.1, self.direction) {
                 let value_at = |t: f64| {

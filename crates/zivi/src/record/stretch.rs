@@ -71,10 +71,24 @@ impl Stretch {
         crosses.then(|| from + (to - from) / (1.0 - end / start))
     }
 
-    /// Where the functions are looked at: at the wall, if it is met within the step (rounding may
-    /// put that at one of its ends), and at the end.
-    pub(crate) fn looks(&self) -> impl Iterator<Item = (f64, Physical)> {
-        let wall = self.crossing().map(|t| (t, Physical { x: 0.0, ..self.at(t) }));
-        wall.into_iter().chain(Some((self.to.t, self.to.state)))
+    /// The time and the state of a look, from 0 on: at the ends of `looks` equal parts, and at the
+    /// wall, if it is met within the step (rounding may put that at one of its ends).
+    pub(crate) fn nth_look(&self, number: usize, looks: usize) -> Option<(f64, Physical)> {
+        let (from, to) = (self.from.t, self.to.t);
+        let wall = self.crossing();
+        let passed = wall.map(|t| ((t - from) / (to - from) * looks as f64) as usize);
+        let passed = passed.map(|passed| passed.min(looks - 1));
+        if let (Some(t), true) = (wall, passed == Some(number)) {
+            return Some((t, Physical { x: 0.0, ..self.at(t) }));
+        }
+        let part = number + usize::from(passed.is_none_or(|passed| number < passed));
+        match part {
+            last if last == looks => Some((to, self.to.state)),
+            beyond if beyond > looks => None,
+            part => {
+                let t = from + part as f64 / looks as f64 * (to - from);
+                Some((t, self.at(t)))
+            }
+        }
     }
 }

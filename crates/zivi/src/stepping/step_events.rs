@@ -1,7 +1,7 @@
 //! Events of the user along a run of fixed steps.
 //!
-//! Each function is looked at at the end of every step, and at the wall where `s` changes its sign
-//! within the step; where its sign differs from that of the look before, the zero is sought on the
+//! Each function is looked at at the end of every step, at the wall where `s` changes its sign
+//! within the step, and in steps that are a long part of the run between; where its sign differs from that of the look before, the zero is sought on the
 //! interpolation of the step.
 
 use std::ops::ControlFlow;
@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 use zivi_core::{transform, Lifted, Physical};
 
 use crate::record::reserve::Reserve;
-use crate::record::seeker::{Part, Seeker};
+use crate::record::seeker::{parts, Part, Seeker};
 use crate::record::stretch::{Knot, Stretch};
 use crate::record::user_events::changes;
 use crate::{Direction, Hit, Keep, Monitor, PathPoint, Status, UserEvent};
@@ -28,7 +28,7 @@ use crate::{Direction, Hit, Keep, Monitor, PathPoint, Status, UserEvent};
 /// let grid = Grid::new(0.0, 1e3, 1e-3)?;
 /// let half = UserEvent::new(|_, x, _| Ok::<_, Infallible>(x - 0.5));
 /// let mut silent = Silent;
-/// let mut monitor = StepEvents::new(vec![UserEvent { terminal: Some(1), ..half }], &mut silent);
+/// let mut monitor = StepEvents::new(vec![UserEvent { terminal: Some(1), ..half }], 1e3, &mut silent);
 /// let method = ThetaGamma::implicit_euler();
 /// let run =
 ///     simulate_theta_gamma(method, restitution, &mut ConstantForce(-4.0), grid, ball, &mut monitor)?;
@@ -45,9 +45,11 @@ pub struct StepEvents<'m, 'a, M, E> {
 }
 
 impl<'m, 'a, M, E> StepEvents<'m, 'a, M, E> {
-    /// Follows events (their levels are functions as others are), and tells `monitor` the rest.
-    pub fn new(events: Vec<UserEvent<'a, E>>, monitor: &'m mut M) -> Self {
-        let seeker = Seeker::new(events, PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 });
+    /// Follows events (their levels are functions as others are) of a run that takes a time (s), and
+    /// tells `monitor` the rest.
+    pub fn new(events: Vec<UserEvent<'a, E>>, duration: f64, monitor: &'m mut M) -> Self {
+        let like = PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 };
+        let seeker = Seeker::new(events, like, duration);
         Self { monitor, seeker, started: false, reserve: Reserve::default() }
     }
 
@@ -71,8 +73,12 @@ impl Part<PathPoint> for Stretch {
         *to = point(Stretch::at(self, t), self.z(t));
     }
 
-    fn look(&self, number: usize, to: &mut PathPoint) -> Option<f64> {
-        let (t, state) = self.looks().nth(number)?;
+    fn looks(&self, longest: f64) -> usize {
+        parts(self.to.t - self.from.t, longest).max(1)
+    }
+
+    fn look(&self, number: usize, looks: usize, to: &mut PathPoint) -> Option<f64> {
+        let (t, state) = self.nth_look(number, looks)?;
         *to = point(state, self.z(t));
         Some(t)
     }

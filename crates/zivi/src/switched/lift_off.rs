@@ -2,12 +2,12 @@
 //!
 //! Over a window the polynomial of degree 5 through `phi` at Chebyshev's points stands for it.
 //! Its coefficients in Bernstein form bound it, and two more evaluations say how well it fits; a
-//! window that does not decide is halved. One with hardly a misfit says little about how fast the
-//! force may vary: there are [`PROBES`] more looks in all, and when one shows something, as many
-//! before that, until nothing new is seen.
+//! window that does not decide is halved, and each that is accepted is probed between its nodes
+//! ([`Probes`]).
 
 use super::mode::Rest;
 use crate::numeric::bernstein::{evaluate, Bernstein};
+use crate::numeric::probes::Probes;
 use crate::numeric::root;
 
 /// `(1 - cos(pi i/5))/2`.
@@ -28,6 +28,9 @@ const FROM_VALUES: [[f64; 6]; 6] = [
 /// Where the fit is checked.
 const CHECKS: [f64; 2] = [0.2, 0.55];
 
+/// Largest distance between two of all these places.
+const APART: f64 = 0.25;
+
 /// Misfit, relative to the values, above which a window is halved, and below which the next one
 /// is twice as long.
 const MISFIT: (f64, f64) = (1e-4, 1e-6);
@@ -37,14 +40,6 @@ const ROUNDING: f64 = 4e-16;
 
 /// Shortest window, relative to the longest so far: where the force jumps.
 const SHORTEST: f64 = 1e-6;
-
-/// `(sqrt(5) - 1)/2`
-const GOLDEN: f64 = 0.618_033_988_749_895;
-
-/// Further looks between the start of a rest and its farthest end; the most in one window, where the
-/// force is known to vary fast.
-const PROBES: f64 = 64.0;
-const MOST_PROBES: f64 = 1024.0;
 
 /// What a window showed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,10 +104,15 @@ impl Fit {
     fn is_very_good(&self) -> bool {
         self.misfit <= MISFIT.1 * self.scale + self.noise
     }
+
+    /// Whether a value at `theta` is what the polynomial says.
+    fn conforms(&self, value: f64, theta: f64) -> bool {
+        (value - self.p.at(theta)).abs() <= 5.0 * MISFIT.0 * self.scale + self.noise
+    }
 }
 
 /// The search for lift-offs: what it knows of the force from one window to the next.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Lookout {
     /// Length of the window to look at next (s).
     pub(super) length: Option<f64>,
@@ -123,21 +123,7 @@ pub(super) struct Lookout {
     /// Whether there are more looks than those of a window: not where a controller looks anew at
     /// the start of each of its periods.
     pub(super) probing: bool,
-    /// Up to here the probes showed nothing (s).
-    pub(super) clear: f64,
-    /// No window goes beyond this time, at which a probe showed that the force varies (s).
-    pub(super) suspect: f64,
-    /// Largest distance of two probes, once one of them showed something (s).
-    pub(super) spacing: f64,
-}
-
-impl Default for Lookout {
-    fn default() -> Self {
-        let (clear, suspect, spacing) = (f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY);
-        let (length, probing) = (None, false);
-        let (longest, largest) = (0.0, 0.0);
-        Self { length, longest, largest, probing, clear, suspect, spacing }
-    }
+    pub(super) probes: Probes,
 }
 
 impl Lookout {
@@ -158,7 +144,7 @@ impl Lookout {
             return Ok(Window::LiftOff(t));
         }
         rest.horizon = rest.horizon.max(until - t);
-        let until = if self.suspect > t { until.min(self.suspect) } else { until };
+        let until = self.probes.end(t, until);
         let mut length = self.length.unwrap_or(until - t).min(longest).min(until - t);
         let shortest = (SHORTEST * self.longest).max(32.0 * f64::EPSILON * t.abs());
         let fit = loop {
@@ -209,45 +195,13 @@ impl Lookout {
         fit: &Fit,
         phi: &mut impl FnMut(f64) -> Result<f64, E>,
     ) -> Result<Option<f64>, E> {
-        if !(self.probing && fit.is_very_good()) || t + length <= self.clear {
+        if !self.probing {
             return Ok(None);
         }
-        let spacing = self.spacing.min(horizon / PROBES);
-        let (mut end, mut shorter) = (length, None);
-        loop {
-            let n = (end / spacing.min(self.spacing)).ceil().clamp(1.0, MOST_PROBES);
-            let Some((before, at)) = first_deviation(t, (length, end, n), fit, phi)? else { break };
-            // it varies: how it does before that, no look so far was close enough to tell
-            (end, shorter) = (at, Some(if before > 0.0 { before } else { at }));
-            self.spacing = self.spacing.min(end / PROBES);
-            self.suspect = t + at;
-        }
-        self.clear = t + end;
-        Ok(shorter)
+        self.probes.deviation(horizon, (t, length), APART * length, |at| {
+            Ok(fit.conforms(phi(t + at)?, at / length))
+        })
     }
-}
-
-/// Looks at `n` places between `t` and `t + end` of a window of this length: after how long the
-/// force first deviates from its fit, and the look before that.
-fn first_deviation<E>(
-    t: f64,
-    (length, end, n): (f64, f64, f64),
-    fit: &Fit,
-    phi: &mut impl FnMut(f64) -> Result<f64, E>,
-) -> Result<Option<(f64, f64)>, E> {
-    let mut before = 0.0;
-    for i in 0..n as u32 {
-        // one in each part, not equidistant: a periodic force must not be looked at in its period
-        let i = f64::from(i);
-        let at = (i + (i * GOLDEN).fract()) / n * end;
-        let deviation = (phi(t + at)? - fit.p.at(at / length)).abs();
-        let conforms = deviation <= 5.0 * MISFIT.0 * fit.scale + fit.noise;
-        if !conforms && at > 0.0 {
-            return Ok(Some((before, at)));
-        }
-        before = at;
-    }
-    Ok(None)
 }
 
 /// The sign change of `phi` near `t + theta length`.
@@ -326,6 +280,14 @@ mod tests {
     }
 
     #[test]
+    fn the_largest_distance_between_looks_is_known() {
+        let mut all: Vec<f64> = NODES.into_iter().chain(CHECKS).collect();
+        all.sort_by(f64::total_cmp);
+        let apart = all.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        assert!(apart <= APART && apart > 0.99 * APART, "{apart}");
+    }
+
+    #[test]
     fn weak_lift_off_is_found_down_to_rounding_of_the_certificate() {
         for decade in 1..=12 {
             let excess = 10f64.powi(-decade);
@@ -352,22 +314,16 @@ mod tests {
 
     #[test]
     fn pulses_are_seen_if_they_are_not_too_short_for_the_look() {
-        // of 10 s: a pulse longer than 1/32 always, one of 1/100 in 65 of 100 cases
-        for phase in 0..20 {
-            let start = 0.5 + 0.431 * f64::from(phase);
-            let (found, _) =
-                search(
-                    10.0,
-                    10.0,
-                    |t| {
-                        if t > start && t < start + 10.0 / 31.0 {
-                            5.0
-                        } else {
-                            -9.81
-                        }
-                    },
-                );
-            assert!(found.is_some_and(|t| (t - start).abs() < 1e-9), "{start}: {found:?}");
+        // of 10 s: a pulse longer than 1/39 always, whatever ripple the force has
+        for ripple in [0.0, 1e-5, 1e-4, 3e-4, 1e-3] {
+            for phase in 0..20 {
+                let start = 0.5 + 0.431 * f64::from(phase);
+                let (found, _) = search(10.0, 10.0, |t| {
+                    let push = if t > start && t < start + 10.0 / 39.0 { 15.0 } else { 0.0 };
+                    push - 9.81 + ripple * (37.0 * t).sin()
+                });
+                assert!(found.is_some_and(|t| (t - start).abs() < 1e-9), "{start}: {found:?}");
+            }
         }
         // one of them is enough to look closer for the first: periodic ones of 0.1 s each second
         let first = |phase: f64| {

@@ -87,6 +87,12 @@ pub trait Dynamics<E> {
     /// # Errors
     /// Whatever the system raises; it ends the run, which keeps what was computed.
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E>;
+
+    /// Whether `M`, `F`, `N` and `g_t` are constants: contact forces hold no surprise then, such as
+    /// a pulse, and are not probed for one.
+    fn is_steady(&self) -> bool {
+        false
+    }
 }
 
 /// A system given by a function.

@@ -85,6 +85,10 @@ impl<E, D: Dynamics<E>> Dynamics<E> for DifferencedDynamics<D> {
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
         self.dynamics.evaluate(t, q, w, out)
     }
+
+    fn is_steady(&self) -> bool {
+        self.dynamics.is_steady()
+    }
 }
 
 impl<D> DifferencedDynamics<D> {

@@ -1,6 +1,7 @@
 //! Mechanical systems with several coordinates and gaps.
 
 mod laws;
+mod lift_off;
 mod limits;
 mod models;
 mod physics;

@@ -47,8 +47,9 @@ pub(super) struct LoopEvents<'a, E> {
 }
 
 impl<'a, E> LoopEvents<'a, E> {
-    pub(super) fn new(events: Vec<UserEvent<'a, E>>) -> Self {
-        let seeker = Seeker::new(events, point(Physical::default()));
+    /// Events of a run that takes a time (s).
+    pub(super) fn new(events: Vec<UserEvent<'a, E>>, duration: f64) -> Self {
+        let seeker = Seeker::new(events, point(Physical::default()), duration);
         Self { seeker, reserve: Reserve::default(), started: false, impacts: 0 }
     }
 

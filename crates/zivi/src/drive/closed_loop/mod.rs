@@ -199,6 +199,7 @@ where
             return Err(SetupError::Count("delay", delay, periods));
         }
         let pending = std::iter::repeat_n(0.0, delay).collect();
+        let duration = grid.t(grid.n_steps()) - grid.t(0);
         Ok(Self {
             controller,
             plant,
@@ -212,7 +213,7 @@ where
             observer,
             pending,
             guide: output.reference.take().map(Guide::new),
-            events: LoopEvents::new(std::mem::take(&mut output.events)),
+            events: LoopEvents::new(std::mem::take(&mut output.events), duration),
             dense: output.dense,
         })
     }
