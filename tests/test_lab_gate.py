@@ -56,6 +56,10 @@ class TestServer:
         assert status == 200
         assert b"zivi lab" in page
         assert headers["referrer-policy"] == "no-referrer"
+        policy = headers["content-security-policy"]
+        assert "default-src 'self'" in policy
+        assert "object-src 'none'" in policy
+        assert "http" not in policy
         own = f"http://{address.netloc}"
         status, headers, _ = self.get(address, Origin=own)
         assert status == 200

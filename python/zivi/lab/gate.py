@@ -31,7 +31,16 @@ SESSION_PATHS = ("ws", "sse")
 """What a page asks for when it opens a session."""
 REFUSED = b"zivi lab: open the address that the command has printed\n"
 FULL = b"zivi lab: too many pages are open; close some and wait a minute\n"
+# the page of marimo has scripts and styles in its text, and makes code of texts; nothing may come
+# from another server or go to one
+POLICY = (
+    b"default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; "
+    b"style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+    b"worker-src 'self' blob:; frame-src 'self' blob: data:; object-src 'none'; "
+    b"base-uri 'self'; form-action 'self'; frame-ancestors 'none'"
+)
 SAFE = (
+    (b"content-security-policy", POLICY),
     (b"referrer-policy", b"no-referrer"),  # the address holds the token
     (b"x-frame-options", b"DENY"),
     (b"x-content-type-options", b"nosniff"),

@@ -1,14 +1,16 @@
 """Digests of values by their content, the same in every process.
 
-Numbers, texts, containers, arrays, tables, functions with what they hold, and every object that can
-be taken apart as pickle does it. What cannot be has no digest: whether it has changed since a study
-was begun cannot be known.
+Numbers, texts, containers, arrays, tables, functions with what they hold and use, classes, and
+every object that can be taken apart as pickle does it. What cannot be has no digest: whether it has
+changed since a study was begun cannot be known.
 """
 
 from __future__ import annotations
 
 import ast
 import copyreg
+import dataclasses
+import enum
 import functools
 import hashlib
 import inspect
@@ -20,9 +22,13 @@ from typing import Any
 
 import numpy as np
 
+from zivi.study.uses import is_ours, kept_attributes, kept_cells, unformatted, used
 from zivi.system import ImpactSystem
 
-__all__ = ["UndigestibleError", "digest", "held", "source"]
+__all__ = ["VERSION", "UndigestibleError", "digest", "held", "source", "uses"]
+
+VERSION = 2
+"""Version of the digests: those of another one cannot be compared with them."""
 
 PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...), type(NotImplemented))
 SHOWN = 16
@@ -69,14 +75,37 @@ def held(function: Callable[..., Any]) -> str | None:
     elif (inner := _inner(function)) is not None:
         return held(inner)
     else:
-        parts = _taken_apart(function)
+        parts = _state(function)
     return digest(parts) if any(parts) else None
+
+
+def uses(function: Callable[..., Any]) -> str | None:
+    """Tell what a function uses that it does not hold: helpers, other globals, its class.
+
+    Returns
+    -------
+    str or None
+        A digest; None if it uses nothing but libraries.
+    """
+    while isinstance(function, functools.partial):
+        function = function.func
+    if isinstance(function, types.MethodType):
+        return uses(function.__func__)
+    if (inner := _inner(function)) is not None:
+        return uses(inner)
+    content = _Content(tolerant=True)
+    if isinstance(function, types.FunctionType):
+        found = list(used(function)) if is_ours(function) else []
+        return hashlib.sha256(content.token(found)).hexdigest()[:SHOWN] if found else None
+    kind = function if isinstance(function, type) else type(function)
+    return hashlib.sha256(content.token(kind)).hexdigest()[:SHOWN] if is_ours(kind) else None
 
 
 def source(function: Callable[..., Any]) -> str | None:
     """Tell the text of a function, or of the class of a callable object, in a few characters."""
     while isinstance(function, functools.partial):
         function = function.func
+    function = _inner(function) or function
     has_text = isinstance(function, type) or hasattr(function, "__code__")
     text = _text(function if has_text else type(function))
     return hashlib.sha256(text).hexdigest()[:SHOWN] if text else None
@@ -114,7 +143,10 @@ def _lambdas(text: str) -> list[ast.Lambda]:
 
 
 def _held_by(function: types.FunctionType) -> tuple[Any, ...]:
-    cells = [_Empty if _is_empty(it) else it.cell_contents for it in function.__closure__ or ()]
+    cells = [
+        (name, _Empty if _is_empty(cell) else cell.cell_contents)
+        for name, cell in kept_cells(function)
+    ]
     return function.__defaults__, function.__kwdefaults__, cells, function.__dict__
 
 
@@ -137,7 +169,9 @@ def _kind(value: Any) -> str:
 class _Content:
     """Reduces values to tokens: what is plain to its text, the rest to a hash of its parts."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, tolerant: bool = False) -> None:
+        # whether what cannot be taken apart counts by its kind
+        self._tolerant = tolerant
         self._known: dict[int, bytes] = {}
         # so that no other object gets the place of one that is known
         self._alive: list[Any] = []
@@ -151,10 +185,24 @@ class _Content:
         self._alive.append(value)
         self._known[id(value)] = f"around {len(self._alive)} ".encode()
         found = hashlib.sha256(_kind(value).encode())
-        for part in self._parts(value):
-            found.update(part if isinstance(part, memoryview) else self.token(part))
+        try:
+            for part in self._parts(value):
+                found.update(part if isinstance(part, memoryview) else self.token(part))
+        except RecursionError:
+            raise
+        except Exception:
+            if not self._tolerant:
+                raise
         self._known[id(value)] = found.digest()
         return self._known[id(value)]
+
+    def _tolerated(self, value: Any) -> bytes:
+        """Tell what a function uses, where a lock or a logger is no reason to refuse it."""
+        before, self._tolerant = self._tolerant, True
+        try:
+            return self.token(value)
+        finally:
+            self._tolerant = before
 
     def _parts(self, value: Any) -> Iterable[Any]:
         """Take a value apart; a memoryview counts by its bytes."""
@@ -170,13 +218,22 @@ class _Content:
         if isinstance(value, types.CodeType):
             names = value.co_names, value.co_varnames, value.co_freevars, value.co_cellvars
             return (value.co_code, value.co_consts, *names, value.co_flags)
+        if isinstance(value, type) and is_ours(value):
+            return (value.__module__, value.__qualname__, self._tolerated(_of_class(value)))
         if isinstance(value, types.ModuleType | types.BuiltinFunctionType | type):
             owner = getattr(value, "__self__", None)
             named = (getattr(value, "__module__", None), getattr(value, "__qualname__", None))
             return (*named, value.__name__, None if isinstance(owner, types.ModuleType) else owner)
         if isinstance(value, types.FunctionType):
             named = (value.__module__, value.__qualname__)
-            return (*named, _text(value), *_held_by(value))
+            if not is_ours(value):
+                return (*named, _text(value), *_held_by(value))
+            more = self._tolerated(list(used(value)))
+            return (*named, _unformatted(value), *_held_by(value), more)
+        if isinstance(value, staticmethod | classmethod):
+            return (value.__func__,)
+        if isinstance(value, property):
+            return (value.fget, value.fset, value.fdel)
         if isinstance(value, types.MethodType):
             return (value.__func__, value.__self__)
         return self._of_object(value)
@@ -187,17 +244,80 @@ class _Content:
         if (told := _of_library(value)) is not None:
             return told
         if (inner := _inner(value)) is not None:
-            return (inner,)
+            return (inner, getattr(value, "targetoptions", None))
         if callable(getattr(value, "__dask_tokenize__", None)):
             return (value.__dask_tokenize__(),)
-        call = vars(type(value)).get("__call__")
-        return (_text(call) if isinstance(call, types.FunctionType) else None, *_taken_apart(value))
+        kind = type(value)
+        return (kind if is_ours(kind) else None, *_state(value))
+
+
+def _unformatted(function: types.FunctionType) -> bytes:
+    """Give the text of a function without comments and layout; its code where there is none."""
+    text = _text(function)
+    try:
+        return unformatted(text.decode()).encode()
+    except UnicodeDecodeError:  # a digest of its code
+        return text
 
 
 def _inner(value: Any) -> types.FunctionType | None:
-    """Give the function that was compiled or cached (numba, functools)."""
+    """Give the function that a library compiled or cached (numba, functools).
+
+    A wrapper of the user has a state of its own.
+    """
+    if isinstance(value, types.FunctionType | type) or not callable(value) or is_ours(type(value)):
+        return None
     inner = getattr(value, "__wrapped__", None)
-    return inner if callable(value) and isinstance(inner, types.FunctionType) else None
+    return inner if isinstance(inner, types.FunctionType) else None
+
+
+def _state(value: Any) -> tuple[Any, ...]:
+    """Take an object apart, but for what its call keeps for the next one."""
+    parts = _taken_apart(value)
+    kept = kept_attributes(value)
+    if not kept or len(parts) < 3 or type(parts[2]) is not dict:
+        return parts
+    state = {name: it for name, it in parts[2].items() if name not in kept}
+    return (*parts[:2], state, *parts[3:])
+
+
+SKIPPED = {
+    *("__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__annotations__"),
+    *("__dataclass_fields__", "__dataclass_params__", "__match_args__", "__abstractmethods__"),
+    *("__firstlineno__", "__static_attributes__", "__annotate__", "__annotate_func__"),
+    *("__parameters__", "__orig_bases__", "__annotations_cache__", "__classdictcell__"),
+}
+"""What a class has that says nothing, or is said by something else."""
+GENERATED = "<string>"
+"""The file of the methods that a dataclass writes."""
+
+
+def _of_class(kind: type) -> list[Any]:
+    """Take a class apart: its bases, its attributes, its methods."""
+    found: list[Any] = [*kind.__bases__, type(kind)]
+    if issubclass(kind, enum.Enum):
+        found += [(name, it.value) for name, it in kind.__members__.items()]
+    if dataclasses.is_dataclass(kind):
+        fields = dataclasses.fields(kind)
+        found += [(it.name, it.default, it.default_factory, it.init) for it in fields]
+    for name, value in sorted(vars(kind).items()):
+        if name in SKIPPED or name.startswith("_abc_") or _is_slot(value):
+            continue
+        if issubclass(kind, enum.Enum) and not _is_method(value):
+            continue
+        code = getattr(value, "__code__", None)
+        if dataclasses.is_dataclass(kind) and code and code.co_filename == GENERATED:
+            continue
+        found.append((name, value))
+    return found
+
+
+def _is_slot(value: Any) -> bool:
+    return isinstance(value, types.MemberDescriptorType | types.GetSetDescriptorType)
+
+
+def _is_method(value: Any) -> bool:
+    return isinstance(value, types.FunctionType | property | staticmethod | classmethod)
 
 
 def _taken_apart(value: Any) -> tuple[Any, ...]:

@@ -12,16 +12,18 @@ import numpy as np
 
 from zivi import _zivi
 from zivi.study.design import Design
-from zivi.study.digest import UndigestibleError, digest, held, source
+from zivi.study.digest import VERSION, UndigestibleError, digest, held, source, uses
 
 __all__ = ["differences", "identity", "named"]
 
-MILD = ("zivi", "source")
+MILD = ("zivi", "source", "uses", "digests")
 """What may differ if the user insists on going on."""
 WORDS = {
     "function": "the function",
     "source": "the text of the function",
+    "digests": "the version of the digests, which differ between versions",
     "held": "what the function holds (digest)",
+    "uses": "what the function uses, helpers and other globals (digest)",
     "kind": "the kind of design",
     "parameters": "the parameters",
     "shape": "the number of points",
@@ -52,6 +54,8 @@ def identity(
         "function": named(function),
         "source": source(function),
         "held": of("the function", function, held),
+        "uses": of("the function", function, uses),
+        "digests": VERSION,
         "kind": design.kind,
         "parameters": list(design.names),
         "shape": list(design.shape),
@@ -68,8 +72,10 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool
     # a seed or a chunk that is not given is that of the store
     left_out = {key for key in ("seed", "chunk") if here[key] is None}
     if mild:
-        # version 0.1.0 did not say what a function holds
-        left_out |= {*MILD, *(() if "held" in there else ("held",))}
+        left_out |= set(MILD)
+        # version 0.1.0 did not say what a function holds, other digests cannot be compared
+        if "held" not in there or there.get("digests") != here["digests"]:
+            left_out.add("held")
     return [
         f"{words}: {there.get(key)!r} there, {here[key]!r} here"
         for key, words in WORDS.items()

@@ -297,7 +297,8 @@ def _continued(path: Path, design: Design, told: dict[str, Any], resume: bool | 
         hint = (
             ""
             if resume
-            else "; resume=True goes on when only the text of the function or the version differs"
+            else "; resume=True goes on when only the text of the function, what it uses or the "
+                "version differs"
         )
         raise ValueError(f"{path} has another study: {'; '.join(found)}{hint}")
     store = FolderStore(path, write=True)
