@@ -68,10 +68,8 @@ impl Memory {
 
     /// A position is measured now.
     pub(super) fn see(&mut self, x: f64) {
-        self.seen.rotate_right(1);
-        if let Some(first) = self.seen.first_mut() {
-            *first = Seen { x, moved: 0.0, age: 0.0 };
-        }
+        let [a, b, c, d, e, _] = self.seen;
+        self.seen = [Seen { x, moved: 0.0, age: 0.0 }, a, b, c, d, e];
         self.count = (self.count + 1).min(REMEMBERED as u32);
     }
 
