@@ -288,8 +288,20 @@ static void observers(void)
         EXPECT(zivi_observer_step(&it, 1.0, 0.0, bad[k], 0.0) == ZIVI_E_FORCE);
         EXPECT(zivi_observer_step(&it, 1.0, 0.0, 0.0, bad[k]) == ZIVI_E_U);
     }
+    for (k = 0; k < 3; k++)
+        EXPECT(zivi_observer_step_after(&it, bad[k], 1.0, 0.0, 0.0, 0.0) == ZIVI_E_DT);
+    EXPECT(zivi_observer_step_after(&it, 0.0, 1.0, 0.0, 0.0, 0.0) == ZIVI_E_DT);
+    EXPECT(zivi_observer_step_after(&it, 1e-3, INFINITY, 0.0, 0.0, 0.0) == ZIVI_E_X);
     EXPECT(memcmp(&it, &before, sizeof it) == 0);
-    EXPECT(zivi_observer_reset(&it) == ZIVI_OK && it.started == 0);
+    /* with h it is the other call; a missing measurement follows the motion and leaves its noise */
+    EXPECT(zivi_observer_step(&before, 1.0, NAN, -9.81, 0.0) == ZIVI_OK);
+    EXPECT(zivi_observer_step_after(&it, it.config.h, 1.0, NAN, -9.81, 0.0) == ZIVI_OK);
+    EXPECT(memcmp(&it, &before, sizeof it) == 0);
+    EXPECT(zivi_observer_step_after(&it, 0.1, NAN, 7.0, -9.81, 0.0) == ZIVI_OK);
+    EXPECT(it.x < before.x - 0.04 && it.p_xx > before.p_xx && it.seen == before.seen);
+    EXPECT(zivi_observer_reset(&it) == ZIVI_OK && it.started == 0 && it.seen == 0);
+    config.learn_e = 1;
+    EXPECT(zivi_observer_init(&it, &config) == ZIVI_OK && it.e == config.e && it.p_ee > 0.0);
     EXPECT(zivi_observer_step(NULL, 1.0, 0.0, 0.0, 0.0) == ZIVI_E_NULL);
     memset(&it, 0, sizeof it);
     EXPECT(zivi_observer_step(&it, 1.0, 0.0, 0.0, 0.0) == ZIVI_E_STATE);

@@ -163,7 +163,7 @@ impl Observer {
         match config.checked() {
             Ok(config) => {
                 *self = Self { config, ..Self::default() };
-                self.remember(ImpactObserver::new(self.settings()).state());
+                self.remember(ImpactObserver::new(self.settings()).remembered());
                 self.seal = self.seal_of_settings();
                 ZIVI_OK
             }
@@ -176,7 +176,7 @@ impl Observer {
         if let Err(code) = self.intact() {
             return code;
         }
-        self.remember(ImpactObserver::new(self.settings()).state());
+        self.remember(ImpactObserver::new(self.settings()).remembered());
         ZIVI_OK
     }
 
@@ -198,11 +198,10 @@ impl Observer {
         if let Err(code) = self.intact() {
             return code;
         }
-        let mut core = ImpactObserver::new(self.settings());
-        core.set_state(self.state());
-        match core.tick_after(dt, measured, force, u) {
+        let mut core = ImpactObserver::resumed(self.settings(), self.state());
+        match core.advance(dt, measured, force, u) {
             Ok(_) => {
-                self.remember(core.state());
+                self.remember(core.remembered());
                 ZIVI_OK
             }
             Err(error) => code::of(error),
@@ -220,6 +219,7 @@ impl Observer {
             .trusted_learning(self.config.learn_e != 0, q_e)
     }
 
+    #[inline(always)]
     fn state(&self) -> ObserverState {
         let Self { x, xdot, d, e, p_xx, p_xv, p_xd, p_vv, p_vd, p_dd, .. } = *self;
         let Self { p_xe, p_ve, p_de, p_ee, .. } = *self;
@@ -251,19 +251,21 @@ impl Observer {
         }
     }
 
-    fn remember(&mut self, state: ObserverState) {
+    #[inline(always)]
+    fn remember(&mut self, state: &ObserverState) {
         let ObserverState { started, waiting, estimate, e, covariance, memory, .. } = state;
         (self.x, self.xdot, self.d) = (estimate.state.x, estimate.state.xdot, estimate.d);
-        self.e = e;
-        let Covariance { xx, xv, xd, vv, vd, dd, xe, ve, de, ee } = covariance;
+        self.e = *e;
+        let Covariance { xx, xv, xd, vv, vd, dd, xe, ve, de, ee } = *covariance;
         (self.p_xx, self.p_xv, self.p_xd) = (xx, xv, xd);
         (self.p_vv, self.p_vd, self.p_dd) = (vv, vd, dd);
         (self.p_xe, self.p_ve, self.p_de, self.p_ee) = (xe, ve, de, ee);
-        self.seen_x = memory.seen.map(|it| it.x);
-        self.seen_moved = memory.seen.map(|it| it.moved);
-        self.seen_age = memory.seen.map(|it| it.age);
+        let places = self.seen_x.iter_mut().zip(&mut self.seen_moved).zip(&mut self.seen_age);
+        for (((x, moved), age), it) in places.zip(&memory.seen) {
+            (*x, *moved, *age) = (it.x, it.moved, it.age);
+        }
         self.seen = memory.count;
-        (self.started, self.waiting) = (u32::from(started), u32::from(waiting));
+        (self.started, self.waiting) = (u32::from(*started), u32::from(*waiting));
         (self.in_a_row, self.refused) = (state.in_a_row, state.refused);
     }
 }

@@ -1,0 +1,192 @@
+//! The filter: prediction through impacts and rest, correction within the gate, and what restarts it.
+
+use super::memory::Fitted;
+use super::{Covariance, Measurement, ObserverSettings, ObserverState};
+use crate::{flight, Physical};
+
+/// Impacts of one period that are followed; a mass that has more is taken to rest.
+const MAX_IMPACTS: u32 = 20;
+/// The square of the standard deviations at which a measurement is refused.
+const GATE: f64 = 25.0;
+/// So many refused in a row restart the filter where the velocity is measured.
+const PATIENCE: u32 = 5;
+/// From so many on positions that agree do.
+const DOUBT: u32 = 3;
+/// So many positions do without agreement.
+const LOST: u32 = 14;
+/// Grazing: the speed in `(1 + e) a/v-` is taken to be at least this part of `h |a|`.
+const GRAZING: f64 = 0.1;
+/// Impacts slower than so many `s_x/h` tell nothing of `e`.
+const SLOW: f64 = 10.0;
+/// What a period adds to the variances of `x` and `x'`, of `s_x^2` and `(s_x/h)^2`: without it a
+/// wrong `e` could never be corrected after a rest.
+const FLOOR: [f64; 2] = [1e-10, 1e-12];
+/// The same of the variance of a velocity that nothing is known of.
+const UNKNOWN_SPEED: f64 = 100.0;
+/// Deviations of the position within which the energy of the mass is bounded.
+const HIGHEST: f64 = 6.0;
+/// Restitutions that are learnt.
+const LEARNT: [f64; 2] = [0.01, 0.999];
+/// Largest variance of a restitution.
+const UNKNOWN_E: f64 = 0.25;
+
+impl ObserverSettings {
+    /// This time and this measurement, under a known acceleration.
+    pub(super) fn follow(
+        &self,
+        it: &mut ObserverState,
+        dt: f64,
+        measured: Option<Measurement>,
+        known: f64,
+    ) {
+        let a = known + it.estimate.d;
+        if it.started {
+            it.memory.pass(dt, a);
+            self.predict(it, dt, a, velocity_of(measured));
+        }
+        let Some(measured) = measured else { return };
+        it.memory.see(measured.x);
+        let ObserverSettings { noise: [of_x, _], dmax, .. } = *self;
+        if !it.started || (it.waiting && measured.xdot.is_some()) {
+            self.start(it, measured);
+        } else if it.waiting {
+            if let Some(fitted) = it.memory.of_two(of_x, dmax * dmax) {
+                it.restart(fitted);
+            }
+        } else {
+            self.correct(it, measured, a);
+        }
+    }
+
+    /// At the first measurement, or at the first of a velocity.
+    fn start(&self, it: &mut ObserverState, Measurement { x, xdot }: Measurement) {
+        let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
+        let state = Physical { x: x.max(0.0), xdot: xdot.unwrap_or(0.0) };
+        let unknown = self.fastest(state, of_x, dmax);
+        let of_v = if xdot.is_some() { of_v } else { unknown };
+        it.restart(Fitted { state, covariance: Covariance::diagonal([of_x, of_v, dmax * dmax]) });
+        (it.started, it.waiting) = (true, xdot.is_none());
+    }
+
+    /// The variance of a velocity of which only the height is known, up to the variance `of_x`, and
+    /// the acceleration: by the energy.
+    fn fastest(&self, Physical { x, xdot }: Physical, of_x: f64, a: f64) -> f64 {
+        let ObserverSettings { noise: [noise, _], h, .. } = *self;
+        let highest = x + HIGHEST * libm::sqrt(of_x);
+        4.0 * (xdot * xdot + 2.0 * a.abs() * highest) + UNKNOWN_SPEED * noise / (h * h)
+    }
+
+    /// The state after `dt` under the acceleration `a`, through impacts and into rest; what is
+    /// measured of the velocity then matters to what is unknown of it.
+    fn predict(&self, it: &mut ObserverState, dt: f64, a: f64, measured: Option<f64>) {
+        self.move_on(it, dt, a);
+        let ObserverSettings { h, q_d, dmax, noise: [of_x, of_v], .. } = *self;
+        let (share, [floor_x, floor_v]) = (dt / h, FLOOR);
+        it.covariance.xx += floor_x * of_x * share;
+        it.covariance.vv += floor_v * of_x / (h * h) * share;
+        it.covariance.dd += q_d * share;
+        it.covariance.bound_d(dmax * dmax);
+        // a sensor that is worse than the motion has its own word
+        let sensor = if measured.is_some() { 4.0 * of_v } else { 0.0 };
+        it.covariance.bound_v(self.fastest(it.estimate.state, it.covariance.xx, a) + sensor);
+    }
+
+    fn move_on(&self, it: &mut ObserverState, dt: f64, a: f64) {
+        let (e, mut left) = (it.e, dt);
+        let mut at = it.estimate.state;
+        if at.arrives() {
+            at = self.bounce(it, at.xdot, a);
+        }
+        for _ in 0..MAX_IMPACTS {
+            let on_the_wall = at.x == 0.0 && a <= 0.0;
+            // flights 2v/g, 2ev/g, ... take 2v/(g (1 - e)) in all
+            if on_the_wall && 2.0 * at.xdot <= left * (1.0 - e) * -a {
+                break;
+            }
+            match flight::time_to_wall(at, a) {
+                Some(t) if t <= left => {
+                    it.covariance.fly(t);
+                    at = self.bounce(it, -flight::speed_at_wall(at, a), a);
+                    left -= t;
+                }
+                _ => {
+                    it.covariance.fly(left);
+                    let x = at.x + left * (at.xdot + 0.5 * a * left);
+                    it.estimate.state = Physical { x: x.max(0.0), xdot: at.xdot + a * left };
+                    return;
+                }
+            }
+        }
+        it.covariance.rest();
+        it.estimate.state = Physical::default();
+    }
+
+    /// The state after an impact with `before < 0`. A slow one tells nothing of `e`, which is as
+    /// uncertain as it was.
+    fn bounce(&self, it: &mut ObserverState, before: f64, a: f64) -> Physical {
+        let ObserverSettings { h, se, q_e, noise: [of_x, _], learn_e, .. } = *self;
+        let (e, speed) = (it.e, before.abs());
+        let least = speed.max(GRAZING * h * a.abs());
+        let k = if least > 0.0 { -(1.0 + e) * a / least } else { 0.0 };
+        let tells = learn_e && speed * speed * (h * h) >= SLOW * SLOW * of_x;
+        it.covariance.bounce(e, k, if tells { speed } else { 0.0 });
+        let of_e = if learn_e { it.covariance.ee } else { se * se };
+        if !tells {
+            it.covariance.vv += of_e * (before * before);
+        }
+        it.covariance.ee = (it.covariance.ee + q_e).min(UNKNOWN_E);
+        Physical { x: 0.0, xdot: 0.0 - e * before }
+    }
+
+    /// This measurement, if it is within the gate; `a` acted before it.
+    fn correct(&self, it: &mut ObserverState, measured: Measurement, a: f64) {
+        let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
+        let (estimate, e, covariance) = (it.estimate, it.e, it.covariance);
+        let (gain, variance) = it.covariance.measure_x(of_x);
+        let innovation = measured.x - it.estimate.state.x;
+        it.shift(gain, innovation);
+        let mut distance = innovation * innovation / variance;
+        if let Some(xdot) = measured.xdot {
+            let (gain, variance) = it.covariance.measure_v(of_v);
+            let innovation = xdot - it.estimate.state.xdot;
+            it.shift(gain, innovation);
+            distance += innovation * innovation / variance;
+        }
+        if distance <= GATE {
+            it.estimate.state.x = it.estimate.state.x.max(0.0);
+            it.estimate.d = it.estimate.d.max(-dmax).min(dmax);
+            if self.learn_e {
+                let [least, most] = LEARNT;
+                it.e = it.e.max(least).min(most);
+            }
+            it.in_a_row = 0;
+            return;
+        }
+        (it.estimate, it.e, it.covariance) = (estimate, e, covariance);
+        (it.in_a_row, it.refused) = (it.in_a_row + 1, it.refused.saturating_add(1));
+        self.doubt(it, measured, a);
+    }
+
+    /// After a measurement that was refused: where the mass is taken to be from now on.
+    fn doubt(&self, it: &mut ObserverState, Measurement { x, xdot }: Measurement, a: f64) {
+        let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
+        let fitted = match xdot {
+            Some(_) if it.in_a_row >= PATIENCE => None,
+            None if it.in_a_row >= DOUBT => match it.memory.consensus(of_x, dmax) {
+                None if it.in_a_row < LOST => return,
+                found => found,
+            },
+            _ => return,
+        };
+        // at the measurement; without a velocity at rest, with the speed of its height
+        let state = Physical { x: x.max(0.0), xdot: xdot.unwrap_or(0.0) };
+        let of_v = if xdot.is_some() { 4.0 * of_v } else { self.fastest(state, of_x, a) };
+        let covariance = Covariance::diagonal([4.0 * of_x, of_v, 0.25 * dmax * dmax]);
+        it.restart(fitted.unwrap_or(Fitted { state, covariance }));
+    }
+}
+
+/// The velocity that is measured.
+fn velocity_of(measured: Option<Measurement>) -> Option<f64> {
+    measured.and_then(|it| it.xdot)
+}
