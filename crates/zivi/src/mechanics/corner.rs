@@ -196,9 +196,14 @@ impl Machine {
         if self.kinetics.solve(set, |at, i| -at.b(i)).is_err() {
             return Ok(None);
         }
-        let pressed = self.kinetics.solved()[..set.len()].to_vec();
+        let mut pressed = self.kinetics.solved()[..set.len()].to_vec();
         if pressed.iter().any(|&force| force <= 0.0) {
-            return Ok(None);
+            // impacts without end at one instant: they go on until there are no speeds, and then the
+            // forces open what they pull
+            if !self.touch(set) {
+                return Ok(None);
+            }
+            pressed.fill(0.0);
         }
         let speeds = &self.now.xdot[n..];
         self.kinetics.solve(set, |_, i| speeds[i])?;
@@ -217,6 +222,15 @@ impl Machine {
         let t = end.map_or(self.now.t, |end| end.max(self.now.t));
         let landing = Landing::new(t, &[&[0.0], &z[..]].concat(), 0.0);
         Ok(Some(Ahead { landing, corner: Some(set) }))
+    }
+}
+
+impl Machine {
+    /// Whether all gaps of a set are zero but for rounding.
+    fn touch(&self, set: GapSet) -> bool {
+        let n = self.layout.n;
+        let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
+        set.iter().all(|i| self.now.x[n + i] <= 8.0 * self.kinetics.rounding(i, q, w).0)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Impacts, and what follows from them.
 //!
-//! On the set `C` of the closed gaps and those that are hit, with the speeds `g-` before,
+//! On the set `C` of the gaps that are zero, closed ones and those that are hit, with the speeds `g-` before,
 //!
 //! ```text
 //! g+ = g- + D P      0 <= P  perp  g+ + e g- >= 0      q'+ = q'- + M^-1 N_C^T P          (1)
@@ -15,7 +15,7 @@ use super::mode::Next;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
-use crate::system::dynamics::Dynamics;
+use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::chain::{restored, Bounce};
 use crate::Status;
 
@@ -25,6 +25,9 @@ const COUPLED: f64 = 1e-9;
 const UNCERTAIN: f64 = 100.0;
 /// The last flight must have been so many times longer.
 const LONGER: f64 = 1e3;
+
+/// A speed below this part of that of the impact is none.
+const STILL: f64 = 1e-12;
 
 /// What bounces on what.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,8 +47,9 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
         let (n, before) = (self.layout.n, self.contacts.closed);
-        let set = before.with(hit);
         self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])?;
+        let touched = self.touched(hit);
+        let set = before.with(hit).with(touched);
         self.kinetics.solve(set, |_, _| 0.0)?;
         self.note_flags(hit);
         let positive = self.exchange(set, hit)?;
@@ -59,7 +63,7 @@ impl Machine {
         self.gathered.impacts += 1;
         let key = Key { hit, closed: before };
         let all_hit = hit.iter().all(|i| positive.has(i));
-        if closed == before && all_hit {
+        if closed == before && all_hit && touched.is_empty() {
             self.weigh(key, model)?;
         } else {
             self.gathered.chain.clear();
@@ -70,6 +74,20 @@ impl Machine {
             self.next = Next::jump(self.corner_ahead(model)?);
         }
         Ok(Piece::Instant)
+    }
+
+    /// The open gaps that are zero without a speed, but for rounding, where others are hit: they have
+    /// just been left. Without them the impact would be passed on to them and back, again and again.
+    fn touched(&self, hit: GapSet) -> GapSet {
+        let Layout { n, m } = self.layout;
+        let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
+        let fastest = hit.iter().fold(0.0_f64, |v, i| v.max(-self.now.xdot[n + i]));
+        let touches = |&i: &usize| {
+            let (gap, rate) = (self.now.x[n + i], self.now.xdot[n + i]);
+            gap <= 8.0 * self.kinetics.rounding(i, q, w).0 && rate.abs() <= STILL * fastest
+        };
+        let open = (0..m).filter(|&i| !hit.with(self.contacts.closed).has(i));
+        open.filter(touches).collect()
     }
 
     /// Speeds after the impact, equation (1); the gaps with an impulse.

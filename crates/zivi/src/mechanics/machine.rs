@@ -76,8 +76,9 @@ pub(super) struct Gathered {
     pub(super) impacts: usize,
 }
 
-/// Events at one instant after which the motion is called unsolved.
-const MOST_AT_ONCE: u32 = 200;
+/// Events at one instant after which the motion is called unsolved. Each pair of impacts of a light body
+/// between heavier ones may leave most of the speed.
+const MOST_AT_ONCE: u32 = 20_000;
 /// A gap of this part of the unit of length is closed at the start.
 const NEAR: f64 = 1e-15;
 /// Newton iterations of a projection.

@@ -1,8 +1,11 @@
 //! Mechanical systems with several coordinates and gaps.
 
+mod chains;
+mod closed_forms;
 mod laws;
 mod lift_off;
 mod limits;
+mod line;
 mod models;
 mod physics;
 mod problems;

@@ -1,0 +1,49 @@
+"""Random chains and stacks of bodies: every run is solved, and obeys the law of impact."""
+
+from random import Random
+
+import numpy as np
+import pytest
+
+import zivi
+from chains import Chain
+
+
+def check(chain: Chain):
+    """Give the run, after a look at its impacts and its energy."""
+    sol = chain.simulate()
+    assert sol.success, (sol.message, chain)
+    rows = sol.impacts
+    expected = -chain.e[rows["gap"]] * rows["speed_before"]
+    size = 1e-12 * (1 + np.abs(rows["speed_before"]))
+    assert (rows["impulse"] >= 0).all()
+    assert (rows["speed_after"] >= expected - size).all()
+    hit = rows["impulse"] > 0
+    assert (np.abs(rows["speed_after"] - expected)[hit] <= size[hit]).all()
+    work = rows["impulse"] * (rows["speed_before"] + rows["speed_after"]) / 2
+    if len(rows):
+        assert np.bincount(rows["group"], work).max() <= 1e-12
+    energy = chain.energy(sol.q, sol.qdot)
+    assert (np.diff(energy) <= 1e-6 * (1 + np.abs(energy).max())).all()
+    assert sol.gaps.min() >= -1e-14
+    assert np.abs(sol.q @ chain.normals.T + chain.offsets - sol.gaps).max() < 1e-6
+    return sol
+
+
+def test_random_chains():
+    """5000 of them: benchmarks/random_chains.py."""
+    random = Random(7)
+    impacts = sum(len(check(Chain.random(random)).impacts) for _ in range(30))
+    assert impacts > 300
+
+
+def test_bodies_that_a_force_pulls_off_a_wall():
+    """Plastic: hit again and again before they have left, until the speeds are zero."""
+    gaps = [zivi.LinearGap([-1, 1]), zivi.LinearGap([0, -1], 1)]
+    system = zivi.MechanicalSystem(mass=np.diag([1, 2]), force=[-0.5, -0.5], e=0, gaps=gaps)
+    sol = zivi.simulate(system, (0, 2), ([0.5, 0.5], [1, 1]))
+    assert sol.success
+    # from rest at the wall, by the constant forces
+    last = sol.impacts["t"][-1]
+    t = 2 - last
+    assert sol.q[-1] == pytest.approx([1 - 0.25 * t * t, 1 - 0.125 * t * t], abs=1e-5)
