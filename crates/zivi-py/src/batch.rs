@@ -90,6 +90,7 @@ pub(crate) fn simulate_batch(
     steps: Option<Vec<usize>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
+    let _running = crate::leaving::running()?;
     let task = Task { method: method.inner, span };
     let save = saving(save, at.as_deref(), steps.as_deref())?;
     let forces = natives(py, &forces)?;

@@ -277,6 +277,7 @@ pub(crate) fn simulate_closed_loop(
     restitution_ref: PyRef<'_, GivenRestitution>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
+    let _running = crate::leaving::running()?;
     let motion = motion_of(&method, exact)?;
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };

@@ -163,6 +163,7 @@ impl Dynamics<PyErr> for PythonDynamics<'_> {
         fill(&self.q, q)?;
         fill(&self.w, w)?;
         let value = self.callable.call1((t, &self.q, &self.w))?;
+        crate::leaving::look()?;
         let array = value.cast::<PyArray1<f64>>().map_err(|_| {
             let kind = value.get_type();
             PyTypeError::new_err(format!("the system must return an array of float64, got {kind}"))

@@ -41,6 +41,7 @@ fn starts_of(given: &PyReadonlyArray2<'_, f64>) -> Vec<[f64; 2]> {
 /// Refuses a system that has no such map.
 #[pyfunction]
 pub(crate) fn check_impact_map(py: Python<'_>, system: PyRef<'_, PointMass>) -> PyResult<()> {
+    let _running = crate::leaving::running()?;
     map_of(py, &system).map(drop)
 }
 
@@ -58,6 +59,7 @@ pub(crate) fn map_of_impacts<'py>(
     threads: usize,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Maps<'py>> {
+    let _running = crate::leaving::running()?;
     let map = map_of(py, &system)?;
     let by = parameters.iter().map(|name| parameter(name)).collect::<PyResult<Vec<_>>>()?;
     let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
@@ -87,6 +89,7 @@ pub(crate) fn orbits_of_impacts<'py>(
     threads: usize,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let _running = crate::leaving::running()?;
     let maps = systems.iter().map(|it| map_of(py, it)).collect::<PyResult<Vec<_>>>()?;
     let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
     let all = py.detach(|| orbits(&maps, &starts, (skip, n), threads, watch)).map_err(refused)?;

@@ -10,6 +10,7 @@ mod control;
 mod dynamics;
 mod force;
 mod impact_map;
+mod leaving;
 mod loop_batch;
 mod mechanics;
 mod method;
@@ -50,6 +51,8 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<user_events::Event>()?;
     module.add_class::<user_events::Hits>()?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(leaving::stop_runs, module)?)?;
+    module.add_function(wrap_pyfunction!(leaving::forget_runs, module)?)?;
     module.add_class::<record::RunRecord>()?;
     module.add_class::<transform::Restitution>()?;
     module.add_function(wrap_pyfunction!(transform::lift, module)?)?;

@@ -66,6 +66,7 @@ pub(crate) fn simulate_closed_loop_batch(
     references: Vec<(PyReadonlyArray2<'_, f64>, f64)>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopBatchRecord> {
+    let _running = crate::leaving::running()?;
     let shared =
         LoopSettings { motion: motion_of(&method, exact)?, resolution, delay, within, every };
     let controllers = controllers.iter().map(native).collect::<PyResult<Vec<_>>>()?;

@@ -268,6 +268,7 @@ pub(crate) fn mechanical_sensitivity(
     times: PyReadonlyArray1<'_, f64>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<MechanicalSensitivityRecord> {
+    let _running = crate::leaving::running()?;
     let (method, e) = (method.switched()?, system.e.clone());
     let (q, qdot) = (start.q.clone(), start.qdot.clone());
     let (sizes, times, tstops) = (vector(&sizes), vector(&times), vector(&tstops));

@@ -77,6 +77,7 @@ pub(crate) fn sensitivity(
     times: PyReadonlyArray1<'_, f64>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<SensitivityRecord> {
+    let _running = crate::leaving::running()?;
     let (method, restitution, initial) = (method.switched()?, system.restitution, start.inner);
     let wrt = wrt_of(&wrt)?;
     let (sizes, times, tstops) = (sizes.as_slice()?, times.as_slice()?, tstops.as_slice()?);
@@ -132,6 +133,7 @@ pub(crate) fn fly_apart(
     sizes: PyReadonlyArray1<'_, f64>,
     minima: bool,
 ) -> PyResult<(u8, Array)> {
+    let _running = crate::leaving::running()?;
     let settings = method.switched()?;
     let flights: Vec<Flight> = flights
         .as_slice()?

@@ -58,6 +58,7 @@ pub(crate) fn simulate(
     keep: PyRef<'_, Keep>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Py<PyAny>> {
+    let _running = crate::leaving::running()?;
     let (method, watch) = (method.inner, &mut Watch { progress });
     if let (Ok(system), Ok(start)) = (system.cast::<PointMass>(), start.cast::<State>()) {
         let run = run_point(py, system.get(), method, span, start.get().inner, &keep, watch)?;
@@ -158,6 +159,7 @@ pub(crate) fn solve_steps<'py>(
     linearisations: i64,
     fall_backs: bool,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>)> {
+    let _running = crate::leaving::running()?;
     let step = step_of(h, restitution_of(kappa)?)?;
     let mut general = match (step_solver(solver, linearisations)?, fall_backs) {
         (Solver::Outer { linearisations }, _) => General::outer(linearisations),

@@ -89,6 +89,7 @@ pub(crate) fn solve_tracking_steps<'py>(
     linearisations: i64,
     fall_backs: bool,
 ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
+    let _running = crate::leaving::running()?;
     let refused = |error: zivi_core::SettingError| PyValueError::new_err(error.to_string());
     let gains = Gains::new(gains.0, gains.1).map_err(refused)?;
     let reference = ThetaGammaStep::new(h, 1.0, 1.0, restitution_of(kappa_ref)?);

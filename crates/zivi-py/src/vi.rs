@@ -143,6 +143,7 @@ pub(crate) fn solve_vi<'py>(
     time_limit: Option<f64>,
     observe: Option<Py<PyAny>>,
 ) -> PyResult<ViRecord> {
+    let _running = crate::leaving::running()?;
     let mut vectors = Vectors::new(&lower, &upper, &x0);
     let given = GivenSettings::from_dict(settings)?;
     let interrupts = Interrupts::new(time_limit, observe);
@@ -193,6 +194,7 @@ pub(crate) fn solve_avi<'py>(
     time_limit: Option<f64>,
     observe: Option<Py<PyAny>>,
 ) -> PyResult<ViRecord> {
+    let _running = crate::leaving::running()?;
     let (matrix, q): (Vec<f64>, _) =
         (matrix.as_array().iter().copied().collect(), q.as_array().to_vec());
     let n = q.len();
@@ -226,6 +228,7 @@ pub(crate) fn natural_residual<'py>(
     lower: Bound1<'py>,
     upper: Bound1<'py>,
 ) -> PyResult<f64> {
+    let _running = crate::leaving::running()?;
     let vectors = Vectors::new(&lower, &upper, &x);
     vi::validate_bounds(vectors.z.len(), &vectors.lower, &vectors.upper).map_err(invalid)?;
     let f = f.as_array().to_vec();

@@ -3,6 +3,8 @@
 use pyo3::prelude::*;
 use zivi::Monitor;
 
+use crate::leaving;
+
 /// Lets Python handle its signals, and reports the fraction done to a callable.
 pub(crate) struct Watch {
     pub(crate) progress: Option<Py<PyAny>>,
@@ -10,6 +12,7 @@ pub(crate) struct Watch {
 
 impl Monitor<PyErr> for Watch {
     fn poll(&mut self, done: usize, of: usize) -> PyResult<()> {
+        leaving::look()?;
         Python::attach(|py| {
             py.check_signals()?;
             match &self.progress {

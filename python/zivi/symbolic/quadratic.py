@@ -90,8 +90,10 @@ class _Values:
             return base**exponent
         if name in ("exp", "sinh", "cosh") and abs(values[0]) > LARGEST:
             raise OverflowError
-        if name in ("atan2", "max", "Max", "sign") and any(value.imag for value in values):
-            raise ValueError("a function of real numbers")
+        if name in ("atan2", "max", "Max", "sign"):
+            if any(value.imag for value in values):
+                raise ValueError("a function of real numbers")
+            values = [value.real for value in values]
         function = max if name in ("max", "Max") else getattr(mpmath, NAMES.get(name, name), None)
         if function is None:
             raise _UnknownFunctionError

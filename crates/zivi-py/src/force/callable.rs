@@ -4,6 +4,8 @@ use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::prelude::*;
 use zivi::Force;
 
+use crate::leaving;
+
 /// A Python callable; the interpreter lock is held for the whole run.
 pub(crate) struct PythonForce<'py> {
     callable: Bound<'py, PyAny>,
@@ -18,6 +20,7 @@ impl<'py> PythonForce<'py> {
 impl Force<PyErr> for PythonForce<'_> {
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
         let value = self.callable.call1((t, x, xdot))?;
+        leaving::look()?;
         value.extract().map_err(|error| {
             let kind = value.get_type();
             let alone = match value.len() {

@@ -21,7 +21,9 @@ impl ParametricForce<'_> {
     fn call(&self, function: &Bound<'_, PyAny>, at: Place) -> PyResult<Py<PyAny>> {
         let all: Vec<f64> = [at.t, at.x, at.xdot].iter().chain(&self.values).copied().collect();
         let arguments = PyTuple::new(function.py(), all)?;
-        Ok(function.call1(arguments)?.unbind())
+        let value = function.call1(arguments)?;
+        crate::leaving::look()?;
+        Ok(value.unbind())
     }
 }
 

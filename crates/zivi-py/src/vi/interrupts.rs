@@ -7,6 +7,8 @@ use pyo3::exceptions::PyStopIteration;
 use pyo3::prelude::*;
 use zivi_core::vi::{Affine, EvaluationError, Interruption, Problem, Progress};
 
+use crate::leaving;
+
 /// Time between two looks at the signals where the lock must be taken for it.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
@@ -50,7 +52,7 @@ impl Interrupts {
     /// Looks at the clock, and at the signals; the lock is held.
     pub(super) fn look(&self, py: Python<'_>) -> Result<(), Interruption> {
         self.look_at_clock(Instant::now)?;
-        py.check_signals().map_err(|error| self.keep(error))
+        leaving::look().and_then(|()| py.check_signals()).map_err(|error| self.keep(error))
     }
 
     /// The same without the lock, which is taken now and then.
@@ -61,7 +63,8 @@ impl Interrupts {
             return Ok(());
         }
         self.looked.set(now);
-        Python::attach(|py| py.check_signals()).map_err(|error| self.keep(error))
+        let looked = leaving::look().and_then(|()| Python::attach(|py| py.check_signals()));
+        looked.map_err(|error| self.keep(error))
     }
 
     fn look_at_clock(&self, now: impl Fn() -> Instant) -> Result<(), Interruption> {
@@ -75,6 +78,7 @@ impl Interrupts {
     /// Hands an iteration to the callback, which may end the solve by `StopIteration`.
     pub(super) fn report(&self, progress: &Progress) -> Result<(), Interruption> {
         let Some(observe) = &self.observe else { return Ok(()) };
+        leaving::look().map_err(|error| self.keep(error))?;
         Python::attach(|py| {
             let Progress { iteration, residual, worst, stage } = *progress;
             match observe.call1(py, (iteration, residual, worst, stage.name())) {

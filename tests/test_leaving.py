@@ -1,0 +1,161 @@
+"""The interpreter ends cleanly while runs go on in daemon threads."""
+
+import os
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+
+import zivi
+
+RUNS = {
+    "a Python force": """
+        system = zivi.ImpactSystem(lambda t, x, xdot: -9.81 + 1e-3 * x, e=0.5)
+        run = lambda: zivi.simulate(system, (0, 1), (1, 0), zivi.ThetaGamma(h=1e-7))
+    """,
+    "a number": """
+        system = zivi.ImpactSystem(-9.81, e=0.5)
+        run = lambda: zivi.simulate(system, (0, 1), (1, 0), zivi.ThetaGamma(h=1e-8))
+    """,
+    "many short runs": """
+        system = zivi.ImpactSystem(lambda t, x, xdot: -9.81, e=0.5)
+        run = lambda: zivi.simulate(system, (0, 2), (1, 0))
+    """,
+    "a batch": """
+        system = zivi.ImpactSystem(-9.81, e=0.5)
+        starts = [[1 + k, 0] for k in range(100)]
+        run = lambda: zivi.simulate_batch(system, (0, 1), starts, method=zivi.ThetaGamma(h=1e-6))
+    """,
+    "mechanics": """
+        import numpy as np
+        force, gaps = lambda t, q, v: -9.81 * q, [zivi.LinearGap([1.0, 0.0])]
+        system = zivi.MechanicalSystem(mass=np.eye(2), force=force, e=0.5, gaps=gaps)
+        run = lambda: zivi.simulate(system, (0, 1e4), ([1.0, 0.0], [0.0, 1.0]))
+    """,
+    "a loop": """
+        tracker = zivi.TwistingTracker(17, 10, h=1e-6, e=0.5)
+        system = zivi.ImpactSystem(lambda t, x, xdot: -9.81, e=0.5)
+        run = lambda: zivi.simulate_closed_loop(system, tracker, (0, 5), (1, 0))
+    """,
+    "a problem": """
+        import numpy as np
+        f = lambda z: np.sin(z) + 1e-3 * z + np.arange(200.0)
+        run = lambda: zivi.solve_vi(f, -np.ones(200), np.ones(200), np.zeros(200))
+    """,
+    "sensitivities": """
+        force = lambda t, x, xdot: -9.81 - 0.1 * xdot
+        system = zivi.ImpactSystem(force, e=0.5)
+        run = lambda: zivi.sensitivity(system, (0, 3), (1, 0), wrt=["x0", "e"])
+    """,
+}
+PROGRAM = """
+import sys, threading, time
+import zivi
+{setup}
+begun = threading.Event()
+failed = []
+def work():
+    begun.set()
+    while True:
+        try:
+            run()
+        except Exception as error:  # noqa
+            failed.append(error)
+            raise
+for _ in range({threads}):
+    threading.Thread(target=work, daemon=True).start()
+begun.wait()
+time.sleep({pause})
+assert not failed, failed
+"""
+
+
+def ends(name, threads=2, pause=0.05, python=sys.executable):
+    program = PROGRAM.format(setup=textwrap.dedent(RUNS[name]), threads=threads, pause=pause)
+    start = time.monotonic()
+    done = subprocess.run(
+        [python, "-c", program], capture_output=True, text=True, check=False, timeout=60
+    )
+    return done.returncode, done.stderr, time.monotonic() - start
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RUNS)
+def test_a_daemon_thread_does_not_abort_the_exit(name):
+    for pause in (0.02, 0.1):
+        status, words, _ = ends(name, pause=pause)
+        assert (status, words) == (0, "")
+
+
+def told(program):
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    ).stdout
+
+
+@pytest.mark.slow
+def test_the_thread_that_ends_the_interpreter_may_still_run():
+    # functions registered before the import are called after the runs were stopped
+    program = """
+        import atexit
+        def last():
+            import zivi
+            system = zivi.ImpactSystem(lambda t, x, xdot: -9.81, e=0.5)
+            print("at rest:", zivi.simulate(system, (0, 3), (1, 0)).rest_time is not None)
+        atexit.register(last)
+        import zivi
+    """
+    assert told(program) == "at rest: True\n"
+
+
+@pytest.mark.slow
+def test_a_force_that_does_not_return_is_not_waited_for_for_ever():
+    program = """
+        import threading, time, zivi, zivi._zivi
+        system = zivi.ImpactSystem(lambda t, x, xdot: time.sleep(100) or -9.81, e=0.5)
+        go = lambda: zivi.simulate(system, (0, 1), (1, 0))
+        threading.Thread(target=go, daemon=True).start()
+        time.sleep(0.1)
+        start = time.monotonic()
+        print(zivi._zivi.stop_runs(0.2), 0.2 <= time.monotonic() - start < 2)
+        import os, sys
+        sys.stdout.flush()
+        os._exit(0)
+    """
+    assert told(program) == "False True\n"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_fork_does_not_wait_for_the_runs_of_threads_that_it_has_not():
+    program = """
+        import os, threading, time, warnings, zivi
+        warnings.simplefilter("ignore")
+        system = zivi.ImpactSystem(lambda t, x, xdot: time.sleep(0.3) or -9.81, e=0.5)
+        thread = threading.Thread(target=lambda: zivi.simulate(system, (0, 1), (1, 0)), daemon=True)
+        thread.start()
+        time.sleep(0.1)
+        child = os.fork()
+        start = time.monotonic()
+        if child == 0:
+            raise SystemExit(0 if zivi._zivi.stop_runs(5.0) and time.monotonic() - start < 1 else 3)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+    """
+    assert told(program) == "0\n"
+
+
+def test_runs_in_a_run_and_none_at_all():
+    outer = zivi.ImpactSystem(lambda t, x, xdot: inner(), e=0.5)
+
+    def inner():
+        return zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 0.1), (1, 0)).xdot[-1] - 8.8
+
+    assert zivi.simulate(outer, (0, 0.1), (1, 0)).success
+    program = "import zivi; print(zivi._zivi.stop_runs(0.0), zivi._zivi.forget_runs())"
+    assert told(program) == "True None\n"
