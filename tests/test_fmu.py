@@ -462,3 +462,9 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert [it.name for it in tmp_path.iterdir()] == ["ImpactingMass2.fmu"]
     told = CliRunner().invoke(app, ["fmu", "--out", str(tmp_path), "--model", "ball"])
     assert told.exit_code == 2
+
+
+def test_a_controller_of_the_user_is_refused_with_the_reason(tmp_path):
+    tracker = zivi.TwistingTracker(30, 17, h=1e-3, e=0.5)
+    with pytest.raises(TypeError, match=r"runs without Python.*got a controller, TwistingTracker"):
+        zivi.export_fmu(tmp_path, tracker)

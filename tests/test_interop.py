@@ -241,3 +241,38 @@ def test_a_short_lag_is_no_lag(example):
     assert example.difference(found, late) < 1e-9
     longer = [example.times_of(example.response(example.lag(tau)))[0] for tau in (1e-3, 1e-2)]
     assert longer[0] < longer[1]
+
+
+@with_control
+def test_a_controller_of_the_user_is_a_block():
+    import control
+
+    class Own:
+        h = H
+
+        def __init__(self):
+            self.ticks = 0
+
+        def step(self, x, xdot, force):
+            self.ticks += 1
+            return 50.0 * (0.5 - x) - 10.0 * xdot - force + 1e-3 * self.ticks
+
+    own, n = Own(), 400
+    plant = zivi.ImpactSystem(GRAVITY, e=0.5)
+    parts = [impact_plant(plant, H), controller_block(own)]
+    loop = control.interconnect(parts, inputs=["force"], outputs=["x", "xdot", "u"])
+    t = np.arange(n) * H
+    expected = zivi.simulate_closed_loop(plant, Own(), (0, (n - 1) * H), (1, -3))
+    for _ in range(2):  # from the start again
+        found = control.input_output_response(loop, t, np.full(n, GRAVITY), [1, -3])
+        np.testing.assert_array_equal(found.outputs[0], expected.x)
+        np.testing.assert_array_equal(found.outputs[1], expected.xdot)
+        np.testing.assert_array_equal(found.outputs[2][:-1], expected.u[:-1])
+    assert own.ticks == 0
+
+    class Timed(Own):
+        def step(self, x, xdot, force, t):
+            return 0.0
+
+    with pytest.raises(TypeError, match="that of Timed takes more"):
+        controller_block(Timed())

@@ -2,7 +2,8 @@
 
 use zivi_c::{
     code, MassConfig, ObserverConfig, RegulatorConfig, TrackerConfig, ZIVI_BRANCH_NEAREST,
-    ZIVI_BRANCH_POSITIVE, ZIVI_TICK_LANDING, ZIVI_TICK_PAPER,
+    ZIVI_BRANCH_POSITIVE, ZIVI_GIVEN_DEPTH, ZIVI_GIVEN_DMAX, ZIVI_GIVEN_Q_D, ZIVI_TICK_LANDING,
+    ZIVI_TICK_PAPER,
 };
 
 use crate::state::State;
@@ -192,6 +193,7 @@ fn configure_regulator(state: &mut State) -> i32 {
         h: state.value(H),
         e: state.value(E),
         bound: state.value(BOUND),
+        given: ZIVI_GIVEN_DEPTH,
         depth: state.value(DEPTH),
         u_min: state.value(U_MIN),
         u_max: state.value(U_MAX),
@@ -208,6 +210,7 @@ fn configure_observer(state: &mut State) -> i32 {
         e: state.value(E),
         noise_x: state.value(NOISE_X),
         noise_xdot: state.value(NOISE_XDOT),
+        given: ZIVI_GIVEN_Q_D | ZIVI_GIVEN_DMAX,
         q_d: state.value(Q_D),
         se: state.value(SE),
         dmax: state.value(DMAX),
@@ -246,6 +249,7 @@ fn configure_tracker(state: &mut State, places: &TrackerPlaces) -> i32 {
         bound: of(BOUND),
         press: of(PRESS),
         horizon: of(HORIZON),
+        given: ZIVI_GIVEN_DEPTH,
         depth: of(DEPTH),
         u_min: of(U_MIN),
         u_max: of(U_MAX),

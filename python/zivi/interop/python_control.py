@@ -16,6 +16,8 @@ import numpy as np
 
 from zivi._check import Array, real
 from zivi._extras import needed
+from zivi._loop_arguments import OURS, interface_of, period_of
+from zivi._loop_batch_alone import copied
 from zivi.closed_loop import Controller, simulate_closed_loop
 from zivi.control import TickStatus
 from zivi.methods import SwitchedRK, ThetaGamma
@@ -98,14 +100,17 @@ def impact_plant(
 
 
 def controller_block(controller: Controller, *, name: str = "controller") -> Any:
-    """Make one of zivi's controllers a block for python-control.
+    """Make a controller a block for python-control.
 
-    Start it from `state_vector`: a controller has a state that is not zero.
+    Start one of zivi's from `state_vector`: it has a state that is not zero. What a controller of
+    the user remembers stays in the block: copies of it run, from where it is, and the time must not
+    go back but to start again.
 
     Parameters
     ----------
-    controller : TwistingTracker, TwistingRegulator or ExplicitTwisting
-        It is copied; its `h` is the ``dt`` of the block.
+    controller : Controller
+        One of zivi's, or any with ``h`` and ``step(x, xdot, force)``. It is copied; its `h` is the
+        ``dt`` of the block.
     name : str
         Name of the block.
 
@@ -115,7 +120,8 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
         Inputs ``x``, ``xdot``, ``force`` (the model's force at the sample) and, of a tracker,
         ``force_ref``. Outputs ``u`` and, of a tracker, ``x_ref`` and ``xdot_ref``. The last state,
         ``status``, holds the bits of `zivi.TickStatus` of the tick before: where a sample was
-        ``REFUSED`` the last control is held and the reference waits.
+        ``REFUSED`` the last control is held and the reference waits. The block of a controller of
+        the user has no states and the output ``u`` alone.
 
     Raises
     ------
@@ -131,8 +137,10 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
     >>> zivi.interop.controller_block(tracker).input_labels  # doctest: +SKIP
     ['x', 'xdot', 'force', 'force_ref']
     """
+    if not isinstance(controller, OURS):
+        return _own_block(controller, name)
     _checked(controller)
-    twin: Any = controller.copy()  # type: ignore[attr-defined]
+    twin: Any = controller.copy()
     follows = hasattr(twin, "x_ref")
 
     def update(t: float, state: Array, sample: Array, params: Any) -> Array:
@@ -157,6 +165,40 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
         dt=_period("controller.h", controller.h),
         name=name,
     )
+
+
+def _own_block(controller: Any, name: str) -> Any:
+    period = _period("controller.h", period_of(controller))
+    if any(interface_of(controller)[it] for it in ("force_ref", "t")):
+        raise TypeError(
+            "controller must have step(x, xdot, force) to be a block, that of "
+            f"{type(controller).__name__} takes more"
+        )
+    ticking = _Ticking(controller)
+    return _library().nlsys(
+        None,
+        lambda t, state, sample, params: np.array([ticking.at(float(t), sample)]),
+        inputs=["x", "xdot", "force"],
+        outputs=["u"],
+        dt=period,
+        name=name,
+    )
+
+
+class _Ticking:
+    """A controller of the user that is asked several times at a sample, and ticks once."""
+
+    def __init__(self, controller: Any) -> None:
+        self._start = copied(controller, 0)
+        self._t, self._before, self._after = np.nan, self._start, self._start
+
+    def at(self, t: float, sample: Array) -> float:
+        if t != self._t:
+            # the last answer at the sample before is the one that counted
+            self._before = self._after if t > self._t else self._start
+            self._t = t
+        self._after = copied(self._before, 0)
+        return float(self._after.step(*map(float, sample)))
 
 
 def force_block(
