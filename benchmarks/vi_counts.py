@@ -21,11 +21,18 @@ SOLVABLE = [problem for problem in PROBLEMS if problem.solvable]
 UNSOLVABLE = [problem for problem in PROBLEMS if not problem.solvable]
 SEED = 0
 
-_ONE_STAGE = {"semismooth": False, "proximal": False, "restarts": 0, "enumerate_up_to": 0}
+_ONE_STAGE = {
+    "smoothing": False,
+    "semismooth": False,
+    "proximal": False,
+    "restarts": 0,
+    "enumerate_up_to": 0,
+}
 FULL = "full"
 METHODS = {
     FULL: zivi.VIOptions(),
     "without S0 (Josephy-Newton)": zivi.VIOptions(josephy_newton=False),
+    "without SM (smoothing Newton)": zivi.VIOptions(smoothing=False),
     "without S1 (semismooth Newton)": zivi.VIOptions(semismooth=False),
     "without S2 (proximal, ray start)": zivi.VIOptions(proximal=False),
     "without restarts": zivi.VIOptions(restarts=0),

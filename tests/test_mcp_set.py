@@ -124,7 +124,13 @@ def test_random_starts(seed):
     assert solved >= 471
 
 
-OFF = {"semismooth": False, "proximal": False, "restarts": 0, "enumerate_up_to": 0}
+OFF = {
+    "smoothing": False,
+    "semismooth": False,
+    "proximal": False,
+    "restarts": 0,
+    "enumerate_up_to": 0,
+}
 
 
 @pytest.mark.parametrize(

@@ -193,7 +193,11 @@ def test_arrays_of_other_layouts_are_taken():
         ({"max_iter": 0}, ValueError, "max_iter must be >= 1, got 0"),
         ({"max_iter": -1}, ValueError, "max_iter must be >= 1, got -1"),
         ({"max_iter": 2.5}, TypeError, "max_iter must be an integer"),
-        ({"options": {"restarts": 3}}, TypeError, "options must be a VIOptions"),
+        ({"options": 3}, TypeError, "options must be a VIOptions or a dict, got int"),
+        ({"options": {"restart": 3}}, TypeError, "options has no entry 'restart': .*restarts"),
+        ({"options": {"maxiter": 0}}, ValueError, "max_iter must be >= 1, got 0"),
+        ({"bounds": (0, 1)}, TypeError, "bounds were given twice"),
+        ({"x0": None}, TypeError, "x0 must be given"),
         ({"options": zivi.VIOptions(restarts=9)}, ValueError, "restarts must be 0 to 8"),
         ({"options": zivi.VIOptions(memory=0)}, ValueError, "memory must be 1 to 16"),
         ({"options": zivi.VIOptions(row_scale="rows")}, ValueError, "row_scale must be None"),
@@ -249,12 +253,36 @@ def test_non_finite_everywhere_is_a_domain_error():
 
 
 def test_row_scaling_changes_what_is_small():
-    weak = {"F": lambda x: 1e-12 * (x - 0.25), "lower": 0, "upper": 1, "x0": [0.9]}
+    weak = {"F": lambda x: 1e-12 * (x - 0.25), "lower": 0, "upper": 1, "x0": [0.9], "tol": 1e-9}
     assert zivi.solve_vi(**weak).x == [0.9]
     for row_scale in ("jacobian", [1e12]):
         res = zivi.solve_vi(**weak, options=zivi.VIOptions(row_scale=row_scale))
         assert res.x == pytest.approx([0.25], abs=1e-9)
         assert res.residual < res.scaled_residual or res.scaled_residual == 0
+
+
+def test_the_default_tolerance_knows_small_units():
+    assert zivi.solve_lcp([[1e-12]], [-1e-10]).x == pytest.approx([100.0], rel=1e-9)
+    assert zivi.solve_lcp([[1e-12]], [-1e-10], tol=1e-9).x == [0.0]
+    assert not zivi.solve_lcp([[-1e-12]], [-1e-10]).success
+    assert not zivi.solve_ncp(lambda x: -1e-10 * (1 + x**2), [0.0]).success
+    for scale in 10.0 ** np.arange(-15, 1):
+        res = zivi.solve_vi(lambda x, s=scale: s * (x**3 - 8), 0, INF, [1.0])
+        assert res.success
+        assert res.x == pytest.approx([2.0], rel=1e-7)
+        rng = np.random.default_rng(1)
+        A, q = rng.normal(size=(6, 6)), rng.normal(size=6)
+        M = A @ A.T + np.eye(6)
+        expected = zivi.solve_lcp(M, q).x
+        assert 0 < np.sum(expected > 0) < 6
+        for m, c in ((scale, scale), (1, scale), (scale, 1), (1 / scale, scale)):
+            res = zivi.solve_lcp(m * M, c * q)
+            assert res.success
+            np.testing.assert_allclose(res.x, expected * c / m, rtol=1e-6, atol=1e-9 * c / m)
+    # a start that is a solution but for rounding remains one
+    res = zivi.solve_vi(lambda x: x**3, 0, INF, [1e-6])
+    assert res.success
+    assert zivi.solve_vi(lambda x: x - np.pi, -INF, INF, [np.pi * (1 + 3e-16)]).success
 
 
 def test_free_problems_agree_with_scipy():

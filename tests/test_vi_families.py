@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 import zivi
 from mcp.linear import laplacian
@@ -83,7 +84,13 @@ def test_random_bimatrix_games(m):
 @pytest.mark.parametrize("m", [10, 20, 40])
 def test_the_path_goes_on_after_a_ray(m):
     """The complementarity problem of Lemke and Howson ends on a ray at once from either start."""
-    alone = {"active_set": False, "semismooth": False, "proximal": False, "restarts": 0}
+    alone = {
+        "active_set": False,
+        "smoothing": False,
+        "semismooth": False,
+        "proximal": False,
+        "restarts": 0,
+    }
     for seed in range(5):
         rng = np.random.default_rng(seed)
         A, B = 1 + rng.random((m, m)), 1 + rng.random((m, m))
@@ -262,3 +269,146 @@ def test_grids_need_no_pivots():
         pivoting = zivi.solve_avi(M, q, lower, INF, options=zivi.VIOptions(active_set=False))
         assert pivoting.n_pivots > 100
         np.testing.assert_allclose(res.x, pivoting.x, atol=1e-9)
+
+
+@pytest.mark.parametrize("m", [75, 100, 150])
+def test_large_bimatrix_games(m):
+    """Labels of Lemke and Howson's paths take turns: one alone may need thousands of pivots."""
+    for seed in range(4):
+        rng = np.random.default_rng((m, seed))
+        A, B = rng.normal(size=(m, m)), rng.normal(size=(m, m))
+        game = zivi.bimatrix(A, B)
+        assert game.success
+        assert game.result.n_pivots < 40 * m
+        for strategy in (game.x, game.y):
+            assert np.min(strategy) >= 0
+            assert np.sum(strategy) == pytest.approx(1, abs=1e-14)
+        assert np.max(A @ game.y) - game.x @ A @ game.y < 1e-9
+        assert np.max(game.x @ B) - game.x @ B @ game.y < 1e-9
+
+
+def test_a_game_whose_paths_are_too_long_is_solved_without_them(monkeypatch):
+    monkeypatch.setattr("zivi._zivi.lemke_howson", lambda *given: None)
+    rng = np.random.default_rng(0)
+    A, B = rng.normal(size=(2, 5, 7))
+    game = zivi.bimatrix(A, B)
+    assert game.success
+    assert game.regret < 1e-9
+
+
+def excluded(rng, n, rows):
+    """A random LCP whose rows exclude each other: ``y'(M x + q) < 0`` for all ``x >= 0``."""
+    M, q = rng.normal(size=(n, n)), rng.normal(size=n)
+    y = np.zeros(n)
+    y[rng.permutation(n)[:rows]] = rng.uniform(0.5, 2, rows)
+    k = np.flatnonzero(y)[0]
+    M[k] -= (y @ M + 0.1 * rng.random(n)) / y[k]
+    q[k] -= (y @ q + 1) / y[k]
+    return M, q
+
+
+@pytest.mark.parametrize(("n", "rows"), [(3, 2), (8, 5), (40, 2), (40, 20), (100, 50), (400, 2)])
+def test_rows_that_exclude_each_other_are_proved_to(n, rows):
+    """By Farkas' lemma, for problems that are not monotone as well."""
+    for seed in range(3):
+        M, q = excluded(np.random.default_rng((n, rows, seed)), n, rows)
+        res = zivi.solve_lcp(M, q)
+        assert res.status is zivi.VIStatus.INFEASIBLE
+        assert res.n_pivots == 0 or n < 16
+        opposite = M.copy()
+        opposite[1] = -opposite[0]
+        res = zivi.solve_lcp(opposite, np.append([1.0, -2.0], q[2:]))
+        assert res.status is zivi.VIStatus.INFEASIBLE
+
+
+@pytest.mark.slow
+def test_infeasible_on_a_box_with_all_kinds_of_bounds():
+    """A linear program by another solver decides."""
+    infeasible = 0
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(2, 20))
+        M, q = rng.normal(size=(n, n)), 2 * rng.normal(size=n)
+        M[rng.random((n, n)) < 0.5] = 0
+        lower = np.where(rng.random(n) < 0.25, -INF, -rng.random(n))
+        upper = np.where(rng.random(n) < 0.6, INF, rng.random(n))
+        res = zivi.solve_avi(M, q, lower, upper)
+        up, down = np.isinf(upper), np.isinf(lower)
+        program = scipy.optimize.linprog(
+            np.zeros(n),
+            np.vstack([-M[up], M[down], np.zeros((1, n))]),
+            np.concatenate([q[up], -q[down], [0.0]]),
+            bounds=list(zip(lower, upper, strict=True)),
+        )
+        if res.status is zivi.VIStatus.INFEASIBLE:
+            assert program.status == 2
+        if program.status == 2:
+            assert res.status is zivi.VIStatus.INFEASIBLE
+            infeasible += 1
+        assert not (res.success and program.status == 2)
+    assert 10 < infeasible < 40
+
+
+def test_feasible_problems_without_solutions_are_not_called_infeasible():
+    """The rows can be satisfied, complementarity cannot."""
+    res = zivi.solve_lcp([[0, 1], [-1, 0]], [-1, 2])
+    assert res.success
+    res = zivi.solve_lcp([[-1.0, 2.0], [0.0, 0.0]], [-1.0, 1.0])  # x_1 would have to be positive
+    assert not res.success
+    assert res.status is not zivi.VIStatus.INFEASIBLE
+
+
+def test_steep_jacobians_are_no_excuse():
+    """With a Jacobian of 1e13 the residual would be within what rounding allows."""
+    for steepness in (1e13, -1e13):
+        res = zivi.solve_vi(
+            lambda x: np.array([x[0] - 1 + 1e-3, x[1] - 2]),
+            -INF,
+            INF,
+            [1.0, 2.0],
+            jac=steepness * np.eye(2),
+        )
+        assert not res.success
+    # where it is right it is believed, at bounds, too
+    for lower in (-INF, 1.0):
+        res = zivi.solve_vi(
+            lambda x: 1e13 * np.array([x[0] + x[1] - np.pi - 1, x[1] - 1]),
+            [-INF, lower],
+            INF,
+            [1.0, 2.0],
+            jac=1e13 * np.array([[1.0, 1.0], [0.0, 1.0]]),
+        )
+        assert res.success
+        np.testing.assert_allclose(res.x, [np.pi, 1.0], rtol=1e-14)
+
+
+def test_obstacles_on_both_sides_need_no_pivots():
+    """The smoothing Newton method: pivoting takes hundreds."""
+    m = 24
+    s = np.sin(np.linspace(0, 3 * np.pi, m))
+    middle = (s[:, None] * s).ravel()
+    M, q = laplacian(m), np.full(m * m, -0.02)
+    lower, upper = middle - 0.05, middle + 0.05
+    res = zivi.solve_avi(M, q, lower, upper)
+    assert res.success
+    assert res.n_pivots == 0
+    assert min(np.sum(res.x == lower), np.sum(res.x == upper)) > 20
+    alone = zivi.VIOptions(active_set=False, smoothing=False)
+    np.testing.assert_allclose(
+        zivi.solve_avi(M, q, lower, upper, options=alone).x, res.x, atol=1e-9
+    )
+
+
+def test_units_from_1e_minus_8_to_1e8():
+    """Rows and unknowns of a monotone problem in units of their own."""
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        n = 12
+        A = rng.normal(size=(n, n))
+        M = A @ A.T / n + 0.5 * (A - A.T) + 0.1 * np.eye(n)
+        x = np.where(rng.random(n) < 0.5, rng.random(n), 0)
+        q = np.where(x > 0, 0, rng.random(n)) - M @ x
+        rows, columns = (10 ** rng.uniform(-8, 8, n) for _ in range(2))
+        res = zivi.solve_lcp(rows[:, None] * M * columns, rows * q)
+        assert res.success
+        np.testing.assert_allclose(res.x * columns, x, atol=1e-6)

@@ -10,7 +10,13 @@ import zivi
 from zivi import vi
 
 INF = np.inf
-ONE_STAGE = {"semismooth": False, "proximal": False, "restarts": 0, "enumerate_up_to": 0}
+ONE_STAGE = {
+    "smoothing": False,
+    "semismooth": False,
+    "proximal": False,
+    "restarts": 0,
+    "enumerate_up_to": 0,
+}
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, OverflowError, ValueError])

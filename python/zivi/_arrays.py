@@ -32,9 +32,17 @@ def vector(name: str, value: Any, *, scalar: bool = False) -> Array:
 
 
 def bound(name: str, value: Any, n: int) -> Array | float:
-    """Return `value`, a number or an array of `n`, as a float or an array of `n` floats."""
+    """Return `value`, a number or an array of `n`, as a float or an array of `n` floats.
+
+    None, also as an entry, is no bound.
+    """
     if type(value) in (float, int):
         return real(name, value)
+    none = -np.inf if name == "lower" else np.inf
+    if value is None:
+        return none
+    if isinstance(value, list | tuple) and any(entry is None for entry in value):
+        value = [none if entry is None else entry for entry in value]
     array = real_array(name, value)
     if array.ndim == 0:
         return float(array)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zivi import _zivi
 from zivi._arrays import Array, dense, require_finite
 from zivi._check import real_array
+from zivi._vi_arguments import seconds
 from zivi._vi_types import VIOptions, VIProgress, VIResult
 from zivi.vi import solve_avi, solve_vi
 
@@ -22,14 +24,17 @@ def solve_lcp(
     q: ArrayLike,
     x0: ArrayLike | None = None,
     *,
-    tol: float = 1e-9,
+    upper: Any = None,
+    tol: float | None = None,
     rtol: float = 0.0,
     max_iter: int | None = None,
     time_limit: float | None = None,
     callback: Callable[[VIProgress], object] | None = None,
-    options: VIOptions | None = None,
+    options: VIOptions | Mapping[str, Any] | None = None,
 ) -> VIResult:
     """Solve a linear complementarity problem: ``x >= 0``, ``M x + q >= 0``, ``x'(M x + q) = 0``.
+
+    With upper bounds ``M x + q <= 0`` where ``x`` is on them.
 
     Parameters
     ----------
@@ -39,6 +44,8 @@ def solve_lcp(
         The constant term.
     x0 : array_like, optional
         Where to begin; zero by default.
+    upper : array_like, optional
+        Upper bounds, none by default; a number stands for all components.
     tol, rtol, max_iter, time_limit, callback, options
         As for `solve_vi`.
 
@@ -62,7 +69,7 @@ def solve_lcp(
         M,
         q,
         0.0,
-        np.inf,
+        np.inf if upper is None else upper,
         x0,
         tol=tol,
         rtol=rtol,
@@ -74,17 +81,18 @@ def solve_lcp(
 
 
 def solve_ncp(
-    F: Callable[..., ArrayLike],
+    F: Callable[..., Any],
     x0: ArrayLike,
     *,
+    upper: Any = None,
     args: tuple[Any, ...] = (),
     jac: Callable[..., Any] | Any | None = None,
-    tol: float = 1e-9,
+    tol: float | None = None,
     rtol: float = 0.0,
     max_iter: int | None = None,
     time_limit: float | None = None,
     callback: Callable[[VIProgress], object] | None = None,
-    options: VIOptions | None = None,
+    options: VIOptions | Mapping[str, Any] | None = None,
 ) -> VIResult:
     """Solve a nonlinear complementarity problem: ``x >= 0``, ``F(x) >= 0``, ``x'F(x) = 0``.
 
@@ -94,6 +102,8 @@ def solve_ncp(
         ``F(x, *args)`` returns an array as long as `x`.
     x0 : array_like
         Where to begin.
+    upper : array_like, optional
+        Upper bounds, none by default; ``F(x) <= 0`` where ``x`` is on them.
     args, jac, tol, rtol, max_iter, time_limit, callback, options
         As for `solve_vi`.
 
@@ -116,7 +126,7 @@ def solve_ncp(
     return solve_vi(
         F,
         0.0,
-        np.inf,
+        np.inf if upper is None else upper,
         x0,
         args=args,
         jac=jac,
@@ -156,13 +166,17 @@ class Equilibrium:
 
 
 def bimatrix(
-    A: ArrayLike, B: ArrayLike, *, options: VIOptions | None = None, time_limit: float | None = None
+    A: ArrayLike,
+    B: ArrayLike,
+    *,
+    options: VIOptions | Mapping[str, Any] | None = None,
+    time_limit: float | None = None,
 ) -> Equilibrium:
     """Find a Nash equilibrium of the game with payoffs `A` to the row and `B` to the column player.
 
     With the costs ``C = c - A`` and ``D = d - B``, both positive, the equilibria are the solutions
-    of ``0 <= u _|_ C v - 1 >= 0``, ``0 <= v _|_ D'u - 1 >= 0``, scaled to sum 1 (Lemke & Howson
-    1964).
+    of ``0 <= u _|_ C v - 1 >= 0``, ``0 <= v _|_ D'u - 1 >= 0``, scaled to sum 1. One is found on
+    the complementary paths of Lemke and Howson (1964), whose labels take turns.
 
     Parameters
     ----------
@@ -197,12 +211,27 @@ def bimatrix(
     M = np.zeros((m + n, m + n))
     M[:m, m:] = _costs(rows)
     M[m:, :m] = _costs(columns).T
-    res = solve_lcp(M, -np.ones(m + n), options=options, time_limit=time_limit)
+    limit = seconds(time_limit)
+    path = _zivi.lemke_howson(3 - M[:m, m:], 3 - M[m:, :m].T, _PIVOTS * (m + n), limit)
+    start, pivots = (None, 0) if path is None else (_scaled(M, *path[:2]), path[2])
+    res = solve_lcp(M, -np.ones(m + n), start, tol=1e-9, options=options, time_limit=time_limit)
+    if path is not None:
+        res.__dict__["n_pivots"] += pivots
     x, y = _probabilities(res.x[:m]), _probabilities(res.x[m:])
     to_rows, to_columns = rows @ y, x @ columns
     payoffs = float(x @ to_rows), float(to_columns @ y)
     regret = max(to_rows.max() - payoffs[0], to_columns.max() - payoffs[1], 0.0)
     return Equilibrium(x, y, payoffs, float(regret), res.success, res)
+
+
+_PIVOTS = 1000
+"""Most pivots of the paths, for each strategy."""
+
+
+def _scaled(M: Array, u: Array, v: Array) -> Array:
+    """Return strategies such that the best of either player costs 1."""
+    m = len(u)
+    return np.concatenate([u / (M[m:, :m] @ u).min(), v / (M[:m, m:] @ v).min()])
 
 
 def _payoff(name: str, value: ArrayLike) -> Array:

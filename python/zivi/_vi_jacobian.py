@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike
 from zivi._arrays import MAX_DENSE, Array, dense, matrix, require_finite, vector
 from zivi._check import real_array
 
-__all__ = ["JacobianError", "check_jacobian", "complex_steps", "converters", "jacobian"]
+__all__ = [
+    "Both",
+    "JacobianError",
+    "check_jacobian",
+    "complex_steps",
+    "converters",
+    "jacobian",
+]
 
 _SCHEMES = ("2-point", "3-point")
 _COMPLEX_STEP = 1e-200
@@ -21,7 +28,7 @@ _COMPLEX_STEP = 1e-200
 def jacobian(jac: Any, x0: Array, args: tuple[Any, ...]) -> Callable[[Array], Any] | str:
     """Return `jac` as a function of `x`, or the name of a scheme of differences."""
     n = len(x0)
-    if jac is None:
+    if jac is None or jac is False:
         return "3-point"
     if isinstance(jac, str):
         if jac not in _SCHEMES:
@@ -35,6 +42,40 @@ def jacobian(jac: Any, x0: Array, args: tuple[Any, ...]) -> Callable[[Array], An
     constant = matrix("jac", jac, n)
     require_finite("jac", constant)
     return lambda x: constant
+
+
+class Both:
+    """A map that returns its Jacobian with its values, as two functions.
+
+    Parameters
+    ----------
+    F : callable
+        ``F(x)`` returns both.
+    """
+
+    def __init__(self, F: Callable[[Array], Any]) -> None:
+        self._F = F
+        self._x: Array | None = None
+        self._slopes: Any = None
+        self.more_calls = 0
+        """Calls for a Jacobian elsewhere than at the last value."""
+
+    def __call__(self, x: Array) -> Any:
+        """Return the values."""
+        self._x, self._slopes = None, None
+        both = self._F(x)
+        if not isinstance(both, tuple | list) or len(both) != 2:
+            raise TypeError(f"F must return (F(x), jac(x)) for jac=True, got {type(both).__name__}")
+        value, self._slopes = both
+        self._x = x.copy()
+        return value
+
+    def jac(self, x: Array) -> Any:
+        """Return the Jacobian."""
+        if self._x is None or not np.array_equal(self._x, x):
+            self.more_calls += 1
+            self(x)
+        return self._slopes
 
 
 def complex_steps(F: Callable[[Any], Any], n: int, calls: list[int]) -> Callable[[Array], Array]:
@@ -89,7 +130,8 @@ class JacobianError(NamedTuple):
     """The entry of a Jacobian that is farthest from the difference of the map."""
 
     error: float
-    """``|J_ij - D_ij| / (1 + |D_ij|)``; 1e-6 or less is good, NaN where one is not finite."""
+    """``|J_ij - D_ij|``, less what ``D_ij`` is uncertain by, over the larger of both; 1e-6 or less
+    is good, NaN where one is not finite."""
     row: int
     """``i``: which entry of `F`."""
     column: int
@@ -101,8 +143,8 @@ class JacobianError(NamedTuple):
 
 
 def check_jacobian(
-    F: Callable[..., ArrayLike],
-    jac: Callable[..., Any],
+    F: Callable[..., Any],
+    jac: Callable[..., Any] | Any,
     x: ArrayLike,
     *,
     args: tuple[Any, ...] = (),
@@ -112,9 +154,10 @@ def check_jacobian(
     Parameters
     ----------
     F : callable
-        ``F(x, *args)``, as for `solve_vi`; it is called at a distance of about 1e-5 from `x`.
-    jac : callable
-        ``jac(x, *args)`` returns the ``n x n`` matrix of ``dF_i/dx_j``, dense or sparse.
+        ``F(x, *args)``, as for `solve_vi`; it is called at distances of about 1e-5 from `x`.
+    jac : callable, matrix or True
+        ``jac(x, *args)`` returns the ``n x n`` matrix of ``dF_i/dx_j``, dense or sparse; a matrix
+        stands for a constant one, True for an `F` that returns both.
     x : array_like
         The point. Take one inside the box, where nothing is special.
     args : tuple
@@ -132,22 +175,24 @@ def check_jacobian(
 
     Examples
     --------
-    >>> worst = zivi.check_jacobian(lambda x: x**2, lambda x: np.diag(3 * x), [1.0, 2.0])
+    >>> worst = zivi.check_jacobian(lambda x: x**2, lambda x: np.diag([2 * x[0], 9.0]), [1.0, 2.0])
     >>> worst.row, worst.column, worst.given, round(worst.expected, 6)
-    (1, 1, 6.0, 4.0)
+    (1, 1, 9.0, 4.0)
     """
     point = np.atleast_1d(vector("x", x, scalar=True))
     n = len(point)
     values, matrices = converters(n)
-    given = matrices(jac(point.copy(), *args))
-    expected = np.empty((n, n))
-    _, rounding = values(F(point.copy(), *args))
-    for j in range(n):
-        ends = np.array([point, point])
-        ends[:, j] += rounding ** (1 / 3) * max(1.0, abs(point[j])) * np.array([-1.0, 1.0])
-        below, above = (values(F(end.copy(), *args))[0] for end in ends)
-        expected[:, j] = (above - below) / (ends[1, j] - ends[0, j])
-    errors = np.abs(given - expected) / (1 + np.abs(expected))
+    map_: Callable[..., Any] = (lambda x: F(x, *args)) if args else F
+    if jac is True:
+        map_ = both = Both(map_)
+        given = matrices(both.jac(point.copy()))
+    else:
+        given = matrices(jac(point.copy(), *args) if callable(jac) else jac)
+    expected, uncertain = _differences(lambda x: values(map_(x)), point)
+    size = np.maximum(np.abs(given), np.abs(expected))
+    with np.errstate(invalid="ignore"):
+        excess = np.maximum(np.abs(given - expected) - uncertain, 0.0)
+        errors = np.divide(excess, size, out=excess.copy(), where=size > 0)
     worst = np.argmax(np.where(np.isnan(errors), np.inf, errors))
     row, column = (int(k) for k in np.unravel_index(worst, errors.shape))
     return JacobianError(
@@ -157,3 +202,26 @@ def check_jacobian(
         float(given[row, column]),
         float(expected[row, column]),
     )
+
+
+def _differences(F: Callable[[Array], tuple[Array, float]], x: Array) -> tuple[Array, Array]:
+    """Return central differences of `F`, and what they are uncertain by.
+
+    Truncation is told by the differences over twice the step, rounding by the size of `F`.
+    """
+    n = len(x)
+    here, rounding = F(x.copy())
+    found, uncertain = np.empty((n, n)), np.empty((n, n))
+    for j in range(n):
+        step = rounding ** (1 / 3) * max(1.0, abs(x[j]))
+        quotients = []
+        size = np.abs(here)
+        for h in (step, 2 * step):
+            ends = np.array([x, x])
+            ends[:, j] += h * np.array([-1.0, 1.0])
+            below, above = (F(end.copy())[0] for end in ends)
+            size = np.maximum(size, np.maximum(np.abs(below), np.abs(above)))
+            quotients.append((above - below) / (ends[1, j] - ends[0, j]))
+        found[:, j] = quotients[0]
+        uncertain[:, j] = np.abs(quotients[1] - quotients[0]) + 2 * rounding * size / step
+    return found, uncertain

@@ -67,8 +67,8 @@ class VIOptions:
         Try the active-set Newton method for an affine problem before pivoting.
     ray_start_first : bool
         Try the ray start of the pivotal solver before the start at the iterate.
-    josephy_newton, semismooth, proximal : bool
-        Stages S0, S1 and S2.
+    josephy_newton, smoothing, semismooth, proximal : bool
+        Stages S0, SM, S1 and S2.
     restarts : int
         Number of restarts from random points with fixed seeds, 0 to 8.
     enumerate_up_to : int
@@ -88,6 +88,7 @@ class VIOptions:
     active_set: bool = True
     ray_start_first: bool = False
     josephy_newton: bool = True
+    smoothing: bool = True
     semismooth: bool = True
     proximal: bool = True
     restarts: int = 8
@@ -125,7 +126,7 @@ _COUNTS = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class VIResult:
-    """The end of a solve. SciPy's names `fun` and `nit` work as well.
+    """The end of a solve. SciPy's names `fun` and `nit`, and ``res["x"]``, work as well.
 
     Attributes
     ----------
@@ -146,7 +147,7 @@ class VIResult:
     n_semismooth_steps, n_gradient_steps, n_restarts : int
         Work of the fall-backs.
     stage : str
-        Which part of the solver found `x`: ``S0``, ``S1``, ``S2``, ``R0`` to ``R7``, ``E``.
+        Which part of the solver found `x`: ``S0``, ``SM``, ``S1``, ``S2``, ``R0`` to ``R7``, ``E``.
     scaled_residual : float
         The residual with the rows scaled: what is compared with `tolerance`.
     tolerance : float
@@ -188,6 +189,18 @@ class VIResult:
     def nit(self) -> int:
         """Number of iterations."""
         return self.n_iter
+
+    def keys(self) -> list[str]:
+        """Return the names of the entries."""
+        return [*(field.name for field in dataclasses.fields(self)), "fun", "nit"]
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self.keys():
+            raise KeyError(f"{name!r}: there are {', '.join(self.keys())}")
+        return getattr(self, name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.keys()
 
 
 @dataclasses.dataclass(frozen=True)

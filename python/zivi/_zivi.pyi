@@ -55,6 +55,7 @@ __all__ = [
     "fly_apart",
     "force_raised",
     "grid_times",
+    "lemke_howson",
     "lift",
     "map_of_impacts",
     "mechanical_sensitivity",
@@ -975,6 +976,9 @@ def solve_avi(
     time_limit: float | None = None,
     observe: Callable[[int, float, int, str], object] | None = None,
 ) -> ViRecord: ...
+def lemke_howson(
+    a: _Array, b: _Array, limit: int, time_limit: float | None = None
+) -> tuple[_Array, _Array, int] | None: ...
 def natural_residual(
     x: _Array, f: _Array, lower: _Array | float, upper: _Array | float
 ) -> float: ...

@@ -9,16 +9,24 @@ Find ``x`` in ``[lower, upper]`` with, for every component,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi import _zivi
-from zivi._arrays import MAX_DENSE, bound, count, matrix, vector
-from zivi._check import real
-from zivi._vi_jacobian import JacobianError, check_jacobian, complex_steps, converters, jacobian
+from zivi._arrays import MAX_DENSE, bound, matrix, vector
+from zivi._vi_arguments import arranged, limits, observer, seconds, settings_of
+from zivi._vi_jacobian import (
+    Both,
+    JacobianError,
+    check_jacobian,
+    complex_steps,
+    converters,
+    jacobian,
+)
+from zivi._vi_scale import Affine, Watched, is_off_scale, polished, solve_scaled
 from zivi._vi_types import VIOptions, VIProgress, VIResult, VIStatus, result_of
 
 __all__ = [
@@ -36,19 +44,20 @@ __all__ = [
 
 
 def solve_vi(
-    F: Callable[..., ArrayLike],
-    lower: ArrayLike,
-    upper: ArrayLike,
-    x0: ArrayLike,
+    F: Callable[..., Any],
+    lower: Any = None,
+    upper: Any = None,
+    x0: ArrayLike | None = None,
     *,
+    bounds: Any = None,
     args: tuple[Any, ...] = (),
     jac: Callable[..., Any] | Any | None = None,
-    tol: float = 1e-9,
+    tol: float | None = None,
     rtol: float = 0.0,
     max_iter: int | None = None,
     time_limit: float | None = None,
     callback: Callable[[VIProgress], object] | None = None,
-    options: VIOptions | None = None,
+    options: VIOptions | Mapping[str, Any] | None = None,
 ) -> VIResult:
     """Solve a variational inequality on a box (a mixed complementarity problem).
 
@@ -59,20 +68,23 @@ def solve_vi(
         Values that are not finite mean that `F` is not defined there; the solver backs off. So do
         an `ArithmeticError` or a `ValueError` after the first call; other exceptions, and these
         at `x0`, reach the caller.
-    lower, upper : array_like
-        Bounds, infinite ones allowed; a number stands for all components.
+    lower, upper : array_like or None
+        Bounds, infinite ones allowed; a number stands for all components, None for no bound.
     x0 : array_like
         Where to begin; its length is the number of unknowns. A number is one unknown.
+    bounds : scipy.optimize.Bounds or sequence of (lower, upper), optional
+        Instead of `lower` and `upper`: ``solve_vi(F, x0, bounds=bounds)``.
     args : tuple
         Further arguments of `F` and `jac`.
-    jac : callable, matrix or {"2-point", "3-point", "cs"}, optional
+    jac : callable, matrix, True or {"2-point", "3-point", "cs"}, optional
         ``jac(x, *args)`` returns the ``n x n`` matrix of ``dF_i/dx_j``, dense or sparse; a matrix
-        stands for a constant one. By default, and as ``"3-point"``, it is taken by differences of
-        second order of `F` in the box (``2 n`` calls); ``"2-point"`` are differences of first
-        order (``n`` calls), ``"cs"`` complex steps (``n`` calls of an analytic `F`). Entries that
-        are not finite are replaced by differences.
-    tol : float
-        Largest natural residual of a solution.
+        stands for a constant one, True says that `F` returns ``(F(x), jac(x))``. By default, and
+        as ``"3-point"``, it is taken by differences of second order of `F` in the box (``2 n``
+        calls); ``"2-point"`` are differences of first order (``n`` calls), ``"cs"`` complex steps
+        (``n`` calls of an analytic `F`). Entries that are not finite are replaced by differences.
+    tol : float, optional
+        Largest natural residual of a solution. By default 1e-9, and less where rows or unknowns
+        are so small at the start that this would mean nothing.
     rtol : float
         The same relative to the residual at `x0`; the larger of the two holds.
     max_iter : int, optional
@@ -83,8 +95,8 @@ def solve_vi(
     callback : callable, optional
         Called with a `VIProgress` after every iteration; it may raise `StopIteration` to end the
         solve.
-    options : VIOptions, optional
-        Row scaling, and which parts of the solver take part.
+    options : VIOptions or dict, optional
+        Row scaling, and which parts of the solver take part; a dict has the names of `VIOptions`.
 
     Returns
     -------
@@ -102,6 +114,7 @@ def solve_vi(
     >>> res.success, float(res.x[0].round(8))
     (True, 1.41421356)
     """
+    lower, upper, x0 = arranged(lower, upper, x0, bounds)
     start = np.atleast_1d(vector("x0", x0, scalar=True))
     n = len(start)
     if not n:
@@ -110,34 +123,51 @@ def solve_vi(
         raise TypeError(f"F must be callable, got {type(F).__name__}")
     if args and not isinstance(args, tuple):
         raise TypeError(f"args must be a tuple, got {type(args).__name__}")
-    map_ = (lambda x: F(x, *args)) if args else F
-    limits = bound("lower", lower, n), bound("upper", upper, n)
-    settings = _settings(tol, rtol, max_iter, options)
-    limit, observe = _time_limit(time_limit), _observer(callback)
+    map_: Any = (lambda x: F(x, *args)) if args else F
+    box = limits(lower, upper, n)
+    settings = settings_of(tol, rtol, max_iter, options)
+    limit, observe = seconds(time_limit), observer(callback)
     calls = [0]
-    if isinstance(jac, str) and jac == "cs":
-        slopes: Any = complex_steps(map_, n, calls)
+    both = Both(map_) if jac is True else None
+    if both is not None:
+        map_ = both
+        slopes: Any = both.jac
+    elif isinstance(jac, str) and jac == "cs":
+        slopes = complex_steps(map_, n, calls)
     else:
         slopes = jacobian(jac, start, args)
-    record = _zivi.solve_vi(map_, *limits, start, slopes, converters(n), settings, limit, observe)
+    converts = converters(n)
+    is_adaptive = _is_adaptive(tol, rtol, settings)
+    if is_adaptive:
+        map_ = seen = Watched(map_)
+    record = _zivi.solve_vi(map_, *box, start, slopes, converts, settings, limit, observe)
     result = result_of(record)
-    result.__dict__["nfev"] += calls[0]
+    if is_adaptive:
+        result = polished(
+            result,
+            seen.size,
+            lambda x, tol: _zivi.solve_vi(
+                map_, *box, x, slopes, converts, settings | {"tol": tol}, limit, observe
+            ),
+        )
+    result.__dict__["nfev"] += calls[0] + (both.more_calls if both is not None else 0)
     return result
 
 
 def solve_avi(
     M: Any,
     q: ArrayLike,
-    lower: ArrayLike,
-    upper: ArrayLike,
+    lower: Any = None,
+    upper: Any = None,
     x0: ArrayLike | None = None,
     *,
-    tol: float = 1e-9,
+    bounds: Any = None,
+    tol: float | None = None,
     rtol: float = 0.0,
     max_iter: int | None = None,
     time_limit: float | None = None,
     callback: Callable[[VIProgress], object] | None = None,
-    options: VIOptions | None = None,
+    options: VIOptions | Mapping[str, Any] | None = None,
 ) -> VIResult:
     """Solve the affine variational inequality with ``F(x) = M x + q`` on a box.
 
@@ -147,10 +177,12 @@ def solve_avi(
         The matrix, ``n x n``. A sparse one is made dense, up to ``zivi.vi.MAX_DENSE`` unknowns.
     q : array_like
         The constant term.
-    lower, upper : array_like
-        Bounds, infinite ones allowed; a number stands for all components.
+    lower, upper : array_like or None
+        Bounds, infinite ones allowed; a number stands for all components, None for no bound.
     x0 : array_like, optional
         Where to begin; by default the point of the box nearest to zero.
+    bounds : scipy.optimize.Bounds or sequence of (lower, upper), optional
+        Instead of `lower` and `upper`.
     tol, rtol, max_iter, time_limit, callback, options
         As for `solve_vi`.
 
@@ -176,20 +208,35 @@ def solve_avi(
     if not n:
         raise ValueError("q must have at least one entry, got none")
     dense = matrix("M", M, n)
+    if bounds is not None or upper is None:
+        lower, upper, _ = arranged(lower, upper, 0.0, bounds)
     start = None if x0 is None else vector("x0", x0)
     if start is not None and len(start) != n:
         raise ValueError(f"x0 must have {n} entries, as q has, got {len(start)}")
-    record = _zivi.solve_avi(
-        dense,
-        constant,
-        bound("lower", lower, n),
-        bound("upper", upper, n),
-        start,
-        _settings(tol, rtol, max_iter, options),
-        _time_limit(time_limit),
-        _observer(callback),
-    )
-    return result_of(record)
+    box = limits(lower, upper, n)
+    settings = settings_of(tol, rtol, max_iter, options)
+    limit, observe = seconds(time_limit), observer(callback)
+
+    def solve(a: Affine) -> _zivi.ViRecord:
+        return _zivi.solve_avi(a.M, a.q, a.lower, a.upper, a.x0, settings, limit, observe)
+
+    if (
+        _is_adaptive(tol, rtol, settings)
+        and np.isfinite(dense).all()
+        and np.isfinite(constant).all()
+    ):
+        low, high = (np.broadcast_to(it, n).astype(float) for it in box)
+        if np.all(low <= high):
+            begin = np.clip(np.zeros(n) if start is None else start, low, high)
+            problem = Affine(dense, constant, low, high, begin)
+            if np.isfinite(begin).all() and is_off_scale(problem):
+                return solve_scaled(problem, solve)
+    return result_of(_zivi.solve_avi(dense, constant, *box, start, settings, limit, observe))
+
+
+def _is_adaptive(tol: float | None, rtol: float, settings: Mapping[str, Any]) -> bool:
+    """Whether the tolerance may follow the units: where no row scale and no tolerance is given."""
+    return tol is None and not rtol and "row_scale" not in settings
 
 
 def natural_residual(x: ArrayLike, F: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
@@ -224,39 +271,3 @@ def natural_residual(x: ArrayLike, F: ArrayLike, lower: ArrayLike, upper: ArrayL
         raise ValueError(f"F must have {len(point)} entries, as x has, got {len(value)}")
     n = len(point)
     return _zivi.natural_residual(point, value, bound("lower", lower, n), bound("upper", upper, n))
-
-
-def _settings(
-    tol: float, rtol: float, max_iter: int | None, options: VIOptions | None
-) -> dict[str, Any]:
-    if options is None:
-        settings = {}
-    elif isinstance(options, VIOptions):
-        settings = options._settings()
-    else:
-        raise TypeError(f"options must be a VIOptions, got {type(options).__name__}")
-    settings["tol"] = real("tol", tol)
-    if rtol:
-        settings["rtol"] = real("rtol", rtol)
-    if max_iter is not None:
-        settings["max_iterations"] = count("max_iter", max_iter, least=1)
-    return settings
-
-
-def _time_limit(limit: float | None) -> float | None:
-    if limit is None:
-        return None
-    seconds = real("time_limit", limit)
-    if not seconds > 0:
-        raise ValueError(f"time_limit must be > 0 seconds, got {seconds}")
-    return seconds
-
-
-def _observer(
-    callback: Callable[[VIProgress], object] | None,
-) -> Callable[[int, float, int, str], object] | None:
-    if callback is None:
-        return None
-    if not callable(callback):
-        raise TypeError(f"callback must be callable, got {type(callback).__name__}")
-    return lambda *progress: callback(VIProgress(*progress))

@@ -20,7 +20,7 @@ proptest! {
         let mut affine = Affine { matrix: &m, q: &q };
         let mut z: Vec<f64> = (0..n).map(|_| 3.0 * random.normal()).collect();
         let first_start = if ray { Start::Ray } else { Start::Regular };
-        let settings = Settings { first_start, ..Settings::default() };
+        let settings = Settings { first_start, smoothing: false, ..Settings::default() };
         let report = solve(&mut affine, &lower, &upper, &mut z, &settings).unwrap();
         prop_assert!(report.status.is_success(), "{report:?}");
         prop_assert_eq!(report.stage, Stage::JosephyNewton);

@@ -175,7 +175,12 @@ fn long_factorisations_are_polled() {
     let affine = Affine { matrix: &m, q: &q };
     let mut problem = watched(affine);
     let mut z = vec![0.0; n];
-    let settings = Settings { josephy_newton: false, proximal: false, ..Settings::default() };
+    let settings = Settings {
+        josephy_newton: false,
+        smoothing: false,
+        proximal: false,
+        ..Settings::default()
+    };
     let report = solve(&mut problem, &lower, &upper, &mut z, &settings).unwrap();
     assert!(report.status.is_success() && report.stage == Stage::Semismooth, "{report:?}");
     let evaluations = report.counts.f + report.counts.jacobian;

@@ -33,6 +33,7 @@ const ONLY_S0: Settings<'static> = Settings {
     active_set: true,
     first_start: zivi_core::vi::Start::Regular,
     josephy_newton: true,
+    smoothing: false,
     semismooth: false,
     proximal: false,
     restarts: 0,

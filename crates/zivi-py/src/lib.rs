@@ -98,5 +98,6 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::natural_residual, module)?)?;
+    module.add_function(wrap_pyfunction!(vi::lemke_howson, module)?)?;
     Ok(())
 }

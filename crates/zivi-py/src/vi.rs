@@ -1,6 +1,7 @@
 //! Box VIs from Python. The lock is held while `F` is a Python callable, released otherwise.
 
 mod callbacks;
+mod games;
 mod interrupts;
 mod settings;
 
@@ -13,6 +14,7 @@ use zivi_core::vi::{
 };
 
 use callbacks::{Callbacks, Watched, WithJacobian};
+pub(crate) use games::lemke_howson;
 use interrupts::{Interruptible, Interrupts};
 use settings::GivenSettings;
 

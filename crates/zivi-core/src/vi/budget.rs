@@ -56,7 +56,7 @@ impl Budget {
 pub(super) fn weight(stage: Stage) -> usize {
     match stage {
         Stage::JosephyNewton => 4,
-        Stage::Semismooth => 3,
+        Stage::Smoothing | Stage::Semismooth => 3,
         Stage::Proximal => 2,
         Stage::Restart(_) => 1,
         Stage::Enumeration => 0,

@@ -104,8 +104,13 @@ pub(super) fn project(z: &mut [f64], lower: &[f64], upper: &[f64]) {
     }
 }
 
-/// Columns of a factorisation between two looks at whoever may want to interrupt.
-const POLL_EVERY: usize = 32;
+/// Whether it is time, after `step` pivots, columns or rows with as many rows of `n` entries, to look
+/// at whoever may want to interrupt: every ten milliseconds or so.
+#[inline]
+pub(super) fn is_time_to_poll(step: usize, n: usize) -> bool {
+    let every = (4_000_000 / n.saturating_mul(n).max(1)).clamp(1, 32);
+    step % every == every - 1
+}
 
 /// Overwrites the leading `k x k` matrix (row length `k`) by its factors `P A = L U` with partial
 /// pivoting on rows of comparable size; returns `min |u_ii| / max |u_ii|`, 0 when singular. Zeros
@@ -118,7 +123,7 @@ pub(super) fn factor<E>(
 ) -> Result<f64, E> {
     let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
     for step in 0..k {
-        if step % POLL_EVERY == POLL_EVERY - 1 {
+        if is_time_to_poll(step, k) {
             poll()?;
         }
         let best = (step..k).fold((step, -1.0), |best, i| {

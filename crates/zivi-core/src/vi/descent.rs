@@ -19,8 +19,6 @@ const ARMIJO: f64 = 1e-4;
 /// Halvings of a semismooth step and of a gradient step.
 const HALVINGS: usize = 12;
 const GRADIENT_HALVINGS: usize = 40;
-/// Rows of the normal matrix between two looks at whoever may want to interrupt.
-const POLL_EVERY: usize = 32;
 
 /// Stage S1: monotone semismooth Newton from where [`Iterate::begin`] has left the iterate.
 pub(super) fn semismooth_newton(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
@@ -118,7 +116,7 @@ fn normal_matrix(
     let n = row.len();
     out.fill(0.0);
     for (i, entries) in dense::rows(jacobian, n).enumerate() {
-        if i % POLL_EVERY == POLL_EVERY - 1 {
+        if dense::is_time_to_poll(i, n) {
             poll()?;
         }
         row.fill(0.0);

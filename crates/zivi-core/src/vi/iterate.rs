@@ -34,6 +34,10 @@ pub(super) struct Iterate<'a, 'w> {
     pub(super) stage: Stage,
     /// `work.jacobian` was filled in this stage.
     pub(super) jacobian_is_known: bool,
+    /// The smoothing Newton method was tried before the paths.
+    pub(super) was_smoothed: bool,
+    /// It was tried to prove that there is no solution.
+    pub(super) proof_was_sought: bool,
     rows_await_scaling: bool,
     tolerance_awaits_start: bool,
     pub(super) budget: Budget,
@@ -69,6 +73,8 @@ impl<'a, 'w> Iterate<'a, 'w> {
             tol: settings.tol,
             stage: Stage::JosephyNewton,
             jacobian_is_known: false,
+            was_smoothed: false,
+            proof_was_sought: false,
             rows_await_scaling: settings.row_scale == RowScale::Jacobian,
             tolerance_awaits_start: settings.rtol > 0.0,
             budget: Budget::new(settings.total_pivot_limit(n)),
@@ -259,7 +265,8 @@ impl<'a, 'w> Iterate<'a, 'w> {
 
     /// The tolerance raised to rounding, if with it the iterate is a solution: where a component
     /// of the natural map exceeds `tol`, `F_i` is within ten roundings of its row of zero,
-    /// `|F_i| <= 10 eps sum_j |J_ij z_j|`, `eps` the rounding of `F`.
+    /// `|F_i| <= 10 eps sum_j |J_ij z_j|`, `eps` the rounding of `F`. A given Jacobian is believed:
+    /// see [`Iterate::rows_are_as_steep`].
     pub(super) fn is_within_rounding(&self) -> Option<f64> {
         let (mut reached, rounding) = (self.tol, 10.0 * self.problem.rounding());
         for (i, row) in dense::rows(self.work.jacobian, self.n()).enumerate() {

@@ -4,6 +4,7 @@ use super::dense;
 use super::difference::steps_into;
 use super::fischer;
 use super::iterate::{Iterate, Outcome};
+use super::natural::natural_component;
 
 impl Iterate<'_, '_> {
     /// The Jacobian at the iterate, `Phi`, its slopes and the gradient of the merit
@@ -102,5 +103,69 @@ impl Iterate<'_, '_> {
             *entry = (there - here) / (moved - z);
         }
         Ok(self.work.jacobian.iter().skip(j).step_by(n).all(|entry| entry.is_finite()))
+    }
+}
+
+/// Share of a row's terms that the differences of `F` must show.
+const STEEP_ENOUGH: f64 = 0.1;
+
+impl Iterate<'_, '_> {
+    /// Whether the rows whose rounding is taken for their tolerance are as steep as the Jacobian
+    /// says. Each component moves by `d_j = +-h |z_j|`, `h` the cube root of the rounding, in the
+    /// direction in which all terms of the row grow, or backwards where a bound is in the way:
+    ///
+    /// ```text
+    /// F_i(z + d forwards) - F_i(z + d backwards) = h sum_j |J_ij z_j| + O(h^2)
+    /// ```
+    pub(super) fn rows_are_as_steep(&mut self) -> Outcome<bool> {
+        if self.problem.is_affine() || self.problem.is_differenced() {
+            return Ok(true); // the Jacobian is made of F
+        }
+        for i in 0..self.n() {
+            let (z, f) = (dense::at(self.z, i), dense::at(self.work.f, i));
+            let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
+            let at_tolerance = natural_component(z, f, lower, upper).abs() <= self.tol;
+            if !at_tolerance && !self.row_is_as_steep(i)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    fn row_is_as_steep(&mut self, i: usize) -> Outcome<bool> {
+        let mut ends = [0.0; 2];
+        let mut expected = 0.0;
+        for (end, backwards) in ends.iter_mut().zip([false, true]) {
+            expected += self.move_along_row(i, backwards);
+            if !self.evaluate_trial()? {
+                return Ok(false);
+            }
+            *end = dense::at(self.work.trial_f, i);
+        }
+        let [forth, back] = ends;
+        Ok(forth - back >= STEEP_ENOUGH * expected)
+    }
+
+    /// `trial <- z + d` for the components that can move forwards, or for the others; returns what
+    /// row `i` should change by.
+    fn move_along_row(&mut self, i: usize, backwards: bool) -> f64 {
+        let relative = libm::cbrt(self.problem.rounding());
+        let n = self.n();
+        let mut change = 0.0;
+        for j in 0..n {
+            let z = dense::at(self.z, j);
+            let (lower, upper) = (dense::at(self.lower, j), dense::at(self.upper, j));
+            let slope = dense::at(self.work.jacobian, i * n + j);
+            let step = relative * z.abs() * slope.signum();
+            let is_inside = |z: f64| lower <= z && z <= upper;
+            let moved = match (is_inside(z + step), backwards) {
+                (true, false) => z + step,
+                (false, true) if is_inside(z - step) => z - step,
+                _ => z,
+            };
+            dense::put(self.work.trial, j, moved);
+            change += (slope * (moved - z)).abs();
+        }
+        change
     }
 }

@@ -12,11 +12,21 @@
 use super::active_set;
 use super::dense;
 use super::descent;
+use super::infeasible::is_infeasible;
 use super::iterate::{Iterate, Outcome};
 use super::pivotal::{follow, AffineVi, PathEnd, Start};
-use super::settings::MEMORY;
+use super::settings::{Stage, MEMORY};
+use super::smoothing::smoothing_newton;
 use super::stagnation::Stagnation;
 use super::status::Status;
+
+/// Unknowns from which a proof that there is no solution is sought before the first path; for fewer
+/// after it.
+const WORTH_A_PROOF: usize = 16;
+/// Iterations of the smoothing Newton method before the first path.
+const SMOOTHING_ITERATIONS: usize = 40;
+/// Pivots that it may take, for each unknown.
+const PROOF_PIVOTS: usize = 12;
 
 /// How one stage of Josephy-Newton goes about it.
 #[derive(Clone, Copy, Debug)]
@@ -60,6 +70,11 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
             return Ok(Status::DomainError);
         }
         let found = newton_point(at, plan, proximal)?;
+        match found {
+            PathEnd::Infeasible => return Ok(Status::Infeasible),
+            PathEnd::Solved => return Ok(Status::Solved),
+            _ => {}
+        }
         let moved = (found == PathEnd::Solution && search(at, &history)?)
             || (at.settings.descent_steps && descent::step(at)?);
         if !moved {
@@ -94,17 +109,55 @@ fn newton_point(at: &mut Iterate<'_, '_>, plan: Plan, proximal: f64) -> Outcome<
         (first, slight),
         (first, strong),
     ];
-    let mut end = PathEnd::Singular;
+    let (mut end, mut has_failed) = (PathEnd::Singular, false);
     for (method, shift) in attempts.into_iter().skip(usize::from(!plan.active_set)) {
         if at.budget.is_spent() {
             return Ok(PathEnd::PivotLimit);
         }
+        let is_path = matches!(method, Method::Path(_));
+        if is_path && (at.n() >= WORTH_A_PROOF || has_failed) && proves_infeasible(at)? {
+            return Ok(PathEnd::Infeasible);
+        }
+        if is_path && plan.active_set && smoothing_solves(at)? {
+            return Ok(PathEnd::Solved);
+        }
+        has_failed |= is_path;
         end = affine_step(at, method, shift)?;
         if end == PathEnd::Solution {
             break;
         }
     }
     Ok(end)
+}
+
+/// Looks for a proof that an affine problem has no solution, once in a solve.
+fn proves_infeasible(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
+    if !at.problem.is_affine() || at.proof_was_sought {
+        return Ok(false);
+    }
+    at.proof_was_sought = true;
+    let limit = (PROOF_PIVOTS * at.n() + 50).min(at.budget.left());
+    is_infeasible(at, limit)
+}
+
+/// Before the first path of an affine problem: the smoothing Newton method, which takes a few
+/// factorisations where it succeeds. Else the iterate is what it was.
+fn smoothing_solves(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
+    if !at.problem.is_affine() || !at.settings.smoothing || at.was_smoothed {
+        return Ok(false);
+    }
+    at.was_smoothed = true;
+    dense::copy(at.work.neighbour, at.z);
+    let stage = core::mem::replace(&mut at.stage, Stage::Smoothing);
+    if smoothing_newton(at, SMOOTHING_ITERATIONS)? == Status::Solved {
+        return Ok(true);
+    }
+    at.stage = stage;
+    dense::copy(at.work.trial, at.work.neighbour);
+    let merit = at.merit_of_trial()?;
+    at.accept(merit);
+    at.linearise()?;
+    Ok(false)
 }
 
 /// How an affine VI is solved.
@@ -173,7 +226,7 @@ fn search(at: &mut Iterate<'_, '_>, history: &History) -> Outcome<bool> {
 }
 
 /// `trial <- z + t d`, exactly on a bound where the full step ends there.
-fn advance(at: &mut Iterate<'_, '_>, t: f64) {
+pub(super) fn advance(at: &mut Iterate<'_, '_>, t: f64) {
     let work = &mut *at.work;
     for i in 0..work.step.len() {
         let (lower, upper) = (dense::at(at.lower, i), dense::at(at.upper, i));

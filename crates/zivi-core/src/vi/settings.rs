@@ -49,6 +49,8 @@ pub struct Settings<'a> {
     pub first_start: Start,
     /// Stage S0, Josephy-Newton. Default true.
     pub josephy_newton: bool,
+    /// Stage SM, smoothing Newton. Default true.
+    pub smoothing: bool,
     /// Stage S1, semismooth Newton on the Fischer-Burmeister function. Default true.
     pub semismooth: bool,
     /// Stage S2, proximal Josephy-Newton. Default true.
@@ -77,6 +79,7 @@ impl Default for Settings<'_> {
             active_set: true,
             first_start: Start::Regular,
             josephy_newton: true,
+            smoothing: true,
             semismooth: true,
             proximal: true,
             restarts: 8,
@@ -148,6 +151,8 @@ pub(super) const RESTARTS: usize = 8;
 pub enum Stage {
     /// S0: Josephy-Newton from the starting point.
     JosephyNewton,
+    /// SM: smoothing Newton from the starting point.
+    Smoothing,
     /// S1: semismooth Newton from the starting point.
     Semismooth,
     /// S2: proximal Josephy-Newton, ray start first, from the starting point.
@@ -159,12 +164,13 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// `"S0"`, `"S1"`, `"S2"`, `"R0"` to `"R7"`, or `"E"`.
+    /// `"S0"`, `"SM"`, `"S1"`, `"S2"`, `"R0"` to `"R7"`, or `"E"`.
     #[must_use]
     pub fn name(self) -> &'static str {
         const NAMES: [&str; RESTARTS] = ["R0", "R1", "R2", "R3", "R4", "R5", "R6", "R7"];
         match self {
             Self::JosephyNewton => "S0",
+            Self::Smoothing => "SM",
             Self::Semismooth => "S1",
             Self::Proximal => "S2",
             Self::Restart(k) => NAMES.get(usize::from(k)).copied().unwrap_or("R"),
@@ -184,6 +190,8 @@ pub struct Counts {
     pub jacobian: usize,
     /// Pivots, bound flips included.
     pub pivots: usize,
+    /// Steps of the smoothing Newton method.
+    pub smoothing_steps: usize,
     /// Steps along a semismooth Newton direction.
     pub semismooth_steps: usize,
     /// Steps along the projected gradient.

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! S0      Josephy-Newton, nonmonotone, from z0
+//! SM      smoothing Newton, from z0
 //! S1      semismooth Newton, monotone, from z0
 //! S2      proximal Josephy-Newton, ray start first, monotone, from z0
 //! R0..R7  Josephy-Newton from random points around z0 and around zero, ever wider
@@ -19,6 +20,7 @@ use super::newton::{josephy_newton, Plan};
 use super::pivotal::Start;
 use super::problem::{Interruption, Problem};
 use super::settings::{Report, Settings, Stage};
+use super::smoothing::smoothing_newton;
 use super::status::{InvalidInput, Status};
 use super::validate::{require_finite, require_length, validate_bounds};
 use super::workspace::Workspace;
@@ -118,7 +120,7 @@ impl Run {
                 return Ok(());
             }
             if at.best_residual < best_before || status == Status::IterationLimit {
-                (self.status, self.stage) = (status, stage);
+                (self.status, self.stage) = (status, at.stage);
             }
             if status == Status::Solved || self.is_solved_to_rounding(at, best_before)? {
                 return self.test_isolation(at);
@@ -150,6 +152,9 @@ impl Run {
             return Ok(false);
         }
         self.tolerance = at.is_within_rounding();
+        if self.tolerance.is_some() && !at.rows_are_as_steep()? {
+            self.tolerance = None;
+        }
         if self.tolerance.is_some() {
             self.status = Status::Solved;
         }
@@ -183,6 +188,7 @@ impl Run {
 fn stages<'a>(settings: &'a Settings<'_>) -> impl Iterator<Item = Stage> + use<'a> {
     let fixed = [
         (settings.josephy_newton, Stage::JosephyNewton),
+        (settings.smoothing, Stage::Smoothing),
         (settings.semismooth, Stage::Semismooth),
         (settings.proximal, Stage::Proximal),
     ];
@@ -211,6 +217,8 @@ fn run_stage(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
         memory: settings.memory,
     };
     match at.stage {
+        Stage::Smoothing if at.was_smoothed => Ok(Status::Stalled),
+        Stage::Smoothing => smoothing_newton(at, usize::MAX),
         Stage::Semismooth => semismooth_newton(at),
         Stage::Proximal => josephy_newton(
             at,

@@ -22,7 +22,7 @@ pub enum Status {
     DomainError,
     /// The caller's evaluation failed.
     EvaluationError,
-    /// A row of an affine problem can be satisfied nowhere in the box: there is no solution.
+    /// No point of the box satisfies all rows of an affine problem: there is no solution.
     Infeasible,
     /// The caller's monitor stopped the solve.
     Stopped,
@@ -79,8 +79,9 @@ impl Status {
             }
             Self::EvaluationError => "the evaluation of F or of its Jacobian failed",
             Self::Infeasible => {
-                "there is no solution: a row of F has the wrong sign everywhere in the box, with \
-                 no bound at which it may; check the bounds and the sign of F"
+                "there is no solution: no point of the box satisfies all rows of F (their signs \
+                 where there is no bound at which they may be wrong); check the bounds and the \
+                 sign of F"
             }
             Self::Stopped => "stopped by the caller before a solution was found",
         }

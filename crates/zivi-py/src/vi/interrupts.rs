@@ -56,7 +56,7 @@ impl Interrupts {
     }
 
     /// The same without the lock, which is taken now and then.
-    fn look_detached(&self) -> Result<(), Interruption> {
+    pub(super) fn look_detached(&self) -> Result<(), Interruption> {
         let now = Instant::now();
         self.look_at_clock(|| now)?;
         if now - self.looked.get() < LOOK_EVERY {

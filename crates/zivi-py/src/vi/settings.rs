@@ -34,6 +34,7 @@ impl GivenSettings {
                         if value.extract()? { Start::Ray } else { Start::Regular };
                 }
                 "josephy_newton" => settings.josephy_newton = value.extract()?,
+                "smoothing" => settings.smoothing = value.extract()?,
                 "semismooth" => settings.semismooth = value.extract()?,
                 "proximal" => settings.proximal = value.extract()?,
                 "restarts" => settings.restarts = value.extract()?,

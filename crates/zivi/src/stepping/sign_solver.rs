@@ -49,6 +49,7 @@ impl<const N: usize> SignSolver<N> {
                 test_isolation: false,
                 // of several solutions of a step the one on the path from the last signs counts
                 active_set: false,
+                smoothing: false,
                 ..settings
             },
             signs: [0.0; N],

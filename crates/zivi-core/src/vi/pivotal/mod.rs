@@ -47,6 +47,10 @@ pub(super) enum PathEnd {
     Singular,
     /// At the limit of pivots.
     PivotLimit,
+    /// Nowhere: it is proved that there is no solution.
+    Infeasible,
+    /// At a solution of the whole problem, without pivots.
+    Solved,
 }
 
 /// What a path has cost.

@@ -3,7 +3,7 @@
 use super::super::dense;
 use super::super::problem::Interruption;
 use super::basis::Variable;
-use super::tableau::{held, Tableau, POLL_EVERY};
+use super::tableau::{held, Tableau};
 use super::{PathEnd, Poll};
 
 /// Rates of change below this, relative to the largest, are rounding.
@@ -65,7 +65,7 @@ impl Tableau<'_> {
             };
             self.effort.pivots += 1;
             self.effort.columns += 1;
-            if pivot % POLL_EVERY == 0 {
+            if dense::is_time_to_poll(pivot, self.n()) {
                 poll()?;
             }
             if pivot % refactor_every == 0 && !self.refactor(poll)? {

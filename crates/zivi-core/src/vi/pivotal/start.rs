@@ -3,7 +3,7 @@
 use super::super::dense;
 use super::super::problem::Interruption;
 use super::basis::Variable;
-use super::tableau::{held, unit, Tableau, POLL_EVERY};
+use super::tableau::{held, unit, Tableau};
 use super::Poll;
 
 /// Distance to a bound, relative to its size, within which a start counts as on it.
@@ -106,7 +106,7 @@ impl Tableau<'_> {
         let held = &*self.held;
         self.basis.reset(|i| unit(held, i));
         for i in 0..self.n() {
-            if i % POLL_EVERY == POLL_EVERY - 1 {
+            if dense::is_time_to_poll(i, self.n()) {
                 poll()?;
             }
             if self.held(i) != held::INSIDE || self.is_basic(i) {

@@ -17,8 +17,6 @@ pub(super) mod held {
 const SINGULAR: f64 = 1e-13;
 /// Rounds of iterative refinement at the end of a path.
 const REFINEMENTS: usize = 3;
-/// Pivots, or columns entered, between two looks at whoever may want to interrupt.
-pub(super) const POLL_EVERY: usize = 32;
 
 /// The unit column that is basic for index `i`, if one is.
 pub(super) fn unit(held: &[usize], i: usize) -> Variable {
@@ -98,7 +96,7 @@ impl<'a> Tableau<'a> {
         let held = &*self.held;
         self.basis.reset(|i| unit(held, i));
         for i in 0..self.n() {
-            if i % POLL_EVERY == POLL_EVERY - 1 {
+            if dense::is_time_to_poll(i, self.n()) {
                 poll()?;
             }
             if self.held(i) == held::INSIDE && !self.enter_vacancy(Variable::Z(i)) {
