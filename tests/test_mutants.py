@@ -124,8 +124,8 @@ def test_the_page_keeps_the_areas_that_were_not_run(tool):
     new = tool.table.section(
         old, ["a", "b"], {"b": tool.table.rows("b", 2, [(mutant, "killed")], 3)}
     )
-    assert "| a | 1 | 0 | 0 | 0 | 1 | 0 | 1 |" in new
-    assert "| b | 1 | 1 | 0 | 0 | 0 | 3 | 2 |" in new
+    assert "| a | 1 | 0 | 0 | 0 | 1 | 0 | 1 | all |" in new
+    assert "| b | 1 | 1 | 0 | 0 | 0 | 3 | 2 | all |" in new
     assert [line[:4] for line in new if line.startswith("- ")] == ["- a:"]
 
 

@@ -213,8 +213,9 @@ def main() -> int:
     draw = prepare(given, scratch)
     trials = Trials(given, scratch, draw)
     trials.run()
+    tests = "in Rust" if given.only_rust else "all"
     made = {
-        area: rows(area, given.seed, trials.of(inside), draw.unviable[area])
+        area: rows(area, given.seed, trials.of(inside), draw.unviable[area], tests)
         for area, inside in draw.mutants.items()
     }
     mutants = [mutant for inside in draw.mutants.values() for mutant in inside]

@@ -9,8 +9,8 @@ from trial import EQUIVALENT, KILLED, SURVIVED, TIMEOUT
 
 BEGIN, END = "<!-- written by make mutants -->", "<!-- end -->"
 HEAD = [
-    "| area | drawn | killed | of these by time | equivalent | survived | no program | seed |",
-    "|---|---|---|---|---|---|---|---|",
+    "| area | drawn | killed | by time | equivalent | survived | no program | seed | tests |",
+    "|---|---|---|---|---|---|---|---|---|",
 ]
 
 
@@ -36,13 +36,13 @@ def entry(mutant: Mutant) -> str:
 
 
 def rows(
-    area: str, seed: int, found: Sequence[tuple[Mutant, str]], unviable: int
+    area: str, seed: int, found: Sequence[tuple[Mutant, str]], unviable: int, tests: str = "all"
 ) -> tuple[str, list[str]]:
     """Give the row of an area, and a line for each mutant that survived."""
     results = [result for _, result in found]
     killed, late = (results.count(result) for result in (KILLED, TIMEOUT))
     cells = [area, len(found), killed + late, late, results.count(EQUIVALENT)]
-    cells += [results.count(SURVIVED), unviable, seed]
+    cells += [results.count(SURVIVED), unviable, seed, tests]
     lines = [
         f"- {area}: `{mutant.file}`, `{mutant.function}`: {mutant.change}"
         for mutant, result in found
