@@ -1,7 +1,7 @@
 """Exits of the interpreter while runs go on in daemon threads: how the processes end.
 
-``python benchmarks/exits.py [N] [PYTHON ...]`` lets N processes (500) of each interpreter (this one)
-end after a random time; it ends with 1 if one aborted.
+``python benchmarks/exits.py [N] [PYTHON ...]`` lets N processes (500) of each interpreter
+(this one) end after a random time; it ends with 1 if one aborted.
 """
 
 from __future__ import annotations

@@ -48,16 +48,16 @@ def test_any_text_of_an_exception_is_kept_and_the_study_goes_on(which, tmp_path)
 
 
 def test_exceptions_that_cannot_be_told():
-    class Silent(Exception):
+    class SilentError(Exception):
         def __str__(self):
             raise RuntimeError
 
-    class Wrong(Exception):
+    class WrongTextError(Exception):
         def __str__(self):
             return 1
 
-    assert message_of(Silent()) == "Silent, whose text raises RuntimeError"
-    assert message_of(Wrong()) == "Wrong, whose text raises TypeError"
+    assert message_of(SilentError()) == "SilentError, whose text raises RuntimeError"
+    assert message_of(WrongTextError()) == "WrongTextError, whose text raises TypeError"
 
 
 def call_in(folder):

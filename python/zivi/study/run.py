@@ -298,7 +298,7 @@ def _continued(path: Path, design: Design, told: dict[str, Any], resume: bool | 
             ""
             if resume
             else "; resume=True goes on when only the text of the function, what it uses or the "
-                "version differs"
+            "version differs"
         )
         raise ValueError(f"{path} has another study: {'; '.join(found)}{hint}")
     store = FolderStore(path, write=True)
