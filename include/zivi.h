@@ -525,10 +525,9 @@ typedef struct zivi_observer {
   double p_de;
   // Variance of `e`, 0 where it is not learnt.
   double p_ee;
-  // The last positions that were measured (m), the newest first.
-  double seen_x[6];
-  // What the acceleration has moved the mass since (m).
-  double seen_moved[6];
+  // The last positions that were measured, the newest first, less what the acceleration has moved
+  // the mass since (m).
+  double seen_y[6];
   // Time since (s).
   double seen_age[6];
   // How many there are.

@@ -150,7 +150,7 @@ if [ "$(uname -sm)" = 'Linux x86_64' ] && command -v ld >/dev/null 2>&1; then
     # shellcheck disable=SC2046
     part 'the regulator' 3600 $(calls regulator)
     # shellcheck disable=SC2046
-    part 'the observer' 5100 $(calls observer)
+    part 'the observer' 10240 $(calls observer)
     # shellcheck disable=SC2046
     part 'the mass' 5600 $(calls mass)
 fi

@@ -67,8 +67,8 @@ def _is_later(later: Any) -> bool:
         and 0.0 <= e <= 1.0
         and ee >= 0.0
         and count in range(_SEEN + 1)
-        and len(seen) == 3 * _SEEN
-        and min(seen[2::3]) >= 0.0
+        and len(seen) == 2 * _SEEN
+        and min(seen[1::2]) >= 0.0
     )
 
 

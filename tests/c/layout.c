@@ -50,12 +50,12 @@ AT(zivi_tracker_config, horizon, 104);
 AT(zivi_tracker_config, u_max, 128);
 SAME(given_reference_size, sizeof(zivi_given_reference) == 24);
 
-SAME(observer_size, sizeof(zivi_observer) == 376);
+SAME(observer_size, sizeof(zivi_observer) == 328);
 AT(zivi_observer, x, 88);
 AT(zivi_observer, d, 104);
-AT(zivi_observer, seen_x, 200);
-AT(zivi_observer, started, 352);
-AT(zivi_observer, seal, 368);
+AT(zivi_observer, seen_y, 200);
+AT(zivi_observer, started, 304);
+AT(zivi_observer, seal, 320);
 SAME(observer_config_size, sizeof(zivi_observer_config) == 88);
 AT(zivi_observer_config, given, 12);
 AT(zivi_observer_config, h, 16);

@@ -2,7 +2,7 @@
 
 use zivi_core::observer::{
     Covariance, Estimate, ImpactObserver, Measurement, Memory, ObserverSettings, ObserverState,
-    Seen, REMEMBERED,
+    REMEMBERED,
 };
 use zivi_core::{Physical, Restitution};
 
@@ -84,10 +84,9 @@ pub struct Observer {
     pub p_de: f64,
     /// Variance of `e`, 0 where it is not learnt.
     pub p_ee: f64,
-    /// The last positions that were measured (m), the newest first.
-    pub seen_x: [f64; 6],
-    /// What the acceleration has moved the mass since (m).
-    pub seen_moved: [f64; 6],
+    /// The last positions that were measured, the newest first, less what the acceleration has moved
+    /// the mass since (m).
+    pub seen_y: [f64; 6],
     /// Time since (s).
     pub seen_age: [f64; 6],
     /// How many there are.
@@ -119,9 +118,9 @@ unsafe impl Sealed for Observer {
 const _: () = {
     use core::mem::offset_of;
     assert!(REMEMBERED == 6);
-    assert!(size_of::<Observer>() == 376 && size_of::<ObserverConfig>() == 88);
+    assert!(size_of::<Observer>() == 328 && size_of::<ObserverConfig>() == 88);
     assert!(offset_of!(Observer, x) == 8 * <Observer as Sealed>::SETTINGS);
-    assert!(offset_of!(Observer, started) == 352);
+    assert!(offset_of!(Observer, started) == 304);
 };
 
 impl ObserverConfig {
@@ -162,8 +161,8 @@ impl Observer {
     pub fn init(&mut self, config: &ObserverConfig) -> Code {
         match config.checked() {
             Ok(config) => {
-                *self = Self { config, ..Self::default() };
-                self.remember(ImpactObserver::new(self.settings()).remembered());
+                self.config = config;
+                self.forget();
                 self.seal = self.seal_of_settings();
                 ZIVI_OK
             }
@@ -176,7 +175,7 @@ impl Observer {
         if let Err(code) = self.intact() {
             return code;
         }
-        self.remember(ImpactObserver::new(self.settings()).remembered());
+        self.forget();
         ZIVI_OK
     }
 
@@ -208,6 +207,23 @@ impl Observer {
         }
     }
 
+    /// As before the first measurement.
+    fn forget(&mut self) {
+        (self.x, self.xdot, self.d, self.e) = (0.0, 0.0, 0.0, self.config.e);
+        (self.p_xx, self.p_xv, self.p_xd) = (0.0, 0.0, 0.0);
+        (self.p_vv, self.p_vd, self.p_dd) = (0.0, 0.0, 0.0);
+        (self.p_xe, self.p_ve, self.p_de) = (0.0, 0.0, 0.0);
+        self.p_ee = self.settings().prior();
+        for column in [&mut self.seen_y, &mut self.seen_age] {
+            for it in column {
+                // SAFETY: a number of this object; a plain loop would be a call of `memset`
+                unsafe { core::ptr::from_mut(it).write_volatile(0.0) };
+            }
+        }
+        (self.seen, self.waiting, self.started) = (0, 0, 0);
+        (self.in_a_row, self.refused, self.reserved) = (0, 0, 0);
+    }
+
     /// The settings, which were checked.
     #[inline]
     fn settings(&self) -> ObserverSettings {
@@ -223,11 +239,6 @@ impl Observer {
     fn state(&self) -> ObserverState {
         let Self { x, xdot, d, e, p_xx, p_xv, p_xd, p_vv, p_vd, p_dd, .. } = *self;
         let Self { p_xe, p_ve, p_de, p_ee, .. } = *self;
-        let mut memory = Memory { count: self.seen, ..Memory::default() };
-        let places = self.seen_x.iter().zip(&self.seen_moved).zip(&self.seen_age);
-        for (to, ((x, moved), age)) in memory.seen.iter_mut().zip(places) {
-            *to = Seen { x: *x, moved: *moved, age: *age };
-        }
         ObserverState {
             started: self.started != 0,
             waiting: self.waiting != 0,
@@ -245,7 +256,7 @@ impl Observer {
                 de: p_de,
                 ee: p_ee,
             },
-            memory,
+            memory: Memory { y: self.seen_y, age: self.seen_age, count: self.seen },
             in_a_row: self.in_a_row,
             refused: self.refused,
         }
@@ -260,10 +271,7 @@ impl Observer {
         (self.p_xx, self.p_xv, self.p_xd) = (xx, xv, xd);
         (self.p_vv, self.p_vd, self.p_dd) = (vv, vd, dd);
         (self.p_xe, self.p_ve, self.p_de, self.p_ee) = (xe, ve, de, ee);
-        let places = self.seen_x.iter_mut().zip(&mut self.seen_moved).zip(&mut self.seen_age);
-        for (((x, moved), age), it) in places.zip(&memory.seen) {
-            (*x, *moved, *age) = (it.x, it.moved, it.age);
-        }
+        (self.seen_y, self.seen_age) = (memory.y, memory.age);
         self.seen = memory.count;
         (self.started, self.waiting) = (u32::from(*started), u32::from(*waiting));
         (self.in_a_row, self.refused) = (state.in_a_row, state.refused);

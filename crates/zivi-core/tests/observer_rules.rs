@@ -327,12 +327,12 @@ fn positions_are_remembered_with_their_ways() {
             let since = history.iter().filter(|(from, _, _)| *from >= t - 1e-15);
             since.map(|(from, to, a)| 0.5 * a * ((to - t).powi(2) - (from - t).powi(2))).sum()
         };
-        let Memory { seen: kept, count } = it.state().memory;
-        assert_eq!(count as usize, seen.len().min(6));
-        for (found, (x, t)) in kept.iter().zip(seen.iter().rev().take(6)) {
-            let Seen { x: place, moved, age } = *found;
-            assert_eq!(place, *x);
-            assert!((age - (now - t)).abs() <= 1e-14 && (moved - way(*t)).abs() <= 1e-14);
+        let kept = it.state().memory;
+        assert_eq!(kept.count as usize, seen.len().min(6));
+        assert_eq!(kept.seen().count(), seen.len().min(6));
+        for (found, (x, t)) in kept.seen().zip(seen.iter().rev()) {
+            let Seen { y, age } = found;
+            assert!((age - (now - t)).abs() <= 1e-14 && (y - (x - way(*t))).abs() <= 1e-14);
         }
     }
 }

@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi_core::observer::{
     Covariance, Estimate, ImpactObserver, Measurement, Memory, ObserverSettings, ObserverState,
-    Seen, REMEMBERED,
+    REMEMBERED,
 };
 use zivi_core::{Physical, Restitution, SettingError};
 
@@ -15,13 +15,13 @@ fn refused(error: SettingError) -> PyErr {
 
 /// `(started, x, xdot, d, [xx, xv, xd, vv, vd, dd], in_a_row, refused)`, all that there was in the
 /// first version; and since the second its number, whether the velocity waits, `e, xe, ve, de, ee`,
-/// how many positions are remembered, and of each `x, moved, age`.
+/// how many positions are remembered, and of each `y, age`.
 type State = (bool, f64, f64, f64, [f64; 6], u32, u32, [f64; LATER]);
 /// The same of the first version.
 type First = (bool, f64, f64, f64, [f64; 6], u32, u32);
 /// The version of a state, and what it has more than the first one.
 const VERSION: f64 = 2.0;
-const LATER: usize = 8 + 3 * REMEMBERED;
+const LATER: usize = 8 + 2 * REMEMBERED;
 
 type Array<'py> = Bound<'py, PyArray1<f64>>;
 /// Estimates, their standard deviations, and whether a measurement was refused.
@@ -167,7 +167,7 @@ impl Observer {
         let waiting = f64::from(u8::from(waiting));
         let mut later = [0.0; LATER];
         let head = [VERSION, waiting, e, xe, ve, de, ee, f64::from(memory.count)];
-        let seen = memory.seen.iter().flat_map(|it| [it.x, it.moved, it.age]);
+        let seen = memory.y.iter().zip(&memory.age).flat_map(|(y, age)| [*y, *age]);
         for (to, value) in later.iter_mut().zip(head.into_iter().chain(seen)) {
             *to = value;
         }
@@ -188,8 +188,8 @@ impl Observer {
         let mut state = ObserverState { started, estimate, covariance, in_a_row, refused, ..fresh };
         if let Some([_, waiting, e, xe, ve, de, ee, count, seen @ ..]) = later {
             let mut memory = Memory { count: count as u32, ..Memory::default() };
-            for (to, from) in memory.seen.iter_mut().zip(seen.chunks_exact(3)) {
-                *to = Seen { x: from[0], moved: from[1], age: from[2] };
+            for (k, from) in seen.chunks_exact(2).enumerate() {
+                (memory.y[k], memory.age[k]) = (from[0], from[1]);
             }
             let covariance = Covariance { xe, ve, de, ee, ..covariance };
             state = ObserverState { waiting: waiting != 0.0, e, covariance, memory, ..state };

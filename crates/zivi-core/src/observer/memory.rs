@@ -15,32 +15,26 @@ use crate::Physical;
 /// Positions that are kept.
 pub const REMEMBERED: usize = 6;
 /// So many must agree, and all but two of those that there are.
-const AGREEING: usize = 4;
+const AGREEING: u32 = 4;
 /// Positions agree within so many standard deviations, beside what the unknown force can bend.
 const WITHIN: f64 = 4.0;
 
 /// A position that was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seen {
-    /// Distance from the wall (m).
-    pub x: f64,
-    /// `c`: what the acceleration has moved the mass since (m).
-    pub moved: f64,
+    /// `y`: the distance from the wall, less what the acceleration has moved the mass since (m).
+    pub y: f64,
     /// Time since (s).
     pub age: f64,
 }
 
-impl Seen {
-    fn y(&self) -> f64 {
-        self.x - self.moved
-    }
-}
-
-/// The last positions, the newest first.
+/// The last positions, the newest first. (In columns, short enough to be copied without a call.)
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory {
-    /// The positions.
-    pub seen: [Seen; REMEMBERED],
+    /// Positions, see [`Seen`] (m).
+    pub y: [f64; REMEMBERED],
+    /// Times since (s).
+    pub age: [f64; REMEMBERED],
     /// How many there are.
     pub count: u32,
 }
@@ -53,54 +47,61 @@ pub(super) struct Fitted {
 }
 
 impl Memory {
-    fn held(&self) -> &[Seen] {
-        let count = (self.count as usize).min(REMEMBERED);
-        self.seen.get(..count).unwrap_or_default()
+    /// The positions that there are, the newest first.
+    pub fn seen(&self) -> impl Iterator<Item = Seen> + Clone + '_ {
+        let columns = self.y.iter().zip(&self.age).take(self.count as usize);
+        columns.map(|(y, age)| Seen { y: *y, age: *age })
     }
 
     /// `dt` later, under the acceleration `a`.
     pub(super) fn pass(&mut self, dt: f64, a: f64) {
-        for it in self.seen.iter_mut().take(self.count as usize) {
-            it.moved += a * dt * (it.age + 0.5 * dt);
-            it.age += dt;
+        for (y, age) in self.y.iter_mut().zip(&mut self.age).take(self.count as usize) {
+            *y -= a * dt * (*age + 0.5 * dt);
+            *age += dt;
         }
     }
 
     /// A position is measured now.
     pub(super) fn see(&mut self, x: f64) {
-        let [a, b, c, d, e, _] = self.seen;
-        self.seen = [Seen { x, moved: 0.0, age: 0.0 }, a, b, c, d, e];
+        pushed(&mut self.y, x);
+        pushed(&mut self.age, 0.0);
         self.count = (self.count + 1).min(REMEMBERED as u32);
     }
 
     /// The state by the last two positions, for a force that is unknown up to the variance `of_d`.
     pub(super) fn of_two(&self, of_x: f64, of_d: f64) -> Option<Fitted> {
-        fitted(self.held().iter().take(2), of_x, of_d)
+        fitted(self.seen().take(2), of_x, of_d)
     }
 
     /// The state by the positions that agree on a line within what noise and a force within `dmax`
     /// allow, if they are enough.
     pub(super) fn consensus(&self, of_x: f64, dmax: f64) -> Option<Fitted> {
-        let held = self.held();
         let noise = WITHIN * libm::sqrt(of_x);
         let agrees = |it: &Seen, line: Line| off(line, it) <= noise + bend(line, it, dmax);
-        let mut best: Option<(Line, usize, f64)> = None;
-        for (k, one) in held.iter().enumerate() {
-            for other in held.iter().skip(k + 1) {
-                let line = (*one, *other);
-                let near = held.iter().filter(|it| agrees(it, line));
-                let (count, sum) = near.fold((0, 0.0), |(n, sum), it| (n + 1, sum + off(line, it)));
+        let mut best: Option<(Line, u32, f64)> = None;
+        for (k, one) in self.seen().enumerate() {
+            for other in self.seen().skip(k + 1) {
+                let line = (one, other);
+                let near = self.seen().filter(|it| agrees(it, line));
+                let (count, sum) =
+                    near.fold((0, 0.0), |(n, sum), it| (n + 1, sum + off(line, &it)));
                 if best.is_none_or(|(_, n, least)| count > n || (count == n && sum < least)) {
                     best = Some((line, count, sum));
                 }
             }
         }
         let (line, count, _) = best?;
-        if count < AGREEING || count + 2 < held.len() {
+        if count < AGREEING || count + 2 < self.count {
             return None;
         }
-        fitted(held.iter().filter(|it| agrees(it, line)), of_x, 0.25 * dmax * dmax)
+        fitted(self.seen().filter(|it| agrees(it, line)), of_x, 0.25 * dmax * dmax)
     }
+}
+
+/// In front of the others, the last of which is gone.
+fn pushed(column: &mut [f64; REMEMBERED], value: f64) {
+    let [a, b, c, d, e, _] = *column;
+    *column = [value, a, b, c, d, e];
 }
 
 /// Two positions, and the line through them.
@@ -108,8 +109,8 @@ type Line = (Seen, Seen);
 
 /// How far a position is off the line through two others.
 fn off((one, other): Line, it: &Seen) -> f64 {
-    let slope = (other.y() - one.y()) / (other.age - one.age);
-    (it.y() - one.y() - slope * (it.age - one.age)).abs()
+    let slope = (other.y - one.y) / (other.age - one.age);
+    (it.y - one.y - slope * (it.age - one.age)).abs()
 }
 
 /// How far an unknown force of `dmax` may bring it off: a parabola through the two.
@@ -120,20 +121,16 @@ fn bend((one, other): Line, it: &Seen, dmax: f64) -> f64 {
 /// The line of least squares, `None` through positions of one time. Of an error `delta` of the
 /// acceleration the velocity has `q delta/2`, the position `-(m - q tau) delta/2`, with `tau`, `m`
 /// the means of `tau_i`, `tau_i^2` and `q` the slope of `tau_i^2`.
-fn fitted<'a>(
-    seen: impl Iterator<Item = &'a Seen> + Clone,
-    of_x: f64,
-    of_d: f64,
-) -> Option<Fitted> {
+fn fitted(seen: impl Iterator<Item = Seen> + Clone, of_x: f64, of_d: f64) -> Option<Fitted> {
     let (n, ages, places) = seen
         .clone()
-        .fold((0.0, 0.0, 0.0), |(n, ages, places), it| (n + 1.0, ages + it.age, places + it.y()));
+        .fold((0.0, 0.0, 0.0), |(n, ages, places), it| (n + 1.0, ages + it.age, places + it.y));
     let (age, place) = (ages / n, places / n);
     let (mut spread, mut slope, mut square, mut bent) = (0.0, 0.0, 0.0, 0.0);
     for it in seen {
         let since = it.age - age;
         spread += since * since;
-        slope += since * (it.y() - place);
+        slope += since * (it.y - place);
         square += it.age * it.age / n;
         bent += since * it.age * it.age;
     }

@@ -162,11 +162,21 @@ impl ObserverSettings {
         Self { learn_e, q_e: if learn_e { q_e } else { 0.0 }, ..self }
     }
 
+    /// Variance of a restitution that is learnt, before anything was seen; 0 of one that is not.
+    #[inline]
+    #[must_use]
+    pub fn prior(&self) -> f64 {
+        let se = if self.se > 0.0 { self.se } else { Self::UNSAID };
+        if self.learn_e {
+            se * se
+        } else {
+            0.0
+        }
+    }
+
     /// What an observer remembers before it has seen anything.
     pub(super) fn unseen(&self) -> ObserverState {
-        let se = if self.se > 0.0 { self.se } else { Self::UNSAID };
-        let ee = if self.learn_e { se * se } else { 0.0 };
-        let covariance = Covariance { ee, ..Covariance::default() };
+        let covariance = Covariance { ee: self.prior(), ..Covariance::default() };
         ObserverState { e: self.restitution.e(), covariance, ..ObserverState::default() }
     }
 
