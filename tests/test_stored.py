@@ -62,7 +62,10 @@ def test_studies_go_on(name, old):
     first = np.asarray(before.value)
     done = np.isfinite(first)
     assert 2 * done.sum() == done.size
-    after = zivi.sweep(**study, out=folder)
+    # what the functions use was not stored
+    with pytest.raises(ValueError, match="resume=True"):
+        zivi.sweep(**study, out=folder)
+    after = zivi.sweep(**study, out=folder, resume=True)
     afresh = zivi.sweep(**study)
     assert np.isfinite(after.value).all()
     np.testing.assert_allclose(after.value, afresh.value, rtol=1e-13)

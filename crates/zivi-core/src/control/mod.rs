@@ -35,6 +35,7 @@ mod tracker_state;
 pub mod tracking;
 
 #[cfg(test)]
+#[allow(clippy::expect_used)]
 mod tests;
 
 pub use explicit::ExplicitTwisting;

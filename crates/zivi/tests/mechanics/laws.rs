@@ -47,13 +47,10 @@ fn eliminate(a: &[f64], b: &[f64]) -> Vec<f64> {
     for k in 0..n {
         let pivot = (k..n).max_by(|&i, &j| rows[i][k].abs().total_cmp(&rows[j][k].abs())).unwrap();
         rows.swap(k, pivot);
-        for i in 0..n {
-            if i != k {
-                let factor = rows[i][k] / rows[k][k];
-                for j in k..=n {
-                    rows[i][j] -= factor * rows[k][j];
-                }
-            }
+        let chosen = rows[k].clone();
+        for (_, row) in rows.iter_mut().enumerate().filter(|&(i, _)| i != k) {
+            let factor = row[k] / chosen[k];
+            row.iter_mut().zip(&chosen).skip(k).for_each(|(to, from)| *to -= factor * from);
         }
     }
     (0..n).map(|i| rows[i][n] / rows[i][i]).collect()
