@@ -25,9 +25,12 @@ class Header:
         }
         self.structures: dict[str, Any] = {}
         for name, body in re.findall(r"typedef struct (\w+) \{(.*?)\} \1;", text, re.DOTALL):
-            fields = re.findall(r"(\w+) (\*?\w+);", body.replace("struct ", ""))
+            fields = re.findall(r"(\w+) (\*?\w+)(?:\[(\d+)\])?;", body.replace("struct ", ""))
             known = TYPES | self.structures
-            if all(kind in known and not field.startswith("*") for kind, field in fields):
-                members = [(field, known[kind]) for kind, field in fields]
+            if all(kind in known and not field.startswith("*") for kind, field, _ in fields):
+                members = [
+                    (field, known[kind] * int(many) if many else known[kind])
+                    for kind, field, many in fields
+                ]
                 self.structures[name] = type(name, (ctypes.Structure,), {"_fields_": members})
         self.functions = set(re.findall(r"\b(zivi_\w+)\(", text))

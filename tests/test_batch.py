@@ -266,12 +266,12 @@ def run(**changes):
         (
             {"t_eval": [0.2, 0.1]},
             ValueError,
-            "t_eval must be increasing, each time once, and within t_span",
+            "t_eval must be increasing and within t_span",
         ),
         (
             {"t_eval": [0.2, 1.1]},
             ValueError,
-            "t_eval must be increasing, each time once, and within t_span",
+            "t_eval must be increasing and within t_span",
         ),
         ({"t_eval": [[0.2]]}, ValueError, "t_eval must be one-dimensional"),
         ({"t_eval": [0.2, 0.2], "method": zivi.SwitchedRK()}, ValueError, "t_eval must be"),

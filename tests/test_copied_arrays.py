@@ -82,9 +82,9 @@ def test_the_plant_of_a_closed_loop_may_write_into_times_and_reference():
 
 
 @METHODS
-@pytest.mark.parametrize("times", [[0.2, 0.1], [0.1, 0.1], [0.5, 1.5], [0.1, np.nan]])
+@pytest.mark.parametrize("times", [[0.2, 0.1], [0.5, 1.5], [0.1, np.nan]])
 def test_times_must_increase_within_the_span_for_every_method(method, times):
-    match = r"t_eval must be increasing, each time once, and within t_span = \(0.0, 1.0\)"
+    match = "t_eval must be increasing"
     with pytest.raises(ValueError, match=match):
         zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (1, 0), method, t_eval=times)
     system = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[zivi.LinearGap([1])], e=0.5)

@@ -144,7 +144,7 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
             "rounds to 1), got 0.0",
         ]),
         ("y0 =", "t_eval = [2.0, 1.0]\ny0 =", [
-            "t_eval must be increasing, each time once, and within t_span = (0.0, 3.0)",
+            "t_eval must be increasing and within t_span = (0.0, 3.0)",
         ]),
         ("y0 =", "t_eval = []\ny0 =", [
             "t_eval must be a list, each a finite number, or a table with start, stop, num, got []",
@@ -380,6 +380,7 @@ def test_the_run_is_that_of_python(written):
     assert abs(found.x - expected.x).max() < 1e-9
 
 
+@pytest.mark.filterwarnings("ignore:a landing may never rest")
 def test_the_loop_is_that_of_python(written):
     path = written(
         LOOP,

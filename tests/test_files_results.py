@@ -18,6 +18,8 @@ from zivi.files.results import open_result
 
 pytest.importorskip("h5netcdf")
 
+pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
+
 
 def ball(method=zivi.ThetaGamma(h=1e-2), **kwargs):  # noqa: B008 frozen
     system = kwargs.pop("system", zivi.ImpactSystem(-9.81, e=0.5))

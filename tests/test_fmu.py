@@ -350,6 +350,7 @@ def two_units(archives: dict, fmi: int, read_first: bool, steps: int) -> np.ndar
     return np.array(rows).T
 
 
+@pytest.mark.filterwarnings("ignore:a landing may never rest")
 @BOTH
 @pytest.mark.parametrize("read_first", [True, False])
 def test_the_order_of_an_importer_decides_on_the_delay(

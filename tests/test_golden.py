@@ -20,6 +20,7 @@ needs_libm = pytest.mark.skipif(
 
 
 @needs_libm
+@pytest.mark.filterwarnings("ignore:a landing may never rest")
 @pytest.mark.parametrize("group", GROUPS)
 def test_every_bit_is_as_it_was(group):
     changed = [

@@ -126,7 +126,7 @@ def test_rows_of_arrays():
         with pytest.raises(ValueError, match=r"start must have rows \(t, u\), got an array"):
             start.rows_of(bad)
     for bad in ([(1, 2), (1, 3)], [(2, 2), (1, 3)], [(math.nan, 2)], [(1, math.inf)]):
-        with pytest.raises(ValueError, match=r"finite rows .* at ascending times"):
+        with pytest.raises(ValueError, match=r"finite rows .* at increasing times"):
             start.rows_of(bad)
 
 

@@ -212,7 +212,8 @@ def test_a_time_limit_keeps_the_best_point(affine):
     """Random matrices of this size take many seconds, most of them in vain."""
     rng = np.random.default_rng(1)
     n = 250
-    M, q = rng.normal(size=(n, n)), rng.normal(size=n)
+    M = rng.normal(size=(n, n))
+    q = rng.uniform(1, 2, n) - M @ rng.uniform(1, 2, n)  # feasible
     began = time.perf_counter()
     if affine:
         res = zivi.solve_lcp(M, q, time_limit=0.1)

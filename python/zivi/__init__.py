@@ -13,7 +13,7 @@ set-valued signs passes the accumulation of impacts and comes to rest exactly.
 
 import importlib
 
-from zivi import _leaving, plot
+from zivi import plot
 from zivi._complementarity import Equilibrium, bimatrix, solve_lcp, solve_ncp
 from zivi._warnings import ModelWarning
 from zivi._zivi import __version__
@@ -67,7 +67,7 @@ from zivi.vi import (
 )
 from zivi.wall import HarmonicWall, MovingWall
 
-_leaving.watch()
+importlib.import_module("zivi._leaving").watch()
 
 __all__ = [
     "Attractor",

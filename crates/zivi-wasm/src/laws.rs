@@ -1,13 +1,14 @@
 //! The controllers, and their loop with a mass that moves by the implicit step.
 
 use crate::table::{Row, TABLE};
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{ExplicitTwisting, Gains, TwistingRegulator, TwistingTracker};
 use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 pub(crate) enum Law {
     /// `u = -mu1 - mu2 sgn x'` with the sign of the sample.
     Sampled(Gains),
-    Regulator(TwistingRegulator),
+    Regulator(TwistingRegulator, RegulationStep),
     Tracker(TwistingTracker),
     Explicit(ExplicitTwisting),
 }
@@ -29,7 +30,7 @@ impl Law {
             Law::Sampled(gains) => {
                 Some((-gains.mu1() - gains.mu2() * sgn(measured.xdot), [NONE; 6]))
             }
-            Law::Regulator(law) => {
+            Law::Regulator(law, _) => {
                 let u = law.tick(measured, f).ok()?;
                 let [lambda_s, lambda_v] = law.state().signs;
                 Some((u, [lambda_s, lambda_v, NONE, NONE, NONE, NONE]))
@@ -37,6 +38,13 @@ impl Law {
             Law::Tracker(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
             Law::Explicit(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
         }
+    }
+
+    /// The end of the regulator's own step: its force at the wall is not that of a control that is held.
+    fn planned(&self, z: Lifted, side: f64, force: f64) -> Option<Lifted> {
+        let Law::Regulator(_, step) = self else { return None };
+        let mirror = |z: Lifted| Lifted { s: side * z.s, v: side * z.v };
+        Some(mirror(step.solve(mirror(z), force).end))
     }
 
     fn reference(&self) -> Physical {
@@ -54,7 +62,7 @@ pub(crate) fn lifted(start: Physical, restitution: Restitution) -> Option<Lifted
     (z.s >= 0.0 && z.is_finite()).then_some(z)
 }
 
-/// The loop: measure, tick, hold the control while the mass moves by one implicit step.
+/// The loop: measure, tick, move the mass by one implicit step, with the control held or as planned.
 pub(crate) fn close(
     mut law: Law,
     scheme: ThetaGammaStep,
@@ -69,7 +77,10 @@ pub(crate) fn close(
     let (mut u, mut signs) = (0.0, [NONE; 6]);
     TABLE.fill(n, |k| {
         if k > 0 {
-            z = scheme.solve(z, forces.plant + u, side).ok()?.end();
+            z = match law.planned(z, side, forces.plant) {
+                Some(end) => end,
+                None => scheme.solve(z, forces.plant + u, side).ok()?.end(),
+            };
             side = transform::side(z, side);
             state = transform::project(z, restitution);
         }

@@ -17,6 +17,7 @@ mod table;
 
 use laws::{lifted, Forces, Law};
 use table::{Row, TABLE};
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{Approach, ExplicitTwisting, Gains, TwistingRegulator, TwistingTracker};
 use zivi_core::{sgn, transform, Lifted, Physical, Restitution, ThetaGammaStep};
 
@@ -83,7 +84,8 @@ pub extern "C" fn regulator(
             Law::Sampled(gains)
         } else {
             let regulator = TwistingRegulator::new(gains, h, scheme.restitution()).ok()?;
-            Law::Regulator(regulator.with_landing(None))
+            let step = RegulationStep { h, restitution: scheme.restitution(), gains };
+            Law::Regulator(regulator.with_landing(None), step)
         };
         laws::close(law, scheme, Forces { plant: f, model: f, reference: 0.0 }, start, n)
     };

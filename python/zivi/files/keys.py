@@ -115,6 +115,9 @@ SIMULATE = (
     Key("tstops", Numbers(), "times where the force is not smooth", "s", "none"),
 )
 
+_SOLVER, _LINEARISATIONS = (
+    key for key in METHODS["ThetaGamma"] if key.name in ("solver", "linearisations")
+)
 _DEPTH, _HORIZON = (_setting(it) for it in _zivi.CONTROL_SETTINGS["TwistingTracker"])
 TWISTING = (
     Key("mu1", POSITIVE, "gain on the sign of the position", "m/s^2"),
@@ -134,6 +137,9 @@ TWISTING = (
 LANDING = (
     Key("landing", Switch(), "whether a sampled loop ends in exact rest", default="true"),
     Key("ahead", Whole(1, 10**9), "horizon of the landing: 1 + delay", "1", "1"),
+    Key("quiet", NOT_NEGATIVE, "velocity that the landing takes for noise", "m/s", "0"),
+    _SOLVER,
+    _LINEARISATIONS,
 )
 REFERENCE = _restitution("_ref", "that of the controller")
 CONTROLLERS = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,6 +19,7 @@ __all__ = ["differences", "identity", "named"]
 
 MILD = ("zivi", "source", "uses", "digests")
 """What may differ if the user insists on going on."""
+_DIGEST = re.compile(r" [0-9a-f]{16}$")
 WORDS = {
     "function": "the function",
     "source": "the text of the function",
@@ -69,19 +71,29 @@ def identity(
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool) -> list[str]:
     """List what differs between a store and a study, except what may if the user insists."""
+    comparable = there.get("digests") == here["digests"]
     # a seed or a chunk that is not given is that of the store
     left_out = {key for key in ("seed", "chunk") if here[key] is None}
     if mild:
         left_out |= set(MILD)
         # version 0.1.0 did not say what a function holds, other digests cannot be compared
-        if "held" not in there or there.get("digests") != here["digests"]:
+        if "held" not in there or not comparable:
             left_out.add("held")
+        if not comparable:
+            there, here = ({**it, "fixed": _undigested(it.get("fixed"))} for it in (there, here))
     return [
         f"{words}: {there.get(key)!r} there, {here[key]!r} here"
         for key, words in WORDS.items()
         # as text: NaN is not equal to itself
         if key not in left_out and _text(there.get(key)) != _text(here[key])
     ]
+
+
+def _undigested(fixed: Any) -> Any:
+    """Give fixed arguments without the digests of their content."""
+    if isinstance(fixed, Mapping):
+        return {key: _undigested(value) for key, value in fixed.items()}
+    return _DIGEST.sub("", fixed) if isinstance(fixed, str) else fixed
 
 
 def _text(value: Any) -> str:
