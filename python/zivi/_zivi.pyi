@@ -54,6 +54,7 @@ __all__ = [
     "compiled_model",
     "fly_apart",
     "force_raised",
+    "forget_runs",
     "grid_times",
     "lemke_howson",
     "lift",
@@ -71,6 +72,7 @@ __all__ = [
     "solve_steps",
     "solve_tracking_steps",
     "solve_vi",
+    "stop_runs",
 ]
 
 __version__: str
