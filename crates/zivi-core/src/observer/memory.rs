@@ -70,32 +70,89 @@ impl Memory {
 
     /// The state by the last two positions, for a force that is unknown up to the variance `of_d`.
     pub(super) fn of_two(&self, of_x: f64, of_d: f64) -> Option<Fitted> {
-        fitted(self.seen().take(2), of_x, of_d)
+        self.fitted([true, true, false, false, false, false], of_x, of_d)
     }
 
     /// The state by the positions that agree on a line within what noise and a force within `dmax`
     /// allow, if they are enough.
     pub(super) fn consensus(&self, of_x: f64, dmax: f64) -> Option<Fitted> {
         let noise = WITHIN * libm::sqrt(of_x);
-        let agrees = |it: &Seen, line: Line| off(line, it) <= noise + bend(line, it, dmax);
-        let mut best: Option<(Line, u32, f64)> = None;
+        let mut best = Agreement::default();
         for (k, one) in self.seen().enumerate() {
             for other in self.seen().skip(k + 1) {
-                let line = (one, other);
-                let near = self.seen().filter(|it| agrees(it, line));
-                let (count, sum) =
-                    near.fold((0, 0.0), |(n, sum), it| (n + 1, sum + off(line, &it)));
-                if best.is_none_or(|(_, n, least)| count > n || (count == n && sum < least)) {
-                    best = Some((line, count, sum));
+                let found = self.agreement((one, other), noise, dmax);
+                let nearer = found.count == best.count && found.sum < best.sum;
+                if found.count > best.count || nearer {
+                    best = found;
                 }
             }
         }
-        let (line, count, _) = best?;
-        if count < AGREEING || count + 2 < self.count {
+        if best.count < AGREEING || best.count + 2 < self.count {
             return None;
         }
-        fitted(self.seen().filter(|it| agrees(it, line)), of_x, 0.25 * dmax * dmax)
+        self.fitted(best.chosen, of_x, 0.25 * dmax * dmax)
     }
+
+    /// The positions that lie near this line. (Out of line, as what follows: on a target the code
+    /// of two of its callers would be twice as long.)
+    #[inline(never)]
+    fn agreement(&self, line: Line, noise: f64, dmax: f64) -> Agreement {
+        let mut found = Agreement::default();
+        for (it, chosen) in self.seen().zip(&mut found.chosen) {
+            let distance = off(line, &it);
+            *chosen = distance <= noise + bend(line, &it, dmax);
+            if *chosen {
+                (found.count, found.sum) = (found.count + 1, found.sum + distance);
+            }
+        }
+        found
+    }
+
+    /// The line of least squares through the chosen ones, `None` through positions of one time. Of
+    /// an error `delta` of the acceleration the velocity has `q delta/2`, the position
+    /// `-(m - q tau) delta/2`, with `tau`, `m` the means of `tau_i`, `tau_i^2` and `q` the slope of
+    /// `tau_i^2`.
+    #[inline(never)]
+    fn fitted(&self, chosen: [bool; REMEMBERED], of_x: f64, of_d: f64) -> Option<Fitted> {
+        let seen = || self.seen().zip(chosen).filter_map(|(it, taken)| taken.then_some(it));
+        let (mut n, mut ages, mut places) = (0.0, 0.0, 0.0);
+        for it in seen() {
+            (n, ages, places) = (n + 1.0, ages + it.age, places + it.y);
+        }
+        let (age, place) = (ages / n, places / n);
+        let (mut spread, mut slope, mut square, mut bent) = (0.0, 0.0, 0.0, 0.0);
+        for it in seen() {
+            let since = it.age - age;
+            spread += since * since;
+            slope += since * (it.y - place);
+            square += it.age * it.age / n;
+            bent += since * it.age * it.age;
+        }
+        if spread.is_nan() || spread <= 0.0 {
+            return None;
+        }
+        let (v, q) = (-slope / spread, bent / spread);
+        let (by_x, by_v) = (-0.5 * (square - q * age), 0.5 * q);
+        let vv = of_x / spread;
+        let covariance = Covariance {
+            xx: of_x / n + age * age * vv + by_x * by_x * of_d,
+            xv: age * vv + by_x * by_v * of_d,
+            xd: by_x * of_d,
+            vv: vv + by_v * by_v * of_d,
+            vd: by_v * of_d,
+            dd: of_d,
+            ..Covariance::default()
+        };
+        Some(Fitted { state: Physical { x: place + v * age, xdot: v }, covariance })
+    }
+}
+
+/// The positions near a line, how many, and the sum of their distances (m).
+#[derive(Clone, Copy, Default)]
+struct Agreement {
+    chosen: [bool; REMEMBERED],
+    count: u32,
+    sum: f64,
 }
 
 /// In front of the others, the last of which is gone.
@@ -116,38 +173,4 @@ fn off((one, other): Line, it: &Seen) -> f64 {
 /// How far an unknown force of `dmax` may bring it off: a parabola through the two.
 fn bend((one, other): Line, it: &Seen, dmax: f64) -> f64 {
     0.5 * dmax * ((it.age - one.age) * (it.age - other.age)).abs()
-}
-
-/// The line of least squares, `None` through positions of one time. Of an error `delta` of the
-/// acceleration the velocity has `q delta/2`, the position `-(m - q tau) delta/2`, with `tau`, `m`
-/// the means of `tau_i`, `tau_i^2` and `q` the slope of `tau_i^2`.
-fn fitted(seen: impl Iterator<Item = Seen> + Clone, of_x: f64, of_d: f64) -> Option<Fitted> {
-    let (n, ages, places) = seen
-        .clone()
-        .fold((0.0, 0.0, 0.0), |(n, ages, places), it| (n + 1.0, ages + it.age, places + it.y));
-    let (age, place) = (ages / n, places / n);
-    let (mut spread, mut slope, mut square, mut bent) = (0.0, 0.0, 0.0, 0.0);
-    for it in seen {
-        let since = it.age - age;
-        spread += since * since;
-        slope += since * (it.y - place);
-        square += it.age * it.age / n;
-        bent += since * it.age * it.age;
-    }
-    if spread.is_nan() || spread <= 0.0 {
-        return None;
-    }
-    let (v, q) = (-slope / spread, bent / spread);
-    let (by_x, by_v) = (-0.5 * (square - q * age), 0.5 * q);
-    let vv = of_x / spread;
-    let covariance = Covariance {
-        xx: of_x / n + age * age * vv + by_x * by_x * of_d,
-        xv: age * vv + by_x * by_v * of_d,
-        xd: by_x * of_d,
-        vv: vv + by_v * by_v * of_d,
-        vd: by_v * of_d,
-        dd: of_d,
-        ..Covariance::default()
-    };
-    Some(Fitted { state: Physical { x: place + v * age, xdot: v }, covariance })
 }
