@@ -38,18 +38,20 @@ def libm() -> str:
     return hashlib.sha256(np.array(values).tobytes()).hexdigest()[:16]
 
 
-def _absorb(digest: "hashlib._Hash", value: object) -> None:
+def absorb(digest: "hashlib._Hash", value: object) -> None:
     if isinstance(value, list | tuple):
         digest.update(f"[{len(value)}".encode())
         for item in value:
-            _absorb(digest, item)
+            absorb(digest, item)
     elif isinstance(value, dict):
-        _absorb(digest, sorted(value.items()))
+        absorb(digest, sorted(value.items()))
     elif isinstance(value, np.ndarray) and value.dtype.names:
         for name in value.dtype.names:
-            _absorb(digest, value[name])
+            absorb(digest, value[name])
     elif value is None or isinstance(value, str):
         digest.update(str(value).encode())
+    elif isinstance(value, np.ndarray) and value.dtype.kind == "U":
+        digest.update(str(value.tolist()).encode())
     else:
         array = np.array(value, dtype=float)  # one NaN is like another
         array[np.isnan(array)] = np.nan
@@ -61,9 +63,9 @@ def trace(result: object) -> str:
     digest = hashlib.sha256()
     for name in FIELDS[type(result)]:
         digest.update(name.encode())
-        _absorb(digest, getattr(result, name))
+        absorb(digest, getattr(result, name))
     if isinstance(result, zivi.Trajectory):
-        _absorb(digest, _between(result))
+        absorb(digest, _between(result))
     shown = []
     for name in OPEN:
         value = np.asarray(getattr(result, name, 0), dtype=np.int64)

@@ -155,3 +155,32 @@ fn coupled_gaps_that_are_hit_together_are_flagged_and_those_at_right_angles_are_
         assert!(flags.iter().all(|size| (size - f64::abs(cosine)).abs() < 1e-14), "{flags:?}");
     }
 }
+
+#[test]
+fn coupled_gaps_whose_order_is_within_the_tolerance_are_flagged() {
+    // one end of the bar is lower by 2 tilts: at the first impact the other is that much later
+    let fall = |tilt: f64, cosine: f64| {
+        let ratio = (1.0 - cosine) / (1.0 + cosine);
+        let masses = [1.0, 1.0 / ratio];
+        let ends = |q: &[f64]| vec![(q[0] + q[1], vec![1.0, 1.0]), (q[0] - q[1], vec![1.0, -1.0])];
+        let mut bar = system(&masses, 2, |_, _| vec![-9.81, 0.0], ends);
+        let settings = SwitchedRk::with_tol(1e-8);
+        let run = switched(settings, &mut bar, &[0.5; 2], 0.4, (&[0.5, tilt], &[0.0; 2]));
+        let first = run.occurrences.iter().position(|it| matches!(it, Occurrence::Impact { .. }));
+        let uncertain = run.occurrences[..first.unwrap()].iter().filter_map(|it| match it {
+            Occurrence::Flag { kind: FlagKind::OrderUncertain, size, .. } => Some(*size),
+            _ => None,
+        });
+        uncertain.collect::<Vec<f64>>()
+    };
+    let later = 2e-7 / (2.0 * 9.81 * 0.5_f64).sqrt();
+    for cosine in [1e-3, 0.1, -0.2, 0.45, -0.49] {
+        for tilt in [1e-7, -1e-7] {
+            let found = fall(tilt, cosine);
+            assert_eq!(found.len(), 1, "{cosine}: {found:?}");
+            assert!((found[0] - later).abs() < 1e-4 * later, "{cosine}: {found:?} {later}");
+        }
+        assert!(fall(1e-5, cosine).is_empty(), "{cosine}");
+    }
+    assert!(fall(1e-7, 0.0).is_empty());
+}
