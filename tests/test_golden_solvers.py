@@ -25,5 +25,5 @@ def test_every_bit_is_as_it_was(group):
 
 def test_every_trace_has_its_run():
     names = [f"{group} {name}" for group, runs in GROUPS.items() for name, _ in runs()]
-    assert len(names) == len(set(names)) > 200
+    assert len(names) == len(set(names)) > 700
     assert set(names) == set(TRACES)

@@ -1,46 +1,24 @@
-"""Runs of several coordinates, derivatives, problems of the solver and ticks of controllers.
+"""Mechanical runs, derivatives, problems of the solver and ticks of controllers.
 
 Each group gives names and functions; a function gives the numbers of its result, field by field.
 ``python -m golden.solvers --write`` (from ``tests``) makes ``solvers.txt`` anew, as `golden.trace`
-does its file. Forces are of plain numbers: no library for matrices has a part in them.
+does its file.
 """
 
 import argparse
 import hashlib
 import math
 import random
-import warnings
 from pathlib import Path
 
 import numpy as np
 
 import zivi
+from golden.mechanics import contacts, derivatives, derived, fields, mechanics
+from golden.ticks import choices, control, observers
 from golden.trace import absorb, libm
 
 FILE = Path(__file__).with_name("solvers.txt")
-RUN = [
-    "t",
-    "q",
-    "qdot",
-    "gaps",
-    "gap_rates",
-    "contacts",
-    "reactions",
-    "impacts",
-    "zeno",
-    "liftoffs",
-    "openings",
-    "corners",
-    "flags",
-    "status",
-    "nfev",
-    "n_steps",
-    "n_rejected",
-    "t_events",
-    "q_events",
-    "qdot_events",
-]
-DERIVATIVES = ["final", "impacts", "zeno_times", "liftoff_times", "radius", "n_slopes", "status"]
 SOLUTION = [
     "x",
     "F",
@@ -57,122 +35,13 @@ SOLUTION = [
     "tolerance",
     "projected",
 ]
-TOLERANCES = {"coarse": {"rtol": 1e-5}, "fine": {"rtol": 1e-9, "order": 5}, "default": {}}
-
-
-def fields(result, names):
-    """Give the named fields of a result."""
-    return [(name, getattr(result, name)) for name in names]
-
-
-def between(run, ends):
-    """Give a run and its derivatives at times that are no samples."""
-    return [run(t) for t in np.linspace(*ends, 19)[1:-1]]
-
-
-# mechanical systems
-
-
-def slope(a, k):
-    """A wavy floor ``y = a sin(k x)``."""
-    return zivi.Gap(
-        lambda t, q: q[1] - a * math.sin(k * q[0]),
-        lambda t, q: np.array([-a * k * math.cos(k * q[0]), 1.0]),
-        lambda t, q, w: a * k * k * math.sin(k * q[0]) * w[0] * w[0],
-    )
-
-
-def bar(t, q):
-    """Give the mass of a bar whose inertia depends on its angle."""
-    c = 0.3 * math.cos(q[1])
-    return np.array([[1.5, c], [c, 0.4]])
-
-
-def systems():
-    """List systems: name, system, end, start."""
-    gap, plane = zivi.LinearGap, np.eye(2)
-    floor, wall = gap([0, 1]), gap([-1, 0], 0.8)
-    wedge = [gap([math.sin(1.1), math.cos(1.1)]), gap([-math.sin(0.9), math.cos(0.9)])]
-    steps = [gap([1.0, 0, 0]), gap([-1.0, 1, 0]), gap([0, -1.0, 1])]
-    moving = [gap([1.0], motion=zivi.HarmonicWall(0.12, 9.0)), gap([-1.0], 0.6)]
-    ends = [gap([1.0, 1.0]), gap([1.0, -1.0])]
-
-    def push(t, q, w):
-        return [2.0 * math.cos(1.5 * t) - 0.1 * w[0], -9.81 - 0.1 * w[1]]
-
-    def turn(t, q, w):
-        return [-1.6, -0.5 * math.sin(q[1]) - 0.01 * w[1]]
-
-    def pull(t, q, w):
-        return [6.0 * math.sin(2.5 * t) - 4.0, -9.81 + 14.0 * math.sin(3.0 * t)]
-
-    def system(mass, force, gaps, e):
-        return zivi.MechanicalSystem(mass=mass, force=force, gaps=gaps, e=e)
-
-    hinge = gap([1.0, 0.0])
-    return [
-        ("ball", system([[2.0]], [-19.62], [gap([1.0])], 0.5), 2.0, ([1.0], [0.0])),
-        ("box", system(plane, push, [floor, wall], [0.5, 0.3]), 2.5, ([0, 0.5], [0.5, 0])),
-        ("lift", system(plane, pull, [floor, wall], [0.4, 0.6]), 4.0, ([0, 0.3], [0.2, 0])),
-        ("sine", system(plane, push, [slope(0.25, 2.0)], 0.3), 2.4, ([0.4, 0.4], [3.6, 0])),
-        ("wedge", system(plane, push, wedge, [0.5, 0.4]), 2.0, ([0.1, 1.2], [0.3, 0])),
-        ("bar", system(bar, turn, [hinge], 0.6), 4.0, ([0.3, 0.8], [0.0, 0.2])),
-        (
-            "tower",
-            system(np.diag([3.0, 2, 1]), [-29.43, -19.62, -9.81], steps, [0.3, 0.5, 0.4]),
-            1.5,
-            ([0.2, 0.5, 0.7], [0, 0, 0]),
-        ),
-        ("shaker", system([[1.0]], [-6.0], moving, [0.6, 0.5]), 2.0, ([0.3], [0.4])),
-        ("flat", system(np.diag([1.0, 0.3]), [-9.81, 0], ends, 0.5), 1.5, ([0.5, 0.0], [0, 0])),
-        ("tilt", system(np.diag([1.0, 0.3]), [-9.81, 0.2], ends, 0.5), 1.5, ([0.5, 0.1], [0, 0])),
-        ("hard", system(plane, push, [floor, wall], [0.97, 0.0]), 1.5, ([0, 0.2], [0.5, 0])),
-    ]
-
-
-def mechanics():
-    """Runs by every method."""
-    for name, system, end, start in systems():
-        for which, settings in TOLERANCES.items():
-            method = zivi.SwitchedRK(**settings)
-            yield f"{name} {which}", lambda s=system, e=end, y=start, m=method: run(s, e, y, m)
-        for method in (zivi.MoreauJean(h=2e-2), zivi.MoreauJean(h=1e-2, theta=0.8)):
-            key = f"{name} moreau-jean {method.theta}"
-            yield key, lambda s=system, e=end, y=start, m=method: fixed(s, e, y, m)
-        method = zivi.ThetaGamma(2e-2)
-        if name in ("ball", "box", "lift", "sine", "bar"):
-            key = f"{name} theta-gamma"
-            yield key, lambda s=system, e=end, y=start, m=method: fixed(s, e, y, m)
-
-
-def run(system, end, start, method):
-    """Give the numbers of a run with an event and dense output."""
-
-    def height(t, q, w):
-        return q[-1] - 0.1
-
-    sol = zivi.simulate(system, (0, end), start, method, events=height, dense_output=True)
-    at = np.linspace(0, end, 12)
-    sampled = zivi.simulate(system, (0, end), start, method, t_eval=at)
-    ends = (float(sol.t[0]), float(sol.t[-1]))
-    return fields(sol, RUN), between(sol, ends), fields(sampled, RUN)
-
-
-def fixed(system, end, start, method):
-    """Give the numbers of a run with fixed steps."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # where coefficients differ the energy may rise
-        return fields(zivi.simulate(system, (0, end), start, method), RUN)
-
 
 # derivatives
 
 
-def derivatives():
-    """Derivatives of mechanical runs and of those of the mass."""
-    for name, system, end, start in systems():
-        if name in ("ball", "shaker", "sine"):
-            yield f"gaps {name}", lambda s=system, e=end, y=start: derived(s, e, y)
+def sensitivities():
+    """Derivatives of runs of the mass."""
+    wall = zivi.HarmonicWall(0.1, 7.0)
     forces = {
         "gravity": zivi.LinearForce(gravity=9.81),
         "shaken": zivi.LinearForce(gravity=9.81, amplitude=14.0, omega=6.0),
@@ -182,14 +51,54 @@ def derivatives():
     for name, force in forces.items():
         for e in (0.0, 0.5, 0.9):
             system = zivi.ImpactSystem(force, e=e)
-            yield f"mass {name} {e}", lambda s=system: derived(s, 2.3, (1.0, 0.2))
+            yield f"{name} {e}", lambda s=system: derived(s, 2.3, (1.0, 0.2), rtol=1e-9)
+    moving = zivi.ImpactSystem(forces["gravity"], e=0.6, wall=wall)
+    yield "wall", lambda: derived(moving, 2.3, (1.0, 0.2), rtol=1e-6)
+    loose = zivi.ImpactSystem(forces["shaken"], e=0.4)
+    yield "loose", lambda: derived(loose, 2.3, (0.5, -1.0), errsens=False)
+    wrt = ("x0", "xdot0", "t0", "e", "amplitude", "omega", "phase", "gravity")
+    yield "all", lambda: derived(loose, 2.3, (0.5, -1.0), wrt)
+    hit = zivi.ImpactSystem(forces["spring"], e=0.7)
+    yield "one arc", lambda: derived(hit, 0.9, (0.0, 3.0), ("x0", "xdot0", "e", "stiffness"))
 
 
-def derived(system, end, start):
-    """Give the numbers of a run's derivatives."""
-    found = zivi.sensitivity(system, (0, end), start)
-    sizes = [(one.kind, one.t) if one else None for one in found.limits]
-    return fields(found, DERIVATIVES), between(found, (0, end)), str(sizes)
+def maps():
+    """The map from impact to impact and its derivatives."""
+    draw = random.Random(3)
+    table = zivi.HarmonicWall(0.05, 5.0)
+    systems = {
+        "table": zivi.ImpactSystem(-9.81, e=0.6, wall=table),
+        "shaken": zivi.ImpactSystem(zivi.LinearForce(gravity=1.0, amplitude=3.0, omega=2.0), e=0.5),
+        "damped": zivi.ImpactSystem(
+            zivi.LinearForce(
+                stiffness=4.0, damping=0.1, gravity=1.0, amplitude=3.0, omega=2.0, phase=0.4
+            ),
+            e=0.7,
+        ),
+        "stiff": zivi.ImpactSystem(
+            zivi.LinearForce(stiffness=900.0, damping=0.0, gravity=5.0, amplitude=9.0, omega=4.0),
+            e=0.8,
+        ),
+        "overdamped": zivi.ImpactSystem(
+            zivi.LinearForce(stiffness=1.0, damping=5.0, gravity=4.0, amplitude=9.0, omega=3.0),
+            e=0.9,
+        ),
+    }
+    for name, system in systems.items():
+        phase = [draw.uniform(0, 6.28) for _ in range(40)]
+        u = [draw.choice([1e-3, 0.1, 1.0, 4.0]) * (0.1 + draw.random()) for _ in range(40)]
+
+        def numbers(it=system, phase=phase, u=u):
+            found = zivi.impact_map(it)
+            moved = [] if it.wall else found.by(phase, u, ("e", "gravity"), threads=1)
+            return [
+                list(found(phase, u, threads=1)),
+                found.duration(phase, u, threads=1),
+                list(moved),
+                list(found.orbit(phase[0], 2.0, 30)),
+            ]
+
+        yield name, numbers
 
 
 # the solver
@@ -227,7 +136,7 @@ def solver():
         )
 
 
-def smooth(m, q, low, high):
+def smooth(m, q, low, high, **more):
     """Solve ``m x + q + x^3/4 + tanh(x_next)`` by plain numbers, with and without slopes."""
     rows, n = m.tolist(), len(q)
 
@@ -249,76 +158,109 @@ def smooth(m, q, low, high):
         return out
 
     start = np.full(n, 0.5)
-    found = [zivi.solve_vi(value, low, high, start, jac=jac) for jac in (slopes, None)]
+    found = [zivi.solve_vi(value, low, high, start, jac=jac, **more) for jac in (slopes, None)]
     return [fields(one, SOLUTION) for one in found]
 
 
-# controllers
+OPTIONS = {
+    "pivots": {"smoothing": False, "active_set": False},
+    "ray": {"ray_start_first": True, "active_set": False, "smoothing": False},
+    "smoothing": {"josephy_newton": False, "semismooth": False, "proximal": False, "restarts": 0},
+    "semismooth": {"josephy_newton": False, "smoothing": False, "restarts": 1},
+    "gradient": {"line_search": False, "memory": 1, "descent_steps": False, "restarts": 2},
+    "proximal": {"josephy_newton": False, "smoothing": False, "semismooth": False},
+    "restarts": {
+        "josephy_newton": False,
+        "smoothing": False,
+        "semismooth": False,
+        "proximal": False,
+        "restarts": 3,
+        "enumerate_up_to": 0,
+    },
+    "patterns": {"restarts": 0, "max_pivots": 1, "smoothing": False, "stage_iterations": 3},
+    "few pivots": {"total_pivots": 8, "max_pivots": 4, "restarts": 1},
+    "scaled": {"row_scale": "jacobian"},
+}
 
 
-def control():
-    """Ticks on drawn samples, and what an observer makes of them."""
-    for h in (1e-3, 1e-2):
-        for e in (0.1, 0.5, 0.9):
+def stages():
+    """The stages of the solver one by one."""
+    draw = random.Random(23)
+    for number in range(12):
+        n = 2 + number % 5
+        m = matrix(draw, n, ("any", "skew", "any", "definite")[number % 4])
+        q = np.array([draw.uniform(-4, 4) for _ in range(n)])
+        low = np.array([draw.choice([-np.inf, 0.0, -1.0, 0.5]) for _ in range(n)])
+        wide = [draw.choice([np.inf, 2.0, 0.0]) for _ in range(n)]
+        pairs = zip(low.tolist(), wide, strict=True)
+        high = np.array([a + b if math.isfinite(a) else np.inf for a, b in pairs])
+        for name, options in OPTIONS.items():
             yield (
-                f"regulator {h} {e}",
-                lambda h=h, e=e: ticks(zivi.TwistingRegulator(30, 17, h=h, e=e), h),
+                f"{name} {number}",
+                lambda m=m, q=q, low=low, high=high, o=options: [
+                    fields(zivi.solve_avi(m, q, low, high, tol=1e-9, options=o), SOLUTION),
+                    smooth(m, q, low, high, tol=1e-8, options=o, max_iter=60),
+                ],
             )
-            for settings in ({}, {"branch": "nearest"}, {"horizon": 3.0}, {"shift": True}):
-                key = f"tracker {h} {e} {settings}"
-                yield (
-                    key,
-                    lambda h=h, e=e, settings=settings: ticks(
-                        zivi.TwistingTracker(30, 17, h=h, e=e, **settings), h, reference=True
-                    ),
-                )
-            yield (
-                f"explicit {h} {e}",
-                lambda h=h, e=e: ticks(zivi.ExplicitTwisting(30, 17, h=h, e=e), h, reference=True),
+        if number % 3 == 0:
+            yield f"time {number}", lambda m=m, q=q: tight(m, q)
+
+
+def tight(m, q):
+    """Solve a problem under limits, in small units, and one without a solution."""
+    n = len(q)
+    none = m.copy()
+    none[0] = 0.0
+    less = np.array([-1.0, *q[1:]])
+    twins = m.copy()
+    twins[1] = -twins[0]
+    found = [
+        zivi.solve_avi(1e-7 * m, 1e-5 * q, 0.0, np.inf, tol=1e-16, rtol=1e-9),
+        zivi.solve_avi(m, q, 0.0, np.inf, tol=1e-9, max_iter=1),
+        zivi.solve_avi(none, less, 0.0, np.inf, tol=1e-9),
+        zivi.solve_avi(twins, np.array([-3.0, 1.0, *q[2:]]), -np.inf, np.inf, tol=1e-9),
+        zivi.solve_avi(m, q, -1.0, 1.0, np.full(n, 0.3), rtol=1e-3),
+    ]
+    return [fields(one, SOLUTION) for one in found]
+
+
+def games():
+    """Lemke and Howson's paths; costs may be equal, so that several variables could leave."""
+    draw = random.Random(29)
+    for number in range(40):
+        m, n = draw.randint(1, 9), draw.randint(1, 9)
+        whole = number % 2 == 0
+        a, b = (
+            np.array(
+                [
+                    [float(draw.randint(1, 3)) if whole else draw.uniform(1, 2) for _ in range(n)]
+                    for _ in range(m)
+                ]
             )
-            for only in (True, False):
-                yield f"observer {h} {e} {only}", lambda h=h, e=e, only=only: seen(h, e, only)
+            for _ in range(2)
+        )
+        limit = 5 if number % 7 == 0 else 1000
+        yield f"{number}", lambda a=a, b=b, limit=limit: path_of(a, b, limit)
 
 
-def ticks(it, h, *, reference=False):
-    """Give the controls of drawn samples, the last ones near the wall and on it."""
-    draw, found = random.Random(7), []
-    if reference:
-        it.reset(1.0, 0.5)
-    for k in range(300):
-        size = 1.0 if k < 120 else 30.0 * h * h * draw.choice([0.0, 0.3, 1.0, 5.0])
-        x = size * draw.random()
-        xdot = draw.uniform(-1, 1) * (3.0 if k < 120 else 40.0 * h)
-        if k > 280:
-            x = xdot = 0.0
-        force = -9.81 + draw.uniform(-2, 2)
-        more = (draw.choice([-9.81, -9.81, 3.0]),) if reference else ()
-        found.append(it.step(x, xdot, force, *more))
-        found.append(list(it._signs))
-    return found
-
-
-def seen(h, e, only):
-    """Give what an observer makes of a bouncing mass with noise, outliers and a kick."""
-    draw = random.Random(9)
-    start = zivi.ImpactSystem(-9.0, e=e)
-    sol = zivi.simulate(start, (0, 400 * h), (0.3 * 100 * h, 0.0), t_eval=np.arange(400) * h)
-    noise = (1e-4, 1e-2)
-    x = [max(0.0, value + noise[0] * draw.gauss(0, 1)) for value in sol.x]
-    v = [value + noise[1] * draw.gauss(0, 1) for value in sol.xdot]
-    for k in range(50, 400, 37):
-        x[k] += draw.uniform(0, 0.3)
-    settings = {"noise": noise[0], "position_only": True} if only else {"noise": noise}
-    given = (sol.t, x) if only else (sol.t, x, v)
-    found = zivi.ImpactObserver(e, h, **settings).observe(*given, force=-9.81)
-    return [found.x, found.xdot, found.d, found.std, found.refused, found.e, found.std_e]
+def path_of(a, b, limit):
+    """Give the ends of the paths."""
+    found = zivi._zivi.lemke_howson(a, b, limit)
+    return None if found is None else list(found)
 
 
 GROUPS = {
     "mechanics": mechanics,
+    "contacts": contacts,
     "derivatives": derivatives,
+    "sensitivities": sensitivities,
+    "maps": maps,
     "solver": solver,
+    "stages": stages,
+    "games": games,
     "control": control,
+    "choices": choices,
+    "observers": observers,
 }
 
 

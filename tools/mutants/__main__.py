@@ -50,6 +50,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--resume", action="store_true", help="leave out what was killed before")
     parser.add_argument("--only", default="", help="mutants whose line has this text")
     parser.add_argument("--only-rust", action="store_true", help="leave out the tests in Python")
+    parser.add_argument(
+        "--tests", default="", metavar="GLOB", help="only these files of tests in Python"
+    )
     parser.add_argument("--list", action="store_true", help="only list what is drawn")
     parser.add_argument("--entries", action="store_true", help="print survivors as entries")
     parser.add_argument("--into", type=Path, default=ROOT / "target" / "mutants", help="the copy")
@@ -200,6 +203,8 @@ class Trials:
         self.scratch.extension(built=not any(area.rust for area in self.given.areas))
         patterns = {pattern for area in areas for pattern in area.tests}
         paths = {path for pattern in patterns for path in ROOT.glob(pattern)}
+        if self.given.tests:
+            paths &= set(ROOT.glob(self.given.tests))
         files = {path.relative_to(ROOT).as_posix(): path.read_bytes() for path in paths}
         new = suite.new_files(files)
         print(f"{len(new)} files of tests in Python", flush=True)
@@ -213,7 +218,8 @@ def main() -> int:
     draw = prepare(given, scratch)
     trials = Trials(given, scratch, draw)
     trials.run()
-    tests = "in Rust" if given.only_rust else "all"
+    tests = f"in Rust, {given.tests}" if given.tests else "all"
+    tests = "in Rust" if given.only_rust else tests
     made = {
         area: rows(area, given.seed, trials.of(inside), draw.unviable[area], tests)
         for area, inside in draw.mutants.items()

@@ -23,7 +23,10 @@ def trial(
     measured without mutations.
     """
     spent, number = 0.0, 0
-    for tests in groups(suite, within(suite, suite.reaching(mutant.place), budget)):
+    reaching = suite.reaching(mutant.place)
+    golden = [test for test in reaching if is_golden(test) and mutant.file.endswith(".rs")]
+    others = within(suite, [test for test in reaching if test not in golden], budget)
+    for tests in groups(suite, golden) + groups(suite, others):
         seconds = sum(suite.seconds[test] for test in tests)
         spent += seconds
         number += len(tests)
@@ -34,6 +37,11 @@ def trial(
             first = tests[0]
             return KILLED, first.binary.rpartition("/")[2].partition("-")[0] + f" ({len(tests)})"
     return SURVIVED, f"{number} tests, {spent:.1f} s"
+
+
+def is_golden(test: Test) -> bool:
+    """Whether it compares every bit of many results: the first to tell a change in Rust."""
+    return test.name.startswith("tests/test_golden")
 
 
 def within(suite: Suite, tests: Sequence[Test], budget: float) -> list[Test]:
