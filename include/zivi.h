@@ -602,6 +602,15 @@ int32_t zivi_regulator_step(struct zivi_regulator *regulator,
                             double force,
                             double *u);
 
+// The same for a period of `dt` > 0 (s) that starts now, where that is not `h`. A sample that is missing
+// has NaN for `x`: `*u` is the last control, `xdot` and `force` are ignored.
+int32_t zivi_regulator_step_over(struct zivi_regulator *regulator,
+                                 double dt,
+                                 double x,
+                                 double xdot,
+                                 double force,
+                                 double *u);
+
 // `sizeof(zivi_tracker)` in the library.
 uint32_t zivi_tracker_size(void);
 
@@ -643,6 +652,29 @@ int32_t zivi_tracker_step_to(struct zivi_tracker *tracker,
                              const struct zivi_given_reference *next,
                              double acceleration,
                              double *u);
+
+// `zivi_tracker_step` for a period of `dt` > 0 (s) that starts now, where that is not `h`: the step is
+// planned and the reference advances over it; `horizon` and `ahead` count such periods. A sample that
+// is missing has NaN for `x`: `*u` is the last control, the reference advances, `xdot` and `force` are
+// ignored.
+int32_t zivi_tracker_step_over(struct zivi_tracker *tracker,
+                               double dt,
+                               double x,
+                               double xdot,
+                               double force,
+                               double force_ref,
+                               double *u);
+
+// `zivi_tracker_step_to` for a period of `dt` > 0 (s), or without a sample, in the same way.
+int32_t zivi_tracker_step_to_over(struct zivi_tracker *tracker,
+                                  double dt,
+                                  double x,
+                                  double xdot,
+                                  double force,
+                                  const struct zivi_given_reference *now,
+                                  const struct zivi_given_reference *next,
+                                  double acceleration,
+                                  double *u);
 
 // `sizeof(zivi_observer)` in the library.
 uint32_t zivi_observer_size(void);

@@ -45,7 +45,8 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     library.zivi_message.restype = ctypes.c_char_p
     library.zivi_version.restype = ctypes.c_char_p
     library.fall.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_void_p, ctypes.c_size_t]
-    for name in ("track_rows", "regulate_rows", "observe_rows"):
+    loops = ("track_rows", "regulate_rows", "observe_rows", "track_periods", "regulate_periods")
+    for name in loops:
         getattr(library, name).argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_size_t]
     return library
 
@@ -179,6 +180,75 @@ def test_the_regulator_has_the_bits_of_python(
             expected = twin.u
         assert u == expected
     assert refused == 158
+
+
+def periods(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Draw lengths of periods and measured states, a third of them missing (NaN)."""
+    x = np.abs(rng.normal(0.0, rng.choice([1e-4, 0.1, 3.0], n)))
+    x[rng.random(n) < 0.3] = np.nan
+    dt, xdot = 1e-3 * rng.uniform(0.05, 8.0, n), rng.normal(0.0, 3.0, n)
+    return np.column_stack([dt, x, xdot]), np.isnan(x)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_other_periods_and_missing_samples_have_the_bits_of_python(
+    compiled: ctypes.CDLL, variant: str
+) -> None:
+    n = 2000
+    rng = np.random.default_rng([8, len(variant)])
+    sampled, missing = periods(n, rng)
+    force = -np.abs(rng.normal(9.81, 3.0, (n, 2)))
+    given = np.abs(rng.normal(0.0, 1.0, (n, 6)))
+    given[:, [1, 4]] = rng.normal(0.0, 3.0, (n, 2))
+    given[:, [2, 5]] = rng.choice([-1.0, 1.0], (n, 2))
+    given[::11, [0, 1, 3, 4]] = 0.0  # rests
+    given[rng.random(n) < 0.5, 2] = 0.0  # its own reference
+    members, arguments = VARIANTS[variant]
+    settings = {"mu1": 30.0, "mu2": 17.0, "h": 1e-3, "kappa": 0.41}
+    it = initialised(compiled, "tracker", **members, **settings)
+    twin = zivi.TwistingTracker(**settings, **arguments)
+    draws = np.column_stack([sampled, force, given])
+    found = rows(compiled.track_periods, it, draws, 10)
+    expected = np.zeros((n, 10))
+    for row, draw, lost in zip(expected, draws.tolist(), missing, strict=True):
+        dt, x, xdot, force_, drive, *way = draw
+        sample = (None, None) if lost else (x, xdot)
+        if way[2] == 0.0:
+            row[0] = twin.step(*sample, force_, drive, dt=dt)
+        else:
+            row[0] = twin.step_to(*sample, force_, tuple(way[:3]), tuple(way[3:]), drive, dt=dt)
+        row[1:3] = twin.x_ref, twin.xdot_ref
+        row[4:] = twin.signs
+    assert missing.sum() > 500
+    assert same(found, expected)
+    assert it.ticks == n
+    assert it.h == 1e-3
+
+
+@pytest.mark.parametrize("landing", [True, False])
+def test_the_regulators_other_periods_have_the_bits_of_python(
+    compiled: ctypes.CDLL, landing: bool
+) -> None:
+    rng = np.random.default_rng(9)
+    sampled, missing = periods(3000, rng)
+    settings = {"mu1": 3.0, "mu2": 2.0, "h": 1e-3, "e": 0.5}
+    it = initialised(compiled, "regulator", tick=0 if landing else 1, **settings)
+    twin = zivi.TwistingRegulator(**settings, landing=landing)
+    draws = np.column_stack([sampled, rng.normal(0.0, 0.3, 3000)])
+    found = rows(compiled.regulate_periods, it, draws, 4)
+    expected = np.zeros_like(found)
+    for row, (dt, x, xdot, force), lost in zip(expected, draws.tolist(), missing, strict=True):
+        row[0] = twin.step(*((None, None) if lost else (x, xdot)), force, dt=dt)
+        row[2:] = twin.signs
+    assert missing.sum() > 500
+    assert same(found, expected)
+    # no time, no tick
+    draws[0, 0] = 0.0
+    before = it.ticks, it.u
+    refused = rows(compiled.regulate_periods, it, draws[:1], 4)
+    assert refused[0, 1] == HEADER.constants["ZIVI_E_DT"]
+    assert (it.ticks, it.u) == before
+    assert it.h == 1e-3
 
 
 @pytest.mark.parametrize("position_only", [False, True])

@@ -47,6 +47,28 @@ def test_pickles_are_read(name, old, told):
     assert agree(CASES[name][1](value), told[name])
 
 
+def test_an_observer_goes_on_from_its_first_state(old):
+    """What it has more since then starts as in a new one; a kick later it finds the mass again."""
+    it = pickle.loads((old / "pickles" / "ImpactObserver_seen.pickle").read_bytes())
+    first = it.state[:7]
+    assert it.e_est == 0.8
+    assert it.e_std == 0.0
+    x, xdot = it.estimate[:2]
+    dt, kick = 1e-3 * np.arange(1, 16), 20.0
+    for t in dt:
+        known = it.step(x + xdot * t - 9.81 * t**2 / 2, None, -9.81, 0.0)[1]
+    assert known == pytest.approx(xdot - 9.81 * dt[-1], abs=1e-3)
+    assert it.n_refused == first[6]
+    start, known = it.estimate[0], known + kick
+    for t in dt:
+        found = it.step(start + known * t - 9.81 * t**2 / 2, None, -9.81, 0.0)[1]
+    assert found == pytest.approx(known - 9.81 * dt[-1], abs=0.02)
+    assert 0 < it.n_refused - first[6] < 10
+    for state in (first, (*first[:4], [0.0] * 6, 13, 2**32 - 1)):
+        it.state = state
+        assert it.state[:7] == tuple(state)
+
+
 @pytest.mark.parametrize("name", ["Trajectory", "Trajectory_steps", "MechanicalTrajectory"])
 def test_files_of_results_are_read(name, old, told):
     pytest.importorskip("h5netcdf", reason="the extra 'files' is not installed")

@@ -148,6 +148,9 @@ if [ "$(uname -sm)" = 'Linux x86_64' ] && command -v ld >/dev/null 2>&1; then
     # shellcheck disable=SC2046
     part 'the tracker' 15200 $(calls tracker) tracker_step_to
     # shellcheck disable=SC2046
+    part 'the tracker, other periods too' 18000 $(calls tracker) tracker_step_to tracker_step_over \
+        tracker_step_to_over
+    # shellcheck disable=SC2046
     part 'the regulator' 3600 $(calls regulator)
     # shellcheck disable=SC2046
     part 'the observer' 10240 $(calls observer)

@@ -235,6 +235,60 @@ static void samples(void)
     EXPECT(zivi_tracker_reset(&it, 1.0, 0.0) == ZIVI_E_STATE);
 }
 
+/* Periods of another length, or without a sample: what is refused changes nothing, h stays. */
+static void other_periods(void)
+{
+    const double bad[] = {NAN, INFINITY, -INFINITY, 0.0, -1e-3};
+    zivi_given_reference now = {1.0, 0.5, 1.0}, next = {1.0005, 0.49, 1.0}, wrong = {1.0, 0.5, 0.0};
+    zivi_tracker it, before;
+    zivi_regulator other, other_before;
+    zivi_tracker_config config = tracker_config();
+    zivi_regulator_config other_config = regulator_config();
+    double u = 0.0, v = 0.0;
+    size_t k;
+    EXPECT(zivi_tracker_init(&it, &config) == ZIVI_OK);
+    EXPECT(zivi_tracker_reset(&it, 3.0, 3.0) == ZIVI_OK);
+    EXPECT(zivi_tracker_step(&it, 6.0, 5.0, -9.81, -19.81, &u) == ZIVI_OK);
+    EXPECT(zivi_regulator_init(&other, &other_config) == ZIVI_OK);
+    EXPECT(zivi_regulator_step(&other, 1.0, -0.5, 0.0, &v) == ZIVI_OK && v == -1.0);
+    before = it;
+    other_before = other;
+    for (k = 0; k < 5; k++) {
+        v = 7.0;
+        EXPECT(zivi_tracker_step_over(&it, bad[k], 6.0, 5.0, -9.81, -19.81, &v) == ZIVI_E_DT && v == u);
+        v = 7.0;
+        EXPECT(zivi_tracker_step_to_over(&it, bad[k], NAN, 0.0, 0.0, &now, &next, NAN, &v) == ZIVI_E_DT);
+        EXPECT(v == u);
+        EXPECT(zivi_regulator_step_over(&other, bad[k], NAN, 0.0, 0.0, &v) == ZIVI_E_DT && v == -1.0);
+    }
+    EXPECT(zivi_tracker_step_over(&it, 1e-2, INFINITY, 5.0, -9.81, -19.81, &v) == ZIVI_E_X);
+    EXPECT(zivi_tracker_step_over(&it, 1e-2, 6.0, NAN, -9.81, -19.81, &v) == ZIVI_E_XDOT);
+    EXPECT(zivi_tracker_step_over(&it, 1e-2, NAN, 0.0, -9.81, NAN, &v) == ZIVI_E_FORCE_REF);
+    EXPECT(zivi_tracker_step_to_over(&it, 1e-2, NAN, 0.0, 0.0, &now, &wrong, NAN, &v) == ZIVI_E_SIDE);
+    EXPECT(zivi_tracker_step_to_over(&it, 1e-2, NAN, 0.0, 0.0, NULL, &next, NAN, &v) == ZIVI_E_NULL);
+    EXPECT(zivi_tracker_step_over(&it, 1e-2, 6.0, 5.0, 0.0, 0.0, NULL) == ZIVI_E_NULL);
+    EXPECT(zivi_regulator_step_over(&other, 1e-2, 1.0, NAN, 0.0, &v) == ZIVI_E_XDOT);
+    EXPECT(zivi_regulator_step_over(NULL, 1e-2, 1.0, 0.0, 0.0, &v) == ZIVI_E_NULL);
+    EXPECT(memcmp(&it, &before, sizeof it) == 0);
+    EXPECT(memcmp(&other, &other_before, sizeof other) == 0);
+    /* missing: the control is held, the reference moves on, the signs stay */
+    EXPECT(zivi_tracker_step_over(&it, 1e-3, NAN, NAN, NAN, -19.81, &v) == ZIVI_OK && v == u);
+    EXPECT(it.x_ref > before.x_ref && it.lambda_es == before.lambda_es && it.ticks == 2);
+    EXPECT(zivi_tracker_step_to_over(&it, 1e-3, NAN, 0.0, 0.0, &now, &next, NAN, &v) == ZIVI_OK);
+    EXPECT(v == u && it.x_ref == next.x && it.h == before.h && it.seal == before.seal);
+    EXPECT(zivi_regulator_step_over(&other, 1e-2, NAN, NAN, NAN, &v) == ZIVI_OK && v == -1.0);
+    EXPECT(other.h == other_before.h && other.seal == other_before.seal && other.ticks == 2);
+    /* with h they are the calls without dt */
+    before = it;
+    EXPECT(zivi_tracker_step_over(&it, it.h, 6.0, 5.0, -9.81, -19.81, &u)
+           == zivi_tracker_step(&before, 6.0, 5.0, -9.81, -19.81, &v));
+    EXPECT(u == v && memcmp(&it, &before, sizeof it) == 0);
+    memset(&it, 0, sizeof it);
+    EXPECT(zivi_tracker_step_over(&it, 1e-3, 1.0, 0.0, 0.0, 0.0, &u) == ZIVI_E_STATE);
+    memset(&other, 0, sizeof other);
+    EXPECT(zivi_regulator_step_over(&other, 1e-3, NAN, 0.0, 0.0, &u) == ZIVI_E_STATE);
+}
+
 /* Two trackers in turn give what each gives alone, and a copy goes on like its original. */
 static void independence(void)
 {
@@ -323,6 +377,7 @@ int main(void)
     meant();
     masses();
     samples();
+    other_periods();
     independence();
     observers();
     words();

@@ -17,6 +17,38 @@ void track_rows(zivi_tracker *tracker, const double *in, double *out, size_t row
     }
 }
 
+/* Without a reset, over periods of any length: rows dt, x, xdot, force, force_ref, x_ref, xdot_ref of a
+ * reference that is given where `side` is not 0, x_ref, xdot_ref, side at the next sample; of `out` u,
+ * x_ref, xdot_ref, code and the six multipliers. */
+void track_periods(zivi_tracker *tracker, const double *in, double *out, size_t rows)
+{
+    size_t k;
+    for (k = 0; k < rows; k++, in += 11, out += 10) {
+        zivi_given_reference now, next;
+        now.x = in[5], now.xdot = in[6], now.side = in[7];
+        next.x = in[8], next.xdot = in[9], next.side = in[10];
+        if (in[7] == 0.0)
+            out[3] = zivi_tracker_step_over(tracker, in[0], in[1], in[2], in[3], in[4], &out[0]);
+        else
+            out[3] = zivi_tracker_step_to_over(tracker, in[0], in[1], in[2], in[3], &now, &next,
+                                               in[4], &out[0]);
+        out[1] = tracker->x_ref;
+        out[2] = tracker->xdot_ref;
+        out[4] = tracker->lambda_s, out[5] = tracker->lambda_v, out[6] = tracker->lambda_sr;
+        out[7] = tracker->lambda_vr, out[8] = tracker->lambda_es, out[9] = tracker->lambda_ev;
+    }
+}
+
+/* Rows dt, x, xdot, force; u, code and both multipliers. */
+void regulate_periods(zivi_regulator *regulator, const double *in, double *out, size_t rows)
+{
+    size_t k;
+    for (k = 0; k < rows; k++, in += 4, out += 4) {
+        out[1] = zivi_regulator_step_over(regulator, in[0], in[1], in[2], in[3], &out[0]);
+        out[2] = regulator->lambda_s, out[3] = regulator->lambda_v;
+    }
+}
+
 /* Rows x, xdot, force; u, code. */
 void regulate_rows(zivi_regulator *regulator, const double *in, double *out, size_t rows)
 {

@@ -29,6 +29,18 @@ def settings(value: Any) -> Any:
     return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
 
 
+def observer_seen() -> Any:
+    """Give an observer that has seen a fall, two impacts and what is none of it."""
+    it = zivi.ImpactObserver(0.8, 1e-3, noise=1e-4, position_only=True, se=0.03, dmax=5)
+    for k in range(500):
+        t = 1e-3 * k - 0.2
+        up = 0.8 * 9.81 * 0.2  # the first contact is at t = 0
+        position = up * t - 9.81 * t**2 / 2 if t > 0 else 9.81 * (0.04 - (t + 0.2) ** 2) / 2
+        it.step(abs(position), None, -9.81, 0.0)
+    it.step(3.0, None, -9.81, 0.0)  # not taken
+    return it
+
+
 Case = tuple[Callable[[], Any], Callable[[Any], Any]]
 """How an object is made, and what is asked of it."""
 
@@ -68,6 +80,10 @@ CASES: dict[str, Case] = {
     "ImpactObserver": (
         lambda: zivi.ImpactObserver(0.8, 1e-3, noise=1e-4, position_only=True),
         lambda it: it.h,
+    ),
+    "ImpactObserver_seen": (
+        observer_seen,
+        lambda it: [*it.estimate, *it.covariance.ravel(), it.n_refused, it.e, it.settings["q_d"]],
     ),
     "Trajectory": (lambda: run_of(BALL), path),
     "Trajectory_steps": (lambda: run_of(BALL, method=zivi.ThetaGamma(1e-2)), lambda it: it.x),

@@ -9,9 +9,9 @@
 use core::ffi::{c_char, CStr};
 
 use zivi_core::observer::Measurement;
-use zivi_core::Physical;
 
-use crate::code::{ZIVI_E_NULL, ZIVI_E_STATE, ZIVI_OK};
+use crate::call::{lasting, object, ticked, tracked};
+use crate::code::{ZIVI_E_NULL, ZIVI_OK};
 use crate::{
     GivenReference, Mass, MassConfig, Observer, ObserverConfig, Regulator, RegulatorConfig,
     Tracker, TrackerConfig, ZIVI_ABI_VERSION,
@@ -22,16 +22,6 @@ const VERSION: &CStr =
         Ok(version) => version,
         Err(_) => c"",
     };
-
-/// The object, unless the pointer is NULL or not aligned.
-unsafe fn object<'a, T>(pointer: *mut T) -> Option<&'a mut T> {
-    // SAFETY: the caller says that it points to an object
-    if pointer.is_aligned() {
-        unsafe { pointer.as_mut() }
-    } else {
-        None
-    }
-}
 
 unsafe fn constant<'a, T>(pointer: *const T) -> Option<&'a T> {
     // SAFETY: as above
@@ -155,6 +145,25 @@ pub unsafe extern "C" fn zivi_regulator_step(
     unsafe { ticked(regulator, u, |it| it.step(x, xdot, force)) }
 }
 
+/// The same for a period of `dt` > 0 (s) that starts now, where that is not `h`. A sample that is missing
+/// has NaN for `x`: `*u` is the last control, `xdot` and `force` are ignored.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_regulator_step_over(
+    regulator: *mut Regulator,
+    dt: f64,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    u: *mut f64,
+) -> i32 {
+    // SAFETY: see the module
+    unsafe {
+        ticked(regulator, u, |it| {
+            lasting(it, dt, |it| if x.is_nan() { it.miss() } else { it.step(x, xdot, force) })
+        })
+    }
+}
+
 /// `sizeof(zivi_tracker)` in the library.
 #[no_mangle]
 pub extern "C" fn zivi_tracker_size() -> u32 {
@@ -237,18 +246,59 @@ pub unsafe extern "C" fn zivi_tracker_step_to(
     unsafe { tracked(tracker, (x, xdot), force, acceleration, Some((now, next)), u) }
 }
 
-/// Both of them: there is one tick of a tracker.
-#[inline(never)]
-unsafe fn tracked(
+/// `zivi_tracker_step` for a period of `dt` > 0 (s) that starts now, where that is not `h`: the step is
+/// planned and the reference advances over it; `horizon` and `ahead` count such periods. A sample that
+/// is missing has NaN for `x`: `*u` is the last control, the reference advances, `xdot` and `force` are
+/// ignored.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_tracker_step_over(
     tracker: *mut Tracker,
-    (x, xdot): (f64, f64),
+    dt: f64,
+    x: f64,
+    xdot: f64,
     force: f64,
-    drive: f64,
-    given: Option<(&GivenReference, &GivenReference)>,
+    force_ref: f64,
+    u: *mut f64,
+) -> i32 {
+    let mut held = 0.0; // `u` may point into the tracker
+                        // SAFETY: see the module
+    unsafe {
+        ticked(tracker, u, |it| {
+            lasting(it, dt, |it| match x.is_nan() {
+                true => it.miss(force_ref, None),
+                false => tracked(it, (x, xdot), force, force_ref, None, &mut held),
+            })
+        })
+    }
+}
+
+/// `zivi_tracker_step_to` for a period of `dt` > 0 (s), or without a sample, in the same way.
+#[no_mangle]
+pub unsafe extern "C" fn zivi_tracker_step_to_over(
+    tracker: *mut Tracker,
+    dt: f64,
+    x: f64,
+    xdot: f64,
+    force: f64,
+    now: *const GivenReference,
+    next: *const GivenReference,
+    acceleration: f64,
     u: *mut f64,
 ) -> i32 {
     // SAFETY: see the module
-    unsafe { ticked(tracker, u, |it| it.tick(Physical { x, xdot }, force, drive, given)) }
+    let (Some(now), Some(next)) = (unsafe { (constant(now), constant(next)) }) else {
+        return ZIVI_E_NULL;
+    };
+    let mut held = 0.0;
+    // SAFETY: see the module
+    unsafe {
+        ticked(tracker, u, |it| {
+            lasting(it, dt, |it| match x.is_nan() {
+                true => it.miss(0.0, Some(next)),
+                false => tracked(it, (x, xdot), force, acceleration, Some((now, next)), &mut held),
+            })
+        })
+    }
 }
 
 /// `sizeof(zivi_observer)` in the library.
@@ -319,40 +369,6 @@ pub unsafe extern "C" fn zivi_observer_step_after(
     let measured = (!x.is_nan()).then_some(Measurement { x, xdot: velocity });
     // SAFETY: see the module
     unsafe { object(observer) }.map_or(ZIVI_E_NULL, |it| it.step_after(dt, measured, force, u))
-}
-
-/// Ticks, and gives the control that holds then.
-#[inline(always)]
-unsafe fn ticked<T: Control>(it: *mut T, u: *mut f64, tick: impl FnOnce(&mut T) -> i32) -> i32 {
-    if u.is_null() || !u.is_aligned() {
-        return ZIVI_E_NULL;
-    }
-    // SAFETY: see the module
-    let Some(it) = (unsafe { object(it) }) else { return ZIVI_E_NULL };
-    let code = tick(it);
-    let control = it.control();
-    if code != ZIVI_E_STATE {
-        // SAFETY: see the module; `it` is not used any longer, `u` may point into it
-        unsafe { u.write(control) };
-    }
-    code
-}
-
-/// What holds a control.
-trait Control {
-    fn control(&self) -> f64;
-}
-
-impl Control for Regulator {
-    fn control(&self) -> f64 {
-        self.u
-    }
-}
-
-impl Control for Tracker {
-    fn control(&self) -> f64 {
-        self.u
-    }
 }
 
 /// Holds a path to a panic.

@@ -18,6 +18,8 @@
     clippy::unreachable
 )]
 
+#[cfg(feature = "exports")]
+mod call;
 pub mod code;
 mod config;
 #[cfg(feature = "exports")]
@@ -25,6 +27,7 @@ pub mod exports;
 mod mass;
 mod message;
 mod observer;
+mod period;
 mod regulator;
 mod seal;
 mod tracker;

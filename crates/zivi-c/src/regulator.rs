@@ -147,12 +147,14 @@ impl Regulator {
     }
 
     /// The control for the period that starts with this measurement: [`Regulator::u`].
+    #[inline]
     pub fn step(&mut self, x: f64, xdot: f64, force: f64) -> Code {
         match self.call(Physical { x, xdot }, force) {
             Ok(code) | Err(code) => code,
         }
     }
 
+    #[inline(always)] // a call of its own would be a tenth of it
     fn call(&mut self, measured: Physical, force: f64) -> Result<Code, Code> {
         self.intact()?;
         let mut core = self.core();

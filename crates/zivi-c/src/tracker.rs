@@ -7,8 +7,7 @@ use zivi_core::control::{
 use zivi_core::{Branch, Lifted, Physical, Restitution};
 
 use crate::code::{
-    self, Code, Refusal, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE, ZIVI_E_STATE,
-    ZIVI_OK,
+    self, Code, Refusal, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE, ZIVI_OK,
 };
 use crate::config::{
     self, Given, Task, ZIVI_GIVEN_E_REF, ZIVI_GIVEN_HORIZON, ZIVI_GIVEN_KAPPA_REF, ZIVI_GIVEN_PRESS,
@@ -188,7 +187,7 @@ pub struct GivenReference {
 }
 
 impl GivenReference {
-    fn waypoint(self) -> Result<Waypoint, Refusal> {
+    pub(crate) fn waypoint(self) -> Result<Waypoint, Refusal> {
         let Self { x, xdot, side } = self;
         let branch = match side {
             1.0 => Branch::Positive,
@@ -330,11 +329,7 @@ impl Tracker {
         drive: f64,
         given: Option<(&GivenReference, &GivenReference)>,
     ) -> Result<Code, Code> {
-        self.intact()?;
-        let reference = Lifted { s: self.s_ref, v: self.v_ref };
-        if !reference.is_finite() || self.side.abs() != 1.0 {
-            return Err(ZIVI_E_STATE);
-        }
+        self.followable()?;
         // the controller is made for each half of the tick: neither loads what only the other needs
         let planned = self.core().plan(measured, force, |core| {
             let Some(given) = given else { return Ok(core.own_course(drive)) };
@@ -351,7 +346,7 @@ impl Tracker {
 
     /// The controller of the core with the settings that were checked, in this state.
     #[inline(always)] // taken apart: no copy of it is ever made
-    fn core(&self) -> TwistingTracker {
+    pub(crate) fn core(&self) -> TwistingTracker {
         let settings = TrackerSettings {
             gains: Gains::trusted(self.mu1, self.mu2),
             h: self.h,
@@ -376,7 +371,7 @@ impl Tracker {
     }
 
     #[inline(always)]
-    fn remember(&mut self, core: &TwistingTracker) {
+    pub(crate) fn remember(&mut self, core: &TwistingTracker) {
         let TrackerState { reference, side, u, signs, status, iterations } = core.state();
         let Physical { x, xdot } = core.reference();
         (self.s_ref, self.v_ref, self.side) = (reference.s, reference.v, side);

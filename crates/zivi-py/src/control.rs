@@ -143,12 +143,14 @@ impl Regulator {
         force: f64,
         dt: Option<f64>,
     ) -> PyResult<f64> {
-        let Some(measured) = sample(x, xdot)? else { return Ok(self.inner.miss()) };
         let mut it = self.solved();
         if let Some(dt) = dt {
             it.controller = it.controller.lasting(dt).map_err(refused)?;
         }
-        let u = it.tick(measured, force).map_err(refused)?;
+        let u = match sample(x, xdot)? {
+            Some(measured) => it.tick(measured, force).map_err(refused)?,
+            None => it.controller.miss(),
+        };
         self.inner.set_state(it.controller.state());
         Ok(u)
     }

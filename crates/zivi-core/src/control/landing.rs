@@ -76,10 +76,10 @@ impl Landing {
         Self { ahead, horizon: f64::from(ahead) * h, quiet }
     }
 
-    /// The same for periods that are longer by this factor.
+    /// The same for periods of `h` (s).
     #[inline]
-    pub(super) fn stretched(self, factor: f64) -> Self {
-        Self { horizon: self.horizon * factor, ..self }
+    pub(super) fn of_periods(self, h: f64) -> Self {
+        Self { horizon: f64::from(self.ahead) * h, ..self }
     }
 
     /// The horizon in periods.

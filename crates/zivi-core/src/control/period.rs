@@ -22,10 +22,9 @@ fn missed(
     Ok((next, TrackerState { signs, status: TickStatus::default(), iterations: 0, ..state }))
 }
 
-/// `dt/h`, if it is a period.
-fn stretch(dt: f64, h: f64) -> Result<f64, SettingError> {
-    require(is_positive(dt), "dt", dt, "a finite time > 0 (s)")?;
-    Ok(dt / h)
+/// `Ok` if `dt` is the length of a period.
+fn checked_period(dt: f64) -> Result<(), SettingError> {
+    require(is_positive(dt), "dt", dt, "a finite time > 0 (s)")
 }
 
 impl TwistingTracker {
@@ -35,11 +34,11 @@ impl TwistingTracker {
     /// # Errors
     /// [`SettingError`] unless `dt` is positive and finite.
     pub fn lasting(&self, dt: f64) -> Result<Self, SettingError> {
-        let factor = stretch(dt, self.h())?;
+        checked_period(dt)?;
         let mut it = *self;
         it.reference = it.reference.with_h(dt)?;
-        it.step = TrackingStep { h: it.step.h * factor, ..it.step };
-        it.landing = it.landing.map(|landing| landing.stretched(factor));
+        it.step = TrackingStep { h: it.horizon * dt, ..it.step };
+        it.landing = it.landing.map(|landing| landing.of_periods(dt));
         Ok(it)
     }
 
@@ -76,7 +75,7 @@ impl ExplicitTwisting {
     /// # Errors
     /// The same.
     pub fn lasting(&self, dt: f64) -> Result<Self, SettingError> {
-        stretch(dt, self.h())?;
+        checked_period(dt)?;
         let mut it = *self;
         it.reference = it.reference.with_h(dt)?;
         Ok(it)
@@ -100,10 +99,10 @@ impl TwistingRegulator {
     /// # Errors
     /// The same.
     pub fn lasting(&self, dt: f64) -> Result<Self, SettingError> {
-        let factor = stretch(dt, self.step.h)?;
+        checked_period(dt)?;
         let mut it = *self;
         it.step = RegulationStep { h: dt, ..it.step };
-        it.landing = it.landing.map(|landing| landing.stretched(factor));
+        it.landing = it.landing.map(|landing| landing.of_periods(dt));
         Ok(it)
     }
 

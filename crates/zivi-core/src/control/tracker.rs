@@ -65,6 +65,8 @@ pub struct TwistingTracker {
     pub(super) step: TrackingStep,
     /// Over a period.
     pub(super) reference: ThetaGammaStep,
+    /// Periods that the step is planned over.
+    pub(super) horizon: f64,
     shift: bool,
     pub(super) landing: Option<Landing>,
     /// Acceleration towards the wall of a mass at rest, if it is not the law's own (m/s^2).
@@ -116,7 +118,7 @@ impl TwistingTracker {
         let TrackerSettings { approach, port, .. } = settings;
         let reference = ThetaGammaStep::trusted(h, 1.0, 1.0, settings.restitution_ref);
         let step = TrackingStep { h: horizon * h, restitution, gains };
-        Self { step, reference, shift, landing, press, approach, port, state }
+        Self { step, reference, horizon, shift, landing, press, approach, port, state }
     }
 
     /// The same with another horizon of its landing; `None` is the paper's tick. A mass at rest is
@@ -154,7 +156,7 @@ impl TwistingTracker {
     /// [`SettingError`] unless `horizon >= 1` and it is finite, also times `h`.
     pub fn with_horizon(self, horizon: f64) -> Result<Self, SettingError> {
         let h = checked_horizon(horizon, self.reference.h())?;
-        Ok(Self { step: TrackingStep { h, ..self.step }, ..self })
+        Ok(Self { step: TrackingStep { h, ..self.step }, horizon, ..self })
     }
 
     /// The same with the measured velocity taken half a period back in the air.

@@ -1,0 +1,106 @@
+//! What the functions of the header do around a tick: pointers, the control that holds then, periods of
+//! another length.
+
+use zivi_core::Physical;
+
+use crate::code::{Code, ZIVI_E_DT, ZIVI_E_NULL, ZIVI_E_STATE};
+use crate::seal::Sealed;
+use crate::{GivenReference, Regulator, Tracker};
+
+/// The object, unless the pointer is NULL or not aligned.
+pub(crate) unsafe fn object<'a, T>(pointer: *mut T) -> Option<&'a mut T> {
+    // SAFETY: the caller says that it points to an object
+    if pointer.is_aligned() {
+        unsafe { pointer.as_mut() }
+    } else {
+        None
+    }
+}
+
+/// Ticks, and gives the control that holds then.
+#[inline(always)]
+pub(crate) unsafe fn ticked<T: Control>(
+    it: *mut T,
+    u: *mut f64,
+    tick: impl FnOnce(&mut T) -> i32,
+) -> i32 {
+    if u.is_null() || !u.is_aligned() {
+        return ZIVI_E_NULL;
+    }
+    // SAFETY: see `exports`
+    let Some(it) = (unsafe { object(it) }) else { return ZIVI_E_NULL };
+    let code = tick(it);
+    let control = it.control();
+    if code != ZIVI_E_STATE {
+        // SAFETY: see `exports`; `it` is not used any longer, `u` may point into it
+        unsafe { u.write(control) };
+    }
+    code
+}
+
+/// What holds a control.
+pub(crate) trait Control {
+    fn control(&self) -> f64;
+}
+
+impl Control for Regulator {
+    fn control(&self) -> f64 {
+        self.u
+    }
+}
+
+impl Control for Tracker {
+    fn control(&self) -> f64 {
+        self.u
+    }
+}
+
+/// A tick of a tracker: there is one for all calls.
+#[inline(never)]
+pub(crate) unsafe fn tracked(
+    tracker: *mut Tracker,
+    (x, xdot): (f64, f64),
+    force: f64,
+    drive: f64,
+    given: Option<(&GivenReference, &GivenReference)>,
+    u: *mut f64,
+) -> i32 {
+    // SAFETY: see `exports`
+    unsafe { ticked(tracker, u, |it| it.tick(Physical { x, xdot }, force, drive, given)) }
+}
+
+/// What has a sampling period among its settings.
+pub(crate) trait Sampled: Sealed {
+    fn sampling(&mut self) -> (&mut f64, &mut u64);
+}
+
+impl Sampled for Tracker {
+    fn sampling(&mut self) -> (&mut f64, &mut u64) {
+        (&mut self.h, &mut self.seal)
+    }
+}
+
+impl Sampled for Regulator {
+    fn sampling(&mut self) -> (&mut f64, &mut u64) {
+        (&mut self.h, &mut self.seal)
+    }
+}
+
+/// A tick of the same controller with the period `dt`: there is one tick, and one place for its `h`.
+pub(crate) fn lasting<T: Sampled>(it: &mut T, dt: f64, tick: impl FnOnce(&mut T) -> Code) -> Code {
+    if let Err(code) = it.intact() {
+        return code;
+    }
+    if !(dt > 0.0 && dt <= f64::MAX) {
+        return ZIVI_E_DT;
+    }
+    let (h, seal) = it.sampling();
+    let before = (*h, *seal);
+    *h = dt;
+    let other = it.seal_of_settings();
+    *it.sampling().1 = other;
+    let code = tick(it);
+    let (h, seal) = it.sampling();
+    (*h, *seal) = before;
+    code
+}
