@@ -1,6 +1,8 @@
 //! What a tick plans: the course of the reference and the target, which no one outside sees.
 
-use super::{Approach, Course, Gains, TwistingTracker, Waypoint};
+use super::followed::Followed;
+use super::tracking::{Place, Target, TrackingStep};
+use super::{Approach, Course, Gains, TickStatus, TwistingTracker, Waypoint};
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 fn half() -> Restitution {
@@ -74,5 +76,59 @@ fn a_longer_horizon_plans_towards_a_later_reference() {
         let close = |one: Lifted, other: Lifted| (one.s - other.s).abs() + (one.v - other.v).abs();
         assert!(close(planned.target.end, late) < 1e-14, "{horizon}");
         assert_eq!(planned.next.z, next);
+    }
+}
+
+/// The control law and the motion of the plant under it, for any signs.
+#[test]
+fn a_step_of_given_signs_is_the_law_and_the_motion_under_it() {
+    let (h, f, mu1, mu2, kappa) = (1e-2, -9.81, 30.0, 17.0, 0.5);
+    let gains = Gains::new(mu1, mu2).expect("in range");
+    let step = TrackingStep { h, restitution: half(), gains };
+    let target = Target { end: Lifted { s: 0.3, v: -0.2 }, acceleration: 4.0 };
+    let grid = [-1.0, -0.6, 0.0, 0.25, 1.0];
+    for (ls, lv) in grid.into_iter().flat_map(|ls| grid.map(|lv| (ls, lv))) {
+        for (s, v) in [(0.2, -0.7), (-0.1, 0.4), (0.0, 0.0)] {
+            let (les, lev) = (0.5 * lv, -0.3);
+            let found = step.of_signs(Lifted { s, v }, f, target, [ls, lv, les, lev]);
+            let r = 1.0 - kappa * ls * lv;
+            let wanted = 4.0 - mu1 * les - mu2 * lev;
+            // u = R ls A - ls^2 F and v+ = v + h ls (F + u)/R
+            let u = r * ls * wanted - ls * ls * f;
+            let ahead = v + h * ls * (f + u) / r;
+            assert!((found.u - u).abs() < 1e-13 * mu1, "{ls} {lv}: {} {u}", found.u);
+            assert!((found.end.v - ahead).abs() < 1e-14, "{ls} {lv}: {} {ahead}", found.end.v);
+            assert!((found.end.s - (s + h * r * ahead)).abs() < 1e-15, "{ls} {lv}");
+            let place = match ls * s {
+                _ if ls.abs() < 1.0 => Place::Wall,
+                side if side < 0.0 => Place::Other,
+                _ => Place::Same,
+            };
+            assert_eq!(found.place, place, "{ls} {s}");
+        }
+    }
+}
+
+/// Both images of a measurement are as near where the reference is at rest on the wall: it is the
+/// side then from which the reference came.
+#[test]
+fn of_two_images_as_near_the_one_on_the_references_side_is_taken() {
+    let measured = Physical { x: 0.1, xdot: 0.0 };
+    for (side, sign) in [(1.0, 1.0), (-1.0, -1.0)] {
+        let reference = Followed { z: Lifted { s: 0.0, v: 0.0 }, side };
+        assert_eq!(tracker(1e-2).lifted(measured, reference).s, sign * 0.1);
+    }
+}
+
+#[test]
+fn a_status_is_its_bits() {
+    for bits in [0, 1, 2, 8, 3, 9, 10, 11] {
+        let status = TickStatus::from_bits(bits);
+        assert_eq!(status.bits(), bits);
+        assert_eq!(
+            [status.clamped, status.saturated, status.unsolved],
+            [1, 2, 8].map(|bit| bits & bit > 0)
+        );
+        assert_eq!(TickStatus::from_bits(bits | 4), status);
     }
 }

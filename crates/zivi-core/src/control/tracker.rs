@@ -357,7 +357,7 @@ impl TwistingTracker {
 
     /// The measured state on the branch that the approach takes beside this reference.
     #[inline]
-    fn lifted(&self, state: Physical, reference: Followed) -> Lifted {
+    pub(super) fn lifted(&self, state: Physical, reference: Followed) -> Lifted {
         let Lifted { s, v } = transform::lift(state, Branch::Positive, self.step.restitution);
         let mirror = match self.approach {
             Approach::Positive => false,

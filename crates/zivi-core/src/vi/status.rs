@@ -177,3 +177,34 @@ impl fmt::Display for InvalidInput {
 }
 
 impl core::error::Error for InvalidInput {}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::Status;
+    use std::collections::BTreeSet;
+    use std::string::ToString;
+
+    #[test]
+    fn each_status_has_a_message_of_its_own() {
+        let all = [
+            (Status::Solved, "within the tolerance"),
+            (Status::SolvedNotIsolated, "singular"),
+            (Status::Stationary, "stationary"),
+            (Status::Stalled, "too slow"),
+            (Status::IterationLimit, "iteration limit"),
+            (Status::PivotLimit, "pivoting"),
+            (Status::DomainError, "finite"),
+            (Status::EvaluationError, "evaluation"),
+            (Status::Infeasible, "no solution"),
+            (Status::Stopped, "stopped"),
+        ];
+        for (status, words) in all {
+            assert!(status.message().contains(words), "{status:?}");
+            assert_eq!(status.to_string(), status.message());
+            assert_eq!(std::format!("{status:?}"), status.name());
+        }
+        let messages: BTreeSet<&str> = all.iter().map(|(status, _)| status.message()).collect();
+        assert_eq!(messages.len(), all.len());
+    }
+}
