@@ -224,6 +224,44 @@ def tight(m, q):
     return [fields(one, SOLUTION) for one in found]
 
 
+def infeasible():
+    """Affine problems of which some rows exclude each other, and some that can be solved.
+
+    The rows are those of components without an upper (or a lower) bound, and weighted they add up
+    to a number of the wrong sign, or to a form that has it in the box.
+    """
+    draw = random.Random(37)
+    for number in range(48):
+        n = 3 + number % 8
+        rows = 2 + number % min(4, n - 1)
+        m = matrix(draw, n, "any")
+        q = np.array([float(draw.randint(-4, 4)) for _ in range(n)])
+        weights = [draw.uniform(0.3, 3.0) for _ in range(rows - 1)]
+        boxed = draw.random() < 0.4
+        last = [-math.fsum(w * m[i, j] for i, w in enumerate(weights)) for j in range(n)]
+        if boxed:
+            last[n - 1] += 0.25
+        m[rows - 1] = last
+        missing = draw.choice([-1.0, -1e-3, -30.0, 0.5])
+        q[rows - 1] = missing - math.fsum(w * q[i] for i, w in enumerate(weights))
+        low = np.array([draw.choice([0.0, -2.0, 0.5]) for _ in range(n)])
+        high = np.full(n, np.inf)
+        if rows < n:
+            high[n - 1] = low[n - 1] + 2.0
+        if number % 3 == 1:  # the same with the other signs
+            low, high, q = -high, -low, -q
+        for name, options in (
+            ("all", {}),
+            ("pivots", {"smoothing": False, "restarts": 1, "enumerate_up_to": 0}),
+        ):
+            yield (
+                f"{name} {number}",
+                lambda m=m, q=q, low=low, high=high, o=options: fields(
+                    zivi.solve_avi(m, q, low, high, tol=1e-9, options=o), SOLUTION
+                ),
+            )
+
+
 def games():
     """Lemke and Howson's paths; costs may be equal, so that several variables could leave."""
     draw = random.Random(29)
@@ -257,6 +295,7 @@ GROUPS = {
     "maps": maps,
     "solver": solver,
     "stages": stages,
+    "infeasible": infeasible,
     "games": games,
     "control": control,
     "choices": choices,

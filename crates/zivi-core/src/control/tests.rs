@@ -1,6 +1,7 @@
 //! What a tick plans: the course of the reference and the target, which no one outside sees.
 
 use super::followed::Followed;
+use super::regulation::RegulationStep;
 use super::tracking::{Place, Target, TrackingStep};
 use super::{Approach, Course, Gains, TickStatus, TwistingTracker, Waypoint};
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
@@ -106,6 +107,22 @@ fn a_step_of_given_signs_is_the_law_and_the_motion_under_it() {
             };
             assert_eq!(found.place, place, "{ls} {s}");
         }
+    }
+}
+
+/// The same of the regulator: `v+ = v + h (ls (F - mu1) - mu2 lv)/R`, `s+ = s + h R v+`.
+#[test]
+fn a_regulators_step_of_given_signs() {
+    let (h, f, mu1, mu2, kappa) = (1e-2, -9.81, 30.0, 17.0, 0.5);
+    let gains = Gains::new(mu1, mu2).expect("in range");
+    let step = RegulationStep { h, restitution: half(), gains };
+    for (ls, lv) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 0.4), (0.3, -0.8), (0.0, 0.0)] {
+        let found = step.of_signs(Lifted { s: 0.2, v: -0.7 }, f, [ls, lv]);
+        let r = 1.0 - kappa * ls * lv;
+        let v = -0.7 + h * (ls * (f - mu1) - mu2 * lv) / r;
+        assert!((found.end.v - v).abs() < 1e-15, "{ls} {lv}: {} {v}", found.end.v);
+        assert!((found.end.s - (0.2 + h * r * v)).abs() < 1e-16, "{ls} {lv}");
+        assert_eq!((found.lambda_s, found.lambda_v), (ls, lv));
     }
 }
 

@@ -207,3 +207,53 @@ fn derivative(x: &[f64], h: f64) -> Vec<f64> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_derivative_of_the_same_degree() {
+        let (x, h) = ([1.0, -0.5, 2.0, 0.3], 0.7);
+        let found = Bernstein::new(&derivative(&x, h));
+        // by powers of theta
+        let [one, two, three] = [
+            3.0 * (x[1] - x[0]),
+            3.0 * (x[2] - 2.0 * x[1] + x[0]),
+            x[3] - 3.0 * x[2] + 3.0 * x[1] - x[0],
+        ];
+        for theta in [0.0, 0.1, 0.35, 0.5, 0.9, 1.0] {
+            let wanted = (one + theta * (2.0 * two + theta * 3.0 * three)) / h;
+            assert!((found.at(theta) - wanted).abs() < 1e-13, "{theta}: {}", found.at(theta));
+        }
+        assert_eq!(found.coefficients().len(), x.len());
+    }
+
+    #[test]
+    fn an_arc_whose_times_are_stretched() {
+        let closed = GapSet::EMPTY;
+        let (y, v, a) = (vec![0.2, 0.0], vec![1.0, 0.5], vec![-3.0, -1.0]);
+        let arc = NestArc { start: 0.3, length: 0.5, y, v, a, closed };
+        for kappa in [0.0, 0.2, -0.15] {
+            // tau = s + kappa s^2 since the rim; the heights are parabolas of tau
+            let height = |s: f64, i: usize| {
+                let tau = s + kappa * s * s - arc.start;
+                arc.y[i] + tau * arc.v[i] + 0.5 * tau * tau * arc.a[i]
+            };
+            for tau in [0.1, 0.25, 0.5] {
+                let (s, [y, u, a]) = state_at(&arc, tau, kappa);
+                assert!((s + kappa * s * s - (arc.start + tau)).abs() < 1e-15, "{kappa} {tau}");
+                let d = 1e-4;
+                for i in 0..2 {
+                    let [before, here, after] = [s - d, s, s + d].map(|s| height(s, i));
+                    assert!((y[i] - here).abs() < 1e-14, "{kappa} {tau}");
+                    assert!((u[i] - (after - before) / (2.0 * d)).abs() < 1e-7, "{kappa} {tau}");
+                    let bend = (after - 2.0 * here + before) / (d * d);
+                    assert!((a[i] - bend).abs() < 1e-6, "{kappa} {tau}: {} {bend}", a[i]);
+                }
+            }
+        }
+        let fallen = NestArc { y: vec![0.0; 2], v: vec![-1.0, 0.0], a: vec![0.0; 2], ..arc };
+        assert_eq!(state_at(&fallen, 0.1, 0.0).1[0], [0.0, 0.0]);
+    }
+}
