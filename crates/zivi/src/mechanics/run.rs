@@ -217,21 +217,3 @@ pub(super) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
     }
     Ok(())
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn room_is_made_for_every_number_of_the_samples() {
-        let (mut samples, mut reserve) = (MechanicalSamples::default(), Reserve::default());
-        samples.make_room(&mut reserve, 100, 7, 3).unwrap();
-        let MechanicalSamples { t, x, v, lambda, closed } = &samples;
-        let rooms =
-            [t.capacity(), x.capacity(), v.capacity(), lambda.capacity(), closed.capacity()];
-        assert!(
-            rooms.iter().zip([100, 700, 700, 300, 100]).all(|(room, n)| *room >= n),
-            "{rooms:?}"
-        );
-    }
-}
