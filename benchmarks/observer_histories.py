@@ -5,7 +5,7 @@ positions are measured every millisecond to 0.1 mm, velocities not unless it is 
 a closed form (`Flight`), nothing of it is zivi's. Medians over the runs of the rms errors in the
 second half of each, while it bounces.
 
-Run as ``python benchmarks/observer_histories.py [runs]``: 150 runs a line take a minute or two.
+Run as ``python benchmarks/observer_histories.py [runs]``: 100 runs a line take a minute or two.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -156,6 +157,10 @@ class Estimates:
         return int(max(edges[1::2] - edges[::2], default=0))
 
 
+Line = Callable[[int], list[Estimates]]
+"""So many histories as an observer sees them."""
+
+
 def drawn(
     rng: np.random.Generator, *, kick: float = 0.0, outliers: float = 0.0, missing: float = 0.0,
     pauses: bool = False, seconds: float = 4.0,
@@ -233,7 +238,7 @@ def summary(name: str, found: list[Estimates], *more: str) -> None:
         speed, force = np.median([it.rms for it in found], axis=0)
         worst = max(it.rms[0] for it in found)
         told = [f"x' {speed:.1e} (worst {worst:.1e})", f"d {force:.1e}", *told]
-    print(f"{name:30} {', '.join(told)}", flush=True)
+    print(f"{name:42} {', '.join(told)}", flush=True)
 
 
 def series(kind: int, runs: int, **settings: Any) -> list[History]:
@@ -241,29 +246,47 @@ def series(kind: int, runs: int, **settings: Any) -> list[History]:
     return [drawn(np.random.default_rng([kind, k]), **settings) for k in range(runs)]
 
 
-def main(runs: int = 150) -> None:
+def plain(**settings: Any) -> Line:
+    """Give the line of histories without troubles, seen with these settings."""
+    return lambda runs: [it.seen(**settings) for it in series(1, runs)]
+
+
+def believed(**settings: Any) -> Line:
+    """Give the line of an e that is wrong."""
+    return lambda runs: [it.seen(e=e, se=0.1, **settings) for it, e in map(wrong_e, range(runs))]
+
+
+def troubled(kind: int, **troubles: Any) -> Line:
+    """Give the line of histories with these troubles."""
+    return lambda runs: [it.seen() for it in series(kind, runs, **troubles)]
+
+
+LINES: dict[str, Line] = {
+    "`q_d` = 1e-3, the default": plain(q_d=1e-3),
+    **{f"`q_d` = {name}": plain(q_d=float(name)) for name in ("1e-4", "1e-5", "1e-6", "1e-7")},
+    "velocities with 1e-2 m/s, too": plain(position_only=False),
+    "`e` believed wrong by 0.03 to 0.15, learnt": believed(learn_e=True),
+    "the same with `se` = 0.1, not learnt": believed(),
+    **{f"outliers of up to 1 m, {it:.0%}": troubled(3, outliers=it) for it in OUTLIERS},
+    **{f"samples missing, {it:.0%}": troubled(6, missing=it) for it in MISSING},
+    "50 of every 200 missing": troubled(6, pauses=True),
+}
+"""What is drawn and how it is seen, by the name of its row in docs/control.md."""
+
+
+def main(runs: int = 100) -> None:
     """Print the table."""
     print(f"{runs} runs a line: rms errors of x' (m/s) and d (m/s^2) in the second half")
-    plain = series(1, runs)
-    for q_d in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7):
-        summary(f"q_d = {q_d:g}", [it.seen(q_d=q_d) for it in plain])
-    summary("velocities, too", [it.seen(position_only=False) for it in plain])
-    for learn_e in (True, False):
-        found = [it.seen(e=e, learn_e=learn_e, se=0.1) for it, e in map(wrong_e, range(runs))]
-        off = np.array([abs(it.observer.e_est - it.of.e) for it in found])
-        name = "e wrong by .03 to .15, " + ("learnt" if learn_e else "se = .1")
-        summary(name, found, f"e off by {np.median(off):.1e} (worst {off.max():.1e})")
+    for name, line in LINES.items():
+        summary(name, line(runs))
+    learnt = [abs(it.observer.e_est - it.of.e) for it in believed(learn_e=True)(runs)]
+    print(f"e learnt to {np.median(learnt):.1e} (worst {max(learnt):.1e})")
     for kick in KICKS:
         found = [it.seen() for sign in (1, -1) for it in series(2, runs // 2, kick=sign * kick)]
         again = max(it.found_again for it in found)
         summary(f"kick of {kick:g} m/s", found, f"found again after at most {again}")
-    for part in OUTLIERS:
-        summary(f"outliers, {part:.0%}", [it.seen() for it in series(3, runs, outliers=part)])
-    for part in MISSING:
-        summary(f"missing, {part:.0%}", [it.seen() for it in series(6, runs, missing=part)])
-    summary("missing, 50 of every 200", [it.seen() for it in series(6, runs, pauses=True)])
     found = [mixed(seed).seen() for seed in range(1000)]
-    summary("1000 with all of these", found, f"for at most {max(it.lost for it in found)} samples")
+    summary("with all of these", found, f"for at most {max(it.lost for it in found)} samples")
     for name, unit in UNITS.items():
         histories = series(7, 10, outliers=0.1, missing=0.2)
         pairs = [(in_units(it, 1.0, 1.0), in_units(it, *unit)) for it in histories]

@@ -20,8 +20,9 @@
 #define DRAWS 300
 #endif
 
-enum { KINDS = 5 };
-static const char *names[KINDS] = {"mass", "regulator", "tracker, wide", "tracker, near", "tracker, fast"};
+enum { KINDS = 7 };
+static const char *names[KINDS] = {"mass",          "regulator", "tracker, wide",        "tracker, near",
+                                   "tracker, fast", "observer",  "observer of positions"};
 
 static double uniform(void)
 {
@@ -46,6 +47,33 @@ static void draw(int kind, double *x, double *v)
     *v = kind == 3 ? normal(1e-2) : kind == 4 ? -fabs(normal(4.0)) : normal(5.0);
 }
 
+/* A mass that bounces, seen with noise. */
+static void observed(uint32_t position_only)
+{
+    zivi_observer observer;
+    zivi_observer_config config;
+    double x = 0.5, v = 1.0;
+    int k;
+    zivi_observer_defaults(&config);
+    config.h = 1e-2;
+    config.e = 0.8;
+    config.position_only = position_only;
+    zivi_observer_init(&observer, &config);
+    for (k = 0; k < DRAWS; k++) {
+        const double seen_x = x + normal(1e-4), seen_v = v + normal(1e-2);
+        MARK();
+        zivi_observer_step(&observer, seen_x, seen_v, -9.81, 0.0);
+        MARK();
+        x += 1e-2 * (v - 0.5 * 9.81 * 1e-2);
+        v -= 9.81 * 1e-2;
+        if (x < 0.0) { /* back along the flight to the wall, and up again */
+            const double fast = sqrt(v * v + 2.0 * 9.81 * x), since = (fast + v) / -9.81;
+            v = 0.8 * fast - 9.81 * since;
+            x = fmax(0.0, since * (0.8 * fast - 0.5 * 9.81 * since));
+        }
+    }
+}
+
 static void calls(void)
 {
     zivi_mass mass;
@@ -65,7 +93,7 @@ static void calls(void)
     zivi_mass_init(&mass, &mass_config);
     zivi_regulator_init(&regulator, &regulator_config);
     zivi_tracker_init(&tracker, &tracker_config);
-    for (kind = 0; kind < KINDS; kind++)
+    for (kind = 0; kind < 5; kind++)
         for (k = 0; k < DRAWS; k++) {
             double x, v, x_ref, v_ref, u;
             draw(kind, &x, &v);
@@ -81,6 +109,8 @@ static void calls(void)
                 zivi_tracker_step(&tracker, x, v, -9.81, -9.81, &u);
             MARK();
         }
+    observed(0);
+    observed(1);
 }
 
 static int ascending(const void *a, const void *b)

@@ -1,5 +1,6 @@
 """The observer on random histories of a closed form: kicks, outliers, missing samples, units, e."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -41,44 +42,41 @@ def test_no_kick_no_outlier_and_no_missing_sample_loses_the_mass():
 
 
 @pytest.mark.parametrize("kick", histories.KICKS)
-def test_a_kick_is_found_out_within_13_samples(kick):
+def test_a_kick_is_found_out_within_9_samples(kick):
     for sign in (1, -1):
         for history in series(2, 8, kick=sign * kick, seconds=1.0):
-            assert history.seen().found_again <= 13
+            assert history.seen().found_again <= 9
 
 
-def median(found):
-    return np.median([it.rms for it in found], axis=0)
+PAGE = Path(__file__).parents[1] / "docs" / "control.md"
+# what the design of this filter promised of the same histories, made with other draws
+PROMISED = {
+    "`q_d` = 1e-6": (3.8e-4, 4.2e-3),
+    "velocities with 1e-2 m/s, too": (3.8e-4, 4.2e-3),
+    "`e` believed wrong by 0.03 to 0.15, learnt": (3.9e-4, 4.2e-3),
+    "samples missing, 20%": (4.0e-4, None),
+    "samples missing, 80%": (5.5e-4, None),
+    "50 of every 200 missing": (4.2e-4, None),
+}
+ROWS = re.findall(r"^\| (.+) \| (\d.\de-\d) \| (\d.\de-\d) \|$", PAGE.read_text(), re.MULTILINE)
 
 
-def test_errors_are_those_of_the_design():
-    """Position only and with velocities, at q_d = 1e-6; what q_d costs."""
-    plain = series(1, 12, seconds=2.0)
-    assert median([it.seen() for it in plain]) == pytest.approx([3.8e-4, 4.2e-3], rel=0.2)
-    both = median([it.seen(position_only=False) for it in plain])
-    assert both == pytest.approx([3.8e-4, 4.2e-3], rel=0.2)
-    assert median([it.seen(q_d=1e-3) for it in plain]) == pytest.approx([2.1e-3, 0.07], rel=0.2)
+@pytest.mark.parametrize("row", [pytest.param(row, id=row[0]) for row in ROWS])
+def test_errors_are_those_of_the_page(row):
+    """Medians of 20 of its 100 runs."""
+    name, *told = row
+    found = histories.LINES[name](20)
+    medians = np.median([it.rms for it in found], axis=0)
+    assert medians == pytest.approx(list(map(float, told)), rel=0.2)
+    for error, promised in zip(medians, PROMISED.get(name, ()), strict=False):
+        assert promised is None or error < 1.2 * promised
+    assert max(it.rms[0] for it in found) < 0.2
+    assert max(it.lost for it in found) <= LONGEST
 
 
-@pytest.mark.parametrize("part", histories.OUTLIERS)
-def test_outliers_cost_nothing(part):
-    found = [it.seen() for it in series(3, 8, outliers=part, seconds=2.0)]
-    assert median(found)[0] < 5e-4
-    assert max(it.rms[0] for it in found) < 0.17
-
-
-@pytest.mark.parametrize(
-    ("part", "error"),
-    [(0.0, 3.7e-4), (0.05, 3.9e-4), (0.2, 4.0e-4), (0.5, 4.6e-4), (0.8, 5.5e-4)],
-)
-def test_missing_samples_cost_little(part, error):
-    found = [it.seen() for it in series(6, 16, missing=part, seconds=2.0)]
-    assert median(found)[0] == pytest.approx(error, rel=0.2)
-
-
-def test_pauses_cost_little():
-    found = [it.seen() for it in series(6, 16, pauses=True, seconds=2.0)]
-    assert median(found)[0] == pytest.approx(4.2e-4, rel=0.2)
+def test_the_page_has_the_lines():
+    assert len(ROWS) == 13
+    assert set(PROMISED) <= {name for name, *_ in ROWS} <= set(histories.LINES)
 
 
 def test_a_wrong_e_is_learnt():
@@ -88,9 +86,6 @@ def test_a_wrong_e_is_learnt():
     assert np.median(off) < 3e-5
     assert off.max() < 1.3e-2
     assert all(of < 5 * it.observer.e_std for of, it in zip(off, learnt, strict=True))
-    assert median(learnt) == pytest.approx([3.9e-4, 4.2e-3], rel=0.2)
-    believed = median([it.seen(e=e, se=0.1) for it, e in drawn_e])
-    assert believed[0] == pytest.approx(9.7e-3, rel=0.25)
 
 
 @pytest.mark.parametrize("settings", [{"position_only": True}, {"learn_e": True, "se": 0.1}])

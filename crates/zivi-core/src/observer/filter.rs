@@ -40,9 +40,10 @@ impl ObserverSettings {
         known: f64,
     ) {
         let a = known + it.estimate.d;
+        let mut rests = false;
         if it.started {
             it.memory.pass(dt, a);
-            self.predict(it, dt, a, velocity_of(measured));
+            rests = self.predict(it, dt, a, velocity_of(measured));
         }
         let Some(measured) = measured else { return };
         it.memory.see(measured.x);
@@ -54,7 +55,7 @@ impl ObserverSettings {
                 it.restart(fitted);
             }
         } else {
-            self.correct(it, measured, a);
+            self.correct(it, measured, a, rests);
         }
     }
 
@@ -77,9 +78,9 @@ impl ObserverSettings {
     }
 
     /// The state after `dt` under the acceleration `a`, through impacts and into rest; what is
-    /// measured of the velocity then matters to what is unknown of it.
-    fn predict(&self, it: &mut ObserverState, dt: f64, a: f64, measured: Option<f64>) {
-        self.move_on(it, dt, a);
+    /// measured of the velocity then matters to what is unknown of it. Whether it rests.
+    fn predict(&self, it: &mut ObserverState, dt: f64, a: f64, measured: Option<f64>) -> bool {
+        let rests = self.move_on(it, dt, a);
         let ObserverSettings { h, q_d, dmax, noise: [of_x, of_v], .. } = *self;
         let (share, [floor_x, floor_v]) = (dt / h, FLOOR);
         it.covariance.xx += floor_x * of_x * share;
@@ -89,9 +90,10 @@ impl ObserverSettings {
         // a sensor that is worse than the motion has its own word
         let sensor = if measured.is_some() { 4.0 * of_v } else { 0.0 };
         it.covariance.bound_v(self.fastest(it.estimate.state, it.covariance.xx, a) + sensor);
+        rests
     }
 
-    fn move_on(&self, it: &mut ObserverState, dt: f64, a: f64) {
+    fn move_on(&self, it: &mut ObserverState, dt: f64, a: f64) -> bool {
         let (e, mut left) = (it.e, dt);
         let mut at = it.estimate.state;
         if at.arrives() {
@@ -113,12 +115,13 @@ impl ObserverSettings {
                     it.covariance.fly(left);
                     let x = at.x + left * (at.xdot + 0.5 * a * left);
                     it.estimate.state = Physical { x: x.max(0.0), xdot: at.xdot + a * left };
-                    return;
+                    return false;
                 }
             }
         }
         it.covariance.rest();
         it.estimate.state = Physical::default();
+        true
     }
 
     /// The state after an impact with `before < 0`. A slow one tells nothing of `e`, which is as
@@ -138,8 +141,9 @@ impl ObserverSettings {
         Physical { x: 0.0, xdot: 0.0 - e * before }
     }
 
-    /// This measurement, if it is within the gate; `a` acted before it.
-    fn correct(&self, it: &mut ObserverState, measured: Measurement, a: f64) {
+    /// This measurement, if it is within the gate; `a` acted before it. A mass that rests stays where
+    /// it is, exactly: of its variances only `FLOOR` is left.
+    fn correct(&self, it: &mut ObserverState, measured: Measurement, a: f64, rests: bool) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
         let (estimate, e, covariance) = (it.estimate, it.e, it.covariance);
         let (gain, variance) = it.covariance.measure_x(of_x);
@@ -153,7 +157,10 @@ impl ObserverSettings {
             distance += innovation * innovation / variance;
         }
         if distance <= GATE {
-            it.estimate.state.x = it.estimate.state.x.max(0.0);
+            it.estimate.state = match rests {
+                true => Physical::default(),
+                false => Physical { x: it.estimate.state.x.max(0.0), ..it.estimate.state },
+            };
             it.estimate.d = it.estimate.d.max(-dmax).min(dmax);
             if self.learn_e {
                 let [least, most] = LEARNT;

@@ -11,7 +11,8 @@
 //! with `a = F + u + d`. `Xi` is the saltation matrix: the derivative of the state after an impact,
 //! whose time moves with the state before it. A period may hold several impacts, and a Zeno point.
 //! On the wall the force is hidden: the reaction takes it, and with `P_xd = P_vd = 0` so does the
-//! filter, which keeps its estimate while `P_dd` grows.
+//! filter, which keeps its estimate while `P_dd` grows. Rest is exact: a measurement within the gate
+//! does not move it.
 //!
 //! Every constant is a pure number of the sensor's deviation `s_x`, of `h` and of accelerations: the
 //! unit of length or of time does not matter.
