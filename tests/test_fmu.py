@@ -393,6 +393,55 @@ def test_the_observer_has_the_bits_of_python(archives: dict, fmi: int) -> None:
 
 
 @BOTH
+def test_the_observer_learns_the_restitution(archives: dict, fmi: int) -> None:
+    given = {"learn_e": True, "q_e": 1e-6, "se": 0.05, "e": 0.45}
+    unit = Unit(archives["observer", fmi]).start(**given)
+    twin = zivi.ImpactObserver(h=H, **given)
+    times = np.arange(0, 1.5, H)
+    run = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1.5), (1, 0), t_eval=times)
+    for k, (x, xdot) in enumerate(zip(run.x.tolist(), run.xdot.tolist(), strict=True)):
+        unit.set(x=x, xdot=xdot, u=0.0)
+        twin.step(x, xdot, -9.81, 0.0)
+        assert [unit.get(name) for name in ("e_est", "e_std")] == [twin.e_est, twin.e_std]
+        assert unit.step(k * H, H) == 0
+    assert unit.get("e_est") == pytest.approx(0.5, abs=1e-3)
+    assert unit.get("e_std") < 1e-2
+    unit.free()
+    assert Unit(archives["observer", fmi]).start(e=0.3).get("e_est") == 0.3
+
+
+@BOTH
+@pytest.mark.parametrize("key", ["regulator", "tracker", "loop"])
+def test_the_dead_zone_has_the_bits_of_python(archives: dict, key: str, fmi: int) -> None:
+    gains = {"mu1": 30.0, "mu2": 17.0, "h": H, "e": 0.5, "quiet": 0.05}
+    unit = Unit(archives[key, fmi]).start(**gains, **({"x0": 0.3} if key == "loop" else {}))
+    if key == "loop":
+        plant, tracker = zivi.ImpactSystem(-9.81, e=0.5), zivi.TwistingTracker(**gains)
+        run = zivi.simulate_closed_loop(
+            plant, tracker, (0, 1), (0.3, 0), force_ref=-9.81, method=zivi.ThetaGamma(H)
+        )
+        for k in range(999):
+            assert unit.get("u") == run.u[k]
+            assert unit.step(k * H, H) == 0
+        unit.free()
+        return
+    kind = zivi.TwistingRegulator if key == "regulator" else zivi.TwistingTracker
+    twin = kind(**gains)
+    loud = kind(**(gains | {"quiet": 0.0}))
+    rng = np.random.default_rng(4)
+    heard = 0
+    for k in range(200):
+        x, xdot = abs(rng.normal(0, 1e-4)), rng.normal(0, 0.05)
+        unit.set(x=x, xdot=xdot, force=-9.81)
+        u = unit.get("u")
+        assert u == twin.step(x, xdot, -9.81)
+        heard += u != loud.step(x, xdot, -9.81)
+        assert unit.step(k * H, H) == 0
+    assert heard > 50
+    unit.free()
+
+
+@BOTH
 def test_a_refused_sample_is_a_warning(archives: dict, fmi: int) -> None:
     unit = Unit(archives["tracker", fmi]).start(x_ref0=1.0)
     unit.set(x=1.0)

@@ -183,7 +183,7 @@ fn configure_mass(state: &mut State, h: usize, e: usize, [x0, xdot0]: [usize; 2]
 }
 
 fn configure_regulator(state: &mut State) -> i32 {
-    use regulator::{AHEAD, BOUND, DEPTH, E, H, LANDING, MU1, MU2, U_MAX, U_MIN};
+    use regulator::{AHEAD, BOUND, DEPTH, E, H, LANDING, MU1, MU2, QUIET, U_MAX, U_MIN};
     let Some(ahead) = periods(state.value(AHEAD)) else { return code::ZIVI_E_AHEAD };
     let config = RegulatorConfig {
         tick: tick_of(state.value(LANDING)),
@@ -193,6 +193,7 @@ fn configure_regulator(state: &mut State) -> i32 {
         h: state.value(H),
         e: state.value(E),
         bound: state.value(BOUND),
+        quiet: state.value(QUIET),
         given: ZIVI_GIVEN_DEPTH,
         depth: state.value(DEPTH),
         u_min: state.value(U_MIN),
@@ -203,9 +204,11 @@ fn configure_regulator(state: &mut State) -> i32 {
 }
 
 fn configure_observer(state: &mut State) -> i32 {
-    use observer::{DMAX, E, H, NOISE_X, NOISE_XDOT, POSITION_ONLY, Q_D, SE};
+    use observer::{DMAX, E, H, LEARN_E, NOISE_X, NOISE_XDOT, POSITION_ONLY, Q_D, Q_E, SE};
     let config = ObserverConfig {
         position_only: u32::from(state.value(POSITION_ONLY) != 0.0),
+        learn_e: u32::from(state.value(LEARN_E) != 0.0),
+        q_e: state.value(Q_E),
         h: state.value(H),
         e: state.value(E),
         noise_x: state.value(NOISE_X),
@@ -227,12 +230,12 @@ struct TrackerPlaces {
 /// `MU1, MU2, H, E, E_REF, X_REF0, ...` from here on, the same in both models.
 const TRACKER: TrackerPlaces = TrackerPlaces { first: tracker::MU1 };
 const LOOP: TrackerPlaces = TrackerPlaces { first: closed_loop::MU1 };
-const _: () = assert!(tracker::SHIFT - tracker::MU1 == closed_loop::SHIFT - closed_loop::MU1);
+const _: () = assert!(tracker::QUIET - tracker::MU1 == closed_loop::QUIET - closed_loop::MU1);
 
 fn configure_tracker(state: &mut State, places: &TrackerPlaces) -> i32 {
     use tracker::{
-        AHEAD, BOUND, DEPTH, E, E_REF, H, HORIZON, LANDING, MU1, MU2, NEAREST, PRESS, SHIFT, U_MAX,
-        U_MIN, XDOT_REF0, X_REF0,
+        AHEAD, BOUND, DEPTH, E, E_REF, H, HORIZON, LANDING, MU1, MU2, NEAREST, PRESS, QUIET, SHIFT,
+        U_MAX, U_MIN, XDOT_REF0, X_REF0,
     };
     let of = |place: usize| state.value(place - MU1 + places.first);
     let Some(ahead) = periods(of(AHEAD)) else { return code::ZIVI_E_AHEAD };
@@ -248,6 +251,7 @@ fn configure_tracker(state: &mut State, places: &TrackerPlaces) -> i32 {
         e_ref: of(E_REF),
         bound: of(BOUND),
         press: of(PRESS),
+        quiet: of(QUIET),
         horizon: of(HORIZON),
         given: ZIVI_GIVEN_DEPTH,
         depth: of(DEPTH),
@@ -325,7 +329,7 @@ fn tracker_outputs(state: &mut State) {
 
 /// The estimates at the measurement that was set since the last step, else the last ones.
 fn observer_outputs(state: &mut State) {
-    use observer::{D_EST, REFUSED, STATUS, XDOT_EST, X_EST};
+    use observer::{D_EST, E_EST, E_STD, REFUSED, STATUS, XDOT_EST, X_EST};
     let (mut ahead, mut code) = (state.observer, state.code);
     if state.asked != 0 {
         let [x, xdot, force, u] = observer_inputs(state);
@@ -334,6 +338,8 @@ fn observer_outputs(state: &mut State) {
     state.put(X_EST, ahead.x);
     state.put(XDOT_EST, ahead.xdot);
     state.put(D_EST, ahead.d);
+    state.put(E_EST, ahead.e);
+    state.put(E_STD, libm::sqrt(ahead.p_ee));
     state.put(REFUSED, f64::from(ahead.refused));
     state.put(STATUS, f64::from(code));
 }

@@ -82,6 +82,7 @@ variables! { regulator:
     U_MAX Real Parameter 1e300;
     LANDING Boolean Parameter 1.0;
     AHEAD Integer Parameter 1.0;
+    QUIET Real Parameter 0.0;
 }
 
 variables! { tracker:
@@ -111,6 +112,7 @@ variables! { tracker:
     PRESS Real Parameter 0.0;
     HORIZON Real Parameter 1.0;
     SHIFT Boolean Parameter 0.0;
+    QUIET Real Parameter 0.0;
 }
 
 variables! { closed_loop:
@@ -143,6 +145,7 @@ variables! { closed_loop:
     PRESS Real Parameter 0.0;
     HORIZON Real Parameter 1.0;
     SHIFT Boolean Parameter 0.0;
+    QUIET Real Parameter 0.0;
 }
 
 variables! { observer:
@@ -164,4 +167,8 @@ variables! { observer:
     SE Real Parameter 0.0;
     DMAX Real Parameter 20.0;
     POSITION_ONLY Boolean Parameter 0.0;
+    LEARN_E Boolean Parameter 0.0;
+    Q_E Real Parameter 0.0;
+    E_EST Real Output 0.0;
+    E_STD Real Output 0.0;
 }

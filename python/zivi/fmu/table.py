@@ -83,6 +83,7 @@ LANDING = (
     boolean("landing", "parameter", True, "Whether the control ends in exact rest"),
     integer("ahead", "parameter", 1, "Horizon of the landing: 1 + the periods of delay"),
 )
+QUIET = real("quiet", "parameter", 0.0, "m/s", "Bound of the errors of the measured velocity")
 REFERENCE = (
     real("e_ref", "parameter", 0.0, None, "Restitution of the reference's wall; 0: as e"),
     real("x_ref0", "parameter", 0.0, "m", "Where the reference starts"),
@@ -97,6 +98,7 @@ TRACKING = (
     real("press", "parameter", 0.0, "m/s2", "Pressing of a mass at rest; 0: the law's own"),
     real("horizon", "parameter", 1.0, None, "Periods that a step is planned over, >= 1"),
     boolean("shift", "parameter", False, "Take the measured velocity half a period back"),
+    QUIET,
 )
 START = (
     real("x0", "parameter", 1.0, "m", "Distance from the wall at the start, >= 0"),
@@ -117,7 +119,7 @@ MOVED = (
     real("x", "output", 0.0, "m", "Distance from the wall"),
     real("xdot", "output", 0.0, "m/s", "Velocity, at the wall the one after the impact"),
 )
-ESTIMATES = ("x_est", "xdot_est", "d_est", "refused", "status")
+ESTIMATES = ("x_est", "xdot_est", "d_est", "refused", "status", "e_est", "e_std")
 REFERENCE_START = ("x_ref0", "xdot_ref0", "e", "e_ref")
 
 MODELS = {
@@ -164,6 +166,7 @@ MODELS = {
                 *CONTROL,
                 *LIMITS,
                 *LANDING,
+                QUIET,
             ),
             feedthrough={"u": ("x", "xdot", "force"), "status": ("x", "xdot", "force")},
             initial={"u": ("x", "xdot", "force"), "status": ("x", "xdot", "force")},
@@ -244,6 +247,10 @@ MODELS = {
                 real("se", "parameter", 0.0, None, "Standard deviation of e"),
                 real("dmax", "parameter", 20.0, "m/s2", "Bound of the unknown force"),
                 boolean("position_only", "parameter", False, "Whether xdot is not measured"),
+                boolean("learn_e", "parameter", False, "Whether e is learnt from the impacts"),
+                real("q_e", "parameter", 0.0, None, "Variance that an impact adds to a learnt e"),
+                real("e_est", "output", 0.0, None, "The restitution, as far as it is known"),
+                real("e_std", "output", 0.0, None, "Its standard deviation, 0 if it is not learnt"),
             ),
             feedthrough=dict.fromkeys(ESTIMATES, ("x", "xdot", "force", "u")),
             initial=dict.fromkeys(ESTIMATES, ("x", "xdot", "force", "u")),
