@@ -30,7 +30,7 @@ impl<'a, D> Model<'a, D> {
 /// What is known of the mechanics at one state.
 #[derive(Clone, Debug)]
 pub(super) struct Kinetics {
-    layout: Layout,
+    pub(super) layout: Layout,
     values: Vec<f64>,
     /// `L L^T = M`.
     mass: Vec<f64>,
@@ -58,6 +58,8 @@ const SKEW: f64 = 1e-8;
 const ORTHOGONAL: f64 = 1e-12;
 /// Rounding of an acceleration or a speed of a gap, relative to its terms.
 const NOISE: f64 = 256.0 * f64::EPSILON;
+/// Rounding of an acceleration in contact, relative to that without.
+const LEFT: f64 = 16.0 * f64::EPSILON;
 
 impl Kinetics {
     pub(super) fn new(layout: Layout) -> Self {
@@ -105,6 +107,17 @@ impl Kinetics {
         }
         self.known = GapSet::EMPTY;
         Ok(())
+    }
+
+    /// `q''`, then `g''`, without what rounding leaves of `q''` in contact: over a long time it is a way.
+    pub(super) fn accelerations(&self) -> Vec<f64> {
+        let mut all = self.acceleration.clone();
+        for (a, free) in all.iter_mut().zip(&self.free) {
+            if a.abs() <= LEFT * free.abs() {
+                *a = 0.0;
+            }
+        }
+        all
     }
 
     /// How many coordinates there are.

@@ -1,6 +1,7 @@
 //! The jump through a Zeno point onto the manifold of more closed gaps.
 
 use super::descent::Flight;
+use super::impact::Key;
 use super::kinetics::{Kinetics, Model};
 use super::machine::{Machine, Piece};
 use super::tail::{EndOfArcs, SkippedArcs};
@@ -143,20 +144,26 @@ impl Machine {
         let Some(tail) = &arcs.arcs else { return Ok(false) };
         let (e, max_step) = (self.gathered.chain.e(), self.settings.max_step);
         let ahead = Lookahead { tail, e, tolerance, max_step, period: None };
-        let size = self.layout.n + self.layout.m;
-        let mut pull = AlongArcs {
-            arcs: &arcs,
-            kinetics: &mut self.aside,
-            model,
-            closed: key.closed,
-            component: self.layout.n + gap,
-            n: self.layout.n,
-            x: vec![0.0; size],
-            v: vec![0.0; size],
-        };
+        let mut pull = AlongArcs::new(&arcs, (key.closed, gap), &mut self.aside, model);
         let obstacle = &mut self.gathered.obstacle;
         *obstacle = ahead.obstacle(*obstacle, &mut Counted::new(&mut pull))?;
         Ok(obstacle.is_none())
+    }
+
+    /// Gives the arcs of a jump the accelerations of the bouncing gap at their ends.
+    fn bend<E, D: Dynamics<E>>(
+        &mut self,
+        arcs: &mut SkippedArcs,
+        key: Key,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (Some(gap), Some(mut tail)) = (key.hit.iter().next(), arcs.arcs.take()) else {
+            return Ok(());
+        };
+        let mut pull = AlongArcs::new(arcs, (key.closed, gap), &mut self.aside, model);
+        Counted::new(&mut pull).bend(&mut tail)?;
+        arcs.arcs = Some(tail);
+        Ok(())
     }
 
     /// Through the rest of an accumulation, onto the manifold.
@@ -181,7 +188,11 @@ impl Machine {
             let mut last = self.end_of_arcs(self.now.t, state, set, GapSet::EMPTY, model)?;
             last.way = self.way(set, key.hit, &speeds)?;
             let ends = [first, last];
-            Piece::Skipped(SkippedArcs::of_chain(&self.gathered.chain, self.now.t, ends))
+            let mut arcs = SkippedArcs::of_chain(&self.gathered.chain, self.now.t, ends);
+            if self.now.t > self.dense_from {
+                self.bend(&mut arcs, key, model)?;
+            }
+            Piece::Skipped(arcs)
         };
         self.contacts = self.settle(set)?;
         self.refresh()?;
@@ -270,7 +281,7 @@ impl Machine {
         let (x, v) = state.split_at(n + self.layout.m);
         self.aside.evaluate(model, t, &x[..n], &v[..n])?;
         self.aside.contact(set)?;
-        let acceleration = self.aside.acceleration.clone();
+        let acceleration = self.aside.accelerations();
         let speeds = self.now.xdot.clone();
         let way = self.way(set, bouncing, &speeds)?;
         Ok(EndOfArcs { x: x.to_vec(), v: v.to_vec(), acceleration, way })
@@ -315,6 +326,20 @@ struct AlongArcs<'r, 'm, D> {
     n: usize,
     x: Vec<f64>,
     v: Vec<f64>,
+}
+
+impl<'r, 'm, D> AlongArcs<'r, 'm, D> {
+    /// Of a gap while those of a set stay closed.
+    fn new(
+        arcs: &'r SkippedArcs,
+        (closed, gap): (GapSet, usize),
+        kinetics: &'r mut Kinetics,
+        model: &'r mut Model<'m, D>,
+    ) -> Self {
+        let Layout { n, m } = kinetics.layout;
+        let [x, v] = [(); 2].map(|()| vec![0.0; n + m]);
+        Self { arcs, kinetics, model, closed, component: n + gap, n, x, v }
+    }
 }
 
 impl<E, D: Dynamics<E>> Force<E> for AlongArcs<'_, '_, D> {

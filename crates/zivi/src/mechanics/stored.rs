@@ -8,7 +8,7 @@
 //! arcs     [ start, end, whether a tail follows,  the tail,  8 numbers of each component ]
 //! ```
 //!
-//! Format 1 had the same numbers.
+//! Before format 4 tails had no accelerations.
 
 use super::path::{Kind, MechanicalPath, Segment};
 use super::tail::SkippedArcs;
@@ -17,7 +17,7 @@ use crate::record::gap_set::GapSet;
 use crate::record::point::MotionPoint;
 use crate::record::stored::{as_count, Kind as Stored, MotionError, Reader, Writer};
 use crate::system::dynamics::{Layout, MOST};
-use crate::zeno::tail::{Tail, TAIL_NUMBERS};
+use crate::zeno::tail::Tail;
 
 /// A set as two numbers that hold 32 gaps each exactly.
 fn halves(set: GapSet) -> [f64; 2] {
@@ -85,7 +85,7 @@ impl MechanicalPath {
             let [start, end] = from.row()?;
             let arcs = match from.flag()? {
                 false => None,
-                true => Some(Tail::from_numbers(from.take(TAIL_NUMBERS)?)?),
+                true => Some(Tail::read(from)?),
             };
             path.skipped.push(SkippedArcs { start, end, arcs, rows: from.rows(size)? });
         }

@@ -12,7 +12,7 @@
 //! and `r` the line.
 
 use super::impact::Key;
-use crate::numeric::bernstein::Bernstein;
+use crate::numeric::bernstein::{quintic, Bernstein};
 use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 
@@ -24,13 +24,6 @@ pub(super) struct EndOfArcs {
     pub(super) v: Vec<f64>,
     pub(super) acceleration: Vec<f64>,
     pub(super) way: Vec<f64>,
-}
-
-/// The Bernstein coefficients with value, slope and second derivative at both ends of a length.
-pub(super) fn quintic([x0, v0, a0]: [f64; 3], [x1, v1, a1]: [f64; 3], h: f64) -> [f64; 6] {
-    let (v0, v1, a0, a1) = (h * v0 / 5.0, h * v1 / 5.0, h * h * a0 / 20.0, h * h * a1 / 20.0);
-    let (c1, c4) = (x0 + v0, x1 - v1);
-    [x0, c1, c1 + v0 + a0, c4 - v1 + a1, c4, x1]
 }
 
 /// The motion between the last computed impact and a Zeno point.

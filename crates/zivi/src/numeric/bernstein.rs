@@ -278,6 +278,13 @@ impl<const M: usize> Polynomial<M> {
     }
 }
 
+/// The Bernstein coefficients with value, slope and second derivative at both ends of a length.
+pub(crate) fn quintic([x0, v0, a0]: [f64; 3], [x1, v1, a1]: [f64; 3], h: f64) -> [f64; 6] {
+    let (v0, v1, a0, a1) = (h * v0 / 5.0, h * v1 / 5.0, h * h * a0 / 20.0, h * h * a1 / 20.0);
+    let (c1, c4) = (x0 + v0, x1 - v1);
+    [x0, c1, c1 + v0 + a0, c4 - v1 + a1, c4, x1]
+}
+
 /// The value at `theta` of the polynomial with these coefficients (at most [`MOST_DEGREE`]` + 1`).
 pub(crate) fn evaluate(coefficients: &[f64], theta: f64) -> f64 {
     value::<{ MOST_DEGREE + 1 }>(coefficients, theta)

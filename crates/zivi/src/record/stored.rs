@@ -6,13 +6,16 @@
 //! ```
 //!
 //! `length` is how many numbers there are in all. Counts are below 2^53 and exact. Whoever changes
-//! what the numbers mean raises [`FORMAT`]. Before format 3 each kind had formats of its own, after
-//! which its numbers followed at once; they are read as well.
+//! what the numbers mean raises [`FORMAT`]. All formats before are read as well: 3 has the same header,
+//! before that each kind had formats of its own, after which its numbers followed at once.
 
 use std::fmt;
 
 /// The meaning of the numbers, and of the other contents of files.
-pub const FORMAT: u32 = 3;
+pub const FORMAT: u32 = 4;
+
+/// The format before, with the same header.
+const SAME_HEADER: f64 = 3.0;
 
 /// Whose motion is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,6 +111,7 @@ impl Writer {
 /// What is left of stored numbers; `None` where they do not fit together.
 pub(crate) struct Reader<'n> {
     rest: &'n [f64],
+    format: f64,
 }
 
 impl<'n> Reader<'n> {
@@ -117,9 +121,15 @@ impl<'n> Reader<'n> {
         numbers: &'n [f64],
         of: impl FnOnce(&mut Self) -> Option<T>,
     ) -> Result<T, MotionError> {
-        let mut reader = Self { rest: behind_header(kind, numbers)? };
+        let (format, rest) = behind_header(kind, numbers)?;
+        let mut reader = Self { rest, format };
         let made = of(&mut reader).filter(|_| reader.rest.is_empty());
         made.ok_or(MotionError::Damaged)
+    }
+
+    /// The format of the numbers.
+    pub(crate) fn format(&self) -> f64 {
+        self.format
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -173,18 +183,19 @@ pub(crate) fn as_count(number: f64) -> Option<usize> {
     ((0.0..9e15).contains(&number) && number.fract() == 0.0).then_some(number as usize)
 }
 
-fn behind_header(kind: Kind, numbers: &[f64]) -> Result<&[f64], MotionError> {
+/// The format, and what follows the header.
+fn behind_header(kind: Kind, numbers: &[f64]) -> Result<(f64, &[f64]), MotionError> {
     let (&format, rest) = numbers.split_first().ok_or(MotionError::Damaged)?;
     if kind.before().contains(&format) {
-        return Ok(rest);
+        return Ok((format, rest));
     }
-    if format != f64::from(FORMAT) {
+    if ![f64::from(FORMAT), SAME_HEADER].contains(&format) {
         return Err(MotionError::Format(format));
     }
     let &[number, length, ref rest @ ..] = rest else { return Err(MotionError::Damaged) };
     match Kind::ALL.into_iter().find(|it| it.number() == number) {
         Some(found) if found != kind => Err(MotionError::Kind(found)),
-        Some(_) if length == numbers.len() as f64 => Ok(rest),
+        Some(_) if length == numbers.len() as f64 => Ok((format, rest)),
         _ => Err(MotionError::Damaged),
     }
 }
@@ -212,8 +223,12 @@ mod tests {
     fn what_was_written_is_read() {
         for kind in Kind::ALL {
             let numbers = written(kind);
-            assert_eq!(numbers, [3.0, kind.number(), 7.0, 2.0, 1.0, 0.5, -7.0]);
+            assert_eq!(numbers, [4.0, kind.number(), 7.0, 2.0, 1.0, 0.5, -7.0]);
             assert_eq!(read(kind, &numbers), Ok(vec![0.5, -7.0]));
+            let before = [&[3.0], &numbers[1..]].concat();
+            assert_eq!(read(kind, &before), Ok(vec![0.5, -7.0]));
+            let format = Reader::read(kind, &before, |it| it.take(4).map(|_| it.format()));
+            assert_eq!(format, Ok(3.0));
         }
     }
 
@@ -243,9 +258,9 @@ mod tests {
             numbers[k] = value;
             assert_eq!(read(Kind::Point, &numbers), Err(MotionError::Damaged), "{k}: {value}");
         }
-        let later = [4.0, 1.0, 3.0];
-        assert_eq!(read(Kind::Point, &later), Err(MotionError::Format(4.0)));
-        let message = "the stored motion has format 4, this zivi reads 3";
-        assert_eq!(MotionError::Format(4.0).to_string(), message);
+        let later = [5.0, 1.0, 3.0];
+        assert_eq!(read(Kind::Point, &later), Err(MotionError::Format(5.0)));
+        let message = "the stored motion has format 5, this zivi reads 4";
+        assert_eq!(MotionError::Format(5.0).to_string(), message);
     }
 }

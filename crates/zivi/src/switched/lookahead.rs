@@ -24,7 +24,8 @@
 
 use super::stages::Counted;
 use crate::record::failure::Failure;
-use crate::zeno::tail::{Tail, TailArc};
+use crate::zeno::arc::TailArc;
+use crate::zeno::tail::Tail;
 use crate::Force;
 
 /// Where a smooth force and its best line meet, as parts of the way from the middle to an end.

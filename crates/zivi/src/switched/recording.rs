@@ -147,7 +147,7 @@ impl<'f, E, F: Force<E>> Absorb<SwitchedIntegrator, Counted<'f, F>, E> for Runni
     ) -> Result<(), Ending<E>> {
         match piece {
             Piece::Flight { from, sigma, impact } => self.flight(from, sigma, impact, force),
-            Piece::Tail(tail) => self.tail(tail),
+            Piece::Tail(tail) => self.tail(tail, force),
             Piece::Rest { from, lifted } => self.rest(from, lifted),
         }
     }
@@ -251,8 +251,15 @@ impl<E> Running<'_, E> {
         Ok(None)
     }
 
-    fn tail(&mut self, mut tail: Tail) -> Result<(), Ending<E>> {
+    fn tail<F: Force<E>>(
+        &mut self,
+        mut tail: Tail,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Ending<E>> {
         let (end, after) = (self.method.now.t, self.method.point());
+        if end > self.dense_from() {
+            force.bend(&mut tail)?;
+        }
         let stop = self.seek_in_tail(&tail, (end, after));
         let until = until(&stop, end);
         self.sample_until(until, |t| tail.at(t));

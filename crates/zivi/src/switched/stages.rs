@@ -9,6 +9,7 @@ use crate::numeric::tableau::Pair;
 use crate::record::failure::Failure;
 use crate::system::evaluation::{ends_at_the_wall, evaluate};
 use crate::system::stops::Smooth;
+use crate::zeno::tail::Tail;
 use crate::{Force, Physical};
 
 /// The state of the mass at a time.
@@ -112,6 +113,20 @@ impl<'a, F> Counted<'a, F> {
                 evaluate(&mut { *linear }, t, Physical { x, xdot })
             }
             None => self.at(t, x, xdot),
+        }
+    }
+
+    /// Gives the arcs of a tail the accelerations of the force at the wall.
+    pub(crate) fn bend<E>(&mut self, tail: &mut Tail) -> Result<(), Failure<E>>
+    where
+        F: Force<E>,
+    {
+        if self.dependence::<E>() == crate::Dependence::Constant {
+            return Ok(());
+        }
+        match tail.bend(|t, xdot| self.known_at(t, 0.0, xdot)) {
+            Err(Failure::Status(_)) => Ok(()),
+            bent => bent,
         }
     }
 

@@ -6,8 +6,8 @@
 //!           start, sigma, kind, first, degree, h  of each segment,  the coefficients,  the tails ]
 //! ```
 //!
-//! Formats 1 and 2 had the same numbers, format 1 without power series among the segments, whose
-//! `degree` is how many terms they have and whose second coefficient is the velocity at the start.
+//! The `degree` of a power series is how many terms it has, its second coefficient the velocity at the
+//! start. Before format 4 tails had no accelerations, format 1 had no power series.
 
 use zivi_core::Restitution;
 
@@ -16,7 +16,7 @@ use super::path::{DensePath, Kind, Segment};
 use crate::numeric::bernstein::MOST_DEGREE;
 use crate::record::point::is_sigma;
 use crate::record::stored::{as_count, Kind as Stored, MotionError, Reader, Writer};
-use crate::zeno::tail::{Tail, TAIL_NUMBERS};
+use crate::zeno::tail::Tail;
 use crate::PathPoint;
 
 /// What is known of a run between its samples: the dense output, if it was kept, and the arcs that
@@ -69,8 +69,7 @@ fn write_tails(out: &mut Writer, tails: &[Tail]) {
 }
 
 fn read_tails(from: &mut Reader<'_>, n: usize) -> Option<Vec<Tail>> {
-    let numbers = from.take(TAIL_NUMBERS.checked_mul(n)?)?;
-    numbers.chunks_exact(TAIL_NUMBERS).map(Tail::from_numbers).collect()
+    (0..n).map(|_| Tail::read(from)).collect()
 }
 
 impl DensePath {
@@ -165,6 +164,7 @@ fn segment([start, sigma, code, first, degree, h]: [f64; 6]) -> Option<Segment> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::zeno::stored::TAIL_NUMBERS;
     use crate::{
         simulate_switched_rk, Flights, LinearForce, Output, Physical, Restitution, Silent,
         SwitchedRk,
@@ -275,8 +275,8 @@ mod tests {
             }
         }
         let mut later = numbers.clone();
-        later[0] = 4.0;
-        assert_eq!(Motion::from_numbers(&later), Err(MotionError::Format(4.0)));
+        later[0] = 5.0;
+        assert_eq!(Motion::from_numbers(&later), Err(MotionError::Format(5.0)));
     }
 
     /// Whatever the numbers are, a motion that is made of them can be asked for anything.

@@ -83,7 +83,11 @@ impl SwitchedIntegrator {
                     }
                 }
                 Piece::Flight { .. } => {}
-                Piece::Tail(tail) => path.push_tail(tail),
+                Piece::Tail(tail) => {
+                    let mut tail = tail.clone();
+                    force.bend(&mut tail)?;
+                    path.push_tail(&tail);
+                }
                 Piece::Rest { from, .. } => path.push_rest(*from, integrator.sigma),
             }
             Ok(())

@@ -1,7 +1,9 @@
 //! Series in powers of the ratio `e` through impacts of a chain.
 
 /// Most terms of a series.
-pub(super) const TERMS: usize = 4;
+///
+/// With `e` of 0.99 to 0.999 4 leave errors of positions of 100 times `rtol` of the first apex, 5 of one.
+pub(super) const TERMS: usize = 6;
 /// Parts of the tail at which tails are compared.
 pub(super) const PARTS: [f64; 4] = [0.25, 0.5, 0.7, 0.9];
 
@@ -62,17 +64,56 @@ pub(super) fn fit(e: f64, stride: usize, terms: usize, values: [f64; TERMS]) -> 
     a
 }
 
+/// The `a` with `q_i sum_k a_k q_i^k = values_i` at the `q_i = e^m` of the arcs `m = (terms - 1 - i) stride`
+/// after the chain, the last of them first.
+pub(super) fn fit_ahead(
+    e: f64,
+    stride: usize,
+    terms: usize,
+    mut values: [f64; TERMS],
+) -> [f64; TERMS] {
+    // in units of the first of these q
+    for (value, q) in values.iter_mut().zip(points(e, stride)) {
+        *value /= q;
+    }
+    let unit = libm::pow(e, ((terms - 1) * stride) as f64);
+    let (mut a, mut power) = (fit(e, stride, terms, values), unit);
+    for a in &mut a {
+        power *= unit;
+        *a /= power;
+    }
+    a
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn the_fit_reproduces_a_series() {
-        let a = [1.0, -0.4, 0.2, 0.05];
+        let a = [1.0, -0.4, 0.2, 0.05, 0.0, 0.0];
         let values = std::array::from_fn(|i| series(&a, 0.5f64.powi(-(i as i32))));
         let fitted = fit(0.5, 1, 4, values);
-        for k in 0..4 {
+        for k in 0..TERMS {
             assert!((fitted[k] - a[k]).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn a_series_in_the_arcs_ahead_is_reproduced() {
+        let a = [0.3, 1.0, -0.4, 0.2, 0.0, 0.0];
+        for (e, stride) in [(0.1_f64, 1), (0.5, 1), (0.9, 5), (0.9999, 5000)] {
+            let q = |m: usize| e.powi(m as i32);
+            let mut values = [0.0; TERMS];
+            for i in 0..4 {
+                let q = q((3 - i) * stride);
+                values[i] = q * series(&a, q);
+            }
+            let fitted = fit_ahead(e, stride, 4, values);
+            for m in [0, 1, stride, 2 * stride, 7 * stride] {
+                let (q, part) = (q(m), q(m) * series(&fitted, q(m)));
+                assert!((part - q * series(&a, q)).abs() < 1e-13 * q, "{e} {m}");
+            }
         }
     }
 

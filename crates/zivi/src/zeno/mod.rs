@@ -12,11 +12,14 @@
 //! * [`table`]: extrapolation of times and states.
 //! * [`rates`]: their derivatives.
 //! * `fit`: series in those powers through impacts of a chain.
-//! * [`tail`]: the arcs between the last of them and that point.
+//! * [`arc`]: one arc.
+//! * [`tail`]: the arcs between the last of them and that point; `stored` their numbers.
 
+pub(crate) mod arc;
 pub(crate) mod chain;
 mod fit;
 pub(crate) mod rates;
+pub(crate) mod stored;
 pub(crate) mod table;
 pub(crate) mod tail;
 

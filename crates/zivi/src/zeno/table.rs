@@ -97,7 +97,7 @@ impl<Z: Coordinates> Table<Z> {
     ///
     /// The estimate is at least what rounding does: each column magnifies that of the one before by
     /// `(1 + p)/(1 - p)`, with the power `p` that it removes. Where that is large, a component whose
-    /// rows differ by nothing but rounding is the newest of them: so it is under a constant pull.
+    /// rows differ by nothing but rounding is the oldest of them: so it is under a constant pull.
     #[inline]
     pub(crate) fn landing(
         &mut self,
@@ -133,13 +133,14 @@ impl<Z: Coordinates> Table<Z> {
     }
 }
 
-/// The newest row, and NaN for components in which the rows differ by more than rounding.
+/// The oldest row, which has least of the rounding of the impacts, and NaN for components in which the
+/// rows differ by more than rounding.
 fn settled<Z: Coordinates>(rows: &[f64], noise: &[f64]) -> Z {
     let mut settled = Z::zeros(noise.len());
     for (c, value) in settled.as_mut_slice().iter_mut().enumerate() {
         let mut all = rows.iter().skip(c).step_by(noise.len());
         let agree = all.all(|row| (row - rows[c]).abs() <= AGREE * noise[c]);
-        *value = if agree { rows[c] } else { f64::NAN };
+        *value = if agree { rows[rows.len() - noise.len() + c] } else { f64::NAN };
     }
     settled
 }

@@ -7,14 +7,18 @@
 //! ```
 //!
 //! are the times of the impacts and the speeds after them; `C` and `D` make (1) exact at impacts
-//! of the chain (`m <= 0`). On the arc `[T(m), T(m+1)]` the position is the cubic with `x = 0` at
-//! both ends and the velocities `U(m)` and `-U(m+1)/e` there.
+//! of the chain (`m <= 0`). On the arc `[T(m), T(m+1)]` the position is `x = 0` at both ends, where the
+//! velocities are `U(m)` and `-U(m+1)/e`, and the accelerations those of the cubic through these but for
+//!
+//! ```text
+//! a(m) = e^m sum_k A_k e^(km)                                                               (2)
+//! ```
+//!
+//! at either end, with `A` from the force at a few of the arcs ([`Tail::bend`]), else zero.
 
+use super::arc::TailArc;
 use super::chain::Bounce;
-use super::fit::{fit, rounding, series, stride, PARTS, TERMS};
-use crate::numeric::bernstein::Bernstein;
-use crate::record::point::is_sigma;
-use crate::record::user_events::Level;
+use super::fit::{fit, fit_ahead, rounding, series, stride, PARTS, TERMS};
 use crate::{Impact, PathPoint};
 
 /// What rounding may do to positions, relative to the height of the first arc, before terms must
@@ -26,83 +30,25 @@ const TOLD: f64 = 4.0;
 /// The arcs between the last computed impact and the Zeno point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tail {
-    e: f64,
-    start: f64,
-    zeno: f64,
+    pub(super) e: f64,
+    pub(super) start: f64,
+    pub(super) zeno: f64,
     /// Up to when the run went: `zeno`, unless an event ended it before.
-    until: f64,
-    sigma: f64,
-    c: [f64; TERMS],
-    d: [f64; TERMS],
+    pub(super) until: f64,
+    pub(super) sigma: f64,
+    pub(super) c: [f64; TERMS],
+    pub(super) d: [f64; TERMS],
+    /// Of equation (2), at the start and at the end of an arc.
+    pub(super) bends: [[f64; TERMS]; 2],
 }
 
-/// One arc: where it starts and ends, and the velocities there.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct TailArc {
-    pub(crate) start: f64,
-    pub(crate) end: f64,
-    pub(crate) u: f64,
-    pub(crate) incoming: f64,
-    pub(crate) sigma: f64,
-    /// As `end - start`, with the precision of the speeds: near the end of a long tail, and where `e` is
-    /// near 1, rounding of the times is much of that difference.
-    pub(crate) length: f64,
-}
-
-impl TailArc {
-    pub(crate) fn at(&self, t: f64) -> PathPoint {
-        let h = self.end - self.start;
-        let theta = ((t - self.start) / h).clamp(0.0, 1.0);
-        let rest = 1.0 - theta;
-        let (u, w) = (self.u, self.incoming);
-        let x = h * theta * rest * (u * rest - w * theta);
-        let xdot = u * rest * (1.0 - 3.0 * theta) + w * theta * (3.0 * theta - 2.0);
-        PathPoint { x, xdot, sigma: self.sigma }
-    }
-
-    /// Of the cubic.
-    pub(crate) fn acceleration(&self, t: f64) -> f64 {
-        let h = self.length;
-        let theta = ((t - self.start) / h).clamp(0.0, 1.0);
-        let (u, w) = (self.u, self.incoming);
-        (u * (6.0 * theta - 4.0) + w * (6.0 * theta - 2.0)) / h
-    }
-}
-
-impl TailArc {
-    /// When a level is crossed.
-    pub(crate) fn crossings(&self, level: Level) -> Vec<f64> {
-        let h = self.end - self.start;
-        let (u, w) = (self.u, self.incoming);
-        let all = match level {
-            Level::Position(c) => Bernstein::hermite((0.0, h * u), (0.0, h * w)).crossings(c),
-            Level::Velocity(c) => Bernstein::new(&[u, -(u + w), w]).crossings(c),
-        };
-        all.iter().map(|theta| (self.start + theta * h).min(self.end)).collect()
-    }
-}
-
-/// Numbers that a tail consists of.
-pub(crate) const TAIL_NUMBERS: usize = 5 + 2 * TERMS;
+/// The arcs at which the force is asked for equation (2) lie so far apart that the speed falls by this
+/// factor, if not by `e` from one to the next.
+const APART: f64 = 0.6;
+/// So many arcs.
+const ASKED: usize = 2;
 
 impl Tail {
-    /// All that it consists of.
-    pub(crate) fn to_numbers(&self) -> Vec<f64> {
-        let Self { e, start, zeno, until, sigma, c, d } = self;
-        [*e, *start, *zeno, *until, *sigma].iter().chain(c).chain(d).copied().collect()
-    }
-
-    /// What [`Tail::to_numbers`] came from; `None` for numbers that are none of a tail.
-    pub(crate) fn from_numbers(numbers: &[f64]) -> Option<Self> {
-        let (head, series) = numbers.split_at_checked(5)?;
-        let &[e, start, zeno, until, sigma] = head else { return None };
-        let (c, d) = series.split_at_checked(TERMS)?;
-        let finite = numbers.iter().all(|number| number.is_finite());
-        let ordered = start <= until && until <= zeno && 0.0 < e && e < 1.0 && is_sigma(sigma);
-        let (c, d) = (c.try_into().ok()?, d.try_into().ok()?);
-        (finite && ordered).then_some(Self { e, start, zeno, until, sigma, c, d })
-    }
-
     /// The tail of a chain of at least one impact that comes to rest at `zeno`.
     ///
     /// With as many terms as the chain has points for, unless rounding of the times would be seen:
@@ -141,7 +87,37 @@ impl Tail {
             (t[i], u[i]) = (zeno - bounce.t, bounce.u);
         }
         let (c, d) = (fit(e, stride, terms, t), fit(e, stride, terms, u));
-        Self { e, start: bounces[last].t, zeno, until: zeno, sigma, c, d }
+        let bends = [[0.0; TERMS]; 2];
+        Self { e, start: bounces[last].t, zeno, until: zeno, sigma, c, d, bends }
+    }
+
+    /// Takes the accelerations at both ends of the arcs from the force, `force(t, x')` at the wall. Without
+    /// them the arcs are cubics: exact under a constant force.
+    pub(crate) fn bend<E>(
+        &mut self,
+        mut force: impl FnMut(f64, f64) -> Result<f64, E>,
+    ) -> Result<(), E> {
+        let stride = (libm::log(APART) / libm::log(self.e)).round().max(1.0) as usize;
+        let Some(terms) = (1..=ASKED).rev().find(|n| self.arc((n - 1) * stride).is_some()) else {
+            return Ok(());
+        };
+        let mut values = [[0.0; TERMS]; 2];
+        for i in 0..terms {
+            let Some(arc) = self.arc((terms - 1 - i) * stride) else { return Ok(()) };
+            let cubic = arc.accelerations();
+            let found = [force(arc.start, arc.u)?, force(arc.end, arc.incoming)?];
+            for side in 0..2 {
+                values[side][i] = found[side] - cubic[side];
+                if !arc.allows(values[side][i]) {
+                    return Ok(());
+                }
+            }
+        }
+        let bends = values.map(|values| fit_ahead(self.e, stride, terms, values));
+        if bends.iter().flatten().all(|term| term.is_finite()) {
+            self.bends = bends;
+        }
+        Ok(())
     }
 
     /// How far the positions are from those of another tail of the same chain at most, relative to
@@ -222,7 +198,10 @@ impl Tail {
         let (start, end) = (self.time(n), self.time(n + 1.0).min(self.zeno));
         let sigma = if m.is_multiple_of(2) { self.sigma } else { -self.sigma };
         let incoming = -self.speed(n + 1.0) / self.e;
-        let arc = TailArc { start, end, u: self.speed(n), incoming, sigma, length: self.flight(n) };
+        let (u, length) = (self.speed(n), self.flight(n));
+        let q = libm::pow(self.e, n);
+        let bends = self.bends.map(|terms| q * series(&terms, q));
+        let arc = TailArc { start, end, u, incoming, sigma, length, bends };
         (end > start && arc.u > 0.0 && incoming < 0.0).then_some(arc)
     }
 
@@ -346,7 +325,10 @@ mod tests {
         let last = chain[2];
         let zeno = last.t + 2.0 * last.u / (g * (1.0 - e));
         let tail = Tail::new(&chain, e, zeno, 1.0);
-        assert_eq!((tail.c[1..].to_vec(), tail.d[1..].to_vec()), (vec![0.0; 3], vec![0.0; 3]));
+        assert_eq!(
+            (tail.c[1..].to_vec(), tail.d[1..].to_vec()),
+            (vec![0.0; TERMS - 1], vec![0.0; TERMS - 1])
+        );
         // t_n = 8000 - 8000 q - 5 q^2 + q^3 over 5000 impacts: both further terms are seen
         let mut chain = Vec::new();
         for n in 0..5000 {
@@ -364,10 +346,47 @@ mod tests {
     }
 
     #[test]
+    fn arcs_bend_with_a_smooth_force_only() {
+        // x'' = -2 and at the ends of arcs a little more and less, which falls with q^2
+        let bounce = |q: f64| Bounce { t: 2.0 - 2.0 * q, u: q, g: 2.0 };
+        let chain: Vec<Bounce> = (0..8).map(|n| bounce(0.5_f64.powi(n))).collect();
+        let cubic = Tail::new(&chain, 0.5, 2.0, 1.0);
+        let part = |m: usize| (0.5_f64.powi(m as i32)).powi(2) * 0.3;
+        let bend = |least: f64| {
+            let mut tail = cubic.clone();
+            let starts: Vec<f64> = (0..5).map(|m| cubic.time(f64::from(m))).collect();
+            let force = |t: f64, v: f64| -> Result<f64, ()> {
+                let m = starts.iter().rposition(|&start| start <= t).unwrap_or(0);
+                let m = if v > 0.0 { m } else { m - 1 };
+                Ok(-2.0 + least * part(m) * v.signum())
+            };
+            assert_eq!(tail.bend(force), Ok(()));
+            tail
+        };
+        let tail = bend(1.0);
+        for m in 0..8 {
+            let [a, b] = tail.arc(m).unwrap().bends;
+            assert!((a - part(m)).abs() < 1e-12 && (b + part(m)).abs() < 1e-12, "{m}: {a} {b}");
+        }
+        // what moves arcs by as much as they are high is none of their motion
+        assert_eq!(bend(10.0), cubic);
+        assert_eq!(bend(f64::NAN), cubic);
+    }
+
+    #[test]
     fn the_length_of_an_arc_keeps_its_digits() {
         // t_n = 1 - 0.9 q - 0.1 q^2
-        let (e, c) = (0.5_f64, [0.9, 0.1, 0.0, 0.0]);
-        let tail = Tail { e, start: 0.0, zeno: 1.0, until: 1.0, sigma: 1.0, c, d: c };
+        let (e, c) = (0.5_f64, [0.9, 0.1, 0.0, 0.0, 0.0, 0.0]);
+        let tail = Tail {
+            e,
+            start: 0.0,
+            zeno: 1.0,
+            until: 1.0,
+            sigma: 1.0,
+            c,
+            d: c,
+            bends: [[0.0; TERMS]; 2],
+        };
         for m in [0, 1, 20, 50] {
             let (q, arc) = (e.powi(m as i32), tail.arc(m).unwrap());
             let exact = 0.9 * q * 0.5 + 0.1 * q * q * 0.75;
