@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import zivi
@@ -27,10 +28,33 @@ def test_a_push_from_the_start_on_is_seen():
     sol = zivi.simulate(zivi.ImpactSystem(later, e=0.5), (1, 11), (0, 0))
     assert sol.success
     assert sol.liftoff_times[:1] == pytest.approx([1], abs=1e-9)
-    # at t = 0 there is no shortest time: the run ends, and does not say that it rests
-    method = zivi.SwitchedRK(max_steps=1000)
-    sol = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 10), (0, 0), method)
-    assert not sol.success or sol.liftoff_times[:1] == pytest.approx([0], abs=1e-9)
+    # at t = 0 there is no shortest time but that of the span
+    sol = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 10), (0, 0))
+    assert sol.success
+    assert sol.liftoff_times[:1] == pytest.approx([0], abs=1e-14)
+
+
+@pytest.mark.parametrize("t0", [0.0, -2.0, 3.0])
+@pytest.mark.parametrize("masses", [[1], [1, 2]])
+def test_a_force_that_jumps_at_the_start_lifts_off_there(t0, masses):
+    """In one second `5 m/s^2` move a mass by 2.5 m."""
+
+    def force(t, x, v):
+        return -9.81 if t <= t0 else 5.0
+
+    span, n = (t0, t0 + 1), len(masses)
+    sol = zivi.simulate(zivi.ImpactSystem(force, e=0.5), span, (0, 0))
+    assert sol.success
+    assert sol.liftoff_times == pytest.approx([t0], abs=1e-9)
+    assert sol.x[-1] == pytest.approx(2.5, abs=1e-9)
+    # a stack that is thrown up as a whole
+    gaps = [zivi.LinearGap(row) for row in np.eye(n) - np.eye(n, k=-1)]
+    push = lambda t, q, w: [m * force(t, 0, 0) for m in masses]  # noqa: E731
+    stack = zivi.MechanicalSystem(mass=np.diag(masses), force=push, gaps=gaps, e=0.5)
+    sol = zivi.simulate(stack, span, (np.zeros(n), np.zeros(n)))
+    assert sol.success
+    assert sol.liftoffs["t"][:1] == pytest.approx([t0], abs=1e-9)
+    assert sol.q[-1] == pytest.approx(np.full(n, 2.5), abs=1e-9)
 
 
 def test_a_push_along_a_floor_is_seen():

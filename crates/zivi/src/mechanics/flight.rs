@@ -40,7 +40,7 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let plan = self.plan(t_end, model)?;
-        let (mut h, shortest) = (plan.h, 8.0 * f64::EPSILON * self.now.t.abs());
+        let (mut h, shortest) = (plan.h, self.shortest_step());
         self.control.jump = self.control.jump.next();
         loop {
             self.control.spend(&self.settings)?;
@@ -68,6 +68,12 @@ impl Machine {
             let may_jump = matches!(why, Status::StepSizeTooSmall | Status::ContactNotSolved);
             h = self.control.shorter(h, shortest, (factor, why), may_jump)?;
         }
+    }
+
+    /// No step is shorter: below it rounding of the time is, at `t = 0` that of a time of rest.
+    fn shortest_step(&self) -> f64 {
+        let rest = if self.contacts.closed.is_empty() { 0.0 } else { self.probes.horizon() };
+        (8.0 * f64::EPSILON * self.now.t.abs()).max(f64::EPSILON * rest)
     }
 
     fn plan<E, D: Dynamics<E>>(

@@ -73,6 +73,11 @@ impl ContactProbes {
         self.horizon = self.horizon.max(until - t);
         self.probes.end(t, until)
     }
+
+    /// How far the end of the run was ahead when these gaps closed (s).
+    pub(super) fn horizon(&self) -> f64 {
+        self.horizon
+    }
 }
 
 /// A contact force over a step.

@@ -146,7 +146,10 @@ impl Lookout {
         rest.horizon = rest.horizon.max(until - t);
         let until = self.probes.end(t, until);
         let mut length = self.length.unwrap_or(until - t).min(longest).min(until - t);
-        let shortest = (SHORTEST * self.longest).max(32.0 * f64::EPSILON * t.abs());
+        // at t = 0 there is no rounding of the time yet that ends the search for a jump
+        let shortest = (SHORTEST * self.longest)
+            .max(32.0 * f64::EPSILON * t.abs())
+            .max(f64::EPSILON * rest.horizon);
         let fit = loop {
             let mut fit = Fit::new(t, first, length, &mut phi)?;
             if fit.is_finite() {
@@ -343,5 +346,7 @@ mod tests {
         assert_eq!(search(1.0, 10.0, |_| 0.0).0, None);
         let (step, n) = search(1.0, 10.0, |t| if t < 4.7 { -1.0 } else { 2.0 });
         assert!((step.unwrap() - 4.7).abs() < 1e-11 && n < 600, "{step:?} {n}");
+        let (at_once, n) = search(1.0, 10.0, |t| if t <= 0.0 { -1.0 } else { 2.0 });
+        assert!(at_once.is_some_and(|t| t > 0.0 && t < 1e-15) && n < 600, "{at_once:?} {n}");
     }
 }
