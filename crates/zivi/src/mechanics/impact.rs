@@ -8,7 +8,7 @@
 //!
 //! Energy never rises, whatever the `e_i`: `E+ - E- = 1/2 sum_(P_i > 0) (1 - e_i) P_i g-_i <= 0`.
 
-use super::kinetics::Model;
+use super::kinetics::{without_rounding, Model};
 use super::lcp;
 use super::machine::{problem, Machine, Piece};
 use super::mode::Next;
@@ -197,7 +197,7 @@ impl Machine {
         let g = if least > 0.0 { -self.aside.acceleration[n + first] } else { least };
         self.aside.contact(key.closed.with(key.hit))?;
         let mut rates = v.to_vec();
-        rates.extend_from_slice(&self.aside.acceleration);
+        rates.append(&mut self.aside.accelerations());
         let bounce = Bounce { t: self.now.t, u: self.now.xdot[n + first], g };
         self.gathered.chain.turn_to(key, e);
         self.gathered.chain.note(bounce, &z, &rates)?;
@@ -223,6 +223,7 @@ impl Machine {
             self.kinetics.solve(set, |at, i| -at.rate(i, w))?;
             self.kinetics.apply(set, &mut v[..n]);
         }
+        without_rounding(&mut v[..n], &self.now.xdot);
         let speeds = &self.now.xdot[n..];
         self.kinetics.solve(set, |_, i| -speeds[i])?;
         for k in 0..self.layout.m {

@@ -58,8 +58,17 @@ const SKEW: f64 = 1e-8;
 const ORTHOGONAL: f64 = 1e-12;
 /// Rounding of an acceleration or a speed of a gap, relative to its terms.
 const NOISE: f64 = 256.0 * f64::EPSILON;
-/// Rounding of an acceleration in contact, relative to that without.
+/// Rounding of accelerations and velocities in contact, relative to those without.
 const LEFT: f64 = 16.0 * f64::EPSILON;
+
+/// Sets to zero what is rounding of the numbers that it comes from.
+pub(super) fn without_rounding(values: &mut [f64], of: &[f64]) {
+    for (value, of) in values.iter_mut().zip(of) {
+        if value.abs() <= LEFT * of.abs() {
+            *value = 0.0;
+        }
+    }
+}
 
 impl Kinetics {
     pub(super) fn new(layout: Layout) -> Self {
@@ -112,11 +121,7 @@ impl Kinetics {
     /// `q''`, then `g''`, without what rounding leaves of `q''` in contact: over a long time it is a way.
     pub(super) fn accelerations(&self) -> Vec<f64> {
         let mut all = self.acceleration.clone();
-        for (a, free) in all.iter_mut().zip(&self.free) {
-            if a.abs() <= LEFT * free.abs() {
-                *a = 0.0;
-            }
-        }
+        without_rounding(&mut all, &self.free);
         all
     }
 

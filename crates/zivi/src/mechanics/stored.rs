@@ -85,7 +85,7 @@ impl MechanicalPath {
             let [start, end] = from.row()?;
             let arcs = match from.flag()? {
                 false => None,
-                true => Some(Tail::read(from)?),
+                true => Some(Box::new(Tail::read(from)?)),
             };
             path.skipped.push(SkippedArcs { start, end, arcs, rows: from.rows(size)? });
         }

@@ -32,7 +32,7 @@ pub(super) struct SkippedArcs {
     pub(super) start: f64,
     pub(super) end: f64,
     /// The arcs of the bouncing gap; none for the motion in contact alone.
-    pub(super) arcs: Option<Tail>,
+    pub(super) arcs: Option<Box<Tail>>,
     /// By component: the coefficients of `c`, then both ends of `r`.
     pub(super) rows: Vec<[f64; 8]>,
 }
@@ -42,7 +42,7 @@ impl SkippedArcs {
     pub(super) fn of_chain(chain: &Chain<Vec<f64>, Key>, zeno: f64, ends: [EndOfArcs; 2]) -> Self {
         let arcs = chain.tail(zeno, 1.0);
         let start = arcs.start();
-        Self { arcs: Some(arcs), ..Self::between(start, zeno, ends) }
+        Self { arcs: Some(Box::new(arcs)), ..Self::between(start, zeno, ends) }
     }
 
     /// The motion in contact between two times.

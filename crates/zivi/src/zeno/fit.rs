@@ -105,9 +105,9 @@ mod tests {
         for (e, stride) in [(0.1_f64, 1), (0.5, 1), (0.9, 5), (0.9999, 5000)] {
             let q = |m: usize| e.powi(m as i32);
             let mut values = [0.0; TERMS];
-            for i in 0..4 {
+            for (i, value) in values.iter_mut().enumerate().take(4) {
                 let q = q((3 - i) * stride);
-                values[i] = q * series(&a, q);
+                *value = q * series(&a, q);
             }
             let fitted = fit_ahead(e, stride, 4, values);
             for m in [0, 1, stride, 2 * stride, 7 * stride] {

@@ -17,8 +17,8 @@ pub(super) const ROWS: usize = 7;
 /// From this growth of rounding in the first column on, rows that agree are not extrapolated: with rows
 /// a tenth of the speed apart it is 10.
 const COARSE: f64 = 24.0;
-/// Rows agree within so many times their rounding.
-const AGREE: f64 = 16.0;
+/// Rows agree within so many times their rounding: over 10 000 impacts that of the speeds adds up to 30.
+const AGREE: f64 = 64.0;
 
 /// The extrapolated end of an accumulation.
 #[derive(Clone, Debug, PartialEq)]

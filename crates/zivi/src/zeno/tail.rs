@@ -102,15 +102,14 @@ impl Tail {
             return Ok(());
         };
         let mut values = [[0.0; TERMS]; 2];
-        for i in 0..terms {
+        let [starts, ends] = &mut values;
+        for (i, (first, last)) in starts.iter_mut().zip(ends).enumerate().take(terms) {
             let Some(arc) = self.arc((terms - 1 - i) * stride) else { return Ok(()) };
-            let cubic = arc.accelerations();
-            let found = [force(arc.start, arc.u)?, force(arc.end, arc.incoming)?];
-            for side in 0..2 {
-                values[side][i] = found[side] - cubic[side];
-                if !arc.allows(values[side][i]) {
-                    return Ok(());
-                }
+            let [a, b] = arc.accelerations();
+            *first = force(arc.start, arc.u)? - a;
+            *last = force(arc.end, arc.incoming)? - b;
+            if !(arc.allows(*first) && arc.allows(*last)) {
+                return Ok(());
             }
         }
         let bends = values.map(|values| fit_ahead(self.e, stride, terms, values));
