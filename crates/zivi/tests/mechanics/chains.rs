@@ -179,6 +179,28 @@ fn follow(chain: &Chain, apart: f64) -> (Vec<Hit>, Option<Vec<f64>>) {
     }
 }
 
+/// As [`follow`], as long as speeds that are larger by 1e-12 change nothing by 1e-9: many elastic impacts
+/// in short sequence magnify rounding without a bound.
+fn follow_surely(chain: &Chain) -> (Vec<Hit>, Option<Vec<f64>>) {
+    const APART: f64 = 1e-4;
+    let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
+    let Linear { mass, gaps, e, q, w } = &chain.system;
+    let w = w.iter().map(|w| w * (1.0 + 1e-12)).collect();
+    let system = Linear { mass: mass.clone(), gaps: gaps.clone(), e: e.clone(), q: q.clone(), w };
+    let (mut hits, end) = follow(chain, APART);
+    let (others, other) = follow(&Chain { system, force: chain.force.clone() }, APART);
+    let same = |(a, b): &(&Hit, &Hit)| {
+        a.1 == b.1 && near(a.0, b.0) && near(a.2, b.2) && near(a.3, b.3) && near(a.4, b.4)
+    };
+    let known = hits.iter().zip(&others).take_while(same).count();
+    let whole = known == hits.len() && known == others.len();
+    hits.truncate(known);
+    let sure = |end: &Vec<f64>| {
+        whole && other.is_some_and(|other| end.iter().zip(other).all(|(a, b)| near(*a, b)))
+    };
+    (hits, end.filter(sure))
+}
+
 /// Signs, complementarity and energy of what a run calls impacts.
 fn check_laws(chain: &Chain, run: &MechanicalRun<std::convert::Infallible>, name: &str) {
     let (mut work, mut group, mut lost) = (0.0, 0, 0.0);
@@ -224,7 +246,9 @@ fn check(chain: &Chain, name: &str) -> (usize, bool) {
     let run = chain.system.run(|_| chain.force.clone(), END, SwitchedRk::default());
     assert_eq!(run.status, Status::Completed, "{name}: {:?}", chain.system);
     check_laws(chain, &run, name);
-    let (hits, end) = follow(chain, 1e-4);
+    let run = chain.system.run(|_| chain.force.clone(), END, SwitchedRk::with_tol(1e-10));
+    assert_eq!(run.status, Status::Completed, "{name}: {:?}", chain.system);
+    let (hits, end) = follow_surely(chain);
     let mut found: Vec<Hit> = Vec::new();
     let mut jumped = false;
     for it in &run.occurrences {
