@@ -34,7 +34,7 @@ help:
 	@echo 'make sdist-test  the source distribution, installed with cargo and without'
 	@echo 'make clean   remove everything that was built'
 
-paper: $(READY)
+paper: $(VENV)/.figures
 	$(BIN)/zivi paper --out $(OUT)
 
 test: test-rust test-python
@@ -90,12 +90,20 @@ $(VENV)/.packages: constraints.txt pyproject.toml
 	    --constraint constraints.txt maturin
 	@touch $@
 
+# the extension, with what the figures need, or with what the tests and linters do
+INSTALL = PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install --quiet \
+    --disable-pip-version-check --constraint constraints.txt --no-build-isolation \
+    $(if $(OLDER),--config-settings=build-args=--no-default-features) --editable
+
+$(VENV)/.figures: $(VENV)/.packages $(SOURCES)
+	@sh tools/check-tools.sh '$(PYTHON)'
+	$(INSTALL) '.[cli]'
+	@touch $@
+
 $(READY): $(VENV)/.packages $(SOURCES)
 	@sh tools/check-tools.sh '$(PYTHON)'
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install --quiet \
-	    --disable-pip-version-check --constraint constraints.txt --no-build-isolation \
-	    $(if $(OLDER),--config-settings=build-args=--no-default-features) --editable '.[test,lint]'
-	@touch $@
+	$(INSTALL) '.[test,lint]'
+	@touch $@ $(VENV)/.figures
 
 lint: lint-rust lint-python
 

@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from zivi import _machine_code as native
+from zivi.base import machine_code as native
 
 SOURCE = """\
 int model(double t, double *q, double *w, double *out, void *parameters)

@@ -77,7 +77,7 @@ def _scenes(figures: Figures) -> str:
     def row(title: str, values: Iterable[float]) -> tuple[str, ...]:
         return (title, *(f"{value:.1f}" for value in values))
 
-    rows = [row("zivi.simulate", (scene.zivi for scene in scenes))]
+    rows = [row("zivi.simulation.run", (scene.zivi for scene in scenes))]
     for title, attribute in (
         ("C, the same eight arrays, fresh memory", "recording"),
         ("C, one block with large pages", "large"),

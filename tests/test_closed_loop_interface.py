@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import zivi
-import zivi._progress
+import zivi.base.progress
 from control_loops import (
     PAPER,
     PLANT,
@@ -361,7 +361,7 @@ class Terminal(io.StringIO):
 
 def test_progress_counts_the_samples_and_changes_nothing(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(zivi._progress, "DELAY", 0.0)
+    monkeypatch.setattr(zivi.base.progress, "DELAY", 0.0)
     with contextlib.redirect_stderr(Terminal()) as screen:
         shown = loop(t_span=(0, 400), progress=True)
         assert screen.getvalue() != ""

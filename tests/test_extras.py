@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import zivi
-from zivi._extras import EXTRAS
+from zivi.base.extras import EXTRAS
 
 ROOT = Path(__file__).parents[1]
 

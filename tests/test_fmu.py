@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import zivi
 from fmu_unit import Archive, Unit
-from zivi.fmu.table import MODELS
+from zivi.interop.fmu.table import MODELS
 
 DATA = Path(__file__).parent / "data" / "fmi"
 H = 1e-3
@@ -498,7 +498,9 @@ def test_what_is_asked_for_is_checked(tmp_path: Path) -> None:
 def test_without_the_binaries_it_says_how_to_build_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zivi.fmu.export.__file__", str(tmp_path / "zivi" / "fmu" / "export.py"))
+    monkeypatch.setattr(
+        "zivi.interop.fmu.export.__file__", str(tmp_path / "zivi" / "interop" / "fmu" / "export.py")
+    )
     with pytest.raises(FileNotFoundError, match=r"tools/native\.py"):
         zivi.export_fmu(tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -12,11 +12,11 @@ import pytest
 
 import zivi
 from zivi import files
-from zivi._formula import FUNCTIONS, FormulaError, parse
+from zivi.base.formula import FUNCTIONS, FormulaError, parse
 from zivi.files import FileError, commands
-from zivi.symbolic.derive import derive
-from zivi.symbolic.formula import expression
-from zivi.symbolic.quadratic import depends
+from zivi.system.symbolic.derive import derive
+from zivi.system.symbolic.formula import expression
+from zivi.system.symbolic.quadratic import depends
 
 sympy = pytest.importorskip("sympy")
 

@@ -9,7 +9,7 @@ import pytest
 
 import zivi
 from mechanical_models import model, multi_case, ndof_case
-from zivi.mechanics.reactions import multipliers
+from zivi.simulation.reactions import multipliers
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 

@@ -5,7 +5,7 @@ import pytest
 
 import zivi
 from mechanical_models import model
-from zivi import _machine_code
+from zivi.base import machine_code
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 
@@ -75,7 +75,7 @@ def rests(b, e=0.4):
 def test_a_study_of_a_parameter_compiles_nothing(monkeypatch):
     widths = [0.5, 0.8, 1.1]
     known = [rests(b) for b in widths]
-    monkeypatch.setattr(_machine_code, "_compile", None)  # whoever compiles fails
+    monkeypatch.setattr(machine_code, "_compile", None)  # whoever compiles fails
     study = zivi.sweep(rests, {"b": widths}, fixed={"e": 0.4})
     dataset = study.dataset
     assert np.all(dataset["status"] == zivi.StudyStatus.COMPLETED)

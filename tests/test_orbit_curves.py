@@ -11,9 +11,9 @@ import pytest
 import zivi
 from orbit_tables import MODES, TURN, frame, residual, single, table
 from zivi.orbits import least_period
-from zivi.orbits.branch import _weight
 from zivi.orbits.curve import Curve, _secant, locate, locate_near
 from zivi.orbits.find import why_not
+from zivi.orbits.follow import _weight
 from zivi.orbits.sequence import equations
 
 STATUS = zivi.OrbitStatus

@@ -77,7 +77,7 @@ def test_jacobians_are_those_of_differences(name):
     names = {"wall": ["wall.omega", "wall.amplitude", "e"]}.get(name, ["damping", "e", "gravity"])
     if "free" not in name and name != "wall":
         names += ["omega", "phase", "amplitude"]
-    from zivi._parameters import parameter, with_value
+    from zivi.system.parameters import parameter, with_value
 
     for q in names:
         value = parameter(system, q)

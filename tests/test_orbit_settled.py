@@ -11,10 +11,10 @@ import pytest
 
 import zivi
 from orbit_tables import TURN, table
-from zivi.methods import SwitchedRK
 from zivi.orbits import attractor, cells, lyapunov, rest, rest_branch
 from zivi.orbits.attractor import Attractor, Settled
 from zivi.orbits.rest_appears import _is_chain
+from zivi.simulation.methods import SwitchedRK
 
 
 def settled(rows: Any, **other: Any) -> Settled:

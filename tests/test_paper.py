@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import zivi
 from zivi.cli import app
-from zivi.loop_run import SIGNS
+from zivi.control.loop_run import SIGNS
 from zivi.paper import Check, ball, linearisation, rest, robustness, siconos
 from zivi.paper.closed_loops import track
 

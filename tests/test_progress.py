@@ -7,7 +7,7 @@ import sys
 import pytest
 
 import zivi
-import zivi._progress
+import zivi.base.progress
 
 
 class Terminal(io.StringIO):
@@ -19,7 +19,7 @@ class Terminal(io.StringIO):
 def at_once(monkeypatch):
     """Bars appear without delay."""
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(zivi._progress, "DELAY", 0.0)
+    monkeypatch.setattr(zivi.base.progress, "DELAY", 0.0)
 
 
 @contextlib.contextmanager
@@ -58,7 +58,7 @@ def test_a_bar_can_be_refused_on_a_terminal():
 
 
 def test_a_short_run_shows_none():
-    assert zivi._progress.DELAY == 1.0
+    assert zivi.base.progress.DELAY == 1.0
     with terminal() as screen:
         run(progress=True)
     assert screen.getvalue() == ""
@@ -88,12 +88,12 @@ def test_the_bar_is_taken_down_when_the_force_raises():
 def test_reports_count_up_to_all_steps(monkeypatch):
     seen = []
 
-    class Recorder(zivi._progress.ProgressBar):
+    class Recorder(zivi.base.progress.ProgressBar):
         @property
         def report(self):
             return lambda done, of: seen.append((done, of))
 
-    monkeypatch.setattr(sys.modules["zivi.simulate"], "ProgressBar", Recorder)
+    monkeypatch.setattr(sys.modules["zivi.simulation.run"], "ProgressBar", Recorder)
     run(300_000)
     done = [k for k, _ in seen]
     assert done == sorted(set(done))

@@ -435,7 +435,7 @@ def test_the_bar_is_called_sweep(monkeypatch):
             return True
 
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(zivi._progress, "DELAY", 0.0)
+    monkeypatch.setattr(zivi.base.progress, "DELAY", 0.0)
     with contextlib.redirect_stderr(Terminal()) as screen:
         zivi.sweep(functions.product, GRID, progress=True)
     assert "sweep" in screen.getvalue()

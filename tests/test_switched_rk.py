@@ -450,13 +450,13 @@ def test_progress_is_told_as_parts_of_the_span(monkeypatch):
     """Ascending, to the whole; the result does not depend on it."""
     seen = []
 
-    class Recorder(zivi._progress.ProgressBar):
+    class Recorder(zivi.base.progress.ProgressBar):
         @property
         def report(self):
             return lambda done, of: seen.append(done / of)
 
     plain = simulate(TABLE, 0.5, (0, 5000), (0.2, 0), progress=False)
-    monkeypatch.setattr(sys.modules["zivi.simulate"], "ProgressBar", Recorder)
+    monkeypatch.setattr(sys.modules["zivi.simulation.run"], "ProgressBar", Recorder)
     told = simulate(TABLE, 0.5, (0, 5000), (0.2, 0))
     np.testing.assert_array_equal(told.x, plain.x)
     assert told.nfev == plain.nfev

@@ -14,8 +14,8 @@ import sympy
 
 import zivi
 from mechanical_models import MODELS, MULTI, NDOF, compiled, model, multi_case, ndof_case
-from zivi import _machine_code as native
-from zivi.mechanics.start import _check_curvatures, _check_gradients, _check_rates, _Look
+from zivi.base import machine_code as native
+from zivi.system.start import _check_curvatures, _check_gradients, _check_rates, _Look
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 
@@ -209,9 +209,8 @@ def test_a_cache_that_was_cut_short_or_cannot_be_written(tmp_path, monkeypatch, 
     # another process finds a library that is not one
     library.unlink()
     library.write_bytes(b"\x7fELF")
-    code = (
-        "import sys, zivi._machine_code as n;print(n._by_c(sys.stdin.read()).function is not None)"
-    )
+    code = "import sys; from zivi.base.machine_code import _by_c\n"
+    code += "print(_by_c(sys.stdin.read()).function is not None)"
     done = subprocess.run(
         [sys.executable, "-c", code],
         input=pendulum.source,

@@ -14,25 +14,24 @@ set-valued signs passes the accumulation of impacts and comes to rest exactly.
 import importlib
 
 from zivi import plot
-from zivi._complementarity import Equilibrium, bimatrix, solve_lcp, solve_ncp
-from zivi._warnings import ModelWarning
 from zivi._zivi import __version__
-from zivi.batch import Batch, simulate_batch
-from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
-from zivi.control import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
-from zivi.design import GainDesign, InfeasibleError, best_ratio, design_regulator, design_tracker
-from zivi.events import Level
+from zivi.base.status import Status, StudyStatus
+from zivi.base.warnings import ModelWarning
+from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
+from zivi.control.design import (
+    GainDesign,
+    InfeasibleError,
+    best_ratio,
+    design_regulator,
+    design_tracker,
+)
+from zivi.control.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
+from zivi.control.observer import ImpactObserver, Observed
+from zivi.control.twisting import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
+from zivi.derivatives.impact_map import ImpactMap, ImpactReturn, impact_map
+from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity
+from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity, sensitivity
 from zivi.fmu import export_fmu
-from zivi.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
-from zivi.maps import ImpactMap, ImpactReturn, impact_map
-from zivi.mechanics.batch import MechanicalBatch
-from zivi.mechanics.gap import Gap, LinearGap
-from zivi.mechanics.parametric import ParametricSystem
-from zivi.mechanics.sensitivity import MechanicalSensitivity
-from zivi.mechanics.system import MechanicalSystem
-from zivi.mechanics.trajectory import MechanicalTrajectory
-from zivi.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
-from zivi.observer import ImpactObserver, Observed
 from zivi.orbits import (
     Attractor,
     Basins,
@@ -47,15 +46,23 @@ from zivi.orbits import (
     lyapunov_exponents,
     periodic_orbit,
 )
-from zivi.parametric import ParametricForce
-from zivi.sensitivity import OrbitStatus, Sensitivity, sensitivity
-from zivi.simulate import simulate
-from zivi.status import Status, StudyStatus
+from zivi.simulation.batch import Batch, simulate_batch
+from zivi.simulation.events import Level
+from zivi.simulation.mechanical_batch import MechanicalBatch
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
+from zivi.simulation.run import simulate
+from zivi.simulation.trajectory import Trajectory
 from zivi.study import Design, Study, grid, open_study, points, sample, sweep
-from zivi.system import ImpactSystem, LinearForce
-from zivi.trajectory import Trajectory
-from zivi.transform import lift, project
-from zivi.vi import (
+from zivi.system.gap import Gap, LinearGap
+from zivi.system.mass import ImpactSystem, LinearForce
+from zivi.system.mechanism import MechanicalSystem
+from zivi.system.parametric import ParametricForce
+from zivi.system.parametric_mechanism import ParametricSystem
+from zivi.system.transform import lift, project
+from zivi.system.wall import HarmonicWall, MovingWall
+from zivi.vi.complementarity import Equilibrium, bimatrix, solve_lcp, solve_ncp
+from zivi.vi.solve import (
     VIOptions,
     VIProgress,
     VIResult,
@@ -65,9 +72,9 @@ from zivi.vi import (
     solve_avi,
     solve_vi,
 )
-from zivi.wall import HarmonicWall, MovingWall
 
-importlib.import_module("zivi._leaving").watch()
+importlib.import_module("zivi.base.leaving").watch()
+importlib.import_module("zivi.base.former").hand_on()
 
 __all__ = [
     "Attractor",
@@ -167,3 +174,9 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted({*__all__, *_LAZY})
+
+
+for _name in __all__:
+    if isinstance(_public := globals()[_name], type):
+        # where users find it: pickles and stored studies do not name the rooms of this package
+        _public.__module__ = __name__

@@ -2,7 +2,7 @@
 
 import sys
 
-from zivi._extras import needed
+from zivi.base.extras import needed
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from zivi import _zivi
-from zivi._extras import needed
+from zivi.base.extras import needed
 from zivi.files import FileError, commands, prepare_control, prepare_simulate, summary
 from zivi.files.telling import say, show_table, warn
 from zivi.lab.command import lab

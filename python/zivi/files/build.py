@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 import zivi
-from zivi import symbolic
 from zivi.files.mistakes import Mistakes
-from zivi.system import Force
+from zivi.system.mass import Force
+from zivi.system.symbolic.system import system as symbolic_system
 
 __all__ = ["controller", "force", "mechanics", "method", "named", "restitution", "spaced", "system"]
 
@@ -35,7 +35,7 @@ def system(values: dict[str, Any], mistakes: Mistakes) -> zivi.ImpactSystem:
 def mechanics(values: dict[str, Any], mistakes: Mistakes) -> zivi.MechanicalSystem:
     """Build a mechanical system from its energies."""
     with mistakes.naming(named("system", values), "system"):
-        return symbolic.system(**values)
+        return symbolic_system(**values)
 
 
 def method(values: dict[str, Any], mistakes: Mistakes) -> Any:

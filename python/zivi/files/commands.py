@@ -9,13 +9,13 @@ from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
+from zivi.base.status import StudyStatus
 from zivi.files import show, summary
 from zivi.files.mistakes import FileError
 from zivi.files.results import require_library, require_regular, save
 from zivi.files.runs import Prepared, Run
 from zivi.files.sweeps import prepare_sweep
 from zivi.files.telling import say, show_table, warn
-from zivi.status import StudyStatus
 from zivi.study import Study
 from zivi.study.folder import FolderStore
 

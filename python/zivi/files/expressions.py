@@ -1,6 +1,6 @@
 """Kinds of values that describe a mechanical system: expressions, names and states.
 
-An expression is a formula of `zivi._formula` and nothing else, so that a file cannot run code.
+An expression is a formula of `zivi.base.formula` and nothing else, so that a file cannot run code.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import dataclasses
 import keyword
 from typing import Any
 
-from zivi._formula import FormulaError, normal, parse
+from zivi.base.formula import FormulaError, normal, parse
 from zivi.files.kinds import Kind, Number, read_each
 from zivi.files.mistakes import Mistakes, got
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from zivi import _zivi
-from zivi.control import BRANCHES
+from zivi.control.twisting import BRANCHES
 from zivi.files.kinds import Choice, Either, Kind, Number, Numbers, Pair, Switch, Whole
 from zivi.files.tables import Key, Open, Table, Tagged
 from zivi.study import EXPERIMENTS

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zivi._zivi import MechanicalPath
-from zivi.mechanics.labelled import MEANING, TABLES
-from zivi.mechanics.linear_motion import LinearMotion
-from zivi.mechanics.trajectory import FIELDS, MechanicalTrajectory, table
-from zivi.status import Status
+from zivi.base.status import Status
+from zivi.simulation.linear_motion import LinearMotion
+from zivi.simulation.mechanical_labelled import MEANING, TABLES
+from zivi.simulation.mechanical_trajectory import FIELDS, MechanicalTrajectory, table
 
 if TYPE_CHECKING:
     import xarray

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zivi import plot
-from zivi._check import Array
+from zivi.base.check import Array
 from zivi.files.mistakes import FileError
+from zivi.simulation.trajectory import Trajectory
 from zivi.study import Study
-from zivi.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from zivi.closed_loop import ClosedLoop
-    from zivi.mechanics.trajectory import MechanicalTrajectory
+    from zivi.control.closed_loop import ClosedLoop
+    from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 
 __all__ = ["of_run", "of_study"]
 

@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _labelled, loop_run
-from zivi._check import Array
-from zivi._impacts import IMPACT
-from zivi._loop_path import BallisticPath, SampledReference
 from zivi._zivi import MotionPath
-from zivi.dense import LinearPath, LostPath, PenetratingPath
+from zivi.base.check import Array
+from zivi.base.status import Status
+from zivi.control import loop_run
+from zivi.control.loop_path import BallisticPath, SampledReference
+from zivi.control.loop_run import ClosedLoop
 from zivi.files.mechanical import holds_mechanical, mechanical_run
-from zivi.loop_run import ClosedLoop
-from zivi.mechanics.trajectory import MechanicalTrajectory
-from zivi.status import Status
-from zivi.trajectory import Trajectory
-from zivi.wall import HarmonicWall, MovingWall
+from zivi.simulation import labelled
+from zivi.simulation.dense import LinearPath, LostPath, PenetratingPath
+from zivi.simulation.impacts import IMPACT
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.wall import HarmonicWall, MovingWall
 
 if TYPE_CHECKING:
     import xarray
@@ -142,7 +143,7 @@ def _loop_reference(dataset: xarray.Dataset) -> SampledReference | None:
 
 def _trajectory(dataset: xarray.Dataset) -> Trajectory:
     attrs, common = dataset.attrs, _common(dataset)
-    samples: dict[str, Any] = {name: dataset[name].values for name in _labelled.QUANTITIES}
+    samples: dict[str, Any] = {name: dataset[name].values for name in labelled.QUANTITIES}
     config = _config(dataset)
     times, states = _events(dataset)
     return Trajectory(
@@ -174,7 +175,7 @@ def path_variables(run: Trajectory) -> tuple[str, dict[str, Array]]:
 
 def _sampled(kind: Any) -> list[str]:
     """Name the samples that a path goes through."""
-    known = ("t", *_labelled.QUANTITIES)
+    known = ("t", *labelled.QUANTITIES)
     return [field.name for field in dataclasses.fields(kind) if field.name in known]
 
 

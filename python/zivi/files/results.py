@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zivi._curve import Line, line_of
-from zivi._extras import needed
 from zivi._zivi import FORMAT
-from zivi.closed_loop import ClosedLoop
+from zivi.base.extras import needed
+from zivi.control.closed_loop import ClosedLoop
 from zivi.files.mechanical import mechanical_dataset
 from zivi.files.restore import loop_variables, path_variables, run_of
-from zivi.mechanics.trajectory import MechanicalTrajectory
-from zivi.trajectory import Trajectory
+from zivi.plot.curve import Line, line_of
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import xarray

@@ -9,15 +9,15 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from zivi.closed_loop import ClosedLoop, simulate_closed_loop
+from zivi.control.closed_loop import ClosedLoop, simulate_closed_loop
 from zivi.files import build
 from zivi.files.keys import CONTROL, SIMULATE
 from zivi.files.mechanical_keys import MECHANICS, is_mechanical
 from zivi.files.mistakes import Mistakes
 from zivi.files.reading import read
-from zivi.mechanics.trajectory import MechanicalTrajectory
-from zivi.simulate import simulate
-from zivi.trajectory import Trajectory
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.run import simulate
+from zivi.simulation.trajectory import Trajectory
 
 __all__ = ["Prepared", "Run", "prepare_control", "prepare_simulate"]
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from zivi._check import Array
-from zivi.closed_loop import ClosedLoop
+from zivi.base.check import Array
+from zivi.base.status import StudyStatus
+from zivi.control.closed_loop import ClosedLoop
 from zivi.files.sweeps import parameters_of
-from zivi.mechanics.labelled import rows_of
-from zivi.mechanics.trajectory import MechanicalTrajectory
-from zivi.status import StudyStatus
+from zivi.simulation.mechanical_labelled import rows_of
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.trajectory import Trajectory
 from zivi.study import EXPERIMENTS, Study
-from zivi.trajectory import Trajectory
 
 __all__ = ["experiments", "of_run", "of_study", "opening"]
 

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from zivi.fmu.export import export_fmu
+from zivi.interop.fmu.export import export_fmu
 
 __all__ = ["export_fmu"]

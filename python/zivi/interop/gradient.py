@@ -9,15 +9,14 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi._check import Array, real_array, whole
-from zivi._derivatives import OrbitStatus, Sensitivity
-from zivi._misplaced import check_system
-from zivi.interop._moved import MassRun, MechanicalRun, Moved, run_of
-from zivi.mechanics.system import MechanicalSystem
-from zivi.methods import SwitchedRK
-from zivi.sensitivity import sensitivity
-from zivi.simulate import pair
-from zivi.system import ImpactSystem
+from zivi.base.check import Array, real_array, whole
+from zivi.derivatives.result import OrbitStatus, Sensitivity
+from zivi.derivatives.sensitivity import sensitivity
+from zivi.interop.moved import MassRun, MechanicalRun, Moved, run_of
+from zivi.simulation.methods import SwitchedRK
+from zivi.simulation.run import pair
+from zivi.system.mass import ImpactSystem, check_system
+from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["RunFunction", "RunPoint", "run_function"]
 

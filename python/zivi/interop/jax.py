@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from zivi._extras import needed
+from zivi.base.extras import needed
 from zivi.interop.gradient import RunFunction
 
 __all__ = ["jax_function"]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zivi import _zivi
-from zivi._check import finite, whole
-from zivi._extras import needed
-from zivi.transform import coefficients
+from zivi.base.check import finite, whole
+from zivi.base.extras import needed
+from zivi.system.transform import coefficients
 
 if TYPE_CHECKING:
     import gymnasium

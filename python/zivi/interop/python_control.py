@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from zivi._check import Array, real
-from zivi._extras import needed
-from zivi._loop_arguments import OURS, interface_of, period_of
-from zivi._loop_batch_alone import copied
-from zivi.closed_loop import Controller, simulate_closed_loop
-from zivi.control import TickStatus
-from zivi.methods import SwitchedRK, ThetaGamma
-from zivi.system import Force, ImpactSystem
+from zivi.base.check import Array, real
+from zivi.base.extras import needed
+from zivi.control.closed_loop import Controller, simulate_closed_loop
+from zivi.control.loop_arguments import OURS, interface_of, period_of
+from zivi.control.loop_batch_alone import copied
+from zivi.control.twisting import TickStatus
+from zivi.simulation.methods import SwitchedRK, ThetaGamma
+from zivi.system.mass import Force, ImpactSystem
 
 __all__ = ["controller_block", "force_block", "impact_plant", "state_vector"]
 

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zivi._check import Array
-from zivi._curve import Line, line_of
-from zivi.closed_loop import ClosedLoop
+from zivi.base.check import Array
+from zivi.control.closed_loop import ClosedLoop
 from zivi.lab.facts import NAMES
 from zivi.lab.runs import Runs
 from zivi.lab.thin import thinned
 from zivi.plot import BLUE, GREEN, ORANGE, PURPLE
-from zivi.trajectory import Trajectory
+from zivi.plot.curve import Line, line_of
+from zivi.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go

@@ -6,12 +6,12 @@ import html
 
 import numpy as np
 
-from zivi._check import Array
-from zivi._curve import line_of
-from zivi.closed_loop import ClosedLoop
+from zivi.base.check import Array
+from zivi.control.closed_loop import ClosedLoop
 from zivi.lab.facts import NAMES
 from zivi.lab.figures import COLORS
 from zivi.lab.runs import Runs
+from zivi.plot.curve import line_of
 
 __all__ = ["film"]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any, TypeAlias
 
-from zivi.closed_loop import ClosedLoop, Controller, simulate_closed_loop
-from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
+from zivi.control.observer import ImpactObserver
+from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.lab.drawn import Drawn, ExplicitFollower
 from zivi.lab.explicit import ExplicitRegulator
 from zivi.lab.settings import (
@@ -17,11 +18,10 @@ from zivi.lab.settings import (
     landing_of,
     observer_of,
 )
-from zivi.methods import ExplicitEuler, Method, SwitchedRK, ThetaGamma
-from zivi.observer import ImpactObserver
-from zivi.simulate import simulate
-from zivi.system import Force, ImpactSystem, LinearForce
-from zivi.trajectory import Trajectory
+from zivi.simulation.methods import ExplicitEuler, Method, SwitchedRK, ThetaGamma
+from zivi.simulation.run import simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.mass import Force, ImpactSystem, LinearForce
 
 __all__ = ["Runs", "compute"]
 

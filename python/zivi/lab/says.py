@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from zivi.closed_loop import ClosedLoop
+from zivi.control.closed_loop import ClosedLoop
 from zivi.lab.runs import Runs
-from zivi.trajectory import Trajectory
+from zivi.simulation.trajectory import Trajectory
 
 __all__ = ["sentence"]
 

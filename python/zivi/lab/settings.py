@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Literal, TypeAlias
 
-from zivi._check import finite, switch
+from zivi.base.check import finite, switch
 
 __all__ = ["Ball", "Regulator", "Settings", "Tracker", "check", "landing_of", "observer_of"]
 

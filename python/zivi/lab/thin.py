@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zivi._check import Array
+from zivi.base.check import Array
 
 __all__ = ["POINTS", "thinned"]
 

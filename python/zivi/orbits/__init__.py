@@ -2,9 +2,10 @@
 
 from zivi.orbits.attractor import Attractor
 from zivi.orbits.basins import Basins, basins
-from zivi.orbits.branch import Branch, BranchEvent, continue_orbit
+from zivi.orbits.branch import Branch, BranchEvent
 from zivi.orbits.diagram import Diagram, bifurcation_diagram
 from zivi.orbits.find import periodic_orbit
+from zivi.orbits.follow import continue_orbit
 from zivi.orbits.lyapunov import Lyapunov, lyapunov_exponents
 from zivi.orbits.orbit import PeriodicOrbit
 

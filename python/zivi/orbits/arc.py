@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zivi._check import Array
+from zivi.base.check import Array
+from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.curve import Curve, Point, locate, locate_near
 from zivi.orbits.flights import FlightError
 from zivi.orbits.least_period import half_difference, half_frame, mean_half
-from zivi.sensitivity import OrbitStatus
 
 __all__ = ["Arc", "Found"]
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from zivi._check import Array
-from zivi.batch import simulate_batch
-from zivi.methods import SwitchedRK
+from zivi.base.check import Array
 from zivi.orbits.least_period import least_rows
-from zivi.simulate import simulate
-from zivi.system import ImpactSystem
+from zivi.simulation.batch import simulate_batch
+from zivi.simulation.methods import SwitchedRK
+from zivi.simulation.run import simulate
+from zivi.system.mass import ImpactSystem
 
 __all__ = ["Attractor", "Settled", "classify", "settle", "settle_one"]
 

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
-from zivi._check import Array, real_array, whole
-from zivi._extras import needed
-from zivi._parameters import check_differentiable
-from zivi.methods import SwitchedRK
+from zivi.base.check import Array, real_array, whole
+from zivi.base.extras import needed
 from zivi.orbits.attractor import TOLERANCE, Attractor, classify
 from zivi.orbits.cells import settle_cells
 from zivi.orbits.diagram import USUAL
 from zivi.orbits.flights import period_of
 from zivi.orbits.orbit import PeriodicOrbit
-from zivi.system import ImpactSystem
+from zivi.simulation.methods import SwitchedRK
+from zivi.system.mass import ImpactSystem
+from zivi.system.parameters import check_differentiable
 
 if TYPE_CHECKING:
     import xarray

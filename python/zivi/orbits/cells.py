@@ -12,12 +12,12 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._check import Array
-from zivi.batch import simulate_batch
-from zivi.methods import SwitchedRK
+from zivi.base.check import Array
+from zivi.derivatives.sensitivity import OrbitStatus, sensitivity
 from zivi.orbits.attractor import Settled, settle
-from zivi.sensitivity import OrbitStatus, sensitivity
-from zivi.system import ImpactSystem
+from zivi.simulation.batch import simulate_batch
+from zivi.simulation.methods import SwitchedRK
+from zivi.system.mass import ImpactSystem
 
 __all__ = ["Cells", "settle_cells"]
 

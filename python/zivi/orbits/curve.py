@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from zivi._check import Array
-from zivi._parameters import with_value
+from zivi.base.check import Array
 from zivi.orbits.flights import FlightError
 from zivi.orbits.sequence import Equations, Frame, equations, size_of
-from zivi.system import ImpactSystem
+from zivi.system.mass import ImpactSystem
+from zivi.system.parameters import with_value
 
 __all__ = ["Curve", "Point", "locate", "locate_near"]
 

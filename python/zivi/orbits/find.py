@@ -6,16 +6,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from zivi._check import Array, whole
-from zivi._parameters import check_differentiable, excitation
-from zivi.methods import SwitchedRK
+from zivi.base.check import Array, whole
+from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import PRECISE, FlightError, period_of
 from zivi.orbits.least_period import least_period
 from zivi.orbits.orbit import ORBIT_IMPACT, PeriodicOrbit
 from zivi.orbits.sequence import Equations, Frame, canonical, equations, newton
-from zivi.sensitivity import OrbitStatus
-from zivi.simulate import simulate
-from zivi.system import ImpactSystem
+from zivi.simulation.methods import SwitchedRK
+from zivi.simulation.run import simulate
+from zivi.system.mass import ImpactSystem
+from zivi.system.parameters import check_differentiable, excitation
 
 __all__ = ["periodic_orbit"]
 

@@ -8,12 +8,12 @@ import math
 import numpy as np
 
 from zivi import _zivi
-from zivi._check import Array, finite
-from zivi._compiled import listening
-from zivi._parameters import codes_of, excitation, parameter
-from zivi.methods import SwitchedRK
-from zivi.status import Status
-from zivi.system import ImpactSystem
+from zivi.base.check import Array, finite
+from zivi.base.compiled import listening
+from zivi.base.status import Status
+from zivi.simulation.methods import SwitchedRK
+from zivi.system.mass import ImpactSystem
+from zivi.system.parameters import codes_of, excitation, parameter
 
 __all__ = ["PRECISE", "FlightError", "Legs", "fly", "period_of"]
 

@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from zivi._check import Array, real
-from zivi._parameters import excitation
-from zivi.methods import SwitchedRK
+from zivi.base.check import Array, real
+from zivi.base.status import Status
 from zivi.orbits.flights import FlightError, fly
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest import force_at_rest
 from zivi.orbits.sequence import unknowns_of
 from zivi.orbits.start import MOST_MULTIPLE, TOLERANCES, Guess, rows_of
-from zivi.simulate import pair, simulate
-from zivi.status import Status
-from zivi.system import ImpactSystem, LinearForce
-from zivi.trajectory import Trajectory
-from zivi.wall import HarmonicWall
+from zivi.simulation.methods import SwitchedRK
+from zivi.simulation.run import pair, simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.mass import ImpactSystem, LinearForce
+from zivi.system.parameters import excitation
+from zivi.system.wall import HarmonicWall
 
 __all__ = ["apex", "free_guess", "is_autonomous"]
 

@@ -18,10 +18,10 @@ import math
 
 import numpy as np
 
-from zivi._check import Array
+from zivi.base.check import Array
 from zivi.orbits.flights import PRECISE, FlightError, Legs
 from zivi.orbits.sequence import Equations, Frame, Solution, equations, newton, size_of
-from zivi.system import ImpactSystem
+from zivi.system.mass import ImpactSystem
 
 __all__ = ["half_difference", "half_frame", "least_period", "least_rows", "mean_half"]
 

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi._check import Array, finite
-from zivi._parameters import check_differentiable
-from zivi.methods import SwitchedRK
+from zivi.base.check import Array, finite
+from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import fly
-from zivi.sensitivity import OrbitStatus
-from zivi.simulate import pair, simulate
-from zivi.system import ImpactSystem
-from zivi.trajectory import Trajectory
+from zivi.simulation.methods import SwitchedRK
+from zivi.simulation.run import pair, simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.mass import ImpactSystem
+from zivi.system.parameters import check_differentiable
 
 __all__ = ["Lyapunov", "lyapunov_exponents"]
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._check import Array, finite
-from zivi._extras import needed
-from zivi._parameters import parameter
+from zivi.base.check import Array, finite
+from zivi.base.extras import needed
+from zivi.derivatives.sensitivity import OrbitStatus, sensitivity
 from zivi.orbits.sequence import Frame, equations
-from zivi.sensitivity import OrbitStatus, sensitivity
-from zivi.simulate import simulate
-from zivi.system import ImpactSystem
-from zivi.trajectory import Trajectory
+from zivi.simulation.run import simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.mass import ImpactSystem
+from zivi.system.parameters import parameter
 
 if TYPE_CHECKING:
     import xarray

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._check import Array
-from zivi._functions import of_three
+from zivi.base.check import Array
+from zivi.base.functions import of_three
+from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.orbit import ORBIT_IMPACT, PeriodicOrbit
 from zivi.orbits.sequence import Frame
-from zivi.sensitivity import OrbitStatus
-from zivi.simulate import simulate
-from zivi.system import ImpactSystem
+from zivi.simulation.run import simulate
+from zivi.system.mass import ImpactSystem
 
 __all__ = ["chatter_exponent", "highest_pull", "resting_orbit", "rises"]
 

@@ -12,12 +12,12 @@ import dataclasses
 
 import numpy as np
 
-from zivi._check import Array
-from zivi._parameters import with_value
+from zivi.base.check import Array
 from zivi.orbits.curve import Curve, Point
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest import resting_orbit
 from zivi.orbits.rest_branch import Follower, ending
+from zivi.system.parameters import with_value
 
 __all__ = ["rest_beyond"]
 

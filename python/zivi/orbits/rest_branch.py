@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from zivi._parameters import parameter, with_value
+from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.branch import MESSAGES, Branch, BranchEvent
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest import chatter_exponent, highest_pull, resting_orbit
 from zivi.orbits.sequence import Frame
-from zivi.sensitivity import OrbitStatus
+from zivi.system.parameters import parameter, with_value
 
 __all__ = ["Follower", "ending", "follow_rest"]
 

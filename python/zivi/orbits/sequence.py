@@ -20,12 +20,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._check import Array
-from zivi._parameters import excitation
-from zivi.methods import SwitchedRK
+from zivi.base.check import Array
+from zivi.base.status import Status
 from zivi.orbits.flights import FlightError, Legs, fly
-from zivi.status import Status
-from zivi.system import ImpactSystem
+from zivi.simulation.methods import SwitchedRK
+from zivi.system.mass import ImpactSystem
+from zivi.system.parameters import excitation
 
 __all__ = [
     "Equations",

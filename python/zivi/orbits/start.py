@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi._check import Array, real, real_array
-from zivi.methods import SwitchedRK
+from zivi.base.check import Array, real, real_array
 from zivi.orbits.orbit import PeriodicOrbit
-from zivi.simulate import pair, simulate
-from zivi.system import ImpactSystem
-from zivi.trajectory import Trajectory
+from zivi.simulation.methods import SwitchedRK
+from zivi.simulation.run import pair, simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.mass import ImpactSystem
 
 __all__ = ["Guess", "guess_of"]
 

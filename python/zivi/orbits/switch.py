@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zivi._check import Array
-from zivi._parameters import with_value
+from zivi.base.check import Array
+from zivi.derivatives.sensitivity import OrbitStatus
+from zivi.orbits.branch import Branch, BranchEvent
 from zivi.orbits.curve import Curve
 from zivi.orbits.find import checked, periodic_orbit, solve
 from zivi.orbits.flights import fly
@@ -16,11 +16,8 @@ from zivi.orbits.free import apex
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest_branch import Follower
 from zivi.orbits.sequence import Frame, equations
-from zivi.sensitivity import OrbitStatus
-from zivi.simulate import simulate
-
-if TYPE_CHECKING:
-    from zivi.orbits.branch import Branch, BranchEvent
+from zivi.simulation.run import simulate
+from zivi.system.parameters import with_value
 
 __all__ = ["switched"]
 

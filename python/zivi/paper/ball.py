@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zivi import plot
-from zivi.methods import ExplicitEuler, Method, ThetaGamma
 from zivi.paper.checks import Check
 from zivi.paper.picture import Picture, plane, run_data
-from zivi.simulate import simulate
-from zivi.system import ImpactSystem
-from zivi.trajectory import Trajectory
+from zivi.simulation.methods import ExplicitEuler, Method, ThetaGamma
+from zivi.simulation.run import simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.mass import ImpactSystem
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

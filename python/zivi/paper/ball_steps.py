@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from zivi import _zivi
-from zivi.methods import ThetaGamma
 from zivi.paper import siconos
 from zivi.paper.ball import GRAVITY, KAPPA, run
 from zivi.paper.steps import Array, Solver, Steps, natural_residual
+from zivi.simulation.methods import ThetaGamma
 
 __all__ = ["residual", "sets", "solvers"]
 

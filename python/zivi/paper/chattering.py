@@ -15,7 +15,7 @@ import numpy as np
 from rich.table import Table
 
 from zivi import plot
-from zivi.closed_loop import ClosedLoop
+from zivi.control.closed_loop import ClosedLoop
 from zivi.paper import report
 from zivi.paper.closed_loops import FORCE, KAPPA, MU1, MU2, largest, track
 from zivi.paper.picture import Picture, loop_data

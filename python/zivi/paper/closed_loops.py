@@ -9,13 +9,13 @@ from typing import Literal
 
 import numpy as np
 
-from zivi._check import Array
-from zivi._warnings import ModelWarning
-from zivi.closed_loop import ClosedLoop, simulate_closed_loop
-from zivi.control import ExplicitTwisting, TwistingRegulator, TwistingTracker
-from zivi.methods import ThetaGamma
-from zivi.system import Force, ImpactSystem
-from zivi.transform import lift
+from zivi.base.check import Array
+from zivi.base.warnings import ModelWarning
+from zivi.control.closed_loop import ClosedLoop, simulate_closed_loop
+from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.simulation.methods import ThetaGamma
+from zivi.system.mass import Force, ImpactSystem
+from zivi.system.transform import lift
 
 __all__ = ["KAPPA", "closed_form_zeno", "largest", "last_above", "lifted", "regulate", "rest"]
 __all__ += ["track"]

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zivi import _zivi, plot
-from zivi._check import Array
-from zivi.closed_loop import ClosedLoop
-from zivi.trajectory import Trajectory
+from zivi.base.check import Array
+from zivi.control.closed_loop import ClosedLoop
+from zivi.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zivi import plot
-from zivi.closed_loop import ClosedLoop
+from zivi.control.closed_loop import ClosedLoop
 from zivi.paper.checks import Check
 from zivi.paper.closed_loops import (
     PAPER_LOOP,

@@ -13,12 +13,12 @@ from collections.abc import Iterable
 import numpy as np
 from rich.table import Table
 
-from zivi.closed_loop import simulate_closed_loop
-from zivi.control import TwistingTracker
-from zivi.methods import ThetaGamma
+from zivi.control.closed_loop import simulate_closed_loop
+from zivi.control.twisting import TwistingTracker
 from zivi.paper import report
 from zivi.paper.closed_loops import FORCE, MU1, MU2, H, largest
-from zivi.system import ImpactSystem
+from zivi.simulation.methods import ThetaGamma
+from zivi.system.mass import ImpactSystem
 
 __all__ = ["Rest", "measure", "table"]
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi import plot
-from zivi.loop_run import SIGNS, ClosedLoop
-from zivi.methods import ThetaGamma
+from zivi.control.loop_run import SIGNS, ClosedLoop
 from zivi.paper.checks import Check
 from zivi.paper.closed_loops import (
     FORCE,
@@ -30,10 +29,11 @@ from zivi.paper.closed_loops import (
     track,
 )
 from zivi.paper.picture import Picture, loop_data
-from zivi.simulate import simulate
-from zivi.system import ImpactSystem
-from zivi.trajectory import Trajectory
-from zivi.transform import lift
+from zivi.simulation.methods import ThetaGamma
+from zivi.simulation.run import simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.mass import ImpactSystem
+from zivi.system.transform import lift
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

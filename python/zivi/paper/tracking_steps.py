@@ -8,15 +8,15 @@ from typing import Literal
 import numpy as np
 
 from zivi import _zivi
-from zivi.closed_loop import simulate_closed_loop
-from zivi.control import TwistingTracker
-from zivi.methods import ThetaGamma
+from zivi.control.closed_loop import simulate_closed_loop
+from zivi.control.twisting import TwistingTracker
 from zivi.paper import siconos
 from zivi.paper.closed_loops import FORCE as F
 from zivi.paper.closed_loops import FORCE_REF as F_REF
 from zivi.paper.closed_loops import KAPPA, MU1, MU2, START, START_REF, H
 from zivi.paper.steps import Array, Solver, Steps, natural_residual
-from zivi.system import ImpactSystem
+from zivi.simulation.methods import ThetaGamma
+from zivi.system.mass import ImpactSystem
 
 __all__ = ["loop_states", "random_states", "residual", "sets", "signs_of", "solvers"]
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import Any
 
-from zivi.methods import ThetaGamma
 from zivi.paper import (
     ball,
     chattering,
@@ -21,6 +20,7 @@ from zivi.paper import (
 from zivi.paper.checks import Check, save
 from zivi.paper.closed_loops import regulate
 from zivi.paper.picture import Picture
+from zivi.simulation.methods import ThetaGamma
 
 __all__ = ["STAGES", "Reproduction", "write"]
 

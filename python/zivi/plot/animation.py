@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from zivi._check import finite
-from zivi._curve import line_of
-from zivi._extras import needed
+from zivi.base.check import finite
+from zivi.base.extras import needed
+from zivi.plot.curve import line_of
 from zivi.plot.look import BLUE, GREEN, WALL, figure_of, has_reference, in_frame, wall_of
 from zivi.plot.mechanical_film import Lines, MechanicalScene
 from zivi.plot.mechanics import is_mechanical
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from zivi._check import Array
-    from zivi.closed_loop import ClosedLoop
-    from zivi.mechanics.trajectory import MechanicalTrajectory
-    from zivi.trajectory import Trajectory
+    from zivi.base.check import Array
+    from zivi.control.closed_loop import ClosedLoop
+    from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+    from zivi.simulation.trajectory import Trajectory
 
 FRAMES = 20_000
 """Most pictures of a film."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zivi._curve import line_of, reference_of
+from zivi.plot.curve import line_of, reference_of
 from zivi.plot.look import (
     BLUE,
     GREEN,
@@ -26,10 +26,10 @@ from zivi.plot.runs import check_run
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from zivi.closed_loop import ClosedLoop
+    from zivi.control.closed_loop import ClosedLoop
     from zivi.orbits.branch import Branch
     from zivi.plot.look import Frame
-    from zivi.trajectory import Trajectory
+    from zivi.simulation.trajectory import Trajectory
 
 
 def position(

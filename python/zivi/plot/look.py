@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard
 
 import numpy as np
 
-from zivi._extras import needed
+from zivi.base.extras import needed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from zivi._check import Array
-    from zivi.closed_loop import ClosedLoop
-    from zivi.trajectory import Trajectory
+    from zivi.base.check import Array
+    from zivi.control.closed_loop import ClosedLoop
+    from zivi.simulation.trajectory import Trajectory
 
 # Okabe and Ito's palette: told apart by colour-blind readers and in grey
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"

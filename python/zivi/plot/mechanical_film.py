@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from zivi._check import Array
-    from zivi.mechanics.trajectory import MechanicalTrajectory
+    from zivi.base.check import Array
+    from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 
 __all__ = ["Lines", "MechanicalScene"]
 

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from zivi._check import Array
-    from zivi.mechanics.trajectory import MechanicalTrajectory
+    from zivi.base.check import Array
+    from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 
 __all__ = ["check_mechanical", "configuration", "coordinates", "gaps", "is_mechanical", "reactions"]
 

@@ -12,7 +12,7 @@ from zivi.plot.look import BLUE, GREEN, ORANGE, PALETTE, PURPLE, axes_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from zivi._check import Array
+    from zivi.base.check import Array
     from zivi.orbits.basins import Basins
     from zivi.orbits.branch import Branch
     from zivi.orbits.diagram import Diagram

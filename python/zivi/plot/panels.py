@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from zivi.closed_loop import ClosedLoop
-    from zivi.mechanics.trajectory import MechanicalTrajectory
-    from zivi.trajectory import Trajectory
+    from zivi.control.closed_loop import ClosedLoop
+    from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+    from zivi.simulation.trajectory import Trajectory
 
 
 def overview(

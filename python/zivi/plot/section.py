@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zivi._check import finite, whole
+from zivi.base.check import finite, whole
 from zivi.plot.look import BLUE, axes_of, labels, next_colour
 from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from zivi._check import Array
-    from zivi.trajectory import Trajectory
+    from zivi.base.check import Array
+    from zivi.simulation.trajectory import Trajectory
 
 
 def poincare(

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._check import Array
-from zivi.status import StudyStatus
+from zivi.base.check import Array
+from zivi.base.status import StudyStatus
 from zivi.study.outcome import Events
 from zivi.study.work import Piece, Schema
 

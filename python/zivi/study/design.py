@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi._check import real, whole
+from zivi.base.check import real, whole
 
 __all__ = ["MOST_POINTS", "RESERVED", "Design", "design_of", "grid", "points", "sample"]
 
@@ -296,7 +296,7 @@ def _engine(sampler: Any, dimensions: int, seed: int) -> Any:
         raise ValueError(f"sampler must be one of {', '.join(ENGINES)}, got {sampler!r}")
     if whole("seed", seed) < 0:
         raise ValueError(f"seed must be >= 0, got {seed}")
-    from zivi._extras import needed
+    from zivi.base.extras import needed
 
     qmc = needed("scipy.stats.qmc", "sampled designs")
     return getattr(qmc, ENGINES[sampler])(dimensions, seed=seed)

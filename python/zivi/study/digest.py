@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 
 from zivi.study.uses import is_ours, kept_attributes, kept_cells, unformatted, used
-from zivi.system import ImpactSystem
+from zivi.system.mass import ImpactSystem
 
-__all__ = ["VERSION", "UndigestibleError", "digest", "held", "source", "uses"]
+__all__ = ["VERSION", "UndigestibleError", "digest", "held", "module_of", "source", "uses"]
 
 VERSION = 2
 """Version of the digests: those of another one cannot be compared with them."""
@@ -162,8 +162,14 @@ def _is_empty(cell: types.CellType) -> bool:
     return False
 
 
+def module_of(thing: Any) -> str | None:
+    """Name the module of a class or function; what is zivi's may move within it."""
+    module = getattr(thing, "__module__", None)
+    return "zivi" if module is not None and str(module).startswith("zivi.") else module
+
+
 def _kind(value: Any) -> str:
-    return f"{type(value).__module__}.{type(value).__qualname__}"
+    return f"{module_of(type(value))}.{type(value).__qualname__}"
 
 
 class _Content:
@@ -222,10 +228,10 @@ class _Content:
             return (value.__module__, value.__qualname__, self._tolerated(_of_class(value)))
         if isinstance(value, types.ModuleType | types.BuiltinFunctionType | type):
             owner = getattr(value, "__self__", None)
-            named = (getattr(value, "__module__", None), getattr(value, "__qualname__", None))
+            named = (module_of(value), getattr(value, "__qualname__", None))
             return (*named, value.__name__, None if isinstance(owner, types.ModuleType) else owner)
         if isinstance(value, types.FunctionType):
-            named = (value.__module__, value.__qualname__)
+            named = (module_of(value), value.__qualname__)
             if not is_ours(value):
                 return (*named, _text(value), *_held_by(value))
             more = self._tolerated(list(used(value)))
@@ -328,9 +334,9 @@ def _taken_apart(value: Any) -> tuple[Any, ...]:
     except Exception as error:  # whatever a library says
         raise UndigestibleError(f"{_kind(value)} ({error})") from None
     if isinstance(reduced, str):  # the name of something global
-        return (getattr(value, "__module__", None), reduced)
+        return (module_of(value), reduced)
     make, arguments, state, items, pairs = [*reduced, None, None, None][:5]
-    named = f"{make.__module__}.{make.__qualname__}"
+    named = f"{module_of(make)}.{make.__qualname__}"
     return (named, arguments, state, list(items or ()), list(pairs or ()))
 
 

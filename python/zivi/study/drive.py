@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._progress import ProgressBar
-from zivi.status import StudyStatus
+from zivi.base.progress import ProgressBar
+from zivi.base.status import StudyStatus
 from zivi.study.block import Block
 from zivi.study.design import Design
 from zivi.study.pools import Pool

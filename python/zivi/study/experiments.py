@@ -8,13 +8,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from zivi._check import Array, finite, whole
-from zivi.closed_loop import ClosedLoop, simulate_closed_loop
-from zivi.control import TwistingTracker
-from zivi.methods import SwitchedRK, ThetaGamma
-from zivi.simulate import simulate
-from zivi.system import ImpactSystem
-from zivi.wall import HarmonicWall
+from zivi.base.check import Array, finite, whole
+from zivi.control.closed_loop import ClosedLoop, simulate_closed_loop
+from zivi.control.twisting import TwistingTracker
+from zivi.simulation.methods import SwitchedRK, ThetaGamma
+from zivi.simulation.run import simulate
+from zivi.system.mass import ImpactSystem
+from zivi.system.wall import HarmonicWall
 
 __all__ = ["EXPERIMENTS", "ball_rest_time", "experiment", "table_period", "tracker_gains"]
 

@@ -14,13 +14,13 @@ import shutil
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._extras import needed
-from zivi.status import StudyStatus
+from zivi.base.extras import needed
+from zivi.base.status import StudyStatus
 from zivi.study.block import Block
 from zivi.study.design import Design
 from zivi.study.form import EVENTS, GROUP, KINDS, difference
@@ -30,9 +30,6 @@ from zivi.study.parquet import DamagedError, parted, read_events, write_events
 from zivi.study.room import written
 from zivi.study.store import Labels
 from zivi.study.work import Schema
-
-if TYPE_CHECKING:
-    from zivi.study.result import Study
 
 __all__ = ["FolderStore", "create"]
 
@@ -120,12 +117,6 @@ class FolderStore:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
-
-    def study(self) -> Study:
-        """Give what is there so far."""
-        from zivi.study.result import open_study
-
-        return open_study(self.path)
 
     def parameters(self) -> tuple[dict[str, NDArray[Any]], list[str]]:
         """Read the values of the parameters that can be read, and tell why others cannot."""

@@ -13,13 +13,15 @@ import numpy as np
 
 from zivi import _zivi
 from zivi.study.design import Design
-from zivi.study.digest import VERSION, UndigestibleError, digest, held, source, uses
+from zivi.study.digest import VERSION, UndigestibleError, digest, held, module_of, source, uses
 
 __all__ = ["differences", "identity", "named"]
 
 MILD = ("zivi", "source", "uses", "digests")
 """What may differ if the user insists on going on."""
 _DIGEST = re.compile(r" [0-9a-f]{16}$")
+_ROOM = re.compile(r"\bzivi\.(?:\w+\.)+(?=\w)")
+"""Where a class of zivi was when a version stored its name."""
 WORDS = {
     "function": "the function",
     "source": "the text of the function",
@@ -80,7 +82,7 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool
         if "held" not in there or not comparable:
             left_out.add("held")
         if not comparable:
-            there, here = ({**it, "fixed": _undigested(it.get("fixed"))} for it in (there, here))
+            there, here = ({**it, **_undigested(it)} for it in (there, here))
     return [
         f"{words}: {there.get(key)!r} there, {here[key]!r} here"
         for key, words in WORDS.items()
@@ -89,11 +91,15 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool
     ]
 
 
-def _undigested(fixed: Any) -> Any:
-    """Give fixed arguments without the digests of their content."""
-    if isinstance(fixed, Mapping):
-        return {key: _undigested(value) for key, value in fixed.items()}
-    return _DIGEST.sub("", fixed) if isinstance(fixed, str) else fixed
+def _undigested(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Give the function and the fixed arguments without digests, and without rooms of zivi."""
+    return {key: _bare(identity.get(key)) for key in ("function", "fixed")}
+
+
+def _bare(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _bare(it) for key, it in value.items()}
+    return _ROOM.sub("zivi.", _DIGEST.sub("", value)) if isinstance(value, str) else value
 
 
 def _text(value: Any) -> str:
@@ -107,8 +113,12 @@ def named(function: Callable[..., Any]) -> str:
         given += [f"{key}={_shown(value)}" for key, value in function.keywords.items()]
         return f"{named(function.func)}({', '.join(given)})"
     name = getattr(function, "__qualname__", None) or type(function).__qualname__
-    module = getattr(function, "__module__", None) or type(function).__module__
+    module = module_of(function) or module_of(type(function))
     return f"{module}.{name}"
+
+
+def _kind(value: Any) -> str:
+    return f"{module_of(type(value))}.{type(value).__qualname__}"
 
 
 def _shown(value: Any) -> str:
@@ -121,7 +131,7 @@ def plain(what: str, value: Any, of: Callable[[Any], Any] | None = None, *, fait
         return (of or _plain)(value)
     except (UndigestibleError, RecursionError) as error:
         if not faithful:
-            return f"{type(value).__module__}.{type(value).__qualname__}"
+            return _kind(value)
         raise TypeError(
             f"{what} holds {_said(error)}, of which it cannot be told later whether it is still "
             "the same, so that a study in a folder could not go on: hand over what it is made of "
@@ -148,4 +158,4 @@ def _plain(value: Any) -> Any:
         return f"array {value.dtype} {value.shape} {hashlib.sha256(bytes_).hexdigest()[:16]}"
     if callable(value):
         return f"{named(value)} {digest(value)}"
-    return f"{type(value).__module__}.{type(value).__qualname__} {digest(value)}"
+    return f"{_kind(value)} {digest(value)}"

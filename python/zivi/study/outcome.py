@@ -8,11 +8,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._check import Array
-from zivi.closed_loop import ClosedLoop
-from zivi.mechanics.trajectory import MechanicalTrajectory
+from zivi.base.check import Array
+from zivi.control.closed_loop import ClosedLoop
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.trajectory import Trajectory
 from zivi.study.design import name_of
-from zivi.trajectory import Trajectory
 
 __all__ = ["RUN_UNITS", "Events", "Values", "split", "units_of"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._extras import needed
+from zivi.base.extras import needed
 
 __all__ = ["DamagedError", "parted", "read_events", "write_events"]
 

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from zivi._check import whole
+from zivi.base.check import whole
 from zivi.study.work import Job, begin_thread
 
 __all__ = ["Pool", "pool_of"]

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._extras import have, needed
-from zivi.status import StudyStatus
+from zivi.base.extras import have, needed
+from zivi.base.status import StudyStatus
 from zivi.study.design import Design
 from zivi.study.folder import FolderStore
 from zivi.study.parquet import DamagedError
-from zivi.study.store import MemoryStore
+from zivi.study.store import MemoryStore, Store
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
-__all__ = ["Study", "open_study"]
+__all__ = ["Study", "open_study", "study_of"]
 
 MOST_SALVAGED = 10**8
 """Points of the largest damaged study that is read into memory."""
@@ -195,8 +195,15 @@ def _salvaged(store: FolderStore, known: dict[str, NDArray[Any]]) -> Study:
         kept.define(store.schema)
     for chunk in store.written():
         kept.save(chunk, store.load(chunk))
-    study = kept.study()
-    return Study(study.dataset, store.path, study.events)
+    return Study(kept.dataset(), store.path, kept.events())
+
+
+def study_of(store: Store) -> Study:
+    """Give what a store has so far."""
+    if isinstance(store, FolderStore):
+        return open_study(store.path)
+    assert isinstance(store, MemoryStore)
+    return Study(store.dataset(), events=store.events())
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi._check import whole
-from zivi._progress import ProgressBar
+from zivi.base.check import whole
+from zivi.base.progress import ProgressBar
 from zivi.study.design import Design, design_of
 from zivi.study.drive import Driver
 from zivi.study.experiments import experiment
@@ -22,7 +22,7 @@ from zivi.study.head import read_head
 from zivi.study.identity import differences, identity
 from zivi.study.layout import Layout
 from zivi.study.pools import Pool, pool_of, sendable
-from zivi.study.result import Study
+from zivi.study.result import Study, study_of
 from zivi.study.store import Labels, MemoryStore, Store
 from zivi.study.work import MAX_SEED, Job
 
@@ -187,13 +187,13 @@ def _run(
         raise _with_study(error, store) from None
     pool.close(at_once=False)
     store.close()
-    return store.study()
+    return study_of(store)
 
 
 def _with_study(error: BaseException, store: Store) -> BaseException:
     """Attach what was computed to the exception that ended a run."""
     with contextlib.suppress(Exception):
-        study, status = store.study(), store.status()
+        study, status = study_of(store), store.status()
         error.study = study  # type: ignore[attr-defined]
         where = "" if study.path is None else f" and in {study.path}"
         error.add_note(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi import _zivi
-from zivi._extras import needed
+from zivi.base.extras import needed
 from zivi.study.block import Block
 from zivi.study.design import RESERVED, Design
 from zivi.study.layout import Layout
@@ -18,8 +18,6 @@ from zivi.study.work import Schema
 
 if TYPE_CHECKING:
     import xarray
-
-    from zivi.study.result import Study
 
 __all__ = ["DESCRIPTIONS", "Labels", "MemoryStore", "Store", "attributes", "dims_of"]
 
@@ -114,9 +112,6 @@ class Store(Protocol):
     def save(self, chunk: int, block: Block) -> None:
         """Keep a chunk: all of it, or what was there before."""
 
-    def study(self) -> Study:
-        """Give what is there so far."""
-
     def close(self) -> None:
         """Let others write."""
 
@@ -189,13 +184,8 @@ class MemoryStore:
     def close(self) -> None:
         """Do nothing: nobody else writes here."""
 
-    def study(self) -> Study:
-        """Give what is there so far."""
-        from zivi.study.result import Study
-
-        return Study(self._dataset(), events=self._events())
-
-    def _events(self) -> Any:
+    def events(self) -> Any:
+        """Give the events of all points, None where the function gives none."""
         if self.schema is None or not self.schema.has_events:
             return None
         tables = [self._blocks[chunk].table() for chunk in sorted(self._blocks)]
@@ -216,7 +206,8 @@ class MemoryStore:
             flat[block.span.start : block.span.stop] = of(block)
         return flat.reshape(*self._design.shape, *shape)
 
-    def _dataset(self) -> xarray.Dataset:
+    def dataset(self) -> xarray.Dataset:
+        """Give what is there so far."""
         needed("xarray", "the results of studies")
         import xarray
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi._check import Array
+from zivi.base.check import Array
 from zivi.study.design import name_of
 from zivi.study.outcome import Events, Values, split, units_of
 

@@ -3,7 +3,12 @@
 `system` makes a `zivi.MechanicalSystem` that runs without the interpreter.
 """
 
-from zivi._formula import FormulaError
-from zivi.symbolic.system import SymbolicSystem, system
+from zivi.base.former import hand_on
+from zivi.base.formula import FormulaError
+from zivi.system.symbolic.system import SymbolicSystem, system
 
 __all__ = ["FormulaError", "SymbolicSystem", "system"]
+
+hand_on(
+    {f"symbolic.{name}": f"system.symbolic.{name}" for name in ("derive", "functions", "system")}
+)

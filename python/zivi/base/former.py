@@ -1,0 +1,54 @@
+"""Modules under the names that they had in version 0.1, which pickles of it hold."""
+
+import importlib
+import sys
+from collections.abc import Mapping
+
+__all__ = ["FORMER", "hand_on"]
+
+FORMER = {
+    "_complementarity": "vi.complementarity",
+    "_compiled": "base.compiled",
+    "_controllers": "control.component",
+    "_derivatives": "derivatives.result",
+    "_functions": "base.functions",
+    "_loop_path": "control.loop_path",
+    "_loop_reference": "control.loop_reference",
+    "_vi_jacobian": "vi.jacobian",
+    "_vi_types": "vi.types",
+    "_warnings": "base.warnings",
+    "batch": "simulation.batch",
+    "closed_loop": "control.closed_loop",
+    "dense": "simulation.dense",
+    "design": "control.design",
+    "events": "simulation.events",
+    "loop_batch": "control.loop_batch",
+    "loop_run": "control.loop_run",
+    "maps": "derivatives.impact_map",
+    "mechanics.batch_result": "simulation.mechanical_batch_result",
+    "mechanics.gap": "system.gap",
+    "mechanics.glue": "system.callbacks",
+    "mechanics.layout": "system.layout",
+    "mechanics.linear_motion": "simulation.linear_motion",
+    "mechanics.parametric": "system.parametric_mechanism",
+    "mechanics.partials": "system.partials",
+    "mechanics.pieces": "system.pieces",
+    "mechanics.sensitivity": "derivatives.mechanical_sensitivity",
+    "mechanics.system": "system.mechanism",
+    "mechanics.trajectory": "simulation.mechanical_trajectory",
+    "mechanics.wrt": "derivatives.wrt",
+    "methods": "simulation.methods",
+    "observer": "control.observer",
+    "parametric": "system.parametric",
+    "sensitivity": "derivatives.sensitivity",
+    "status": "base.status",
+    "trajectory": "simulation.trajectory",
+    "wall": "system.wall",
+}
+"""The modules that define what was pickled: the name of then, the name of now."""
+
+
+def hand_on(names: Mapping[str, str] = FORMER) -> None:
+    """Let modules be found under their former names, without being attributes of the package."""
+    for former, name in names.items():
+        sys.modules[f"zivi.{former}"] = importlib.import_module(f"zivi.{name}")

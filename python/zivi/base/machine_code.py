@@ -1,0 +1,235 @@
+"""Source to machine code: a C compiler and a cache of libraries, or numba."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import dataclasses
+import hashlib
+import importlib
+import os
+import shlex
+import shutil
+import stat
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import threading
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from zivi.base.extras import have
+
+__all__ = ["COMPILERS", "Native", "compiled"]
+
+COMPILERS = ("auto", "c", "numba")
+"""What can make machine code."""
+
+DOUBLES = ctypes.POINTER(ctypes.c_double)
+SIGNATURE = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p
+)
+"""``int model(double t, double *q, double *w, double *out, void *parameters)``."""
+
+# no contraction: the same numbers on every processor
+FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared", "-x", "c")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Native:
+    """A compiled model.
+
+    Parameters
+    ----------
+    address : int
+        Where it is.
+    owner : object
+        What keeps it there.
+    """
+
+    address: int
+    owner: object
+
+    @property
+    def function(self) -> Any:
+        """The model as a function of ctypes."""
+        return SIGNATURE(self.address)
+
+
+_lock = threading.Lock()
+_known: dict[tuple[str, str], Native] = {}
+
+
+def compiled(sources: dict[str, str], compiler: str = "auto") -> Native:
+    """Compile a model, once in a process; with C, once on a machine.
+
+    Parameters
+    ----------
+    sources : dict
+        The same function in C (``"c"``) and in Python (``"numba"``).
+    compiler : {"auto", "c", "numba"}
+        With ``"auto"`` C if there is a compiler, whose libraries are cached, else numba.
+
+    Raises
+    ------
+    RuntimeError
+        If there is neither, or the compiler fails.
+    """
+    chosen = _chosen(compiler)
+    key = chosen, sources[chosen]
+    with _lock:
+        if key not in _known:
+            _known[key] = (_by_c if chosen == "c" else _by_numba)(sources[chosen])
+        return _known[key]
+
+
+def _chosen(compiler: str) -> str:
+    if compiler not in COMPILERS:
+        raise ValueError(f"compiler must be one of {', '.join(COMPILERS)}, got {compiler!r}")
+    there = {"c": c_compiler() is not None, "numba": compiler != "c" and have("numba")}
+    for name in ("c", "numba") if compiler == "auto" else (compiler,):
+        if there[name]:
+            return name
+    wanted = {"auto": "a C compiler or numba", "c": "a C compiler", "numba": "numba"}[compiler]
+    raise RuntimeError(
+        f"compiled systems need {wanted}, and there is none: install a C compiler that is found "
+        "as cc or named by the environment variable CC, or pip install numba"
+    )
+
+
+def c_compiler() -> list[str] | None:
+    """Find the C compiler: ``CC``, that of Python's build, ``cc``, ``gcc``, ``clang``."""
+    for told in (os.environ.get("CC"), sysconfig.get_config_var("CC"), "cc", "gcc", "clang"):
+        words = shlex.split(told or "")
+        if words and shutil.which(words[0]):
+            return words
+    return None
+
+
+def _by_c(source: str) -> Native:
+    command = [*(c_compiler() or ["cc"]), *FLAGS]
+    digest = hashlib.sha256("\0".join([source, sys.platform, *command]).encode()).hexdigest()
+    name = f"model-{digest[:32]}{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
+    for folder in _folders():
+        library = folder / name
+        with contextlib.suppress(OSError):  # absent, or not as it was written
+            return _loaded(library)
+        with contextlib.suppress(OSError):  # a folder that cannot be written
+            _compile(command, source, library)
+            return _loaded(library)
+    raise RuntimeError("no folder could take a compiled model: set ZIVI_CACHE to one that can")
+
+
+def _loaded(library: Path) -> Native:
+    """Load a library that is as it was written; what is damaged would end the process."""
+    if _content(_seal_of(library)) != _sealed(library.name, _content(library)):
+        raise OSError(f"{library} is not as it was written")
+    owner = ctypes.CDLL(str(library))
+    if not hasattr(owner, "model"):
+        raise RuntimeError(f"{library} has no function model")
+    address = ctypes.cast(owner.model, ctypes.c_void_p).value
+    assert address is not None
+    return Native(address, owner)
+
+
+def _seal_of(library: Path) -> Path:
+    return library.with_name(f"{library.name}.sha256")
+
+
+def _sealed(name: str, content: bytes) -> bytes:
+    """Give the text that stands beside a library: what is in it, and which one it is."""
+    return hashlib.sha256(name.encode() + b"\0" + content).hexdigest().encode() + b"\n"
+
+
+def _content(file: Path) -> bytes:
+    """Read a file that nobody else can have written."""
+    # neither follow a link nor wait for a pipe
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    with open(os.open(file, flags | getattr(os, "O_BINARY", 0)), "rb") as opened:
+        found = os.fstat(opened.fileno())
+        if not stat.S_ISREG(found.st_mode) or _open_to_others(found):
+            raise OSError(f"{file} may be of somebody else")
+        return opened.read()
+
+
+def _compile(command: list[str], source: str, library: Path) -> None:
+    """Compile into a file of its own, then give it its name: others see all of it or nothing."""
+    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
+        (code := Path(folder) / "model.c").write_text(source, encoding="ascii")
+        made = Path(folder) / library.name
+        done = subprocess.run(
+            [*command, "-o", str(made), str(code), "-lm"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+            raise RuntimeError(f"the C compiler, {command[0]}, failed: {last}")
+        made.chmod(0o700)
+        (seal := Path(folder) / "seal").write_bytes(_sealed(library.name, made.read_bytes()))
+        seal.chmod(0o600)
+        os.replace(made, library)
+        os.replace(seal, _seal_of(library))
+
+
+def _folders() -> Iterator[Path]:
+    """Folders for compiled models, of this user alone: the cache first, then a temporary one."""
+    told, root = os.environ.get("ZIVI_CACHE"), os.environ.get("XDG_CACHE_HOME")
+    with contextlib.suppress(RuntimeError, OSError):  # nobody's home, no room in it
+        base = Path(told) if told else (Path(root) if root else Path.home() / ".cache") / "zivi"
+        base.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if (why := _not_ours(base)) is None:
+            yield base
+        elif str(base) not in _refused:
+            _refused.add(str(base))
+            warnings.warn(
+                f"compiled models are not kept in {base}: {why}, who could put code there that "
+                "runs as yours; give ZIVI_CACHE a folder of your own",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+    if not _own_folder:
+        _own_folder.append(tempfile.TemporaryDirectory(prefix="zivi-", ignore_cleanup_errors=True))
+    yield Path(_own_folder[0].name)
+
+
+def _not_ours(folder: Path) -> str | None:
+    """Say why others could write into a folder; None if they cannot."""
+    found = os.stat(folder)
+    if _is_foreign(found):
+        return f"it belongs to another user (number {found.st_uid})"
+    if _open_to_others(found):
+        return f"others may write into it (mode {stat.S_IMODE(found.st_mode):o})"
+    for parent in folder.resolve().parents:
+        mode = os.stat(parent).st_mode
+        # with the sticky bit, as of /tmp, nobody can put another folder in its place
+        if os.name == "posix" and mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            return f"others may write into {parent}"
+    return None
+
+
+def _is_foreign(found: os.stat_result) -> bool:
+    return os.name == "posix" and found.st_uid not in (os.geteuid(), 0)
+
+
+def _open_to_others(found: os.stat_result) -> bool:
+    others = stat.S_IWGRP | stat.S_IWOTH
+    return _is_foreign(found) or (os.name == "posix" and bool(found.st_mode & others))
+
+
+_refused: set[str] = set()
+_own_folder: list[tempfile.TemporaryDirectory[str]] = []
+
+
+def _by_numba(source: str) -> Native:
+    numba: Any = importlib.import_module("numba")
+    names: dict[str, Any] = {}
+    exec(compile(source, "<zivi model>", "exec"), names)
+    doubles = numba.types.CPointer(numba.float64)
+    signature = numba.int32(numba.float64, doubles, doubles, doubles, doubles)
+    model = numba.cfunc(signature, error_model="numpy")(names["model"])
+    return Native(model.address, model)

@@ -1,0 +1,85 @@
+"""A progress bar for long runs, on a terminal only."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING, Self, TypeAlias
+
+from zivi.base.extras import have, needed
+
+if TYPE_CHECKING:
+    import rich.progress
+
+Report: TypeAlias = Callable[[int, int], None]
+"""Called with the number of steps done and their total."""
+
+DELAY = 1.0
+"""Seconds before a bar appears: short runs show none."""
+
+
+class ProgressBar:
+    """Shows the steps done, once the run has lasted longer than `DELAY`.
+
+    Parameters
+    ----------
+    show : bool or None
+        ``None`` shows the bar if standard error is a terminal.
+    title : str
+        What is done.
+    """
+
+    def __init__(self, show: bool | None, title: str = "simulate") -> None:
+        if show:
+            needed("rich", "progress bars")
+        self._title = title
+        self._wanted = _can_be_written() and (
+            (sys.stderr.isatty() and have("rich")) if show is None else show
+        )
+        self._started = time.monotonic()
+        self._bar: rich.progress.Progress | None = None
+        self._task: rich.progress.TaskID | None = None
+
+    @property
+    def report(self) -> Report | None:
+        """What a run calls with the steps done and their total; None when nothing is shown."""
+        return self._update if self._wanted else None
+
+    def _update(self, done: int, of: int) -> None:
+        if self._bar is None:
+            if time.monotonic() - self._started < DELAY:
+                return
+            self._bar, self._task = _open_bar(self._title, of)
+        assert self._task is not None
+        self._bar.update(self._task, completed=done)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def _can_be_written() -> bool:
+    """Whether there is a standard error: services have none, and it may be closed."""
+    return sys.stderr is not None and not getattr(sys.stderr, "closed", False)
+
+
+def _open_bar(title: str, of: int) -> tuple[rich.progress.Progress, rich.progress.TaskID]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    # without a terminal nothing can be drawn over: then the last state stays, as one line
+    bar = Progress(*columns, console=console, transient=console.is_terminal)
+    bar.start()
+    return bar, bar.add_task(title, total=of)

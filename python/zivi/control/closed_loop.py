@@ -1,0 +1,367 @@
+"""Who drives: the sampled closed loop of a plant and a controller."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, Never, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi import _zivi
+from zivi.base.check import Array, real
+from zivi.base.compiled import listening
+from zivi.base.progress import ProgressBar
+from zivi.base.status import Status
+from zivi.control.loop_arguments import (
+    OURS,
+    check_ahead,
+    check_delay,
+    check_interface,
+    check_method,
+    check_not_negative,
+    check_observer,
+    described,
+    described_observer,
+    forces_of,
+    interface_of,
+    is_ours,
+    motion_of,
+    noise_of,
+    on_wall,
+    period_of,
+)
+from zivi.control.loop_path import SampledReference, path_of
+from zivi.control.loop_reference import (
+    GivenReference,
+    Reference,
+    Told,
+    check_reference,
+    describe_reference,
+    given,
+    told_of,
+)
+from zivi.control.loop_run import ESTIMATES, QUANTITIES, ClosedLoop
+from zivi.control.loop_samples import ended_by_event, restrict
+from zivi.control.observer import ImpactObserver
+from zivi.control.twisting import TickStatus
+from zivi.simulation.describe import describe, describe_system
+from zivi.simulation.events import events_of
+from zivi.simulation.impacts import impacts_of
+from zivi.simulation.methods import SwitchedRK, ThetaGamma
+from zivi.simulation.misplaced import refuse
+from zivi.simulation.partial import as_raised, with_partial
+from zivi.simulation.run import Event, pair, times_within
+from zivi.system.mass import Force, ImpactSystem, check_system
+
+__all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
+
+
+class Controller(Protocol):
+    """Anything that `simulate_closed_loop` can run: a sampling period and a tick.
+
+    What else it has is found at the start of a run:
+
+    - With an attribute ``x_ref`` (m) it has a reference, which the run records; ``xdot_ref`` (m/s)
+      too, NaN without. Its ``step`` may then take a fourth argument, the force on the reference
+      (m/s^2): ``step(x, xdot, force, force_ref)``.
+    - If ``step`` has an argument called ``t``, as in ``step(x, xdot, force, t)``, it is given the
+      time of the sample (s).
+    - With ``reference=`` its method ``step_to(x, xdot, force, now, next, acceleration)`` is called,
+      as that of `TwistingTracker`. Without one ``step`` is given the reference at the sample where
+      it has arguments called ``x_ref`` and ``xdot_ref``; a ``step`` without them goes its own way,
+      and the run records how far that is from the reference.
+    - A method ``reset(x_ref, xdot_ref)`` is called at the start of a run with ``y_ref0``, which
+      cannot be given without it.
+
+    Nothing else resets it: a controller of the user, unlike zivi's own, is not copied and goes on
+    from where it is.
+
+    Examples
+    --------
+    >>> class Swinging:
+    ...     h = 1e-2
+    ...     x_ref = 0.5
+    ...
+    ...     def step(self, x, xdot, force, t):
+    ...         self.x_ref = 0.5 + 0.1 * np.sin(t + self.h)
+    ...         return 100.0 * (self.x_ref - x) - 20.0 * xdot - force
+    >>> plant = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> run = zivi.simulate_closed_loop(plant, Swinging(), (0, 10), (1, 0))
+    >>> float(abs(run.error[500:]).max().round(2))
+    0.02
+    """
+
+    @property
+    def h(self) -> float:
+        """Sampling period (s)."""
+
+    @property
+    def step(self) -> Callable[..., float]:
+        """Give the control (m/s^2) for the period that starts now, ``step(x, xdot, force)``."""
+
+
+def simulate_closed_loop(
+    system: ImpactSystem,
+    controller: Controller,
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    y_ref0: ArrayLike | None = None,
+    force_ref: Force | None = None,
+    force_model: Force | None = None,
+    reference: Reference | None = None,
+    method: ThetaGamma | SwitchedRK | None = None,
+    noise: Sequence[float] = (0.0, 0.0),
+    seed: int | None = None,
+    quantization: Sequence[float] = (0.0, 0.0),
+    delay: int = 0,
+    observer: ImpactObserver | None = None,
+    t_eval: ArrayLike | None = None,
+    events: Event | Sequence[Event] | None = None,
+    dense_output: bool = True,
+    progress: bool | None = None,
+    **misplaced: Never,
+) -> ClosedLoop:
+    r"""Simulate the sampled closed loop of a plant and a controller.
+
+    At :math:`t_k = t_0 + k h` the state is measured, the controller gives :math:`u_k`, and until
+    :math:`t_{k+1}` the plant moves under its force and that control, held:
+
+    .. math:: \ddot x = f(t, x, \dot x) + u_{k-d}, \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
+
+    Between samples the motion is exact where the force is constant, through any number of impacts;
+    where it depends on time or state, `SwitchedRK` integrates it.
+
+    Parameters
+    ----------
+    system : ImpactSystem
+        The plant; its force is the true one.
+    controller : TwistingTracker, TwistingRegulator, ExplicitTwisting or other
+        Zivi's controllers are copied and run without the interpreter (not subclasses with a
+        ``step`` of their own). Any object with ``h`` and ``step(x, xdot, force)`` will do (see
+        `Controller`).
+    t_span : (float, float)
+        Start and end (s), ``t0 < t1``.
+    y0 : (float, float)
+        The plant's initial distance from the wall, >= 0 (m), and velocity (m/s).
+    y_ref0 : (float, float), optional
+        Initial state of the reference: the controller is reset to it. Without it the controller
+        goes on from where it is.
+    force_ref : float, LinearForce or callable, optional
+        Force on the reference (m/s^2), at the sample; by default `force_model`. Above a moving
+        wall, where everything else is in the wall's frame, so is this force. The reference is
+        advanced by implicit Euler steps: it drifts, see "A reference given as a force" in
+        control.md.
+    force_model : float, LinearForce or callable, optional
+        The force that the controller believes in, at the measured state; by default the true one.
+    reference : Trajectory, callable or array_like, optional
+        The reference itself, in place of `y_ref0` and `force_ref`, for a `TwistingTracker` or a
+        controller of the user: a run of `simulate` that covers `t_span`; a function of time
+        that gives ``(x_r, xdot_r)``, or ``(x_r, xdot_r, acceleration)``; or these at the samples,
+        shape (2, n) or (3, n). The control is told where it is at the sample and at the next one,
+        nothing is integrated, nothing drifts. It may bounce, rest and lift off. A function is
+        asked for both ends of each period when that begins: what it gives may change while the
+        loop runs.
+    method : SwitchedRK or ThetaGamma, optional
+        How the plant moves between samples. By default exactly where the force is constant, else
+        by ``SwitchedRK(rtol=1e-9, atol=1e-12)``. With `ThetaGamma` the plant is on one grid with
+        the controller (the paper's own loop): its ``h`` must be the controller's.
+    noise : (float, float)
+        Standard deviations of the measured position (m) and velocity (m/s), Gaussian.
+    seed : int, optional
+        Seed of the noise. A random one is drawn by default; ``config["seed"]`` tells it.
+    quantization : (float, float)
+        Resolution of the measured position (m) and velocity (m/s); 0 is exact.
+    delay : int
+        Periods from a measurement to the moment when its control acts, >= 0; until then 0 acts.
+        Zivi's controllers should be told: ``ahead=1 + delay``.
+    observer : ImpactObserver, optional
+        What the controller is told instead of the measurement: the position and velocity that the
+        observer estimates, and its unknown force as a part of the model's. A copy runs, from where
+        it is; it is told the control that acts, after limits and delay.
+    t_eval : array_like, optional
+        Increasing times in `t_span` to report instead of the samples (s). ``u``, ``signs`` and
+        ``tick_status`` are those of the sample before.
+    events : callable or sequence of callables, optional
+        Functions ``g(t, x, xdot)`` of the plant's state, as for `simulate`, whose changes of sign
+        are located between the samples: each period is looked at in four parts, before and after
+        each impact. The run ends at a terminal one; the controller has ticked the period in which
+        it happens.
+    dense_output : bool
+        Whether the motion between the samples is kept, ``run(t)``; ``t_eval`` and terminal events
+        keep it.
+    progress : bool, optional
+        Show a progress bar on standard error once a run lasts longer than a second. By default
+        only on a terminal.
+    **misplaced
+        Nothing: a `TypeError` says where a setting of a method, such as ``rtol``, belongs.
+
+    Returns
+    -------
+    ClosedLoop
+        Always valid up to its last sample.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range, before anything is computed.
+    Exception
+        Whatever a force or the controller raises, and `KeyboardInterrupt`: with the part of the
+        run that was computed as the exception's attribute ``trajectory``.
+
+    Warns
+    -----
+    ModelWarning
+        If the controller believes in another `e` than the plant's, or its landing does not look as
+        far ahead as its control is late.
+
+    Examples
+    --------
+    >>> plant = zivi.ImpactSystem(-9.81, kappa=0.5)
+    >>> tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5)
+    >>> run = zivi.simulate_closed_loop(
+    ...     plant, tracker, (0, 2), (6, 5), y_ref0=(3, 3), force_ref=-19.81
+    ... )
+    >>> float(abs(run.error[-1])), round(float(run.u[-1]), 9)  # at rest, pressed on the wall
+    (0.0, -9.69)
+    """
+    refuse("simulate_closed_loop", misplaced)
+    check_system(system)
+    h = period_of(controller)
+    own, controller = controller, on_wall(told_of(controller, reference), system)
+    interface = interface_of(controller)
+    span = pair("t_span", t_span, "(t0, t1)")
+    state = pair("y0", y0, "(x0, xdot0)")
+    forces, specs = forces_of(system, force_model, force_ref)
+    check_observer(observer, h)
+    check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
+    check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
+    told = None if reference is None else given(reference, span, h)
+    kappa_ref = real("kappa_ref", getattr(controller, "kappa_ref", system.kappa))
+    restitution_ref = _zivi.Restitution(kappa=kappa_ref)
+    deviations = check_not_negative("noise", noise)
+    resolution = check_not_negative("quantization", quantization)
+    periods = check_delay(delay)
+    check_ahead(controller, periods, deviations[1] if observer is None else 0.0)
+    check_method(method, h)
+    times = None if t_eval is None else times_within(t_eval, span)
+    watched = events_of(events)
+    if not isinstance(dense_output, bool):
+        raise TypeError(f"dense_output must be True or False, got {dense_output!r}")
+    seed, samples = noise_of(deviations, seed, span, h)
+    if isinstance(controller, OURS):
+        controller = copy.copy(controller)
+    start_ref = None if y_ref0 is None else pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)")
+    if start_ref is not None:
+        following: Any = controller
+        following.reset(*start_ref)
+    config = (
+        describe_system(system)
+        | {name: describe(it) for name, it in forces.items()}
+        | {
+            "t_span": list(span),
+            "y0": list(state),
+            "y_ref0": None if start_ref is None else list(start_ref),
+            "reference": None if reference is None else describe_reference(reference),
+            "controller": described(own if isinstance(controller, Told) else controller),
+            "method": None if method is None else describe(method),
+            "noise": list(deviations),
+            "seed": seed,
+            "quantization": list(resolution),
+            "delay": periods,
+        }
+    )
+    config |= described_observer(observer)
+    with ProgressBar(progress) as bar, listening(specs) as ear:
+        record = _zivi.simulate_closed_loop(
+            controller,
+            specs,
+            restitution=_zivi.Restitution.of_both(system.e, system.kappa),
+            h=h,
+            span=span,
+            start=_zivi.State(*state),
+            **motion_of(method),
+            noise=samples,
+            resolution=resolution,
+            delay=periods,
+            observer=observer,
+            interface=interface,
+            ours=is_ours(controller),
+            dense=dense_output or times is not None or bool(watched),
+            given=told,
+            restitution_ref=restitution_ref,
+            events=watched,
+            progress=bar.report,
+        )
+    run, raised = _run(record, config), record.raised
+    if reference is not None:
+        run = _with_reference(run, reference)
+    # an exception holds this frame: it must not hold the record that holds the exception
+    del record
+    if raised is None and (raised := ear.ends(run.success)):
+        run = as_raised(run)
+    del ear
+    if run.status is Status.TERMINATED_BY_EVENT:
+        run = ended_by_event(run, h)
+    if times is not None:
+        run = restrict(run, times)
+    if raised is not None:
+        raise with_partial(raised, run)
+    return run
+
+
+def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
+    t, *sampled = record.columns[: 1 + len(QUANTITIES)]
+    samples = dict(zip(QUANTITIES, sampled, strict=True))
+    impacts, wall = impacts_of(record), (config["e"], config["kappa"])
+    path = path_of(record, impacts, wall)
+    return ClosedLoop(
+        t=t,
+        **samples,
+        signs=np.column_stack(record.columns[1 + len(QUANTITIES) :]),
+        tick_status=record.ticks,
+        impacts=impacts,
+        zeno_times=record.zeno_times,
+        liftoff_times=record.liftoff_times,
+        rest_time=record.rest_time,
+        status=Status(record.status),
+        message=record.message,
+        nfev=record.nfev,
+        config=config,
+        **_estimates(record.estimates),
+        n_refused=int(np.count_nonzero(record.ticks & TickStatus.REFUSED)),
+        t_events=[hits.t for hits in record.hits],
+        y_events=[np.hstack([hits.q, hits.qdot]) for hits in record.hits],
+        _path=path,
+        _reference=_reference(t, samples, config),
+        _span=(float(t[0]), float(t[-1])) if len(t) else None,
+    )
+
+
+def _with_reference(run: ClosedLoop, reference: Any) -> ClosedLoop:
+    """Give a run its reference as it is between the samples, where that is known."""
+    sampled = run._reference
+    if not callable(reference) or not isinstance(sampled, SampledReference):
+        return run
+    return dataclasses.replace(run, _reference=GivenReference(reference, sampled))
+
+
+def _estimates(columns: Sequence[Array]) -> dict[str, Array]:
+    """Name what an observer thought, nothing without one."""
+    if not len(columns[0]):
+        return {}
+    return dict(zip(ESTIMATES, columns, strict=True))
+
+
+def _reference(
+    t: Array, samples: dict[str, Array], config: dict[str, Any]
+) -> SampledReference | None:
+    """Give the motion of the reference, None if the controller has none."""
+    x = samples["x_ref"]
+    if not len(t) or np.isnan(x).all():
+        return None
+    kappa = config["controller"].get("kappa_ref", config["kappa"])
+    return SampledReference(t, x, samples["xdot_ref"], kappa)

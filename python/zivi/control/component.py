@@ -1,0 +1,320 @@
+"""What the controllers and the observer share: settings, state, copies and pickles."""
+
+from __future__ import annotations
+
+import copy
+import enum
+import math
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Never, Self, TypeVar
+
+import numpy as np
+
+from zivi import _zivi
+from zivi.base.check import Array, real, switch, whole
+from zivi.system.transform import coefficients
+
+__all__ = ["DEPTH", "HORIZON", "TickStatus"]
+
+_DEPTH, _HORIZON = _zivi.CONTROL_SETTINGS["TwistingTracker"]
+DEPTH: float = _DEPTH.default
+"""How far behind the wall a measurement may lie by default (m)."""
+HORIZON: float = _HORIZON.default
+"""Periods over which a step is planned by default."""
+ANY_KAPPA = 0.5
+TICKS = ("step", "step_to")
+Controller = TypeVar("Controller")
+MAX_AHEAD = 10**9
+"""Periods of the longest horizon, as of the longest run."""
+
+
+class TickStatus(enum.IntFlag):
+    """What was done to the last sample and to the control; ``0`` is nothing."""
+
+    CLAMPED = 1
+    """The measured position was negative by at most ``depth`` and was taken as 0."""
+    SATURATED = 2
+    """The control was cut to ``u_limits``."""
+    REFUSED = 4
+    """In a closed loop: the sample was refused, the last control was held."""
+    UNSOLVED = 8
+    """The general solver that was asked for found no signs; the exact ones were taken."""
+
+
+def is_state(state: Any) -> bool:
+    try:
+        s, v, side, u, signs, bits = state
+        numbers = [float(number) for number in (s, v, side, u, *signs)]
+        return (
+            all(map(math.isfinite, numbers))
+            and abs(side) == 1.0
+            and s * side >= 0.0
+            and len(signs) == 6
+            and all(abs(sign) <= 1.0 for sign in signs)
+            and 0 <= bits < 16
+            and not bits & TickStatus.REFUSED
+        )
+    except (TypeError, ValueError):
+        return False
+
+
+class Component:
+    """Settings, state, copies and pickles of what is ticked."""
+
+    _settings: dict[str, Any]
+    _is_state: Callable[[Any], bool]
+    _kind: str
+
+    if TYPE_CHECKING:  # the extension's classes have them
+
+        def _get_state(self) -> tuple[Any, ...]: ...
+        def _set_state(self, state: Any, /) -> None: ...
+
+    @property
+    def h(self) -> float:
+        """Sampling period (s)."""
+        return float(self._settings["h"])
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings, as they are given to the constructor."""
+        return dict(self._settings)
+
+    @property
+    def state(self) -> tuple[Any, ...]:
+        """All that changes from tick to tick; assigning it restores what it was of exactly."""
+        return self._get_state()
+
+    @state.setter
+    def state(self, state: tuple[Any, ...]) -> None:
+        if not type(self)._is_state(state):
+            raise ValueError(f"state must be what {self._kind} state gave, got {state!r}")
+        self._set_state(state)
+
+    def copy(self) -> Self:
+        """Copy it: the same settings, the same state."""
+        twin: Self = rebuilt(type(self), dict(self.__dict__), self.state)
+        return twin
+
+    def __copy__(self) -> Self:
+        return self.copy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        attributes = copy.deepcopy(self.__dict__, memo)
+        twin: Self = rebuilt(type(self), attributes, self.state)
+        return twin
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return rebuilt, (type(self), self.__dict__, self.state)
+
+    def __repr__(self) -> str:
+        shown = {name: value for name, value in self._settings.items() if value is not None}
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in shown.items())})"
+
+
+class Shared(Component):
+    """What the controllers have in common beside their ticks."""
+
+    _is_state = staticmethod(is_state)
+    _kind = "a controller's"
+
+    if TYPE_CHECKING:  # the extension's classes have them
+
+        @property
+        def _status(self) -> int: ...
+        @property
+        def _signs(self) -> Sequence[float]: ...
+
+    def _number(self, name: str) -> float:
+        value = self._settings[name]
+        return without_wall() if value is None else float(value)
+
+    def _on(self, kappa: float) -> Self:
+        """Give the controller on a wall; itself if it knows one."""
+        if self._settings["kappa"] is not None:
+            return self
+        attributes = {name: it for name, it in self.__dict__.items() if name not in TICKS}
+        settings = self._settings | {"kappa": kappa}
+        if settings.get("kappa_ref", kappa) is None:
+            settings["kappa_ref"] = kappa
+        this: Any = self
+        twin: Any = rebuilt(type(self), attributes | {"_settings": settings}, self.state)
+        if hasattr(this, "x_ref"):
+            twin.reset(this.x_ref, this.xdot_ref)
+        return twin  # type: ignore[no-any-return]
+
+    @property
+    def mu1(self) -> float:
+        """Gain on the sign of the position (m/s^2)."""
+        return self._number("mu1")
+
+    @property
+    def mu2(self) -> float:
+        """Gain on the sign of the velocity (m/s^2)."""
+        return self._number("mu2")
+
+    @property
+    def e(self) -> float:
+        """Coefficient of restitution of the plant's wall."""
+        return coefficients(None, self.kappa)[0]
+
+    @property
+    def kappa(self) -> float:
+        """``(1 - e)/(1 + e)`` of the plant's wall."""
+        return self._number("kappa")
+
+    @property
+    def signs(self) -> Array:
+        """Multipliers of the last tick, those of the regulator or all six (a copy)."""
+        return np.array(self._signs)
+
+    @property
+    def status(self) -> TickStatus:
+        """What was done to the last sample and to the control."""
+        return TickStatus(self._status)
+
+
+class Following(Shared):
+    """What the controllers with a reference have in common."""
+
+    @property
+    def e_ref(self) -> float:
+        """Coefficient of restitution of the reference's wall."""
+        return coefficients(None, self.kappa_ref)[0]
+
+    @property
+    def kappa_ref(self) -> float:
+        """``(1 - e)/(1 + e)`` of the reference's wall."""
+        return self._number("kappa_ref")
+
+
+class Landing(Shared):
+    """What the controllers that land have in common."""
+
+    @property
+    def landing(self) -> bool:
+        """Whether the control ends in exact rest in a sampled loop."""
+        return bool(self._settings["landing"])
+
+    @property
+    def ahead(self) -> int:
+        """Horizon of the landing, in sampling periods."""
+        return int(self._settings["ahead"])
+
+    @property
+    def quiet(self) -> float:
+        """Dead zone of the landing (m/s)."""
+        return self._number("quiet")
+
+    @property
+    def solver(self) -> str:
+        """How the signs of a step are found."""
+        return str(self._settings["solver"])
+
+
+def rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...]) -> Any:
+    # by the constructor of the class of ours: a subclass may have one of its own
+    ours: Any = next(base for base in kind.__mro__ if base.__module__.split(".")[0] == "zivi")
+    controller = ours.__new__(kind, **attributes["_settings"])
+    # settings that it did not have yet when it was stored have their defaults
+    settings = controller._settings | attributes["_settings"]
+    controller.__dict__.update(attributes | {"_settings": settings})
+    controller.state = state
+    return controller
+
+
+def common(
+    mu1: float,
+    mu2: float,
+    h: float,
+    kappa: float | None,
+    bound: float | None,
+    depth: float,
+    u_limits: Sequence[float] | None,
+) -> dict[str, Any]:
+    """Return settings as plain numbers; their ranges are checked in the core."""
+    limits = None
+    if u_limits is not None:
+        try:
+            low, high = u_limits
+        except (TypeError, ValueError):
+            message = f"u_limits must be two numbers (u_min, u_max), got {u_limits!r}"
+            raise TypeError(message) from None
+        limits = (real("u_min", low), real("u_max", high))
+    return {
+        "mu1": real("mu1", mu1),
+        "mu2": real("mu2", mu2),
+        "h": real("h", h),
+        "kappa": kappa,
+        "bound": None if bound is None else real("bound", bound),
+        "depth": real("depth", depth),
+        "u_limits": limits,
+    }
+
+
+def core(settings: dict[str, Any]) -> dict[str, Any]:
+    """Translate settings for the extension."""
+    given = dict(settings)
+    limits = given.pop("u_limits")
+    if given["kappa"] is None:  # any wall, until it is known; then the gains are checked too
+        given |= {"kappa": ANY_KAPPA, "bound": None}
+    if given.get("kappa_ref", ANY_KAPPA) is None:
+        given["kappa_ref"] = ANY_KAPPA
+    return given | {"actuator": (-math.inf, math.inf) if limits is None else limits}
+
+
+def plant_kappa(e: float | None, kappa: float | None) -> float | None:
+    """Return what is given of the plant's wall, None if nothing is."""
+    return None if e is None and kappa is None else coefficients(e, kappa)[1]
+
+
+def without_wall(*_: Any, **__: Any) -> Never:
+    raise ValueError(
+        "the controller has no e: give it e= or kappa=; zivi.simulate_closed_loop gives it the "
+        "plant's"
+    )
+
+
+def with_wall(controller: Controller) -> Controller:
+    """Keep a controller from ticking that does not know a wall yet."""
+    it: Any = controller
+    if it._settings["kappa"] is None:
+        names = [name for name in TICKS if hasattr(controller, name)]
+        it.__dict__.update(dict.fromkeys(names, without_wall))
+    return controller
+
+
+def reference_kappa(
+    e_ref: float | None, kappa_ref: float | None, plant: float | None
+) -> float | None:
+    if e_ref is None and kappa_ref is None:
+        return plant
+    e = None if e_ref is None else real("e_ref", e_ref)
+    kappa = None if kappa_ref is None else real("kappa_ref", kappa_ref)
+    try:
+        return coefficients(e, kappa)[1]
+    except ValueError as error:
+        raise ValueError(re.sub(r"\b(e|kappa)\b", r"\1_ref", str(error))) from None
+
+
+def horizon_of(landing: Any, ahead: Any) -> int:
+    """Return the horizon of a landing in periods."""
+    switch("landing", landing)
+    periods = whole("ahead", ahead)
+    if not 1 <= periods <= MAX_AHEAD:
+        raise ValueError(
+            f"ahead must be >= 1 (1 + the periods of delay) and at most {MAX_AHEAD:.0e}, "
+            f"got {ahead}"
+        )
+    if periods > 1 and not landing:
+        raise ValueError(f"ahead is of the landing: with landing=False it must be 1, got {ahead}")
+    return periods
+
+
+def quiet_of(landing: Any, quiet: Any) -> float:
+    """Return the dead zone of a landing; its range is checked in the core."""
+    zone = real("quiet", quiet)
+    if zone != 0.0 and not landing:
+        raise ValueError(f"quiet is of the landing: with landing=False it must be 0, got {zone}")
+    return zone

@@ -1,0 +1,292 @@
+"""What a closed loop is asked for: its arguments, checked and translated."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import math
+import numbers
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from zivi import _zivi
+from zivi.base.check import Array, real
+from zivi.base.warnings import ModelWarning
+from zivi.control.observer import ImpactObserver
+from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.simulation.methods import SwitchedRK, ThetaGamma
+from zivi.simulation.misplaced import told
+from zivi.simulation.run import pair
+from zivi.system.mass import ImpactSystem, force_spec, in_wall_frame
+
+__all__ = [
+    "OURS",
+    "check_ahead",
+    "check_delay",
+    "check_follows",
+    "check_interface",
+    "check_method",
+    "check_not_negative",
+    "check_observer",
+    "check_seed",
+    "described",
+    "described_observer",
+    "forces_of",
+    "interface_of",
+    "is_ours",
+    "motion_of",
+    "noise_of",
+    "on_wall",
+    "period_of",
+]
+
+BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
+"""How a plant moves whose force is not constant."""
+
+OURS = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
+
+
+def forces_of(
+    system: ImpactSystem, force_model: Any, force_ref: Any
+) -> tuple[dict[str, Any], list[_zivi.Force]]:
+    """Return the forces on the plant, in the model and on the reference, and their specs."""
+    forces = {
+        "force": system.force,
+        "force_model": system.force if force_model is None else force_model,
+    }
+    # in the frame of a moving wall, which the controller knows
+    specs = [in_wall_frame(system, force_spec(force, name)) for name, force in forces.items()]
+    specs.append(specs[-1] if force_ref is None else force_spec(force_ref, "force_ref"))
+    forces["force_ref"] = forces["force_model"] if force_ref is None else force_ref
+    return forces, specs
+
+
+def motion_of(method: ThetaGamma | SwitchedRK | None) -> dict[str, Any]:
+    """Return how the plant moves between samples, as the extension takes it."""
+    return {
+        "method": (BETWEEN_SAMPLES if method is None else method)._core,
+        "exact": method is None,
+    }
+
+
+def period_of(controller: Any) -> float:
+    """Return the sampling period of what can be run as a controller."""
+    if isinstance(controller, type) or not (
+        hasattr(controller, "h") and callable(getattr(controller, "step", None))
+    ):
+        raise TypeError(
+            "controller must have a sampling period 'h' and a method 'step', "
+            f"e.g. zivi.TwistingTracker(30, 17, h=1e-3, e=0.5), got {controller!r}"
+        )
+    return real("controller.h", controller.h)
+
+
+def on_wall(controller: Any, system: ImpactSystem, stacklevel: int = 3) -> Any:
+    """Give a controller without `e` the plant's, and warn of one that believes in another."""
+    if isinstance(controller, OURS):
+        controller = controller._on(system.kappa)
+    believed = getattr(controller, "e", system.e)
+    if isinstance(believed, numbers.Real) and abs(float(believed) - system.e) > SAME_E:
+        warnings.warn(
+            f"the controller believes in e = {believed:.6g}, the plant has e = {system.e:.6g}: "
+            "without e it takes the plant's",
+            ModelWarning,
+            stacklevel=stacklevel,
+        )
+    return controller
+
+
+SAME_E = 1e-12
+"""Difference of two `e` that is one of rounding, as between an `e` and a `kappa`."""
+
+
+def check_delay(delay: Any) -> int:
+    """Return a number of periods."""
+    if isinstance(delay, bool) or not isinstance(delay, int | np.integer):
+        raise TypeError(f"delay must be a whole number of periods, got {delay!r}")
+    if not 0 <= delay <= MAX_DELAY:
+        raise ValueError(f"delay must be >= 0 periods and at most {MAX_DELAY:.0e}, got {delay}")
+    return int(delay)
+
+
+def check_ahead(controller: Any, delay: int, noise: float = 0.0, stacklevel: int = 3) -> None:
+    """Warn of a landing that does not look as far ahead as its control is late.
+
+    Under noise of the velocity the brake of a late loop, ``v' = -v(t - d h)/(N h)``, swings over
+    unless ``N >= (1 + d)^(1 + d)/d^d``; a dead zone does as well.
+    """
+    if not (delay and isinstance(controller, OURS) and getattr(controller, "landing", False)):
+        return
+    it: Any = controller
+    text = ""
+    if it.ahead < 1 + delay:
+        text = f"a landing may never rest: ahead = {it.ahead}, but 1 + delay = {1 + delay}"
+    elif noise > 0.0 and it.quiet == 0.0 and it.e >= NEAR_ELASTIC and it.ahead < calm(delay):
+        text = (
+            f"under noise a landing with ahead = {it.ahead} and delay = {delay} may never rest at "
+            f"e = {it.e:.6g}: give it quiet (5 deviations of the velocity), or ahead={calm(delay)}"
+        )
+    if text:
+        warnings.warn(text, ModelWarning, stacklevel=stacklevel)
+
+
+NEAR_ELASTIC = 0.9
+"""`e` from which a brake that swings over may keep a mass from rest under noise."""
+
+
+def calm(delay: int) -> int:
+    """Give the least horizon whose late brake does not swing over."""
+    return math.ceil((1 + delay) * (1.0 + 1.0 / delay) ** delay)
+
+
+MAX_DELAY = 10**9
+"""Periods of the longest run."""
+
+
+def check_not_negative(name: str, value: Sequence[float]) -> tuple[float, float]:
+    """Return two numbers >= 0."""
+    first, second = pair(name, value, "(of x, of xdot)")
+    for number in (first, second):
+        if not (number >= 0.0 and np.isfinite(number)):
+            raise ValueError(f"{name} must be two finite numbers >= 0, got {value!r}")
+    return first, second
+
+
+def noise_of(
+    deviations: tuple[float, float], seed: int | None, span: tuple[float, float], h: float
+) -> tuple[int | None, tuple[Array, Array]]:
+    """Draw the noise of the whole run."""
+    seed = None if seed is None else check_seed(seed)
+    none = np.empty(0)
+    if deviations == (0.0, 0.0):
+        return seed, (none, none)
+    source = np.random.SeedSequence(seed)
+    generator = np.random.default_rng(source)
+    samples = max((span[1] - span[0]) / h, 0.0) + 2
+    if not samples <= MAX_NOISE:
+        raise ValueError(f"noise is drawn for at most {MAX_NOISE:.0e} samples, got {samples:.3g}")
+    # sample by sample: a longer run with the same seed begins alike
+    draws = generator.standard_normal((int(samples), 2))
+    entropy = source.entropy
+    return int(entropy) if isinstance(entropy, int) else None, (
+        deviations[0] * draws[:, 0],
+        deviations[1] * draws[:, 1],
+    )
+
+
+def check_seed(seed: Any) -> int:
+    """Return a seed of the noise."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+        raise TypeError(f"seed must be a whole number >= 0, got {seed!r}")
+    if seed < 0:
+        raise ValueError(f"seed must be a whole number >= 0, got {seed}")
+    return int(seed)
+
+
+MAX_NOISE = 1e8
+"""Samples up to which noise is drawn: 1.6 GB."""
+
+
+def is_ours(controller: Any) -> bool:
+    """Whether the ticks are those of one of our classes, not those of a subclass."""
+    kind = type(controller)
+    return any(
+        issubclass(kind, base)
+        and all(
+            getattr(kind, name, None) is getattr(base, name, None)
+            for name in ("step", "x_ref", "xdot_ref")
+        )
+        for base in OURS
+    )
+
+
+def interface_of(controller: Any) -> dict[str, bool]:
+    """Find what a controller tells of a reference, and what its step takes beside the sample.
+
+    The force of the reference is the fourth argument by position of a controller that has one;
+    the time is an argument that is called ``t``.
+    """
+    follows = hasattr(controller, "x_ref")
+    has = {"x_ref": follows, "xdot_ref": hasattr(controller, "xdot_ref")}
+    try:
+        signature = inspect.signature(controller.step)
+    except (TypeError, ValueError):  # a builtin that does not tell
+        return has | {"force_ref": follows, "t": False}
+    kind = inspect.Parameter
+    t = signature.parameters.get("t")
+    timed = t is not None and t.kind in (kind.POSITIONAL_OR_KEYWORD, kind.KEYWORD_ONLY)
+    named = {"t": 0.0} if timed else {}
+    for count in (4, 3) if follows else (3,):
+        with contextlib.suppress(TypeError):
+            signature.bind(*count * (0.0,), **named)
+            return has | {"force_ref": count == 4, "t": timed}
+    more = "force_ref" if follows else "force_ref if it has an attribute x_ref"
+    raise TypeError(
+        f"controller.step must take (x, xdot, force), then {more}, then t if it wants the time; "
+        f"that of {type(controller).__name__} takes {signature}"
+    )
+
+
+def check_interface(
+    controller: Any, interface: dict[str, bool], spec_ref: _zivi.Force, **given: Any
+) -> None:
+    """Refuse what a controller cannot be given; `spec_ref` is the force on its reference."""
+    check_follows(controller, **given)
+    kind = type(controller).__name__
+    if given["force_ref"] is not None and not interface["force_ref"]:
+        raise TypeError(f"force_ref is given, but the step of {kind} does not take it")
+    if given["y_ref0"] is not None and not callable(getattr(controller, "reset", None)):
+        raise TypeError(f"y_ref0 is given, but {kind} has no method reset(x_ref, xdot_ref)")
+    if interface["force_ref"] and not interface["xdot_ref"] and not spec_ref.is_constant:
+        raise TypeError(
+            f"the force on the reference may depend on its velocity, but {kind} has no xdot_ref: "
+            "add it, or let step take (x, xdot, force) only"
+        )
+
+
+def check_follows(controller: Any, **given: Any) -> None:
+    """Refuse arguments of a reference, unless they are None, for a controller without one."""
+    for name, value in given.items():
+        if value is not None and not hasattr(controller, "x_ref"):
+            kind = type(controller).__name__
+            raise TypeError(f"{name} is given, but {kind} follows no reference")
+
+
+def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> None:
+    """Refuse a motion between samples that is none, or is not on the controller's grid."""
+    if method is None or isinstance(method, SwitchedRK):
+        return
+    if not isinstance(method, ThetaGamma) or method.solver != "exact":
+        raise TypeError(
+            "method must be None, a zivi.SwitchedRK or an exact zivi.ThetaGamma, "
+            f"got {told(method)}"
+        )
+    if method.h != h:
+        raise ValueError(f"method.h must be the controller's h = {h}, got {method.h}")
+
+
+def described(controller: Any) -> dict[str, Any]:
+    """Plain values that tell a controller again."""
+    settings = getattr(controller, "settings", {})
+    return {"name": type(controller).__name__, **(settings if isinstance(settings, dict) else {})}
+
+
+def check_observer(observer: Any, h: float) -> None:
+    """Refuse what is no observer of ours, or one of another period."""
+    if observer is None:
+        return
+    if type(observer) is not ImpactObserver:
+        raise TypeError(f"observer must be a zivi.ImpactObserver, got {told(observer)}")
+    if observer.h != h:
+        raise ValueError(f"observer.h must be the controller's h = {h}, got {observer.h}")
+
+
+def described_observer(observer: Any) -> dict[str, Any]:
+    """Plain values that tell an observer again; nothing without one."""
+    if observer is None:
+        return {}
+    settings = observer.settings
+    return {"observer": {**settings, "noise": list(settings["noise"])}}

@@ -1,0 +1,278 @@
+"""Many closed loops at once, on all cores: the study of gains and of tolerances."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi import _zivi
+from zivi.base.check import Array, finite
+from zivi.base.compiled import listening, tell
+from zivi.base.progress import ProgressBar
+from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
+from zivi.control.loop_arguments import (
+    OURS,
+    check_ahead,
+    check_delay,
+    check_follows,
+    check_method,
+    check_not_negative,
+    described,
+    described_observer,
+    motion_of,
+    period_of,
+)
+from zivi.control.loop_batch_alone import (
+    check_starts,
+    columns_of,
+    columns_of_record,
+    copied,
+    noises_of,
+    numbers_of,
+    outcomes,
+    seeds_of,
+)
+from zivi.control.loop_batch_arguments import (
+    common,
+    entry,
+    every_of,
+    forces_of,
+    observers_of,
+    on_walls,
+    placed,
+    references_of,
+    several,
+    states_of,
+)
+from zivi.control.loop_batch_result import ClosedLoopBatch
+from zivi.control.loop_batch_samples import room_for, sampled
+from zivi.control.loop_reference import Reference, check_reference, describe_reference
+from zivi.control.observer import ImpactObserver
+from zivi.simulation.batch_arguments import check_threads
+from zivi.simulation.batch_result import MAX_DESCRIBED
+from zivi.simulation.describe import describe, describe_system
+from zivi.simulation.methods import SwitchedRK, ThetaGamma
+from zivi.simulation.run import pair
+from zivi.system.mass import Force, ImpactSystem
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["ClosedLoopBatch", "simulate_closed_loop_batch"]
+
+STATE = ("x", "xdot")
+"""The columns of initial states."""
+
+
+def simulate_closed_loop_batch(
+    systems: ImpactSystem | Sequence[ImpactSystem],
+    controllers: Controller | Sequence[Controller],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    y_ref0: ArrayLike | None = None,
+    force_ref: Force | None = None,
+    force_model: Force | None = None,
+    reference: Reference | Sequence[Reference] | None = None,
+    method: ThetaGamma | SwitchedRK | None = None,
+    noise: ArrayLike = (0.0, 0.0),
+    seed: int | Sequence[int] | None = None,
+    quantization: Sequence[float] = (0.0, 0.0),
+    delay: int = 0,
+    observer: ImpactObserver | Sequence[ImpactObserver] | None = None,
+    within: float = 1e-2,
+    save: str | int = "final",
+    t_eval: ArrayLike | None = None,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> ClosedLoopBatch:
+    """Simulate many independent closed loops, on all cores and without the interpreter.
+
+    Loops with noise, and those of controllers of the user, run one by one on the threads. Each
+    gives what `simulate_closed_loop` gives for it, to the last bit, whatever the number of threads.
+    What differs from loop to loop is given as a sequence, or as rows.
+
+    Parameters
+    ----------
+    systems : ImpactSystem or sequence of ImpactSystem
+        The plants: one for all, or one for each. Forces must not need the interpreter.
+    controllers : controller or sequence of controllers
+        One for all or one for each; they are copied, those of the user by `copy.deepcopy`.
+    t_span : (float, float)
+        Start and end (s), the same for all.
+    y0 : array_like
+        The plants' initial states, shape (n, 2), or (2,) for all.
+    y_ref0 : array_like, optional
+        The references' initial states, shape (n, 2), or (2,) for all. Without it each controller
+        goes on from where it is.
+    force_ref, force_model : float, LinearForce or compiled callable, optional
+        As for `simulate_closed_loop`, the same for all.
+    reference : Trajectory, callable, array_like or list of these, optional
+        The references, as for `simulate_closed_loop`: one for all loops, or a list with one for
+        each. A function is asked once for each sample, before the loops begin.
+    method : SwitchedRK or ThetaGamma, optional
+        How the plants move between samples, as for `simulate_closed_loop`.
+    noise : array_like
+        Standard deviations of the measured positions (m) and velocities (m/s), shape (n, 2), or
+        (2,) for all.
+    seed : int or sequence of int, optional
+        Seeds of the noise: one for all loops, which then have the same, or one for each, such as
+        ``range(n)``. By default each draws its own; ``config["seed"]`` tells them.
+    quantization : (float, float)
+        Resolution of the measured position (m) and velocity (m/s); 0 is exact.
+    delay : int
+        Periods from a measurement to the moment when its control acts, >= 0.
+    observer : ImpactObserver or sequence of ImpactObserver, optional
+        What the controllers are told instead of the measurement, as for `simulate_closed_loop`: one
+        for all, or one for each; copies run.
+    within : float
+        The position error that counts as followed, > 0 (m): see ``settling_time``.
+    save : "final" or int
+        Whether every so many samples are kept, beside the numbers of each loop.
+    t_eval : array_like, optional
+        Increasing times in `t_span` at which positions, velocities, references and controls are
+        kept, as by `simulate_closed_loop` (s); with ``save="final"`` only. Each loop is run once
+        more for them.
+    threads : int, optional
+        Number of threads, >= 1; by default as many as the machine runs at once.
+    progress : bool, optional
+        Show a progress bar on standard error once it lasts longer than a second. By default only
+        on a terminal.
+
+    Returns
+    -------
+    ClosedLoopBatch
+        An entry for each loop.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range, before anything is computed.
+    KeyboardInterrupt
+        On Ctrl-C; nothing is kept then.
+
+    Examples
+    --------
+    >>> plant = zivi.ImpactSystem(-9.81, kappa=0.5)
+    >>> trackers = [zivi.TwistingTracker(mu1, 17, h=1e-3, kappa=0.5) for mu1 in (20, 30, 40)]
+    >>> batch = zivi.simulate_closed_loop_batch(
+    ...     plant, trackers, (0, 2), (6, 5), y_ref0=(3, 3), force_ref=-19.81
+    ... )
+    >>> batch
+    <ClosedLoopBatch of 3 loops: 3 completed, 3 at rest>
+    >>> float(batch.settling_time[1])  # the paper's gains
+    1.211
+    """
+    span = pair("t_span", t_span, "(t0, t1)")
+    plants, ticking = several("systems", systems), several("controllers", controllers)
+    for i, plant in enumerate(plants):
+        if not isinstance(plant, ImpactSystem):
+            kind = type(plant).__name__
+            raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
+    ours = all(type(controller) in OURS for controller in ticking)
+    for controller in ticking:
+        period_of(controller)
+        check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
+        check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
+    states = states_of("y0", y0)
+    references = np.empty((1, 0)) if y_ref0 is None else states_of("y_ref0", y_ref0)
+    followed = reference if isinstance(reference, list) else [reference]
+    observers = observers_of(observer, ticking)
+    lists = {"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references}
+    lists |= {"reference": followed} | ({"observer": observers} if observers else {})
+    deviations = noises_of(noise)
+    lists |= {"noise": deviations} | ({} if seed is None or np.ndim(seed) == 0 else {"seed": seed})
+    n = common(lists)
+    noisy = any(it != (0.0, 0.0) for it in deviations)
+    seeds = seeds_of(seed, n) if noisy or seed is not None else []
+    room = room_for(t_eval, save, span, n)
+    if y_ref0 is not None and ours:
+        ticking = placed(ticking, references, n)
+    forces = forces_of(plants, force_model, force_ref)
+    ticking = on_walls(ticking, plants, n)
+    for controller in ticking:
+        check_method(method, controller.h)
+        check_ahead(controller, check_delay(delay), max(it[1] for it in deviations))
+    if not (finite("within", within) > 0.0):
+        raise ValueError(f"within must be > 0 (m), got {within}")
+    asked = {"force_ref": force_ref, "force_model": force_model, "method": method, "delay": delay}
+    if not ours:
+        asked["y_ref0"] = y_ref0
+
+    def loop(i: int, times: Array | None = None) -> ClosedLoop:
+        given: dict[str, Any] = dict(asked)
+        if given.get("y_ref0") is not None:
+            given["y_ref0"] = entry(references, i)
+        if noisy:
+            given |= {"noise": entry(deviations, i), "seed": entry(seeds, i)}
+        return simulate_closed_loop(
+            entry(plants, i),
+            copied(entry(ticking, i), i),
+            span,
+            entry(states, i),
+            reference=entry(followed, i),
+            quantization=quantization,
+            observer=entry(observers, i) if observers else None,
+            t_eval=times,
+            progress=False,
+            **given,
+        )
+
+    every, workers = every_of(save), check_threads(threads)
+    resolution = check_not_negative("quantization", quantization)
+    specs = [spec for several in forces for spec in several]
+    with ProgressBar(progress) as bar:
+        if noisy or not ours:
+            check_starts(states)
+            of = functools.partial(numbers_of, within=float(within), every=every)
+            found = columns_of(outcomes(loop, n, workers, of, bar.report), every)
+        else:
+            rows = [] if reference is None else references_of(followed, ticking, span, n)
+            with listening(specs, threads=True) as ear:
+                record = _zivi.simulate_closed_loop_batch(
+                    ticking,
+                    observers,
+                    forces,
+                    np.array([(plant.e, plant.kappa) for plant in plants]),
+                    np.ascontiguousarray(np.broadcast_to(states, (n, 2))),
+                    span=span,
+                    **motion_of(method),
+                    resolution=resolution,
+                    delay=check_delay(delay),
+                    within=float(within),
+                    every=every,
+                    threads=workers,
+                    references=rows,
+                    progress=bar.report,
+                )
+            tell(ear, record.status)
+            found = columns_of_record(record, save != "final")
+    config = {
+        "systems": [describe_system(plant) for plant in plants[:MAX_DESCRIBED]],
+        "n_systems": len(plants),
+        "n_runs": n,
+        "t_span": list(span),
+        "y0": states[:MAX_DESCRIBED].tolist(),
+        "y_ref0": None if y_ref0 is None else references[:MAX_DESCRIBED].tolist(),
+        "reference": None if reference is None else [*map(describe_reference, followed)],
+        "force_model": None if force_model is None else describe(force_model),
+        "force_ref": None if force_ref is None else describe(force_ref),
+        "method": None if method is None else describe(method),
+        **({"noise": deviations[:MAX_DESCRIBED], "seed": seeds[:MAX_DESCRIBED]} if noisy else {}),
+        "quantization": [float(value) for value in quantization],
+        "delay": int(delay),
+        "within": float(within),
+        **described_observer(observers[0] if observers else None),
+        "save": save if isinstance(save, str) else int(save),
+        **({} if room is None else {"t_eval": room[0].tolist()}),
+        "controllers": [described(it) for it in ticking[:MAX_DESCRIBED]],
+        "n_controllers": len(ticking),
+    }
+    batch = ClosedLoopBatch(**found, config=config)
+    if room is None:
+        return batch
+    return sampled(batch, room, lambda i: loop(i, room[0]), workers)

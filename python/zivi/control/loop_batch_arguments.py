@@ -1,0 +1,132 @@
+"""What a batch of closed loops is asked for: its arguments, checked and translated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi import _zivi
+from zivi.base.check import Array, real_array, whole
+from zivi.control.loop_arguments import OURS, check_observer, on_wall
+from zivi.control.loop_reference import rows_of
+from zivi.control.observer import ImpactObserver
+from zivi.simulation.batch_arguments import check_native
+from zivi.system.mass import ImpactSystem, force_spec, in_wall_frame
+
+__all__ = [
+    "common",
+    "entry",
+    "every_of",
+    "forces_of",
+    "observers_of",
+    "on_walls",
+    "placed",
+    "references_of",
+    "several",
+    "states_of",
+]
+
+
+def observers_of(observer: Any, controllers: list[Any]) -> list[Any]:
+    """Return the observers, each of its controller's period."""
+    observers = [] if observer is None else several("observer", observer)
+    for i in range(max(len(observers), len(controllers)) if observers else 0):
+        if i < len(observers) or len(observers) == 1:
+            check_observer(entry(observers, i), controllers[min(i, len(controllers) - 1)].h)
+    return observers
+
+
+def several(name: str, things: Any) -> list[Any]:
+    """Return one thing, or several, as a list."""
+    try:
+        one = isinstance(things, (ImpactSystem, ImpactObserver, *OURS))
+        found = [things] if one else list(things)
+    except TypeError:
+        found = [things]
+    if not found:
+        raise ValueError(f"{name} must hold at least one")
+    return found
+
+
+def states_of(name: str, value: ArrayLike) -> Array:
+    """Return states as rows."""
+    rows = np.atleast_2d(real_array(name, value))
+    if rows.ndim != 2 or rows.shape[1] != 2:
+        raise ValueError(f"{name} must have shape (n, 2) or (2,), got {np.shape(value)}")
+    return rows
+
+
+def common(lists: dict[str, Any]) -> int:
+    """Return the number of loops; every list has an entry for each, or one for all."""
+    n = max(len(it) for it in lists.values())
+    for name, it in lists.items():
+        if len(it) not in (1, n):
+            raise ValueError(f"{name} must have 1 or {n} entries, got {len(it)}")
+    return n
+
+
+def placed(controllers: list[Any], references: Array, n: int) -> list[Any]:
+    """Copy the controllers, with their references where they start."""
+    copies = []
+    for i in range(n):
+        controller = controllers[i if len(controllers) > 1 else 0].copy()
+        controller.reset(*(float(it) for it in references[i if len(references) > 1 else 0]))
+        copies.append(controller)
+        if len(controllers) == 1 and len(references) == 1:
+            break
+    return copies
+
+
+def on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> list[Any]:
+    """Give the controllers without `e` their plants'."""
+    ours = [it for it in controllers if isinstance(it, OURS)]
+    differ = len(plants) > 1 and any(it._settings["kappa"] is None for it in ours)
+    count = n if differ else len(controllers)
+    # one warning for all of a kind: the warnings of one place are shown once
+    return [on_wall(entry(controllers, i), entry(plants, i), stacklevel=4) for i in range(count)]
+
+
+def references_of(
+    references: list[Any], controllers: list[Any], span: tuple[float, float], n: int
+) -> list[tuple[Array, float]]:
+    """Give the references at the samples, and the kappas of their walls."""
+    count = n if max(len(references), len({(it.h, it.kappa_ref) for it in controllers})) > 1 else 1
+    pairs = [(entry(references, i), entry(controllers, i)) for i in range(count)]
+    return [(rows_of(it, span, controller.h), controller.kappa_ref) for it, controller in pairs]
+
+
+def entry(things: Sequence[Any] | Array, i: int) -> Any:
+    """Return the entry of one loop, or the one for all."""
+    return things[i if len(things) > 1 else 0]
+
+
+def forces_of(
+    plants: list[ImpactSystem], force_model: Any, force_ref: Any
+) -> tuple[list[_zivi.Force], list[_zivi.Force], list[_zivi.Force]]:
+    """Translate the forces on the plants, in the models and on the references."""
+    own = [plant._spec for plant in plants]
+    if force_model is None:
+        models = own
+    else:
+        model = force_spec(force_model, "force_model")
+        models = [in_wall_frame(plant, model) for plant in plants]
+    references = models if force_ref is None else [force_spec(force_ref, "force_ref")]
+    for name, specs in (("system", own), ("model", models), ("reference", references)):
+        for i, spec in enumerate(specs):
+            check_native(spec, f"the force of {name} {i}")
+    return own, models, references
+
+
+def every_of(save: Any) -> int:
+    """Return the number of samples from one that is saved to the next, 0 if none is."""
+    if save == "final":
+        return 0
+    if isinstance(save, str):
+        raise ValueError(f"save must be 'final' or a number of samples >= 1, got {save!r}")
+    every = whole("save", save)
+    if every < 1:
+        raise ValueError(f"save must be a number of samples >= 1, got {every}")
+    return every

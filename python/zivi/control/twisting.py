@@ -1,0 +1,380 @@
+"""What acts: twisting controllers for a mass with impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal, Self
+
+from zivi import _zivi
+from zivi.base.check import real, switch, whole
+from zivi.control.component import (
+    DEPTH,
+    HORIZON,
+    Following,
+    Landing,
+    TickStatus,
+    common,
+    core,
+    horizon_of,
+    plant_kappa,
+    quiet_of,
+    reference_kappa,
+    with_wall,
+)
+from zivi.simulation.methods import ThetaGamma
+
+__all__ = ["ExplicitTwisting", "TickStatus", "TwistingRegulator", "TwistingTracker"]
+
+BRANCHES = ("positive", "nearest")
+"""How a tracker lifts what it measures."""
+LINEARISATIONS: int = ThetaGamma.linearisations
+
+
+def _solve_by(
+    controller: _zivi.Regulator | _zivi.Tracker, solver: str, linearisations: int
+) -> dict[str, Any]:
+    """Have the steps of a controller solved so, and return the settings."""
+    count = whole("linearisations", linearisations)
+    controller._solve_by(solver, count)
+    return {"solver": solver, "linearisations": count}
+
+
+class TwistingRegulator(_zivi.Regulator, Landing):
+    r"""The twisting regulator: brings the mass to rest at the wall in finite time.
+
+    .. math::
+
+        \dot s = R v, \qquad
+        \dot v = R^{-1} \left( \mathrm{sgn}(s) F - \mu_1\,\mathrm{sgn}\,s
+                 - \mu_2\,\mathrm{sgn}\,v \right)
+
+    with the signs taken implicitly, at the end of the sampling period; in physical terms
+    :math:`u = -\mu_1 - \mu_2\,\mathrm{sgn}\,\dot x`. With ``landing`` the sign is as much of the
+    brake as stops the mass :math:`N` periods ahead, but for a dead zone :math:`q` (`quiet`),
+
+    .. math::
+
+        \ddot x = F + u = -\min(\max((\dot x - q) / (N h), D), U), \qquad
+        D = \mu_1 - \mu_2 - F, \quad U = \mu_1 + \mu_2 - F
+
+    and a sampled loop ends in exact rest for every :math:`e < 1`; without it the step is solved as
+    in the paper, whose plan to end a period on the wall a held control misses. Finite-time stable
+    for every force bounded by :math:`M` when
+
+    .. math:: M - \mu_1 \frac{1 - e^2}{1 + e^2} < \mu_2 < \mu_1 - M
+
+    Parameters
+    ----------
+    mu1, mu2 : float
+        Gains, ``0 < mu2 < mu1`` (m/s^2).
+    h : float
+        Sampling period, > 0 (s).
+    e, kappa : float
+        At most one of the coefficient of restitution, in (0, 1], and
+        :math:`\kappa = (1-e)/(1+e)`. Without either, the controller takes the plant's in
+        `simulate_closed_loop`, and cannot tick by itself.
+    bound : float, optional
+        A bound :math:`M` of the force (m/s^2). The gains are then checked against it.
+    depth : float
+        Measurements down to ``-depth`` (m) are sensor noise and are taken as 0; deeper ones are
+        refused.
+    u_limits : (float, float), optional
+        Range of the actuator (m/s^2): the control is cut to it.
+    landing : bool
+        Whether the control ends in exact rest in a sampled loop; False is the paper's tick.
+    ahead : int
+        The horizon :math:`N` of the landing, >= 1: one more than the periods from a measurement
+        to the moment when its control acts.
+    quiet : float
+        Dead zone of the landing, >= 0 (m/s): a bound of the errors of the measured velocity, such
+        as 5 standard deviations. A mass at rest has a constant control then, and the landing rests
+        as without errors.
+    solver : {"exact", "newton", "outer"}
+        How the signs of a step without a landing are found: by cases; as the variational
+        inequality (23) by the general solver; or by affine ones, one after another, without a
+        merit function. Both start from the signs of the last tick. Where the step has one solution
+        the control is the same; where a solver finds none, the exact signs are taken and `status`
+        has ``UNSOLVED``.
+    linearisations : int
+        For ``solver="outer"``: at most so many affine problems in a step, >= 1.
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range, or the gains do not suffice for `bound`.
+
+    Examples
+    --------
+    >>> regulator = zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5, bound=0.9)
+    >>> regulator.step(1.0, -0.5, 0.0)  # falling: -mu1 + mu2
+    -1.0
+    >>> zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5, bound=2.5)
+    Traceback (most recent call last):
+        ...
+    ValueError: mu1 must be greater than mu2 + bound = 4.5 m/s^2 for bound = 2.5, got 3.0
+    """
+
+    def __new__(  # noqa: D102 the class says it
+        cls,
+        mu1: float,
+        mu2: float,
+        *,
+        h: float,
+        e: float | None = None,
+        kappa: float | None = None,
+        bound: float | None = None,
+        depth: float = DEPTH,
+        u_limits: Sequence[float] | None = None,
+        landing: bool = True,
+        ahead: int = 1,
+        quiet: float = 0.0,
+        solver: Literal["exact", "newton", "outer"] = "exact",
+        linearisations: int = LINEARISATIONS,
+    ) -> Self:
+        kappa = plant_kappa(e, kappa)
+        settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        horizon = horizon_of(landing, ahead)
+        zone: dict[str, Any] = {"quiet": quiet_of(landing, quiet)}
+        self = super().__new__(cls, **core(settings), ahead=horizon if landing else None, **zone)
+        self._settings = settings | {"landing": bool(landing), "ahead": horizon} | zone
+        self._settings |= _solve_by(self, solver, linearisations)
+        return with_wall(self)
+
+
+class TwistingTracker(_zivi.Tracker, Following, Landing):
+    r"""The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
+
+    .. math::
+
+        u = R\,\mathrm{sgn}(s) \left[ -\mu_1\,\mathrm{sgn}\,e_s - \mu_2\,\mathrm{sgn}\,e_v
+            + \mathrm{sgn}(s_r) F_r / R_r \right] - \mathrm{sgn}(s)^2 F,
+        \qquad e_s = s - s_r, \quad e_v = v - v_r
+
+    with all six signs taken implicitly, at the end of the sampling period, and solved exactly: the
+    control follows without chattering. The reference is a mass of its own above a wall, inside
+    the controller, that every tick advances by `h`. It starts at rest; see `reset`. Or it is given
+    sample by sample: see `step_to`.
+
+    With ``landing`` the control is another one while the reference rests:
+
+    .. math::
+
+        \ddot x = F + u = -\min(\max((\dot x - q) / (N h), D), U), \qquad
+        D = \frac{2 (\mu_1 - \mu_2)}{1 + e}, \quad U = \frac{2 e (\mu_1 + \mu_2)}{1 + e}
+
+    (:math:`U < D`: :math:`U` if :math:`\dot x - q \ge N h U`, else :math:`D`), which are the law's
+    own accelerations as the mass falls and rises, but for a dead zone :math:`q` (`quiet`).
+    A sampled loop ends in exact rest for every :math:`0 < e < 1`, also under noise and an unknown
+    force.
+
+    Parameters
+    ----------
+    mu1, mu2 : float
+        Gains, ``0 < mu2 < mu1`` (m/s^2).
+    h : float
+        Sampling period, > 0 (s).
+    e, kappa : float
+        At most one of the coefficient of restitution of the plant's wall, in (0, 1], and
+        :math:`\kappa = (1-e)/(1+e)`. Without either, the controller takes the plant's in
+        `simulate_closed_loop`, and cannot tick by itself.
+    e_ref, kappa_ref : float, optional
+        At most one of them, for the reference's wall; by default it is the plant's. Exact
+        tracking needs the plant's.
+    branch : {"positive", "nearest"}
+        How a measurement is lifted to ``(s, v)``: to ``s >= 0``, the reference too, every period
+        (the paper); or to the preimage that is nearer to the reference, which itself passes
+        through the wall continuously: the one with the smaller
+        :math:`\mu_1 |e_s| + e_v^2/2`.
+    bound : float, optional
+        A bound :math:`M` of the force that is not known (m/s^2). The gains are then checked
+        against it: :math:`M_e < \mu_2 < \mu_1 - M_e` with :math:`M_e = M (1+e)/(2e)`.
+    depth : float
+        Measurements down to ``-depth`` (m) are sensor noise and are taken as 0; deeper ones are
+        refused.
+    u_limits : (float, float), optional
+        Range of the actuator (m/s^2): the control is cut to it.
+    landing : bool
+        Whether the control ends in exact rest in a sampled loop; False is the paper's law, whose
+        control at rest is :math:`-F`.
+    press : float, optional
+        Acceleration towards the wall of a mass at rest, :math:`u = -F - press` (m/s^2): at least
+        `bound`, or the unknown force lifts it. By default :math:`D`.
+    ahead : int
+        The horizon :math:`N` of the landing, >= 1: one more than the periods from a measurement to
+        the moment when its control acts.
+    quiet : float
+        Dead zone of the landing, >= 0 (m/s): a bound of the errors of the measured velocity, such
+        as 5 standard deviations. A mass at rest has a constant control then, and the landing rests
+        as without errors.
+    horizon : float
+        Periods over which the implicit step is planned, >= 1. More, about 3 to 5, are quieter under
+        noise and less sharp near an impact.
+    shift : bool
+        Whether the tick takes the measured velocity half a period back, :math:`\dot x - h F_r/2`,
+        in the air: it removes the bias :math:`h^2 |F_r|/2` of the position.
+    solver : {"exact", "newton", "outer"}
+        How the signs of a step are found: by cases; as the variational inequality (24) of six
+        signs by the general solver; or by affine ones, one after another, without a merit function.
+        Both start from the signs of the last tick. Where the step has one solution the control is
+        the same; where a solver finds none, the exact signs are taken and `status` has
+        ``UNSOLVED``.
+    linearisations : int
+        For ``solver="outer"``: at most so many affine problems in a step, >= 1.
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range, or the gains do not suffice for `bound`.
+
+    Examples
+    --------
+    >>> tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5, bound=5.0)
+    >>> tracker.reset(3.0, 3.0)
+    >>> round(tracker.step(6.0, 5.0, -9.81, -19.81), 9)
+    -33.5
+    >>> tracker.x_ref  # the reference is one period ahead now
+    3.00298019
+    """
+
+    def __new__(  # noqa: D102 the class says it
+        cls,
+        mu1: float,
+        mu2: float,
+        *,
+        h: float,
+        e: float | None = None,
+        kappa: float | None = None,
+        e_ref: float | None = None,
+        kappa_ref: float | None = None,
+        branch: Literal["positive", "nearest"] = "positive",
+        bound: float | None = None,
+        depth: float = DEPTH,
+        u_limits: Sequence[float] | None = None,
+        landing: bool = True,
+        press: float | None = None,
+        ahead: int = 1,
+        quiet: float = 0.0,
+        horizon: float = HORIZON,
+        shift: bool = False,
+        solver: Literal["exact", "newton", "outer"] = "exact",
+        linearisations: int = LINEARISATIONS,
+    ) -> Self:
+        if not (isinstance(branch, str) and branch in BRANCHES):
+            raise ValueError(f"branch must be one of {', '.join(BRANCHES)}, got {branch!r}")
+        kappa = plant_kappa(e, kappa)
+        settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        settings["kappa_ref"] = reference_kappa(e_ref, kappa_ref, kappa)
+        periods = horizon_of(landing, ahead)
+        more: dict[str, Any] = {
+            "quiet": quiet_of(landing, quiet),
+            "horizon": real("horizon", horizon),
+            "shift": switch("shift", shift),
+        }
+        if press is not None:
+            press = real("press", press)
+            if not landing:
+                raise ValueError(
+                    f"press is of the landing: with landing=False it must be None, got {press}"
+                )
+        self = super().__new__(
+            cls,
+            **core(settings),
+            nearest=branch == "nearest",
+            ahead=periods if landing else None,
+            press=press,
+            **more,
+        )
+        self._settings = settings | {
+            "branch": branch,
+            "landing": bool(landing),
+            "press": press,
+            "ahead": periods,
+            **more,
+        }
+        self._settings |= _solve_by(self, solver, linearisations)
+        return with_wall(self)
+
+    @property
+    def branch(self) -> str:
+        """How a measurement is lifted."""
+        return str(self._settings["branch"])
+
+    @property
+    def press(self) -> float | None:
+        """Acceleration towards the wall of a mass at rest (m/s^2); None without a landing."""
+        self._number("kappa")  # known
+        accelerations = self._accelerations()
+        return None if accelerations is None else accelerations[-1]
+
+    @property
+    def horizon(self) -> float:
+        """Periods over which the implicit step is planned."""
+        return self._number("horizon")
+
+    @property
+    def shift(self) -> bool:
+        """Whether the measured velocity is taken half a period back in the air."""
+        return bool(self._settings["shift"])
+
+
+class ExplicitTwisting(_zivi.Explicit, Following):
+    r"""Baseline: the twisting tracker with the signs of the sampled state. It chatters.
+
+    .. math::
+
+        u = R \left[ -\mu_1\,\mathrm{sgn}\,(s - s_r) - \mu_2\,\mathrm{sgn}\,(v - v_r)
+            + F_r / R_r \right] - F \qquad (s, s_r \ge 0)
+
+    The same interface as `TwistingTracker`, and the same reference inside.
+
+    Parameters
+    ----------
+    mu1, mu2 : float
+        Gains, ``0 < mu2 < mu1`` (m/s^2).
+    h : float
+        Sampling period, > 0 (s).
+    e, kappa : float
+        At most one of the coefficient of restitution of the plant's wall, in (0, 1], and
+        :math:`\kappa = (1-e)/(1+e)`. Without either, the controller takes the plant's in
+        `simulate_closed_loop`, and cannot tick by itself.
+    e_ref, kappa_ref : float, optional
+        At most one of them, for the reference's wall; by default it is the plant's.
+    bound : float, optional
+        A bound of the unknown force (m/s^2), against which the gains are checked as the tracker's.
+    depth : float
+        Measurements down to ``-depth`` (m) are taken as 0; deeper ones are refused.
+    u_limits : (float, float), optional
+        Range of the actuator (m/s^2).
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range.
+
+    Examples
+    --------
+    >>> baseline = zivi.ExplicitTwisting(30, 17, h=1e-3, kappa=0.5)
+    >>> round(baseline.step(0.1, 0.0, -9.81, -9.81), 9)  # above the reference, which rests
+    -20.19
+    """
+
+    def __new__(  # noqa: D102 the class says it
+        cls,
+        mu1: float,
+        mu2: float,
+        *,
+        h: float,
+        e: float | None = None,
+        kappa: float | None = None,
+        e_ref: float | None = None,
+        kappa_ref: float | None = None,
+        bound: float | None = None,
+        depth: float = DEPTH,
+        u_limits: Sequence[float] | None = None,
+    ) -> Self:
+        kappa = plant_kappa(e, kappa)
+        settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        settings["kappa_ref"] = reference_kappa(e_ref, kappa_ref, kappa)
+        self = super().__new__(cls, **core(settings))
+        self._settings = settings
+        return with_wall(self)

@@ -1,0 +1,1 @@
+"""Derivatives of runs, and the map from one impact to the next."""

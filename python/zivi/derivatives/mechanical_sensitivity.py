@@ -1,0 +1,294 @@
+"""Derivatives of a run of a mechanical system."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zivi import _zivi
+from zivi.base.check import Array
+from zivi.base.compiled import listening_always
+from zivi.base.extras import needed
+from zivi.base.progress import ProgressBar
+from zivi.derivatives.result import KINDS, Nearest, OrbitStatus, Sensitivity
+from zivi.derivatives.wrt import Column, columns_of
+from zivi.simulation.mechanical_run import Asked, closer_of, configuration, state_of
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.methods import SwitchedRK
+from zivi.simulation.partial import as_raised, with_partial
+from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.start import check_start
+
+if TYPE_CHECKING:
+    import xarray
+
+    from zivi.system.partials import Partials
+
+__all__ = ["MechanicalSensitivity", "differentiate_mechanical"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class MechanicalSensitivity(Sensitivity):
+    """A run of a mechanical system with n coordinates and m gaps, and its derivatives.
+
+    Calling it, ``s(t)``, gives the derivatives of ``(q, qdot)`` at any time of the run, of shape
+    (2, n, k) for k columns. In contact they are those of the motion on the surface: across it they
+    are zero.
+
+    Attributes
+    ----------
+    trajectory : MechanicalTrajectory
+        The run itself.
+    wrt : tuple of str
+        What the columns are derivatives by.
+    final : ndarray
+        Derivatives of ``(q, qdot)`` at the end of the run, at a fixed time, of shape (2, n, k).
+    impacts : structured ndarray
+        For each row of ``trajectory.impacts`` its ``t`` (s) and ``gap``, and the derivatives ``dt``
+        of the time and ``du`` of the gap's speed after it, each of k numbers.
+    zeno_times : ndarray
+        Derivatives of ``trajectory.zeno["t"]``, a row of k numbers for each.
+    liftoff_times : ndarray
+        Derivatives of ``trajectory.liftoffs["t"]``, the same.
+    radius : ndarray
+        For each column how far its number may be moved, to first order, before an impact or a
+        Zeno point appears or disappears, or passes the end: an estimate, of shape (k,).
+    limits : list of Nearest or None
+        For each column the event that the radius belongs to.
+    status : OrbitStatus
+        ``COMPLETED``; ``GRAZING`` when an impact, or the order of two, is decided by the
+        tolerances; ``NOT_DIFFERENTIABLE`` where some derivative does not exist, see `lost_at`;
+        ``RUN_ENDED``.
+    n_slopes : int
+        How often the partial derivatives of the system were evaluated.
+    lost_at : float or None
+        Since when some column is not known (NaN): from a corner, or from an impact or a lift-off of
+        coupled gaps at once. Where the contacts determine the state the columns are known again.
+    """
+
+    lost_at: float | None = None
+
+    @functools.cached_property
+    def monodromy(self) -> Array:
+        """Derivative of the final state by the initial one, of shape (2 n, 2 n): q, then qdot.
+
+        Taken from the run where the whole initial state is among its columns, else computed once.
+        """
+        n = self.final.shape[1]
+        codes: Any = self._problem.codes
+        wanted = [(kind, i) for kind in (0, 1) for i in range(n)]
+        if all(code in codes for code in wanted):
+            columns = [codes.index(code) for code in wanted]
+            return self.final[:, :, columns].reshape(2 * n, 2 * n)
+        whole: Sensitivity = self._problem.with_wrt(("q0", "qdot0")).solve()
+        return whole.final.reshape(2 * n, 2 * n)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to a labelled dataset.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``q``, ``qdot`` (the derivatives at the end, over ``coordinate`` and ``wrt``),
+            ``impact_dt``, ``impact_du``, ``zeno_time``, ``liftoff_time`` and ``radius`` over
+            ``wrt``; coordinates and gaps by their names.
+        """
+        needed("xarray", "labelled datasets")
+        import xarray
+
+        sol: Any = self.trajectory
+
+        def gaps(events: Any) -> list[str]:
+            return [sol.gap_names[int(gap)] for gap in events["gap"]]
+
+        seconds = {"units": "s"}
+        return xarray.Dataset(
+            {
+                "q": (("coordinate", "wrt"), self.final[0]),
+                "qdot": (("coordinate", "wrt"), self.final[1]),
+                "impact_dt": (("impact", "wrt"), self.impacts["dt"]),
+                "impact_du": (("impact", "wrt"), self.impacts["du"]),
+                "zeno_time": (("zeno", "wrt"), self.zeno_times),
+                "liftoff_time": (("liftoff", "wrt"), self.liftoff_times),
+                "radius": ("wrt", self.radius),
+            },
+            coords={
+                "wrt": list(self.wrt),
+                "coordinate": list(sol.coordinate_names),
+                "impact_t": ("impact", self.impacts["t"], seconds),
+                "impact_gap": ("impact", gaps(self.impacts)),
+                "zeno_t": ("zeno", sol.zeno["t"][: len(self.zeno_times)], seconds),
+                "zeno_gap": ("zeno", gaps(sol.zeno[: len(self.zeno_times)])),
+                "liftoff_t": ("liftoff", sol.liftoffs["t"][: len(self.liftoff_times)], seconds),
+                "liftoff_gap": ("liftoff", gaps(sol.liftoffs[: len(self.liftoff_times)])),
+            },
+            attrs={
+                "title": "Derivatives of a run of a mechanical system",
+                "source": f"zivi {_zivi.__version__}",
+                "status": self.status.name,
+            },
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Problem:
+    """What is differentiated by what."""
+
+    system: MechanicalSystem
+    model: Model
+    partials: Partials
+    span: tuple[float, float]
+    state: tuple[Array, Array]
+    columns: list[Column]
+    method: SwitchedRK
+    errsens: bool
+    stops: Array
+
+    def __getstate__(self) -> dict[str, Any]:
+        # compiled models do not travel: they are made again of the system
+        state = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: state[name] for name in state if name not in ("model", "partials")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        system: MechanicalSystem = state["system"]
+        model: Model = system.model(len(state["state"][0]))
+        self.__dict__.update(state, model=model, partials=system.partials(model))
+
+    @functools.cached_property
+    def sizes(self) -> Array:
+        return np.array([abs(column.value) or 1.0 for column in self.columns])
+
+    @property
+    def codes(self) -> list[tuple[int, int]]:
+        return [column.code for column in self.columns]
+
+    def with_wrt(self, wrt: Sequence[str]) -> _Problem:
+        columns = _columns(self.system, self.model, self.partials, self.span, self.state, wrt)
+        return dataclasses.replace(self, columns=columns)
+
+    def record(
+        self, span: tuple[float, float], times: Array, dense: bool, progress: bool | None = False
+    ) -> _zivi.MechanicalSensitivityRecord:
+        layout = self.model.layout
+        with ProgressBar(progress, "sensitivity") as bar:
+            return _zivi.mechanical_sensitivity(
+                _zivi.Mechanism(self.model.spec, n=layout.n, m=layout.m, e=self.system.e),
+                self.partials.spec,
+                self.method._core,
+                span,
+                _zivi.Configuration(*self.state),
+                wrt=self.codes,
+                sizes=self.sizes,
+                controlled=self.errsens,
+                dense=dense,
+                tstops=self.stops,
+                times=times,
+                progress=bar.report,
+            )
+
+    def solve(self, dense: bool = False, progress: bool | None = False) -> MechanicalSensitivity:
+        with listening_always() as ear:
+            record = self.record(self.span, np.empty(0), dense, progress)
+        asked = Asked(self.span, *self.state, None, self.stops, [], dense)
+        sol = MechanicalTrajectory._from_record(
+            record.run,
+            self.model,
+            configuration(self.system, self.model, self.method, asked),
+            closer_of(self.system, self.method, asked),
+        )
+        error = record.run.raised
+        if error is None and (error := ear.ends(sol.success)):
+            sol = as_raised(sol)
+        if error is not None:
+            raise with_partial(error, sol)
+        return self._result(record, sol)
+
+    def _result(
+        self, record: _zivi.MechanicalSensitivityRecord, sol: MechanicalTrajectory
+    ) -> MechanicalSensitivity:
+        k, n = len(self.columns), self.model.layout.n
+        dt, du = record.impact_dt.reshape(-1, k), record.impact_du.reshape(-1, k)
+        fields = [("t", "f8"), ("gap", "i8"), ("dt", "f8", (k,)), ("du", "f8", (k,))]
+        count = min(len(dt), len(sol.impacts))  # the last may lack them in a run that ended early
+        impacts = np.empty(count, fields)
+        for name, values in (("t", sol.impacts["t"]), ("gap", sol.impacts["gap"])):
+            impacts[name] = values[:count]
+        impacts["dt"], impacts["du"] = dt[:count], du[:count]
+        limits = [it and Nearest(KINDS[it.limit], it.t, it.depth) for it in record.nearest]
+        status = OrbitStatus.GRAZING if record.grazing else OrbitStatus.COMPLETED
+        if record.lost_at is not None:
+            status = OrbitStatus.NOT_DIFFERENTIABLE
+        final = np.stack([record.q.reshape(k, n).T, record.qdot.reshape(k, n).T])
+        return MechanicalSensitivity(
+            trajectory=sol,  # type: ignore[arg-type]
+            wrt=tuple(column.name for column in self.columns),
+            final=final,
+            impacts=impacts,
+            zeno_times=record.zeno_times.reshape(-1, k),
+            liftoff_times=record.liftoff_times.reshape(-1, k),
+            radius=record.radius,
+            limits=limits,
+            status=status if sol.success else OrbitStatus.RUN_ENDED,
+            n_slopes=record.n_slopes,
+            lost_at=record.lost_at,
+            _problem=self,  # type: ignore[arg-type]
+        )
+
+    def at(self, times: Array) -> Array:
+        """Give derivatives at times, of shape (2, n, k, number of times)."""
+        k, n = len(self.columns), self.model.layout.n
+        order = np.argsort(times, kind="stable")
+        record = self.record(self.span, np.ascontiguousarray(times[order]), dense=False)
+        columns = np.empty((2, n, k, len(times)))
+        found = record.samples.reshape(-1, 2, k, n).transpose(1, 3, 2, 0)
+        columns[..., order] = found
+        lost = np.inf if record.lost_at is None else record.lost_at
+        for j in np.flatnonzero(np.isnan(columns).any(axis=(0, 1, 2))):
+            # where the impacts accumulate the run goes from one to the next, up to there
+            if times[j] < lost:
+                columns[..., j] = self._ending_at(float(times[j]))
+        return columns
+
+    def _ending_at(self, t: float) -> Array:
+        k, n = len(self.columns), self.model.layout.n
+        record = self.record((self.span[0], t), np.empty(0), dense=False)
+        return np.stack([record.q.reshape(k, n).T, record.qdot.reshape(k, n).T])
+
+
+def _columns(
+    system: MechanicalSystem,
+    model: Model,
+    partials: Partials,
+    span: tuple[float, float],
+    state: tuple[Array, Array],
+    wrt: Sequence[str],
+) -> list[Column]:
+    names = system.coordinate_names(model.layout.n)
+    restitution = (system.e, system.gap_names)
+    return columns_of(wrt, state, span[1] - span[0], restitution, names, partials.parameters)
+
+
+def differentiate_mechanical(
+    system: MechanicalSystem,
+    span: tuple[float, float],
+    y0: Any,
+    wrt: Sequence[str],
+    method: SwitchedRK,
+    *,
+    errsens: bool,
+    stops: Array,
+    dense: bool,
+    progress: bool | None,
+) -> MechanicalSensitivity:
+    """Check the start, run, and give the result: what `zivi.sensitivity` does for many gaps."""
+    state = state_of(y0, system._n)
+    model: Model = system.model(len(state[0]))
+    check_start(system, model, span, *state)
+    partials = system.partials(model)
+    columns = _columns(system, model, partials, span, state, wrt)
+    problem = _Problem(system, model, partials, span, state, columns, method, errsens, stops)
+    return problem.solve(dense, progress)

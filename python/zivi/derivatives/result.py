@@ -1,0 +1,339 @@
+"""The derivatives of a run: what they are, how they ended, how far they hold."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import functools
+import pickle
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zivi import _zivi
+from zivi.base.check import Array, real_array
+from zivi.base.extras import needed
+from zivi.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Nearest", "OrbitStatus", "Problem", "Sensitivity"]
+
+
+class Problem(Protocol):
+    """What is differentiated by what: how the derivatives of a run are computed again."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The span of the run (s)."""
+
+    @property
+    def sizes(self) -> Array:
+        """The sizes of the parameters, by which distances to events are compared."""
+
+    @property
+    def codes(self) -> Any:
+        """The parameters, as the core knows them."""
+
+    def at(self, times: Array) -> Array:
+        """Give the derivatives of positions and velocities at times."""
+
+    def with_wrt(self, wrt: Any) -> Any:
+        """Give the same by other parameters."""
+
+    def ending_within(self, t: float, zeno: float) -> Any:
+        """Give the derivatives of a run that ends between an impact and its Zeno point."""
+
+
+class OrbitStatus(enum.IntEnum):
+    """How the analysis of a motion ended: of `sensitivity`, of orbits, of branches.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> zivi.sensitivity(ball, (0, 3), (1, 0), wrt=("e",)).status
+    <OrbitStatus.COMPLETED: 0>
+    """
+
+    COMPLETED = 0
+    """What was asked for is there."""
+    GRAZING = 1
+    """An impact, or the want of one, is decided by the tolerances: derivatives are those of the
+    run as it was computed."""
+    RUN_ENDED = 2
+    """The run ended early: its own ``status`` says why."""
+    NOT_CONVERGED = 3
+    """Newton's iteration did not converge."""
+    LEFT_ADMISSIBLE = 4
+    """The orbit needs an impact of a negative speed, or a motion behind the wall."""
+    RESTS = 5
+    """The motion comes to rest for good."""
+    RANGE_END = 6
+    """The branch reached an end of its range."""
+    MAX_POINTS = 7
+    """The branch has as many points as were allowed."""
+    NOT_DIFFERENTIABLE = 8
+    """Some derivative does not exist: a corner, or impacts on coupled gaps at once."""
+    OUT_OF_DOMAIN = 9
+    """There is no run: a parameter is out of its range, or the force has no value."""
+    NO_EVENT = 10
+    """The run has no such event."""
+
+
+class Nearest(NamedTuple):
+    """The event that limits a derivative: what it is, when, and how far the run is from it."""
+
+    kind: str
+    """``impact`` (one may vanish), ``minimum`` (one may appear), ``zeno``, ``rest``, ``liftoff``,
+    ``end`` (an event may pass the end of the run), ``stop`` (one of `tstops`) or ``chain`` (the
+    speed after an impact, or the pull at it, may vanish)."""
+    t: float
+    """When (s)."""
+    depth: float
+    """A height (m) for impacts and minima, a time (s) at the end and at stops, in a chain a speed
+    (m/s) or a force, else a force (m/s^2)."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Gone:
+    """Stands for a problem whose functions could not be stored."""
+
+    sizes: Array
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise ValueError(
+            "the functions of this system could not be stored with its derivatives: those between "
+            "the events, and of other columns, need zivi.sensitivity again"
+        )
+
+
+KINDS = ("impact", "minimum", "zeno", "rest", "liftoff", "end", "stop", "chain")
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Sensitivity:
+    """A run and its derivatives.
+
+    Calling it, ``s(t)``, gives the derivatives of ``(x, xdot)`` at any time of the run.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        The run itself.
+    wrt : tuple of str
+        What the columns are derivatives by.
+    final : ndarray
+        Derivatives of ``(x, xdot)`` at the end of the run, at a fixed time, of shape (2, m).
+    impacts : structured ndarray
+        For each impact that was computed its time ``t`` (s), and the derivatives ``dt`` of the
+        time and ``du`` of the speed after it, each of m numbers.
+    zeno_times : ndarray
+        Derivatives of ``trajectory.zeno_times``, of shape (n, m).
+    liftoff_times : ndarray
+        Derivatives of ``trajectory.liftoff_times``, of shape (n, m). They depend on the
+        parameters of the force alone.
+    radius : ndarray
+        For each column how far its parameter may be moved, to first order, before an impact, a
+        Zeno point or a lift-off appears or disappears: an estimate, never a guarantee. Of shape
+        (m,), in units of the parameter, infinite where nothing limits it.
+    limits : list of Nearest or None
+        For each column the event that the radius belongs to.
+    status : OrbitStatus
+        ``COMPLETED``; ``GRAZING`` when an impact is decided by the tolerances; ``RUN_ENDED``.
+    n_slopes : int
+        How often the partial derivatives of the force were evaluated.
+    """
+
+    trajectory: Trajectory
+    wrt: tuple[str, ...]
+    final: Array
+    impacts: NDArray[np.void]
+    zeno_times: Array
+    liftoff_times: Array
+    radius: Array
+    limits: list[Nearest | None]
+    status: OrbitStatus
+    n_slopes: int
+    _problem: Problem
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Give what is stored: the problem too, where its functions can be."""
+        try:
+            pickle.dumps(self._problem)
+        except (pickle.PicklingError, AttributeError, TypeError, ValueError):
+            return self.__dict__ | {"_problem": _Gone(self._problem.sizes)}
+        return self.__dict__
+
+    @property
+    def success(self) -> bool:
+        """Whether the run went to its end without a grazing."""
+        return self.status is OrbitStatus.COMPLETED
+
+    @property
+    def nearest(self) -> Nearest | None:
+        """The event that limits the derivatives most, relative to the sizes of the parameters."""
+        relative = self.radius / self._problem.sizes
+        return self.limits[int(np.argmin(relative))] if len(relative) else None
+
+    @functools.cached_property
+    def monodromy(self) -> Array:
+        """Derivative of the final state by the initial one, of shape (2, 2).
+
+        Taken from the run where ``x0`` and ``xdot0`` are among its columns, else computed once.
+        """
+        if "x0" in self.wrt and "xdot0" in self.wrt:
+            columns = [self.wrt.index("x0"), self.wrt.index("xdot0")]
+            return self.final[:, columns]
+        final: Array = self._problem.with_wrt(("x0", "xdot0")).solve().final
+        return final
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Give the derivatives of the state at other times; computed on demand, by a run.
+
+        Parameters
+        ----------
+        t : float or array_like
+            Times within the run (s). At an impact the derivatives are those after it.
+
+        Returns
+        -------
+        ndarray
+            Derivatives of ``(x, xdot)`` at the fixed time, of shape (2, m) for a scalar `t`, of
+            shape (2, m, n) for n times.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside of the run.
+        """
+        times = real_array("t", t)
+        start, end = self._problem.span
+        last = min(end, self.trajectory.t[-1] if len(self.trajectory.t) else start)
+        if not np.all((times >= start) & (times <= last)):
+            raise ValueError(f"t must lie within the run, [{start}, {last}]")
+        columns = self._problem.at(times.ravel())
+        return columns.reshape(*self.final.shape, *times.shape)
+
+    def jacobian(self, t: ArrayLike, of: Literal["position", "velocity"] = "position") -> Array:
+        """Give the derivatives of samples as `scipy.optimize.least_squares` takes them.
+
+        Parameters
+        ----------
+        t : array_like
+            n times within the run (s).
+        of : {"position", "velocity"}
+            What is sampled.
+
+        Returns
+        -------
+        ndarray
+            Of shape (n, m): a row for each time, a column for each of `wrt`. Of a mechanical
+            system with nq coordinates (n, nq, m). ``s(t)`` has the same numbers as (2, m, n) or
+            (2, nq, m, n).
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside of the run.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> s = zivi.sensitivity(ball, (0, 3), (1, 0), wrt=("x0", "e"))
+        >>> s.jacobian([0.1, 0.2, 0.5]).round(3)
+        array([[ 1.   ,  0.   ],
+               [ 1.   ,  0.   ],
+               [-0.339,  0.215]])
+        """
+        if of not in ("position", "velocity"):
+            raise ValueError(f"of must be 'position' or 'velocity', got {of!r}")
+        columns = self(np.atleast_1d(real_array("t", t)))
+        return np.ascontiguousarray(np.moveaxis(columns[int(of == "velocity")], -1, 0))
+
+    def impacts_down_to(self, speed: float, *, limit: int = 10_000) -> NDArray[np.void]:
+        """List the impacts with at least a speed, also those that a jump to rest skipped.
+
+        Parameters
+        ----------
+        speed : float
+            Smallest speed after the impact, > 0 (m/s).
+        limit : int
+            At most so many impacts of each accumulation, >= 1.
+
+        Returns
+        -------
+        structured ndarray
+            As `impacts`, for the impacts of ``trajectory.impacts_down_to(speed)``. Where a jump
+            skipped some, a run that goes from one to the next is made up to the last of them.
+
+        Raises
+        ------
+        ValueError
+            If `speed` or `limit` is out of range.
+        TypeError
+            For a mechanical system.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> s = zivi.sensitivity(ball, (0, 3), (1, 0), wrt=("e",))
+        >>> len(s.impacts), len(s.impacts_down_to(1e-2))
+        (3, 8)
+        """
+        listed = getattr(self.trajectory, "impacts_down_to", None)
+        if listed is None:
+            raise TypeError("impacts_down_to is there for a zivi.ImpactSystem only")
+        wanted = listed(speed, limit=limit)["t"]
+        own = self.impacts
+        kept = [own[np.isin(own["t"], wanted)]]
+        # each accumulation is passed impact by impact by a run that ends within it
+        for zeno in self.trajectory.zeno_times[: len(self.zeno_times)]:
+            before = own["t"][own["t"] < zeno]
+            last = before[-1] if len(before) else self._problem.span[0]
+            skipped = wanted[(wanted > last) & (wanted < zeno)]
+            if len(skipped):
+                run = self._problem.ending_within(float(skipped[-1]), float(zeno)).impacts
+                kept.append(run[(run["t"] > last) & (run["t"] <= 0.5 * (skipped[-1] + zeno))])
+                kept[-1] = kept[-1][: len(skipped)]
+        return np.sort(np.concatenate(kept), order="t", kind="stable")
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.wrt)
+        return f"<Sensitivity by {names}: {self.status.name.lower()}, {self.trajectory!r}>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to a labelled dataset.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``final``, ``impact_dt``, ``impact_du``, ``zeno_time``, ``liftoff_time`` and ``radius``
+            over ``wrt``.
+        """
+        needed("xarray", "labelled datasets")
+        import xarray
+
+        return xarray.Dataset(
+            {
+                "final": (("state", "wrt"), self.final),
+                "impact_dt": (("impact_time", "wrt"), self.impacts["dt"]),
+                "impact_du": (("impact_time", "wrt"), self.impacts["du"]),
+                "zeno_time": (("zeno", "wrt"), self.zeno_times),
+                "liftoff_time": (("liftoff", "wrt"), self.liftoff_times),
+                "radius": ("wrt", self.radius),
+            },
+            coords={
+                "wrt": list(self.wrt),
+                "state": ["x", "xdot"],
+                "impact_time": ("impact_time", self.impacts["t"], {"units": "s"}),
+            },
+            attrs={
+                "title": "Derivatives of a run with impacts",
+                "source": f"zivi {_zivi.__version__}",
+                "status": self.status.name,
+            },
+        )

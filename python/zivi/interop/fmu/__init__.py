@@ -1,0 +1,1 @@
+"""FMUs (functional mock-up units): what they declare, and their files."""

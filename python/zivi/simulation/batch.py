@@ -1,0 +1,215 @@
+"""Many runs at once, on all cores: arrays of parameters and of initial states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi import _zivi
+from zivi.base.compiled import listening, tell
+from zivi.base.progress import ProgressBar
+from zivi.simulation.batch_arguments import check_threads, every_of, states_of, systems_of
+from zivi.simulation.batch_result import MAX_DESCRIBED, Batch
+from zivi.simulation.batch_samples import sampled, sampling_of
+from zivi.simulation.describe import describe, describe_system
+from zivi.simulation.impacts import IMPACT
+from zivi.simulation.mechanical_batch import MechanicalBatch, mechanical_batch
+from zivi.simulation.methods import Method
+from zivi.simulation.misplaced import check_method
+from zivi.simulation.run import DEFAULT_METHOD, pair, times_within
+from zivi.system.mass import ImpactSystem
+from zivi.system.mechanism import MechanicalSystem
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["Batch", "simulate_batch"]
+
+
+@overload
+def simulate_batch(
+    systems: MechanicalSystem | Sequence[MechanicalSystem],
+    t_span: Sequence[float],
+    y0: Any,
+    *,
+    method: Method = ...,
+    t_eval: ArrayLike | None = ...,
+    save: str | int = ...,
+    threads: int | None = ...,
+    progress: bool | None = ...,
+) -> MechanicalBatch: ...
+
+
+@overload
+def simulate_batch(
+    systems: ImpactSystem | Sequence[ImpactSystem],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    method: Method = ...,
+    t_eval: ArrayLike | None = ...,
+    save: str | int = ...,
+    threads: int | None = ...,
+    progress: bool | None = ...,
+) -> Batch: ...
+
+
+def simulate_batch(
+    systems: Any,
+    t_span: Sequence[float],
+    y0: Any,
+    *,
+    method: Method = DEFAULT_METHOD,
+    t_eval: ArrayLike | None = None,
+    save: str | int = "final",
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> Batch | MechanicalBatch:
+    """Simulate many independent runs, on all cores and without the interpreter.
+
+    The results do not depend on the number of threads, and each run gives what `simulate` gives
+    for it, to the last bit. Memory is what is saved, and a record of one run for each thread.
+
+    Parameters
+    ----------
+    systems : ImpactSystem or sequence of ImpactSystem, or of MechanicalSystem
+        One for all runs, or one for each. Forces must not need the interpreter: numbers,
+        `LinearForce` and compiled callables do not. A `MechanicalSystem` may; those of
+        `zivi.symbolic`, which do not, run side by side.
+    t_span : (float, float)
+        Start and end (s), the same for all.
+    y0 : array_like
+        Initial states, shape (n, 2), or (2,) for all systems. Of mechanical systems
+        ``(q0, qdot0)``, each with a row for each run or one for all.
+    method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
+        The method, by default and for mechanical systems `SwitchedRK`. Under constant forces
+        `ThetaGamma` moves many masses side by side.
+    t_eval : array_like, optional
+        Increasing times in `t_span` (s) at which the states of all runs are kept beside their ends,
+        as those that `simulate` gives: with `SwitchedRK` from its dense output, each time once;
+        with a method of fixed steps between its steps, then also `ThetaGamma` goes run by run. Of
+        an `ImpactSystem` not with another `save`.
+    save : {"final", "statistics", "events", "grazing"} or int
+        What is kept of each run: its end; its end and the extremes of its samples; its end and
+        all events; its end and whether it passed a grazing (`SwitchedRK` only); or its end and
+        every so many samples (methods of fixed steps only). Of mechanical systems "final", "events"
+        or "runs", the runs themselves.
+    threads : int, optional
+        Number of threads, >= 1; by default as many as the machine runs at once.
+    progress : bool, optional
+        Show a progress bar on standard error once it lasts longer than a second. By default only
+        on a terminal.
+
+    Returns
+    -------
+    Batch or MechanicalBatch
+        An entry for each run; one that ended early has its status and the last valid state.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range, before anything is computed; a run that cannot start is
+        named.
+    KeyboardInterrupt
+        On Ctrl-C; nothing is kept then.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> heights = np.linspace(0.1, 1.0, 4)
+    >>> starts = np.column_stack([heights, np.zeros(4)])
+    >>> batch = zivi.simulate_batch(ball, (0, 3), starts, method=zivi.ThetaGamma(h=1e-3))
+    >>> batch
+    <Batch of 4 runs: 4 completed, 4 at rest>
+    """
+    span = pair("t_span", t_span, "(t0, t1)")
+    first = next(iter(systems), None) if isinstance(systems, Sequence) else systems
+    if isinstance(first, MechanicalSystem):
+        workers = check_threads(threads)
+        times = None if t_eval is None else times_within(t_eval, span)
+        return mechanical_batch(systems, span, y0, method, times, save, workers, progress)
+    several = systems_of(systems)
+    states = states_of(y0, len(several))
+    check_method(method)
+    every = every_of(save, method)
+    sampling = sampling_of(t_eval, save, span, method, len(states))
+    workers = check_threads(threads)
+    specs = [system._spec for system in several]
+    with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
+        record = _zivi.simulate_batch(
+            specs,
+            np.array([(system.e, system.kappa) for system in several]),
+            states,
+            method._core,
+            span=span,
+            save=save if every is None else every,
+            threads=workers,
+            at=sampling.at,
+            steps=sampling.steps,
+            progress=bar.report,
+        )
+    tell(ear, record.status)
+    config = {
+        "t_span": list(span),
+        "method": describe(method),
+        "save": save if every is None else every,
+        **({} if sampling.times is None else {"t_eval": sampling.times.tolist()}),
+        "systems": [describe_system(system) for system in several[:MAX_DESCRIBED]],
+        "n_systems": len(several),
+        "y0": states[:MAX_DESCRIBED].tolist(),
+        "n_runs": len(states),
+    }
+    batch = _batch(record, span, method, every, str(save), config)
+    return batch if sampling.times is None else sampled(batch, record, several, method, sampling)
+
+
+def _batch(
+    record: _zivi.BatchRecord,
+    span: tuple[float, float],
+    method: Any,
+    every: int | None,
+    save: str,
+    config: dict[str, Any],
+) -> Batch:
+    n_impacts, n_zeno, n_liftoffs = record.counts.T
+    extremes = save == "statistics"
+    return Batch(
+        t=record.t,
+        x=record.x,
+        xdot=record.xdot,
+        rest_time=record.rest_time,
+        first_impact=record.first_impact,
+        last_impact=record.last_impact,
+        hardest_impact=record.hardest_impact,
+        n_impacts=n_impacts,
+        n_zeno=n_zeno,
+        n_liftoffs=n_liftoffs,
+        status=record.status,
+        nfev=record.nfev,
+        x_max=record.x_max if extremes else None,
+        speed_max=record.speed_max if extremes else None,
+        grazing=record.grazing if save == "grazing" else None,
+        events=_events(record) if save == "events" else None,
+        sample_t=None if every is None else _zivi.grid_times(*span, method.h, every),
+        sample_x=None if every is None else record.samples_x,
+        sample_xdot=None if every is None else record.samples_xdot,
+        config=config,
+    )
+
+
+def _events(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
+    events = []
+    # each look at one of these makes a new list
+    columns = (record.impact_t, record.impact_xdot_before, record.impact_xdot_after)
+    for t, before, after, zeno_times, liftoff_times in zip(
+        *columns, record.zeno_times, record.liftoff_times, strict=True
+    ):
+        impacts = np.empty(len(t), IMPACT)
+        impacts["t"], impacts["xdot_before"], impacts["xdot_after"] = t, before, after
+        events.append(
+            {"impacts": impacts, "zeno_times": zeno_times, "liftoff_times": liftoff_times}
+        )
+    return events

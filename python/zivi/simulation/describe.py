@@ -1,0 +1,50 @@
+"""Systems, forces and runs as plain values, which files and results keep."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from zivi.simulation.methods import Method
+    from zivi.system.mass import ImpactSystem
+
+__all__ = ["configuration_of", "describe", "describe_system"]
+
+
+def configuration_of(
+    system: ImpactSystem, method: Method, span: tuple[float, float], state: tuple[float, float]
+) -> dict[str, Any]:
+    """Plain values that tell the run again (a callable only by its name)."""
+    settings = {
+        field.name: getattr(method, field.name)
+        for field in dataclasses.fields(method)  # type: ignore[arg-type]
+    }
+    return {
+        **describe_system(system),
+        "t_span": list(span),
+        "y0": list(state),
+        "method": {"name": type(method).__name__, **settings},
+    }
+
+
+def describe_system(system: ImpactSystem) -> dict[str, Any]:
+    """Plain values that tell a system again."""
+    return {
+        "force": describe(system.force),
+        "e": system.e,
+        "kappa": system.kappa,
+        "wall": None if system.wall is None else describe(system.wall),
+    }
+
+
+def describe(force: Any) -> Any:
+    """Plain values that tell a force or a wall again (a callable only by its name)."""
+    if dataclasses.is_dataclass(force) and not isinstance(force, type):
+        values = {field.name: getattr(force, field.name) for field in dataclasses.fields(force)}
+        plain = {name: describe(it) if callable(it) else it for name, it in values.items()}
+        return {"name": type(force).__name__, **plain}
+    if isinstance(force, int | float):
+        return float(force)
+    name = getattr(force, "__qualname__", None) or type(force).__qualname__
+    return f"{getattr(force, '__module__', None) or '?'}.{name}"

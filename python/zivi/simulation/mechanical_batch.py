@@ -1,0 +1,208 @@
+"""Many runs of mechanical systems at once, on threads."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zivi.base.check import Array, real_array
+from zivi.base.progress import ProgressBar
+from zivi.simulation.mechanical_batch_result import NUMBERS, MechanicalBatch
+from zivi.simulation.mechanical_run import (
+    Asked,
+    FixedOrSwitched,
+    check_mechanical_method,
+    run_mechanical,
+)
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.system.mechanism import MechanicalSystem
+
+__all__ = ["MechanicalBatch", "mechanical_batch"]
+
+SAVES = ("final", "events", "runs")
+"""What can be kept of each run."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Kept:
+    """What is kept of one run; the rest of it is given up as soon as it is computed."""
+
+    end: tuple[float, Array, Array, Array, NDArray[np.bool_]]
+    numbers: dict[str, float]
+    events: dict[str, Any] | None
+    run: MechanicalTrajectory | None
+    config: dict[str, Any]
+
+
+def mechanical_batch(
+    systems: MechanicalSystem | Sequence[MechanicalSystem],
+    span: tuple[float, float],
+    y0: Any,
+    method: Any,
+    times: Array | None,
+    save: Any,
+    threads: int,
+    progress: bool | None,
+) -> MechanicalBatch:
+    """Run many mechanical systems; see `zivi.simulate_batch`."""
+    if save not in SAVES:
+        names = ", ".join(repr(name) for name in SAVES)
+        raise ValueError(f"save must be one of {names} for mechanical systems, got {save!r}")
+    several = _systems(systems)
+    check_mechanical_method(method)
+    q, qdot = _states(y0, len(several))
+    several = several * len(q) if len(several) == 1 else several
+    samples = None if times is None else _room(q.shape, len(times))
+    dense = save == "runs" or times is not None
+    tasks = [
+        (system, Asked(span, a, b, None, np.empty(0), [], dense))
+        for system, a, b in zip(several, q, qdot, strict=True)
+    ]
+
+    def kept(number: int, run: MechanicalTrajectory) -> Kept:
+        if samples is not None and times is not None:
+            reached = times[times <= run.t[-1]]
+            samples[:, number, : len(reached)] = run(reached)
+        return _kept(run, save)
+
+    with ProgressBar(progress) as bar:
+        rows = _computed(tasks, method, threads, kept, bar.report)
+    config = rows[0].config | {"n_runs": len(rows), "save": save}
+    batch = _batch(rows, save, config)
+    if samples is None or times is None:
+        return batch
+    config["t_eval"] = times.tolist()
+    return dataclasses.replace(batch, sample_t=times, sample_q=samples[0], sample_qdot=samples[1])
+
+
+def _room(shape: tuple[int, ...], count: int) -> Array:
+    """Make room for the samples of all runs, NaN until they are reached."""
+    runs, n = shape
+    try:
+        return np.full((2, runs, count, n), np.nan)
+    except (MemoryError, ValueError):
+        raise MemoryError(
+            f"y0 gives {runs} runs, t_eval {count} samples of each: "
+            f"{16e-9 * runs * count * n:.3f} GB do not fit into memory; ask for fewer times, or "
+            "compute fewer runs at a time"
+        ) from None
+
+
+def _computed(
+    tasks: list[tuple[MechanicalSystem, Asked]],
+    method: FixedOrSwitched,
+    threads: int,
+    kept: Callable[[int, MechanicalTrajectory], Kept],
+    report: Any,
+) -> list[Kept]:
+    """Compute all runs in their order; the first exception ends the rest."""
+    stopped = threading.Event()
+
+    def go_on(*_: int) -> None:
+        if stopped.is_set():
+            raise KeyboardInterrupt
+
+    def one(number: int) -> Kept:
+        sol, error = run_mechanical(tasks[number][0], method, tasks[number][1], go_on)
+        if error is not None:
+            raise error
+        return kept(number, sol)
+
+    with ThreadPoolExecutor(threads) as pool:
+        futures = [pool.submit(one, number) for number in range(len(tasks))]
+        left = set(futures)
+        try:
+            while left:
+                done, left = wait(left, timeout=0.2, return_when=FIRST_COMPLETED)
+                for future in done:
+                    future.result()
+                if report is not None:
+                    report(len(tasks) - len(left), len(tasks))
+        except BaseException:
+            stopped.set()  # those under way end at their next report
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [future.result() for future in futures]
+
+
+def _systems(systems: Any) -> list[MechanicalSystem]:
+    several = [systems] if isinstance(systems, MechanicalSystem) else list(systems)
+    for i, system in enumerate(several):
+        if not isinstance(system, MechanicalSystem):
+            raise TypeError(f"systems must be zivi.MechanicalSystem (number {i}), got {system!r}")
+        if system.gap_names != several[0].gap_names:
+            raise ValueError(f"systems must have the same gaps, number {i} has {system.gap_names}")
+    return several
+
+
+def _states(y0: Any, n_systems: int) -> tuple[Array, Array]:
+    """Read ``(q0, qdot0)``, each of shape (n,) or (N, n)."""
+    given = tuple(y0) if isinstance(y0, Iterable) else ()
+    if len(given) != 2:
+        raise TypeError(f"y0 must be (q0, qdot0), arrays of shape (N, n) or (n,), got {y0!r}")
+    states = [
+        np.atleast_2d(real_array(name, value)).astype(np.float64)
+        for name, value in zip(("q0", "qdot0"), given, strict=True)
+    ]
+    count = max(n_systems, *(len(state) for state in states))
+    for name, state in zip(("q0", "qdot0"), states, strict=True):
+        if state.ndim != 2 or len(state) not in (1, count) or n_systems not in (1, count):
+            raise ValueError(
+                f"{name} must have a row for each of {count} runs, got shape {state.shape}"
+            )
+        if not np.all(np.isfinite(state)):
+            raise ValueError(f"{name} must be finite")
+    q, qdot = states
+    if q.shape[1] != qdot.shape[1]:
+        raise ValueError(f"qdot0 must have {q.shape[1]} columns as q0, got {qdot.shape[1]}")
+    shape = (count, q.shape[1])
+    return np.broadcast_to(q, shape).copy(), np.broadcast_to(qdot, shape).copy()
+
+
+TABLES = ("impacts", "zeno", "liftoffs", "openings", "corners", "flags")
+
+
+def _kept(run: MechanicalTrajectory, save: str) -> Kept:
+    impacts = run.impacts["t"]
+    numbers = {f"n_{name}": len(getattr(run, name)) for name in COUNTED} | {
+        "first_impact": impacts[0] if len(impacts) else np.nan,
+        "last_impact": impacts[-1] if len(impacts) else np.nan,
+        "n_impacts": len(np.unique(run.impacts["group"])),
+        "status": int(run.status),
+        "nfev": run.nfev,
+    }
+    return Kept(
+        end=(run.t[-1], run.q[-1], run.qdot[-1], run.gaps[-1], run.contacts[-1]),
+        numbers=numbers,
+        events={name: getattr(run, name) for name in TABLES} if save == "events" else None,
+        run=run if save == "runs" else None,
+        config=run.config,
+    )
+
+
+COUNTED = ("zeno", "liftoffs", "corners", "flags")
+KINDS: dict[str, type] = {"first_impact": float, "last_impact": float, "status": np.uint8}
+"""Types of the numbers that are no counts."""
+
+
+def _batch(rows: list[Kept], save: str, config: dict[str, Any]) -> MechanicalBatch:
+    ends = zip(*(row.end for row in rows), strict=True)
+    names = ("t", "q", "qdot", "gaps", "contacts")
+    values: dict[str, Any] = {
+        name: np.array(column) for name, column in zip(names, ends, strict=True)
+    }
+    for name in NUMBERS:
+        column = [row.numbers[name] for row in rows]
+        values[name] = np.array(column, KINDS.get(name, np.int64))
+    return MechanicalBatch(
+        **values,
+        events=[row.events for row in rows if row.events is not None] if save == "events" else None,
+        runs=[row.run for row in rows if row.run is not None] if save == "runs" else None,
+        config=config,
+    )

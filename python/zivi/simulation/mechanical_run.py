@@ -1,0 +1,210 @@
+"""A run of a mechanical system: its arguments, checked, and its record as a result."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import numbers
+import warnings
+from collections.abc import Iterable
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from zivi import _zivi
+from zivi.base.check import Array, real_array
+from zivi.simulation.events import is_count
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.methods import ExplicitEuler, MoreauJean, SwitchedRK, ThetaGamma
+from zivi.simulation.trust import Closer, closer_mechanism
+from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.start import check_start
+
+__all__ = [
+    "Asked",
+    "FixedOrSwitched",
+    "check_mechanical_method",
+    "closer_of",
+    "configuration",
+    "mechanical_events",
+    "run_mechanical",
+    "state_of",
+]
+
+
+FixedOrSwitched: TypeAlias = SwitchedRK | MoreauJean | ThetaGamma
+"""The methods that take mechanical systems."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """What a run is asked for.
+
+    Parameters
+    ----------
+    span : (float, float)
+        Start and end.
+    q, qdot : ndarray
+        The state at the start.
+    t_eval : ndarray or None
+        Times of the samples.
+    tstops : ndarray
+        Times where the force is not smooth.
+    events : list
+        As `mechanical_events` gives them.
+    dense : bool
+        Whether the motion between the samples is kept.
+    """
+
+    span: tuple[float, float]
+    q: Array
+    qdot: Array
+    t_eval: Array | None
+    tstops: Array
+    events: list[_zivi.Event]
+    dense: bool
+
+
+def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
+    """Read ``(q0, qdot0)``."""
+    try:
+        given = tuple(y0)
+    except TypeError:
+        given = ()
+    if len(given) != 2:
+        raise TypeError(f"y0 must be (q0, qdot0), two arrays of shape (n,), got {y0!r}")
+    q, qdot = (
+        np.atleast_1d(real_array(name, value)).astype(np.float64)
+        for name, value in zip(("q0", "qdot0"), given, strict=True)
+    )
+    size = len(q) if n is None else n
+    for name, value in (("q0", q), ("qdot0", qdot)):
+        if value.shape != (size,):
+            raise ValueError(f"{name} must have shape ({size},), got {value.shape}")
+        if not np.all(np.isfinite(value)):
+            raise ValueError(f"{name} must be finite, got {value.tolist()}")
+    return np.ascontiguousarray(q), np.ascontiguousarray(qdot)
+
+
+def mechanical_events(events: Any) -> list[_zivi.Event]:
+    """Read events ``g(t, q, qdot)`` with SciPy's attributes."""
+    if events is None:
+        return []
+    if not (callable(events) or isinstance(events, Iterable)):
+        raise TypeError(f"events must be a function or a sequence of functions, got {events!r}")
+    functions = [events] if callable(events) else list(events)
+    return [_event(k, function) for k, function in enumerate(functions)]
+
+
+def _event(k: int, function: Any) -> _zivi.Event:
+    if not callable(function):
+        raise TypeError(f"events[{k}] must be a function g(t, q, qdot), got {function!r}")
+    terminal = getattr(function, "terminal", None) or 0
+    direction = getattr(function, "direction", 0)
+    if not is_count(terminal):
+        raise ValueError(
+            f"events[{k}].terminal must be a bool or a count from 0 to 2**63 - 1, got {terminal!r}"
+        )
+    if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
+        raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
+    sign = int(float(direction) > 0) - int(float(direction) < 0)
+    return _zivi.Event(function, direction=sign, terminal=int(terminal) or None)
+
+
+def check_mechanical_method(method: Any) -> None:
+    """Refuse methods that do not take mechanical systems, and say why."""
+    if isinstance(method, ExplicitEuler):
+        raise ValueError("ExplicitEuler takes a zivi.ImpactSystem only: use zivi.SwitchedRK()")
+    if not isinstance(method, SwitchedRK | MoreauJean | ThetaGamma):
+        raise TypeError(f"method must be zivi.SwitchedRK() or zivi.MoreauJean(h), got {method!r}")
+    if isinstance(method, SwitchedRK) and method.flights == "series":
+        raise ValueError("flights must be 'auto' or 'rk' for a MechanicalSystem, got 'series'")
+    if isinstance(method, ThetaGamma) and (method.theta, method.gamma, method.solver) != IMPLICIT:
+        raise ValueError(
+            f"a MechanicalSystem takes zivi.ThetaGamma(h) with its defaults, got {method}"
+        )
+
+
+IMPLICIT = (1.0, 1.0, "exact")
+"""theta, gamma and solver of the member that comes to rest exactly."""
+
+COUPLED = (
+    "an impact on one of them changes the speed of the others at once, which the continuous "
+    "velocity v of ThetaGamma cannot follow. Use zivi.SwitchedRK()"
+)
+
+
+def run_mechanical(
+    system: MechanicalSystem, method: FixedOrSwitched, asked: Asked, report: Any
+) -> tuple[MechanicalTrajectory, BaseException | None]:
+    """Check the start, run, and give the result with the exception that ended it, if one did."""
+    model: Model = system.model(len(asked.q))
+    check_start(system, model, asked.span, asked.q, asked.qdot)
+    if isinstance(method, MoreauJean) and _coupled(system, model, asked, differing=True):
+        warnings.warn(ENERGY.format(e=system.e.tolist()), RuntimeWarning, stacklevel=4)
+    if isinstance(method, ThetaGamma) and _coupled(system, model, asked):
+        raise ValueError(f"the gaps {', '.join(system.gap_names)} are coupled: {COUPLED}")
+    keep = _zivi.Keep(
+        t_eval=asked.t_eval, tstops=asked.tstops, events=asked.events, dense=asked.dense
+    )
+    record = _zivi.simulate(
+        _zivi.Mechanism(model.spec, n=model.layout.n, m=model.layout.m, e=system.e),
+        method._core,
+        asked.span,
+        _zivi.Configuration(asked.q, asked.qdot),
+        keep,
+        report,
+    )
+    config = configuration(system, model, method, asked)
+    sol = MechanicalTrajectory._from_record(record, model, config, closer_of(system, method, asked))
+    if not isinstance(method, SwitchedRK) and asked.t_eval is not None:
+        sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
+    return sol, record.raised
+
+
+ENERGY = (
+    "MoreauJean predicts which gaps are hit in a step; where coupled gaps have different "
+    "coefficients of restitution, here {e}, such a step may raise the energy. SwitchedRK never does"
+)
+
+
+def _coupled(
+    system: MechanicalSystem, model: Model, asked: Asked, *, differing: bool = False
+) -> bool:
+    """Whether gaps, or those with different e, are coupled through the mass matrix at the start."""
+    pairs = ~np.eye(system.m, dtype=bool)
+    if differing:
+        pairs &= system.e[:, None] != system.e
+    if not np.any(pairs):
+        return False
+    here = model.layout.read(model.evaluate(asked.span[0], asked.q, asked.qdot))
+    coupling = here.gradients @ np.linalg.solve(here.mass, here.gradients.T)
+    size = np.sqrt(np.diag(coupling))
+    return bool(np.any(np.abs(coupling)[pairs] > 1e-9 * np.outer(size, size)[pairs]))
+
+
+def closer_of(system: MechanicalSystem, method: FixedOrSwitched, asked: Asked) -> Closer | None:
+    """Give what makes the run with smaller errors, of a method with tolerances."""
+    if not isinstance(method, SwitchedRK):
+        return None
+    state = (asked.q, asked.qdot)
+    return functools.partial(closer_mechanism, system, method, asked.span[0], state, asked.tstops)
+
+
+def configuration(
+    system: MechanicalSystem, model: Model, method: Any, asked: Asked
+) -> dict[str, Any]:
+    """Plain values that tell the run again (functions only by their names)."""
+    config = {
+        "system": repr(system),
+        "e": system.e.tolist(),
+        "coordinates": list(system.coordinate_names(model.layout.n)),
+        "gaps": list(system.gap_names),
+        "t_span": list(asked.span),
+        "q0": asked.q.tolist(),
+        "qdot0": asked.qdot.tolist(),
+        "method": {"name": type(method).__name__} | dataclasses.asdict(method),
+    }
+    if parameters := getattr(system, "parameters", None):
+        config["parameters"] = dict(parameters)
+    return config

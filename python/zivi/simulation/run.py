@@ -1,0 +1,285 @@
+"""Who drives: one call from a system, a span and a state to a trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, Never, TypeAlias, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi import _zivi
+from zivi.base.check import real, real_array
+from zivi.base.compiled import listening, listening_always
+from zivi.base.progress import ProgressBar
+from zivi.base.status import Status
+from zivi.simulation.events import events_of
+from zivi.simulation.mechanical_run import (
+    Asked,
+    check_mechanical_method,
+    mechanical_events,
+    run_mechanical,
+    state_of,
+)
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.methods import Method, SwitchedRK
+from zivi.simulation.misplaced import check_method, refuse
+from zivi.simulation.partial import as_raised, with_partial
+from zivi.simulation.steps import ended_by_event, restrict
+from zivi.simulation.trajectory import NO_STOPS, Trajectory
+from zivi.system.mass import ImpactSystem, check_system
+from zivi.system.mechanism import MechanicalSystem
+
+__all__ = ["simulate"]
+
+DEFAULT_METHOD = SwitchedRK()
+
+Event: TypeAlias = Callable[..., float]
+"""``g(t, x, xdot)`` or ``g(t, y)``, with attributes ``terminal`` and ``direction``."""
+
+
+@overload
+def simulate(
+    system: MechanicalSystem,
+    t_span: Sequence[float],
+    y0: Any,
+    method: Method = ...,
+    t_eval: ArrayLike | None = ...,
+    *,
+    events: Event | Sequence[Event] | None = ...,
+    dense_output: bool = ...,
+    progress: bool | None = ...,
+    tstops: ArrayLike | None = ...,
+    samples: Literal["motion", "steps"] = ...,
+    **misplaced: Never,
+) -> MechanicalTrajectory: ...
+
+
+@overload
+def simulate(
+    system: ImpactSystem,
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    method: Method = ...,
+    t_eval: ArrayLike | None = ...,
+    *,
+    events: Event | Sequence[Event] | None = ...,
+    dense_output: bool = ...,
+    progress: bool | None = ...,
+    tstops: ArrayLike | None = ...,
+    samples: Literal["motion", "steps"] = ...,
+    **misplaced: Never,
+) -> Trajectory: ...
+
+
+def simulate(
+    system: ImpactSystem | MechanicalSystem,
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    method: Method = DEFAULT_METHOD,
+    t_eval: ArrayLike | None = None,
+    *,
+    events: Event | Sequence[Event] | None = None,
+    dense_output: bool = True,
+    progress: bool | None = None,
+    tstops: ArrayLike | None = None,
+    samples: Literal["motion", "steps"] = "motion",
+    **misplaced: Never,
+) -> Trajectory | MechanicalTrajectory:
+    r"""Simulate a system with impacts.
+
+    .. math:: \ddot x = f(t, x, \dot x), \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
+
+    Parameters
+    ----------
+    system : ImpactSystem or MechanicalSystem
+        The force and the wall; or mass, force and gaps of several coordinates.
+    t_span : (float, float)
+        Start and end (s), ``t0 < t1``.
+    y0 : (float, float) or (array_like, array_like)
+        Initial distance from the wall, >= 0 (m), and velocity (m/s). A velocity into the wall
+        at ``x = 0`` is an impact at ``t0``. Of a `MechanicalSystem` its coordinates and
+        velocities ``(q0, qdot0)``, each of shape (n,).
+    method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
+        The method with its settings; by default `SwitchedRK` with error control. A
+        `MechanicalSystem` takes `SwitchedRK`, or as second opinions of low order `MoreauJean` and,
+        for gaps at right angles, `ThetaGamma`.
+    t_eval : array_like, optional
+        Increasing times in `t_span` to report instead of all steps (s). With a method of fixed
+        steps `s` and `v` are linear between them; the multipliers and the residual are those of
+        the step that contains the time.
+    events : callable or sequence of callables, optional
+        Functions ``g(t, x, xdot)`` or, as in SciPy, ``g(t, y)``, of a `MechanicalSystem`
+        ``g(t, q, qdot)`` with arrays, whose changes of sign are
+        located: see ``t_events`` and ``y_events`` of the result. Attributes as in SciPy:
+        ``terminal`` (a bool, or the number of the event that ends the run) and ``direction`` (1
+        only rising, -1 only falling, 0 both). A velocity that changes its sign in an impact is an
+        event at the impact, with the state after it; ``g = x`` is one with the state before it. A
+        zero at the start is no event. The function is looked at a few times in a step and at
+        least 200 times in the span: two changes of sign that are nearer to one another may be
+        overlooked unless ``max_step`` is short, but for a `Level`, of which none is. A method of
+        fixed steps looks at it at the end of each step and at the wall; it computes no step after
+        that of a terminal event, and ``nfev`` counts the evaluations of the steps so far.
+    dense_output : bool
+        Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
+        `SwitchedRK` takes less memory and fewer evaluations.
+    progress : bool, optional
+        Show a progress bar on standard error once a run lasts longer than a second. By default
+        only on a terminal.
+    tstops : array_like, optional
+        With `SwitchedRK`: times where the force, or one of its derivatives, jumps (s), such as
+        the switching times of a held input; those outside of `t_span` have no effect. Steps end
+        there, the force is asked on either side of them, by a few roundings, and never across,
+        and nothing that was seen before is used after: the way to make short pulses seen and
+        jumps cheap.
+    samples : {"motion", "steps"}
+        What `SwitchedRK` samples without `t_eval`. ``"motion"``: the ends of steps, the last
+        moment before and the state after each impact, apexes, and so many points between them
+        that lines draw the motion (off by at most 0.5 % of the height of a flight; arcs of an
+        accumulation down to 0.1 % of the highest, at most 64). ``"steps"``: the ends of steps
+        and the states after impacts only, as without `dense_output`.
+    **misplaced
+        Nothing: a `TypeError` says where a setting of a method, such as ``rtol``, or an argument
+        of SciPy's `solve_ivp` belongs.
+
+    Returns
+    -------
+    Trajectory or MechanicalTrajectory
+        Always valid up to its last sample. If the run ended early, ``success`` is False and
+        ``status`` and ``message`` say why.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range, before anything is computed.
+    Exception
+        Whatever the force raises, and `KeyboardInterrupt`: with the part of the run that was
+        computed as the exception's attribute ``trajectory``.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> sol = zivi.simulate(ball, (0, 3), (1, 0), events=lambda t, x, xdot: xdot)
+    >>> round(sol.rest_time, 6)  # the Zeno point
+    1.354571
+    >>> round(float(sol.y_events[0][1, 0]), 9)  # the first apex after an impact, e^2 high
+    0.25
+    """
+    refuse("simulate", misplaced)
+    if isinstance(system, MechanicalSystem):
+        return _mechanical(
+            system, t_span, y0, method, t_eval, events, dense_output, progress, tstops, samples
+        )
+    check_system(system)
+    check_method(method)
+    _check_switches(samples, dense_output)
+    span = pair("t_span", t_span, "(t0, t1)")
+    state = pair("y0", y0, "(x0, xdot0)")
+    times = None if t_eval is None else times_within(t_eval, span)
+    stops = stop_times(tstops, method)
+    watched = events_of(events)
+    with ProgressBar(progress) as bar, listening([system._spec]) as ear:
+        keep = _zivi.Keep(
+            t_eval=times,
+            tstops=stops,
+            events=watched,
+            dense=dense_output,
+            drawn=samples == "motion",
+        )
+        start = _zivi.State(*state)
+        record = _zivi.simulate(system._core, method._core, span, start, keep, bar.report)
+    sol = Trajectory._from_record(record, system, method, span, state, stops)
+    error = record.raised
+    if error is None and (error := ear.ends(sol.success)):
+        sol = as_raised(sol)
+    if record.path is None:  # a method of fixed steps: its steps are all there is
+        if sol.status is Status.TERMINATED_BY_EVENT:
+            sol = ended_by_event(sol)
+        if times is not None:
+            sol = restrict(sol, times)
+    if error is None:
+        return sol
+    # the exception knows this frame: through the record, which knows the exception, both would
+    # never be freed
+    del record
+    try:
+        raise with_partial(error, sol)
+    finally:
+        del error, ear
+
+
+def _mechanical(
+    system: MechanicalSystem,
+    t_span: Sequence[float],
+    y0: Any,
+    method: Any,
+    t_eval: ArrayLike | None,
+    events: Any,
+    dense_output: bool,
+    progress: bool | None,
+    tstops: ArrayLike | None,
+    samples: str,
+) -> MechanicalTrajectory:
+    """Run a system of several coordinates and gaps."""
+    check_mechanical_method(method)
+    _check_switches(samples, dense_output)
+    span = pair("t_span", t_span, "(t0, t1)")
+    q, qdot = state_of(y0, system._n)
+    times = None if t_eval is None else times_within(t_eval, span)
+    asked = Asked(
+        span, q, qdot, times, stop_times(tstops, method), mechanical_events(events), dense_output
+    )
+    with ProgressBar(progress) as bar, listening_always() as ear:
+        sol, error = run_mechanical(system, method, asked, bar.report)
+    if error is None and (error := ear.ends(sol.success)):
+        sol = as_raised(sol)
+    if error is None:
+        return sol
+    try:
+        raise with_partial(error, sol)
+    finally:
+        del error, ear
+
+
+def _check_switches(samples: Any, dense_output: Any) -> None:
+    if samples not in ("motion", "steps"):
+        raise ValueError(f"samples must be 'motion' or 'steps', got {samples!r}")
+    if not isinstance(dense_output, bool):
+        raise TypeError(f"dense_output must be True or False, got {dense_output!r}")
+
+
+def pair(name: str, value: Any, form: str) -> tuple[float, float]:
+    """Return `value` as two floats; an error names it and its form."""
+    try:
+        first, second = value
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be two numbers {form}, got {value!r}") from None
+    return real(name, first), real(name, second)
+
+
+def stop_times(tstops: ArrayLike | None, method: Method) -> np.ndarray:
+    """Return the declared breaks of the force, increasing."""
+    if tstops is None:
+        return NO_STOPS
+    if not getattr(method, "_takes_tstops", False):
+        raise ValueError(
+            f"tstops needs a method with error control, SwitchedRK, got {type(method).__name__}: "
+            "let the breaks of the force be steps by the choice of h"
+        )
+    stops = real_array("tstops", tstops)
+    if stops.ndim != 1:
+        raise ValueError(f"tstops must be one-dimensional, got shape {stops.shape}")
+    if not np.all(np.isfinite(stops)):
+        raise ValueError("tstops must be finite times")
+    return np.unique(stops)
+
+
+def times_within(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
+    """Return increasing times within a span."""
+    times = real_array("t_eval", t_eval)
+    if times.ndim != 1:
+        raise ValueError(f"t_eval must be one-dimensional, got shape {times.shape}")
+    inside = np.all((times >= span[0]) & (times <= span[1]))
+    if not inside or np.any(np.diff(times) < 0):
+        raise ValueError(f"t_eval must be increasing and within t_span = {span}")
+    return times

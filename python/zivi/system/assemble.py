@@ -1,0 +1,97 @@
+"""The parts of a system as one function that fills one row of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.system.gap import Gap
+from zivi.system.layout import Layout
+from zivi.system.pieces import Compiled, Part
+
+__all__ = ["Evaluate", "assembled"]
+
+Evaluate: TypeAlias = Callable[[float, Array, Array], Array]
+"""``(t, q, qdot)`` to the row of a `Layout`; each call writes over the last row."""
+
+Filler: TypeAlias = Callable[[float, Array, Array], None]
+
+
+def assembled(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> Evaluate:
+    """Join the parts of a system; an error names the part whose result has another shape."""
+    row = np.zeros(layout.size)
+    views = layout.views(row)
+    fillers = [
+        _filler("mass", mass, views["mass"], 2),
+        _filler("force", force, views["force"], 3),
+    ]
+    for i, gap in enumerate(gaps):
+        called = f"of gap {gap.name!r}" if gap.name else f"of gap {i}"
+        value, gradient, curvature, rate = gap._parts()
+        fillers += [
+            _number_filler(f"value {called}", value, views["gaps"][i : i + 1], 2),
+            _filler(f"gradient {called}", gradient, views["gradients"][i], 2),
+            _number_filler(f"curvature {called}", curvature, views["curvatures"][i : i + 1], 3),
+            _number_filler(f"rate {called}", rate, views["rates"][i : i + 1], 2),
+        ]
+    moving = [filler for filler in fillers if filler is not None]
+
+    def evaluate(t: float, q: Array, qdot: Array) -> Array:
+        for fill in moving:
+            fill(t, q, qdot)
+        return row
+
+    return evaluate
+
+
+def _called(function: Callable[..., Any], arguments: int) -> Callable[..., Any]:
+    """Give a function of (t, q, qdot), also for one of (t, q)."""
+    return function if arguments == 3 else lambda t, q, qdot: function(t, q)
+
+
+def _filler(name: str, given: Part, view: Array, arguments: int) -> Filler | None:
+    """Give what writes a vector or matrix into its place, or write it now if it is constant."""
+    shape, one = view.shape, view.size == 1
+
+    def write(result: Any) -> None:
+        if np.shape(result) != shape and not (one and np.size(result) == 1):
+            raise ValueError(f"{name} must have shape {shape}, got {np.shape(result)}")
+        try:
+            view[...] = np.reshape(result, shape) if one else result
+        except (TypeError, ValueError):
+            raise TypeError(f"{name} must hold real numbers, got {result!r}") from None
+
+    if isinstance(given, np.ndarray):
+        write(given)
+        return None
+    if isinstance(given, Compiled):
+        fill = given.fill
+        return lambda t, q, qdot: fill(t, q, qdot, view)
+    function = _called(given, arguments)
+    return lambda t, q, qdot: write(function(t, q, qdot))
+
+
+def _number_filler(name: str, given: Part, view: Array, arguments: int) -> Filler | None:
+    """Give what writes a number into its place, or write it now if it is constant."""
+    if isinstance(given, np.ndarray):
+        view[0] = given[()]
+        return None
+    if isinstance(given, Compiled):
+        fill = given.fill
+        return lambda t, q, qdot: fill(t, q, qdot, view)
+    function = _called(given, arguments)
+
+    def number(t: float, q: Array, qdot: Array) -> None:
+        result = function(t, q, qdot)
+        try:
+            view[0] = result
+        except (TypeError, ValueError):
+            told = f"{name} must be one number, got {type(result).__name__}"
+            if shape := np.shape(result):
+                raise ValueError(f"{told} of shape {shape}") from None
+            raise TypeError(told) from None
+
+    return number

@@ -1,0 +1,144 @@
+"""Compiled parts joined by a compiled function: a run of them does not call the interpreter."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.system.gap import Gap, LinearGap
+from zivi.system.layout import Layout
+from zivi.system.pieces import Compiled, Part
+from zivi.system.wall import HarmonicWall
+
+if TYPE_CHECKING:
+    from zivi.base.machine_code import Native
+
+__all__ = ["Glued", "glued"]
+
+HEAD = """\
+#include <math.h>
+
+typedef void (*part)(double, const double *, const double *, double *);
+typedef void (*part_with_data)(double, const double *, const double *, double *, void *);
+struct parts { const double *row; void *const *calls; const double *walls; };
+
+int model(double t, const double *q, const double *w, double *out, void *parameters)
+{
+    const struct parts *p = parameters;
+    for (int k = 0; k < SIZE; k++) out[k] = p->row[k];
+"""
+WALL = """\
+    {
+        const double *at = p->walls + WALL;
+        const double angle = at[1]*t + at[2], swing = at[0]*cos(angle);
+        out[VALUE] -= at[3] + swing;
+        out[CURVATURE] = at[1]*at[1]*swing;
+        out[RATE] = at[0]*at[1]*sin(angle);
+    }
+"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Glued:
+    """A compiled model of compiled parts.
+
+    Parameters
+    ----------
+    native : Native
+        The function that joins them.
+    address : int
+        Of what it takes as its parameters.
+    owners : list
+        What keeps parts and parameters alive.
+    """
+
+    native: Native
+    address: int
+    owners: list[Any]
+
+
+def glued(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> Glued | None:
+    """Join compiled parts; None if one needs the interpreter, or there is no C compiler.
+
+    Systems of constants only are left to the interpreter: it has nothing to call in them.
+    """
+    row = np.zeros(layout.size)
+    views = layout.views(row)
+    linear = [gap for gap in gaps if isinstance(gap, LinearGap)]
+    named: list[tuple[Part, Array]] = [(mass, views["mass"]), (force, views["force"])]
+    for i, gap in enumerate(gaps):
+        if isinstance(gap, LinearGap):
+            views["gaps"][i] = gap.offset
+            named.append((gap.normal, views["gradients"][i]))
+        else:
+            names = ("gaps", "gradients", "curvatures", "rates")
+            places = [views[name][i : i + 1] for name in names]
+            named += zip(gap._parts(), places, strict=True)
+    given = [part for part, _ in named]
+    native = all(isinstance(part, np.ndarray | Compiled) for part in given)
+    moved = [gap.motion for gap in linear if gap.motion is not None]
+    if not (native and any(isinstance(part, Compiled) for part in given)):
+        return None
+    if not all(isinstance(motion, HarmonicWall) for motion in moved):
+        return None
+    from zivi.base.machine_code import c_compiler, compiled  # what most runs do not need
+
+    if c_compiler() is None:
+        return None
+    lines: list[str] = []
+    calls: list[int] = []
+    for part, view in named:
+        if isinstance(part, np.ndarray):
+            if part.size != view.size:
+                return None  # the interpreter says what is wrong
+            view[...] = part.reshape(view.shape)
+        elif isinstance(part, Compiled):
+            start = (view.ctypes.data - row.ctypes.data) // row.itemsize
+            lines.append(_call(len(calls), start, part))
+            calls += [part.address] if part.data is None else [part.address, part.data]
+    lines += [_linear(layout, i) for i, gap in enumerate(gaps) if isinstance(gap, LinearGap)]
+    walls: list[float] = []
+    for i, gap in enumerate(gaps):
+        motion = getattr(gap, "motion", None)
+        if isinstance(motion, HarmonicWall):
+            lines.append(_wall(layout, i, len(walls)))
+            walls += [motion.amplitude, motion.omega, motion.phase, motion.offset]
+    source = HEAD.replace("SIZE", str(layout.size)) + "".join([*lines, "    return 0;\n}\n"])
+    numbers, addresses = np.array([*walls, 0.0]), np.array([*calls, 0], dtype=np.uintp)
+    parameters = np.array([a.ctypes.data for a in (row, addresses, numbers)], dtype=np.uintp)
+    owners = [row, addresses, numbers, parameters, given]
+    return Glued(compiled({"c": source}, "c"), parameters.ctypes.data, owners)
+
+
+def _call(place: int, start: int, part: Compiled) -> str:
+    kind = "part" if part.data is None else "part_with_data"
+    more = "" if part.data is None else f", p->calls[{place + 1}]"
+    return f"    (({kind})p->calls[{place}])(t, q, w, out + {start}{more});\n"
+
+
+def _linear(layout: Layout, i: int) -> str:
+    """Add ``n . q`` to the offset of a linear gap."""
+    places = _places(layout, i)
+    return (
+        f"    for (int j = 0; j < {layout.n}; j++)"
+        f" out[{places['VALUE']}] += out[{places['GRADIENT']} + j]*q[j];\n"
+    )
+
+
+def _wall(layout: Layout, i: int, place: int) -> str:
+    """Let the wall of a linear gap move: its value, its rate, its curvature."""
+    text = WALL.replace("WALL", str(place))
+    for name, index in _places(layout, i).items():
+        text = text.replace(name, str(index))
+    return text
+
+
+def _places(layout: Layout, i: int) -> dict[str, int]:
+    n, m = layout.n, layout.m
+    value = n * n + n + i
+    gradient, curvature = n * n + n + m + i * n, n * n + n + m + m * n + i
+    return {"VALUE": value, "GRADIENT": gradient, "CURVATURE": curvature, "RATE": curvature + m}

@@ -1,0 +1,307 @@
+"""Mechanical systems: coordinates that move under forces, within gaps."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi import _zivi
+from zivi.base.check import Array, finite, real_array
+from zivi.system.assemble import Evaluate, assembled
+from zivi.system.callbacks import glued
+from zivi.system.gap import Gap, LinearGap
+from zivi.system.layout import Evaluation, Layout
+from zivi.system.partials import Partials
+from zivi.system.pieces import Part, part
+
+__all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass", "restitutions"]
+
+MAX_SIZE = 64
+"""Most coordinates, and most gaps."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """What the extension integrates.
+
+    Parameters
+    ----------
+    layout : Layout
+        Numbers of coordinates and gaps.
+    spec : _zivi.Model
+        The model, compiled or not; it holds the owner of compiled code.
+    evaluate : callable
+        The same model for the interpreter.
+    """
+
+    layout: Layout
+    spec: _zivi.Model
+    evaluate: Evaluate
+
+
+class MechanicalSystem:
+    r"""n coordinates, m gaps that stay open or closed, impacts that obey Newton's law.
+
+    .. math::
+
+        M \ddot q = F(t, q, \dot q) + \sum_i \lambda_i \nabla g_i, \qquad
+        0 \le \lambda_i \perp g_i(t, q) \ge 0, \qquad
+        \dot g_i^+ = -e_i\,\dot g_i^-
+
+    Without friction. Where several closed gaps are hit at once the impulses :math:`P \ge 0` solve
+    :math:`0 \le P \perp \dot g^+ + e\,\dot g^- \ge 0`, with
+    :math:`\dot g^+ = \dot g^- + D P` and :math:`D = N M^{-1} N^T`.
+
+    Parameters
+    ----------
+    mass : array_like or callable
+        :math:`M`, symmetric positive definite, of shape (n, n): an array, ``M(t, q)``, or
+        compiled, ``void (double t, double *q, double *qdot, double *out)`` (numba ``@cfunc``,
+        `scipy.LowLevelCallable`, ctypes). A number for one coordinate.
+    force : array_like or callable
+        :math:`F`, of shape (n,), with the Coriolis and centrifugal terms: an array,
+        ``F(t, q, qdot)`` or compiled, as the mass.
+    gaps : sequence of Gap
+        The constraints, `Gap` or `LinearGap`; none is allowed.
+    e : float or array_like
+        Coefficients of restitution in [0, 1]: one for all gaps or one for each.
+    coordinates : sequence of str, optional
+        Names of the coordinates for tables and plots; by default ``q0``, ``q1``, ...
+
+    Raises
+    ------
+    ValueError, TypeError
+        For what can be seen without a state. The rest, such as shapes of what functions give, is
+        checked when `simulate` starts.
+
+    See Also
+    --------
+    zivi.symbolic.system : the same from energies, without derivatives by hand, compiled.
+
+    Examples
+    --------
+    A ball between a floor and a wall on the right, pushed by 2 N:
+
+    >>> box = zivi.MechanicalSystem(
+    ...     mass=np.eye(2),
+    ...     force=[2.0, -9.81],
+    ...     gaps=[zivi.LinearGap([0, 1], name="floor"), zivi.LinearGap([-1, 0], 0.8, name="wall")],
+    ...     e=[0.5, 0.3],
+    ...     coordinates=["x", "y"],
+    ... )
+    >>> box
+    MechanicalSystem(coordinates=(x, y), gaps=(floor, wall), e=(0.5, 0.3))
+    """
+
+    derived = False
+    """Whether the derivatives were derived, not given: then no differences check them."""
+
+    def __init__(
+        self,
+        *,
+        mass: Any,
+        force: Any,
+        gaps: Sequence[Gap] = (),
+        e: float | ArrayLike = 0.0,
+        coordinates: Sequence[str] | None = None,
+    ) -> None:
+        self._given = {"mass": mass, "force": force}
+        self._gaps = _gaps(gaps)
+        self._mass: Part = part("mass", mass, "t, q")
+        self._force: Part = part("force", force, "t, q, qdot")
+        if isinstance(self._mass, np.ndarray):
+            self._mass = _matrix(self._mass)
+        if isinstance(self._force, np.ndarray):
+            self._force = np.atleast_1d(self._force)
+        self._gap_names = _names(
+            "gaps", [gap.name or f"gap{i}" for i, gap in enumerate(self._gaps)]
+        )
+        self._e = restitutions(e, self.m)
+        self._n = self._known_size()
+        self._coordinates = _coordinates(coordinates, self._n)
+
+    def _known_size(self) -> int | None:
+        """Find the number of coordinates, if an array tells it; all must tell the same."""
+        told = [("mass", self._mass), ("force", self._force)]
+        told += [
+            (f"gradient of gap {name!r}", gap._gradient)
+            for name, gap in zip(self._gap_names, self._gaps, strict=True)
+        ]
+        sizes = [(name, len(array)) for name, array in told if isinstance(array, np.ndarray)]
+        for name, size in sizes:
+            if size != sizes[0][1]:
+                first = f"{sizes[0][0]} is for {sizes[0][1]} coordinates"
+                raise ValueError(
+                    f"{name} must be of the same size as the rest: {first}, it for {size}"
+                )
+        return sizes[0][1] if sizes else None
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """The gaps as given."""
+        return self._gaps
+
+    @property
+    def e(self) -> Array:
+        """Coefficients of restitution, one for each gap."""
+        return self._e.copy()
+
+    @property
+    def m(self) -> int:
+        """Number of gaps."""
+        return len(self._gap_names)
+
+    @property
+    def gap_names(self) -> tuple[str, ...]:
+        """Names of the gaps."""
+        return self._gap_names
+
+    def coordinate_names(self, n: int) -> tuple[str, ...]:
+        """Give the names of `n` coordinates."""
+        return self._coordinates or tuple(f"q{i}" for i in range(n))
+
+    def model(self, n: int) -> Model:
+        """Give what the extension integrates, for `n` coordinates.
+
+        Raises
+        ------
+        ValueError
+            If the system has another number of coordinates.
+        """
+        if self._n not in (None, n):
+            raise ValueError(f"q0 must have {self._n} entries, got {n}")
+        if not 1 <= n <= MAX_SIZE:
+            raise ValueError(f"q0 must have from 1 to {MAX_SIZE} entries, got {n}")
+        layout = Layout(n, self.m)
+        evaluate = assembled(layout, self._mass, self._force, self._gaps)
+        native = glued(layout, self._mass, self._force, self._gaps)
+        if native is None:
+            spec = _zivi.Model.callable(evaluate, steady=self._is_steady())
+            return Model(layout, spec, evaluate)
+        spec = _zivi.Model.compiled(native.native.address, data=native.address, owner=native)
+        return Model(layout, spec, evaluate)
+
+    def _is_steady(self) -> bool:
+        """Whether mass, force and gradients are arrays, and no gap moves."""
+        parts = (self._mass, self._force)
+        return all(isinstance(part, np.ndarray) for part in parts) and all(
+            isinstance(gap, LinearGap) and gap.motion is None for gap in self._gaps
+        )
+
+    def partials(self, model: Model) -> Partials:
+        """Give what the extension takes for the partial derivatives of a model."""
+        return Partials()
+
+    def at(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Evaluation:
+        """Evaluate the system.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        q, qdot : array_like
+            Coordinates and velocities, of shape (n,).
+
+        Returns
+        -------
+        Evaluation
+            Mass, force, gaps, their gradients, curvatures and rates.
+
+        Examples
+        --------
+        >>> floor = zivi.LinearGap([1])
+        >>> ball = zivi.MechanicalSystem(mass=2.0, force=[-19.62], gaps=[floor], e=0.5)
+        >>> ball.at(0.0, [0.1], [0.0]).gaps
+        array([0.1])
+        """
+        state = [np.atleast_1d(real_array(name, v)) for name, v in (("q", q), ("qdot", qdot))]
+        model = self.model(len(state[0]))
+        if state[1].shape != state[0].shape:
+            raise ValueError(f"qdot must have shape {state[0].shape}, got {state[1].shape}")
+        return model.layout.read(model.evaluate(finite("t", t), *state))
+
+    def __repr__(self) -> str:
+        told = (
+            [] if self._coordinates is None else [f"coordinates=({', '.join(self._coordinates)})"]
+        )
+        told.append(f"gaps=({', '.join(self.gap_names)})")
+        told.append(f"e=({', '.join(f'{e:g}' for e in self._e)})")
+        return f"{type(self).__name__}({', '.join(told)})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self._given | {"gaps": self._gaps, "e": self._e, "coordinates": self._coordinates}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        MechanicalSystem.__init__(self, **state)
+
+
+def _gaps(gaps: Any) -> tuple[Gap, ...]:
+    several = (gaps,) if isinstance(gaps, Gap) else gaps
+    if not isinstance(several, Iterable):
+        raise TypeError(f"gaps must be a sequence of zivi.Gap, got {type(gaps).__name__}")
+    several = tuple(several)
+    for i, gap in enumerate(several):
+        if not isinstance(gap, Gap):
+            raise TypeError(f"gaps[{i}] must be a zivi.Gap or zivi.LinearGap, got {gap!r}")
+    if len(several) > MAX_SIZE:
+        raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(several)}")
+    return several
+
+
+def _matrix(mass: Array) -> Array:
+    """Check a constant mass matrix."""
+    matrix = mass.reshape(1, 1) if mass.size == 1 else mass
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
+        raise ValueError(f"mass must have shape (n, n) with n >= 1, got {mass.shape}")
+    check_mass(matrix)
+    return matrix
+
+
+def check_mass(matrix: Array) -> None:
+    """Refuse a mass matrix that is not symmetric and positive definite."""
+    if not np.all(np.isfinite(matrix)):
+        raise ValueError(f"mass must be finite, got {matrix.tolist()}")
+    skew = np.max(np.abs(matrix - matrix.T))
+    if skew > 1e-10 * np.max(np.abs(matrix)):
+        raise ValueError(f"mass must be symmetric, got {matrix.tolist()}")
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        raise ValueError(
+            f"mass must be positive definite, got one with the eigenvalue {least:.6g}"
+        ) from None
+
+
+def restitutions(e: Any, m: int) -> Array:
+    """Read the coefficients of restitution of `m` gaps."""
+    given = real_array("e", e)
+    if given.ndim == 0:
+        given = np.full(m, float(given))
+    if given.shape != (m,):
+        raise ValueError(f"e must be one number or one for each of the {m} gaps, got {given.shape}")
+    for i, value in enumerate(given):
+        if not 0.0 <= value <= 1.0:
+            raise ValueError(f"e[{i}] must be in [0, 1], got {value}")
+    return given.copy()
+
+
+def _names(what: str, names: Sequence[str]) -> tuple[str, ...]:
+    twice = sorted({name for name in names if list(names).count(name) > 1})
+    if twice:
+        raise ValueError(f"names of {what} must differ, got {twice[0]!r} twice")
+    return tuple(names)
+
+
+def _coordinates(names: Sequence[str] | None, n: int | None) -> tuple[str, ...] | None:
+    if names is None:
+        return None
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"coordinates must be a sequence of names, got {names!r}")
+    if n is not None and len(names) != n:
+        raise ValueError(f"coordinates must be {n} names, got {len(names)}")
+    return _names("coordinates", list(names))

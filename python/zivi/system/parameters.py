@@ -1,0 +1,121 @@
+"""The parameters of a system by their names: numbers, values, systems with other values."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from zivi.system.mass import ImpactSystem, LinearForce, check_system
+from zivi.system.mechanism import MechanicalSystem
+from zivi.system.parametric import ParametricForce
+from zivi.system.wall import HarmonicWall
+
+__all__ = [
+    "check_differentiable",
+    "codes_of",
+    "excitation",
+    "names_of",
+    "parameter",
+    "with_value",
+]
+
+INITIAL = {"x0": -1, "xdot0": -2, "t0": -3}
+"""What the extension calls the initial state; ``e`` is -4."""
+OF_E = -4
+
+
+def check_differentiable(system: Any) -> None:
+    """Refuse what is no system of one mass and one wall, and say what there is for others."""
+    if isinstance(system, MechanicalSystem):
+        raise TypeError(
+            "this is there for a zivi.ImpactSystem, one mass above one wall: of a "
+            "zivi.MechanicalSystem zivi.sensitivity gives the derivatives and the monodromy"
+        )
+    check_system(system)
+
+
+def of_force(force: Any) -> dict[str, float]:
+    """Names and values of the parameters of a force, in the order of the extension."""
+    if isinstance(force, LinearForce):
+        return {field.name: getattr(force, field.name) for field in dataclasses.fields(force)}
+    if isinstance(force, ParametricForce):
+        return dict(force.parameters)
+    if isinstance(force, int | float):
+        return {"force": float(force)}
+    return {}
+
+
+def parameters_of(system: ImpactSystem) -> dict[str, float]:
+    """Names and values of the parameters of the force and of the wall."""
+    values = of_force(system.force)
+    if isinstance(system.wall, HarmonicWall):
+        wall = dataclasses.asdict(system.wall)
+        values |= {f"wall.{name}": value for name, value in wall.items()}
+    return values
+
+
+def names_of(system: ImpactSystem) -> list[str]:
+    """All names by which a run of the system can be differentiated."""
+    return [*INITIAL, "e", *parameters_of(system)]
+
+
+def codes_of(system: ImpactSystem, names: tuple[str, ...]) -> list[int]:
+    """Give the numbers by which the extension knows names; a ValueError lists the names."""
+    known = {**INITIAL, "e": OF_E}
+    known |= {name: number for number, name in enumerate(parameters_of(system))}
+    for name in names:
+        if name not in known:
+            raise ValueError(_unknown(system, name))
+    return [known[name] for name in names]
+
+
+def parameter(system: ImpactSystem, name: str) -> float:
+    """Give the value of a parameter of the system, ``e`` included."""
+    values = {"e": system.e, **parameters_of(system)}
+    if name not in values:
+        raise ValueError(_unknown(system, name, start=False))
+    return values[name]
+
+
+def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
+    """Give the same system with another value of a parameter."""
+    force, e, wall = system.force, system.e, system.wall
+    parameter(system, name)
+    if name == "e":
+        e = value
+    elif name.startswith("wall."):
+        assert isinstance(wall, HarmonicWall)
+        wall = dataclasses.replace(wall, **{name.removeprefix("wall."): value})
+    elif isinstance(force, ParametricForce):
+        force = force.replace(**{name: value})
+    elif isinstance(force, LinearForce):
+        force = dataclasses.replace(force, **{name: value})
+    else:
+        force = value
+    return ImpactSystem(force, e=e, wall=wall)
+
+
+def excitation(system: ImpactSystem) -> tuple[float | None, str | None]:
+    """Give the angular frequency of the excitation, and its name; None if nothing excites."""
+    found = {}
+    force = system.force
+    if isinstance(force, LinearForce) and force.amplitude != 0.0:
+        found["omega"] = abs(force.omega)
+    if isinstance(system.wall, HarmonicWall) and system.wall.amplitude != 0.0:
+        found["wall.omega"] = abs(system.wall.omega)
+    values = set(found.values())
+    if len(values) != 1 or 0.0 in values:
+        return None, None
+    name = next(iter(found)) if len(found) == 1 else None
+    return values.pop(), name
+
+
+def _unknown(system: ImpactSystem, name: str, *, start: bool = True) -> str:
+    names = names_of(system) if start else ["e", *parameters_of(system)]
+    hint = ""
+    if not of_force(system.force):
+        hint = (
+            "; a plain callable has no parameters: give them names with "
+            "zivi.ParametricForce(f, parameters={...})"
+        )
+    return f"{name!r} is no parameter here: {', '.join(names)}{hint}"

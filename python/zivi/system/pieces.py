@@ -1,0 +1,92 @@
+"""Parts of a system as the user gives them: arrays, functions, and compiled functions."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from zivi import _zivi
+from zivi.base.check import Array, real_array
+
+__all__ = ["Compiled", "Part", "part"]
+
+Part: TypeAlias = "Array | Callable[..., Any] | Compiled"
+"""A constant array, a function of the interpreter, or a compiled one."""
+
+# addresses, which are cheaper to make than pointers to doubles
+PART = ctypes.CFUNCTYPE(None, ctypes.c_double, *[ctypes.c_void_p] * 3)
+PART_WITH_DATA = ctypes.CFUNCTYPE(None, ctypes.c_double, *[ctypes.c_void_p] * 4)
+C_FORM = "void (double t, double *q, double *qdot, double *out)"
+
+_CFunction: Any = type(ctypes.CFUNCTYPE(None)()).__mro__[1]
+
+
+class Compiled:
+    """A compiled part, called through its address; it fills ``out``.
+
+    Parameters
+    ----------
+    address : int
+        Where the function is.
+    data : int or None
+        What it takes as a last argument ``void *``, if it takes one.
+    owner : object
+        What keeps it alive.
+    """
+
+    def __init__(self, address: int, data: int | None, owner: object) -> None:
+        self.address, self.data, self.owner = address, data, owner
+        self._call = (PART if data is None else PART_WITH_DATA)(address)
+
+    def fill(self, t: float, q: Array, qdot: Array, out: Array) -> None:
+        """Evaluate into ``out``; all arrays are contiguous."""
+        more = () if self.data is None else (self.data,)
+        self._call(t, q.ctypes.data, qdot.ctypes.data, out.ctypes.data, *more)
+
+
+def part(name: str, given: Any, arguments: str) -> Part:
+    """Read a part of a system; an error names it, and the arguments of its function."""
+    if (compiled := compiled_part(name, given)) is not None:
+        return compiled
+    if callable(given):
+        return given  # type: ignore[no-any-return]
+    try:
+        array = real_array(name, given)
+    except TypeError:
+        raise TypeError(
+            f"{name} must be an array, a function ({arguments}), or a compiled callable "
+            f"{C_FORM}, got {type(given).__name__}"
+        ) from None
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} must be finite, got {array.tolist()}")
+    return array
+
+
+def compiled_part(name: str, given: Any) -> Compiled | None:
+    """Read a compiled callable: of numba's ``@cfunc``, of SciPy, or a pointer of ctypes."""
+    # an object of SciPy's class can only be here if SciPy has been imported
+    low_level = getattr(sys.modules.get("scipy"), "LowLevelCallable", None)
+    if low_level is not None and isinstance(given, low_level):
+        pointer, data = _low_level(name, given)
+        return Compiled(pointer, data, given)
+    pointer_of = given if isinstance(given, _CFunction) else getattr(given, "ctypes", None)
+    if not isinstance(pointer_of, _CFunction):
+        return None
+    arguments = list(pointer_of.argtypes or [])
+    if len(arguments) not in (4, 5) or arguments[0] is not ctypes.c_double:
+        names = [getattr(kind, "__name__", str(kind)) for kind in arguments]
+        raise TypeError(f"{name}, compiled, must have the signature {C_FORM}, got {names}")
+    address = ctypes.cast(pointer_of, ctypes.c_void_p).value
+    if not address:
+        raise ValueError(f"{name}: the compiled function is a null pointer")
+    return Compiled(address, 0 if len(arguments) == 5 else None, given)
+
+
+def _low_level(name: str, given: Any) -> tuple[int, int | None]:
+    """Read a `scipy.LowLevelCallable`: the address and the data of its capsule."""
+    function = _zivi.compiled_model(tuple(given), name)
+    return function.address, function.data

@@ -1,0 +1,1 @@
+"""Mechanical systems from their energies, derived by SymPy."""

@@ -1,0 +1,235 @@
+"""From the energies of a system to its equations of motion, by SymPy."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from zivi.base.check import finite
+from zivi.base.extras import needed
+from zivi.base.formula import CONSTANTS, FormulaError, meant, normal
+from zivi.system.symbolic.formula import UnknownNameError, expression, sound
+from zivi.system.symbolic.quadratic import depends
+
+__all__ = ["Derived", "derive"]
+
+LONGEST = 60
+"""Characters of a wrong formula that are shown."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Derived:
+    """The equations of a system as expressions in ``t``, ``q[i]``, ``w[i]`` and ``p[k]``.
+
+    Parameters
+    ----------
+    entries : tuple of sympy.Expr
+        M, F, g, N, h and g_t in the order of a model's row of numbers.
+    coordinates, gaps : tuple of str
+        Their names.
+    parameters : dict
+        Names and values of the parameters, in the order of ``p``.
+    """
+
+    entries: tuple[Any, ...]
+    coordinates: tuple[str, ...]
+    gaps: tuple[str, ...]
+    parameters: dict[str, float]
+
+    def partials(self) -> tuple[Any, ...]:
+        """Derive all entries by time, then by each coordinate, velocity and parameter."""
+        sympy = needed("sympy", "symbolic systems")
+        n = len(self.coordinates)
+        names = ["t", *(f"{letter}[{i}]" for letter in "qw" for i in range(n))]
+        names += [f"p[{k}]" for k in range(len(self.parameters))]
+        symbols = [sympy.Symbol(name, real=True) for name in names]
+        return tuple(entry.diff(symbol) for symbol in symbols for entry in self.entries)
+
+
+def derive(
+    q: Any, T: Any, V: Any, Q: Any, gaps: Any, parameters: Mapping[Any, Any] | None, *, qdot: Any
+) -> Derived:
+    r"""Derive the equations of motion and the derivatives of the gaps.
+
+    With :math:`L = T - V`:
+
+    .. math::
+
+        M = \frac{\partial^2 L}{\partial \dot q^2}, \qquad
+        F = Q + \frac{\partial L}{\partial q}
+            - \frac{\partial^2 L}{\partial \dot q \partial q} \dot q
+            - \frac{\partial^2 L}{\partial \dot q \partial t}, \qquad
+        h_i = \dot q^T H_i \dot q + 2 g_{i,tq} \dot q + g_{i,tt}
+    """
+    sympy = needed("sympy", "symbolic systems")
+    given = dict(parameters or {})
+    values = {_name_of(key): finite(f"parameters[{key}]", v) for key, v in given.items()}
+    words = _Words(sympy, q, qdot, [_name_of(key) for key in given])
+    named = _named(gaps)
+    kinetic, potential = words.read("T", T), words.read("V", V)
+    pushes = [words.read(f"Q[{i}]", entry) for i, entry in enumerate(_forces(words, Q))]
+    distances = [words.read(f"gap {name!r}", gap) for name, gap in named.items()]
+    n, t, x, w = len(words.q), words.t, words.q, words.w
+    lagrangian = kinetic - potential
+    momenta = [lagrangian.diff(v) for v in w]
+    mass = [[momenta[i].diff(w[j]) for j in range(n)] for i in range(n)]
+    if any(depends(entry, w) for row in mass for entry in row):
+        raise ValueError("T must be quadratic in the velocities: its second derivatives have some")
+    force = [
+        pushes[i]
+        + lagrangian.diff(x[i])
+        - sum(momenta[i].diff(x[j]) * w[j] for j in range(n))
+        - momenta[i].diff(t)
+        for i in range(n)
+    ]
+    gradients = [[g.diff(v) for v in x] for g in distances]
+    for name, g in zip(named, distances, strict=True):
+        if g.free_symbols & set(w):
+            raise ValueError(f"gap {name!r} must depend on time and coordinates, not on velocities")
+    rates = [g.diff(t) for g in distances]
+    along = [
+        sum(grad[j] * w[j] for j in range(n)) + rate
+        for grad, rate in zip(gradients, rates, strict=True)
+    ]
+    curvatures = [sum(y.diff(x[j]) * w[j] for j in range(n)) + y.diff(t) for y in along]
+    entries = [entry for row in mass for entry in row] + force + distances
+    entries += [entry for row in gradients for entry in row] + curvatures + rates
+    try:
+        found = tuple(sound(sympy.sympify(entry)) for entry in entries)
+    except FormulaError as error:
+        raise FormulaError(f"T, V, Q and gaps: {error}") from None
+    return Derived(found, words.names, tuple(named), values)
+
+
+class _Words:
+    """The symbols of a user, and those of ours that take their places: real, and named as in C."""
+
+    def __init__(self, sympy: Any, q: Any, qdot: Any, parameters: list[str]) -> None:
+        self.sympy = sympy
+        given = _sequence(sympy, q)
+        if not given:
+            raise ValueError("q must hold at least one coordinate")
+        self.functions = [item for item in given if not item.is_Symbol]
+        for item in self.functions:
+            if not (isinstance(item, sympy.core.function.AppliedUndef) and len(item.args) == 1):
+                raise TypeError(f"q must hold symbols or functions of time, x(t), got {item}")
+        self.given = given
+        self.names = tuple(_name_of(item) for item in given)
+        times = {item.args[0] for item in self.functions} or {sympy.Symbol("t")}
+        if len(times) > 1:
+            raise ValueError(f"q must hold functions of one time, got {sorted(map(str, times))}")
+        (self.time,) = times
+        rates = [f"{name}dot" for name in self.names]
+        if qdot is not None:
+            rates = [_name_of(item) for item in _sequence(sympy, qdot)]
+            if len(rates) != len(given):
+                raise ValueError(f"qdot must have {len(given)} entries, got {len(rates)}")
+        self.t = sympy.Symbol("t", real=True)
+        self.q = [sympy.Symbol(f"q[{i}]", real=True) for i in range(len(given))]
+        self.w = [sympy.Symbol(f"w[{i}]", real=True) for i in range(len(given))]
+        own = [sympy.Symbol(f"p[{k}]", real=True) for k in range(len(parameters))]
+        names = [self.time.name, *self.names, *rates, *parameters]
+        for name in CONSTANTS:
+            if name in names:
+                raise ValueError(f"{name} is a number: give what you call so another name")
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(
+                f"{', '.join(twice)}: a name must mean one thing, the time, a coordinate, "
+                "a velocity or a parameter"
+            )
+        self.table = dict(zip(names, [self.t, *self.q, *self.w, *own], strict=True))
+        self.rates = rates
+
+    def read(self, what: str, given: Any) -> Any:
+        """Give a formula or an expression in our symbols; an error names what is unknown."""
+        if isinstance(given, str):
+            return self._formula(what, given)
+        sympy = self.sympy
+        try:
+            found = sympy.sympify(given, strict=True)
+        except (sympy.SympifyError, TypeError, ValueError):
+            found = None
+        if not isinstance(found, sympy.Expr):
+            raise TypeError(f"{what} must be one expression, got {type(given).__name__} {given!r}")
+        for item, x, w in zip(self.given, self.q, self.w, strict=True):
+            if not item.is_Symbol:
+                found = found.subs(sympy.Derivative(item, self.time), w).subs(item, x)
+        left = found.atoms(sympy.core.function.AppliedUndef, sympy.Derivative)
+        if left:
+            raise ValueError(f"{what} has {left.pop()}, which is no coordinate and no velocity")
+        ours = set(self.table.values())
+        unknown = {s for s in found.free_symbols - ours if normal(s.name) not in self.table}
+        if unknown:
+            raise self._unknown(what, min(str(s) for s in unknown))
+        return found.xreplace({s: self.table[normal(s.name)] for s in found.free_symbols - ours})
+
+    def _formula(self, what: str, text: str) -> Any:
+        try:
+            return expression(text, self.table)
+        except UnknownNameError as error:
+            raise self._unknown(what, error.name) from None
+        except FormulaError as error:
+            shown = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+            raise FormulaError(f"{what} must be an expression, got {shown!r}: {error}") from None
+
+    def _unknown(self, what: str, name: str) -> FormulaError:
+        parameters = [
+            it for it in self.table if it not in (*self.names, *self.rates, self.time.name)
+        ]
+        near = meant(name, self.table) or f"give parameters={{{name!r}: ...}}"
+        return FormulaError(
+            f"{what} has {name}, which is no coordinate ({', '.join(self.names)}), no velocity "
+            f"({', '.join(self.rates)}), not the time ({self.time.name}), not pi and no parameter "
+            f"({', '.join(parameters) or 'there are none'}); {near}"
+        )
+
+
+def _name_of(item: Any) -> str:
+    if isinstance(item, str):
+        return normal(item)
+    name = getattr(item, "name", None) or getattr(getattr(item, "func", None), "__name__", None)
+    return normal(str(name or item))
+
+
+def _sequence(sympy: Any, items: Any) -> list[Any]:
+    """Read coordinates: a list of symbols, functions or names, or names in one string."""
+    if isinstance(items, str):
+        items = items.replace(",", " ").split()
+    if not isinstance(items, Iterable):
+        items = [items]
+    return [sympy.Symbol(_word(item)) if isinstance(item, str) else item for item in items]
+
+
+def _word(name: str) -> str:
+    if not normal(name).isidentifier():
+        raise ValueError(f"q must hold names of letters and digits, got {name!r}")
+    return normal(name)
+
+
+def _forces(words: _Words, Q: Any) -> Sequence[Any]:
+    n = len(words.names)
+    if Q is None:
+        return [0] * n
+    if isinstance(Q, Mapping):
+        by_name = {_name_of(key): entry for key, entry in Q.items()}
+        strange = sorted(set(by_name) - set(words.names))
+        if strange:
+            raise ValueError(f"Q has {strange[0]}, which is no coordinate of {words.names}")
+        return [by_name.get(name, 0) for name in words.names]
+    entries = list(Q) if isinstance(Q, Iterable) and not isinstance(Q, str) else [Q]
+    if len(entries) != n:
+        raise ValueError(
+            f"Q must have an entry for each of the {n} coordinates, got {len(entries)}"
+        )
+    return entries
+
+
+def _named(gaps: Any) -> dict[str, Any]:
+    """Give the gaps by their names."""
+    if isinstance(gaps, Mapping):
+        return {str(name): gap for name, gap in gaps.items()}
+    if isinstance(gaps, str) or not isinstance(gaps, Iterable):
+        gaps = [gaps]
+    return {f"gap{i}": gap for i, gap in enumerate(gaps)}

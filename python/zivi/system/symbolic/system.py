@@ -1,0 +1,321 @@
+"""A mechanical system from its energies, whose parameters can change without compiling."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import functools
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi import _zivi
+from zivi.base.check import Array, finite
+from zivi.base.formula import normal
+from zivi.base.machine_code import Native, compiled
+from zivi.system.layout import Layout
+from zivi.system.mechanism import MechanicalSystem, Model, restitutions
+from zivi.system.partials import Partials
+from zivi.system.symbolic.derive import Derived, derive
+from zivi.system.symbolic.source import c_source, python_source
+
+__all__ = ["Parameters", "SymbolicSystem", "system"]
+
+
+class Parameters(MutableMapping[str, float]):
+    """The parameters of a symbolic system by their names; they can be changed, not added.
+
+    Parameters
+    ----------
+    values : dict
+        Names and values in the order of the compiled function.
+    """
+
+    def __init__(self, values: Mapping[str, float]) -> None:
+        self._places = {name: k for k, name in enumerate(values)}
+        # at least one number: the compiled function gets its address
+        self._row = np.array([*values.values(), *([] if values else [0.0])], dtype=np.float64)
+
+    @property
+    def address(self) -> int:
+        """Where the numbers are."""
+        return self._row.ctypes.data
+
+    def _place(self, name: Any) -> int:
+        key = normal(name if isinstance(name, str) else str(name))
+        if key not in self._places:
+            known = ", ".join(self._places) or "none"
+            raise KeyError(f"{key!r} is no parameter: there are {known}")
+        return self._places[key]
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._row[self._place(name)])
+
+    def __setitem__(self, name: str, value: float) -> None:
+        self._row[self._place(name)] = finite(f"parameters[{name!r}]", value)
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError("a parameter can be changed, not removed")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
+
+@dataclasses.dataclass(frozen=True)
+class Equations:
+    """The equations of a symbolic system, kept for their derivatives.
+
+    Parameters
+    ----------
+    derived : Derived
+        The expressions.
+    """
+
+    derived: Derived
+
+    @functools.cached_property
+    def sources(self) -> dict[str, str]:
+        """The source of a function that fills in all partial derivatives."""
+        entries = self.derived.partials()
+        return {"c": c_source(entries), "numba": python_source(entries)}
+
+
+class SymbolicSystem(MechanicalSystem):
+    """What `system` makes: a `zivi.MechanicalSystem` that is compiled.
+
+    Parameters
+    ----------
+    sources : dict
+        The compiled function's source, in C and in Python.
+    coordinates, gaps : sequence of str
+        Names.
+    parameters : dict
+        Names and values.
+    e : float or array_like
+        Coefficients of restitution.
+    compiler : str
+        As for `system`.
+    equations : Equations
+        What the function was made of, for derivatives.
+    """
+
+    derived = True
+
+    def __init__(
+        self,
+        sources: dict[str, str],
+        coordinates: Sequence[str],
+        gaps: Sequence[str],
+        parameters: Mapping[str, float],
+        e: float | ArrayLike,
+        compiler: str = "auto",
+        equations: Equations | None = None,
+    ) -> None:
+        self._gaps = ()
+        self._gap_names = tuple(gaps)
+        self._coordinates = tuple(coordinates)
+        self._n = len(self._coordinates)
+        self._e = restitutions(e, len(self._gap_names))
+        self._sources, self._compiler, self._equations = sources, compiler, equations
+        self._parameters = Parameters(parameters)
+        self._native: Native = compiled(sources, compiler)
+
+    @property
+    def parameters(self) -> Parameters:
+        """The parameters by name; a change holds for the runs that start after it."""
+        return self._parameters
+
+    @property
+    def source(self) -> str:
+        """The compiled function, in C."""
+        return self._sources["c"]
+
+    def replace(self, e: float | ArrayLike | None = None, **parameters: float) -> SymbolicSystem:
+        """Give the same system with other parameters, without compiling.
+
+        Parameters
+        ----------
+        e : float or array_like, optional
+            Other coefficients of restitution.
+        **parameters
+            Names and values of those that change.
+
+        Returns
+        -------
+        SymbolicSystem
+            A system of its own: this one keeps its parameters.
+
+        Raises
+        ------
+        KeyError
+            For a name that is no parameter.
+        """
+        other = SymbolicSystem(
+            self._sources,
+            self._coordinates or (),
+            self._gap_names,
+            self._parameters,
+            self._e if e is None else e,
+            self._compiler,
+            self._equations,
+        )
+        other._parameters.update(parameters)
+        return other
+
+    def model(self, n: int) -> Model:
+        """Give what the extension integrates; `n` must be the number of coordinates."""
+        if n != self._n:
+            raise ValueError(f"q0 must have {self._n} entries, got {n}")
+        layout = Layout(n, self.m)
+        row = np.zeros(layout.size)
+        function, parameters = self._native.function, self._parameters
+
+        def evaluate(t: float, q: Array, qdot: Array) -> Array:
+            pointers = [_pointer(np.ascontiguousarray(a)) for a in (q, qdot)]
+            function(t, *pointers, _pointer(row), parameters.address)
+            return row
+
+        owner = self._native, parameters
+        spec = _zivi.Model.compiled(self._native.address, data=parameters.address, owner=owner)
+        return Model(layout, spec, evaluate)
+
+    def partials(self, model: Model) -> Partials:
+        """Give the function of the derivatives, compiled when it is first asked for.
+
+        Raises
+        ------
+        ImportError
+            Without SymPy.
+        """
+        if self._equations is None:
+            return super().partials(model)
+        native = compiled(self._equations.sources, self._compiler)
+        parameters = self._parameters
+        owner = native, parameters
+        function = _zivi.Model.compiled(native.address, data=parameters.address, owner=owner)
+        spec = _zivi.Partials.function(function, len(parameters))
+        return Partials(spec, dict(parameters))
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}, parameters={self._parameters!r})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "sources": self._sources,
+            "coordinates": self._coordinates,
+            "gaps": self._gap_names,
+            "parameters": dict(self._parameters),
+            "e": self._e,
+            "compiler": self._compiler,
+            "equations": self._equations,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        SymbolicSystem.__init__(self, **state)
+
+
+def _pointer(array: Array) -> Any:
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+
+def system(
+    q: Any,
+    *,
+    T: Any,
+    V: Any = 0,
+    Q: Any = None,
+    gaps: Any = (),
+    parameters: Mapping[Any, float] | None = None,
+    e: float | ArrayLike = 0.0,
+    qdot: Any = None,
+    compiler: str = "auto",
+) -> SymbolicSystem:
+    r"""Derive and compile a mechanical system from its energies.
+
+    .. math::
+
+        \frac{d}{dt}\frac{\partial L}{\partial \dot q} - \frac{\partial L}{\partial q}
+        = Q + \sum_i \lambda_i \nabla g_i, \qquad L = T - V, \qquad g_i(t, q) \ge 0
+
+    SymPy derives :math:`M`, :math:`F` (with the Coriolis terms), and of the gaps the gradients and
+    curvatures; common parts are computed once. The whole is compiled to one function, by a C
+    compiler (the library is kept in a cache, ``ZIVI_CACHE`` or ``~/.cache/zivi``) or by numba: a
+    run does not call the interpreter.
+
+    Parameters
+    ----------
+    q : sequence
+        The coordinates: functions of time (``sympy.physics.mechanics.dynamicsymbols``), whose
+        velocities are their derivatives; or symbols or names, such as ``"x y"``, whose velocities
+        are the symbols ``xdot``, ``ydot``, and the time the symbol ``t``.
+    T : sympy.Expr or str
+        Kinetic energy, quadratic in the velocities.
+    V : sympy.Expr or str
+        Potential energy.
+    Q : sequence or dict, optional
+        Other generalised forces, such as friction of a bearing: one for each coordinate, or by
+        coordinate. They may depend on time, coordinates and velocities.
+    gaps : sequence or dict
+        Expressions that stay >= 0, in time and coordinates; a dict names them.
+    parameters : dict, optional
+        Values of all other symbols, by symbol or name.
+    e : float or array_like
+        Coefficients of restitution in [0, 1], one for all gaps or one for each.
+    qdot : sequence, optional
+        Other symbols for the velocities than ``xdot``, ...
+    compiler : {"auto", "c", "numba"}
+        What compiles: a C compiler if there is one, else numba.
+
+    Returns
+    -------
+    SymbolicSystem
+        A `zivi.MechanicalSystem` with ``parameters``, which can be changed, and
+        ``replace(name=value)``, both without compiling.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For what is no formula or has a name that is not declared (`FormulaError`), or an energy
+        of another form.
+    ImportError
+        Without SymPy: ``pip install 'zivi[symbolic]'``.
+    RuntimeError
+        Without a C compiler and numba.
+
+    Examples
+    --------
+    A pendulum beside a wall:
+
+    >>> pendulum = zivi.symbolic.system(
+    ...     "phi",
+    ...     T="m*l**2*phidot**2/2",
+    ...     V="-m*g*l*cos(phi)",
+    ...     gaps={"wall": "l*sin(phi) + d"},
+    ...     parameters={"m": 1.0, "l": 0.5, "g": 9.81, "d": 0.1},
+    ...     e=0.6,
+    ... )
+    >>> pendulum.at(0.0, [0.0], [1.0]).gaps
+    array([0.1])
+    >>> pendulum.parameters["d"] = 0.2  # without compiling
+    >>> pendulum.replace(d=0.3).at(0.0, [0.0], [1.0]).gaps
+    array([0.3])
+    """
+    found = derive(q, T, V, Q, gaps, parameters, qdot=qdot)
+    sources = {"c": c_source(found.entries), "numba": python_source(found.entries)}
+    return SymbolicSystem(
+        sources,
+        found.coordinates,
+        found.gaps,
+        found.parameters,
+        e,
+        compiler,
+        Equations(found),
+    )

@@ -1,0 +1,157 @@
+"""Units: an absolute tolerance of 1e-9 means nothing where all numbers are of 1e-10."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from zivi import _zivi
+from zivi.base.arrays import Array
+from zivi.vi.types import VIResult, result_of
+
+__all__ = ["Affine", "Watched", "is_off_scale", "polished", "solve_scaled"]
+
+TOL = 1e-9
+"""Default tolerance, and that of a small problem relative to its values at the start."""
+_SMALL = 1e-3
+"""Rows and unknowns of this size and above are compared with the tolerance as they are."""
+_ROUNDS = 10
+"""Of the equilibration of rows and columns."""
+_NOISE, _NEAR = 1e-13, 1e-6
+"""Such a residual, or one so far below the start's, that cannot be made better is a solution."""
+
+Solve: TypeAlias = Callable[["Affine"], "_zivi.ViRecord"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Affine:
+    """``F(x) = M x + q`` on a box, and where it begins."""
+
+    M: Array
+    q: Array
+    lower: Array
+    upper: Array
+    x0: Array
+
+
+def _sizes(a: Affine) -> tuple[Array, Array]:
+    """Return the sizes of rows and of unknowns, from what moves them at the start.
+
+    Of the unknowns what balances a row, ``max_i |F_i / M_ij|``, at most the width of the box; of
+    the rows their value and what those moves change.
+    """
+    entries = np.abs(a.M)
+    value = np.abs(a.M @ a.x0 + a.q)
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        moves = np.where(entries > 0, value[:, None] / entries, 0.0).max(axis=0)
+        width = a.upper - a.lower
+        moves = np.minimum(np.where(moves > 0, moves, 1.0), np.where(width > 0, width, 1.0))
+        columns = np.maximum(moves, np.abs(a.x0))
+        rows = np.maximum(value, (entries * np.minimum(columns, 1.0)).max(axis=1))
+    return np.where(rows > 0, rows, 1.0), columns
+
+
+def is_off_scale(a: Affine) -> bool:
+    """Whether some rows or unknowns are so small that an absolute tolerance means nothing."""
+    rows, columns = _sizes(a)
+    return bool(rows.min() < _SMALL or columns.min() < _SMALL)
+
+
+def _units(a: Affine) -> tuple[Array, Array]:
+    """Return factors of rows and units of unknowns that bring all entries to 1 or below."""
+    rows, columns = np.ones(len(a.q)), np.ones(len(a.q))
+    entries = np.abs(a.M)
+    for _ in range(_ROUNDS):
+        scaled = rows[:, None] * entries * columns
+        across, along = scaled.max(axis=1), scaled.max(axis=0)
+        rows /= np.sqrt(np.where(across > 0, across, 1.0))
+        columns /= np.sqrt(np.where(along > 0, along, 1.0))
+    # with the constant of 1 the solution is of 1, too
+    size = max(np.abs(rows * (a.M @ a.x0 + a.q)).max(), np.abs(a.x0 / columns).max()) or 1.0
+    return rows / size, columns * size
+
+
+def solve_scaled(a: Affine, solve: Solve) -> VIResult:
+    """Solve in units of the problem's own, then to the absolute tolerance as well."""
+    rows, columns = _units(a)
+    scaled = Affine(
+        rows[:, None] * a.M * columns,
+        rows * a.q,
+        a.lower / columns,
+        a.upper / columns,
+        a.x0 / columns,
+    )
+    found = result_of(solve(scaled))
+    x = np.clip(found.x * columns, a.lower, a.upper)
+    if not found.success:
+        F = a.M @ x + a.q
+        residual = _zivi.natural_residual(x, F, a.lower, a.upper)
+        return dataclasses.replace(found, x=x, F=F, residual=residual)
+    last = result_of(solve(dataclasses.replace(a, x0=x)))
+    counts = {name: getattr(found, name) + getattr(last, name) for name in _COUNTS}
+    return dataclasses.replace(
+        last, stage=found.stage if last.n_iter == 0 else last.stage, projected=False, **counts
+    )
+
+
+_COUNTS = (
+    "n_iter",
+    "nfev",
+    "njev",
+    "n_pivots",
+    "n_semismooth_steps",
+    "n_gradient_steps",
+    "n_restarts",
+)
+
+
+class Watched:
+    """A map that remembers how large its first value was."""
+
+    def __init__(self, F: Callable[[Array], Any]) -> None:
+        self._F = F
+        self._first: Array | None = None
+
+    def __call__(self, x: Array) -> Any:
+        """Return the values."""
+        value = self._F(x)
+        if self._first is None:
+            self._first = np.array(value)  # the caller may write over it
+        return value
+
+    @property
+    def size(self) -> float:
+        """The largest of the first values; infinite where they are not finite."""
+        size = np.inf if self._first is None else np.abs(self._first).max(initial=0.0)
+        return float(size) if np.isfinite(size) else np.inf
+
+
+def polished(
+    first: VIResult, size: float, solve: Callable[[Array, float], _zivi.ViRecord]
+) -> VIResult:
+    """Go on from a solution where `F` was small at the start: it may be the units that are small.
+
+    Parameters
+    ----------
+    first : VIResult
+        The end of the solve.
+    size : float
+        The largest value of `F` at the start.
+    solve : callable
+        The same from another start, to another tolerance.
+
+    Returns
+    -------
+    VIResult
+        `first`, or a better one.
+    """
+    if not first.success or not size or size >= _SMALL or first.residual <= TOL * size:
+        return first
+    last = result_of(solve(first.x, TOL * size))
+    counts = {name: getattr(first, name) + getattr(last, name) for name in _COUNTS}
+    if not last.success and first.residual <= max(_NOISE, _NEAR * size):
+        return dataclasses.replace(first, **counts)
+    return dataclasses.replace(last, projected=first.projected, **counts)
