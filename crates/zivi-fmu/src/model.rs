@@ -6,8 +6,8 @@ use zivi_c::{
     ZIVI_TICK_PAPER,
 };
 
-use crate::state::State;
-use crate::table::{closed_loop, mass, observer, regulator, tracker, Variable};
+use crate::state::{mode, State};
+use crate::table::{closed_loop, mass, observer, regulator, tracker, Kind, Role, Variable, MOST};
 
 /// Which model an instance is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -356,4 +356,47 @@ fn loop_outputs(state: &mut State) {
     let code = ahead.step(x, xdot, state.value(FORCE), state.value(FORCE_REF));
     state.put(U, ahead.u);
     state.put(STATUS, f64::from(code));
+}
+
+impl State {
+    /// As after instantiation.
+    pub(crate) fn new(model: Model) -> Self {
+        let mut values = [0.0; MOST];
+        for (value, variable) in values.iter_mut().zip(model.table()) {
+            *value = variable.start;
+        }
+        Self {
+            model: model.number(),
+            mode: mode::INSTANTIATED,
+            asked: 1,
+            code: 0,
+            values,
+            mass: zivi_c::Mass::default(),
+            regulator: zivi_c::Regulator::default(),
+            tracker: zivi_c::Tracker::default(),
+            observer: zivi_c::Observer::default(),
+        }
+    }
+
+    /// The variable with this reference, if it is of this kind; what an output is now.
+    pub(crate) fn get(&self, model: Model, reference: u32, kind: Kind) -> Option<f64> {
+        let variable = model.table().get(reference as usize)?;
+        (variable.kind == kind).then(|| self.value(reference as usize))
+    }
+
+    /// Sets a variable where that is allowed.
+    pub(crate) fn set(&mut self, model: Model, reference: u32, kind: Kind, value: f64) -> bool {
+        let Some(variable) = model.table().get(reference as usize) else { return false };
+        let now = match variable.role {
+            Role::Input => self.mode != mode::TERMINATED,
+            Role::Parameter => self.mode < mode::STEP,
+            Role::Time | Role::Output => false,
+        };
+        if variable.kind != kind || !now {
+            return false;
+        }
+        self.put(reference as usize, value);
+        self.asked = 1;
+        true
+    }
 }

@@ -2,8 +2,7 @@
 
 use zivi_c::{Mass, Observer, Regulator, Tracker};
 
-use crate::model::Model;
-use crate::table::{Kind, Role, MOST};
+use crate::table::MOST;
 
 /// What an instance may be asked for.
 pub(crate) mod mode {
@@ -33,25 +32,6 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// As after instantiation.
-    pub(crate) fn new(model: Model) -> Self {
-        let mut values = [0.0; MOST];
-        for (value, variable) in values.iter_mut().zip(model.table()) {
-            *value = variable.start;
-        }
-        Self {
-            model: model.number(),
-            mode: mode::INSTANTIATED,
-            asked: 1,
-            code: 0,
-            values,
-            mass: Mass::default(),
-            regulator: Regulator::default(),
-            tracker: Tracker::default(),
-            observer: Observer::default(),
-        }
-    }
-
     pub(crate) fn value(&self, index: usize) -> f64 {
         self.values.get(index).copied().unwrap_or(f64::NAN)
     }
@@ -60,27 +40,5 @@ impl State {
         if let Some(place) = self.values.get_mut(index) {
             *place = value;
         }
-    }
-
-    /// The variable with this reference, if it is of this kind; what an output is now.
-    pub(crate) fn get(&self, model: Model, reference: u32, kind: Kind) -> Option<f64> {
-        let variable = model.table().get(reference as usize)?;
-        (variable.kind == kind).then(|| self.value(reference as usize))
-    }
-
-    /// Sets a variable where that is allowed.
-    pub(crate) fn set(&mut self, model: Model, reference: u32, kind: Kind, value: f64) -> bool {
-        let Some(variable) = model.table().get(reference as usize) else { return false };
-        let now = match variable.role {
-            Role::Input => self.mode != mode::TERMINATED,
-            Role::Parameter => self.mode < mode::STEP,
-            Role::Time | Role::Output => false,
-        };
-        if variable.kind != kind || !now {
-            return false;
-        }
-        self.put(reference as usize, value);
-        self.asked = 1;
-        true
     }
 }

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use zivi::stepping::ballistic;
 use zivi::{Events, Physical};
 
-use crate::record::Array;
+use crate::arrays::Array;
 use crate::transform::Restitution;
 
 /// Where motions are after a while.

@@ -6,9 +6,9 @@ use pyo3::prelude::*;
 use zivi::drive::batch::{simulate_batch as run_batch, BatchError, Member, Outcome, Save, Task};
 use zivi::{Events, Grid, Impact, Physical, Restitution};
 
+use crate::errors::setup_error;
 use crate::force::{AnyForce, Force, NativeForce};
 use crate::method::Method;
-use crate::simulate::setup_error;
 use crate::transform::from_both;
 use crate::watch::Watch;
 

@@ -19,11 +19,12 @@ use zivi_core::control::Waypoint;
 use zivi_core::observer::ImpactObserver;
 
 use crate::control::{Explicit, Regulator, Tracker};
+use crate::errors::setup_error;
 use crate::force::{AnyForce, Force as GivenForce, NativeForce};
 use crate::method::Method;
 use crate::observer::Observer;
 use crate::record::rows_of;
-use crate::simulate::{grid_of, setup_error};
+use crate::simulate::grid_of;
 use crate::switched_rk::MotionPath;
 use crate::system::State;
 use crate::transform::Restitution as GivenRestitution;

@@ -7,7 +7,7 @@ use zivi::drive::batch::{map_impacts, orbits};
 use zivi::{ImpactMap, MapParameter};
 
 use crate::batch::{natives, refused};
-use crate::simulate::setup_error;
+use crate::errors::setup_error;
 use crate::system::PointMass;
 use crate::watch::Watch;
 

@@ -2,12 +2,14 @@
 //!
 //! No numerics here. `python/zivi` is what users import; `python/zivi/_zivi.pyi` types this module.
 
+mod arrays;
 mod ballistic;
 mod batch;
 mod capsule;
 mod closed_loop;
 mod control;
 mod dynamics;
+mod errors;
 mod force;
 mod impact_map;
 mod leaving;

@@ -1,6 +1,7 @@
 //! Mechanical systems from Python: the record of a run.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use crate::arrays::{columns, members, Matrix, Vector};
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use zivi::mechanics::{GapSet, MechanicalRun, Occurrence};
 use zivi::system::dynamics::Layout;
@@ -8,8 +9,6 @@ use zivi::system::dynamics::Layout;
 use crate::motion::MechanicalPath;
 use crate::user_events::Hits;
 
-pub(crate) type Vector<T> = Py<PyArray1<T>>;
-pub(crate) type Matrix<T> = Py<PyArray2<T>>;
 /// Samples, occurrences and outcome of one run.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct MechanicalRecord {
@@ -49,26 +48,6 @@ pub(crate) struct MechanicalRecord {
     n_impacts: u64,
     raised: Option<Py<PyAny>>,
     path: Option<Py<MechanicalPath>>,
-}
-
-/// Rows of a matrix from one list: the columns `from .. from + width` of rows of length `stride`.
-pub(crate) fn columns(
-    py: Python<'_>,
-    values: &[f64],
-    stride: usize,
-    from: usize,
-    width: usize,
-) -> PyResult<Matrix<f64>> {
-    let rows = values.len().checked_div(stride).unwrap_or(0);
-    let picked = values.chunks_exact(stride.max(1)).flat_map(|row| row[from..][..width].iter());
-    let all: Vec<f64> = picked.copied().collect();
-    Ok(PyArray1::from_vec(py, all).reshape([rows, width])?.unbind())
-}
-
-/// Which gaps are in each of the sets.
-pub(crate) fn members(py: Python<'_>, sets: &[GapSet], m: usize) -> PyResult<Matrix<bool>> {
-    let all: Vec<bool> = sets.iter().flat_map(|set| (0..m).map(|gap| set.has(gap))).collect();
-    Ok(PyArray1::from_vec(py, all).reshape([sets.len(), m])?.unbind())
 }
 
 impl MechanicalRecord {

@@ -12,7 +12,7 @@ use zivi_core::observer::ObserverSettings;
 use zivi_core::setting::{Setting as Described, Value, Values};
 use zivi_core::ThetaGammaStep;
 
-use crate::simulate::setup_error;
+use crate::errors::setup_error;
 
 /// A method with its settings, all of them in range.
 #[pyclass(frozen, subclass, module = "zivi._zivi")]

@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::mechanics::{GapSet, MechanicalPath as Path};
 
-use crate::mechanics::{columns, members, Matrix};
+use crate::arrays::{columns, members, Matrix};
 
 /// What restores an object, and its arguments.
 type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));

@@ -13,12 +13,12 @@ use zivi::system::partials::{
 };
 use zivi::{SetupError, SwitchedRk};
 
+use crate::arrays::Array;
 use crate::dynamics::{vector, AnyDynamics, CompiledDynamics, Model, PythonDynamics};
+use crate::errors::setup_error;
 use crate::mechanics::MechanicalRecord;
 use crate::method::Method;
-use crate::record::Array;
 use crate::sensitivity::Nearest;
-use crate::simulate::setup_error;
 use crate::system::{Configuration, Mechanism};
 use crate::watch::Watch;
 

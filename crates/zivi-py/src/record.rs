@@ -1,13 +1,12 @@
 //! The record of a run as Python sees it: NumPy arrays that own its memory.
 
+use crate::arrays::Array;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use zivi::{PointRun, Status, QUANTITIES};
 
 use crate::switched_rk::MotionPath;
 use crate::user_events::Hits;
-
-pub(crate) type Array = Py<PyArray1<f64>>;
 
 /// The columns, events and outcome of one run.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]

@@ -7,11 +7,12 @@ use zivi::record::failure::Failure;
 use zivi::switched::sensitivity::{Apart, EventRates, Flight, Flown, Question, Wrt};
 use zivi::{Output, PointRun};
 
+use crate::arrays::Array;
+use crate::errors::setup_error;
 use crate::force::slopes::with_slopes;
 use crate::force::Force;
 use crate::method::Method;
-use crate::record::{Array, RunRecord};
-use crate::simulate::setup_error;
+use crate::record::RunRecord;
 use crate::system::{PointMass, State};
 use crate::watch::Watch;
 

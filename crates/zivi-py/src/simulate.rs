@@ -1,8 +1,9 @@
 //! Runs from Python: one entry for all methods and systems. The lock is released unless the force
 //! or an event is a Python callable.
 
+use crate::errors::setup_error;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
-use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::stepping::step_solver::General;
@@ -17,15 +18,6 @@ use crate::record::RunRecord;
 use crate::system::{Configuration, Keep, Mechanism, PointMass, State};
 use crate::transform::restitution_of;
 use crate::watch::Watch;
-
-pub(crate) fn setup_error(error: SetupError) -> PyErr {
-    match error {
-        SetupError::Memory(_) | SetupError::BatchMemory { .. } | SetupError::Threads(_) => {
-            PyMemoryError::new_err(error.to_string())
-        }
-        _ => PyValueError::new_err(error.to_string()),
-    }
-}
 
 /// An array of times as a slice, for as long as it is held.
 pub(crate) struct Times<'py>(Option<PyReadonlyArray1<'py, f64>>);

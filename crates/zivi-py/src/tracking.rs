@@ -10,8 +10,8 @@ use zivi_core::control::tracking::{Target, TrackingStep};
 use zivi_core::control::Gains;
 use zivi_core::ThetaGammaStep;
 
+use crate::errors::setup_error;
 use crate::method::step_solver;
-use crate::simulate::setup_error;
 use crate::transform::restitution_of;
 
 /// `s, v, s_r, v_r` at the start of a step.

@@ -7,9 +7,9 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use zivi::{Direction, Hit, Level, MotionPoint, PathPoint, UserEvent};
 
+use crate::arrays::Array;
+use crate::arrays::Matrix;
 use crate::dynamics::fill;
-use crate::mechanics::Matrix;
-use crate::record::Array;
 
 /// An event of the user: where a function of time and state changes its sign.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]

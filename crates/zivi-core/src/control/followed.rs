@@ -2,7 +2,6 @@
 
 use super::port::checked_force;
 use super::tracking::Target;
-use super::Waypoint;
 use crate::setting::is_not_negative;
 use crate::step::{thorough, ImplicitEuler, StepSolution};
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
@@ -127,4 +126,21 @@ fn pulled(found: &StepSolution, restitution: Restitution, force_ref: f64) -> f64
 fn too_large(force_ref: f64) -> SettingError {
     let range = "small enough for the reference to stay finite (m/s^2)";
     SettingError { name: "force_ref", value: force_ref, range }
+}
+
+/// A given reference at one sample: its state, and the side of the wall on which it is followed,
+/// which changes with each of its impacts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Waypoint {
+    /// Distance from the wall, `>= 0` (m), and velocity (m/s).
+    pub state: Physical,
+    /// The side.
+    pub branch: Branch,
+}
+
+impl From<Physical> for Waypoint {
+    /// On the side `+1`.
+    fn from(state: Physical) -> Self {
+        Self { state, branch: Branch::Positive }
+    }
 }

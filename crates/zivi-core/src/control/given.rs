@@ -6,27 +6,11 @@
 //! the air: the step then ends where a parabola through the given state does, and a mass on the
 //! reference is given `u = a - F`.
 
+use super::followed::Waypoint;
 use super::followed::{Course, Followed, Guide};
 use super::port::checked_force;
 use super::TwistingTracker;
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError};
-
-/// A given reference at one sample: its state, and the side of the wall on which it is followed,
-/// which changes with each of its impacts.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Waypoint {
-    /// Distance from the wall, `>= 0` (m), and velocity (m/s).
-    pub state: Physical,
-    /// The side.
-    pub branch: Branch,
-}
-
-impl From<Physical> for Waypoint {
-    /// On the side `+1`.
-    fn from(state: Physical) -> Self {
-        Self { state, branch: Branch::Positive }
-    }
-}
 
 impl TwistingTracker {
     /// The control for the period that starts with this measurement, for a reference that is at

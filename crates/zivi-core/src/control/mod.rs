@@ -39,14 +39,13 @@ pub mod tracking;
 mod tests;
 
 pub use explicit::ExplicitTwisting;
-pub use followed::{Course, Planned};
+pub use followed::{Course, Planned, Waypoint};
 pub use gains::{GainError, Gains};
-pub use given::Waypoint;
 pub use landing::{Descent, Landing};
 pub use port::{Port, TickStatus};
 pub use regulator::{RegulatorState, TwistingRegulator};
-pub use tracker::{checked_horizon, Approach, TwistingTracker};
-pub use tracker_state::{TrackerSettings, TrackerState};
+pub use tracker::{checked_horizon, TwistingTracker};
+pub use tracker_state::{Approach, TrackerSettings, TrackerState};
 
 use crate::setting::{is_positive, require};
 use crate::{Restitution, SettingError};

@@ -1,5 +1,6 @@
 //! The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
+use super::tracker_state::Approach;
 use core::ops::Bound;
 
 use super::followed::{advanced, target_over, Advance, Course, Followed, Guide, Planned};
@@ -22,18 +23,6 @@ pub fn checked_horizon(horizon: f64, h: f64) -> Result<f64, SettingError> {
     TwistingTracker::HORIZON.check(horizon)?;
     require(time <= f64::MAX, "horizon", horizon, "such that horizon h is finite")?;
     Ok(time)
-}
-
-/// Which of its two preimages the measured state is lifted to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Approach {
-    /// The plant and the reference to `s >= 0`, every period (the paper).
-    #[default]
-    Positive,
-    /// The plant to the image `sigma (s, v)` that is nearer to `(s_r, v_r)`, which itself evolves
-    /// continuously, by the energy of the error `mu1 |e_s| + e_v^2/2`: the same in all units. Of two
-    /// at equal distance the one on the side of the reference.
-    Nearest,
 }
 
 /// The implicit twisting tracker (equation 20), with its reference inside.

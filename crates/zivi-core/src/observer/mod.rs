@@ -210,6 +210,14 @@ impl ImpactObserver {
     }
 }
 
+impl ObserverSettings {
+    /// What an observer remembers before it has seen anything.
+    fn unseen(&self) -> ObserverState {
+        let covariance = Covariance { ee: self.prior(), ..Covariance::default() };
+        ObserverState { e: self.restitution.e(), covariance, ..ObserverState::default() }
+    }
+}
+
 impl ObserverState {
     /// From here on; `d` and `e` keep their values, and `e` what is unknown of it.
     fn restart(&mut self, Fitted { state, covariance }: Fitted) {

@@ -2,7 +2,6 @@
 
 use core::ops::Bound;
 
-use super::{Covariance, ObserverState};
 use crate::setting::{is_positive, require, Setting, Value, Values};
 use crate::{Restitution, SettingError};
 
@@ -172,12 +171,6 @@ impl ObserverSettings {
         } else {
             0.0
         }
-    }
-
-    /// What an observer remembers before it has seen anything.
-    pub(super) fn unseen(&self) -> ObserverState {
-        let covariance = Covariance { ee: self.prior(), ..Covariance::default() };
-        ObserverState { e: self.restitution.e(), covariance, ..ObserverState::default() }
     }
 
     /// Whether the restitution is learnt.

@@ -3,7 +3,8 @@
 use core::cell::Cell;
 
 use super::dense;
-use super::problem::{EvaluationError, Problem};
+use super::interruption::EvaluationError;
+use super::problem::Problem;
 
 /// Which differences are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,8 +3,9 @@
 use super::budget::Budget;
 use super::dense;
 use super::fischer;
+use super::interruption::Interruption;
 use super::natural::{natural_component, natural_residual, worst_component};
-use super::problem::{Interruption, Problem, Progress};
+use super::problem::{Problem, Progress};
 use super::random::Random;
 use super::settings::{Counts, RowScale, Settings, Stage};
 use super::stagnation::Stagnation;
@@ -300,5 +301,24 @@ impl<'a, 'w> Iterate<'a, 'w> {
         dense::copy(self.z, self.work.best);
         self.work.f.fill(f64::NAN);
         self.residual = f64::NAN;
+    }
+}
+
+/// `trial <- z + t d`, exactly on a bound where the full step ends there.
+pub(super) fn advance(at: &mut Iterate<'_, '_>, t: f64) {
+    let work = &mut *at.work;
+    for i in 0..work.step.len() {
+        let (lower, upper) = (dense::at(at.lower, i), dense::at(at.upper, i));
+        let (z, d) = (dense::at(at.z, i), dense::at(work.step, i));
+        let reached = if t < 1.0 {
+            z + t * d
+        } else if d == dense::at(work.lower, i) {
+            lower
+        } else if d == dense::at(work.upper, i) {
+            upper
+        } else {
+            z + d
+        };
+        dense::put(work.trial, i, reached.max(lower).min(upper));
     }
 }

@@ -13,8 +13,10 @@ use super::active_set;
 use super::dense;
 use super::descent;
 use super::infeasible::is_infeasible;
+use super::iterate::advance;
 use super::iterate::{Iterate, Outcome};
-use super::pivotal::{follow, AffineVi, PathEnd, Start};
+use super::pivotal::{follow, AffineVi, PathEnd};
+use super::settings::Start;
 use super::settings::{Stage, MEMORY};
 use super::smoothing::smoothing_newton;
 use super::stagnation::Stagnation;
@@ -223,25 +225,6 @@ fn search(at: &mut Iterate<'_, '_>, history: &History) -> Outcome<bool> {
         t *= 0.5;
     }
     Ok(false)
-}
-
-/// `trial <- z + t d`, exactly on a bound where the full step ends there.
-pub(super) fn advance(at: &mut Iterate<'_, '_>, t: f64) {
-    let work = &mut *at.work;
-    for i in 0..work.step.len() {
-        let (lower, upper) = (dense::at(at.lower, i), dense::at(at.upper, i));
-        let (z, d) = (dense::at(at.z, i), dense::at(work.step, i));
-        let reached = if t < 1.0 {
-            z + t * d
-        } else if d == dense::at(work.lower, i) {
-            lower
-        } else if d == dense::at(work.upper, i) {
-            upper
-        } else {
-            z + d
-        };
-        dense::put(work.trial, i, reached.max(lower).min(upper));
-    }
 }
 
 /// The last few values of the merit.

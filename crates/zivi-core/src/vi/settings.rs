@@ -1,6 +1,5 @@
 //! What can be set, and what comes back.
 
-use super::pivotal::Start;
 use super::status::{InvalidInput, Status};
 
 /// Scaling of the rows, `F_i -> sigma_i F_i` with `sigma_i > 0`: it changes the residual, not the
@@ -222,4 +221,13 @@ pub struct Report {
     pub convergence_ratio: f64,
     /// The starting point was outside the box, and was projected.
     pub projected: bool,
+}
+
+/// Where the path begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// At the given point, which solves the problem for a covering vector built from it.
+    Regular,
+    /// On the ray `s -> inf` from the vertex of the box nearest to the given point.
+    Ray,
 }

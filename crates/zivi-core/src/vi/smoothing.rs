@@ -14,7 +14,7 @@
 use super::active_set;
 use super::dense;
 use super::fischer;
-use super::iterate::{Iterate, Outcome};
+use super::iterate::{advance, Iterate, Outcome};
 use super::natural::natural_component;
 use super::status::Status;
 
@@ -262,6 +262,6 @@ fn active_step(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     if !active_set::solve(at, 0.0, at.pivots_left())? {
         return Ok(false);
     }
-    super::newton::advance(at, 1.0);
+    advance(at, 1.0);
     Ok(true)
 }

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use zivi_core::vi;
 
 use super::interrupts::Interrupts;
-use crate::record::Array;
+use crate::arrays::Array;
 
 /// Unscaled strategies at an equilibrium of a game with positive payoffs of equal shape, and the
 /// pivots; `None` where none was found within the limit of pivots, or of time (s).

@@ -12,18 +12,12 @@ use super::kinetics::Model;
 use super::machine::Machine;
 use super::nest::{Nest, NestArc};
 use super::path::Curve;
+use super::piece::Flight;
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{quintic, Bernstein};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Dynamics;
-
-/// A part of the way into a corner, and the gaps closed in it.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Flight {
-    pub(super) curve: Curve,
-    pub(super) closed: GapSet,
-}
 
 /// Largest part by which the times of the arcs are stretched to end in the corner.
 const STRETCH: f64 = 0.3;

@@ -1,7 +1,8 @@
 //! Runs with fixed steps: what the schemes share.
 
 use super::kinetics::{Kinetics, Model};
-use super::run::{check_sizes, MechanicalRun, MechanicalSamples};
+use super::output::{MechanicalRun, MechanicalSamples};
+use super::run::check_sizes;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::monitor::Pace;

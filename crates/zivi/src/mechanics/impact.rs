@@ -8,15 +8,18 @@
 //!
 //! Energy never rises, whatever the `e_i`: `E+ - E- = 1/2 sum_(P_i > 0) (1 - e_i) P_i g-_i <= 0`.
 
+use super::contact_problem::problem;
 use super::kinetics::{without_rounding, Model};
 use super::lcp;
-use super::machine::{problem, Machine, Piece};
+use super::machine::Machine;
+use super::mode::Key;
 use super::mode::Next;
+use super::piece::Piece;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::zeno::chain::{restored, Bounce};
+use crate::zeno::bounce::{restored, Bounce};
 use crate::Status;
 
 /// Gaps with a kinetic cosine above this are coupled.
@@ -28,15 +31,6 @@ const LONGER: f64 = 1e3;
 
 /// A speed below this part of that of the impact is none.
 const STILL: f64 = 1e-12;
-
-/// What bounces on what.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Key {
-    /// The gaps that are hit together.
-    pub(super) hit: GapSet,
-    /// The gaps that stay closed.
-    pub(super) closed: GapSet,
-}
 
 impl Machine {
     /// The impact on the gaps `hit` at the present state, and what follows from it: which gaps

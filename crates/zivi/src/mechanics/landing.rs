@@ -1,9 +1,11 @@
 //! The jump through a Zeno point onto the manifold of more closed gaps.
 
-use super::descent::Flight;
-use super::impact::Key;
 use super::kinetics::{Kinetics, Model};
-use super::machine::{Machine, Piece};
+use super::machine::Machine;
+use super::mode::Ahead;
+use super::mode::Key;
+use super::piece::Flight;
+use super::piece::Piece;
 use super::tail::{EndOfArcs, SkippedArcs};
 use crate::numeric::bernstein::Bernstein;
 use crate::record::failure::Failure;
@@ -12,17 +14,9 @@ use crate::record::occurrence::Occurrence;
 use crate::switched::lookahead::Lookahead;
 use crate::switched::stages::Counted;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::zeno::chain::Bounce;
+use crate::zeno::bounce::Bounce;
 use crate::zeno::table::Landing;
 use crate::Force;
-
-/// Where impacts accumulate.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Ahead {
-    pub(super) landing: Landing<Vec<f64>>,
-    /// The gaps that close together, if it is no Zeno point of a chain.
-    pub(super) corner: Option<GapSet>,
-}
 
 /// A jump passes no other gap that is nearer than so many of its estimated errors.
 const CLEAR: f64 = 100.0;

@@ -5,11 +5,13 @@
 //! certify that there is no change of sign, two more values how well it fits. Long steps are probed
 //! between these points ([`Probes`]).
 
+use super::contact_probes::ContactProbes;
+use super::contact_problem::settle;
 use super::kinetics::Model;
-use super::machine::{settle, Machine, Piece};
+use super::machine::Machine;
 use super::mode::{Contacts, Next};
+use super::piece::Piece;
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
-use crate::numeric::probes::Probes;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
@@ -54,31 +56,6 @@ pub(super) enum Release {
 
 /// Values of a contact force at the nodes, then at the checks.
 type Values = [f64; MOST_DEGREE + 3];
-
-/// The probes of the motion with some gaps closed.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct ContactProbes {
-    probes: Probes,
-    closed: GapSet,
-    /// How far the end of the run was ahead when they closed (s).
-    horizon: f64,
-}
-
-impl ContactProbes {
-    /// Where a step from `t` to `until` at most ends at the latest, with these gaps closed.
-    pub(super) fn end(&mut self, closed: GapSet, t: f64, until: f64) -> f64 {
-        if closed != self.closed {
-            *self = Self { closed, ..Self::default() };
-        }
-        self.horizon = self.horizon.max(until - t);
-        self.probes.end(t, until)
-    }
-
-    /// How far the end of the run was ahead when these gaps closed (s).
-    pub(super) fn horizon(&self) -> f64 {
-        self.horizon
-    }
-}
 
 /// A contact force over a step.
 struct Fit {

@@ -3,15 +3,15 @@
 //! The mode is the set of closed gaps: with none of them it is free flight, else motion on the
 //! manifold where they are zero. Between events both are one ordinary differential equation.
 
-use super::corner::CornerLog;
-use super::descent::Flight;
+use super::contact_probes::ContactProbes;
+use super::contact_problem::settle;
+use super::corner_log::CornerLog;
+use super::corner_log::COLUMNS;
 use super::equation::{InContact, LastStep, Stages, State};
-use super::impact::Key;
 use super::kinetics::{Kinetics, Model};
-use super::lcp;
-use super::lift_off::ContactProbes;
+use super::mode::Key;
 use super::mode::{Contacts, Next, Response};
-use super::tail::SkippedArcs;
+use super::piece::Piece;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
@@ -21,23 +21,6 @@ use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::chain::Chain;
 use crate::{Counts, Status};
-
-/// Columns of the tables of Zeno points after the first: with 4 in 120 random runs 3 % more impacts
-/// are needed before the jumps.
-pub(super) const COLUMNS: usize = 5;
-
-/// A part of the motion that one step of the machine covers.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Piece {
-    /// The last step, up to an event at `length` if that is not its end; the event is yet to come.
-    Motion,
-    /// Infinitely many impacts of one gap.
-    Skipped(SkippedArcs),
-    /// Impacts of several gaps by turns, down to a corner.
-    Descent(Vec<Flight>),
-    /// Nothing but an event at the present time.
-    Instant,
-}
 
 /// The switched method for mechanical systems as an object that is driven piece by piece.
 #[derive(Clone, Debug)]
@@ -319,36 +302,4 @@ impl Machine {
     pub(super) fn settle<E>(&mut self, touching: GapSet) -> Result<Contacts, Failure<E>> {
         settle(&mut self.kinetics, touching)
     }
-}
-
-/// As [`Machine::settle`].
-pub(super) fn settle<E>(kinetics: &mut Kinetics, touching: GapSet) -> Result<Contacts, Failure<E>> {
-    if touching.is_empty() {
-        return Ok(Contacts::default());
-    }
-    kinetics.solve(touching, |_, _| 0.0)?;
-    let (matrix, b) = problem(kinetics, touching, |at, i| at.b(i));
-    let solution = lcp::solve(&matrix, &b).ok_or(Failure::Status(Status::ContactNotSolved))?;
-    let k = b.len();
-    let mut left = GapSet::EMPTY;
-    for (row, i) in touching.iter().enumerate() {
-        let pushed: f64 = (0..k).map(|column| matrix[row * k + column] * solution.z[column]).sum();
-        if !solution.positive.has(row) && b[row] + pushed > kinetics.noise(i) {
-            left = left.with(GapSet::of(i));
-        }
-    }
-    Ok(Contacts { closed: touching.without(left), left })
-}
-
-/// `D_CC` row by row and the right side of a complementarity problem.
-pub(super) fn problem(
-    kinetics: &mut Kinetics,
-    set: GapSet,
-    right: impl Fn(&Kinetics, usize) -> f64,
-) -> (Vec<f64>, Vec<f64>) {
-    let mut matrix = Vec::with_capacity(set.len() * set.len());
-    for i in set.iter() {
-        matrix.extend(set.iter().map(|j| kinetics.coupling(i, j)));
-    }
-    (matrix, set.iter().map(|i| right(kinetics, i)).collect())
 }

@@ -10,7 +10,10 @@
 //! The mode is the set `C` of closed gaps. The gaps and their speeds are integrated along with the
 //! coordinates, so that impacts keep their precision however small the bounces become.
 
+mod contact_probes;
+mod contact_problem;
 mod corner;
+mod corner_log;
 mod descent;
 mod equation;
 mod fixed_steps;
@@ -24,8 +27,10 @@ mod machine;
 mod mode;
 mod moreau_jean;
 mod nest;
+mod output;
 mod overlooked;
 mod path;
+mod piece;
 mod recording;
 mod run;
 pub mod sensitivity;
@@ -37,6 +42,7 @@ pub use crate::record::gap_set::GapSet;
 pub use crate::record::occurrence::{FlagKind, Occurrence};
 pub use crate::record::point::MotionPoint;
 pub use moreau_jean::simulate_mechanical_moreau_jean;
+pub use output::{MechanicalOutput, MechanicalRun, MechanicalSamples};
 pub use path::MechanicalPath;
-pub use run::{simulate_mechanical, MechanicalOutput, MechanicalRun, MechanicalSamples};
+pub use run::simulate_mechanical;
 pub use theta_gamma::simulate_mechanical_theta_gamma;

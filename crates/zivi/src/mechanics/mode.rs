@@ -4,9 +4,9 @@
 //! serves all sets, so that there are no two cases with data of their own as there are for a mass,
 //! whose rest needs no equation.
 
-use super::landing::Ahead;
 use crate::record::gap_set::GapSet;
 use crate::switched::step_control::Experience;
+use crate::zeno::table::Landing;
 
 /// What the gaps do that touch, or touched when the last step began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,4 +64,21 @@ pub(super) struct Response {
     pub(super) lambda: Vec<f64>,
     /// Whether they are those: else they are to be computed.
     pub(super) known: bool,
+}
+
+/// What bounces on what.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Key {
+    /// The gaps that are hit together.
+    pub(super) hit: GapSet,
+    /// The gaps that stay closed.
+    pub(super) closed: GapSet,
+}
+
+/// Where impacts accumulate.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Ahead {
+    pub(super) landing: Landing<Vec<f64>>,
+    /// The gaps that close together, if it is no Zeno point of a chain.
+    pub(super) corner: Option<GapSet>,
 }

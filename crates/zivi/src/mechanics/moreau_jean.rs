@@ -11,11 +11,11 @@
 //! negative, by up to about `h |g'|`. The order is one, through accumulations of any kind. Where
 //! the `e_i` differ, impulses on several gaps of which some open may raise the energy.
 
+use super::contact_problem::problem;
 use super::fixed_steps::{simulate, Scheme, Stepped};
 use super::kinetics::Model;
 use super::lcp;
-use super::machine::problem;
-use super::run::MechanicalRun;
+use super::output::MechanicalRun;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;

@@ -2,11 +2,12 @@
 
 use std::collections::TryReserveError;
 
-use super::descent::Flight;
 use super::kinetics::Model;
-use super::machine::{Machine, Piece};
+use super::machine::Machine;
+use super::output::{MechanicalOutput, MechanicalRun, MechanicalSamples};
 use super::path::{Curve, MechanicalPath};
-use super::run::{MechanicalOutput, MechanicalRun, MechanicalSamples};
+use super::piece::Flight;
+use super::piece::Piece;
 use super::tail::SkippedArcs;
 use crate::piecewise::method::{Advance, Asked, Piecewise};
 use crate::piecewise::running::{self as piecewise, unless_terminal, until, Absorb, Record};

@@ -1,107 +1,15 @@
 //! A whole run of a mechanical system: samples, occurrences, events, dense output.
 
-use std::collections::TryReserveError;
+use super::output::{MechanicalOutput, MechanicalRun};
 
 use super::kinetics::Model;
 use super::machine::Machine;
-use super::path::MechanicalPath;
 use super::recording::running;
 use crate::piecewise::method::Plainly;
 use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
-use crate::record::occurrence::Occurrence;
-use crate::record::point::MotionPoint;
-use crate::record::reserve::Reserve;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout, MOST};
-use crate::{Counts, GridError, Hit, Monitor, SetupError, Status, UserEvent};
-
-/// What a run shall give, besides what happens at the gaps.
-pub struct MechanicalOutput<'a, E> {
-    /// Times of the samples, increasing and within the span. `None`: a sample at the start, at the
-    /// end of each step, after each event at a gap, and at the end.
-    pub t_eval: Option<&'a [f64]>,
-    /// Times at which the forces are not smooth (s), increasing.
-    pub tstops: &'a [f64],
-    /// Whether to keep the motion as a function of time.
-    pub dense: bool,
-    /// The user's events.
-    pub events: Vec<UserEvent<'a, E, MotionPoint>>,
-}
-
-impl<E> Default for MechanicalOutput<'_, E> {
-    fn default() -> Self {
-        Self { t_eval: None, tstops: &[], dense: false, events: Vec::new() }
-    }
-}
-
-/// Samples of a mechanical system.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct MechanicalSamples {
-    /// Times (s).
-    pub t: Vec<f64>,
-    /// `q` then `g`, `n + m` numbers a sample.
-    pub x: Vec<f64>,
-    /// `q'` then `g'`, `n + m` numbers a sample.
-    pub v: Vec<f64>,
-    /// Contact forces, `m` numbers a sample.
-    pub lambda: Vec<f64>,
-    /// The closed gaps.
-    pub closed: Vec<GapSet>,
-}
-
-impl MechanicalSamples {
-    /// Makes room for so many more, of so many coordinates and gaps.
-    pub(super) fn make_room(
-        &mut self,
-        reserve: &mut Reserve,
-        count: usize,
-        size: usize,
-        m: usize,
-    ) -> Result<(), TryReserveError> {
-        const ASIDE: usize = size_of::<f64>();
-        reserve.room(&mut self.t, count, ASIDE)?;
-        reserve.room(&mut self.x, count * size, ASIDE)?;
-        reserve.room(&mut self.v, count * size, ASIDE)?;
-        reserve.room(&mut self.lambda, count * m, ASIDE)?;
-        reserve.room(&mut self.closed, count, m)
-    }
-
-    pub(super) fn push(
-        &mut self,
-        t: f64,
-        (x, v): (&[f64], &[f64]),
-        lambda: &[f64],
-        closed: GapSet,
-    ) {
-        self.t.push(t);
-        self.x.extend_from_slice(x);
-        self.v.extend_from_slice(v);
-        self.lambda.extend_from_slice(lambda);
-        self.closed.push(closed);
-    }
-}
-
-/// A run of a mechanical system.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MechanicalRun<E> {
-    /// How many coordinates and gaps there are.
-    pub layout: Layout,
-    /// Samples.
-    pub samples: MechanicalSamples,
-    /// What happened at the gaps, in order.
-    pub occurrences: Vec<Occurrence>,
-    /// The user's events, by function.
-    pub hits: Vec<Vec<Hit<MotionPoint>>>,
-    /// The motion as a function of time, if it was asked for.
-    pub path: Option<MechanicalPath>,
-    /// How the run ended.
-    pub status: Status,
-    /// The error that the system, an event or the monitor raised.
-    pub raised: Option<E>,
-    /// How much work was done.
-    pub counts: Counts,
-}
+use crate::{GridError, Monitor, SetupError, Status};
 
 /// Simulates a mechanical system over a span by the switched Runge-Kutta method.
 ///

@@ -11,7 +11,7 @@
 //! with `c` the polynomial of degree 5 through position, velocity and acceleration at both ends,
 //! and `r` the line.
 
-use super::impact::Key;
+use super::mode::Key;
 use crate::numeric::bernstein::{quintic, Bernstein};
 use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;

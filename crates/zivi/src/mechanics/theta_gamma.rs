@@ -16,7 +16,7 @@
 
 use super::fixed_steps::{simulate, Scheme, Stepped};
 use super::kinetics::Model;
-use super::run::MechanicalRun;
+use super::output::MechanicalRun;
 use crate::record::events::EventLog;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;

@@ -1,6 +1,6 @@
 //! A mechanical system of several coordinates and gaps, and the methods that run it.
 
-use super::{Method, System};
+use super::interface::{Method, System};
 use crate::mechanics::{
     simulate_mechanical, simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma,
     MechanicalOutput, MechanicalRun,

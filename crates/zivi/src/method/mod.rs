@@ -10,9 +10,11 @@
 //! A new scheme of fixed steps is a file, in which its settings implement
 //! [`Scheme`](crate::stepping::scheme::Scheme), and a line in the list of [`AnyMethod`].
 
+mod interface;
 mod mechanism;
 mod point_mass;
 
+pub use interface::{Method, Settings, System};
 pub use mechanism::Mechanism;
 pub use point_mass::{PointMass, PointRun};
 
@@ -25,52 +27,6 @@ use crate::system::dynamics::Dynamics;
 use crate::{
     Force, Monitor, MoreauJean, Output, Physical, Restitution, SetupError, SwitchedRk, ThetaGamma,
 };
-
-/// What moves: the states it has, what can be asked of a run and what a run leaves.
-pub trait System<E> {
-    /// Where a run starts.
-    type State<'a>;
-    /// What a run shall keep.
-    type Keep<'a>;
-    /// What a run leaves.
-    type Run;
-}
-
-/// The settings of a method.
-pub trait Settings {
-    /// Refuses settings out of range.
-    ///
-    /// # Errors
-    /// [`SetupError`] names the first that is.
-    fn check(&self) -> Result<(), SetupError>;
-
-    /// Refuses a start where no run of a mass above a wall can begin.
-    ///
-    /// # Errors
-    /// [`SetupError`] names what is out of range.
-    fn check_start(&self, initial: Physical, restitution: Restitution) -> Result<(), SetupError>;
-
-    /// The step size (s) of a method of fixed steps.
-    fn step(&self) -> Option<f64> {
-        None
-    }
-}
-
-/// A method that can run a system.
-pub trait Method<E, S: System<E>>: Settings {
-    /// Runs over a span, `(t0, t1)`, from a state.
-    ///
-    /// # Errors
-    /// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
-    fn run(
-        &self,
-        system: S,
-        span: (f64, f64),
-        y0: S::State<'_>,
-        keep: S::Keep<'_>,
-        monitor: &mut impl Monitor<E>,
-    ) -> Result<S::Run, SetupError>;
-}
 
 impl<S: Scheme> Settings for FixedSteps<S> {
     fn check(&self) -> Result<(), SetupError> {

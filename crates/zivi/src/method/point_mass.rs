@@ -1,6 +1,6 @@
 //! A mass above a wall, and the methods that run it.
 
-use super::{Method, Settings, System};
+use super::interface::{Method, Settings, System};
 use crate::stepping::scheme::{FixedSteps, Scheme};
 use crate::system::evaluation::check_initial;
 use crate::{

@@ -5,7 +5,8 @@
 
 use std::fmt::Debug;
 
-use super::tableau::MOST_STAGES;
+/// Most stages that a pair has, further ones included.
+pub(crate) const MOST_STAGES: usize = 16;
 
 /// What a stage has beyond a uniform acceleration from the start of the step: `(V_i - x' - c_i h
 /// k_0)/h` and `k_i - k_0`, side by side for sums over both.

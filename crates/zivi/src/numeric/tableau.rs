@@ -115,9 +115,6 @@ impl Pair {
     }
 }
 
-/// Most stages that a pair has, further ones included.
-pub(crate) const MOST_STAGES: usize = 16;
-
 /// Dormand-Prince 5(4).
 pub(crate) static DORMAND_PRINCE_5: Pair = Pair {
     c: &[0.0, 0.2, 0.3, 0.8, 0.8888888888888888, 1.0, 1.0],

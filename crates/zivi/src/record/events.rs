@@ -1,6 +1,7 @@
 //! Impacts, Zeno points, rest and lift-off at one gap: the reader of what happens there, and what
 //! happens read off the steps of a fixed-step run.
 
+pub use super::impact::Impact;
 use std::collections::TryReserveError;
 
 use zivi_core::transform::impact_velocities;
@@ -8,17 +9,6 @@ use zivi_core::{Lifted, Restitution};
 
 use super::occurrence::Occurrence;
 use crate::record::reserve::Reserve;
-
-/// One impact: when, and the velocities on both sides of it (their ratio is `-e`).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Impact {
-    /// Time (s): where `s` crosses zero, linear within the step.
-    pub t: f64,
-    /// Velocity before, `-(1 + kappa) |v|` (m/s).
-    pub xdot_before: f64,
-    /// Velocity after, `(1 - kappa) |v|` (m/s).
-    pub xdot_after: f64,
-}
 
 /// What happened at the wall in a run.
 #[derive(Clone, Debug, Default, PartialEq)]

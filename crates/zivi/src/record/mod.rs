@@ -1,8 +1,10 @@
 //! What a run leaves: samples, events at the wall, how it ended.
 
+pub mod columns;
 pub mod events;
 pub mod failure;
 pub mod gap_set;
+pub mod impact;
 pub mod monitor;
 pub mod occurrence;
 pub mod point;

@@ -1,7 +1,7 @@
 //! What happens at the gaps, in one stream.
 
-use super::events::Impact;
 use super::gap_set::GapSet;
+use super::impact::Impact;
 
 /// What happens at the gaps of a system; a mass above a wall has one, number 0.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,8 +2,8 @@
 
 use zivi_core::{sgn, transform, Lifted, Restitution};
 
+use crate::record::columns::{Columns, Quantity, Sample};
 use crate::record::summary::{Keep, Summary};
-use crate::record::trajectory::{Columns, Quantity, Sample};
 
 /// Steps that are staged before they are appended.
 const BLOCK: usize = 256;
@@ -153,7 +153,7 @@ impl Recorder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::trajectory::Columns;
+    use crate::record::columns::Columns;
 
     const STEPS: usize = 700;
 

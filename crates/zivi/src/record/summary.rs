@@ -1,6 +1,6 @@
 //! What is kept of a run, and what its samples say when they are not.
 
-use crate::record::trajectory::{Columns, Quantity};
+use crate::record::columns::{Columns, Quantity};
 
 /// Which samples of a run are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

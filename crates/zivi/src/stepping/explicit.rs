@@ -9,8 +9,9 @@
 use zivi_core::setting::Setting;
 use zivi_core::{transform, Lifted, Physical, Restitution, ThetaGammaStep};
 
+use crate::record::columns::Sample;
 use crate::record::failure::Failure;
-use crate::record::trajectory::{Run, Sample, SetupError};
+use crate::record::trajectory::{Run, SetupError};
 use crate::stepping::fixed_step::{run, FixedStep, Start};
 use crate::stepping::scheme::Scheme;
 use crate::system::evaluation::finite_force;

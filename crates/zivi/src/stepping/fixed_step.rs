@@ -4,13 +4,14 @@ use std::ops::ControlFlow;
 
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution};
 
+use crate::record::columns::Sample;
 use crate::record::events::EventLog;
 use crate::record::monitor::Pace;
 use crate::record::recorder::{memory, Recorder};
 use crate::record::reserve::Reserve;
 use crate::record::stretch::{Interpolation, Knot, Stretch};
 use crate::record::summary::Keep;
-use crate::record::trajectory::{Run, Sample, SetupError, Trajectory};
+use crate::record::trajectory::{Run, SetupError, Trajectory};
 use crate::system::evaluation::check_initial;
 use crate::{Failure, Force, Grid, Monitor, Status};
 

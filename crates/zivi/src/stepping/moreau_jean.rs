@@ -25,11 +25,12 @@ use std::collections::TryReserveError;
 use zivi_core::setting::{Setting, Value, Values};
 use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
+use crate::record::columns::Columns;
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
 use crate::record::stretch::{Interpolation, Knot};
-use crate::record::trajectory::{Columns, Run, SetupError, Trajectory};
+use crate::record::trajectory::{Run, SetupError, Trajectory};
 use crate::stepping::fixed_step::{tell, watched};
 use crate::stepping::scheme::Scheme;
 use crate::system::evaluation::check_initial;

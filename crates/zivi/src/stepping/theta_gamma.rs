@@ -9,8 +9,9 @@
 use zivi_core::setting::{Setting, Value, Values};
 use zivi_core::{Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
 
+use crate::record::columns::Sample;
 use crate::record::failure::Failure;
-use crate::record::trajectory::{checked_count, Run, Sample, SetupError};
+use crate::record::trajectory::{checked_count, Run, SetupError};
 use crate::stepping::fixed_step::{run, FixedStep, Start};
 use crate::stepping::implicit::ImplicitForce;
 use crate::stepping::scheme::Scheme;

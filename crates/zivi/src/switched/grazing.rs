@@ -6,7 +6,8 @@
 //! it went lower by `x`. Low speeds at `a < 0`, those of a chain of impacts, are no grazing.
 
 use super::integrator::{Piece, SwitchedIntegrator};
-use super::run::{simulate_with, Output, SwitchedRun};
+use super::output::{Output, SwitchedRun};
+use super::run::simulate_with;
 use super::settings::SwitchedRk;
 use super::stages::Counted;
 use crate::piecewise::method::Driver;

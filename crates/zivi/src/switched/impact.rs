@@ -3,9 +3,10 @@
 use super::integrator::{Piece, SwitchedIntegrator};
 use super::lookahead::Lookahead;
 use super::mode::{Flight, Mode};
-use super::stages::{Counted, Point};
+use super::point::Point;
+use super::stages::Counted;
 use crate::record::failure::Failure;
-use crate::zeno::chain::{restored, Bounce};
+use crate::zeno::bounce::{restored, Bounce};
 use crate::{Dependence, Force, Impact, Status};
 
 impl SwitchedIntegrator {
@@ -41,7 +42,7 @@ impl SwitchedIntegrator {
             let bounce = Bounce { t, u, g: -self.at_wall(force)? };
             // where errors of the tolerance in each flight keep the speed up
             let slow = 10.0 * self.settings.atol[1] / (1.0 - self.restitution.e());
-            if self.patter.goes_on(bounce, slow) {
+            if self.stalling.goes_on(bounce, slow) {
                 return Err(Failure::Status(Status::ZenoBudget));
             }
             self.chain.note(bounce, &[], &[])?;
@@ -92,36 +93,5 @@ impl SwitchedIntegrator {
         self.chain.clear();
         self.lookout.length = self.control.h.take().or(self.lookout.length);
         Piece::Tail(tail)
-    }
-}
-
-/// Impacts below the tolerance at a wall to which the mass is not pulled, in short sequence: where
-/// the pull vanishes only at the wall they accumulate, but not as a chain does, and errors of the
-/// size of the tolerance keep them going for good.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Patter {
-    last: f64,
-    /// The longest flight so far (s).
-    longest: f64,
-    count: u32,
-}
-
-impl Patter {
-    /// Impacts after which it is called that.
-    const MOST: u32 = 50;
-    /// What is a short flight, relative to the longest.
-    const SHORT: f64 = 0.01;
-
-    pub(super) fn starting_at(t: f64) -> Self {
-        Self { last: t, ..Self::default() }
-    }
-
-    /// Takes the next impact; whether it is one too many.
-    fn goes_on(&mut self, bounce: Bounce, speed: f64) -> bool {
-        let flight = bounce.t - self.last;
-        (self.last, self.longest) = (bounce.t, self.longest.max(flight));
-        let patters = bounce.g <= 0.0 && bounce.u <= speed && flight < Self::SHORT * self.longest;
-        self.count = if patters { self.count + 1 } else { 0 };
-        self.count > Self::MOST
     }
 }

@@ -24,26 +24,8 @@ use zivi_core::Restitution;
 use super::flight::series::{Linear, Reading, Start, Step, Table};
 use crate::numeric::turns::{of_angle, Phase};
 use crate::{LinearLaw, SetupError};
-use columns::{By, Column};
-
-/// A parameter by which the map is differentiated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MapParameter {
-    /// Stiffness per unit mass.
-    Stiffness,
-    /// Damping per unit mass.
-    Damping,
-    /// Constant pull towards the wall.
-    Gravity,
-    /// Amplitude of the excitation.
-    Amplitude,
-    /// Angular frequency of the excitation.
-    Omega,
-    /// Phase of the excitation.
-    Phase,
-    /// Coefficient of restitution.
-    Restitution,
-}
+pub use columns::MapParameter;
+use columns::{By, Column, StepStart};
 
 /// What follows an impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -251,7 +233,7 @@ impl ImpactMap {
         for _ in 0..MOST_STEPS {
             let step = Step::next(&self.table, &flight.start, flight.known, far);
             for column in &mut columns {
-                column.go_on(&flight, &step);
+                column.go_on(flight.step_start(), &step);
             }
             flight.go_on(&step);
             if step.lands {
@@ -272,6 +254,12 @@ impl<'m> Flight<'m> {
         let start =
             Start { x: 0.0, v: u * map.table.h(), force: map.linear.constant, waves: clock.waves };
         Self { map, clock, end: phase, start, known: 1, steps: 0.0 }
+    }
+
+    /// Where its next step starts.
+    fn step_start(&self) -> StepStart<'_> {
+        let Self { map, clock, start, steps, .. } = self;
+        StepStart { table: &map.table, start, clock, steps: *steps }
     }
 
     /// To the end of a step.

@@ -3,12 +3,13 @@
 use zivi_core::Restitution;
 
 use super::flight::series::SeriesFlight;
-use super::impact::Patter;
 use super::lift_off::Lookout;
 use super::lookahead::Obstacle;
 use super::mode::{Flight, Mode};
+use super::point::Point;
 use super::settings::SwitchedRk;
-use super::stages::{Counted, LastStep, Point};
+use super::stages::{Counted, LastStep};
+use super::stalling::StallingImpacts;
 use super::step_control::{Looks, StepControl};
 use crate::record::failure::Failure;
 use crate::record::occurrence::Occurrence;
@@ -86,7 +87,7 @@ pub struct SwitchedIntegrator {
     pub(super) chain: Chain<f64>,
     /// Where the force last kept the mass from jumping to the end of it.
     pub(super) obstacle: Option<Obstacle>,
-    pub(super) patter: Patter,
+    pub(super) stalling: StallingImpacts,
     pub(super) lookout: Lookout,
     pub(super) control: StepControl,
     pub(super) looks: Looks,
@@ -110,7 +111,7 @@ impl SwitchedIntegrator {
             series: None,
             chain: Chain::new((), restitution.e(), 0, COLUMNS),
             obstacle: None,
-            patter: Patter::default(),
+            stalling: StallingImpacts::default(),
             lookout: Lookout::default(),
             control: StepControl::default(),
             looks: Looks::NONE,
@@ -134,7 +135,7 @@ impl SwitchedIntegrator {
             self.series.iter_mut().for_each(|series| series.start());
         }
         self.now = Point { t, x, xdot, late: 0.0 };
-        self.patter = Patter::starting_at(t);
+        self.stalling = StallingImpacts::starting_at(t);
         self.sigma = 1.0;
         self.mode = if state.is_at_origin() { Mode::REST } else { Mode::FLIGHT };
         if self.settings.first_step.is_some() {

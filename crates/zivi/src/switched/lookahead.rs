@@ -190,7 +190,8 @@ impl Lookahead<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::zeno::chain::{Bounce, Chain};
+    use crate::zeno::bounce::Bounce;
+    use crate::zeno::chain::Chain;
     use crate::FunctionForce;
 
     /// `x'' = -2`, `e = 1/2`: impacts at 0, 1, 1.5, 1.75, ...; the tail is what follows 1.5.

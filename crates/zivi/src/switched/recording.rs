@@ -3,11 +3,12 @@
 use std::collections::TryReserveError;
 
 use super::integrator::{Counts, Piece, SwitchedIntegrator};
+use super::output::{Output, SwitchedRun};
 use super::path::{Curve, DensePath};
 use super::picture::between_steps;
-use super::run::{Output, SwitchedRun};
+use super::point::Point;
 use super::samples::Samples;
-use super::stages::{Counted, Point};
+use super::stages::Counted;
 use crate::piecewise::method::{Advance, Asked, Piecewise};
 use crate::piecewise::running::{self as piecewise, unless_terminal, until, Absorb, Record};
 use crate::record::events::Reader;

@@ -5,8 +5,9 @@ use zivi_core::{sgn, transform, Branch, Restitution};
 use std::collections::TryReserveError;
 
 use super::picture::Row;
+use crate::record::columns::{Columns, QUANTITIES};
 use crate::record::reserve::Reserve;
-use crate::record::trajectory::{Columns, SetupError, QUANTITIES};
+use crate::record::trajectory::SetupError;
 use crate::{PathPoint, Physical};
 
 /// The samples of a run.

@@ -1,8 +1,8 @@
 //! The motion of the mass as an equation that the pairs integrate, `x'' = f(t, x, x')`.
 
 use super::flight::series::Linear;
+use super::point::Point;
 use crate::numeric::bernstein::Bernstein;
-use crate::numeric::coordinates::State;
 use crate::numeric::stages::Equation;
 use crate::numeric::step_error::StepError;
 use crate::numeric::tableau::Pair;
@@ -12,19 +12,8 @@ use crate::system::stops::Smooth;
 use crate::zeno::tail::Tail;
 use crate::{Force, Physical};
 
-/// The state of the mass at a time.
-pub(super) type Point = State<f64>;
-
 /// The last step of the mass.
 pub(super) type Stages = crate::numeric::stages::Stages<f64>;
-
-impl Point {
-    /// Without the time.
-    #[inline(always)]
-    pub(super) fn physical(self) -> Physical {
-        Physical { x: self.x, xdot: self.xdot }
-    }
-}
 
 /// The last step of the pair.
 #[derive(Clone, Debug)]

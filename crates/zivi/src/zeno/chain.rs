@@ -19,23 +19,13 @@
 //! chains hold times, speeds and pulls. Powers and logarithms are those of the `libm` crate, here
 //! and in what follows from a chain: the same on every machine.
 
+use super::bounce::Bounce;
 use std::collections::TryReserveError;
 
 use super::table::{is_coarse, Landing, Table, ROWS};
 use super::tail::Tail;
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::richardson::Powers;
-
-/// One impact of a chain.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Bounce {
-    /// Time (s).
-    pub(crate) t: f64,
-    /// Speed after the impact (m/s).
-    pub(crate) u: f64,
-    /// Pull towards the wall, `-f(t, 0, 0)` (m/s^2).
-    pub(crate) g: f64,
-}
 
 /// By how much the speed falls from one row of the table to the next, if the chain is long enough.
 ///
@@ -225,17 +215,6 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
     /// The arcs between the last impact and `zeno`, the first of them on the side `sigma`.
     pub(crate) fn tail(&self, zeno: f64, sigma: f64) -> Tail {
         Tail::new(&self.bounces, self.e, zeno, sigma)
-    }
-}
-
-/// The speed after an impact; none where the height of the next arc would underflow.
-#[inline]
-pub(crate) fn restored(e: f64, before: f64) -> f64 {
-    let after = e * before.abs();
-    if after * after < f64::MIN_POSITIVE {
-        0.0
-    } else {
-        after
     }
 }
 

@@ -134,7 +134,7 @@ fn largest(entry: &Entry<'_>, scale: impl Fn(usize, f64) -> f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::zeno::chain::Bounce;
+    use crate::zeno::bounce::Bounce;
 
     /// A chain whose times are `7 - q - 0.3 q^2 + 0.1 q^3`, `q = e^i`, and whose state is `2 + 1.3
     /// q^2 - q^3`, with the derivatives by a shift of time that moves the state with `q^2`, and by

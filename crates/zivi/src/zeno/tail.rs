@@ -17,7 +17,7 @@
 //! at either end, with `A` from the force at a few of the arcs ([`Tail::bend`]), else zero.
 
 use super::arc::TailArc;
-use super::chain::Bounce;
+use super::bounce::Bounce;
 use super::fit::{fit, fit_ahead, rounding, series, stride, PARTS, TERMS};
 use crate::{Impact, PathPoint};
 

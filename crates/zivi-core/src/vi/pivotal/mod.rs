@@ -20,21 +20,12 @@ mod basis;
 mod path;
 mod start;
 mod tableau;
+mod work;
 
-use super::dense;
-use super::natural::natural_residual;
-use super::problem::Interruption;
-use basis::Basis;
+use super::interruption::Interruption;
+use super::settings::Start;
 use tableau::Tableau;
-
-/// Where the path begins.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Start {
-    /// At the given point, which solves the problem for a covering vector built from it.
-    Regular,
-    /// On the ray `s -> inf` from the vertex of the box nearest to the given point.
-    Ray,
-}
+pub(super) use work::{AffineVi, Effort, PivotalWorkspace, Poll};
 
 /// How a path ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,85 +42,6 @@ pub(super) enum PathEnd {
     Infeasible,
     /// At a solution of the whole problem, without pivots.
     Solved,
-}
-
-/// What a path has cost.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Effort {
-    /// Pivots along the path, bound flips included.
-    pub(super) pivots: usize,
-    /// These and the columns entered into fresh bases, of about the same cost.
-    pub(super) columns: usize,
-}
-
-/// Asks whether to go on.
-pub(super) type Poll<'a> = dyn FnMut() -> Result<(), Interruption> + 'a;
-
-/// An affine VI on a box, with the matrix `M + shift I`, `M` row by row.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct AffineVi<'a> {
-    /// The matrix `M`, `n^2` entries.
-    pub(super) matrix: &'a [f64],
-    /// A multiple of the identity added to it.
-    pub(super) shift: f64,
-    /// The constant term.
-    pub(super) q: &'a [f64],
-    /// Lower bounds.
-    pub(super) lower: &'a [f64],
-    /// Upper bounds.
-    pub(super) upper: &'a [f64],
-}
-
-impl AffineVi<'_> {
-    fn n(&self) -> usize {
-        self.q.len()
-    }
-
-    pub(super) fn bounds(&self, i: usize) -> (f64, f64) {
-        (dense::at(self.lower, i), dense::at(self.upper, i))
-    }
-
-    fn is_fixed(&self, i: usize) -> bool {
-        let (lower, upper) = self.bounds(i);
-        lower == upper
-    }
-
-    /// Column `j` of `M + shift I`.
-    fn column(&self, j: usize, out: &mut [f64]) {
-        for (out, row) in out.iter_mut().zip(dense::rows(self.matrix, self.n())) {
-            *out = dense::at(row, j);
-        }
-        dense::put(out, j, dense::at(out, j) + self.shift);
-    }
-
-    /// `F = (M + shift I) z + q`.
-    pub(super) fn map(&self, z: &[f64], f: &mut [f64]) {
-        dense::multiply(self.matrix, z, f);
-        for (f, (z, q)) in f.iter_mut().zip(z.iter().zip(self.q)) {
-            *f += self.shift * z + q;
-        }
-    }
-
-    /// The natural residual at `z`, with `F` left in `f`.
-    pub(super) fn residual(&self, z: &[f64], f: &mut [f64]) -> f64 {
-        self.map(z, f);
-        natural_residual(z, f, self.lower, self.upper)
-    }
-}
-
-/// What the pivotal solver works in: `n^2 + 7 n` reals and `2 n` indices.
-#[derive(Debug)]
-pub(super) struct PivotalWorkspace<'a> {
-    pub(super) inverse: &'a mut [f64],
-    pub(super) values: &'a mut [f64],
-    pub(super) direction: &'a mut [f64],
-    pub(super) covering: &'a mut [f64],
-    pub(super) resting: &'a mut [f64],
-    pub(super) column: &'a mut [f64],
-    pub(super) pivot_row: &'a mut [f64],
-    pub(super) residual: &'a mut [f64],
-    pub(super) members: &'a mut [usize],
-    pub(super) held: &'a mut [usize],
 }
 
 /// Follows the path from `z`; at [`PathEnd::Solution`] `z` is the end of it, in the box, for the

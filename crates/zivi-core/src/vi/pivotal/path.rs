@@ -1,10 +1,11 @@
 //! Following the path: ratio test, pivot or bound flip, complementary variable.
 
 use super::super::dense;
-use super::super::problem::Interruption;
+use super::super::interruption::Interruption;
 use super::basis::Variable;
 use super::tableau::{held, Tableau};
-use super::{PathEnd, Poll};
+use super::work::Poll;
+use super::PathEnd;
 
 /// Rates of change below this, relative to the largest, are rounding.
 const NEGLIGIBLE: f64 = 1e-12;

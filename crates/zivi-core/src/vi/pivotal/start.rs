@@ -1,10 +1,10 @@
 //! The two starts of a path.
 
 use super::super::dense;
-use super::super::problem::Interruption;
+use super::super::interruption::Interruption;
 use super::basis::Variable;
 use super::tableau::{held, unit, Tableau};
-use super::Poll;
+use super::work::Poll;
 
 /// Distance to a bound, relative to its size, within which a start counts as on it.
 const ON_BOUND: f64 = 1e-12;

@@ -1,9 +1,10 @@
 //! The tableau: which variable is basic, at which value, and where the others rest.
 
 use super::super::dense;
-use super::super::problem::Interruption;
+use super::super::interruption::Interruption;
+use super::basis::Basis;
 use super::basis::Variable;
-use super::{AffineVi, Basis, Effort, PivotalWorkspace, Poll};
+use super::work::{AffineVi, Effort, PivotalWorkspace, Poll};
 
 /// Which variable of an index is basic, as kept in the caller's slice of indices.
 pub(super) mod held {

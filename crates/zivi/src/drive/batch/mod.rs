@@ -14,7 +14,7 @@ mod returns;
 use zivi_core::{Physical, Restitution, ThetaGammaStep};
 
 pub use loops::{simulate_closed_loop_batch, LoopMember, LoopOutcome, LoopSettings};
-pub use outcome::{Outcome, Saved};
+pub use outcome::{Outcome, Save, Saved};
 pub use pool::available_threads;
 pub use returns::{map_impacts, orbits, Mapped};
 
@@ -25,39 +25,6 @@ use crate::{
     Dependence, Force, Grid, Keep, Monitor, Output, SetupError, Solver, Summary, ThetaGamma,
     Trajectory, QUANTITIES,
 };
-
-/// What is saved of each run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Save<'a> {
-    /// The last state, counts of events, rest time.
-    #[default]
-    Final,
-    /// The same, and the largest position and speed of all samples.
-    Statistics,
-    /// The same as [`Save::Final`], and every event.
-    Events,
-    /// The same as [`Save::Final`], and whether the run passed a grazing that its tolerances
-    /// decided (the switched method only).
-    Grazing,
-    /// The same as [`Save::Final`], and the first and every so many samples after it (at least 1).
-    Every(usize),
-    /// The same as [`Save::Final`], and the states at these times, increasing and within the span
-    /// (the switched method only).
-    At(&'a [f64]),
-    /// The same as [`Save::Final`], and the samples of these steps, increasing numbers, with `s`
-    /// and `v` (methods of fixed steps only).
-    Steps(&'a [usize]),
-}
-
-impl Save<'_> {
-    /// Samples from one that is saved to the next, 0 if none is.
-    fn every(self) -> usize {
-        match self {
-            Save::Every(every) => every,
-            _ => 0,
-        }
-    }
-}
 
 /// A method and the span of the runs, the same for all.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! What a closed loop keeps beside its samples: the motion between them, and events of the user.
 
-use zivi_core::{Lifted, Physical};
+use zivi_core::Physical;
 
 use super::plant::Plant;
 use super::reference::Followed;
@@ -8,7 +8,7 @@ use super::Period;
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
 use crate::record::seeker::{unknown, Seeker, SmoothPart};
-use crate::{DensePath, Hit, Impact, PathPoint, UserEvent};
+use crate::{Hit, Impact, PathPoint, UserEvent};
 
 /// What a closed loop may be given beside its surroundings, and what it shall keep.
 pub struct LoopOptions<'a, E> {
@@ -24,17 +24,6 @@ impl<E> Default for LoopOptions<'_, E> {
     fn default() -> Self {
         Self { reference: None, dense: false, events: Vec::new() }
     }
-}
-
-/// The motion of the plant between its samples.
-#[derive(Clone, Debug, PartialEq)]
-pub enum LoopPath {
-    /// Exact, from each sample under this force and the control that is held.
-    Ballistic(f64),
-    /// That of the switched method.
-    Switched(DensePath),
-    /// `s` and `v` at the samples, linear between them.
-    Lifted(Vec<Lifted>),
 }
 
 /// The events of the user along the plant.

@@ -9,6 +9,7 @@
 
 mod controller;
 mod follow;
+mod path;
 mod plant;
 mod record;
 mod reference;
@@ -22,7 +23,8 @@ use zivi_core::observer::{Estimate, ImpactObserver, Measurement};
 use zivi_core::{Physical, Restitution, SettingError, ThetaGammaStep};
 
 pub use controller::{AnyController, Controller, Tick, TickError, SIGNS};
-pub use follow::{LoopOptions, LoopPath};
+pub use follow::LoopOptions;
+pub use path::LoopPath;
 pub use plant::{Period, Plant};
 pub use record::{LoopRun, ESTIMATES, LOOP_COLUMNS, REFUSED};
 pub use reference::{Course, Followed, Given, Reference, Samples};

@@ -3,7 +3,7 @@
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
-use super::follow::LoopPath;
+use super::path::LoopPath;
 use crate::record::events::{EventLog, Reader};
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;

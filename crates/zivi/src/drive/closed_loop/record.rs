@@ -4,7 +4,7 @@ use zivi_core::observer::{Estimate, ImpactObserver};
 use zivi_core::Physical;
 
 use super::controller::{Controller, SIGNS};
-use super::follow::LoopPath;
+use super::path::LoopPath;
 use crate::{Events, Hit, SetupError, Status};
 
 /// Columns of the record: `t, x, xdot, x_ref, xdot_ref, u` and the signs.

@@ -8,8 +8,9 @@
 use super::follower::Follower;
 use super::local::Direction;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::machine::{Machine, Piece};
+use crate::mechanics::machine::Machine;
 use crate::mechanics::mode::Next;
+use crate::mechanics::piece::Piece;
 use crate::record::failure::Failure;
 use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::switched::sensitivity::Limit;

@@ -6,7 +6,8 @@ use crate::record::failure::Failure;
 use crate::switched::integrator::{Piece, SwitchedIntegrator};
 use crate::switched::mode::{Flight, Mode};
 use crate::switched::path::Curve;
-use crate::switched::stages::{Counted, Landing, Point};
+use crate::switched::point::Point;
+use crate::switched::stages::{Counted, Landing};
 use crate::switched::step_control::{Experience, StepControl};
 use crate::{Dependence, Force, Status};
 

@@ -1,10 +1,38 @@
 //! Columns of derivatives along a flight: the linear equation of the flight, with the derivative
 //! of the force on its right side.
 
-use super::{Flight, MapParameter};
 use crate::switched::flight::series::{column, derivative, value_and_slope, Linear};
-use crate::switched::flight::series::{Series, Start, Step, TERMS};
+use crate::switched::flight::series::{Reading, Series, Start, Step, Table, TERMS};
 use crate::{LinearLaw, Wave};
+
+/// A parameter by which the map is differentiated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MapParameter {
+    /// Stiffness per unit mass.
+    Stiffness,
+    /// Damping per unit mass.
+    Damping,
+    /// Constant pull towards the wall.
+    Gravity,
+    /// Amplitude of the excitation.
+    Amplitude,
+    /// Angular frequency of the excitation.
+    Omega,
+    /// Phase of the excitation.
+    Phase,
+    /// Coefficient of restitution.
+    Restitution,
+}
+
+/// Where a step of a flight starts.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StepStart<'a> {
+    pub(super) table: &'a Table,
+    pub(super) start: &'a Start,
+    pub(super) clock: &'a Reading,
+    /// Steps so far.
+    pub(super) steps: f64,
+}
 
 /// What enters the equation of a column besides the columns themselves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,14 +90,14 @@ impl Column {
     }
 
     /// To the end of a step of the flight.
-    pub(super) fn go_on(&mut self, flight: &Flight<'_>, step: &Step) {
-        let (table, [re, im]) = (&flight.map.table, flight.start.waves[0]);
+    pub(super) fn go_on(&mut self, at: StepStart<'_>, step: &Step) {
+        let (table, [re, im]) = (at.table, at.start.waves[0]);
         let h = table.h();
         // the wave z turned by the angle a changes by i a z
-        let angle = self.turn + if self.by == By::Omega { flight.steps * h } else { 0.0 };
+        let angle = self.turn + if self.by == By::Omega { at.steps * h } else { 0.0 };
         let mut wave = [-angle * im, angle * re];
         if let Some(unit) = self.wave.as_ref().and_then(Linear::first) {
-            let more = unit.at(flight.clock.phase(0.0, table));
+            let more = unit.at(at.clock.phase(0.0, table));
             wave = [wave[0] + more[0], wave[1] + more[1]];
         }
         let start = Start { x: self.x, v: self.v, force: self.force, waves: [wave, [0.0; 2]] };
@@ -81,7 +109,7 @@ impl Column {
         }
         let mut y = table.series(&start);
         if self.by != By::Nothing {
-            let own = self.particular(flight);
+            let own = self.particular(at);
             y.iter_mut().zip(own).for_each(|(y, own)| *y += own);
         }
         [self.x, self.v] = value_and_slope(&y, step.length);
@@ -89,16 +117,16 @@ impl Column {
 
     /// The flight that starts at rest under what `k`, `c` or `omega` adds to the force of a column,
     /// `-x`, `-x'` or `s h i z e^(i W s)`.
-    fn particular(&self, flight: &Flight<'_>) -> Series {
-        let table = &flight.map.table;
+    fn particular(&self, at: StepStart<'_>) -> Series {
+        let table = at.table;
         let (law, h) = (table.law(), table.h());
-        let a = table.series(&flight.start);
+        let a = table.series(at.start);
         let mut d = [0.0; TERMS];
         match self.by {
             By::Stiffness => d.iter_mut().zip(a).for_each(|(d, a)| *d = -h * h * a),
             By::Damping => d.iter_mut().zip(derivative(&a)).for_each(|(d, a)| *d = -h * a),
             By::Omega => {
-                let (w, [re, im]) = (law.omega[0] * h, flight.start.waves[0]);
+                let (w, [re, im]) = (law.omega[0] * h, at.start.waves[0]);
                 // h^3 Re i z (i W)^n/n! s^(n+1)
                 let (mut term, mut size) = ([-im, re], h * h * h);
                 for (n, d) in d.iter_mut().enumerate().skip(1) {

@@ -10,13 +10,15 @@
 //! stages: the columns are the exact derivative of the step that was made.
 
 use crate::numeric::bernstein::Bernstein;
+use crate::numeric::coordinates::MOST_STAGES;
 use crate::numeric::coordinates::{Beyond, Row};
 use crate::numeric::dense::polynomials;
 use crate::numeric::stages::Node;
 use crate::numeric::step_error::{worse, StepError, Tolerances};
-use crate::numeric::tableau::{Estimate, Interpolant, Weights, MOST_STAGES};
+use crate::numeric::tableau::{Estimate, Interpolant, Weights};
 use crate::record::failure::Failure;
-use crate::switched::stages::{Counted, Point, Stages};
+use crate::switched::point::Point;
+use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::{DifferentiableForce, Place, Slopes};
 
 /// What a column is the derivative by.

@@ -11,8 +11,9 @@
 use super::columns::{ColumnStep, Wrt};
 use crate::numeric::step_size::{factor, shorter, FACTORS};
 use crate::record::failure::Failure;
+use crate::switched::point::Point;
 use crate::switched::settings::SwitchedRk;
-use crate::switched::stages::{Counted, Point, Stages};
+use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::DifferentiableForce;
 use crate::Status;
 

@@ -1,6 +1,6 @@
 //! What is linear in where a step starts.
 
-use super::table::{Start, WAVES};
+use super::terms::{Start, WAVES};
 
 /// What a flight is linear in: `x`, `V`, the constant, the two parts of each wave.
 pub(super) const COLUMNS: usize = 3 + 2 * WAVES;

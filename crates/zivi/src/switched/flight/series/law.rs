@@ -1,6 +1,6 @@
 //! A linear force with its waves on clocks of their own.
 
-use super::table::{Law, WAVES};
+use super::terms::{Law, WAVES};
 use crate::numeric::turns::{of_angle, sin_cos, Clock, Phase};
 use crate::{Dependence, Force, LinearLaw};
 

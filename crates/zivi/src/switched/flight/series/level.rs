@@ -1,7 +1,7 @@
 //! Many steps of a flight at once.
 
 use super::columns::{length, Bound, Columns, COLUMNS};
-use super::table::{sum_by, Law, Start, TERMS, WAVES};
+use super::terms::{sum_by, Law, Start, TERMS, WAVES};
 use crate::numeric::turns::sin_cos;
 
 /// Doublings of a step; a larger one is never needed.

@@ -13,16 +13,18 @@ mod root;
 mod screen;
 mod step;
 mod table;
+mod terms;
 
 pub(crate) use law::Linear;
 pub(crate) use powers::{derivative, value, value_and_slope};
 pub(crate) use reading::Reading;
 pub(crate) use step::Step;
-pub(crate) use table::{column, Series, Start, Table, TERMS};
+pub(crate) use table::Table;
+pub(crate) use terms::{column, Series, Start, TERMS};
 
 use std::sync::Arc;
 
-use crate::switched::stages::Point;
+use crate::switched::point::Point;
 use crate::LinearLaw;
 use period::Period;
 use powers::stretch;

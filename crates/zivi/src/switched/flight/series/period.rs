@@ -12,7 +12,8 @@
 //! less the identity is small, and so is what its rounding adds up to.
 
 use super::columns::{Columns, COLUMNS};
-use super::table::{Start, Table, TERMS, WAVES};
+use super::table::Table;
+use super::terms::{Start, TERMS, WAVES};
 use crate::numeric::turns::sin_cos;
 
 /// Largest `delta/p`: its square is rounding.
@@ -128,7 +129,7 @@ impl Ends {
 #[cfg(test)]
 mod tests {
     use super::super::powers::{derivative, value};
-    use super::super::table::Law;
+    use super::super::terms::Law;
     use super::*;
 
     const LAW: Law = Law { stiffness: 2.0, damping: 0.3, omega: [1.7, 0.9] };

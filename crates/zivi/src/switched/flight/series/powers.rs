@@ -1,6 +1,6 @@
 //! Values of power series.
 
-use super::table::{Series, TERMS};
+use super::terms::{Series, TERMS};
 
 /// Series are summed as four interleaved ones in `s^4`, which a processor does side by side.
 const LANES: usize = 4;

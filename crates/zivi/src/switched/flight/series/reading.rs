@@ -1,7 +1,8 @@
 //! The waves of a flight from step to step.
 
 use super::law::Linear;
-use super::table::{Table, WAVES};
+use super::table::Table;
+use super::terms::WAVES;
 use crate::numeric::turns::Phase;
 
 /// Whole steps over which waves are turned by what the table says before they are read off the

@@ -7,7 +7,8 @@
 
 use super::powers::{of_few, slopes, value_and_slope};
 use super::screen::{screened, Verdict};
-use super::table::{Series, PART, SHORT, TERMS};
+use super::table::{PART, SHORT};
+use super::terms::{Series, TERMS};
 use crate::numeric::bernstein::Polynomial;
 
 /// Rounding of a value, relative to the sum of the absolute values of the terms, where a series is

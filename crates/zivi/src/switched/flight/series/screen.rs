@@ -5,7 +5,7 @@
 //! the terms beyond are a slack, which is linear, too.
 
 use super::columns::{Bound, Columns};
-use super::table::{Start, TERMS};
+use super::terms::{Start, TERMS};
 use crate::numeric::bernstein::Polynomial;
 
 /// Coefficients of the screen.

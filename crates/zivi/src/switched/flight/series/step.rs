@@ -3,7 +3,8 @@
 use super::powers::{of_few, stretch, value_and_slope};
 use super::root::{first_root, of_short_arc, only_root, Root};
 use super::screen::Verdict;
-use super::table::{Series, Start, Table, PART, SHORT, TERMS};
+use super::table::{Table, PART, SHORT};
+use super::terms::{Series, Start, TERMS};
 
 /// A step that ends at most this part of it after its end is no longer: what rounding makes of it.
 const OVER: f64 = 1.0 + 1e-9;
@@ -188,7 +189,7 @@ fn power_of_two(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::powers::value;
-    use super::super::table::Law;
+    use super::super::terms::Law;
     use super::*;
 
     fn random(draw: &mut u64) -> f64 {

@@ -1,0 +1,41 @@
+//! The complementarity problem of closed gaps: which stay so.
+
+use super::kinetics::Kinetics;
+use super::lcp;
+use super::mode::Contacts;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::Status;
+
+/// Which of the gaps that touch without a speed stay closed, and which the forces open, where the
+/// system has just been evaluated: `0 <= lambda  perp  b + D lambda >= 0`.
+pub(super) fn settle<E>(kinetics: &mut Kinetics, touching: GapSet) -> Result<Contacts, Failure<E>> {
+    if touching.is_empty() {
+        return Ok(Contacts::default());
+    }
+    kinetics.solve(touching, |_, _| 0.0)?;
+    let (matrix, b) = problem(kinetics, touching, |at, i| at.b(i));
+    let solution = lcp::solve(&matrix, &b).ok_or(Failure::Status(Status::ContactNotSolved))?;
+    let k = b.len();
+    let mut left = GapSet::EMPTY;
+    for (row, i) in touching.iter().enumerate() {
+        let pushed: f64 = (0..k).map(|column| matrix[row * k + column] * solution.z[column]).sum();
+        if !solution.positive.has(row) && b[row] + pushed > kinetics.noise(i) {
+            left = left.with(GapSet::of(i));
+        }
+    }
+    Ok(Contacts { closed: touching.without(left), left })
+}
+
+/// `D_CC` row by row and the right side of a complementarity problem.
+pub(super) fn problem(
+    kinetics: &mut Kinetics,
+    set: GapSet,
+    right: impl Fn(&Kinetics, usize) -> f64,
+) -> (Vec<f64>, Vec<f64>) {
+    let mut matrix = Vec::with_capacity(set.len() * set.len());
+    for i in set.iter() {
+        matrix.extend(set.iter().map(|j| kinetics.coupling(i, j)));
+    }
+    (matrix, set.iter().map(|i| right(kinetics, i)).collect())
+}

@@ -1,0 +1,49 @@
+//! What a system and a method are to each other.
+
+use crate::{Monitor, Physical, Restitution, SetupError};
+
+/// What moves: the states it has, what can be asked of a run and what a run leaves.
+pub trait System<E> {
+    /// Where a run starts.
+    type State<'a>;
+    /// What a run shall keep.
+    type Keep<'a>;
+    /// What a run leaves.
+    type Run;
+}
+
+/// The settings of a method.
+pub trait Settings {
+    /// Refuses settings out of range.
+    ///
+    /// # Errors
+    /// [`SetupError`] names the first that is.
+    fn check(&self) -> Result<(), SetupError>;
+
+    /// Refuses a start where no run of a mass above a wall can begin.
+    ///
+    /// # Errors
+    /// [`SetupError`] names what is out of range.
+    fn check_start(&self, initial: Physical, restitution: Restitution) -> Result<(), SetupError>;
+
+    /// The step size (s) of a method of fixed steps.
+    fn step(&self) -> Option<f64> {
+        None
+    }
+}
+
+/// A method that can run a system.
+pub trait Method<E, S: System<E>>: Settings {
+    /// Runs over a span, `(t0, t1)`, from a state.
+    ///
+    /// # Errors
+    /// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
+    fn run(
+        &self,
+        system: S,
+        span: (f64, f64),
+        y0: S::State<'_>,
+        keep: S::Keep<'_>,
+        monitor: &mut impl Monitor<E>,
+    ) -> Result<S::Run, SetupError>;
+}

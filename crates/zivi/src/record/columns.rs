@@ -1,0 +1,145 @@
+//! The samples of a run, a row for each quantity.
+
+use std::collections::TryReserveError;
+
+use zivi_core::Lifted;
+
+/// One state of a run with the multipliers of the step that led to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// The state.
+    pub z: Lifted,
+    /// `lambda_s` in `sgn s`.
+    pub lambda_s: f64,
+    /// `lambda_v` in `sgn v`.
+    pub lambda_v: f64,
+    /// The force of the step (m/s^2).
+    pub f: f64,
+}
+
+/// The sampled quantities, in the order of the rows of a [`Columns`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// Time (s).
+    T,
+    /// Distance from the wall (m).
+    X,
+    /// Velocity (m/s).
+    Xdot,
+    /// Transformed position (m).
+    S,
+    /// Transformed velocity (m/s).
+    V,
+    /// Multiplier of the position's sign.
+    LambdaS,
+    /// Multiplier of the velocity's sign.
+    LambdaV,
+    /// Relative natural residual of the step that ends at the sample (0 at the first).
+    Residual,
+}
+
+impl Quantity {
+    /// All of them, in order.
+    pub const ALL: [Quantity; QUANTITIES] = [
+        Quantity::T,
+        Quantity::X,
+        Quantity::Xdot,
+        Quantity::S,
+        Quantity::V,
+        Quantity::LambdaS,
+        Quantity::LambdaV,
+        Quantity::Residual,
+    ];
+}
+
+/// Number of sampled quantities.
+pub const QUANTITIES: usize = 8;
+
+/// Numbers (64 MB) up to which the memory of a record may come from recycled memory, which an
+/// allocator can only zero by touching all of it.
+const LAZY: usize = 1 << 23;
+
+/// The samples: one block of memory, a row for each [`Quantity`].
+///
+/// One block and not eight vectors, since a large one can be backed by large pages (see
+/// [`crate::Monitor::record_allocated`]): filling fresh memory costs more than the steps do.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Columns {
+    block: Vec<f64>,
+    room: usize,
+    len: usize,
+}
+
+impl Columns {
+    /// Zeroed memory for `room` samples; `advise` learns where it is before it is touched.
+    pub(crate) fn with_room(
+        room: usize,
+        advise: impl FnOnce(*const f64, usize),
+    ) -> Result<Self, TryReserveError> {
+        let size = QUANTITIES * room;
+        let mut block = Vec::new();
+        block.try_reserve_exact(size)?;
+        if size <= LAZY {
+            advise(block.as_ptr(), size);
+            block.resize(size, 0.0);
+        } else {
+            // fresh from the system, which hands out pages as they are filled: a run that is
+            // stopped early has not paid for all of them
+            drop(block);
+            block = vec![0.0; size];
+            advise(block.as_ptr(), size);
+        }
+        Ok(Self { block, room, len: 0 })
+    }
+
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there is no sample.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// The samples of one quantity.
+    #[must_use]
+    pub fn of(&self, quantity: Quantity) -> &[f64] {
+        &self.block[quantity as usize * self.room..][..self.len]
+    }
+
+    /// The whole block and the length of its rows, of which the first [`Columns::len`] entries
+    /// are samples.
+    #[must_use]
+    pub fn into_block(self) -> (Vec<f64>, usize) {
+        (self.block, self.room)
+    }
+
+    /// Forgets the samples and keeps the memory.
+    pub(crate) fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// The next sample, in the order of [`Quantity`]: there must be room for it.
+    #[inline]
+    pub(crate) fn push(&mut self, sample: [f64; QUANTITIES]) {
+        assert!(self.len < self.room, "a record of {} samples is full", self.room);
+        for (row, value) in sample.into_iter().enumerate() {
+            self.block[row * self.room + self.len] = value;
+        }
+        self.len += 1;
+    }
+
+    /// Room for the next `n` samples of every quantity, in the order of [`Quantity`].
+    pub(crate) fn extend(&mut self, n: usize) -> [&mut [f64]; QUANTITIES] {
+        let from = self.len;
+        self.len += n;
+        let mut rows = self.block.chunks_exact_mut(self.room);
+        std::array::from_fn(|_| match rows.next() {
+            Some(row) => &mut row[from..from + n],
+            None => &mut [],
+        })
+    }
+}

@@ -1,0 +1,23 @@
+//! An impact of a chain, and the speed that a next one gives back.
+
+/// One impact of a chain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bounce {
+    /// Time (s).
+    pub(crate) t: f64,
+    /// Speed after the impact (m/s).
+    pub(crate) u: f64,
+    /// Pull towards the wall, `-f(t, 0, 0)` (m/s^2).
+    pub(crate) g: f64,
+}
+
+/// The speed after an impact; none where the height of the next arc would underflow.
+#[inline]
+pub(crate) fn restored(e: f64, before: f64) -> f64 {
+    let after = e * before.abs();
+    if after * after < f64::MIN_POSITIVE {
+        0.0
+    } else {
+        after
+    }
+}
