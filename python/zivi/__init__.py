@@ -12,6 +12,7 @@ set-valued signs passes the accumulation of impacts and comes to rest exactly.
 """
 
 import importlib
+from typing import TYPE_CHECKING
 
 from zivi import plot
 from zivi._zivi import __version__
@@ -72,6 +73,11 @@ from zivi.vi.solve import (
     solve_avi,
     solve_vi,
 )
+
+if TYPE_CHECKING:
+    from zivi import files as files
+    from zivi import interop as interop
+    from zivi import symbolic as symbolic
 
 importlib.import_module("zivi.base.leaving").watch()
 importlib.import_module("zivi.base.former").hand_on()

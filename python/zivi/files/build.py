@@ -7,32 +7,35 @@ from typing import Any
 
 import numpy as np
 
-import zivi
+from zivi.control import twisting
 from zivi.files.mistakes import Mistakes
-from zivi.system.mass import Force
+from zivi.simulation import methods
+from zivi.system.mass import Force, ImpactSystem, LinearForce
+from zivi.system.mechanism import MechanicalSystem
 from zivi.system.symbolic.system import system as symbolic_system
+from zivi.system.wall import HarmonicWall
 
 __all__ = ["controller", "force", "mechanics", "method", "named", "restitution", "spaced", "system"]
 
 
 def force(value: Any) -> Force:
     """Build a force from a number or coefficients."""
-    return zivi.LinearForce(**value) if isinstance(value, dict) else value
+    return LinearForce(**value) if isinstance(value, dict) else value
 
 
-def system(values: dict[str, Any], mistakes: Mistakes) -> zivi.ImpactSystem:
+def system(values: dict[str, Any], mistakes: Mistakes) -> ImpactSystem:
     """Build a system."""
     wall = values.get("wall")
     given = {name: values[name] for name in ("e", "kappa") if name in values}
     with mistakes.naming(named("system", given), "system"):
-        return zivi.ImpactSystem(
+        return ImpactSystem(
             force(values["force"]),
-            wall=None if wall is None else zivi.HarmonicWall(**wall),
+            wall=None if wall is None else HarmonicWall(**wall),
             **given,
         )
 
 
-def mechanics(values: dict[str, Any], mistakes: Mistakes) -> zivi.MechanicalSystem:
+def mechanics(values: dict[str, Any], mistakes: Mistakes) -> MechanicalSystem:
     """Build a mechanical system from its energies."""
     with mistakes.naming(named("system", values), "system"):
         return symbolic_system(**values)
@@ -42,11 +45,11 @@ def method(values: dict[str, Any], mistakes: Mistakes) -> Any:
     """Build a method by its name."""
     settings = {name: value for name, value in values.items() if name != "name"}
     with mistakes.naming(named("method", settings), "method"):
-        return getattr(zivi, values["name"])(**settings)
+        return getattr(methods, values["name"])(**settings)
 
 
 def controller(
-    values: dict[str, Any], plant: zivi.ImpactSystem, keys: dict[str, str], mistakes: Mistakes
+    values: dict[str, Any], plant: ImpactSystem, keys: dict[str, str], mistakes: Mistakes
 ) -> Any:
     """Build a controller by its name; it believes in the wall of the plant unless told another."""
     settings = {name: value for name, value in values.items() if name != "name"}
@@ -56,7 +59,7 @@ def controller(
         settings["kappa"] = plant.kappa
         names |= {"e": keys["e"], "kappa": keys["kappa"]}
     with mistakes.naming(names, "controller"):
-        return getattr(zivi, values["name"])(**settings)
+        return getattr(twisting, values["name"])(**settings)
 
 
 def named(table: str, names: Iterable[str]) -> dict[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import numbers
 from typing import Any, ClassVar, Protocol
 
@@ -32,14 +31,17 @@ class _Settings:
     def _checked(self) -> _zivi.Method:
         raise NotImplementedError
 
-    @functools.cached_property
+    @property
     def _core(self) -> _zivi.Method:
-        """The method as the core takes it."""
-        return self._checked()
+        """The method as the core takes it, made once."""
+        if "_made" not in self.__dict__:
+            self.__dict__["_made"] = self._checked()
+        made: _zivi.Method = self.__dict__["_made"]
+        return made
 
     def __getstate__(self) -> dict[str, Any]:
         # what the core keeps is made anew
-        return {name: value for name, value in self.__dict__.items() if name != "_core"}
+        return {name: value for name, value in self.__dict__.items() if name != "_made"}
 
 
 class _FixedSteps(_Settings):
