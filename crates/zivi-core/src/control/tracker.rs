@@ -353,8 +353,12 @@ impl TwistingTracker {
             Approach::Nearest => {
                 let Followed { z, side } = reference;
                 // half of the energy of the error on the other side, less that on this one
-                let nearer = self.step.gains.mu1() * z.s.min(s).max(-s) + v * z.v;
-                nearer < 0.0 || (nearer == 0.0 && side < 0.0)
+                // (both numbers are finite: `min` and `max` would ask)
+                let cut = if z.s < s { z.s } else { s };
+                let cut = if cut > -s { cut } else { -s };
+                let nearer = self.step.gains.mu1() * cut + v * z.v;
+                let way = if nearer == 0.0 { side } else { nearer };
+                way < 0.0
             }
         };
         if mirror {
