@@ -16,7 +16,7 @@ SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Ca
 help:
 	@echo 'make paper   the figures and the checked numbers of the paper, into $(OUT)'
 	@echo 'make test    all tests, Rust and Python: about ten minutes on two processors'
-	@echo 'make test-quick  the tests in Python without the slow ones: less than a minute'
+	@echo 'make test-quick  the tests in Python without the slow ones: about four minutes on two processors'
 	@echo 'make test-browser  the pages in chromium, which must be there'
 	@echo 'make c-test  the C library: its examples in C99 and C++, bad arguments, what it needs'
 	@echo 'make embedded  the C library on simulated microcontrollers, where the tools are'

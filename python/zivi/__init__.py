@@ -1,14 +1,29 @@
-"""Simulate mechanical systems with impacts straight through the Zeno point.
+"""Simulate and control mechanical systems with impacts straight through the Zeno point.
 
 A mass above a wall, ``x'' = f(t, x, x')`` with ``x >= 0``, loses velocity at every impact,
-``x'+ = -e x'-``. The Zhuravlev-Ivanov transform removes the jump, an implicit step with exact
-set-valued signs passes the accumulation of impacts and comes to rest exactly.
+``x'+ = -e x'-``, and bounces infinitely often in finite time; a mechanism has several coordinates
+and gaps. Runs pass the accumulations of impacts, rest exactly and lift off again.
 
 >>> import zivi
->>> ball = zivi.ImpactSystem(-9.81, kappa=0.41)
->>> sol = zivi.simulate(ball, (0, 4), (1, 6), method=zivi.ThetaGamma(h=1e-3))
->>> round(sol.rest_time, 9)
-2.444
+>>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+>>> sol = zivi.simulate(ball, (0, 4), (1, 0))
+>>> round(sol.rest_time, 12)  # 3 sqrt(2/9.81)
+1.354570922957
+
+Systems
+    `ImpactSystem`, `LinearForce`, `HarmonicWall`; `MechanicalSystem`, `LinearGap`, ``zivi.symbolic``
+Runs
+    `simulate`, `simulate_batch`; the methods `SwitchedRK` (high order, the default), `ThetaGamma`
+    (the implicit scheme of Huber and Oza), `MoreauJean`, `ExplicitEuler`
+Control
+    `TwistingRegulator`, `TwistingTracker`, `ImpactObserver`, `design_tracker`,
+    `simulate_closed_loop`
+Analysis
+    `sensitivity`, `impact_map`, `periodic_orbit`, `continue_orbit`, `basins`, `sweep`
+Variational inequalities
+    `solve_vi`, `solve_avi`, `solve_ncp`, `solve_lcp`, `bimatrix`
+Around them
+    ``zivi.plot``, ``zivi.files``, ``zivi.interop``, `export_fmu`, the command ``zivi``
 """
 
 import importlib
