@@ -236,6 +236,31 @@ def test_the_package_itself_is_an_example():
     assert failures_of(tests) == 0
 
 
+FORMER = (  # modules of version 0.1, and what users may take from them
+    *("batch.Batch", "closed_loop.Controller", "control.TwistingTracker", "design.design_tracker"),
+    *("events.Level", "loop_batch.ClosedLoopBatch", "loop_run.ClosedLoop", "maps.ImpactMap"),
+    *("mechanics.LinearGap", "mechanics.gap.Gap", "mechanics.trajectory.MechanicalTrajectory"),
+    *(
+        "methods.SwitchedRK",
+        "observer.ImpactObserver",
+        "orbits.Branch",
+        "parametric.ParametricForce",
+    ),
+    *("sensitivity.Sensitivity", "simulate.simulate", "status.Status"),
+    *("system.ImpactSystem", "trajectory.Trajectory", "transform.lift", "vi.solve_vi"),
+    *("wall.HarmonicWall", "fmu.export_fmu", "native.prefix", "files.save"),
+)
+
+
+@pytest.mark.parametrize("place", FORMER)
+def test_modules_of_the_first_version_are_found(place):
+    module, _, name = place.rpartition(".")
+    found = getattr(importlib.import_module(f"zivi.{module}"), name)
+    assert found is getattr(zivi, name, found)
+    assert callable(zivi.simulate)
+    assert callable(zivi.sensitivity)
+
+
 def test_importing_is_silent_and_light():
     program = (
         "import sys, zivi\n"

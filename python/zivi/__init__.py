@@ -11,7 +11,8 @@ and gaps. Runs pass the accumulations of impacts, rest exactly and lift off agai
 1.354570922957
 
 Systems
-    `ImpactSystem`, `LinearForce`, `HarmonicWall`; `MechanicalSystem`, `LinearGap`, ``zivi.symbolic``
+    `ImpactSystem`, `LinearForce`, `HarmonicWall`; `MechanicalSystem`, `LinearGap`;
+    ``zivi.symbolic``
 Runs
     `simulate`, `simulate_batch`; the methods `SwitchedRK` (high order, the default), `ThetaGamma`
     (the implicit scheme of Huber and Oza), `MoreauJean`, `ExplicitEuler`
@@ -27,6 +28,7 @@ Around them
 """
 
 import importlib
+import sys
 from typing import TYPE_CHECKING
 
 from zivi import plot
@@ -95,7 +97,8 @@ if TYPE_CHECKING:
     from zivi import symbolic as symbolic
 
 importlib.import_module("zivi.base.leaving").watch()
-importlib.import_module("zivi.base.former").hand_on()
+_former = importlib.import_module("zivi.base.former")
+_former.hand_on()
 
 __all__ = [
     "Attractor",
@@ -190,6 +193,8 @@ _LAZY = ("files", "interop", "lab", "study", "symbolic")
 def __getattr__(name: str) -> object:
     if name in _LAZY:
         return importlib.import_module(f"zivi.{name}")
+    if not name.startswith("_") and name in _former.FORMER:
+        return sys.modules[f"zivi.{name}"]
     raise AttributeError(f"module 'zivi' has no attribute {name!r}")
 
 

@@ -41,11 +41,13 @@ FORMER = {
     "observer": "control.observer",
     "parametric": "system.parametric",
     "sensitivity": "derivatives.sensitivity",
+    "simulate": "simulation.run",
     "status": "base.status",
     "trajectory": "simulation.trajectory",
+    "transform": "system.transform",
     "wall": "system.wall",
 }
-"""The modules that define what was pickled: the name of then, the name of now."""
+"""The modules that users may have imported from, or that pickles name: then, now."""
 
 
 def hand_on(names: Mapping[str, str] = FORMER) -> None:
