@@ -74,6 +74,25 @@ def test_orthogonal_gaps_are_scalar_runs():
     assert len(sol.flags) == 0
 
 
+@pytest.mark.parametrize("order", [0, 1])
+def test_gaps_that_are_hit_together_again_and_again_under_different_pulls(order):
+    """Two balls whose flights take the same time: one chain of both, by the pull of either."""
+    pulls, heights = np.array([19.62, 9.81]), np.array([2.0, 1.0])
+    if order:
+        pulls, heights = pulls[::-1], heights[::-1]
+    gaps = [zivi.LinearGap([1.0, 0.0]), zivi.LinearGap([0.0, 1.0])]
+    balls = zivi.MechanicalSystem(mass=np.eye(2), force=-pulls, e=0.5, gaps=gaps)
+    run = zivi.simulate(balls, (0, 3), (heights, [0.0, 0.0]), dense_output=True)
+    zeno = 3 * np.sqrt(2 / 9.81)
+    np.testing.assert_allclose(run.zeno["t"], zeno, rtol=1e-9)
+    assert len(np.unique(run.impacts["group"])) <= 5
+    # within the accumulation, at the apex of each flight
+    for k in range(1, 8):
+        length = 2 * np.sqrt(2 / 9.81) * 0.5**k
+        at = zeno - length * (0.5 + 1.0)  # flights of length, length/2, ... follow
+        np.testing.assert_allclose(run(at)[0], pulls * length**2 / 8, atol=1e-6 * heights.max())
+
+
 def test_flights_by_power_series_are_for_impact_systems():
     system = box(force=lambda t, q, qdot: [0.0, -9.81])
     with pytest.raises(ValueError, match="flights must be 'auto' or 'rk' for a MechanicalSystem"):

@@ -96,3 +96,19 @@ pub struct MechanicalRun<E> {
     /// How much work was done.
     pub counts: Counts,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn room_is_made_for_every_number_of_the_samples() {
+        let (mut samples, mut reserve) = (MechanicalSamples::default(), Reserve::default());
+        samples.make_room(&mut reserve, 100, 7, 3).unwrap();
+        let MechanicalSamples { t, x, v, lambda, closed } = &samples;
+        let rooms =
+            [t.capacity(), x.capacity(), v.capacity(), lambda.capacity(), closed.capacity()];
+        let needed = [100, 700, 700, 300, 100];
+        assert!(rooms.iter().zip(needed).all(|(room, n)| *room >= n), "{rooms:?}");
+    }
+}
