@@ -200,7 +200,7 @@ def test_work_grows_as_e_approaches_one():
 
 def test_the_skipped_arcs():
     (v6, v10, x6, x10) = re.findall(
-        r"in them is (\S+) m/s .* but (\S+) for 1e-10\n?\s?\(of `x`, (\S+) and (\S+) m\)", PAGE
+        r"in them is\s(\S+) m/s .*, (\S+) for 1e-10 \(of `x`, (\S+) and (\S+) m\)", PAGE
     )[0]
     arcs, _ = dragged_arcs(0.6)
     for rtol, error_x, error_v in [(1e-6, x6, v6), (1e-10, x10, v10)]:

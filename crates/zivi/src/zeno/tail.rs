@@ -21,6 +21,9 @@ use super::bounce::Bounce;
 use super::fit::{fit, fit_ahead, rounding, series, stride, PARTS, TERMS};
 use crate::{Impact, PathPoint};
 
+/// An acceleration that differs by no more, in roundings of the times of its arc, is the cubic's.
+const ROUNDINGS: f64 = 16.0;
+
 /// What rounding may do to positions, relative to the height of the first arc, before terms must
 /// show that they are more than that.
 const SEEN: f64 = 1e-12;
@@ -102,6 +105,7 @@ impl Tail {
             return Ok(());
         };
         let mut values = [[0.0; TERMS]; 2];
+        let mut uniform = true;
         let [starts, ends] = &mut values;
         for (i, (first, last)) in starts.iter_mut().zip(ends).enumerate().take(terms) {
             let Some(arc) = self.arc((terms - 1 - i) * stride) else { return Ok(()) };
@@ -111,6 +115,13 @@ impl Tail {
             if !(arc.allows(*first) && arc.allows(*last)) {
                 return Ok(());
             }
+            // what rounding of its times makes of the cubic's accelerations
+            let times = arc.start.abs().max(arc.end.abs()) / (arc.end - arc.start);
+            let rounding = ROUNDINGS * f64::EPSILON * (1.0 + times);
+            uniform &= first.abs() <= rounding * a.abs() && last.abs() <= rounding * b.abs();
+        }
+        if uniform {
+            return Ok(());
         }
         let bends = values.map(|values| fit_ahead(self.e, stride, terms, values));
         if bends.iter().flatten().all(|term| term.is_finite()) {
