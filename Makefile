@@ -97,7 +97,7 @@ INSTALL = PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install --quiet \
 
 $(VENV)/.figures: $(VENV)/.packages $(SOURCES)
 	@sh tools/check-tools.sh '$(PYTHON)'
-	$(INSTALL) '.[cli]'
+	$(INSTALL) '.[cli,xarray]'
 	@touch $@
 
 $(READY): $(VENV)/.packages $(SOURCES)
