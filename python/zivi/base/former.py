@@ -51,6 +51,6 @@ FORMER = {
 
 
 def hand_on(names: Mapping[str, str] = FORMER) -> None:
-    """Let modules be found under their former names, without being attributes of the package."""
+    """Let `import` and pickles find modules under their former names."""
     for former, name in names.items():
         sys.modules[f"zivi.{former}"] = importlib.import_module(f"zivi.{name}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +22,6 @@ from zivi.simulation.misplaced import check_method
 from zivi.simulation.run import DEFAULT_METHOD, pair, times_within
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["Batch", "simulate_batch"]
 

@@ -44,6 +44,23 @@ impl Followed {
     }
 }
 
+/// A given reference at one sample: its state, and the side of the wall on which it is followed,
+/// which changes with each of its impacts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Waypoint {
+    /// Distance from the wall, `>= 0` (m), and velocity (m/s).
+    pub state: Physical,
+    /// The side.
+    pub branch: Branch,
+}
+
+impl From<Physical> for Waypoint {
+    /// On the side `+1`.
+    fn from(state: Physical) -> Self {
+        Self { state, branch: Branch::Positive }
+    }
+}
+
 /// Where the reference of a tick comes from: it is the tracker's own, under this force, or it is given
 /// at this sample and at the next one, with its acceleration if that is known.
 pub(super) enum Guide<'a> {
@@ -126,21 +143,4 @@ fn pulled(found: &StepSolution, restitution: Restitution, force_ref: f64) -> f64
 fn too_large(force_ref: f64) -> SettingError {
     let range = "small enough for the reference to stay finite (m/s^2)";
     SettingError { name: "force_ref", value: force_ref, range }
-}
-
-/// A given reference at one sample: its state, and the side of the wall on which it is followed,
-/// which changes with each of its impacts.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Waypoint {
-    /// Distance from the wall, `>= 0` (m), and velocity (m/s).
-    pub state: Physical,
-    /// The side.
-    pub branch: Branch,
-}
-
-impl From<Physical> for Waypoint {
-    /// On the side `+1`.
-    fn from(state: Physical) -> Self {
-        Self { state, branch: Branch::Positive }
-    }
 }

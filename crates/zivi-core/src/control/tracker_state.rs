@@ -4,6 +4,18 @@ use super::followed::Followed;
 use super::{Gains, Landing, Port, TickStatus};
 use crate::{Lifted, Restitution};
 
+/// Which of its two preimages the measured state is lifted to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Approach {
+    /// The plant and the reference to `s >= 0`, every period (the paper).
+    #[default]
+    Positive,
+    /// The plant to the image `sigma (s, v)` that is nearer to `(s_r, v_r)`, which itself evolves
+    /// continuously, by the energy of the error `mu1 |e_s| + e_v^2/2`: the same in all units. Of two
+    /// at equal distance the one on the side of the reference.
+    Nearest,
+}
+
 /// Everything that a tracker is made of, for one that is stored as plain numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerSettings {
@@ -67,16 +79,4 @@ impl TrackerState {
     pub(super) fn followed(&self) -> Followed {
         Followed { z: self.reference, side: self.side }
     }
-}
-
-/// Which of its two preimages the measured state is lifted to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Approach {
-    /// The plant and the reference to `s >= 0`, every period (the paper).
-    #[default]
-    Positive,
-    /// The plant to the image `sigma (s, v)` that is nearer to `(s_r, v_r)`, which itself evolves
-    /// continuously, by the energy of the error `mu1 |e_s| + e_v^2/2`: the same in all units. Of two
-    /// at equal distance the one on the side of the reference.
-    Nearest,
 }

@@ -21,14 +21,18 @@ use super::bounce::Bounce;
 use super::fit::{fit, fit_ahead, rounding, series, stride, PARTS, TERMS};
 use crate::{Impact, PathPoint};
 
-/// An acceleration that differs by no more, in roundings of the times of its arc, is the cubic's.
-const ROUNDINGS: f64 = 16.0;
-
 /// What rounding may do to positions, relative to the height of the first arc, before terms must
 /// show that they are more than that.
 const SEEN: f64 = 1e-12;
 /// How many times more.
 const TOLD: f64 = 4.0;
+/// The arcs at which the force is evaluated for equation (2) lie so far apart that the speed falls by this
+/// factor, if not by `e` from one to the next.
+const APART: f64 = 0.6;
+/// So many arcs.
+const ASKED: usize = 2;
+/// An acceleration that differs by no more, in roundings of the times of its arc, is the cubic's.
+const ROUNDINGS: f64 = 16.0;
 
 /// The arcs between the last computed impact and the Zeno point.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,12 +48,6 @@ pub struct Tail {
     /// Of equation (2), at the start and at the end of an arc.
     pub(super) bends: [[f64; TERMS]; 2],
 }
-
-/// The arcs at which the force is asked for equation (2) lie so far apart that the speed falls by this
-/// factor, if not by `e` from one to the next.
-const APART: f64 = 0.6;
-/// So many arcs.
-const ASKED: usize = 2;
 
 impl Tail {
     /// The tail of a chain of at least one impact that comes to rest at `zeno`.

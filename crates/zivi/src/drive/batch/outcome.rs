@@ -1,9 +1,42 @@
 //! What is saved of one run of a batch.
 
+use zivi_core::Physical;
+
 use crate::record::columns::{Columns, Quantity};
 use crate::{Events, Grid, Impact, SetupError, Status, Summary};
 
-use zivi_core::Physical;
+/// What is saved of each run.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Save<'a> {
+    /// The last state, counts of events, rest time.
+    #[default]
+    Final,
+    /// The same, and the largest position and speed of all samples.
+    Statistics,
+    /// The same as [`Save::Final`], and every event.
+    Events,
+    /// The same as [`Save::Final`], and whether the run passed a grazing that its tolerances
+    /// decided (the switched method only).
+    Grazing,
+    /// The same as [`Save::Final`], and the first and every so many samples after it (at least 1).
+    Every(usize),
+    /// The same as [`Save::Final`], and the states at these times, increasing and within the span
+    /// (the switched method only).
+    At(&'a [f64]),
+    /// The same as [`Save::Final`], and the samples of these steps, increasing numbers, with `s`
+    /// and `v` (methods of fixed steps only).
+    Steps(&'a [usize]),
+}
+
+impl Save<'_> {
+    /// Samples from one that is saved to the next, 0 if none is.
+    pub(super) fn every(self) -> usize {
+        match self {
+            Save::Every(every) => every,
+            _ => 0,
+        }
+    }
+}
 
 /// Sampled positions and velocities of one run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -138,39 +171,6 @@ impl Outcome {
             grazing: false,
             events: (save == Save::Events).then_some(events),
             saved,
-        }
-    }
-}
-
-/// What is saved of each run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Save<'a> {
-    /// The last state, counts of events, rest time.
-    #[default]
-    Final,
-    /// The same, and the largest position and speed of all samples.
-    Statistics,
-    /// The same as [`Save::Final`], and every event.
-    Events,
-    /// The same as [`Save::Final`], and whether the run passed a grazing that its tolerances
-    /// decided (the switched method only).
-    Grazing,
-    /// The same as [`Save::Final`], and the first and every so many samples after it (at least 1).
-    Every(usize),
-    /// The same as [`Save::Final`], and the states at these times, increasing and within the span
-    /// (the switched method only).
-    At(&'a [f64]),
-    /// The same as [`Save::Final`], and the samples of these steps, increasing numbers, with `s`
-    /// and `v` (methods of fixed steps only).
-    Steps(&'a [usize]),
-}
-
-impl Save<'_> {
-    /// Samples from one that is saved to the next, 0 if none is.
-    pub(super) fn every(self) -> usize {
-        match self {
-            Save::Every(every) => every,
-            _ => 0,
         }
     }
 }
