@@ -491,3 +491,17 @@ def test_nor_is_one_in_long_periods_of_a_closed_loop():
         zivi.ImpactSystem(-G, e=0.5), regulator, (0, 33), (0, 0), events=waves
     )
     assert run.t_events[0] == pytest.approx(TENS, abs=1e-12)
+
+
+def test_the_decorator_gives_what_is_set_by_hand():
+    @zivi.event(terminal=2, direction=-1)
+    def apex(t, x, xdot):
+        return xdot
+
+    assert (apex.terminal, apex.direction) == (2, -1)
+    assert times_of(apex) == times_of(velocity(terminal=2, direction=-1))
+    assert zivi.event()(lambda t, x, xdot: x).terminal is False
+    with pytest.raises(ValueError, match="terminal must be a bool or a count .* got -1"):
+        zivi.event(terminal=-1)
+    with pytest.raises(ValueError, match="direction must be a number, got nan"):
+        zivi.event(direction=math.nan)

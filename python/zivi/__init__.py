@@ -65,7 +65,7 @@ from zivi.orbits import (
     periodic_orbit,
 )
 from zivi.simulation.batch import Batch, simulate_batch
-from zivi.simulation.events import Level
+from zivi.simulation.events import Level, event
 from zivi.simulation.mechanical_batch import MechanicalBatch
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
@@ -162,6 +162,7 @@ __all__ = [
     "continue_orbit",
     "design_regulator",
     "design_tracker",
+    "event",
     "export_fmu",
     "grid",
     "impact_map",

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import math
 import numbers
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "finite", "real", "real_array", "switch", "whole"]
+__all__ = ["Array", "MaybeNone", "finite", "real", "real_array", "switch", "whole"]
 
 Array = NDArray[np.float64]
+MaybeNone: TypeAlias = Any
+"""None in a case that a caller often knows to be excluded.
+
+``float | MaybeNone`` may be compared with None and, unlike ``float | None``, be used without that.
+"""
 
 
 def real(name: str, value: object) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi import _zivi
-from zivi.base.check import Array
+from zivi.base.check import Array, MaybeNone
 from zivi.base.extras import needed
 from zivi.base.plain import text_of
 from zivi.simulation.batch_result import Runs
@@ -92,12 +92,12 @@ class ClosedLoopBatch(Runs):
     n_impacts: NDArray[np.uint64]
     n_refused: NDArray[np.uint64]
     status: NDArray[np.uint8]
-    sample_x: Array | None
-    sample_x_ref: Array | None
-    sample_u: Array | None
+    sample_x: Array | MaybeNone
+    sample_x_ref: Array | MaybeNone
+    sample_u: Array | MaybeNone
     config: dict[str, Any]
-    sample_t: Array | None = None
-    sample_xdot: Array | None = None
+    sample_t: Array | MaybeNone = None
+    sample_xdot: Array | MaybeNone = None
 
     _called = "loops"
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
-from zivi.base.check import Array, real_array
+from zivi.base.check import Array, MaybeNone, real_array
 from zivi.base.extras import late, needed
 from zivi.base.plain import text_of
 from zivi.base.status import Status
@@ -99,7 +99,7 @@ class ClosedLoop:
     impacts: np.ndarray
     zeno_times: Array
     liftoff_times: Array
-    rest_time: float | None
+    rest_time: float | MaybeNone
     status: Status
     message: str
     nfev: int
@@ -107,9 +107,9 @@ class ClosedLoop:
     n_refused: int = 0
     t_events: list[Array] = dataclasses.field(default_factory=list)
     y_events: list[Array] = dataclasses.field(default_factory=list)
-    x_est: Array | None = None
-    xdot_est: Array | None = None
-    d_est: Array | None = None
+    x_est: Array | MaybeNone = None
+    xdot_est: Array | MaybeNone = None
+    d_est: Array | MaybeNone = None
     _path: Path | None = None
     _reference: Reference | None = None
     _span: tuple[float, float] | None = None

@@ -70,6 +70,7 @@ class MechanicalSensitivity(Sensitivity):
         coupled gaps at once. Where the contacts determine the state the columns are known again.
     """
 
+    trajectory: MechanicalTrajectory  # type: ignore[assignment]
     lost_at: float | None = None
 
     @functools.cached_property
@@ -224,7 +225,7 @@ class _Problem:
             status = OrbitStatus.NOT_DIFFERENTIABLE
         final = np.stack([record.q.reshape(k, n).T, record.qdot.reshape(k, n).T])
         return MechanicalSensitivity(
-            trajectory=sol,  # type: ignore[arg-type]
+            trajectory=sol,
             wrt=tuple(column.name for column in self.columns),
             final=final,
             impacts=impacts,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi.base.check import Array, finite
+from zivi.base.check import Array, MaybeNone, finite
 from zivi.base.extras import needed
 from zivi.derivatives.sensitivity import OrbitStatus, sensitivity
 from zivi.orbits.sequence import Frame, equations
@@ -80,8 +80,8 @@ class PeriodicOrbit:
     message: str
     _frame: Frame
     _y: Array
-    zeno_time: float | None = None
-    liftoff_time: float | None = None
+    zeno_time: float | MaybeNone = None
+    liftoff_time: float | MaybeNone = None
     _away: Array | None = None
     """Where the orbit lies beside the event that it came from."""
 
@@ -99,7 +99,7 @@ class PeriodicOrbit:
         return bool(np.all(np.abs(own) < 1.0))
 
     @property
-    def margin(self) -> float | None:
+    def margin(self) -> float | MaybeNone:
         """How long a resting orbit rests before it lifts off again (s)."""
         if self.zeno_time is None or self.liftoff_time is None:
             return None

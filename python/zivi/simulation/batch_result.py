@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi import _zivi
-from zivi.base.check import Array
+from zivi.base.check import Array, MaybeNone
 from zivi.base.extras import needed
 from zivi.base.plain import text_of
 from zivi.base.status import Status
@@ -115,13 +115,13 @@ class Batch(Runs):
     n_liftoffs: NDArray[np.uint64]
     status: NDArray[np.uint8]
     nfev: NDArray[np.uint64]
-    x_max: Array | None
-    speed_max: Array | None
-    grazing: NDArray[np.bool_] | None
-    events: list[dict[str, Any]] | None
-    sample_t: Array | None
-    sample_x: Array | None
-    sample_xdot: Array | None
+    x_max: Array | MaybeNone
+    speed_max: Array | MaybeNone
+    grazing: NDArray[np.bool_] | MaybeNone
+    events: list[dict[str, Any]] | MaybeNone
+    sample_t: Array | MaybeNone
+    sample_x: Array | MaybeNone
+    sample_xdot: Array | MaybeNone
     config: dict[str, Any]
 
     def to_xarray(self) -> xarray.Dataset:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numbers
-from collections.abc import Iterable
-from typing import Any, cast
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from zivi import _zivi
 from zivi.base.check import finite
 from zivi.base.functions import of_three
 
-__all__ = ["Level", "events_of"]
+__all__ = ["Level", "event", "events_of"]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class Level:
@@ -65,6 +67,52 @@ class Level:
     def __repr__(self) -> str:
         name, value = ("xdot", self.xdot) if self.x is None else ("x", self.x)
         return f"Level({name}={value}, terminal={self.terminal}, direction={self.direction})"
+
+
+def event(*, terminal: bool | int = False, direction: float = 0) -> Callable[[Function], Function]:
+    """Give a function of an event SciPy's attributes ``terminal`` and ``direction``.
+
+    A decorator: type checkers object to attributes that are set from outside.
+
+    Parameters
+    ----------
+    terminal : bool or int
+        Whether the run ends at the event, or at which.
+    direction : float
+        1 only rising, -1 only falling, 0 both.
+
+    Returns
+    -------
+    callable
+        Of a function, which it returns with the attributes set.
+
+    Raises
+    ------
+    ValueError
+        If `terminal` is neither a bool nor a count, or `direction` no number.
+
+    Examples
+    --------
+    >>> @zivi.event(terminal=True, direction=-1)
+    ... def half_way(t, x, xdot):
+    ...     return x - 0.5
+    >>> sol = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 2), (1, 0), events=half_way)
+    >>> round(float(sol.t[-1]), 6)
+    0.319275
+    """
+    if not is_count(terminal):
+        raise ValueError(
+            f"terminal must be a bool or a count from 0 to 2**63 - 1, got {terminal!r}"
+        )
+    if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
+        raise ValueError(f"direction must be a number, got {direction!r}")
+
+    def given(function: Function) -> Function:
+        thing: Any = function
+        thing.terminal, thing.direction = terminal, direction
+        return function
+
+    return given
 
 
 def events_of(events: Any) -> list[_zivi.Event]:

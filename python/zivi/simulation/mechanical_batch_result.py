@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi import _zivi
-from zivi.base.check import Array
+from zivi.base.check import Array, MaybeNone
 from zivi.base.extras import needed
 from zivi.base.status import Status
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
@@ -82,12 +82,12 @@ class MechanicalBatch:
     n_flags: NDArray[np.int64]
     status: NDArray[np.uint8]
     nfev: NDArray[np.int64]
-    events: list[dict[str, Any]] | None
-    runs: list[MechanicalTrajectory] | None
+    events: list[dict[str, Any]] | MaybeNone
+    runs: list[MechanicalTrajectory] | MaybeNone
     config: dict[str, Any]
-    sample_t: Array | None = None
-    sample_q: Array | None = None
-    sample_qdot: Array | None = None
+    sample_t: Array | MaybeNone = None
+    sample_q: Array | MaybeNone = None
+    sample_qdot: Array | MaybeNone = None
 
     def __len__(self) -> int:
         return len(self.status)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
-from zivi.base.check import Array, real_array
+from zivi.base.check import Array, MaybeNone, real_array
 from zivi.base.extras import late
 from zivi.base.status import Status
 from zivi.simulation.dense import LostPath, Path
@@ -107,7 +107,7 @@ class Trajectory:
     impacts: NDArray[np.void]
     zeno_times: Array
     liftoff_times: Array
-    rest_time: float | None
+    rest_time: float | MaybeNone
     failed_steps: NDArray[np.int64]
     status: Status
     message: str

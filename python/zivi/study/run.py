@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from zivi.base.check import whole
 from zivi.base.progress import ProgressBar
@@ -34,7 +33,7 @@ GIVEN = ("seed", "rng")
 
 def sweep(
     function: Callable[..., Any] | str,
-    points: Design | Mapping[str, ArrayLike] | Sequence[Mapping[str, Any]],
+    points: Design | Mapping[str, Any] | Sequence[Mapping[str, Any]],
     *,
     out: str | PathLike[str] | None = None,
     executor: Any = None,

@@ -1,0 +1,110 @@
+"""Code of the README and of the documentation as mypy and pyright see it.
+
+A page is a module: its blocks one after the other, at their lines, with nothing before them. A user
+annotates nothing, everything else is as strict as the package.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(?:\{code-cell\} )?python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+# what mypy --strict asks of definitions and of calls of what is not annotated
+OF_USERS = (
+    *("disallow_untyped_calls", "disallow_untyped_defs", "disallow_incomplete_defs"),
+    "disallow_untyped_decorators",
+)
+
+WRONG = """\
+import zivi
+
+ball = zivi.ImpactSystem(-9.81, restitution=0.5)
+sol = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 4), (1, 0))
+sol.rest_times
+"""
+"""A page with mistakes in the lines 3 and 5."""
+
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("page types")]
+
+
+def module(text: str) -> str:
+    """Code of a page at its lines; empty without any."""
+    lines = [""] * text.count("\n")
+    for block in BLOCK.finditer(text):
+        first = text.count("\n", 0, block.start(1))
+        code = block[1].splitlines()
+        lines[first : first + len(code)] = code
+    return "\n".join(lines).rstrip() + "\n" if any(lines) else ""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Folder with a package `pages`."""
+    made = tmp_path_factory.mktemp("typed") / "pages"
+    made.mkdir()
+    (made / "__init__.py").touch()
+    for page in PAGES:
+        if code := module(page.read_text()):
+            (made / f"{page.stem.lower()}.py").write_text(code)
+    assert len(list(made.iterdir())) >= 20
+    (made / "wrong.py").write_text(WRONG)
+    return made.parent
+
+
+def mypy(folder):
+    """What mypy says, with the settings and the cache of `make lint`."""
+    package = (ROOT / "pyproject.toml").read_text()
+    package = package[package.index("[tool.mypy]") : package.index("[tool.pytest")]
+    users = ["[[tool.mypy.overrides]]", 'module = "pages.*"', *(f"{it} = false" for it in OF_USERS)]
+    (folder / "mypy.toml").write_text("\n".join([package, *users]))
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--config-file", folder / "mypy.toml", "-p", "pages"],
+        cwd=ROOT,
+        env=os.environ | {"MYPYPATH": f"{folder}{os.pathsep}{ROOT / 'python'}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode in (0, 1), done.stderr
+    lines = [line for line in done.stdout.splitlines() if ": error: " in line]
+    return [line.partition(f"pages{os.sep}")[2] for line in lines]
+
+
+def pyright(folder):
+    """What pyright says, as it comes."""
+    (folder / "pyrightconfig.json").write_text(json.dumps({"extraPaths": [str(ROOT / "python")]}))
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", sys.executable),
+            *("--project", folder),
+        ],
+        env=os.environ | {"PYRIGHT_PYTHON_IGNORE_WARNINGS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    said = json.loads(done.stdout)
+    assert said["summary"]["filesAnalyzed"] >= len(list(folder.rglob("*.py")))
+    return [
+        f"{Path(it['file']).name}:{it['range']['start']['line'] + 1}: {it['message']}"
+        for it in said["generalDiagnostics"]
+        if it["severity"] == "error"
+    ]
+
+
+@pytest.mark.parametrize("checker", [mypy, pyright], ids=["mypy", "pyright"])
+def test_a_type_checker_finds_the_mistakes_and_nothing_on_a_page(folder, checker):
+    if find_spec(checker.__name__) is None:
+        pytest.skip(f"{checker.__name__} is not installed: it comes with the extra lint")
+    said = checker(folder)
+    mistakes = [line for line in said if line.startswith("wrong.py:")]
+    assert {int(line.split(":")[1]) for line in mistakes} == {3, 5}
+    assert not (rest := [line for line in said if line not in mistakes]), "\n".join(rest)
