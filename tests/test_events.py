@@ -501,7 +501,7 @@ def test_the_decorator_gives_what_is_set_by_hand():
     assert (apex.terminal, apex.direction) == (2, -1)
     assert times_of(apex) == times_of(velocity(terminal=2, direction=-1))
     assert zivi.event()(lambda t, x, xdot: x).terminal is False
-    with pytest.raises(ValueError, match="terminal must be a bool or a count .* got -1"):
+    with pytest.raises(ValueError, match=r"terminal must be a bool or a count .* got -1"):
         zivi.event(terminal=-1)
     with pytest.raises(ValueError, match="direction must be a number, got nan"):
         zivi.event(direction=math.nan)
