@@ -42,6 +42,9 @@ class Foreign:
     def step(self, x, xdot, force, force_ref):
         return self.inner.step(x, xdot, force, force_ref)
 
+    def step_to(self, *tick):
+        return self.inner.step_to(*tick)
+
 
 class ForeignRegulator:
     def __init__(self, inner):

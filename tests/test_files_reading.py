@@ -175,6 +175,10 @@ CONTROLLERS = 'one of "TwistingRegulator", "TwistingTracker", "ExplicitTwisting"
             f"controller.name must be {CONTROLLERS}, got 'TwistingTraker'; "
             "did you mean 'TwistingTracker'?",
         ]),
+        ('"TwistingTracker"', '"Mine"', [
+            f"controller.name must be {CONTROLLERS}, got 'Mine'; "
+            "a file has no code: a controller of your own is for zivi.simulate_closed_loop",
+        ]),
         ('name = "TwistingTracker"', "", [
             f"controller.name is missing: it must be {CONTROLLERS}",
         ]),

@@ -520,3 +520,13 @@ def test_a_controller_of_the_user_is_refused_with_the_reason(tmp_path):
     tracker = zivi.TwistingTracker(30, 17, h=1e-3, e=0.5)
     with pytest.raises(TypeError, match=r"runs without Python.*got a controller, TwistingTracker"):
         zivi.export_fmu(tmp_path, tracker)
+
+    class Mine:
+        h = 1e-3
+
+        def step(self, x, xdot, force):
+            return -force
+
+    for given in (Mine, Mine()):
+        with pytest.raises(TypeError, match=r"runs without Python.*got a controller, Mine$"):
+            zivi.export_fmu(tmp_path, given)

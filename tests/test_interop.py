@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import zivi
+from control_loops import Foreign
 from zivi.interop import controller_block, force_block, impact_plant, state_vector
 
 pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
@@ -270,9 +271,78 @@ def test_a_controller_of_the_user_is_a_block():
         np.testing.assert_array_equal(found.outputs[2][:-1], expected.u[:-1])
     assert own.ticks == 0
 
-    class Timed(Own):
-        def step(self, x, xdot, force, t):
+    class Greedy(Own):
+        def step(self, x, xdot, force, mass, area):
             return 0.0
 
-    with pytest.raises(TypeError, match="that of Timed takes more"):
-        controller_block(Timed())
+    with pytest.raises(TypeError, match="that of Greedy takes"):
+        controller_block(Greedy())
+
+
+class Leading:
+    """A PD controller whose reference swings on its own, under a force that it adds up."""
+
+    h, x_ref, xdot_ref = H, 0.5, 0.0
+
+    def step(self, x, xdot, force, force_ref, t):
+        u = 400.0 * (self.x_ref - x) - 30.0 * (xdot - self.xdot_ref) - force
+        self.x_ref, self.xdot_ref = 0.5 + 0.1 * np.sin(3 * (t + H)), 0.3 * np.cos(3 * (t + H))
+        return u + 0.01 * force_ref
+
+
+@with_control
+@pytest.mark.parametrize("kind", [Foreign, Leading])
+def test_a_controller_of_the_user_with_a_reference_is_a_block(kind):
+    """A tracker of ours behind an interface of its own, and one that is told the time."""
+    import control
+
+    made = (lambda: Foreign(tracker())) if kind is Foreign else Leading
+    plant = zivi.ImpactSystem(GRAVITY, kappa=0.5)
+    blocks = [
+        impact_plant(plant, H),
+        controller_block(made()),
+        force_block(GRAVITY, H),
+        force_block(
+            lambda t, x, xdot: -19.81 + np.cos(x),
+            H,
+            inputs=("x_ref", "xdot_ref"),
+            output="force_ref",
+        ),
+    ]
+    outputs = ["x", "xdot", "u", "x_ref", "xdot_ref"]
+    loop = control.interconnect(blocks, inputs=[], outputs=outputs)
+    t = np.arange(1001) * H
+    found = control.input_output_response(loop, t, 0, X0=[6, 5])
+    run = zivi.simulate_closed_loop(
+        plant, made(), (0, 1), (6, 5), force_ref=lambda t, x, xdot: -19.81 + np.cos(x)
+    )
+    for name, values in zip(outputs, found.outputs, strict=True):
+        np.testing.assert_array_equal(values[:-1], getattr(run, name)[:-1], err_msg=name)
+    assert len(run.impacts) > 0 or kind is Leading
+
+
+@with_control
+def test_a_controller_of_the_user_takes_its_reference_from_a_signal():
+    import control
+
+    class Follows:
+        h = H
+
+        def step(self, x, xdot, force, xdot_ref, x_ref):
+            return -force + 100 * (x_ref - x) + 20 * (xdot_ref - xdot)
+
+    block = controller_block(Follows())
+    assert block.input_labels == ["x", "xdot", "force", "x_ref", "xdot_ref"]
+    assert block.output_labels == ["u"]
+    plant = zivi.ImpactSystem(GRAVITY, kappa=0.5)
+    loop = control.interconnect(
+        [impact_plant(plant, H), block, force_block(GRAVITY, H)],
+        inputs=["x_ref", "xdot_ref"],
+        outputs=["x", "xdot", "u"],
+    )
+    t = np.arange(2001) * H
+    reference = np.array([0.5 + 0.2 * np.sin(2 * t), 0.4 * np.cos(2 * t)])
+    found = control.input_output_response(loop, t, reference, X0=[1, 0])
+    run = zivi.simulate_closed_loop(plant, Follows(), (0, 2), (1, 0), reference=reference)
+    np.testing.assert_array_equal(found.outputs[0], run.x)
+    np.testing.assert_array_equal(found.outputs[2][:-1], run.u[:-1])

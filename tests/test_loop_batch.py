@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import zivi
+from control_loops import Foreign
 
 pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
 
@@ -320,6 +321,38 @@ def test_a_controller_of_the_user_that_follows_a_reference_of_its_own():
     )
     for i, start in enumerate((REFERENCE, (2, 1))):
         same(batch, i, alone(tracker(), y_ref0=start))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        PAPER | {"delay": 1, "quantization": (1e-5, 1e-3)},
+        PAPER | {"noise": (1e-4, 1e-2), "seed": [5, 6]},
+        PAPER
+        | {
+            "noise": (1e-4, 1e-2),
+            "seed": 3,
+            "observer": zivi.ImpactObserver(1 / 3, 1e-3, noise=(1e-4, 1e-2)),
+        },
+        {"reference": zivi.simulate(zivi.ImpactSystem(-19.81, kappa=0.5), (0, 2), (3, 3))},
+        {"reference": lambda t: (1 + 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t))},
+        PAPER | {"save": 100},
+        PAPER | {"t_eval": np.linspace(0, 2, 31)},
+    ],
+    ids=["late", "noisy", "observed", "run", "function", "saved", "times"],
+)
+def test_the_tracker_behind_an_interface_of_the_users_is_the_tracker(settings):
+    starts = [START, (3, 1)]
+    ours, theirs = (
+        zivi.simulate_closed_loop_batch(PLANT, controller, SPAN, starts, **settings)
+        for controller in (tracker(), Foreign(tracker()))
+    )
+    for field in dataclasses.fields(ours):
+        if field.name != "config":
+            first, second = (getattr(batch, field.name) for batch in (ours, theirs))
+            np.testing.assert_array_equal(first, second, err_msg=field.name)
+    assert theirs.to_xarray().sizes == ours.to_xarray().sizes
+    assert theirs.config["controllers"] == [{"name": "Foreign"}]
 
 
 def test_what_a_batch_of_single_loops_refuses():

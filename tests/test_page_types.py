@@ -29,8 +29,55 @@ import zivi
 ball = zivi.ImpactSystem(-9.81, restitution=0.5)
 sol = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 4), (1, 0))
 sol.rest_times
+
+
+class NoController:
+    h = 1e-3
+
+
+zivi.simulate_closed_loop(ball, NoController(), (0, 1), (1, 0))
 """
-"""A page with mistakes in the lines 3 and 5."""
+"""A page with mistakes in the lines 3, 5 and 12."""
+
+CONTROLLER = """\
+from dataclasses import dataclass
+
+import numpy as np
+
+import zivi
+from zivi.interop import controller_block
+
+
+@dataclass
+class PD:
+    gain: float
+    h: float = 1e-3
+    x_ref: float = 0.5
+
+    def step(self, x: float, xdot: float, force: float) -> float:
+        return self.gain * (self.x_ref - x) - 20.0 * xdot - force
+
+
+class Advised:
+    h = 1e-3
+
+    def step(self, x: float, xdot: float, force: float, x_ref: float, t: float) -> np.float64:
+        return np.float64(100.0 * (x_ref - x) - 20.0 * xdot - force + 0.0 * t)
+
+
+plant = zivi.ImpactSystem(-9.81, e=0.5)
+run = zivi.simulate_closed_loop(plant, PD(100.0), (0, 1), (1, 0))
+run = zivi.simulate_closed_loop(plant, Advised(), (0, 1), (1, 0), reference=lambda t: (0.5, 0.0))
+zivi.simulate_closed_loop_batch(plant, [PD(100.0), PD(200.0)], (0, 1), [(1, 0), (2, 0)], seed=1)
+zivi.simulate_closed_loop_batch(
+    plant, [PD(100.0), zivi.TwistingRegulator(30, 17, h=1e-3)], (0, 1), (1, 0)
+)
+controller_block(PD(100.0))
+observer = zivi.ImpactObserver(0.5, 1e-3, noise=(1e-4, 1e-2))
+late = zivi.simulate_closed_loop(plant, PD(100.0), (0, 1), (1, 0), observer=observer, delay=1)
+print(late.rest_time + run.u[-1] + late.d_est[-1])
+"""
+"""A controller of the user's wherever one of zivi's is taken."""
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("page types")]
 
@@ -56,6 +103,7 @@ def folder(tmp_path_factory):
             (made / f"{page.stem.lower()}.py").write_text(code)
     assert len(list(made.iterdir())) >= 20
     (made / "wrong.py").write_text(WRONG)
+    (made / "controller.py").write_text(CONTROLLER)
     return made.parent
 
 
@@ -106,5 +154,5 @@ def test_a_type_checker_finds_the_mistakes_and_nothing_on_a_page(folder, checker
         pytest.skip(f"{checker.__name__} is not installed: it comes with the extra lint")
     said = checker(folder)
     mistakes = [line for line in said if line.startswith("wrong.py:")]
-    assert {int(line.split(":")[1]) for line in mistakes} == {3, 5}
+    assert {int(line.split(":")[1]) for line in mistakes} == {3, 5, 12}
     assert not (rest := [line for line in said if line not in mistakes]), "\n".join(rest)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from zivi.simulation.trajectory import Trajectory
 __all__ = [
     "GivenReference",
     "Reference",
+    "asked_of",
     "check_reference",
     "describe_reference",
     "given",
@@ -52,22 +53,32 @@ def check_reference(controller: Any, reference: Any, **others: Any) -> None:
         )
 
 
+def asked_of(controller: Any) -> list[str]:
+    """Name what the step of a controller of the user asks of a reference that it is given."""
+    try:
+        parameters = inspect.signature(controller.step).parameters
+    except (TypeError, ValueError):  # a builtin that does not tell
+        return []
+    return [name for name in ("x_ref", "xdot_ref") if name in parameters]
+
+
 class Told:
     """A controller of the user without ``step_to``: its step is told the reference by name."""
+
+    takes: ClassVar[dict[str, bool]] = {}
+    """Of what `interface_of` finds, nothing beside the sample."""
 
     def __init__(self, controller: Any) -> None:
         self.controller, self.h = controller, controller.h
         for name in ("e", "kappa_ref"):
             if hasattr(controller, name):
                 setattr(self, name, getattr(controller, name))
+        self._names = asked_of(controller)
         try:
             signature = inspect.signature(controller.step)
-        except (TypeError, ValueError):  # a builtin that does not tell
-            self._names: list[str] = []
-            return
-        self._names = [name for name in ("x_ref", "xdot_ref") if name in signature.parameters]
-        try:
             signature.bind(0.0, 0.0, 0.0, **dict.fromkeys(self._names, 0.0))
+        except ValueError:  # a builtin that does not tell
+            return
         except TypeError:
             raise TypeError(
                 "with reference= the step of a controller takes (x, xdot, force), x_ref and "

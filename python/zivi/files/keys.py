@@ -155,13 +155,14 @@ CONTROLLERS = {
     ),
     "ExplicitTwisting": (*TWISTING, *REFERENCE),
 }
+IN_PYTHON = "a file has no code: a controller of your own is for zivi.simulate_closed_loop"
 MEASURED = Pair(NOT_NEGATIVE, NOT_NEGATIVE, ("of x", "of xdot"))
 
 CONTROL = (
     SPAN,
     START,
     SYSTEM,
-    Key("controller", Tagged("name", CONTROLLERS), "the controller"),
+    Key("controller", Tagged("name", CONTROLLERS, others=IN_PYTHON), "the controller"),
     Key("y_ref0", STATE, "initial state of the reference", "m, m/s", "at rest"),
     Key("force_ref", FORCE, "force on the reference", "m/s^2", "force_model"),
     Key("force_model", FORCE, "force that the controller believes in", "m/s^2", "system.force"),

@@ -125,10 +125,13 @@ class Choice:
         The names.
     words : str
         What a page says instead of the names.
+    others : str
+        Where other names belong, for the error.
     """
 
     names: tuple[str | int, ...]
     words: str = ""
+    others: str = ""
 
     @property
     def allowed(self) -> str:
@@ -139,11 +142,11 @@ class Choice:
         """Give the name."""
         if value in self.names and not isinstance(value, bool | float):
             return value
-        text = f"must be {self.allowed}, {got(value)}"
+        meant = f"; {self.others}" if self.others else ""
         if isinstance(value, str):
-            meant, _, _ = suggestion(value, (str(it) for it in self.names)).partition(" allowed:")
-            text += meant.rstrip(";")
-        mistakes.add(key, text)
+            near, _, _ = suggestion(value, (str(it) for it in self.names)).partition(" allowed:")
+            meant = near.rstrip(";") or meant
+        mistakes.add(key, f"must be {self.allowed}, {got(value)}{meant}")
         return None
 
 

@@ -63,6 +63,7 @@ class Tagged:
     tag: str
     variants: Mapping[str, tuple[Key, ...]]
     default: str | None = None
+    others: str = ""
 
     @property
     def allowed(self) -> str:
@@ -74,7 +75,8 @@ class Tagged:
         if not isinstance(value, dict):
             mistakes.add(key, f"must be {self.allowed}, {got(value)}")
             return None
-        where, choice = joined(key, self.tag), Choice(tuple(self.variants))
+        where = joined(key, self.tag)
+        choice = Choice(tuple(self.variants), others=self.others)
         if self.tag not in value and self.default is None:
             mistakes.add(where, f"is missing: it must be {choice.allowed}")
             return None

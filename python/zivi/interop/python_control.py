@@ -19,6 +19,7 @@ from zivi.base.extras import needed
 from zivi.control.closed_loop import Controller, simulate_closed_loop
 from zivi.control.loop_arguments import OURS, interface_of, period_of
 from zivi.control.loop_batch_alone import copied
+from zivi.control.loop_reference import Told, asked_of
 from zivi.control.twisting import TickStatus
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.system.mass import Force, ImpactSystem
@@ -109,8 +110,8 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
     Parameters
     ----------
     controller : Controller
-        One of zivi's, or any with ``h`` and ``step(x, xdot, force)``. It is copied; its `h` is the
-        ``dt`` of the block.
+        One of zivi's, or one of the user as `Controller` describes it. It is copied; its `h` is
+        the ``dt`` of the block.
     name : str
         Name of the block.
 
@@ -121,7 +122,9 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
         ``force_ref``. Outputs ``u`` and, of a tracker, ``x_ref`` and ``xdot_ref``. The last state,
         ``status``, holds the bits of `zivi.TickStatus` of the tick before: where a sample was
         ``REFUSED`` the last control is held and the reference waits. The block of a controller of
-        the user has no states and the output ``u`` alone.
+        the user has no states; it has the input ``force_ref`` and the outputs ``x_ref``,
+        ``xdot_ref`` as far as the controller has them, and the inputs ``x_ref``, ``xdot_ref``
+        where it has no reference and its ``step`` takes them by these names.
 
     Raises
     ------
@@ -169,17 +172,12 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
 
 def _own_block(controller: Any, name: str) -> Any:
     period = _period("controller.h", period_of(controller))
-    if any(interface_of(controller)[it] for it in ("force_ref", "t")):
-        raise TypeError(
-            "controller must have step(x, xdot, force) to be a block, that of "
-            f"{type(controller).__name__} takes more"
-        )
     ticking = _Ticking(controller)
     return _library().nlsys(
         None,
-        lambda t, state, sample, params: np.array([ticking.at(float(t), sample)]),
-        inputs=["x", "xdot", "force"],
-        outputs=["u"],
+        lambda t, state, sample, params: ticking.at(float(t), sample),
+        inputs=[*ticking.given, *ticking.named],
+        outputs=["u", *ticking.reference],
         dt=period,
         name=name,
     )
@@ -189,16 +187,28 @@ class _Ticking:
     """A controller of the user that is asked several times at a sample, and ticks once."""
 
     def __init__(self, controller: Any) -> None:
+        self.named = [] if hasattr(controller, "x_ref") else asked_of(controller)
+        # a step that is told a reference by name takes nothing else beside the sample
+        takes = Told(controller).takes if self.named else interface_of(controller)
+        self.given = ["x", "xdot", "force", *(["force_ref"] if takes.get("force_ref") else [])]
+        self.reference = [it for it in ("x_ref", "xdot_ref") if takes.get(it)]
+        self._timed = takes.get("t", False)
         self._start = copied(controller, 0)
         self._t, self._before, self._after = np.nan, self._start, self._start
 
-    def at(self, t: float, sample: Array) -> float:
+    def at(self, t: float, sample: Array) -> Array:
+        """Give the control, and the reference before the tick."""
         if t != self._t:
             # the last answer at the sample before is the one that counted
             self._before = self._after if t > self._t else self._start
             self._t = t
+        reference = [float(getattr(self._before, name)) for name in self.reference]
         self._after = copied(self._before, 0)
-        return float(self._after.step(*map(float, sample)))
+        values = [float(it) for it in sample]
+        count = len(self.given)
+        by_name = dict(zip(self.named, values[count:], strict=True))
+        by_name |= {"t": t} if self._timed else {}
+        return np.array([float(self._after.step(*values[:count], **by_name)), *reference])
 
 
 def force_block(

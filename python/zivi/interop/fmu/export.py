@@ -101,9 +101,10 @@ def _chosen_models(model: str | Iterable[str] | None) -> list[str]:
     if model is None:
         return list(MODELS)
     if callable(getattr(model, "step", None)):
+        kind = model if isinstance(model, type) else type(model)
         raise TypeError(
             "an FMU runs without Python, so it has zivi's own models only: model must be one of "
-            f"{', '.join(MODELS)}, got a controller, {type(model).__name__}"
+            f"{', '.join(MODELS)}, got a controller, {kind.__name__}"
         )
     if not isinstance(model, str | Iterable):
         raise TypeError(f"model must be a name or several, got {model!r}")
