@@ -54,7 +54,9 @@ autodoc_typehints = "none"
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = True
 numpydoc_xref_ignore = "all"
-numpydoc_xref_aliases = {name: f"zivi.{name}" for name in zivi.__all__ if name[0].isupper()} | {
+numpydoc_xref_aliases = {
+    name: f"zivi.{name}" for name, it in vars(zivi).items() if isinstance(it, type)
+} | {
     "ndarray": "numpy.ndarray",
     "xarray.Dataset": "xarray.Dataset",
     "bool": ":class:`python:bool`",

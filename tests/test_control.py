@@ -7,8 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import zivi
 from control_oracle import EPS, Regulation, Tracking, lifted, projected, reference_solution, sgn

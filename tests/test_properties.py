@@ -1,8 +1,7 @@
 """Laws that hold for every run, on random systems."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import zivi
 

@@ -23,6 +23,9 @@ Analysis
     `sensitivity`, `impact_map`, `periodic_orbit`, `continue_orbit`, `basins`, `sweep`
 Variational inequalities
     `solve_vi`, `solve_avi`, `solve_ncp`, `solve_lcp`, `bimatrix`
+Results
+    What these return: ``zivi.simulation.Trajectory``, ``zivi.control.ClosedLoop``,
+    ``zivi.derivatives.Sensitivity``, ``zivi.orbits.PeriodicOrbit``, ``zivi.vi.VIResult``, ...
 Around them
     ``zivi.plot``, ``zivi.files``, ``zivi.interop``, `export_fmu`, the command ``zivi``
 """
@@ -35,42 +38,46 @@ from zivi import plot
 from zivi._zivi import __version__
 from zivi.base.status import Status, StudyStatus
 from zivi.base.warnings import ModelWarning
-from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
+from zivi.control.closed_loop import ClosedLoop as ClosedLoop, Controller, simulate_closed_loop
 from zivi.control.design import (
-    GainDesign,
+    GainDesign as GainDesign,
     InfeasibleError,
     best_ratio,
     design_regulator,
     design_tracker,
 )
-from zivi.control.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
-from zivi.control.observer import ImpactObserver, Observed
+from zivi.control.loop_batch import ClosedLoopBatch as ClosedLoopBatch, simulate_closed_loop_batch
+from zivi.control.observer import ImpactObserver, Observed as Observed
 from zivi.control.twisting import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
-from zivi.derivatives.impact_map import ImpactMap, ImpactReturn, impact_map
-from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity
-from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity, sensitivity
+from zivi.derivatives.impact_map import (
+    ImpactMap as ImpactMap,
+    ImpactReturn as ImpactReturn,
+    impact_map,
+)
+from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity as MechanicalSensitivity
+from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity as Sensitivity, sensitivity
 from zivi.fmu import export_fmu
 from zivi.orbits import (
-    Attractor,
-    Basins,
-    Branch,
-    BranchEvent,
-    Diagram,
-    Lyapunov,
-    PeriodicOrbit,
+    Attractor as Attractor,
+    Basins as Basins,
+    Branch as Branch,
+    BranchEvent as BranchEvent,
+    Diagram as Diagram,
+    Lyapunov as Lyapunov,
+    PeriodicOrbit as PeriodicOrbit,
     basins,
     bifurcation_diagram,
     continue_orbit,
     lyapunov_exponents,
     periodic_orbit,
 )
-from zivi.simulation.batch import Batch, simulate_batch
+from zivi.simulation.batch import Batch as Batch, simulate_batch
 from zivi.simulation.events import Level, event
-from zivi.simulation.mechanical_batch import MechanicalBatch
-from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.mechanical_batch import MechanicalBatch as MechanicalBatch
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory as MechanicalTrajectory
 from zivi.simulation.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulation.run import simulate
-from zivi.simulation.trajectory import Trajectory
+from zivi.simulation.trajectory import Trajectory as Trajectory
 from zivi.study import Design, Study, grid, open_study, points, sample, sweep
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.mass import ImpactSystem, LinearForce
@@ -79,11 +86,11 @@ from zivi.system.parametric import ParametricForce
 from zivi.system.parametric_mechanism import ParametricSystem
 from zivi.system.transform import lift, project
 from zivi.system.wall import HarmonicWall, MovingWall
-from zivi.vi.complementarity import Equilibrium, bimatrix, solve_lcp, solve_ncp
+from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp
 from zivi.vi.solve import (
     VIOptions,
-    VIProgress,
-    VIResult,
+    VIProgress as VIProgress,
+    VIResult as VIResult,
     VIStatus,
     check_jacobian,
     natural_residual,
@@ -92,66 +99,42 @@ from zivi.vi.solve import (
 )
 
 if TYPE_CHECKING:
-    from zivi import files as files
-    from zivi import interop as interop
-    from zivi import symbolic as symbolic
+    from zivi import files as files, interop as interop, symbolic as symbolic
 
 importlib.import_module("zivi.base.leaving").watch()
 _former = importlib.import_module("zivi.base.former")
 _former.hand_on()
 
 __all__ = [
-    "Attractor",
-    "Basins",
-    "Batch",
-    "Branch",
-    "BranchEvent",
-    "ClosedLoop",
-    "ClosedLoopBatch",
     "Controller",
     "Design",
-    "Diagram",
-    "Equilibrium",
     "ExplicitEuler",
     "ExplicitTwisting",
-    "GainDesign",
     "Gap",
     "HarmonicWall",
-    "ImpactMap",
     "ImpactObserver",
-    "ImpactReturn",
     "ImpactSystem",
     "InfeasibleError",
     "Level",
     "LinearForce",
     "LinearGap",
-    "Lyapunov",
-    "MechanicalBatch",
-    "MechanicalSensitivity",
     "MechanicalSystem",
-    "MechanicalTrajectory",
     "Method",
     "ModelWarning",
     "MoreauJean",
     "MovingWall",
-    "Observed",
     "OrbitStatus",
     "ParametricForce",
     "ParametricSystem",
-    "PeriodicOrbit",
-    "Sensitivity",
     "Status",
     "Study",
     "StudyStatus",
     "SwitchedRK",
     "ThetaGamma",
     "TickStatus",
-    "Trajectory",
     "TwistingRegulator",
     "TwistingTracker",
     "VIOptions",
-    "VIProgress",
-    "VIResult",
     "VIStatus",
     "__version__",
     "basins",
@@ -203,7 +186,7 @@ def __dir__() -> list[str]:
     return sorted({*__all__, *_LAZY})
 
 
-for _name in __all__:
-    if isinstance(_public := globals()[_name], type):
+for _public in list(globals().values()):
+    if isinstance(_public, type) and _public.__module__.startswith("zivi."):
         # where users find it: pickles and stored studies do not name the rooms of this package
         _public.__module__ = __name__

@@ -1,1 +1,15 @@
-"""Derivatives of runs, and the map from one impact to the next."""
+"""Derivatives of runs: sensitivities, the impact map."""
+
+from zivi.derivatives.impact_map import ImpactMap, ImpactReturn, impact_map
+from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity
+from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity, sensitivity
+
+__all__ = [
+    "ImpactMap",
+    "ImpactReturn",
+    "MechanicalSensitivity",
+    "OrbitStatus",
+    "Sensitivity",
+    "impact_map",
+    "sensitivity",
+]

@@ -260,8 +260,7 @@ class _Plan:
     def study(
         self, grid: Array, states: Array, out: Any, executor: Any, progress: bool | None
     ) -> list[Found]:
-        from zivi.study import grid as product
-        from zivi.study import sweep
+        from zivi.study import grid as product, sweep
 
         fixed = {"plan": self, "states": states}
         study = sweep(

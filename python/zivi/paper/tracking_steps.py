@@ -11,9 +11,16 @@ from zivi import _zivi
 from zivi.control.closed_loop import simulate_closed_loop
 from zivi.control.twisting import TwistingTracker
 from zivi.paper import siconos
-from zivi.paper.closed_loops import FORCE as F
-from zivi.paper.closed_loops import FORCE_REF as F_REF
-from zivi.paper.closed_loops import KAPPA, MU1, MU2, START, START_REF, H
+from zivi.paper.closed_loops import (
+    FORCE as F,
+    FORCE_REF as F_REF,
+    KAPPA,
+    MU1,
+    MU2,
+    START,
+    START_REF,
+    H,
+)
 from zivi.paper.steps import Array, Solver, Steps, natural_residual
 from zivi.simulation.methods import ThetaGamma
 from zivi.system.mass import ImpactSystem

@@ -1,18 +1,23 @@
 """Variational inequalities on a box, or mixed complementarity problems."""
 
+from zivi.vi.complementarity import Equilibrium, bimatrix, solve_lcp, solve_ncp
 from zivi.vi.jacobian import JacobianError, check_jacobian
 from zivi.vi.solve import MAX_DENSE, natural_residual, solve_avi, solve_vi
 from zivi.vi.types import VIOptions, VIProgress, VIResult, VIStatus
 
 __all__ = [
     "MAX_DENSE",
+    "Equilibrium",
     "JacobianError",
     "VIOptions",
     "VIProgress",
     "VIResult",
     "VIStatus",
+    "bimatrix",
     "check_jacobian",
     "natural_residual",
     "solve_avi",
+    "solve_lcp",
+    "solve_ncp",
     "solve_vi",
 ]
