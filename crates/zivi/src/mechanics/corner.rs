@@ -13,11 +13,14 @@
 //! is left of the motion is below the tolerance.
 
 use super::corner_log::{landing, pattern, time_of_corner, CornerLog};
-use super::kinetics::Model;
-use super::machine::Machine;
-use super::mode::Ahead;
+use super::descent::{descent, CornerEntry};
+use super::impact::Struck;
+use super::mechanism::{scales, Mechanism};
+use super::piece::Flight;
+use super::state::MechanicalState;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
+use crate::switched::SwitchedRk;
 use crate::system::dynamics::Dynamics;
 use crate::zeno::table::Landing;
 
@@ -25,107 +28,136 @@ use crate::zeno::table::Landing;
 /// tolerances.
 const FLOOR: (f64, f64) = (1e-12, 1e-2);
 
-impl Machine {
+/// A corner ahead: the state there, and the gaps that are closed in it.
+type Corner = (Landing<Vec<f64>>, GapSet);
+
+/// The approach to a corner, known by the last impacts.
+#[derive(Clone, Debug, Default)]
+pub(super) struct CornerApproach {
+    log: CornerLog,
+}
+
+impl CornerApproach {
+    /// What comes next is another one.
+    pub(super) fn clear(&mut self) {
+        self.log.clear();
+    }
+
+    /// Appends an impact, after which the state is that.
+    pub(super) fn note(&mut self, struck: &Struck, state: &MechanicalState) {
+        self.log.note(struck.hit, struck.closed, struck.opened, state.now());
+    }
+
     /// The corner that the last events approach, if it is known to the tolerance.
-    pub(super) fn corner_ahead<E, D: Dynamics<E>>(
-        &mut self,
-        model: &mut Model<'_, D>,
-    ) -> Result<Option<Ahead>, Failure<E>> {
-        let recent = self.gathered.corners.recent();
-        if recent.len() < 2 || !self.lose_energy(recent) {
+    pub(super) fn ahead<E, D: Dynamics<E>>(
+        &self,
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<Option<Corner>, Failure<E>> {
+        let recent = self.log.recent();
+        // impacts on elastic gaps keep the energy
+        let e = at.e;
+        let lose_energy = |gaps: GapSet| gaps.iter().any(|i| e[i] < 1.0);
+        if recent.len() < 2 || !lose_energy(recent) {
             return Ok(None);
         }
-        for of_openings in [false, true] {
-            let marks = if of_openings {
-                &self.gathered.corners.openings
-            } else {
-                &self.gathered.corners.impacts
-            };
-            if marks.last().is_none_or(|last| last.t < self.now.t) {
+        let (t, closed) = (at.state.now().t, at.state.closed());
+        for marks in [&self.log.impacts, &self.log.openings] {
+            if marks.last().is_none_or(|last| last.t < t) {
                 continue;
             }
-            let Some((p, gaps)) = pattern(marks).filter(|&(_, gaps)| self.lose_energy(gaps)) else {
+            let Some((p, gaps)) = pattern(marks).filter(|&(_, gaps)| lose_energy(gaps)) else {
                 continue;
             };
-            let rtol = self.settings.rtol;
-            let since = self.now.t - marks[0].t;
-            let scales = self.scales_with(rtol * since);
+            let since = t - marks[0].t;
+            let scales = scales(at.settings, at.state, at.settings.rtol * since);
             let Some(landing) = landing(marks, p, &scales) else { continue };
-            let set = self.contacts.closed.with(gaps);
-            if landing.t > self.now.t
-                && self.is_clear(&landing, set)
-                && self.stays_closed(&landing, set, GapSet::EMPTY, model)?
+            let set = closed.with(gaps);
+            if landing.t > t
+                && at.is_clear(&landing, set)
+                && at.stays_closed(&landing, set, GapSet::EMPTY)?
             {
-                return Ok(Some(Ahead { landing, corner: Some(set) }));
+                return Ok(Some((landing, set)));
             }
         }
-        self.floor(recent)
-    }
-
-    /// Whether impacts on a set of gaps can accumulate: those on elastic ones keep the energy.
-    fn lose_energy(&self, gaps: GapSet) -> bool {
-        gaps.iter().any(|i| self.e[i] < 1.0)
-    }
-
-    /// A speed below all tolerances.
-    pub(super) fn slow(&self) -> f64 {
-        let w = &self.now.xdot[..self.layout.n];
-        let speed = w.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-        FLOOR.0.max(FLOOR.1 * self.settings.rtol) * (1.0 + speed)
+        self.here(at.settings, at.state)
     }
 
     /// The corner where the system is, if the speeds in it are below all tolerances.
-    fn floor<E>(&mut self, recent: GapSet) -> Result<Option<Ahead>, Failure<E>> {
-        let (n, m) = (self.layout.n, self.layout.m);
-        let slow = self.slow();
-        let (x, v) = (&self.now.x[n..], &self.now.xdot[n..]);
+    fn here<E>(
+        &self,
+        settings: &SwitchedRk,
+        state: &mut MechanicalState,
+    ) -> Result<Option<Corner>, Failure<E>> {
+        let (recent, closed, slow) = (self.log.recent(), state.closed(), slow(settings, state));
         let near = |&i: &usize| {
-            let low = 2.0 * x[i] * self.kinetics.b(i).abs() <= slow * slow;
-            self.contacts.closed.has(i) || (recent.has(i) && v[i].abs() <= slow && low)
+            let (x, v) = state.gap(i);
+            let low = 2.0 * x * state.kinetics().b(i).abs() <= slow * slow;
+            closed.has(i) || (recent.has(i) && v.abs() <= slow && low)
         };
-        let set: GapSet = (0..m).filter(near).collect();
-        if set.without(self.contacts.closed).is_empty()
-            || set.iter().filter(|&i| recent.has(i)).count() < 2
-        {
+        let set: GapSet = (0..state.layout().m).filter(near).collect();
+        if set.without(closed).is_empty() || set.iter().filter(|&i| recent.has(i)).count() < 2 {
             return Ok(None);
         }
-        if self.kinetics.solve(set, |at, i| -at.b(i)).is_err() {
+        if state.parts().0.solve(set, |at, i| -at.b(i)).is_err() {
             return Ok(None);
         }
-        let mut pressed = self.kinetics.solved()[..set.len()].to_vec();
+        let mut pressed = state.kinetics().solved()[..set.len()].to_vec();
         if pressed.iter().any(|&force| force <= 0.0) {
             // impacts without end at one instant: they go on until there are no speeds, and then the
             // forces open what they pull
-            if !self.touch(set) {
+            if !set.iter().all(|i| state.touches(i)) {
                 return Ok(None);
             }
             pressed.fill(0.0);
         }
-        let speeds = &self.now.xdot[n..];
-        self.kinetics.solve(set, |_, i| speeds[i])?;
-        let momenta = self.kinetics.solved()[..set.len()].to_vec();
-        let (mut depth, mut widest) = (0.0, 0.0_f64);
-        for (row, i) in set.iter().enumerate() {
-            depth += 0.5 * speeds[i] * momenta[row] + pressed[row] * self.now.x[n + i];
-            widest = widest.max(self.kinetics.d(i, i));
-        }
-        if (2.0 * depth * widest).sqrt() > slow {
+        if (2.0 * depth(set, &pressed, state)?).sqrt() > slow {
             return Ok(None);
         }
-        let z = self.without_speeds(set)?;
-        let CornerLog { impacts, openings } = &self.gathered.corners;
-        let end = time_of_corner(openings).or_else(|| time_of_corner(impacts));
-        let t = end.map_or(self.now.t, |end| end.max(self.now.t));
-        let landing = Landing::new(t, &[&[0.0], &z[..]].concat(), 0.0);
-        Ok(Some(Ahead { landing, corner: Some(set) }))
+        let z = state.without_speeds(set)?;
+        let end = time_of_corner(&self.log.openings).or_else(|| time_of_corner(&self.log.impacts));
+        let now = state.now().t;
+        let t = end.map_or(now, |end| end.max(now));
+        Ok(Some((Landing::new(t, &[&[0.0], &z[..]].concat(), 0.0), set)))
+    }
+
+    /// Into the corner of a set: what is closed there, and the way, if it ends after `dense_from`.
+    pub(super) fn jump<E, D: Dynamics<E>>(
+        &self,
+        (landing, set): Corner,
+        dense_from: f64,
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<(Vec<Flight>, GapSet), Failure<E>> {
+        let entry = match landing.t > dense_from {
+            true => Some(CornerEntry::new(set, at.state)?),
+            false => None,
+        };
+        let closed = at.move_to(&landing, set)?;
+        let flights = match entry {
+            Some(entry) => descent(&entry, slow(at.settings, at.state), at)?,
+            None => Vec::new(),
+        };
+        Ok((flights, closed))
     }
 }
 
-impl Machine {
-    /// Whether all gaps of a set are zero but for rounding.
-    fn touch(&self, set: GapSet) -> bool {
-        let n = self.layout.n;
-        let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
-        set.iter().all(|i| self.now.x[n + i] <= 8.0 * self.kinetics.rounding(i, q, w).0)
+/// A speed below all tolerances.
+fn slow(settings: &SwitchedRk, state: &MechanicalState) -> f64 {
+    let w = &state.now().xdot[..state.layout().n];
+    let speed = w.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+    FLOOR.0.max(FLOOR.1 * settings.rtol) * (1.0 + speed)
+}
+
+/// `L` of the gaps of a set with the forces `lambda`, times the largest of their mobilities.
+fn depth<E>(set: GapSet, lambda: &[f64], state: &mut MechanicalState) -> Result<f64, Failure<E>> {
+    let (kinetics, now) = state.parts();
+    let n = kinetics.coordinates();
+    let (gaps, speeds) = (&now.x[n..], &now.xdot[n..]);
+    kinetics.solve(set, |_, i| speeds[i])?;
+    let momenta = kinetics.solved()[..set.len()].to_vec();
+    let (mut depth, mut widest) = (0.0, 0.0_f64);
+    for (row, i) in set.iter().enumerate() {
+        depth += 0.5 * speeds[i] * momenta[row] + lambda[row] * gaps[i];
+        widest = widest.max(kinetics.d(i, i));
     }
+    Ok(depth * widest)
 }

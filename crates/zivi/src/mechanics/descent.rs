@@ -8,130 +8,127 @@
 //! in which gap `i` alone is moved, and `Y` the parabolas of [`super::nest`]. `kappa` makes the last
 //! of them end in the corner, which is known better.
 
-use super::kinetics::Model;
-use super::machine::Machine;
+use super::mechanism::Mechanism;
 use super::nest::{Nest, NestArc};
 use super::path::Curve;
 use super::piece::Flight;
+use super::state::MechanicalState;
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{quintic, Bernstein};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::system::dynamics::Dynamics;
+use crate::system::dynamics::{Dynamics, Layout};
 
 /// Largest part by which the times of the arcs are stretched to end in the corner.
 const STRETCH: f64 = 0.3;
 
 /// The state before a corner: what a jump starts from.
-pub(super) struct Rim {
-    pub(super) t: f64,
+pub(super) struct CornerEntry {
+    t: f64,
     /// Coordinates and gaps, and their rates.
-    pub(super) x: Vec<f64>,
-    pub(super) v: Vec<f64>,
-    pub(super) set: GapSet,
+    x: Vec<f64>,
+    v: Vec<f64>,
+    set: GapSet,
     /// The directions `r_i` there, by gap of the set.
-    pub(super) ways: Vec<Vec<f64>>,
+    directions: Vec<Vec<f64>>,
 }
 
-impl Machine {
+impl CornerEntry {
     /// What a jump into the corner of a set starts from, where the system was last evaluated.
-    pub(super) fn rim<E>(&mut self, set: GapSet) -> Result<Rim, Failure<E>> {
-        let ways = set.iter().map(|i| self.direction(set, i)).collect::<Result<_, _>>()?;
-        Ok(Rim { t: self.now.t, x: self.now.x.clone(), v: self.now.xdot.clone(), set, ways })
+    pub(super) fn new<E>(set: GapSet, state: &mut MechanicalState) -> Result<Self, Failure<E>> {
+        let (directions, now) = (impulse_directions(set, state)?, state.now());
+        Ok(Self { t: now.t, x: now.x.clone(), v: now.xdot.clone(), set, directions })
     }
+}
 
-    /// How coordinates and gaps move where one gap of a set does, by its impulses.
-    fn direction<E>(&mut self, set: GapSet, gap: usize) -> Result<Vec<f64>, Failure<E>> {
-        let (n, m) = (self.layout.n, self.layout.m);
-        let one = |i: usize| if i == gap { 1.0 } else { 0.0 };
-        let mut way = vec![0.0; n + m];
-        self.kinetics.solve(set, |_, i| one(i))?;
-        self.kinetics.apply(set, &mut way[..n]);
-        for k in 0..m {
-            way[n + k] = if set.has(k) { one(k) } else { self.kinetics.passed_on(k, set) };
-        }
-        Ok(way)
-    }
+/// How coordinates and gaps move where one gap of a set does, by its impulses; by gap.
+fn impulse_directions<E>(
+    set: GapSet,
+    state: &mut MechanicalState,
+) -> Result<Vec<Vec<f64>>, Failure<E>> {
+    let kinetics = state.parts().0;
+    let one = |gap: usize| move |i: usize| if i == gap { 1.0 } else { 0.0 };
+    Ok(set.iter().map(|i| kinetics.displacement(set, one(i))).collect::<Result<_, _>>()?)
+}
 
-    /// The way from the rim to the corner that was reached, where the system was evaluated last:
-    /// its arcs down to the given speed, then the motion in contact.
-    pub(super) fn descent<E, D: Dynamics<E>>(
-        &mut self,
-        rim: &Rim,
-        floor: f64,
-        model: &mut Model<'_, D>,
-    ) -> Result<Vec<Flight>, Failure<E>> {
-        let (n, set, h) = (self.layout.n, rim.set, self.now.t - rim.t);
-        if h <= 0.0 {
-            return Ok(Vec::new());
-        }
-        let to = set.iter().map(|i| self.direction(set, i)).collect::<Result<_, _>>()?;
-        let ways = Ways { from: &rim.ways, to, h };
-        let of = |values: &[f64]| -> Vec<f64> { set.iter().map(|i| values[n + i]).collect() };
-        let (y, v) = (of(&rim.x), of(&rim.v));
-        let mut arcs = self.nest(set).arcs(y.clone(), v.clone(), floor);
-        let time = arcs.last().map_or(h, |last| last.start + last.length);
-        if (time - h).abs() > STRETCH * h {
-            arcs.clear();
-        }
-        let kappa = if arcs.is_empty() { 0.0 } else { (time - h) / (h * h) };
-        let none = || vec![0.0; set.len()];
-        let still = || [none(), none(), none()];
-        let start = if arcs.is_empty() { still() } else { [y, v, none()] };
-        let base = self.in_contact(rim, &ways, &start, model)?;
-        let shortest = 4.0 * f64::EPSILON * self.now.t.abs();
-        let mut flights: Vec<Flight> = Vec::new();
-        let mut s = 0.0;
-        for arc in &arcs {
-            let [from, to] = [0.0, arc.length].map(|tau| state_at(arc, tau, kappa));
-            if to.0 - from.0 <= shortest || h - to.0 <= shortest {
-                break;
-            }
-            s = to.0;
-            let closed = arc.closed.iter().filter_map(|row| set.iter().nth(row)).collect();
-            flights.push(Flight { curve: ways.curve(&base, from, to), closed });
-        }
-        let curve = ways.curve(&base, (s, still()), (h, still()));
-        flights.push(Flight { curve, closed: set });
-        Ok(flights)
+/// The way from the entry to the corner that was reached, where the system was evaluated last:
+/// its arcs down to the given speed, then the motion in contact.
+pub(super) fn descent<E, D: Dynamics<E>>(
+    entry: &CornerEntry,
+    floor: f64,
+    at: &mut Mechanism<'_, '_, D>,
+) -> Result<Vec<Flight>, Failure<E>> {
+    let Layout { n, .. } = at.state.layout();
+    let (set, t) = (entry.set, at.state.now().t);
+    let h = t - entry.t;
+    if h <= 0.0 {
+        return Ok(Vec::new());
     }
+    let to = impulse_directions(set, at.state)?;
+    let ways = Ways { from: &entry.directions, to, h };
+    let of = |values: &[f64]| -> Vec<f64> { set.iter().map(|i| values[n + i]).collect() };
+    let (y, v) = (of(&entry.x), of(&entry.v));
+    let mut arcs = nest(set, at).arcs(y.clone(), v.clone(), floor);
+    let time = arcs.last().map_or(h, |last| last.start + last.length);
+    if (time - h).abs() > STRETCH * h {
+        arcs.clear();
+    }
+    let kappa = if arcs.is_empty() { 0.0 } else { (time - h) / (h * h) };
+    let none = || vec![0.0; set.len()];
+    let still = || [none(), none(), none()];
+    let start = if arcs.is_empty() { still() } else { [y, v, none()] };
+    let base = in_contact(entry, &ways, &start, at)?;
+    let shortest = 4.0 * f64::EPSILON * t.abs();
+    let mut flights: Vec<Flight> = Vec::new();
+    let mut s = 0.0;
+    for arc in &arcs {
+        let [from, to] = [0.0, arc.length].map(|tau| state_at(arc, tau, kappa));
+        if to.0 - from.0 <= shortest || h - to.0 <= shortest {
+            break;
+        }
+        s = to.0;
+        let closed = arc.closed.iter().filter_map(|row| set.iter().nth(row)).collect();
+        flights.push(Flight { curve: ways.curve(&base, from, to), closed });
+    }
+    let curve = ways.curve(&base, (s, still()), (h, still()));
+    flights.push(Flight { curve, closed: set });
+    Ok(flights)
+}
 
-    /// Equations of the impacts as they are where the system was evaluated last.
-    fn nest(&mut self, set: GapSet) -> Nest {
-        let pairs = set.iter().flat_map(|i| set.iter().map(move |j| (i, j)));
-        let d = pairs.map(|(i, j)| self.kinetics.coupling(i, j)).collect();
-        let b = set.iter().map(|i| self.kinetics.b(i)).collect();
-        Nest { d, b, e: set.iter().map(|i| self.e[i]).collect() }
-    }
+/// Equations of the impacts as they are where the system was evaluated last.
+fn nest<D>(set: GapSet, at: &mut Mechanism<'_, '_, D>) -> Nest {
+    let kinetics = at.state.parts().0;
+    let pairs = set.iter().flat_map(|i| set.iter().map(move |j| (i, j)));
+    let d = pairs.map(|(i, j)| kinetics.coupling(i, j)).collect();
+    let b = set.iter().map(|i| kinetics.b(i)).collect();
+    Nest { d, b, e: set.iter().map(|i| at.e[i]).collect() }
+}
 
-    /// The motion in contact from what the heights at the rim leave of its state.
-    fn in_contact<E, D: Dynamics<E>>(
-        &mut self,
-        rim: &Rim,
-        ways: &Ways<'_>,
-        heights: &Heights,
-        model: &mut Model<'_, D>,
-    ) -> Result<SkippedArcs, Failure<E>> {
-        let (n, size, t) = (self.layout.n, rim.x.len(), self.now.t);
-        let mut state = [&rim.x[..], &rim.v[..]].concat();
-        for c in 0..size {
-            let [x, v, _] = ways.out(c, 0.0, heights);
-            (state[c], state[size + c]) = (state[c] - x, state[size + c] - v);
-        }
-        for i in rim.set.iter() {
-            (state[n + i], state[size + n + i]) = (0.0, 0.0);
-        }
-        let first = self.end_of_arcs(rim.t, state, rim.set, GapSet::EMPTY, model)?;
-        let state = [&self.now.x[..], &self.now.xdot[..]].concat();
-        let last = self.end_of_arcs(t, state, rim.set, GapSet::EMPTY, model)?;
-        Ok(SkippedArcs::between(rim.t, t, [first, last]))
+/// The motion in contact from what the heights at the entry leave of its state.
+fn in_contact<E, D: Dynamics<E>>(
+    entry: &CornerEntry,
+    ways: &Ways<'_>,
+    heights: &Heights,
+    at: &mut Mechanism<'_, '_, D>,
+) -> Result<SkippedArcs, Failure<E>> {
+    let (Layout { n, .. }, size) = (at.state.layout(), entry.x.len());
+    let mut state = [&entry.x[..], &entry.v[..]].concat();
+    for c in 0..size {
+        let [x, v, _] = ways.out(c, 0.0, heights);
+        (state[c], state[size + c]) = (state[c] - x, state[size + c] - v);
     }
+    for i in entry.set.iter() {
+        (state[n + i], state[size + n + i]) = (0.0, 0.0);
+    }
+    let first = at.end_of_arcs(entry.t, &state, entry.set)?;
+    let last = at.end_here(entry.set)?;
+    Ok(SkippedArcs::between(entry.t, at.state.now().t, [first, last]))
 }
 
 /// Heights, speeds and accelerations of the gaps of a corner.
 type Heights = [Vec<f64>; 3];
 
-/// The time since the rim, and the heights there, at `tau` of an arc: the times stretched.
+/// The time since the entry, and the heights there, at `tau` of an arc: the times stretched.
 fn state_at(arc: &NestArc, tau: f64, kappa: f64) -> (f64, Heights) {
     let at = arc.start + tau;
     let s = 2.0 * at / (1.0 + (1.0 + 4.0 * kappa * at).sqrt());
@@ -167,7 +164,7 @@ impl Ways<'_> {
         out
     }
 
-    /// Equation (1) between two times since the rim, of which the heights are of degree 4.
+    /// Equation (1) between two times since the entry, of which the heights are of degree 4.
     fn curve(
         &self,
         base: &SkippedArcs,

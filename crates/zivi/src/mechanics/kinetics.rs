@@ -266,6 +266,23 @@ impl Kinetics {
         set.iter().enumerate().map(|(row, i)| self.coupling(gap, i) * self.right[row]).sum()
     }
 
+    /// How coordinates and gaps move where impulses on the gaps of a set give these the rates
+    /// `rate`.
+    pub(super) fn displacement(
+        &mut self,
+        set: GapSet,
+        rate: impl Fn(usize) -> f64,
+    ) -> Result<Vec<f64>, Redundant> {
+        let Layout { n, m } = self.layout;
+        let mut all = vec![0.0; n + m];
+        self.solve(set, |_, i| rate(i))?;
+        self.apply(set, &mut all[..n]);
+        for k in 0..m {
+            all[n + k] = if set.has(k) { rate(k) } else { self.passed_on(k, set) };
+        }
+        Ok(all)
+    }
+
     /// Accelerations and forces with the contacts `C`, equations (2).
     pub(super) fn contact(&mut self, set: GapSet) -> Result<(), Redundant> {
         let Layout { n, m } = self.layout;

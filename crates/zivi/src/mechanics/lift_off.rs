@@ -5,16 +5,14 @@
 //! certify that there is no change of sign, two more values how well it fits. Long steps are probed
 //! between these points ([`Probes`]).
 
+use super::along_step::{AlongStep, Rows};
 use super::contact_probes::ContactProbes;
 use super::contact_problem::settle;
-use super::kinetics::Model;
-use super::machine::Machine;
-use super::mode::{Contacts, Next};
-use super::piece::Piece;
+use super::kinetics::{Kinetics, Model};
+use super::state::MechanicalState;
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::system::dynamics::Dynamics;
 
 /// Nodes of the polynomial of a contact force: `(1 - cos(pi k/7))/2`.
@@ -35,12 +33,8 @@ const APART: f64 = 0.223;
 /// Misfit relative to the largest force: above the first the step is too long, below the second
 /// what is undecided is decided as the polynomial has it.
 const MISFIT: (f64, f64) = (1e-3, 1e-10);
-/// Iterations for the time of lift-off.
-const ITERATIONS: usize = 4;
 /// What lifts off together is decided this part of a step later.
 const LATER: f64 = 1e-4;
-/// The first step after a lift-off, relative to that before.
-const PART: f64 = 1e-2;
 
 /// Where the force of a contact vanishes in a step.
 pub(super) enum Release {
@@ -82,224 +76,128 @@ impl Fit {
     }
 }
 
-/// The polynomials of position and velocity over a step, of the coordinates and then the gaps.
-pub(super) type Rows = Vec<[Bernstein; 2]>;
-
-impl Machine {
-    /// The first contact whose force vanishes in the last step, of which the part up to `end`
-    /// counts if it is short enough to tell.
-    pub(super) fn first_release<E, D: Dynamics<E>>(
-        &mut self,
-        end: f64,
-        model: &mut Model<'_, D>,
-    ) -> Result<Release, Failure<E>> {
-        if self.contacts.closed.is_empty() {
-            return Ok(Release::None);
+/// The first contact whose force vanishes in a step, of which the part up to `end` counts if it is
+/// short enough to tell. The probes look between the nodes, if there are any.
+pub(super) fn first_release<E, D: Dynamics<E>>(
+    along: &mut AlongStep<'_, '_, D>,
+    end: f64,
+    probes: Option<&mut ContactProbes>,
+) -> Result<Release, Failure<E>> {
+    let rows = along.rows(along.aside.coordinates());
+    let fits = fits_along(&rows, along)?;
+    let mut first: Option<(f64, usize)> = None;
+    for (fit, i) in fits.iter().zip(along.closed.iter()) {
+        if fit.misfit > MISFIT.0 * fit.scale + fit.noise {
+            return Ok(Release::Unclear);
         }
-        if self.control.jump.allowed {
-            // across a jump of the forces no polynomial fits
-            self.finish_step(model)?;
-            let released = self.contacts.closed.iter().find(|&i| self.last.at_end.lambda[i] < 0.0);
-            return Ok(released.map_or(Release::None, |i| Release::At(1.0, i)));
+        let least = fit.p.coefficients().iter().fold(f64::INFINITY, |a, &b| a.min(b));
+        if least > 2.0 * fit.misfit || fit.scale == 0.0 {
+            continue;
         }
-        self.complete_step(model)?;
-        let rows: Rows = (0..self.layout.n).map(|c| self.last.stages.polynomials_of(c)).collect();
-        let fits = self.fits_along(&rows, model)?;
-        let mut first: Option<(f64, usize)> = None;
-        for (fit, i) in fits.iter().zip(self.contacts.closed.iter()) {
-            if fit.misfit > MISFIT.0 * fit.scale + fit.noise {
+        match fit.p.first_negative() {
+            Some(theta) if first.is_none_or(|(before, _)| theta < before) => {
+                first = Some((theta, i));
+            }
+            None if fit.misfit > MISFIT.1 * fit.scale + fit.noise => {
                 return Ok(Release::Unclear);
             }
-            let least = fit.p.coefficients().iter().fold(f64::INFINITY, |a, &b| a.min(b));
-            if least > 2.0 * fit.misfit || fit.scale == 0.0 {
-                continue;
-            }
-            match fit.p.first_negative() {
-                Some(theta) if first.is_none_or(|(before, _)| theta < before) => {
-                    first = Some((theta, i));
-                }
-                None if fit.misfit > MISFIT.1 * fit.scale + fit.noise => {
-                    return Ok(Release::Unclear);
-                }
-                _ => (),
-            }
+            _ => (),
         }
-        let end = first.map_or(end, |(theta, _)| theta.min(end));
-        if let Some(length) = self.deviation(&rows, &fits, end, model)? {
+    }
+    let end = first.map_or(end, |(theta, _)| theta.min(end));
+    if let Some(probes) = probes.filter(|_| !along.model.dynamics.is_steady()) {
+        if let Some(length) = deviation(&rows, &fits, end, along, probes)? {
             return Ok(Release::Varies(length));
         }
-        Ok(first.map_or(Release::None, |(theta, i)| Release::At(theta, i)))
     }
+    Ok(first.map_or(Release::None, |(theta, i)| Release::At(theta, i)))
+}
 
-    /// The forces of the contacts along the last step. One below what rounding leaves of it is
-    /// none, as that between bodies in free fall.
-    fn fits_along<E, D: Dynamics<E>>(
-        &mut self,
-        rows: &Rows,
-        model: &mut Model<'_, D>,
-    ) -> Result<Vec<Fit>, Failure<E>> {
-        let mut forces = vec![[0.0; MOST_DEGREE + 3]; self.contacts.closed.len()];
-        let mut noise = vec![0.0_f64; self.contacts.closed.len()];
-        for (k, theta) in NODES.into_iter().chain(CHECKS).enumerate() {
-            self.evaluate_along(rows, theta, model)?;
-            for (row, i) in self.contacts.closed.iter().enumerate() {
-                let none = self.aside.noise(i) / self.aside.d(i, i);
-                let force = self.aside.lambda[i];
-                forces[row][k] = if force.abs() <= none { 0.0 } else { force };
-                noise[row] = noise[row].max(none);
-            }
-        }
-        Ok(forces.iter().zip(noise).map(|(values, noise)| Fit::new(values, noise)).collect())
-    }
-
-    /// Probes the last step up to a part of it: the length of one that ends before the forces or
-    /// the accelerations deviate from what they are at the nodes.
-    fn deviation<E, D: Dynamics<E>>(
-        &mut self,
-        rows: &Rows,
-        fits: &[Fit],
-        end: f64,
-        model: &mut Model<'_, D>,
-    ) -> Result<Option<f64>, Failure<E>> {
-        let ContactProbes { mut probes, horizon, .. } = self.probes;
-        let (t, h) = (self.now.t, self.last.stages.h);
-        if !self.settings.adaptive || model.dynamics.is_steady() {
-            return Ok(None);
-        }
-        let found = probes.deviation(horizon, (t, end * h), APART * h, |at| {
-            match self.conforms(rows, fits, at / h, model) {
-                Err(Failure::Status(_)) => Ok(false),
-                conforms => conforms,
-            }
-        });
-        self.probes.probes = probes;
-        found
-    }
-
-    fn conforms<E, D: Dynamics<E>>(
-        &mut self,
-        rows: &Rows,
-        fits: &[Fit],
-        theta: f64,
-        model: &mut Model<'_, D>,
-    ) -> Result<bool, Failure<E>> {
-        let defect = self.defect(rows, theta, model)?;
-        let h = self.last.stages.h;
-        let pushed = |c: usize| {
-            let v = &rows[c][1];
-            let largest = NODES.iter().fold(0.0_f64, |a, &theta| a.max(v.slope(theta).abs()));
-            let off = (h * self.aside.acceleration[c] - v.slope(theta)).abs();
-            off > 5.0 * MISFIT.0 * largest
-        };
-        if defect > 1.0 && (0..rows.len()).any(pushed) {
-            return Ok(false);
-        }
-        let mut closed = fits.iter().zip(self.contacts.closed.iter());
-        Ok(closed.all(|(fit, i)| fit.conforms(self.aside.lambda[i], theta)))
-    }
-
-    /// Steps to where the force of a contact vanishes, near `now + length`.
-    pub(super) fn lift<E, D: Dynamics<E>>(
-        &mut self,
-        length: f64,
-        gap: usize,
-        t_end: f64,
-        model: &mut Model<'_, D>,
-    ) -> Result<(), Failure<E>> {
-        let whole = self.last.stages.h;
-        let length = self.release(length, gap, model)?;
-        if self.now.t + length > self.dense_from {
-            self.complete_step(model)?;
-        }
-        self.counts.accepted += 1;
-        self.arrive(length, 0.0, t_end);
-        self.next = Next::Release { gap, h: whole };
-        Ok(())
-    }
-
-    /// Opens the contacts that open where the force of one vanishes, in a step of length `h`.
-    pub(super) fn open<E, D: Dynamics<E>>(
-        &mut self,
-        gap: usize,
-        h: f64,
-        model: &mut Model<'_, D>,
-    ) -> Result<Piece, Failure<E>> {
-        self.project(self.contacts.closed, model)?;
-        let left = self.released(gap, LATER * h, model)?;
-        self.contacts = Contacts { closed: self.contacts.closed.without(left), left };
-        self.note_lifted(left);
-        self.flag_lifted(left);
-        self.gathered.chain.clear();
-        self.gathered.corners.clear();
-        self.gathered.impacts = 0;
-        self.control.h = Some(PART * h);
-        self.refresh()?;
-        Ok(Piece::Instant)
-    }
-
-    /// The length of the step after which the force of a contact vanishes; that step is computed.
-    fn release<E, D: Dynamics<E>>(
-        &mut self,
-        length: f64,
-        gap: usize,
-        model: &mut Model<'_, D>,
-    ) -> Result<f64, Failure<E>> {
-        let whole = self.last.stages.h;
-        let mut one = (0.0, self.here.lambda[gap]);
-        let mut x = length;
-        for iteration in 0..ITERATIONS {
-            self.try_step(x, model)?;
-            self.finish_step(model)?;
-            let force = self.last.at_end.lambda[gap];
-            let slope = (force - one.1) / (x - one.0);
-            let next = x - force / slope;
-            one = (x, force);
-            let done = (next - x).abs() <= 4.0 * f64::EPSILON * (self.now.t.abs() + x);
-            if done || !next.is_finite() || iteration + 1 == ITERATIONS {
-                break;
-            }
-            x = next.clamp(0.0, whole);
-        }
-        Ok(x)
-    }
-
-    /// Which contacts open just after the force of one vanishes.
-    fn released<E, D: Dynamics<E>>(
-        &mut self,
-        gap: usize,
-        later: f64,
-        model: &mut Model<'_, D>,
-    ) -> Result<GapSet, Failure<E>> {
-        let n = self.layout.n;
-        self.kinetics.contact(self.contacts.closed)?;
-        let a = &self.kinetics.acceleration;
-        let now = &self.now;
-        let (q, w): (Vec<f64>, Vec<f64>) = (0..n)
-            .map(|c| {
-                let v = now.xdot[c] + later * a[c];
-                (now.x[c] + later * (now.xdot[c] + 0.5 * later * a[c]), v)
-            })
-            .unzip();
-        self.aside.evaluate(model, now.t + later, &q, &w)?;
-        let left = settle(&mut self.aside, self.contacts.closed)?.left;
-        // where the force comes back at once, again and again, the contact opens all the same
-        const OFTEN: u32 = 8;
-        Ok(if left.is_empty() && self.stalled > OFTEN { GapSet::of(gap) } else { left })
-    }
-
-    /// Contacts that open together and are coupled.
-    fn flag_lifted(&mut self, left: GapSet) {
-        let mut strongest = 0.0_f64;
-        for i in left.iter() {
-            for j in left.iter().filter(|&j| j < i) {
-                strongest = strongest.max(self.kinetics.cosine(i, j).abs());
-            }
-        }
-        if strongest > 1e-9 {
-            let (kind, t) = (FlagKind::Simultaneous, self.now.t);
-            self.occurrences.push(Occurrence::Flag { kind, t, gaps: left, size: strongest });
+/// The forces of the contacts along a step. One below what rounding leaves of it is none, as that
+/// between bodies in free fall.
+fn fits_along<E, D: Dynamics<E>>(
+    rows: &Rows,
+    along: &mut AlongStep<'_, '_, D>,
+) -> Result<Vec<Fit>, Failure<E>> {
+    let closed = along.closed;
+    let mut forces = vec![[0.0; MOST_DEGREE + 3]; closed.len()];
+    let mut noise = vec![0.0_f64; closed.len()];
+    for (k, theta) in NODES.into_iter().chain(CHECKS).enumerate() {
+        along.evaluate(rows, theta)?;
+        for (row, i) in closed.iter().enumerate() {
+            let none = along.aside.noise(i) / along.aside.d(i, i);
+            let force = along.aside.lambda[i];
+            forces[row][k] = if force.abs() <= none { 0.0 } else { force };
+            noise[row] = noise[row].max(none);
         }
     }
+    Ok(forces.iter().zip(noise).map(|(values, noise)| Fit::new(values, noise)).collect())
+}
+
+/// Probes a step up to a part of it: the length of one that ends before the forces or the
+/// accelerations deviate from what they are at the nodes.
+fn deviation<E, D: Dynamics<E>>(
+    rows: &Rows,
+    fits: &[Fit],
+    end: f64,
+    along: &mut AlongStep<'_, '_, D>,
+    ContactProbes { probes, horizon, .. }: &mut ContactProbes,
+) -> Result<Option<f64>, Failure<E>> {
+    let (t, h) = (along.step.from.t, along.step.h);
+    probes.deviation(*horizon, (t, end * h), APART * h, |at| {
+        match conforms(rows, fits, at / h, along) {
+            Err(Failure::Status(_)) => Ok(false),
+            conforms => conforms,
+        }
+    })
+}
+
+fn conforms<E, D: Dynamics<E>>(
+    rows: &Rows,
+    fits: &[Fit],
+    theta: f64,
+    along: &mut AlongStep<'_, '_, D>,
+) -> Result<bool, Failure<E>> {
+    let defect = along.defect(rows, theta)?;
+    let (h, at) = (along.step.h, &along.aside);
+    let pushed = |c: usize| {
+        let v = &rows[c][1];
+        let largest = NODES.iter().fold(0.0_f64, |a, &theta| a.max(v.slope(theta).abs()));
+        let off = (h * at.acceleration[c] - v.slope(theta)).abs();
+        off > 5.0 * MISFIT.0 * largest
+    };
+    if defect > 1.0 && (0..rows.len()).any(pushed) {
+        return Ok(false);
+    }
+    let mut closed = fits.iter().zip(along.closed.iter());
+    Ok(closed.all(|(fit, i)| fit.conforms(at.lambda[i], theta)))
+}
+
+/// Opens the contacts that open where the force of one vanishes, in a step of length `h`: these.
+/// Where its force comes back at once `again` and again, the contact opens all the same.
+pub(super) fn open<E, D: Dynamics<E>>(
+    (gap, h): (usize, f64),
+    again: bool,
+    state: &mut MechanicalState,
+    aside: &mut Kinetics,
+    model: &mut Model<'_, D>,
+) -> Result<GapSet, Failure<E>> {
+    let (n, closed) = (state.layout().n, state.closed());
+    state.project(closed, model)?;
+    let (kinetics, now) = state.parts();
+    kinetics.contact(closed)?;
+    let (a, later) = (&kinetics.acceleration, LATER * h);
+    let (q, w): (Vec<f64>, Vec<f64>) = (0..n)
+        .map(|c| {
+            let v = now.xdot[c] + later * a[c];
+            (now.x[c] + later * (now.xdot[c] + 0.5 * later * a[c]), v)
+        })
+        .unzip();
+    aside.evaluate(model, now.t + later, &q, &w)?;
+    let left = settle(aside, closed)?.left;
+    let left = if left.is_empty() && again { GapSet::of(gap) } else { left };
+    state.open(left);
+    Ok(left)
 }
 
 /// The polynomial through the values at the nodes.

@@ -10,6 +10,9 @@
 //! The mode is the set `C` of closed gaps. The gaps and their speeds are integrated along with the
 //! coordinates, so that impacts keep their precision however small the bounces become.
 
+mod accumulation;
+mod along_step;
+mod chain;
 mod contact_probes;
 mod contact_problem;
 mod corner;
@@ -20,20 +23,20 @@ mod fixed_steps;
 mod flight;
 mod impact;
 mod kinetics;
-mod landing;
 mod lcp;
 mod lift_off;
 mod machine;
+mod mechanism;
 mod mode;
 mod moreau_jean;
 mod nest;
 mod output;
-mod overlooked;
 mod path;
 mod piece;
 mod recording;
 mod run;
 pub mod sensitivity;
+mod state;
 mod stored;
 mod tail;
 mod theta_gamma;

@@ -5,7 +5,6 @@
 //! whose rest needs no equation.
 
 use crate::record::gap_set::GapSet;
-use crate::switched::step_control::Experience;
 use crate::zeno::table::Landing;
 
 /// What the gaps do that touch, or touched when the last step began.
@@ -21,7 +20,7 @@ pub(super) struct Contacts {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Next {
     /// A step, or the part of it up to an event.
-    Step(Experience),
+    Step,
     /// The impact of these gaps, here.
     Hit(GapSet),
     /// The opening of a contact whose force vanishes here, in a step of the length `h`.
@@ -31,20 +30,9 @@ pub(super) enum Next {
 }
 
 impl Next {
-    /// The first step after an event.
-    pub(super) const STEP: Self = Self::Step(Experience::NONE);
-
     /// The jump, if the accumulation is known.
     pub(super) fn jump(ahead: Option<Ahead>) -> Self {
-        ahead.map_or(Self::STEP, Self::Jump)
-    }
-
-    /// What speaks for the length of the next step.
-    pub(super) fn experience(&self) -> Experience {
-        match *self {
-            Self::Step(experience) => experience,
-            _ => Experience::NONE,
-        }
+        ahead.map_or(Self::Step, Self::Jump)
     }
 
     /// Whether something happens before the time moves on beyond `t_end`.
@@ -52,18 +40,9 @@ impl Next {
         match self {
             Self::Hit(_) | Self::Release { .. } => true,
             Self::Jump(ahead) => ahead.landing.t <= t_end,
-            Self::Step(_) => false,
+            Self::Step => false,
         }
     }
-}
-
-/// Accelerations and contact forces at the present state.
-#[derive(Clone, Debug)]
-pub(super) struct Response {
-    pub(super) slope: Vec<f64>,
-    pub(super) lambda: Vec<f64>,
-    /// Whether they are those: else they are to be computed.
-    pub(super) known: bool,
 }
 
 /// What bounces on what.

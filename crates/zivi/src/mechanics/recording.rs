@@ -6,8 +6,7 @@ use super::kinetics::Model;
 use super::machine::Machine;
 use super::output::{MechanicalOutput, MechanicalRun, MechanicalSamples};
 use super::path::{Curve, MechanicalPath};
-use super::piece::Flight;
-use super::piece::Piece;
+use super::piece::{Flight, Piece};
 use super::tail::SkippedArcs;
 use crate::piecewise::method::{Advance, Asked, Piecewise};
 use crate::piecewise::running::{self as piecewise, unless_terminal, until, Absorb, Record};
@@ -38,8 +37,6 @@ type Along<'m> = &'m dyn Fn(f64, &mut MotionPoint);
 
 /// Most arcs of a tail that events look at one by one.
 const ARCS: usize = 1_000_000;
-/// Occurrences that a piece of the motion has, at most, by gap.
-const OF_A_PIECE: usize = 4;
 
 /// A run to `t1` from where the machine starts.
 pub(super) fn running<E>(
@@ -49,13 +46,13 @@ pub(super) fn running<E>(
 ) -> Running<'_, E> {
     let MechanicalOutput { t_eval, tstops, dense, events } = output;
     let start = MotionPoint {
-        x: machine.now.x.clone(),
-        v: machine.now.xdot.clone(),
-        closed: machine.contacts.closed,
+        x: machine.now().x.clone(),
+        v: machine.now().xdot.clone(),
+        closed: machine.closed(),
     };
     let record = MechanicalRecord {
         samples: MechanicalSamples::default(),
-        path: dense.then(|| MechanicalPath::new(machine.layout)),
+        path: dense.then(|| MechanicalPath::new(machine.layout())),
         at: start.clone(),
     };
     Running::new((machine, start), t1, (tstops, t_eval), events, record)
@@ -66,13 +63,13 @@ impl Piecewise for Machine {
     type Piece = Piece;
 
     fn t(&self) -> f64 {
-        self.now.t
+        self.now().t
     }
 
     fn state_to(&self, to: &mut MotionPoint) {
-        to.x.clone_from(&self.now.x);
-        to.v.clone_from(&self.now.xdot);
-        to.closed = self.contacts.closed;
+        to.x.clone_from(&self.now().x);
+        to.v.clone_from(&self.now().xdot);
+        to.closed = self.closed();
     }
 
     fn is_pending(&self, t_end: f64) -> bool {
@@ -84,7 +81,7 @@ impl Piecewise for Machine {
     }
 
     fn look_from(&mut self, t: f64) {
-        self.dense_from = t;
+        Machine::look_from(self, t);
     }
 }
 
@@ -107,9 +104,9 @@ impl Record<Machine> for MechanicalRecord {
         samples: usize,
         reserve: &mut Reserve,
     ) -> Result<(), TryReserveError> {
-        let (size, m) = (machine.now.x.len(), machine.layout.m);
+        let (size, m) = (machine.now().x.len(), machine.layout().m);
         self.samples.make_room(reserve, samples, size, m)?;
-        reserve.room(&mut machine.occurrences, OF_A_PIECE * (m + 1), 2 * size_of::<f64>())?;
+        machine.make_room(reserve)?;
         self.path.as_mut().map_or(Ok(()), |path| path.make_room(reserve))
     }
 
@@ -152,10 +149,10 @@ impl<E> Running<'_, E> {
         closed: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
-        let end = self.method.now.t;
+        let end = self.method.now().t;
         if end > self.dense_from() && end > from {
-            let length = self.method.last.length;
-            let curve = Curve::new(&self.method.last.stages, &self.method.now, length);
+            let last = self.method.last();
+            let curve = Curve::new(&last.stages, self.method.now(), last.length);
             self.follow(&curve, (from, end), closed, model)?;
         }
         self.arrive();
@@ -206,7 +203,7 @@ impl<E> Running<'_, E> {
         closed: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
-        let end = self.method.now.t;
+        let end = self.method.now().t;
         let motion = |t: f64, to: &mut MotionPoint| {
             arcs.at(t, &mut to.x, &mut to.v);
             to.closed = closed;
@@ -256,7 +253,7 @@ impl<E> Running<'_, E> {
                 return Ok(Some(stop));
             }
         }
-        let end = self.method.now.t;
+        let end = self.method.now().t;
         if let Some(stop) = self.seek_along((t, end), motion)? {
             return Ok(Some(stop));
         }
@@ -272,20 +269,10 @@ impl<E> Running<'_, E> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         while let Some(at) = self.wanted.pass_before(t) {
-            let Self { method: Machine { layout, aside, .. }, record, .. } = self;
-            motion(at, &mut record.at);
-            let n = layout.n;
-            let MotionPoint { x, v, closed } = &mut record.at;
-            for gap in closed.iter() {
-                (x[n + gap], v[n + gap]) = (0.0, 0.0);
-            }
-            if closed.is_empty() {
-                aside.lambda.fill(0.0);
-            } else {
-                aside.evaluate(model, at, &x[..n], &v[..n])?;
-                aside.contact(*closed)?;
-            }
-            record.samples.push(at, (x, v), &aside.lambda, *closed);
+            let MechanicalRecord { samples, at: point, .. } = &mut self.record;
+            motion(at, point);
+            let lambda = self.method.contact_forces(at, point, model)?;
+            samples.push(at, (&point.x, &point.v), lambda, point.closed);
         }
         Ok(())
     }
@@ -296,27 +283,29 @@ impl<E> Running<'_, E> {
         until: f64,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
-        let t = self.method.now.t;
+        let t = self.method.now().t;
         if self.method.is_pending(until) || !self.wanted.pass_at(t) {
             return Ok(());
         }
         self.method.prepare(model)?;
         // an anchored gap
         self.arrive();
-        let Machine { now, here, contacts, .. } = &self.method;
-        self.record.samples.push(t, (&now.x, &now.xdot), &here.lambda, contacts.closed);
+        let (now, lambda) = (self.method.now(), self.method.lambda());
+        self.record.samples.push(t, (&now.x, &now.xdot), lambda, self.method.closed());
         Ok(())
     }
 
     pub(super) fn finish(mut self, ending: Ending<E>, nfev: u64) -> MechanicalRun<E> {
         let (status, raised) = self.close(ending);
-        let Self { method: mut machine, seeker, wanted, record, reserve, end, .. } = self;
+        let Self { method: machine, seeker, wanted, record, reserve, end, .. } = self;
         let MechanicalRecord { mut samples, mut path, .. } = record;
         let (t, point) = &end;
+        let (layout, counts) = (machine.layout(), machine.counts());
+        let mut occurrences = machine.into_occurrences();
         // an event among skipped arcs ends the run before what they lead to
-        machine.occurrences.retain(|it| it.t() <= *t || status != Status::TerminatedByEvent);
+        occurrences.retain(|it| it.t() <= *t || status != Status::TerminatedByEvent);
         if wanted.is_missing_at(*t, samples.t.last().copied()) {
-            let none = vec![0.0; machine.layout.m];
+            let none = vec![0.0; layout.m];
             samples.push(*t, (&point.x, &point.v), &none, point.closed);
         }
         drop(reserve);
@@ -324,14 +313,14 @@ impl<E> Running<'_, E> {
             path.end = Some(end);
         }
         MechanicalRun {
-            layout: machine.layout,
+            layout,
             samples,
-            occurrences: machine.occurrences,
+            occurrences,
             hits: seeker.into_hits(),
             path,
             status,
             raised,
-            counts: Counts { nfev, ..machine.counts },
+            counts: Counts { nfev, ..counts },
         }
     }
 }

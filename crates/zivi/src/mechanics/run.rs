@@ -1,9 +1,8 @@
 //! A whole run of a mechanical system: samples, occurrences, events, dense output.
 
-use super::output::{MechanicalOutput, MechanicalRun};
-
 use super::kinetics::Model;
 use super::machine::Machine;
+use super::output::{MechanicalOutput, MechanicalRun};
 use super::recording::running;
 use crate::piecewise::method::Plainly;
 use crate::record::failure::Failure;
@@ -74,10 +73,10 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
 
 /// What a machine says of its start, as an error of the setup or of the run.
 pub(super) fn started<E>(
-    start: Result<Option<(usize, f64)>, Failure<E>>,
+    start: Result<Option<f64>, Failure<E>>,
 ) -> Result<Result<(), Failure<E>>, SetupError> {
     match start {
-        Ok(Some((_, value))) => {
+        Ok(Some(value)) => {
             Err(SetupError::Setting("q0", value, "such that no gap g(t0, q0) is below 0"))
         }
         Err(Failure::Status(Status::MassNotDefinite)) => {

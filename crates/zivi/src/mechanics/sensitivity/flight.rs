@@ -29,33 +29,26 @@ impl Follower<'_> {
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let (visited, closed) = (self.columns.visited, machine.contacts.closed);
-        let events = std::mem::take(&mut machine.occurrences);
-        let before = machine.clone();
-        machine.occurrences = events;
-        let order = machine.last.stages.order_of_error();
-        let shortest = 16.0 * f64::EPSILON * before.now.t.abs();
+        let (visited, closed) = (self.columns.visited, machine.closed());
+        let before = machine.save();
+        let order = machine.last().stages.order_of_error();
+        let shortest = 16.0 * f64::EPSILON * before.now().t.abs();
         for retry in 0.. {
             let piece = machine.advance(t_end, model)?;
-            let h = machine.last.stages.h;
+            let h = machine.last().stages.h;
             self.columns.visited = visited.filter(|_| retry == 0);
-            self.columns.advance(&machine.last.stages, closed, model)?;
+            self.columns.advance(&machine.last().stages, closed, model)?;
             let error = self.error(machine, model)?;
             let factor = factor(error, order);
             if error <= 1.0 || retry == RETRIES || h <= shortest {
                 if error > 0.0 {
                     let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
-                    machine.control.h = machine.control.h.map(|next| next.min(longest));
+                    machine.limit_step(longest);
                 }
                 self.flew(machine, model)?;
                 return Ok(piece);
             }
-            let rejected = machine.counts.rejected + 1;
-            let events = std::mem::take(&mut machine.occurrences);
-            machine.clone_from(&before);
-            machine.occurrences = events;
-            machine.counts.rejected = rejected;
-            machine.control.h = Some(shorter(factor) * h);
+            machine.give_up_step(&before, shorter(factor) * h);
         }
         Err(Failure::Status(Status::Internal))
     }
@@ -65,11 +58,11 @@ impl Follower<'_> {
         machine: &Machine,
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
-        if !self.controlled || !machine.settings.adaptive {
+        if !self.controlled || !machine.settings().adaptive {
             return Ok(0.0);
         }
-        let tolerances = tolerances(&machine.settings);
-        self.columns.error(&machine.last.stages, &tolerances, (self.sizes, &self.lost), model)
+        let tolerances = tolerances(machine.settings());
+        self.columns.error(&machine.last().stages, &tolerances, (self.sizes, &self.lost), model)
     }
 
     /// What a step that was taken adds: samples, minima, the end of the columns.
@@ -79,12 +72,12 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         self.note_height(machine);
-        let (total, t) = (machine.last.length, machine.now.t);
+        let (total, t) = (machine.last().length, machine.now().t);
         let mut onto = None;
         let closed = self.columns.closed;
-        if (total - machine.last.stages.h).abs() > NUDGE * machine.last.stages.h {
+        if (total - machine.last().stages.h).abs() > NUDGE * machine.last().stages.h {
             // the event was found on the polynomials, away from the end of the step
-            let mut stages = machine.last.stages.clone();
+            let mut stages = machine.last().stages.clone();
             let (from, size) = (stages.from.clone(), self.columns.size());
             let slope: Vec<f64> = (0..size).map(|c| stages.start_slope(c)).collect();
             stages.step(&from, &slope, total, &mut self.motion(closed, model))?;
@@ -92,15 +85,15 @@ impl Follower<'_> {
             self.columns.advance(&stages, closed, model)?;
             onto = Some(stages);
         }
-        if let Next::Step(_) = machine.next {
+        if let Next::Step = machine.next() {
             self.minima(machine, model)?;
         }
-        let stages = onto.as_ref().unwrap_or(&machine.last.stages);
+        let stages = onto.as_ref().unwrap_or(&machine.last().stages);
         self.sample(stages, t, model)?;
         self.columns.take(stages, total - stages.h, model)?;
         if !closed.is_empty() {
-            self.columns.visit(model, &machine.now, closed)?;
-            self.columns.project(closed, &machine.now)?;
+            self.columns.visit(model, machine.now(), closed)?;
+            self.columns.project(closed, machine.now())?;
         }
         Ok(())
     }
@@ -124,11 +117,11 @@ impl Follower<'_> {
         let closed = self.columns.closed;
         for gap in (0..m).filter(|&gap| !closed.has(gap)) {
             let (from, end) =
-                (machine.last.stages.from.xdot[n + gap], machine.last.stages.end.xdot[n + gap]);
+                (machine.last().stages.from.xdot[n + gap], machine.last().stages.end.xdot[n + gap]);
             if !(from < 0.0 && end > 0.0) {
                 continue;
             }
-            let stages = &mut machine.last.stages;
+            let stages = &mut machine.last_mut().stages;
             stages.complete(&mut self.motion(closed, model))?;
             let [x, rate] = stages.polynomials_of(n + gap);
             let Some(theta) = rate.negated().first_negative() else { continue };

@@ -56,12 +56,12 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
         let (before, closed, from) =
-            (machine.now.clone(), machine.contacts.closed, machine.occurrences.len());
+            (machine.now().clone(), machine.closed(), machine.occurrences().len());
         self.columns.visit(model, &before, closed)?;
         let slope = self.columns.local.kinetics.acceleration.clone();
         let piece = machine.advance(t_end, model)?;
         let (mut hit, mut set, mut impulses) = (GapSet::EMPTY, GapSet::EMPTY, Vec::new());
-        for it in &machine.occurrences[from..] {
+        for it in &machine.occurrences()[from..] {
             if let Occurrence::Impact { gap, before, impulse, .. } = *it {
                 if before < 0.0 {
                     hit = hit.with(GapSet::of(gap));
@@ -100,7 +100,7 @@ impl Follower<'_> {
         machine: &Machine,
     ) -> Result<Vec<Shifted>, Failure<E>> {
         let (Layout { n, m }, size) = (self.columns.layout, self.columns.size());
-        let (t, Struck { before, slope, closed, hit, set, impulses }) = (machine.now.t, struck);
+        let (t, Struck { before, slope, closed, hit, set, impulses }) = (machine.now().t, struck);
         let mut hits = hit.iter();
         let (Some(gap), None) = (hits.next(), hits.next()) else {
             self.lose_all(t);
@@ -109,7 +109,7 @@ impl Follower<'_> {
         let c = n + gap;
         self.note_depth(struck, c);
         let mut all = Vec::with_capacity(self.count());
-        let (rtol, atol) = (machine.settings.rtol, machine.settings.atol);
+        let (rtol, atol) = (machine.settings().rtol, machine.settings().atol);
         for column in 0..self.count() {
             let end = &self.columns.now;
             let (x, v) = (&end.x[column * size..][..size], &end.xdot[column * size..][..size]);
@@ -125,11 +125,11 @@ impl Follower<'_> {
             let local = &mut self.columns.local;
             let row = local.along(Direction { t: dt, q: &x[..n], w, parameter });
             let wrt = self.columns.wrt[column];
-            let after = &machine.now.xdot;
-            let stays = |i: usize| i == gap && machine.contacts.closed.has(i);
+            let after = &machine.now().xdot;
+            let stays = |i: usize| i == gap && machine.closed().has(i);
             let target = |i: usize| match i {
                 i if stays(i) || i != gap => 0.0,
-                _ => -machine.e[i] * rates[i] - before.xdot[n + i] * wrt.of_e(i),
+                _ => -machine.e()[i] * rates[i] - before.xdot[n + i] * wrt.of_e(i),
             };
             let wanted: Vec<f64> = (0..m).map(target).collect();
             let how =
@@ -167,11 +167,11 @@ impl Follower<'_> {
     ) -> Result<Vec<f64>, Failure<E>> {
         let n = self.columns.layout.n;
         let mut dt: Vec<f64> = shifted.iter().map(|it| it.dt).collect();
-        let Some(gap) = struck.hit.iter().find(|&gap| machine.contacts.closed.has(gap)) else {
+        let Some(gap) = struck.hit.iter().find(|&gap| machine.closed().has(gap)) else {
             return Ok(dt);
         };
         let kinetics = &mut self.columns.local.kinetics;
-        let now = &machine.now;
+        let now = machine.now();
         kinetics.evaluate(model, now.t, &now.x[..n], &now.xdot[..n])?;
         kinetics.contact(struck.closed)?;
         self.columns.visited = None;
@@ -191,10 +191,10 @@ impl Follower<'_> {
         let end = &mut self.columns.now;
         for (column, it) in shifted.iter().enumerate() {
             for c in 0..size {
-                end.x[column * size + c] = it.x[c] - it.dt * machine.now.xdot[c];
-                end.xdot[column * size + c] = it.v[c] - it.dt * machine.here.slope[c];
+                end.x[column * size + c] = it.x[c] - it.dt * machine.now().xdot[c];
+                end.xdot[column * size + c] = it.v[c] - it.dt * machine.slope()[c];
             }
-            close(column * size + self.columns.layout.n, machine.contacts.closed, end);
+            close(column * size + self.columns.layout.n, machine.closed(), end);
         }
         self.blank();
     }
@@ -208,16 +208,16 @@ impl Follower<'_> {
         machine: &mut Machine,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let Some(&last) = machine.gathered.chain.bounces().last() else { return Ok(()) };
-        let key = machine.gathered.chain.key();
-        if last.t != machine.now.t || key.hit != struck.hit {
+        let Some(&last) = machine.chain().bounces().last() else { return Ok(()) };
+        let key = machine.chain().key();
+        if last.t != machine.now().t || key.hit != struck.hit {
             return Ok(());
         }
         self.note_chain(shifted, machine, model)?;
-        if !matches!(&machine.next, Next::Jump(ahead) if ahead.corner.is_none()) {
+        if !matches!(machine.next(), Next::Jump(ahead) if ahead.corner.is_none()) {
             return Ok(());
         }
-        let (scales, rtol) = (machine.scales(last), machine.settings.rtol);
+        let (scales, rtol) = (machine.scales(last), machine.settings().rtol);
         let gap = struck.hit.iter().next().unwrap_or_default();
         let mut known = true;
         self.zeno.clear();
@@ -225,7 +225,7 @@ impl Follower<'_> {
             let size = self.sizes[column];
             let de = self.columns.wrt[column].of_e(gap);
             let scale = |c: usize, rate: f64| scales[c] / size + rtol * rate.abs();
-            match chain.landing(&machine.gathered.chain, de, scale) {
+            match chain.landing(machine.chain(), de, scale) {
                 Some(zeno) => {
                     known &= self.lost[column] || zeno.size <= 1.0;
                     self.zeno.push(zeno);
@@ -233,8 +233,8 @@ impl Follower<'_> {
                 None => known = false,
             }
         }
-        if !known && !machine.gathered.chain.is_over() && self.zeno_wanted() {
-            machine.next = Next::STEP;
+        if !known && !machine.chain().is_over() && self.zeno_wanted() {
+            machine.cancel_jump();
         }
         Ok(())
     }
@@ -247,10 +247,10 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m }, size, key) =
-            (self.columns.layout, self.columns.size(), machine.gathered.chain.key());
-        let (set, now) = (key.closed.with(key.hit), machine.now.clone());
+            (self.columns.layout, self.columns.size(), machine.chain().key());
+        let (set, now) = (key.closed.with(key.hit), machine.now().clone());
         let Some(gap) = key.hit.iter().next() else { return Ok(()) };
-        let z = machine.without_bounce(key)?;
+        let z = machine.without_speeds(set)?;
         let w = &z[size..][..n];
         // the state without the bounce, and how it moves along the event
         let local = &mut self.columns.local;
@@ -293,7 +293,7 @@ impl Follower<'_> {
                 flow: [&flow, &by_flow],
                 dz,
             };
-            self.chains[column].note(&machine.gathered.chain, &rate);
+            self.chains[column].note(machine.chain(), &rate);
         }
         debug_assert_eq!(flow.len(), 2 * (n + m));
         self.columns.visited = None;

@@ -1,0 +1,148 @@
+//! Impacts that accumulate: those of one kind at a Zeno point, those of several gaps in a corner.
+
+use super::chain::ImpactChain;
+use super::corner::CornerApproach;
+use super::impact::Struck;
+use super::kinetics::{Kinetics, Model};
+use super::mechanism::Mechanism;
+use super::mode::{Ahead, Key};
+use super::piece::Piece;
+use super::state::MechanicalState;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
+use crate::switched::lookahead::Obstacle;
+use crate::switched::SwitchedRk;
+use crate::system::dynamics::{Dynamics, Layout};
+use crate::zeno::bounce::Bounce;
+use crate::zeno::chain::Chain;
+use crate::Status;
+
+/// What is known of impacts that may accumulate.
+#[derive(Clone, Debug)]
+pub(super) struct Accumulation {
+    settings: SwitchedRk,
+    chain: ImpactChain,
+    corner: CornerApproach,
+    /// Impacts since a gap last closed or a contact lifted off.
+    impacts: usize,
+    /// The mechanics away from the state.
+    aside: Kinetics,
+}
+
+impl Accumulation {
+    pub(super) fn new(settings: SwitchedRk, layout: Layout) -> Self {
+        Self {
+            settings,
+            chain: ImpactChain::new(layout.n + layout.m),
+            corner: CornerApproach::default(),
+            impacts: 0,
+            aside: Kinetics::new(layout),
+        }
+    }
+
+    /// The impacts of one kind.
+    pub(super) fn chain(&self) -> &Chain<Vec<f64>, Key> {
+        self.chain.impacts()
+    }
+
+    /// The tolerances of the Zeno time of the chain and of the state there.
+    pub(super) fn scales(&self, state: &MechanicalState, last: Bounce) -> Vec<f64> {
+        self.chain.scales(&self.settings, state, last)
+    }
+
+    /// Where the forces last kept the system from jumping to the end of the chain.
+    pub(super) fn obstacle(&self) -> Option<Obstacle> {
+        self.chain.obstacle()
+    }
+
+    /// From here on the forces are others.
+    pub(super) fn restart(&mut self) {
+        self.chain.restart();
+        self.corner.clear();
+    }
+
+    /// A contact opened: what comes next is another accumulation.
+    pub(super) fn clear(&mut self) {
+        self.chain.clear();
+        self.corner.clear();
+        self.impacts = 0;
+    }
+
+    /// An error where there were too many impacts without an end.
+    pub(super) fn check_budget<E>(&mut self) -> Result<(), Failure<E>> {
+        if self.impacts > self.settings.max_impacts {
+            self.impacts = 0;
+            return Err(Failure::Status(Status::ZenoBudget));
+        }
+        Ok(())
+    }
+
+    /// Appends an impact, with the restitutions by gap and the state after it: where the impacts
+    /// accumulate, if that is known to the tolerance.
+    pub(super) fn note<E, D: Dynamics<E>>(
+        &mut self,
+        struck: &Struck,
+        (e, state): (&[f64], &mut MechanicalState),
+        model: &mut Model<'_, D>,
+    ) -> Result<Option<Ahead>, Failure<E>> {
+        self.impacts = if struck.changes_contacts { 1 } else { self.impacts + 1 };
+        let Self { settings, chain, corner, aside, .. } = self;
+        let mut at = Mechanism { settings, e, state, aside, model };
+        let mut zeno = None;
+        match struck.key() {
+            Some(key) => zeno = chain.note(key, &mut at)?,
+            None => chain.clear(),
+        }
+        corner.note(struck, at.state);
+        if let Some(landing) = zeno {
+            return Ok(Some(Ahead { landing, corner: None }));
+        }
+        let ahead = corner.ahead(&mut at)?;
+        Ok(ahead.map(|(landing, set)| Ahead { landing, corner: Some(set) }))
+    }
+
+    /// Through the rest of an accumulation, onto the manifold. Its arcs are worked out if it ends
+    /// after `dense_from`.
+    pub(super) fn jump<E, D: Dynamics<E>>(
+        &mut self,
+        Ahead { landing, corner: into }: Ahead,
+        dense_from: f64,
+        (e, state): (&[f64], &mut MechanicalState),
+        occurrences: &mut Vec<Occurrence>,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        let before = state.closed();
+        let Self { settings, chain, corner, aside, .. } = self;
+        let mut at = Mechanism { settings, e, state, aside, model };
+        let (piece, set) = match into {
+            Some(set) => {
+                let (flights, set) = corner.jump((landing, set), dense_from, &mut at)?;
+                (Piece::Descent(flights), set)
+            }
+            None => {
+                let (arcs, set) = chain.jump(&landing, dense_from, &mut at)?;
+                (Piece::Skipped(arcs), set)
+            }
+        };
+        state.settle(set)?;
+        state.refresh()?;
+        let t = state.now().t;
+        if into.is_some() {
+            occurrences.push(Occurrence::Corner { t, gaps: set });
+            self.corner.clear();
+        } else {
+            let zeno = |gap| Occurrence::Zeno { t, gap, closed: set };
+            occurrences.extend(set.without(before).iter().map(zeno));
+        }
+        note_lifted(t, state.left(), occurrences);
+        self.chain.restart();
+        self.impacts = 0;
+        Ok(piece)
+    }
+}
+
+/// Notes contacts that the forces open.
+pub(super) fn note_lifted(t: f64, gaps: GapSet, occurrences: &mut Vec<Occurrence>) {
+    occurrences.extend(gaps.iter().map(|gap| Occurrence::LiftOff { t, gap }));
+}

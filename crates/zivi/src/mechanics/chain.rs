@@ -1,0 +1,249 @@
+//! The impacts of gaps that are hit again and again while the same others stay closed, and the jump
+//! through the Zeno point onto the manifold on which they rest.
+
+use super::corner_log::COLUMNS;
+use super::kinetics::{Kinetics, Model};
+use super::mechanism::{scales, Mechanism};
+use super::mode::Key;
+use super::state::MechanicalState;
+use super::tail::SkippedArcs;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::switched::lookahead::{Lookahead, Obstacle};
+use crate::switched::stages::Counted;
+use crate::switched::SwitchedRk;
+use crate::system::dynamics::{Dynamics, Layout};
+use crate::zeno::bounce::Bounce;
+use crate::zeno::chain::Chain;
+use crate::zeno::table::Landing;
+use crate::Force;
+
+/// The last impacts of one kind.
+#[derive(Clone, Debug)]
+pub(super) struct ImpactChain {
+    chain: Chain<Vec<f64>, Key>,
+    /// Where the forces last kept the system from jumping to the end of it.
+    obstacle: Option<Obstacle>,
+}
+
+impl ImpactChain {
+    /// For so many coordinates and gaps.
+    pub(super) fn new(size: usize) -> Self {
+        Self { chain: Chain::new(Key::default(), 0.5, 2 * size, COLUMNS), obstacle: None }
+    }
+
+    /// The impacts.
+    pub(super) fn impacts(&self) -> &Chain<Vec<f64>, Key> {
+        &self.chain
+    }
+
+    /// Where the forces last kept the system from jumping.
+    pub(super) fn obstacle(&self) -> Option<Obstacle> {
+        self.obstacle
+    }
+
+    /// What comes next is another chain.
+    pub(super) fn clear(&mut self) {
+        self.chain.clear();
+    }
+
+    /// The same, under other forces or after a jump.
+    pub(super) fn restart(&mut self) {
+        self.chain.clear();
+        self.obstacle = None;
+    }
+
+    /// The gaps that are closed where the chain ends.
+    pub(super) fn set(&self) -> GapSet {
+        let key = self.chain.key();
+        key.closed.with(key.hit)
+    }
+
+    /// The tolerances of the Zeno time and of the state there.
+    pub(super) fn scales(
+        &self,
+        settings: &SwitchedRk,
+        state: &MechanicalState,
+        last: Bounce,
+    ) -> Vec<f64> {
+        scales(settings, state, settings.zeno_tolerance(&self.chain, last.g))
+    }
+
+    /// Appends an impact: where the chain ends, if that is known to the tolerance.
+    pub(super) fn note<E, D: Dynamics<E>>(
+        &mut self,
+        key: Key,
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<Option<Landing<Vec<f64>>>, Failure<E>> {
+        let n = at.aside.coordinates();
+        let Some(first) = key.hit.iter().next() else { return Ok(None) };
+        let (e, u) = (at.e[first], at.state.gap(first).1);
+        let alike = key.hit.iter().all(|i| at.e[i] == e);
+        if !(alike && e > 0.0 && e < 1.0 && u > 0.0) {
+            self.chain.clear();
+            return Ok(None);
+        }
+        let (t, z) = (at.state.now().t, at.state.without_speeds(key.closed.with(key.hit))?);
+        let (x, v) = z.split_at(z.len() / 2);
+        let aside = &mut *at.aside;
+        aside.evaluate(at.model, t, &x[..n], &v[..n])?;
+        aside.contact(key.closed)?;
+        let pull = |i: usize| -aside.acceleration[n + i];
+        let least = key.hit.iter().map(pull).fold(f64::INFINITY, f64::min);
+        let g = if least > 0.0 { pull(first) } else { least };
+        aside.contact(key.closed.with(key.hit))?;
+        let mut rates = v.to_vec();
+        rates.append(&mut aside.accelerations());
+        let bounce = Bounce { t, u, g };
+        self.chain.turn_to(key, e);
+        self.chain.note(bounce, &z, &rates)?;
+        if g > 0.0 {
+            self.end(bounce, at)
+        } else {
+            Ok(None)
+        }
+    }
+
+    /// Where the chain ends, if that is known to the tolerance.
+    fn end<E, D: Dynamics<E>>(
+        &mut self,
+        last: Bounce,
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<Option<Landing<Vec<f64>>>, Failure<E>> {
+        if self.chain.is_over() {
+            return Ok(self.chain.leading());
+        }
+        let left = self.chain.remaining(last);
+        let scales = self.scales(at.settings, at.state, last);
+        let Some(landing) = self.chain.landing(&scales) else { return Ok(None) };
+        let ahead = landing.t - last.t;
+        let (set, closed) = (self.set(), self.chain.key().closed);
+        let known = landing.size <= 1.0 && ahead > 0.0 && ahead < 3.0 * left;
+        let sound = known
+            && at.is_clear(&landing, set)
+            && at.stays_closed(&landing, set, closed)?
+            && self.look_ahead(&landing, scales[0], at)?;
+        Ok(sound.then_some(landing))
+    }
+
+    /// Whether the forces make the arcs that a jump would skip: they are put back into the
+    /// equation of the bouncing gap.
+    fn look_ahead<E, D: Dynamics<E>>(
+        &mut self,
+        landing: &Landing<Vec<f64>>,
+        tolerance: f64,
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<bool, Failure<E>> {
+        let (key, set) = (self.chain.key(), self.set());
+        let Some(gap) = key.hit.iter().next() else { return Ok(false) };
+        let (t, z) = (at.state.now().t, at.state.without_speeds(set)?);
+        let speeds = at.state.now().xdot.clone();
+        let mut first = at.end_of_arcs(t, &z, set)?;
+        first.way = self.way(set, &speeds, at.aside)?;
+        let mut last = at.end_of_arcs(landing.t, landing.state(), set)?;
+        last.way = self.way(set, &speeds, at.aside)?;
+        let arcs = SkippedArcs::of_chain(&self.chain, landing.t, [first, last]);
+        let Some(tail) = &arcs.arcs else { return Ok(false) };
+        let (e, max_step) = (self.chain.e(), at.settings.max_step);
+        let ahead = Lookahead { tail, e, tolerance, max_step, period: None };
+        let mut pull = AlongArcs::new(&arcs, (key.closed, gap), at.aside, at.model);
+        let obstacle = &mut self.obstacle;
+        *obstacle = ahead.obstacle(*obstacle, &mut Counted::new(&mut pull))?;
+        Ok(obstacle.is_none())
+    }
+
+    /// Through the rest of the chain: the arcs that this skips, bent if they end after
+    /// `dense_from`, and the gaps that are closed then.
+    pub(super) fn jump<E, D: Dynamics<E>>(
+        &self,
+        landing: &Landing<Vec<f64>>,
+        dense_from: f64,
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<(SkippedArcs, GapSet), Failure<E>> {
+        let set = self.set();
+        let (start, z) = (at.state.now().t, at.state.without_speeds(set)?);
+        let speeds = at.state.now().xdot.clone();
+        let mut first = at.end_of_arcs(start, &z, set)?;
+        first.way = self.way(set, &speeds, at.aside)?;
+        let set = at.move_to(landing, set)?;
+        let mut last = at.end_here(set)?;
+        last.way = self.way(set, &speeds, at.aside)?;
+        let zeno = at.state.now().t;
+        let mut arcs = SkippedArcs::of_chain(&self.chain, zeno, [first, last]);
+        if zeno > dense_from {
+            self.bend(&mut arcs, at)?;
+        }
+        Ok((arcs, set))
+    }
+
+    /// Gives the arcs of a jump the accelerations of the bouncing gap at their ends.
+    fn bend<E, D: Dynamics<E>>(
+        &self,
+        arcs: &mut SkippedArcs,
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<(), Failure<E>> {
+        let key = self.chain.key();
+        let (Some(gap), Some(mut tail)) = (key.hit.iter().next(), arcs.arcs.take()) else {
+            return Ok(());
+        };
+        let mut pull = AlongArcs::new(arcs, (key.closed, gap), at.aside, at.model);
+        Counted::new(&mut pull).bend(&mut tail)?;
+        arcs.arcs = Some(tail);
+        Ok(())
+    }
+
+    /// The direction in which the bouncing gaps, at the given rates of the state, move coordinates
+    /// and gaps from where the system was last evaluated aside.
+    fn way<E>(
+        &self,
+        set: GapSet,
+        rates: &[f64],
+        aside: &mut Kinetics,
+    ) -> Result<Vec<f64>, Failure<E>> {
+        let (n, bouncing) = (aside.coordinates(), self.chain.key().hit);
+        let Some(last) = self.chain.bounces().last() else { return Ok(vec![0.0; rates.len()]) };
+        let part = |i: usize| if bouncing.has(i) { rates[n + i] / last.u } else { 0.0 };
+        Ok(aside.displacement(set, part)?)
+    }
+}
+
+/// The acceleration of the bouncing gap along the arcs of a jump, as the force of a scalar motion.
+struct AlongArcs<'r, 'm, D> {
+    arcs: &'r SkippedArcs,
+    kinetics: &'r mut Kinetics,
+    model: &'r mut Model<'m, D>,
+    closed: GapSet,
+    component: usize,
+    n: usize,
+    x: Vec<f64>,
+    v: Vec<f64>,
+}
+
+impl<'r, 'm, D> AlongArcs<'r, 'm, D> {
+    /// Of a gap while those of a set stay closed.
+    fn new(
+        arcs: &'r SkippedArcs,
+        (closed, gap): (GapSet, usize),
+        kinetics: &'r mut Kinetics,
+        model: &'r mut Model<'m, D>,
+    ) -> Self {
+        let Layout { n, m } = kinetics.layout;
+        let [x, v] = [(); 2].map(|()| vec![0.0; n + m]);
+        Self { arcs, kinetics, model, closed, component: n + gap, n, x, v }
+    }
+}
+
+impl<E, D: Dynamics<E>> Force<E> for AlongArcs<'_, '_, D> {
+    fn at(&mut self, t: f64, y: f64, u: f64) -> Result<f64, E> {
+        self.arcs.combine(t, (y, u), &mut self.x, &mut self.v);
+        match self.kinetics.evaluate(self.model, t, &self.x[..self.n], &self.v[..self.n]) {
+            Err(Failure::Raised(error)) => return Err(error),
+            Err(Failure::Status(_)) => return Ok(f64::NAN),
+            Ok(()) => (),
+        }
+        Ok(match self.kinetics.contact(self.closed) {
+            Ok(()) => self.kinetics.acceleration[self.component],
+            Err(_) => f64::NAN,
+        })
+    }
+}

@@ -1,0 +1,139 @@
+//! The mechanism after an impact, and what holds ahead of it: what a jump to the end of an
+//! accumulation asks for.
+
+use super::kinetics::{Kinetics, Model};
+use super::state::MechanicalState;
+use super::tail::EndOfArcs;
+use crate::numeric::bernstein::Bernstein;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::switched::SwitchedRk;
+use crate::system::dynamics::{Dynamics, Layout};
+use crate::zeno::table::Landing;
+
+/// A jump passes no other gap that is nearer than so many of its estimated errors.
+const CLEAR: f64 = 100.0;
+
+/// A mechanical system at its state, and evaluated elsewhere.
+pub(super) struct Mechanism<'r, 'm, D> {
+    pub(super) settings: &'r SwitchedRk,
+    /// Restitutions by gap.
+    pub(super) e: &'r [f64],
+    pub(super) state: &'r mut MechanicalState,
+    /// The mechanics where they were evaluated last, away from the state.
+    pub(super) aside: &'r mut Kinetics,
+    pub(super) model: &'r mut Model<'m, D>,
+}
+
+/// The tolerances of the time of a jump and of the state after it.
+pub(super) fn scales(settings: &SwitchedRk, state: &MechanicalState, of_time: f64) -> Vec<f64> {
+    let ([atol_x, atol_v], rtol) = (settings.atol, settings.rtol);
+    let of_x = state.now().x.iter().map(|x| atol_x + rtol * x.abs());
+    let of_v = state.now().xdot.iter().map(|v| atol_v + rtol * v.abs());
+    std::iter::once(of_time).chain(of_x).chain(of_v).collect()
+}
+
+impl<D> Mechanism<'_, '_, D> {
+    /// Whether the gaps outside of a set stay open on the way to the landing: the cubic between
+    /// both ends stays clear of zero.
+    pub(super) fn is_clear(&self, landing: &Landing<Vec<f64>>, set: GapSet) -> bool {
+        let (Layout { n, m }, now) = (self.state.layout(), self.state.now());
+        let (h, z, errors) = (landing.t - now.t, landing.state(), landing.errors());
+        (0..m).filter(|&k| !set.has(k)).all(|k| {
+            let (c, error) = (n + k, errors[n + k]);
+            let (first, last) = (now.x[c], z[c]);
+            let (slope, end) = (h * now.xdot[c], h * z[n + m + c]);
+            let p = Bernstein::hermite((first, slope), (last, end));
+            p.coefficients().iter().all(|&c| c > CLEAR * error)
+        })
+    }
+
+    /// Whether the forces keep all gaps of a set closed along the way to the landing, and those
+    /// that stay closed while another one bounces also without it, and under its impacts.
+    pub(super) fn stays_closed<E>(
+        &mut self,
+        landing: &Landing<Vec<f64>>,
+        set: GapSet,
+        meanwhile: GapSet,
+    ) -> Result<bool, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let (Layout { n, m }, closed) = (self.state.layout(), self.state.closed());
+        let (now, z, at) = (self.state.now(), landing.state(), &mut *self.aside);
+        for part in [0.25, 0.5, 0.75, 1.0] {
+            let on_the_way = |from: &[f64], to: &[f64]| -> Vec<f64> {
+                from.iter().zip(to).map(|(a, b)| a + part * (b - a)).collect()
+            };
+            let q = on_the_way(&now.x[..n], &z[..n]);
+            let w = on_the_way(&now.xdot[..n], &z[n + m..][..n]);
+            let t = now.t + part * (landing.t - now.t);
+            match at.evaluate(self.model, t, &q, &w) {
+                Err(Failure::Status(_)) => return Ok(false),
+                evaluated => evaluated?,
+            }
+            if at.contact(set).is_err() {
+                return Ok(false);
+            }
+            let pushes = |at: &mut Kinetics, i: usize| {
+                // bodies in free fall touch without a force
+                let none = if closed.has(i) { -at.noise(i) / at.d(i, i) } else { 0.0 };
+                at.lambda[i] > none || (closed.has(i) && at.lambda[i] >= none)
+            };
+            if !set.iter().all(|i| pushes(at, i)) {
+                return Ok(false);
+            }
+            if at.contact(meanwhile).is_err() || !meanwhile.iter().all(|i| pushes(at, i)) {
+                return Ok(false);
+            }
+            if !meanwhile.is_empty() && !at.impacts_press(set.without(meanwhile), meanwhile)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// One end of the arcs that a jump skips: the motion in contact, at a time and a state, `x`
+    /// before `x'`. The system is evaluated aside there.
+    pub(super) fn end_of_arcs<E>(
+        &mut self,
+        t: f64,
+        z: &[f64],
+        set: GapSet,
+    ) -> Result<EndOfArcs, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let (n, size) = (self.aside.coordinates(), z.len() / 2);
+        let (x, v) = z.split_at(size);
+        self.aside.evaluate(self.model, t, &x[..n], &v[..n])?;
+        self.aside.contact(set)?;
+        let acceleration = self.aside.accelerations();
+        Ok(EndOfArcs { x: x.to_vec(), v: v.to_vec(), acceleration, way: vec![0.0; size] })
+    }
+
+    /// The end of the arcs at the present state.
+    pub(super) fn end_here<E>(&mut self, set: GapSet) -> Result<EndOfArcs, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let now = self.state.now();
+        let (t, z) = (now.t, [&now.x[..], &now.xdot[..]].concat());
+        self.end_of_arcs(t, &z, set)
+    }
+
+    /// Moves to a landing, after which the gaps of a set are closed, and maybe others with them:
+    /// all of these. The system is evaluated there.
+    pub(super) fn move_to<E>(
+        &mut self,
+        landing: &Landing<Vec<f64>>,
+        set: GapSet,
+    ) -> Result<GapSet, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let t = landing.t.max(self.state.now().t);
+        let rounding = self.settings.atol.map(|atol| f64::EPSILON * atol);
+        self.state.move_to((t, landing.state()), set, rounding, self.model)
+    }
+}

@@ -1,0 +1,382 @@
+//! A mechanical system at a time: where it is, on which contacts, and what the forces do there.
+
+use super::contact_problem::settle;
+use super::equation::{AtEnd, InContact, Stages, State};
+use super::kinetics::{without_rounding, Kinetics, Model};
+use super::mode::Contacts;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::system::dynamics::{Dynamics, Layout};
+
+/// The state of a mechanical system.
+#[derive(Clone, Debug)]
+pub(super) struct MechanicalState {
+    layout: Layout,
+    now: State,
+    contacts: Contacts,
+    /// Accelerations and contact forces here, where they are known.
+    slope: Vec<f64>,
+    lambda: Vec<f64>,
+    is_known: bool,
+    /// The mechanics where they were evaluated last: here, or at a stage of a step from here.
+    kinetics: Kinetics,
+}
+
+/// What there is at the start of a run.
+pub(super) enum Start {
+    /// The gaps that are hit, maybe none.
+    At(GapSet),
+    /// A gap is not open: its value.
+    Overlap(f64),
+}
+
+/// A gap of this part of the unit of length is closed at the start.
+const NEAR: f64 = 1e-15;
+/// Newton iterations of a projection.
+const PROJECTIONS: usize = 4;
+/// A gap is as its function says while that is larger than this part of its terms.
+const ANCHOR: f64 = 1e-5;
+
+impl MechanicalState {
+    pub(super) fn new(layout: Layout) -> Self {
+        let size = layout.n + layout.m;
+        Self {
+            layout,
+            now: State::zeros(size),
+            contacts: Contacts::default(),
+            slope: vec![0.0; size],
+            lambda: vec![0.0; layout.m],
+            is_known: false,
+            kinetics: Kinetics::new(layout),
+        }
+    }
+
+    /// Starts where the gaps are open, or closed to rounding.
+    pub(super) fn start<E, D: Dynamics<E>>(
+        &mut self,
+        t: f64,
+        (q, w): (&[f64], &[f64]),
+        model: &mut Model<'_, D>,
+    ) -> Result<Start, Failure<E>> {
+        let Layout { n, m } = self.layout;
+        (self.now.t, self.now.late) = (t, 0.0);
+        self.now.x[..n].copy_from_slice(q);
+        self.now.xdot[..n].copy_from_slice(w);
+        self.kinetics.evaluate(model, t, q, w)?;
+        let (mut touching, mut hit) = (GapSet::EMPTY, GapSet::EMPTY);
+        for i in 0..m {
+            let (gap, rate) = (self.kinetics.gap(i), self.kinetics.rate(i, w));
+            let (of_gap, of_rate) = self.kinetics.rounding(i, q, w);
+            // a gap that vanishes by cancellation leaves rounding of its terms, which may be larger
+            // than what the coordinates tell
+            let of_gap = of_gap.max(NEAR * self.kinetics.steepness(i));
+            if gap < -8.0 * of_gap {
+                return Ok(Start::Overlap(gap));
+            }
+            let zero = |value: f64, noise: f64| if value.abs() <= noise { 0.0 } else { value };
+            let (x, v) = (zero(gap, 8.0 * of_gap), zero(rate, 4.0 * of_rate));
+            (self.now.x[n + i], self.now.xdot[n + i]) = (x, v);
+            if x == 0.0 && v <= 0.0 {
+                let set = if v < 0.0 { &mut hit } else { &mut touching };
+                *set = set.with(GapSet::of(i));
+            }
+        }
+        self.contacts = Contacts { closed: touching, left: GapSet::EMPTY };
+        if hit.is_empty() && !touching.is_empty() {
+            self.project(touching, model)?;
+            self.settle(touching)?;
+        }
+        Ok(Start::At(hit))
+    }
+
+    pub(super) fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    /// Coordinates and gaps, and their rates.
+    pub(super) fn now(&self) -> &State {
+        &self.now
+    }
+
+    /// The gaps that are closed.
+    pub(super) fn closed(&self) -> GapSet {
+        self.contacts.closed
+    }
+
+    /// The gaps that are just opening.
+    pub(super) fn left(&self) -> GapSet {
+        self.contacts.left
+    }
+
+    /// The gaps that are not closed.
+    pub(super) fn open_gaps(&self) -> impl Iterator<Item = usize> {
+        let closed = self.contacts.closed;
+        (0..self.layout.m).filter(move |&i| !closed.has(i))
+    }
+
+    /// A gap and its rate.
+    pub(super) fn gap(&self, i: usize) -> (f64, f64) {
+        let c = self.layout.n + i;
+        (self.now.x[c], self.now.xdot[c])
+    }
+
+    /// Accelerations of coordinates and gaps, where they are known.
+    pub(super) fn slope(&self) -> &Vec<f64> {
+        &self.slope
+    }
+
+    /// Contact forces by gap, where they are known.
+    pub(super) fn lambda(&self) -> &[f64] {
+        &self.lambda
+    }
+
+    /// The mechanics where they were evaluated last.
+    pub(super) fn kinetics(&self) -> &Kinetics {
+        &self.kinetics
+    }
+
+    /// The same, to be solved for impulses or forces, and the state.
+    pub(super) fn parts(&mut self) -> (&mut Kinetics, &mut State) {
+        (&mut self.kinetics, &mut self.now)
+    }
+
+    /// The state, the accelerations there and the equation for a step from it. What is known at the
+    /// end of that goes to `at_end`.
+    pub(super) fn equation<'r, 'm, D>(
+        &'r mut self,
+        model: &'r mut Model<'m, D>,
+        at_end: &'r mut AtEnd,
+    ) -> (&'r State, &'r Vec<f64>, InContact<'r, 'm, D>) {
+        let Self { now, slope, kinetics, contacts, .. } = self;
+        let closed = contacts.closed;
+        (now, slope, InContact { closed, kinetics, model, at_end: Some(at_end) })
+    }
+
+    /// The gaps that are hit at once, though none of them was seen to come near.
+    pub(super) fn through(&self) -> GapSet {
+        let hit = |&i: &usize| matches!(self.gap(i), (x, v) if x <= 0.0 && v < 0.0);
+        self.open_gaps().filter(hit).collect()
+    }
+
+    /// Whether a gap is zero but for rounding, where the system has just been evaluated.
+    pub(super) fn touches(&self, i: usize) -> bool {
+        let n = self.layout.n;
+        let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
+        self.gap(i).0 <= 8.0 * self.kinetics.rounding(i, q, w).0
+    }
+
+    /// Forgets the forces: from here on they are others.
+    pub(super) fn forget_forces(&mut self) {
+        self.is_known = false;
+    }
+
+    /// Evaluates the system here.
+    pub(super) fn evaluate<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let n = self.layout.n;
+        self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
+    }
+
+    /// Accelerations and contact forces here.
+    pub(super) fn prepare<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        if !self.is_known {
+            self.evaluate(model)?;
+            self.refresh()?;
+            self.anchor_all();
+        }
+        Ok(())
+    }
+
+    /// The same, where the system has just been evaluated.
+    pub(super) fn refresh<E>(&mut self) -> Result<(), Failure<E>> {
+        self.kinetics.contact(self.contacts.closed)?;
+        self.slope.copy_from_slice(&self.kinetics.acceleration);
+        self.lambda.copy_from_slice(&self.kinetics.lambda);
+        self.is_known = true;
+        Ok(())
+    }
+
+    /// Sets the gaps that were integrated to what their functions say, where the system has just
+    /// been evaluated.
+    fn anchor_all(&mut self) {
+        for i in 0..self.layout.m {
+            let rate = self.kinetics.rate(i, &self.now.xdot[..self.layout.n]);
+            self.anchor(i, self.kinetics.gap(i), rate);
+        }
+    }
+
+    /// Sets a gap that was integrated to what its function says, where that has enough digits.
+    fn anchor(&mut self, i: usize, gap: f64, rate: f64) {
+        let n = self.layout.n;
+        let size = self.now.x[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let clear = gap > ANCHOR * (size + gap) && self.now.x[n + i] > 0.0;
+        if clear && !self.contacts.closed.has(i) {
+            (self.now.x[n + i], self.now.xdot[n + i]) = (gap, rate);
+        }
+    }
+
+    /// Moves the coordinates and velocities, along the directions of the impulses, to where the
+    /// gaps of a set are zero and have the speeds of the state. The system is evaluated there.
+    pub(super) fn project<E, D: Dynamics<E>>(
+        &mut self,
+        set: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let Self { kinetics, now, layout, .. } = self;
+        let n = layout.n;
+        self.is_known = false;
+        for iteration in 0..=PROJECTIONS {
+            let (q, gaps) = now.x.split_at_mut(n);
+            let (w, speeds) = now.xdot.split_at_mut(n);
+            kinetics.evaluate(model, now.t, q, w)?;
+            let (mut far, mut fast) = (false, false);
+            for i in set.iter() {
+                gaps[i] = 0.0;
+                let (of_gap, of_rate) = kinetics.rounding(i, q, w);
+                far |= kinetics.gap(i).abs() > of_gap;
+                fast |= (speeds[i] - kinetics.rate(i, w)).abs() > of_rate;
+            }
+            if !(far || fast) || iteration == PROJECTIONS {
+                break;
+            }
+            if fast {
+                kinetics.solve(set, |at, i| speeds[i] - at.rate(i, w))?;
+                kinetics.apply(set, w);
+            }
+            if far {
+                kinetics.solve(set, |at, i| -at.gap(i))?;
+                kinetics.apply(set, q);
+            }
+        }
+        Ok(())
+    }
+
+    /// Of the gaps that touch without a speed some stay closed, and the forces open the others,
+    /// where the system has just been evaluated: `0 <= lambda  perp  b + D lambda >= 0`.
+    pub(super) fn settle<E>(&mut self, touching: GapSet) -> Result<(), Failure<E>> {
+        self.contacts = settle(&mut self.kinetics, touching)?;
+        Ok(())
+    }
+
+    /// Some of the closed gaps open.
+    pub(super) fn open(&mut self, left: GapSet) {
+        self.contacts = Contacts { closed: self.contacts.closed.without(left), left };
+    }
+
+    /// To a time and a state, `x` before `x'`, in which the gaps of a set are closed, and those that
+    /// are closed with them to within `rounding` of gaps and rates: all of these. The system is
+    /// evaluated there.
+    pub(super) fn move_to<E, D: Dynamics<E>>(
+        &mut self,
+        (t, z): (f64, &[f64]),
+        set: GapSet,
+        rounding: [f64; 2],
+        model: &mut Model<'_, D>,
+    ) -> Result<GapSet, Failure<E>> {
+        let (x, xdot) = z.split_at(self.now.x.len());
+        (self.now.t, self.now.late) = (t, 0.0);
+        self.now.x.copy_from_slice(x);
+        self.now.xdot.copy_from_slice(xdot);
+        self.stop(set);
+        self.project(set, model)?;
+        let more = self.closed_along(set, rounding);
+        self.stop(more);
+        Ok(set.with(more))
+    }
+
+    /// The gaps that are closed to rounding with those of a set, where the system has just been
+    /// evaluated. If the set determines them they never move, and no impact would tell.
+    fn closed_along(&self, set: GapSet, [of_x, of_v]: [f64; 2]) -> GapSet {
+        let Layout { n, m } = self.layout;
+        let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
+        let touches = |&i: &usize| {
+            let (of_gap, of_rate) = self.kinetics.rounding(i, q, w);
+            let (gap, rate) = (self.kinetics.gap(i), self.kinetics.rate(i, w));
+            !set.has(i) && gap.abs() <= of_gap + of_x && rate.abs() <= of_rate + of_v
+        };
+        (0..m).filter(touches).collect()
+    }
+
+    /// The gaps of a set are zero, without a speed.
+    fn stop(&mut self, set: GapSet) {
+        let n = self.layout.n;
+        for i in set.iter() {
+            (self.now.x[n + i], self.now.xdot[n + i]) = (0.0, 0.0);
+        }
+    }
+
+    /// To the end of a step, at the time `end` if that is given: back onto the manifold of the
+    /// closed gaps, with the slope for the next step.
+    pub(super) fn take<E, D: Dynamics<E>>(
+        &mut self,
+        (step, at_end): (&Stages, &AtEnd),
+        end: Option<f64>,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        self.now.copy_from(&step.end);
+        if let Some(end) = end {
+            (self.now.t, self.now.late) = (end, 0.0);
+        }
+        self.contacts.left = GapSet::EMPTY;
+        if !self.contacts.closed.is_empty() {
+            self.project(self.contacts.closed, model)?;
+            self.refresh()?;
+            self.anchor_all();
+            return Ok(());
+        }
+        self.is_known = step.copy_end_slope(&mut self.slope);
+        self.lambda.fill(0.0);
+        if self.is_known {
+            for i in 0..self.layout.m {
+                self.anchor(i, at_end.gap[i], at_end.rate[i]);
+            }
+        }
+        Ok(())
+    }
+
+    /// To an event at the time `total` after the start of a step, `delta` after its end; not
+    /// beyond `t_end`.
+    pub(super) fn move_along(&mut self, step: &Stages, (total, delta): (f64, f64), t_end: f64) {
+        let end = &step.end;
+        self.now.pass(total);
+        if self.now.t > t_end {
+            (self.now.t, self.now.late) = (t_end, 0.0);
+        }
+        for c in 0..self.now.x.len() {
+            let slope = step.end_slope(c);
+            self.now.x[c] = end.x[c] + delta * (end.xdot[c] + 0.5 * delta * slope);
+            self.now.xdot[c] = end.xdot[c] + delta * slope;
+        }
+        self.is_known = false;
+    }
+
+    /// The state without the speeds of the gaps of a set, taken out along the impulses: that from
+    /// which they would stay closed.
+    pub(super) fn without_speeds<E>(&mut self, set: GapSet) -> Result<Vec<f64>, Failure<E>> {
+        let Self { kinetics, now, layout: Layout { n, m }, .. } = self;
+        let n = *n;
+        let (mut x, mut v) = (now.x.clone(), now.xdot.clone());
+        // twice: the first leaves rounding of the speeds
+        for _ in 0..2 {
+            let w = &v[..n];
+            kinetics.solve(set, |at, i| -at.rate(i, w))?;
+            kinetics.apply(set, &mut v[..n]);
+        }
+        without_rounding(&mut v[..n], &now.xdot);
+        let speeds = &now.xdot[n..];
+        kinetics.solve(set, |_, i| -speeds[i])?;
+        for k in 0..*m {
+            v[n + k] = if set.has(k) { 0.0 } else { v[n + k] + kinetics.passed_on(k, set) };
+        }
+        for i in set.iter() {
+            x[n + i] = 0.0;
+        }
+        x.append(&mut v);
+        Ok(x)
+    }
+}
