@@ -100,6 +100,7 @@ from zivi.vi.solve import (
 
 if TYPE_CHECKING:
     from zivi import files as files, interop as interop, symbolic as symbolic
+    from zivi.simulation import methods as methods
 
 importlib.import_module("zivi.base.leaving").watch()
 _former = importlib.import_module("zivi.base.former")
@@ -179,11 +180,13 @@ def __getattr__(name: str) -> object:
         return importlib.import_module(f"zivi.{name}")
     if not name.startswith("_") and name in _former.FORMER:
         return sys.modules[f"zivi.{name}"]
+    if name in (known := sys.modules["zivi.methods"].METHODS):
+        return known[name]  # of a method that is not among those above
     raise AttributeError(f"module 'zivi' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, *_LAZY})
+    return sorted({*__all__, *_LAZY, "methods", *sys.modules["zivi.methods"].METHODS})
 
 
 for _public in list(globals().values()):

@@ -1,5 +1,5 @@
 from collections.abc import Callable
-from typing import Any, Self, final, overload
+from typing import Any, Literal, Self, final, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from typing_extensions import disjoint_base
 __all__ = [
     "CONTROL_SETTINGS",
     "FORMAT",
+    "METHODS",
     "SETTINGS",
     "STATUS_MESSAGES",
     "Ballistic",
@@ -16,7 +17,6 @@ __all__ = [
     "Configuration",
     "Event",
     "Explicit",
-    "ExplicitEuler",
     "Force",
     "Hits",
     "Keep",
@@ -28,8 +28,8 @@ __all__ = [
     "MechanicalSensitivityRecord",
     "Mechanism",
     "Method",
+    "MethodEntry",
     "Model",
-    "MoreauJean",
     "MotionPath",
     "Moved",
     "Nearest",
@@ -42,8 +42,6 @@ __all__ = [
     "SensitivityRecord",
     "Setting",
     "State",
-    "SwitchedRK",
-    "ThetaGamma",
     "Tracker",
     "ViRecord",
     "Wall",
@@ -102,6 +100,8 @@ class Setting:
     @property
     def whole(self) -> bool: ...
     @property
+    def pair(self) -> bool: ...
+    @property
     def choices(self) -> tuple[Any, ...] | None: ...
     @property
     def default(self) -> Any: ...
@@ -113,37 +113,70 @@ class Setting:
 SETTINGS: dict[str, list[Setting]]
 CONTROL_SETTINGS: dict[str, list[Setting]]
 
-@disjoint_base
-class Method: ...
-
 @final
-class SwitchedRK(Method):
+class MethodEntry:
+    @property
+    def name(self) -> str: ...
+    @property
+    def meaning(self) -> str: ...
+    @property
+    def settings(self) -> tuple[Setting, ...]: ...
+    @property
+    def fixed_steps(self) -> bool: ...
+    @property
+    def penetrates(self) -> bool: ...
+    @property
+    def takes_mechanism(self) -> bool: ...
+
+METHODS: dict[str, MethodEntry]
+
+# methods, by tools/stubs.py
+@final
+class Method:
+    @overload
     def __new__(
         cls,
+        name: Literal["SwitchedRK"],
         *,
-        rtol: float,
-        atol: tuple[float, float],
-        order: int,
-        max_step: float,
-        first_step: float | None,
-        max_steps: int,
-        max_impacts: int,
-        flights: str,
+        rtol: float = ...,
+        atol: float | tuple[float, float] = ...,
+        order: int = ...,
+        max_step: float = ...,
+        first_step: float | None = ...,
+        max_steps: int = ...,
+        max_impacts: int = ...,
+        flights: str = ...,
     ) -> Self: ...
-
-@final
-class ThetaGamma(Method):
+    @overload
     def __new__(
-        cls, *, h: float, theta: float, gamma: float, solver: str, linearisations: int
+        cls,
+        name: Literal["ThetaGamma"],
+        *,
+        h: float,
+        theta: float = ...,
+        gamma: float = ...,
+        solver: str = ...,
+        linearisations: int = ...,
     ) -> Self: ...
+    @overload
+    def __new__(
+        cls,
+        name: Literal["MoreauJean"],
+        *,
+        h: float,
+        theta: float = ...,
+    ) -> Self: ...
+    @overload
+    def __new__(
+        cls,
+        name: Literal["ExplicitEuler"],
+        *,
+        h: float,
+    ) -> Self: ...
+    @overload
+    def __new__(cls, name: str, **settings: Any) -> Self: ...
 
-@final
-class MoreauJean(Method):
-    def __new__(cls, *, h: float, theta: float) -> Self: ...
-
-@final
-class ExplicitEuler(Method):
-    def __new__(cls, *, h: float) -> Self: ...
+# end of the methods
 
 @final
 class Wall:

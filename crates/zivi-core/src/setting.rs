@@ -86,6 +86,8 @@ pub struct Setting {
 pub enum Values {
     /// The numbers between two bounds.
     Numbers(Bound<f64>, Bound<f64>),
+    /// The same, one for distance and velocity each, or one for both.
+    Pairs(Bound<f64>, Bound<f64>),
     /// The whole numbers between two that are among them.
     Counts(usize, usize),
     /// Some numbers or names.
@@ -101,6 +103,8 @@ pub enum Value {
     Open(&'static str),
     /// A number.
     Number(f64),
+    /// A number for the distance, and one for the velocity.
+    Pair([f64; 2]),
     /// A whole number.
     Count(usize),
     /// A name.
@@ -117,16 +121,17 @@ impl Values {
     /// Numbers from 0 to 1.
     pub const UNIT: Self = Values::Numbers(Bound::Included(0.0), Bound::Included(1.0));
 
-    /// Whether a number is among them.
+    /// Whether a number, or each of a pair, is among them.
     #[inline]
     #[must_use]
     pub fn hold(&self, value: f64) -> bool {
         match *self {
             // as in `is_positive`
-            Values::Numbers(from, Bound::Excluded(f64::INFINITY)) => {
+            Values::Numbers(from, Bound::Excluded(f64::INFINITY))
+            | Values::Pairs(from, Bound::Excluded(f64::INFINITY)) => {
                 (from, Bound::Included(f64::MAX)).contains(&value)
             }
-            Values::Numbers(from, to) => (from, to).contains(&value),
+            Values::Numbers(from, to) | Values::Pairs(from, to) => (from, to).contains(&value),
             Values::Counts(..) | Values::Choice(_) => false,
         }
     }
@@ -137,7 +142,7 @@ impl Values {
         match *self {
             Values::Counts(from, to) => (from..=to).contains(&value),
             Values::Choice(values) => values.contains(&Value::Count(value)),
-            Values::Numbers(..) => false,
+            Values::Numbers(..) | Values::Pairs(..) => false,
         }
     }
 }

@@ -37,14 +37,12 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("FORMAT", zivi::record::stored::FORMAT)?;
     module.add("STATUS_MESSAGES", record::status_messages())?;
+    module.add("METHODS", method::all_methods(module.py())?)?;
     module.add("SETTINGS", method::all_settings(module.py())?)?;
     module.add("CONTROL_SETTINGS", method::control_settings(module.py())?)?;
     module.add_class::<method::Setting>()?;
     module.add_class::<method::Method>()?;
-    module.add_class::<method::SwitchedRK>()?;
-    module.add_class::<method::ThetaGamma>()?;
-    module.add_class::<method::MoreauJean>()?;
-    module.add_class::<method::ExplicitEuler>()?;
+    module.add_class::<method::MethodEntry>()?;
     module.add_class::<system::PointMass>()?;
     module.add_class::<system::State>()?;
     module.add_class::<system::Mechanism>()?;

@@ -9,16 +9,18 @@
 //! that of the explicit scheme.
 
 use std::convert::Infallible;
+use std::fs;
+use std::path::{Path, PathBuf};
 
-use zivi::method::Settings;
+use zivi::method::{Listed, Settings, Values};
 use zivi::record::failure::Failure;
 use zivi::record::trajectory::Sample;
 use zivi::stepping::fixed_step::{self, FixedStep, Start};
 use zivi::{
-    ConstantForce, FixedSteps, Force, Grid, Lifted, Method, Monitor, Output, Physical, PointMass,
-    PointRun, Quantity, Restitution, Run, Scheme, SetupError, Silent, Status, UserEvent,
+    AnyMethod, ConstantForce, FixedSteps, Force, Grid, Lifted, Method, Monitor, Output, Physical,
+    PointMass, PointRun, Quantity, Restitution, Run, Scheme, SetupError, Silent, Status, UserEvent,
 };
-use zivi_core::setting::Setting;
+use zivi_core::setting::{Setting, Value};
 use zivi_core::{transform, ThetaGammaStep};
 
 /// The scheme: its settings, of which there are none beside the step size.
@@ -26,7 +28,13 @@ use zivi_core::{transform, ThetaGammaStep};
 struct SemiImplicit;
 
 impl Scheme for SemiImplicit {
+    const NAME: &'static str = "SemiImplicit";
+    const MEANING: &'static str = "semi-implicit Euler with explicit signs";
     const SETTINGS: &'static [Setting] = &[ThetaGammaStep::STEP];
+
+    fn of(_: &Values) -> Result<Self, SetupError> {
+        Ok(Self)
+    }
 
     fn check(&self, h: f64, restitution: Restitution) -> Result<(), SetupError> {
         Ok(ThetaGammaStep::new(h, 1.0, 1.0, restitution).map(drop)?)
@@ -138,4 +146,56 @@ fn its_settings_are_checked_as_those_of_every_method() {
     assert_eq!(refused.to_string(), "h must be a finite step size > 0, got -1.0");
     let plastic = FixedSteps { h: 1.0, scheme: SemiImplicit };
     assert!(plastic.check_start(Physical::default(), Restitution::from_e(0.0).unwrap()).is_err());
+}
+
+#[test]
+fn it_is_made_of_the_values_of_its_settings_as_every_method_of_the_list() {
+    type Steps = FixedSteps<SemiImplicit>;
+    let mut values = Values::default();
+    let missing = Steps::of(&values).unwrap_err();
+    assert_eq!(missing.to_string(), "h must be given, a finite step size > 0");
+    values.set("h", Value::Number(0.25));
+    assert_eq!(Steps::of(&values), Ok(FixedSteps { h: 0.25, scheme: SemiImplicit }));
+    assert_eq!((Steps::NAME, Steps::SETTINGS.len(), Steps::FIXED_STEPS), ("SemiImplicit", 1, true));
+
+    for entry in AnyMethod::ALL {
+        let made = (entry.of)(&values).unwrap();
+        assert_eq!(made.step(), entry.fixed_steps.then_some(0.25), "{}", entry.name);
+        assert_eq!(made.check(), Ok(()), "{}", entry.name);
+        assert!(!entry.meaning.is_empty());
+    }
+}
+
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|it| it == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// Of a scheme of the library only its file, the list and what the library hands on know the name.
+#[test]
+fn a_scheme_is_named_in_its_file_and_in_the_list() {
+    let crates = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let mut files = Vec::new();
+    for name in ["zivi", "zivi-py"] {
+        sources(&crates.join(name).join("src"), &mut files);
+    }
+    let mut lines = Vec::new();
+    for file in &files {
+        let text = fs::read_to_string(file).unwrap();
+        let code = text.lines().filter(|line| !line.trim_start().starts_with("//"));
+        let place = file.strip_prefix(crates).unwrap().display().to_string();
+        let named = code.filter(|line| line.contains("ExplicitEuler")).count();
+        if named > 0 && !place.ends_with("explicit.rs") {
+            lines.push((place, named));
+        }
+    }
+    lines.sort();
+    let expected = [("zivi/src/lib.rs", 1), ("zivi/src/method/mod.rs", 1)];
+    assert_eq!(lines, expected.map(|(file, n)| (file.to_string(), n)));
 }

@@ -9,7 +9,7 @@ import numpy as np
 
 from zivi.control import twisting
 from zivi.files.mistakes import Mistakes
-from zivi.simulation import methods
+from zivi.simulation.methods import METHODS
 from zivi.system.mass import Force, ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.symbolic.system import system as symbolic_system
@@ -45,7 +45,7 @@ def method(values: dict[str, Any], mistakes: Mistakes) -> Any:
     """Build a method by its name."""
     settings = {name: value for name, value in values.items() if name != "name"}
     with mistakes.naming(named("method", settings), "method"):
-        return getattr(methods, values["name"])(**settings)
+        return METHODS[values["name"]](**settings)
 
 
 def controller(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from zivi import _zivi
 from zivi.files.expressions import Each, Expression, Names, OneOrEach
 from zivi.files.keys import ANY, METHODS, POSITIVE, SIMULATE, UNIT
 from zivi.files.kinds import Numbers
@@ -35,11 +36,9 @@ MECHANICS = (
         "method",
         Tagged(
             "name",
-            {
-                "SwitchedRK": METHODS["SwitchedRK"],
-                "MoreauJean": METHODS["MoreauJean"],
-                "ThetaGamma": (Key("h", POSITIVE, "step", "s"),),
-            },
+            {name: METHODS[name] for name, it in _zivi.METHODS.items() if it.takes_mechanism}
+            # of this family the one member only
+            | {"ThetaGamma": (Key("h", POSITIVE, "step", "s"),)},
             "SwitchedRK",
         ),
         "the method",

@@ -15,7 +15,7 @@ from zivi import _zivi
 from zivi.base.check import Array, real_array
 from zivi.simulation.events import is_count
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
-from zivi.simulation.methods import ExplicitEuler, MoreauJean, SwitchedRK, ThetaGamma
+from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK, ThetaGamma
 from zivi.simulation.trust import Closer, closer_mechanism
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 
-FixedOrSwitched: TypeAlias = SwitchedRK | MoreauJean | ThetaGamma
+FixedOrSwitched: TypeAlias = SwitchedRK | FixedSteps
 """The methods that take mechanical systems."""
 
 
@@ -113,10 +113,11 @@ def _event(k: int, function: Any) -> _zivi.Event:
 
 def check_mechanical_method(method: Any) -> None:
     """Refuse methods that do not take mechanical systems, and say why."""
-    if isinstance(method, ExplicitEuler):
-        raise ValueError("ExplicitEuler takes a zivi.ImpactSystem only: use zivi.SwitchedRK()")
-    if not isinstance(method, SwitchedRK | MoreauJean | ThetaGamma):
+    if not isinstance(method, Settings):
         raise TypeError(f"method must be zivi.SwitchedRK() or zivi.MoreauJean(h), got {method!r}")
+    if not method._entry.takes_mechanism:
+        name = method._entry.name
+        raise ValueError(f"{name} takes a zivi.ImpactSystem only: use zivi.SwitchedRK()")
     if isinstance(method, SwitchedRK) and method.flights == "series":
         raise ValueError("flights must be 'auto' or 'rk' for a MechanicalSystem, got 'series'")
     if isinstance(method, ThetaGamma) and (method.theta, method.gamma, method.solver) != IMPLICIT:

@@ -6,12 +6,10 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from zivi.simulation.methods import ExplicitEuler, MoreauJean, SwitchedRK, ThetaGamma
+from zivi.simulation.methods import METHODS, FixedSteps, Settings
 from zivi.system.mass import WRAPPED
 
 __all__ = ["check_method", "refuse", "told"]
-
-METHODS = (SwitchedRK, ThetaGamma, MoreauJean, ExplicitEuler)
 
 BY_NAME = {
     "DOP853": "zivi.SwitchedRK(), of order 8",
@@ -35,7 +33,7 @@ ELSEWHERE = {
 def refuse(function: str, misplaced: Mapping[str, Any]) -> None:
     """Raise a TypeError for arguments that a function does not have, and say where they belong."""
     for name, value in misplaced.items():
-        owner = next((kind for kind in METHODS if name in _settings(kind)), None)
+        owner = next((kind for kind in METHODS.values() if name in _settings(kind)), None)
         if owner is not None:
             call = f"{function}(..., method=zivi.{owner.__name__}({name}={value!r}))"
             advice = f": it is a setting of the method, {call}"
@@ -60,19 +58,22 @@ def told(method: Any) -> str:
     """Say what was given for a method, and what may have been meant."""
     if isinstance(method, type):
         name = f"{method.__module__.partition('.')[0]}.{method.__name__}"
-        if not issubclass(method, METHODS):
+        if not issubclass(method, Settings):
             return f"the class {name}" + _nearest(method.__name__)
-        settings = "" if method is SwitchedRK else "h=1e-3"
-        return f"the class {name}: call it, zivi.{method.__name__}({settings})"
+        return f"the class {name}: call it, {_called(method)}"
     if isinstance(method, str):
         return repr(method) + _nearest(method)
     return repr(method)
 
 
+def _called(kind: type[Settings]) -> str:
+    return f"zivi.{kind.__name__}({'h=1e-3' if issubclass(kind, FixedSteps) else ''})"
+
+
 def _nearest(name: str) -> str:
     """Say which method here is nearest to one that is known by a name."""
-    own = next((kind.__name__ for kind in METHODS if kind.__name__.lower() == name.lower()), None)
+    own = next((kind for it, kind in METHODS.items() if it.lower() == name.lower()), None)
     if own is not None:
-        return f": the object is meant, zivi.{own}({'' if own == 'SwitchedRK' else 'h=1e-3'})"
+        return f": the object is meant, {_called(own)}"
     nearest = BY_NAME.get(name.upper(), "zivi.SwitchedRK()")
     return f": the high-order method here is {nearest}"

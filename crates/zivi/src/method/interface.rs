@@ -1,5 +1,8 @@
 //! What a system and a method are to each other.
 
+use zivi_core::setting::Setting;
+
+use crate::record::values::Values;
 use crate::{Monitor, Physical, Restitution, SetupError};
 
 /// What moves: the states it has, what can be asked of a run and what a run leaves.
@@ -30,6 +33,26 @@ pub trait Settings {
     fn step(&self) -> Option<f64> {
         None
     }
+}
+
+/// What a program that does not know a method has to know to offer it.
+pub trait Listed: Settings + Sized {
+    /// Its name.
+    const NAME: &'static str;
+    /// What it is, in a few words.
+    const MEANING: &'static str;
+    /// Its settings.
+    const SETTINGS: &'static [Setting];
+    /// Whether it knows the motion at its steps only.
+    const FIXED_STEPS: bool;
+    /// Whether a mass may be below the wall at the end of a step.
+    const PENETRATES: bool;
+
+    /// The method with the values of its settings, whose ranges [`Settings::check`] knows.
+    ///
+    /// # Errors
+    /// [`SetupError`] where one is missing.
+    fn of(values: &Values) -> Result<Self, SetupError>;
 }
 
 /// A method that can run a system.

@@ -7,26 +7,28 @@
 //! A [`Method`] is its settings. [`AnyMethod`] is one of those that zivi has, chosen while the
 //! program runs: batches, and the bindings to other languages, know that one only.
 //!
-//! A new scheme of fixed steps is a file, in which its settings implement
-//! [`Scheme`](crate::stepping::scheme::Scheme), and a line in the list of [`AnyMethod`].
+//! A new scheme of fixed steps is a file of `stepping`, in which its settings implement
+//! [`Scheme`](crate::stepping::scheme::Scheme), and a line in the list at the end of this file: all
+//! that offers methods, Python's classes and the keys of files too, reads [`AnyMethod::ALL`].
 
 mod interface;
 mod mechanism;
 mod point_mass;
 
-pub use interface::{Method, Settings, System};
+pub use interface::{Listed, Method, Settings, System};
 pub use mechanism::Mechanism;
 pub use point_mass::{PointMass, PointRun};
 
+pub use crate::record::values::Values;
+
 use zivi_core::setting::Setting;
+use zivi_core::ThetaGammaStep;
 
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
-use crate::stepping::explicit::ExplicitEuler;
 use crate::stepping::scheme::{FixedSteps, Scheme};
+use crate::stepping::{explicit, moreau_jean, theta_gamma};
 use crate::system::dynamics::Dynamics;
-use crate::{
-    Force, Monitor, MoreauJean, Output, Physical, Restitution, SetupError, SwitchedRk, ThetaGamma,
-};
+use crate::{Force, Monitor, Output, Physical, Restitution, SetupError, SwitchedRk};
 
 impl<S: Scheme> Settings for FixedSteps<S> {
     fn check(&self) -> Result<(), SetupError> {
@@ -43,6 +45,64 @@ impl<S: Scheme> Settings for FixedSteps<S> {
     }
 }
 
+impl<S: Scheme> Listed for FixedSteps<S> {
+    const NAME: &'static str = S::NAME;
+    const MEANING: &'static str = S::MEANING;
+    const SETTINGS: &'static [Setting] = S::SETTINGS;
+    const FIXED_STEPS: bool = true;
+    const PENETRATES: bool = S::PENETRATES;
+
+    fn of(values: &Values) -> Result<Self, SetupError> {
+        Ok(Self { h: values.number(&ThetaGammaStep::STEP)?, scheme: S::of(values)? })
+    }
+}
+
+/// A method of the list.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is, in a few words.
+    pub meaning: &'static str,
+    /// Its settings.
+    pub settings: &'static [Setting],
+    /// Whether it knows the motion at its steps only.
+    pub fixed_steps: bool,
+    /// Whether a mass may be below the wall at the end of a step.
+    pub penetrates: bool,
+    /// Whether it runs mechanical systems, too.
+    pub takes_mechanism: bool,
+    /// The method with the values of its settings, as [`Listed::of`] gives it.
+    pub of: fn(&Values) -> Result<AnyMethod, SetupError>,
+}
+
+impl Entry {
+    const fn new<M: Listed>(
+        takes_mechanism: bool,
+        of: fn(&Values) -> Result<AnyMethod, SetupError>,
+    ) -> Self {
+        Self {
+            name: M::NAME,
+            meaning: M::MEANING,
+            settings: M::SETTINGS,
+            fixed_steps: M::FIXED_STEPS,
+            penetrates: M::PENETRATES,
+            takes_mechanism,
+            of,
+        }
+    }
+}
+
+/// Whether something stands there.
+macro_rules! stands {
+    () => {
+        false
+    };
+    ($it:ident) => {
+        true
+    };
+}
+
 /// A run of a mechanical system, or that the method has none.
 macro_rules! of_mechanism {
     (Mechanism, $run:expr) => {
@@ -53,19 +113,25 @@ macro_rules! of_mechanism {
     };
 }
 
-/// The list of the methods: for each its name, its settings and what it runs.
+/// All that is made of the list of the methods.
 macro_rules! methods {
-    ($($(#[$doc:meta])* $name:ident($settings:ty): PointMass $(, $mechanism:ident)?;)*) => {
+    ($($name:ident($settings:ty): PointMass $(, $mechanism:ident)?;)*) => {
         /// Any of the methods, with its settings.
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub enum AnyMethod {
-            $($(#[$doc])* $name($settings),)*
+            $(
+                #[doc = concat!("`", stringify!($settings), "` with its settings.")]
+                $name($settings),
+            )*
         }
 
         impl AnyMethod {
-            /// The names of all methods, with their settings.
-            pub const ALL: &'static [(&'static str, &'static [Setting])] =
-                &[$((stringify!($name), <$settings>::SETTINGS),)*];
+            /// The list of the methods.
+            pub const ALL: &'static [Entry] = &[$(
+                Entry::new::<$settings>(stands!($($mechanism)?), |values| {
+                    <$settings as Listed>::of(values).map(Self::$name)
+                }),
+            )*];
         }
 
         $(impl From<$settings> for AnyMethod {
@@ -133,12 +199,8 @@ macro_rules! methods {
 }
 
 methods! {
-    /// High order with error control.
     SwitchedRk(SwitchedRk): PointMass, Mechanism;
-    /// Implicit set-valued signs.
-    ThetaGamma(FixedSteps<ThetaGamma>): PointMass, Mechanism;
-    /// Impulses at velocity level.
-    MoreauJean(FixedSteps<MoreauJean>): PointMass, Mechanism;
-    /// Explicit signs.
-    ExplicitEuler(FixedSteps<ExplicitEuler>): PointMass;
+    ThetaGamma(FixedSteps<theta_gamma::ThetaGamma>): PointMass, Mechanism;
+    MoreauJean(FixedSteps<moreau_jean::MoreauJean>): PointMass, Mechanism;
+    ExplicitEuler(FixedSteps<explicit::ExplicitEuler>): PointMass;
 }

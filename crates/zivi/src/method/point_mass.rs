@@ -1,6 +1,9 @@
 //! A mass above a wall, and the methods that run it.
 
-use super::interface::{Method, Settings, System};
+use zivi_core::setting::Setting;
+
+use super::interface::{Listed, Method, Settings, System};
+use crate::record::values::Values;
 use crate::stepping::scheme::{FixedSteps, Scheme};
 use crate::system::evaluation::check_initial;
 use crate::{
@@ -63,6 +66,18 @@ impl Settings for SwitchedRk {
 
     fn check_start(&self, initial: Physical, _: Restitution) -> Result<(), SetupError> {
         self.check().and(check_initial(initial))
+    }
+}
+
+impl Listed for SwitchedRk {
+    const NAME: &'static str = "SwitchedRK";
+    const MEANING: &'static str = "high order through impacts, with error control";
+    const SETTINGS: &'static [Setting] = SwitchedRk::SETTINGS;
+    const FIXED_STEPS: bool = false;
+    const PENETRATES: bool = false;
+
+    fn of(values: &Values) -> Result<Self, SetupError> {
+        SwitchedRk::of(values)
     }
 }
 

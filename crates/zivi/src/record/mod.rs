@@ -17,3 +17,4 @@ pub mod stretch;
 pub mod summary;
 pub mod trajectory;
 pub mod user_events;
+pub mod values;

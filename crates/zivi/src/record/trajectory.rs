@@ -45,6 +45,8 @@ pub enum SetupError {
     Setting(&'static str, f64, &'static str),
     /// A number of things: name, value and range.
     Count(&'static str, usize, &'static str),
+    /// A setting that has no value, or one of another kind: name and range.
+    Unset(&'static str, &'static str),
     /// What a method does not do: what is wanted instead.
     Refused(&'static str),
     /// The record does not fit into memory.
@@ -73,6 +75,7 @@ impl fmt::Display for SetupError {
             SetupError::Count(name, value, range) => {
                 write!(out, "{name} must be {range}, got {value}")
             }
+            SetupError::Unset(name, range) => write!(out, "{name} must be given, {range}"),
             SetupError::Refused(wanted) => out.write_str(wanted),
             SetupError::Memory(steps) => {
                 write!(out, "the record of {steps} steps does not fit into memory: increase h")

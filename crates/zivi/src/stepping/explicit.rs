@@ -12,6 +12,7 @@ use zivi_core::{transform, Lifted, Physical, Restitution, ThetaGammaStep};
 use crate::record::columns::Sample;
 use crate::record::failure::Failure;
 use crate::record::trajectory::{Run, SetupError};
+use crate::record::values::Values;
 use crate::stepping::fixed_step::{run, FixedStep, Start};
 use crate::stepping::scheme::Scheme;
 use crate::system::evaluation::finite_force;
@@ -38,7 +39,13 @@ pub fn simulate_explicit_euler<E, F: Force<E>>(
 pub struct ExplicitEuler;
 
 impl Scheme for ExplicitEuler {
+    const NAME: &'static str = "ExplicitEuler";
+    const MEANING: &'static str = "explicit Euler with explicit signs";
     const SETTINGS: &'static [Setting] = &[ThetaGammaStep::STEP];
+
+    fn of(_: &Values) -> Result<Self, SetupError> {
+        Ok(Self)
+    }
 
     /// The same range of `h` and `e` as the implicit scheme, checked in one place.
     fn check(&self, h: f64, restitution: Restitution) -> Result<(), SetupError> {

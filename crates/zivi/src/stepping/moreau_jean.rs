@@ -31,6 +31,7 @@ use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
 use crate::record::stretch::{Interpolation, Knot};
 use crate::record::trajectory::{Run, SetupError, Trajectory};
+use crate::record::values::Values as Given;
 use crate::stepping::fixed_step::{tell, watched};
 use crate::stepping::scheme::Scheme;
 use crate::system::evaluation::check_initial;
@@ -108,7 +109,14 @@ pub fn simulate_moreau_jean<E, F: Force<E>>(
 }
 
 impl Scheme for MoreauJean {
+    const NAME: &'static str = "MoreauJean";
+    const MEANING: &'static str = "Moreau-Jean time stepping with Newton's law on velocities";
     const SETTINGS: &'static [Setting] = &[ThetaGammaStep::STEP, MoreauJean::THETA];
+    const PENETRATES: bool = true;
+
+    fn of(values: &Given) -> Result<Self, SetupError> {
+        Ok(Self { theta: values.number(&Self::THETA)? })
+    }
 
     fn check(&self, h: f64, _: Restitution) -> Result<(), SetupError> {
         // the range of h is that of the implicit scheme, whatever the wall

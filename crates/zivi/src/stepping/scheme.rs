@@ -4,6 +4,7 @@ use zivi_core::setting::Setting;
 use zivi_core::{Physical, Restitution};
 
 use crate::record::trajectory::{Run, SetupError};
+use crate::record::values::Values;
 use crate::stepping::fixed_step::lift;
 use crate::{Force, Grid, Monitor};
 
@@ -12,9 +13,24 @@ use crate::{Force, Grid, Monitor};
 /// One that advances `(s, v)` implements [`FixedStep`](super::fixed_step::FixedStep) and leaves the
 /// loop to [`fixed_step::run`](super::fixed_step::run). [`FixedSteps`] makes it a
 /// [`Method`](crate::method::Method).
-pub trait Scheme {
+pub trait Scheme: Sized {
+    /// Its name, as programs and files have it.
+    const NAME: &'static str;
+
+    /// What it is, in a few words.
+    const MEANING: &'static str;
+
     /// Its settings, the step size first.
     const SETTINGS: &'static [Setting];
+
+    /// Whether a mass may be below the wall at the end of a step.
+    const PENETRATES: bool = false;
+
+    /// The scheme with the values of its settings.
+    ///
+    /// # Errors
+    /// [`SetupError`] where one is missing.
+    fn of(values: &Values) -> Result<Self, SetupError>;
 
     /// Refuses settings, a step size or a wall out of range.
     ///
@@ -53,10 +69,7 @@ pub struct FixedSteps<S> {
     pub scheme: S,
 }
 
-impl<S: Scheme> FixedSteps<S> {
-    /// The settings.
-    pub const SETTINGS: &'static [Setting] = S::SETTINGS;
-
+impl<S> FixedSteps<S> {
     /// The steps over a span.
     ///
     /// # Errors

@@ -12,6 +12,7 @@ use zivi_core::{Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
 use crate::record::columns::Sample;
 use crate::record::failure::Failure;
 use crate::record::trajectory::{checked_count, Run, SetupError};
+use crate::record::values::Values as Given;
 use crate::stepping::fixed_step::{run, FixedStep, Start};
 use crate::stepping::implicit::ImplicitForce;
 use crate::stepping::scheme::Scheme;
@@ -124,6 +125,8 @@ pub fn simulate_theta_gamma<E, F: Force<E>>(
 }
 
 impl Scheme for ThetaGamma {
+    const NAME: &'static str = "ThetaGamma";
+    const MEANING: &'static str = "theta-gamma scheme with implicit set-valued signs";
     const SETTINGS: &'static [Setting] = &[
         ThetaGammaStep::STEP,
         ThetaGammaStep::THETA,
@@ -131,6 +134,15 @@ impl Scheme for ThetaGamma {
         Solver::SETTING,
         Solver::LINEARISATIONS,
     ];
+
+    fn of(values: &Given) -> Result<Self, SetupError> {
+        let linearisations = values.count(&Solver::LINEARISATIONS)?;
+        Ok(Self {
+            theta: values.number(&ThetaGammaStep::THETA)?,
+            gamma: values.number(&ThetaGammaStep::GAMMA)?,
+            solver: values.choice(&Solver::SETTING, |it| Solver::named(it, linearisations))?,
+        })
+    }
 
     fn check(&self, h: f64, restitution: Restitution) -> Result<(), SetupError> {
         ThetaGammaStep::new(h, self.theta, self.gamma, restitution)?;

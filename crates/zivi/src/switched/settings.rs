@@ -8,6 +8,7 @@ use crate::numeric::coordinates::Coordinates;
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::tableau::{Pair, DOP853, DORMAND_PRINCE_5};
 use crate::record::trajectory::{checked_count, SetupError};
+use crate::record::values::Values as Given;
 use crate::zeno::chain::Chain;
 
 /// Order of the Runge-Kutta pair.
@@ -159,7 +160,7 @@ impl SwitchedRk {
         name: "atol",
         meaning: "absolute tolerance of a step",
         unit: "m, m/s",
-        values: Values::POSITIVE,
+        values: Values::Pairs(Bound::Excluded(0.0), Bound::Excluded(f64::INFINITY)),
         range: "a finite number > 0",
         default: Value::Number(Self::DEFAULT.atol[0]),
     };
@@ -228,6 +229,25 @@ impl SwitchedRk {
         Self::MAX_IMPACTS,
         Self::FLIGHTS,
     ];
+
+    /// The method with the values of its settings.
+    ///
+    /// # Errors
+    /// [`SetupError`] where one is missing.
+    pub fn of(values: &Given) -> Result<Self, SetupError> {
+        let order = i64::try_from(values.count(&Self::ORDER)?).ok().and_then(Order::of);
+        Ok(Self {
+            rtol: values.number(&Self::RTOL)?,
+            atol: values.pair(&Self::ATOL)?,
+            order: order.ok_or(SetupError::Unset(Self::ORDER.name, Self::ORDER.range))?,
+            max_step: values.number(&Self::MAX_STEP)?,
+            first_step: values.optional(&Self::FIRST_STEP)?,
+            max_steps: values.count(&Self::MAX_STEPS)?,
+            max_impacts: values.count(&Self::MAX_IMPACTS)?,
+            adaptive: true,
+            flights: values.choice(&Self::FLIGHTS, Flights::named)?,
+        })
+    }
 
     /// With one number for all tolerances.
     #[must_use]

@@ -1,0 +1,196 @@
+# by tools/stubs.py, of the methods of the core
+import dataclasses
+
+from zivi.simulation.method_settings import FixedSteps, Method, Settings
+
+__all__ = [
+    "METHODS",
+    "ExplicitEuler",
+    "FixedSteps",
+    "Method",
+    "MoreauJean",
+    "Settings",
+    "SwitchedRK",
+    "ThetaGamma",
+]
+
+METHODS: dict[str, type[Settings]]
+
+@dataclasses.dataclass(frozen=True)
+class SwitchedRK(Settings):
+    r"""High order through impacts, Zeno points, rest and lift-off, with error control.
+
+    Free flight is integrated in :math:`(x, \dot x)` by DOP853 or Dormand-Prince 5(4); a step that
+    contains an impact is repeated onto it. The accumulation of impacts is extrapolated with its
+    known ratios, :math:`t_n = t_\infty - C_1 e^n - C_2 e^{2n} - \dots`, until the Zeno time is
+    within the tolerance. At rest the first time is sought at which the force pulls outward.
+    ``e`` may be anything in [0, 1].
+
+    Parameters
+    ----------
+    rtol : float
+        Relative tolerance of the local error, from 1e-14 to below 1.
+    atol : float or (float, float)
+        Absolute tolerances, > 0, of `x` (m) and `xdot` (m/s), or one number for both. In the time
+        of an accumulation they allow ``min(atol_x / U, atol_xdot / g)``, with the speed `U` of
+        its first impact and the pull `g` at the wall: no result depends on the units.
+    order : {8, 5}
+        Order of the Runge-Kutta pair.
+    max_step : float
+        Longest step, > 0 (s). Events shorter than a step, such as a pulse of the force at rest or
+        within an accumulation, can be overlooked.
+    first_step : float, optional
+        The first step, > 0 (s). By default from the force at the start.
+    max_steps : int
+        Steps, taken and rejected, after which the run ends with `Status.STEP_BUDGET`.
+    max_impacts : int
+        Impacts of one accumulation, >= 3, after which the run ends with `Status.ZENO_BUDGET`.
+    flights : {"auto", "rk", "series"}
+        How free flight is computed. ``"rk"``: by the Runge-Kutta pair, within the tolerances.
+        ``"series"``: by power series, to rounding, for a force that is a number or a `LinearForce`,
+        above a wall at rest or a `HarmonicWall`; the tolerances then apply to the end of an
+        accumulation only, `max_step` to the looks of events, and no force is evaluated (`nfev` is
+        0). ``"auto"``, the default: by power series where that is possible, else by the pair.
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range.
+
+    Notes
+    -----
+    The force is evaluated at ``x`` slightly below 0 in the step that contains an impact, and should
+    continue smoothly there; where it raises or is not finite, it is asked at ``x = 0`` instead.
+    For `e` close to 1 an accumulation is long: hundreds of impacts at ``e = 0.99``.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, kappa=0.41)
+    >>> sol = zivi.simulate(ball, (0, 4), (1, 6), method=zivi.SwitchedRK(rtol=1e-10))
+    >>> round(sol.rest_time, 15)
+    2.465846631559044
+    """
+
+    rtol: float = ...
+    atol: float | tuple[float, float] = ...
+    order: int = ...
+    max_step: float = ...
+    first_step: float | None = ...
+    max_steps: int = ...
+    max_impacts: int = ...
+    flights: str = ...
+
+@dataclasses.dataclass(frozen=True)
+class ThetaGamma(FixedSteps):
+    r"""The theta-gamma scheme with implicit set-valued signs.
+
+    .. math::
+
+        v^+ &= v + h\,\lambda_s f / R, \qquad R = 1 - \kappa \lambda_s \lambda_v \\
+        s^+ &= s + h R\,(\theta v^+ + (1-\theta) v) \\
+        \lambda_s &\in \mathrm{sgn}\,s_\gamma, \quad \lambda_v \in \mathrm{sgn}\,v_\gamma, \quad
+        z_\gamma = \gamma z^+ + (1-\gamma) z
+
+    The default :math:`\theta = \gamma = 1` is implicit Euler, the only member that reaches rest
+    exactly. First order away from the accumulation; the time of the Zeno point is approached
+    like :math:`h \log(1/h)`. The force is taken at :math:`t + \theta h` and, if it depends on the
+    state, found together with the end of the step: to 1e-12 of its size, in at
+    most 20 trials along the selected solution and 60 on each sign pattern.
+
+    Parameters
+    ----------
+    h : float
+        Step size, > 0 (s). The last step is shortened to end at the end of the span.
+    theta, gamma : float
+        In (0, 1].
+    solver : {"exact", "newton", "outer"}
+        How the signs are found: by the exact case analysis; by the general VI solver on the
+        nonlinear inclusion ("inner linearisation"); or by affine VIs one after another, each
+        linearised at the solution of the last, without a merit function ("outer linearisation").
+        A step in which the solver fails is taken by the exact one and counted in
+        ``failed_steps``. Where a step has one solution, always when the force pulls towards the
+        wall, all give the same. Under an outward force a step may have several: the exact
+        analysis selects by a rule, the solvers take the one they come to from the present signs,
+        and the trajectories may part there.
+    linearisations : int
+        For ``solver="outer"``: at most so many affine VIs in a step, >= 1.
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range. `simulate` also raises it for a system with ``e = 0``,
+        where :math:`R` may vanish.
+
+    Examples
+    --------
+    >>> zivi.ThetaGamma(h=1e-3)
+    ThetaGamma(h=0.001, theta=1.0, gamma=1.0, solver='exact', linearisations=20)
+    """
+
+    h: float
+    theta: float = ...
+    gamma: float = ...
+    solver: str = ...
+    linearisations: int = ...
+
+@dataclasses.dataclass(frozen=True)
+class MoreauJean(FixedSteps):
+    r"""Baseline: Moreau-Jean time stepping with Newton's impact law on velocities.
+
+    .. math::
+
+        \dot x^+ &= \dot x + h f_\theta + P, \qquad
+        x^+ = x + h\,(\theta \dot x^+ + (1-\theta)\,\dot x) \\
+        0 &\le P \perp \dot x^+ + e\,\dot x \ge 0 \quad
+        \text{where } x + h \dot x / 2 \le 0, \text{ else } P = 0
+
+    It passes the accumulation at first order and may penetrate the wall by :math:`O(h)`: `x` is
+    reported as it is, also negative. ``e`` may be anything in [0, 1].
+
+    Parameters
+    ----------
+    h : float
+        Step size, > 0 (s).
+    theta : float
+        In [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range.
+
+    Examples
+    --------
+    >>> zivi.MoreauJean(h=1e-3)
+    MoreauJean(h=0.001, theta=0.5)
+    """
+
+    h: float
+    theta: float = ...
+
+@dataclasses.dataclass(frozen=True)
+class ExplicitEuler(FixedSteps):
+    r"""Baseline: explicit Euler on the transformed field with explicit signs.
+
+    .. math:: v^+ = v + h\,\mathrm{sgn}(s) f / R, \qquad s^+ = s + h R v, \qquad
+              \mathrm{sgn}\,0 = +1
+
+    It passes the accumulation of impacts but never rests: it chatters.
+
+    Parameters
+    ----------
+    h : float
+        Step size, > 0 (s).
+
+    Raises
+    ------
+    ValueError
+        If `h` is out of range. `simulate` also raises it for a system with ``e = 0``.
+
+    Examples
+    --------
+    >>> zivi.ExplicitEuler(h=1e-3)
+    ExplicitEuler(h=0.001)
+    """
+
+    h: float
