@@ -2,6 +2,7 @@
 
 import gc
 import weakref
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ PLASTIC = _zivi.Restitution(e=0.0)
 
 def linear(**given):
     names = ("stiffness", "damping", "gravity", "amplitude", "omega", "phase")
-    return _zivi.Force.linear(**{name: given.get(name, 0.0) for name in names})
+    return _zivi.Force.native("LinearForce", **{name: given.get(name, 0.0) for name in names})
 
 
 @pytest.mark.parametrize(
@@ -43,6 +44,14 @@ def test_a_force_tells_what_it_needs(force, constant, native):
         (lambda: _zivi.PointMass(("constant", -9.81), PLASTIC), TypeError, "Force"),
         (lambda: _zivi.PointMass(ONE, (0.5, 1 / 3)), TypeError, "Restitution"),
         (lambda: _zivi.Force.constant("heavy"), TypeError, "real number"),
+        (lambda: _zivi.Force.native("Spring", k=1.0), ValueError, 'no native force "Spring"'),
+        (lambda: _zivi.Force.native("LinearForce"), TypeError, "stiffness must be given"),
+        (lambda: linear(phase="late"), TypeError, "real number"),
+        (
+            lambda: _zivi.Force.native("LinearForce", **vars(zivi.LinearForce()), k=1.0),
+            TypeError,
+            "stiffness, damping, gravity, amplitude, omega, phase only",
+        ),
         (lambda: _zivi.Force.above(_zivi.Force.constant(1.0), ONE), TypeError, "Wall"),
         (
             lambda: _zivi.Force.above(TABLE, _zivi.Force.above(TABLE, ONE)),
@@ -109,3 +118,14 @@ def test_hits_of_a_mass_and_of_a_mechanism_are_of_one_class():
         assert hits.t == pytest.approx([0.5], abs=1e-9)
         assert hits.q == pytest.approx(np.array([[1.875]]), abs=1e-9)
         assert hits.qdot == pytest.approx(np.array([[-0.5]]), abs=1e-9)
+
+
+def test_a_native_force_is_named_in_its_file_and_in_the_list():
+    source = Path(__file__).parents[1] / "crates" / "zivi-py" / "src"
+    named = {
+        str(path.relative_to(source))
+        for path in source.rglob("*.rs")
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if "LinearForce" in line.partition("//")[0]
+    }
+    assert named == {"force/native.rs", "force/list.rs", "batch.rs"}  # there in an error

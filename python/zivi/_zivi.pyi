@@ -192,15 +192,7 @@ class Force:
     @staticmethod
     def constant(value: float) -> Force: ...
     @staticmethod
-    def linear(
-        *,
-        stiffness: float,
-        damping: float,
-        gravity: float,
-        amplitude: float,
-        omega: float,
-        phase: float,
-    ) -> Force: ...
+    def native(name: str, **numbers: float) -> Force: ...
     @staticmethod
     def compiled(address: int, *, parameters: list[float] = ..., owner: object) -> Force: ...
     @staticmethod

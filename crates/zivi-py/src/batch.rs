@@ -7,7 +7,7 @@ use zivi::drive::batch::{simulate_batch as run_batch, BatchError, Member, Outcom
 use zivi::{Events, Grid, Impact, Physical, Restitution};
 
 use crate::errors::setup_error;
-use crate::force::{AnyForce, Force, NativeForce};
+use crate::force::{AnyNative, Force};
 use crate::method::Method;
 use crate::transform::from_both;
 use crate::watch::Watch;
@@ -47,15 +47,15 @@ fn saving<'a>(
 }
 
 /// A force for each run, or one for all.
-pub(crate) fn natives(py: Python<'_>, forces: &[Py<Force>]) -> PyResult<Vec<NativeForce>> {
-    let native = |(i, force): (usize, &Py<Force>)| -> PyResult<NativeForce> {
+pub(crate) fn natives(py: Python<'_>, forces: &[Py<Force>]) -> PyResult<Vec<AnyNative>> {
+    let native = |(i, force): (usize, &Py<Force>)| -> PyResult<AnyNative> {
         let refuse = || {
             PyValueError::new_err(format!(
                 "the force of system {i} needs the interpreter: a batch takes numbers, \
                  LinearForce and compiled callables"
             ))
         };
-        AnyForce::of(py, force.get()).native().ok_or_else(refuse)
+        force.get().on(py).native().ok_or_else(refuse)
     };
     forces.iter().enumerate().map(native).collect()
 }

@@ -20,7 +20,7 @@ use zivi_core::observer::ImpactObserver;
 
 use crate::control::{Explicit, Regulator, Tracker};
 use crate::errors::setup_error;
-use crate::force::{AnyForce, Force as GivenForce, NativeForce};
+use crate::force::{AnyForce, AnyNative, Force as GivenForce};
 use crate::method::Method;
 use crate::observer::Observer;
 use crate::record::rows_of;
@@ -212,8 +212,8 @@ impl Surroundings<'_> {
         mut given: Option<Source<'_>>,
         watch: &mut Watch,
     ) -> Outcome {
-        let native: Vec<NativeForce> = forces.iter().filter_map(AnyForce::native).collect();
-        match <[NativeForce; 3]>::try_from(native) {
+        let native: Vec<AnyNative> = forces.iter().filter_map(AnyForce::native).collect();
+        match <[AnyNative; 3]>::try_from(native) {
             // events and functions need the interpreter
             Ok(mut native) if events.is_empty() && !matches!(given, Some(Source::Function(_))) => {
                 let samples = match given {
@@ -289,7 +289,7 @@ pub(crate) fn simulate_closed_loop(
     let surroundings =
         Surroundings { start, motion, sensor, observer, delay, dense, restitution_ref };
     let mut given = given.map(Source::new).transpose()?;
-    let mut forces = forces.each_ref().map(|force| AnyForce::of(py, force.get()));
+    let mut forces = forces.each_ref().map(|force| force.get().on(py));
     let events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
     let watch = &mut Watch { progress };
     // a copy runs, so that no controller is borrowed while other threads may call it

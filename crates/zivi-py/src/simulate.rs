@@ -11,7 +11,7 @@ use zivi::system::dynamics::Layout;
 use zivi::{AnyMethod, Grid, Lifted, Method as _, Output, Physical, PointRun, SetupError, Solver};
 
 use crate::dynamics::AnyDynamics;
-use crate::force::{with_force, AnyForce};
+use crate::force::with_force;
 use crate::mechanics::MechanicalRecord;
 use crate::method::{step_of, step_solver, Method};
 use crate::record::RunRecord;
@@ -92,7 +92,7 @@ fn run_point(
     // the events need the interpreter
     let events = keep.events.iter().map(|it| it.get().of_point(py)).collect();
     let output = Output { t_eval, tstops, dense, drawn, events };
-    let force = &mut AnyForce::of(py, given);
+    let force = &mut given.on(py);
     Ok(method.run(zivi::PointMass { force, restitution }, span, start, output, watch))
 }
 

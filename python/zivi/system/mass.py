@@ -2,86 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
-import dataclasses
-import math
-import numbers
-import sys
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any
 
 from zivi import _zivi
-from zivi.base.check import finite
-from zivi.base.functions import compiled_by_numba, of_three
-from zivi.system.parametric import ParametricForce
+from zivi.system.force import Force, LinearForce, force_spec
 from zivi.system.transform import coefficients
 from zivi.system.wall import HarmonicWall, MovingWall
 
-_CFunction = type(ctypes.CFUNCTYPE(None)()).__mro__[1]
-"""The class of all function pointers of ctypes (which it does not name publicly)."""
-
-__all__ = ["Force", "ImpactSystem", "LinearForce", "check_system"]
+__all__ = ["Force", "ImpactSystem", "LinearForce", "check_system", "force_spec"]
 
 WRAPPED = "zivi.simulate(zivi.ImpactSystem(force, e=0.5), t_span, y0)"
 """How a force becomes a run."""
-
-Force: TypeAlias = "float | LinearForce | Callable[[float, float, float], float] | Any"
-"""A number, a `LinearForce`, a callable ``f(t, x, xdot)`` or ``f(t, y)``, a compiled callable."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class LinearForce:
-    r"""Spring, damper, gravity and a harmonic excitation, evaluated without the interpreter.
-
-    .. math:: f = -k x - c \dot x - g + A \cos(\omega t + \varphi)
-
-    All coefficients are per unit mass, given by name. The object can also be
-    called, ``force(t, x, xdot)``.
-
-    Parameters
-    ----------
-    stiffness : float
-        :math:`k` (1/s^2).
-    damping : float
-        :math:`c` (1/s).
-    gravity : float
-        :math:`g`, a constant pull towards the wall (m/s^2).
-    amplitude : float
-        :math:`A` (m/s^2). A table that vibrates with amplitude `a` gives
-        :math:`A = a \omega^2` in its own frame.
-    omega : float
-        :math:`\omega` (rad/s).
-    phase : float
-        :math:`\varphi` (rad).
-
-    Raises
-    ------
-    ValueError
-        If a coefficient is not finite.
-
-    Examples
-    --------
-    >>> force = zivi.LinearForce(gravity=9.81, damping=0.1)
-    >>> force(0.0, 1.0, 2.0)
-    -10.01
-    """
-
-    stiffness: float = 0.0
-    damping: float = 0.0
-    gravity: float = 0.0
-    amplitude: float = 0.0
-    omega: float = 1.0
-    phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            object.__setattr__(self, field.name, finite(field.name, value))
-
-    def __call__(self, t: float, x: float, xdot: float) -> float:
-        """Evaluate the force (m/s^2) at time `t` (s), distance `x` (m), velocity `xdot` (m/s)."""
-        excitation = self.amplitude * math.cos(self.omega * t + self.phase)
-        return -self.stiffness * x - self.damping * xdot - self.gravity + excitation
 
 
 class ImpactSystem:
@@ -199,47 +130,6 @@ class ImpactSystem:
 def in_wall_frame(system: ImpactSystem, spec: _zivi.Force) -> _zivi.Force:
     """Translate a force of the fixed frame into the frame of the system's wall."""
     return spec if system.wall is None else _zivi.Force.above(system.wall._spec(), spec)
-
-
-def force_spec(force: Any, name: str = "force") -> _zivi.Force:
-    """Translate a force into what the extension takes; it holds the owner of compiled code."""
-    if isinstance(force, numbers.Real):
-        return _zivi.Force.constant(finite(name, force))
-    if isinstance(force, LinearForce):
-        return _zivi.Force.linear(**vars(force))
-    if isinstance(force, ParametricForce):
-        return force._spec()
-    # an object of SciPy's class can only be here if SciPy has been imported
-    low_level = getattr(sys.modules.get("scipy"), "LowLevelCallable", None)
-    if low_level is not None and isinstance(force, low_level):
-        return _zivi.Force.low_level(force, name)
-    if isinstance(force, _CFunction):
-        return _zivi.Force.compiled(_ctypes_address(force, name), owner=force)
-    if hasattr(force, "address") and isinstance(getattr(force, "ctypes", None), _CFunction):
-        return _zivi.Force.compiled(_ctypes_address(force.ctypes, name), owner=force)
-    if callable(force):
-        if (code := compiled_by_numba(force, name)) is not None:
-            return _zivi.Force.compiled(code.address, owner=code)
-        return _zivi.Force.callable(of_three(name, force, more_than_y=False))
-    raise TypeError(
-        f"{name} must be a number, a zivi.LinearForce, a callable f(t, x, xdot) or f(t, y), or a "
-        f"compiled callable (scipy.LowLevelCallable, numba cfunc), got {type(force).__name__}"
-    )
-
-
-def _ctypes_address(function: Any, name: str) -> int:
-    arguments = list(function.argtypes or [])
-    if function.restype is not ctypes.c_double or arguments != [ctypes.c_double] * 3:
-        names = [getattr(kind, "__name__", str(kind)) for kind in arguments]
-        result = getattr(function.restype, "__name__", str(function.restype))
-        raise TypeError(
-            f"{name}, compiled, must have the signature double (double t, double x, double xdot), "
-            f"got {result} ({', '.join(names)})"
-        )
-    address = ctypes.cast(function, ctypes.c_void_p).value
-    if not address:
-        raise ValueError(f"{name}: the compiled function is a null pointer")
-    return address
 
 
 def check_system(system: Any) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from zivi.system.mass import ImpactSystem, LinearForce, check_system
+from zivi.system.force import NativeForce
+from zivi.system.mass import ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parametric import ParametricForce
 from zivi.system.wall import HarmonicWall
@@ -36,8 +37,8 @@ def check_differentiable(system: Any) -> None:
 
 def of_force(force: Any) -> dict[str, float]:
     """Names and values of the parameters of a force, in the order of the extension."""
-    if isinstance(force, LinearForce):
-        return {field.name: getattr(force, field.name) for field in dataclasses.fields(force)}
+    if isinstance(force, NativeForce):
+        return force._numbers()
     if isinstance(force, ParametricForce):
         return dict(force.parameters)
     if isinstance(force, int | float):
@@ -88,7 +89,7 @@ def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
         wall = dataclasses.replace(wall, **{name.removeprefix("wall."): value})
     elif isinstance(force, ParametricForce):
         force = force.replace(**{name: value})
-    elif isinstance(force, LinearForce):
+    elif isinstance(force, NativeForce):
         force = dataclasses.replace(force, **{name: value})
     else:
         force = value
@@ -99,8 +100,8 @@ def excitation(system: ImpactSystem) -> tuple[float | None, str | None]:
     """Give the angular frequency of the excitation, and its name; None if nothing excites."""
     found = {}
     force = system.force
-    if isinstance(force, LinearForce) and force.amplitude != 0.0:
-        found["omega"] = abs(force.omega)
+    if isinstance(force, NativeForce) and (omega := force._excitation) is not None:
+        found["omega"] = omega
     if isinstance(system.wall, HarmonicWall) and system.wall.amplitude != 0.0:
         found["wall.omega"] = abs(system.wall.omega)
     values = set(found.values())

@@ -6,57 +6,26 @@ use zivi::system::slopes::Parametrised;
 use zivi::{Dependence, Force as Evaluated, LinearLaw, OnMovingWall};
 
 use super::callable::PythonForce;
-use super::compiled::CompiledForce;
-use super::native::NativeForce;
+use super::list::AnyNative;
 use super::wall::AnyWall;
-use super::{Force, Kind};
 
 /// A force of any kind.
 pub(crate) enum AnyForce<'py> {
-    Constant(f64),
-    Linear(zivi::LinearForce),
-    Compiled(CompiledForce),
+    Native(AnyNative),
     Callable(PythonForce<'py>),
     /// Any of these above a moving wall, seen from the wall.
     Moving(Box<OnMovingWall<AnyForce<'py>, AnyWall<'py>>>),
 }
 
-impl<'py> AnyForce<'py> {
-    pub(crate) fn of(py: Python<'py>, force: &Force) -> Self {
-        match &force.kind {
-            Kind::Constant(value) => Self::Constant(*value),
-            Kind::Linear(linear) => Self::Linear(*linear),
-            Kind::Compiled(compiled, _) => Self::Compiled(compiled.listening()),
-            Kind::Callable(callable) => Self::Callable(PythonForce::new(callable.bind(py))),
-            Kind::Parametric(it) => Self::of(py, it.plain.get()),
-            Kind::Moving(force, wall) => {
-                let (force, wall) = (Self::of(py, force.get()), AnyWall::of(py, wall.get()));
-                Self::Moving(Box::new(OnMovingWall { force, wall }))
-            }
-        }
-    }
-
+impl AnyForce<'_> {
     /// The same without the interpreter, unless it is a Python callable.
-    pub(crate) fn native(&self) -> Option<NativeForce> {
+    pub(crate) fn native(&self) -> Option<AnyNative> {
         match self {
-            Self::Constant(value) => Some(NativeForce::Constant(zivi::ConstantForce(*value))),
-            Self::Linear(linear) => Some(NativeForce::Linear(*linear)),
-            Self::Compiled(compiled) => Some(NativeForce::Compiled(*compiled)),
+            Self::Native(force) => Some(*force),
             Self::Callable(_) => None,
             Self::Moving(moving) => {
                 let AnyWall::Harmonic(wall) = moving.wall else { return None };
-                match moving.force.native()? {
-                    NativeForce::Constant(force) => {
-                        Some(NativeForce::MovingConstant(OnMovingWall { force, wall }))
-                    }
-                    NativeForce::Linear(force) => {
-                        Some(NativeForce::MovingLinear(OnMovingWall { force, wall }))
-                    }
-                    NativeForce::Compiled(force) => {
-                        Some(NativeForce::MovingCompiled(OnMovingWall { force, wall }))
-                    }
-                    _ => None,
-                }
+                moving.force.native()?.above(wall)
             }
         }
     }
@@ -67,24 +36,23 @@ impl Parametrised for AnyForce<'_> {}
 impl Evaluated<PyErr> for AnyForce<'_> {
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
         match self {
-            Self::Constant(value) => Ok(*value),
-            Self::Linear(force) => force.at(t, x, xdot),
-            Self::Compiled(force) => force.at(t, x, xdot),
+            Self::Native(force) => force.at(t, x, xdot),
             Self::Callable(force) => force.at(t, x, xdot),
             Self::Moving(force) => force.at(t, x, xdot),
         }
     }
 
     fn dependence(&self) -> Dependence {
-        if let Self::Moving(moving) = self {
-            return moving.dependence();
+        match self {
+            Self::Native(force) => Evaluated::<PyErr>::dependence(force),
+            Self::Callable(force) => force.dependence(),
+            Self::Moving(force) => force.dependence(),
         }
-        self.native().map_or(Dependence::State, |force| Evaluated::<PyErr>::dependence(&force))
     }
 
     fn dependence_at_rest(&self) -> Dependence {
         match self {
-            Self::Linear(force) => Evaluated::<PyErr>::dependence_at_rest(force),
+            Self::Native(force) => Evaluated::<PyErr>::dependence_at_rest(force),
             other => other.dependence(),
         }
     }
@@ -103,41 +71,20 @@ impl Evaluated<PyErr> for AnyForce<'_> {
     }
 }
 
-/// One call for every kind of force, so that each is compiled into its own loop.
+/// One call for every kind of force; the lock is released where no interpreter is needed.
 macro_rules! with_force {
-    ($py:expr, $given:expr, |$force:ident| $run:expr) => {
-        match $crate::force::AnyForce::of($py, $given) {
-            $crate::force::AnyForce::Constant(value) => {
-                let $force = &mut zivi::ConstantForce(value);
-                $py.detach(|| $run)
+    ($py:expr, $given:expr, |$force:ident| $run:expr) => {{
+        let mut any = $given.on($py);
+        match any.native() {
+            Some(native) => {
+                $crate::force::with_native!(native, |$force| $py.detach(|| $run))
             }
-            $crate::force::AnyForce::Linear(mut linear) => {
-                let $force = &mut linear;
-                $py.detach(|| $run)
-            }
-            $crate::force::AnyForce::Compiled(mut compiled) => {
-                let $force = &mut compiled;
-                $py.detach(|| $run)
-            }
-            $crate::force::AnyForce::Callable(mut callable) => {
-                let $force = &mut callable;
-                $run
-            }
-            $crate::force::AnyForce::Moving(moving) => {
-                let mut moving = $crate::force::AnyForce::Moving(moving);
-                match moving.native() {
-                    Some(mut native) => {
-                        let $force = &mut native;
-                        $py.detach(|| $run)
-                    }
-                    None => {
-                        let $force = &mut moving;
-                        $run
-                    }
-                }
-            }
+            None => match &mut any {
+                $crate::force::AnyForce::Callable($force) => $run,
+                $force => $run,
+            },
         }
-    };
+    }};
 }
 
 pub(crate) use with_force;

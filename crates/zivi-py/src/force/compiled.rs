@@ -7,9 +7,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use zivi::system::slopes::Parametrised;
+use zivi::system::slopes::{Differenced, Parametrised};
 use zivi::Force;
 
+use super::native::NativeForce;
 use crate::capsule::Capsule;
 
 /// `double f(double t, double x, double xdot)`.
@@ -91,15 +92,6 @@ impl CompiledForce {
         Ok(Self { address, data, parameters, n, seen: 0 })
     }
 
-    /// The same for a run that begins now: what was raised before is none of its business.
-    pub(super) fn listening(&self) -> Self {
-        Self { seen: RAISED.load(Ordering::Relaxed), ..*self }
-    }
-
-    pub(super) fn address(&self) -> usize {
-        self.address
-    }
-
     /// The value that the function returns.
     fn with_parameters(&self, t: f64, x: f64, xdot: f64) -> f64 {
         let [a, b, c, d, e] = self.parameters;
@@ -133,6 +125,23 @@ impl CompiledForce {
 impl Parametrised for CompiledForce {
     fn values(&mut self) -> &mut [f64] {
         &mut self.parameters[..self.n]
+    }
+}
+
+impl NativeForce for CompiledForce {
+    type Differentiable = Differenced<Self>;
+
+    fn differentiable(self, duration: f64) -> Differenced<Self> {
+        Differenced::new(self, duration)
+    }
+
+    /// What was raised before is none of the run's business.
+    fn listening(self) -> Self {
+        Self { seen: RAISED.load(Ordering::Relaxed), ..self }
+    }
+
+    fn address(&self) -> Option<usize> {
+        Some(self.address)
     }
 }
 

@@ -1,39 +1,151 @@
-//! Forces from Python. What kinds there are is said and read here; how each is evaluated is in the
-//! files beside this one.
+//! Forces from Python: how each kind is given. How it is evaluated is in the files beside this one.
 
 mod any;
 mod callable;
 mod compiled;
+mod kind;
+mod list;
 mod native;
+mod parametric;
 pub(crate) mod slopes;
 mod wall;
 
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyDict, PyTuple};
+use zivi::system::slopes::Differenced;
+
+use kind::{Callable, Kind, Native};
+use parametric::{ParametricForce, WithJacobian};
+use slopes::AnySlopes;
+use wall::AnyWall;
 
 pub(crate) use any::{with_force, AnyForce};
 pub(crate) use compiled::{force_raised, CompiledForce, Raised};
-pub(crate) use native::NativeForce;
+pub(crate) use list::{with_native, with_native_slopes, AnyNative, NativeSlopes};
 pub(crate) use wall::Wall;
 
 /// A force of one of its kinds.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Force {
-    kind: Kind,
+    kind: Box<dyn Kind>,
 }
 
-enum Kind {
-    Constant(f64),
-    Linear(zivi::LinearForce),
-    /// A compiled function, and what owns its code.
-    Compiled(CompiledForce, Py<PyAny>),
-    /// `f(t, x, xdot)` in the interpreter.
-    Callable(Py<PyAny>),
-    Parametric(Parametric),
-    /// A force of the fixed frame, seen from a wall that moves.
-    Moving(Py<Force>, Py<Wall>),
+impl Force {
+    fn of(kind: impl Kind + 'static) -> Self {
+        Self { kind: Box::new(kind) }
+    }
+
+    /// Ready to be evaluated.
+    pub(crate) fn on<'py>(&self, py: Python<'py>) -> AnyForce<'py> {
+        self.kind.on(py)
+    }
+
+    /// With its partial derivatives, for a span that is so long (s).
+    pub(crate) fn slopes<'py>(&self, py: Python<'py>, duration: f64) -> PyResult<AnySlopes<'py>> {
+        self.kind.slopes(py, duration)
+    }
+}
+
+#[pymethods]
+impl Force {
+    #[staticmethod]
+    fn constant(value: f64) -> Self {
+        Self::of(Native { force: AnyNative::Constant(zivi::ConstantForce(value)), owner: None })
+    }
+
+    /// A force of the library, by the name of its class and its numbers by theirs.
+    #[staticmethod]
+    #[pyo3(signature = (name, **numbers))]
+    fn native(name: &str, numbers: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let known = AnyNative::CLASSES.iter().flatten().find(|(class, _)| *class == name);
+        let Some((_, names)) = known else {
+            return Err(PyValueError::new_err(format!("no native force {name:?}")));
+        };
+        let mut values = Vec::with_capacity(names.len());
+        for name in *names {
+            let given = numbers.map(|it| it.get_item(name)).transpose()?.flatten();
+            let missing = || PyTypeError::new_err(format!("{name} must be given"));
+            values.push(given.ok_or_else(missing)?.extract::<f64>()?);
+        }
+        if numbers.map_or(0, |it| it.len()) > names.len() {
+            let message = format!("{name} takes {} only", names.join(", "));
+            return Err(PyTypeError::new_err(message));
+        }
+        let force = AnyNative::of(name, &values);
+        let force =
+            force.ok_or_else(|| PyValueError::new_err(format!("no native force {name:?}")))?;
+        Ok(Self::of(Native { force, owner: None }))
+    }
+
+    /// A function at an address, called with time, state and the values of its parameters. The
+    /// owner of its code lives as long as this.
+    #[staticmethod]
+    #[pyo3(signature = (address, *, parameters=Vec::new(), owner))]
+    fn compiled(address: usize, parameters: Vec<f64>, owner: Py<PyAny>) -> PyResult<Self> {
+        let force = AnyNative::Compiled(CompiledForce::new(address, None, &parameters)?);
+        Ok(Self::of(Native { force, owner: Some(owner) }))
+    }
+
+    /// The function of a `scipy.LowLevelCallable`, which the error for a wrong signature names.
+    #[staticmethod]
+    fn low_level(callable: &Bound<'_, PyTuple>, argument: &str) -> PyResult<Self> {
+        let force = AnyNative::Compiled(CompiledForce::of_low_level(callable, argument)?);
+        Ok(Self::of(Native { force, owner: Some(callable.clone().into_any().unbind()) }))
+    }
+
+    #[staticmethod]
+    fn callable(function: Py<PyAny>) -> Self {
+        Self::of(Callable(function))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (plain, function, values, jacobian=None))]
+    fn parametric(
+        plain: Py<Self>,
+        function: Py<PyAny>,
+        values: Vec<f64>,
+        jacobian: Option<Py<PyAny>>,
+    ) -> Self {
+        Self::of(Parametric { plain, function, values, jacobian })
+    }
+
+    #[staticmethod]
+    fn above(wall: Py<Wall>, force: Py<Self>) -> PyResult<Self> {
+        if force.get().kind.moves() {
+            return Err(PyValueError::new_err("a moving wall above a moving wall"));
+        }
+        Ok(Self::of(Moving { force, wall }))
+    }
+
+    /// Whether it is one number, whatever time and state are.
+    #[getter]
+    fn is_constant(&self) -> bool {
+        self.kind.is_constant()
+    }
+
+    /// Whether a compiled function is called, which may raise what C cannot hand on.
+    #[getter]
+    fn is_compiled(&self) -> bool {
+        self.address().is_some()
+    }
+
+    /// Where the compiled function is, if there is one.
+    #[getter]
+    fn address(&self) -> Option<usize> {
+        self.kind.address()
+    }
+
+    /// Whether runs do without the interpreter.
+    #[getter]
+    fn is_native(&self) -> bool {
+        self.kind.is_native()
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.kind.traverse(&visit)
+    }
 }
 
 /// A force with parameters by which a run can be differentiated.
@@ -47,115 +159,73 @@ struct Parametric {
     jacobian: Option<Py<PyAny>>,
 }
 
-#[pymethods]
-impl Force {
-    #[staticmethod]
-    fn constant(value: f64) -> Self {
-        Self { kind: Kind::Constant(value) }
+impl Kind for Parametric {
+    fn on<'py>(&self, py: Python<'py>) -> AnyForce<'py> {
+        self.plain.get().on(py)
     }
 
-    #[staticmethod]
-    #[pyo3(signature = (*, stiffness, damping, gravity, amplitude, omega, phase))]
-    fn linear(
-        stiffness: f64,
-        damping: f64,
-        gravity: f64,
-        amplitude: f64,
-        omega: f64,
-        phase: f64,
-    ) -> Self {
-        let force = zivi::LinearForce { stiffness, damping, gravity, amplitude, omega, phase };
-        Self { kind: Kind::Linear(force) }
-    }
-
-    /// A function at an address, called with time, state and the values of its parameters. The
-    /// owner of its code lives as long as this.
-    #[staticmethod]
-    #[pyo3(signature = (address, *, parameters=Vec::new(), owner))]
-    fn compiled(address: usize, parameters: Vec<f64>, owner: Py<PyAny>) -> PyResult<Self> {
-        let force = CompiledForce::new(address, None, &parameters)?;
-        Ok(Self { kind: Kind::Compiled(force, owner) })
-    }
-
-    /// The function of a `scipy.LowLevelCallable`, which the error for a wrong signature names.
-    #[staticmethod]
-    fn low_level(callable: &Bound<'_, PyTuple>, argument: &str) -> PyResult<Self> {
-        let force = CompiledForce::of_low_level(callable, argument)?;
-        Ok(Self { kind: Kind::Compiled(force, callable.clone().into_any().unbind()) })
-    }
-
-    #[staticmethod]
-    fn callable(function: Py<PyAny>) -> Self {
-        Self { kind: Kind::Callable(function) }
-    }
-
-    #[staticmethod]
-    #[pyo3(signature = (plain, function, values, jacobian=None))]
-    fn parametric(
-        plain: Py<Self>,
-        function: Py<PyAny>,
-        values: Vec<f64>,
-        jacobian: Option<Py<PyAny>>,
-    ) -> Self {
-        Self { kind: Kind::Parametric(Parametric { plain, function, values, jacobian }) }
-    }
-
-    #[staticmethod]
-    fn above(wall: Py<Wall>, force: Py<Self>) -> PyResult<Self> {
-        if matches!(force.get().kind, Kind::Moving(..)) {
-            return Err(PyValueError::new_err("a moving wall above a moving wall"));
+    fn slopes<'py>(&self, py: Python<'py>, duration: f64) -> PyResult<AnySlopes<'py>> {
+        if self.jacobian.is_none() && self.plain.get().kind.takes_parameters() {
+            return self.plain.get().slopes(py, duration);
         }
-        Ok(Self { kind: Kind::Moving(force, wall) })
+        let callable = self.function.bind(py).clone();
+        let force = ParametricForce { callable, values: self.values.clone() };
+        Ok(match &self.jacobian {
+            None => AnySlopes::Parametric(Differenced::new(force, duration)),
+            Some(jacobian) => {
+                AnySlopes::Jacobian(WithJacobian { force, jacobian: jacobian.bind(py).clone() })
+            }
+        })
     }
 
-    /// Whether it is one number, whatever time and state are.
-    #[getter]
-    fn is_constant(&self) -> bool {
-        matches!(self.kind, Kind::Constant(_))
-    }
-
-    /// Whether a compiled function is called, which may raise what C cannot hand on.
-    #[getter]
-    fn is_compiled(&self) -> bool {
-        self.address().is_some()
-    }
-
-    /// Where the compiled function is, if there is one.
-    #[getter]
-    fn address(&self) -> Option<usize> {
-        match &self.kind {
-            Kind::Compiled(force, _) => Some(force.address()),
-            Kind::Parametric(it) => it.plain.get().address(),
-            Kind::Moving(force, _) => force.get().address(),
-            _ => None,
-        }
-    }
-
-    /// Whether runs do without the interpreter.
-    #[getter]
     fn is_native(&self) -> bool {
-        match &self.kind {
-            Kind::Constant(_) | Kind::Linear(_) | Kind::Compiled(..) => true,
-            Kind::Callable(_) => false,
-            Kind::Parametric(it) => it.plain.get().is_native(),
-            Kind::Moving(force, wall) => force.get().is_native() && wall.get().is_native(),
-        }
+        self.plain.get().is_native()
     }
 
-    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        match &self.kind {
-            Kind::Constant(_) | Kind::Linear(_) => Ok(()),
-            Kind::Compiled(_, owner) => visit.call(owner),
-            Kind::Callable(function) => visit.call(function),
-            Kind::Parametric(Parametric { plain, function, jacobian, .. }) => {
-                visit.call(plain)?;
-                visit.call(function)?;
-                visit.call(jacobian)
-            }
-            Kind::Moving(force, wall) => {
-                visit.call(force)?;
-                visit.call(wall)
-            }
-        }
+    fn address(&self) -> Option<usize> {
+        self.plain.get().address()
+    }
+
+    fn traverse(&self, visit: &PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.plain)?;
+        visit.call(&self.function)?;
+        visit.call(&self.jacobian)
+    }
+}
+
+/// A force of the fixed frame, seen from a wall that moves.
+struct Moving {
+    force: Py<Force>,
+    wall: Py<Wall>,
+}
+
+impl Kind for Moving {
+    fn on<'py>(&self, py: Python<'py>) -> AnyForce<'py> {
+        let (force, wall) = (self.force.get().on(py), AnyWall::of(py, self.wall.get()));
+        AnyForce::Moving(Box::new(zivi::OnMovingWall { force, wall }))
+    }
+
+    fn slopes<'py>(&self, py: Python<'py>, duration: f64) -> PyResult<AnySlopes<'py>> {
+        let AnyWall::Harmonic(wall) = AnyWall::of(py, self.wall.get()) else {
+            return Ok(AnySlopes::Other(Differenced::new(self.on(py), duration)));
+        };
+        self.force.get().slopes(py, duration)?.above(wall)
+    }
+
+    fn is_native(&self) -> bool {
+        self.force.get().is_native() && self.wall.get().is_native()
+    }
+
+    fn address(&self) -> Option<usize> {
+        self.force.get().address()
+    }
+
+    fn moves(&self) -> bool {
+        true
+    }
+
+    fn traverse(&self, visit: &PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.force)?;
+        visit.call(&self.wall)
     }
 }

@@ -1,65 +1,58 @@
-//! Forces that need no interpreter.
+//! What a force that needs no interpreter has to be.
 
-use zivi::{Dependence, Force, HarmonicWall, LinearLaw, OnMovingWall};
+use pyo3::prelude::*;
+use zivi::system::slopes::DifferentiableForce;
+use zivi::Force;
 
-use super::compiled::CompiledForce;
+/// A force that needs no interpreter. How it is evaluated, what it depends on and whether it is
+/// linear says its [`Force`]; a line in `list.rs` gives it to runs, batches and loops, above walls
+/// at rest and above walls that vibrate.
+pub(crate) trait NativeForce: Force<PyErr> + Copy + Send + Sync {
+    /// The name of its class in Python and those of its numbers, which are all of its fields there.
+    const CLASS: Option<(&'static str, &'static [&'static str])> = None;
 
-/// A force that needs no interpreter.
-#[derive(Clone, Copy)]
-pub(crate) enum NativeForce {
-    Constant(zivi::ConstantForce),
-    Linear(zivi::LinearForce),
-    Compiled(CompiledForce),
-    MovingConstant(OnMovingWall<zivi::ConstantForce, HarmonicWall>),
-    MovingLinear(OnMovingWall<zivi::LinearForce, HarmonicWall>),
-    MovingCompiled(OnMovingWall<CompiledForce, HarmonicWall>),
+    /// The same with its partial derivatives: by its numbers, in their order, too.
+    type Differentiable: DifferentiableForce<PyErr> + Send;
+
+    /// The force of its numbers, in the order of `CLASS`.
+    fn of(_numbers: &[f64]) -> Option<Self> {
+        None
+    }
+
+    /// For a span that is so long (s).
+    fn differentiable(self, duration: f64) -> Self::Differentiable;
+
+    /// The same for a run that begins now.
+    fn listening(self) -> Self {
+        self
+    }
+
+    /// Where the compiled function is, if there is one.
+    fn address(&self) -> Option<usize> {
+        None
+    }
 }
 
-impl<E> Force<E> for NativeForce {
-    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
-        match self {
-            Self::Constant(force) => force.at(t, x, xdot),
-            Self::Linear(force) => force.at(t, x, xdot),
-            Self::Compiled(force) => force.at(t, x, xdot),
-            Self::MovingConstant(force) => force.at(t, x, xdot),
-            Self::MovingLinear(force) => force.at(t, x, xdot),
-            Self::MovingCompiled(force) => force.at(t, x, xdot),
-        }
+impl NativeForce for zivi::ConstantForce {
+    type Differentiable = Self;
+
+    fn differentiable(self, _: f64) -> Self {
+        self
+    }
+}
+
+impl NativeForce for zivi::LinearForce {
+    const CLASS: Option<(&'static str, &'static [&'static str])> =
+        Some(("LinearForce", &["stiffness", "damping", "gravity", "amplitude", "omega", "phase"]));
+
+    type Differentiable = Self;
+
+    fn of(numbers: &[f64]) -> Option<Self> {
+        let &[stiffness, damping, gravity, amplitude, omega, phase] = numbers else { return None };
+        Some(Self { stiffness, damping, gravity, amplitude, omega, phase })
     }
 
-    fn dependence(&self) -> Dependence {
-        match self {
-            Self::Constant(force) => Force::<E>::dependence(force),
-            Self::Linear(force) => Force::<E>::dependence(force),
-            Self::Compiled(force) => Force::<E>::dependence(force),
-            Self::MovingConstant(force) => Force::<E>::dependence(force),
-            Self::MovingLinear(force) => Force::<E>::dependence(force),
-            Self::MovingCompiled(force) => Force::<E>::dependence(force),
-        }
-    }
-
-    fn dependence_at_rest(&self) -> Dependence {
-        match self {
-            Self::Linear(force) => Force::<E>::dependence_at_rest(force),
-            other => Force::<E>::dependence(other),
-        }
-    }
-
-    fn shortest_period(&self) -> Option<f64> {
-        match self {
-            Self::Constant(force) => Force::<E>::shortest_period(force),
-            Self::Linear(force) => Force::<E>::shortest_period(force),
-            _ => None,
-        }
-    }
-
-    fn linear(&self) -> Option<LinearLaw> {
-        match self {
-            Self::Constant(force) => Force::<E>::linear(force),
-            Self::Linear(force) => Force::<E>::linear(force),
-            Self::MovingConstant(force) => Force::<E>::linear(force),
-            Self::MovingLinear(force) => Force::<E>::linear(force),
-            Self::Compiled(_) | Self::MovingCompiled(_) => None,
-        }
+    fn differentiable(self, _: f64) -> Self {
+        self
     }
 }
