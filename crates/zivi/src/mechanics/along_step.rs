@@ -15,7 +15,7 @@ pub(super) const DEFECT: f64 = 100.0;
 pub(super) struct AlongStep<'r, 'm, D> {
     pub(super) step: &'r Stages,
     pub(super) closed: GapSet,
-    pub(super) tolerances: Tolerances,
+    pub(super) tolerances: &'r Tolerances,
     /// The mechanics where they were evaluated last.
     pub(super) aside: &'r mut Kinetics,
     pub(super) model: &'r mut Model<'m, D>,
@@ -54,7 +54,7 @@ impl<D> AlongStep<'_, '_, D> {
         let defects = rows.iter().enumerate().map(|(c, [_, v])| {
             let defect = h * self.aside.acceleration[c] - v.slope(theta);
             let error = StepError { x: [h * defect, 0.0], xdot: [defect, 0.0], double: false };
-            error.norm(self.step.scales(c, &self.tolerances)) / DEFECT
+            error.norm(self.step.scales(c, self.tolerances)) / DEFECT
         });
         Ok(defects.fold(0.0, worse))
     }

@@ -7,15 +7,14 @@
 use super::kinetics::{Kinetics, Model};
 use crate::numeric::coordinates;
 use crate::numeric::stages::Equation;
-use crate::numeric::tableau::Pair;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::dynamics::Dynamics;
 
 /// A state at a time: `x` are the coordinates, then the gaps, `xdot` their rates.
 pub(super) type State = coordinates::State<Vec<f64>>;
 
-/// The last step.
+/// A step.
 pub(super) type Stages = crate::numeric::stages::Stages<Vec<f64>>;
 
 /// What is known at the end of the last step, by gap: contact forces, and the gaps, their rates and
@@ -32,21 +31,6 @@ impl AtEnd {
     pub(super) fn new(m: usize) -> Self {
         let zeros = vec![0.0; m];
         Self { lambda: zeros.clone(), gap: zeros.clone(), rate: zeros.clone(), steepness: zeros }
-    }
-}
-
-/// The last step, or the part of it up to an event.
-#[derive(Clone, Debug)]
-pub(super) struct LastStep {
-    pub(super) stages: Stages,
-    pub(super) at_end: AtEnd,
-    /// Length of that part.
-    pub(super) length: f64,
-}
-
-impl LastStep {
-    pub(super) fn new(pair: &'static Pair, Layout { n, m }: Layout) -> Self {
-        Self { stages: Stages::new(pair, n + m), at_end: AtEnd::new(m), length: 0.0 }
     }
 }
 

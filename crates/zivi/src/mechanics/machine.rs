@@ -6,8 +6,8 @@
 use std::collections::TryReserveError;
 
 use super::accumulation::{note_lifted, Accumulation};
-use super::equation::{LastStep, State};
-use super::flight::Steps;
+use super::equation::State;
+use super::flight::SmoothMotion;
 use super::impact::{flag_together, Impacts};
 use super::kinetics::Model;
 use super::mode::{Key, Next};
@@ -31,7 +31,7 @@ pub(super) struct Machine {
     state: MechanicalState,
     impacts: Impacts,
     accumulation: Accumulation,
-    steps: Steps,
+    motion: SmoothMotion,
     next: Next,
     occurrences: Vec<Occurrence>,
     /// Events since the time last advanced by a step.
@@ -41,7 +41,7 @@ pub(super) struct Machine {
 /// What a step changes, kept to give it up.
 pub(super) struct Saved {
     state: MechanicalState,
-    steps: Steps,
+    motion: SmoothMotion,
     next: Next,
     stalled: u32,
 }
@@ -66,7 +66,7 @@ impl Machine {
             state: MechanicalState::new(layout),
             impacts: Impacts::new(e, settings.rtol),
             accumulation: Accumulation::new(settings, layout),
-            steps: Steps::new(settings, layout),
+            motion: SmoothMotion::new(&settings, layout),
             next: Next::Step,
             occurrences: Vec::new(),
             stalled: 0,
@@ -105,7 +105,7 @@ impl Machine {
             Next::Release { gap, h } => return self.open(gap, h, model),
             Next::Jump(ahead) if ahead.landing.t <= t_end => {
                 let (dense_from, at) =
-                    (self.steps.dense_from(), (self.impacts.e(), &mut self.state));
+                    (self.motion.steps().dense_from(), (self.impacts.e(), &mut self.state));
                 let occurrences = &mut self.occurrences;
                 return self.accumulation.jump(ahead, dense_from, at, occurrences, model);
             }
@@ -119,7 +119,7 @@ impl Machine {
         self.state.prepare(model)?;
         let t = self.state.now().t;
         let obstacle = self.accumulation.obstacle();
-        self.next = self.steps.fly(t_end, &mut self.state, obstacle, model)?;
+        self.next = self.motion.fly(t_end, &mut self.state, obstacle, model)?;
         if self.state.now().t > t {
             self.stalled = 0;
         }
@@ -134,7 +134,7 @@ impl Machine {
     ) -> Result<Piece, Failure<E>> {
         let Self { state, impacts, accumulation, occurrences, .. } = self;
         let struck = impacts.solve(hit, state, occurrences, model)?;
-        self.steps.forget_experience();
+        self.motion.forget_experience();
         self.next = Next::jump(accumulation.note(&struck, (impacts.e(), state), model)?);
         Ok(Piece::Instant)
     }
@@ -147,7 +147,7 @@ impl Machine {
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
         let Self { state, occurrences, .. } = self;
-        let left = self.steps.open((gap, h), self.stalled, state, model)?;
+        let left = self.motion.open((gap, h), self.stalled, state, model)?;
         note_lifted(state.now().t, left, occurrences);
         flag_together(left, state, occurrences);
         self.accumulation.clear();
@@ -160,7 +160,7 @@ impl Machine {
         self.cancel_jump();
         self.state.forget_forces();
         self.accumulation.restart();
-        self.steps.restart();
+        self.motion.restart();
     }
 
     /// What comes next is no jump: the accumulation is not known well enough.
@@ -177,29 +177,17 @@ impl Machine {
 
     /// What a step changes.
     pub(super) fn save(&self) -> Saved {
-        let Self { state, steps, next, stalled, .. } = self;
-        let (state, steps, next) = (state.clone(), steps.clone(), next.clone());
-        Saved { state, steps, next, stalled: *stalled }
+        let Self { state, motion, next, stalled, .. } = self;
+        let (state, motion, next) = (state.clone(), motion.clone(), next.clone());
+        Saved { state, motion, next, stalled: *stalled }
     }
 
     /// Gives up the last step: back to where the machine was before it, for one of length `h`.
     pub(super) fn give_up_step(&mut self, before: &Saved, h: f64) {
-        let rejected = self.steps.counts().1 + 1;
         self.state.clone_from(&before.state);
-        self.steps.clone_from(&before.steps);
+        self.motion.go_back(&before.motion, h);
         self.next.clone_from(&before.next);
         self.stalled = before.stalled;
-        self.steps.retry(h, rejected);
-    }
-
-    /// The next step is no longer than this.
-    pub(super) fn limit_step(&mut self, longest: f64) {
-        self.steps.limit_next(longest);
-    }
-
-    /// Steps that end later than this have their polynomials computed.
-    pub(super) fn look_from(&mut self, t: f64) {
-        self.steps.look_from(t);
     }
 
     /// Accelerations and contact forces at the present state.
@@ -248,14 +236,14 @@ impl Machine {
         &self.next
     }
 
-    /// The last step, or the part of it up to an event.
-    pub(super) fn last(&self) -> &LastStep {
-        self.steps.last()
+    /// The motion between events.
+    pub(super) fn motion(&self) -> &SmoothMotion {
+        &self.motion
     }
 
-    /// The same, to have its polynomials computed.
-    pub(super) fn last_mut(&mut self) -> &mut LastStep {
-        self.steps.last_mut()
+    /// The same, to be told how long steps may be and where they are looked at.
+    pub(super) fn motion_mut(&mut self) -> &mut SmoothMotion {
+        &mut self.motion
     }
 
     /// Restitutions by gap.
@@ -289,12 +277,12 @@ impl Machine {
         for gap in closed.iter() {
             (x[n + gap], v[n + gap]) = (0.0, 0.0);
         }
-        self.steps.contact_forces((t, x, v), *closed, model)
+        self.motion.contact_forces((t, x, v), *closed, model)
     }
 
     /// How much work was done, evaluations apart.
     pub(super) fn counts(&self) -> Counts {
-        let ((accepted, rejected), impacts) = (self.steps.counts(), self.impacts.count());
+        let ((accepted, rejected), impacts) = (self.motion.steps().counts(), self.impacts.count());
         Counts { nfev: 0, accepted, rejected, impacts }
     }
 

@@ -81,7 +81,7 @@ impl Piecewise for Machine {
     }
 
     fn look_from(&mut self, t: f64) {
-        Machine::look_from(self, t);
+        self.motion_mut().steps_mut().look_from(t);
     }
 }
 
@@ -151,8 +151,8 @@ impl<E> Running<'_, E> {
     ) -> Result<(), Ending<E>> {
         let end = self.method.now().t;
         if end > self.dense_from() && end > from {
-            let last = self.method.last();
-            let curve = Curve::new(&last.stages, self.method.now(), last.length);
+            let motion = self.method.motion();
+            let curve = Curve::new(motion.last(), self.method.now(), motion.length());
             self.follow(&curve, (from, end), closed, model)?;
         }
         self.arrive();

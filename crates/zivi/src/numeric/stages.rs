@@ -28,6 +28,18 @@ pub(crate) trait Equation<Q, X> {
     fn is_at_end(&mut self, _at: &State<Q>) {}
 }
 
+impl<Q, X, A: Equation<Q, X>> Equation<Q, X> for &mut A {
+    #[inline(always)]
+    fn acceleration(&mut self, at: &State<Q>, into: &mut Q) -> Result<(), X> {
+        (**self).acceleration(at, into)
+    }
+
+    #[inline(always)]
+    fn is_at_end(&mut self, at: &State<Q>) {
+        (**self).is_at_end(at);
+    }
+}
+
 /// The last step that was computed: its stages and both of its ends.
 #[derive(Clone, Debug)]
 pub(crate) struct Stages<Q: Coordinates> {

@@ -1,5 +1,8 @@
-//! Methods that advance piece by piece, each up to an event at most: one run loop for them.
+//! Methods that advance piece by piece, each up to an event at most: one run loop for them, and one
+//! loop over the steps of a flight.
 
+pub(crate) mod flight;
 pub(crate) mod method;
 pub(crate) mod running;
+pub(crate) mod steps;
 pub(crate) mod wanted;

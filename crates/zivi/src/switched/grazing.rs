@@ -5,8 +5,9 @@
 //! if its flight went higher by `v^2/(2 a)`; a minimum of a flight at the height `x` would be one if
 //! it went lower by `x`. Low speeds at `a < 0`, those of a chain of impacts, are no grazing.
 
-use super::integrator::{Piece, SwitchedIntegrator};
+use super::integrator::SwitchedIntegrator;
 use super::output::{Output, SwitchedRun};
+use super::piece::Piece;
 use super::run::simulate_with;
 use super::settings::SwitchedRk;
 use super::stages::Counted;
@@ -51,11 +52,11 @@ impl Grazing {
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
         // a piece of several curves is far from the wall
-        if integrator.curves::<E, F>() != 1 {
+        if integrator.flight().curves() != 1 {
             return Ok(());
         }
-        let (end, sigma) = (integrator.now.t, integrator.sigma);
-        let curve = integrator.curve(0, sigma, force)?;
+        let (end, sigma) = (integrator.t(), integrator.sigma());
+        let curve = integrator.flight().curve(0, sigma, force)?;
         for t in curve.crossings(Level::Velocity(0.0), end) {
             self.note(curve.at(t).x);
         }
@@ -90,7 +91,7 @@ impl<'f, E, F: Force<E>> Driver<SwitchedIntegrator, Counted<'f, F>, E> for Grazi
         t_end: f64,
         force: &mut Counted<'f, F>,
     ) -> Result<Piece, Failure<E>> {
-        let before = integrator.now;
+        let before = integrator.now();
         self.highest = self.highest.max(before.x);
         let piece = integrator.step(t_end, force)?;
         match piece {
@@ -102,7 +103,7 @@ impl<'f, E, F: Force<E>> Driver<SwitchedIntegrator, Counted<'f, F>, E> for Grazi
                 }
             }
             Piece::Flight { impact: None, .. } => {
-                if before.xdot < 0.0 && integrator.now.xdot > 0.0 {
+                if before.xdot < 0.0 && integrator.now().xdot > 0.0 {
                     self.minimum(integrator, force)?;
                 }
             }

@@ -1,51 +1,23 @@
-//! The state of the switched method and its modes: flight, the jump through a Zeno point, rest.
+//! The switched method: its parts, and which of them comes next: flight, the jump through a Zeno
+//! point, rest.
 
 use zivi_core::Restitution;
 
-use super::flight::series::SeriesFlight;
-use super::lift_off::Lookout;
-use super::lookahead::Obstacle;
+use super::accumulation::Accumulation;
+use super::flight::{Arrival, FreeFlight};
+use super::lift_off::{Lookout, Window};
 use super::mode::{Flight, Mode};
+use super::piece::{Counts, Piece};
 use super::point::Point;
+use super::rest::window;
 use super::settings::SwitchedRk;
-use super::stages::{Counted, LastStep};
-use super::stalling::StallingImpacts;
-use super::step_control::{Looks, StepControl};
+use super::stages::Counted;
 use crate::record::failure::Failure;
 use crate::record::occurrence::Occurrence;
 use crate::system::evaluation::check_initial;
+use crate::zeno::bounce::{restored, Bounce};
 use crate::zeno::chain::Chain;
-use crate::zeno::tail::Tail;
 use crate::{Force, Impact, Physical, SetupError, Status};
-
-/// Columns of the table of the Zeno time after the first. In 160 random runs with `e` up to 0.9995
-/// 3 need 15 % more impacts before the jump; 5 save 8 % of them, but the error of the Zeno time is
-/// twice as large in the median where `e` is near 1.
-const COLUMNS: usize = 4;
-
-/// How much work was done.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Evaluations of the force.
-    pub nfev: u64,
-    /// Steps that were taken in flight.
-    pub accepted: u64,
-    /// Steps that were tried and given up for smaller ones.
-    pub rejected: u64,
-    /// Impacts that were computed; those that a jump to rest skips are not among them.
-    pub impacts: u64,
-}
-
-/// A part of the motion that one step of the integrator covers.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Piece {
-    /// Free flight from a state, up to an impact if there is one.
-    Flight { from: Point, sigma: f64, impact: Option<Impact> },
-    /// Infinitely many impacts.
-    Tail(Tail),
-    /// Rest since a time, up to a lift-off or as far as the force was looked at.
-    Rest { from: f64, lifted: bool },
-}
 
 /// The switched Runge-Kutta method as an object that is driven piece by piece.
 ///
@@ -75,23 +47,16 @@ pub(crate) enum Piece {
 /// ```
 #[derive(Clone, Debug)]
 pub struct SwitchedIntegrator {
-    pub(super) settings: SwitchedRk,
-    pub(super) restitution: Restitution,
-    pub(super) now: Point,
-    pub(super) sigma: f64,
-    pub(super) mode: Mode,
-    /// The last step of the pair.
-    pub(super) last: LastStep,
-    /// Flights under a linear force.
-    pub(super) series: Option<Box<SeriesFlight>>,
-    pub(super) chain: Chain<f64>,
-    /// Where the force last kept the mass from jumping to the end of it.
-    pub(super) obstacle: Option<Obstacle>,
-    pub(super) stalling: StallingImpacts,
-    pub(super) lookout: Lookout,
-    pub(super) control: StepControl,
-    pub(super) looks: Looks,
-    pub(super) counts: Counts,
+    settings: SwitchedRk,
+    restitution: Restitution,
+    now: Point,
+    sigma: f64,
+    mode: Mode,
+    flight: FreeFlight,
+    accumulation: Accumulation,
+    lookout: Lookout,
+    nfev: u64,
+    impacts: u64,
 }
 
 impl SwitchedIntegrator {
@@ -107,15 +72,11 @@ impl SwitchedIntegrator {
             now: Point::default(),
             sigma: 1.0,
             mode: Mode::REST,
-            last: LastStep::new(settings.order.pair()),
-            series: None,
-            chain: Chain::new((), restitution.e(), 0, COLUMNS),
-            obstacle: None,
-            stalling: StallingImpacts::default(),
+            flight: FreeFlight::new(&settings),
+            accumulation: Accumulation::new(restitution.e()),
             lookout: Lookout::default(),
-            control: StepControl::default(),
-            looks: Looks::NONE,
-            counts: Counts::default(),
+            nfev: 0,
+            impacts: 0,
         })
     }
 
@@ -131,33 +92,39 @@ impl SwitchedIntegrator {
         check_initial(state)?;
         let Physical { x, xdot } = state;
         if t != self.now.t {
-            // another run: its last bits do not depend on this one
-            self.series.iter_mut().for_each(|series| series.start());
+            self.flight.start();
         }
         self.now = Point { t, x, xdot, late: 0.0 };
-        self.stalling = StallingImpacts::starting_at(t);
+        self.accumulation.start(t);
         self.sigma = 1.0;
         self.mode = if state.is_at_origin() { Mode::REST } else { Mode::FLIGHT };
+        let steps = self.flight.steps_mut();
         if self.settings.first_step.is_some() {
-            self.control.h = self.settings.first_step;
+            steps.set_next(self.settings.first_step);
         }
-        self.lookout = Lookout { length: self.control.h, ..Lookout::default() };
+        self.lookout = Lookout::starting(steps.next());
         self.forget_force();
+        Ok(())
+    }
+
+    /// As [`SwitchedIntegrator::start`], on the branch on which it is.
+    pub(crate) fn start_again(&mut self, t: f64, state: Physical) -> Result<(), SetupError> {
+        let sigma = self.sigma;
+        self.start(t, state)?;
+        self.sigma = sigma;
         Ok(())
     }
 
     /// Forgets what was learnt from the force: from here on it is another one.
     pub fn forget_force(&mut self) {
         self.mode.forget_force();
-        self.obstacle = None;
-        self.chain.clear();
+        self.accumulation.forget_force();
     }
 
     /// Forgets what was learnt from the force, and how it varied at rest.
     pub(super) fn restart(&mut self) {
         self.forget_force();
-        let Lookout { length, probing, .. } = self.lookout;
-        self.lookout = Lookout { length, probing, ..Lookout::default() };
+        self.lookout.restart();
         if let Mode::Rest(_) = self.mode {
             self.mode = Mode::REST;
         }
@@ -214,9 +181,9 @@ impl SwitchedIntegrator {
         mut observe: impl FnMut(Occurrence),
     ) -> Result<(), Failure<E>> {
         self.adopt(force);
-        let linear = self.linear().copied();
+        let linear = self.flight.linear().copied();
         let mut force = Counted::known(force, linear.as_ref());
-        self.control.spent = 0;
+        self.flight.steps_mut().start_budget();
         let mut ended = Ok(());
         while self.now.t < t_end && ended.is_ok() {
             let resting = self.is_at_rest();
@@ -226,7 +193,7 @@ impl SwitchedIntegrator {
                 Ok(())
             });
         }
-        self.counts.nfev += force.count();
+        self.nfev += force.count();
         ended
     }
 
@@ -257,7 +224,8 @@ impl SwitchedIntegrator {
     /// How much work was done so far.
     #[must_use]
     pub fn counts(&self) -> Counts {
-        self.counts
+        let ((accepted, rejected), impacts) = (self.flight.steps().counts(), self.impacts);
+        Counts { nfev: self.nfev, accepted, rejected, impacts }
     }
 
     /// One more piece of the motion, of a positive length or up to an event at the same time.
@@ -270,16 +238,30 @@ impl SwitchedIntegrator {
         self.proceed(t_end, force)
     }
 
-    /// Thinks about the last impact, if that has not been done.
+    /// Decides what follows from the last impact, if that has not been done: flight, rest, or the
+    /// end of a chain.
     pub(super) fn settle<E, F: Force<E>>(
         &mut self,
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        match self.mode {
-            Mode::Flight(Flight::Weigh) => self.weigh_impact(t_end, force),
-            Mode::Flight(_) | Mode::Rest(_) => Ok(()),
+        let Mode::Flight(Flight::Weigh) = self.mode else { return Ok(()) };
+        let Point { t, xdot: u, .. } = self.now;
+        if u == 0.0 {
+            // the impact stops the mass, which stays in the origin or is pulled off at once
+            let stays = self.flight.at_wall(self.now, force)? <= 0.0;
+            self.mode = if stays { Mode::FLIGHT } else { Mode::LIFT_OFF };
+            self.accumulation.clear();
+            return Ok(());
         }
+        let mut zeno = None;
+        if self.restitution.e() < 1.0 {
+            let bounce = Bounce { t, u, g: -self.flight.at_wall(self.now, force)? };
+            let until = (self.sigma, t_end);
+            zeno = self.accumulation.note(bounce, until, &self.settings, force)?;
+        }
+        self.mode = zeno.map_or(Mode::FLIGHT, |zeno| Mode::Flight(Flight::Jump { zeno }));
+        Ok(())
     }
 
     /// The next piece of the motion once that is done.
@@ -289,21 +271,146 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<Piece, Failure<E>> {
         match self.mode {
-            Mode::Rest(_) => self.wait(t_end, force),
-            Mode::Flight(Flight::Jump { zeno }) => Ok(self.jump(zeno)),
-            Mode::Flight(_) if self.chain.bounces().len() > self.settings.max_impacts => {
-                self.chain.clear();
-                Err(Failure::Status(Status::ZenoBudget))
-            }
+            Mode::Rest(_) => return self.wait(t_end, force),
+            Mode::Flight(Flight::Jump { zeno }) => return Ok(self.jump(zeno)),
+            Mode::Flight(_) => self.accumulation.check_budget(self.settings.max_impacts)?,
+        }
+        match self.mode {
             Mode::Flight(Flight::Weigh | Flight::Step { .. }) if self.state().is_at_origin() => {
                 self.wait(t_end, force)
             }
-            Mode::Flight(_) => self.fly(t_end, force),
+            _ => self.fly(t_end, force),
         }
     }
 
-    /// Counts a step; an error when there were too many.
-    pub(super) fn spend<E>(&mut self) -> Result<(), Failure<E>> {
-        self.control.spend(&self.settings)
+    /// Free flight, up to an impact if there is one.
+    fn fly<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        if self.state().arrives() {
+            return Ok(self.strike(self.now, self.now));
+        }
+        let obstacle = self.accumulation.obstacle();
+        let Arrival { from, end, lands, .. } =
+            self.flight.next(self.now, &mut self.mode, obstacle, t_end, force)?;
+        if lands {
+            return Ok(self.strike(from, end));
+        }
+        self.now = end;
+        Ok(Piece::Flight { from, sigma: self.sigma, impact: None })
+    }
+
+    /// The impact with the velocity `xdot < 0`: `x'+ = -e x'-`.
+    pub(super) fn strike(&mut self, from: Point, contact: Point) -> Piece {
+        let Point { t, xdot, .. } = contact;
+        let after = restored(self.restitution.e(), xdot);
+        let impact = Impact { t, xdot_before: xdot, xdot_after: after };
+        let sigma = self.sigma;
+        self.impacts += 1;
+        self.now = Point { x: 0.0, xdot: after, ..contact };
+        self.sigma = -sigma;
+        self.mode = Mode::Flight(Flight::Weigh);
+        Piece::Flight { from, sigma, impact: Some(impact) }
+    }
+
+    /// Through the rest of the chain, to rest at `zeno`.
+    fn jump(&mut self, zeno: f64) -> Piece {
+        let tail = self.accumulation.tail(zeno, self.sigma);
+        self.now = Point { t: zeno, ..Point::default() };
+        self.mode = Mode::REST;
+        self.accumulation.clear();
+        let steps = self.flight.steps_mut();
+        self.lookout.look_as_far_as(steps.next());
+        steps.set_next(None);
+        Piece::Tail(tail)
+    }
+
+    /// Rest up to the first lift-off, as far as one look at the force goes.
+    fn wait<E, F: Force<E>>(
+        &mut self,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Piece, Failure<E>> {
+        self.flight.steps_mut().spend()?;
+        let from = self.now.t;
+        let mut rest = self.mode.rest();
+        let Self { lookout, flight, now, settings, .. } = self;
+        let until = (t_end, settings.max_step);
+        let window = window((lookout, flight), *now, until, &mut rest, force)?;
+        self.mode = Mode::Rest(rest);
+        self.accumulation.clear();
+        let (t, lifted) = match window {
+            Window::NotFinite => return Err(Failure::Status(Status::ForceNotFinite)),
+            Window::RestUntil(t) => (t, false),
+            Window::LiftOff(t) => (t, true),
+        };
+        self.now.t = t;
+        if lifted {
+            self.lift_off(t > from);
+        }
+        Ok(Piece::Rest { from, lifted })
+    }
+
+    /// Leaves rest. Where the force grows from zero, it does so on the scale of the window.
+    fn lift_off(&mut self, smoothly: bool) {
+        const PART: f64 = 1e-2;
+        self.mode = if smoothly { Mode::SMOOTH_LIFT_OFF } else { Mode::LIFT_OFF };
+        self.now.late = 0.0;
+        if smoothly {
+            let length = self.lookout.length();
+            self.flight.steps_mut().set_next(length.map(|length| PART * length));
+        }
+    }
+
+    /// Chooses the flights that the settings ask for under this force.
+    pub(super) fn adopt<E, F: Force<E>>(&mut self, force: &F) {
+        self.flight.adopt(&self.settings, force);
+    }
+
+    /// The flights.
+    pub(super) fn flight(&mut self) -> &mut FreeFlight {
+        &mut self.flight
+    }
+
+    /// Whether rest is looked at between the nodes of its windows.
+    pub(super) fn probe_rest(&mut self, probing: bool) {
+        self.lookout.set_probing(probing);
+    }
+
+    /// What comes next is no jump: the end of the chain is not known well enough.
+    pub(super) fn cancel_jump(&mut self) {
+        self.mode = Mode::FLIGHT;
+    }
+
+    /// Gives up the last step: back to before it, for one of length `h`.
+    pub(super) fn give_up_step(&mut self, before: &Self, h: f64) {
+        let rejected = self.flight.steps().counts().1 + 1;
+        self.clone_from(before);
+        self.flight.steps_mut().retry(h, rejected);
+    }
+
+    pub(super) fn settings(&self) -> &SwitchedRk {
+        &self.settings
+    }
+
+    pub(super) fn restitution(&self) -> Restitution {
+        self.restitution
+    }
+
+    /// Where the mass is.
+    #[inline]
+    pub(super) fn now(&self) -> Point {
+        self.now
+    }
+
+    pub(super) fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// The last impacts.
+    pub(super) fn chain(&self) -> &Chain<f64> {
+        self.accumulation.chain()
     }
 }

@@ -115,18 +115,44 @@ impl Fit {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Lookout {
     /// Length of the window to look at next (s).
-    pub(super) length: Option<f64>,
+    length: Option<f64>,
     /// The longest that was decided (s).
-    pub(super) longest: f64,
+    longest: f64,
     /// The largest force at the wall (m/s^2).
-    pub(super) largest: f64,
+    largest: f64,
     /// Whether there are more looks than those of a window: not where a controller looks anew at
     /// the start of each of its periods.
-    pub(super) probing: bool,
-    pub(super) probes: Probes,
+    probing: bool,
+    probes: Probes,
 }
 
 impl Lookout {
+    /// The search at the start of a run, with a window of this length first.
+    pub(super) fn starting(length: Option<f64>) -> Self {
+        Self { length, ..Self::default() }
+    }
+
+    /// Forgets what the force was.
+    pub(super) fn restart(&mut self) {
+        let Self { length, probing, .. } = *self;
+        *self = Self { length, probing, ..Self::default() };
+    }
+
+    /// Whether there are looks between the nodes of a window.
+    pub(super) fn set_probing(&mut self, probing: bool) {
+        self.probing = probing;
+    }
+
+    /// Length of the next window (s).
+    pub(super) fn length(&self) -> Option<f64> {
+        self.length
+    }
+
+    /// The next window has this length, if one is given.
+    pub(super) fn look_as_far_as(&mut self, length: Option<f64>) {
+        self.length = length.or(self.length);
+    }
+
     /// Looks at a window from `t` that is at most `longest` long and ends at most at `until`, and
     /// is shorter than that where `phi` demands it. A `phi` that is not finite is NaN or infinite.
     pub(super) fn look<E>(
@@ -186,9 +212,7 @@ impl Lookout {
             None => Ok(Window::RestUntil(end)),
         }
     }
-}
 
-impl Lookout {
     /// Looks between the nodes of a window. None if the force is what they show, else the length of
     /// a window that ends before it deviates, or where it does.
     fn probe<E>(

@@ -22,9 +22,9 @@
 //! * [`simulate_switched_rk`]: a whole run, with samples, events and dense output.
 //! * [`SwitchedIntegrator`]: piece by piece, under a force that may change between calls.
 
+mod accumulation;
 pub(crate) mod flight;
 pub(crate) mod grazing;
-mod impact;
 mod impact_map;
 mod integrator;
 mod lift_off;
@@ -33,6 +33,7 @@ mod mode;
 mod output;
 mod path;
 mod picture;
+mod piece;
 mod point;
 mod recording;
 mod rest;
@@ -42,14 +43,14 @@ pub mod sensitivity;
 mod settings;
 pub(crate) mod stages;
 mod stalling;
-pub(crate) mod step_control;
 mod stored;
 mod tracing;
 
 pub use impact_map::{ImpactMap, MapParameter, Return};
-pub use integrator::{Counts, SwitchedIntegrator};
+pub use integrator::SwitchedIntegrator;
 pub use output::{Output, SwitchedRun};
 pub use path::DensePath;
+pub use piece::Counts;
 pub(crate) use run::check_span;
 pub use run::simulate_switched_rk;
 pub use settings::{Flights, Order, SwitchedRk};

@@ -8,7 +8,7 @@
 //! Weigh  -- stops, pulled -->  Leave
 //! ```
 
-use super::step_control::Experience;
+use crate::piecewise::steps::Experience;
 
 /// What the mass does now.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,6 +67,15 @@ impl Mode {
                 *self = Self::FLIGHT;
             }
             Self::Flight(Flight::Weigh) | Self::Rest(_) => (),
+        }
+    }
+
+    /// What is known of the rest that goes on, or begins.
+    #[inline]
+    pub(super) fn rest(&self) -> Rest {
+        match *self {
+            Self::Rest(rest) => rest,
+            Self::Flight(_) => Rest::default(),
         }
     }
 

@@ -1,7 +1,7 @@
 //! What is asked of a run, and what it leaves.
 
-use super::integrator::Counts;
 use super::path::DensePath;
+use super::piece::Counts;
 use crate::record::trajectory::Trajectory;
 use crate::record::user_events::{Hit, UserEvent};
 use crate::zeno::tail::Tail;

@@ -2,10 +2,11 @@
 
 use std::collections::TryReserveError;
 
-use super::integrator::{Counts, Piece, SwitchedIntegrator};
+use super::integrator::SwitchedIntegrator;
 use super::output::{Output, SwitchedRun};
 use super::path::{Curve, DensePath};
 use super::picture::between_steps;
+use super::piece::{Counts, Piece};
 use super::point::Point;
 use super::samples::Samples;
 use super::stages::Counted;
@@ -51,23 +52,22 @@ pub(super) fn running<E>(
     output: Output<'_, E>,
 ) -> Running<'_, E> {
     let Output { t_eval, tstops, dense, drawn, events } = output;
-    integrator.looks.by_steps = t_eval.is_none();
+    integrator.flight().look_at_steps(t_eval.is_none());
     let record = MassRecord {
         samples: Samples::default(),
         path: dense.then(DensePath::default),
         drawn: drawn && t_eval.is_none(),
-        reader: Reader::starting(integrator.now.t, integrator.is_at_rest()),
+        reader: Reader::starting(integrator.t(), integrator.is_at_rest()),
         tails: Vec::new(),
     };
-    let start = integrator.point();
+    let start = point(&integrator);
     Running::new((integrator, start), t1, (tstops, t_eval), events, record)
 }
 
-impl SwitchedIntegrator {
-    fn point(&self) -> PathPoint {
-        let Point { x, xdot, .. } = self.now;
-        PathPoint { x, xdot, sigma: self.sigma }
-    }
+/// Where the integrator is.
+fn point(integrator: &SwitchedIntegrator) -> PathPoint {
+    let Point { x, xdot, .. } = integrator.now();
+    PathPoint { x, xdot, sigma: integrator.sigma() }
 }
 
 impl Piecewise for SwitchedIntegrator {
@@ -75,11 +75,11 @@ impl Piecewise for SwitchedIntegrator {
     type Piece = Piece;
 
     fn t(&self) -> f64 {
-        self.now.t
+        self.now().t
     }
 
     fn state_to(&self, to: &mut PathPoint) {
-        *to = self.point();
+        *to = point(self);
     }
 
     fn restart(&mut self) {
@@ -87,7 +87,7 @@ impl Piecewise for SwitchedIntegrator {
     }
 
     fn look_from(&mut self, t: f64) {
-        self.looks.dense_from = t;
+        self.flight().steps_mut().look_from(t);
     }
 }
 
@@ -125,10 +125,10 @@ impl<'f, E, F: Force<E>> Absorb<SwitchedIntegrator, Counted<'f, F>, E> for Runni
     /// A mass that arrives at the wall has its impact first.
     fn begin(&mut self, _until: f64, _: &mut Counted<'f, F>) -> Result<(), Ending<E>> {
         let Self { method, record, .. } = self;
-        let (t, before) = (method.now.t, method.point());
+        let (t, before) = (method.t(), point(method));
         let arrives = method.state().arrives();
         if arrives {
-            let piece = method.strike(method.now, method.now);
+            let piece = method.strike(method.now(), method.now());
             method.tell(&piece, false, &mut |it| record.reader.note(it));
         }
         self.arrive();
@@ -176,18 +176,18 @@ impl<E> Running<'_, E> {
         impact: Option<Impact>,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Ending<E>> {
-        let end = self.method.now.t;
+        let end = self.method.t();
         if end > self.dense_from() && end > from.t {
             // at the end of a step onto the wall, exactly the state before the impact
             let contact = impact.map(|it| PathPoint { x: 0.0, xdot: it.xdot_before, sigma });
-            let last = self.method.curves::<E, F>() - 1;
+            let last = self.method.flight().curves() - 1;
             for k in 0..=last {
-                let curve = self.method.curve(k, sigma, force)?;
+                let curve = self.method.flight().curve(k, sigma, force)?;
                 if k > 0 {
                     // one of many steps at once, which are looked at one by one
                     self.end = (curve.start, curve.at(curve.start));
                     self.make_room()?;
-                    self.method.spend()?;
+                    self.method.flight().steps_mut().spend()?;
                 }
                 let ends = if k == last { (end, contact) } else { (curve.end(), None) };
                 self.along(&curve, ends)?;
@@ -196,7 +196,7 @@ impl<E> Running<'_, E> {
         self.arrive();
         self.sample_step();
         let Some(impact) = impact else { return Ok(()) };
-        self.record.reader.note(Occurrence::of_mass(impact, self.method.counts.impacts));
+        self.record.reader.note(Occurrence::of_mass(impact, self.method.counts().impacts));
         self.jumped()
     }
 
@@ -231,7 +231,7 @@ impl<E> Running<'_, E> {
         if self.seeker.is_idle() {
             return Ok(None);
         }
-        let pieces = (ROUNDING * (end - from) / self.method.settings.max_step).ceil();
+        let pieces = (ROUNDING * (end - from) / self.method.settings().max_step).ceil();
         let pieces = pieces.clamp(1.0, MOST_LOOKS) as usize;
         let mut t = from;
         for piece in 1..=pieces {
@@ -257,7 +257,7 @@ impl<E> Running<'_, E> {
         mut tail: Tail,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Ending<E>> {
-        let (end, after) = (self.method.now.t, self.method.point());
+        let (end, after) = (self.method.t(), point(&self.method));
         if end > self.dense_from() {
             force.bend(&mut tail)?;
         }
@@ -302,7 +302,7 @@ impl<E> Running<'_, E> {
     }
 
     fn rest(&mut self, from: f64, lifted: bool) -> Result<(), Ending<E>> {
-        let (end, at) = (self.method.now.t, self.method.point());
+        let (end, at) = (self.method.t(), point(&self.method));
         self.record.reader.note(Occurrence::rest_of_mass(from));
         if end > from {
             if let Some(path) = &mut self.record.path {
@@ -345,11 +345,11 @@ impl<E> Running<'_, E> {
             }
         }
         drop(reserve);
-        let columns = samples.into_columns(method.restitution, advise)?;
+        let columns = samples.into_columns(method.restitution(), advise)?;
         let (events, summary) = (reader.events, None);
         let trajectory =
             Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };
-        let counts = Counts { nfev, ..method.counts };
+        let counts = Counts { nfev, ..method.counts() };
         let end = (t, Physical { x: end.x, xdot: end.xdot });
         let hits = seeker.into_hits();
         Ok(SwitchedRun { trajectory, raised, path, tails, hits, counts, end })

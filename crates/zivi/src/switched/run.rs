@@ -70,9 +70,9 @@ pub(super) fn simulate_with<E, F: Force<E>>(
     check_stops(output.tstops)?;
     let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
     integrator.start(t0, initial)?;
-    integrator.lookout.probing = force.shortest_period().is_none();
+    integrator.probe_rest(force.shortest_period().is_none());
     integrator.adopt(force);
-    let linear = integrator.linear().copied();
+    let linear = integrator.flight().linear().copied();
     if settings.flights == Flights::Series && linear.is_none() {
         return Err(SetupError::Setting("flights", f64::NAN, "series for a linear force only"));
     }

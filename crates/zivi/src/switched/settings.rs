@@ -7,6 +7,7 @@ use zivi_core::setting::{Setting, Value, Values};
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::tableau::{Pair, DOP853, DORMAND_PRINCE_5};
+use crate::piecewise::steps::Limits;
 use crate::record::trajectory::{checked_count, SetupError};
 use crate::record::values::Values as Given;
 use crate::zeno::chain::Chain;
@@ -257,6 +258,12 @@ impl SwitchedRk {
 
     pub(crate) fn tolerances(&self) -> Tolerances {
         Tolerances { rtol: self.rtol, atol: self.atol, rounding: 0.25 }
+    }
+
+    /// What these settings ask of steps, with tolerances made of them.
+    pub(crate) fn limits(&self, tolerances: Tolerances) -> Limits {
+        let Self { adaptive, max_step, max_steps, .. } = *self;
+        Limits { adaptive, tolerances, max_step, max_steps }
     }
 
     /// What a Zeno time is known to at least, `rtol T + min(atol_x/U, atol_x'/g)`, where `U` is the

@@ -5,7 +5,6 @@ use super::point::Point;
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::stages::Equation;
 use crate::numeric::step_error::StepError;
-use crate::numeric::tableau::Pair;
 use crate::record::failure::Failure;
 use crate::system::evaluation::{ends_at_the_wall, evaluate};
 use crate::system::stops::Smooth;
@@ -14,29 +13,6 @@ use crate::{Force, Physical};
 
 /// The last step of the mass.
 pub(super) type Stages = crate::numeric::stages::Stages<f64>;
-
-/// The last step of the pair.
-#[derive(Clone, Debug)]
-pub(super) struct LastStep {
-    pub(super) stages: Stages,
-    /// The impact within or shortly after it, if it is one onto the wall.
-    pub(super) landing: Option<Landing>,
-}
-
-/// An impact by the start of the step onto it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Landing {
-    /// Time from there (s).
-    pub(super) length: f64,
-    /// Velocity before the impact (m/s).
-    pub(super) xdot: f64,
-}
-
-impl LastStep {
-    pub(super) fn new(pair: &'static Pair) -> Self {
-        Self { stages: Stages::new(pair, 1), landing: None }
-    }
-}
 
 /// A force whose evaluations are counted.
 pub(crate) struct Counted<'a, F> {

@@ -1,12 +1,13 @@
 //! The motion of an integrator that is driven from outside, kept as a path.
 
-use super::integrator::{Piece, SwitchedIntegrator};
+use super::integrator::SwitchedIntegrator;
 use super::path::DensePath;
+use super::piece::Piece;
 use super::stages::Counted;
 use crate::record::failure::Failure;
 use crate::record::occurrence::Occurrence;
 use crate::record::reserve::Reserve;
-use crate::{Force, PathPoint, Physical, SetupError};
+use crate::{Force, PathPoint, Physical};
 
 /// What drives of an integrator left, one after the other, as one motion.
 #[derive(Debug, Default)]
@@ -36,27 +37,19 @@ impl SwitchedIntegrator {
     pub(super) fn tell(&self, piece: &Piece, resting: bool, observe: &mut impl FnMut(Occurrence)) {
         match *piece {
             Piece::Flight { impact, .. } => {
-                let number = self.counts.impacts;
+                let number = self.counts().impacts;
                 impact.into_iter().for_each(|it| observe(Occurrence::of_mass(it, number)));
             }
-            Piece::Tail(_) => observe(Occurrence::rest_of_mass(self.now.t)),
+            Piece::Tail(_) => observe(Occurrence::rest_of_mass(self.t())),
             Piece::Rest { from, lifted } => {
                 if !resting {
                     observe(Occurrence::rest_of_mass(from));
                 }
                 if lifted {
-                    observe(Occurrence::lift_off_of_mass(self.now.t));
+                    observe(Occurrence::lift_off_of_mass(self.t()));
                 }
             }
         }
-    }
-
-    /// As [`SwitchedIntegrator::start`], on the branch on which it is.
-    pub(crate) fn start_again(&mut self, t: f64, state: Physical) -> Result<(), SetupError> {
-        let sigma = self.sigma;
-        self.start(t, state)?;
-        self.sigma = sigma;
-        Ok(())
     }
 
     /// As [`SwitchedIntegrator::observe_to`], and adds the motion to a trace.
@@ -67,19 +60,19 @@ impl SwitchedIntegrator {
         trace: &mut Trace,
         observe: impl FnMut(Occurrence),
     ) -> Result<(), Failure<E>> {
-        self.looks.dense_from = f64::NEG_INFINITY;
+        self.flight().steps_mut().look_from(f64::NEG_INFINITY);
         let Trace { path, reserve } = trace;
         let absorb = |integrator: &mut Self, piece: &Piece, force: &mut Counted<'_, F>| {
             path.make_room(reserve)?;
             match piece {
-                Piece::Flight { from, sigma, .. } if integrator.now.t > from.t => {
-                    for k in 0..integrator.curves::<E, F>() {
+                Piece::Flight { from, sigma, .. } if integrator.t() > from.t => {
+                    for k in 0..integrator.flight().curves() {
                         if k > 0 {
                             // one of many steps at once
-                            integrator.spend()?;
+                            integrator.flight().steps_mut().spend()?;
                         }
                         path.make_room(reserve)?;
-                        path.push_flight(&integrator.curve(k, *sigma, force)?);
+                        path.push_flight(&integrator.flight().curve(k, *sigma, force)?);
                     }
                 }
                 Piece::Flight { .. } => {}
@@ -88,13 +81,13 @@ impl SwitchedIntegrator {
                     force.bend(&mut tail)?;
                     path.push_tail(&tail);
                 }
-                Piece::Rest { from, .. } => path.push_rest(*from, integrator.sigma),
+                Piece::Rest { from, .. } => path.push_rest(*from, integrator.sigma()),
             }
             Ok(())
         };
         let ended = self.go_to(t_end, force, absorb, observe);
         let Physical { x, xdot } = self.state();
-        trace.path.finish(self.t(), PathPoint { x, xdot, sigma: self.sigma });
+        trace.path.finish(self.t(), PathPoint { x, xdot, sigma: self.sigma() });
         ended
     }
 }

@@ -31,19 +31,19 @@ impl Follower<'_> {
     ) -> Result<Piece, Failure<E>> {
         let (visited, closed) = (self.columns.visited, machine.closed());
         let before = machine.save();
-        let order = machine.last().stages.order_of_error();
+        let order = machine.motion().last().order_of_error();
         let shortest = 16.0 * f64::EPSILON * before.now().t.abs();
         for retry in 0.. {
             let piece = machine.advance(t_end, model)?;
-            let h = machine.last().stages.h;
+            let h = machine.motion().last().h;
             self.columns.visited = visited.filter(|_| retry == 0);
-            self.columns.advance(&machine.last().stages, closed, model)?;
+            self.columns.advance(machine.motion().last(), closed, model)?;
             let error = self.error(machine, model)?;
             let factor = factor(error, order);
             if error <= 1.0 || retry == RETRIES || h <= shortest {
                 if error > 0.0 {
                     let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
-                    machine.limit_step(longest);
+                    machine.motion_mut().steps_mut().limit_next(longest);
                 }
                 self.flew(machine, model)?;
                 return Ok(piece);
@@ -62,7 +62,7 @@ impl Follower<'_> {
             return Ok(0.0);
         }
         let tolerances = tolerances(machine.settings());
-        self.columns.error(&machine.last().stages, &tolerances, (self.sizes, &self.lost), model)
+        self.columns.error(machine.motion().last(), &tolerances, (self.sizes, &self.lost), model)
     }
 
     /// What a step that was taken adds: samples, minima, the end of the columns.
@@ -72,12 +72,12 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         self.note_height(machine);
-        let (total, t) = (machine.last().length, machine.now().t);
+        let (total, t) = (machine.motion().length(), machine.now().t);
         let mut onto = None;
         let closed = self.columns.closed;
-        if (total - machine.last().stages.h).abs() > NUDGE * machine.last().stages.h {
+        if (total - machine.motion().last().h).abs() > NUDGE * machine.motion().last().h {
             // the event was found on the polynomials, away from the end of the step
-            let mut stages = machine.last().stages.clone();
+            let mut stages = machine.motion().last().clone();
             let (from, size) = (stages.from.clone(), self.columns.size());
             let slope: Vec<f64> = (0..size).map(|c| stages.start_slope(c)).collect();
             stages.step(&from, &slope, total, &mut self.motion(closed, model))?;
@@ -88,7 +88,7 @@ impl Follower<'_> {
         if let Next::Step = machine.next() {
             self.minima(machine, model)?;
         }
-        let stages = onto.as_ref().unwrap_or(&machine.last().stages);
+        let stages = onto.as_ref().unwrap_or(machine.motion().last());
         self.sample(stages, t, model)?;
         self.columns.take(stages, total - stages.h, model)?;
         if !closed.is_empty() {
@@ -116,12 +116,14 @@ impl Follower<'_> {
         let (Layout { n, m }, size) = (self.columns.layout, self.columns.size());
         let closed = self.columns.closed;
         for gap in (0..m).filter(|&gap| !closed.has(gap)) {
-            let (from, end) =
-                (machine.last().stages.from.xdot[n + gap], machine.last().stages.end.xdot[n + gap]);
+            let (from, end) = (
+                machine.motion().last().from.xdot[n + gap],
+                machine.motion().last().end.xdot[n + gap],
+            );
             if !(from < 0.0 && end > 0.0) {
                 continue;
             }
-            let stages = &mut machine.last_mut().stages;
+            let stages = machine.motion_mut().steps_mut().last_mut();
             stages.complete(&mut self.motion(closed, model))?;
             let [x, rate] = stages.polynomials_of(n + gap);
             let Some(theta) = rate.negated().first_negative() else { continue };

@@ -3,122 +3,74 @@
 mod rk;
 pub(crate) mod series;
 
-use super::integrator::{Piece, SwitchedIntegrator};
+use super::lookahead::Obstacle;
 use super::mode::{Flight, Mode};
 use super::path::Curve;
 use super::point::Point;
-use super::settings::Flights;
-use super::stages::Counted;
+use super::settings::{Flights, SwitchedRk};
+use super::stages::{Counted, Stages};
+use crate::piecewise::steps::Steps;
 use crate::record::failure::Failure;
 use crate::{Force, Status};
-use series::{Arrival, Linear, Reach, SeriesFlight};
+use rk::PairSteps;
+use series::{Linear, Reach, SeriesFlight};
 
-/// A way to compute free flight.
-pub(super) trait FreeFlight<E, F: Force<E>> {
-    /// The next piece, up to an impact if there is one.
-    fn next(&mut self, t_end: f64, force: &mut Counted<'_, F>) -> Result<Piece, Failure<E>>;
-
-    /// Of how many curves the last piece consists.
-    fn curves(&self) -> usize {
-        1
-    }
-
-    /// One of them, in order.
-    fn curve(
-        &mut self,
-        k: usize,
-        sigma: f64,
-        force: &mut Counted<'_, F>,
-    ) -> Result<Curve, Failure<E>>;
-}
-
-/// Steps of an embedded pair.
-struct RungeKutta<'i>(&'i mut SwitchedIntegrator);
-
-impl<E, F: Force<E>> FreeFlight<E, F> for RungeKutta<'_> {
-    fn next(&mut self, t_end: f64, force: &mut Counted<'_, F>) -> Result<Piece, Failure<E>> {
-        self.0.runge_kutta(t_end, force)
-    }
-
-    fn curve(
-        &mut self,
-        _: usize,
-        sigma: f64,
-        force: &mut Counted<'_, F>,
-    ) -> Result<Curve, Failure<E>> {
-        self.0.stages_curve(sigma, force)
-    }
-}
+pub(super) use series::Arrival;
 
 /// Steps of power series that are taken in one go where nobody looks at their ends.
 const AT_ONCE: usize = 1000;
 
-/// Power series of a linear force.
-struct PowerSeries<'i>(&'i mut SwitchedIntegrator);
-
-impl PowerSeries<'_> {
-    /// Steps that end in the air.
-    #[inline]
-    fn flown(&mut self, from: Point, end: Point, steps: usize) -> Piece {
-        self.0.count(steps);
-        self.0.now = end;
-        self.0.mode = Mode::FLIGHT;
-        Piece::Flight { from, sigma: self.0.sigma, impact: None }
-    }
+/// The flights of a run: by steps of an embedded pair, or by power series under a linear force.
+#[derive(Clone, Debug)]
+pub(super) struct FreeFlight {
+    pair: PairSteps,
+    series: Option<Box<SeriesFlight>>,
+    /// Whether all ends of steps are looked at.
+    by_steps: bool,
 }
 
-impl<E, F: Force<E>> FreeFlight<E, F> for PowerSeries<'_> {
-    fn next(&mut self, t_end: f64, _: &mut Counted<'_, F>) -> Result<Piece, Failure<E>> {
-        let SwitchedIntegrator { now, mode, looks, .. } = *self.0;
-        let steps = if looks.by_steps { 1 } else { AT_ONCE };
-        let steps = steps.min(self.0.control.left(&self.0.settings)?);
-        let Some(series) = &mut self.0.series else {
-            return Err(Failure::Status(Status::Internal));
-        };
-        let known = match mode {
-            Mode::Flight(Flight::Leave { order }) => order,
-            _ => usize::from(now.x == 0.0),
-        };
-        let reach = Reach { t_end, look: looks.dense_from, steps };
-        let Arrival { from, end, lands, steps } = series.fly(now, known, reach);
-        if !(end.x.is_finite() && end.xdot.is_finite()) {
-            if steps == 1 {
-                return Err(Failure::Status(Status::StateNotFinite));
-            }
-            // a run that looks at every step ends with the last finite one: so does this, next time
-            return Ok(self.flown(from, from, steps - 1));
-        }
-        if !lands {
-            return Ok(self.flown(from, end, steps));
-        }
-        self.0.count(steps);
-        Ok(self.0.strike(from, end))
+impl FreeFlight {
+    pub(super) fn new(settings: &SwitchedRk) -> Self {
+        Self { pair: PairSteps::new(settings), series: None, by_steps: false }
     }
 
-    fn curves(&self) -> usize {
-        self.0.series.as_ref().map_or(0, |series| series.parts())
-    }
-
-    fn curve(&mut self, k: usize, sigma: f64, _: &mut Counted<'_, F>) -> Result<Curve, Failure<E>> {
-        let Some(series) = &self.0.series else { return Err(Failure::Status(Status::Internal)) };
-        let (a, step, xdot, lands) = series.part(k);
-        Ok(Curve::powers(step, sigma, a, xdot, lands))
-    }
-}
-
-impl SwitchedIntegrator {
-    /// Counts steps of power series.
+    /// The steps, of whatever kind.
     #[inline]
-    fn count(&mut self, steps: usize) {
-        self.control.spent += steps;
-        self.counts.accepted += steps as u64;
+    pub(super) fn steps(&self) -> &Steps<f64> {
+        &self.pair.steps
+    }
+
+    /// The same, to be told how long they may be and where they are looked at.
+    #[inline]
+    pub(super) fn steps_mut(&mut self) -> &mut Steps<f64> {
+        &mut self.pair.steps
+    }
+
+    /// The last step of the pair, to have its polynomials computed.
+    pub(super) fn last_mut(&mut self) -> &mut Stages {
+        self.pair.last_mut()
+    }
+
+    /// The time from the start of that to the impact with which it ends.
+    pub(super) fn landing(&self) -> Option<f64> {
+        self.pair.landing()
+    }
+
+    /// Whether all ends of steps are looked at.
+    pub(super) fn look_at_steps(&mut self, by_steps: bool) {
+        self.by_steps = by_steps;
+    }
+
+    /// Another run starts: its last bits do not depend on those before.
+    pub(super) fn start(&mut self) {
+        self.series.iter_mut().for_each(|series| series.start());
     }
 
     /// Chooses the flights that the settings ask for under this force.
-    pub(super) fn adopt<E, F: Force<E>>(&mut self, force: &F) {
-        let law = match self.settings.flights {
+    pub(super) fn adopt<E, F: Force<E>>(&mut self, settings: &SwitchedRk, force: &F) {
+        let law = match settings.flights {
             Flights::RungeKutta => None,
-            Flights::Auto if !self.settings.adaptive => None,
+            Flights::Auto if !settings.adaptive => None,
             Flights::Auto | Flights::Series => force.linear(),
         };
         let same = match (&mut self.series, &law) {
@@ -135,49 +87,86 @@ impl SwitchedIntegrator {
         self.series.as_ref().map(|series| series.linear())
     }
 
-    /// The force on the mass at rest at the wall, now.
+    /// The force on the mass at rest at the wall.
     #[inline]
     pub(super) fn at_wall<E, F: Force<E>>(
         &self,
+        now: Point,
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
-        let known = self.series.as_ref().and_then(|series| series.at_wall(self.now));
-        known.filter(|f| f.is_finite()).map_or_else(|| force.at_wall(self.now.t), Ok)
+        let known = self.series.as_ref().and_then(|series| series.at_wall(now));
+        known.filter(|f| f.is_finite()).map_or_else(|| force.at_wall(now.t), Ok)
     }
 
-    /// The next piece of free flight.
-    pub(super) fn fly<E, F: Force<E>>(
+    /// The next lift-off where it is known in closed form, and none if there is none.
+    pub(super) fn lift_off(&mut self, now: Point, t_end: f64) -> Option<Option<f64>> {
+        self.series.as_mut()?.lift_off(now, t_end)
+    }
+
+    /// The next piece of a flight from the air or off the wall, up to an impact if there is one.
+    #[inline]
+    pub(super) fn next<E, F: Force<E>>(
         &mut self,
+        now: Point,
+        mode: &mut Mode,
+        obstacle: Option<Obstacle>,
         t_end: f64,
         force: &mut Counted<'_, F>,
-    ) -> Result<Piece, Failure<E>> {
-        if self.now.physical().arrives() {
-            return Ok(self.strike(self.now, self.now));
-        }
-        match self.series {
-            Some(_) => PowerSeries(self).next(t_end, force),
-            None => RungeKutta(self).next(t_end, force),
-        }
-    }
-
-    /// Of how many curves the last piece of flight consists.
-    pub(super) fn curves<E, F: Force<E>>(&mut self) -> usize {
-        match self.series {
-            Some(_) => FreeFlight::<E, F>::curves(&PowerSeries(self)),
-            None => FreeFlight::<E, F>::curves(&RungeKutta(self)),
+    ) -> Result<Arrival, Failure<E>> {
+        match &mut self.series {
+            Some(series) => {
+                let most = if self.by_steps { 1 } else { AT_ONCE };
+                by_series(series, &mut self.pair.steps, now, mode, (t_end, most))
+            }
+            None => self.pair.fly(now, mode, obstacle, t_end, force),
         }
     }
 
-    /// One of them, up to the impact if there was one.
+    /// Of how many curves the last piece consists.
+    pub(super) fn curves(&self) -> usize {
+        self.series.as_ref().map_or(1, |series| series.parts())
+    }
+
+    /// One of them, in order, up to the impact if there was one.
     pub(super) fn curve<E, F: Force<E>>(
         &mut self,
         k: usize,
         sigma: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Curve, Failure<E>> {
-        match self.series {
-            Some(_) => PowerSeries(self).curve(k, sigma, force),
-            None => RungeKutta(self).curve(k, sigma, force),
-        }
+        let Some(series) = &self.series else { return self.pair.curve(sigma, force) };
+        let (a, step, xdot, lands) = series.part(k);
+        Ok(Curve::powers(step, sigma, a, xdot, lands))
     }
+}
+
+/// Up to so many steps of power series.
+#[inline]
+fn by_series<E>(
+    series: &mut SeriesFlight,
+    counts: &mut Steps<f64>,
+    now: Point,
+    mode: &mut Mode,
+    (t_end, most): (f64, usize),
+) -> Result<Arrival, Failure<E>> {
+    let steps = most.min(counts.left()?);
+    let known = match *mode {
+        Mode::Flight(Flight::Leave { order }) => order,
+        _ => usize::from(now.x == 0.0),
+    };
+    let reach = Reach { t_end, look: counts.dense_from(), steps };
+    let mut arrival = series.fly(now, known, reach);
+    if !(arrival.end.x.is_finite() && arrival.end.xdot.is_finite()) {
+        if arrival.steps == 1 {
+            return Err(Failure::Status(Status::StateNotFinite));
+        }
+        // a run that looks at every step ends with the last finite one: so does this, next time
+        let Arrival { from, steps, .. } = arrival;
+        arrival = Arrival { from, end: from, lands: false, steps: steps - 1 };
+    }
+    counts.count(arrival.steps);
+    if !arrival.lands {
+        *mode = Mode::FLIGHT;
+    }
+    Ok(arrival)
 }

@@ -1,282 +1,208 @@
-//! Free flight: steps under error control, each searched for the first impact.
+//! Free flight by steps of an embedded pair, each searched for the first impact.
 
-use crate::numeric::first_root::step_onto;
-use crate::numeric::step_size::{factor, first_step, shorter, Plan, FACTORS, RETREAT};
+use super::series::Arrival;
+use crate::numeric::stages::Equation;
+use crate::numeric::step_size::{factor, FACTORS};
+use crate::piecewise::flight::{Root, SteppedFlight, Verdict};
+use crate::piecewise::steps::{Experience, Start, Steps};
 use crate::record::failure::Failure;
-use crate::switched::integrator::{Piece, SwitchedIntegrator};
+use crate::switched::lookahead::Obstacle;
 use crate::switched::mode::{Flight, Mode};
 use crate::switched::path::Curve;
 use crate::switched::point::Point;
-use crate::switched::stages::{Counted, Landing};
-use crate::switched::step_control::{Experience, StepControl};
+use crate::switched::settings::SwitchedRk;
+use crate::switched::stages::{Counted, Stages};
 use crate::{Dependence, Force, Status};
 
 /// Defect of the polynomials, relative to the tolerances, that shows a feature of the force.
 const DEFECT: f64 = 100.0;
 
-/// What to do with a step that was tried.
-enum Verdict {
-    /// Take it; the next may be longer by this factor.
-    Take(f64),
-    /// The mass reaches the wall within it, at this part of it.
-    Land(f64),
-    /// Try a shorter one, by this factor; the reason, should none be short enough.
-    Shorten(f64, Status),
+/// Steps of a pair.
+#[derive(Clone, Debug)]
+pub(super) struct PairSteps {
+    pub(super) steps: Steps<f64>,
+    /// The impact within or shortly after the last one, if it is one onto the wall.
+    landing: Option<Landing>,
 }
 
-impl SwitchedIntegrator {
+/// An impact by the start of the step onto it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Landing {
+    /// Time from there (s).
+    length: f64,
+    /// Velocity before the impact (m/s).
+    xdot: f64,
+}
+
+impl PairSteps {
+    pub(super) fn new(settings: &SwitchedRk) -> Self {
+        let (limits, pair) = (settings.limits(settings.tolerances()), settings.order.pair());
+        Self { steps: Steps::new(limits, pair, 1, None), landing: None }
+    }
+
+    /// The last step.
+    pub(super) fn last_mut(&mut self) -> &mut Stages {
+        self.steps.last_mut()
+    }
+
+    /// The time from the start of the last step to the impact with which it ends.
+    pub(super) fn landing(&self) -> Option<f64> {
+        self.landing.map(|landing| landing.length)
+    }
+
     /// One step, or the part of it up to an impact.
-    pub(super) fn runge_kutta<E, F: Force<E>>(
+    pub(super) fn fly<E, F: Force<E>>(
         &mut self,
+        now: Point,
+        mode: &mut Mode,
+        obstacle: Option<Obstacle>,
         t_end: f64,
         force: &mut Counted<'_, F>,
-    ) -> Result<Piece, Failure<E>> {
-        let slope = self.slope(force)?;
-        let plan = self.plan(slope, t_end, force)?;
-        let (mut h, shortest) = (plan.h, 8.0 * f64::EPSILON * self.now.t.abs());
-        self.control.jump = self.control.jump.next();
-        loop {
-            self.spend()?;
-            let (factor, why) = match self.judge(slope, h, force)? {
-                Verdict::Take(growth) => return Ok(self.take(plan, h, growth, t_end)),
-                Verdict::Land(theta) => match self.land(slope, theta * h, t_end, force) {
-                    Err(Failure::Status(why)) => (RETREAT, why),
-                    landed => {
-                        let landed = landed?;
-                        if h < plan.h {
-                            self.control.h = Some(h);
-                        }
-                        return Ok(match landed {
-                            Some(impact) => impact,
-                            // the step was too long to tell: it saw an impact where there is none
-                            None => self.take(plan, 0.5 * h, 1.0, t_end),
-                        });
-                    }
-                },
-                Verdict::Shorten(factor, why) => (factor, why),
-            };
-            self.counts.rejected += 1;
-            let may_jump = why == Status::StepSizeTooSmall;
-            h = self.control.shorter(h, shortest, (factor, why), may_jump)?;
-        }
-    }
-
-    /// The acceleration here.
-    fn slope<E, F: Force<E>>(&mut self, force: &mut Counted<'_, F>) -> Result<f64, Failure<E>> {
-        if self.mode.continues() {
-            self.last.stages.slope_at_end(force)
+    ) -> Result<Arrival, Failure<E>> {
+        let slope = if mode.continues() {
+            self.last_mut().slope_at_end(force)?
         } else {
-            force.at(self.now.t, self.now.x, self.now.xdot)
-        }
-    }
-
-    fn plan<E, F: Force<E>>(
-        &mut self,
-        slope: f64,
-        t_end: f64,
-        force: &mut Counted<'_, F>,
-    ) -> Result<Plan, Failure<E>> {
-        let left = (t_end - self.now.t) - self.now.late;
-        let first = match self.control.h {
-            _ if !self.settings.adaptive => self.settings.max_step,
-            Some(h) => h,
-            None => self.first_step(slope, left, force)?,
+            force.at(now.t, now.x, now.xdot)?
         };
-        let wanted = (&self.settings, first);
-        Ok(StepControl::plan(wanted, (&self.now, &slope), 0..1, self.obstacle, left))
-    }
-
-    /// The first step, from the force and its change.
-    fn first_step<E, F: Force<E>>(
-        &self,
-        slope: f64,
-        left: f64,
-        force: &mut Counted<'_, F>,
-    ) -> Result<f64, Failure<E>> {
-        let control = (&self.settings.tolerances(), self.last.stages.order_of_error());
-        let harmless = |why: &Failure<E>| matches!(why, Failure::Status(_));
-        first_step(&self.now, &slope, left, control, force, harmless)
-    }
-
-    fn judge<E, F: Force<E>>(
-        &mut self,
-        slope: f64,
-        h: f64,
-        force: &mut Counted<'_, F>,
-    ) -> Result<Verdict, Failure<E>> {
-        match self.judged(slope, h, force) {
-            Err(Failure::Status(why)) => Ok(Verdict::Shorten(RETREAT, why)),
-            verdict => verdict,
-        }
-    }
-
-    /// The same, with a status where the step cannot be computed.
-    fn judged<E, F: Force<E>>(
-        &mut self,
-        slope: f64,
-        h: f64,
-        force: &mut Counted<'_, F>,
-    ) -> Result<Verdict, Failure<E>> {
-        let end = self.try_step(slope, h, force)?;
-        let error = self.error(force)?;
-        let factor = factor(error, self.last.stages.order_of_error());
-        if error > 1.0 || error.is_nan() {
-            return Ok(Verdict::Shorten(shorter(factor), Status::StepSizeTooSmall));
-        }
-        let growth = if self.settings.adaptive { factor.min(FACTORS.1) } else { 1.0 };
-        let leaves = self.mode.leaves();
-        if leaves && !self.last.stages.rises(0) {
-            return Ok(Verdict::Shorten(RETREAT, Status::StepSizeTooSmall));
-        }
-        let contact = if leaves { None } else { self.first_contact(force)? };
-        if let Some(factor) = self.overlooked(contact, force)? {
-            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
-        }
-        if let Some(theta) = contact {
-            return Ok(Verdict::Land(theta));
-        }
-        if end.t > self.looks.dense_from {
-            // with its polynomials, or not at all
-            self.last.stages.polynomials(force)?;
-        }
-        Ok(Verdict::Take(growth))
-    }
-
-    /// Whether the step overlooks a feature of the force that lies between its stages, and by which
-    /// factor it is to be shortened then. Soon after an impact a step may be a whole arc, and one
-    /// much longer than the last has little that speaks for it. One more look, at the apex: where
-    /// a force that depends on the position differs most.
-    fn overlooked<E, F: Force<E>>(
-        &mut self,
-        contact: Option<f64>,
-        force: &mut Counted<'_, F>,
-    ) -> Result<Option<f64>, Failure<E>> {
-        let known = self.mode.experience().is_enough(self.last.stages.h);
-        let turns = self.now.xdot > 0.0 && (contact.is_some() || self.last.stages.end.xdot < 0.0);
-        if known || !turns || !self.settings.adaptive || self.control.jump.allowed {
-            return Ok(None);
-        }
-        if force.dependence::<E>() == Dependence::Constant {
-            return Ok(None);
-        }
-        let polynomials = self.last.stages.polynomials(force)?;
-        let apex = polynomials[1].first_negative().unwrap_or(0.5);
-        let defect = self.last.stages.defect(&polynomials, apex, force)?;
-        let excess = defect.norm(self.last.stages.scales(0, &self.settings.tolerances())) / DEFECT;
-        let factor = factor(excess, self.last.stages.order_of_error());
-        if excess <= 1.0 {
-            return Ok(None);
-        }
-        // the shorter step is looked at again
-        if let Mode::Flight(Flight::Step { experience, .. }) = &mut self.mode {
-            *experience = Experience::NONE;
-        }
-        Ok(Some(factor.max(FACTORS.0)))
-    }
-
-    /// The step of length `h` from here.
-    fn try_step<E, F: Force<E>>(
-        &mut self,
-        slope: f64,
-        h: f64,
-        force: &mut Counted<'_, F>,
-    ) -> Result<Point, Failure<E>> {
-        self.last.stages.step(&self.now, &slope, h, force)?;
-        if self.last.stages.is_finite() {
-            Ok(self.last.stages.end)
-        } else {
-            Err(Failure::Status(Status::StateNotFinite))
-        }
-    }
-
-    /// The error of the last step relative to the tolerances.
-    fn error<E, F: Force<E>>(&mut self, force: &mut Counted<'_, F>) -> Result<f64, Failure<E>> {
-        let asked = (&self.settings, &self.settings.tolerances());
-        self.control.error(&mut self.last.stages, asked, force)
-    }
-
-    /// The part of the step after which the mass would be behind the wall.
-    fn first_contact<E, F: Force<E>>(
-        &mut self,
-        force: &mut Counted<'_, F>,
-    ) -> Result<Option<f64>, Failure<E>> {
-        self.last.stages.first_root(0, force)
-    }
-
-    /// Takes the last step; `h` and `growth` say how long the next one may be.
-    fn take(&mut self, plan: Plan, h: f64, growth: f64, t_end: f64) -> Piece {
-        let from = self.now;
-        self.counts.accepted += 1;
-        self.now = self.last.stages.end;
-        if self.last.stages.h >= (t_end - from.t) - from.late {
-            (self.now.t, self.now.late) = (t_end, 0.0);
-        }
-        self.last.landing = None;
-        self.mode.step(self.last.stages.h);
-        self.control.h = Some(plan.next(h, growth));
-        Piece::Flight { from, sigma: self.sigma, impact: None }
-    }
-
-    /// Steps once more, onto the impact near `now + length`; none if that step passes the wall
-    /// closely.
-    fn land<E, F: Force<E>>(
-        &mut self,
-        slope: f64,
-        length: f64,
-        t_end: f64,
-        force: &mut Counted<'_, F>,
-    ) -> Result<Option<Piece>, Failure<E>> {
-        let from = self.now;
-        let step = |it: &mut Self, length| {
-            it.try_step(slope, length, force)?;
-            if it.error(force)? > 1.0 {
-                return Err(Failure::Status(Status::StepSizeTooSmall));
-            }
-            it.last.stages.finish(force)
-        };
-        let landing = step_onto(self, 0, length, step, |it| &it.last.stages)?;
-        let end = self.last.stages.end;
-        let (total, xdot) = match landing {
-            Some((delta, xdot)) => (self.last.stages.h + delta, xdot),
-            None if end.x > 0.0 => return Ok(None),
-            None => self.landing_inside(force)?,
-        };
-        if from.t + total > self.looks.dense_from {
-            self.last.stages.polynomials(force)?;
-        }
-        self.counts.accepted += 1;
-        self.last.landing = Some(Landing { length: total, xdot });
-        let mut contact = from.after(total.max(0.0), 0.0, xdot);
-        if contact.t > t_end {
-            (contact.t, contact.late) = (t_end, 0.0);
-        }
-        Ok(Some(self.strike(from, contact)))
-    }
-
-    /// The impact within a step that ends behind the wall, on its polynomials: where the motion is
-    /// as small as the tolerance, two steps need not agree on it any better.
-    fn landing_inside<E, F: Force<E>>(
-        &mut self,
-        force: &mut Counted<'_, F>,
-    ) -> Result<(f64, f64), Failure<E>> {
-        let theta = self.first_contact(force)?.unwrap_or(1.0);
-        let [_, xdot] = self.last.stages.polynomials(force)?;
-        Ok((theta * self.last.stages.h, xdot.at(theta).min(0.0)))
+        let longest = obstacle.map_or(f64::INFINITY, |obstacle| obstacle.longest_step(now.t));
+        let plan = self.steps.plan((&now, &slope), 0..1, longest, t_end, force)?;
+        let shortest = 8.0 * f64::EPSILON * now.t.abs();
+        Flying { pair: self, now, slope, mode, t_end, force }.fly(plan, shortest)
     }
 
     /// The polynomials of the last step, up to its impact if there was one.
-    pub(super) fn stages_curve<E, F: Force<E>>(
+    pub(super) fn curve<E, F: Force<E>>(
         &mut self,
         sigma: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Curve, Failure<E>> {
-        let [mut x, mut xdot] = self.last.stages.polynomials(force)?;
-        let (from, mut h) = (self.last.stages.from, self.last.stages.h);
-        if let Some(Landing { length, xdot: incoming }) = self.last.landing {
+        let last = self.steps.last_mut();
+        let [mut x, mut xdot] = last.polynomials(force)?;
+        let (from, mut h) = (last.from, last.h);
+        if let Some(Landing { length, xdot: incoming }) = self.landing {
             x = x.split(length / h).0.with_ends(from.x, 0.0);
             xdot = xdot.split(length / h).0.with_ends(from.xdot, incoming);
             h = length;
         }
         Ok(Curve::polynomials(from.t, h, sigma, [x, xdot]))
+    }
+}
+
+/// A step under way.
+struct Flying<'r, 'f, F> {
+    pair: &'r mut PairSteps,
+    now: Point,
+    slope: f64,
+    mode: &'r mut Mode,
+    t_end: f64,
+    force: &'r mut Counted<'f, F>,
+}
+
+impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
+    /// The mass reaches the wall.
+    type Event = ();
+    type Piece = Arrival;
+
+    #[inline(always)]
+    fn steps(&mut self) -> &mut Steps<f64> {
+        &mut self.pair.steps
+    }
+
+    #[inline(always)]
+    fn parts(&mut self) -> (&mut Steps<f64>, Start<'_, f64>, impl Equation<f64, Failure<E>>) {
+        (&mut self.pair.steps, (&self.now, &self.slope), &mut *self.force)
+    }
+
+    #[inline(always)]
+    fn search(&mut self, growth: f64) -> Result<Verdict<()>, Failure<E>> {
+        let leaves = self.mode.leaves();
+        if leaves && !self.pair.steps.last().rises(0) {
+            return Ok(Verdict::TOO_LONG);
+        }
+        let contact = if leaves { None } else { self.first_root(0)? };
+        if let Some(factor) = self.overlooked(contact)? {
+            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+        }
+        if let Some(theta) = contact {
+            return Ok(Verdict::Stop(theta, ()));
+        }
+        if self.pair.steps.last().end.t > self.pair.steps.dense_from() {
+            // with its polynomials, or not at all
+            self.complete()?;
+        }
+        Ok(Verdict::Take(growth))
+    }
+
+    /// Steps once more, onto the impact near `now + length`; none if that step passes the wall
+    /// closely.
+    #[inline(always)]
+    fn stop(&mut self, length: f64, (): ()) -> Result<Option<Arrival>, Failure<E>> {
+        let Some(root) = self.step_onto(0, length)? else { return Ok(None) };
+        let (h, from) = (self.pair.steps.last().h, self.now);
+        let (length, xdot) = match root {
+            Root::Near { delta, xdot } => (h + delta, xdot),
+            Root::Within(theta) => {
+                let [_, xdot] = self.pair.steps.last().polynomials_of(0);
+                (theta * h, xdot.at(theta).min(0.0))
+            }
+        };
+        if from.t + length > self.pair.steps.dense_from() {
+            self.complete()?;
+        }
+        self.pair.steps.accept();
+        self.pair.landing = Some(Landing { length, xdot });
+        let mut end = from.after(length.max(0.0), 0.0, xdot);
+        if end.t > self.t_end {
+            (end.t, end.late) = (self.t_end, 0.0);
+        }
+        Ok(Some(Arrival { from, end, lands: true, steps: 1 }))
+    }
+
+    #[inline(always)]
+    fn take(&mut self) -> Result<Arrival, Failure<E>> {
+        let PairSteps { steps, landing } = &mut *self.pair;
+        steps.accept();
+        let mut end = steps.last().end;
+        if steps.reaches(self.t_end) {
+            (end.t, end.late) = (self.t_end, 0.0);
+        }
+        *landing = None;
+        self.mode.step(steps.last().h);
+        Ok(Arrival { from: self.now, end, lands: false, steps: 1 })
+    }
+}
+
+impl<F> Flying<'_, '_, F> {
+    /// Whether the step overlooks a feature of the force that lies between its stages, and by which
+    /// factor it is to be shortened then. Soon after an impact a step may be a whole arc, and one
+    /// much longer than the last has little that speaks for it. One more look, at the apex: where
+    /// a force that depends on the position differs most.
+    fn overlooked<E>(&mut self, contact: Option<f64>) -> Result<Option<f64>, Failure<E>>
+    where
+        F: Force<E>,
+    {
+        let PairSteps { steps, .. } = &mut *self.pair;
+        let known = self.mode.experience().is_enough(steps.last().h);
+        let turns = self.now.xdot > 0.0 && (contact.is_some() || steps.last().end.xdot < 0.0);
+        if known || !turns || !steps.limits().adaptive || steps.is_jump() {
+            return Ok(None);
+        }
+        if self.force.dependence::<E>() == Dependence::Constant {
+            return Ok(None);
+        }
+        let polynomials = steps.last_mut().polynomials(self.force)?;
+        let apex = polynomials[1].first_negative().unwrap_or(0.5);
+        let (last, tolerances) = (steps.last(), &steps.limits().tolerances);
+        let defect = last.defect(&polynomials, apex, self.force)?;
+        let excess = defect.norm(last.scales(0, tolerances)) / DEFECT;
+        let factor = factor(excess, last.order_of_error());
+        if excess <= 1.0 {
+            return Ok(None);
+        }
+        // the shorter step is looked at again
+        if let Mode::Flight(Flight::Step { experience, .. }) = self.mode {
+            *experience = Experience::NONE;
+        }
+        Ok(Some(factor.max(FACTORS.0)))
     }
 }

@@ -51,20 +51,20 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     check_stops(output.tstops)?;
     let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
     integrator.start(t0, initial)?;
-    integrator.lookout.probing = force.shortest_period().is_none();
+    integrator.probe_rest(force.shortest_period().is_none());
     let Question { wrt, sizes, controlled, times } = *question;
     let dense = !times.is_empty();
     let mut follower = Follower::new(wrt, sizes, controlled, t1, output.tstops, dense);
     let mut force = Counted::new(force);
     Stops::new(output.tstops, t1).enter(t0, &mut force.smooth);
-    let begun = follower.begin(integrator.now, restitution.e(), &mut force);
+    let begun = follower.begin(integrator.now(), restitution.e(), &mut force);
     let mut run = running(integrator, t1, output);
     let ending = match begun {
         Ok(()) => run.go(&mut follower, &mut force, monitor),
         Err(failure) => failure.into(),
     };
     let nfev = force.count();
-    follower.ends(run.method.now);
+    follower.ends(run.method.now());
     let run = run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))?;
     let derivatives = gather(follower, settings, times);
     Ok((run, derivatives))

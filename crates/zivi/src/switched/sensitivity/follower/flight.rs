@@ -3,7 +3,8 @@
 use super::Follower;
 use crate::numeric::step_size::{factor, shorter, FACTORS};
 use crate::record::failure::Failure;
-use crate::switched::integrator::{Piece, SwitchedIntegrator};
+use crate::switched::integrator::SwitchedIntegrator;
+use crate::switched::piece::Piece;
 use crate::switched::sensitivity::validity::Limit;
 use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::DifferentiableForce;
@@ -18,15 +19,16 @@ impl Follower {
     /// The columns over a piece of flight; by how much the step was too long for them.
     fn fly<E, F: DifferentiableForce<E>>(
         &mut self,
-        integrator: &SwitchedIntegrator,
+        integrator: &mut SwitchedIntegrator,
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
-        self.step.step(&integrator.last.stages, force)?;
-        if !self.controlled || !integrator.settings.adaptive {
+        let settings = *integrator.settings();
+        let last = integrator.flight().last_mut();
+        self.step.step(last, force)?;
+        if !self.controlled || !settings.adaptive {
             return Ok(0.0);
         }
-        let settings = &integrator.settings;
-        self.step.error(&integrator.last.stages, &settings.tolerances(), &self.sizes, force)
+        self.step.error(last, &settings.tolerances(), &self.sizes, force)
     }
 
     /// What a piece of flight that was taken adds: a minimum, the dense output, an impact.
@@ -36,21 +38,24 @@ impl Follower {
         impact: Option<Impact>,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        self.highest = self.highest.max(integrator.last.stages.from.x.abs());
+        let e = integrator.restitution().e();
+        let flight = integrator.flight();
+        self.highest = self.highest.max(flight.last_mut().from.x.abs());
         if impact.is_none() {
-            self.minimum(integrator, force)?;
+            self.minimum(flight.last_mut(), force)?;
         }
-        let length = integrator.last.landing.filter(|_| impact.is_some()).map(|it| it.length);
+        let length = flight.landing().filter(|_| impact.is_some());
+        let last = flight.last_mut();
         let mut onto = None;
-        if let Some(total) = length.filter(|&total| far(total, &integrator.last.stages)) {
+        if let Some(total) = length.filter(|&total| far(total, last)) {
             // the impact was found on the polynomials, away from the end of the step
-            let mut stages = integrator.last.stages.clone();
+            let mut stages = last.clone();
             let (from, slope) = (stages.from, stages.start_slope(0));
             stages.step(&from, &slope, total, force)?;
             self.step.step(&stages, force)?;
             onto = Some(stages);
         }
-        let stages = onto.as_mut().unwrap_or(&mut integrator.last.stages);
+        let stages = onto.as_mut().unwrap_or(last);
         if let Some(path) = &mut self.path {
             // the columns are forced by the motion at its own further stages
             stages.complete(force)?;
@@ -61,7 +66,7 @@ impl Follower {
             self.step.polish(stages, total - stages.h, force)?;
         }
         match impact {
-            Some(impact) => self.strike(&impact, integrator.restitution.e(), force),
+            Some(impact) => self.strike(&impact, e, force),
             None => Ok(()),
         }
     }
@@ -69,10 +74,9 @@ impl Follower {
     /// A minimum of the distance within the step, above the wall.
     fn minimum<E, F: DifferentiableForce<E>>(
         &mut self,
-        integrator: &mut SwitchedIntegrator,
+        stages: &mut Stages,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        let stages = &mut integrator.last.stages;
         if !(stages.from.xdot < 0.0 && stages.end.xdot > 0.0) {
             return Ok(());
         }
@@ -96,8 +100,8 @@ impl Follower {
     ) -> Result<Piece, Failure<E>> {
         std::mem::swap(&mut self.step.from, &mut self.step.end);
         let before = integrator.clone();
-        let order = integrator.last.stages.order_of_error();
-        let shortest = 16.0 * f64::EPSILON * before.now.t.abs();
+        let order = integrator.flight().last_mut().order_of_error();
+        let shortest = 16.0 * f64::EPSILON * before.t().abs();
         for retry in 0.. {
             let piece = integrator.proceed(t_end, force)?;
             let Piece::Flight { impact, .. } = piece else {
@@ -105,27 +109,24 @@ impl Follower {
                 std::mem::swap(&mut self.step.from, &mut self.step.end);
                 return self.other(integrator, piece, force);
             };
-            if let Some(impact) = impact.filter(|_| integrator.last.landing.is_none()) {
+            if let Some(impact) = impact.filter(|_| integrator.flight().landing().is_none()) {
                 // the last step ended at the wall
                 std::mem::swap(&mut self.step.from, &mut self.step.end);
-                self.strike(&impact, integrator.restitution.e(), force)?;
+                self.strike(&impact, integrator.restitution().e(), force)?;
                 return Ok(piece);
             }
-            let h = integrator.last.stages.h;
+            let h = integrator.flight().last_mut().h;
             let error = self.fly(integrator, force)?;
             let factor = factor(error, order);
             if error <= 1.0 || retry == RETRIES || h <= shortest {
                 if error > 0.0 {
                     let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
-                    integrator.control.h = integrator.control.h.map(|next| next.min(longest));
+                    integrator.flight().steps_mut().limit_next(longest);
                 }
                 self.flew(integrator, impact, force)?;
                 return Ok(piece);
             }
-            let rejected = integrator.counts.rejected + 1;
-            integrator.clone_from(&before);
-            integrator.counts.rejected = rejected;
-            integrator.control.h = Some(shorter(factor) * h);
+            integrator.give_up_step(&before, shorter(factor) * h);
         }
         Err(Failure::Status(Status::Internal))
     }

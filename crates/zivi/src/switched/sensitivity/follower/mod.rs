@@ -14,8 +14,9 @@ use super::derivatives::EventRates;
 use super::validity::{Limit, Validity};
 use crate::piecewise::method::Driver;
 use crate::record::failure::Failure;
-use crate::switched::integrator::{Piece, SwitchedIntegrator};
+use crate::switched::integrator::SwitchedIntegrator;
 use crate::switched::mode::{Flight, Mode};
+use crate::switched::piece::Piece;
 use crate::switched::point::Point;
 use crate::switched::stages::Counted;
 use crate::system::slopes::{DifferentiableForce, Place};
@@ -148,8 +149,8 @@ impl Follower {
         integrator: &mut SwitchedIntegrator,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        let Some(&last) = integrator.chain.bounces().last() else { return Ok(()) };
-        if last.t != integrator.now.t {
+        let Some(&last) = integrator.chain().bounces().last() else { return Ok(()) };
+        if last.t != integrator.t() {
             return Ok(());
         }
         let mut dg = vec![0.0; self.dt.len()];
@@ -161,21 +162,21 @@ impl Follower {
         for (column, chain) in self.chains.iter_mut().enumerate() {
             let (dt, du, de) = (self.dt[column], self.du[column], self.wrt[column].of_e());
             let rate = Rate { dt, du, dg: dg[column], de, flow: [&[], &[]], dz: &[] };
-            chain.note(&integrator.chain, &rate);
+            chain.note(integrator.chain(), &rate);
         }
-        let Mode::Flight(Flight::Jump { .. }) = integrator.mode else { return Ok(()) };
-        let tolerance = integrator.settings.zeno_tolerance(&integrator.chain, last.g);
-        let (rtol, mut known) = (integrator.settings.rtol, true);
+        let Mode::Flight(Flight::Jump { .. }) = integrator.mode() else { return Ok(()) };
+        let tolerance = integrator.settings().zeno_tolerance(integrator.chain(), last.g);
+        let (rtol, mut known) = (integrator.settings().rtol, true);
         self.zeno.clear();
         for (column, chain) in self.chains.iter().enumerate() {
             let (de, size) = (self.wrt[column].of_e(), self.sizes[column]);
-            let landing = chain.landing(&integrator.chain, de, |_, _| 1.0);
+            let landing = chain.landing(integrator.chain(), de, |_, _| 1.0);
             let (dt, error) = landing.map_or((0.0, f64::INFINITY), |it| (it.t, it.size));
             known &= error * size <= tolerance + rtol * size * dt.abs();
             self.zeno.push(dt);
         }
-        if self.controlled && !integrator.chain.is_over() && !known {
-            integrator.mode = Mode::FLIGHT;
+        if self.controlled && !integrator.chain().is_over() && !known {
+            integrator.cancel_jump();
         }
         Ok(())
     }
@@ -222,7 +223,7 @@ impl Follower {
         piece: Piece,
         force: &mut Counted<'_, F>,
     ) -> Result<Piece, Failure<E>> {
-        let t = integrator.now.t;
+        let t = integrator.t();
         match piece {
             Piece::Tail(ref tail) => {
                 self.dt.clone_from(&self.zeno);
@@ -250,11 +251,11 @@ impl<'f, E, F: DifferentiableForce<E>> Driver<SwitchedIntegrator, Counted<'f, F>
         t_end: f64,
         force: &mut Counted<'f, F>,
     ) -> Result<Piece, Failure<E>> {
-        if let Mode::Flight(Flight::Weigh) = integrator.mode {
+        if let Mode::Flight(Flight::Weigh) = integrator.mode() {
             integrator.settle(t_end, force)?;
             self.weigh(integrator, force)?;
         }
-        match integrator.mode {
+        match integrator.mode() {
             Mode::Rest(_) | Mode::Flight(Flight::Jump { .. }) => {
                 let piece = integrator.proceed(t_end, force)?;
                 self.other(integrator, piece, force)

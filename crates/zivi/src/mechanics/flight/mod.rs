@@ -1,0 +1,389 @@
+//! The motion between events: steps under error control, each searched for the first impact and the
+//! first lift-off.
+
+mod overlooked;
+
+use super::along_step::AlongStep;
+use super::contact_probes::ContactProbes;
+use super::equation::{AtEnd, InContact, Stages};
+use super::kinetics::{Kinetics, Model};
+use super::lift_off::{self, Release};
+use super::mode::Next;
+use super::state::MechanicalState;
+use crate::numeric::stages::Equation;
+use crate::numeric::step_error::Tolerances;
+use crate::numeric::step_size::Plan;
+use crate::piecewise::flight::{Root, SteppedFlight, Verdict};
+use crate::piecewise::steps::{Experience, Start, Steps};
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::switched::lookahead::Obstacle;
+use crate::switched::SwitchedRk;
+use crate::system::dynamics::{Dynamics, Layout};
+use crate::Status;
+
+/// What closes within this part of a flight closes together.
+const TOGETHER: f64 = 1e-13;
+/// Rounding of the time.
+const ULPS: f64 = 4.0 * f64::EPSILON;
+/// Iterations for the time of lift-off.
+const ITERATIONS: usize = 4;
+/// The first step after a lift-off, relative to that before.
+const PART: f64 = 1e-2;
+/// Contacts that open so often at one instant open whatever the force does next.
+const OFTEN: u32 = 8;
+
+/// Those of the settings. Gaps and coordinates are rounded apart: by more than one number is.
+pub(super) fn tolerances(settings: &SwitchedRk) -> Tolerances {
+    Tolerances { rounding: 4.0, ..settings.tolerances() }
+}
+
+/// The motion between events.
+#[derive(Clone, Debug)]
+pub(super) struct SmoothMotion {
+    steps: Steps<Vec<f64>>,
+    /// What is known at the end of the last step.
+    at_end: AtEnd,
+    /// Length of the last step, or of the part of it up to an event.
+    length: f64,
+    /// What speaks for the length of the next one.
+    experience: Experience,
+    probes: ContactProbes,
+    /// The mechanics away from the state.
+    aside: Kinetics,
+}
+
+impl SmoothMotion {
+    pub(super) fn new(settings: &SwitchedRk, layout: Layout) -> Self {
+        let limits = settings.limits(tolerances(settings));
+        let (pair, size) = (settings.order.pair(), layout.n + layout.m);
+        Self {
+            steps: Steps::new(limits, pair, size, settings.first_step),
+            at_end: AtEnd::new(layout.m),
+            length: 0.0,
+            experience: Experience::NONE,
+            probes: ContactProbes::default(),
+            aside: Kinetics::new(layout),
+        }
+    }
+
+    /// The steps.
+    pub(super) fn steps(&self) -> &Steps<Vec<f64>> {
+        &self.steps
+    }
+
+    /// The same, to be told how long they may be and where they are looked at.
+    pub(super) fn steps_mut(&mut self) -> &mut Steps<Vec<f64>> {
+        &mut self.steps
+    }
+
+    /// The last step.
+    pub(super) fn last(&self) -> &Stages {
+        self.steps.last()
+    }
+
+    /// Its length, or that of the part of it up to an event.
+    pub(super) fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// From here on the forces are others.
+    pub(super) fn restart(&mut self) {
+        self.probes = ContactProbes::default();
+    }
+
+    /// After an event nothing speaks for long steps.
+    pub(super) fn forget_experience(&mut self) {
+        self.experience = Experience::NONE;
+    }
+
+    /// Goes back to before the last step, which is given up for one of length `h`.
+    pub(super) fn go_back(&mut self, before: &Self, h: f64) {
+        let rejected = self.steps.counts().1 + 1;
+        self.clone_from(before);
+        self.steps.retry(h, rejected);
+    }
+
+    /// Contact forces at a time and a state that is on the contacts of a set.
+    pub(super) fn contact_forces<E, D: Dynamics<E>>(
+        &mut self,
+        (t, x, v): (f64, &[f64], &[f64]),
+        closed: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<&[f64], Failure<E>> {
+        if closed.is_empty() {
+            self.aside.lambda.fill(0.0);
+        } else {
+            let n = self.aside.coordinates();
+            self.aside.evaluate(model, t, &x[..n], &v[..n])?;
+            self.aside.contact(closed)?;
+        }
+        Ok(&self.aside.lambda)
+    }
+
+    /// Opens the contacts that open where the force of one vanishes, in a step of length `h`, after
+    /// so many events at this instant: these.
+    pub(super) fn open<E, D: Dynamics<E>>(
+        &mut self,
+        (gap, h): (usize, f64),
+        events: u32,
+        state: &mut MechanicalState,
+        model: &mut Model<'_, D>,
+    ) -> Result<GapSet, Failure<E>> {
+        let left = lift_off::open((gap, h), events > OFTEN, state, &mut self.aside, model)?;
+        self.steps.set_next(Some(PART * h));
+        Ok(left)
+    }
+
+    /// One step, or the part of it up to an event: what comes next.
+    pub(super) fn fly<E, D: Dynamics<E>>(
+        &mut self,
+        t_end: f64,
+        state: &mut MechanicalState,
+        obstacle: Option<Obstacle>,
+        model: &mut Model<'_, D>,
+    ) -> Result<Next, Failure<E>> {
+        let plan = self.plan(t_end, state, obstacle, model)?;
+        // below it rounding of the time is, at t = 0 that of a time of rest
+        let rest = if state.closed().is_empty() { 0.0 } else { self.probes.horizon() };
+        let shortest = (8.0 * f64::EPSILON * state.now().t.abs()).max(f64::EPSILON * rest);
+        Flying { motion: self, state, model, t_end }.fly(plan, shortest)
+    }
+
+    fn plan<E, D: Dynamics<E>>(
+        &mut self,
+        t_end: f64,
+        state: &MechanicalState,
+        obstacle: Option<Obstacle>,
+        model: &mut Model<'_, D>,
+    ) -> Result<Plan, Failure<E>> {
+        let (Layout { n, m }, closed, now) = (state.layout(), state.closed(), state.now());
+        let longest = obstacle.map_or(f64::INFINITY, |obstacle| obstacle.longest_step(now.t));
+        let mut equation = InContact { closed, kinetics: &mut self.aside, model, at_end: None };
+        let from = (now, state.slope());
+        let mut plan = self.steps.plan(from, n..n + m, longest, t_end, &mut equation)?;
+        let end = self.probes.end(closed, now.t, t_end);
+        if end < t_end {
+            plan.h = plan.h.min(end - now.t);
+        }
+        Ok(plan)
+    }
+}
+
+/// What ends a step early.
+#[derive(Clone, Copy)]
+enum Event {
+    /// A gap closes.
+    Hit(usize),
+    /// The force of a contact vanishes.
+    Release(usize),
+}
+
+/// A step under way.
+struct Flying<'r, 'm, D> {
+    motion: &'r mut SmoothMotion,
+    state: &'r mut MechanicalState,
+    model: &'r mut Model<'m, D>,
+    t_end: f64,
+}
+
+impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
+    type Event = Event;
+    type Piece = Next;
+
+    fn steps(&mut self) -> &mut Steps<Vec<f64>> {
+        &mut self.motion.steps
+    }
+
+    fn parts(
+        &mut self,
+    ) -> (&mut Steps<Vec<f64>>, Start<'_, Vec<f64>>, impl Equation<Vec<f64>, Failure<E>>) {
+        let SmoothMotion { steps, at_end, .. } = &mut *self.motion;
+        let (now, slope, equation) = self.state.equation(self.model, at_end);
+        (steps, (now, slope), equation)
+    }
+
+    fn is_curable(why: Status) -> bool {
+        why != Status::RedundantContacts
+    }
+
+    fn is_curable_at_event(why: Status) -> bool {
+        why == Status::StepSizeTooSmall
+    }
+
+    fn search(&mut self, growth: f64) -> Result<Verdict<Event>, Failure<E>> {
+        let (n, end) = (self.state.layout().n, &self.motion.last().end);
+        if !self.state.left().iter().all(|i| end.x[n + i] > 0.0 && end.xdot[n + i] > 0.0) {
+            return Ok(Verdict::TOO_LONG);
+        }
+        let contact = self.first_contact()?;
+        if let Some(factor) = self.overlooked(contact.map(|(_, gap)| gap))? {
+            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+        }
+        let release = match self.first_release(contact.map_or(1.0, |(theta, _)| theta))? {
+            Release::None => None,
+            Release::At(theta, gap) => Some((theta, gap)),
+            Release::Unclear => return Ok(Verdict::Shorten(0.5, Status::ContactNotSolved)),
+            Release::Varies(length) => {
+                let factor = length / self.motion.last().h;
+                return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+            }
+        };
+        if self.motion.last().end.t > self.motion.steps.dense_from() {
+            self.complete()?;
+        }
+        Ok(match (contact, release) {
+            (Some((theta, gap)), other) if other.is_none_or(|(lift, _)| theta <= lift) => {
+                Verdict::Stop(theta, Event::Hit(gap))
+            }
+            (_, Some((theta, gap))) => Verdict::Stop(theta, Event::Release(gap)),
+            _ => Verdict::Take(growth),
+        })
+    }
+
+    fn stop(&mut self, length: f64, event: Event) -> Result<Option<Next>, Failure<E>> {
+        match event {
+            Event::Hit(gap) => self.land(length, gap),
+            Event::Release(gap) => self.lift(length, gap).map(Some),
+        }
+    }
+
+    fn take(&mut self) -> Result<Next, Failure<E>> {
+        let SmoothMotion { steps, at_end, length, experience, .. } = &mut *self.motion;
+        steps.accept();
+        *length = steps.last().h;
+        experience.gain(*length);
+        let end = steps.reaches(self.t_end).then_some(self.t_end);
+        self.state.take((steps.last(), at_end), end, self.model)?;
+        Ok(Next::Step)
+    }
+}
+
+impl<'m, D> Flying<'_, 'm, D> {
+    /// The last step, which is complete, between its stages.
+    fn along(&mut self) -> AlongStep<'_, 'm, D> {
+        let SmoothMotion { steps, aside, .. } = &mut *self.motion;
+        AlongStep {
+            step: steps.last(),
+            closed: self.state.closed(),
+            tolerances: &steps.limits().tolerances,
+            aside,
+            model: self.model,
+        }
+    }
+
+    /// The first gap that closes in the step, and after which part of it.
+    fn first_contact<E>(&mut self) -> Result<Option<(f64, usize)>, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let (n, left) = (self.state.layout().n, self.state.left());
+        let mut first: Option<(f64, usize)> = None;
+        for i in self.state.open_gaps().filter(|&i| !left.has(i)) {
+            if let Some(theta) = self.first_root(n + i)? {
+                if first.is_none_or(|(before, _)| theta < before) {
+                    first = Some((theta, i));
+                }
+            }
+        }
+        Ok(first)
+    }
+
+    /// The first contact whose force vanishes in the step, of which the part up to `end` counts.
+    fn first_release<E>(&mut self, end: f64) -> Result<Release, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let closed = self.state.closed();
+        if closed.is_empty() {
+            return Ok(Release::None);
+        }
+        if self.motion.steps.is_jump() {
+            // across a jump of the forces no polynomial fits
+            self.finish()?;
+            let lambda = &self.motion.at_end.lambda;
+            let released = closed.iter().find(|&i| lambda[i] < 0.0);
+            return Ok(released.map_or(Release::None, |i| Release::At(1.0, i)));
+        }
+        self.complete()?;
+        let mut probes = self.motion.probes;
+        let looking = self.motion.steps.limits().adaptive.then_some(&mut probes);
+        let release = lift_off::first_release(&mut self.along(), end, looking);
+        self.motion.probes = probes;
+        release
+    }
+
+    /// Steps once more, onto the impact near `now + length`; none if that step passes the gap
+    /// closely.
+    fn land<E>(&mut self, length: f64, gap: usize) -> Result<Option<Next>, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let root = self.step_onto(self.state.layout().n + gap, length)?;
+        let h = self.motion.last().h;
+        let delta = match root {
+            None => return Ok(None),
+            Some(Root::Near { delta, .. }) => delta,
+            Some(Root::Within(theta)) => theta * h - h,
+        };
+        let judged = self.motion.steps.limits().adaptive && !self.motion.steps.is_jump();
+        if judged && self.misfit() > 1.0 {
+            return Err(Failure::Status(Status::StepSizeTooSmall));
+        }
+        let total = (h + delta).max(0.0);
+        self.arrive(total, delta)?;
+        Ok(Some(Next::Hit(self.hit_together(gap, total))))
+    }
+
+    /// Steps to where the force of a contact vanishes, near `now + length`.
+    fn lift<E>(&mut self, length: f64, gap: usize) -> Result<Next, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let whole = self.motion.last().h;
+        let mut one = (0.0, self.state.lambda()[gap]);
+        let mut x = length;
+        for iteration in 0..ITERATIONS {
+            self.attempt(x)?;
+            self.finish()?;
+            let force = self.motion.at_end.lambda[gap];
+            let slope = (force - one.1) / (x - one.0);
+            let next = x - force / slope;
+            one = (x, force);
+            let rounding = 4.0 * f64::EPSILON * (self.state.now().t.abs() + x);
+            let done = (next - x).abs() <= rounding;
+            if done || !next.is_finite() || iteration + 1 == ITERATIONS {
+                break;
+            }
+            x = next.clamp(0.0, whole);
+        }
+        self.arrive(x, 0.0)?;
+        Ok(Next::Release { gap, h: whole })
+    }
+
+    /// To an event at the time `total` after the start of the last step, `delta` after its end.
+    fn arrive<E>(&mut self, total: f64, delta: f64) -> Result<(), Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        if self.state.now().t + total > self.motion.steps.dense_from() {
+            self.complete()?;
+        }
+        let motion = &mut *self.motion;
+        motion.steps.accept();
+        motion.experience = Experience::NONE;
+        motion.length = total;
+        self.state.move_along(motion.last(), (total, delta), self.t_end);
+        Ok(())
+    }
+
+    /// The gap and those that close at the same time, to rounding of the flight's length.
+    fn hit_together(&self, gap: usize, flight: f64) -> GapSet {
+        let near = TOGETHER * flight + ULPS * self.state.now().t.abs();
+        let is_hit = |i: usize| {
+            let (x, v) = self.state.gap(i);
+            v < 0.0 && x <= -v * near
+        };
+        self.state.open_gaps().filter(|&i| i == gap || is_hit(i)).collect()
+    }
+}

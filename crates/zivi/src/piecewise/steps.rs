@@ -1,0 +1,293 @@
+//! Steps of a pair under error control: the last of them, how long the next may be, how many there
+//! were.
+
+use std::ops::Range;
+
+use crate::numeric::coordinates::{Coordinates, State};
+use crate::numeric::stages::{Equation, Stages};
+use crate::numeric::step_error::Tolerances;
+use crate::numeric::step_size::{factor, first_step, shorter, Jump, Plan, FACTORS};
+use crate::numeric::tableau::Pair;
+use crate::record::failure::Failure;
+use crate::Status;
+
+/// A step near a Zeno point is a little longer than the arc under a constant pull.
+const ARC: f64 = 1.1;
+
+/// What the settings of a method ask of its steps.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Limits {
+    /// Whether the lengths of steps are adapted to the tolerances; else all are `max_step` long.
+    pub(crate) adaptive: bool,
+    pub(crate) tolerances: Tolerances,
+    /// The longest step (s).
+    pub(crate) max_step: f64,
+    pub(crate) max_steps: usize,
+}
+
+/// The state from which a step starts, and the accelerations there.
+pub(crate) type Start<'r, Q> = (&'r State<Q>, &'r Q);
+
+/// The steps of a run.
+#[derive(Clone, Debug)]
+pub(crate) struct Steps<Q: Coordinates> {
+    limits: Limits,
+    last: Stages<Q>,
+    /// Step size to try next (s).
+    next: Option<f64>,
+    jump: Jump,
+    /// Steps that were tried.
+    spent: usize,
+    accepted: u64,
+    rejected: u64,
+    /// Steps that end later than this have their polynomials computed.
+    dense_from: f64,
+}
+
+impl<Q: Coordinates> Steps<Q> {
+    /// Steps of a pair in so many coordinates; the first has the length `next`, if that is given.
+    pub(crate) fn new(
+        limits: Limits,
+        pair: &'static Pair,
+        count: usize,
+        next: Option<f64>,
+    ) -> Self {
+        let (last, jump) = (Stages::new(pair, count), Jump::default());
+        let (spent, accepted, rejected) = (0, 0, 0);
+        Self { limits, last, next, jump, spent, accepted, rejected, dense_from: f64::INFINITY }
+    }
+
+    pub(crate) fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// The last step.
+    #[inline(always)]
+    pub(crate) fn last(&self) -> &Stages<Q> {
+        &self.last
+    }
+
+    /// The same, to have its polynomials computed.
+    #[inline(always)]
+    pub(crate) fn last_mut(&mut self) -> &mut Stages<Q> {
+        &mut self.last
+    }
+
+    /// From when on the motion between the ends of steps is asked for.
+    #[inline]
+    pub(crate) fn dense_from(&self) -> f64 {
+        self.dense_from
+    }
+
+    /// Steps that end later than this have their polynomials computed.
+    #[inline]
+    pub(crate) fn look_from(&mut self, t: f64) {
+        self.dense_from = t;
+    }
+
+    /// How many were taken, and how many were given up for shorter ones.
+    pub(crate) fn counts(&self) -> (u64, u64) {
+        (self.accepted, self.rejected)
+    }
+
+    /// The length of the next one (s), if there is a reason for it.
+    #[inline]
+    pub(crate) fn next(&self) -> Option<f64> {
+        self.next
+    }
+
+    /// The next has this length, or what an estimate says.
+    #[inline]
+    pub(crate) fn set_next(&mut self, next: Option<f64>) {
+        self.next = next;
+    }
+
+    /// The next is no longer than this.
+    pub(crate) fn limit_next(&mut self, longest: f64) {
+        self.next = self.next.map(|next| next.min(longest));
+    }
+
+    /// The last was given up, as the last of so many, and the next has the length `h`.
+    pub(crate) fn retry(&mut self, h: f64, rejected: u64) {
+        (self.next, self.rejected) = (Some(h), rejected);
+    }
+
+    /// Counts from here on how many may be tried.
+    pub(crate) fn start_budget(&mut self) {
+        self.spent = 0;
+    }
+
+    /// How many there may be yet; an error if there are none.
+    #[inline]
+    pub(crate) fn left<E>(&self) -> Result<usize, Failure<E>> {
+        let left = self.limits.max_steps.saturating_sub(self.spent);
+        if left == 0 {
+            return Err(Failure::Status(Status::StepBudget));
+        }
+        Ok(left)
+    }
+
+    /// Counts a step; an error when there were too many.
+    #[inline]
+    pub(crate) fn spend<E>(&mut self) -> Result<(), Failure<E>> {
+        self.left()?;
+        self.spent += 1;
+        Ok(())
+    }
+
+    /// Counts steps that another method took.
+    #[inline]
+    pub(crate) fn count(&mut self, steps: usize) {
+        self.spent += steps;
+        self.accepted += steps as u64;
+    }
+
+    /// The last step, or the part of it up to an event, is taken.
+    #[inline]
+    pub(crate) fn accept(&mut self) {
+        self.accepted += 1;
+    }
+
+    /// What comes is the first try at a step.
+    #[inline]
+    pub(super) fn begin(&mut self) {
+        self.jump = self.jump.next();
+    }
+
+    /// Whether the last step is one across a jump of the accelerations.
+    #[inline]
+    pub(crate) fn is_jump(&self) -> bool {
+        self.jump.allowed
+    }
+
+    /// Whether the last step goes as far as `t_end`.
+    #[inline]
+    pub(crate) fn reaches(&self, t_end: f64) -> bool {
+        let Stages { from, h, .. } = &self.last;
+        *h >= (t_end - from.t) - from.late
+    }
+
+    /// The next step up to `t_end`: of the length that is wanted, or of one that something cuts
+    /// short. Of an arc from a contact (the coordinates `gaps`) a little more than its whole
+    /// length; not longer than `longest`. Before there was any, the accelerations and their change
+    /// say what is wanted.
+    #[inline(always)]
+    pub(crate) fn plan<E>(
+        &self,
+        (now, slope): Start<'_, Q>,
+        gaps: Range<usize>,
+        longest: f64,
+        t_end: f64,
+        equation: &mut impl Equation<Q, Failure<E>>,
+    ) -> Result<Plan, Failure<E>> {
+        let left = (t_end - now.t) - now.late;
+        let Limits { adaptive, tolerances, max_step, .. } = &self.limits;
+        let first = match self.next {
+            _ if !adaptive => *max_step,
+            Some(h) => h,
+            None => {
+                let control = (tolerances, self.last.order_of_error());
+                let harmless = |why: &Failure<E>| matches!(why, Failure::Status(_));
+                first_step(now, slope, left, control, equation, harmless)?
+            }
+        };
+        let wanted = first.min(*max_step);
+        let (x, xdot, slope) = (now.x.as_slice(), now.xdot.as_slice(), slope.as_slice());
+        let mut h = wanted;
+        for c in gaps {
+            let (speed, pull) = (xdot[c], -slope[c]);
+            if x[c] == 0.0 && speed > 0.0 && pull > 0.0 {
+                h = h.min(ARC * 2.0 * speed / pull);
+            }
+        }
+        Ok(Plan::up_to(left, h.min(longest), wanted))
+    }
+
+    /// The step of length `h` from a state, and its error relative to the tolerances: none where
+    /// steps are not adapted to them, or where all that is left of a step is a jump of the
+    /// accelerations.
+    #[inline(always)]
+    pub(super) fn attempt<E>(
+        &mut self,
+        (now, slope): Start<'_, Q>,
+        h: f64,
+        equation: &mut impl Equation<Q, Failure<E>>,
+    ) -> Result<f64, Failure<E>> {
+        self.last.step(now, slope, h, equation)?;
+        if !self.last.is_finite() {
+            return Err(Failure::Status(Status::StateNotFinite));
+        }
+        if !self.limits.adaptive {
+            return Ok(0.0);
+        }
+        let error = self.last.error(&self.limits.tolerances, equation)?;
+        if self.jump.allowed && error > 1.0 && self.last.is_smooth_to_rounding() {
+            self.jump.met = true;
+            return Ok(0.0);
+        }
+        Ok(error)
+    }
+
+    /// By which factor the next step may be longer than the last, if its error was that; a factor
+    /// for a shorter one if the error is too large.
+    #[inline(always)]
+    pub(super) fn growth(&self, error: f64) -> Result<f64, f64> {
+        let factor = factor(error, self.last.order_of_error());
+        if error > 1.0 || error.is_nan() {
+            return Err(shorter(factor));
+        }
+        Ok(if self.limits.adaptive { factor.min(FACTORS.1) } else { 1.0 })
+    }
+
+    /// The length to try after a step of length `h` that is given up, shorter by a factor. Where
+    /// that is shorter than the shortest the reason ends the run, unless it may be a jump of the
+    /// accelerations.
+    #[inline]
+    pub(super) fn shorter<E>(
+        &mut self,
+        h: f64,
+        shortest: f64,
+        (factor, why): (f64, Status),
+    ) -> Result<f64, Failure<E>> {
+        self.rejected += 1;
+        let h = h * factor;
+        let may_jump = matches!(why, Status::StepSizeTooSmall | Status::ContactNotSolved);
+        if h <= shortest && may_jump && self.jump.may_be_allowed() {
+            self.jump.allowed = true;
+            return Ok(shortest);
+        }
+        if h <= shortest || h < f64::MIN_POSITIVE {
+            return Err(Failure::Status(why));
+        }
+        Ok(h)
+    }
+}
+
+/// What speaks for the length of a step: those before it since the last event.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Experience {
+    /// How many.
+    steps: u32,
+    /// The length of the last (s).
+    last: f64,
+}
+
+impl Experience {
+    pub(crate) const NONE: Self = Self { steps: 0, last: 0.0 };
+    /// So many steps after an event there is none.
+    const YOUNG: u32 = 1;
+    /// Nor is there any for a step that is so many times longer than the last.
+    const GREW: f64 = 2.0;
+
+    /// A step of this length was taken.
+    #[inline]
+    pub(crate) fn gain(&mut self, length: f64) {
+        (self.steps, self.last) = (self.steps + 1, length);
+    }
+
+    /// Whether there is enough for a step of this length to be taken without another look.
+    #[inline]
+    pub(crate) fn is_enough(self, length: f64) -> bool {
+        self.steps > Self::YOUNG && length <= Self::GREW * self.last
+    }
+}
