@@ -5,11 +5,11 @@ use zivi_core::Restitution;
 
 use super::accumulation::Accumulation;
 use super::flight::{Arrival, FreeFlight};
-use super::lift_off::{Lookout, Window};
+use super::lift_off::Lookout;
 use super::mode::{Flight, Mode};
 use super::piece::{Counts, Piece};
 use super::point::Point;
-use super::rest::window;
+use super::rest::wait;
 use super::settings::SwitchedRk;
 use super::stages::Counted;
 use crate::record::failure::Failure;
@@ -17,7 +17,7 @@ use crate::record::occurrence::Occurrence;
 use crate::system::evaluation::check_initial;
 use crate::zeno::bounce::{restored, Bounce};
 use crate::zeno::chain::Chain;
-use crate::{Force, Impact, Physical, SetupError, Status};
+use crate::{Force, Impact, Physical, SetupError};
 
 /// The switched Runge-Kutta method as an object that is driven piece by piece.
 ///
@@ -334,34 +334,11 @@ impl SwitchedIntegrator {
         force: &mut Counted<'_, F>,
     ) -> Result<Piece, Failure<E>> {
         self.flight.steps_mut().spend()?;
-        let from = self.now.t;
-        let mut rest = self.mode.rest();
-        let Self { lookout, flight, now, settings, .. } = self;
-        let until = (t_end, settings.max_step);
-        let window = window((lookout, flight), *now, until, &mut rest, force)?;
-        self.mode = Mode::Rest(rest);
         self.accumulation.clear();
-        let (t, lifted) = match window {
-            Window::NotFinite => return Err(Failure::Status(Status::ForceNotFinite)),
-            Window::RestUntil(t) => (t, false),
-            Window::LiftOff(t) => (t, true),
-        };
-        self.now.t = t;
-        if lifted {
-            self.lift_off(t > from);
-        }
+        let (from, longest) = (self.now.t, self.settings.max_step);
+        let Self { now, mode, lookout, flight, .. } = self;
+        let lifted = wait((now, mode), lookout, flight, (t_end, longest), force)?;
         Ok(Piece::Rest { from, lifted })
-    }
-
-    /// Leaves rest. Where the force grows from zero, it does so on the scale of the window.
-    fn lift_off(&mut self, smoothly: bool) {
-        const PART: f64 = 1e-2;
-        self.mode = if smoothly { Mode::SMOOTH_LIFT_OFF } else { Mode::LIFT_OFF };
-        self.now.late = 0.0;
-        if smoothly {
-            let length = self.lookout.length();
-            self.flight.steps_mut().set_next(length.map(|length| PART * length));
-        }
     }
 
     /// Chooses the flights that the settings ask for under this force.
