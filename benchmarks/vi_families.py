@@ -282,4 +282,5 @@ def main(each: int, **options: Any) -> None:
 
 if __name__ == "__main__":
     given = dict(it.split("=") for it in sys.argv[1:])
-    main(int(given.pop("each", 8)), **{k: v == "True" for k, v in given.items()})
+    known = {"True": True, "False": False}
+    main(int(given.pop("each", 8)), **{k: known.get(v, v) for k, v in given.items()})

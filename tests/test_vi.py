@@ -95,12 +95,15 @@ def test_a_constant_jacobian_dense_and_sparse():
     assert 0 < np.sum(results[0].x == 0.15) < 25
 
 
-def test_sparse_beyond_the_documented_size_is_refused():
+def test_sparse_beyond_the_documented_size_is_not_made_dense():
     n = vi.MAX_DENSE + 1
-    with pytest.raises(ValueError, match=rf"M is sparse with shape \({n}, {n}\).*MAX_DENSE"):
-        zivi.solve_avi(scipy.sparse.eye_array(n), np.ones(n), 0, 1)
+    eye = scipy.sparse.eye_array(n)
+    options = zivi.VIOptions(linear_algebra="dense")
+    hint = rf"M is sparse with shape \({n}, {n}\).*MAX_DENSE.*linear_algebra='auto' or 'sparse'"
+    with pytest.raises(ValueError, match=hint):
+        zivi.solve_avi(eye, np.ones(n), 0, 1, options=options)
     with pytest.raises(ValueError, match="jac is sparse"):
-        zivi.solve_vi(untouchable, 0, 1, np.zeros(n), jac=scipy.sparse.eye_array(n))
+        zivi.solve_vi(untouchable, 0, 1, np.zeros(n), jac=eye, options=options)
 
 
 def test_exceptions_reach_the_caller_with_their_traceback():

@@ -96,14 +96,21 @@ def test_one_unknown_may_be_a_number():
     assert zivi.solve_ncp(lambda x: x - 3, 1).x == pytest.approx([3.0])
 
 
-def test_sparse_slopes_that_are_too_large_are_refused_before_f_is_called():
+def test_sparse_slopes_that_are_too_large_to_be_made_dense_are_refused_before_f_is_called():
     def untouchable(x):
         raise AssertionError("F must not be called")
 
     n = vi.MAX_DENSE + 1
     eye = scipy.sparse.eye_array(n, format="csr")
     with pytest.raises(ValueError, match=r"jac\(x\) is sparse with shape"):
-        zivi.solve_vi(untouchable, 0, 1, np.zeros(n), jac=lambda x: eye)
+        zivi.solve_vi(
+            untouchable,
+            0,
+            1,
+            np.zeros(n),
+            jac=lambda x: eye,
+            options={"linear_algebra": "dense"},
+        )
 
 
 def test_further_arguments_reach_f_and_its_jacobian():

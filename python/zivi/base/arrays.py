@@ -14,6 +14,7 @@ __all__ = [
     "bound",
     "count",
     "dense",
+    "is_sparse",
     "matrix",
     "require_finite",
     "vector",
@@ -68,14 +69,20 @@ def require_finite(name: str, array: Array) -> None:
         raise ValueError(f"{name}[{index}] must be finite, got {array[tuple(bad[0])]}")
 
 
+def is_sparse(value: Any) -> bool:
+    """Whether it is a sparse matrix or array."""
+    return hasattr(value, "toarray") and hasattr(value, "nnz")
+
+
 def dense(name: str, value: Any) -> Any:
     """Return a sparse matrix as a dense one, up to `MAX_DENSE` rows; others as they are."""
-    if not (hasattr(value, "toarray") and hasattr(value, "nnz")):
+    if not is_sparse(value):
         return value
     if max(value.shape) > MAX_DENSE:
         raise ValueError(
-            f"{name} is sparse with shape {value.shape}; the solver is dense and takes at most "
-            f"{MAX_DENSE} unknowns (zivi.vi.MAX_DENSE)"
+            f"{name} is sparse with shape {value.shape}; made dense it may have at most "
+            f"{MAX_DENSE} rows (zivi.vi.MAX_DENSE): the solver of VIs takes it as it is with "
+            "linear_algebra='auto' or 'sparse'"
         )
     return value.toarray()
 

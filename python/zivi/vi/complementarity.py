@@ -87,6 +87,7 @@ def solve_ncp(
     upper: Any = None,
     args: tuple[Any, ...] = (),
     jac: Callable[..., Any] | Any | None = None,
+    jac_sparsity: Any = None,
     tol: float | None = None,
     rtol: float = 0.0,
     max_iter: int | None = None,
@@ -104,7 +105,7 @@ def solve_ncp(
         Where to begin.
     upper : array_like, optional
         Upper bounds, none by default; ``F(x) <= 0`` where ``x`` is on them.
-    args, jac, tol, rtol, max_iter, time_limit, callback, options
+    args, jac, jac_sparsity, tol, rtol, max_iter, time_limit, callback, options
         As for `solve_vi`.
 
     Returns
@@ -130,6 +131,7 @@ def solve_ncp(
         x0,
         args=args,
         jac=jac,
+        jac_sparsity=jac_sparsity,
         tol=tol,
         rtol=rtol,
         max_iter=max_iter,

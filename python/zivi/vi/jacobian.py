@@ -3,26 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.arrays import MAX_DENSE, Array, dense, matrix, require_finite, vector
+from zivi.base.arrays import Array, dense, is_sparse, matrix, require_finite, vector
 from zivi.base.check import real_array
 
 __all__ = [
     "Both",
+    "Converters",
+    "IsSparseError",
     "JacobianError",
     "check_jacobian",
     "complex_steps",
     "converters",
     "jacobian",
+    "wants_sparse",
 ]
 
 _SCHEMES = ("2-point", "3-point")
 _COMPLEX_STEP = 1e-200
 """So small that its square vanishes; there is no difference in which it could cancel."""
+
+
+_MANY, _DENSE = 300, 0.1
+"""Unknowns above which, and density below which, a sparse matrix is kept sparse."""
+
+
+class IsSparseError(Exception):
+    """The Jacobian that a callable has returned to the dense solver should be kept sparse."""
+
+
+def wants_sparse(value: Any, n: int, algebra: str) -> bool:
+    """Whether a matrix is one for the sparse solver."""
+    if algebra != "auto":
+        return algebra == "sparse"
+    return is_sparse(value) and bool(n > _MANY or value.nnz < _DENSE * n * n)
 
 
 def jacobian(jac: Any, x0: Array, args: tuple[Any, ...]) -> Callable[[Array], Any] | str:
@@ -35,10 +53,7 @@ def jacobian(jac: Any, x0: Array, args: tuple[Any, ...]) -> Callable[[Array], An
             raise ValueError(f"jac must be '2-point', '3-point' or 'cs', got {jac!r}")
         return jac
     if callable(jac):
-        function = (lambda x: jac(x, *args)) if args else jac
-        if n > MAX_DENSE:
-            dense("jac(x)", function(x0.copy()))  # a sparse one is refused before F is called
-        return function
+        return (lambda x: jac(x, *args)) if args else jac
     constant = matrix("jac", jac, n)
     require_finite("jac", constant)
     return lambda x: constant
@@ -101,8 +116,14 @@ def complex_steps(F: Callable[[Any], Any], n: int, calls: list[int]) -> Callable
     return slopes
 
 
-def converters(n: int) -> tuple[Callable[[Any], tuple[Array, float]], Callable[[Any], Array]]:
-    """Return what makes arrays of values of `F`, with their rounding, and of its Jacobian."""
+Converters: TypeAlias = tuple[Callable[[Any], tuple[Array, float]], Callable[[Any], Array]]
+
+
+def converters(n: int, algebra: str = "dense") -> Converters:
+    """Return what makes arrays of values of `F`, with their rounding, and of its Jacobian.
+
+    The latter raises `IsSparseError` for one that should be kept sparse.
+    """
 
     def values(value: Any) -> tuple[Array, float]:
         given = np.asanyarray(value) if hasattr(value, "dtype") else value
@@ -112,6 +133,8 @@ def converters(n: int) -> tuple[Callable[[Any], tuple[Array, float]], Callable[[
         return array, max(rounding, float(np.finfo(float).eps))
 
     def matrices(value: Any) -> Array:
+        if wants_sparse(value, n, algebra):
+            raise IsSparseError
         return _shaped("jac(x)", dense("jac(x)", value), (n, n))
 
     return values, matrices

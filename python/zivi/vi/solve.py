@@ -9,6 +9,7 @@ Find ``x`` in ``[lower, upper]`` with, for every component,
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -16,17 +17,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi import _zivi
-from zivi.base.arrays import MAX_DENSE, bound, matrix, vector
+from zivi.base.arrays import MAX_DENSE, Array, bound, matrix, vector
 from zivi.vi.arguments import arranged, limits, observer, seconds, settings_of
+from zivi.vi.coloured import ColouredDifferences
 from zivi.vi.jacobian import (
     Both,
+    IsSparseError,
     JacobianError,
     check_jacobian,
     complex_steps,
     converters,
     jacobian,
+    wants_sparse,
 )
 from zivi.vi.scale import Affine, Watched, is_off_scale, polished, solve_scaled
+from zivi.vi.sparse_calls import SparseVI, affine_by_sparse, checked_affine, pattern_for
 from zivi.vi.types import VIOptions, VIProgress, VIResult, VIStatus, result_of
 
 __all__ = [
@@ -52,6 +57,7 @@ def solve_vi(
     bounds: Any = None,
     args: tuple[Any, ...] = (),
     jac: Callable[..., Any] | Any | None = None,
+    jac_sparsity: Any = None,
     tol: float | None = None,
     rtol: float = 0.0,
     max_iter: int | None = None,
@@ -82,6 +88,11 @@ def solve_vi(
         as ``"3-point"``, it is taken by differences of second order of `F` in the box (``2 n``
         calls); ``"2-point"`` are differences of first order (``n`` calls), ``"cs"`` complex steps
         (``n`` calls of an analytic `F`). Entries that are not finite are replaced by differences.
+        A sparse one is kept sparse where that pays: see ``VIOptions.linear_algebra``.
+    jac_sparsity : array_like or sparse matrix, optional
+        Where the Jacobian may be nonzero, ``n x n``: then the differences, or complex steps, take
+        one or two calls for each group of columns that share no row. Not with a `jac` that is
+        given.
     tol : float, optional
         Largest natural residual of a solution. By default 1e-9, and less where rows or unknowns
         are so small at the start that this would mean nothing.
@@ -126,32 +137,106 @@ def solve_vi(
     map_: Any = (lambda x: F(x, *args)) if args else F
     box = limits(lower, upper, n)
     settings = settings_of(tol, rtol, max_iter, options)
+    algebra = settings.pop("linear_algebra", "auto")
     limit, observe = seconds(time_limit), observer(callback)
+    is_adaptive = _is_adaptive(tol, rtol, settings)
     calls = [0]
     both = Both(map_) if jac is True else None
     if both is not None:
         map_ = both
+    if is_adaptive or both is not None or callable(jac):
+        map_ = seen = Watched(map_)
+    converts = converters(n, algebra)
+
+    def by_sparse(slopes: Any) -> VIResult:
+        problem = SparseVI(map_, slopes, converts, box, start, settings, limit, observe)
+        result = problem.solve()
+        return polished(result, seen.size, problem.solve) if is_adaptive else result
+
+    kept = _kept_sparse(jac, jac_sparsity, both, args, start, algebra)
+    if kept is not None:
+        return by_sparse(kept)
+    if both is not None:
         slopes: Any = both.jac
+    elif jac_sparsity is not None:
+        slopes = _by_colours(map_, pattern_for(jac_sparsity, jac, n), box, start, calls)
     elif isinstance(jac, str) and jac == "cs":
         slopes = complex_steps(map_, n, calls)
     else:
         slopes = jacobian(jac, start, args)
-    converts = converters(n)
-    is_adaptive = _is_adaptive(tol, rtol, settings)
+
+    def by_dense(x: Array, tol: float | None = None) -> VIResult:
+        chosen = settings if tol is None else settings | {"tol": tol}
+        return result_of(_zivi.solve_vi(map_, *box, x, slopes, converts, chosen, limit, observe))
+
+    try:
+        result = by_dense(start)
+    except IsSparseError:
+        before = seen.calls
+        result = by_sparse(slopes)
+        result.__dict__["nfev"] += before
+        result.__dict__["njev"] += 1
+        return result
     if is_adaptive:
-        map_ = seen = Watched(map_)
-    record = _zivi.solve_vi(map_, *box, start, slopes, converts, settings, limit, observe)
-    result = result_of(record)
-    if is_adaptive:
-        result = polished(
-            result,
-            seen.size,
-            lambda x, tol: _zivi.solve_vi(
-                map_, *box, x, slopes, converts, settings | {"tol": tol}, limit, observe
-            ),
-        )
+        result = polished(result, seen.size, by_dense)
     result.__dict__["nfev"] += calls[0] + (both.more_calls if both is not None else 0)
     return result
+
+
+def _kept_sparse(
+    jac: Any, jac_sparsity: Any, both: Both | None, args: tuple[Any, ...], x0: Array, algebra: str
+) -> Any:
+    """Return the Jacobian for the sparse solver where it is known to be its; None where not.
+
+    What a callable returns to the dense solver is looked at there. For more unknowns than that
+    can have, it is looked at here, before `F` is called.
+    """
+    n = len(x0)
+    if jac_sparsity is not None:
+        pattern = pattern_for(jac_sparsity, jac, n)
+        return pattern if wants_sparse(pattern[0], n, algebra) else None
+    if jac is None or jac is False or isinstance(jac, str):
+        return pattern_for(np.ones((n, n)), jac, n) if algebra == "sparse" else None
+    if both is None and not callable(jac):
+        return jac if wants_sparse(jac, n, algebra) else None
+    function = both.jac if both is not None else jacobian(jac, x0, args)
+    if algebra == "sparse":
+        return function
+    if n <= MAX_DENSE or isinstance(function, str):
+        return None
+    value = function(x0.copy())
+    if algebra == "dense":
+        matrix("jac(x)", value, n)  # a sparse one is refused before F is called
+    return function if wants_sparse(value, n, algebra) else None
+
+
+def _by_colours(
+    map_: Callable[[Any], Any],
+    pattern: tuple[Any, str],
+    box: tuple[Array | float, Array | float],
+    x0: Array,
+    calls: list[int],
+) -> Callable[[Array], Array]:
+    """Return coloured differences as a dense Jacobian; their calls of `F` are counted."""
+    n = len(x0)
+    values = converters(n)[0]
+    rounding = [float(np.finfo(float).eps)]
+
+    def value(x: Any) -> Any:
+        calls[0] += 1
+        given = map_(x)
+        if np.iscomplexobj(given):
+            return np.asarray(given)
+        array, rounding[0] = values(given)
+        return array
+
+    lower, upper = (np.broadcast_to(it, n).astype(float) for it in box)
+    differences = ColouredDifferences(value, *pattern, lower, upper)
+
+    def slopes(x: Array) -> Array:
+        return np.asarray(differences(x, rounding[0]).toarray())
+
+    return slopes
 
 
 def solve_avi(
@@ -174,7 +259,8 @@ def solve_avi(
     Parameters
     ----------
     M : array_like or sparse matrix
-        The matrix, ``n x n``. A sparse one is made dense, up to ``zivi.vi.MAX_DENSE`` unknowns.
+        The matrix, ``n x n``. A sparse one is kept sparse where that pays: see
+        ``VIOptions.linear_algebra``.
     q : array_like
         The constant term.
     lower, upper : array_like or None
@@ -207,31 +293,40 @@ def solve_avi(
     n = len(constant)
     if not n:
         raise ValueError("q must have at least one entry, got none")
-    dense = matrix("M", M, n)
     if bounds is not None or upper is None:
         lower, upper, _ = arranged(lower, upper, 0.0, bounds)
+    settings = settings_of(tol, rtol, max_iter, options)
+    algebra = settings.pop("linear_algebra", "auto")
+    keeps = wants_sparse(M, n, algebra)
+    given: Any = M if keeps else matrix("M", M, n)
     start = None if x0 is None else vector("x0", x0)
     if start is not None and len(start) != n:
         raise ValueError(f"x0 must have {n} entries, as q has, got {len(start)}")
     box = limits(lower, upper, n)
-    settings = settings_of(tol, rtol, max_iter, options)
     limit, observe = seconds(time_limit), observer(callback)
+    is_adaptive = _is_adaptive(tol, rtol, settings)
 
-    def solve(a: Affine) -> _zivi.ViRecord:
-        return _zivi.solve_avi(a.M, a.q, a.lower, a.upper, a.x0, settings, limit, observe)
+    def solve(a: Affine) -> VIResult:
+        if keeps:
+            return affine_by_sparse(a, settings, limit, observe)
+        return result_of(
+            _zivi.solve_avi(a.M, a.q, a.lower, a.upper, a.x0, settings, limit, observe)
+        )
 
-    if (
-        _is_adaptive(tol, rtol, settings)
-        and np.isfinite(dense).all()
-        and np.isfinite(constant).all()
-    ):
+    if keeps:
+        problem = checked_affine(given, constant, box, start, settings)
+        begin = np.clip(problem.x0, problem.lower, problem.upper)
+        if is_adaptive and is_off_scale(inside := dataclasses.replace(problem, x0=begin)):
+            return solve_scaled(inside, solve)
+        return solve(problem)
+    if is_adaptive and np.isfinite(given).all() and np.isfinite(constant).all():
         low, high = (np.broadcast_to(it, n).astype(float) for it in box)
         if np.all(low <= high):
             begin = np.clip(np.zeros(n) if start is None else start, low, high)
-            problem = Affine(dense, constant, low, high, begin)
+            problem = Affine(given, constant, low, high, begin)
             if np.isfinite(begin).all() and is_off_scale(problem):
                 return solve_scaled(problem, solve)
-    return result_of(_zivi.solve_avi(dense, constant, *box, start, settings, limit, observe))
+    return result_of(_zivi.solve_avi(given, constant, *box, start, settings, limit, observe))
 
 
 def _is_adaptive(tol: float | None, rtol: float, settings: Mapping[str, Any]) -> bool:

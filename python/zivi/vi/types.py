@@ -76,6 +76,11 @@ class VIOptions:
     test_isolation : bool
         Tell `SOLVED_NOT_ISOLATED` from `SOLVED`, at the cost of one more Jacobian; one by
         differences is not made anew but taken from the last iterate.
+    linear_algebra : {"auto", "dense", "sparse"}
+        With sparse matrices, or as usual. By default a sparse Jacobian, or its pattern, is solved
+        with as such where there are more than 300 unknowns or less than a tenth of the entries are
+        stored. The sparse solver has the stages S0 (`active_set`), SM and S2 of its own, then takes
+        the dense one, with the rest of these options, for at most ``zivi.vi.MAX_DENSE`` unknowns.
     """
 
     row_scale: Literal["jacobian"] | ArrayLike | None = None
@@ -94,6 +99,7 @@ class VIOptions:
     restarts: int = 8
     enumerate_up_to: int = 6
     test_isolation: bool = True
+    linear_algebra: Literal["auto", "dense", "sparse"] = "auto"
 
     def _settings(self) -> dict[str, Any]:
         """Return what differs from the defaults, checked, by the names of the extension."""
@@ -102,6 +108,10 @@ class VIOptions:
             for field in dataclasses.fields(self)
             if (value := getattr(self, field.name)) is not field.default
         }
+        if self.linear_algebra not in _ALGEBRAS:
+            raise ValueError(
+                f"linear_algebra must be 'auto', 'dense' or 'sparse', got {self.linear_algebra!r}"
+            )
         scale = settings.pop("row_scale", None)
         if isinstance(scale, str):
             if scale != "jacobian":
@@ -113,6 +123,8 @@ class VIOptions:
             settings[name] = count(name, settings[name])
         return settings
 
+
+_ALGEBRAS = ("auto", "dense", "sparse")
 
 _COUNTS = {
     "max_pivots",
@@ -159,6 +171,10 @@ class VIResult:
         tells the approach to a solution at infinity, which a small residual alone cannot.
     projected : bool
         `x0` was outside the box and was moved to its nearest point.
+    n_factorisations : int
+        Sparse factorisations; 0 with dense matrices.
+    fill : int
+        Entries of the largest sparse factors, L and U together: each takes 12 bytes and more.
     """
 
     x: Array
@@ -179,6 +195,8 @@ class VIResult:
     tolerance: float
     convergence_ratio: float
     projected: bool
+    n_factorisations: int = 0
+    fill: int = 0
 
     @property
     def fun(self) -> Array:
@@ -230,7 +248,7 @@ _SUCCESSES = (VIStatus.SOLVED, VIStatus.SOLVED_NOT_ISOLATED)
 _COPIED = tuple(
     field.name
     for field in dataclasses.fields(VIResult)
-    if field.name not in ("F", "status", "success")
+    if field.name not in ("F", "status", "success", "n_factorisations", "fill")
 )
 
 

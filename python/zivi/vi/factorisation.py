@@ -1,0 +1,173 @@
+"""Sparse LU factors by SuperLU, with an eye on the clock and on Ctrl-C while they are made."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from zivi.base.arrays import Array
+
+__all__ = ["Factoriser", "Factors", "in_thread", "rows_of_sizes"]
+
+_SHORT = 20_000
+"""Entries of a matrix below which its factorisation is too short to be interrupted."""
+_LOOK = 0.05
+"""Seconds between two looks at the clock."""
+_EXACT, _USELESS = 1e-14, 1e-6
+"""Componentwise backward errors that need no refinement, and above which there is no solution."""
+_DECAYED = 1e-8
+"""Components of this size, relative to the largest, need not be as exact."""
+
+Outcome = TypeVar("Outcome")
+
+
+def in_thread(work: Callable[[], Outcome], poll: Callable[[], None]) -> Outcome:
+    """Return what `work` returns, which does not hold the interpreter's lock while it computes.
+
+    A signal, or what `poll` raises, ends the waiting within a moment; the thread, which cannot be
+    stopped, ends its work in the background and is forgotten.
+    """
+    found: list[Outcome] = []
+    raised: list[BaseException] = []
+    ended = threading.Event()
+
+    def run() -> None:
+        try:
+            found.append(work())
+        except BaseException as error:  # raised again where it is waited for
+            raised.append(error)
+        finally:
+            ended.set()
+
+    threading.Thread(target=run, daemon=True, name="zivi-factorisation").start()
+    while not ended.wait(_LOOK):
+        poll()
+    if raised:
+        raise raised[0]
+    return found[0]
+
+
+class Factors:
+    """The factors of one matrix.
+
+    Parameters
+    ----------
+    lu : scipy.sparse.linalg.SuperLU
+        The factors.
+    A : csc_array
+        The matrix.
+    """
+
+    def __init__(self, lu: Any, A: Any) -> None:
+        self._lu = lu
+        self._A = A
+        self._sizes = abs(A)
+        self._sums = np.asarray(self._sizes.sum(axis=1)).ravel()
+
+    def solve(self, b: Array) -> Array | None:
+        """Return the solution of ``A x = b``, refined where it needs to be; None without one."""
+        with np.errstate(all="ignore"):
+            x: Array = self._lu.solve(b)
+            for _ in range(2):
+                if not np.isfinite(x).all():
+                    return None
+                left = b - self._A @ x
+                error = self._error(left, x, b)
+                if error <= _EXACT:
+                    return x
+                x = x + self._lu.solve(left)
+            if not np.isfinite(x).all() or not self._error(b - self._A @ x, x, b) <= _USELESS:
+                return None
+        return x
+
+    def _error(self, left: Array, x: Array, b: Array) -> float:
+        """Return ``max |b - A x| / (|A||x| + |b|)``; what has decayed to nothing counts less."""
+        size = self._sizes @ np.abs(x) + np.abs(b)
+        size += _DECAYED * np.max(np.abs(x), initial=0.0) * self._sums
+        return float(np.max(np.abs(left) / np.where(size > 0, size, 1.0), initial=0.0))
+
+
+class Factoriser:
+    """Makes and counts factorisations.
+
+    Where the pattern is symmetric and the diagonal positive the diagonal is pivoted on in the
+    order of minimum degree, which costs least; where that fails, and elsewhere, SuperLU pivots.
+
+    Parameters
+    ----------
+    poll : callable
+        Called while a long factorisation runs; what it raises ends the waiting.
+    """
+
+    def __init__(self, poll: Callable[[], None]) -> None:
+        self._poll = poll
+        self._trusts_diagonal: bool | None = None
+        self.count = 0
+        """Factorisations so far."""
+        self.fill = 0
+        """Entries of the largest factors, L and U together."""
+        self._last: tuple[Factors, Any] | None = None
+
+    def last_of(self, free: Any) -> Factors | None:
+        """Return the last factors, if they are those of the rows and columns `free`."""
+        if self._last is None or not np.array_equal(self._last[1], free):
+            return None
+        return self._last[0]
+
+    def see_pattern(self, J: Any) -> None:
+        """Find out from a Jacobian whether its pattern is symmetric."""
+        if self._trusts_diagonal is None:
+            pattern = J.copy()
+            pattern.data = np.ones(len(pattern.data))
+            self._trusts_diagonal = (pattern - pattern.T).count_nonzero() <= 0.01 * J.nnz
+
+    def solve(self, A: Any, *rights: Array, free: Any = None) -> list[Array] | None:
+        """Return the solutions for several right-hand sides; None where `A` is singular.
+
+        With `free`, the rows and columns of a Jacobian that `A` has, its factors are kept for
+        `last_of`.
+        """
+        A, self._last = A.tocsc(), None
+        diagonal = bool(self._trusts_diagonal) and bool(np.all(A.diagonal() > 0))
+        for is_symmetric in (True, False) if diagonal else (False,):
+            factors = self._factors(A, is_symmetric)
+            solutions: list[Array] = []
+            for right in rights if factors is not None else ():
+                solution = factors.solve(right)  # type: ignore[union-attr]
+                if solution is None:
+                    break
+                solutions.append(solution)
+            if factors is not None and len(solutions) == len(rights):
+                self._last = None if free is None else (factors, free)
+                return solutions
+            if is_symmetric:
+                self._trusts_diagonal = False
+        return None
+
+    def _factors(self, A: Any, is_symmetric: bool) -> Factors | None:
+        from scipy.sparse.linalg import splu
+
+        self._poll()
+        self.count += 1
+        chosen: dict[str, Any] = {"permc_spec": "COLAMD"}
+        if is_symmetric:
+            chosen = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
+            chosen["options"] = {"SymmetricMode": True}
+        try:
+            if A.nnz < _SHORT:
+                lu = splu(A, **chosen)
+            else:
+                lu = in_thread(lambda: splu(A, **chosen), self._poll)
+        except RuntimeError:  # exactly singular
+            return None
+        self.fill = max(self.fill, int(lu.nnz))
+        return Factors(lu, A)
+
+
+def rows_of_sizes(J: Any) -> Array:
+    """Return ``c_i = max_j |J_ij|``, 1 for an empty row."""
+    sizes: Array = np.asarray(abs(J).max(axis=1).todense(), float).ravel()
+    return np.where(sizes > 0, sizes, 1.0)
