@@ -10,13 +10,10 @@ use crate::zeno::table::{Landing, Table};
 pub(super) const COLUMNS: usize = 5;
 /// Longest pattern, in events.
 const LONGEST: usize = 6;
-
 /// Periods over which it must repeat.
 const REPEATS: usize = 3;
-
 /// Events of one phase in a table: fewest and most.
 const PHASE: (usize, usize) = (4, 7);
-
 /// Largest ratio, and how far the last two may differ, relative to `1 - r`.
 const RATIO: (f64, f64) = (0.98, 0.1);
 

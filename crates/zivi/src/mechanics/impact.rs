@@ -1,6 +1,7 @@
 //! Impacts: the speeds after them, and which gaps they close and open.
 //!
-//! On the set `C` of the gaps that are zero, closed ones and those that are hit, with the speeds `g-` before,
+//! On the set `C` of the gaps that are zero, closed ones and those that are hit, with the speeds
+//! `g-` before,
 //!
 //! ```text
 //! g+ = g- + D P      0 <= P  perp  g+ + e g- >= 0      q'+ = q'- + M^-1 N_C^T P          (1)
@@ -212,8 +213,8 @@ fn touched(state: &MechanicalState, hit: GapSet) -> GapSet {
     open.filter(|&i| state.touches(i) && still(i)).collect()
 }
 
-/// Notes gaps that are hit together, or open together, if they are coupled, where the system has just
-/// been evaluated.
+/// Notes gaps that are hit together, or open together, if they are coupled, where the system has
+/// just been evaluated.
 pub(super) fn flag_together(
     gaps: GapSet,
     state: &mut MechanicalState,

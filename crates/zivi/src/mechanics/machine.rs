@@ -6,7 +6,6 @@
 use std::collections::TryReserveError;
 
 use super::accumulation::{note_lifted, Accumulation};
-use super::equation::State;
 use super::flight::SmoothMotion;
 use super::impact::{flag_together, Impacts};
 use super::kinetics::Model;
@@ -48,13 +47,13 @@ pub(super) struct Saved {
 
 impl Saved {
     /// Where the system was.
-    pub(super) fn now(&self) -> &State {
-        self.state.now()
+    pub(super) fn state(&self) -> &MechanicalState {
+        &self.state
     }
 }
 
-/// Events at one instant after which the motion is called unsolved. Each pair of impacts of a light body
-/// between heavier ones may leave most of the speed.
+/// Events at one instant after which the motion is called unsolved. Each pair of impacts of a light
+/// body between heavier ones may leave most of the speed.
 const MOST_AT_ONCE: u32 = 20_000;
 /// Occurrences that a piece of the motion has, at most, by gap.
 const OF_A_PIECE: usize = 4;
@@ -190,45 +189,18 @@ impl Machine {
         self.stalled = before.stalled;
     }
 
-    /// Accelerations and contact forces at the present state.
-    pub(super) fn prepare<E, D: Dynamics<E>>(
-        &mut self,
-        model: &mut Model<'_, D>,
-    ) -> Result<(), Failure<E>> {
-        self.state.prepare(model)
-    }
-
     pub(super) fn settings(&self) -> &SwitchedRk {
         &self.settings
     }
 
-    pub(super) fn layout(&self) -> Layout {
-        self.state.layout()
+    /// Where the system is, and what the forces do there.
+    pub(super) fn state(&self) -> &MechanicalState {
+        &self.state
     }
 
-    /// Where the system is.
-    pub(super) fn now(&self) -> &State {
-        self.state.now()
-    }
-
-    /// The gaps that are closed.
-    pub(super) fn closed(&self) -> GapSet {
-        self.state.closed()
-    }
-
-    /// The gaps that are hit at once, though none of them was seen to come near.
-    pub(super) fn through(&self) -> GapSet {
-        self.state.through()
-    }
-
-    /// Accelerations of coordinates and gaps, where they are known.
-    pub(super) fn slope(&self) -> &[f64] {
-        self.state.slope()
-    }
-
-    /// Contact forces by gap, where they are known.
-    pub(super) fn lambda(&self) -> &[f64] {
-        self.state.lambda()
+    /// The same, to have the forces there computed, or impulses.
+    pub(super) fn state_mut(&mut self) -> &mut MechanicalState {
+        &mut self.state
     }
 
     /// What comes next.
@@ -261,11 +233,6 @@ impl Machine {
         self.accumulation.scales(&self.state, last)
     }
 
-    /// The state without the speeds of the gaps of a set.
-    pub(super) fn without_speeds<E>(&mut self, set: GapSet) -> Result<Vec<f64>, Failure<E>> {
-        self.state.without_speeds(set)
-    }
-
     /// Contact forces at a time and a point of the motion, whose closed gaps are set to zero.
     pub(super) fn contact_forces<E, D: Dynamics<E>>(
         &mut self,
@@ -273,7 +240,7 @@ impl Machine {
         MotionPoint { x, v, closed }: &mut MotionPoint,
         model: &mut Model<'_, D>,
     ) -> Result<&[f64], Failure<E>> {
-        let n = self.layout().n;
+        let n = self.state.layout().n;
         for gap in closed.iter() {
             (x[n + gap], v[n + gap]) = (0.0, 0.0);
         }
@@ -288,7 +255,7 @@ impl Machine {
 
     /// Makes room for what the next piece of the motion has.
     pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
-        let most = OF_A_PIECE * (self.layout().m + 1);
+        let most = OF_A_PIECE * (self.state.layout().m + 1);
         reserve.room(&mut self.occurrences, most, 2 * size_of::<f64>())
     }
 

@@ -46,13 +46,13 @@ pub(super) fn running<E>(
 ) -> Running<'_, E> {
     let MechanicalOutput { t_eval, tstops, dense, events } = output;
     let start = MotionPoint {
-        x: machine.now().x.clone(),
-        v: machine.now().xdot.clone(),
-        closed: machine.closed(),
+        x: machine.state().now().x.clone(),
+        v: machine.state().now().xdot.clone(),
+        closed: machine.state().closed(),
     };
     let record = MechanicalRecord {
         samples: MechanicalSamples::default(),
-        path: dense.then(|| MechanicalPath::new(machine.layout())),
+        path: dense.then(|| MechanicalPath::new(machine.state().layout())),
         at: start.clone(),
     };
     Running::new((machine, start), t1, (tstops, t_eval), events, record)
@@ -63,13 +63,14 @@ impl Piecewise for Machine {
     type Piece = Piece;
 
     fn t(&self) -> f64 {
-        self.now().t
+        self.state().now().t
     }
 
     fn state_to(&self, to: &mut MotionPoint) {
-        to.x.clone_from(&self.now().x);
-        to.v.clone_from(&self.now().xdot);
-        to.closed = self.closed();
+        let now = self.state().now();
+        to.x.clone_from(&now.x);
+        to.v.clone_from(&now.xdot);
+        to.closed = self.state().closed();
     }
 
     fn is_pending(&self, t_end: f64) -> bool {
@@ -104,7 +105,7 @@ impl Record<Machine> for MechanicalRecord {
         samples: usize,
         reserve: &mut Reserve,
     ) -> Result<(), TryReserveError> {
-        let (size, m) = (machine.now().x.len(), machine.layout().m);
+        let (size, m) = (machine.state().now().x.len(), machine.state().layout().m);
         self.samples.make_room(reserve, samples, size, m)?;
         machine.make_room(reserve)?;
         self.path.as_mut().map_or(Ok(()), |path| path.make_room(reserve))
@@ -149,10 +150,10 @@ impl<E> Running<'_, E> {
         closed: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
-        let end = self.method.now().t;
+        let end = self.method.state().now().t;
         if end > self.dense_from() && end > from {
             let motion = self.method.motion();
-            let curve = Curve::new(motion.last(), self.method.now(), motion.length());
+            let curve = Curve::new(motion.last(), self.method.state().now(), motion.length());
             self.follow(&curve, (from, end), closed, model)?;
         }
         self.arrive();
@@ -203,7 +204,7 @@ impl<E> Running<'_, E> {
         closed: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
-        let end = self.method.now().t;
+        let end = self.method.state().now().t;
         let motion = |t: f64, to: &mut MotionPoint| {
             arcs.at(t, &mut to.x, &mut to.v);
             to.closed = closed;
@@ -253,7 +254,7 @@ impl<E> Running<'_, E> {
                 return Ok(Some(stop));
             }
         }
-        let end = self.method.now().t;
+        let end = self.method.state().now().t;
         if let Some(stop) = self.seek_along((t, end), motion)? {
             return Ok(Some(stop));
         }
@@ -283,15 +284,16 @@ impl<E> Running<'_, E> {
         until: f64,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
-        let t = self.method.now().t;
+        let t = self.method.state().now().t;
         if self.method.is_pending(until) || !self.wanted.pass_at(t) {
             return Ok(());
         }
-        self.method.prepare(model)?;
+        self.method.state_mut().prepare(model)?;
         // an anchored gap
         self.arrive();
-        let (now, lambda) = (self.method.now(), self.method.lambda());
-        self.record.samples.push(t, (&now.x, &now.xdot), lambda, self.method.closed());
+        let state = self.method.state();
+        let (now, lambda) = (state.now(), state.lambda());
+        self.record.samples.push(t, (&now.x, &now.xdot), lambda, state.closed());
         Ok(())
     }
 
@@ -300,7 +302,7 @@ impl<E> Running<'_, E> {
         let Self { method: machine, seeker, wanted, record, reserve, end, .. } = self;
         let MechanicalRecord { mut samples, mut path, .. } = record;
         let (t, point) = &end;
-        let (layout, counts) = (machine.layout(), machine.counts());
+        let (layout, counts) = (machine.state().layout(), machine.counts());
         let mut occurrences = machine.into_occurrences();
         // an event among skipped arcs ends the run before what they lead to
         occurrences.retain(|it| it.t() <= *t || status != Status::TerminatedByEvent);

@@ -268,9 +268,9 @@ impl MechanicalState {
         self.contacts = Contacts { closed: self.contacts.closed.without(left), left };
     }
 
-    /// To a time and a state, `x` before `x'`, in which the gaps of a set are closed, and those that
-    /// are closed with them to within `rounding` of gaps and rates: all of these. The system is
-    /// evaluated there.
+    /// To a time and a state, `x` before `x'`, in which the gaps of a set are closed, and those
+    /// that are closed with them to within `rounding` of gaps and rates: all of these. The system
+    /// is evaluated there.
     pub(super) fn move_to<E, D: Dynamics<E>>(
         &mut self,
         (t, z): (f64, &[f64]),

@@ -9,7 +9,7 @@ use crate::record::failure::Failure;
 use crate::Status;
 
 /// What to do with a step that was tried.
-pub(crate) enum Verdict<V> {
+pub(crate) enum StepDecision<V> {
     /// Take it; the next may be longer by this factor.
     Take(f64),
     /// An event lies within it, after this part of it.
@@ -18,7 +18,7 @@ pub(crate) enum Verdict<V> {
     Shorten(f64, Status),
 }
 
-impl<V> Verdict<V> {
+impl<V> StepDecision<V> {
     /// It is too long to tell what happens in it.
     pub(crate) const TOO_LONG: Self = Self::Shorten(RETREAT, Status::StepSizeTooSmall);
 }
@@ -56,9 +56,9 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
 
     /// The first event in a step that is accurate enough, after which the next may be longer by the
     /// factor `growth`; a shorter step where this one cannot tell.
-    fn search(&mut self, growth: f64) -> Result<Verdict<Self::Event>, Failure<E>>;
+    fn search(&mut self, growth: f64) -> Result<StepDecision<Self::Event>, Failure<E>>;
 
-    /// Ends the step at an event near the time `length` after its start; none if there is none after all.
+    /// Ends the step at an event near the time `length` after its start; none if there is none.
     fn stop(&mut self, length: f64, event: Self::Event) -> Result<Option<Self::Piece>, Failure<E>>;
 
     /// Takes the last step.
@@ -71,12 +71,12 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
         self.steps().begin();
         loop {
             self.steps().spend()?;
-            let (factor, why) = match self.judge(h)? {
-                Verdict::Take(growth) => {
+            let (factor, why) = match self.decide(h)? {
+                StepDecision::Take(growth) => {
                     self.steps().set_next(Some(plan.next(h, growth)));
                     return self.take();
                 }
-                Verdict::Stop(theta, event) => match self.stop(theta * h, event) {
+                StepDecision::Stop(theta, event) => match self.stop(theta * h, event) {
                     Err(Failure::Status(why)) if Self::is_curable_at_event(why) => (RETREAT, why),
                     stopped => {
                         if h < plan.h {
@@ -90,7 +90,7 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
                         return self.take();
                     }
                 },
-                Verdict::Shorten(factor, why) => (factor, why),
+                StepDecision::Shorten(factor, why) => (factor, why),
             };
             h = self.steps().shorter(h, shortest, (factor, why))?;
         }
@@ -98,19 +98,19 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
 
     /// What to do with the step of length `h`.
     #[inline(always)]
-    fn judge(&mut self, h: f64) -> Result<Verdict<Self::Event>, Failure<E>> {
-        let verdict = match self.attempt(h) {
+    fn decide(&mut self, h: f64) -> Result<StepDecision<Self::Event>, Failure<E>> {
+        let decision = match self.attempt(h) {
             Ok(error) => match self.steps().growth(error) {
                 Ok(growth) => self.search(growth),
-                Err(factor) => Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall)),
+                Err(factor) => Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall)),
             },
             Err(failure) => Err(failure),
         };
-        match verdict {
+        match decision {
             Err(Failure::Status(why)) if Self::is_curable(why) => {
-                Ok(Verdict::Shorten(RETREAT, why))
+                Ok(StepDecision::Shorten(RETREAT, why))
             }
-            verdict => verdict,
+            decision => decision,
         }
     }
 
@@ -135,8 +135,8 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
         steps.last_mut().complete(&mut equation)
     }
 
-    /// The part of the last step after which a coordinate that was positive is negative, if it comes
-    /// to that.
+    /// The part of the last step after which a coordinate that was positive is negative, if it
+    /// comes to that.
     #[inline(always)]
     fn first_root(&mut self, c: usize) -> Result<Option<f64>, Failure<E>> {
         let (steps, _, mut equation) = self.parts();
@@ -171,5 +171,110 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
         self.complete()?;
         let theta = self.steps().last().root_of_polynomial(c);
         Ok(Some(Root::Within(theta.unwrap_or(1.0))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::coordinates::State;
+    use crate::numeric::step_error::Tolerances;
+    use crate::numeric::tableau::DOP853;
+    use crate::piecewise::steps::Limits;
+    use std::f64::consts::FRAC_PI_2;
+
+    /// `x'' = -x`.
+    struct Spring;
+
+    impl Equation<f64, Failure<()>> for Spring {
+        fn acceleration(&mut self, at: &State<f64>, into: &mut f64) -> Result<(), Failure<()>> {
+            *into = -at.x;
+            Ok(())
+        }
+    }
+
+    /// From rest at `x = 1`, in steps that are called too long above a length.
+    struct Oscillator {
+        steps: Steps<f64>,
+        now: State<f64>,
+        slope: f64,
+        too_long: f64,
+    }
+
+    impl SteppedFlight<f64, ()> for Oscillator {
+        type Event = ();
+        /// When it is at zero.
+        type Piece = Option<f64>;
+
+        fn steps(&mut self) -> &mut Steps<f64> {
+            &mut self.steps
+        }
+
+        fn parts(&mut self) -> (&mut Steps<f64>, Start<'_, f64>, impl Equation<f64, Failure<()>>) {
+            (&mut self.steps, (&self.now, &self.slope), Spring)
+        }
+
+        fn search(&mut self, growth: f64) -> Result<StepDecision<()>, Failure<()>> {
+            if self.steps.last().h >= self.too_long {
+                return Ok(StepDecision::TOO_LONG);
+            }
+            let root = self.first_root(0)?;
+            Ok(root.map_or(StepDecision::Take(growth), |theta| StepDecision::Stop(theta, ())))
+        }
+
+        fn stop(&mut self, length: f64, (): ()) -> Result<Option<Option<f64>>, Failure<()>> {
+            let root = self.step_onto(0, length)?;
+            let last = self.steps.last();
+            Ok(root.map(|root| match root {
+                Root::Near { delta, .. } => Some(last.from.t + last.h + delta),
+                Root::Within(theta) => Some(last.from.t + theta * last.h),
+            }))
+        }
+
+        fn take(&mut self) -> Result<Option<f64>, Failure<()>> {
+            self.steps.accept();
+            self.now = self.steps.last().end;
+            self.slope = -self.now.x;
+            Ok(None)
+        }
+    }
+
+    /// When it is at zero, and the steps that were taken and given up before.
+    fn at_zero(too_long: f64, max_steps: usize) -> (Result<f64, Failure<()>>, (u64, u64)) {
+        let tolerances = Tolerances { rtol: 1e-12, atol: [1e-12; 2], rounding: 0.25 };
+        let limits = Limits { adaptive: true, tolerances, max_step: 1.0, max_steps };
+        let steps = Steps::new(limits, &DOP853, 1, None);
+        let now = State { t: 0.0, late: 0.0, x: 1.0, xdot: 0.0 };
+        let mut it = Oscillator { steps, now, slope: -1.0, too_long };
+        let mut fly = || loop {
+            let from = (&it.now, &it.slope);
+            let plan = it.steps.plan(from, 0..1, f64::INFINITY, 10.0, &mut Spring)?;
+            if let Some(t) = it.fly(plan, 1e-15)? {
+                return Ok(t);
+            }
+        };
+        let t = fly();
+        (t, it.steps.counts())
+    }
+
+    #[test]
+    fn steps_end_at_the_first_root() {
+        for too_long in [f64::INFINITY, 0.02] {
+            let (t, (accepted, rejected)) = at_zero(too_long, 1000);
+            assert!(t.is_ok_and(|t| (t - FRAC_PI_2).abs() < 1e-12), "{too_long}");
+            let most = if too_long == 0.02 { accepted } else { 1 };
+            assert!(accepted > 3 && rejected <= most, "{accepted} {rejected}");
+        }
+        let (_, (accepted, rejected)) = at_zero(0.02, 1000);
+        assert!(accepted > 75 && rejected > 0, "{accepted} {rejected}");
+    }
+
+    #[test]
+    fn the_reason_why_there_is_no_step_ends_a_run() {
+        let too_small = |t| matches!(t, Err(Failure::Status(Status::StepSizeTooSmall)));
+        let (t, (accepted, rejected)) = at_zero(0.0, 1000);
+        assert!(too_small(t) && accepted == 0 && rejected > 10, "{rejected}");
+        let (t, _) = at_zero(f64::INFINITY, 3);
+        assert!(matches!(t, Err(Failure::Status(Status::StepBudget))));
     }
 }

@@ -13,7 +13,7 @@ use super::state::MechanicalState;
 use crate::numeric::stages::Equation;
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::step_size::Plan;
-use crate::piecewise::flight::{Root, SteppedFlight, Verdict};
+use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
 use crate::piecewise::steps::{Experience, Start, Steps};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -211,22 +211,22 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
         why == Status::StepSizeTooSmall
     }
 
-    fn search(&mut self, growth: f64) -> Result<Verdict<Event>, Failure<E>> {
+    fn search(&mut self, growth: f64) -> Result<StepDecision<Event>, Failure<E>> {
         let (n, end) = (self.state.layout().n, &self.motion.last().end);
         if !self.state.left().iter().all(|i| end.x[n + i] > 0.0 && end.xdot[n + i] > 0.0) {
-            return Ok(Verdict::TOO_LONG);
+            return Ok(StepDecision::TOO_LONG);
         }
         let contact = self.first_contact()?;
         if let Some(factor) = self.overlooked(contact.map(|(_, gap)| gap))? {
-            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+            return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
         let release = match self.first_release(contact.map_or(1.0, |(theta, _)| theta))? {
             Release::None => None,
             Release::At(theta, gap) => Some((theta, gap)),
-            Release::Unclear => return Ok(Verdict::Shorten(0.5, Status::ContactNotSolved)),
+            Release::Unclear => return Ok(StepDecision::Shorten(0.5, Status::ContactNotSolved)),
             Release::Varies(length) => {
                 let factor = length / self.motion.last().h;
-                return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+                return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
             }
         };
         if self.motion.last().end.t > self.motion.steps.dense_from() {
@@ -234,10 +234,10 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
         }
         Ok(match (contact, release) {
             (Some((theta, gap)), other) if other.is_none_or(|(lift, _)| theta <= lift) => {
-                Verdict::Stop(theta, Event::Hit(gap))
+                StepDecision::Stop(theta, Event::Hit(gap))
             }
-            (_, Some((theta, gap))) => Verdict::Stop(theta, Event::Release(gap)),
-            _ => Verdict::Take(growth),
+            (_, Some((theta, gap))) => StepDecision::Stop(theta, Event::Release(gap)),
+            _ => StepDecision::Take(growth),
         })
     }
 

@@ -12,6 +12,7 @@ use crate::mechanics::machine::Machine;
 use crate::mechanics::mode::Next;
 use crate::mechanics::piece::Piece;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::switched::sensitivity::Limit;
 use crate::system::dynamics::Layout;
@@ -33,7 +34,7 @@ impl Follower<'_> {
         let corner = matches!(machine.next(), Next::Jump(ahead) if ahead.corner.is_some());
         let (from, key) = (machine.occurrences().len(), machine.chain().key());
         let piece = machine.advance(t_end, model)?;
-        let t = machine.now().t;
+        let t = machine.state().now().t;
         self.fill_samples(t);
         if corner || self.zeno.len() != self.count() {
             let unknown = vec![f64::NAN; self.count()];
@@ -50,15 +51,15 @@ impl Follower<'_> {
             let dz = zeno.state();
             for c in 0..size {
                 let entry = column * size + c;
-                end.x[entry] = dz[c] - zeno.t * machine.now().xdot[c];
-                end.xdot[entry] = dz[size + c] - zeno.t * machine.slope()[c];
+                end.x[entry] = dz[c] - zeno.t * machine.state().now().xdot[c];
+                end.xdot[entry] = dz[size + c] - zeno.t * machine.state().slope()[c];
             }
         }
-        self.columns.visit(model, machine.now(), machine.closed())?;
+        self.columns.visit(model, machine.state().now(), machine.state().closed())?;
         if let Some(gap) = key.hit.iter().next() {
             self.note_pull(n + gap, machine)?;
         }
-        self.columns.project(machine.closed(), machine.now())?;
+        self.columns.project(machine.state().closed(), machine.state().now())?;
         self.hold(machine, model)?;
         self.zeno.clear();
         Ok(piece)
@@ -67,7 +68,7 @@ impl Follower<'_> {
     /// At a Zeno point the pull on the gap has to stay a pull.
     fn note_pull<E>(&mut self, c: usize, machine: &Machine) -> Result<(), Failure<E>> {
         let n = self.columns.layout.n;
-        let key_closed = machine.closed().without(crate::record::gap_set::GapSet::of(c - n));
+        let key_closed = machine.state().closed().without(GapSet::of(c - n));
         let local = &mut self.columns.local;
         local.kinetics.contact(key_closed)?;
         let pull = -local.kinetics.acceleration[c];
@@ -80,9 +81,9 @@ impl Follower<'_> {
             let row = local.along(Direction { t: zeno.t, q, w, parameter });
             rates.push(local.acceleration(key_closed, &row)?.0[c]);
         }
-        local.kinetics.contact(machine.closed())?;
+        local.kinetics.contact(machine.state().closed())?;
         if pull > 0.0 {
-            self.validity.note(Limit::Zeno, machine.now().t, pull, rates);
+            self.validity.note(Limit::Zeno, machine.state().now().t, pull, rates);
         }
         Ok(())
     }
@@ -96,7 +97,7 @@ impl Follower<'_> {
     ) -> Result<Piece, Failure<E>> {
         let (Layout { n, .. }, size) = (self.columns.layout, self.columns.size());
         let (closed, now, from) =
-            (machine.closed(), machine.now().clone(), machine.occurrences().len());
+            (machine.state().closed(), machine.state().now().clone(), machine.occurrences().len());
         self.columns.visit(model, &now, closed)?;
         let local = &mut self.columns.local;
         let a = local.kinetics.acceleration[..n].to_vec();
@@ -123,7 +124,7 @@ impl Follower<'_> {
             .iter()
             .any(|it| matches!(it, Occurrence::Flag { kind: FlagKind::Simultaneous, .. }));
         if together {
-            self.lose_all(machine.now().t);
+            self.lose_all(machine.state().now().t);
         }
         Ok(piece)
     }

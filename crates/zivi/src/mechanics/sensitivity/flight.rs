@@ -29,10 +29,10 @@ impl Follower<'_> {
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let (visited, closed) = (self.columns.visited, machine.closed());
+        let (visited, closed) = (self.columns.visited, machine.state().closed());
         let before = machine.save();
         let order = machine.motion().last().order_of_error();
-        let shortest = 16.0 * f64::EPSILON * before.now().t.abs();
+        let shortest = 16.0 * f64::EPSILON * before.state().now().t.abs();
         for retry in 0.. {
             let piece = machine.advance(t_end, model)?;
             let h = machine.motion().last().h;
@@ -72,7 +72,7 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         self.note_height(machine);
-        let (total, t) = (machine.motion().length(), machine.now().t);
+        let (total, t) = (machine.motion().length(), machine.state().now().t);
         let mut onto = None;
         let closed = self.columns.closed;
         if (total - machine.motion().last().h).abs() > NUDGE * machine.motion().last().h {
@@ -92,8 +92,8 @@ impl Follower<'_> {
         self.sample(stages, t, model)?;
         self.columns.take(stages, total - stages.h, model)?;
         if !closed.is_empty() {
-            self.columns.visit(model, machine.now(), closed)?;
-            self.columns.project(closed, machine.now())?;
+            self.columns.visit(model, machine.state().now(), closed)?;
+            self.columns.project(closed, machine.state().now())?;
         }
         Ok(())
     }

@@ -79,10 +79,10 @@ impl<'a> Follower<'a> {
         machine: &Machine,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let (Layout { n, m }, now) = (self.columns.layout, machine.now());
+        let (Layout { n, m }, now) = (self.columns.layout, machine.state().now());
         let size = n + m;
         self.set_extent(machine, model)?;
-        self.columns.visit(model, now, machine.closed())?;
+        self.columns.visit(model, now, machine.state().closed())?;
         self.note_height(machine);
         let acceleration = self.columns.local.kinetics.acceleration.clone();
         for column in 0..self.count() {
@@ -109,10 +109,10 @@ impl<'a> Follower<'a> {
                 (x[n + k], v[n + k]) = (gap, rate);
             }
         }
-        if machine.closed().is_empty() {
+        if machine.state().closed().is_empty() {
             return Ok(());
         }
-        self.columns.project(machine.closed(), now)
+        self.columns.project(machine.state().closed(), now)
     }
 
     /// How far the state moves in a second, or in a run that is shorter.
@@ -121,10 +121,10 @@ impl<'a> Follower<'a> {
         machine: &Machine,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let (n, State { t, x, xdot: v, .. }) = (self.columns.layout.n, machine.now());
+        let (n, State { t, x, xdot: v, .. }) = (self.columns.layout.n, machine.state().now());
         let kinetics = &mut self.columns.local.kinetics;
         kinetics.evaluate(model, *t, &x[..n], &v[..n])?;
-        kinetics.contact(machine.closed())?;
+        kinetics.contact(machine.state().closed())?;
         let (duration, a) = ((self.end - t).min(1.0), &kinetics.acceleration);
         let of_w: Vec<f64> = (0..n).map(|c| v[c].abs() + duration * a[c].abs()).collect();
         let of_q: Vec<f64> = (0..n).map(|c| x[c].abs() + duration * of_w[c]).collect();
@@ -134,7 +134,8 @@ impl<'a> Follower<'a> {
 
     pub(super) fn note_height(&mut self, machine: &Machine) {
         let n = self.columns.layout.n;
-        self.highest = machine.now().x[n..].iter().fold(self.highest, |a, b| a.max(b.abs()));
+        self.highest =
+            machine.state().now().x[n..].iter().fold(self.highest, |a, b| a.max(b.abs()));
     }
 
     /// From here on a column is not known.
@@ -213,7 +214,7 @@ impl<'a> Follower<'a> {
         let piece = machine.advance(t_end, model)?;
         let unknown = vec![f64::NAN; self.count()];
         self.note_events(machine, from, |_| None, |_| None, &unknown);
-        self.fill_samples(machine.now().t);
+        self.fill_samples(machine.state().now().t);
         self.hold(machine, model)?;
         Ok(piece)
     }
@@ -224,7 +225,7 @@ impl<'a> Follower<'a> {
         machine: &Machine,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        if machine.closed().len() < self.columns.layout.n || !self.lost.contains(&true) {
+        if machine.state().closed().len() < self.columns.layout.n || !self.lost.contains(&true) {
             return Ok(());
         }
         let size = self.columns.size();
@@ -234,8 +235,8 @@ impl<'a> Follower<'a> {
                 self.columns.now.xdot[column * size..][..size].fill(0.0);
             }
         }
-        self.columns.visit(model, machine.now(), machine.closed())?;
-        self.columns.project(machine.closed(), machine.now())
+        self.columns.visit(model, machine.state().now(), machine.state().closed())?;
+        self.columns.project(machine.state().closed(), machine.state().now())
     }
 
     /// Samples up to a time where the columns are not known.
@@ -277,7 +278,7 @@ impl<'f, E, D: DifferentiableDynamics<E>> Driver<Machine, Model<'f, D>, E> for F
             Next::Hit(_) => self.strike(machine, t_end, model),
             Next::Release { .. } => self.release(machine, t_end, model),
             Next::Jump(ahead) if ahead.landing.t <= t_end => self.jump(machine, t_end, model),
-            _ if machine.through() != GapSet::EMPTY => self.strike(machine, t_end, model),
+            _ if machine.state().through() != GapSet::EMPTY => self.strike(machine, t_end, model),
             _ => self.fly_within(machine, t_end, model),
         }
     }

@@ -56,7 +56,7 @@ impl Follower<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
         let (before, closed, from) =
-            (machine.now().clone(), machine.closed(), machine.occurrences().len());
+            (machine.state().now().clone(), machine.state().closed(), machine.occurrences().len());
         self.columns.visit(model, &before, closed)?;
         let slope = self.columns.local.kinetics.acceleration.clone();
         let piece = machine.advance(t_end, model)?;
@@ -100,7 +100,8 @@ impl Follower<'_> {
         machine: &Machine,
     ) -> Result<Vec<Shifted>, Failure<E>> {
         let (Layout { n, m }, size) = (self.columns.layout, self.columns.size());
-        let (t, Struck { before, slope, closed, hit, set, impulses }) = (machine.now().t, struck);
+        let (t, Struck { before, slope, closed, hit, set, impulses }) =
+            (machine.state().now().t, struck);
         let mut hits = hit.iter();
         let (Some(gap), None) = (hits.next(), hits.next()) else {
             self.lose_all(t);
@@ -125,8 +126,8 @@ impl Follower<'_> {
             let local = &mut self.columns.local;
             let row = local.along(Direction { t: dt, q: &x[..n], w, parameter });
             let wrt = self.columns.wrt[column];
-            let after = &machine.now().xdot;
-            let stays = |i: usize| i == gap && machine.closed().has(i);
+            let after = &machine.state().now().xdot;
+            let stays = |i: usize| i == gap && machine.state().closed().has(i);
             let target = |i: usize| match i {
                 i if stays(i) || i != gap => 0.0,
                 _ => -machine.e()[i] * rates[i] - before.xdot[n + i] * wrt.of_e(i),
@@ -167,11 +168,11 @@ impl Follower<'_> {
     ) -> Result<Vec<f64>, Failure<E>> {
         let n = self.columns.layout.n;
         let mut dt: Vec<f64> = shifted.iter().map(|it| it.dt).collect();
-        let Some(gap) = struck.hit.iter().find(|&gap| machine.closed().has(gap)) else {
+        let Some(gap) = struck.hit.iter().find(|&gap| machine.state().closed().has(gap)) else {
             return Ok(dt);
         };
         let kinetics = &mut self.columns.local.kinetics;
-        let now = machine.now();
+        let now = machine.state().now();
         kinetics.evaluate(model, now.t, &now.x[..n], &now.xdot[..n])?;
         kinetics.contact(struck.closed)?;
         self.columns.visited = None;
@@ -191,10 +192,10 @@ impl Follower<'_> {
         let end = &mut self.columns.now;
         for (column, it) in shifted.iter().enumerate() {
             for c in 0..size {
-                end.x[column * size + c] = it.x[c] - it.dt * machine.now().xdot[c];
-                end.xdot[column * size + c] = it.v[c] - it.dt * machine.slope()[c];
+                end.x[column * size + c] = it.x[c] - it.dt * machine.state().now().xdot[c];
+                end.xdot[column * size + c] = it.v[c] - it.dt * machine.state().slope()[c];
             }
-            close(column * size + self.columns.layout.n, machine.closed(), end);
+            close(column * size + self.columns.layout.n, machine.state().closed(), end);
         }
         self.blank();
     }
@@ -210,7 +211,7 @@ impl Follower<'_> {
     ) -> Result<(), Failure<E>> {
         let Some(&last) = machine.chain().bounces().last() else { return Ok(()) };
         let key = machine.chain().key();
-        if last.t != machine.now().t || key.hit != struck.hit {
+        if last.t != machine.state().now().t || key.hit != struck.hit {
             return Ok(());
         }
         self.note_chain(shifted, machine, model)?;
@@ -248,9 +249,9 @@ impl Follower<'_> {
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m }, size, key) =
             (self.columns.layout, self.columns.size(), machine.chain().key());
-        let (set, now) = (key.closed.with(key.hit), machine.now().clone());
+        let (set, now) = (key.closed.with(key.hit), machine.state().now().clone());
         let Some(gap) = key.hit.iter().next() else { return Ok(()) };
-        let z = machine.without_speeds(set)?;
+        let z = machine.state_mut().without_speeds(set)?;
         let w = &z[size..][..n];
         // the state without the bounce, and how it moves along the event
         let local = &mut self.columns.local;

@@ -3,7 +3,7 @@
 use super::series::Arrival;
 use crate::numeric::stages::Equation;
 use crate::numeric::step_size::{factor, FACTORS};
-use crate::piecewise::flight::{Root, SteppedFlight, Verdict};
+use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
 use crate::piecewise::steps::{Experience, Start, Steps};
 use crate::record::failure::Failure;
 use crate::switched::lookahead::Obstacle;
@@ -114,23 +114,23 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
     }
 
     #[inline(always)]
-    fn search(&mut self, growth: f64) -> Result<Verdict<()>, Failure<E>> {
+    fn search(&mut self, growth: f64) -> Result<StepDecision<()>, Failure<E>> {
         let leaves = self.mode.leaves();
         if leaves && !self.pair.steps.last().rises(0) {
-            return Ok(Verdict::TOO_LONG);
+            return Ok(StepDecision::TOO_LONG);
         }
         let contact = if leaves { None } else { self.first_root(0)? };
         if let Some(factor) = self.overlooked(contact)? {
-            return Ok(Verdict::Shorten(factor, Status::StepSizeTooSmall));
+            return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
         if let Some(theta) = contact {
-            return Ok(Verdict::Stop(theta, ()));
+            return Ok(StepDecision::Stop(theta, ()));
         }
         if self.pair.steps.last().end.t > self.pair.steps.dense_from() {
             // with its polynomials, or not at all
             self.complete()?;
         }
-        Ok(Verdict::Take(growth))
+        Ok(StepDecision::Take(growth))
     }
 
     /// Steps once more, onto the impact near `now + length`; none if that step passes the wall
