@@ -26,9 +26,8 @@ use zivi_core::ThetaGammaStep;
 
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::stepping::scheme::{FixedSteps, Scheme};
-use crate::stepping::{explicit, moreau_jean, theta_gamma};
 use crate::system::dynamics::Dynamics;
-use crate::{Force, Monitor, Output, Physical, Restitution, SetupError, SwitchedRk};
+use crate::{stepping, Force, Monitor, Output, Physical, Restitution, SetupError, SwitchedRk};
 
 impl<S: Scheme> Settings for FixedSteps<S> {
     fn check(&self) -> Result<(), SetupError> {
@@ -200,7 +199,7 @@ macro_rules! methods {
 
 methods! {
     SwitchedRk(SwitchedRk): PointMass, Mechanism;
-    ThetaGamma(FixedSteps<theta_gamma::ThetaGamma>): PointMass, Mechanism;
-    MoreauJean(FixedSteps<moreau_jean::MoreauJean>): PointMass, Mechanism;
-    ExplicitEuler(FixedSteps<explicit::ExplicitEuler>): PointMass;
+    ThetaGamma(FixedSteps<stepping::theta_gamma::ThetaGamma>): PointMass, Mechanism;
+    MoreauJean(FixedSteps<stepping::moreau_jean::MoreauJean>): PointMass, Mechanism;
+    ExplicitEuler(FixedSteps<stepping::explicit::ExplicitEuler>): PointMass;
 }
