@@ -408,8 +408,8 @@ def test_the_page():
     program, mechanical = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     names = {"np": np, "zivi": zivi}
     exec(mechanical, names)
-    assert names["batch"].success.all()
-    assert names["batch"].sample_q.shape == (50, 301, 2)
+    assert names["blocks"].success.all()
+    assert names["blocks"].sample_q.shape == (50, 301, 2)
     names = {}
     exec(program, names)
     (told,) = re.findall(r"print\(batch\)  # (.*)", program)
