@@ -427,7 +427,7 @@ def test_the_page():
 
 
 @pytest.mark.parametrize(
-    ("save", "size"), [("final", 89), ("statistics", 105), (10, 89 + 16 * 101)]
+    ("save", "size"), [("final", 105), ("statistics", 121), (10, 105 + 16 * 101)]
 )
 def test_bytes_of_a_run(save, size):
     batch = run(y0=starts(10), save=save)

@@ -33,7 +33,7 @@ def test_the_sum_of_the_exponents_of_a_chaotic_motion():
     e = 0.8
     found = zivi.lyapunov_exponents(table(2.0, e), (0, 4000), (0.5, 1.0), transient=300)
     assert 0.09 < found.exponents[0] < 0.13
-    rows = found.trajectory.impacts
+    rows = found.trajectory.resolved_impacts
     u = rows["xdot_after"][rows["t"] >= 300]
     total = (2 * found.n_impacts * math.log(e) + math.log(u[0] / u[-1])) / found.duration
     assert abs(np.sum(found.exponents) - total) < 1e-9

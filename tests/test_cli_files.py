@@ -87,7 +87,12 @@ def test_simulate(place):
 def test_control(place):
     told = run("control", "control.toml").output
     found = files.load("control.nc")
-    for text in ("completed", "x - x_ref = 0 m", "2001, 0 refused", f"{len(found.impacts)} res"):
+    for text in (
+        "completed",
+        "x - x_ref = 0 m",
+        "2001, 0 refused",
+        f"{len(found.resolved_impacts)} res",
+    ):
         assert text in told, told
     low, high = re.search(r"control\s+│ (\S+) \.\. (\S+) m/s\^2", told).groups()
     assert float(low) == pytest.approx(found.u.min(), rel=1e-5)

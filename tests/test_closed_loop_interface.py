@@ -75,7 +75,7 @@ def test_foreign_controllers_run_as_ours(paper):
         inner = zivi.TwistingTracker(**PAPER, branch=branch)
         theirs = loop(Foreign(inner), method=method, t_span=(0, 2))
         assert_equal_runs(ours, theirs, names=("t", "x", "xdot", "x_ref", "xdot_ref", "u"))
-        np.testing.assert_array_equal(ours.impacts, theirs.impacts)
+        np.testing.assert_array_equal(ours.resolved_impacts, theirs.resolved_impacts)
         assert np.all(np.isnan(theirs.signs))
         assert theirs.config["controller"] == {"name": "Foreign"}
     regulator = zivi.TwistingRegulator(**PAPER)
@@ -219,7 +219,7 @@ def test_a_control_that_is_no_number_ends_the_run(answer):
     assert run.status is zivi.Status.STATE_NOT_FINITE
     assert len(run.t) == 6
     assert np.all(np.isfinite(run.x))
-    assert np.all(np.isfinite(run.impacts["t"]))
+    assert np.all(np.isfinite(run.resolved_impacts["t"]))
 
 
 @pytest.mark.parametrize("name", ["force_model", "force_ref"])

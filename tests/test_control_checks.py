@@ -78,7 +78,7 @@ def test_the_regulators_bound_is_where_bounces_begin_to_grow(bound, holds):
     plant = zivi.ImpactSystem(lambda t, x, v: math.copysign(bound, v), e=0.5)
     regulator = zivi.TwistingRegulator(3, 0.5, **settings)
     run = zivi.simulate_closed_loop(plant, regulator, (0, 8), (1, 0), force_model=0.0)
-    speeds = run.impacts["xdot_before"][:4]
+    speeds = run.resolved_impacts["xdot_before"][:4]
     ratio = 0.5 * math.sqrt((2.5 + bound) / (3.5 - bound))
     assert (ratio < 1) == holds
     np.testing.assert_allclose(speeds[1:] / speeds[:-1], ratio, rtol=1e-3)

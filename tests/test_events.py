@@ -50,7 +50,7 @@ def test_apexes():
     sol = follow(velocity(direction=-1))
     starts = np.array(impacts_of_ball(31))
     apexes = 0.5 * (starts[1:] + starts[:-1])
-    assert len(sol.impacts) < 12
+    assert len(sol.resolved_impacts) < 12
     assert len(sol.t_events[0]) >= 30
     np.testing.assert_allclose(sol.t_events[0][:30], apexes, rtol=0, atol=1e-12)
     heights = [(0.5**n) ** 2 for n in range(1, 31)]
@@ -63,9 +63,9 @@ def test_apexes():
 def test_impacts_as_rising_velocity():
     """A velocity that changes its sign by an impact is an event then, with the state after it."""
     sol = follow(velocity(direction=1))
-    n = len(sol.impacts)
-    np.testing.assert_array_equal(sol.t_events[0][:n], sol.impacts["t"])
-    np.testing.assert_array_equal(sol.y_events[0][:n, 1], sol.impacts["xdot_after"])
+    n = len(sol.resolved_impacts)
+    np.testing.assert_array_equal(sol.t_events[0][:n], sol.resolved_impacts["t"])
+    np.testing.assert_array_equal(sol.y_events[0][:n, 1], sol.resolved_impacts["xdot_after"])
     np.testing.assert_array_equal(sol.y_events[0][:n, 0], 0.0)
     np.testing.assert_allclose(sol.t_events[0][:25], impacts_of_ball(25), rtol=0, atol=1e-12)
 
@@ -76,9 +76,9 @@ def test_touchdown_is_one_falling_event():
         sol = follow(event(lambda t, x, xdot: x, direction=direction), span=(0, 1.05))
         assert len(sol.t_events[0]) == expected
     sol = follow(lambda t, x, xdot: x, span=(0, 1.05))
-    np.testing.assert_allclose(sol.t_events[0], sol.impacts["t"], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(sol.t_events[0], sol.resolved_impacts["t"], rtol=0, atol=1e-14)
     np.testing.assert_array_equal(sol.y_events[0][:, 0], 0.0)
-    np.testing.assert_array_equal(sol.y_events[0][:, 1], sol.impacts["xdot_before"])
+    np.testing.assert_array_equal(sol.y_events[0][:, 1], sol.resolved_impacts["xdot_before"])
     down = [follow(lambda t, x, xdot: x, span=(0, end)).t_events[0] for end in (1.35, 3)]
     assert len(down[0]) == 8
     assert len(down[1]) > 25
@@ -224,8 +224,8 @@ def test_a_terminal_event_ends_the_run_there(method, terminal):
     np.testing.assert_allclose(sol(sol.t[-1]), sol.y_events[0][-1], atol=1e-13)
     with pytest.raises(ValueError, match="computed span"):
         sol(sol.t[-1] + 1e-6)
-    assert np.all(sol.impacts["t"] <= sol.t[-1])
-    assert len(sol.impacts) == (count + 1) // 2
+    assert np.all(sol.resolved_impacts["t"] <= sol.t[-1])
+    assert len(sol.resolved_impacts) == (count + 1) // 2
     assert len(sol.zeno_times) == len(sol.liftoff_times) == 0
     assert sol.rest_time is None
     whole = follow(velocity(), method=method)
@@ -255,7 +255,7 @@ def test_a_terminal_touchdown_can_be_resumed(tol):
     """The run ends before the impact, and the next one begins with it."""
     method = zivi.SwitchedRK(rtol=tol, atol=tol)
     sol = follow(event(lambda t, x, xdot: x, terminal=True), method=method)
-    assert len(sol.impacts) == 0
+    assert len(sol.resolved_impacts) == 0
     assert (sol.t[-1], sol.x[-1]) == (pytest.approx(EXACT.first, abs=1e-12), 0.0)
     assert sol.xdot[-1] == pytest.approx(-EXACT.speed, abs=1e-12)
     on = follow(None, span=(sol.t[-1], 3), state=(sol.x[-1], sol.xdot[-1]))

@@ -151,7 +151,7 @@ def test_extrapolated_impacts_are_kept_also_without_dense_output(tmp_path):
     run = RUNS["plain switched"]()
     save(run, tmp_path / "run.nc")
     found = load(tmp_path / "run.nc")
-    assert len(found.impacts) == 3
+    assert len(found.resolved_impacts) == 3
     assert len(found.impacts_down_to(1e-6)) == 22  # 4.43 m/s e^22 = 1.06e-6
     with pytest.raises(ValueError, match="needs a run with dense_output=True"):
         found(0.5)

@@ -39,7 +39,7 @@ def test_the_time_of_a_crossing_within_a_step_is_that_of_the_motion(method):
     # no force: the wall is reached at 1 s; implicit Euler has the speed after the impact in the
     # whole of its step
     exact = 1.1 if isinstance(method, zivi.ThetaGamma) else 1.0
-    assert sol.impacts["t"] == pytest.approx([exact], abs=1e-14)
+    assert sol.resolved_impacts["t"] == pytest.approx([exact], abs=1e-14)
     assert sol.t_events[0] == pytest.approx([exact], abs=1e-12)
     assert sol.t_events[1] == pytest.approx([exact], abs=1e-12)
 
@@ -144,7 +144,9 @@ def test_no_step_is_computed_after_that_of_a_terminal_event(method, count, direc
     assert np.array_equal(sol.y_events[0], whole.y_events[0][:count])
     for name in ("t", "x", "xdot", "s", "v", "lambda_s", "lambda_v"):
         assert np.array_equal(getattr(sol, name)[:n], getattr(whole, name)[:n])
-    assert np.array_equal(sol.impacts, whole.impacts[whole.impacts["t"] <= end])
+    assert np.array_equal(
+        sol.resolved_impacts, whole.resolved_impacts[whole.resolved_impacts["t"] <= end]
+    )
     assert sol.n_steps == n
     # a constant force is known after one evaluation: the looks tell how far the run went
     last = whole.t[np.searchsorted(whole.t, end)]
@@ -176,9 +178,11 @@ def test_a_touchdown_that_rounds_to_the_start_of_its_step():
         zivi.ExplicitEuler(1e-2),
         events=event(lambda t, x, v: x, -1),
     )
-    rounded = np.isin(sol.impacts["t"], sol.t) & np.isin(sol.impacts["t"], sol.t[sol.x > 0])
+    rounded = np.isin(sol.resolved_impacts["t"], sol.t) & np.isin(
+        sol.resolved_impacts["t"], sol.t[sol.x > 0]
+    )
     assert np.any(rounded)
-    np.testing.assert_allclose(sol.t_events[0], sol.impacts["t"], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(sol.t_events[0], sol.resolved_impacts["t"], rtol=0, atol=1e-14)
 
 
 @FIXED

@@ -66,7 +66,7 @@ def test_the_same_law_gives_the_same_run(form, method):
     assert sol.nfev > sol.n_steps / 2
     np.testing.assert_allclose(sol.s, reference.s, atol=1e-10)
     np.testing.assert_allclose(sol.v, reference.v, atol=1e-10)
-    assert len(sol.impacts) == len(reference.impacts)
+    assert len(sol.resolved_impacts) == len(reference.resolved_impacts)
 
 
 def test_a_number_is_a_constant_force():
@@ -144,7 +144,7 @@ def test_an_exception_reaches_the_caller_with_its_traceback_and_the_run_so_far()
     assert not sol.success
     assert sol.t[-1] == pytest.approx(2.0, abs=0.011)
     np.testing.assert_array_equal(sol.s, whole.s[: len(sol.s)])
-    assert len(sol.impacts) == np.count_nonzero(whole.impacts["t"] <= sol.t[-1])
+    assert len(sol.resolved_impacts) == np.count_nonzero(whole.resolved_impacts["t"] <= sol.t[-1])
     assert any("2" in note for note in caught.value.__notes__)
 
 

@@ -109,7 +109,7 @@ def test_a_periodic_orbit_is_held_for_as_long_as_it_runs():
     assert np.abs(run.error[late]).max() < 5e-3
     away = late & (np.abs((run.t + 0.5) % 1.0 - 0.5) > 0.05)
     assert np.abs(run.error[away]).max() < 1e-4
-    assert len(run.impacts) >= 30
+    assert len(run.resolved_impacts) >= 30
 
 
 def test_controllers_of_the_user_are_told_the_reference():

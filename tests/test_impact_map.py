@@ -29,12 +29,12 @@ def test_orbits_are_the_impacts_of_runs():
     for step in (map_of(), map_of(wall=wall), map_of(omega=-0.9, phase=0.3)):
         method = zivi.SwitchedRK(rtol=1e-13, atol=1e-13, flights="rk")
         sol = zivi.simulate(step.system, (0, 120), (0, 1.5), method=method)
-        phase, u = step.orbit(0.0, 1.5, len(sol.impacts))
+        phase, u = step.orbit(0.0, 1.5, len(sol.resolved_impacts))
         assert len(u) > 15
-        expected = 0.9 * sol.impacts["t"]
+        expected = 0.9 * sol.resolved_impacts["t"]
         turn = (phase - expected + np.pi) % (2 * np.pi) - np.pi
         assert np.abs(turn).max() < 1e-9
-        assert np.abs(u - sol.impacts["xdot_after"]).max() < 1e-9
+        assert np.abs(u - sol.resolved_impacts["xdot_after"]).max() < 1e-9
 
 
 def test_jacobians_are_those_of_differences():

@@ -73,7 +73,7 @@ def test_a_constant_force_gives_the_same_loop_to_the_last_bit(controller):
         np.testing.assert_array_equal(values[:-1], getattr(run, name)[:-1], err_msg=name)
     assert found["x"][-1] == run.x[-1]
     assert controller.state == before
-    assert len(run.impacts) > 3
+    assert len(run.resolved_impacts) > 3
 
 
 @with_control
@@ -318,7 +318,7 @@ def test_a_controller_of_the_user_with_a_reference_is_a_block(kind):
     )
     for name, values in zip(outputs, found.outputs, strict=True):
         np.testing.assert_array_equal(values[:-1], getattr(run, name)[:-1], err_msg=name)
-    assert len(run.impacts) > 0 or kind is Leading
+    assert len(run.resolved_impacts) > 0 or kind is Leading
 
 
 @with_control

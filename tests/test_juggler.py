@@ -46,7 +46,7 @@ def test_the_motion_is_that_of_a_closed_loop():
     speed = np.sqrt(2 * 9.81 * 0.5)
     wanted = np.column_stack([run.x / 0.5, run.xdot / speed])
     np.testing.assert_allclose(np.array(states), wanted, rtol=2e-6, atol=1e-6)
-    assert count == len(run.impacts)
+    assert count == len(run.resolved_impacts)
 
 
 def test_a_simple_controller_holds_the_height():

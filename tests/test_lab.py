@@ -158,7 +158,7 @@ def test_an_observer_finds_the_unknown_force():
     flying = Tracker(observer=True, position_only=True, noise_x=1e-4, disturbance=2.0, h=1e-3)
     for run in compute(flying).values():
         part = (run.t > 0.2) & (run.t < 0.4)
-        assert run.impacts["t"][0] > 0.4
+        assert run.resolved_impacts["t"][0] > 0.4
         assert np.abs(run.d_est[part] - 2.0).max() < 0.5
 
 

@@ -63,7 +63,7 @@ def test_the_level_of_the_review_and_the_impacts_as_one():
     assert sol.t_events[0] == pytest.approx([start + u / G - half, start + u / G + half], abs=1e-12)
     wall = zivi.Level(x=0.0, direction=-1)
     sol = zivi.simulate(ball, (0, 2), (1, 0), events=wall)
-    assert np.array_equal(sol.t_events[0], sol.impacts["t"])
+    assert np.array_equal(sol.t_events[0], sol.resolved_impacts["t"])
 
 
 def test_levels_with_fixed_steps_and_bad_ones():

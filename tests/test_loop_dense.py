@@ -50,9 +50,9 @@ def test_the_transformed_state_projects_to_the_state_and_goes_through_the_wall(n
     run = tracked(method=METHODS[name])
     x, xdot = zivi.project(run.s, run.v, e=E)
     np.testing.assert_allclose([x, xdot], [run.x, run.xdot], rtol=1e-12, atol=1e-12)
-    first = run.impacts["t"][0]
+    first = run.resolved_impacts["t"][0]
     assert np.all(run.s[run.t < first] > 0)
-    after = run.t[(run.t > first) & (run.t < run.impacts["t"][1])]
+    after = run.t[(run.t > first) & (run.t < run.resolved_impacts["t"][1])]
     assert np.all(run.s[np.isin(run.t, after)] < 0)
     # s is continuous across impacts: no step larger than the fastest motion allows
     times = np.linspace(0, 1.5, 20001)
@@ -102,7 +102,7 @@ def test_events_lie_on_the_motion_and_none_is_lost(name):
     fine = np.linspace(0, 1.5, 100_001)
     assert len(times) == np.count_nonzero(np.diff(np.sign(run(fine)[0] - 0.2)))
     # the velocity changes its sign in the impact: the state after it
-    fast = run.impacts[run.impacts["xdot_after"] > 1e-2]
+    fast = run.resolved_impacts[run.resolved_impacts["xdot_after"] > 1e-2]
     np.testing.assert_allclose(hits[: len(fast)], fast["t"], rtol=1e-12)
     if name != "scheme":
         np.testing.assert_allclose(at_wall[: len(fast), 1], fast["xdot_after"], rtol=1e-12)
@@ -129,7 +129,9 @@ def test_a_terminal_event_ends_the_run_within_its_period(name):
     assert run.t[-1] == end
     assert run.x[-1] == pytest.approx(0.2, abs=1e-9)
     np.testing.assert_array_equal(run.x[:-1], whole.x[: len(run.x) - 1])
-    np.testing.assert_array_equal(run.impacts, whole.impacts[whole.impacts["t"] <= end])
+    np.testing.assert_array_equal(
+        run.resolved_impacts, whole.resolved_impacts[whole.resolved_impacts["t"] <= end]
+    )
     with pytest.raises(ValueError, match="computed span"):
         run(end + 1e-6)
     assert run.rest_time is None
@@ -144,7 +146,7 @@ def test_times_that_are_asked_for():
     np.testing.assert_array_equal([run.x_ref, run.xdot_ref], whole.reference(times))
     np.testing.assert_array_equal(run.u[[1, 3]], whole.u[[0, 149]])
     np.testing.assert_array_equal(run(whole.t), whole(whole.t))
-    assert len(run.impacts) == len(whole.impacts)
+    assert len(run.resolved_impacts) == len(whole.resolved_impacts)
     with pytest.raises(ValueError, match="t_eval must be increasing"):
         tracked(t_eval=[0.2, 0.1])
 
@@ -161,7 +163,7 @@ def test_impacts_beyond_those_that_a_period_lists():
             return 0.0
 
     run = zivi.simulate_closed_loop(plant, Nothing(), (0, 2), (1e-7, 0))
-    assert len(run.impacts) >= 1000
+    assert len(run.resolved_impacts) >= 1000
     all_of_them = run.impacts_down_to(1e-6)
     speed = np.sqrt(2 * 9.81 * 1e-7)
     # the n-th is e^n as fast, and the flights are a geometric series

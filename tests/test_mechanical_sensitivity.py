@@ -80,8 +80,8 @@ def test_one_coordinate_is_the_scalar_motion():
         (s.final[:, 0], scalar.final),
         (s.zeno_times, scalar.zeno_times),
         (s.liftoff_times, scalar.liftoff_times),
-        (s.impacts["dt"][:6], scalar.impacts["dt"][:6]),
-        (s.impacts["du"][:6], scalar.impacts["du"][:6]),
+        (s.resolved_impacts["dt"][:6], scalar.resolved_impacts["dt"][:6]),
+        (s.resolved_impacts["du"][:6], scalar.resolved_impacts["du"][:6]),
     ):
         assert np.max(np.abs(mine - wanted) / (1 + np.abs(wanted))) < 1e-11
 
@@ -127,7 +127,7 @@ def test_impacts_shrink_the_volume_of_states():
         method = zivi.SwitchedRK(rtol=1e-12, atol=1e-12)
         system, start = bumps().replace(e=e), start_of(CASES["bumps"])
         s = zivi.sensitivity(system, (0, t), start, method=method)
-        k = len(s.impacts)
+        k = len(s.resolved_impacts)
         assert k >= 2
         assert not len(s.zeno_times)
         assert np.linalg.det(s.monodromy) == pytest.approx(e ** (2 * k), rel=1e-9)
@@ -198,9 +198,9 @@ def test_impacts_of_coupled_gaps_at_once_have_no_derivatives():
     )
     s = zivi.sensitivity(bar, (0, 0.7), ([0.5, 0.0], [0.0, 0.0]), ("q0", "m"))
     assert s.status is zivi.OrbitStatus.NOT_DIFFERENTIABLE
-    assert s.lost_at == s.impacts["t"][0]
+    assert s.lost_at == s.resolved_impacts["t"][0]
     assert np.isnan(s.final).all()
-    assert np.isnan(s.impacts["dt"]).all()
+    assert np.isnan(s.resolved_impacts["dt"]).all()
     tilted = zivi.sensitivity(bar, (0, 0.35), ([0.5, 0.05], [0.0, 0.0]), ("q0", "m"))
     assert tilted.status is zivi.OrbitStatus.COMPLETED
     assert np.isfinite(tilted.final).all()
@@ -343,5 +343,5 @@ def test_a_break_of_the_force_that_is_declared():
     drop = zivi.MechanicalSystem(mass=1.0, force=push, gaps=[zivi.LinearGap([1])], e=0.5)
     method = zivi.SwitchedRK(rtol=1e-11, atol=1e-11)
     s = zivi.sensitivity(drop, (0, 0.6), ([1.0], [0.0]), ("q0",), method, tstops=[0.2])
-    speed = -s.trajectory.impacts["speed_before"][0]
-    assert s.impacts["dt"][0, 0] == pytest.approx(1 / speed, rel=1e-9)
+    speed = -s.trajectory.resolved_impacts["speed_before"][0]
+    assert s.resolved_impacts["dt"][0, 0] == pytest.approx(1 / speed, rel=1e-9)

@@ -51,8 +51,8 @@ def test_one_coordinate_and_one_gap_are_an_impact_system(case, order):
     assert sol.success
     assert sol.zeno["t"] == pytest.approx(one.zeno_times, abs=1e-13)
     assert sol.liftoffs["t"] == pytest.approx(one.liftoff_times, abs=1e-13)
-    n = min(len(sol.impacts), len(one.impacts), 8)
-    assert sol.impacts["t"][:n] == pytest.approx(one.impacts["t"][:n], abs=1e-13)
+    n = min(len(sol.resolved_impacts), len(one.resolved_impacts), 8)
+    assert sol.resolved_impacts["t"][:n] == pytest.approx(one.resolved_impacts["t"][:n], abs=1e-13)
     assert [sol.q[-1, 0], sol.qdot[-1, 0]] == pytest.approx([one.x[-1], one.xdot[-1]], abs=1e-13)
 
 
@@ -85,7 +85,7 @@ def test_gaps_that_are_hit_together_again_and_again_under_different_pulls(order)
     run = zivi.simulate(balls, (0, 3), (heights, [0.0, 0.0]), dense_output=True)
     zeno = 3 * np.sqrt(2 / 9.81)
     np.testing.assert_allclose(run.zeno["t"], zeno, rtol=1e-9)
-    assert len(np.unique(run.impacts["group"])) <= 5
+    assert len(np.unique(run.resolved_impacts["group"])) <= 5
     # within the accumulation, at the apex of each flight
     for k in range(1, 8):
         length = 2 * np.sqrt(2 / 9.81) * 0.5**k
@@ -124,7 +124,7 @@ def test_the_energy_never_rises(name, e):
 def test_every_impact_obeys_its_law():
     system, span, state = multi_case("dumb")
     sol = zivi.simulate(system, span, state, TIGHT)
-    rows = sol.impacts
+    rows = sol.resolved_impacts
     assert np.all(rows["speed_before"] <= 0)
     assert np.all(rows["impulse"] >= 0)
     hit = rows["impulse"] > 0
@@ -500,7 +500,7 @@ def test_what_goes_wrong_later_is_a_status_and_keeps_the_run(changes, status, to
     assert sol.status.name == status
     assert told in sol.message
     assert sol.t[-1] == pytest.approx(1.0, abs=1e-3)
-    assert len(sol.impacts) > 2
+    assert len(sol.resolved_impacts) > 2
     assert sol(0.2)[0, 1] == pytest.approx(0.5 - 9.81 * 0.02, abs=1e-9)
 
 

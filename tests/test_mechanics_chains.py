@@ -13,7 +13,7 @@ def check(chain: Chain):
     """Give the run, after a look at its impacts and its energy."""
     sol = chain.simulate()
     assert sol.success, (sol.message, chain)
-    rows = sol.impacts
+    rows = sol.resolved_impacts
     expected = -chain.e[rows["gap"]] * rows["speed_before"]
     size = 1e-12 * (1 + np.abs(rows["speed_before"]))
     assert (rows["impulse"] >= 0).all()
@@ -44,6 +44,6 @@ def test_bodies_that_a_force_pulls_off_a_wall():
     sol = zivi.simulate(system, (0, 2), ([0.5, 0.5], [1, 1]))
     assert sol.success
     # from rest at the wall, by the constant forces
-    last = sol.impacts["t"][-1]
+    last = sol.resolved_impacts["t"][-1]
     t = 2 - last
     assert sol.q[-1] == pytest.approx([1 - 0.25 * t * t, 1 - 0.125 * t * t], abs=1e-5)

@@ -45,7 +45,7 @@ def test_a_contact_that_impacts_begin_to_open_is_not_jumped_over():
     start = ([x, x * slope], [0.0, x * rate / math.cos(rate * level) ** 2])
     sol = zivi.simulate(system, (0, 3), start, zivi.SwitchedRK(rtol=1e-4, atol=1e-4))
     assert sol.success
-    at_wall = sol.impacts["t"][sol.impacts["gap"] == 1]
+    at_wall = sol.resolved_impacts["t"][sol.resolved_impacts["gap"] == 1]
     assert sol.openings["t"][0] == at_wall[at_wall > level][0]
     assert set(sol.openings["gap"]) == set(sol.zeno["gap"]) == {0}
     assert len(sol.corners) == 1

@@ -19,7 +19,7 @@ def test_the_arcs_of_all_gaps_are_drawn(name):
     # the same arcs, computed
     fine = zivi.simulate(system, span, start, zivi.SwitchedRK(rtol=1e-12, atol=1e-13))
     (corner,) = sol.corners
-    jump = sol.impacts["t"][sol.impacts["t"] < corner["t"]][-1]
+    jump = sol.resolved_impacts["t"][sol.resolved_impacts["t"] < corner["t"]][-1]
     t = np.linspace(jump, fine.corners["t"][0], 500)[1:-1]
     drawn, computed = sol.resample(t), fine.resample(t)
     height = computed.gaps[:, corner["gaps"]].max()
@@ -59,6 +59,6 @@ def test_elastic_impacts_end_in_no_corner(spacing):
     assert sol.success
     assert (len(sol.corners), len(sol.liftoffs), len(sol.zeno), len(sol.flags)) == (0, 0, 0, 0)
     # swings of one ball after the other, each passed on by four impacts
-    assert len(sol.impacts) == 4 * 6
+    assert len(sol.resolved_impacts) == 4 * 6
     energy = 0.5 * (sol.qdot**2).sum(axis=1) + 0.5 * 9.81 * (sol.q**2).sum(axis=1)
     assert energy == pytest.approx(energy[0], rel=1e-6)

@@ -77,7 +77,7 @@ def test_the_lifted_regulator_is_continuous():
     run = closed_loops.regulate()
     s, v = closed_loops.lifted(run)
     np.testing.assert_array_equal(np.abs(s), run.x)
-    assert len(run.impacts) > 3
+    assert len(run.resolved_impacts) > 3
     (mu1, mu2), kappa, h = closed_loops.REGULATOR, closed_loops.KAPPA, closed_loops.H
     # |v'| <= (mu1 + mu2)/(1 - kappa) and |s'| <= (1 + kappa) |v|
     assert np.abs(np.diff(v)).max() <= h * (mu1 + mu2) / (1 - kappa) * (1 + 1e-12)

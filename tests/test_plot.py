@@ -87,11 +87,11 @@ def test_the_data_are_those_of_the_run(sol):
 def test_the_velocity_is_broken_at_impacts(sol):
     line = zivi.plot.velocity(sol).lines[0]
     t, xdot = line.get_data()
-    assert np.count_nonzero(np.isnan(xdot)) <= len(sol.impacts)
+    assert np.count_nonzero(np.isnan(xdot)) <= len(sol.resolved_impacts)
     kept = ~np.isnan(xdot)
     np.testing.assert_array_equal(xdot[kept], sol.xdot)
     first = np.flatnonzero(~kept)[0]
-    assert t[first - 1] <= sol.impacts["t"][0] <= t[first + 1]
+    assert t[first - 1] <= sol.resolved_impacts["t"][0] <= t[first + 1]
 
 
 def test_other_coordinates_are_refused(sol):

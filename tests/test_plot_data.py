@@ -98,8 +98,8 @@ def test_an_overview_of_a_loop_in_a_figure_that_is_given(tracking):
 
 def test_the_line_has_every_arc_and_every_jump(sol):
     line = line_of(sol)
-    impacts = sol.impacts_down_to(1e-3 * sol.impacts["xdot_after"].max())
-    assert len(impacts) > len(sol.impacts)  # with those that were extrapolated
+    impacts = sol.impacts_down_to(1e-3 * sol.resolved_impacts["xdot_after"].max())
+    assert len(impacts) > len(sol.resolved_impacts)  # with those that were extrapolated
     assert len(line.impacts) == len(impacts)
     after = line.impacts
     np.testing.assert_array_equal(line.t[after], impacts["t"])
@@ -121,7 +121,7 @@ def test_the_line_takes_steps_apart_and_not_samples():
 
 
 def test_a_jump_at_the_last_point_is_one(sol):
-    first = sol.impacts["t"][0]
+    first = sol.resolved_impacts["t"][0]
     cut = dataclasses.replace(sol, t=np.append(sol.t[sol.t < first], first))
     line = line_of(cut)
     assert line.impacts.tolist() == [len(line.t) - 1]
@@ -129,7 +129,7 @@ def test_a_jump_at_the_last_point_is_one(sol):
 
 def test_a_jump_before_the_first_point_breaks_nothing():
     sol = zivi.simulate(BALL, (0, 0.1), (0, -3), method=zivi.ThetaGamma(1e-2))
-    assert len(sol.impacts) == 1
+    assert len(sol.resolved_impacts) == 1
     assert line_of(sol).impacts.size == 0 or line_of(sol).impacts[0] > 0
 
 

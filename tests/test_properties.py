@@ -37,7 +37,7 @@ def test_scaling_of_length_and_time(e, h, x0, xdot0, gravity, length, time):
     np.testing.assert_array_equal(scaled.s, run.s * length)
     np.testing.assert_array_equal(scaled.v, run.v * speed)
     np.testing.assert_array_equal(scaled.lambda_s, run.lambda_s)
-    np.testing.assert_array_equal(scaled.impacts["t"], run.impacts["t"] * time)
+    np.testing.assert_array_equal(scaled.resolved_impacts["t"], run.resolved_impacts["t"] * time)
     np.testing.assert_array_equal(scaled.zeno_times, run.zeno_times * time)
 
 

@@ -50,7 +50,7 @@ class Family:
         assert sol.success, sol.message
         states = {t: tuple(sol(t).tolist()) for t in self.samples}
         resting = sol.rest_time is not None and sol.rest_time == sol.zeno_times[-1]
-        return Summary(h, states, sol.impacts, sol.zeno_times, sol.liftoff_times, resting)
+        return Summary(h, states, sol.resolved_impacts, sol.zeno_times, sol.liftoff_times, resting)
 
     def rms(self, error):
         """Root mean square of `error(run)` for each step size."""

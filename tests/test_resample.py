@@ -36,7 +36,7 @@ def test_samples_at_other_times_are_the_motion(sol):
     for again in (sol.resample(times), sol.resample(n=41)):
         np.testing.assert_array_equal(again.t, times)
         np.testing.assert_allclose((again.x, again.xdot), ball(times), atol=1e-12)
-        assert again.impacts is sol.impacts
+        assert again.resolved_impacts is sol.resolved_impacts
         assert again.rest_time == sol.rest_time
     kappa = (1 - E) / (1 + E)
     side = np.where(again.lambda_s == 0.0, 1.0, again.lambda_s)
@@ -139,9 +139,9 @@ def test_lines_through_the_samples_draw_the_motion(force, order, flights):
     assert np.all(np.diff(sol.t) > 0)
     np.testing.assert_array_equal(sol(sol.t), (sol.x, sol.xdot))
     # at each impact the last moment before, and the state after
-    after = np.searchsorted(sol.t, sol.impacts["t"])
-    np.testing.assert_array_equal(sol.xdot[after], sol.impacts["xdot_after"])
-    before = sol.impacts["xdot_before"]
+    after = np.searchsorted(sol.t, sol.resolved_impacts["t"])
+    np.testing.assert_array_equal(sol.xdot[after], sol.resolved_impacts["xdot_after"])
+    before = sol.resolved_impacts["xdot_before"]
     np.testing.assert_allclose(sol.xdot[after - 1], before, atol=1e-9 * np.max(np.abs(before)))
     assert np.all(sol.x[after - 1] < 1e-12)
     # apexes: at most a touch of velocity between a rise and a fall

@@ -67,8 +67,12 @@ def test_control_of_the_columns_costs_few_steps(name):
 
 def table_of(s: zivi.Sensitivity, g: float, e: float, moving: bool) -> float:
     """The derivative of the Zeno time by e from the impacts, by a table of four columns."""
-    t, dt, du = s.impacts["t"], s.impacts["dt"][:, 0], s.impacts["du"][:, 0]
-    u = s.trajectory.impacts["xdot_after"]
+    t, dt, du = (
+        s.resolved_impacts["t"],
+        s.resolved_impacts["dt"][:, 0],
+        s.resolved_impacts["du"][:, 0],
+    )
+    u = s.trajectory.resolved_impacts["xdot_after"]
     q = 2 / (g * (1 - e))
     values, rates = t + q * u, dt + q * du + q * u / (1 - e)
     for j in range(1, min(6, len(t))):
@@ -108,7 +112,7 @@ def test_a_ball_has_the_derivatives_of_its_closed_form(e):
 def test_the_determinant_is_that_of_the_flow_and_the_impacts():
     force = zivi.LinearForce(stiffness=1.0, damping=0.1, gravity=-1.0, amplitude=1.2, omega=0.9)
     s = zivi.sensitivity(zivi.ImpactSystem(force, e=0.8), (0, 20), (1.5, 0), method=tight())
-    k = len(s.trajectory.impacts)
+    k = len(s.trajectory.resolved_impacts)
     assert k >= 3
     assert s.trajectory.rest_time is None
     assert math.isclose(np.linalg.det(s.monodromy), 0.8 ** (2 * k) * math.exp(-2), rel_tol=1e-9)
@@ -118,8 +122,8 @@ def test_the_time_of_the_start_moves_the_state_along_the_motion():
     system = zivi.ImpactSystem(STICKING, e=0.5)
     s = zivi.sensitivity(system, (0, 12), (1.0, 0.3), ("x0", "xdot0", "t0"), tight())
     start = np.array([0.3, STICKING(0, 1.0, 0.3)])
-    by_t0 = -s.impacts["dt"][:, :2] @ start
-    np.testing.assert_allclose(s.impacts["dt"][:, 2], by_t0, rtol=1e-10)
+    by_t0 = -s.resolved_impacts["dt"][:, :2] @ start
+    np.testing.assert_allclose(s.resolved_impacts["dt"][:, 2], by_t0, rtol=1e-10)
     np.testing.assert_allclose(s.zeno_times[0, 2], -s.zeno_times[0, :2] @ start, rtol=1e-9)
 
 
@@ -205,10 +209,12 @@ def test_a_moving_wall_is_a_force_in_its_frame():
     same = ("gravity", "amplitude", "omega", "phase", "e")
     left = zivi.sensitivity(moving, (0, 1.5), (1, 0), own, tight(1e-11))
     right = zivi.sensitivity(zivi.ImpactSystem(force, e=0.6), (0, 1.5), (1, 0), same, tight(1e-11))
-    by_g, by_a, by_omega, by_phase, by_e = right.impacts["dt"].T
+    by_g, by_a, by_omega, by_phase, by_e = right.resolved_impacts["dt"].T
     exact = [-by_g, omega**2 * by_a, 2 * a * omega * by_a + by_omega, by_phase, by_e]
-    assert len(left.impacts) > 3
-    np.testing.assert_allclose(left.impacts["dt"], np.transpose(exact), rtol=1e-7, atol=1e-9)
+    assert len(left.resolved_impacts) > 3
+    np.testing.assert_allclose(
+        left.resolved_impacts["dt"], np.transpose(exact), rtol=1e-7, atol=1e-9
+    )
 
 
 def law(t, x, v, k, c):
@@ -234,9 +240,11 @@ def test_a_parametric_force_is_the_linear_force(kind):
         zivi.sensitivity(system, (0, 3), (1, 0), wrt, tight(1e-9))
         for system, wrt in zip(systems, names, strict=True)
     )
-    n = min(len(one.impacts), len(other.impacts), 4)
+    n = min(len(one.resolved_impacts), len(other.resolved_impacts), 4)
     for field in ("dt", "du"):
-        np.testing.assert_allclose(one.impacts[field][:n], other.impacts[field][:n], rtol=1e-7)
+        np.testing.assert_allclose(
+            one.resolved_impacts[field][:n], other.resolved_impacts[field][:n], rtol=1e-7
+        )
     assert force(0.0, 1.0, 2.0) == pytest.approx(-2.9)
 
 
@@ -291,7 +299,7 @@ def test_a_run_without_progress_in_its_budget_keeps_what_it_has():
     )
     assert s.status is zivi.OrbitStatus.RUN_ENDED
     assert s.trajectory.status is zivi.Status.STEP_BUDGET
-    assert len(s.impacts) == len(s.trajectory.impacts) > 0
+    assert len(s.resolved_impacts) == len(s.trajectory.resolved_impacts) > 0
 
 
 def test_as_a_dataset():
@@ -317,8 +325,8 @@ def test_the_derivatives_across_a_jump_are_the_product_of_those_on_its_sides():
     force = zivi.ParametricForce(kicked, {"pull": -0.7})
     system = zivi.ImpactSystem(force, e=0.8)
     s = zivi.sensitivity(system, (0, 4), (1, 0.2), tstops=[2.0], method=tight(1e-11))
-    k = int(np.sum(s.trajectory.impacts["t"] < 2))
-    assert 1 <= k < len(s.trajectory.impacts)
+    k = int(np.sum(s.trajectory.resolved_impacts["t"] < 2))
+    assert 1 <= k < len(s.trajectory.resolved_impacts)
     sides, state = [], (1.0, 0.2)
     for span, pull in (((0, 2), 0.0), ((2, 4), -0.7)):
         linear = zivi.LinearForce(stiffness=4.0, damping=0.1, gravity=1.0 - pull)

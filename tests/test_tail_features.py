@@ -60,7 +60,7 @@ class Problem:
         rtol, order = (1e-4, 1e-6, 1e-8)[number % 3], (8, 5)[number // 2 % 2]
         settings = {"rtol": rtol, "atol": rtol / 1000, "order": order}
         plain = simulate(lambda t, x, xdot: -G, e, 200, start, **settings)
-        begin, zeno = plain.impacts["t"][-1], plain.zeno_times[0]
+        begin, zeno = plain.resolved_impacts["t"][-1], plain.zeno_times[0]
         left = random.uniform(0.02, 1)
         at = float(zeno - left * (zeno - begin))
         first = e ** math.floor(math.log(left) / math.log(e))

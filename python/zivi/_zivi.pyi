@@ -397,6 +397,9 @@ class MechanicalPath:
     @property
     def span(self) -> tuple[float, float] | None: ...
     def at(self, times: _Array) -> tuple[_Array, _Array, _Array, _Array, NDArray[np.bool_]]: ...
+    def skipped_impacts(
+        self, speed: float, at_most: int
+    ) -> tuple[_Array, _Array, _Array, _Array]: ...
 
 @final
 class MechanicalRecord:
@@ -873,6 +876,7 @@ def simulate_closed_loop_batch(
     delay: int,
     within: float,
     every: int,
+    slowest: float,
     threads: int,
     references: list[tuple[_Array, float]] = ...,
     progress: Any = None,
@@ -895,6 +899,8 @@ class BatchRecord:
     @property
     def last_impact(self) -> _Array: ...
     @property
+    def last_resolved(self) -> _Array: ...
+    @property
     def hardest_impact(self) -> _Array: ...
     @property
     def rest_time(self) -> _Array: ...
@@ -909,11 +915,9 @@ class BatchRecord:
     @property
     def samples_v(self) -> _Array: ...
     @property
-    def impact_t(self) -> list[_Array]: ...
+    def impacts(self) -> list[_Array]: ...
     @property
-    def impact_xdot_before(self) -> list[_Array]: ...
-    @property
-    def impact_xdot_after(self) -> list[_Array]: ...
+    def resolved_impacts(self) -> list[_Array]: ...
     @property
     def zeno_times(self) -> list[_Array]: ...
     @property
@@ -937,6 +941,7 @@ def simulate_batch(
     *,
     span: tuple[float, float],
     save: Any,
+    slowest: float,
     threads: int,
     at: _Array | None = None,
     steps: NDArray[np.intp] | None = None,

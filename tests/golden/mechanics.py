@@ -39,7 +39,8 @@ TOLERANCES = {"coarse": {"rtol": 1e-5}, "fine": {"rtol": 1e-9, "order": 5}, "def
 
 def fields(result, names):
     """Give the named fields of a result."""
-    return [(name, getattr(result, name)) for name in names]
+    computed = {"impacts": "resolved_impacts"}
+    return [(name, getattr(result, computed.get(name, name))) for name in names]
 
 
 def system(mass, force, gaps, e):

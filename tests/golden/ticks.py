@@ -206,4 +206,4 @@ def driven(plant, delay, only):
         observer=observer,
         dense_output=False,
     )
-    return [loop.t, loop.x, loop.xdot, loop.u, loop.impacts, loop.signs]
+    return [loop.t, loop.x, loop.xdot, loop.u, loop.resolved_impacts, loop.signs]

@@ -28,6 +28,18 @@ FIELDS = {
     zivi.Batch: f"{BATCH} {SAVED}".split(),
 }
 """What is digested: fields that a result gains later change nothing here."""
+COMPUTED = {
+    "impacts": "resolved_impacts",
+    "n_impacts": "n_resolved",
+    "last_impact": "last_resolved",
+}
+"""What now has the values that were there under the name that is digested."""
+EVENTS = {
+    "impacts": "resolved_impacts",
+    "zeno_times": "zeno_times",
+    "liftoff_times": "liftoff_times",
+}
+"""The same for the events of a run of a batch."""
 
 
 def libm() -> str:
@@ -63,7 +75,10 @@ def trace(result: object) -> str:
     digest = hashlib.sha256()
     for name in FIELDS[type(result)]:
         digest.update(name.encode())
-        absorb(digest, getattr(result, name))
+        value = getattr(result, COMPUTED.get(name, name))
+        if name == "events" and value is not None:
+            value = [{key: it[now] for key, now in EVENTS.items()} for it in value]
+        absorb(digest, value)
     if isinstance(result, zivi.Trajectory):
         absorb(digest, _between(result))
     shown = []

@@ -4,11 +4,12 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use zivi::drive::batch::{simulate_batch as run_batch, BatchError, Member, Outcome, Save, Task};
-use zivi::{Events, Grid, Impact, Physical, Restitution};
+use zivi::{Events, Grid, Physical, Restitution};
 
 use crate::errors::setup_error;
 use crate::force::{AnyNative, Force};
 use crate::method::Method;
+use crate::record::rows_of;
 use crate::transform::from_both;
 use crate::watch::Watch;
 
@@ -74,7 +75,8 @@ pub(crate) fn row_restitution(
 /// all. What is saved are the states `at` given times, the samples of `steps`, or what `save` says.
 #[pyfunction]
 #[pyo3(signature = (
-    forces, restitutions, states, method, *, span, save, threads, at=None, steps=None, progress=None
+    forces, restitutions, states, method, *, span, save, slowest, threads, at=None, steps=None,
+    progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
@@ -85,13 +87,14 @@ pub(crate) fn simulate_batch(
     method: PyRef<'_, Method>,
     span: (f64, f64),
     save: &Bound<'_, PyAny>,
+    slowest: f64,
     threads: usize,
     at: Option<Vec<f64>>,
     steps: Option<Vec<usize>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
     let _running = crate::leaving::running()?;
-    let task = Task { method: method.inner, span };
+    let task = Task { method: method.inner, span, slowest };
     let save = saving(save, at.as_deref(), steps.as_deref())?;
     let forces = natives(py, &forces)?;
     let mut members = Vec::with_capacity(states.as_array().nrows());
@@ -120,12 +123,13 @@ pub(crate) struct BatchRecord {
     speed_max: Array,
     first_impact: Array,
     last_impact: Array,
+    last_resolved: Array,
     hardest_impact: Array,
     rest_time: Array,
     grazing: Py<PyArray1<bool>>,
     status: Py<PyArray1<u8>>,
     nfev: Py<PyArray1<u64>>,
-    /// Numbers of impacts, Zeno points and lift-offs of each run.
+    /// Numbers of impacts, Zeno points, lift-offs and resolved impacts of each run.
     counts: Py<PyArray2<u64>>,
     /// A row for each run, filled up with NaN where a run ended early.
     samples_x: Py<PyArray2<f64>>,
@@ -133,9 +137,10 @@ pub(crate) struct BatchRecord {
     /// The same of the lifted states, where numbers of steps were asked for.
     samples_s: Py<PyArray2<f64>>,
     samples_v: Py<PyArray2<f64>>,
-    impact_t: Times,
-    impact_xdot_before: Times,
-    impact_xdot_after: Times,
+    /// Of each run the rows of time, velocity before and velocity after, flat.
+    impacts: Times,
+    /// Those of the impacts that were resolved.
+    resolved_impacts: Times,
     zeno_times: Times,
     liftoff_times: Times,
 }
@@ -148,9 +153,6 @@ impl BatchRecord {
         let none = Events::default();
         let kept = ends.iter().any(|end| end.events.is_some());
         let lists = || ends.iter().filter(|_| kept).map(|end| end.events.as_ref().unwrap_or(&none));
-        let of_impacts = |of: fn(&Impact) -> f64| -> PyResult<Times> {
-            lists().map(|it| array(py, it.impacts.iter().map(of))).collect()
-        };
         let times = |of: fn(&Events) -> &[f64]| -> PyResult<Times> {
             lists().map(|it| array(py, of(it).iter().copied())).collect()
         };
@@ -162,21 +164,21 @@ impl BatchRecord {
             speed_max: column(|end| end.summary.speed_max),
             first_impact: column(|end| end.first_impact),
             last_impact: column(|end| end.last_impact),
+            last_resolved: column(|end| end.last_resolved),
             hardest_impact: column(|end| end.hardest_impact),
             rest_time: column(|end| end.rest_time),
             grazing: PyArray1::from_iter(py, ends.iter().map(|end| end.grazing)).unbind(),
             status: PyArray1::from_iter(py, ends.iter().map(|end| end.status as u8)).unbind(),
             nfev: PyArray1::from_iter(py, ends.iter().map(|end| end.nfev)).unbind(),
             counts: PyArray1::from_iter(py, ends.iter().flat_map(|end| end.counts))
-                .reshape([ends.len(), 3])?
+                .reshape([ends.len(), 4])?
                 .unbind(),
             samples_x: rows(py, ends.iter().map(|end| end.saved.x.as_slice()))?,
             samples_xdot: rows(py, ends.iter().map(|end| end.saved.xdot.as_slice()))?,
             samples_s: rows(py, ends.iter().map(|end| end.saved.s.as_slice()))?,
             samples_v: rows(py, ends.iter().map(|end| end.saved.v.as_slice()))?,
-            impact_t: of_impacts(|impact| impact.t)?,
-            impact_xdot_before: of_impacts(|impact| impact.xdot_before)?,
-            impact_xdot_after: of_impacts(|impact| impact.xdot_after)?,
+            impacts: ends.iter().filter(|_| kept).map(|it| rows_of(py, &it.impacts)).collect(),
+            resolved_impacts: lists().map(|it| rows_of(py, &it.impacts)).collect(),
             zeno_times: times(|it| &it.zeno_times)?,
             liftoff_times: times(|it| &it.liftoff_times)?,
         })

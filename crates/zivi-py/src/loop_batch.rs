@@ -45,7 +45,7 @@ fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
 #[pyfunction]
 #[pyo3(signature = (
     controllers, observers, forces, restitutions, states, *, span, method, exact, resolution,
-    delay, within, every, threads, references=Vec::new(), progress=None
+    delay, within, every, slowest, threads, references=Vec::new(), progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_closed_loop_batch(
@@ -62,13 +62,20 @@ pub(crate) fn simulate_closed_loop_batch(
     delay: usize,
     within: f64,
     every: usize,
+    slowest: f64,
     threads: usize,
     references: Vec<(PyReadonlyArray2<'_, f64>, f64)>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopBatchRecord> {
     let _running = crate::leaving::running()?;
-    let shared =
-        LoopSettings { motion: motion_of(&method, exact)?, resolution, delay, within, every };
+    let shared = LoopSettings {
+        motion: motion_of(&method, exact)?,
+        resolution,
+        delay,
+        within,
+        every,
+        slowest,
+    };
     let controllers = controllers.iter().map(native).collect::<PyResult<Vec<_>>>()?;
     let [plants, models, drives] = &forces;
     let (plants, models) = (natives(py, plants)?, natives(py, models)?);

@@ -12,6 +12,10 @@ type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
 /// Coordinates, velocities, gaps, their rates, and which are closed.
 type Motion = (Matrix<f64>, Matrix<f64>, Matrix<f64>, Matrix<f64>, Matrix<bool>);
 
+/// As many columns of impacts.
+type FourArrays<'py> = (Column<'py>, Column<'py>, Column<'py>, Column<'py>);
+type Column<'py> = Bound<'py, PyArray1<f64>>;
+
 /// The motion of a mechanical system as a function of time.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct MechanicalPath {
@@ -48,6 +52,21 @@ impl MechanicalPath {
         let of = |values: &[f64], from, width| columns(py, values, n + m, from, width);
         let (q, qdot) = (of(&x, 0, n)?, of(&v, 0, n)?);
         Ok((q, qdot, of(&x, n, m)?, of(&v, n, m)?, members(py, &closed, m)?))
+    }
+
+    /// Time, speed before and speed after of the impacts that jumps to Zeno points skipped, down
+    /// to a speed after them and at most so many of each, and the times of these Zeno points.
+    fn skipped_impacts<'py>(&self, py: Python<'py>, speed: f64, at_most: usize) -> FourArrays<'py> {
+        let found: Vec<_> = self.path.skipped_impacts(speed, at_most).collect();
+        let column = |of: fn(&(zivi::Impact, f64)) -> f64| -> Column<'py> {
+            PyArray1::from_vec(py, found.iter().map(of).collect())
+        };
+        (
+            column(|(it, _)| it.t),
+            column(|(it, _)| it.xdot_before),
+            column(|(it, _)| it.xdot_after),
+            column(|(_, zeno)| *zeno),
+        )
     }
 
     /// All that it consists of, as plain numbers.

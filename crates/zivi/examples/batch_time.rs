@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let restitution = Restitution::from_kappa(0.41)?;
     let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
-    let task = Task { method, span: (0.0, 1e-3 * steps as f64) };
+    let task = Task { method, span: (0.0, 1e-3 * steps as f64), slowest: 1e-3 };
     let members: Vec<_> = (0..balls)
         .map(|i| Member {
             restitution,

@@ -49,7 +49,7 @@ from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import TickStatus
 from zivi.simulation.describe import describe, describe_system
 from zivi.simulation.events import events_of
-from zivi.simulation.impacts import impacts_of
+from zivi.simulation.impacts import SLOWEST, check_slowest, impacts_of
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.misplaced import refuse
 from zivi.simulation.partial import as_raised, with_partial
@@ -122,6 +122,7 @@ def simulate_closed_loop(
     t_eval: ArrayLike | None = None,
     events: Event | Sequence[Event] | None = None,
     dense_output: bool = True,
+    slowest: float = SLOWEST,
     progress: bool | None = None,
     **misplaced: Never,
 ) -> ClosedLoop:
@@ -193,6 +194,8 @@ def simulate_closed_loop(
     dense_output : bool
         Whether the motion between the samples is kept, ``run(t)``; ``t_eval`` and terminal events
         keep it.
+    slowest : float
+        The slowest impacts that are listed in ``impacts``, as a part of the fastest one, > 0.
     progress : bool, optional
         Show a progress bar on standard error once a run lasts longer than a second. By default
         only on a terminal.
@@ -229,6 +232,7 @@ def simulate_closed_loop(
     (0.0, -9.69)
     """
     refuse("simulate_closed_loop", misplaced)
+    part = check_slowest(slowest)
     check_system(system)
     h = period_of(controller)
     own, controller = controller, on_wall(told_of(controller, reference), system)
@@ -296,7 +300,7 @@ def simulate_closed_loop(
             events=watched,
             progress=bar.report,
         )
-    run, raised = _run(record, config), record.raised
+    run, raised = _run(record, config, part), record.raised
     if reference is not None:
         run = _with_reference(run, reference)
     # an exception holds this frame: it must not hold the record that holds the exception
@@ -313,9 +317,9 @@ def simulate_closed_loop(
     return run
 
 
-def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
+def _run(record: _zivi.LoopRecord, config: dict[str, Any], slowest: float) -> ClosedLoop:
     t, *sampled = record.columns[: 1 + len(QUANTITIES)]
-    samples = dict(zip(QUANTITIES, sampled, strict=True))
+    samples: dict[str, Any] = dict(zip(QUANTITIES, sampled, strict=True))
     impacts, wall = impacts_of(record), (config["e"], config["kappa"])
     path = path_of(record, impacts, wall)
     return ClosedLoop(
@@ -323,7 +327,7 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
         **samples,
         signs=np.column_stack(record.columns[1 + len(QUANTITIES) :]),
         tick_status=record.ticks,
-        impacts=impacts,
+        resolved_impacts=impacts,
         zeno_times=record.zeno_times,
         liftoff_times=record.liftoff_times,
         rest_time=record.rest_time,
@@ -332,6 +336,7 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any]) -> ClosedLoop:
         nfev=record.nfev,
         config=config,
         **_estimates(record.estimates),
+        slowest=slowest,
         n_refused=int(np.count_nonzero(record.ticks & TickStatus.REFUSED)),
         t_events=[hits.t for hits in record.hits],
         y_events=[np.hstack([hits.q, hits.qdot]) for hits in record.hits],
@@ -349,7 +354,7 @@ def _with_reference(run: ClosedLoop, reference: Any) -> ClosedLoop:
     return dataclasses.replace(run, _reference=GivenReference(reference, sampled))
 
 
-def _estimates(columns: Sequence[Array]) -> dict[str, Array]:
+def _estimates(columns: Sequence[Array]) -> dict[str, Any]:
     """Name what an observer thought, nothing without one."""
     if not len(columns[0]):
         return {}

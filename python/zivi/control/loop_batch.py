@@ -55,6 +55,7 @@ from zivi.control.observer import ImpactObserver
 from zivi.simulation.batch_arguments import check_threads
 from zivi.simulation.batch_result import MAX_DESCRIBED
 from zivi.simulation.describe import describe, describe_system
+from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import pair
 from zivi.system.mass import Force, ImpactSystem
@@ -86,6 +87,7 @@ def simulate_closed_loop_batch(
     observer: ImpactObserver | Sequence[ImpactObserver] | None = None,
     within: float = 1e-2,
     save: str | int = "final",
+    slowest: float = SLOWEST,
     t_eval: ArrayLike | None = None,
     threads: int | None = None,
     progress: bool | None = None,
@@ -133,6 +135,8 @@ def simulate_closed_loop_batch(
         The position error that counts as followed, > 0 (m): see ``settling_time``.
     save : "final" or int
         Whether every so many samples are kept, beside the numbers of each loop.
+    slowest : float
+        The slowest impacts that are counted, as a part of the fastest one of the loop, > 0.
     t_eval : array_like, optional
         Increasing times in `t_span` at which positions, velocities, references and controls are
         kept, as by `simulate_closed_loop` (s); with ``save="final"`` only. Each loop is run once
@@ -167,7 +171,7 @@ def simulate_closed_loop_batch(
     >>> float(batch.settling_time[1])  # the paper's gains
     1.211
     """
-    span = pair("t_span", t_span, "(t0, t1)")
+    span, slowest = pair("t_span", t_span, "(t0, t1)"), check_slowest(slowest)
     plants, ticking = several("systems", systems), several("controllers", controllers)
     for i, plant in enumerate(plants):
         if not isinstance(plant, ImpactSystem):
@@ -218,6 +222,7 @@ def simulate_closed_loop_batch(
             quantization=quantization,
             observer=entry(observers, i) if observers else None,
             t_eval=times,
+            slowest=slowest,
             progress=False,
             **given,
         )
@@ -245,6 +250,7 @@ def simulate_closed_loop_batch(
                     delay=check_delay(delay),
                     within=float(within),
                     every=every,
+                    slowest=slowest,
                     threads=workers,
                     references=rows,
                     progress=bar.report,

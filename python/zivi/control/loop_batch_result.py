@@ -3,44 +3,48 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _zivi
 from zivi.base.check import Array, MaybeNone
-from zivi.base.extras import needed
-from zivi.base.plain import text_of
+from zivi.base.table import Field, Table
 from zivi.simulation.batch_result import Runs
-
-if TYPE_CHECKING:
-    import xarray
 
 __all__ = ["NUMBERS", "ClosedLoopBatch"]
 
-NUMBERS = {
-    "t": ("s", "time of the last sample"),
-    "x": ("m", "last distance from the wall"),
-    "xdot": ("m/s", "last velocity"),
-    "x_ref": ("m", "last distance of the reference"),
-    "xdot_ref": ("m/s", "last velocity of the reference"),
-    "settling_time": ("s", "time from which the position error stays within, NaN if it does not"),
-    "error_max": ("m", "largest position error"),
-    "error_rms": ("m", "root mean square of the position error"),
-    "u_max": ("m/s^2", "largest control"),
-    "u_rms": ("m/s^2", "root mean square of the control"),
-    "u_variation": ("m/s^2", "total variation of the control"),
-    "rest_time": ("s", "time from which the plant rests, NaN if it does not"),
-    "n_impacts": ("1", "number of impacts"),
-    "n_refused": ("1", "number of samples that were refused"),
-    "status": ("1", "how the run ended, a zivi.Status"),
+NUMBERS: dict[str, Field] = {
+    "t": ("run", "s", "time of the last sample"),
+    "x": ("run", "m", "last distance from the wall"),
+    "xdot": ("run", "m/s", "last velocity"),
+    "x_ref": ("run", "m", "last distance of the reference"),
+    "xdot_ref": ("run", "m/s", "last velocity of the reference"),
+    "settling_time": (
+        "run",
+        "s",
+        "time from which the position error stays within, NaN if it does not",
+    ),
+    "error_max": ("run", "m", "largest position error"),
+    "error_rms": ("run", "m", "root mean square of the position error"),
+    "u_max": ("run", "m/s^2", "largest control"),
+    "u_rms": ("run", "m/s^2", "root mean square of the control"),
+    "u_variation": ("run", "m/s^2", "total variation of the control"),
+    "rest_time": ("run", "s", "time from which the plant rests, NaN if it does not"),
+    "n_impacts": ("run", "1", "number of impacts"),
+    "n_refused": ("run", "1", "number of samples that were refused"),
+    "status": ("run", "1", "how the run ended, a zivi.Status"),
 }
-"""Unit and meaning of what a batch has for each loop."""
+"""Dimensions, unit and meaning of what a batch has for each loop."""
 
-
-SAMPLED = {"sample_x": "m", "sample_xdot": "m/s", "sample_x_ref": "m", "sample_u": "m/s^2"}
-"""Unit of what is kept of the loops' motions."""
+SAMPLED: dict[str, Field] = {
+    "sample_x": (("run", "sample"), "m", "distances from the wall"),
+    "sample_xdot": (("run", "sample"), "m/s", "velocities"),
+    "sample_x_ref": (("run", "sample"), "m", "distances of the references"),
+    "sample_u": (("run", "sample"), "m/s^2", "controls"),
+    "sample_t": ("sample", "s", "times of the samples"),
+}
+"""The same for what may be kept of the loops' motions."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -101,29 +105,9 @@ class ClosedLoopBatch(Runs):
 
     _called = "loops"
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset over ``run`` (and ``sample``).
-
-        Returns
-        -------
-        xarray.Dataset
-            With units, descriptions and the configuration (JSON) in the attributes.
-        """
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        variables: dict[str, Any] = {
-            name: ("run", getattr(self, name), {"units": unit, "long_name": meaning})
-            for name, (unit, meaning) in NUMBERS.items()
-        }
-        for name, unit in SAMPLED.items():
-            if (values := getattr(self, name)) is not None:
-                variables[name] = (("run", "sample"), values, {"units": unit})
-        if self.sample_t is not None:
-            variables["sample_t"] = ("sample", self.sample_t, {"units": "s"})
-        attrs = {
-            "title": "Batch of closed loops of mechanical systems with impacts",
-            "source": f"zivi {_zivi.__version__}",
-            "config": text_of(self.config),
-        }
-        return xarray.Dataset(variables, coords={"run": np.arange(len(self))}, attrs=attrs)
+    def _table(self) -> Table:
+        """Tell the numbers over ``run``, samples over ``sample``."""
+        kept = {name: it for name, it in SAMPLED.items() if getattr(self, name) is not None}
+        coords: dict[str, Field] = {"run": ("run", "", "number of the loop")}
+        title = "Batch of closed loops of mechanical systems with impacts"
+        return Table(title, NUMBERS | kept, coords, {"run": np.arange(len(self))})

@@ -14,6 +14,7 @@ from zivi import _zivi
 from zivi.base.check import Array, real_array
 from zivi.control.loop_arguments import OURS
 from zivi.control.loop_path import SampledReference, on_side
+from zivi.simulation.dense import Path
 from zivi.simulation.describe import describe
 from zivi.simulation.trajectory import Trajectory
 
@@ -132,7 +133,7 @@ def rows_of(reference: Any, span: tuple[float, float], h: float) -> Array:
 
 def _of_run(run: Trajectory, times: Array) -> Array:
     """Give a run at the samples, with its branch and its mean acceleration in each period."""
-    start, end = run._span()
+    start, end = run._extent()
     if not (start <= times[0] and times[-1] <= end):
         raise ValueError(
             f"reference must be known over t_span = ({times[0]}, {times[-1]}), "
@@ -213,7 +214,8 @@ class GivenReference:
     def physical(self, times: Array) -> tuple[Array, Array]:
         """Give ``(x_r, xdot_r)``."""
         if isinstance(self.source, Trajectory):
-            return self.source._known().physical(times)
+            path: Path = self.source._known()
+            return path.physical(times)
         function = _function(self.source)
         x, xdot, _ = np.array([function(float(t)) for t in times]).reshape(-1, 3).T
         return x, xdot
@@ -221,7 +223,8 @@ class GivenReference:
     def lifted(self, times: Array) -> tuple[Array, Array]:
         """Give ``(s_r, v_r)``."""
         if isinstance(self.source, Trajectory):
-            return self.source._known().lifted(times)
+            path: Path = self.source._known()
+            return path.lifted(times)
         x, xdot = self.physical(times)
         s, _ = self.sampled.lifted(times)
         side = np.where(s == 0.0, 1.0, np.sign(s))

@@ -4,43 +4,52 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi import _zivi
-from zivi.base.check import Array, MaybeNone, real_array
-from zivi.base.extras import late, needed
-from zivi.base.plain import text_of
+from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status
+from zivi.base.table import Field, Table
 from zivi.control.loop_path import Reference, on_side, sides
 from zivi.simulation.dense import Path
-from zivi.simulation.impacts import down_to
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.figure import Figure
+from zivi.simulation.impacts import SLOWEST, Rows
+from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
 
 __all__ = ["ESTIMATES", "QUANTITIES", "SIGNS", "ClosedLoop"]
 
-QUANTITIES = {
-    "x": ("m", "distance from the wall"),
-    "xdot": ("m/s", "velocity"),
-    "x_ref": ("m", "distance of the reference from its wall"),
-    "xdot_ref": ("m/s", "velocity of the reference"),
-    "u": ("m/s^2", "control, held from the sample on"),
+QUANTITIES: dict[str, Field] = {
+    "x": ("time", "m", "distance from the wall"),
+    "xdot": ("time", "m/s", "velocity"),
+    "x_ref": ("time", "m", "distance of the reference from its wall"),
+    "xdot_ref": ("time", "m/s", "velocity of the reference"),
+    "u": ("time", "m/s^2", "control, held from the sample on"),
 }
 """Unit and meaning of each sampled quantity, in the order of the record's rows after time."""
-ESTIMATES = ("x_est", "xdot_est", "d_est")
+ESTIMATES: dict[str, Field] = {
+    "x_est": ("time", "m", "estimated distance from the wall"),
+    "xdot_est": ("time", "m/s", "estimated velocity"),
+    "d_est": ("time", "m/s^2", "estimated unknown force"),
+}
 """What an observer thinks at the samples."""
+TICKS: dict[str, Field] = {
+    "s": ("time", "m", "transformed position"),
+    "v": ("time", "m/s", "transformed velocity"),
+    "signs": (("time", "sign"), "1", "multipliers of the tick"),
+    "tick_status": ("time", "1", "bits of TickStatus"),
+}
+"""What else there is at the samples."""
 SIGNS = ("lambda_s", "lambda_v", "lambda_sr", "lambda_vr", "lambda_es", "lambda_ev")
 """Names of the columns of ``signs``."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class ClosedLoop:
+class ClosedLoop(MassRun):
     """Samples and events of one closed loop.
+
+    Calling it, ``run(t)``, gives ``(x, xdot)`` between the samples. ``impacts``, ``zeno`` and
+    ``liftoffs`` are tables, as in a `Trajectory`.
 
     Attributes
     ----------
@@ -56,13 +65,14 @@ class ClosedLoop:
         ``ls, lv, lsr, lvr, les, lev`` of the tick at the sample, NaN where a controller has none.
     tick_status : ndarray of uint8
         What was done at the sample, as the bits of `TickStatus`.
-    impacts : structured ndarray
-        Fields ``t`` (s), ``xdot_before`` and ``xdot_after`` (m/s); of an accumulation within a
-        period at most 1000.
+    resolved_impacts : structured ndarray
+        Fields ``t`` (s), ``xdot_before`` and ``xdot_after`` (m/s): the impacts that were computed,
+        however slow; of an accumulation within a period at most 1000.
     zeno_times : ndarray
-        Times at which the plant came to rest through impacts (s).
+        Times at which the plant came to rest through impacts (s): ``zeno["t"]`` by its name of
+        version 0.1.
     liftoff_times : ndarray
-        Times at which it left rest (s).
+        Times at which it left rest (s): ``liftoffs["t"]`` by its name of version 0.1.
     rest_time : float or None
         Time from which it stays at rest until the end (s), for a whole period at least: the
         control of the next sample could still lift it.
@@ -86,6 +96,8 @@ class ClosedLoop:
     s, v : ndarray
         The plant in transformed coordinates (m, m/s), ``x = |s|``; the branch changes at each
         impact.
+    slowest : float
+        The slowest of ``impacts``, as a part of the fastest.
     """
 
     t: Array
@@ -96,7 +108,7 @@ class ClosedLoop:
     u: Array
     signs: Array
     tick_status: NDArray[np.uint8]
-    impacts: np.ndarray
+    resolved_impacts: np.ndarray
     zeno_times: Array
     liftoff_times: Array
     rest_time: float | MaybeNone
@@ -113,17 +125,15 @@ class ClosedLoop:
     _path: Path | None = None
     _reference: Reference | None = None
     _span: tuple[float, float] | None = None
-
-    @property
-    def success(self) -> bool:
-        """Whether the end of ``t_span`` was reached, or a terminal event."""
-        return self.status in (Status.COMPLETED, Status.TERMINATED_BY_EVENT)
+    slowest: float = SLOWEST
+    _ticks: dict[str, Array] | None = None
+    """What was held from each sample on, of a run that is reported at other times."""
 
     @functools.cached_property
     def _lifted(self) -> tuple[Array, Array]:
         if self._path is not None and len(self.t):
             return self._path.lifted(self.t)
-        side = sides(self.t, self.impacts["t"])
+        side = sides(self.t, self.resolved_impacts["t"])
         return on_side(self.x, self.xdot, side, self.config["kappa"])
 
     @property
@@ -135,41 +145,6 @@ class ClosedLoop:
     def v(self) -> Array:
         """Transformed velocity of the plant (m/s)."""
         return self._lifted[1]
-
-    def __call__(self, t: ArrayLike) -> Array:
-        """Give the state of the plant between the samples.
-
-        Exact where its force is constant, else the dense output of `SwitchedRK`, across impacts
-        and Zeno points. With `ThetaGamma` ``s`` and ``v`` are linear between the samples.
-
-        Parameters
-        ----------
-        t : float or array_like
-            Times within the computed span (s).
-
-        Returns
-        -------
-        ndarray
-            ``(x, xdot)``, of shape (2,) for a scalar `t`, (2, n) for n times; at the time of an
-            impact the velocity after it.
-
-        Raises
-        ------
-        ValueError
-            If a time lies outside the computed span, or the run kept no dense output.
-
-        Examples
-        --------
-        >>> plant = zivi.ImpactSystem(-9.81, e=0.5)
-        >>> tracker = zivi.TwistingTracker(30, 17, h=1e-2, e=0.5)
-        >>> run = zivi.simulate_closed_loop(plant, tracker, (0, 1), (0.2, 0), y_ref0=(0.2, 0))
-        >>> x, xdot = run([0.5, 0.50025, 0.505])
-        >>> float(x[0]) == float(run.x[50])
-        True
-        """
-        if self._path is None:
-            raise ValueError("run(t) needs a run with dense_output=True")
-        return self._between(t, self._path)
 
     def reference(self, t: ArrayLike) -> Array:
         """Give the state of the reference between the samples.
@@ -194,61 +169,34 @@ class ClosedLoop:
         """
         if self._reference is None:
             raise ValueError("run.reference(t) needs a controller that follows a reference")
-        return self._between(t, self._reference)
+        return self._between(self._reference, self._within(t))
 
-    def _between(self, t: ArrayLike, path: Path | Reference) -> Array:
-        times = real_array("t", t)
-        start, end = self._span or (np.nan, np.nan)
-        if not np.all((times >= start) & (times <= end)):
-            raise ValueError(f"t must lie within the computed span [{start}, {end}]")
-        x, xdot = path.physical(times.ravel())
-        return np.stack([x.reshape(times.shape), xdot.reshape(times.shape)])
+    def _extent(self) -> tuple[float, float]:
+        return self._span or (np.nan, np.nan)
 
-    def impacts_down_to(self, speed: float, *, limit: int = 10_000) -> NDArray[np.void]:
-        """List the impacts with at least a speed, also those that were extrapolated.
+    def _resampled(self, times: Array) -> ClosedLoop:
+        names = ("t", "u", "signs", "tick_status", *(ESTIMATES if self.x_est is not None else ()))
+        ticks = self._ticks or {name: getattr(self, name) for name in names}
+        k = np.maximum(np.searchsorted(ticks["t"], times, side="right") - 1, 0)
+        held: dict[str, Any] = {name: ticks[name][k] for name in names[1:]}
+        unknown = np.full((2, len(times)), np.nan)
+        x, xdot = self(times)
+        x_ref, xdot_ref = unknown if self._reference is None else self.reference(times)
+        known = {"t": times, "x": x, "xdot": xdot, "x_ref": x_ref, "xdot_ref": xdot_ref}
+        return dataclasses.replace(self, **known, **held, _ticks=ticks)
 
-        Parameters
-        ----------
-        speed : float
-            Smallest speed after the impact, > 0 (m/s).
-        limit : int
-            At most so many impacts of each accumulation, >= 1.
+    def _down_to(self, speed: float, limit: int) -> Rows:
+        return self._computed(super()._down_to(speed, limit))
 
-        Returns
-        -------
-        structured ndarray
-            As ``impacts``, in the order of time.
+    def _listed(self) -> Rows:
+        return self._computed(super()._listed())
 
-        Raises
-        ------
-        ValueError
-            If `speed` or `limit` is out of range.
-
-        Examples
-        --------
-        >>> plant = zivi.ImpactSystem(-9.81, e=0.999)
-        >>> regulator = zivi.TwistingRegulator(30, 25, h=0.1, e=0.999)
-        >>> run = zivi.simulate_closed_loop(plant, regulator, (0, 9), (1, 0))
-        >>> len(run.impacts) <= len(run.impacts_down_to(1e-9))
-        True
-        """
-        impacts = down_to(self.impacts, self._path, speed, limit)
-        return impacts if self._span is None else impacts[impacts["t"] <= self._span[1]]
-
-    def plot(self, figure: Figure | None = None) -> Figure:
-        """Plot the run as a whole, `zivi.plot.overview`.
-
-        Parameters
-        ----------
-        figure : matplotlib.figure.Figure, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        drawn: Figure = late("zivi.plot", "overview")(self, figure)
-        return drawn
+    def _computed(self, impacts: Rows) -> Rows:
+        """Leave out what happened after an event that ended the run."""
+        if self._span is None:
+            return impacts
+        kept: Any = impacts[impacts["t"] <= self._span[1]]
+        return kept  # type: ignore[no-any-return]
 
     @property
     def error(self) -> Array:
@@ -256,62 +204,21 @@ class ClosedLoop:
         return self.x - self.x_ref
 
     def __repr__(self) -> str:
-        wall = f"{len(self.impacts)} impacts"
-        if self.rest_time is not None:
-            wall += f", at rest from {self.rest_time:.6g} s"
         name = self.config["controller"]["name"]
         span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g} s" if len(self.t) else "no samples"
-        return f"<ClosedLoop {name}, {span}, {wall}: {self.status.name.lower()}>"
+        return f"<ClosedLoop {name}, {span}, {self._told()}: {self.status.name.lower()}>"
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset that can be plotted, selected and saved.
+    def _facts(self) -> dict[str, str]:
+        work = f"{len(self.t)} samples, {self.n_refused} refused, {self.nfev} evaluations"
+        return {**self._wall_facts(), "controller": self.config["controller"]["name"], "work": work}
 
-        Returns
-        -------
-        xarray.Dataset
-            The sampled quantities over ``time``, the signs over ``time`` and ``sign``, the
-            impacts over ``impact_time``, with units, descriptions and the configuration (JSON)
-            in the attributes.
-        """
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        def labelled(dims: Any, values: Any, unit: str, meaning: str) -> Any:
-            return dims, values, {"units": unit, "long_name": meaning}
-
-        return xarray.Dataset(
-            {
-                name: labelled("time", getattr(self, name), unit, meaning)
-                for name, (unit, meaning) in QUANTITIES.items()
-            }
-            | {
-                "s": labelled("time", self.s, "m", "transformed position"),
-                "v": labelled("time", self.v, "m/s", "transformed velocity"),
-                "signs": labelled(("time", "sign"), self.signs, "1", "multipliers of the tick"),
-                "tick_status": labelled("time", self.tick_status, "1", "bits of TickStatus"),
-                "zeno_time": labelled("zeno", self.zeno_times, "s", "time of a Zeno point"),
-                "liftoff_time": labelled("liftoff", self.liftoff_times, "s", "time of a lift-off"),
-            }
-            | {
-                f"impact_{field}": labelled("impact_time", self.impacts[field], "m/s", meaning)
-                for field, meaning in (
-                    ("xdot_before", "velocity before the impact"),
-                    ("xdot_after", "velocity after the impact"),
-                )
-            },
-            coords={
-                "time": labelled("time", self.t, "s", "time"),
-                "sign": list(SIGNS),
-                "impact_time": labelled("impact_time", self.impacts["t"], "s", "time of an impact"),
-            },
-            attrs={
-                "title": "Closed loop of a mechanical system with impacts",
-                "source": f"zivi {_zivi.__version__}",
-                "config": text_of(self.config),
-                "status": int(self.status),
-                "message": self.message,
-                "rest_time": np.nan if self.rest_time is None else self.rest_time,
-                "nfev": self.nfev,
-                "n_refused": self.n_refused,
-            },
+    def _table(self) -> Table:
+        seen = ESTIMATES if self.x_est is not None else {}
+        coords: dict[str, Field] = {**EVENT_COORDS, "sign": ("sign", "", "name of the multiplier")}
+        return Table(
+            "Closed loop of a mechanical system with impacts",
+            {**QUANTITIES, **TICKS, **seen, **EVENT_FIELDS},
+            coords,
+            self._event_values() | {"sign": list(SIGNS)},
+            self._outcome() | {"n_refused": self.n_refused},
         )

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.control.loop_run import ESTIMATES, ClosedLoop
+from zivi.control.loop_run import ClosedLoop
 
 __all__ = ["ended_by_event", "restrict"]
 
@@ -17,19 +16,7 @@ def restrict(run: ClosedLoop, times: Array) -> ClosedLoop:
     """Report a run at `times` (those within the computed span) instead of at its samples."""
     if run._span is None:
         return run
-    times = times[times <= run._span[1]]
-    return dataclasses.replace(run, t=times, **_at(run, times))
-
-
-def _at(run: ClosedLoop, times: Array) -> dict[str, Any]:
-    """Give the states at `times`, and what is held there."""
-    k = np.maximum(np.searchsorted(run.t, times, side="right") - 1, 0)
-    x, xdot = run(times)
-    unknown = np.full((2, len(times)), np.nan)
-    x_ref, xdot_ref = unknown if run._reference is None else run.reference(times)
-    names = ("u", "signs", "tick_status", *(ESTIMATES if run.x_est is not None else ()))
-    held = {name: getattr(run, name)[k] for name in names}
-    return {"x": x, "xdot": xdot, "x_ref": x_ref, "xdot_ref": xdot_ref, **held}
+    return run._resampled(times[times <= run._span[1]])
 
 
 def ended_by_event(run: ClosedLoop, h: float) -> ClosedLoop:
@@ -39,10 +26,8 @@ def ended_by_event(run: ClosedLoop, h: float) -> ClosedLoop:
     zeno = run.zeno_times[run.zeno_times <= end]
     gone = run.liftoff_times[run.liftoff_times <= end]
     cut = dataclasses.replace(
-        run,
-        t=times,
-        **_at(run, times),
-        impacts=run.impacts[run.impacts["t"] <= end],
+        run._resampled(times),
+        resolved_impacts=run.resolved_impacts[run.resolved_impacts["t"] <= end],
         zeno_times=zeno,
         liftoff_times=gone,
         _span=(float(run.t[0]), end),

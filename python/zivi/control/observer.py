@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
 from zivi.base.check import Array, real, real_array, switch
+from zivi.base.table import Field, Table, Tabulated
 from zivi.control.component import Component
 
 __all__ = ["ImpactObserver", "Observed"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Observed:
+class Observed(Tabulated):
     """Estimates at recorded measurements.
 
     Attributes
@@ -47,11 +48,27 @@ class Observed:
     e: Array
     std_e: Array
 
+    def _table(self) -> Table:
+        """Tell the estimates over ``time``."""
+        coords: dict[str, Field] = {"time": ("time", "s", "time"), "of": ("of", "", "estimate")}
+        values = {"time": self.t, "of": ["x", "xdot", "d"]}
+        return Table("Estimates of an observer", FIELDS, coords, values)
+
     def __repr__(self) -> str:
         n = np.count_nonzero(self.refused)
         return f"<Observed {len(self.t)} measurements, {n} refused>"
 
 
+FIELDS: dict[str, Field] = {
+    "x": ("time", "m", "distance from the wall"),
+    "xdot": ("time", "m/s", "velocity"),
+    "d": ("time", "m/s^2", "unknown force"),
+    "std": (("time", "of"), "", "standard deviations"),
+    "refused": ("time", "", "whether the measurement was refused"),
+    "e": ("time", "1", "coefficient of restitution"),
+    "std_e": ("time", "1", "its standard deviation"),
+}
+"""Dimensions, unit and meaning of what is in the dataset."""
 VERSION = 2
 """Of a state, first number of what it has more than the first version."""
 _HEAD, _SEEN = 8, 6

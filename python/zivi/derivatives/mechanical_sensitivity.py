@@ -12,9 +12,9 @@ import numpy as np
 from zivi import _zivi
 from zivi.base.check import Array
 from zivi.base.compiled import listening_always
-from zivi.base.extras import needed
 from zivi.base.progress import ProgressBar
-from zivi.derivatives.result import KINDS, Nearest, OrbitStatus, Sensitivity
+from zivi.base.table import Field, Table
+from zivi.derivatives.result import EVENTS, KINDS, Nearest, OrbitStatus, Sensitivity
 from zivi.derivatives.wrt import Column, columns_of
 from zivi.simulation.mechanical_run import Asked, closer_of, configuration, state_of
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
@@ -24,11 +24,27 @@ from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
 
 if TYPE_CHECKING:
-    import xarray
-
     from zivi.system.partials import Partials
 
 __all__ = ["MechanicalSensitivity", "differentiate_mechanical"]
+
+FIELDS: dict[str, Field] = {
+    "q": (("coordinate", "wrt"), "", "derivatives of the coordinates at the end"),
+    "qdot": (("coordinate", "wrt"), "", "derivatives of the velocities at the end"),
+    "impact_dt": (("impact", "wrt"), "", "derivatives of the times of impacts"),
+    "impact_du": (("impact", "wrt"), "", "derivatives of the gaps' speeds after impacts"),
+    **EVENTS,
+}
+COORDS: dict[str, Field] = {
+    "wrt": ("wrt", "", "parameter"),
+    "coordinate": ("coordinate", "", "name of the coordinate"),
+    **{
+        f"{event}_{name}": (event, unit, f"{meaning} of the {event}")
+        for event in ("impact", "zeno", "liftoff")
+        for name, unit, meaning in (("t", "s", "time"), ("gap", "", "gap"))
+    },
+}
+"""Dimensions, unit and meaning of what is in the dataset."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -47,9 +63,10 @@ class MechanicalSensitivity(Sensitivity):
         What the columns are derivatives by.
     final : ndarray
         Derivatives of ``(q, qdot)`` at the end of the run, at a fixed time, of shape (2, n, k).
-    impacts : structured ndarray
-        For each row of ``trajectory.impacts`` its ``t`` (s) and ``gap``, and the derivatives ``dt``
-        of the time and ``du`` of the gap's speed after it, each of k numbers.
+    resolved_impacts : structured ndarray
+        For each row of ``trajectory.resolved_impacts`` its ``t`` (s) and ``gap``, and the
+        derivatives ``dt`` of the time and ``du`` of the gap's speed after it, each of k numbers.
+        ``impacts`` has them for those of ``trajectory.impacts``.
     zeno_times : ndarray
         Derivatives of ``trajectory.zeno["t"]``, a row of k numbers for each.
     liftoff_times : ndarray
@@ -88,51 +105,21 @@ class MechanicalSensitivity(Sensitivity):
         whole: Sensitivity = self._problem.with_wrt(("q0", "qdot0")).solve()
         return whole.final.reshape(2 * n, 2 * n)
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset.
-
-        Returns
-        -------
-        xarray.Dataset
-            ``q``, ``qdot`` (the derivatives at the end, over ``coordinate`` and ``wrt``),
-            ``impact_dt``, ``impact_du``, ``zeno_time``, ``liftoff_time`` and ``radius`` over
-            ``wrt``; coordinates and gaps by their names.
-        """
-        needed("xarray", "labelled datasets")
-        import xarray
-
+    def _table(self) -> Table:
+        """Tell the derivatives over ``wrt``; coordinates and gaps by their names."""
         sol: Any = self.trajectory
-
-        def gaps(events: Any) -> list[str]:
-            return [sol.gap_names[int(gap)] for gap in events["gap"]]
-
-        seconds = {"units": "s"}
-        return xarray.Dataset(
-            {
-                "q": (("coordinate", "wrt"), self.final[0]),
-                "qdot": (("coordinate", "wrt"), self.final[1]),
-                "impact_dt": (("impact", "wrt"), self.impacts["dt"]),
-                "impact_du": (("impact", "wrt"), self.impacts["du"]),
-                "zeno_time": (("zeno", "wrt"), self.zeno_times),
-                "liftoff_time": (("liftoff", "wrt"), self.liftoff_times),
-                "radius": ("wrt", self.radius),
-            },
-            coords={
-                "wrt": list(self.wrt),
-                "coordinate": list(sol.coordinate_names),
-                "impact_t": ("impact", self.impacts["t"], seconds),
-                "impact_gap": ("impact", gaps(self.impacts)),
-                "zeno_t": ("zeno", sol.zeno["t"][: len(self.zeno_times)], seconds),
-                "zeno_gap": ("zeno", gaps(sol.zeno[: len(self.zeno_times)])),
-                "liftoff_t": ("liftoff", sol.liftoffs["t"][: len(self.liftoff_times)], seconds),
-                "liftoff_gap": ("liftoff", gaps(sol.liftoffs[: len(self.liftoff_times)])),
-            },
-            attrs={
-                "title": "Derivatives of a run of a mechanical system",
-                "source": f"zivi {_zivi.__version__}",
-                "status": self.status.name,
-            },
-        )
+        values = {"q": self.final[0], "qdot": self.final[1], **self._values()}
+        values["coordinate"] = list(sol.coordinate_names)
+        events = {
+            "impact": self.impacts,
+            "zeno": sol.zeno[: len(self.zeno_times)],
+            "liftoff": sol.liftoffs[: len(self.liftoff_times)],
+        }
+        for event, rows in events.items():
+            values[f"{event}_t"] = rows["t"]
+            values[f"{event}_gap"] = [sol.gap_names[int(gap)] for gap in rows["gap"]]
+        title, attrs = "Derivatives of a run of a mechanical system", {"status": self.status.name}
+        return Table(title, FIELDS, COORDS, values, attrs, rows="wrt")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -214,10 +201,10 @@ class _Problem:
         k, n = len(self.columns), self.model.layout.n
         dt, du = record.impact_dt.reshape(-1, k), record.impact_du.reshape(-1, k)
         fields = [("t", "f8"), ("gap", "i8"), ("dt", "f8", (k,)), ("du", "f8", (k,))]
-        count = min(len(dt), len(sol.impacts))  # the last may lack them in a run that ended early
+        known = sol.resolved_impacts
+        count = min(len(dt), len(known))  # the last may lack them in a run that ended early
         impacts = np.empty(count, fields)
-        for name, values in (("t", sol.impacts["t"]), ("gap", sol.impacts["gap"])):
-            impacts[name] = values[:count]
+        impacts["t"], impacts["gap"] = known["t"][:count], known["gap"][:count]
         impacts["dt"], impacts["du"] = dt[:count], du[:count]
         limits = [it and Nearest(KINDS[it.limit], it.t, it.depth) for it in record.nearest]
         status = OrbitStatus.GRAZING if record.grazing else OrbitStatus.COMPLETED
@@ -228,7 +215,7 @@ class _Problem:
             trajectory=sol,
             wrt=tuple(column.name for column in self.columns),
             final=final,
-            impacts=impacts,
+            resolved_impacts=impacts,
             zeno_times=record.zeno_times.reshape(-1, k),
             liftoff_times=record.liftoff_times.reshape(-1, k),
             radius=record.radius,
@@ -236,7 +223,7 @@ class _Problem:
             status=status if sol.success else OrbitStatus.RUN_ENDED,
             n_slopes=record.n_slopes,
             lost_at=record.lost_at,
-            _problem=self,  # type: ignore[arg-type]
+            _problem=self,
         )
 
     def at(self, times: Array) -> Array:
@@ -253,6 +240,10 @@ class _Problem:
             if times[j] < lost:
                 columns[..., j] = self._ending_at(float(times[j]))
         return columns
+
+    def ending_within(self, t: float, zeno: float) -> MechanicalSensitivity:
+        """Run up to a time shortly after an impact of an accumulation, from impact to impact."""
+        return dataclasses.replace(self, span=(self.span[0], t + 0.25 * (zeno - t))).solve()
 
     def _ending_at(self, t: float) -> Array:
         k, n = len(self.columns), self.model.layout.n

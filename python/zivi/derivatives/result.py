@@ -6,18 +6,14 @@ import dataclasses
 import enum
 import functools
 import pickle
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi import _zivi
 from zivi.base.check import Array, real_array
-from zivi.base.extras import needed
+from zivi.base.table import Field, Table, Tabulated
 from zivi.simulation.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    import xarray
 
 __all__ = ["Nearest", "OrbitStatus", "Problem", "Sensitivity"]
 
@@ -112,10 +108,28 @@ class _Gone:
 
 
 KINDS = ("impact", "minimum", "zeno", "rest", "liftoff", "end", "stop", "chain")
+EVENTS: dict[str, Field] = {
+    "zeno_time": (("zeno", "wrt"), "", "derivatives of the Zeno times"),
+    "liftoff_time": (("liftoff", "wrt"), "", "derivatives of the times of lift-off"),
+    "radius": ("wrt", "", "how far the parameter may be moved"),
+}
+"""Dimensions, unit and meaning of what the datasets of all derivatives hold."""
+FIELDS: dict[str, Field] = {
+    "final": (("state", "wrt"), "", "derivatives of the state at the end"),
+    "impact_dt": (("impact_time", "wrt"), "", "derivatives of the times of impacts"),
+    "impact_du": (("impact_time", "wrt"), "", "derivatives of the speeds after impacts"),
+    **EVENTS,
+}
+COORDS: dict[str, Field] = {
+    "wrt": ("wrt", "", "parameter"),
+    "state": ("state", "", "component of the state"),
+    "impact_time": ("impact_time", "s", "time of an impact"),
+}
+"""The same for those of one mass."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Sensitivity:
+class Sensitivity(Tabulated):
     """A run and its derivatives.
 
     Calling it, ``s(t)``, gives the derivatives of ``(x, xdot)`` at any time of the run.
@@ -128,9 +142,10 @@ class Sensitivity:
         What the columns are derivatives by.
     final : ndarray
         Derivatives of ``(x, xdot)`` at the end of the run, at a fixed time, of shape (2, m).
-    impacts : structured ndarray
+    resolved_impacts : structured ndarray
         For each impact that was computed its time ``t`` (s), and the derivatives ``dt`` of the
-        time and ``du`` of the speed after it, each of m numbers.
+        time and ``du`` of the speed after it, each of m numbers. ``impacts`` has them for those of
+        ``trajectory.impacts``.
     zeno_times : ndarray
         Derivatives of ``trajectory.zeno_times``, of shape (n, m).
     liftoff_times : ndarray
@@ -151,7 +166,7 @@ class Sensitivity:
     trajectory: Trajectory
     wrt: tuple[str, ...]
     final: Array
-    impacts: NDArray[np.void]
+    resolved_impacts: NDArray[np.void]
     zeno_times: Array
     liftoff_times: Array
     radius: Array
@@ -167,6 +182,21 @@ class Sensitivity:
         except (pickle.PicklingError, AttributeError, TypeError, ValueError):
             return self.__dict__ | {"_problem": _Gone(self._problem.sizes)}
         return self.__dict__
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # version 0.1 had the impacts that were computed under this name
+        if "resolved_impacts" not in state:
+            state = dict(state)
+            state["resolved_impacts"] = state.pop("impacts")
+        self.__dict__.update(state)
+
+    @functools.cached_property
+    def impacts(self) -> NDArray[np.void]:
+        """Derivatives of ``trajectory.impacts``, with the fields of `resolved_impacts`.
+
+        Where a jump skipped some, a run that goes from one to the next is made.
+        """
+        return self._at_impacts(self.trajectory.impacts["t"])
 
     @property
     def success(self) -> bool:
@@ -274,21 +304,19 @@ class Sensitivity:
         ------
         ValueError
             If `speed` or `limit` is out of range.
-        TypeError
-            For a mechanical system.
 
         Examples
         --------
         >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
         >>> s = zivi.sensitivity(ball, (0, 3), (1, 0), wrt=("e",))
         >>> len(s.impacts), len(s.impacts_down_to(1e-2))
-        (3, 8)
+        (10, 8)
         """
-        listed = getattr(self.trajectory, "impacts_down_to", None)
-        if listed is None:
-            raise TypeError("impacts_down_to is there for a zivi.ImpactSystem only")
-        wanted = listed(speed, limit=limit)["t"]
-        own = self.impacts
+        return self._at_impacts(self.trajectory.impacts_down_to(speed, limit=limit)["t"])
+
+    def _at_impacts(self, wanted: Array) -> NDArray[np.void]:
+        """Give the derivatives of the impacts at these times."""
+        own = self.resolved_impacts
         kept = [own[np.isin(own["t"], wanted)]]
         # each accumulation is passed impact by impact by a run that ends within it
         for zeno in self.trajectory.zeno_times[: len(self.zeno_times)]:
@@ -296,44 +324,29 @@ class Sensitivity:
             last = before[-1] if len(before) else self._problem.span[0]
             skipped = wanted[(wanted > last) & (wanted < zeno)]
             if len(skipped):
-                run = self._problem.ending_within(float(skipped[-1]), float(zeno)).impacts
+                run = self._problem.ending_within(float(skipped[-1]), float(zeno)).resolved_impacts
                 kept.append(run[(run["t"] > last) & (run["t"] <= 0.5 * (skipped[-1] + zeno))])
                 kept[-1] = kept[-1][: len(skipped)]
         return np.sort(np.concatenate(kept), order="t", kind="stable")
 
     def __repr__(self) -> str:
         names = ", ".join(self.wrt)
-        return f"<Sensitivity by {names}: {self.status.name.lower()}, {self.trajectory!r}>"
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset.
-
-        Returns
-        -------
-        xarray.Dataset
-            ``final``, ``impact_dt``, ``impact_du``, ``zeno_time``, ``liftoff_time`` and ``radius``
-            over ``wrt``.
-        """
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        return xarray.Dataset(
-            {
-                "final": (("state", "wrt"), self.final),
-                "impact_dt": (("impact_time", "wrt"), self.impacts["dt"]),
-                "impact_du": (("impact_time", "wrt"), self.impacts["du"]),
-                "zeno_time": (("zeno", "wrt"), self.zeno_times),
-                "liftoff_time": (("liftoff", "wrt"), self.liftoff_times),
-                "radius": ("wrt", self.radius),
-            },
-            coords={
-                "wrt": list(self.wrt),
-                "state": ["x", "xdot"],
-                "impact_time": ("impact_time", self.impacts["t"], {"units": "s"}),
-            },
-            attrs={
-                "title": "Derivatives of a run with impacts",
-                "source": f"zivi {_zivi.__version__}",
-                "status": self.status.name,
-            },
+        return (
+            f"<{type(self).__name__} by {names}: {self.status.name.lower()}, {self.trajectory!r}>"
         )
+
+    def _table(self) -> Table:
+        """Tell the derivatives over ``wrt``."""
+        values = {**self._values(), "state": ["x", "xdot"], "impact_time": self.impacts["t"]}
+        title, attrs = "Derivatives of a run with impacts", {"status": self.status.name}
+        return Table(title, FIELDS, COORDS, values, attrs, rows="wrt")
+
+    def _values(self) -> dict[str, Any]:
+        """Give what the datasets call otherwise than the attributes."""
+        return {
+            "impact_dt": self.impacts["dt"],
+            "impact_du": self.impacts["du"],
+            "zeno_time": self.zeno_times,
+            "liftoff_time": self.liftoff_times,
+            "wrt": list(self.wrt),
+        }

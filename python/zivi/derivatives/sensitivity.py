@@ -102,16 +102,16 @@ class _Problem:
         m = len(self.wrt)
         dt, du = record.impact_dt.reshape(-1, m), record.impact_du.reshape(-1, m)
         # of a run that ended early the last event may lack its derivatives
-        n = min(len(dt), len(sol.impacts))
+        n = min(len(dt), len(sol.resolved_impacts))
         impacts = np.empty(n, [("t", "f8"), ("dt", "f8", (m,)), ("du", "f8", (m,))])
-        impacts["t"], impacts["dt"], impacts["du"] = sol.impacts["t"][:n], dt[:n], du[:n]
+        impacts["t"], impacts["dt"], impacts["du"] = sol.resolved_impacts["t"][:n], dt[:n], du[:n]
         limits = [it and Nearest(KINDS[it.limit], it.t, it.depth) for it in record.nearest]
         status = OrbitStatus.GRAZING if record.grazing else OrbitStatus.COMPLETED
         return Sensitivity(
             trajectory=sol,
             wrt=self.wrt,
             final=np.stack([record.x, record.xdot]),
-            impacts=impacts,
+            resolved_impacts=impacts,
             zeno_times=record.zeno_times.reshape(-1, m),
             liftoff_times=record.liftoff_times.reshape(-1, m),
             radius=record.radius,

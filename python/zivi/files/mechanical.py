@@ -10,14 +10,18 @@ import numpy as np
 
 from zivi._zivi import MechanicalPath
 from zivi.base.status import Status
+from zivi.simulation.impacts import FIELDS, SLOWEST, table
 from zivi.simulation.linear_motion import LinearMotion
 from zivi.simulation.mechanical_labelled import MEANING, TABLES
-from zivi.simulation.mechanical_trajectory import FIELDS, MechanicalTrajectory, table
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 
 if TYPE_CHECKING:
     import xarray
 
 __all__ = ["holds_mechanical", "mechanical_dataset", "mechanical_run"]
+
+ATTRIBUTE = {"impacts": "resolved_impacts"}
+"""Fields that hold tables of another name."""
 
 
 def holds_mechanical(dataset: xarray.Dataset) -> bool:
@@ -28,6 +32,11 @@ def holds_mechanical(dataset: xarray.Dataset) -> bool:
 def mechanical_dataset(run: MechanicalTrajectory) -> xarray.Dataset:
     """Give all that a run is: its labelled dataset, the events of the user and the motion."""
     dataset = run.to_xarray()
+    for name in FIELDS["impacts"]:
+        meaning = f"{name} of an impact that was computed"
+        values = np.asarray(run.resolved_impacts[name])
+        dataset[f"resolved_impact_{name}"] = "resolved", values, {"long_name": meaning}
+    dataset.attrs["slowest"] = run.slowest
     numbers = np.repeat(np.arange(len(run.t_events)), [len(times) for times in run.t_events])
     nothing = np.empty((0, run.q.shape[1]))
     dataset["event_function"] = "event", numbers, {"long_name": "number of the event function"}
@@ -56,7 +65,8 @@ def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
     return MechanicalTrajectory(
         t=dataset["time"].values,
         **sampled | {"contacts": dataset["contacts"].values.astype(bool)},
-        **{name: _table(dataset, name, len(names)) for name in TABLES},
+        **{ATTRIBUTE.get(name, name): _table(dataset, name, len(names)) for name in TABLES},
+        slowest=float(attrs.get("slowest", SLOWEST)),
         status=Status(int(attrs["status"])),
         message=str(attrs["message"]),
         nfev=int(attrs["nfev"]),
@@ -84,5 +94,8 @@ def _path(dataset: xarray.Dataset) -> Any:
 
 def _table(dataset: xarray.Dataset, name: str, m: int) -> Any:
     fields, dim = FIELDS[name], TABLES[name]
+    # version 0.1 had the impacts that were computed where now those are that are listed
+    if f"resolved_{dim}_t" in dataset:
+        dim = f"resolved_{dim}"
     columns = {field: dataset[f"{dim}_{field}"].values for field in fields}
     return table(fields, m, columns)

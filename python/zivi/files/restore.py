@@ -16,11 +16,10 @@ from zivi.control import loop_run
 from zivi.control.loop_path import BallisticPath, SampledReference
 from zivi.control.loop_run import ClosedLoop
 from zivi.files.mechanical import holds_mechanical, mechanical_run
-from zivi.simulation import labelled
 from zivi.simulation.dense import LinearPath, LostPath, PenetratingPath
-from zivi.simulation.impacts import IMPACT
+from zivi.simulation.impacts import IMPACT, SLOWEST
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
-from zivi.simulation.trajectory import Trajectory
+from zivi.simulation.trajectory import QUANTITIES, Trajectory
 from zivi.system.wall import HarmonicWall, MovingWall
 
 if TYPE_CHECKING:
@@ -57,14 +56,15 @@ def drawn(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajec
     times = dataset["curve_time"].values
     impacts = np.zeros(dataset.sizes["curve_impacts"], IMPACT)
     impacts["t"] = times[dataset["curve_impact"].values]
-    return dataclasses.replace(run, t=times, **curve, impacts=impacts, _path=None)
+    return dataclasses.replace(run, t=times, **curve, resolved_impacts=impacts, _path=None)
 
 
 def _common(dataset: xarray.Dataset) -> dict[str, Any]:
     attrs = dataset.attrs
     return {
         "t": dataset["time"].values,
-        "impacts": _impacts(dataset),
+        "resolved_impacts": _impacts(dataset),
+        "slowest": float(attrs.get("slowest", SLOWEST)),
         "zeno_times": dataset["zeno_time"].values,
         "liftoff_times": dataset["liftoff_time"].values,
         "rest_time": None if np.isnan(attrs["rest_time"]) else float(attrs["rest_time"]),
@@ -80,16 +80,18 @@ def _config(dataset: xarray.Dataset) -> dict[str, Any]:
 
 
 def _impacts(dataset: xarray.Dataset) -> NDArray[np.void]:
-    impacts = np.empty(dataset.sizes["impact_time"], IMPACT)
-    impacts["t"] = dataset["impact_time"].values
+    # version 0.1 had those that were computed where now those are that are listed
+    name = "resolved_impact" if "resolved_impact_time" in dataset else "impact"
+    impacts = np.empty(len(dataset[f"{name}_time"]), IMPACT)
+    impacts["t"] = dataset[f"{name}_time"].values
     for field in ("xdot_before", "xdot_after"):
-        impacts[field] = dataset[f"impact_{field}"].values
+        impacts[field] = dataset[f"{name}_{field}"].values
     return impacts
 
 
 def _closed_loop(dataset: xarray.Dataset) -> ClosedLoop:
-    names = (*loop_run.QUANTITIES, "signs", "tick_status")
-    sampled: dict[str, Any] = {name: dataset[name].values for name in names}
+    names = (*loop_run.QUANTITIES, "signs", "tick_status", *loop_run.ESTIMATES)
+    sampled: dict[str, Any] = {it: dataset[it].values for it in names if it in dataset}
     config, span = _config(dataset), dataset.attrs.get("span")
     times, states = _events(dataset)
     return ClosedLoop(
@@ -143,7 +145,7 @@ def _loop_reference(dataset: xarray.Dataset) -> SampledReference | None:
 
 def _trajectory(dataset: xarray.Dataset) -> Trajectory:
     attrs, common = dataset.attrs, _common(dataset)
-    samples: dict[str, Any] = {name: dataset[name].values for name in labelled.QUANTITIES}
+    samples: dict[str, Any] = {name: dataset[name].values for name in QUANTITIES}
     config = _config(dataset)
     times, states = _events(dataset)
     return Trajectory(
@@ -175,7 +177,7 @@ def path_variables(run: Trajectory) -> tuple[str, dict[str, Array]]:
 
 def _sampled(kind: Any) -> list[str]:
     """Name the samples that a path goes through."""
-    known = ("t", *labelled.QUANTITIES)
+    known = ("t", *QUANTITIES)
     return [field.name for field in dataclasses.fields(kind) if field.name in known]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from zivi._zivi import FORMAT
 from zivi.base.extras import needed
+from zivi.base.table import Tabulated
 from zivi.control.closed_loop import ClosedLoop
 from zivi.files.mechanical import mechanical_dataset
 from zivi.files.restore import loop_variables, path_variables, run_of
@@ -35,6 +36,8 @@ __all__ = [
 ]
 
 ENGINE: Literal["h5netcdf"] = "h5netcdf"
+NETCDF, TABLE = (".nc", ".nc4", ".cdf", ".h5", ".hdf5", ""), ".csv"
+"""Suffixes of what can be written."""
 HDF5 = b"\x89HDF\r\n\x1a\n"
 """How a netCDF file begins."""
 SEAL = b"\nend of a result of zivi, sha256 "
@@ -57,31 +60,32 @@ def require_library() -> None:
     needed(ENGINE, "results in netCDF")
 
 
-def save(
-    run: Trajectory | ClosedLoop | MechanicalTrajectory,
-    path: str | PathLike[str],
-    *,
-    overwrite: bool = False,
-) -> None:
-    """Write a run to a netCDF file, which is there as a whole or not at all.
+def save(run: Tabulated, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+    """Write a result to a file, which is there as a whole or not at all.
 
-    ``xarray.open_dataset(path)`` opens it, `load` gives the run back.
+    ``xarray.open_dataset(path)`` opens a netCDF file, `load` gives a run back.
 
     Parameters
     ----------
-    run : Trajectory, ClosedLoop or MechanicalTrajectory
-        The run.
+    run : Trajectory, ClosedLoop, MechanicalTrajectory or another result with ``to_xarray``
+        The run, or a batch, derivatives, an orbit, a branch, a diagram, basins, estimates.
     path : path
-        The file; its folder is made if it is not there.
+        The file; its folder is made if it is not there. Its suffix says what is written: that of
+        netCDF (``.nc``, ``.nc4``, ``.cdf``, ``.h5``, ``.hdf5`` or none), or ``.csv``: the table of
+        ``to_pandas``.
     overwrite : bool
         Whether a file that is there may be replaced.
 
     Raises
     ------
+    TypeError
+        For what is no result of zivi.
+    ValueError
+        For another suffix.
     FileExistsError
         If the file is there, or something that is no file.
     ImportError
-        If h5netcdf is missing, the extra ``files``.
+        If h5netcdf is missing, the extra ``files``; for a table pandas, the extra ``xarray``.
 
     Examples
     --------
@@ -93,14 +97,23 @@ def save(
     >>> zivi.files.load(file).rest_time == sol.rest_time
     True
     """
-    require_library()
     path = Path(path)
+    if not isinstance(run, Tabulated):
+        raise TypeError(f"run must be a result of zivi with to_xarray, got {type(run).__name__}")
+    if path.suffix.lower() not in (*NETCDF, TABLE):
+        known = ", ".join(it for it in (*NETCDF, TABLE) if it)
+        raise ValueError(f"path must end in one of {known}, or have no suffix, got {path.name!r}")
+    if path.suffix.lower() != TABLE:
+        require_library()
     _refuse(path, overwrite)
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
     try:
-        dataset_of(run).to_netcdf(draft, engine=ENGINE, format="NETCDF4")
-        _seal(draft)
+        if path.suffix.lower() == TABLE:
+            run.to_pandas().to_csv(draft)
+        else:
+            dataset_of(run).to_netcdf(draft, engine=ENGINE, format="NETCDF4")
+            _seal(draft)
         _refuse(path, overwrite)
         os.replace(draft, path)
     finally:
@@ -177,6 +190,9 @@ def restored(
 ) -> Trajectory | ClosedLoop | MechanicalTrajectory:
     """Make a run of what a file holds; a `ResultError` if it does not hold one."""
     _check_format(path, dataset.attrs.get("format", 0))
+    if "result" in dataset.attrs:
+        kind = dataset.attrs["result"]
+        raise ResultError(f"{path}: holds a {kind}, no run: xarray.open_dataset reads it")
     try:
         return make(dataset)
     except KeyError as error:
@@ -213,17 +229,25 @@ def open_result(path: str | PathLike[str]) -> xarray.Dataset:
         raise ResultError(f"{path}: cannot be read ({reason:.200})") from error
 
 
-def dataset_of(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> xarray.Dataset:
+def dataset_of(run: Tabulated) -> xarray.Dataset:
     """Give all that a run is, with the curve that plots draw if it is finer than the samples."""
     dataset = _contents(run)
     dataset.attrs["format"] = FORMAT
     return dataset
 
 
-def _contents(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> xarray.Dataset:
+def _contents(run: Tabulated) -> xarray.Dataset:
     if isinstance(run, MechanicalTrajectory):
         return mechanical_dataset(run)
     dataset = run.to_xarray()
+    if not isinstance(run, Trajectory | ClosedLoop):
+        dataset.attrs["result"] = type(run).__name__
+        return dataset
+    for field in run.resolved_impacts.dtype.names or ():
+        name = f"resolved_impact_{'time' if field == 't' else field}"
+        meaning = f"{field} of an impact that was computed"
+        dataset[name] = "resolved", run.resolved_impacts[field], {"long_name": meaning}
+    dataset.attrs["slowest"] = run.slowest
     if isinstance(run, Trajectory):
         dataset["failed_step"] = "failed", run.failed_steps, {"long_name": "number of a step"}
         _add_events(dataset, run)

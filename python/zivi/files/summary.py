@@ -52,7 +52,7 @@ def of_run(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> Table:
 def _wall_rows(run: Trajectory | ClosedLoop) -> list[tuple[str, str]]:
     rest = "no" if run.rest_time is None else f"from {run.rest_time:.9g} s"
     return [
-        ("impacts", f"{len(run.impacts)} resolved"),
+        ("impacts", f"{len(run.impacts)}, {len(run.resolved_impacts)} resolved"),
         ("Zeno points", _times(run.zeno_times)),
         ("lift-offs", _times(run.liftoff_times)),
         ("at rest at the end", rest),

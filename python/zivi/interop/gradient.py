@@ -276,14 +276,13 @@ KINDS: tuple[Literal["position"], Literal["velocity"]] = ("position", "velocity"
 def _events(s: Sensitivity, output: Output) -> tuple[Array, Array]:
     """Give the times or speeds of events, and their derivatives."""
     sol: Any = s.trajectory
-    mass = hasattr(sol, "zeno_times")
     if output == "zeno_time":
-        return (sol.zeno_times if mass else sol.zeno["t"]), s.zeno_times
+        return sol.zeno["t"], s.zeno_times
     if output == "liftoff_time":
-        return (sol.liftoff_times if mass else sol.liftoffs["t"]), s.liftoff_times
+        return sol.liftoffs["t"], s.liftoff_times
     if output == "impact_time":
         return sol.impacts["t"], s.impacts["dt"]
-    return sol.impacts["xdot_after" if mass else "speed_after"], s.impacts["du"]
+    return sol.impacts["speed_after"], s.impacts["du"]
 
 
 def run_function(

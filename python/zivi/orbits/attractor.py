@@ -202,7 +202,7 @@ def settle_one(
         state = (float(run.x[-1]), float(run.xdot[-1]))
     run = simulate(system, (0.0, keep * period), state, method, dense_output=False, progress=False)
     events = {
-        "impacts": run.impacts,
+        "resolved_impacts": run.resolved_impacts,
         "zeno_times": run.zeno_times,
         "liftoff_times": run.liftoff_times,
     }
@@ -211,6 +211,6 @@ def settle_one(
 
 
 def _settled(events: dict[str, Any], rests: bool, end: Array, success: bool) -> Settled:
-    impacts = events["impacts"]
+    impacts = events["resolved_impacts"]
     rows = np.column_stack([impacts["t"], impacts["xdot_after"]])
     return Settled(rows, events["zeno_times"], events["liftoff_times"], rests, end, success)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi import _zivi
 from zivi.base.check import Array, real_array, whole
-from zivi.base.extras import needed
+from zivi.base.table import Field, Table, Tabulated
 from zivi.orbits.attractor import TOLERANCE, Attractor, classify
 from zivi.orbits.cells import settle_cells
 from zivi.orbits.diagram import USUAL
@@ -21,17 +19,26 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
 from zivi.system.parameters import check_differentiable
 
-if TYPE_CHECKING:
-    import xarray
-
 __all__ = ["Basins", "basins"]
 
 NEAR = 100.0
 """Runs are of one attractor if they differ by less than so many times the tolerance."""
+FIELDS: dict[str, Field] = {
+    "label": (("xdot0", "x0"), "", "number of the attractor"),
+    "border": (("xdot0", "x0"), "", "whether a neighbour settles on something else"),
+    "grazing": (("xdot0", "x0"), "", "whether a grazing decided"),
+    "kind": ("attractor", "", "kind of the attractor"),
+    "multiple": ("attractor", "", "after how many periods it repeats"),
+}
+COORDS: dict[str, Field] = {
+    "x0": ("x0", "m", "initial distance"),
+    "xdot0": ("xdot0", "m/s", "initial velocity"),
+}
+"""Dimensions, unit and meaning of what is in the dataset."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Basins:
+class Basins(Tabulated):
     """Which initial states settle on which attractor.
 
     Attributes
@@ -77,28 +84,15 @@ class Basins:
         told = ", ".join(f"{it.kind} x{it.multiple}: {share:.1%}" for it, share in pairs)
         return f"<Basins of {self.label.size} cells: {told}>"
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset over ``x0`` and ``xdot0``.
-
-        Returns
-        -------
-        xarray.Dataset
-            The numbers of the attractors; kinds and multiples over ``attractor``.
-        """
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        return xarray.Dataset(
-            {
-                "label": (("xdot0", "x0"), self.label),
-                "border": (("xdot0", "x0"), self.border),
-                "grazing": (("xdot0", "x0"), self.grazing),
-                "kind": ("attractor", [it.kind for it in self.attractors]),
-                "multiple": ("attractor", [it.multiple for it in self.attractors]),
-            },
-            coords={"x0": self.x0s, "xdot0": self.v0s},
-            attrs={"title": "Basins of attraction", "source": f"zivi {_zivi.__version__}"},
-        )
+    def _table(self) -> Table:
+        """Tell the numbers of the attractors over states, these over ``attractor``."""
+        values = {
+            "kind": [it.kind for it in self.attractors],
+            "multiple": [it.multiple for it in self.attractors],
+            "x0": self.x0s,
+            "xdot0": self.v0s,
+        }
+        return Table("Basins of attraction", FIELDS, COORDS, values, rows="attractor")
 
 
 def basins(

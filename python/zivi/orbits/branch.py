@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from zivi import _zivi
 from zivi.base.check import Array
-from zivi.base.extras import late, needed
+from zivi.base.extras import late
+from zivi.base.table import Field, Table, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.orbit import PeriodicOrbit
-
-if TYPE_CHECKING:
-    import xarray
 
 __all__ = ["MESSAGES", "Branch", "BranchEvent"]
 
@@ -26,6 +23,16 @@ MESSAGES = {
     OrbitStatus.NOT_CONVERGED: "No step was short enough for Newton's iteration to converge.",
     OrbitStatus.COMPLETED: "The branch was followed to where it begins, at a period doubling.",
 }
+
+FIELDS: dict[str, Field] = {
+    "t": ("point", "s", "time of the first impact"),
+    "u": ("point", "m/s", "speed after the first impact"),
+    "stable": ("point", "", "whether the orbit is stable"),
+    "admissible": ("point", "", "whether it is a motion of the system"),
+    "multiplier_real": (("point", "multiplier"), "", "real parts of the multipliers"),
+    "multiplier_imag": (("point", "multiplier"), "", "imaginary parts of the multipliers"),
+}
+"""Dimensions, unit and meaning of what is in the dataset, beside the parameter."""
 
 
 class BranchEvent(NamedTuple):
@@ -49,7 +56,7 @@ class BranchEvent(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Branch:
+class Branch(Tabulated):
     """Orbits along a parameter.
 
     Attributes
@@ -132,37 +139,23 @@ class Branch:
         orbit: PeriodicOrbit = late("zivi.orbits.switch", "switched")(self, event)
         return orbit
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset over the points, with the events in the attributes.
-
-        Returns
-        -------
-        xarray.Dataset
-            The parameter, speeds and times of the first impact, multipliers, stability.
-        """
-        needed("xarray", "labelled datasets")
-        import xarray
-
+    def _table(self) -> Table:
+        """Tell the points of the branch; its events are among the attributes."""
         first = [orbit.impacts[0] if len(orbit.impacts) else None for orbit in self.orbits]
-        data = {
-            self.name: ("point", self.values),
-            "t": ("point", [math.nan if it is None else it["t"] for it in first]),
-            "u": ("point", [math.nan if it is None else it["u"] for it in first]),
-            "stable": ("point", self.stable),
-            "admissible": ("point", self.admissible),
-            "multiplier_real": (("point", "multiplier"), self.multipliers.real),
-            "multiplier_imag": (("point", "multiplier"), self.multipliers.imag),
+        values = {
+            self.name: self.values,
+            "t": [math.nan if it is None else it["t"] for it in first],
+            "u": [math.nan if it is None else it["u"] for it in first],
+            "multiplier_real": self.multipliers.real,
+            "multiplier_imag": self.multipliers.imag,
         }
-        return xarray.Dataset(
-            data,
-            attrs={
-                "title": "Branch of periodic orbits",
-                "source": f"zivi {_zivi.__version__}",
-                "status": self.status.name,
-                "events": [event.kind for event in self.events],
-                "event_values": [event.value for event in self.events],
-            },
-        )
+        attrs = {
+            "status": self.status.name,
+            "events": [event.kind for event in self.events],
+            "event_values": [event.value for event in self.events],
+        }
+        fields: dict[str, Field] = {self.name: ("point", "", "parameter"), **FIELDS}
+        return Table("Branch of periodic orbits", fields, {}, values, attrs)
 
     def __repr__(self) -> str:
         told = ", ".join(f"{event.kind} at {event.value:.9g}" for event in self.events)

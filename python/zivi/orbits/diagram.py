@@ -4,30 +4,42 @@ from __future__ import annotations
 
 import dataclasses
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi import _zivi
 from zivi.base.check import Array, real_array, whole
-from zivi.base.extras import needed
+from zivi.base.table import Field, Table, Tabulated
 from zivi.orbits.attractor import Attractor, Settled, classify, settle, settle_one
 from zivi.orbits.flights import period_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
 from zivi.system.parameters import check_differentiable, parameter, with_value
 
-if TYPE_CHECKING:
-    import xarray
-
 __all__ = ["Diagram", "bifurcation_diagram"]
 
 USUAL = SwitchedRK(rtol=1e-8, atol=1e-10)
+FIELDS: dict[str, Field] = {
+    "run_of_point": ("point", "", "run of the point"),
+    "run_value": ("run", "", "parameter of the run"),
+    "start": ("run", "", "number of its start"),
+    "kind": ("run", "", "what it settled on"),
+    "multiple": ("run", "", "after how many periods that repeats"),
+}
+"""Dimensions, unit and meaning of what is in the dataset."""
+SECTIONS: dict[str, tuple[dict[str, Field], dict[str, Field]]] = {
+    "impacts": (
+        {"phase": ("point", "", "phase of the impact, a part of the period")},
+        {"u": ("point", "m/s", "speed after the impact")},
+    ),
+    "strobe": ({"x": ("point", "m", "distance")}, {"xdot": ("point", "m/s", "velocity")}),
+}
+"""The same for the two numbers of a point."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Diagram:
+class Diagram(Tabulated):
     """What runs settled on, over values of a parameter and starts.
 
     Attributes
@@ -71,31 +83,20 @@ class Diagram:
         runs, rest = len(self.attractors), int(self.resting.sum())
         return f"<Diagram over {self.name}: {runs} runs, {rest} at rest, {len(self.value)} points>"
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset over ``point`` and ``run``.
-
-        Returns
-        -------
-        xarray.Dataset
-            The points, and the kind and the multiple of what each run settled on.
-        """
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        names = ("phase", "u") if self.section == "impacts" else ("x", "xdot")
-        return xarray.Dataset(
-            {
-                self.name: ("point", self.value),
-                names[0]: ("point", self.first),
-                names[1]: ("point", self.second),
-                "run_of_point": ("point", self.run),
-                "run_value": ("run", self.run_value),
-                "start": ("run", self.run_start),
-                "kind": ("run", [it.kind for it in self.attractors]),
-                "multiple": ("run", [it.multiple for it in self.attractors]),
-            },
-            attrs={"title": "Bifurcation diagram", "source": f"zivi {_zivi.__version__}"},
-        )
+    def _table(self) -> Table:
+        """Tell the points over ``point``, what each run settled on over ``run``."""
+        first, second = SECTIONS[self.section]
+        fields = {self.name: ("point", "", "parameter"), **first, **second, **FIELDS}
+        values = {
+            self.name: self.value,
+            next(iter(first)): self.first,
+            next(iter(second)): self.second,
+            "run_of_point": self.run,
+            "start": self.run_start,
+            "kind": [it.kind for it in self.attractors],
+            "multiple": [it.multiple for it in self.attractors],
+        }
+        return Table("Bifurcation diagram", fields, {}, values)
 
 
 def bifurcation_diagram(

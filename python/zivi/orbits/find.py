@@ -208,7 +208,7 @@ def _not_followed(system: ImpactSystem, frame: Frame, at: Equations) -> str | No
     t, x, xdot, _ = frame.rows(system, at.y)[0]
     state = (x, xdot if flies else max(xdot, 0.0))  # rounding of a plastic impact
     run = simulate(system, (t, t + length), state, frame.method, dense_output=False)
-    impacts = run.impacts
+    impacts = run.resolved_impacts
     k = 0 if flies else len(at.y) - 1
     # the impact that ends the period may lie on either side of its end
     seen = impacts[impacts["t"] < t + length * (1.0 - 1e-6)]

@@ -54,7 +54,7 @@ def free_guess(system: ImpactSystem, start: Any, method: SwitchedRK) -> Guess:
         state = pair("start[1]", start[1], "(x0, xdot0)")
         for span in SPANS:
             run = simulate(system, (0.0, span), state, method)
-            if len(run.impacts) >= ENOUGH or run.rest_time is not None or not run.success:
+            if len(run.resolved_impacts) >= ENOUGH or run.rest_time is not None or not run.success:
                 break
         return _from_run(run)
     rows = rows_of(start)
@@ -65,8 +65,8 @@ def _flight(system: ImpactSystem, speed: float) -> float:
     """Give the duration of a flight from the wall."""
     for span in SPANS:
         run = simulate(system, (0.0, span), (0.0, abs(speed)), dense_output=False)
-        if len(run.impacts):
-            return float(run.impacts["t"][0])
+        if len(run.resolved_impacts):
+            return float(run.resolved_impacts["t"][0])
     raise ValueError(f"start: the last impact is followed by no other within {SPANS[-1]:g} s")
 
 
@@ -74,7 +74,7 @@ def _from_run(run: Trajectory) -> Guess:
     """Give what the end of a run shows."""
     if run.rest_time is not None:
         return Guess(np.empty((0, 2)), 1, resting=True, phase=float(run.t[-1]))
-    impacts = np.column_stack([run.impacts["t"], run.impacts["xdot_after"]])
+    impacts = np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]])
     if len(impacts) < 2:
         return Guess(_cycle(run), 1)
     k = _repeats(impacts)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, finite
+from zivi.base.table import Table, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import fly
 from zivi.simulation.methods import SwitchedRK
@@ -25,7 +26,7 @@ PIECES = 200
 
 
 @dataclasses.dataclass(frozen=True)
-class Lyapunov:
+class Lyapunov(Tabulated):
     """Lyapunov exponents of a run.
 
     Attributes
@@ -52,6 +53,12 @@ class Lyapunov:
     def success(self) -> bool:
         """Whether there are exponents of a motion that does not rest."""
         return self.status is OrbitStatus.COMPLETED
+
+    def _table(self) -> Table:
+        """Tell the exponents."""
+        fields = {"exponents": ("exponent", "1/s", "Lyapunov exponents")}
+        attrs = {"duration": self.duration, "n_impacts": self.n_impacts}
+        return Table("Lyapunov exponents", fields, {}, {}, attrs | {"status": self.status.name})
 
 
 def lyapunov_exponents(
@@ -114,7 +121,7 @@ def lyapunov_exponents(
         return Lyapunov(np.full(2, np.nan), 0.0, 0, OrbitStatus.RUN_ENDED, run)
     if run.rest_time is not None or np.any(run.zeno_times >= counted):
         return Lyapunov(np.full(2, -np.inf), 0.0, len(run.impacts), OrbitStatus.RESTS, run)
-    rows = np.column_stack([run.impacts["t"], run.impacts["xdot_after"]])
+    rows = np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]])
     rows = rows[rows[:, 0] >= counted]
     if len(rows) < 2:
         return _in_flight(system, run, counted, span[1], method)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, MaybeNone, finite
-from zivi.base.extras import needed
+from zivi.base.table import Field, Table, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus, sensitivity
 from zivi.orbits.sequence import Frame, equations
 from zivi.simulation.run import simulate
@@ -18,16 +18,21 @@ from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem
 from zivi.system.parameters import parameter
 
-if TYPE_CHECKING:
-    import xarray
-
 __all__ = ["PeriodicOrbit"]
 
 ORBIT_IMPACT = np.dtype([("t", "f8"), ("u", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
+FIELDS: dict[str, Field] = {
+    "t": ("impact", "s", "time of the impact"),
+    "u": ("impact", "m/s", "speed after the impact"),
+    "xdot_before": ("impact", "m/s", "velocity before the impact"),
+    "multiplier_real": ("multiplier", "", "real parts of the multipliers"),
+    "multiplier_imag": ("multiplier", "", "imaginary parts of the multipliers"),
+}
+"""Dimensions, unit and meaning of what is in the dataset."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class PeriodicOrbit:
+class PeriodicOrbit(Tabulated):
     """A periodic motion.
 
     Attributes
@@ -193,18 +198,14 @@ class PeriodicOrbit:
         end = self.zeno_time + rest
         return sensitivity(self.system, (begin, end), (0.0, 0.0), (name,), self._frame.method)
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset: the impacts and the multipliers."""
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        data = {name: ("impact", self.impacts[name]) for name in ("t", "u", "xdot_before")}
-        data |= {
-            "multiplier_real": ("multiplier", self.multipliers.real),
-            "multiplier_imag": ("multiplier", self.multipliers.imag),
-        }
+    def _table(self) -> Table:
+        """Tell the impacts and the multipliers."""
+        values = {name: self.impacts[name] for name in ("t", "u", "xdot_before")}
+        values |= {"multiplier_real": self.multipliers.real}
+        values |= {"multiplier_imag": self.multipliers.imag}
         attrs = {"kind": self.kind, "period": self.period, "multiple": self.multiple}
-        return xarray.Dataset(data, attrs=attrs | {"status": self.status.name})
+        attrs |= {"status": self.status.name}
+        return Table("Periodic orbit", FIELDS, {}, values, attrs)
 
     def __repr__(self) -> str:
         multipliers = ", ".join(f"{value:.4g}" for value in self.multipliers)

@@ -101,7 +101,7 @@ def resting_orbit(
         why = f"The motion after the lift-off does not rest again within {most} periods."
         empty = np.empty(0, ORBIT_IMPACT)
         return _orbit(system, frame, None, None, empty, OrbitStatus.NOT_CONVERGED, why)
-    return _first_return(system, frame, run.impacts, lifts, zenos)
+    return _first_return(system, frame, run.resolved_impacts, lifts, zenos)
 
 
 def _first_return(

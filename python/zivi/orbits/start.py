@@ -69,9 +69,12 @@ def _from_state(
         run = simulate(system, (t0, t0 + length), state, method, dense_output=False)
         if len(run.zeno_times):
             return Guess(np.empty((0, 2)), multiple, resting=True, phase=float(run.zeno_times[-1]))
-        if not len(run.impacts):
+        if not len(run.resolved_impacts):
             return Guess(np.array(state), multiple, start=t0)
-        return Guess(np.column_stack([run.impacts["t"], run.impacts["xdot_after"]]), multiple)
+        return Guess(
+            np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]]),
+            multiple,
+        )
     run = simulate(system, (t0, t0 + SETTLING * period), state, method, dense_output=False)
     return from_run(run, None, period)
 
@@ -84,7 +87,7 @@ def from_run(run: Trajectory, multiple: int | None, period: float) -> Guess:
         return Guess(np.empty((0, 2)), multiple or 1, resting=True, phase=float(run.zeno_times[-1]))
     if run.rest_time is not None:
         return Guess(np.empty((0, 2)), 1, resting=True, phase=end)
-    impacts = np.column_stack([run.impacts["t"], run.impacts["xdot_after"]])
+    impacts = np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]])
     impacts = impacts[impacts[:, 0] > end - 2 * MOST_MULTIPLE * period]
     last = impacts[impacts[:, 0] > end - (multiple or 4) * period]
     if not len(last):

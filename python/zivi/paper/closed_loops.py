@@ -137,7 +137,7 @@ def track(
 def lifted(run: ClosedLoop, kappa: float = KAPPA) -> tuple[Array, Array]:
     """Lift the plant to ``(s, v)`` without jumps: the side changes at impacts."""
     s, v = lift(run.x, run.xdot, kappa=kappa)
-    side = (-1.0) ** np.searchsorted(run.impacts["t"], run.t, side="right")
+    side = (-1.0) ** np.searchsorted(run.resolved_impacts["t"], run.t, side="right")
     return side * s, side * v
 
 

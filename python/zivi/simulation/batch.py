@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi import _zivi
+from zivi.base.check import Array
 from zivi.base.compiled import listening, tell
 from zivi.base.progress import ProgressBar
 from zivi.simulation.batch_arguments import check_threads, every_of, states_of, systems_of
 from zivi.simulation.batch_result import MAX_DESCRIBED, Batch
 from zivi.simulation.batch_samples import sampled, sampling_of
 from zivi.simulation.describe import describe, describe_system
-from zivi.simulation.impacts import IMPACT
+from zivi.simulation.impacts import IMPACT, SLOWEST, check_slowest, rows_of_events, rows_of_impacts
 from zivi.simulation.mechanical_batch import MechanicalBatch, mechanical_batch
 from zivi.simulation.methods import Method
 from zivi.simulation.misplaced import check_method
@@ -35,6 +37,7 @@ def simulate_batch(
     method: Method = ...,
     t_eval: ArrayLike | None = ...,
     save: str | int = ...,
+    slowest: float = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
 ) -> MechanicalBatch: ...
@@ -49,6 +52,7 @@ def simulate_batch(
     method: Method = ...,
     t_eval: ArrayLike | None = ...,
     save: str | int = ...,
+    slowest: float = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
 ) -> Batch: ...
@@ -62,6 +66,7 @@ def simulate_batch(
     method: Method = DEFAULT_METHOD,
     t_eval: ArrayLike | None = None,
     save: str | int = "final",
+    slowest: float = SLOWEST,
     threads: int | None = None,
     progress: bool | None = None,
 ) -> Batch | MechanicalBatch:
@@ -94,6 +99,9 @@ def simulate_batch(
         all events; its end and whether it passed a grazing (`SwitchedRK` only); or its end and
         every so many samples (methods of fixed steps only). Of mechanical systems "final", "events"
         or "runs", the runs themselves.
+    slowest : float
+        The slowest impacts that are counted and listed, as a part of the fastest one, > 0: also
+        those that a jump to rest skips.
     threads : int, optional
         Number of threads, >= 1; by default as many as the machine runs at once.
     progress : bool, optional
@@ -122,12 +130,12 @@ def simulate_batch(
     >>> batch
     <Batch of 4 runs: 4 completed, 4 at rest>
     """
-    span = pair("t_span", t_span, "(t0, t1)")
+    span, slowest = pair("t_span", t_span, "(t0, t1)"), check_slowest(slowest)
     first = next(iter(systems), None) if isinstance(systems, Sequence) else systems
     if isinstance(first, MechanicalSystem):
         workers = check_threads(threads)
         times = None if t_eval is None else times_within(t_eval, span)
-        return mechanical_batch(systems, span, y0, method, times, save, workers, progress)
+        return mechanical_batch(systems, span, y0, method, times, save, slowest, workers, progress)
     several = systems_of(systems)
     states = states_of(y0, len(several))
     check_method(method)
@@ -143,6 +151,7 @@ def simulate_batch(
             method._core,
             span=span,
             save=save if every is None else every,
+            slowest=slowest,
             threads=workers,
             at=sampling.at,
             steps=sampling.steps,
@@ -171,7 +180,7 @@ def _batch(
     save: str,
     config: dict[str, Any],
 ) -> Batch:
-    n_impacts, n_zeno, n_liftoffs = record.counts.T
+    n_impacts, n_zeno, n_liftoffs, n_resolved = record.counts.T
     extremes = save == "statistics"
     return Batch(
         t=record.t,
@@ -180,10 +189,12 @@ def _batch(
         rest_time=record.rest_time,
         first_impact=record.first_impact,
         last_impact=record.last_impact,
+        last_resolved=record.last_resolved,
         hardest_impact=record.hardest_impact,
         n_impacts=n_impacts,
         n_zeno=n_zeno,
         n_liftoffs=n_liftoffs,
+        n_resolved=n_resolved,
         status=record.status,
         nfev=record.nfev,
         x_max=record.x_max if extremes else None,
@@ -198,15 +209,26 @@ def _batch(
 
 
 def _events(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
-    events = []
     # each look at one of these makes a new list
-    columns = (record.impact_t, record.impact_xdot_before, record.impact_xdot_after)
-    for t, before, after, zeno_times, liftoff_times in zip(
-        *columns, record.zeno_times, record.liftoff_times, strict=True
-    ):
-        impacts = np.empty(len(t), IMPACT)
-        impacts["t"], impacts["xdot_before"], impacts["xdot_after"] = t, before, after
-        events.append(
-            {"impacts": impacts, "zeno_times": zeno_times, "liftoff_times": liftoff_times}
-        )
+    listed, resolved = record.impacts, record.resolved_impacts
+    zeno_times, liftoff_times = record.zeno_times, record.liftoff_times
+    columns = (
+        _parts(listed, lambda flat: rows_of_impacts(flat.view(IMPACT)), 3),
+        _parts(zeno_times, lambda times: rows_of_events("zeno", times)),
+        _parts(liftoff_times, lambda times: rows_of_events("liftoffs", times)),
+        [rows.view(IMPACT) for rows in resolved],
+        zeno_times,
+        liftoff_times,
+    )
+    names = ("impacts", "zeno", "liftoffs", "resolved_impacts", "zeno_times", "liftoff_times")
+    events = [dict(zip(names, own, strict=True)) for own in zip(*columns, strict=True)]
+    for own in events:
+        own["impacts"]["group"] = np.arange(1, len(own["impacts"]) + 1)
     return events
+
+
+def _parts(several: list[Array], table: Callable[[Array], Any], width: int = 1) -> list[Any]:
+    """Make the tables of all runs at once, which are many, and part them."""
+    ends = np.cumsum([0, *map(len, several)]) // width
+    rows = table(np.concatenate([*several, np.empty(0)]))
+    return [rows[start:end] for start, end in itertools.pairwise(ends)]

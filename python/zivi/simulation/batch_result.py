@@ -8,43 +8,43 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _zivi
 from zivi.base.check import Array, MaybeNone
-from zivi.base.extras import needed
-from zivi.base.plain import text_of
 from zivi.base.status import Status
-
-if TYPE_CHECKING:
-    import xarray
+from zivi.base.table import Field, Table, Tabulated
 
 __all__ = ["MAX_DESCRIBED", "NUMBERS", "Batch", "Runs"]
 
 MAX_DESCRIBED = 100
 """Systems, and states, that are told in ``config``."""
 
-NUMBERS = {
-    "t": ("s", "time of the last sample"),
-    "x": ("m", "last distance from the wall"),
-    "xdot": ("m/s", "last velocity"),
-    "rest_time": ("s", "time from which the mass rests, NaN if it does not"),
-    "first_impact": ("s", "time of the first impact, NaN without one"),
-    "last_impact": ("s", "time of the last impact, NaN without one"),
-    "hardest_impact": ("m/s", "largest speed before an impact"),
-    "n_impacts": ("1", "number of impacts that were resolved"),
-    "n_zeno": ("1", "number of Zeno points"),
-    "n_liftoffs": ("1", "number of lift-offs"),
-    "status": ("1", "how the run ended, a zivi.Status"),
-    "nfev": ("1", "evaluations of the force"),
+NUMBERS: dict[str, Field] = {
+    "t": ("run", "s", "time of the last sample"),
+    "x": ("run", "m", "last distance from the wall"),
+    "xdot": ("run", "m/s", "last velocity"),
+    "rest_time": ("run", "s", "time from which the mass rests, NaN if it does not"),
+    "first_impact": ("run", "s", "time of the first impact, NaN without one"),
+    "last_impact": ("run", "s", "time of the last impact, NaN without one"),
+    "hardest_impact": ("run", "m/s", "largest speed before an impact"),
+    "n_impacts": ("run", "1", "number of impacts"),
+    "n_zeno": ("run", "1", "number of Zeno points"),
+    "n_liftoffs": ("run", "1", "number of lift-offs"),
+    "status": ("run", "1", "how the run ended, a zivi.Status"),
+    "nfev": ("run", "1", "evaluations of the force"),
 }
-"""Unit and meaning of what every batch has for each run."""
-EXTREMES = {
-    "x_max": ("m", "largest sampled distance from the wall"),
-    "speed_max": ("m/s", "largest sampled speed"),
+"""Dimensions, unit and meaning of what every batch has for each run."""
+EXTREMES: dict[str, Field] = {
+    "x_max": ("run", "m", "largest sampled distance from the wall"),
+    "speed_max": ("run", "m/s", "largest sampled speed"),
 }
 """The same for what only ``save="statistics"`` has."""
+SAMPLES: dict[str, Field] = {
+    "sample_x": (("run", "time"), "m", "samples"),
+    "sample_xdot": (("run", "time"), "m/s", "samples"),
+}
+"""The same for samples."""
 
 
-class Runs:
+class Runs(Tabulated):
     """What all batches have."""
 
     if TYPE_CHECKING:
@@ -82,7 +82,10 @@ class Batch(Runs):
     hardest_impact : ndarray
         Largest speed before an impact (m/s), 0 without one.
     n_impacts, n_zeno, n_liftoffs : ndarray of int
-        Numbers of impacts that were resolved, of Zeno points and of lift-offs.
+        Numbers of impacts (down to the part `slowest` of the fastest of the run, whether they were
+        computed or skipped by a jump to rest), of Zeno points and of lift-offs.
+    n_resolved, last_resolved : ndarray or None
+        Number of the impacts that were resolved, and the time of the last of them (s).
     status : ndarray of uint8
         How each run ended, the numbers of `Status`.
     nfev : ndarray of int
@@ -93,8 +96,9 @@ class Batch(Runs):
         With ``save="grazing"``: whether the run passed a grazing, an impact or the want of one that
         its tolerances decided.
     events : list or None
-        With ``save="events"``: for each run a dict with ``impacts`` (structured as those of a
-        `Trajectory`), ``zeno_times`` and ``liftoff_times``.
+        With ``save="events"``: for each run a dict with the tables ``impacts``, ``zeno``,
+        ``liftoffs`` and ``resolved_impacts`` of a `Trajectory`, and ``zeno_times`` and
+        ``liftoff_times``, their names of version 0.1.
     sample_t : ndarray or None
         With ``save=k`` or ``t_eval``: the times of the samples (s).
     sample_x, sample_xdot : ndarray or None
@@ -123,36 +127,14 @@ class Batch(Runs):
     sample_x: Array | MaybeNone
     sample_xdot: Array | MaybeNone
     config: dict[str, Any]
+    n_resolved: NDArray[np.uint64] | MaybeNone = None
+    last_resolved: Array | MaybeNone = None
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset over ``run`` (and ``time`` for samples).
-
-        Returns
-        -------
-        xarray.Dataset
-            With units, descriptions and the configuration (JSON) in the attributes. Events, which
-            differ in number from run to run, are not in it.
-        """
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        def labelled(dims: Any, values: Any, unit: str, meaning: str) -> Any:
-            return dims, values, {"units": unit, "long_name": meaning}
-
-        shown = NUMBERS | (EXTREMES if self.x_max is not None else {})
-        variables = {
-            name: labelled("run", getattr(self, name), unit, meaning)
-            for name, (unit, meaning) in shown.items()
-        }
-        coords: dict[str, Any] = {"run": np.arange(len(self))}
+    def _table(self) -> Table:
+        """Tell the numbers over ``run``, samples over ``time``; events differ in their number."""
+        fields = NUMBERS | (EXTREMES if self.x_max is not None else {})
+        coords: dict[str, Field] = {"run": ("run", "", "number of the run")}
         if self.sample_t is not None:
-            coords["time"] = labelled("time", self.sample_t, "s", "time")
-            for name, unit in (("sample_x", "m"), ("sample_xdot", "m/s")):
-                values = getattr(self, name)
-                variables[name] = labelled(("run", "time"), values, unit, "samples")
-        attrs = {
-            "title": "Batch of runs of mechanical systems with impacts",
-            "source": f"zivi {_zivi.__version__}",
-            "config": text_of(self.config),
-        }
-        return xarray.Dataset(variables, coords=coords, attrs=attrs)
+            fields, coords = fields | SAMPLES, coords | {"time": ("time", "s", "time")}
+        values = {"run": np.arange(len(self)), "time": self.sample_t}
+        return Table("Batch of runs of mechanical systems with impacts", fields, coords, values)

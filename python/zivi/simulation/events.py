@@ -12,9 +12,12 @@ from zivi import _zivi
 from zivi.base.check import finite
 from zivi.base.functions import of_three
 
-__all__ = ["Level", "event", "events_of"]
+__all__ = ["MECHANICAL", "Level", "event", "events_of"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+MECHANICAL = "g(t, q, qdot)"
+"""What an event of a mechanical system is."""
 
 
 class Level:
@@ -115,19 +118,19 @@ def event(*, terminal: bool | int = False, direction: float = 0) -> Callable[[Fu
     return given
 
 
-def events_of(events: Any) -> list[_zivi.Event]:
+def events_of(events: Any, form: str = "g(t, x, xdot)") -> list[_zivi.Event]:
     """Read the argument ``events``: a function or several, with SciPy's attributes."""
     if events is None:
         return []
     if not (callable(events) or isinstance(events, Iterable)):
         raise TypeError(f"events must be a function or a sequence of functions, got {events!r}")
     functions = [events] if callable(events) else list(events)
-    return [_event(k, function) for k, function in enumerate(functions)]
+    return [_event(k, function, form) for k, function in enumerate(functions)]
 
 
-def _event(k: int, function: Any) -> _zivi.Event:
+def _event(k: int, function: Any, form: str) -> _zivi.Event:
     if not callable(function):
-        raise TypeError(f"events[{k}] must be a function g(t, x, xdot), got {function!r}")
+        raise TypeError(f"events[{k}] must be a function {form}, got {function!r}")
     terminal = getattr(function, "terminal", None)
     if not (terminal is None or is_count(terminal)):
         raise ValueError(
@@ -138,9 +141,11 @@ def _event(k: int, function: Any) -> _zivi.Event:
         raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
     # no numpy.sign, which takes neither a bool nor an integer beyond 64 bits
     sign = int(direction > 0) - int(direction < 0)  # type: ignore[operator]
-    levels = (function.x, function.xdot) if isinstance(function, Level) else (None, None)
+    of_mass = form != MECHANICAL
+    exact = of_mass and isinstance(function, Level)
+    levels = (function.x, function.xdot) if exact else (None, None)
     return _zivi.Event(
-        of_three(f"events[{k}]", function, more_than_y=True),
+        of_three(f"events[{k}]", function, more_than_y=True) if of_mass else function,
         direction=sign,
         terminal=int(terminal or 0) or None,
         level_x=levels[0],

@@ -1,19 +1,78 @@
-"""The impacts of a run: as a record, and with those that were extrapolated."""
+"""What happened at walls and gaps, as tables: of one mass as of a mechanism."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zivi import _zivi
-from zivi.base.check import finite, whole
+from zivi.base.check import Array, finite, whole
+from zivi.simulation.dense import LostPath
 
-__all__ = ["IMPACT", "down_to", "impacts_of"]
+__all__ = [
+    "FIELDS",
+    "IMPACT",
+    "SLOWEST",
+    "Rows",
+    "check_bounds",
+    "check_slowest",
+    "down_to",
+    "impacts_of",
+    "listed",
+    "rows_of_events",
+    "rows_of_impacts",
+    "skipped_fast",
+    "skipped_impacts",
+    "table",
+]
+
+Rows: TypeAlias = "np.recarray[Any, Any]"
+"""A table of events: a record array."""
 
 IMPACT = np.dtype([("t", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
-"""One impact: its time (s) and the velocities before and after it (m/s)."""
+"""An impact of a mass as it was computed: its time (s), the velocities before and after (m/s)."""
+
+SLOWEST = 1e-3
+"""The slowest impacts that are listed, as a part of the fastest one."""
+MOST_LISTED = 1_000_000
+"""Impacts of one accumulation that are listed at most."""
+
+EVENT = {"t": "f8", "gap": "i8"}
+FIELDS = {
+    "impacts": {
+        "t": "f8",
+        "gap": "i8",
+        "speed_before": "f8",
+        "speed_after": "f8",
+        "impulse": "f8",
+        "group": "i8",
+    },
+    "zeno": EVENT | {"closed": "?m"},
+    "liftoffs": EVENT,
+    "openings": EVENT,
+    "corners": {"t": "f8", "gaps": "?m"},
+    "flags": {"kind": "U16", "t": "f8", "gaps": "?m", "size": "f8"},
+}
+"""The tables of a run: their fields and the types of these, ``?m`` for m flags."""
+
+TITLES = {"speed_before": "xdot_before", "speed_after": "xdot_after"}
+OF_MASS = np.dtype(
+    [((TITLES[it], it), k) if it in TITLES else (it, k) for it, k in FIELDS["impacts"].items()]
+)
+"""The rows of impacts of one mass, whose speeds are also called velocities."""
+
+
+def table(fields: dict[str, str], m: int, columns: dict[str, Any]) -> Rows:
+    """Make a record array of columns; `m` is the number of gaps."""
+    kinds: list[Any] = [
+        (name, "?", (m,)) if kind == "?m" else (name, kind) for name, kind in fields.items()
+    ]
+    rows = np.recarray(len(columns["t"]), dtype=kinds)
+    for name in fields:
+        rows[name] = columns[name]
+    return rows
 
 
 def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> NDArray[np.void]:
@@ -21,18 +80,78 @@ def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> NDArray[np.void]:
     return record.impacts.view(IMPACT)  # which has its rows
 
 
-def down_to(known: NDArray[np.void], path: Any, speed: float, limit: int) -> NDArray[np.void]:
-    """Add the impacts to `known` that the path of a run skipped, down to a speed."""
-    speed = finite("speed", speed)
-    if not speed > 0.0:
+def rows_of_impacts(impacts: NDArray[np.void]) -> Rows:
+    """Give the impacts of a mass as the table that a mechanism has, of unit mass and one gap."""
+    rows = np.zeros(len(impacts), OF_MASS)
+    rows["t"] = impacts["t"]
+    rows["speed_before"], rows["speed_after"] = impacts["xdot_before"], impacts["xdot_after"]
+    rows["impulse"] = rows["speed_after"] - rows["speed_before"]
+    rows["group"] = np.arange(1, len(rows) + 1)
+    return rows.view(np.recarray)
+
+
+def rows_of_events(name: str, times: Array, closed: bool = True) -> Rows:
+    """Give the times of events of a mass as the table that a mechanism has."""
+    columns = {"t": times, "gap": 0, "closed": np.full((len(times), 1), closed)}
+    return table(FIELDS[name], 1, columns)
+
+
+def check_slowest(part: Any) -> float:
+    """Read the argument ``slowest``."""
+    value = finite("slowest", part)
+    if not 0.0 < value <= 1.0:
+        raise ValueError(f"slowest must be > 0 and <= 1, a part of the fastest impact, got {part}")
+    return value
+
+
+def check_bounds(speed: Any, limit: Any) -> None:
+    """Refuse bounds of a list of impacts that are none."""
+    if not finite("speed", speed) > 0.0:
         raise ValueError(f"speed must be > 0, got {speed}")
     if whole("limit", limit) < 1:
         raise ValueError(f"limit must be >= 1, got {limit}")
-    fast = known[known["xdot_after"] >= speed]
+
+
+def skipped_impacts(path: Any, speed: float, limit: int) -> tuple[Array, ...] | None:
+    """Give columns of the impacts that jumps skipped, None if there are none."""
     skipped = getattr(path, "skipped_impacts", None)
     if skipped is None:
-        return fast
-    lazily = np.empty(len((columns := skipped(speed, limit))[0]), IMPACT)
-    for field, column in zip(IMPACT.names or (), columns, strict=True):
-        lazily[field] = column
-    return np.sort(np.concatenate([fast, lazily]), order="t", kind="stable")
+        return None
+    columns: tuple[Array, ...] = skipped(speed, limit)
+    return columns if len(columns[0]) else None
+
+
+def listed(known: NDArray[np.void], path: Any, part: float) -> NDArray[np.void]:
+    """List the impacts of a mass that were computed or skipped, down to a part of the fastest."""
+    fastest = np.max(-known["xdot_before"], initial=0.0)
+    fast = known[-known["xdot_before"] >= part * fastest]
+    columns = skipped_fast(path, part * fastest)
+    return fast if columns is None else _merged(fast, columns)
+
+
+def skipped_fast(path: Any, speed: float) -> tuple[Array, ...] | None:
+    """Give the skipped impacts with at least a speed before them."""
+    if isinstance(path, LostPath) or not speed > 0.0:
+        return None
+    first = skipped_impacts(path, 0.0, 1)
+    if first is None:
+        return None
+    # Newton's law: the speeds after them are e times those before
+    least = np.min(first[2] / -first[1]) * (1.0 - 1e-9) * speed
+    found = skipped_impacts(path, float(least), MOST_LISTED)
+    return None if found is None else tuple(column[-found[1] >= speed] for column in found)
+
+
+def down_to(known: NDArray[np.void], path: Any, speed: float, limit: int) -> NDArray[np.void]:
+    """Add the impacts to `known` that the path of a run skipped, down to a speed after them."""
+    check_bounds(speed, limit)
+    fast = known[known["xdot_after"] >= speed]
+    columns = skipped_impacts(path, speed, limit)
+    return fast if columns is None else _merged(fast, columns)
+
+
+def _merged(fast: NDArray[np.void], columns: tuple[Array, ...]) -> NDArray[np.void]:
+    skipped = np.empty(len(columns[0]), IMPACT)
+    for field, column in zip(IMPACT.names or (), columns, strict=False):
+        skipped[field] = column
+    return np.sort(np.concatenate([fast, skipped]), order="t", kind="stable")

@@ -47,6 +47,7 @@ def mechanical_batch(
     method: Any,
     times: Array | None,
     save: Any,
+    slowest: float,
     threads: int,
     progress: bool | None,
 ) -> MechanicalBatch:
@@ -59,9 +60,8 @@ def mechanical_batch(
     q, qdot = _states(y0, len(several))
     several = several * len(q) if len(several) == 1 else several
     samples = None if times is None else _room(q.shape, len(times))
-    dense = save == "runs" or times is not None
     tasks = [
-        (system, Asked(span, a, b, None, np.empty(0), [], dense))
+        (system, Asked(span, a, b, None, np.empty(0), [], True))
         for system, a, b in zip(several, q, qdot, strict=True)
     ]
 
@@ -69,6 +69,7 @@ def mechanical_batch(
         if samples is not None and times is not None:
             reached = times[times <= run.t[-1]]
             samples[:, number, : len(reached)] = run(reached)
+        vars(run)["slowest"] = slowest
         return _kept(run, save)
 
     with ProgressBar(progress) as bar:
@@ -174,6 +175,7 @@ def _kept(run: MechanicalTrajectory, save: str) -> Kept:
         "first_impact": impacts[0] if len(impacts) else np.nan,
         "last_impact": impacts[-1] if len(impacts) else np.nan,
         "n_impacts": len(np.unique(run.impacts["group"])),
+        "rest_time": np.nan if run.rest_time is None else run.rest_time,
         "status": int(run.status),
         "nfev": run.nfev,
     }
@@ -187,7 +189,8 @@ def _kept(run: MechanicalTrajectory, save: str) -> Kept:
 
 
 COUNTED = ("zeno", "liftoffs", "corners", "flags")
-KINDS: dict[str, type] = {"first_impact": float, "last_impact": float, "status": np.uint8}
+KINDS: dict[str, type] = {"status": np.uint8}
+KINDS |= dict.fromkeys(("first_impact", "last_impact", "rest_time"), float)
 """Types of the numbers that are no counts."""
 
 

@@ -3,38 +3,54 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _zivi
 from zivi.base.check import Array, MaybeNone
-from zivi.base.extras import needed
-from zivi.base.status import Status
+from zivi.base.table import Field, Table
+from zivi.simulation.batch_result import Runs
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
-
-if TYPE_CHECKING:
-    import xarray
 
 __all__ = ["MechanicalBatch"]
 
-NUMBERS = {
-    "first_impact": "time of the first impact, NaN without one",
-    "last_impact": "time of the last impact, NaN without one",
-    "n_impacts": "number of impacts that were resolved",
-    "n_zeno": "number of accumulations",
-    "n_liftoffs": "number of lift-offs",
-    "n_corners": "number of corners",
-    "n_flags": "number of flags",
-    "status": "how the run ended, a zivi.Status",
-    "nfev": "evaluations of the system",
+NUMBERS: dict[str, Field] = {
+    "first_impact": ("run", "", "time of the first impact, NaN without one"),
+    "last_impact": ("run", "", "time of the last impact, NaN without one"),
+    "rest_time": ("run", "", "time from which nothing moves, NaN if something does"),
+    "n_impacts": ("run", "", "number of impacts"),
+    "n_zeno": ("run", "", "number of accumulations"),
+    "n_liftoffs": ("run", "", "number of lift-offs"),
+    "n_corners": ("run", "", "number of corners"),
+    "n_flags": ("run", "", "number of flags"),
+    "status": ("run", "", "how the run ended, a zivi.Status"),
+    "nfev": ("run", "", "evaluations of the system"),
 }
+"""Dimensions, unit and meaning of what a batch counts in each run."""
+ENDS: dict[str, Field] = {
+    "t": ("run", "", "time of the end"),
+    "q": (("run", "coordinate"), "", "coordinates at the end"),
+    "qdot": (("run", "coordinate"), "", "velocities at the end"),
+    "gaps": (("run", "gap"), "", "gaps at the end"),
+    "contacts": (("run", "gap"), "", "which gaps are closed at the end"),
+}
+"""The same for the ends of the runs."""
+SAMPLES: dict[str, Field] = {
+    "sample_q": (("run", "time", "coordinate"), "", "coordinates"),
+    "sample_qdot": (("run", "time", "coordinate"), "", "velocities"),
+}
+"""The same for samples."""
+LABELS: dict[str, Field] = {
+    "run": ("run", "", "number of the run"),
+    "coordinate": ("coordinate", "", "name of the coordinate"),
+    "gap": ("gap", "", "name of the gap"),
+}
+"""Coordinates of the dataset."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalBatch:
+class MechanicalBatch(Runs):
     """Results of a batch of mechanical systems: an entry for each of N runs.
 
     Attributes
@@ -50,7 +66,10 @@ class MechanicalBatch:
     first_impact, last_impact : ndarray
         Times of the first and the last impact, NaN without one.
     n_impacts, n_zeno, n_liftoffs, n_corners, n_flags : ndarray of int
-        Numbers of impacts that were resolved, accumulations, lift-offs, corners and flags.
+        Numbers of impacts (down to the part `slowest` of the fastest of the run, whether they were
+        computed or skipped by a jump), accumulations, lift-offs, corners and flags.
+    rest_time : ndarray
+        Time from which nothing moves until the end, NaN if something does.
     status : ndarray of uint8
         How each run ended, the numbers of `Status`.
     nfev : ndarray of int
@@ -88,50 +107,18 @@ class MechanicalBatch:
     sample_t: Array | MaybeNone = None
     sample_q: Array | MaybeNone = None
     sample_qdot: Array | MaybeNone = None
+    rest_time: Array = dataclasses.field(default_factory=lambda: np.empty(0))
 
-    def __len__(self) -> int:
-        return len(self.status)
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """Which runs reached the end of the span."""
-        return np.equal(self.status, Status.COMPLETED)
-
-    def __repr__(self) -> str:
-        return f"<MechanicalBatch of {len(self)} runs: {int(np.sum(self.success))} completed>"
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Convert to a labelled dataset over ``run``, ``coordinate`` and ``gap``."""
-        needed("xarray", "labelled datasets")
-        import xarray
-
-        ends = {
-            "t": (("run",), "time of the end"),
-            "q": (("run", "coordinate"), "coordinates at the end"),
-            "qdot": (("run", "coordinate"), "velocities at the end"),
-            "gaps": (("run", "gap"), "gaps at the end"),
-            "contacts": (("run", "gap"), "which gaps are closed at the end"),
-        }
-        told = ends | {name: (("run",), meaning) for name, meaning in NUMBERS.items()}
-        coords: dict[str, Any] = {}
+    def _table(self) -> Table:
+        """Tell the numbers over ``run``, ``coordinate`` and ``gap``, samples over ``time``."""
+        fields, coords = ENDS | NUMBERS, dict(LABELS)
         if self.sample_t is not None:
-            dims = ("run", "time", "coordinate")
-            told |= {"sample_q": (dims, "coordinates"), "sample_qdot": (dims, "velocities")}
-            coords["time"] = "time", self.sample_t, {"long_name": "times of the samples"}
-        return xarray.Dataset(
-            {
-                name: (dims, getattr(self, name), {"long_name": meaning})
-                for name, (dims, meaning) in told.items()
-            },
-            coords=coords
-            | {
-                "run": np.arange(len(self)),
-                "coordinate": ("coordinate", np.array(self.config["coordinates"], dtype=object)),
-                "gap": ("gap", np.array(self.config["gaps"], dtype=object)),
-            },
-            attrs={
-                "title": "Batch of runs of mechanical systems with impacts",
-                "source": f"zivi {_zivi.__version__}",
-                "config": json.dumps(self.config),
-            },
-        )
+            fields |= SAMPLES
+            coords["time"] = "time", "", "times of the samples"
+        values = {
+            "run": np.arange(len(self)),
+            "time": self.sample_t,
+            "coordinate": np.array(self.config["coordinates"], dtype=object),
+            "gap": np.array(self.config["gaps"], dtype=object),
+        }
+        return Table("Batch of runs of mechanical systems with impacts", fields, coords, values)

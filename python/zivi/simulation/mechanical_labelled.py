@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import html
 import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zivi import _zivi
-from zivi.base.extras import needed
-from zivi.simulation.runs import MechanismRun
+from zivi.base.table import Field, Table
 
 if TYPE_CHECKING:
     import pandas
-    import xarray
 
-__all__ = ["MEANING", "TABLES", "dataset_of", "html_of", "rows_of", "table_of"]
+__all__ = ["MEANING", "TABLES", "labels_of", "rows_of", "table_of"]
 
 TABLES = {
     "impacts": "impact",
@@ -28,17 +24,22 @@ TABLES = {
 }
 """The tables of events of a run, and the dimensions over which they are."""
 
-MEANING = {
-    "q": (("time", "coordinate"), "coordinates"),
-    "qdot": (("time", "coordinate"), "velocities"),
-    "gaps": (("time", "gap"), "gaps"),
-    "gap_rates": (("time", "gap"), "rates of the gaps"),
-    "contacts": (("time", "gap"), "which gaps are closed"),
-    "reactions": (("time", "gap"), "multipliers of the gaps' gradients"),
+MEANING: dict[str, Field] = {
+    "q": (("time", "coordinate"), "", "coordinates"),
+    "qdot": (("time", "coordinate"), "", "velocities"),
+    "gaps": (("time", "gap"), "", "gaps"),
+    "gap_rates": (("time", "gap"), "", "rates of the gaps"),
+    "contacts": (("time", "gap"), "", "which gaps are closed"),
+    "reactions": (("time", "gap"), "", "multipliers of the gaps' gradients"),
+}
+COORDS: dict[str, Field] = {
+    "time": ("time", "", "time"),
+    "coordinate": ("coordinate", "", "name of the coordinate"),
+    "gap": ("gap", "", "name of the gap"),
 }
 
 
-def rows_of(sol: MechanismRun) -> dict[str, str]:
+def rows_of(sol: Any) -> dict[str, str]:
     """Tell a run in rows of a table."""
 
     def times(events: Any) -> str:
@@ -51,7 +52,7 @@ def rows_of(sol: MechanismRun) -> dict[str, str]:
         "status": f"{sol.status.name.lower()}: {sol.message}",
         "span": f"{sol.t[0]:.6g} to {sol.t[-1]:.6g}" if len(sol.t) else "no samples",
         "coordinates": ", ".join(sol.coordinate_names),
-        "impacts": f"{len(np.unique(sol.impacts['group']))} resolved",
+        "impacts": ", ".join(_counts(sol)) + " resolved",
         "Zeno points": times(sol.zeno),
         "lift-offs": times(sol.liftoffs),
         "corners": ", ".join(f"{t:.9g}" for t in sol.corners["t"][:5]) or "none",
@@ -62,19 +63,12 @@ def rows_of(sol: MechanismRun) -> dict[str, str]:
     }
 
 
-def html_of(sol: MechanismRun) -> str:
-    """Tell a run in a table of HTML."""
-    lines = "".join(
-        f"<tr><th style='text-align:left'>{name}</th>"
-        f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
-        for name, value in rows_of(sol).items()
-    )
-    return f"<table><caption>zivi.MechanicalTrajectory</caption>{lines}</table>"
+def _counts(sol: Any) -> list[str]:
+    return [str(len(np.unique(it["group"]))) for it in (sol.impacts, sol.resolved_impacts)]
 
 
-def table_of(sol: MechanismRun) -> pandas.DataFrame:
+def table_of(sol: Any) -> pandas.DataFrame:
     """Give the samples of a run as a table over time."""
-    needed("pandas", "tables")
     import pandas
 
     columns: dict[str, Any] = {}
@@ -89,36 +83,23 @@ def table_of(sol: MechanismRun) -> pandas.DataFrame:
     return pandas.DataFrame(columns, index=pandas.Index(sol.t, name="time"))
 
 
-def dataset_of(sol: MechanismRun) -> xarray.Dataset:
-    """Give a run as a labelled dataset."""
-    needed("xarray", "labelled datasets")
-    import xarray
-
-    variables: dict[str, Any] = {
-        name: (dims, getattr(sol, name), {"long_name": meaning})
-        for name, (dims, meaning) in MEANING.items()
-    }
+def labels_of(sol: Any) -> Table:
+    """Tell what is in the dataset of a run: samples, then events over their numbers."""
+    fields, values = dict(MEANING), {"time": sol.t}
+    values["coordinate"] = np.array(sol.coordinate_names, dtype=object)
+    values["gap"] = np.array(sol.gap_names, dtype=object)
     for attribute, dim in TABLES.items():
         rows = getattr(sol, attribute)
         for field in rows.dtype.names or ():
-            values = np.asarray(rows[field])
-            dims = (dim, "gap") if values.ndim == 2 else (dim,)
-            variables[f"{dim}_{field}"] = (dims, values, {"long_name": f"{field} of {attribute}"})
-    return xarray.Dataset(
-        variables,
-        coords={
-            "time": ("time", sol.t, {"long_name": "time"}),
-            "coordinate": ("coordinate", np.array(sol.coordinate_names, dtype=object)),
-            "gap": ("gap", np.array(sol.gap_names, dtype=object)),
-        },
-        attrs={
-            "title": "Run of a mechanical system with impacts",
-            "source": f"zivi {_zivi.__version__}",
-            "config": json.dumps(sol.config),
-            "status": int(sol.status),
-            "message": sol.message,
-            "nfev": sol.nfev,
-            "n_steps": sol.n_steps,
-            "n_rejected": sol.n_rejected,
-        },
-    )
+            values[f"{dim}_{field}"] = np.asarray(rows[field])
+            dims = (dim, "gap") if values[f"{dim}_{field}"].ndim == 2 else dim
+            fields[f"{dim}_{field}"] = (dims, "", f"{field} of {attribute}")
+    attrs = {
+        "config": json.dumps(sol.config),  # with infinity, for files give it back
+        "status": int(sol.status),
+        "message": sol.message,
+        "nfev": sol.nfev,
+        "n_steps": sol.n_steps,
+        "n_rejected": sol.n_rejected,
+    }
+    return Table("Run of a mechanical system with impacts", fields, COORDS, values, attrs)

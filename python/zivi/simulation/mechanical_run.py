@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import numbers
 import warnings
-from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from zivi import _zivi
 from zivi.base.check import Array, real_array
-from zivi.simulation.events import is_count
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK, ThetaGamma
 from zivi.simulation.trust import Closer, closer_mechanism
@@ -26,7 +23,6 @@ __all__ = [
     "check_mechanical_method",
     "closer_of",
     "configuration",
-    "mechanical_events",
     "run_mechanical",
     "state_of",
 ]
@@ -51,7 +47,7 @@ class Asked:
     tstops : ndarray
         Times where the force is not smooth.
     events : list
-        As `mechanical_events` gives them.
+        As `events_of` gives them.
     dense : bool
         Whether the motion between the samples is kept.
     """
@@ -84,31 +80,6 @@ def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
         if not np.all(np.isfinite(value)):
             raise ValueError(f"{name} must be finite, got {value.tolist()}")
     return np.ascontiguousarray(q), np.ascontiguousarray(qdot)
-
-
-def mechanical_events(events: Any) -> list[_zivi.Event]:
-    """Read events ``g(t, q, qdot)`` with SciPy's attributes."""
-    if events is None:
-        return []
-    if not (callable(events) or isinstance(events, Iterable)):
-        raise TypeError(f"events must be a function or a sequence of functions, got {events!r}")
-    functions = [events] if callable(events) else list(events)
-    return [_event(k, function) for k, function in enumerate(functions)]
-
-
-def _event(k: int, function: Any) -> _zivi.Event:
-    if not callable(function):
-        raise TypeError(f"events[{k}] must be a function g(t, q, qdot), got {function!r}")
-    terminal = getattr(function, "terminal", None) or 0
-    direction = getattr(function, "direction", 0)
-    if not is_count(terminal):
-        raise ValueError(
-            f"events[{k}].terminal must be a bool or a count from 0 to 2**63 - 1, got {terminal!r}"
-        )
-    if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
-        raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
-    sign = int(float(direction) > 0) - int(float(direction) < 0)
-    return _zivi.Event(function, direction=sign, terminal=int(terminal) or None)
 
 
 def check_mechanical_method(method: Any) -> None:

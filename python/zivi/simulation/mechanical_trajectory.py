@@ -10,28 +10,35 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
-from zivi.base.check import Array, real_array, whole
+from zivi.base.check import Array
+from zivi.base.extras import needed
 from zivi.base.status import Status
+from zivi.base.table import Table
 from zivi.simulation import mechanical_labelled as labelled
+from zivi.simulation.impacts import FIELDS, SLOWEST, Rows, table
 from zivi.simulation.linear_motion import LinearMotion
+from zivi.simulation.mechanical_impacts import down_to, listed
 from zivi.simulation.mechanical_messages import ending
 from zivi.simulation.reactions import reactions_at
+from zivi.simulation.run_result import SampledRun
 from zivi.simulation.trust import Closer, told, trusted
 from zivi.system.mechanism import Model
 
 if TYPE_CHECKING:
     import pandas
-    import xarray
 
 __all__ = ["FIELDS", "MechanicalTrajectory", "table"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalTrajectory:
+class MechanicalTrajectory(SampledRun):
     """Samples and events of one run of a mechanical system: n coordinates, m gaps.
 
     Calling it, ``sol(t)``, gives ``(q, qdot)`` between the samples. Tables of events are record
-    arrays: ``sol.zeno["t"]`` and ``sol.zeno.t`` are the same.
+    arrays: ``sol.zeno["t"]`` and ``sol.zeno.t`` are the same. The impacts are the table ``impacts``
+    with fields ``t``, ``gap`` (its number), ``speed_before`` (<= 0) and ``speed_after`` of the gap,
+    ``impulse``, ``group``: a row for each gap with a part in an impact; rows of one impact share
+    the number of its group.
 
     Attributes
     ----------
@@ -45,10 +52,9 @@ class MechanicalTrajectory:
         Which gaps are closed and stay so, shape (k, m).
     reactions : ndarray
         Multipliers of the gradients, the contact forces, shape (k, m): 0 where a gap is open.
-    impacts : recarray
-        Fields ``t``, ``gap`` (its number), ``speed_before`` (<= 0) and ``speed_after`` of the gap,
-        ``impulse``, ``group``: a row for each gap with a part in an impact; rows of one impact
-        share the number of its group.
+    resolved_impacts : recarray
+        The impacts that the steps resolve, with the fields of ``impacts``; those that a jump to a
+        Zeno point skips are not among them.
     zeno : recarray
         Accumulations: ``t``, ``gap``, and ``closed``, the m flags of the gaps closed after it.
     liftoffs : recarray
@@ -71,6 +77,8 @@ class MechanicalTrajectory:
         For each event of the user the times at which it happened.
     q_events, qdot_events : list of ndarray
         The states there, each of shape (j, n).
+    slowest : float
+        The slowest of ``impacts``, as a part of the fastest.
     coordinate_names, gap_names : tuple of str
         Names.
     config : dict
@@ -84,12 +92,12 @@ class MechanicalTrajectory:
     gap_rates: Array
     contacts: NDArray[np.bool_]
     reactions: Array
-    impacts: np.recarray[Any, Any]
-    zeno: np.recarray[Any, Any]
-    liftoffs: np.recarray[Any, Any]
-    openings: np.recarray[Any, Any]
-    corners: np.recarray[Any, Any]
-    flags: np.recarray[Any, Any]
+    resolved_impacts: Rows
+    zeno: Rows
+    liftoffs: Rows
+    openings: Rows
+    corners: Rows
+    flags: Rows
     status: Status
     message: str
     nfev: int
@@ -101,6 +109,7 @@ class MechanicalTrajectory:
     t_events: list[Array] = dataclasses.field(default_factory=list)
     q_events: list[Array] = dataclasses.field(default_factory=list)
     qdot_events: list[Array] = dataclasses.field(default_factory=list)
+    slowest: float = SLOWEST
     _path: Any = None
     _model: Model | None = None
     _closer: Closer | None = None
@@ -109,10 +118,12 @@ class MechanicalTrajectory:
         # samples can be sent where a model cannot
         return self.__dict__ | {"_model": None, "_closer": None}
 
-    @property
-    def success(self) -> bool:
-        """Whether the end of the span was reached, or a terminal event."""
-        return self.status in (Status.COMPLETED, Status.TERMINATED_BY_EVENT)
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # version 0.1 had the impacts that were computed under this name
+        if "resolved_impacts" not in state:
+            state = dict(state)
+            state["resolved_impacts"] = state.pop("impacts")
+        self.__dict__.update(state)
 
     @functools.cached_property
     def trusted_until(self) -> float:
@@ -148,12 +159,15 @@ class MechanicalTrajectory:
         config: dict[str, Any],
         closer: Closer | None,
     ) -> MechanicalTrajectory:
-        m = model.layout.m
+
+        def rows(name: str, columns: dict[str, Any]) -> Rows:
+            return table(FIELDS[name], model.layout.m, columns)
+
         # a method of fixed steps: its steps are all there is
         steps = ("t", "q", "qdot", "gaps", "gap_rates", "reactions", "contacts")
         stepped = config["method"]["name"] != "SwitchedRK"
         linear = LinearMotion(**{name: getattr(record, name) for name in steps})
-        impacts = {name: getattr(record, f"impact_{name}") for name in IMPACT}
+        impacts = {name: getattr(record, f"impact_{name}") for name in FIELDS["impacts"]}
         flags = {
             "kind": np.array(record.flag_kind, dtype="U16"),
             "t": record.flag_t,
@@ -168,16 +182,14 @@ class MechanicalTrajectory:
             gap_rates=record.gap_rates,
             contacts=record.contacts,
             reactions=record.reactions,
-            impacts=table(IMPACT, m, impacts),
-            zeno=table(
-                ZENO,
-                m,
-                {"t": record.zeno_t, "gap": record.zeno_gap, "closed": record.zeno_closed},
+            resolved_impacts=rows("impacts", impacts),
+            zeno=rows(
+                "zeno", {"t": record.zeno_t, "gap": record.zeno_gap, "closed": record.zeno_closed}
             ),
-            liftoffs=table(EVENT, m, {"t": record.liftoff_t, "gap": record.liftoff_gap}),
-            openings=table(EVENT, m, {"t": record.opened_t, "gap": record.opened_gap}),
-            corners=table(CORNER, m, {"t": record.corner_t, "gaps": record.corner_gaps}),
-            flags=table(FLAG, m, flags),
+            liftoffs=rows("liftoffs", {"t": record.liftoff_t, "gap": record.liftoff_gap}),
+            openings=rows("openings", {"t": record.opened_t, "gap": record.opened_gap}),
+            corners=rows("corners", {"t": record.corner_t, "gaps": record.corner_gaps}),
+            flags=rows("flags", flags),
             status=Status(record.status),
             message=ending(record, config["gaps"]),
             nfev=record.nfev,
@@ -212,54 +224,13 @@ class MechanicalTrajectory:
         ValueError
             If a time lies outside the computed span, or the run kept no dense output.
         """
-        times = real_array("t", t)
-        q, qdot, *_ = self._at(times.ravel())
+        times = self._within(t)
+        q, qdot, *_ = self._known().at(np.ascontiguousarray(times.ravel()))
         shape = (*times.shape, q.shape[1])
         return np.stack([q.reshape(shape), qdot.reshape(shape)])
 
-    def _at(self, times: Array) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
-        if self._path is None:
-            raise ValueError("sol(t) needs a run with dense_output=True")
-        start, end = self._path.span
-        if not np.all((times >= start) & (times <= end)):
-            raise ValueError(f"t must lie within the computed span [{start}, {end}]")
-        return self._path.at(np.ascontiguousarray(times))  # type: ignore[no-any-return]
-
-    def resample(self, t: ArrayLike | None = None, *, n: int | None = None) -> MechanicalTrajectory:
-        """Report the run at other times.
-
-        Parameters
-        ----------
-        t : array_like, optional
-            Times within the computed span that do not decrease.
-        n : int, optional
-            So many equidistant times instead, >= 2.
-
-        Returns
-        -------
-        MechanicalTrajectory
-            The same run with other samples. Reactions are NaN if the system is no longer known,
-            as in a run that was loaded or sent to another process.
-
-        Raises
-        ------
-        TypeError
-            If not exactly one of `t` and `n` is given.
-        ValueError
-            If a time lies outside the computed span, or the run kept no dense output.
-        """
-        if (t is None) == (n is None):
-            raise TypeError("exactly one of t and n must be given")
-        if n is not None:
-            if whole("n", n) < 2:
-                raise ValueError(f"n must be >= 2, got {n}")
-            start, end = (self.t[0], self.t[-1]) if self._path is None else self._path.span
-            times = np.linspace(start, end, n)
-        else:
-            times = np.atleast_1d(real_array("t", t))
-            if times.ndim != 1 or np.any(np.diff(times) < 0):
-                raise ValueError("t must be times that do not decrease")
-        q, qdot, gaps, rates, contacts = self._at(times)
+    def _resampled(self, times: Array) -> MechanicalTrajectory:
+        q, qdot, gaps, rates, contacts = self._known().at(np.ascontiguousarray(times))
         return dataclasses.replace(
             self,
             t=times,
@@ -273,9 +244,46 @@ class MechanicalTrajectory:
             else reactions_at(self._model, times, q, qdot, contacts),
         )
 
+    def _listed(self) -> Rows:
+        return listed(self.resolved_impacts, self.zeno, self._path, self.slowest)
+
+    def _down_to(self, speed: float, limit: int) -> Rows:
+        return down_to(self.resolved_impacts, self.zeno, self._path, speed, limit)
+
+    @property
+    def zeno_times(self) -> Array:
+        """Times of the accumulations: ``zeno["t"]``, as a run of one mass had it in version 0.1."""
+        return np.asarray(self.zeno["t"])
+
+    @property
+    def liftoff_times(self) -> Array:
+        """Times of lift-off: ``liftoffs["t"]``, as a run of one mass had it in version 0.1."""
+        return np.asarray(self.liftoffs["t"])
+
+    @property
+    def y_events(self) -> list[Array]:
+        """The states ``(q, qdot)`` at the events of the user, each of shape (j, 2, n)."""
+        pairs = zip(self.q_events, self.qdot_events, strict=True)
+        return [np.stack([q, qdot], axis=1) for q, qdot in pairs]
+
+    @functools.cached_property
+    def rest_time(self) -> float | None:
+        """Time from which nothing moves until the end of the run, None if something does."""
+        tables = (self.resolved_impacts, self.zeno, self.liftoffs, self.openings, self.corners)
+        since = max([self.t[0], *(rows["t"].max(initial=-np.inf) for rows in tables)], default=None)
+        if since is None or not self.contacts[-1].any():
+            return None
+        late = self.t >= since
+        speeds = np.abs(self.qdot).max(initial=0.0)
+        moves = np.abs(self.qdot[late]).max(initial=0.0) > AT_REST * speeds
+        return None if moves else float(since)
+
     def __repr__(self) -> str:
         span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g}" if len(self.t) else "no samples"
-        counts = f"{len(np.unique(self.impacts['group']))} impacts, {len(self.zeno)} Zeno points"
+        counts = f"{len(np.unique(self.impacts['group']))} impacts"
+        if len(self.zeno):
+            counts += f" that accumulate at {self.zeno['t'][0]:.6g}"
+            counts += f" and {len(self.zeno) - 1} more times" if len(self.zeno) > 1 else ""
         counts += f", {len(self.liftoffs)} lift-offs"
         if len(self.corners):
             counts += f", {len(self.corners)} corners"
@@ -286,74 +294,16 @@ class MechanicalTrajectory:
             f"{self.status.name.lower()}>"
         )
 
-    def _repr_html_(self) -> str:
-        """Show the run as a table, in a notebook."""
-        return labelled.html_of(self)
+    def _facts(self) -> dict[str, str]:
+        return labelled.rows_of(self)
 
-    def to_pandas(self, t: ArrayLike | None = None, *, n: int | None = None) -> pandas.DataFrame:
-        """Convert the samples to a table, a row for each time.
+    def _as_frame(self) -> pandas.DataFrame:
+        needed("pandas", "tables")
+        return labelled.table_of(self)
 
-        Parameters
-        ----------
-        t, n
-            Other times than those of the samples, as in `resample`.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Coordinates by name, velocities (``x`` and ``xdot``), gaps by name, reactions
-            (``reaction_`` and the gap's name), over the index ``time``.
-        """
-        return labelled.table_of(self if t is None and n is None else self.resample(t, n=n))
-
-    def to_xarray(self, t: ArrayLike | None = None, *, n: int | None = None) -> xarray.Dataset:
-        """Convert to a labelled dataset that can be plotted, selected and saved.
-
-        Parameters
-        ----------
-        t, n
-            Other times than those of the samples, as in `resample`.
-
-        Returns
-        -------
-        xarray.Dataset
-            ``q`` and ``qdot`` over ``time`` and ``coordinate``, ``gap``, ``gap_rate``, ``contact``
-            and ``reaction`` over ``time`` and ``gap``, by their names; events over their
-            numbers; the configuration (JSON) in the attributes.
-        """
-        return labelled.dataset_of(self if t is None and n is None else self.resample(t, n=n))
+    def _table(self) -> Table:
+        return labelled.labels_of(self)
 
 
-IMPACT = {
-    "t": "f8",
-    "gap": "i8",
-    "speed_before": "f8",
-    "speed_after": "f8",
-    "impulse": "f8",
-    "group": "i8",
-}
-ZENO = {"t": "f8", "gap": "i8", "closed": "?m"}
-EVENT = {"t": "f8", "gap": "i8"}
-CORNER = {"t": "f8", "gaps": "?m"}
-FLAG = {"kind": "U16", "t": "f8", "gaps": "?m", "size": "f8"}
-"""Fields of the tables and their types, ``?m`` for m flags."""
-FIELDS = {
-    "impacts": IMPACT,
-    "zeno": ZENO,
-    "liftoffs": EVENT,
-    "openings": EVENT,
-    "corners": CORNER,
-    "flags": FLAG,
-}
-"""The tables of a run."""
-
-
-def table(fields: dict[str, str], m: int, columns: dict[str, Any]) -> np.recarray[Any, Any]:
-    """Make a record array of columns; `m` is the number of gaps."""
-    kinds: list[Any] = [
-        (name, "?", (m,)) if kind == "?m" else (name, kind) for name, kind in fields.items()
-    ]
-    rows = np.recarray(len(columns["t"]), dtype=kinds)
-    for name in fields:
-        rows[name] = columns[name]
-    return rows
+AT_REST = 1e-12
+"""What rounding leaves of velocities at rest, as a part of the largest velocity."""

@@ -8,11 +8,11 @@ from typing import TypeVar
 
 from zivi import _zivi
 from zivi.base.status import Status
-from zivi.simulation.runs import Run
+from zivi.simulation.run_result import SampledRun
 
 __all__ = ["as_raised", "with_partial"]
 
-AnyRun = TypeVar("AnyRun", bound=Run)
+AnyRun = TypeVar("AnyRun", bound=SampledRun)
 
 
 def as_raised(run: AnyRun) -> AnyRun:
@@ -21,7 +21,7 @@ def as_raised(run: AnyRun) -> AnyRun:
     return dataclasses.replace(run, status=Status.RAISED, message=message)
 
 
-def with_partial(error: BaseException, sol: Run) -> BaseException:
+def with_partial(error: BaseException, sol: SampledRun) -> BaseException:
     """Attach what was computed to the exception that ended a run."""
     path = getattr(sol, "_path", None)
     _, end = (path and path.span) or (None, sol.t[-1] if len(sol.t) else None)

@@ -13,11 +13,11 @@ from zivi.base.check import real, real_array
 from zivi.base.compiled import listening, listening_always
 from zivi.base.progress import ProgressBar
 from zivi.base.status import Status
-from zivi.simulation.events import events_of
+from zivi.simulation.events import MECHANICAL, events_of
+from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.mechanical_run import (
     Asked,
     check_mechanical_method,
-    mechanical_events,
     run_mechanical,
     state_of,
 )
@@ -51,6 +51,7 @@ def simulate(
     progress: bool | None = ...,
     tstops: ArrayLike | None = ...,
     samples: Literal["motion", "steps"] = ...,
+    slowest: float = ...,
     **misplaced: Never,
 ) -> MechanicalTrajectory: ...
 
@@ -68,6 +69,7 @@ def simulate(
     progress: bool | None = ...,
     tstops: ArrayLike | None = ...,
     samples: Literal["motion", "steps"] = ...,
+    slowest: float = ...,
     **misplaced: Never,
 ) -> Trajectory: ...
 
@@ -84,6 +86,7 @@ def simulate(
     progress: bool | None = None,
     tstops: ArrayLike | None = None,
     samples: Literal["motion", "steps"] = "motion",
+    slowest: float = SLOWEST,
     **misplaced: Never,
 ) -> Trajectory | MechanicalTrajectory:
     r"""Simulate a system with impacts.
@@ -138,6 +141,9 @@ def simulate(
         that lines draw the motion (off by at most 0.5 % of the height of a flight; arcs of an
         accumulation down to 0.1 % of the highest, at most 64). ``"steps"``: the ends of steps
         and the states after impacts only, as without `dense_output`.
+    slowest : float
+        The slowest impacts that are listed in ``impacts``, as a part of the fastest one, > 0: also
+        those that a jump to rest skips.
     **misplaced
         Nothing: a `TypeError` says where a setting of a method, such as ``rtol``, or an argument
         of SciPy's `solve_ivp` belongs.
@@ -168,11 +174,22 @@ def simulate(
     refuse("simulate", misplaced)
     if isinstance(system, MechanicalSystem):
         return _mechanical(
-            system, t_span, y0, method, t_eval, events, dense_output, progress, tstops, samples
+            system,
+            t_span,
+            y0,
+            method,
+            t_eval,
+            events,
+            dense_output,
+            progress,
+            tstops,
+            samples,
+            check_slowest(slowest),
         )
     check_system(system)
     check_method(method)
     _check_switches(samples, dense_output)
+    slowest = check_slowest(slowest)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
     times = None if t_eval is None else times_within(t_eval, span)
@@ -189,6 +206,8 @@ def simulate(
         start = _zivi.State(*state)
         record = _zivi.simulate(system._core, method._core, span, start, keep, bar.report)
     sol = Trajectory._from_record(record, system, method, span, state, stops)
+    if slowest != SLOWEST:
+        vars(sol)["slowest"] = slowest
     error = record.raised
     if error is None and (error := ear.ends(sol.success)):
         sol = as_raised(sol)
@@ -219,6 +238,7 @@ def _mechanical(
     progress: bool | None,
     tstops: ArrayLike | None,
     samples: str,
+    slowest: float,
 ) -> MechanicalTrajectory:
     """Run a system of several coordinates and gaps."""
     check_mechanical_method(method)
@@ -227,10 +247,17 @@ def _mechanical(
     q, qdot = state_of(y0, system._n)
     times = None if t_eval is None else times_within(t_eval, span)
     asked = Asked(
-        span, q, qdot, times, stop_times(tstops, method), mechanical_events(events), dense_output
+        span,
+        q,
+        qdot,
+        times,
+        stop_times(tstops, method),
+        events_of(events, MECHANICAL),
+        dense_output,
     )
     with ProgressBar(progress) as bar, listening_always() as ear:
         sol, error = run_mechanical(system, method, asked, bar.report)
+    vars(sol)["slowest"] = slowest
     if error is None and (error := ear.ends(sol.success)):
         sol = as_raised(sol)
     if error is None:

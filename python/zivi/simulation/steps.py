@@ -8,7 +8,6 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.simulation.dense import LinearPath, Path, PenetratingPath
-from zivi.simulation.resample import resampled
 from zivi.simulation.trajectory import Trajectory
 
 __all__ = ["ended_by_event", "restrict"]
@@ -16,7 +15,7 @@ __all__ = ["ended_by_event", "restrict"]
 
 def restrict(sol: Trajectory, times: Array) -> Trajectory:
     """Report a run at `times` (those within the computed span) instead of at its steps."""
-    return resampled(sol, times[times <= sol.t[-1]])
+    return sol._resampled(times[times <= sol.t[-1]])
 
 
 def ended_by_event(sol: Trajectory) -> Trajectory:
@@ -33,7 +32,7 @@ def ended_by_event(sol: Trajectory) -> Trajectory:
         rest_time = sol.rest_time if rests else None
     return dataclasses.replace(
         kept,
-        impacts=sol.impacts[sol.impacts["t"] <= end],
+        resolved_impacts=sol.resolved_impacts[sol.resolved_impacts["t"] <= end],
         zeno_times=last,
         liftoff_times=gone,
         rest_time=rest_time,

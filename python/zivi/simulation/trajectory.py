@@ -11,27 +11,40 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi import _zivi
-from zivi.base.check import Array, MaybeNone, real_array
-from zivi.base.extras import late
+from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status
-from zivi.simulation.dense import LostPath, Path
+from zivi.base.table import Field, Table
+from zivi.simulation.dense import Path
 from zivi.simulation.describe import configuration_of
-from zivi.simulation.impacts import IMPACT, down_to, impacts_of
-from zivi.simulation.labelled import QUANTITIES, dataset_of, html_of, table_of
+from zivi.simulation.impacts import IMPACT, SLOWEST, impacts_of
 from zivi.simulation.methods import SwitchedRK
-from zivi.simulation.resample import resampled, times_of
+from zivi.simulation.resample import between_steps
+from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
 from zivi.simulation.trust import Closer, closer_mass, told, trusted
 
 if TYPE_CHECKING:
-    import pandas
-    import xarray
-    from matplotlib.figure import Figure
-
     from zivi.simulation.methods import Method
     from zivi.system.mass import ImpactSystem
     from zivi.system.wall import HarmonicWall, MovingWall
 
-__all__ = ["IMPACT", "NO_STOPS", "Trajectory"]
+__all__ = ["IMPACT", "NO_STOPS", "QUANTITIES", "Trajectory"]
+
+QUANTITIES: dict[str, Field] = {
+    "x": ("time", "m", "distance from the wall"),
+    "xdot": ("time", "m/s", "velocity"),
+    "s": ("time", "m", "transformed position"),
+    "v": ("time", "m/s", "transformed velocity"),
+    "lambda_s": ("time", "1", "multiplier of the sign of s"),
+    "lambda_v": ("time", "1", "multiplier of the sign of v"),
+    "residual": ("time", "1", "relative natural residual of the step"),
+}
+"""Unit and meaning of each sampled quantity, in the order of the record's rows after time."""
+FIXED: dict[str, Field] = {
+    "x_fixed": ("time", "m", "position in the fixed frame"),
+    "xdot_fixed": ("time", "m/s", "velocity in the fixed frame"),
+    "wall": ("time", "m", "position of the wall"),
+}
+"""The same for what a moving wall adds."""
 
 NO_STOPS = np.empty(0)
 """No times at which a force jumps."""
@@ -42,10 +55,13 @@ Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(MassRun):
     """Samples and events of one run.
 
-    Calling it, ``sol(t)``, gives ``(x, xdot)`` between the samples.
+    Calling it, ``sol(t)``, gives ``(x, xdot)`` between the samples. The impacts are the table
+    ``impacts`` with fields ``t`` (s), ``gap`` (0), ``speed_before`` and ``speed_after`` (m/s),
+    ``impulse`` (of unit mass, m/s) and ``group`` (their number), accumulations are ``zeno`` and
+    times of lift-off ``liftoffs``, as in a `MechanicalTrajectory`.
 
     Attributes
     ----------
@@ -64,13 +80,15 @@ class Trajectory:
         if the step is solved. For `e` below about 1e-2 the rounding of ``R``, which may be as
         small as `e`, shows: 3e-12 at ``e = 1e-6``. 0 at the first sample; NaN for methods
         that solve no inclusion.
-    impacts : structured ndarray
+    resolved_impacts : structured ndarray
         Fields ``t`` (s), ``xdot_before`` and ``xdot_after`` (m/s): the impacts that the steps
-        resolve, finitely many before a Zeno point.
+        resolve, however slow; those that a jump to rest skips are not among them.
     zeno_times : ndarray
-        Times at which rest was reached through impacts (s).
+        Times at which rest was reached through impacts (s): ``zeno["t"]`` by its name of
+        version 0.1.
     liftoff_times : ndarray
-        Times at which the mass left rest (s), the last instant at rest.
+        Times at which the mass left rest (s), the last instant at rest: ``liftoffs["t"]`` by its
+        name of version 0.1.
     rest_time : float or None
         Time from which the mass stays at rest until the end of the run (s).
     failed_steps : ndarray of int
@@ -92,6 +110,8 @@ class Trajectory:
         For each event of the user the times at which it happened (s).
     y_events : list of ndarray
         The states ``(x, xdot)`` there, each of shape (n, 2).
+    slowest : float
+        The slowest of ``impacts``, as a part of the fastest.
     config : dict
         System, method, span and initial state, as plain values.
     """
@@ -104,7 +124,7 @@ class Trajectory:
     lambda_s: Array
     lambda_v: Array
     residual: Array
-    impacts: NDArray[np.void]
+    resolved_impacts: NDArray[np.void]
     zeno_times: Array
     liftoff_times: Array
     rest_time: float | MaybeNone
@@ -117,6 +137,7 @@ class Trajectory:
     n_rejected: int = 0
     t_events: list[Array] = dataclasses.field(default_factory=list)
     y_events: list[Array] = dataclasses.field(default_factory=list)
+    slowest: float = SLOWEST
     _path: Path | None = dataclasses.field(repr=False, default=None)
     _wall: HarmonicWall | MovingWall | None = dataclasses.field(repr=False, default=None)
     _closer: Closer | None = dataclasses.field(repr=False, default=None)
@@ -129,11 +150,6 @@ class Trajectory:
     def __getstate__(self) -> dict[str, Any]:
         # plain values can be copied and sent where a force cannot
         return self.__dict__ | {"_setup": self.config, "_closer": None}
-
-    @property
-    def success(self) -> bool:
-        """Whether the end of the span was reached, or a terminal event."""
-        return self.status in (Status.COMPLETED, Status.TERMINATED_BY_EVENT)
 
     @functools.cached_property
     def trusted_until(self) -> float:
@@ -180,7 +196,7 @@ class Trajectory:
         vars(sol).update(
             t=t,
             **samples,
-            impacts=impacts_of(record),
+            resolved_impacts=impacts_of(record),
             zeno_times=record.zeno_times,
             liftoff_times=record.liftoff_times,
             rest_time=record.rest_time,
@@ -202,109 +218,10 @@ class Trajectory:
             )
         return sol
 
-    def __call__(self, t: ArrayLike) -> Array:
-        """Give the state between the samples.
-
-        After `SwitchedRK` it is the dense output of the method, across impacts, through the
-        accumulations that were extrapolated (their arcs are computed when they are asked for) and
-        at rest. After a method of fixed steps ``s`` and ``v`` are linear between the steps (first
-        order, as the scheme) and are projected. At an impact the velocity is the one after it.
-
-        Parameters
-        ----------
-        t : float or array_like
-            Times within the computed span (s).
-
-        Returns
-        -------
-        ndarray
-            ``(x, xdot)``, of shape (2,) for a scalar `t`, (2, n) for n times.
-
-        Raises
-        ------
-        ValueError
-            If a time lies outside the computed span, or the run kept no dense output.
-        """
-        times = real_array("t", t)
-        path = self._known()
-        start, end = self._span()
-        if not np.all((times >= start) & (times <= end)):
-            raise ValueError(f"t must lie within the computed span [{start}, {end}]")
-        x, xdot = path.physical(times.ravel())
-        return np.stack([x.reshape(times.shape), xdot.reshape(times.shape)])
-
-    def _known(self) -> Path:
-        path = self._path
-        if isinstance(path, LostPath):
-            path.physical()
-        if path is None or not path.dense:
-            raise ValueError("sol(t) needs a run with dense_output=True")
-        return path
-
-    def _span(self) -> tuple[float, float]:
-        """Give the times between which the motion is known."""
-        return self._known().span or (np.nan, np.nan)
-
-    def resample(self, t: ArrayLike | None = None, *, n: int | None = None) -> Trajectory:
-        """Report the run at other times.
-
-        Parameters
-        ----------
-        t : array_like, optional
-            Times within the computed span that do not decrease (s).
-        n : int, optional
-            So many equidistant times instead, >= 2.
-
-        Returns
-        -------
-        Trajectory
-            The same run with other samples. Multipliers and residuals of a method of fixed steps
-            are those of the step that contains the time, NaN if the run did not keep its steps.
-
-        Raises
-        ------
-        TypeError
-            If not exactly one of `t` and `n` is given.
-        ValueError
-            If a time lies outside the computed span, or the run kept no dense output.
-
-        Examples
-        --------
-        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
-        >>> sol = zivi.simulate(ball, (0, 3), (1, 0)).resample(n=7)
-        >>> sol.t
-        array([0. , 0.5, 1. , 1.5, 2. , 2.5, 3. ])
-        """
-        return resampled(self, times_of(self, t, n))
-
-    def impacts_down_to(self, speed: float, *, limit: int = 10_000) -> NDArray[np.void]:
-        """List the impacts with at least a speed, also those that were extrapolated.
-
-        Parameters
-        ----------
-        speed : float
-            Smallest speed after the impact, > 0 (m/s).
-        limit : int
-            At most so many impacts of each accumulation, >= 1.
-
-        Returns
-        -------
-        structured ndarray
-            As ``impacts``, in the order of time.
-
-        Raises
-        ------
-        ValueError
-            If `speed` or `limit` is out of range, or an older version of zivi stored the run.
-
-        Examples
-        --------
-        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
-        >>> sol = zivi.simulate(ball, (0, 3), (1, 0))
-        >>> len(sol.impacts), len(sol.impacts_down_to(1e-6))
-        (3, 22)
-        """
-        return down_to(self.impacts, self._path, speed, limit)
+    def _resampled(self, times: Array) -> Trajectory:
+        x, xdot = self(times)
+        steps: dict[str, Any] = between_steps(self, times)
+        return dataclasses.replace(self, t=times, x=x, xdot=xdot, **steps)
 
     def fixed(self, t: ArrayLike | None = None) -> tuple[Array, Array]:
         """Give the motion in the fixed frame, where a moving wall moves.
@@ -335,77 +252,26 @@ class Trajectory:
         return x + w, xdot + wdot
 
     def __repr__(self) -> str:
-        wall = f"{len(self.impacts)} impacts"
-        if self.rest_time is not None:
-            wall += f", at rest from {self.rest_time:.6g} s"
         span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g} s" if len(self.t) else "no samples"
         steps = f"{self.n_steps} steps"
         if len(self.failed_steps):
             steps += f" ({len(self.failed_steps)} not solved by the chosen solver)"
-        return f"<Trajectory {span}, {steps}, {wall}{told(self)}: {self.status.name.lower()}>"
+        known = f"{span}, {steps}, {self._told()}{told(self)}"
+        return f"<Trajectory {known}: {self.status.name.lower()}>"
 
-    def plot(self, figure: Figure | None = None) -> Figure:
-        """Plot the run as a whole, `zivi.plot.overview`.
+    def _facts(self) -> dict[str, str]:
+        work = f"{self.n_steps} steps, {self.nfev} evaluations of the force"
+        return {**self._wall_facts(), "work": work}
 
-        Parameters
-        ----------
-        figure : matplotlib.figure.Figure, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        drawn: Figure = late("zivi.plot", "overview")(self, figure)
-        return drawn
-
-    def _repr_html_(self) -> str:
-        """Show the run as a table, in a notebook."""
-        return html_of(self)
-
-    def to_pandas(self, t: ArrayLike | None = None, *, n: int | None = None) -> pandas.DataFrame:
-        """Convert the samples to a table, a row for each time.
-
-        Parameters
-        ----------
-        t, n
-            Other times than those of the samples, as in `resample`.
-
-        Returns
-        -------
-        pandas.DataFrame
-            ``x`` to ``residual``, over the index ``time``.
-
-        Examples
-        --------
-        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
-        >>> table = zivi.simulate(ball, (0, 3), (1, 0)).to_pandas(n=4)
-        >>> list(table.columns[:2]), table.index.name
-        (['x', 'xdot'], 'time')
-        """
-        return table_of(self if t is None and n is None else self.resample(t, n=n))
-
-    def to_xarray(self, t: ArrayLike | None = None, *, n: int | None = None) -> xarray.Dataset:
-        """Convert to a labelled dataset that can be plotted, selected and saved.
-
-        Parameters
-        ----------
-        t, n
-            Other times than those of the samples, as in `resample`.
-
-        Returns
-        -------
-        xarray.Dataset
-            The sampled quantities over ``time``, the impacts over ``impact_time``, Zeno and
-            lift-off times, with units, descriptions and the configuration (JSON) in the attributes.
-            With a moving wall also ``x_fixed`` and ``xdot_fixed``, the motion in the fixed frame,
-            and ``wall``, that of the wall.
-
-        Examples
-        --------
-        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
-        >>> sol = zivi.simulate(ball, (0, 3), (1, 0), method=zivi.ThetaGamma(h=1e-3))
-        >>> sol.to_xarray().x.attrs["units"]
-        'm'
-        """
-        return dataset_of(self if t is None and n is None else self.resample(t, n=n))
+    def _table(self) -> Table:
+        values, fields = self._event_values(), QUANTITIES | EVENT_FIELDS
+        if self._wall is not None:
+            values["x_fixed"], values["xdot_fixed"] = self.fixed()
+            values["wall"], fields = self._wall(self.t)[0], fields | FIXED
+        attrs = self._outcome() | {
+            "n_steps": self.n_steps,
+            "n_rejected": self.n_rejected,
+            "n_failed_steps": len(self.failed_steps),
+        }
+        title = "Trajectory of a mechanical system with impacts"
+        return Table(title, fields, EVENT_COORDS, values, attrs)

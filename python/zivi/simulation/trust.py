@@ -15,10 +15,10 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.extras import late
-from zivi.simulation.runs import Sampled
 
 if TYPE_CHECKING:
     from zivi.simulation.methods import SwitchedRK
+    from zivi.simulation.run_result import SampledRun
     from zivi.system.mass import ImpactSystem
     from zivi.system.mechanism import MechanicalSystem
 
@@ -36,7 +36,7 @@ TIMES = 1000
 """Times of comparison, besides those of the samples."""
 
 
-def trusted(sol: Sampled, positions: Array) -> float:
+def trusted(sol: SampledRun, positions: Array) -> float:
     """Give the last time up to which a run agrees with a closer one.
 
     Parameters
@@ -68,7 +68,7 @@ def trusted(sol: Sampled, positions: Array) -> float:
     return float(times[max(agree - 1, 0)])
 
 
-def told(sol: Sampled) -> str:
+def told(sol: SampledRun) -> str:
     """Say until when a run is trusted, where that is known and not its end."""
     until = vars(sol).get("trusted_until")
     return "" if until is None or until >= sol.t[-1] else f", trusted until {until:.6g} s"

@@ -9,6 +9,7 @@ use crate::record::gap_set::GapSet;
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::Layout;
+use crate::Impact;
 
 /// A part of the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,6 +107,19 @@ impl MechanicalPath {
             self.segments.pop();
         }
         self.segments.push(segment);
+    }
+
+    /// The impacts of one gap that each jump to a Zeno point skipped, down to a speed after them;
+    /// at most `at_most` of each, with the time of the Zeno point (s).
+    pub fn skipped_impacts(
+        &self,
+        speed: f64,
+        at_most: usize,
+    ) -> impl Iterator<Item = (Impact, f64)> + '_ {
+        self.skipped.iter().flat_map(move |it| {
+            let impacts = it.arcs.iter().flat_map(move |arcs| arcs.impacts_down_to(speed, at_most));
+            impacts.map(|impact| (impact, it.end))
+        })
     }
 
     /// How many coordinates and gaps there are.

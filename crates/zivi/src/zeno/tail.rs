@@ -191,13 +191,31 @@ impl Tail {
     /// The impacts after [`Tail::start`], at falling speeds after them, down to `speed` (m/s); at
     /// most `at_most`.
     pub fn impacts_down_to(&self, speed: f64, at_most: usize) -> impl Iterator<Item = Impact> + '_ {
-        (1..=at_most)
-            .map(|m| {
-                let m = m as f64;
-                let u = self.speed(m);
-                Impact { t: self.time(m), xdot_before: -u / self.e, xdot_after: u }
-            })
-            .take_while(move |it| it.xdot_after >= speed && it.t <= self.until && it.t < self.zeno)
+        let ahead = move |it: &Impact| it.xdot_after >= speed && self.passed(it);
+        (1..=at_most).map(|m| self.impact(m)).take_while(ahead)
+    }
+
+    /// How many impacts after [`Tail::start`] have at least the speed before them (m/s), and the
+    /// time of the last of these (s).
+    #[must_use]
+    pub fn count_down_to(&self, speed: f64) -> (usize, f64) {
+        let is_listed = |m: usize| {
+            let it = self.impact(m + 1);
+            -it.xdot_before >= speed && self.passed(&it)
+        };
+        let count = self.first_not(speed * self.e / self.d[0], is_listed);
+        (count, self.time(count as f64))
+    }
+
+    fn impact(&self, m: usize) -> Impact {
+        let m = m as f64;
+        let u = self.speed(m);
+        Impact { t: self.time(m), xdot_before: -u / self.e, xdot_after: u }
+    }
+
+    /// Whether the run went to this impact, which can be told from the Zeno point.
+    fn passed(&self, it: &Impact) -> bool {
+        it.t <= self.until && it.t < self.zeno
     }
 
     /// The arc `m = 0, 1, ...`, unless it is too short to be told from its ends.
@@ -220,8 +238,13 @@ impl Tail {
             return None;
         }
         let is_over = |m: usize| self.arc(m).is_some_and(|arc| arc.end <= t);
-        // the leading term of (1) gives the arc up to a few: from there a bracket, and its halves
-        let guess = (libm::log(left / whole) / libm::log(self.e)).floor().clamp(0.0, 1e9) as usize;
+        self.arc(self.first_not(left / whole, is_over))
+    }
+
+    /// The first `m` that is not over, of an order; the leading term of (1) gives it up to a few,
+    /// as `e^m = part`: from there a bracket, and its halves.
+    fn first_not(&self, part: f64, is_over: impl Fn(usize) -> bool) -> usize {
+        let guess = (libm::log(part) / libm::log(self.e)).floor().clamp(0.0, 1e9) as usize;
         let (mut first, mut beyond, mut step) = (guess, guess, 1);
         while first > 0 && !is_over(first - 1) {
             (beyond, first) = (first - 1, first.saturating_sub(step));
@@ -239,7 +262,7 @@ impl Tail {
                 beyond = middle;
             }
         }
-        self.arc(first)
+        first
     }
 
     /// The state at `t`, within the tail.

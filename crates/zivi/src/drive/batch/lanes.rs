@@ -77,7 +77,7 @@ struct Ledger {
 pub(super) fn run(
     masses: &[Falling],
     grid: Grid,
-    save: Save<'_>,
+    (save, slowest): (Save<'_>, f64),
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
     let mut ledgers = Vec::with_capacity(masses.len());
@@ -116,7 +116,8 @@ pub(super) fn run(
         }
     }
     let end = grid.t(k);
-    Ok(ledgers.into_iter().enumerate().map(|(i, it)| it.finish(&lanes, i, end, save)).collect())
+    let ends = ledgers.into_iter().enumerate();
+    Ok(ends.map(|(i, it)| it.finish(&lanes, i, end, (save, slowest))).collect())
 }
 
 /// Steps between two looks at whether to stop.
@@ -382,10 +383,10 @@ impl Ledger {
         }
     }
 
-    fn finish(self, lanes: &Lanes, i: usize, end: f64, save: Save<'_>) -> Outcome {
+    fn finish(self, lanes: &Lanes, i: usize, end: f64, save: (Save<'_>, f64)) -> Outcome {
         let Physical { x, xdot } = transform::project(lanes.at(i, self.sigma), self.restitution());
         let (x_max, speed_max) = (lanes.x_max[i], lanes.speed_max[i]);
         let summary = Summary { t: self.ended.unwrap_or(end), x, xdot, x_max, speed_max };
-        Outcome::new(self.log.finish(), self.saved, summary, (self.status, 1), save)
+        Outcome::new((self.log.finish(), &[]), self.saved, summary, (self.status, 1), save)
     }
 }

@@ -10,7 +10,7 @@ use crate::drive::closed_loop::{
     Motion, Samples, Sensor, LOOP_COLUMNS, REFUSED,
 };
 use crate::system::evaluation::check_initial;
-use crate::{Force, Grid, Monitor, SetupError, Status};
+use crate::{Force, Grid, Impact, Monitor, SetupError, Status};
 
 /// One closed loop of a batch.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +44,8 @@ pub struct LoopSettings {
     pub within: f64,
     /// Samples from one that is saved to the next, `0` for none.
     pub every: usize,
+    /// The slowest impacts that are counted, as a part of the fastest of the loop.
+    pub slowest: f64,
 }
 
 /// Number of quantities whose samples are saved.
@@ -67,7 +69,7 @@ pub struct LoopOutcome {
     pub u_rms: f64,
     /// Total variation of the control (m/s^2).
     pub u_variation: f64,
-    /// Number of impacts.
+    /// Number of impacts, down to [`LoopSettings::slowest`].
     pub n_impacts: u64,
     /// Samples that were refused.
     pub n_refused: u64,
@@ -195,13 +197,19 @@ impl LoopOutcome {
             u_max: held.iter().fold(0.0, |most, u| most.max(u.abs())),
             u_rms: rms(held.iter().copied()),
             u_variation: held.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum(),
-            n_impacts: run.events.impacts.len() as u64,
+            n_impacts: counted(&run.events.impacts, settings.slowest),
             n_refused: run.ticks.iter().filter(|bits| **bits & REFUSED != 0).count() as u64,
             rest_time: run.events.rest_time.unwrap_or(f64::NAN),
             status: Some(run.status),
             saved: [every(x)?, every(x_ref)?, every(u)?],
         })
     }
+}
+
+/// How many impacts are at least so fast, as a part of the fastest.
+fn counted(impacts: &[Impact], slowest: f64) -> u64 {
+    let fastest = impacts.iter().fold(0.0, |most: f64, it| most.max(-it.xdot_before));
+    impacts.iter().filter(|it| -it.xdot_before >= slowest * fastest).count() as u64
 }
 
 /// The first of the times from which the errors stay within a bound, NaN if they do not (an error

@@ -33,6 +33,8 @@ pub struct Task {
     pub method: AnyMethod,
     /// Start and end (s).
     pub span: (f64, f64),
+    /// The slowest impacts that are counted, as a part of the fastest of the run.
+    pub slowest: f64,
 }
 
 /// What is the same for all runs, checked.
@@ -43,11 +45,12 @@ struct Plan<'a> {
     /// The steps of a method of fixed steps.
     grid: Option<Grid>,
     save: Save<'a>,
+    slowest: f64,
 }
 
 impl<'a> Plan<'a> {
     /// Refuses a span without steps, and what is not saved of a method.
-    fn new(Task { method, span }: Task, save: Save<'a>) -> Result<Self, SetupError> {
+    fn new(Task { method, span, slowest }: Task, save: Save<'a>) -> Result<Self, SetupError> {
         // a span that gives no grid gives no run either
         let grid = Grid::new(span.0, span.1, method.step().unwrap_or(f64::MAX))?;
         let refuse = |range| Err(SetupError::Setting("save", f64::NAN, range));
@@ -58,7 +61,7 @@ impl<'a> Plan<'a> {
             (None, Save::At(times)) => check_span(span.0, span.1, Some(times)),
             _ => Ok(()),
         }?;
-        Ok(Self { method, span, grid, save })
+        Ok(Self { method, span, grid, save, slowest })
     }
 }
 
@@ -101,7 +104,7 @@ pub enum BatchError<E> {
 /// let ball = |x| Member { restitution, force: ConstantForce(-9.81), initial: initial(x) };
 /// let balls: Vec<_> = (0..100).map(|i| ball(0.01 * f64::from(i))).collect();
 /// let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
-/// let task = Task { method, span: (0.0, 4.0) };
+/// let task = Task { method, span: (0.0, 4.0), slowest: 1e-3 };
 /// let ends = simulate_batch(&balls, task, Save::Final, 2, &mut Silent).unwrap();
 /// assert!(ends.iter().all(|end| end.summary.x == 0.0 && end.rest_time < 3.0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -207,7 +210,7 @@ fn several<F: Force<Stopped> + Copy>(
                 let force = force.at(grid.t(0), 0.0, 0.0).unwrap_or(f64::NAN);
                 masses.push(lanes::Falling { step, force, initial });
             }
-            return lanes::run(&masses, grid, plan.save, stop);
+            return lanes::run(&masses, grid, (plan.save, plan.slowest), stop);
         }
     }
     chunk.iter().map(|member| one(member, plan, stop)).collect()
@@ -236,7 +239,7 @@ impl Monitor<Stopped> for Quiet<'_> {
 /// One run by the loop of its method.
 fn one<F: Force<Stopped> + Copy>(
     member: &Member<F>,
-    Plan { method, span, save, .. }: Plan<'_>,
+    Plan { method, span, save, slowest, .. }: Plan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Outcome, SetupError> {
     let Member { restitution, mut force, initial } = *member;
@@ -246,7 +249,7 @@ fn one<F: Force<Stopped> + Copy>(
     let t_eval = if let Save::At(times) = save { Some(times) } else { None };
     let output = Output { t_eval, ..Output::default() };
     let system = PointMass { force: &mut force, restitution };
-    let (PointRun { trajectory, end, .. }, grazing) = match (method, save) {
+    let (PointRun { trajectory, end, motion, .. }, grazing) = match (method, save) {
         (AnyMethod::SwitchedRk(method), Save::Grazing) => {
             let PointMass { force, restitution } = system;
             let (run, grazes) =
@@ -271,5 +274,7 @@ fn one<F: Force<Stopped> + Copy>(
     if save != Save::Statistics {
         (summary.x_max, summary.speed_max) = (0.0, 0.0);
     }
-    Ok(Outcome { grazing, ..Outcome::new(events, saved, summary, (status, nfev), save) })
+    let tails = motion.as_ref().map_or([].as_slice(), |it| &it.tails);
+    let (happened, ended) = ((events, tails), (status, nfev));
+    Ok(Outcome { grazing, ..Outcome::new(happened, saved, summary, ended, (save, slowest)) })
 }

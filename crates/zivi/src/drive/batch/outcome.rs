@@ -3,7 +3,7 @@
 use zivi_core::Physical;
 
 use crate::record::columns::{Columns, Quantity};
-use crate::{Events, Grid, Impact, SetupError, Status, Summary};
+use crate::{Events, Grid, Impact, SetupError, Status, Summary, Tail};
 
 /// What is saved of each run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -115,20 +115,24 @@ pub struct Outcome {
     pub status: Status,
     /// Evaluations of the force.
     pub nfev: u64,
-    /// Number of impacts that were resolved, of Zeno points and of lift-offs.
-    pub counts: [u64; 3],
-    /// Time of the first and of the last impact (s), NaN without one.
+    /// Number of impacts, of Zeno points, of lift-offs, and of impacts that were resolved.
+    pub counts: [u64; 4],
+    /// Time of the first impact (s), NaN without one.
     pub first_impact: f64,
     /// Time of the last impact (s), NaN without one.
     pub last_impact: f64,
+    /// Time of the last impact that was resolved (s), NaN without one.
+    pub last_resolved: f64,
     /// Largest speed before an impact (m/s), 0 without one.
     pub hardest_impact: f64,
     /// Time from which the mass rests until the end (s), NaN if it does not.
     pub rest_time: f64,
     /// Whether it passed a grazing that its tolerances decided, with [`Save::Grazing`].
     pub grazing: bool,
-    /// The events, with [`Save::Events`].
+    /// The events, with [`Save::Events`]; impacts are those that were resolved.
     pub events: Option<Events>,
+    /// The impacts, with [`Save::Events`].
+    pub impacts: Vec<Impact>,
     /// The samples, with [`Save::Every`].
     pub saved: Saved,
 }
@@ -142,35 +146,80 @@ impl Outcome {
         save: Save<'_>,
     ) -> Self {
         let summary = Summary { t, x, xdot, ..Summary::default() };
-        Self::new(Events::default(), Saved::default(), summary, (status, 0), save)
+        let none = (Events::default(), [].as_slice());
+        Self::new(none, Saved::default(), summary, (status, 0), (save, 0.0))
     }
 
+    /// `slowest` is the part of the fastest impact down to which impacts are counted.
     pub(super) fn new(
-        events: Events,
+        (events, tails): (Events, &[Tail]),
         saved: Saved,
         summary: Summary,
         (status, nfev): (Status, u64),
-        save: Save<'_>,
+        (save, slowest): (Save<'_>, f64),
     ) -> Self {
         let time = |impact: Option<&Impact>| impact.map_or(f64::NAN, |impact| impact.t);
         let hardest = |so_far: f64, impact: &Impact| so_far.max(-impact.xdot_before);
         let count = |it: usize| it as u64;
+        let hardest_impact = events.impacts.iter().fold(0.0, hardest);
+        let listed = Listed { speed: slowest * hardest_impact, resolved: &events.impacts, tails };
+        let (n_impacts, last_impact) = listed.count();
         Self {
             summary,
             status,
             nfev,
             counts: [
-                count(events.impacts.len()),
+                count(n_impacts),
                 count(events.zeno_times.len()),
                 count(events.liftoff_times.len()),
+                count(events.impacts.len()),
             ],
-            first_impact: time(events.impacts.first()),
-            last_impact: time(events.impacts.last()),
-            hardest_impact: events.impacts.iter().fold(0.0, hardest),
+            first_impact: listed.first(),
+            last_impact,
+            last_resolved: time(events.impacts.last()),
+            hardest_impact,
             rest_time: events.rest_time.unwrap_or(f64::NAN),
             grazing: false,
+            impacts: if save == Save::Events { listed.impacts() } else { Vec::new() },
             events: (save == Save::Events).then_some(events),
             saved,
         }
+    }
+}
+
+/// The impacts with at least a speed before them (m/s), resolved or skipped by a jump to rest.
+struct Listed<'a> {
+    speed: f64,
+    resolved: &'a [Impact],
+    tails: &'a [Tail],
+}
+
+impl Listed<'_> {
+    fn fast(&self) -> impl DoubleEndedIterator<Item = &Impact> {
+        self.resolved.iter().filter(|it| -it.xdot_before >= self.speed)
+    }
+
+    /// The time of the first (s), NaN without one: it was resolved.
+    fn first(&self) -> f64 {
+        self.fast().next().map_or(f64::NAN, |it| it.t)
+    }
+
+    /// Their number, and the time of the last (s), NaN without one.
+    fn count(&self) -> (usize, f64) {
+        let last = self.fast().next_back().map_or(f64::NAN, |it| it.t);
+        let skipped = self.tails.iter().map(|tail| tail.count_down_to(self.speed));
+        skipped
+            .filter(|(count, _)| *count > 0)
+            .fold((self.fast().count(), last), |(sum, last), (count, t)| (sum + count, last.max(t)))
+    }
+
+    fn impacts(&self) -> Vec<Impact> {
+        let skipped = self.tails.iter().flat_map(|tail| {
+            let count = tail.count_down_to(self.speed).0;
+            tail.impacts_down_to(0.0, count)
+        });
+        let mut all: Vec<Impact> = self.fast().copied().chain(skipped).collect();
+        all.sort_by(|one, two| one.t.total_cmp(&two.t));
+        all
     }
 }

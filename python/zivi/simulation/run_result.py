@@ -1,0 +1,388 @@
+"""What all runs have: the motion at any time, tables of events, datasets, plots."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi.base.check import Array, real_array, whole
+from zivi.base.extras import late
+from zivi.base.status import Status
+from zivi.base.table import Field, Tabulated
+from zivi.simulation.dense import LostPath, Path
+from zivi.simulation.impacts import (
+    SLOWEST,
+    Rows,
+    down_to,
+    listed,
+    rows_of_events,
+    rows_of_impacts,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+    from zivi.base.table import Table
+
+__all__ = ["EVENT_COORDS", "EVENT_FIELDS", "MassRun", "SampledRun", "times_of"]
+
+EVENT_FIELDS: dict[str, Field] = {
+    "impact_xdot_before": ("impact_time", "m/s", "velocity before the impact"),
+    "impact_xdot_after": ("impact_time", "m/s", "velocity after the impact"),
+    "zeno_time": ("zeno", "s", "time of a Zeno point"),
+    "liftoff_time": ("liftoff", "s", "time of a lift-off"),
+}
+"""Dimension, unit and meaning of what happens at the wall of a mass."""
+EVENT_COORDS: dict[str, Field] = {
+    "time": ("time", "s", "time"),
+    "impact_time": ("impact_time", "s", "time of an impact"),
+}
+
+
+class SampledRun(Tabulated):
+    """A run: samples, and the motion between them."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    if TYPE_CHECKING:
+        t: Array
+        status: Status
+        message: str
+        nfev: int
+        _closer: Any
+
+        @property
+        def config(self) -> Mapping[str, Any]: ...  # noqa: D102
+        def __call__(self, t: ArrayLike) -> Any: ...  # noqa: D102
+
+        zeno: Any
+        liftoffs: Any
+        resolved_impacts: Any
+        _path: Any
+
+    slowest: float = SLOWEST
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of the span was reached, or a terminal event."""
+        return self.status in (Status.COMPLETED, Status.TERMINATED_BY_EVENT)
+
+    def _known(self) -> Any:
+        """Give the motion between the samples."""
+        path = self._path
+        if isinstance(path, LostPath):
+            path.physical()
+        if path is None or not getattr(path, "dense", True):
+            raise ValueError("sol(t) needs a run with dense_output=True")
+        return path
+
+    def _extent(self) -> tuple[float, float]:
+        """Give the times between which the motion is known."""
+        return self._known().span or (np.nan, np.nan)
+
+    def _within(self, t: ArrayLike) -> Array:
+        """Read times, which must lie between these."""
+        times = real_array("t", t)
+        start, end = self._extent()
+        if not np.all((times >= start) & (times <= end)):
+            raise ValueError(f"t must lie within the computed span [{start}, {end}]")
+        return times
+
+    def resample(self, t: ArrayLike | None = None, *, n: int | None = None) -> Self:
+        """Report the run at other times.
+
+        Parameters
+        ----------
+        t : array_like, optional
+            Times within the computed span that do not decrease.
+        n : int, optional
+            So many equidistant times instead, >= 2.
+
+        Returns
+        -------
+        Trajectory, ClosedLoop or MechanicalTrajectory
+            The same run with other samples. What belongs to steps of a method is that of the step
+            that contains the time, NaN if the run did not keep its steps; controls and signs are
+            those that are held. Reactions are NaN if the system is no longer known, as in a run
+            that was loaded or sent to another process.
+
+        Raises
+        ------
+        TypeError
+            If not exactly one of `t` and `n` is given.
+        ValueError
+            If a time lies outside the computed span, or the run kept no dense output.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> sol = zivi.simulate(ball, (0, 3), (1, 0)).resample(n=7)
+        >>> sol.t
+        array([0. , 0.5, 1. , 1.5, 2. , 2.5, 3. ])
+        """
+        return self._resampled(self._within(times_of(self, t, n)))
+
+    def _resampled(self, times: Array) -> Self:
+        raise NotImplementedError
+
+    @functools.cached_property
+    def impacts(self) -> Rows:
+        """The impacts, whether they were computed one by one or skipped by a jump to rest.
+
+        Those with at least the part ``slowest`` of the largest speed before an impact, at most a
+        million of each accumulation.
+        """
+        return self._listed()
+
+    def _listed(self) -> Rows:
+        raise NotImplementedError
+
+    def impacts_down_to(self, speed: float, *, limit: int = 10_000) -> Rows:
+        """List the impacts with at least a speed, also those that were extrapolated.
+
+        Parameters
+        ----------
+        speed : float
+            Smallest speed after the impact, > 0 (m/s).
+        limit : int
+            At most so many impacts of each accumulation, >= 1.
+
+        Returns
+        -------
+        structured ndarray
+            As ``impacts``, in the order of time.
+
+        Raises
+        ------
+        ValueError
+            If `speed` or `limit` is out of range, or an older version of zivi stored the run.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> sol = zivi.simulate(ball, (0, 3), (1, 0))
+        >>> len(sol.impacts), len(sol.impacts_down_to(1e-6))
+        (10, 22)
+        """
+        return self._down_to(speed, limit)
+
+    def _down_to(self, speed: float, limit: int) -> Rows:
+        raise NotImplementedError
+
+    def plot(self, figure: Figure | None = None) -> Figure:
+        """Plot the run as a whole, `zivi.plot.overview`.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        drawn: Figure = late("zivi.plot", "overview")(self, figure)
+        return drawn
+
+    def to_pandas(self, t: ArrayLike | None = None, *, n: int | None = None) -> pandas.DataFrame:
+        """Convert the samples to a table, a row for each time.
+
+        Parameters
+        ----------
+        t, n
+            Other times than those of the samples, as in `resample`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The samples by their names, over the index ``time``. Of a mechanical system
+            coordinates by name, velocities (``x`` and ``xdot``), gaps by name, reactions
+            (``reaction_`` and the gap's name).
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> table = zivi.simulate(ball, (0, 3), (1, 0)).to_pandas(n=4)
+        >>> list(table.columns[:2]), table.index.name
+        (['x', 'xdot'], 'time')
+        """
+        return self._at(t, n)._as_frame()
+
+    def to_xarray(self, t: ArrayLike | None = None, *, n: int | None = None) -> xarray.Dataset:
+        """Convert to a labelled dataset that can be plotted, selected and saved.
+
+        Parameters
+        ----------
+        t, n
+            Other times than those of the samples, as in `resample`.
+
+        Returns
+        -------
+        xarray.Dataset
+            Sampled quantities over ``time`` (signs of a loop over ``sign``, quantities of a
+            mechanical system over ``coordinate`` and ``gap``, by their names); what happened at
+            walls and gaps over dimensions of its own; units, descriptions and the configuration
+            (JSON) in the attributes. With a moving wall also ``x_fixed`` and ``xdot_fixed``, the
+            motion in the fixed frame, and ``wall``, that of the wall.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> sol = zivi.simulate(ball, (0, 3), (1, 0), method=zivi.ThetaGamma(h=1e-3))
+        >>> sol.to_xarray().x.attrs["units"]
+        'm'
+        """
+        return self._at(t, n)._as_dataset()
+
+    def _at(self, t: ArrayLike | None, n: int | None) -> Self:
+        return self if t is None and n is None else self.resample(t, n=n)
+
+
+class MassRun(SampledRun):
+    """A run of one mass: `Trajectory` and `ClosedLoop`."""
+
+    if TYPE_CHECKING:
+        x: Array
+        xdot: Array
+        zeno_times: Array
+        liftoff_times: Array
+        rest_time: float | None
+        y_events: list[Array]
+
+        def _table(self) -> Table: ...
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # version 0.1 had the impacts that were computed under this name
+        if "resolved_impacts" not in state:
+            state = dict(state)
+            state["resolved_impacts"] = state.pop("impacts")
+        self.__dict__.update(state)
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Give the state between the samples.
+
+        After `SwitchedRK` it is the dense output of the method, across impacts, through the
+        accumulations that were extrapolated (their arcs are computed when they are asked for) and
+        at rest; exact where the force is constant. After a method of fixed steps ``s`` and ``v``
+        are linear between the steps (first order, as the scheme) and are projected. At an impact
+        the velocity is the one after it.
+
+        Parameters
+        ----------
+        t : float or array_like
+            Times within the computed span (s).
+
+        Returns
+        -------
+        ndarray
+            ``(x, xdot)``, of shape (2,) for a scalar `t`, (2, n) for n times.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside the computed span, or the run kept no dense output.
+
+        Examples
+        --------
+        >>> plant = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> tracker = zivi.TwistingTracker(30, 17, h=1e-2, e=0.5)
+        >>> run = zivi.simulate_closed_loop(plant, tracker, (0, 1), (0.2, 0), y_ref0=(0.2, 0))
+        >>> x, xdot = run([0.5, 0.50025, 0.505])
+        >>> float(x[0]) == float(run.x[50])
+        True
+        """
+        return self._between(self._known(), self._within(t))
+
+    def _between(self, path: Path | Any, times: Array) -> Array:
+        x, xdot = path.physical(times.ravel())
+        return np.stack([x.reshape(times.shape), xdot.reshape(times.shape)])
+
+    @functools.cached_property
+    def zeno(self) -> Rows:
+        """The accumulations: ``t`` (s), ``gap`` (0), and ``closed``, the flag of the wall."""
+        return rows_of_events("zeno", self.zeno_times)
+
+    @functools.cached_property
+    def liftoffs(self) -> Rows:
+        """Where the mass left rest: ``t`` (s), the last instant at rest, and ``gap`` (0)."""
+        return rows_of_events("liftoffs", self.liftoff_times)
+
+    @property
+    def q_events(self) -> list[Array]:
+        """The positions in `y_events`, each of shape (n, 1), as a mechanical run has them."""
+        return [states[:, :1] for states in self.y_events]
+
+    @property
+    def qdot_events(self) -> list[Array]:
+        """The velocities in `y_events`, each of shape (n, 1)."""
+        return [states[:, 1:] for states in self.y_events]
+
+    def _listed(self) -> Rows:
+        return rows_of_impacts(listed(self.resolved_impacts, self._path, self.slowest))
+
+    def _down_to(self, speed: float, limit: int) -> Rows:
+        return rows_of_impacts(down_to(self.resolved_impacts, self._path, speed, limit))
+
+    def _event_values(self) -> dict[str, Any]:
+        """Give what happened at the wall as a dataset calls it."""
+        return {
+            "impact_xdot_before": self.impacts["speed_before"],
+            "impact_xdot_after": self.impacts["speed_after"],
+            "zeno_time": self.zeno_times,
+            "liftoff_time": self.liftoff_times,
+            "time": self.t,
+            "impact_time": self.impacts["t"],
+        }
+
+    def _outcome(self) -> dict[str, Any]:
+        """Give the attributes of a dataset that tell how the run ended."""
+        return {
+            "status": int(self.status),
+            "message": self.message,
+            "rest_time": np.nan if self.rest_time is None else self.rest_time,
+            "nfev": self.nfev,
+        }
+
+    def _wall_facts(self) -> dict[str, str]:
+        """Tell what happened at the wall in rows of a page."""
+        fast = np.max(np.abs(self.impacts["speed_before"]), initial=0.0)
+        rest = "no" if self.rest_time is None else f"from {self.rest_time:.9g} s"
+        return {
+            "ended": f"{self.status.name.lower()}: {self.message}",
+            "time": f"{self.t[0]:.6g} to {self.t[-1]:.6g} s" if len(self.t) else "no samples",
+            "impacts": f"{len(self.impacts)}, the fastest at {fast:.6g} m/s",
+            "Zeno points": ", ".join(f"{t:.9g} s" for t in self.zeno_times[:5]) or "none",
+            "at rest at the end": rest,
+        }
+
+    def _told(self) -> str:
+        """Tell impacts, accumulations and rest in a few words."""
+        wall = f"{len(self.impacts)} impacts"
+        if len(self.zeno_times):
+            more = ", ..." if len(self.zeno_times) > 1 else ""
+            wall += f" that accumulate at {self.zeno_times[0]:.6g}{more} s"
+        if self.rest_time is not None:
+            wall += f", at rest from {self.rest_time:.6g} s"
+        return wall
+
+
+def times_of(sol: SampledRun, t: ArrayLike | None, n: int | None) -> Array:
+    """Give the times that are asked for: these, or a number of equidistant ones."""
+    if (t is None) == (n is None):
+        raise TypeError("exactly one of t and n must be given")
+    if n is not None:
+        if whole("n", n) < 2:
+            raise ValueError(f"n must be >= 2, got {n}")
+        return np.linspace(*sol._extent(), n)
+    times = np.atleast_1d(real_array("t", t))
+    if times.ndim != 1:
+        raise ValueError(f"t must be one-dimensional, got shape {times.shape}")
+    if np.any(np.diff(times) < 0):
+        raise ValueError("t must not decrease")
+    return times
