@@ -1,10 +1,11 @@
 """Large sparse variational inequalities: membranes, a bearing, an option, prices, a pile of discs.
 
 Each function returns a matrix, a constant and bounds for `zivi.solve_avi` (the prices a map with
-its Jacobian for `zivi.solve_vi`).
+its Jacobian for `zivi.solve_vi`). Run as ``python examples/large_vi.py [out.png]``.
 """
 
 import dataclasses
+import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -207,3 +208,60 @@ def cascade(problem: Callable[[int], Linear], sides: list[int]) -> list[zivi.VIR
         start = finer(results[-1].x, n) if results else None
         results.append(zivi.solve_avi(M, q, lower, upper, start))
     return results
+
+
+def main(path: str | None, n: int = 60) -> None:
+    """Solve all, print the work, and draw if a path is given."""
+    problems = {
+        "membrane on a bump": obstacle(n),
+        "plastic zones of a twisted bar": torsion(n, 8.0),
+        "pressure in a journal bearing": bearing(n),
+        "American put before expiry": american_put(20 * n, step=0.5),
+        "pile of discs": discs(n // 4, n // 4),
+    }
+    results = {name: zivi.solve_avi(*problem) for name, problem in problems.items()}
+    market = Prices(n // 3, n // 3)
+    loss, jac, start = market.problem()
+    results["flows between regions and cities"] = zivi.solve_ncp(loss, start, jac=jac)
+    for name, res in results.items():
+        print(f"{name}: {len(res.x)} unknowns, {res.n_factorisations} factorisations, "
+              f"residual {res.residual:.0e}")  # fmt: skip
+    if path is not None:
+        draw(path, n, problems, results)
+
+
+def draw(path: str, n: int, problems: dict[str, Linear], results: dict[str, zivi.VIResult]) -> None:
+    """Draw the six solutions."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(2, 3, figsize=(8.4, 5.2), layout="constrained")
+    for ax, (name, res) in zip(axes.flat, results.items(), strict=True):
+        ax.set_title(name, fontsize=9)
+        p = problems.get(name)
+        if name.startswith("American"):
+            price = np.linspace(0, 4, len(res.x) + 2)[1:-1]
+            ax.plot(price, res.x, color=zivi.plot.BLUE, label="value")
+            ax.plot(price, p.lower, "--", color=zivi.plot.ORANGE, label="payoff")
+            ax.set(xlabel="price (strike)", ylabel="value (strike)", xlim=(0.5, 1.5), ylim=(0, 0.5))
+            ax.legend()
+        elif name.startswith("pile"):
+            ax.hist(res.x, 30, color=zivi.plot.BLUE)
+            ax.set(xlabel="impulse", ylabel="contacts")
+        elif name.startswith("flows"):
+            flows = res.x[: (n // 3) ** 2].reshape(n // 3, -1)
+            figure.colorbar(ax.imshow(flows, cmap="cividis"), ax=ax)
+            ax.set(xlabel="city", ylabel="region")
+        else:
+            values, active = res.x.reshape(n, n).T, (res.x <= p.lower) | (res.x >= p.upper)
+            figure.colorbar(ax.imshow(values, origin="lower", cmap="cividis"), ax=ax)
+            active = active.reshape(n, n).T.astype(float)
+            ax.contour(active, [0.5], colors="white", linewidths=1)
+            ax.set(xlabel="cell", ylabel="cell")
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else None)

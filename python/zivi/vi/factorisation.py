@@ -147,6 +147,11 @@ class Factoriser:
                 self._trusts_diagonal = False
         return None
 
+    def factors_of(self, A: Any) -> Factors | None:
+        """Return factors to solve with several times; None where `A` is singular."""
+        A, self._last = A.tocsc(), None
+        return self._factors(A, bool(self._trusts_diagonal) and bool(np.all(A.diagonal() > 0)))
+
     def _factors(self, A: Any, is_symmetric: bool) -> Factors | None:
         from scipy.sparse.linalg import splu
 

@@ -211,9 +211,7 @@ class _Smoothing:
             if not self.step():
                 return False
             x, F, _ = self.point
-            solved = search.consider_clipped(x, F)
-            search.report(search.inside(x), F)
-            if solved:
+            if search.end_iteration(x, F):
                 return True
             if not search.map.is_affine and not self._linearise():
                 return False

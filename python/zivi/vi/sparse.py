@@ -2,6 +2,7 @@
 
 ```text
 S0  Newton's method on the active set, from x0
+IP  an interior-point method, for affine problems, ended by S0
 SM  smoothing Newton, from x0, ended by S0
 S2  the same with a proximal term, for singular Jacobians
     the dense solver, where there are at most MAX_DENSE unknowns
@@ -22,6 +23,7 @@ from zivi.base.arrays import MAX_DENSE, Array
 from zivi.vi.active_set import active_set_newton
 from zivi.vi.factorisation import rows_of_sizes
 from zivi.vi.farkas import a_row_is_infeasible, is_infeasible
+from zivi.vi.interior_point import interior_point
 from zivi.vi.smoothing import proximal_newton, smoothing_newton
 from zivi.vi.sparse_search import EndedError, Map, Search, natural_map
 from zivi.vi.types import VIResult, VIStatus
@@ -33,6 +35,7 @@ _PUSHES = (0.0, 1e-6, 1e-3, 1e-1, 1.0)
 _MAX_ITERATIONS = 10_000
 _STAGE_ITERATIONS = 100
 _PROXIMAL_ITERATIONS = 25
+_INTERIOR_STEPS = 40
 _ROUNDINGS = 10
 _SINGULAR = 1e-12
 _TRUSTED = 1e-3
@@ -130,13 +133,18 @@ def _stages(search: Search, settings: dict[str, Any]) -> VIStatus:
     constant = F - J @ x if search.map.is_affine else None
     if constant is not None and a_row_is_infeasible(search, J, constant):
         return VIStatus.INFEASIBLE
-    mu = _first_mu(search, x, F, J, 0.0)
+    mu, move = _first_mu(search, x, F, J, 0.0), 0.0
     if settings.get("active_set", True):
         end = active_set_newton(search, x, F, J)
         if end.solved:
             return VIStatus.SOLVED
-        mu = _first_mu(search, x, F, J, end.move)
+        mu, move = _first_mu(search, x, F, J, end.move), end.largest
     limit = settings.get("stage_iterations", _STAGE_ITERATIONS)
+    search.stage = "IP"
+    if constant is not None and settings.get("smoothing", True):
+        steps = min(limit, _INTERIOR_STEPS)
+        if interior_point(search, x, J, constant, move or max(mu, 1e-8), limit=steps):
+            return VIStatus.SOLVED
     search.stage = "SM"
     if settings.get("smoothing", True) and smoothing_newton(search, x, F, J, mu, limit=limit):
         return VIStatus.SOLVED

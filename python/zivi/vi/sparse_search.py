@@ -145,15 +145,18 @@ class Search:
             self.found_in = self.stage
         return residual <= self.tol
 
-    def consider_clipped(self, x: Array, F: Array | None = None) -> bool:
-        """Consider the nearest point of the box, where `F` may have another value."""
-        clipped = self.inside(x)
-        if F is None or not np.array_equal(clipped, x):
-            F = self.value(clipped)
-        return F is not None and self.consider(clipped, F)
+    def end_iteration(self, x: Array, F: Array) -> bool:
+        """End an iteration at the point of the box nearest to `x`; whether that is a solution.
 
-    def report(self, x: Array, F: Array) -> None:
-        """End an iteration at a point: count it, show it to the caller, end what is over."""
+        It is counted and shown to the caller, and what is over is ended.
+        """
+        clipped = self.inside(x)
+        value = F if np.array_equal(clipped, x) else self.value(clipped)
+        solved = value is not None and self.consider(clipped, value)
+        self._report(clipped, F if value is None else value)
+        return solved
+
+    def _report(self, x: Array, F: Array) -> None:
         self.n_iter += 1
         sizes = np.abs(natural_map(x, F, self.lower, self.upper))
         worst = int(np.argmax(sizes))

@@ -79,8 +79,9 @@ class VIOptions:
     linear_algebra : {"auto", "dense", "sparse"}
         With sparse matrices, or as usual. By default a sparse Jacobian, or its pattern, is solved
         with as such where there are more than 300 unknowns or less than a tenth of the entries are
-        stored. The sparse solver has the stages S0 (`active_set`), SM and S2 of its own, then takes
-        the dense one, with the rest of these options, for at most ``zivi.vi.MAX_DENSE`` unknowns.
+        stored. The sparse solver has stages of its own: S0 (`active_set`), IP, an interior-point
+        method for affine problems, and SM (`smoothing`), S2 (`proximal`); then it takes the dense
+        one, with the rest of these options, for at most ``zivi.vi.MAX_DENSE`` unknowns.
     """
 
     row_scale: Literal["jacobian"] | ArrayLike | None = None
@@ -159,7 +160,8 @@ class VIResult:
     n_semismooth_steps, n_gradient_steps, n_restarts : int
         Work of the fall-backs.
     stage : str
-        Which part of the solver found `x`: ``S0``, ``SM``, ``S1``, ``S2``, ``R0`` to ``R7``, ``E``.
+        Which part of the solver found `x`: ``S0``, ``IP``, ``SM``, ``S1``, ``S2``, ``R0`` to
+        ``R7``, ``E``.
     scaled_residual : float
         The residual with the rows scaled: what is compared with `tolerance`.
     tolerance : float
