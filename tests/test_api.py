@@ -57,7 +57,7 @@ RESULTS |= {"GainDesign"}
 IN_ROOMS = RESULTS | {"ImpactMap", "ImpactReturn"}
 NAMES = sorted({*zivi.__all__, *IN_ROOMS})
 # described by what they have, not made by a call
-PROTOCOLS = {"zivi.Controller", "zivi.Method"}
+PROTOCOLS = {"zivi.Controller", "zivi.ImpactLaw", "zivi.Method"}
 
 
 def modules():
@@ -146,6 +146,7 @@ def test_the_promised_results():
         "e",
         "force",
         "kappa",
+        "law",
         "wall",
     ]
 

@@ -108,6 +108,7 @@ BASES = {
     },
     "sweep": {"experiment": "'ball_rest_time'", "parameters.e": "[0.5]"},
 }  # fmt: skip
+LAW = {"e": "0.5", "e0": "0.5", "v0": "1.0", "k": "0.2"}
 RANGE = {"start": "0.1", "stop": "0.5", "num": "2"}
 
 
@@ -116,12 +117,23 @@ def complete(command, key, kind):
     given = dict(BASES[command])
     table, _, name = key.rpartition(".")
     if kind:
-        tag = {"method": "method.name", "controller": "controller.name", "design": "design.kind"}
+        tag = {
+            "method": "method.name",
+            "controller": "controller.name",
+            "design": "design.kind",
+            "system.e": "system.e.law",
+        }
         given[tag[table]] = f"'{kind}'"
         if table == "method" and kind != "SwitchedRK":
             given["method.h"] = "1e-2"
         if kind == "sample":
             given |= {"parameters.e": "{ start = 0.1, stop = 0.9 }", "design.n": "4"}
+    if table == "system.e":
+        del given["system.e"]
+        law = "SpeedDependentImpact" if kind == "SpeedDependentImpact" else "NewtonImpact"
+        own = ("e0", "v0", "k") if law == "SpeedDependentImpact" else ("e",)
+        given["system.e.law"] = f"'{law}'"
+        given |= {f"system.e.{it}": LAW[it] for it in own}
     if key == "system.e" and command == "mechanics":
         given["system.gaps.floor"] = "'u'"
     if key == "system.kappa":

@@ -11,8 +11,8 @@ and gaps. Runs pass the accumulations of impacts, rest exactly and lift off agai
 1.354570922957
 
 Systems
-    `ImpactSystem`, `LinearForce`, `HarmonicWall`; `MechanicalSystem`, `LinearGap`;
-    ``zivi.symbolic``
+    `ImpactSystem`, `LinearForce`, `HarmonicWall`, `SpeedDependentImpact`; `MechanicalSystem`,
+    `LinearGap`; ``zivi.symbolic``
 Runs
     `simulate`, `simulate_batch`; the methods `SwitchedRK` (high order, the default), `ThetaGamma`
     (the implicit scheme of Huber and Oza), `MoreauJean`, `ExplicitEuler`
@@ -80,6 +80,7 @@ from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory as Trajectory
 from zivi.study import Design, Study, grid, open_study, points, sample, sweep
 from zivi.system.gap import Gap, LinearGap
+from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
 from zivi.system.mass import ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parametric import ParametricForce
@@ -113,6 +114,7 @@ __all__ = [
     "ExplicitTwisting",
     "Gap",
     "HarmonicWall",
+    "ImpactLaw",
     "ImpactObserver",
     "ImpactSystem",
     "InfeasibleError",
@@ -124,9 +126,11 @@ __all__ = [
     "ModelWarning",
     "MoreauJean",
     "MovingWall",
+    "NewtonImpact",
     "OrbitStatus",
     "ParametricForce",
     "ParametricSystem",
+    "SpeedDependentImpact",
     "Status",
     "Study",
     "StudyStatus",

@@ -8,6 +8,7 @@ from typing_extensions import disjoint_base
 __all__ = [
     "CONTROL_SETTINGS",
     "FORMAT",
+    "IMPACT_LAWS",
     "METHODS",
     "SETTINGS",
     "STATUS_MESSAGES",
@@ -19,6 +20,7 @@ __all__ = [
     "Explicit",
     "Force",
     "Hits",
+    "ImpactLaw",
     "Keep",
     "LiftedSamples",
     "LoopBatchRecord",
@@ -111,6 +113,7 @@ class Setting:
     def comes(self) -> str | None: ...
 
 SETTINGS: dict[str, list[Setting]]
+IMPACT_LAWS: dict[str, list[Setting]]
 CONTROL_SETTINGS: dict[str, list[Setting]]
 
 @final
@@ -228,8 +231,18 @@ class Restitution:
     def kappa(self) -> float: ...
 
 @final
+class ImpactLaw:
+    def __new__(cls, name: str, values: list[float]) -> Self: ...
+    @staticmethod
+    def newton(e: float, kappa: float) -> ImpactLaw: ...
+    def after(self, v: _Array) -> _Array: ...
+    def slope(self, v: _Array) -> _Array: ...
+    @property
+    def limit(self) -> float | None: ...
+
+@final
 class PointMass:
-    def __new__(cls, force: Force, restitution: Restitution) -> Self: ...
+    def __new__(cls, force: Force, law: ImpactLaw) -> Self: ...
 
 @final
 class State:
@@ -935,7 +948,7 @@ def available_threads() -> int: ...
 def grid_times(t0: float, t1: float, h: float, every: int) -> _Array: ...
 def simulate_batch(
     forces: list[Force],
-    restitutions: _Array,
+    laws: list[ImpactLaw],
     states: _Array,
     method: Method,
     *,

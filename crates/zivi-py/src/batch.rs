@@ -8,6 +8,7 @@ use zivi::{Events, Grid, Physical, Restitution};
 
 use crate::errors::setup_error;
 use crate::force::{AnyNative, Force};
+use crate::impact_law::ImpactLaw;
 use crate::method::Method;
 use crate::record::rows_of;
 use crate::transform::from_both;
@@ -71,18 +72,18 @@ pub(crate) fn row_restitution(
     from_both(restitutions[[row, 0]], restitutions[[row, 1]])
 }
 
-/// Many runs. `forces` and `restitutions`, rows `e, kappa`, have an entry for each run, or one for
-/// all. What is saved are the states `at` given times, the samples of `steps`, or what `save` says.
+/// Many runs. `forces` and `laws` have an entry for each run, or one for all. What is saved are the
+/// states `at` given times, the samples of `steps`, or what `save` says.
 #[pyfunction]
 #[pyo3(signature = (
-    forces, restitutions, states, method, *, span, save, slowest, threads, at=None, steps=None,
+    forces, laws, states, method, *, span, save, slowest, threads, at=None, steps=None,
     progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
     py: Python<'_>,
     forces: Vec<Py<Force>>,
-    restitutions: PyReadonlyArray2<'_, f64>,
+    laws: Vec<Py<ImpactLaw>>,
     states: PyReadonlyArray2<'_, f64>,
     method: PyRef<'_, Method>,
     span: (f64, f64),
@@ -100,7 +101,7 @@ pub(crate) fn simulate_batch(
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
         members.push(Member {
-            restitution: row_restitution(&restitutions, i)?,
+            law: laws[if laws.len() == 1 { 0 } else { i }].get().inner,
             force: forces[if forces.len() == 1 { 0 } else { i }],
             initial: Physical { x: state[0], xdot: state[1] },
         });

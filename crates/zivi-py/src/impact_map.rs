@@ -13,7 +13,10 @@ use crate::watch::Watch;
 
 fn map_of(py: Python<'_>, system: &PointMass) -> PyResult<ImpactMap> {
     let native = natives(py, &[system.force.clone_ref(py)])?;
-    ImpactMap::new(&native[0], system.restitution).map_err(setup_error)
+    let Some(restitution) = system.law.constant() else {
+        return Err(PyValueError::new_err("e must be a number, Newton's impact law"));
+    };
+    ImpactMap::new(&native[0], restitution).map_err(setup_error)
 }
 
 fn parameter(name: &str) -> PyResult<MapParameter> {

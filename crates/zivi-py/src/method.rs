@@ -155,7 +155,7 @@ fn limits(limit: Limit<f64>) -> (Option<f64>, Option<f64>) {
 }
 
 impl Setting {
-    fn new(py: Python<'_>, of: &Described) -> PyResult<Self> {
+    pub(crate) fn new(py: Python<'_>, of: &Described) -> PyResult<Self> {
         let Described { name, meaning, unit, values, range, default } = *of;
         let (mut above, mut below, mut least, mut most, mut choices) =
             (None, None, None, None, None);

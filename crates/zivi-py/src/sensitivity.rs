@@ -45,13 +45,14 @@ pub(crate) struct Nearest {
     pub(crate) depth: f64,
 }
 
-/// `x0`, `xdot0`, `t0`, `e` are -1 to -4; parameters of the force have their numbers.
+/// `x0`, `xdot0`, `t0` are -1 to -3, parameters of the impact law go down from -4; those of the force
+/// have their numbers.
 fn wrt_of(codes: &[i64]) -> PyResult<Vec<Wrt>> {
     let one = |&code: &i64| match code {
         -1 => Ok(Wrt::X0),
         -2 => Ok(Wrt::Xdot0),
         -3 => Ok(Wrt::T0),
-        -4 => Ok(Wrt::E),
+        code @ ..=-4 => Ok(Wrt::Law(code.abs_diff(-4) as usize)),
         code => usize::try_from(code)
             .map(Wrt::Parameter)
             .map_err(|_| PyValueError::new_err(format!("unknown code {code}"))),
@@ -79,7 +80,7 @@ pub(crate) fn sensitivity(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<SensitivityRecord> {
     let _running = crate::leaving::running()?;
-    let (method, restitution, initial) = (method.switched()?, system.restitution, start.inner);
+    let (method, law, initial) = (method.switched()?, system.law, start.inner);
     let wrt = wrt_of(&wrt)?;
     let (sizes, times, tstops) = (sizes.as_slice()?, times.as_slice()?, tstops.as_slice()?);
     let question = &Question { wrt: &wrt, sizes, controlled, times };
@@ -87,14 +88,7 @@ pub(crate) fn sensitivity(
     let result = with_slopes!(py, system.force.get(), span.1 - span.0, |force| {
         let output = Output { tstops, dense, drawn, ..Output::default() };
         zivi::switched::sensitivity::sensitivity(
-            method,
-            restitution,
-            force,
-            span,
-            initial,
-            output,
-            question,
-            watch,
+            method, law, force, span, initial, output, question, watch,
         )
     });
     let (run, derivatives) = result.map_err(setup_error)?;
@@ -105,7 +99,7 @@ pub(crate) fn sensitivity(
         .iter()
         .map(|it| it.map(|it| Nearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
     Ok(SensitivityRecord {
-        run: Py::new(py, RunRecord::new(py, PointRun::switched(run, restitution))?)?,
+        run: Py::new(py, RunRecord::new(py, PointRun::switched(run, &law))?)?,
         x: array(derivatives.q),
         xdot: array(derivatives.qdot),
         impact_dt: array(impact_dt),

@@ -3,25 +3,25 @@
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use zivi::Physical;
+use zivi::{AnyImpactLaw, Physical};
 
 use crate::dynamics::{vector, Model};
 use crate::force::Force;
-use crate::transform::Restitution;
+use crate::impact_law::ImpactLaw;
 use crate::user_events::Event;
 
 /// A mass above a wall.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct PointMass {
     pub(crate) force: Py<Force>,
-    pub(crate) restitution: zivi::Restitution,
+    pub(crate) law: AnyImpactLaw,
 }
 
 #[pymethods]
 impl PointMass {
     #[new]
-    fn new(force: Py<Force>, restitution: PyRef<'_, Restitution>) -> Self {
-        Self { force, restitution: restitution.inner }
+    fn new(force: Py<Force>, law: PyRef<'_, ImpactLaw>) -> Self {
+        Self { force, law: law.inner }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {

@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let task = Task { method, span: (0.0, 1e-3 * steps as f64), slowest: 1e-3 };
     let members: Vec<_> = (0..balls)
         .map(|i| Member {
-            restitution,
+            law: restitution.into(),
             force: ConstantForce(-9.81),
             initial: Physical { x: 1.0 + 1e-4 * i as f64, xdot: 6.0 },
         })

@@ -20,7 +20,7 @@
 //!   grids.
 //! * [`record`]: what a run leaves: a [`Trajectory`], a [`Status`], and what happened at the gaps:
 //!   [`Occurrence`]s, which [`Events`] reads.
-//! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall).
+//! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall), an [`ImpactLaw`].
 //! * [`zeno`]: where impacts accumulate: extrapolation of times and states, the arcs that are skipped.
 //! * `piecewise`: the run loop of methods that advance up to one event after the other.
 //! * [`stepping`]: fixed steps, each scheme a [`stepping::scheme::Scheme`].
@@ -74,6 +74,7 @@ pub use switched::{
 pub use system::force::{
     ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, Wave,
 };
+pub use system::impact_law::{AnyImpactLaw, ImpactLaw, SpeedDependentImpact};
 pub use system::moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use zeno::Tail;
 pub use zivi_core::{Branch, Lifted, Physical, Restitution};

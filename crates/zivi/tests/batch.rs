@@ -36,7 +36,11 @@ fn balls(n: usize) -> Vec<Member<ConstantForce>> {
             };
             let x = if i % 5 == 0 { 0.0 } else { draws.between(0.0, 2.0) };
             let xdot = if i % 10 == 0 { 0.0 } else { draws.between(-5.0, 5.0) };
-            Member { restitution, force: ConstantForce(force), initial: Physical { x, xdot } }
+            Member {
+                law: restitution.into(),
+                force: ConstantForce(force),
+                initial: Physical { x, xdot },
+            }
         })
         .collect()
 }
@@ -55,7 +59,8 @@ fn implicit(span: (f64, f64), h: f64) -> Task {
 
 /// A run by the function of its method, not by the entry that batches use.
 fn alone<F: Force<Infallible> + Copy>(member: &Member<F>, task: Task) -> Run<Infallible> {
-    let Member { restitution, mut force, initial } = *member;
+    let Member { law, mut force, initial } = *member;
+    let restitution = law.constant().unwrap();
     let (force, Task { method, span, .. }) = (&mut force, task);
     let grid = |h: f64| Grid::new(span.0, span.1, h).unwrap();
     match method {
@@ -148,7 +153,7 @@ fn every_method_and_force_gives_what_it_gives_alone() {
         phase: 0.3,
     };
     let restitution = Restitution::from_e(0.6).unwrap();
-    let member = |x| Member { restitution, force, initial: Physical { x, xdot: 0.5 } };
+    let member = |x| Member { law: restitution.into(), force, initial: Physical { x, xdot: 0.5 } };
     let members: Vec<_> = (0..40).map(|i| member(0.05 * f64::from(i))).collect();
     let span = (0.0, 3.0);
     let tasks = [
@@ -248,7 +253,7 @@ fn a_fault_costs_no_other_run_its_result() {
     let restitution = Restitution::from_e(0.5).unwrap();
     let initial = Physical { x: 1.0, xdot: 0.0 };
     let member = |i: u32| Member {
-        restitution,
+        law: restitution.into(),
         initial,
         force: Faulty(if i % 7 == 3 { 1.0 } else { -f64::from(i) - 1.0 }),
     };
@@ -300,7 +305,7 @@ fn statistics_are_those_of_the_samples_and_the_impacts() {
         phase: 0.3,
     };
     let restitution = Restitution::from_e(0.7).unwrap();
-    let member = |x| Member { restitution, force, initial: Physical { x, xdot: 0.5 } };
+    let member = |x| Member { law: restitution.into(), force, initial: Physical { x, xdot: 0.5 } };
     let far = member(80.0);
     let members: Vec<_> = (1..9).map(|k| member(0.02 * f64::from(k))).chain([far]).collect();
     let (span, h) = ((0.0, 3.0), 1e-3);

@@ -91,7 +91,7 @@ fn fall(h: f64, output: Output<'_, Infallible>) -> PointRun<Infallible> {
     method.check().unwrap();
     let system = PointMass {
         force: &mut ConstantForce(-2.0),
-        restitution: Restitution::from_e(0.5).unwrap(),
+        law: Restitution::from_e(0.5).unwrap().into(),
     };
     let start = Physical { x: 10.0, xdot: -1.0 };
     method.run(system, (0.0, 1.0), start, output, &mut Silent).unwrap()
@@ -127,7 +127,7 @@ fn it_bounces_and_its_events_are_followed_as_those_of_every_scheme() {
 
     let method = FixedSteps { h: 1e-4, scheme: SemiImplicit };
     let restitution = Restitution::from_e(0.5).unwrap();
-    let system = PointMass { force: &mut ConstantForce(-2.0), restitution };
+    let system = PointMass { force: &mut ConstantForce(-2.0), law: restitution.into() };
     let start = Physical { x: 1.0, xdot: -1.0 };
     let run: PointRun<Infallible> =
         method.run(system, (0.0, 1.5), start, Output::default(), &mut Silent).unwrap();
@@ -145,7 +145,9 @@ fn its_settings_are_checked_as_those_of_every_method() {
     let refused = FixedSteps { h: -1.0, scheme: SemiImplicit }.check().unwrap_err();
     assert_eq!(refused.to_string(), "h must be a finite step size > 0, got -1.0");
     let plastic = FixedSteps { h: 1.0, scheme: SemiImplicit };
-    assert!(plastic.check_start(Physical::default(), Restitution::from_e(0.0).unwrap()).is_err());
+    assert!(plastic
+        .check_start(Physical::default(), Restitution::from_e(0.0).unwrap().into())
+        .is_err());
 }
 
 #[test]

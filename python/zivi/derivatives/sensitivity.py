@@ -194,7 +194,8 @@ def sensitivity(
         X^+ &= -u\,dt, \qquad V^+ = du - a^+ dt
 
     (the saltation matrix, with :math:`X = dx/dq`, :math:`V = d\dot x/dq`), a Zeno time has the
-    derivative of its extrapolation, rest ends all columns and a lift-off starts them anew.
+    derivative of its extrapolation, rest ends all columns and a lift-off starts them anew. Of an
+    `ImpactLaw` the factor of :math:`dv^-` is its slope.
 
     Parameters
     ----------
@@ -211,7 +212,8 @@ def sensitivity(
     wrt : sequence of str, optional
         Names of the columns: ``"x0"``, ``"xdot0"``, ``"t0"`` (the start moves, the end does
         not), ``"e"``, the fields of `LinearForce` or the parameters of a `ParametricForce`,
-        ``"force"`` for a number, those of a `HarmonicWall` as ``"wall.amplitude"``. Of a
+        ``"force"`` for a number, those of a `HarmonicWall` as ``"wall.amplitude"``, of another
+        impact law than Newton's as ``"law.e0"``. Of a
         `MechanicalSystem` ``"q0"`` and ``"qdot0"`` (all coordinates), ``"q0.x"`` or ``"q0[0]"``
         (one), ``"t0"``, ``"e"`` (of all gaps together), ``"e.floor"`` or ``"e[0]"`` (of one), the
         names of its parameters. By default the initial state.

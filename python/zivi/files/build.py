@@ -10,6 +10,7 @@ import numpy as np
 from zivi.control import twisting
 from zivi.files.mistakes import Mistakes
 from zivi.simulation.methods import METHODS
+from zivi.system.impact_law import LAWS
 from zivi.system.mass import Force, ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.symbolic.system import system as symbolic_system
@@ -27,6 +28,10 @@ def system(values: dict[str, Any], mistakes: Mistakes) -> ImpactSystem:
     """Build a system."""
     wall = values.get("wall")
     given = {name: values[name] for name in ("e", "kappa") if name in values}
+    if isinstance(law := given.get("e"), dict):
+        settings = {name: value for name, value in law.items() if name != "law"}
+        with mistakes.naming(named("system.e", settings), "system.e"):
+            given["e"] = LAWS[law["law"]](**settings)
     with mistakes.naming(named("system", given), "system"):
         return ImpactSystem(
             force(values["force"]),

@@ -56,19 +56,6 @@ def _restitution(of: str, default: str) -> tuple[Key, Key]:
     )
 
 
-SYSTEM = Key(
-    "system",
-    Table(
-        (
-            Key("force", FORCE, "force per unit mass", "m/s^2"),
-            *_restitution("", "one of e and kappa is required"),
-            Key("wall", WALL, "a wall that vibrates", default="the wall is fixed"),
-        )
-    ),
-    "the mass and its wall",
-)
-
-
 def _setting(it: _zivi.Setting) -> Key:
     """Give a setting of a method, which the core knows, as a key."""
     kind: Kind
@@ -78,7 +65,8 @@ def _setting(it: _zivi.Setting) -> Key:
         kind = Whole(it.least, it.most) if it.most is not None else Whole(it.least)
     else:
         below, most = (None if bound == math.inf else bound for bound in (it.below, it.most))
-        kind = Number(it.above, it.least, below, most, infinite=it.most == math.inf)
+        above = None if it.above == -math.inf else it.above
+        kind = Number(above, it.least, below, most, infinite=it.most == math.inf)
     default = it.comes or (None if it.required else _written(it.default))
     return Key(it.name, kind, it.meaning, it.unit, default)
 
@@ -88,6 +76,27 @@ def _written(value: str | float) -> str:
     if isinstance(value, str):
         return f'"{value}"'
     return str(value) if isinstance(value, int) else f"{value:g}".replace("e-0", "e-")
+
+
+LAW = Tagged(
+    "law", {name: tuple(map(_setting, given)) for name, given in _zivi.IMPACT_LAWS.items()}
+)
+_ONE = "one of e and kappa is required"
+
+
+def _system(e: Kind, meaning: str) -> Key:
+    """Give the key of a system whose wall has an `e` of this kind."""
+    keys = (
+        Key("force", FORCE, "force per unit mass", "m/s^2"),
+        Key("e", e, meaning, "1", _ONE),
+        Key("kappa", UNIT, "(1 - e)/(1 + e), instead of e", "1", _ONE),
+        Key("wall", WALL, "a wall that vibrates", default="the wall is fixed"),
+    )
+    return Key("system", Table(keys), "the mass and its wall")
+
+
+SYSTEM = _system(Either(UNIT, LAW), "coefficient of restitution, or an impact law")
+PLANT = _system(UNIT, "coefficient of restitution")
 
 
 METHODS = {
@@ -161,7 +170,7 @@ MEASURED = Pair(NOT_NEGATIVE, NOT_NEGATIVE, ("of x", "of xdot"))
 CONTROL = (
     SPAN,
     START,
-    SYSTEM,
+    PLANT,
     Key("controller", Tagged("name", CONTROLLERS, others=IN_PYTHON), "the controller"),
     Key("y_ref0", STATE, "initial state of the reference", "m, m/s", "at rest"),
     Key("force_ref", FORCE, "force on the reference", "m/s^2", "force_model"),

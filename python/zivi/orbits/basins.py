@@ -17,7 +17,7 @@ from zivi.orbits.flights import period_of
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
-from zivi.system.parameters import check_differentiable
+from zivi.system.parameters import check_newton
 
 __all__ = ["Basins", "basins"]
 
@@ -155,7 +155,7 @@ def basins(
     >>> sorted({it.kind for it in found.attractors})  # both are stable
     ['impacting', 'resting']
     """
-    check_differentiable(system)
+    check_newton(system)
     across, along = (real_array(n, v).ravel() for n, v in (("x0s", x0s), ("v0s", v0s)))
     if not len(across) or not len(along) or np.any(across < 0.0):
         raise ValueError("x0s and v0s must hold numbers, those of x0s >= 0")

@@ -15,7 +15,7 @@ from zivi.orbits.attractor import Attractor, Settled, classify, settle, settle_o
 from zivi.orbits.flights import period_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
-from zivi.system.parameters import check_differentiable, parameter, with_value
+from zivi.system.parameters import check_newton, parameter, with_value
 
 __all__ = ["Diagram", "bifurcation_diagram"]
 
@@ -169,7 +169,7 @@ def bifurcation_diagram(
     >>> [(it.kind, it.multiple) for it in found.attractors]
     [('impacting', 1), ('impacting', 2)]
     """
-    check_differentiable(system)
+    check_newton(system)
     parameter(system, name)
     grid = real_array("values", values).ravel()
     if not len(grid) or not np.all(np.isfinite(grid)):

@@ -15,7 +15,7 @@ from zivi.orbits.sequence import Equations, Frame, canonical, equations, newton
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
-from zivi.system.parameters import check_differentiable, excitation
+from zivi.system.parameters import check_newton, excitation
 
 __all__ = ["periodic_orbit"]
 
@@ -76,7 +76,7 @@ def periodic_orbit(
     """
     from zivi.orbits.start import guess_of
 
-    check_differentiable(system)
+    check_newton(system)
     if multiple is not None and whole("multiple", multiple) < 1:
         raise ValueError(f"multiple must be >= 1, got {multiple}")
     known = None if is_free(system, period, multiple) else period_of(system, period, or_free=True)

@@ -16,7 +16,7 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem
-from zivi.system.parameters import check_differentiable
+from zivi.system.parameters import check_newton
 
 __all__ = ["Lyapunov", "lyapunov_exponents"]
 
@@ -111,7 +111,7 @@ def lyapunov_exponents(
     >>> found.exponents.round(2)  # ln(1/2)/(2 pi)
     array([-0.11, -0.11])
     """
-    check_differentiable(system)
+    check_newton(system)
     span = pair("t_span", t_span, "(t0, t1)")
     if not 0.0 <= finite("transient", transient) < span[1] - span[0]:
         raise ValueError(f"transient must be >= 0 and shorter than t_span, got {transient}")

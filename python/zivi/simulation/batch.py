@@ -146,7 +146,7 @@ def simulate_batch(
     with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
         record = _zivi.simulate_batch(
             specs,
-            np.array([(system.e, system.kappa) for system in several]),
+            [system._impact for system in several],
             states,
             method._core,
             span=span,

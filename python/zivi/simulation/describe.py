@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
+from zivi.system.impact_law import NewtonImpact
+
 if TYPE_CHECKING:
     from zivi.simulation.methods import Method
     from zivi.system.mass import ImpactSystem
@@ -30,16 +32,17 @@ def configuration_of(
 
 def describe_system(system: ImpactSystem) -> dict[str, Any]:
     """Plain values that tell a system again."""
+    law, newton = system.law, isinstance(system.law, NewtonImpact)
     return {
         "force": describe(system.force),
-        "e": system.e,
-        "kappa": system.kappa,
+        "e": system.e if newton else describe(law),
+        "kappa": system.kappa if newton else None,
         "wall": None if system.wall is None else describe(system.wall),
     }
 
 
 def describe(force: Any) -> Any:
-    """Plain values that tell a force or a wall again (a callable only by its name)."""
+    """Plain values that tell a force, a wall or a law again (a callable only by its name)."""
     if dataclasses.is_dataclass(force) and not isinstance(force, type):
         values = {field.name: getattr(force, field.name) for field in dataclasses.fields(force)}
         plain = {name: describe(it) if callable(it) else it for name, it in values.items()}

@@ -15,6 +15,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.extras import late
+from zivi.system.impact_law import ImpactLaw, NewtonImpact
 
 if TYPE_CHECKING:
     from zivi.simulation.methods import SwitchedRK
@@ -83,7 +84,7 @@ def closer_mass(
     times: Array,
 ) -> Array:
     """Give the positions of the closer run of a mass."""
-    near = type(system)(system.force, e=_moved(system.e), wall=system.wall)
+    near = type(system)(system.force, e=_nearby(system.law), wall=system.wall)
     begin = (state[0] * (1 + ULPS), state[1] * (1 - ULPS))
     x: Array = late("zivi.simulation.run", "simulate")(
         near,
@@ -127,6 +128,15 @@ def _tighter(method: SwitchedRK) -> SwitchedRK:
     rtol = max(method.rtol * TIGHTER, LEAST_RTOL)
     atol = tuple(TIGHTER * np.broadcast_to(method.atol, 2))
     return dataclasses.replace(method, rtol=rtol, atol=atol)
+
+
+def _nearby(law: ImpactLaw) -> float | ImpactLaw:
+    """Move a law by some roundings."""
+    if isinstance(law, NewtonImpact):
+        moved: float = _moved(law.e)
+        return moved
+    first = dataclasses.fields(law)[0].name
+    return dataclasses.replace(law, **{first: _moved(getattr(law, first))})
 
 
 def _moved(e: Any) -> Any:

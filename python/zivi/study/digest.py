@@ -246,7 +246,8 @@ class _Content:
 
     def _of_object(self, value: Any) -> Iterable[Any]:
         if isinstance(value, ImpactSystem):  # not the address of a compiled force
-            return (value.force, value.e, value.wall)
+            # a number where the law is Newton's
+            return (value.force, value._e, value.wall)
         if (told := _of_library(value)) is not None:
             return told
         if (inner := _inner(value)) is not None:

@@ -6,6 +6,7 @@ from typing import Any
 
 from zivi import _zivi
 from zivi.system.force import Force, LinearForce, force_spec
+from zivi.system.impact_law import ImpactLaw, NewtonImpact
 from zivi.system.transform import coefficients
 from zivi.system.wall import HarmonicWall, MovingWall
 
@@ -35,8 +36,9 @@ class ImpactSystem:
         and is raised by the run. The ``user_data`` of a `LowLevelCallable` is passed as a fourth
         argument, ``void *``, if the signature has one; nothing is checked there, and it must live
         as long as the system.
-    e : float, optional
-        Coefficient of restitution in [0, 1]: 0 plastic, 1 elastic.
+    e : float or ImpactLaw, optional
+        Coefficient of restitution in [0, 1]: 0 plastic, 1 elastic. Or an impact law:
+        `NewtonImpact`, which is the same, or `SpeedDependentImpact`.
     kappa : float, optional
         :math:`\kappa = (1-e)/(1+e)` in [0, 1]. Exactly one of `e` and `kappa` is given.
     wall : HarmonicWall or MovingWall, optional
@@ -50,7 +52,9 @@ class ImpactSystem:
     force
         The force as given.
     e, kappa : float
-        Both coefficients.
+        Both coefficients, of Newton's impact law.
+    law : ImpactLaw
+        The impact law.
     wall
         The moving wall, or None.
 
@@ -71,17 +75,24 @@ class ImpactSystem:
     0.25
     """
 
-    __slots__ = ("_core", "_e", "_force", "_kappa", "_spec", "_wall")
+    __slots__ = ("_core", "_e", "_force", "_impact", "_kappa", "_spec", "_wall")
 
     def __init__(
         self,
         force: Force,
         *,
-        e: float | None = None,
+        e: float | ImpactLaw | None = None,
         kappa: float | None = None,
         wall: HarmonicWall | MovingWall | None = None,
     ) -> None:
-        self._e, self._kappa = coefficients(e, kappa)
+        self._e: float | ImpactLaw
+        self._kappa: float | None
+        if isinstance(e, ImpactLaw) and not isinstance(e, NewtonImpact):
+            if kappa is not None:
+                raise ValueError("exactly one of e and kappa must be given, got both")
+            self._e, self._kappa = e, None
+        else:
+            self._e, self._kappa = coefficients(e.e if isinstance(e, NewtonImpact) else e, kappa)
         self._force = force
         if not (wall is None or isinstance(wall, HarmonicWall | MovingWall)):
             raise TypeError(
@@ -92,8 +103,13 @@ class ImpactSystem:
 
     def _prepare(self) -> None:
         self._spec = in_wall_frame(self, force_spec(self._force))
-        restitution = _zivi.Restitution.of_both(self._e, self._kappa)
-        self._core = _zivi.PointMass(self._spec, restitution)
+        e, kappa = self._e, self._kappa
+        if isinstance(e, ImpactLaw):
+            self._impact = e._core
+        else:
+            assert kappa is not None
+            self._impact = _zivi.ImpactLaw.newton(e, kappa)
+        self._core = _zivi.PointMass(self._spec, self._impact)
 
     def __getstate__(self) -> tuple[Any, ...]:
         return self._force, self._e, self._kappa, self._wall
@@ -114,17 +130,33 @@ class ImpactSystem:
 
     @property
     def e(self) -> float:
-        """Coefficient of restitution."""
+        """Coefficient of restitution; a ValueError for another impact law than Newton's."""
+        if isinstance(self._e, ImpactLaw):
+            raise ValueError(self._not_newton())
         return self._e
 
     @property
     def kappa(self) -> float:
-        """Parameter of the transform, ``(1 - e)/(1 + e)``."""
+        """Parameter of the transform, ``(1 - e)/(1 + e)``; a ValueError as for `e`."""
+        if self._kappa is None:
+            raise ValueError(self._not_newton())
         return self._kappa
 
+    @property
+    def law(self) -> ImpactLaw:
+        """The impact law."""
+        return self._e if isinstance(self._e, ImpactLaw) else NewtonImpact(self._e)
+
+    def _not_newton(self) -> str:
+        return (
+            f"e must be a number here, Newton's impact law, got {self._e!r}: other "
+            "laws are for simulate and simulate_batch with SwitchedRK, and for sensitivity"
+        )
+
     def __repr__(self) -> str:
+        kappa = "" if self._kappa is None else f", kappa={self._kappa!r}"
         wall = "" if self._wall is None else f", wall={self._wall!r}"
-        return f"ImpactSystem(force={self._force!r}, e={self._e!r}, kappa={self._kappa!r}{wall})"
+        return f"ImpactSystem(force={self._force!r}, e={self._e!r}{kappa}{wall})"
 
 
 def in_wall_frame(system: ImpactSystem, spec: _zivi.Force) -> _zivi.Force:

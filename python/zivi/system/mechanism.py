@@ -14,6 +14,7 @@ from zivi.base.check import Array, finite, real_array
 from zivi.system.assemble import Evaluate, assembled
 from zivi.system.callbacks import glued
 from zivi.system.gap import Gap, LinearGap
+from zivi.system.impact_law import ImpactLaw, NewtonImpact
 from zivi.system.layout import Evaluation, Layout
 from zivi.system.partials import Partials
 from zivi.system.pieces import Part, part
@@ -279,6 +280,16 @@ def check_mass(matrix: Array) -> None:
 
 def restitutions(e: Any, m: int) -> Array:
     """Read the coefficients of restitution of `m` gaps."""
+    each = e if isinstance(e, list | tuple) else [e]
+    for law in each:
+        if isinstance(law, ImpactLaw) and not isinstance(law, NewtonImpact):
+            raise ValueError(
+                f"e must be numbers for a mechanical system, Newton's impact law, got {law!r}: "
+                "a zivi.ImpactSystem takes other laws"
+            )
+    if any(isinstance(law, NewtonImpact) for law in each):
+        numbers = [law.e if isinstance(law, NewtonImpact) else law for law in each]
+        e = numbers if isinstance(e, list | tuple) else numbers[0]
     given = real_array("e", e)
     if given.ndim == 0:
         given = np.full(m, float(given))

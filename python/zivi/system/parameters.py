@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 from zivi.system.force import NativeForce
+from zivi.system.impact_law import ImpactLaw, NewtonImpact
 from zivi.system.mass import ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parametric import ParametricForce
@@ -13,6 +14,7 @@ from zivi.system.wall import HarmonicWall
 
 __all__ = [
     "check_differentiable",
+    "check_newton",
     "codes_of",
     "excitation",
     "names_of",
@@ -21,8 +23,8 @@ __all__ = [
 ]
 
 INITIAL = {"x0": -1, "xdot0": -2, "t0": -3}
-"""What the extension calls the initial state; ``e`` is -4."""
-OF_E = -4
+"""What the extension calls the initial state; parameters of the impact law go down from -4."""
+OF_LAW = -4
 
 
 def check_differentiable(system: Any) -> None:
@@ -33,6 +35,12 @@ def check_differentiable(system: Any) -> None:
             "zivi.MechanicalSystem zivi.sensitivity gives the derivatives and the monodromy"
         )
     check_system(system)
+
+
+def check_newton(system: Any) -> None:
+    """Refuse as `check_differentiable`, and another impact law than Newton's."""
+    check_differentiable(system)
+    _ = system.e  # which says what takes another
 
 
 def of_force(force: Any) -> dict[str, float]:
@@ -57,12 +65,20 @@ def parameters_of(system: ImpactSystem) -> dict[str, float]:
 
 def names_of(system: ImpactSystem) -> list[str]:
     """All names by which a run of the system can be differentiated."""
-    return [*INITIAL, "e", *parameters_of(system)]
+    return [*INITIAL, *of_law(system), *parameters_of(system)]
+
+
+def of_law(system: ImpactSystem) -> dict[str, float]:
+    """Names and values of the parameters of the impact law: ``e``, or as ``law.e0``."""
+    law = system.law
+    if isinstance(law, NewtonImpact):
+        return {"e": system.e}
+    return {f"law.{field.name}": getattr(law, field.name) for field in dataclasses.fields(law)}
 
 
 def codes_of(system: ImpactSystem, names: tuple[str, ...]) -> list[int]:
     """Give the numbers by which the extension knows names; a ValueError lists the names."""
-    known = {**INITIAL, "e": OF_E}
+    known = {**INITIAL} | {name: OF_LAW - i for i, name in enumerate(of_law(system))}
     known |= {name: number for number, name in enumerate(parameters_of(system))}
     for name in names:
         if name not in known:
@@ -71,8 +87,8 @@ def codes_of(system: ImpactSystem, names: tuple[str, ...]) -> list[int]:
 
 
 def parameter(system: ImpactSystem, name: str) -> float:
-    """Give the value of a parameter of the system, ``e`` included."""
-    values = {"e": system.e, **parameters_of(system)}
+    """Give the value of a parameter of the system, those of its impact law included."""
+    values = {**of_law(system), **parameters_of(system)}
     if name not in values:
         raise ValueError(_unknown(system, name, start=False))
     return values[name]
@@ -80,10 +96,16 @@ def parameter(system: ImpactSystem, name: str) -> float:
 
 def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
     """Give the same system with another value of a parameter."""
-    force, e, wall = system.force, system.e, system.wall
+    force, wall = system.force, system.wall
+    e: float | ImpactLaw = system.law
     parameter(system, name)
+    if isinstance(e, NewtonImpact):
+        e = system.e
     if name == "e":
         e = value
+    elif name.startswith("law."):
+        assert isinstance(e, ImpactLaw)
+        e = dataclasses.replace(e, **{name.removeprefix("law."): value})
     elif name.startswith("wall."):
         assert isinstance(wall, HarmonicWall)
         wall = dataclasses.replace(wall, **{name.removeprefix("wall."): value})
@@ -112,7 +134,7 @@ def excitation(system: ImpactSystem) -> tuple[float | None, str | None]:
 
 
 def _unknown(system: ImpactSystem, name: str, *, start: bool = True) -> str:
-    names = names_of(system) if start else ["e", *parameters_of(system)]
+    names = names_of(system) if start else [*of_law(system), *parameters_of(system)]
     hint = ""
     if not of_force(system.force):
         hint = (

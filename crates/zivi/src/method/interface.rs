@@ -1,9 +1,10 @@
 //! What a system and a method are to each other.
 
 use zivi_core::setting::Setting;
+use zivi_core::Restitution;
 
 use crate::record::values::Values;
-use crate::{Monitor, Physical, Restitution, SetupError};
+use crate::{AnyImpactLaw, Monitor, Physical, SetupError};
 
 /// What moves: the states it has, what can be asked of a run and what a run leaves.
 pub trait System<E> {
@@ -27,7 +28,7 @@ pub trait Settings {
     ///
     /// # Errors
     /// [`SetupError`] names what is out of range.
-    fn check_start(&self, initial: Physical, restitution: Restitution) -> Result<(), SetupError>;
+    fn check_start(&self, initial: Physical, law: AnyImpactLaw) -> Result<(), SetupError>;
 
     /// The step size (s) of a method of fixed steps.
     fn step(&self) -> Option<f64> {
@@ -69,4 +70,11 @@ pub trait Method<E, S: System<E>>: Settings {
         keep: S::Keep<'_>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<S::Run, SetupError>;
+}
+
+/// The coefficient of restitution that a scheme of fixed steps needs.
+pub(crate) fn newton(law: &AnyImpactLaw) -> Result<Restitution, SetupError> {
+    law.constant().ok_or(SetupError::Refused(
+        "e must be a number, Newton's impact law: of the methods only SwitchedRK takes another",
+    ))
 }

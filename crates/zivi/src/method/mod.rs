@@ -15,6 +15,7 @@ mod interface;
 mod mechanism;
 mod point_mass;
 
+pub(crate) use interface::newton;
 pub use interface::{Listed, Method, Settings, System};
 pub use mechanism::Mechanism;
 pub use point_mass::{PointMass, PointRun};
@@ -27,14 +28,17 @@ use zivi_core::ThetaGammaStep;
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::stepping::scheme::{FixedSteps, Scheme};
 use crate::system::dynamics::Dynamics;
-use crate::{stepping, Force, Monitor, Output, Physical, Restitution, SetupError, SwitchedRk};
+use crate::{
+    stepping, AnyImpactLaw, Force, Monitor, Output, Physical, Restitution, SetupError, SwitchedRk,
+};
 
 impl<S: Scheme> Settings for FixedSteps<S> {
     fn check(&self) -> Result<(), SetupError> {
         self.scheme.check(self.h, Restitution::ELASTIC)
     }
 
-    fn check_start(&self, initial: Physical, restitution: Restitution) -> Result<(), SetupError> {
+    fn check_start(&self, initial: Physical, law: AnyImpactLaw) -> Result<(), SetupError> {
+        let restitution = newton(&law)?;
         self.scheme.check(self.h, restitution)?;
         self.scheme.check_start(initial, restitution)
     }
@@ -149,10 +153,10 @@ macro_rules! methods {
             fn check_start(
                 &self,
                 initial: Physical,
-                restitution: Restitution,
+                law: AnyImpactLaw,
             ) -> Result<(), SetupError> {
                 match self {
-                    $(Self::$name(method) => method.check_start(initial, restitution),)*
+                    $(Self::$name(method) => method.check_start(initial, law),)*
                 }
             }
 

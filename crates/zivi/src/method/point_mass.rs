@@ -2,21 +2,21 @@
 
 use zivi_core::setting::Setting;
 
-use super::interface::{Listed, Method, Settings, System};
+use super::interface::{newton, Listed, Method, Settings, System};
 use crate::record::values::Values;
 use crate::stepping::scheme::{FixedSteps, Scheme};
 use crate::system::evaluation::check_initial;
 use crate::{
-    simulate_switched_rk, Counts, Force, Hit, Monitor, Motion, Output, Physical, Restitution, Run,
+    simulate_switched_rk, AnyImpactLaw, Counts, Force, Hit, Monitor, Motion, Output, Physical, Run,
     SetupError, StepEvents, SwitchedRk, SwitchedRun, Trajectory,
 };
 
-/// A mass above a wall: `x'' = f`, `x >= 0`, `x'+ = -e x'-`.
+/// A mass above a wall: `x'' = f`, `x >= 0`, and an impact law, as `x'+ = -e x'-`.
 pub struct PointMass<'f, F> {
     /// The force.
     pub force: &'f mut F,
-    /// The wall.
-    pub restitution: Restitution,
+    /// What an impact does.
+    pub law: AnyImpactLaw,
 }
 
 impl<E, F: Force<E>> System<E> for PointMass<'_, F> {
@@ -52,9 +52,9 @@ impl<E> PointRun<E> {
 
     /// A run of the switched method above a wall.
     #[must_use]
-    pub fn switched(run: SwitchedRun<E>, restitution: Restitution) -> Self {
+    pub fn switched(run: SwitchedRun<E>, law: &AnyImpactLaw) -> Self {
         let SwitchedRun { trajectory, raised, path, tails, hits, counts, end } = run;
-        let motion = Some(Motion { path, tails, restitution });
+        let motion = Some(Motion { path, tails, restitution: law.transform() });
         Self { trajectory, raised, motion, hits, counts, end: Some(end) }
     }
 }
@@ -64,7 +64,7 @@ impl Settings for SwitchedRk {
         self.validated().map(drop)
     }
 
-    fn check_start(&self, initial: Physical, _: Restitution) -> Result<(), SetupError> {
+    fn check_start(&self, initial: Physical, _: AnyImpactLaw) -> Result<(), SetupError> {
         self.check().and(check_initial(initial))
     }
 }
@@ -84,14 +84,14 @@ impl Listed for SwitchedRk {
 impl<'f, E, F: Force<E>> Method<E, PointMass<'f, F>> for SwitchedRk {
     fn run(
         &self,
-        PointMass { force, restitution }: PointMass<'f, F>,
+        PointMass { force, law }: PointMass<'f, F>,
         span: (f64, f64),
         y0: Physical,
         keep: Output<'_, E>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<PointRun<E>, SetupError> {
-        let run = simulate_switched_rk(*self, restitution, force, span, y0, keep, monitor)?;
-        Ok(PointRun::switched(run, restitution))
+        let run = simulate_switched_rk(*self, law, force, span, y0, keep, monitor)?;
+        Ok(PointRun::switched(run, &law))
     }
 }
 
@@ -99,13 +99,14 @@ impl<'f, E, F: Force<E>> Method<E, PointMass<'f, F>> for SwitchedRk {
 impl<'f, E, F: Force<E>, S: Scheme> Method<E, PointMass<'f, F>> for FixedSteps<S> {
     fn run(
         &self,
-        PointMass { force, restitution }: PointMass<'f, F>,
+        PointMass { force, law }: PointMass<'f, F>,
         span: (f64, f64),
         y0: Physical,
         keep: Output<'_, E>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<PointRun<E>, SetupError> {
         let (grid, scheme) = (self.grid(span)?, &self.scheme);
+        let restitution = newton(&law)?;
         scheme.check(self.h, restitution)?;
         if keep.events.is_empty() {
             let run = scheme.run(restitution, force, grid, y0, monitor)?;

@@ -84,17 +84,51 @@ impl Accumulation {
         settings: &SwitchedRk,
         force: &mut Counted<'_, F>,
     ) -> Result<Option<f64>, Failure<E>> {
-        // where errors of the tolerance in each flight keep the speed up
-        let slow = 10.0 * settings.atol[1] / (1.0 - self.chain.e());
-        if self.stalling.goes_on(bounce, slow) {
-            return Err(Failure::Status(Status::ZenoBudget));
-        }
+        self.check_stalling(bounce, self.chain.e(), settings)?;
         self.chain.note(bounce, &[], &[])?;
         if bounce.g > 0.0 {
             self.end(bounce, (sigma, t_end), settings, force)
         } else {
             Ok(None)
         }
+    }
+
+    /// An error where the impacts, each of which leaves the part `e < 1` of the speed, go on at a wall
+    /// without a pull.
+    fn check_stalling<E>(
+        &mut self,
+        bounce: Bounce,
+        e: f64,
+        settings: &SwitchedRk,
+    ) -> Result<(), Failure<E>> {
+        // where errors of the tolerance in each flight keep the speed up
+        let slow = 10.0 * settings.atol[1] / (1.0 - e);
+        if self.stalling.goes_on(bounce, slow) {
+            return Err(Failure::Status(Status::ZenoBudget));
+        }
+        Ok(())
+    }
+
+    /// Takes an impact that is in no geometric chain, after which each leaves at most the part `e` of the
+    /// speed: whether the time that is left of all of them, at most `2 u/(g (1 - e))`, is below rounding.
+    pub(super) fn note_alone<E>(
+        &mut self,
+        bounce: Bounce,
+        e: f64,
+        settings: &SwitchedRk,
+    ) -> Result<bool, Failure<E>> {
+        self.chain.clear();
+        if e < 1.0 {
+            self.check_stalling(bounce, e, settings)?;
+        }
+        let Bounce { t, u, g } = bounce;
+        let (flight, rounding) = (2.0 * u / g, f64::EPSILON * t.abs());
+        let over = g > 0.0 && flight <= 4.0 * rounding * (1.0 - e);
+        if g > 0.0 && !over && flight <= 0.25 * rounding {
+            // impacts that do not end, at one time
+            return Err(Failure::Status(Status::ZenoBudget));
+        }
+        Ok(over)
     }
 
     /// Where the chain comes to rest, if that is known.

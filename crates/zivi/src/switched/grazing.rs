@@ -14,8 +14,8 @@ use super::stages::Counted;
 use crate::piecewise::method::Driver;
 use crate::record::failure::Failure;
 use crate::record::user_events::Level;
-use crate::{Force, Monitor, SetupError};
-use zivi_core::{Physical, Restitution};
+use crate::{AnyImpactLaw, Force, Monitor, SetupError};
+use zivi_core::Physical;
 
 /// A depth that is decided by the tolerances, in units of those of the distance.
 const DECIDED: f64 = 10.0;
@@ -71,7 +71,7 @@ impl Grazing {
 /// [`SetupError`] before anything is computed.
 pub(crate) fn simulate_watching<E, F: Force<E>>(
     settings: SwitchedRk,
-    restitution: Restitution,
+    law: AnyImpactLaw,
     force: &mut F,
     span: (f64, f64),
     initial: Physical,
@@ -79,8 +79,7 @@ pub(crate) fn simulate_watching<E, F: Force<E>>(
 ) -> Result<(SwitchedRun<E>, bool), SetupError> {
     let mut grazing = Grazing::default();
     let output = Output::default();
-    let run =
-        simulate_with(&mut grazing, settings, restitution, force, span, initial, output, monitor)?;
+    let run = simulate_with(&mut grazing, settings, law, force, span, initial, output, monitor)?;
     Ok((run, is_undecided(grazing.shallowest, grazing.highest, &settings)))
 }
 

@@ -1,8 +1,6 @@
 //! The switched method: its parts, and which of them comes next: flight, the jump through a Zeno
 //! point, rest.
 
-use zivi_core::Restitution;
-
 use super::accumulation::Accumulation;
 use super::flight::{Arrival, FreeFlight};
 use super::lift_off::Lookout;
@@ -15,14 +13,14 @@ use super::stages::Counted;
 use crate::record::failure::Failure;
 use crate::record::occurrence::Occurrence;
 use crate::system::evaluation::check_initial;
-use crate::zeno::bounce::{restored, Bounce};
+use crate::zeno::bounce::{unless_underflowing, Bounce};
 use crate::zeno::chain::Chain;
-use crate::{Force, Impact, Physical, SetupError};
+use crate::{AnyImpactLaw, Force, Impact, Physical, SetupError};
 
 /// The switched Runge-Kutta method as an object that is driven piece by piece.
 ///
 /// ```text
-/// flight   x'' = f(t, x, x')      impact  x'+ = -e x'-      rest  x = 0 while f(t, 0, 0) <= 0
+/// flight   x'' = f(t, x, x')      impact  x'+ = -e x'-, or another law      rest  x = 0 while f(t, 0, 0) <= 0
 /// ```
 ///
 /// Between calls of [`SwitchedIntegrator::advance_to`] the force may change: a controller holds
@@ -48,7 +46,7 @@ use crate::{Force, Impact, Physical, SetupError};
 #[derive(Clone, Debug)]
 pub struct SwitchedIntegrator {
     settings: SwitchedRk,
-    restitution: Restitution,
+    law: AnyImpactLaw,
     now: Point,
     sigma: f64,
     mode: Mode,
@@ -64,16 +62,16 @@ impl SwitchedIntegrator {
     ///
     /// # Errors
     /// [`SetupError::Setting`] for a setting out of its range.
-    pub fn new(settings: SwitchedRk, restitution: Restitution) -> Result<Self, SetupError> {
-        let settings = settings.validated()?;
+    pub fn new(settings: SwitchedRk, law: impl Into<AnyImpactLaw>) -> Result<Self, SetupError> {
+        let (settings, law) = (settings.validated()?, law.into());
         Ok(Self {
             settings,
-            restitution,
+            law,
             now: Point::default(),
             sigma: 1.0,
             mode: Mode::REST,
             flight: FreeFlight::new(&settings),
-            accumulation: Accumulation::new(restitution.e()),
+            accumulation: Accumulation::new(law.limit().unwrap_or(1.0)),
             lookout: Lookout::default(),
             nfev: 0,
             impacts: 0,
@@ -255,10 +253,18 @@ impl SwitchedIntegrator {
             return Ok(());
         }
         let mut zeno = None;
-        if self.restitution.e() < 1.0 {
+        let e = self.law.limit().unwrap_or(1.0);
+        // the speed before this impact was `u/e` if the law had reached its limit
+        if e < 1.0 && u <= e * self.law.geometric_up_to() {
             let bounce = Bounce { t, u, g: -self.flight.at_wall(self.now, force)? };
             let until = (self.sigma, t_end);
             zeno = self.accumulation.note(bounce, until, &self.settings, force)?;
+        } else if self.law.constant().is_none() {
+            let bounce = Bounce { t, u, g: -self.flight.at_wall(self.now, force)? };
+            let e = e.max(self.law.after(u) / u);
+            if self.accumulation.note_alone(bounce, e, &self.settings)? {
+                self.now.xdot = 0.0;
+            }
         }
         self.mode = zeno.map_or(Mode::FLIGHT, |zeno| Mode::Flight(Flight::Jump { zeno }));
         Ok(())
@@ -302,10 +308,10 @@ impl SwitchedIntegrator {
         Ok(Piece::Flight { from, sigma: self.sigma, impact: None })
     }
 
-    /// The impact with the velocity `xdot < 0`: `x'+ = -e x'-`.
+    /// The impact with the velocity `xdot < 0`: `x'+ = after(-x'-)` of the impact law.
     pub(super) fn strike(&mut self, from: Point, contact: Point) -> Piece {
         let Point { t, xdot, .. } = contact;
-        let after = restored(self.restitution.e(), xdot);
+        let after = unless_underflowing(self.law.after(xdot.abs()));
         let impact = Impact { t, xdot_before: xdot, xdot_after: after };
         let sigma = self.sigma;
         self.impacts += 1;
@@ -372,8 +378,8 @@ impl SwitchedIntegrator {
         &self.settings
     }
 
-    pub(super) fn restitution(&self) -> Restitution {
-        self.restitution
+    pub(super) fn law(&self) -> &AnyImpactLaw {
+        &self.law
     }
 
     /// Where the mass is.

@@ -345,7 +345,7 @@ impl<E> Running<'_, E> {
             }
         }
         drop(reserve);
-        let columns = samples.into_columns(method.restitution(), advise)?;
+        let columns = samples.into_columns(method.law().transform(), advise)?;
         let (events, summary) = (reader.events, None);
         let trajectory =
             Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };

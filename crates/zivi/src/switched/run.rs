@@ -1,21 +1,19 @@
 //! A whole run: steps, samples, events, dense output.
 
-use super::output::{Output, SwitchedRun};
-use zivi_core::Restitution;
-
 use super::integrator::SwitchedIntegrator;
+use super::output::{Output, SwitchedRun};
 use super::recording::running;
 use super::settings::{Flights, SwitchedRk};
 use super::stages::Counted;
 use crate::piecewise::method::{Driver, Plainly};
 use crate::record::trajectory::SetupError;
-use crate::{Force, GridError, Monitor, Physical};
+use crate::{AnyImpactLaw, Force, GridError, Monitor, Physical};
 
 /// Simulates `x'' = f`, `x >= 0`, `x'+ = -e x'-` with the switched Runge-Kutta method.
 ///
 /// Samples have `s = sigma x` and `v = sigma x'/(1 - kappa sgn x')` on the branch `sigma` that
-/// changes at each impact; their multipliers are the signs, at rest 0, and their residual is NaN:
-/// no inclusion is solved. On a plastic wall (`e = 0`) `v` is infinite while the mass moves off.
+/// changes at each impact, with `kappa = 0` where the impact law has no constant coefficient; their
+/// multipliers are the signs, at rest 0, and their residual is NaN: no inclusion is solved. On a plastic wall (`e = 0`) `v` is infinite while the mass moves off.
 ///
 /// # Errors
 /// [`SetupError`] before anything is computed. Whatever goes wrong later is in the run's status.
@@ -44,14 +42,14 @@ use crate::{Force, GridError, Monitor, Physical};
 /// ```
 pub fn simulate_switched_rk<E, F: Force<E>>(
     settings: SwitchedRk,
-    restitution: Restitution,
+    law: impl Into<AnyImpactLaw>,
     force: &mut F,
     span: (f64, f64),
     initial: Physical,
     output: Output<'_, E>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<SwitchedRun<E>, SetupError> {
-    simulate_with(&mut Plainly, settings, restitution, force, span, initial, output, monitor)
+    simulate_with(&mut Plainly, settings, law.into(), force, span, initial, output, monitor)
 }
 
 /// The same in the steps of somebody else.
@@ -59,7 +57,7 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
 pub(super) fn simulate_with<E, F: Force<E>>(
     driver: &mut impl for<'f> Driver<SwitchedIntegrator, Counted<'f, F>, E>,
     settings: SwitchedRk,
-    restitution: Restitution,
+    law: AnyImpactLaw,
     force: &mut F,
     (t0, t1): (f64, f64),
     initial: Physical,
@@ -68,7 +66,7 @@ pub(super) fn simulate_with<E, F: Force<E>>(
 ) -> Result<SwitchedRun<E>, SetupError> {
     check_span(t0, t1, output.t_eval)?;
     check_stops(output.tstops)?;
-    let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
+    let mut integrator = SwitchedIntegrator::new(settings, law)?;
     integrator.start(t0, initial)?;
     integrator.probe_rest(force.shortest_period().is_none());
     integrator.adopt(force);

@@ -1,8 +1,9 @@
-//! What moves: the force on the mass, the motion of its wall.
+//! What moves: the force on the mass, the motion of its wall, what an impact does.
 
 pub mod dynamics;
 pub(crate) mod evaluation;
 pub mod force;
+pub mod impact_law;
 pub mod moving_wall;
 pub mod partials;
 pub mod slopes;

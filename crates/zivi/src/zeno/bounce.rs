@@ -11,10 +11,15 @@ pub(crate) struct Bounce {
     pub(crate) g: f64,
 }
 
-/// The speed after an impact; none where the height of the next arc would underflow.
+/// The speed after an impact under Newton's law; none where the height of the next arc would underflow.
 #[inline]
 pub(crate) fn restored(e: f64, before: f64) -> f64 {
-    let after = e * before.abs();
+    unless_underflowing(e * before.abs())
+}
+
+/// A speed after an impact; none where the height of the next arc would underflow.
+#[inline]
+pub(crate) fn unless_underflowing(after: f64) -> f64 {
     if after * after < f64::MIN_POSITIVE {
         0.0
     } else {

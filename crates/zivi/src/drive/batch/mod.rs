@@ -11,19 +11,19 @@ mod outcome;
 mod pool;
 mod returns;
 
-use zivi_core::{Physical, Restitution, ThetaGammaStep};
+use zivi_core::{Physical, ThetaGammaStep};
 
 pub use loops::{simulate_closed_loop_batch, LoopMember, LoopOutcome, LoopSettings};
 pub use outcome::{Outcome, Save, Saved};
 pub use pool::available_threads;
 pub use returns::{map_impacts, orbits, Mapped};
 
-use crate::method::{AnyMethod, Method, PointMass, PointRun, Settings};
+use crate::method::{newton, AnyMethod, Method, PointMass, PointRun, Settings};
 use crate::switched::check_span;
 use crate::switched::grazing::simulate_watching;
 use crate::{
-    Dependence, Force, Grid, Keep, Monitor, Output, SetupError, Solver, Summary, ThetaGamma,
-    Trajectory, QUANTITIES,
+    AnyImpactLaw, Dependence, Force, Grid, Keep, Monitor, Output, SetupError, Solver, Summary,
+    ThetaGamma, Trajectory, QUANTITIES,
 };
 
 /// A method and the span of the runs, the same for all.
@@ -68,8 +68,8 @@ impl<'a> Plan<'a> {
 /// One run of a batch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Member<F> {
-    /// The wall.
-    pub restitution: Restitution,
+    /// What an impact does.
+    pub law: AnyImpactLaw,
     /// The force.
     pub force: F,
     /// The initial state.
@@ -99,9 +99,9 @@ pub enum BatchError<E> {
 /// use zivi::drive::batch::{simulate_batch, Task, Member, Save};
 /// use zivi::{ConstantForce, FixedSteps, Physical, Restitution, Silent, ThetaGamma};
 ///
-/// let restitution = Restitution::from_kappa(0.41)?;
+/// let law = Restitution::from_kappa(0.41)?.into();
 /// let initial = |x| Physical { x, xdot: 6.0 };
-/// let ball = |x| Member { restitution, force: ConstantForce(-9.81), initial: initial(x) };
+/// let ball = |x| Member { law, force: ConstantForce(-9.81), initial: initial(x) };
 /// let balls: Vec<_> = (0..100).map(|i| ball(0.01 * f64::from(i))).collect();
 /// let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
 /// let task = Task { method, span: (0.0, 4.0), slowest: 1e-3 };
@@ -118,7 +118,7 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
 ) -> Result<Vec<Outcome>, BatchError<E>> {
     let plan = Plan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
     for (i, member) in members.iter().enumerate() {
-        let started = plan.method.check_start(member.initial, member.restitution);
+        let started = plan.method.check_start(member.initial, member.law);
         started.map_err(|error| BatchError::Setup(Some(i), error))?;
     }
     check_memory(members, plan, threads)?;
@@ -204,7 +204,8 @@ fn several<F: Force<Stopped> + Copy>(
         if let (AnyMethod::ThetaGamma(it), Some(grid)) = (plan.method, plan.grid) {
             let ThetaGamma { theta, gamma, .. } = it.scheme;
             let mut masses = Vec::with_capacity(chunk.len());
-            for &Member { restitution, mut force, initial } in chunk {
+            for &Member { law, mut force, initial } in chunk {
+                let restitution = newton(&law)?;
                 let step = ThetaGammaStep::new(grid.h(), theta, gamma, restitution)?;
                 // a constant has nothing to raise
                 let force = force.at(grid.t(0), 0.0, 0.0).unwrap_or(f64::NAN);
@@ -242,19 +243,18 @@ fn one<F: Force<Stopped> + Copy>(
     Plan { method, span, save, slowest, .. }: Plan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Outcome, SetupError> {
-    let Member { restitution, mut force, initial } = *member;
+    let Member { law, mut force, initial } = *member;
     let every = save.every();
     let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
     let watch = &mut Quiet { keep, stop };
     let t_eval = if let Save::At(times) = save { Some(times) } else { None };
     let output = Output { t_eval, ..Output::default() };
-    let system = PointMass { force: &mut force, restitution };
+    let system = PointMass { force: &mut force, law };
     let (PointRun { trajectory, end, motion, .. }, grazing) = match (method, save) {
         (AnyMethod::SwitchedRk(method), Save::Grazing) => {
-            let PointMass { force, restitution } = system;
-            let (run, grazes) =
-                simulate_watching(method, restitution, force, span, initial, watch)?;
-            (PointRun::switched(run, restitution), grazes)
+            let force = system.force;
+            let (run, grazes) = simulate_watching(method, law, force, span, initial, watch)?;
+            (PointRun::switched(run, &law), grazes)
         }
         _ => (method.run(system, span, initial, output, watch)?, false),
     };

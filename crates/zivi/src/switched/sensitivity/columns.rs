@@ -30,16 +30,22 @@ pub enum Wrt {
     Xdot0,
     /// The time of the initial state.
     T0,
-    /// The coefficient of restitution.
-    E,
+    /// A parameter of the impact law, by its number.
+    Law(usize),
     /// A parameter of the force, by its number.
     Parameter(usize),
 }
 
 impl Wrt {
-    /// The derivative of the coefficient of restitution by it.
-    pub(in crate::switched) fn of_e(self) -> f64 {
-        f64::from(self == Self::E)
+    /// The coefficient of restitution of Newton's law.
+    pub const E: Self = Self::Law(0);
+
+    /// A derivative by it that only the impact law has, `by` its parameter.
+    pub(in crate::switched) fn of_law(self, by: impl FnOnce(usize) -> f64) -> f64 {
+        match self {
+            Self::Law(parameter) => by(parameter),
+            _ => 0.0,
+        }
     }
 }
 

@@ -1,7 +1,5 @@
 //! A whole run with its derivatives.
 
-use zivi_core::Restitution;
-
 use super::derivatives::{Derivatives, Question};
 use super::follower::Follower;
 use crate::record::trajectory::SetupError;
@@ -13,7 +11,7 @@ use crate::switched::stages::Counted;
 use crate::switched::SwitchedIntegrator;
 use crate::system::slopes::DifferentiableForce;
 use crate::system::stops::Stops;
-use crate::{Monitor, Physical};
+use crate::{AnyImpactLaw, Monitor, Physical};
 
 /// Simulates as [`crate::simulate_switched_rk`], with the derivatives of the run.
 ///
@@ -39,7 +37,7 @@ use crate::{Monitor, Physical};
 #[allow(clippy::too_many_arguments)]
 pub fn sensitivity<E, F: DifferentiableForce<E>>(
     settings: SwitchedRk,
-    restitution: Restitution,
+    law: impl Into<AnyImpactLaw>,
     force: &mut F,
     (t0, t1): (f64, f64),
     initial: Physical,
@@ -49,7 +47,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
 ) -> Result<(SwitchedRun<E>, Derivatives), SetupError> {
     check_span(t0, t1, output.t_eval)?;
     check_stops(output.tstops)?;
-    let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
+    let mut integrator = SwitchedIntegrator::new(settings, law)?;
     integrator.start(t0, initial)?;
     integrator.probe_rest(force.shortest_period().is_none());
     let Question { wrt, sizes, controlled, times } = *question;
@@ -57,7 +55,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     let mut follower = Follower::new(wrt, sizes, controlled, t1, output.tstops, dense);
     let mut force = Counted::new(force);
     Stops::new(output.tstops, t1).enter(t0, &mut force.smooth);
-    let begun = follower.begin(integrator.now(), restitution.e(), &mut force);
+    let begun = follower.begin(integrator.now(), integrator.law(), &mut force);
     let mut run = running(integrator, t1, output);
     let ending = match begun {
         Ok(()) => run.go(&mut follower, &mut force, monitor),

@@ -38,7 +38,7 @@ impl Follower {
         impact: Option<Impact>,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        let e = integrator.restitution().e();
+        let law = *integrator.law();
         let flight = integrator.flight();
         self.highest = self.highest.max(flight.last_mut().from.x.abs());
         if impact.is_none() {
@@ -66,7 +66,7 @@ impl Follower {
             self.step.polish(stages, total - stages.h, force)?;
         }
         match impact {
-            Some(impact) => self.strike(&impact, e, force),
+            Some(impact) => self.strike(&impact, &law, force),
             None => Ok(()),
         }
     }
@@ -112,7 +112,7 @@ impl Follower {
             if let Some(impact) = impact.filter(|_| integrator.flight().landing().is_none()) {
                 // the last step ended at the wall
                 std::mem::swap(&mut self.step.from, &mut self.step.end);
-                self.strike(&impact, integrator.restitution().e(), force)?;
+                self.strike(&impact, integrator.law(), force)?;
                 return Ok(piece);
             }
             let h = integrator.flight().last_mut().h;

@@ -2,7 +2,7 @@
 //! lift-off.
 //!
 //! ```text
-//! impact    dt = -X-/v-      dv- = V- + a- dt      du = -e dv- - v- de
+//! impact    dt = -X-/v-      dv- = V- + a- dt      du = -after'(-v-) dv- + after_q(-v-)
 //!           X+ = -u dt       V+ = du - a+ dt       a+- = f(t, 0, x'+-)
 //! ```
 
@@ -21,7 +21,7 @@ use crate::switched::point::Point;
 use crate::switched::stages::Counted;
 use crate::system::slopes::{DifferentiableForce, Place};
 use crate::zeno::rates::{ChainRates, Rate};
-use crate::Impact;
+use crate::{AnyImpactLaw, Impact};
 
 /// The columns of a run under way.
 pub(in crate::switched) struct Follower {
@@ -83,7 +83,7 @@ impl Follower {
     pub(in crate::switched) fn begin<E, F: DifferentiableForce<E>>(
         &mut self,
         start: Point,
-        e: f64,
+        law: &AnyImpactLaw,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
         let pull = force.at(start.t, start.x, start.xdot)?;
@@ -101,14 +101,14 @@ impl Follower {
                 Wrt::X0 => (1.0, 0.0),
                 Wrt::Xdot0 => (0.0, 1.0),
                 Wrt::T0 => (-start.xdot, -pull),
-                Wrt::E | Wrt::Parameter(_) => (0.0, 0.0),
+                Wrt::Law(_) | Wrt::Parameter(_) => (0.0, 0.0),
             };
             (self.step.end.x[column], self.step.end.v[column]) = (x, v);
         }
         if start.physical().arrives() {
-            let impact =
-                Impact { t: start.t, xdot_before: start.xdot, xdot_after: -e * start.xdot };
-            return self.strike(&impact, e, force);
+            let xdot_after = law.after(-start.xdot);
+            let impact = Impact { t: start.t, xdot_before: start.xdot, xdot_after };
+            return self.strike(&impact, law, force);
         }
         Ok(())
     }
@@ -117,7 +117,7 @@ impl Follower {
     fn strike<E, F: DifferentiableForce<E>>(
         &mut self,
         impact: &Impact,
-        e: f64,
+        law: &AnyImpactLaw,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
         let Impact { t, xdot_before: v, xdot_after: u } = *impact;
@@ -128,12 +128,13 @@ impl Follower {
             let depth = v * v / (2.0 * before);
             self.validity.note(Limit::Impact, t, depth, self.step.end.x.iter().copied());
         }
+        let slope = law.slope(-v);
         let Self { step, dt, du, wrt, .. } = self;
         for column in 0..dt.len() {
             let (x, xdot) = (&mut step.end.x[column], &mut step.end.v[column]);
             dt[column] = -*x / v;
             let dv = *xdot + before * dt[column];
-            du[column] = -e * dv - v * wrt[column].of_e();
+            du[column] = wrt[column].of_law(|parameter| law.by(parameter, -v)) - slope * dv;
             (*x, *xdot) = (-u * dt[column], du[column] - after * dt[column]);
         }
         self.note_neighbours(t);
@@ -159,17 +160,18 @@ impl Follower {
         // flights after it are others, or long, where its speed or the pull has vanished
         self.validity.note(Limit::Chain, last.t, last.g.abs(), dg.iter().copied());
         self.validity.note(Limit::Chain, last.t, last.u, self.du.iter().copied());
-        for (column, chain) in self.chains.iter_mut().enumerate() {
-            let (dt, du, de) = (self.dt[column], self.du[column], self.wrt[column].of_e());
-            let rate = Rate { dt, du, dg: dg[column], de, flow: [&[], &[]], dz: &[] };
-            chain.note(integrator.chain(), &rate);
+        for (column, dg) in dg.into_iter().enumerate() {
+            let (dt, du) = (self.dt[column], self.du[column]);
+            let de = self.limit_by(column, integrator);
+            let rate = Rate { dt, du, dg, de, flow: [&[], &[]], dz: &[] };
+            self.chains[column].note(integrator.chain(), &rate);
         }
         let Mode::Flight(Flight::Jump { .. }) = integrator.mode() else { return Ok(()) };
         let tolerance = integrator.settings().zeno_tolerance(integrator.chain(), last.g);
         let (rtol, mut known) = (integrator.settings().rtol, true);
         self.zeno.clear();
         for (column, chain) in self.chains.iter().enumerate() {
-            let (de, size) = (self.wrt[column].of_e(), self.sizes[column]);
+            let (de, size) = (self.limit_by(column, integrator), self.sizes[column]);
             let landing = chain.landing(integrator.chain(), de, |_, _| 1.0);
             let (dt, error) = landing.map_or((0.0, f64::INFINITY), |it| (it.t, it.size));
             known &= error * size <= tolerance + rtol * size * dt.abs();
@@ -179,6 +181,11 @@ impl Follower {
             integrator.cancel_jump();
         }
         Ok(())
+    }
+
+    /// The derivative of the ratio of speeds in a chain.
+    fn limit_by(&self, column: usize, integrator: &SwitchedIntegrator) -> f64 {
+        self.wrt[column].of_law(|parameter| integrator.law().limit_by(parameter))
     }
 
     /// An event at `t` that moves by `self.dt` may pass the end of the run, or a jump of the force.
