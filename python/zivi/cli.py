@@ -206,7 +206,10 @@ def paper(
         needed("matplotlib", "the figures of the paper").use("Agg")
         from zivi.paper import command
 
-        command.check(only)
+        try:
+            command.check(only)
+        except ValueError as error:
+            raise FileError(f"{error}") from None
         agree = command.run(out, only, quiet=quiet)
     raise typer.Exit(0 if agree else 1)
 

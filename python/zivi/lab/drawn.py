@@ -1,6 +1,6 @@
 """A reference drawn by hand, and the explicit law that follows what it is given."""
 
-import zivi
+from zivi.control.twisting import ExplicitTwisting
 
 __all__ = ["Drawn", "ExplicitFollower"]
 
@@ -30,7 +30,7 @@ class ExplicitFollower:
     x_ref = xdot_ref = float("nan")
 
     def __init__(self, mu1: float, mu2: float, *, h: float, e: float) -> None:
-        self.law, self.h = zivi.ExplicitTwisting(mu1, mu2, h=h, e=e), h
+        self.law, self.h = ExplicitTwisting(mu1, mu2, h=h, e=e), h
 
     def step(self, x: float, xdot: float, force: float, force_ref: float) -> float:
         """Give the control for the next period; behind the wall is taken as on it."""

@@ -83,7 +83,8 @@ def _tracker(given: Tracker) -> str:
     if given.drawn:
         reference = f"    reference=Drawn({given.heights!r}, {given.t_end!r}),\n"
         baseline = "ExplicitFollower"
-        sources = "".join(f"\n\n{inspect.getsource(it)}" for it in (Drawn, ExplicitFollower)) + "\n"
+        shown = "\n\n".join(inspect.getsource(it) for it in (Drawn, ExplicitFollower))
+        sources = f"from zivi import ExplicitTwisting\n\n\n{shown}\n"
     return f"""\
 import zivi
 {sources}

@@ -8,7 +8,6 @@ from pathlib import Path
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from zivi.files import FileError
 from zivi.paper import chattering, checks, linearisation, rest, robustness
 from zivi.paper.write import STAGES, Reproduction, write
 
@@ -16,10 +15,10 @@ __all__ = ["check", "run"]
 
 
 def check(only: Collection[str] | None) -> None:
-    """Refuse a stage that does not exist."""
+    """Raise ValueError for a stage that does not exist."""
     for name in only or ():
         if name not in STAGES:
-            raise FileError(f"zivi: --only must be one of {', '.join(STAGES)}, got {name!r}")
+            raise ValueError(f"zivi: --only must be one of {', '.join(STAGES)}, got {name!r}")
 
 
 def run(out: Path, only: Collection[str] | None, *, quiet: bool) -> bool:
