@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array
-from zivi.control.closed_loop import ClosedLoop
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
-from zivi.simulation.trajectory import Trajectory
+from zivi.simulation.run_result import MassRun
 from zivi.study.design import name_of
 
 __all__ = ["RUN_UNITS", "Events", "Values", "split", "units_of"]
@@ -54,7 +53,7 @@ def values_of(returned: Any) -> Values:
         if not returned:
             raise ValueError("the function returned an empty dict")
         return {name: _value(name, value) for name, value in returned.items()}
-    if isinstance(returned, Trajectory | ClosedLoop):
+    if isinstance(returned, MassRun):
         return _summary(returned)
     if isinstance(returned, MechanicalTrajectory):
         return _mechanical_summary(returned)
@@ -75,7 +74,7 @@ def _value(name: str, value: Any) -> float | Array:
     return array.astype(np.float64)
 
 
-def _summary(run: Trajectory | ClosedLoop) -> Values:
+def _summary(run: MassRun) -> Values:
     last = {
         name: float(samples[-1]) if len(samples := getattr(run, name)) else np.nan
         for name in ("t", "x", "xdot", "x_ref", "xdot_ref", "u")
@@ -115,7 +114,7 @@ def _mechanical_summary(run: MechanicalTrajectory) -> Values:
 def units_of(returned: Any) -> dict[str, str]:
     """Give the units of what is kept, as far as they are known: of runs."""
     given = returned[0] if isinstance(returned, tuple) else returned
-    if isinstance(given, Trajectory | ClosedLoop):
+    if isinstance(given, MassRun):
         return {name: RUN_UNITS[name] for name in _summary(given)}
     if isinstance(given, MechanicalTrajectory):  # those of its coordinates are the user's
         return {"t": "s"}
