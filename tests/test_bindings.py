@@ -12,7 +12,7 @@ from zivi import _zivi
 
 ONE = _zivi.Force.constant(-1.0)
 TABLE = _zivi.Wall.harmonic(amplitude=0.1, omega=3.0, phase=0.0, offset=0.0)
-PLASTIC = _zivi.Restitution(e=0.0)
+PLASTIC = _zivi.ImpactLaw.newton(0.0, 1.0)
 
 
 def linear(**given):
@@ -42,7 +42,7 @@ def test_a_force_tells_what_it_needs(force, constant, native):
     [
         (lambda: _zivi.PointMass(-9.81, PLASTIC), TypeError, "Force"),
         (lambda: _zivi.PointMass(("constant", -9.81), PLASTIC), TypeError, "Force"),
-        (lambda: _zivi.PointMass(ONE, (0.5, 1 / 3)), TypeError, "Restitution"),
+        (lambda: _zivi.PointMass(ONE, (0.5, 1 / 3)), TypeError, "ImpactLaw"),
         (lambda: _zivi.Force.constant("heavy"), TypeError, "real number"),
         (lambda: _zivi.Force.native("Spring", k=1.0), ValueError, 'no native force "Spring"'),
         (lambda: _zivi.Force.native("LinearForce"), TypeError, "stiffness must be given"),
