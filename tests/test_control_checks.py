@@ -1,7 +1,9 @@
 """What controllers and closed loops refuse, and the gain conditions against simulated masses."""
 
+import inspect
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,9 @@ import pytest
 import zivi
 from control_loops import PAPER, PLANT, Scripted
 from zivi import _zivi
+from zivi.control.component import Shared
+from zivi.control.twisting import CONTROLLERS
+from zivi.files import keys
 
 WITH_REFERENCE = [zivi.TwistingTracker, zivi.ExplicitTwisting]
 
@@ -236,3 +241,42 @@ def test_ranges_and_defaults_are_those_of_the_core():
                     make(**{name: wrong})
     noise = [it.default for it in _zivi.CONTROL_SETTINGS["ImpactObserver"] if it.name == "noise"]
     assert makes["ImpactObserver"]().settings["noise"] == tuple(noise)
+
+
+def test_every_controller_is_in_the_list_and_files_have_all_its_settings():
+    public = {getattr(zivi, name) for name in zivi.__all__}
+    assert set(CONTROLLERS) == {
+        it for it in public if isinstance(it, type) and issubclass(it, Shared)
+    }
+    for kind in CONTROLLERS:
+        parameters = inspect.signature(kind).parameters
+        assert {key.name for key in keys.CONTROLLERS[kind.__name__]} == set(parameters)
+
+
+def test_a_controller_is_named_only_where_it_is_made_and_handed_on():
+    """Its tick, its place in a loop, its binding, its class; who uses one of them is above."""
+    root = Path(__file__).parents[1]
+    users = ("python/zivi/lab", "python/zivi/paper", "crates/zivi-wasm")
+    files = [*root.glob("crates/*/src/**/*.rs"), *root.glob("python/zivi/**/*.py*")]
+    naming = {
+        path.relative_to(root).as_posix()
+        for path in files
+        if path.suffix != ".pyc" and re.search(r"\bExplicitTwisting\b", path.read_text("utf-8"))
+    }
+    tick = {f"crates/zivi-core/src/control/{name}.rs" for name in ("explicit", "period", "mod")}
+    loop = {f"crates/zivi/src/drive/closed_loop/{name}.rs" for name in ("controller", "solved")}
+    handed_on = {"python/zivi/__init__.py", "python/zivi/control/__init__.py"}
+    assert {it for it in naming if not it.startswith(users)} == {
+        *tick,
+        *loop,
+        *handed_on,
+        "crates/zivi-py/src/control/explicit.rs",
+        "crates/zivi-py/src/control/mod.rs",
+        "python/zivi/control/twisting.py",
+    }
+    binding = {
+        path.name
+        for path in root.glob("crates/zivi-py/src/**/*.rs")
+        if re.search(r"\bcontrol::[{(]?.*\b(Explicit|Regulator|Tracker)\b", path.read_text("utf-8"))
+    }
+    assert not binding

@@ -18,7 +18,7 @@ use zivi::{
 use zivi_core::control::Waypoint;
 use zivi_core::observer::ImpactObserver;
 
-use crate::control::{Explicit, Regulator, Tracker};
+use crate::control::run_copy;
 use crate::errors::setup_error;
 use crate::force::{AnyForce, AnyNative, Force as GivenForce};
 use crate::method::Method;
@@ -290,22 +290,17 @@ pub(crate) fn simulate_closed_loop(
         Surroundings { start, motion, sensor, observer, delay, dense, restitution_ref };
     let mut given = given.map(Source::new).transpose()?;
     let mut forces = forces.each_ref().map(|force| force.get().on(py));
-    let events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
+    let mut events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
     let watch = &mut Watch { progress };
-    // a copy runs, so that no controller is borrowed while other threads may call it
-    macro_rules! native {
-        ($class:ty) => {
-            if let (true, Ok(object)) = (ours, controller.cast::<$class>()) {
-                let mut copy = object.borrow().solved();
-                let run = surroundings.run_native(py, &mut copy, &mut forces, events, given, watch);
-                object.borrow_mut().inner = copy.controller;
-                return LoopRecord::new(py, run.map_err(setup_error)?, start.restitution);
-            }
-        };
+    if ours {
+        let run = run_copy(controller, |copy| {
+            let events = std::mem::take(&mut events);
+            surroundings.run_native(py, copy, &mut forces, events, given.take(), watch)
+        });
+        if let Some(run) = run {
+            return LoopRecord::new(py, run.map_err(setup_error)?, start.restitution);
+        }
     }
-    native!(Regulator);
-    native!(Tracker);
-    native!(Explicit);
     let raised = Cell::new(None);
     let mut controller = PythonController { object: controller.clone(), interface, raised };
     let run = {

@@ -41,7 +41,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("METHODS", method::all_methods(module.py())?)?;
     module.add("SETTINGS", method::all_settings(module.py())?)?;
     module.add("IMPACT_LAWS", impact_law::all_laws(module.py())?)?;
-    module.add("CONTROL_SETTINGS", method::control_settings(module.py())?)?;
+    module.add("CONTROL_SETTINGS", control::settings(module.py())?)?;
     module.add_class::<method::Setting>()?;
     module.add_class::<method::Method>()?;
     module.add_class::<method::MethodEntry>()?;
@@ -88,9 +88,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<partials::MechanicalSensitivityRecord>()?;
     module.add_function(wrap_pyfunction!(partials::mechanical_sensitivity, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::compiled_model, module)?)?;
-    module.add_class::<control::Regulator>()?;
-    module.add_class::<control::Tracker>()?;
-    module.add_class::<control::Explicit>()?;
+    control::add_classes(module)?;
     module.add_class::<observer::Observer>()?;
     module.add_class::<closed_loop::LoopRecord>()?;
     module.add_class::<closed_loop::LiftedSamples>()?;

@@ -7,11 +7,11 @@ use zivi::drive::batch::{
     simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings,
 };
 use zivi::drive::closed_loop::{AnyController, Given};
-use zivi::{Physical, Solver, Status};
+use zivi::{Physical, Status};
 
 use crate::batch::{natives, refused, row_restitution, rows};
 use crate::closed_loop::{given_of_row, motion_of};
-use crate::control::{Explicit, Regulator, Tracker};
+use crate::control::of_ours;
 use crate::force::Force;
 use crate::method::Method;
 use crate::observer::Observer;
@@ -20,24 +20,10 @@ use crate::transform::restitution_of;
 use crate::watch::Watch;
 
 fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
-    if let Ok(it) = controller.cast::<Regulator>() {
-        let it = it.borrow().solved();
-        Ok(match it.solver {
-            Solver::Exact => AnyController::Regulator(it.controller),
-            _ => AnyController::SolvedRegulator(it),
-        })
-    } else if let Ok(it) = controller.cast::<Tracker>() {
-        let it = it.borrow().solved();
-        Ok(match it.solver {
-            Solver::Exact => AnyController::Tracker(it.controller),
-            _ => AnyController::SolvedTracker(it),
-        })
-    } else if let Ok(it) = controller.cast::<Explicit>() {
-        Ok(AnyController::Explicit(it.borrow().inner))
-    } else {
+    of_ours(controller).ok_or_else(|| {
         let kind = controller.get_type();
-        Err(PyTypeError::new_err(format!("a batch takes zivi's own controllers, got {kind}")))
-    }
+        PyTypeError::new_err(format!("a batch takes zivi's own controllers, got {kind}"))
+    })
 }
 
 /// Many closed loops. `forces` are lists of the plants', the models' and the references'; every

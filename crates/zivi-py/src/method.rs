@@ -7,8 +7,6 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use zivi::method::{Entry, Settings, Values};
 use zivi::{AnyMethod, Solver, SwitchedRk};
-use zivi_core::control::{Port, TwistingTracker};
-use zivi_core::observer::ObserverSettings;
 use zivi_core::setting::{Setting as Described, Value, Values as Range};
 use zivi_core::ThetaGammaStep;
 
@@ -200,7 +198,7 @@ impl Setting {
     }
 }
 
-fn described(py: Python<'_>, settings: &[Described]) -> PyResult<Vec<Setting>> {
+pub(crate) fn described(py: Python<'_>, settings: &[Described]) -> PyResult<Vec<Setting>> {
     settings.iter().map(|it| Setting::new(py, it)).collect()
 }
 
@@ -239,29 +237,6 @@ pub(crate) fn all_settings(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     let all = PyDict::new(py);
     for entry in AnyMethod::ALL {
         all.set_item(entry.name, described(py, entry.settings)?)?;
-    }
-    Ok(all)
-}
-
-/// The settings of controllers and of the observer that are numbers with a default.
-pub(crate) fn control_settings(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
-    let observer = [
-        ObserverSettings::NOISE_X,
-        ObserverSettings::NOISE_XDOT,
-        ObserverSettings::Q_D,
-        ObserverSettings::SE,
-        ObserverSettings::DMAX,
-        ObserverSettings::Q_E,
-    ];
-    let classes: [(&str, &[Described]); 4] = [
-        ("TwistingRegulator", &[Port::DEPTH]),
-        ("TwistingTracker", &[Port::DEPTH, TwistingTracker::HORIZON]),
-        ("ExplicitTwisting", &[Port::DEPTH]),
-        ("ImpactObserver", &observer),
-    ];
-    let all = PyDict::new(py);
-    for (name, settings) in classes {
-        all.set_item(name, described(py, settings)?)?;
     }
     Ok(all)
 }

@@ -16,7 +16,6 @@ from zivi.base.compiled import listening
 from zivi.base.progress import ProgressBar
 from zivi.base.status import Status
 from zivi.control.loop_arguments import (
-    OURS,
     check_ahead,
     check_delay,
     check_interface,
@@ -46,7 +45,7 @@ from zivi.control.loop_reference import (
 from zivi.control.loop_run import ESTIMATES, QUANTITIES, ClosedLoop
 from zivi.control.loop_samples import ended_by_event, restrict
 from zivi.control.observer import ImpactObserver
-from zivi.control.twisting import TickStatus
+from zivi.control.twisting import CONTROLLERS, TickStatus
 from zivi.simulation.describe import describe, describe_system
 from zivi.simulation.events import events_of
 from zivi.simulation.impacts import SLOWEST, check_slowest, impacts_of
@@ -140,7 +139,7 @@ def simulate_closed_loop(
     ----------
     system : ImpactSystem
         The plant; its force is the true one.
-    controller : TwistingTracker, TwistingRegulator, ExplicitTwisting or other
+    controller : Controller
         Zivi's controllers are copied and run without the interpreter (not subclasses with a
         ``step`` of their own). Any object with ``h`` and ``step(x, xdot, force)`` will do (see
         `Controller`).
@@ -256,7 +255,7 @@ def simulate_closed_loop(
     if not isinstance(dense_output, bool):
         raise TypeError(f"dense_output must be True or False, got {dense_output!r}")
     seed, samples = noise_of(deviations, seed, span, h)
-    if isinstance(controller, OURS):
+    if isinstance(controller, CONTROLLERS):
         controller = copy.copy(controller)
     start_ref = None if y_ref0 is None else pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)")
     if start_ref is not None:

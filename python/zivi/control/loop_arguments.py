@@ -16,14 +16,13 @@ from zivi import _zivi
 from zivi.base.check import Array, real
 from zivi.base.warnings import ModelWarning
 from zivi.control.observer import ImpactObserver
-from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.misplaced import told
 from zivi.simulation.run import pair
 from zivi.system.mass import ImpactSystem, force_spec, in_wall_frame
 
 __all__ = [
-    "OURS",
     "check_ahead",
     "check_delay",
     "check_follows",
@@ -45,8 +44,6 @@ __all__ = [
 
 BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
 """How a plant moves whose force is not constant."""
-
-OURS = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
 
 
 def forces_of(
@@ -86,7 +83,7 @@ def period_of(controller: Any) -> float:
 
 def on_wall(controller: Any, system: ImpactSystem, stacklevel: int = 3) -> Any:
     """Give a controller without `e` the plant's, and warn of one that believes in another."""
-    if isinstance(controller, OURS):
+    if isinstance(controller, CONTROLLERS):
         controller = controller._on(system.kappa)
     believed = getattr(controller, "e", system.e)
     if isinstance(believed, numbers.Real) and abs(float(believed) - system.e) > SAME_E:
@@ -118,7 +115,9 @@ def check_ahead(controller: Any, delay: int, noise: float = 0.0, stacklevel: int
     Under noise of the velocity the brake of a late loop, ``v' = -v(t - d h)/(N h)``, swings over
     unless ``N >= (1 + d)^(1 + d)/d^d``; a dead zone does as well.
     """
-    if not (delay and isinstance(controller, OURS) and getattr(controller, "landing", False)):
+    if not (
+        delay and isinstance(controller, CONTROLLERS) and getattr(controller, "landing", False)
+    ):
         return
     it: Any = controller
     text = ""
@@ -199,7 +198,7 @@ def is_ours(controller: Any) -> bool:
             getattr(kind, name, None) is getattr(base, name, None)
             for name in ("step", "x_ref", "xdot_ref")
         )
-        for base in OURS
+        for base in CONTROLLERS
     )
 
 

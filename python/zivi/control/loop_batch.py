@@ -15,7 +15,6 @@ from zivi.base.compiled import listening, tell
 from zivi.base.progress import ProgressBar
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control.loop_arguments import (
-    OURS,
     check_ahead,
     check_delay,
     check_follows,
@@ -52,6 +51,7 @@ from zivi.control.loop_batch_result import ClosedLoopBatch
 from zivi.control.loop_batch_samples import room_for, sampled
 from zivi.control.loop_reference import Reference, check_reference, describe_reference
 from zivi.control.observer import ImpactObserver
+from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.batch_arguments import check_threads
 from zivi.simulation.batch_result import MAX_DESCRIBED
 from zivi.simulation.describe import describe, describe_system
@@ -177,7 +177,7 @@ def simulate_closed_loop_batch(
         if not isinstance(plant, ImpactSystem):
             kind = type(plant).__name__
             raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
-    ours = all(type(controller) in OURS for controller in ticking)
+    ours = all(type(controller) in CONTROLLERS for controller in ticking)
     for controller in ticking:
         period_of(controller)
         check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)

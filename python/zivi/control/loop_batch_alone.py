@@ -13,7 +13,8 @@ import numpy as np
 from zivi import _zivi
 from zivi.base.check import Array, real_array
 from zivi.base.warnings import ModelWarning
-from zivi.control.loop_arguments import OURS, check_not_negative, check_seed
+from zivi.control.loop_arguments import check_not_negative, check_seed
+from zivi.control.twisting import CONTROLLERS
 
 if TYPE_CHECKING:
     from zivi.control.loop_run import ClosedLoop
@@ -51,7 +52,7 @@ def seeds_of(seed: Any, n: int) -> list[int]:
 
 def copied(controller: Any, i: int) -> Any:
     """Copy a controller for a loop of its own; zivi's are copied by the loop."""
-    if isinstance(controller, OURS):
+    if isinstance(controller, CONTROLLERS):
         return controller
     try:
         return copy.deepcopy(controller)

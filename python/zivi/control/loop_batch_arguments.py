@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 
 from zivi import _zivi
 from zivi.base.check import Array, real_array, whole
-from zivi.control.loop_arguments import OURS, check_observer, on_wall
+from zivi.control.loop_arguments import check_observer, on_wall
 from zivi.control.loop_reference import rows_of
 from zivi.control.observer import ImpactObserver
+from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.batch_arguments import check_native
 from zivi.system.mass import ImpactSystem, force_spec, in_wall_frame
 
@@ -42,7 +43,7 @@ def observers_of(observer: Any, controllers: list[Any]) -> list[Any]:
 def several(name: str, things: Any) -> list[Any]:
     """Return one thing, or several, as a list."""
     try:
-        one = isinstance(things, (ImpactSystem, ImpactObserver, *OURS))
+        one = isinstance(things, (ImpactSystem, ImpactObserver, *CONTROLLERS))
         found = [things] if one else list(things)
     except TypeError:
         found = [things]
@@ -82,7 +83,7 @@ def placed(controllers: list[Any], references: Array, n: int) -> list[Any]:
 
 def on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> list[Any]:
     """Give the controllers without `e` their plants'."""
-    ours = [it for it in controllers if isinstance(it, OURS)]
+    ours = [it for it in controllers if isinstance(it, CONTROLLERS)]
     differ = len(plants) > 1 and any(it._settings["kappa"] is None for it in ours)
     count = n if differ else len(controllers)
     # one warning for all of a kind: the warnings of one place are shown once

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from zivi import _zivi
 from zivi.base.check import Array, real_array
-from zivi.control.loop_arguments import OURS
 from zivi.control.loop_path import SampledReference, on_side
+from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.dense import Path
 from zivi.simulation.describe import describe
 from zivi.simulation.trajectory import Trajectory
@@ -46,7 +46,7 @@ def check_reference(controller: Any, reference: Any, **others: Any) -> None:
     for name, value in others.items():
         if value is not None:
             raise TypeError(f"{name} belongs to a reference that the controller advances itself")
-    if isinstance(controller, OURS) and not callable(getattr(controller, "step_to", None)):
+    if isinstance(controller, CONTROLLERS) and not callable(getattr(controller, "step_to", None)):
         kind = type(controller).__name__
         raise TypeError(
             "reference= needs a controller with step_to, such as zivi.TwistingTracker, or one of "
@@ -101,7 +101,7 @@ class Told:
 
 def told_of(controller: Any, reference: Any) -> Any:
     """Give a controller of the user that has no ``step_to`` one, if there is a reference."""
-    ours = reference is None or isinstance(controller, OURS)
+    ours = reference is None or isinstance(controller, CONTROLLERS)
     return controller if ours or hasattr(controller, "step_to") else Told(controller)
 
 

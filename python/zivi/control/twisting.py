@@ -12,6 +12,7 @@ from zivi.control.component import (
     HORIZON,
     Following,
     Landing,
+    Shared,
     TickStatus,
     common,
     core,
@@ -23,7 +24,7 @@ from zivi.control.component import (
 )
 from zivi.simulation.methods import ThetaGamma
 
-__all__ = ["ExplicitTwisting", "TickStatus", "TwistingRegulator", "TwistingTracker"]
+__all__ = ["CONTROLLERS", "ExplicitTwisting", "TickStatus", "TwistingRegulator", "TwistingTracker"]
 
 BRANCHES = ("positive", "nearest")
 """How a tracker lifts what it measures."""
@@ -378,3 +379,7 @@ class ExplicitTwisting(_zivi.Explicit, Following):
         self = super().__new__(cls, **core(settings))
         self._settings = settings
         return with_wall(self)
+
+
+CONTROLLERS: tuple[type[Shared], ...] = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
+"""All of them: closed loops, batches, blocks and files take each."""

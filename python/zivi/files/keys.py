@@ -5,10 +5,11 @@ After a change, ``python -m zivi.files.document docs/command_line.md`` brings th
 
 from __future__ import annotations
 
+import inspect
 import math
 
 from zivi import _zivi
-from zivi.control.twisting import BRANCHES
+from zivi.control import twisting
 from zivi.files.kinds import Choice, Either, Kind, Number, Numbers, Pair, Switch, Whole
 from zivi.files.tables import Key, Open, Table, Tagged
 from zivi.study import EXPERIMENTS
@@ -151,18 +152,19 @@ LANDING = (
     _LINEARISATIONS,
 )
 REFERENCE = _restitution("_ref", "that of the controller")
+TRACKING = (
+    Key("branch", Choice(twisting.BRANCHES), "how a measurement is lifted", default='"positive"'),
+    Key("press", NOT_NEGATIVE, "acceleration towards the wall at rest", "m/s^2", "the law's"),
+    _HORIZON,
+    Key("shift", Switch(), "take the velocity half a period back in the air", default="false"),
+)
 CONTROLLERS = {
-    "TwistingRegulator": (*TWISTING, *LANDING),
-    "TwistingTracker": (
-        *TWISTING,
-        *LANDING,
-        *REFERENCE,
-        Key("branch", Choice(BRANCHES), "how a measurement is lifted", default='"positive"'),
-        Key("press", NOT_NEGATIVE, "acceleration towards the wall at rest", "m/s^2", "the law's"),
-        _HORIZON,
-        Key("shift", Switch(), "take the velocity half a period back in the air", default="false"),
-    ),
-    "ExplicitTwisting": (*TWISTING, *REFERENCE),
+    kind.__name__: tuple(
+        key
+        for key in (*TWISTING, *LANDING, *REFERENCE, *TRACKING)
+        if key.name in inspect.signature(kind).parameters
+    )
+    for kind in twisting.CONTROLLERS
 }
 IN_PYTHON = "a file has no code: a controller of your own is for zivi.simulate_closed_loop"
 MEASURED = Pair(NOT_NEGATIVE, NOT_NEGATIVE, ("of x", "of xdot"))

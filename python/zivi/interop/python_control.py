@@ -17,10 +17,10 @@ import numpy as np
 from zivi.base.check import Array, real
 from zivi.base.extras import needed
 from zivi.control.closed_loop import Controller, simulate_closed_loop
-from zivi.control.loop_arguments import OURS, interface_of, period_of
+from zivi.control.loop_arguments import interface_of, period_of
 from zivi.control.loop_batch_alone import copied
 from zivi.control.loop_reference import Told, asked_of
-from zivi.control.twisting import TickStatus
+from zivi.control.twisting import CONTROLLERS, TickStatus
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.system.mass import Force, ImpactSystem
 
@@ -140,7 +140,7 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
     >>> zivi.interop.controller_block(tracker).input_labels  # doctest: +SKIP
     ['x', 'xdot', 'force', 'force_ref']
     """
-    if not isinstance(controller, OURS):
+    if not isinstance(controller, CONTROLLERS):
         return _own_block(controller, name)
     _checked(controller)
     twin: Any = controller.copy()
@@ -269,8 +269,8 @@ def state_vector(controller: Controller) -> Array:
 
     Parameters
     ----------
-    controller : TwistingTracker, TwistingRegulator or ExplicitTwisting
-        As it is now, for example after its `reset`.
+    controller : Controller
+        One of zivi's as it is now, for example after its `reset`.
 
     Returns
     -------

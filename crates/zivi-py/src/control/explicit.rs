@@ -1,7 +1,7 @@
 //! The explicit baseline.
 
 use pyo3::prelude::*;
-use zivi::drive::closed_loop::Solved;
+use zivi::drive::closed_loop::{AnyController, Solved};
 use zivi::Solver;
 use zivi_core::control::{ExplicitTwisting, Gains};
 use zivi_core::Physical;
@@ -13,13 +13,17 @@ use crate::transform::restitution_of;
 /// The explicit baseline; `zivi.ExplicitTwisting` is what users see.
 #[pyclass(subclass, module = "zivi._zivi")]
 pub(crate) struct Explicit {
-    pub(crate) inner: ExplicitTwisting,
+    pub(super) inner: ExplicitTwisting,
 }
 
 impl Explicit {
     /// Its signs are those of the sample: nothing is solved.
-    pub(crate) fn solved(&self) -> Solved<ExplicitTwisting> {
+    pub(super) fn solved(&self) -> Solved<ExplicitTwisting> {
         Solved { controller: self.inner, solver: Solver::Exact }
+    }
+
+    pub(super) fn any(&self) -> AnyController {
+        AnyController::Explicit(self.inner)
     }
 }
 

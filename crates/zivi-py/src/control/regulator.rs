@@ -1,7 +1,7 @@
 //! The regulator.
 
 use pyo3::prelude::*;
-use zivi::drive::closed_loop::Solved;
+use zivi::drive::closed_loop::{AnyController, Solved};
 use zivi::Solver;
 use zivi_core::control::{Gains, RegulatorState, TickStatus, TwistingRegulator};
 
@@ -12,14 +12,21 @@ use crate::transform::restitution_of;
 /// The regulator; `zivi.TwistingRegulator` is what users see.
 #[pyclass(subclass, module = "zivi._zivi")]
 pub(crate) struct Regulator {
-    pub(crate) inner: TwistingRegulator,
+    pub(super) inner: TwistingRegulator,
     /// How its steps are solved.
     solver: Solver,
 }
 
 impl Regulator {
-    pub(crate) fn solved(&self) -> Solved<TwistingRegulator> {
+    pub(super) fn solved(&self) -> Solved<TwistingRegulator> {
         Solved { controller: self.inner, solver: self.solver }
+    }
+
+    pub(super) fn any(&self) -> AnyController {
+        match self.solver {
+            Solver::Exact => AnyController::Regulator(self.inner),
+            _ => AnyController::SolvedRegulator(self.solved()),
+        }
     }
 }
 

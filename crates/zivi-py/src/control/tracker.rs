@@ -2,7 +2,7 @@
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::drive::closed_loop::Solved;
+use zivi::drive::closed_loop::{AnyController, Solved};
 use zivi::Solver;
 use zivi_core::control::{Approach, Gains, TwistingTracker, Waypoint};
 use zivi_core::{Branch, Physical};
@@ -15,14 +15,21 @@ use crate::transform::restitution_of;
 /// The implicit tracker; `zivi.TwistingTracker` is what users see.
 #[pyclass(subclass, module = "zivi._zivi")]
 pub(crate) struct Tracker {
-    pub(crate) inner: TwistingTracker,
+    pub(super) inner: TwistingTracker,
     /// How its steps are solved.
     solver: Solver,
 }
 
 impl Tracker {
-    pub(crate) fn solved(&self) -> Solved<TwistingTracker> {
+    pub(super) fn solved(&self) -> Solved<TwistingTracker> {
         Solved { controller: self.inner, solver: self.solver }
+    }
+
+    pub(super) fn any(&self) -> AnyController {
+        match self.solver {
+            Solver::Exact => AnyController::Tracker(self.inner),
+            _ => AnyController::SolvedTracker(self.solved()),
+        }
     }
 }
 

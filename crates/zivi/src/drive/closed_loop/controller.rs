@@ -169,79 +169,69 @@ controller_with_reference!(
 );
 controller_with_reference!(Solved<ExplicitTwisting>, it, it.controller);
 
-/// One of the controllers of `zivi_core`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum AnyController {
-    /// The regulator.
-    Regulator(TwistingRegulator),
-    /// The implicit tracker.
-    Tracker(TwistingTracker),
-    /// The explicit baseline.
-    Explicit(ExplicitTwisting),
-    /// The regulator with a general solver.
-    SolvedRegulator(Solved<TwistingRegulator>),
-    /// The tracker with a general solver.
-    SolvedTracker(Solved<TwistingTracker>),
+/// All controllers: of each its meaning, the name of its variant, its type and its sampling period.
+macro_rules! controllers {
+    ($($meaning:literal $name:ident($kind:ty), |$it:ident| $h:expr;)*) => {
+        /// One of the controllers of `zivi_core`.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub enum AnyController {
+            $(#[doc = $meaning] $name($kind),)*
+        }
+
+        impl AnyController {
+            /// Sampling period (s).
+            #[must_use]
+            pub fn h(&self) -> f64 {
+                match self {
+                    $(AnyController::$name($it) => $h,)*
+                }
+            }
+
+            fn inner<E>(&self) -> &dyn Controller<E> {
+                match self {
+                    $(AnyController::$name(it) => it,)*
+                }
+            }
+        }
+
+        impl<E> Controller<E> for AnyController {
+            fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
+                match self {
+                    $(AnyController::$name(it) => Controller::<E>::tick(it, tick),)*
+                }
+            }
+
+            fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
+                match self {
+                    $(AnyController::$name(it) => Controller::<E>::tick_to(it, tick, course),)*
+                }
+            }
+
+            fn reference(&self) -> Option<Physical> {
+                self.inner::<E>().reference()
+            }
+
+            fn signs(&self) -> [f64; SIGNS] {
+                self.inner::<E>().signs()
+            }
+
+            fn status(&self) -> TickStatus {
+                self.inner::<E>().status()
+            }
+
+            fn closed_step(&self) -> Option<RegulationStep> {
+                self.inner::<E>().closed_step()
+            }
+        }
+    };
 }
 
-impl AnyController {
-    /// Sampling period (s).
-    #[must_use]
-    pub fn h(&self) -> f64 {
-        match self {
-            AnyController::Regulator(it) => it.step().h,
-            AnyController::Tracker(it) => it.h(),
-            AnyController::Explicit(it) => it.h(),
-            AnyController::SolvedRegulator(it) => it.controller.step().h,
-            AnyController::SolvedTracker(it) => it.controller.h(),
-        }
-    }
-
-    fn inner<E>(&self) -> &dyn Controller<E> {
-        match self {
-            AnyController::Regulator(it) => it,
-            AnyController::Tracker(it) => it,
-            AnyController::Explicit(it) => it,
-            AnyController::SolvedRegulator(it) => it,
-            AnyController::SolvedTracker(it) => it,
-        }
-    }
-}
-
-impl<E> Controller<E> for AnyController {
-    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
-        match self {
-            AnyController::Regulator(it) => Controller::<E>::tick(it, tick),
-            AnyController::Tracker(it) => Controller::<E>::tick(it, tick),
-            AnyController::Explicit(it) => Controller::<E>::tick(it, tick),
-            AnyController::SolvedRegulator(it) => Controller::<E>::tick(it, tick),
-            AnyController::SolvedTracker(it) => Controller::<E>::tick(it, tick),
-        }
-    }
-
-    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
-        match self {
-            AnyController::Regulator(it) => Controller::<E>::tick_to(it, tick, course),
-            AnyController::Tracker(it) => Controller::<E>::tick_to(it, tick, course),
-            AnyController::Explicit(it) => Controller::<E>::tick_to(it, tick, course),
-            AnyController::SolvedRegulator(it) => Controller::<E>::tick_to(it, tick, course),
-            AnyController::SolvedTracker(it) => Controller::<E>::tick_to(it, tick, course),
-        }
-    }
-
-    fn reference(&self) -> Option<Physical> {
-        self.inner::<E>().reference()
-    }
-
-    fn signs(&self) -> [f64; SIGNS] {
-        self.inner::<E>().signs()
-    }
-
-    fn status(&self) -> TickStatus {
-        self.inner::<E>().status()
-    }
-
-    fn closed_step(&self) -> Option<RegulationStep> {
-        self.inner::<E>().closed_step()
-    }
+controllers! {
+    "The regulator." Regulator(TwistingRegulator), |it| it.step().h;
+    "The implicit tracker." Tracker(TwistingTracker), |it| it.h();
+    "The explicit baseline." Explicit(ExplicitTwisting), |it| it.h();
+    "The regulator with a general solver." SolvedRegulator(Solved<TwistingRegulator>),
+        |it| it.controller.step().h;
+    "The tracker with a general solver." SolvedTracker(Solved<TwistingTracker>),
+        |it| it.controller.h();
 }
