@@ -45,6 +45,8 @@ myst_fence_as_directive = ["math"]  # formulas, as GitHub sets them too
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
+# pages whose code a test of its own runs, when a test builds the site
+nb_execution_excludepatterns = os.environ.get("ZIVI_DOCS_NOT_EXECUTED", "").split()
 nb_merge_streams = True
 
 # the reference, from the docstrings
@@ -78,3 +80,5 @@ html_theme_options = {
 
 # a toctree may name pages that a checkout does not have yet
 suppress_warnings = ["toc.empty_glob"]
+if nb_execution_excludepatterns:
+    suppress_warnings.append("myst-nb.lexer")  # what is not executed tells no language

@@ -8,6 +8,7 @@ import contextlib
 import html.parser
 import importlib.util
 import io
+import os
 import re
 import subprocess
 import sys
@@ -197,14 +198,39 @@ class Targets(html.parser.HTMLParser):
                 self.targets.append(value)
 
 
+EXECUTED = {"gallery/rocking_block", "gallery/vibrating_table", "gallery/scheme_facts", "tutorial"}
+"""Pages that the site of the test executes; `make docs` executes all."""
+ELSEWHERE = sorted(
+    {*TUTORIAL, *(f"gallery/{path.stem}" for path in (DOCS / "gallery").glob("*.md"))} - EXECUTED
+)
+"""Code that other tests run: tutorials above, each example of the gallery beside its numbers."""
+
+
+def test_code_that_the_site_of_the_test_leaves_out_is_run_elsewhere():
+    tests = {path: path.read_text() for path in Path(__file__).parent.glob("test_*.py")}
+    for page in ELSEWHERE:
+        folder, _, name = page.rpartition("/")
+        if not folder:
+            assert name in TUTORIAL
+            continue
+        # by its name, or all examples of mechanical systems
+        pattern = rf'example\("{name}"\)|"{name}"|glob\("{name.split("_")[0]}_\*\.py"\)'
+        assert any("main(" in it and re.search(pattern, it) for it in tests.values()), name
+        # the program does what its test calls
+        program = (ROOT / "examples" / f"{name}.py").read_text().split('__name__ == "__main__"')[1]
+        assert "\n    main(" in program
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     for library in ("sphinx", "furo", "myst_nb", "numpydoc", "control"):
         if importlib.util.find_spec(library) is None:
             pytest.skip(f"{library} is not installed: it comes with the extra docs")
     out = tmp_path_factory.mktemp("site")
+    left_out = " ".join(f"{page}.md" for page in ELSEWHERE)
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-j", "2", DOCS, out],
+        env=os.environ | {"ZIVI_DOCS_NOT_EXECUTED": left_out},
         capture_output=True,
         text=True,
         check=False,
