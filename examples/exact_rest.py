@@ -9,13 +9,14 @@ Run as ``python examples/exact_rest.py [out.png]``.
 """
 
 import sys
+from typing import Any
 
 import numpy as np
 
 import zivi
 
 E, H, DELAY, NOISE, T_END = 0.8, 1e-3, 3, (1e-4, 1e-2), 4.0
-LAWS = {
+LAWS: dict[str, dict[str, Any]] = {
     "the paper's law": {"landing": False},
     "landing": {"landing": True, "ahead": 1 + DELAY},
 }

@@ -110,10 +110,16 @@ def draw(path: str) -> None:
     colors = ["#F0E442", "#56B4E9", "#0B3C5D"]
     figure, ax = plt.subplots(layout="constrained", figsize=(7.2, 6))
     extent = (*HEIGHTS, *SPEEDS)
-    look = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
-    limits = {"vmin": -0.5, "vmax": len(NAMES) - 0.5}
-    shown = np.ma.masked_less(basins(), 0)
-    ax.imshow(shown, cmap=ListedColormap(colors), extent=extent, **look, **limits)
+    ax.imshow(
+        np.ma.masked_less(basins(), 0),
+        cmap=ListedColormap(colors),
+        extent=extent,
+        origin="lower",
+        aspect="auto",
+        interpolation="nearest",
+        vmin=-0.5,
+        vmax=len(NAMES) - 0.5,
+    )
     for n, marker in ((1, "o"), (2, "s")):
         ax.plot(*orbit(n).T, marker, mec="k", mfc="w", ms=7, ls="none", clip_on=False, zorder=3)
     ax.plot(0, 0, "^", mec="k", mfc="w", ms=8, clip_on=False, zorder=3)

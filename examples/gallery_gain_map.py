@@ -72,7 +72,7 @@ def gain_map() -> "xarray.DataArray":
 def main(path: str | None = None) -> None:
     """Print how many settle, and draw if a path is given."""
     times = gain_map()
-    print(f"30, 17: {float(times.sel(**PAPER, missing=0)):.3f} s (1.210)")
+    print(f"30, 17: {float(times.sel({**PAPER, 'missing': 0})):.3f} s (1.210)")
     mu1, mu2 = np.meshgrid(*GAINS.values(), indexing="ij")
     for bound in MISSING:
         settled = np.isfinite(times.sel(missing=bound).values)
@@ -96,22 +96,25 @@ def draw(path: str) -> None:
 
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(10.6, 4.4), sharey=True)
     colors = mpl.colormaps["viridis_r"].with_extremes(over="0.55")
+    meshes = []
     for ax, bound in zip(axes, MISSING, strict=True):
         times = gain_map().sel(missing=bound)
         shown = np.where(np.isinf(times), 2 * SLOW, np.minimum(times, SLOW))
-        mesh = ax.pcolormesh(*GAINS.values(), shown.T, cmap=colors, norm=LogNorm(0.85, SLOW))
+        meshes.append(
+            ax.pcolormesh(*GAINS.values(), shown.T, cmap=colors, norm=LogNorm(0.85, SLOW))
+        )
         corner = 2 * bound + 1e-9
         border = {"color": zivi.plot.ORANGE, "lw": 1.6}
         ax.plot([60.5, corner, 60.5], [bound, bound, 60.5 - bound], **border)
         ax.plot(*PAPER.values(), "o", mec="k", mfc="w", ms=6)
         ax.set(xlabel="$\\mu_1$ (m/s$^2$)", xlim=(0.5, 60.5), ylim=(0, 50.5))
-    time = float(gain_map().sel(**PAPER, missing=0))
+    time = float(gain_map().sel({**PAPER, "missing": 0}))
     axes[0].annotate(f"{time:.2f} s", tuple(PAPER.values()), (6, -12), textcoords="offset points")
     axes[0].set_ylabel("$\\mu_2$ (m/s$^2$)")
     axes[0].set_title("force known", fontsize="medium")
     axes[1].set_title(f"{MISSING[1]} m/s$^2$ outward not known", fontsize="medium")
     ticks = [1, 1.2, 1.5, 2, 3, SLOW]
-    bar = figure.colorbar(mesh, ax=axes, extend="max", ticks=ticks)
+    bar = figure.colorbar(meshes[-1], ax=axes, extend="max", ticks=ticks)
     bar.minorticks_off()
     bar.ax.set_yticklabels([*(f"{tick:g}" for tick in ticks[:-1]), f"{SLOW:g} .. {LIMIT:g}"])
     bar.set_label("last time more than 1 cm away (s); grey: later")

@@ -67,7 +67,7 @@ def at_the_equilibrium(p: float = 0.0) -> zivi.Trajectory:
 def main(path: str | None) -> None:
     """Measure, print beside what is expected, and draw if a path is given."""
     sol = sticking()
-    left = (1.5 * math.pi + 2 * math.pi * np.arange(3)) / 0.6
+    left = [(1.5 + 2 * k) * math.pi / 0.6 for k in range(3)]
     for name, found, expected in [
         ("rests at", sol.zeno_times, STICK_ZENO),
         ("leaves at", sol.liftoff_times, left),

@@ -10,6 +10,7 @@ Run as ``python examples/observed_juggler.py [out.png]``.
 
 import math
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,9 @@ def juggle(seed: int = 1, *, observed: bool = True) -> zivi.ClosedLoop:
     """Track the orbit, with the observer or with exact measurements of the whole state."""
     plant = zivi.LinearForce(gravity=GRAVITY, amplitude=PUSH, omega=RATE)
     observer = zivi.ImpactObserver(E, H, noise=NOISE, q_d=1e-3, dmax=5.0, position_only=True)
-    more = {"observer": observer, "noise": (NOISE, 0.0), "seed": seed} if observed else {}
+    more: dict[str, Any] = (
+        {"observer": observer, "noise": (NOISE, 0.0), "seed": seed} if observed else {}
+    )
     return zivi.simulate_closed_loop(
         zivi.ImpactSystem(plant, e=E),
         zivi.TwistingTracker(60, 34, h=H, e=E, horizon=3),

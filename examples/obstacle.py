@@ -20,7 +20,7 @@ WEIGHT = 4.0
 
 def laplacian(n: int) -> sp.csr_matrix:
     """Return minus the five-point Laplacian on an n x n grid of the unit square."""
-    one = sp.diags([-1.0, 2.0, -1.0], [-1, 0, 1], (n, n))
+    one = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     unit = sp.eye(n)
     return sp.csr_matrix((sp.kron(one, unit) + sp.kron(unit, one)) * (n + 1) ** 2)
 

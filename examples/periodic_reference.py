@@ -17,6 +17,7 @@ import math
 import sys
 import warnings
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -33,8 +34,9 @@ FORCE_REF = zivi.LinearForce(
 )
 
 GAINS, STRONG = (30.0, 17.0), (60.0, 34.0)
-BRANCHES = ("positive", "nearest")
-CONTROLLERS = (*BRANCHES, "explicit")
+Name = Literal["positive", "nearest", "explicit"]
+BRANCHES: tuple[Name, ...] = ("positive", "nearest")
+CONTROLLERS: tuple[Name, ...] = (*BRANCHES, "explicit")
 START = (1.0, 0.0)
 AWAY = 0.02
 """Samples within this time of an impact of the reference are not "away from impacts" (s)."""
@@ -44,16 +46,16 @@ STARTS, SEED = 40, 0
 
 
 def run(
-    controller: str,
+    controller: Name,
     gains: Sequence[float] = GAINS,
     start: Sequence[float] = START,
     periods: int = 400,
     e_plant: float = E,
-    force: zivi.system.Force = -GRAVITY,
+    force: zivi.LinearForce | float = -GRAVITY,
 ) -> zivi.ClosedLoop:
     """Track the orbit from an impact of the reference on; the true force is known."""
     if controller == "explicit":
-        tracker = zivi.ExplicitTwisting(*gains, h=H, e=E)
+        tracker: zivi.Controller = zivi.ExplicitTwisting(*gains, h=H, e=E)
     else:
         tracker = zivi.TwistingTracker(*gains, h=H, e=E, branch=controller)
     t0 = PHASE / OMEGA
@@ -116,7 +118,7 @@ def reference_is_the_orbit(sol: zivi.ClosedLoop) -> tuple[float, float]:
     return float(np.abs(late).max()), float(np.abs(sol.xdot_ref[launches] - LAUNCH).max())
 
 
-def out_of_step(branch: str, gains: Sequence[float]) -> int:
+def out_of_step(branch: Name, gains: Sequence[float]) -> int:
     """Count starts (x in 0 .. 2 m, |x'| up to 4 m/s) that do not end on the reference."""
     generator = np.random.default_rng(SEED)
     starts = [(generator.uniform(0, 2), generator.uniform(-4, 4)) for _ in range(STARTS)]

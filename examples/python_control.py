@@ -38,7 +38,7 @@ def tracker() -> zivi.TwistingTracker:
     return made
 
 
-def response(actuator: ct.StateSpace | None = None) -> ct.TimeResponseData:
+def response(actuator: ct.InputOutputSystem | None = None) -> ct.TimeResponseData:
     """Run the loop in python-control, with an actuator ``u -> acting`` if there is one."""
     plant, controller = impact_plant(PLANT, H), tracker()
     blocks = [
@@ -51,18 +51,18 @@ def response(actuator: ct.StateSpace | None = None) -> ct.TimeResponseData:
     if actuator is not None:
         plant.update_names(inputs=["acting"])
         blocks.append(actuator)
-        start += [0.0] * actuator.nstates
+        start += [0.0] * len(actuator.state_labels)
     outputs = ["x", "xdot", *plant.input_labels, "x_ref"]
     loop = ct.interconnect(blocks, inputs=[], outputs=outputs)
-    return ct.input_output_response(loop, TIMES, 0, start)
+    return ct.input_output_response(loop, TIMES, 0, X0=start)
 
 
-def delay() -> ct.StateSpace:
+def delay() -> ct.InputOutputSystem:
     """Make an actuator that acts a period later."""
     return ct.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], H, inputs=["u"], outputs=["acting"])
 
 
-def lag(tau: float) -> ct.StateSpace:
+def lag(tau: float) -> ct.InputOutputSystem:
     """Make an actuator with the time constant `tau` (s)."""
     continuous = ct.ss([[-1 / tau]], [[1 / tau]], [[1.0]], [[0.0]])
     return ct.c2d(continuous, H, "zoh", inputs=["u"], outputs=["acting"])
@@ -86,7 +86,7 @@ def times_of(run: ct.TimeResponseData) -> tuple[float, float]:
     """Tell when the reference is last 1 cm away, and when the mass last moves (s)."""
     x, xdot, _, x_ref = run.outputs
     away, moving = np.abs(x - x_ref) > 1e-2, (x != 0.0) | (xdot != 0.0)
-    return tuple(float(TIMES[np.flatnonzero(them)[-1]]) for them in (away, moving))
+    return float(TIMES[np.flatnonzero(away)[-1]]), float(TIMES[np.flatnonzero(moving)[-1]])
 
 
 def main(path: str | None = None) -> None:

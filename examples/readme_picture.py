@@ -28,11 +28,11 @@ def scipy_restarts() -> tuple[np.ndarray, int]:
         How many of the last restarts did not advance the time at all.
     """
 
+    @zivi.event(terminal=True, direction=-1)
     def floor(t: float, y: np.ndarray) -> float:
         return float(y[0])
 
-    floor.terminal, floor.direction = True, -1.0
-    t, state, times = 0.0, np.array([1.0, XDOT0]), []
+    t, state, found = 0.0, np.array([1.0, XDOT0]), []
     for _ in range(MAX_EVENTS):
         leg = solve_ivp(
             lambda t, y: [y[1], -GRAVITY],
@@ -44,8 +44,8 @@ def scipy_restarts() -> tuple[np.ndarray, int]:
             atol=1e-13,
         )
         t, state = leg.t[-1], np.array([0.0, -Exact.e * leg.y[1, -1]])
-        times.append(t)
-    times = np.array(times)
+        found.append(t)
+    times = np.array(found)
     return times, int(np.sum(np.diff(times) == 0.0))
 
 

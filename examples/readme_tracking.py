@@ -46,9 +46,10 @@ def main(path: str, comparison: str | None = None) -> None:
         arrowprops={"arrowstyle": "->", "color": "0.3"},
         fontsize="small",
     )
-    looks = ((middle, "positive", "implicit", BLUE), (right, "explicit", "explicit", ORANGE))
-    for ax, controller, signs, color in looks:
-        bouncing = periodic_reference.run(controller, periods=20)
+    implicit = periodic_reference.run("positive", periods=20)
+    explicit = periodic_reference.run("explicit", periods=20)
+    looks = ((middle, implicit, "implicit", BLUE), (right, explicit, "explicit", ORANGE))
+    for ax, bouncing, signs, color in looks:
         zivi.plot.control(bouncing, ax, color=color, lw=0.8)
         ax.set_title(f"bouncing for ever: {signs} signs", fontsize="medium")
         ax.set(xlim=(8.0, 9.0), ylim=(-90, 90))

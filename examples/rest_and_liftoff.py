@@ -14,6 +14,7 @@ Run as ``python examples/rest_and_liftoff.py [out.png]``.
 import dataclasses
 import math
 import sys
+from typing import Literal
 
 import numpy as np
 
@@ -32,7 +33,11 @@ PERIODS, CAUGHT = 100, 20
 
 
 def run(
-    branch: str, e: float = 1 / 3, *, sampled: bool = True, landing: bool = True
+    branch: Literal["positive", "nearest"],
+    e: float = 1 / 3,
+    *,
+    sampled: bool = True,
+    landing: bool = True,
 ) -> zivi.ClosedLoop:
     """Track the reference from a start half a metre above it."""
     return zivi.simulate_closed_loop(

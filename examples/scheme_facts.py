@@ -210,7 +210,7 @@ def main(arguments: Sequence[str] | None = None) -> list[Facts]:
     -------
     list of Facts
     """
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, help="also write the numbers as CSV")
     parser.add_argument("--runs", type=int, default=7, help="step sizes about each h (default 7)")
     parser.add_argument(

@@ -95,7 +95,7 @@ def threshold(e: float, above: float = 2.0) -> float:
     below = 1.01 * math.pi * (1 - e) / (1 + e)
     for _ in range(40):
         middle = 0.5 * (below + above)
-        stable = multipliers(middle, e).real.min() > -1
+        stable = np.real(multipliers(middle, e)).min() > -1
         below, above = (middle, above) if stable else (below, middle)
     return 0.5 * (below + above)
 

@@ -1,7 +1,7 @@
 """Code of the README and of the documentation as mypy and pyright see it.
 
-A page is a module: its blocks one after the other, at their lines, with nothing before them. A user
-annotates nothing, everything else is as strict as the package.
+A page is a module: its blocks one after the other, at their lines, with nothing before them. So is
+a script that a page shows. A user annotates nothing, everything else is as strict as the package.
 """
 
 import json
@@ -17,10 +17,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(?:\{code-cell\} )?python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-# what mypy --strict asks of definitions and of calls of what is not annotated
+# what mypy --strict asks of definitions, and of what other libraries leave open
 OF_USERS = (
     *("disallow_untyped_calls", "disallow_untyped_defs", "disallow_incomplete_defs"),
-    "disallow_untyped_decorators",
+    *("disallow_untyped_decorators", "disallow_any_generics", "warn_return_any"),
 )
 
 WRONG = """\
@@ -102,6 +102,9 @@ def folder(tmp_path_factory):
         if code := module(page.read_text()):
             (made / f"{page.stem.lower()}.py").write_text(code)
     assert len(list(made.iterdir())) >= 20
+    # scripts that pages of the gallery show
+    for page in (ROOT / "docs" / "gallery").glob("*.md"):
+        (made / f"{page.stem}.py").write_text((ROOT / "examples" / f"{page.stem}.py").read_text())
     (made / "wrong.py").write_text(WRONG)
     (made / "controller.py").write_text(CONTROLLER)
     return made.parent

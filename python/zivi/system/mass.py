@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from zivi import _zivi
+from zivi.base.check import MaybeNone
 from zivi.system.force import Force, LinearForce, force_spec
 from zivi.system.impact_law import ImpactLaw, NewtonImpact
 from zivi.system.transform import coefficients
@@ -124,7 +125,7 @@ class ImpactSystem:
         return self._force
 
     @property
-    def wall(self) -> HarmonicWall | MovingWall | None:
+    def wall(self) -> HarmonicWall | MovingWall | MaybeNone:
         """The moving wall, or None."""
         return self._wall
 
