@@ -58,6 +58,10 @@ FORCE_ALLOWED = (
     "a finite number, or a table with stiffness, damping, gravity, amplitude, omega, phase"
 )
 METHODS = 'one of "SwitchedRK", "ThetaGamma", "MoreauJean", "ExplicitEuler"'
+E = (
+    "a finite number >= 0 and <= 1, "
+    'or a table with law = one of "NewtonImpact", "SpeedDependentImpact"'
+)
 PAIR = "a list of two finite numbers, [x >= 0, xdot]"
 
 
@@ -85,8 +89,8 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
             "system must be a table with force, e, kappa, wall, "
             "got [{'force': -9.81, 'e': 0.5}]",
         ]),
-        ("e = 0.5", "e = 1.5", ["system.e must be a finite number >= 0 and <= 1, got 1.5"]),
-        ("e = 0.5", "e = nan", ["system.e must be a finite number >= 0 and <= 1, got nan"]),
+        ("e = 0.5", "e = 1.5", [f"system.e must be {E}, got 1.5"]),
+        ("e = 0.5", "e = nan", [f"system.e must be {E}, got nan"]),
         ("e = 0.5", "e = 0.5\nkappa = 0.1", [
             "system: exactly one of e and kappa must be given, got both",
         ]),

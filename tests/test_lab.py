@@ -13,16 +13,16 @@ from hypothesis import given, settings
 
 import zivi
 from zivi import plot
+from zivi.lab.animation import film
+from zivi.lab.decimate import thinned
 from zivi.lab.facts import facts, warnings
-from zivi.lab.film import film
 from zivi.lab.link import query, settings_of
+from zivi.lab.messages import sentence
 from zivi.lab.presets import PRESETS
 from zivi.lab.ranges import ranges
 from zivi.lab.runs import compute
-from zivi.lab.says import sentence
 from zivi.lab.script import script
 from zivi.lab.settings import Ball, Regulator, Tracker
-from zivi.lab.thin import thinned
 
 CASES = {
     "ball": Ball(),

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.lab.film import A_SECOND, film
+from zivi.lab.animation import A_SECOND, film
 from zivi.lab.link import query, settings_of
+from zivi.lab.messages import sentence
 from zivi.lab.presets import PRESETS
 from zivi.lab.runs import compute
-from zivi.lab.says import sentence
 from zivi.lab.settings import Ball, Regulator, Tracker
 
 EVERY = [(kind, name) for kind, presets in PRESETS.items() for name in presets]

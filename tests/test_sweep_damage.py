@@ -8,7 +8,7 @@ import pytest
 
 import sweep_functions as functions
 import zivi
-from zivi.study.room import written
+from zivi.study.replacement import written
 from zivi.study.work import LONGEST, message_of
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")

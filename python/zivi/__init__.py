@@ -103,7 +103,7 @@ if TYPE_CHECKING:
     from zivi import files as files, interop as interop, symbolic as symbolic
     from zivi.simulation import methods as methods
 
-importlib.import_module("zivi.base.leaving").watch()
+importlib.import_module("zivi.base.exits").watch()
 _former = importlib.import_module("zivi.base.former")
 _former.hand_on()
 

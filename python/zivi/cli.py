@@ -9,10 +9,10 @@ from typing import Annotated
 
 import typer
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.extras import needed
 from zivi.files import FileError, commands, prepare_control, prepare_simulate, summary
-from zivi.files.telling import say, show_table, warn
+from zivi.files.messages import say, show_table, warn
 from zivi.lab.command import lab
 
 app = typer.Typer(

@@ -1,7 +1,7 @@
 //! The twisting tracker: makes the mass follow a bouncing reference.
 
 use zivi_core::control::{
-    checked_horizon, Approach, Course, Gains, Landing, Port, TickStatus, TrackerSettings,
+    checked_horizon, Approach, Gains, Landing, Port, ReferencePeriod, TickStatus, TrackerSettings,
     TrackerState, TwistingTracker, Waypoint,
 };
 use zivi_core::{Branch, Lifted, Physical, Restitution};
@@ -208,10 +208,10 @@ fn course_between(
     force: f64,
     (now, next): (&GivenReference, &GivenReference),
     acceleration: f64,
-) -> Result<Course, Refusal> {
+) -> Result<ReferencePeriod, Refusal> {
     let acceleration = (!acceleration.is_nan()).then_some(acceleration);
     let waypoints = [now.waypoint()?, next.waypoint()?];
-    Ok(Course::between((restitution, h), force, waypoints, acceleration)?)
+    Ok(ReferencePeriod::between((restitution, h), force, waypoints, acceleration)?)
 }
 
 impl Tracker {
@@ -332,9 +332,9 @@ impl Tracker {
         self.followable()?;
         // the controller is made for each half of the tick: neither loads what only the other needs
         let planned = self.core().plan(measured, force, |core| {
-            let Some(given) = given else { return Ok(core.own_course(drive)) };
+            let Some(given) = given else { return Ok(core.own_period(drive)) };
             let (restitution, h) = (core.reference_step().restitution(), core.h());
-            Ok(core.given_course(course_between(restitution, h, force, given, drive)?))
+            Ok(core.given_period(course_between(restitution, h, force, given, drive)?))
         });
         let planned = planned.map_err(|Refusal(code)| code)?;
         let mut core = self.core();

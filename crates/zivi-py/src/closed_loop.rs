@@ -8,8 +8,9 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 use zivi::drive::closed_loop::{
-    observe_closed_loop, Controller, Course, Followed, Forces, Given, Loop, LoopOptions, LoopPath,
-    LoopRun, Motion, Reference, Samples, Sensor, Tick, TickError,
+    observe_closed_loop, Controller, Forces, Loop, LoopOptions, LoopPath, LoopRun, Motion,
+    Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples, Sensor, Tick,
+    TickError,
 };
 use zivi::{
     AnyMethod, Branch, FixedSteps, Force, Grid, Lifted, Physical, Restitution, SetupError,
@@ -85,7 +86,7 @@ fn control(answer: &Bound<'_, PyAny>) -> PyResult<f64> {
 type Place = (f64, f64, f64);
 
 impl Controller<PyErr> for PythonController<'_> {
-    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<PyErr>> {
+    fn tick_to(&mut self, tick: Tick, course: ReferencePeriod) -> Result<f64, TickError<PyErr>> {
         let Tick { measured: Physical { x, xdot }, force, .. } = tick;
         let place = |at: Waypoint| -> Place { (at.state.x, at.state.xdot, at.branch.sigma()) };
         let arguments =
@@ -125,7 +126,7 @@ pub(crate) enum Source<'py> {
     /// A function of time that gives `x, x'` and the acceleration, NaN where that is not known.
     Function(Bound<'py, PyAny>),
     /// What it is at the samples.
-    Samples(Vec<Given>),
+    Samples(Vec<ReferencePoint>),
 }
 
 impl<'py> Source<'py> {
@@ -140,24 +141,24 @@ impl<'py> Source<'py> {
 }
 
 /// `x, x'`, the branch (0 where it is not known) and the acceleration (NaN where it is not known).
-pub(crate) fn given_of_row(row: ArrayView1<'_, f64>) -> Given {
+pub(crate) fn given_of_row(row: ArrayView1<'_, f64>) -> ReferencePoint {
     let branch = match row[2] {
         side if side > 0.0 => Some(Branch::Positive),
         side if side < 0.0 => Some(Branch::Negative),
         _ => None,
     };
     let state = Physical { x: row[0], xdot: row[1] };
-    Given { state, branch, acceleration: Some(row[3]).filter(|it| !it.is_nan()) }
+    ReferencePoint { state, branch, acceleration: Some(row[3]).filter(|it| !it.is_nan()) }
 }
 
 impl Reference<PyErr> for Source<'_> {
-    fn at(&mut self, k: usize, t: f64) -> PyResult<Given> {
+    fn at(&mut self, k: usize, t: f64) -> PyResult<ReferencePoint> {
         match self {
             Self::Samples(samples) => Reference::<PyErr>::at(&mut Samples(samples), k, t),
             Self::Function(function) => {
                 let (x, xdot, acceleration): (f64, f64, f64) = function.call1((t,))?.extract()?;
                 let acceleration = Some(acceleration).filter(|it| !it.is_nan());
-                Ok(Given { state: Physical { x, xdot }, branch: None, acceleration })
+                Ok(ReferencePoint { state: Physical { x, xdot }, branch: None, acceleration })
             }
         }
     }
@@ -197,7 +198,7 @@ impl Surroundings<'_> {
         let surroundings = Loop { restitution, grid, initial, motion, sensor, observer, delay };
         let forces = Forces { plant, model, reference };
         let restitution = self.restitution_ref;
-        let followed = given.map(|reference| Followed { reference, restitution });
+        let followed = given.map(|reference| ReferenceWithWall { reference, restitution });
         let options = LoopOptions { reference: followed, dense, events };
         observe_closed_loop(controller, surroundings, forces, options, watch)
     }

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use zivi::drive::batch::{
     simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings,
 };
-use zivi::drive::closed_loop::{AnyController, Given};
+use zivi::drive::closed_loop::{AnyController, ReferencePoint};
 use zivi::{Physical, Status};
 
 use crate::batch::{natives, refused, row_restitution, rows};
@@ -69,7 +69,8 @@ pub(crate) fn simulate_closed_loop_batch(
     let given = references
         .iter()
         .map(|(rows, kappa)| {
-            let rows: Vec<Given> = rows.as_array().rows().into_iter().map(given_of_row).collect();
+            let rows: Vec<ReferencePoint> =
+                rows.as_array().rows().into_iter().map(given_of_row).collect();
             Ok((rows, restitution_of(*kappa)?))
         })
         .collect::<PyResult<Vec<_>>>()?;

@@ -9,7 +9,7 @@ use zivi::mechanics::sensitivity::{
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::partials::{
-    DifferencedDynamics, DifferentiableDynamics, Neighbours, Posture, MOVES,
+    DifferencedDynamics, DifferentiableDynamics, Neighbours, TimedState, MOVES,
 };
 use zivi::{SetupError, SwitchedRk};
 
@@ -53,7 +53,7 @@ impl<D: Dynamics<PyErr>, P: Dynamics<PyErr>> DifferentiableDynamics<PyErr> for W
         self.parameters
     }
 
-    fn partials(&mut self, at: Posture<'_>, by: &[usize], out: &mut [f64]) -> PyResult<()> {
+    fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> PyResult<()> {
         self.partials.evaluate(at.t, at.q, at.w, &mut self.all)?;
         let length = self.layout().len();
         let (state, parameters) = self.all.split_at((1 + 2 * at.q.len()) * length);

@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::record::failure::Failure;
-use zivi::switched::sensitivity::{Apart, EventRates, Flight, Flown, Question, Wrt};
+use zivi::switched::sensitivity::{EventRates, Flight, Flown, IndependentFlights, Question, Wrt};
 use zivi::{Output, PointRun};
 
 use crate::arrays::Array;
@@ -135,7 +135,7 @@ pub(crate) fn fly_apart(
         .chunks_exact(4)
         .map(|it| Flight { from: it[0], x: it[1], xdot: it[2], to: it[3] })
         .collect();
-    let apart = &Apart { settings, by: &by, sizes: sizes.as_slice()?, minima };
+    let apart = &IndependentFlights { settings, by: &by, sizes: sizes.as_slice()?, minima };
     let longest = flights.iter().fold(0.0_f64, |longest, it| longest.max(it.to - it.from));
     let flown: Result<Vec<Flown>, Failure<PyErr>> = with_slopes!(py, &force, longest, |force| {
         zivi::switched::sensitivity::fly_apart(force, &flights, apart)

@@ -5,7 +5,7 @@ use std::slice::from_ref;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use zivi::{Direction, Hit, Level, MotionPoint, PathPoint, UserEvent};
+use zivi::{Direction, Level, LocatedEvent, MotionPoint, PathPoint, UserEvent};
 
 use crate::arrays::Array;
 use crate::arrays::Matrix;
@@ -129,10 +129,10 @@ impl Hits {
     /// Those of each event, at states of `n` coordinates.
     pub(crate) fn of<S: Place>(
         py: Python<'_>,
-        events: &[Vec<Hit<S>>],
+        events: &[Vec<LocatedEvent<S>>],
         n: usize,
     ) -> PyResult<Vec<Py<Self>>> {
-        let one = |hits: &Vec<Hit<S>>| {
+        let one = |hits: &Vec<LocatedEvent<S>>| {
             let rows = |of: fn(&S) -> &[f64]| -> PyResult<Matrix<f64>> {
                 let all: Vec<f64> =
                     hits.iter().flat_map(|it| of(&it.at)[..n].iter().copied()).collect();

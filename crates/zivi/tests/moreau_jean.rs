@@ -218,8 +218,8 @@ fn samples_are_on_a_branch() {
 
 #[test]
 fn failures_are_reported() {
-    struct Quiet;
-    impl Monitor<&'static str> for Quiet {
+    struct Unobserved;
+    impl Monitor<&'static str> for Unobserved {
         fn poll(&mut self, _: usize, _: usize) -> Result<(), &'static str> {
             Ok(())
         }
@@ -233,7 +233,7 @@ fn failures_are_reported() {
             &mut FunctionForce(f),
             grid,
             start,
-            &mut Quiet,
+            &mut Unobserved,
         );
         run.unwrap()
     };

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.status import Status
 
 __all__ = ["Ear", "listening", "listening_always", "tell"]

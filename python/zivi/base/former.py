@@ -32,7 +32,7 @@ FORMER = {
     "mechanics.linear_motion": "simulation.linear_motion",
     "mechanics.parametric": "system.parametric_mechanism",
     "mechanics.partials": "system.partials",
-    "mechanics.pieces": "system.pieces",
+    "mechanics.pieces": "system.model_parts",
     "mechanics.sensitivity": "derivatives.mechanical_sensitivity",
     "mechanics.system": "system.mechanism",
     "mechanics.trajectory": "simulation.mechanical_trajectory",

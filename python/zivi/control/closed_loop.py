@@ -10,7 +10,7 @@ from typing import Any, Never, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real
 from zivi.base.compiled import listening
 from zivi.base.progress import ProgressBar
@@ -46,11 +46,11 @@ from zivi.control.loop_run import ESTIMATES, QUANTITIES, ClosedLoop
 from zivi.control.loop_samples import ended_by_event, restrict
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS, TickStatus
+from zivi.simulation.argument_hints import refuse
 from zivi.simulation.describe import describe, describe_system
 from zivi.simulation.events import events_of
 from zivi.simulation.impacts import SLOWEST, check_slowest, impacts_of
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
-from zivi.simulation.misplaced import refuse
 from zivi.simulation.partial import as_raised, with_partial
 from zivi.simulation.run import Event, pair, times_within
 from zivi.system.mass import Force, ImpactSystem, check_system

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Never, Self, TypeVar
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real, switch, whole
 from zivi.system.transform import coefficients
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real
 from zivi.base.warnings import ModelWarning
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
+from zivi.simulation.argument_hints import told
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
-from zivi.simulation.misplaced import told
 from zivi.simulation.run import pair
 from zivi.system.mass import ImpactSystem, force_spec, in_wall_frame
 

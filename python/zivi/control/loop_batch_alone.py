@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
 from zivi.base.warnings import ModelWarning
 from zivi.control.loop_arguments import check_not_negative, check_seed

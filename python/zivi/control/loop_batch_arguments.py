@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array, whole
 from zivi.control.loop_arguments import check_observer, on_wall
 from zivi.control.loop_reference import rows_of

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.simulation.dense import LinearPath
 from zivi.system.transform import lift, project

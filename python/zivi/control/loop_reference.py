@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
 from zivi.control.loop_path import SampledReference, on_side
 from zivi.control.twisting import CONTROLLERS

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array, switch
 from zivi.base.table import Field, Table, Tabulated
 from zivi.control.component import Component

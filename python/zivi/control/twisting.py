@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal, Self
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import real, switch, whole
 from zivi.control.component import (
     DEPTH,

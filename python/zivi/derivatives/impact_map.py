@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array, whole
 from zivi.base.progress import ProgressBar
 from zivi.simulation.batch_arguments import check_threads

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.compiled import listening
 from zivi.base.progress import ProgressBar
 from zivi.derivatives.result import KINDS, Nearest, OrbitStatus, Sensitivity
+from zivi.simulation.argument_hints import told
 from zivi.simulation.methods import SwitchedRK
-from zivi.simulation.misplaced import told
 from zivi.simulation.partial import as_raised, with_partial
 from zivi.simulation.run import pair, stop_times
 from zivi.simulation.trajectory import Trajectory

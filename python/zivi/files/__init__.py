@@ -4,10 +4,10 @@ reading     ->    runs, sweeps    ->   results     ->   summary, picture
 (keys, TOML)      (prepared)           (netCDF)         (tables, figures)
 """
 
-from zivi.files.mistakes import FileError
 from zivi.files.results import ResultError, load, save
 from zivi.files.runs import Prepared, prepare_control, prepare_simulate
 from zivi.files.sweeps import PreparedSweep, prepare_sweep
+from zivi.files.validation import FileError
 
 __all__ = [
     "FileError",

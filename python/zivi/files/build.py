@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from zivi.control import twisting
-from zivi.files.mistakes import Mistakes
+from zivi.files.validation import Mistakes
 from zivi.simulation.methods import METHODS
 from zivi.system.impact_law import LAWS
 from zivi.system.mass import Force, ImpactSystem, LinearForce

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from zivi.base.status import StudyStatus
 from zivi.files import show, summary
-from zivi.files.mistakes import FileError
+from zivi.files.messages import say, show_table, warn
 from zivi.files.results import require_library, require_regular, save
 from zivi.files.runs import Prepared, Run
 from zivi.files.sweeps import prepare_sweep
-from zivi.files.telling import say, show_table, warn
+from zivi.files.validation import FileError
 from zivi.study import Study
 from zivi.study.folder import FolderStore
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from zivi.base.formula import FormulaError, normal, parse
 from zivi.files.kinds import Kind, Number, read_each
-from zivi.files.mistakes import Mistakes, got
+from zivi.files.validation import Mistakes, got
 
 __all__ = ["Each", "Expression", "Names", "OneOrEach"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import math
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.control import twisting
 from zivi.files.kinds import Choice, Either, Kind, Number, Numbers, Pair, Switch, Whole
 from zivi.files.tables import Key, Open, Table, Tagged

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from typing import Any, Protocol
 
-from zivi.files.mistakes import Mistakes, got, suggestion
+from zivi.files.validation import Mistakes, got, suggestion
 
 __all__ = ["Choice", "Either", "Kind", "Number", "Numbers", "Pair", "Switch", "Whole"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.files.expressions import Each, Expression, Names, OneOrEach
 from zivi.files.keys import ANY, METHODS, POSITIVE, SIMULATE, UNIT
 from zivi.files.kinds import Numbers

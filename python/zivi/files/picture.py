@@ -9,7 +9,7 @@ import numpy as np
 
 from zivi import plot
 from zivi.base.check import Array
-from zivi.files.mistakes import FileError
+from zivi.files.validation import FileError
 from zivi.simulation.trajectory import Trajectory
 from zivi.study import Study
 

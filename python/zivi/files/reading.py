@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from zivi.files.mistakes import FileError, Mistakes
 from zivi.files.tables import Key, read_keys
+from zivi.files.validation import FileError, Mistakes
 
 __all__ = ["Content", "read"]
 

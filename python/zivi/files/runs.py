@@ -13,8 +13,8 @@ from zivi.control.closed_loop import ClosedLoop, simulate_closed_loop
 from zivi.files import build
 from zivi.files.keys import CONTROL, SIMULATE
 from zivi.files.mechanical_keys import MECHANICS, is_mechanical
-from zivi.files.mistakes import Mistakes
 from zivi.files.reading import read
+from zivi.files.validation import Mistakes
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zivi.files import picture, summary
-from zivi.files.mistakes import FileError
 from zivi.files.restore import drawn, run_of
 from zivi.files.results import open_result, restored
+from zivi.files.validation import FileError
 from zivi.study import open_study
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import numpy as np
 
 from zivi.files.build import spaced
 from zivi.files.keys import SWEEP
-from zivi.files.mistakes import Mistakes, joined, suggestion
 from zivi.files.reading import read
+from zivi.files.validation import Mistakes, joined, suggestion
 from zivi.study import EXPERIMENTS, Design, Study, grid, points, sample, sweep
 
 __all__ = ["MAX_POINTS", "PreparedSweep", "parameters_of", "prepare_sweep"]

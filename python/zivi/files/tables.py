@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from zivi.files.kinds import Choice, Either, Kind
-from zivi.files.mistakes import Mistakes, got, joined, suggestion
+from zivi.files.validation import Mistakes, got, joined, suggestion
 
 __all__ = ["Key", "Open", "Row", "Table", "Tagged", "rows"]
 

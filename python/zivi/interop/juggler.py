@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import finite, whole
 from zivi.base.extras import needed
 from zivi.system.transform import coefficients

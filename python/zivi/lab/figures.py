@@ -9,9 +9,9 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.control.closed_loop import ClosedLoop
+from zivi.lab.decimate import thinned
 from zivi.lab.facts import NAMES
 from zivi.lab.runs import Runs
-from zivi.lab.thin import thinned
 from zivi.plot import BLUE, GREEN, ORANGE, PURPLE
 from zivi.plot.curve import Line, line_of
 from zivi.simulation.trajectory import Trajectory

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
-from zivi.lab.drawn import Drawn, ExplicitFollower
+from zivi.lab.drawn_reference import Drawn, ExplicitFollower
 from zivi.lab.explicit import ExplicitRegulator
 from zivi.lab.settings import (
     Ball,

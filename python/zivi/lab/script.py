@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
-from zivi.lab.drawn import Drawn, ExplicitFollower
+from zivi.lab.drawn_reference import Drawn, ExplicitFollower
 from zivi.lab.explicit import ExplicitRegulator
 from zivi.lab.settings import (
     Ball,

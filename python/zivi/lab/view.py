@@ -8,12 +8,12 @@ from typing import Any
 
 import marimo as mo
 
+from zivi.lab.animation import film
 from zivi.lab.facts import facts, warnings
 from zivi.lab.figures import figure
-from zivi.lab.film import film
 from zivi.lab.link import query
+from zivi.lab.messages import sentence
 from zivi.lab.runs import compute
-from zivi.lab.says import sentence
 from zivi.lab.script import script
 from zivi.lab.settings import Settings
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, finite
 from zivi.base.compiled import listening
 from zivi.base.status import Status

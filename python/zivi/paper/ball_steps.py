@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.paper import siconos
 from zivi.paper.ball import GRAVITY, KAPPA, run
 from zivi.paper.steps import Array, Solver, Steps, natural_residual

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zivi import _zivi, plot
+import zivi._zivi as _zivi
+from zivi import plot
 from zivi.base.check import Array
 from zivi.control.closed_loop import ClosedLoop
 from zivi.simulation.trajectory import Trajectory

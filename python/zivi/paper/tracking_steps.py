@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.control.closed_loop import simulate_closed_loop
 from zivi.control.twisting import TwistingTracker
 from zivi.paper import siconos

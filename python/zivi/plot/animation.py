@@ -11,7 +11,7 @@ from zivi.base.check import finite
 from zivi.base.extras import needed
 from zivi.plot.curve import line_of
 from zivi.plot.look import BLUE, GREEN, WALL, figure_of, has_reference, in_frame, wall_of
-from zivi.plot.mechanical_film import Lines, MechanicalScene
+from zivi.plot.mechanical_animation import Lines, MechanicalScene
 from zivi.plot.mechanics import is_mechanical
 from zivi.plot.runs import check_run
 

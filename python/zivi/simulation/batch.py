@@ -9,10 +9,11 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.compiled import listening, tell
 from zivi.base.progress import ProgressBar
+from zivi.simulation.argument_hints import check_method
 from zivi.simulation.batch_arguments import check_threads, every_of, states_of, systems_of
 from zivi.simulation.batch_result import MAX_DESCRIBED, Batch
 from zivi.simulation.batch_samples import sampled, sampling_of
@@ -20,7 +21,6 @@ from zivi.simulation.describe import describe, describe_system
 from zivi.simulation.impacts import IMPACT, SLOWEST, check_slowest, rows_of_events, rows_of_impacts
 from zivi.simulation.mechanical_batch import MechanicalBatch, mechanical_batch
 from zivi.simulation.methods import Method
-from zivi.simulation.misplaced import check_method
 from zivi.simulation.run import DEFAULT_METHOD, pair, times_within
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array, whole
 from zivi.simulation.methods import Method, SwitchedRK
 from zivi.system.mass import ImpactSystem

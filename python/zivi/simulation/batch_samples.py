@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.simulation.batch_result import Batch
 from zivi.simulation.methods import SwitchedRK

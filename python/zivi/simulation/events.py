@@ -8,7 +8,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.functions import of_three
 

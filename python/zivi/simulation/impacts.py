@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, whole
 from zivi.simulation.dense import LostPath
 

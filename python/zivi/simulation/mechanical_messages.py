@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.status import Status
 
 __all__ = ["ending"]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.extras import needed
 from zivi.base.status import Status

@@ -6,7 +6,7 @@ import dataclasses
 import numbers
 from typing import Any, ClassVar, Protocol
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real
 from zivi.simulation.dense import LinearPath, Path, PenetratingPath
 

@@ -4,7 +4,7 @@ Those with prose of their own have it here. Any other has the words of the core,
 module, and in `zivi`, without a line: its class is made of what the core says of it.
 """
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.simulation.method_settings import FixedSteps, Method, Settings, class_of
 
 __all__ = ["METHODS", "FixedSteps", "Method", "Settings", *_zivi.METHODS]

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 from typing import TypeVar
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.status import Status
 from zivi.simulation.run_result import SampledRun
 

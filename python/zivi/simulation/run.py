@@ -8,11 +8,12 @@ from typing import Any, Literal, Never, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import real, real_array
 from zivi.base.compiled import listening, listening_always
 from zivi.base.progress import ProgressBar
 from zivi.base.status import Status
+from zivi.simulation.argument_hints import check_method, refuse
 from zivi.simulation.events import MECHANICAL, events_of
 from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.mechanical_run import (
@@ -23,7 +24,6 @@ from zivi.simulation.mechanical_run import (
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import Method, SwitchedRK
-from zivi.simulation.misplaced import check_method, refuse
 from zivi.simulation.partial import as_raised, with_partial
 from zivi.simulation.steps import ended_by_event, restrict
 from zivi.simulation.trajectory import NO_STOPS, Trajectory

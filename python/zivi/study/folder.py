@@ -27,7 +27,7 @@ from zivi.study.form import EVENTS, GROUP, KINDS, difference
 from zivi.study.head import Head, json_text, read_head, read_json, write_json
 from zivi.study.lock import locked
 from zivi.study.parquet import DamagedError, parted, read_events, write_events
-from zivi.study.room import written
+from zivi.study.replacement import written
 from zivi.study.store import Labels
 from zivi.study.work import Schema
 

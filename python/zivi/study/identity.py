@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.study.design import Design
 from zivi.study.digest import VERSION, UndigestibleError, digest, held, module_of, source, uses
 

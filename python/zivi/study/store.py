@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.extras import needed
 from zivi.study.block import Block
 from zivi.study.design import RESERVED, Design

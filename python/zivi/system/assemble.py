@@ -10,7 +10,7 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.system.gap import Gap
 from zivi.system.layout import Layout
-from zivi.system.pieces import Compiled, Part
+from zivi.system.model_parts import Compiled, Part
 
 __all__ = ["Evaluate", "assembled"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.layout import Layout
-from zivi.system.pieces import Compiled, Part
+from zivi.system.model_parts import Compiled, Part
 from zivi.system.wall import HarmonicWall
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.functions import compiled_by_numba, of_three
 from zivi.system.parametric import ParametricForce

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, finite, real_array
-from zivi.system.pieces import Compiled, Part, part
+from zivi.system.model_parts import Compiled, Part, part
 from zivi.system.wall import HarmonicWall, MovingWall
 
 __all__ = ["Gap", "LinearGap"]

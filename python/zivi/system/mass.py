@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import MaybeNone
 from zivi.system.force import Force, LinearForce, force_spec
 from zivi.system.impact_law import ImpactLaw, NewtonImpact

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
 from zivi.system.assemble import Evaluate, assembled
 from zivi.system.callbacks import glued
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import ImpactLaw, NewtonImpact
 from zivi.system.layout import Evaluation, Layout
+from zivi.system.model_parts import Part, part
 from zivi.system.partials import Partials
-from zivi.system.pieces import Part, part
 
 __all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass", "restitutions"]
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import finite
 
 __all__ = ["ParametricForce"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.partials import Partials

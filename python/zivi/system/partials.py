@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 
 __all__ = ["Partials"]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.arrays import Array, dense, require_finite
 from zivi.base.check import real_array
 from zivi.vi.arguments import seconds

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.arrays import MAX_DENSE, Array, bound, matrix, vector
 from zivi.vi.arguments import arranged, limits, observer, seconds, settings_of
 from zivi.vi.coloured import ColouredDifferences

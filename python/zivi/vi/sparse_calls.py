@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.arrays import MAX_DENSE, Array, require_finite
 from zivi.vi.coloured import pattern_of
 from zivi.vi.jacobian import Converters

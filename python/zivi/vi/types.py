@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.arrays import Array, count, vector
 
 __all__ = ["VIOptions", "VIProgress", "VIResult", "VIStatus", "result_of"]

@@ -1,7 +1,7 @@
 //! The explicit twisting controller, the baseline that chatters.
 
-use super::followed::{advanced, Advance, Followed};
 use super::port::checked_force;
+use super::reference_state::{advanced, Advance, ReferenceState};
 use super::{checked, Gains, Port, TickStatus, TrackerState, Waypoint};
 use crate::{sgn, transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
@@ -36,7 +36,8 @@ impl ExplicitTwisting {
         checked(h, restitution, "e")?;
         checked(h, restitution_ref, "e_ref")?;
         let reference = ThetaGammaStep::new(h, 1.0, 1.0, restitution_ref)?;
-        let state = TrackerState::starting(Followed::at(Waypoint::default(), restitution_ref)?);
+        let state =
+            TrackerState::starting(ReferenceState::at(Waypoint::default(), restitution_ref)?);
         Ok(Self { gains, restitution, reference, port: Port::default(), state })
     }
 
@@ -51,7 +52,7 @@ impl ExplicitTwisting {
     /// # Errors
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        let start = Followed::at(reference.into(), self.reference.restitution())?;
+        let start = ReferenceState::at(reference.into(), self.reference.restitution())?;
         self.state = TrackerState::starting(start.folded());
         Ok(())
     }
@@ -73,7 +74,7 @@ impl ExplicitTwisting {
         let z = transform::lift(state, Branch::Positive, self.restitution);
         let (wanted, signs) = self.law(z, force, force_ref);
         let (u, saturated) = self.port.actuate(wanted)?;
-        let Followed { z, side } = next.folded();
+        let ReferenceState { z, side } = next.folded();
         let status = TickStatus { clamped, saturated, unsolved: false };
         self.state = TrackerState { reference: z, side, u, signs, status, iterations: 0 };
         Ok(u)

@@ -20,14 +20,14 @@
 pub mod cubic;
 mod dual;
 mod explicit;
-mod followed;
 mod gains;
-mod given;
+mod given_reference;
 pub mod inclusion;
 pub mod landing;
 pub mod monotone;
 mod period;
 mod port;
+mod reference_state;
 pub mod regulation;
 mod regulator;
 mod tracker;
@@ -39,10 +39,10 @@ pub mod tracking;
 mod tests;
 
 pub use explicit::ExplicitTwisting;
-pub use followed::{Course, Planned, Waypoint};
 pub use gains::{GainError, Gains};
 pub use landing::{Descent, Landing};
 pub use port::{Port, TickStatus};
+pub use reference_state::{Planned, ReferencePeriod, Waypoint};
 pub use regulator::{RegulatorState, TwistingRegulator};
 pub use tracker::{checked_horizon, TwistingTracker};
 pub use tracker_state::{Approach, TrackerSettings, TrackerState};

@@ -1,6 +1,6 @@
 //! Samples that do not come every `h`: a period of another length, and a sample that is missing.
 
-use super::followed::{advanced, Advance, Followed};
+use super::reference_state::{advanced, Advance, ReferenceState};
 use super::regulation::RegulationStep;
 use super::tracking::TrackingStep;
 use super::{
@@ -14,7 +14,7 @@ fn missed(
     reference: &ThetaGammaStep,
     state: TrackerState,
     force_ref: f64,
-) -> Result<(Followed, TrackerState), SettingError> {
+) -> Result<(ReferenceState, TrackerState), SettingError> {
     let Advance { next, signs: [lambda_sr, lambda_vr], .. } =
         advanced(reference, state.followed(), force_ref)?;
     let [lambda_s, lambda_v, _, _, lambda_es, lambda_ev] = state.signs;
@@ -57,14 +57,14 @@ impl TwistingTracker {
     /// # Errors
     /// [`SettingError`] for a waypoint that is not finite or behind the wall.
     pub fn miss_to(&mut self, next: Waypoint) -> Result<f64, SettingError> {
-        let next = Followed::at(next, self.reference.restitution())?;
+        let next = ReferenceState::at(next, self.reference.restitution())?;
         let state = TrackerState { status: TickStatus::default(), iterations: 0, ..self.state };
         self.hold(next, state);
         Ok(state.u)
     }
 
-    fn hold(&mut self, next: Followed, state: TrackerState) {
-        let Followed { z, side } = self.on_its_branch(next);
+    fn hold(&mut self, next: ReferenceState, state: TrackerState) {
+        let ReferenceState { z, side } = self.on_its_branch(next);
         self.state = TrackerState { reference: z, side, ..state };
     }
 }
@@ -87,7 +87,7 @@ impl ExplicitTwisting {
     /// The same.
     pub fn miss(&mut self, force_ref: f64) -> Result<f64, SettingError> {
         let (next, state) = missed(&self.reference, self.state, force_ref)?;
-        let Followed { z, side } = next.folded();
+        let ReferenceState { z, side } = next.folded();
         self.state = TrackerState { reference: z, side, ..state };
         Ok(state.u)
     }

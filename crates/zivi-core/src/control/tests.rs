@@ -1,9 +1,9 @@
 //! What a tick plans: the course of the reference and the target, which no one outside sees.
 
-use super::followed::Followed;
+use super::reference_state::ReferenceState;
 use super::regulation::RegulationStep;
 use super::tracking::{Place, Target, TrackingStep};
-use super::{Approach, Course, Gains, TickStatus, TwistingTracker, Waypoint};
+use super::{Approach, Gains, ReferencePeriod, TickStatus, TwistingTracker, Waypoint};
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 fn half() -> Restitution {
@@ -28,9 +28,10 @@ fn the_acceleration_of_a_given_reference_is_that_of_its_velocities() {
         (at(0.0, 0.0, one), at(0.0, 0.0, other), 0.0),
         (at(0.01, -2.0, one), at(0.005, 1.0, other), -9.81),
     ] {
-        let course = Course::between((half(), h), -9.81, [now, next], None).expect("in range");
+        let course =
+            ReferencePeriod::between((half(), h), -9.81, [now, next], None).expect("in range");
         assert!((course.force - acceleration).abs() < 1e-11, "{now:?}: {}", course.force);
-        let given = Course::between((half(), h), 0.0, [now, next], Some(acceleration));
+        let given = ReferencePeriod::between((half(), h), 0.0, [now, next], Some(acceleration));
         assert!((given.expect("in range").back - course.back).abs() < 1e-13);
         let flies = now.branch == next.branch && now.state.x > 0.0;
         assert!((course.back - if flies { 0.5 * h * acceleration } else { 0.0 }).abs() < 1e-13);
@@ -53,9 +54,9 @@ fn the_velocity_is_taken_half_a_period_back_only_in_the_air() {
     ] {
         let mut it = tracker(h).with_shift(true);
         it.reset(Physical { x, xdot }).expect("in range");
-        let back = it.own_course(force).back;
+        let back = it.own_period(force).back;
         assert_eq!(back, if flies { 0.5 * h * force } else { 0.0 }, "{x} {xdot}");
-        assert_eq!(it.with_shift(false).own_course(force).back, 0.0);
+        assert_eq!(it.with_shift(false).own_period(force).back, 0.0);
     }
 }
 
@@ -70,7 +71,7 @@ fn a_longer_horizon_plans_towards_a_later_reference() {
         let mut it = tracker(h).with_shift(false).with_horizon(horizon).expect("in range");
         it.reset(start).expect("in range");
         let z = transform::lift(start, Branch::Positive, half());
-        let own = |it: &TwistingTracker| Ok::<_, SettingError>(it.own_course(force_ref));
+        let own = |it: &TwistingTracker| Ok::<_, SettingError>(it.own_period(force_ref));
         let planned = it.plan(start, -9.81, own).expect("a good sample");
         let late = after(h * horizon).solve(z, force_ref, 1.0).expect("a step").end();
         let next = after(h).solve(z, force_ref, 1.0).expect("a step").end();
@@ -132,7 +133,7 @@ fn a_regulators_step_of_given_signs() {
 fn of_two_images_as_near_the_one_on_the_references_side_is_taken() {
     let measured = Physical { x: 0.1, xdot: 0.0 };
     for (side, sign) in [(1.0, 1.0), (-1.0, -1.0)] {
-        let reference = Followed { z: Lifted { s: 0.0, v: 0.0 }, side };
+        let reference = ReferenceState { z: Lifted { s: 0.0, v: 0.0 }, side };
         assert_eq!(tracker(1e-2).lifted(measured, reference).s, sign * 0.1);
     }
 }

@@ -3,10 +3,12 @@
 use super::tracker_state::Approach;
 use core::ops::Bound;
 
-use super::followed::{advanced, target_over, Advance, Course, Followed, Guide, Planned};
 use super::inclusion::TrackingInclusion;
 use super::landing::{checked_press, Descent};
 use super::port::checked_force;
+use super::reference_state::{
+    advanced, target_over, Advance, Planned, ReferencePeriod, ReferenceSource, ReferenceState,
+};
 use super::tracker_state::{TrackerSettings, TrackerState};
 use super::tracking::{Target, Tracking, TrackingStep};
 use super::{checked, GainError, Gains, Landing, Port, TickStatus};
@@ -166,7 +168,7 @@ impl TwistingTracker {
     /// [`SettingError`] unless `x_ref >= 0` and both are finite; nothing has changed then.
     #[inline]
     pub fn reset(&mut self, reference: Physical) -> Result<(), SettingError> {
-        let start = Followed::at(reference.into(), self.reference.restitution())?;
+        let start = ReferenceState::at(reference.into(), self.reference.restitution())?;
         self.state = TrackerState::starting(self.on_its_branch(start));
         Ok(())
     }
@@ -184,7 +186,7 @@ impl TwistingTracker {
         force: f64,
         force_ref: f64,
     ) -> Result<f64, SettingError> {
-        self.ticked(measured, force, Guide::Own(force_ref))
+        self.ticked(measured, force, ReferenceSource::Own(force_ref))
     }
 
     /// A tick of either kind.
@@ -193,14 +195,14 @@ impl TwistingTracker {
         &mut self,
         measured: Physical,
         force: f64,
-        guide: Guide<'_>,
+        guide: ReferenceSource<'_>,
     ) -> Result<f64, SettingError> {
         let planned = self.plan(measured, force, |it| match guide {
-            Guide::Own(force_ref) => Ok(it.own_course(force_ref)),
-            Guide::Given(waypoints, acceleration) => {
+            ReferenceSource::Own(force_ref) => Ok(it.own_period(force_ref)),
+            ReferenceSource::Given(waypoints, acceleration) => {
                 let of = (it.reference.restitution(), it.h());
-                let course = Course::between(of, force, *waypoints, acceleration);
-                course.map(|given| it.given_course(given))
+                let course = ReferencePeriod::between(of, force, *waypoints, acceleration);
+                course.map(|given| it.given_period(given))
             }
         })?;
         self.follow(&planned)
@@ -216,7 +218,7 @@ impl TwistingTracker {
         &self,
         measured: Physical,
         force: f64,
-        course: impl FnOnce(&Self) -> Result<Course, E>,
+        course: impl FnOnce(&Self) -> Result<ReferencePeriod, E>,
     ) -> Result<Planned, E> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
@@ -230,24 +232,24 @@ impl TwistingTracker {
     /// A period of its own reference, under this force (m/s^2).
     #[inline(always)]
     #[must_use]
-    pub fn own_course(&self, force: f64) -> Course {
+    pub fn own_period(&self, force: f64) -> ReferencePeriod {
         let back = if self.shift && self.flies(force) { 0.5 * self.h() * force } else { 0.0 };
-        Course { now: self.state.followed(), force, back, next: None }
+        ReferencePeriod { now: self.state.followed(), force, back, next: None }
     }
 
     /// A period of a reference that is given, on the branch that the approach keeps it on.
     #[inline(always)]
     #[must_use]
-    pub fn given_course(&self, course: Course) -> Course {
-        Course { now: self.on_its_branch(course.now), ..course }
+    pub fn given_period(&self, course: ReferencePeriod) -> ReferencePeriod {
+        ReferencePeriod { now: self.on_its_branch(course.now), ..course }
     }
 
     /// The reference after a period, and what the plant has to follow over the horizon.
     #[inline(always)]
     fn outlook(
         &self,
-        &Course { now, force, next, .. }: &Course,
-    ) -> Result<(Followed, [f64; 2], Target), SettingError> {
+        &ReferencePeriod { now, force, next, .. }: &ReferencePeriod,
+    ) -> Result<(ReferenceState, [f64; 2], Target), SettingError> {
         let Advance { next: reached, signs, acceleration } = advanced(&self.reference, now, force)?;
         let period = Target { end: reached.z, acceleration };
         let beyond = self.step.h > self.reference.h();
@@ -323,7 +325,7 @@ impl TwistingTracker {
         let [lambda_sr, lambda_vr] = signs;
         let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
         let status = TickStatus { clamped, saturated, unsolved };
-        let Followed { z, side } = self.on_its_branch(next);
+        let ReferenceState { z, side } = self.on_its_branch(next);
         self.state = TrackerState { reference: z, side, u, signs, status, iterations };
         Ok(u)
     }
@@ -337,7 +339,7 @@ impl TwistingTracker {
 
     /// The reference on the branch that the approach keeps it on.
     #[inline]
-    pub(super) fn on_its_branch(&self, reference: Followed) -> Followed {
+    pub(super) fn on_its_branch(&self, reference: ReferenceState) -> ReferenceState {
         match self.approach {
             Approach::Positive => reference.folded(),
             Approach::Nearest => reference,
@@ -346,12 +348,12 @@ impl TwistingTracker {
 
     /// The measured state on the branch that the approach takes beside this reference.
     #[inline]
-    pub(super) fn lifted(&self, state: Physical, reference: Followed) -> Lifted {
+    pub(super) fn lifted(&self, state: Physical, reference: ReferenceState) -> Lifted {
         let Lifted { s, v } = transform::lift(state, Branch::Positive, self.step.restitution);
         let mirror = match self.approach {
             Approach::Positive => false,
             Approach::Nearest => {
-                let Followed { z, side } = reference;
+                let ReferenceState { z, side } = reference;
                 // half of the energy of the error on the other side, less that on this one
                 // (both numbers are finite: `min` and `max` would ask)
                 let cut = if z.s < s { z.s } else { s };

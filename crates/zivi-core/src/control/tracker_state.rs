@@ -1,6 +1,6 @@
 //! What a tracker is made of and what it remembers, as plain numbers.
 
-use super::followed::Followed;
+use super::reference_state::ReferenceState;
 use super::{Gains, Landing, Port, TickStatus};
 use crate::{Lifted, Restitution};
 
@@ -70,13 +70,13 @@ impl TrackerState {
     };
 
     /// Nothing done yet, the reference here.
-    pub(super) fn starting(Followed { z, side }: Followed) -> Self {
+    pub(super) fn starting(ReferenceState { z, side }: ReferenceState) -> Self {
         Self { reference: z, side, ..Self::REST }
     }
 
     /// The reference.
     #[inline]
-    pub(super) fn followed(&self) -> Followed {
-        Followed { z: self.reference, side: self.side }
+    pub(super) fn followed(&self) -> ReferenceState {
+        ReferenceState { z: self.reference, side: self.side }
     }
 }

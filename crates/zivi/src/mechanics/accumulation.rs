@@ -11,7 +11,7 @@ use super::state::MechanicalState;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
-use crate::switched::lookahead::Obstacle;
+use crate::switched::lookahead::Deviation;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::bounce::Bounce;
@@ -52,7 +52,7 @@ impl Accumulation {
     }
 
     /// Where the forces last kept the system from jumping to the end of the chain.
-    pub(super) fn obstacle(&self) -> Option<Obstacle> {
+    pub(super) fn obstacle(&self) -> Option<Deviation> {
         self.chain.obstacle()
     }
 

@@ -9,7 +9,7 @@ use super::state::MechanicalState;
 use super::tail::SkippedArcs;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::switched::lookahead::{Lookahead, Obstacle};
+use crate::switched::lookahead::{Deviation, Lookahead};
 use crate::switched::stages::Counted;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
@@ -23,7 +23,7 @@ use crate::Force;
 pub(super) struct ImpactChain {
     chain: Chain<Vec<f64>, Key>,
     /// Where the forces last kept the system from jumping to the end of it.
-    obstacle: Option<Obstacle>,
+    obstacle: Option<Deviation>,
 }
 
 impl ImpactChain {
@@ -38,7 +38,7 @@ impl ImpactChain {
     }
 
     /// Where the forces last kept the system from jumping.
-    pub(super) fn obstacle(&self) -> Option<Obstacle> {
+    pub(super) fn obstacle(&self) -> Option<Deviation> {
         self.obstacle
     }
 

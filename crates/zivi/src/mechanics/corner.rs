@@ -12,8 +12,8 @@
 //! `L = 1/2 g' . D^-1 g' + lambda . g`, constant in flight and falling at impacts, tells when what
 //! is left of the motion is below the tolerance.
 
+use super::corner_descent::{descent, CornerEntry};
 use super::corner_log::{landing, pattern, time_of_corner, CornerLog};
-use super::descent::{descent, CornerEntry};
 use super::impact::Struck;
 use super::mechanism::{scales, Mechanism};
 use super::piece::Flight;

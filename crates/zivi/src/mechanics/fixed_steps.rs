@@ -3,15 +3,15 @@
 use super::kinetics::{Kinetics, Model};
 use super::output::{MechanicalRun, MechanicalSamples};
 use super::run::check_sizes;
+use crate::record::event_locator::{unknown, EventLocator, SmoothPart};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::record::monitor::Pace;
+use crate::record::monitor::PollInterval;
 use crate::record::occurrence::Occurrence;
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
-use crate::record::seeker::{unknown, Seeker, SmoothPart};
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::{Counts, Grid, Hit, Monitor, SetupError, Status, UserEvent};
+use crate::{Counts, Grid, LocatedEvent, Monitor, SetupError, Status, UserEvent};
 
 /// A scheme that takes fixed steps.
 pub(super) trait Scheme {
@@ -34,7 +34,7 @@ pub(super) trait Scheme {
     fn finish(&mut self, _state: &mut Stepped) {}
 }
 
-type StateSeeker<'a, E> = Seeker<'a, E, MotionPoint>;
+type StateEventLocator<'a, E> = EventLocator<'a, E, MotionPoint>;
 
 /// The state of a run with fixed steps.
 pub(super) struct Stepped {
@@ -144,7 +144,7 @@ impl Stepped {
         change / size
     }
 
-    fn make_room<E>(&mut self, seeker: &mut StateSeeker<'_, E>) -> Result<(), Failure<E>> {
+    fn make_room<E>(&mut self, seeker: &mut StateEventLocator<'_, E>) -> Result<(), Failure<E>> {
         let (size, m) = (self.x.len(), self.layout.m);
         self.samples.make_room(&mut self.reserve, 1, size, m)?;
         self.reserve.room(&mut self.occurrences, 2 * m, 2 * size_of::<f64>())?;
@@ -166,8 +166,8 @@ impl Stepped {
         &self,
         t: f64,
         t_end: f64,
-        seeker: &mut StateSeeker<'_, E>,
-    ) -> Result<Option<Hit<MotionPoint>>, Failure<E>> {
+        seeker: &mut StateEventLocator<'_, E>,
+    ) -> Result<Option<LocatedEvent<MotionPoint>>, Failure<E>> {
         if seeker.is_idle() {
             return Ok(None);
         }
@@ -199,7 +199,7 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     let mut model = Model::new(dynamics);
     let mut state = Stepped::new(layout, e, (q, w));
     let duration = grid.t(grid.n_steps()) - grid.t(0);
-    let mut seeker = Seeker::new(events, state.point(), duration);
+    let mut seeker = EventLocator::new(events, state.point(), duration);
     let mut steps = 0;
     let ending = match state.evaluate_start(grid.t(0), &mut model) {
         Err(failure) => Err(failure),
@@ -232,12 +232,12 @@ fn walk<E, D: Dynamics<E>, M: Monitor<E>>(
     state: &mut Stepped,
     grid: Grid,
     steps: &mut usize,
-    (model, seeker, monitor): (&mut Model<'_, D>, &mut StateSeeker<'_, E>, &mut M),
-) -> Result<Option<Hit<MotionPoint>>, Failure<E>> {
+    (model, seeker, monitor): (&mut Model<'_, D>, &mut StateEventLocator<'_, E>, &mut M),
+) -> Result<Option<LocatedEvent<MotionPoint>>, Failure<E>> {
     state.make_room(seeker)?;
     state.sample(grid.t(0));
     seeker.start(grid.t(0), &state.point()).map_err(Failure::Raised)?;
-    let mut pace = Pace::start();
+    let mut pace = PollInterval::start();
     while *steps < grid.n_steps() {
         for _ in 0..pace.chunk().min(grid.n_steps() - *steps) {
             let (t, t_end) = (grid.t(*steps), grid.t(*steps + 1));

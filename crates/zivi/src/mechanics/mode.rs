@@ -22,7 +22,7 @@ pub(super) enum Next {
     /// A step, or the part of it up to an event.
     Step,
     /// The impact of these gaps, here.
-    Hit(GapSet),
+    LocatedEvent(GapSet),
     /// The opening of a contact whose force vanishes here, in a step of the length `h`.
     Release { gap: usize, h: f64 },
     /// The jump to where the impacts accumulate.
@@ -38,7 +38,7 @@ impl Next {
     /// Whether something happens before the time moves on beyond `t_end`.
     pub(super) fn is_due(&self, t_end: f64) -> bool {
         match self {
-            Self::Hit(_) | Self::Release { .. } => true,
+            Self::LocatedEvent(_) | Self::Release { .. } => true,
             Self::Jump(ahead) => ahead.landing.t <= t_end,
             Self::Step => false,
         }

@@ -8,7 +8,7 @@ use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
-use crate::{Counts, Hit, Status, UserEvent};
+use crate::{Counts, LocatedEvent, Status, UserEvent};
 
 /// What a run shall give, besides what happens at the gaps.
 pub struct MechanicalOutput<'a, E> {
@@ -86,7 +86,7 @@ pub struct MechanicalRun<E> {
     /// What happened at the gaps, in order.
     pub occurrences: Vec<Occurrence>,
     /// The user's events, by function.
-    pub hits: Vec<Vec<Hit<MotionPoint>>>,
+    pub hits: Vec<Vec<LocatedEvent<MotionPoint>>>,
     /// The motion as a function of time, if it was asked for.
     pub path: Option<MechanicalPath>,
     /// How the run ended.

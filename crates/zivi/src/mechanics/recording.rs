@@ -2,25 +2,25 @@
 
 use std::collections::TryReserveError;
 
+use super::integrator::MechanicalIntegrator;
 use super::kinetics::Model;
-use super::machine::Machine;
 use super::output::{MechanicalOutput, MechanicalRun, MechanicalSamples};
 use super::path::{Curve, MechanicalPath};
 use super::piece::{Flight, Piece};
 use super::tail::SkippedArcs;
-use crate::piecewise::method::{Advance, Asked, Piecewise};
-use crate::piecewise::running::{self as piecewise, unless_terminal, until, Absorb, Record};
+use crate::piecewise::method::{Advance, Piecewise, Rhs};
+use crate::piecewise::running::{self as piecewise, unless_terminal, until, Record, SegmentSink};
+use crate::record::event_locator::{unknown, SmoothPart};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
-use crate::record::seeker::{unknown, SmoothPart};
 use crate::system::dynamics::Dynamics;
 use crate::system::stops::Smooth;
-use crate::{Counts, Hit, Status};
+use crate::{Counts, LocatedEvent, Status};
 
 /// A run of a mechanical system under way.
-pub(super) type Running<'a, E> = piecewise::Running<'a, E, Machine, MechanicalRecord>;
+pub(super) type Running<'a, E> = piecewise::Running<'a, E, MechanicalIntegrator, MechanicalRecord>;
 
 type Ending<E> = piecewise::Ending<E, MotionPoint>;
 
@@ -40,7 +40,7 @@ const ARCS: usize = 1_000_000;
 
 /// A run to `t1` from where the machine starts.
 pub(super) fn running<E>(
-    machine: Machine,
+    machine: MechanicalIntegrator,
     t1: f64,
     output: MechanicalOutput<'_, E>,
 ) -> Running<'_, E> {
@@ -58,7 +58,7 @@ pub(super) fn running<E>(
     Running::new((machine, start), t1, (tstops, t_eval), events, record)
 }
 
-impl Piecewise for Machine {
+impl Piecewise for MechanicalIntegrator {
     type Point = MotionPoint;
     type Piece = Piece;
 
@@ -74,11 +74,11 @@ impl Piecewise for Machine {
     }
 
     fn is_pending(&self, t_end: f64) -> bool {
-        Machine::is_pending(self, t_end)
+        MechanicalIntegrator::is_pending(self, t_end)
     }
 
     fn restart(&mut self) {
-        Machine::restart(self);
+        MechanicalIntegrator::restart(self);
     }
 
     fn look_from(&mut self, t: f64) {
@@ -86,22 +86,22 @@ impl Piecewise for Machine {
     }
 }
 
-impl<'f, E, D: Dynamics<E>> Advance<Model<'f, D>, E> for Machine {
+impl<'f, E, D: Dynamics<E>> Advance<Model<'f, D>, E> for MechanicalIntegrator {
     fn next(&mut self, t_end: f64, model: &mut Model<'f, D>) -> Result<Piece, Failure<E>> {
         self.advance(t_end, model)
     }
 }
 
-impl<D> Asked for Model<'_, D> {
+impl<D> Rhs for Model<'_, D> {
     fn smooth(&mut self) -> &mut Smooth {
         &mut self.smooth
     }
 }
 
-impl Record<Machine> for MechanicalRecord {
+impl Record<MechanicalIntegrator> for MechanicalRecord {
     fn make_room(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         samples: usize,
         reserve: &mut Reserve,
     ) -> Result<(), TryReserveError> {
@@ -116,7 +116,7 @@ impl Record<Machine> for MechanicalRecord {
     }
 }
 
-impl<'f, E, D: Dynamics<E>> Absorb<Machine, Model<'f, D>, E> for Running<'_, E> {
+impl<'f, E, D: Dynamics<E>> SegmentSink<MechanicalIntegrator, Model<'f, D>, E> for Running<'_, E> {
     fn begin(&mut self, until: f64, model: &mut Model<'f, D>) -> Result<(), Ending<E>> {
         self.seeker.start(self.end.0, &self.end.1).map_err(Failure::Raised)?;
         self.sample_step(until, model)
@@ -224,7 +224,7 @@ impl<E> Running<'_, E> {
         &mut self,
         span: (f64, f64),
         motion: impl Fn(f64, &mut MotionPoint),
-    ) -> Result<Option<Hit<MotionPoint>>, E> {
+    ) -> Result<Option<LocatedEvent<MotionPoint>>, E> {
         self.seek(&SmoothPart { span, motion, crossings: unknown })
     }
 
@@ -233,7 +233,7 @@ impl<E> Running<'_, E> {
         arcs: &SkippedArcs,
         closed: GapSet,
         motion: Along<'_>,
-    ) -> Result<Option<Hit<MotionPoint>>, E> {
+    ) -> Result<Option<LocatedEvent<MotionPoint>>, E> {
         if self.seeker.is_idle() {
             return Ok(None);
         }

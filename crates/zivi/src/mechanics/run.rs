@@ -1,10 +1,10 @@
 //! A whole run of a mechanical system: samples, occurrences, events, dense output.
 
+use super::integrator::MechanicalIntegrator;
 use super::kinetics::Model;
-use super::machine::Machine;
 use super::output::{MechanicalOutput, MechanicalRun};
 use super::recording::running;
-use crate::piecewise::method::Plainly;
+use crate::piecewise::method::NoSink;
 use crate::record::failure::Failure;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout, MOST};
@@ -61,12 +61,12 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     check_sizes(layout, e, q, w)?;
     check_span(t0, t1)?;
     let mut model = Model::new(dynamics);
-    let mut machine = Machine::new(settings, layout, e);
+    let mut machine = MechanicalIntegrator::new(settings, layout, e);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let mut running = running(machine, t1, output);
     let ending = match begun {
         Err(failure) => failure.into(),
-        Ok(()) => running.go(&mut Plainly, &mut model, monitor),
+        Ok(()) => running.go(&mut NoSink, &mut model, monitor),
     };
     Ok(running.finish(ending, model.count))
 }

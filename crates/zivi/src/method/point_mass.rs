@@ -7,8 +7,8 @@ use crate::record::values::Values;
 use crate::stepping::scheme::{FixedSteps, Scheme};
 use crate::system::evaluation::check_initial;
 use crate::{
-    simulate_switched_rk, AnyImpactLaw, Counts, Force, Hit, Monitor, Motion, Output, Physical, Run,
-    SetupError, StepEvents, SwitchedRk, SwitchedRun, Trajectory,
+    simulate_switched_rk, AnyImpactLaw, Counts, Force, LocatedEvent, Monitor, Motion, Output,
+    Physical, Run, SetupError, StepEvents, SwitchedRk, SwitchedRun, Trajectory,
 };
 
 /// A mass above a wall: `x'' = f`, `x >= 0`, and an impact law, as `x'+ = -e x'-`.
@@ -35,7 +35,7 @@ pub struct PointRun<E> {
     /// What is known between the samples; a method of fixed steps knows its steps only.
     pub motion: Option<Motion>,
     /// For each event of the user what happened, in order.
-    pub hits: Vec<Vec<Hit>>,
+    pub hits: Vec<Vec<LocatedEvent>>,
     /// How much work was done.
     pub counts: Counts,
     /// The time and the state up to which the motion is known, whatever is sampled, where that is
@@ -44,7 +44,7 @@ pub struct PointRun<E> {
 }
 
 impl<E> PointRun<E> {
-    fn of_steps(Run { trajectory, raised }: Run<E>, hits: Vec<Vec<Hit>>) -> Self {
+    fn of_steps(Run { trajectory, raised }: Run<E>, hits: Vec<Vec<LocatedEvent>>) -> Self {
         let accepted = trajectory.columns.len().saturating_sub(1) as u64;
         let counts = Counts { nfev: trajectory.nfev, accepted, ..Counts::default() };
         Self { trajectory, raised, motion: None, hits, counts, end: None }

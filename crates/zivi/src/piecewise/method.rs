@@ -31,7 +31,7 @@ pub(crate) trait Piecewise {
 
 /// What a method asks: a force, or the equations of motion. Times at which it is not smooth are
 /// declared.
-pub(crate) trait Asked {
+pub(crate) trait Rhs {
     /// Between which of these it is.
     fn smooth(&mut self) -> &mut Smooth;
 }
@@ -49,9 +49,9 @@ pub(crate) trait Advance<S, E>: Piecewise {
 }
 
 /// Takes the pieces as they come.
-pub(crate) struct Plainly;
+pub(crate) struct NoSink;
 
-impl<M: Advance<S, E>, S, E> Driver<M, S, E> for Plainly {
+impl<M: Advance<S, E>, S, E> Driver<M, S, E> for NoSink {
     fn step(&mut self, method: &mut M, t_end: f64, asked: &mut S) -> Result<M::Piece, Failure<E>> {
         method.next(t_end, asked)
     }

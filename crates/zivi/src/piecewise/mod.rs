@@ -3,6 +3,6 @@
 
 pub(crate) mod flight;
 pub(crate) mod method;
+pub(crate) mod output_times;
 pub(crate) mod running;
 pub(crate) mod steps;
-pub(crate) mod wanted;

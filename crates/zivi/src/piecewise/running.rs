@@ -2,13 +2,13 @@
 
 use std::collections::TryReserveError;
 
-use super::method::{Asked, Driver, Piecewise};
-use super::wanted::Wanted;
+use super::method::{Driver, Piecewise, Rhs};
+use super::output_times::OutputTimes;
+use crate::record::event_locator::{EventLocator, Part};
 use crate::record::failure::Failure;
-use crate::record::monitor::Pace;
+use crate::record::monitor::PollInterval;
 use crate::record::reserve::Reserve;
-use crate::record::seeker::{Part, Seeker};
-use crate::record::user_events::{Hit, UserEvent};
+use crate::record::user_events::{LocatedEvent, UserEvent};
 use crate::system::stops::Stops;
 use crate::{Monitor, Status};
 
@@ -16,7 +16,7 @@ use crate::{Monitor, Status};
 pub(crate) enum Ending<E, P> {
     Failed(Failure<E>),
     /// An event of the user ends it.
-    Event(Hit<P>),
+    Event(LocatedEvent<P>),
 }
 
 impl<E, P> From<Failure<E>> for Ending<E, P> {
@@ -40,7 +40,7 @@ pub(crate) trait Record<M> {
 }
 
 /// A run that records the pieces of a method that asks `S`.
-pub(crate) trait Absorb<M: Piecewise, S, E> {
+pub(crate) trait SegmentSink<M: Piecewise, S, E> {
     /// The start, in a stretch that ends at `until`.
     fn begin(&mut self, until: f64, asked: &mut S) -> Result<(), Ending<E, M::Point>>;
 
@@ -58,8 +58,8 @@ pub(crate) struct Running<'a, E, M: Piecewise, R> {
     t1: f64,
     stops: Stops<'a>,
     pub(crate) method: M,
-    pub(crate) seeker: Seeker<'a, E, M::Point>,
-    pub(crate) wanted: Wanted<'a>,
+    pub(crate) seeker: EventLocator<'a, E, M::Point>,
+    pub(crate) wanted: OutputTimes<'a>,
     pub(crate) record: R,
     /// Set aside for what is made of the lists of the record.
     pub(crate) reserve: Reserve,
@@ -83,8 +83,8 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         Self {
             t1,
             stops: Stops::new(tstops, t1),
-            seeker: Seeker::new(events, start.clone(), t1 - method.t()),
-            wanted: Wanted::new(t_eval),
+            seeker: EventLocator::new(events, start.clone(), t1 - method.t()),
+            wanted: OutputTimes::new(t_eval),
             record,
             reserve: Reserve::default(),
             end: (method.t(), start),
@@ -93,14 +93,14 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
     }
 
     /// Takes the pieces of a driver to the end.
-    pub(crate) fn go<S: Asked>(
+    pub(crate) fn go<S: Rhs>(
         &mut self,
         driver: &mut impl Driver<M, S, E>,
         asked: &mut S,
         monitor: &mut impl Monitor<E>,
     ) -> Ending<E, M::Point>
     where
-        Self: Absorb<M, S, E>,
+        Self: SegmentSink<M, S, E>,
     {
         match self.try_go(driver, asked, monitor) {
             Ok(()) => Ending::Failed(Failure::Status(Status::Completed)),
@@ -108,20 +108,20 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         }
     }
 
-    fn try_go<S: Asked>(
+    fn try_go<S: Rhs>(
         &mut self,
         driver: &mut impl Driver<M, S, E>,
         asked: &mut S,
         monitor: &mut impl Monitor<E>,
     ) -> Result<(), Ending<E, M::Point>>
     where
-        Self: Absorb<M, S, E>,
+        Self: SegmentSink<M, S, E>,
     {
         self.make_room()?;
         let t0 = self.method.t();
         let mut until = self.stops.enter(t0, asked.smooth());
         self.begin(until, asked)?;
-        let mut pace = Pace::start();
+        let mut pace = PollInterval::start();
         loop {
             for _ in 0..pace.chunk() {
                 if self.is_over(until) {
@@ -174,7 +174,10 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
     }
 
     /// Events along a part of the motion.
-    pub(crate) fn seek(&mut self, part: &impl Part<M::Point>) -> Result<Option<Hit<M::Point>>, E> {
+    pub(crate) fn seek(
+        &mut self,
+        part: &impl Part<M::Point>,
+    ) -> Result<Option<LocatedEvent<M::Point>>, E> {
         self.seeker.along(part)
     }
 
@@ -189,7 +192,7 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         match ending {
             Ending::Failed(Failure::Status(status)) => (status, None),
             Ending::Failed(Failure::Raised(error)) => (Status::Raised, Some(error)),
-            Ending::Event(Hit { t, at }) => {
+            Ending::Event(LocatedEvent { t, at }) => {
                 self.end = (t, at);
                 (Status::TerminatedByEvent, None)
             }
@@ -198,7 +201,9 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
 }
 
 /// An event that ends the run is passed on like an error.
-pub(crate) fn unless_terminal<E, P>(found: Result<Option<Hit<P>>, E>) -> Result<(), Ending<E, P>> {
+pub(crate) fn unless_terminal<E, P>(
+    found: Result<Option<LocatedEvent<P>>, E>,
+) -> Result<(), Ending<E, P>> {
     match found {
         Ok(None) => Ok(()),
         Ok(Some(hit)) => Err(Ending::Event(hit)),
@@ -207,7 +212,7 @@ pub(crate) fn unless_terminal<E, P>(found: Result<Option<Hit<P>>, E>) -> Result<
 }
 
 /// The end of a part of the motion, or where an event ends the run before.
-pub(crate) fn until<E, P>(found: &Result<Option<Hit<P>>, E>, end: f64) -> f64 {
+pub(crate) fn until<E, P>(found: &Result<Option<LocatedEvent<P>>, E>, end: f64) -> f64 {
     match found {
         Ok(Some(hit)) => hit.t,
         _ => end,

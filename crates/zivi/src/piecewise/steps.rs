@@ -265,14 +265,14 @@ impl<Q: Coordinates> Steps<Q> {
 
 /// What speaks for the length of a step: those before it since the last event.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Experience {
+pub(crate) struct StepHistory {
     /// How many.
     steps: u32,
     /// The length of the last (s).
     last: f64,
 }
 
-impl Experience {
+impl StepHistory {
     pub(crate) const NONE: Self = Self { steps: 0, last: 0.0 };
     /// So many steps after an event there is none.
     const YOUNG: u32 = 1;

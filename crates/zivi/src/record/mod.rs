@@ -1,6 +1,8 @@
 //! What a run leaves: samples, events at the wall, how it ended.
 
 pub mod columns;
+pub mod dense_step;
+pub(crate) mod event_locator;
 pub mod events;
 pub mod failure;
 pub mod gap_set;
@@ -10,10 +12,8 @@ pub mod occurrence;
 pub mod point;
 pub(crate) mod recorder;
 pub(crate) mod reserve;
-pub(crate) mod seeker;
 pub mod status;
 pub mod stored;
-pub mod stretch;
 pub mod summary;
 pub mod trajectory;
 pub mod user_events;

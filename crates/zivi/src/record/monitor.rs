@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use super::stretch::Stretch;
+use super::dense_step::DenseStep;
 use crate::{Keep, Status};
 
 /// Something that is told how far a run is and may end it.
@@ -29,7 +29,7 @@ pub trait Monitor<E> {
     ///
     /// # Errors
     /// An error ends the run; what was computed is kept.
-    fn follow(&mut self, _step: &Stretch) -> Result<ControlFlow<Status>, E> {
+    fn follow(&mut self, _step: &DenseStep) -> Result<ControlFlow<Status>, E> {
         Ok(ControlFlow::Continue(()))
     }
 
@@ -49,14 +49,14 @@ impl Monitor<std::convert::Infallible> for Silent {
 }
 
 /// Chooses how many steps pass between polls, so that the time between polls stays near
-/// [`Pace::PERIOD`] whatever a step costs, and a step pays nothing for being watched.
+/// [`PollInterval::PERIOD`] whatever a step costs, and a step pays nothing for being watched.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Pace {
+pub(crate) struct PollInterval {
     chunk: usize,
     since: Instant,
 }
 
-impl Pace {
+impl PollInterval {
     const PERIOD: Duration = Duration::from_millis(30);
 
     pub(crate) fn start() -> Self {

@@ -14,7 +14,7 @@ const BLOCK: usize = 256;
 pub(crate) struct Recorder {
     columns: Columns,
     /// What is kept of the columns, if not all: they are then a block that is used again.
-    thinned: Option<Thinned>,
+    thinned: Option<StridedRecorder>,
     restitution: Restitution,
     staged: usize,
     /// The state before the staged steps.
@@ -28,7 +28,7 @@ pub(crate) struct Recorder {
 }
 
 /// Every so many samples, and a summary of all.
-struct Thinned {
+struct StridedRecorder {
     every: usize,
     /// Samples so far.
     seen: usize,
@@ -36,7 +36,7 @@ struct Thinned {
     summary: Summary,
 }
 
-impl Thinned {
+impl StridedRecorder {
     /// Takes what is wanted of a block of samples.
     fn absorb(&mut self, block: &Columns) {
         self.summary.absorb(block);
@@ -70,7 +70,7 @@ pub(crate) fn memory(
 impl Recorder {
     /// Keeps only every so many of the samples (none for `0`), in `kept`.
     pub(crate) fn thinned(mut self, every: usize, kept: Columns) -> Self {
-        self.thinned = Some(Thinned { every, seen: 0, kept, summary: Summary::default() });
+        self.thinned = Some(StridedRecorder { every, seen: 0, kept, summary: Summary::default() });
         self
     }
 
@@ -144,7 +144,7 @@ impl Recorder {
     /// What was kept, and a summary if that is not all.
     pub(crate) fn finish(self) -> (Columns, Option<Summary>) {
         match self.thinned {
-            Some(Thinned { kept, summary, .. }) => (kept, Some(summary)),
+            Some(StridedRecorder { kept, summary, .. }) => (kept, Some(summary)),
             None => (self.columns, None),
         }
     }

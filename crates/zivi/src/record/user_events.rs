@@ -80,7 +80,7 @@ impl<'a, E> UserEvent<'a, E> {
 
 /// An event that happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit<P = PathPoint> {
+pub struct LocatedEvent<P = PathPoint> {
     /// Time (s).
     pub t: f64,
     /// The state.

@@ -5,11 +5,11 @@ use std::ops::ControlFlow;
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution};
 
 use crate::record::columns::Sample;
+use crate::record::dense_step::{DenseStep, Interpolation, StepEnd};
 use crate::record::events::EventLog;
-use crate::record::monitor::Pace;
+use crate::record::monitor::PollInterval;
 use crate::record::recorder::{memory, Recorder};
 use crate::record::reserve::Reserve;
-use crate::record::stretch::{Interpolation, Knot, Stretch};
 use crate::record::summary::Keep;
 use crate::record::trajectory::{Run, SetupError, Trajectory};
 use crate::system::evaluation::check_initial;
@@ -70,7 +70,7 @@ pub fn run<E, F: Force<E>>(
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    let mut walk = Walk::start(method, restitution, grid, initial, monitor)?;
+    let mut walk = FixedStepRun::start(method, restitution, grid, initial, monitor)?;
     let ending = watched(grid.n_steps(), monitor, |until, monitor| {
         walk.go_to::<E, F>(until, force, monitor)
     });
@@ -84,7 +84,7 @@ pub(crate) fn watched<E, M: Monitor<E>>(
     monitor: &mut M,
     mut go_to: impl FnMut(usize, &mut M) -> Result<(), Failure<E>>,
 ) -> Failure<E> {
-    let mut pace = Pace::start();
+    let mut pace = PollInterval::start();
     let mut done = 0;
     loop {
         done = (done + pace.chunk()).min(of);
@@ -107,11 +107,11 @@ pub(crate) fn watched<E, M: Monitor<E>>(
 /// How the run ends, if the monitor ends it.
 pub(crate) fn tell<E>(
     monitor: &mut impl Monitor<E>,
-    from: Knot,
-    to: Knot,
+    from: StepEnd,
+    to: StepEnd,
     interpolation: Interpolation,
 ) -> Result<(), Failure<E>> {
-    let step = Stretch { from, to, interpolation };
+    let step = DenseStep { from, to, interpolation };
     match monitor.follow(&step).map_err(Failure::Raised)? {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(status) => Err(Failure::Status(status)),
@@ -119,7 +119,7 @@ pub(crate) fn tell<E>(
 }
 
 /// A run under way: `k` steps are done, the last of them ended at `t` in `z`.
-struct Walk<M> {
+struct FixedStepRun<M> {
     method: M,
     restitution: Restitution,
     grid: Grid,
@@ -133,7 +133,7 @@ struct Walk<M> {
     sigma: f64,
 }
 
-impl<M> Walk<M> {
+impl<M> FixedStepRun<M> {
     fn start<E>(
         method: M,
         restitution: Restitution,
@@ -202,8 +202,8 @@ impl<M> Walk<M> {
     }
 
     /// Where the run is.
-    fn knot(&self) -> Knot {
-        Knot { t: self.t, state: transform::project(self.z, self.restitution), z: self.z }
+    fn knot(&self) -> StepEnd {
+        StepEnd { t: self.t, state: transform::project(self.z, self.restitution), z: self.z }
     }
 
     /// The steps that need no search, as long as nothing happens and the record has room.

@@ -26,12 +26,12 @@ use zivi_core::setting::{Setting, Value, Values};
 use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 use crate::record::columns::Columns;
+use crate::record::dense_step::{Interpolation, StepEnd};
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
-use crate::record::stretch::{Interpolation, Knot};
 use crate::record::trajectory::{Run, SetupError, Trajectory};
-use crate::record::values::Values as Given;
+use crate::record::values::Values as ReferencePoint;
 use crate::stepping::fixed_step::{tell, watched};
 use crate::stepping::scheme::Scheme;
 use crate::system::evaluation::check_initial;
@@ -114,7 +114,7 @@ impl Scheme for MoreauJean {
     const SETTINGS: &'static [Setting] = &[ThetaGammaStep::STEP, MoreauJean::THETA];
     const PENETRATES: bool = true;
 
-    fn of(values: &Given) -> Result<Self, SetupError> {
+    fn of(values: &ReferencePoint) -> Result<Self, SetupError> {
         Ok(Self { theta: values.number(&Self::THETA)? })
     }
 
@@ -255,16 +255,16 @@ impl MoreauWalk {
     }
 
     /// Where the run is.
-    fn knot(&self) -> Knot {
+    fn knot(&self) -> StepEnd {
         let branch = if self.log.sigma > 0.0 { Branch::Positive } else { Branch::Negative };
         let z = transform::lift(self.state, branch, self.restitution);
         // no negative zeros
         let z = Lifted { s: z.s + 0.0, v: z.v + 0.0 };
-        Knot { t: self.grid.t(self.k), state: self.state, z }
+        StepEnd { t: self.grid.t(self.k), state: self.state, z }
     }
 
     fn record(&mut self) {
-        let Knot { t, state: Physical { x, xdot }, z } = self.knot();
+        let StepEnd { t, state: Physical { x, xdot }, z } = self.knot();
         let sigma = self.log.sigma;
         let (lambda_s, lambda_v) =
             if self.log.at_rest { (0.0, 0.0) } else { (sigma, sigma * sgn(xdot)) };

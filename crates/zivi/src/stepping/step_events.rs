@@ -8,11 +8,11 @@ use std::ops::ControlFlow;
 
 use zivi_core::{transform, Lifted, Physical};
 
+use crate::record::dense_step::{DenseStep, StepEnd};
+use crate::record::event_locator::{parts, EventLocator, Part};
 use crate::record::reserve::Reserve;
-use crate::record::seeker::{parts, Part, Seeker};
-use crate::record::stretch::{Knot, Stretch};
 use crate::record::user_events::changes;
-use crate::{Direction, Hit, Keep, Monitor, PathPoint, Status, UserEvent};
+use crate::{Direction, Keep, LocatedEvent, Monitor, PathPoint, Status, UserEvent};
 
 /// A monitor that follows events along a run of fixed steps; one of them may end it
 /// ([`Status::TerminatedByEvent`]) with the step in which it happens.
@@ -39,7 +39,7 @@ use crate::{Direction, Hit, Keep, Monitor, PathPoint, Status, UserEvent};
 /// ```
 pub struct StepEvents<'m, 'a, M, E> {
     monitor: &'m mut M,
-    seeker: Seeker<'a, E, PathPoint>,
+    seeker: EventLocator<'a, E, PathPoint>,
     started: bool,
     reserve: Reserve,
 }
@@ -49,12 +49,12 @@ impl<'m, 'a, M, E> StepEvents<'m, 'a, M, E> {
     /// tells `monitor` the rest.
     pub fn new(events: Vec<UserEvent<'a, E>>, duration: f64, monitor: &'m mut M) -> Self {
         let like = PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 };
-        let seeker = Seeker::new(events, like, duration);
+        let seeker = EventLocator::new(events, like, duration);
         Self { monitor, seeker, started: false, reserve: Reserve::default() }
     }
 
     /// What happened of each event, in the order of time, up to the one that ended the run.
-    pub fn into_hits(self) -> Vec<Vec<Hit>> {
+    pub fn into_hits(self) -> Vec<Vec<LocatedEvent>> {
         self.seeker.into_hits()
     }
 }
@@ -64,13 +64,13 @@ fn point(Physical { x, xdot }: Physical, z: Lifted) -> PathPoint {
     PathPoint { x, xdot, sigma: transform::side(z, 1.0) }
 }
 
-impl Part<PathPoint> for Stretch {
+impl Part<PathPoint> for DenseStep {
     fn span(&self) -> (f64, f64) {
         (self.from.t, self.to.t)
     }
 
     fn at(&self, t: f64, to: &mut PathPoint) {
-        *to = point(Stretch::at(self, t), self.z(t));
+        *to = point(DenseStep::at(self, t), self.z(t));
     }
 
     fn looks(&self, longest: f64) -> usize {
@@ -128,12 +128,12 @@ impl<E, M: Monitor<E>> Monitor<E> for StepEvents<'_, '_, M, E> {
         !self.seeker.is_idle()
     }
 
-    fn follow(&mut self, step: &Stretch) -> Result<ControlFlow<Status>, E> {
+    fn follow(&mut self, step: &DenseStep) -> Result<ControlFlow<Status>, E> {
         if self.seeker.make_room(&mut self.reserve).is_err() {
             return Ok(ControlFlow::Break(Status::OutOfMemory));
         }
         if !self.started {
-            let Knot { t, state, z } = step.from;
+            let StepEnd { t, state, z } = step.from;
             self.seeker.start(t, &point(state, z))?;
             self.started = true;
         }

@@ -12,7 +12,7 @@ use zivi_core::{Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
 use crate::record::columns::Sample;
 use crate::record::failure::Failure;
 use crate::record::trajectory::{checked_count, Run, SetupError};
-use crate::record::values::Values as Given;
+use crate::record::values::Values as ReferencePoint;
 use crate::stepping::fixed_step::{run, FixedStep, Start};
 use crate::stepping::implicit::ImplicitForce;
 use crate::stepping::scheme::Scheme;
@@ -135,7 +135,7 @@ impl Scheme for ThetaGamma {
         Solver::LINEARISATIONS,
     ];
 
-    fn of(values: &Given) -> Result<Self, SetupError> {
+    fn of(values: &ReferencePoint) -> Result<Self, SetupError> {
         let linearisations = values.count(&Solver::LINEARISATIONS)?;
         Ok(Self {
             theta: values.number(&ThetaGammaStep::THETA)?,

@@ -1,6 +1,6 @@
 //! Impacts that accumulate, and what is known of the end of them.
 
-use super::lookahead::{Lookahead, Obstacle};
+use super::lookahead::{Deviation, Lookahead};
 use super::settings::SwitchedRk;
 use super::stages::Counted;
 use super::stalling::StallingImpacts;
@@ -20,7 +20,7 @@ const COLUMNS: usize = 4;
 pub(super) struct Accumulation {
     chain: Chain<f64>,
     /// Where the force last kept the mass from jumping to the end of it.
-    obstacle: Option<Obstacle>,
+    obstacle: Option<Deviation>,
     stalling: StallingImpacts,
 }
 
@@ -43,7 +43,7 @@ impl Accumulation {
 
     /// Where the force last kept the mass from jumping.
     #[inline]
-    pub(super) fn obstacle(&self) -> Option<Obstacle> {
+    pub(super) fn obstacle(&self) -> Option<Deviation> {
         self.obstacle
     }
 

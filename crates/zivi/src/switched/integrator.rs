@@ -3,7 +3,7 @@
 
 use super::accumulation::Accumulation;
 use super::flight::{Arrival, FreeFlight};
-use super::lift_off::Lookout;
+use super::lift_off::ForceMonitor;
 use super::mode::{Flight, Mode};
 use super::piece::{Counts, Piece};
 use super::point::Point;
@@ -52,7 +52,7 @@ pub struct SwitchedIntegrator {
     mode: Mode,
     flight: FreeFlight,
     accumulation: Accumulation,
-    lookout: Lookout,
+    lookout: ForceMonitor,
     nfev: u64,
     impacts: u64,
 }
@@ -72,7 +72,7 @@ impl SwitchedIntegrator {
             mode: Mode::REST,
             flight: FreeFlight::new(&settings),
             accumulation: Accumulation::new(law.limit().unwrap_or(1.0)),
-            lookout: Lookout::default(),
+            lookout: ForceMonitor::default(),
             nfev: 0,
             impacts: 0,
         })
@@ -100,7 +100,7 @@ impl SwitchedIntegrator {
         if self.settings.first_step.is_some() {
             steps.set_next(self.settings.first_step);
         }
-        self.lookout = Lookout::starting(steps.next());
+        self.lookout = ForceMonitor::starting(steps.next());
         self.forget_force();
         Ok(())
     }
@@ -243,7 +243,7 @@ impl SwitchedIntegrator {
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        let Mode::Flight(Flight::Weigh) = self.mode else { return Ok(()) };
+        let Mode::Flight(Flight::AfterImpact) = self.mode else { return Ok(()) };
         let Point { t, xdot: u, .. } = self.now;
         if u == 0.0 {
             // the impact stops the mass, which stays in the origin or is pulled off at once
@@ -282,7 +282,9 @@ impl SwitchedIntegrator {
             Mode::Flight(_) => self.accumulation.check_budget(self.settings.max_impacts)?,
         }
         match self.mode {
-            Mode::Flight(Flight::Weigh | Flight::Step { .. }) if self.state().is_at_origin() => {
+            Mode::Flight(Flight::AfterImpact | Flight::Step { .. })
+                if self.state().is_at_origin() =>
+            {
                 self.wait(t_end, force)
             }
             _ => self.fly(t_end, force),
@@ -317,7 +319,7 @@ impl SwitchedIntegrator {
         self.impacts += 1;
         self.now = Point { x: 0.0, xdot: after, ..contact };
         self.sigma = -sigma;
-        self.mode = Mode::Flight(Flight::Weigh);
+        self.mode = Mode::Flight(Flight::AfterImpact);
         Piece::Flight { from, sigma, impact: Some(impact) }
     }
 

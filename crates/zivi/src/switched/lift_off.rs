@@ -113,7 +113,7 @@ impl Fit {
 
 /// The search for lift-offs: what it knows of the force from one window to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Lookout {
+pub(super) struct ForceMonitor {
     /// Length of the window to look at next (s).
     length: Option<f64>,
     /// The longest that was decided (s).
@@ -126,7 +126,7 @@ pub(super) struct Lookout {
     probes: Probes,
 }
 
-impl Lookout {
+impl ForceMonitor {
     /// The search at the start of a run, with a window of this length first.
     pub(super) fn starting(length: Option<f64>) -> Self {
         Self { length, ..Self::default() }
@@ -279,7 +279,8 @@ mod tests {
     /// The first lift-off up to `until`, and the number of evaluations.
     fn search(h: f64, until: f64, phi: impl Fn(f64) -> f64) -> (Option<f64>, usize) {
         let (mut t, mut n) = (0.0, 0);
-        let mut lookout = Lookout { length: Some(h), probing: true, ..Lookout::default() };
+        let mut lookout =
+            ForceMonitor { length: Some(h), probing: true, ..ForceMonitor::default() };
         let mut rest = Rest::default();
         while t < until {
             let window = lookout.look(&mut rest, (t, until), f64::INFINITY, |t| {

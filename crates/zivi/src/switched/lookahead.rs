@@ -54,7 +54,7 @@ const STEPS: f64 = 4.0;
 
 /// An arc on which the force was seen to make another motion than expected.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Obstacle {
+pub(crate) struct Deviation {
     from: f64,
     to: f64,
     /// Impacts before all arcs are looked at again.
@@ -65,7 +65,7 @@ pub(crate) struct Obstacle {
 /// noise in it every look may be in vain.
 const PER_IMPACT: u64 = 32;
 
-impl Obstacle {
+impl Deviation {
     /// Longest step at `t`: between the stages of one that is a whole arc long there may be enough
     /// room to overlook once more what was seen.
     pub(crate) fn longest_step(&self, t: f64) -> f64 {
@@ -94,20 +94,20 @@ impl Lookahead<'_> {
     /// the tail. One that did so before, `suspect`, is looked at first.
     pub(crate) fn obstacle<E, F: Force<E>>(
         &self,
-        suspect: Option<Obstacle>,
+        suspect: Option<Deviation>,
         force: &mut Counted<'_, F>,
-    ) -> Result<Option<Obstacle>, Failure<E>> {
+    ) -> Result<Option<Deviation>, Failure<E>> {
         let (zeno, most) = (self.tail.zeno_time(), MOST * self.tolerance);
         if let Some(last) = suspect {
             let patience = last.patience.saturating_sub(1);
             if let Some(arc) = self.tail.arc_at(0.5 * (last.from + last.to)) {
                 let shift = self.shift(&arc, PANELS, force)?;
                 if shift.is_nan() || shift > most {
-                    return Ok(Some(Obstacle { from: arc.start, to: arc.end, patience }));
+                    return Ok(Some(Deviation { from: arc.start, to: arc.end, patience }));
                 }
             }
             if last.patience > 0 {
-                return Ok(Some(Obstacle { patience, ..last }));
+                return Ok(Some(Deviation { patience, ..last }));
             }
         }
         let before = force.count();
@@ -118,7 +118,7 @@ impl Lookahead<'_> {
             shift += arcs as f64 * self.shift(&arc, panels, force)?;
             if shift.is_nan() || shift > most {
                 let patience = (force.count() - before) / PER_IMPACT;
-                return Ok(Some(Obstacle { from: arc.start, to: arc.end, patience }));
+                return Ok(Some(Deviation { from: arc.start, to: arc.end, patience }));
             }
             m += arcs;
         }
@@ -126,7 +126,7 @@ impl Lookahead<'_> {
             Err(Failure::Status(_)) => false,
             pull => pull? <= 0.0,
         };
-        Ok((!pulled).then_some(Obstacle { from: zeno, to: zeno, patience: 0 }))
+        Ok((!pulled).then_some(Deviation { from: zeno, to: zeno, patience: 0 }))
     }
 
     /// How closely to look at an arc when a part `left` of the tail is left: in how many panels,
@@ -211,9 +211,9 @@ mod tests {
     /// What the look through the tail finds, and how often the force was asked.
     fn look(
         max_step: f64,
-        suspect: Option<Obstacle>,
+        suspect: Option<Deviation>,
         f: impl Fn(f64) -> f64,
-    ) -> (Option<Obstacle>, u64) {
+    ) -> (Option<Deviation>, u64) {
         let tail = tail();
         let ahead = Lookahead { tail: &tail, e: E, tolerance: TOLERANCE, max_step, period: None };
         let mut force = FunctionForce(|t: f64, _: f64, _: f64| Ok::<f64, ()>(f(t)));
@@ -222,7 +222,7 @@ mod tests {
         (found, force.count())
     }
 
-    fn start_of(found: Option<Obstacle>) -> Option<f64> {
+    fn start_of(found: Option<Deviation>) -> Option<f64> {
         found.map(|obstacle| obstacle.from)
     }
 
@@ -313,7 +313,7 @@ mod tests {
 
     #[test]
     fn what_was_seen_once_is_looked_at_first_and_the_rest_again_when_patience_ends() {
-        let suspect = |patience| Some(Obstacle { from: 1.75, to: 1.875, patience });
+        let suspect = |patience| Some(Deviation { from: 1.75, to: 1.875, patience });
         let look = |patience, f: &dyn Fn(f64) -> f64| look(1.0, suspect(patience), f);
         let one_arc = 2 * PANELS as u64;
         let (found, asked) = look(2, &push(1.0, 1.75, 0.125));

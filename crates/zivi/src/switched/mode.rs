@@ -1,14 +1,14 @@
 //! What a mass does, flight or rest, and what is known in each of them.
 //!
 //! ```text
-//! Step, Leave  -- impact ---->  Weigh         Leave  -- step ------>  Step
-//! Weigh  -- bounces -------->  Step           Rest   -- lift-off -->  Leave
-//! Weigh  -- accumulates ---->  Jump  -->  Rest
-//! Weigh  -- stops, stays --->  Step in the origin  -->  Rest
-//! Weigh  -- stops, pulled -->  Leave
+//! Step, Leave  -- impact ---->  AfterImpact         Leave  -- step ------>  Step
+//! AfterImpact  -- bounces -------->  Step           Rest   -- lift-off -->  Leave
+//! AfterImpact  -- accumulates ---->  Jump  -->  Rest
+//! AfterImpact  -- stops, stays --->  Step in the origin  -->  Rest
+//! AfterImpact  -- stops, pulled -->  Leave
 //! ```
 
-use crate::piecewise::steps::Experience;
+use crate::piecewise::steps::StepHistory;
 
 /// What the mass does now.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,10 +25,10 @@ pub(super) enum Mode {
 #[repr(u32)]
 pub(super) enum Flight {
     /// The last impact has yet to be thought about.
-    Weigh,
+    AfterImpact,
     /// A step, or the part of it up to an impact.
     Step {
-        experience: Experience,
+        experience: StepHistory,
         /// Whether the state is that at the end of the last step of the pair, under the same force.
         continues: bool,
     },
@@ -52,7 +52,7 @@ impl Mode {
 
     /// Flight whose first step is yet to come.
     pub(super) const FLIGHT: Self =
-        Self::Flight(Flight::Step { experience: Experience::NONE, continues: false });
+        Self::Flight(Flight::Step { experience: StepHistory::NONE, continues: false });
     /// The lift-off where the force is positive all at once.
     pub(super) const LIFT_OFF: Self = Self::Flight(Flight::Leave { order: 2 });
     /// The lift-off where the force grows from zero.
@@ -66,7 +66,7 @@ impl Mode {
             Self::Flight(Flight::Leave { .. } | Flight::Jump { .. }) => {
                 *self = Self::FLIGHT;
             }
-            Self::Flight(Flight::Weigh) | Self::Rest(_) => (),
+            Self::Flight(Flight::AfterImpact) | Self::Rest(_) => (),
         }
     }
 
@@ -81,10 +81,10 @@ impl Mode {
 
     /// What speaks for the length of the next step.
     #[inline]
-    pub(super) fn experience(&self) -> Experience {
+    pub(super) fn experience(&self) -> StepHistory {
         match *self {
             Self::Flight(Flight::Step { experience, .. }) => experience,
-            _ => Experience::NONE,
+            _ => StepHistory::NONE,
         }
     }
 

@@ -3,7 +3,7 @@
 use super::path::DensePath;
 use super::piece::Counts;
 use crate::record::trajectory::Trajectory;
-use crate::record::user_events::{Hit, UserEvent};
+use crate::record::user_events::{LocatedEvent, UserEvent};
 use crate::zeno::tail::Tail;
 use crate::{Impact, Physical};
 
@@ -44,7 +44,7 @@ pub struct SwitchedRun<E> {
     /// The arcs that jumps to rest skipped, in order.
     pub tails: Vec<Tail>,
     /// For each event of the user what happened, in order.
-    pub hits: Vec<Vec<Hit>>,
+    pub hits: Vec<Vec<LocatedEvent>>,
     /// How much work was done.
     pub counts: Counts,
     /// The time and the state up to which the motion is known, whatever is sampled.

@@ -5,20 +5,20 @@ use std::collections::TryReserveError;
 use super::integrator::SwitchedIntegrator;
 use super::output::{Output, SwitchedRun};
 use super::path::{Curve, DensePath};
-use super::picture::between_steps;
 use super::piece::{Counts, Piece};
+use super::plot_samples::between_steps;
 use super::point::Point;
 use super::samples::Samples;
 use super::stages::Counted;
-use crate::piecewise::method::{Advance, Asked, Piecewise};
-use crate::piecewise::running::{self as piecewise, unless_terminal, until, Absorb, Record};
+use crate::piecewise::method::{Advance, Piecewise, Rhs};
+use crate::piecewise::running::{self as piecewise, unless_terminal, until, Record, SegmentSink};
+use crate::record::event_locator::SmoothPart;
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
 use crate::record::point::PathPoint;
 use crate::record::reserve::Reserve;
-use crate::record::seeker::SmoothPart;
 use crate::record::trajectory::{SetupError, Trajectory};
-use crate::record::user_events::{Hit, Level};
+use crate::record::user_events::{Level, LocatedEvent};
 use crate::system::stops::Smooth;
 use crate::zeno::tail::Tail;
 use crate::{Force, Impact, Occurrence, Physical};
@@ -97,7 +97,7 @@ impl<'f, E, F: Force<E>> Advance<Counted<'f, F>, E> for SwitchedIntegrator {
     }
 }
 
-impl<F> Asked for Counted<'_, F> {
+impl<F> Rhs for Counted<'_, F> {
     fn smooth(&mut self) -> &mut Smooth {
         &mut self.smooth
     }
@@ -121,7 +121,7 @@ impl Record<SwitchedIntegrator> for MassRecord {
     }
 }
 
-impl<'f, E, F: Force<E>> Absorb<SwitchedIntegrator, Counted<'f, F>, E> for Running<'_, E> {
+impl<'f, E, F: Force<E>> SegmentSink<SwitchedIntegrator, Counted<'f, F>, E> for Running<'_, E> {
     /// A mass that arrives at the wall has its impact first.
     fn begin(&mut self, _until: f64, _: &mut Counted<'f, F>) -> Result<(), Ending<E>> {
         let Self { method, record, .. } = self;
@@ -225,7 +225,7 @@ impl<E> Running<'_, E> {
         (from, end): (f64, f64),
         motion: impl Fn(f64) -> PathPoint,
         crossings: impl Fn(Level) -> Vec<f64>,
-    ) -> Result<Option<Hit>, E> {
+    ) -> Result<Option<LocatedEvent>, E> {
         /// A step of that length is one, whatever rounding makes of it.
         const ROUNDING: f64 = 1.0 - 1e-9;
         if self.seeker.is_idle() {
@@ -278,7 +278,11 @@ impl<E> Running<'_, E> {
         Ok(())
     }
 
-    fn seek_in_tail(&mut self, tail: &Tail, end: (f64, PathPoint)) -> Result<Option<Hit>, E> {
+    fn seek_in_tail(
+        &mut self,
+        tail: &Tail,
+        end: (f64, PathPoint),
+    ) -> Result<Option<LocatedEvent>, E> {
         if self.seeker.is_idle() {
             return Ok(None);
         }

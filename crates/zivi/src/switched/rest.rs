@@ -1,7 +1,7 @@
 //! Rest at the wall, up to the lift-off.
 
 use super::flight::FreeFlight;
-use super::lift_off::{Lookout, Window};
+use super::lift_off::{ForceMonitor, Window};
 use super::mode::{Mode, Rest};
 use super::point::Point;
 use super::stages::Counted;
@@ -15,7 +15,7 @@ const PART: f64 = 1e-2;
 /// the lift-off. It goes up to `t_end` and, where the force is sampled, is at most `longest` long.
 pub(super) fn wait<E, F: Force<E>>(
     (now, mode): (&mut Point, &mut Mode),
-    lookout: &mut Lookout,
+    lookout: &mut ForceMonitor,
     flight: &mut FreeFlight,
     (t_end, longest): (f64, f64),
     force: &mut Counted<'_, F>,
@@ -48,7 +48,7 @@ pub(super) fn wait<E, F: Force<E>>(
 fn window<E, F: Force<E>>(
     now: Point,
     rest: &mut Rest,
-    lookout: &mut Lookout,
+    lookout: &mut ForceMonitor,
     flight: &mut FreeFlight,
     (t_end, longest): (f64, f64),
     force: &mut Counted<'_, F>,

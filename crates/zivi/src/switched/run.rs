@@ -5,7 +5,7 @@ use super::output::{Output, SwitchedRun};
 use super::recording::running;
 use super::settings::{Flights, SwitchedRk};
 use super::stages::Counted;
-use crate::piecewise::method::{Driver, Plainly};
+use crate::piecewise::method::{Driver, NoSink};
 use crate::record::trajectory::SetupError;
 use crate::{AnyImpactLaw, Force, GridError, Monitor, Physical};
 
@@ -49,7 +49,7 @@ pub fn simulate_switched_rk<E, F: Force<E>>(
     output: Output<'_, E>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<SwitchedRun<E>, SetupError> {
-    simulate_with(&mut Plainly, settings, law.into(), force, span, initial, output, monitor)
+    simulate_with(&mut NoSink, settings, law.into(), force, span, initial, output, monitor)
 }
 
 /// The same in the steps of somebody else.

@@ -4,7 +4,7 @@ use zivi_core::{sgn, transform, Branch, Restitution};
 
 use std::collections::TryReserveError;
 
-use super::picture::Row;
+use super::plot_samples::Row;
 use crate::record::columns::{Columns, QUANTITIES};
 use crate::record::reserve::Reserve;
 use crate::record::trajectory::SetupError;

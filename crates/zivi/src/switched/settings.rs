@@ -9,7 +9,7 @@ use crate::numeric::step_error::Tolerances;
 use crate::numeric::tableau::{Pair, DOP853, DORMAND_PRINCE_5};
 use crate::piecewise::steps::Limits;
 use crate::record::trajectory::{checked_count, SetupError};
-use crate::record::values::Values as Given;
+use crate::record::values::Values as ReferencePoint;
 use crate::zeno::chain::Chain;
 
 /// Order of the Runge-Kutta pair.
@@ -235,7 +235,7 @@ impl SwitchedRk {
     ///
     /// # Errors
     /// [`SetupError`] where one is missing.
-    pub fn of(values: &Given) -> Result<Self, SetupError> {
+    pub fn of(values: &ReferencePoint) -> Result<Self, SetupError> {
         let order = i64::try_from(values.count(&Self::ORDER)?).ok().and_then(Order::of);
         Ok(Self {
             rtol: values.number(&Self::RTOL)?,

@@ -4,7 +4,7 @@ use super::dynamics::{Dynamics, Layout};
 
 /// A time and a state of a mechanical system.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Posture<'a> {
+pub struct TimedState<'a> {
     /// Time (s).
     pub t: f64,
     /// Coordinates.
@@ -27,7 +27,7 @@ pub trait DifferentiableDynamics<E>: Dynamics<E> {
     ///
     /// # Errors
     /// Whatever the system raises.
-    fn partials(&mut self, at: Posture<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E>;
+    fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E>;
 }
 
 /// The step of a difference relative to the extent of what it moves.
@@ -107,7 +107,7 @@ impl<D> DifferencedDynamics<D> {
     /// The derivative by a parameter.
     fn by_parameter<E>(
         &mut self,
-        at: Posture<'_>,
+        at: TimedState<'_>,
         parameter: usize,
         out: &mut [f64],
     ) -> Result<(), E>
@@ -135,7 +135,7 @@ impl<E, D: Dynamics<E>> DifferentiableDynamics<E> for DifferencedDynamics<D> {
         self.extent.extend(q.iter().chain(w).map(|&size| if size > 0.0 { size } else { 1.0 }));
     }
 
-    fn partials(&mut self, at: Posture<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E> {
+    fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E> {
         let length = self.layout().len();
         let here: Vec<f64> = [&[at.t], at.q, at.w].concat();
         self.extent.resize(here.len(), 1.0);
@@ -197,7 +197,7 @@ mod tests {
         let neighbours = Neighbours { step, systems: MOVES.map(|k| System(p + k * step)) };
         let mut differenced = DifferencedDynamics::new(System(p), vec![neighbours], 3.0);
         let mut out = [0.0; 8];
-        let Ok(()) = differenced.partials(Posture { t, q: &[q], w: &[w] }, &[0], &mut out);
+        let Ok(()) = differenced.partials(TimedState { t, q: &[q], w: &[w] }, &[0], &mut out);
         let cos = (p * q).cos();
         let exact = [
             [0.0, p * w.powi(3)],

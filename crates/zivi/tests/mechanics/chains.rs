@@ -107,10 +107,10 @@ fn root(g: f64, v: f64, a: f64) -> f64 {
 }
 
 /// One gap in an impact: time, gap, speeds before and after, impulse.
-type Hit = (f64, usize, f64, f64, f64);
+type LocatedEvent = (f64, usize, f64, f64, f64);
 
 /// The impacts up to `END` or the first two within `apart`, and the state at the end if it was reached.
-fn follow(chain: &Chain, apart: f64) -> (Vec<Hit>, Option<Vec<f64>>) {
+fn follow(chain: &Chain, apart: f64) -> (Vec<LocatedEvent>, Option<Vec<f64>>) {
     let Chain { system: Linear { mass, gaps, e, q, w }, force } = chain;
     let (n, m) = (mass.len(), gaps.len());
     let (mut q, mut w, mut t, mut last) = (q.clone(), w.clone(), 0.0, -1.0);
@@ -181,7 +181,7 @@ fn follow(chain: &Chain, apart: f64) -> (Vec<Hit>, Option<Vec<f64>>) {
 
 /// As [`follow`], as long as speeds that are larger by 1e-12 change nothing by 1e-9: many elastic impacts
 /// in short sequence magnify rounding without a bound.
-fn follow_surely(chain: &Chain) -> (Vec<Hit>, Option<Vec<f64>>) {
+fn follow_surely(chain: &Chain) -> (Vec<LocatedEvent>, Option<Vec<f64>>) {
     const APART: f64 = 1e-4;
     let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
     let Linear { mass, gaps, e, q, w } = &chain.system;
@@ -189,7 +189,7 @@ fn follow_surely(chain: &Chain) -> (Vec<Hit>, Option<Vec<f64>>) {
     let system = Linear { mass: mass.clone(), gaps: gaps.clone(), e: e.clone(), q: q.clone(), w };
     let (mut hits, end) = follow(chain, APART);
     let (others, other) = follow(&Chain { system, force: chain.force.clone() }, APART);
-    let same = |(a, b): &(&Hit, &Hit)| {
+    let same = |(a, b): &(&LocatedEvent, &LocatedEvent)| {
         a.1 == b.1 && near(a.0, b.0) && near(a.2, b.2) && near(a.3, b.3) && near(a.4, b.4)
     };
     let known = hits.iter().zip(&others).take_while(same).count();
@@ -249,7 +249,7 @@ fn check(chain: &Chain, name: &str) -> (usize, bool) {
     let run = chain.system.run(|_| chain.force.clone(), END, SwitchedRk::with_tol(1e-10));
     assert_eq!(run.status, Status::Completed, "{name}: {:?}", chain.system);
     let (hits, end) = follow_surely(chain);
-    let mut found: Vec<Hit> = Vec::new();
+    let mut found: Vec<LocatedEvent> = Vec::new();
     let mut jumped = false;
     for it in &run.occurrences {
         match *it {

@@ -18,9 +18,9 @@ fn restitution() -> Restitution {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Stop(f64);
 
-struct Quiet;
+struct Unobserved;
 
-impl Monitor<Stop> for Quiet {
+impl Monitor<Stop> for Unobserved {
     fn poll(&mut self, _: usize, _: usize) -> Result<(), Stop> {
         Ok(())
     }
@@ -28,8 +28,16 @@ impl Monitor<Stop> for Quiet {
 
 fn run(settings: SwitchedRk, force: &mut impl Force<Stop>, t_end: f64) -> SwitchedRun<Stop> {
     let output = Output { dense: true, ..Output::default() };
-    simulate_switched_rk(settings, restitution(), force, (0.0, t_end), START, output, &mut Quiet)
-        .unwrap()
+    simulate_switched_rk(
+        settings,
+        restitution(),
+        force,
+        (0.0, t_end),
+        START,
+        output,
+        &mut Unobserved,
+    )
+    .unwrap()
 }
 
 fn last_time(run: &SwitchedRun<Stop>) -> f64 {
@@ -194,7 +202,7 @@ fn a_singularity_ends_the_run() {
             (0.0, 10.0),
             start,
             Output::<Stop>::default(),
-            &mut Quiet,
+            &mut Unobserved,
         )
         .unwrap();
         assert_eq!(run.trajectory.status, Status::StepSizeTooSmall, "{order:?}");

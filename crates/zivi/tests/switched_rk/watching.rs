@@ -141,8 +141,8 @@ fn errors_of_events_end_the_run() {
             Ok(1.0)
         }
     });
-    struct Quiet;
-    impl zivi::Monitor<&'static str> for Quiet {
+    struct Unobserved;
+    impl zivi::Monitor<&'static str> for Unobserved {
         fn poll(&mut self, _: usize, _: usize) -> Result<(), &'static str> {
             Ok(())
         }
@@ -154,7 +154,7 @@ fn errors_of_events_end_the_run() {
         (0.0, 4.0),
         Physical { x: 1.0, xdot: 0.0 },
         Output { events: vec![bad], ..Output::default() },
-        &mut Quiet,
+        &mut Unobserved,
     )
     .unwrap();
     assert_eq!(run.trajectory.status, Status::Raised);

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from xml.etree import ElementTree as Xml
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.interop.fmu.table import Model, Variable
 
 __all__ = ["IDENTIFIER", "description"]

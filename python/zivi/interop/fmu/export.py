@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import whole
 from zivi.interop.fmu.description import IDENTIFIER, description
 from zivi.interop.fmu.table import MODELS, Model

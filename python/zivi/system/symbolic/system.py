@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, finite
 from zivi.base.formula import normal
 from zivi.base.machine_code import Native, compiled

@@ -25,7 +25,7 @@ mod work;
 use super::interruption::Interruption;
 use super::settings::Start;
 use tableau::Tableau;
-pub(super) use work::{AffineVi, Effort, PivotalWorkspace, Poll};
+pub(super) use work::{AffineVi, PivotalWorkspace, Poll, WorkCounts};
 
 /// How a path ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +53,7 @@ pub(super) fn follow(
     work: &mut PivotalWorkspace<'_>,
     z: &mut [f64],
     poll: &mut Poll<'_>,
-) -> Result<(PathEnd, Effort), Interruption> {
+) -> Result<(PathEnd, WorkCounts), Interruption> {
     let mut tableau = Tableau::new(avi, work);
     let begun = match start {
         Start::Regular => tableau.start_at(z, poll)?,

@@ -4,7 +4,7 @@ use super::super::dense;
 use super::super::interruption::Interruption;
 use super::basis::Basis;
 use super::basis::Variable;
-use super::work::{AffineVi, Effort, PivotalWorkspace, Poll};
+use super::work::{AffineVi, PivotalWorkspace, Poll, WorkCounts};
 
 /// Which variable of an index is basic, as kept in the caller's slice of indices.
 pub(super) mod held {
@@ -47,7 +47,7 @@ pub(super) struct Tableau<'a> {
     /// The value of `s` while it is not basic.
     pub(super) s: f64,
     pub(super) s_is_basic: bool,
-    pub(super) effort: Effort,
+    pub(super) effort: WorkCounts,
 }
 
 impl<'a> Tableau<'a> {
@@ -64,7 +64,7 @@ impl<'a> Tableau<'a> {
             held: work.held,
             s: 0.0,
             s_is_basic: false,
-            effort: Effort::default(),
+            effort: WorkCounts::default(),
         }
     }
 

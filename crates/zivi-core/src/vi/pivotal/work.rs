@@ -6,7 +6,7 @@ use super::super::natural::natural_residual;
 
 /// What a path has cost.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in super::super) struct Effort {
+pub(in super::super) struct WorkCounts {
     /// Pivots along the path, bound flips included.
     pub(in super::super) pivots: usize,
     /// These and the columns entered into fresh bases, of about the same cost.

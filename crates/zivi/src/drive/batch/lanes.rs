@@ -63,7 +63,7 @@ struct Lanes {
 }
 
 /// What goes on beside the states.
-struct Ledger {
+struct BatchState {
     falling: Falling,
     log: EventLog,
     sigma: f64,
@@ -85,7 +85,7 @@ pub(super) fn run(
     let mut lanes = Lanes::new(gamma, grid.n_steps());
     for (i, &falling) in masses.iter().enumerate() {
         let z = lift(falling.initial, falling.step.restitution())?;
-        let ledger = Ledger::start(falling, z, grid, save)?;
+        let ledger = BatchState::start(falling, z, grid, save)?;
         lanes.place(i, z, &ledger);
         ledgers.push(ledger);
     }
@@ -126,7 +126,7 @@ const PIECE: usize = 1 << 14;
 /// The steps of a range.
 struct Pass<'a> {
     lanes: &'a mut Lanes,
-    ledgers: &'a mut [Ledger],
+    ledgers: &'a mut [BatchState],
     grid: Grid,
     range: (usize, usize),
 }
@@ -212,7 +212,7 @@ impl Lanes {
     }
 
     /// Puts a mass where it is.
-    fn place(&mut self, i: usize, z: Lifted, ledger: &Ledger) {
+    fn place(&mut self, i: usize, z: Lifted, ledger: &BatchState) {
         // no negative zeros
         (self.s[i], self.v[i]) = (ledger.sigma * z.s + 0.0, ledger.sigma * z.v + 0.0);
         let rests = z == Lifted::default() && ledger.falling.force <= 0.0;
@@ -220,8 +220,10 @@ impl Lanes {
     }
 
     /// The constants of steps of size `h`.
-    fn prepare(&mut self, ledgers: &[Ledger], h: f64) {
-        for (i, Ledger { falling: Falling { step, force, .. }, .. }) in ledgers.iter().enumerate() {
+    fn prepare(&mut self, ledgers: &[BatchState], h: f64) {
+        for (i, BatchState { falling: Falling { step, force, .. }, .. }) in
+            ledgers.iter().enumerate()
+        {
             let (restitution, push) = (step.restitution(), h * force);
             for (way, lambda_v) in [1.0, -1.0].into_iter().enumerate() {
                 let r = restitution.r(1.0, lambda_v);
@@ -324,7 +326,7 @@ const MARGIN: f64 = 100.0 * SIGN_TOLERANCE;
 /// States beyond it are looked at one by one.
 const HUGE: f64 = 1e300;
 
-impl Ledger {
+impl BatchState {
     fn start(falling: Falling, z: Lifted, grid: Grid, save: Save<'_>) -> Result<Self, SetupError> {
         let Falling { step, initial, .. } = falling;
         let incoming = initial.arrives();

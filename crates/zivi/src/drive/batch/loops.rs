@@ -6,8 +6,8 @@ use zivi_core::{Physical, Restitution};
 use super::outcome::{samples, thinned};
 use super::{pool, BatchError, Need, Stopped};
 use crate::drive::closed_loop::{
-    observe_closed_loop, AnyController, Followed, Forces, Given, Loop, LoopOptions, LoopRun,
-    Motion, Samples, Sensor, LOOP_COLUMNS, REFUSED,
+    observe_closed_loop, AnyController, Forces, Loop, LoopOptions, LoopRun, Motion, ReferencePoint,
+    ReferenceWithWall, Samples, Sensor, LOOP_COLUMNS, REFUSED,
 };
 use crate::system::evaluation::check_initial;
 use crate::{Force, Grid, Impact, Monitor, SetupError, Status};
@@ -28,7 +28,7 @@ pub struct LoopMember<'r, F> {
     /// The samples.
     pub grid: Grid,
     /// A reference that is given at the samples, and its wall.
-    pub reference: Option<(&'r [Given], Restitution)>,
+    pub reference: Option<(&'r [ReferencePoint], Restitution)>,
 }
 
 /// What is the same for all loops of a batch.
@@ -125,9 +125,9 @@ fn check_memory<E, F>(
 const CHUNK: usize = 8;
 
 /// Looks whether to stop.
-struct Quiet<'a>(&'a dyn Fn() -> bool);
+struct Unobserved<'a>(&'a dyn Fn() -> bool);
 
-impl Monitor<Stopped> for Quiet<'_> {
+impl Monitor<Stopped> for Unobserved<'_> {
     fn poll(&mut self, _: usize, _: usize) -> Result<(), Stopped> {
         if (self.0)() {
             Err(Stopped)
@@ -159,9 +159,9 @@ fn one<F: Force<Stopped> + Copy>(
     let mut samples = given.map(|(samples, restitution)| (Samples(samples), restitution));
     let reference = samples
         .as_mut()
-        .map(|(it, restitution)| Followed { reference: it, restitution: *restitution });
+        .map(|(it, restitution)| ReferenceWithWall { reference: it, restitution: *restitution });
     let options = LoopOptions { reference, ..LoopOptions::default() };
-    let monitor = &mut Quiet(stop);
+    let monitor = &mut Unobserved(stop);
     let run = observe_closed_loop(&mut controller, surroundings, forces, options, monitor)?;
     LoopOutcome::of(&run, settings)
 }

@@ -218,12 +218,12 @@ fn several<F: Force<Stopped> + Copy>(
 }
 
 /// Looks whether to stop, and keeps what is to be saved.
-struct Quiet<'a> {
+struct Unobserved<'a> {
     keep: Keep,
     stop: &'a dyn Fn() -> bool,
 }
 
-impl Monitor<Stopped> for Quiet<'_> {
+impl Monitor<Stopped> for Unobserved<'_> {
     fn poll(&mut self, _: usize, _: usize) -> Result<(), Stopped> {
         if (self.stop)() {
             Err(Stopped)
@@ -246,7 +246,7 @@ fn one<F: Force<Stopped> + Copy>(
     let Member { law, mut force, initial } = *member;
     let every = save.every();
     let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
-    let watch = &mut Quiet { keep, stop };
+    let watch = &mut Unobserved { keep, stop };
     let t_eval = if let Save::At(times) = save { Some(times) } else { None };
     let output = Output { t_eval, ..Output::default() };
     let system = PointMass { force: &mut force, law };

@@ -1,6 +1,6 @@
 //! What the sampled loop asks of a controller, and the controllers of `zivi_core` in that form.
 
-use super::reference::Course;
+use super::reference::ReferencePeriod;
 use super::solved::Solved;
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker};
@@ -50,7 +50,7 @@ pub trait Controller<E> {
     ///
     /// # Errors
     /// As [`Controller::tick`]; a controller that follows no given reference refuses.
-    fn tick_to(&mut self, _: Tick, _: Course) -> Result<f64, TickError<E>> {
+    fn tick_to(&mut self, _: Tick, _: ReferencePeriod) -> Result<f64, TickError<E>> {
         let text = "a controller that follows one";
         Err(TickError::Refused(SettingError { name: "reference", value: f64::NAN, range: text }))
     }
@@ -152,8 +152,9 @@ controller_with_reference!(
     TwistingTracker,
     it,
     it,
-    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
-        let (Tick { measured, force, .. }, Course { now, next, acceleration }) = (tick, course);
+    fn tick_to(&mut self, tick: Tick, course: ReferencePeriod) -> Result<f64, TickError<E>> {
+        let (Tick { measured, force, .. }, ReferencePeriod { now, next, acceleration }) =
+            (tick, course);
         Ok(TwistingTracker::tick_to(self, measured, force, now, next, acceleration)?)
     }
 );
@@ -162,8 +163,9 @@ controller_with_reference!(
     Solved<TwistingTracker>,
     it,
     it.controller,
-    fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
-        let (Tick { measured, force, .. }, Course { now, next, acceleration }) = (tick, course);
+    fn tick_to(&mut self, tick: Tick, course: ReferencePeriod) -> Result<f64, TickError<E>> {
+        let (Tick { measured, force, .. }, ReferencePeriod { now, next, acceleration }) =
+            (tick, course);
         Ok(Solved::<TwistingTracker>::tick_to(self, measured, force, [now, next], acceleration)?)
     }
 );
@@ -201,7 +203,7 @@ macro_rules! controllers {
                 }
             }
 
-            fn tick_to(&mut self, tick: Tick, course: Course) -> Result<f64, TickError<E>> {
+            fn tick_to(&mut self, tick: Tick, course: ReferencePeriod) -> Result<f64, TickError<E>> {
                 match self {
                     $(AnyController::$name(it) => Controller::<E>::tick_to(it, tick, course),)*
                 }

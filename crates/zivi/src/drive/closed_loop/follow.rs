@@ -3,17 +3,17 @@
 use zivi_core::Physical;
 
 use super::plant::Plant;
-use super::reference::Followed;
+use super::reference::ReferenceWithWall;
 use super::Period;
+use crate::record::event_locator::{unknown, EventLocator, SmoothPart};
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
-use crate::record::seeker::{unknown, Seeker, SmoothPart};
-use crate::{Hit, Impact, PathPoint, UserEvent};
+use crate::{Impact, LocatedEvent, PathPoint, UserEvent};
 
 /// What a closed loop may be given beside its surroundings, and what it shall keep.
 pub struct LoopOptions<'a, E> {
     /// The reference, if it is given: the controller does not advance one of its own then.
-    pub reference: Option<Followed<'a, E>>,
+    pub reference: Option<ReferenceWithWall<'a, E>>,
     /// Whether to keep the motion between the samples.
     pub dense: bool,
     /// The user's events. A level is a function as others are.
@@ -28,7 +28,7 @@ impl<E> Default for LoopOptions<'_, E> {
 
 /// The events of the user along the plant.
 pub(super) struct LoopEvents<'a, E> {
-    seeker: Seeker<'a, E, PathPoint>,
+    seeker: EventLocator<'a, E, PathPoint>,
     reserve: Reserve,
     started: bool,
     /// Impacts that were seen.
@@ -38,7 +38,7 @@ pub(super) struct LoopEvents<'a, E> {
 impl<'a, E> LoopEvents<'a, E> {
     /// Events of a run that takes a time (s).
     pub(super) fn new(events: Vec<UserEvent<'a, E>>, duration: f64) -> Self {
-        let seeker = Seeker::new(events, point(Physical::default()), duration);
+        let seeker = EventLocator::new(events, point(Physical::default()), duration);
         Self { seeker, reserve: Reserve::default(), started: false, impacts: 0 }
     }
 
@@ -70,7 +70,7 @@ impl<'a, E> LoopEvents<'a, E> {
         end: Physical,
         impacts: &[Impact],
         plant: &impl Plant<E>,
-    ) -> Result<Option<Hit>, E> {
+    ) -> Result<Option<LocatedEvent>, E> {
         for &Impact { t: at, xdot_before, xdot_after } in impacts {
             let contact = point(Physical { x: 0.0, xdot: xdot_before });
             let motion = |time: f64, to: &mut PathPoint| {
@@ -96,7 +96,7 @@ impl<'a, E> LoopEvents<'a, E> {
     }
 
     /// What happened of each event.
-    pub(super) fn into_hits(self) -> Vec<Vec<Hit>> {
+    pub(super) fn into_hits(self) -> Vec<Vec<LocatedEvent>> {
         self.seeker.into_hits()
     }
 }

@@ -27,7 +27,7 @@ pub use follow::LoopOptions;
 pub use path::LoopPath;
 pub use plant::{Period, Plant};
 pub use record::{LoopRun, ESTIMATES, LOOP_COLUMNS, REFUSED};
-pub use reference::{Course, Followed, Given, Reference, Samples};
+pub use reference::{Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples};
 pub use sensor::Sensor;
 pub use solved::Solved;
 
@@ -39,7 +39,7 @@ use crate::{Dependence, Force, Grid, Monitor, SetupError, Status, SwitchedRk};
 use follow::LoopEvents;
 use plant::{BallisticPlant, Keeps, SchemePlant, SwitchedPlant};
 use record::LoopRecord;
-use reference::Guide;
+use reference::ReferenceTracker;
 
 /// How the plant moves between the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -178,7 +178,7 @@ struct LoopWalk<'a, 'e, C: ?Sized, P, F, E> {
     pending: VecDeque<f64>,
     events: LoopEvents<'e, E>,
     dense: bool,
-    guide: Option<Guide<'e, E>>,
+    guide: Option<ReferenceTracker<'e, E>>,
 }
 
 impl<'a, 'e, C, P, F, E> LoopWalk<'a, 'e, C, P, F, E>
@@ -214,7 +214,7 @@ where
             known: 0.0,
             observer,
             pending,
-            guide: output.reference.take().map(Guide::new),
+            guide: output.reference.take().map(ReferenceTracker::new),
             events: LoopEvents::new(std::mem::take(&mut output.events), duration),
             dense: output.dense,
         })
@@ -273,7 +273,7 @@ where
         &mut self,
         t: f64,
         reference: Option<Physical>,
-        course: Option<Course>,
+        course: Option<ReferencePeriod>,
     ) -> Result<Result<f64, TickError<E>>, Failure<E>> {
         let Estimate { state: measured, d } = match self.observe() {
             Ok(estimate) => estimate,
@@ -308,7 +308,7 @@ where
         &mut self,
         t: f64,
         reference: Option<Physical>,
-        course: Option<Course>,
+        course: Option<ReferencePeriod>,
     ) -> Result<u8, Failure<E>> {
         let bits = match self.ask(t, reference, course)? {
             Ok(u) => {

@@ -5,7 +5,7 @@ use zivi_core::Physical;
 
 use super::controller::{Controller, SIGNS};
 use super::path::LoopPath;
-use crate::{Events, Hit, SetupError, Status};
+use crate::{Events, LocatedEvent, SetupError, Status};
 
 /// Columns of the record: `t, x, xdot, x_ref, xdot_ref, u` and the signs.
 pub const LOOP_COLUMNS: usize = 6 + SIGNS;
@@ -29,7 +29,7 @@ pub struct LoopRun<E> {
     pub path: Option<LoopPath>,
     /// What happened of each event of the user. One that ends the run does so with the period in
     /// which it happens.
-    pub hits: Vec<Vec<Hit>>,
+    pub hits: Vec<Vec<LocatedEvent>>,
     /// How the run ended.
     pub status: Status,
     /// Evaluations of the true force.

@@ -8,7 +8,7 @@ use crate::Events;
 
 /// A given reference at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Given {
+pub struct ReferencePoint {
     /// Distance from the wall (m) and velocity (m/s).
     pub state: Physical,
     /// The side of the wall on which it is followed, where that is known.
@@ -23,24 +23,24 @@ pub trait Reference<E> {
     ///
     /// # Errors
     /// What the function of the user raises.
-    fn at(&mut self, k: usize, t: f64) -> Result<Given, E>;
+    fn at(&mut self, k: usize, t: f64) -> Result<ReferencePoint, E>;
 }
 
 /// A reference that is known at all samples.
 #[derive(Clone, Copy, Debug)]
-pub struct Samples<'a>(pub &'a [Given]);
+pub struct Samples<'a>(pub &'a [ReferencePoint]);
 
 impl<E> Reference<E> for Samples<'_> {
-    fn at(&mut self, k: usize, _: f64) -> Result<Given, E> {
+    fn at(&mut self, k: usize, _: f64) -> Result<ReferencePoint, E> {
         let missing = Physical { x: f64::NAN, xdot: f64::NAN };
-        let unknown = Given { state: missing, branch: None, acceleration: None };
+        let unknown = ReferencePoint { state: missing, branch: None, acceleration: None };
         Ok(self.0.get(k).copied().unwrap_or(unknown))
     }
 }
 
 /// What a tick is told of a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Course {
+pub struct ReferencePeriod {
     /// Where it is at the sample.
     pub now: Waypoint,
     /// Where it is at the next one.
@@ -50,7 +50,7 @@ pub struct Course {
 }
 
 /// A reference and the wall above which it moves.
-pub struct Followed<'a, E> {
+pub struct ReferenceWithWall<'a, E> {
     /// The reference.
     pub reference: &'a mut dyn Reference<E>,
     /// Its wall.
@@ -58,15 +58,15 @@ pub struct Followed<'a, E> {
 }
 
 /// Follows a given reference from sample to sample.
-pub(super) struct Guide<'a, E> {
-    followed: Followed<'a, E>,
+pub(super) struct ReferenceTracker<'a, E> {
+    followed: ReferenceWithWall<'a, E>,
     branch: Branch,
     /// Its acceleration over the last period without an impact (m/s^2).
     pull: f64,
 }
 
-impl<'a, E> Guide<'a, E> {
-    pub(super) fn new(followed: Followed<'a, E>) -> Self {
+impl<'a, E> ReferenceTracker<'a, E> {
+    pub(super) fn new(followed: ReferenceWithWall<'a, E>) -> Self {
         Self { followed, branch: Branch::Positive, pull: 0.0 }
     }
 
@@ -76,7 +76,11 @@ impl<'a, E> Guide<'a, E> {
     }
 
     /// The reference over the period from the `k`-th sample on.
-    pub(super) fn period(&mut self, k: usize, (t, t_next): (f64, f64)) -> Result<Course, E> {
+    pub(super) fn period(
+        &mut self,
+        k: usize,
+        (t, t_next): (f64, f64),
+    ) -> Result<ReferencePeriod, E> {
         let from = self.followed.reference.at(k, t)?;
         let to = self.followed.reference.at(k + 1, t_next)?;
         let now = from.branch.unwrap_or(self.branch);
@@ -92,7 +96,7 @@ impl<'a, E> Guide<'a, E> {
             self.pull = (to.state.xdot - from.state.xdot) / (t_next - t);
         }
         self.branch = next;
-        Ok(Course {
+        Ok(ReferencePeriod {
             now: Waypoint { state: from.state, branch: now },
             next: Waypoint { state: to.state, branch: next },
             acceleration: from.acceleration,

@@ -5,7 +5,9 @@
 //! that of the exact one; where it has several, this is the one near the last signs.
 
 use zivi_core::control::inclusion::{AsProblem, Inclusion};
-use zivi_core::control::{Course, ExplicitTwisting, TwistingRegulator, TwistingTracker, Waypoint};
+use zivi_core::control::{
+    ExplicitTwisting, ReferencePeriod, TwistingRegulator, TwistingTracker, Waypoint,
+};
 use zivi_core::{Physical, SettingError};
 
 use crate::stepping::sign_solver::SignSolver;
@@ -77,7 +79,7 @@ impl Solved<TwistingTracker> {
         if self.solver == Solver::Exact {
             return self.controller.tick(measured, force, force_ref);
         }
-        self.ticked(measured, force, |it| Ok(it.own_course(force_ref)))
+        self.ticked(measured, force, |it| Ok(it.own_period(force_ref)))
     }
 
     /// [`TwistingTracker::tick_to`].
@@ -96,8 +98,8 @@ impl Solved<TwistingTracker> {
         }
         self.ticked(measured, force, |it| {
             let of = (it.reference_step().restitution(), it.h());
-            let course = Course::between(of, force, [now, next], acceleration)?;
-            Ok(it.given_course(course))
+            let course = ReferencePeriod::between(of, force, [now, next], acceleration)?;
+            Ok(it.given_period(course))
         })
     }
 
@@ -105,7 +107,7 @@ impl Solved<TwistingTracker> {
         &mut self,
         measured: Physical,
         force: f64,
-        course: impl FnOnce(&TwistingTracker) -> Result<Course, SettingError>,
+        course: impl FnOnce(&TwistingTracker) -> Result<ReferencePeriod, SettingError>,
     ) -> Result<f64, SettingError> {
         let it = &mut self.controller;
         let planned = it.plan(measured, force, course)?;

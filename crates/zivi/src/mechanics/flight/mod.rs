@@ -1,7 +1,7 @@
 //! The motion between events: steps under error control, each searched for the first impact and the
 //! first lift-off.
 
-mod overlooked;
+mod missed_events;
 
 use super::along_step::AlongStep;
 use super::contact_probes::ContactProbes;
@@ -14,10 +14,10 @@ use crate::numeric::stages::Equation;
 use crate::numeric::step_error::Tolerances;
 use crate::numeric::step_size::Plan;
 use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
-use crate::piecewise::steps::{Experience, Start, Steps};
+use crate::piecewise::steps::{Start, StepHistory, Steps};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::switched::lookahead::Obstacle;
+use crate::switched::lookahead::Deviation;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::Status;
@@ -47,7 +47,7 @@ pub(super) struct SmoothMotion {
     /// Length of the last step, or of the part of it up to an event.
     length: f64,
     /// What speaks for the length of the next one.
-    experience: Experience,
+    experience: StepHistory,
     probes: ContactProbes,
     /// The mechanics away from the state.
     aside: Kinetics,
@@ -61,7 +61,7 @@ impl SmoothMotion {
             steps: Steps::new(limits, pair, size, settings.first_step),
             at_end: AtEnd::new(layout.m),
             length: 0.0,
-            experience: Experience::NONE,
+            experience: StepHistory::NONE,
             probes: ContactProbes::default(),
             aside: Kinetics::new(layout),
         }
@@ -94,7 +94,7 @@ impl SmoothMotion {
 
     /// After an event nothing speaks for long steps.
     pub(super) fn forget_experience(&mut self) {
-        self.experience = Experience::NONE;
+        self.experience = StepHistory::NONE;
     }
 
     /// Goes back to before the last step, which is given up for one of length `h`.
@@ -140,7 +140,7 @@ impl SmoothMotion {
         &mut self,
         t_end: f64,
         state: &mut MechanicalState,
-        obstacle: Option<Obstacle>,
+        obstacle: Option<Deviation>,
         model: &mut Model<'_, D>,
     ) -> Result<Next, Failure<E>> {
         let plan = self.plan(t_end, state, obstacle, model)?;
@@ -154,7 +154,7 @@ impl SmoothMotion {
         &mut self,
         t_end: f64,
         state: &MechanicalState,
-        obstacle: Option<Obstacle>,
+        obstacle: Option<Deviation>,
         model: &mut Model<'_, D>,
     ) -> Result<Plan, Failure<E>> {
         let (Layout { n, m }, closed, now) = (state.layout(), state.closed(), state.now());
@@ -174,7 +174,7 @@ impl SmoothMotion {
 #[derive(Clone, Copy)]
 enum Event {
     /// A gap closes.
-    Hit(usize),
+    LocatedEvent(usize),
     /// The force of a contact vanishes.
     Release(usize),
 }
@@ -217,7 +217,7 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
             return Ok(StepDecision::TOO_LONG);
         }
         let contact = self.first_contact()?;
-        if let Some(factor) = self.overlooked(contact.map(|(_, gap)| gap))? {
+        if let Some(factor) = self.missed_events(contact.map(|(_, gap)| gap))? {
             return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
         let release = match self.first_release(contact.map_or(1.0, |(theta, _)| theta))? {
@@ -234,7 +234,7 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
         }
         Ok(match (contact, release) {
             (Some((theta, gap)), other) if other.is_none_or(|(lift, _)| theta <= lift) => {
-                StepDecision::Stop(theta, Event::Hit(gap))
+                StepDecision::Stop(theta, Event::LocatedEvent(gap))
             }
             (_, Some((theta, gap))) => StepDecision::Stop(theta, Event::Release(gap)),
             _ => StepDecision::Take(growth),
@@ -243,7 +243,7 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
 
     fn stop(&mut self, length: f64, event: Event) -> Result<Option<Next>, Failure<E>> {
         match event {
-            Event::Hit(gap) => self.land(length, gap),
+            Event::LocatedEvent(gap) => self.land(length, gap),
             Event::Release(gap) => self.lift(length, gap).map(Some),
         }
     }
@@ -332,7 +332,7 @@ impl<'m, D> Flying<'_, 'm, D> {
         }
         let total = (h + delta).max(0.0);
         self.arrive(total, delta)?;
-        Ok(Some(Next::Hit(self.hit_together(gap, total))))
+        Ok(Some(Next::LocatedEvent(self.hit_together(gap, total))))
     }
 
     /// Steps to where the force of a contact vanishes, near `now + length`.
@@ -371,7 +371,7 @@ impl<'m, D> Flying<'_, 'm, D> {
         }
         let motion = &mut *self.motion;
         motion.steps.accept();
-        motion.experience = Experience::NONE;
+        motion.experience = StepHistory::NONE;
         motion.length = total;
         self.state.move_along(motion.last(), (total, delta), self.t_end);
         Ok(())

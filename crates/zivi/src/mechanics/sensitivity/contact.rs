@@ -5,10 +5,10 @@
 //! lift-off     dt = -dlambda/lambda' along the motion in contact; the columns go on
 //! ```
 
-use super::follower::Follower;
 use super::local::Direction;
+use super::variational_run::VariationalRun;
+use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::machine::Machine;
 use crate::mechanics::mode::Next;
 use crate::mechanics::piece::Piece;
 use crate::record::failure::Failure;
@@ -18,7 +18,7 @@ use crate::switched::sensitivity::Limit;
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;
 
-impl Follower<'_> {
+impl VariationalRun<'_> {
     /// Whether a Zeno point has to wait for its derivatives.
     pub(super) fn zeno_wanted(&self) -> bool {
         self.controlled
@@ -27,7 +27,7 @@ impl Follower<'_> {
     /// Through the rest of an accumulation.
     pub(super) fn jump<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
@@ -66,7 +66,7 @@ impl Follower<'_> {
     }
 
     /// At a Zeno point the pull on the gap has to stay a pull.
-    fn note_pull<E>(&mut self, c: usize, machine: &Machine) -> Result<(), Failure<E>> {
+    fn note_pull<E>(&mut self, c: usize, machine: &MechanicalIntegrator) -> Result<(), Failure<E>> {
         let n = self.columns.layout.n;
         let key_closed = machine.state().closed().without(GapSet::of(c - n));
         let local = &mut self.columns.local;
@@ -91,7 +91,7 @@ impl Follower<'_> {
     /// Where the force of a contact vanishes.
     pub(super) fn release<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {

@@ -1,11 +1,11 @@
 //! The columns in flight and in contact: through the steps of the motion, shorter ones where the
 //! columns need them.
 
-use super::follower::Follower;
+use super::variational_run::VariationalRun;
 use crate::mechanics::equation::{InContact, Stages};
 use crate::mechanics::flight::tolerances;
+use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::machine::Machine;
 use crate::mechanics::mode::Next;
 use crate::mechanics::piece::Piece;
 use crate::numeric::step_size::{factor, shorter, FACTORS};
@@ -21,11 +21,11 @@ const RETRIES: u32 = 40;
 /// How far the step onto an impact may be moved to it, relative to its length.
 const NUDGE: f64 = 1e-4;
 
-impl Follower<'_> {
+impl VariationalRun<'_> {
     /// A step, shorter ones until the columns are within the tolerances too.
     pub(super) fn fly_within<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
@@ -55,7 +55,7 @@ impl Follower<'_> {
 
     fn error<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &Machine,
+        machine: &MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
         if !self.controlled || !machine.settings().adaptive {
@@ -68,7 +68,7 @@ impl Follower<'_> {
     /// What a step that was taken adds: samples, minima, the end of the columns.
     fn flew<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         self.note_height(machine);
@@ -110,7 +110,7 @@ impl Follower<'_> {
     /// Minima of the gaps within the step.
     fn minima<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m }, size) = (self.columns.layout, self.columns.size());

@@ -19,7 +19,7 @@ use crate::mechanics::kinetics::{axpy, dot, Kinetics, Model};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Layout;
-use crate::system::partials::{DifferentiableDynamics, Posture};
+use crate::system::partials::{DifferentiableDynamics, TimedState};
 use crate::Status;
 
 /// A direction in time, state and parameters.
@@ -72,7 +72,7 @@ impl Local {
         self.kinetics.evaluate(model, t, q, w)?;
         let t = model.smooth.nearest(t);
         self.count += 1;
-        let at = Posture { t, q, w };
+        let at = TimedState { t, q, w };
         model.dynamics.partials(at, &self.by, &mut self.partials).map_err(Failure::Raised)?;
         if self.partials.iter().all(|value| value.is_finite()) {
             Ok(())

@@ -11,10 +11,10 @@
 mod columns;
 mod contact;
 mod flight;
-mod follower;
 mod local;
 mod run;
 mod strike;
+mod variational_run;
 
 pub use crate::switched::sensitivity::{Derivatives, EventRates, Question};
 pub use columns::MechanicalWrt;

@@ -1,9 +1,9 @@
 //! A whole run of a mechanical system with its derivatives.
 
 use super::columns::MechanicalWrt;
-use super::follower::Follower;
+use super::variational_run::VariationalRun;
+use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::machine::Machine;
 use crate::mechanics::recording::running;
 use crate::mechanics::run::{check_sizes, check_span, started};
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
@@ -62,10 +62,10 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     check_span(t0, t1)?;
     let Question { wrt, sizes, controlled, times } = *question;
     let mut model = Model::new(dynamics);
-    let mut machine = Machine::new(settings, layout, e);
+    let mut machine = MechanicalIntegrator::new(settings, layout, e);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let mut follower =
-        Follower::new((wrt, sizes), controlled, times, t1, (layout, settings.order.pair()));
+        VariationalRun::new((wrt, sizes), controlled, times, t1, (layout, settings.order.pair()));
     let begun = begun.and_then(|()| follower.begin(&machine, &mut model));
     let mut running = running(machine, t1, output);
     let ending = match begun {
@@ -78,7 +78,7 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     Ok((run, gather(follower, settings)))
 }
 
-fn gather(follower: Follower<'_>, settings: SwitchedRk) -> Derivatives {
+fn gather(follower: VariationalRun<'_>, settings: SwitchedRk) -> Derivatives {
     let (n, size) = (follower.columns.layout.n, follower.columns.size());
     let grazing = follower.validity.is_undecided(&settings, follower.highest) || follower.uncertain;
     let end = &follower.columns.now;

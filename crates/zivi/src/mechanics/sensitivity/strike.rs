@@ -8,11 +8,11 @@
 //! with `S` the gaps that have an impulse: the solution of the complementarity problem is
 //! differentiable where it is strict, every other closed gap opens at a speed or is orthogonal.
 
-use super::follower::Follower;
 use super::local::{Direction, Exchange};
+use super::variational_run::VariationalRun;
 use crate::mechanics::equation::State;
+use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::machine::Machine;
 use crate::mechanics::mode::Next;
 use crate::mechanics::piece::Piece;
 use crate::record::failure::Failure;
@@ -47,11 +47,11 @@ struct Shifted {
     v: Vec<f64>,
 }
 
-impl Follower<'_> {
+impl VariationalRun<'_> {
     /// Through an impact.
     pub(super) fn strike<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
@@ -97,7 +97,7 @@ impl Follower<'_> {
     fn through<E>(
         &mut self,
         struck: &Struck,
-        machine: &Machine,
+        machine: &MechanicalIntegrator,
     ) -> Result<Vec<Shifted>, Failure<E>> {
         let (Layout { n, m }, size) = (self.columns.layout, self.columns.size());
         let (t, Struck { before, slope, closed, hit, set, impulses }) =
@@ -163,7 +163,7 @@ impl Follower<'_> {
         &mut self,
         struck: &Struck,
         shifted: &[Shifted],
-        machine: &Machine,
+        machine: &MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<Vec<f64>, Failure<E>> {
         let n = self.columns.layout.n;
@@ -187,7 +187,7 @@ impl Follower<'_> {
     }
 
     /// The columns at a fixed time after an event, from the derivatives along it.
-    fn land_columns(&mut self, shifted: &[Shifted], machine: &Machine) {
+    fn land_columns(&mut self, shifted: &[Shifted], machine: &MechanicalIntegrator) {
         let size = self.columns.size();
         let end = &mut self.columns.now;
         for (column, it) in shifted.iter().enumerate() {
@@ -206,7 +206,7 @@ impl Follower<'_> {
         &mut self,
         struck: &Struck,
         shifted: &[Shifted],
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let Some(&last) = machine.chain().bounces().last() else { return Ok(()) };
@@ -244,7 +244,7 @@ impl Follower<'_> {
     fn note_chain<E, D: DifferentiableDynamics<E>>(
         &mut self,
         shifted: &[Shifted],
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m }, size, key) =

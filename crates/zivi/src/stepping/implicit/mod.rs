@@ -40,7 +40,7 @@ pub(crate) struct ImplicitForce {
 }
 
 /// A step whose force is sought.
-struct Sought<'a> {
+struct ImplicitStep<'a> {
     step: &'a ThetaGammaStep,
     start: Start,
     t: f64,
@@ -70,7 +70,7 @@ impl ImplicitForce {
         start: Start,
         force: &mut impl Force<E>,
     ) -> Found<E> {
-        let sought = Sought { step, start, t: start.t + step.theta() * step.h() };
+        let sought = ImplicitStep { step, start, t: start.t + step.theta() * step.h() };
         let first = match self.last {
             Some(last) => last,
             None => self.evaluate(force, start.t, project(start.z, step.restitution()))?,
@@ -99,7 +99,7 @@ impl ImplicitForce {
     #[inline(always)]
     fn at_once<E>(
         &mut self,
-        sought: &Sought<'_>,
+        sought: &ImplicitStep<'_>,
         solver: &impl StepSolver,
         force: &mut impl Force<E>,
         opening: &mut Opening,
@@ -128,7 +128,7 @@ impl ImplicitForce {
     #[inline]
     fn follow<E>(
         &mut self,
-        sought: &Sought<'_>,
+        sought: &ImplicitStep<'_>,
         force: &mut impl Force<E>,
         mut search: Search,
         mut end: impl FnMut(f64) -> Result<StepSolution, Failure<E>>,
@@ -155,12 +155,12 @@ impl ImplicitForce {
     #[cold]
     fn on_any_pattern<E>(
         &mut self,
-        sought: &Sought<'_>,
+        sought: &ImplicitStep<'_>,
         force: &mut impl Force<E>,
         first: f64,
         why: Status,
     ) -> Found<E> {
-        let Sought { step, start: Start { z, sigma, .. }, .. } = *sought;
+        let ImplicitStep { step, start: Start { z, sigma, .. }, .. } = *sought;
         let mut failure = Failure::Status(why);
         let mut best = None;
         let mut least = f64::INFINITY;
@@ -207,7 +207,7 @@ impl ImplicitForce {
     #[cold]
     fn rounding<E>(
         &mut self,
-        sought: &Sought<'_>,
+        sought: &ImplicitStep<'_>,
         force: &mut impl Force<E>,
         (trial, end): (f64, &StepSolution),
         value: f64,
@@ -222,7 +222,7 @@ impl ImplicitForce {
     }
 }
 
-impl Sought<'_> {
+impl ImplicitStep<'_> {
     /// `(x, x')` at `t + theta h`.
     #[inline]
     fn state_at_theta(&self, end: &StepSolution) -> Physical {

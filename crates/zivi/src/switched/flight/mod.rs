@@ -3,7 +3,7 @@
 mod rk;
 pub(crate) mod series;
 
-use super::lookahead::Obstacle;
+use super::lookahead::Deviation;
 use super::mode::{Flight, Mode};
 use super::path::Curve;
 use super::point::Point;
@@ -109,7 +109,7 @@ impl FreeFlight {
         &mut self,
         now: Point,
         mode: &mut Mode,
-        obstacle: Option<Obstacle>,
+        obstacle: Option<Deviation>,
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Arrival, Failure<E>> {

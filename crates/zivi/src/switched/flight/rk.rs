@@ -4,9 +4,9 @@ use super::series::Arrival;
 use crate::numeric::stages::Equation;
 use crate::numeric::step_size::{factor, FACTORS};
 use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
-use crate::piecewise::steps::{Experience, Start, Steps};
+use crate::piecewise::steps::{Start, StepHistory, Steps};
 use crate::record::failure::Failure;
-use crate::switched::lookahead::Obstacle;
+use crate::switched::lookahead::Deviation;
 use crate::switched::mode::{Flight, Mode};
 use crate::switched::path::Curve;
 use crate::switched::point::Point;
@@ -55,7 +55,7 @@ impl PairSteps {
         &mut self,
         now: Point,
         mode: &mut Mode,
-        obstacle: Option<Obstacle>,
+        obstacle: Option<Deviation>,
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Arrival, Failure<E>> {
@@ -120,7 +120,7 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
             return Ok(StepDecision::TOO_LONG);
         }
         let contact = if leaves { None } else { self.first_root(0)? };
-        if let Some(factor) = self.overlooked(contact)? {
+        if let Some(factor) = self.missed_event(contact)? {
             return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
         if let Some(theta) = contact {
@@ -177,7 +177,7 @@ impl<F> Flying<'_, '_, F> {
     /// factor it is to be shortened then. Soon after an impact a step may be a whole arc, and one
     /// much longer than the last has little that speaks for it. One more look, at the apex: where
     /// a force that depends on the position differs most.
-    fn overlooked<E>(&mut self, contact: Option<f64>) -> Result<Option<f64>, Failure<E>>
+    fn missed_event<E>(&mut self, contact: Option<f64>) -> Result<Option<f64>, Failure<E>>
     where
         F: Force<E>,
     {
@@ -201,7 +201,7 @@ impl<F> Flying<'_, '_, F> {
         }
         // the shorter step is looked at again
         if let Mode::Flight(Flight::Step { experience, .. }) = self.mode {
-            *experience = Experience::NONE;
+            *experience = StepHistory::NONE;
         }
         Ok(Some(factor.max(FACTORS.0)))
     }

@@ -51,7 +51,7 @@ pub struct Flown {
 
 /// What is asked of flights.
 #[derive(Clone, Copy, Debug)]
-pub struct Apart<'a> {
+pub struct IndependentFlights<'a> {
     /// Tolerances, order and budget.
     pub settings: SwitchedRk,
     /// Numbers of the parameters of the force to differentiate by.
@@ -69,7 +69,7 @@ pub struct Apart<'a> {
 pub fn fly_apart<E, F: DifferentiableForce<E>>(
     force: &mut F,
     flights: &[Flight],
-    apart: &Apart<'_>,
+    apart: &IndependentFlights<'_>,
 ) -> Result<Vec<Flown>, Failure<E>> {
     let settings = apart.settings.validated().map_err(|_| Failure::Status(Status::Internal))?;
     let mut wrt = vec![Wrt::X0, Wrt::Xdot0];
@@ -77,20 +77,20 @@ pub fn fly_apart<E, F: DifferentiableForce<E>>(
     let mut force = Counted::new(force);
     let stages = Stages::new(settings.order.pair(), 1);
     let mut pilot =
-        Pilot { settings, apart, stages, step: ColumnStep::new(&wrt), h: f64::INFINITY };
+        FlightControl { settings, apart, stages, step: ColumnStep::new(&wrt), h: f64::INFINITY };
     flights.iter().map(|flight| pilot.fly(*flight, &mut force)).collect()
 }
 
-struct Pilot<'a> {
+struct FlightControl<'a> {
     settings: SwitchedRk,
-    apart: &'a Apart<'a>,
+    apart: &'a IndependentFlights<'a>,
     stages: Stages,
     step: ColumnStep,
     /// The step to try next.
     h: f64,
 }
 
-impl Pilot<'_> {
+impl FlightControl<'_> {
     fn fly<E, F: DifferentiableForce<E>>(
         &mut self,
         flight: Flight,

@@ -8,14 +8,14 @@
 mod columns;
 mod derivatives;
 mod flights;
-mod follower;
 mod path;
 mod run;
 mod validity;
+mod variational_run;
 
 pub use columns::Wrt;
 pub use derivatives::{Derivatives, EventRates, Question};
-pub use flights::{fly_apart, Apart, Flight, Flown};
+pub use flights::{fly_apart, Flight, Flown, IndependentFlights};
 pub use run::sensitivity;
 pub(crate) use validity::Validity;
 pub use validity::{Limit, Nearest};

@@ -1,7 +1,7 @@
 //! A whole run with its derivatives.
 
 use super::derivatives::{Derivatives, Question};
-use super::follower::Follower;
+use super::variational_run::VariationalRun;
 use crate::record::trajectory::SetupError;
 use crate::switched::output::{Output, SwitchedRun};
 use crate::switched::recording::running;
@@ -52,7 +52,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     integrator.probe_rest(force.shortest_period().is_none());
     let Question { wrt, sizes, controlled, times } = *question;
     let dense = !times.is_empty();
-    let mut follower = Follower::new(wrt, sizes, controlled, t1, output.tstops, dense);
+    let mut follower = VariationalRun::new(wrt, sizes, controlled, t1, output.tstops, dense);
     let mut force = Counted::new(force);
     Stops::new(output.tstops, t1).enter(t0, &mut force.smooth);
     let begun = follower.begin(integrator.now(), integrator.law(), &mut force);
@@ -68,7 +68,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     Ok((run, derivatives))
 }
 
-fn gather(mut follower: Follower, settings: SwitchedRk, times: &[f64]) -> Derivatives {
+fn gather(mut follower: VariationalRun, settings: SwitchedRk, times: &[f64]) -> Derivatives {
     let mut samples = Vec::new();
     for &t in times {
         if let Some(path) = &follower.path {

@@ -10,7 +10,7 @@ mod period;
 mod powers;
 mod reading;
 mod root;
-mod screen;
+mod sign_test;
 mod step;
 mod table;
 mod terms;

@@ -6,7 +6,7 @@
 //! slack; else the whole series is subdivided. A dip below rounding is none.
 
 use super::powers::{of_few, slopes, value_and_slope};
-use super::screen::{screened, Verdict};
+use super::sign_test::{screened, SignTest};
 use super::table::{PART, SHORT};
 use super::terms::{Series, TERMS};
 use crate::numeric::bernstein::Polynomial;
@@ -38,9 +38,9 @@ pub(crate) fn first_root(a: &Series, known: usize) -> Option<Root> {
         _ => q[..TERMS - known].copy_from_slice(&a[known..]),
     }
     let at = match screened(&q) {
-        Verdict::Clear => return None,
-        Verdict::One(guess) => polished(&q, guess),
-        Verdict::Open => subdivided(&q)?,
+        SignTest::Clear => return None,
+        SignTest::One(guess) => polished(&q, guess),
+        SignTest::Open => subdivided(&q)?,
     };
     // a = s^known q: at a root of q the derivative is s^known q'
     let slope = value_and_slope(&q, at)[1] * at.powi(known as i32);

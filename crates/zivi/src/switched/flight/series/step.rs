@@ -2,7 +2,7 @@
 
 use super::powers::{of_few, stretch, value_and_slope};
 use super::root::{first_root, of_short_arc, only_root, Root};
-use super::screen::Verdict;
+use super::sign_test::SignTest;
 use super::table::{Table, PART, SHORT};
 use super::terms::{Series, Start, TERMS};
 
@@ -89,10 +89,10 @@ fn single<const W: usize>(table: &Table, start: &Start, known: usize, left: f64)
         }
     }
     let guess = match table.screened::<W>(start, known) {
-        Verdict::Clear if left > 1.0 => return (1.0, table.ends::<W>(start, 0), false),
-        Verdict::Clear => return (left, part_of::<W>(table, start, left), false),
-        Verdict::Open => return searched(table, start, known, left),
-        Verdict::One(guess) => guess,
+        SignTest::Clear if left > 1.0 => return (1.0, table.ends::<W>(start, 0), false),
+        SignTest::Clear => return (left, part_of::<W>(table, start, left), false),
+        SignTest::Open => return searched(table, start, known, left),
+        SignTest::One(guess) => guess,
     };
     let mut a = table.first::<W, TERMS>(start);
     if known == 1 {

@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 use super::columns::{Bound, Columns, COLUMNS};
 use super::level::{Level, LEVELS};
-use super::screen::{Screen, Verdict};
+use super::sign_test::{Screen, SignTest};
 
 /// Length of a step times the fastest rate of the motion.
 const STEP: f64 = 1.75;
@@ -184,7 +184,7 @@ impl Table {
     /// What Bernstein coefficients say of a step whose first `known` derivatives, at most one, are
     /// zero at its start.
     #[inline(always)]
-    pub(super) fn screened<const W: usize>(&self, start: &Start, known: usize) -> Verdict {
+    pub(super) fn screened<const W: usize>(&self, start: &Start, known: usize) -> SignTest {
         self.screens[known & 1].of::<W>(start)
     }
 

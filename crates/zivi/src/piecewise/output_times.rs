@@ -3,14 +3,14 @@
 /// Times at which samples are wanted, one after the other; without them there are samples at the
 /// ends of steps.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wanted<'a> {
+pub(crate) struct OutputTimes<'a> {
     /// Increasing.
     times: Option<&'a [f64]>,
     /// How many of them are passed.
     passed: usize,
 }
 
-impl<'a> Wanted<'a> {
+impl<'a> OutputTimes<'a> {
     pub(crate) fn new(times: Option<&'a [f64]>) -> Self {
         Self { times, passed: 0 }
     }
@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn times_are_passed_one_after_the_other() {
-        let mut wanted = Wanted::new(Some(&[1.0, 2.0, 3.0]));
+        let mut wanted = OutputTimes::new(Some(&[1.0, 2.0, 3.0]));
         assert_eq!(wanted.at_most(), 4);
         assert_eq!((wanted.pass_before(2.0), wanted.pass_before(2.0)), (Some(1.0), None));
         assert!(wanted.pass_at(2.0) && !wanted.pass_at(2.0) && !wanted.pass_at(2.5));
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn without_times_each_end_of_a_step_is_one() {
-        let mut wanted = Wanted::new(None);
+        let mut wanted = OutputTimes::new(None);
         assert!(wanted.is_by_steps() && wanted.pass_at(0.5) && wanted.pass_at(0.5));
         assert_eq!((wanted.next(), wanted.pass_before(9.0)), (None, None));
         assert!(wanted.is_missing_at(1.0, Some(0.5)) && !wanted.is_missing_at(1.0, Some(1.0)));

@@ -5,7 +5,7 @@ use crate::mechanics::along_step::DEFECT;
 use crate::numeric::step_error::worse;
 use crate::numeric::step_size::{factor, FACTORS};
 use crate::piecewise::flight::SteppedFlight;
-use crate::piecewise::steps::Experience;
+use crate::piecewise::steps::StepHistory;
 use crate::record::failure::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 
@@ -14,7 +14,7 @@ impl<D> Flying<'_, '_, D> {
     /// is to be shortened then; `contact` tells the gap that closes in it. The gaps that are
     /// integrated must be those of their functions at its end, and where a step may be a whole arc,
     /// the equation of motion must hold at the apex.
-    pub(super) fn overlooked<E>(
+    pub(super) fn missed_events<E>(
         &mut self,
         contact: Option<usize>,
     ) -> Result<Option<f64>, Failure<E>>
@@ -42,7 +42,7 @@ impl<D> Flying<'_, '_, D> {
             return Ok(None);
         }
         // the shorter step is looked at again
-        self.motion.experience = Experience::NONE;
+        self.motion.experience = StepHistory::NONE;
         let factor = factor(excess, self.motion.last().order_of_error());
         Ok(Some(factor.max(FACTORS.0)))
     }

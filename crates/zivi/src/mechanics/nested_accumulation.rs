@@ -12,7 +12,7 @@ use super::lcp;
 use crate::record::gap_set::GapSet;
 
 /// What equations (1) hold: `D` row by row, `b` and the restitutions of the gaps of a corner.
-pub(super) struct Nest {
+pub(super) struct NestedAccumulation {
     pub(super) d: Vec<f64>,
     pub(super) b: Vec<f64>,
     pub(super) e: Vec<f64>,
@@ -20,7 +20,7 @@ pub(super) struct Nest {
 
 /// Between two impacts: heights and speeds at the start, accelerations.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct NestArc {
+pub(super) struct NestedArc {
     pub(super) start: f64,
     pub(super) length: f64,
     pub(super) y: Vec<f64>,
@@ -37,10 +37,10 @@ const SLOW: f64 = 1e-5;
 /// What is hit within this part of an arc is hit together.
 const TOGETHER: f64 = 1e-13;
 
-impl Nest {
+impl NestedAccumulation {
     /// The arcs from heights and speeds, at time zero, until all speeds are below `floor`; empty
     /// where they do not come to rest.
-    pub(super) fn arcs(&self, mut y: Vec<f64>, mut v: Vec<f64>, floor: f64) -> Vec<NestArc> {
+    pub(super) fn arcs(&self, mut y: Vec<f64>, mut v: Vec<f64>, floor: f64) -> Vec<NestedArc> {
         let (mut arcs, mut t) = (Vec::new(), 0.0);
         while arcs.len() < MOST {
             let speed = self.speed(&y, &v);
@@ -55,7 +55,7 @@ impl Nest {
             if !length.is_finite() {
                 break;
             }
-            arcs.push(NestArc {
+            arcs.push(NestedArc {
                 start: t,
                 length,
                 y: y.clone(),
@@ -160,7 +160,8 @@ mod tests {
     #[test]
     fn a_ball_in_an_obtuse_wedge() {
         let c = 2f64.cos().abs();
-        let nest = Nest { d: vec![1.0, c, c, 1.0], b: vec![-1.0, -1.0], e: vec![0.1, 0.1] };
+        let nest =
+            NestedAccumulation { d: vec![1.0, c, c, 1.0], b: vec![-1.0, -1.0], e: vec![0.1, 0.1] };
         let arcs = nest.arcs(vec![0.0, 0.0], vec![1.0, 0.0], 1e-9);
         // each contact that an impact opens comes to rest before the next impact of the other gap
         let opened: Vec<f64> = arcs
@@ -173,7 +174,7 @@ mod tests {
         assert!(ratios.len() > 12, "{opened:?}");
         assert!(ratios[..8].iter().all(|ratio| (ratio - c * c).abs() < 1e-6), "{ratios:?}");
         // energy L = g'.D^-1 g'/2 + lambda.g, lambda = 1/(1 + c), falls from arc to arc
-        let depth = |arc: &NestArc| {
+        let depth = |arc: &NestedArc| {
             let [v, w] = [arc.v[0], arc.v[1]];
             let kinetic = (v * v - 2.0 * c * v * w + w * w) / (2.0 * (1.0 - c * c));
             kinetic + (arc.y[0] + arc.y[1]) / (1.0 + c)
@@ -183,7 +184,7 @@ mod tests {
 
     #[test]
     fn one_gap_is_a_ball() {
-        let nest = Nest { d: vec![1.0], b: vec![-2.0], e: vec![0.5] };
+        let nest = NestedAccumulation { d: vec![1.0], b: vec![-2.0], e: vec![0.5] };
         let arcs = nest.arcs(vec![0.0], vec![1.0], 1e-6);
         let end = arcs.last().map_or(0.0, |arc| arc.start + arc.length);
         assert!((end - 2.0).abs() < 1e-5 && arcs[1].start == 1.0 && arcs[1].v == [0.5], "{arcs:?}");

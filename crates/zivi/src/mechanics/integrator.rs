@@ -25,7 +25,7 @@ use crate::{Counts, Status};
 
 /// The switched method for mechanical systems as an object that is driven piece by piece.
 #[derive(Clone, Debug)]
-pub(super) struct Machine {
+pub(super) struct MechanicalIntegrator {
     settings: SwitchedRk,
     state: MechanicalState,
     impacts: Impacts,
@@ -58,7 +58,7 @@ const MOST_AT_ONCE: u32 = 20_000;
 /// Occurrences that a piece of the motion has, at most, by gap.
 const OF_A_PIECE: usize = 4;
 
-impl Machine {
+impl MechanicalIntegrator {
     pub(super) fn new(settings: SwitchedRk, layout: Layout, e: &[f64]) -> Self {
         Self {
             settings,
@@ -83,7 +83,7 @@ impl Machine {
         self.impacts.start(t);
         match self.state.start(t, at, model)? {
             Start::Overlap(gap) => return Ok(Some(gap)),
-            Start::At(hit) if !hit.is_empty() => self.next = Next::Hit(hit),
+            Start::At(hit) if !hit.is_empty() => self.next = Next::LocatedEvent(hit),
             Start::At(_) => (),
         }
         Ok(None)
@@ -100,7 +100,7 @@ impl Machine {
             return Err(Failure::Status(Status::ContactNotSolved));
         }
         match std::mem::replace(&mut self.next, Next::Step) {
-            Next::Hit(gaps) => return self.strike(gaps, model),
+            Next::LocatedEvent(gaps) => return self.strike(gaps, model),
             Next::Release { gap, h } => return self.open(gap, h, model),
             Next::Jump(ahead) if ahead.landing.t <= t_end => {
                 let (dense_from, at) =

@@ -1,6 +1,6 @@
 //! The columns in flight: through the steps of the motion, shorter ones where the columns need them.
 
-use super::Follower;
+use super::VariationalRun;
 use crate::numeric::step_size::{factor, shorter, FACTORS};
 use crate::record::failure::Failure;
 use crate::switched::integrator::SwitchedIntegrator;
@@ -15,7 +15,7 @@ const RETRIES: u32 = 40;
 /// How far the step onto an impact may be moved to it, relative to its length.
 const NUDGE: f64 = 1e-4;
 
-impl Follower {
+impl VariationalRun {
     /// The columns over a piece of flight; by how much the step was too long for them.
     fn fly<E, F: DifferentiableForce<E>>(
         &mut self,

@@ -16,7 +16,7 @@ const ROUNDING: f64 = 2e-15;
 
 /// What the screen says of a polynomial that starts positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Verdict {
+pub(super) enum SignTest {
     /// It stays so over `[0, 1]`.
     Clear,
     /// It has one root, near here.
@@ -47,13 +47,13 @@ impl Screen {
     }
 
     #[inline(always)]
-    pub(super) fn of<const W: usize>(&self, start: &Start) -> Verdict {
+    pub(super) fn of<const W: usize>(&self, start: &Start) -> SignTest {
         verdict(&self.coefficients.of::<W, SCREEN>(start), self.slack.of::<W>(start))
     }
 }
 
 /// The same of a series, a root of whose has been divided out.
-pub(super) fn screened(q: &[f64; TERMS]) -> Verdict {
+pub(super) fn screened(q: &[f64; TERMS]) -> SignTest {
     let mut low = [0.0; SCREEN];
     low.copy_from_slice(&q[..SCREEN]);
     verdict(&bernstein(low), slack(&low, &q[SCREEN..]))
@@ -71,18 +71,18 @@ fn slack(low: &[f64], high: &[f64]) -> f64 {
 }
 
 #[inline(always)]
-fn verdict(b: &[f64; SCREEN], slack: f64) -> Verdict {
+fn verdict(b: &[f64; SCREEN], slack: f64) -> SignTest {
     // written so that NaN and a negative zero never are a certificate
     if b.iter().fold(true, |all, &b| all & (b > slack)) {
-        return Verdict::Clear;
+        return SignTest::Clear;
     }
-    let Some(first) = b.iter().position(|&b| b < 0.0) else { return Verdict::Open };
+    let Some(first) = b.iter().position(|&b| b < 0.0) else { return SignTest::Open };
     let one = b[..first].iter().all(|&b| b > slack) && b[first..].iter().all(|&b| b < -slack);
     if !one || first == 0 {
-        return Verdict::Open;
+        return SignTest::Open;
     }
     // where the control polygon crosses zero
     let (before, after) = (b[first - 1], b[first]);
     let crossing = (first - 1) as f64 + before / (before - after);
-    Verdict::One(crossing / (SCREEN - 1) as f64)
+    SignTest::One(crossing / (SCREEN - 1) as f64)
 }

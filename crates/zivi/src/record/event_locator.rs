@@ -4,7 +4,7 @@ use std::collections::TryReserveError;
 
 use super::point::Recorded;
 use super::reserve::Reserve;
-use super::user_events::{changes, Direction, Hit, Level, UserEvent};
+use super::user_events::{changes, Direction, Level, LocatedEvent, UserEvent};
 use crate::numeric::root;
 
 /// Looks at a function along a smooth part of the motion, at least.
@@ -99,18 +99,18 @@ pub(crate) fn unknown(_: Level) -> Option<Vec<f64>> {
 const OF_A_PIECE: usize = 64;
 
 /// Seeks events along the motion.
-pub(crate) struct Seeker<'a, E, P> {
+pub(crate) struct EventLocator<'a, E, P> {
     events: Vec<UserEvent<'a, E, P>>,
     /// The functions' values at the end of what was looked at.
     values: Vec<f64>,
-    hits: Vec<Vec<Hit<P>>>,
+    hits: Vec<Vec<LocatedEvent<P>>>,
     /// Longest time between two looks (s).
     longest: f64,
     /// Where the functions are evaluated.
     at: P,
 }
 
-impl<'a, E, P: Recorded> Seeker<'a, E, P> {
+impl<'a, E, P: Recorded> EventLocator<'a, E, P> {
     /// A seeker along a motion of states like this one that takes a time (s).
     pub(crate) fn new(events: Vec<UserEvent<'a, E, P>>, like: P, duration: f64) -> Self {
         let hits = events.iter().map(|_| Vec::new()).collect();
@@ -128,7 +128,7 @@ impl<'a, E, P: Recorded> Seeker<'a, E, P> {
         self.events.is_empty()
     }
 
-    pub(crate) fn into_hits(self) -> Vec<Vec<Hit<P>>> {
+    pub(crate) fn into_hits(self) -> Vec<Vec<LocatedEvent<P>>> {
         self.hits
     }
 
@@ -141,7 +141,7 @@ impl<'a, E, P: Recorded> Seeker<'a, E, P> {
     }
 
     /// Looks along a part of the motion; the event that ends the run, if one does.
-    pub(crate) fn along(&mut self, part: &impl Part<P>) -> Result<Option<Hit<P>>, E> {
+    pub(crate) fn along(&mut self, part: &impl Part<P>) -> Result<Option<LocatedEvent<P>>, E> {
         let mut found: Vec<(f64, usize)> = Vec::new();
         for (i, event) in self.events.iter_mut().enumerate() {
             let (value, at) = (&mut self.values[i], &mut self.at);
@@ -156,7 +156,7 @@ impl<'a, E, P: Recorded> Seeker<'a, E, P> {
     }
 
     /// Looks across a jump; the event that ends the run, if one does.
-    pub(crate) fn across(&mut self, t: f64, after: &P) -> Result<Option<Hit<P>>, E> {
+    pub(crate) fn across(&mut self, t: f64, after: &P) -> Result<Option<LocatedEvent<P>>, E> {
         let mut found = Vec::new();
         for (i, event) in self.events.iter_mut().enumerate() {
             let value = (event.function)(t, after)?;
@@ -169,11 +169,15 @@ impl<'a, E, P: Recorded> Seeker<'a, E, P> {
     }
 
     /// Notes events in their order, up to one that ends the run.
-    fn record(&mut self, found: &[(f64, usize)], motion: impl Fn(f64, &mut P)) -> Option<Hit<P>> {
+    fn record(
+        &mut self,
+        found: &[(f64, usize)],
+        motion: impl Fn(f64, &mut P),
+    ) -> Option<LocatedEvent<P>> {
         for &(t, i) in found {
             motion(t, &mut self.at);
             let hits = &mut self.hits[i];
-            hits.push(Hit { t, at: self.at.clone() });
+            hits.push(LocatedEvent { t, at: self.at.clone() });
             if self.events[i].terminal == Some(hits.len()) {
                 return hits.last().cloned();
             }

@@ -3,8 +3,8 @@
 use super::columns::{Columns, MechanicalWrt};
 use super::local::Direction;
 use crate::mechanics::equation::State;
+use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::machine::Machine;
 use crate::mechanics::mode::Next;
 use crate::mechanics::piece::Piece;
 use crate::numeric::tableau::Pair;
@@ -19,7 +19,7 @@ use crate::zeno::rates::ChainRates;
 use crate::zeno::table::Landing;
 
 /// The columns of a run under way.
-pub(super) struct Follower<'a> {
+pub(super) struct VariationalRun<'a> {
     pub(super) columns: Columns,
     /// Magnitudes of what the columns are derivatives by.
     pub(super) sizes: &'a [f64],
@@ -43,7 +43,7 @@ pub(super) struct Follower<'a> {
     pub(super) end: f64,
 }
 
-impl<'a> Follower<'a> {
+impl<'a> VariationalRun<'a> {
     pub(super) fn new(
         (wrt, sizes): (&[MechanicalWrt], &'a [f64]),
         controlled: bool,
@@ -76,7 +76,7 @@ impl<'a> Follower<'a> {
     /// The columns where the machine starts, before an impact if it starts with one.
     pub(super) fn begin<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &Machine,
+        machine: &MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m }, now) = (self.columns.layout, machine.state().now());
@@ -118,7 +118,7 @@ impl<'a> Follower<'a> {
     /// How far the state moves in a second, or in a run that is shorter.
     fn set_extent<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &Machine,
+        machine: &MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (n, State { t, x, xdot: v, .. }) = (self.columns.layout.n, machine.state().now());
@@ -132,7 +132,7 @@ impl<'a> Follower<'a> {
         Ok(())
     }
 
-    pub(super) fn note_height(&mut self, machine: &Machine) {
+    pub(super) fn note_height(&mut self, machine: &MechanicalIntegrator) {
         let n = self.columns.layout.n;
         self.highest =
             machine.state().now().x[n..].iter().fold(self.highest, |a, b| a.max(b.abs()));
@@ -168,7 +168,7 @@ impl<'a> Follower<'a> {
     /// Rows for what happened since the machine had so many occurrences.
     pub(super) fn note_events(
         &mut self,
-        machine: &Machine,
+        machine: &MechanicalIntegrator,
         from: usize,
         impact: impl Fn(usize) -> Option<(Vec<f64>, Vec<f64>)>,
         lift_off: impl Fn(usize) -> Option<Vec<f64>>,
@@ -206,7 +206,7 @@ impl<'a> Follower<'a> {
     /// A piece of the motion without columns.
     fn blindly<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
@@ -222,7 +222,7 @@ impl<'a> Follower<'a> {
     /// Where the contacts determine the state the columns are known whatever came before.
     pub(super) fn hold<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        machine: &Machine,
+        machine: &MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         if machine.state().closed().len() < self.columns.layout.n || !self.lost.contains(&true) {
@@ -264,10 +264,12 @@ impl<'a> Follower<'a> {
     }
 }
 
-impl<'f, E, D: DifferentiableDynamics<E>> Driver<Machine, Model<'f, D>, E> for Follower<'_> {
+impl<'f, E, D: DifferentiableDynamics<E>> Driver<MechanicalIntegrator, Model<'f, D>, E>
+    for VariationalRun<'_>
+{
     fn step(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut MechanicalIntegrator,
         t_end: f64,
         model: &mut Model<'f, D>,
     ) -> Result<Piece, Failure<E>> {
@@ -275,7 +277,7 @@ impl<'f, E, D: DifferentiableDynamics<E>> Driver<Machine, Model<'f, D>, E> for F
             return self.blindly(machine, t_end, model);
         }
         match machine.next() {
-            Next::Hit(_) => self.strike(machine, t_end, model),
+            Next::LocatedEvent(_) => self.strike(machine, t_end, model),
             Next::Release { .. } => self.release(machine, t_end, model),
             Next::Jump(ahead) if ahead.landing.t <= t_end => self.jump(machine, t_end, model),
             _ if machine.state().through() != GapSet::EMPTY => self.strike(machine, t_end, model),

@@ -9,7 +9,7 @@
 //! of them end in the corner, which is known better.
 
 use super::mechanism::Mechanism;
-use super::nest::{Nest, NestArc};
+use super::nested_accumulation::{NestedAccumulation, NestedArc};
 use super::path::Curve;
 use super::piece::Flight;
 use super::state::MechanicalState;
@@ -65,7 +65,7 @@ pub(super) fn descent<E, D: Dynamics<E>>(
         return Ok(Vec::new());
     }
     let to = impulse_directions(set, at.state)?;
-    let ways = Ways { from: &entry.directions, to, h };
+    let ways = ImpulseDirections { from: &entry.directions, to, h };
     let of = |values: &[f64]| -> Vec<f64> { set.iter().map(|i| values[n + i]).collect() };
     let (y, v) = (of(&entry.x), of(&entry.v));
     let mut arcs = nest(set, at).arcs(y.clone(), v.clone(), floor);
@@ -96,18 +96,18 @@ pub(super) fn descent<E, D: Dynamics<E>>(
 }
 
 /// Equations of the impacts as they are where the system was evaluated last.
-fn nest<D>(set: GapSet, at: &mut Mechanism<'_, '_, D>) -> Nest {
+fn nest<D>(set: GapSet, at: &mut Mechanism<'_, '_, D>) -> NestedAccumulation {
     let kinetics = at.state.parts().0;
     let pairs = set.iter().flat_map(|i| set.iter().map(move |j| (i, j)));
     let d = pairs.map(|(i, j)| kinetics.coupling(i, j)).collect();
     let b = set.iter().map(|i| kinetics.b(i)).collect();
-    Nest { d, b, e: set.iter().map(|i| at.e[i]).collect() }
+    NestedAccumulation { d, b, e: set.iter().map(|i| at.e[i]).collect() }
 }
 
 /// The motion in contact from what the heights at the entry leave of its state.
 fn in_contact<E, D: Dynamics<E>>(
     entry: &CornerEntry,
-    ways: &Ways<'_>,
+    ways: &ImpulseDirections<'_>,
     heights: &Heights,
     at: &mut Mechanism<'_, '_, D>,
 ) -> Result<SkippedArcs, Failure<E>> {
@@ -129,7 +129,7 @@ fn in_contact<E, D: Dynamics<E>>(
 type Heights = [Vec<f64>; 3];
 
 /// The time since the entry, and the heights there, at `tau` of an arc: the times stretched.
-fn state_at(arc: &NestArc, tau: f64, kappa: f64) -> (f64, Heights) {
+fn state_at(arc: &NestedArc, tau: f64, kappa: f64) -> (f64, Heights) {
     let at = arc.start + tau;
     let s = 2.0 * at / (1.0 + (1.0 + 4.0 * kappa * at).sqrt());
     let (rate, bend) = (1.0 + 2.0 * kappa * s, 2.0 * kappa);
@@ -144,13 +144,13 @@ fn state_at(arc: &NestArc, tau: f64, kappa: f64) -> (f64, Heights) {
 }
 
 /// The directions `r_i` at both ends of a time `h`.
-struct Ways<'r> {
+struct ImpulseDirections<'r> {
     from: &'r [Vec<f64>],
     to: Vec<Vec<f64>>,
     h: f64,
 }
 
-impl Ways<'_> {
+impl ImpulseDirections<'_> {
     /// `sum_i r_i Y_i` of a component and its first two derivatives.
     fn out(&self, c: usize, s: f64, [y, u, a]: &Heights) -> [f64; 3] {
         let mut out = [0.0; 3];

@@ -8,12 +8,12 @@ use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, Thet
 
 /// A reference: its state and the side of the wall on which it was last.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Followed {
+pub(super) struct ReferenceState {
     pub(super) z: Lifted,
     pub(super) side: f64,
 }
 
-impl Followed {
+impl ReferenceState {
     /// At a physical state, on a branch.
     #[inline(never)]
     pub(super) fn at(
@@ -63,20 +63,20 @@ impl From<Physical> for Waypoint {
 
 /// Where the reference of a tick comes from: it is the tracker's own, under this force, or it is given
 /// at this sample and at the next one, with its acceleration if that is known.
-pub(super) enum Guide<'a> {
+pub(super) enum ReferenceSource<'a> {
     Own(f64),
     Given(&'a [Waypoint; 2], Option<f64>),
 }
 
 /// A period of the reference: from where, under which force.
 #[derive(Clone, Copy, Debug)]
-pub struct Course {
-    pub(super) now: Followed,
+pub struct ReferencePeriod {
+    pub(super) now: ReferenceState,
     pub(super) force: f64,
     /// What the measured velocity is taken back by (m/s).
     pub(super) back: f64,
     /// Where it ends, if that is given.
-    pub(super) next: Option<Followed>,
+    pub(super) next: Option<ReferenceState>,
 }
 
 /// A sample, and what the plant has to follow over the period that starts with it.
@@ -87,8 +87,8 @@ pub struct Planned {
     pub(super) measured: Physical,
     pub(super) clamped: bool,
     pub(super) force: f64,
-    pub(super) now: Followed,
-    pub(super) next: Followed,
+    pub(super) now: ReferenceState,
+    pub(super) next: ReferenceState,
     /// The signs of the reference's step.
     pub(super) signs: [f64; 2],
     pub(super) target: Target,
@@ -98,7 +98,7 @@ pub struct Planned {
 
 /// The end of a step of the reference, its signs, and its acceleration (m/s^2).
 pub(super) struct Advance {
-    pub(super) next: Followed,
+    pub(super) next: ReferenceState,
     pub(super) signs: [f64; 2],
     pub(super) acceleration: f64,
 }
@@ -107,7 +107,7 @@ pub(super) struct Advance {
 #[inline(always)]
 pub(super) fn advanced(
     reference: &ThetaGammaStep,
-    from: Followed,
+    from: ReferenceState,
     force_ref: f64,
 ) -> Result<Advance, SettingError> {
     checked_force("force_ref", force_ref)?;
@@ -115,7 +115,7 @@ pub(super) fn advanced(
     let found = found.map_err(|_| too_large(force_ref))?;
     let acceleration = pulled(&found, reference.restitution(), force_ref);
     let z = found.end();
-    let next = Followed { z, side: transform::side(z, from.side) };
+    let next = ReferenceState { z, side: transform::side(z, from.side) };
     Ok(Advance { next, signs: [found.lambda_s, found.lambda_v], acceleration })
 }
 
@@ -126,7 +126,7 @@ pub(super) fn advanced(
 pub(super) fn target_over(
     h: f64,
     restitution: Restitution,
-    from: Followed,
+    from: ReferenceState,
     force_ref: f64,
 ) -> Result<Target, SettingError> {
     let found = thorough(h, restitution, ImplicitEuler, from.z, force_ref, from.side);

@@ -4,7 +4,7 @@ use zivi_core::{transform, Lifted, Physical, Restitution};
 
 /// An end of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Knot {
+pub struct StepEnd {
     /// Time (s).
     pub t: f64,
     /// The state.
@@ -24,16 +24,16 @@ pub enum Interpolation {
 
 /// A step and the motion within it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stretch {
+pub struct DenseStep {
     /// Its start.
-    pub from: Knot,
+    pub from: StepEnd,
     /// Its end.
-    pub to: Knot,
+    pub to: StepEnd,
     /// The motion between them.
     pub interpolation: Interpolation,
 }
 
-impl Stretch {
+impl DenseStep {
     /// A quantity that goes linearly from `start` to `end`.
     fn linear(&self, t: f64, start: f64, end: f64) -> f64 {
         let (from, to) = (self.from.t, self.to.t);

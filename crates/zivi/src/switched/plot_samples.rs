@@ -43,7 +43,7 @@ pub(super) fn between_steps(path: &DensePath) -> Result<Vec<Row>, TryReserveErro
     let mut outlines = Vec::new();
     for (curve, end) in flights(path) {
         outlines.try_reserve(1)?;
-        outlines.push(Outline::of(&curve, end));
+        outlines.push(Polyline::of(&curve, end));
     }
     let scale = Scale::of(&outlines);
     let wanted: f64 = outlines.iter().map(|it| scale.parts(it)).sum();
@@ -79,7 +79,7 @@ fn flights(path: &DensePath) -> impl Iterator<Item = (Curve, f64)> + '_ {
 
 /// What a drawing needs to know of a flight.
 #[derive(Clone, Copy)]
-struct Outline {
+struct Polyline {
     x: Bend,
     xdot: Bend,
     /// How much of the step it is.
@@ -88,7 +88,7 @@ struct Outline {
     turns: bool,
 }
 
-impl Outline {
+impl Polyline {
     fn of(curve: &Curve, end: f64) -> Self {
         /// What may be rounding, relative to the largest coefficient.
         const ROUNDING: f64 = 1e-12;
@@ -148,7 +148,7 @@ struct Scale {
 }
 
 impl Scale {
-    fn of(outlines: &[Outline]) -> Self {
+    fn of(outlines: &[Polyline]) -> Self {
         outlines.iter().fold(Self { x: 0.0, xdot: 0.0 }, |scale, it| Self {
             x: scale.x.max(it.x.largest()),
             xdot: scale.xdot.max(it.xdot.largest()),
@@ -156,7 +156,7 @@ impl Scale {
     }
 
     /// Into how many parts lines divide a flight.
-    fn parts(&self, Outline { x, xdot, part, .. }: &Outline) -> f64 {
+    fn parts(&self, Polyline { x, xdot, part, .. }: &Polyline) -> f64 {
         let (of_x, of_xdot) = (x.parts(LOW * self.x), xdot.parts(LOW * self.xdot));
         (part * of_x.max(of_xdot)).ceil().clamp(1.0, MOST_PARTS)
     }

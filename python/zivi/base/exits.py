@@ -3,7 +3,7 @@
 import atexit
 import os
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 
 __all__ = ["WAIT", "watch"]
 

@@ -24,7 +24,7 @@ use crate::zeno::rates::{ChainRates, Rate};
 use crate::{AnyImpactLaw, Impact};
 
 /// The columns of a run under way.
-pub(in crate::switched) struct Follower {
+pub(in crate::switched) struct VariationalRun {
     wrt: Vec<Wrt>,
     /// Magnitudes of what the columns are derivatives by.
     sizes: Vec<f64>,
@@ -49,7 +49,7 @@ pub(in crate::switched) struct Follower {
     stops: Vec<f64>,
 }
 
-impl Follower {
+impl VariationalRun {
     pub(in crate::switched) fn new(
         wrt: &[Wrt],
         sizes: &[f64],
@@ -251,14 +251,16 @@ impl Follower {
     }
 }
 
-impl<'f, E, F: DifferentiableForce<E>> Driver<SwitchedIntegrator, Counted<'f, F>, E> for Follower {
+impl<'f, E, F: DifferentiableForce<E>> Driver<SwitchedIntegrator, Counted<'f, F>, E>
+    for VariationalRun
+{
     fn step(
         &mut self,
         integrator: &mut SwitchedIntegrator,
         t_end: f64,
         force: &mut Counted<'f, F>,
     ) -> Result<Piece, Failure<E>> {
-        if let Mode::Flight(Flight::Weigh) = integrator.mode() {
+        if let Mode::Flight(Flight::AfterImpact) = integrator.mode() {
             integrator.settle(t_end, force)?;
             self.weigh(integrator, force)?;
         }

@@ -6,9 +6,9 @@
 //! the air: the step then ends where a parabola through the given state does, and a mass on the
 //! reference is given `u = a - F`.
 
-use super::followed::Waypoint;
-use super::followed::{Course, Followed, Guide};
 use super::port::checked_force;
+use super::reference_state::Waypoint;
+use super::reference_state::{ReferencePeriod, ReferenceSource, ReferenceState};
 use super::TwistingTracker;
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError};
 
@@ -45,11 +45,11 @@ impl TwistingTracker {
         next: Waypoint,
         acceleration: Option<f64>,
     ) -> Result<f64, SettingError> {
-        self.ticked(measured, force, Guide::Given(&[now, next], acceleration))
+        self.ticked(measured, force, ReferenceSource::Given(&[now, next], acceleration))
     }
 }
 
-impl Course {
+impl ReferencePeriod {
     /// A period `h` (s) of a reference from one waypoint to the next, under its own `acceleration` if
     /// that is known; `force` is the one without control: see [`TwistingTracker::tick_to`].
     ///
@@ -63,7 +63,8 @@ impl Course {
         [now, next]: [Waypoint; 2],
         acceleration: Option<f64>,
     ) -> Result<Self, SettingError> {
-        let (start, end) = (Followed::at(now, restitution)?, Followed::at(next, restitution)?);
+        let (start, end) =
+            (ReferenceState::at(now, restitution)?, ReferenceState::at(next, restitution)?);
         let flies = now.branch == next.branch && now.state.x > 0.0 && next.state.x > 0.0;
         let rests = start.z == end.z && start.z == Lifted::default();
         let differenced = now.branch == next.branch || rests;
@@ -78,6 +79,11 @@ impl Course {
         let sigma = now.branch.sigma();
         let Lifted { s, v } = transform::lift(behind(now.state), Branch::Positive, restitution);
         let z = Lifted { s: sigma * s, v: sigma * v };
-        Ok(Course { now: Followed { z, ..start }, force: acceleration, back, next: Some(end) })
+        Ok(ReferencePeriod {
+            now: ReferenceState { z, ..start },
+            force: acceleration,
+            back,
+            next: Some(end),
+        })
     }
 }

@@ -5,7 +5,7 @@
 //! lift-off  dt = -f_q/f_t at (t, 0, 0),  X = V = 0
 //! ```
 
-use super::Follower;
+use super::VariationalRun;
 use crate::record::failure::Failure;
 use crate::switched::sensitivity::validity::Limit;
 use crate::switched::stages::Counted;
@@ -15,7 +15,7 @@ use crate::Dependence;
 /// Looks at the slope of the force over a part of a rest.
 const LOOKS: u32 = 8;
 
-impl Follower {
+impl VariationalRun {
     /// At rest, where the Zeno time moves by `self.dt`.
     pub(super) fn came_to_rest<E, F: DifferentiableForce<E>>(
         &mut self,
