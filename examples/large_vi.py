@@ -237,9 +237,9 @@ def draw(path: str, n: int, problems: dict[str, Linear], results: dict[str, zivi
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(2, 3, figsize=(8.4, 5.2), layout="constrained")
+    figure, axes = plt.subplots(2, 3, figsize=(9.6, 5.6), layout="constrained")
     for ax, (name, res) in zip(axes.flat, results.items(), strict=True):
-        ax.set_title(name, fontsize=9)
+        ax.set_title(name, fontsize=9, loc="left")
         p = problems.get(name)
         if name.startswith("American"):
             price = np.linspace(0, 4, len(res.x) + 2)[1:-1]
@@ -252,11 +252,11 @@ def draw(path: str, n: int, problems: dict[str, Linear], results: dict[str, zivi
             ax.set(xlabel="impulse", ylabel="contacts")
         elif name.startswith("flows"):
             flows = res.x[: (n // 3) ** 2].reshape(n // 3, -1)
-            figure.colorbar(ax.imshow(flows, cmap="cividis"), ax=ax)
+            figure.colorbar(ax.imshow(flows, aspect="auto", cmap="cividis"), ax=ax)
             ax.set(xlabel="city", ylabel="region")
         else:
             values, active = res.x.reshape(n, n).T, (res.x <= p.lower) | (res.x >= p.upper)
-            figure.colorbar(ax.imshow(values, origin="lower", cmap="cividis"), ax=ax)
+            figure.colorbar(ax.imshow(values, origin="lower", aspect="auto", cmap="cividis"), ax=ax)
             active = active.reshape(n, n).T.astype(float)
             ax.contour(active, [0.5], colors="white", linewidths=1)
             ax.set(xlabel="cell", ylabel="cell")
