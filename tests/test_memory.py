@@ -109,8 +109,8 @@ def test_fixed_steps_whose_impacts_outgrow_the_memory(method, speed):
         system, method = zivi.ImpactSystem(-1.0, e=1.0), zivi.{method}(1.0, theta=0.5)
         limit(72)
         sol = zivi.simulate(system, (0, 1e6), (0, {speed}), method)
-        assert np.all(np.diff(sol.impacts["t"]) > 0)
-        print(sol.status.name, len(sol.t), len(sol.impacts))
+        assert np.all(np.diff(sol.resolved_impacts["t"]) > 0)
+        print(sol.status.name, len(sol.t), len(sol.resolved_impacts))
     """)
     name, samples, impacts = told.split()
     assert name == "OUT_OF_MEMORY"

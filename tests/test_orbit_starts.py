@@ -70,7 +70,7 @@ def run_like(impacts: Any, end: float, zeno: Any = (), rest_time: float | None =
         t=np.array([0.0, end]),
         x=np.array([9.0, 0.25]),
         xdot=np.array([9.0, -0.5]),
-        impacts=record,
+        resolved_impacts=record,
         zeno_times=np.array(zeno, float),
         rest_time=rest_time,
     )

@@ -151,7 +151,8 @@ def test_events_carry_the_number_of_their_point(out):
     ratios = [0.3, 0.0, 0.6]
     study = zivi.sweep(hits, {"e": ratios}, out=out, chunk=1)
     table = study.events.to_pandas()
-    assert list(table.columns) == ["point", "t", "xdot_before", "xdot_after"]
+    fields = ["t", "gap", "speed_before", "speed_after", "impulse", "group"]
+    assert list(table.columns) == ["point", *fields]
     for point, e in enumerate(ratios):
         ours = table[table.point == point]
         assert np.array_equal(ours.t, bounce(e).impacts["t"])

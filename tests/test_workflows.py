@@ -1,7 +1,10 @@
 """What a release is made of: actions by digest, packages by hash; pages with a policy."""
 
+import os
 import re
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
@@ -46,3 +49,9 @@ def test_the_page_without_python_loads_nothing_from_elsewhere():
         not it.startswith("http")
         for it in re.findall(r'(?:src|href)="([^"]*)"', page.split("<body>")[0])
     )
+
+
+@pytest.mark.xdist_group("groups")
+def test_tests_of_a_group_stay_with_one_worker(request):
+    if os.environ.get("PYTEST_XDIST_WORKER") and request.config.getoption("loadgroup", False):
+        assert request.node.nodeid.endswith("@groups")

@@ -12,7 +12,7 @@ from pathlib import Path
 from zivi.base.status import StudyStatus
 from zivi.files import show, summary
 from zivi.files.messages import say, show_table, warn
-from zivi.files.results import require_library, require_regular, save
+from zivi.files.results import check_suffix, require_library, require_regular, save
 from zivi.files.runs import Prepared, Run
 from zivi.files.sweeps import prepare_sweep
 from zivi.files.validation import FileError
@@ -60,6 +60,10 @@ def single(
     require_library()
     prepared = prepare(file)
     path = output(out, file, ".nc", replace=force)
+    try:
+        check_suffix("--out", path)
+    except ValueError as error:
+        raise FileError(f"zivi: {error}") from None
     run, code = _computed(prepared, quiet)
     if not _saved(run, path, force):
         return WRONG

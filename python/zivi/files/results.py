@@ -55,6 +55,13 @@ class ResultError(OSError):
     """A file that is no result, or a damaged one; the text says which and why."""
 
 
+def check_suffix(name: str, path: Path) -> None:
+    """Raise a ValueError for a path whose suffix is that of another kind of file."""
+    if path.suffix.lower() not in (*NETCDF, TABLE):
+        known = ", ".join(it for it in (*NETCDF, TABLE) if it)
+        raise ValueError(f"{name} must end in one of {known}, or have no suffix, got {str(path)!r}")
+
+
 def require_library() -> None:
     """Raise an ImportError that says what to install if results cannot be written or read."""
     needed(ENGINE, "results in netCDF")
@@ -100,9 +107,7 @@ def save(run: Tabulated, path: str | PathLike[str], *, overwrite: bool = False) 
     path = Path(path)
     if not isinstance(run, Tabulated):
         raise TypeError(f"run must be a result of zivi with to_xarray, got {type(run).__name__}")
-    if path.suffix.lower() not in (*NETCDF, TABLE):
-        known = ", ".join(it for it in (*NETCDF, TABLE) if it)
-        raise ValueError(f"path must end in one of {known}, or have no suffix, got {path.name!r}")
+    check_suffix("path", path)
     if path.suffix.lower() != TABLE:
         require_library()
     _refuse(path, overwrite)
