@@ -95,7 +95,7 @@ def test_every_result_is_a_dataset_a_table_a_file_and_a_page(name, tmp_path):
 
 def test_what_is_saved_has_a_suffix_that_is_known(tmp_path):
     run = RUNS["Trajectory"]()
-    with pytest.raises(ValueError, match=r"\.nc.*\.csv.*'it\.xlsx'"):
+    with pytest.raises(ValueError, match=r"\.nc.*\.csv.*it\.xlsx'"):
         zivi.files.save(run, tmp_path / "it.xlsx")
     with pytest.raises(TypeError, match="result of zivi with to_xarray, got dict"):
         zivi.files.save({}, tmp_path / "it.nc")

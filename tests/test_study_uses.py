@@ -18,6 +18,9 @@ from zivi.study.uses import is_ours, unformatted, used
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 
 
+pytestmark = pytest.mark.xdist_group("study uses")
+
+
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pairs")
