@@ -11,8 +11,8 @@ and gaps. Runs pass the accumulations of impacts, rest exactly and lift off agai
 1.354570922957
 
 Systems
-    `ImpactSystem`, `LinearForce`, `HarmonicWall`, `SpeedDependentImpact`; `MechanicalSystem`,
-    `LinearGap`; ``zivi.symbolic``
+    `ImpactSystem`, `LinearForce`, `HarmonicWall`, `Table`, `SpeedDependentImpact`;
+    `MechanicalSystem`, `LinearGap`; ``zivi.symbolic``
 Runs
     `simulate`, `simulate_batch`; the methods `SwitchedRK` (high order, the default), `ThetaGamma`
     (the implicit scheme of Huber and Oza), `MoreauJean`, `ExplicitEuler`
@@ -85,6 +85,7 @@ from zivi.system.mass import ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parametric import ParametricForce
 from zivi.system.parametric_mechanism import ParametricSystem
+from zivi.system.table import Table
 from zivi.system.transform import lift, project
 from zivi.system.wall import HarmonicWall, MovingWall
 from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp
@@ -135,6 +136,7 @@ __all__ = [
     "Study",
     "StudyStatus",
     "SwitchedRK",
+    "Table",
     "ThetaGamma",
     "TickStatus",
     "TwistingRegulator",

@@ -44,6 +44,7 @@ __all__ = [
     "SensitivityRecord",
     "Setting",
     "State",
+    "TimeTable",
     "Tracker",
     "ViRecord",
     "Wall",
@@ -186,9 +187,28 @@ class Wall:
     @staticmethod
     def harmonic(*, amplitude: float, omega: float, phase: float, offset: float) -> Wall: ...
     @staticmethod
+    def table(table: TimeTable) -> Wall: ...
+    @staticmethod
     def callable(motion: Callable[[float], tuple[float, float, float]]) -> Wall: ...
     @property
     def is_native(self) -> bool: ...
+
+@final
+class TimeTable:
+    def __new__(
+        cls,
+        knots: NDArray[np.float64],
+        coefficients: NDArray[np.float64],
+        *,
+        order: int,
+        width: int,
+        ends: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+    ) -> TimeTable: ...
+    def values(self, times: NDArray[np.float64], derivative: int = 0) -> NDArray[np.float64]: ...
+    def motion(self, t: float) -> list[float]: ...
+    def fill(self, t: float, out: NDArray[np.float64]) -> None: ...
+    @property
+    def functions(self) -> tuple[int, int, int]: ...
 
 @final
 class Force:
@@ -196,6 +216,8 @@ class Force:
     def constant(value: float) -> Force: ...
     @staticmethod
     def native(name: str, **numbers: float) -> Force: ...
+    @staticmethod
+    def with_table(numbers: list[float], table: TimeTable) -> Force: ...
     @staticmethod
     def compiled(address: int, *, parameters: list[float] = ..., owner: object) -> Force: ...
     @staticmethod

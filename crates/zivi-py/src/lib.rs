@@ -25,6 +25,7 @@ mod sensitivity;
 mod simulate;
 mod switched_rk;
 mod system;
+mod time_table;
 mod tracking;
 mod transform;
 mod user_events;
@@ -78,6 +79,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(sensitivity::fly_apart, module)?)?;
     module.add_class::<force::Force>()?;
     module.add_class::<force::Wall>()?;
+    module.add_class::<time_table::TimeTable>()?;
     module.add_function(wrap_pyfunction!(force::force_raised, module)?)?;
     module.add_class::<mechanics::MechanicalRecord>()?;
     module.add_class::<motion::MechanicalPath>()?;

@@ -76,5 +76,6 @@ pub use system::force::{
 };
 pub use system::impact_law::{AnyImpactLaw, ImpactLaw, SpeedDependentImpact};
 pub use system::moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
+pub use system::time_table::{TableForce, TimeTable};
 pub use zeno::Tail;
 pub use zivi_core::{Branch, Lifted, Physical, Restitution};

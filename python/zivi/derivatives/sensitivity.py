@@ -260,7 +260,7 @@ def sensitivity(
     for name, value in (("errsens", errsens), ("dense_output", dense_output)):
         if not isinstance(value, bool):
             raise TypeError(f"{name} must be True or False, got {value!r}")
-    stops = stop_times(tstops, method)
+    stops = stop_times(tstops, method, system, span)
     if wrt is None:
         wrt = ("q0", "qdot0") if mechanical else ("x0", "xdot0")
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)

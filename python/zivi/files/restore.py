@@ -20,6 +20,7 @@ from zivi.simulation.dense import LinearPath, LostPath, PenetratingPath
 from zivi.simulation.impacts import IMPACT, SLOWEST
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.trajectory import QUANTITIES, Trajectory
+from zivi.system.table import Table, TableMotion
 from zivi.system.wall import HarmonicWall, MovingWall
 
 if TYPE_CHECKING:
@@ -204,12 +205,14 @@ def _events(dataset: xarray.Dataset) -> tuple[list[Array], list[Array]]:
     return [times[own] for own in each], [states[own] for own in each]
 
 
-def _wall(told: dict[str, Any] | None) -> HarmonicWall | MovingWall | None:
+def _wall(told: dict[str, Any] | None) -> HarmonicWall | MovingWall | TableMotion | None:
     if told is None:
         return None
     values = {name: value for name, value in told.items() if name != "name"}
     if told["name"] == "HarmonicWall":
         return HarmonicWall(**values)
+    if told["name"] == "Table":
+        return TableMotion(Table(**values))
     return MovingWall(_lost, _lost, _lost)
 
 

@@ -11,6 +11,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array, whole
 from zivi.simulation.methods import Method, SwitchedRK
 from zivi.system.mass import ImpactSystem
+from zivi.system.table import refuse_tables
 
 __all__ = ["check_native", "check_threads", "every_of", "states_of", "systems_of"]
 
@@ -28,6 +29,7 @@ def systems_of(systems: Any) -> list[ImpactSystem]:
         if not isinstance(system, ImpactSystem):
             kind = type(system).__name__
             raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
+        refuse_tables(system, f"system {i} of a batch")
         check_native(system._spec, f"the force of system {i}")
     if not several:
         raise ValueError("systems must hold at least one system")

@@ -6,6 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from zivi.system.impact_law import NewtonImpact
+from zivi.system.table import Table
 
 if TYPE_CHECKING:
     from zivi.simulation.methods import Method
@@ -45,8 +46,13 @@ def describe(force: Any) -> Any:
     """Plain values that tell a force, a wall or a law again (a callable only by its name)."""
     if dataclasses.is_dataclass(force) and not isinstance(force, type):
         values = {field.name: getattr(force, field.name) for field in dataclasses.fields(force)}
+        if values.get("excitation", 0) is None:
+            del values["excitation"]
         plain = {name: describe(it) if callable(it) else it for name, it in values.items()}
         return {"name": type(force).__name__, **plain}
+    if isinstance(force, Table):
+        numbers = {"times": force.times.tolist(), "values": force.values.tolist()}
+        return {"name": "Table", **numbers, "kind": force.kind, "extend": force.extend}
     if isinstance(force, int | float):
         return float(force)
     name = getattr(force, "__qualname__", None) or type(force).__qualname__

@@ -61,7 +61,7 @@ def mechanical_batch(
     several = several * len(q) if len(several) == 1 else several
     samples = None if times is None else _room(q.shape, len(times))
     tasks = [
-        (system, Asked(span, a, b, None, np.empty(0), [], True))
+        (system, Asked(span, a, b, None, _knots(system, method, span), [], True))
         for system, a, b in zip(several, q, qdot, strict=True)
     ]
 
@@ -80,6 +80,12 @@ def mechanical_batch(
         return batch
     config["t_eval"] = times.tolist()
     return dataclasses.replace(batch, sample_t=times, sample_q=samples[0], sample_qdot=samples[1])
+
+
+def _knots(system: MechanicalSystem, method: Any, span: tuple[float, float]) -> Array:
+    """Give the knots of the tables of a system, where the method steps onto them."""
+    knots = system._breaks(span)
+    return knots if method._takes_tstops else np.empty(0)
 
 
 def _room(shape: tuple[int, ...], count: int) -> Array:

@@ -193,7 +193,7 @@ def simulate(
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
     times = None if t_eval is None else times_within(t_eval, span)
-    stops = stop_times(tstops, method)
+    stops = stop_times(tstops, method, system, span)
     watched = events_of(events)
     with ProgressBar(progress) as bar, listening([system._spec]) as ear:
         keep = _zivi.Keep(
@@ -251,7 +251,7 @@ def _mechanical(
         q,
         qdot,
         times,
-        stop_times(tstops, method),
+        stop_times(tstops, method, system, span),
         events_of(events, MECHANICAL),
         dense_output,
     )
@@ -284,10 +284,16 @@ def pair(name: str, value: Any, form: str) -> tuple[float, float]:
     return real(name, first), real(name, second)
 
 
-def stop_times(tstops: ArrayLike | None, method: Method) -> np.ndarray:
-    """Return the declared breaks of the force, increasing."""
+def stop_times(
+    tstops: ArrayLike | None,
+    method: Method,
+    system: ImpactSystem | MechanicalSystem,
+    span: tuple[float, float],
+) -> np.ndarray:
+    """Return the declared breaks of the force and the knots of tables, increasing."""
+    knots = system._breaks(span)
     if tstops is None:
-        return NO_STOPS
+        return knots if len(knots) and getattr(method, "_takes_tstops", False) else NO_STOPS
     if not getattr(method, "_takes_tstops", False):
         raise ValueError(
             f"tstops needs a method with error control, SwitchedRK, got {type(method).__name__}: "
@@ -298,7 +304,7 @@ def stop_times(tstops: ArrayLike | None, method: Method) -> np.ndarray:
         raise ValueError(f"tstops must be one-dimensional, got shape {stops.shape}")
     if not np.all(np.isfinite(stops)):
         raise ValueError("tstops must be finite times")
-    return np.unique(stops)
+    return np.unique(np.concatenate([stops, knots]))
 
 
 def times_within(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:

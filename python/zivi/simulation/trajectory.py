@@ -21,6 +21,7 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.resample import between_steps
 from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
 from zivi.simulation.trust import Closer, closer_mass, told, trusted
+from zivi.system.table import TableMotion, motion_of
 
 if TYPE_CHECKING:
     from zivi.simulation.methods import Method
@@ -139,7 +140,9 @@ class Trajectory(MassRun):
     y_events: list[Array] = dataclasses.field(default_factory=list)
     slowest: float = SLOWEST
     _path: Path | None = dataclasses.field(repr=False, default=None)
-    _wall: HarmonicWall | MovingWall | None = dataclasses.field(repr=False, default=None)
+    _wall: HarmonicWall | MovingWall | TableMotion | None = dataclasses.field(
+        repr=False, default=None
+    )
     _closer: Closer | None = dataclasses.field(repr=False, default=None)
 
     @functools.cached_property
@@ -210,7 +213,7 @@ class Trajectory(MassRun):
             t_events=[hits.t for hits in record.hits],
             y_events=[np.hstack([hits.q, hits.qdot]) for hits in record.hits],
             _path=record.path or method._path(system.kappa, t, samples),  # type: ignore[attr-defined]
-            _wall=system.wall,
+            _wall=motion_of(system.wall),
         )
         if isinstance(method, SwitchedRK):
             vars(sol)["_closer"] = functools.partial(

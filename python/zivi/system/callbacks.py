@@ -10,8 +10,10 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.system.gap import Gap, LinearGap
+from zivi.system.inputs import DrivenForce
 from zivi.system.layout import Layout
 from zivi.system.model_parts import Compiled, Part
+from zivi.system.table import Table
 from zivi.system.wall import HarmonicWall
 
 if TYPE_CHECKING:
@@ -38,6 +40,23 @@ WALL = """\
         out[VALUE] -= at[3] + swing;
         out[CURVATURE] = at[1]*at[1]*swing;
         out[RATE] = at[0]*at[1]*sin(angle);
+    }
+"""
+DRIVEN = """\
+    {
+        typedef void (*driven)(double, const double *, const double *, const double *, double *);
+        double u[WIDTH];
+        ((part_with_data)p->calls[PLACE])(t, q, w, u, p->calls[PLACE + 1]);
+        ((driven)p->calls[PLACE + 2])(t, q, w, u, out + START);
+    }
+"""
+TABLE = """\
+    {
+        double at[3];
+        ((part_with_data)p->calls[PLACE])(t, q, w, at, p->calls[PLACE + 1]);
+        out[VALUE] -= at[0];
+        out[CURVATURE] = -at[2];
+        out[RATE] = -at[1];
     }
 """
 
@@ -83,7 +102,7 @@ def glued(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> Glued
     moved = [gap.motion for gap in linear if gap.motion is not None]
     if not (native and any(isinstance(part, Compiled) for part in given)):
         return None
-    if not all(isinstance(motion, HarmonicWall) for motion in moved):
+    if not all(isinstance(motion, HarmonicWall | Table) for motion in moved):
         return None
     from zivi.base.machine_code import c_compiler, compiled  # what most runs do not need
 
@@ -99,7 +118,11 @@ def glued(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> Glued
         elif isinstance(part, Compiled):
             start = (view.ctypes.data - row.ctypes.data) // row.itemsize
             lines.append(_call(len(calls), start, part))
-            calls += [part.address] if part.data is None else [part.address, part.data]
+            if isinstance(part, DrivenForce):
+                values, _, table = part.inputs._core.functions
+                calls += [values, table, part.address]
+            else:
+                calls += [part.address] if part.data is None else [part.address, part.data]
     lines += [_linear(layout, i) for i, gap in enumerate(gaps) if isinstance(gap, LinearGap)]
     walls: list[float] = []
     for i, gap in enumerate(gaps):
@@ -107,14 +130,20 @@ def glued(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> Glued
         if isinstance(motion, HarmonicWall):
             lines.append(_wall(layout, i, len(walls)))
             walls += [motion.amplitude, motion.omega, motion.phase, motion.offset]
+        elif isinstance(motion, Table):
+            lines.append(_placed(TABLE.replace("PLACE", str(len(calls))), layout, i))
+            calls += motion._core.functions[1:]
     source = HEAD.replace("SIZE", str(layout.size)) + "".join([*lines, "    return 0;\n}\n"])
     numbers, addresses = np.array([*walls, 0.0]), np.array([*calls, 0], dtype=np.uintp)
     parameters = np.array([a.ctypes.data for a in (row, addresses, numbers)], dtype=np.uintp)
-    owners = [row, addresses, numbers, parameters, given]
+    owners = [row, addresses, numbers, parameters, given, moved]
     return Glued(compiled({"c": source}, "c"), parameters.ctypes.data, owners)
 
 
 def _call(place: int, start: int, part: Compiled) -> str:
+    if isinstance(part, DrivenForce):
+        text = DRIVEN.replace("PLACE", str(place)).replace("START", str(start))
+        return text.replace("WIDTH", str(part.inputs.width or 1))
     kind = "part" if part.data is None else "part_with_data"
     more = "" if part.data is None else f", p->calls[{place + 1}]"
     return f"    (({kind})p->calls[{place}])(t, q, w, out + {start}{more});\n"
@@ -131,7 +160,11 @@ def _linear(layout: Layout, i: int) -> str:
 
 def _wall(layout: Layout, i: int, place: int) -> str:
     """Let the wall of a linear gap move: its value, its rate, its curvature."""
-    text = WALL.replace("WALL", str(place))
+    return _placed(WALL.replace("WALL", str(place)), layout, i)
+
+
+def _placed(text: str, layout: Layout, i: int) -> str:
+    """Write the places of a gap into a text."""
     for name, index in _places(layout, i).items():
         text = text.replace(name, str(index))
     return text

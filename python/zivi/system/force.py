@@ -14,6 +14,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.functions import compiled_by_numba, of_three
 from zivi.system.parametric import ParametricForce
+from zivi.system.table import Table
 
 _CFunction = type(ctypes.CFUNCTYPE(None)()).__mro__[1]
 """The class of all function pointers of ctypes (which it does not name publicly)."""
@@ -38,7 +39,8 @@ class NativeForce:
 
     def _numbers(self) -> dict[str, float]:
         """Give the numbers by their names, in the order of the core."""
-        return {it.name: getattr(self, it.name) for it in dataclasses.fields(self)}
+        every = {it.name: getattr(self, it.name) for it in dataclasses.fields(self)}
+        return {name: value for name, value in every.items() if name != "excitation"}
 
     @property
     def _excitation(self) -> float | None:
@@ -73,11 +75,16 @@ class LinearForce(NativeForce):
         :math:`\omega` (rad/s).
     phase : float
         :math:`\varphi` (rad).
+    excitation : Table, optional
+        A further excitation as a table of time (m/s^2), added to the wave. Only `simulate`,
+        `sensitivity` and closed loops take it.
 
     Raises
     ------
     ValueError
-        If a coefficient is not finite.
+        If a coefficient is not finite, or the table has several values.
+    TypeError
+        If the excitation is no `Table`.
 
     Examples
     --------
@@ -92,15 +99,41 @@ class LinearForce(NativeForce):
     amplitude: float = 0.0
     omega: float = 1.0
     phase: float = 0.0
+    excitation: Table | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.excitation is not None:
+            if not isinstance(self.excitation, Table):
+                raise TypeError(f"excitation must be a zivi.Table, got {self.excitation!r}")
+            self.excitation._scalar("excitation")
 
     def __call__(self, t: float, x: float, xdot: float) -> float:
         """Evaluate the force (m/s^2) at time `t` (s), distance `x` (m), velocity `xdot` (m/s)."""
         excitation = self.amplitude * math.cos(self.omega * t + self.phase)
+        if self.excitation is not None:
+            excitation += self.excitation._at(t)[0]
         return -self.stiffness * x - self.damping * xdot - self.gravity + excitation
 
     @property
     def _excitation(self) -> float | None:
         return None if self.amplitude == 0.0 else abs(self.omega)
+
+    def _spec(self) -> _zivi.Force:
+        if self.excitation is None:
+            return super()._spec()
+        return _zivi.Force.with_table(list(self._numbers().values()), self.excitation._core)
+
+    def __repr__(self) -> str:
+        more = {} if self.excitation is None else {"excitation": self.excitation}
+        parts = (f"{name}={value!r}" for name, value in (self._numbers() | more).items())
+        return f"LinearForce({', '.join(parts)})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = dict(vars(self))
+        if self.excitation is None:
+            del state["excitation"]  # as before there was one
+        return state
 
 
 def force_spec(force: Any, name: str = "force") -> _zivi.Force:

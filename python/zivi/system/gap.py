@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, finite, real_array
 from zivi.system.model_parts import Compiled, Part, part
+from zivi.system.table import Table
 from zivi.system.wall import HarmonicWall, MovingWall
 
 __all__ = ["Gap", "LinearGap"]
@@ -138,7 +139,7 @@ class LinearGap(Gap):
         :math:`n`, of shape (n,), not zero. It need not have length one.
     offset : float
         :math:`c`.
-    motion : HarmonicWall, MovingWall or None
+    motion : HarmonicWall, MovingWall, Table or None
         :math:`w`, with its derivatives; by default the wall does not move.
     name : str, optional
         As for `Gap`.
@@ -160,7 +161,7 @@ class LinearGap(Gap):
         self,
         normal: ArrayLike,
         offset: float = 0.0,
-        motion: HarmonicWall | MovingWall | None = None,
+        motion: HarmonicWall | MovingWall | Table | None = None,
         name: str | None = None,
     ) -> None:
         n = np.atleast_1d(real_array("normal", normal)).copy()
@@ -170,9 +171,12 @@ class LinearGap(Gap):
                 f"normal{whose} must be a vector, finite and not zero, got {n.tolist()}"
             )
         c = finite("offset", offset)
-        if not (motion is None or isinstance(motion, HarmonicWall | MovingWall)):
+        if isinstance(motion, Table):
+            motion._wall("motion")
+        elif not (motion is None or isinstance(motion, HarmonicWall | MovingWall)):
             raise TypeError(
-                f"motion must be a zivi.HarmonicWall or a zivi.MovingWall, got {motion!r}"
+                "motion must be a zivi.HarmonicWall, a zivi.MovingWall or a zivi.Table, "
+                f"got {motion!r}"
             )
         self.normal, self.offset, self.motion = n, c, motion
         if motion is None:

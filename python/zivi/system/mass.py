@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import zivi._zivi as _zivi
-from zivi.base.check import MaybeNone
+from zivi.base.check import Array, MaybeNone
 from zivi.system.force import Force, LinearForce, force_spec
 from zivi.system.impact_law import ImpactLaw, NewtonImpact
+from zivi.system.table import Table, declared_breaks
 from zivi.system.transform import coefficients
 from zivi.system.wall import HarmonicWall, MovingWall
 
@@ -42,7 +43,7 @@ class ImpactSystem:
         `NewtonImpact`, which is the same, or `SpeedDependentImpact`.
     kappa : float, optional
         :math:`\kappa = (1-e)/(1+e)` in [0, 1]. Exactly one of `e` and `kappa` is given.
-    wall : HarmonicWall or MovingWall, optional
+    wall : HarmonicWall, MovingWall or Table, optional
         A wall that moves, :math:`x \ge w(t)`. The force is then still that of the fixed frame,
         ``f(t, x, xdot)``; initial states and results are in the wall's frame, the distance
         :math:`x - w` and its rate, where the impacts obey restitution. `Trajectory.fixed` gives
@@ -84,7 +85,7 @@ class ImpactSystem:
         *,
         e: float | ImpactLaw | None = None,
         kappa: float | None = None,
-        wall: HarmonicWall | MovingWall | None = None,
+        wall: HarmonicWall | MovingWall | Table | None = None,
     ) -> None:
         self._e: float | ImpactLaw
         self._kappa: float | None
@@ -95,9 +96,12 @@ class ImpactSystem:
         else:
             self._e, self._kappa = coefficients(e.e if isinstance(e, NewtonImpact) else e, kappa)
         self._force = force
-        if not (wall is None or isinstance(wall, HarmonicWall | MovingWall)):
+        if isinstance(wall, Table):
+            wall._wall("wall")
+        elif not (wall is None or isinstance(wall, HarmonicWall | MovingWall)):
             raise TypeError(
-                f"wall must be None, a zivi.HarmonicWall or a zivi.MovingWall, got {wall!r}"
+                "wall must be None, a zivi.HarmonicWall, a zivi.MovingWall or a zivi.Table, "
+                f"got {wall!r}"
             )
         self._wall = wall
         self._prepare()
@@ -125,9 +129,14 @@ class ImpactSystem:
         return self._force
 
     @property
-    def wall(self) -> HarmonicWall | MovingWall | MaybeNone:
+    def wall(self) -> HarmonicWall | MovingWall | Table | MaybeNone:
         """The moving wall, or None."""
         return self._wall
+
+    def _breaks(self, span: tuple[float, float]) -> Array:
+        """Give the knots of the tables within a span, which it must not leave."""
+        excitation = getattr(self._force, "excitation", None)
+        return declared_breaks(span, [excitation], [self._wall])
 
     @property
     def e(self) -> float:

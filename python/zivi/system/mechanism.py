@@ -15,9 +15,11 @@ from zivi.system.assemble import Evaluate, assembled
 from zivi.system.callbacks import glued
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import ImpactLaw, NewtonImpact
+from zivi.system.inputs import driven
 from zivi.system.layout import Evaluation, Layout
 from zivi.system.model_parts import Part, part
 from zivi.system.partials import Partials
+from zivi.system.table import Table, declared_breaks
 
 __all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass", "restitutions"]
 
@@ -72,6 +74,9 @@ class MechanicalSystem:
         Coefficients of restitution in [0, 1]: one for all gaps or one for each.
     coordinates : sequence of str, optional
         Names of the coordinates for tables and plots; by default ``q0``, ``q1``, ...
+    inputs : Table, optional
+        Inputs ``u(t)``, a last argument of the force: ``F(t, q, qdot, u)`` with an array of shape
+        (k,), or compiled ``void (double t, double *q, double *qdot, double *u, double *out)``.
 
     Raises
     ------
@@ -100,6 +105,7 @@ class MechanicalSystem:
 
     derived = False
     """Whether the derivatives were derived, not given: then no differences check them."""
+    _inputs: Table | None = None
 
     def __init__(
         self,
@@ -109,11 +115,15 @@ class MechanicalSystem:
         gaps: Sequence[Gap] = (),
         e: float | ArrayLike = 0.0,
         coordinates: Sequence[str] | None = None,
+        inputs: Table | None = None,
     ) -> None:
         self._given = {"mass": mass, "force": force}
+        self._inputs = inputs
         self._gaps = _gaps(gaps)
         self._mass: Part = part("mass", mass, "t, q")
-        self._force: Part = part("force", force, "t, q, qdot")
+        self._force: Part = (
+            part("force", force, "t, q, qdot") if inputs is None else driven(force, inputs)
+        )
         if isinstance(self._mass, np.ndarray):
             self._mass = _matrix(self._mass)
         if isinstance(self._force, np.ndarray):
@@ -145,6 +155,11 @@ class MechanicalSystem:
     def gaps(self) -> tuple[Gap, ...]:
         """The gaps as given."""
         return self._gaps
+
+    def _breaks(self, span: tuple[float, float]) -> Array:
+        """Give the knots of the tables within a span, which it must not leave."""
+        walls = [getattr(gap, "motion", None) for gap in self._gaps]
+        return declared_breaks(span, [self._inputs], walls)
 
     @property
     def e(self) -> Array:
@@ -234,7 +249,9 @@ class MechanicalSystem:
         return f"{type(self).__name__}({', '.join(told)})"
 
     def __getstate__(self) -> dict[str, Any]:
-        return self._given | {"gaps": self._gaps, "e": self._e, "coordinates": self._coordinates}
+        state = {"gaps": self._gaps, "e": self._e, "coordinates": self._coordinates}
+        more = {} if self._inputs is None else {"inputs": self._inputs}
+        return self._given | state | more
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         MechanicalSystem.__init__(self, **state)

@@ -10,6 +10,7 @@ from zivi.system.impact_law import ImpactLaw, NewtonImpact
 from zivi.system.mass import ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parametric import ParametricForce
+from zivi.system.table import refuse_tables
 from zivi.system.wall import HarmonicWall
 
 __all__ = [
@@ -41,6 +42,7 @@ def check_newton(system: Any) -> None:
     """Refuse as `check_differentiable`, and another impact law than Newton's."""
     check_differentiable(system)
     _ = system.e  # which says what takes another
+    refuse_tables(system, "this")
 
 
 def of_force(force: Any) -> dict[str, float]:

@@ -1,6 +1,9 @@
 //! The list of the forces that need no interpreter, and all that is made of it.
 
-use zivi::{ConstantForce, Dependence, Force, HarmonicWall, LinearForce, LinearLaw, OnMovingWall};
+use zivi::{
+    ConstantForce, Dependence, Force, HarmonicWall, LinearForce, LinearLaw, OnMovingWall,
+    TableForce,
+};
 
 use super::compiled::CompiledForce;
 use super::native::NativeForce;
@@ -176,4 +179,5 @@ natives! { $
     Constant, MovingConstant(ConstantForce);
     Linear, MovingLinear(LinearForce);
     Compiled, MovingCompiled(CompiledForce);
+    Table, MovingTable(TableForce<'static>);
 }

@@ -16,6 +16,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use zivi::system::slopes::Differenced;
 
+use crate::time_table::TimeTable;
 use kind::{Callable, Kind, Native};
 use parametric::{ParametricForce, WithJacobian};
 use slopes::AnySlopes;
@@ -77,6 +78,15 @@ impl Force {
         let force =
             force.ok_or_else(|| PyValueError::new_err(format!("no native force {name:?}")))?;
         Ok(Self::of(Native { force, owner: None }))
+    }
+
+    /// A linear force, of its numbers in their order, whose excitation has a table, too.
+    #[staticmethod]
+    fn with_table(numbers: [f64; 6], table: Py<TimeTable>) -> Self {
+        let [stiffness, damping, gravity, amplitude, omega, phase] = numbers;
+        let linear = zivi::LinearForce { stiffness, damping, gravity, amplitude, omega, phase };
+        let force = zivi::TableForce { linear, table: TimeTable::held(&table) };
+        Self::of(Native { force: AnyNative::Table(force), owner: Some(table.into_any()) })
     }
 
     /// A function at an address, called with time, state and the values of its parameters. The

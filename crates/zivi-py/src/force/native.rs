@@ -56,3 +56,12 @@ impl NativeForce for zivi::LinearForce {
         self
     }
 }
+
+/// Its table is held by the [`super::Force`].
+impl NativeForce for zivi::TableForce<'static> {
+    type Differentiable = Self;
+
+    fn differentiable(self, _: f64) -> Self {
+        self
+    }
+}

@@ -4,6 +4,8 @@ use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::{HarmonicWall, WallMotion};
 
+use crate::time_table::TimeTable;
+
 /// The motion of a wall, of one of its kinds.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Wall {
@@ -12,6 +14,8 @@ pub(crate) struct Wall {
 
 enum Kind {
     Harmonic(HarmonicWall),
+    /// Moves as the first column.
+    Table(Py<TimeTable>),
     /// Gives position, velocity and acceleration.
     Callable(Py<PyAny>),
 }
@@ -22,6 +26,11 @@ impl Wall {
     #[pyo3(signature = (*, amplitude, omega, phase, offset))]
     fn harmonic(amplitude: f64, omega: f64, phase: f64, offset: f64) -> Self {
         Self { kind: Kind::Harmonic(HarmonicWall { amplitude, omega, phase, offset }) }
+    }
+
+    #[staticmethod]
+    fn table(table: Py<TimeTable>) -> Self {
+        Self { kind: Kind::Table(table) }
     }
 
     #[staticmethod]
@@ -38,6 +47,7 @@ impl Wall {
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.kind {
             Kind::Harmonic(_) => Ok(()),
+            Kind::Table(table) => visit.call(table),
             Kind::Callable(motion) => visit.call(motion),
         }
     }
@@ -46,6 +56,7 @@ impl Wall {
 /// A wall that is ready to be asked where it is.
 pub(crate) enum AnyWall<'py> {
     Harmonic(HarmonicWall),
+    Table(Bound<'py, TimeTable>),
     Callable(Bound<'py, PyAny>),
 }
 
@@ -53,6 +64,7 @@ impl<'py> AnyWall<'py> {
     pub(crate) fn of(py: Python<'py>, wall: &Wall) -> Self {
         match &wall.kind {
             Kind::Harmonic(wall) => Self::Harmonic(*wall),
+            Kind::Table(table) => Self::Table(table.bind(py).clone()),
             Kind::Callable(motion) => Self::Callable(motion.bind(py).clone()),
         }
     }
@@ -62,6 +74,7 @@ impl WallMotion<PyErr> for AnyWall<'_> {
     fn at(&mut self, t: f64) -> PyResult<[f64; 3]> {
         match self {
             Self::Harmonic(wall) => wall.at(t),
+            Self::Table(table) => Ok(table.get().inner.motion(t, 0)),
             Self::Callable(motion) => {
                 let (w, wdot, wddot) = motion.call1((t,))?.extract()?;
                 Ok([w, wdot, wddot])
@@ -72,7 +85,7 @@ impl WallMotion<PyErr> for AnyWall<'_> {
     fn harmonic(&self) -> Option<HarmonicWall> {
         match self {
             Self::Harmonic(wall) => Some(*wall),
-            Self::Callable(_) => None,
+            Self::Table(_) | Self::Callable(_) => None,
         }
     }
 }

@@ -8,3 +8,4 @@ pub mod moving_wall;
 pub mod partials;
 pub mod slopes;
 pub(crate) mod stops;
+pub mod time_table;
