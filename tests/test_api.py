@@ -133,7 +133,7 @@ def test_the_promised_defaults():
     defaults = [parameters[name].default for name in ("theta", "gamma", "solver")]
     assert defaults == [1.0, 1.0, "exact"]
     coefficients = inspect.signature(zivi.LinearForce).parameters.values()
-    assert [p.default for p in coefficients] == [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    assert [p.default for p in coefficients] == [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, None]
     for name in ("e", "kappa"):
         assert inspect.signature(zivi.ImpactSystem).parameters[name].kind.name == "KEYWORD_ONLY"
 
