@@ -77,7 +77,7 @@ pub unsafe extern "C" fn zivi_simulate_mechanical(
                 _ => Err(Raised),
             }
         };
-        let mut dynamics = FunctionDynamics { layout: Layout { n, m }, function };
+        let mut dynamics = FunctionDynamics { layout: Layout::smooth(n, m), function };
         let output = MechanicalOutput { t_eval: how.t_eval, ..MechanicalOutput::default() };
         let done = simulate_mechanical(
             how.settings,

@@ -52,9 +52,10 @@ pub(crate) struct MechanicalRecord {
 
 impl MechanicalRecord {
     pub(crate) fn new(py: Python<'_>, run: MechanicalRun<PyErr>) -> PyResult<Self> {
-        let Layout { n, m } = run.layout;
+        let Layout { n, m, .. } = run.layout;
         let (samples, all) = (&run.samples, &run.occurrences);
         let count = samples.t.len();
+        let closed: Vec<GapSet> = samples.modes.iter().map(|mode| mode.closed).collect();
         let picked = |values: &[f64], from, width| columns(py, values, n + m, from, width);
         let reactions: Vec<f64> = samples.lambda.clone();
         let floats = |of: &dyn Fn(&Occurrence) -> Option<f64>| {
@@ -90,7 +91,7 @@ impl MechanicalRecord {
             gaps: picked(&samples.x, n, m)?,
             gap_rates: picked(&samples.v, n, m)?,
             reactions: PyArray1::from_vec(py, reactions).reshape([count, m])?.unbind(),
-            contacts: members(py, &samples.closed, m)?,
+            contacts: members(py, &closed, m)?,
             impact_t: floats(field!(Impact, t)),
             impact_gap: integers(field!(Impact, gap as i64)),
             impact_speed_before: floats(field!(Impact, before)),

@@ -40,7 +40,7 @@ impl MechanicalPath {
                 Some(point) => {
                     x.extend(point.x);
                     v.extend(point.v);
-                    closed.push(point.closed);
+                    closed.push(point.mode.closed);
                 }
                 None => {
                     x.resize(x.len() + n + m, f64::NAN);

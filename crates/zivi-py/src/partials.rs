@@ -273,7 +273,7 @@ pub(crate) fn mechanical_sensitivity(
     let (q, qdot) = (start.q.clone(), start.qdot.clone());
     let (sizes, times, tstops) = (vector(&sizes), vector(&times), vector(&tstops));
     let wrt: Vec<MechanicalWrt> = wrt.iter().map(wrt_of).collect();
-    let layout = Layout { n: system.n, m: system.m };
+    let layout = Layout::smooth(system.n, system.m);
     let question = Question { wrt: &wrt, sizes: &sizes, controlled, times: &times };
     let start = (&q[..], &qdot[..]);
     let task = Task { method, e: &e, span, start, tstops: &tstops, dense, question };

@@ -110,7 +110,7 @@ fn run_mechanism(
     let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
     let (dense, e) = (keep.dense, system.e.as_slice());
     let start = (start.q.as_slice(), start.qdot.as_slice());
-    let layout = Layout { n: system.n, m: system.m };
+    let layout = Layout::smooth(system.n, system.m);
     let dynamics = AnyDynamics::of(py, system.model.get(), layout);
     let output = |events| MechanicalOutput { t_eval, tstops, dense, events };
     Ok(match dynamics {

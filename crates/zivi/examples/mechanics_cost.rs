@@ -30,7 +30,7 @@ fn main() {
         let settings = SwitchedRk { order, ..SwitchedRk::with_tol(tol) };
         let (mut evaluations, start) = (0, Instant::now());
         for _ in 0..runs {
-            let layout = Layout { n: 3, m: 3 };
+            let layout = Layout::smooth(3, 3);
             let mut system = FunctionDynamics { layout, function: tower };
             let run = simulate_mechanical(
                 settings,

@@ -14,6 +14,7 @@ use crate::record::occurrence::Occurrence;
 use crate::switched::lookahead::Deviation;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::friction::Friction;
 use crate::zeno::bounce::Bounce;
 use crate::zeno::chain::Chain;
 use crate::Status;
@@ -31,13 +32,13 @@ pub(super) struct Accumulation {
 }
 
 impl Accumulation {
-    pub(super) fn new(settings: SwitchedRk, layout: Layout) -> Self {
+    pub(super) fn new(settings: SwitchedRk, layout: Layout, friction: &Friction) -> Self {
         Self {
             settings,
-            chain: ImpactChain::new(layout.n + layout.m),
+            chain: ImpactChain::new(layout.size()),
             corner: CornerApproach::default(),
             impacts: 0,
-            aside: Kinetics::new(layout),
+            aside: Kinetics::new(layout, friction),
         }
     }
 
@@ -67,6 +68,12 @@ impl Accumulation {
         self.chain.clear();
         self.corner.clear();
         self.impacts = 0;
+    }
+
+    /// Friction in a joint, or at a contact that stays closed, changed in flight: the impacts are none
+    /// of a chain with a known ratio.
+    pub(super) fn note_transition(&mut self) {
+        self.chain.clear();
     }
 
     /// An error where there were too many impacts without an end.
@@ -112,7 +119,7 @@ impl Accumulation {
         occurrences: &mut Vec<Occurrence>,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let before = state.closed();
+        let (before, mode) = (state.closed(), state.mode());
         let Self { settings, chain, corner, aside, .. } = self;
         let mut at = Mechanism { settings, e, state, aside, model };
         let (piece, set) = match into {
@@ -136,6 +143,7 @@ impl Accumulation {
             occurrences.extend(set.without(before).iter().map(zeno));
         }
         note_lifted(t, state.left(), occurrences);
+        state.note_transitions(mode, occurrences);
         self.chain.restart();
         self.impacts = 0;
         Ok(piece)

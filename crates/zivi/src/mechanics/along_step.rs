@@ -4,8 +4,9 @@ use super::equation::Stages;
 use super::kinetics::{Kinetics, Model};
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::step_error::{worse, StepError, Tolerances};
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
+
 use crate::system::dynamics::Dynamics;
 
 /// What is overlooked is more than so many tolerances: the polynomials are no better than that.
@@ -14,7 +15,7 @@ pub(super) const DEFECT: f64 = 100.0;
 /// A complete step, evaluated at any part of it.
 pub(super) struct AlongStep<'r, 'm, D> {
     pub(super) step: &'r Stages,
-    pub(super) closed: GapSet,
+    pub(super) mode: ContactMode,
     pub(super) tolerances: &'r Tolerances,
     /// The mechanics where they were evaluated last.
     pub(super) aside: &'r mut Kinetics,
@@ -40,7 +41,7 @@ impl<D> AlongStep<'_, '_, D> {
             coordinates.map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
         let t = self.step.from.t + theta * self.step.h;
         self.aside.evaluate(self.model, t, &q, &w)?;
-        Ok(self.aside.contact(self.closed)?)
+        Ok(self.aside.contact(self.mode)?)
     }
 
     /// How far the polynomials are from the equation of motion at a part of the step, as an error

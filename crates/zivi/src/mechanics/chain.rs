@@ -7,6 +7,7 @@ use super::mechanism::{scales, Mechanism};
 use super::mode::Key;
 use super::state::MechanicalState;
 use super::tail::SkippedArcs;
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::switched::lookahead::{Deviation, Lookahead};
@@ -53,10 +54,9 @@ impl ImpactChain {
         self.obstacle = None;
     }
 
-    /// The gaps that are closed where the chain ends.
-    pub(super) fn set(&self) -> GapSet {
-        let key = self.chain.key();
-        key.closed.with(key.hit)
+    /// The mode in which the chain ends.
+    fn landed(&self) -> ContactMode {
+        self.chain.key().landed
     }
 
     /// The tolerances of the Zeno time and of the state there.
@@ -83,17 +83,20 @@ impl ImpactChain {
             self.chain.clear();
             return Ok(None);
         }
-        let (t, z) = (at.state.now().t, at.state.without_speeds(key.closed.with(key.hit))?);
+        let (t, z) = (at.state.now().t, at.state.without_speeds(key.landed)?);
         let (x, v) = z.split_at(z.len() / 2);
         let aside = &mut *at.aside;
         aside.evaluate(at.model, t, &x[..n], &v[..n])?;
-        aside.contact(key.closed)?;
+        aside.contact(key.flight)?;
         let pull = |i: usize| -aside.acceleration[n + i];
         let least = key.hit.iter().map(pull).fold(f64::INFINITY, f64::min);
         let g = if least > 0.0 { pull(first) } else { least };
-        aside.contact(key.closed.with(key.hit))?;
+        aside.contact(key.landed)?;
         let mut rates = v.to_vec();
         rates.append(&mut aside.accelerations());
+        if let Some(power) = rates.get_mut(v.len() + n + aside.layout.rows()) {
+            *power = aside.friction_power(&v[n..]);
+        }
         let bounce = Bounce { t, u, g };
         self.chain.turn_to(key, e);
         self.chain.note(bounce, &z, &rates)?;
@@ -117,11 +120,11 @@ impl ImpactChain {
         let scales = self.scales(at.settings, at.state, last);
         let Some(landing) = self.chain.landing(&scales) else { return Ok(None) };
         let ahead = landing.t - last.t;
-        let (set, closed) = (self.set(), self.chain.key().closed);
+        let key = self.chain.key();
         let known = landing.size <= 1.0 && ahead > 0.0 && ahead < 3.0 * left;
         let sound = known
-            && at.is_clear(&landing, set)
-            && at.stays_closed(&landing, set, closed)?
+            && at.is_clear(&landing, key.landed)
+            && at.stays_closed(&landing, key.landed, key.flight)?
             && self.look_ahead(&landing, scales[0], at)?;
         Ok(sound.then_some(landing))
     }
@@ -134,7 +137,7 @@ impl ImpactChain {
         tolerance: f64,
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<bool, Failure<E>> {
-        let (key, set) = (self.chain.key(), self.set());
+        let (key, set) = (self.chain.key(), self.landed());
         let Some(gap) = key.hit.iter().next() else { return Ok(false) };
         let (t, z) = (at.state.now().t, at.state.without_speeds(set)?);
         let speeds = at.state.now().xdot.clone();
@@ -146,7 +149,7 @@ impl ImpactChain {
         let Some(tail) = &arcs.arcs else { return Ok(false) };
         let (e, max_step) = (self.chain.e(), at.settings.max_step);
         let ahead = Lookahead { tail, e, tolerance, max_step, period: None };
-        let mut pull = AlongArcs::new(&arcs, (key.closed, gap), at.aside, at.model);
+        let mut pull = AlongArcs::new(&arcs, (key.flight, gap), at.aside, at.model);
         let obstacle = &mut self.obstacle;
         *obstacle = ahead.obstacle(*obstacle, &mut Counted::new(&mut pull))?;
         Ok(obstacle.is_none())
@@ -160,14 +163,15 @@ impl ImpactChain {
         dense_from: f64,
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<(SkippedArcs, GapSet), Failure<E>> {
-        let set = self.set();
-        let (start, z) = (at.state.now().t, at.state.without_speeds(set)?);
+        let mut mode = self.landed();
+        let (start, z) = (at.state.now().t, at.state.without_speeds(mode)?);
         let speeds = at.state.now().xdot.clone();
-        let mut first = at.end_of_arcs(start, &z, set)?;
-        first.way = self.way(set, &speeds, at.aside)?;
-        let set = at.move_to(landing, set)?;
-        let mut last = at.end_here(set)?;
-        last.way = self.way(set, &speeds, at.aside)?;
+        let mut first = at.end_of_arcs(start, &z, mode)?;
+        first.way = self.way(mode, &speeds, at.aside)?;
+        let set = at.move_to(landing, mode)?;
+        mode.closed = set;
+        let mut last = at.end_here(mode)?;
+        last.way = self.way(mode, &speeds, at.aside)?;
         let zeno = at.state.now().t;
         let mut arcs = SkippedArcs::of_chain(&self.chain, zeno, [first, last]);
         if zeno > dense_from {
@@ -186,7 +190,7 @@ impl ImpactChain {
         let (Some(gap), Some(mut tail)) = (key.hit.iter().next(), arcs.arcs.take()) else {
             return Ok(());
         };
-        let mut pull = AlongArcs::new(arcs, (key.closed, gap), at.aside, at.model);
+        let mut pull = AlongArcs::new(arcs, (key.flight, gap), at.aside, at.model);
         Counted::new(&mut pull).bend(&mut tail)?;
         arcs.arcs = Some(tail);
         Ok(())
@@ -196,14 +200,14 @@ impl ImpactChain {
     /// and gaps from where the system was last evaluated aside.
     fn way<E>(
         &self,
-        set: GapSet,
+        mode: ContactMode,
         rates: &[f64],
         aside: &mut Kinetics,
     ) -> Result<Vec<f64>, Failure<E>> {
         let (n, bouncing) = (aside.coordinates(), self.chain.key().hit);
         let Some(last) = self.chain.bounces().last() else { return Ok(vec![0.0; rates.len()]) };
-        let part = |i: usize| if bouncing.has(i) { rates[n + i] / last.u } else { 0.0 };
-        Ok(aside.displacement(set, part)?)
+        let part = |row: usize| if bouncing.has(row) { rates[n + row] / last.u } else { 0.0 };
+        Ok(aside.displacement(mode, part)?)
     }
 }
 
@@ -212,7 +216,7 @@ struct AlongArcs<'r, 'm, D> {
     arcs: &'r SkippedArcs,
     kinetics: &'r mut Kinetics,
     model: &'r mut Model<'m, D>,
-    closed: GapSet,
+    mode: ContactMode,
     component: usize,
     n: usize,
     x: Vec<f64>,
@@ -220,16 +224,16 @@ struct AlongArcs<'r, 'm, D> {
 }
 
 impl<'r, 'm, D> AlongArcs<'r, 'm, D> {
-    /// Of a gap while those of a set stay closed.
+    /// Of a gap while others stay closed.
     fn new(
         arcs: &'r SkippedArcs,
-        (closed, gap): (GapSet, usize),
+        (mode, gap): (ContactMode, usize),
         kinetics: &'r mut Kinetics,
         model: &'r mut Model<'m, D>,
     ) -> Self {
-        let Layout { n, m } = kinetics.layout;
-        let [x, v] = [(); 2].map(|()| vec![0.0; n + m]);
-        Self { arcs, kinetics, model, closed, component: n + gap, n, x, v }
+        let (Layout { n, .. }, size) = (kinetics.layout, kinetics.layout.size());
+        let [x, v] = [(); 2].map(|()| vec![0.0; size]);
+        Self { arcs, kinetics, model, mode, component: n + gap, n, x, v }
     }
 }
 
@@ -241,7 +245,7 @@ impl<E, D: Dynamics<E>> Force<E> for AlongArcs<'_, '_, D> {
             Err(Failure::Status(_)) => return Ok(f64::NAN),
             Ok(()) => (),
         }
-        Ok(match self.kinetics.contact(self.closed) {
+        Ok(match self.kinetics.contact(self.mode) {
             Ok(()) => self.kinetics.acceleration[self.component],
             Err(_) => f64::NAN,
         })

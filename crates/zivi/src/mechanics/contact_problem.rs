@@ -24,7 +24,8 @@ pub(super) fn settle<E>(kinetics: &mut Kinetics, touching: GapSet) -> Result<Con
             left = left.with(GapSet::of(i));
         }
     }
-    Ok(Contacts { closed: touching.without(left), left })
+    let mode = touching.without(left).into();
+    Ok(Contacts { mode, left, released: GapSet::EMPTY })
 }
 
 /// `D_CC` row by row and the right side of a complementarity problem.

@@ -15,6 +15,7 @@ use super::piece::Flight;
 use super::state::MechanicalState;
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{quintic, Bernstein};
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, Layout};
@@ -77,6 +78,8 @@ pub(super) fn descent<E, D: Dynamics<E>>(
     let none = || vec![0.0; set.len()];
     let still = || [none(), none(), none()];
     let start = if arcs.is_empty() { still() } else { [y, v, none()] };
+    let friction = at.state.mode();
+    let on_the_way = |closed: GapSet| ContactMode { closed, ..friction };
     let base = in_contact(entry, &ways, &start, at)?;
     let shortest = 4.0 * f64::EPSILON * t.abs();
     let mut flights: Vec<Flight> = Vec::new();
@@ -87,11 +90,11 @@ pub(super) fn descent<E, D: Dynamics<E>>(
             break;
         }
         s = to.0;
-        let closed = arc.closed.iter().filter_map(|row| set.iter().nth(row)).collect();
-        flights.push(Flight { curve: ways.curve(&base, from, to), closed });
+        let closed: GapSet = arc.closed.iter().filter_map(|row| set.iter().nth(row)).collect();
+        flights.push(Flight { curve: ways.curve(&base, from, to), mode: on_the_way(closed) });
     }
     let curve = ways.curve(&base, (s, still()), (h, still()));
-    flights.push(Flight { curve, closed: set });
+    flights.push(Flight { curve, mode: on_the_way(set) });
     Ok(flights)
 }
 

@@ -11,6 +11,7 @@ use crate::record::occurrence::Occurrence;
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::friction::Friction;
 use crate::{Counts, Grid, LocatedEvent, Monitor, SetupError, Status, UserEvent};
 
 /// A scheme that takes fixed steps.
@@ -72,7 +73,7 @@ impl Stepped {
         Self {
             layout,
             e: e.to_vec(),
-            kinetics: Kinetics::new(layout),
+            kinetics: Kinetics::new(layout, Friction::none()),
             next_x: x.clone(),
             next_v: v.clone(),
             x,
@@ -145,8 +146,8 @@ impl Stepped {
     }
 
     fn make_room<E>(&mut self, seeker: &mut StateEventLocator<'_, E>) -> Result<(), Failure<E>> {
-        let (size, m) = (self.x.len(), self.layout.m);
-        self.samples.make_room(&mut self.reserve, 1, size, m)?;
+        let m = self.layout.m;
+        self.samples.make_room(&mut self.reserve, 1, self.layout)?;
         self.reserve.room(&mut self.occurrences, 2 * m, 2 * size_of::<f64>())?;
         seeker.make_room(&mut self.reserve)?;
         Ok(())
@@ -154,11 +155,11 @@ impl Stepped {
 
     /// The present state.
     fn point(&self) -> MotionPoint {
-        MotionPoint { x: self.x.clone(), v: self.v.clone(), closed: self.closed }
+        MotionPoint { x: self.x.clone(), v: self.v.clone(), mode: self.closed.into() }
     }
 
     fn sample(&mut self, t: f64) {
-        self.samples.push(t, (&self.x, &self.v), &self.lambda, self.closed);
+        self.samples.push(t, (&self.x, &self.v), &self.lambda, self.closed.into());
     }
 
     /// Follows the user's events along the line between both ends of the step.
@@ -177,7 +178,7 @@ impl Stepped {
                 to.x[c] = self.x[c] + part * (self.next_x[c] - self.x[c]);
                 to.v[c] = self.v[c] + part * (self.next_v[c] - self.v[c]);
             }
-            to.closed = self.closed;
+            to.mode = self.closed.into();
         };
         let part = SmoothPart { span: (t, t_end), motion, crossings: unknown };
         seeker.along(&part).map_err(Failure::Raised)
@@ -212,8 +213,8 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     let (status, raised) = match ending {
         Ok(None) => (Status::Completed, None),
         Ok(Some(hit)) => {
-            let MotionPoint { x, v, closed } = &hit.at;
-            state.samples.push(hit.t, (x, v), &vec![0.0; layout.m], *closed);
+            let MotionPoint { x, v, mode } = &hit.at;
+            state.samples.push(hit.t, (x, v), &vec![0.0; layout.m], *mode);
             (Status::TerminatedByEvent, None)
         }
         Err(Failure::Status(status)) => (status, None),

@@ -7,17 +7,21 @@
 //! g+ = g- + D P      0 <= P  perp  g+ + e g- >= 0      q'+ = q'- + M^-1 N_C^T P          (1)
 //! ```
 //!
-//! Energy never rises, whatever the `e_i`: `E+ - E- = 1/2 sum_(P_i > 0) (1 - e_i) P_i g-_i <= 0`.
+//! Energy never rises, whatever the `e_i`: `E+ - E- = 1/2 sum_(P_i > 0) (1 - e_i) P_i g-_i <= 0`. Where
+//! a gap of `C` has friction the impact is that of [`super::friction`].
 
 use super::contact_problem::problem;
+use super::friction::Collision;
 use super::kinetics::Model;
 use super::lcp;
 use super::mode::Key;
 use super::state::MechanicalState;
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::system::dynamics::Dynamics;
+use crate::system::friction::Friction;
 use crate::zeno::bounce::restored;
 use crate::Status;
 
@@ -27,6 +31,8 @@ const COUPLED: f64 = 1e-9;
 const UNCERTAIN: f64 = 100.0;
 /// The last flight must have been so many times longer.
 const LONGER: f64 = 1e3;
+/// A gain of energy below this part of that of the impact is rounding.
+const GAIN: f64 = 1e-12;
 /// A speed below this part of that of the impact is none.
 const STILL: f64 = 1e-12;
 
@@ -35,6 +41,7 @@ const STILL: f64 = 1e-12;
 pub(super) struct Impacts {
     /// Restitutions by gap.
     e: Vec<f64>,
+    friction: Friction,
     rtol: f64,
     /// When the last one was, or the start.
     last: f64,
@@ -47,10 +54,15 @@ pub(super) struct Struck {
     pub(super) hit: GapSet,
     /// The gaps that were closed before it.
     pub(super) closed: GapSet,
+    /// The mode before it, and what friction did in it.
+    before: ContactMode,
+    pattern: ContactMode,
     /// Those of them that it opened.
     pub(super) opened: GapSet,
     /// Whether other gaps are closed after it.
     pub(super) changes_contacts: bool,
+    /// Whether friction does something else after it, at closed gaps or in joints.
+    pub(super) kicks: bool,
     /// Whether it has pushed off all gaps that were hit, and these alone.
     all_bounce: bool,
 }
@@ -58,8 +70,16 @@ pub(super) struct Struck {
 impl Struck {
     /// What bounces on what, if the impact may be one of many alike.
     pub(super) fn key(&self) -> Option<Key> {
-        let alike = self.all_bounce && !self.changes_contacts;
-        alike.then_some(Key { hit: self.hit, closed: self.closed })
+        let alike = self.all_bounce && !self.changes_contacts && !self.kicks;
+        alike.then(|| {
+            let flight = self.before;
+            let mut landed = flight;
+            landed.closed = landed.closed.with(self.hit);
+            landed.stick = landed.stick.with(self.pattern.stick);
+            landed.slip_plus = landed.slip_plus.with(self.pattern.slip_plus);
+            landed.slip_minus = landed.slip_minus.with(self.pattern.slip_minus);
+            Key { hit: self.hit, flight, landed }
+        })
     }
 }
 
@@ -70,11 +90,13 @@ struct Exchanged {
     /// Rates before it, and impulses, by gap.
     before: Vec<f64>,
     impulses: Vec<f64>,
+    /// What friction did.
+    pattern: ContactMode,
 }
 
 impl Impacts {
-    pub(super) fn new(e: &[f64], rtol: f64) -> Self {
-        Self { e: e.to_vec(), rtol, last: f64::NEG_INFINITY, count: 0 }
+    pub(super) fn new(e: &[f64], friction: &Friction, rtol: f64) -> Self {
+        Self { e: e.to_vec(), friction: friction.clone(), rtol, last: f64::NEG_INFINITY, count: 0 }
     }
 
     /// A run starts at a time.
@@ -100,16 +122,27 @@ impl Impacts {
         occurrences: &mut Vec<Occurrence>,
         model: &mut Model<'_, D>,
     ) -> Result<Struck, Failure<E>> {
-        let (t, before) = (state.now().t, state.closed());
+        let (t, before, mode) = (state.now().t, state.closed(), state.mode());
         state.evaluate(model)?;
         let touched = touched(state, hit);
         let set = before.with(hit).with(touched);
-        state.parts().0.solve(set, |_, _| 0.0)?;
+        let rough = set.iter().any(|gap| state.kinetics().channel_of(gap).is_some());
+        if !rough {
+            state.parts().0.solve(set, |_, _| 0.0)?;
+        }
         self.note_flags(hit, state, occurrences);
-        let exchanged = self.exchange(set, hit, state)?;
         self.count += 1;
-        self.note_impacts(set, hit, &exchanged, state, occurrences);
-        state.project(set, model)?;
+        let exchanged = match rough {
+            true => self.exchange_with_friction(set, hit, state, occurrences)?,
+            false => {
+                let exchanged = self.exchange(set, hit, state)?;
+                self.note_impacts(set, hit, &exchanged, state, occurrences);
+                exchanged
+            }
+        };
+        let sticking =
+            state.kinetics().rows_of(ContactMode { closed: GapSet::EMPTY, ..exchanged.pattern });
+        state.project(set.with(sticking), model)?;
         let touching: GapSet = set.iter().filter(|&i| state.gap(i).1 == 0.0).collect();
         state.settle(touching)?;
         state.refresh()?;
@@ -125,7 +158,21 @@ impl Impacts {
         occurrences.extend(opened.iter().map(opened_by));
         let all_bounce = hit.without(exchanged.positive).is_empty() && touched.is_empty();
         let changes_contacts = closed != before;
-        Ok(Struck { hit, closed: before, opened, changes_contacts, all_bounce })
+        let kicks = state.mode() != mode;
+        state.note_transitions(mode, occurrences);
+        let pattern = exchanged.pattern;
+        let elastic = |c: usize| self.friction.channels[c].e_t > 0.0;
+        let all_bounce = all_bounce && !pattern.stick.iter().any(elastic);
+        Ok(Struck {
+            hit,
+            closed: before,
+            before: mode,
+            pattern,
+            opened,
+            changes_contacts,
+            kicks,
+            all_bounce,
+        })
     }
 
     /// Speeds after the impact, equation (1).
@@ -136,7 +183,8 @@ impl Impacts {
         state: &mut MechanicalState,
     ) -> Result<Exchanged, Failure<E>> {
         let (kinetics, now) = state.parts();
-        let rates = &mut now.xdot[kinetics.coordinates()..];
+        let (n, rows) = (kinetics.coordinates(), kinetics.layout.rows());
+        let rates = &mut now.xdot[n..n + rows];
         for i in set.iter() {
             rates[i] = if hit.has(i) { rates[i].min(0.0) } else { 0.0 };
         }
@@ -160,14 +208,62 @@ impl Impacts {
                 None => before[k] + change,
             };
         }
-        Ok(Exchanged { positive, before, impulses: solution.z })
+        let pattern = ContactMode::default();
+        Ok(Exchanged { positive, before, impulses: solution.z, pattern })
+    }
+
+    /// The same with friction; what it did is noted.
+    fn exchange_with_friction<E>(
+        &self,
+        set: GapSet,
+        hit: GapSet,
+        state: &mut MechanicalState,
+        occurrences: &mut Vec<Occurrence>,
+    ) -> Result<Exchanged, Failure<E>> {
+        let (kinetics, now) = state.parts();
+        let (n, rows) = (kinetics.coordinates(), kinetics.layout.rows());
+        let rates = &mut now.xdot[n..n + rows];
+        for i in set.iter() {
+            rates[i] = if hit.has(i) { rates[i].min(0.0) } else { 0.0 };
+        }
+        let before = rates.to_vec();
+        let (e, friction) = (&self.e[..], &self.friction);
+        let collision = Collision { set, e, friction, before: &before };
+        let found = collision.solve(kinetics)?;
+        rates.copy_from_slice(&found.rates);
+        now.xdot[..n].iter_mut().zip(&found.push).for_each(|(w, push)| *w += push);
+        let work = |row: usize| -0.5 * found.impulses[row] * (before[row] + found.rates[row]);
+        now.xdot[n + rows] += (kinetics.layout.m..rows).map(work).sum::<f64>();
+        let impulses = set.iter().map(|gap| found.impulses[gap]).collect();
+        let positive = set.iter().filter(|&gap| found.impulses[gap] > 0.0).collect();
+        let exchanged = Exchanged { positive, before, impulses, pattern: found.pattern };
+        let energy: f64 =
+            exchanged.before[..].iter().zip(&found.impulses).map(|(v, p)| (v * p).abs()).sum();
+        self.note_impacts(set, hit, &exchanged, state, occurrences);
+        let t = state.now().t;
+        for channel in found.pattern.slipping().with(found.pattern.stick).iter() {
+            let row = state.kinetics().row(channel);
+            let (before, after) = (exchanged.before[row], found.rates[row]);
+            let (impulse, sticks) = (found.impulses[row], found.pattern.stick.has(channel));
+            let group = self.count;
+            let it = Occurrence::Tangential { t, channel, before, after, impulse, sticks, group };
+            occurrences.push(it);
+        }
+        let flags = [
+            (FlagKind::EnergyGain, found.gain, found.gain > GAIN * energy),
+            (FlagKind::ImpactNotUnique, 0.0, found.is_ambiguous),
+        ];
+        for (kind, size, _) in flags.into_iter().filter(|flag| flag.2) {
+            occurrences.push(Occurrence::Flag { kind, t, gaps: set, size });
+        }
+        Ok(exchanged)
     }
 
     fn note_impacts(
         &self,
         set: GapSet,
         hit: GapSet,
-        Exchanged { positive, before, impulses }: &Exchanged,
+        Exchanged { positive, before, impulses, .. }: &Exchanged,
         state: &MechanicalState,
         occurrences: &mut Vec<Occurrence>,
     ) {

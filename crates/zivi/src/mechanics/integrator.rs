@@ -7,6 +7,7 @@ use std::collections::TryReserveError;
 
 use super::accumulation::{note_lifted, Accumulation};
 use super::flight::SmoothMotion;
+use super::friction::Limit;
 use super::impact::{flag_together, Impacts};
 use super::kinetics::Model;
 use super::mode::{Key, Next};
@@ -19,6 +20,7 @@ use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::friction::Friction;
 use crate::zeno::bounce::Bounce;
 use crate::zeno::chain::Chain;
 use crate::{Counts, Status};
@@ -55,17 +57,24 @@ impl Saved {
 /// Events at one instant after which the motion is called unsolved. Each pair of impacts of a light
 /// body between heavier ones may leave most of the speed.
 const MOST_AT_ONCE: u32 = 20_000;
+/// Changes of friction at one instant after which it is called undecided.
+const MOST_CHANGES: u32 = 100;
 /// Occurrences that a piece of the motion has, at most, by gap.
 const OF_A_PIECE: usize = 4;
 
 impl MechanicalIntegrator {
-    pub(super) fn new(settings: SwitchedRk, layout: Layout, e: &[f64]) -> Self {
+    pub(super) fn new(
+        settings: SwitchedRk,
+        layout: Layout,
+        e: &[f64],
+        friction: &Friction,
+    ) -> Self {
         Self {
             settings,
-            state: MechanicalState::new(layout),
-            impacts: Impacts::new(e, settings.rtol),
-            accumulation: Accumulation::new(settings, layout),
-            motion: SmoothMotion::new(&settings, layout),
+            state: MechanicalState::new(layout, friction),
+            impacts: Impacts::new(e, friction, settings.rtol),
+            accumulation: Accumulation::new(settings, layout, friction),
+            motion: SmoothMotion::new(&settings, layout, friction),
             next: Next::Step,
             occurrences: Vec::new(),
             stalled: 0,
@@ -101,7 +110,8 @@ impl MechanicalIntegrator {
         }
         match std::mem::replace(&mut self.next, Next::Step) {
             Next::LocatedEvent(gaps) => return self.strike(gaps, model),
-            Next::Release { gap, h } => return self.open(gap, h, model),
+            Next::Release { limit, h } => return self.open(limit, h, model),
+            Next::Stop(channels) => return self.stop_slip(channels, model),
             Next::Jump(ahead) if ahead.landing.t <= t_end => {
                 let (dense_from, at) =
                     (self.motion.steps().dense_from(), (self.impacts.e(), &mut self.state));
@@ -138,18 +148,47 @@ impl MechanicalIntegrator {
         Ok(Piece::Instant)
     }
 
-    /// The contacts that open where the force of one vanishes, in a step of length `h`.
+    /// The slip in some channels ends: they stick, or slip the other way.
+    fn stop_slip<E, D: Dynamics<E>>(
+        &mut self,
+        channels: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        let Self { state, occurrences, .. } = self;
+        if self.stalled > MOST_CHANGES {
+            return Err(Failure::Status(Status::ModeChatter));
+        }
+        let (mode, closed) = (state.mode(), state.closed());
+        state.stop_slip(channels);
+        let stopped: GapSet =
+            channels.iter().map(|channel| state.kinetics().row(channel)).collect();
+        state.project(state.kinetics().rows_of(mode).with(stopped), model)?;
+        state.settle(closed)?;
+        state.refresh()?;
+        state.note_transitions(mode, occurrences);
+        note_lifted(state.now().t, state.left(), occurrences);
+        self.motion.forget_experience();
+        self.accumulation.note_transition();
+        Ok(Piece::Instant)
+    }
+
+    /// The contacts that open, or slip, where a limit of the mode is reached, in a step of length `h`.
     fn open<E, D: Dynamics<E>>(
         &mut self,
-        gap: usize,
+        limit: Limit,
         h: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
         let Self { state, occurrences, .. } = self;
-        let left = self.motion.open((gap, h), self.stalled, state, model)?;
+        let mode = state.mode();
+        let left = self.motion.open((limit, h), self.stalled, state, model)?;
+        state.note_transitions(mode, occurrences);
         note_lifted(state.now().t, left, occurrences);
         flag_together(left, state, occurrences);
-        self.accumulation.clear();
+        match left.is_empty() && mode.stick != self.state.mode().stick {
+            true => self.accumulation.note_transition(),
+            false => self.accumulation.clear(),
+        }
         self.state.refresh()?;
         Ok(Piece::Instant)
     }
@@ -237,14 +276,15 @@ impl MechanicalIntegrator {
     pub(super) fn contact_forces<E, D: Dynamics<E>>(
         &mut self,
         t: f64,
-        MotionPoint { x, v, closed }: &mut MotionPoint,
+        MotionPoint { x, v, mode }: &mut MotionPoint,
         model: &mut Model<'_, D>,
     ) -> Result<&[f64], Failure<E>> {
-        let n = self.state.layout().n;
-        for gap in closed.iter() {
+        let Layout { n, m, .. } = self.state.layout();
+        for gap in mode.closed.iter() {
             (x[n + gap], v[n + gap]) = (0.0, 0.0);
         }
-        self.motion.contact_forces((t, x, v), *closed, model)
+        mode.stick.iter().for_each(|channel| v[n + m + channel] = 0.0);
+        self.motion.contact_forces((t, x, v), *mode, model)
     }
 
     /// How much work was done, evaluations apart.

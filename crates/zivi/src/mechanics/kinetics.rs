@@ -5,11 +5,17 @@
 //! contacts C:     lambda_C = -D_CC^-1 b_C      q'' = A + M^-1 N_C^T lambda_C              (2)
 //!                 g_k'' = b_k + D_kC lambda_C
 //! ```
+//!
+//! The slip in a channel of friction is one more row below those of the gaps, with `B_c` for `n_i`. How
+//! friction enters (2) is [`super::friction`].
 
+use super::friction::Undetermined;
 use crate::numeric::cholesky;
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::friction::Friction;
 use crate::system::stops::Smooth;
 use crate::Status;
 
@@ -31,23 +37,28 @@ impl<'a, D> Model<'a, D> {
 #[derive(Clone, Debug)]
 pub(super) struct Kinetics {
     pub(super) layout: Layout,
+    /// Gaps of the channels, and channels of the gaps.
+    gap_of: Vec<Option<usize>>,
+    channel_of: Vec<Option<usize>>,
     values: Vec<f64>,
     /// `L L^T = M`.
     mass: Vec<f64>,
     /// `A`.
     free: Vec<f64>,
-    /// `b`.
+    /// `b`, by row.
     b: Vec<f64>,
-    /// The rows `M^-1 n_i` of the gaps in `known`.
+    /// The rows `M^-1 n_i` of those in `known`.
     mobility: Vec<f64>,
     known: GapSet,
     /// `D_CC` of some set, then its factor.
     small: Vec<f64>,
     right: Vec<f64>,
-    /// Contact forces by gap, zero where there is no contact.
+    /// Contact forces by gap, zero where there is no contact, then those of friction by channel.
     pub(super) lambda: Vec<f64>,
-    /// `q''`, then `g''`.
+    /// `q''`, then `g''` and `w'`, then with friction a place for its power.
     pub(super) acceleration: Vec<f64>,
+    /// By row, how contact forces may change that the motion does not determine.
+    pub(super) undetermined: Option<Vec<f64>>,
 }
 
 /// Left of a diagonal entry of `D_CC` by the other gaps: below this they determine it.
@@ -71,21 +82,26 @@ pub(super) fn without_rounding(values: &mut [f64], of: &[f64]) {
 }
 
 impl Kinetics {
-    pub(super) fn new(layout: Layout) -> Self {
-        let Layout { n, m } = layout;
+    pub(super) fn new(layout: Layout, friction: &Friction) -> Self {
+        let (Layout { n, m, .. }, rows) = (layout, layout.rows());
         let zeros = |length: usize| vec![0.0; length];
+        let gap_of: Vec<Option<usize>> = friction.channels.iter().map(|c| c.gap).collect();
+        let channel_of = (0..m).map(|i| gap_of.iter().position(|&gap| gap == Some(i))).collect();
         Self {
             layout,
+            gap_of,
+            channel_of,
             values: zeros(layout.len()),
             mass: zeros(n * n),
             free: zeros(n),
-            b: zeros(m),
-            mobility: zeros(m * n),
+            b: zeros(rows),
+            mobility: zeros(rows * n),
             known: GapSet::EMPTY,
-            small: zeros(m * m),
-            right: zeros(m),
-            lambda: zeros(m),
-            acceleration: zeros(n + m),
+            small: zeros(rows * rows),
+            right: zeros(rows),
+            lambda: zeros(rows),
+            acceleration: zeros(layout.size()),
+            undetermined: None,
         }
     }
 
@@ -111,7 +127,7 @@ impl Kinetics {
         }
         self.free.copy_from_slice(&self.values[layout.force()]);
         cholesky::solve(&self.mass, layout.n, &mut self.free);
-        for i in 0..layout.m {
+        for i in 0..layout.rows() {
             self.b[i] = dot(self.normal(i), &self.free) + self.curvature(i);
         }
         self.known = GapSet::EMPTY;
@@ -146,7 +162,30 @@ impl Kinetics {
         &self.values[self.layout.gradient()][i * n..][..n]
     }
 
-    fn curvature(&self, i: usize) -> f64 {
+    /// The row of a channel.
+    pub(super) fn row(&self, channel: usize) -> usize {
+        self.layout.m + channel
+    }
+
+    /// The gap of a channel; none for a joint.
+    pub(super) fn gap_of(&self, channel: usize) -> Option<usize> {
+        self.gap_of[channel]
+    }
+
+    /// The channel of a gap, if it has friction.
+    pub(super) fn channel_of(&self, gap: usize) -> Option<usize> {
+        self.channel_of[gap]
+    }
+
+    /// What limits friction in a channel while it slips, and while it sticks: `mu` of a gap, the force
+    /// of a joint.
+    pub(super) fn friction_limits(&self, channel: usize) -> (f64, f64) {
+        let [slip, stick] = [self.layout.limit(), self.layout.static_limit()];
+        (self.values[slip][channel], self.values[stick][channel])
+    }
+
+    /// `h_i`.
+    pub(super) fn curvature(&self, i: usize) -> f64 {
         self.values[self.layout.curvature()][i]
     }
 
@@ -177,6 +216,15 @@ impl Kinetics {
         let terms = self.normal(i).iter().zip(&self.free).map(|(n, a)| (n * a).abs());
         let size = terms.sum::<f64>().max((self.d(i, i) * work).sqrt());
         NOISE * (size + self.curvature(i).abs())
+    }
+
+    /// The size of the terms of an acceleration of a row.
+    pub(super) fn acceleration_scale(&mut self, row: usize) -> f64 {
+        let joints = (0..self.gap_of.len()).filter(|&c| self.gap_of[c].is_none());
+        let rows: Vec<(usize, f64)> =
+            joints.map(|c| (self.row(c), self.friction_limits(c).1)).collect();
+        let of_joints: f64 = rows.into_iter().map(|(j, force)| self.d(row, j).abs() * force).sum();
+        self.noise(row) / NOISE + of_joints
     }
 
     /// `M^-1 n_i`.
@@ -214,12 +262,12 @@ impl Kinetics {
         self.d(i, j) / (self.d(i, i) * self.d(j, j)).sqrt()
     }
 
-    /// `x = D_CC^-1 r` with the right sides by gap.
+    /// `x = D_CC^-1 r` with the right sides by row.
     pub(super) fn solve(
         &mut self,
         set: GapSet,
         right: impl Fn(&Self, usize) -> f64,
-    ) -> Result<(), Redundant> {
+    ) -> Result<(), Undetermined> {
         let k = set.len();
         for (row, i) in set.iter().enumerate() {
             for (column, j) in set.iter().enumerate().take(row + 1) {
@@ -229,18 +277,27 @@ impl Kinetics {
         }
         let left = cholesky::factor(&mut self.small[..k * k], k);
         if left < REDUNDANT || left.is_nan() {
-            return Err(Redundant);
+            return Err(Undetermined::Contacts);
         }
         cholesky::solve(&self.small[..k * k], k, &mut self.right[..k]);
         Ok(())
     }
 
-    /// Whether impacts on the gaps `hit` press the contacts `closed`: the impulses there,
-    /// `D^-1` times the changes of the speeds, are not negative.
-    pub(super) fn impacts_press(&mut self, hit: GapSet, closed: GapSet) -> Result<bool, Redundant> {
-        let set = hit.with(closed);
-        self.solve(set, |_, i| if hit.has(i) { 1.0 } else { 0.0 })?;
-        let impulses: Vec<(usize, f64)> = set.iter().zip(self.right.iter().copied()).collect();
+    /// Whether impacts on the gaps `hit`, with what friction does in a mode, press the other contacts
+    /// of it: the impulses there, `K^-1` times the changes of the speeds, are not negative.
+    pub(super) fn impacts_press(
+        &mut self,
+        hit: GapSet,
+        mode: ContactMode,
+    ) -> Result<bool, Undetermined> {
+        let (set, rate) = (mode.closed, |row: usize| f64::from(u8::from(hit.has(row))));
+        let impulses: Vec<(usize, f64)> = if mode.is_frictionless() {
+            self.solve(set, |_, i| rate(i))?;
+            set.iter().zip(self.right.iter().copied()).collect()
+        } else {
+            let edges = self.edges(mode)?;
+            edges.rows().iter().copied().zip(edges.solve(rate)).take(set.len()).collect()
+        };
         let mut size = |(i, impulse): (usize, f64)| impulse * self.d(i, i).sqrt();
         let sizes: Vec<f64> = impulses.into_iter().map(&mut size).collect();
         let rounding = ORTHOGONAL * sizes.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
@@ -266,29 +323,38 @@ impl Kinetics {
         set.iter().enumerate().map(|(row, i)| self.coupling(gap, i) * self.right[row]).sum()
     }
 
-    /// How coordinates and gaps move where impulses on the gaps of a set give these the rates
-    /// `rate`.
+    /// How coordinates and rows move where the impulses of a mode give its rows the rates `rate`.
     pub(super) fn displacement(
         &mut self,
-        set: GapSet,
+        mode: impl Into<ContactMode>,
         rate: impl Fn(usize) -> f64,
-    ) -> Result<Vec<f64>, Redundant> {
-        let Layout { n, m } = self.layout;
-        let mut all = vec![0.0; n + m];
+    ) -> Result<Vec<f64>, Undetermined> {
+        let mode = mode.into();
+        if !mode.is_frictionless() {
+            return self.displacement_along_edges(mode, rate);
+        }
+        let set = mode.closed;
+        let (Layout { n, .. }, rows) = (self.layout, self.layout.rows());
+        let mut all = vec![0.0; self.layout.size()];
         self.solve(set, |_, i| rate(i))?;
         self.apply(set, &mut all[..n]);
-        for k in 0..m {
+        for k in 0..rows {
             all[n + k] = if set.has(k) { rate(k) } else { self.passed_on(k, set) };
         }
         Ok(all)
     }
 
     /// Accelerations and forces with the contacts `C`, equations (2).
-    pub(super) fn contact(&mut self, set: GapSet) -> Result<(), Redundant> {
-        let Layout { n, m } = self.layout;
+    pub(super) fn contact(&mut self, mode: impl Into<ContactMode>) -> Result<(), Undetermined> {
+        let (mode, Layout { n, m, .. }) = (mode.into(), self.layout);
+        if !mode.is_frictionless() {
+            return self.frictional_contact(mode);
+        }
+        let set = mode.closed;
+        self.undetermined = None;
         self.lambda.fill(0.0);
         self.acceleration[..n].copy_from_slice(&self.free);
-        self.acceleration[n..].copy_from_slice(&self.b);
+        self.acceleration[n..n + self.b.len()].copy_from_slice(&self.b);
         if set.is_empty() {
             return Ok(());
         }
@@ -312,7 +378,7 @@ impl Kinetics {
         }
         let gradients = &self.values[self.layout.gradient()];
         let (motion, gaps) = self.acceleration.split_at_mut(n);
-        for k in 0..m {
+        for k in 0..self.b.len() {
             gaps[k] =
                 dot(&gradients[k * n..][..n], motion) + self.values[self.layout.curvature()][k];
         }
@@ -336,16 +402,6 @@ fn is_symmetric(a: &[f64], n: usize) -> bool {
         let skew = a[i * n + j] - a[j * n + i];
         skew * skew <= SKEW * SKEW * (a[i * n + i] * a[j * n + j]).abs()
     })
-}
-
-/// The gaps of a set do not determine the forces: one of them follows from the others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Redundant;
-
-impl<E> From<Redundant> for Failure<E> {
-    fn from(_: Redundant) -> Self {
-        Failure::Status(Status::RedundantContacts)
-    }
 }
 
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {

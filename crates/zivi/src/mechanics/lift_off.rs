@@ -1,4 +1,4 @@
-//! Lift-off: where the force of a contact vanishes.
+//! The end of a mode: where the force of a contact vanishes, or what sticks begins to slip.
 //!
 //! Within a step the force of a contact along the dense polynomials of the state is replaced by a
 //! polynomial of degree 7 through its values at Chebyshev's points; its Bernstein coefficients
@@ -8,12 +8,15 @@
 use super::along_step::{AlongStep, Rows};
 use super::contact_probes::ContactProbes;
 use super::contact_problem::settle;
+use super::friction::{decide, Limit};
 use super::kinetics::{Kinetics, Model};
+use super::mode::Contacts;
 use super::state::MechanicalState;
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::system::dynamics::Dynamics;
+use crate::system::dynamics::{Dynamics, Layout};
+use crate::Status;
 
 /// Nodes of the polynomial of a contact force: `(1 - cos(pi k/7))/2`.
 const NODES: [f64; MOST_DEGREE + 1] = [
@@ -40,7 +43,7 @@ const LATER: f64 = 1e-4;
 pub(super) enum Release {
     /// Nowhere.
     None,
-    /// After this part of it, at this gap.
+    /// After this part of it, by the limit of this number.
     At(f64, usize),
     /// The step is too long to tell.
     Unclear,
@@ -86,7 +89,7 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
     let rows = along.rows(along.aside.coordinates());
     let fits = fits_along(&rows, along)?;
     let mut first: Option<(f64, usize)> = None;
-    for (fit, i) in fits.iter().zip(along.closed.iter()) {
+    for (i, fit) in fits.iter().enumerate() {
         if fit.misfit > MISFIT.0 * fit.scale + fit.noise {
             return Ok(Release::Unclear);
         }
@@ -113,22 +116,23 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
     Ok(first.map_or(Release::None, |(theta, i)| Release::At(theta, i)))
 }
 
-/// The forces of the contacts along a step. One below what rounding leaves of it is none, as that
+/// The limits of the mode along a step. A force below what rounding leaves of it is none, as that
 /// between bodies in free fall.
 fn fits_along<E, D: Dynamics<E>>(
     rows: &Rows,
     along: &mut AlongStep<'_, '_, D>,
 ) -> Result<Vec<Fit>, Failure<E>> {
-    let closed = along.closed;
-    let mut forces = vec![[0.0; MOST_DEGREE + 3]; closed.len()];
-    let mut noise = vec![0.0_f64; closed.len()];
+    let mode = along.mode;
+    let (mut forces, mut noise) = (Vec::new(), Vec::new());
     for (k, theta) in NODES.into_iter().chain(CHECKS).enumerate() {
         along.evaluate(rows, theta)?;
-        for (row, i) in closed.iter().enumerate() {
-            let none = along.aside.noise(i) / along.aside.d(i, i);
-            let force = along.aside.lambda[i];
-            forces[row][k] = if force.abs() <= none { 0.0 } else { force };
-            noise[row] = noise[row].max(none);
+        let levels = along.aside.limits(mode);
+        forces.resize(levels.len(), [0.0; MOST_DEGREE + 3]);
+        noise.resize(levels.len(), 0.0_f64);
+        for (row, level) in levels.iter().enumerate() {
+            let none = level.value.abs() <= level.noise;
+            forces[row][k] = if none { 0.0 } else { level.value };
+            noise[row] = noise[row].max(level.noise);
         }
     }
     Ok(forces.iter().zip(noise).map(|(values, noise)| Fit::new(values, noise)).collect())
@@ -169,23 +173,26 @@ fn conforms<E, D: Dynamics<E>>(
     if defect > 1.0 && (0..rows.len()).any(pushed) {
         return Ok(false);
     }
-    let mut closed = fits.iter().zip(along.closed.iter());
-    Ok(closed.all(|(fit, i)| fit.conforms(at.lambda[i], theta)))
+    let levels = along.aside.limits(along.mode);
+    Ok(fits.iter().zip(levels).all(|(fit, level)| fit.conforms(level.value, theta)))
 }
 
-/// Opens the contacts that open where the force of one vanishes, in a step of length `h`: these.
-/// Where its force comes back at once `again` and again, the contact opens all the same.
+/// Opens the contacts that open where a limit of the mode is reached, in a step of length `h`: these.
+/// Where a force comes back at once `again` and again, its contact opens all the same.
 pub(super) fn open<E, D: Dynamics<E>>(
-    (gap, h): (usize, f64),
+    (limit, h): (Limit, f64),
     again: bool,
     state: &mut MechanicalState,
     aside: &mut Kinetics,
     model: &mut Model<'_, D>,
 ) -> Result<GapSet, Failure<E>> {
-    let (n, closed) = (state.layout().n, state.closed());
-    state.project(closed, model)?;
+    let (n, mode, closed) = (state.layout().n, state.mode(), state.closed());
+    if limit == Limit::Regularity {
+        return Err(Failure::Status(Status::PainleveSingular));
+    }
+    state.project(state.kinetics().rows_of(mode), model)?;
     let (kinetics, now) = state.parts();
-    kinetics.contact(closed)?;
+    kinetics.contact(mode)?;
     let (a, later) = (&kinetics.acceleration, LATER * h);
     let (q, w): (Vec<f64>, Vec<f64>) = (0..n)
         .map(|c| {
@@ -194,10 +201,51 @@ pub(super) fn open<E, D: Dynamics<E>>(
         })
         .unzip();
     aside.evaluate(model, now.t + later, &q, &w)?;
-    let left = settle(aside, closed)?.left;
-    let left = if left.is_empty() && again { GapSet::of(gap) } else { left };
-    state.open(left);
+    if state.layout().p == 0 {
+        let left = settle(aside, closed)?.left;
+        let left = match limit {
+            Limit::Force(gap) if left.is_empty() && again => GapSet::of(gap),
+            _ => left,
+        };
+        state.open(left);
+        return Ok(left);
+    }
+    let slips = later_slips(state, later);
+    let mut contacts = decide(aside, closed, &slips)?;
+    if contacts.mode == mode && again {
+        contacts = force(limit, contacts, aside);
+    }
+    let left = contacts.left;
+    state.enter(contacts);
     Ok(left)
+}
+
+/// The slip speeds of a mode some time later: those that are zero stay so.
+fn later_slips(state: &MechanicalState, later: f64) -> Vec<f64> {
+    let Layout { n, m, .. } = state.layout();
+    let slopes = &state.kinetics().acceleration[n + m..];
+    state.slips().iter().zip(slopes).map(|(w, slope)| w + later * slope).collect()
+}
+
+/// The change of one contact that a limit asks for.
+fn force(limit: Limit, mut contacts: Contacts, aside: &Kinetics) -> Contacts {
+    match limit {
+        Limit::Force(gap) => {
+            let one = GapSet::of(gap);
+            contacts.mode.closed = contacts.mode.closed.without(one);
+            if let Some(channel) = aside.channel_of(gap) {
+                contacts.mode = contacts.mode.without_channel(channel);
+            }
+            contacts.left = contacts.left.with(one);
+        }
+        // it slips against the force that holds it
+        Limit::Stick(channel, sign) => {
+            contacts.mode = contacts.mode.with_channel(channel, -sign);
+            contacts.released = contacts.released.with(GapSet::of(channel));
+        }
+        Limit::Pair | Limit::Regularity => (),
+    }
+    contacts
 }
 
 /// The polynomial through the values at the nodes.

@@ -1,10 +1,12 @@
 //! The mechanism after an impact, and what holds ahead of it: what a jump to the end of an
 //! accumulation asks for.
 
+use super::friction::Limit;
 use super::kinetics::{Kinetics, Model};
 use super::state::MechanicalState;
 use super::tail::EndOfArcs;
 use crate::numeric::bernstein::Bernstein;
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::switched::SwitchedRk;
@@ -34,18 +36,29 @@ pub(super) fn scales(settings: &SwitchedRk, state: &MechanicalState, of_time: f6
 }
 
 impl<D> Mechanism<'_, '_, D> {
-    /// Whether the gaps outside of a set stay open on the way to the landing: the cubic between
-    /// both ends stays clear of zero.
-    pub(super) fn is_clear(&self, landing: &Landing<Vec<f64>>, set: GapSet) -> bool {
-        let (Layout { n, m }, now) = (self.state.layout(), self.state.now());
+    /// Whether the gaps outside of a mode stay open on the way to the landing: the cubic between
+    /// both ends stays clear of zero; and whether what slips in it slips at both ends.
+    pub(super) fn is_clear(
+        &self,
+        landing: &Landing<Vec<f64>>,
+        mode: impl Into<ContactMode>,
+    ) -> bool {
+        let mode = mode.into();
+        let (Layout { n, m, .. }, now) = (self.state.layout(), self.state.now());
+        let (set, size) = (mode.closed, now.x.len());
         let (h, z, errors) = (landing.t - now.t, landing.state(), landing.errors());
-        (0..m).filter(|&k| !set.has(k)).all(|k| {
-            let (c, error) = (n + k, errors[n + k]);
-            let (first, last) = (now.x[c], z[c]);
-            let (slope, end) = (h * now.xdot[c], h * z[n + m + c]);
-            let p = Bernstein::hermite((first, slope), (last, end));
-            p.coefficients().iter().all(|&c| c > CLEAR * error)
-        })
+        let slips = |channel: usize| {
+            let (c, sign) = (n + m + channel, mode.sign(channel));
+            sign * now.xdot[c] > 0.0 && sign * z[size + c] > CLEAR * errors[size + c]
+        };
+        mode.slipping().iter().all(slips)
+            && (0..m).filter(|&k| !set.has(k)).all(|k| {
+                let (c, error) = (n + k, errors[n + k]);
+                let (first, last) = (now.x[c], z[c]);
+                let (slope, end) = (h * now.xdot[c], h * z[size + c]);
+                let p = Bernstein::hermite((first, slope), (last, end));
+                p.coefficients().iter().all(|&c| c > CLEAR * error)
+            })
     }
 
     /// Whether the forces keep all gaps of a set closed along the way to the landing, and those
@@ -53,26 +66,28 @@ impl<D> Mechanism<'_, '_, D> {
     pub(super) fn stays_closed<E>(
         &mut self,
         landing: &Landing<Vec<f64>>,
-        set: GapSet,
-        meanwhile: GapSet,
+        mode: impl Into<ContactMode>,
+        meanwhile: impl Into<ContactMode>,
     ) -> Result<bool, Failure<E>>
     where
         D: Dynamics<E>,
     {
-        let (Layout { n, m }, closed) = (self.state.layout(), self.state.closed());
+        let (mode, meanwhile) = (mode.into(), meanwhile.into());
+        let (Layout { n, .. }, closed) = (self.state.layout(), self.state.closed());
+        let (set, size) = (mode.closed, self.state.now().x.len());
         let (now, z, at) = (self.state.now(), landing.state(), &mut *self.aside);
         for part in [0.25, 0.5, 0.75, 1.0] {
             let on_the_way = |from: &[f64], to: &[f64]| -> Vec<f64> {
                 from.iter().zip(to).map(|(a, b)| a + part * (b - a)).collect()
             };
             let q = on_the_way(&now.x[..n], &z[..n]);
-            let w = on_the_way(&now.xdot[..n], &z[n + m..][..n]);
+            let w = on_the_way(&now.xdot[..n], &z[size..][..n]);
             let t = now.t + part * (landing.t - now.t);
             match at.evaluate(self.model, t, &q, &w) {
                 Err(Failure::Status(_)) => return Ok(false),
                 evaluated => evaluated?,
             }
-            if at.contact(set).is_err() {
+            if at.contact(mode).is_err() {
                 return Ok(false);
             }
             let pushes = |at: &mut Kinetics, i: usize| {
@@ -80,13 +95,17 @@ impl<D> Mechanism<'_, '_, D> {
                 let none = if closed.has(i) { -at.noise(i) / at.d(i, i) } else { 0.0 };
                 at.lambda[i] > none || (closed.has(i) && at.lambda[i] >= none)
             };
-            if !set.iter().all(|i| pushes(at, i)) {
+            if !set.iter().all(|i| pushes(at, i)) || !holds(at, mode) {
                 return Ok(false);
             }
-            if at.contact(meanwhile).is_err() || !meanwhile.iter().all(|i| pushes(at, i)) {
+            if at.contact(meanwhile).is_err()
+                || !meanwhile.closed.iter().all(|i| pushes(at, i))
+                || !holds(at, meanwhile)
+            {
                 return Ok(false);
             }
-            if !meanwhile.is_empty() && !at.impacts_press(set.without(meanwhile), meanwhile)? {
+            let hit = set.without(meanwhile.closed);
+            if !meanwhile.closed.is_empty() && !at.impacts_press(hit, mode)? {
                 return Ok(false);
             }
         }
@@ -99,7 +118,7 @@ impl<D> Mechanism<'_, '_, D> {
         &mut self,
         t: f64,
         z: &[f64],
-        set: GapSet,
+        mode: impl Into<ContactMode>,
     ) -> Result<EndOfArcs, Failure<E>>
     where
         D: Dynamics<E>,
@@ -107,33 +126,49 @@ impl<D> Mechanism<'_, '_, D> {
         let (n, size) = (self.aside.coordinates(), z.len() / 2);
         let (x, v) = z.split_at(size);
         self.aside.evaluate(self.model, t, &x[..n], &v[..n])?;
-        self.aside.contact(set)?;
-        let acceleration = self.aside.accelerations();
+        self.aside.contact(mode)?;
+        let mut acceleration = self.aside.accelerations();
+        if let Some(power) = acceleration.get_mut(n + self.aside.layout.rows()) {
+            *power = self.aside.friction_power(&v[n..]);
+        }
         Ok(EndOfArcs { x: x.to_vec(), v: v.to_vec(), acceleration, way: vec![0.0; size] })
     }
 
     /// The end of the arcs at the present state.
-    pub(super) fn end_here<E>(&mut self, set: GapSet) -> Result<EndOfArcs, Failure<E>>
+    pub(super) fn end_here<E>(
+        &mut self,
+        mode: impl Into<ContactMode>,
+    ) -> Result<EndOfArcs, Failure<E>>
     where
         D: Dynamics<E>,
     {
         let now = self.state.now();
         let (t, z) = (now.t, [&now.x[..], &now.xdot[..]].concat());
-        self.end_of_arcs(t, &z, set)
+        self.end_of_arcs(t, &z, mode)
     }
 
-    /// Moves to a landing, after which the gaps of a set are closed, and maybe others with them:
+    /// Moves to a landing, after which the gaps of a mode are closed, and maybe others with them:
     /// all of these. The system is evaluated there.
     pub(super) fn move_to<E>(
         &mut self,
         landing: &Landing<Vec<f64>>,
-        set: GapSet,
+        mode: impl Into<ContactMode>,
     ) -> Result<GapSet, Failure<E>>
     where
         D: Dynamics<E>,
     {
         let t = landing.t.max(self.state.now().t);
         let rounding = self.settings.atol.map(|atol| f64::EPSILON * atol);
-        self.state.move_to((t, landing.state()), set, rounding, self.model)
+        self.state.move_to((t, landing.state()), mode.into(), rounding, self.model)
     }
+}
+
+/// Whether friction keeps what sticks, and no contact that slips is near Painlevé's paradox, where the
+/// forces have been computed.
+fn holds(at: &mut Kinetics, mode: ContactMode) -> bool {
+    mode.is_frictionless()
+        || at.limits(mode).iter().all(|level| match level.limit {
+            Limit::Force(_) => true,
+            Limit::Stick(..) | Limit::Pair | Limit::Regularity => level.value > 0.0,
+        })
 }

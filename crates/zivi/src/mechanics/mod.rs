@@ -21,6 +21,7 @@ mod corner_log;
 mod equation;
 mod fixed_steps;
 mod flight;
+mod friction;
 mod impact;
 mod integrator;
 mod kinetics;
@@ -41,6 +42,7 @@ mod stored;
 mod tail;
 mod theta_gamma;
 
+pub use crate::record::contact_mode::ContactMode;
 pub use crate::record::gap_set::GapSet;
 pub use crate::record::occurrence::{FlagKind, Occurrence};
 pub use crate::record::point::MotionPoint;

@@ -1,19 +1,23 @@
 //! What a mechanical system does: on which contacts it moves, and what comes next.
 //!
-//! The mode is the set of closed gaps. Flight is motion without any of them, and one equation
-//! serves all sets, so that there are no two cases with data of their own as there are for a mass,
-//! whose rest needs no equation.
+//! The mode is the set of closed gaps, and what friction does. Flight is motion without any contact,
+//! and one equation serves all modes, so that there are no two cases with data of their own as there
+//! are for a mass, whose rest needs no equation.
 
+use super::friction::Limit;
+use crate::record::contact_mode::ContactMode;
 use crate::record::gap_set::GapSet;
 use crate::zeno::table::Landing;
 
 /// What the gaps do that touch, or touched when the last step began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Contacts {
-    /// They stay closed.
-    pub(super) closed: GapSet,
+    /// Some stay closed; what friction does.
+    pub(super) mode: ContactMode,
     /// They open: they are not looked out for in the first step.
     pub(super) left: GapSet,
+    /// The channels that begin to slip: their slip does not end in the first step.
+    pub(super) released: GapSet,
 }
 
 /// What comes next.
@@ -23,8 +27,11 @@ pub(super) enum Next {
     Step,
     /// The impact of these gaps, here.
     LocatedEvent(GapSet),
-    /// The opening of a contact whose force vanishes here, in a step of the length `h`.
-    Release { gap: usize, h: f64 },
+    /// The opening of a contact whose force vanishes here, or the end of sticking, in a step of the
+    /// length `h`.
+    Release { limit: Limit, h: f64 },
+    /// The end of the slip in some channels.
+    Stop(GapSet),
     /// The jump to where the impacts accumulate.
     Jump(Ahead),
 }
@@ -38,7 +45,7 @@ impl Next {
     /// Whether something happens before the time moves on beyond `t_end`.
     pub(super) fn is_due(&self, t_end: f64) -> bool {
         match self {
-            Self::LocatedEvent(_) | Self::Release { .. } => true,
+            Self::LocatedEvent(_) | Self::Release { .. } | Self::Stop(_) => true,
             Self::Jump(ahead) => ahead.landing.t <= t_end,
             Self::Step => false,
         }
@@ -50,8 +57,11 @@ impl Next {
 pub(super) struct Key {
     /// The gaps that are hit together.
     pub(super) hit: GapSet,
-    /// The gaps that stay closed.
-    pub(super) closed: GapSet,
+    /// The mode of the flight between the impacts: which gaps stay closed.
+    pub(super) flight: ContactMode,
+    /// The mode to which they lead: what friction does at the gaps that are hit is what it does in
+    /// the impacts.
+    pub(super) landed: ContactMode,
 }
 
 /// Where impacts accumulate.

@@ -4,7 +4,7 @@ use crate::system::dynamics::Layout;
 use std::collections::TryReserveError;
 
 use super::path::MechanicalPath;
-use crate::record::gap_set::GapSet;
+use crate::record::contact_mode::ContactMode;
 use crate::record::occurrence::Occurrence;
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
@@ -34,14 +34,14 @@ impl<E> Default for MechanicalOutput<'_, E> {
 pub struct MechanicalSamples {
     /// Times (s).
     pub t: Vec<f64>,
-    /// `q` then `g`, `n + m` numbers a sample.
+    /// `q`, `g`, and what friction adds, `layout.size()` numbers a sample.
     pub x: Vec<f64>,
-    /// `q'` then `g'`, `n + m` numbers a sample.
+    /// Their rates, as many.
     pub v: Vec<f64>,
-    /// Contact forces, `m` numbers a sample.
+    /// Contact forces and those of friction, `m + p` numbers a sample.
     pub lambda: Vec<f64>,
-    /// The closed gaps.
-    pub closed: Vec<GapSet>,
+    /// The closed gaps, and what friction does.
+    pub modes: Vec<ContactMode>,
 }
 
 impl MechanicalSamples {
@@ -50,15 +50,14 @@ impl MechanicalSamples {
         &mut self,
         reserve: &mut Reserve,
         count: usize,
-        size: usize,
-        m: usize,
+        layout: Layout,
     ) -> Result<(), TryReserveError> {
         const ASIDE: usize = size_of::<f64>();
         reserve.room(&mut self.t, count, ASIDE)?;
-        reserve.room(&mut self.x, count * size, ASIDE)?;
-        reserve.room(&mut self.v, count * size, ASIDE)?;
-        reserve.room(&mut self.lambda, count * m, ASIDE)?;
-        reserve.room(&mut self.closed, count, m)
+        reserve.room(&mut self.x, count * layout.size(), ASIDE)?;
+        reserve.room(&mut self.v, count * layout.size(), ASIDE)?;
+        reserve.room(&mut self.lambda, count * layout.rows(), ASIDE)?;
+        reserve.room(&mut self.modes, count, layout.rows())
     }
 
     pub(super) fn push(
@@ -66,13 +65,13 @@ impl MechanicalSamples {
         t: f64,
         (x, v): (&[f64], &[f64]),
         lambda: &[f64],
-        closed: GapSet,
+        mode: ContactMode,
     ) {
         self.t.push(t);
         self.x.extend_from_slice(x);
         self.v.extend_from_slice(v);
         self.lambda.extend_from_slice(lambda);
-        self.closed.push(closed);
+        self.modes.push(mode);
     }
 }
 
@@ -104,10 +103,9 @@ mod tests {
     #[test]
     fn room_is_made_for_every_number_of_the_samples() {
         let (mut samples, mut reserve) = (MechanicalSamples::default(), Reserve::default());
-        samples.make_room(&mut reserve, 100, 7, 3).unwrap();
-        let MechanicalSamples { t, x, v, lambda, closed } = &samples;
-        let rooms =
-            [t.capacity(), x.capacity(), v.capacity(), lambda.capacity(), closed.capacity()];
+        samples.make_room(&mut reserve, 100, Layout::smooth(4, 3)).unwrap();
+        let MechanicalSamples { t, x, v, lambda, modes } = &samples;
+        let rooms = [t.capacity(), x.capacity(), v.capacity(), lambda.capacity(), modes.capacity()];
         let needed = [100, 700, 700, 300, 100];
         assert!(rooms.iter().zip(needed).all(|(room, n)| *room >= n), "{rooms:?}");
     }

@@ -5,7 +5,7 @@ use std::collections::TryReserveError;
 use super::equation::{Stages, State};
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{evaluate, Bernstein, MOST_DEGREE};
-use crate::record::gap_set::GapSet;
+use crate::record::contact_mode::ContactMode;
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::Layout;
@@ -15,7 +15,7 @@ use crate::Impact;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Segment {
     pub(super) start: f64,
-    pub(super) closed: GapSet,
+    pub(super) mode: ContactMode,
     pub(super) kind: Kind,
 }
 
@@ -78,13 +78,13 @@ impl MechanicalPath {
 
     /// Makes room for one more segment of any kind.
     pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
-        let size = self.layout.n + self.layout.m;
+        let size = self.layout.size();
         reserve.room(&mut self.segments, 1, 0)?;
         reserve.room(&mut self.coefficients, 2 * size * (MOST_DEGREE + 1), 0)?;
         reserve.room(&mut self.skipped, 1, 0)
     }
 
-    pub(super) fn push_motion(&mut self, curve: &Curve, closed: GapSet) {
+    pub(super) fn push_motion(&mut self, curve: &Curve, mode: ContactMode) {
         let first = self.coefficients.len();
         let mut degree = 0;
         for p in curve.rows.iter().flatten() {
@@ -92,13 +92,13 @@ impl MechanicalPath {
             self.coefficients.extend_from_slice(p.coefficients());
         }
         let kind = Kind::Motion { first, degree, h: curve.h };
-        self.push(Segment { start: curve.start, closed, kind });
+        self.push(Segment { start: curve.start, mode, kind });
     }
 
-    pub(super) fn push_skipped(&mut self, arcs: &SkippedArcs, closed: GapSet) {
+    pub(super) fn push_skipped(&mut self, arcs: &SkippedArcs, mode: ContactMode) {
         let kind = Kind::Skipped(self.skipped.len());
         self.skipped.push(arcs.clone());
-        self.push(Segment { start: arcs.start, closed, kind });
+        self.push(Segment { start: arcs.start, mode, kind });
     }
 
     fn push(&mut self, segment: Segment) {
@@ -146,15 +146,15 @@ impl MechanicalPath {
         if after == 0 || t.is_nan() || t > *end {
             return None;
         }
-        let Segment { start, closed, kind } = self.segments[after - 1];
-        let Layout { n, m } = self.layout;
-        let mut point = MotionPoint { x: vec![0.0; n + m], v: vec![0.0; n + m], closed };
+        let Segment { start, mode, kind } = self.segments[after - 1];
+        let (Layout { n, m, .. }, size) = (self.layout, self.layout.size());
+        let mut point = MotionPoint { x: vec![0.0; size], v: vec![0.0; size], mode };
         match kind {
             Kind::Skipped(number) => self.skipped[number].at(t, &mut point.x, &mut point.v),
             Kind::Motion { first, degree, h } => {
                 let theta = ((t - start) / h).clamp(0.0, 1.0);
                 let rows = self.coefficients[first..].chunks_exact(degree + 1);
-                for (k, row) in rows.take(2 * (n + m)).enumerate() {
+                for (k, row) in rows.take(2 * size).enumerate() {
                     let of = if k % 2 == 0 { &mut point.x } else { &mut point.v };
                     of[k / 2] = evaluate(row, theta);
                 }

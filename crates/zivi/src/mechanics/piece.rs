@@ -2,7 +2,7 @@
 
 use super::path::Curve;
 use super::tail::SkippedArcs;
-use crate::record::gap_set::GapSet;
+use crate::record::contact_mode::ContactMode;
 
 /// A part of the motion that one step of the machine covers.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,9 +17,9 @@ pub(super) enum Piece {
     Instant,
 }
 
-/// A part of the way into a corner, and the gaps closed in it.
+/// A part of the way into a corner, and the mode in it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Flight {
     pub(super) curve: Curve,
-    pub(super) closed: GapSet,
+    pub(super) mode: ContactMode,
 }

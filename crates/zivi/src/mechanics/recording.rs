@@ -10,9 +10,9 @@ use super::piece::{Flight, Piece};
 use super::tail::SkippedArcs;
 use crate::piecewise::method::{Advance, Piecewise, Rhs};
 use crate::piecewise::running::{self as piecewise, unless_terminal, until, Record, SegmentSink};
+use crate::record::contact_mode::ContactMode;
 use crate::record::event_locator::{unknown, SmoothPart};
 use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::Dynamics;
@@ -48,7 +48,7 @@ pub(super) fn running<E>(
     let start = MotionPoint {
         x: machine.state().now().x.clone(),
         v: machine.state().now().xdot.clone(),
-        closed: machine.state().closed(),
+        mode: machine.state().mode(),
     };
     let record = MechanicalRecord {
         samples: MechanicalSamples::default(),
@@ -70,7 +70,7 @@ impl Piecewise for MechanicalIntegrator {
         let now = self.state().now();
         to.x.clone_from(&now.x);
         to.v.clone_from(&now.xdot);
-        to.closed = self.state().closed();
+        to.mode = self.state().mode();
     }
 
     fn is_pending(&self, t_end: f64) -> bool {
@@ -105,8 +105,8 @@ impl Record<MechanicalIntegrator> for MechanicalRecord {
         samples: usize,
         reserve: &mut Reserve,
     ) -> Result<(), TryReserveError> {
-        let (size, m) = (machine.state().now().x.len(), machine.state().layout().m);
-        self.samples.make_room(reserve, samples, size, m)?;
+        let layout = machine.state().layout();
+        self.samples.make_room(reserve, samples, layout)?;
         machine.make_room(reserve)?;
         self.path.as_mut().map_or(Ok(()), |path| path.make_room(reserve))
     }
@@ -129,10 +129,10 @@ impl<'f, E, D: Dynamics<E>> SegmentSink<MechanicalIntegrator, Model<'f, D>, E> f
         model: &mut Model<'f, D>,
     ) -> Result<(), Ending<E>> {
         // since the last piece
-        let (from, closed) = (self.end.0, self.end.1.closed);
+        let (from, mode) = (self.end.0, self.end.1.mode);
         match piece {
-            Piece::Motion => self.motion(from, closed, model)?,
-            Piece::Skipped(arcs) => self.skipped(&arcs, closed, model)?,
+            Piece::Motion => self.motion(from, mode, model)?,
+            Piece::Skipped(arcs) => self.skipped(&arcs, mode, model)?,
             Piece::Descent(flights) => self.descent(&flights, model)?,
             Piece::Instant => {
                 self.arrive();
@@ -147,14 +147,14 @@ impl<E> Running<'_, E> {
     fn motion<D: Dynamics<E>>(
         &mut self,
         from: f64,
-        closed: GapSet,
+        mode: ContactMode,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
         let end = self.method.state().now().t;
         if end > self.dense_from() && end > from {
             let motion = self.method.motion();
             let curve = Curve::new(motion.last(), self.method.state().now(), motion.length());
-            self.follow(&curve, (from, end), closed, model)?;
+            self.follow(&curve, (from, end), mode, model)?;
         }
         self.arrive();
         Ok(())
@@ -165,15 +165,15 @@ impl<E> Running<'_, E> {
         &mut self,
         curve: &Curve,
         (from, end): (f64, f64),
-        closed: GapSet,
+        mode: ContactMode,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
         if let Some(path) = &mut self.record.path {
-            path.push_motion(curve, closed);
+            path.push_motion(curve, mode);
         }
         let motion = |t: f64, to: &mut MotionPoint| {
             curve.at(t, &mut to.x, &mut to.v);
-            to.closed = closed;
+            to.mode = mode;
         };
         let stop = self.seek_along((from, end), motion);
         self.sample_until(until(&stop, end), &motion, model)?;
@@ -186,13 +186,13 @@ impl<E> Running<'_, E> {
         flights: &[Flight],
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
-        for Flight { curve, closed } in flights {
+        for Flight { curve, mode } in flights {
             let (from, end) = (curve.start, curve.start + curve.h);
             let at = &mut self.record.at;
             curve.at(from, &mut at.x, &mut at.v);
-            at.closed = *closed;
+            at.mode = *mode;
             unless_terminal(self.seeker.across(from, &self.record.at))?;
-            self.follow(curve, (from, end), *closed, model)?;
+            self.follow(curve, (from, end), *mode, model)?;
         }
         self.arrive();
         self.jumped()
@@ -201,18 +201,18 @@ impl<E> Running<'_, E> {
     fn skipped<D: Dynamics<E>>(
         &mut self,
         arcs: &SkippedArcs,
-        closed: GapSet,
+        mode: ContactMode,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
         let end = self.method.state().now().t;
         let motion = |t: f64, to: &mut MotionPoint| {
             arcs.at(t, &mut to.x, &mut to.v);
-            to.closed = closed;
+            to.mode = mode;
         };
         if let Some(path) = &mut self.record.path {
-            path.push_skipped(arcs, closed);
+            path.push_skipped(arcs, mode);
         }
-        let stop = self.seek_in_arcs(arcs, closed, &motion);
+        let stop = self.seek_in_arcs(arcs, mode, &motion);
         self.sample_until(until(&stop, end), &motion, model)?;
         unless_terminal(stop)?;
         self.arrive();
@@ -231,7 +231,7 @@ impl<E> Running<'_, E> {
     fn seek_in_arcs(
         &mut self,
         arcs: &SkippedArcs,
-        closed: GapSet,
+        mode: ContactMode,
         motion: Along<'_>,
     ) -> Result<Option<LocatedEvent<MotionPoint>>, E> {
         if self.seeker.is_idle() {
@@ -243,7 +243,7 @@ impl<E> Running<'_, E> {
             // up to the next impact from before it, then from after it
             let before = |at: f64, to: &mut MotionPoint| {
                 arcs.at_before(at, m, &mut to.x, &mut to.v);
-                to.closed = closed;
+                to.mode = mode;
             };
             if let Some(stop) = self.seek_along((t, end), before)? {
                 return Ok(Some(stop));
@@ -273,7 +273,7 @@ impl<E> Running<'_, E> {
             let MechanicalRecord { samples, at: point, .. } = &mut self.record;
             motion(at, point);
             let lambda = self.method.contact_forces(at, point, model)?;
-            samples.push(at, (&point.x, &point.v), lambda, point.closed);
+            samples.push(at, (&point.x, &point.v), lambda, point.mode);
         }
         Ok(())
     }
@@ -293,7 +293,7 @@ impl<E> Running<'_, E> {
         self.arrive();
         let state = self.method.state();
         let (now, lambda) = (state.now(), state.lambda());
-        self.record.samples.push(t, (&now.x, &now.xdot), lambda, state.closed());
+        self.record.samples.push(t, (&now.x, &now.xdot), lambda, state.mode());
         Ok(())
     }
 
@@ -307,8 +307,8 @@ impl<E> Running<'_, E> {
         // an event among skipped arcs ends the run before what they lead to
         occurrences.retain(|it| it.t() <= *t || status != Status::TerminatedByEvent);
         if wanted.is_missing_at(*t, samples.t.last().copied()) {
-            let none = vec![0.0; layout.m];
-            samples.push(*t, (&point.x, &point.v), &none, point.closed);
+            let none = vec![0.0; layout.rows()];
+            samples.push(*t, (&point.x, &point.v), &none, point.mode);
         }
         drop(reserve);
         if let Some(path) = &mut path {

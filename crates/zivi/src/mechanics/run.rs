@@ -6,8 +6,10 @@ use super::output::{MechanicalOutput, MechanicalRun};
 use super::recording::running;
 use crate::piecewise::method::NoSink;
 use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout, MOST};
+use crate::system::friction::Friction;
 use crate::{GridError, Monitor, SetupError, Status};
 
 /// Simulates a mechanical system over a span by the switched Runge-Kutta method.
@@ -27,7 +29,7 @@ use crate::{GridError, Monitor, SetupError, Status};
 /// use zivi::{Silent, Status, SwitchedRk};
 ///
 /// // a ball of 2 kg above a floor at y = 0, with drift in x
-/// let layout = Layout { n: 2, m: 1 };
+/// let layout = Layout::smooth(2, 1);
 /// let function = |_: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
 ///     out[layout.mass()].copy_from_slice(&[2.0, 0.0, 0.0, 2.0]);
 ///     out[layout.force()].copy_from_slice(&[0.0, -2.0 * 9.81]);
@@ -60,8 +62,10 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     let layout = dynamics.layout();
     check_sizes(layout, e, q, w)?;
     check_span(t0, t1)?;
+    let friction = dynamics.friction().clone();
+    check_friction(layout, &friction)?;
     let mut model = Model::new(dynamics);
-    let mut machine = MechanicalIntegrator::new(settings, layout, e);
+    let mut machine = MechanicalIntegrator::new(settings, layout, e, &friction);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let mut running = running(machine, t1, output);
     let ending = match begun {
@@ -88,7 +92,7 @@ pub(super) fn started<E>(
 }
 
 pub(super) fn check_sizes(
-    Layout { n, m }: Layout,
+    Layout { n, m, p }: Layout,
     e: &[f64],
     q: &[f64],
     w: &[f64],
@@ -96,8 +100,8 @@ pub(super) fn check_sizes(
     if n == 0 || n > MOST {
         return Err(SetupError::Count("n", n, "from 1 to 64"));
     }
-    if m > MOST {
-        return Err(SetupError::Count("m", m, "at most 64"));
+    if m + p > MOST {
+        return Err(SetupError::Count("m", m + p, "at most 64, with the channels of friction"));
     }
     for (name, given, wanted) in [("e", e.len(), m), ("q0", q.len(), n), ("qdot0", w.len(), n)] {
         if given != wanted {
@@ -111,6 +115,24 @@ pub(super) fn check_sizes(
         if let Some(&value) = state.iter().find(|value| !value.is_finite()) {
             return Err(SetupError::Setting(name, value, "finite"));
         }
+    }
+    Ok(())
+}
+
+fn check_friction(Layout { m, p, .. }: Layout, friction: &Friction) -> Result<(), SetupError> {
+    if friction.channels.len() != p {
+        return Err(SetupError::Count("friction", friction.channels.len(), "one for each channel"));
+    }
+    let mut seen = GapSet::EMPTY;
+    for channel in &friction.channels {
+        if !(0.0..=1.0).contains(&channel.e_t) {
+            return Err(SetupError::Setting("e_t", channel.e_t, "from 0 to 1"));
+        }
+        let Some(gap) = channel.gap else { continue };
+        if gap >= m || seen.has(gap) {
+            return Err(SetupError::Count("friction", gap, "one gap each, at most one channel"));
+        }
+        seen = seen.with(GapSet::of(gap));
     }
     Ok(())
 }

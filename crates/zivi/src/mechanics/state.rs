@@ -2,11 +2,15 @@
 
 use super::contact_problem::settle;
 use super::equation::{AtEnd, InContact, Stages, State};
+use super::friction::decide;
 use super::kinetics::{without_rounding, Kinetics, Model};
 use super::mode::Contacts;
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::friction::Friction;
 
 /// The state of a mechanical system.
 #[derive(Clone, Debug)]
@@ -17,6 +21,7 @@ pub(super) struct MechanicalState {
     /// Accelerations and contact forces here, where they are known.
     slope: Vec<f64>,
     lambda: Vec<f64>,
+    levels: Vec<f64>,
     is_known: bool,
     /// The mechanics where they were evaluated last: here, or at a stage of a step from here.
     kinetics: Kinetics,
@@ -36,18 +41,21 @@ const NEAR: f64 = 1e-15;
 const PROJECTIONS: usize = 4;
 /// A gap is as its function says while that is larger than this part of its terms.
 const ANCHOR: f64 = 1e-5;
+/// The same of a slip speed.
+const SLIP_ANCHOR: f64 = 1e-6;
 
 impl MechanicalState {
-    pub(super) fn new(layout: Layout) -> Self {
-        let size = layout.n + layout.m;
+    pub(super) fn new(layout: Layout, friction: &Friction) -> Self {
+        let size = layout.size();
         Self {
             layout,
             now: State::zeros(size),
             contacts: Contacts::default(),
             slope: vec![0.0; size],
-            lambda: vec![0.0; layout.m],
+            lambda: vec![0.0; layout.rows()],
+            levels: Vec::new(),
             is_known: false,
-            kinetics: Kinetics::new(layout),
+            kinetics: Kinetics::new(layout, friction),
         }
     }
 
@@ -58,7 +66,7 @@ impl MechanicalState {
         (q, w): (&[f64], &[f64]),
         model: &mut Model<'_, D>,
     ) -> Result<Start, Failure<E>> {
-        let Layout { n, m } = self.layout;
+        let Layout { n, m, .. } = self.layout;
         (self.now.t, self.now.late) = (t, 0.0);
         self.now.x[..n].copy_from_slice(q);
         self.now.xdot[..n].copy_from_slice(w);
@@ -81,8 +89,12 @@ impl MechanicalState {
                 *set = set.with(GapSet::of(i));
             }
         }
-        self.contacts = Contacts { closed: touching, left: GapSet::EMPTY };
-        if hit.is_empty() && !touching.is_empty() {
+        for row in m..self.layout.rows() {
+            let (rate, noise) = (self.kinetics.rate(row, w), self.kinetics.rounding(row, q, w).1);
+            self.now.xdot[n + row] = if rate.abs() <= 4.0 * noise { 0.0 } else { rate };
+        }
+        self.contacts = Contacts { mode: touching.into(), ..Contacts::default() };
+        if hit.is_empty() && !(touching.is_empty() && self.layout.p == 0) {
             self.project(touching, model)?;
             self.settle(touching)?;
         }
@@ -100,7 +112,23 @@ impl MechanicalState {
 
     /// The gaps that are closed.
     pub(super) fn closed(&self) -> GapSet {
-        self.contacts.closed
+        self.contacts.mode.closed
+    }
+
+    /// The same, and what friction does.
+    pub(super) fn mode(&self) -> ContactMode {
+        self.contacts.mode
+    }
+
+    /// The channels that begin to slip.
+    pub(super) fn released(&self) -> GapSet {
+        self.contacts.released
+    }
+
+    /// The slip speeds, by channel.
+    pub(super) fn slips(&self) -> &[f64] {
+        let Layout { n, m, p } = self.layout;
+        &self.now.xdot[n + m..n + m + p]
     }
 
     /// The gaps that are just opening.
@@ -110,7 +138,7 @@ impl MechanicalState {
 
     /// The gaps that are not closed.
     pub(super) fn open_gaps(&self) -> impl Iterator<Item = usize> {
-        let closed = self.contacts.closed;
+        let closed = self.closed();
         (0..self.layout.m).filter(move |&i| !closed.has(i))
     }
 
@@ -125,9 +153,14 @@ impl MechanicalState {
         &self.slope
     }
 
-    /// Contact forces by gap, where they are known.
+    /// Contact forces by gap, and of friction by channel, where they are known.
     pub(super) fn lambda(&self) -> &[f64] {
         &self.lambda
+    }
+
+    /// What limits the mode, where the forces are known.
+    pub(super) fn levels(&self) -> &[f64] {
+        &self.levels
     }
 
     /// The mechanics where they were evaluated last.
@@ -148,8 +181,8 @@ impl MechanicalState {
         at_end: &'r mut AtEnd,
     ) -> (&'r State, &'r Vec<f64>, InContact<'r, 'm, D>) {
         let Self { now, slope, kinetics, contacts, .. } = self;
-        let closed = contacts.closed;
-        (now, slope, InContact { closed, kinetics, model, at_end: Some(at_end) })
+        let mode = contacts.mode;
+        (now, slope, InContact { mode, kinetics, model, at_end: Some(at_end) })
     }
 
     /// The gaps that are hit at once, though none of them was seen to come near.
@@ -194,9 +227,22 @@ impl MechanicalState {
 
     /// The same, where the system has just been evaluated.
     pub(super) fn refresh<E>(&mut self) -> Result<(), Failure<E>> {
-        self.kinetics.contact(self.contacts.closed)?;
+        let (mode, n, rows) = (self.contacts.mode, self.layout.n, self.layout.rows());
+        self.kinetics.contact(mode)?;
         self.slope.copy_from_slice(&self.kinetics.acceleration);
+        self.levels.clear();
         self.lambda.copy_from_slice(&self.kinetics.lambda);
+        if mode.is_frictionless() {
+            self.levels.extend(mode.closed.iter().map(|gap| self.lambda[gap]));
+        } else {
+            self.levels.extend(self.kinetics.limits(mode).iter().map(|it| it.value));
+            if self.kinetics.center(mode).is_some() {
+                self.lambda.copy_from_slice(&self.kinetics.lambda);
+            }
+        }
+        if let Some(power) = self.slope.get_mut(n + rows) {
+            *power = self.kinetics.friction_power(&self.now.xdot[n..]);
+        }
         self.is_known = true;
         Ok(())
     }
@@ -208,6 +254,20 @@ impl MechanicalState {
             let rate = self.kinetics.rate(i, &self.now.xdot[..self.layout.n]);
             self.anchor(i, self.kinetics.gap(i), rate);
         }
+        for row in self.layout.m..self.layout.rows() {
+            let rate = self.kinetics.rate(row, &self.now.xdot[..self.layout.n]);
+            self.anchor_slip(row, rate);
+        }
+    }
+
+    /// Sets a slip speed that was integrated to what its direction says, where that has enough digits.
+    fn anchor_slip(&mut self, row: usize, rate: f64) {
+        let n = self.layout.n;
+        let size = self.now.xdot[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let sticks = self.contacts.mode.stick.has(row - self.layout.m);
+        if !sticks && rate.abs() > SLIP_ANCHOR * (size + rate.abs()) {
+            self.now.xdot[n + row] = rate;
+        }
     }
 
     /// Sets a gap that was integrated to what its function says, where that has enough digits.
@@ -215,41 +275,48 @@ impl MechanicalState {
         let n = self.layout.n;
         let size = self.now.x[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         let clear = gap > ANCHOR * (size + gap) && self.now.x[n + i] > 0.0;
-        if clear && !self.contacts.closed.has(i) {
+        if clear && !self.closed().has(i) {
             (self.now.x[n + i], self.now.xdot[n + i]) = (gap, rate);
         }
     }
 
     /// Moves the coordinates and velocities, along the directions of the impulses, to where the
-    /// gaps of a set are zero and have the speeds of the state. The system is evaluated there.
+    /// gaps of a set are zero and its rows have the rates of the state. The system is evaluated there.
     pub(super) fn project<E, D: Dynamics<E>>(
         &mut self,
         set: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let Self { kinetics, now, layout, .. } = self;
-        let n = layout.n;
+        let Layout { n, m, .. } = *layout;
         self.is_known = false;
+        let mut set = set;
         for iteration in 0..=PROJECTIONS {
             let (q, gaps) = now.x.split_at_mut(n);
             let (w, speeds) = now.xdot.split_at_mut(n);
             kinetics.evaluate(model, now.t, q, w)?;
             let (mut far, mut fast) = (false, false);
             for i in set.iter() {
-                gaps[i] = 0.0;
                 let (of_gap, of_rate) = kinetics.rounding(i, q, w);
-                far |= kinetics.gap(i).abs() > of_gap;
+                if i < m {
+                    gaps[i] = 0.0;
+                    far |= kinetics.gap(i).abs() > of_gap;
+                }
                 fast |= (speeds[i] - kinetics.rate(i, w)).abs() > of_rate;
             }
             if !(far || fast) || iteration == PROJECTIONS {
                 break;
+            }
+            if layout.p > 0 && (fast || far) {
+                // sticking feet of one body: what some rows say the others say, too
+                set = kinetics.independent(set);
             }
             if fast {
                 kinetics.solve(set, |at, i| speeds[i] - at.rate(i, w))?;
                 kinetics.apply(set, w);
             }
             if far {
-                kinetics.solve(set, |at, i| -at.gap(i))?;
+                kinetics.solve(set, |at, i| if i < m { -at.gap(i) } else { 0.0 })?;
                 kinetics.apply(set, q);
             }
         }
@@ -259,22 +326,51 @@ impl MechanicalState {
     /// Of the gaps that touch without a speed some stay closed, and the forces open the others,
     /// where the system has just been evaluated: `0 <= lambda  perp  b + D lambda >= 0`.
     pub(super) fn settle<E>(&mut self, touching: GapSet) -> Result<(), Failure<E>> {
-        self.contacts = settle(&mut self.kinetics, touching)?;
+        self.contacts = match self.layout.p {
+            0 => settle(&mut self.kinetics, touching)?,
+            _ => {
+                let slips = self.slips().to_vec();
+                decide(&mut self.kinetics, touching, &slips)?
+            }
+        };
         Ok(())
+    }
+
+    /// From here on the contacts are these.
+    pub(super) fn enter(&mut self, contacts: Contacts) {
+        self.contacts = contacts;
+    }
+
+    /// The slip in some channels is zero.
+    pub(super) fn stop_slip(&mut self, channels: GapSet) {
+        let Layout { n, m, .. } = self.layout;
+        channels.iter().for_each(|channel| self.now.xdot[n + m + channel] = 0.0);
+    }
+
+    /// Notes what friction does otherwise than before.
+    pub(super) fn note_transitions(&self, before: ContactMode, occurrences: &mut Vec<Occurrence>) {
+        let (t, now) = (self.now.t, self.mode());
+        for channel in 0..self.layout.p {
+            let (before, after) = (before.number(channel), now.number(channel));
+            if before != after && after != 2 {
+                occurrences.push(Occurrence::Transition { t, channel, before, after });
+            }
+        }
     }
 
     /// Some of the closed gaps open.
     pub(super) fn open(&mut self, left: GapSet) {
-        self.contacts = Contacts { closed: self.contacts.closed.without(left), left };
+        let mode = self.closed().without(left).into();
+        self.contacts = Contacts { mode, left, released: GapSet::EMPTY };
     }
 
-    /// To a time and a state, `x` before `x'`, in which the gaps of a set are closed, and those
+    /// To a time and a state, `x` before `x'`, in which the gaps of a mode are closed, and those
     /// that are closed with them to within `rounding` of gaps and rates: all of these. The system
     /// is evaluated there.
     pub(super) fn move_to<E, D: Dynamics<E>>(
         &mut self,
         (t, z): (f64, &[f64]),
-        set: GapSet,
+        ContactMode { closed: set, stick, .. }: ContactMode,
         rounding: [f64; 2],
         model: &mut Model<'_, D>,
     ) -> Result<GapSet, Failure<E>> {
@@ -283,7 +379,8 @@ impl MechanicalState {
         self.now.x.copy_from_slice(x);
         self.now.xdot.copy_from_slice(xdot);
         self.stop(set);
-        self.project(set, model)?;
+        let sticking = self.stop_rows(stick);
+        self.project(set.with(sticking), model)?;
         let more = self.closed_along(set, rounding);
         self.stop(more);
         Ok(set.with(more))
@@ -292,7 +389,7 @@ impl MechanicalState {
     /// The gaps that are closed to rounding with those of a set, where the system has just been
     /// evaluated. If the set determines them they never move, and no impact would tell.
     fn closed_along(&self, set: GapSet, [of_x, of_v]: [f64; 2]) -> GapSet {
-        let Layout { n, m } = self.layout;
+        let Layout { n, m, .. } = self.layout;
         let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
         let touches = |&i: &usize| {
             let (of_gap, of_rate) = self.kinetics.rounding(i, q, w);
@@ -300,6 +397,12 @@ impl MechanicalState {
             !set.has(i) && gap.abs() <= of_gap + of_x && rate.abs() <= of_rate + of_v
         };
         (0..m).filter(touches).collect()
+    }
+
+    /// The channels of a set do not slip: their rows.
+    fn stop_rows(&mut self, channels: GapSet) -> GapSet {
+        self.stop_slip(channels);
+        channels.iter().map(|channel| self.kinetics.row(channel)).collect()
     }
 
     /// The gaps of a set are zero, without a speed.
@@ -323,17 +426,24 @@ impl MechanicalState {
             (self.now.t, self.now.late) = (end, 0.0);
         }
         self.contacts.left = GapSet::EMPTY;
-        if !self.contacts.closed.is_empty() {
-            self.project(self.contacts.closed, model)?;
+        self.contacts.released = GapSet::EMPTY;
+        let rows = self.kinetics.rows_of(self.contacts.mode);
+        if !rows.is_empty() {
+            self.project(rows, model)?;
             self.refresh()?;
             self.anchor_all();
             return Ok(());
         }
         self.is_known = step.copy_end_slope(&mut self.slope);
         self.lambda.fill(0.0);
+        self.levels.clear();
         if self.is_known {
+            self.lambda.copy_from_slice(&at_end.lambda);
             for i in 0..self.layout.m {
                 self.anchor(i, at_end.gap[i], at_end.rate[i]);
+            }
+            for row in self.layout.m..self.layout.rows() {
+                self.anchor_slip(row, at_end.rate[row]);
             }
         }
         Ok(())
@@ -355,10 +465,18 @@ impl MechanicalState {
         self.is_known = false;
     }
 
-    /// The state without the speeds of the gaps of a set, taken out along the impulses: that from
-    /// which they would stay closed.
-    pub(super) fn without_speeds<E>(&mut self, set: GapSet) -> Result<Vec<f64>, Failure<E>> {
-        let Self { kinetics, now, layout: Layout { n, m }, .. } = self;
+    /// The state without the speeds of the rows of a mode, taken out along the impulses: that from
+    /// which its gaps would stay closed. With friction the impulses lie on the edges of its cones.
+    pub(super) fn without_speeds<E>(
+        &mut self,
+        mode: impl Into<ContactMode>,
+    ) -> Result<Vec<f64>, Failure<E>> {
+        let (mode, rows) = (mode.into(), self.layout.rows());
+        if !mode.is_frictionless() {
+            return self.without_speeds_along_edges(mode);
+        }
+        let set = mode.closed;
+        let Self { kinetics, now, layout: Layout { n, .. }, .. } = self;
         let n = *n;
         let (mut x, mut v) = (now.x.clone(), now.xdot.clone());
         // twice: the first leaves rounding of the speeds
@@ -370,11 +488,35 @@ impl MechanicalState {
         without_rounding(&mut v[..n], &now.xdot);
         let speeds = &now.xdot[n..];
         kinetics.solve(set, |_, i| -speeds[i])?;
-        for k in 0..*m {
+        for k in 0..rows {
             v[n + k] = if set.has(k) { 0.0 } else { v[n + k] + kinetics.passed_on(k, set) };
         }
         for i in set.iter() {
             x[n + i] = 0.0;
+        }
+        x.append(&mut v);
+        Ok(x)
+    }
+
+    /// The same along the edges of the cones of friction.
+    fn without_speeds_along_edges<E>(&mut self, mode: ContactMode) -> Result<Vec<f64>, Failure<E>> {
+        let Self { kinetics, now, layout: Layout { n, .. }, .. } = self;
+        let n = *n;
+        let (mut x, mut v) = (now.x.clone(), now.xdot.clone());
+        let rates = now.xdot[n..].to_vec();
+        let moved = kinetics.displacement(mode, |row| -rates[row])?;
+        v.iter_mut().zip(&moved).for_each(|(v, moved)| *v += moved);
+        // the first leaves rounding of the speeds
+        let w = v[..n].to_vec();
+        let left: Vec<f64> = (0..rates.len() - 1).map(|row| kinetics.rate(row, &w)).collect();
+        let more = kinetics.displacement(mode, |row| -left[row])?;
+        v[..n].iter_mut().zip(&more).for_each(|(v, more)| *v += more);
+        without_rounding(&mut v[..n], &now.xdot);
+        for row in kinetics.rows_of(mode).iter() {
+            v[n + row] = 0.0;
+        }
+        for gap in mode.closed.iter() {
+            x[n + gap] = 0.0;
         }
         x.append(&mut v);
         Ok(x)

@@ -2,17 +2,20 @@
 //! [`crate::record::stored`].
 //!
 //! ```text
-//! path     [ n, m, segments, coefficients, skipped arcs,  the segments,  the coefficients,
+//! path     [ n, m, p, segments, coefficients, skipped arcs,  the segments,  the coefficients,
 //!            the skipped arcs,  t, closed, x, v of the end, if there is one ]
-//! segment  [ start, closed (two halves), kind (0 motion, 1 skipped), first, degree, h ]
+//! segment  [ start, mode, kind (0 motion, 1 skipped), first, degree, h ]
 //! arcs     [ start, end, whether a tail follows,  the tail,  8 numbers of each component ]
 //! ```
 //!
-//! Before format 4 tails had no accelerations.
+//! mode     [ closed, slipping up, slipping down, sticking (two halves each) ]
+//!
+//! Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
 
 use super::path::{Kind, MechanicalPath, Segment};
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::MOST_DEGREE;
+use crate::record::contact_mode::ContactMode;
 use crate::record::gap_set::GapSet;
 use crate::record::point::MotionPoint;
 use crate::record::stored::{as_count, Kind as Stored, MotionError, Reader, Writer};
@@ -29,18 +32,37 @@ fn set_of(low: f64, high: f64) -> Option<GapSet> {
     Some(GapSet(half(low)? as u64 | (half(high)? as u64) << 32))
 }
 
+fn numbers_of(mode: ContactMode) -> [f64; 8] {
+    let ContactMode { closed, slip_plus, slip_minus, stick } = mode;
+    let [[a, b], [c, d], [e, f], [g, h]] = [closed, slip_plus, slip_minus, stick].map(halves);
+    [a, b, c, d, e, f, g, h]
+}
+
+fn read_mode(from: &mut Reader<'_>, without_friction: bool) -> Option<ContactMode> {
+    let mut set = || {
+        let [low, high] = from.row()?;
+        set_of(low, high)
+    };
+    let closed = set()?;
+    if without_friction {
+        return Some(closed.into());
+    }
+    let (slip_plus, slip_minus, stick) = (set()?, set()?, set()?);
+    Some(ContactMode { closed, slip_plus, slip_minus, stick })
+}
+
 impl MechanicalPath {
     /// All that it consists of.
     #[must_use]
     pub fn to_numbers(&self) -> Vec<f64> {
         let mut out = Writer::new(Stored::Mechanism);
-        let Layout { n, m } = self.layout;
-        for count in [n, m, self.segments.len(), self.coefficients.len(), self.skipped.len()] {
+        let Layout { n, m, p } = self.layout;
+        for count in [n, m, p, self.segments.len(), self.coefficients.len(), self.skipped.len()] {
             out.count(count);
         }
-        for Segment { start, closed, kind } in &self.segments {
+        for Segment { start, mode, kind } in &self.segments {
             out.number(*start);
-            out.numbers(&halves(*closed));
+            out.numbers(&numbers_of(*mode));
             out.numbers(&match *kind {
                 Kind::Motion { first, degree, h } => [0.0, first as f64, degree as f64, h],
                 Kind::Skipped(number) => [1.0, number as f64, 0.0, 0.0],
@@ -55,7 +77,7 @@ impl MechanicalPath {
         }
         if let Some((t, point)) = &self.end {
             out.number(*t);
-            out.numbers(&halves(point.closed));
+            out.numbers(&numbers_of(point.mode));
             out.numbers(point.x.iter().chain(&point.v));
         }
         out.finish()
@@ -71,14 +93,26 @@ impl MechanicalPath {
 
     fn read(from: &mut Reader<'_>) -> Option<Self> {
         let finite = from.is_finite();
-        let [n, m, segments, coefficients, skipped] = from.counts()?;
-        if !finite || n == 0 || n > MOST || m > MOST {
+        let old = from.format() < 5.0;
+        let [n, m] = from.counts()?;
+        let [p] = if old { [0] } else { from.counts()? };
+        let [segments, coefficients, skipped] = from.counts()?;
+        if !finite || n == 0 || n > MOST || m > MOST || p > MOST || m + p > MOST {
             return None;
         }
-        let size = n + m;
-        let mut path = Self::new(Layout { n, m });
-        for numbers in from.rows(segments)? {
-            path.segments.push(segment_of(numbers, size, coefficients, skipped)?);
+        let layout = Layout { n, m, p };
+        let size = layout.size();
+        let mut path = Self::new(layout);
+        for _ in 0..segments {
+            let [start] = from.row()?;
+            let mode = read_mode(from, old)?;
+            path.segments.push(segment_of(
+                (start, mode),
+                from.row()?,
+                size,
+                coefficients,
+                skipped,
+            )?);
         }
         path.coefficients = from.take(coefficients)?.to_vec();
         for _ in 0..skipped {
@@ -90,9 +124,10 @@ impl MechanicalPath {
             path.skipped.push(SkippedArcs { start, end, arcs, rows: from.rows(size)? });
         }
         if !from.is_empty() {
-            let [t, low, high] = from.row()?;
+            let [t] = from.row()?;
+            let mode = read_mode(from, old)?;
             let (x, v) = (from.take(size)?.to_vec(), from.take(size)?.to_vec());
-            path.end = Some((t, MotionPoint { x, v, closed: set_of(low, high)? }));
+            path.end = Some((t, MotionPoint { x, v, mode }));
         }
         let ordered = path.segments.windows(2).all(|pair| pair[0].start < pair[1].start);
         ordered.then_some(path)
@@ -100,7 +135,8 @@ impl MechanicalPath {
 }
 
 fn segment_of(
-    [start, low, high, kind, first, degree, h]: [f64; 7],
+    (start, mode): (f64, ContactMode),
+    [kind, first, degree, h]: [f64; 4],
     size: usize,
     coefficients: usize,
     skipped: usize,
@@ -113,5 +149,5 @@ fn segment_of(
     } else {
         (kind == 1.0 && first < skipped).then_some(Kind::Skipped(first))?
     };
-    Some(Segment { start, closed: set_of(low, high)?, kind })
+    Some(Segment { start, mode, kind })
 }

@@ -5,6 +5,7 @@ pub(crate) mod bernstein;
 pub(crate) mod cholesky;
 pub(crate) mod coordinates;
 pub(crate) mod dense;
+pub(crate) mod elimination;
 pub(crate) mod first_root;
 pub mod grid;
 pub(crate) mod probes;

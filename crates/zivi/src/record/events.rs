@@ -65,7 +65,9 @@ impl Events {
                 }
             }
             Occurrence::Opened { .. } => self.rest_time = None,
-            Occurrence::Flag { .. } => (),
+            Occurrence::Flag { .. }
+            | Occurrence::Tangential { .. }
+            | Occurrence::Transition { .. } => (),
         }
     }
 

@@ -1,6 +1,7 @@
 //! What a run leaves: samples, events at the wall, how it ended.
 
 pub mod columns;
+pub mod contact_mode;
 pub mod dense_step;
 pub(crate) mod event_locator;
 pub mod events;

@@ -58,6 +58,34 @@ pub enum Occurrence {
         /// The gaps.
         gaps: GapSet,
     },
+    /// The friction of an impact in a channel of a gap, after the `Impact` of that.
+    Tangential {
+        /// Time (s).
+        t: f64,
+        /// The channel.
+        channel: usize,
+        /// Slip speed before.
+        before: f64,
+        /// Slip speed after.
+        after: f64,
+        /// The impulse along the tangent.
+        impulse: f64,
+        /// Whether it sticks in the impact.
+        sticks: bool,
+        /// As that of the impact.
+        group: u64,
+    },
+    /// A channel of friction sticks from now on, or slips, or slips the other way.
+    Transition {
+        /// Time (s).
+        t: f64,
+        /// The channel.
+        channel: usize,
+        /// What it did: 1 and -1 slip, 0 stick, 2 the gap was open.
+        before: i8,
+        /// What it does.
+        after: i8,
+    },
     /// What is said of an impact or lift-off that the data do not determine continuously.
     Flag {
         /// Which.
@@ -88,6 +116,8 @@ impl Occurrence {
             | Occurrence::Contact { t, .. }
             | Occurrence::LiftOff { t, .. }
             | Occurrence::Opened { t, .. }
+            | Occurrence::Tangential { t, .. }
+            | Occurrence::Transition { t, .. }
             | Occurrence::Corner { t, .. }
             | Occurrence::Flag { t, .. } => t,
         }
@@ -103,6 +133,7 @@ impl Occurrence {
             | Occurrence::LiftOff { gap, .. }
             | Occurrence::Opened { gap, .. } => gap == number,
             Occurrence::Corner { gaps, .. } | Occurrence::Flag { gaps, .. } => gaps.has(number),
+            Occurrence::Tangential { .. } | Occurrence::Transition { .. } => false,
         }
     }
 
@@ -126,6 +157,16 @@ pub enum FlagKind {
     Simultaneous,
     /// A coupled gap would have been hit within the tolerance of the time.
     OrderUncertain,
+    /// An impact with friction raised the energy; the size is by how much (J).
+    EnergyGain,
+    /// Several impulses solve an impact with friction.
+    ImpactNotUnique,
+    /// The forces of contact are not unique, the motion is; the size is how far they may vary.
+    UndeterminedForces,
+    /// A slip speed touched zero: whether it sticks is not decided by the data.
+    SlipGraze,
+    /// An accumulation was ended at the smallest speed, not extrapolated.
+    ForcedLanding,
 }
 
 impl FlagKind {
@@ -135,6 +176,11 @@ impl FlagKind {
         match self {
             FlagKind::Simultaneous => "simultaneous",
             FlagKind::OrderUncertain => "order_uncertain",
+            FlagKind::EnergyGain => "energy_gain",
+            FlagKind::ImpactNotUnique => "impact_not_unique",
+            FlagKind::UndeterminedForces => "undetermined_forces",
+            FlagKind::SlipGraze => "slip_graze",
+            FlagKind::ForcedLanding => "forced_landing",
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The states that runs record.
 
-use super::gap_set::GapSet;
+use super::contact_mode::ContactMode;
 
 /// A state at some time, and on which branch of the transform it lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,15 +18,15 @@ pub(crate) fn is_sigma(sigma: f64) -> bool {
     sigma.abs() == 1.0
 }
 
-/// A state of the motion: coordinates then gaps, their rates, and the closed gaps.
+/// A state of the motion: coordinates, gaps and slips, their rates, and the mode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionPoint {
-    /// `q`, then `g`.
+    /// `q`, then `g`, then with friction how far each channel has slipped, and a number without meaning.
     pub x: Vec<f64>,
-    /// `q'`, then `g'`.
+    /// `q'`, then `g'`, then with friction the slip speeds, and the work that friction has dissipated.
     pub v: Vec<f64>,
-    /// The gaps that are closed.
-    pub closed: GapSet,
+    /// The gaps that are closed, and what friction does.
+    pub mode: ContactMode,
 }
 
 /// A state that is recorded.

@@ -37,11 +37,21 @@ pub enum Status {
     ContactNotSolved = 14,
     /// The mass matrix is not symmetric positive definite.
     MassNotDefinite = 15,
+    /// No motion in contact obeys the law of friction (Painlevé's paradox).
+    InconsistentContact = 16,
+    /// Several motions obey the law of friction (Painlevé's paradox).
+    IndeterminateContact = 17,
+    /// A sliding contact reached the border of Painlevé's paradox.
+    PainleveSingular = 18,
+    /// More than one force of sticking contacts is not determined by the motion.
+    RedundantStick = 19,
+    /// Friction changed its mode again and again at one instant.
+    ModeChatter = 20,
 }
 
 impl Status {
     /// Every status, in the order of their numbers.
-    pub const ALL: [Status; 16] = [
+    pub const ALL: [Status; 21] = [
         Status::Completed,
         Status::ForceNotFinite,
         Status::StateNotFinite,
@@ -58,6 +68,11 @@ impl Status {
         Status::ImpactNotSolved,
         Status::ContactNotSolved,
         Status::MassNotDefinite,
+        Status::InconsistentContact,
+        Status::IndeterminateContact,
+        Status::PainleveSingular,
+        Status::RedundantStick,
+        Status::ModeChatter,
     ];
 
     /// What happened, and what to try.
@@ -127,6 +142,30 @@ impl Status {
             Status::MassNotDefinite => {
                 "The mass matrix is not symmetric positive definite; the trajectory ends at the \
                  last step before. Check it at the last sample."
+            }
+            Status::InconsistentContact => {
+                "A sliding contact is jammed (Painlevé's paradox): no contact force obeys the law of \
+                 friction there; the trajectory ends there. Lower mu, use zivi.MoreauJean, or let \
+                 paradox='impact' continue by an impact without a collision."
+            }
+            Status::IndeterminateContact => {
+                "Several motions obey the law of friction from here on (Painlevé's paradox); the \
+                 trajectory ends there. Lower mu, or use zivi.MoreauJean, which chooses one."
+            }
+            Status::PainleveSingular => {
+                "A sliding contact has reached the border of Painlevé's paradox, where its force \
+                 grows beyond all bounds; the trajectory ends there. Lower mu, or use \
+                 zivi.MoreauJean."
+            }
+            Status::RedundantStick => {
+                "More than one force of the closed contacts does not follow from the motion; the \
+                 trajectory ends before. Leave redundant contacts out, or give the system a \
+                 coordinate in which it yields."
+            }
+            Status::ModeChatter => {
+                "Friction changed between sticking and slipping again and again at one instant; the \
+                 trajectory ends there. Check that the forces are smooth there, and please report \
+                 the case."
             }
         }
     }

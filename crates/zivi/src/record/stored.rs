@@ -6,16 +6,16 @@
 //! ```
 //!
 //! `length` is how many numbers there are in all. Counts are below 2^53 and exact. Whoever changes
-//! what the numbers mean raises [`FORMAT`]. All formats before are read as well: 3 has the same header,
+//! what the numbers mean raises [`FORMAT`]. All formats before are read as well: 3 and 4 have the same header,
 //! before that each kind had formats of its own, after which its numbers followed at once.
 
 use std::fmt;
 
 /// The meaning of the numbers, and of the other contents of files.
-pub const FORMAT: u32 = 4;
+pub const FORMAT: u32 = 5;
 
-/// The format before, with the same header.
-const SAME_HEADER: f64 = 3.0;
+/// The formats before with the same header.
+const SAME_HEADER: [f64; 2] = [3.0, 4.0];
 
 /// Whose motion is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -189,7 +189,7 @@ fn behind_header(kind: Kind, numbers: &[f64]) -> Result<(f64, &[f64]), MotionErr
     if kind.before().contains(&format) {
         return Ok((format, rest));
     }
-    if ![f64::from(FORMAT), SAME_HEADER].contains(&format) {
+    if format != f64::from(FORMAT) && !SAME_HEADER.contains(&format) {
         return Err(MotionError::Format(format));
     }
     let &[number, length, ref rest @ ..] = rest else { return Err(MotionError::Damaged) };

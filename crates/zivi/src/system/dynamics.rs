@@ -1,32 +1,56 @@
-//! A mechanical system with unilateral constraints, `n` coordinates and `m` gaps.
+//! A mechanical system with unilateral constraints, `n` coordinates and `m` gaps, and dry friction in
+//! `p` channels.
 //!
 //! ```text
-//! M(t, q) q'' = F(t, q, q') + N^T lambda      0 <= g(t, q)  perp  lambda >= 0
+//! M(t, q) q'' = F(t, q, q') + N^T lambda + B^T f      0 <= g(t, q)  perp  lambda >= 0
 //! ```
 //!
 //! `N` has the rows `n_i = grad g_i`. The gap speeds are `g' = N q' + g_t` and their accelerations
 //! `g'' = N q'' + h` with the numbers `h_i = q'^T (Hess g_i) q' + 2 (grad dg_i/dt) q' + d^2 g_i/dt^2`.
+//! The slip speeds are `w = B q' + beta`, their accelerations `w' = B q'' + k`, see [`super::friction`].
 
 use std::ops::Range;
+
+use super::friction::Friction;
 
 /// Most coordinates, and most gaps.
 pub const MOST: usize = 64;
 
-/// Where what belongs to `M`, `F`, `g`, `N`, `h` and `g_t` lies in the numbers of an evaluation,
-/// in this order, matrices row by row.
+/// Where what belongs to `M`, `F`, `g`, `(N, B)`, `(h, k)`, `(g_t, beta)`, the limits of friction and
+/// those of sticking lies in the numbers of an evaluation, in this order, matrices row by row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Coordinates.
     pub n: usize,
     /// Gaps.
     pub m: usize,
+    /// Channels of friction.
+    pub p: usize,
 }
 
 impl Layout {
-    /// How many numbers there are: `n^2 + n + m n + 3 m`.
+    /// Without friction.
+    #[must_use]
+    pub const fn smooth(n: usize, m: usize) -> Self {
+        Self { n, m, p: 0 }
+    }
+
+    /// How many numbers there are: `n^2 + n + m + (m + p) (n + 2) + 2 p`.
     #[must_use]
     pub fn len(self) -> usize {
-        self.rate().end
+        self.static_limit().end
+    }
+
+    /// Gaps and channels: the rows of `N`, then those of `B`.
+    #[must_use]
+    pub fn rows(self) -> usize {
+        self.m + self.p
+    }
+
+    /// What is integrated: coordinates, gaps, slips, and the work of friction if there is any.
+    #[must_use]
+    pub fn size(self) -> usize {
+        self.n + self.rows() + usize::from(self.p > 0)
     }
 
     /// Whether there are none.
@@ -53,22 +77,34 @@ impl Layout {
         after(self.force(), self.m)
     }
 
-    /// `N`, `m x n`.
+    /// `N` above `B`, `(m + p) x n`.
     #[must_use]
     pub fn gradient(self) -> Range<usize> {
-        after(self.gap(), self.m * self.n)
+        after(self.gap(), self.rows() * self.n)
     }
 
-    /// `h`, `m`.
+    /// `h`, then `k`, `m + p`.
     #[must_use]
     pub fn curvature(self) -> Range<usize> {
-        after(self.gradient(), self.m)
+        after(self.gradient(), self.rows())
     }
 
-    /// `g_t`, `m`.
+    /// `g_t`, then `beta`, `m + p`.
     #[must_use]
     pub fn rate(self) -> Range<usize> {
-        after(self.curvature(), self.m)
+        after(self.curvature(), self.rows())
+    }
+
+    /// By channel, `p`: the coefficient `mu` of one at a gap, the force `L` of a joint, in slip.
+    #[must_use]
+    pub fn limit(self) -> Range<usize> {
+        after(self.rate(), self.p)
+    }
+
+    /// The same while it sticks, not smaller.
+    #[must_use]
+    pub fn static_limit(self) -> Range<usize> {
+        after(self.limit(), self.p)
     }
 }
 
@@ -78,11 +114,16 @@ fn after(range: Range<usize>, length: usize) -> Range<usize> {
 
 /// A mechanical system whose evaluation may raise an error `E`.
 pub trait Dynamics<E> {
-    /// How many coordinates and gaps there are.
+    /// How many coordinates, gaps and channels of friction there are.
     fn layout(&self) -> Layout;
 
-    /// Writes `M`, `F`, `g`, `N`, `h` and `g_t` at time `t`, coordinates `q` and velocities `w`
-    /// into `out`, as [`Layout`] says. Numbers that are not finite end the run with a status.
+    /// The channels of friction, as many as the layout says.
+    fn friction(&self) -> &Friction {
+        Friction::none()
+    }
+
+    /// Writes `M`, `F`, `g`, `N`, `h`, `g_t` and what belongs to friction at time `t`, coordinates `q`
+    /// and velocities `w` into `out`, as [`Layout`] says. Numbers that are not finite end the run with a status.
     ///
     /// # Errors
     /// Whatever the system raises; it ends the run, which keeps what was computed.

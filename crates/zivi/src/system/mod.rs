@@ -3,6 +3,7 @@
 pub mod dynamics;
 pub(crate) mod evaluation;
 pub mod force;
+pub mod friction;
 pub mod impact_law;
 pub mod moving_wall;
 pub mod partials;

@@ -167,7 +167,7 @@ mod tests {
     use super::*;
     use std::convert::Infallible;
 
-    const LAYOUT: Layout = Layout { n: 1, m: 0 };
+    const LAYOUT: Layout = Layout::smooth(1, 0);
 
     /// `M = 2 + sin(p q)`, `F = p t w^3`
     #[derive(Clone, Copy)]

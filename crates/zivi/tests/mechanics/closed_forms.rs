@@ -141,7 +141,7 @@ fn a_gap_that_leaves_is_in_no_uncertain_order() {
 #[test]
 fn a_gap_far_from_zero_is_as_its_function_says() {
     // over the ground y = 2 sin x, which a free mass never meets
-    let layout = Layout { n: 2, m: 1 };
+    let layout = Layout::smooth(2, 1);
     let ground = |q: &[f64]| q[1] - 2.0 * q[0].sin();
     let function = |_: f64, q: &[f64], w: &[f64], out: &mut [f64]| {
         out[layout.mass()].copy_from_slice(&[1.0, 0.0, 0.0, 1.0]);
@@ -215,7 +215,7 @@ fn the_reaction_of_a_fixed_step_is_the_force_on_the_body() {
         assert_eq!(run.status, Status::Completed);
         let last = &run.samples.lambda[run.samples.lambda.len() - 2..];
         assert!((last[0] - 2.0 * G).abs() < 1e-11 && (last[1] - 8.0 * G).abs() < 1e-11, "{last:?}");
-        assert_eq!(*run.samples.closed.last().unwrap(), GapSet::of(0).with(GapSet::of(1)));
+        assert_eq!(run.samples.modes.last().unwrap().closed, GapSet::of(0).with(GapSet::of(1)));
         let drift = run.samples.x.iter().fold(0.0_f64, |a, x| a.max(x.abs()));
         assert!(drift <= depth, "{drift:e}");
     }
@@ -227,7 +227,7 @@ fn the_reaction_of_a_fixed_step_is_the_force_on_the_body() {
 #[test]
 fn gaps_that_become_coupled_end_a_run_of_the_implicit_scheme() {
     // from t = 1/2 on the second wall turns
-    let layout = Layout { n: 2, m: 2 };
+    let layout = Layout::smooth(2, 2);
     let turned = |from: f64| {
         let function = move |t: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
             let turn = 0.1 * (t - from).max(0.0);

@@ -67,7 +67,7 @@ impl Drawn {
     }
 
     fn run(&self, w: &[f64], e: &[f64], t1: f64) -> MechanicalRun<Infallible> {
-        let layout = Layout { n: self.n, m: self.m };
+        let layout = Layout::smooth(self.n, self.m);
         let function = |t: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
             out.fill(0.0);
             out[layout.mass()].copy_from_slice(&self.mass);
@@ -162,7 +162,7 @@ fn forces_of_contacts_solve_theirs() {
             it.normals.iter().zip(&it.bend).map(|(normal, h)| dot(normal, &free) + h).collect();
         let wanted = patterns(&d, &b);
         assert_eq!(run.status, Status::Completed, "{round}");
-        let set = run.samples.closed[0];
+        let set = run.samples.modes[0].closed;
         for i in 0..m {
             let got = run.samples.lambda[i];
             assert!((got - wanted[i]).abs() < 1e-9 * (1.0 + got.abs()), "{round} {i}: {got}");

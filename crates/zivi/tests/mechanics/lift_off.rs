@@ -15,7 +15,7 @@ struct Masses<F> {
 
 impl<F: Fn(f64) -> Vec<f64>> Dynamics<Infallible> for Masses<F> {
     fn layout(&self) -> Layout {
-        Layout { n: self.n, m: self.n }
+        Layout::smooth(self.n, self.n)
     }
 
     fn evaluate(
@@ -25,7 +25,7 @@ impl<F: Fn(f64) -> Vec<f64>> Dynamics<Infallible> for Masses<F> {
         _: &[f64],
         out: &mut [f64],
     ) -> Result<(), Infallible> {
-        let (layout, n) = (Layout { n: self.n, m: self.n }, self.n);
+        let (layout, n) = (Layout::smooth(self.n, self.n), self.n);
         let unit: Vec<f64> = (0..n * n).map(|k| f64::from(u8::from(k / n == k % n))).collect();
         out[layout.mass()].copy_from_slice(&unit);
         out[layout.force()].copy_from_slice(&(self.force)(t));

@@ -20,7 +20,7 @@ fn system<'a>(
     gaps: impl Fn(&[f64]) -> Vec<Gap> + 'a,
 ) -> impl Dynamics<Infallible> + 'a {
     let n = masses.len();
-    let layout = Layout { n, m };
+    let layout = Layout::smooth(n, m);
     let function = move |t: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
         out.fill(0.0);
         for (i, mass) in masses.iter().enumerate() {
@@ -111,7 +111,7 @@ fn gaps_are_what_their_functions_say_after_many_steps() {
     // a pendulum of two coordinates above a wavy floor that it never meets
     let gap = |q: &[f64]| 3.0 + q[1] + 0.2 * (5.0 * q[0]).sin();
     let gaps = move |q: &[f64]| vec![(gap(q), vec![(5.0 * q[0]).cos(), 1.0])];
-    let layout = Layout { n: 2, m: 1 };
+    let layout = Layout::smooth(2, 1);
     let function = |_: f64, q: &[f64], w: &[f64], out: &mut [f64]| {
         out.fill(0.0);
         (out[0], out[3]) = (1.0, 1.0);

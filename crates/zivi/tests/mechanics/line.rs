@@ -18,7 +18,7 @@ pub(crate) struct Linear {
 
 impl Linear {
     pub(crate) fn layout(&self) -> Layout {
-        Layout { n: self.mass.len(), m: self.gaps.len() }
+        Layout::smooth(self.mass.len(), self.gaps.len())
     }
 
     /// The system under forces of time.

@@ -46,7 +46,7 @@ impl Model {
             "gear" => (2, 2, gear),
             other => panic!("{other}"),
         };
-        Self { layout: Layout { n, m }, parameters, function }
+        Self { layout: Layout::smooth(n, m), parameters, function }
     }
 }
 

@@ -76,7 +76,7 @@ type Run = MechanicalRun<Infallible>;
 
 /// A rigid bar with three feet on a floor.
 fn three_feet(e: f64) -> Run {
-    let layout = Layout { n: 2, m: 3 };
+    let layout = Layout::smooth(2, 3);
     let function = |_: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
         out.fill(0.0);
         out[layout.mass()].copy_from_slice(&[1.0, 0.0, 0.0, 0.3]);
@@ -104,7 +104,7 @@ fn redundant_gaps_end_the_run_with_what_was_computed() {
 
 #[test]
 fn a_mass_that_is_not_symmetric_ends_the_run() {
-    let layout = Layout { n: 2, m: 0 };
+    let layout = Layout::smooth(2, 0);
     let skew = |late: f64| {
         let function = move |t: f64, _: &[f64], _: &[f64], out: &mut [f64]| {
             let off = if t > late { 0.1 } else { 0.0 };
@@ -173,7 +173,7 @@ fn orthogonal_gaps_are_scalar_runs() {
 
 #[test]
 fn one_coordinate_is_the_scalar_mass() {
-    let layout = Layout { n: 1, m: 1 };
+    let layout = Layout::smooth(1, 1);
     let f = |t: f64, x: f64, v: f64| -9.81 - 0.3 * v - 0.5 * x + 14.0 * (6.0 * t).sin();
     for order in [Order::Five, Order::Eight] {
         // rest, lift-off and a flight at the end: before a Zeno point impacts at ever smaller
@@ -367,13 +367,13 @@ fn a_start_in_contact_to_rounding_is_in_contact() {
     let problem = Problem { model: "sine", par, e: vec![0.3], q0, w0, t1: 0.05 };
     let run = problem.run(SwitchedRk::with_tol(1e-9));
     assert!(run.occurrences.is_empty(), "{:?}", run.occurrences);
-    assert!(run.samples.closed.iter().all(|set| set.has(0)));
+    assert!(run.samples.modes.iter().all(|mode| mode.closed.has(0)));
 }
 
 #[test]
 fn forces_may_jump() {
     // pressed to a wall until t = 1 and pulled off after it; nobody says when the force jumps
-    let layout = Layout { n: 2, m: 1 };
+    let layout = Layout::smooth(2, 1);
     let function = |t: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
         out.fill(0.0);
         out[layout.mass()].copy_from_slice(&[1.0, 0.0, 0.0, 1.0]);

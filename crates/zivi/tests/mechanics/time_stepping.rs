@@ -74,7 +74,7 @@ fn of_first_order_through_impacts_accumulations_and_contact() {
 fn rest_in_a_corner_and_what_presses_there() {
     let problem = wedge(3.0);
     let run = steps(&problem, 1e-3, 0.5);
-    let closed = run.samples.closed.last().unwrap();
+    let closed = run.samples.modes.last().unwrap().closed;
     assert!(closed.has(0) && closed.has(1));
     let zeno = run.occurrences.iter().filter(|it| matches!(it, Occurrence::Zeno { .. })).count();
     assert!(zeno >= 2, "{zeno}");
@@ -126,7 +126,7 @@ fn the_implicit_step_is_of_first_order_and_lands_exactly() {
         assert!(order > 0.75 && order < 1.4, "{}: {coarse:e} {fine:e} {order}", problem.model);
     }
     let run = implicit(&surface(1.0), 1e-3).unwrap();
-    assert!(run.samples.closed.last().unwrap().has(0));
+    assert!(run.samples.modes.last().unwrap().closed.has(0));
     let last = run.samples.x.len() - 1;
     assert_eq!((run.samples.x[last], run.samples.v[last]), (0.0, 0.0));
     let q = &run.samples.x[last - 3..last];

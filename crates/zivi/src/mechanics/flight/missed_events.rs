@@ -50,7 +50,7 @@ impl<D> Flying<'_, '_, D> {
     /// How far the gaps at the end of the finished step are from their functions, in what is
     /// allowed of it.
     pub(super) fn misfit(&self) -> f64 {
-        let Layout { n, m } = self.state.layout();
+        let Layout { n, m, .. } = self.state.layout();
         let SmoothMotion { steps, at_end, .. } = &*self.motion;
         let (step, tolerances) = (steps.last(), &steps.limits().tolerances);
         let of = |c: usize| step.scales(c, tolerances)[0];
@@ -68,7 +68,7 @@ impl<D> Flying<'_, '_, D> {
         D: Dynamics<E>,
     {
         self.complete()?;
-        let Layout { n, m } = self.state.layout();
+        let Layout { n, m, .. } = self.state.layout();
         let mut along = self.along();
         let rows = along.rows(n + m);
         let theta = rows[n + gap][1].first_negative().unwrap_or(0.5);

@@ -6,6 +6,7 @@ mod missed_events;
 use super::along_step::AlongStep;
 use super::contact_probes::ContactProbes;
 use super::equation::{AtEnd, InContact, Stages};
+use super::friction::Limit;
 use super::kinetics::{Kinetics, Model};
 use super::lift_off::{self, Release};
 use super::mode::Next;
@@ -15,11 +16,13 @@ use crate::numeric::step_error::Tolerances;
 use crate::numeric::step_size::Plan;
 use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
 use crate::piecewise::steps::{Start, StepHistory, Steps};
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::switched::lookahead::Deviation;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::friction::Friction;
 use crate::Status;
 
 /// What closes within this part of a flight closes together.
@@ -28,6 +31,9 @@ const TOGETHER: f64 = 1e-13;
 const ULPS: f64 = 4.0 * f64::EPSILON;
 /// Iterations for the time of lift-off.
 const ITERATIONS: usize = 4;
+/// Iterations for the time when a slip ends, and what ends within this part of a step ends together.
+const STOPS: usize = 6;
+const TOGETHER_SLIPS: f64 = 1e-11;
 /// The first step after a lift-off, relative to that before.
 const PART: f64 = 1e-2;
 /// Contacts that open so often at one instant open whatever the force does next.
@@ -54,16 +60,16 @@ pub(super) struct SmoothMotion {
 }
 
 impl SmoothMotion {
-    pub(super) fn new(settings: &SwitchedRk, layout: Layout) -> Self {
+    pub(super) fn new(settings: &SwitchedRk, layout: Layout, friction: &Friction) -> Self {
         let limits = settings.limits(tolerances(settings));
-        let (pair, size) = (settings.order.pair(), layout.n + layout.m);
+        let (pair, size) = (settings.order.pair(), layout.size());
         Self {
             steps: Steps::new(limits, pair, size, settings.first_step),
-            at_end: AtEnd::new(layout.m),
+            at_end: AtEnd::new(layout),
             length: 0.0,
             experience: StepHistory::NONE,
             probes: ContactProbes::default(),
-            aside: Kinetics::new(layout),
+            aside: Kinetics::new(layout, friction),
         }
     }
 
@@ -104,33 +110,34 @@ impl SmoothMotion {
         self.steps.retry(h, rejected);
     }
 
-    /// Contact forces at a time and a state that is on the contacts of a set.
+    /// Contact forces, and those of friction, at a time and a state that is on the contacts of a mode.
     pub(super) fn contact_forces<E, D: Dynamics<E>>(
         &mut self,
         (t, x, v): (f64, &[f64], &[f64]),
-        closed: GapSet,
+        mode: ContactMode,
         model: &mut Model<'_, D>,
     ) -> Result<&[f64], Failure<E>> {
-        if closed.is_empty() {
+        if mode.closed.is_empty() && mode.is_frictionless() {
             self.aside.lambda.fill(0.0);
         } else {
             let n = self.aside.coordinates();
             self.aside.evaluate(model, t, &x[..n], &v[..n])?;
-            self.aside.contact(closed)?;
+            self.aside.contact(mode)?;
+            self.aside.center(mode);
         }
         Ok(&self.aside.lambda)
     }
 
-    /// Opens the contacts that open where the force of one vanishes, in a step of length `h`, after
+    /// Opens the contacts that open where a limit of the mode is reached, in a step of length `h`, after
     /// so many events at this instant: these.
     pub(super) fn open<E, D: Dynamics<E>>(
         &mut self,
-        (gap, h): (usize, f64),
+        (limit, h): (Limit, f64),
         events: u32,
         state: &mut MechanicalState,
         model: &mut Model<'_, D>,
     ) -> Result<GapSet, Failure<E>> {
-        let left = lift_off::open((gap, h), events > OFTEN, state, &mut self.aside, model)?;
+        let left = lift_off::open((limit, h), events > OFTEN, state, &mut self.aside, model)?;
         self.steps.set_next(Some(PART * h));
         Ok(left)
     }
@@ -145,7 +152,7 @@ impl SmoothMotion {
     ) -> Result<Next, Failure<E>> {
         let plan = self.plan(t_end, state, obstacle, model)?;
         // below it rounding of the time is, at t = 0 that of a time of rest
-        let rest = if state.closed().is_empty() { 0.0 } else { self.probes.horizon() };
+        let rest = if state.mode() == ContactMode::default() { 0.0 } else { self.probes.horizon() };
         let shortest = (8.0 * f64::EPSILON * state.now().t.abs()).max(f64::EPSILON * rest);
         Flying { motion: self, state, model, t_end }.fly(plan, shortest)
     }
@@ -157,12 +164,12 @@ impl SmoothMotion {
         obstacle: Option<Deviation>,
         model: &mut Model<'_, D>,
     ) -> Result<Plan, Failure<E>> {
-        let (Layout { n, m }, closed, now) = (state.layout(), state.closed(), state.now());
+        let (Layout { n, m, .. }, mode, now) = (state.layout(), state.mode(), state.now());
         let longest = obstacle.map_or(f64::INFINITY, |obstacle| obstacle.longest_step(now.t));
-        let mut equation = InContact { closed, kinetics: &mut self.aside, model, at_end: None };
+        let mut equation = InContact { mode, kinetics: &mut self.aside, model, at_end: None };
         let from = (now, state.slope());
         let mut plan = self.steps.plan(from, n..n + m, longest, t_end, &mut equation)?;
-        let end = self.probes.end(closed, now.t, t_end);
+        let end = self.probes.end(mode, now.t, t_end);
         if end < t_end {
             plan.h = plan.h.min(end - now.t);
         }
@@ -175,8 +182,10 @@ impl SmoothMotion {
 enum Event {
     /// A gap closes.
     LocatedEvent(usize),
-    /// The force of a contact vanishes.
+    /// A limit of the mode is reached, of this number.
     Release(usize),
+    /// The slip in a channel ends.
+    Stop(usize),
 }
 
 /// A step under way.
@@ -204,7 +213,7 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
     }
 
     fn is_curable(why: Status) -> bool {
-        why != Status::RedundantContacts
+        !matches!(why, Status::RedundantContacts | Status::RedundantStick)
     }
 
     fn is_curable_at_event(why: Status) -> bool {
@@ -216,13 +225,22 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
         if !self.state.left().iter().all(|i| end.x[n + i] > 0.0 && end.xdot[n + i] > 0.0) {
             return Ok(StepDecision::TOO_LONG);
         }
+        if !self.released_channels_slip()? {
+            return Ok(StepDecision::TOO_LONG);
+        }
         let contact = self.first_contact()?;
         if let Some(factor) = self.missed_events(contact.map(|(_, gap)| gap))? {
             return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
-        let release = match self.first_release(contact.map_or(1.0, |(theta, _)| theta))? {
+        let mut first = contact.map(|(theta, gap)| (theta, Event::LocatedEvent(gap)));
+        if let Some((theta, channel)) = self.first_stop()? {
+            if first.is_none_or(|(before, _)| theta < before) {
+                first = Some((theta, Event::Stop(channel)));
+            }
+        }
+        let release = match self.first_release(first.map_or(1.0, |(theta, _)| theta))? {
             Release::None => None,
-            Release::At(theta, gap) => Some((theta, gap)),
+            Release::At(theta, number) => Some((theta, number)),
             Release::Unclear => return Ok(StepDecision::Shorten(0.5, Status::ContactNotSolved)),
             Release::Varies(length) => {
                 let factor = length / self.motion.last().h;
@@ -232,11 +250,11 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
         if self.motion.last().end.t > self.motion.steps.dense_from() {
             self.complete()?;
         }
-        Ok(match (contact, release) {
-            (Some((theta, gap)), other) if other.is_none_or(|(lift, _)| theta <= lift) => {
-                StepDecision::Stop(theta, Event::LocatedEvent(gap))
+        Ok(match (first, release) {
+            (Some((theta, event)), other) if other.is_none_or(|(lift, _)| theta <= lift) => {
+                StepDecision::Stop(theta, event)
             }
-            (_, Some((theta, gap))) => StepDecision::Stop(theta, Event::Release(gap)),
+            (_, Some((theta, number))) => StepDecision::Stop(theta, Event::Release(number)),
             _ => StepDecision::Take(growth),
         })
     }
@@ -244,7 +262,8 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
     fn stop(&mut self, length: f64, event: Event) -> Result<Option<Next>, Failure<E>> {
         match event {
             Event::LocatedEvent(gap) => self.land(length, gap),
-            Event::Release(gap) => self.lift(length, gap).map(Some),
+            Event::Release(number) => self.lift(length, number).map(Some),
+            Event::Stop(channel) => self.stop_slip(length, channel).map(Some),
         }
     }
 
@@ -265,7 +284,7 @@ impl<'m, D> Flying<'_, 'm, D> {
         let SmoothMotion { steps, aside, .. } = &mut *self.motion;
         AlongStep {
             step: steps.last(),
-            closed: self.state.closed(),
+            mode: self.state.mode(),
             tolerances: &steps.limits().tolerances,
             aside,
             model: self.model,
@@ -289,21 +308,59 @@ impl<'m, D> Flying<'_, 'm, D> {
         Ok(first)
     }
 
-    /// The first contact whose force vanishes in the step, of which the part up to `end` counts.
+    /// Whether the channels that began to slip at the start of the step do so at its end.
+    fn released_channels_slip<E>(&mut self) -> Result<bool, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let (released, mode) = (self.state.released(), self.state.mode());
+        if released.is_empty() {
+            return Ok(true);
+        }
+        self.finish()?;
+        let (row, last) = (self.state.kinetics().row(0), self.motion.last());
+        let first = self.state.layout().n + row;
+        Ok(released.iter().all(|channel| {
+            let (sign, c) = (mode.sign(channel), first + channel);
+            sign * last.end.xdot[c] > 0.0 && sign * last.end_slope(c) > 0.0
+        }))
+    }
+
+    /// The first channel whose slip ends in the step, and after which part of it.
+    fn first_stop<E>(&mut self) -> Result<Option<(f64, usize)>, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let mode = self.state.mode();
+        let slipping = mode.slipping().without(self.state.released());
+        if slipping.is_empty() {
+            return Ok(None);
+        }
+        self.complete()?;
+        let first = self.state.layout().n + self.state.kinetics().row(0);
+        let root = |channel: usize| {
+            let [_, slip] = self.motion.last().polynomials_of(first + channel);
+            let slip = if mode.slip_minus.has(channel) { slip.negated() } else { slip };
+            slip.first_negative().map(|theta| (theta, channel))
+        };
+        let roots = slipping.iter().filter_map(root);
+        Ok(roots.min_by(|one, other| one.0.total_cmp(&other.0)))
+    }
+
+    /// The first limit of the mode that is reached in the step, of which the part up to `end` counts.
     fn first_release<E>(&mut self, end: f64) -> Result<Release, Failure<E>>
     where
         D: Dynamics<E>,
     {
-        let closed = self.state.closed();
-        if closed.is_empty() {
+        let mode = self.state.mode();
+        if mode.closed.is_empty() && mode.stick.is_empty() {
             return Ok(Release::None);
         }
         if self.motion.steps.is_jump() {
             // across a jump of the forces no polynomial fits
             self.finish()?;
-            let lambda = &self.motion.at_end.lambda;
-            let released = closed.iter().find(|&i| lambda[i] < 0.0);
-            return Ok(released.map_or(Release::None, |i| Release::At(1.0, i)));
+            let released = self.motion.at_end.levels.iter().position(|&level| level < 0.0);
+            return Ok(released.map_or(Release::None, |number| Release::At(1.0, number)));
         }
         self.complete()?;
         let mut probes = self.motion.probes;
@@ -335,18 +392,53 @@ impl<'m, D> Flying<'_, 'm, D> {
         Ok(Some(Next::LocatedEvent(self.hit_together(gap, total))))
     }
 
-    /// Steps to where the force of a contact vanishes, near `now + length`.
-    fn lift<E>(&mut self, length: f64, gap: usize) -> Result<Next, Failure<E>>
+    /// Steps to where the slip in a channel ends, near `now + length`; that in others ends with it to
+    /// rounding.
+    fn stop_slip<E>(&mut self, length: f64, channel: usize) -> Result<Next, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let first = self.state.layout().n + self.state.kinetics().row(0);
+        let whole = self.motion.last().h;
+        let rounding = |x: f64, t: f64| 4.0 * f64::EPSILON * (t.abs() + x);
+        let mut x = length;
+        for _ in 0..STOPS {
+            self.attempt(x)?;
+            self.finish()?;
+            let last = self.motion.last();
+            let next = x - last.end.xdot[first + channel] / last.end_slope(first + channel);
+            if !next.is_finite() || next <= 0.0 || next > 2.0 * whole {
+                break;
+            }
+            let moved = (next - x).abs();
+            x = next;
+            if moved <= rounding(x, self.state.now().t) {
+                break;
+            }
+        }
+        let near = TOGETHER_SLIPS * whole + rounding(x, self.state.now().t);
+        let (last, mode) = (self.motion.last(), self.state.mode());
+        let stops = |&other: &usize| {
+            let c = first + other;
+            other == channel || last.end.xdot[c].abs() <= last.end_slope(c).abs() * near
+        };
+        let channels = mode.slipping().iter().filter(stops).collect();
+        self.arrive(x, x - self.motion.last().h)?;
+        Ok(Next::Stop(channels))
+    }
+
+    /// Steps to where a limit of the mode is reached, near `now + length`.
+    fn lift<E>(&mut self, length: f64, number: usize) -> Result<Next, Failure<E>>
     where
         D: Dynamics<E>,
     {
         let whole = self.motion.last().h;
-        let mut one = (0.0, self.state.lambda()[gap]);
+        let mut one = (0.0, self.state.levels().get(number).copied().unwrap_or(0.0));
         let mut x = length;
         for iteration in 0..ITERATIONS {
             self.attempt(x)?;
             self.finish()?;
-            let force = self.motion.at_end.lambda[gap];
+            let force = self.motion.at_end.levels.get(number).copied().unwrap_or(0.0);
             let slope = (force - one.1) / (x - one.0);
             let next = x - force / slope;
             one = (x, force);
@@ -357,8 +449,13 @@ impl<'m, D> Flying<'_, 'm, D> {
             }
             x = next.clamp(0.0, whole);
         }
+        let limit = {
+            let mode = self.state.mode();
+            let (kinetics, _) = self.state.parts();
+            kinetics.limits(mode).get(number).map_or(Limit::Pair, |level| level.limit)
+        };
         self.arrive(x, 0.0)?;
-        Ok(Next::Release { gap, h: whole })
+        Ok(Next::Release { limit, h: whole })
     }
 
     /// To an event at the time `total` after the start of the last step, `delta` after its end.

@@ -104,7 +104,12 @@ impl VariationalRun<'_> {
         closed: GapSet,
         model: &'r mut Model<'m, D>,
     ) -> InContact<'r, 'm, D> {
-        InContact { closed, kinetics: &mut self.columns.local.kinetics, model, at_end: None }
+        InContact {
+            mode: closed.into(),
+            kinetics: &mut self.columns.local.kinetics,
+            model,
+            at_end: None,
+        }
     }
 
     /// Minima of the gaps within the step.
@@ -113,7 +118,7 @@ impl VariationalRun<'_> {
         machine: &mut MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let (Layout { n, m }, size) = (self.columns.layout, self.columns.size());
+        let (Layout { n, m, .. }, size) = (self.columns.layout, self.columns.size());
         let closed = self.columns.closed;
         for gap in (0..m).filter(|&gap| !closed.has(gap)) {
             let (from, end) = (

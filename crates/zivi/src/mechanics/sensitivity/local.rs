@@ -19,6 +19,7 @@ use crate::mechanics::kinetics::{axpy, dot, Kinetics, Model};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Layout;
+use crate::system::friction::Friction;
 use crate::system::partials::{DifferentiableDynamics, TimedState};
 use crate::Status;
 
@@ -58,7 +59,7 @@ pub(super) struct Local {
 impl Local {
     pub(super) fn new(layout: Layout, by: Vec<usize>) -> Self {
         let partials = vec![0.0; layout.len() * (1 + 2 * layout.n + by.len())];
-        Self { layout, kinetics: Kinetics::new(layout), by, partials, count: 0 }
+        Self { layout, kinetics: Kinetics::new(layout, Friction::none()), by, partials, count: 0 }
     }
 
     /// Evaluates the system and its partial derivatives.
@@ -139,7 +140,7 @@ impl Local {
         closed: GapSet,
         row: &[f64],
     ) -> Result<(Vec<f64>, Vec<f64>), Failure<E>> {
-        let Layout { n, m } = self.layout;
+        let Layout { n, m, .. } = self.layout;
         let at = self.kinetics.acceleration[..n].to_vec();
         let mut change = row[self.layout.force()].to_vec();
         self.less_mass(row, &at, &mut change);

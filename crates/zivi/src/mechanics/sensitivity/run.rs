@@ -9,6 +9,7 @@ use crate::mechanics::run::{check_sizes, check_span, started};
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::switched::sensitivity::{Derivatives, Question};
 use crate::switched::SwitchedRk;
+use crate::system::friction::Friction;
 use crate::system::partials::DifferentiableDynamics;
 use crate::{Monitor, SetupError};
 
@@ -28,7 +29,7 @@ use crate::{Monitor, SetupError};
 /// use zivi::{Silent, SwitchedRk};
 ///
 /// // a ball is dropped from 1 m: its Zeno time by the height and by e
-/// let layout = Layout { n: 1, m: 1 };
+/// let layout = Layout::smooth(1, 1);
 /// let function = |_: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
 ///     out.copy_from_slice(&[1.0, -2.0, q[0], 1.0, 0.0, 0.0]);
 ///     Ok::<(), Infallible>(())
@@ -62,7 +63,7 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     check_span(t0, t1)?;
     let Question { wrt, sizes, controlled, times } = *question;
     let mut model = Model::new(dynamics);
-    let mut machine = MechanicalIntegrator::new(settings, layout, e);
+    let mut machine = MechanicalIntegrator::new(settings, layout, e, Friction::none());
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let mut follower =
         VariationalRun::new((wrt, sizes), controlled, times, t1, (layout, settings.order.pair()));

@@ -99,7 +99,7 @@ impl VariationalRun<'_> {
         struck: &Struck,
         machine: &MechanicalIntegrator,
     ) -> Result<Vec<Shifted>, Failure<E>> {
-        let (Layout { n, m }, size) = (self.columns.layout, self.columns.size());
+        let (Layout { n, m, .. }, size) = (self.columns.layout, self.columns.size());
         let (t, Struck { before, slope, closed, hit, set, impulses }) =
             (machine.state().now().t, struck);
         let mut hits = hit.iter();
@@ -247,9 +247,9 @@ impl VariationalRun<'_> {
         machine: &mut MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let (Layout { n, m }, size, key) =
+        let (Layout { n, m, .. }, size, key) =
             (self.columns.layout, self.columns.size(), machine.chain().key());
-        let (set, now) = (key.closed.with(key.hit), machine.state().now().clone());
+        let (set, now) = (key.landed.closed, machine.state().now().clone());
         let Some(gap) = key.hit.iter().next() else { return Ok(()) };
         let z = machine.state_mut().without_speeds(set)?;
         let w = &z[size..][..n];
@@ -273,11 +273,11 @@ impl VariationalRun<'_> {
         // the pull on the gap, and the motion in contact
         local.visit(model, now.t, &now.x[..n], w)?;
         let mut pulls = Vec::with_capacity(shifted.len());
-        local.kinetics.contact(key.closed)?;
+        local.kinetics.contact(key.flight.closed)?;
         for (column, (it, dz)) in shifted.iter().zip(&moved).enumerate() {
             let (q, w, parameter) = (&dz[..n], &dz[size..][..n], self.columns.parameter[column]);
             let row = local.along(Direction { t: it.dt, q, w, parameter });
-            pulls.push(-local.acceleration(key.closed, &row)?.0[n + gap]);
+            pulls.push(-local.acceleration(key.flight.closed, &row)?.0[n + gap]);
         }
         local.kinetics.contact(set)?;
         let flow = [&z[size..], &local.kinetics.acceleration[..]].concat();

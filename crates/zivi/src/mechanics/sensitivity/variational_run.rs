@@ -79,7 +79,7 @@ impl<'a> VariationalRun<'a> {
         machine: &MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let (Layout { n, m }, now) = (self.columns.layout, machine.state().now());
+        let (Layout { n, m, .. }, now) = (self.columns.layout, machine.state().now());
         let size = n + m;
         self.set_extent(machine, model)?;
         self.columns.visit(model, now, machine.state().closed())?;

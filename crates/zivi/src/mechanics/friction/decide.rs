@@ -1,0 +1,179 @@
+//! Which contacts stay closed and which channels stick: every combination, judged by its forces.
+//!
+//! A gap that touches without a speed stays closed or opens, a channel without a slip speed sticks or
+//! begins to slip one way. A combination obeys the laws where
+//!
+//! ```text
+//! closed: lambda >= 0    open: g'' >= 0    stick: |f| <= mu_s lambda, L_s    slip: sigma w' >= 0
+//! ```
+//!
+//! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
+//! `mu_s > mu` sticking goes on: most closed, then most sticking.
+
+use super::limits::Limit;
+use crate::mechanics::kinetics::Kinetics;
+use crate::mechanics::mode::Contacts;
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::Status;
+
+/// What a combination may violate, relative to the terms: at first, and if none is better.
+const VIOLATIONS: (f64, f64) = (1e-11, 1e-7);
+/// Accelerations that differ by less are the same.
+const SAME: f64 = 1e-8;
+/// Most combinations that are tried.
+const MOST: usize = 1 << 14;
+
+/// What is undecided.
+enum Choice {
+    /// A gap, and its channel with the sign of its slip.
+    Gap(usize, Option<(usize, f64)>),
+    /// A joint that has stopped.
+    Joint(usize),
+}
+
+impl Choice {
+    /// How many ways there are.
+    fn count(&self) -> usize {
+        match self {
+            Self::Gap(_, Some((_, 0.0))) => 4,
+            Self::Gap(..) => 2,
+            Self::Joint(_) => 3,
+        }
+    }
+
+    /// The mode with one of the ways, the first of which sticks, the last opens a gap.
+    fn take(&self, way: usize, mode: ContactMode) -> ContactMode {
+        let sign = [0.0, 1.0, -1.0];
+        match *self {
+            Self::Joint(channel) => mode.with_channel(channel, sign[way]),
+            Self::Gap(..) if way + 1 == self.count() => mode,
+            Self::Gap(gap, friction) => {
+                let mode = ContactMode { closed: mode.closed.with(GapSet::of(gap)), ..mode };
+                match friction {
+                    None => mode,
+                    Some((channel, slip)) if slip != 0.0 => mode.with_channel(channel, slip),
+                    Some((channel, _)) => mode.with_channel(channel, sign[way]),
+                }
+            }
+        }
+    }
+}
+
+/// A combination that may be.
+struct Candidate {
+    mode: ContactMode,
+    violation: f64,
+    acceleration: Vec<f64>,
+    kappa: f64,
+}
+
+/// What stays closed of the gaps that touch without a speed, and what friction does, with the slip
+/// speeds by channel, where the system has just been evaluated.
+pub(in crate::mechanics) fn decide<E>(
+    kinetics: &mut Kinetics,
+    touching: GapSet,
+    slips: &[f64],
+) -> Result<Contacts, Failure<E>> {
+    let mut choices: Vec<Choice> = Vec::new();
+    let mut known = ContactMode::default();
+    for gap in touching.iter() {
+        choices.push(Choice::Gap(gap, kinetics.channel_of(gap).map(|c| (c, slips[c]))));
+    }
+    for (channel, &slip) in slips.iter().enumerate() {
+        if kinetics.gap_of(channel).is_none() {
+            if slip == 0.0 {
+                choices.push(Choice::Joint(channel));
+            } else {
+                known = known.with_channel(channel, slip);
+            }
+        }
+    }
+    let count = choices.iter().try_fold(1_usize, |all, it| all.checked_mul(it.count()));
+    let count = count.filter(|&count| count <= MOST);
+    let count = count.ok_or(Failure::Status(Status::ContactNotSolved))?;
+    let mut candidates: Vec<Candidate> = Vec::new();
+    for number in 0..count {
+        let (mut mode, mut rest) = (known, number);
+        for choice in &choices {
+            mode = choice.take(rest % choice.count(), mode);
+            rest /= choice.count();
+        }
+        candidates.extend(judged(kinetics, (mode, touching), slips));
+    }
+    let mode = chosen(candidates)?;
+    let left = touching.without(mode.closed);
+    let begins = |&c: &usize| slips[c] == 0.0;
+    let released = mode.slipping().iter().filter(begins).collect();
+    Ok(Contacts { mode, left, released })
+}
+
+/// A combination with its violation, unless its equations have no solution.
+fn judged(
+    kinetics: &mut Kinetics,
+    (mode, touching): (ContactMode, GapSet),
+    slips: &[f64],
+) -> Option<Candidate> {
+    kinetics.contact(mode).ok()?;
+    let n = kinetics.coordinates();
+    let mut violation = 0.0_f64;
+    let mut kappa = 1.0;
+    for level in kinetics.limits(mode) {
+        if level.limit == Limit::Regularity {
+            kappa = level.value;
+            continue;
+        }
+        violation = violation.max(excess(-level.value, kinetics.force_scale(level.limit)));
+    }
+    for gap in touching.without(mode.closed).iter() {
+        violation = violation
+            .max(excess(-kinetics.acceleration[n + gap], kinetics.acceleration_scale(gap)));
+    }
+    for channel in mode.slipping().iter().filter(|&c| slips[c] == 0.0) {
+        let row = kinetics.row(channel);
+        let rate = mode.sign(channel) * kinetics.acceleration[n + row];
+        violation = violation.max(excess(-rate, kinetics.acceleration_scale(row)));
+    }
+    let acceleration = kinetics.acceleration[..n].to_vec();
+    Some(Candidate { mode, violation, acceleration, kappa })
+}
+
+/// How much a violation is of what it is measured by.
+fn excess(violation: f64, scale: f64) -> f64 {
+    if violation > 0.0 {
+        violation / scale
+    } else {
+        0.0
+    }
+}
+
+fn chosen<E>(candidates: Vec<Candidate>) -> Result<ContactMode, Failure<E>> {
+    let least = candidates.iter().fold(f64::INFINITY, |least, it| least.min(it.violation));
+    if least.is_nan() || least > VIOLATIONS.1 {
+        return Err(Failure::Status(Status::InconsistentContact));
+    }
+    let allowed = VIOLATIONS.0.max(least);
+    let admissible = || candidates.iter().filter(|it| it.violation <= allowed);
+    if admissible().any(|it| it.kappa <= 0.0)
+        && !admissible().all(|it| same(it, &candidates, allowed))
+    {
+        return Err(Failure::Status(Status::IndeterminateContact));
+    }
+    let order = |it: &&Candidate| (it.mode.closed.len(), it.mode.stick.len());
+    // the first of equals
+    let best = admissible().fold(None, |best: Option<&Candidate>, it| match best {
+        Some(best) if order(&best) >= order(&it) => Some(best),
+        _ => Some(it),
+    });
+    best.map(|best| best.mode).ok_or(Failure::Status(Status::InconsistentContact))
+}
+
+/// Whether a candidate moves as the first admissible one does.
+fn same(it: &Candidate, candidates: &[Candidate], allowed: f64) -> bool {
+    let Some(first) = candidates.iter().find(|it| it.violation <= allowed) else { return true };
+    let largest = it.acceleration.iter().chain(&first.acceleration);
+    let scale = largest.fold(0.0_f64, |a, b| a.max(b.abs()));
+    let pairs = it.acceleration.iter().zip(&first.acceleration);
+    pairs.into_iter().all(|(a, b)| (a - b).abs() <= SAME * scale)
+}

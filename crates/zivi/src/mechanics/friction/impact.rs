@@ -1,0 +1,221 @@
+//! Impacts with friction: Newton's restitution and Coulomb's law between the impulses, in Moreau's form.
+//!
+//! On the gaps `C` that are zero, with the speeds `(g-, w-)` before,
+//!
+//! ```text
+//! (g+, w+) = (g-, w-) + D P      0 <= P_N  perp  g+ + e g- >= 0
+//!                                -P_T in mu P_N Sign(w+ + e_t w-)                          (1)
+//! E+ - E- = 1/2 P . (v+ + v-)    v = (g', w)                                               (2)
+//! ```
+//!
+//! Each contact opens, sticks, or slips one way: a linear system for each pattern, of which the one that
+//! obeys the inequalities is the impact. At one contact there is exactly one. Energy cannot grow where
+//! all `e_t` are the common `e`, nor at one contact with `e_t = 0` and `e^2 <= 1 - c^2`, where `c` is the
+//! kinetic cosine of normal and tangent; elsewhere it may, which is told.
+
+use super::contact::Edges;
+use crate::mechanics::kinetics::{dot, Kinetics};
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::system::friction::Friction;
+use crate::zeno::bounce::restored;
+use crate::Status;
+
+/// What a pattern may violate, relative to the speeds.
+const MISFIT: (f64, f64) = (1e-11, 1e-9);
+/// Speeds after an impact that differ by less are the same.
+const SAME: f64 = 1e-9;
+/// Most patterns that are tried.
+const MOST: usize = 1 << 14;
+
+/// An impact with friction.
+#[derive(Clone, Debug)]
+pub(in crate::mechanics) struct FrictionalExchange {
+    /// The contacts with an impulse, and what they do: the slip of an open one has no sign.
+    pub(in crate::mechanics) pattern: ContactMode,
+    /// Impulses by row.
+    pub(in crate::mechanics) impulses: Vec<f64>,
+    /// The change of the velocities, and rates after it by row.
+    pub(in crate::mechanics) push: Vec<f64>,
+    pub(in crate::mechanics) rates: Vec<f64>,
+    /// The change of the energy (2).
+    pub(in crate::mechanics) gain: f64,
+    /// Whether another pattern obeys (1) with other speeds.
+    pub(in crate::mechanics) is_ambiguous: bool,
+    violation: f64,
+}
+
+/// What equation (1) is solved for.
+pub(in crate::mechanics) struct Collision<'r> {
+    /// The gaps that are zero.
+    pub(in crate::mechanics) set: GapSet,
+    /// Restitutions by gap, and by channel.
+    pub(in crate::mechanics) e: &'r [f64],
+    pub(in crate::mechanics) friction: &'r Friction,
+    /// Rates by row before the impact.
+    pub(in crate::mechanics) before: &'r [f64],
+}
+
+impl Collision<'_> {
+    /// The impact, where the system has just been evaluated.
+    pub(in crate::mechanics) fn solve<E>(
+        &self,
+        kinetics: &mut Kinetics,
+    ) -> Result<FrictionalExchange, Failure<E>> {
+        let ways: Vec<(usize, Option<usize>)> =
+            self.set.iter().map(|gap| (gap, kinetics.channel_of(gap))).collect();
+        let counts = ways.iter().map(|(_, channel)| if channel.is_some() { 4 } else { 2 });
+        let count = counts.fold(1_usize, |all, count| all.saturating_mul(count));
+        if count > MOST {
+            return Err(Failure::Status(Status::ImpactNotSolved));
+        }
+        let mut found: Vec<FrictionalExchange> = Vec::new();
+        for number in 0..count {
+            found.extend(self.on_pattern(pattern(&ways, number), kinetics));
+        }
+        let least = found.iter().fold(f64::INFINITY, |least, it| least.min(it.violation));
+        if least.is_nan() || least > MISFIT.1 {
+            return Err(Failure::Status(Status::ImpactNotSolved));
+        }
+        found.retain(|it| it.violation <= MISFIT.0.max(least));
+        // the first of those that stick most
+        let order = |it: &FrictionalExchange| it.pattern.stick.len();
+        let most = found.iter().map(order).max().unwrap_or(0);
+        let at = found.iter().position(|it| order(it) == most).unwrap_or(0);
+        let mut chosen = found.swap_remove(at);
+        let fastest = self.fastest(kinetics);
+        let differs = |it: &FrictionalExchange| {
+            let pairs = it.rates.iter().zip(&chosen.rates).enumerate();
+            pairs.into_iter().any(|(row, (a, b))| (a - b).abs() > SAME * fastest[row])
+        };
+        chosen.is_ambiguous = found.iter().any(differs);
+        Ok(chosen)
+    }
+
+    /// The scale of the rates of each row.
+    fn fastest(&self, kinetics: &mut Kinetics) -> Vec<f64> {
+        let rows = self.before.len();
+        let mut momentum = 0.0_f64;
+        for gap in self.set.iter() {
+            momentum = momentum.max(self.before[gap].abs() / kinetics.d(gap, gap).sqrt());
+            if let Some(channel) = kinetics.channel_of(gap) {
+                let row = kinetics.row(channel);
+                momentum = momentum.max(self.before[row].abs() / kinetics.d(row, row).sqrt());
+            }
+        }
+        (0..rows).map(|row| momentum * kinetics.d(row, row).sqrt()).collect()
+    }
+
+    /// Equation (1) with a pattern of contacts, and how far it violates the inequalities.
+    fn on_pattern(
+        &self,
+        pattern: ContactMode,
+        kinetics: &mut Kinetics,
+    ) -> Option<FrictionalExchange> {
+        let edges = kinetics.edges(pattern).ok()?;
+        let n = kinetics.coordinates();
+        let target = |at: &Kinetics, row: usize| match row.checked_sub(at.layout.m) {
+            None => (1.0 + self.e[row]) * self.before[row],
+            Some(channel) => (1.0 + self.friction.channels[channel].e_t) * self.before[row],
+        };
+        let at = &*kinetics;
+        let forces = edges.solve(|row| -target(at, row));
+        if !forces.iter().all(|force| force.is_finite()) {
+            return None;
+        }
+        let mut push = vec![0.0; n];
+        edges.push(&forces, &mut push);
+        let impulses = impulses(&edges, &forces, pattern, kinetics);
+        let rates = self.rates(pattern, &push, kinetics);
+        let violation = self.violation(pattern, &impulses, &rates, kinetics);
+        let both = rates.iter().zip(self.before).zip(&impulses);
+        let gain = both.map(|((after, before), impulse)| 0.5 * impulse * (after + before)).sum();
+        let is_ambiguous = false;
+        Some(FrictionalExchange { pattern, impulses, push, rates, gain, is_ambiguous, violation })
+    }
+
+    /// Rates by row after the impact: exact where the pattern says them.
+    fn rates(&self, pattern: ContactMode, push: &[f64], kinetics: &Kinetics) -> Vec<f64> {
+        let rows = kinetics.rows_of(pattern);
+        let each = self.before.iter().enumerate().map(|(row, &before)| {
+            if !rows.has(row) {
+                return before + dot(kinetics.normal(row), push);
+            }
+            match row.checked_sub(kinetics.layout.m) {
+                None => restored(self.e[row], before),
+                // no negative zero
+                Some(channel) => 0.0 - self.friction.channels[channel].e_t * before,
+            }
+        });
+        each.collect()
+    }
+
+    /// The largest violation of the inequalities (1).
+    fn violation(
+        &self,
+        pattern: ContactMode,
+        impulses: &[f64],
+        rates: &[f64],
+        kinetics: &mut Kinetics,
+    ) -> f64 {
+        let fastest = self.fastest(kinetics);
+        let mut worst = 0.0_f64;
+        let mut against = |value: f64, scale: f64| {
+            if value < 0.0 {
+                worst = worst.max(-value / scale);
+            }
+        };
+        for gap in self.set.iter() {
+            if !pattern.closed.has(gap) {
+                against(rates[gap] + self.e[gap] * self.before[gap], fastest[gap]);
+                continue;
+            }
+            let d = kinetics.d(gap, gap);
+            against(impulses[gap], fastest[gap] / d);
+            let Some(channel) = kinetics.channel_of(gap) else { continue };
+            let (row, mu) = (kinetics.row(channel), kinetics.friction_limits(channel).0);
+            let slip = rates[row] + self.friction.channels[channel].e_t * self.before[row];
+            if pattern.stick.has(channel) {
+                let scale = fastest[row] / kinetics.d(row, row) + mu * fastest[gap] / d;
+                against(mu * impulses[gap] - impulses[row].abs(), scale);
+            } else {
+                against(pattern.sign(channel) * slip, fastest[row]);
+            }
+        }
+        worst
+    }
+}
+
+/// Which contacts have an impulse and what their friction does, by its number: all stick first.
+fn pattern(ways: &[(usize, Option<usize>)], number: usize) -> ContactMode {
+    let (mut mode, mut rest) = (ContactMode::default(), number);
+    for &(gap, channel) in ways {
+        let count = if channel.is_some() { 4 } else { 2 };
+        let way = rest % count;
+        rest /= count;
+        if way + 1 == count {
+            continue;
+        }
+        mode.closed = mode.closed.with(GapSet::of(gap));
+        if let Some(channel) = channel {
+            mode = mode.with_channel(channel, [0.0, 1.0, -1.0][way]);
+        }
+    }
+    mode
+}
+
+/// Impulses by row.
+fn impulses(edges: &Edges, forces: &[f64], pattern: ContactMode, kinetics: &Kinetics) -> Vec<f64> {
+    let mut all = vec![0.0; kinetics.layout.rows()];
+    for (&row, force) in edges.rows().iter().zip(forces) {
+        all[row] = *force;
+    }
+    for channel in pattern.slipping().iter() {
+        if let Some(gap) = kinetics.gap_of(channel) {
+            let pull = -kinetics.friction_limits(channel).0 * pattern.sign(channel);
+            all[kinetics.row(channel)] = pull * all[gap];
+        }
+    }
+    all
+}

@@ -1,0 +1,170 @@
+//! What must stay positive for a mode to last.
+//!
+//! ```text
+//! lambda_i      mu_s lambda_i -+ f_c,  L_s -+ f_c  (c sticks)      det K  (a contact slips)     (1)
+//! ```
+//!
+//! Where the motion leaves one force undetermined, `(lambda, f) + alpha nu` with any `alpha` that keeps
+//! all of them positive will do: there is one while `a_j/nu_j + a_k/|nu_k| > 0` for all
+//! `nu_j > 0 > nu_k`, with `a` the values (1).
+
+use crate::mechanics::kinetics::Kinetics;
+use crate::record::contact_mode::ContactMode;
+
+/// `det K` relative to the mobilities is zero below this.
+const REGULAR: f64 = 1e-9;
+/// A part of a null vector below this is rounding.
+const NONE: f64 = 1e-9;
+
+/// A number that must stay positive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::mechanics) struct Level {
+    pub(in crate::mechanics) limit: Limit,
+    pub(in crate::mechanics) value: f64,
+    /// What is rounding of it.
+    pub(in crate::mechanics) noise: f64,
+}
+
+/// What it limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::mechanics) enum Limit {
+    /// The contact force of a gap.
+    Force(usize),
+    /// The force of a channel that sticks, in this direction.
+    Stick(usize, f64),
+    /// The difference of two that one undetermined force shifts.
+    Pair,
+    /// The determinant of `K`.
+    Regularity,
+}
+
+/// A level and how it changes with the undetermined force.
+type Shifted = (Level, f64);
+
+impl Kinetics {
+    /// The numbers (1) of a mode, where its forces have been computed.
+    pub(in crate::mechanics) fn limits(&mut self, mode: ContactMode) -> Vec<Level> {
+        let mut all: Vec<Level> = Vec::with_capacity(mode.closed.len() + 2 * mode.stick.len() + 1);
+        for gap in mode.closed.iter() {
+            let (limit, noise) = (Limit::Force(gap), self.noise(gap) / self.d(gap, gap));
+            all.push(Level { limit, value: self.lambda[gap], noise });
+        }
+        if mode.is_frictionless() {
+            return all;
+        }
+        for channel in mode.stick.iter() {
+            all.extend(self.stick_limits(channel));
+        }
+        if let Some(null) = self.undetermined.take() {
+            all = self.paired(all, &null);
+            self.undetermined = Some(null);
+        }
+        let slips = |c: usize| self.gap_of(c).is_some() && self.friction_limits(c).0 > 0.0;
+        if mode.slipping().iter().any(slips) {
+            let kappa = self.edges(mode).map_or(0.0, |edges| edges.kappa());
+            let (limit, value) = (Limit::Regularity, kappa - REGULAR);
+            all.push(Level { limit, value, noise: 0.0 });
+        }
+        all
+    }
+
+    /// The size of the terms of a level.
+    pub(super) fn force_scale(&mut self, limit: Limit) -> f64 {
+        let of = |at: &mut Self, row: usize| at.acceleration_scale(row) / at.d(row, row);
+        match limit {
+            Limit::Force(gap) => of(self, gap),
+            Limit::Stick(channel, _) => {
+                let (row, factor) = (self.row(channel), self.friction_limits(channel).1);
+                let pressed = self.gap_of(channel).map_or(factor, |gap| factor * of(self, gap));
+                of(self, row) + pressed
+            }
+            Limit::Pair | Limit::Regularity => {
+                let m = self.layout.m;
+                (0..m).map(|gap| of(self, gap)).fold(f64::MIN_POSITIVE, f64::max)
+            }
+        }
+    }
+
+    fn stick_limits(&mut self, channel: usize) -> [Level; 2] {
+        let (row, factor) = (self.row(channel), self.friction_limits(channel).1);
+        let mut noise = self.noise(row) / self.d(row, row);
+        let largest = match self.gap_of(channel) {
+            None => factor,
+            Some(gap) => {
+                noise += factor * self.noise(gap) / self.d(gap, gap);
+                factor * self.lambda[gap]
+            }
+        };
+        let force = self.lambda[row];
+        [1.0, -1.0].map(|sign| Level {
+            limit: Limit::Stick(channel, sign),
+            value: largest - sign * force,
+            noise,
+        })
+    }
+
+    /// By how much a level changes with the undetermined force.
+    fn shift(&self, limit: Limit, null: &[f64]) -> f64 {
+        match limit {
+            Limit::Force(gap) => null[gap],
+            Limit::Stick(channel, sign) => {
+                let own = -sign * null[self.row(channel)];
+                let pressed = self.gap_of(channel).map_or(0.0, |gap| null[gap]);
+                own + self.friction_limits(channel).1 * pressed
+            }
+            Limit::Pair | Limit::Regularity => 0.0,
+        }
+    }
+
+    fn shifted(&self, levels: Vec<Level>, null: &[f64]) -> [Vec<Shifted>; 3] {
+        let largest = null.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let mut parts = [Vec::new(), Vec::new(), Vec::new()];
+        for level in levels {
+            let shift = self.shift(level.limit, null);
+            let part = if shift.abs() <= NONE * largest { 0 } else { 1 + usize::from(shift < 0.0) };
+            parts[part].push((level, shift));
+        }
+        parts
+    }
+
+    fn paired(&self, levels: Vec<Level>, null: &[f64]) -> Vec<Level> {
+        let [fixed, up, down] = self.shifted(levels, null);
+        let mut all: Vec<Level> = fixed.into_iter().map(|(level, _)| level).collect();
+        for (one, a) in &up {
+            for (other, b) in &down {
+                all.push(Level {
+                    limit: Limit::Pair,
+                    value: one.value / a - other.value / b,
+                    noise: one.noise / a - other.noise / b,
+                });
+            }
+        }
+        all
+    }
+
+    /// Moves the forces of a mode to the middle of what the inequalities leave open of the one that
+    /// the motion does not determine; how far they may vary, or none if all are determined.
+    pub(in crate::mechanics) fn center(&mut self, mode: ContactMode) -> Option<f64> {
+        let null = self.undetermined.take()?;
+        let mut all: Vec<Level> = Vec::new();
+        for gap in mode.closed.iter() {
+            all.push(Level { limit: Limit::Force(gap), value: self.lambda[gap], noise: 0.0 });
+        }
+        for channel in mode.stick.iter() {
+            all.extend(self.stick_limits(channel));
+        }
+        let [_, up, down] = self.shifted(all, &null);
+        let least = up.iter().fold(f64::NEG_INFINITY, |a, (it, by)| a.max(-it.value / by));
+        let most = down.iter().fold(f64::INFINITY, |a, (it, by)| a.min(-it.value / by));
+        let (alpha, width) = match (least.is_finite(), most.is_finite()) {
+            (true, true) => (0.5 * (least + most), most - least),
+            (true, false) => (least.max(0.0), f64::INFINITY),
+            (false, true) => (most.min(0.0), f64::INFINITY),
+            (false, false) => (0.0, f64::INFINITY),
+        };
+        self.lambda.iter_mut().zip(&null).for_each(|(force, part)| *force += alpha * part);
+        let largest = null.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        self.undetermined = Some(null);
+        Some(width * largest)
+    }
+}
