@@ -13,6 +13,7 @@ use super::kinetics::Model;
 use super::mode::{Key, Next};
 use super::piece::Piece;
 use super::state::{MechanicalState, Start};
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
@@ -93,7 +94,10 @@ impl MechanicalIntegrator {
         match self.state.start(t, at, model)? {
             Start::Overlap(gap) => return Ok(Some(gap)),
             Start::At(hit) if !hit.is_empty() => self.next = Next::LocatedEvent(hit),
-            Start::At(_) => (),
+            // friction of closed gaps and joints begins here
+            Start::At(_) => {
+                self.state.note_transitions(ContactMode::default(), &mut self.occurrences);
+            }
         }
         Ok(None)
     }

@@ -1,0 +1,4 @@
+//! Mechanical systems with dry friction.
+
+mod models;
+mod references;
