@@ -74,6 +74,7 @@ impl Accumulation {
     /// of a chain with a known ratio.
     pub(super) fn note_transition(&mut self) {
         self.chain.clear();
+        self.corner.note_transition();
     }
 
     /// An error where there were too many impacts without an end.
@@ -136,8 +137,10 @@ impl Accumulation {
         state.refresh()?;
         let t = state.now().t;
         if into.is_some() {
-            occurrences.push(Occurrence::Corner { t, gaps: set });
             self.corner.clear();
+        }
+        if into.is_some_and(|gaps| gaps.without(before).len() > 1) {
+            occurrences.push(Occurrence::Corner { t, gaps: set });
         } else {
             let zeno = |gap| Occurrence::Zeno { t, gap, closed: set };
             occurrences.extend(set.without(before).iter().map(zeno));

@@ -18,6 +18,7 @@ use super::impact::Struck;
 use super::mechanism::{scales, Mechanism};
 use super::piece::Flight;
 use super::state::MechanicalState;
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::switched::SwitchedRk;
@@ -35,16 +36,26 @@ type Corner = (Landing<Vec<f64>>, GapSet);
 #[derive(Clone, Debug, Default)]
 pub(super) struct CornerApproach {
     log: CornerLog,
+    /// Whether friction changed since the last impact.
+    changed: bool,
 }
 
 impl CornerApproach {
     /// What comes next is another one.
     pub(super) fn clear(&mut self) {
         self.log.clear();
+        self.changed = false;
+    }
+
+    /// Friction changed in flight.
+    pub(super) fn note_transition(&mut self) {
+        self.changed = true;
     }
 
     /// Appends an impact, after which the state is that.
     pub(super) fn note(&mut self, struck: &Struck, state: &MechanicalState) {
+        self.log.note_kick(struck.kicks || self.changed);
+        self.changed = false;
         self.log.note(struck.hit, struck.closed, struck.opened, state.now());
     }
 
@@ -57,24 +68,27 @@ impl CornerApproach {
         // impacts on elastic gaps keep the energy
         let e = at.e;
         let lose_energy = |gaps: GapSet| gaps.iter().any(|i| e[i] < 1.0);
-        if recent.len() < 2 || !lose_energy(recent) {
+        let fewest = self.log.fewest();
+        if recent.len() < fewest || !lose_energy(recent) {
             return Ok(None);
         }
-        let (t, closed) = (at.state.now().t, at.state.closed());
+        let (t, closed, mode) = (at.state.now().t, at.state.closed(), at.state.mode());
         for marks in [&self.log.impacts, &self.log.openings] {
             if marks.last().is_none_or(|last| last.t < t) {
                 continue;
             }
-            let Some((p, gaps)) = pattern(marks).filter(|&(_, gaps)| lose_energy(gaps)) else {
+            let found = pattern(marks, fewest).filter(|&(_, gaps)| lose_energy(gaps));
+            let Some((p, gaps)) = found else {
                 continue;
             };
             let since = t - marks[0].t;
             let scales = scales(at.settings, at.state, at.settings.rtol * since);
             let Some(landing) = landing(marks, p, &scales) else { continue };
             let set = closed.with(gaps);
+            let landed = ContactMode { closed: set, ..mode };
             if landing.t > t
                 && at.is_clear(&landing, set)
-                && at.stays_closed(&landing, set, GapSet::EMPTY)?
+                && at.stays_closed(&landing, landed, GapSet::EMPTY)?
             {
                 return Ok(Some((landing, set)));
             }
@@ -95,7 +109,9 @@ impl CornerApproach {
             closed.has(i) || (recent.has(i) && v.abs() <= slow && low)
         };
         let set: GapSet = (0..state.layout().m).filter(near).collect();
-        if set.without(closed).is_empty() || set.iter().filter(|&i| recent.has(i)).count() < 2 {
+        let fewest = self.log.fewest();
+        let several = set.iter().filter(|&i| recent.has(i)).count() >= fewest;
+        if set.without(closed).is_empty() || !several {
             return Ok(None);
         }
         if state.parts().0.solve(set, |at, i| -at.b(i)).is_err() {

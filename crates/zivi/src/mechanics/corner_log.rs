@@ -39,12 +39,30 @@ impl Mark {
 pub(super) struct CornerLog {
     pub(super) impacts: Vec<Mark>,
     pub(super) openings: Vec<Mark>,
+    /// Impacts between which friction in a joint, or at a contact that stays closed, changes: in a fixed
+    /// part of each flight, so that even those of one gap have a ratio of their own.
+    kicks: usize,
 }
 
 impl CornerLog {
     pub(super) fn clear(&mut self) {
         self.impacts.clear();
         self.openings.clear();
+        self.kicks = 0;
+    }
+
+    /// The impact that follows is one of those between which friction changes, or is not.
+    pub(super) fn note_kick(&mut self, changes: bool) {
+        self.kicks = if changes { self.kicks + 1 } else { 0 };
+    }
+
+    /// How many gaps take part in an accumulation with a ratio of its own, at least.
+    pub(super) fn fewest(&self) -> usize {
+        if self.kicks >= PHASE.0 {
+            1
+        } else {
+            2
+        }
     }
 
     /// Appends an impact.
@@ -69,8 +87,8 @@ fn append(marks: &mut Vec<Mark>, mark: Mark) {
     marks.push(mark);
 }
 
-/// The shortest pattern in which several gaps take part: its length and gaps.
-pub(super) fn pattern(marks: &[Mark]) -> Option<(usize, GapSet)> {
+/// The shortest pattern in which at least so many gaps take part: its length and gaps.
+pub(super) fn pattern(marks: &[Mark], fewest: usize) -> Option<(usize, GapSet)> {
     let n = marks.len();
     let same = |a: &Mark, b: &Mark| a.hit == b.hit && a.with == b.with;
     let repeats = |&p: &usize| {
@@ -78,7 +96,7 @@ pub(super) fn pattern(marks: &[Mark]) -> Option<(usize, GapSet)> {
     };
     let p = (1..=LONGEST).find(repeats)?;
     let gaps = marks[n - p..].iter().fold(GapSet::EMPTY, |set, it| set.with(it.hit));
-    (gaps.len() >= 2).then_some((p, gaps))
+    (gaps.len() >= fewest).then_some((p, gaps))
 }
 
 /// The events of the phase of the last one, that first, and the ratio of their times.
@@ -95,7 +113,7 @@ fn of_last_phase(marks: &[Mark], p: usize) -> Option<(Vec<&Mark>, f64)> {
 
 /// The sum of the geometric series of the times: where the corner is, without the state.
 pub(super) fn time_of_corner(marks: &[Mark]) -> Option<f64> {
-    let (p, _) = pattern(marks)?;
+    let (p, _) = pattern(marks, 1)?;
     let (phase, r) = of_last_phase(marks, p)?;
     Some(phase[0].t + (phase[0].t - phase[1].t) * r / (1.0 - r))
 }
@@ -125,8 +143,8 @@ mod tests {
             Mark { hit, with, t: 2.0 - q - 0.2 * q * q, z: vec![1.0 + q - 0.5 * q * q] }
         };
         let marks: Vec<Mark> = (0..14).map(mark).collect();
-        assert_eq!(pattern(&marks), Some((2, GapSet(3))));
-        assert_eq!(pattern(&marks[..6]), None);
+        assert_eq!(pattern(&marks, 2), Some((2, GapSet(3))));
+        assert_eq!(pattern(&marks[..6], 2), None);
         let found = landing(&marks, 2, &[1e-5, 1e-5]).unwrap();
         let errors = [(found.t - 2.0).abs(), (found.state()[0] - 1.0).abs()];
         assert!(errors[0] < 1e-6 && errors[1] < 1e-6, "{found:?}");
@@ -134,7 +152,7 @@ mod tests {
         assert_eq!(landing(&marks, 2, &[1e-14, 1e-14]), None);
         // one gap that bounces is a chain, and times without a ratio are no corner
         let alone = |mark: &Mark| Mark { hit: GapSet::of(0), ..mark.clone() };
-        assert_eq!(pattern(&marks.iter().map(alone).collect::<Vec<_>>()), None);
+        assert_eq!(pattern(&marks.iter().map(alone).collect::<Vec<_>>(), 2), None);
         let mut uneven = marks.clone();
         uneven[11].t += 0.5 * (marks[13].t - marks[11].t);
         assert_eq!(landing(&uneven, 2, &[1e9, 1e9]), None);

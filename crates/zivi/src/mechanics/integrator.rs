@@ -16,7 +16,7 @@ use super::state::{MechanicalState, Start};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::record::occurrence::Occurrence;
+use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
 use crate::switched::SwitchedRk;
@@ -36,6 +36,8 @@ pub(super) struct MechanicalIntegrator {
     motion: SmoothMotion,
     next: Next,
     occurrences: Vec<Occurrence>,
+    /// The mode whose forces were last noted as undetermined.
+    undetermined: ContactMode,
     /// Events since the time last advanced by a step.
     stalled: u32,
 }
@@ -78,6 +80,7 @@ impl MechanicalIntegrator {
             motion: SmoothMotion::new(&settings, layout, friction),
             next: Next::Step,
             occurrences: Vec::new(),
+            undetermined: ContactMode::default(),
             stalled: 0,
         }
     }
@@ -130,6 +133,7 @@ impl MechanicalIntegrator {
             return self.strike(through, model);
         }
         self.state.prepare(model)?;
+        self.note_undetermined();
         let t = self.state.now().t;
         let obstacle = self.accumulation.obstacle();
         self.next = self.motion.fly(t_end, &mut self.state, obstacle, model)?;
@@ -137,6 +141,16 @@ impl MechanicalIntegrator {
             self.stalled = 0;
         }
         Ok(Piece::Motion)
+    }
+
+    /// Notes where the motion does not determine the forces, once in a mode.
+    fn note_undetermined(&mut self) {
+        let mode = self.state.mode();
+        if let Some(size) = self.state.undetermined().filter(|_| mode != self.undetermined) {
+            let (kind, t, gaps) = (FlagKind::UndeterminedForces, self.state.now().t, mode.closed);
+            self.occurrences.push(Occurrence::Flag { kind, t, gaps, size });
+            self.undetermined = mode;
+        }
     }
 
     /// The impact on some gaps here, and what follows from it.

@@ -159,7 +159,10 @@ impl<D> Mechanism<'_, '_, D> {
     {
         let t = landing.t.max(self.state.now().t);
         let rounding = self.settings.atol.map(|atol| f64::EPSILON * atol);
-        self.state.move_to((t, landing.state()), mode.into(), rounding, self.model)
+        let closed = self.state.move_to((t, landing.state()), mode.into(), rounding, self.model)?;
+        let size = self.state.now().x.len();
+        self.state.take_slips(&landing.errors()[size..]);
+        Ok(closed)
     }
 }
 

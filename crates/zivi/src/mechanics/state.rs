@@ -22,6 +22,7 @@ pub(super) struct MechanicalState {
     slope: Vec<f64>,
     lambda: Vec<f64>,
     levels: Vec<f64>,
+    undetermined: Option<f64>,
     is_known: bool,
     /// The mechanics where they were evaluated last: here, or at a stage of a step from here.
     kinetics: Kinetics,
@@ -41,6 +42,8 @@ const NEAR: f64 = 1e-15;
 const PROJECTIONS: usize = 4;
 /// A gap is as its function says while that is larger than this part of its terms.
 const ANCHOR: f64 = 1e-5;
+/// A slip speed of so many estimated errors after an accumulation may be none.
+const STILL: f64 = 100.0;
 /// The same of a slip speed.
 const SLIP_ANCHOR: f64 = 1e-6;
 
@@ -54,6 +57,7 @@ impl MechanicalState {
             slope: vec![0.0; size],
             lambda: vec![0.0; layout.rows()],
             levels: Vec::new(),
+            undetermined: None,
             is_known: false,
             kinetics: Kinetics::new(layout, friction),
         }
@@ -231,12 +235,14 @@ impl MechanicalState {
         self.kinetics.contact(mode)?;
         self.slope.copy_from_slice(&self.kinetics.acceleration);
         self.levels.clear();
+        self.undetermined = None;
         self.lambda.copy_from_slice(&self.kinetics.lambda);
         if mode.is_frictionless() {
             self.levels.extend(mode.closed.iter().map(|gap| self.lambda[gap]));
         } else {
             self.levels.extend(self.kinetics.limits(mode).iter().map(|it| it.value));
-            if self.kinetics.center(mode).is_some() {
+            self.undetermined = self.kinetics.center(mode);
+            if self.undetermined.is_some() {
                 self.lambda.copy_from_slice(&self.kinetics.lambda);
             }
         }
@@ -345,6 +351,27 @@ impl MechanicalState {
     pub(super) fn stop_slip(&mut self, channels: GapSet) {
         let Layout { n, m, .. } = self.layout;
         channels.iter().for_each(|channel| self.now.xdot[n + m + channel] = 0.0);
+    }
+
+    /// Sets the slip speeds to those of the velocities, where the system has just been evaluated; to
+    /// zero within errors of the rates.
+    pub(super) fn take_slips(&mut self, errors: &[f64]) {
+        let Layout { n, m, p } = self.layout;
+        let (q, w) = (self.now.x[..n].to_vec(), self.now.xdot[..n].to_vec());
+        for row in m..m + p {
+            if self.now.xdot[n + row] == 0.0 {
+                continue;
+            }
+            let (rate, noise) =
+                (self.kinetics.rate(row, &w), self.kinetics.rounding(row, &q, &w).1);
+            let still = rate.abs() <= 4.0 * noise + STILL * errors[n + row];
+            self.now.xdot[n + row] = if still { 0.0 } else { rate };
+        }
+    }
+
+    /// What the motion does not determine of the contact forces: how far they may vary.
+    pub(super) fn undetermined(&self) -> Option<f64> {
+        self.undetermined
     }
 
     /// Notes what friction does otherwise than before.

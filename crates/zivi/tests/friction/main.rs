@@ -1,4 +1,5 @@
 //! Mechanical systems with dry friction.
 
+mod closed_forms;
 mod models;
 mod references;

@@ -6,7 +6,7 @@ use std::convert::Infallible;
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::friction::{Channel, Friction, FrictionalImpact};
 
-const G: f64 = 9.81;
+pub(crate) const G: f64 = 9.81;
 
 /// A gap or a channel: its value (of a gap), row, what it accelerates by without forces, its rate
 /// without velocities.
@@ -71,7 +71,7 @@ fn gap(value: f64, row: &[f64], curvature: f64, rate: f64) -> Row {
     Row { value, row: row.to_vec(), curvature, rate }
 }
 
-fn slip(row: &[f64], curvature: f64, rate: f64) -> Row {
+pub(crate) fn slip(row: &[f64], curvature: f64, rate: f64) -> Row {
     gap(0.0, row, curvature, rate)
 }
 
