@@ -133,7 +133,10 @@ impl Impacts {
         self.note_flags(hit, state, occurrences);
         self.count += 1;
         let exchanged = match rough {
-            true => self.exchange_with_friction(set, hit, state, occurrences)?,
+            true => {
+                state.evaluate_limits_at_rest(set, model)?;
+                self.exchange_with_friction(set, hit, state, occurrences)?
+            }
             false => {
                 let exchanged = self.exchange(set, hit, state)?;
                 self.note_impacts(set, hit, &exchanged, state, occurrences);

@@ -184,6 +184,12 @@ impl Kinetics {
         (self.values[slip][channel], self.values[stick][channel])
     }
 
+    /// Until the next evaluation, what limits friction in a channel while it slips.
+    pub(super) fn set_friction_limit(&mut self, channel: usize, limit: f64) {
+        let at = self.layout.limit().start + channel;
+        self.values[at] = limit;
+    }
+
     /// `h_i`.
     pub(super) fn curvature(&self, i: usize) -> f64 {
         self.values[self.layout.curvature()][i]

@@ -27,12 +27,19 @@ pub(super) struct Mechanism<'r, 'm, D> {
     pub(super) model: &'r mut Model<'m, D>,
 }
 
-/// The tolerances of the time of a jump and of the state after it.
+/// The tolerances of the time of a jump and of the state after it. Slips and the work of friction come
+/// of the rest.
 pub(super) fn scales(settings: &SwitchedRk, state: &MechanicalState, of_time: f64) -> Vec<f64> {
-    let ([atol_x, atol_v], rtol) = (settings.atol, settings.rtol);
-    let of_x = state.now().x.iter().map(|x| atol_x + rtol * x.abs());
-    let of_v = state.now().xdot.iter().map(|v| atol_v + rtol * v.abs());
-    std::iter::once(of_time).chain(of_x).chain(of_v).collect()
+    let Layout { n, m, .. } = state.layout();
+    let of = |values: &[f64], atol: f64| -> Vec<f64> {
+        let scale = |(c, value): (usize, &f64)| match c < n + m {
+            true => atol + settings.rtol * value.abs(),
+            false => f64::INFINITY,
+        };
+        values.iter().enumerate().map(scale).collect()
+    };
+    let (now, [atol_x, atol_v]) = (state.now(), settings.atol);
+    [vec![of_time], of(&now.x, atol_x), of(&now.xdot, atol_v)].concat()
 }
 
 impl<D> Mechanism<'_, '_, D> {

@@ -216,6 +216,36 @@ impl MechanicalState {
         self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
     }
 
+    /// Gives the channels at the gaps of a set the limits of friction that they have without slip, where
+    /// the system has just been evaluated: impulses know no other.
+    pub(super) fn evaluate_limits_at_rest<E, D: Dynamics<E>>(
+        &mut self,
+        set: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let Self { kinetics, now, layout: Layout { n, .. }, .. } = self;
+        let channels: GapSet = set.iter().filter_map(|gap| kinetics.channel_of(gap)).collect();
+        let varies = |c: usize| {
+            let (slip, stick) = kinetics.friction_limits(c);
+            slip != stick
+        };
+        if !channels.iter().any(varies) {
+            return Ok(());
+        }
+        let rows = channels.iter().map(|channel| kinetics.row(channel)).collect();
+        let rows = kinetics.independent(rows);
+        let (q, mut w) = (&now.x[..*n], now.xdot[..*n].to_vec());
+        kinetics.solve(rows, |at, row| -at.rate(row, &now.xdot[..*n]))?;
+        kinetics.apply(rows, &mut w);
+        kinetics.evaluate(model, now.t, q, &w)?;
+        let limits: Vec<f64> = channels.iter().map(|c| kinetics.friction_limits(c).0).collect();
+        kinetics.evaluate(model, now.t, q, &now.xdot[..*n])?;
+        for (channel, limit) in channels.iter().zip(limits) {
+            kinetics.set_friction_limit(channel, limit);
+        }
+        Ok(())
+    }
+
     /// Accelerations and contact forces here.
     pub(super) fn prepare<E, D: Dynamics<E>>(
         &mut self,
@@ -533,6 +563,10 @@ impl MechanicalState {
         let rates = now.xdot[n..].to_vec();
         let moved = kinetics.displacement(mode, |row| -rates[row])?;
         v.iter_mut().zip(&moved).for_each(|(v, moved)| *v += moved);
+        // the impulses do work, too
+        let (m, pulls) = (kinetics.layout.m, kinetics.friction_impulses(mode, |row| -rates[row])?);
+        let work = |(c, pull): (usize, &f64)| -pull * (rates[m + c] + 0.5 * moved[n + m + c]);
+        v[n + m + pulls.len()] += pulls.iter().enumerate().map(work).sum::<f64>();
         // the first leaves rounding of the speeds
         let w = v[..n].to_vec();
         let left: Vec<f64> = (0..rates.len() - 1).map(|row| kinetics.rate(row, &w)).collect();

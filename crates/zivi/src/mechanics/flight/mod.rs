@@ -63,8 +63,11 @@ impl SmoothMotion {
     pub(super) fn new(settings: &SwitchedRk, layout: Layout, friction: &Friction) -> Self {
         let limits = settings.limits(tolerances(settings));
         let (pair, size) = (settings.order.pair(), layout.size());
+        let mut steps = Steps::new(limits, pair, size, settings.first_step);
+        // slips and the work of friction come of the rest
+        steps.control_first(layout.n + layout.m);
         Self {
-            steps: Steps::new(limits, pair, size, settings.first_step),
+            steps,
             at_end: AtEnd::new(layout),
             length: 0.0,
             experience: StepHistory::NONE,

@@ -167,6 +167,29 @@ impl Kinetics {
         -dot(&self.lambda[m..], &rates[m..self.layout.rows()])
     }
 
+    /// The impulses of friction, by channel, among those of a mode that give its rows these rates.
+    pub(in crate::mechanics) fn friction_impulses(
+        &mut self,
+        mode: ContactMode,
+        rate: impl Fn(usize) -> f64,
+    ) -> Result<Vec<f64>, Undetermined> {
+        let edges = self.edges(mode)?;
+        let (forces, mut all) = (edges.solve(rate), vec![0.0; self.layout.p]);
+        for (&row, force) in edges.rows().iter().zip(forces) {
+            match row.checked_sub(self.layout.m) {
+                Some(channel) => all[channel] = force,
+                None => {
+                    let slips = |c: &usize| mode.slipping().has(*c);
+                    if let Some(channel) = self.channel_of(row).filter(slips) {
+                        all[channel] =
+                            -self.friction_limits(channel).0 * mode.sign(channel) * force;
+                    }
+                }
+            }
+        }
+        Ok(all)
+    }
+
     /// How coordinates and rows move where the forces of a mode give its rows these rates.
     pub(in crate::mechanics) fn displacement_along_edges(
         &mut self,
