@@ -1,7 +1,7 @@
 """Motions as plain numbers: one format, and what older versions stored.
 
-``data/stored_motions.json`` holds numbers that zivi wrote before format 3, and what that version
-gave between the samples of these motions.
+``data/stored_motions.json`` holds numbers that zivi wrote before format 3, of a mechanism also those of
+format 4, and what these versions gave between the samples of these motions.
 """
 
 import json
@@ -44,9 +44,10 @@ def test_what_was_stored_of_a_mass_is_read(name, form):
     np.testing.assert_array_equal(copy.numbers(), again)
 
 
-def test_what_was_stored_of_a_mechanism_is_read():
-    old, numbers = OLD["mechanism"], numbers_of("mechanism")
-    assert numbers[0] == 1.0
+@pytest.mark.parametrize(("name", "form"), [("mechanism", 1.0), ("mechanism_4", 4.0)])
+def test_what_was_stored_of_a_mechanism_is_read(name, form):
+    old, numbers = OLD[name], numbers_of(name)
+    assert numbers[0] == form
     motion = _zivi.MechanicalPath.restored(numbers)
     q, qdot, _gaps, _rates, contacts = motion.at(np.array(old["t"]))
     assert q == pytest.approx(np.array(old["q"]), rel=1e-14, abs=1e-16)

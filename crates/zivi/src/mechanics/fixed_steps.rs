@@ -2,7 +2,7 @@
 
 use super::kinetics::{Kinetics, Model};
 use super::output::{MechanicalRun, MechanicalSamples};
-use super::run::check_sizes;
+use super::run::{check_sizes, check_smooth};
 use crate::record::event_locator::{unknown, EventLocator, SmoothPart};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -197,6 +197,7 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
 ) -> Result<MechanicalRun<E>, SetupError> {
     let layout = dynamics.layout();
     check_sizes(layout, e, q, w)?;
+    check_smooth(layout)?;
     let mut model = Model::new(dynamics);
     let mut state = Stepped::new(layout, e, (q, w));
     let duration = grid.t(grid.n_steps()) - grid.t(0);

@@ -119,6 +119,14 @@ pub(super) fn check_sizes(
     Ok(())
 }
 
+/// For what does not know friction yet.
+pub(super) fn check_smooth(layout: Layout) -> Result<(), SetupError> {
+    match layout.p {
+        0 => Ok(()),
+        p => Err(SetupError::Count("friction", p, "none: only SwitchedRK's runs have friction")),
+    }
+}
+
 fn check_friction(Layout { m, p, .. }: Layout, friction: &Friction) -> Result<(), SetupError> {
     if friction.channels.len() != p {
         return Err(SetupError::Count("friction", friction.channels.len(), "one for each channel"));

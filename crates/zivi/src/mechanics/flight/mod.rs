@@ -184,7 +184,7 @@ impl SmoothMotion {
 #[derive(Clone, Copy)]
 enum Event {
     /// A gap closes.
-    LocatedEvent(usize),
+    Closing(usize),
     /// A limit of the mode is reached, of this number.
     Release(usize),
     /// The slip in a channel ends.
@@ -235,7 +235,7 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
         if let Some(factor) = self.missed_events(contact.map(|(_, gap)| gap))? {
             return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
-        let mut first = contact.map(|(theta, gap)| (theta, Event::LocatedEvent(gap)));
+        let mut first = contact.map(|(theta, gap)| (theta, Event::Closing(gap)));
         if let Some((theta, channel)) = self.first_stop()? {
             if first.is_none_or(|(before, _)| theta < before) {
                 first = Some((theta, Event::Stop(channel)));
@@ -264,7 +264,7 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
 
     fn stop(&mut self, length: f64, event: Event) -> Result<Option<Next>, Failure<E>> {
         match event {
-            Event::LocatedEvent(gap) => self.land(length, gap),
+            Event::Closing(gap) => self.land(length, gap),
             Event::Release(number) => self.lift(length, number).map(Some),
             Event::Stop(channel) => self.stop_slip(length, channel).map(Some),
         }

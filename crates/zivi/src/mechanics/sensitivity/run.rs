@@ -5,7 +5,7 @@ use super::variational_run::VariationalRun;
 use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::recording::running;
-use crate::mechanics::run::{check_sizes, check_span, started};
+use crate::mechanics::run::{check_sizes, check_smooth, check_span, started};
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::switched::sensitivity::{Derivatives, Question};
 use crate::switched::SwitchedRk;
@@ -60,6 +60,7 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     let settings = settings.validated()?;
     let layout = dynamics.layout();
     check_sizes(layout, e, q, w)?;
+    check_smooth(layout)?;
     check_span(t0, t1)?;
     let Question { wrt, sizes, controlled, times } = *question;
     let mut model = Model::new(dynamics);
