@@ -249,7 +249,9 @@ def test_a_wall_that_vibrates_beyond_all_numbers(name, values):
 
 @pytest.mark.parametrize("wall", [3, zivi.HarmonicWall, lambda t: 0.0, (0, 0, 0), "wall"])
 def test_no_wall(wall):
-    with pytest.raises(TypeError, match=r"wall must be None, a zivi\.HarmonicWall, a zivi\.MovingWall or"):
+    with pytest.raises(
+        TypeError, match=r"wall must be None, a zivi\.HarmonicWall, a zivi\.MovingWall or"
+    ):
         zivi.ImpactSystem(-G, e=0.5, wall=wall)
 
 

@@ -12,7 +12,7 @@ and gaps. Runs pass the accumulations of impacts, rest exactly and lift off agai
 
 Systems
     `ImpactSystem`, `LinearForce`, `HarmonicWall`, `Table`, `SpeedDependentImpact`;
-    `MechanicalSystem`, `LinearGap`; ``zivi.symbolic``
+    `MechanicalSystem`, `LinearSystem`, `LinearGap`; ``zivi.symbolic``
 Runs
     `simulate`, `simulate_batch`; the methods `SwitchedRK` (high order, the default), `ThetaGamma`
     (the implicit scheme of Huber and Oza), `MoreauJean`, `ExplicitEuler`
@@ -81,6 +81,7 @@ from zivi.simulation.trajectory import Trajectory as Trajectory
 from zivi.study import Design, Study, grid, open_study, points, sample, sweep
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
+from zivi.system.linear import Harmonic, LinearSystem
 from zivi.system.mass import ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parametric import ParametricForce
@@ -114,6 +115,7 @@ __all__ = [
     "ExplicitEuler",
     "ExplicitTwisting",
     "Gap",
+    "Harmonic",
     "HarmonicWall",
     "ImpactLaw",
     "ImpactObserver",
@@ -122,6 +124,7 @@ __all__ = [
     "Level",
     "LinearForce",
     "LinearGap",
+    "LinearSystem",
     "MechanicalSystem",
     "Method",
     "ModelWarning",

@@ -278,6 +278,17 @@ class Model:
     def callable(
         function: Callable[[float, _Array, _Array], _Array], *, steady: bool = False
     ) -> Model: ...
+    @staticmethod
+    def linear(
+        mass: list[float],
+        damping: list[float],
+        stiffness: list[float],
+        *,
+        load: list[float],
+        waves: list[tuple[list[float], float, float]],
+        tables: list[TimeTable],
+        gaps: list[tuple[list[float], float, Wall | None]],
+    ) -> Model: ...
     @property
     def function(self) -> CompiledFunction | None: ...
 

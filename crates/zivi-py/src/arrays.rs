@@ -1,6 +1,6 @@
 //! NumPy arrays of what a run leaves.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use zivi::mechanics::GapSet;
 
@@ -29,3 +29,8 @@ pub(crate) fn members(py: Python<'_>, sets: &[GapSet], m: usize) -> PyResult<Mat
 }
 
 pub(crate) type Array = Py<PyArray1<f64>>;
+
+/// A NumPy vector as a slice; a TypeError-free copy where it is not contiguous.
+pub(crate) fn vector(array: &PyReadonlyArray1<'_, f64>) -> Vec<f64> {
+    array.as_array().iter().copied().collect()
+}

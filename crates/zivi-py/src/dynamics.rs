@@ -1,16 +1,20 @@
 //! Mechanical systems that come from Python.
 
 use std::ffi::{c_int, c_void};
+use std::sync::Arc;
 
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::linear_dynamics::LinearDynamics;
+use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
 
 use crate::capsule::Capsule;
-use crate::force::Raised;
+use crate::force::{Raised, Wall};
+use crate::time_table::TimeTable;
 
 type Evaluate = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64) -> c_int;
 type EvaluateWith =
@@ -30,6 +34,8 @@ pub(crate) struct Model {
 enum Kind {
     /// A compiled function, and what owns its code.
     Compiled(CompiledFunction, Py<PyAny>),
+    /// Matrices.
+    Linear(Arc<LinearSystem>),
     /// A function, and whether it gives constants.
     Callable(Py<PyAny>, bool),
 }
@@ -57,13 +63,46 @@ impl Model {
     fn function(&self) -> Option<CompiledFunction> {
         match self.kind {
             Kind::Compiled(function, _) => Some(function),
-            Kind::Callable(..) => None,
+            Kind::Linear(_) | Kind::Callable(..) => None,
         }
+    }
+
+    /// Matrices row by row, the constant load, amplitude, frequency and phase of its waves, its
+    /// tables; normal, offset and motion of each gap.
+    #[staticmethod]
+    #[pyo3(signature = (mass, damping, stiffness, *, load, waves, tables, gaps))]
+    fn linear(
+        mass: Vec<f64>,
+        damping: Vec<f64>,
+        stiffness: Vec<f64>,
+        load: Vec<f64>,
+        waves: Vec<(Vec<f64>, f64, f64)>,
+        tables: Vec<Py<TimeTable>>,
+        gaps: Vec<(Vec<f64>, f64, Option<Py<Wall>>)>,
+    ) -> PyResult<Self> {
+        let wave = |(amplitude, omega, phase)| LoadWave { amplitude, omega, phase };
+        let waves = waves.into_iter().map(wave).collect();
+        let tables = tables.iter().map(|table| table.get().inner.clone()).collect();
+        let gap = |(normal, offset, wall): (_, _, Option<Py<Wall>>)| {
+            let motion = match wall {
+                None => Some(GapMotion::Fixed),
+                Some(wall) => wall.get().motion_of_gap(),
+            };
+            motion.map(|motion| LinearGap { normal, offset, motion })
+        };
+        let gaps: Option<Vec<LinearGap>> = gaps.into_iter().map(gap).collect();
+        let system = gaps.and_then(|gaps| {
+            LinearSystem { mass, damping, stiffness, load, waves, tables, gaps }.validated()
+        });
+        let system =
+            system.ok_or_else(|| PyValueError::new_err("the parts do not fit together"))?;
+        Ok(Self { kind: Kind::Linear(Arc::new(system)) })
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.kind {
             Kind::Compiled(_, held) | Kind::Callable(held, _) => visit.call(held),
+            Kind::Linear(_) => Ok(()),
         }
     }
 }
@@ -89,8 +128,12 @@ impl<'py> AnyDynamics<'py> {
     pub(crate) fn of(py: Python<'py>, model: &Model, layout: Layout) -> Self {
         match &model.kind {
             Kind::Compiled(function, _) => {
-                let (function, raised) = (*function, Raised::now());
-                Self::Compiled(CompiledDynamics { layout, function, raised })
+                let (source, raised) = (Source::Function(*function), Raised::now());
+                Self::Compiled(CompiledDynamics { layout, source, raised })
+            }
+            Kind::Linear(system) => {
+                let source = Source::Linear(LinearDynamics::new(system.clone()));
+                Self::Compiled(CompiledDynamics { layout, source, raised: Raised::now() })
             }
             Kind::Callable(callable, steady) => {
                 let zeros = || PyArray1::zeros(py, layout.n, false);
@@ -101,12 +144,18 @@ impl<'py> AnyDynamics<'py> {
     }
 }
 
-/// A compiled function, called without the interpreter. The [`Model`] holds what owns its code.
-#[derive(Clone, Copy)]
+/// A system that needs no interpreter. The [`Model`] holds what owns its code.
+#[derive(Clone)]
 pub(crate) struct CompiledDynamics {
     layout: Layout,
-    function: CompiledFunction,
+    source: Source,
     raised: Raised,
+}
+
+#[derive(Clone)]
+enum Source {
+    Function(CompiledFunction),
+    Linear(LinearDynamics),
 }
 
 impl Dynamics<PyErr> for CompiledDynamics {
@@ -115,8 +164,11 @@ impl Dynamics<PyErr> for CompiledDynamics {
     }
 
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        let CompiledFunction { address, data, returns_int } = match &mut self.source {
+            Source::Function(function) => *function,
+            Source::Linear(linear) => return linear.evaluate(t, q, w, out),
+        };
         let (q, w, to) = (q.as_ptr(), w.as_ptr(), out.as_mut_ptr());
-        let CompiledFunction { address, data, returns_int } = self.function;
         // SAFETY: the Python layer passes only the address of a function whose signature was
         // checked or declared, and the `Model` holds the object that owns the code; `q` and `w` have n numbers, `out` as many as the layout says.
         let code = unsafe {
@@ -141,6 +193,13 @@ impl Dynamics<PyErr> for CompiledDynamics {
             )));
         }
         Ok(())
+    }
+
+    fn linear(&self) -> Option<&Arc<LinearSystem>> {
+        match &self.source {
+            Source::Function(_) => None,
+            Source::Linear(linear) => Dynamics::<PyErr>::linear(linear),
+        }
     }
 }
 
@@ -217,9 +276,4 @@ pub(crate) fn compiled_model(
         "{argument} must have the signature \"int (double, double *, double *, double *)\" (or \
          void, or with a last \"void *\"), got {signature:?}"
     )))
-}
-
-/// A NumPy vector as a slice; a TypeError-free copy where it is not contiguous.
-pub(crate) fn vector(array: &PyReadonlyArray1<'_, f64>) -> Vec<f64> {
-    array.as_array().iter().copied().collect()
 }

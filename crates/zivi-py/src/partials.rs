@@ -13,8 +13,9 @@ use zivi::system::partials::{
 };
 use zivi::{SetupError, SwitchedRk};
 
+use crate::arrays::vector;
 use crate::arrays::Array;
-use crate::dynamics::{vector, AnyDynamics, CompiledDynamics, Model, PythonDynamics};
+use crate::dynamics::{AnyDynamics, CompiledDynamics, Model, PythonDynamics};
 use crate::errors::setup_error;
 use crate::mechanics::MechanicalRecord;
 use crate::method::Method;

@@ -5,7 +5,8 @@ use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::{AnyImpactLaw, Physical};
 
-use crate::dynamics::{vector, Model};
+use crate::arrays::vector;
+use crate::dynamics::Model;
 use crate::force::Force;
 use crate::impact_law::ImpactLaw;
 use crate::user_events::Event;

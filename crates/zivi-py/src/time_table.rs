@@ -1,17 +1,18 @@
 //! Tables of time that come from Python.
 
 use std::ffi::c_void;
+use std::sync::Arc;
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::dynamics::vector;
+use crate::arrays::vector;
 
 /// Piecewise polynomials of time.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct TimeTable {
-    pub(crate) inner: zivi::TimeTable,
+    pub(crate) inner: Arc<zivi::TimeTable>,
 }
 
 /// `void part(double t, double *q, double *qdot, double *out, void *table)`.
@@ -34,7 +35,7 @@ impl TimeTable {
         let sizes = (order, width);
         let inner = zivi::TimeTable::new(vector(&knots), vector(&coefficients), sizes, ends);
         let wrong = || PyValueError::new_err("knots, coefficients and ends do not fit together");
-        Ok(Self { inner: inner.ok_or_else(wrong)? })
+        Ok(Self { inner: Arc::new(inner.ok_or_else(wrong)?) })
     }
 
     /// All columns at some times, time by time, or their derivatives up to the second.
@@ -76,7 +77,7 @@ impl TimeTable {
     #[getter]
     fn functions(&self) -> (usize, usize, usize) {
         let (values, motion): (PartOfModel, PartOfModel) = (table_values, table_motion);
-        (values as usize, motion as usize, std::ptr::from_ref(&self.inner) as usize)
+        (values as usize, motion as usize, Arc::as_ptr(&self.inner) as usize)
     }
 }
 
@@ -85,7 +86,7 @@ impl TimeTable {
     pub(crate) fn held(owner: &Py<Self>) -> &'static zivi::TimeTable {
         // SAFETY: the object is frozen and does not move; whoever asks holds it for as long as
         // what is returned is used (a force in its `owner`).
-        unsafe { &*std::ptr::from_ref(&owner.get().inner) }
+        unsafe { &*Arc::as_ptr(&owner.get().inner) }
     }
 }
 

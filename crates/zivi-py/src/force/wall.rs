@@ -2,6 +2,7 @@
 
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
+use zivi::system::linear_system::GapMotion;
 use zivi::{HarmonicWall, WallMotion};
 
 use crate::time_table::TimeTable;
@@ -49,6 +50,17 @@ impl Wall {
             Kind::Harmonic(_) => Ok(()),
             Kind::Table(table) => visit.call(table),
             Kind::Callable(motion) => visit.call(motion),
+        }
+    }
+}
+
+impl Wall {
+    /// The motion of the wall of a gap, without the interpreter.
+    pub(crate) fn motion_of_gap(&self) -> Option<GapMotion> {
+        match &self.kind {
+            Kind::Harmonic(wall) => Some(GapMotion::Harmonic(*wall)),
+            Kind::Table(table) => Some(GapMotion::Table(table.get().inner.clone())),
+            Kind::Callable(_) => None,
         }
     }
 }

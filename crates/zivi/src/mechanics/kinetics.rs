@@ -10,7 +10,7 @@
 //! friction enters (2) is [`super::friction`].
 
 use super::friction::Undetermined;
-use crate::numeric::cholesky;
+use crate::numeric::cholesky::{self, Factor};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -42,7 +42,7 @@ pub(super) struct Kinetics {
     channel_of: Vec<Option<usize>>,
     values: Vec<f64>,
     /// `L L^T = M`.
-    mass: Vec<f64>,
+    factor: Factor,
     /// `A`.
     free: Vec<f64>,
     /// `b`, by row.
@@ -92,7 +92,7 @@ impl Kinetics {
             gap_of,
             channel_of,
             values: zeros(layout.len()),
-            mass: zeros(n * n),
+            factor: Factor::new(n),
             free: zeros(n),
             b: zeros(rows),
             mobility: zeros(rows * n),
@@ -116,17 +116,16 @@ impl Kinetics {
         let (layout, t) = (self.layout, model.smooth.nearest(t));
         model.count += 1;
         model.dynamics.evaluate(t, q, w, &mut self.values).map_err(Failure::Raised)?;
-        if !self.values.iter().all(|value| value.is_finite()) {
+        // without an early end several are tested at once
+        if !self.values.iter().fold(true, |finite, value| finite & value.is_finite()) {
             return Err(Failure::Status(Status::ForceNotFinite));
         }
-        self.mass.copy_from_slice(&self.values[layout.mass()]);
-        let symmetric = is_symmetric(&self.mass, layout.n);
-        let definite = cholesky::factor(&mut self.mass, layout.n) > 0.0;
-        if !(symmetric && definite) {
+        let mass = &self.values[layout.mass()];
+        if !self.factor.is_of(mass) && !self.factor.renew(mass, is_symmetric(mass, layout.n)) {
             return Err(Failure::Status(Status::MassNotDefinite));
         }
         self.free.copy_from_slice(&self.values[layout.force()]);
-        cholesky::solve(&self.mass, layout.n, &mut self.free);
+        self.factor.solve(&mut self.free);
         for i in 0..layout.rows() {
             self.b[i] = dot(self.normal(i), &self.free) + self.curvature(i);
         }
@@ -148,7 +147,7 @@ impl Kinetics {
 
     /// `x <- M^-1 x`.
     pub(super) fn solve_mass(&self, x: &mut [f64]) {
-        cholesky::solve(&self.mass, self.layout.n, x);
+        self.factor.solve(x);
     }
 
     /// `g_i`.
@@ -240,7 +239,7 @@ impl Kinetics {
             let gradient = self.layout.gradient().start + i * n;
             let row = &mut self.mobility[i * n..][..n];
             row.copy_from_slice(&self.values[gradient..][..n]);
-            cholesky::solve(&self.mass, n, row);
+            self.factor.solve(row);
             self.known = self.known.with(GapSet::of(i));
         }
         &self.mobility[i * n..][..n]

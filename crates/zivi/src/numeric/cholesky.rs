@@ -36,9 +36,114 @@ pub(crate) fn solve(l: &[f64], n: usize, b: &mut [f64]) {
     }
 }
 
+/// The factor of a matrix that is often the same again.
+#[derive(Clone, Debug)]
+pub(crate) struct Factor {
+    n: usize,
+    /// The matrix that was factored last.
+    of: Vec<f64>,
+    /// `L` by rows, of one that is definite.
+    l: Vec<f64>,
+    /// `L` by columns: `L^T` by rows.
+    transposed: Vec<f64>,
+    /// `1/l_ii`.
+    inverses: Vec<f64>,
+    is_known: bool,
+}
+
+/// Below it columns are too short to be changed at once.
+const COLUMNS: usize = 5;
+
+impl Factor {
+    pub(crate) fn new(n: usize) -> Self {
+        let zeros = || vec![0.0; n * n];
+        let (of, l, transposed, inverses) = (zeros(), zeros(), zeros(), vec![0.0; n]);
+        Self { n, of, l, transposed, inverses, is_known: false }
+    }
+
+    /// Whether it is that of this matrix, bit for bit.
+    #[inline]
+    pub(crate) fn is_of(&self, a: &[f64]) -> bool {
+        let same = |same: bool, (x, y): (&f64, &f64)| same & (x.to_bits() == y.to_bits());
+        self.is_known && a.iter().zip(&self.of).fold(true, same)
+    }
+
+    /// Factors another matrix if that is symmetric: whether it is that, and definite.
+    pub(crate) fn renew(&mut self, a: &[f64], is_symmetric: bool) -> bool {
+        let Self { n, of, l, transposed, inverses, is_known } = self;
+        of.copy_from_slice(a);
+        l.copy_from_slice(a);
+        *is_known = is_symmetric && factor(l, *n) > 0.0;
+        for i in 0..*n {
+            for j in 0..=i {
+                transposed[j * *n + i] = l[i * *n + j];
+            }
+            inverses[i] = 1.0 / l[i * *n + i];
+        }
+        *is_known
+    }
+
+    /// `b <- A^-1 b`, of few unknowns to the last bit as [`solve`].
+    pub(crate) fn solve(&self, b: &mut [f64]) {
+        let Self { n, l, transposed, inverses, .. } = self;
+        let n = *n;
+        if n < COLUMNS {
+            return solve(l, n, b);
+        }
+        // by columns, whose entries change at once
+        let b = &mut b[..n];
+        for j in 0..n {
+            let column = &transposed[j * n..][..n];
+            b[j] *= inverses[j];
+            let x = b[j];
+            for (b, l) in b[j + 1..].iter_mut().zip(&column[j + 1..]) {
+                *b -= l * x;
+            }
+        }
+        for i in (0..n).rev() {
+            let row = &l[i * n..][..n];
+            b[i] *= inverses[i];
+            let x = b[i];
+            for (b, l) in b[..i].iter_mut().zip(row) {
+                *b -= l * x;
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_kept_factor_solves_as_a_new_one() {
+        let mut random = 0.3_f64;
+        for n in 1..9 {
+            let mut draw = || {
+                random = (random * 997.0 + 0.1).fract();
+                random - 0.5
+            };
+            let g: Vec<f64> = (0..n * n).map(|_| draw()).collect();
+            let b: Vec<f64> = (0..n).map(|_| draw()).collect();
+            let row = |i: usize| &g[i * n..][..n];
+            let entry = |i: usize, j: usize| {
+                let product: f64 = row(i).iter().zip(row(j)).map(|(x, y)| x * y).sum();
+                product + if i == j { 1.0 } else { 0.0 }
+            };
+            let a: Vec<f64> = (0..n * n).map(|k| entry(k / n, k % n)).collect();
+            let (mut l, mut x, mut y) = (a.clone(), b.clone(), b.clone());
+            assert!(factor(&mut l, n) > 0.0);
+            solve(&l, n, &mut x);
+            let mut kept = Factor::new(n);
+            assert!(!kept.is_of(&a) && kept.renew(&a, true) && kept.is_of(&a));
+            kept.solve(&mut y);
+            let rounding = if n < COLUMNS { 0.0 } else { 1e-14 };
+            assert!(x.iter().zip(&y).all(|(x, y)| (x - y).abs() <= rounding));
+            assert!(!kept.renew(&a, false) && !kept.is_of(&a));
+            let negative: Vec<f64> = a.iter().map(|a| -a).collect();
+            assert!(!kept.renew(&negative, true) && !kept.is_of(&negative));
+        }
+    }
 
     #[test]
     fn solves_what_is_definite_and_tells_what_is_not() {

@@ -10,6 +10,9 @@
 //! The slip speeds are `w = B q' + beta`, their accelerations `w' = B q'' + k`, see [`super::friction`].
 
 use std::ops::Range;
+use std::sync::Arc;
+
+use crate::system::linear_system::LinearSystem;
 
 use super::friction::Friction;
 
@@ -133,6 +136,11 @@ pub trait Dynamics<E> {
     /// a pulse, and are not probed for one.
     fn is_steady(&self) -> bool {
         false
+    }
+
+    /// The matrices, loads and gaps, where the system is a linear one.
+    fn linear(&self) -> Option<&Arc<LinearSystem>> {
+        None
     }
 }
 

@@ -5,6 +5,8 @@ pub(crate) mod evaluation;
 pub mod force;
 pub mod friction;
 pub mod impact_law;
+pub mod linear_dynamics;
+pub mod linear_system;
 pub mod moving_wall;
 pub mod partials;
 pub mod slopes;
