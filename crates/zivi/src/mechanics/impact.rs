@@ -21,7 +21,7 @@ use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::system::dynamics::Dynamics;
-use crate::system::friction::Friction;
+use crate::system::friction::{Friction, FrictionalImpact};
 use crate::zeno::bounce::restored;
 use crate::Status;
 
@@ -114,6 +114,11 @@ impl Impacts {
         self.count
     }
 
+    /// Whether an impact without a collision follows where no motion obeys the law of friction.
+    pub(super) fn continues_where_jammed(&self) -> bool {
+        self.friction.impact_without_collision
+    }
+
     /// The impact on the gaps `hit` at a state, which becomes that after it.
     pub(super) fn solve<E, D: Dynamics<E>>(
         &mut self,
@@ -126,7 +131,8 @@ impl Impacts {
         state.evaluate(model)?;
         let touched = touched(state, hit);
         let set = before.with(hit).with(touched);
-        let rough = set.iter().any(|gap| state.kinetics().channel_of(gap).is_some());
+        let newton = self.friction.law == FrictionalImpact::Newton;
+        let rough = !newton || set.iter().any(|gap| state.kinetics().channel_of(gap).is_some());
         if !rough {
             state.parts().0.solve(set, |_, _| 0.0)?;
         }
@@ -161,7 +167,8 @@ impl Impacts {
         occurrences.extend(opened.iter().map(opened_by));
         let all_bounce = hit.without(exchanged.positive).is_empty() && touched.is_empty();
         let changes_contacts = closed != before;
-        let kicks = state.mode() != mode;
+        // other laws make ratios of their own
+        let kicks = state.mode() != mode || !newton;
         state.note_transitions(mode, occurrences);
         let pattern = exchanged.pattern;
         let elastic = |c: usize| self.friction.channels[c].e_t > 0.0;
@@ -231,7 +238,8 @@ impl Impacts {
         }
         let before = rates.to_vec();
         let (e, friction) = (&self.e[..], &self.friction);
-        let collision = Collision { set, e, friction, before: &before };
+        let is_jammed = hit.is_empty();
+        let collision = Collision { set, e, friction, before: &before, is_jammed };
         let found = collision.solve(kinetics)?;
         rates.copy_from_slice(&found.rates);
         now.xdot[..n].iter_mut().zip(&found.push).for_each(|(w, push)| *w += push);
@@ -255,6 +263,7 @@ impl Impacts {
         let flags = [
             (FlagKind::EnergyGain, found.gain, found.gain > GAIN * energy),
             (FlagKind::ImpactNotUnique, 0.0, found.is_ambiguous),
+            (FlagKind::ImpactWithoutCollision, 0.0, is_jammed),
         ];
         for (kind, size, _) in flags.into_iter().filter(|flag| flag.2) {
             occurrences.push(Occurrence::Flag { kind, t, gaps: set, size });

@@ -94,7 +94,17 @@ impl MechanicalIntegrator {
         model: &mut Model<'_, D>,
     ) -> Result<Option<f64>, Failure<E>> {
         self.impacts.start(t);
-        match self.state.start(t, at, model)? {
+        let begun = match self.state.start(t, at, model) {
+            // an impact on no gap: one without a collision
+            Err(Failure::Status(Status::InconsistentContact))
+                if self.impacts.continues_where_jammed() =>
+            {
+                self.next = Next::LocatedEvent(GapSet::EMPTY);
+                return Ok(None);
+            }
+            begun => begun?,
+        };
+        match begun {
             Start::Overlap(gap) => return Ok(Some(gap)),
             Start::At(hit) if !hit.is_empty() => self.next = Next::LocatedEvent(hit),
             // friction of closed gaps and joints begins here
@@ -116,9 +126,18 @@ impl MechanicalIntegrator {
             return Err(Failure::Status(Status::ContactNotSolved));
         }
         match std::mem::replace(&mut self.next, Next::Step) {
-            Next::LocatedEvent(gaps) => return self.strike(gaps, model),
-            Next::Release { limit, h } => return self.open(limit, h, model),
-            Next::Stop(channels) => return self.stop_slip(channels, model),
+            Next::LocatedEvent(gaps) => {
+                let struck = self.strike(gaps, model);
+                return self.unjammed(struck, model);
+            }
+            Next::Release { limit, h } => {
+                let opened = self.open(limit, h, model);
+                return self.unjammed(opened, model);
+            }
+            Next::Stop(channels) => {
+                let stopped = self.stop_slip(channels, model);
+                return self.unjammed(stopped, model);
+            }
             Next::Jump(ahead) if ahead.landing.t <= t_end => {
                 let (dense_from, at) =
                     (self.motion.steps().dense_from(), (self.impacts.e(), &mut self.state));
@@ -150,6 +169,22 @@ impl MechanicalIntegrator {
             let (kind, t, gaps) = (FlagKind::UndeterminedForces, self.state.now().t, mode.closed);
             self.occurrences.push(Occurrence::Flag { kind, t, gaps, size });
             self.undetermined = mode;
+        }
+    }
+
+    /// Where no motion obeys the law of friction, an impact without a collision, if that is asked for.
+    fn unjammed<E, D: Dynamics<E>>(
+        &mut self,
+        piece: Result<Piece, Failure<E>>,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        match piece {
+            Err(Failure::Status(Status::InconsistentContact))
+                if self.impacts.continues_where_jammed() =>
+            {
+                self.strike(GapSet::EMPTY, model)
+            }
+            piece => piece,
         }
     }
 

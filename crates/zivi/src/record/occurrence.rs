@@ -165,6 +165,8 @@ pub enum FlagKind {
     UndeterminedForces,
     /// A slip speed touched zero: whether it sticks is not decided by the data.
     SlipGraze,
+    /// No motion in contact obeyed the law of friction: an impact that no collision made.
+    ImpactWithoutCollision,
     /// An accumulation was ended at the smallest speed, not extrapolated.
     ForcedLanding,
 }
@@ -180,6 +182,7 @@ impl FlagKind {
             FlagKind::ImpactNotUnique => "impact_not_unique",
             FlagKind::UndeterminedForces => "undetermined_forces",
             FlagKind::SlipGraze => "slip_graze",
+            FlagKind::ImpactWithoutCollision => "impact_without_collision",
             FlagKind::ForcedLanding => "forced_landing",
         }
     }

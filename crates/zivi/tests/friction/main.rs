@@ -1,5 +1,6 @@
 //! Mechanical systems with dry friction.
 
 mod closed_forms;
+mod impacts;
 mod models;
 mod references;

@@ -18,7 +18,7 @@ use crate::mechanics::kinetics::{dot, Kinetics};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::system::friction::Friction;
+use crate::system::friction::{Friction, FrictionalImpact};
 use crate::zeno::bounce::restored;
 use crate::Status;
 
@@ -26,6 +26,8 @@ use crate::Status;
 const MISFIT: (f64, f64) = (1e-11, 1e-9);
 /// Speeds after an impact that differ by less are the same.
 const SAME: f64 = 1e-9;
+/// An impulse below this part of what the speeds would take is none.
+const PRESSED: f64 = 1e-9;
 /// Most patterns that are tried.
 const MOST: usize = 1 << 14;
 
@@ -55,11 +57,26 @@ pub(in crate::mechanics) struct Collision<'r> {
     pub(in crate::mechanics) friction: &'r Friction,
     /// Rates by row before the impact.
     pub(in crate::mechanics) before: &'r [f64],
+    /// Whether there is no collision: the impulses are those without which no motion obeys the law.
+    pub(in crate::mechanics) is_jammed: bool,
 }
 
 impl Collision<'_> {
-    /// The impact, where the system has just been evaluated.
+    /// The impact by the law of the system, where that has just been evaluated.
     pub(in crate::mechanics) fn solve<E>(
+        &self,
+        kinetics: &mut Kinetics,
+    ) -> Result<FrictionalExchange, Failure<E>> {
+        match self.friction.law {
+            _ if self.is_jammed => self.newton(kinetics),
+            FrictionalImpact::Newton => self.newton(kinetics),
+            FrictionalImpact::Poisson => self.poisson(kinetics),
+            FrictionalImpact::Stronge => self.stronge(kinetics),
+        }
+    }
+
+    /// The impact by equation (1).
+    pub(super) fn newton<E>(
         &self,
         kinetics: &mut Kinetics,
     ) -> Result<FrictionalExchange, Failure<E>> {
@@ -74,27 +91,18 @@ impl Collision<'_> {
         for number in 0..count {
             found.extend(self.on_pattern(pattern(&ways, number), kinetics));
         }
-        let least = found.iter().fold(f64::INFINITY, |least, it| least.min(it.violation));
-        if least.is_nan() || least > MISFIT.1 {
-            return Err(Failure::Status(Status::ImpactNotSolved));
-        }
-        found.retain(|it| it.violation <= MISFIT.0.max(least));
-        // the first of those that stick most
-        let order = |it: &FrictionalExchange| it.pattern.stick.len();
-        let most = found.iter().map(order).max().unwrap_or(0);
-        let at = found.iter().position(|it| order(it) == most).unwrap_or(0);
-        let mut chosen = found.swap_remove(at);
         let fastest = self.fastest(kinetics);
-        let differs = |it: &FrictionalExchange| {
-            let pairs = it.rates.iter().zip(&chosen.rates).enumerate();
-            pairs.into_iter().any(|(row, (a, b))| (a - b).abs() > SAME * fastest[row])
-        };
-        chosen.is_ambiguous = found.iter().any(differs);
-        Ok(chosen)
+        if self.is_jammed {
+            found.retain(|it| {
+                let mut least = |gap: usize| PRESSED * fastest[gap] / kinetics.d(gap, gap);
+                self.set.iter().any(|gap| it.impulses[gap] > least(gap))
+            });
+        }
+        chosen(found, &fastest).ok_or(Failure::Status(Status::ImpactNotSolved))
     }
 
     /// The scale of the rates of each row.
-    fn fastest(&self, kinetics: &mut Kinetics) -> Vec<f64> {
+    pub(super) fn fastest(&self, kinetics: &mut Kinetics) -> Vec<f64> {
         let rows = self.before.len();
         let mut momentum = 0.0_f64;
         for gap in self.set.iter() {
@@ -129,10 +137,22 @@ impl Collision<'_> {
         let impulses = impulses(&edges, &forces, pattern, kinetics);
         let rates = self.rates(pattern, &push, kinetics);
         let violation = self.violation(pattern, &impulses, &rates, kinetics);
+        Some(self.exchange(pattern, impulses, push, rates, violation))
+    }
+
+    /// An impact with what it does to the energy (2).
+    pub(super) fn exchange(
+        &self,
+        pattern: ContactMode,
+        impulses: Vec<f64>,
+        push: Vec<f64>,
+        rates: Vec<f64>,
+        violation: f64,
+    ) -> FrictionalExchange {
         let both = rates.iter().zip(self.before).zip(&impulses);
         let gain = both.map(|((after, before), impulse)| 0.5 * impulse * (after + before)).sum();
         let is_ambiguous = false;
-        Some(FrictionalExchange { pattern, impulses, push, rates, gain, is_ambiguous, violation })
+        FrictionalExchange { pattern, impulses, push, rates, gain, is_ambiguous, violation }
     }
 
     /// Rates by row after the impact: exact where the pattern says them.
@@ -185,6 +205,28 @@ impl Collision<'_> {
         }
         worst
     }
+}
+
+/// The first of the impacts that stick most among those that obey the inequalities.
+pub(super) fn chosen(
+    mut found: Vec<FrictionalExchange>,
+    fastest: &[f64],
+) -> Option<FrictionalExchange> {
+    let least = found.iter().fold(f64::INFINITY, |least, it| least.min(it.violation));
+    if least.is_nan() || least > MISFIT.1 {
+        return None;
+    }
+    found.retain(|it| it.violation <= MISFIT.0.max(least));
+    let order = |it: &FrictionalExchange| it.pattern.stick.len();
+    let most = found.iter().map(order).max()?;
+    let at = found.iter().position(|it| order(it) == most)?;
+    let mut chosen = found.swap_remove(at);
+    let differs = |it: &FrictionalExchange| {
+        let pairs = it.rates.iter().zip(&chosen.rates).zip(fastest);
+        pairs.into_iter().any(|((a, b), fastest)| (a - b).abs() > SAME * fastest)
+    };
+    chosen.is_ambiguous = found.iter().any(differs);
+    Some(chosen)
 }
 
 /// Which contacts have an impulse and what their friction does, by its number: all stick first.

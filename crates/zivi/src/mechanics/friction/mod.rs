@@ -13,6 +13,7 @@ mod contact;
 mod decide;
 mod impact;
 mod limits;
+mod restitution;
 
 use crate::record::failure::Failure;
 use crate::Status;
