@@ -2,7 +2,8 @@
 
 use super::kinetics::{Kinetics, Model};
 use super::output::{MechanicalRun, MechanicalSamples};
-use super::run::{check_sizes, check_smooth};
+use super::run::{check_friction, check_sizes};
+use crate::record::contact_mode::ContactMode;
 use crate::record::event_locator::{unknown, EventLocator, SmoothPart};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -50,6 +51,9 @@ pub(super) struct Stepped {
     pub(super) next_x: Vec<f64>,
     pub(super) next_v: Vec<f64>,
     pub(super) lambda: Vec<f64>,
+    pub(super) friction: Friction,
+    /// What friction does, and which gaps it acts on.
+    pub(super) pattern: ContactMode,
     /// The gaps that are at rest.
     pub(super) closed: GapSet,
     pub(super) group: u64,
@@ -65,21 +69,23 @@ const CONVERGED: f64 = 1e-13;
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 impl Stepped {
-    fn new(layout: Layout, e: &[f64], (q, w): (&[f64], &[f64])) -> Self {
-        let zeros = vec![0.0; layout.n + layout.m];
+    fn new(layout: Layout, e: &[f64], friction: &Friction, (q, w): (&[f64], &[f64])) -> Self {
+        let zeros = vec![0.0; layout.size()];
         let (mut x, mut v) = (zeros.clone(), zeros);
         x[..layout.n].copy_from_slice(q);
         v[..layout.n].copy_from_slice(w);
         Self {
             layout,
             e: e.to_vec(),
-            kinetics: Kinetics::new(layout, Friction::none()),
+            kinetics: Kinetics::new(layout, friction),
+            friction: friction.clone(),
+            pattern: ContactMode::default(),
             next_x: x.clone(),
             next_v: v.clone(),
             x,
             v,
             free: vec![0.0; layout.n],
-            lambda: vec![0.0; layout.m],
+            lambda: vec![0.0; layout.rows()],
             closed: GapSet::EMPTY,
             group: 0,
             occurrences: Vec::new(),
@@ -99,6 +105,9 @@ impl Stepped {
         for i in 0..self.layout.m {
             let (gap, rate) = (self.kinetics.gap(i), self.kinetics.rate(i, &self.v[..n]));
             (self.x[n + i], self.v[n + i]) = (gap, rate);
+        }
+        for row in self.layout.m..self.layout.rows() {
+            self.v[n + row] = self.kinetics.rate(row, &self.v[..n]);
         }
         Ok(())
     }
@@ -146,20 +155,25 @@ impl Stepped {
     }
 
     fn make_room<E>(&mut self, seeker: &mut StateEventLocator<'_, E>) -> Result<(), Failure<E>> {
-        let m = self.layout.m;
+        let rows = self.layout.rows();
         self.samples.make_room(&mut self.reserve, 1, self.layout)?;
-        self.reserve.room(&mut self.occurrences, 2 * m, 2 * size_of::<f64>())?;
+        self.reserve.room(&mut self.occurrences, 2 * rows, 2 * size_of::<f64>())?;
         seeker.make_room(&mut self.reserve)?;
         Ok(())
     }
 
     /// The present state.
     fn point(&self) -> MotionPoint {
-        MotionPoint { x: self.x.clone(), v: self.v.clone(), mode: self.closed.into() }
+        MotionPoint { x: self.x.clone(), v: self.v.clone(), mode: self.mode() }
+    }
+
+    /// The gaps at rest, and what friction does at them and in joints.
+    fn mode(&self) -> ContactMode {
+        ContactMode { closed: self.closed, ..self.pattern }
     }
 
     fn sample(&mut self, t: f64) {
-        self.samples.push(t, (&self.x, &self.v), &self.lambda, self.closed.into());
+        self.samples.push(t, (&self.x, &self.v), &self.lambda, self.mode());
     }
 
     /// Follows the user's events along the line between both ends of the step.
@@ -178,7 +192,7 @@ impl Stepped {
                 to.x[c] = self.x[c] + part * (self.next_x[c] - self.x[c]);
                 to.v[c] = self.v[c] + part * (self.next_v[c] - self.v[c]);
             }
-            to.mode = self.closed.into();
+            to.mode = self.mode();
         };
         let part = SmoothPart { span: (t, t_end), motion, crossings: unknown };
         seeker.along(&part).map_err(Failure::Raised)
@@ -197,9 +211,10 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
 ) -> Result<MechanicalRun<E>, SetupError> {
     let layout = dynamics.layout();
     check_sizes(layout, e, q, w)?;
-    check_smooth(layout)?;
+    let friction = dynamics.friction().clone();
+    check_friction(layout, &friction)?;
     let mut model = Model::new(dynamics);
-    let mut state = Stepped::new(layout, e, (q, w));
+    let mut state = Stepped::new(layout, e, &friction, (q, w));
     let duration = grid.t(grid.n_steps()) - grid.t(0);
     let mut seeker = EventLocator::new(events, state.point(), duration);
     let mut steps = 0;
@@ -215,7 +230,7 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
         Ok(None) => (Status::Completed, None),
         Ok(Some(hit)) => {
             let MotionPoint { x, v, mode } = &hit.at;
-            state.samples.push(hit.t, (x, v), &vec![0.0; layout.m], *mode);
+            state.samples.push(hit.t, (x, v), &vec![0.0; layout.rows()], *mode);
             (Status::TerminatedByEvent, None)
         }
         Err(Failure::Status(status)) => (status, None),

@@ -239,7 +239,8 @@ impl Impacts {
         let before = rates.to_vec();
         let (e, friction) = (&self.e[..], &self.friction);
         let is_jammed = hit.is_empty();
-        let collision = Collision { set, e, friction, before: &before, is_jammed };
+        let (free, duration) = (&before[..], 0.0);
+        let collision = Collision { set, e, friction, before: &before, free, duration, is_jammed };
         let found = collision.solve(kinetics)?;
         rates.copy_from_slice(&found.rates);
         now.xdot[..n].iter_mut().zip(&found.push).for_each(|(w, push)| *w += push);

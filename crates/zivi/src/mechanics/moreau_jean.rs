@@ -6,21 +6,24 @@
 //! 0 <= P  perp  g'+ + e g' >= 0          on I = {i: g_i + h/2 g_i' <= 0}                    (1)
 //! ```
 //!
-//! `A = M^-1 F`; mass matrix and gradients of the impulses are those at the end of the step, found
+//! With friction the impulses are those of [`super::friction`], with `-P_T in mu P_N Sign(w+ + e_t w-)` at
+//! gaps and `-P_T in h L Sign(w+)` in joints. `A = M^-1 F`; mass matrix and gradients of the impulses are those at the end of the step, found
 //! with it by fixed-point iteration. Contact is decided at velocity level, so a gap may be
 //! negative, by up to about `h |g'|`. The order is one, through accumulations of any kind. Where
 //! the `e_i` differ, impulses on several gaps of which some open may raise the energy.
 
 use super::contact_problem::problem;
 use super::fixed_steps::{simulate, Scheme, Stepped};
+use super::friction::Collision;
 use super::kinetics::Model;
 use super::lcp;
 use super::output::MechanicalRun;
+use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::record::occurrence::Occurrence;
 use crate::record::point::MotionPoint;
-use crate::system::dynamics::Dynamics;
+use crate::system::dynamics::{Dynamics, Layout};
 use crate::{Grid, Monitor, MoreauJean, SetupError, Status, UserEvent};
 
 /// Simulates a mechanical system with Moreau-Jean time stepping.
@@ -40,12 +43,22 @@ pub fn simulate_mechanical_moreau_jean<E, D: Dynamics<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<MechanicalRun<E>, SetupError> {
     let MoreauJean { theta } = method.validated()?;
-    simulate(Impulses { theta }, dynamics, e, grid, (q, w), events, monitor)
+    simulate(
+        Impulses { theta, before: ContactMode::default() },
+        dynamics,
+        e,
+        grid,
+        (q, w),
+        events,
+        monitor,
+    )
 }
 
 /// The scheme.
 struct Impulses {
     theta: f64,
+    /// What friction did in the last step.
+    before: ContactMode,
 }
 
 impl Scheme for Impulses {
@@ -75,12 +88,18 @@ impl Scheme for Impulses {
                 state.next_x[n + i] = state.kinetics.gap(i);
                 state.next_v[n + i] = state.kinetics.rate(i, &state.next_v[..n]);
             }
+            if state.layout.p > 0 {
+                state.take_slips(h, theta);
+            }
             let mut w = vec![0.0; n];
             state.kinetics.free_to(&mut w);
             for ((w, v), first) in w.iter_mut().zip(&state.v).zip(&first) {
                 *w = v + h * (theta * *w + (1.0 - theta) * first);
             }
-            push(state, set, &mut w)?;
+            match state.layout.p {
+                0 => push(state, set, &mut w)?,
+                _ => push_with_friction(state, (set, h), &mut w)?,
+            }
             let mean = |(w, v): (&f64, &f64)| theta * w + (1.0 - theta) * v;
             let rates = w.iter().zip(&state.v).map(mean);
             let q: Vec<f64> = rates.zip(&state.x).map(|(rate, x)| x + h * rate).collect();
@@ -90,7 +109,8 @@ impl Scheme for Impulses {
 
     fn note<E>(&mut self, t: f64, t_end: f64, state: &mut Stepped) -> Result<(), Failure<E>> {
         let (n, h) = (state.layout.n, t_end - t);
-        state.group += u64::from(state.lambda.iter().any(|&impulse| impulse > 0.0));
+        let gaps = &state.lambda[..state.layout.m];
+        state.group += u64::from(gaps.iter().any(|&impulse| impulse > 0.0));
         for gap in 0..state.layout.m {
             let (before, after) = (state.next_v[n + gap], state.v[n + gap]);
             let impulse = state.lambda[gap];
@@ -114,8 +134,52 @@ impl Scheme for Impulses {
             }
         }
         state.lambda.iter_mut().for_each(|impulse| *impulse /= h);
+        for channel in 0..state.layout.p {
+            let (was, is) = (self.before.number(channel), state.pattern.number(channel));
+            if was != is && is != 2 {
+                let it = Occurrence::Transition { t: t_end, channel, before: was, after: is };
+                state.occurrences.push(it);
+            }
+        }
+        self.before = state.pattern;
         Ok(())
     }
+}
+
+impl Stepped {
+    /// Slips at the end of the step, how far they went, and the work of friction.
+    fn take_slips(&mut self, h: f64, theta: f64) {
+        let Layout { n, m, p } = self.layout;
+        let mut work = 0.0;
+        for row in m..m + p {
+            let sticks =
+                self.pattern.stick.has(row - m) && self.friction.channels[row - m].e_t == 0.0;
+            let rate = self.kinetics.rate(row, &self.next_v[..n]);
+            let c = n + row;
+            self.next_v[c] = if sticks { 0.0 } else { rate };
+            self.next_x[c] = self.x[c] + h * (theta * self.next_v[c] + (1.0 - theta) * self.v[c]);
+            work -= 0.5 * self.lambda[row] * (self.next_v[c] + self.v[c]);
+        }
+        self.next_v[n + m + p] = self.v[n + m + p] + work;
+    }
+}
+
+/// Adds the impulses of a step with friction to the velocities.
+fn push_with_friction<E>(
+    state: &mut Stepped,
+    (set, duration): (GapSet, f64),
+    w: &mut [f64],
+) -> Result<(), Failure<E>> {
+    let Layout { n, m, p } = state.layout;
+    let free: Vec<f64> = (0..m + p).map(|row| state.kinetics.rate(row, w)).collect();
+    let Stepped { e, v, friction, kinetics, .. } = state;
+    let (before, is_jammed) = (&v[n..n + m + p], false);
+    let collision = Collision { set, e, friction, before, free: &free, duration, is_jammed };
+    let found = collision.newton(kinetics)?;
+    w.iter_mut().zip(&found.push).for_each(|(w, push)| *w += push);
+    state.lambda.copy_from_slice(&found.impulses);
+    state.pattern = found.pattern;
+    Ok(())
 }
 
 /// Adds the impulses of (1) to the velocities.

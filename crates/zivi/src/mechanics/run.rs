@@ -127,7 +127,10 @@ pub(super) fn check_smooth(layout: Layout) -> Result<(), SetupError> {
     }
 }
 
-fn check_friction(Layout { m, p, .. }: Layout, friction: &Friction) -> Result<(), SetupError> {
+pub(super) fn check_friction(
+    Layout { m, p, .. }: Layout,
+    friction: &Friction,
+) -> Result<(), SetupError> {
     if friction.channels.len() != p {
         return Err(SetupError::Count("friction", friction.channels.len(), "one for each channel"));
     }

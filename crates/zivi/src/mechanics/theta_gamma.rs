@@ -17,6 +17,7 @@
 use super::fixed_steps::{simulate, Scheme, Stepped};
 use super::kinetics::Model;
 use super::output::MechanicalRun;
+use super::run::check_smooth;
 use crate::record::events::EventLog;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -43,6 +44,7 @@ pub fn simulate_mechanical_theta_gamma<E, D: Dynamics<E>>(
     events: Vec<UserEvent<'_, E, MotionPoint>>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<MechanicalRun<E>, SetupError> {
+    check_smooth(dynamics.layout())?;
     let step = |&e: &f64| {
         let restitution = Restitution::from_e(e);
         let restitution = restitution.map_err(|_| SetupError::Setting("e", e, "from 0 to 1"))?;

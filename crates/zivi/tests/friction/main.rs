@@ -4,3 +4,4 @@ mod closed_forms;
 mod impacts;
 mod models;
 mod references;
+mod time_stepping;

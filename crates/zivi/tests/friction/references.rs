@@ -23,18 +23,18 @@ fn numbers(value: &Value) -> Vec<f64> {
 /// What happened, in which gap or channel, and when.
 type Event = (String, usize, f64);
 
-struct Case {
-    name: String,
-    family: String,
-    parameters: Parameters,
-    q0: Vec<f64>,
-    w0: Vec<f64>,
-    span: (f64, f64),
+pub(crate) struct Case {
+    pub(crate) name: String,
+    pub(crate) family: String,
+    pub(crate) parameters: Parameters,
+    pub(crate) q0: Vec<f64>,
+    pub(crate) w0: Vec<f64>,
+    pub(crate) span: (f64, f64),
     events: Vec<Event>,
-    checkpoints: Vec<(f64, Vec<f64>)>,
+    pub(crate) checkpoints: Vec<(f64, Vec<f64>)>,
 }
 
-fn cases() -> Vec<Case> {
+pub(crate) fn cases() -> Vec<Case> {
     let path =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/friction_references.json");
     let file: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();

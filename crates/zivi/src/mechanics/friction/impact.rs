@@ -14,7 +14,7 @@
 //! kinetic cosine of normal and tangent; elsewhere it may, which is told.
 
 use super::contact::Edges;
-use crate::mechanics::kinetics::{dot, Kinetics};
+use crate::mechanics::kinetics::{axpy, dot, Kinetics};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -55,8 +55,12 @@ pub(in crate::mechanics) struct Collision<'r> {
     /// Restitutions by gap, and by channel.
     pub(in crate::mechanics) e: &'r [f64],
     pub(in crate::mechanics) friction: &'r Friction,
-    /// Rates by row before the impact.
+    /// Rates by row before the impact, and those that there are without it: the same, but over a step
+    /// of time.
     pub(in crate::mechanics) before: &'r [f64],
+    pub(in crate::mechanics) free: &'r [f64],
+    /// The length of the step over which joints have an impulse; in an impact they have none.
+    pub(in crate::mechanics) duration: f64,
     /// Whether there is no collision: the impulses are those without which no motion obeys the law.
     pub(in crate::mechanics) is_jammed: bool,
 }
@@ -76,14 +80,17 @@ impl Collision<'_> {
     }
 
     /// The impact by equation (1).
-    pub(super) fn newton<E>(
+    pub(in crate::mechanics) fn newton<E>(
         &self,
         kinetics: &mut Kinetics,
     ) -> Result<FrictionalExchange, Failure<E>> {
-        let ways: Vec<(usize, Option<usize>)> =
-            self.set.iter().map(|gap| (gap, kinetics.channel_of(gap))).collect();
-        let counts = ways.iter().map(|(_, channel)| if channel.is_some() { 4 } else { 2 });
-        let count = counts.fold(1_usize, |all, count| all.saturating_mul(count));
+        let joints = (0..kinetics.layout.p)
+            .filter(|&channel| self.duration > 0.0 && kinetics.gap_of(channel).is_none());
+        let ways: Vec<Way> = (self.set.iter())
+            .map(|gap| (Some(gap), kinetics.channel_of(gap)))
+            .chain(joints.map(|channel| (None, Some(channel))))
+            .collect();
+        let count = ways.iter().fold(1_usize, |all, &way| all.saturating_mul(count(way)));
         if count > MOST {
             return Err(Failure::Status(Status::ImpactNotSolved));
         }
@@ -105,12 +112,12 @@ impl Collision<'_> {
     pub(super) fn fastest(&self, kinetics: &mut Kinetics) -> Vec<f64> {
         let rows = self.before.len();
         let mut momentum = 0.0_f64;
-        for gap in self.set.iter() {
-            momentum = momentum.max(self.before[gap].abs() / kinetics.d(gap, gap).sqrt());
-            if let Some(channel) = kinetics.channel_of(gap) {
-                let row = kinetics.row(channel);
-                momentum = momentum.max(self.before[row].abs() / kinetics.d(row, row).sqrt());
-            }
+        let slips = (0..kinetics.layout.p)
+            .filter(|&c| kinetics.gap_of(c).map_or(self.duration > 0.0, |gap| self.set.has(gap)));
+        let slips: Vec<usize> = slips.map(|channel| kinetics.row(channel)).collect();
+        for row in self.set.iter().chain(slips) {
+            let rate = self.before[row].abs().max(self.free[row].abs());
+            momentum = momentum.max(rate / kinetics.d(row, row).sqrt());
         }
         (0..rows).map(|row| momentum * kinetics.d(row, row).sqrt()).collect()
     }
@@ -123,18 +130,33 @@ impl Collision<'_> {
     ) -> Option<FrictionalExchange> {
         let edges = kinetics.edges(pattern).ok()?;
         let n = kinetics.coordinates();
-        let target = |at: &Kinetics, row: usize| match row.checked_sub(at.layout.m) {
-            None => (1.0 + self.e[row]) * self.before[row],
-            Some(channel) => (1.0 + self.friction.channels[channel].e_t) * self.before[row],
+        let mut push = vec![0.0; n];
+        let mut pulls = vec![0.0; kinetics.layout.p];
+        for channel in pattern.slipping().iter().filter(|_| self.duration > 0.0) {
+            if kinetics.gap_of(channel).is_none() {
+                let (row, limit) = (kinetics.row(channel), kinetics.friction_limits(channel).0);
+                pulls[channel] = -self.duration * limit * pattern.sign(channel);
+                let along = kinetics.mobility(row).to_vec();
+                axpy(&mut push, pulls[channel], &along);
+            }
+        }
+        let target = |at: &Kinetics, row: usize| {
+            let back = match row.checked_sub(at.layout.m) {
+                None => self.e[row] * self.before[row],
+                Some(channel) => self.friction.channels[channel].e_t * self.before[row],
+            };
+            back + self.free[row] + dot(at.normal(row), &push)
         };
         let at = &*kinetics;
         let forces = edges.solve(|row| -target(at, row));
         if !forces.iter().all(|force| force.is_finite()) {
             return None;
         }
-        let mut push = vec![0.0; n];
         edges.push(&forces, &mut push);
-        let impulses = impulses(&edges, &forces, pattern, kinetics);
+        let mut impulses = impulses(&edges, &forces, pattern, kinetics);
+        for (channel, pull) in pulls.into_iter().enumerate().filter(|(_, pull)| *pull != 0.0) {
+            impulses[kinetics.row(channel)] = pull;
+        }
         let rates = self.rates(pattern, &push, kinetics);
         let violation = self.violation(pattern, &impulses, &rates, kinetics);
         Some(self.exchange(pattern, impulses, push, rates, violation))
@@ -160,7 +182,7 @@ impl Collision<'_> {
         let rows = kinetics.rows_of(pattern);
         let each = self.before.iter().enumerate().map(|(row, &before)| {
             if !rows.has(row) {
-                return before + dot(kinetics.normal(row), push);
+                return self.free[row] + dot(kinetics.normal(row), push);
             }
             match row.checked_sub(kinetics.layout.m) {
                 None => restored(self.e[row], before),
@@ -203,6 +225,19 @@ impl Collision<'_> {
                 against(pattern.sign(channel) * slip, fastest[row]);
             }
         }
+        for channel in (0..kinetics.layout.p).filter(|_| self.duration > 0.0) {
+            if kinetics.gap_of(channel).is_some() {
+                continue;
+            }
+            let (row, most) =
+                (kinetics.row(channel), self.duration * kinetics.friction_limits(channel).1);
+            if pattern.stick.has(channel) {
+                let scale = fastest[row] / kinetics.d(row, row) + most;
+                against(most - impulses[row].abs(), scale);
+            } else {
+                against(pattern.sign(channel) * rates[row], fastest[row]);
+            }
+        }
         worst
     }
 }
@@ -229,17 +264,27 @@ pub(super) fn chosen(
     Some(chosen)
 }
 
+/// A gap and its channel, or a joint.
+type Way = (Option<usize>, Option<usize>);
+
+/// How many ways there are: sticking, slipping one way or the other, and open.
+fn count((gap, channel): Way) -> usize {
+    1 + if channel.is_some() { 2 } else { 0 } + usize::from(gap.is_some())
+}
+
 /// Which contacts have an impulse and what their friction does, by its number: all stick first.
-fn pattern(ways: &[(usize, Option<usize>)], number: usize) -> ContactMode {
+fn pattern(ways: &[Way], number: usize) -> ContactMode {
     let (mut mode, mut rest) = (ContactMode::default(), number);
     for &(gap, channel) in ways {
-        let count = if channel.is_some() { 4 } else { 2 };
+        let count = count((gap, channel));
         let way = rest % count;
         rest /= count;
-        if way + 1 == count {
-            continue;
+        if let Some(gap) = gap {
+            if way + 1 == count {
+                continue;
+            }
+            mode.closed = mode.closed.with(GapSet::of(gap));
         }
-        mode.closed = mode.closed.with(GapSet::of(gap));
         if let Some(channel) = channel {
             mode = mode.with_channel(channel, [0.0, 1.0, -1.0][way]);
         }

@@ -1,0 +1,54 @@
+//! Moreau-Jean time stepping with friction.
+
+use zivi::mechanics::simulate_mechanical_moreau_jean;
+use zivi::{Grid, MoreauJean, Silent, Status};
+
+use crate::models::of_family;
+use crate::references::cases;
+
+#[test]
+fn time_stepping_converges_to_the_references() {
+    for (name, errors) in [
+        ("incline_stick", [1e-3, 1e-4]),
+        ("belt2", [1e-2, 1e-3]),
+        ("coulomb", [2e-2, 2e-3]),
+        ("feeder", [2e-2, 2e-3]),
+        ("rock_slide", [5e-2, 1e-2]),
+        ("rod_fall", [4e-2, 4e-3]),
+    ] {
+        let case = cases().into_iter().find(|case| case.name == name).unwrap();
+        let exact = &case.checkpoints.last().unwrap().1;
+        for (h, most) in [1e-2, 6.25e-4].into_iter().zip(errors) {
+            let mut system = of_family(&case.family, &case.parameters);
+            let e = system.e.clone();
+            let grid = Grid::new(case.span.0, case.span.1, h).unwrap();
+            let start = (&case.q0[..], &case.w0[..]);
+            let method = MoreauJean { theta: 0.5 };
+            let run = simulate_mechanical_moreau_jean(
+                method,
+                &mut system,
+                &e,
+                grid,
+                start,
+                Vec::new(),
+                &mut Silent,
+            )
+            .unwrap();
+            assert_eq!(run.status, Status::Completed, "{name} {h}");
+            let (n, size) = (run.layout.n, run.layout.size());
+            let last = run.samples.t.len() - 1;
+            let (x, v) = (&run.samples.x[last * size..], &run.samples.v[last * size..]);
+            let found = [&x[..n], &v[..n]].concat();
+            let pairs = found.iter().zip(exact);
+            let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            println!("{name} {h} {error:e}");
+            assert!(error < most, "{name} {h} {error:e}");
+            // what sticks does so exactly
+            for (k, mode) in run.samples.modes.iter().enumerate() {
+                for channel in mode.stick.iter() {
+                    assert_eq!(run.samples.v[k * size + n + run.layout.m + channel], 0.0);
+                }
+            }
+        }
+    }
+}
