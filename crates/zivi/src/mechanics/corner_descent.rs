@@ -6,7 +6,8 @@
 //!
 //! with `c` of degree 5 through both ends as for one bouncing gap, `r_i` the line of the directions
 //! in which gap `i` alone is moved, and `Y` the parabolas of [`super::nest`]. `kappa` makes the last
-//! of them end in the corner, which is known better.
+//! of them end in the corner, which is known better. Where one gap bounces with a ratio that friction
+//! makes, each arc has two halves, under the friction of its rise and of its fall.
 
 use super::mechanism::Mechanism;
 use super::nested_accumulation::{NestedAccumulation, NestedArc};
@@ -20,6 +21,8 @@ use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, Layout};
 
+/// Most arcs of two halves.
+const HALVES: usize = 2048;
 /// Largest part by which the times of the arcs are stretched to end in the corner.
 const STRETCH: f64 = 0.3;
 
@@ -32,14 +35,68 @@ pub(super) struct CornerEntry {
     set: GapSet,
     /// The directions `r_i` there, by gap of the set.
     directions: Vec<Vec<f64>>,
+    /// What friction does there.
+    mode: ContactMode,
+    /// The gap that bounces alone, and the two halves of its arcs: mode and pull to the wall.
+    halves: Option<(usize, [(ContactMode, f64); 2])>,
 }
 
 impl CornerEntry {
     /// What a jump into the corner of a set starts from, where the system was last evaluated.
     pub(super) fn new<E>(set: GapSet, state: &mut MechanicalState) -> Result<Self, Failure<E>> {
-        let (directions, now) = (impulse_directions(set, state)?, state.now());
-        Ok(Self { t: now.t, x: now.x.clone(), v: now.xdot.clone(), set, directions })
+        let (directions, mode) = (impulse_directions(set, state)?, state.mode());
+        let bouncing = set.without(state.closed());
+        let halves = match (mode.is_frictionless(), bouncing.len()) {
+            (false, 1) => halves(bouncing, state)?,
+            _ => None,
+        };
+        let now = state.now();
+        let (t, x, v) = (now.t, now.x.clone(), now.xdot.clone());
+        Ok(Self { t, x, v, set, directions, mode, halves })
     }
+}
+
+/// The halves of the arcs of a gap that bounces alone: friction that its impulses reach is turned round
+/// in the second.
+fn halves<E>(
+    bouncing: GapSet,
+    state: &mut MechanicalState,
+) -> Result<Option<(usize, [(ContactMode, f64); 2])>, Failure<E>> {
+    let Some(gap) = bouncing.iter().next() else { return Ok(None) };
+    let (rise, kinetics) = (state.mode(), state.parts().0);
+    let n = kinetics.coordinates();
+    let mut fall = rise;
+    for channel in rise.slipping().iter() {
+        if kinetics.coupling(gap, kinetics.row(channel)) != 0.0 {
+            fall = fall.with_channel(channel, -rise.sign(channel));
+        }
+    }
+    let mut pull = |mode: ContactMode| -> Result<f64, Failure<E>> {
+        kinetics.contact(mode)?;
+        Ok(-kinetics.acceleration[n + gap])
+    };
+    let pulls = [(rise, pull(rise)?), (fall, pull(fall)?)];
+    Ok(pulls.iter().all(|(_, pull)| *pull > 0.0).then_some((gap, pulls)))
+}
+
+/// The halves of the arcs of a gap from the speed `u` on, with the restitution `e`, down to a speed.
+fn half_arcs([rise, fall]: [f64; 2], mut u: f64, e: f64, floor: f64) -> Vec<NestedArc> {
+    let (mut arcs, mut start) = (Vec::new(), 0.0);
+    let mut push = |length: f64, y: f64, v: f64, a: f64| {
+        let closed = GapSet::EMPTY;
+        arcs.push(NestedArc { start, length, y: vec![y], v: vec![v], a: vec![a], closed });
+        start += length;
+    };
+    for _ in 0..HALVES {
+        if u <= floor {
+            break;
+        }
+        let top = 0.5 * u * u / rise;
+        push(u / rise, 0.0, u, -rise);
+        push((2.0 * top / fall).sqrt(), top, 0.0, -fall);
+        u = e * (2.0 * top * fall).sqrt();
+    }
+    arcs
 }
 
 /// How coordinates and gaps move where one gap of a set does, by its impulses; by gap.
@@ -69,7 +126,12 @@ pub(super) fn descent<E, D: Dynamics<E>>(
     let ways = ImpulseDirections { from: &entry.directions, to, h };
     let of = |values: &[f64]| -> Vec<f64> { set.iter().map(|i| values[n + i]).collect() };
     let (y, v) = (of(&entry.x), of(&entry.v));
-    let mut arcs = nest(set, at).arcs(y.clone(), v.clone(), floor);
+    let mut arcs = match &entry.halves {
+        Some((gap, [(_, rise), (_, fall)])) if set.len() == 1 && y[0] == 0.0 => {
+            half_arcs([*rise, *fall], v[0], at.e[*gap], floor)
+        }
+        _ => nest(set, at).arcs(y.clone(), v.clone(), floor),
+    };
     let time = arcs.last().map_or(h, |last| last.start + last.length);
     if (time - h).abs() > STRETCH * h {
         arcs.clear();
@@ -78,23 +140,26 @@ pub(super) fn descent<E, D: Dynamics<E>>(
     let none = || vec![0.0; set.len()];
     let still = || [none(), none(), none()];
     let start = if arcs.is_empty() { still() } else { [y, v, none()] };
-    let friction = at.state.mode();
-    let on_the_way = |closed: GapSet| ContactMode { closed, ..friction };
+    let on_the_way = |closed: GapSet, half: usize| match entry.halves {
+        Some((_, halves)) => ContactMode { closed, ..halves[half % 2].0 },
+        None => ContactMode { closed, ..entry.mode },
+    };
     let base = in_contact(entry, &ways, &start, at)?;
     let shortest = 4.0 * f64::EPSILON * t.abs();
     let mut flights: Vec<Flight> = Vec::new();
     let mut s = 0.0;
-    for arc in &arcs {
+    for (number, arc) in arcs.iter().enumerate() {
         let [from, to] = [0.0, arc.length].map(|tau| state_at(arc, tau, kappa));
         if to.0 - from.0 <= shortest || h - to.0 <= shortest {
             break;
         }
         s = to.0;
         let closed: GapSet = arc.closed.iter().filter_map(|row| set.iter().nth(row)).collect();
-        flights.push(Flight { curve: ways.curve(&base, from, to), mode: on_the_way(closed) });
+        flights
+            .push(Flight { curve: ways.curve(&base, from, to), mode: on_the_way(closed, number) });
     }
     let curve = ways.curve(&base, (s, still()), (h, still()));
-    flights.push(Flight { curve, mode: on_the_way(set) });
+    flights.push(Flight { curve, mode: on_the_way(set, 0) });
     Ok(flights)
 }
 

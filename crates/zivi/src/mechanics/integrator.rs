@@ -7,10 +7,9 @@ use std::collections::TryReserveError;
 
 use super::accumulation::{note_lifted, Accumulation};
 use super::flight::SmoothMotion;
-use super::friction::Limit;
 use super::impact::{flag_together, Impacts};
 use super::kinetics::Model;
-use super::mode::{Key, Next};
+use super::mode::{Key, Limit, Next};
 use super::piece::Piece;
 use super::state::{MechanicalState, Start};
 use crate::record::contact_mode::ContactMode;

@@ -9,7 +9,6 @@
 //! The slip in a channel of friction is one more row below those of the gaps, with `B_c` for `n_i`. How
 //! friction enters (2) is [`super::friction`].
 
-use super::friction::Undetermined;
 use crate::numeric::cholesky::{self, Factor};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
@@ -407,6 +406,27 @@ fn is_symmetric(a: &[f64], n: usize) -> bool {
         let skew = a[i * n + j] - a[j * n + i];
         skew * skew <= SKEW * SKEW * (a[i * n + i] * a[j * n + j]).abs()
     })
+}
+
+/// Why the equations of contact have no unique solution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Undetermined {
+    /// The force of a contact follows from the others.
+    Contacts,
+    /// More than one force of sticking contacts.
+    Stick,
+    /// The border of Painlevé's paradox.
+    Painleve,
+}
+
+impl<E> From<Undetermined> for Failure<E> {
+    fn from(why: Undetermined) -> Self {
+        Failure::Status(match why {
+            Undetermined::Contacts => Status::RedundantContacts,
+            Undetermined::Stick => Status::RedundantStick,
+            Undetermined::Painleve => Status::PainleveSingular,
+        })
+    }
 }
 
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {

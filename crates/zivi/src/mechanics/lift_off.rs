@@ -8,9 +8,9 @@
 use super::along_step::{AlongStep, Rows};
 use super::contact_probes::ContactProbes;
 use super::contact_problem::settle;
-use super::friction::{decide, Limit};
+use super::friction::decide;
 use super::kinetics::{Kinetics, Model};
-use super::mode::Contacts;
+use super::mode::{Contacts, Limit};
 use super::state::MechanicalState;
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
 use crate::record::failure::Failure;

@@ -1,8 +1,8 @@
 //! The mechanism after an impact, and what holds ahead of it: what a jump to the end of an
 //! accumulation asks for.
 
-use super::friction::Limit;
 use super::kinetics::{Kinetics, Model};
+use super::mode::Limit;
 use super::state::MechanicalState;
 use super::tail::EndOfArcs;
 use crate::numeric::bernstein::Bernstein;

@@ -4,7 +4,6 @@
 //! and one equation serves all modes, so that there are no two cases with data of their own as there
 //! are for a mass, whose rest needs no equation.
 
-use super::friction::Limit;
 use crate::record::contact_mode::ContactMode;
 use crate::record::gap_set::GapSet;
 use crate::zeno::table::Landing;
@@ -18,6 +17,19 @@ pub(super) struct Contacts {
     pub(super) left: GapSet,
     /// The channels that begin to slip: their slip does not end in the first step.
     pub(super) released: GapSet,
+}
+
+/// What limits a mode: a number that must stay positive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Limit {
+    /// The contact force of a gap.
+    Force(usize),
+    /// The force of a channel that sticks, in this direction.
+    Stick(usize, f64),
+    /// The difference of two that one undetermined force shifts.
+    Pair,
+    /// The determinant of `K`.
+    Regularity,
 }
 
 /// What comes next.

@@ -233,3 +233,35 @@ fn a_rocking_block_does_not_creep_and_energy_is_balanced() {
         assert!(left.abs() < 20.0 * tol * energy(0), "{left} {dissipated}");
     }
 }
+
+#[test]
+fn the_arcs_that_a_guide_skips_are_drawn() {
+    let (l, e): (f64, f64) = (3.0, 0.6);
+    let run = simulate(guide(l, e), (&[1.0], &[0.0]), 3.0, FINE);
+    let path = run.path.as_ref().unwrap();
+    let last = run.occurrences.iter().filter_map(|it| match *it {
+        Occurrence::Impact { t, after, .. } => Some((t, after)),
+        _ => None,
+    });
+    let (mut t, mut u) = last.last().unwrap();
+    assert!(t + 1e-3 < zeno(&run)[0]);
+    for _ in 0..4 {
+        for part in [0.1, 0.5, 0.9] {
+            let (rise, top) = (u / (G + l), 0.5 * u * u / (G + l));
+            let s = part * rise;
+            let at = path.at(t + s).unwrap();
+            assert!(
+                (at.x[0] - s * (u - 0.5 * s * (G + l))).abs() < 1e-12 && at.mode.slip_plus.has(0)
+            );
+            let fall = (2.0 * top / (G - l)).sqrt();
+            let s = part * fall;
+            let at = path.at(t + rise + s).unwrap();
+            assert!(
+                (at.x[0] - (top - 0.5 * s * s * (G - l))).abs() < 1e-12
+                    && at.mode.slip_minus.has(0)
+            );
+        }
+        t += u / (G + l) + u / (G * G - l * l).sqrt();
+        u *= e * ((G - l) / (G + l)).sqrt();
+    }
+}

@@ -1,7 +1,6 @@
 //! Contact forces with friction, equations (1).
 
-use super::Undetermined;
-use crate::mechanics::kinetics::{axpy, dot, Kinetics};
+use crate::mechanics::kinetics::{axpy, dot, Kinetics, Undetermined};
 use crate::numeric::cholesky;
 use crate::numeric::elimination::Elimination;
 use crate::record::contact_mode::ContactMode;

@@ -10,9 +10,8 @@
 //! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
 //! `mu_s > mu` sticking goes on: most closed, then most sticking.
 
-use super::limits::Limit;
 use crate::mechanics::kinetics::Kinetics;
-use crate::mechanics::mode::Contacts;
+use crate::mechanics::mode::{Contacts, Limit};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;

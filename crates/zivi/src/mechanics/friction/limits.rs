@@ -9,6 +9,7 @@
 //! `nu_j > 0 > nu_k`, with `a` the values (1).
 
 use crate::mechanics::kinetics::Kinetics;
+use crate::mechanics::mode::Limit;
 use crate::record::contact_mode::ContactMode;
 
 /// `det K` relative to the mobilities is zero below this.
@@ -23,19 +24,6 @@ pub(in crate::mechanics) struct Level {
     pub(in crate::mechanics) value: f64,
     /// What is rounding of it.
     pub(in crate::mechanics) noise: f64,
-}
-
-/// What it limits.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::mechanics) enum Limit {
-    /// The contact force of a gap.
-    Force(usize),
-    /// The force of a channel that sticks, in this direction.
-    Stick(usize, f64),
-    /// The difference of two that one undetermined force shifts.
-    Pair,
-    /// The determinant of `K`.
-    Regularity,
 }
 
 /// A level and how it changes with the undetermined force.

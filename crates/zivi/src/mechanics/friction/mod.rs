@@ -15,30 +15,5 @@ mod impact;
 mod limits;
 mod restitution;
 
-use crate::record::failure::Failure;
-use crate::Status;
-
 pub(super) use decide::decide;
 pub(super) use impact::Collision;
-pub(super) use limits::Limit;
-
-/// Why the equations of contact have no unique solution.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Undetermined {
-    /// The force of a contact follows from the others.
-    Contacts,
-    /// More than one force of sticking contacts.
-    Stick,
-    /// The border of Painlevé's paradox.
-    Painleve,
-}
-
-impl<E> From<Undetermined> for Failure<E> {
-    fn from(why: Undetermined) -> Self {
-        Failure::Status(match why {
-            Undetermined::Contacts => Status::RedundantContacts,
-            Undetermined::Stick => Status::RedundantStick,
-            Undetermined::Painleve => Status::PainleveSingular,
-        })
-    }
-}
