@@ -26,6 +26,9 @@ const HALVES: usize = 2048;
 /// Largest part by which the times of the arcs are stretched to end in the corner.
 const STRETCH: f64 = 0.3;
 
+/// A gap that bounces alone, and the two halves of its arcs: mode and pull to the wall.
+type Halves = (usize, [(ContactMode, f64); 2]);
+
 /// The state before a corner: what a jump starts from.
 pub(super) struct CornerEntry {
     t: f64,
@@ -38,7 +41,7 @@ pub(super) struct CornerEntry {
     /// What friction does there.
     mode: ContactMode,
     /// The gap that bounces alone, and the two halves of its arcs: mode and pull to the wall.
-    halves: Option<(usize, [(ContactMode, f64); 2])>,
+    halves: Option<Halves>,
 }
 
 impl CornerEntry {
@@ -58,10 +61,7 @@ impl CornerEntry {
 
 /// The halves of the arcs of a gap that bounces alone: friction that its impulses reach is turned round
 /// in the second.
-fn halves<E>(
-    bouncing: GapSet,
-    state: &mut MechanicalState,
-) -> Result<Option<(usize, [(ContactMode, f64); 2])>, Failure<E>> {
+fn halves<E>(bouncing: GapSet, state: &mut MechanicalState) -> Result<Option<Halves>, Failure<E>> {
     let Some(gap) = bouncing.iter().next() else { return Ok(None) };
     let (rise, kinetics) = (state.mode(), state.parts().0);
     let n = kinetics.coordinates();

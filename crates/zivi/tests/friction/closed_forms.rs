@@ -239,11 +239,11 @@ fn the_arcs_that_a_guide_skips_are_drawn() {
     let (l, e): (f64, f64) = (3.0, 0.6);
     let run = simulate(guide(l, e), (&[1.0], &[0.0]), 3.0, FINE);
     let path = run.path.as_ref().unwrap();
-    let last = run.occurrences.iter().filter_map(|it| match *it {
+    let mut last = run.occurrences.iter().filter_map(|it| match *it {
         Occurrence::Impact { t, after, .. } => Some((t, after)),
         _ => None,
     });
-    let (mut t, mut u) = last.last().unwrap();
+    let (mut t, mut u) = last.next_back().unwrap();
     assert!(t + 1e-3 < zeno(&run)[0]);
     for _ in 0..4 {
         for part in [0.1, 0.5, 0.9] {

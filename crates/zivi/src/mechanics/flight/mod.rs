@@ -2,6 +2,7 @@
 //! first lift-off.
 
 mod missed_events;
+mod slip;
 
 use super::along_step::AlongStep;
 use super::contact_probes::ContactProbes;
@@ -30,9 +31,6 @@ const TOGETHER: f64 = 1e-13;
 const ULPS: f64 = 4.0 * f64::EPSILON;
 /// Iterations for the time of lift-off.
 const ITERATIONS: usize = 4;
-/// Iterations for the time when a slip ends, and what ends within this part of a step ends together.
-const STOPS: usize = 6;
-const TOGETHER_SLIPS: f64 = 1e-11;
 /// The first step after a lift-off, relative to that before.
 const PART: f64 = 1e-2;
 /// Contacts that open so often at one instant open whatever the force does next.
@@ -310,45 +308,6 @@ impl<'m, D> Flying<'_, 'm, D> {
         Ok(first)
     }
 
-    /// Whether the channels that began to slip at the start of the step do so at its end.
-    fn released_channels_slip<E>(&mut self) -> Result<bool, Failure<E>>
-    where
-        D: Dynamics<E>,
-    {
-        let (released, mode) = (self.state.released(), self.state.mode());
-        if released.is_empty() {
-            return Ok(true);
-        }
-        self.finish()?;
-        let (row, last) = (self.state.kinetics().row(0), self.motion.last());
-        let first = self.state.layout().n + row;
-        Ok(released.iter().all(|channel| {
-            let (sign, c) = (mode.sign(channel), first + channel);
-            sign * last.end.xdot[c] > 0.0 && sign * last.end_slope(c) > 0.0
-        }))
-    }
-
-    /// The first channel whose slip ends in the step, and after which part of it.
-    fn first_stop<E>(&mut self) -> Result<Option<(f64, usize)>, Failure<E>>
-    where
-        D: Dynamics<E>,
-    {
-        let mode = self.state.mode();
-        let slipping = mode.slipping().without(self.state.released());
-        if slipping.is_empty() {
-            return Ok(None);
-        }
-        self.complete()?;
-        let first = self.state.layout().n + self.state.kinetics().row(0);
-        let root = |channel: usize| {
-            let [_, slip] = self.motion.last().polynomials_of(first + channel);
-            let slip = if mode.slip_minus.has(channel) { slip.negated() } else { slip };
-            slip.first_negative().map(|theta| (theta, channel))
-        };
-        let roots = slipping.iter().filter_map(root);
-        Ok(roots.min_by(|one, other| one.0.total_cmp(&other.0)))
-    }
-
     /// The first limit of the mode that is reached in the step, of which the part up to `end` counts.
     fn first_release<E>(&mut self, end: f64) -> Result<Release, Failure<E>>
     where
@@ -392,41 +351,6 @@ impl<'m, D> Flying<'_, 'm, D> {
         let total = (h + delta).max(0.0);
         self.arrive(total, delta)?;
         Ok(Some(Next::LocatedEvent(self.hit_together(gap, total))))
-    }
-
-    /// Steps to where the slip in a channel ends, near `now + length`; that in others ends with it to
-    /// rounding.
-    fn stop_slip<E>(&mut self, length: f64, channel: usize) -> Result<Next, Failure<E>>
-    where
-        D: Dynamics<E>,
-    {
-        let first = self.state.layout().n + self.state.kinetics().row(0);
-        let whole = self.motion.last().h;
-        let rounding = |x: f64, t: f64| 4.0 * f64::EPSILON * (t.abs() + x);
-        let mut x = length;
-        for _ in 0..STOPS {
-            self.attempt(x)?;
-            self.finish()?;
-            let last = self.motion.last();
-            let next = x - last.end.xdot[first + channel] / last.end_slope(first + channel);
-            if !next.is_finite() || next <= 0.0 || next > 2.0 * whole {
-                break;
-            }
-            let moved = (next - x).abs();
-            x = next;
-            if moved <= rounding(x, self.state.now().t) {
-                break;
-            }
-        }
-        let near = TOGETHER_SLIPS * whole + rounding(x, self.state.now().t);
-        let (last, mode) = (self.motion.last(), self.state.mode());
-        let stops = |&other: &usize| {
-            let c = first + other;
-            other == channel || last.end.xdot[c].abs() <= last.end_slope(c).abs() * near
-        };
-        let channels = mode.slipping().iter().filter(stops).collect();
-        self.arrive(x, x - self.motion.last().h)?;
-        Ok(Next::Stop(channels))
     }
 
     /// Steps to where a limit of the mode is reached, near `now + length`.

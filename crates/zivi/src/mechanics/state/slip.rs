@@ -1,0 +1,141 @@
+//! The slips of a mechanical system, which have a place in its state.
+
+use super::MechanicalState;
+use crate::mechanics::kinetics::{without_rounding, Model};
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
+use crate::system::dynamics::{Dynamics, Layout};
+
+/// A slip speed is as its direction says while that is larger than this part of the velocities.
+const ANCHOR: f64 = 1e-6;
+/// A slip speed of so many estimated errors after an accumulation may be none.
+const STILL: f64 = 100.0;
+
+impl MechanicalState {
+    /// The channels that begin to slip.
+    pub(in crate::mechanics) fn released(&self) -> GapSet {
+        self.contacts.released
+    }
+
+    /// The slip speeds, by channel.
+    pub(in crate::mechanics) fn slips(&self) -> &[f64] {
+        let Layout { n, m, p } = self.layout;
+        &self.now.xdot[n + m..n + m + p]
+    }
+
+    /// Gives the channels at the gaps of a set the limits of friction that they have without slip, where
+    /// the system has just been evaluated: impulses know no other.
+    pub(in crate::mechanics) fn evaluate_limits_at_rest<E, D: Dynamics<E>>(
+        &mut self,
+        set: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let Self { kinetics, now, layout: Layout { n, .. }, .. } = self;
+        let channels: GapSet = set.iter().filter_map(|gap| kinetics.channel_of(gap)).collect();
+        let varies = |c: usize| {
+            let (slip, stick) = kinetics.friction_limits(c);
+            slip != stick
+        };
+        if !channels.iter().any(varies) {
+            return Ok(());
+        }
+        let rows = channels.iter().map(|channel| kinetics.row(channel)).collect();
+        let rows = kinetics.independent(rows);
+        let (q, mut w) = (&now.x[..*n], now.xdot[..*n].to_vec());
+        kinetics.solve(rows, |at, row| -at.rate(row, &now.xdot[..*n]))?;
+        kinetics.apply(rows, &mut w);
+        kinetics.evaluate(model, now.t, q, &w)?;
+        let limits: Vec<f64> = channels.iter().map(|c| kinetics.friction_limits(c).0).collect();
+        kinetics.evaluate(model, now.t, q, &now.xdot[..*n])?;
+        for (channel, limit) in channels.iter().zip(limits) {
+            kinetics.set_friction_limit(channel, limit);
+        }
+        Ok(())
+    }
+
+    /// Sets a slip speed that was integrated to what its direction says, where that has enough digits.
+    pub(super) fn anchor_slip(&mut self, row: usize, rate: f64) {
+        let n = self.layout.n;
+        let size = self.now.xdot[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let sticks = self.contacts.mode.stick.has(row - self.layout.m);
+        if !sticks && rate.abs() > ANCHOR * (size + rate.abs()) {
+            self.now.xdot[n + row] = rate;
+        }
+    }
+
+    /// The slip in some channels is zero.
+    pub(in crate::mechanics) fn stop_slip(&mut self, channels: GapSet) {
+        let Layout { n, m, .. } = self.layout;
+        channels.iter().for_each(|channel| self.now.xdot[n + m + channel] = 0.0);
+    }
+
+    /// Sets the slip speeds to those of the velocities, where the system has just been evaluated; to
+    /// zero within errors of the rates.
+    pub(in crate::mechanics) fn take_slips(&mut self, errors: &[f64]) {
+        let Layout { n, m, p } = self.layout;
+        let (q, w) = (self.now.x[..n].to_vec(), self.now.xdot[..n].to_vec());
+        for row in m..m + p {
+            if self.now.xdot[n + row] == 0.0 {
+                continue;
+            }
+            let (rate, noise) =
+                (self.kinetics.rate(row, &w), self.kinetics.rounding(row, &q, &w).1);
+            let still = rate.abs() <= 4.0 * noise + STILL * errors[n + row];
+            self.now.xdot[n + row] = if still { 0.0 } else { rate };
+        }
+    }
+
+    /// Notes what friction does otherwise than before.
+    pub(in crate::mechanics) fn note_transitions(
+        &self,
+        before: ContactMode,
+        occurrences: &mut Vec<Occurrence>,
+    ) {
+        let (t, now) = (self.now.t, self.mode());
+        for channel in 0..self.layout.p {
+            let (before, after) = (before.number(channel), now.number(channel));
+            if before != after && after != 2 {
+                occurrences.push(Occurrence::Transition { t, channel, before, after });
+            }
+        }
+    }
+
+    /// The channels of a set do not slip: their rows.
+    pub(super) fn stop_rows(&mut self, channels: GapSet) -> GapSet {
+        self.stop_slip(channels);
+        channels.iter().map(|channel| self.kinetics.row(channel)).collect()
+    }
+
+    /// The same along the edges of the cones of friction.
+    pub(super) fn without_speeds_along_edges<E>(
+        &mut self,
+        mode: ContactMode,
+    ) -> Result<Vec<f64>, Failure<E>> {
+        let Self { kinetics, now, layout: Layout { n, .. }, .. } = self;
+        let n = *n;
+        let (mut x, mut v) = (now.x.clone(), now.xdot.clone());
+        let rates = now.xdot[n..].to_vec();
+        let moved = kinetics.displacement(mode, |row| -rates[row])?;
+        v.iter_mut().zip(&moved).for_each(|(v, moved)| *v += moved);
+        // the impulses do work, too
+        let (m, pulls) = (kinetics.layout.m, kinetics.friction_impulses(mode, |row| -rates[row])?);
+        let work = |(c, pull): (usize, &f64)| -pull * (rates[m + c] + 0.5 * moved[n + m + c]);
+        v[n + m + pulls.len()] += pulls.iter().enumerate().map(work).sum::<f64>();
+        // the first leaves rounding of the speeds
+        let w = v[..n].to_vec();
+        let left: Vec<f64> = (0..rates.len() - 1).map(|row| kinetics.rate(row, &w)).collect();
+        let more = kinetics.displacement(mode, |row| -left[row])?;
+        v[..n].iter_mut().zip(&more).for_each(|(v, more)| *v += more);
+        without_rounding(&mut v[..n], &now.xdot);
+        for row in kinetics.rows_of(mode).iter() {
+            v[n + row] = 0.0;
+        }
+        for gap in mode.closed.iter() {
+            x[n + gap] = 0.0;
+        }
+        x.append(&mut v);
+        Ok(x)
+    }
+}
