@@ -24,6 +24,7 @@ mod flight;
 mod friction;
 mod impact;
 mod integrator;
+mod joint_friction;
 mod kinetics;
 mod lcp;
 mod lift_off;

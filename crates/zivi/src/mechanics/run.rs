@@ -123,7 +123,7 @@ pub(super) fn check_sizes(
 pub(super) fn check_smooth(layout: Layout) -> Result<(), SetupError> {
     match layout.p {
         0 => Ok(()),
-        p => Err(SetupError::Count("friction", p, "none: only SwitchedRK's runs have friction")),
+        p => Err(SetupError::Count("friction", p, "none: derivatives with friction are not known")),
     }
 }
 

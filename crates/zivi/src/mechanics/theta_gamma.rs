@@ -10,14 +10,18 @@
 //! q+           q + h w_T, moved along M^-1 n to g(q+) = |s+|
 //! ```
 //!
-//! with `w_T` the part of `w+` that leaves the gaps as they are, and everything else taken at the
+//! Friction in joints is one more sign: the forces `f_c in -L_c Sign(w_c+)` are added to those of `A`, one
+//! joint after the other, with the step solved for each of their values. At gaps `P_T` would make the
+//! velocities jump: friction there is refused.
+//!
+//! Here `w_T` is the part of `w+` that leaves the gaps as they are, and everything else taken at the
 //! end of the step by fixed-point iteration. In contact `s = v = 0` exactly. Between gaps that are
 //! coupled `v` would jump at the impacts of the others: they are refused.
 
 use super::fixed_steps::{simulate, Scheme, Stepped};
+use super::joint_friction::JointForces;
 use super::kinetics::Model;
 use super::output::MechanicalRun;
-use super::run::check_smooth;
 use crate::record::events::EventLog;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -44,7 +48,10 @@ pub fn simulate_mechanical_theta_gamma<E, D: Dynamics<E>>(
     events: Vec<UserEvent<'_, E, MotionPoint>>,
     monitor: &mut impl Monitor<E>,
 ) -> Result<MechanicalRun<E>, SetupError> {
-    check_smooth(dynamics.layout())?;
+    if dynamics.friction().channels.iter().any(|channel| channel.gap.is_some()) {
+        let range = "none at gaps for this method, in joints only: take SwitchedRK or MoreauJean";
+        return Err(SetupError::Count("friction", dynamics.layout().p, range));
+    }
     let step = |&e: &f64| {
         let restitution = Restitution::from_e(e);
         let restitution = restitution.map_err(|_| SetupError::Setting("e", e, "from 0 to 1"))?;
@@ -58,6 +65,7 @@ pub fn simulate_mechanical_theta_gamma<E, D: Dynamics<E>>(
         ends: Vec::new(),
         logs: Vec::new(),
         impulses: vec![Vec::new(); e.len()],
+        joints: JointForces::new(dynamics.layout().p),
     };
     simulate(scheme, dynamics, e, grid, (q, w), events, monitor)
 }
@@ -71,6 +79,7 @@ struct Implicit {
     logs: Vec<EventLog>,
     /// The impulses of the impacts of each gap.
     impulses: Vec<Vec<f64>>,
+    joints: JointForces,
 }
 
 impl Scheme for Implicit {
@@ -104,23 +113,28 @@ impl Scheme for Implicit {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let n = state.layout.n;
-        let Self { steps, z, ends, .. } = self;
+        let Self { steps, z, ends, joints, .. } = self;
         state.iterate(t_end, h, model, |state| {
             if coupled(state).is_some() {
                 return Err(Failure::Status(Status::StepNotSolved));
             }
-            ends.clear();
-            for (i, (step, &z)) in steps.iter().zip(z.iter()).enumerate() {
-                // the last step of a grid may be shorter
-                let step = if step.h() == h { *step } else { step.with_h(h).unwrap_or(*step) };
-                let end = step.solve(z, state.kinetics.b(i), transform::side(z, 1.0))?;
-                let r = step.restitution().r(end.lambda_s, end.lambda_v);
-                state.next_v[n + i] = r * end.lambda_s * end.v;
-                state.next_x[n + i] = end.s.abs();
-                ends.push(end);
-            }
-            let (q, w) = ends_of_step(state, h)?;
-            Ok(state.move_to(h, &q, &w))
+            let (q, w) = joints.solve(state, |state, pushed, forces| {
+                ends.clear();
+                for (i, (step, &z)) in steps.iter().zip(z.iter()).enumerate() {
+                    // the last step of a grid may be shorter
+                    let step = if step.h() == h { *step } else { step.with_h(h).unwrap_or(*step) };
+                    let b = state.kinetics.b(i) + state.kinetics.pulled(i, forces);
+                    let end = step.solve(z, b, transform::side(z, 1.0))?;
+                    let r = step.restitution().r(end.lambda_s, end.lambda_v);
+                    state.next_v[n + i] = r * end.lambda_s * end.v;
+                    state.next_x[n + i] = end.s.abs();
+                    ends.push(end);
+                }
+                ends_of_step(state, h, pushed)
+            })?;
+            let change = state.move_to(h, &q, &w);
+            joints.finish_step(state, h);
+            Ok(change)
         })
     }
 
@@ -133,9 +147,10 @@ impl Scheme for Implicit {
         state.closed = at_rest(&self.z);
         for i in 0..state.layout.m {
             let pressed = state.closed.has(i);
-            state.lambda[i] =
-                if pressed { -state.kinetics.b(i) / state.kinetics.d(i, i) } else { 0.0 };
+            let pull = state.kinetics.b(i) + state.kinetics.pulled(i, self.joints.forces());
+            state.lambda[i] = if pressed { -pull / state.kinetics.d(i, i) } else { 0.0 };
         }
+        self.joints.note(t_end, state);
         Ok(())
     }
 
@@ -185,11 +200,16 @@ impl Implicit {
 }
 
 /// The last two lines of (1): coordinates and velocities at the end of the step.
-fn ends_of_step<E>(state: &mut Stepped, h: f64) -> Result<(Vec<f64>, Vec<f64>), Failure<E>> {
+fn ends_of_step<E>(
+    state: &mut Stepped,
+    h: f64,
+    pushed: &[f64],
+) -> Result<(Vec<f64>, Vec<f64>), Failure<E>> {
     let (n, m) = (state.layout.n, state.layout.m);
     let all: GapSet = (0..m).collect();
     let mut w = vec![0.0; n];
     state.kinetics.free_to(&mut w);
+    w.iter_mut().zip(pushed).for_each(|(w, pushed)| *w += pushed);
     w.iter_mut().zip(&state.v).for_each(|(w, v)| *w = v + h * *w);
     let (next_x, next_v) = (&state.next_x, &state.next_v);
     // twice: the first leaves rounding of the speeds

@@ -1,6 +1,6 @@
 //! Moreau-Jean time stepping with friction.
 
-use zivi::mechanics::simulate_mechanical_moreau_jean;
+use zivi::mechanics::{simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma};
 use zivi::{Grid, MoreauJean, Silent, Status};
 
 use crate::models::of_family;
@@ -51,4 +51,48 @@ fn time_stepping_converges_to_the_references() {
             }
         }
     }
+}
+
+#[test]
+fn the_implicit_step_takes_friction_in_joints() {
+    for (name, errors) in [
+        ("belt_relax", [0.1, 0.02]),
+        ("belt2", [0.15, 0.03]),
+        ("coulomb", [0.05, 0.01]),
+        ("belt_stop", [0.2, 0.03]),
+    ] {
+        let case = cases().into_iter().find(|case| case.name == name).unwrap();
+        let exact = &case.checkpoints.last().unwrap().1;
+        for (h, most) in [1e-2, 1e-3].into_iter().zip(errors) {
+            let mut system = of_family(&case.family, &case.parameters);
+            let e = system.e.clone();
+            let grid = Grid::new(case.span.0, case.span.1, h).unwrap();
+            let start = (&case.q0[..], &case.w0[..]);
+            let run =
+                simulate_mechanical_theta_gamma(&mut system, &e, grid, start, vec![], &mut Silent)
+                    .unwrap();
+            assert_eq!(run.status, Status::Completed, "{name} {h}");
+            let (n, size) = (run.layout.n, run.layout.size());
+            let last = run.samples.t.len() - 1;
+            let (x, v) = (&run.samples.x[last * size..], &run.samples.v[last * size..]);
+            let found = [&x[..n], &v[..n]].concat();
+            let pairs = found.iter().zip(exact);
+            let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            println!("{name} {h} {error:e} {}", run.counts.nfev);
+            assert!(error < most, "{name} {h} {error:e}");
+            let sticks = |k: &usize| run.samples.modes[*k].stick.has(0);
+            for k in (0..=last).filter(sticks) {
+                assert_eq!(run.samples.v[k * size + n + run.layout.m], 0.0);
+                let rate = run.samples.v[k * size] - case.parameters.get("v").unwrap();
+                assert!(rate.abs() < 1e-12, "{name} {h} {rate}");
+            }
+        }
+    }
+    let case = cases().into_iter().find(|case| case.name == "feeder").unwrap();
+    let mut system = of_family(&case.family, &case.parameters);
+    let grid = Grid::new(0.0, 1.0, 0.01).unwrap();
+    let start = (&case.q0[..], &case.w0[..]);
+    let run =
+        simulate_mechanical_theta_gamma(&mut system, &[0.4], grid, start, vec![], &mut Silent);
+    assert!(run.is_err_and(|why| why.to_string().contains("none at gaps")));
 }
