@@ -17,6 +17,8 @@ pub(super) struct AlongStep<'r, 'm, D> {
     pub(super) step: &'r Stages,
     pub(super) mode: ContactMode,
     pub(super) tolerances: &'r Tolerances,
+    /// Whether directions in which something sticks turn or move in the step.
+    pub(super) turns: bool,
     /// The mechanics where they were evaluated last.
     pub(super) aside: &'r mut Kinetics,
     pub(super) model: &'r mut Model<'m, D>,

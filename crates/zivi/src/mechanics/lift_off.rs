@@ -124,8 +124,14 @@ fn fits_along<E, D: Dynamics<E>>(
 ) -> Result<Vec<Fit>, Failure<E>> {
     let mode = along.mode;
     let (mut forces, mut noise) = (Vec::new(), Vec::new());
+    let mut first: Vec<f64> = Vec::new();
     for (k, theta) in NODES.into_iter().chain(CHECKS).enumerate() {
         along.evaluate(rows, theta)?;
+        if !mode.stick.is_empty() {
+            let directions = along.aside.directions(mode.stick);
+            along.turns |= k > 0 && directions != first;
+            first = directions;
+        }
         let levels = along.aside.limits(mode);
         forces.resize(levels.len(), [0.0; MOST_DEGREE + 3]);
         noise.resize(levels.len(), 0.0_f64);

@@ -41,7 +41,6 @@ fn time_stepping_converges_to_the_references() {
             let found = [&x[..n], &v[..n]].concat();
             let pairs = found.iter().zip(exact);
             let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            println!("{name} {h} {error:e}");
             assert!(error < most, "{name} {h} {error:e}");
             // what sticks does so exactly
             for (k, mode) in run.samples.modes.iter().enumerate() {
@@ -78,7 +77,6 @@ fn the_implicit_step_takes_friction_in_joints() {
             let found = [&x[..n], &v[..n]].concat();
             let pairs = found.iter().zip(exact);
             let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            println!("{name} {h} {error:e} {}", run.counts.nfev);
             assert!(error < most, "{name} {h} {error:e}");
             let sticks = |k: &usize| run.samples.modes[*k].stick.has(0);
             for k in (0..=last).filter(sticks) {

@@ -52,6 +52,8 @@ pub(super) struct SmoothMotion {
     /// What speaks for the length of the next one.
     experience: StepHistory,
     probes: ContactProbes,
+    /// Whether directions in which something sticks turned or moved in the last step.
+    turns: bool,
     /// The mechanics away from the state.
     aside: Kinetics,
 }
@@ -69,6 +71,7 @@ impl SmoothMotion {
             length: 0.0,
             experience: StepHistory::NONE,
             probes: ContactProbes::default(),
+            turns: false,
             aside: Kinetics::new(layout, friction),
         }
     }
@@ -268,12 +271,13 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
     }
 
     fn take(&mut self) -> Result<Next, Failure<E>> {
+        let drift = self.drift()?;
         let SmoothMotion { steps, at_end, length, experience, .. } = &mut *self.motion;
         steps.accept();
         *length = steps.last().h;
         experience.gain(*length);
         let end = steps.reaches(self.t_end).then_some(self.t_end);
-        self.state.take((steps.last(), at_end), end, self.model)?;
+        self.state.take((steps.last(), at_end), (end, &drift), self.model)?;
         Ok(Next::Step)
     }
 }
@@ -285,6 +289,7 @@ impl<'m, D> Flying<'_, 'm, D> {
         AlongStep {
             step: steps.last(),
             mode: self.state.mode(),
+            turns: false,
             tolerances: &steps.limits().tolerances,
             aside,
             model: self.model,
@@ -326,7 +331,9 @@ impl<'m, D> Flying<'_, 'm, D> {
         self.complete()?;
         let mut probes = self.motion.probes;
         let looking = self.motion.steps.limits().adaptive.then_some(&mut probes);
-        let release = lift_off::first_release(&mut self.along(), end, looking);
+        let mut along = self.along();
+        let release = lift_off::first_release(&mut along, end, looking);
+        self.motion.turns = along.turns;
         self.motion.probes = probes;
         release
     }
@@ -392,12 +399,13 @@ impl<'m, D> Flying<'_, 'm, D> {
         if self.state.now().t + total > self.motion.steps.dense_from() {
             self.complete()?;
         }
+        let drift = self.drift()?;
         let motion = &mut *self.motion;
         motion.steps.accept();
         motion.experience = StepHistory::NONE;
         motion.length = total;
         self.state.move_along(motion.last(), (total, delta), self.t_end);
-        Ok(())
+        self.state.undo_drift(&drift, self.model)
     }
 
     /// The gap and those that close at the same time, to rounding of the flight's length.

@@ -10,7 +10,44 @@ use crate::system::dynamics::Dynamics;
 const STOPS: usize = 6;
 const TOGETHER_SLIPS: f64 = 1e-11;
 
+/// Gauss's nodes and weights of order 20 on `(0, 1)`: half of them, the others are their mirror images.
+const GAUSS: [(f64, f64); 5] = [
+    (0.013_046_735_741_414_139, 0.033_335_672_154_344_07),
+    (0.067_468_316_655_507_74, 0.074_725_674_575_290_3),
+    (0.160_295_215_850_487_8, 0.109_543_181_257_991_02),
+    (0.283_302_302_935_376_4, 0.134_633_359_654_998_18),
+    (0.425_562_830_509_184_4, 0.147_762_112_357_376_43),
+];
+
 impl<D> Flying<'_, '_, D> {
+    /// How far the polynomials of the last step move along the directions in which it sticks, by
+    /// channel: `int B q' + beta dt`, which should be nothing. Empty where these do not turn or move, and
+    /// so where the accelerations keep the step there.
+    pub(super) fn drift<E>(&mut self) -> Result<Vec<f64>, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let stick = self.state.mode().stick;
+        if stick.is_empty() || !self.motion.turns {
+            return Ok(Vec::new());
+        }
+        self.complete()?;
+        let p = self.state.layout().p;
+        let mut along = self.along();
+        let rows = along.rows(along.aside.coordinates());
+        let mut drift = vec![0.0; p];
+        for (node, weight) in GAUSS.into_iter().flat_map(|(x, w)| [(x, w), (1.0 - x, w)]) {
+            along.evaluate(&rows, node)?;
+            let h = along.step.h;
+            let rates: Vec<f64> = rows.iter().map(|[x, _]| x.slope(node) / h).collect();
+            for channel in stick.iter() {
+                let row = along.aside.row(channel);
+                drift[channel] += weight * h * along.aside.rate(row, &rates);
+            }
+        }
+        Ok(drift)
+    }
+
     /// Whether the channels that began to slip at the start of the step do so at its end.
     pub(super) fn released_channels_slip<E>(&mut self) -> Result<bool, Failure<E>>
     where

@@ -59,6 +59,14 @@ impl Kinetics {
         mode.closed.with(mode.stick.iter().map(|channel| self.row(channel)).collect())
     }
 
+    /// The directions of some channels: `B_c`, then `beta_c`.
+    pub(in crate::mechanics) fn directions(&self, channels: GapSet) -> Vec<f64> {
+        let still = vec![0.0; self.coordinates()];
+        let each = channels.iter().map(|channel| self.row(channel));
+        each.flat_map(|row| self.normal(row).iter().copied().chain([self.rate(row, &still)]))
+            .collect()
+    }
+
     /// As many rows of a set as determine the rest, closed gaps first.
     pub(in crate::mechanics) fn independent(&mut self, set: GapSet) -> GapSet {
         let mut chosen: Vec<usize> = Vec::new();

@@ -377,12 +377,12 @@ impl MechanicalState {
         }
     }
 
-    /// To the end of a step, at the time `end` if that is given: back onto the manifold of the
-    /// closed gaps, with the slope for the next step.
+    /// To the end of a step, at the time `end` if that is given: back by how far it drifted along the
+    /// channels that stick, and onto the manifold of the closed gaps, with the slope for the next step.
     pub(super) fn take<E, D: Dynamics<E>>(
         &mut self,
         (step, at_end): (&Stages, &AtEnd),
-        end: Option<f64>,
+        (end, drift): (Option<f64>, &[f64]),
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         self.now.copy_from(&step.end);
@@ -391,6 +391,7 @@ impl MechanicalState {
         }
         self.contacts.left = GapSet::EMPTY;
         self.contacts.released = GapSet::EMPTY;
+        self.undo_drift(drift, model)?;
         let rows = self.kinetics.rows_of(self.contacts.mode);
         if !rows.is_empty() {
             self.project(rows, model)?;

@@ -19,6 +19,25 @@ impl MechanicalState {
         self.contacts.released
     }
 
+    /// Moves the coordinates back by how far a step has drifted along the channels that stick.
+    pub(in crate::mechanics) fn undo_drift<E, D: Dynamics<E>>(
+        &mut self,
+        drift: &[f64],
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        if drift.iter().all(|drift| *drift == 0.0) {
+            return Ok(());
+        }
+        self.evaluate(model)?;
+        let Self { kinetics, now, layout: Layout { n, m, .. }, contacts, .. } = self;
+        let rows = kinetics.rows_of(contacts.mode);
+        let rows = kinetics.independent(rows);
+        kinetics
+            .solve(rows, |_, row| row.checked_sub(*m).map_or(0.0, |channel| -drift[channel]))?;
+        kinetics.apply(rows, &mut now.x[..*n]);
+        Ok(())
+    }
+
     /// The slip speeds, by channel.
     pub(in crate::mechanics) fn slips(&self) -> &[f64] {
         let Layout { n, m, p } = self.layout;
