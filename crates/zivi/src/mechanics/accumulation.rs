@@ -10,7 +10,7 @@ use super::piece::Piece;
 use super::state::MechanicalState;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::record::occurrence::Occurrence;
+use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::switched::lookahead::Deviation;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
@@ -138,6 +138,9 @@ impl Accumulation {
         let t = state.now().t;
         if into.is_some() {
             self.corner.clear();
+        } else if self.chain.is_forced() {
+            let (kind, gaps) = (FlagKind::ForcedLanding, set.without(before));
+            occurrences.push(Occurrence::Flag { kind, t, gaps, size: 0.0 });
         }
         if into.is_some_and(|gaps| gaps.without(before).len() > 1) {
             occurrences.push(Occurrence::Corner { t, gaps: set });

@@ -69,6 +69,11 @@ impl ImpactChain {
         scales(settings, state, settings.zeno_tolerance(&self.chain, last.g))
     }
 
+    /// Whether the chain was followed down to rounding, and friction has a part in where it ends.
+    pub(super) fn is_forced(&self) -> bool {
+        self.chain.is_over() && !self.landed().is_frictionless()
+    }
+
     /// Appends an impact: where the chain ends, if that is known to the tolerance.
     pub(super) fn note<E, D: Dynamics<E>>(
         &mut self,

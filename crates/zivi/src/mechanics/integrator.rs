@@ -61,6 +61,8 @@ impl Saved {
 const MOST_AT_ONCE: u32 = 20_000;
 /// Changes of friction at one instant after which it is called undecided.
 const MOST_CHANGES: u32 = 100;
+/// A slip that ends with so little to spare, relative to the root of the tolerance, may not have.
+const GRAZE: f64 = 10.0;
 /// Occurrences that a piece of the motion has, at most, by gap.
 const OF_A_PIECE: usize = 4;
 
@@ -219,6 +221,13 @@ impl MechanicalIntegrator {
         state.refresh()?;
         state.note_transitions(mode, occurrences);
         note_lifted(state.now().t, state.left(), occurrences);
+        let stuck: GapSet = channels.iter().filter(|&c| state.mode().stick.has(c)).collect();
+        // speeds of the size of errors hold about the root of them
+        let graze = GRAZE * self.settings.rtol.sqrt();
+        if let Some(size) = state.least_hold(stuck).filter(|&size| size < graze) {
+            let (kind, t, gaps) = (FlagKind::SlipGraze, state.now().t, state.closed());
+            occurrences.push(Occurrence::Flag { kind, t, gaps, size });
+        }
         self.motion.forget_experience();
         self.accumulation.note_transition();
         Ok(Piece::Instant)

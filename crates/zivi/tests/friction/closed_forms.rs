@@ -40,7 +40,7 @@ fn transitions(run: &MechanicalRun<Infallible>) -> Vec<(f64, usize, i8)> {
 }
 
 /// A mass in a guide with the friction `l` above a wall.
-fn guide(l: f64, e: f64) -> Rough {
+pub(crate) fn guide(l: f64, e: f64) -> Rough {
     rough(1, &[None], &[e], 0.0, move |_, q, _| Parts {
         mass: vec![1.0],
         force: vec![-G],
@@ -83,6 +83,7 @@ fn sticking_is_exact_and_grazing_harmless() {
         assert_eq!(run.samples.v[k * size + 1], 0.0);
         count += 1;
     }
+    assert!(!run.occurrences.iter().any(|it| matches!(it, Occurrence::Flag { .. })));
     assert!(count > 10);
     // an oscillator whose amplitude is the belt's speed touches it
     for d in [-1e-3, -1e-6, -1e-9, 0.0, 1e-9, 1e-6, 1e-3] {
@@ -90,6 +91,13 @@ fn sticking_is_exact_and_grazing_harmless() {
             let system = belt([1.0, 0.0, 1.0, 1.0, 1.0], 0.0, 0.0, 1.0);
             let run = simulate(system, (&[1.0], &[1.0 + d]), 30.0, (Order::Eight, tol));
             assert_eq!(run.status, Status::Completed, "{d}");
+            let graze =
+                |it: &Occurrence| matches!(it, Occurrence::Flag { kind: FlagKind::SlipGraze, .. });
+            let sticks = transitions(&run).iter().any(|&(t, _, after)| t > 1.0 && after == 0);
+            assert!(sticks || !run.occurrences.iter().any(graze), "{d}");
+            if d.abs() < 1e-8 && sticks {
+                assert!(run.occurrences.iter().any(graze), "{d} {tol:e}");
+            }
         }
     }
 }
@@ -131,6 +139,26 @@ fn a_box_on_two_feet_stands_and_slips_at_once() {
             matches!(it, Occurrence::Flag { kind: FlagKind::UndeterminedForces, .. })
         };
         assert!(run.occurrences.iter().any(told));
+        // the forces sum to what holds the box, and obey the limits
+        let (size, rows) = (run.layout.size(), run.layout.rows());
+        for (k, mode) in
+            run.samples.modes.iter().enumerate().filter(|(_, mode)| mode.stick.len() == 2)
+        {
+            let (t, forces) = (run.samples.t[k], &run.samples.lambda[k * rows..][..rows]);
+            assert!((forces[0] + forces[1] - G).abs() < 1e-12);
+            assert!((forces[2] + forces[3] + 2.0 * t).abs() < 1e-12, "{t} {forces:?}");
+            // moments about the centre: forces at the height -0.4
+            let moment = 0.5 * (forces[1] - forces[0]) + 0.4 * (forces[2] + forces[3]);
+            assert!(moment.abs() < 1e-12, "{moment}");
+            for (foot, mu) in [a, b].into_iter().enumerate() {
+                assert!(forces[2 + foot].abs() <= mu * forces[foot] + 1e-9, "{t} {forces:?}");
+            }
+            assert!(mode.closed.len() == 2 && run.samples.v[k * size].abs() < 1e-15);
+            // in the middle of what is possible: as far from the one limit as from the other
+            let lower = (-a * forces[0]).max(-2.0 * t - b * forces[1]);
+            let upper = (a * forces[0]).min(-2.0 * t + b * forces[1]);
+            assert!((forces[2] - 0.5 * (lower + upper)).abs() < 1e-9, "{t} {forces:?}");
+        }
     }
 }
 

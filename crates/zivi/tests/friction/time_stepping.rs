@@ -1,9 +1,12 @@
 //! Moreau-Jean time stepping with friction.
 
-use zivi::mechanics::{simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma};
+use zivi::mechanics::{
+    simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma, Occurrence,
+};
 use zivi::{Grid, MoreauJean, Silent, Status};
 
-use crate::models::of_family;
+use crate::closed_forms::guide;
+use crate::models::{of_family, G};
 use crate::references::cases;
 
 #[test]
@@ -78,6 +81,20 @@ fn the_implicit_step_takes_friction_in_joints() {
             let pairs = found.iter().zip(exact);
             let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(error < most, "{name} {h} {error:e}");
+            // slips are the integral of their speeds, work that of the power, forces within limits
+            let (rows, row) = (run.layout.rows(), run.layout.m);
+            let (mut far, mut work) = (0.0, 0.0);
+            for k in 1..=last {
+                let slip = run.samples.v[k * size + n + row];
+                far += h * slip;
+                let forces = &run.samples.lambda[k * rows + row..(k + 1) * rows];
+                for (channel, force) in forces.iter().enumerate() {
+                    work -= h * force * run.samples.v[k * size + n + row + channel];
+                    assert!(force.abs() <= 1.7, "{force}");
+                }
+            }
+            assert!((x[n + row] - far).abs() < 1e-9 * (1.0 + far.abs()), "{name} {h}");
+            assert!((v[size - 1] - work).abs() < 1e-9 * (1.0 + work), "{name} {h}");
             let sticks = |k: &usize| run.samples.modes[*k].stick.has(0);
             for k in (0..=last).filter(sticks) {
                 assert_eq!(run.samples.v[k * size + n + run.layout.m], 0.0);
@@ -93,4 +110,29 @@ fn the_implicit_step_takes_friction_in_joints() {
     let run =
         simulate_mechanical_theta_gamma(&mut system, &[0.4], grid, start, vec![], &mut Silent);
     assert!(run.is_err_and(|why| why.to_string().contains("none at gaps")));
+}
+
+#[test]
+fn the_implicit_step_brings_a_mass_in_a_guide_to_rest() {
+    let (l, e): (f64, f64) = (3.0, 0.5);
+    let ratio = e * ((G - l) / (G + l)).sqrt();
+    let arc = 1.0 / (G + l) + 1.0 / (G * G - l * l).sqrt();
+    let exact = (2.0 / (G - l)).sqrt() + e * (2.0 * (G - l)).sqrt() * arc / (1.0 - ratio);
+    for (h, most) in [(1e-3, 2e-2), (1e-4, 3e-3)] {
+        let (mut guide, start) = (guide(l, e), (&[1.0][..], &[0.0][..]));
+        let grid = Grid::new(0.0, 2.0, h).unwrap();
+        let run =
+            simulate_mechanical_theta_gamma(&mut guide, &[e], grid, start, vec![], &mut Silent);
+        let run = run.unwrap();
+        assert_eq!(run.status, Status::Completed);
+        assert!(run.samples.modes.last().unwrap().closed.has(0));
+        // the force of the wall is less by the friction
+        let forces = &run.samples.lambda[run.samples.lambda.len() - 2..];
+        assert!((forces[0] + forces[1] - G).abs() < 1e-9 && forces[1].abs() <= l, "{forces:?}");
+        let zeno = run.occurrences.iter().find_map(|it| match *it {
+            Occurrence::Zeno { t, .. } => Some(t),
+            _ => None,
+        });
+        assert!((zeno.unwrap() - exact).abs() < most, "{zeno:?} {exact}");
+    }
 }

@@ -38,6 +38,17 @@ impl MechanicalState {
         Ok(())
     }
 
+    /// The least of what some channels could hold more than they do, relative to their limits, where the
+    /// forces are known.
+    pub(in crate::mechanics) fn least_hold(&self, channels: GapSet) -> Option<f64> {
+        let hold = |channel: usize| {
+            let limit = self.kinetics.friction_limits(channel).1;
+            let most = self.kinetics.gap_of(channel).map_or(limit, |gap| limit * self.lambda[gap]);
+            1.0 - self.lambda[self.kinetics.row(channel)].abs() / most
+        };
+        channels.iter().map(hold).reduce(f64::min)
+    }
+
     /// The slip speeds, by channel.
     pub(in crate::mechanics) fn slips(&self) -> &[f64] {
         let Layout { n, m, p } = self.layout;
