@@ -12,7 +12,8 @@ and gaps. Runs pass the accumulations of impacts, rest exactly and lift off agai
 
 Systems
     `ImpactSystem`, `LinearForce`, `HarmonicWall`, `Table`, `SpeedDependentImpact`;
-    `MechanicalSystem`, `LinearSystem`, `LinearGap`; ``zivi.symbolic``
+    `MechanicalSystem`, `LinearSystem`, `LinearGap`, `DryFriction`;
+    ``zivi.symbolic``
 Runs
     `simulate`, `simulate_batch`; the methods `SwitchedRK` (high order, the default), `ThetaGamma`
     (the implicit scheme of Huber and Oza), `MoreauJean`, `ExplicitEuler`
@@ -79,6 +80,7 @@ from zivi.simulation.methods import ExplicitEuler, Method, MoreauJean, SwitchedR
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory as Trajectory
 from zivi.study import Design, Study, grid, open_study, points, sample, sweep
+from zivi.system.friction import DryFriction
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
 from zivi.system.linear import Harmonic, LinearSystem
@@ -112,6 +114,7 @@ _former.hand_on()
 __all__ = [
     "Controller",
     "Design",
+    "DryFriction",
     "ExplicitEuler",
     "ExplicitTwisting",
     "Gap",

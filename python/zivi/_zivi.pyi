@@ -314,7 +314,37 @@ class Moved:
 
 @final
 class Mechanism:
-    def __new__(cls, model: Model, *, n: int, m: int, e: _Array) -> Self: ...
+    def __new__(
+        cls, model: Model, *, n: int, m: int, e: _Array, friction: Friction | None = None
+    ) -> Self: ...
+
+@final
+class Friction:
+    def __new__(
+        cls,
+        channels: list[tuple[int | None, float]],
+        *,
+        law: str,
+        impact_without_collision: bool,
+    ) -> Self: ...
+
+@final
+class FrictionRecord:
+    slips: _Array
+    slip_distances: _Array
+    forces: _Array
+    modes: NDArray[np.int8]
+    dissipated: _Array
+    transition_t: _Array
+    transition_channel: NDArray[np.int64]
+    transition_before: NDArray[np.int8]
+    transition_after: NDArray[np.int8]
+    tangential_channel: NDArray[np.int64]
+    tangential_group: NDArray[np.int64]
+    tangential_slip_before: _Array
+    tangential_slip_after: _Array
+    tangential_impulse: _Array
+    tangential_sticks: NDArray[np.bool_]
 
 @final
 class Configuration:
@@ -443,6 +473,7 @@ class MechanicalPath:
     @property
     def span(self) -> tuple[float, float] | None: ...
     def at(self, times: _Array) -> tuple[_Array, _Array, _Array, _Array, NDArray[np.bool_]]: ...
+    def friction_at(self, times: _Array) -> tuple[_Array, _Array, _Array, NDArray[np.int8]]: ...
     def skipped_impacts(
         self, speed: float, at_most: int
     ) -> tuple[_Array, _Array, _Array, _Array]: ...
@@ -484,6 +515,7 @@ class MechanicalRecord:
     n_impacts: int
     raised: BaseException | None
     path: MechanicalPath | None
+    friction: FrictionRecord | None
 
 def check_impact_map(system: PointMass) -> None: ...
 def map_of_impacts(

@@ -11,6 +11,7 @@ mod control;
 mod dynamics;
 mod errors;
 mod force;
+mod friction;
 mod impact_law;
 mod impact_map;
 mod leaving;
@@ -51,6 +52,8 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<system::State>()?;
     module.add_class::<system::Mechanism>()?;
     module.add_class::<system::Configuration>()?;
+    module.add_class::<friction::Friction>()?;
+    module.add_class::<friction::FrictionRecord>()?;
     module.add_class::<system::Keep>()?;
     module.add_class::<user_events::Event>()?;
     module.add_class::<user_events::Hits>()?;

@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use zivi::mechanics::{GapSet, MechanicalRun, Occurrence};
 use zivi::system::dynamics::Layout;
 
+use crate::friction::FrictionRecord;
 use crate::motion::MechanicalPath;
 use crate::user_events::Hits;
 
@@ -48,16 +49,21 @@ pub(crate) struct MechanicalRecord {
     n_impacts: u64,
     raised: Option<Py<PyAny>>,
     path: Option<Py<MechanicalPath>>,
+    /// What friction did, where there is any.
+    friction: Option<Py<FrictionRecord>>,
 }
 
 impl MechanicalRecord {
     pub(crate) fn new(py: Python<'_>, run: MechanicalRun<PyErr>) -> PyResult<Self> {
-        let Layout { n, m, .. } = run.layout;
+        let (Layout { n, m, .. }, size) = (run.layout, run.layout.size());
         let (samples, all) = (&run.samples, &run.occurrences);
-        let count = samples.t.len();
+        let picked = |values: &[f64], from, width| columns(py, values, size, from, width);
         let closed: Vec<GapSet> = samples.modes.iter().map(|mode| mode.closed).collect();
-        let picked = |values: &[f64], from, width| columns(py, values, n + m, from, width);
-        let reactions: Vec<f64> = samples.lambda.clone();
+        let friction = FrictionRecord::of(py, &run)?;
+        let reactions = match run.layout.rows() {
+            0 => PyArray1::from_vec(py, Vec::new()).reshape([samples.t.len(), 0])?.unbind(),
+            rows => columns(py, &samples.lambda, rows, 0, m)?,
+        };
         let floats = |of: &dyn Fn(&Occurrence) -> Option<f64>| {
             PyArray1::from_vec(py, all.iter().filter_map(of).collect()).unbind()
         };
@@ -90,7 +96,7 @@ impl MechanicalRecord {
             qdot: picked(&samples.v, 0, n)?,
             gaps: picked(&samples.x, n, m)?,
             gap_rates: picked(&samples.v, n, m)?,
-            reactions: PyArray1::from_vec(py, reactions).reshape([count, m])?.unbind(),
+            reactions,
             contacts: members(py, &closed, m)?,
             impact_t: floats(field!(Impact, t)),
             impact_gap: integers(field!(Impact, gap as i64)),
@@ -120,6 +126,7 @@ impl MechanicalRecord {
             n_impacts: run.counts.impacts,
             raised: run.raised.map(|error| error.into_value(py).into_any()),
             path,
+            friction: friction.map(|it| Py::new(py, it)).transpose()?,
         })
     }
 }

@@ -7,11 +7,11 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::stepping::step_solver::General;
-use zivi::system::dynamics::Layout;
 use zivi::{AnyMethod, Grid, Lifted, Method as _, Output, Physical, PointRun, SetupError, Solver};
 
 use crate::dynamics::AnyDynamics;
 use crate::force::with_force;
+use crate::friction::Rubbing;
 use crate::mechanics::MechanicalRecord;
 use crate::method::{step_of, step_solver, Method};
 use crate::record::RunRecord;
@@ -110,24 +110,26 @@ fn run_mechanism(
     let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
     let (dense, e) = (keep.dense, system.e.as_slice());
     let start = (start.q.as_slice(), start.qdot.as_slice());
-    let layout = Layout::smooth(system.n, system.m);
+    let (layout, friction) = (system.layout(), system.friction());
     let dynamics = AnyDynamics::of(py, system.model.get(), layout);
     let output = |events| MechanicalOutput { t_eval, tstops, dense, events };
     Ok(match dynamics {
-        AnyDynamics::Compiled(mut compiled) if keep.events.is_empty() => py.detach(|| {
-            let system = zivi::Mechanism { dynamics: &mut compiled, e };
+        AnyDynamics::Compiled(dynamics) if keep.events.is_empty() => py.detach(|| {
+            let system = zivi::Mechanism { dynamics: &mut Rubbing { dynamics, friction }, e };
             method.run(system, span, start, output(Vec::new()), watch)
         }),
         // the events need the interpreter
         dynamics => {
             let events = keep.events.iter().map(|it| it.get().of_mechanism(py, layout.n)).collect();
             match dynamics {
-                AnyDynamics::Compiled(mut compiled) => {
-                    let system = zivi::Mechanism { dynamics: &mut compiled, e };
+                AnyDynamics::Compiled(dynamics) => {
+                    let system =
+                        zivi::Mechanism { dynamics: &mut Rubbing { dynamics, friction }, e };
                     method.run(system, span, start, output(events), watch)
                 }
-                AnyDynamics::Callable(mut callable) => {
-                    let system = zivi::Mechanism { dynamics: &mut callable, e };
+                AnyDynamics::Callable(dynamics) => {
+                    let system =
+                        zivi::Mechanism { dynamics: &mut Rubbing { dynamics, friction }, e };
                     method.run(system, span, start, output(events), watch)
                 }
             }

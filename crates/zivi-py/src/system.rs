@@ -3,11 +3,14 @@
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
+use zivi::system::dynamics::Layout;
+use zivi::system::friction::Friction as Given;
 use zivi::{AnyImpactLaw, Physical};
 
 use crate::arrays::vector;
 use crate::dynamics::Model;
 use crate::force::Force;
+use crate::friction::Friction;
 use crate::impact_law::ImpactLaw;
 use crate::user_events::Event;
 
@@ -44,7 +47,7 @@ impl State {
     }
 }
 
-/// A mechanical system of `n` coordinates and `m` gaps.
+/// A mechanical system of `n` coordinates and `m` gaps, with or without friction.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Mechanism {
     pub(crate) model: Py<Model>,
@@ -52,14 +55,32 @@ pub(crate) struct Mechanism {
     pub(crate) m: usize,
     /// A coefficient of restitution for each gap.
     pub(crate) e: Vec<f64>,
+    friction: Option<Py<Friction>>,
+}
+
+impl Mechanism {
+    /// Its friction, that of no channels if it has none.
+    pub(crate) fn friction(&self) -> &Given {
+        self.friction.as_ref().map_or_else(|| Given::none(), |it| &it.get().given)
+    }
+
+    pub(crate) fn layout(&self) -> Layout {
+        Layout { n: self.n, m: self.m, p: self.friction().channels.len() }
+    }
 }
 
 #[pymethods]
 impl Mechanism {
     #[new]
-    #[pyo3(signature = (model, *, n, m, e))]
-    fn new(model: Py<Model>, n: usize, m: usize, e: PyReadonlyArray1<'_, f64>) -> Self {
-        Self { model, n, m, e: vector(&e) }
+    #[pyo3(signature = (model, *, n, m, e, friction=None))]
+    fn new(
+        model: Py<Model>,
+        n: usize,
+        m: usize,
+        e: PyReadonlyArray1<'_, f64>,
+        friction: Option<Py<Friction>>,
+    ) -> Self {
+        Self { model, n, m, e: vector(&e), friction }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {

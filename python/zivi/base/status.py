@@ -56,6 +56,16 @@ class Status(enum.IntEnum):
     """Which contacts of a mechanical system stay closed was not decided."""
     MASS_NOT_DEFINITE = 15
     """The mass matrix of a mechanical system is not symmetric positive definite."""
+    INCONSISTENT_CONTACT = 16
+    """No motion of a sliding contact obeys the law of friction (Painlevé's paradox)."""
+    INDETERMINATE_CONTACT = 17
+    """Several motions obey the law of friction (Painlevé's paradox)."""
+    PAINLEVE_SINGULAR = 18
+    """A sliding contact reached the border of Painlevé's paradox."""
+    REDUNDANT_STICK = 19
+    """More than one force of sticking contacts is not determined by the motion."""
+    MODE_CHATTER = 20
+    """Friction changed its mode again and again at one instant."""
 
 
 class StudyStatus(enum.IntEnum):

@@ -21,7 +21,13 @@ from zivi.simulation.run import pair, stop_times
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.parameters import INITIAL, check_differentiable, codes_of, parameter
+from zivi.system.parameters import (
+    INITIAL,
+    check_differentiable,
+    check_smooth,
+    codes_of,
+    parameter,
+)
 
 if TYPE_CHECKING:
     from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity
@@ -254,6 +260,7 @@ def sensitivity(
     mechanical = isinstance(system, MechanicalSystem)
     if not mechanical:
         check_differentiable(system)
+    check_smooth(system)
     if not isinstance(method, SwitchedRK):
         raise TypeError(f"sensitivity needs method=zivi.SwitchedRK(...), got {told(method)}")
     span = pair("t_span", t_span, "(t0, t1)")

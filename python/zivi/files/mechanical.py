@@ -10,6 +10,7 @@ import numpy as np
 
 from zivi._zivi import MechanicalPath
 from zivi.base.status import Status
+from zivi.simulation.friction_result import FRICTION, IMPACTS, TRANSITIONS, FrictionSamples
 from zivi.simulation.impacts import FIELDS, SLOWEST, table
 from zivi.simulation.linear_motion import LinearMotion
 from zivi.simulation.mechanical_labelled import MEANING, TABLES
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["holds_mechanical", "mechanical_dataset", "mechanical_run"]
 
+JOINT = -1
+"""The gap of a channel of friction that has none."""
 ATTRIBUTE = {"impacts": "resolved_impacts"}
 """Fields that hold tables of another name."""
 
@@ -32,11 +35,14 @@ def holds_mechanical(dataset: xarray.Dataset) -> bool:
 def mechanical_dataset(run: MechanicalTrajectory) -> xarray.Dataset:
     """Give all that a run is: its labelled dataset, the events of the user and the motion."""
     dataset = run.to_xarray()
-    for name in FIELDS["impacts"]:
+    for name in run.resolved_impacts.dtype.names or ():
         meaning = f"{name} of an impact that was computed"
         values = np.asarray(run.resolved_impacts[name])
         dataset[f"resolved_impact_{name}"] = "resolved", values, {"long_name": meaning}
     dataset.attrs["slowest"] = run.slowest
+    if run._friction is not None:
+        gaps = [JOINT if gap is None else gap for gap in run._friction.gaps]
+        dataset["channel_gap"] = "channel", np.array(gaps), {"long_name": "its gap, or -1"}
     numbers = np.repeat(np.arange(len(run.t_events)), [len(times) for times in run.t_events])
     nothing = np.empty((0, run.q.shape[1]))
     dataset["event_function"] = "event", numbers, {"long_name": "number of the event function"}
@@ -79,6 +85,21 @@ def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
         q_events=[dataset["event_q"].values[own] for own in each],
         qdot_events=[dataset["event_qdot"].values[own] for own in each],
         _path=_path(dataset),
+        _friction=_friction(dataset),
+    )
+
+
+def _friction(dataset: xarray.Dataset) -> FrictionSamples | None:
+    if "channel_gap" not in dataset:
+        return None
+    gaps = [None if gap == JOINT else int(gap) for gap in dataset["channel_gap"].values]
+    columns = {name: dataset[f"transition_{name}"].values for name in TRANSITIONS}
+    sampled: dict[str, Any] = {name: dataset[name].values for name in FRICTION}
+    return FrictionSamples(
+        names=tuple(str(name) for name in dataset["channel"].values),
+        gaps=tuple(gaps),
+        transitions=table(TRANSITIONS, 0, columns),
+        **sampled,
     )
 
 
@@ -94,6 +115,8 @@ def _path(dataset: xarray.Dataset) -> Any:
 
 def _table(dataset: xarray.Dataset, name: str, m: int) -> Any:
     fields, dim = FIELDS[name], TABLES[name]
+    if name == "impacts" and "channel_gap" in dataset:
+        fields = IMPACTS
     # version 0.1 had the impacts that were computed where now those are that are listed
     if f"resolved_{dim}_t" in dataset:
         dim = f"resolved_{dim}"

@@ -16,7 +16,7 @@ from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.run import pair
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem, restitutions
-from zivi.system.parameters import INITIAL, codes_of, with_value
+from zivi.system.parameters import INITIAL, check_smooth, codes_of, with_value
 from zivi.system.parametric_mechanism import ParametricSystem
 
 __all__ = ["MassRun", "MechanicalRun", "Moved", "run_of"]
@@ -99,6 +99,7 @@ def _built(build: Any, e: Array, **parameters: float) -> MechanicalSystem:
 
 def run_of(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]) -> Any:
     """Check the start and the names, and give the run."""
+    check_smooth(system)
     if not isinstance(system, MechanicalSystem):
         codes_of(system, wrt)
         return MassRun(system, span, pair("y0", y0, "(x0, xdot0)"), wrt)

@@ -24,7 +24,7 @@ from zivi.plot.curves import (
     velocity,
 )
 from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE
-from zivi.plot.mechanics import configuration, coordinates, gaps, reactions
+from zivi.plot.mechanics import configuration, coordinates, gaps, modes, reactions, slips
 from zivi.plot.orbits import basins, branch, diagram
 from zivi.plot.panels import overview
 from zivi.plot.section import poincare
@@ -43,6 +43,7 @@ __all__ = [
     "diagram",
     "gaps",
     "lifted",
+    "modes",
     "multipliers",
     "overview",
     "phase_plane",
@@ -50,5 +51,6 @@ __all__ = [
     "position",
     "reactions",
     "signs",
+    "slips",
     "velocity",
 ]

@@ -16,7 +16,16 @@ if TYPE_CHECKING:
     from zivi.base.check import Array
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 
-__all__ = ["check_mechanical", "configuration", "coordinates", "gaps", "is_mechanical", "reactions"]
+__all__ = [
+    "check_mechanical",
+    "configuration",
+    "coordinates",
+    "gaps",
+    "is_mechanical",
+    "modes",
+    "reactions",
+    "slips",
+]
 
 POINTS = 2000
 """So many equidistant times beside the samples draw a motion."""
@@ -126,6 +135,73 @@ def configuration(
     ax.plot(curve.q[:, first], curve.q[:, second], **({"color": _colour(len(ax.lines))} | line))
     ax.set(xlabel=names[first], ylabel=names[second])
     return ax
+
+
+def slips(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the slip speeds of dry friction over time.
+
+    Parameters and return value as for `gaps`.
+    """
+    check_mechanical("slips", sol)
+    ax = axes_of(ax)
+    curve = drawn(sol)
+    _lines(ax, curve.t, curve.slips, sol.channel_names, line)
+    ax.axhline(0.0, color=WALL, lw=0.8, zorder=0)
+    ax.set(xlabel="time $t$", ylabel="slip speeds $w_c$")
+    return ax
+
+
+def modes(sol: MechanicalTrajectory, ax: Axes | None = None, **bar: Any) -> Axes:
+    """Plot what each channel of dry friction does: bars of stick, of slip up and of slip down.
+
+    Parameters
+    ----------
+    sol : MechanicalTrajectory
+        The run.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    **bar
+        Passed to `matplotlib.axes.Axes.broken_barh`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If the run has no friction.
+
+    Examples
+    --------
+    >>> belt = zivi.DryFriction(limit=0.8, static=1.2, velocity=0.2, name="belt")
+    >>> system = zivi.MechanicalSystem(mass=1.0, force=lambda t, q, qdot: -q, friction=[belt])
+    >>> ax = zivi.plot.modes(zivi.simulate(system, (0, 30), ([0.0], [0.2])))
+    >>> [label.get_text() for label in ax.get_yticklabels()]
+    ['belt']
+    """
+    check_mechanical("modes", sol)
+    if not sol.channel_names:
+        raise ValueError("zivi.plot.modes draws dry friction, the run has none")
+    ax = axes_of(ax)
+    names = {0: "stick", 1: "slip +", -1: "slip -"}
+    drawn_before: set[int] = set()
+    for channel in range(len(sol.channel_names)):
+        for mode in names:
+            spans = [(t, end - t) for t, end, what in sol._spans(channel) if what == mode]
+            label = names[mode] if spans and mode not in drawn_before else None
+            drawn_before |= {mode} if spans else set()
+            settings = {"facecolors": _colour(MODE_COLOURS[mode]), "label": label} | bar
+            ax.broken_barh(spans, (channel - 0.4, 0.8), **settings)
+    ax.set_yticks(range(len(sol.channel_names)), sol.channel_names)
+    ax.set(xlabel="time $t$", xlim=(sol.t[0], sol.t[-1]))
+    ax.invert_yaxis()
+    ax.legend()
+    return ax
+
+
+MODE_COLOURS = {0: 0, 1: 1, -1: 2}
+"""The colours of stick and of both directions of slip, in the palette."""
 
 
 def _number(names: tuple[str, ...], item: int | str) -> int:

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 from zivi.plot.curves import control, lifted, phase_plane, position, signs, velocity
 from zivi.plot.look import figure_of
-from zivi.plot.mechanics import configuration, coordinates, gaps, is_mechanical, reactions
+from zivi.plot.mechanics import (
+    configuration,
+    coordinates,
+    gaps,
+    is_mechanical,
+    modes,
+    reactions,
+    slips,
+)
 from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
@@ -28,7 +36,8 @@ def overview(
 
     A trajectory: position, velocity and transformed state over time, and the physical phase
     plane. A closed loop: position, velocity, control and signs over time. A mechanical system:
-    coordinates, gaps and reactions over time, and its configuration.
+    coordinates, gaps and reactions over time, and its configuration; with dry friction what sticks
+    and slips instead of the reactions.
 
     Parameters
     ----------
@@ -53,6 +62,8 @@ def overview(
         drawings = [position, velocity, lifted, partial(phase_plane, coordinates="physical")]
         if hasattr(run, "u"):
             drawings[2:] = [control, signs]
+    elif getattr(run, "channel_names", ()):
+        drawings[1:3] = [gaps if getattr(run, "gap_names", ()) else slips, modes]
     figure = figure_of(figure, 9.0, 6.0)
     first = None
     for number, draw in enumerate(drawings, start=1):

@@ -145,6 +145,9 @@ def _systems(systems: Any) -> list[MechanicalSystem]:
             raise TypeError(f"systems must be zivi.MechanicalSystem (number {i}), got {system!r}")
         if system.gap_names != several[0].gap_names:
             raise ValueError(f"systems must have the same gaps, number {i} has {system.gap_names}")
+        if system.channel_names != several[0].channel_names:
+            names = system.channel_names
+            raise ValueError(f"systems must have the same friction, number {i} has {names}")
     return several
 
 
@@ -173,6 +176,7 @@ def _states(y0: Any, n_systems: int) -> tuple[Array, Array]:
 
 
 TABLES = ("impacts", "zeno", "liftoffs", "openings", "corners", "flags")
+OF_FRICTION = ("transitions", "stick")
 
 
 def _kept(run: MechanicalTrajectory, save: str) -> Kept:
@@ -185,10 +189,11 @@ def _kept(run: MechanicalTrajectory, save: str) -> Kept:
         "status": int(run.status),
         "nfev": run.nfev,
     }
+    tables = (*TABLES, *OF_FRICTION) if run.channel_names else TABLES
     return Kept(
         end=(run.t[-1], run.q[-1], run.qdot[-1], run.gaps[-1], run.contacts[-1]),
         numbers=numbers,
-        events={name: getattr(run, name) for name in TABLES} if save == "events" else None,
+        events={name: getattr(run, name) for name in tables} if save == "events" else None,
         run=run if save == "runs" else None,
         config=run.config,
     )

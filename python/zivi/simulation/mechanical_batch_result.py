@@ -76,7 +76,7 @@ class MechanicalBatch(Runs):
         Evaluations of the system.
     events : list of dict or None
         With ``save="events"``: the tables ``impacts``, ``zeno``, ``liftoffs``, ``openings``,
-        ``corners`` and ``flags`` of each run.
+        ``corners`` and ``flags`` of each run, with friction also ``transitions`` and ``stick``.
     runs : list of MechanicalTrajectory or None
         With ``save="runs"``: the runs themselves.
     config : dict

@@ -66,6 +66,9 @@ def _repeated(last: Rows, gap: int, t: Any, before: Any, after: Any) -> Any:
     rows["t"] = t
     for name in ("speed_before", "speed_after", "impulse"):
         rows[name] = last[name][:, None] * ratio
+    if "sticks" in (last.dtype.names or ()):
+        rows["tangential_impulse"] = last["tangential_impulse"][:, None] * ratio
+        rows["slip_before"] = rows["slip_after"] = np.nan
     own = last["gap"] == gap
     rows["speed_before"][own], rows["speed_after"][own] = before, after
     return rows.T.ravel()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zivi.base.table import Field, Table
+from zivi.simulation.friction_result import FRICTION
 
 if TYPE_CHECKING:
     import pandas
@@ -55,12 +56,25 @@ def rows_of(sol: Any) -> dict[str, str]:
         "impacts": ", ".join(_counts(sol)) + " resolved",
         "Zeno points": times(sol.zeno),
         "lift-offs": times(sol.liftoffs),
+        **_friction_of(sol),
         "corners": ", ".join(f"{t:.9g}" for t in sol.corners["t"][:5]) or "none",
         "flags": ", ".join(f"{f['kind']} at {f['t']:.6g}" for f in sol.flags[:5]) or "none",
         "closed at the end": ", ".join(closed) or "none",
         "steps": f"{sol.n_steps}, {sol.n_rejected} more rejected",
         "evaluations of the system": str(sol.nfev),
     }
+
+
+def _friction_of(sol: Any) -> dict[str, str]:
+    """Tell when friction sticks, if there is any."""
+    if not sol.channel_names:
+        return {}
+    told = [
+        f"{sol.channel_names[it['channel']]} {it['t_start']:.6g} .. {it['t_end']:.6g}"
+        for it in sol.stick[:5]
+    ]
+    more = " ..." if len(sol.stick) > 5 else ""
+    return {"sticks": (", ".join(told) + more) or "never"}
 
 
 def _counts(sol: Any) -> list[str]:
@@ -80,6 +94,12 @@ def table_of(sol: Any) -> pandas.DataFrame:
         columns[name] = sol.gaps[:, i]
     for i, name in enumerate(sol.gap_names):
         columns[f"reaction_{name}"] = sol.reactions[:, i]
+    for c, name in enumerate(sol.channel_names):
+        columns[f"slip_{name}"] = sol.slips[:, c]
+        columns[f"friction_{name}"] = sol.friction_forces[:, c]
+        columns[f"mode_{name}"] = sol.modes[:, c]
+    if sol.channel_names:
+        columns["dissipated"] = sol.dissipated
     return pandas.DataFrame(columns, index=pandas.Index(sol.t, name="time"))
 
 
@@ -88,7 +108,13 @@ def labels_of(sol: Any) -> Table:
     fields, values = dict(MEANING), {"time": sol.t}
     values["coordinate"] = np.array(sol.coordinate_names, dtype=object)
     values["gap"] = np.array(sol.gap_names, dtype=object)
-    for attribute, dim in TABLES.items():
+    tables, coords = dict(TABLES), dict(COORDS)
+    if sol.channel_names:
+        fields |= FRICTION
+        tables["transitions"], tables["stick"] = "transition", "stick"
+        coords["channel"] = "channel", "", "name of the channel of friction"
+        values["channel"] = np.array(sol.channel_names, dtype=object)
+    for attribute, dim in tables.items():
         rows = getattr(sol, attribute)
         for field in rows.dtype.names or ():
             values[f"{dim}_{field}"] = np.asarray(rows[field])
@@ -102,4 +128,4 @@ def labels_of(sol: Any) -> Table:
         "n_steps": sol.n_steps,
         "n_rejected": sol.n_rejected,
     }
-    return Table("Run of a mechanical system with impacts", fields, COORDS, values, attrs)
+    return Table("Run of a mechanical system with impacts", fields, coords, values, attrs)

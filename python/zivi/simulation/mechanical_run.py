@@ -97,6 +97,27 @@ def check_mechanical_method(method: Any) -> None:
         )
 
 
+def check_friction(system: MechanicalSystem, method: Any) -> None:
+    """Refuse methods that do not take dry friction."""
+    if system._channels and not isinstance(method, SwitchedRK):
+        raise NotImplementedError(
+            f"{type(method).__name__} does not take dry friction: its step has no sign of the slip "
+            "speeds. Use zivi.SwitchedRK()"
+        )
+
+
+def mechanism(system: MechanicalSystem, model: Model) -> _zivi.Mechanism:
+    """Give what the extension runs: a model with its restitution and friction."""
+    layout, friction = model.layout, None
+    if system._channels:
+        friction = _zivi.Friction(
+            [(channel.gap, channel.e_t) for channel in system._channels],
+            law=system.impact_law,
+            impact_without_collision=system.paradox == "impact",
+        )
+    return _zivi.Mechanism(model.spec, n=layout.n, m=layout.m, e=system.e, friction=friction)
+
+
 IMPLICIT = (1.0, 1.0, "exact")
 """theta, gamma and solver of the member that comes to rest exactly."""
 
@@ -110,6 +131,7 @@ def run_mechanical(
     system: MechanicalSystem, method: FixedOrSwitched, asked: Asked, report: Any
 ) -> tuple[MechanicalTrajectory, BaseException | None]:
     """Check the start, run, and give the result with the exception that ended it, if one did."""
+    check_friction(system, method)
     model: Model = system.model(len(asked.q))
     check_start(system, model, asked.span, asked.q, asked.qdot)
     if isinstance(method, MoreauJean) and _coupled(system, model, asked, differing=True):
@@ -120,7 +142,7 @@ def run_mechanical(
         t_eval=asked.t_eval, tstops=asked.tstops, events=asked.events, dense=asked.dense
     )
     record = _zivi.simulate(
-        _zivi.Mechanism(model.spec, n=model.layout.n, m=model.layout.m, e=system.e),
+        mechanism(system, model),
         method._core,
         asked.span,
         _zivi.Configuration(asked.q, asked.qdot),
@@ -128,7 +150,8 @@ def run_mechanical(
         report,
     )
     config = configuration(system, model, method, asked)
-    sol = MechanicalTrajectory._from_record(record, model, config, closer_of(system, method, asked))
+    closer = closer_of(system, method, asked)
+    sol = MechanicalTrajectory._from_record(record, model, config, closer, system._channels)
     if not isinstance(method, SwitchedRK) and asked.t_eval is not None:
         sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
     return sol, record.raised
@@ -177,6 +200,9 @@ def configuration(
         "qdot0": asked.qdot.tolist(),
         "method": {"name": type(method).__name__} | dataclasses.asdict(method),
     }
+    if system._channels:
+        config["friction"] = list(system.channel_names)
+        config |= {"impact_law": system.impact_law, "paradox": system.paradox}
     if parameters := getattr(system, "parameters", None):
         config["parameters"] = dict(parameters)
     return config

@@ -15,13 +15,21 @@ from zivi.base.extras import needed
 from zivi.base.status import Status
 from zivi.base.table import Table
 from zivi.simulation import mechanical_labelled as labelled
+from zivi.simulation.friction_result import (
+    IMPACTS,
+    FrictionSamples,
+    Rubbing,
+    friction_of,
+    impacts_with,
+)
 from zivi.simulation.impacts import FIELDS, SLOWEST, Rows, table
 from zivi.simulation.linear_motion import LinearMotion
 from zivi.simulation.mechanical_impacts import down_to, listed
 from zivi.simulation.mechanical_messages import ending
-from zivi.simulation.reactions import reactions_at
+from zivi.simulation.reactions import forces_at, reactions_at
 from zivi.simulation.run_result import SampledRun
 from zivi.simulation.trust import Closer, told, trusted
+from zivi.system.friction import Channel
 from zivi.system.mechanism import Model
 
 if TYPE_CHECKING:
@@ -31,14 +39,16 @@ __all__ = ["FIELDS", "MechanicalTrajectory", "table"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalTrajectory(SampledRun):
+class MechanicalTrajectory(Rubbing, SampledRun):
     """Samples and events of one run of a mechanical system: n coordinates, m gaps.
 
     Calling it, ``sol(t)``, gives ``(q, qdot)`` between the samples. Tables of events are record
     arrays: ``sol.zeno["t"]`` and ``sol.zeno.t`` are the same. The impacts are the table ``impacts``
     with fields ``t``, ``gap`` (its number), ``speed_before`` (<= 0) and ``speed_after`` of the gap,
     ``impulse``, ``group``: a row for each gap with a part in an impact; rows of one impact share
-    the number of its group.
+    the number of its group. With dry friction also ``tangential_impulse``, ``slip_before`` and
+    ``slip_after``, the slip speeds (NaN at a gap without friction and where a jump skipped the
+    impact), and ``sticks``.
 
     Attributes
     ----------
@@ -66,7 +76,11 @@ class MechanicalTrajectory(SampledRun):
     flags : recarray
         What the result hangs on: ``kind``, ``t``, ``gaps`` (m flags), ``size``. "simultaneous":
         coupled gaps were hit at once, a little earlier or later gives another motion.
-        "order_uncertain": which of them came first is within the tolerance.
+        "order_uncertain": which of them came first is within the tolerance. With friction also
+        "energy_gain": an impact raised the energy, by so much; "impact_not_unique": other impulses
+        solve it too; "undetermined_forces": the contact forces are not unique, the motion is;
+        "slip_graze": a slip speed touched zero; "forced_landing": an accumulation was ended at the
+        smallest speed.
     status : Status
         How the run ended, 0 for success.
     message : str
@@ -113,6 +127,8 @@ class MechanicalTrajectory(SampledRun):
     _path: Any = None
     _model: Model | None = None
     _closer: Closer | None = None
+    _friction: FrictionSamples | None = None
+    _channels: tuple[Channel, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
         # samples can be sent where a model cannot
@@ -158,6 +174,7 @@ class MechanicalTrajectory(SampledRun):
         model: Model,
         config: dict[str, Any],
         closer: Closer | None,
+        channels: tuple[Channel, ...] = (),
     ) -> MechanicalTrajectory:
 
         def rows(name: str, columns: dict[str, Any]) -> Rows:
@@ -168,6 +185,9 @@ class MechanicalTrajectory(SampledRun):
         stepped = config["method"]["name"] != "SwitchedRK"
         linear = LinearMotion(**{name: getattr(record, name) for name in steps})
         impacts = {name: getattr(record, f"impact_{name}") for name in FIELDS["impacts"]}
+        fields = FIELDS["impacts"]
+        if record.friction is not None:
+            impacts, fields = impacts_with(impacts, record.friction, channels), IMPACTS
         flags = {
             "kind": np.array(record.flag_kind, dtype="U16"),
             "t": record.flag_t,
@@ -182,7 +202,7 @@ class MechanicalTrajectory(SampledRun):
             gap_rates=record.gap_rates,
             contacts=record.contacts,
             reactions=record.reactions,
-            resolved_impacts=rows("impacts", impacts),
+            resolved_impacts=table(fields, model.layout.m, impacts),
             zeno=rows(
                 "zeno", {"t": record.zeno_t, "gap": record.zeno_gap, "closed": record.zeno_closed}
             ),
@@ -191,7 +211,7 @@ class MechanicalTrajectory(SampledRun):
             corners=rows("corners", {"t": record.corner_t, "gaps": record.corner_gaps}),
             flags=rows("flags", flags),
             status=Status(record.status),
-            message=ending(record, config["gaps"]),
+            message=ending(record, config["gaps"], model, channels),
             nfev=record.nfev,
             n_steps=record.n_steps,
             n_rejected=record.n_rejected,
@@ -204,6 +224,8 @@ class MechanicalTrajectory(SampledRun):
             _path=linear if stepped else record.path,
             _model=model,
             _closer=closer,
+            _friction=friction_of(record.friction, channels),
+            _channels=channels,
         )
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -230,7 +252,25 @@ class MechanicalTrajectory(SampledRun):
         return np.stack([q.reshape(shape), qdot.reshape(shape)])
 
     def _resampled(self, times: Array) -> MechanicalTrajectory:
-        q, qdot, gaps, rates, contacts = self._known().at(np.ascontiguousarray(times))
+        times = np.ascontiguousarray(times)
+        q, qdot, gaps, rates, contacts = self._known().at(times)
+        if self._friction is not None:
+            slips, distances, dissipated, modes = self._path.friction_at(times)
+            states = times, q, qdot
+            forces = forces_at(self._model, self._channels, states, contacts, modes)
+            reactions, rubbing = forces
+            friction = dataclasses.replace(
+                self._friction,
+                slips=slips,
+                slip_distances=distances,
+                dissipated=dissipated,
+                modes=modes,
+                friction_forces=rubbing,
+            )
+        elif isinstance(self._path, LinearMotion):
+            reactions, friction = self._path.reactions_at(times), None
+        else:
+            reactions, friction = reactions_at(self._model, times, q, qdot, contacts), None
         return dataclasses.replace(
             self,
             t=times,
@@ -239,9 +279,8 @@ class MechanicalTrajectory(SampledRun):
             gaps=gaps,
             gap_rates=rates,
             contacts=contacts,
-            reactions=self._path.reactions_at(times)
-            if isinstance(self._path, LinearMotion)
-            else reactions_at(self._model, times, q, qdot, contacts),
+            reactions=reactions,
+            _friction=friction,
         )
 
     def _listed(self) -> Rows:
@@ -269,9 +308,10 @@ class MechanicalTrajectory(SampledRun):
     @functools.cached_property
     def rest_time(self) -> float | None:
         """Time from which nothing moves until the end of the run, None if something does."""
-        tables = (self.resolved_impacts, self.zeno, self.liftoffs, self.openings, self.corners)
+        gaps = (self.resolved_impacts, self.zeno, self.liftoffs, self.openings, self.corners)
+        tables = (*gaps, self.transitions)
         since = max([self.t[0], *(rows["t"].max(initial=-np.inf) for rows in tables)], default=None)
-        if since is None or not self.contacts[-1].any():
+        if since is None or not (self.contacts[-1].any() or (self.modes[-1:] == 0).any()):
             return None
         late = self.t >= since
         speeds = np.abs(self.qdot).max(initial=0.0)
@@ -287,6 +327,8 @@ class MechanicalTrajectory(SampledRun):
         counts += f", {len(self.liftoffs)} lift-offs"
         if len(self.corners):
             counts += f", {len(self.corners)} corners"
+        if len(self.stick):
+            counts += f", {len(self.stick)} times stick"
         if len(self.flags):
             counts += f", {len(self.flags)} flags"
         return (

@@ -28,6 +28,7 @@ from zivi.simulation.partial import as_raised, with_partial
 from zivi.simulation.steps import ended_by_event, restrict
 from zivi.simulation.trajectory import NO_STOPS, Trajectory
 from zivi.system.mass import ImpactSystem, check_system
+from zivi.system.mass_with_friction import mechanism_of
 from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["simulate"]
@@ -151,7 +152,8 @@ def simulate(
     Returns
     -------
     Trajectory or MechanicalTrajectory
-        Always valid up to its last sample. If the run ended early, ``success`` is False and
+        A `MechanicalTrajectory` of a `MechanicalSystem`, and of a mass with friction. Always valid
+        up to its last sample. If the run ended early, ``success`` is False and
         ``status`` and ``message`` say why.
 
     Raises
@@ -172,6 +174,8 @@ def simulate(
     0.25
     """
     refuse("simulate", misplaced)
+    if isinstance(system, ImpactSystem) and system.friction is not None:
+        system = mechanism_of(system)
     if isinstance(system, MechanicalSystem):
         return _mechanical(
             system,

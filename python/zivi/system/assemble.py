@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from zivi.base.check import Array
+from zivi.system.friction import Channel, Slip
 from zivi.system.gap import Gap
 from zivi.system.layout import Layout
 from zivi.system.model_parts import Compiled, Part
@@ -20,7 +21,13 @@ Evaluate: TypeAlias = Callable[[float, Array, Array], Array]
 Filler: TypeAlias = Callable[[float, Array, Array], None]
 
 
-def assembled(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> Evaluate:
+def assembled(
+    layout: Layout,
+    mass: Part,
+    force: Part,
+    gaps: Sequence[Gap],
+    slips: Sequence[tuple[Channel, Slip]] = (),
+) -> Evaluate:
     """Join the parts of a system; an error names the part whose result has another shape."""
     row = np.zeros(layout.size)
     views = layout.views(row)
@@ -37,6 +44,8 @@ def assembled(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> E
             _number_filler(f"curvature {called}", curvature, views["curvatures"][i : i + 1], 3),
             _number_filler(f"rate {called}", rate, views["rates"][i : i + 1], 2),
         ]
+    for c, (channel, slip) in enumerate(slips):
+        fillers += _of_channel(channel, slip, views, c)
     moving = [filler for filler in fillers if filler is not None]
 
     def evaluate(t: float, q: Array, qdot: Array) -> Array:
@@ -45,6 +54,37 @@ def assembled(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> E
         return row
 
     return evaluate
+
+
+def _of_channel(
+    channel: Channel, slip: Slip, views: dict[str, Array], c: int
+) -> list[Filler | None]:
+    """Give what writes the parts of a channel of friction into their places."""
+    at_gap = channel.gap is not None
+    own, row, held, most = (
+        views[name][c : c + 1] for name in ("slip_rates", "tangents", "limits", "static_limits")
+    )
+    called = f"of gap {channel.name!r}" if at_gap else f"of friction {channel.name!r}"
+    prefix, name = ("tangent_", "mu") if at_gap else ("", "limit")
+    direction = "tangent" if at_gap else "direction"
+    k = views["slip_curvatures"][c : c + 1]
+    fillers = [
+        _filler(f"{direction} {called}", slip.direction, row[0], 2),
+        _number_filler(f"{prefix}curvature {called}", slip.curvature, k, 3),
+        _number_filler(f"{prefix}velocity {called}", slip.rate, own, 2),
+        _number_filler(f"{name} {called}", slip.limit, held, 3),
+    ]
+    if slip.by_speed is not None:
+        mu = slip.by_speed
+
+        def limit(t: float, q: Array, qdot: Array) -> float:
+            return mu(abs(float(row[0] @ qdot + own[0])))
+
+        fillers[-1] = _number_filler(f"{name} {called}", limit, held, 3)
+    if slip.static is not None:
+        static = _number_filler(f"{name}_static {called}", slip.static, most, 3)
+        return [*fillers, static]
+    return [*fillers, _number_filler(f"static {called}", lambda t, q, qdot: held[0], most, 3)]
 
 
 def _called(function: Callable[..., Any], arguments: int) -> Callable[..., Any]:

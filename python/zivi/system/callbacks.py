@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zivi.base.check import Array
+from zivi.system.friction import Channel, Slip
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.inputs import DrivenForce
 from zivi.system.layout import Layout
@@ -61,6 +62,16 @@ TABLE = """\
 """
 
 
+BELT = """\
+    {
+        const double *at = p->walls + WALL;
+        const double angle = at[1]*t + at[2];
+        out[CURVATURE] = at[1]*at[1]*at[0]*cos(angle);
+        out[RATE] = at[0]*at[1]*sin(angle);
+    }
+"""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Glued:
     """A compiled model of compiled parts.
@@ -80,7 +91,13 @@ class Glued:
     owners: list[Any]
 
 
-def glued(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> Glued | None:
+def glued(
+    layout: Layout,
+    mass: Part,
+    force: Part,
+    gaps: Sequence[Gap],
+    slips: Sequence[tuple[Channel, Slip]] = (),
+) -> Glued | None:
     """Join compiled parts; None if one needs the interpreter, or there is no C compiler.
 
     Systems of constants only are left to the interpreter: it has nothing to call in them.
@@ -97,9 +114,14 @@ def glued(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> Glued
             names = ("gaps", "gradients", "curvatures", "rates")
             places = [views[name][i : i + 1] for name in names]
             named += zip(gap._parts(), places, strict=True)
+    for c, (_, slip) in enumerate(slips):
+        if slip.by_speed is not None:
+            return None
+        named += _of_slip(slip, views, c)
     given = [part for part, _ in named]
     native = all(isinstance(part, np.ndarray | Compiled) for part in given)
     moved = [gap.motion for gap in linear if gap.motion is not None]
+    moved += [slip.motion for _, slip in slips if slip.motion is not None]
     if not (native and any(isinstance(part, Compiled) for part in given)):
         return None
     if not all(isinstance(motion, HarmonicWall | Table) for motion in moved):
@@ -133,6 +155,14 @@ def glued(layout: Layout, mass: Part, force: Part, gaps: Sequence[Gap]) -> Glued
         elif isinstance(motion, Table):
             lines.append(_placed(TABLE.replace("PLACE", str(len(calls))), layout, i))
             calls += motion._core.functions[1:]
+    for c, (_, slip) in enumerate(slips):
+        if isinstance(slip.motion, HarmonicWall):
+            lines.append(_belt(layout, c, len(walls)))
+            motion = slip.motion
+            walls += [motion.amplitude, motion.omega, motion.phase, motion.offset]
+        if slip.static is None:
+            held = layout.size - 2 * layout.p + c
+            lines.append(f"    out[{held + layout.p}] = out[{held}];\n")
     source = HEAD.replace("SIZE", str(layout.size)) + "".join([*lines, "    return 0;\n}\n"])
     numbers, addresses = np.array([*walls, 0.0]), np.array([*calls, 0], dtype=np.uintp)
     parameters = np.array([a.ctypes.data for a in (row, addresses, numbers)], dtype=np.uintp)
@@ -170,8 +200,31 @@ def _placed(text: str, layout: Layout, i: int) -> str:
     return text
 
 
+def _of_slip(slip: Slip, views: dict[str, Array], c: int) -> list[tuple[Part, Array]]:
+    """Give the parts of a channel of friction with their places; motions are added later."""
+    given = {
+        "tangents": slip.direction,
+        "slip_curvatures": slip.curvature,
+        "slip_rates": slip.rate,
+        "limits": slip.limit,
+        "static_limits": slip.static,
+    }
+    if slip.motion is not None:
+        del given["slip_curvatures"], given["slip_rates"]
+    return [(part, views[name][c : c + 1]) for name, part in given.items() if part is not None]
+
+
+def _belt(layout: Layout, c: int, place: int) -> str:
+    """Let the surface of a channel move: its rate, its curvature."""
+    places = _places(layout, layout.m + c)
+    text = BELT.replace("WALL", str(place))
+    for name in ("CURVATURE", "RATE"):
+        text = text.replace(name, str(places[name]))
+    return text
+
+
 def _places(layout: Layout, i: int) -> dict[str, int]:
-    n, m = layout.n, layout.m
+    n, m, rows = layout.n, layout.m, layout.m + layout.p
     value = n * n + n + i
-    gradient, curvature = n * n + n + m + i * n, n * n + n + m + m * n + i
-    return {"VALUE": value, "GRADIENT": gradient, "CURVATURE": curvature, "RATE": curvature + m}
+    gradient, curvature = n * n + n + m + i * n, n * n + n + m + rows * n + i
+    return {"VALUE": value, "GRADIENT": gradient, "CURVATURE": curvature, "RATE": curvature + rows}

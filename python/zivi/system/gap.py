@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, finite, real_array
-from zivi.system.model_parts import Compiled, Part, part
+from zivi.base.check import finite, real_array
+from zivi.system.friction import slip_of_gap, tangential_restitution
+from zivi.system.model_parts import Part, differenced, number_part, part
 from zivi.system.table import Table
 from zivi.system.wall import HarmonicWall, MovingWall
 
@@ -34,16 +35,34 @@ class Gap:
         ``(t, q)`` to :math:`\partial g/\partial t`; by default the gap does not depend on time.
     name : str, optional
         What errors and plots call it; by default ``gap0``, ``gap1``, ... by its place.
+    tangent : callable or array_like, optional
+        With friction: the direction :math:`B` of slip, of shape (n,), as ``(t, q)`` or an array,
+        on the scale of the gap: of a distance, the unit tangent. The slip speed is
+        :math:`w = B \dot q + \beta`.
+    tangent_velocity : callable, float or None
+        ``(t, q)`` to :math:`\beta`, minus the speed of a belt; by default 0.
+    tangent_curvature : callable, float or None
+        ``(t, q, qdot)`` to the number :math:`k`, what :math:`\dot w` is without acceleration; by
+        default it is differenced.
+    mu : float or callable
+        Coefficient of friction, >= 0, or ``mu(speed)`` of the slip speed >= 0.
+    mu_static : float, optional
+        What sticks, at least ``mu``; by default ``mu``.
+    e_t : float
+        Tangential restitution in [0, 1]; other values than 0 are for superballs.
 
     Raises
     ------
     TypeError
         If a part is none of these.
+    ValueError
+        If a coefficient is out of range, there is a tangent without `mu`, or `mu` without one.
 
     Notes
     -----
-    Gradient, curvature and rate are compared with differences once, at the start of a run (to
-    1e-5). Which of the functions that describe a surface is taken does not matter.
+    Gradient, curvature, rate and tangent_curvature are compared with differences once, at the start
+    of a run (to 1e-5). Without friction, which of the functions that describe a surface is taken
+    does not matter.
 
     Examples
     --------
@@ -66,6 +85,13 @@ class Gap:
         curvature: Callable[..., Any] | float | Any | None = None,
         rate: Callable[..., Any] | float | Any | None = None,
         name: str | None = None,
+        *,
+        tangent: Callable[..., Any] | ArrayLike | Any | None = None,
+        tangent_velocity: Callable[..., Any] | float | Any | None = None,
+        tangent_curvature: Callable[..., Any] | float | Any | None = None,
+        mu: float | Callable[[float], float] | None = None,
+        mu_static: float | None = None,
+        e_t: float = 0.0,
     ) -> None:
         called = "gap" if name is None else f"gap {name!r}"
         self._name = None if name is None else str(name)
@@ -76,56 +102,61 @@ class Gap:
         self._gradient = part(f"gradient of {called}", gradient, "t, q")
         if isinstance(self._gradient, np.ndarray):
             self._gradient = np.atleast_1d(self._gradient)
-        self._rate = _number(f"rate of {called}", 0.0 if rate is None else rate, "t, q")
+        self._rate = number_part(f"rate of {called}", 0.0 if rate is None else rate, "t, q")
         self._curvature = (
-            self._differenced()
+            differenced(self._gradient, self._rate)
             if curvature is None
-            else _number(f"curvature of {called}", curvature, "t, q, qdot")
+            else number_part(f"curvature of {called}", curvature, "t, q, qdot")
         )
+        self._rub(
+            {
+                "tangent": tangent,
+                "tangent_velocity": tangent_velocity,
+                "tangent_curvature": tangent_curvature,
+                "mu": mu,
+                "mu_static": mu_static,
+                "e_t": e_t,
+            },
+            called,
+        )
+
+    def _rub(self, given: dict[str, Any], called: str, belt: Any = None) -> None:
+        """Read the friction, if there is any."""
+        coefficients = given["mu"], given["mu_static"]
+        velocity, curvature = given.get("tangent_velocity"), given.get("tangent_curvature")
+        tangent = given["tangent"]
+        self._slip = slip_of_gap(called, tangent, velocity, curvature, coefficients, belt)
+        self._e_t = tangential_restitution(called, given["e_t"])
+        if self._slip is None and self._e_t:
+            raise ValueError(f"e_t of {called} needs a tangent, the direction of slip")
+        self._friction = {} if self._slip is None else given
 
     @property
     def name(self) -> str | None:
         """What errors and plots call it."""
         return self._name
 
-    def _differenced(self) -> Part:
-        """Give the curvature as the derivative of ``g'`` along ``(t + s, q + s qdot)``."""
-        if isinstance(self._gradient, np.ndarray) and isinstance(self._rate, np.ndarray):
-            return np.zeros(())
-        gradient, rate = evaluated(self._gradient, 1), evaluated(self._rate, 0)
-
-        def speed(s: float, t: float, q: Array, qdot: Array) -> float:
-            there = q + s * qdot
-            return float(gradient(t + s, there, qdot) @ qdot + rate(t + s, there, qdot)[()])
-
-        def curvature(t: float, q: Array, qdot: Array) -> float:
-            # of sixth order
-            s = STEP / max(1.0, float(np.max(np.abs(qdot), initial=0.0)))
-            first, second, third = (
-                speed(k * s, t, q, qdot) - speed(-k * s, t, q, qdot) for k in (1, 2, 3)
-            )
-            return (45 * first - 9 * second + third) / (60 * s)
-
-        return curvature
-
     def _parts(self) -> tuple[Part, Part, Part, Part]:
         """Give value, gradient, curvature and rate."""
         return self._value, self._gradient, self._curvature, self._rate
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}(name={self._name!r})"
+        return f"{type(self).__name__}(name={self._name!r}{self._told()})"
+
+    def _told(self) -> str:
+        """Tell the coefficients of friction."""
+        told = {name: self._friction.get(name) for name in ("mu", "mu_static")}
+        told["e_t"] = self._e_t or None
+        return "".join(f", {name}={value!r}" for name, value in told.items() if value is not None)
 
     def __getstate__(self) -> dict[str, Any]:
         names = ("value", "gradient", "curvature", "rate", "_name")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in names} | self._friction
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        parts = [state[name] for name in ("value", "gradient", "curvature", "rate", "_name")]
-        Gap.__init__(self, *parts)
-
-
-STEP = 5e-4
-"""How far a coordinate or the time moves in a difference of a curvature."""
+        more = dict(state)
+        parts = [more.pop(name) for name in ("value", "gradient", "curvature", "rate", "_name")]
+        Gap.__init__(self, *parts, **more)
 
 
 class LinearGap(Gap):
@@ -143,11 +174,17 @@ class LinearGap(Gap):
         :math:`w`, with its derivatives; by default the wall does not move.
     name : str, optional
         As for `Gap`.
+    tangent : array_like, optional
+        With friction: the direction of slip, of shape (n,).
+    mu, mu_static, e_t
+        As for `Gap`.
+    belt : float, HarmonicWall or MovingWall
+        The speed of the surface along the tangent, or its motion; by default it does not move.
 
     Raises
     ------
     ValueError, TypeError
-        If the normal is zero or a number is not finite; if the motion is none.
+        If the normal is zero or a number is not finite; if the motion is none; as for `Gap`.
 
     Examples
     --------
@@ -155,6 +192,11 @@ class LinearGap(Gap):
 
     >>> right = zivi.LinearGap([-1.0, 0.0], offset=0.8, name="right")
     >>> floor = zivi.LinearGap([0.0, 1.0], motion=zivi.HarmonicWall(0.01, 60.0))
+
+    A conveyor with friction:
+
+    >>> zivi.LinearGap([0.0, 1.0], name="belt", tangent=[1.0, 0.0], mu=0.3, belt=0.2)
+    LinearGap([0.0, 1.0], offset=0.0, name='belt', mu=0.3)
     """
 
     def __init__(
@@ -163,6 +205,12 @@ class LinearGap(Gap):
         offset: float = 0.0,
         motion: HarmonicWall | MovingWall | Table | None = None,
         name: str | None = None,
+        *,
+        tangent: ArrayLike | None = None,
+        mu: float | Callable[[float], float] | None = None,
+        mu_static: float | None = None,
+        e_t: float = 0.0,
+        belt: float | HarmonicWall | MovingWall | None = None,
     ) -> None:
         n = np.atleast_1d(real_array("normal", normal)).copy()
         if n.ndim != 1 or not np.all(np.isfinite(n)) or not np.any(n):
@@ -181,47 +229,32 @@ class LinearGap(Gap):
         self.normal, self.offset, self.motion = n, c, motion
         if motion is None:
             super().__init__(lambda t, q: float(n @ q) + c, n, 0.0, 0.0, name)
-            return
-        at = motion._at
-        super().__init__(
-            lambda t, q: float(n @ q) + c - at(t)[0],
-            n,
-            lambda t, q, qdot: -at(t)[2],
-            lambda t, q: -at(t)[1],
-            name,
-        )
+        else:
+            at = motion._at
+            super().__init__(
+                lambda t, q: float(n @ q) + c - at(t)[0],
+                n,
+                lambda t, q, qdot: -at(t)[2],
+                lambda t, q: -at(t)[1],
+                name,
+            )
+        called = "gap" if name is None else f"gap {name!r}"
+        if tangent is not None:
+            tangent = np.atleast_1d(real_array(f"tangent of {called}", tangent)).copy()
+        given = {"tangent": tangent, "mu": mu, "mu_static": mu_static, "e_t": e_t, "belt": belt}
+        self._rub(given, called, belt)
 
     def __repr__(self) -> str:
         motion = "" if self.motion is None else f", motion={self.motion!r}"
         name = "" if self.name is None else f", name={self.name!r}"
-        return f"LinearGap({self.normal.tolist()}, offset={self.offset}{motion}{name})"
+        told = f"{motion}{name}{self._told()}"
+        return f"LinearGap({self.normal.tolist()}, offset={self.offset}{told})"
 
     def __getstate__(self) -> dict[str, Any]:
         names = ("normal", "offset", "motion", "_name")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in names} | self._friction
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        LinearGap.__init__(self, state["normal"], state["offset"], state["motion"], state["_name"])
-
-
-def _number(name: str, given: Any, arguments: str) -> Part:
-    """Read a part that is one number."""
-    read = part(name, given, arguments)
-    if isinstance(read, np.ndarray) and read.shape != ():
-        raise ValueError(f"{name} must be one number or a function, got shape {read.shape}")
-    return read
-
-
-def evaluated(given: Part, dimensions: int) -> Callable[[float, Array, Array], Array]:
-    """Give a gap's part as a function of (t, q, qdot) whose result is an array."""
-    if isinstance(given, np.ndarray):
-        return lambda t, q, qdot: given
-    if isinstance(given, Compiled):
-
-        def filled(t: float, q: Array, qdot: Array) -> Array:
-            out = np.empty(len(q) if dimensions else 1)
-            given.fill(t, np.ascontiguousarray(q), np.ascontiguousarray(qdot), out)
-            return out if dimensions else out[0]
-
-        return filled
-    return lambda t, q, qdot: np.asarray(given(t, q), dtype=np.float64)
+        more = dict(state)
+        parts = [more.pop(name) for name in ("normal", "offset", "motion", "_name")]
+        LinearGap.__init__(self, *parts, **more)

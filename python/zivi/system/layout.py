@@ -29,6 +29,16 @@ class Evaluation:
         :math:`h_i = \dot q^T H_i \dot q + 2 g_{i,tq} \dot q + g_{i,tt}`, of shape (m,).
     rates : ndarray
         :math:`\partial g_i/\partial t`, of shape (m,).
+    tangents : ndarray
+        Directions of slip :math:`B_c` of the p channels of dry friction, of shape (p, n).
+    slip_curvatures : ndarray
+        :math:`k_c`, what the derivatives of the slip speeds are without acceleration, of shape
+        (p,).
+    slip_rates : ndarray
+        :math:`\beta_c`, of shape (p,): the slip speeds are :math:`w_c = B_c \dot q + \beta_c`.
+    limits, static_limits : ndarray
+        What friction takes in slip and holds in stick, of shape (p,): coefficients of friction at
+        gaps, forces in joints.
     """
 
     mass: Array
@@ -37,37 +47,48 @@ class Evaluation:
     gradients: Array
     curvatures: Array
     rates: Array
+    tangents: Array
+    slip_curvatures: Array
+    slip_rates: Array
+    limits: Array
+    static_limits: Array
 
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """Where M, F, g, N, h and g_t stand in the row of numbers that a model fills.
+    """Where the parts of an evaluation stand in the row of numbers that a model fills.
 
     Parameters
     ----------
-    n, m : int
-        Numbers of coordinates and of gaps.
+    n, m, p : int
+        Numbers of coordinates, of gaps and of channels of dry friction.
     """
 
     n: int
     m: int
+    p: int = 0
 
     @property
     def size(self) -> int:
         """How many numbers there are."""
-        return self.n * (self.n + 1) + self.m * (self.n + 3)
+        return self.n * (self.n + 1) + self.m + (self.m + self.p) * (self.n + 2) + 2 * self.p
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The parts in their order, by the names of `Evaluation`."""
-        n, m = self.n, self.m
+        n, m, p = self.n, self.m, self.p
         return {
             "mass": (n, n),
             "force": (n,),
             "gaps": (m,),
             "gradients": (m, n),
+            "tangents": (p, n),
             "curvatures": (m,),
+            "slip_curvatures": (p,),
             "rates": (m,),
+            "slip_rates": (p,),
+            "limits": (p,),
+            "static_limits": (p,),
         }
 
     def views(self, row: Array) -> dict[str, Array]:

@@ -7,6 +7,7 @@ from typing import Any
 import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
 from zivi.system.force import Force, LinearForce, force_spec
+from zivi.system.friction import DryFriction
 from zivi.system.impact_law import ImpactLaw, NewtonImpact
 from zivi.system.table import Table, declared_breaks
 from zivi.system.transform import coefficients
@@ -48,6 +49,10 @@ class ImpactSystem:
         ``f(t, x, xdot)``; initial states and results are in the wall's frame, the distance
         :math:`x - w` and its rate, where the impacts obey restitution. `Trajectory.fixed` gives
         the other frame.
+    friction : DryFriction, optional
+        Dry friction in a guide, a force per unit mass; the wall must be at rest. Such a system is
+        for `simulate` with `SwitchedRK`, which runs it as a `MechanicalSystem` of one coordinate
+        and gives a `MechanicalTrajectory`.
 
     Attributes
     ----------
@@ -59,6 +64,8 @@ class ImpactSystem:
         The impact law.
     wall
         The moving wall, or None.
+    friction
+        The dry friction, or None.
 
     Raises
     ------
@@ -77,7 +84,7 @@ class ImpactSystem:
     0.25
     """
 
-    __slots__ = ("_core", "_e", "_force", "_impact", "_kappa", "_spec", "_wall")
+    __slots__ = ("_core", "_e", "_force", "_friction", "_impact", "_kappa", "_spec", "_wall")
 
     def __init__(
         self,
@@ -86,6 +93,7 @@ class ImpactSystem:
         e: float | ImpactLaw | None = None,
         kappa: float | None = None,
         wall: HarmonicWall | MovingWall | Table | None = None,
+        friction: DryFriction | None = None,
     ) -> None:
         self._e: float | ImpactLaw
         self._kappa: float | None
@@ -104,9 +112,31 @@ class ImpactSystem:
                 f"got {wall!r}"
             )
         self._wall = wall
+        self._friction = friction
+        if friction is not None:
+            self._check_friction()
         self._prepare()
 
+    def _check_friction(self) -> None:
+        if not isinstance(self._friction, DryFriction):
+            raise TypeError(f"friction must be a zivi.DryFriction, got {self._friction!r}")
+        if self._wall is not None:
+            raise ValueError(
+                "wall must be None where there is friction, a wall at rest: a "
+                "zivi.MechanicalSystem takes friction with walls that move"
+            )
+        _ = self.e  # which says that another law does not go with friction
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("_core", "_impact", "_spec") and self._friction is not None:
+            raise NotImplementedError(
+                "an ImpactSystem with friction is for zivi.simulate with SwitchedRK only"
+            )
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     def _prepare(self) -> None:
+        if self._friction is not None:
+            return
         self._spec = in_wall_frame(self, force_spec(self._force))
         e, kappa = self._e, self._kappa
         if isinstance(e, ImpactLaw):
@@ -117,10 +147,12 @@ class ImpactSystem:
         self._core = _zivi.PointMass(self._spec, self._impact)
 
     def __getstate__(self) -> tuple[Any, ...]:
-        return self._force, self._e, self._kappa, self._wall
+        state = self._force, self._e, self._kappa, self._wall
+        return state if self._friction is None else (*state, self._friction)
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self._force, self._e, self._kappa, self._wall = state
+        self._force, self._e, self._kappa, self._wall = state[:4]
+        self._friction = state[4] if len(state) > 4 else None
         self._prepare()  # an address is of this process
 
     @property
@@ -137,6 +169,11 @@ class ImpactSystem:
         """Give the knots of the tables within a span, which it must not leave."""
         excitation = getattr(self._force, "excitation", None)
         return declared_breaks(span, [excitation], [self._wall])
+
+    @property
+    def friction(self) -> DryFriction | MaybeNone:
+        """The dry friction, or None."""
+        return self._friction
 
     @property
     def e(self) -> float:
@@ -166,7 +203,8 @@ class ImpactSystem:
     def __repr__(self) -> str:
         kappa = "" if self._kappa is None else f", kappa={self._kappa!r}"
         wall = "" if self._wall is None else f", wall={self._wall!r}"
-        return f"ImpactSystem(force={self._force!r}, e={self._e!r}{kappa}{wall})"
+        friction = "" if self._friction is None else f", friction={self._friction!r}"
+        return f"ImpactSystem(force={self._force!r}, e={self._e!r}{kappa}{wall}{friction})"
 
 
 def in_wall_frame(system: ImpactSystem, spec: _zivi.Force) -> _zivi.Force:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,18 +13,32 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
 from zivi.system.assemble import Evaluate, assembled
 from zivi.system.callbacks import glued
+from zivi.system.friction import (
+    IMPACT_LAWS,
+    PARADOXES,
+    Channel,
+    DryFriction,
+    Slip,
+    joints_of,
+    one_of,
+)
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import ImpactLaw, NewtonImpact
 from zivi.system.inputs import driven
 from zivi.system.layout import Evaluation, Layout
+from zivi.system.mechanism_checks import (
+    MAX_SIZE,
+    check_mass,
+    coordinates_of,
+    gaps_of,
+    matrix_of,
+    names_of,
+)
 from zivi.system.model_parts import Part, part
 from zivi.system.partials import Partials
 from zivi.system.table import Table, declared_breaks
 
 __all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass", "restitutions"]
-
-MAX_SIZE = 64
-"""Most coordinates, and most gaps."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +48,7 @@ class Model:
     Parameters
     ----------
     layout : Layout
-        Numbers of coordinates and gaps.
+        Numbers of coordinates, gaps and channels of friction.
     spec : _zivi.Model
         The model, compiled or not; it holds the owner of compiled code.
     evaluate : callable
@@ -55,9 +69,10 @@ class MechanicalSystem:
         0 \le \lambda_i \perp g_i(t, q) \ge 0, \qquad
         \dot g_i^+ = -e_i\,\dot g_i^-
 
-    Without friction. Where several closed gaps are hit at once the impulses :math:`P \ge 0` solve
+    Where several closed gaps are hit at once the impulses :math:`P \ge 0` solve
     :math:`0 \le P \perp \dot g^+ + e\,\dot g^- \ge 0`, with
-    :math:`\dot g^+ = \dot g^- + D P` and :math:`D = N M^{-1} N^T`.
+    :math:`\dot g^+ = \dot g^- + D P` and :math:`D = N M^{-1} N^T`. Gaps with a tangent, and the
+    joints of `friction`, have Coulomb's dry friction: they stick exactly, or slip.
 
     Parameters
     ----------
@@ -77,6 +92,15 @@ class MechanicalSystem:
     inputs : Table, optional
         Inputs ``u(t)``, a last argument of the force: ``F(t, q, qdot, u)`` with an array of shape
         (k,), or compiled ``void (double t, double *q, double *qdot, double *u, double *out)``.
+    friction : sequence of DryFriction
+        Dry friction in joints; that of gaps is told by the gaps. `force` must not contain it.
+    impact_law : {"newton", "poisson", "stronge"}
+        What `e` means in an impact with friction: the ratio of speeds, of impulses or of energies.
+        With "newton" an impact may gain energy where normal and tangential direction are coupled
+        strongly and `e` is large; it is flagged then.
+    paradox : {"stop", "impact"}
+        What happens where a sliding contact is possible with no finite force (Painleve): the run
+        ends, or an impact without collision stops the sliding, which is flagged.
 
     Raises
     ------
@@ -101,11 +125,21 @@ class MechanicalSystem:
     ... )
     >>> box
     MechanicalSystem(coordinates=(x, y), gaps=(floor, wall), e=(0.5, 0.3))
+
+    A mass at a spring on a belt that sticks and slips:
+
+    >>> belt = zivi.DryFriction(limit=0.8, static=1.2, velocity=0.2, name="belt")
+    >>> zivi.MechanicalSystem(mass=1.0, force=lambda t, q, qdot: -q, friction=[belt])
+    MechanicalSystem(gaps=(), e=(), friction=(belt))
     """
 
     derived = False
     """Whether the derivatives were derived, not given: then no differences check them."""
     _inputs: Table | None = None
+    _channels: tuple[Channel, ...] = ()
+    _joints: tuple[DryFriction, ...] = ()
+    _impact_law = "newton"
+    _paradox = "stop"
 
     def __init__(
         self,
@@ -116,24 +150,31 @@ class MechanicalSystem:
         e: float | ArrayLike = 0.0,
         coordinates: Sequence[str] | None = None,
         inputs: Table | None = None,
+        friction: Sequence[DryFriction] = (),
+        impact_law: str = "newton",
+        paradox: str = "stop",
     ) -> None:
         self._given = {"mass": mass, "force": force}
         self._inputs = inputs
-        self._gaps = _gaps(gaps)
+        self._gaps = gaps_of(gaps)
         self._mass: Part = part("mass", mass, "t, q")
         self._force: Part = (
             part("force", force, "t, q, qdot") if inputs is None else driven(force, inputs)
         )
         if isinstance(self._mass, np.ndarray):
-            self._mass = _matrix(self._mass)
+            self._mass = matrix_of(self._mass)
         if isinstance(self._force, np.ndarray):
             self._force = np.atleast_1d(self._force)
-        self._gap_names = _names(
+        self._gap_names = names_of(
             "gaps", [gap.name or f"gap{i}" for i, gap in enumerate(self._gaps)]
         )
         self._e = restitutions(e, self.m)
+        self._joints = joints_of(friction)
+        self._channels = self._rubbing()
+        self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
+        self._paradox = one_of("paradox", paradox, PARADOXES)
         self._n = self._known_size()
-        self._coordinates = _coordinates(coordinates, self._n)
+        self._coordinates = coordinates_of(coordinates, self._n)
 
     def _known_size(self) -> int | None:
         """Find the number of coordinates, if an array tells it; all must tell the same."""
@@ -141,6 +182,10 @@ class MechanicalSystem:
         told += [
             (f"gradient of gap {name!r}", gap._gradient)
             for name, gap in zip(self._gap_names, self._gaps, strict=True)
+        ]
+        told += [
+            (f"{'direction' if channel.gap is None else 'tangent'} of {channel.name!r}", row)
+            for channel, row in zip(self._channels, self._directions(), strict=True)
         ]
         sizes = [(name, len(array)) for name, array in told if isinstance(array, np.ndarray)]
         for name, size in sizes:
@@ -150,6 +195,51 @@ class MechanicalSystem:
                     f"{name} must be of the same size as the rest: {first}, it for {size}"
                 )
         return sizes[0][1] if sizes else None
+
+    def _rubbing(self) -> tuple[Channel, ...]:
+        """Name the channels of friction: those of gaps, then the joints."""
+        named = zip(self._gap_names, self._gaps, strict=True)
+        found = [Channel(name, i, gap._e_t) for i, (name, gap) in enumerate(named) if gap._slip]
+        found += [
+            Channel(joint.name or f"friction{i}", None) for i, joint in enumerate(self._joints)
+        ]
+        names_of(
+            "gaps and friction", [*self._gap_names, *(it.name for it in found if it.gap is None)]
+        )
+        if self.m + len(found) > MAX_SIZE:
+            raise ValueError(
+                f"gaps and friction must be at most {MAX_SIZE} together, a gap with friction "
+                f"counts as two, got {self.m + len(found)}"
+            )
+        return tuple(found)
+
+    def _slips(self) -> list[Slip]:
+        """Give the parts of the channels of friction."""
+        of_gaps = [gap._slip for gap in self._gaps if gap._slip is not None]
+        return [*of_gaps, *(joint._slip for joint in self._joints)]
+
+    def _directions(self) -> list[Part]:
+        return [slip.direction for slip in self._slips()]
+
+    @property
+    def friction(self) -> tuple[DryFriction, ...]:
+        """The joints with dry friction as given."""
+        return self._joints
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Names of the channels of friction: gaps with friction by their names, then joints."""
+        return tuple(channel.name for channel in self._channels)
+
+    @property
+    def impact_law(self) -> str:
+        """What `e` means in an impact with friction."""
+        return self._impact_law
+
+    @property
+    def paradox(self) -> str:
+        """What happens where no finite force keeps a sliding contact."""
+        return self._paradox
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
@@ -192,9 +282,10 @@ class MechanicalSystem:
             raise ValueError(f"q0 must have {self._n} entries, got {n}")
         if not 1 <= n <= MAX_SIZE:
             raise ValueError(f"q0 must have from 1 to {MAX_SIZE} entries, got {n}")
-        layout = Layout(n, self.m)
-        evaluate = assembled(layout, self._mass, self._force, self._gaps)
-        native = glued(layout, self._mass, self._force, self._gaps)
+        layout = Layout(n, self.m, len(self._channels))
+        slips = list(zip(self._channels, self._slips(), strict=True))
+        evaluate = assembled(layout, self._mass, self._force, self._gaps, slips)
+        native = glued(layout, self._mass, self._force, self._gaps, slips)
         if native is None:
             spec = _zivi.Model.callable(evaluate, steady=self._is_steady())
             return Model(layout, spec, evaluate)
@@ -204,8 +295,11 @@ class MechanicalSystem:
     def _is_steady(self) -> bool:
         """Whether mass, force and gradients are arrays, and no gap moves."""
         parts = (self._mass, self._force)
-        return all(isinstance(part, np.ndarray) for part in parts) and all(
-            isinstance(gap, LinearGap) and gap.motion is None for gap in self._gaps
+        still = all(isinstance(gap, LinearGap) and gap.motion is None for gap in self._gaps)
+        return (
+            still
+            and all(isinstance(part, np.ndarray) for part in parts)
+            and all(slip.is_steady() for slip in self._slips())
         )
 
     def partials(self, model: Model) -> Partials:
@@ -225,7 +319,7 @@ class MechanicalSystem:
         Returns
         -------
         Evaluation
-            Mass, force, gaps, their gradients, curvatures and rates.
+            Mass, force, gaps, their gradients, curvatures and rates; the parts of the friction.
 
         Examples
         --------
@@ -246,53 +340,24 @@ class MechanicalSystem:
         )
         told.append(f"gaps=({', '.join(self.gap_names)})")
         told.append(f"e=({', '.join(f'{e:g}' for e in self._e)})")
+        if self._channels:
+            told.append(f"friction=({', '.join(self.channel_names)})")
+        told += [f"{name}={value!r}" for name, value in self._chosen().items()]
         return f"{type(self).__name__}({', '.join(told)})"
 
     def __getstate__(self) -> dict[str, Any]:
         state = {"gaps": self._gaps, "e": self._e, "coordinates": self._coordinates}
-        more = {} if self._inputs is None else {"inputs": self._inputs}
-        return self._given | state | more
+        more: dict[str, Any] = {} if self._inputs is None else {"inputs": self._inputs}
+        more |= {"friction": self._joints} if self._joints else {}
+        return self._given | state | more | self._chosen()
+
+    def _chosen(self) -> dict[str, str]:
+        """Give what is not the default of the choices for impacts and paradoxes."""
+        chosen = {"impact_law": (self._impact_law, "newton"), "paradox": (self._paradox, "stop")}
+        return {name: value for name, (value, usual) in chosen.items() if value != usual}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         MechanicalSystem.__init__(self, **state)
-
-
-def _gaps(gaps: Any) -> tuple[Gap, ...]:
-    several = (gaps,) if isinstance(gaps, Gap) else gaps
-    if not isinstance(several, Iterable):
-        raise TypeError(f"gaps must be a sequence of zivi.Gap, got {type(gaps).__name__}")
-    several = tuple(several)
-    for i, gap in enumerate(several):
-        if not isinstance(gap, Gap):
-            raise TypeError(f"gaps[{i}] must be a zivi.Gap or zivi.LinearGap, got {gap!r}")
-    if len(several) > MAX_SIZE:
-        raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(several)}")
-    return several
-
-
-def _matrix(mass: Array) -> Array:
-    """Check a constant mass matrix."""
-    matrix = mass.reshape(1, 1) if mass.size == 1 else mass
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
-        raise ValueError(f"mass must have shape (n, n) with n >= 1, got {mass.shape}")
-    check_mass(matrix)
-    return matrix
-
-
-def check_mass(matrix: Array) -> None:
-    """Refuse a mass matrix that is not symmetric and positive definite."""
-    if not np.all(np.isfinite(matrix)):
-        raise ValueError(f"mass must be finite, got {matrix.tolist()}")
-    skew = np.max(np.abs(matrix - matrix.T))
-    if skew > 1e-10 * np.max(np.abs(matrix)):
-        raise ValueError(f"mass must be symmetric, got {matrix.tolist()}")
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        least = float(np.linalg.eigvalsh(matrix)[0])
-        raise ValueError(
-            f"mass must be positive definite, got one with the eigenvalue {least:.6g}"
-        ) from None
 
 
 def restitutions(e: Any, m: int) -> Array:
@@ -316,20 +381,3 @@ def restitutions(e: Any, m: int) -> Array:
         if not 0.0 <= value <= 1.0:
             raise ValueError(f"e[{i}] must be in [0, 1], got {value}")
     return given.copy()
-
-
-def _names(what: str, names: Sequence[str]) -> tuple[str, ...]:
-    twice = sorted({name for name in names if list(names).count(name) > 1})
-    if twice:
-        raise ValueError(f"names of {what} must differ, got {twice[0]!r} twice")
-    return tuple(names)
-
-
-def _coordinates(names: Sequence[str] | None, n: int | None) -> tuple[str, ...] | None:
-    if names is None:
-        return None
-    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
-        raise TypeError(f"coordinates must be a sequence of names, got {names!r}")
-    if n is not None and len(names) != n:
-        raise ValueError(f"coordinates must be {n} names, got {len(names)}")
-    return _names("coordinates", list(names))

@@ -12,7 +12,7 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
 
-__all__ = ["Compiled", "Part", "part"]
+__all__ = ["Compiled", "Part", "differenced", "evaluated", "number_part", "part"]
 
 Part: TypeAlias = "Array | Callable[..., Any] | Compiled"
 """A constant array, a function of the interpreter, or a compiled one."""
@@ -64,6 +64,54 @@ def part(name: str, given: Any, arguments: str) -> Part:
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{name} must be finite, got {array.tolist()}")
     return array
+
+
+def number_part(name: str, given: Any, arguments: str) -> Part:
+    """Read a part that is one number."""
+    read = part(name, given, arguments)
+    if isinstance(read, np.ndarray) and read.shape != ():
+        raise ValueError(f"{name} must be one number or a function, got shape {read.shape}")
+    return read
+
+
+STEP = 5e-4
+"""How far a coordinate or the time moves in a difference of a curvature."""
+
+
+def differenced(row: Part, rate: Part) -> Part:
+    """Give the derivative of ``row . qdot + rate`` along ``(t + s, q + s qdot)``."""
+    if isinstance(row, np.ndarray) and isinstance(rate, np.ndarray):
+        return np.zeros(())
+    gradient, by_time = evaluated(row, 1), evaluated(rate, 0)
+
+    def speed(s: float, t: float, q: Array, qdot: Array) -> float:
+        there = q + s * qdot
+        return float(gradient(t + s, there, qdot) @ qdot + by_time(t + s, there, qdot)[()])
+
+    def curvature(t: float, q: Array, qdot: Array) -> float:
+        # of sixth order
+        s = STEP / max(1.0, float(np.max(np.abs(qdot), initial=0.0)))
+        first, second, third = (
+            speed(k * s, t, q, qdot) - speed(-k * s, t, q, qdot) for k in (1, 2, 3)
+        )
+        return (45 * first - 9 * second + third) / (60 * s)
+
+    return curvature
+
+
+def evaluated(given: Part, dimensions: int) -> Callable[[float, Array, Array], Array]:
+    """Give a part of (t, q) as a function of (t, q, qdot) whose result is an array."""
+    if isinstance(given, np.ndarray):
+        return lambda t, q, qdot: given
+    if isinstance(given, Compiled):
+
+        def filled(t: float, q: Array, qdot: Array) -> Array:
+            out = np.empty(len(q) if dimensions else 1)
+            given.fill(t, np.ascontiguousarray(q), np.ascontiguousarray(qdot), out)
+            return out if dimensions else out[0]
+
+        return filled
+    return lambda t, q, qdot: np.asarray(given(t, q), dtype=np.float64)
 
 
 def compiled_part(name: str, given: Any) -> Compiled | None:

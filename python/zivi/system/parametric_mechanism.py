@@ -69,6 +69,8 @@ class ParametricSystem(MechanicalSystem):
         built = self._built
         self._gaps, self._gap_names, self._e = built.gaps, built.gap_names, built.e
         self._n, self._coordinates = built._n, built._coordinates
+        self._joints, self._channels = built._joints, built._channels
+        self._impact_law, self._paradox = built._impact_law, built._paradox
         self.derived = built.derived
 
     def _at(self, moved: Mapping[str, float]) -> MechanicalSystem:

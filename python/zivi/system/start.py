@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from zivi.base.check import Array
+from zivi.system.friction import Channel
 from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem, Model, check_mass
 from zivi.system.table import Table
@@ -43,6 +44,7 @@ def check_start(
         if gap < -RESOLUTION * (1.0 + float(np.max(np.abs(q)))):
             raise ValueError(f"gap {name!r} must be >= 0 at the start, got {gap:.6g}")
     _check_distinct(system, look, span[0], q, here)
+    _check_friction(system, look, span[0], q, qdot)
     if system.derived:
         return
     _check_gradients(system, look, span[0], q, here)
@@ -59,6 +61,30 @@ def _check_finite(system: MechanicalSystem, here: Evaluation) -> None:
             if not np.all(np.isfinite(values)):
                 told = f"{part} of gap {gap!r}" if part else f"gap {gap!r}"
                 raise ValueError(f"{told} must be finite at the start, got {values.tolist()}")
+    for part, name in OF_CHANNELS.items():
+        for channel, values in zip(system._channels, getattr(here, name), strict=True):
+            if not np.all(np.isfinite(values)):
+                told = _part_of(channel, part)
+                raise ValueError(f"{told} must be finite at the start, got {values.tolist()}")
+
+
+def _part_of(channel: Channel, part: str) -> str:
+    """Name a part of a channel of friction as its user called it."""
+    if channel.gap is None:
+        return f"{part} of friction {channel.name!r}"
+    return f"{AT_GAP.get(part, f'tangent_{part}')} of gap {channel.name!r}"
+
+
+OF_CHANNELS = {
+    "direction": "tangents",
+    "curvature": "slip_curvatures",
+    "velocity": "slip_rates",
+    "limit": "limits",
+    "static": "static_limits",
+}
+"""Parts of a channel of friction, and what an evaluation calls those of all."""
+AT_GAP = {"direction": "tangent", "limit": "mu", "static": "mu_static"}
+"""What those of a gap are called, if not ``tangent_`` and the part."""
 
 
 OF_GAPS = {"": "gaps", "gradient": "gradients", "curvature": "curvatures", "rate": "rates"}
@@ -104,12 +130,21 @@ def _compare(
     """Refuse the first gap whose derivative is not what the differences say."""
     # those of a table are of the same polynomials, and a difference may go across a knot
     tables = [isinstance(getattr(gap, "motion", None), Table) for gap in system.gaps]
-    off = np.where(tables, 0.0, np.abs(given - found))
+    given = np.where(tables, found, given)
+    named = [f"{what} of gap {name!r}" for name in system.gap_names]
+    _compare_named(named, "gap", (given, found, doubt, scale))
+
+
+def _compare_named(
+    named: Sequence[str], whose: str, values: tuple[Array, Array, Array, Array]
+) -> None:
+    given, found, doubt, scale = values
+    off = np.abs(given - found)
     wrong = off > AGREEMENT * np.maximum(scale, np.abs(found)) + 2 * doubt
     if np.any(wrong):
         i = int(np.argmax(wrong))
         raise ValueError(
-            f"{what} of gap {system.gap_names[i]!r} is not the derivative of the gap at the start: "
+            f"{named[i]} is not the derivative of the {whose} at the start: "
             f"{given[i]:.9g} given, {found[i]:.9g} by differences"
         )
 
@@ -178,3 +213,52 @@ def _check_distinct(
             if np.max(np.abs(row - known)) <= 1e-12 * (1.0 + np.max(np.abs(row))):
                 raise ValueError(f"gap {name!r} is redundant: it is gap {other!r} again")
         seen.append((name, row))
+
+
+def _check_friction(system: MechanicalSystem, look: _Look, t: float, q: Array, qdot: Array) -> None:
+    """Refuse directions, limits and curvatures of dry friction that cannot be."""
+    here = look(t, q, qdot)
+    for c, channel in enumerate(system._channels):
+        row = here.tangents[c]
+        if not np.any(row):
+            raise ValueError(f"{_part_of(channel, 'direction')} must not be zero at the start")
+        if channel.gap is not None:
+            _check_tangent(channel, here, row)
+        limit = float(here.limits[c])
+        if limit < 0.0:
+            raise ValueError(f"{_part_of(channel, 'limit')} must be >= 0, got {limit:.6g}")
+        slip = float(row @ qdot + here.slip_rates[c])
+        stuck = look(t, q, qdot - row * slip / float(row @ row))
+        limit, static = float(stuck.limits[c]), float(stuck.static_limits[c])
+        if static < limit * (1.0 - RESOLUTION):
+            raise ValueError(
+                f"{_part_of(channel, 'static')} must be at least {_part_of(channel, 'limit')} at "
+                f"slip speed 0, got {static:.6g} < {limit:.6g}"
+            )
+    if not system.derived and system._channels:
+        _check_slip_curvatures(system, look, t, q)
+
+
+def _check_tangent(channel: Channel, here: Evaluation, row: Array) -> None:
+    """Refuse a tangent along the normal: no mass would distinguish slip from penetration."""
+    normal = here.gradients[channel.gap]
+    if abs(row @ normal) >= (1.0 - 1e-12) * np.linalg.norm(row) * np.linalg.norm(normal):
+        raise ValueError(
+            f"tangent of gap {channel.name!r} must not be along its gradient at the start, got "
+            f"{row.tolist()}"
+        )
+
+
+def _check_slip_curvatures(system: MechanicalSystem, look: _Look, t: float, q: Array) -> None:
+    probe = _probe(len(q))
+    given = look(t, q, probe)
+
+    def speed(s: float) -> Array:
+        there = look(t + s, q + s * probe, probe)
+        slips: Array = there.tangents @ probe + there.slip_rates
+        return slips
+
+    found, doubt = _difference(speed, 1e-3)
+    size = np.abs(given.tangents) @ np.abs(probe) + np.abs(given.slip_rates)
+    named = [_part_of(channel, "curvature") for channel in system._channels]
+    _compare_named(named, "slip speed", (given.slip_curvatures, found, doubt, size))

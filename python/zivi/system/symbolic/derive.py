@@ -9,8 +9,10 @@ from typing import Any
 from zivi.base.check import finite
 from zivi.base.extras import needed
 from zivi.base.formula import CONSTANTS, FormulaError, meant, normal
+from zivi.system.friction import Channel
 from zivi.system.symbolic.formula import UnknownNameError, expression, sound
 from zivi.system.symbolic.quadratic import depends
+from zivi.system.symbolic.slips import NO_FRICTION, Rubbing, slips_of
 
 __all__ = ["Derived", "derive"]
 
@@ -25,17 +27,20 @@ class Derived:
     Parameters
     ----------
     entries : tuple of sympy.Expr
-        M, F, g, N, h and g_t in the order of a model's row of numbers.
+        M, F, g, N, h, g_t and the parts of the friction in the order of a model's row of numbers.
     coordinates, gaps : tuple of str
         Their names.
     parameters : dict
         Names and values of the parameters, in the order of ``p``.
+    channels : tuple of Channel
+        The places of dry friction.
     """
 
     entries: tuple[Any, ...]
     coordinates: tuple[str, ...]
     gaps: tuple[str, ...]
     parameters: dict[str, float]
+    channels: tuple[Channel, ...] = ()
 
     def partials(self) -> tuple[Any, ...]:
         """Derive all entries by time, then by each coordinate, velocity and parameter."""
@@ -48,9 +53,17 @@ class Derived:
 
 
 def derive(
-    q: Any, T: Any, V: Any, Q: Any, gaps: Any, parameters: Mapping[Any, Any] | None, *, qdot: Any
+    q: Any,
+    T: Any,
+    V: Any,
+    Q: Any,
+    gaps: Any,
+    parameters: Mapping[Any, Any] | None,
+    *,
+    qdot: Any,
+    rubbing: Rubbing = NO_FRICTION,
 ) -> Derived:
-    r"""Derive the equations of motion and the derivatives of the gaps.
+    r"""Derive the equations of motion and the derivatives of the gaps, and of the slip speeds.
 
     With :math:`L = T - V`:
 
@@ -93,13 +106,18 @@ def derive(
         for grad, rate in zip(gradients, rates, strict=True)
     ]
     curvatures = [sum(y.diff(x[j]) * w[j] for j in range(n)) + y.diff(t) for y in along]
+    slips = slips_of(words, list(named), rubbing)
     entries = [entry for row in mass for entry in row] + force + distances
-    entries += [entry for row in gradients for entry in row] + curvatures + rates
+    entries += [entry for row in gradients for entry in row]
+    entries += [entry for slip in slips for entry in slip.direction]
+    entries += curvatures + [slip.curvature for slip in slips]
+    entries += rates + [slip.rate for slip in slips]
+    entries += [slip.limit for slip in slips] + [slip.static for slip in slips]
     try:
         found = tuple(sound(sympy.sympify(entry)) for entry in entries)
     except FormulaError as error:
         raise FormulaError(f"T, V, Q and gaps: {error}") from None
-    return Derived(found, words.names, tuple(named), values)
+    return Derived(found, words.names, tuple(named), values, tuple(slip.channel for slip in slips))
 
 
 class _Words:

@@ -15,10 +15,12 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, finite
 from zivi.base.formula import normal
 from zivi.base.machine_code import Native, compiled
+from zivi.system.friction import IMPACT_LAWS, PARADOXES, Channel, one_of
 from zivi.system.layout import Layout
 from zivi.system.mechanism import MechanicalSystem, Model, restitutions
 from zivi.system.partials import Partials
 from zivi.system.symbolic.derive import Derived, derive
+from zivi.system.symbolic.slips import Rubbing
 from zivi.system.symbolic.source import c_source, python_source
 
 __all__ = ["Parameters", "SymbolicSystem", "system"]
@@ -105,6 +107,10 @@ class SymbolicSystem(MechanicalSystem):
         As for `system`.
     equations : Equations
         What the function was made of, for derivatives.
+    channels : sequence of Channel
+        The places of dry friction.
+    impact_law, paradox : str
+        As for `zivi.MechanicalSystem`.
     """
 
     derived = True
@@ -118,12 +124,18 @@ class SymbolicSystem(MechanicalSystem):
         e: float | ArrayLike,
         compiler: str = "auto",
         equations: Equations | None = None,
+        channels: Sequence[Channel] = (),
+        impact_law: str = "newton",
+        paradox: str = "stop",
     ) -> None:
         self._gaps = ()
         self._gap_names = tuple(gaps)
         self._coordinates = tuple(coordinates)
         self._n = len(self._coordinates)
         self._e = restitutions(e, len(self._gap_names))
+        self._channels = tuple(channels)
+        self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
+        self._paradox = one_of("paradox", paradox, PARADOXES)
         self._sources, self._compiler, self._equations = sources, compiler, equations
         self._parameters = Parameters(parameters)
         self._native: Native = compiled(sources, compiler)
@@ -166,6 +178,9 @@ class SymbolicSystem(MechanicalSystem):
             self._e if e is None else e,
             self._compiler,
             self._equations,
+            self._channels,
+            self._impact_law,
+            self._paradox,
         )
         other._parameters.update(parameters)
         return other
@@ -174,7 +189,7 @@ class SymbolicSystem(MechanicalSystem):
         """Give what the extension integrates; `n` must be the number of coordinates."""
         if n != self._n:
             raise ValueError(f"q0 must have {self._n} entries, got {n}")
-        layout = Layout(n, self.m)
+        layout = Layout(n, self.m, len(self._channels))
         row = np.zeros(layout.size)
         function, parameters = self._native.function, self._parameters
 
@@ -208,15 +223,20 @@ class SymbolicSystem(MechanicalSystem):
         return f"{super().__repr__()[:-1]}, parameters={self._parameters!r})"
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            "sources": self._sources,
-            "coordinates": self._coordinates,
-            "gaps": self._gap_names,
-            "parameters": dict(self._parameters),
-            "e": self._e,
-            "compiler": self._compiler,
-            "equations": self._equations,
-        }
+        channels = {"channels": self._channels} if self._channels else {}
+        return (
+            channels
+            | self._chosen()
+            | {
+                "sources": self._sources,
+                "coordinates": self._coordinates,
+                "gaps": self._gap_names,
+                "parameters": dict(self._parameters),
+                "e": self._e,
+                "compiler": self._compiler,
+                "equations": self._equations,
+            }
+        )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         SymbolicSystem.__init__(self, **state)
@@ -237,6 +257,12 @@ def system(
     e: float | ArrayLike = 0.0,
     qdot: Any = None,
     compiler: str = "auto",
+    slips: Mapping[str, Any] | None = None,
+    mu: Mapping[str, Any] | None = None,
+    friction: Mapping[str, Any] | None = None,
+    e_t: Mapping[str, float] | None = None,
+    impact_law: str = "newton",
+    paradox: str = "stop",
 ) -> SymbolicSystem:
     r"""Derive and compile a mechanical system from its energies.
 
@@ -273,6 +299,18 @@ def system(
         Other symbols for the velocities than ``xdot``, ...
     compiler : {"auto", "c", "numba"}
         What compiles: a C compiler if there is one, else numba.
+    slips : dict, optional
+        Slip speeds of gaps with dry friction, by their names: linear in the velocities, such as
+        ``"xdot + r*thdot - v"``. Their derivatives are derived.
+    mu : dict, optional
+        Their coefficients of friction: an expression >= 0, or ``(mu, mu_static)``.
+    friction : dict, optional
+        Dry friction in joints, by names of yours: ``(speed, limit)``, or with the static limit
+        ``(speed, limit, static)``.
+    e_t : dict, optional
+        Tangential restitutions of gaps; by default 0.
+    impact_law, paradox : str
+        As for `zivi.MechanicalSystem`.
 
     Returns
     -------
@@ -307,8 +345,24 @@ def system(
     >>> pendulum.parameters["d"] = 0.2  # without compiling
     >>> pendulum.replace(d=0.3).at(0.0, [0.0], [1.0]).gaps
     array([0.3])
+
+    A disc that rolls or slides:
+
+    >>> disc = zivi.symbolic.system(
+    ...     "x y th",
+    ...     T="m*(xdot**2 + ydot**2)/2 + m*r**2*thdot**2/4",
+    ...     V="m*g*y",
+    ...     gaps={"floor": "y - r"},
+    ...     slips={"floor": "xdot + r*thdot"},
+    ...     mu={"floor": "mu"},
+    ...     parameters={"m": 1.0, "r": 0.1, "g": 9.81, "mu": 0.3},
+    ... )
+    >>> disc.at(0.0, [0.0, 0.1, 0.0], [1.0, 0.0, 0.0]).tangents
+    array([[1. , 0. , 0.1]])
     """
-    found = derive(q, T, V, Q, gaps, parameters, qdot=qdot)
+    given = {"slips": slips, "mu": mu, "friction": friction, "e_t": e_t}
+    rubbing = Rubbing(**{name: {} if it is None else it for name, it in given.items()})
+    found = derive(q, T, V, Q, gaps, parameters, qdot=qdot, rubbing=rubbing)
     sources = {"c": c_source(found.entries), "numba": python_source(found.entries)}
     return SymbolicSystem(
         sources,
@@ -318,4 +372,7 @@ def system(
         e,
         compiler,
         Equations(found),
+        found.channels,
+        impact_law,
+        paradox,
     )

@@ -1,0 +1,204 @@
+"""What dry friction did in a run of a mechanical system."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import zivi._zivi as _zivi
+from zivi.base.check import Array
+from zivi.base.table import Field
+from zivi.simulation.impacts import FIELDS, Rows, table
+
+if TYPE_CHECKING:
+    from zivi.system.friction import Channel
+
+__all__ = [
+    "FRICTION",
+    "IMPACTS",
+    "TRANSITIONS",
+    "FrictionSamples",
+    "Rubbing",
+    "friction_of",
+    "impacts_with",
+]
+
+OPEN = 2
+"""The mode of a channel whose gap is open."""
+
+IMPACTS = FIELDS["impacts"] | {
+    "tangential_impulse": "f8",
+    "slip_before": "f8",
+    "slip_after": "f8",
+    "sticks": "?",
+}
+"""Fields of impacts where there is friction, and their types."""
+TRANSITIONS = {"t": "f8", "channel": "i8", "before": "i1", "after": "i1"}
+STICK = {"t_start": "f8", "t_end": "f8", "channel": "i8"}
+
+FRICTION: dict[str, Field] = {
+    "slips": (("time", "channel"), "", "slip speeds"),
+    "slip_distances": (("time", "channel"), "", "integrals of the slip speeds"),
+    "friction_forces": (("time", "channel"), "", "forces of friction along the directions of slip"),
+    "modes": (("time", "channel"), "", "1 and -1 slip, 0 stick, 2 the gap is open"),
+    "dissipated": ("time", "", "work that friction has dissipated"),
+}
+"""Quantities of the samples."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FrictionSamples:
+    """Samples and transitions of the channels of dry friction, p of them.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The channels.
+    gaps : tuple of int or None
+        The gap of each, None of a joint.
+    slips, slip_distances, friction_forces : ndarray
+        Shape (k, p).
+    modes : ndarray of int8
+        Shape (k, p).
+    dissipated : ndarray
+        Shape (k,).
+    transitions : recarray
+        Where a channel sticks, slips or turns.
+    """
+
+    names: tuple[str, ...]
+    gaps: tuple[int | None, ...]
+    slips: Array
+    slip_distances: Array
+    friction_forces: Array
+    modes: NDArray[np.int8]
+    dissipated: Array
+    transitions: Rows
+
+
+def friction_of(
+    record: _zivi.FrictionRecord | None, channels: tuple[Channel, ...]
+) -> FrictionSamples | None:
+    """Give what a record tells of friction, None without."""
+    if record is None:
+        return None
+    columns = {name: getattr(record, f"transition_{name}") for name in TRANSITIONS}
+    return FrictionSamples(
+        names=tuple(channel.name for channel in channels),
+        gaps=tuple(channel.gap for channel in channels),
+        slips=record.slips,
+        slip_distances=record.slip_distances,
+        friction_forces=record.forces,
+        modes=record.modes,
+        dissipated=record.dissipated,
+        transitions=table(TRANSITIONS, 0, columns),
+    )
+
+
+def impacts_with(
+    columns: dict[str, Any], record: _zivi.FrictionRecord, channels: tuple[Channel, ...]
+) -> dict[str, Any]:
+    """Add to the columns of impacts what friction did in them: no impulse without a tangent."""
+    count = len(columns["t"])
+    more: dict[str, Any] = {
+        "tangential_impulse": np.zeros(count),
+        "slip_before": np.full(count, np.nan),
+        "slip_after": np.full(count, np.nan),
+        "sticks": np.zeros(count, dtype=bool),
+    }
+    known = zip(columns["group"].tolist(), columns["gap"].tolist(), strict=True)
+    places = {key: i for i, key in enumerate(known)}
+    told = zip(record.tangential_group.tolist(), record.tangential_channel.tolist(), strict=True)
+    at = [places[group, channels[channel].gap] for group, channel in told]
+    more["tangential_impulse"][at] = record.tangential_impulse
+    more["slip_before"][at] = record.tangential_slip_before
+    more["slip_after"][at] = record.tangential_slip_after
+    more["sticks"][at] = record.tangential_sticks
+    return columns | more
+
+
+class Rubbing:
+    """The friction of a run: `MechanicalTrajectory` has it."""
+
+    if TYPE_CHECKING:
+        t: Array
+        liftoffs: Any
+        openings: Any
+        _friction: FrictionSamples | None
+
+    def _rubbed(self, name: str) -> Any:
+        if self._friction is None:
+            return np.empty((len(self.t), 0), np.int8 if name == "modes" else float)
+        return getattr(self._friction, name)
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Names of the channels of dry friction: gaps with friction, then joints."""
+        return () if self._friction is None else self._friction.names
+
+    @property
+    def channel_gaps(self) -> tuple[int | None, ...]:
+        """The gap of each channel, None of a joint."""
+        return () if self._friction is None else self._friction.gaps
+
+    @property
+    def slips(self) -> Array:
+        """Slip speeds, shape (k, p); exactly 0 in stick."""
+        return self._rubbed("slips")  # type: ignore[no-any-return]
+
+    @property
+    def slip_distances(self) -> Array:
+        """Integrals of the slip speeds from the start, shape (k, p)."""
+        return self._rubbed("slip_distances")  # type: ignore[no-any-return]
+
+    @property
+    def friction_forces(self) -> Array:
+        """Forces of friction along the directions of slip, shape (k, p)."""
+        return self._rubbed("friction_forces")  # type: ignore[no-any-return]
+
+    @property
+    def modes(self) -> NDArray[np.int8]:
+        """What each channel does, shape (k, p): 1 and -1 slip, 0 stick, 2 the gap is open."""
+        return self._rubbed("modes")  # type: ignore[no-any-return]
+
+    @property
+    def dissipated(self) -> Array:
+        """Work that friction has dissipated since the start, shape (k,)."""
+        return np.zeros(len(self.t)) if self._friction is None else self._friction.dissipated
+
+    @property
+    def transitions(self) -> Rows:
+        """Where a channel sticks, slips or turns: ``t``, ``channel``, ``before``, ``after``.
+
+        The numbers of modes are those of ``modes``: before the first one of a contact is 2.
+        """
+        if self._friction is None:
+            return table(TRANSITIONS, 0, {name: np.empty(0) for name in TRANSITIONS})
+        return self._friction.transitions
+
+    @functools.cached_property
+    def stick(self) -> Rows:
+        """Intervals of sticking: ``t_start``, ``t_end``, ``channel``."""
+        rows: list[tuple[float, float, int]] = []
+        if self._friction is not None:
+            for channel in range(len(self._friction.gaps)):
+                spans = self._spans(channel)
+                rows += [(start, end, channel) for start, end, mode in spans if mode == 0]
+        return np.array(sorted(rows), dtype=list(STICK.items())).view(np.recarray)
+
+    def _spans(self, channel: int) -> list[tuple[float, float, int]]:
+        """Give start, end and mode of what a channel does: until the next, or its gap opens."""
+        own = self.transitions[self.transitions["channel"] == channel]
+        gap = self.channel_gaps[channel]
+        opened = [rows["t"][rows["gap"] == gap] for rows in (self.liftoffs, self.openings)]
+        ends = np.sort(np.concatenate([own["t"], *opened, self.t[-1:]]))
+        found = []
+        for row in own:
+            end = ends[ends > row["t"]]
+            if len(end):
+                found.append((float(row["t"]), float(end[0]), int(row["after"])))
+        return found

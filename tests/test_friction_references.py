@@ -1,0 +1,58 @@
+"""Dry friction against references of 26 digits: lists of events and channels, times, states."""
+
+import numpy as np
+import pytest
+
+import zivi
+from friction_problems import CASES, reference
+
+SETTINGS = [(8, 1e-6), (8, 1e-9), (8, 1e-11), (5, 1e-9)]
+MODES = {1: "slip+", -1: "slip-", 0: "stick"}
+LONG = ("belt_relax", "belt_stribeck", "belt2", "belt_stop", "coulomb")
+"""Errors grow over 20 to 40 s: 100 tolerances, in the others 40."""
+
+
+def told(sol):
+    """Give what happened as the references tell it: sorted times, kinds, gaps and channels.
+
+    A gap without restitution closes in one impact, which the references do not call an accumulation.
+    """
+    bounces = sol.zeno[np.array(sol.config["e"])[sol.zeno["gap"]] > 0]
+    found = [(row["t"], "zeno", int(row["gap"])) for row in bounces]
+    found += [(row["t"], "lift", int(row["gap"])) for row in sol.liftoffs]
+    found += [(row["t"], "open", int(row["gap"])) for row in sol.openings]
+    for row in sol.transitions:
+        landing = "land_" if row["before"] == 2 else ""
+        found.append((row["t"], landing + MODES[int(row["after"])], int(row["channel"])))
+    return sorted(found, key=lambda it: it[0])
+
+
+def expected(case):
+    for event in case["events"]:
+        gaps = event["who"] if isinstance(event["who"], list) else [event["who"]]
+        for gap in gaps:
+            yield float(event["t"]), event["kind"], gap
+
+
+@pytest.mark.parametrize(("order", "tol"), SETTINGS)
+@pytest.mark.parametrize("name", CASES)
+def test_the_motion_is_that_of_the_reference(name, order, tol):
+    case, (system, span, state) = CASES[name], reference(name)
+    method = zivi.SwitchedRK(order=order, rtol=tol, atol=tol)
+    sol = zivi.simulate(system, span, state, method=method)
+    assert sol.success, sol.message
+    allowed = (100 if name in LONG else 40) * tol + 1e-13
+    events, true = told(sol), list(expected(case))
+    # of the events of one instant, the order is that of the list
+    key = lambda it: (round(it[0], 5), it[1], it[2])  # noqa: E731
+    assert [it[1:] for it in sorted(events, key=key)] == [it[1:] for it in sorted(true, key=key)]
+    times = np.array([it[0] for it in events]), np.array([it[0] for it in true])
+    assert np.sort(times[0]) == pytest.approx(np.sort(times[1]), abs=allowed)
+    for point in [*case["checkpoints"], case["end"]]:
+        there = np.array(point["state"], dtype=float)
+        here = sol(float(point["t"])).ravel()
+        assert here == pytest.approx(there, abs=allowed), point["t"]
+    end = case["end"]
+    assert np.flatnonzero(sol.contacts[-1]).tolist() == end["closed"]
+    for channel, sigma in end["sigma"].items():
+        assert sol.modes[-1, int(channel)] == sigma
