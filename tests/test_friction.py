@@ -95,6 +95,9 @@ def test_systems_refuse_what_does_not_fit():
         block(floor(), impact_law="hertz")
     with pytest.raises(ValueError, match="paradox must be one of 'stop', 'impact'"):
         block(floor(), paradox="go")
+    for later in ({"impact_law": "poisson"}, {"impact_law": "stronge"}, {"paradox": "impact"}):
+        with pytest.raises(NotImplementedError, match="is not there yet"):
+            block(floor(), **later)
     many = [
         zivi.LinearGap([0, 1], offset=i, tangent=[1, 0], mu=0.1, name=f"g{i}") for i in range(33)
     ]

@@ -15,7 +15,7 @@ LONG = ("belt_relax", "belt_stribeck", "belt2", "belt_stop", "coulomb")
 def told(sol):
     """Give what happened as the references tell it: sorted times, kinds, gaps and channels.
 
-    A gap without restitution closes in one impact, which the references do not call an accumulation.
+    A gap without restitution closes in one impact, no accumulation for the references.
     """
     bounces = sol.zeno[np.array(sol.config["e"])[sol.zeno["gap"]] > 0]
     found = [(row["t"], "zeno", int(row["gap"])) for row in bounces]

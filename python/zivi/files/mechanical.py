@@ -10,7 +10,7 @@ import numpy as np
 
 from zivi._zivi import MechanicalPath
 from zivi.base.status import Status
-from zivi.simulation.friction_result import FRICTION, IMPACTS, TRANSITIONS, FrictionSamples
+from zivi.simulation.friction_result import FLAGS, FRICTION, IMPACTS, TRANSITIONS, FrictionSamples
 from zivi.simulation.impacts import FIELDS, SLOWEST, table
 from zivi.simulation.linear_motion import LinearMotion
 from zivi.simulation.mechanical_labelled import MEANING, TABLES
@@ -115,8 +115,8 @@ def _path(dataset: xarray.Dataset) -> Any:
 
 def _table(dataset: xarray.Dataset, name: str, m: int) -> Any:
     fields, dim = FIELDS[name], TABLES[name]
-    if name == "impacts" and "channel_gap" in dataset:
-        fields = IMPACTS
+    if "channel_gap" in dataset:
+        fields = {"impacts": IMPACTS, "flags": FLAGS}.get(name, fields)
     # version 0.1 had the impacts that were computed where now those are that are listed
     if f"resolved_{dim}_t" in dataset:
         dim = f"resolved_{dim}"

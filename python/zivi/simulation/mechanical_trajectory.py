@@ -16,6 +16,7 @@ from zivi.base.status import Status
 from zivi.base.table import Table
 from zivi.simulation import mechanical_labelled as labelled
 from zivi.simulation.friction_result import (
+    FLAGS,
     IMPACTS,
     FrictionSamples,
     Rubbing,
@@ -178,18 +179,19 @@ class MechanicalTrajectory(Rubbing, SampledRun):
     ) -> MechanicalTrajectory:
 
         def rows(name: str, columns: dict[str, Any]) -> Rows:
-            return table(FIELDS[name], model.layout.m, columns)
+            return table(fields[name], model.layout.m, columns)
 
         # a method of fixed steps: its steps are all there is
         steps = ("t", "q", "qdot", "gaps", "gap_rates", "reactions", "contacts")
         stepped = config["method"]["name"] != "SwitchedRK"
         linear = LinearMotion(**{name: getattr(record, name) for name in steps})
         impacts = {name: getattr(record, f"impact_{name}") for name in FIELDS["impacts"]}
-        fields = FIELDS["impacts"]
+        fields = FIELDS
         if record.friction is not None:
-            impacts, fields = impacts_with(impacts, record.friction, channels), IMPACTS
+            fields = FIELDS | {"impacts": IMPACTS, "flags": FLAGS}
+            impacts = impacts_with(impacts, record.friction, channels)
         flags = {
-            "kind": np.array(record.flag_kind, dtype="U16"),
+            "kind": np.array(record.flag_kind, dtype="U20"),
             "t": record.flag_t,
             "gaps": record.flag_gaps,
             "size": record.flag_size,
@@ -202,7 +204,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
             gap_rates=record.gap_rates,
             contacts=record.contacts,
             reactions=record.reactions,
-            resolved_impacts=table(fields, model.layout.m, impacts),
+            resolved_impacts=rows("impacts", impacts),
             zeno=rows(
                 "zeno", {"t": record.zeno_t, "gap": record.zeno_gap, "closed": record.zeno_closed}
             ),

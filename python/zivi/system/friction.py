@@ -60,6 +60,13 @@ class Slip:
     by_speed: Callable[[float], float] | None = None
     motion: Motion | None = None
 
+    def is_smooth(self) -> bool:
+        """Whether there is no friction at all: both coefficients are 0."""
+        limits = self.limit, self.static
+        return self.by_speed is None and all(
+            isinstance(it, np.ndarray) and not np.any(it) for it in limits
+        )
+
     def is_steady(self) -> bool:
         """Whether direction, rate and limits are constants."""
         parts = (self.direction, self.rate, self.limit, 0.0 if self.static is None else self.static)
@@ -303,8 +310,14 @@ def joints_of(friction: Any) -> tuple[DryFriction, ...]:
     return several
 
 
+LATER = ("poisson", "stronge", "impact")
+"""Choices that runs do not take yet."""
+
+
 def one_of(name: str, value: Any, known: tuple[str, ...]) -> str:
     """Read a choice by its name."""
     if value not in known:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, known))}, got {value!r}")
+    if value in LATER:
+        raise NotImplementedError(f"{name}={value!r} is not there yet: {known[0]!r} is")
     return str(value)

@@ -45,7 +45,8 @@ class Gap:
         ``(t, q, qdot)`` to the number :math:`k`, what :math:`\dot w` is without acceleration; by
         default it is differenced.
     mu : float or callable
-        Coefficient of friction, >= 0, or ``mu(speed)`` of the slip speed >= 0.
+        Coefficient of friction, >= 0, or ``mu(speed)`` of the slip speed >= 0. With 0 the gap is
+        one without friction.
     mu_static : float, optional
         What sticks, at least ``mu``; by default ``mu``.
     e_t : float
@@ -121,15 +122,17 @@ class Gap:
         )
 
     def _rub(self, given: dict[str, Any], called: str, belt: Any = None) -> None:
-        """Read the friction, if there is any."""
+        """Read the friction, if there is any; with coefficients of 0 there is none."""
         coefficients = given["mu"], given["mu_static"]
         velocity, curvature = given.get("tangent_velocity"), given.get("tangent_curvature")
         tangent = given["tangent"]
         self._slip = slip_of_gap(called, tangent, velocity, curvature, coefficients, belt)
         self._e_t = tangential_restitution(called, given["e_t"])
-        if self._slip is None and self._e_t:
+        if tangent is None and self._e_t:
             raise ValueError(f"e_t of {called} needs a tangent, the direction of slip")
-        self._friction = {} if self._slip is None else given
+        if self._slip is not None and self._slip.is_smooth() and self._e_t == 0.0:
+            self._slip = None
+        self._friction = {} if tangent is None else given
 
     @property
     def name(self) -> str | None:
