@@ -145,6 +145,7 @@ def test_the_promised_results():
     assert [name for name in dir(ball) if not name.startswith("_")] == [
         "e",
         "force",
+        "friction",
         "kappa",
         "law",
         "wall",

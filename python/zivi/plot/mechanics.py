@@ -196,7 +196,7 @@ def modes(sol: MechanicalTrajectory, ax: Axes | None = None, **bar: Any) -> Axes
     ax.set_yticks(range(len(sol.channel_names)), sol.channel_names)
     ax.set(xlabel="time $t$", xlim=(sol.t[0], sol.t[-1]))
     ax.invert_yaxis()
-    ax.legend()
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(names), frameon=False)
     return ax
 
 
