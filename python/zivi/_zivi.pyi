@@ -19,6 +19,8 @@ __all__ = [
     "Event",
     "Explicit",
     "Force",
+    "Friction",
+    "FrictionRecord",
     "Hits",
     "ImpactLaw",
     "Keep",
