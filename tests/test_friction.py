@@ -105,6 +105,11 @@ def test_systems_refuse_what_does_not_fit():
         block(*many)
 
 
+def test_a_linear_system_refuses_a_gap_with_friction():
+    with pytest.raises(NotImplementedError, match=r"gaps\[0\] must be without friction here"):
+        zivi.LinearSystem(np.eye(2), None, np.eye(2), gaps=[floor(tangent=[1, 0], mu=0.3)])
+
+
 def checked(system, q=(0.3, 0.4), qdot=(1.0, 0.2), t=0.2):
     model = system.model(len(q))
     check_start(system, model, (t, t + 1.0), np.array(q), np.array(qdot))

@@ -408,6 +408,10 @@ def _linear_gaps(gaps: Any) -> tuple[LinearGap, ...]:
     for i, gap in enumerate(several):
         if not isinstance(gap, LinearGap):
             raise TypeError(f"gaps[{i}] must be a zivi.LinearGap, got {gap!r}")
+        if gap._slip is not None:
+            raise NotImplementedError(
+                f"gaps[{i}] must be without friction here: a zivi.MechanicalSystem takes it"
+            )
     return several
 
 
