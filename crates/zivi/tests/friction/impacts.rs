@@ -167,3 +167,110 @@ fn balls_bounce_to_rest_by_every_law() {
         assert!(run.counts.impacts < 25, "{}", run.counts.impacts);
     }
 }
+
+/// Two contacts in coordinates that are their gaps and slips, with random mobilities `D = A A^T + I/4`;
+/// the second one is closed.
+fn two_contacts(random: &mut Random, mu: f64, e: f64, e_t: f64) -> (Rough, Vec<f64>) {
+    let a: Vec<f64> = (0..16).map(|_| random.next() - 0.5).collect();
+    let d: Vec<f64> = (0..16)
+        .map(|ij| {
+            let (i, j) = (ij / 4, ij % 4);
+            let product: f64 = (0..4).map(|k| a[4 * i + k] * a[4 * j + k]).sum();
+            product + if i == j { 0.25 } else { 0.0 }
+        })
+        .collect();
+    let mass = inverse(&d);
+    let of = |c: usize| (0..4).map(|k| if k == c { 1.0 } else { 0.0 }).collect::<Vec<f64>>();
+    let system = rough(4, &[Some(0), Some(1)], &[e, e], e_t, move |_, q, _| Parts {
+        mass: mass.clone(),
+        force: vec![0.0; 4],
+        gaps: [0, 2].map(|c| Row { value: q[c], row: of(c), curvature: 0.0, rate: 0.0 }).into(),
+        channels: [1, 3].map(|c| slip(&of(c), 0.0, 0.0)).into(),
+        limits: vec![(mu, mu); 2],
+    });
+    (system, d)
+}
+
+/// Of a symmetric positive definite matrix, by Gauss and Jordan.
+fn inverse(d: &[f64]) -> Vec<f64> {
+    let n = 4;
+    let (mut a, mut b) = (d.to_vec(), vec![0.0; n * n]);
+    (0..n).for_each(|i| b[i * n + i] = 1.0);
+    for k in 0..n {
+        let pivot = a[k * n + k];
+        for j in 0..n {
+            a[k * n + j] /= pivot;
+            b[k * n + j] /= pivot;
+        }
+        for i in (0..n).filter(|&i| i != k) {
+            let factor = a[i * n + k];
+            for j in 0..n {
+                a[i * n + j] -= factor * a[k * n + j];
+                b[i * n + j] -= factor * b[k * n + j];
+            }
+        }
+    }
+    b
+}
+
+#[test]
+fn impacts_over_a_contact_obey_their_laws() {
+    let mut random = Random(5);
+    let mut counts = [0; 3];
+    for case in 0..400 {
+        let (mu, e) = (0.8 * random.next(), random.next());
+        let law = [FrictionalImpact::Newton, FrictionalImpact::Poisson][case % 2];
+        // the common coefficient, with which energy cannot grow
+        let e_t = if law == FrictionalImpact::Newton && case % 4 == 0 { e } else { 0.0 };
+        let (mut system, d) = two_contacts(&mut random, mu, e, e_t);
+        system.friction.law = law;
+        let before =
+            [-0.2 - random.next(), 2.0 * random.next() - 1.0, 0.0, 2.0 * random.next() - 1.0];
+        let run = simulate(system, (&[0.0; 4], &before), 1e-4, FINE);
+        let (mut after, mut p) = (before, [0.0; 4]);
+        let (mut grew, mut ambiguous) = (false, false);
+        for it in &run.occurrences {
+            match *it {
+                Occurrence::Impact { group: 1, gap, after: speed, impulse, .. } => {
+                    (after[2 * gap], p[2 * gap]) = (speed, impulse);
+                }
+                Occurrence::Tangential { group: 1, channel, after: slip, impulse, .. } => {
+                    (after[2 * channel + 1], p[2 * channel + 1]) = (slip, impulse);
+                }
+                Occurrence::Flag { kind: FlagKind::EnergyGain, .. } => grew = true,
+                Occurrence::Flag { kind: FlagKind::ImpactNotUnique, .. } => ambiguous = true,
+                _ => (),
+            }
+        }
+        // speeds of contacts without an impulse are not listed
+        let full: Vec<f64> =
+            (0..4).map(|i| before[i] + (0..4).map(|j| d[4 * i + j] * p[j]).sum::<f64>()).collect();
+        for contact in 0..2 {
+            let (g, w) = (full[2 * contact], full[2 * contact + 1]);
+            let (pressed, pull) = (p[2 * contact], p[2 * contact + 1]);
+            assert!(pressed >= -1e-13 && pull.abs() <= mu * pressed + 1e-12, "{case} {p:?}");
+            let back = w + e_t * before[2 * contact + 1];
+            let sticks = pull.abs() < mu * pressed - 1e-9;
+            counts[usize::from(sticks)] += 1;
+            if law == FrictionalImpact::Newton {
+                assert!(pull * back <= 1e-12, "{case} {pull} {back}");
+                assert!(!sticks || back.abs() < 1e-12, "{case} {back}");
+                let rebound = g + e * before[2 * contact];
+                assert!(rebound > -1e-12 && pressed * rebound < 1e-12, "{case} {rebound}");
+            } else {
+                assert!(g > -1e-12, "{case} {g}");
+            }
+            if pressed > 1e-12 {
+                assert!((after[2 * contact] - g).abs() < 1e-12);
+                assert!((after[2 * contact + 1] - w).abs() < 1e-12);
+            } else {
+                counts[2] += 1;
+            }
+        }
+        let gain: f64 = (0..4).map(|i| 0.5 * p[i] * (full[i] + before[i])).sum();
+        assert_eq!(grew, gain > 1e-11, "{case} {gain}");
+        assert!(!grew || (law == FrictionalImpact::Newton && e_t == 0.0), "{case} {gain}");
+        assert!(!ambiguous || mu > 0.1);
+    }
+    assert!(counts.iter().all(|&count| count > 30), "{counts:?}");
+}
