@@ -107,6 +107,27 @@ def test_a_system_without_gaps_moves_as_its_matrix_exponential():
     assert np.max(np.abs(sol.qdot[-1] - qdot)) < 1e-10 * scale
 
 
+def test_the_motion_within_steps_is_that_of_matrix_exponentials(tmp_path):
+    mass, damping, stiffness = matrices(3, 2)
+    load, amplitude = np.random.default_rng(8).normal(size=(2, 3))
+    oracle = Oracle(mass, damping, stiffness, load, (amplitude, 2.0), np.ones(3), 1e9, 1)
+    system = zivi.LinearSystem(
+        mass, damping, stiffness, excitation=(load, zivi.Harmonic(amplitude, 2.0))
+    )
+    sol = zivi.simulate(system, (0, 4), (np.ones(3), np.zeros(3)))
+    at = np.linspace(0, 4, 23)
+    q, qdot = sol(at)
+    for t, *state in zip(at, q, qdot, strict=True):
+        exact = linalg.expm(oracle.a * t) @ np.concatenate([np.ones(3), np.zeros(3), [1, 1, 0]])
+        assert np.max(np.abs(np.concatenate(state) - exact[:6])) < 1e-12
+    pytest.importorskip("xarray")
+    zivi.files.save(sol, tmp_path / "run.nc")
+    again = zivi.files.load(tmp_path / "run.nc")
+    assert np.array_equal(again(at)[0], q)
+    few = zivi.simulate(system, (0, 4), (np.ones(3), np.zeros(3)), t_eval=at)
+    assert np.allclose(few.q, q, atol=1e-13)
+
+
 def chain(n, frequency, **more):
     """Masses between springs, 2 % damping, stops on both sides of the last one."""
     stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
@@ -148,6 +169,69 @@ def test_rests_and_lift_offs_are_those_of_the_general_method():
     assert np.max(np.abs(sol.q[-1] - again.q[-1])) < 1e-11
     at = np.linspace(0, 4, 400)
     assert np.max(np.abs(sol(at)[0] - again(at)[0])) < 1e-10
+
+
+def test_flights_do_not_depend_on_tolerances():
+    system, start = chain(3, 1.1), (np.zeros(3), np.array([0.0, 0.1, 0.0]))
+    runs = [
+        zivi.simulate(system, (0, 1.0), start, zivi.SwitchedRK(rtol=rtol, atol=1e-3 * rtol))
+        for rtol in (1e-4, 1e-12)
+    ]
+    first = [run.resolved_impacts[:4] for run in runs]
+    assert np.array_equal(first[0]["t"], first[1]["t"])
+    assert np.array_equal(first[0]["speed_before"], first[1]["speed_before"])
+    by_steps = zivi.simulate(system, (0, 1.0), start, zivi.SwitchedRK(flights="rk"))
+    assert by_steps.nfev > 3 * runs[0].nfev
+
+
+def drawn(seed):
+    """Two to five coordinates, one to three gaps, damping of any kind, resonance, free motions."""
+    rng = np.random.default_rng(seed)
+    n, kind = int(rng.integers(2, 6)), seed % 4
+    mass, damping, stiffness = matrices(n, seed)
+    damping = damping + rng.choice([0.0, 0.5]) * np.subtract.outer(np.arange(n), np.arange(n))
+    if kind == 1:
+        stiffness[:, -1] = stiffness[-1, :] = 0.0
+    omega = np.sqrt(np.abs(linalg.eigh(stiffness, mass, eigvals_only=True)))[n // 2]
+    if kind == 2:
+        damping = np.zeros((n, n))
+    else:
+        omega *= rng.uniform(0.5, 1.5)
+    gaps = [
+        zivi.LinearGap(
+            rng.normal(size=n),
+            rng.uniform(0.05, 0.4),
+            zivi.HarmonicWall(0.01, 0.7 * omega) if rng.random() < 0.3 else None,
+        )
+        for _ in range(rng.integers(1, 4))
+    ]
+    load, amplitude = rng.normal(size=n), 4 * rng.normal(size=n)
+    system = zivi.LinearSystem(
+        mass,
+        damping,
+        stiffness,
+        excitation=[load, zivi.Harmonic(amplitude, omega, rng.uniform(0, 6))],
+        gaps=gaps,
+        e=rng.uniform(0, 0.8, len(gaps)),
+    )
+    return system, (np.zeros(n), rng.normal(size=n)), 3 * np.pi / omega
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [0, 10, 20, 30])
+def test_drawn_systems_move_as_by_small_steps(first):
+    rests = 0
+    for seed in range(first, first + 10):
+        system, start, end = drawn(seed)
+        sol = zivi.simulate(system, (0, end), start, TIGHT, dense_output=False)
+        by_steps = zivi.SwitchedRK(rtol=1e-13, atol=1e-15, flights="rk")
+        again = zivi.simulate(system, (0, end), start, by_steps, dense_output=False)
+        counts = [[len(it.zeno), len(it.liftoffs), len(it.corners)] for it in (sol, again)]
+        assert counts[0] == counts[1], seed
+        scale = 1 + np.max(np.abs(again.q))
+        assert np.max(np.abs(sol.q[-1] - again.q[-1])) < 1e-8 * scale, seed
+        rests += counts[0][0]
+    assert rests > 0
 
 
 def test_modal_data_are_the_system_that_they_come_from():

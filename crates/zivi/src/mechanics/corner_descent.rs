@@ -250,7 +250,7 @@ impl ImpulseDirections<'_> {
             [Bernstein::new(&x), Bernstein::new(&derivative(&x, length))]
         };
         let rows = (0..base.rows.len()).map(row).collect();
-        Curve { start: base.start + s0, h: length, rows }
+        Curve::of_rows(base.start + s0, length, rows)
     }
 }
 

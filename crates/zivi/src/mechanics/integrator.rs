@@ -152,8 +152,10 @@ impl MechanicalIntegrator {
         if !through.is_empty() {
             return self.strike(through, model);
         }
-        self.state.prepare(model)?;
-        self.note_undetermined();
+        if !self.motion.is_linear(model) {
+            self.state.prepare(model)?;
+            self.note_undetermined();
+        }
         let t = self.state.now().t;
         let obstacle = self.accumulation.obstacle();
         self.next = self.motion.fly(t_end, &mut self.state, obstacle, model)?;

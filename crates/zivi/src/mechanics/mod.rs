@@ -28,6 +28,7 @@ mod joint_friction;
 mod kinetics;
 mod lcp;
 mod lift_off;
+mod linear_flight;
 mod mechanism;
 mod mode;
 mod moreau_jean;

@@ -4,12 +4,16 @@ use std::collections::TryReserveError;
 
 use super::equation::{Stages, State};
 use super::tail::SkippedArcs;
-use crate::numeric::bernstein::{evaluate, Bernstein, MOST_DEGREE};
+use crate::numeric::bernstein::{evaluate, Bernstein, Polynomial};
+use crate::numeric::power_series::{Series, TERMS};
 use crate::record::contact_mode::ContactMode;
 use crate::record::point::MotionPoint;
 use crate::record::reserve::Reserve;
 use crate::system::dynamics::Layout;
 use crate::Impact;
+
+/// Largest degree of the polynomials of a segment.
+pub(super) const MOST_SEGMENT_DEGREE: usize = TERMS - 1;
 
 /// A part of the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,6 +47,8 @@ pub(super) struct Curve {
     pub(super) start: f64,
     pub(super) h: f64,
     pub(super) rows: Vec<[Bernstein; 2]>,
+    /// Instead of them the coefficients of power series of the positions in `(t - start)/h`.
+    powers: Vec<f64>,
 }
 
 impl Curve {
@@ -59,13 +65,38 @@ impl Curve {
             [cut(x, stages.from.x[c], end.x[c]), cut(v, stages.from.xdot[c], end.xdot[c])]
         };
         let rows = (0..stages.from.x.len()).map(row).collect();
-        Self { start: stages.from.t, h: length, rows }
+        Self::of_rows(stages.from.t, length, rows)
+    }
+
+    pub(super) fn of_rows(start: f64, h: f64, rows: Vec<[Bernstein; 2]>) -> Self {
+        Self { start, h, rows, powers: Vec::new() }
+    }
+
+    /// Power series of all positions, one after the other.
+    pub(super) fn of_powers(start: f64, h: f64, powers: Vec<f64>) -> Self {
+        Self { start, h, rows: Vec::new(), powers }
+    }
+
+    /// The power series of the positions, and of the velocities.
+    fn series(&self) -> impl Iterator<Item = [Series; 2]> + '_ {
+        self.powers.chunks_exact(TERMS).map(|powers| {
+            let (mut x, mut v) = ([0.0; TERMS], [0.0; TERMS]);
+            x.copy_from_slice(powers);
+            for (k, v) in v.iter_mut().enumerate().take(TERMS - 1) {
+                *v = (k + 1) as f64 * x[k + 1] / self.h;
+            }
+            [x, v]
+        })
     }
 
     pub(super) fn at(&self, t: f64, x: &mut [f64], v: &mut [f64]) {
         let theta = ((t - self.start) / self.h).clamp(0.0, 1.0);
         for (c, [of_x, of_v]) in self.rows.iter().enumerate() {
             (x[c], v[c]) = (of_x.at(theta), of_v.at(theta));
+        }
+        let value = |a: &Series| a.iter().rev().fold(0.0, |sum, a| sum * theta + a);
+        for (c, [of_x, of_v]) in self.series().enumerate() {
+            (x[c], v[c]) = (value(&of_x), value(&of_v));
         }
     }
 }
@@ -80,7 +111,7 @@ impl MechanicalPath {
     pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
         let size = self.layout.size();
         reserve.room(&mut self.segments, 1, 0)?;
-        reserve.room(&mut self.coefficients, 2 * size * (MOST_DEGREE + 1), 0)?;
+        reserve.room(&mut self.coefficients, 2 * size * (MOST_SEGMENT_DEGREE + 1), 0)?;
         reserve.room(&mut self.skipped, 1, 0)
     }
 
@@ -89,6 +120,11 @@ impl MechanicalPath {
         let mut degree = 0;
         for p in curve.rows.iter().flatten() {
             degree = p.coefficients().len() - 1;
+            self.coefficients.extend_from_slice(p.coefficients());
+        }
+        for powers in curve.series().flatten() {
+            degree = TERMS - 1;
+            let p = Polynomial::<TERMS>::from_powers(powers);
             self.coefficients.extend_from_slice(p.coefficients());
         }
         let kind = Kind::Motion { first, degree, h: curve.h };

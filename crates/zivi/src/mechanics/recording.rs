@@ -153,7 +153,7 @@ impl<E> Running<'_, E> {
         let end = self.method.state().now().t;
         if end > self.dense_from() && end > from {
             let motion = self.method.motion();
-            let curve = Curve::new(motion.last(), self.method.state().now(), motion.length());
+            let curve = motion.curve(self.method.state().now());
             self.follow(&curve, (from, end), mode, model)?;
         }
         self.arrive();

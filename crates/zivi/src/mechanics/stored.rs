@@ -12,9 +12,8 @@
 //!
 //! Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
 
-use super::path::{Kind, MechanicalPath, Segment};
+use super::path::{Kind, MechanicalPath, Segment, MOST_SEGMENT_DEGREE};
 use super::tail::SkippedArcs;
-use crate::numeric::bernstein::MOST_DEGREE;
 use crate::record::contact_mode::ContactMode;
 use crate::record::gap_set::GapSet;
 use crate::record::point::MotionPoint;
@@ -143,7 +142,8 @@ fn segment_of(
 ) -> Option<Segment> {
     let first = as_count(first)?;
     let kind = if kind == 0.0 {
-        let degree = as_count(degree).filter(|degree| (1..=MOST_DEGREE).contains(degree))?;
+        let degree =
+            as_count(degree).filter(|degree| (1..=MOST_SEGMENT_DEGREE).contains(degree))?;
         let end = first.checked_add(2 * size * (degree + 1))?;
         (end <= coefficients && h > 0.0).then_some(Kind::Motion { first, degree, h })?
     } else {

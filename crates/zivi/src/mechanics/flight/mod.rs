@@ -6,10 +6,12 @@ mod slip;
 
 use super::along_step::AlongStep;
 use super::contact_probes::ContactProbes;
-use super::equation::{AtEnd, InContact, Stages};
+use super::equation::{AtEnd, InContact, Stages, State};
 use super::kinetics::{Kinetics, Model};
 use super::lift_off::{self, Release};
+use super::linear_flight::{Bounds, LinearFlight};
 use super::mode::{Limit, Next};
+use super::path::Curve;
 use super::state::MechanicalState;
 use crate::numeric::stages::Equation;
 use crate::numeric::step_error::Tolerances;
@@ -20,7 +22,7 @@ use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::switched::lookahead::Deviation;
-use crate::switched::SwitchedRk;
+use crate::switched::{Flights, SwitchedRk};
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::friction::Friction;
 use crate::Status;
@@ -56,6 +58,10 @@ pub(super) struct SmoothMotion {
     turns: bool,
     /// The mechanics away from the state.
     aside: Kinetics,
+    /// The flights of a linear system, once they are asked for.
+    linear: Option<Box<LinearFlight>>,
+    /// How flights are computed.
+    flights: Flights,
 }
 
 impl SmoothMotion {
@@ -73,6 +79,8 @@ impl SmoothMotion {
             probes: ContactProbes::default(),
             turns: false,
             aside: Kinetics::new(layout, friction),
+            linear: None,
+            flights: if layout.p > 0 { Flights::RungeKutta } else { settings.flights },
         }
     }
 
@@ -89,6 +97,42 @@ impl SmoothMotion {
     /// The last step.
     pub(super) fn last(&self) -> &Stages {
         self.steps.last()
+    }
+
+    /// The motion over the last step, or the part of it up to an event, which ends at a state.
+    pub(super) fn curve(&self, end: &State) -> Curve {
+        let curve = self.linear.as_ref().and_then(|linear| linear.curve());
+        curve.cloned().unwrap_or_else(|| Curve::new(self.last(), end, self.length))
+    }
+
+    /// Whether flights are those of a linear system.
+    pub(super) fn is_linear<E, D: Dynamics<E>>(&mut self, model: &Model<'_, D>) -> bool {
+        if self.linear.is_none() && self.flights != Flights::RungeKutta {
+            self.linear = LinearFlight::of(model.dynamics);
+            if self.linear.is_none() {
+                self.flights = Flights::RungeKutta;
+            }
+        }
+        self.linear.is_some()
+    }
+
+    /// One step of a linear system, or the part of it up to an event: what comes next.
+    fn fly_linear<E, D: Dynamics<E>>(
+        &mut self,
+        t_end: f64,
+        state: &mut MechanicalState,
+        obstacle: Option<Deviation>,
+        model: &mut Model<'_, D>,
+    ) -> Result<Option<Next>, Failure<E>> {
+        let Self { linear: Some(linear), steps, length, .. } = self else { return Ok(None) };
+        let max_step = steps.limits().max_step;
+        let longest = obstacle.map_or(max_step, |it| it.longest_step(state.now().t).min(max_step));
+        let bounds = Bounds { t_end, longest, dense_from: steps.dense_from() };
+        steps.spend()?;
+        let (next, flown) = linear.fly(&bounds, state, model)?;
+        steps.accept();
+        *length = flown;
+        Ok(Some(next))
     }
 
     /// Its length, or that of the part of it up to an event.
@@ -153,6 +197,9 @@ impl SmoothMotion {
         obstacle: Option<Deviation>,
         model: &mut Model<'_, D>,
     ) -> Result<Next, Failure<E>> {
+        if let Some(next) = self.fly_linear(t_end, state, obstacle, model)? {
+            return Ok(next);
+        }
         let plan = self.plan(t_end, state, obstacle, model)?;
         // below it rounding of the time is, at t = 0 that of a time of rest
         let rest = if state.mode() == ContactMode::default() { 0.0 } else { self.probes.horizon() };

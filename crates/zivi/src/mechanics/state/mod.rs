@@ -253,7 +253,7 @@ impl MechanicalState {
     }
 
     /// Sets a gap that was integrated to what its function says, where that has enough digits.
-    fn anchor(&mut self, i: usize, gap: f64, rate: f64) {
+    pub(super) fn anchor(&mut self, i: usize, gap: f64, rate: f64) {
         let n = self.layout.n;
         let size = self.now.x[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         let clear = gap > ANCHOR * (size + gap) && self.now.x[n + i] > 0.0;
@@ -412,6 +412,17 @@ impl MechanicalState {
             }
         }
         Ok(())
+    }
+
+    /// Moves the time on by a length that was flown, or to `t_end` where the flight arrives there; the
+    /// state is that at its end.
+    pub(super) fn pass(&mut self, (length, t_end): (f64, f64), arrives: bool) {
+        self.now.pass(length);
+        if arrives || self.now.t > t_end {
+            (self.now.t, self.now.late) = (t_end, 0.0);
+        }
+        self.contacts.left = GapSet::EMPTY;
+        self.is_known = false;
     }
 
     /// To an event at the time `total` after the start of a step, `delta` after its end; not

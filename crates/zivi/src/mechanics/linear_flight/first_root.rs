@@ -1,0 +1,184 @@
+//! Where a power series on `[0, 1]` that begins above zero first falls below it.
+
+use crate::numeric::bernstein::Polynomial;
+use crate::numeric::power_series::{Series, TERMS};
+
+/// Rounding of a polynomial, relative to the sum of its terms: a dip below it is none.
+const ROUNDING: f64 = 1e-15;
+/// A flight shorter than this part of the step falls from its start, if the pull hardly changes.
+const SHORT: f64 = 0.02;
+/// How much it may change, relative to its first value.
+const CHANGE: f64 = 0.2;
+/// An arc is looked at up to so many times the length of its parabola.
+const ARC: f64 = 1.5;
+/// Newton iterations of a root.
+const ITERATIONS: usize = 16;
+
+/// The first root of `p` after so many at zero, which are divided out of its coefficients.
+pub(super) fn first_root(p: &Series, at_zero: usize) -> Option<f64> {
+    let mut a = [0.0; TERMS];
+    a[..TERMS - at_zero].copy_from_slice(&p[at_zero..]);
+    let rest: f64 = a[1..].iter().map(|a| a.abs()).sum();
+    if a[0] > rest {
+        return None;
+    }
+    if a[0] < 0.0 {
+        return Some(0.0);
+    }
+    if let Some(root) = short_fall(&a) {
+        return Some(root);
+    }
+    // a short arc is far below what rounding leaves of the whole step
+    let arc = ARC * fall_of_parabola(&a);
+    if arc < 1.0 {
+        let mut part = a;
+        let mut power = 1.0;
+        for a in &mut part {
+            *a *= power;
+            power *= arc;
+        }
+        if let Some(root) = root_by_coefficients(&part) {
+            return Some(root * arc);
+        }
+    }
+    root_by_coefficients(&a)
+}
+
+/// When `a_0 + a_1 s + a_2 s^2` comes to zero, infinite if it never does.
+fn fall_of_parabola(a: &Series) -> f64 {
+    let root = a[1] * a[1] - 4.0 * a[0] * a[2];
+    if a[2] >= 0.0 || root.is_nan() {
+        return f64::INFINITY;
+    }
+    let (root, pull) = (root.sqrt(), -2.0 * a[2]);
+    if a[1] >= 0.0 {
+        (a[1] + root) / pull
+    } else {
+        2.0 * a[0] / (root - a[1])
+    }
+}
+
+/// The first root as Bernstein's coefficients certify it.
+fn root_by_coefficients(a: &Series) -> Option<f64> {
+    let noise = ROUNDING * a.iter().map(|a| a.abs()).sum::<f64>();
+    let bernstein = Polynomial::<TERMS>::from_powers(*a).plus(noise);
+    if bernstein.coefficients().iter().all(|&c| c > 0.0) {
+        return None;
+    }
+    let near = bernstein.first_negative()?;
+    Some(polished(a, near))
+}
+
+/// The value and the derivative.
+#[inline]
+fn value(a: &Series, s: f64) -> (f64, f64) {
+    a.iter().rev().fold((0.0, 0.0), |(p, slope), a| (p * s + a, slope * s + p))
+}
+
+/// The root of one that falls from its start as a line does, but for little.
+fn short_fall(a: &Series) -> Option<f64> {
+    let first = -a[0] / a[1];
+    if a[1] >= 0.0 || first >= SHORT {
+        return None;
+    }
+    let (reach, mut power, mut change) = (1.3 * first, 1.0, 0.0);
+    for (k, a) in a.iter().enumerate().skip(2) {
+        power *= reach;
+        change += k as f64 * a.abs() * power;
+    }
+    (change <= CHANGE * -a[1]).then(|| {
+        let mut s = first;
+        for _ in 0..ITERATIONS {
+            let (p, slope) = value(a, s);
+            let step = p / slope;
+            s -= step;
+            if step.abs() <= f64::EPSILON * s {
+                break;
+            }
+        }
+        s
+    })
+}
+
+/// The root that is near, to rounding.
+fn polished(a: &Series, near: f64) -> f64 {
+    let (mut s, mut last) = (near, f64::INFINITY);
+    for _ in 0..ITERATIONS {
+        let (p, slope) = value(a, s);
+        let step = p / slope;
+        let next = s - step;
+        // where it touches zero rounding decides
+        if !(step.abs() < last && (0.0..=1.0).contains(&next)) {
+            break;
+        }
+        (s, last) = (next, step.abs());
+        if step.abs() <= f64::EPSILON * s {
+            break;
+        }
+    }
+    s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `scale prod (1 - s/root)` times `s^zeros`.
+    fn with_roots(roots: &[f64], zeros: usize) -> Series {
+        let mut a = [0.0; TERMS];
+        a[zeros] = 1.0;
+        for root in roots {
+            for k in (1..TERMS).rev() {
+                a[k] -= a[k - 1] / root;
+            }
+        }
+        a
+    }
+
+    #[test]
+    fn the_first_root_is_found_whatever_comes_after_it() {
+        for first in [1e-12, 1e-5, 0.013, 0.3, 0.77, 0.999] {
+            for more in [&[][..], &[1.7], &[1.0 + 1e-3, 3.0], &[-0.5, 1.5, 9.0]] {
+                for zeros in 0..4 {
+                    let roots: Vec<f64> = more.iter().copied().chain([first]).collect();
+                    let a = with_roots(&roots, zeros);
+                    let root = first_root(&a, zeros).unwrap();
+                    // what rounding of the terms moves it by
+                    let (mut size, mut power) = (0.0, 1.0);
+                    for a in &a {
+                        size += a.abs() * power;
+                        power *= first;
+                    }
+                    let noise = 4.0 * f64::EPSILON * (size / value(&a, first).1.abs() + first);
+                    assert!((root - first).abs() <= noise, "{first} {more:?} {root}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn short_arcs_from_above_zero_have_their_own_scale() {
+        for length in [1e-11, 1e-8, 1e-4, 0.1] {
+            // 3e-20 above zero, upwards first, beside coefficients of one
+            let mut a = with_roots(&[length, -1e-3 * length, 1.9, -4.0], 0);
+            a.iter_mut().for_each(|a| *a *= length * length);
+            let root = first_root(&a, 0).unwrap();
+            assert!((root - length).abs() <= 1e-12 * length, "{length} {root}");
+        }
+    }
+
+    #[test]
+    fn what_stays_above_zero_has_none() {
+        assert_eq!(first_root(&with_roots(&[1.001], 0), 0), None);
+        assert_eq!(first_root(&with_roots(&[-0.3, 2.0], 1), 1), None);
+        // a minimum of 1e-9 at one half, and one of -1e-9
+        let mut a = [0.0; TERMS];
+        (a[0], a[1], a[2]) = (0.25 + 1e-9, -1.0, 1.0);
+        assert_eq!(first_root(&a, 0), None);
+        a[0] -= 2e-9;
+        let root = first_root(&a, 0).unwrap();
+        assert!((root - (0.5 - 1e-9_f64.sqrt())).abs() < 1e-10);
+        a[0] = -1.0;
+        assert_eq!(first_root(&a, 0), Some(0.0));
+    }
+}

@@ -1,0 +1,328 @@
+//! Flights of linear systems, free and in contact, by power series: to rounding.
+//!
+//! Steps have one length, a fraction of the time of the fastest mode or load ([`propagation`]); the
+//! gaps and the contact forces in each are power series whose first roots end it ([`first_root`]).
+//! What happens at these is that of all mechanical systems.
+
+mod drives;
+mod first_root;
+mod propagation;
+
+use std::sync::Arc;
+
+use super::kinetics::Model;
+use super::mode::{Limit, Next};
+use super::path::Curve;
+use super::state::MechanicalState;
+use crate::numeric::power_series::{Series, TERMS};
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::system::dynamics::Dynamics;
+use crate::Status;
+use first_root::first_root;
+use propagation::{Free, Propagation};
+
+/// A step is so many times shorter than the time of the fastest mode or load by its angle.
+const ANGLE: f64 = 2.0;
+/// Halvings of the steps until the series converge.
+const HALVINGS: usize = 12;
+/// What closes within this part of a flight closes together.
+const TOGETHER: f64 = 1e-13;
+/// Rounding of the time.
+const ULPS: f64 = 4.0 * f64::EPSILON;
+/// Rounding of an acceleration or a force, relative to its terms.
+const NOISE: f64 = 256.0 * f64::EPSILON;
+/// Closed gaps that are so far from zero, relative to their terms, are closed anew.
+const DRIFT: f64 = 64.0 * f64::EPSILON;
+
+/// The flights of a linear system.
+#[derive(Clone, Debug)]
+pub(super) struct LinearFlight {
+    free: Arc<Free>,
+    /// The length of a step (s).
+    h: f64,
+    known: Vec<(GapSet, Arc<Propagation>)>,
+    /// `(q, h q', d)` where a step begins, and `(q, h q')` where it ends.
+    y: Vec<f64>,
+    end: Vec<f64>,
+    /// By gap: the gap, or its force.
+    series: Vec<Series>,
+    curve: Option<Curve>,
+}
+
+/// What ends a step.
+#[derive(Clone, Copy)]
+enum Event {
+    Closing(usize),
+    Release(usize),
+}
+
+/// Where a flight may go.
+pub(super) struct Bounds {
+    /// The end (s).
+    pub(super) t_end: f64,
+    /// The longest step (s).
+    pub(super) longest: f64,
+    /// From when on the motion within steps is asked for (s).
+    pub(super) dense_from: f64,
+}
+
+impl LinearFlight {
+    /// None where the system is no linear one, or its mass matrix not definite.
+    pub(super) fn of<E, D: Dynamics<E>>(dynamics: &D) -> Option<Box<Self>> {
+        let system = dynamics.linear()?;
+        let free = Free::new(system)?;
+        let fastest = free.rate().max(free.drives.highest());
+        let h = if fastest > 0.0 { ANGLE / fastest } else { 1.0 };
+        let (y, end) = (vec![0.0; free.size()], vec![0.0; 2 * free.n]);
+        let series = vec![[0.0; TERMS]; system.gaps.len()];
+        let free = Arc::new(free);
+        Some(Box::new(Self { free, h, known: vec![], y, end, series, curve: None }))
+    }
+
+    /// The motion within the last step, up to an event, if it was asked for.
+    pub(super) fn curve(&self) -> Option<&Curve> {
+        self.curve.as_ref()
+    }
+
+    /// The motion with a set of gaps closed.
+    fn propagation<E>(&mut self, set: GapSet) -> Result<Arc<Propagation>, Failure<E>> {
+        if let Some((_, known)) = self.known.iter().find(|(of, _)| *of == set) {
+            return Ok(known.clone());
+        }
+        for _ in 0..HALVINGS {
+            if let Some(new) = Propagation::new(&self.free, set, self.h)? {
+                let new = Arc::new(new);
+                self.known.push((set, new.clone()));
+                return Ok(new);
+            }
+            self.h *= 0.5;
+            self.known.clear();
+        }
+        Err(Failure::Status(Status::StepSizeTooSmall))
+    }
+
+    /// One step, or the part of it up to an event: what comes next, and how long it was.
+    pub(super) fn fly<E, D: Dynamics<E>>(
+        &mut self,
+        bounds: &Bounds,
+        state: &mut MechanicalState,
+        model: &mut Model<'_, D>,
+    ) -> Result<(Next, f64), Failure<E>> {
+        let set = state.closed();
+        let motion = self.propagation(set)?;
+        self.begin(state, model.smooth.nearest(state.now().t));
+        if self.has_drifted(state) {
+            state.project(set, model)?;
+            self.begin(state, model.smooth.nearest(state.now().t));
+        }
+        self.anchor(state);
+        let left = (bounds.t_end - state.now().t) - state.now().late;
+        let reach = (left.min(bounds.longest) / self.h).min(1.0);
+        let (part, event) = self.first_event(&motion, reach, state);
+        let length = part * self.h;
+        let (start, dense) = (state.now().t, state.now().t + length > bounds.dense_from);
+        let arrives = event.is_none() && length >= left;
+        self.end_of(&motion, part, set, (start, dense));
+        let gap = match event {
+            Some(Event::Closing(gap)) => Some(gap),
+            _ => None,
+        };
+        self.move_state(part, gap, state);
+        state.pass((length, bounds.t_end), arrives);
+        if !state.now().x.iter().chain(&state.now().xdot).all(|it| it.is_finite()) {
+            return Err(Failure::Status(Status::StateNotFinite));
+        }
+        let next = match event {
+            None => Next::Step,
+            Some(Event::Closing(gap)) => Next::LocatedEvent(hit_together(gap, length, state)),
+            Some(Event::Release(gap)) => Next::Release { limit: Limit::Force(gap), h: self.h },
+        };
+        Ok((next, length))
+    }
+
+    /// Takes the state at the start of a step.
+    fn begin(&mut self, state: &MechanicalState, t: f64) {
+        let (n, h, now) = (self.free.n, self.h, state.now());
+        self.y[..n].copy_from_slice(&now.x[..n]);
+        for (y, v) in self.y[n..2 * n].iter_mut().zip(&now.xdot) {
+            *y = h * v;
+        }
+        self.free.drives.write(t, h, &mut self.y[2 * n..]);
+    }
+
+    /// A gap and its rate as the coordinates have them, and the sums of the sizes of their terms.
+    fn told(&self, i: usize) -> [(f64, f64); 2] {
+        let (n, row) = (self.free.n, self.free.gap(i));
+        let sum = |weights: &[f64], of: &[f64]| {
+            weights.iter().zip(of).fold((0.0, 0.0), |(sum, size), (weight, y)| {
+                let term = weight * y;
+                (sum + term, size + term.abs())
+            })
+        };
+        let mut wall = row[2 * n..].to_vec();
+        let position = sum(&row[..n], &self.y[..n]);
+        let of_wall = sum(&wall, &self.y[2 * n..]);
+        self.free.drives.differentiate(self.h, &mut wall);
+        let rate = sum(&row[..n], &self.y[n..2 * n]);
+        let of_rate = sum(&wall, &self.y[2 * n..]);
+        let scaled = |value: f64| value / self.h;
+        [
+            (position.0 + of_wall.0, position.1 + of_wall.1),
+            (scaled(rate.0 + of_rate.0), scaled(rate.1 + of_rate.1)),
+        ]
+    }
+
+    /// Whether rounding has opened a closed gap.
+    fn has_drifted(&self, state: &MechanicalState) -> bool {
+        let fast = state.now().xdot[..self.free.n].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+        state.closed().iter().any(|i| {
+            let [(gap, size), (rate, speed)] = self.told(i);
+            gap.abs() > DRIFT * size || rate.abs() > DRIFT * speed.max(fast)
+        })
+    }
+
+    /// Sets gaps to what the coordinates say, where that has enough digits.
+    fn anchor(&self, state: &mut MechanicalState) {
+        for i in 0..self.series.len() {
+            if !state.closed().has(i) {
+                let [(gap, _), (rate, _)] = self.told(i);
+                state.anchor(i, gap, rate);
+            }
+        }
+    }
+
+    /// The first event up to a part of the step, after which part, or that part without one.
+    fn first_event(
+        &mut self,
+        motion: &Propagation,
+        reach: f64,
+        state: &MechanicalState,
+    ) -> (f64, Option<Event>) {
+        let (mut first, mut event) = (1.0, None);
+        for (i, functional) in motion.gaps.iter().enumerate() {
+            let mut a = functional.series(&self.y);
+            let size = a.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
+            let closed = state.closed().has(i);
+            if !closed {
+                let (gap, rate) = state.gap(i);
+                (a[0], a[1]) = (gap, self.h * rate);
+            }
+            self.series[i] = a;
+            let mut power = 1.0;
+            for a in &mut a {
+                *a *= power;
+                power *= reach;
+            }
+            let found = if closed {
+                a[0] = a[0].max(0.0);
+                let none = a.iter().all(|a| a.abs() <= NOISE * size);
+                // bodies in free fall touch without a force
+                if none {
+                    None
+                } else {
+                    first_root(&a, 0).map(|s| (s, Event::Release(i)))
+                }
+            } else {
+                let zeros = self.zeros_at_start(i, state);
+                a[..zeros].fill(0.0);
+                first_root(&a, zeros).map(|s| (s, Event::Closing(i)))
+            };
+            if let Some((s, what)) = found {
+                if s < first || (event.is_none() && s <= first) {
+                    (first, event) = (s, Some(what));
+                }
+            }
+        }
+        (first * reach, event)
+    }
+
+    /// How often a gap is zero where the step begins: once after an impact, three times after a
+    /// lift-off, whose acceleration is zero but for rounding.
+    fn zeros_at_start(&self, i: usize, state: &MechanicalState) -> usize {
+        let a = &self.series[i];
+        if a[0] != 0.0 {
+            return 0;
+        }
+        if a[1] != 0.0 {
+            return 1;
+        }
+        let terms = self.acceleration_terms(i);
+        if state.left().has(i) && a[2].abs() <= NOISE * terms {
+            3
+        } else {
+            2
+        }
+    }
+
+    /// The size of the terms of `h^2/2 g''` where the step begins.
+    fn acceleration_terms(&self, i: usize) -> f64 {
+        self.free.acceleration_terms(i, self.h, &self.y)
+    }
+
+    /// Computes `(q, h q')` after a part of the step, and the motion up to there if that is wanted.
+    fn end_of(
+        &mut self,
+        motion: &Propagation,
+        part: f64,
+        closed: GapSet,
+        (start, dense): (f64, bool),
+    ) {
+        self.curve = None;
+        if part == 1.0 && !dense {
+            motion.whole(&self.y, &mut self.end);
+            return;
+        }
+        let mut terms = vec![];
+        let wanted = dense.then_some(&mut terms);
+        motion.part(&self.free, (self.h, part), &mut self.y, &mut self.end, wanted);
+        if !dense || part <= 0.0 {
+            return;
+        }
+        let n = self.free.n;
+        let mut powers = Vec::with_capacity((n + self.series.len()) * TERMS);
+        for i in 0..n {
+            powers.extend((0..TERMS).map(|k| terms[k * n + i]));
+        }
+        for (i, series) in self.series.iter().enumerate() {
+            let mut power = if closed.has(i) { 0.0 } else { 1.0 };
+            for a in series {
+                powers.push(a * power);
+                power *= part;
+            }
+        }
+        self.curve = Some(Curve::of_powers(start, part * self.h, powers));
+    }
+
+    /// Moves a state to the end of a part of the step, where a gap closes, if one does.
+    fn move_state(&self, part: f64, closing: Option<usize>, state: &mut MechanicalState) {
+        let (n, h, closed) = (self.free.n, self.h, state.closed());
+        let now = state.parts().1;
+        now.x[..n].copy_from_slice(&self.end[..n]);
+        for (v, end) in now.xdot[..n].iter_mut().zip(&self.end[n..]) {
+            *v = end / h;
+        }
+        for (i, series) in self.series.iter().enumerate() {
+            if closed.has(i) {
+                continue;
+            }
+            let (mut x, mut v) = (0.0, 0.0);
+            for a in series.iter().rev() {
+                v = v * part + x;
+                x = x * part + a;
+            }
+            now.x[n + i] = if closing == Some(i) { 0.0 } else { x };
+            now.xdot[n + i] = v / h;
+        }
+    }
+}
+
+/// The gap and those that close at the same time, to rounding of the flight's length.
+fn hit_together(gap: usize, flight: f64, state: &MechanicalState) -> GapSet {
+    let near = TOGETHER * flight + ULPS * state.now().t.abs();
+    let is_hit = |i: usize| {
+        let (x, v) = state.gap(i);
+        v < 0.0 && x <= -v * near
+    };
+    state.open_gaps().filter(|&i| i == gap || is_hit(i)).collect()
+}

@@ -1,0 +1,381 @@
+//! The motion of a linear system with a set of gaps closed, over steps of one length.
+//!
+//! With `M^-1 (p - C q' - K q) = A` and `G = M^-1 N_C^T D_CC^-1` the closed gaps stay closed under
+//!
+//! ```text
+//! q'' = A + G (w'' - N_C A)      lambda = D_CC^-1 (w'' - N_C A)                            (1)
+//! ```
+//!
+//! which is linear in `y = (q, h q', d)` with the drives `d`. Any number that is linear in `y` is a
+//! power series in `s = (t - t_0)/h` whose coefficients are linear in `y` at the start of the step:
+//! rows `r_0 = r`, `r_(k+1) = r_k Y/(k+1)` for `dy/ds = Y y`. There is no case that is not covered:
+//! resonance, zero frequencies, damping of any kind.
+
+use super::drives::Drives;
+use crate::mechanics::kinetics::Undetermined;
+use crate::numeric::cholesky;
+use crate::numeric::power_series::{Series, TERMS};
+use crate::record::gap_set::GapSet;
+use crate::system::linear_system::LinearSystem;
+
+/// Left of a diagonal entry of `D_CC` by the other gaps: below this they determine it.
+const REDUNDANT: f64 = 1e-10;
+/// The last coefficients of a series, relative to the largest: above it the step is too long.
+const LAST: f64 = 2e-15;
+/// What is smaller than this part of a sum is rounding of it.
+const NEGLIGIBLE: f64 = 1e-18;
+
+/// A linear system without contacts: `M^-1` times everything.
+#[derive(Clone, Debug)]
+pub(super) struct Free {
+    pub(super) n: usize,
+    pub(super) drives: Drives,
+    /// `M^-1 K`, `M^-1 C` and `M^-1` times the loads of the drives.
+    k: Vec<f64>,
+    c: Vec<f64>,
+    b: Vec<f64>,
+    /// By gap `n_i`, `M^-1 n_i` and the weights of the drives in its wall less the offset.
+    normals: Vec<Vec<f64>>,
+    mobility: Vec<Vec<f64>>,
+    walls: Vec<Vec<f64>>,
+}
+
+impl Free {
+    /// None if the mass matrix is not definite.
+    pub(super) fn new(system: &LinearSystem) -> Option<Self> {
+        let n = system.load.len();
+        let (drives, loads, walls) = Drives::of(system);
+        let mut mass = system.mass.clone();
+        if cholesky::factor(&mut mass, n).partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
+            return None;
+        }
+        let divided = |matrix: &[f64], width: usize| {
+            let mut out = vec![0.0; n * width];
+            for j in 0..width {
+                let mut column: Vec<f64> = (0..n).map(|i| matrix[i * width + j]).collect();
+                cholesky::solve(&mass, n, &mut column);
+                (0..n).for_each(|i| out[i * width + j] = column[i]);
+            }
+            out
+        };
+        let spread = |weights: &[(usize, f64)]| {
+            let mut row = vec![0.0; drives.size];
+            weights.iter().for_each(|&(place, weight)| row[place] += weight);
+            row
+        };
+        let loads: Vec<f64> = loads.iter().flat_map(|it| spread(it)).collect();
+        let mobility = system.gaps.iter().map(|gap| {
+            let mut column = gap.normal.clone();
+            cholesky::solve(&mass, n, &mut column);
+            column
+        });
+        let walls = walls.iter().zip(&system.gaps).map(|(wall, gap)| {
+            let mut row = spread(wall);
+            row[0] -= gap.offset;
+            row
+        });
+        Some(Self {
+            n,
+            k: divided(&system.stiffness, n),
+            c: divided(&system.damping, n),
+            b: divided(&loads, drives.size),
+            normals: system.gaps.iter().map(|gap| gap.normal.clone()).collect(),
+            mobility: mobility.collect(),
+            walls: walls.collect(),
+            drives,
+        })
+    }
+
+    /// How many numbers `y` has.
+    pub(super) fn size(&self) -> usize {
+        2 * self.n + self.drives.size
+    }
+
+    /// The weights of `y` in a gap.
+    pub(super) fn gap(&self, i: usize) -> Vec<f64> {
+        let wall = self.walls[i].iter().map(|weight| -weight);
+        self.normals[i].iter().copied().chain(vec![0.0; self.n]).chain(wall).collect()
+    }
+
+    /// The size of the terms of `h^2/2 g''` of a gap without contacts.
+    pub(super) fn acceleration_terms(&self, i: usize, h: f64, y: &[f64]) -> f64 {
+        let rows = free_acceleration(self, h);
+        let of = |row: &[f64]| row.iter().zip(y).map(|(a, y)| (a * y).abs()).sum::<f64>();
+        self.normals[i].iter().zip(&rows).map(|(n, row)| 0.5 * n.abs() * of(row)).sum()
+    }
+
+    /// An upper bound of how fast the modes grow, turn or decay (1/s), close to the fastest of them.
+    pub(super) fn rate(&self) -> f64 {
+        let n = self.n;
+        let at = |i: usize, j: usize| match (i < n, j < n) {
+            (true, true) => 0.0,
+            (true, false) => f64::from(j - n == i),
+            (false, true) => -self.k[(i - n) * n + j],
+            (false, false) => -self.c[(i - n) * n + j - n],
+        };
+        let size = 2 * n;
+        // position and velocity in units of one another
+        let largest = |of: &[f64]| of.iter().fold(0.0_f64, |most, it| most.max(it.abs()));
+        let unit = largest(&self.k).sqrt().max(largest(&self.c));
+        if unit == 0.0 {
+            return 0.0;
+        }
+        let scale = |i: usize| if i < n { 1.0 } else { 1.0 / unit };
+        let entry = |place: usize| {
+            let (i, j) = (place / size, place % size);
+            at(i, j) * scale(i) / scale(j)
+        };
+        let mut power: Vec<f64> = (0..size * size).map(entry).collect();
+        // |Y^(2^p)|^(2^-p) falls to the largest modulus of an eigenvalue
+        let (mut log, mut part) = (0.0, 1.0);
+        for _ in 0..8 {
+            let norm = power.iter().map(|it| it * it).sum::<f64>().sqrt();
+            if norm == 0.0 {
+                return 0.0;
+            }
+            log += part * norm.ln();
+            part *= 0.5;
+            let old: Vec<f64> = power.iter().map(|it| it / norm).collect();
+            for i in 0..size {
+                let row = &mut power[i * size..][..size];
+                row.fill(0.0);
+                for (k, factor) in old[i * size..][..size].iter().enumerate() {
+                    let other = &old[k * size..][..size];
+                    row.iter_mut().zip(other).for_each(|(row, other)| *row += factor * other);
+                }
+            }
+        }
+        let norm = power.iter().map(|it| it * it).sum::<f64>().sqrt();
+        if norm == 0.0 {
+            return 0.0;
+        }
+        (log + part * norm.ln()).exp()
+    }
+}
+
+/// A matrix by columns of which most entries may be zero.
+#[derive(Clone, Debug)]
+struct Columns {
+    /// Rows and entries of the columns that have few.
+    sparse: Vec<(usize, Vec<(usize, f64)>)>,
+    /// The others.
+    full: Vec<(usize, Vec<f64>)>,
+}
+
+impl Columns {
+    /// Of a matrix of so many rows and columns.
+    fn new(rows: usize, columns: usize, at: impl Fn(usize, usize) -> f64) -> Self {
+        let mut all = Self { sparse: vec![], full: vec![] };
+        for j in 0..columns {
+            let column: Vec<f64> = (0..rows).map(|i| at(i, j)).collect();
+            let entries: Vec<(usize, f64)> =
+                column.iter().copied().enumerate().filter(|&(_, entry)| entry != 0.0).collect();
+            if 4 * entries.len() <= rows {
+                if !entries.is_empty() {
+                    all.sparse.push((j, entries));
+                }
+            } else {
+                all.full.push((j, column));
+            }
+        }
+        all
+    }
+
+    /// Adds the product with a vector.
+    #[inline]
+    fn add(&self, x: &[f64], out: &mut [f64]) {
+        for (j, entries) in &self.sparse {
+            let factor = x[*j];
+            entries.iter().for_each(|&(i, entry)| out[i] += entry * factor);
+        }
+        for (j, column) in &self.full {
+            let factor = x[*j];
+            out.iter_mut().zip(column).for_each(|(out, entry)| *out += entry * factor);
+        }
+    }
+}
+
+/// A number that is linear in `y`, over a step: its coefficients by columns.
+#[derive(Clone, Debug)]
+pub(super) struct Functional(Columns);
+
+impl Functional {
+    /// The power series from a state.
+    #[inline]
+    pub(super) fn series(&self, y: &[f64]) -> Series {
+        let mut a = [0.0; TERMS];
+        self.0.add(y, &mut a);
+        a
+    }
+}
+
+/// The motion with a set of gaps closed.
+#[derive(Clone, Debug)]
+pub(super) struct Propagation {
+    /// `dq'/ds h = (-h^2 K, -h C, h^2 B) y` under equation (1).
+    acceleration: Columns,
+    /// `(q, h q')` after a step.
+    step: Columns,
+    /// The gaps that are open, and the contact forces of the others.
+    pub(super) gaps: Vec<Functional>,
+}
+
+impl Propagation {
+    /// For steps of the length `h`; nothing if that is too long.
+    pub(super) fn new(free: &Free, set: GapSet, h: f64) -> Result<Option<Self>, Undetermined> {
+        let (n, size) = (free.n, free.size());
+        let forces = contact_forces(free, set, h)?;
+        // h^2 q'' with the contact forces
+        let mut rows = free_acceleration(free, h);
+        for (gap, force) in set.iter().zip(&forces) {
+            for (i, row) in rows.iter_mut().enumerate() {
+                let factor = h * h * free.mobility[gap][i];
+                row.iter_mut().zip(force).for_each(|(row, force)| *row += factor * force);
+            }
+        }
+        let (mut after, mut speeds) = (vec![], vec![]);
+        for i in 0..n {
+            let mut row = vec![0.0; size];
+            row[i] = 1.0;
+            let series = series_of(free, &rows, h, row);
+            let largest = |row: &[f64]| row.iter().fold(0.0_f64, |most, it| most.max(it.abs()));
+            let most = series.iter().map(|row| largest(row)).fold(0.0, f64::max);
+            if largest(&series[TERMS - 1]) > LAST * most {
+                return Ok(None);
+            }
+            let sum = |weight: &dyn Fn(usize) -> f64| -> Vec<f64> {
+                let of = |j: usize| (0..TERMS).rev().map(|k| weight(k) * series[k][j]).sum();
+                (0..size).map(of).collect()
+            };
+            after.push(sum(&|_| 1.0));
+            speeds.push(sum(&|k| k as f64));
+        }
+        after.append(&mut speeds);
+        let mut number = 0;
+        let gaps = (0..free.normals.len()).map(|i| {
+            let first = if set.has(i) {
+                number += 1;
+                forces[number - 1].clone()
+            } else {
+                free.gap(i)
+            };
+            let series = series_of(free, &rows, h, first);
+            Functional(Columns::new(TERMS, size, |k, j| series[k][j]))
+        });
+        Ok(Some(Self {
+            gaps: gaps.collect(),
+            acceleration: Columns::new(n, size, |i, j| rows[i][j]),
+            step: Columns::new(2 * n, size, |i, j| after[i][j]),
+        }))
+    }
+
+    /// `(q, h q')` after a whole step from `y`.
+    pub(super) fn whole(&self, y: &[f64], out: &mut [f64]) {
+        out.fill(0.0);
+        self.step.add(y, out);
+    }
+
+    /// `(q, h q')` after a part of the step from `y`, whose memory is used up, with the terms of the
+    /// series of `q` in the part of that, if they are wanted.
+    pub(super) fn part(
+        &self,
+        free: &Free,
+        (h, part): (f64, f64),
+        y: &mut [f64],
+        out: &mut [f64],
+        mut terms: Option<&mut Vec<f64>>,
+    ) {
+        let n = free.n;
+        let mut acceleration = vec![0.0; n];
+        out.copy_from_slice(&y[..2 * n]);
+        for k in 0..TERMS {
+            if let Some(terms) = &mut terms {
+                terms.extend_from_slice(&y[..n]);
+            }
+            if k + 1 == TERMS {
+                break;
+            }
+            let factor = part / (k + 1) as f64;
+            acceleration.fill(0.0);
+            self.acceleration.add(y, &mut acceleration);
+            for i in 0..n {
+                y[i] = factor * y[n + i];
+                y[n + i] = factor * acceleration[i];
+            }
+            free.drives.advance(h, factor, &mut y[2 * n..]);
+            let mut negligible = true;
+            for (out, y) in out.iter_mut().zip(&*y) {
+                negligible &= y.abs() <= NEGLIGIBLE * out.abs();
+                *out += y;
+            }
+            if negligible && terms.is_none() && k > 1 {
+                break;
+            }
+        }
+    }
+}
+
+/// The rows `h^2 A` in `y`.
+fn free_acceleration(free: &Free, h: f64) -> Vec<Vec<f64>> {
+    let (n, nd) = (free.n, free.drives.size);
+    let row = |i: usize| {
+        let k = free.k[i * n..][..n].iter().map(|k| -h * h * k);
+        let c = free.c[i * n..][..n].iter().map(|c| -h * c);
+        let b = free.b[i * nd..][..nd].iter().map(|b| h * h * b);
+        k.chain(c).chain(b).collect()
+    };
+    (0..n).map(row).collect()
+}
+
+/// The rows of the contact forces in `y`, equation (1).
+fn contact_forces(free: &Free, set: GapSet, h: f64) -> Result<Vec<Vec<f64>>, Undetermined> {
+    let (n, count) = (free.n, set.len());
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let closed: Vec<usize> = set.iter().collect();
+    let entry = |k: usize| dot(&free.normals[closed[k / count]], &free.mobility[closed[k % count]]);
+    let mut d: Vec<f64> = (0..count * count).map(entry).collect();
+    let left = cholesky::factor(&mut d, count);
+    if left < REDUNDANT || left.is_nan() {
+        return Err(Undetermined::Contacts);
+    }
+    let accelerations = free_acceleration(free, h);
+    let wanted = closed.iter().map(|&i| {
+        let mut wall = free.walls[i].clone();
+        free.drives.differentiate(h, &mut wall);
+        free.drives.differentiate(h, &mut wall);
+        let mut row: Vec<f64> = vec![0.0; 2 * n].into_iter().chain(wall).collect();
+        for (normal, acceleration) in free.normals[i].iter().zip(&accelerations) {
+            row.iter_mut().zip(acceleration).for_each(|(row, a)| *row -= normal * a);
+        }
+        row.iter_mut().for_each(|row| *row /= h * h);
+        row
+    });
+    let mut rows: Vec<Vec<f64>> = wanted.collect();
+    for j in 0..free.size() {
+        let mut column: Vec<f64> = rows.iter().map(|row| row[j]).collect();
+        cholesky::solve(&d, count, &mut column);
+        rows.iter_mut().zip(column).for_each(|(row, value)| row[j] = value);
+    }
+    Ok(rows)
+}
+
+/// The rows of the coefficients of a number in `y`.
+fn series_of(free: &Free, rows: &[Vec<f64>], h: f64, first: Vec<f64>) -> Vec<Vec<f64>> {
+    let n = free.n;
+    let mut series = vec![first];
+    for k in 1..TERMS {
+        let before = &series[k - 1];
+        let mut next = vec![0.0; before.len()];
+        next[n..2 * n].copy_from_slice(&before[..n]);
+        next[2 * n..].copy_from_slice(&before[2 * n..]);
+        free.drives.differentiate(h, &mut next[2 * n..]);
+        for (factor, row) in before[n..2 * n].iter().zip(rows) {
+            if *factor != 0.0 {
+                next.iter_mut().zip(row).for_each(|(next, row)| *next += factor * row);
+            }
+        }
+        next.iter_mut().for_each(|next| *next /= k as f64);
+        series.push(next);
+    }
+    series
+}
