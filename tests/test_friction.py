@@ -95,9 +95,6 @@ def test_systems_refuse_what_does_not_fit():
         block(floor(), impact_law="hertz")
     with pytest.raises(ValueError, match="paradox must be one of 'stop', 'impact'"):
         block(floor(), paradox="go")
-    for later in ({"impact_law": "poisson"}, {"impact_law": "stronge"}, {"paradox": "impact"}):
-        with pytest.raises(NotImplementedError, match="is not there yet"):
-            block(floor(), **later)
     many = [
         zivi.LinearGap([0, 1], offset=i, tangent=[1, 0], mu=0.1, name=f"g{i}") for i in range(33)
     ]
@@ -176,8 +173,9 @@ def test_a_mass_with_friction_is_for_runs_only():
         zivi.sensitivity(ball, (0, 1), (1, 0))
     with pytest.raises(NotImplementedError, match=r"zivi\.simulate"):
         zivi.simulate_batch(ball, (0, 1), [(1, 0)])
-    with pytest.raises(NotImplementedError, match="MoreauJean does not take dry friction"):
-        zivi.simulate(ball, (0, 1), (1, 0), method=zivi.MoreauJean(h=1e-3))
+    rubbing = block(floor(tangent=[1, 0], mu=0.3))
+    with pytest.raises(ValueError, match="gap 'floor' must be without friction for ThetaGamma"):
+        zivi.simulate(rubbing, (0, 1), ([0, 1], [1, 0]), method=zivi.ThetaGamma(h=1e-3))
     with pytest.raises(ValueError, match="wall must be None where there is friction"):
         zivi.ImpactSystem(-9.81, e=0.5, wall=zivi.HarmonicWall(0.1, 1.0), friction=friction)
     with pytest.raises(TypeError, match=r"friction must be a zivi\.DryFriction"):

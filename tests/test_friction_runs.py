@@ -113,6 +113,100 @@ def ratio(text):
     return float(top) / float(bottom or 1)
 
 
+def jolted(law, e=1.0, mu=0.7):
+    """A rod at 45 degrees: D = [[5/2, -3/2], [-3/2, 5/2]], hit with (-1, 3/5)."""
+    gap = zivi.LinearGap([1, 0], tangent=[0, 1], mu=mu)
+    mass = np.linalg.inv([[2.5, -1.5], [-1.5, 2.5]])
+    system = zivi.MechanicalSystem(mass=mass, force=[0, 0], gaps=[gap], e=e, impact_law=law)
+    return zivi.simulate(system, (0, 0.01), ([0, 0], [-1, 0.6])).resolved_impacts[0]
+
+
+def test_poissons_law_gives_back_the_impulse_of_compression():
+    """Compressed in stick by (0.4, 0); another 0.4 in stick."""
+    row = jolted("poisson")
+    found = [row[it] for it in ("impulse", "tangential_impulse", "speed_after", "slip_after")]
+    assert found == pytest.approx([0.8, 0.24, 0.64, 0.0], abs=1e-15)
+
+
+def test_stronges_law_gives_back_the_work_of_compression():
+    """Slip up to P = 0.6/3.25, then stick with a tangential impulse of 0.6 of the normal one."""
+    slipped = 0.6 / 3.25
+    left = 1 - 3.55 * slipped
+    work = (1 + left) / 2 * slipped + left**2 / 3.2
+    back = math.sqrt(2 * work / 1.6)
+    row = jolted("stronge")
+    assert row["impulse"] == pytest.approx(0.4 + back, abs=1e-14)
+    assert row["speed_after"] == pytest.approx(1.6 * back, abs=1e-14)
+    assert row["slip_after"] == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("law", ["poisson", "stronge"])
+def test_other_laws_never_gain_energy(law):
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        root = rng.normal(size=(2, 2))
+        mass = root @ root.T + 0.1 * np.eye(2)
+        mu, e, before = rng.uniform(0, 1), rng.uniform(0, 1), [-1.0, rng.normal()]
+        gap = zivi.LinearGap([1, 0], tangent=[0, 1], mu=mu)
+        system = zivi.MechanicalSystem(mass=mass, force=[0, 0], gaps=[gap], e=e, impact_law=law)
+        sol = zivi.simulate(system, (0, 1e-3), ([0, 0], before))
+        if not len(sol.resolved_impacts):
+            continue  # jammed at the start
+        row = sol.resolved_impacts[0]
+        after = np.array([row["speed_after"], row["slip_after"]])
+        energy = [v @ mass @ v for v in (np.array(before), after)]
+        assert energy[1] <= energy[0] * (1 + 1e-12)
+        assert abs(row["tangential_impulse"]) <= mu * row["impulse"] * (1 + 1e-12)
+        assert row["speed_after"] >= -1e-14
+
+
+def test_a_jammed_rod_goes_on_by_an_impact_without_a_collision():
+    """It sticks: P_T/P_N = D_nn/|D_nt|, and takes what the sliding had."""
+    rod = mechanism(Families().rod(1.6, 0), paradox="impact")
+    start = [0, math.sin(1.0), 1.0], [-2, 0, 0]
+    sol = zivi.simulate(rod, (0, 0.1), start)
+    assert sol.success, sol.message
+    assert sol.flags["kind"].tolist() == ["impact_without_collision"]
+    s, c = math.sin(1.0), math.cos(1.0)
+    mobility = np.array([[1 + 3 * c * c, -3 * s * c], [-3 * s * c, 1 + 3 * s * s]])
+    impulse = np.linalg.solve(mobility, [0, 2])
+    (row,) = sol.resolved_impacts
+    assert [row["impulse"], row["tangential_impulse"]] == pytest.approx(impulse, abs=1e-12)
+    assert sol.modes[1, 0] == 0
+
+
+@pytest.mark.parametrize("steps", [1e-2, 1e-3])
+def test_moreau_jean_is_a_second_opinion_of_first_order(block, steps):
+    floor = zivi.LinearGap([0, 1], name="floor", tangent=[1, 0], mu=0.35)
+    force = [G * math.sin(0.3), -G * math.cos(0.3)]
+    system = zivi.MechanicalSystem(mass=np.eye(2), force=force, gaps=[floor], e=0.5)
+    sol = zivi.simulate(system, (0, 4), ([0, 0.4], [1, 0]), zivi.MoreauJean(h=steps))
+    assert sol.success, sol.message
+    assert sol.q[-1] == pytest.approx(block.q[-1], abs=0.1 * steps)
+    assert sol.modes[-1, 0] == 0
+    assert np.abs(sol.slips[sol.t > 2.7]).max() < 1e-14
+    assert sol.stick["t_start"][-1] == pytest.approx(block.stick["t_start"][-1], abs=3 * steps)
+    assert sol.friction_forces[-1] == pytest.approx(block.friction_forces[-1], abs=1e-9)
+    again = sol.resample(sol.t)
+    for name in ("slips", "modes", "friction_forces", "dissipated"):
+        assert np.array_equal(getattr(again, name), getattr(sol, name))
+
+
+@pytest.mark.parametrize("method", [zivi.MoreauJean(h=1e-3), zivi.ThetaGamma(h=1e-3)])
+def test_methods_of_first_order_stick_to_a_belt(belt, method, tmp_path):
+    rubbing = zivi.DryFriction(limit=0.8, static=0.8, velocity=0.2, name="belt")
+    system = zivi.MechanicalSystem(mass=1.0, force=lambda t, q, qdot: -q, friction=[rubbing])
+    exact = zivi.simulate(system, (0, 10), ([0.0], [0.2]), TIGHT)
+    sol = zivi.simulate(system, (0, 10), ([0.0], [0.2]), method)
+    assert sol.q[-1] == pytest.approx(exact.q[-1], abs=1e-3)
+    assert sol.stick["t_end"][0] == pytest.approx(4.0, abs=2e-3)
+    assert np.abs(sol.slips[sol.modes[:, 0] == 0]).max() < 1e-13
+    pytest.importorskip("h5netcdf")
+    zivi.files.save(sol, tmp_path / "belt.nc")
+    again = zivi.files.load(tmp_path / "belt.nc")
+    assert np.array_equal(again.resample(n=30).slips, sol.resample(n=30).slips)
+
+
 def test_a_box_on_two_feet_stands_until_its_forces_are_used_up():
     """With 0.3 and 0.5 the pull loads the front foot: 3.924 + 0.16 t = 2 t."""
     for mu, time in ((0.3, 0.3 * G / 2), (0.5, 3.924 / 1.84)):

@@ -52,6 +52,8 @@ def mechanical_dataset(run: MechanicalTrajectory) -> xarray.Dataset:
     dataset.attrs["n_event_functions"] = len(run.t_events)
     if isinstance(run._path, LinearMotion):
         for field in dataclasses.fields(run._path):
+            if field.name == "friction":
+                continue  # its samples are those of the run
             values = getattr(run._path, field.name)
             dims = ("step", "coordinate") if field.name in ("q", "qdot") else ("step", "gap")
             dataset[f"step_{field.name}"] = dims[: values.ndim], values
@@ -108,9 +110,12 @@ def _path(dataset: xarray.Dataset) -> Any:
         return MechanicalPath.restored(dataset["motion"].values)
     if "step_t" not in dataset:
         return None
-    names = [field.name for field in dataclasses.fields(LinearMotion)]
+    names = [field.name for field in dataclasses.fields(LinearMotion) if field.name != "friction"]
     steps: dict[str, Any] = {name: dataset[f"step_{name}"].values for name in names}
-    return LinearMotion(**steps | {"contacts": steps["contacts"].astype(bool)})
+    friction = _friction(dataset)
+    if friction is not None and len(steps["t"]) != len(friction.slips):
+        return None  # the run was asked for other samples than its steps
+    return LinearMotion(**steps | {"contacts": steps["contacts"].astype(bool)}, friction=friction)
 
 
 def _table(dataset: xarray.Dataset, name: str, m: int) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array
+from zivi.simulation.friction_result import FrictionSamples
 
 __all__ = ["LinearMotion"]
 
@@ -24,6 +25,8 @@ class LinearMotion:
         Their values there, shapes (k, n) and (k, m).
     contacts : ndarray of bool
         Which gaps are pressed in the step that ends there, shape (k, m).
+    friction : FrictionSamples or None
+        What friction does there.
     """
 
     t: Array
@@ -33,6 +36,7 @@ class LinearMotion:
     gap_rates: Array
     reactions: Array
     contacts: NDArray[np.bool_]
+    friction: FrictionSamples | None = None
 
     @property
     def span(self) -> tuple[float, float]:
@@ -48,6 +52,20 @@ class LinearMotion:
     def reactions_at(self, times: Array) -> Array:
         """Give the reactions of the steps that contain `times`."""
         return self.reactions[self._step(times)]
+
+    def friction_at(self, times: Array) -> FrictionSamples | None:
+        """Give what friction does: what is integrated between the steps, the rest of the step."""
+        if self.friction is None:
+            return None
+        step, given = self._step(times), self.friction
+        return dataclasses.replace(
+            given,
+            slips=self._between(times, given.slips),
+            slip_distances=self._between(times, given.slip_distances),
+            dissipated=np.interp(times, self.t, given.dissipated),
+            friction_forces=given.friction_forces[step],
+            modes=given.modes[step],
+        )
 
     def _between(self, times: Array, values: Array) -> Array:
         columns = [np.interp(times, self.t, column) for column in values.T]

@@ -98,8 +98,16 @@ def check_mechanical_method(method: Any) -> None:
 
 
 def check_friction(system: MechanicalSystem, method: Any) -> None:
-    """Refuse methods that do not take dry friction."""
-    if system._channels and not isinstance(method, SwitchedRK):
+    """Refuse methods that do not take the friction of a system."""
+    at_gaps = [channel.name for channel in system._channels if channel.gap is not None]
+    if at_gaps and isinstance(method, ThetaGamma):
+        raise ValueError(
+            f"gap {at_gaps[0]!r} must be without friction for ThetaGamma, which takes that of "
+            "joints: an impact jumps along the tangent, too. Use zivi.SwitchedRK() or "
+            "zivi.MoreauJean(h)"
+        )
+    known = SwitchedRK | MoreauJean | ThetaGamma
+    if system._channels and not isinstance(method, known):
         raise NotImplementedError(
             f"{type(method).__name__} does not take dry friction: its step has no sign of the slip "
             "speeds. Use zivi.SwitchedRK()"

@@ -81,7 +81,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         "energy_gain": an impact raised the energy, by so much; "impact_not_unique": other impulses
         solve it too; "undetermined_forces": the contact forces are not unique, the motion is;
         "slip_graze": a slip speed touched zero; "forced_landing": an accumulation was ended at the
-        smallest speed.
+        smallest speed; "impact_without_collision": a jammed contact went on by one.
     status : Status
         How the run ended, 0 for success.
     message : str
@@ -184,14 +184,15 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         # a method of fixed steps: its steps are all there is
         steps = ("t", "q", "qdot", "gaps", "gap_rates", "reactions", "contacts")
         stepped = config["method"]["name"] != "SwitchedRK"
-        linear = LinearMotion(**{name: getattr(record, name) for name in steps})
+        friction = friction_of(record.friction, channels)
+        linear = LinearMotion(**{name: getattr(record, name) for name in steps}, friction=friction)
         impacts = {name: getattr(record, f"impact_{name}") for name in FIELDS["impacts"]}
         fields = FIELDS
         if record.friction is not None:
             fields = FIELDS | {"impacts": IMPACTS, "flags": FLAGS}
             impacts = impacts_with(impacts, record.friction, channels)
         flags = {
-            "kind": np.array(record.flag_kind, dtype="U20"),
+            "kind": np.array(record.flag_kind, dtype="U24"),
             "t": record.flag_t,
             "gaps": record.flag_gaps,
             "size": record.flag_size,
@@ -226,7 +227,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
             _path=linear if stepped else record.path,
             _model=model,
             _closer=closer,
-            _friction=friction_of(record.friction, channels),
+            _friction=friction,
             _channels=channels,
         )
 
@@ -256,7 +257,9 @@ class MechanicalTrajectory(Rubbing, SampledRun):
     def _resampled(self, times: Array) -> MechanicalTrajectory:
         times = np.ascontiguousarray(times)
         q, qdot, gaps, rates, contacts = self._known().at(times)
-        if self._friction is not None:
+        if isinstance(self._path, LinearMotion):
+            reactions, friction = self._path.reactions_at(times), self._path.friction_at(times)
+        elif self._friction is not None:
             slips, distances, dissipated, modes = self._path.friction_at(times)
             states = times, q, qdot
             forces = forces_at(self._model, self._channels, states, contacts, modes)
@@ -269,8 +272,6 @@ class MechanicalTrajectory(Rubbing, SampledRun):
                 modes=modes,
                 friction_forces=rubbing,
             )
-        elif isinstance(self._path, LinearMotion):
-            reactions, friction = self._path.reactions_at(times), None
         else:
             reactions, friction = reactions_at(self._model, times, q, qdot, contacts), None
         return dataclasses.replace(

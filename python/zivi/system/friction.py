@@ -310,14 +310,8 @@ def joints_of(friction: Any) -> tuple[DryFriction, ...]:
     return several
 
 
-LATER = ("poisson", "stronge", "impact")
-"""Choices that runs do not take yet."""
-
-
 def one_of(name: str, value: Any, known: tuple[str, ...]) -> str:
     """Read a choice by its name."""
     if value not in known:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, known))}, got {value!r}")
-    if value in LATER:
-        raise NotImplementedError(f"{name}={value!r} is not there yet: {known[0]!r} is")
     return str(value)

@@ -97,10 +97,11 @@ class MechanicalSystem:
     impact_law : {"newton", "poisson", "stronge"}
         What `e` means in an impact with friction: the ratio of speeds, of impulses or of energies.
         With "newton" an impact may gain energy where normal and tangential direction are coupled
-        strongly and `e` is large; it is flagged then. The others are not there yet.
+        strongly and `e` is large; it is flagged then. "poisson" and "stronge" never do;
+        "stronge" is for one contact at a time.
     paradox : {"stop", "impact"}
-        What happens where a sliding contact is possible with no finite force (Painleve): the run
-        ends. To stop the sliding by an impact without collision is not there yet.
+        What happens where no finite force keeps a sliding contact (Painleve): the run ends, or an
+        impact without collision stops the sliding, which is flagged.
 
     Raises
     ------
