@@ -6,11 +6,13 @@ use zivi::mechanics::{
     simulate_mechanical, simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma,
     FlagKind, GapSet, MechanicalOutput, MechanicalRun, Occurrence,
 };
-use zivi::system::dynamics::{FunctionDynamics, Layout};
+use zivi::system::dynamics::Layout;
 use zivi::{Grid, MoreauJean, Silent, Status, SwitchedRk};
 
 use crate::line::Linear;
 use crate::problems::events_of;
+
+use crate::models::of_function;
 
 const G: f64 = 9.81;
 
@@ -152,7 +154,7 @@ fn a_gap_far_from_zero_is_as_its_function_says() {
         out[layout.rate()].fill(0.0);
         Ok::<(), Infallible>(())
     };
-    let mut system = FunctionDynamics { layout, function };
+    let mut system = of_function(layout, function);
     let start = (&[0.0, 5.0][..], &[1.0, 0.0][..]);
     let (settings, output) = (SwitchedRk::default(), MechanicalOutput::default());
     let run = simulate_mechanical(
@@ -238,7 +240,7 @@ fn gaps_that_become_coupled_end_a_run_of_the_implicit_scheme() {
             out[layout.rate()].copy_from_slice(&[0.0, if t > from { 0.1 * q[0] } else { 0.0 }]);
             Ok::<(), Infallible>(())
         };
-        let mut system = FunctionDynamics { layout, function };
+        let mut system = of_function(layout, function);
         let start = (&[0.0, 0.0][..], &[0.1, 0.0][..]);
         let (e, h) = (&[0.5, 0.5][..], grid(1.0, 0.01));
         simulate_mechanical_theta_gamma(&mut system, e, h, start, vec![], &mut Silent)

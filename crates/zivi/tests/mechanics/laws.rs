@@ -4,10 +4,12 @@
 use std::convert::Infallible;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput, MechanicalRun, Occurrence};
-use zivi::system::dynamics::{FunctionDynamics, Layout};
+use zivi::system::dynamics::Layout;
 use zivi::{Silent, Status, SwitchedRk};
 
 use crate::random::Random;
+
+use crate::models::of_function;
 
 /// `M`, `F`, the normals of the gaps and the accelerations of their walls, all constant; gaps are
 /// zero at the origin at the start.
@@ -80,7 +82,7 @@ impl Drawn {
             out[layout.curvature()].copy_from_slice(&self.bend);
             Ok::<(), Infallible>(())
         };
-        let mut system = FunctionDynamics { layout, function };
+        let mut system = of_function(layout, function);
         let (q, settings) = (vec![0.0; self.n], SwitchedRk::default());
         let output = MechanicalOutput::default();
         simulate_mechanical(settings, &mut system, e, (0.0, t1), (&q, w), output, &mut Silent)

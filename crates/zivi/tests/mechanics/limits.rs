@@ -6,8 +6,10 @@ use zivi::mechanics::{
     simulate_mechanical, simulate_mechanical_theta_gamma, FlagKind, MechanicalOutput,
     MechanicalRun, Occurrence,
 };
-use zivi::system::dynamics::{Dynamics, FunctionDynamics, Layout};
+use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::{Grid, Silent, Status, SwitchedRk};
+
+use crate::models::of_function;
 
 type Run = MechanicalRun<Infallible>;
 type Gap = (f64, Vec<f64>);
@@ -33,7 +35,7 @@ fn system<'a>(
         }
         Ok(())
     };
-    FunctionDynamics { layout, function }
+    of_function(layout, function)
 }
 
 fn switched(
@@ -122,7 +124,7 @@ fn gaps_are_what_their_functions_say_after_many_steps() {
         out[layout.curvature()][0] = -5.0 * (5.0 * q[0]).sin() * w[0] * w[0];
         Ok::<(), Infallible>(())
     };
-    let mut pendulum = FunctionDynamics { layout, function };
+    let mut pendulum = of_function(layout, function);
     let settings = SwitchedRk::with_tol(1e-6);
     let run = switched(settings, &mut pendulum, &[0.5], 40.0, (&[1.0, 0.5], &[0.0, 0.0]));
     assert!(run.samples.t.len() > 100);

@@ -3,8 +3,10 @@
 use std::convert::Infallible;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput, MechanicalRun};
-use zivi::system::dynamics::{Dynamics, FunctionDynamics, Layout};
+use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::{Silent, SwitchedRk};
+
+use crate::models::of_function;
 
 /// Masses, gaps `n . q + c`, restitutions and a start at `t = 0`.
 #[derive(Clone, Debug)]
@@ -39,7 +41,7 @@ impl Linear {
             }
             Ok(())
         };
-        FunctionDynamics { layout, function }
+        of_function(layout, function)
     }
 
     pub(crate) fn run(

@@ -3,7 +3,19 @@
 use std::collections::HashMap;
 use std::convert::Infallible;
 
-use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::dynamics::{Dynamics, FunctionDynamics, Layout};
+
+/// A function that evaluates a system.
+pub(crate) type Evaluate<'f> =
+    Box<dyn FnMut(f64, &[f64], &[f64], &mut [f64]) -> Result<(), Infallible> + 'f>;
+
+/// A system given by any function: the method is compiled once for all of them.
+pub(crate) fn of_function<'f>(
+    layout: Layout,
+    function: impl FnMut(f64, &[f64], &[f64], &mut [f64]) -> Result<(), Infallible> + 'f,
+) -> FunctionDynamics<Evaluate<'f>> {
+    FunctionDynamics { layout, function: Box::new(function) }
+}
 
 /// Parameters by name.
 pub(crate) type Parameters = HashMap<String, f64>;

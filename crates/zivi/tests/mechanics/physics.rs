@@ -3,13 +3,15 @@
 use std::convert::Infallible;
 
 use zivi::mechanics::{simulate_mechanical, FlagKind, MechanicalOutput, MechanicalRun, Occurrence};
-use zivi::system::dynamics::{FunctionDynamics, Layout};
+use zivi::system::dynamics::Layout;
 use zivi::{
     simulate_switched_rk, Events, FunctionForce, MotionPoint, Order, Output, Physical, Quantity,
     Restitution, Silent, Status, SwitchedRk, UserEvent,
 };
 
 use crate::problems::{events_of, last_state, parameters, Problem};
+
+use crate::models::of_function;
 
 fn flags<E>(run: &MechanicalRun<E>, wanted: FlagKind) -> usize {
     let is = |it: &&Occurrence| matches!(it, Occurrence::Flag { kind, .. } if *kind == wanted);
@@ -87,7 +89,7 @@ fn three_feet(e: f64) -> Run {
         }
         Ok::<(), Infallible>(())
     };
-    let mut system = FunctionDynamics { layout, function };
+    let mut system = of_function(layout, function);
     let (settings, output) = (SwitchedRk::default(), MechanicalOutput::default());
     let start = (&[0.5, 0.0][..], &[0.0, 0.0][..]);
     simulate_mechanical(settings, &mut system, &[e; 3], (0.0, 2.0), start, output, &mut Silent)
@@ -112,7 +114,7 @@ fn a_mass_that_is_not_symmetric_ends_the_run() {
             out[layout.force()].copy_from_slice(&[1.0, -1.0]);
             Ok::<(), Infallible>(())
         };
-        let mut system = FunctionDynamics { layout, function };
+        let mut system = of_function(layout, function);
         let (settings, output) = (SwitchedRk::default(), MechanicalOutput::default());
         let start = (&[0.0, 0.0][..], &[0.0, 0.0][..]);
         simulate_mechanical(settings, &mut system, &[], (0.0, 2.0), start, output, &mut Silent)
@@ -187,7 +189,7 @@ fn one_coordinate_is_the_scalar_mass() {
                 (out[0], out[1], out[2], out[3]) = (2.0, 2.0 * f(t, q[0], w[0]), q[0], 1.0);
                 Ok::<(), Infallible>(())
             };
-            let mut system = FunctionDynamics { layout, function };
+            let mut system = of_function(layout, function);
             let (q, span) = ([x], (0.0, 3.6));
             let (start, output) = ((&q[..], &[0.0][..]), MechanicalOutput::default());
             let run = simulate_mechanical(
@@ -382,7 +384,7 @@ fn forces_may_jump() {
         Ok::<(), Infallible>(())
     };
     for order in [Order::Five, Order::Eight] {
-        let mut system = FunctionDynamics { layout, function };
+        let mut system = of_function(layout, function);
         let settings = SwitchedRk { order, ..SwitchedRk::with_tol(1e-9) };
         let (start, output) = ((&[0.0; 2][..], &[0.0; 2][..]), MechanicalOutput::default());
         let run = simulate_mechanical(

@@ -6,7 +6,7 @@ use zivi::{
     SwitchedRk, SwitchedRun,
 };
 
-use crate::problems::settings;
+use crate::problems::{settings, AnyForce};
 
 const START: Physical = Physical { x: 1.0, xdot: 0.0 };
 const ORDERS: [Order; 2] = [Order::Five, Order::Eight];
@@ -26,8 +26,9 @@ impl Monitor<Stop> for Unobserved {
     }
 }
 
-fn run(settings: SwitchedRk, force: &mut impl Force<Stop>, t_end: f64) -> SwitchedRun<Stop> {
+fn run(settings: SwitchedRk, force: &mut dyn Force<Stop>, t_end: f64) -> SwitchedRun<Stop> {
     let output = Output { dense: true, ..Output::default() };
+    let force = &mut AnyForce(force);
     simulate_switched_rk(
         settings,
         restitution(),

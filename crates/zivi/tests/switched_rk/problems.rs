@@ -4,6 +4,7 @@ use std::convert::Infallible;
 use std::fs;
 
 use serde_json::Value;
+use zivi::system::force::{Dependence, LinearLaw};
 use zivi::{
     simulate_switched_rk, Flights, Force, LinearForce, Order, Output, Physical, Restitution,
     Silent, Status, SwitchedRk, SwitchedRun,
@@ -82,7 +83,8 @@ impl Reference {
 
     /// Without dense output.
     pub(crate) fn simulate_bare(&self, settings: SwitchedRk) -> Run {
-        let (force, output) = (&mut self.force.clone(), Output::default());
+        let mut own = self.force;
+        let (force, output) = (&mut AnyForce(&mut own), Output::default());
         let (span, start) = (self.span, self.initial);
         simulate_switched_rk(settings, self.restitution, force, span, start, output, &mut Silent)
             .unwrap()
@@ -93,15 +95,45 @@ pub(crate) fn settings(order: Order, tol: f64) -> SwitchedRk {
     SwitchedRk { order, flights: Flights::RungeKutta, ..SwitchedRk::with_tol(tol) }
 }
 
+/// Any force: the method is compiled once for all of them.
+pub(crate) struct AnyForce<'f, E>(pub(crate) &'f mut dyn Force<E>);
+
+impl<E> Force<E> for AnyForce<'_, E> {
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        self.0.at(t, x, xdot)
+    }
+
+    fn dependence(&self) -> Dependence {
+        self.0.dependence()
+    }
+
+    fn dependence_at_rest(&self) -> Dependence {
+        self.0.dependence_at_rest()
+    }
+
+    fn shortest_period(&self) -> Option<f64> {
+        self.0.shortest_period()
+    }
+
+    fn linear(&self) -> Option<LinearLaw> {
+        self.0.linear()
+    }
+
+    fn is_interruption(&self, error: &E) -> bool {
+        self.0.is_interruption(error)
+    }
+}
+
 /// A completed run with dense output.
 pub(crate) fn simulate(
     settings: SwitchedRk,
     restitution: Restitution,
-    force: &mut impl Force<Infallible>,
+    force: &mut dyn Force<Infallible>,
     span: (f64, f64),
     initial: Physical,
 ) -> Run {
     let output = Output { dense: true, ..Output::default() };
+    let force = &mut AnyForce(force);
     let run =
         simulate_switched_rk(settings, restitution, force, span, initial, output, &mut Silent);
     let run = run.unwrap();
