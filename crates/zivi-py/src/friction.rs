@@ -1,5 +1,7 @@
 //! Dry friction from Python: what a system has, and what a run leaves of it.
 
+use std::sync::Arc;
+
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -7,6 +9,7 @@ use zivi::mechanics::{MechanicalRun, Occurrence};
 use zivi::record::contact_mode::ContactMode;
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::friction::{Channel, Friction as Given, FrictionalImpact};
+use zivi::system::linear_system::LinearSystem;
 
 use crate::arrays::{columns, Matrix, Vector};
 
@@ -59,6 +62,10 @@ impl<E, D: Dynamics<E>> Dynamics<E> for Rubbing<'_, D> {
 
     fn is_steady(&self) -> bool {
         self.dynamics.is_steady()
+    }
+
+    fn linear(&self) -> Option<&Arc<LinearSystem>> {
+        self.dynamics.linear()
     }
 }
 

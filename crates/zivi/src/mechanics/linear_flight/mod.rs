@@ -42,6 +42,8 @@ pub(super) struct LinearFlight {
     /// The length of a step (s).
     h: f64,
     known: Vec<(GapSet, Arc<Propagation>)>,
+    /// By gap the weights of the drives in the speed of its wall, times `h`.
+    wall_rates: Vec<Vec<f64>>,
     /// `(q, h q', d)` where a step begins, and `(q, h q')` where it ends.
     y: Vec<f64>,
     end: Vec<f64>,
@@ -77,7 +79,8 @@ impl LinearFlight {
         let (y, end) = (vec![0.0; free.size()], vec![0.0; 2 * free.n]);
         let series = vec![[0.0; TERMS]; system.gaps.len()];
         let free = Arc::new(free);
-        Some(Box::new(Self { free, h, known: vec![], y, end, series, curve: None }))
+        let wall_rates = wall_rates(&free, h);
+        Some(Box::new(Self { free, h, known: vec![], wall_rates, y, end, series, curve: None }))
     }
 
     /// The motion within the last step, up to an event, if it was asked for.
@@ -98,6 +101,7 @@ impl LinearFlight {
             }
             self.h *= 0.5;
             self.known.clear();
+            self.wall_rates = wall_rates(&self.free, self.h);
         }
         Err(Failure::Status(Status::StepSizeTooSmall))
     }
@@ -153,23 +157,21 @@ impl LinearFlight {
 
     /// A gap and its rate as the coordinates have them, and the sums of the sizes of their terms.
     fn told(&self, i: usize) -> [(f64, f64); 2] {
-        let (n, row) = (self.free.n, self.free.gap(i));
+        let (n, h, free) = (self.free.n, self.h, &self.free);
         let sum = |weights: &[f64], of: &[f64]| {
             weights.iter().zip(of).fold((0.0, 0.0), |(sum, size), (weight, y)| {
                 let term = weight * y;
                 (sum + term, size + term.abs())
             })
         };
-        let mut wall = row[2 * n..].to_vec();
-        let position = sum(&row[..n], &self.y[..n]);
-        let of_wall = sum(&wall, &self.y[2 * n..]);
-        self.free.drives.differentiate(self.h, &mut wall);
-        let rate = sum(&row[..n], &self.y[n..2 * n]);
-        let of_rate = sum(&wall, &self.y[2 * n..]);
-        let scaled = |value: f64| value / self.h;
+        let (normal, drives) = (free.normal(i), &self.y[2 * n..]);
+        let position = sum(normal, &self.y[..n]);
+        let of_wall = sum(free.wall(i), drives);
+        let rate = sum(normal, &self.y[n..2 * n]);
+        let of_rate = sum(&self.wall_rates[i], drives);
         [
-            (position.0 + of_wall.0, position.1 + of_wall.1),
-            (scaled(rate.0 + of_rate.0), scaled(rate.1 + of_rate.1)),
+            (position.0 - of_wall.0, position.1 + of_wall.1),
+            ((rate.0 - of_rate.0) / h, (rate.1 + of_rate.1) / h),
         ]
     }
 
@@ -315,6 +317,16 @@ impl LinearFlight {
             now.xdot[n + i] = v / h;
         }
     }
+}
+
+/// By gap the weights of the drives in the speed of its wall, times `h`.
+fn wall_rates(free: &Free, h: f64) -> Vec<Vec<f64>> {
+    let rate = |i: usize| {
+        let mut weights = free.wall(i).to_vec();
+        free.drives.differentiate(h, &mut weights);
+        weights
+    };
+    (0..free.gaps()).map(rate).collect()
 }
 
 /// The gap and those that close at the same time, to rounding of the flight's length.

@@ -91,6 +91,21 @@ impl Free {
         2 * self.n + self.drives.size
     }
 
+    /// How many gaps there are.
+    pub(super) fn gaps(&self) -> usize {
+        self.normals.len()
+    }
+
+    /// `n_i`.
+    pub(super) fn normal(&self, i: usize) -> &[f64] {
+        &self.normals[i]
+    }
+
+    /// The weights of the drives in the wall of a gap, less its offset.
+    pub(super) fn wall(&self, i: usize) -> &[f64] {
+        &self.walls[i]
+    }
+
     /// The weights of `y` in a gap.
     pub(super) fn gap(&self, i: usize) -> Vec<f64> {
         let wall = self.walls[i].iter().map(|weight| -weight);
