@@ -67,3 +67,34 @@ def flaky(x, mark):
     if x == 3 and not os.path.exists(mark):
         raise RuntimeError("not yet")
     return x
+
+
+def cheap_many(x, y, seed, log=None):
+    """What `cheap` does with arrays: numbers, an array, random draws, events, a few failures."""
+    if log is not None:
+        logged(log, len(x))
+    many = np.flatnonzero(x % 3)
+    hits = np.repeat(many, (x[many] % 3).astype(int))
+    failed = np.where((x == 7) & (y < 0.05), "nothing here", "")
+    values = {"area": x * y, "pair": np.column_stack([x, -y]), "luck": seed % 2**32}
+    return {**values, "message": failed}, {"point": hits, "t": y[hits], "k": x[hits].astype(int)}
+
+
+def many_noted(x, log, pause=0.0):
+    """Note the points of each call, which takes a time for each of them."""
+    logged(log, len(x))
+    time.sleep(pause * len(x))
+    return 2.0 * x
+
+
+def picky(x):
+    """Raise for all points if there is a bad one among them."""
+    if np.any(x % 10 == 3):
+        raise ValueError(f"bad: {x[x % 10 == 3][0]}")
+    return {"half": x / 2, "table": np.outer(x, [1.0, 2.0])}
+
+
+def deadly_many(x):
+    if np.any(x == 37):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return x

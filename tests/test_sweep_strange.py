@@ -2,6 +2,7 @@
 
 import contextlib
 import copy
+import dataclasses
 import errno
 import json
 import os
@@ -19,6 +20,7 @@ import xarray as xr
 import sweep_functions as functions
 import zivi
 from test_sweep_executors import files
+from zivi.study.head import read_head
 
 zarr = pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
@@ -267,20 +269,15 @@ def test_an_opened_study_can_be_pickled(store):
 
 
 @pytest.mark.parametrize("chunk", [None, 1])
-def test_what_is_not_there_takes_no_time_however_many_points_a_store_claims(chunk, tmp_path):
+@pytest.mark.parametrize("shards", [False, True])
+def test_what_is_not_there_takes_no_time_however_many_points_a_store_claims(
+    chunk, shards, tmp_path
+):
     zivi.sweep(functions.noted, {"x": [1.0]}, out=tmp_path / "a", fixed={"log": os.devnull})
-
-    def enormous(head):
-        for name, document in nodes(head).items():
-            if name != "events":
-                size = 1024 if chunk is None else 1
-                document["shape"] = [10**9]
-                document["chunk_grid"]["configuration"]["chunk_shape"] = [size]
-        nodes(head)["x"]["chunk_grid"]["configuration"]["chunk_shape"] = [10**9]
-        config = json.loads(head["attributes"]["config"]) | {"shape": [10**9], "chunk": chunk}
-        head["attributes"]["config"] = json.dumps(config)
-
-    altered(tmp_path / "a", enormous)
+    head = read_head(tmp_path / "a")
+    claimed = head.identity | {"shape": [10**9], "chunk": chunk, "shards": shards}
+    told = head.attributes | {"config": json.dumps(claimed)}
+    dataclasses.replace(head, identity=claimed, attributes=told).write(tmp_path / "a")
     (tmp_path / "a" / "x" / "c" / "0").unlink()
     start = time.monotonic()
     with (

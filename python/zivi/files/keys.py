@@ -229,5 +229,11 @@ SWEEP = (
     ),
     Key("workers", Whole(1), "threads or processes", "1", "number of cores"),
     Key("seed", Whole(0), "seed of an experiment that draws", "1", "drawn, kept in the result"),
-    Key("chunk", Whole(1), "points of a task and of a file at most", "1", "a 64th, at most 1024"),
+    Key(
+        "chunk",
+        Whole(1),
+        "points of a task and of a file at most",
+        "1",
+        "tasks of half a second, files of 256 MB",
+    ),
 )

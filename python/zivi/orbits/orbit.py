@@ -30,6 +30,19 @@ FIELDS: dict[str, Field] = {
 }
 """Dimensions, unit and meaning of what is in the dataset."""
 
+SUMMARY = {
+    "period": "s",
+    "multiple": "1",
+    "stable": "",
+    "admissible": "",
+    "residual": "",
+    "depth": "m",
+    "zeno_time": "s",
+    "liftoff_time": "s",
+    "margin": "s",
+}
+"""What a study keeps of an orbit beside its multipliers, with its unit."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class PeriodicOrbit(Tabulated):
@@ -116,6 +129,16 @@ class PeriodicOrbit(Tabulated):
         t, state = self._beginning()
         length = self.multiple * self.period
         return simulate(self.system, (t, t + length), state, self._frame.method)
+
+    def _summary(self) -> tuple[dict[str, Any], dict[str, str]]:
+        """Give what a study keeps of it, and the units."""
+        found = {name: getattr(self, name) for name in SUMMARY}
+        return found | {
+            "n_impacts": len(self.impacts),
+            "multiplier_real": self.multipliers.real,
+            "multiplier_imag": self.multipliers.imag,
+            "orbit_status": int(self.status),
+        }, {name: unit for name, unit in SUMMARY.items() if unit}
 
     def _beginning(self) -> tuple[float, tuple[float, float]]:
         if self.liftoff_time is not None:

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from zivi.base.check import Array
 from zivi.base.status import StudyStatus
-from zivi.study.outcome import Events
-from zivi.study.work import Piece, Schema
+from zivi.study.piece import EventTable, Piece, Schema, joined
 
 __all__ = ["Block"]
 
@@ -29,15 +28,15 @@ class Block:
         Their values, one row a point, NaN where there is none.
     messages : dict of str
         Why points failed, by their numbers.
-    events : dict of ndarray
-        The events of points that have some, by their numbers.
+    events : list of tuple
+        Tables of events: the number of the point of each, and a structured array.
     """
 
     span: range
     status: NDArray[np.int8]
     values: dict[str, Array] = dataclasses.field(default_factory=dict)
     messages: dict[int, str] = dataclasses.field(default_factory=dict)
-    events: dict[int, Events] = dataclasses.field(default_factory=dict)
+    events: list[EventTable] = dataclasses.field(default_factory=list)
 
     @classmethod
     def empty(cls, span: range) -> Block:
@@ -56,22 +55,29 @@ class Block:
         for name, rows in piece.values.items():
             self.values[name][places] = rows
         self.status[places] = StudyStatus.COMPLETED
-        for point in piece.done.tolist():
-            self.messages.pop(point, None)
-            self.events.pop(point, None)
-        self.events.update(piece.events)
+        if self.messages:
+            for point in piece.done.tolist():
+                self.messages.pop(point, None)
+        if piece.events is not None:
+            self.events.append(piece.events)
         for point, message in piece.failed.items():
             self.status[point - self.span.start] = StudyStatus.FAILED
             self.messages[point] = message
 
     def counts(self) -> NDArray[np.int64]:
         """Count the events of each point."""
-        return np.array([len(self.events.get(point, ())) for point in self.span], np.int64)
+        found = np.zeros(len(self.span), np.int64)
+        for points, _ in self.events:
+            found += np.bincount(points - self.span.start, minlength=len(found))
+        return found
 
-    def table(self) -> tuple[NDArray[np.int64], Events] | None:
+    def table(self) -> EventTable | None:
         """Give all events in the order of the points, with the number of the point of each."""
-        if not self.events:
+        table = joined(self.events)
+        if table is None:
             return None
-        points = sorted(self.events)
-        repeats = [len(self.events[point]) for point in points]
-        return np.repeat(points, repeats), np.concatenate([self.events[it] for it in points])
+        if len(self.events) > 1:
+            order = np.argsort(table[0], kind="stable")
+            table = table[0][order], table[1][order]
+        self.events = [table]
+        return table

@@ -57,13 +57,13 @@ class Design:
         """Names of the dimensions."""
         return self.names if self.kind == "grid" else ("point",)
 
-    def columns(self, indices: NDArray[np.int64]) -> dict[str, list[Any]]:
-        """Give the parameters of some points, counted in the order of C, as plain values."""
+    def columns(self, indices: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+        """Give the parameters of some points, counted in the order of C."""
         if self.kind != "grid":
-            return {name: column[indices].tolist() for name, column in self.values.items()}
+            return {name: column[indices] for name, column in self.values.items()}
         axes = np.unravel_index(indices, self.shape)
         pairs = zip(self.values.items(), axes, strict=True)
-        return {name: column[axis].tolist() for (name, column), axis in pairs}
+        return {name: column[axis] for (name, column), axis in pairs}
 
     def digest(self) -> str:
         """Tell the values of all parameters in a few characters."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import concurrent.futures
 import contextlib
 import dataclasses
-from collections import deque
+import math
+import time
+from collections import Counter, deque
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,9 +18,11 @@ from zivi.base.progress import ProgressBar
 from zivi.base.status import StudyStatus
 from zivi.study.block import Block
 from zivi.study.design import Design
+from zivi.study.messages import message_of
+from zivi.study.piece import Piece, alike
 from zivi.study.pools import Pool
-from zivi.study.store import Store
-from zivi.study.work import SLICE, Job, Piece, alike, compute, lives, message_of
+from zivi.study.store import Store, count
+from zivi.study.work import SLICE, Job, compute, lives
 
 __all__ = ["Driver"]
 
@@ -28,20 +32,27 @@ BREAKS = 20
 """Pools in a row that may break before anything is computed."""
 START = 60.0
 """Seconds that a new worker may take to show that it lives."""
+FIRST, SHARES = 1024, 64
+"""Points of the first tasks at most, and parts of the study that they are at most."""
+LONG, MOST, GROWTH = 0.5, 2**17, 4
+"""Seconds that a task should take, points that it has at most, how much more it has than others."""
+OPEN = 4
+"""Shards that are in memory at a time, as long as each has many tasks."""
+SAVING = 20.0
+"""Chunks that are not done are saved so seldom that the rest takes so many times longer."""
 
 
 @dataclasses.dataclass
 class Task:
-    """Points of one chunk that one worker computes."""
+    """Points that one worker computes."""
 
-    chunk: int
     points: NDArray[np.int64]
     deaths: int = 0
 
     def halves(self) -> list[Task]:
         """Part the points in two."""
         middle = len(self.points) // 2
-        return [Task(self.chunk, part) for part in (self.points[:middle], self.points[middle:])]
+        return [Task(part) for part in (self.points[:middle], self.points[middle:])]
 
 
 class Driver:
@@ -68,9 +79,17 @@ class Driver:
         self._queue: deque[Task] = deque()
         self._suspects: deque[Task] = deque()
         self._running: dict[concurrent.futures.Future[Piece], Task] = {}
+        # the chunks that are in memory, the points of each that are handed out or will be next,
+        # and those with results that are not saved
         self._blocks: dict[int, Block] = {}
-        self._missing: dict[int, int] = {}
+        self._left: Counter[int] = Counter()
         self._unsaved: set[int] = set()
+        self._due = time.monotonic() + LONG
+        self._next_point = 0
+        self._wanted: tuple[int, ...] = ()
+        total = len(design)
+        self._given = store.layout.points
+        self._size = self._given or min(FIRST, math.ceil(total / SHARES))
         self._events: np.dtype[Any] | None = None
         self._breaks = 0
         self.computed = 0
@@ -79,13 +98,11 @@ class Driver:
 
     def run(self, *, retry_failed: bool, bar: ProgressBar) -> None:
         """Compute all points that are missing."""
-        status = self._store.status()
-        before, total = int(np.count_nonzero(status)), len(status)
-        if retry_failed:
-            before -= int(np.count_nonzero(status == StudyStatus.FAILED))
         retried = (StudyStatus.FAILED,) if retry_failed else ()
-        wanted = (StudyStatus.MISSING, *retried)
-        self._fresh = self._tasks(status, wanted)
+        self._wanted = (StudyStatus.MISSING, *retried)
+        total = len(self._design)
+        before = count(self._store, *(set(StudyStatus) - set(self._wanted)))
+        self._fresh = self._tasks(0)
         try:
             while self._hand_out():
                 done, _ = concurrent.futures.wait(
@@ -100,21 +117,48 @@ class Driver:
             self._save_what_is_there()
             raise
 
-    def _tasks(self, status: NDArray[np.int8], wanted: tuple[int, ...]) -> Iterator[Task]:
+    def _tasks(self, start: int) -> Iterator[Task]:
+        """Cut the points that are missing into tasks, those before `start` left out."""
         layout = self._store.layout
-        for chunk in range(len(layout)):
+        first = layout.chunks_of(np.array([start]))[0] if start < len(self._design) else len(layout)
+        for chunk in range(first, len(layout)):
             span = layout.span(chunk)
-            points = span.start + np.flatnonzero(np.isin(status[span.start : span.stop], wanted))
-            if len(points):
-                self._blocks[chunk] = self._store.load(chunk)
-                self._missing[chunk] = len(points)
-                yield Task(chunk, points)
+            status = self._store.status_of(chunk)
+            points = span.start + np.flatnonzero(np.isin(status, self._wanted))
+            points = points[points >= start]
+            self._left[chunk] += len(points)
+            while len(points):
+                size = self._points_of_a_task()
+                task, points = Task(points[:size]), points[size:]
+                self._next_point = int(task.points[-1]) + 1
+                yield task
+            if not self._left[chunk]:
+                del self._left[chunk]
+
+    def _points_of_a_task(self) -> int:
+        """Tell how many points the next task has: not so many that others wait for it."""
+        if self._given is not None:
+            return self._given
+        shared = len(self._design) / (4 * self._in_flight)
+        open_ = OPEN * self._store.layout.room / (2 * self._in_flight)
+        return max(1, min(self._size, MOST, math.ceil(min(shared, open_))))
+
+    def _learn(self, piece: Piece) -> None:
+        """Let tasks take about half a second."""
+        cost = max(piece.seconds, 1e-9) / max(1, len(piece))
+        longest = max(1.0, min(LONG / cost, MOST))
+        self._size = int(min(max(longest, self._size / GROWTH), self._size * GROWTH))
 
     def _next(self) -> Task | None:
         # a task that may have killed its worker runs alone, so that one knows
         if self._suspects:
             return None if self._running else self._suspects.popleft()
-        return self._queue.popleft() if self._queue else next(self._fresh, None)
+        if self._queue:
+            return self._queue.popleft()
+        layout = self._store.layout
+        most = max(OPEN, self._in_flight // layout.room) if layout.has_shards else math.inf
+        # bounds the memory: a chunk stays until its slowest point is there
+        return None if self._running and len(self._left) > most else next(self._fresh, None)
 
     def _hand_out(self) -> bool:
         """Fill up what is in flight, and tell whether anything is."""
@@ -207,24 +251,18 @@ class Driver:
         point = int(task.points[0])
         nothing = np.empty(0, np.int64)
         message = f"the worker died while it computed this point ({task.deaths} times)"
-        self._take(task, Piece(None, nothing, {}, {}, {point: message}, nothing))
+        self._take(task, Piece(None, nothing, {}, None, {point: message}, nothing))
 
     def _take(self, task: Task, piece: Piece) -> None:
-        """Store what a task gave back, and queue what it left."""
-        block = self._blocks[task.chunk]
+        """Keep what a task gave back, and queue what it left."""
         if len(piece.done):
-            self._fit(piece)
-        if self._store.schema is not None:
-            block.shaped(self._store.schema)
-        found = len(piece.done) + len(piece.failed)
-        self._unsaved.add(task.chunk)
-        block.take(piece)
-        self._save(task.chunk)
-        self.computed += found
-        self._missing[task.chunk] -= found
-        if not self._missing[task.chunk]:
-            del self._blocks[task.chunk], self._missing[task.chunk]
-        if found and not task.deaths:
+            self._fit(task, piece)
+        self._learn(piece)
+        for chunk in self._store.layout.chunks_of(task.points):
+            self._put(chunk, piece.within(self._store.layout.span(chunk)))
+        self._save_if_due()
+        self.computed += len(piece)
+        if len(piece) and not task.deaths:
             self._breaks = 0
         if piece.failed:
             self.n_failed += len(piece.failed)
@@ -232,36 +270,73 @@ class Driver:
         if piece.interrupted and self._pool.inline:
             raise KeyboardInterrupt
         if len(piece.rest):
-            rest = Task(task.chunk, piece.rest)
-            # so that a chunk of slow points is shared
+            rest = Task(piece.rest)
+            # so that a task of slow points is shared
             self._queue.extend(rest.halves() if len(piece.rest) > 1 else [rest])
 
-    def _fit(self, piece: Piece) -> None:
+    def _put(self, chunk: int, piece: Piece) -> None:
+        """Put results into a chunk, and save it if it is done."""
+        block = self._blocks.get(chunk)
+        if block is None:
+            block = self._blocks[chunk] = self._store.load(chunk)
+        if self._store.schema is not None:
+            block.shaped(self._store.schema)
+        self._unsaved.add(chunk)
+        block.take(piece)
+        self._left[chunk] -= len(piece)
+        if self._left[chunk] <= 0:
+            self._save(chunk)
+            del self._blocks[chunk], self._left[chunk]
+
+    def _fit(self, task: Task, piece: Piece) -> None:
         """Make room for the first results; turn later ones that differ into failures."""
         assert piece.schema is not None
         if self._store.schema is None:
+            layout = self._store.layout
+            self._save_all()
+            self._blocks.clear()
             self._store.define(piece.schema)
+            if self._store.layout != layout:
+                self._cut_again(task)
         schema = self._store.schema
         assert schema is not None
-        dtypes = {events.dtype for events in piece.events.values()}
         try:
             alike(schema, piece.schema.shapes, piece.schema.has_events)
-            self._events = self._events or next(iter(dtypes), None)
-            if dtypes - {self._events}:
-                raise ValueError(f"events have {dtypes.pop()}, those of others {self._events}")
+            if piece.events is not None:
+                dtype = piece.events[1].dtype
+                self._events = self._events or dtype
+                if dtype != self._events:
+                    raise ValueError(f"events have {dtype}, those of others {self._events}")
         except ValueError as error:
-            piece.failed |= dict.fromkeys(piece.done.tolist(), message_of(error))
-            piece.done, piece.values, piece.events = piece.done[:0], {}, {}
+            piece.fail(message_of(error))
+
+    def _cut_again(self, task: Task) -> None:
+        """Go on with other chunks, since it is known now how large the results are."""
+        out = (task, *self._running.values(), *self._queue, *self._suspects)
+        points = np.concatenate([it.points for it in out])
+        self._left = Counter(self._store.layout.chunk_of(points).tolist())
+        self._fresh = self._tasks(self._next_point)
 
     def _save(self, chunk: int) -> None:
         self._store.save(chunk, self._blocks[chunk])
         self._unsaved.discard(chunk)
 
+    def _save_all(self) -> None:
+        for chunk in list(self._unsaved):
+            self._save(chunk)
+
+    def _save_if_due(self) -> None:
+        """Save chunks that are not done, but not so often that it costs much."""
+        start = time.monotonic()
+        if self._unsaved and start > self._due:
+            self._save_all()
+            end = time.monotonic()
+            self._due = end + SAVING * (end - start)
+
     def _save_what_is_there(self) -> None:
         """After Ctrl-C or an error: keep what is done or will be in a moment."""
         self._pool.stop()
-        for chunk in list(self._unsaved):
-            self._save(chunk)
+        self._save_all()
         for future in self._running:
             future.cancel()
         done, _ = concurrent.futures.wait(self._running, timeout=2 * SLICE)
@@ -269,3 +344,4 @@ class Driver:
             # what fails now is missing, as if it had not been handed out
             with contextlib.suppress(Exception, concurrent.futures.CancelledError):
                 self._take(self._running[future], future.result())
+        self._save_all()

@@ -11,7 +11,6 @@ import functools
 import math
 import os
 import shutil
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,42 +22,17 @@ from zivi.base.extras import needed
 from zivi.base.status import StudyStatus
 from zivi.study.block import Block
 from zivi.study.design import Design
-from zivi.study.form import EVENTS, GROUP, KINDS, difference
-from zivi.study.head import Head, json_text, read_head, read_json, write_json
+from zivi.study.encode import Encoder
+from zivi.study.form import EVENTS, GROUP, difference
+from zivi.study.head import json_text, read_head, read_json, write_json
+from zivi.study.layout import Layout
 from zivi.study.lock import locked
-from zivi.study.parquet import DamagedError, parted, read_events, write_events
-from zivi.study.replacement import written
+from zivi.study.parquet import DamagedError, read_events, write_events
+from zivi.study.piece import EventTable, Schema
+from zivi.study.replacement import write_bytes, written
 from zivi.study.store import Labels
-from zivi.study.work import Schema
 
-__all__ = ["FolderStore", "create"]
-
-
-def create(path: Path, design: Design, identity: dict[str, Any], labels: Labels) -> bool:
-    """Make an empty store, as a whole or not at all; tell whether it is ours.
-
-    It is not if another run has made one at the same time.
-    """
-    zarr = needed("zarr", "studies in a folder")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
-    kinds = {name: KINDS[column.dtype.kind] for name, column in design.values.items()}
-    head = Head.new(identity, labels, kinds)
-    try:
-        write_json(draft / EVENTS / "zarr.json", GROUP)
-        for name, document in head.documents().items():
-            write_json(draft / name / "zarr.json", document)
-        head.write(draft)
-        group = zarr.open_group(draft, mode="r+", zarr_format=3, use_consolidated=True)
-        for name, column in design.values.items():
-            group[name][:] = column
-        os.replace(draft, path)
-    except BaseException as error:
-        shutil.rmtree(draft, ignore_errors=True)
-        if isinstance(error, OSError) and path.is_dir() and any(path.iterdir()):
-            return False
-        raise
-    return True
+__all__ = ["FolderStore"]
 
 
 class FolderStore:
@@ -67,7 +41,7 @@ class FolderStore:
     Parameters
     ----------
     path : Path
-        The folder, which `create` made.
+        The folder, which `create.create` made.
     write : bool
         Whether to write: then nobody else may.
     """
@@ -86,9 +60,14 @@ class FolderStore:
         except BaseException:
             self.close()
             raise
-        self.layout = self.head.layout
         self._arrays: dict[str, Any] = {}
+        self._encoder: Encoder | None = None
         self._messages: set[int] = set()
+
+    @property
+    def layout(self) -> Layout:
+        """The chunks of points."""
+        return self.head.layout
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -131,14 +110,21 @@ class FolderStore:
         return known, lost
 
     def _column(self, name: str) -> NDArray[Any]:
-        file = self.path / name / "c" / "0"
-        if not file.is_file():
-            raise DamagedError(f"{file} is missing")
+        files = list(self._column_files(name))
+        for file in files:
+            if not _is_there(file):
+                raise DamagedError(f"{file} is missing or empty")
         try:
             column = self._array(name)[:]
         except Exception as error:  # whatever the codec raises
-            raise _damaged(file, error) from error
+            raise _damaged(files[0] if len(files) == 1 else files[0].parent, error) from error
         return np.array(column.tolist()) if column.dtype.kind in "OT" else np.asarray(column)
+
+    def _column_files(self, name: str) -> Iterator[Path]:
+        array = self._array(name)
+        whole = array.shards or array.chunks
+        for number in range(math.ceil(array.shape[0] / whole[0])):
+            yield self.path / name / "c" / str(number)
 
     def mend(self, design: Design) -> None:
         """Write again what is known and cannot be read: points, metadata of arrays."""
@@ -154,8 +140,8 @@ class FolderStore:
                 there = None
             # by their bytes: NaN is not equal to itself
             if there is None or there.tobytes() != column.tobytes():
-                put = functools.partial(self._array(name).__setitem__, slice(None), column)
-                written(self.path, self.path / name / "c" / "0", put)
+                for key, data in self._encoded(name, slice(None), column):
+                    write_bytes(self.path, self.path / key, data)
 
     def altered(self) -> list[str]:
         """List metadata that are not as the head says."""
@@ -167,20 +153,12 @@ class FolderStore:
             file = self.path / name / "zarr.json"
             try:
                 wrong = difference(read_json(file), document)
-            except (OSError, ValueError):
+            except (OSError, ValueError, RecursionError):
                 wrong = "file"
             if wrong:
                 yield file, document
 
     # reading
-
-    def status(self) -> NDArray[np.int8]:
-        """Give the states of all points; those that cannot be read are missing."""
-        found = np.zeros(math.prod(self.layout.shape), np.int8)
-        for chunk in self.written():
-            span = self.layout.span(chunk)
-            found[span.start : span.stop] = self._status(chunk)
-        return found
 
     def written(self) -> list[int]:
         """List the chunks that have states: what is there counts, not what could be."""
@@ -194,10 +172,11 @@ class FolderStore:
             ]
         return sorted(self.layout.number(place) for place, _ in places)
 
-    def _status(self, chunk: int) -> NDArray[np.int8]:
+    def status_of(self, chunk: int) -> NDArray[np.int8]:
+        """Give the states of the points of a chunk; those that cannot be read are missing."""
         try:
-            return np.asarray(self._array("status")[self.layout.slices(chunk)], np.int8).ravel()
-        except Exception:
+            return self._rows("status", chunk, ())
+        except DamagedError:
             return np.full(len(self.layout.span(chunk)), StudyStatus.MISSING, np.int8)
 
     def load(self, chunk: int) -> Block:
@@ -236,18 +215,16 @@ class FolderStore:
         expected = np.where(done, self._rows("n_events", chunk, ()), 0)
         if not expected.any():
             return
-        known = parted(read_events(self._events(chunk)))
-        block.events = {
-            it: rows
-            for it, rows in known.items()
-            if it in block.span and done[it - block.span.start]
-        }
+        points, rows = read_events(self._events(chunk))
+        own = (points >= block.span.start) & (points < block.span.stop)
+        own[own] = done[points[own] - block.span.start]
+        block.events = [(points[own], rows[own])]
         if not np.array_equal(block.counts(), expected):
             raise DamagedError(f"{self._events(chunk)} has not the events that were counted")
 
-    def events(self, chunk: int, status: NDArray[np.int8]) -> tuple[NDArray[np.int64], Any] | None:
-        """Read the events of the points of a chunk that are done, with the points' numbers."""
-        block = Block(self.layout.span(chunk), status)
+    def events(self, chunk: int) -> EventTable | None:
+        """Read the events of the points of a chunk that are completed."""
+        block = Block(self.layout.span(chunk), self.status_of(chunk))
         self._read_events(chunk, block)
         return block.table()
 
@@ -279,7 +256,7 @@ class FolderStore:
                 needed.append(self._file("message", chunk))
             if self._has_events(chunk, status):
                 needed.append(self._events(chunk))
-            found += [file for file in needed if not file.is_file()]
+            found += [file for file in needed if not _is_there(file)]
         return [str(file) for file in found]
 
     def _has_events(self, chunk: int, status: NDArray[np.int8]) -> bool:
@@ -293,8 +270,7 @@ class FolderStore:
 
     def _array(self, name: str) -> Any:
         if name not in self._arrays:
-            # a chunk without a file is one that was not written
-            self._arrays[name] = self._group[name].with_config({"write_empty_chunks": True})
+            self._arrays[name] = self._group[name]
         return self._arrays[name]
 
     def _file(self, name: str, chunk: int) -> Path:
@@ -307,8 +283,8 @@ class FolderStore:
 
     def _rows(self, name: str, chunk: int, shape: tuple[int, ...]) -> NDArray[Any]:
         file = self._file(name, chunk)
-        if not file.is_file():
-            raise DamagedError(f"{file} is missing")
+        if not _is_there(file):
+            raise DamagedError(f"{file} is missing or empty")
         try:
             found = self._array(name)[self.layout.slices(chunk)]
         except Exception as error:  # whatever the codec raises
@@ -323,21 +299,45 @@ class FolderStore:
         if schema.has_events:
             needed("pyarrow.parquet", "events in a folder")
         head = self.head.with_schema(schema)
-        for name in head.documents().keys() - self.head.documents().keys():
+        # all their points failed before this was known
+        before = [self.load(number) for number in self.written()]
+        others = head.documents()["status"] != self.head.documents()["status"]
+        if others:
+            for name in ("status", "message"):  # in other files from now on
+                shutil.rmtree(self.path / name / "c", ignore_errors=True)
+        known = {} if others else self.head.documents()
+        for name in head.documents().keys() - known.keys():
             write_json(self.path / name / "zarr.json", head.documents()[name])
         # at last and in one piece: a run that is killed before makes room again
         head.write(self.path)
         self.head = head
         self._reopen()
-        for number in self.written():
-            # all its points failed before this was known
-            self.save(number, self.load(number))
+        for chunk, block in self._moved(before):
+            self.save(chunk, block)
+
+    def _moved(self, blocks: list[Block]) -> Iterator[tuple[int, Block]]:
+        """Part failures into the chunks where they are now."""
+        failed = {point: why for block in blocks for point, why in block.messages.items()}
+        points = np.array(sorted(failed), np.int64)
+        for chunk in np.unique(self.layout.chunk_of(points)).tolist():
+            block = Block.empty(self.layout.span(chunk))
+            own = points[slice(*np.searchsorted(points, (block.span.start, block.span.stop)))]
+            block.status[own - block.span.start] = StudyStatus.FAILED
+            block.messages = {point: failed[point] for point in own.tolist()}
+            yield chunk, block
 
     def _reopen(self) -> None:
         import zarr
 
         self._group = zarr.open_group(self.path, mode="r+", zarr_format=3, use_consolidated=True)
         self._arrays.clear()
+        self._encoder = None
+        self._messages.clear()
+
+    def _encoded(self, name: str, where: Any, values: Any) -> list[tuple[str, bytes]]:
+        if self._encoder is None:
+            self._encoder = Encoder(self.head.documents())
+        return self._encoder.encoded(name, where, values)
 
     def save(self, chunk: int, block: Block) -> None:
         """Keep a chunk: its states last, so that what they call done is there."""
@@ -346,8 +346,8 @@ class FolderStore:
 
         def put(name: str, rows: NDArray[Any]) -> None:
             values = rows.reshape(*shape, *rows.shape[1:])
-            write = functools.partial(self._array(name).__setitem__, slices, values)
-            written(self.path, self._file(name, chunk), write)
+            for key, data in self._encoded(name, slices, values):
+                write_bytes(self.path, self.path / key, data)
 
         if self.schema is not None:
             block.shaped(self.schema)
@@ -367,6 +367,11 @@ class FolderStore:
             put("message", np.array(texts, object))
             self._messages.add(chunk)
         put("status", block.status)
+
+
+def _is_there(file: Path) -> bool:
+    """Whether a file is there; Zarr takes an empty one for one that was not written."""
+    return file.is_file() and file.stat().st_size > 0
 
 
 def _damaged(file: Path, error: Exception) -> DamagedError:

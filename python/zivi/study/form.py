@@ -6,13 +6,14 @@ third format of Zarr with the codecs, kinds and shapes that zivi itself would wr
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from typing import Any
 
-from zivi.study.layout import Layout
+from zivi.study.layout import INNER, SHARD, Layout
+from zivi.study.piece import Schema
 from zivi.study.store import DESCRIPTIONS, Labels, dims_of
-from zivi.study.work import Schema
 
 __all__ = ["EVENTS", "GROUP", "KINDS", "difference", "documents"]
 
@@ -23,6 +24,8 @@ KINDS = {"f": "float64", "i": "int64", "b": "bool", "U": "string"}
 """How the values of a parameter are kept, by the kind of their array."""
 NOTHING = {"float64": 0.0, "int64": 0, "int8": 0, "bool": False, "string": ""}
 LITTLE = {"name": "bytes", "configuration": {"endian": "little"}}
+CHECKSUM = {"name": "crc32c"}
+SHARDS = "sharding_indexed"
 BYTES = {
     "float64": LITTLE,
     "int64": LITTLE,
@@ -54,48 +57,77 @@ def documents(
     is_grid = kind == "grid"
     design = names if is_grid else ("point",)
     lengths = layout.shape if is_grid else layout.shape * len(names)
-    shape, chunk = layout.shape, layout.chunk
+    places = Places(layout.shape, layout.chunk, layout.inner if layout.has_shards else None)
     units = {**(schema.units if schema else {}), **labels.units}
 
     def unit(name: str) -> dict[str, str]:
         return {"units": units[name]} if name in units else {}
 
     found = {
-        name: _document(kept, ((n,), (n,)), (name,) if is_grid else design, unit(name))
+        name: _document(kept, _column(n, layout), (name,) if is_grid else design, unit(name))
         for (name, kept), n in zip(parameters.items(), lengths, strict=True)
     }
     over_points = {"status": "int8", "message": "string"}
     if schema is not None and schema.has_events:
         over_points["n_events"] = "int64"
     for name, kept in over_points.items():
-        found[name] = _document(kept, (shape, chunk), design, DESCRIPTIONS[name])
+        found[name] = _document(kept, places, design, DESCRIPTIONS[name])
     for name, inner in (schema.shapes if schema else {}).items():
-        sizes = (*shape, *inner), (*chunk, *(max(1, length) for length in inner))
         dims = dims_of(name, inner, design, labels)
-        found[name] = _document("float64", sizes, dims, unit(name), "NaN")
+        found[name] = _document("float64", places.of(inner), dims, unit(name), "NaN")
     return {name: found[name] for name in sorted(found)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Places:
+    """The shape of an array, of one of its files, and of the parts of a file if it is a shard."""
+
+    shape: tuple[int, ...]
+    file: tuple[int, ...]
+    part: tuple[int, ...] | None = None
+
+    def of(self, inner: tuple[int, ...]) -> Places:
+        """Give those of an array with more dimensions, which are not cut."""
+        more = tuple(max(1, length) for length in inner)
+        part = None if self.part is None else (*self.part, *more)
+        return Places((*self.shape, *inner), (*self.file, *more), part)
+
+
+def _column(n: int, layout: Layout) -> Places:
+    """Give the places of a parameter: one file, as long as that is not too large for a codec."""
+    if layout.has_shards and n > SHARD:
+        return Places((n,), (SHARD,), (SHARD // INNER,))
+    return Places((n,), (n,))
 
 
 def _document(
     kept: str,
-    sizes: tuple[tuple[int, ...], tuple[int, ...]],
+    places: Places,
     dims: tuple[str, ...],
     attributes: Mapping[str, str],
     nothing: Any = None,
 ) -> dict[str, Any]:
-    shape, chunk = sizes
+    codecs = [
+        BYTES[kept],
+        {"name": "zstd", "configuration": {"level": 1, "checksum": False}},
+        # a file that was cut or altered is noticed
+        CHECKSUM,
+    ]
+    if places.part is not None:
+        setting = {
+            "chunk_shape": list(places.part),
+            "codecs": codecs,
+            "index_codecs": [LITTLE, CHECKSUM],
+            "index_location": "end",
+        }
+        codecs = [{"name": SHARDS, "configuration": setting}]
     return {
-        "shape": list(shape),
+        "shape": list(places.shape),
         "data_type": kept,
-        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(chunk)}},
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(places.file)}},
         "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
         "fill_value": NOTHING[kept] if nothing is None else nothing,
-        "codecs": [
-            BYTES[kept],
-            {"name": "zstd", "configuration": {"level": 1, "checksum": False}},
-            # a file that was cut or altered is noticed
-            {"name": "crc32c"},
-        ],
+        "codecs": codecs,
         "attributes": dict(attributes),
         "dimension_names": list(dims),
         "zarr_format": 3,
@@ -131,6 +163,9 @@ def _plain_codecs(given: Any) -> Any:
         setting = codec.get("configuration", {})
         if codec.get("name") == "zstd" and isinstance(setting, dict):
             setting = {key: it for key, it in setting.items() if key not in ("level", "checksum")}
+        if codec.get("name") == SHARDS and isinstance(setting, dict):
+            inner = ("codecs", "index_codecs")
+            setting = setting | {key: _plain_codecs(setting.get(key)) for key in inner}
         found.append({"name": codec.get("name"), "setting": setting, **more})
     return found
 

@@ -6,11 +6,9 @@ refused before any array is decoded.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 import math
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,8 +16,10 @@ from typing import Any
 from zivi.study.design import MOST_POINTS, name_of
 from zivi.study.form import EVENTS, GROUP, KINDS, difference, documents
 from zivi.study.layout import Layout
+from zivi.study.piece import Schema
+from zivi.study.replacement import write_whole
 from zivi.study.store import Labels, attributes
-from zivi.study.work import MAX_SEED, Schema
+from zivi.study.work import MAX_SEED
 
 __all__ = ["Head", "json_text", "read_head", "read_json", "write_json"]
 
@@ -71,7 +71,8 @@ class Head:
     @property
     def layout(self) -> Layout:
         """The chunks of points."""
-        return Layout(tuple(self.identity["shape"]), self.identity["chunk"])
+        told, size = self.identity, 0 if self.schema is None else self.schema.size
+        return Layout(tuple(told["shape"]), told["chunk"], told.get("shards", False), size)
 
     def documents(self) -> dict[str, Any]:
         """Give the metadata of all arrays."""
@@ -102,15 +103,7 @@ def json_text(document: Any) -> str:
 
 def write_json(file: Path, document: Any) -> None:
     """Write metadata; they are there as a whole or not at all."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    draft = file.with_name(f"{file.name}.partial")
-    try:
-        draft.write_text(json_text(document), encoding="utf-8")
-        os.replace(draft, file)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            draft.unlink(missing_ok=True)
-        raise
+    write_whole(file, json_text(document).encode())
 
 
 def read_json(file: Path) -> Any:
@@ -211,6 +204,8 @@ def _wrong(config: dict[str, Any]) -> Iterator[str]:
         or math.prod(shape or ()) > MOST_POINTS
     ):
         yield "shape"
+    if not isinstance(config.get("shards", False), bool):
+        yield "shards"
     chunk, seed = config.get("chunk"), config.get("seed")
     if not (chunk is None or _are_whole([chunk], 1)):
         yield "chunk"

@@ -35,6 +35,7 @@ WORDS = {
     "fixed": "the fixed arguments",
     "seed": "the seed",
     "chunk": "the points of a chunk",
+    "vectorized": "whether the function takes many points at a time",
     "zivi": "the version of zivi",
 }
 
@@ -46,6 +47,7 @@ def identity(
     seed: int | None,
     chunk: int | None,
     *,
+    vectorized: bool = False,
     faithful: bool,
 ) -> dict[str, Any]:
     """Tell a study in plain values.
@@ -67,6 +69,8 @@ def identity(
         "fixed": {name: of(f"fixed[{name!r}]", value) for name, value in fixed.items()},
         "seed": seed,
         "chunk": chunk,
+        "vectorized": vectorized,
+        "shards": True,
         "zivi": _zivi.__version__,
     }
 
@@ -74,6 +78,7 @@ def identity(
 def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool) -> list[str]:
     """List what differs between a store and a study, except what may if the user insists."""
     comparable = there.get("digests") == here["digests"]
+    there = {"vectorized": False, **there}  # version 0.1 did not say so
     # a seed or a chunk that is not given is that of the store
     left_out = {key for key in ("seed", "chunk") if here[key] is None}
     if mild:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,15 @@ __all__ = ["RUN_UNITS", "Events", "Values", "split", "units_of"]
 
 Values: TypeAlias = dict[str, float | Array]
 Events: TypeAlias = NDArray[np.void]
+
+
+@runtime_checkable
+class Summarised(Protocol):
+    """A result of a room above that says what a study keeps of it."""
+
+    def _summary(self) -> tuple[dict[str, Any], dict[str, str]]:
+        """Give the values, and the units of those that have one."""
+
 
 RUN_UNITS = {
     "t": "s",
@@ -57,6 +67,8 @@ def values_of(returned: Any) -> Values:
         return _summary(returned)
     if isinstance(returned, MechanicalTrajectory):
         return _mechanical_summary(returned)
+    if isinstance(returned, Summarised):
+        return {name: _value(name, value) for name, value in returned._summary()[0].items()}
     return {"value": _value("the result", returned)}
 
 
@@ -118,6 +130,8 @@ def units_of(returned: Any) -> dict[str, str]:
         return {name: RUN_UNITS[name] for name in _summary(given)}
     if isinstance(given, MechanicalTrajectory):  # those of its coordinates are the user's
         return {"t": "s"}
+    if isinstance(given, Summarised):
+        return given._summary()[1]
     return {}
 
 
@@ -137,7 +151,13 @@ def events_of(given: Any) -> Events | None:
         kind = given.dtype[field]
         if kind.kind not in "biuf" or kind.shape:
             raise TypeError(f"events must hold real numbers, got {kind} in {field!r}")
-    return given
+    # without titles, second names of fields, which files do not keep
+    return given.astype(_without_titles(given.dtype), copy=False)
+
+
+@functools.cache
+def _without_titles(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    return np.dtype([(name, dtype[name]) for name in dtype.names or ()])
 
 
 def _structured(given: Mapping[str, Any]) -> Events:

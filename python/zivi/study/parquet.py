@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from zivi.base.extras import needed
 
-__all__ = ["DamagedError", "parted", "read_events", "write_events"]
+__all__ = ["DamagedError", "read_events", "write_events"]
 
 
 class DamagedError(Exception):
@@ -31,8 +31,8 @@ def write_events(file: Path, points: NDArray[np.int64], events: NDArray[np.void]
         raise
 
 
-def read_events(file: Path) -> NDArray[np.void]:
-    """Read the events of a chunk as a structured array; `DamagedError` says why it cannot be."""
+def read_events(file: Path) -> tuple[NDArray[np.int64], NDArray[np.void]]:
+    """Read the events of a chunk and their points; `DamagedError` says why it cannot be."""
     pyarrow, parquet = (needed(it, "events in a folder") for it in ("pyarrow", "pyarrow.parquet"))
     try:
         # by memory, since a file that is not closed after an error is a warning
@@ -45,17 +45,8 @@ def read_events(file: Path) -> NDArray[np.void]:
     kinds = {name: column.dtype for name, column in columns.items()}
     if kinds.get("point") != np.int64 or any(kind.kind not in "biuf" for kind in kinds.values()):
         raise DamagedError(f"{file} is damaged: its columns are {kinds}")
+    points = columns.pop("point")
     found = np.empty(len(table), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
         found[name] = column
-    return found
-
-
-def parted(table: NDArray[np.void]) -> dict[int, NDArray[np.void]]:
-    """Part a table of events by their points."""
-    fields = [name for name in table.dtype.names or () if name != "point"]
-    points, starts = np.unique(table["point"], return_index=True)
-    inner = np.empty(len(table), [(name, table.dtype[name]) for name in fields])
-    for name in fields:
-        inner[name] = table[name]
-    return dict(zip(points.tolist(), np.split(inner, starts[1:]), strict=True))
+    return points, found

@@ -1,12 +1,15 @@
-"""Room for the files of a store where something else is in their place."""
+"""Files of a store, there as a whole or not at all, also where something else is in their place."""
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import os
 import uuid
 from collections.abc import Callable
 from pathlib import Path
 
-__all__ = ["written"]
+__all__ = ["write_bytes", "write_whole", "written"]
 
 
 def written(top: Path, file: Path, write: Callable[[], None]) -> None:
@@ -17,6 +20,24 @@ def written(top: Path, file: Path, write: Callable[[], None]) -> None:
         if not _made_room(top, file):
             raise
         write()
+
+
+def write_bytes(top: Path, file: Path, data: bytes) -> None:
+    """Write a file below a folder, whatever is in its place."""
+    written(top, file, functools.partial(write_whole, file, data))
+
+
+def write_whole(file: Path, data: bytes) -> None:
+    """Write a file and its folders; it is there as a whole or not at all."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    draft = file.with_name(f"{file.name}.partial")
+    try:
+        draft.write_bytes(data)
+        os.replace(draft, file)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
+        raise
 
 
 def _made_room(top: Path, file: Path) -> bool:

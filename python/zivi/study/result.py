@@ -166,7 +166,7 @@ def open_study(path: str | PathLike[str], *, verify: bool = False) -> Study:
             stacklevel=2,
         )
         return _salvaged(store, known)
-    return Study(_dataset(path), path, StoredEvents(path, store.status()))
+    return Study(_dataset(path), path, StoredEvents(path))
 
 
 def _dataset(path: Path) -> xarray.Dataset:
@@ -214,12 +214,9 @@ class StoredEvents:
     ----------
     path : Path
         The store.
-    status : ndarray of int8
-        The states of its points: those that are completed count.
     """
 
     path: Path
-    status: NDArray[np.int8]
 
     def __call__(self) -> Any:
         """Give a table, or None if there are no events."""
@@ -230,9 +227,8 @@ class StoredEvents:
         tables: list[Any] = []
         broken = []
         for chunk in store.written():
-            span = store.layout.span(chunk)
             try:
-                rows = store.events(chunk, self.status[span.start : span.stop])
+                rows = store.events(chunk)
             except DamagedError as error:
                 broken.append(str(error))
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -13,16 +14,18 @@ import numpy as np
 
 from zivi.base.check import whole
 from zivi.base.progress import ProgressBar
+from zivi.base.status import StudyStatus
+from zivi.study.create import create
 from zivi.study.design import Design, design_of
 from zivi.study.drive import Driver
 from zivi.study.experiments import experiment
-from zivi.study.folder import FolderStore, create
+from zivi.study.folder import FolderStore
 from zivi.study.head import read_head
 from zivi.study.identity import differences, identity
 from zivi.study.layout import Layout
 from zivi.study.pools import Pool, pool_of, sendable
 from zivi.study.result import Study, study_of
-from zivi.study.store import Labels, MemoryStore, Store
+from zivi.study.store import Labels, MemoryStore, Store, count
 from zivi.study.work import MAX_SEED, Job
 
 __all__ = ["sweep"]
@@ -35,6 +38,7 @@ def sweep(
     function: Callable[..., Any] | str,
     points: Design | Mapping[str, Any] | Sequence[Mapping[str, Any]],
     *,
+    vectorized: bool = False,
     out: str | PathLike[str] | None = None,
     executor: Any = None,
     workers: int | None = None,
@@ -58,8 +62,8 @@ def sweep(
     function : callable or str
         Called with the parameters of each point by name; or the name of one of the experiments in
         ``zivi.study.EXPERIMENTS``. Returns a number, an array, a dict of both (always the same
-        names and shapes; None is NaN), or a `Trajectory`, `ClosedLoop` or `MechanicalTrajectory`,
-        of which the last state, the rest time and the counts are kept. A tuple
+        names and shapes; None is NaN), or a `Trajectory`, `ClosedLoop`, `MechanicalTrajectory` or
+        `PeriodicOrbit`, of which the last state, the rest time and the counts are kept. A tuple
         ``(values, events)`` adds events: a structured array such as ``sol.impacts``, or a dict of
         arrays of one length. Values are kept as 64-bit floats. If it has a parameter ``seed`` or
         ``rng`` that is no parameter of the study, each point gets its own: an int or a
@@ -67,6 +71,13 @@ def sweep(
         the number of the point.
     points : Design, dict or list of dict
         A dict of values is a grid; see `grid`, `points` and `sample`.
+    vectorized : bool
+        Whether the function takes many points at a time: arrays with an entry for each, ``seed``
+        too, ``rng`` a list. It returns an array or a dict of arrays with a row for each point
+        (``"message"``, if there, says why points failed, "" if not), a batch, or a list of what it
+        would return for each, exceptions for those that fail; or a tuple ``(values, events)``, the
+        events a list or a table with the field ``point``. Points of a call that raises are called
+        again in halves, down to those that make it raise. An entry must not depend on the others.
     out : path, optional
         Folder of the results, a Zarr store; without it they are kept in memory. Needs the extra
         ``study``.
@@ -87,8 +98,9 @@ def sweep(
     dims : dict, optional
         For results that are arrays, the names of their dimensions.
     chunk : int, optional
-        Points of a task and of a file at most; by default a 64th of all, at most 1024. A task that
-        takes longer than 2 s hands back what it has and is parted.
+        Points of a task and of a file at most. By default tasks have as many as take half a
+        second, files (Zarr's shards) as many as fit into 256 MB. A task that takes longer than 2 s
+        hands back what it has and is parted.
     in_flight : int, optional
         Tasks that are handed out at a time; by default two for each worker.
     resume : bool, optional
@@ -135,11 +147,23 @@ def sweep(
     {'e': 3, 'v': 2}
     >>> round(float(study.rest_time.sel(e=0.5, v=0.0)), 6)
     1.354571
+
+    Many points at a time:
+
+    >>> def bounces(e, v):
+    ...     balls = [zivi.ImpactSystem(-9.81, e=it) for it in e]
+    ...     return zivi.simulate_batch(balls, (0, 30), np.column_stack([np.ones(len(v)), v]))
+    >>> points = {"e": [0.3, 0.5, 0.7], "v": [0.0, 2.0]}
+    >>> same = zivi.sweep(bounces, points, vectorized=True)
+    >>> bool(np.all(same.rest_time == study.rest_time))
+    True
     """
     work = experiment(function) if isinstance(function, str) else function
     design = design_of(points)
     constants = dict(fixed or {})
     wants = _wants(work, design, constants)
+    if not isinstance(vectorized, bool):
+        raise TypeError(f"vectorized must be True or False, got {vectorized!r}")
     if chunk is not None and whole("chunk", chunk) < 1:
         raise ValueError(f"chunk must be >= 1, got {chunk}")
     if seed is not None and not 0 <= whole("seed", seed) <= MAX_SEED:
@@ -155,13 +179,14 @@ def sweep(
             constants,
             None if seed is None else int(seed),
             None if chunk is None else int(chunk),
+            vectorized=vectorized,
             faithful=out is not None,
         )
         store = _store(out, design, told, labels, resume, draws=bool(wants))
     except BaseException:
         pool.close(at_once=True)
         raise
-    job = Job(work, design.names, constants, store.identity["seed"], wants)
+    job = Job(work, design.names, constants, store.identity["seed"], wants, vectorized)
     driver = Driver(job, design, store, pool, number)
     return _run(driver, store, pool, job, retry_failed, progress)
 
@@ -192,11 +217,12 @@ def _run(
 def _with_study(error: BaseException, store: Store) -> BaseException:
     """Attach what was computed to the exception that ended a run."""
     with contextlib.suppress(Exception):
-        study, status = study_of(store), store.status()
+        study = study_of(store)
+        known = count(store, StudyStatus.COMPLETED, StudyStatus.FAILED)
         error.study = study  # type: ignore[attr-defined]
         where = "" if study.path is None else f" and in {study.path}"
         error.add_note(
-            f"zivi: the study stopped, {np.count_nonzero(status)} of {len(status)} "
+            f"zivi: the study stopped, {known} of {math.prod(store.layout.shape)} "
             f"points are known; they are in this exception's attribute 'study'{where}."
         )
     return error
@@ -278,7 +304,7 @@ def _store(
     if draws and new["seed"] is None:
         new["seed"] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
     if path is None:
-        return MemoryStore(design, Layout(design.shape, new["chunk"]), new, labels)
+        return MemoryStore(design, Layout(design.shape, new["chunk"], sharded=True), new, labels)
     if not create(path, design, new, labels):
         return _continued(path, design, told, resume)  # another run was quicker
     return FolderStore(path, write=True)

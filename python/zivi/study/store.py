@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.extras import needed
+from zivi.base.status import StudyStatus
 from zivi.study.block import Block
 from zivi.study.design import RESERVED, Design
 from zivi.study.layout import Layout
-from zivi.study.work import Schema
+from zivi.study.piece import Schema
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["DESCRIPTIONS", "Labels", "MemoryStore", "Store", "attributes", "dims_of"]
+__all__ = ["DESCRIPTIONS", "Labels", "MemoryStore", "Store", "attributes", "count", "dims_of"]
 
 # the metadata of a folder are compared with these: the words of version 0.1 stay in them
 DESCRIPTIONS = {
@@ -90,7 +91,9 @@ class Labels:
 class Store(Protocol):
     """What keeps the results of a study."""
 
-    layout: Layout
+    @property
+    def layout(self) -> Layout:
+        """The chunks of points, which may be others once it is known what the points give."""
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -100,8 +103,11 @@ class Store(Protocol):
     def schema(self) -> Schema | None:
         """What the points give, once that is known."""
 
-    def status(self) -> NDArray[np.int8]:
-        """Give the states of all points; those that cannot be read are missing."""
+    def written(self) -> list[int]:
+        """List the chunks that have states."""
+
+    def status_of(self, chunk: int) -> NDArray[np.int8]:
+        """Give the states of the points of a chunk; those that cannot be read are missing."""
 
     def define(self, schema: Schema) -> None:
         """Make room for what the points give."""
@@ -114,6 +120,12 @@ class Store(Protocol):
 
     def close(self) -> None:
         """Let others write."""
+
+
+def count(store: Store, *states: StudyStatus) -> int:
+    """Count the points of a store in some states, chunk by chunk."""
+    own = (store.status_of(chunk) for chunk in store.written())
+    return sum(int(np.count_nonzero(np.isin(status, states))) for status in own)
 
 
 def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
@@ -157,12 +169,13 @@ class MemoryStore:
         self.schema: Schema | None = None
         self._blocks: dict[int, Block] = {}
 
-    def status(self) -> NDArray[np.int8]:
-        """Give the states of all points."""
-        found = np.zeros(len(self._design), np.int8)
-        for block in self._blocks.values():
-            found[block.span.start : block.span.stop] = block.status
-        return found
+    def written(self) -> list[int]:
+        """List the chunks of which something is known."""
+        return sorted(self._blocks)
+
+    def status_of(self, chunk: int) -> NDArray[np.int8]:
+        """Give the states of the points of a chunk."""
+        return self.load(chunk).status
 
     def define(self, schema: Schema) -> None:
         """Make room for what the points give."""
@@ -227,7 +240,7 @@ class MemoryStore:
             for name, shape in schema.shapes.items()
         }
         dims = design.dims
-        columns["status"] = dims, self.status().reshape(design.shape), DESCRIPTIONS["status"]
+        columns["status"] = dims, self._filled((), 0, np.int8, _status), DESCRIPTIONS["status"]
         messages = self._filled((), "", object, _messages)
         columns["message"] = dims, messages.astype(str), DESCRIPTIONS["message"]
         if schema.has_events:
@@ -238,6 +251,10 @@ class MemoryStore:
             for name, column in design.values.items()
         }
         return xarray.Dataset(columns, coordinates, attributes(self.identity))
+
+
+def _status(block: Block) -> NDArray[np.int8]:
+    return block.status
 
 
 def _messages(block: Block) -> list[str]:
