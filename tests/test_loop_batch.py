@@ -8,6 +8,8 @@ import pytest
 
 import zivi
 from control_loops import Foreign
+from zivi.control import loop_batch
+from zivi.control.loop_batch_result import NUMBERS
 
 pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
 
@@ -410,6 +412,27 @@ def test_states_at_given_times_are_those_of_the_loops():
     data = batch.to_xarray()
     assert data.sample_xdot.dims == ("run", "sample")
     assert data.sample_t.attrs["units"] == "s"
+
+
+@pytest.mark.parametrize("method", [None, zivi.ThetaGamma(h=1e-2), zivi.SwitchedRK()])
+def test_times_change_none_of_the_numbers_and_each_loop_runs_once(method, monkeypatch):
+    plant = zivi.ImpactSystem(-9.81, e=0.5)
+    trackers = [zivi.TwistingTracker(mu1, 17, h=1e-2, e=0.5) for mu1 in (24, 30)]
+    settings = {"y_ref0": (3, 3), "force_ref": -19.81, "method": method, "quantization": (1e-4, 0)}
+    given = (plant, trackers, (0, 1.5), [(6, 5), (2, -1)])
+    plain = zivi.simulate_closed_loop_batch(*given, **settings)
+    runs = []
+    loop = loop_batch.simulate_closed_loop
+
+    def counted(*given, **named):
+        runs.append(given)
+        return loop(*given, **named)
+
+    monkeypatch.setattr(loop_batch, "simulate_closed_loop", counted)
+    timed = zivi.simulate_closed_loop_batch(*given, t_eval=[0.0, 0.55, 1.5], **settings)
+    assert len(runs) == 2
+    for name in NUMBERS:
+        np.testing.assert_array_equal(getattr(timed, name), getattr(plain, name), strict=True)
 
 
 def test_loops_that_end_early_have_no_states_after_it():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, finite
+from zivi.base.check import finite
 from zivi.base.compiled import listening, tell
 from zivi.base.progress import ProgressBar
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
@@ -48,7 +47,7 @@ from zivi.control.loop_batch_arguments import (
     states_of,
 )
 from zivi.control.loop_batch_result import ClosedLoopBatch
-from zivi.control.loop_batch_samples import room_for, sampled
+from zivi.control.loop_batch_samples import columns_at, keep, room_for
 from zivi.control.loop_reference import Reference, check_reference, describe_reference
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
@@ -94,8 +93,9 @@ def simulate_closed_loop_batch(
 ) -> ClosedLoopBatch:
     """Simulate many independent closed loops, on all cores and without the interpreter.
 
-    Loops with noise, and those of controllers of the user, run one by one on the threads. Each
-    gives what `simulate_closed_loop` gives for it, to the last bit, whatever the number of threads.
+    Loops with noise, with `t_eval`, and those of controllers of the user, run one by one on the
+    threads. Each gives what `simulate_closed_loop` gives for it, to the last bit, whatever the
+    number of threads.
     What differs from loop to loop is given as a sequence, or as rows.
 
     Parameters
@@ -139,8 +139,7 @@ def simulate_closed_loop_batch(
         The slowest impacts that are counted, as a part of the fastest one of the loop, > 0.
     t_eval : array_like, optional
         Increasing times in `t_span` at which positions, velocities, references and controls are
-        kept, as by `simulate_closed_loop` (s); with ``save="final"`` only. Each loop is run once
-        more for them.
+        kept, as by `simulate_closed_loop` (s); with ``save="final"`` only.
     threads : int, optional
         Number of threads, >= 1; by default as many as the machine runs at once.
     progress : bool, optional
@@ -207,7 +206,7 @@ def simulate_closed_loop_batch(
     if not ours:
         asked["y_ref0"] = y_ref0
 
-    def loop(i: int, times: Array | None = None) -> ClosedLoop:
+    def loop(i: int) -> ClosedLoop:
         given: dict[str, Any] = dict(asked)
         if given.get("y_ref0") is not None:
             given["y_ref0"] = entry(references, i)
@@ -221,20 +220,25 @@ def simulate_closed_loop_batch(
             reference=entry(followed, i),
             quantization=quantization,
             observer=entry(observers, i) if observers else None,
-            t_eval=times,
             slowest=slowest,
             progress=False,
             **given,
         )
 
     every, workers = every_of(save), check_threads(threads)
+
+    def numbers(i: int) -> dict[str, Any]:
+        run = loop(i)
+        if room is not None:
+            keep(room, i, run)
+        return numbers_of(run, float(within), every)
+
     resolution = check_not_negative("quantization", quantization)
     specs = [spec for several in forces for spec in several]
     with ProgressBar(progress) as bar:
-        if noisy or not ours:
+        if noisy or not ours or room is not None:
             check_starts(states)
-            of = functools.partial(numbers_of, within=float(within), every=every)
-            found = columns_of(outcomes(loop, n, workers, of, bar.report), every)
+            found = columns_of(outcomes(numbers, n, workers, bar.report), every)
         else:
             rows = [] if reference is None else references_of(followed, ticking, span, n)
             with listening(specs, threads=True) as ear:
@@ -278,7 +282,4 @@ def simulate_closed_loop_batch(
         "controllers": [described(it) for it in ticking[:MAX_DESCRIBED]],
         "n_controllers": len(ticking),
     }
-    batch = ClosedLoopBatch(**found, config=config)
-    if room is None:
-        return batch
-    return sampled(batch, room, lambda i: loop(i, room[0]), workers)
+    return ClosedLoopBatch(**found | ({} if room is None else columns_at(room)), config=config)

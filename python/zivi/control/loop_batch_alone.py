@@ -1,4 +1,4 @@
-"""Loops of a batch that run one by one: with noise, or with controllers of the user."""
+"""Loops of a batch that run one by one: with noise, at given times, with controllers of users."""
 
 from __future__ import annotations
 
@@ -63,20 +63,19 @@ def copied(controller: Any, i: int) -> Any:
 
 
 def outcomes(
-    loop: Callable[[int], ClosedLoop],
+    numbers: Callable[[int], dict[str, Any]],
     n: int,
     threads: int,
-    of: Callable[[ClosedLoop], dict[str, Any]],
     report: Callable[[int, int], None] | None,
 ) -> list[dict[str, Any]]:
-    """Run the loops and keep what is asked of each."""
+    """Run the loops on threads, and keep the numbers of each."""
     pool = ThreadPoolExecutor(threads)
     found: list[dict[str, Any]] = []
     try:
         with warnings.catch_warnings():
             # the batch has said already what differs
             warnings.simplefilter("ignore", ModelWarning)
-            for result in pool.map(lambda i: of(loop(i)), range(n)):
+            for result in pool.map(numbers, range(n)):
                 found.append(result)
                 if report is not None:
                     report(len(found), n)

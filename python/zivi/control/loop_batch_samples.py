@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
-import warnings
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.base.warnings import ModelWarning
-from zivi.control.loop_batch_result import ClosedLoopBatch
 from zivi.control.loop_run import ClosedLoop
+from zivi.control.loop_samples import restrict
 from zivi.simulation.run import times_within
 
-__all__ = ["room_for", "sampled"]
+__all__ = ["columns_at", "keep", "room_for"]
 
 QUANTITIES = ("x", "xdot", "x_ref", "u")
 """What is kept of each loop."""
@@ -41,33 +36,17 @@ def room_for(
         ) from None
 
 
-def sampled(
-    batch: ClosedLoopBatch,
-    room: tuple[Array, Array],
-    loop: Callable[[int], ClosedLoop],
-    threads: int,
-) -> ClosedLoopBatch:
-    """Fill the room from the loops, each run once more alone, and give it to the batch."""
+def keep(room: tuple[Array, Array], i: int, run: ClosedLoop) -> None:
+    """Put the states of a loop at the times into its rows."""
     times, rows = room
+    there = restrict(run, times)
+    for row, name in zip(rows, QUANTITIES, strict=True):
+        values = getattr(there, name)
+        if values is not None:
+            row[i, : len(there.t)] = values
 
-    def fill(i: int) -> None:
-        run = loop(i)
-        for row, name in zip(rows, QUANTITIES, strict=True):
-            values = getattr(run, name)
-            if values is not None:
-                row[i, : len(run.t)] = values
 
-    pool = ThreadPoolExecutor(threads)
-    try:
-        with warnings.catch_warnings():
-            # the batch has said already what differs
-            warnings.simplefilter("ignore", ModelWarning)
-            for _ in pool.map(fill, range(len(batch))):
-                pass
-    finally:
-        # after an error or Ctrl-C only the loops that run are awaited
-        pool.shutdown(cancel_futures=True)
-    x, xdot, x_ref, u = rows
-    return dataclasses.replace(
-        batch, sample_t=times, sample_x=x, sample_xdot=xdot, sample_x_ref=x_ref, sample_u=u
-    )
+def columns_at(room: tuple[Array, Array]) -> dict[str, Array]:
+    """Name what was kept of the loops."""
+    times, rows = room
+    return {"sample_t": times} | dict(zip((f"sample_{it}" for it in QUANTITIES), rows, strict=True))
