@@ -37,21 +37,25 @@ from zivi.control.loop_batch_alone import (
 from zivi.control.loop_batch_arguments import (
     common,
     entry,
-    every_of,
     forces_of,
     observers_of,
     on_walls,
     placed,
     references_of,
     several,
-    states_of,
 )
 from zivi.control.loop_batch_result import ClosedLoopBatch
-from zivi.control.loop_batch_samples import columns_at, keep, room_for
 from zivi.control.loop_reference import Reference, check_reference, describe_reference
+from zivi.control.loop_samples import QUANTITIES, keep
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
-from zivi.simulation.batch_arguments import check_threads
+from zivi.simulation.batch_arguments import (
+    check_threads,
+    every_of,
+    room_for,
+    states_of,
+    times_of,
+)
 from zivi.simulation.batch_result import MAX_DESCRIBED
 from zivi.simulation.describe import describe, describe_system
 from zivi.simulation.impacts import SLOWEST, check_slowest
@@ -192,7 +196,8 @@ def simulate_closed_loop_batch(
     n = common(lists)
     noisy = any(it != (0.0, 0.0) for it in deviations)
     seeds = seeds_of(seed, n) if noisy or seed is not None else []
-    room = room_for(t_eval, save, span, n)
+    times = None if t_eval is None else times_of(t_eval, save, span)
+    rows = None if times is None else room_for(len(QUANTITIES), n, len(times))
     if y_ref0 is not None and ours:
         ticking = placed(ticking, references, n)
     forces = forces_of(plants, force_model, force_ref)
@@ -225,22 +230,22 @@ def simulate_closed_loop_batch(
             **given,
         )
 
-    every, workers = every_of(save), check_threads(threads)
+    every, workers = every_of(save, ("final",)) or 0, check_threads(threads)
 
     def numbers(i: int) -> dict[str, Any]:
         run = loop(i)
-        if room is not None:
-            keep(room, i, run)
+        if times is not None and rows is not None:
+            keep(rows[:, i], run, times)
         return numbers_of(run, float(within), every)
 
     resolution = check_not_negative("quantization", quantization)
     specs = [spec for several in forces for spec in several]
     with ProgressBar(progress) as bar:
-        if noisy or not ours or room is not None:
+        if noisy or not ours or rows is not None:
             check_starts(states)
             found = columns_of(outcomes(numbers, n, workers, bar.report), every)
         else:
-            rows = [] if reference is None else references_of(followed, ticking, span, n)
+            given = [] if reference is None else references_of(followed, ticking, span, n)
             with listening(specs, threads=True) as ear:
                 record = _zivi.simulate_closed_loop_batch(
                     ticking,
@@ -256,7 +261,7 @@ def simulate_closed_loop_batch(
                     every=every,
                     slowest=slowest,
                     threads=workers,
-                    references=rows,
+                    references=given,
                     progress=bar.report,
                 )
             tell(ear, record.status)
@@ -278,8 +283,11 @@ def simulate_closed_loop_batch(
         "within": float(within),
         **described_observer(observers[0] if observers else None),
         "save": save if isinstance(save, str) else int(save),
-        **({} if room is None else {"t_eval": room[0].tolist()}),
+        **({} if times is None else {"t_eval": times.tolist()}),
         "controllers": [described(it) for it in ticking[:MAX_DESCRIBED]],
         "n_controllers": len(ticking),
     }
-    return ClosedLoopBatch(**found | ({} if room is None else columns_at(room)), config=config)
+    if rows is not None:
+        found |= {"sample_t": times}
+        found |= dict(zip((f"sample_{it}" for it in QUANTITIES), rows, strict=True))
+    return ClosedLoopBatch(**found, config=config)

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 import zivi._zivi as _zivi
-from zivi.base.check import Array, real_array, whole
+from zivi.base.check import Array
 from zivi.control.loop_arguments import check_observer, on_wall
 from zivi.control.loop_reference import rows_of
 from zivi.control.observer import ImpactObserver
@@ -20,14 +17,12 @@ from zivi.system.mass import ImpactSystem, force_spec, in_wall_frame
 __all__ = [
     "common",
     "entry",
-    "every_of",
     "forces_of",
     "observers_of",
     "on_walls",
     "placed",
     "references_of",
     "several",
-    "states_of",
 ]
 
 
@@ -50,14 +45,6 @@ def several(name: str, things: Any) -> list[Any]:
     if not found:
         raise ValueError(f"{name} must hold at least one")
     return found
-
-
-def states_of(name: str, value: ArrayLike) -> Array:
-    """Return states as rows."""
-    rows = np.atleast_2d(real_array(name, value))
-    if rows.ndim != 2 or rows.shape[1] != 2:
-        raise ValueError(f"{name} must have shape (n, 2) or (2,), got {np.shape(value)}")
-    return rows
 
 
 def common(lists: dict[str, Any]) -> int:
@@ -119,15 +106,3 @@ def forces_of(
         for i, spec in enumerate(specs):
             check_native(spec, f"the force of {name} {i}")
     return own, models, references
-
-
-def every_of(save: Any) -> int:
-    """Return the number of samples from one that is saved to the next, 0 if none is."""
-    if save == "final":
-        return 0
-    if isinstance(save, str):
-        raise ValueError(f"save must be 'final' or a number of samples >= 1, got {save!r}")
-    every = whole("save", save)
-    if every < 1:
-        raise ValueError(f"save must be a number of samples >= 1, got {every}")
-    return every

@@ -9,7 +9,10 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.control.loop_run import ClosedLoop
 
-__all__ = ["ended_by_event", "restrict"]
+__all__ = ["QUANTITIES", "ended_by_event", "keep", "restrict"]
+
+QUANTITIES = ("x", "xdot", "x_ref", "u")
+"""What a batch keeps of each loop at given times."""
 
 
 def restrict(run: ClosedLoop, times: Array) -> ClosedLoop:
@@ -17,6 +20,15 @@ def restrict(run: ClosedLoop, times: Array) -> ClosedLoop:
     if run._span is None:
         return run
     return run._resampled(times[times <= run._span[1]])
+
+
+def keep(rows: Array, run: ClosedLoop, times: Array) -> None:
+    """Put the quantities of a loop of a batch at `times` into their rows."""
+    there = restrict(run, times)
+    for row, name in zip(rows, QUANTITIES, strict=True):
+        values = getattr(there, name)
+        if values is not None:
+            row[: len(there.t)] = values
 
 
 def ended_by_event(run: ClosedLoop, h: float) -> ClosedLoop:

@@ -14,18 +14,21 @@ from zivi.base.check import Array
 from zivi.base.compiled import listening, tell
 from zivi.base.progress import ProgressBar
 from zivi.simulation.argument_hints import check_method
-from zivi.simulation.batch_arguments import check_threads, every_of, states_of, systems_of
+from zivi.simulation.batch_arguments import check_threads, every_of, states_for, systems_of
 from zivi.simulation.batch_result import MAX_DESCRIBED, Batch
 from zivi.simulation.batch_samples import sampled, sampling_of
 from zivi.simulation.describe import describe, describe_system
 from zivi.simulation.impacts import IMPACT, SLOWEST, check_slowest, rows_of_events, rows_of_impacts
 from zivi.simulation.mechanical_batch import MechanicalBatch, mechanical_batch
-from zivi.simulation.methods import Method
+from zivi.simulation.methods import Method, SwitchedRK
 from zivi.simulation.run import DEFAULT_METHOD, pair, times_within
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["Batch", "simulate_batch"]
+
+SAVES = ("final", "statistics", "events", "grazing")
+"""What can be kept of each run, beside samples."""
 
 
 @overload
@@ -137,9 +140,11 @@ def simulate_batch(
         times = None if t_eval is None else times_within(t_eval, span)
         return mechanical_batch(systems, span, y0, method, times, save, slowest, workers, progress)
     several = systems_of(systems)
-    states = states_of(y0, len(several))
+    states = states_for(y0, len(several))
     check_method(method)
-    every = every_of(save, method)
+    every = every_of(save, SAVES)
+    if every is not None and isinstance(method, SwitchedRK):
+        raise ValueError(f"save={every} needs a method of fixed steps, got {method!r}")
     sampling = sampling_of(t_eval, save, span, method, len(states))
     workers = check_threads(threads)
     specs = [system._spec for system in several]

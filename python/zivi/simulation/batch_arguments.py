@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,14 +11,22 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array, whole
-from zivi.simulation.methods import Method, SwitchedRK
+from zivi.simulation.run import times_within
 from zivi.system.mass import ImpactSystem
 from zivi.system.table import refuse_tables
 
-__all__ = ["check_native", "check_threads", "every_of", "states_of", "systems_of"]
+__all__ = [
+    "check_native",
+    "check_threads",
+    "every_of",
+    "room_for",
+    "states_for",
+    "states_of",
+    "systems_of",
+    "times_of",
+]
 
 MAX_THREADS = 1024
-SAVES = ("final", "statistics", "events", "grazing")
 
 
 def systems_of(systems: Any) -> list[ImpactSystem]:
@@ -53,13 +63,19 @@ def check_threads(threads: int | None) -> int:
     return workers
 
 
-def states_of(y0: ArrayLike, n_systems: int) -> Array:
-    """Return initial states as rows."""
-    states = real_array("y0", y0)
-    if states.shape == (2,):
+def states_of(name: str, value: ArrayLike) -> Array:
+    """Return states as rows."""
+    rows = np.atleast_2d(real_array(name, value))
+    if rows.ndim != 2 or rows.shape[1] != 2:
+        raise ValueError(f"{name} must have shape (n, 2) or (2,), got {np.shape(value)}")
+    return rows
+
+
+def states_for(y0: ArrayLike, n_systems: int) -> Array:
+    """Return the initial states of the runs of some systems as rows."""
+    states = states_of("y0", y0)
+    if np.ndim(y0) == 1:
         states = np.tile(states, (n_systems, 1))
-    if states.ndim != 2 or states.shape[1] != 2:
-        raise ValueError(f"y0 must have shape (n, 2) or (2,), got {states.shape}")
     if n_systems not in (1, len(states)):
         raise ValueError(
             f"y0 must have a row for each of the {n_systems} systems, got {len(states)}"
@@ -67,16 +83,34 @@ def states_of(y0: ArrayLike, n_systems: int) -> Array:
     return np.ascontiguousarray(states)
 
 
-def every_of(save: Any, method: Method) -> int | None:
-    """Return the number of samples from one that is saved to the next, if any is."""
+def every_of(save: Any, names: Sequence[str]) -> int | None:
+    """Return the number of samples from one that is saved to the next, None for one of `names`."""
     if isinstance(save, str):
-        if save not in SAVES:
-            names = ", ".join(repr(name) for name in SAVES)
-            raise ValueError(f"save must be one of {names} or a number of samples, got {save!r}")
+        if save not in names:
+            told = " or ".join(repr(name) for name in names)
+            told = told if len(names) == 1 else f"one of {told.replace(' or ', ', ')}"
+            raise ValueError(f"save must be {told} or a number of samples >= 1, got {save!r}")
         return None
     every = whole("save", save)
     if every < 1:
         raise ValueError(f"save must be a number of samples >= 1, got {every}")
-    if isinstance(method, SwitchedRK):
-        raise ValueError(f"save={every} needs a method of fixed steps, got {method!r}")
     return every
+
+
+def times_of(t_eval: Any, save: Any, span: tuple[float, float]) -> Array:
+    """Return the times at which states are kept, which nothing else can be then."""
+    if save != "final":
+        raise ValueError(f"t_eval goes with save='final' only, got save={save!r}")
+    return times_within(t_eval, span)
+
+
+def room_for(quantities: int, n: int, times: int, *more: int) -> Array:
+    """Make room for quantities of `n` runs at some times, all NaN."""
+    try:
+        return np.full((quantities, n, times, *more), np.nan)
+    except (MemoryError, ValueError):
+        size = 8e-9 * quantities * n * times * math.prod(more)
+        raise MemoryError(
+            f"y0 gives {n} runs, t_eval {times} samples of each: {size:.3f} GB do not fit into "
+            "memory; ask for fewer times, or compute fewer runs at a time"
+        ) from None

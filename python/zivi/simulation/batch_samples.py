@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array
+from zivi.simulation.batch_arguments import room_for, times_of
 from zivi.simulation.batch_result import Batch
 from zivi.simulation.methods import SwitchedRK
-from zivi.simulation.run import times_within
 from zivi.system.mass import ImpactSystem
 
 __all__ = ["Sampling", "sampled", "sampling_of"]
@@ -33,7 +33,7 @@ class Sampling:
     steps : ndarray of int or None
         The numbers of these.
     rows : ndarray or None
-        Room for the distances and for the velocities of all runs, of shape (2, runs, times).
+        Room for the distances and for the velocities of all runs, of shape (2, runs, times), NaN.
     """
 
     times: Array | None = None
@@ -47,17 +47,8 @@ def sampling_of(t_eval: Any, save: Any, span: tuple[float, float], method: Any, 
     """Find what is to be kept for the states at given times."""
     if t_eval is None:
         return Sampling()
-    if save != "final":
-        raise ValueError(f"t_eval goes with save='final' only, got save={save!r}")
-    times = times_within(t_eval, span)
-    try:
-        rows = np.empty((2, n, len(times)))
-    except (MemoryError, ValueError):
-        raise MemoryError(
-            f"y0 gives {n} runs, t_eval {len(times)} samples of each: "
-            f"{16e-9 * n * len(times):.3f} GB do not fit into memory; ask for fewer times, or "
-            "compute fewer runs at a time"
-        ) from None
+    times = times_of(t_eval, save, span)
+    rows = room_for(2, n, len(times))
     if isinstance(method, SwitchedRK):
         return Sampling(times, at=times, rows=rows)
     t = _zivi.grid_times(*span, method.h, 1)
@@ -72,7 +63,6 @@ def sampled(
     """Give the batch the states at the times of `how`, NaN after the ends of its runs."""
     assert how.times is not None
     assert how.rows is not None
-    how.rows.fill(np.nan)
     x, xdot = how.rows
     if how.knots is None:
         width = record.samples_x.shape[1]  # less where all runs ended early

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from zivi.base.check import Array, real_array
 from zivi.base.progress import ProgressBar
+from zivi.simulation.batch_arguments import room_for
 from zivi.simulation.mechanical_batch_result import NUMBERS, MechanicalBatch
 from zivi.simulation.mechanical_run import (
     Asked,
@@ -59,7 +60,7 @@ def mechanical_batch(
     check_mechanical_method(method)
     q, qdot = _states(y0, len(several))
     several = several * len(q) if len(several) == 1 else several
-    samples = None if times is None else _room(q.shape, len(times))
+    samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
     tasks = [
         (system, Asked(span, a, b, None, _knots(system, method, span), [], True))
         for system, a, b in zip(several, q, qdot, strict=True)
@@ -86,19 +87,6 @@ def _knots(system: MechanicalSystem, method: Any, span: tuple[float, float]) -> 
     """Give the knots of the tables of a system, where the method steps onto them."""
     knots = system._breaks(span)
     return knots if method._takes_tstops else np.empty(0)
-
-
-def _room(shape: tuple[int, ...], count: int) -> Array:
-    """Make room for the samples of all runs, NaN until they are reached."""
-    runs, n = shape
-    try:
-        return np.full((2, runs, count, n), np.nan)
-    except (MemoryError, ValueError):
-        raise MemoryError(
-            f"y0 gives {runs} runs, t_eval {count} samples of each: "
-            f"{16e-9 * runs * count * n:.3f} GB do not fit into memory; ask for fewer times, or "
-            "compute fewer runs at a time"
-        ) from None
 
 
 def _computed(
