@@ -1,10 +1,11 @@
-"""Modules under the names that they had in version 0.1, which pickles of it hold."""
+"""Names of version 0.1, which its pickles hold: of modules, of attributes."""
 
 import importlib
 import sys
 from collections.abc import Mapping
+from typing import Any
 
-__all__ = ["FORMER", "hand_on"]
+__all__ = ["FORMER", "hand_on", "with_resolved_impacts"]
 
 FORMER = {
     "_complementarity": "vi.complementarity",
@@ -54,3 +55,12 @@ def hand_on(names: Mapping[str, str] = FORMER) -> None:
     """Let `import` and pickles find modules under their former names."""
     for former, name in names.items():
         sys.modules[f"zivi.{former}"] = importlib.import_module(f"zivi.{name}")
+
+
+def with_resolved_impacts(state: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Give the state of a result; version 0.1 called the impacts that were computed ``impacts``."""
+    if "resolved_impacts" in state:
+        return state
+    return {name: it for name, it in state.items() if name != "impacts"} | {
+        "resolved_impacts": state["impacts"]
+    }

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, real_array
+from zivi.base.former import with_resolved_impacts
 from zivi.base.table import Field, Table, Tabulated
 from zivi.simulation.trajectory import Trajectory
 
@@ -184,11 +185,7 @@ class Sensitivity(Tabulated):
         return self.__dict__
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # version 0.1 had the impacts that were computed under this name
-        if "resolved_impacts" not in state:
-            state = dict(state)
-            state["resolved_impacts"] = state.pop("impacts")
-        self.__dict__.update(state)
+        self.__dict__.update(with_resolved_impacts(state))
 
     @functools.cached_property
     def impacts(self) -> NDArray[np.void]:

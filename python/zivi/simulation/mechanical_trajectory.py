@@ -135,13 +135,6 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         # samples can be sent where a model cannot
         return self.__dict__ | {"_model": None, "_closer": None}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # version 0.1 had the impacts that were computed under this name
-        if "resolved_impacts" not in state:
-            state = dict(state)
-            state["resolved_impacts"] = state.pop("impacts")
-        self.__dict__.update(state)
-
     @functools.cached_property
     def trusted_until(self) -> float:
         """Time up to which the run is near the motion, the end if all of it is (s).

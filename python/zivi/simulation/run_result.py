@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, real_array, whole
 from zivi.base.extras import late
+from zivi.base.former import with_resolved_impacts
 from zivi.base.status import Status
 from zivi.base.table import Field, Tabulated
 from zivi.simulation.dense import LostPath, Path
@@ -130,6 +131,9 @@ class SampledRun(Tabulated):
 
     def _resampled(self, times: Array) -> Self:
         raise NotImplementedError
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(with_resolved_impacts(state))
 
     @functools.cached_property
     def impacts(self) -> Rows:
@@ -256,13 +260,6 @@ class MassRun(SampledRun):
         y_events: list[Array]
 
         def _table(self) -> Table: ...
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # version 0.1 had the impacts that were computed under this name
-        if "resolved_impacts" not in state:
-            state = dict(state)
-            state["resolved_impacts"] = state.pop("impacts")
-        self.__dict__.update(state)
 
     def __call__(self, t: ArrayLike) -> Array:
         """Give the state between the samples.

@@ -20,8 +20,10 @@ from zivi.base.arrays import Array
 from zivi.vi.factorisation import rows_of_sizes
 from zivi.vi.sparse_search import Search, natural_map
 
-__all__ = ["ActiveSetEnd", "active_set_newton", "places"]
+__all__ = ["SETTLED", "ActiveSetEnd", "active_set_newton", "places"]
 
+SETTLED = 2e-3
+"""Changes of the active set, of all components, from which on other methods try it."""
 _PATIENCE = 2
 """Steps whose changes of the active set are not half of those before."""
 _FAR = 1e15

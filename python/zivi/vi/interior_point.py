@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zivi.base.arrays import Array
-from zivi.vi.active_set import active_set_newton
+from zivi.vi.active_set import SETTLED, active_set_newton
 from zivi.vi.factorisation import Factors, rows_of_sizes
 from zivi.vi.sparse_search import Search, natural_map
 
@@ -29,8 +29,6 @@ _SHORT, _SHORTS = 0.1, 4
 """Steps below the one, more of them than the other in a row, end the method."""
 _CLOSE = 1e-4
 """``mu`` over the first one, below which the active set may be told."""
-_SETTLED = 2e-3
-"""Changes of the active set, of all components, from which on it is tried."""
 _HELD = 1e14
 """Diagonal of components that are fixed, relative to their row."""
 
@@ -164,7 +162,7 @@ def interior_point(
             return True
         changes = search.n if at is None else int(np.count_nonzero(now != at))
         at, wait, mu = now, wait - 1, inner.mu
-        if changes <= _SETTLED * search.n + 2 and mu <= _CLOSE * first and wait <= 0:
+        if changes <= SETTLED * search.n + 2 and mu <= _CLOSE * first and wait <= 0:
             if active_set_newton(search, bounded, F, M, patience=1).solved:
                 return True
             wait = 4

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zivi.base.arrays import Array
-from zivi.vi.active_set import active_set_newton, places
+from zivi.vi.active_set import SETTLED, active_set_newton, places
 from zivi.vi.factorisation import rows_of_sizes
 from zivi.vi.sparse_search import Search
 
@@ -37,8 +37,6 @@ _SHORT, _RISE, _RISES = 0.2, 10.0, 4
 """Where the step is shorter, `mu` was too small to begin with: it is raised, a few times."""
 _LEAST_SLOPE = 1e-14
 _LEAST_MU = 1e-16
-_SETTLED = 2e-3
-"""Changes of the active set, of all components, from which on it is tried."""
 _SLOW = 25
 """Iterations without a smaller `mu` or a much smaller ``|H|``, after which it is given up."""
 
@@ -204,7 +202,7 @@ class _Smoothing:
     def run(self, limit: int) -> bool:
         """Go on until a solution is found; False where that fails."""
         search = self.search
-        settled = _SETTLED * search.n + 2
+        settled = SETTLED * search.n + 2
         wait, at, least, since = 0, None, np.inf, 0
         for _ in range(limit):
             mu, size = self.mu, self.point.size
