@@ -83,7 +83,8 @@ from zivi.study import Design, Study, grid, open_study, points, sample, sweep
 from zivi.system.friction import DryFriction
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
-from zivi.system.linear import Harmonic, LinearSystem
+from zivi.system.linear import LinearSystem
+from zivi.system.loads import Harmonic
 from zivi.system.mass import ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parametric import ParametricForce

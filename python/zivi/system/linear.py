@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, TypeAlias, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,56 +14,12 @@ from zivi.base.check import Array, finite, real_array, whole
 from zivi.system.assemble import assembled
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.layout import Layout
+from zivi.system.loads import Excitation, Harmonic, parts_of, projected
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.table import Table, declared_breaks
 from zivi.system.wall import MovingWall
 
-__all__ = ["Excitation", "Harmonic", "LinearSystem"]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Harmonic:
-    r"""A harmonic load, :math:`p \cos(\omega t + \varphi)`.
-
-    Parameters
-    ----------
-    amplitude : array_like
-        :math:`p`, a force for each coordinate, shape (n,).
-    omega : float
-        :math:`\omega` (rad/s).
-    phase : float
-        :math:`\varphi` (rad).
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite.
-
-    Examples
-    --------
-    >>> zivi.Harmonic([0.0, 2.0], 3.0)
-    Harmonic(amplitude=[0.0, 2.0], omega=3.0, phase=0.0)
-    """
-
-    amplitude: ArrayLike
-    omega: float
-    phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        amplitude = np.atleast_1d(real_array("amplitude", self.amplitude))
-        if amplitude.ndim != 1 or not np.all(np.isfinite(amplitude)):
-            raise ValueError(f"amplitude must be a finite vector, got {amplitude.tolist()}")
-        object.__setattr__(self, "amplitude", amplitude)
-        for name in ("omega", "phase"):
-            object.__setattr__(self, name, finite(name, getattr(self, name)))
-
-    def __repr__(self) -> str:
-        amplitude = np.asarray(self.amplitude).tolist()
-        return f"Harmonic(amplitude={amplitude}, omega={self.omega}, phase={self.phase})"
-
-
-Excitation: TypeAlias = "ArrayLike | Harmonic | Table | Sequence[ArrayLike | Harmonic | Table]"
-"""A constant load (n,), a `Harmonic`, a `Table` of shape (k, n), or several of them."""
+__all__ = ["LinearSystem"]
 
 
 class LinearSystem(MechanicalSystem):
@@ -143,7 +99,7 @@ class LinearSystem(MechanicalSystem):
         zero = np.zeros((n, n))
         matrices = mass, zero if C is None else _square("C", C, n), _square("K", K, n)
         shapes = None if modes is None else _lowest(matrices[0], matrices[2], modes)
-        self._set(matrices, _parts(excitation, n), _linear_gaps(gaps), e, coordinates, shapes)
+        self._set(matrices, parts_of(excitation, n), _linear_gaps(gaps), e, coordinates, shapes)
 
     def _set(
         self,
@@ -159,7 +115,7 @@ class LinearSystem(MechanicalSystem):
         if shapes is not None:
             mass, damping, stiffness = (shapes.T @ it @ shapes for it in matrices)
             matrices = mass, damping, stiffness
-            parts = tuple(_projected(part, shapes) for part in parts)
+            parts = tuple(projected(part, shapes) for part in parts)
             gaps = tuple(
                 LinearGap(gap.normal @ shapes, gap.offset, gap.motion, gap.name) for gap in gaps
             )
@@ -226,17 +182,17 @@ class LinearSystem(MechanicalSystem):
                 f"shapes must be finite, a column for each of {r} modes, got {at.shape}"
             )
         points = len(at)
-        parts = tuple(_projected(part, at) for part in _parts(excitation, points))
-        projected = []
+        parts = tuple(projected(part, at) for part in parts_of(excitation, points))
+        at_points = []
         for gap in _linear_gaps(gaps):
             if gap.normal.shape != (points,):
                 raise ValueError(
                     f"normals of gaps must have a number for each of {points} points, "
                     f"got {gap.normal.tolist()}"
                 )
-            projected.append(LinearGap(gap.normal @ at, gap.offset, gap.motion, gap.name))
+            at_points.append(LinearGap(gap.normal @ at, gap.offset, gap.motion, gap.name))
         system = cls.__new__(cls)
-        system._set(matrices, parts, tuple(projected), e, None, None)
+        system._set(matrices, parts, tuple(at_points), e, None, None)
         system.shapes = None if shapes is None else at
         return system
 
@@ -365,42 +321,6 @@ def _square(name: str, given: Any, n: int | None = None) -> Array:
     if not np.all(np.isfinite(matrix)):
         raise ValueError(f"{name} must be finite")
     return matrix
-
-
-def _parts(excitation: Any, n: int) -> tuple[Array | Harmonic | Table, ...]:
-    """Read the parts of a load and check their sizes."""
-    if excitation is None:
-        return ()
-    named = (Harmonic, Table)
-    several = isinstance(excitation, list | tuple) and any(
-        isinstance(it, named) or np.ndim(it) > 0 for it in excitation
-    )
-    parts: list[Array | Harmonic | Table] = []
-    for part in excitation if several else [excitation]:
-        if isinstance(part, Harmonic):
-            size: tuple[int, ...] = np.shape(part.amplitude)
-        elif isinstance(part, Table):
-            size = (part.width or 1,)
-        else:
-            part = np.atleast_1d(real_array("excitation", part))
-            if not np.all(np.isfinite(part)):
-                raise ValueError(f"excitation must be finite, got {part.tolist()}")
-            size = part.shape
-        if size != (n,):
-            raise ValueError(f"excitation must have a number for each of {n} loads, got {part!r}")
-        parts.append(part)
-    return tuple(parts)
-
-
-def _projected(part: Array | Harmonic | Table, shapes: Array) -> Array | Harmonic | Table:
-    """Give the modal load of a part."""
-    if isinstance(part, Harmonic):
-        return dataclasses.replace(part, amplitude=shapes.T @ np.asarray(part.amplitude))
-    if isinstance(part, Table):
-        values = part.values.reshape(len(part.times), -1) @ shapes
-        return Table(part.times, values, part.kind, part.extend)
-    projected: Array = shapes.T @ part
-    return projected
 
 
 def _linear_gaps(gaps: Any) -> tuple[LinearGap, ...]:

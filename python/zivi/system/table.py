@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
+from zivi.system.table_columns import column, is_number, of_pandas
 
 __all__ = ["Table", "TableMotion", "declared_breaks", "motion_of", "refuse_tables"]
 
@@ -88,7 +89,7 @@ class Table:
         scale: float = 1.0,
     ) -> None:
         if values is None:
-            times, values = _of_pandas(times)
+            times, values = of_pandas(times)
         self.kind, self.extend = kind, extend
         for name, given, known in (("kind", kind, KINDS), ("extend", extend, EXTENDS)):
             if given not in known:
@@ -161,19 +162,19 @@ class Table:
         """
         with open(path, newline="", encoding="utf-8-sig") as file:
             first = [it.strip() for it in next(csv.reader(file, delimiter=delimiter), [])]
-        header = not all(_is_number(it) for it in first)
+        header = not all(is_number(it) for it in first)
         names: list[str] = first if header else []
         data = np.loadtxt(
             path, delimiter=delimiter, skiprows=int(header), ndmin=2, encoding="utf-8-sig"
         )
-        at = _column("time", time, names, data.shape[1])
+        at = column("time", time, names, data.shape[1])
         if columns is None:
             rest = [k for k in range(data.shape[1]) if k != at]
             chosen: list[int] | int = rest[0] if len(rest) == 1 else rest
         elif isinstance(columns, list | tuple):
-            chosen = [_column("columns", it, names, data.shape[1]) for it in columns]
+            chosen = [column("columns", it, names, data.shape[1]) for it in columns]
         else:
-            chosen = _column("columns", columns, names, data.shape[1])
+            chosen = column("columns", columns, names, data.shape[1])
         return cls(data[:, at], data[:, chosen], **settings)
 
     @property
@@ -345,21 +346,6 @@ def _times(given: Any) -> Array:
     return times
 
 
-def _of_pandas(series: Any) -> tuple[Any, Any]:
-    """Read index and columns of a Series or a DataFrame."""
-    if not (hasattr(series, "index") and hasattr(series, "to_numpy")):
-        raise TypeError("values must be given, unless times is a pandas.Series or DataFrame")
-    index = series.index
-    if hasattr(index, "total_seconds"):
-        return index.total_seconds().to_numpy(), series.to_numpy()
-    if hasattr(index, "tz_localize"):
-        raise TypeError(
-            "times must be seconds, got dates: series.index - series.index[0] has the time since "
-            "the first one"
-        )
-    return index.to_numpy(), series.to_numpy()
-
-
 def _powers(times: Array, values: Array, kind: str, periodic: bool) -> Array:
     """Give the coefficients of each interval, constant first, shape (order, k - 1, n)."""
     if kind == "hold":
@@ -380,23 +366,3 @@ def _powers(times: Array, values: Array, kind: str, periodic: bool) -> Array:
     several = np.concatenate([values[:-1], values[:-1], values])
     found = interpolate.PchipInterpolator(around, several, axis=0).c[::-1, k : 2 * k]
     return cast("Array", found)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _column(name: str, given: Any, names: list[str], count: int) -> int:
-    """Give the place of a column."""
-    if isinstance(given, str):
-        if given not in names:
-            known = ", ".join(names) or "none: the file has no line of names"
-            raise ValueError(f"{name} must be a column of the file, got {given!r}; it has {known}")
-        return names.index(given)
-    if not -count <= given < count:
-        raise ValueError(f"{name} must be a column of the file, got {given}; it has {count}")
-    return int(given) % count
