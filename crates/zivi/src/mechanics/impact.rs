@@ -140,6 +140,9 @@ impl Impacts {
         self.count += 1;
         let exchanged = match rough {
             true => {
+                // feet of one body slip as one only where all gaps are zero
+                state.project(set, model)?;
+                state.take_slips(None);
                 state.evaluate_limits_at_rest(set, model)?;
                 self.exchange_with_friction(set, hit, state, occurrences)?
             }

@@ -112,6 +112,9 @@ impl<D> Mechanism<'_, '_, D> {
                 return Ok(false);
             }
             let hit = set.without(meanwhile.closed);
+            if !at.bounces_hold(hit, mode, self.e) {
+                return Ok(false);
+            }
             if !meanwhile.closed.is_empty() && !at.impacts_press(hit, mode)? {
                 return Ok(false);
             }
@@ -168,7 +171,7 @@ impl<D> Mechanism<'_, '_, D> {
         let rounding = self.settings.atol.map(|atol| f64::EPSILON * atol);
         let closed = self.state.move_to((t, landing.state()), mode.into(), rounding, self.model)?;
         let size = self.state.now().x.len();
-        self.state.take_slips(&landing.errors()[size..]);
+        self.state.take_slips(Some(&landing.errors()[size..]));
         Ok(closed)
     }
 }

@@ -5,7 +5,7 @@ use zivi::system::friction::FrictionalImpact;
 use zivi::{Order, Status};
 
 use crate::closed_forms::simulate;
-use crate::models::{rod, rough, slip, Parts, Rough, Row};
+use crate::models::{rod, rough, slip, Parts, Random, Rough, Row};
 
 const FINE: (Order, f64) = (Order::Eight, 1e-9);
 
@@ -51,17 +51,6 @@ fn impact(mut system: Rough, law: FrictionalImpact, before: [f64; 2]) -> After {
 /// Kinetic energy of a contact with the mobilities `D`.
 fn energy([nn, nt, tt]: [f64; 3], [g, w]: [f64; 2]) -> f64 {
     0.5 * (tt * g * g - 2.0 * nt * g * w + nn * w * w) / (nn * tt - nt * nt)
-}
-
-/// Numbers in [0, 1) from a seed.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
 }
 
 #[test]

@@ -3,5 +3,6 @@
 mod closed_forms;
 mod impacts;
 mod models;
+mod random;
 mod references;
 mod time_stepping;

@@ -113,7 +113,7 @@ pub(crate) fn of_family(family: &str, p: &Parameters) -> Rough {
         "rod" => rod(number("mu"), number("e"), number("two") != 0.0),
         "rock" => rock(["b", "h", "mu", "e", "A", "Om"].map(number)),
         "woodpecker" => woodpecker(),
-        "disc" => disc(number("mu"), number("e"), number("et")),
+        "disc" => disc(["mu", "e", "et"].map(number), [0.0; 3]),
         "feeder" => feeder(["al", "mu", "e", "A", "Om", "beta"].map(number)),
         "bowl" => bowl(number("mu"), number("e"), number("cd"), 1.0),
         other => panic!("{other}"),
@@ -153,7 +153,7 @@ pub(crate) fn belt2([k1, k2, k12, v, l1, l2, s1, s2, gam]: [f64; 9]) -> Rough {
     })
 }
 
-fn belt_stop([k, v, l, ls, d, e, a]: [f64; 7], om: f64) -> Rough {
+pub(crate) fn belt_stop([k, v, l, ls, d, e, a]: [f64; 7], om: f64) -> Rough {
     rough(1, &[None], &[e], 0.0, move |t, q, _| Parts {
         mass: vec![1.0],
         force: vec![-k * q[0] + a * (om * t).cos()],
@@ -236,14 +236,18 @@ fn woodpecker() -> Rough {
     })
 }
 
-fn disc(mu: f64, e: f64, e_t: f64) -> Rough {
+/// On a slope that vibrates along its normal.
+pub(crate) fn disc([mu, e, e_t]: [f64; 3], [al, a, om]: [f64; 3]) -> Rough {
     let r = 0.1;
-    rough(3, &[Some(0)], &[e], e_t, move |_, q, _| Parts {
-        mass: diagonal(&[1.0, 1.0, r * r / 2.0]),
-        force: vec![0.0, -G, 0.0],
-        gaps: vec![gap(q[1] - r, &[0.0, 1.0, 0.0], 0.0, 0.0)],
-        channels: vec![slip(&[1.0, 0.0, r], 0.0, 0.0)],
-        limits: vec![(mu, mu)],
+    rough(3, &[Some(0)], &[e], e_t, move |t, q, _| {
+        let (sin, cos) = (om * t).sin_cos();
+        Parts {
+            mass: diagonal(&[1.0, 1.0, r * r / 2.0]),
+            force: vec![G * al.sin(), -G * al.cos(), 0.0],
+            gaps: vec![gap(q[1] - r - a * sin, &[0.0, 1.0, 0.0], a * om * om * sin, -a * om * cos)],
+            channels: vec![slip(&[1.0, 0.0, r], 0.0, 0.0)],
+            limits: vec![(mu, mu)],
+        }
     })
 }
 
@@ -273,4 +277,19 @@ pub(crate) fn bowl(mu: f64, e: f64, cd: f64, scale: f64) -> Rough {
             limits: vec![(mu, mu)],
         }
     })
+}
+
+/// Numbers in [0, 1) from a seed.
+pub(crate) struct Random(pub(crate) u64);
+
+impl Random {
+    pub(crate) fn next(&mut self) -> f64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.next()
+    }
 }

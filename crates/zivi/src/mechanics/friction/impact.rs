@@ -26,6 +26,8 @@ use crate::Status;
 const MISFIT: (f64, f64) = (1e-11, 1e-9);
 /// Speeds after an impact that differ by less are the same.
 const SAME: f64 = 1e-9;
+/// A slip that is left so little of its terms is rounding.
+const ROUNDING: f64 = 256.0 * f64::EPSILON;
 /// An impulse below this part of what the speeds would take is none.
 const PRESSED: f64 = 1e-9;
 /// Most patterns that are tried.
@@ -182,7 +184,11 @@ impl Collision<'_> {
         let rows = kinetics.rows_of(pattern);
         let each = self.before.iter().enumerate().map(|(row, &before)| {
             if !rows.has(row) {
-                return self.free[row] + dot(kinetics.normal(row), push);
+                let (free, moved) = (self.free[row], dot(kinetics.normal(row), push));
+                // feet of one body that slip as one stop as one
+                let still = row >= kinetics.layout.m
+                    && (free + moved).abs() <= ROUNDING * (free.abs() + moved.abs());
+                return if still { 0.0 } else { free + moved };
             }
             match row.checked_sub(kinetics.layout.m) {
                 None => restored(self.e[row], before),

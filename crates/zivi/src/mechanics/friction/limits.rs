@@ -11,6 +11,7 @@
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::Limit;
 use crate::record::contact_mode::ContactMode;
+use crate::record::gap_set::GapSet;
 
 /// `det K` relative to the mobilities is zero below this.
 const REGULAR: f64 = 1e-9;
@@ -128,6 +129,41 @@ impl Kinetics {
             }
         }
         all
+    }
+
+    /// Whether impacts on the gaps `hit` keep sticking what sticks in a mode: those of flights under the
+    /// present accelerations, `P ~ K^-1 (a (1 + e)/2, -w')`, where those of the motion between them
+    /// have just been computed.
+    pub(in crate::mechanics) fn bounces_hold(
+        &mut self,
+        hit: GapSet,
+        mode: ContactMode,
+        e: &[f64],
+    ) -> bool {
+        if mode.stick.iter().all(|channel| self.gap_of(channel).is_none()) {
+            return true;
+        }
+        let (n, m) = (self.coordinates(), self.layout.m);
+        let rates = self.acceleration[n..].to_vec();
+        let hits = |row: usize| match row.checked_sub(m) {
+            None => hit.has(row),
+            Some(channel) => self.gap_of(channel).is_some_and(|gap| hit.has(gap)),
+        };
+        let right = |row: usize| match (hits(row), row < m) {
+            (false, _) => 0.0,
+            (true, true) => -0.5 * (1.0 + e[row]) * rates[row],
+            (true, false) => -rates[row],
+        };
+        let wanted: Vec<f64> = (0..self.layout.rows()).map(right).collect();
+        let Ok(edges) = self.edges(mode) else { return false };
+        let impulses = edges.solve(|row| wanted[row]);
+        let of = |row: usize| edges.rows().iter().position(|&it| it == row).map(|at| impulses[at]);
+        let largest = impulses.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        mode.stick.iter().all(|channel| {
+            let Some(gap) = self.gap_of(channel) else { return true };
+            let (pressed, pull) = (of(gap).unwrap_or(0.0), of(self.row(channel)).unwrap_or(0.0));
+            pull.abs() <= self.friction_limits(channel).0 * pressed + NONE * largest
+        })
     }
 
     /// Moves the forces of a mode to the middle of what the inequalities leave open of the one that

@@ -102,8 +102,8 @@ impl MechanicalState {
     }
 
     /// Sets the slip speeds to those of the velocities, where the system has just been evaluated; to
-    /// zero within errors of the rates.
-    pub(in crate::mechanics) fn take_slips(&mut self, errors: &[f64]) {
+    /// zero within rounding and errors of the rates.
+    pub(in crate::mechanics) fn take_slips(&mut self, errors: Option<&[f64]>) {
         let Layout { n, m, p } = self.layout;
         let (q, w) = (self.now.x[..n].to_vec(), self.now.xdot[..n].to_vec());
         for row in m..m + p {
@@ -112,7 +112,8 @@ impl MechanicalState {
             }
             let (rate, noise) =
                 (self.kinetics.rate(row, &w), self.kinetics.rounding(row, &q, &w).1);
-            let still = rate.abs() <= 4.0 * noise + STILL * errors[n + row];
+            let error = errors.map_or(0.0, |errors| STILL * errors[n + row]);
+            let still = rate.abs() <= 4.0 * noise + error;
             self.now.xdot[n + row] = if still { 0.0 } else { rate };
         }
     }
