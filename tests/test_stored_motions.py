@@ -1,7 +1,7 @@
 """Motions as plain numbers: one format, and what older versions stored.
 
-``data/stored_motions.json`` holds numbers that zivi wrote before format 3, of a mechanism also those of
-format 4, and what these versions gave between the samples of these motions.
+``data/stored_motions.json`` holds numbers that zivi wrote before format 3, of a mechanism also
+those of format 4, and what these versions gave between the samples of these motions.
 """
 
 import json
