@@ -15,7 +15,7 @@
 use super::corner_descent::{descent, CornerEntry};
 use super::corner_log::{landing, pattern, time_of_corner, CornerLog};
 use super::impact::Struck;
-use super::mechanism::{scales, Mechanism};
+use super::mechanism::{scales, slow, Mechanism};
 use super::piece::Flight;
 use super::state::MechanicalState;
 use crate::record::contact_mode::ContactMode;
@@ -24,10 +24,6 @@ use crate::record::gap_set::GapSet;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::Dynamics;
 use crate::zeno::table::Landing;
-
-/// Speeds below which a corner is reached whatever the pattern: relative to `1 + |q'|`, and in
-/// tolerances.
-const FLOOR: (f64, f64) = (1e-12, 1e-2);
 
 /// A corner ahead: the state there, and the gaps that are closed in it.
 type Corner = (Landing<Vec<f64>>, GapSet);
@@ -147,20 +143,14 @@ impl CornerApproach {
             true => Some(CornerEntry::new(set, at.state)?),
             false => None,
         };
-        let closed = at.move_to(&landing, set)?;
+        let stick = at.state.stuck_in(landing.state(), set);
+        let closed = at.move_to(&landing, ContactMode { stick, ..set.into() })?;
         let flights = match entry {
             Some(entry) => descent(&entry, slow(at.settings, at.state), at)?,
             None => Vec::new(),
         };
         Ok((flights, closed))
     }
-}
-
-/// A speed below all tolerances.
-fn slow(settings: &SwitchedRk, state: &MechanicalState) -> f64 {
-    let w = &state.now().xdot[..state.layout().n];
-    let speed = w.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-    FLOOR.0.max(FLOOR.1 * settings.rtol) * (1.0 + speed)
 }
 
 /// `L` of the gaps of a set with the forces `lambda`, times the largest of their mobilities.

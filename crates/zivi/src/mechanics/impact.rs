@@ -155,6 +155,9 @@ impl Impacts {
         let sticking =
             state.kinetics().rows_of(ContactMode { closed: GapSet::EMPTY, ..exchanged.pattern });
         state.project(set.with(sticking), model)?;
+        if rough {
+            state.take_slips(None);
+        }
         let touching: GapSet = set.iter().filter(|&i| state.gap(i).1 == 0.0).collect();
         state.settle(touching)?;
         state.refresh()?;

@@ -13,6 +13,9 @@ use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::Landing;
 
+/// Speeds below which a corner is reached whatever the pattern, and slips are none behind an
+/// accumulation: relative to `1 + |q'|`, and in tolerances.
+const FLOOR: (f64, f64) = (1e-12, 1e-2);
 /// A jump passes no other gap that is nearer than so many of its estimated errors.
 const CLEAR: f64 = 100.0;
 
@@ -40,6 +43,13 @@ pub(super) fn scales(settings: &SwitchedRk, state: &MechanicalState, of_time: f6
     };
     let (now, [atol_x, atol_v]) = (state.now(), settings.atol);
     [vec![of_time], of(&now.x, atol_x), of(&now.xdot, atol_v)].concat()
+}
+
+/// A speed below all tolerances.
+pub(super) fn slow(settings: &SwitchedRk, state: &MechanicalState) -> f64 {
+    let w = &state.now().xdot[..state.layout().n];
+    let speed = w.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+    FLOOR.0.max(FLOOR.1 * settings.rtol) * (1.0 + speed)
 }
 
 impl<D> Mechanism<'_, '_, D> {
@@ -171,7 +181,8 @@ impl<D> Mechanism<'_, '_, D> {
         let rounding = self.settings.atol.map(|atol| f64::EPSILON * atol);
         let closed = self.state.move_to((t, landing.state()), mode.into(), rounding, self.model)?;
         let size = self.state.now().x.len();
-        self.state.take_slips(Some(&landing.errors()[size..]));
+        let slow = slow(self.settings, self.state);
+        self.state.take_slips(Some((&landing.errors()[size..], slow)));
         Ok(closed)
     }
 }

@@ -31,7 +31,12 @@ impl Edges {
 
     /// `det K` relative to the product of the mobilities: positive outside of Painlevé's paradox.
     pub(in crate::mechanics) fn kappa(&self) -> f64 {
-        self.scaled.determinant()
+        // rows that follow from others are no paradox
+        if self.scaled.rank() < self.rows.len() {
+            1.0
+        } else {
+            self.scaled.determinant()
+        }
     }
 
     /// The forces, by row of the mode, that change the rates by so much.

@@ -102,8 +102,8 @@ impl MechanicalState {
     }
 
     /// Sets the slip speeds to those of the velocities, where the system has just been evaluated; to
-    /// zero within rounding and errors of the rates.
-    pub(in crate::mechanics) fn take_slips(&mut self, errors: Option<&[f64]>) {
+    /// zero within rounding, and behind an accumulation within errors of the rates and a slow speed.
+    pub(in crate::mechanics) fn take_slips(&mut self, errors: Option<(&[f64], f64)>) {
         let Layout { n, m, p } = self.layout;
         let (q, w) = (self.now.x[..n].to_vec(), self.now.xdot[..n].to_vec());
         for row in m..m + p {
@@ -112,10 +112,21 @@ impl MechanicalState {
             }
             let (rate, noise) =
                 (self.kinetics.rate(row, &w), self.kinetics.rounding(row, &q, &w).1);
-            let error = errors.map_or(0.0, |errors| STILL * errors[n + row]);
+            let error = errors.map_or(0.0, |(errors, slow)| slow.max(STILL * errors[n + row]));
             let still = rate.abs() <= 4.0 * noise + error;
             self.now.xdot[n + row] = if still { 0.0 } else { rate };
         }
+    }
+
+    /// The channels of the gaps of a set that stick in a state, `x` before `x'`: all impacts before a
+    /// corner have left them so.
+    pub(in crate::mechanics) fn stuck_in(&self, z: &[f64], set: GapSet) -> GapSet {
+        let first = z.len() / 2 + self.layout.n;
+        let stuck = |gap: usize| {
+            let channel = self.kinetics.channel_of(gap)?;
+            (z[first + self.kinetics.row(channel)] == 0.0).then_some(channel)
+        };
+        set.iter().filter_map(stuck).collect()
     }
 
     /// Notes what friction does otherwise than before.
