@@ -223,12 +223,14 @@ mod tests {
     fn what_was_written_is_read() {
         for kind in Kind::ALL {
             let numbers = written(kind);
-            assert_eq!(numbers, [4.0, kind.number(), 7.0, 2.0, 1.0, 0.5, -7.0]);
+            assert_eq!(numbers, [5.0, kind.number(), 7.0, 2.0, 1.0, 0.5, -7.0]);
             assert_eq!(read(kind, &numbers), Ok(vec![0.5, -7.0]));
-            let before = [&[3.0], &numbers[1..]].concat();
-            assert_eq!(read(kind, &before), Ok(vec![0.5, -7.0]));
-            let format = Reader::read(kind, &before, |it| it.take(4).map(|_| it.format()));
-            assert_eq!(format, Ok(3.0));
+            for form in SAME_HEADER {
+                let before = [&[form], &numbers[1..]].concat();
+                assert_eq!(read(kind, &before), Ok(vec![0.5, -7.0]));
+                let format = Reader::read(kind, &before, |it| it.take(4).map(|_| it.format()));
+                assert_eq!(format, Ok(form));
+            }
         }
     }
 
@@ -258,9 +260,9 @@ mod tests {
             numbers[k] = value;
             assert_eq!(read(Kind::Point, &numbers), Err(MotionError::Damaged), "{k}: {value}");
         }
-        let later = [5.0, 1.0, 3.0];
-        assert_eq!(read(Kind::Point, &later), Err(MotionError::Format(5.0)));
-        let message = "the stored motion has format 5, this zivi reads 4";
-        assert_eq!(MotionError::Format(5.0).to_string(), message);
+        let later = [6.0, 1.0, 3.0];
+        assert_eq!(read(Kind::Point, &later), Err(MotionError::Format(6.0)));
+        let message = "the stored motion has format 6, this zivi reads 5";
+        assert_eq!(MotionError::Format(6.0).to_string(), message);
     }
 }

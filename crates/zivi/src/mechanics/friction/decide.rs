@@ -168,11 +168,11 @@ fn chosen<E>(candidates: Vec<Candidate>) -> Result<ContactMode, Failure<E>> {
     best.map(|best| best.mode).ok_or(Failure::Status(Status::InconsistentContact))
 }
 
-/// Whether a candidate moves as the first admissible one does.
+/// Whether a candidate moves as the first admissible one does, to rounding of what all of them do.
 fn same(it: &Candidate, candidates: &[Candidate], allowed: f64) -> bool {
     let Some(first) = candidates.iter().find(|it| it.violation <= allowed) else { return true };
-    let largest = it.acceleration.iter().chain(&first.acceleration);
-    let scale = largest.fold(0.0_f64, |a, b| a.max(b.abs()));
+    let all = candidates.iter().flat_map(|it| &it.acceleration);
+    let scale = all.fold(0.0_f64, |a, b| a.max(b.abs()));
     let pairs = it.acceleration.iter().zip(&first.acceleration);
     pairs.into_iter().all(|(a, b)| (a - b).abs() <= SAME * scale)
 }
