@@ -55,7 +55,7 @@ class Problem:
 
     def python_force(self) -> Callable[[float, float, float], float]:
         """Write the force as a user's function ``f(t, x, xdot)``."""
-        k, c, g, a, omega, phase = dataclasses.astuple(self.force)
+        k, c, g, a, omega, phase = dataclasses.astuple(self.force)[:6]
         cos = math.cos
 
         def force(t: float, x: float, xdot: float) -> float:

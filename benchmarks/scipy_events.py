@@ -48,7 +48,7 @@ floor.direction = -1.0  # type: ignore[attr-defined]
 
 def field(problem: Problem) -> Field:
     """Write the right-hand side as a user's function of plain Python."""
-    k, c, g, a, omega, phase = dataclasses.astuple(problem.force)
+    k, c, g, a, omega, phase = dataclasses.astuple(problem.force)[:6]
     cos = math.cos
 
     def rhs(t: float, y: Any) -> tuple[float, float]:
@@ -64,7 +64,7 @@ def compiled_field(problem: Problem) -> Field | None:
         import numba
     except ImportError:
         return None
-    k, c, g, a, omega, phase = dataclasses.astuple(problem.force)
+    k, c, g, a, omega, phase = dataclasses.astuple(problem.force)[:6]
 
     @numba.njit("float64[:](float64, float64[:])")
     def rhs(t: float, y: Any) -> Any:

@@ -50,7 +50,7 @@ class Problem:
     def run(self):
         if self.family != "mechanism":
             return zivi.simulate(self.system, self.span, self.state, self.method)
-        k, c, g, a, omega, _ = dataclasses.astuple(self.force)
+        k, c, g, a, omega, _ = dataclasses.astuple(self.force)[:6]
 
         def force(t, q, qdot):
             return -k * q - c * qdot - g + a * np.cos(omega * t)

@@ -174,7 +174,7 @@ impl Impacts {
         let all_bounce = hit.without(exchanged.positive).is_empty() && touched.is_empty();
         let changes_contacts = closed != before;
         // other laws make ratios of their own
-        let kicks = state.mode() != mode || !newton;
+        let kicks = (!changes_contacts && state.mode() != mode) || !newton;
         state.note_transitions(mode, occurrences);
         let pattern = exchanged.pattern;
         let elastic = |c: usize| self.friction.channels[c].e_t > 0.0;
