@@ -136,13 +136,16 @@ impl Accumulation {
         state.settle(set)?;
         state.refresh()?;
         let t = state.now().t;
+        let is_corner =
+            |gaps: GapSet| !self.corner.may_be_of_one_gap() || gaps.without(before).len() > 1;
+        let corner = into.is_some_and(is_corner);
         if into.is_some() {
             self.corner.clear();
         } else if self.chain.is_forced() {
             let (kind, gaps) = (FlagKind::ForcedLanding, set.without(before));
             occurrences.push(Occurrence::Flag { kind, t, gaps, size: 0.0 });
         }
-        if into.is_some_and(|gaps| gaps.without(before).len() > 1) {
+        if corner {
             occurrences.push(Occurrence::Corner { t, gaps: set });
         } else {
             let zeno = |gap| Occurrence::Zeno { t, gap, closed: set };

@@ -48,6 +48,11 @@ impl CornerApproach {
         self.changed = true;
     }
 
+    /// Whether friction gives the impacts of one gap a ratio of their own, so that it may come to rest alone.
+    pub(super) fn may_be_of_one_gap(&self) -> bool {
+        self.log.fewest() == 1
+    }
+
     /// Appends an impact, after which the state is that.
     pub(super) fn note(&mut self, struck: &Struck, state: &MechanicalState) {
         self.log.note_kick(struck.kicks || self.changed);
@@ -126,7 +131,8 @@ impl CornerApproach {
             return Ok(None);
         }
         let z = state.without_speeds(set)?;
-        let end = time_of_corner(&self.log.openings).or_else(|| time_of_corner(&self.log.impacts));
+        let of = |marks| time_of_corner(marks, fewest);
+        let end = of(&self.log.openings).or_else(|| of(&self.log.impacts));
         let now = state.now().t;
         let t = end.map_or(now, |end| end.max(now));
         Ok(Some((Landing::new(t, &[&[0.0], &z[..]].concat(), 0.0), set)))

@@ -112,8 +112,8 @@ fn of_last_phase(marks: &[Mark], p: usize) -> Option<(Vec<&Mark>, f64)> {
 }
 
 /// The sum of the geometric series of the times: where the corner is, without the state.
-pub(super) fn time_of_corner(marks: &[Mark]) -> Option<f64> {
-    let (p, _) = pattern(marks, 1)?;
+pub(super) fn time_of_corner(marks: &[Mark], fewest: usize) -> Option<f64> {
+    let (p, _) = pattern(marks, fewest)?;
     let (phase, r) = of_last_phase(marks, p)?;
     Some(phase[0].t + (phase[0].t - phase[1].t) * r / (1.0 - r))
 }
@@ -157,7 +157,7 @@ mod tests {
         uneven[11].t += 0.5 * (marks[13].t - marks[11].t);
         assert_eq!(landing(&uneven, 2, &[1e9, 1e9]), None);
         // without the table: one geometric series
-        let sum = time_of_corner(&marks).unwrap();
+        let sum = time_of_corner(&marks, 2).unwrap();
         assert!((sum - 2.0).abs() < 1e-5 && marks[13].t < 2.0 - 1e-4, "{sum}");
     }
 }
