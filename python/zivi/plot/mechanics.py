@@ -154,18 +154,8 @@ def slips(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axe
 def modes(sol: MechanicalTrajectory, ax: Axes | None = None, **bar: Any) -> Axes:
     """Plot what each channel of dry friction does: bars of stick, of slip up and of slip down.
 
-    Parameters
-    ----------
-    sol : MechanicalTrajectory
-        The run.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw.
-    **bar
-        Passed to `matplotlib.axes.Axes.broken_barh`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
+    Parameters and return value as for `gaps`; `**bar` is passed to
+    `matplotlib.axes.Axes.broken_barh`.
 
     Raises
     ------

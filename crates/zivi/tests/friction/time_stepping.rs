@@ -1,13 +1,27 @@
 //! Moreau-Jean time stepping with friction.
 
 use zivi::mechanics::{
-    simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma, Occurrence,
+    simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma, MechanicalRun, Occurrence,
 };
 use zivi::{Grid, MoreauJean, Silent, Status};
 
 use crate::closed_forms::guide;
 use crate::models::{of_family, G};
 use crate::references::cases;
+
+/// The state at the end of a run.
+fn end<E>(run: &MechanicalRun<E>) -> (&[f64], &[f64]) {
+    let (size, samples) = (run.layout.size(), &run.samples);
+    let first = (samples.t.len() - 1) * size;
+    (&samples.x[first..], &samples.v[first..])
+}
+
+/// The largest difference of coordinates and velocities at the end from those of a reference.
+fn error_at_end<E>(run: &MechanicalRun<E>, exact: &[f64]) -> f64 {
+    let (n, (x, v)) = (run.layout.n, end(run));
+    let pairs = x[..n].iter().chain(&v[..n]).zip(exact);
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
 
 #[test]
 fn time_stepping_converges_to_the_references() {
@@ -38,13 +52,9 @@ fn time_stepping_converges_to_the_references() {
             )
             .unwrap();
             assert_eq!(run.status, Status::Completed, "{name} {h}");
-            let (n, size) = (run.layout.n, run.layout.size());
-            let last = run.samples.t.len() - 1;
-            let (x, v) = (&run.samples.x[last * size..], &run.samples.v[last * size..]);
-            let found = [&x[..n], &v[..n]].concat();
-            let pairs = found.iter().zip(exact);
-            let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let error = error_at_end(&run, exact);
             assert!(error < most, "{name} {h} {error:e}");
+            let (n, size) = (run.layout.n, run.layout.size());
             // what sticks does so exactly
             for (k, mode) in run.samples.modes.iter().enumerate() {
                 for channel in mode.stick.iter() {
@@ -74,13 +84,10 @@ fn the_implicit_step_takes_friction_in_joints() {
                 simulate_mechanical_theta_gamma(&mut system, &e, grid, start, vec![], &mut Silent)
                     .unwrap();
             assert_eq!(run.status, Status::Completed, "{name} {h}");
-            let (n, size) = (run.layout.n, run.layout.size());
-            let last = run.samples.t.len() - 1;
-            let (x, v) = (&run.samples.x[last * size..], &run.samples.v[last * size..]);
-            let found = [&x[..n], &v[..n]].concat();
-            let pairs = found.iter().zip(exact);
-            let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let error = error_at_end(&run, exact);
             assert!(error < most, "{name} {h} {error:e}");
+            let (n, size) = (run.layout.n, run.layout.size());
+            let (last, (x, v)) = (run.samples.t.len() - 1, end(&run));
             // slips are the integral of their speeds, work that of the power, forces within limits
             let (rows, row) = (run.layout.rows(), run.layout.m);
             let (mut far, mut work) = (0.0, 0.0);

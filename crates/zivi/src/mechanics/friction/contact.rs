@@ -10,6 +10,8 @@ use crate::record::gap_set::GapSet;
 const SINGULAR: f64 = 1e-9;
 /// Rows that are left so much by the others are determined by them.
 const DEPENDENT: f64 = 1e-9;
+/// Most patterns of stick and slip that are tried where several contacts are undecided.
+pub(super) const MOST_PATTERNS: usize = 1 << 14;
 
 /// `K` of a mode, and the directions in which its forces act.
 #[derive(Clone, Debug)]

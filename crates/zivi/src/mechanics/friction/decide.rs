@@ -10,6 +10,7 @@
 //! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
 //! `mu_s > mu` sticking goes on: most closed, then most sticking.
 
+use super::contact::MOST_PATTERNS;
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::{Contacts, Limit};
 use crate::record::contact_mode::ContactMode;
@@ -21,8 +22,6 @@ use crate::Status;
 const VIOLATIONS: (f64, f64) = (1e-11, 1e-7);
 /// Accelerations that differ by less are the same.
 const SAME: f64 = 1e-8;
-/// Most combinations that are tried.
-const MOST: usize = 1 << 14;
 
 /// What is undecided.
 enum Choice {
@@ -90,7 +89,7 @@ pub(in crate::mechanics) fn decide<E>(
         }
     }
     let count = choices.iter().try_fold(1_usize, |all, it| all.checked_mul(it.count()));
-    let count = count.filter(|&count| count <= MOST);
+    let count = count.filter(|&count| count <= MOST_PATTERNS);
     let count = count.ok_or(Failure::Status(Status::ContactNotSolved))?;
     let mut candidates: Vec<Candidate> = Vec::new();
     for number in 0..count {

@@ -13,7 +13,7 @@
 //! all `e_t` are the common `e`, nor at one contact with `e_t = 0` and `e^2 <= 1 - c^2`, where `c` is the
 //! kinetic cosine of normal and tangent; elsewhere it may, which is told.
 
-use super::contact::Edges;
+use super::contact::{Edges, MOST_PATTERNS};
 use crate::mechanics::kinetics::{axpy, dot, Kinetics};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
@@ -30,8 +30,6 @@ const SAME: f64 = 1e-9;
 const ROUNDING: f64 = 256.0 * f64::EPSILON;
 /// An impulse below this part of what the speeds would take is none.
 const PRESSED: f64 = 1e-9;
-/// Most patterns that are tried.
-const MOST: usize = 1 << 14;
 
 /// An impact with friction.
 #[derive(Clone, Debug)]
@@ -93,7 +91,7 @@ impl Collision<'_> {
             .chain(joints.map(|channel| (None, Some(channel))))
             .collect();
         let count = ways.iter().fold(1_usize, |all, &way| all.saturating_mul(count(way)));
-        if count > MOST {
+        if count > MOST_PATTERNS {
             return Err(Failure::Status(Status::ImpactNotSolved));
         }
         let mut found: Vec<FrictionalExchange> = Vec::new();
@@ -208,27 +206,22 @@ impl Collision<'_> {
         kinetics: &mut Kinetics,
     ) -> f64 {
         let fastest = self.fastest(kinetics);
-        let mut worst = 0.0_f64;
-        let mut against = |value: f64, scale: f64| {
-            if value < 0.0 {
-                worst = worst.max(-value / scale);
-            }
-        };
+        let mut worst = Violation::default();
         for gap in self.set.iter() {
             if !pattern.closed.has(gap) {
-                against(rates[gap] + self.e[gap] * self.before[gap], fastest[gap]);
+                worst.take(rates[gap] + self.e[gap] * self.before[gap], fastest[gap]);
                 continue;
             }
             let d = kinetics.d(gap, gap);
-            against(impulses[gap], fastest[gap] / d);
+            worst.take(impulses[gap], fastest[gap] / d);
             let Some(channel) = kinetics.channel_of(gap) else { continue };
             let (row, mu) = (kinetics.row(channel), kinetics.friction_limits(channel).0);
             let slip = rates[row] + self.friction.channels[channel].e_t * self.before[row];
             if pattern.stick.has(channel) {
                 let scale = fastest[row] / kinetics.d(row, row) + mu * fastest[gap] / d;
-                against(mu * impulses[gap] - impulses[row].abs(), scale);
+                worst.take(mu * impulses[gap] - impulses[row].abs(), scale);
             } else {
-                against(pattern.sign(channel) * slip, fastest[row]);
+                worst.take(pattern.sign(channel) * slip, fastest[row]);
             }
         }
         for channel in (0..kinetics.layout.p).filter(|_| self.duration > 0.0) {
@@ -239,12 +232,25 @@ impl Collision<'_> {
                 (kinetics.row(channel), self.duration * kinetics.friction_limits(channel).1);
             if pattern.stick.has(channel) {
                 let scale = fastest[row] / kinetics.d(row, row) + most;
-                against(most - impulses[row].abs(), scale);
+                worst.take(most - impulses[row].abs(), scale);
             } else {
-                against(pattern.sign(channel) * rates[row], fastest[row]);
+                worst.take(pattern.sign(channel) * rates[row], fastest[row]);
             }
         }
-        worst
+        worst.0
+    }
+}
+
+/// The largest violation of some inequalities `value >= 0`.
+#[derive(Default)]
+pub(super) struct Violation(pub(super) f64);
+
+impl Violation {
+    /// One more of them, relative to a scale.
+    pub(super) fn take(&mut self, value: f64, scale: f64) {
+        if value < 0.0 {
+            self.0 = self.0.max(-value / scale);
+        }
     }
 }
 

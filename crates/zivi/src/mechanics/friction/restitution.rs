@@ -10,7 +10,8 @@
 //! Neither can raise the energy. Poisson's impulses come in two steps, Stronge's as a path along which
 //! the slip may stop or turn inside of the impact.
 
-use super::impact::{chosen, Collision, FrictionalExchange};
+use super::contact::MOST_PATTERNS;
+use super::impact::{chosen, Collision, FrictionalExchange, Violation};
 use crate::mechanics::kinetics::{axpy, dot, Kinetics};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
@@ -18,8 +19,6 @@ use crate::record::gap_set::GapSet;
 use crate::system::friction::{Channel, Friction};
 use crate::Status;
 
-/// Most patterns that are tried.
-const MOST: usize = 1 << 14;
 /// Pieces of the path of an impact: slip, stop, stick or slip the other way, in each phase.
 const PIECES: usize = 16;
 
@@ -75,7 +74,7 @@ impl Collision<'_> {
             })
             .collect();
         let count = ways.iter().fold(1_usize, |all, way| all.saturating_mul(way.count()));
-        if count > MOST {
+        if count > MOST_PATTERNS {
             return Err(Failure::Status(Status::ImpactNotSolved));
         }
         let mut found: Vec<FrictionalExchange> = Vec::new();
@@ -156,28 +155,23 @@ impl Collision<'_> {
         kinetics: &mut Kinetics,
     ) -> f64 {
         let fastest = self.fastest(kinetics);
-        let mut worst = 0.0_f64;
-        let mut against = |value: f64, scale: f64| {
-            if value < 0.0 {
-                worst = worst.max(-value / scale);
-            }
-        };
+        let mut worst = Violation::default();
         for way in ways {
             let (gap, d) = (way.gap, kinetics.d(way.gap, way.gap));
             match mode.closed.has(gap) {
-                true => against(impulses[gap] - way.kept, fastest[gap] / d),
-                false => against(rates[gap], fastest[gap]),
+                true => worst.take(impulses[gap] - way.kept, fastest[gap] / d),
+                false => worst.take(rates[gap], fastest[gap]),
             }
             let Some(channel) = way.channel else { continue };
             let (row, mu) = (kinetics.row(channel), kinetics.friction_limits(channel).0);
             if all.stick.has(channel) {
                 let scale = fastest[row] / kinetics.d(row, row) + mu * fastest[gap] / d;
-                against(mu * impulses[gap] - impulses[row].abs(), scale);
+                worst.take(mu * impulses[gap] - impulses[row].abs(), scale);
             } else {
-                against(all.sign(channel) * rates[row], fastest[row]);
+                worst.take(all.sign(channel) * rates[row], fastest[row]);
             }
         }
-        worst
+        worst.0
     }
 
     /// Stronge's law, of one contact.
