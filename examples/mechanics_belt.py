@@ -44,7 +44,7 @@ def sticks_again(speed: float) -> bool:
 def fastest() -> float:
     """Bisect for the speed at which the mass slips for good."""
     low, high = 0.05, 2.0
-    while high - low > 1e-7:
+    while high - low > 1e-6:
         middle = (low + high) / 2
         low, high = (middle, high) if sticks_again(middle) else (low, middle)
     return (low + high) / 2
@@ -94,8 +94,8 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     zivi.plot.modes(sol, axes[1, 0])
     zivi.plot.configuration(sol, axes[0, 1])
     axes[0, 1].set(xlabel="$x$", ylabel="$x'$")
-    for speed in np.linspace(0.05, 0.8, 31):
-        late = run(float(speed), DAMPING, 120.0).resample(np.linspace(80, 120, 401)).q
+    for speed in np.linspace(0.05, 0.8, 16):
+        late = run(float(speed), DAMPING, 100.0).resample(np.linspace(70, 100, 301)).q
         ends = [late.min(), late.max()]
         axes[1, 1].plot([speed, speed], ends, ".", color=zivi.plot.BLUE, ms=3)
     axes[1, 1].axvline(by_hand(), color="0.6", lw=0.8)
