@@ -65,6 +65,7 @@ from zivi.orbits import (
     BranchEvent as BranchEvent,
     Diagram as Diagram,
     Lyapunov as Lyapunov,
+    MechanicalOrbit as MechanicalOrbit,
     PeriodicOrbit as PeriodicOrbit,
     basins,
     bifurcation_diagram,

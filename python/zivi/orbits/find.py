@@ -2,33 +2,64 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, whole
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import PRECISE, FlightError, period_of
 from zivi.orbits.least_period import least_period
+from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.orbit import ORBIT_IMPACT, PeriodicOrbit
 from zivi.orbits.sequence import Equations, Frame, canonical, equations, newton
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
+from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import check_newton, excitation
 
 __all__ = ["periodic_orbit"]
 
 
+@overload
+def periodic_orbit(
+    system: MechanicalSystem,
+    start: Any,
+    multiple: int | None = None,
+    *,
+    period: float | Literal["free"] | None = None,
+    symmetry: ArrayLike | Callable[[Array], Array] | None = None,
+    method: SwitchedRK = PRECISE,
+    max_iter: int = 20,
+) -> MechanicalOrbit: ...
+
+
+@overload
 def periodic_orbit(
     system: ImpactSystem,
     start: Any,
     multiple: int | None = None,
     *,
     period: float | Literal["free"] | None = None,
+    symmetry: None = None,
     method: SwitchedRK = PRECISE,
     max_iter: int = 20,
-) -> PeriodicOrbit:
+) -> PeriodicOrbit: ...
+
+
+def periodic_orbit(
+    system: ImpactSystem | MechanicalSystem,
+    start: Any,
+    multiple: int | None = None,
+    *,
+    period: float | Literal["free"] | None = None,
+    symmetry: Any = None,
+    method: SwitchedRK = PRECISE,
+    max_iter: int = 20,
+) -> PeriodicOrbit | MechanicalOrbit:
     """Find a periodic orbit from what a simulation settled on, or from a guess.
 
     Unknowns are the times of the impacts and the speeds after them, so Newton's iteration looks for
@@ -37,11 +68,14 @@ def periodic_orbit(
 
     Parameters
     ----------
-    system : ImpactSystem
+    system : ImpactSystem or MechanicalSystem
         A system with a periodic excitation, or one that nothing excites from outside.
     start : Trajectory, (t0, (x0, xdot0)), PeriodicOrbit or array_like
         A run, of which the end is taken; a state, from which some periods are simulated; an orbit
-        (of a system near this one); or rows ``(t, u)`` of the impacts of one period.
+        (of a system near this one); or rows ``(t, u)`` of the impacts of one period. Of a
+        `MechanicalSystem` a `MechanicalTrajectory`, ``(t0, (q, qdot))``, a `MechanicalOrbit`, or
+        ``(word, rows)``: letters as in `MechanicalOrbit.word` with the times of their events, or
+        with rows ``(t, q, qdot)`` of the states after them.
     multiple : int, optional
         After how many periods of the excitation the motion repeats; by default what `start` shows.
         An orbit that repeats earlier is given with its least period.
@@ -49,6 +83,9 @@ def periodic_orbit(
         The period of the excitation (s), by default from a `LinearForce` or a `HarmonicWall`. Where
         nothing excites the system it is ``"free"``: an unknown, and times start at the first
         impact. A force that is asked at several times and does not depend on them is one of these.
+    symmetry : array_like or callable, optional
+        Of a `MechanicalSystem`: a linear map of the coordinates, shape (n, n), or of the states,
+        that takes the second half of the motion to the first. Only that half is solved for.
     method : SwitchedRK
         Tolerances.
     max_iter : int
@@ -56,7 +93,7 @@ def periodic_orbit(
 
     Returns
     -------
-    PeriodicOrbit
+    PeriodicOrbit or MechanicalOrbit
         Its ``status`` says whether it was found and whether it is a motion of the system.
 
     Raises
@@ -74,16 +111,22 @@ def periodic_orbit(
     >>> abs(orbit.multipliers).round(9)  # complex, of the modulus e
     array([0.5, 0.5])
     """
-    from zivi.orbits.start import guess_of
-
-    check_newton(system)
-    if multiple is not None and whole("multiple", multiple) < 1:
-        raise ValueError(f"multiple must be >= 1, got {multiple}")
-    known = None if is_free(system, period, multiple) else period_of(system, period, or_free=True)
     if not isinstance(method, SwitchedRK):
         raise TypeError(f"method must be a zivi.SwitchedRK, got {method!r}")
     if whole("max_iter", max_iter) < 1:
         raise ValueError(f"max_iter must be >= 1, got {max_iter}")
+    if isinstance(system, MechanicalSystem):
+        from zivi.orbits.mechanical.start import mechanical_orbit
+
+        return mechanical_orbit(system, start, multiple, period, symmetry, method, max_iter)
+    from zivi.orbits.start import guess_of
+
+    check_newton(system)
+    if symmetry is not None:
+        raise TypeError("symmetry is for a zivi.MechanicalSystem")
+    if multiple is not None and whole("multiple", multiple) < 1:
+        raise ValueError(f"multiple must be >= 1, got {multiple}")
+    known = None if is_free(system, period, multiple) else period_of(system, period, or_free=True)
     if known is None:
         from zivi.orbits.free import free_guess
 

@@ -1,0 +1,84 @@
+"""Systems with other numbers, and the derivatives of the equations by them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.orbits.mechanical.equations import Frame, evaluate
+from zivi.orbits.mechanical.family import core_of, frequency_of, value_of, values_of, with_values
+from zivi.orbits.mechanical.flow import Flow
+from zivi.orbits.mechanical.linear_flow import LinearFlow, is_exact
+from zivi.orbits.mechanical.nonlinear_flow import NonlinearFlow
+from zivi.simulation.methods import SwitchedRK
+from zivi.system.linear import LinearSystem
+from zivi.system.mechanism import MechanicalSystem
+
+__all__ = ["by_parameter", "flow_of", "moved_frame"]
+
+STEPS = (1e-5, 2e-3)
+"""Of a difference of second order, and of one of sixth, relative to the parameter."""
+
+
+def flow_of(system: MechanicalSystem, method: SwitchedRK) -> Flow:
+    """Give the motions of a system with given contacts."""
+    core = core_of(system)
+    if is_exact(core):
+        assert isinstance(core, LinearSystem)
+        flow: Flow = LinearFlow(core)
+    else:
+        flow = NonlinearFlow(core, method)
+    flow.e = system._e
+    return flow
+
+
+def moved_frame(frame: Frame, values: Mapping[str, float]) -> Frame:
+    """Give the frame of the system with other values of some numbers."""
+    system = with_values(frame.system, values)
+    flow = flow_of(system, frame.method)
+    if frame.free:
+        return dataclasses.replace(frame, system=system, flow=flow)
+    return dataclasses.replace(
+        frame, system=system, flow=flow, length=frame.length * _stretch(frame, system)
+    )
+
+
+def _stretch(frame: Frame, system: MechanicalSystem) -> float:
+    """Give by which factor the period changes."""
+    before, after = frequency_of(frame.system), frequency_of(system)
+    if before is not None and after is not None:
+        return before / after
+    # a number of a system of functions that is the frequency, or the period, of its forces
+    turns = frame.length / (2.0 * math.pi)
+    now, then = values_of(frame.system), values_of(system)
+    for name, value in now.items():
+        if value == then[name] or value == 0.0 or then[name] == 0.0:
+            continue
+        count = turns * value * (1.0 if frame.turn is None else 2.0)
+        if round(count) >= 1 and abs(count - round(count)) < 1e-9 * count:
+            return value / then[name]
+        count = frame.length / value
+        if name in ("T", "period") and abs(count - round(count)) < 1e-9:
+            return then[name] / value
+    return 1.0
+
+
+def by_parameter(frame: Frame, y: Array, name: str, *, precise: bool = False) -> Array:
+    """Give the derivative of the equations by a parameter, by central differences."""
+    value = value_of(frame.system, name)
+    h = STEPS[precise] * max(abs(value), 1e-2)
+
+    def at(steps: int) -> Array:
+        moved = moved_frame(frame, {name: value + steps * h})
+        return evaluate(moved, y, slopes=False).residual
+
+    def centred(steps: int) -> Array:
+        return np.asarray((at(steps) - at(-steps)) / (2.0 * steps * h), np.float64)
+
+    if not precise:
+        return centred(1)
+    return 1.5 * centred(1) - 0.6 * centred(2) + 0.1 * centred(3)

@@ -1,0 +1,176 @@
+"""The numbers of a mechanical system by their names, and systems with other values of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.system.gap import LinearGap
+from zivi.system.linear import LinearSystem
+from zivi.system.loads import Harmonic
+from zivi.system.mechanism import MechanicalSystem
+from zivi.system.parametric_mechanism import ParametricSystem
+from zivi.system.wall import HarmonicWall
+
+__all__ = ["core_of", "frequency_of", "value_of", "values_of", "with_values"]
+
+OF_WALL = ("amplitude", "omega", "phase")
+
+
+def core_of(system: MechanicalSystem) -> MechanicalSystem:
+    """Give what a system with parameters is built to."""
+    return system._built if isinstance(system, ParametricSystem) else system
+
+
+def _parameters(system: MechanicalSystem) -> dict[str, float]:
+    return dict(getattr(system, "parameters", {}))
+
+
+def values_of(system: MechanicalSystem) -> dict[str, float]:
+    """Give the numbers that have names, and their values."""
+    found = _parameters(system)
+    if isinstance(system, LinearSystem):
+        found |= _of_linear(system)
+    if system.m:
+        e = system._e
+        if np.ptp(e) == 0.0:
+            found["e"] = float(e[0])
+        found |= {f"e.{name}": float(e[i]) for i, name in enumerate(system.gap_names)}
+    return found
+
+
+def _of_linear(system: LinearSystem) -> dict[str, float]:
+    found: dict[str, float] = {}
+    waves = [part for part in system.excitation if isinstance(part, Harmonic)]
+    if waves and len({wave.omega for wave in waves}) == 1:
+        found["omega"] = waves[0].omega
+        force = _strength(waves)
+        found |= {"F": force, "amplitude": force}
+        found["phase"] = waves[0].phase
+    for name, gap in zip(system.gap_names, system.gaps, strict=True):
+        assert isinstance(gap, LinearGap)
+        found[f"{name}.offset"] = float(gap.offset)
+        if isinstance(gap.motion, HarmonicWall):
+            found |= {f"{name}.{part}": getattr(gap.motion, part) for part in OF_WALL}
+    moving = {name: value for name, value in found.items() if name.endswith(".omega")}
+    if not waves and len(set(moving.values())) == 1:
+        found["omega"] = next(iter(moving.values()))
+    return found
+
+
+def _strength(waves: list[Harmonic]) -> float:
+    """Give the largest amplitude of the loads, with the sign of the load."""
+    loads = np.concatenate([np.atleast_1d(np.asarray(wave.amplitude)) for wave in waves])
+    return float(loads[int(np.argmax(np.abs(loads)))])
+
+
+def value_of(system: MechanicalSystem, name: str) -> float:
+    """Give the value of a number by its name.
+
+    Raises
+    ------
+    ValueError
+        For a name that there is not, with those that there are.
+    """
+    known = values_of(system)
+    if name not in known:
+        hint = "" if known else ": zivi.ParametricSystem(build, {...}) gives numbers names"
+        raise ValueError(f"{name!r} is no parameter here: {', '.join(known) or 'none'}{hint}")
+    return known[name]
+
+
+def with_values(system: MechanicalSystem, values: Mapping[str, float]) -> MechanicalSystem:
+    """Give the same system with other values of some numbers."""
+    own = _parameters(system)
+    given = {name: value for name, value in values.items() if name in own}
+    new = system
+    if given:
+        new = system.replace(**given)  # type: ignore[attr-defined]
+        if isinstance(system, ParametricSystem) and np.any(system._e != system._built._e):
+            new = _with_e(new, system._e)
+    for name, value in values.items():
+        if name in given:
+            continue
+        value_of(system, name)
+        if name == "e" or name.startswith("e."):
+            new = _with_e(new, _moved_e(new, name, value))
+        else:
+            assert isinstance(new, LinearSystem)
+            new = _with_number(new, name, value)
+    return new
+
+
+def _moved_e(system: MechanicalSystem, name: str, value: float) -> Array:
+    e = system._e.copy()
+    if name == "e":
+        e[:] = value
+    else:
+        e[system.gap_names.index(name.removeprefix("e."))] = value
+    return e
+
+
+def _with_e(system: MechanicalSystem, e: Array) -> MechanicalSystem:
+    """Give a copy with other coefficients of restitution: a difference may step over 1."""
+    new = object.__new__(type(system))
+    vars(new).update(vars(system))
+    new._e = np.asarray(e, np.float64)
+    return new
+
+
+def _with_number(system: LinearSystem, name: str, value: float) -> LinearSystem:
+    parts, gaps = system.excitation, list(system.gaps)
+    waves = any(isinstance(part, Harmonic) for part in parts)
+    if name in ("omega", "F", "amplitude", "phase") and waves:
+        parts = tuple(
+            _wave(part, name, value, value_of(system, name)) if isinstance(part, Harmonic) else part
+            for part in parts
+        )
+    else:
+        for i, gap in enumerate(gaps):
+            assert isinstance(gap, LinearGap)
+            gaps[i] = _moved_gap(gap, system.gap_names[i], name, value)
+    new: LinearSystem = object.__new__(type(system))
+    shapes = system.shapes
+    matrices = system.M, system.C, system.K
+    e = np.clip(system._e, 0.0, 1.0)
+    new._set(matrices, parts, tuple(gaps), e, system._coordinates, None)  # type: ignore[arg-type]
+    new.shapes, new._e = shapes, system._e
+    return new
+
+
+def _wave(part: Harmonic, name: str, value: float, now: float) -> Harmonic:
+    if name == "omega":
+        return dataclasses.replace(part, omega=value)
+    if name == "phase":
+        return dataclasses.replace(part, phase=part.phase + value - now)
+    if now == 0.0:
+        raise ValueError(f"{name} must not be 0: there is no direction of the load")
+    return dataclasses.replace(part, amplitude=np.asarray(part.amplitude) * (value / now))
+
+
+def _moved_gap(gap: LinearGap, own: str, name: str, value: float) -> LinearGap:
+    if name == f"{own}.offset":
+        return LinearGap(gap.normal, value, gap.motion, gap.name)
+    wall = gap.motion
+    part = "omega" if name == "omega" else name.removeprefix(f"{own}.")
+    if isinstance(wall, HarmonicWall) and part in OF_WALL and (name in ("omega", f"{own}.{part}")):
+        wall = dataclasses.replace(wall, **{part: value})
+        return LinearGap(gap.normal, gap.offset, wall, gap.name)
+    return gap
+
+
+def frequency_of(system: MechanicalSystem) -> float | None:
+    """Give the angular frequency of what excites a system, None where it is not known."""
+    core: Any = core_of(system)
+    found = {abs(it.omega) for it in getattr(core, "excitation", ()) if isinstance(it, Harmonic)}
+    walls = [getattr(gap, "motion", None) for gap in core.gaps]
+    found |= {abs(it.omega) for it in walls if isinstance(it, HarmonicWall) and it.amplitude}
+    found.discard(0.0)
+    if len(found) != 1 or not math.isfinite(next(iter(found))):
+        return None
+    return float(found.pop())

@@ -1,0 +1,201 @@
+"""Whether the solution of a word's equations is a motion, and how far it is from none.
+
+A motion has negative speeds of gaps before impacts, positive gaps in flight, positive forces of
+contacts, contacts that last, positive impulses of contacts that an impact leaves closed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.orbits.mechanical.equations import Terms
+
+__all__ = ["OUT", "Low", "Margins"]
+
+LOOKS = np.unique(np.concatenate([np.linspace(0.0, 1.0, 65), np.geomspace(1e-5, 1e-2, 10)]))
+"""Parts of a segment at which gaps and forces are looked at."""
+OUT = {
+    "grazing": "The impact at t = {t:.9g} s would open the gap at {value:.3g}, not close it.",
+    "interior_impact": "A gap is {value:.3g} < 0 in flight, at t = {t:.9g} s.",
+    "contact_ends": "The force of a contact is {value:.3g} < 0 at t = {t:.9g} s.",
+    "end_of_rest": "The contact from t = {t:.9g} s would last {value:.3g} s < 0.",
+    "opening": "An impact at t = {t:.9g} s would pull at a contact, with {value:.3g} < 0.",
+    "simultaneous": "The event at t = {t:.9g} s would come {value:.3g} s after the one before it.",
+}
+"""What is not there in a motion, by the event at which it begins."""
+
+
+class Low(NamedTuple):
+    """Something that must be positive."""
+
+    kind: str
+    segment: int
+    gap: int
+    t: float
+    value: float
+    size: float
+    """What is large of its kind."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Margins:
+    """What must be positive of a solution."""
+
+    terms: Terms
+
+    @functools.cached_property
+    def lows(self) -> list[Low]:
+        """All that must be positive; of gaps and forces their minima."""
+        found = [*self._events(), *self._lasting()]
+        for s in range(len(self.terms.frame.word)):
+            found += self._between(s)
+        return found
+
+    @property
+    def least(self) -> Low | None:
+        """What is least, relative to its size."""
+        return min(self.lows, key=lambda it: it.value / it.size, default=None)
+
+    def why_not(self, rounding: float = 1e-11) -> str | None:
+        """Say why it is no motion; None if it is one."""
+        least = self.least
+        if least is None or least.value > -rounding * least.size:
+            return None
+        return OUT[least.kind].format(t=least.t, value=least.value)
+
+    @property
+    def depth(self) -> float:
+        """How far the nearest grazing is: the least minimum of a gap or height of an impact."""
+        terms, heights = self.terms, [math.inf]
+        for s, segment in enumerate(terms.frame.word):
+            if segment.kind in "ISZ":
+                pull = abs(self._pull(s, segment.gap))
+                heights.append(terms.rates[s] ** 2 / (2.0 * pull) if pull else math.inf)
+        gaps = [abs(low.value) for low in self.lows if low.kind == "interior_impact"]
+        return float(min([*heights, *gaps]))
+
+    def _pull(self, s: int, gap: int) -> float:
+        """Give the acceleration of a gap before an impact."""
+        terms = self.terms
+        t0, t1 = terms.x[s, 0], terms.x[s, -1]
+        h = 1e-4 * (t1 - t0)
+        times = np.array([t1 - h, t1])
+        z = terms.frame.flow.path(terms.frame.word[s].contacts, t0, terms.x[s, 1:-1], times)
+        rates = terms.frame.flow.gaps(times, z)[1][:, gap]
+        return float((rates[1] - rates[0]) / h) if h else math.inf
+
+    def _events(self) -> list[Low]:
+        terms, found = self.terms, []
+        hits = [s for s, it in enumerate(terms.frame.word) if it.kind in "ISZ"]
+        fastest = float(np.max(np.abs(terms.rates[hits]), initial=0.0)) or 1.0
+        for s in hits:
+            segment, t = terms.frame.word[s], float(terms.x[s, -1])
+            found.append(Low("grazing", s, segment.gap, t, -float(terms.rates[s]), fastest))
+            largest = float(np.max(np.abs(terms.impulses[s]), initial=1e-300))
+            for gap, impulse in zip(segment.kept, terms.impulses[s][1:], strict=True):
+                found.append(Low("opening", s, gap, t, float(impulse), largest))
+        return found
+
+    def _lasting(self) -> list[Low]:
+        terms, found = self.terms, []
+        for s, segment in enumerate(terms.frame.word):
+            kind = "end_of_rest" if segment.contacts else "simultaneous"
+            t = float(terms.x[s, 0])
+            last = float(terms.x[s, -1]) - t
+            if segment.contacts or last < 0.0:
+                found.append(Low(kind, s, segment.gap, t, last, abs(terms.length)))
+        return found
+
+    def _between(self, s: int) -> list[Low]:
+        """Look for minima of open gaps, and of the forces of contacts, in a segment."""
+        terms = self.terms
+        flow, segment = terms.frame.flow, terms.frame.word[s]
+        t0, t1 = float(terms.x[s, 0]), float(terms.x[s, -1])
+        if t1 <= t0:
+            return []
+        times = t0 + (t1 - t0) * LOOKS
+        z = flow.path(segment.contacts, t0, terms.x[s, 1:-1], times)
+        gaps, rates = flow.gaps(times, z)
+        found = []
+        for i in range(flow.m):
+            if i in segment.contacts:
+                continue
+            size = max(float(np.max(np.abs(gaps[:, i]))), 1e-300)
+            turns = np.flatnonzero((rates[:-1, i] < 0.0) & (rates[1:, i] >= 0.0))
+            for k in turns:
+                t, value = self._minimum(s, i, times[k : k + 2], rates[k : k + 2, i])
+                found.append(Low("interior_impact", s, i, t, value, size))
+        if segment.contacts:
+            found += self._forces(s, times, z)
+        return found
+
+    def _minimum(self, s: int, gap: int, times: Array, rates: Array) -> tuple[float, float]:
+        """Find where the rate of a gap vanishes between two times."""
+        terms = self.terms
+        frame, t0, z0 = terms.frame, float(terms.x[s, 0]), terms.x[s, 1:-1]
+
+        def look(t: float) -> tuple[float, float]:
+            z = frame.flow.path(frame.word[s].contacts, t0, z0, np.array([t]))
+            value, rate = frame.flow.gaps(np.array([t]), z)
+            return float(value[0, gap]), float(rate[0, gap])
+
+        return _zero(look, times, rates)
+
+    def _forces(self, s: int, times: Array, z: Array) -> list[Low]:
+        terms = self.terms
+        flow, segment = terms.frame.flow, terms.frame.word[s]
+        forces = flow.reactions(segment.contacts, times, z)
+        found = []
+        for k, i in enumerate(segment.contacts):
+            own = forces[:, k]
+            size = max(float(np.max(np.abs(own))), 1e-300)
+            found.append(Low("contact_ends", s, i, float(times[0]), float(own[0]), size))
+            if i != segment.gap:
+                found.append(Low("contact_ends", s, i, float(times[-1]), float(own[-1]), size))
+            inner = np.flatnonzero((own[1:-1] < own[:-2]) & (own[1:-1] <= own[2:])) + 1
+            for j in inner:
+                low = self._least_force(s, i, times[j - 1 : j + 2])
+                found.append(Low("contact_ends", s, i, *low, size))
+        return found
+
+    def _least_force(self, s: int, gap: int, times: Array) -> tuple[float, float]:
+        terms = self.terms
+        frame, t0, z0 = terms.frame, float(terms.x[s, 0]), terms.x[s, 1:-1]
+        contacts = frame.word[s].contacts
+
+        def look(t: float) -> tuple[float, float]:
+            z = frame.flow.path(contacts, t0, z0, np.array([t]))[0]
+            force = frame.flow.reaction(contacts, gap, t, z)
+            return force.value, float(force.by_t + force.by_z @ frame.flow.rate(contacts, t, z))
+
+        ends = times[[0, -1]]
+        return _zero(look, ends, np.array([look(float(t))[1] for t in ends]))
+
+
+def _zero(look: object, times: Array, rates: Array) -> tuple[float, float]:
+    """Find where the second number that a function gives vanishes, and the first there."""
+    assert callable(look)
+    low, high = float(times[0]), float(times[1])
+    low_rate, high_rate = float(rates[0]), float(rates[1])
+    t, value = low, look(low)[0]
+    for _ in range(60):
+        t = high - high_rate * (high - low) / (high_rate - low_rate) if high_rate != low_rate else t
+        value, rate = look(t)
+        if rate == 0.0 or high - low < 1e-14 * max(1.0, abs(t)):
+            break
+        if (rate > 0.0) == (high_rate > 0.0):
+            # the Illinois rule: an end that stays counts half
+            done = abs(t - high) < 1e-14 * max(1.0, abs(t))
+            high, high_rate, low_rate = t, rate, 0.5 * low_rate
+        else:
+            done = abs(t - low) < 1e-14 * max(1.0, abs(t))
+            low, low_rate, high_rate = t, rate, 0.5 * high_rate
+        if done:
+            break
+    return t, float(value)

@@ -1,0 +1,268 @@
+"""The word and the unknowns that the end of a run shows."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.orbits.mechanical.accumulation import accumulated, onto
+from zivi.orbits.mechanical.by_parameter import flow_of
+from zivi.orbits.mechanical.equations import Frame
+from zivi.orbits.mechanical.flow import Flow
+from zivi.orbits.mechanical.word import MOST_LETTERS, Segment
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.methods import SwitchedRK
+from zivi.system.mechanism import MechanicalSystem
+
+__all__ = ["recent"]
+
+MOST_MULTIPLE = 64
+TOLERANCES = (1e-6, 1e-4, 1e-2)
+
+
+class Happened(NamedTuple):
+    """An event of a run."""
+
+    t: float
+    kind: str
+    gap: int
+    opened: tuple[int, ...] = ()
+
+
+def recent(
+    system: MechanicalSystem,
+    run: MechanicalTrajectory,
+    multiple: int | None,
+    period: float,
+    free: bool,
+    method: SwitchedRK,
+) -> tuple[Frame, Array, int]:
+    """Give the frame and the unknowns of the last period of the motion of a run.
+
+    Raises
+    ------
+    ValueError
+        If the run is too short, ended early, or has what no word tells.
+    """
+    if not run.success:
+        raise ValueError(f"start: the run ended early: {run.message}")
+    flow = flow_of(system, method)
+    events = _events(system, run)
+    if free:
+        length, end = _free_length(run, events)
+        count = 1
+    else:
+        span = float(run.t[-1] - run.t[0])
+        if span < (multiple or 1) * period * (1.0 - 1e-9):
+            raise ValueError(f"start: the run must last a period, {period:.6g}, got {span:.6g}")
+        count = multiple or _repeats(run, events, period)
+        length, end = count * period, _quiet(run, events, count * period)
+        while multiple is None and length < 4.0 * period and (count + 1) * period <= span:
+            if any(end - length < it.t <= end for it in events):
+                break
+            # a flight of more than a period, or a motion without events
+            if not any(it.t > end - 4.0 * period for it in events):
+                break
+            count += 1
+            length, end = count * period, _quiet(run, events, count * period)
+    inside = [it for it in events if end - length < it.t <= end]
+    if len(inside) > MOST_LETTERS:
+        raise ValueError(f"start: a word has at most {MOST_LETTERS} events, got {len(inside)}")
+    if not inside:
+        return _smooth(system, flow, run, length, end, free, method, count)
+    shift = 0.0 if free else _whole(float(inside[0].t) / period) * period
+    frame, x = _unknowns(system, flow, run, inside, length, free, method)
+    # far from t = 0 times have fewer digits
+    x[:, [0, -1]] -= shift
+    return frame, x, count
+
+
+def _whole(number: float) -> float:
+    return float(np.floor(number))
+
+
+def _events(system: MechanicalSystem, run: MechanicalTrajectory) -> list[Happened]:
+    """Give what happens in a run, impacts of accumulations as one event, in order."""
+    found: list[Happened] = []
+    rows = run.resolved_impacts
+    for group in np.unique(rows["group"]):
+        own = rows[rows["group"] == group]
+        hit = own[own["speed_before"] < 1e-9 * np.min(own["speed_before"])]
+        t = float(own["t"][0])
+        if len(hit) > 1:
+            raise ValueError(f"start: the run has impacts of several gaps at once, at {t:.9g}")
+        opened = run.openings["gap"][np.abs(run.openings["t"] - t) <= 1e-12 * max(1.0, abs(t))]
+        found.append(Happened(t, "I", int(hit["gap"][0]), tuple(int(it) for it in opened)))
+    if len(run.corners):
+        raise ValueError("start: the run has corners, where several gaps come to rest together")
+    found += [Happened(float(it["t"]), "L", int(it["gap"])) for it in run.liftoffs]
+    found.sort(key=lambda it: it.t)
+    for row in run.zeno:
+        found = _accumulated(found, float(row["t"]), int(row["gap"]), float(system.e[row["gap"]]))
+    return found
+
+
+def _accumulated(found: list[Happened], zeno: float, gap: int, e: float) -> list[Happened]:
+    """Replace the impacts of an accumulation by one event, at the first of them."""
+    last = [k for k, it in enumerate(found) if it.t <= zeno and it.kind == "I" and it.gap == gap]
+    if not last:
+        return found
+    first = last[-1]
+    if e == 0.0:
+        return [*found[:first], found[first]._replace(kind="S"), *found[first + 1 :]]
+    while first > 0 and found[first - 1].kind == "I" and found[first - 1].gap == gap:
+        first -= 1
+    chain = found[first]._replace(kind="Z")
+    return [*found[:first], chain, *found[last[-1] + 1 :]]
+
+
+def _busy(run: MechanicalTrajectory, events: list[Happened]) -> list[tuple[float, float]]:
+    """Give the spans of time that a window must not cut: events and accumulations."""
+    spans = [(it.t, it.t) for it in events]
+    for row in run.zeno:
+        begins = [it.t for it in events if it.kind == "Z" and it.gap == row["gap"]]
+        begin = [t for t in begins if t < row["t"]]
+        if begin:
+            spans.append((begin[-1], float(row["t"])))
+    return sorted(spans)
+
+
+def _quiet(run: MechanicalTrajectory, events: list[Happened], length: float) -> float:
+    """Give the middle of the longest pause shortly before the end of a run."""
+    end = float(run.t[-1])
+    begin = max(end - length, float(run.t[0]) + length)
+    marks, free = _busy(run, events), []
+    last = -np.inf
+    for start, stop in [*marks, (end, end)]:
+        if start > last and start > begin:
+            free.append((max(last, begin), start))
+        last = max(last, stop)
+    if not free:
+        return end
+    low, high = max(free, key=lambda it: it[1] - it[0])
+    return 0.5 * (low + high)
+
+
+def _repeats(run: MechanicalTrajectory, events: list[Happened], period: float) -> int:
+    """Give after how many periods the state repeats, as well as it does."""
+    end, begin = _quiet(run, events, period), float(run.t[0])
+    most = min(MOST_MULTIPLE, int((end - begin) / period))
+    if most < 1:
+        return 1
+    times = end - period * np.arange(most + 1)
+    states = run(times).transpose(1, 0, 2).reshape(most + 1, -1)
+    size = np.maximum(np.max(np.abs(run.q), axis=0), 1e-300), np.max(np.abs(run.qdot), axis=0)
+    scale = np.append(*(np.full(len(it), float(np.max(it)) or 1.0) for it in size))
+    apart = np.max(np.abs(states[1:] - states[0]) / scale, axis=1)
+    for tolerance in TOLERANCES:
+        near = np.flatnonzero(apart <= tolerance)
+        if len(near):
+            return int(near[0]) + 1
+    return 1
+
+
+def _free_length(run: MechanicalTrajectory, events: list[Happened]) -> tuple[float, float]:
+    """Give after how long a motion that nothing excites repeats, and where it is looked at."""
+    end, begin = float(run.t[-1]), float(run.t[0])
+    own = [it for it in events if it.t > 0.5 * (begin + end)]
+    if len(own) < 3:
+        times = np.linspace(0.5 * (begin + end), end, 20_001)
+        q, qdot = run(times)
+        j = int(np.argmax(np.ptp(q, axis=0)))
+        tops = np.flatnonzero((qdot[:-1, j] > 0.0) & (qdot[1:, j] <= 0.0))
+        if len(tops) < 2:
+            raise ValueError("start: the run shows no two equal events, nor two highest points")
+        v, h = qdot[:, j], times[1] - times[0]
+        exact = times[tops] + v[tops] / (v[tops] - v[tops + 1]) * h
+        return float(exact[-1] - exact[-2]), float(exact[-1])
+    times = np.array([it.t for it in own])
+    kinds = [(it.kind, it.gap) for it in own]
+    quiet = 0.5 * (times[1:] + times[:-1])
+    states = run(quiet).transpose(1, 0, 2).reshape(len(quiet), -1)
+    scale = float(np.max(np.abs(states))) or 1.0
+    last = len(quiet) - 1
+    for tolerance in TOLERANCES:
+        for k in range(1, last + 1):
+            same = kinds[last] == kinds[last - k]
+            if same and np.max(np.abs(states[last] - states[last - k])) <= tolerance * scale:
+                return float(times[last] - times[last - k]), float(quiet[last])
+    raise ValueError("start: the run does not repeat itself to a hundredth")
+
+
+def _smooth(
+    system: MechanicalSystem,
+    flow: Flow,
+    run: MechanicalTrajectory,
+    length: float,
+    end: float,
+    free: bool,
+    method: SwitchedRK,
+    count: int,
+) -> tuple[Frame, Array, int]:
+    """Give the unknowns of a motion without events: one segment, with the letter P."""
+    contacts = _closed(run, end)
+    z = run(end).ravel()
+    section: float | int
+    if free:
+        t, section = 0.0, int(np.argmax(np.ptp(run.q, axis=0)))
+    else:
+        # far from t = 0 the phase of the excitation has fewer digits
+        t = section = float(end % length)
+    x = np.concatenate([[t - length], z, [t]])[None]
+    word = (Segment(contacts, "P", -1, contacts),)
+    return Frame(system, flow, word, method, length, free, None, section), x, count
+
+
+def _closed(run: MechanicalTrajectory, t: float) -> tuple[int, ...]:
+    at = run.resample(np.array([t]))
+    return tuple(int(i) for i in np.flatnonzero(at.contacts[0]))
+
+
+def _unknowns(
+    system: MechanicalSystem,
+    flow: Flow,
+    run: MechanicalTrajectory,
+    events: list[Happened],
+    length: float,
+    free: bool,
+    method: SwitchedRK,
+) -> tuple[Frame, Array]:
+    contacts = _closed(run, events[0].t - 1e-9 * length)
+    word, rows = [], []
+    for it in events:
+        after = {*contacts} - {*it.opened}
+        after = after | {it.gap} if it.kind in "SZ" else after - {it.gap}
+        segment = Segment(contacts, it.kind, it.gap, tuple(sorted(after)))
+        rows.append(_after(system, flow, run, segment, it.t, length, method))
+        word.append(segment)
+        contacts = segment.after
+    after_all = np.array(rows)
+    x = np.empty((len(word), 2 * flow.n + 2))
+    x[:, -1] = [it.t for it in events]
+    x[:, :-1] = np.roll(after_all, 1, axis=0)
+    x[0, 0] -= length
+    return Frame(system, flow, tuple(word), method, length, free), x
+
+
+def _after(
+    system: MechanicalSystem,
+    flow: Flow,
+    run: Any,
+    segment: Segment,
+    t: float,
+    length: float,
+    method: SwitchedRK,
+) -> Array:
+    """Give time and state after an event of a run."""
+    before = run(max(t - 1e-9 * length, float(run.t[0]))).ravel()
+    if segment.kind == "L":
+        return np.append(t, before)
+    e = 0.0 if segment.kind == "S" else float(flow.e[segment.gap])
+    jump = flow.impact(segment.gap, segment.kept, t, before, e)
+    if segment.kind != "Z":
+        return np.append(t, jump.z)
+    begin = onto(flow, [segment.gap, *segment.kept], t, jump.z, segment.kept)
+    chain = accumulated(system, method, (t, begin), segment.gap, length, slopes=False)
+    return np.append(chain.t, chain.z)

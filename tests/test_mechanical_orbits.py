@@ -1,0 +1,291 @@
+"""Periodic orbits of mechanical systems, against references of other formulations."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import zivi
+from orbit_systems import (
+    REFERENCES,
+    chain2,
+    chain3,
+    chain4,
+    duffing2,
+    listed,
+    multipliers,
+    numbers,
+    rest2,
+    sym2,
+    vdp2,
+)
+from zivi import LinearGap
+from zivi.orbits.mechanical.by_parameter import flow_of
+from zivi.orbits.mechanical.equations import Frame, evaluate
+from zivi.orbits.mechanical.word import parsed
+
+
+def settled(system, period, periods=150, q0=None):
+    n = len(system.M)
+    start = np.zeros(n) if q0 is None else q0
+    return zivi.simulate(system, (0, periods * period), (start, np.zeros(n)))
+
+
+def assert_multipliers(found, known, tolerance=1e-8):
+    """Each of the known ones is found, and nothing else but zeros."""
+    left = list(found)
+    for value in known:
+        k = int(np.argmin([abs(it - value) for it in left]))
+        assert abs(left.pop(k) - value) < tolerance
+    assert all(abs(it) < tolerance for it in left)
+
+
+def phases(times, period):
+    return np.sort(np.asarray(times) % period)
+
+
+@pytest.mark.parametrize(
+    ("name", "system"),
+    [("three_dof_w1.1", chain3), ("four_dof_w0.95", chain4), ("four_dof_w1.2", chain4)],
+)
+def test_orbits_of_chains_from_a_run(name, system):
+    given = numbers(name)
+    period = 2 * np.pi / given["w"]
+    made = system(**given)
+    orbit = zivi.periodic_orbit(made, settled(made, period))
+    assert orbit.success
+    assert orbit.admissible
+    assert orbit.iterations <= 4
+    times = phases(listed(name, "t"), period)
+    assert np.max(np.abs(phases(orbit.impacts["t"], period) - times)) < 1e-12
+    impulses = np.sort(listed(name, "P"))
+    assert np.max(np.abs(np.sort(orbit.impacts["impulse"]) - impulses)) < 1e-12
+    assert_multipliers(orbit.multipliers, multipliers(name))
+    assert_multipliers(np.linalg.eigvals(orbit.monodromy()), multipliers(name))
+    assert sorted(orbit.word) == sorted(f"I {'ab'[k]}" for k in REFERENCES[name]["word"])
+
+
+def test_an_unstable_orbit_from_a_word_with_times():
+    name = "two_dof_four_impacts"
+    near = listed(name, "t") + 0.02 * np.array([1, -1, 1, -1])
+    orbit = zivi.periodic_orbit(chain2(), (["I stop"] * 4, near))
+    assert orbit.success
+    assert not orbit.stable
+    period = 2 * np.pi / 0.9
+    assert orbit.period == pytest.approx(period, abs=1e-15)
+    times = phases(listed(name, "t"), period)
+    assert np.max(np.abs(phases(orbit.impacts["t"], period) - times)) < 1e-12
+    assert_multipliers(orbit.multipliers, multipliers(name))
+    # and from the states after the impacts, from the orbit, and from its own simulation
+    own = orbit.trajectory
+    states = [np.append(t, own(t + 1e-9).ravel()) for t in orbit.impacts["t"][:-1]]
+    states.append(np.append(orbit.impacts["t"][-1], own(own.t[0] + 1e-9).ravel()))
+    again = zivi.periodic_orbit(chain2(), orbit)
+    assert np.max(np.abs(again.impacts["t"] - orbit.impacts["t"])) < 1e-12
+    run = zivi.periodic_orbit(chain2(), own)
+    assert np.max(np.abs(run.impacts["t"] - orbit.impacts["t"])) < 1e-11
+
+
+def test_an_orbit_that_rests_has_live_multipliers():
+    known = REFERENCES["rest2_A1.25"]
+    orbit = zivi.periodic_orbit(rest2(), settled(rest2(), 2 * np.pi, 40, [2.0, 2.0]))
+    assert orbit.kind == "resting"
+    assert orbit.success
+    assert orbit.word == ("L road", "Z road")
+    assert abs(orbit.zeno_times[0] - float(known["t_inf"])) < 1e-10
+    assert abs(orbit.liftoff_times[0] - float(known["t_liftoff"])) < 1e-10
+    assert abs(orbit.impacts["t"][0] - float(known["t_first_impact"])) < 1e-10
+    live = [float(it) for it in known["mult"][:2]]
+    assert_multipliers(orbit.multipliers, live)
+    assert np.count_nonzero(orbit.multipliers) == 2
+    assert_multipliers(np.linalg.eigvals(orbit.monodromy()), live)
+    begin, end = orbit.contacts[0][["t0", "t1"]]
+    assert begin == orbit.zeno_times[0]
+    assert end == pytest.approx(orbit.liftoff_times[0] + 2 * np.pi)
+    state = orbit.trajectory(float(known["t_liftoff"]))
+    assert state[0, 1] == pytest.approx(float(known["y"]), abs=1e-10)
+    assert state[1, 1] == pytest.approx(float(known["ydot"]), abs=1e-10)
+
+
+def test_the_monodromy_at_rest_is_that_of_a_run():
+    orbit = zivi.periodic_orbit(rest2(), settled(rest2(), 2 * np.pi, 40, [2.0, 2.0]))
+    run = orbit.trajectory
+    t, state = float(run.t[0]), (run.q[0], run.qdot[0])
+    tight = zivi.SwitchedRK(rtol=1e-12, atol=1e-13)
+    s = zivi.sensitivity(rest2(), (t, t + 2 * np.pi), state, method=tight)
+    # of the inner oscillator; the road gives no choice to the other mass
+    inner = [1, 3]
+    assert np.max(np.abs((s.monodromy - orbit.monodromy(t))[np.ix_(inner, inner)])) < 1e-9
+
+
+def test_plastic_impacts_hold():
+    known = REFERENCES["stick_e0"]
+    system = chain2(w=0.7, e=0.0)
+    orbit = zivi.periodic_orbit(system, settled(system, 2 * np.pi / 0.7, 40))
+    assert orbit.word == ("S stop", "L stop")
+    period = 2 * np.pi / 0.7
+    assert abs(orbit.liftoff_times[0] - float(known["t_liftoff"])) < 1e-10
+    hit = (float(known["t_impact"]) - orbit.impacts["t"][0]) / period
+    assert abs(hit - round(hit)) < 1e-11
+    pair = complex(*(float(it) for it in known["mult"][0]))
+    assert_multipliers(orbit.multipliers, [pair, pair.conjugate()])
+
+
+@pytest.mark.slow
+def test_an_orbit_of_a_nonlinear_system():
+    given = numbers("duffing")
+    rows = np.array([[float(it) for it in row] for row in REFERENCES["duffing"]["state_after"]])
+    times = listed("duffing", "t")
+    guess = np.column_stack([times, rows])[:3] + 1e-3
+    period = 2 * np.pi / given["w"]
+    orbit = zivi.periodic_orbit(duffing2(**given), (["I stop"] * 3, guess), period=period)
+    assert orbit.success
+    assert np.max(np.abs(orbit.impacts["t"] - times[:3])) < 1e-10
+    assert_multipliers(orbit.multipliers, multipliers("duffing"))
+
+
+@pytest.mark.slow
+def test_an_orbit_that_nothing_excites():
+    known = REFERENCES["autonomous"]
+    system = vdp2(**numbers("autonomous"))
+    run = zivi.simulate(system, (0, 200), ([0.5, 0.5], [0, 0]))
+    orbit = zivi.periodic_orbit(system, run, period="free")
+    assert orbit.success
+    assert abs(orbit.period - float(known["period"])) < 1e-10
+    assert_multipliers(orbit.multipliers, multipliers("autonomous"))
+    assert len(orbit.multipliers) == 3
+    with_shift = np.append(multipliers("autonomous"), 1.0)
+    assert_multipliers(np.linalg.eigvals(orbit.monodromy()), with_shift, 1e-7)
+
+
+def test_half_of_a_symmetric_orbit_is_solved_for():
+    given = numbers("pitchfork_F") | {"F": 3.0}
+    system = sym2(**given)
+    period = 2 * np.pi / given["w"]
+    run = zivi.simulate(system, (0, 150 * period), ([0, 0], [0, 0.1]))
+    half = zivi.periodic_orbit(system, run, symmetry=-np.eye(2))
+    whole = zivi.periodic_orbit(system, run)
+    assert half.success
+    assert half.symmetric
+    assert not whole.symmetric
+    assert len(half.impacts) == len(whole.impacts) == 2
+    times = [phases(it.impacts["t"], period) for it in (half, whole)]
+    assert np.max(np.abs(times[0] - times[1])) < 1e-12
+    assert_multipliers(half.multipliers, whole.multipliers, 1e-10)
+    late = 0.75 * period + half.impacts["t"][0]
+    assert np.max(np.abs(half.monodromy(late) - whole.monodromy(late))) < 1e-10
+    with pytest.raises(ValueError, match="no image"):
+        zivi.periodic_orbit(system, run, symmetry=[[0, 1], [1, 0]])
+
+
+@pytest.mark.slow
+def test_jacobians_are_differences():
+    rng = np.random.default_rng(5)
+    resting = zivi.periodic_orbit(rest2(), settled(rest2(), 2 * np.pi, 40, [2.0, 2.0]))
+    two_gaps = sym2(k=1, ka=0.5, d=0.8, e=0.7, w=2.2, F=3)
+    word = parsed(["I right", "I left"], two_gaps.gap_names)
+    method = zivi.SwitchedRK(rtol=1e-12, atol=1e-13)
+    frame = Frame(two_gaps, flow_of(two_gaps, method), word, method, 2 * np.pi / 2.2)
+    x = rng.normal(size=(2, 6))
+    x[:, 0], x[:, -1] = [0, 1.5], [1.4, 2.8]
+    for own, y, h in ((frame, x.ravel(), 1e-5), (resting._frame, resting._y, 3e-5)):
+        at = evaluate(own, y)
+        columns = [
+            np.subtract(*(evaluate(own, y + s * h * row, slopes=False).residual for s in (1, -1)))
+            / (2 * h)
+            for row in np.eye(len(y))
+        ]
+        off = np.abs(np.array(columns).T - at.matrix())
+        assert np.max(off) < (1e-5 if own is resting._frame else 1e-8)
+
+
+def test_derivatives_by_parameters_are_those_of_other_orbits():
+    orbit = zivi.periodic_orbit(chain2(), (["I stop"] * 4, listed("two_dof_four_impacts", "t")))
+    h = 1e-6
+    for name, make in (("F", "F"), ("omega", "w"), ("e", "e"), ("stop.offset", "d")):
+        value = {"F": 1.0, "omega": 0.9, "e": 0.8, "stop.offset": 0.3}[name]
+        sides = [zivi.periodic_orbit(chain2(**{make: value + s * h}), orbit) for s in (1, -1)]
+        slope = (sides[0].impacts["t"] - sides[1].impacts["t"]) / (2 * h)
+        assert np.max(np.abs(slope - orbit.derivative(name))) < 1e-5 * np.max(np.abs(slope))
+    with pytest.raises(ValueError, match="omega"):
+        orbit.derivative("mass")
+
+
+def test_what_is_no_motion_is_said():
+    system = chain2(w=0.9)
+    found = zivi.periodic_orbit(system, (["I stop"], [4.7]))
+    assert found.status is not zivi.OrbitStatus.COMPLETED
+    assert not found.admissible
+    assert "<" in found.message
+    # an orbit without impacts, where there are some
+    free = zivi.periodic_orbit(system, (["P"], [[0.0, 0.1, 0.1, 0.0, 0.0]]))
+    assert free.status is zivi.OrbitStatus.LEFT_ADMISSIBLE
+    assert "in flight" in free.message
+
+
+def test_orbits_are_reduced_to_their_least_period():
+    name = "three_dof_w1.1"
+    made = chain3(**numbers(name))
+    period = 2 * np.pi / 1.1
+    run = settled(made, period)
+    for multiple in (1, 2, 3, 4, 6):
+        orbit = zivi.periodic_orbit(made, run, multiple)
+        assert orbit.multiple == 1
+        assert len(orbit.impacts) == 2
+    twice = zivi.periodic_orbit(made, orbit, 2)
+    assert twice.multiple == 1
+
+
+def test_bad_arguments_are_named():
+    system = chain2()
+    with pytest.raises(ValueError, match="letter"):
+        zivi.periodic_orbit(system, (["X stop"], [1.0]))
+    with pytest.raises(ValueError, match="closed"):
+        zivi.periodic_orbit(system, (["S stop", "I stop"], [1.0, 2.0]))
+    with pytest.raises(ValueError, match="rows"):
+        zivi.periodic_orbit(system, (["I stop"], [[1.0, 2.0, 3.0]]))
+    with pytest.raises(ValueError, match="'free'"):
+        zivi.periodic_orbit(system, (["I stop"], [1.0]), period="free")
+    with pytest.raises(ValueError, match="period"):
+        zivi.periodic_orbit(duffing2(**numbers("duffing")), (["I stop"], [1.0]))
+    with pytest.raises(TypeError, match="start"):
+        zivi.periodic_orbit(system, 3.0)
+    with pytest.raises(TypeError, match="symmetry"):
+        zivi.periodic_orbit(zivi.ImpactSystem(-1.0, e=0.5), [(1.0, 1.0)], symmetry=np.eye(1))
+    short = zivi.simulate(system, (0, 1), ([0, 0], [0, 0]))
+    with pytest.raises(ValueError, match="last a period"):
+        zivi.periodic_orbit(system, short)
+
+
+def test_orbits_are_stored_and_labelled():
+    pytest.importorskip("xarray")
+    orbit = zivi.periodic_orbit(chain2(), (["I stop"] * 4, listed("two_dof_four_impacts", "t")))
+    again = pickle.loads(pickle.dumps(orbit))
+    assert np.array_equal(again.impacts, orbit.impacts)
+    assert np.array_equal(again.monodromy(), orbit.monodromy())
+    table = orbit.to_xarray()
+    assert table.attrs["word"] == "I stop I stop I stop I stop"
+    assert np.array_equal(table.t, orbit.impacts["t"])
+    assert "4I stop" in repr(orbit)
+
+
+def test_rigid_bodies_without_damping_have_orbits():
+    # a free mass between two walls of a driven frame: no eigenvectors to sum, two impacts a period
+    walls = [
+        LinearGap([1.0], 0.5, zivi.HarmonicWall(0.2, 2.0), name="left"),
+        LinearGap([-1.0], 0.5, zivi.HarmonicWall(-0.2, 2.0), name="right"),
+    ]
+    system = zivi.LinearSystem([[1.0]], None, [[0.0]], gaps=walls, e=0.7)
+    run = zivi.simulate(system, (0, 400), ([0.1], [0.3]))
+    orbit = zivi.periodic_orbit(system, run)
+    assert orbit.success
+    # flights at constant speed from wall to wall, and Newton's law at each
+    t, gap = orbit.impacts["t"], orbit.impacts["gap"]
+    wall = [zivi.HarmonicWall(0.2, 2.0, offset=(-0.5, 0.5)[k]) for k in gap]
+    x = np.array([float(w(s)[0]) for w, s in zip(wall, t, strict=True)])
+    rate = np.array([float(w(s)[1]) for w, s in zip(wall, t, strict=True)])
+    length = orbit.multiple * orbit.period
+    ahead = np.append(t[1:], t[0] + length)
+    speed = (np.roll(x, -1) - x) / (ahead - t)
+    before = np.roll(speed, 1)
+    assert np.max(np.abs((speed - rate) + 0.7 * (before - rate))) < 1e-12
