@@ -195,6 +195,13 @@ impl Dynamics<PyErr> for CompiledDynamics {
         Ok(())
     }
 
+    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        match &mut self.source {
+            Source::Function(_) => self.evaluate(t, q, w, out),
+            Source::Linear(linear) => linear.evaluate_again(t, q, w, out),
+        }
+    }
+
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         match &self.source {
             Source::Function(_) => None,

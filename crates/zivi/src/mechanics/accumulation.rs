@@ -42,6 +42,11 @@ impl Accumulation {
         }
     }
 
+    /// The forces have no shorter period (s).
+    pub(super) fn set_period(&mut self, period: f64) {
+        self.chain.set_period(period);
+    }
+
     /// The impacts of one kind.
     pub(super) fn chain(&self) -> &Chain<Vec<f64>, Key> {
         self.chain.impacts()

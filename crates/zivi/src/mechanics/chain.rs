@@ -3,6 +3,7 @@
 
 use super::corner_log::COLUMNS;
 use super::kinetics::{Kinetics, Model};
+use super::linear_flight::PullAlongArcs;
 use super::mechanism::{scales, Mechanism};
 use super::mode::Key;
 use super::state::MechanicalState;
@@ -25,12 +26,15 @@ pub(super) struct ImpactChain {
     chain: Chain<Vec<f64>, Key>,
     /// Where the forces last kept the system from jumping to the end of it.
     obstacle: Option<Deviation>,
+    /// The shortest period of the forces, if that is known (s).
+    period: Option<f64>,
 }
 
 impl ImpactChain {
     /// For so many coordinates and gaps.
     pub(super) fn new(size: usize) -> Self {
-        Self { chain: Chain::new(Key::default(), 0.5, 2 * size, COLUMNS), obstacle: None }
+        let chain = Chain::new(Key::default(), 0.5, 2 * size, COLUMNS);
+        Self { chain, obstacle: None, period: None }
     }
 
     /// The impacts.
@@ -41,6 +45,11 @@ impl ImpactChain {
     /// Where the forces last kept the system from jumping.
     pub(super) fn obstacle(&self) -> Option<Deviation> {
         self.obstacle
+    }
+
+    /// The forces have no shorter period (s).
+    pub(super) fn set_period(&mut self, period: f64) {
+        self.period = Some(period);
     }
 
     /// What comes next is another chain.
@@ -153,15 +162,21 @@ impl ImpactChain {
         let arcs = SkippedArcs::of_chain(&self.chain, landing.t, [first, last]);
         let Some(tail) = &arcs.arcs else { return Ok(false) };
         let (e, max_step) = (self.chain.e(), at.settings.max_step);
-        let ahead = Lookahead { tail, e, tolerance, max_step, period: None };
-        let mut pull = AlongArcs::new(&arcs, (key.flight, gap), at.aside, at.model);
-        let obstacle = &mut self.obstacle;
-        *obstacle = ahead.obstacle(*obstacle, &mut Counted::new(&mut pull))?;
-        Ok(obstacle.is_none())
+        let ahead = Lookahead { tail, e, tolerance, max_step, period: self.period };
+        let (suspect, smooth) = (self.obstacle, at.model.smooth);
+        self.obstacle = if let Some(system) = at.model.dynamics.linear().cloned() {
+            let of = (key.flight.closed, gap);
+            let mut pull = PullAlongArcs::new(system, smooth, &arcs, of, at.aside)?;
+            ahead.obstacle(suspect, &mut Counted::new(&mut pull))?
+        } else {
+            let mut pull = AlongArcs::new(&arcs, (key.flight, gap), at.aside, at.model);
+            ahead.obstacle(suspect, &mut Counted::new(&mut pull))?
+        };
+        Ok(self.obstacle.is_none())
     }
 
-    /// Through the rest of the chain: the arcs that this skips, bent if they end after
-    /// `dense_from`, and the gaps that are closed then.
+    /// Through the rest of the chain: the arcs that this skips, if they end after `dense_from`, and
+    /// the gaps that are closed then.
     pub(super) fn jump<E, D: Dynamics<E>>(
         &self,
         landing: &Landing<Vec<f64>>,
@@ -169,6 +184,11 @@ impl ImpactChain {
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<(SkippedArcs, GapSet), Failure<E>> {
         let mut mode = self.landed();
+        let zeno = landing.t.max(at.state.now().t);
+        if zeno <= dense_from {
+            let skipped = SkippedArcs { start: zeno, end: zeno, arcs: None, rows: vec![] };
+            return Ok((skipped, at.move_to(landing, mode)?));
+        }
         let (start, z) = (at.state.now().t, at.state.without_speeds(mode)?);
         let speeds = at.state.now().xdot.clone();
         let mut first = at.end_of_arcs(start, &z, mode)?;
@@ -179,9 +199,7 @@ impl ImpactChain {
         last.way = self.way(mode, &speeds, at.aside)?;
         let zeno = at.state.now().t;
         let mut arcs = SkippedArcs::of_chain(&self.chain, zeno, [first, last]);
-        if zeno > dense_from {
-            self.bend(&mut arcs, at)?;
-        }
+        self.bend(&mut arcs, at)?;
         Ok((arcs, set))
     }
 

@@ -152,7 +152,9 @@ impl MechanicalIntegrator {
         if !through.is_empty() {
             return self.strike(through, model);
         }
-        if !self.motion.is_linear(model) {
+        if let Some(period) = self.motion.linear_period(model) {
+            self.accumulation.set_period(period);
+        } else {
             self.state.prepare(model)?;
             self.note_undetermined();
         }

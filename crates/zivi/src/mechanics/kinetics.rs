@@ -42,6 +42,8 @@ pub(super) struct Kinetics {
     values: Vec<f64>,
     /// `L L^T = M`.
     factor: Factor,
+    /// Whether `M` and the normals never change and are known.
+    is_constant: bool,
     /// `A`.
     free: Vec<f64>,
     /// `b`, by row.
@@ -80,6 +82,16 @@ pub(super) fn without_rounding(values: &mut [f64], of: &[f64]) {
     }
 }
 
+/// An error where a number is not finite.
+#[inline]
+fn check_finite<E>(values: &[f64]) -> Result<(), Failure<E>> {
+    // without an early end several are tested at once
+    match values.iter().fold(true, |finite, value| finite & value.is_finite()) {
+        true => Ok(()),
+        false => Err(Failure::Status(Status::ForceNotFinite)),
+    }
+}
+
 impl Kinetics {
     pub(super) fn new(layout: Layout, friction: &Friction) -> Self {
         let (Layout { n, m, .. }, rows) = (layout, layout.rows());
@@ -92,6 +104,7 @@ impl Kinetics {
             channel_of,
             values: zeros(layout.len()),
             factor: Factor::new(n),
+            is_constant: false,
             free: zeros(n),
             b: zeros(rows),
             mobility: zeros(rows * n),
@@ -114,21 +127,26 @@ impl Kinetics {
     ) -> Result<(), Failure<E>> {
         let (layout, t) = (self.layout, model.smooth.nearest(t));
         model.count += 1;
-        model.dynamics.evaluate(t, q, w, &mut self.values).map_err(Failure::Raised)?;
-        // without an early end several are tested at once
-        if !self.values.iter().fold(true, |finite, value| finite & value.is_finite()) {
-            return Err(Failure::Status(Status::ForceNotFinite));
-        }
-        let mass = &self.values[layout.mass()];
-        if !self.factor.is_of(mass) && !self.factor.renew(mass, is_symmetric(mass, layout.n)) {
-            return Err(Failure::Status(Status::MassNotDefinite));
+        if self.is_constant {
+            model.dynamics.evaluate_again(t, q, w, &mut self.values).map_err(Failure::Raised)?;
+            let [forces, rows] = [layout.mass().end..layout.gradient().start, layout.curvature()];
+            check_finite(&self.values[forces])?;
+            check_finite(&self.values[rows.start..])?;
+        } else {
+            model.dynamics.evaluate(t, q, w, &mut self.values).map_err(Failure::Raised)?;
+            check_finite(&self.values)?;
+            let mass = &self.values[layout.mass()];
+            if !self.factor.is_of(mass) && !self.factor.renew(mass, is_symmetric(mass, layout.n)) {
+                return Err(Failure::Status(Status::MassNotDefinite));
+            }
+            self.known = GapSet::EMPTY;
+            self.is_constant = model.dynamics.linear().is_some();
         }
         self.free.copy_from_slice(&self.values[layout.force()]);
         self.factor.solve(&mut self.free);
         for i in 0..layout.rows() {
             self.b[i] = dot(self.normal(i), &self.free) + self.curvature(i);
         }
-        self.known = GapSet::EMPTY;
         Ok(())
     }
 

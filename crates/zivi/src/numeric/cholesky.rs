@@ -49,6 +49,7 @@ pub(crate) struct Factor {
     /// `1/l_ii`.
     inverses: Vec<f64>,
     is_known: bool,
+    is_diagonal: bool,
 }
 
 /// Below it columns are too short to be changed at once.
@@ -58,7 +59,7 @@ impl Factor {
     pub(crate) fn new(n: usize) -> Self {
         let zeros = || vec![0.0; n * n];
         let (of, l, transposed, inverses) = (zeros(), zeros(), zeros(), vec![0.0; n]);
-        Self { n, of, l, transposed, inverses, is_known: false }
+        Self { n, of, l, transposed, inverses, is_known: false, is_diagonal: false }
     }
 
     /// Whether it is that of this matrix, bit for bit.
@@ -70,10 +71,11 @@ impl Factor {
 
     /// Factors another matrix if that is symmetric: whether it is that, and definite.
     pub(crate) fn renew(&mut self, a: &[f64], is_symmetric: bool) -> bool {
-        let Self { n, of, l, transposed, inverses, is_known } = self;
+        let Self { n, of, l, transposed, inverses, is_known, is_diagonal } = self;
         of.copy_from_slice(a);
         l.copy_from_slice(a);
         *is_known = is_symmetric && factor(l, *n) > 0.0;
+        *is_diagonal = (0..*n).all(|i| l[i * *n..][..i].iter().all(|l| *l == 0.0));
         for i in 0..*n {
             for j in 0..=i {
                 transposed[j * *n + i] = l[i * *n + j];
@@ -85,13 +87,16 @@ impl Factor {
 
     /// `b <- A^-1 b`, of few unknowns to the last bit as [`solve`].
     pub(crate) fn solve(&self, b: &mut [f64]) {
-        let Self { n, l, transposed, inverses, .. } = self;
+        let Self { n, l, transposed, inverses, is_diagonal, .. } = self;
         let n = *n;
         if n < COLUMNS {
             return solve(l, n, b);
         }
-        // by columns, whose entries change at once
         let b = &mut b[..n];
+        if *is_diagonal {
+            return b.iter_mut().zip(inverses).for_each(|(b, inverse)| *b = *b * inverse * inverse);
+        }
+        // by columns, whose entries change at once
         for j in 0..n {
             let column = &transposed[j * n..][..n];
             b[j] *= inverses[j];

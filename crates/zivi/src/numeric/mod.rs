@@ -8,6 +8,7 @@ pub(crate) mod dense;
 pub(crate) mod elimination;
 pub(crate) mod first_root;
 pub mod grid;
+pub(crate) mod linear_map;
 pub(crate) mod power_series;
 pub(crate) mod probes;
 pub(crate) mod richardson;

@@ -132,6 +132,15 @@ pub trait Dynamics<E> {
     /// Whatever the system raises; it ends the run, which keeps what was computed.
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E>;
 
+    /// The same over what [`Self::evaluate`] has written into `out` before: numbers that never change
+    /// may be left as they are.
+    ///
+    /// # Errors
+    /// As [`Self::evaluate`].
+    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        self.evaluate(t, q, w, out)
+    }
+
     /// Whether `M`, `F`, `N` and `g_t` are constants: contact forces hold no surprise then, such as
     /// a pulse, and are not probed for one.
     fn is_steady(&self) -> bool {

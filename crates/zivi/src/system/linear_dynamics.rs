@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::numeric::linear_map::LinearMap;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::linear_system::LinearSystem;
 
@@ -10,8 +11,10 @@ use crate::system::linear_system::LinearSystem;
 pub struct LinearDynamics {
     system: Arc<LinearSystem>,
     layout: Layout,
-    /// `K` and `C` column by column, one after the other: what a coordinate and its velocity do.
-    columns: Vec<f64>,
+    /// `(K, C)`.
+    matrix: LinearMap,
+    /// `(q, q')`.
+    state: Vec<f64>,
     /// The values of a table.
     values: Vec<f64>,
 }
@@ -22,18 +25,17 @@ impl LinearDynamics {
     pub fn new(system: Arc<LinearSystem>) -> Self {
         let layout = Layout::smooth(system.load.len(), system.gaps.len());
         let n = layout.n;
-        let (k, c) = (&system.stiffness, &system.damping);
-        let column = |j: usize| {
-            let of = move |a: &'_ Vec<f64>| (0..n).map(|i| a[i * n + j]).collect::<Vec<f64>>();
-            [of(k), of(c)].concat()
+        let entry = |i: usize, j: usize| match j.checked_sub(n) {
+            None => -system.stiffness[i * n + j],
+            Some(j) => -system.damping[i * n + j],
         };
-        let columns = (0..n).flat_map(column).collect();
-        Self { system, layout, columns, values: vec![0.0; n] }
+        let matrix = LinearMap::new(n, 2 * n, entry);
+        Self { system, layout, matrix, state: vec![0.0; 2 * n], values: vec![0.0; n] }
     }
 
     /// `p + ... - K q - C q'`.
     fn force(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) {
-        let Self { system, columns, values, .. } = self;
+        let Self { system, matrix, state, values, .. } = self;
         out.copy_from_slice(&system.load);
         for wave in &system.waves {
             let swing = (wave.omega * t + wave.phase).cos();
@@ -45,13 +47,10 @@ impl LinearDynamics {
             table.values(t, values);
             out.iter_mut().zip(&*values).for_each(|(out, value)| *out += value);
         }
-        let n = out.len();
-        for (pair, (q, w)) in columns.chunks_exact(2 * n).zip(q.iter().zip(w)) {
-            let (k, c) = pair.split_at(n);
-            for (out, (k, c)) in out.iter_mut().zip(k.iter().zip(c)) {
-                *out -= k * q + c * w;
-            }
-        }
+        let (first, second) = state.split_at_mut(q.len());
+        first.copy_from_slice(q);
+        second.copy_from_slice(w);
+        matrix.add(state, out);
     }
 }
 
@@ -63,13 +62,20 @@ impl<E> Dynamics<E> for LinearDynamics {
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
         let layout = self.layout;
         out[layout.mass()].copy_from_slice(&self.system.mass);
+        for (row, it) in out[layout.gradient()].chunks_exact_mut(layout.n).zip(&self.system.gaps) {
+            row.copy_from_slice(&it.normal);
+        }
+        Dynamics::<E>::evaluate_again(self, t, q, w, out)
+    }
+
+    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        let layout = self.layout;
         self.force(t, q, w, &mut out[layout.force()]);
-        let (gap, gradient) = (layout.gap().start, layout.gradient().start);
+        let gap = layout.gap().start;
         for (i, it) in self.system.gaps.iter().enumerate() {
             let [position, rate, acceleration] = it.motion.at(t);
             let along: f64 = it.normal.iter().zip(q).map(|(n, q)| n * q).sum();
             out[gap + i] = along + it.offset - position;
-            out[gradient + i * layout.n..][..layout.n].copy_from_slice(&it.normal);
             out[layout.curvature().start + i] = -acceleration;
             out[layout.rate().start + i] = -rate;
         }

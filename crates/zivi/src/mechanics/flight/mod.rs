@@ -105,15 +105,15 @@ impl SmoothMotion {
         curve.cloned().unwrap_or_else(|| Curve::new(self.last(), end, self.length))
     }
 
-    /// Whether flights are those of a linear system.
-    pub(super) fn is_linear<E, D: Dynamics<E>>(&mut self, model: &Model<'_, D>) -> bool {
+    /// The time of the fastest mode or load (s), where flights are those of a linear system.
+    pub(super) fn linear_period<E, D: Dynamics<E>>(&mut self, model: &Model<'_, D>) -> Option<f64> {
         if self.linear.is_none() && self.flights != Flights::RungeKutta {
             self.linear = LinearFlight::of(model.dynamics);
             if self.linear.is_none() {
                 self.flights = Flights::RungeKutta;
             }
         }
-        self.linear.is_some()
+        self.linear.as_ref().map(|linear| linear.period())
     }
 
     /// One step of a linear system, or the part of it up to an event: what comes next.

@@ -7,7 +7,9 @@
 mod drives;
 mod first_root;
 mod propagation;
+mod pull;
 
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use super::kinetics::Model;
@@ -21,6 +23,7 @@ use crate::system::dynamics::Dynamics;
 use crate::Status;
 use first_root::first_root;
 use propagation::{Free, Propagation};
+pub(super) use pull::PullAlongArcs;
 
 /// A step is so many times shorter than the time of the fastest mode or load by its angle.
 const ANGLE: f64 = 2.0;
@@ -39,8 +42,9 @@ const DRIFT: f64 = 64.0 * f64::EPSILON;
 #[derive(Clone, Debug)]
 pub(super) struct LinearFlight {
     free: Arc<Free>,
-    /// The length of a step (s).
+    /// The length of a step (s), and what it is at most.
     h: f64,
+    longest: f64,
     known: Vec<(GapSet, Arc<Propagation>)>,
     /// By gap the weights of the drives in the speed of its wall, times `h`.
     wall_rates: Vec<Vec<f64>>,
@@ -80,7 +84,22 @@ impl LinearFlight {
         let series = vec![[0.0; TERMS]; system.gaps.len()];
         let free = Arc::new(free);
         let wall_rates = wall_rates(&free, h);
-        Some(Box::new(Self { free, h, known: vec![], wall_rates, y, end, series, curve: None }))
+        Some(Box::new(Self {
+            free,
+            h,
+            longest: h,
+            known: vec![],
+            wall_rates,
+            y,
+            end,
+            series,
+            curve: None,
+        }))
+    }
+
+    /// The time of the fastest mode or load (s).
+    pub(super) fn period(&self) -> f64 {
+        TAU / ANGLE * self.longest
     }
 
     /// The motion within the last step, up to an event, if it was asked for.

@@ -14,6 +14,7 @@
 use super::drives::Drives;
 use crate::mechanics::kinetics::Undetermined;
 use crate::numeric::cholesky;
+use crate::numeric::linear_map::LinearMap;
 use crate::numeric::power_series::{Series, TERMS};
 use crate::record::gap_set::GapSet;
 use crate::system::linear_system::LinearSystem;
@@ -168,51 +169,9 @@ impl Free {
     }
 }
 
-/// A matrix by columns of which most entries may be zero.
-#[derive(Clone, Debug)]
-struct Columns {
-    /// Rows and entries of the columns that have few.
-    sparse: Vec<(usize, Vec<(usize, f64)>)>,
-    /// The others.
-    full: Vec<(usize, Vec<f64>)>,
-}
-
-impl Columns {
-    /// Of a matrix of so many rows and columns.
-    fn new(rows: usize, columns: usize, at: impl Fn(usize, usize) -> f64) -> Self {
-        let mut all = Self { sparse: vec![], full: vec![] };
-        for j in 0..columns {
-            let column: Vec<f64> = (0..rows).map(|i| at(i, j)).collect();
-            let entries: Vec<(usize, f64)> =
-                column.iter().copied().enumerate().filter(|&(_, entry)| entry != 0.0).collect();
-            if 4 * entries.len() <= rows {
-                if !entries.is_empty() {
-                    all.sparse.push((j, entries));
-                }
-            } else {
-                all.full.push((j, column));
-            }
-        }
-        all
-    }
-
-    /// Adds the product with a vector.
-    #[inline]
-    fn add(&self, x: &[f64], out: &mut [f64]) {
-        for (j, entries) in &self.sparse {
-            let factor = x[*j];
-            entries.iter().for_each(|&(i, entry)| out[i] += entry * factor);
-        }
-        for (j, column) in &self.full {
-            let factor = x[*j];
-            out.iter_mut().zip(column).for_each(|(out, entry)| *out += entry * factor);
-        }
-    }
-}
-
 /// A number that is linear in `y`, over a step: its coefficients by columns.
 #[derive(Clone, Debug)]
-pub(super) struct Functional(Columns);
+pub(super) struct Functional(LinearMap);
 
 impl Functional {
     /// The power series from a state.
@@ -228,9 +187,9 @@ impl Functional {
 #[derive(Clone, Debug)]
 pub(super) struct Propagation {
     /// `dq'/ds h = (-h^2 K, -h C, h^2 B) y` under equation (1).
-    acceleration: Columns,
+    acceleration: LinearMap,
     /// `(q, h q')` after a step.
-    step: Columns,
+    step: LinearMap,
     /// The gaps that are open, and the contact forces of the others.
     pub(super) gaps: Vec<Functional>,
 }
@@ -275,12 +234,12 @@ impl Propagation {
                 free.gap(i)
             };
             let series = series_of(free, &rows, h, first);
-            Functional(Columns::new(TERMS, size, |k, j| series[k][j]))
+            Functional(LinearMap::new(TERMS, size, |k, j| series[k][j]))
         });
         Ok(Some(Self {
             gaps: gaps.collect(),
-            acceleration: Columns::new(n, size, |i, j| rows[i][j]),
-            step: Columns::new(2 * n, size, |i, j| after[i][j]),
+            acceleration: LinearMap::new(n, size, |i, j| rows[i][j]),
+            step: LinearMap::new(2 * n, size, |i, j| after[i][j]),
         }))
     }
 

@@ -1,0 +1,104 @@
+//! Products of a matrix with vectors.
+
+/// Full columns are added so many at once.
+const TOGETHER: usize = 4;
+
+/// A matrix of which most entries may be zero: columns that have few entries by diagonals, which
+/// banded matrices have few of, the others as they are.
+#[derive(Clone, Debug)]
+pub(crate) struct LinearMap {
+    diagonals: Vec<Diagonal>,
+    /// The numbers of the full columns.
+    full: Vec<usize>,
+    /// Their entries, column by column, with zeros to a whole number of [`TOGETHER`].
+    entries: Vec<f64>,
+}
+
+/// Entries `a_(i + k, j + k)`, `k = 0, 1, ..`.
+#[derive(Clone, Debug)]
+struct Diagonal {
+    i: usize,
+    j: usize,
+    entries: Vec<f64>,
+}
+
+impl Diagonal {
+    /// From the first to the last entry that is not zero, if there is one.
+    fn of((i, j): (usize, usize), mut entries: Vec<f64>) -> Option<Self> {
+        let first = entries.iter().position(|entry| *entry != 0.0)?;
+        let last = entries.iter().rposition(|entry| *entry != 0.0)?;
+        entries.truncate(last + 1);
+        entries.drain(..first);
+        Some(Self { i: i + first, j: j + first, entries })
+    }
+}
+
+impl LinearMap {
+    /// The matrix of so many rows and columns with these entries.
+    pub(crate) fn new(rows: usize, columns: usize, at: impl Fn(usize, usize) -> f64) -> Self {
+        let filled = |j: usize| (0..rows).filter(|&i| at(i, j) != 0.0).count();
+        let is_full: Vec<bool> = (0..columns).map(|j| 4 * filled(j) > rows).collect();
+        let starts = (1..rows).rev().map(|i| (i, 0)).chain((0..columns).map(|j| (0, j)));
+        let diagonal = |(i, j): (usize, usize)| {
+            let length = (rows - i).min(columns - j);
+            let entry = |k: usize| if is_full[j + k] { 0.0 } else { at(i + k, j + k) };
+            Diagonal::of((i, j), (0..length).map(entry).collect())
+        };
+        let diagonals = starts.filter_map(diagonal).collect();
+        let mut full: Vec<usize> = (0..columns).filter(|&j| is_full[j]).collect();
+        let mut entries: Vec<f64> = full
+            .iter()
+            .flat_map(|&j| (0..rows).map(move |i| (i, j)))
+            .map(|(i, j)| at(i, j))
+            .collect();
+        let missing = full.len().next_multiple_of(TOGETHER) - full.len();
+        full.extend(vec![0; missing]);
+        entries.extend(vec![0.0; missing * rows]);
+        Self { diagonals, full, entries }
+    }
+
+    /// Adds the product with a vector.
+    #[inline]
+    pub(crate) fn add(&self, x: &[f64], out: &mut [f64]) {
+        for Diagonal { i, j, entries } in &self.diagonals {
+            let pairs = entries.iter().zip(&x[*j..]);
+            out[*i..].iter_mut().zip(pairs).for_each(|(out, (entry, x))| *out += entry * x);
+        }
+        let rows = out.len();
+        let blocks = self.entries.chunks_exact((TOGETHER * rows).max(1));
+        for (columns, block) in self.full.chunks_exact(TOGETHER).zip(blocks) {
+            let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|k| x[columns[k]]);
+            let (first, last) = block.split_at(2 * rows);
+            let ((c0, c1), (c2, c3)) = (first.split_at(rows), last.split_at(rows));
+            let pairs = c0.iter().zip(c1).zip(c2.iter().zip(c3));
+            for (out, ((c0, c1), (c2, c3))) in out.iter_mut().zip(pairs) {
+                *out += (c0 * x0 + c1 * x1) + (c2 * x2 + c3 * x3);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_are_those_of_the_rows() {
+        for (rows, columns) in [(1, 1), (3, 5), (20, 41), (26, 7), (40, 44)] {
+            // full, sparse and empty columns beside each other, some of them in diagonals
+            let at = |i: usize, j: usize| match j % 4 {
+                0 => 1.0 / (1 + i + 2 * j) as f64,
+                1 | 2 if i == j % rows || i + 1 == j % rows => (j as f64).cos(),
+                _ => 0.0,
+            };
+            let map = LinearMap::new(rows, columns, at);
+            let x: Vec<f64> = (0..columns).map(|j| (j as f64).sin() + 0.1).collect();
+            let mut out: Vec<f64> = (0..rows).map(|i| i as f64).collect();
+            map.add(&x, &mut out);
+            for (i, found) in out.iter().enumerate() {
+                let exact = i as f64 + (0..columns).map(|j| at(i, j) * x[j]).sum::<f64>();
+                assert!((found - exact).abs() < 1e-13, "{rows} {columns} {i}");
+            }
+        }
+    }
+}
