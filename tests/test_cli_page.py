@@ -94,6 +94,9 @@ VALUES = {
     "sampler": "'halton'",
     "log": "true",
     "V": "'9.81*u'",
+    "system.friction.NAME": "['udot', 0.5]",
+    "impact_law": "'poisson'",
+    "paradox": "'impact'",
     "Q": "['cos(3*t) - 0.1*udot']",
 }
 BASES = {
@@ -136,6 +139,12 @@ def complete(command, key, kind):
         given |= {f"system.e.{it}": LAW[it] for it in own}
     if key == "system.e" and command == "mechanics":
         given["system.gaps.floor"] = "'u'"
+    if table == "system.friction" and command == "simulate":
+        given["system.friction.limit"] = "1.0"
+    if name == "NAME" and table in ("system.slips", "system.mu", "system.e_t"):
+        given |= {"system.gaps.floor": "'u'", "system.slips.floor": "'udot'"}
+        given |= {"system.mu.floor": "0.3", f"{table}.floor": GAPS[table]}
+        return written(given)
     if key == "system.kappa":
         del given["system.e"]
     if table == "system.wall":
@@ -149,16 +158,25 @@ def complete(command, key, kind):
         given["executor"] = "'processes'"
     if key.endswith("e_ref") and table == "controller":
         given["controller.name"] = f"'{kind}'"
-    given.setdefault(key, VALUES.get(name, "1"))
+    given.setdefault(key, VALUES.get(key, VALUES.get(name, "1")))
+    return written(given)
+
+
+def written(given):
+    """Write a file, with names that are the user's."""
     told = {
-        re.sub(r"(parameters|fixed|gaps)\.NAME", lambda m: f"{m[1]}.{NAMES[m[1]]}", path): value
+        re.sub(
+            r"(parameters|fixed|gaps|friction)\.NAME", lambda m: f"{m[1]}.{NAMES[m[1]]}", path
+        ): value
         for path, value in given.items()
     }
     return "".join(f"{path} = {value}\n" for path, value in told.items())
 
 
-NAMES = {"parameters": "e", "fixed": "g", "gaps": "floor"}
+NAMES = {"parameters": "e", "fixed": "g", "gaps": "floor", "friction": "guide"}
+GAPS = {"system.slips": "'udot - 1'", "system.mu": "[0.3, 0.4]", "system.e_t": "0.5"}
 WHOLE_TABLES = ("system", "system.wall", "system.gaps", "system.parameters", "method", "controller",
+                "system.slips", "system.mu", "system.e_t", "system.friction",
                 "parameters", "parameters.NAME", "fixed", "design")  # fmt: skip
 
 
@@ -239,9 +257,7 @@ def test_all_settings_of_the_library_are_there():
         assert taken - keys == always | {"samples"}
     taken = set(inspect.signature(zivi.symbolic.system).parameters)
     (system,) = (key for key in document.COMMANDS["mechanics"] if key.name == "system")
-    # files have no friction yet
-    friction = {"slips", "mu", "friction", "e_t", "impact_law", "paradox"}
-    assert taken - {key.name for key in system.kind.keys} == {"qdot", "compiler"} | friction
+    assert taken - {key.name for key in system.kind.keys} == {"qdot", "compiler"}
 
 
 @pytest.mark.parametrize("command", PREPARE)

@@ -70,6 +70,105 @@ def test_a_run_that_ends_early_is_kept(tmp_path, monkeypatch):
     assert sol.t[-1] == pytest.approx(np.sqrt(1 / 9.81))
 
 
+DISC = """
+t_span = [0, 0.6]
+y0 = [[0.0, 0.4, 0.0], [1.0, 0.0, -10.0]]
+[system]
+q = ["x", "y", "th"]
+T = "(xdot**2 + ydot**2)/2 + r**2*thdot**2/4"
+V = "9.81*y"
+e = 0.5
+gaps = { floor = "y - r" }
+slips = { floor = "xdot + r*thdot - 0.1" }
+mu = { floor = ["mu", 0.4] }
+e_t = { floor = 0.1 }
+friction = { axle = ["thdot", 2e-3, 3e-3] }
+impact_law = "newton"
+parameters = { r = 0.1, mu = 0.3 }
+"""
+
+
+def test_dry_friction_is_that_of_python(tmp_path):
+    (tmp_path / "disc.toml").write_text(DISC)
+    sol = files.prepare_simulate(tmp_path / "disc.toml").run()
+    floor = zivi.LinearGap(
+        [0, 1, 0], -0.1, tangent=[1, 0, 0.1], mu=0.3, mu_static=0.4, e_t=0.1, belt=0.1
+    )
+    axle = zivi.DryFriction([0, 0, 1], limit=2e-3, static=3e-3)
+    mass, force = np.diag([1.0, 1.0, 0.005]), [0.0, -9.81, 0.0]
+    disc = zivi.MechanicalSystem(mass=mass, force=force, gaps=[floor], e=0.5, friction=[axle])
+    exact = zivi.simulate(disc, (0, 0.6), ([0, 0.4, 0], [1, 0, -10]))
+    assert sol.channel_names == ("floor", "axle")
+    assert len(exact.resolved_impacts) > 1
+    for name in ("q", "qdot"):
+        found, true = (getattr(it, name)[-1] for it in (sol, exact))
+        assert found == pytest.approx(true, abs=1e-12)
+    assert sol.transitions["after"].tolist() == exact.transitions["after"].tolist()
+
+
+def test_paradox_and_impact_law_reach_the_run(tmp_path):
+    rod = """
+    t_span = [0, 0.1]
+    y0 = [[0.0, 0.8414709848078965, 1.0], [-2.0, 0.0, 0.0]]
+    system.q = ["x", "y", "th"]
+    system.T = "(xdot**2 + ydot**2)/2 + thdot**2/6"
+    system.V = "9.81*y"
+    system.gaps.tip = "y - sin(th)"
+    system.slips.tip = "xdot + sin(th)*thdot"
+    system.mu.tip = 1.6
+    """
+    path = tmp_path / "rod.toml"
+    path.write_text(rod)
+    assert files.prepare_simulate(path).run().status is zivi.Status.INCONSISTENT_CONTACT
+    path.write_text(f'{rod}\nsystem.paradox = "impact"\nsystem.impact_law = "stronge"')
+    sol = files.prepare_simulate(path).run()
+    assert sol.flags["kind"].tolist() == ["impact_without_collision"]
+
+
+def test_a_mass_in_a_guide_has_friction(tmp_path):
+    path = tmp_path / "guide.toml"
+    path.write_text(
+        "t_span = [0, 3]\ny0 = [1, 0]\n[system]\nforce = -9.81\ne = 0.6\n"
+        "friction = { limit = 2.0 }\n"
+    )
+    sol = files.prepare_simulate(path).run()
+    ball = zivi.ImpactSystem(-9.81, e=0.6, friction=zivi.DryFriction(limit=2.0))
+    assert sol.zeno["t"].tolist() == zivi.simulate(ball, (0, 3), (1, 0)).zeno["t"].tolist()
+    text = path.read_text()
+    for wrong, told in (
+        ("limit = -1", "system.friction.limit must be a finite number >= 0"),
+        ("limit = 1, static = 0.5", "system.friction.static of friction must be at least limit"),
+        ("static = 1", "system.friction.limit is missing"),
+    ):
+        path.write_text(text.replace("limit = 2.0", wrong))
+        with pytest.raises(FileError, match=told):
+            files.prepare_simulate(path)
+    path.write_text(f"{text}wall = {{ amplitude = 0.1, omega = 3.0 }}")
+    with pytest.raises(FileError, match=r"system.wall must be None where there is friction"):
+        files.prepare_simulate(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "wrong", "told"),
+    [
+        ('["mu", 0.4]', "[0.3, 0.4, 0.5]", r"system.mu.floor must be mu or \[mu, mu_static\]"),
+        ('["mu", 0.4]', '["mu", true]', r"system.mu.floor\[1\] must be an expression"),
+        ('["mu", 0.4]', "-0.3", "mu of gap 'floor' must be >= 0"),
+        ('"xdot + r*thdot - 0.1"', '"xdot**2"', "must be linear in the velocities"),
+        ("slips = { floor", "slips = { flor", "slips has 'flor', which is none of the gaps"),
+        ("e_t = { floor = 0.1", "e_t = { floor = 2", "system.e_t.floor must be a finite number"),
+        ('["thdot", 2e-3, 3e-3]', '"thdot"', r"axle must be \[slip speed, limit\] or \[slip"),
+        ('"newton"', '"hertz"', 'system.impact_law must be one of "newton", "poisson"'),
+    ],
+)
+def test_wrong_friction_names_its_key(tmp_path, line, wrong, told):
+    path = tmp_path / "disc.toml"
+    assert line in DISC
+    path.write_text(DISC.replace(line, wrong))
+    with pytest.raises(FileError, match=told):
+        files.prepare_simulate(path).run()
+
+
 @pytest.mark.parametrize(
     ("pattern", "line", "told"),
     [

@@ -83,10 +83,11 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
         ("[system]", "[sistem]", [
             "sistem is no key; did you mean 'system'? "
             "allowed: t_span, y0, system, method, t_eval, tstops",
-            "system is missing: the mass and its wall, a table with force, e, kappa, wall",
+            "system is missing: the mass and its wall, "
+            "a table with force, e, kappa, wall, friction",
         ]),
         ("[system]", "[[system]]", [
-            "system must be a table with force, e, kappa, wall, "
+            "system must be a table with force, e, kappa, wall, friction, "
             "got [{'force': -9.81, 'e': 0.5}]",
         ]),
         ("e = 0.5", "e = 1.5", [f"system.e must be {E}, got 1.5"]),

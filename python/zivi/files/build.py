@@ -10,6 +10,7 @@ import numpy as np
 from zivi.control import twisting
 from zivi.files.validation import Mistakes
 from zivi.simulation.methods import METHODS
+from zivi.system.friction import DryFriction
 from zivi.system.impact_law import LAWS
 from zivi.system.mass import Force, ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
@@ -27,12 +28,15 @@ def force(value: Any) -> Force:
 def system(values: dict[str, Any], mistakes: Mistakes) -> ImpactSystem:
     """Build a system."""
     wall = values.get("wall")
-    given = {name: values[name] for name in ("e", "kappa") if name in values}
+    given: dict[str, Any] = {name: values[name] for name in ("e", "kappa") if name in values}
     if isinstance(law := given.get("e"), dict):
         settings = {name: value for name, value in law.items() if name != "law"}
         with mistakes.naming(named("system.e", settings), "system.e"):
             given["e"] = LAWS[law["law"]](**settings)
-    with mistakes.naming(named("system", given), "system"):
+    if friction := values.get("friction"):
+        with mistakes.naming(named("system.friction", friction), "system.friction"):
+            given["friction"] = DryFriction(**friction)
+    with mistakes.naming(named("system", (*given, "wall")), "system"):
         return ImpactSystem(
             force(values["force"]),
             wall=None if wall is None else HarmonicWall(**wall),

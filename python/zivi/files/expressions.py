@@ -13,7 +13,7 @@ from zivi.base.formula import FormulaError, normal, parse
 from zivi.files.kinds import Kind, Number, read_each
 from zivi.files.validation import Mistakes, got
 
-__all__ = ["Each", "Expression", "Names", "OneOrEach"]
+__all__ = ["Each", "Expression", "Few", "Names", "OneOrEach"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,6 +86,39 @@ class Each:
     def read(self, value: Any, key: str, mistakes: Mistakes) -> list[Any] | None:
         """Give the list."""
         return read_each(self, self.of, value, key, mistakes)
+
+
+@dataclasses.dataclass(frozen=True)
+class Few:
+    """A list of a few expressions, of which those at the end may be left out.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What the expressions are.
+    least : int
+        How many there must be. One alone needs no list.
+    """
+
+    names: tuple[str, ...]
+    least: int
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words."""
+        lengths = range(self.least, len(self.names) + 1)
+        forms = (self.names[0] if n == 1 else f"[{', '.join(self.names[:n])}]" for n in lengths)
+        return f"{' or '.join(forms)}, each an expression or a finite number"
+
+    def read(self, value: Any, key: str, mistakes: Mistakes) -> list[str | float | None] | None:
+        """Give the list."""
+        given = value if isinstance(value, list) else [value]
+        if not self.least <= len(given) <= len(self.names):
+            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            return None
+        several = isinstance(value, list)
+        places = [f"{key}[{n}]" if several else key for n in range(len(given))]
+        return [Expression().read(it, at, mistakes) for it, at in zip(given, places, strict=True)]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -85,18 +85,32 @@ LAW = Tagged(
 _ONE = "one of e and kappa is required"
 
 
-def _system(e: Kind, meaning: str) -> Key:
+FRICTION = Table(
+    (
+        Key("limit", NOT_NEGATIVE, "largest friction while it slips, per unit mass", "m/s^2"),
+        Key("static", NOT_NEGATIVE, "the same while it sticks", "m/s^2", "limit"),
+        Key("velocity", ANY, "velocity of the guide or belt", "m/s", "0"),
+    )
+)
+
+
+def _system(e: Kind, meaning: str, *more: Key) -> Key:
     """Give the key of a system whose wall has an `e` of this kind."""
     keys = (
         Key("force", FORCE, "force per unit mass", "m/s^2"),
         Key("e", e, meaning, "1", _ONE),
         Key("kappa", UNIT, "(1 - e)/(1 + e), instead of e", "1", _ONE),
         Key("wall", WALL, "a wall that vibrates", default="the wall is fixed"),
+        *more,
     )
     return Key("system", Table(keys), "the mass and its wall")
 
 
-SYSTEM = _system(Either(UNIT, LAW), "coefficient of restitution, or an impact law")
+SYSTEM = _system(
+    Either(UNIT, LAW),
+    "coefficient of restitution, or an impact law",
+    Key("friction", FRICTION, "dry friction in a guide, beside a wall at rest", default="none"),
+)
 PLANT = _system(UNIT, "coefficient of restitution")
 
 

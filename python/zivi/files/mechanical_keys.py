@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import zivi._zivi as _zivi
-from zivi.files.expressions import Each, Expression, Names, OneOrEach
+from zivi.files.expressions import Each, Expression, Few, Names, OneOrEach
 from zivi.files.keys import ANY, METHODS, POSITIVE, SIMULATE, UNIT
-from zivi.files.kinds import Numbers
+from zivi.files.kinds import Choice, Numbers
 from zivi.files.tables import Key, Open, Table, Tagged
+from zivi.system.friction import IMPACT_LAWS, PARADOXES
 
 __all__ = ["MECHANICS", "is_mechanical"]
 
@@ -25,6 +26,32 @@ SYSTEM = Table(
         Key("gaps", Open(FORMULA, "gaps"), "what stays >= 0, by name", default="none"),
         Key("parameters", Open(ANY, "parameters"), "values of all other names", default="none"),
         Key("e", OneOrEach(UNIT), "coefficient of restitution, of all gaps or of each", "1", "0"),
+        Key(
+            "slips",
+            Open(FORMULA, "gaps"),
+            "slip speeds of gaps with dry friction, linear in the velocities",
+            default="none",
+        ),
+        Key("mu", Open(Few(("mu", "mu_static"), 1), "gaps"), "their coefficients", "1", "none"),
+        Key("e_t", Open(UNIT, "gaps"), "their tangential restitutions", "1", "0"),
+        Key(
+            "friction",
+            Open(Few(("slip speed", "limit", "static limit"), 2), "joints"),
+            "dry friction in joints, by names of yours",
+            default="none",
+        ),
+        Key(
+            "impact_law",
+            Choice(IMPACT_LAWS),
+            "the law of impacts with friction",
+            default='"newton"',
+        ),
+        Key(
+            "paradox",
+            Choice(PARADOXES),
+            "what follows where a sliding contact is jammed",
+            default='"stop"',
+        ),
     )
 )
 
