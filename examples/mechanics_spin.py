@@ -17,16 +17,16 @@ import zivi
 R, G = 0.1, 9.81
 
 
-def throw(speed: float, spin: float, **law: float) -> zivi.MechanicalTrajectory:
+def throw(
+    speed: float, spin: float, mu: float = 0.2, e: float = 0.6, e_t: float = 0.0
+) -> zivi.MechanicalTrajectory:
     """Throw a ball of 1 kg from a height of 1 m; the spin is forwards."""
-    given = {"mu": 0.2, "e": 0.6, "e_t": 0.0} | law
-    restitution = given.pop("e")
-    floor = zivi.LinearGap([0, 1, 0], -R, name="floor", tangent=[1, 0, -R], **given)
+    floor = zivi.LinearGap([0, 1, 0], -R, name="floor", tangent=[1, 0, -R], mu=mu, e_t=e_t)
     ball = zivi.MechanicalSystem(
         mass=np.diag([1.0, 1.0, 0.4 * R**2]),
         force=[0.0, -G, 0.0],
         gaps=[floor],
-        e=restitution,
+        e=e,
         coordinates=["x", "y", "turn"],
     )
     method = zivi.SwitchedRK(rtol=1e-10, atol=1e-10)

@@ -87,11 +87,18 @@ fn events(run: &MechanicalRun<Infallible>, e: &[f64]) -> Vec<Event> {
     run.occurrences.iter().filter_map(event).collect()
 }
 
+fn tolerances(order: Order, tol: f64) -> SwitchedRk {
+    SwitchedRk { order, rtol: tol, atol: [tol; 2], ..SwitchedRk::default() }
+}
+
 fn run(case: &Case, order: Order, tol: f64) -> MechanicalRun<Infallible> {
+    run_with(case, tolerances(order, tol))
+}
+
+fn run_with(case: &Case, settings: SwitchedRk) -> MechanicalRun<Infallible> {
     let mut system = of_family(&case.family, &case.parameters);
     let e = system.e.clone();
     let times: Vec<f64> = case.checkpoints.iter().map(|it| it.0).collect();
-    let settings = SwitchedRk { order, rtol: tol, atol: [tol; 2], ..SwitchedRk::default() };
     let output = MechanicalOutput { t_eval: Some(&times), ..MechanicalOutput::default() };
     let start = (&case.q0[..], &case.w0[..]);
     simulate_mechanical(settings, &mut system, &e, case.span, start, output, &mut Silent).unwrap()
@@ -141,4 +148,26 @@ fn trajectories_are_those_of_the_references() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn steps_of_one_length_show_the_orders() {
+    // the length of the longest steps of either order; they are halved
+    for (name, five, eight) in
+        [("rod_slide", 0.04, 0.1), ("feeder_lift", 0.02, 0.08), ("belt_stribeck", 0.08, 0.16)]
+    {
+        let case = cases().into_iter().find(|case| case.name == name).unwrap();
+        for (order, longest, least) in [(Order::Five, five, 4.5), (Order::Eight, eight, 7.0)] {
+            let error = |halvings: i32| {
+                let max_step = longest / f64::from(1 << halvings);
+                let settings = SwitchedRk { adaptive: false, max_step, ..tolerances(order, 1e-13) };
+                errors(&case, &run_with(&case, settings)).unwrap().0
+            };
+            let found: Vec<f64> = (0..4).map(error).collect();
+            // from the first to the last above rounding
+            let last = found.iter().rposition(|&error| error > 1e-13).unwrap();
+            let fitted = (found[0] / found[last]).log2() / last as f64;
+            assert!(last > 0 && fitted >= least, "{name} {order:?}: {fitted} {found:?}");
+        }
+    }
 }
