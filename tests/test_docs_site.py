@@ -1,13 +1,7 @@
-"""The documentation: links and anchors, a reference of everything public, code that runs, the site.
+"""The documentation: links and anchors, a reference of all that is public, tutorials, the site."""
 
-What a comment after a ``print`` in the tutorial says is what is printed: all of it, or what is
-before a colon.
-"""
-
-import contextlib
 import html.parser
 import importlib.util
-import io
 import os
 import re
 import subprocess
@@ -20,6 +14,7 @@ import pytest
 
 import zivi
 import zivi.interop
+from page_blocks import blocks, missing, run
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -120,36 +115,6 @@ def test_gallery_pages_run_and_show_one_script(path):
     assert f"{{literalinclude}} ../../examples/{path.stem}.py\n" in text
     assert f"gallery/{path.name})" in (DOCS / "gallery.md").read_text()
     assert (ROOT / "examples" / f"{path.stem}.py").exists()
-
-
-def blocks(page):
-    """Blocks of code of a page; whether the site executes them."""
-    text = (DOCS / f"{page}.md").read_text()
-    pattern = r"^```(\{code-cell\} )?python\n(.*?)^```$"
-    return [(bool(cell), code) for cell, code in re.findall(pattern, text, re.DOTALL | re.M)]
-
-
-def missing(code):
-    """Libraries that a block needs and this machine lacks."""
-    wanted = re.findall(r"^(?:import|from) (\w+(?:\.\w+)?)", code, re.MULTILINE)
-    wanted += ["zarr", "pyarrow"] if "out=" in code else []
-    for name in wanted:
-        with contextlib.suppress(ImportError):
-            importlib.import_module(name)
-            continue
-        yield name
-
-
-def run(code, names):
-    """Run a block and compare what it prints with what its comments say."""
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out):
-        exec(compile(code, "tutorial", "exec"), names)
-    printed = out.getvalue().splitlines()
-    promised = re.findall(r"^print\(.*\)  # (.*)$", code, re.MULTILINE)
-    assert len(printed) >= len(promised)
-    for line, comment in zip(printed, promised, strict=False):
-        assert line == comment or comment.startswith(f"{line}: "), (line, comment)
 
 
 @pytest.mark.parametrize("page", TUTORIAL)
