@@ -77,33 +77,11 @@ def test_the_readmes_snippet_runs(tmp_path, monkeypatch, capsys):
     run = names["run"]
     rests, u = re.findall(r"# (\d\.\d+), (-\d\.\d+):", code)[0]
     assert run.rest_time == pytest.approx(float(rests), abs=0.01)
-    assert run.u[-1] == float(u)
+    assert run.u[-1] == pytest.approx(float(u), abs=1e-9)
     still = run.t > run.rest_time
     assert not np.any(run.x[still])
     assert not np.any(run.xdot[still])
     assert len(set(run.u[still])) == 1
-
-
-def test_the_readmes_numbers():
-    text = " ".join(README.split())
-    (reached,) = re.findall(r"within 1 cm of the reference from (\d\.\d+) s", text)
-    assert last_above(track(), 1e-2) == pytest.approx(float(reached), abs=5e-3)
-    ((explicit, implicit),) = re.findall(r"by (\S+) m/s\^2 a second.*?less than (\S+)\.", text)
-    variation = {
-        row.controller: row.u_variation
-        for row in chattering.measure()
-        if (row.where, row.h) == ("rising", 1e-3)
-    }
-    assert variation["explicit"] == pytest.approx(float(explicit), rel=0.05)
-    assert max(variation[branch] for branch in BRANCHES) < float(implicit)
-    pattern = r"`e` = (\S+) nearly.*?`e` = (\S+) on.*?within (\S+) m"
-    ((low, high, distance),) = re.findall(pattern, text)
-    for row in rest.measure():
-        if row.e <= float(low):
-            assert row.sampled >= 0.9 * row.starts
-        if row.e >= float(high):
-            assert row.sampled == 0
-            assert row.distance < float(distance)
 
 
 def test_branches_on_the_papers_problem():
