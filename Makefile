@@ -25,7 +25,7 @@ help:
 	@echo 'make same-bits  flights by power series built for several processors: every bit is the same'
 	@echo 'make mutants mutations drawn by tools, and whether the tests notice; MUTANTS="vi --draw 20 --seed 7"'
 	@echo 'make lint    formatters, linters, type checkers'
-	@echo 'make bench   the benchmarks, into docs/benchmarks.md'
+	@echo 'make bench   the benchmarks, into benchmarks/results'
 	@echo 'make picture the pictures of the README'
 	@echo 'make screenshots  the pictures of the pages, with chromium'
 	@echo 'make docs    the documentation as a site, into out/site'
@@ -80,7 +80,7 @@ host:
 mutants: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	    --constraint constraints.txt mutmut
-	$(BIN)/python tools/mutants --report docs/testing.md $(MUTANTS)
+	$(BIN)/python tools/mutants --report benchmarks/results/mutants.md $(MUTANTS)
 
 # the virtual environment with pinned packages, and the extension built into it
 $(VENV)/.packages: constraints.txt pyproject.toml

@@ -1,4 +1,4 @@
-"""Measure batches and write `docs/benchmarks_batch.md`."""
+"""Measure batches and write `benchmarks/results/batch.md`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import bench_batch_times as batch
 import cball
 from report import cpu, table, verdict
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks_batch.md"
+PAGE = Path(__file__).resolve().parent / "results" / "batch.md"
 GOAL = 1.5
 
 

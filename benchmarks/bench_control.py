@@ -1,4 +1,4 @@
-"""Measure the controllers and write `docs/benchmarks_control.md`; with --quick, print less only."""
+"""Measure the controllers, write `benchmarks/results/control.md`; with --quick, print less only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import control_report
 import control_siconos
 import control_times
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks_control.md"
+PAGE = Path(__file__).resolve().parent / "results" / "control.md"
 
 
 @dataclasses.dataclass(frozen=True)

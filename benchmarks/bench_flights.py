@@ -1,4 +1,4 @@
-"""Flights under linear forces beside loops by hand (`docs/benchmarks_flights.md`)."""
+"""Flights under linear forces beside loops by hand (`benchmarks/results/flights.md`)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from methods_problems import Problem
 from report import cpu, table
 from scipy_events import Script
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks_flights.md"
+PAGE = Path(__file__).resolve().parent / "results" / "flights.md"
 ROUNDS = 9
 PERIODS = 20_000
 OSCILLATOR = zivi.ImpactSystem(
@@ -196,7 +196,7 @@ oracle in quadruple precision.
 ## Fixed steps
 
 A step of `ThetaGamma` under a number is a closed form and costs little more than its record
-([beside C](benchmarks.md)). A linear force of the state makes the step implicit in it: what that
+([beside C](ball.md)). A linear force of the state makes the step implicit in it: what that
 adds, with all that is recorded, over {steps} steps of the paper's ball:
 
 {implicit}

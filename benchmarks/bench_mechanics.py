@@ -1,4 +1,4 @@
-"""Mechanical systems beside Siconos: error over work (`docs/benchmarks_mechanics.md`)."""
+"""Mechanical systems beside Siconos: error over work (`benchmarks/results/mechanics.md`)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from report import cpu, table
 from siconos_peer import TIMEOUT, interpreter
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-PAGE = DOCS / "benchmarks_mechanics.md"
+PAGE = Path(__file__).resolve().parent / "results" / "mechanics.md"
 FIGURE = DOCS / "figures" / "work_mechanics.png"
 TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12)
 ROUNDS = 5
@@ -129,7 +129,7 @@ integrates a compiled system (`zivi.symbolic`); its compilation is not counted.
 MuJoCo and Drake were not used: their contacts are soft, or have no coefficient of restitution,
 and solve another problem.
 
-![Error over the time of the processor](figures/work_mechanics.png)
+![Error over the time of the processor](../../docs/figures/work_mechanics.png)
 
 Between the impacts both motions are polynomials or nearly so: a Runge-Kutta pair of order 8 has
 next to no error there, and what is seen is how impacts and accumulations are passed. A step of the

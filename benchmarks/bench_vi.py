@@ -1,4 +1,4 @@
-"""Measure the box-VI solver and write `docs/benchmarks_vi.md`; with --quick, print less only."""
+"""Measure the box-VI solver and write `benchmarks/results/vi.md`; with --quick, print less only."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import vi_peer
 import vi_report
 import vi_times
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks_vi.md"
+PAGE = Path(__file__).resolve().parent / "results" / "vi.md"
 
 
 @dataclasses.dataclass(frozen=True)

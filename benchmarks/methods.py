@@ -1,4 +1,4 @@
-"""Work and precision of the methods; write `docs/benchmarks_methods.md` and its figure.
+"""Work and precision of the methods; write `benchmarks/results/methods.md` and its figure.
 
 With --quick: a smaller run, printed only.
 """
@@ -18,7 +18,7 @@ import methods_times
 from methods_problems import problems
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-PAGE = DOCS / "benchmarks_methods.md"
+PAGE = Path(__file__).resolve().parent / "results" / "methods.md"
 PICTURE = DOCS / "figures" / "work_precision.png"
 
 

@@ -259,7 +259,7 @@ twenty times in a period and `brentq` finds the lift-off. Relative and absolute 
 same number for both. `solve_ivp` can only call Python; a force that numba compiled is still
 called from there.
 
-![Error over evaluations and over time](figures/work_precision.png)
+![Error over evaluations and over time](../../docs/figures/work_precision.png)
 
 ## Goals
 

@@ -1,4 +1,4 @@
-"""Run all benchmarks and write `docs/benchmarks.md` (`make bench`)."""
+"""Run all benchmarks and write `benchmarks/results/ball.md` (`make bench`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import methods
 import report
 import siconos_peer
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks.md"
+PAGE = Path(__file__).resolve().parent / "results" / "ball.md"
 
 
 def _compiler() -> str:

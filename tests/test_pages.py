@@ -116,3 +116,29 @@ def test_the_tables_of_migration_name_what_exists():
             thing = zivi
             for part in name[1:].split("."):
                 thing = getattr(thing, part)
+
+
+RESULTS = DOCS.parent / "benchmarks" / "results"
+FIGURE = re.compile(r"\d[\d.]*(?:e-?\d+)?(?: / \d+)?")
+
+
+def test_the_benchmarks_page_quotes_its_results():
+    page = (DOCS / "benchmarks.md").read_text()
+    rows = re.findall(r"^\| (.+?) \| (.+?) \| (\w+) \|$", page, re.MULTILINE)[1:]
+    assert len(rows) >= 12
+    for question, answer, name in rows:
+        measured = (RESULTS / f"{name}.md").read_text()
+        figures = FIGURE.findall(answer)
+        assert figures, question
+        for figure in figures:
+            pattern = rf"(?<![\d.]){re.escape(figure)}(?!\.?\d)"
+            assert re.search(pattern, measured), (question, figure)
+
+
+def test_results_are_listed_where_they_are_written():
+    listed = set(re.findall(r"\]\((\w+)\.md\)", (RESULTS / "README.md").read_text()))
+    assert listed == {path.stem for path in RESULTS.glob("*.md")} - {"README"}
+    written = "".join(path.read_text() for path in RESULTS.parent.glob("*.py"))
+    makefile = (DOCS.parent / "Makefile").read_text()
+    for name in listed:
+        assert f'"{name}.md"' in written or f"results/{name}.md" in makefile, name

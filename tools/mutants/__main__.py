@@ -1,6 +1,6 @@
 """Mutations drawn by tools, and whether the tests notice: ``make mutants``.
 
-    make mutants                    60 mutations in every area, into docs/testing.md
+    make mutants                    60 mutations in every area, into benchmarks/results/mutants.md
     make mutants MUTANTS='mechanics vi --draw 100 --seed 7'
     .venv/bin/python tools/mutants mechanics --resume --entries
                                     again what was not killed in the last run, for new tests
