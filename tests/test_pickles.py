@@ -63,10 +63,25 @@ MAKE = {
     "RunFunction": run_function,
     "RunPoint": lambda: run_function().evaluate([0.5]),
     "Sensitivity": lambda: zivi.sensitivity(BALL, (0, 3), (1, 0)),
+    "SolutionFunction": lambda: _solution(),
+    "SolutionPoint": lambda: _solution().evaluate([2.0]),
     "Trajectory": lambda: zivi.simulate(BALL, (0, 3), (1, 0)),
+    "VIDerivative": lambda: _solution().evaluate([2.0]).of,
     "VIProgress": lambda: _progress(),
     "VIResult": lambda: zivi.solve_lcp([[1.0]], [-1.0]),
 }
+
+
+def _line(x: Any, p: Any) -> Any:
+    return x - p
+
+
+def _slope(x: Any, p: Any) -> Any:
+    return np.eye(1)
+
+
+def _solution() -> Any:
+    return zivi.interop.solution_function(_line, 0, None, [1.0], "p", jac=_slope)
 
 
 def _progress() -> Any:

@@ -22,7 +22,7 @@ ROOMS = {
     "control": {"base", "system", "simulation", "study"},
     "orbits": {"base", "system", "simulation", "derivatives", "study"},
     "plot": {"base", "system", "simulation", "control", "orbits"},
-    "interop": {"base", "system", "simulation", "control", "derivatives"},
+    "interop": {"base", "vi", "system", "simulation", "control", "derivatives"},
 }
 """What each room of the library may know; faces, programs and files are above them."""
 

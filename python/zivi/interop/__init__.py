@@ -1,4 +1,4 @@
-"""Impact systems, controllers and derivatives of runs in other libraries.
+"""Impact systems, controllers, derivatives of runs and of solutions of VIs in other libraries.
 
 `zivi.interop.python_control` needs the extra ``control``, `zivi.interop.jax_function` the extra
 ``jax``; nothing here is imported with `zivi`.
@@ -13,15 +13,19 @@ from zivi.interop.python_control import (
     impact_plant,
     state_vector,
 )
+from zivi.interop.solution import SolutionFunction, SolutionPoint, solution_function
 
 __all__ = [
     "RunFunction",
     "RunPoint",
+    "SolutionFunction",
+    "SolutionPoint",
     "controller_block",
     "force_block",
     "impact_plant",
     "jax_function",
     "juggler",
     "run_function",
+    "solution_function",
     "state_vector",
 ]

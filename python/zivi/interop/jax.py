@@ -1,4 +1,4 @@
-"""Runs inside programs of JAX: differentiated by their own sensitivities, not by tracing."""
+"""Runs and solutions of VIs in programs of JAX: differentiated by their own derivatives."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ import numpy as np
 
 from zivi.base.extras import needed
 from zivi.interop.gradient import RunFunction
+from zivi.interop.solution import SolutionFunction
 
 __all__ = ["jax_function"]
 
 
-def jax_function(function: RunFunction) -> Callable[[Any], Any]:
-    """Make a function of JAX from a run.
+def jax_function(function: RunFunction | SolutionFunction) -> Callable[[Any], Any]:
+    """Make a function of JAX from a run, or from the solution of a VI.
 
     It can be compiled, differentiated forwards and backwards once (``jax.jvp``, ``jax.grad``,
-    ``jax.jacobian``), and mapped over arrays of parameters (``jax.vmap``, one run after the other).
+    ``jax.jacobian``), and mapped over arrays of parameters (``jax.vmap``, one after the other).
 
     Parameters
     ----------
-    function : RunFunction
-        From `run_function`.
+    function : RunFunction or SolutionFunction
+        From `run_function` or `solution_function`.
 
     Returns
     -------
@@ -33,7 +34,7 @@ def jax_function(function: RunFunction) -> Callable[[Any], Any]:
     Raises
     ------
     TypeError
-        If `function` is no `RunFunction`.
+        If `function` is none of these.
     ImportError
         Without JAX.
 
@@ -45,8 +46,11 @@ def jax_function(function: RunFunction) -> Callable[[Any], Any]:
     >>> jax.grad(lambda e: zivi.interop.jax_function(rest)(e[None]))(0.5)  # doctest: +SKIP
     Array(3.612189, dtype=float32, weak_type=True)
     """
-    if not isinstance(function, RunFunction):
-        raise TypeError(f"function must be a RunFunction, from run_function, got {function!r}")
+    if not isinstance(function, RunFunction | SolutionFunction):
+        raise TypeError(
+            "function must be a RunFunction, from run_function, or a SolutionFunction, from "
+            f"solution_function, got {function!r}"
+        )
     jax = needed("jax", "runs in programs of JAX")
     shape, m = function.shape, len(function.wrt)
 

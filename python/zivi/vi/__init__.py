@@ -1,6 +1,7 @@
 """Variational inequalities on a box, or mixed complementarity problems."""
 
 from zivi.vi.complementarity import Equilibrium, bimatrix, solve_lcp, solve_ncp
+from zivi.vi.derivatives import VIDerivative, solution_derivative
 from zivi.vi.jacobian import JacobianError, check_jacobian
 from zivi.vi.solve import MAX_DENSE, natural_residual, solve_avi, solve_vi
 from zivi.vi.types import VIOptions, VIProgress, VIResult, VIStatus
@@ -9,6 +10,7 @@ __all__ = [
     "MAX_DENSE",
     "Equilibrium",
     "JacobianError",
+    "VIDerivative",
     "VIOptions",
     "VIProgress",
     "VIResult",
@@ -16,6 +18,7 @@ __all__ = [
     "bimatrix",
     "check_jacobian",
     "natural_residual",
+    "solution_derivative",
     "solve_avi",
     "solve_lcp",
     "solve_ncp",
