@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import zivi
+from orbit_systems import chain2, listed
 from test_api import RESULTS
 from zivi import interop
 
@@ -54,6 +55,9 @@ MAKE = {
     "ImpactReturn": lambda: zivi.impact_map(TABLE)([0.6], [2.1]),
     "Lyapunov": lambda: zivi.lyapunov_exponents(TABLE, (0, 90), (0.1, 2)),
     "MechanicalBatch": lambda: zivi.simulate_batch(DROP, (0, 3), ([[1.0], [2.0]], [[0.0], [0.0]])),
+    "MechanicalOrbit": lambda: zivi.periodic_orbit(
+        chain2(), (["I stop"] * 4, listed("two_dof_four_impacts", "t"))
+    ),
     "MechanicalSensitivity": lambda: zivi.sensitivity(DROP, (0, 2), ([1.0], [0.0])),
     "MechanicalTrajectory": lambda: zivi.simulate(DROP, (0, 3), ([1.0], [0.0])),
     "Observed": lambda: zivi.ImpactObserver(0.5, 1e-3, position_only=True).observe(
