@@ -12,7 +12,7 @@ and gaps. Runs pass the accumulations of impacts, rest exactly and lift off agai
 
 Systems
     `ImpactSystem`, `LinearForce`, `HarmonicWall`, `Table`, `SpeedDependentImpact`;
-    `MechanicalSystem`, `LinearSystem`, `LinearGap`, `DryFriction`;
+    `MechanicalSystem`, `LinearSystem`, `Tree`, `LinearGap`, `DryFriction`;
     ``zivi.symbolic``
 Runs
     `simulate`, `simulate_batch`; the methods `SwitchedRK` (high order, the default), `ThetaGamma`
@@ -92,6 +92,7 @@ from zivi.system.parametric import ParametricForce
 from zivi.system.parametric_mechanism import ParametricSystem
 from zivi.system.table import Table
 from zivi.system.transform import lift, project
+from zivi.system.tree.system import Tree
 from zivi.system.wall import HarmonicWall, MovingWall
 from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp
 from zivi.vi.solve import (
@@ -147,6 +148,7 @@ __all__ = [
     "Table",
     "ThetaGamma",
     "TickStatus",
+    "Tree",
     "TwistingRegulator",
     "TwistingTracker",
     "VIOptions",

@@ -291,8 +291,20 @@ class Model:
         tables: list[TimeTable],
         gaps: list[tuple[list[float], float, Wall | None]],
     ) -> Model: ...
+    @staticmethod
+    def tree(tree: Tree) -> Model: ...
     @property
     def function(self) -> CompiledFunction | None: ...
+
+@final
+class Tree:
+    def __new__(
+        cls,
+        joints: list[tuple[int, bool]],
+        gaps: list[tuple[str, int, int]],
+        numbers: _Array,
+    ) -> Self: ...
+    def evaluate(self, t: float, q: _Array, qdot: _Array) -> _Array: ...
 
 @final
 class CompiledFunction:
@@ -309,6 +321,8 @@ class Partials:
     def differences(moved: list[Moved]) -> Partials: ...
     @staticmethod
     def function(function: Model, parameters: int) -> Partials: ...
+    @staticmethod
+    def tree(directions: list[list[float]]) -> Partials: ...
 
 @final
 class Moved:

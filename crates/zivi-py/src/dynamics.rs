@@ -11,10 +11,12 @@ use pyo3::types::PyTuple;
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::linear_dynamics::LinearDynamics;
 use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
+use zivi::system::tree::{self, TreeDynamics};
 
 use crate::capsule::Capsule;
 use crate::force::{Raised, Wall};
 use crate::time_table::TimeTable;
+use crate::tree::Tree;
 
 type Evaluate = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64) -> c_int;
 type EvaluateWith =
@@ -36,6 +38,8 @@ enum Kind {
     Compiled(CompiledFunction, Py<PyAny>),
     /// Matrices.
     Linear(Arc<LinearSystem>),
+    /// Bodies and joints.
+    Tree(Arc<tree::Tree>),
     /// A function, and whether it gives constants.
     Callable(Py<PyAny>, bool),
 }
@@ -63,7 +67,7 @@ impl Model {
     fn function(&self) -> Option<CompiledFunction> {
         match self.kind {
             Kind::Compiled(function, _) => Some(function),
-            Kind::Linear(_) | Kind::Callable(..) => None,
+            Kind::Linear(_) | Kind::Tree(_) | Kind::Callable(..) => None,
         }
     }
 
@@ -99,10 +103,16 @@ impl Model {
         Ok(Self { kind: Kind::Linear(Arc::new(system)) })
     }
 
+    /// Bodies and joints.
+    #[staticmethod]
+    fn tree(tree: Py<Tree>) -> Self {
+        Self { kind: Kind::Tree(tree.get().inner.clone()) }
+    }
+
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.kind {
             Kind::Compiled(_, held) | Kind::Callable(held, _) => visit.call(held),
-            Kind::Linear(_) => Ok(()),
+            Kind::Linear(_) | Kind::Tree(_) => Ok(()),
         }
     }
 }
@@ -135,6 +145,10 @@ impl<'py> AnyDynamics<'py> {
                 let source = Source::Linear(LinearDynamics::new(system.clone()));
                 Self::Compiled(CompiledDynamics { layout, source, raised: Raised::now() })
             }
+            Kind::Tree(tree) => {
+                let source = Source::Tree(TreeDynamics::new(tree.clone()));
+                Self::Compiled(CompiledDynamics { layout, source, raised: Raised::now() })
+            }
             Kind::Callable(callable, steady) => {
                 let zeros = || PyArray1::zeros(py, layout.n, false);
                 let (callable, q, w) = (callable.bind(py).clone(), zeros(), zeros());
@@ -156,6 +170,17 @@ pub(crate) struct CompiledDynamics {
 enum Source {
     Function(CompiledFunction),
     Linear(LinearDynamics),
+    Tree(TreeDynamics),
+}
+
+impl CompiledDynamics {
+    /// The tree, if it is one.
+    pub(crate) fn tree(&self) -> Option<&Arc<tree::Tree>> {
+        match &self.source {
+            Source::Tree(dynamics) => Some(dynamics.tree()),
+            Source::Function(_) | Source::Linear(_) => None,
+        }
+    }
 }
 
 impl Dynamics<PyErr> for CompiledDynamics {
@@ -167,6 +192,7 @@ impl Dynamics<PyErr> for CompiledDynamics {
         let CompiledFunction { address, data, returns_int } = match &mut self.source {
             Source::Function(function) => *function,
             Source::Linear(linear) => return linear.evaluate(t, q, w, out),
+            Source::Tree(tree) => return tree.evaluate(t, q, w, out),
         };
         let (q, w, to) = (q.as_ptr(), w.as_ptr(), out.as_mut_ptr());
         // SAFETY: the Python layer passes only the address of a function whose signature was
@@ -197,14 +223,14 @@ impl Dynamics<PyErr> for CompiledDynamics {
 
     fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
         match &mut self.source {
-            Source::Function(_) => self.evaluate(t, q, w, out),
+            Source::Function(_) | Source::Tree(_) => self.evaluate(t, q, w, out),
             Source::Linear(linear) => linear.evaluate_again(t, q, w, out),
         }
     }
 
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         match &self.source {
-            Source::Function(_) => None,
+            Source::Function(_) | Source::Tree(_) => None,
             Source::Linear(linear) => Dynamics::<PyErr>::linear(linear),
         }
     }

@@ -29,6 +29,7 @@ mod system;
 mod time_table;
 mod tracking;
 mod transform;
+mod tree;
 mod user_events;
 mod vi;
 mod watch;
@@ -83,6 +84,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<force::Force>()?;
     module.add_class::<force::Wall>()?;
     module.add_class::<time_table::TimeTable>()?;
+    module.add_class::<tree::Tree>()?;
     module.add_function(wrap_pyfunction!(force::force_raised, module)?)?;
     module.add_class::<mechanics::MechanicalRecord>()?;
     module.add_class::<motion::MechanicalPath>()?;

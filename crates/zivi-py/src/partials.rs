@@ -1,5 +1,7 @@
 //! Mechanical systems from Python with their partial derivatives.
 
+use std::sync::Arc;
+
 use numpy::PyReadonlyArray1;
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
@@ -11,6 +13,7 @@ use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::partials::{
     DifferencedDynamics, DifferentiableDynamics, Neighbours, TimedState, MOVES,
 };
+use zivi::system::tree::TreeDynamics;
 use zivi::{SetupError, SwitchedRk};
 
 use crate::arrays::vector;
@@ -79,6 +82,8 @@ enum Source {
     /// A function that fills in all of them, by time, coordinates, velocities and so many
     /// parameters, one after the other.
     Function(Py<Model>, usize),
+    /// Of a tree: how each parameter moves its numbers.
+    Tree(Arc<Vec<Vec<f64>>>),
 }
 
 #[pymethods]
@@ -93,10 +98,16 @@ impl Partials {
         Self { source: Source::Function(function, parameters) }
     }
 
+    #[staticmethod]
+    fn tree(directions: Vec<Vec<f64>>) -> Self {
+        Self { source: Source::Tree(Arc::new(directions)) }
+    }
+
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.source {
             Source::Differences(moved) => moved.iter().try_for_each(|it| visit.call(it)),
             Source::Function(function, _) => visit.call(function),
+            Source::Tree(_) => Ok(()),
         }
     }
 }
@@ -145,6 +156,10 @@ fn compiled(spec: AnyDynamics<'_>) -> Option<CompiledDynamics> {
         AnyDynamics::Compiled(it) => Some(it),
         AnyDynamics::Callable(_) => None,
     }
+}
+
+fn no_tree() -> PyErr {
+    pyo3::exceptions::PyValueError::new_err("these derivatives are those of a tree")
 }
 
 fn callable(spec: AnyDynamics<'_>) -> Option<PythonDynamics<'_>> {
@@ -226,6 +241,12 @@ impl Task<'_> {
                 let more = neighbours(py, moved, layout, callable)?;
                 self.run(&mut DifferencedDynamics::new(model, more, duration), watch)
             }
+            (AnyDynamics::Compiled(model), Source::Tree(directions)) => {
+                let tree = model.tree().ok_or_else(no_tree)?.clone();
+                let mut system = TreeDynamics::with_directions(tree, directions.clone());
+                py.detach(|| self.run(&mut system, watch))
+            }
+            (AnyDynamics::Callable(_), Source::Tree(_)) => return Err(no_tree()),
             (model, Source::Function(function, parameters)) => {
                 match (model, AnyDynamics::of(py, function.get(), layout)) {
                     (AnyDynamics::Compiled(model), AnyDynamics::Compiled(partials)) => {

@@ -22,6 +22,7 @@ EXTRAS = {
     "control": "control",
     "jax": "jax",
     "sympy": "symbolic",
+    "mujoco": "mujoco",
     "gymnasium": "gym",
     "marimo": "lab",
     "plotly": "lab",

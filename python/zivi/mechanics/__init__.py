@@ -3,5 +3,16 @@
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.tree.body import Body
+from zivi.system.tree.gaps import BallGap, JointLimit, PlaneGap
 
-__all__ = ["Evaluation", "Gap", "LinearGap", "MechanicalSystem"]
+__all__ = [
+    "BallGap",
+    "Body",
+    "Evaluation",
+    "Gap",
+    "JointLimit",
+    "LinearGap",
+    "MechanicalSystem",
+    "PlaneGap",
+]

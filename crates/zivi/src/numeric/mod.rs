@@ -11,6 +11,7 @@ pub mod grid;
 pub(crate) mod linear_map;
 pub(crate) mod power_series;
 pub(crate) mod probes;
+pub(crate) mod real;
 pub(crate) mod richardson;
 pub(crate) mod root;
 pub(crate) mod stages;

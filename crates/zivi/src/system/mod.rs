@@ -12,3 +12,4 @@ pub mod partials;
 pub mod slopes;
 pub(crate) mod stops;
 pub mod time_table;
+pub mod tree;

@@ -1,0 +1,1 @@
+"""Trees of rigid bodies that hinges and slides join."""

@@ -1,0 +1,174 @@
+"""Bodies of a tree, each with the joint that carries it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi.base.check import Array, finite, real_array
+
+__all__ = ["KINDS", "Body", "body_values", "joint_values"]
+
+KINDS = ("hinge", "slide", "fixed")
+
+OF_JOINT = ("stiffness", "spring", "damping", "armature", "torque")
+"""What belongs to the joint of a body."""
+OF_INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Body:
+    r"""A rigid body of a `zivi.Tree`, with the joint that carries it.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    parent : str, optional
+        The body that carries it; by default the world.
+    kind : {"hinge", "slide", "fixed"}
+        Its joint: it turns about the axis (rad), slides along it (m), or is fixed to its parent.
+    position : array_like
+        The origin of its frame in that of its parent (m), where its coordinate is `reference`.
+    rotation : array_like, optional
+        Its axes there as the columns of a rotation, of shape (3, 3); by default the parent's.
+    axis : array_like
+        Direction of the joint in the body's frame, of any length.
+    anchor : array_like
+        A point on the axis of a hinge, in the body's frame (m).
+    mass : float
+        Mass (kg), >= 0.
+    com : array_like
+        Centre of mass in the body's frame (m).
+    inertia : array_like
+        Inertia about the centre of mass along the body's axes (kg m^2): a number for all axes,
+        three, or a symmetric matrix of shape (3, 3).
+    stiffness, spring : float
+        A spring in the joint, :math:`-k (q - s)`.
+    damping : float
+        :math:`c` in :math:`-c \dot q`.
+    armature : float
+        Inertia of a rotor, added to the diagonal of the mass matrix, >= 0.
+    torque : float
+        A constant torque, or force of a slide.
+    reference : float
+        The coordinate at which the frame is at `position`.
+    coordinate : str, optional
+        Name of the coordinate; by default that of the body.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a number is not finite or out of range, or an axis is zero.
+
+    Examples
+    --------
+    >>> zivi.mechanics.Body("arm", axis=[0, 1, 0], mass=1.0, com=[0, 0, -0.5], inertia=0.08).mass
+    1.0
+    """
+
+    name: str
+    parent: str | None = None
+    kind: str = "hinge"
+    position: ArrayLike = (0.0, 0.0, 0.0)
+    rotation: ArrayLike | None = None
+    axis: ArrayLike = (0.0, 0.0, 1.0)
+    anchor: ArrayLike = (0.0, 0.0, 0.0)
+    mass: float = 0.0
+    com: ArrayLike = (0.0, 0.0, 0.0)
+    inertia: ArrayLike = 0.0
+    stiffness: float = 0.0
+    spring: float = 0.0
+    damping: float = 0.0
+    armature: float = 0.0
+    torque: float = 0.0
+    reference: float = 0.0
+    coordinate: str | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise TypeError(f"name of a body must be a string, got {self.name!r}")
+        if self.kind not in KINDS:
+            raise ValueError(
+                f"kind of body {self.name!r} must be one of {', '.join(KINDS)}, got {self.kind!r}"
+            )
+        for field in ("position", "axis", "anchor", "com"):
+            self._take(field, vector(f"{field} of body {self.name!r}", getattr(self, field)))
+        if not np.any(np.asarray(self.axis)):
+            raise ValueError(f"axis of body {self.name!r} must not be zero")
+        self._take("rotation", self._rotation())
+        self._take("inertia", self._inertia())
+        for field in ("mass", *OF_JOINT, "reference"):
+            value = finite(f"{field} of body {self.name!r}", getattr(self, field))
+            if field in ("mass", "armature") and value < 0.0:
+                raise ValueError(f"{field} of body {self.name!r} must be >= 0, got {value}")
+            self._take(field, value)
+
+    def _take(self, field: str, value: Any) -> None:
+        object.__setattr__(self, field, value)
+
+    def _rotation(self) -> Array:
+        if self.rotation is None:
+            return np.eye(3)
+        given = real_array(f"rotation of body {self.name!r}", self.rotation)
+        good = given.shape == (3, 3) and np.allclose(given.T @ given, np.eye(3), atol=1e-9)
+        if not good or np.linalg.det(given) < 0.0:
+            raise ValueError(
+                f"rotation of body {self.name!r} must be a rotation of shape (3, 3), "
+                f"got {given.tolist()}"
+            )
+        return given
+
+    def _inertia(self) -> Array:
+        given = real_array(f"inertia of body {self.name!r}", self.inertia)
+        if given.shape in ((), (3,)):
+            given = np.diag(np.broadcast_to(given, 3)).copy()
+        finite_and_square = given.shape == (3, 3) and bool(np.all(np.isfinite(given)))
+        if not finite_and_square or np.max(np.abs(given - given.T)) > 1e-10 * np.max(np.abs(given)):
+            raise ValueError(
+                f"inertia of body {self.name!r} must be a number, three, or a symmetric matrix of "
+                f"shape (3, 3), got {given.tolist()}"
+            )
+        if np.linalg.eigvalsh(given)[0] < -1e-10 * np.max(np.abs(given)):
+            raise ValueError(f"inertia of body {self.name!r} must not be negative")
+        return given
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a coordinate."""
+        return self.kind != "fixed"
+
+    @property
+    def joint(self) -> str:
+        """The name of its coordinate."""
+        return self.coordinate or self.name
+
+
+def body_values(body: Body) -> dict[str, float]:
+    """Names and values of what can change of a body."""
+    values = {f"{body.name}.mass": body.mass}
+    for field in ("com", "position"):
+        vector = np.asarray(getattr(body, field))
+        values |= {f"{body.name}.{field}.{k}": float(vector[i]) for i, k in enumerate("xyz")}
+    inertia = np.asarray(body.inertia)
+    entries = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    return values | {
+        f"{body.name}.inertia.{k}": float(inertia[at])
+        for k, at in zip(OF_INERTIA, entries, strict=True)
+    }
+
+
+def joint_values(body: Body) -> dict[str, float]:
+    """Names and values of what can change of a joint."""
+    return {f"{body.joint}.{field}": getattr(body, field) for field in OF_JOINT if body.moves}
+
+
+def vector(name: str, value: Any) -> Array:
+    """Read a finite vector in space."""
+    array = real_array(name, value)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} must be three finite numbers, got {array.tolist()}")
+    return array

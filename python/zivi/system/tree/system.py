@@ -1,0 +1,328 @@
+"""Trees of rigid bodies as mechanical systems."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import zivi._zivi as _zivi
+from zivi.base.check import Array, finite
+from zivi.base.extras import late
+from zivi.system.layout import Layout
+from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model, restitutions
+from zivi.system.mechanism_checks import check_mass, coordinates_of, names_of
+from zivi.system.partials import Partials
+from zivi.system.tree.body import Body, vector
+from zivi.system.tree.gaps import BallGap, JointLimit, PlaneGap, TreeGap
+from zivi.system.tree.numbers import Structure, ordered
+
+__all__ = ["Tree", "TreeParameters"]
+
+
+class TreeParameters(MutableMapping[str, float]):
+    """The parameters of a tree by their names; they can be changed, not added.
+
+    Parameters
+    ----------
+    values : dict
+        Names and values.
+    """
+
+    def __init__(self, values: Mapping[str, float]) -> None:
+        self._values = dict(values)
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[self._known(name)]
+
+    def __setitem__(self, name: str, value: float) -> None:
+        value = finite(f"parameters[{name!r}]", value)
+        if self._known(name).endswith((".mass", ".armature")) and value < 0.0:
+            raise ValueError(f"parameters[{name!r}] must be >= 0, got {value}")
+        self._values[name] = value
+
+    def _known(self, name: str) -> str:
+        if name not in self._values:
+            known = ", ".join(self._values)
+            raise KeyError(f"{name!r} is no parameter: there are {known}")
+        return name
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError("a parameter can be changed, not removed")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        return repr(self._values)
+
+
+class Tree(MechanicalSystem):
+    r"""Rigid bodies that hinges and slides join to a tree, with points of them as gaps.
+
+    .. math:: M(q) \ddot q = -b(q, \dot q) - k (q - s) - c \dot q + \tau + N^T \lambda
+
+    A `MechanicalSystem` without the interpreter: the mass matrix of composite bodies, :math:`b` by
+    the recursive equations of Newton and Euler, gradients and curvatures of the gaps, and all their
+    derivatives, by parameters too.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        The bodies (`zivi.mechanics.Body`), parents before children. Those that are not fixed have
+        the coordinates, in this order.
+    gaps : sequence of JointLimit, PlaneGap or BallGap
+        The gaps (of `zivi.mechanics`).
+    gravity : array_like
+        Acceleration of free fall (m/s^2), in axes of the world.
+    e : float or array_like
+        As for `MechanicalSystem`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a name is not known or used twice, or the mass matrix is singular at coordinates of zero.
+
+    See Also
+    --------
+    Tree.from_mjcf, Tree.from_urdf : the same from files.
+
+    Notes
+    -----
+    The parameters are ``body.mass``, ``body.com.x``, ``body.position.x``, ``body.inertia.xx``, ...;
+    ``joint.stiffness``, ``.spring``, ``.damping``, ``.armature``, ``.torque``; ``gravity.z``; of
+    gaps ``joint.lower``, ``joint.upper``, ``gap.offset``, ``gap.radius``. `zivi.sensitivity` takes
+    derivatives by them.
+
+    Examples
+    --------
+    A pendulum with a ball of radius 0.1 at its end, above a floor 0.8 below its hinge:
+
+    >>> from zivi.mechanics import Body, PlaneGap
+    >>> bob = Body("bob", axis=[0, 1, 0], mass=2.0, com=[0, 0, -1], inertia=0.01)
+    >>> floor = PlaneGap("bob", point=[0, 0, -1], offset=-0.8, radius=0.1, name="floor")
+    >>> pendulum = zivi.Tree([bob], gaps=[floor], e=0.5)
+    >>> sol = zivi.simulate(pendulum, (0, 9), ([1.5], [0.0]))
+    >>> sol.q[-1].round(12)  # at rest on the floor, arccos 0.7
+    array([0.79539883])
+    >>> pendulum.parameters["bob.mass"]
+    2.0
+    """
+
+    derived = True
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        *,
+        gaps: Sequence[TreeGap] = (),
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        e: float | ArrayLike = 0.0,
+    ) -> None:
+        self._structure = Structure(ordered(bodies), tuple(gaps))
+        self._gravity = vector("gravity", gravity)
+        moving = self._structure.moving
+        if not 1 <= len(moving) <= MAX_SIZE:
+            raise ValueError(f"bodies must have from 1 to {MAX_SIZE} joints, got {len(moving)}")
+        self._coordinates = coordinates_of([body.joint for body in moving], None)
+        self._n = len(moving)
+        self._check_gaps()
+        self._gaps = ()
+        sides = self._structure.sides()
+        if len(sides) > MAX_SIZE:
+            raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(sides)}")
+        self._gap_names = names_of("gaps", [side.name for side in sides])
+        self._e = restitutions(e, len(sides))
+        self._parameters = TreeParameters(self._structure.values(self._gravity))
+        rest = np.zeros(self._n)
+        check_mass(self.at(0.0, rest, rest).mass)
+
+    def _check_gaps(self) -> None:
+        bodies = {body.name for body in self._structure.bodies}
+        joints = set(self._coordinates or ())
+        for i, gap in enumerate(self._structure.gaps):
+            if not isinstance(gap, JointLimit | PlaneGap | BallGap):
+                raise TypeError(
+                    f"gaps[{i}] must be a JointLimit, PlaneGap or BallGap of zivi.mechanics, "
+                    f"got {gap!r}"
+                )
+            named = [gap.joint] if isinstance(gap, JointLimit) else [gap.body]
+            if isinstance(gap, BallGap) and gap.other is not None:
+                named.append(gap.other)
+            known = joints if isinstance(gap, JointLimit) else bodies
+            for name in named:
+                if name not in known:
+                    told = ", ".join(sorted(known))
+                    raise ValueError(f"gaps[{i}] names {name!r}: there are {told}")
+        carriers = self._structure.carriers()
+        for i, gap in enumerate(self._structure.gaps):
+            if isinstance(gap, JointLimit):
+                continue
+            at = {carriers[gap.body]}
+            if isinstance(gap, BallGap):
+                at.add(-1 if gap.other is None else carriers[gap.other])
+            if at == {-1} or (isinstance(gap, BallGap) and len(at) == 1):
+                raise ValueError(f"gaps[{i}] is between bodies that never move to each other")
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        path: str | PathLike[str],
+        *,
+        gaps: Sequence[Any] | None = None,
+        e: float | ArrayLike = 0.0,
+        ctrl: ArrayLike | None = None,
+        friction: str = "refuse",
+    ) -> Tree:
+        """Read a model of MuJoCo (MJCF); MuJoCo is needed for this only.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file; or its text, which starts with ``<``.
+        gaps : sequence, optional
+            Which joints and pairs of geoms are gaps: names of limited joints, and pairs of names
+            ``("geom1", "geom2")``. A sphere is one gap, a capsule two, a box its eight corners,
+            a mesh its vertices; they are above planes or beside spheres. By default the limits of
+            all joints, and no pairs.
+        e : float or array_like
+            As for `MechanicalSystem`; what the file says of contacts is not read.
+        ctrl : array_like, optional
+            Constant controls of the actuators at joints, of shape (nu,); by default zero.
+        friction : {"refuse", "ignore"}
+            What happens to pairs with friction: it is refused, or left out.
+
+        Returns
+        -------
+        Tree
+            The same bodies, with their names.
+
+        Raises
+        ------
+        NotImplementedError
+            For what a tree has not, by its name.
+        ImportError
+            Without MuJoCo: ``pip install 'zivi[mujoco]'``.
+
+        See Also
+        --------
+        zivi.interop.mujoco.system : what is refused here, computed by MuJoCo.
+        """
+        read = late("zivi.interop.mujoco", "read_mjcf")
+        return cls._of(read(path, gaps=gaps, ctrl=ctrl, friction=friction), e)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | PathLike[str],
+        *,
+        gaps: Sequence[Any] | None = None,
+        e: float | ArrayLike = 0.0,
+        friction: str = "refuse",
+    ) -> Tree:
+        """Read a URDF file; MuJoCo is needed for this only.
+
+        Parameters
+        ----------
+        path, gaps, e, friction
+            As for `from_mjcf`.
+
+        Returns
+        -------
+        Tree
+            The same bodies, with their names; links without a joint are parts of their parents.
+
+        Raises
+        ------
+        NotImplementedError, ImportError
+            As for `from_mjcf`.
+        """
+        read = late("zivi.interop.mujoco", "read_urdf")
+        return cls._of(read(path, gaps=gaps, friction=friction), e)
+
+    @classmethod
+    def _of(cls, parts: Mapping[str, Any], e: float | ArrayLike) -> Tree:
+        return cls(parts["bodies"], gaps=parts["gaps"], gravity=parts["gravity"], e=e)
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The bodies as given."""
+        return self._structure.bodies
+
+    @property
+    def parameters(self) -> TreeParameters:
+        """The parameters by name; a change holds for the runs that start after it."""
+        return self._parameters
+
+    def replace(self, e: float | ArrayLike | None = None, **parameters: float) -> Tree:
+        """Give the same system with other parameters.
+
+        Parameters
+        ----------
+        e : float or array_like, optional
+            Other coefficients of restitution.
+        **parameters
+            Names and values of those that change, as in ``**{"hand.mass": 2.0}``.
+
+        Returns
+        -------
+        Tree
+            A system of its own: this one keeps its parameters.
+
+        Raises
+        ------
+        KeyError
+            For a name that is no parameter.
+        """
+        new: Tree = type(self).__new__(type(self))
+        vars(new).update(vars(self))
+        new._parameters = TreeParameters(self._parameters)
+        new._parameters.update(parameters)
+        if e is not None:
+            new._e = restitutions(e, self.m)
+        return new
+
+    def model(self, n: int) -> Model:
+        """Give what the extension integrates; `n` must be the number of joints."""
+        if n != self._n:
+            raise ValueError(f"q0 must have {self._n} entries, got {n}")
+        core = self._core_tree()
+
+        def evaluate(t: float, q: Array, qdot: Array) -> Array:
+            return core.evaluate(t, np.asarray(q, np.float64), np.asarray(qdot, np.float64))
+
+        return Model(Layout(n, self.m), _zivi.Model.tree(core), evaluate)
+
+    def _core_tree(self) -> _zivi.Tree:
+        structure = self._structure
+        sides = [(side.kind, *side.joints) for side in structure.sides()]
+        return _zivi.Tree(structure.joints(), sides, structure.numbers(self._parameters))
+
+    def partials(self, model: Model) -> Partials:
+        """Give how the parameters move the numbers of the tree."""
+        directions = self._structure.directions(self._parameters)
+        return Partials(_zivi.Partials.tree(directions.tolist()), dict(self._parameters))
+
+    def __repr__(self) -> str:
+        told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"
+        return f"Tree({told}, e=({', '.join(f'{e:g}' for e in self._e)}))"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "bodies": self._structure.bodies,
+            "gaps": self._structure.gaps,
+            "gravity": self._gravity,
+            "e": self._e,
+            "parameters": dict(self._parameters),
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        parameters = state.pop("parameters")
+        Tree.__init__(self, **state)
+        self._parameters.update(parameters)

@@ -1,0 +1,297 @@
+"""Trees that are read from MJCF and URDF, against MuJoCo; the rest is refused by name."""
+
+import itertools
+import pickle
+
+import numpy as np
+import pytest
+
+import zivi
+import zivi.interop.mujoco
+from tree_models import ARM, BALLS, HOPPER, URDF, random_mjcf
+from zivi.mechanics import PlaneGap
+
+mujoco = pytest.importorskip("mujoco")
+
+
+class Reference:
+    """What MuJoCo says of a model without contacts and limits."""
+
+    def __init__(self, text, ctrl=None):
+        self.m = mujoco.MjModel.from_xml_string(text)
+        flags = mujoco.mjtDisableBit
+        self.m.opt.disableflags |= int(flags.mjDSBL_CONSTRAINT | flags.mjDSBL_CONTACT)
+        self.d = mujoco.MjData(self.m)
+        self.ctrl = np.zeros(self.m.nu) if ctrl is None else np.asarray(ctrl)
+
+    def at(self, q, w):
+        m, d = self.m, self.d
+        d.qpos[:], d.qvel[:], d.ctrl[:] = q, w, self.ctrl
+        mujoco.mj_forward(m, d)
+        mass = np.zeros((m.nv, m.nv))
+        mujoco.mj_fullM(m, d, mass)
+        return mass, d.qfrc_passive - d.qfrc_bias + d.qfrc_actuator
+
+    def point(self, geom, local=(0, 0, 0)):
+        """Place, Jacobian, velocity and acceleration without ``q''`` of a point of a geom."""
+        m, d = self.m, self.d
+        index = m.geom(geom).id
+        at = d.geom_xpos[index] + d.geom_xmat[index].reshape(3, 3) @ np.asarray(local, float)
+        jac, dot = np.zeros((3, m.nv)), np.zeros((3, m.nv))
+        body = int(m.geom_bodyid[index])
+        mujoco.mj_jac(m, d, jac, None, at, body)
+        mujoco.mj_jacDot(m, d, dot, None, at, body)
+        return at, jac, jac @ d.qvel, dot @ d.qvel
+
+    def above(self, geom, plane, radius, local=(0, 0, 0)):
+        at, jac, _, acceleration = self.point(geom, local)
+        index = self.m.geom(plane).id
+        n = self.d.geom_xmat[index].reshape(3, 3)[:, 2]
+        gap = n @ (at - self.d.geom_xpos[index]) - radius
+        return gap, n @ jac, n @ acceleration
+
+    def beside(self, one, other, radius):
+        (a, ja, va, ca), (b, jb, vb, cb) = self.point(one), self.point(other)
+        length = np.linalg.norm(a - b)
+        u, rate = (a - b) / length, va - vb
+        swing = (rate @ rate - (u @ rate) ** 2) / length
+        return length - radius, u @ (ja - jb), u @ (ca - cb) + swing
+
+
+def states(model, count=5, seed=0):
+    rng = np.random.default_rng(seed)
+    return [(rng.normal(size=model.nq), 2 * rng.normal(size=model.nv)) for _ in range(count)]
+
+
+def close(found, exact, tolerance=1e-13):
+    scale = max(1.0, float(np.max(np.abs(exact), initial=0.0)))
+    assert np.max(np.abs(found - exact), initial=0.0) <= tolerance * scale
+
+
+def check(tree, reference, gaps):
+    """Compare with MuJoCo; `gaps` gives the tuple of each gap behind the limits of joints."""
+    for q, w in states(reference.m):
+        here = tree.at(0.0, q, w)
+        mass, force = reference.at(q, w)
+        close(here.mass, mass)
+        close(here.force, force)
+        exact = gaps(reference)
+        skip = len(here.gaps) - len(exact)
+        for i, (gap, gradient, curvature) in enumerate(exact, skip):
+            close(here.gaps[i], gap)
+            close(here.gradients[i], gradient)
+            close(here.curvatures[i], curvature)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_trees_are_those_of_mujoco(seed):
+    text, joints, geoms = random_mjcf(seed)
+    reference = Reference(text)
+    moving = [it for it in geoms if reference.m.body_weldid[reference.m.geom(it).bodyid[0]] != 0]
+    weld = {it: int(reference.m.body_weldid[reference.m.geom(it).bodyid[0]]) for it in moving}
+    pairs = [(it, "plane") for it in moving]
+    pairs += [(a, b) for a, b in itertools.pairwise(moving) if weld[a] != weld[b]]
+    ctrl = np.linspace(-1, 1, reference.m.nu)
+    reference.ctrl = ctrl
+    tree = zivi.Tree.from_mjcf(text, gaps=pairs, ctrl=ctrl)
+    assert [*tree.coordinate_names(len(joints))] == joints
+    radius = {it: float(reference.m.geom(it).size[0]) for it in geoms}
+
+    def gaps(ref):
+        planes = [ref.above(it, "plane", radius[it]) for it, other in pairs if other == "plane"]
+        balls = [(a, b) for a, b in pairs if b != "plane"]
+        return planes + [ref.beside(a, b, radius[a] + radius[b]) for a, b in balls]
+
+    check(tree, reference, gaps)
+
+
+def test_spheres_capsules_boxes_and_welded_planes_are_gaps():
+    pairs = [("ball", "slope"), ("slope", "rod"), ("box", "slope"), ("end", "other")]
+    pairs += [("post", "ball")]
+    tree = zivi.Tree.from_mjcf(BALLS, gaps=["b", *pairs])
+    names = ["b.lower", "b.upper", "ball-slope", "slope-rod.0", "slope-rod.1"]
+    names += [f"box-slope.{k}" for k in range(8)] + ["end-other", "post-ball"]
+    assert [*tree.gap_names] == names
+    corners = [(x, y, z) for x in (-0.1, 0.1) for y in (-0.2, 0.2) for z in (-0.3, 0.3)]
+
+    def gaps(ref):
+        rod = [ref.above("rod", "slope", 0.1, (0, 0, z)) for z in (-0.3, 0.3)]
+        box = [ref.above("box", "slope", 0.0, it) for it in corners]
+        balls = [ref.beside("end", "other", 0.4), ref.beside("post", "ball", 0.3)]
+        return [ref.above("ball", "slope", 0.2), *rod, *box, *balls]
+
+    check(tree, Reference(BALLS), gaps)
+    here = tree.at(0.0, [0.0, 0.0, 0.3, 0.0], np.zeros(4))
+    np.testing.assert_allclose(here.gaps[:2], [0.3 + np.pi / 2, np.pi / 3 - 0.3], atol=1e-15)
+    np.testing.assert_array_equal(here.gradients[:2], [[0, 0, 1, 0], [0, 0, -1, 0]])
+
+
+def test_controls_springs_and_references_of_a_hopper():
+    ctrl = [3.0, 0.1]
+    tree = zivi.Tree.from_mjcf(HOPPER, gaps=[("foot", "floor")], ctrl=ctrl)
+    check(tree, Reference(HOPPER, ctrl), lambda ref: [ref.above("foot", "floor", 0.05)])
+    assert zivi.Tree.from_mjcf(HOPPER).gap_names == ("piston.lower", "piston.upper")
+    assert tree.parameters["leg.mass"] == pytest.approx(0.9, abs=1e-15)
+    with pytest.raises(ValueError, match="ctrl must be 2 finite numbers"):
+        zivi.Tree.from_mjcf(HOPPER, ctrl=[1.0])
+
+
+def test_urdf_keeps_its_links(tmp_path):
+    path = tmp_path / "two.urdf"
+    path.write_text(URDF)
+    point = PlaneGap("tool", [0.1, 0.2, 0.3], offset=-1.0, name="tip")
+    for given in (path, URDF):
+        tree = zivi.Tree.from_urdf(given, gaps=["first", point])
+    check(tree, Reference(URDF), lambda ref: [])
+    assert tree.gap_names == ("first.lower", "first.upper", "tip")
+    assert tree.parameters["tool.mass"] == 0.4
+    assert tree.parameters["first.damping"] == 0.2
+
+
+def test_a_mesh_is_its_vertices():
+    text = """<mujoco><asset><mesh name="wedge"
+      vertex="0 0 0  .2 0 0  0 .3 0  0 0 .4  .2 0 .4"/></asset><worldbody>
+      <geom name="floor" type="plane" size="1 1 .1" condim="1"/>
+      <body name="w" pos="0 0 1"><joint name="z" type="slide"/><joint name="turn" axis="1 1 0"/>
+      <geom name="stone" type="mesh" mesh="wedge" condim="1" mass="2"/></body>
+      </worldbody></mujoco>"""
+    tree, reference = zivi.Tree.from_mjcf(text, gaps=[("stone", "floor")]), Reference(text)
+    mesh = reference.m.mesh_vert[: reference.m.mesh_vertnum[0]].astype(float)
+    assert len(tree.gap_names) == 5
+    corners = np.unique(mesh, axis=0)
+    check(tree, reference, lambda ref: [ref.above("stone", "floor", 0.0, it) for it in corners])
+
+
+def model(inside="", joint='<joint name="j" axis="0 1 0"/>', geom="", more="", option=""):
+    return f"""<mujoco>{option}<worldbody><geom name="floor" type="plane" size="1 1 .1" {geom}/>
+    <body name="b"><!-- -->{joint}
+    <geom name="g" type="sphere" size=".1" pos=".5 0 0" mass="1" {geom}/>{inside}
+    <site name="s"/></body></worldbody>{more}</mujoco>"""
+
+
+TENDON = '<tendon><fixed name="t" {}><joint joint="j" coef="1"/></fixed></tendon>'
+REFUSED = {
+    "free joints .*'j'": model(joint='<freejoint name="j"/>'),
+    "ball joints .*'j'": model(joint='<joint name="j" type="ball"/>'),
+    "equality constraints": model(
+        more='<equality><joint name="k" joint1="j" polycoef="0 1 0 0 0"/></equality>'
+    ),
+    "friction in joints .*'j'": model(joint='<joint name="j" frictionloss=".1"/>'),
+    "friction in tendons": model(more=TENDON.format('frictionloss=".1"')),
+    "limits of tendons": model(more=TENDON.format('limited="true" range="0 1"')),
+    "tendons: tendon 't'": model(more=TENDON.format("")),
+    "activations of actuators": model(
+        more='<actuator><general joint="j" dyntype="integrator"/></actuator>'
+    ),
+    "mocap bodies .*'moc'": model(more='<worldbody><body name="moc" mocap="true"/></worldbody>'),
+    "gravcomp.*body 'k'": model(
+        inside='<body name="k" gravcomp="1"><geom size=".1" mass="1"/></body>'
+    ),
+    "springs that are not linear": model(joint='<joint name="j" stiffness="1 2 3"/>'),
+    "dampers that are not linear": model(joint='<joint name="j" damping="1 2 3"/>'),
+    "fluids": model(option='<option density="1.2"/>'),
+    "actuatorfrcrange.*'j'": model(
+        joint='<joint name="j" actuatorfrcrange="-1 1"/>',
+        more='<actuator><motor joint="j"/></actuator>',
+    ),
+    "springs that are off": model(option='<option><flag spring="disable"/></option>'),
+    "dampers that are off": model(option='<option><flag damper="disable"/></option>'),
+    "actuators that are off": model(option='<option><flag actuation="disable"/></option>'),
+    "controls without their range": model(option='<option><flag clampctrl="disable"/></option>'),
+    "groups of actuators that are off": model(option='<option actuatorgroupdisable="1"/>'),
+    "actuators but at joints: actuator 'a'": model(
+        more='<actuator><motor name="a" site="s" gear="0 0 1 0 0 0"/></actuator>'
+    ),
+    "gains and biases .*'a'": model(
+        more='<actuator><general name="a" joint="j" gaintype="affine" gainprm="1 1 0"/></actuator>'
+    ),
+    "forcerange.*'a'": model(
+        more='<actuator><position name="a" joint="j" kp="3" forcerange="-1 1"/></actuator>'
+    ),
+    "inertia of actuators.*'a'": model(
+        more='<actuator><motor name="a" joint="j" armature=".1"/></actuator>'
+    ),
+    "damping of actuators.*'a'": model(
+        more='<actuator><motor name="a" joint="j" damping=".1"/></actuator>'
+    ),
+    "margins of limits: joint 'j'": model(
+        joint='<joint name="j" limited="true" range="-1 1" margin=".1"/>'
+    ),
+}
+
+
+@pytest.mark.parametrize("words", sorted(REFUSED))
+def test_what_a_tree_has_not_is_refused_by_name(words):
+    with pytest.raises(NotImplementedError, match=words):
+        zivi.Tree.from_mjcf(REFUSED[words])
+
+
+SMOOTH = 'condim="1"'
+PAIRS = {
+    "friction of pairs: 'g-floor'": (model(), ("g", "floor")),
+    "margins of geoms": (model(geom='condim="1" margin=".1"'), ("g", "floor")),
+    "gaps of geoms": (model(geom='condim="1" gap=".1"'), ("g", "floor")),
+    "gaps of a cylinder": (
+        model(inside='<geom name="c" type="cylinder" size=".1 .1" condim="1"/>', geom=SMOOTH),
+        ("c", "floor"),
+    ),
+    "gaps of a ellipsoid": (
+        model(inside='<geom name="c" type="ellipsoid" size=".1 .1 .2" condim="1"/>', geom=SMOOTH),
+        ("c", "floor"),
+    ),
+    "gaps between box and sphere": (
+        model(
+            geom=SMOOTH,
+            more='<worldbody><geom name="c" type="box" size=".1 .1 .2" condim="1"/></worldbody>',
+        ),
+        ("c", "g"),
+    ),
+}
+
+
+@pytest.mark.parametrize("words", sorted(PAIRS))
+def test_pairs_that_are_no_gaps_are_refused_by_name(words):
+    text, pair = PAIRS[words]
+    with pytest.raises(NotImplementedError, match=words):
+        zivi.Tree.from_mjcf(text, gaps=[pair])
+
+
+def test_friction_is_left_out_if_asked_for():
+    tree = zivi.Tree.from_mjcf(model(), gaps=[("g", "floor")], friction="ignore")
+    assert tree.gap_names == ("g-floor",)
+    with pytest.raises(ValueError, match="friction must be"):
+        zivi.Tree.from_mjcf(model(), friction="none")
+
+
+def test_gaps_that_are_not_there_are_named():
+    with pytest.raises(ValueError, match="names the geom 'roof'"):
+        zivi.Tree.from_mjcf(ARM, gaps=[("tip", "roof")])
+    with pytest.raises(ValueError, match="must be a joint, got 'knee'"):
+        zivi.Tree.from_mjcf(ARM, gaps=["knee"])
+    with pytest.raises(ValueError, match="'shoulder' has no limits"):
+        zivi.Tree.from_mjcf(ARM, gaps=["shoulder"])
+    with pytest.raises(TypeError, match="must be a joint, a pair"):
+        zivi.Tree.from_mjcf(ARM, gaps=[3])
+    with pytest.raises(FileNotFoundError, match="there is no file"):
+        zivi.Tree.from_mjcf("nowhere.xml")
+
+
+def test_callbacks_of_the_user_are_refused():
+    compiled = mujoco.MjModel.from_xml_string(ARM)
+    mujoco.set_mjcb_control(lambda m, d: None)
+    try:
+        with pytest.raises(NotImplementedError, match="callbacks of the user"):
+            zivi.interop.mujoco.tree(compiled)
+    finally:
+        mujoco.set_mjcb_control(None)
+
+
+def test_a_tree_that_was_read_needs_no_mujoco():
+    tree = zivi.Tree.from_mjcf(ARM, gaps=["elbow", ("tip", "table")], e=0.5)
+    copy = pickle.loads(pickle.dumps(tree))
+    assert b"mujoco" not in pickle.dumps(tree)
+    start = ([0.0, 0.5], [0.0, 0.0])
+    runs = [zivi.simulate(it, (0, 2), start) for it in (tree, copy)]
+    assert runs[0].status == 0
+    assert runs[0].q.tobytes() == runs[1].q.tobytes()
+    assert len(runs[0].impacts) > 3
