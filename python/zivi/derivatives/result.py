@@ -77,6 +77,12 @@ class OrbitStatus(enum.IntEnum):
     """There is no run: a parameter is out of its range, or the force has no value."""
     NO_EVENT = 10
     """The run has no such event."""
+    SIMULTANEOUS = 11
+    """The branch came to where two events happen at once."""
+    CLOSED = 12
+    """The branch came back to a point of its own."""
+    RETRACED = 13
+    """The branch of a doubled orbit came to the single one, from where it would retrace itself."""
 
 
 class Nearest(NamedTuple):

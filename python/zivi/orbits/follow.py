@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import overload
 
 import numpy as np
 
@@ -14,6 +15,10 @@ from zivi.orbits.arc import Arc, Found
 from zivi.orbits.branch import MESSAGES, Branch, BranchEvent
 from zivi.orbits.curve import Curve, Point
 from zivi.orbits.find import orbit_of, why_not
+from zivi.orbits.mechanical.branch import MechanicalBranch
+from zivi.orbits.mechanical.family import value_of
+from zivi.orbits.mechanical.follow import follow
+from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest_appears import rest_beyond
 from zivi.orbits.rest_branch import follow_rest
@@ -23,6 +28,19 @@ from zivi.system.parameters import parameter
 __all__ = ["continue_orbit"]
 
 
+@overload
+def continue_orbit(
+    orbit: MechanicalOrbit,
+    name: str,
+    span: Sequence[float],
+    *,
+    step: float = 0.02,
+    max_points: int = 500,
+    through: bool = True,
+) -> MechanicalBranch: ...
+
+
+@overload
 def continue_orbit(
     orbit: PeriodicOrbit,
     name: str,
@@ -30,7 +48,19 @@ def continue_orbit(
     *,
     step: float = 0.02,
     max_points: int = 500,
-) -> Branch:
+    through: bool = True,
+) -> Branch: ...
+
+
+def continue_orbit(
+    orbit: PeriodicOrbit | MechanicalOrbit,
+    name: str,
+    span: Sequence[float],
+    *,
+    step: float = 0.02,
+    max_points: int = 500,
+    through: bool = True,
+) -> Branch | MechanicalBranch:
     """Follow a periodic orbit over a parameter, through folds and grazings, in both directions.
 
     Parameters
@@ -66,9 +96,12 @@ def continue_orbit(
     >>> [(event.kind, round(event.value, 9)) for event in branch.events]
     [('fold', 1.047197551), ('period_doubling', 1.526823701)]
     """
-    if not isinstance(orbit, PeriodicOrbit):
-        raise TypeError(f"orbit must be a zivi.PeriodicOrbit, got {orbit!r}")
-    value = parameter(orbit.system, name)
+    if not isinstance(orbit, PeriodicOrbit | MechanicalOrbit):
+        raise TypeError(
+            f"orbit must be a zivi.PeriodicOrbit or a zivi.MechanicalOrbit, got {orbit!r}"
+        )
+    mechanical = isinstance(orbit, MechanicalOrbit)
+    value = value_of(orbit.system, name) if mechanical else parameter(orbit.system, name)
     low, high = (finite("span", end) for end in pair("span", span, "(low, high)"))
     if not low <= value <= high or low == high:
         raise ValueError(f"span must contain {name} = {value} of the orbit, got ({low}, {high})")
@@ -78,6 +111,8 @@ def continue_orbit(
         raise ValueError(f"max_points must be >= 2, got {max_points}")
     if orbit.status in (OrbitStatus.NOT_CONVERGED, OrbitStatus.RESTS):
         raise ValueError(f"orbit was not found: {orbit.message}")
+    if isinstance(orbit, MechanicalOrbit):
+        return follow(orbit, name, (low, high), step, max_points, through=through)
     if orbit.kind == "resting":
         return follow_rest(orbit, name, (low, high), step, max_points)
     return _follow(orbit, name, (low, high), step, max_points)

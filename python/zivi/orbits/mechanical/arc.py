@@ -1,0 +1,279 @@
+"""One direction of a branch: arcs of one word each, and what happens on them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.derivatives.result import OrbitStatus
+from zivi.orbits.mechanical.crossing import crossed
+from zivi.orbits.mechanical.margins import Low, Margins
+from zivi.orbits.mechanical.path import Path, Point, bordered, located, sigma
+from zivi.orbits.mechanical.resting import end_of_rest
+
+__all__ = ["Arc", "Found", "Way"]
+
+EDGE = 1e-10
+"""How far below zero, relative to its size, what must be positive counts as zero."""
+PROBE = 1e-4
+CIRCLE = 1e-6
+"""How near the unit circle a located pair must be."""
+ALIGNED = 0.9
+
+
+class Found(NamedTuple):
+    """An event of a branch."""
+
+    kind: str
+    point: Point
+    low: Low | None = None
+
+
+@dataclasses.dataclass
+class Arc:
+    """Points of one word, in order."""
+
+    path: Path
+    points: list[Point]
+    events: list[Found] = dataclasses.field(default_factory=list)
+
+
+class Way:
+    """The way along a branch in one direction, from word to word."""
+
+    def __init__(
+        self,
+        path: Path,
+        start: Point,
+        span: tuple[float, float],
+        step: float,
+        most: int,
+        *,
+        through: bool,
+    ) -> None:
+        self.span, self.step, self.most, self.through = span, step, most, through
+        self.first, self.longest = start, 5.0 * step
+        self.arcs = [Arc(path, [start])]
+        self.count = 1
+        self.passed: list[tuple[str, tuple[object, ...], tuple[object, ...], float]] = []
+
+    def go(self) -> OrbitStatus:
+        """Follow the branch to its end."""
+        while self.count < self.most:
+            status = self._advance()
+            if status is not None:
+                return status
+        return OrbitStatus.MAX_POINTS
+
+    def _advance(self) -> OrbitStatus | None:
+        arc = self.arcs[-1]
+        last = arc.points[-1]
+        new = self._next(arc.path, last)
+        if new is None:
+            rest = end_of_rest(arc.path, arc.points, self.span)
+            if rest is not None:
+                self._look(arc, last, rest[0])
+                arc.points.append(rest[0])
+                arc.events.append(Found("end_of_rest", rest[0], rest[1]))
+                return OrbitStatus.LEFT_ADMISSIBLE
+            return OrbitStatus.NOT_CONVERGED
+        if not self.span[0] <= new.value <= self.span[1]:
+            return self._end_of_range(arc, last, new)
+        edge = self._edge(arc, last, new)
+        if edge is not None:
+            return self._over(arc, last, edge)
+        self._look(arc, last, new)
+        arc.points.append(new)
+        self.count += 1
+        if self._mirrored(last, new):
+            return OrbitStatus.RETRACED
+        return OrbitStatus.CLOSED if self._closes(arc, last, new) else None
+
+    def _next(self, path: Path, last: Point) -> Point | None:
+        while self.step > 1e-8:
+            new = path.correct(last.z + self.step * last.tangent, last.tangent)
+            if new is not None and new.tangent @ last.tangent < 0.0:
+                new = dataclasses.replace(new, tangent=-new.tangent)
+            if new is None or new.tangent @ last.tangent < ALIGNED:
+                self.step *= 0.5
+                continue
+            if new.corrections <= 3:
+                self.step = min(1.4 * self.step, self.longest)
+            elif new.corrections > 5:
+                self.step *= 0.6
+            return new
+        self.step = 1e-3 * self.longest
+        return None
+
+    def _end_of_range(self, arc: Arc, last: Point, new: Point) -> OrbitStatus | None:
+        end = self.span[0] if new.value < self.span[0] else self.span[1]
+        part = (end - last.value) / (new.value - last.value)
+        point = arc.path.at_value(last.z + part * (new.z - last.z), end)
+        if point is None:
+            return OrbitStatus.RANGE_END
+        if point.tangent @ last.tangent < 0.0:
+            point = dataclasses.replace(point, tangent=-point.tangent)
+        edge = self._edge(arc, last, point)
+        if edge is not None:
+            return self._over(arc, last, edge)
+        self._look(arc, last, point)
+        arc.points.append(point)
+        self.count += 1
+        return OrbitStatus.RANGE_END
+
+    def _edge(self, arc: Arc, last: Point, new: Point) -> Found | None:
+        """Find the first event between two points beyond which the orbit is no motion."""
+        out = [low for low in new.margins.lows if low.value < -EDGE * low.size]
+        found: list[tuple[float, Found]] = []
+        chord = new.z - last.z
+        for low in sorted(out, key=lambda it: it.value / it.size)[:4]:
+            test = _watched(low)
+            if test(last) <= EDGE * low.size:
+                # it begins on the edge: two lows of one minimum, or a start at an event
+                if low.kind in ("grazing", "end_of_rest") and len(arc.points) == 1:
+                    found.append((0.0, Found(low.kind, last, low)))
+                continue
+            point = located(arc.path, last, new, test)
+            if point is None:
+                continue
+            low = min(_alike(point.margins, low), key=lambda it: abs(it.value), default=low)
+            found.append((float((point.z - last.z) @ chord), Found(low.kind, point, low)))
+        return min(found, key=lambda it: it[0])[1] if found else None
+
+    def _over(self, arc: Arc, last: Point, edge: Found) -> OrbitStatus | None:
+        """Note an event, and go on with the word beyond it."""
+        self._look(arc, last, edge.point)
+        if edge.point is not last:
+            arc.points.append(edge.point)
+            self.count += 1
+        arc.events.append(edge)
+        if edge.kind == "simultaneous":
+            return OrbitStatus.SIMULTANEOUS
+        beyond = crossed(edge.point.terms, edge.low) if edge.low and self.through else None
+        if beyond is None:
+            return OrbitStatus.LEFT_ADMISSIBLE
+        frame, y = beyond
+        before, after = arc.path.frame.word, frame.word
+        mark = (edge.kind, _letters(before), _letters(after), edge.point.value)
+        if any(it[:3] == mark[:3] and abs(it[3] - mark[3]) < 1e-8 for it in self.passed):
+            return OrbitStatus.CLOSED
+        self.passed.append(mark)
+        try:
+            path = Path(frame, arc.path.name, y, float(arc.path.scale[-1]))
+            start = path.start(y, edge.point.value)
+        except (ValueError, ArithmeticError):
+            return OrbitStatus.LEFT_ADMISSIBLE
+        sided = self._sided(path, start, float(edge.point.tangent[-1]))
+        if sided is None:
+            return OrbitStatus.LEFT_ADMISSIBLE
+        self.arcs.append(Arc(path, [sided]))
+        self.step = min(self.step, 0.2 * self.longest)
+        return None
+
+    def _sided(self, path: Path, start: Point, along: float) -> Point | None:
+        """Give the start with the tangent to the side on which the word is a motion."""
+        sides = []
+        for sign in (1.0, -1.0) if along * start.tangent[-1] >= 0.0 else (-1.0, 1.0):
+            tangent = sign * start.tangent
+            probe = path.correct(start.z + PROBE * tangent, tangent)
+            if probe is None:
+                continue
+            least = probe.margins.least
+            sides.append((0.0 if least is None else least.value / least.size, tangent))
+        good = [tangent for value, tangent in sides if value > 0.0]
+        return dataclasses.replace(start, tangent=good[0]) if good else None
+
+    def _look(self, arc: Arc, last: Point, new: Point) -> None:
+        """Find folds, doublings and turning pairs between two points."""
+        if new is last:
+            return
+        found: list[tuple[str, Point]] = []
+        symmetric = arc.path.frame.turn is not None
+        if last.tangent[-1] * new.tangent[-1] < 0.0 and not _began(last):
+            found += [("fold", it) for it in _singular(arc.path, last, new, 1.0)]
+        if last.doubling * new.doubling < 0.0:
+            kind = "pitchfork" if symmetric else "period_doubling"
+            found += [(kind, it) for it in _singular(arc.path, last, new, -1.0)]
+        for test in (Point.pairs.func, Point.turning.fget):
+            assert test is not None
+            if test(last) * test(new) < 0.0:
+                point = located(arc.path, last, new, test)
+                # two real ones whose product is 1 turn nothing
+                if point is not None and abs(point.turning) < CIRCLE:
+                    found.append(("neimark_sacker", point))
+                    break
+        chord = new.z - last.z
+        for kind, point in sorted(found, key=lambda it: float((it[1].z - last.z) @ chord)):
+            arc.events.append(Found(kind, point))
+
+    def _mirrored(self, last: Point, new: Point) -> bool:
+        """Whether the halves of a doubled orbit changed places: it would retrace itself."""
+        before, now = halves_apart(last), halves_apart(new)
+        return before is not None and now is not None and bool(before @ now < 0.0)
+
+    def _closes(self, arc: Arc, last: Point, new: Point) -> bool:
+        """Whether the branch passes its own start again."""
+        if arc is not self.arcs[0] or len(arc.points) < 6:
+            return False
+        chord = new.z - last.z
+        part = float((self.first.z - last.z) @ chord / (chord @ chord))
+        if not 0.0 <= part <= 1.0 or new.tangent @ self.first.tangent < 0.5:
+            return False
+        off = last.z + part * chord - self.first.z
+        return bool(np.linalg.norm(off) < 0.1 * np.linalg.norm(chord))
+
+
+def _began(point: Point) -> bool:
+    return bool(point.tangent[-1] == 0.0)
+
+
+def _letters(word: tuple[object, ...]) -> tuple[object, ...]:
+    """Give a word from the same letter on, wherever it begins."""
+    turns = [word[k:] + word[:k] for k in range(len(word))]
+    return min(turns, key=repr)
+
+
+def _alike(margins: Margins, low: Low) -> list[Low]:
+    own = [it for it in margins.lows if it[:3] == low[:3]]
+    near = [it for it in own if abs(it.t - low.t) < 0.05 * abs(margins.terms.length)]
+    return near or own
+
+
+def _watched(low: Low) -> Callable[[Point], float]:
+    """Give the test function of what became negative."""
+
+    def test(point: Point) -> float:
+        own = _alike(point.margins, low)
+        return min((it.value for it in own), default=1e-3 * low.size)
+
+    return test
+
+
+def _singular(path: Path, last: Point, new: Point, factor: float) -> list[Point]:
+    """Find where the matrix is singular between two points, by its bordered system."""
+    sides = [np.linalg.svd(it.terms.matrix(factor), compute_uv=False)[-1] for it in (last, new)]
+    borders = bordered((last, new)[int(np.argmin(sides))].terms, factor)
+
+    def test(point: Point) -> float:
+        return float(sigma(point.terms, factor, borders))
+
+    point = located(path, last, new, test)
+    if point is None:
+        return []
+    least = float(np.linalg.svd(point.terms.matrix(factor), compute_uv=False)[-1])
+    return [point] if least < 1e-7 * max(1.0, max(sides)) else []
+
+
+def halves_apart(point: Point) -> Array | None:
+    """Give half the difference of the halves of an orbit; None if it has no equal halves."""
+    frame, x = point.terms.frame, point.terms.x
+    k = len(frame.word)
+    if k % 2 or frame.turn is not None or frame.word[: k // 2] != frame.word[k // 2 :]:
+        return None
+    first, second = x[: k // 2], x[k // 2 :].copy()
+    second[:, [0, -1]] -= 0.5 * point.terms.length
+    return np.asarray((0.5 * (second - first)).ravel(), np.float64)

@@ -1,0 +1,224 @@
+"""The solutions of a word's equations over a parameter: points, tangents, located events."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zivi.base.check import Array
+from zivi.orbits.flights import FlightError
+from zivi.orbits.mechanical.by_parameter import by_parameter, moved_frame
+from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
+from zivi.orbits.mechanical.margins import Margins
+from zivi.orbits.mechanical.multipliers import multipliers_of
+
+__all__ = ["Path", "Point", "located"]
+
+CORRECTIONS = 10
+TOLERANCE = 1e-12
+
+
+@dataclasses.dataclass(frozen=True)
+class Point:
+    """A solution, in scaled unknowns ``z = (y, p)``."""
+
+    z: Array
+    terms: Terms
+    tangent: Array
+    value: float
+    corrections: int
+    residual: float
+
+    @functools.cached_property
+    def margins(self) -> Margins:
+        """What must be positive."""
+        return Margins(self.terms)
+
+    @functools.cached_property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """The multipliers, of the half map of a symmetric word."""
+        return multipliers_of(self.terms, half=True)
+
+    @functools.cached_property
+    def doubling(self) -> float:
+        """The sign of det J(pi)."""
+        return float(np.linalg.slogdet(self.terms.matrix(-1.0))[0])
+
+    @functools.cached_property
+    def pairs(self) -> float:
+        r"""The product of :math:`\\lambda_i \\lambda_j - 1`: its sign changes where a pair turns."""
+        own = self.multipliers[self.multipliers != 0.0]
+        if not np.all(np.isfinite(own)) or len(own) < 2:
+            return 1.0
+        i, j = np.triu_indices(len(own), 1)
+        return float(np.real(np.prod(own[i] * own[j] - 1.0)))
+
+    @property
+    def turning(self) -> float:
+        """How far the complex pair nearest the unit circle is from it; NaN without one."""
+        own = self.multipliers[np.imag(self.multipliers) > 1e-9]
+        if not len(own) or not np.all(np.isfinite(own)):
+            return float("nan")
+        sizes = np.abs(own) - 1.0
+        return float(sizes[int(np.argmin(np.abs(sizes)))])
+
+
+class Path:
+    """The solutions of one word over one parameter."""
+
+    def __init__(self, frame: Frame, name: str, y: Array, width: float) -> None:
+        self.frame, self.name = frame, name
+        unknowns, self.sizes = sizes_of(evaluate(frame, y))
+        self.scale = np.append(unknowns, width)
+        self.flights = 0
+
+    def scaled(self, y: Array, value: float) -> Array:
+        """Give unknowns and parameter as one scaled vector."""
+        return np.asarray(np.append(y, value) / self.scale, np.float64)
+
+    def frame_at(self, value: float) -> Frame:
+        """Give the frame of the system with a value of the parameter."""
+        return moved_frame(self.frame, {self.name: value})
+
+    def column(self, frame: Frame, y: Array) -> Array:
+        """Give the derivative of the equations by the parameter."""
+        self.flights += 2 * len(frame.word)
+        return by_parameter(frame, y, self.name)
+
+    def evaluate(self, z: Array) -> tuple[Terms, Array]:
+        """Give the equations at a point, and their scaled residual."""
+        full = z * self.scale
+        frame = self.frame_at(float(full[-1]))
+        self.flights += len(frame.word)
+        terms = evaluate(frame, full[:-1])
+        return terms, terms.residual / self.sizes
+
+    def matrix(self, terms: Terms, column: Array) -> Array:
+        """Give the scaled derivative by unknowns and parameter."""
+        whole = np.column_stack([terms.matrix(), column])
+        return np.asarray(whole * self.scale / self.sizes[:, None], np.float64)
+
+    def correct(self, guess: Array, normal: Array) -> Point | None:
+        """Solve in the hyperplane through a guess with a normal; None if that fails."""
+        z, column = guess.copy(), None
+        before = np.inf
+        for step in range(CORRECTIONS):
+            try:
+                terms, residual = self.evaluate(z)
+                if column is None:
+                    # only the convergence depends on it
+                    column = self.column(terms.frame, terms.y)
+            except (FlightError, ValueError):
+                return None
+            full = np.vstack([self.matrix(terms, column), normal])
+            error = float(np.max(np.abs(residual)))
+            if error <= TOLERANCE or (error >= 0.5 * before and error <= 1e-10):
+                return self._point(z, terms, full, step, error)
+            before = error
+            right = np.append(residual, normal @ (z - guess))
+            try:
+                z = z - np.linalg.solve(full, right)
+            except np.linalg.LinAlgError:
+                return None
+            if not np.all(np.isfinite(z)) or np.max(np.abs(z - guess)) > 1.0:
+                return None
+        return None
+
+    def _point(self, z: Array, terms: Terms, full: Array, step: int, error: float) -> Point | None:
+        right = np.zeros(len(z))
+        right[-1] = 1.0
+        try:
+            null = np.linalg.solve(full, right)
+        except np.linalg.LinAlgError:
+            return None
+        if not np.all(np.isfinite(null)):
+            return None
+        tangent = np.asarray(null / np.linalg.norm(null), np.float64)
+        return Point(z, terms, tangent, float(z[-1] * self.scale[-1]), step, error)
+
+    def start(self, y: Array, value: float) -> Point:
+        """Give the point at a solution, its tangent towards larger values where it has one."""
+        z = self.scaled(y, value)
+        terms, residual = self.evaluate(z)
+        tangent = np.linalg.svd(self.matrix(terms, self.column(terms.frame, terms.y)))[2][-1]
+        if tangent[-1] < 0.0:
+            tangent = -tangent
+        error = float(np.max(np.abs(residual)))
+        return Point(z, terms, np.asarray(tangent, np.float64), value, 0, error)
+
+    def at_value(self, guess: Array, value: float) -> Point | None:
+        """Give the point with a value of the parameter, near a guess."""
+        normal, guess = np.zeros(len(guess)), guess.copy()
+        normal[-1], guess[-1] = 1.0, value / self.scale[-1]
+        return self.correct(guess, normal)
+
+
+def bordered(terms: Terms, factor: complex) -> tuple[Any, Any]:
+    """Give the borders of a nearly singular matrix: its left and right singular vectors."""
+    left, _, right = np.linalg.svd(terms.matrix(factor))
+    return left[:, -1], right[-1].conj()
+
+
+def sigma(terms: Terms, factor: complex, borders: tuple[Any, Any]) -> Any:
+    """Give a smooth number that vanishes where the matrix is singular."""
+    matrix = terms.matrix(factor)
+    b, c = borders
+    n = len(b)
+    whole = np.zeros((n + 1, n + 1), matrix.dtype)
+    whole[:n, :n], whole[:n, n], whole[n, :n] = matrix, b, c.conj()
+    right = np.zeros(n + 1)
+    right[n] = 1.0
+    return np.linalg.solve(whole, right)[n]
+
+
+def located(
+    path: Path, one: Point, other: Point, test: Callable[[Point], float], tolerance: float = 1e-12
+) -> Point | None:
+    """Find where a test function vanishes between two points, by secants in a bracket."""
+    chord = other.z - one.z
+    length = float(np.linalg.norm(chord))
+    normal = chord / length
+    low, high = (0.0, test(one)), (1.0, test(other))
+    if not low[1] * high[1] < 0.0:
+        return None
+    best, last, before, near = None, high, low, one.z
+    at = 0.0
+    for _ in range(50):
+        part = _between(last, before, low[0], high[0])
+        point = path.correct(near + (part - at) * chord, normal)
+        if point is None:
+            # a part of the bracket that cannot be computed lies beyond the event
+            high = (part, -low[1])
+            last, before = high, low
+            if high[0] - low[0] < 1e-12:
+                return best
+            continue
+        if point.tangent @ one.tangent < 0.0:
+            point = dataclasses.replace(point, tangent=-point.tangent)
+        value, best, near, at = test(point), point, point.z, part
+        before, last = last, (part, value)
+        if (value > 0.0) == (low[1] > 0.0):
+            low = last
+        else:
+            high = last
+        moved = min(abs(last[0] - before[0]), high[0] - low[0]) * length
+        if value == 0.0 or moved < tolerance:
+            break
+    return best
+
+
+def _between(
+    last: tuple[float, float], before: tuple[float, float], low: float, high: float
+) -> float:
+    """Give the zero of a line through two points, or the middle where that is not within."""
+    rise = last[1] - before[1]
+    if np.isfinite(rise) and rise != 0.0:
+        part = last[0] - last[1] * (last[0] - before[0]) / rise
+        if low < part < high:
+            return float(part)
+    return 0.5 * (low + high)
