@@ -52,7 +52,7 @@ RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Equilibrium", "Observed", 
 RESULTS |= {"MechanicalBatch", "MechanicalSensitivity", "MechanicalTrajectory"}
 RESULTS |= {"Attractor", "Basins", "Branch", "BranchEvent", "Diagram", "Lyapunov"}
 RESULTS |= {"PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
-RESULTS |= {"GainDesign", "MechanicalOrbit"}
+RESULTS |= {"GainDesign", "MechanicalBranch", "MechanicalEvent", "MechanicalOrbit"}
 # found in the rooms of the package, and as `zivi.Name`, but not among the names to begin with
 IN_ROOMS = RESULTS | {"ImpactMap", "ImpactReturn"}
 NAMES = sorted({*zivi.__all__, *IN_ROOMS})

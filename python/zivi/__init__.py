@@ -65,6 +65,8 @@ from zivi.orbits import (
     BranchEvent as BranchEvent,
     Diagram as Diagram,
     Lyapunov as Lyapunov,
+    MechanicalBranch as MechanicalBranch,
+    MechanicalEvent as MechanicalEvent,
     MechanicalOrbit as MechanicalOrbit,
     PeriodicOrbit as PeriodicOrbit,
     basins,

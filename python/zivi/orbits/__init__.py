@@ -7,6 +7,7 @@ from zivi.orbits.diagram import Diagram, bifurcation_diagram
 from zivi.orbits.find import periodic_orbit
 from zivi.orbits.follow import continue_orbit
 from zivi.orbits.lyapunov import Lyapunov, lyapunov_exponents
+from zivi.orbits.mechanical.branch import MechanicalBranch, MechanicalEvent
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.orbit import PeriodicOrbit
 
@@ -17,6 +18,8 @@ __all__ = [
     "BranchEvent",
     "Diagram",
     "Lyapunov",
+    "MechanicalBranch",
+    "MechanicalEvent",
     "MechanicalOrbit",
     "PeriodicOrbit",
     "basins",

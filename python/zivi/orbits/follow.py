@@ -65,7 +65,7 @@ def continue_orbit(
 
     Parameters
     ----------
-    orbit : PeriodicOrbit
+    orbit : PeriodicOrbit or MechanicalOrbit
         Where to begin. One that `Branch.switch` gave at a period doubling is followed away from it
         only.
     name : str
@@ -77,10 +77,13 @@ def continue_orbit(
         orbits of many periods. Steps adapt.
     max_points : int
         Most points.
+    through : bool
+        Of a `MechanicalOrbit`: whether the branch goes on with another word where an impact
+        grazes.
 
     Returns
     -------
-    Branch
+    Branch or MechanicalBranch
         What was found, with its status.
 
     Raises
@@ -100,8 +103,10 @@ def continue_orbit(
         raise TypeError(
             f"orbit must be a zivi.PeriodicOrbit or a zivi.MechanicalOrbit, got {orbit!r}"
         )
-    mechanical = isinstance(orbit, MechanicalOrbit)
-    value = value_of(orbit.system, name) if mechanical else parameter(orbit.system, name)
+    if isinstance(orbit, MechanicalOrbit):
+        value = value_of(orbit.system, name)
+    else:
+        value = parameter(orbit.system, name)
     low, high = (finite("span", end) for end in pair("span", span, "(low, high)"))
     if not low <= value <= high or low == high:
         raise ValueError(f"span must contain {name} = {value} of the orbit, got ({low}, {high})")

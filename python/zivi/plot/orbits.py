@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zivi.orbits.mechanical.branch import MechanicalBranch
 from zivi.plot.look import BLUE, GREEN, ORANGE, PALETTE, PURPLE, axes_of
 
 if TYPE_CHECKING:
@@ -25,6 +26,11 @@ EVENTS = {
     "end_of_rest": ("X", GREEN, "end of rest"),
     "end_of_liftoff": ("P", GREEN, "no lift-off"),
     "rest_appears": ("X", GREEN, "rest appears"),
+    "pitchfork": ("D", GREEN, "pitchfork"),
+    "neimark_sacker": ("o", BLUE, "Neimark-Sacker"),
+    "contact_ends": ("X", ORANGE, "end of a contact"),
+    "opening": ("X", PURPLE, "opening"),
+    "simultaneous": ("P", ORANGE, "two events at once"),
 }
 """Marker, colour and name of each event."""
 QUANTITIES = {
@@ -35,16 +41,17 @@ QUANTITIES = {
 }
 
 
-def branch(b: Branch, y: str = "u", ax: Axes | None = None, **line: Any) -> Axes:
+def branch(b: Branch | MechanicalBranch, y: str = "u", ax: Axes | None = None, **line: Any) -> Axes:
     """Plot a branch over its parameter: stable orbits solid, others dashed, events marked.
 
     Parameters
     ----------
-    b : Branch
+    b : Branch or MechanicalBranch
         The branch.
     y : {"u", "phase", "margin", "multiplier"}
         What is drawn: the speeds after impacts (m/s), their phases, the time at rest of a resting
-        orbit (s), the largest modulus of a multiplier.
+        orbit (s), the largest modulus of a multiplier. Of a `MechanicalBranch` also ``"q.name"``,
+        the largest value of a coordinate, and ``"amplitude"``, half of the range of the first one.
     ax : matplotlib.axes.Axes, optional
         Where to draw.
     **line
@@ -67,6 +74,8 @@ def branch(b: Branch, y: str = "u", ax: Axes | None = None, **line: Any) -> Axes
     >>> zivi.plot.branch(b).get_xlabel()
     'amplitude'
     """
+    if isinstance(b, MechanicalBranch):
+        return mechanical_branch(b, y, axes_of(ax), line)
     if y not in QUANTITIES:
         names = ", ".join(repr(name) for name in QUANTITIES)
         raise ValueError(f"y must be one of {names}, got {y!r}")
@@ -84,6 +93,54 @@ def branch(b: Branch, y: str = "u", ax: Axes | None = None, **line: Any) -> Axes
         ax.plot([event.value] * len(values), values, marker, color=colour, ms=5.0)
     ax.set(xlabel=b.name, ylabel=QUANTITIES[y])
     return ax
+
+
+def mechanical_branch(b: MechanicalBranch, y: str, ax: Axes, line: dict[str, Any]) -> Axes:
+    """Plot a branch of a mechanical system, arc by arc."""
+    label = _label(b, y)
+    for arc in b.arcs:
+        rests = any(orbit.kind == "resting" for orbit in arc.orbits)
+        look: dict[str, Any] = {"color": GREEN if rests else "black", "lw": 1.2} | line
+        rows = np.array([_of_mechanical(orbit, y) for orbit in arc.orbits])
+        solid = np.array([orbit.stable and orbit.admissible for orbit in arc.orbits], dtype=bool)
+        for column in rows.T:
+            ax.plot(arc.values, np.where(_with_neighbours(solid), column, np.nan), **look)
+            ax.plot(arc.values, np.where(solid, np.nan, column), ls="--", **look)
+    for event in b.events:
+        marker, colour, _ = EVENTS[event.kind]
+        values = _of_mechanical(event.orbit, y)
+        ax.plot([event.value] * len(values), values, marker, color=colour, ms=5.0)
+    ax.set(xlabel=b.name, ylabel=label)
+    return ax
+
+
+def _label(b: MechanicalBranch, y: str) -> str:
+    own = {"u": "speed of the gap after the impact", "phase": QUANTITIES["phase"]}
+    own |= {"multiplier": QUANTITIES["multiplier"], "amplitude": "half of the range"}
+    system = b.arcs[0].orbits[0].system
+    names = system.coordinate_names(b.arcs[0].orbits[0]._frame.flow.n)
+    own |= {f"q.{name}": f"largest {name}" for name in names}
+    if y not in own:
+        raise ValueError(f"y must be one of {', '.join(repr(it) for it in own)}, got {y!r}")
+    return own[y]
+
+
+def _of_mechanical(orbit: Any, y: str) -> Array:
+    if y == "multiplier":
+        return np.array([np.max(np.abs(orbit.multipliers))])
+    if y in ("u", "phase"):
+        first = [k for k, letter in enumerate(orbit.word) if letter[0] in "ISZ"]
+        if not first:
+            return np.array([np.nan])
+        # of an accumulation the first impact: as many on all points of an arc
+        impacts = orbit.impacts if orbit.kind == "impacting" else orbit.impacts[:1]
+        values = impacts["t"] / orbit.period % 1.0 if y == "phase" else impacts["u"]
+        return np.asarray(values, np.float64)
+    states = orbit._along()[1]
+    if y == "amplitude":
+        return np.array([0.5 * np.ptp(states[:, 0])])
+    names = orbit.system.coordinate_names(orbit._frame.flow.n)
+    return np.array([np.max(states[:, names.index(y.removeprefix("q."))])])
 
 
 def _with_neighbours(kept: np.ndarray) -> np.ndarray:

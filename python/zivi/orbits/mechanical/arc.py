@@ -198,8 +198,7 @@ class Way:
         if last.doubling * new.doubling < 0.0:
             kind = "pitchfork" if symmetric else "period_doubling"
             found += [(kind, it) for it in _singular(arc.path, last, new, -1.0)]
-        for test in (Point.pairs.func, Point.turning.fget):
-            assert test is not None
+        for test in (_pairs, _turning):
             if test(last) * test(new) < 0.0:
                 point = located(arc.path, last, new, test)
                 # two real ones whose product is 1 turn nothing
@@ -225,6 +224,14 @@ class Way:
             return False
         off = last.z + part * chord - self.first.z
         return bool(np.linalg.norm(off) < 0.1 * np.linalg.norm(chord))
+
+
+def _pairs(point: Point) -> float:
+    return point.pairs
+
+
+def _turning(point: Point) -> float:
+    return point.turning
 
 
 def _began(point: Point) -> bool:

@@ -64,7 +64,9 @@ def follow(
     status = max(statuses, key=WEIGHTS.index)
     multiple = orbit.multiple
     names = orbit.system.gap_names
-    flights = sum(path.flights for path in {id(a.path): a.path for w in ways for a in w.arcs}.values())
+    flights = sum(
+        path.flights for path in {id(a.path): a.path for w in ways for a in w.arcs}.values()
+    )
     return MechanicalBranch(
         name=name,
         arcs=[_arc(arc, multiple) for arc in arcs],
@@ -112,9 +114,7 @@ def point_orbit(point: Point, multiple: int, *, here: bool = False) -> Mechanica
     """Give the orbit at a point; at an event (`here`) it is on the edge of being a motion."""
     why = None if here else point.margins.why_not(1e-9)
     message = "A point of a branch."
-    return orbit_of(
-        point.terms, multiple, point.residual, point.corrections, why, message=message
-    )
+    return orbit_of(point.terms, multiple, point.residual, point.corrections, why, message=message)
 
 
 def _arc(arc: Arc, multiple: int) -> BranchArc:

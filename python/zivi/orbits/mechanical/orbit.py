@@ -142,6 +142,17 @@ class MechanicalOrbit(Tabulated):
         span = (t, t + self.multiple * self.period)
         return simulate(self.system, span, (z[:n], z[n:]), self._frame.method)
 
+    def _along(self, count: int = 64) -> tuple[Array, Array]:
+        """Give times and states ``(q, qdot)`` along the segments, so many each."""
+        times, states = [], []
+        for s, segment in enumerate(self._word):
+            t0, t1 = float(self.segments["t0"][s]), float(self.segments["t1"][s])
+            own = np.linspace(t0, t1, count)
+            times.append(own)
+            path = self._frame.flow.path(segment.contacts, t0, self._starts[s, 1:], own)
+            states.append(path)
+        return np.concatenate(times), np.vstack(states)
+
     def _middle(self) -> tuple[float, Array]:
         """Give time and state in the middle of the longest segment with the most contacts."""
         lengths = self.segments["t1"] - self.segments["t0"]

@@ -51,7 +51,7 @@ class Point:
 
     @functools.cached_property
     def pairs(self) -> float:
-        r"""The product of :math:`\\lambda_i \\lambda_j - 1`: its sign changes where a pair turns."""
+        """The product of all products of two multipliers less 1: zero where a pair turns."""
         own = self.multipliers[self.multipliers != 0.0]
         if not np.all(np.isfinite(own)) or len(own) < 2:
             return 1.0
