@@ -1,11 +1,11 @@
 """Random motions with dry friction beside an oracle in extended precision (`friction_oracle`).
 
     python benchmarks/friction_families.py [--runs 300] [--tol 1e-9] [--seed 1] [family ...]
-    python benchmarks/friction_families.py --write      tests/data/friction_oracle.json, for the tests
+    python benchmarks/friction_families.py --write      tests/data/friction_oracle.json
 
-A line for each run that differs, then the errors of each family in tolerances: state at the end, times
-of events, work of friction, balance of energy where the surroundings do no work. Needs a C++ compiler
-(gcc; with `--quad` and libquadmath the oracle works in quadruple precision).
+A line for each run that differs, then the errors of each family in tolerances: state at the end,
+times of events, work of friction, balance of energy where the surroundings do no work. Needs gcc;
+with `--quad` and libquadmath the oracle works in quadruple precision.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import friction_draws as draws
 
 DATA = Path(__file__).parents[1] / "tests" / "data" / "friction_oracle.json"
-STORED = 10
+STORED = 4
+FOUND = [("arm", 2), ("arm", 13), ("arm", 25), ("arm", 30), ("corner", 17), ("corner", 28)]
+FOUND += [("rock", 29), ("stack", 46)]
+"""Of seed 1, runs that were wrong once."""
 
 
 def oracle(lines: Sequence[str], quad: bool = False) -> list[str]:
@@ -38,7 +41,9 @@ def oracle(lines: Sequence[str], quad: bool = False) -> list[str]:
         compile_ = ["g++", "-O2", "-std=gnu++17", str(source), "-o", str(program)]
         subprocess.run([*compile_, *options], check=True)
         asked = "".join(f"{line}\n" for line in lines)
-        answer = subprocess.run([program], input=asked, stdout=subprocess.PIPE, text=True, check=True)
+        answer = subprocess.run(
+            [program], input=asked, stdout=subprocess.PIPE, text=True, check=True
+        )
     return answer.stdout.splitlines()
 
 
@@ -87,12 +92,17 @@ def write() -> None:
     """Store runs of each family as text: numbers, events, the state at the end."""
     stored = []
     for family in draws.SYSTEMS:
-        lines = [it.line() for it in drawn(family, STORED, 1)]
+        chosen = {*range(STORED), *(k for name, k in FOUND if name == family)}
+        drawn_ = drawn(family, max(chosen) + 1, 1)
+        lines = [drawn_[k].line() for k in sorted(chosen)]
         for line, told in zip(lines, oracle(lines), strict=True):
             truth = json.loads(told)
             if truth["status"] != "ok":
                 continue
-            kept = {key: truth[key] for key in ("status", "events", "end", "friction")}
+            kept = {
+                key: truth[key]
+                for key in ("status", "events", "end", "modes", "friction", "normal")
+            }
             stored.append(json.dumps([line, kept], separators=(",", ":")))
     DATA.write_text("[\n" + ",\n".join(stored) + "\n]\n")
     print(f"{DATA}: {len(stored)} motions")

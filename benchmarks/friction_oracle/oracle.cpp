@@ -453,7 +453,7 @@ struct Run {
     }
 
     // Chooses closed or open for gaps with Y = Y' = 0, stick or slip for channels with W = 0.
-    Mode decide() {
+    Mode decide(const bool *held) {
         bool undecided[M_MAX], still[P_MAX];
         std::vector<Mode> all{Mode{}}, next;
         for (int k = 0; k < o.m; k++) {
@@ -477,8 +477,8 @@ struct Run {
         if (all.size() == 1) return all[0];
         auto rank = [&](const Mode &it) {
             int r = 0;
-            for (int k = 0; k < o.m; k++) r += it.closed[k] ? 100 : 0;
-            for (int c = 0; c < o.p; c++) r += it.sigma[c] == 0;
+            for (int k = 0; k < o.m; k++) r += it.closed[k] ? 1000 : 0;
+            for (int c = 0; c < o.p; c++) r += it.sigma[c] == 0 ? 10 + held[c] : 0;
             return r;
         };
         const Mode *best = nullptr;
@@ -510,9 +510,12 @@ struct Run {
         throw Failure{twofold ? "several null vectors" : paradox ? "Painleve" : "no mode"};
     }
 
-    void settle(bool first, const bool *opened) {
+    // `broken`: channels whose limits are reached. The others rather stick on.
+    void settle(bool first, const bool *opened, const bool *broken = nullptr) {
         Mode before = mode;
-        mode = decide();
+        bool held[P_MAX];
+        for (int c = 0; c < o.p; c++) held[c] = before.sigma[c] == 0 && !(broken && broken[c]);
+        mode = decide(held);
         for (int k = 0; k < o.m; k++)
             if (before.closed[k] && !mode.closed[k]) tell(opened && opened[k] ? "open" : "lift", k);
         for (int c = 0; c < o.p; c++) {
@@ -688,9 +691,9 @@ struct Run {
     }
 
     // After an event of the limits: who breaks must not stick again by rounding; the rest is decided.
-    void go_on() {
+    void go_on(const bool *broken) {
         Mode before = mode;
-        settle(false, nullptr);
+        settle(false, nullptr, broken);
         if (mode == before && ++loops > 12) throw Failure{"chatter"};
     }
 
@@ -779,14 +782,21 @@ struct Run {
 
     void event(const Step &step, R x, const State &now) {
         std::vector<int> hit, stopped;
-        bool limits = false;
+        bool limits = false, broken[P_MAX] = {};
         R near = 1e3 * EPS * (1 + x) + EPS;
         for (auto &it : step.watched) {
             R none = 1e30, at = first_root(it, &none);
             if (at > x + near) continue;
             if (it.kind == 'y') hit.push_back(it.who);
             if (it.kind == 'w') stopped.push_back(it.who);
-            if (it.kind == 'f') limits = true;
+            if (it.kind != 'f') continue;
+            limits = true;
+            Forces f;
+            std::vector<const Limit *> of;
+            m.forces(now.t, now.q, now.v, now.W, mode, f);
+            m.of_function(f, it.who, of);
+            for (auto one : of)
+                if (one->kind == 's') broken[one->who] = true;
         }
         State before = s;
         since = before.t;
@@ -799,9 +809,9 @@ struct Run {
             if (mode.sigma[c] != OPEN && mode.sigma[c] != 0 && fabs(s.W[c]) < 300 * EPS * (1 + fabs(before.W[c]))) s.W[c] = 0;
         if (s.t - before.t > 1e-15) loops = 0;
         if (!hit.empty()) {
-            if (!stopped.empty() || limits) settle(false, nullptr);
+            if (!stopped.empty() || limits) settle(false, nullptr, broken);
             impact(hit);
-        } else go_on();
+        } else go_on(broken);
     }
 };
 

@@ -217,10 +217,14 @@ impl MechanicalIntegrator {
             return Err(Failure::Status(Status::ModeChatter));
         }
         let (mode, closed) = (state.mode(), state.closed());
+        let others = mode.slipping().without(state.released()).without(channels);
         state.stop_slip(channels);
         let stopped: GapSet =
             channels.iter().map(|channel| state.kinetics().row(channel)).collect();
         state.project(state.kinetics().rows_of(mode).with(stopped), model)?;
+        let held = state.held(others);
+        state.stop_slip(held);
+        let channels = channels.with(held);
         state.settle(closed)?;
         state.refresh()?;
         state.note_transitions(mode, occurrences);

@@ -217,7 +217,12 @@ pub(super) fn open<E, D: Dynamics<E>>(
         return Ok(left);
     }
     let slips = later_slips(state, later);
-    let mut contacts = decide(aside, closed, &slips)?;
+    let held = match limit {
+        Limit::Stick(channel, _) => mode.stick.without(GapSet::of(channel)),
+        Limit::Force(_) => mode.stick,
+        Limit::Pair | Limit::Regularity => GapSet::EMPTY,
+    };
+    let mut contacts = decide(aside, closed, &slips, held)?;
     if contacts.mode == mode && again {
         contacts = force(limit, contacts, aside);
     }

@@ -53,8 +53,6 @@ pub(crate) struct Stages<Q: Coordinates> {
     rows: Q::Rows,
     /// The accelerations at the end of the step, once it is finished.
     last: Q,
-    /// The first so many coordinates have their errors controlled: what follows comes of them.
-    pub(crate) controlled: usize,
     /// Stages known: those of the step, the one at its end, further ones.
     known: usize,
     /// Memory for the stage that is computed: state and accelerations.
@@ -73,7 +71,6 @@ impl<Q: Coordinates> Stages<Q> {
             slope: Q::zeros(count),
             rows: Q::rows(count),
             last: Q::zeros(count),
-            controlled: count,
             known: 0,
             work: std::array::from_fn(|_| Q::zeros(count)),
         }
@@ -227,7 +224,7 @@ impl<Q: Coordinates> Stages<Q> {
         if let Estimate::Single(_) = self.pair.estimate {
             self.finish(equation)?;
         }
-        let all = 0..self.controlled;
+        let all = 0..self.end.x.as_slice().len();
         let each = all.map(|c| self.error_of(c).norm(self.scales(c, tolerances)));
         Ok(each.reduce(worse).unwrap_or(0.0))
     }

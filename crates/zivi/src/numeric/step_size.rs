@@ -86,13 +86,13 @@ pub(crate) fn first_step<Q: Coordinates, X>(
     now: &State<Q>,
     slope: &Q,
     left: f64,
-    (tolerances, q, controlled): (&Tolerances, f64, usize),
+    (tolerances, q): (&Tolerances, f64),
     equation: &mut impl Equation<Q, X>,
     harmless: impl Fn(&X) -> bool,
 ) -> Result<f64, X> {
     let (x, xdot, slope) = (now.x.as_slice(), now.xdot.as_slice(), slope.as_slice());
     let norm = |of: &dyn Fn(usize) -> (f64, f64)| {
-        (0..controlled).fold(0.0_f64, |worst, c| {
+        (0..x.len()).fold(0.0_f64, |worst, c| {
             let at = (x[c], xdot[c]);
             let ([scale_x, scale_xdot], (x, xdot)) = (tolerances.scales(at, at), of(c));
             worst.max((x / scale_x).abs().max((xdot / scale_xdot).abs()))

@@ -57,11 +57,6 @@ impl<Q: Coordinates> Steps<Q> {
         Self { limits, last, next, jump, spent, accepted, rejected, dense_from: f64::INFINITY }
     }
 
-    /// The errors of the first so many coordinates are controlled.
-    pub(crate) fn control_first(&mut self, count: usize) {
-        self.last.controlled = count;
-    }
-
     pub(crate) fn limits(&self) -> &Limits {
         &self.limits
     }
@@ -191,7 +186,7 @@ impl<Q: Coordinates> Steps<Q> {
             _ if !adaptive => *max_step,
             Some(h) => h,
             None => {
-                let control = (tolerances, self.last.order_of_error(), self.last.controlled);
+                let control = (tolerances, self.last.order_of_error());
                 let harmless = |why: &Failure<E>| matches!(why, Failure::Status(_));
                 first_step(now, slope, left, control, equation, harmless)?
             }

@@ -68,9 +68,7 @@ impl SmoothMotion {
     pub(super) fn new(settings: &SwitchedRk, layout: Layout, friction: &Friction) -> Self {
         let limits = settings.limits(tolerances(settings));
         let (pair, size) = (settings.order.pair(), layout.size());
-        let mut steps = Steps::new(limits, pair, size, settings.first_step);
-        // slips and the work of friction come of the rest
-        steps.control_first(layout.n + layout.m);
+        let steps = Steps::new(limits, pair, size, settings.first_step);
         Self {
             steps,
             at_end: AtEnd::new(layout),

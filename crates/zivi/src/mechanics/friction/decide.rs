@@ -8,10 +8,10 @@
 //! ```
 //!
 //! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
-//! `mu_s > mu` sticking goes on: most closed, then most sticking.
+//! `mu_s > mu` sticking goes on: most closed, then most sticking, then most that stuck before.
 
 use super::contact::MOST_PATTERNS;
-use crate::mechanics::kinetics::Kinetics;
+use crate::mechanics::kinetics::{dot, Kinetics};
 use crate::mechanics::mode::{Contacts, Limit};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
@@ -20,6 +20,8 @@ use crate::Status;
 
 /// What a combination may violate, relative to the terms: at first, and if none is better.
 const VIOLATIONS: (f64, f64) = (1e-11, 1e-7);
+/// Rows that depend on each other agree to this part of their terms, or there is no such motion.
+const AGREES: f64 = 1e-6;
 /// Accelerations that differ by less are the same.
 const SAME: f64 = 1e-8;
 
@@ -68,11 +70,13 @@ struct Candidate {
 }
 
 /// What stays closed of the gaps that touch without a speed, and what friction does, with the slip
-/// speeds by channel, where the system has just been evaluated.
+/// speeds by channel, where the system has just been evaluated. Of several channels one of which must
+/// slip, those of `held` go on to stick: their limits are not reached.
 pub(in crate::mechanics) fn decide<E>(
     kinetics: &mut Kinetics,
     touching: GapSet,
     slips: &[f64],
+    held: GapSet,
 ) -> Result<Contacts, Failure<E>> {
     let mut choices: Vec<Choice> = Vec::new();
     let mut known = ContactMode::default();
@@ -100,7 +104,7 @@ pub(in crate::mechanics) fn decide<E>(
         }
         candidates.extend(judged(kinetics, (mode, touching), slips));
     }
-    let mode = chosen(candidates)?;
+    let mode = chosen(candidates, held)?;
     let left = touching.without(mode.closed);
     let begins = |&c: &usize| slips[c] == 0.0;
     let released = mode.slipping().iter().filter(begins).collect();
@@ -134,6 +138,12 @@ fn judged(
         violation = violation.max(excess(-rate, kinetics.acceleration_scale(row)));
     }
     let acceleration = kinetics.acceleration[..n].to_vec();
+    // where the tip of an arm turns back at its full reach, no force keeps it there
+    for row in kinetics.rows_of(mode).iter() {
+        let left = dot(kinetics.normal(row), &acceleration) + kinetics.curvature(row);
+        let misfit = excess(left.abs(), kinetics.acceleration_scale(row));
+        violation = violation.max(if misfit > AGREES { misfit } else { 0.0 });
+    }
     Some(Candidate { mode, violation, acceleration, kappa })
 }
 
@@ -146,7 +156,7 @@ fn excess(violation: f64, scale: f64) -> f64 {
     }
 }
 
-fn chosen<E>(candidates: Vec<Candidate>) -> Result<ContactMode, Failure<E>> {
+fn chosen<E>(candidates: Vec<Candidate>, held: GapSet) -> Result<ContactMode, Failure<E>> {
     let least = candidates.iter().fold(f64::INFINITY, |least, it| least.min(it.violation));
     if least.is_nan() || least > VIOLATIONS.1 {
         return Err(Failure::Status(Status::InconsistentContact));
@@ -158,7 +168,10 @@ fn chosen<E>(candidates: Vec<Candidate>) -> Result<ContactMode, Failure<E>> {
     {
         return Err(Failure::Status(Status::IndeterminateContact));
     }
-    let order = |it: &&Candidate| (it.mode.closed.len(), it.mode.stick.len());
+    let order = |it: &&Candidate| {
+        let ContactMode { closed, stick, .. } = it.mode;
+        (closed.len(), stick.len(), stick.iter().filter(|&channel| held.has(channel)).count())
+    };
     // the first of equals
     let best = admissible().fold(None, |best: Option<&Candidate>, it| match best {
         Some(best) if order(&best) >= order(&it) => Some(best),

@@ -312,7 +312,7 @@ impl MechanicalState {
             0 => settle(&mut self.kinetics, touching)?,
             _ => {
                 let slips = self.slips().to_vec();
-                decide(&mut self.kinetics, touching, &slips)?
+                decide(&mut self.kinetics, touching, &slips, self.contacts.mode.stick)?
             }
         };
         Ok(())

@@ -12,6 +12,8 @@ use crate::system::dynamics::{Dynamics, Layout};
 const ANCHOR: f64 = 1e-6;
 /// A slip speed of so many estimated errors after an accumulation may be none.
 const STILL: f64 = 100.0;
+/// What is left of an integrated slip speed where other rows leave none: its part that is rounding.
+const HELD: f64 = 1e-3;
 
 impl MechanicalState {
     /// The channels that begin to slip.
@@ -99,6 +101,20 @@ impl MechanicalState {
     pub(in crate::mechanics) fn stop_slip(&mut self, channels: GapSet) {
         let Layout { n, m, .. } = self.layout;
         channels.iter().for_each(|channel| self.now.xdot[n + m + channel] = 0.0);
+    }
+
+    /// Of some slipping channels those that the rows just projected on leave no speed but rounding: the
+    /// tip of an arm on the floor whose only free joint stops. Their integrated slips say so to the
+    /// tolerance only.
+    pub(in crate::mechanics) fn held(&self, channels: GapSet) -> GapSet {
+        let n = self.layout.n;
+        let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
+        let held = |&channel: &usize| {
+            let row = self.kinetics.row(channel);
+            let (rate, slip) = (self.kinetics.rate(row, w).abs(), self.now.xdot[n + row].abs());
+            rate <= HELD * slip || rate <= self.kinetics.rounding(row, q, w).1
+        };
+        channels.iter().filter(held).collect()
     }
 
     /// Sets the slip speeds to those of the velocities, where the system has just been evaluated; to

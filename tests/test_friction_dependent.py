@@ -1,0 +1,139 @@
+"""Channels of friction that depend on each other, and several of which one must slip."""
+
+import numpy as np
+import pytest
+
+import zivi
+
+G = 9.81
+METHOD = zivi.SwitchedRK(rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "slips"), [((0.2, 0.6), (0.25, 0.3), 1), ((0.25, 0.3), (0.2, 0.6), 0)]
+)
+def test_the_block_whose_limit_is_reached_slips(lower, upper, slips):
+    """Two stacked blocks of 1 kg on a floor with the acceleration 2t: one lets go at 2t = 0.3 g."""
+    floor = zivi.Gap(
+        lambda t, q: q[1],
+        [0, 1, 0, 0],
+        tangent=[1, 0, 0, 0],
+        tangent_velocity=lambda t, q: -(t**2),
+        tangent_curvature=lambda t, q, qdot: -2 * t,
+        mu=lower[0],
+        mu_static=lower[1],
+    )
+    between = zivi.LinearGap([0, -1, 0, 1], tangent=[-1, 0, 1, 0], mu=upper[0], mu_static=upper[1])
+    blocks = zivi.MechanicalSystem(
+        mass=np.eye(4), force=[0, -G, 0, -G], gaps=[floor, between], e=0.0
+    )
+    sol = zivi.simulate(blocks, (0, 1.8), (np.zeros(4), np.zeros(4)), METHOD)
+    assert sol.success
+    left = sol.transitions[sol.transitions["t"] > 0]
+    assert left["channel"].tolist() == [slips]
+    assert left["t"][0] == pytest.approx(0.15 * G, abs=1e-12)
+    # below the slip the acceleration is the floor's, above it that of the kinetic friction
+    t, began = 1.8, 0.15 * G
+    slow = began**2 + (lower, upper)[slips][0] * G * (t - began)
+    assert sol.qdot[-1, [0, 2]] == pytest.approx([t**2, slow] if slips else [slow, slow], abs=1e-9)
+
+
+def test_a_disc_that_the_floor_throws_up_slips_along_the_wall():
+    """Stick at floor and wall would leave it no speed upwards, but the floor's law says 0.3 m/s."""
+    r, e, rise = 0.25, 0.5, -0.6
+    floor = zivi.LinearGap([0, 1, 0], offset=-r, tangent=[1, 0, r], mu=0.3)
+    wall = zivi.LinearGap([1, 0, 0], offset=-r, tangent=[0, 1, -r], mu=0.2)
+    disc = zivi.MechanicalSystem(
+        mass=np.diag([1, 1, r**2 / 2]), force=[-3, -G, 0], gaps=[floor, wall], e=[e, 0]
+    )
+    drop = 0.002
+    speed = -np.sqrt(rise**2 - 2 * G * drop)
+    spin = 0.25 / r
+    sol = zivi.simulate(disc, (0, 0.06), ([r, r + drop, 0], [0, speed, spin]), METHOD)
+    assert sol.success
+    assert "impact_not_unique" not in sol.flags["kind"]
+    rows = sol.resolved_impacts
+    hit, pressed = rows[rows["gap"] == 0][0], rows[rows["gap"] == 1][0]
+    assert hit["speed_after"] == pytest.approx(-e * hit["speed_before"])
+    # rolling on the floor, it rises along the wall
+    assert hit["slip_after"] == 0
+    assert pressed["slip_after"] == pytest.approx(hit["speed_after"], abs=1e-12)
+    assert pressed["tangential_impulse"] == pytest.approx(-0.2 * pressed["impulse"])
+
+
+def arm(limit):
+    """Two links of 1 m with 1 kg at elbow and tip; the tip is on a floor, the shoulder rubs."""
+    depth = 1.3
+
+    def mass(t, q):
+        c = np.cos(q[0] - q[1])
+        return [[2, c], [c, 1]]
+
+    def force(t, q, v):
+        s = np.sin(q[0] - q[1])
+        return [-s * v[1] ** 2 - 2 * G * np.sin(q[0]), s * v[0] ** 2 - G * np.sin(q[1])]
+
+    tip = zivi.Gap(
+        lambda t, q: depth - np.cos(q[0]) - np.cos(q[1]),
+        lambda t, q: np.sin(q),
+        lambda t, q, v: np.cos(q) @ v**2,
+        tangent=lambda t, q: np.cos(q),
+        tangent_curvature=lambda t, q, v: -np.sin(q) @ v**2,
+        mu=0.2,
+    )
+    shoulder = zivi.DryFriction([1, 0], limit=limit)
+    return zivi.MechanicalSystem(mass=mass, force=force, gaps=[tip], friction=[shoulder])
+
+
+def test_tip_and_shoulder_of_an_arm_on_the_floor_stop_together():
+    """With the contact closed one speed is left: where that ends both channels stick."""
+    first, speed = 0.2, 1.5
+    second = -np.arccos(1.3 - np.cos(first))
+    rate = -np.sin(first) / np.sin(second) * speed
+    sol = zivi.simulate(arm(12.0), (0, 1.5), ([first, second], [speed, rate]), METHOD)
+    assert sol.success
+    stuck = sol.transitions[sol.transitions["after"] == 0]
+    assert stuck["channel"].tolist() == [0, 1]
+    assert stuck["t"][0] == stuck["t"][1]
+    assert np.all(sol.qdot[-1] == 0) or np.abs(sol.qdot[-1]).max() < 1e-15
+    assert sol.modes[-1].tolist() == [0, 0]
+
+
+def test_the_tip_of_an_arm_turns_back_at_its_full_reach():
+    """There its slip is zero for an instant, but no force holds the arm: the shoulder goes on."""
+    start = 0.6
+    second = np.arccos(1.3 - np.cos(start))
+    reach = np.arccos(0.65)
+    speed = 2.0
+    rate = -np.sin(start) / np.sin(second) * speed
+    sol = zivi.simulate(arm(0.5), (0, 0.25), ([start, second], [speed, rate]), METHOD)
+    assert sol.success
+    turned = sol.transitions[(sol.transitions["channel"] == 0) & (sol.transitions["t"] > 0)]
+    assert turned["after"].tolist() == [-turned["before"][0]]
+    assert abs(turned["before"][0]) == 1
+    assert sol(turned["t"][0]).ravel()[:2] == pytest.approx([reach, reach], abs=1e-9)
+
+
+def test_the_slip_of_a_block_on_a_shaking_floor_has_the_accuracy_of_the_method():
+    """The block moves in a parabola, exact at every step: its slip says what steps are good."""
+    a, omega, mu = 0.19, 6.2, 0.3
+    floor = zivi.Gap(
+        lambda t, q: q[1],
+        [0, 1],
+        tangent=[1, 0],
+        tangent_velocity=lambda t, q: -a * omega * np.cos(omega * t),
+        tangent_curvature=lambda t, q, v: a * omega**2 * np.sin(omega * t),
+        mu=mu,
+    )
+    block = zivi.MechanicalSystem(mass=np.eye(2), force=[0, -G], gaps=[floor])
+    for order in (5, 8):
+        method = zivi.SwitchedRK(order=order, rtol=1e-9, atol=1e-9)
+        sol = zivi.simulate(block, (0, 0.2), ([0, 0], [0, 0]), method)
+        # w < 0: x'' = mu g; dissipated: mu g (slid distance)
+        t = sol.transitions["t"][1] if len(sol.transitions) > 1 else 0.2
+        t = min(t, 0.2)
+        slid = a * np.sin(omega * t) - mu * G * t**2 / 2
+        assert sol.modes[0, 0] == -1
+        at = np.searchsorted(sol.t, t)
+        assert sol.dissipated[at] == pytest.approx(mu * G * slid, abs=1e-8)
+        assert a * omega * np.cos(omega * t) == pytest.approx(mu * G * t, abs=1e-8) or t == 0.2
