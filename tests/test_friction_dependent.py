@@ -87,15 +87,15 @@ def arm(limit):
 
 def test_tip_and_shoulder_of_an_arm_on_the_floor_stop_together():
     """With the contact closed one speed is left: where that ends both channels stick."""
-    first, speed = 0.2, 1.5
+    first, speed = 0.5, -2.5
     second = -np.arccos(1.3 - np.cos(first))
     rate = -np.sin(first) / np.sin(second) * speed
-    sol = zivi.simulate(arm(12.0), (0, 1.5), ([first, second], [speed, rate]), METHOD)
+    sol = zivi.simulate(arm(10.0), (0, 0.8), ([first, second], [speed, rate]), METHOD)
     assert sol.success
     stuck = sol.transitions[sol.transitions["after"] == 0]
     assert stuck["channel"].tolist() == [0, 1]
     assert stuck["t"][0] == stuck["t"][1]
-    assert np.all(sol.qdot[-1] == 0) or np.abs(sol.qdot[-1]).max() < 1e-15
+    assert np.abs(sol.qdot[-1]).max() < 1e-15
     assert sol.modes[-1].tolist() == [0, 0]
 
 

@@ -257,7 +257,7 @@ static bool take(Motion &m, const State &s, const Mode &mode, R h, Step &step) {
     }
     std::vector<Forces> f(N + 1);
     for (int round = 0;; round++) {
-        if (++m.rounds > 100000) throw Failure{"too long"};
+        if (++m.rounds > 300000) throw Failure{"too long"};
         for (int i = 0; i <= N; i++) {
             R qi[N_MAX], vi[N_MAX], Wi[P_MAX];
             for (int j = 0; j < o.n; j++) qi[j] = q[j][i], vi[j] = v[j][i];
@@ -637,7 +637,7 @@ struct Run {
             if (apart > 1e-9 * size) not_unique = true;
             if (it.rank > best->rank) best = &it;
         }
-        bool opened[M_MAX] = {};
+        bool opened[M_MAX] = {}, stuck[P_MAX] = {};
         R Yd[M_MAX], W[P_MAX];
         for (int k = 0; k < o.m; k++) Yd[k] = s.Yd[k] + m.along(z.N[k], best->dv);
         for (int c = 0; c < o.p; c++) {
@@ -652,7 +652,7 @@ struct Run {
                 continue;
             }
             Yd[k] = mode.closed[k] ? R(0) : -o.e[k] * s.Yd[k];
-            if (c >= 0 && best->pattern[i] == 0) W[c] = -o.et[c] * s.W[c];
+            if (c >= 0 && best->pattern[i] == 0) W[c] = -o.et[c] * s.W[c], stuck[c] = true;
         }
         for (int k : hit) {
             int sigma = 0;
@@ -686,7 +686,8 @@ struct Run {
             }
         if (zeno)
             for (int c = 0; c < o.p; c++)
-                if (fabs(s.W[c]) < 100 * slowest) s.W[c] = 0;
+                // where each impact reverses the slip, so does the last
+                if (fabs(s.W[c]) < 100 * slowest || stuck[c]) s.W[c] = 0;
         settle(false, opened);
     }
 
@@ -735,7 +736,7 @@ struct Run {
         start();
         static Step step;
         while (s.t < end) {
-            if (++steps > 8000) throw Failure{"too many steps"};
+            if (++steps > 30000) throw Failure{"too many steps"};
             R dt = length(end - s.t);
             R last = 1e300;
             for (;;) {
