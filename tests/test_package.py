@@ -76,3 +76,57 @@ def test_the_workflow_knows_its_files():
     assert "windows-x86_64" in names
     commands = [step.get("run", "") for job in jobs.values() for step in job["steps"]]
     assert sum("tools/smoke.py" in it for it in commands) == 3
+
+
+VERSION = ROOT / "tools" / "version.py"
+
+
+def test_one_version_everywhere():
+    done = subprocess.run([sys.executable, VERSION], capture_output=True, text=True, check=True)
+    found = [line.split() for line in done.stdout.splitlines()]
+    workspace = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]
+    assert {version for version, _ in found} == {workspace["version"]}
+    assert len(found) > 10
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """The files that name the version."""
+    names = [line.split()[1] for line in run_version().stdout.splitlines()]
+    for name in {*names, "CHANGELOG.md", "tools/no-panic/Cargo.lock", "Cargo.lock"}:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text((ROOT / name).read_text())
+    return tmp_path
+
+
+def run_version(*arguments):
+    command = [sys.executable, VERSION, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_release_sets_its_version_everywhere_and_nothing_else(copy):
+    done = run_version("--root", copy, "7.8.9")
+    assert done.returncode == 0, done.stderr
+    for path in copy.rglob("*"):
+        if path.is_file():
+            old = (ROOT / path.relative_to(copy)).read_text().splitlines()
+            new = path.read_text().splitlines()
+            changed = [line for line in new if line not in old]
+            assert all("7.8.9" in line or "date-released" in line for line in changed), path
+    changes = (copy / "CHANGELOG.md").read_text()
+    assert changes.index("## Unreleased") < changes.index("## 7.8.9 (") < changes.index("### Added")
+    assert run_version("--root", copy, "--tag", "v7.8.9").returncode == 0
+    assert "the tag is v7.8.8" in run_version("--root", copy, "--tag", "v7.8.8").stderr
+    assert "has 7.8.9 already" in run_version("--root", copy, "7.8.9").stderr
+
+
+def test_versions_that_differ_are_refused(copy):
+    cff = copy / "CITATION.cff"
+    cff.write_text(re.sub(r"(?m)^version: .*", "version: 9.9.9", cff.read_text()))
+    assert "the versions differ" in run_version("--root", copy).stderr
+    assert "three numbers" in run_version("--root", copy, "next").stderr
+
+
+def test_the_workflow_refuses_a_tag_that_is_not_the_version():
+    flow = (ROOT / ".github" / "workflows" / "release.yml").read_text()
+    assert 'tools/version.py --tag "$GITHUB_REF_NAME"' in flow
