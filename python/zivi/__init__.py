@@ -113,6 +113,7 @@ if TYPE_CHECKING:
     from zivi.simulation import methods as methods
 
 importlib.import_module("zivi.base.exits").watch()
+_habits = importlib.import_module("zivi.base.habits")
 _former = importlib.import_module("zivi.base.former")
 _former.hand_on()
 
@@ -200,7 +201,8 @@ def __getattr__(name: str) -> object:
         return sys.modules[f"zivi.{name}"]
     if name in (known := sys.modules["zivi.methods"].METHODS):
         return known[name]  # of a method that is not among those above
-    raise AttributeError(f"module 'zivi' has no attribute {name!r}")
+    hint = f": {_habits.MODULE[name]}" if name in _habits.MODULE else ""
+    raise AttributeError(f"module 'zivi' has no attribute {name!r}{hint}")
 
 
 def __dir__() -> list[str]:

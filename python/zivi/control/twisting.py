@@ -7,6 +7,7 @@ from typing import Any, Literal, Self
 
 import zivi._zivi as _zivi
 from zivi.base.check import real, switch, whole
+from zivi.base.habits import hinted
 from zivi.control.component import (
     DEPTH,
     HORIZON,
@@ -115,6 +116,7 @@ class TwistingRegulator(_zivi.Regulator, Landing):
     ValueError: mu1 must be greater than mu2 + bound = 4.5 m/s^2 for bound = 2.5, got 3.0
     """
 
+    @hinted("controller")
     def __new__(  # noqa: D102 the class says it
         cls,
         mu1: float,
@@ -237,6 +239,7 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
     3.00298019
     """
 
+    @hinted("controller")
     def __new__(  # noqa: D102 the class says it
         cls,
         mu1: float,
@@ -359,6 +362,7 @@ class ExplicitTwisting(_zivi.Explicit, Following):
     -20.19
     """
 
+    @hinted("controller")
     def __new__(  # noqa: D102 the class says it
         cls,
         mu1: float,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.compiled import listening
+from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.derivatives.result import KINDS, Nearest, OrbitStatus, Sensitivity
 from zivi.simulation.argument_hints import told
@@ -177,6 +178,7 @@ def sensitivity(
 ) -> Sensitivity: ...
 
 
+@hinted("sensitivity")
 def sensitivity(
     system: ImpactSystem | MechanicalSystem,
     t_span: Sequence[float],

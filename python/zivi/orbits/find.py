@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, whole
+from zivi.base.habits import hinted
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import PRECISE, FlightError, period_of
 from zivi.orbits.least_period import least_period
@@ -50,6 +51,7 @@ def periodic_orbit(
 ) -> PeriodicOrbit: ...
 
 
+@hinted("periodic_orbit")
 def periodic_orbit(
     system: ImpactSystem | MechanicalSystem,
     start: Any,

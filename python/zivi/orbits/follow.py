@@ -10,6 +10,7 @@ from typing import overload
 import numpy as np
 
 from zivi.base.check import finite, whole
+from zivi.base.habits import hinted
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.arc import Arc, Found
 from zivi.orbits.branch import MESSAGES, Branch, BranchEvent
@@ -52,6 +53,7 @@ def continue_orbit(
 ) -> Branch: ...
 
 
+@hinted("continue_orbit")
 def continue_orbit(
     orbit: PeriodicOrbit | MechanicalOrbit,
     name: str,

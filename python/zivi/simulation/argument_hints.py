@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from zivi.base.habits import keyword_hint
 from zivi.simulation.methods import METHODS, FixedSteps, Settings
 from zivi.system.mass import WRAPPED
 
@@ -38,7 +39,8 @@ def refuse(function: str, misplaced: Mapping[str, Any]) -> None:
             call = f"{function}(..., method=zivi.{owner.__name__}({name}={value!r}))"
             advice = f": it is a setting of the method, {call}"
         else:
-            advice = f": {ELSEWHERE[name]}" if name in ELSEWHERE else ""
+            advice = keyword_hint(function, name) or keyword_hint("simulate", name)
+            advice = f": {ELSEWHERE[name]}" if name in ELSEWHERE else advice
         raise TypeError(f"{function}() got an unexpected keyword argument {name!r}{advice}")
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.compiled import listening, tell
+from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.simulation.argument_hints import check_method
 from zivi.simulation.batch_arguments import check_threads, every_of, states_for, systems_of
@@ -61,6 +62,7 @@ def simulate_batch(
 ) -> Batch: ...
 
 
+@hinted("simulate_batch")
 def simulate_batch(
     systems: Any,
     t_span: Sequence[float],

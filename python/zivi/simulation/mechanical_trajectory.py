@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.extras import needed
+from zivi.base.habits import attribute_error
 from zivi.base.status import Status
 from zivi.base.table import Table
 from zivi.simulation import mechanical_labelled as labelled
@@ -99,6 +100,11 @@ class MechanicalTrajectory(Rubbing, SampledRun):
     config : dict
         System, method, span and initial state, as plain values.
     """
+
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getattr__(self, name):
+            raise attribute_error("mechanical run", self, name)
 
     t: Array
     q: Array

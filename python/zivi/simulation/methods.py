@@ -5,6 +5,7 @@ module, and in `zivi`, without a line: its class is made of what the core says o
 """
 
 import zivi._zivi as _zivi
+from zivi.base.habits import hinted
 from zivi.simulation.method_settings import FixedSteps, Method, Settings, class_of
 
 __all__ = ["METHODS", "FixedSteps", "Method", "Settings", *_zivi.METHODS]
@@ -169,7 +170,8 @@ PROSE = {
 """The documentation of those methods that say more than the core does."""
 
 METHODS: dict[str, type[Settings]] = {
-    name: class_of(entry, PROSE.get(name)) for name, entry in _zivi.METHODS.items()
+    name: hinted("method")(class_of(entry, PROSE.get(name)))
+    for name, entry in _zivi.METHODS.items()
 }
 """The class of every method, by its name."""
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
+from zivi.base.habits import attribute_error
 from zivi.base.status import Status
 from zivi.base.table import Field, Table
 from zivi.simulation.dense import Path
@@ -116,6 +117,11 @@ class Trajectory(MassRun):
     config : dict
         System, method, span and initial state, as plain values.
     """
+
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getattr__(self, name):
+            raise attribute_error("run", self, name)
 
     t: Array
     x: Array

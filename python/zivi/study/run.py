@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import whole
+from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.base.status import StudyStatus
 from zivi.study.create import create
@@ -34,6 +35,7 @@ GIVEN = ("seed", "rng")
 """Arguments that a function gets from the seed of the study."""
 
 
+@hinted("sweep")
 def sweep(
     function: Callable[..., Any] | str,
     points: Design | Mapping[str, Any] | Sequence[Mapping[str, Any]],

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.functions import compiled_by_numba, of_three
+from zivi.base.habits import hinted
 from zivi.system.parametric import ParametricForce
 from zivi.system.table import Table
 
@@ -51,6 +52,7 @@ class NativeForce:
         return _zivi.Force.native(type(self).__name__, **self._numbers())
 
 
+@hinted("LinearForce")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LinearForce(NativeForce):
     r"""Spring, damper, gravity and a harmonic excitation, evaluated without the interpreter.

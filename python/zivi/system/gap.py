@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import finite, real_array
+from zivi.base.habits import hinted
 from zivi.system.friction import slip_of_gap, tangential_restitution
 from zivi.system.model_parts import Part, differenced, number_part, part
 from zivi.system.table import Table
@@ -162,6 +163,7 @@ class Gap:
         Gap.__init__(self, *parts, **more)
 
 
+@hinted("LinearGap")
 class LinearGap(Gap):
     r"""A gap that is linear in the coordinates, over a wall that may move.
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
+from zivi.base.habits import hinted
 from zivi.system.force import Force, LinearForce, force_spec
 from zivi.system.friction import DryFriction
 from zivi.system.impact_law import ImpactLaw, NewtonImpact
@@ -19,6 +20,7 @@ WRAPPED = "zivi.simulate(zivi.ImpactSystem(force, e=0.5), t_span, y0)"
 """How a force becomes a run."""
 
 
+@hinted("ImpactSystem")
 class ImpactSystem:
     r"""A mass above a wall: :math:`\ddot x = f(t, x, \dot x)`, :math:`x \ge 0`.
 

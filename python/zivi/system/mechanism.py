@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
+from zivi.base.habits import hinted
 from zivi.system.assemble import Evaluate, assembled
 from zivi.system.callbacks import glued
 from zivi.system.friction import (
@@ -60,6 +61,7 @@ class Model:
     evaluate: Evaluate
 
 
+@hinted("MechanicalSystem")
 class MechanicalSystem:
     r"""n coordinates, m gaps that stay open or closed, impacts that obey Newton's law.
 

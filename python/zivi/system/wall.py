@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
+from zivi.base.habits import hinted
 
 __all__ = ["HarmonicWall", "MovingWall"]
 
 
+@hinted("HarmonicWall")
 @dataclasses.dataclass(frozen=True)
 class HarmonicWall:
     r"""A wall that vibrates, evaluated without the interpreter.

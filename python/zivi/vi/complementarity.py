@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.arrays import Array, dense, require_finite
 from zivi.base.check import real_array
+from zivi.base.habits import hinted
 from zivi.vi.arguments import seconds
 from zivi.vi.solve import solve_avi, solve_vi
 from zivi.vi.types import VIOptions, VIProgress, VIResult
@@ -19,6 +20,7 @@ from zivi.vi.types import VIOptions, VIProgress, VIResult
 __all__ = ["Equilibrium", "bimatrix", "solve_lcp", "solve_ncp"]
 
 
+@hinted("solve_vi")
 def solve_lcp(
     M: Any,
     q: ArrayLike,
@@ -80,6 +82,7 @@ def solve_lcp(
     )
 
 
+@hinted("solve_vi")
 def solve_ncp(
     F: Callable[..., Any],
     x0: ArrayLike,

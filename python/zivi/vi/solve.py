@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.arrays import MAX_DENSE, Array, bound, matrix, vector
+from zivi.base.habits import hinted
 from zivi.vi.arguments import arranged, limits, observer, seconds, settings_of
 from zivi.vi.coloured import ColouredDifferences
 from zivi.vi.jacobian import (
@@ -48,6 +49,7 @@ __all__ = [
 ]
 
 
+@hinted("solve_vi")
 def solve_vi(
     F: Callable[..., Any],
     lower: Any = None,
@@ -239,6 +241,7 @@ def _by_colours(
     return slopes
 
 
+@hinted("solve_vi")
 def solve_avi(
     M: Any,
     q: ArrayLike,

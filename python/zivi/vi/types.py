@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.arrays import Array, count, vector
+from zivi.base.habits import attribute_error
 
 __all__ = ["VIOptions", "VIProgress", "VIResult", "VIStatus", "result_of"]
 
@@ -178,6 +179,11 @@ class VIResult:
     fill : int
         Entries of the largest sparse factors, L and U together: each takes 12 bytes and more.
     """
+
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getattr__(self, name):
+            raise attribute_error("VI result", self, name)
 
     x: Array
     F: Array

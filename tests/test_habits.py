@@ -1,0 +1,130 @@
+"""Names that users of SciPy, python-control, MuJoCo and MATLAB try: each is answered by a hint."""
+
+import inspect
+import pickle
+import re
+
+import numpy as np
+import pytest
+
+import zivi
+from zivi.base.habits import ARGUMENTS, ATTRIBUTES, MODULE
+
+BALL = zivi.ImpactSystem(-9.81, e=0.5)
+FLOOR = zivi.LinearGap([1.0])
+MASS = zivi.MechanicalSystem(mass=np.eye(1), force=[-9.81], gaps=[FLOOR], e=0.5)
+SPAN, START = (0, 0.1), (1, 0)
+
+CALLS = {
+    "ImpactSystem": (zivi.ImpactSystem, (-9.81,)),
+    "LinearForce": (zivi.LinearForce, ()),
+    "HarmonicWall": (zivi.HarmonicWall, (0.01,)),
+    "MechanicalSystem": (zivi.MechanicalSystem, ()),
+    "LinearGap": (zivi.LinearGap, ()),
+    "method": (zivi.SwitchedRK, ()),
+    "simulate": (zivi.simulate, (BALL, SPAN, START)),
+    "simulate_closed_loop": (zivi.simulate_closed_loop, (BALL, None, SPAN, START)),
+    "simulate_batch": (zivi.simulate_batch, (BALL, SPAN, [START])),
+    "controller": (zivi.TwistingTracker, (30, 17)),
+    "solve_vi": (zivi.solve_vi, (lambda x: x,)),
+    "sensitivity": (zivi.sensitivity, (BALL, SPAN, START)),
+    "periodic_orbit": (zivi.periodic_orbit, (BALL,)),
+    "continue_orbit": (zivi.continue_orbit, (None, "amplitude", (0, 1))),
+    "sweep": (zivi.sweep, (len, {"x": [1]})),
+}
+ALIKE = {
+    "method": [zivi.ThetaGamma, zivi.MoreauJean, zivi.ExplicitEuler],
+    "controller": [zivi.TwistingRegulator, zivi.ExplicitTwisting],
+    "solve_vi": [zivi.solve_avi, zivi.solve_ncp, zivi.solve_lcp],
+}
+RESULTS = {
+    "run": zivi.simulate(BALL, SPAN, START),
+    "mechanical run": zivi.simulate(MASS, SPAN, ([1.0], [0.0])),
+    "loop": zivi.simulate_closed_loop(
+        BALL, zivi.TwistingTracker(30, 17, h=1e-2, e=0.5), SPAN, START
+    ),
+    "VI result": zivi.solve_lcp([[1.0]], [-1.0]),
+}
+
+
+def test_there_are_sixty_and_more():
+    of_calls = sum(map(len, ARGUMENTS.values()))
+    assert of_calls + sum(map(len, ATTRIBUTES.values())) + len(MODULE) >= 150
+    assert set(CALLS) == set(ARGUMENTS)
+    assert set(RESULTS) == set(ATTRIBUTES)
+
+
+@pytest.mark.parametrize("owner", CALLS)
+def test_arguments_of_others_are_answered(owner):
+    function, args = CALLS[owner]
+    for name, hint in ARGUMENTS[owner].items():
+        for called in (function, *ALIKE.get(owner, [])):
+            if name in inspect.signature(called).parameters:
+                assert called is not function
+                continue
+            with pytest.raises(TypeError, match=rf"'{name}': ") as told:
+                called(*(args if called is function else ()), **{name: 1.0})
+            if called is function:
+                assert hint in str(told.value) or "it belongs" in str(told.value)
+
+
+@pytest.mark.parametrize("kind", RESULTS)
+def test_attributes_of_others_are_answered(kind):
+    result = RESULTS[kind]
+    for name, hint in ATTRIBUTES[kind].items():
+        with pytest.raises(AttributeError) as told:
+            getattr(result, name)
+        assert str(told.value).endswith(hint), name
+        assert not hasattr(result, name)
+    with pytest.raises(AttributeError, match=r"has no attribute 'nothing'$"):
+        result.nothing  # noqa: B018
+    assert pickle.loads(pickle.dumps(result)).status == result.status
+
+
+def test_functions_of_others_are_answered():
+    for name, hint in MODULE.items():
+        with pytest.raises(AttributeError) as told:
+            getattr(zivi, name)
+        assert str(told.value) == f"module 'zivi' has no attribute {name!r}: {hint}"
+
+
+def test_hints_name_what_exists():
+    texts = [*MODULE.values()]
+    texts += [it for hints in (*ARGUMENTS.values(), *ATTRIBUTES.values()) for it in hints.values()]
+    for text in texts:
+        for name in re.findall(r"zivi\.(\w+)", text):
+            assert hasattr(zivi, name), text
+    for owner, hints in ARGUMENTS.items():
+        known = set(inspect.signature(CALLS[owner][0]).parameters)
+        known |= {"rtol", "atol", "max_step", "h", "offset"} if owner == "method" else set()
+        for text in hints.values():
+            for name in re.findall(r"^(?:it is|they are) (\w+)(?=$|,| \()", text):
+                assert name in known, (owner, text)
+    for kind, hints in ATTRIBUTES.items():
+        for text in hints.values():
+            for name in re.findall(r"^(?:it is|they are|it is|.* (?:is|are)) (\w+)$", text):
+                assert hasattr(RESULTS[kind], name), (kind, text)
+
+
+def test_misspelt_arguments_are_answered_too():
+    with pytest.raises(TypeError, match=r"'stifness': did you mean 'stiffness'\?"):
+        zivi.LinearForce(stifness=1.0)
+    with pytest.raises(TypeError, match=r"'maximum'$"):
+        zivi.solve_vi(len, maximum=3)
+
+
+def test_errors_of_other_places_are_left_alone():
+    def force(t, x, xdot):
+        nothing = {}
+        return nothing(k=1)
+
+    with pytest.raises(TypeError, match="'dict' object is not callable"):
+        zivi.sensitivity(zivi.ImpactSystem(force, e=0.5), SPAN, START)
+    with pytest.raises(TypeError, match="missing 1 required positional argument"):
+        zivi.ImpactSystem(e=0.5)
+
+
+def test_signatures_and_names_are_those_of_the_functions():
+    assert list(inspect.signature(zivi.solve_lcp).parameters)[:2] == ["M", "q"]
+    assert zivi.sweep.__name__ == "sweep"
+    assert pickle.loads(pickle.dumps(zivi.solve_vi)) is zivi.solve_vi
