@@ -52,12 +52,13 @@ RESULTS = {"Batch", "ClosedLoop", "ClosedLoopBatch", "Equilibrium", "Observed", 
 RESULTS |= {"MechanicalBatch", "MechanicalSensitivity", "MechanicalTrajectory"}
 RESULTS |= {"Attractor", "Basins", "Branch", "BranchEvent", "Diagram", "Lyapunov"}
 RESULTS |= {"PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
-RESULTS |= {"GainDesign", "MechanicalBranch", "MechanicalEvent", "MechanicalOrbit"}
+RESULTS |= {"GainDesign", "MechanicalBranch", "MechanicalClosedLoop", "MechanicalEvent"}
+RESULTS |= {"MechanicalOrbit", "ReferenceSample"}
 # found in the rooms of the package, and as `zivi.Name`, but not among the names to begin with
 IN_ROOMS = RESULTS | {"ImpactMap", "ImpactReturn"}
 NAMES = sorted({*zivi.__all__, *IN_ROOMS})
 # described by what they have, not made by a call
-PROTOCOLS = {"zivi.Controller", "zivi.ImpactLaw", "zivi.Method"}
+PROTOCOLS = {"zivi.Controller", "zivi.ImpactLaw", "zivi.MechanicalController", "zivi.Method"}
 
 
 def modules():
@@ -95,6 +96,7 @@ def documented_parameters(thing):
 def test_the_public_list_is_complete_and_sorted():
     assert sorted(set(zivi.__all__)) == zivi.__all__
     assert len(zivi.__all__) <= 70
+    assert len(zivi.__all__) < 80
     assert not IN_ROOMS & set(zivi.__all__)
     tree = ast.parse((PACKAGE / "__init__.py").read_text())
     imported = {
@@ -171,14 +173,14 @@ def test_every_parameter_is_documented(name):
         own = parameters - {"sol", "run", "ax", "line"}
         assert all(parameter in inspect.getdoc(thing) for parameter in own), own
     else:
-        assert documented_parameters(thing) == parameters
+        assert (documented_parameters(thing) or set()) == parameters
 
 
 @pytest.mark.parametrize("name", sorted(RESULTS))
 def test_every_result_field_is_documented(name):
     thing = getattr(zivi, name)
-    text = inspect.getdoc(thing)
-    section = text.split("Attributes\n----------\n")[1]
+    kinds = [it for it in thing.__mro__ if f"zivi.{it.__name__}" in PUBLIC]
+    section = "\n".join(inspect.getdoc(it).split("Attributes\n----------\n")[1] for it in kinds)
     documented = {
         part.strip()
         for line in section.splitlines()

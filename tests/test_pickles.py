@@ -58,12 +58,14 @@ MAKE = {
     "MechanicalOrbit": lambda: zivi.periodic_orbit(
         chain2(), (["I stop"] * 4, listed("two_dof_four_impacts", "t"))
     ),
+    "MechanicalClosedLoop": lambda: resting(),
     "MechanicalSensitivity": lambda: zivi.sensitivity(DROP, (0, 2), ([1.0], [0.0])),
     "MechanicalTrajectory": lambda: zivi.simulate(DROP, (0, 3), ([1.0], [0.0])),
     "Observed": lambda: zivi.ImpactObserver(0.5, 1e-3, position_only=True).observe(
         np.arange(20) * 1e-3, np.ones(20), force=-9.81
     ),
     "PeriodicOrbit": lambda: branch().orbits[0],
+    "ReferenceSample": lambda: zivi.ReferenceSample(*np.ones((4, 2))),
     "RunFunction": run_function,
     "RunPoint": lambda: run_function().evaluate([0.5]),
     "Sensitivity": lambda: zivi.sensitivity(BALL, (0, 3), (1, 0)),
@@ -86,6 +88,9 @@ def _slope(x: Any, p: Any) -> Any:
 
 def _solution() -> Any:
     return zivi.interop.solution_function(_line, 0, None, [1.0], "p", jac=_slope)
+def resting() -> zivi.MechanicalClosedLoop:
+    tracker = zivi.GapTracker(DROP, h=1e-2, gains={"gap0": (30, 17)})
+    return zivi.simulate_closed_loop(DROP, tracker, (0, 0.5), ([0.1], [0.0]), reference="rest")
 
 
 def _progress() -> Any:

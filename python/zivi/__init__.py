@@ -19,7 +19,7 @@ Runs
     (the implicit scheme of Huber and Oza), `MoreauJean`, `ExplicitEuler`
 Control
     `TwistingRegulator`, `TwistingTracker`, `ImpactObserver`, `design_tracker`,
-    `simulate_closed_loop`
+    `simulate_closed_loop`; of mechanisms `GapTracker`, `JointObserver`, `reference_run`
 Analysis
     `sensitivity`, `impact_map`, `periodic_orbit`, `continue_orbit`, `basins`, `sweep`
 Variational inequalities
@@ -47,8 +47,14 @@ from zivi.control.design import (
     design_regulator,
     design_tracker,
 )
+from zivi.control.gap_tracker import GapTracker
+from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_batch import ClosedLoopBatch as ClosedLoopBatch, simulate_closed_loop_batch
+from zivi.control.mechanical_loop import MechanicalController, RKPeriod
+from zivi.control.mechanical_loop_run import MechanicalClosedLoop as MechanicalClosedLoop
+from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample
 from zivi.control.observer import ImpactObserver, Observed as Observed
+from zivi.control.reference_run import reference_run
 from zivi.control.twisting import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
 from zivi.derivatives.impact_map import (
     ImpactMap as ImpactMap,
@@ -109,7 +115,12 @@ from zivi.vi.solve import (
 )
 
 if TYPE_CHECKING:
-    from zivi import files as files, interop as interop, symbolic as symbolic
+    from zivi import (
+        files as files,
+        interop as interop,
+        mechanics as mechanics,
+        symbolic as symbolic,
+    )
     from zivi.simulation import methods as methods
 
 importlib.import_module("zivi.base.exits").watch()
@@ -124,16 +135,19 @@ __all__ = [
     "ExplicitEuler",
     "ExplicitTwisting",
     "Gap",
+    "GapTracker",
     "Harmonic",
     "HarmonicWall",
     "ImpactLaw",
     "ImpactObserver",
     "ImpactSystem",
     "InfeasibleError",
+    "JointObserver",
     "Level",
     "LinearForce",
     "LinearGap",
     "LinearSystem",
+    "MechanicalController",
     "MechanicalSystem",
     "Method",
     "ModelWarning",
@@ -143,6 +157,7 @@ __all__ = [
     "OrbitStatus",
     "ParametricForce",
     "ParametricSystem",
+    "RKPeriod",
     "SpeedDependentImpact",
     "Status",
     "Study",
@@ -177,6 +192,7 @@ __all__ = [
     "plot",
     "points",
     "project",
+    "reference_run",
     "sample",
     "sensitivity",
     "simulate",
@@ -190,7 +206,7 @@ __all__ = [
     "sweep",
 ]
 
-_LAZY = ("files", "interop", "lab", "study", "symbolic")
+_LAZY = ("files", "interop", "lab", "mechanics", "study", "symbolic")
 """Modules that are imported when they are first asked for."""
 
 

@@ -1108,3 +1108,34 @@ def lemke_howson(
 def natural_residual(
     x: _Array, f: _Array, lower: _Array | float, upper: _Array | float
 ) -> float: ...
+
+@final
+class Inputs:
+    @staticmethod
+    def constant(r: int, matrix: list[float]) -> Inputs: ...
+    @staticmethod
+    def compiled(r: int, address: int, data: int, owner: Any) -> Inputs: ...
+    @staticmethod
+    def callable(r: int, function: Callable[[float, _Array], _Array]) -> Inputs: ...
+
+@final
+class MechanicalLoopRecord:
+    @property
+    def run(self) -> MechanicalRecord: ...
+    @property
+    def u(self) -> _Array: ...
+
+def simulate_mechanical_loop(
+    system: Mechanism,
+    inputs: Inputs,
+    method: Method,
+    times: _Array,
+    stops: _Array,
+    start: Configuration,
+    u: _Array,
+    tick: Callable[[int, float, _Array, _Array], _Array],
+    *,
+    dense: bool,
+    one_step: bool,
+    progress: Callable[[int, int], None] | None = None,
+) -> MechanicalLoopRecord: ...

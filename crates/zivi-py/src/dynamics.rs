@@ -128,6 +128,37 @@ pub(crate) struct CompiledFunction {
     returns_int: bool,
 }
 
+impl CompiledFunction {
+    /// A function that returns an int and is called with data.
+    pub(crate) fn with_data(address: usize, data: usize) -> Self {
+        Self { address, data: Some(data), returns_int: true }
+    }
+
+    /// What it returns, 0 if nothing.
+    pub(crate) fn call(self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> c_int {
+        let Self { address, data, returns_int } = self;
+        let (q, w, to) = (q.as_ptr(), w.as_ptr(), out.as_mut_ptr());
+        // SAFETY: the Python layer passes only the address of a function whose signature was
+        // checked or declared, and the `Model` holds the object that owns the code; `q` and `w` have n numbers, `out` as many as the layout says.
+        unsafe {
+            match (data.map(|data| data as *mut c_void), returns_int) {
+                (None, true) => std::mem::transmute::<usize, Evaluate>(address)(t, q, w, to),
+                (Some(data), true) => {
+                    std::mem::transmute::<usize, EvaluateWith>(address)(t, q, w, to, data)
+                }
+                (None, false) => {
+                    std::mem::transmute::<usize, Fill>(address)(t, q, w, to);
+                    0
+                }
+                (Some(data), false) => {
+                    std::mem::transmute::<usize, FillWith>(address)(t, q, w, to, data);
+                    0
+                }
+            }
+        }
+    }
+}
+
 /// A model that is ready to be evaluated.
 pub(crate) enum AnyDynamics<'py> {
     Compiled(CompiledDynamics),
@@ -189,30 +220,12 @@ impl Dynamics<PyErr> for CompiledDynamics {
     }
 
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
-        let CompiledFunction { address, data, returns_int } = match &mut self.source {
+        let function = match &mut self.source {
             Source::Function(function) => *function,
             Source::Linear(linear) => return linear.evaluate(t, q, w, out),
             Source::Tree(tree) => return tree.evaluate(t, q, w, out),
         };
-        let (q, w, to) = (q.as_ptr(), w.as_ptr(), out.as_mut_ptr());
-        // SAFETY: the Python layer passes only the address of a function whose signature was
-        // checked or declared, and the `Model` holds the object that owns the code; `q` and `w` have n numbers, `out` as many as the layout says.
-        let code = unsafe {
-            match (data.map(|data| data as *mut c_void), returns_int) {
-                (None, true) => std::mem::transmute::<usize, Evaluate>(address)(t, q, w, to),
-                (Some(data), true) => {
-                    std::mem::transmute::<usize, EvaluateWith>(address)(t, q, w, to, data)
-                }
-                (None, false) => {
-                    std::mem::transmute::<usize, Fill>(address)(t, q, w, to);
-                    0
-                }
-                (Some(data), false) => {
-                    std::mem::transmute::<usize, FillWith>(address)(t, q, w, to, data);
-                    0
-                }
-            }
-        };
+        let code = function.call(t, q, w, out);
         if code != 0 || self.raised.here() {
             return Err(PyRuntimeError::new_err(format!(
                 "the compiled system failed at t = {t:?} (it returned {code})"

@@ -16,6 +16,7 @@ mod impact_law;
 mod impact_map;
 mod leaving;
 mod loop_batch;
+mod mechanical_loop;
 mod mechanics;
 mod method;
 mod motion;
@@ -87,6 +88,9 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<tree::Tree>()?;
     module.add_function(wrap_pyfunction!(force::force_raised, module)?)?;
     module.add_class::<mechanics::MechanicalRecord>()?;
+    module.add_class::<mechanical_loop::Inputs>()?;
+    module.add_class::<mechanical_loop::MechanicalLoopRecord>()?;
+    module.add_function(wrap_pyfunction!(mechanical_loop::simulate_mechanical_loop, module)?)?;
     module.add_class::<motion::MechanicalPath>()?;
     module.add_class::<dynamics::Model>()?;
     module.add_class::<dynamics::CompiledFunction>()?;

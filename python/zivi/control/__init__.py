@@ -3,8 +3,14 @@
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control.design import GainDesign, design_regulator, design_tracker
 from zivi.control.experiments import tracker_gains
+from zivi.control.gap_tracker import GapTracker
+from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
+from zivi.control.mechanical_loop import MechanicalController, RKPeriod
+from zivi.control.mechanical_loop_run import MechanicalClosedLoop
+from zivi.control.mechanical_reference import ReferenceSample
 from zivi.control.observer import ImpactObserver, Observed
+from zivi.control.reference_run import reference_run
 from zivi.control.twisting import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
 
 __all__ = [
@@ -13,13 +19,20 @@ __all__ = [
     "Controller",
     "ExplicitTwisting",
     "GainDesign",
+    "GapTracker",
     "ImpactObserver",
+    "JointObserver",
+    "MechanicalClosedLoop",
+    "MechanicalController",
     "Observed",
+    "RKPeriod",
+    "ReferenceSample",
     "TickStatus",
     "TwistingRegulator",
     "TwistingTracker",
     "design_regulator",
     "design_tracker",
+    "reference_run",
     "simulate_closed_loop",
     "simulate_closed_loop_batch",
     "tracker_gains",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, Never, Protocol
+from typing import Any, Never, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from zivi.base.check import Array, real
 from zivi.base.compiled import listening
 from zivi.base.progress import ProgressBar
 from zivi.base.status import Status
+from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_arguments import (
     check_ahead,
     check_delay,
@@ -44,6 +45,8 @@ from zivi.control.loop_reference import (
 )
 from zivi.control.loop_run import ESTIMATES, QUANTITIES, ClosedLoop
 from zivi.control.loop_samples import ended_by_event, restrict
+from zivi.control.mechanical_loop import MechanicalController, RKPeriod, simulate_mechanical
+from zivi.control.mechanical_loop_run import MechanicalClosedLoop
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS, TickStatus
 from zivi.simulation.argument_hints import refuse
@@ -54,6 +57,7 @@ from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.partial import as_raised, with_partial
 from zivi.simulation.run import Event, pair, times_within
 from zivi.system.mass import Force, ImpactSystem, check_system
+from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
 
@@ -102,29 +106,76 @@ class Controller(Protocol):
         """Give the control (m/s^2) for the period that starts now, ``step(x, xdot, force)``."""
 
 
+@overload
 def simulate_closed_loop(
     system: ImpactSystem,
     controller: Controller,
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
+    y_ref0: ArrayLike | None = ...,
+    force_ref: Force | None = ...,
+    force_model: Force | None = ...,
+    reference: Reference | None = ...,
+    method: ThetaGamma | SwitchedRK | None = ...,
+    noise: Sequence[float] = ...,
+    seed: int | None = ...,
+    quantization: Sequence[float] = ...,
+    delay: int = ...,
+    observer: ImpactObserver | None = ...,
+    t_eval: ArrayLike | None = ...,
+    events: Event | Sequence[Event] | None = ...,
+    dense_output: bool = ...,
+    slowest: float = ...,
+    progress: bool | None = ...,
+    **misplaced: Never,
+) -> ClosedLoop: ...
+@overload
+def simulate_closed_loop(
+    system: MechanicalSystem,
+    controller: MechanicalController,
+    t_span: Sequence[float],
+    y0: Sequence[ArrayLike],
+    *,
+    reference: Any = ...,
+    method: SwitchedRK | RKPeriod | None = ...,
+    noise: Sequence[float] = ...,
+    seed: int | None = ...,
+    quantization: float | Sequence[float] = ...,
+    delay: int = ...,
+    observer: JointObserver | None = ...,
+    disturbance: Any = ...,
+    dense_output: bool = ...,
+    slowest: float = ...,
+    progress: bool | None = ...,
+    **misplaced: Never,
+) -> MechanicalClosedLoop: ...
+
+
+def simulate_closed_loop(
+    system: Any,
+    controller: Any,
+    t_span: Sequence[float],
+    y0: Any,
+    *,
     y_ref0: ArrayLike | None = None,
     force_ref: Force | None = None,
     force_model: Force | None = None,
-    reference: Reference | None = None,
-    method: ThetaGamma | SwitchedRK | None = None,
+    reference: Any = None,
+    method: Any = None,
     noise: Sequence[float] = (0.0, 0.0),
     seed: int | None = None,
-    quantization: Sequence[float] = (0.0, 0.0),
+    quantization: Any = (0.0, 0.0),
     delay: int = 0,
-    observer: ImpactObserver | None = None,
+    observer: Any = None,
+    disturbance: Any = None,
     t_eval: ArrayLike | None = None,
     events: Event | Sequence[Event] | None = None,
     dense_output: bool = True,
     slowest: float = SLOWEST,
     progress: bool | None = None,
     **misplaced: Never,
-) -> ClosedLoop:
+) -> ClosedLoop | MechanicalClosedLoop:
     r"""Simulate the sampled closed loop of a plant and a controller.
 
     At :math:`t_k = t_0 + k h` the state is measured, the controller gives :math:`u_k`, and until
@@ -137,16 +188,19 @@ def simulate_closed_loop(
 
     Parameters
     ----------
-    system : ImpactSystem
-        The plant; its force is the true one.
-    controller : Controller
+    system : ImpactSystem or MechanicalSystem
+        The plant; its force is the true one. A `MechanicalSystem` moves under :math:`B u` with the
+        matrix of its ``inputs``; it takes `reference`, `method`, `noise`, `seed`, `quantization`,
+        `delay`, `observer`, `disturbance`, `dense_output`, `slowest`, `progress`.
+    controller : Controller or MechanicalController
         Zivi's controllers are copied and run without the interpreter (not subclasses with a
         ``step`` of their own). Any object with ``h`` and ``step(x, xdot, force)`` will do (see
         `Controller`).
     t_span : (float, float)
         Start and end (s), ``t0 < t1``.
-    y0 : (float, float)
-        The plant's initial distance from the wall, >= 0 (m), and velocity (m/s).
+    y0 : (float, float) or (array_like, array_like)
+        The plant's initial distance from the wall, >= 0 (m), and velocity (m/s); of a
+        `MechanicalSystem` its coordinates and velocities ``(q0, qdot0)``.
     y_ref0 : (float, float), optional
         Initial state of the reference: the controller is reset to it. Without it the controller
         goes on from where it is.
@@ -164,8 +218,9 @@ def simulate_closed_loop(
         shape (2, n) or (3, n). The control is told where it is at the sample and at the next one,
         nothing is integrated, nothing drifts. It may bounce, rest and lift off. A function is
         asked for both ends of each period when that begins: what it gives may change while the
-        loop runs.
-    method : SwitchedRK or ThetaGamma, optional
+        loop runs. For a `MechanicalSystem`: a run of the system, such as `reference_run` gives,
+        ``"rest"``, or a dict with ``"rest"`` or a run of one mass for each gap and a ``"posture"``.
+    method : SwitchedRK, ThetaGamma or RKPeriod, optional
         How the plant moves between samples. By default exactly where the force is constant, else
         by ``SwitchedRK(rtol=1e-9, atol=1e-12)``. With `ThetaGamma` the plant is on one grid with
         the controller (the paper's own loop): its ``h`` must be the controller's.
@@ -178,10 +233,13 @@ def simulate_closed_loop(
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0; until then 0 acts.
         Zivi's controllers should be told: ``ahead=1 + delay``.
-    observer : ImpactObserver, optional
+    observer : ImpactObserver or JointObserver, optional
         What the controller is told instead of the measurement: the position and velocity that the
         observer estimates, and its unknown force as a part of the model's. A copy runs, from where
         it is; it is told the control that acts, after limits and delay.
+    disturbance : array_like or callable, optional
+        Forces on the coordinates of a `MechanicalSystem` that the controller does not know: shape
+        (n,), or ``d(t, q, qdot)``.
     t_eval : array_like, optional
         Increasing times in `t_span` to report instead of the samples (s). ``u``, ``signs`` and
         ``tick_status`` are those of the sample before.
@@ -203,7 +261,7 @@ def simulate_closed_loop(
 
     Returns
     -------
-    ClosedLoop
+    ClosedLoop or MechanicalClosedLoop
         Always valid up to its last sample.
 
     Raises
@@ -231,6 +289,36 @@ def simulate_closed_loop(
     (0.0, -9.69)
     """
     refuse("simulate_closed_loop", misplaced)
+    if isinstance(system, MechanicalSystem):
+        of_one = {
+            "y_ref0": y_ref0,
+            "force_ref": force_ref,
+            "force_model": force_model,
+            "t_eval": t_eval,
+            "events": events,
+        }
+        for name, it in of_one.items():
+            if it is not None:
+                raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
+        return simulate_mechanical(
+            system,
+            controller,
+            t_span,
+            y0,
+            reference=reference,
+            method=method,
+            noise=noise,
+            seed=seed,
+            quantization=quantization,
+            delay=delay,
+            observer=observer,
+            disturbance=disturbance,
+            dense_output=dense_output,
+            slowest=slowest,
+            progress=progress,
+        )
+    if disturbance is not None:
+        raise TypeError("disturbance is for a zivi.MechanicalSystem: here system.force is true")
     part = check_slowest(slowest)
     check_system(system)
     h = period_of(controller)

@@ -40,6 +40,8 @@ class TickStatus(enum.IntFlag):
     """In a closed loop: the sample was refused, the last control was held."""
     UNSOLVED = 8
     """The general solver that was asked for found no signs; the exact ones were taken."""
+    LATCH_LOST = 16
+    """A contact that a `GapTracker` held opened: `force` is less than what its model lacks."""
 
 
 def is_state(state: Any) -> bool:

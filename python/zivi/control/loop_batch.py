@@ -217,7 +217,7 @@ def simulate_closed_loop_batch(
             given["y_ref0"] = entry(references, i)
         if noisy:
             given |= {"noise": entry(deviations, i), "seed": entry(seeds, i)}
-        return simulate_closed_loop(
+        run: ClosedLoop = simulate_closed_loop(
             entry(plants, i),
             copied(entry(ticking, i), i),
             span,
@@ -229,6 +229,7 @@ def simulate_closed_loop_batch(
             progress=False,
             **given,
         )
+        return run
 
     every, workers = every_of(save, ("final",)) or 0, check_threads(threads)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from zivi._zivi import MechanicalPath
 from zivi.base.status import Status
+from zivi.control.mechanical_loop_run import LOOP_FIELDS, MechanicalClosedLoop
 from zivi.simulation.friction_result import FLAGS, FRICTION, IMPACTS, TRANSITIONS, FrictionSamples
 from zivi.simulation.impacts import FIELDS, SLOWEST, table
 from zivi.simulation.linear_motion import LinearMotion
@@ -70,7 +71,9 @@ def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
     function = dataset["event_function"].values
     each = [function == number for number in range(int(attrs["n_event_functions"]))]
     sampled: dict[str, Any] = {name: dataset[name].values for name in MEANING}
-    return MechanicalTrajectory(
+    kind, more = _of_loop(dataset)
+    return kind(
+        **more,
         t=dataset["time"].values,
         **sampled | {"contacts": dataset["contacts"].values.astype(bool)},
         **{ATTRIBUTE.get(name, name): _table(dataset, name, len(names)) for name in TABLES},
@@ -89,6 +92,16 @@ def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
         _path=_path(dataset),
         _friction=_friction(dataset),
     )
+
+
+def _of_loop(dataset: xarray.Dataset) -> tuple[type[MechanicalTrajectory], dict[str, Any]]:
+    """Give what a closed loop has beside a run."""
+    if "control" not in dataset.coords:
+        return MechanicalTrajectory, {}
+    more: dict[str, Any] = {name: dataset[name].values for name in LOOP_FIELDS}
+    more["latched"] = more["latched"].astype(bool)
+    names = tuple(str(name) for name in dataset["control"].values)
+    return MechanicalClosedLoop, more | {"control_names": names}
 
 
 def _friction(dataset: xarray.Dataset) -> FrictionSamples | None:

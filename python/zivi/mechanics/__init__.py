@@ -1,6 +1,7 @@
 """Mechanical systems with several coordinates and gaps: names for `zivi.system` and its runs."""
 
 from zivi.system.gap import Gap, LinearGap
+from zivi.system.gap_coordinates import GapCoordinates, gap_coordinates
 from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.tree.body import Body
@@ -11,8 +12,10 @@ __all__ = [
     "Body",
     "Evaluation",
     "Gap",
+    "GapCoordinates",
     "JointLimit",
     "LinearGap",
     "MechanicalSystem",
     "PlaneGap",
+    "gap_coordinates",
 ]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-
-import numpy as np
+import functools
+import math
 
 from zivi.base.check import Array
 
@@ -93,13 +93,19 @@ class Layout:
 
     def views(self, row: Array) -> dict[str, Array]:
         """Give the parts of a row as arrays that share its memory."""
-        parts, start = {}, 0
-        for name, shape in self.shapes.items():
-            end = start + int(np.prod(shape))
-            parts[name] = row[start:end].reshape(shape)
-            start = end
-        return parts
+        return {name: row[at].reshape(shape) for name, at, shape in places(self)}
 
     def read(self, row: Array) -> Evaluation:
         """Give a copy of a row by its parts."""
         return Evaluation(**self.views(row.copy()))
+
+
+@functools.lru_cache(maxsize=256)
+def places(layout: Layout) -> list[tuple[str, slice, tuple[int, ...]]]:
+    """Name the parts of a row, and give their places and shapes."""
+    found, start = [], 0
+    for name, shape in layout.shapes.items():
+        end = start + math.prod(shape)
+        found.append((name, slice(start, end), shape))
+        start = end
+    return found

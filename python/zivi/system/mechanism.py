@@ -14,6 +14,7 @@ from zivi.base.check import Array, finite, real_array
 from zivi.base.habits import hinted
 from zivi.system.assemble import Evaluate, assembled
 from zivi.system.callbacks import glued
+from zivi.system.control_inputs import ControlInputs, control_inputs, every_coordinate
 from zivi.system.friction import (
     IMPACT_LAWS,
     PARADOXES,
@@ -91,9 +92,13 @@ class MechanicalSystem:
         Coefficients of restitution in [0, 1]: one for all gaps or one for each.
     coordinates : sequence of str, optional
         Names of the coordinates for tables and plots; by default ``q0``, ``q1``, ...
-    inputs : Table, optional
-        Inputs ``u(t)``, a last argument of the force: ``F(t, q, qdot, u)`` with an array of shape
-        (k,), or compiled ``void (double t, double *q, double *qdot, double *u, double *out)``.
+    inputs : array_like, callable, dict or Table, optional
+        How the controls :math:`u` of `simulate_closed_loop` act, by forces :math:`B u`: the matrix
+        :math:`B` of shape (n, r), a function ``B(q)`` of the coordinates, or a dict with a column
+        for each control, by name. By default there is a force on each coordinate. A run without
+        a controller has none of them. A `Table` is something else: its known values ``u(t)`` are
+        a last argument of the force, ``F(t, q, qdot, u)`` with an array of shape (k,), or compiled
+        ``void (double t, double *q, double *qdot, double *u, double *out)``.
     friction : sequence of DryFriction
         Dry friction in joints; that of gaps is told by the gaps. `force` must not contain it.
     impact_law : {"newton", "poisson", "stronge"}
@@ -139,6 +144,8 @@ class MechanicalSystem:
     derived = False
     """Whether the derivatives were derived, not given: then no differences check them."""
     _inputs: Table | None = None
+    _given_inputs: Any = None
+    _controls: ControlInputs | None = None
     _channels: tuple[Channel, ...] = ()
     _joints: tuple[DryFriction, ...] = ()
     _impact_law = "newton"
@@ -152,12 +159,15 @@ class MechanicalSystem:
         gaps: Sequence[Gap] = (),
         e: float | ArrayLike = 0.0,
         coordinates: Sequence[str] | None = None,
-        inputs: Table | None = None,
+        inputs: Any = None,
         friction: Sequence[DryFriction] = (),
         impact_law: str = "newton",
         paradox: str = "stop",
     ) -> None:
         self._given = {"mass": mass, "force": force}
+        self._given_inputs = inputs
+        if inputs is not None and not isinstance(inputs, Table):
+            self._controls, inputs = control_inputs(inputs), None
         self._inputs = inputs
         self._gaps = gaps_of(gaps)
         self._mass: Part = part("mass", mass, "t, q")
@@ -190,6 +200,8 @@ class MechanicalSystem:
             (f"{'direction' if channel.gap is None else 'tangent'} of {channel.name!r}", row)
             for channel, row in zip(self._channels, self._directions(), strict=True)
         ]
+        if self._controls is not None:
+            told.append(("inputs", self._controls.matrix))
         sizes = [(name, len(array)) for name, array in told if isinstance(array, np.ndarray)]
         for name, size in sizes:
             if size != sizes[0][1]:
@@ -305,6 +317,19 @@ class MechanicalSystem:
             and all(slip.is_steady() for slip in self._slips())
         )
 
+    def control_inputs(self, q: ArrayLike) -> ControlInputs:
+        """Give how controls act: names of the controls, and the matrix ``at(q)``, shape (n, r).
+
+        Parameters
+        ----------
+        q : array_like
+            Coordinates, at which a function `inputs` is asked how many controls there are.
+        """
+        there = np.atleast_1d(real_array("q", q))
+        if self._controls is None:
+            return every_coordinate(len(there))
+        return self._controls.known(there)
+
     def partials(self, model: Model) -> Partials:
         """Give what the extension takes for the partial derivatives of a model."""
         return Partials()
@@ -350,7 +375,8 @@ class MechanicalSystem:
 
     def __getstate__(self) -> dict[str, Any]:
         state = {"gaps": self._gaps, "e": self._e, "coordinates": self._coordinates}
-        more: dict[str, Any] = {} if self._inputs is None else {"inputs": self._inputs}
+        given = self._given_inputs
+        more: dict[str, Any] = {} if given is None else {"inputs": given}
         more |= {"friction": self._joints} if self._joints else {}
         return self._given | state | more | self._chosen()
 

@@ -71,6 +71,7 @@ class ParametricSystem(MechanicalSystem):
         self._n, self._coordinates = built._n, built._coordinates
         self._joints, self._channels = built._joints, built._channels
         self._impact_law, self._paradox = built._impact_law, built._paradox
+        self._controls = built._controls
         self.derived = built.derived
 
     def _at(self, moved: Mapping[str, float]) -> MechanicalSystem:

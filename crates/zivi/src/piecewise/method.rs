@@ -40,6 +40,11 @@ pub(crate) trait Rhs {
 pub(crate) trait Driver<M: Piecewise, S, E> {
     /// The next piece of the motion, towards `t_end`.
     fn step(&mut self, method: &mut M, t_end: f64, asked: &mut S) -> Result<M::Piece, Failure<E>>;
+
+    /// A declared time is passed: from here on the forces may be others.
+    fn enter(&mut self, _method: &mut M, _asked: &mut S) -> Result<(), Failure<E>> {
+        Ok(())
+    }
 }
 
 /// A method that takes a piece as it comes.

@@ -131,6 +131,7 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
                 if t >= until && !self.method.is_pending(until) {
                     self.method.restart();
                     until = self.stops.enter(t, asked.smooth());
+                    driver.enter(&mut self.method, asked)?;
                 }
                 self.make_room()?;
                 self.method.look_from(self.dense_from());

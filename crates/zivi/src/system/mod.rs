@@ -1,5 +1,6 @@
 //! What moves: the force on the mass, the motion of its wall, what an impact does.
 
+pub mod driven;
 pub mod dynamics;
 pub(crate) mod evaluation;
 pub mod force;

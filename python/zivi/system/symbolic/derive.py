@@ -34,6 +34,10 @@ class Derived:
         Names and values of the parameters, in the order of ``p``.
     channels : tuple of Channel
         The places of dry friction.
+    controls : tuple of str
+        Names of the controls.
+    inputs : tuple of sympy.Expr
+        The matrix by which they act, row by row.
     """
 
     entries: tuple[Any, ...]
@@ -41,6 +45,8 @@ class Derived:
     gaps: tuple[str, ...]
     parameters: dict[str, float]
     channels: tuple[Channel, ...] = ()
+    controls: tuple[str, ...] = ()
+    inputs: tuple[Any, ...] = ()
 
     def partials(self) -> tuple[Any, ...]:
         """Derive all entries by time, then by each coordinate, velocity and parameter."""
@@ -62,6 +68,7 @@ def derive(
     *,
     qdot: Any,
     rubbing: Rubbing = NO_FRICTION,
+    inputs: Mapping[str, Any] | None = None,
 ) -> Derived:
     r"""Derive the equations of motion and the derivatives of the gaps, and of the slip speeds.
 
@@ -117,7 +124,9 @@ def derive(
         found = tuple(sound(sympy.sympify(entry)) for entry in entries)
     except FormulaError as error:
         raise FormulaError(f"T, V, Q and gaps: {error}") from None
-    return Derived(found, words.names, tuple(named), values, tuple(slip.channel for slip in slips))
+    channels, matrix = tuple(slip.channel for slip in slips), _inputs(words, inputs or {})
+    controls = tuple(str(name) for name in inputs or {})
+    return Derived(found, words.names, tuple(named), values, channels, controls, matrix)
 
 
 class _Words:
@@ -242,6 +251,22 @@ def _forces(words: _Words, Q: Any) -> Sequence[Any]:
             f"Q must have an entry for each of the {n} coordinates, got {len(entries)}"
         )
     return entries
+
+
+def _inputs(words: _Words, inputs: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Read the columns of the controls, as a matrix row by row."""
+    if not isinstance(inputs, Mapping):
+        raise TypeError(f"inputs must be a dict of columns by name, got {type(inputs).__name__}")
+    n, columns = len(words.names), []
+    for name, column in inputs.items():
+        entries = list(column) if isinstance(column, Iterable) else [column]
+        if isinstance(column, str) or len(entries) != n:
+            raise ValueError(f"inputs[{name!r}] must have an entry for each of {n} coordinates")
+        read = [words.read(f"inputs[{name!r}][{i}]", entry) for i, entry in enumerate(entries)]
+        if any(entry.free_symbols & {words.t, *words.w} for entry in read):
+            raise ValueError(f"inputs[{name!r}] must depend on coordinates and parameters only")
+        columns.append([sound(entry) for entry in read])
+    return tuple(column[i] for i in range(n) for column in columns)
 
 
 def _named(gaps: Any) -> dict[str, Any]:

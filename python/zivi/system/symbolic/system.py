@@ -20,6 +20,7 @@ from zivi.system.layout import Layout
 from zivi.system.mechanism import MechanicalSystem, Model, restitutions
 from zivi.system.partials import Partials
 from zivi.system.symbolic.derive import Derived, derive
+from zivi.system.symbolic.inputs import SymbolicInputs
 from zivi.system.symbolic.slips import Rubbing
 from zivi.system.symbolic.source import c_source, python_source
 
@@ -111,6 +112,8 @@ class SymbolicSystem(MechanicalSystem):
         The places of dry friction.
     impact_law, paradox : str
         As for `zivi.MechanicalSystem`.
+    inputs : SymbolicInputs, optional
+        How controls act.
     """
 
     derived = True
@@ -127,6 +130,7 @@ class SymbolicSystem(MechanicalSystem):
         channels: Sequence[Channel] = (),
         impact_law: str = "newton",
         paradox: str = "stop",
+        inputs: SymbolicInputs | None = None,
     ) -> None:
         self._gaps = ()
         self._gap_names = tuple(gaps)
@@ -139,6 +143,9 @@ class SymbolicSystem(MechanicalSystem):
         self._sources, self._compiler, self._equations = sources, compiler, equations
         self._parameters = Parameters(parameters)
         self._native: Native = compiled(sources, compiler)
+        self._symbolic_inputs = inputs
+        if inputs is not None:
+            self._controls = inputs.made(compiler, self._parameters)
 
     @property
     def parameters(self) -> Parameters:
@@ -181,6 +188,7 @@ class SymbolicSystem(MechanicalSystem):
             self._channels,
             self._impact_law,
             self._paradox,
+            self._symbolic_inputs,
         )
         other._parameters.update(parameters)
         return other
@@ -223,9 +231,11 @@ class SymbolicSystem(MechanicalSystem):
         return f"{super().__repr__()[:-1]}, parameters={self._parameters!r})"
 
     def __getstate__(self) -> dict[str, Any]:
-        channels = {"channels": self._channels} if self._channels else {}
+        channels: dict[str, Any] = {"channels": self._channels} if self._channels else {}
+        inputs = self._symbolic_inputs
         return (
             channels
+            | ({} if inputs is None else {"inputs": inputs})
             | self._chosen()
             | {
                 "sources": self._sources,
@@ -263,6 +273,7 @@ def system(
     e_t: Mapping[str, float] | None = None,
     impact_law: str = "newton",
     paradox: str = "stop",
+    inputs: Mapping[str, Any] | None = None,
 ) -> SymbolicSystem:
     r"""Derive and compile a mechanical system from its energies.
 
@@ -311,6 +322,9 @@ def system(
         Tangential restitutions of gaps; by default 0.
     impact_law, paradox : str
         As for `zivi.MechanicalSystem`.
+    inputs : dict, optional
+        Controls of closed loops by name: the column of :math:`B` of each, n expressions in
+        coordinates and parameters, such as ``{"torque": [1, 0]}``.
 
     Returns
     -------
@@ -362,7 +376,7 @@ def system(
     """
     given = {"slips": slips, "mu": mu, "friction": friction, "e_t": e_t}
     rubbing = Rubbing(**{name: {} if it is None else it for name, it in given.items()})
-    found = derive(q, T, V, Q, gaps, parameters, qdot=qdot, rubbing=rubbing)
+    found = derive(q, T, V, Q, gaps, parameters, qdot=qdot, rubbing=rubbing, inputs=inputs)
     sources = {"c": c_source(found.entries), "numba": python_source(found.entries)}
     return SymbolicSystem(
         sources,
@@ -375,4 +389,5 @@ def system(
         found.channels,
         impact_law,
         paradox,
+        SymbolicInputs.of(found.controls, found.inputs) if found.controls else None,
     )

@@ -1,0 +1,526 @@
+"""A controller of mechanical systems: one tracker a gap, the rest at right angles to impacts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zivi.base.check import Array, real, real_array, switch, whole
+from zivi.control.believed_plant import BelievedPlant, onto
+from zivi.control.box_least_squares import allocated
+from zivi.control.component import TickStatus
+from zivi.control.mechanical_reference import ReferenceSample
+from zivi.control.reference_run import pushed
+from zivi.control.twisting import TwistingTracker
+from zivi.simulation.run import pair
+from zivi.system.control_inputs import ControlInputs
+from zivi.system.gap_coordinates import GapKinetics
+from zivi.system.mechanism import MechanicalSystem
+
+__all__ = ["GapTracker"]
+
+EXACT = (1e-9, 1e-9)
+"""What is closed without noise: a gap, and its rate."""
+DEVIATIONS = 20.0
+"""A gap within so many deviations of its measurement may be closed."""
+STEPS = 5.0
+"""The same in steps of the sensor."""
+OUT = 5
+"""A contact is open after so many measurements beyond that."""
+RANK = 1e-6
+"""Singular values below this part of the largest leave a gap without control."""
+MOST_DELAY = 64
+
+
+class GapTracker:
+    r"""Lets the gaps of a mechanism follow bouncing references through impacts, rest and lift-off.
+
+    With :math:`D = N M^{-1} N^T` and :math:`Z` as in `zivi.mechanics.gap_coordinates`:
+
+    .. math::
+
+        \ddot g = a + D \lambda, \qquad
+        Z \ddot q = Z (\ddot q_r - k_p (q - q_r) - k_d (\dot q - \dot q_r))
+
+    where :math:`a_i` is the control of a `TwistingTracker` on gap i, for all of which impacts,
+    accumulations and landings are those of one mass; an impact leaves the second line alone.
+    Contacts that rest with their reference are held, and pressed with the forces that are asked
+    for, :math:`a_A = -D_{AA} \lambda_d`.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        What the plant is believed to be, such as ``arm.replace(m2=0.9)``.
+    h : float
+        Sampling period, > 0 (s).
+    gains : dict
+        For each gap the gains ``(mu1, mu2)`` of its tracker.
+    posture : (float, float)
+        :math:`k_p` (1/s^2) and :math:`k_d` (1/s).
+    force : dict, optional
+        The contact forces :math:`\lambda_d` > 0 by gap, numbers or functions of time. They must
+        exceed what the model does not know, :math:`M_i/D_{ii}`; without one a gap is pressed as its
+        landing does.
+    u_limits : sequence of (float, float), optional
+        Range of each control.
+    horizon : float
+        As for `TwistingTracker`.
+    shift : bool
+        As for `TwistingTracker`.
+    latch : (float, float), optional
+        Below which gap and rate a contact that rests with its reference is held; by default
+        20 deviations of their noise, which `simulate_closed_loop` tells, or 1e-9 without.
+    delay : int
+        Periods from a measurement to the moment when its control acts, 0 to 64: the state is
+        predicted as far ahead.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For a setting out of range or a gap without gains; at the first tick, if the controls do not
+        reach all gaps: :math:`N M^{-1} B` has not rank m.
+
+    Examples
+    --------
+    >>> box = zivi.MechanicalSystem(
+    ...     mass=np.eye(2), force=[0.0, -9.81], gaps=[zivi.LinearGap([0, 1], name="floor")], e=0.5
+    ... )
+    >>> ctl = zivi.GapTracker(box, h=1e-3, gains={"floor": (30, 17)}, force={"floor": 5.0})
+    >>> run = zivi.simulate_closed_loop(box, ctl, (0, 1), ([0, 0.3], [0, 0]), reference="rest")
+    >>> run.contacts[-1], run.reactions[-1].round(9)
+    (array([ True]), array([5.]))
+    """
+
+    def __init__(
+        self,
+        system: MechanicalSystem,
+        *,
+        h: float,
+        gains: Mapping[str, Sequence[float]],
+        posture: Sequence[float] = (400.0, 40.0),
+        force: Mapping[str, float | Callable[[float], float]] | None = None,
+        u_limits: Sequence[Sequence[float]] | None = None,
+        horizon: float = 1.0,
+        shift: bool = False,
+        latch: Sequence[float] | None = None,
+        delay: int = 0,
+    ) -> None:
+        if not isinstance(system, MechanicalSystem):
+            raise TypeError(f"system must be a zivi.MechanicalSystem, got {type(system).__name__}")
+        self._settings: dict[str, Any] = {
+            "h": real("h", h),
+            "gains": {
+                name: pair(f"gains[{name!r}]", it, "(mu1, mu2)") for name, it in gains.items()
+            },
+            "posture": pair("posture", posture, "(kp, kd)"),
+            "force": _forces(force or {}),
+            "u_limits": _limits(u_limits),
+            "horizon": real("horizon", horizon),
+            "shift": switch("shift", shift),
+            "latch": None if latch is None else pair("latch", latch, "(of the gap, of its rate)"),
+            "delay": whole("delay", delay),
+        }
+        if not 0 <= self.delay <= MOST_DELAY:
+            raise ValueError(f"delay must be from 0 to {MOST_DELAY} periods, got {delay}")
+        for name, both in (("posture", posture), ("latch", latch or (0.0, 0.0))):
+            if not all(math.isfinite(it) and it >= 0.0 for it in both):
+                raise ValueError(f"{name} must be two finite numbers >= 0, got {both}")
+        self.system = system
+        _same_names("gains", self._settings["gains"], system.gap_names, every=True)
+        _same_names("force", self._settings["force"], system.gap_names)
+        self._trackers = [
+            TwistingTracker(
+                *self._settings["gains"][name],
+                h=self.h,
+                e=float(e),
+                horizon=self._settings["horizon"],
+                shift=self._settings["shift"],
+            )
+            for name, e in zip(system.gap_names, system.e, strict=True)
+        ]
+        self._noise = np.zeros((2, 2))
+        self._inputs: ControlInputs | None = None
+        self._believed: BelievedPlant | None = None
+        self.reset()
+
+    @property
+    def h(self) -> float:
+        """Sampling period (s)."""
+        return float(self._settings["h"])
+
+    @property
+    def delay(self) -> int:
+        """Periods from a measurement to the moment when its control acts."""
+        return int(self._settings["delay"])
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings, as they are given to the constructor."""
+        return dict(self._settings)
+
+    @property
+    def status(self) -> TickStatus:
+        """What was done to the last sample and to the control."""
+        return self._status
+
+    @property
+    def latched(self) -> NDArray[np.bool_]:
+        """Which contacts are held, shape (m,)."""
+        return self._latched.copy()
+
+    @property
+    def accelerations(self) -> Array:
+        """What was asked of the gaps at the last tick, without contact forces, shape (m,)."""
+        return self._a.copy()
+
+    @property
+    def least_singular_value(self) -> float:
+        r"""The least singular value so far of :math:`D^{-1/2} N M^{-1} B`, in parts of limits."""
+        return self._least
+
+    @property
+    def zero_dynamics(self) -> int:
+        """How many directions have no actuator of their own: nothing is promised of them."""
+        return self._uncontrolled
+
+    def reset(self) -> None:
+        """Forget all that was measured."""
+        for tracker in self._trackers:
+            tracker.reset(0.0, 0.0)
+        m = len(self._trackers)
+        self._latched = np.zeros(m, dtype=bool)
+        self._beyond = np.zeros(m, dtype=int)
+        self._a = np.zeros(m)
+        self._u: Array | None = None
+        self._queue: list[Array] = []
+        self._held: Array | None = None
+        self._status = TickStatus(0)
+        self._least, self._uncontrolled = math.inf, 0
+
+    @property
+    def state(self) -> tuple[Any, ...]:
+        """All that changes from tick to tick; assigning it restores what it was of exactly."""
+        rows = [None if it is None else tuple(it.tolist()) for it in (self._u, self._held)]
+        return (
+            tuple(tracker.state for tracker in self._trackers),
+            tuple(self._latched.tolist()),
+            tuple(self._beyond.tolist()),
+            tuple(self._a.tolist()),
+            tuple(tuple(u.tolist()) for u in self._queue),
+            *rows,
+            int(self._status),
+            (self._least, self._uncontrolled),
+        )
+
+    @state.setter
+    def state(self, state: tuple[Any, ...]) -> None:
+        trackers, latched, beyond, a, queue, u, held, status, rank = state
+        for tracker, own in zip(self._trackers, trackers, strict=True):
+            tracker.state = own
+        self._latched, self._beyond = np.array(latched, dtype=bool), np.array(beyond, dtype=int)
+        self._a = np.array(a, dtype=np.float64)
+        self._queue = [np.array(it) for it in queue]
+        self._u, self._held = (None if it is None else np.array(it) for it in (u, held))
+        self._status, (self._least, self._uncontrolled) = TickStatus(status), rank
+
+    def copy(self) -> Self:
+        """Copy it: the same settings, the same state."""
+        twin = type(self).__new__(type(self))
+        vars(twin).update(vars(self))
+        twin._trackers = [tracker.copy() for tracker in self._trackers]
+        twin.state = self.state
+        return twin
+
+    def __copy__(self) -> Self:
+        return self.copy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self.copy()
+
+    def __getstate__(self) -> dict[str, Any]:
+        own = {"settings": self._settings, "system": self.system}
+        return {**own, "state": self.state, "noise": self._noise}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        GapTracker.__init__(self, state["system"], **state["settings"])
+        self._noise, self.state = state["noise"], state["state"]
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{name}={it!r}" for name, it in self._settings.items() if it is not None)
+        return f"GapTracker({self.system!r}, {shown})"
+
+    def sensed(self, noise: Sequence[float], steps: Sequence[float]) -> None:
+        """Take note of the sensor: deviations and steps of coordinates and of velocities."""
+        self._noise = np.array([noise, steps], dtype=np.float64)
+
+    def step(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Array:
+        """Give the controls for the period that starts now; all gaps land and rest.
+
+        Parameters
+        ----------
+        t : float
+            Time (s).
+        q, qdot : array_like
+            Measured coordinates and velocities, shape (n,).
+
+        Returns
+        -------
+        ndarray
+            The controls, shape (r,). Where a measurement is not finite they are the last ones, and
+            the status is ``REFUSED``.
+        """
+        at = np.atleast_1d(real_array("q", q))
+        if self._held is None:
+            self._held = at
+        m = len(self._trackers)
+        rest = ReferenceSample(
+            self._held,
+            np.zeros(len(at)),
+            np.ones(m),
+            np.ones(m, dtype=bool),
+            np.zeros(m),
+            np.zeros(m),
+            np.zeros(m),
+        )
+        return self.step_to(t, at, qdot, rest, rest)
+
+    def step_to(
+        self,
+        t: float,
+        q: ArrayLike,
+        qdot: ArrayLike,
+        now: ReferenceSample,
+        next: ReferenceSample,
+    ) -> Array:
+        """Give the controls for a reference that is given at this sample and at the next one.
+
+        Parameters
+        ----------
+        t : float
+            Time (s).
+        q, qdot : array_like
+            Measured coordinates and velocities, shape (n,).
+        now, next : ReferenceSample
+            The reference, as many periods ahead as `delay` says.
+
+        Returns
+        -------
+        ndarray
+            As `step`.
+        """
+        at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
+        if at.shape != speed.shape or at.ndim != 1:
+            raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
+        inputs = self._known_inputs(at)
+        if not (np.all(np.isfinite(at)) and np.all(np.isfinite(speed))):
+            self._status = TickStatus.REFUSED
+            return self._sent(np.zeros(inputs.r) if self._u is None else self._u)
+        self._status = TickStatus(0)
+        assert self._believed is not None
+        t, at, speed = self._ahead(t, at, speed)
+        model = self._believed.model
+        here = model.layout.read(model.evaluate(t, at, speed))
+        kinetics = GapKinetics.of(here, speed)
+        now, next = self._complete(now), self._complete(next)
+        a = self._wanted(t, kinetics, now, next)
+        return self._sent(self._controls(inputs, at, speed, kinetics, a, now))
+
+    def _known_inputs(self, q: Array) -> ControlInputs:
+        if self._inputs is None:
+            self._inputs = self.system.control_inputs(q)
+            self._believed = BelievedPlant(self.system, self.h, len(q))
+            limits = self._settings["u_limits"]
+            if limits is not None and len(limits) != self._inputs.r:
+                raise ValueError(
+                    f"u_limits must have a pair for each of {self._inputs.r} controls, "
+                    f"got {len(limits)}"
+                )
+        return self._inputs
+
+    def _ahead(self, t: float, q: Array, qdot: Array) -> tuple[float, Array, Array]:
+        """Predict the state when the control of this tick will act."""
+        if not self.delay:
+            return t, q, qdot
+        assert self._inputs is not None
+        assert self._believed is not None
+        idle = [np.zeros(self._inputs.r)] * (self.delay - len(self._queue))
+        controls = np.array(idle + self._queue[-self.delay :])
+        q, qdot = onto(self._believed.model, t, q, qdot, self._latched)
+        q, qdot, _ = self._believed.moved(t, q, qdot, controls)
+        return t + self.delay * self.h, q, qdot
+
+    def _complete(self, sample: ReferenceSample) -> ReferenceSample:
+        """Add the gaps of a reference that does not tell them."""
+        if sample.gaps is not None and sample.gap_rates is not None:
+            return sample
+        here = self.system.at(0.0, sample.q, sample.qdot)
+        closed, rates = np.asarray(sample.contacts), here.gradients @ sample.qdot + here.rates
+        gaps = np.where(closed, 0.0, np.maximum(here.gaps, 0.0))
+        return sample._replace(gaps=gaps, gap_rates=np.where(closed, 0.0, rates))
+
+    def _wanted(
+        self, t: float, kinetics: GapKinetics, now: ReferenceSample, end: ReferenceSample
+    ) -> Array:
+        """Give the accelerations of the gaps."""
+        gaps, rates, D = kinetics.here.gaps, kinetics.gdot, kinetics.D
+        resting = np.asarray(now.contacts) & np.asarray(end.contacts)
+        self._latch(kinetics, resting)
+        held, a = self._latched, np.empty(len(gaps))
+        for i, tracker in enumerate(self._trackers):
+            x, v = (0.0, 0.0) if held[i] else (max(float(gaps[i]), 0.0), float(rates[i]))
+            ends = [
+                (float(it.gaps[i]), float(it.gap_rates[i]), float(it.sides[i]))  # type: ignore[index]
+                for it in (now, end)
+            ]
+            known = now.accelerations
+            pull = None if known is None or np.isnan(known[i]) else float(known[i])
+            a[i] = tracker.step_to(x, v, 0.0, ends[0], ends[1], pull)
+        if held.any():
+            usual = self._usual_forces(D)
+            forces = self._forces(t, usual)
+            # a gap that lands is pushed by the other contacts as by a constant force, or impacts
+            # on coupled gaps would not end; one that follows has its reference's own pushes
+            known = np.where(resting, D @ (forces - usual), D @ forces)
+            a = np.where(held, -(D @ forces), a - known)
+        self._a = a
+        return a
+
+    def _latch(self, kinetics: GapKinetics, resting: NDArray[np.bool_]) -> None:
+        """Hold contacts that rest with their reference, and let go of those that do not."""
+        if self._settings["latch"] is not None:
+            near, slow = self._settings["latch"]
+        else:
+            deviation, steps = self._noise
+            size = np.sqrt(np.sum(kinetics.here.gradients**2, axis=1))
+            within = np.maximum(DEVIATIONS * deviation, STEPS * steps)
+            near, slow = (np.maximum(e, it * size) for e, it in zip(EXACT, within, strict=True))
+        at = np.abs(kinetics.here.gaps) <= near
+        closes = resting & ~self._latched & at & (np.abs(kinetics.gdot) <= slow)
+        self._beyond = np.where(self._latched & ~at, self._beyond + 1, 0)
+        lost = self._latched & resting & (self._beyond >= OUT)
+        if lost.any():
+            self._status |= TickStatus.LATCH_LOST
+        self._latched = (self._latched & resting & ~lost) | closes
+
+    def _usual_forces(self, D: Array) -> Array:
+        """Give the forces with which landings press the contacts that are held, 0 elsewhere."""
+        held, forces = self._latched, np.zeros(len(D))
+        press = np.array([float(it.press or 0.0) for it in self._trackers])
+        own = np.linalg.solve(D[np.ix_(held, held)], press[held])
+        forces[held] = own if np.all(own > 0.0) else (press / np.diag(D))[held]
+        return forces
+
+    def _forces(self, t: float, usual: Array) -> Array:
+        """Give the forces of the contacts that are held, as they are asked for."""
+        forces = usual.copy()
+        for i, name in enumerate(self.system.gap_names):
+            if self._latched[i] and name in self._settings["force"]:
+                asked = self._settings["force"][name]
+                forces[i] = real(f"force[{name!r}]", asked(t)) if callable(asked) else asked
+        return forces
+
+    def _controls(
+        self,
+        inputs: ControlInputs,
+        q: Array,
+        qdot: Array,
+        kinetics: GapKinetics,
+        a: Array,
+        now: ReferenceSample,
+    ) -> Array:
+        """Give the controls that make these accelerations of the gaps, and the rest as they can."""
+        here, (kp, kd) = kinetics.here, self._settings["posture"]
+        wanted = -kp * (q - now.q) - kd * (qdot - now.qdot)
+        if now.qddot is not None:
+            wanted = wanted + now.qddot
+        matrix, limits = inputs.at(q), self._settings["u_limits"]
+        force = pushed(kinetics, a, wanted) - here.force
+        if matrix.shape[0] == matrix.shape[1]:
+            try:
+                u: Array = np.linalg.solve(matrix, force).astype(np.float64, copy=False)
+            except np.linalg.LinAlgError:
+                pass
+            else:
+                if limits is None or bool(np.all((u >= limits[:, 0]) & (u <= limits[:, 1]))):
+                    return u
+        size = _sizes(limits, inputs.r)
+        by_gap = kinetics.mobility.T @ matrix
+        root = np.linalg.cholesky(kinetics.D) if len(a) else np.zeros((0, 0))
+        free = kinetics.mobility.T @ here.force + here.curvatures
+        scaled = np.linalg.solve(root, np.column_stack([by_gap, a - free])) if len(a) else by_gap
+        self._check_rank(scaled[:, : inputs.r] * size, matrix)
+        rest = self._rest(kinetics, matrix, wanted)
+        target = scaled[:, inputs.r] if len(a) else np.zeros(0)
+        u, limited = allocated((scaled[:, : inputs.r], target), rest, limits, size)
+        if limited:
+            self._status |= TickStatus.SATURATED
+        return u
+
+    def _rest(self, kinetics: GapKinetics, matrix: Array, wanted: Array) -> tuple[Array, Array]:
+        """Give what the controls do beside the gaps, measured by the kinetic energy."""
+        here = kinetics.here
+        root = np.linalg.cholesky(here.mass).T
+        moved = np.linalg.solve(here.mass, np.column_stack([matrix, here.force]))
+        by, free = kinetics.without_gaps(moved[:, :-1]), kinetics.without_gaps(moved[:, -1])
+        kept: Array = root @ (kinetics.without_gaps(wanted) - free)
+        return root @ by, kept
+
+    def _check_rank(self, scaled: Array, matrix: Array) -> None:
+        m = len(scaled)
+        values = np.linalg.svd(scaled, compute_uv=False) if m else np.ones(1)
+        least = float(values[m - 1]) if len(values) >= m > 0 else (0.0 if m else 1.0)
+        self._least = min(self._least, least)
+        self._uncontrolled = len(matrix) - int(np.linalg.matrix_rank(matrix))
+        if not least > RANK * float(values.max(initial=0.0)):
+            raise ValueError(
+                f"the controls do not reach all of the {m} gaps: N M^-1 B has the singular values "
+                f"{values.tolist()} here, in the metric of the masses"
+            )
+
+    def _sent(self, u: Array) -> Array:
+        """Remember what is sent."""
+        self._u = u
+        if self.delay:
+            self._queue = [*self._queue, u][-self.delay :]
+        return u.copy()
+
+
+def _forces(force: Mapping[str, Any]) -> dict[str, Any]:
+    read = {}
+    for name, it in force.items():
+        read[str(name)] = it if callable(it) else real(f"force[{name!r}]", it)
+        if not callable(it) and not (math.isfinite(it) and it > 0.0):
+            raise ValueError(f"force[{name!r}] must be finite and > 0, got {it}")
+    return read
+
+
+def _limits(limits: Any) -> Array | None:
+    if limits is None:
+        return None
+    rows = real_array("u_limits", limits)
+    if rows.ndim != 2 or rows.shape[1] != 2 or not np.all(rows[:, 0] < rows[:, 1]):
+        raise ValueError(f"u_limits must be pairs (u_min, u_max) with u_min < u_max, got {limits}")
+    return rows
+
+
+def _sizes(limits: Array | None, r: int) -> Array:
+    """Give what each control counts: its limits, where it has finite ones."""
+    if limits is None or not np.all(np.isfinite(limits)):
+        return np.ones(r)
+    largest: Array = np.abs(limits).max(axis=1)
+    return largest
+
+
+def _same_names(
+    name: str, given: Mapping[str, Any], gaps: tuple[str, ...], *, every: bool = False
+) -> None:
+    strange = sorted(set(given) - set(gaps))
+    if strange:
+        raise ValueError(f"{name} has {strange[0]!r}, which is no gap of {gaps}")
+    missing = sorted(set(gaps) - set(given))
+    if every and missing:
+        raise ValueError(f"{name} must have each gap of {gaps}, lacks {missing[0]!r}")

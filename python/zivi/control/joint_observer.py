@@ -1,0 +1,154 @@
+"""Velocities of a mechanism from its measured coordinates, through impacts and contacts."""
+
+from __future__ import annotations
+
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zivi.base.check import Array, real, real_array
+from zivi.control.believed_plant import BelievedPlant, onto
+from zivi.system.gap_coordinates import GapKinetics
+from zivi.system.mechanism import MechanicalSystem
+
+__all__ = ["JointObserver"]
+
+OPENS = 6.0
+"""Deviations of the measured gap beyond which a contact may have opened."""
+OUT = 5
+"""So many in a row, and it has."""
+
+
+class JointObserver:
+    r"""Estimates coordinates and velocities from measured coordinates only.
+
+    A copy of the believed plant, impacts, accumulations and contacts included, moves under the
+    controls that act, and is drawn to what is measured, :math:`y = q_{measured} - q`:
+
+    .. math:: q \leftarrow q + \alpha y, \qquad
+        \dot q \leftarrow \dot q + \frac{\alpha^2}{(2 - \alpha)\,h}\,y
+
+    In contact the part of y that moves closed gaps is left out, M-orthogonally, or noise would open
+    them; measurements beyond 6 deviations, five in a row, do.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        What the plant is believed to be.
+    noise : float
+        Standard deviation of the measured coordinates, >= 0.
+    alpha : float
+        How much of a deviation is taken over, in (0, 1).
+
+    Raises
+    ------
+    ValueError, TypeError
+        For a setting out of range.
+
+    Examples
+    --------
+    >>> ball = zivi.MechanicalSystem(
+    ...     mass=1.0, force=[-9.81], gaps=[zivi.LinearGap([1])], e=0.5, inputs=[[1.0]]
+    ... )
+    >>> ctl = zivi.GapTracker(ball, h=1e-3, gains={"gap0": (30, 17)})
+    >>> run = zivi.simulate_closed_loop(
+    ...     ball, ctl, (0, 1.5), ([0.3], [0]), reference="rest", noise=(1e-5, 0), seed=1,
+    ...     observer=zivi.JointObserver(ball, noise=1e-5),
+    ... )
+    >>> run.contacts[-1]
+    array([ True])
+    """
+
+    def __init__(self, system: MechanicalSystem, noise: float = 0.0, alpha: float = 0.3) -> None:
+        if not isinstance(system, MechanicalSystem):
+            raise TypeError(f"system must be a zivi.MechanicalSystem, got {type(system).__name__}")
+        self.system = system
+        self.noise, self.alpha = real("noise", noise), real("alpha", alpha)
+        if not (np.isfinite(self.noise) and self.noise >= 0.0):
+            raise ValueError(f"noise must be finite and >= 0, got {noise}")
+        if not 0.0 < self.alpha < 1.0:
+            raise ValueError(f"alpha must lie in (0, 1), got {alpha}")
+        self._plant: BelievedPlant | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all that was measured."""
+        self._q: Array | None = None
+        self._qdot: Array | None = None
+        self._t = 0.0
+        self._seen = 0
+        self._closed: NDArray[np.bool_] = np.zeros(self.system.m, dtype=bool)
+        self._beyond = np.zeros(self.system.m, dtype=int)
+
+    def begun(self, h: float, n: int) -> Self:
+        """Give a copy for a loop of period `h` (s) and `n` coordinates."""
+        twin = type(self).__new__(type(self))
+        vars(twin).update(vars(self))
+        twin._plant = BelievedPlant(self.system, real("h", h), n)
+        twin._closed, twin._beyond = self._closed.copy(), self._beyond.copy()
+        return twin
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Standard deviations of the estimates in flight: of coordinates, and of velocities."""
+        assert self._plant is not None
+        a = self.alpha
+        share = np.sqrt((2.0 * a + a * a * (2.0 - a)) / (4.0 - a)) if a else 0.0
+        return self.noise * float(share), self.noise * self._gain
+
+    @property
+    def _gain(self) -> float:
+        assert self._plant is not None
+        return float(self.alpha**2 / ((2.0 - self.alpha) * self._plant.h))
+
+    def step(self, t: float, q: ArrayLike, u: ArrayLike) -> tuple[Array, Array]:
+        """Give coordinates and velocities at a sample.
+
+        Parameters
+        ----------
+        t : float
+            Time of the sample (s).
+        q : array_like
+            Measured coordinates, shape (n,).
+        u : array_like
+            The controls that acted since the last sample, shape (r,).
+
+        Returns
+        -------
+        (ndarray, ndarray)
+            The estimates, shape (n,) each.
+        """
+        if self._plant is None:
+            raise ValueError("the observer has no period: zivi.simulate_closed_loop gives it one")
+        at, model = np.atleast_1d(real_array("q", q)), self._plant.model
+        if self._q is None or self._qdot is None:
+            self._q, self._qdot, self._t = at, np.zeros_like(at), t
+            self._q, self._qdot = onto(model, t, self._q, self._qdot, self._closed)
+            return self._q.copy(), self._qdot.copy()
+        controls = np.atleast_1d(real_array("u", u))[None]
+        q0, speed, closed = self._plant.moved(self._t, self._q, self._qdot, controls)
+        self._t, self._closed = t, np.array(closed)
+        y = at - q0
+        self._seen += 1
+        here = model.layout.read(model.evaluate(t, q0, speed))
+        kinetics = GapKinetics.of(here, speed)
+        out = here.gradients @ y
+        far = out > OPENS * self.noise * np.sqrt(np.sum(here.gradients**2, axis=1))
+        self._beyond = np.where(self._closed & far, self._beyond + 1, 0)
+        self._closed &= self._beyond < OUT
+        if self._closed.any():
+            y = kinetics.without_gaps(y, self._closed)
+        if self._seen == 1 and not self._closed.any():
+            # two samples: the speed that nothing told before
+            q0, speed = q0 + y, speed + y / self._plant.h
+        else:
+            q0, speed = q0 + self.alpha * y, speed + self._gain * y
+        self._q, self._qdot = onto(model, t, q0, speed, self._closed)
+        return self._q.copy(), self._qdot.copy()
+
+    def __repr__(self) -> str:
+        return f"JointObserver({self.system!r}, noise={self.noise!r}, alpha={self.alpha!r})"
+
+    def __getstate__(self) -> dict[str, object]:
+        return vars(self) | {"_plant": None}

@@ -1,0 +1,444 @@
+"""The sampled closed loop of a mechanical system."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import zivi._zivi as _zivi
+from zivi.base.check import Array, real_array
+from zivi.base.compiled import listening_always
+from zivi.base.progress import ProgressBar
+from zivi.control.component import TickStatus
+from zivi.control.joint_observer import JointObserver
+from zivi.control.loop_arguments import (
+    check_delay,
+    check_not_negative,
+    check_seed,
+    described,
+    period_of,
+)
+from zivi.control.mechanical_loop_run import MechanicalClosedLoop
+from zivi.control.mechanical_reference import MechanicalReference, reference_of
+from zivi.simulation.describe import describe
+from zivi.simulation.impacts import SLOWEST, check_slowest
+from zivi.simulation.mechanical_run import (
+    Asked,
+    check_friction,
+    configuration,
+    mechanism,
+    state_of,
+)
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.methods import SwitchedRK
+from zivi.simulation.partial import as_raised, with_partial
+from zivi.simulation.run import pair
+from zivi.system.control_inputs import ControlInputs
+from zivi.system.gap_coordinates import GapKinetics
+from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.start import check_start
+
+__all__ = ["MechanicalController", "RKPeriod", "simulate_mechanical"]
+
+BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
+"""How a plant moves between samples."""
+COUPLED = 0.05
+"""Largest kinetic cosine of gaps whose references know nothing of each other."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RKPeriod:
+    """The plant of a closed loop by one Runge-Kutta step a period, with impacts where they are.
+
+    A step of order 5 (Dormand-Prince), cut at impacts, accumulations and lift-offs, which are
+    found as by `SwitchedRK`. No error is controlled: the period must be short against the motion.
+
+    Examples
+    --------
+    >>> zivi.RKPeriod()
+    RKPeriod()
+    """
+
+
+class MechanicalController(Protocol):
+    """Anything that `simulate_closed_loop` can run with a `MechanicalSystem`.
+
+    What else it has is found at the start of a run:
+
+    - With ``reference=`` its method ``step_to(t, q, qdot, now, next)`` is called, with the
+      `ReferenceSample` at the sample and at the next one, ``delay`` periods later if it has an
+      attribute of that name.
+    - ``status``, a `TickStatus`, and ``latched``, of shape (m,), are recorded.
+    - One with ``copy()`` and ``reset()`` runs as a copy from where it is.
+
+    Where it gives NaN or another shape the last controls are held, and the tick is ``REFUSED``.
+
+    Examples
+    --------
+    >>> class Damped:
+    ...     h = 1e-2
+    ...
+    ...     def step(self, t, q, qdot):
+    ...         return -5.0 * qdot
+    >>> ball = zivi.MechanicalSystem(
+    ...     mass=1.0, force=[-9.81], gaps=[zivi.LinearGap([1])], e=0.5, inputs=[[1.0]]
+    ... )
+    >>> run = zivi.simulate_closed_loop(ball, Damped(), (0, 2), ([0.1], [0]))
+    >>> run.contacts[-1], run.u.shape
+    (array([ True]), (201, 1))
+    """
+
+    @property
+    def h(self) -> float:
+        """Sampling period (s)."""
+
+    @property
+    def step(self) -> Callable[..., ArrayLike]:
+        """Give the controls for the period that starts now, ``step(t, q, qdot)``, shape (r,)."""
+
+
+def simulate_mechanical(
+    system: MechanicalSystem,
+    controller: Any,
+    t_span: Sequence[float],
+    y0: Any,
+    *,
+    reference: Any = None,
+    method: Any = None,
+    noise: Sequence[float] = (0.0, 0.0),
+    seed: int | None = None,
+    quantization: Sequence[float] = (0.0, 0.0),
+    delay: int = 0,
+    observer: Any = None,
+    disturbance: Any = None,
+    dense_output: bool = True,
+    slowest: float = SLOWEST,
+    progress: bool | None = None,
+) -> MechanicalClosedLoop:
+    """Simulate the closed loop of a mechanical system, as `simulate_closed_loop` has it."""
+    h, span = period_of(controller), pair("t_span", t_span, "(t0, t1)")
+    q, qdot = state_of(y0, system._n)
+    part, chosen = check_slowest(slowest), check_method(method)
+    check_friction(system, chosen[0])
+    model, times = system.model(len(q)), _zivi.grid_times(*span, h, 1)
+    check_start(system, model, span, q, qdot)
+    inputs = system.control_inputs(q)
+    sensor = Sensor.of(noise, quantization, seed, len(times), len(q))
+    periods = check_delay(delay)
+    own = controller
+    controller = copied(controller)
+    ahead = int(getattr(controller, "delay", 0))
+    asked_at = times_ahead(times, h, ahead, reference)
+    given = reference_of(reference, asked_at, system.gap_names, q)
+    check_reference(controller, given, model, q, qdot, reference)
+    watching = watching_of(observer, system, h, len(q))
+    tell_sensor(controller, sensor, watching)
+    plant = model if disturbance is None else disturbed(model, disturbance, len(q))
+    ticks = Ticks(controller, given, sensor, watching, periods, inputs.r, system.m, len(q))
+    with ProgressBar(progress) as bar, listening_always() as ear:
+        first = ticks(0, span[0], q, qdot)
+        stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
+        record = _zivi.simulate_mechanical_loop(
+            mechanism(system, plant),
+            inputs.spec(),
+            chosen[0]._core,
+            times,
+            stops,
+            _zivi.Configuration(q, qdot),
+            first,
+            ticks,
+            dense=dense_output,
+            one_step=chosen[1],
+            progress=bar.report,
+        )
+    asked = Asked(span, q, qdot, None, stops, [], dense_output)
+    config = configuration(system, model, chosen[0], asked) | {
+        "controller": described(own),
+        "reference": None if reference is None else told_of(reference),
+        "noise": list(sensor.deviations),
+        "quantization": list(sensor.steps),
+        "seed": sensor.seed,
+        "delay": periods,
+        "observer": None if observer is None else repr(observer),
+        "disturbance": None if disturbance is None else describe(disturbance),
+    }
+    if chosen[1]:
+        config["method"] = {"name": "SwitchedRK"} | {"one_step_a_period": True}
+    run = loop_of(record, ticks, given, system, plant, config, (inputs, times, ahead))
+    vars(run)["slowest"] = part
+    raised = record.run.raised
+    del record
+    if raised is None and (raised := ear.ends(run.success)):
+        run = as_raised(run)
+    if raised is not None:
+        raise with_partial(raised, run)
+    return run
+
+
+def check_method(method: Any) -> tuple[SwitchedRK, bool]:
+    """Read how the plant moves: a method, and whether by one step a period."""
+    if method is None:
+        return BETWEEN_SAMPLES, False
+    if isinstance(method, RKPeriod):
+        return BETWEEN_SAMPLES, True
+    if not isinstance(method, SwitchedRK):
+        raise TypeError(
+            "method must be None, a zivi.SwitchedRK or a zivi.RKPeriod for a mechanical system, "
+            f"got {type(method).__name__}"
+        )
+    return method, False
+
+
+def told_of(reference: Any) -> str:
+    """Tell what a reference is."""
+    return repr(reference) if isinstance(reference, str) else f"a {type(reference).__name__}"
+
+
+def copied(controller: Any) -> Any:
+    """Copy a controller that can be: the run leaves it as it is."""
+    return controller.copy() if callable(getattr(controller, "copy", None)) else controller
+
+
+def times_ahead(times: Array, h: float, ahead: int, reference: Any) -> Array:
+    """Give the times at which a controller wants its reference, as far as that is known."""
+    more = times[-1] + h * np.arange(1, ahead + 1)
+    if isinstance(reference, MechanicalTrajectory):
+        more = more[more <= reference._extent()[1]]
+    elif not isinstance(reference, str):
+        more = more[:0]
+    return np.concatenate([times, more])
+
+
+def check_reference(
+    controller: Any,
+    given: MechanicalReference | None,
+    model: Model,
+    q: Array,
+    qdot: Array,
+    reference: Any,
+) -> None:
+    """Refuse references that a controller does not take, or coupled gaps cannot follow."""
+    if given is None:
+        return
+    if not callable(getattr(controller, "step_to", None)):
+        kind = type(controller).__name__
+        raise TypeError(f"reference= needs a controller with step_to, {kind} has none")
+    if not given.tasks or given.gaps.shape[1] < 2:
+        return
+    states = [(q, qdot)] + [(it, 0.0 * qdot) for it in given.q[:: max(1, len(given.q) // 20)]]
+    for at, speed in states:
+        here = model.layout.read(model.evaluate(0.0, np.ascontiguousarray(at), speed))
+        D = GapKinetics.of(here, speed).D
+        cosines = D / np.sqrt(np.outer(np.diag(D), np.diag(D)))
+        np.fill_diagonal(cosines, 0.0)
+        worst = float(np.abs(cosines).max())
+        if worst > COUPLED:
+            raise ValueError(
+                f"reference gives each gap a motion of its own, but the gaps are coupled, c = "
+                f"{worst:.3g}: an impact on one kicks the other. Follow a motion of the system, "
+                "zivi.reference_run"
+            )
+
+
+def disturbed(model: Model, disturbance: Any, n: int) -> Model:
+    """Add generalised forces to a model: constants, or a function ``d(t, q, qdot)``."""
+    if not callable(disturbance):
+        constant = np.atleast_1d(real_array("disturbance", disturbance))
+        if constant.shape != (n,):
+            raise ValueError(f"disturbance must have shape ({n},), got {constant.shape}")
+    layout, start = model.layout, n * n
+
+    def evaluate(t: float, q: Array, qdot: Array) -> Array:
+        row = model.evaluate(t, q, qdot).copy()
+        row[start : start + n] += disturbance(t, q, qdot) if callable(disturbance) else constant
+        return row
+
+    return Model(layout, _zivi.Model.callable(evaluate), evaluate)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sensor:
+    """What is measured: deviations of the noise, steps, the noise itself and its seed.
+
+    Parameters
+    ----------
+    deviations, steps : (float, float)
+        Of coordinates and of velocities.
+    noise : ndarray or None
+        Shape (k, 2, n).
+    seed : int or None
+        Its seed.
+    """
+
+    deviations: tuple[float, float]
+    steps: tuple[float, float]
+    noise: Array | None
+    seed: int | None
+
+    @classmethod
+    def of(cls, noise: Any, quantization: Any, seed: Any, count: int, n: int) -> Sensor:
+        """Read the arguments of a loop, and draw the noise."""
+        deviations = check_not_negative("noise", noise)
+        resolution = quantization if np.ndim(quantization) else (quantization, 0.0)
+        steps = check_not_negative("quantization", resolution)
+        known = None if seed is None else check_seed(seed)
+        if deviations == (0.0, 0.0):
+            return cls(deviations, steps, None, known)
+        source = np.random.SeedSequence(known)
+        draws = np.random.default_rng(source).standard_normal((count, 2, n))
+        entropy = source.entropy
+        told = int(entropy) if isinstance(entropy, int) else None
+        return cls(deviations, steps, draws * np.array(deviations)[:, None], told)
+
+    def read(self, k: int, q: Array, qdot: Array) -> tuple[Array, Array]:
+        """Measure sample `k`."""
+        if self.noise is not None:
+            q, qdot = q + self.noise[k, 0], qdot + self.noise[k, 1]
+        if self.steps[0] > 0.0:
+            q = self.steps[0] * np.round(q / self.steps[0])
+        if self.steps[1] > 0.0:
+            qdot = self.steps[1] * np.round(qdot / self.steps[1])
+        return q, qdot
+
+
+def watching_of(observer: Any, system: MechanicalSystem, h: float, n: int) -> Any:
+    """Give a copy of an observer for a run."""
+    if observer is None:
+        return None
+    if not isinstance(observer, JointObserver):
+        raise TypeError(f"observer must be a zivi.JointObserver, got {type(observer).__name__}")
+    return observer.begun(h, n)
+
+
+def tell_sensor(controller: Any, sensor: Sensor, watching: Any) -> None:
+    """Tell a controller that asks for it what the sensor is like."""
+    if not callable(getattr(controller, "sensed", None)):
+        return
+    if watching is None:
+        controller.sensed(sensor.deviations, sensor.steps)
+    else:
+        controller.sensed(watching.deviations, sensor.steps)
+
+
+class Ticks:
+    """All that happens at a sample: sensor, observer, controller, delay.
+
+    Parameters
+    ----------
+    controller : object
+        It runs.
+    reference : MechanicalReference or None
+        Where it is to be.
+    sensor : Sensor
+        What is measured.
+    observer : JointObserver or None
+        What makes an estimate of it.
+    delay : int
+        Periods from a measurement to its control.
+    r, m, n : int
+        Numbers of controls, gaps and coordinates.
+    """
+
+    def __init__(
+        self,
+        controller: Any,
+        reference: MechanicalReference | None,
+        sensor: Sensor,
+        observer: Any,
+        delay: int,
+        r: int,
+        m: int,
+        n: int,
+    ) -> None:
+        self.controller, self.reference = controller, reference
+        self.sensor, self.observer = sensor, observer
+        self.r, self.m = r, m
+        self.ahead = int(getattr(controller, "delay", 0))
+        self.queue = [np.zeros(r)] * delay
+        self.acting, self.asked = np.zeros(r), np.zeros(r)
+        self.status: list[int] = []
+        self.latched: list[NDArray[np.bool_]] = []
+        self.estimates: list[tuple[Array, Array]] = []
+
+    def __call__(self, k: int, t: float, q: Array, qdot: Array) -> Array:
+        """Give the controls that act from now on."""
+        at, speed = self.sensor.read(k, q, qdot)
+        if self.observer is not None:
+            at, speed = self.observer.step(t, at, self.acting)
+        self.estimates.append((at, speed))
+        found, status = self._asked(k, t, at, speed)
+        self.status.append(int(status))
+        latched = getattr(self.controller, "latched", None)
+        none = np.zeros(self.m, dtype=bool)
+        self.latched.append(none if latched is None else np.array(latched, dtype=bool))
+        self.asked = found
+        self.queue.append(found)
+        self.acting = self.queue.pop(0)
+        return self.acting
+
+    def _asked(self, k: int, t: float, q: Array, qdot: Array) -> tuple[Array, TickStatus]:
+        if self.reference is None:
+            given = self.controller.step(t, q.copy(), qdot.copy())
+        else:
+            now, after = (self.reference.sample(k + self.ahead + it) for it in (0, 1))
+            given = self.controller.step_to(t, q.copy(), qdot.copy(), now, after)
+        status = TickStatus(int(getattr(self.controller, "status", 0)))
+        try:
+            u = np.atleast_1d(np.asarray(given, dtype=np.float64))
+        except (TypeError, ValueError):
+            return self.asked, status | TickStatus.REFUSED
+        if u.shape != (self.r,) or not np.all(np.isfinite(u)):
+            return self.asked, status | TickStatus.REFUSED
+        return np.array(u), status
+
+
+def loop_of(
+    record: _zivi.MechanicalLoopRecord,
+    ticks: Ticks,
+    given: MechanicalReference | None,
+    system: MechanicalSystem,
+    plant: Model,
+    config: dict[str, Any],
+    more: tuple[ControlInputs, Array, int],
+) -> MechanicalClosedLoop:
+    """Make the result of a loop from its record."""
+    inputs, times, _ = more
+    held = driven(plant, inputs, times, record.u)
+    run: Any = MechanicalClosedLoop._from_record(record.run, held, config, None, system._channels)
+    count = len(run.t)
+    last = np.minimum(np.arange(count), len(ticks.status) - 1)
+    unknown = np.full_like(run.q, np.nan)
+    error = np.full_like(run.gaps, np.nan)
+    if given is not None:
+        places = np.minimum(np.arange(count), len(given.q) - 1)
+        unknown, error = given.q[places], run.gaps - given.gaps[places]
+    estimates = [np.array([it[j] for it in ticks.estimates])[last] for j in (0, 1)]
+    known: MechanicalClosedLoop = dataclasses.replace(
+        run,
+        u=record.u,
+        error_gaps=error,
+        latched=np.array(ticks.latched, dtype=bool).reshape(len(ticks.status), system.m)[last],
+        tick_status=np.array(ticks.status, dtype=np.uint8)[last],
+        q_ref=unknown,
+        q_est=estimates[0],
+        qdot_est=estimates[1],
+        control_names=inputs.names,
+    )
+    return known
+
+
+def driven(model: Model, inputs: ControlInputs, times: Array, controls: Array) -> Model:
+    """Give a model under the controls of a loop, for contact forces between the samples."""
+    n = model.layout.n
+
+    def evaluate(t: float, q: Array, qdot: Array) -> Array:
+        k = min(max(int(np.searchsorted(times, t, side="right")) - 1, 0), len(controls) - 1)
+        row = model.evaluate(t, q, qdot).copy()  # constant parts are written once
+        row[n * n : n * n + n] += inputs.at(q) @ controls[k]
+        return row
+
+    return Model(model.layout, _zivi.Model.callable(evaluate), evaluate)

@@ -1,0 +1,236 @@
+"""References of mechanical systems at the samples of a controller."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zivi.base.check import Array, real_array
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.gap_coordinates import GapKinetics
+
+__all__ = ["MechanicalReference", "ReferenceSample", "reference_of"]
+
+SLOWEST = 1e-12
+"""Speed of the slowest impact of a reference that is counted."""
+MOST_IMPACTS = 100_000
+"""Impacts of an accumulation of a reference that are counted."""
+
+
+class ReferenceSample(NamedTuple):
+    """Where a reference is at one sample.
+
+    Attributes
+    ----------
+    q, qdot : ndarray
+        Coordinates and velocities, shape (n,).
+    sides : ndarray
+        1 or -1 for each gap, the other after each impact, shape (m,).
+    contacts : ndarray of bool
+        Which gaps are closed and stay so, shape (m,).
+    gaps, gap_rates : ndarray or None
+        Gaps and their rates, shape (m,); without them the controller's own model says.
+    accelerations : ndarray or None
+        Of the gaps, without the force of their own contact, shape (m,): in contact they are
+        negative. Without them the difference of the rates.
+    qddot : ndarray or None
+        Accelerations of the coordinates without contact forces, shape (n,); 0 without them.
+    """
+
+    q: Array
+    qdot: Array
+    sides: Array
+    contacts: NDArray[np.bool_]
+    gaps: Array | None = None
+    gap_rates: Array | None = None
+    accelerations: Array | None = None
+    qddot: Array | None = None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MechanicalReference:
+    """A reference at the samples, one array a quantity.
+
+    Parameters
+    ----------
+    q, qdot, qddot : ndarray
+        Shape (k, n).
+    gaps, gap_rates, accelerations, sides : ndarray
+        Shape (k, m).
+    contacts : ndarray of bool
+        Shape (k, m).
+    tasks : bool
+        Whether gaps and coordinates were given apart: their coupling must be small then.
+    """
+
+    q: Array
+    qdot: Array
+    qddot: Array
+    gaps: Array
+    gap_rates: Array
+    accelerations: Array
+    sides: Array
+    contacts: NDArray[np.bool_]
+    tasks: bool = False
+
+    def sample(self, k: int) -> ReferenceSample:
+        """Give sample `k`, the last one beyond the end."""
+        k = min(k, len(self.q) - 1)
+        return ReferenceSample(
+            self.q[k],
+            self.qdot[k],
+            self.sides[k],
+            self.contacts[k],
+            self.gaps[k],
+            self.gap_rates[k],
+            self.accelerations[k],
+            self.qddot[k],
+        )
+
+
+def reference_of(
+    reference: Any, times: Array, names: tuple[str, ...], q0: Array
+) -> MechanicalReference | None:
+    """Translate what a loop is given; None for none."""
+    if reference is None:
+        return None
+    if isinstance(reference, MechanicalTrajectory):
+        return of_run(reference, times, names, q0)
+    if isinstance(reference, str):
+        reference = {}.fromkeys(names, reference)
+    if not isinstance(reference, Mapping):
+        raise TypeError(
+            "reference must be a run of zivi.simulate or zivi.reference_run, 'rest', or a dict of "
+            f"one for each gap and the posture, got {type(reference).__name__}"
+        )
+    return of_parts(dict(reference), times, names, q0)
+
+
+def of_run(
+    run: MechanicalTrajectory, times: Array, names: tuple[str, ...], q0: Array
+) -> MechanicalReference:
+    """Give a run of the system at the samples."""
+    if run.gap_names != names:
+        raise ValueError(f"reference must have the gaps {names}, it has {run.gap_names}")
+    start, end = run._extent()
+    if not (start <= times[0] and times[-1] <= end):
+        raise ValueError(
+            f"reference must be known over t_span = ({times[0]}, {times[-1]}), "
+            f"it is a run over ({start}, {end})"
+        )
+    model = run._model
+    if model is None:
+        raise ValueError("reference has lost its system, as runs do that were loaded or sent")
+    q, qdot, gaps, rates, contacts = run._known().at(np.ascontiguousarray(times))
+    if q.shape[1] != len(q0):
+        raise ValueError(f"reference must have {len(q0)} coordinates, it has {q.shape[1]}")
+    gaps, rates = np.where(contacts, 0.0, gaps), np.where(contacts, 0.0, rates)
+    qddot, accelerations = np.empty_like(q), np.empty_like(gaps)
+    for k, t in enumerate(times):
+        at = model.evaluate(float(t), np.ascontiguousarray(q[k]), np.ascontiguousarray(qdot[k]))
+        here = model.layout.read(at)
+        kinetics = GapKinetics.of(here, qdot[k])
+        qddot[k] = np.linalg.solve(here.mass, here.force)
+        accelerations[k] = here.gradients @ qddot[k] + here.curvatures
+        accelerations[k] += _pushed(kinetics.D, accelerations[k], contacts[k])
+    sides = _sides(run, times, len(names))
+    return MechanicalReference(q, qdot, qddot, gaps, rates, accelerations, sides, contacts)
+
+
+def _pushed(D: Array, free: Array, closed: NDArray[np.bool_]) -> Array:
+    """Give what each gap gets from the forces of the other contacts."""
+    forces = np.zeros(len(free))
+    if closed.any():
+        inside = np.ix_(closed, closed)
+        forces[closed] = -np.linalg.solve(D[inside], free[closed])
+    pushed: Array = D @ forces - np.diag(D) * forces
+    return pushed
+
+
+def _sides(run: MechanicalTrajectory, times: Array, m: int) -> Array:
+    """Give the branch of each gap: 1, and the other after each of its impacts."""
+    impacts = run.impacts_down_to(SLOWEST, limit=MOST_IMPACTS)
+    sides = np.ones((len(times), m))
+    for i in range(m):
+        own = impacts[(impacts["gap"] == i) & (impacts["speed_before"] < 0.0)]["t"]
+        sides[np.searchsorted(own, times, side="right") % 2 == 1, i] = -1.0
+    return sides
+
+
+def of_parts(
+    parts: dict[str, Any], times: Array, names: tuple[str, ...], q0: Array
+) -> MechanicalReference:
+    """Give a reference that is told gap by gap, and the posture that the rest of it follows."""
+    posture = parts.pop("posture", q0)
+    strange = sorted(set(parts) - set(names))
+    if strange:
+        raise ValueError(f"reference has {strange[0]!r}, which is no gap of {names}")
+    missing = sorted(set(names) - set(parts))
+    if missing:
+        raise ValueError(f"reference must say what gap {missing[0]!r} does: 'rest' or a run")
+    count, m, n = len(times), len(names), len(q0)
+    gaps, rates, pulls = (np.zeros((count, m)) for _ in range(3))
+    sides, contacts = np.ones((count, m)), np.ones((count, m), dtype=bool)
+    for i, name in enumerate(names):
+        one = parts[name]
+        if isinstance(one, str):
+            if one != "rest":
+                raise ValueError(f"reference[{name!r}] must be 'rest' or a run, got {one!r}")
+            continue
+        rows = _scalar(name, one, times)
+        gaps[:, i], rates[:, i], sides[:, i], pulls[:, i] = rows
+        contacts[:, i] = (rows[0] == 0.0) & (rows[1] == 0.0)
+    q, qdot, qddot = posture_at(posture, times, n)
+    moving = not contacts.all()
+    return MechanicalReference(q, qdot, qddot, gaps, rates, pulls, sides, contacts, tasks=moving)
+
+
+def _scalar(name: str, run: Any, times: Array) -> tuple[Array, Array, Array, Array]:
+    """Give a gap that is a run of one mass: position, velocity, side, acceleration."""
+    if not isinstance(run, Trajectory):
+        raise TypeError(
+            f"reference[{name!r}] must be 'rest' or a run of one mass, got {type(run).__name__}"
+        )
+    start, end = run._extent()
+    if not (start <= times[0] and times[-1] <= end):
+        raise ValueError(f"reference[{name!r}] must be known over ({times[0]}, {times[-1]})")
+    x, xdot = run(times)
+    s, v = run._known().lifted(times)
+    impacts = run.impacts_down_to(SLOWEST)
+    jumps = np.append(0.0, np.cumsum(impacts["xdot_after"] - impacts["xdot_before"]))
+    before = jumps[np.searchsorted(impacts["t"], times, side="right")]
+    pull = np.diff(xdot - before) / np.diff(times)
+    side = np.where(s == 0.0, np.sign(v), np.sign(s))
+    return x, xdot, np.where(side == 0.0, 1.0, side), np.append(pull, pull[-1:])
+
+
+def posture_at(posture: Any, times: Array, n: int) -> tuple[Array, Array, Array]:
+    """Give ``(q, qdot, qddot)`` of a posture, constant or a function of time, at the times."""
+    if callable(posture):
+        rows = [posture_of(posture, float(t), n) for t in times]
+        q, qdot, qddot = (np.array(it) for it in zip(*rows, strict=True))
+        return q, qdot, qddot
+    one = posture_of(posture, 0.0, n)
+    q, qdot, qddot = (np.tile(it, (len(times), 1)) for it in one)
+    return q, qdot, qddot
+
+
+def posture_of(
+    posture: Array | Callable[[float], Any], t: float, n: int
+) -> tuple[Array, Array, Array]:
+    """Read a posture at one time: ``q``, or ``(q, qdot)``, or with its acceleration."""
+    given = real_array("posture", posture(t) if callable(posture) else posture)
+    rows = given.reshape(1, -1) if given.ndim < 2 else given
+    if rows.ndim != 2 or rows.shape[1] != n or len(rows) > 3 or not np.all(np.isfinite(rows)):
+        raise ValueError(
+            f"posture must be {n} finite coordinates, or these with velocities and "
+            f"accelerations, got shape {given.shape}"
+        )
+    full = np.zeros((3, n))
+    full[: len(rows)] = rows
+    return full[0], full[1], full[2]

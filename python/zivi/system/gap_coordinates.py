@@ -1,0 +1,154 @@
+"""A mechanical system in its gaps, and in the velocities that no impact changes."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zivi.base.check import Array
+from zivi.system.layout import Evaluation
+from zivi.system.mechanism import MechanicalSystem
+
+__all__ = ["GapCoordinates", "GapKinetics", "gap_coordinates"]
+
+
+class GapCoordinates(NamedTuple):
+    r"""A state of a mechanical system, split into gaps and what impacts leave alone.
+
+    .. math::
+
+        \dot q = M^{-1} N^T D^{-1} (\dot g - g_t) + T w, \qquad D = N M^{-1} N^T, \qquad
+        Z = (T^T M T)^{-1} T^T M
+
+    with :math:`N T = 0`, :math:`Z T = 1` and :math:`Z M^{-1} N^T = 0`: an impact, whatever gaps it
+    is on, changes :math:`\dot g` and leaves :math:`w = Z \dot q` as it is.
+
+    Attributes
+    ----------
+    g, gdot : ndarray
+        Gaps and their rates, shape (m,).
+    D : ndarray
+        Shape (m, m): an impulse P changes the rates by ``D @ P``.
+    N : ndarray
+        Gradients of the gaps, shape (m, n).
+    T : ndarray
+        A basis of the velocities that keep all gaps, shape (n, n - m).
+    Z : ndarray
+        Shape (n - m, n).
+    w : ndarray
+        The velocities ``Z @ qdot``, shape (n - m,): in general not those of coordinates.
+    c : ndarray
+        Kinetic cosines of the gaps, ``D[i, j]/sqrt(D[i, i] D[j, j])``, shape (m, m): where it is
+        not 0 an impact on one gap kicks the other.
+    """
+
+    g: Array
+    gdot: Array
+    D: Array
+    N: Array
+    T: Array
+    Z: Array
+    w: Array
+    c: Array
+
+
+def gap_coordinates(
+    system: MechanicalSystem, q: ArrayLike, qdot: ArrayLike, t: float = 0.0
+) -> GapCoordinates:
+    """Split a state of a mechanical system into gaps and what impacts leave alone.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system; its gaps must be independent, ``m <= n``.
+    q, qdot : array_like
+        Coordinates and velocities, shape (n,).
+    t : float
+        Time.
+
+    Returns
+    -------
+    GapCoordinates
+        The tuple ``g, gdot, D, N, T, Z, w, c``, also by these names.
+
+    Raises
+    ------
+    ValueError
+        If the gaps are not independent at this state: D is singular.
+
+    Examples
+    --------
+    >>> box = zivi.MechanicalSystem(
+    ...     mass=np.eye(2), force=[0.0, -9.81], gaps=[zivi.LinearGap([0, 1], name="floor")], e=0.5
+    ... )
+    >>> split = zivi.mechanics.gap_coordinates(box, [0.0, 1.0], [3.0, -2.0])
+    >>> split.gdot, abs(split.w)
+    (array([-2.]), array([3.]))
+    """
+    here = system.at(t, q, qdot)
+    velocity = np.atleast_1d(np.asarray(qdot, dtype=np.float64))
+    kinetics = GapKinetics.of(here, velocity)
+    normals, m = here.gradients, len(here.gaps)
+    basis = np.linalg.qr(normals.T, mode="complete")[0][:, m:]
+    momenta = basis.T @ here.mass
+    inverse = np.linalg.solve(momenta @ basis, momenta)
+    size = np.sqrt(np.diag(kinetics.D))
+    cosines = kinetics.D / np.outer(size, size)
+    np.fill_diagonal(cosines, 1.0)
+    return GapCoordinates(
+        here.gaps, kinetics.gdot, kinetics.D, normals, basis, inverse, inverse @ velocity, cosines
+    )
+
+
+REDUNDANT = 1e-10
+"""Least eigenvalue of the matrix of cosines of independent gaps."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GapKinetics:
+    """What gaps and controls do at a state.
+
+    Parameters
+    ----------
+    here : Evaluation
+        The system.
+    gdot : ndarray
+        Rates of the gaps, shape (m,).
+    mobility : ndarray
+        ``M^-1 N^T``, shape (n, m).
+    D : ndarray
+        ``N M^-1 N^T``, shape (m, m).
+    """
+
+    here: Evaluation
+    gdot: Array
+    mobility: Array
+    D: Array
+
+    @classmethod
+    def of(cls, here: Evaluation, qdot: Array) -> GapKinetics:
+        """Compute them; a ValueError if the gaps are not independent."""
+        normals = here.gradients
+        mobility: Any = np.linalg.solve(here.mass, normals.T)
+        D: Array = normals @ mobility
+        D = 0.5 * (D + D.T)
+        if len(D) > 1:
+            size = np.sqrt(np.diag(D))
+            least = np.linalg.eigvalsh(D / np.outer(size, size))[0]
+        else:
+            least = 1.0 if len(D) == 0 or D[0, 0] > 0.0 else 0.0
+        if not least > REDUNDANT:
+            raise ValueError("the gaps must be independent: D = N M^-1 N^T is singular here")
+        return cls(here, normals @ qdot + here.rates, mobility, D)
+
+    def without_gaps(self, vector: Any, gaps: Any = slice(None)) -> Array:
+        """Take from a vector of velocities, or such, what moves gaps, M-orthogonally."""
+        normals, mobility = self.here.gradients[gaps], self.mobility[:, gaps]
+        if not len(normals):
+            return np.asarray(vector, dtype=np.float64)
+        D = self.D[np.ix_(np.arange(len(self.D))[gaps], np.arange(len(self.D))[gaps])]
+        left: Array = vector - mobility @ np.linalg.solve(D, normals @ vector)
+        return left

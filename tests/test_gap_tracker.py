@@ -1,0 +1,196 @@
+"""The tracker of gaps: one mass, an arm that taps a table, contact forces, limits, what is lost."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import zivi
+from mechanical_arms import bouncing_error, follow, is_pressed, tapping, tracker, two_links
+from zivi.control.mechanical_reference import reference_of
+
+MASS = zivi.MechanicalSystem(
+    mass=1.0, force=[0.0], gaps=[zivi.LinearGap([1], name="floor")], e=0.5, inputs=[[1.0]]
+)
+
+
+@pytest.mark.parametrize("settings", [{}, {"horizon": 3.0}, {"shift": True}])
+def test_one_mass_is_controlled_as_by_the_tracker_of_a_mass(settings):
+    reference = zivi.reference_run(MASS, (0, 2.0), ([1.0], [0.5]), virtual={"floor": -9.81})
+    ctl = zivi.GapTracker(MASS, h=1e-3, gains={"floor": (30, 17)}, **settings)
+    run = zivi.simulate_closed_loop(MASS, ctl, (0, 2.0), ([0.9], [0.3]), reference=reference)
+    given = reference_of(reference, run.t, ("floor",), np.array([1.0]))
+    one = zivi.TwistingTracker(30, 17, h=1e-3, e=0.5, **settings)
+    for k in range(len(run.t) - 1):
+        now, after = given.sample(k), given.sample(k + 1)
+        ends = [(it.gaps[0], it.gap_rates[0], it.sides[0]) for it in (now, after)]
+        state = (0.0, 0.0) if run.latched[k, 0] else (run.q[k, 0], run.qdot[k, 0])
+        assert one.step_to(*state, 0.0, *ends, now.accelerations[0]) == run.u[k, 0], run.t[k]
+    assert run.contacts[-1, 0]
+    assert run.gaps[-1, 0] == 0.0
+
+
+def test_an_arm_taps_a_table_as_its_reference_does_and_presses_it():
+    run = follow(tracker())
+    assert len(run.zeno) == 1
+    assert len(run.resolved_impacts) > 10
+    assert bouncing_error(run) < 3e-6
+    assert is_pressed(run, 10.0, 1e-3)
+    posture = np.abs(run.q - run.q_ref)[-300:].max()
+    assert posture < 1e-4
+
+
+def test_the_plain_null_space_is_far_worse():
+    """Where the rest is not taken at right angles in the metric of the masses, impacts kick it."""
+    arm = two_links()
+
+    class Plain(zivi.GapTracker):
+        def _controls(self, inputs, q, qdot, kinetics, a, now):
+            here, (kp, kd) = kinetics.here, (400.0, 40.0)
+            normals = here.gradients
+            basis = np.linalg.qr(normals.T, mode="complete")[0][:, 1:]
+            wanted = basis @ basis.T @ (now.qddot - kp * (q - now.q) - kd * (qdot - now.qdot))
+            right = a - here.curvatures - normals @ wanted
+            wanted = wanted + kinetics.mobility @ np.linalg.solve(kinetics.D, right)
+            return here.mass @ wanted - here.force
+
+    ours, plain = (
+        follow(kind(arm, h=1e-3, gains={"floor": (40, 22)})) for kind in (zivi.GapTracker, Plain)
+    )
+    part = (ours.t > 0.4) & (ours.t < 1.0)
+    errors = [np.sqrt(np.mean((run.q - run.q_ref)[part] ** 2)) for run in (ours, plain)]
+    assert errors[1] > 5 * errors[0]
+
+
+@pytest.mark.parametrize(
+    ("settings", "asked", "gap", "force"),
+    [
+        ({"system": {"m1": 1.2, "m2": 0.96}}, {}, 3.3e-6, 4.5),
+        ({"system": {"e": 0.55}}, {}, 3e-6, 1e-3),
+        ({"horizon": 3.0}, {"noise": (1e-5, 1e-3), "seed": 1}, 2.5e-5, 2e-3),
+        ({}, {"quantization": 1e-5}, 6e-6, 1e-3),
+        ({"delay": 2}, {"delay": 2}, 3e-6, 1e-3),
+    ],
+    ids=["masses", "e", "noise", "encoder", "predictor"],
+)
+def test_an_arm_rests_in_contact_with_errors_of(settings, asked, gap, force):
+    if "system" in settings:
+        settings = {"system": two_links().replace(**settings["system"])}
+    run = follow(tracker(**settings), **asked)
+    assert bouncing_error(run) < gap
+    assert is_pressed(run, 10.0, force)
+
+
+def test_positions_are_enough_with_an_observer():
+    run = follow(
+        tracker(horizon=3.0),
+        noise=(1e-5, 0.0),
+        seed=2,
+        observer=zivi.JointObserver(two_links(), noise=1e-5),
+    )
+    assert bouncing_error(run) < 4e-5
+    assert is_pressed(run, 10.0, 2e-3)
+
+
+def test_the_arm_lifts_off_on_command_and_at_once():
+    arm = two_links()
+    pull = {"floor": lambda t: -9.81 if t < 1.3 else 5.0}
+    reference = zivi.reference_run(
+        arm, (0, 1.6), (np.array([0.5, -1.2]), np.zeros(2)), virtual=pull, tstops=[1.3]
+    )
+    run = follow(tracker(), reference=reference)
+    assert run.contacts[1299, 0]
+    assert not run.contacts[1302, 0]
+    late = run.t > 1.35
+    assert np.abs(run.error_gaps[late]).max() < 1e-6
+
+
+def test_a_contact_that_is_pressed_too_little_is_told_lost():
+    pull = np.array([0.0, 6.0])  # lifts the tip by more than the force that was asked for
+    run = follow(tracker(force={"floor": 0.5}), disturbance=pull)
+    assert np.any(run.tick_status & zivi.TickStatus.LATCH_LOST)
+    firm = follow(tracker(), disturbance=0.01 * pull)
+    assert not np.any(firm.tick_status & zivi.TickStatus.LATCH_LOST)
+
+
+def test_limits_of_the_torques_are_kept_and_the_arm_still_rests():
+    limits = np.array([[-14.0, 14.0], [-5.0, 5.0]])
+    run = follow(tracker(u_limits=limits))
+    assert np.all((run.u >= limits[:, 0]) & (run.u <= limits[:, 1]))
+    assert np.any(run.tick_status & zivi.TickStatus.SATURATED)
+    assert is_pressed(run, 10.0, 1e-2)
+
+
+def test_gaps_that_no_control_reaches_are_refused():
+    floor = zivi.LinearGap([0, 1], name="floor")
+    system = zivi.MechanicalSystem(
+        mass=np.eye(2), force=[0, -9.81], gaps=[floor], e=0.5, inputs=[[1.0], [0.0]]
+    )
+    ctl = zivi.GapTracker(system, h=1e-3, gains={"floor": (30, 17)})
+    with pytest.raises(ValueError, match="do not reach"):
+        ctl.step(0.0, [0, 1], [0, 0])
+
+
+def test_directions_without_an_actuator_are_counted():
+    floor = zivi.LinearGap([1, -1], name="floor")
+    system = zivi.MechanicalSystem(
+        mass=np.diag([1.0, 2.0]), force=[-9.81, 0], gaps=[floor], e=0.5, inputs=[[0.0], [1.0]]
+    )
+    ctl = zivi.GapTracker(system, h=1e-3, gains={"floor": (30, 17)})
+    ctl.step(0.0, [1, 0], [0, 0])
+    assert ctl.zero_dynamics == 1
+    # S = -1/m_p and D = 1/m_b + 1/m_p
+    assert ctl.least_singular_value == pytest.approx(0.5 / np.sqrt(1.5))
+
+
+def test_states_copies_and_pickles_go_on_alike():
+    arm, reference = two_links(), tapping()
+    times = np.arange(0, 1.4, 1e-3)
+    given = reference_of(reference, times, ("floor",), np.zeros(2))
+    one = tracker(delay=1)
+    for k in range(40):
+        sample = given.sample(k)
+        one.step_to(times[k], sample.q, sample.qdot, sample, given.sample(k + 1))
+    others = [one.copy(), pickle.loads(pickle.dumps(one)), tracker(delay=1)]
+    others[2].state = one.state
+    sample, after = given.sample(40), given.sample(41)
+    u = one.step_to(0.04, sample.q, sample.qdot, sample, after)
+    for other in others:
+        assert np.array_equal(other.step_to(0.04, sample.q, sample.qdot, sample, after), u)
+    assert np.array_equal(arm.e, one.system.e)
+
+
+def test_a_measurement_that_is_no_number_is_refused():
+    ctl = tracker()
+    u = ctl.step(0.0, [0.5, -1.0], [0, 0])
+    assert np.array_equal(ctl.step(1e-3, [np.nan, 0], [0, 0]), u)
+    assert ctl.status is zivi.TickStatus.REFUSED
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"gains": {}}, "gains must have each gap"),
+        ({"gains": {"floor": (40, 22), "roof": (1, 1)}}, "no gap"),
+        ({"force": {"floor": 0.0}}, "force"),
+        ({"u_limits": [(1, -1), (0, 1)]}, "u_limits"),
+        ({"delay": 65}, "delay"),
+        ({"latch": (-1, 1)}, "latch"),
+    ],
+)
+def test_settings_out_of_range_are_named(settings, message):
+    with pytest.raises(ValueError, match=message):
+        tracker(**settings)
+
+
+def test_gaps_that_kick_each_other_need_a_motion_of_the_system():
+    gaps = [zivi.LinearGap([1, 0], name="left"), zivi.LinearGap([0.6, 0.8], name="right")]
+    system = zivi.MechanicalSystem(mass=np.eye(2), force=[0, 0], gaps=gaps, e=0.5)
+    drop = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (0.3, 0))
+    ctl = zivi.GapTracker(system, h=1e-3, gains={"left": (30, 17), "right": (30, 17)})
+    with pytest.raises(ValueError, match=r"reference_run"):
+        zivi.simulate_closed_loop(
+            system, ctl, (0, 1), ([1, 1], [0, 0]), reference={"left": drop, "right": drop}
+        )
+    run = zivi.simulate_closed_loop(system, ctl, (0, 1.5), ([0.3, 0.2], [0, 0]), reference="rest")
+    assert run.contacts[-1].all()
