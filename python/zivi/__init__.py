@@ -55,6 +55,7 @@ from zivi.control.mechanical_loop_run import MechanicalClosedLoop as MechanicalC
 from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample
 from zivi.control.observer import ImpactObserver, Observed as Observed
 from zivi.control.reference_run import reference_run
+from zivi.control.striker import Striker
 from zivi.control.twisting import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
 from zivi.derivatives.impact_map import (
     ImpactMap as ImpactMap,
@@ -160,6 +161,7 @@ __all__ = [
     "RKPeriod",
     "SpeedDependentImpact",
     "Status",
+    "Striker",
     "Study",
     "StudyStatus",
     "SwitchedRK",

@@ -11,6 +11,7 @@ from zivi.control.mechanical_loop_run import MechanicalClosedLoop
 from zivi.control.mechanical_reference import ReferenceSample
 from zivi.control.observer import ImpactObserver, Observed
 from zivi.control.reference_run import reference_run
+from zivi.control.striker import Striker
 from zivi.control.twisting import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "Observed",
     "RKPeriod",
     "ReferenceSample",
+    "Striker",
     "TickStatus",
     "TwistingRegulator",
     "TwistingTracker",

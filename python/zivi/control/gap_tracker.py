@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
@@ -11,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, real, real_array, switch, whole
 from zivi.control.believed_plant import BelievedPlant, onto
-from zivi.control.box_least_squares import allocated
 from zivi.control.component import TickStatus
+from zivi.control.gap_law import Allocation, limits_of, reach
 from zivi.control.mechanical_reference import ReferenceSample
-from zivi.control.reference_run import pushed
 from zivi.control.twisting import TwistingTracker
 from zivi.simulation.run import pair
 from zivi.system.control_inputs import ControlInputs
@@ -31,8 +31,6 @@ STEPS = 5.0
 """The same in steps of the sensor."""
 OUT = 5
 """A contact is open after so many measurements beyond that."""
-RANK = 1e-6
-"""Singular values below this part of the largest leave a gap without control."""
 MOST_DELAY = 64
 
 
@@ -118,7 +116,7 @@ class GapTracker:
             },
             "posture": pair("posture", posture, "(kp, kd)"),
             "force": _forces(force or {}),
-            "u_limits": _limits(u_limits),
+            "u_limits": limits_of(u_limits),
             "horizon": real("horizon", horizon),
             "shift": switch("shift", shift),
             "latch": None if latch is None else pair("latch", latch, "(of the gap, of its rate)"),
@@ -433,53 +431,20 @@ class GapTracker:
         now: ReferenceSample,
     ) -> Array:
         """Give the controls that make these accelerations of the gaps, and the rest as they can."""
-        here, (kp, kd) = kinetics.here, self._settings["posture"]
+        kp, kd = self._settings["posture"]
         wanted = -kp * (q - now.q) - kd * (qdot - now.qdot)
         if now.qddot is not None:
             wanted = wanted + now.qddot
-        matrix, limits = inputs.at(q), self._settings["u_limits"]
-        force = pushed(kinetics, a, wanted) - here.force
-        if matrix.shape[0] == matrix.shape[1]:
-            try:
-                u: Array = np.linalg.solve(matrix, force).astype(np.float64, copy=False)
-            except np.linalg.LinAlgError:
-                pass
-            else:
-                if limits is None or bool(np.all((u >= limits[:, 0]) & (u <= limits[:, 1]))):
-                    return u
-        size = _sizes(limits, inputs.r)
-        by_gap = kinetics.mobility.T @ matrix
-        root = np.linalg.cholesky(kinetics.D) if len(a) else np.zeros((0, 0))
-        free = kinetics.mobility.T @ here.force + here.curvatures
-        scaled = np.linalg.solve(root, np.column_stack([by_gap, a - free])) if len(a) else by_gap
-        self._check_rank(scaled[:, : inputs.r] * size, matrix)
-        rest = self._rest(kinetics, matrix, wanted)
-        target = scaled[:, inputs.r] if len(a) else np.zeros(0)
-        u, limited = allocated((scaled[:, : inputs.r], target), rest, limits, size)
-        if limited:
+        matrix = inputs.at(q)
+        found = Allocation.of(kinetics, matrix, a, wanted, self._settings["u_limits"])
+        if found.least is None and self._least == math.inf:
+            found = dataclasses.replace(found, least=reach(kinetics, matrix))
+        if found.least is not None:
+            self._least = min(self._least, found.least)
+            self._uncontrolled = len(matrix) - int(np.linalg.matrix_rank(matrix))
+        if found.limited:
             self._status |= TickStatus.SATURATED
-        return u
-
-    def _rest(self, kinetics: GapKinetics, matrix: Array, wanted: Array) -> tuple[Array, Array]:
-        """Give what the controls do beside the gaps, measured by the kinetic energy."""
-        here = kinetics.here
-        root = np.linalg.cholesky(here.mass).T
-        moved = np.linalg.solve(here.mass, np.column_stack([matrix, here.force]))
-        by, free = kinetics.without_gaps(moved[:, :-1]), kinetics.without_gaps(moved[:, -1])
-        kept: Array = root @ (kinetics.without_gaps(wanted) - free)
-        return root @ by, kept
-
-    def _check_rank(self, scaled: Array, matrix: Array) -> None:
-        m = len(scaled)
-        values = np.linalg.svd(scaled, compute_uv=False) if m else np.ones(1)
-        least = float(values[m - 1]) if len(values) >= m > 0 else (0.0 if m else 1.0)
-        self._least = min(self._least, least)
-        self._uncontrolled = len(matrix) - int(np.linalg.matrix_rank(matrix))
-        if not least > RANK * float(values.max(initial=0.0)):
-            raise ValueError(
-                f"the controls do not reach all of the {m} gaps: N M^-1 B has the singular values "
-                f"{values.tolist()} here, in the metric of the masses"
-            )
+        return found.u
 
     def _sent(self, u: Array) -> Array:
         """Remember what is sent."""
@@ -496,23 +461,6 @@ def _forces(force: Mapping[str, Any]) -> dict[str, Any]:
         if not callable(it) and not (math.isfinite(it) and it > 0.0):
             raise ValueError(f"force[{name!r}] must be finite and > 0, got {it}")
     return read
-
-
-def _limits(limits: Any) -> Array | None:
-    if limits is None:
-        return None
-    rows = real_array("u_limits", limits)
-    if rows.ndim != 2 or rows.shape[1] != 2 or not np.all(rows[:, 0] < rows[:, 1]):
-        raise ValueError(f"u_limits must be pairs (u_min, u_max) with u_min < u_max, got {limits}")
-    return rows
-
-
-def _sizes(limits: Array | None, r: int) -> Array:
-    """Give what each control counts: its limits, where it has finite ones."""
-    if limits is None or not np.all(np.isfinite(limits)):
-        return np.ones(r)
-    largest: Array = np.abs(limits).max(axis=1)
-    return largest
 
 
 def _same_names(

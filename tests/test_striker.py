@@ -1,0 +1,107 @@
+"""Impacts that are aimed at: heights and speeds that are asked for, from parabolas of our own."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import zivi
+
+G = 9.81
+
+
+def juggled(e=0.6, ball=0.2):
+    return zivi.MechanicalSystem(
+        mass=np.diag([ball, 1.0]),
+        force=[-ball * G, -G],
+        gaps=[zivi.LinearGap([1, -1], name="racket")],
+        e=e,
+        coordinates=["ball", "paddle"],
+        inputs=[[0.0], [1.0]],
+    )
+
+
+def heights(run, since):
+    """The apexes above the height 0, of the parabolas that begin at impacts."""
+    times = run.resolved_impacts["t"]
+    states = np.array([run(t) for t in times[times > since]])
+    return states[:, 0, 0] + states[:, 1, 0] ** 2 / (2 * G)
+
+
+def juggle(believed=None, end=5.0, apex=0.5, **more):
+    settings = {name: more.pop(name) for name in ("learn", "delay_told") if name in more}
+    told = {"delay": settings.pop("delay_told", 0)} | settings
+    ctl = zivi.Striker(believed or juggled(), gap="racket", body="ball", apex=apex, **told)
+    start = ([0.4, 0.0], [0.5, 0.0])
+    return zivi.simulate_closed_loop(
+        juggled(), ctl, (0, end), start, method=zivi.RKPeriod(), **more
+    )
+
+
+def test_a_ball_is_thrown_as_high_as_is_asked():
+    found = heights(juggle(), 3.0)
+    assert len(found) >= 2
+    np.testing.assert_allclose(found, 0.5, atol=5e-6)
+
+
+def test_wrong_masses_and_restitutions_are_learnt():
+    believed = juggled(e=0.7, ball=0.25)
+    np.testing.assert_allclose(heights(juggle(believed, end=7.0), 5.0), 0.5, atol=1e-4)
+    ignored = heights(juggle(believed, end=7.0, learn=False), 5.0)
+    assert np.abs(ignored - 0.5).min() > 0.02
+
+
+def test_a_height_that_changes_in_flight_is_reached_at_the_next_throw():
+    run = juggle(apex=lambda k: 0.5 if k < 3 else 0.8)
+    times = run.resolved_impacts["t"]
+    found = heights(run, times[1])
+    np.testing.assert_allclose(found[0], 0.5, atol=1e-3)
+    np.testing.assert_allclose(found[1:], 0.8, atol=1e-3)
+
+
+def test_a_late_racket_that_knows_it_hits_as_well():
+    run = juggle(delay=5, delay_told=5)
+    np.testing.assert_allclose(heights(run, 3.0), 0.5, atol=5e-6)
+
+
+@pytest.mark.parametrize("learn", [True, False])
+def test_a_hammer_hits_a_wall_with_the_speed_that_is_asked(learn):
+    hammer = zivi.MechanicalSystem(
+        mass=2.0, force=[0.0], gaps=[zivi.LinearGap([1], name="wall")], e=0.3
+    )
+    wanted = [1.0, 0.5, 2.0, 1.5]
+    ctl = zivi.Striker(hammer, gap="wall", speed=lambda k: wanted[k % 4], interval=0.3, learn=learn)
+    run = zivi.simulate_closed_loop(hammer, ctl, (0, 1.3), ([0.1], [0.0]))
+    blows = run.resolved_impacts
+    np.testing.assert_allclose(-blows["speed_before"], wanted, atol=1e-5)
+    np.testing.assert_allclose(np.diff(blows["t"]), 0.3, atol=2e-3)
+
+
+def test_a_striker_travels_and_goes_on_alike():
+    one = zivi.Striker(juggled(), gap="racket", body="ball", apex=0.5)
+    for k in range(50):
+        one.step(k * 1e-3, [0.4, 0.0], [0.5 - k * 9.81e-3, 0.0])
+    others = [one.copy(), pickle.loads(pickle.dumps(one))]
+    u = one.step(0.05, [0.4, 0.0], [0.0, 0.1])
+    assert all(np.array_equal(it.step(0.05, [0.4, 0.0], [0.0, 0.1]), u) for it in others)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"gap": "floor"}, "gap"),
+        ({"apex": None}, "either"),
+        ({"speed": 1.0}, "either"),
+        ({"interval": 0.0}, "interval"),
+        ({"delay": -1}, "delay"),
+    ],
+)
+def test_settings_out_of_range_are_named(settings, message):
+    with pytest.raises(ValueError, match=message):
+        zivi.Striker(juggled(), **{"gap": "racket", "body": "ball", "apex": 0.5} | settings)
+
+
+def test_a_body_that_is_no_coordinate_is_named():
+    wrong = zivi.Striker(juggled(), gap="racket", body="dog", apex=0.5)
+    with pytest.raises(ValueError, match="coordinates"):
+        wrong.step(0.0, [1, 0], [0, 0])
