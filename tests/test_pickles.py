@@ -88,6 +88,8 @@ def _slope(x: Any, p: Any) -> Any:
 
 def _solution() -> Any:
     return zivi.interop.solution_function(_line, 0, None, [1.0], "p", jac=_slope)
+
+
 def resting() -> zivi.MechanicalClosedLoop:
     tracker = zivi.GapTracker(DROP, h=1e-2, gains={"gap0": (30, 17)})
     return zivi.simulate_closed_loop(DROP, tracker, (0, 0.5), ([0.1], [0.0]), reference="rest")
