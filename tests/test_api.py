@@ -53,7 +53,7 @@ RESULTS |= {"MechanicalBatch", "MechanicalSensitivity", "MechanicalTrajectory"}
 RESULTS |= {"Attractor", "Basins", "Branch", "BranchEvent", "Diagram", "Lyapunov"}
 RESULTS |= {"PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
 RESULTS |= {"GainDesign", "MechanicalBranch", "MechanicalClosedLoop", "MechanicalEvent"}
-RESULTS |= {"MechanicalOrbit", "ReferenceSample"}
+RESULTS |= {"MechanicalLoopBatch", "MechanicalOrbit", "ReferenceSample"}
 # found in the rooms of the package, and as `zivi.Name`, but not among the names to begin with
 IN_ROOMS = RESULTS | {"ImpactMap", "ImpactReturn"}
 NAMES = sorted({*zivi.__all__, *IN_ROOMS})

@@ -59,6 +59,13 @@ MAKE = {
         chain2(), (["I stop"] * 4, listed("two_dof_four_impacts", "t"))
     ),
     "MechanicalClosedLoop": lambda: resting(),
+    "MechanicalLoopBatch": lambda: zivi.simulate_closed_loop_batch(
+        DROP,
+        zivi.GapTracker(DROP, h=1e-2, gains={"gap0": (30, 17)}),
+        (0, 0.3),
+        ([[0.1], [0.2]], [[0.0], [0.0]]),
+        reference="rest",
+    ),
     "MechanicalSensitivity": lambda: zivi.sensitivity(DROP, (0, 2), ([1.0], [0.0])),
     "MechanicalTrajectory": lambda: zivi.simulate(DROP, (0, 3), ([1.0], [0.0])),
     "Observed": lambda: zivi.ImpactObserver(0.5, 1e-3, position_only=True).observe(

@@ -51,6 +51,7 @@ from zivi.control.gap_tracker import GapTracker
 from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_batch import ClosedLoopBatch as ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.control.mechanical_loop import MechanicalController, RKPeriod
+from zivi.control.mechanical_loop_batch import MechanicalLoopBatch as MechanicalLoopBatch
 from zivi.control.mechanical_loop_run import MechanicalClosedLoop as MechanicalClosedLoop
 from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample
 from zivi.control.observer import ImpactObserver, Observed as Observed

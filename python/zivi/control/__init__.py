@@ -7,6 +7,7 @@ from zivi.control.gap_tracker import GapTracker
 from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
 from zivi.control.mechanical_loop import MechanicalController, RKPeriod
+from zivi.control.mechanical_loop_batch import MechanicalLoopBatch
 from zivi.control.mechanical_loop_run import MechanicalClosedLoop
 from zivi.control.mechanical_reference import ReferenceSample
 from zivi.control.observer import ImpactObserver, Observed
@@ -25,6 +26,7 @@ __all__ = [
     "JointObserver",
     "MechanicalClosedLoop",
     "MechanicalController",
+    "MechanicalLoopBatch",
     "Observed",
     "RKPeriod",
     "ReferenceSample",

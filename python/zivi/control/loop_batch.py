@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,7 @@ from zivi.base.check import finite
 from zivi.base.compiled import listening, tell
 from zivi.base.progress import ProgressBar
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
+from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_arguments import (
     check_ahead,
     check_delay,
@@ -47,6 +48,8 @@ from zivi.control.loop_batch_arguments import (
 from zivi.control.loop_batch_result import ClosedLoopBatch
 from zivi.control.loop_reference import Reference, check_reference, describe_reference
 from zivi.control.loop_samples import QUANTITIES, keep
+from zivi.control.mechanical_loop import MechanicalController, RKPeriod
+from zivi.control.mechanical_loop_batch import MechanicalLoopBatch, simulate_mechanical_batch
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.batch_arguments import (
@@ -62,9 +65,7 @@ from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import pair
 from zivi.system.mass import Force, ImpactSystem
-
-if TYPE_CHECKING:
-    pass
+from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["ClosedLoopBatch", "simulate_closed_loop_batch"]
 
@@ -72,29 +73,78 @@ STATE = ("x", "xdot")
 """The columns of initial states."""
 
 
+@overload
 def simulate_closed_loop_batch(
     systems: ImpactSystem | Sequence[ImpactSystem],
     controllers: Controller | Sequence[Controller],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
+    y_ref0: ArrayLike | None = ...,
+    force_ref: Force | None = ...,
+    force_model: Force | None = ...,
+    reference: Reference | Sequence[Reference] | None = ...,
+    method: ThetaGamma | SwitchedRK | None = ...,
+    noise: ArrayLike = ...,
+    seed: int | Sequence[int] | None = ...,
+    quantization: Sequence[float] = ...,
+    delay: int = ...,
+    observer: ImpactObserver | Sequence[ImpactObserver] | None = ...,
+    within: float = ...,
+    save: str | int = ...,
+    slowest: float = ...,
+    t_eval: ArrayLike | None = ...,
+    threads: int | None = ...,
+    progress: bool | None = ...,
+) -> ClosedLoopBatch: ...
+@overload
+def simulate_closed_loop_batch(
+    systems: MechanicalSystem,
+    controllers: MechanicalController,
+    t_span: Sequence[float],
+    y0: ArrayLike | tuple[ArrayLike, ArrayLike],
+    *,
+    reference: Any = ...,
+    method: SwitchedRK | RKPeriod | None = ...,
+    noise: ArrayLike = ...,
+    seed: int | Sequence[int] | None = ...,
+    seeds: int | Sequence[int] | None = ...,
+    quantization: float | Sequence[float] = ...,
+    delay: int = ...,
+    observer: JointObserver | None = ...,
+    disturbance: Any = ...,
+    parameters: Mapping[str, ArrayLike] | None = ...,
+    save: str = ...,
+    slowest: float = ...,
+    threads: int | None = ...,
+    progress: bool | None = ...,
+) -> MechanicalLoopBatch: ...
+
+
+def simulate_closed_loop_batch(
+    systems: Any,
+    controllers: Any,
+    t_span: Sequence[float],
+    y0: Any,
+    *,
     y_ref0: ArrayLike | None = None,
     force_ref: Force | None = None,
     force_model: Force | None = None,
-    reference: Reference | Sequence[Reference] | None = None,
-    method: ThetaGamma | SwitchedRK | None = None,
+    reference: Any = None,
+    method: Any = None,
     noise: ArrayLike = (0.0, 0.0),
     seed: int | Sequence[int] | None = None,
-    quantization: Sequence[float] = (0.0, 0.0),
+    quantization: Any = (0.0, 0.0),
     delay: int = 0,
-    observer: ImpactObserver | Sequence[ImpactObserver] | None = None,
+    observer: Any = None,
     within: float = 1e-2,
     save: str | int = "final",
     slowest: float = SLOWEST,
     t_eval: ArrayLike | None = None,
     threads: int | None = None,
     progress: bool | None = None,
-) -> ClosedLoopBatch:
+    **mechanical: Any,
+) -> ClosedLoopBatch | MechanicalLoopBatch:
     """Simulate many independent closed loops, on all cores and without the interpreter.
 
     Loops with noise, with `t_eval`, and those of controllers of the user, run one by one on the
@@ -149,10 +199,15 @@ def simulate_closed_loop_batch(
     progress : bool, optional
         Show a progress bar on standard error once it lasts longer than a second. By default only
         on a terminal.
+    **mechanical
+        Of a `MechanicalSystem`, with `y0` of shapes ``((N, n), (N, n))`` or ``(N, 2, n)``:
+        ``parameters``, a dict of names and values of the plant's parameters, one for all loops or
+        N; ``seeds``, as `seed`; ``disturbance``. Then ``save="runs"`` keeps the loops. Their ticks
+        need the interpreter and take turns.
 
     Returns
     -------
-    ClosedLoopBatch
+    ClosedLoopBatch or MechanicalLoopBatch
         An entry for each loop.
 
     Raises
@@ -174,6 +229,19 @@ def simulate_closed_loop_batch(
     >>> float(batch.settling_time[1])  # the paper's gains
     1.211
     """
+    if isinstance(systems, MechanicalSystem):
+        kept = {"reference": reference, "method": method, "noise": noise, "save": save}
+        kept |= {"delay": delay, "observer": observer, "quantization": quantization}
+        kept |= {"slowest": slowest, "threads": threads, "progress": progress}
+        seeds = mechanical.pop("seeds", seed)
+        strange = sorted(set(mechanical) - {"parameters", "disturbance"})
+        if strange:
+            raise TypeError(f"{strange[0]} is no argument of loops of a mechanical system")
+        return simulate_mechanical_batch(
+            systems, controllers, t_span, y0, seeds=seeds, **kept, **mechanical
+        )
+    if mechanical:
+        raise TypeError(f"{min(mechanical)} is for a zivi.MechanicalSystem")
     span, slowest = pair("t_span", t_span, "(t0, t1)"), check_slowest(slowest)
     plants, ticking = several("systems", systems), several("controllers", controllers)
     for i, plant in enumerate(plants):

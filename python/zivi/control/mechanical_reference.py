@@ -97,8 +97,8 @@ def reference_of(
     reference: Any, times: Array, names: tuple[str, ...], q0: Array
 ) -> MechanicalReference | None:
     """Translate what a loop is given; None for none."""
-    if reference is None:
-        return None
+    if reference is None or isinstance(reference, MechanicalReference):
+        return reference
     if isinstance(reference, MechanicalTrajectory):
         return of_run(reference, times, names, q0)
     if isinstance(reference, str):

@@ -1,0 +1,263 @@
+"""Many closed loops of a mechanical system."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import zivi._zivi as _zivi
+from zivi.base.check import Array, real_array
+from zivi.base.progress import ProgressBar
+from zivi.base.table import Field, Table
+from zivi.control.component import TickStatus
+from zivi.control.loop_arguments import described, period_of
+from zivi.control.loop_batch_alone import noises_of, seeds_of
+from zivi.control.mechanical_loop import simulate_mechanical, times_ahead
+from zivi.control.mechanical_loop_run import MechanicalClosedLoop
+from zivi.control.mechanical_reference import reference_of
+from zivi.simulation.batch_arguments import check_threads
+from zivi.simulation.batch_result import Runs
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.run import pair
+from zivi.system.mechanism import MechanicalSystem
+
+__all__ = ["MechanicalLoopBatch", "simulate_mechanical_batch"]
+
+FIELDS: dict[str, Field] = {
+    "t": ("run", "", "time of the last sample"),
+    "q": (("run", "coordinate"), "", "coordinates there"),
+    "qdot": (("run", "coordinate"), "", "velocities there"),
+    "gaps": (("run", "gap"), "", "gaps there"),
+    "contacts": (("run", "gap"), "", "which gaps are closed there"),
+    "reactions": (("run", "gap"), "", "contact forces there"),
+    "u": (("run", "control"), "", "the last controls"),
+    "error_max": (("run", "gap"), "", "largest error of a gap"),
+    "error_rms": (("run", "gap"), "", "root mean square of the error of a gap"),
+    "u_max": (("run", "control"), "", "largest control"),
+    "u_variation": (("run", "control"), "", "total variation of the control"),
+    "rest_time": ("run", "", "time from which nothing moves, NaN if something does"),
+    "n_impacts": ("run", "1", "number of impacts"),
+    "n_refused": ("run", "1", "number of samples that were refused"),
+    "n_lost": ("run", "1", "number of samples at which a held contact was lost"),
+    "status": ("run", "1", "how the run ended, a zivi.Status"),
+}
+"""Dimensions, unit and meaning of what a batch has for each loop."""
+LABELS: dict[str, Field] = {
+    "run": ("run", "", "number of the run"),
+    "coordinate": ("coordinate", "", "name of the coordinate"),
+    "gap": ("gap", "", "name of the gap"),
+    "control": ("control", "", "name of the control"),
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class MechanicalLoopBatch(Runs):
+    """Results of a batch of closed loops of a mechanical system: an entry for each of N loops.
+
+    Attributes
+    ----------
+    t : ndarray
+        Time of the last sample, shape (N,).
+    q, qdot : ndarray
+        Coordinates and velocities there, shape (N, n).
+    gaps, contacts, reactions : ndarray
+        Gaps, which of them are closed, and contact forces there, shape (N, m).
+    u : ndarray
+        The last controls, shape (N, r).
+    error_max, error_rms : ndarray
+        Largest error and root mean square of the error of each gap, NaN without a reference.
+    u_max, u_variation : ndarray
+        Largest control and total variation of each control, shape (N, r).
+    rest_time : ndarray
+        Time from which nothing moves until the end, NaN if something does.
+    n_impacts, n_refused, n_lost : ndarray of int
+        Numbers of impacts, of samples that were refused, and of those at which a contact that the
+        controller held was lost.
+    status : ndarray of uint8
+        How each run ended, the numbers of `Status`.
+    runs : list of MechanicalClosedLoop or None
+        With ``save="runs"``: the loops themselves.
+    config : dict
+        Settings of the batch, as plain values.
+    """
+
+    t: Array
+    q: Array
+    qdot: Array
+    gaps: Array
+    contacts: NDArray[np.bool_]
+    reactions: Array
+    u: Array
+    error_max: Array
+    error_rms: Array
+    u_max: Array
+    u_variation: Array
+    rest_time: Array
+    n_impacts: NDArray[np.int64]
+    n_refused: NDArray[np.int64]
+    n_lost: NDArray[np.int64]
+    status: NDArray[np.uint8]
+    runs: list[MechanicalClosedLoop] | None
+    config: dict[str, Any]
+
+    _called = "loops"
+
+    def _table(self) -> Table:
+        values = {"run": np.arange(len(self))}
+        names = {"coordinate": "coordinates", "gap": "gaps", "control": "controls"}
+        values |= {
+            one: np.array(self.config[several], dtype=object) for one, several in names.items()
+        }
+        title = "Batch of closed loops of mechanical systems with impacts"
+        return Table(title, FIELDS, LABELS, values)
+
+
+def simulate_mechanical_batch(
+    system: MechanicalSystem,
+    controller: Any,
+    t_span: Sequence[float],
+    starts: Any,
+    *,
+    reference: Any = None,
+    noise: Any = (0.0, 0.0),
+    seeds: Any = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
+    save: str | int = "final",
+    threads: int | None = None,
+    progress: bool | None = None,
+    **asked: Any,
+) -> MechanicalLoopBatch:
+    """Simulate many closed loops of a mechanical system, as `simulate_closed_loop_batch` has it."""
+    if save not in ("final", "runs"):
+        raise ValueError(f"save must be 'final' or 'runs' for a mechanical system, got {save!r}")
+    states = starts_of(starts)
+    plants = plants_of(system, parameters or {})
+    deviations = noises_of(noise)
+    noisy = any(it != (0.0, 0.0) for it in deviations)
+    given = [] if seeds is None else np.atleast_1d(seeds).tolist()
+    lists = {"starts": states, "parameters": plants, "noise": deviations, "seeds": given}
+    n = common_length(lists)
+    numbers = seeds_of(seeds, n) if noisy or seeds is not None else []
+    span, h = pair("t_span", t_span, "(t0, t1)"), period_of(controller)
+    if isinstance(reference, MechanicalTrajectory):
+        ahead = int(getattr(controller, "delay", 0))
+        times = times_ahead(_zivi.grid_times(*span, h, 1), h, ahead, reference)
+        reference = reference_of(reference, times, system.gap_names, states[0][0])
+
+    def loop(i: int) -> MechanicalClosedLoop:
+        more = {"seed": entry(numbers, i)} if numbers else {}
+        return simulate_mechanical(
+            entry(plants, i),
+            controller,
+            span,
+            entry(states, i),
+            reference=reference,
+            noise=entry(deviations, i),
+            dense_output=save == "runs",
+            progress=False,
+            **more,
+            **asked,
+        )
+
+    def kept(i: int) -> tuple[dict[str, Any], MechanicalClosedLoop | None]:
+        run = loop(i)
+        return numbers_of(run), run if save == "runs" else None
+
+    found, runs = [], []
+    with ProgressBar(progress) as bar:
+        pool = ThreadPoolExecutor(check_threads(threads))
+        try:
+            for row, run in pool.map(kept, range(n)):
+                found.append(row)
+                runs.append(run)
+                if bar.report is not None:
+                    bar.report(len(found), n)
+        finally:
+            pool.shutdown(cancel_futures=True)
+    columns = {name: np.array([row[name] for row in found]) for name in found[0]}
+    q0 = states[0][0]
+    config = {
+        "system": repr(system),
+        "controller": described(controller),
+        "t_span": list(span),
+        "n": n,
+        "coordinates": list(system.coordinate_names(len(q0))),
+        "gaps": list(system.gap_names),
+        "controls": list(system.control_inputs(q0).names),
+        "seeds": numbers,
+        "parameters": {name: np.asarray(it).tolist() for name, it in (parameters or {}).items()},
+    }
+    whole: Any = runs if save == "runs" else None
+    return MechanicalLoopBatch(**columns, runs=whole, config=config)
+
+
+def starts_of(starts: Any) -> list[tuple[Array, Array]]:
+    """Read initial states: ``(q0, qdot0)`` of shapes (n,) or (N, n), or an array (N, 2, n)."""
+    if isinstance(starts, tuple) and len(starts) == 2:
+        q, qdot = (np.atleast_1d(real_array("starts", it)) for it in starts)
+        if q.ndim < 2 and qdot.ndim < 2:
+            return [(q, qdot)]
+        rows = np.broadcast_arrays(np.atleast_2d(q), np.atleast_2d(qdot))
+        return list(zip(np.array(rows[0]), np.array(rows[1]), strict=True))
+    array = real_array("starts", starts)
+    if array.ndim != 3 or array.shape[1] != 2:
+        raise ValueError(
+            f"starts must be (q0, qdot0) with rows for each loop, or shape (N, 2, n), "
+            f"got {array.shape}"
+        )
+    return [(row[0], row[1]) for row in array]
+
+
+def plants_of(
+    system: MechanicalSystem, parameters: Mapping[str, ArrayLike]
+) -> list[MechanicalSystem]:
+    """Give the plants with their parameters."""
+    if not isinstance(system, MechanicalSystem):
+        raise TypeError(f"systems must be one MechanicalSystem, got {type(system).__name__}")
+    if not parameters:
+        return [system]
+    if not hasattr(system, "replace"):
+        raise TypeError("parameters= needs a system with named parameters, zivi.symbolic.system")
+    columns = {
+        name: np.atleast_1d(real_array(f"parameters[{name!r}]", it))
+        for name, it in parameters.items()
+    }
+    n = common_length({f"parameters[{name!r}]": list(it) for name, it in columns.items()})
+    rows = [{name: float(entry(list(it), i)) for name, it in columns.items()} for i in range(n)]
+    return [system.replace(**row) for row in rows]
+
+
+def common_length(lists: Mapping[str, Sequence[Any]]) -> int:
+    """Give the length that all lists have that differ from loop to loop."""
+    lengths = {name: len(it) for name, it in lists.items() if len(it) > 1}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"all that differs from loop to loop must be as many, got {lengths}")
+    return max([1, *lengths.values()])
+
+
+def entry(given: Sequence[Any], i: int) -> Any:
+    """Give what belongs to loop `i`."""
+    return given[i] if len(given) > 1 else given[0]
+
+
+def numbers_of(run: MechanicalClosedLoop) -> dict[str, Any]:
+    """Give what a batch keeps of a loop."""
+    held = run.u[:-1]
+    error = np.abs(run.error_gaps)
+    last = ("t", "q", "qdot", "gaps", "contacts", "reactions", "u")
+    return {name: getattr(run, name)[-1] for name in last} | {
+        "error_max": error.max(axis=0),
+        "error_rms": np.sqrt(np.mean(error**2, axis=0)),
+        "u_max": np.abs(held).max(axis=0),
+        "u_variation": np.abs(np.diff(held, axis=0)).sum(axis=0),
+        "rest_time": np.nan if run.rest_time is None else run.rest_time,
+        "n_impacts": len(np.unique(run.impacts["group"])),
+        "n_refused": run.n_refused,
+        "n_lost": int(np.count_nonzero(run.tick_status & int(TickStatus.LATCH_LOST))),
+        "status": np.uint8(int(run.status)),
+    }
