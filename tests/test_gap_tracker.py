@@ -194,3 +194,18 @@ def test_gaps_that_kick_each_other_need_a_motion_of_the_system():
         )
     run = zivi.simulate_closed_loop(system, ctl, (0, 1.5), ([0.3, 0.2], [0, 0]), reference="rest")
     assert run.contacts[-1].all()
+
+
+@pytest.mark.parametrize("cosine", [-0.6, 0.5])
+def test_coupled_gaps_land_and_are_pressed_with_forces_of_their_own(cosine):
+    sine = np.sqrt(1.0 - cosine**2)
+    gaps = [zivi.LinearGap([1, 0], name="left"), zivi.LinearGap([cosine, sine], name="right")]
+    system = zivi.MechanicalSystem(mass=np.eye(2), force=[0, 0], gaps=gaps, e=[0.6, 0.5])
+    both = {"left": (40, 22), "right": (40, 22)}
+    ctl = zivi.GapTracker(system, h=1e-3, gains=both, force={"left": 10.0, "right": 5.0})
+    start = np.linalg.solve([[1, 0], [cosine, sine]], [0.15, 0.1])
+    run = zivi.simulate_closed_loop(
+        system, ctl, (0, 1.0), (start, [0, 0]), reference="rest", method=zivi.RKPeriod()
+    )
+    assert run.contacts[-1].all()
+    np.testing.assert_allclose(run.reactions[-100:], [[10.0, 5.0]] * 100, atol=1e-9)

@@ -379,7 +379,10 @@ class GapTracker:
             a[i] = tracker.step_to(x, v, 0.0, ends[0], ends[1], pull)
         if held.any():
             usual = self._usual_forces(D)
-            forces = self._forces(t, usual)
+            # while others land, all are pressed alike: forces that change with the contacts would
+            # feed the kicks that coupled gaps give each other
+            landing = bool(np.any(resting & ~held))
+            forces = usual if landing else self._forces(t, usual)
             # a gap that lands is pushed by the other contacts as by a constant force, or impacts
             # on coupled gaps would not end; one that follows has its reference's own pushes
             known = np.where(resting, D @ (forces - usual), D @ forces)
