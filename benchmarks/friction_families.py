@@ -101,7 +101,15 @@ def write() -> None:
                 continue
             kept = {
                 key: truth[key]
-                for key in ("status", "events", "end", "modes", "friction", "normal")
+                for key in (
+                    "status",
+                    "events",
+                    "end",
+                    "modes",
+                    "friction",
+                    "normal",
+                    "undetermined",
+                )
             }
             stored.append(json.dumps([line, kept], separators=(",", ":")))
     DATA.write_text("[\n" + ",\n".join(stored) + "\n]\n")

@@ -408,7 +408,7 @@ struct Run {
     std::vector<Told> told;
     std::vector<Hit> hits;
     int steps = 0, loops = 0;
-    bool not_unique = false, paradox = false;
+    bool not_unique = false, paradox = false, undetermined = false;
 
     Run(const Model &model, R T) : m(model), o(model), end(T), h(T / 8) {}
 
@@ -548,7 +548,7 @@ struct Run {
         struct Found {
             std::vector<int> pattern;
             R dv[N_MAX], PN[M_MAX], PT[P_MAX];
-            int rank;
+            int rank, nulls;
         };
         std::vector<Found> found;
         std::vector<int> pattern(C.size(), 0);  // 0 stick (or closed), 1, -1 slip, OPEN
@@ -587,7 +587,7 @@ struct Run {
             int nulls = solve(rows, K, right, x, null, &sign);
             if (nulls < 0 || nulls > 1) continue;
             Found it;
-            it.pattern = pattern, it.rank = 0;
+            it.pattern = pattern, it.rank = 0, it.nulls = nulls;
             for (int j = 0; j < o.n; j++) {
                 it.dv[j] = 0;
                 for (int i = 0; i < rows; i++) it.dv[j] += columns[i][j] * x[i];
@@ -644,6 +644,7 @@ struct Run {
             R jump = m.along(z.B[c], best->dv), size = 0;
             for (int j = 0; j < o.n; j++) size = max(size, fabs(z.B[c][j] * best->dv[j]));
             W[c] = fabs(jump) <= 30 * EPS * size ? s.W[c] : s.W[c] + jump;
+            if (fabs(W[c]) < 1e3 * EPS * (size + fabs(s.W[c]))) W[c] = 0;
         }
         for (size_t i = 0; i < C.size(); i++) {
             int k = C[i], c = channel[k];
@@ -665,6 +666,7 @@ struct Run {
             if (o.gap_of[c] >= 0)
                 for (int k : C)
                     if (o.gap_of[c] == k) s.lost -= best->PT[c] * (s.W[c] + W[c]) / 2;
+        undetermined |= best->nulls > 0;
         R arrived = 0;
         for (int k : hit) arrived = max(arrived, -s.Yd[k]);
         for (int j = 0; j < o.n; j++) s.v[j] += best->dv[j];
@@ -687,7 +689,7 @@ struct Run {
         if (zeno)
             for (int c = 0; c < o.p; c++)
                 // where each impact reverses the slip, so does the last
-                if (fabs(s.W[c]) < 100 * slowest || stuck[c]) s.W[c] = 0;
+                if (fabs(s.W[c]) < 1e4 * slowest || stuck[c]) s.W[c] = 0;
         settle(false, opened);
     }
 
@@ -807,7 +809,7 @@ struct Run {
         for (int c : stopped) s.W[c] = 0;
         // two feet of one body stop together
         for (int c = 0; !stopped.empty() && c < o.p; c++)
-            if (mode.sigma[c] != OPEN && mode.sigma[c] != 0 && fabs(s.W[c]) < 300 * EPS * (1 + fabs(before.W[c]))) s.W[c] = 0;
+            if (mode.sigma[c] != OPEN && mode.sigma[c] != 0 && fabs(s.W[c]) < 1e6 * EPS) s.W[c] = 0;
         if (s.t - before.t > 1e-15) loops = 0;
         if (!hit.empty()) {
             if (!stopped.empty() || limits) settle(false, nullptr, broken);
@@ -831,7 +833,8 @@ static void print(const Run &r, const char *status) {
     for (int c = 0; c < r.o.p; c++) std::cout << comma << r.mode.sigma[c], comma = ", ";
     std::cout << "], \"friction\": " << quoted(r.s.lost) << ", \"normal\": " << quoted(r.normal_lost)
               << ", \"drift\": " << quoted(r.drift) << ", \"touch\": " << quoted(r.touch) << ", \"tie\": " << quoted(r.tie)
-              << ", \"steps\": " << r.steps << ", \"not_unique\": " << (r.not_unique ? "true" : "false") << "}" << std::endl;
+              << ", \"steps\": " << r.steps << ", \"not_unique\": " << (r.not_unique ? "true" : "false")
+              << ", \"undetermined\": " << (r.undetermined ? "true" : "false") << "}" << std::endl;
 }
 
 int main() {

@@ -22,13 +22,13 @@ const GAUSS: [(f64, f64); 5] = [
 impl<D> Flying<'_, '_, D> {
     /// How far the polynomials of the last step move along the directions in which it sticks, by
     /// channel: `int B q' + beta dt`, which should be nothing. Empty where these do not turn or move, and
-    /// so where the accelerations keep the step there.
+    /// so where the accelerations keep the step there, and for a step without a length.
     pub(super) fn drift<E>(&mut self) -> Result<Vec<f64>, Failure<E>>
     where
         D: Dynamics<E>,
     {
         let stick = self.state.mode().stick;
-        if stick.is_empty() || !self.motion.turns {
+        if stick.is_empty() || !self.motion.turns || self.motion.last().h == 0.0 {
             return Ok(Vec::new());
         }
         self.complete()?;
