@@ -1,4 +1,4 @@
-"""Dry friction beside Siconos and MuJoCo: error over work (`docs/benchmarks_friction.md`).
+"""Dry friction beside Siconos and MuJoCo: error over work (`benchmarks/results/friction.md`).
 
 Usage: python benchmarks/friction.py. Siconos and MuJoCo are run by interpreters that have them; one
 that is missing is left out, and the page says so.
@@ -22,7 +22,7 @@ import zivi
 from friction_numbers import PROBLEMS, STEPS
 from report import cpu, table
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks_friction.md"
+PAGE = Path(__file__).resolve().parent / "results" / "friction.md"
 TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12)
 MUJOCO = (("2e-3", "1"), ("5e-4", "1"), ("1e-4", "1"), ("1e-4", "100"))
 TIMEOUT = 300.0
