@@ -54,6 +54,7 @@ RESULTS |= {"Attractor", "Basins", "Branch", "BranchEvent", "Diagram", "Lyapunov
 RESULTS |= {"PeriodicOrbit", "Sensitivity", "VIProgress", "VIResult"}
 RESULTS |= {"GainDesign", "MechanicalBranch", "MechanicalClosedLoop", "MechanicalEvent"}
 RESULTS |= {"MechanicalLoopBatch", "MechanicalOrbit", "ReferenceSample"}
+RESULTS |= {"CodimensionTwo", "EventCurve"}
 # found in the rooms of the package, and as `zivi.Name`, but not among the names to begin with
 IN_ROOMS = RESULTS | {"ImpactMap", "ImpactReturn"}
 NAMES = sorted({*zivi.__all__, *IN_ROOMS})

@@ -9,6 +9,8 @@ from zivi.orbits.follow import continue_orbit
 from zivi.orbits.lyapunov import Lyapunov, lyapunov_exponents
 from zivi.orbits.mechanical.branch import MechanicalBranch, MechanicalEvent
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
+from zivi.orbits.mechanical.response import grazing_curve, response_amplitude
+from zivi.orbits.mechanical.two_parameters import CodimensionTwo, EventCurve, continue_curve
 from zivi.orbits.orbit import PeriodicOrbit
 
 __all__ = [
@@ -16,7 +18,9 @@ __all__ = [
     "Basins",
     "Branch",
     "BranchEvent",
+    "CodimensionTwo",
     "Diagram",
+    "EventCurve",
     "Lyapunov",
     "MechanicalBranch",
     "MechanicalEvent",
@@ -24,7 +28,10 @@ __all__ = [
     "PeriodicOrbit",
     "basins",
     "bifurcation_diagram",
+    "continue_curve",
     "continue_orbit",
+    "grazing_curve",
     "lyapunov_exponents",
     "periodic_orbit",
+    "response_amplitude",
 ]

@@ -8,12 +8,14 @@ curves            over time, and velocity over position
 mechanics         gaps, reactions and coordinates of mechanical systems
 section           points of a Poincare section
 orbits            branches of periodic orbits, bifurcation diagrams, basins
+charts            curves of events in two parameters
 runs              which runs a plot can draw
 panels            several of them in one figure
 animation         the motion as a film
 """
 
 from zivi.plot.animation import animate
+from zivi.plot.charts import chart, curve
 from zivi.plot.curves import (
     control,
     lifted,
@@ -37,9 +39,11 @@ __all__ = [
     "animate",
     "basins",
     "branch",
+    "chart",
     "configuration",
     "control",
     "coordinates",
+    "curve",
     "diagram",
     "gaps",
     "lifted",

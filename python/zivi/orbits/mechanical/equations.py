@@ -252,7 +252,10 @@ def sizes_of(terms: Terms) -> tuple[Array, Array]:
     frame, n = terms.frame, terms.frame.flow.n
     length = abs(terms.length)
     states = np.vstack([terms.x[:, 1:-1], terms.flights.z])
-    speed = float(np.max(np.abs(states[:, n:]))) or 1.0
+    # where a grazing is the only event all speeds there may vanish
+    rates = np.vstack([terms.flights.first, terms.flights.last])[:, n:]
+    pushed = 0.1 * length / (2.0 * math.pi) * float(np.max(np.abs(rates)))
+    speed = max(float(np.max(np.abs(states[:, n:]))), pushed) or 1.0
     distance = max(float(np.max(np.abs(states[:, :n]))), 1e-3 * speed * length) or 1.0
     own = np.concatenate([[length], np.full(n, distance), np.full(n, speed)])
     events = []

@@ -1,0 +1,279 @@
+"""Curves of events in two parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.derivatives.result import OrbitStatus
+from zivi.orbits.flights import FlightError
+from zivi.orbits.mechanical.by_parameter import moved_frame
+from zivi.orbits.mechanical.critical import Critical, Grazing, Singular, Turning
+from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
+from zivi.orbits.mechanical.family import value_of
+
+__all__ = ["CurvePoint", "Line", "Named"]
+
+CORRECTIONS = 10
+TOLERANCE = 1e-12
+KAPPAS = {"resonance_1_1": 1.0, "resonance_1_2": -1.0, "resonance_1_3": -0.5, "resonance_1_4": 0.0}
+STEP = 1e-5
+
+
+@dataclasses.dataclass(frozen=True)
+class CurvePoint:
+    """A point of a curve: scaled unknowns ``(y, p1, p2)``, for a turning pair with kappa."""
+
+    z: Array
+    terms: Terms
+    tangent: Array
+    values: Array
+    kappa: float
+    tests: dict[str, float]
+    corrections: int
+    residual: float
+
+
+class Named(NamedTuple):
+    """A point of codimension two."""
+
+    kind: str
+    point: CurvePoint
+
+
+class Line:
+    """The solutions of a word's equations at which something critical vanishes."""
+
+    def __init__(
+        self, kind: str, frame: Frame, y: Array, names: tuple[str, str], widths: Array, kappa: float
+    ) -> None:
+        self.kind, self.frame, self.names = kind, frame, names
+        terms = evaluate(frame, y)
+        unknowns, self.sizes = sizes_of(terms)
+        self.critical = critical_of(kind, terms, kappa)
+        extra = [1.0] if self.critical.with_kappa else []
+        self.scale = np.concatenate([unknowns, widths, extra])
+        self.borders = 1.0
+
+    def start(self, y: Array, kappa: float) -> CurvePoint | None:
+        """Give the point at an event."""
+        values = [value_of(self.frame.system, name) for name in self.names]
+        extra = [kappa] if self.critical.with_kappa else []
+        z = np.concatenate([y, values, extra]) / self.scale
+        return self.correct(z, None)
+
+    def split(self, z: Array) -> tuple[Array, Array, float]:
+        """Give unknowns, parameters and kappa."""
+        full, n = z * self.scale, len(self.sizes)
+        return full[:n], full[n : n + 2], float(full[n + 2]) if self.critical.with_kappa else 0.0
+
+    def system(self, z: Array) -> tuple[Terms, Array, Array]:
+        """Give the terms, all that must vanish, and its derivative, scaled."""
+        y, values, kappa = self.split(z)
+        given = dict(zip(self.names, values.tolist(), strict=True))
+        frame = moved_frame(self.frame, given)
+        terms = evaluate(frame, y)
+        found = self.critical.at(terms, kappa)
+        n, count = len(y), self.critical.count
+        whole = np.zeros((n + count, len(z)))
+        whole[:n, :n], whole[n:, :n] = terms.matrix(), found.by_y
+        factor = self.critical.factor if isinstance(self.critical, Singular) else -1.0
+        for k, name in enumerate(self.names):
+            h = STEP * max(abs(values[k]), 1e-2)
+            sides = [
+                evaluate(moved_frame(frame, given | {name: values[k] + s * h}), y) for s in (1, -1)
+            ]
+            whole[:n, n + k] = (sides[0].residual - sides[1].residual) / (2.0 * h)
+            if isinstance(self.critical, Grazing):
+                rates = [it.rates[self.critical.segment] for it in sides]
+                whole[n, n + k] = (rates[0] - rates[1]) / (2.0 * h)
+            else:
+                change = (sides[0].matrix(factor) - sides[1].matrix(factor)) / (2.0 * h)
+                whole[n:, n + k] = self.critical.by_matrix(found, change)
+        if found.by_kappa is not None:
+            whole[n:, n + 2] = found.by_kappa
+        weights = np.concatenate([self.sizes, np.full(count, self._weight(whole[n:]))])
+        residual = np.concatenate([terms.residual, found.value]) / weights
+        return terms, residual, whole * self.scale / weights[:, None]
+
+    def _weight(self, rows: Array) -> float:
+        """Give the size of what vanishes: how it changes with the unknowns."""
+        return float(np.max(np.abs(rows * self.scale))) or 1.0
+
+    def correct(self, guess: Array, normal: Array | None) -> CurvePoint | None:
+        """Solve in the hyperplane through a guess; None if that fails."""
+        z, before = guess.copy(), np.inf
+        for step in range(CORRECTIONS):
+            try:
+                terms, residual, matrix = self.system(z)
+            except (FlightError, ValueError, np.linalg.LinAlgError):
+                return None
+            if not np.all(np.isfinite(matrix)):
+                return None
+            error = float(np.max(np.abs(residual)))
+            if error <= TOLERANCE or (error >= 0.5 * before and error <= 1e-10):
+                return self._point(z, terms, matrix, step, error)
+            before = error
+            if normal is None:
+                move = np.linalg.lstsq(matrix, residual)[0]
+            else:
+                full = np.vstack([matrix, normal])
+                move = np.linalg.lstsq(full, np.append(residual, normal @ (z - guess)))[0]
+            z = z - move
+            if not np.all(np.isfinite(z)) or np.max(np.abs(z - guess)) > 1.0:
+                return None
+        return None
+
+    def _point(self, z: Array, terms: Terms, matrix: Array, step: int, error: float) -> CurvePoint:
+        tangent = np.asarray(np.linalg.svd(matrix)[2][-1], np.float64)
+        _, values, kappa = self.split(z)
+        tests = self._tests(terms, matrix, kappa)
+        return CurvePoint(z, terms, tangent, values, kappa, tests, step, error)
+
+    def _tests(self, terms: Terms, matrix: Array, kappa: float) -> dict[str, float]:
+        """Give the numbers whose signs change at points of codimension two."""
+        own = self.critical.segment if isinstance(self.critical, Grazing) else -1
+        found = {
+            f"grazing {s}": float(terms.rates[s])
+            for s, it in enumerate(terms.frame.word)
+            if it.kind in "ISZ" and s != own
+        }
+        sign, size = np.linalg.slogdet(terms.matrix(-1.0))
+        doubling = float(sign * np.exp(min(size, 300.0)))
+        sign, size = np.linalg.slogdet(terms.matrix(1.0))
+        fold = float(sign * np.exp(min(size, 300.0)))
+        if self.kind == "fold":
+            n = len(self.sizes)
+            v = np.linalg.svd(terms.matrix())[2][-1]
+            found["cusp"] = float(matrix[n, :n] @ (v / self.scale[:n]))
+            found["fold_flip"] = doubling
+        elif isinstance(self.critical, Singular):
+            found["fold_flip"] = fold
+        elif isinstance(self.critical, Turning):
+            found |= {name: kappa - value for name, value in KAPPAS.items()}
+        else:
+            found |= {"resonant_grazing": fold, "period_doubling": doubling}
+        return found
+
+    def renew(self, point: CurvePoint) -> None:
+        """Take the borders of a point."""
+        self.critical = self.critical.renewed(point.terms, point.kappa)
+
+    def named(self, one: CurvePoint, other: CurvePoint) -> list[Named]:
+        """Find the points of codimension two between two points."""
+        found = []
+        for name, value in one.tests.items():
+            # the null vector of a cusp has no sign of its own
+            if name == "cusp":
+                continue
+            if value * other.tests.get(name, value) < 0.0:
+                point = self._located(one, other, name)
+                if point is not None:
+                    found.append(Named(name.split()[0], point))
+        chord = other.z - one.z
+        return sorted(found, key=lambda it: float((it.point.z - one.z) @ chord))
+
+    def _located(self, one: CurvePoint, other: CurvePoint, name: str) -> CurvePoint | None:
+        chord = other.z - one.z
+        length = float(np.linalg.norm(chord))
+        low, high = (0.0, one.tests[name]), (1.0, other.tests[name])
+        last, before, best = high, low, None
+        for _ in range(40):
+            rise = last[1] - before[1]
+            part = last[0] - last[1] * (last[0] - before[0]) / rise if rise else low[0]
+            if not low[0] < part < high[0]:
+                part = 0.5 * (low[0] + high[0])
+            best = self.correct(one.z + part * chord, chord / length)
+            if best is None:
+                return None
+            before, last = last, (part, best.tests[name])
+            if (last[1] > 0.0) == (low[1] > 0.0):
+                low = last
+            else:
+                high = last
+            if last[1] == 0.0 or min(abs(last[0] - before[0]), high[0] - low[0]) * length < 1e-12:
+                break
+        return best
+
+
+def critical_of(kind: str, terms: Terms, kappa: float) -> Critical:
+    """Give what vanishes along the curve of an event."""
+    if kind == "fold":
+        return Singular.of(terms, 1.0)
+    if kind in ("period_doubling", "pitchfork"):
+        return Singular.of(terms, -1.0)
+    if kind == "neimark_sacker":
+        return Turning.of(terms, kappa)
+    hits = [s for s, it in enumerate(terms.frame.word) if it.kind in "ISZ"]
+    return Grazing(min(hits, key=lambda s: abs(float(terms.rates[s]))))
+
+
+def run(
+    line: Line, start: CurvePoint, spans: Array, step: float, most: int, sign: float
+) -> tuple[list[CurvePoint], list[Named], OrbitStatus]:
+    """Follow a curve in one direction."""
+    last = dataclasses.replace(start, tangent=sign * start.tangent)
+    points, longest = [last], 5.0 * step
+    named: list[Named] = []
+    while len(points) < most:
+        line.renew(last)
+        new = None
+        while step > 1e-7:
+            new = line.correct(last.z + step * last.tangent, last.tangent)
+            if new is not None and new.tangent @ last.tangent < 0.0:
+                new = dataclasses.replace(new, tangent=-new.tangent)
+            if new is None or new.tangent @ last.tangent < 0.9:
+                step, new = 0.5 * step, None
+                continue
+            step = min(1.4 * step, longest) if new.corrections <= 4 else step
+            break
+        if new is None:
+            return points, named, OrbitStatus.NOT_CONVERGED
+        outside = np.any((new.values < spans[:, 0]) | (new.values > spans[:, 1]))
+        if outside:
+            new = _at_edge(line, last, new, spans)
+        if new is not None:
+            named += line.named(last, new)
+            points.append(new)
+        if outside or new is None:
+            return points, named, OrbitStatus.RANGE_END
+        if _closes(points, start):
+            return points, named, OrbitStatus.CLOSED
+        last = new
+    return points, named, OrbitStatus.MAX_POINTS
+
+
+def _at_edge(line: Line, last: CurvePoint, new: CurvePoint, spans: Array) -> CurvePoint | None:
+    """Give the point where the curve leaves the range."""
+    parts = []
+    for k in (0, 1):
+        for end in spans[k]:
+            moved = new.values[k] - last.values[k]
+            part = (end - last.values[k]) / moved if moved else -1.0
+            beyond = (new.values[k] - end) * (last.values[k] - end) < 0.0
+            if beyond and 0.0 <= part <= 1.0:
+                parts.append((float(part), k, float(end)))
+    if not parts:
+        return None
+    part, k, end = min(parts)
+    guess = last.z + part * (new.z - last.z)
+    place = len(line.sizes) + k
+    normal = np.zeros(len(guess))
+    normal[place], guess[place] = 1.0, end / line.scale[place]
+    point = line.correct(guess, normal)
+    if point is not None and point.tangent @ last.tangent < 0.0:
+        point = dataclasses.replace(point, tangent=-point.tangent)
+    return point
+
+
+def _closes(points: list[CurvePoint], start: CurvePoint) -> bool:
+    if len(points) < 8:
+        return False
+    last, new = points[-2], points[-1]
+    chord = new.z - last.z
+    part = float((start.z - last.z) @ chord / (chord @ chord))
+    off = last.z + part * chord - start.z
+    return 0.0 <= part <= 1.0 and bool(np.linalg.norm(off) < 0.1 * np.linalg.norm(chord))

@@ -1,0 +1,340 @@
+"""`zivi.continue_curve`: where an event happens, in two parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from zivi.base.check import Array, finite, whole
+from zivi.base.table import Field, Table, Tabulated
+from zivi.derivatives.result import OrbitStatus
+from zivi.orbits.branch import BranchEvent
+from zivi.orbits.mechanical.branch import MechanicalEvent
+from zivi.orbits.mechanical.crossing import crossed
+from zivi.orbits.mechanical.curve import CurvePoint, Line, Named, run
+from zivi.orbits.mechanical.equations import Frame, evaluate
+from zivi.orbits.mechanical.family import value_of
+from zivi.orbits.mechanical.find import orbit_of
+from zivi.orbits.mechanical.margins import Margins
+from zivi.orbits.mechanical.one_mass import as_mechanical
+from zivi.orbits.mechanical.orbit import MechanicalOrbit
+from zivi.orbits.mechanical.rest_curve import rest_curve
+from zivi.simulation.run import pair
+from zivi.system.parameters import parameter
+
+__all__ = ["CodimensionTwo", "EventCurve", "continue_curve"]
+
+KINDS = (
+    "fold",
+    "period_doubling",
+    "pitchfork",
+    "neimark_sacker",
+    "grazing",
+    "interior_impact",
+    "end_of_rest",
+)
+FIELDS: dict[str, Field] = {
+    "first": ("point", "", "first parameter"),
+    "second": ("point", "", "second parameter"),
+    "kappa": ("point", "", "cosine of the angle of the pair that turns"),
+    "residual": ("point", "", "largest residual"),
+}
+MESSAGES = {
+    OrbitStatus.RANGE_END: "The curve was followed to the ends of the ranges.",
+    OrbitStatus.CLOSED: "The curve is closed.",
+    OrbitStatus.MAX_POINTS: "The curve has max_points points.",
+    OrbitStatus.NOT_CONVERGED: "No step was short enough for Newton's iteration to converge.",
+}
+
+
+class CodimensionTwo(NamedTuple):
+    """A point at which two things happen at once.
+
+    Attributes
+    ----------
+    kind : str
+        On a fold or a doubling ``grazing`` and ``fold_flip``; of a turning pair ``resonance_1_1``
+        to ``resonance_1_4`` and ``grazing``; of a grazing ``resonant_grazing`` (a curve of folds
+        touches there), ``period_doubling`` and ``grazing`` (of another impact).
+    values : ndarray
+        Both parameters.
+    orbit : MechanicalOrbit
+        The orbit there.
+    """
+
+    kind: str
+    values: Array
+    orbit: MechanicalOrbit
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class EventCurve(Tabulated):
+    """Where an event happens, in two parameters.
+
+    Attributes
+    ----------
+    kind : str
+        The event.
+    names : (str, str)
+        The parameters.
+    values : ndarray
+        Their values along the curve, shape (k, 2).
+    kappa : ndarray
+        Of turning pairs the cosine of their angle, else NaN, shape (k,).
+    residual : ndarray
+        The largest residual of each point, relative to the size of the motion, shape (k,).
+    points : list of CodimensionTwo
+        Points of codimension two, in order.
+    status : OrbitStatus
+        ``RANGE_END``, ``CLOSED``, ``MAX_POINTS`` or ``NOT_CONVERGED``, of both ends.
+    message : str
+        What happened.
+    """
+
+    kind: str
+    names: tuple[str, str]
+    values: Array
+    kappa: Array
+    residual: Array
+    points: list[CodimensionTwo]
+    status: OrbitStatus
+    message: str
+    _found: list[CurvePoint]
+    _multiple: int
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def orbits(self, i: int) -> MechanicalOrbit:
+        """Give the orbit at a point of the curve.
+
+        Parameters
+        ----------
+        i : int
+            Which. An end of rest keeps none.
+
+        Returns
+        -------
+        MechanicalOrbit
+            ``admissible`` tells whether it is a motion.
+        """
+        return orbit_at(self._found[i], self._multiple)
+
+    @property
+    def admissible(self) -> np.ndarray:
+        """Whether the orbit is a motion at each point."""
+        return np.array([Margins(it.terms).why_not(1e-9) is None for it in self._found], dtype=bool)
+
+    def of_kind(self, kind: str) -> list[CodimensionTwo]:
+        """Give the points of codimension two of one kind.
+
+        Parameters
+        ----------
+        kind : str
+            As in `CodimensionTwo`.
+
+        Returns
+        -------
+        list of CodimensionTwo
+            In the order of the curve.
+        """
+        return [point for point in self.points if point.kind == kind]
+
+    def switch(self, point: CodimensionTwo) -> MechanicalOrbit:
+        """Give the orbit at a point of codimension two, from where other branches begin.
+
+        Parameters
+        ----------
+        point : CodimensionTwo
+            One of `points`.
+
+        Returns
+        -------
+        MechanicalOrbit
+            The orbit there.
+        """
+        return point.orbit
+
+    def _table(self) -> Table:
+        values = {"first": self.values[:, 0], "second": self.values[:, 1]}
+        attrs = {
+            "kind": self.kind,
+            "names": list(self.names),
+            "status": self.status.name,
+            "points": [point.kind for point in self.points],
+        }
+        return Table("Curve of an event in two parameters", FIELDS, {}, values, attrs)
+
+    def __repr__(self) -> str:
+        listed = ", ".join(
+            f"{it.kind} at ({it.values[0]:.9g}, {it.values[1]:.9g})" for it in self.points
+        )
+        return (
+            f"<EventCurve of {self.kind} over {self.names[0]} and {self.names[1]}, "
+            f"{len(self)} points: {listed or 'nothing else'}>"
+        )
+
+
+def continue_curve(
+    event: MechanicalEvent | BranchEvent,
+    names: Sequence[str],
+    spans: Sequence[Sequence[float]],
+    *,
+    step: float = 0.02,
+    max_points: int = 400,
+) -> EventCurve:
+    """Follow an event of a branch in two parameters, in both directions.
+
+    Parameters
+    ----------
+    event : MechanicalEvent or BranchEvent
+        A ``fold``, ``period_doubling``, ``pitchfork``, ``neimark_sacker``, ``grazing`` or
+        ``interior_impact`` of a branch; of one mass that of a `LinearForce`, and the
+        ``end_of_rest``, of any force: the first parameter is then that of its branch.
+    names : (str, str)
+        The parameters, as in `continue_orbit`.
+    spans : ((float, float), (float, float))
+        Their ranges.
+    step : float
+        The first step along the curve, relative to the ranges and the motion. Steps adapt.
+    max_points : int
+        Most points.
+
+    Returns
+    -------
+    EventCurve
+        What was found, with its status.
+
+    Raises
+    ------
+    ValueError
+        For another kind of event, a parameter that there is not, a range that is none.
+
+    Examples
+    --------
+    >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
+    >>> orbit = zivi.periodic_orbit(zivi.ImpactSystem(table, e=0.5), [(0.6, 2.1)])
+    >>> branch = zivi.continue_orbit(orbit, "amplitude", (1.0, 1.6))
+    >>> fold = branch.of_kind("fold")[0]
+    >>> curve = zivi.continue_curve(fold, ("amplitude", "e"), ((0.1, 2.0), (0.3, 0.9)))
+    >>> amplitude, e = curve.values.T
+    >>> bool(np.max(np.abs(amplitude - np.pi * (1 - e) / (1 + e))) < 1e-11)
+    True
+    """
+    if not isinstance(event, MechanicalEvent | BranchEvent):
+        raise TypeError(f"event must be one of a branch, got {event!r}")
+    if event.kind not in KINDS:
+        raise ValueError(f"event must be one of {', '.join(KINDS)}, got {event.kind!r}")
+    rests = event.kind == "end_of_rest"
+    if rests and not isinstance(event, BranchEvent):
+        raise ValueError("event: the end of rest is followed for one mass, an ImpactSystem, only")
+    both = tuple(str(name) for name in names)
+    if len(both) != 2 or both[0] == both[1]:
+        raise ValueError(f"names must be two different parameters, got {both!r}")
+    if len(spans) != 2:
+        raise ValueError("spans must be two ranges, ((low, high), (low, high))")
+    ranges = np.array(
+        [[finite("spans", end) for end in pair("spans", it, "(low, high)")] for it in spans]
+    )
+    orbit: Any = event.orbit
+    if isinstance(event, BranchEvent) and not rests:
+        orbit = as_mechanical(event.orbit)
+    for name, (low, high) in zip(both, ranges, strict=True):
+        value = parameter(orbit.system, name) if rests else value_of(orbit.system, name)
+        if not low <= value <= high or low == high:
+            raise ValueError(
+                f"spans must contain {name} = {value} of the event, got ({low}, {high})"
+            )
+    if not 0.0 < finite("step", step) < 1.0:
+        raise ValueError(f"step must be in (0, 1), got {step}")
+    if whole("max_points", max_points) < 2:
+        raise ValueError(f"max_points must be >= 2, got {max_points}")
+    if isinstance(event, BranchEvent) and rests:
+        values, status = rest_curve(event, (both[0], both[1]), ranges, step, max_points)
+        return _of_rest((both[0], both[1]), values, status)
+    frame, y = _critical_word(event, orbit)
+    kappa = getattr(event, "kappa", None)
+    found = _followed(event.kind, frame, y, (both[0], both[1]), ranges, step, max_points, kappa)
+    return _curve(event.kind, (both[0], both[1]), found, orbit.multiple)
+
+
+def _followed(
+    kind: str,
+    frame: Frame,
+    y: Array,
+    names: tuple[str, str],
+    ranges: Array,
+    step: float,
+    most: int,
+    kappa: float | None,
+) -> tuple[list[CurvePoint], list[Named], OrbitStatus]:
+    line = Line(kind, frame, y, names, np.ptp(ranges, axis=1), kappa or 0.0)
+    start = line.start(y, kappa or 0.0)
+    if start is None:
+        raise ValueError("event: its equations could not be solved")
+    ahead = run(line, start, ranges, step, most // 2 + 1, 1.0)
+    if ahead[2] is OrbitStatus.CLOSED:
+        return ahead
+    line.renew(start)
+    back = run(line, start, ranges, step, most - len(ahead[0]) + 1, -1.0)
+    order = list(MESSAGES)
+    status = max(ahead[2], back[2], key=order.index)
+    return back[0][:0:-1] + ahead[0], back[1][::-1] + ahead[1], status
+
+
+def _curve(
+    kind: str,
+    names: tuple[str, str],
+    found: tuple[list[CurvePoint], list[Named], OrbitStatus],
+    multiple: int,
+) -> EventCurve:
+    points, named, status = found
+    turning = kind == "neimark_sacker"
+    return EventCurve(
+        kind=kind,
+        names=names,
+        values=np.array([it.values for it in points]),
+        kappa=np.array([it.kappa if turning else np.nan for it in points]),
+        residual=np.array([it.residual for it in points]),
+        points=[
+            CodimensionTwo(it.kind, it.point.values, orbit_at(it.point, multiple)) for it in named
+        ],
+        status=status,
+        message=MESSAGES[status],
+        _found=points,
+        _multiple=multiple,
+    )
+
+
+def _of_rest(names: tuple[str, str], values: Array, status: OrbitStatus) -> EventCurve:
+    none = np.full(len(values), np.nan)
+    message = MESSAGES[status]
+    return EventCurve("end_of_rest", names, values, none, none, [], status, message, [], 1)
+
+
+def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
+    """Give the word of an event: with the impact that is about to begin."""
+    if event.kind != "interior_impact":
+        return orbit._frame, orbit._y
+    terms = evaluate(orbit._frame, orbit._y)
+    own = [low for low in Margins(terms).lows if low.kind == "interior_impact"]
+    beyond = crossed(terms, min(own, key=lambda it: abs(it.value))) if own else None
+    if beyond is None:
+        raise ValueError("event: there is no minimum of a gap to insert an impact at")
+    return beyond
+
+
+def orbit_at(point: CurvePoint, multiple: int) -> MechanicalOrbit:
+    """Give the orbit at a point."""
+    why = Margins(point.terms).why_not(1e-9)
+    return orbit_of(
+        point.terms,
+        multiple,
+        point.residual,
+        point.corrections,
+        why,
+        message="A point of a curve.",
+    )

@@ -1,0 +1,186 @@
+"""Curves of events in two parameters, against closed forms and references."""
+
+import numpy as np
+import pytest
+
+import zivi
+from orbit_systems import REFERENCES, chain2
+from zivi import LinearGap
+
+
+def table(amplitude, e=0.5):
+    force = zivi.LinearForce(gravity=1.0, amplitude=amplitude, phase=-np.pi / 2)
+    return zivi.ImpactSystem(force, e=e)
+
+
+@pytest.fixture(scope="module")
+def bounces():
+    return zivi.continue_orbit(zivi.periodic_orbit(table(1.3), [(0.6, 2.1)]), "amplitude", (1, 1.6))
+
+
+def test_the_fold_of_the_table_is_its_closed_form(bounces):
+    fold = bounces.of_kind("fold")[0]
+    curve = zivi.continue_curve(fold, ("amplitude", "e"), ((0, 3), (0.05, 1.0)), step=0.05)
+    amplitude, e = curve.values.T
+    assert np.max(np.abs(amplitude - np.pi * (1 - e) / (1 + e))) < 1e-11
+    assert e.min() == pytest.approx(0.05)
+    assert e.max() == pytest.approx(1.0)
+    assert curve.status is zivi.OrbitStatus.RANGE_END
+
+
+def test_the_doubling_of_the_table_is_its_closed_form(bounces):
+    doubling = bounces.of_kind("period_doubling")[0]
+    curve = zivi.continue_curve(doubling, ("amplitude", "e"), ((0, 4), (0.1, 0.95)), step=0.05)
+    amplitude, e = curve.values.T
+    fold = np.pi * (1 - e) / (1 + e)
+    exact = np.sqrt(fold**2 + (2 * (1 + e**2) / (1 + e) ** 2) ** 2)
+    assert np.max(np.abs(amplitude - exact)) < 1e-11
+    orbit = curve.orbits(3)
+    assert np.min(np.abs(orbit.multipliers + 1.0)) < 1e-8
+
+
+def test_a_grazing_curve_passes_the_resonance():
+    omega = 0.8
+    edge = np.sqrt((1 - omega**2) ** 2 + (0.1 * omega) ** 2)
+    system = zivi.LinearSystem(
+        1.0,
+        0.1,
+        1.0,
+        excitation=zivi.Harmonic([0.8 * edge], omega),
+        gaps=[LinearGap([-1.0], 1.0, name="stop")],
+        e=0.8,
+    )
+    orbit = zivi.periodic_orbit(system, (["P"], [[0.0, 0.0, 0.0]]))
+    assert orbit.kind == "flight"
+    branch = zivi.continue_orbit(orbit, "F", (0.5 * edge, 1.2 * edge), step=0.1)
+    assert branch.words == ["P", "I stop"]
+    event = branch.of_kind("interior_impact")[0]
+    spans = ((0.7, 2.0), (0.01, 8.0))
+    curve = zivi.continue_curve(event, ("omega", "F"), spans, step=0.05)
+    w, force = curve.values.T
+    exact = np.sqrt((1 - w**2) ** 2 + (0.1 * w) ** 2)
+    assert np.max(np.abs(force - exact)) < 1e-11
+    assert w.min() < 1.0 < w.max()
+    assert np.max(np.abs(zivi.grazing_curve(system, "stop", w)[:, 1] - exact)) < 1e-12
+    with pytest.raises(ValueError, match="gap"):
+        zivi.response_amplitude(system, "other", w)
+
+
+@pytest.fixture(scope="module")
+def single():
+    orbit = zivi.periodic_orbit(chain2(w=1.4), (["I stop"], [3.0]))
+    return zivi.continue_orbit(orbit, "omega", (1.18, 1.6), step=0.05)
+
+
+def near(points, w, force, tolerance):
+    return min(max(abs(it.values - [w, force])) for it in points) < tolerance
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("event_curves")
+def test_a_pair_turns_through_its_resonances(single):
+    event = single.of_kind("neimark_sacker")[0]
+    spans = ((1.25, 1.6), (0.5, 3.0))
+    curve = zivi.continue_curve(event, ("omega", "F"), spans, step=0.05)
+    known = REFERENCES["NS_1_2"]
+    two = curve.of_kind("resonance_1_2")
+    assert near(two, float(known["w"]), float(known["F"]), 1e-9)
+    assert near(curve.of_kind("resonance_1_3"), 1.50509723238, 2.08626604436, 1e-9)
+    # kappa goes through -1, where theta would turn back
+    assert curve.kappa.min() < -1.0
+    for i in range(0, len(curve), 5):
+        if abs(curve.kappa[i]) < 0.99:
+            multipliers = curve.orbits(i).multipliers
+            assert np.min(np.abs(np.abs(multipliers) - 1.0)) < 1e-8
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("event_curves")
+def test_points_of_turning_pairs_and_doublings_are_those_of_the_reference(single):
+    kinds = {"NS_w1.5": "neimark_sacker", "NS_w1.45": "neimark_sacker"}
+    kinds |= {"PD_w1.2": "period_doubling"}
+    for name, kind in kinds.items():
+        w, force = (float(REFERENCES[name][k]) if k == "F" else 0.0 for k in ("w", "F"))
+        w = float(REFERENCES[name]["params"]["w"])
+        span = sorted((1.4 if kind == "neimark_sacker" else 1.21, w))
+        event = single.of_kind(kind)[0]
+        low, high = min(span[0], event.value), max(span[1], event.value)
+        curve = (
+            zivi.continue_curve(
+                event,
+                ("omega", "F"),
+                ((low - 0.1 * (w > event.value), high), (0.4, 3.0)),
+                step=0.05,
+            )
+            if w > event.value
+            else zivi.continue_curve(
+                event, ("omega", "F"), ((w, high + 0.1), (0.4, 3.0)), step=0.05
+            )
+        )
+        ends = [row for row in curve.values if abs(row[0] - w) < 1e-12]
+        assert ends
+        assert min(abs(row[1] - force) for row in ends) < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("event_curves")
+def test_a_doubling_curve_passes_a_grazing(single):
+    event = single.of_kind("period_doubling")[0]
+    spans = ((1.0, 1.3), (0.45, 1.2))
+    curve = zivi.continue_curve(event, ("omega", "F"), spans, step=0.05)
+    known = REFERENCES["PD_grazing"]
+    assert near(curve.of_kind("grazing"), float(known["w"]), float(known["F"]), 1e-9)
+    assert not curve.admissible.all()
+    assert curve.residual.max() < 1e-10
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("event_curves")
+def test_folds_and_grazings_touch_at_resonant_grazings():
+    starts = [
+        zivi.periodic_orbit(chain2(w=1.1, F=0.45), (["I stop"], [t])) for t in (0.5, 2.0, 3.6, 5.1)
+    ]
+    orbit = next(it for it in starts if it.success)
+    branch = zivi.continue_orbit(orbit, "F", (0.3, 0.6), step=0.05)
+    names, spans = ("omega", "F"), ((0.75, 1.4), (0.05, 0.9))
+    folds = zivi.continue_curve(branch.of_kind("fold")[0], names, spans, step=0.05)
+    edge = zivi.continue_curve(branch.of_kind("grazing")[0], names, spans, step=0.05)
+    touch = [float(it) for it in REFERENCES["degenerate_grazing"]["points_w_F"][1]]
+    assert near(folds.of_kind("grazing"), *touch, 1e-9)
+    assert near(edge.of_kind("resonant_grazing"), *touch, 1e-9)
+    w, force = edge.values.T
+    exact = zivi.grazing_curve(chain2(), "stop", w)[:, 1]
+    assert np.max(np.abs(force - exact)) < 1e-11
+    # the fold of one impact a period, in closed form
+    assert branch.of_kind("fold")[0].value == pytest.approx(0.38049430325950496, abs=1e-11)
+
+
+def test_the_end_of_rest_is_followed_over_the_restitution():
+    run = zivi.simulate(table(1.45), (0, 200), (0, 0.1))
+    orbit = zivi.periodic_orbit(table(1.45), run)
+    branch = zivi.continue_orbit(orbit, "amplitude", (1.3, 1.7))
+    event = branch.of_kind("end_of_rest")[0]
+    curve = zivi.continue_curve(event, ("amplitude", "e"), ((1, 3), (0.3, 0.5)), step=0.2)
+    known = {float(e): float(v) for e, v in REFERENCES["end_of_rest"]["points"].items()}
+    for value, e in curve.values:
+        assert value == pytest.approx(known[round(float(e), 9)], abs=1e-10)
+    assert len(curve) == 3
+
+
+def test_curves_are_drawn_labelled_and_checked(bounces):
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    fold = bounces.of_kind("fold")[0]
+    curve = zivi.continue_curve(fold, ("amplitude", "e"), ((0.5, 1.5), (0.4, 0.6)), step=0.1)
+    assert zivi.plot.chart([curve], words=True).get_xlabel() == "amplitude"
+    assert zivi.plot.curve(curve).get_ylabel() == "e"
+    pytest.importorskip("xarray")
+    assert curve.to_xarray().attrs["kind"] == "fold"
+    with pytest.raises(ValueError, match="two different"):
+        zivi.continue_curve(fold, ("e", "e"), ((0, 1), (0, 1)))
+    with pytest.raises(ValueError, match="spans"):
+        zivi.continue_curve(fold, ("amplitude", "e"), ((0, 0.5), (0, 1)))
+    with pytest.raises(ValueError, match="parameter"):
+        zivi.continue_curve(fold, ("amplitude", "mass"), ((0, 2), (0, 1)))
+    with pytest.raises(TypeError, match="event"):
+        zivi.continue_curve(3, ("amplitude", "e"), ((0, 2), (0, 1)))
