@@ -162,9 +162,9 @@ def test_a_bar_dropped_flat(tilt, rests, flagged):
         assert last == pytest.approx(rests, abs=2e-6)
 
 
-def test_three_feet_are_a_clear_status():
-    # a bar over a floor: three feet, two coordinates
-    feet = [zivi.LinearGap([1, x], name=f"foot {x}") for x in (-1, 0, 1)]
+def test_four_feet_are_a_clear_status():
+    # a bar over a floor: four feet, two coordinates
+    feet = [zivi.LinearGap([1, x], name=f"foot {x}") for x in (-1, -0.5, 0.5, 1)]
     bar = zivi.MechanicalSystem(mass=np.diag([1.0, 0.3]), force=[-9.81, 0], gaps=feet, e=0.5)
     sol = zivi.simulate(bar, (0, 3), ([0.5, 0.0], [0, 0]), TIGHT)
     assert not sol.success

@@ -43,7 +43,7 @@ def test_states_at_given_times_are_those_of_single_runs(method):
 
 
 def test_what_a_run_did_not_reach_is_nan():
-    feet = [zivi.LinearGap([1, x], name=f"foot {x}") for x in (-1, 0, 1)]
+    feet = [zivi.LinearGap([1, x], name=f"foot {x}") for x in (-1, -0.5, 0.5, 1)]
     bar = zivi.MechanicalSystem(mass=np.diag([1.0, 0.3]), force=[-9.81, 0], gaps=feet, e=0.5)
     heights = [[0.5, 0.0], [50.0, 0.0]]  # the second does not fall as far
     batch = zivi.simulate_batch(bar, (0, 1.5), (heights, [0, 0]), t_eval=TIMES, save="events")

@@ -11,7 +11,7 @@ import numpy as np
 from zivi._zivi import MechanicalPath
 from zivi.base.status import Status
 from zivi.control.mechanical_loop_run import LOOP_FIELDS, MechanicalClosedLoop
-from zivi.simulation.friction_result import FLAGS, FRICTION, IMPACTS, TRANSITIONS, FrictionSamples
+from zivi.simulation.friction_result import FRICTION, IMPACTS, TRANSITIONS, FrictionSamples
 from zivi.simulation.impacts import FIELDS, SLOWEST, table
 from zivi.simulation.linear_motion import LinearMotion
 from zivi.simulation.mechanical_labelled import MEANING, TABLES
@@ -134,7 +134,7 @@ def _path(dataset: xarray.Dataset) -> Any:
 def _table(dataset: xarray.Dataset, name: str, m: int) -> Any:
     fields, dim = FIELDS[name], TABLES[name]
     if "channel_gap" in dataset:
-        fields = {"impacts": IMPACTS, "flags": FLAGS}.get(name, fields)
+        fields = {"impacts": IMPACTS}.get(name, fields)
     # version 0.1 had the impacts that were computed where now those are that are listed
     if f"resolved_{dim}_t" in dataset:
         dim = f"resolved_{dim}"

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from zivi.system.friction import Channel
 
 __all__ = [
-    "FLAGS",
     "FRICTION",
     "IMPACTS",
     "TRANSITIONS",
@@ -38,8 +37,6 @@ IMPACTS = FIELDS["impacts"] | {
     "sticks": "?",
 }
 """Fields of impacts where there is friction, and their types."""
-FLAGS = FIELDS["flags"] | {"kind": "U24"}
-"""Fields of flags where there is friction: theirs have longer names."""
 TRANSITIONS = {"t": "f8", "channel": "i8", "before": "i1", "after": "i1"}
 STICK = {"t_start": "f8", "t_end": "f8", "channel": "i8"}
 

@@ -53,7 +53,7 @@ FIELDS = {
     "liftoffs": EVENT,
     "openings": EVENT,
     "corners": {"t": "f8", "gaps": "?m"},
-    "flags": {"kind": "U16", "t": "f8", "gaps": "?m", "size": "f8"},
+    "flags": {"kind": "U24", "t": "f8", "gaps": "?m", "size": "f8"},
 }
 """The tables of a run: their fields and the types of these, ``?m`` for m flags."""
 

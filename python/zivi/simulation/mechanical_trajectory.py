@@ -17,7 +17,6 @@ from zivi.base.status import Status
 from zivi.base.table import Table
 from zivi.simulation import mechanical_labelled as labelled
 from zivi.simulation.friction_result import (
-    FLAGS,
     IMPACTS,
     FrictionSamples,
     Rubbing,
@@ -188,7 +187,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         impacts = {name: getattr(record, f"impact_{name}") for name in FIELDS["impacts"]}
         fields = FIELDS
         if record.friction is not None:
-            fields = FIELDS | {"impacts": IMPACTS, "flags": FLAGS}
+            fields = FIELDS | {"impacts": IMPACTS}
             impacts = impacts_with(impacts, record.friction, channels)
         flags = {
             "kind": np.array(record.flag_kind, dtype="U24"),

@@ -61,7 +61,7 @@ impl<E, D: Dynamics<E>> Equation<Vec<f64>, Failure<E>> for InContact<'_, '_, D> 
     fn is_at_end(&mut self, at: &State) {
         let (Some(end), kinetics) = (&mut self.at_end, &mut self.kinetics) else { return };
         end.lambda.copy_from_slice(&kinetics.lambda);
-        if self.mode.is_frictionless() {
+        if self.mode.is_frictionless() && kinetics.undetermined.is_none() {
             end.levels.clear();
             end.levels.extend(self.mode.closed.iter().map(|gap| end.lambda[gap]));
         } else {

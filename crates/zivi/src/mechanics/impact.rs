@@ -206,9 +206,15 @@ impl Impacts {
         }
         let (before, e) = (rates.to_vec(), &self.e);
         let (matrix, right) = problem(kinetics, set, |_, i| (1.0 + e[i]) * before[i]);
+        let is_redundant = kinetics.solve_regular(set, |_, _| 0.0).is_err();
         let solution = lcp::solve(&matrix, &right);
-        let solution = solution.ok_or(Failure::Status(Status::ImpactNotSolved))?;
+        let unsolved = match is_redundant {
+            true => Status::RedundantContacts,
+            false => Status::ImpactNotSolved,
+        };
+        let mut solution = solution.ok_or(Failure::Status(unsolved))?;
         let mut positive = GapSet::EMPTY;
+        let fastest = before.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         for k in 0..rates.len() {
             let change: f64 = set
                 .iter()
@@ -220,9 +226,26 @@ impl Impacts {
                     positive = positive.with(GapSet::of(k));
                     restored(e[k], before[k])
                 }
-                Some(_) => (before[k] + change).max(restored(e[k], before[k])),
+                Some(_) => {
+                    let least = restored(e[k], before[k]);
+                    let rate = (before[k] + change).max(least);
+                    // those that bounce with the others have a part in their impulses
+                    if is_redundant && rate - least <= STILL * fastest {
+                        positive = positive.with(GapSet::of(k));
+                    }
+                    rate
+                }
                 None => before[k] + change,
             };
+        }
+        if is_redundant {
+            for k in positive.iter() {
+                rates[k] = restored(e[k], before[k]);
+            }
+            kinetics.solve(positive, |_, i| restored(e[i], before[i]) - before[i])?;
+            let part = kinetics.solved();
+            let of = |i: usize| positive.iter().position(|it| it == i).map_or(0.0, |at| part[at]);
+            solution.z = set.iter().map(of).collect();
         }
         let pattern = ContactMode::default();
         Ok(Exchanged { positive, before, impulses: solution.z, pattern })

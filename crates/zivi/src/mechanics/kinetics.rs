@@ -18,6 +18,8 @@ use crate::system::friction::Friction;
 use crate::system::stops::Smooth;
 use crate::Status;
 
+mod redundant;
+
 /// A system whose evaluations are counted, between times where it is smooth.
 pub(super) struct Model<'a, D> {
     pub(super) dynamics: &'a mut D,
@@ -284,8 +286,21 @@ impl Kinetics {
         self.d(i, j) / (self.d(i, i) * self.d(j, j)).sqrt()
     }
 
-    /// `x = D_CC^-1 r` with the right sides by row.
+    /// `x = D_CC^-1 r` with the right sides by row; where one contact follows from the others, one of
+    /// all solutions, if it follows for the right sides, too.
     pub(super) fn solve(
+        &mut self,
+        set: GapSet,
+        right: impl Fn(&Self, usize) -> f64,
+    ) -> Result<(), Undetermined> {
+        match self.solve_regular(set, &right) {
+            Ok(()) => Ok(()),
+            Err(_) => self.solve_dependent(set, right).map(drop),
+        }
+    }
+
+    /// The same where none follows from the others.
+    pub(super) fn solve_regular(
         &mut self,
         set: GapSet,
         right: impl Fn(&Self, usize) -> f64,
@@ -324,6 +339,15 @@ impl Kinetics {
         let sizes: Vec<f64> = impulses.into_iter().map(&mut size).collect();
         let rounding = ORTHOGONAL * sizes.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         Ok(set.iter().zip(&sizes).all(|(i, &size)| hit.has(i) || size >= -rounding))
+    }
+
+    /// The same, and an error where the motion does not determine the forces.
+    pub(super) fn determined_contact(&mut self, closed: GapSet) -> Result<(), Undetermined> {
+        self.contact(closed)?;
+        match self.undetermined {
+            Some(_) => Err(Undetermined::Contacts),
+            None => Ok(()),
+        }
     }
 
     /// Adds `M^-1 N_C^T x` with what was solved for last to a vector: so its gap speeds change by
@@ -380,7 +404,7 @@ impl Kinetics {
         if set.is_empty() {
             return Ok(());
         }
-        self.solve(set, |at, i| -at.b[i])?;
+        self.undetermined = self.solve_forces(set)?;
         for (row, i) in set.iter().enumerate() {
             self.lambda[i] = self.right[row];
         }

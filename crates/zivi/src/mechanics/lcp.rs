@@ -1,6 +1,7 @@
 //! Linear complementarity problems of impacts and contacts, `0 <= z  perp  D z + q >= 0`.
 //!
-//! `D` is symmetric positive definite: there is one solution. Few gaps: every pattern of positive
+//! `D` is symmetric positive definite: there is one solution; if it is singular, `D z + q` is the same for
+//! all of them. Few gaps: every pattern of positive
 //! unknowns, the one that fits best. More: the solver of `zivi_core::vi`.
 
 use zivi_core::vi::{self, Affine, Settings, Workspace};
@@ -10,6 +11,8 @@ use crate::record::gap_set::GapSet;
 
 /// Most unknowns whose patterns are tried one by one.
 const FEW: usize = 6;
+/// A pattern in which one unknown follows from the others but for so much is none: there is a smaller one.
+const SINGULAR: f64 = 1e-10;
 /// By how much the best pattern may violate a row, relative to its terms.
 const MISFIT: f64 = 1e-9;
 
@@ -54,7 +57,7 @@ fn on_pattern(d: &[f64], q: &[f64], positive: GapSet) -> Option<Vec<f64>> {
         matrix.extend(positive.iter().map(|j| d[i * k + j]));
     }
     let mut x: Vec<f64> = positive.iter().map(|i| -q[i]).collect();
-    if cholesky::factor(&mut matrix, p) <= 0.0 {
+    if cholesky::factor(&mut matrix, p) <= SINGULAR {
         return None;
     }
     cholesky::solve(&matrix, p, &mut x);

@@ -214,16 +214,16 @@ fn ends_of_step<E>(
     let (next_x, next_v) = (&state.next_x, &state.next_v);
     // twice: the first leaves rounding of the speeds
     for _ in 0..2 {
-        state.kinetics.solve(all, |at, i| -at.rate(i, &w))?;
+        state.kinetics.solve_regular(all, |at, i| -at.rate(i, &w))?;
         state.kinetics.apply(all, &mut w);
     }
     let mut q: Vec<f64> = state.x.iter().zip(&w).map(|(x, w)| x + h * w).collect();
     let along = |at: &super::kinetics::Kinetics, i: usize, q: &[f64]| -> f64 {
         at.normal(i).iter().zip(q).zip(next_x).map(|((n, q), last)| n * (q - last)).sum()
     };
-    state.kinetics.solve(all, |at, i| next_x[n + i] - at.gap(i) - along(at, i, &q))?;
+    state.kinetics.solve_regular(all, |at, i| next_x[n + i] - at.gap(i) - along(at, i, &q))?;
     state.kinetics.apply(all, &mut q);
-    state.kinetics.solve(all, |_, i| next_v[n + i])?;
+    state.kinetics.solve_regular(all, |_, i| next_v[n + i])?;
     state.kinetics.apply(all, &mut w);
     Ok((q, w))
 }

@@ -126,9 +126,10 @@ impl Status {
                  case, with what was written to standard error."
             }
             Status::RedundantContacts => {
-                "The closed gaps do not determine their forces: one of them follows from the \
-                 others, as the third foot of a rigid bar. The trajectory ends before. Leave the \
-                 redundant gap out, or give the system a coordinate in which it yields."
+                "The closed gaps do not determine their forces: more than one of them follow from \
+                 the others, as the third and fourth foot of a rigid bar, or one asks for another \
+                 motion than they do. The trajectory ends before. Leave redundant gaps out, or \
+                 give the system a coordinate in which they yield."
             }
             Status::ImpactNotSolved => {
                 "The impulses of an impact on several gaps were not found; the trajectory ends \

@@ -76,14 +76,14 @@ fn a_bar_that_drops_flat_is_flagged_and_so_is_one_that_nearly_does() {
 
 type Run = MechanicalRun<Infallible>;
 
-/// A rigid bar with three feet on a floor.
-fn three_feet(e: f64) -> Run {
-    let layout = Layout::smooth(2, 3);
-    let function = |_: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
+/// A rigid bar with feet on a floor.
+fn on_feet(e: f64, arms: &'static [f64]) -> Run {
+    let layout = Layout::smooth(2, arms.len());
+    let function = move |_: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
         out.fill(0.0);
         out[layout.mass()].copy_from_slice(&[1.0, 0.0, 0.0, 0.3]);
         out[layout.force()].copy_from_slice(&[-9.81, 0.0]);
-        for (i, arm) in [-1.0, 0.0, 1.0].into_iter().enumerate() {
+        for (i, &arm) in arms.iter().enumerate() {
             out[layout.gap().start + i] = q[0] + arm * q[1];
             out[layout.gradient()][2 * i..][..2].copy_from_slice(&[1.0, arm]);
         }
@@ -92,16 +92,29 @@ fn three_feet(e: f64) -> Run {
     let mut system = of_function(layout, function);
     let (settings, output) = (SwitchedRk::default(), MechanicalOutput::default());
     let start = (&[0.5, 0.0][..], &[0.0, 0.0][..]);
-    simulate_mechanical(settings, &mut system, &[e; 3], (0.0, 2.0), start, output, &mut Silent)
-        .unwrap()
+    simulate_mechanical(
+        settings,
+        &mut system,
+        &vec![e; arms.len()],
+        (0.0, 2.0),
+        start,
+        output,
+        &mut Silent,
+    )
+    .unwrap()
 }
 
 #[test]
 fn redundant_gaps_end_the_run_with_what_was_computed() {
-    let run = three_feet(0.5);
+    let run = on_feet(0.5, &[-1.0, -0.4, 0.4, 1.0]);
     assert_eq!(run.status, Status::RedundantContacts);
     let fall = (2.0 * 0.5 / 9.81_f64).sqrt();
     assert!((run.samples.t.last().unwrap() - fall).abs() < 1e-12);
+    // three bounce to rest as a ball
+    let run = on_feet(0.5, &[-1.0, 0.0, 1.0]);
+    assert_eq!(run.status, Status::Completed);
+    let rest = |it: &Occurrence| matches!(*it, Occurrence::Zeno { t, .. } if (t - 3.0 * fall).abs() < 1e-12);
+    assert_eq!(run.occurrences.iter().filter(|it| rest(it)).count(), 3);
 }
 
 #[test]

@@ -127,7 +127,15 @@ impl SmoothMotion {
         let longest = obstacle.map_or(max_step, |it| it.longest_step(state.now().t).min(max_step));
         let bounds = Bounds { t_end, longest, dense_from: steps.dense_from() };
         steps.spend()?;
-        let (next, flown) = linear.fly(&bounds, state, model)?;
+        let (next, flown) = match linear.fly(&bounds, state, model) {
+            // from here on by steps, which know what to do where forces are not determined
+            Err(Failure::Status(Status::RedundantContacts)) => {
+                (self.linear, self.flights) = (None, Flights::RungeKutta);
+                state.prepare(model)?;
+                return Ok(None);
+            }
+            flown => flown?,
+        };
         steps.accept();
         *length = flown;
         Ok(Some(next))

@@ -87,7 +87,7 @@ impl<E, D: DifferentiableDynamics<E>> Equation<Vec<f64>, Failure<E>> for Variati
             _ => motion.node(i, &motion.pair.a[i - 1]),
         };
         self.local.visit(self.model, node.t, &node.x[..n], &node.xdot[..n])?;
-        self.local.kinetics.contact(self.closed)?;
+        self.local.kinetics.determined_contact(self.closed)?;
         *self.known += 1;
         accelerations(self.local, (self.layout, self.parameter), self.closed, at, into)
     }
@@ -136,7 +136,7 @@ impl Columns {
     ) -> Result<(), Failure<E>> {
         let n = self.layout.n;
         self.local.visit(model, at.t, &at.x[..n], &at.xdot[..n])?;
-        self.local.kinetics.contact(closed)?;
+        self.local.kinetics.determined_contact(closed)?;
         self.visited = Some((at.t, closed, model.smooth.ends()));
         Ok(())
     }

@@ -70,7 +70,7 @@ impl VariationalRun<'_> {
         let n = self.columns.layout.n;
         let key_closed = machine.state().closed().without(GapSet::of(c - n));
         let local = &mut self.columns.local;
-        local.kinetics.contact(key_closed)?;
+        local.kinetics.determined_contact(key_closed)?;
         let pull = -local.kinetics.acceleration[c];
         let mut rates = Vec::with_capacity(self.zeno.len());
         for (column, zeno) in self.zeno.iter().enumerate() {
@@ -81,7 +81,7 @@ impl VariationalRun<'_> {
             let row = local.along(Direction { t: zeno.t, q, w, parameter });
             rates.push(local.acceleration(key_closed, &row)?.0[c]);
         }
-        local.kinetics.contact(machine.state().closed())?;
+        local.kinetics.determined_contact(machine.state().closed())?;
         if pull > 0.0 {
             self.validity.note(Limit::Zeno, machine.state().now().t, pull, rates);
         }

@@ -128,7 +128,7 @@ impl Local {
             return Ok(Vec::new());
         }
         let free = &*right;
-        self.kinetics.solve(set, |at, i| of_gap(i) - dot(at.normal(i), free))?;
+        self.kinetics.solve_regular(set, |at, i| of_gap(i) - dot(at.normal(i), free))?;
         self.kinetics.apply(set, right);
         Ok(self.kinetics.solved()[..set.len()].to_vec())
     }
@@ -222,11 +222,11 @@ impl Local {
         let direction =
             |q: &[f64], v: &[f64], at: &Self| at.along(Direction { t: 0.0, q, w: v, parameter });
         let gaps = direction(q, v, self)[self.layout.gap()].to_vec();
-        self.kinetics.solve(set, |_, i| -gaps[i])?;
+        self.kinetics.solve_regular(set, |_, i| -gaps[i])?;
         self.kinetics.apply(set, q);
         let row = direction(q, v, self);
         let rates = self.gaps(&row, w, v);
-        self.kinetics.solve(set, |_, i| -rates[i][1])?;
+        self.kinetics.solve_regular(set, |_, i| -rates[i][1])?;
         self.kinetics.apply(set, v);
         Ok(())
     }

@@ -174,7 +174,7 @@ impl VariationalRun<'_> {
         let kinetics = &mut self.columns.local.kinetics;
         let now = machine.state().now();
         kinetics.evaluate(model, now.t, &now.x[..n], &now.xdot[..n])?;
-        kinetics.contact(struck.closed)?;
+        kinetics.determined_contact(struck.closed)?;
         self.columns.visited = None;
         let pull = -kinetics.acceleration[n + gap];
         if pull > 0.0 {
@@ -256,7 +256,7 @@ impl VariationalRun<'_> {
         // the state without the bounce, and how it moves along the event
         let local = &mut self.columns.local;
         local.visit(model, now.t, &now.x[..n], &now.xdot[..n])?;
-        local.kinetics.solve(set, |_, i| -now.xdot[n + i])?;
+        local.kinetics.solve_regular(set, |_, i| -now.xdot[n + i])?;
         let impulses = local.kinetics.solved()[..set.len()].to_vec();
         let how = Exchange { set, impulses: &impulses, before: &now.xdot[..n], after: w };
         let mut moved = Vec::with_capacity(shifted.len());
@@ -273,13 +273,13 @@ impl VariationalRun<'_> {
         // the pull on the gap, and the motion in contact
         local.visit(model, now.t, &now.x[..n], w)?;
         let mut pulls = Vec::with_capacity(shifted.len());
-        local.kinetics.contact(key.flight.closed)?;
+        local.kinetics.determined_contact(key.flight.closed)?;
         for (column, (it, dz)) in shifted.iter().zip(&moved).enumerate() {
             let (q, w, parameter) = (&dz[..n], &dz[size..][..n], self.columns.parameter[column]);
             let row = local.along(Direction { t: it.dt, q, w, parameter });
             pulls.push(-local.acceleration(key.flight.closed, &row)?.0[n + gap]);
         }
-        local.kinetics.contact(set)?;
+        local.kinetics.determined_contact(set)?;
         let flow = [&z[size..], &local.kinetics.acceleration[..]].concat();
         for (column, (it, dz)) in shifted.iter().zip(&moved).enumerate() {
             let (q, w, parameter) = (&dz[..n], &dz[size..][..n], self.columns.parameter[column]);

@@ -124,7 +124,7 @@ impl<'a> VariationalRun<'a> {
         let (n, State { t, x, xdot: v, .. }) = (self.columns.layout.n, machine.state().now());
         let kinetics = &mut self.columns.local.kinetics;
         kinetics.evaluate(model, *t, &x[..n], &v[..n])?;
-        kinetics.contact(machine.state().closed())?;
+        kinetics.determined_contact(machine.state().closed())?;
         let (duration, a) = ((self.end - t).min(1.0), &kinetics.acceleration);
         let of_w: Vec<f64> = (0..n).map(|c| v[c].abs() + duration * a[c].abs()).collect();
         let of_q: Vec<f64> = (0..n).map(|c| x[c].abs() + duration * of_w[c]).collect();

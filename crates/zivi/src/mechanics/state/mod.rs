@@ -223,7 +223,7 @@ impl MechanicalState {
         self.levels.clear();
         self.undetermined = None;
         self.lambda.copy_from_slice(&self.kinetics.lambda);
-        if mode.is_frictionless() {
+        if mode.is_frictionless() && self.kinetics.undetermined.is_none() {
             self.levels.extend(mode.closed.iter().map(|gap| self.lambda[gap]));
         } else {
             self.levels.extend(self.kinetics.limits(mode).iter().map(|it| it.value));
