@@ -8,6 +8,7 @@ Run as ``python examples/mechanics_blade.py [out.png]``.
 """
 
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def system(omega: float, *, stop: bool = True) -> zivi.LinearSystem:
     )
 
 
-def run(omega: float, periods: float = PERIODS, **more: object) -> zivi.MechanicalTrajectory:
+def run(omega: float, periods: float = PERIODS, **more: Any) -> zivi.MechanicalTrajectory:
     """Start the blade from rest; more is for `zivi.simulate` but the stop."""
     blade = system(omega, stop=bool(more.pop("stop", True)))
     rest = np.zeros(MODES)

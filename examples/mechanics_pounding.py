@@ -8,6 +8,7 @@ Run as ``python examples/mechanics_pounding.py [out.png]``.
 """
 
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,7 @@ def system() -> zivi.LinearSystem:
     return zivi.LinearSystem(M, C, K, excitation=shaken, gaps=[gap], e=E, coordinates=["x1", "x2"])
 
 
-def run(**more: object) -> zivi.MechanicalTrajectory:
+def run(**more: Any) -> zivi.MechanicalTrajectory:
     """Shake them, from rest."""
     return zivi.simulate(system(), (0, END), ([0.0, 0.0], [0.0, 0.0]), **more)
 

@@ -28,6 +28,12 @@ def branch() -> zivi.Branch:
     return zivi.continue_orbit(orbit, "amplitude", (1.2, 1.6))
 
 
+@functools.cache
+def mechanical_branch() -> Any:
+    orbit = zivi.periodic_orbit(chain2(), (["I stop"] * 4, listed("two_dof_four_impacts", "t")))
+    return zivi.continue_orbit(orbit, "omega", (0.9, 0.93))
+
+
 def basins() -> zivi.Basins:
     return zivi.basins(TABLE, [0, 1.0], [0, 1.0], transient=5, keep=4)
 
@@ -55,9 +61,9 @@ MAKE = {
     "ImpactReturn": lambda: zivi.impact_map(TABLE)([0.6], [2.1]),
     "Lyapunov": lambda: zivi.lyapunov_exponents(TABLE, (0, 90), (0.1, 2)),
     "MechanicalBatch": lambda: zivi.simulate_batch(DROP, (0, 3), ([[1.0], [2.0]], [[0.0], [0.0]])),
-    "MechanicalOrbit": lambda: zivi.periodic_orbit(
-        chain2(), (["I stop"] * 4, listed("two_dof_four_impacts", "t"))
-    ),
+    "MechanicalEvent": lambda: mechanical_branch().events[0],
+    "MechanicalOrbit": lambda: mechanical_branch().orbits[0],
+    "MechanicalBranch": lambda: mechanical_branch(),
     "MechanicalClosedLoop": lambda: resting(),
     "MechanicalLoopBatch": lambda: zivi.simulate_closed_loop_batch(
         DROP,
