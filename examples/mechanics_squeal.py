@@ -53,10 +53,10 @@ def modes(mu: float) -> tuple[np.ndarray, np.ndarray]:
 def flutter(mu: float, sol: zivi.MechanicalTrajectory, t: float) -> tuple[complex, complex]:
     """Measure growth rate and frequency, and give the eigenvalue."""
     values, left = modes(mu)
-    k = np.argmax(values.real + 1e-6 * values.imag)
+    k = int(np.argmax(np.real(values) + 1e-6 * np.imag(values)))
     steady = np.concatenate([np.linalg.solve(stiffness(mu), [mu * LOAD, 0]), [0, 0]])
     begin, later = ((sol(at).ravel() - steady) @ left[:, k] for at in (0.0, t))
-    return np.log(later / begin) / t, values[k]
+    return complex(np.log(later / begin) / t), complex(values[k])
 
 
 def critical() -> float:

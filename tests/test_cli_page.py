@@ -250,14 +250,14 @@ def test_all_settings_of_the_library_are_there():
     taken = set(inspect.signature(zivi.simulate_closed_loop).parameters)
     keys = {key.name for key in document.COMMANDS["control"]}
     always = {"progress", "events", "dense_output", "misplaced", "slowest"}
-    assert taken - keys == always | {"t_eval", "reference", "observer"}
+    assert taken - keys == always | {"t_eval", "reference", "observer", "disturbance"}
     taken = set(inspect.signature(zivi.simulate).parameters)
     for command in ("simulate", "mechanics"):
         keys = {key.name for key in document.COMMANDS[command]}
         assert taken - keys == always | {"samples"}
     taken = set(inspect.signature(zivi.symbolic.system).parameters)
     (system,) = (key for key in document.COMMANDS["mechanics"] if key.name == "system")
-    assert taken - {key.name for key in system.kind.keys} == {"qdot", "compiler"}
+    assert taken - {key.name for key in system.kind.keys} == {"qdot", "compiler", "inputs"}
 
 
 @pytest.mark.parametrize("command", PREPARE)

@@ -65,6 +65,12 @@ def test_orbits_of_chains_from_a_run(name, system):
     assert sorted(orbit.word) == sorted(f"I {'ab'[k]}" for k in REFERENCES[name]["word"])
 
 
+def test_a_system_whose_period_is_not_known_asks_for_it():
+    drop = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[LinearGap([1])], e=0.5)
+    with pytest.raises(ValueError, match=r"give period=\.\.\., or period='free'"):
+        zivi.periodic_orbit(drop, [(0.6, 2.1)])
+
+
 def test_an_unstable_orbit_from_a_word_with_times():
     name = "two_dof_four_impacts"
     near = listed(name, "t") + 0.02 * np.array([1, -1, 1, -1])

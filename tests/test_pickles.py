@@ -15,6 +15,7 @@ import zivi
 from orbit_systems import chain2, listed
 from test_api import RESULTS
 from zivi import interop
+from zivi.orbits.mechanical.two_parameters import CodimensionTwo
 
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
 TABLE = zivi.ImpactSystem(zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-math.pi / 2), e=0.5)
@@ -55,7 +56,11 @@ MAKE = {
         BALL, TRACKER, (0, 0.1), [[1, 0]], y_ref0=(0.5, 0)
     ),
     "Diagram": lambda: zivi.bifurcation_diagram(TABLE, "amplitude", [1.3], transient=10, keep=4),
+    "CodimensionTwo": lambda: CodimensionTwo("grazing", np.ones(2), mechanical_branch().orbits[0]),
     "Equilibrium": lambda: zivi.bimatrix(np.eye(2), np.eye(2)),
+    "EventCurve": lambda: zivi.continue_curve(
+        branch().of_kind("period_doubling")[0], ("amplitude", "e"), ((0, 4), (0.45, 0.55))
+    ),
     "GainDesign": lambda: zivi.design_tracker(3, e=0.5, start=(0.01, 0)),
     "ImpactMap": lambda: zivi.impact_map(TABLE),
     "ImpactReturn": lambda: zivi.impact_map(TABLE)([0.6], [2.1]),

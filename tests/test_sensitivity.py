@@ -309,12 +309,6 @@ def test_as_a_dataset():
     assert float(data.zeno_time.sel(wrt="amplitude")[0]) == s.zeno_times[0, 1]
 
 
-def test_orbits_refuse_mechanical_systems_by_name():
-    drop = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[zivi.LinearGap([1])], e=0.5)
-    with pytest.raises(TypeError, match=r"there for a zivi\.ImpactSystem"):
-        zivi.periodic_orbit(drop, [(0.6, 2.1)])
-
-
 def kicked(t: float, x: float, xdot: float, pull: float) -> float:
     """A spring; from t = 2 on a pull more."""
     return -1.0 - 4.0 * x - 0.1 * xdot + (pull if t >= 2.0 else 0.0)

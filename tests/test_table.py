@@ -233,7 +233,8 @@ def test_compiled_forces_take_the_inputs_as_functions_do():
     signature = ctypes.CFUNCTYPE(None, ctypes.c_double, *[ctypes.c_void_p] * 3)
     with pytest.raises(TypeError, match=r"double \*u"):
         driven(signature(lambda *_: None), inputs=table)
-    with pytest.raises(TypeError, match=r"inputs must be a zivi\.Table"):
+    # without a time it is the matrix of the inputs of a controller
+    with pytest.raises(ValueError, match="inputs must be of the same size as the rest"):
         driven(inputs=[1.0, 2.0])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -34,14 +35,15 @@ def mechanical_of(system: ImpactSystem) -> ParametricSystem:
     if not isinstance(system.force, LinearForce) or system.force.excitation is not None:
         raise ValueError("event: of one mass, curves are there for a zivi.LinearForce")
 
-    def build(**values: float) -> LinearSystem:
-        e = values.pop("e")
-        moved = system
-        for name, value in values.items():
-            moved = with_value(moved, name, value)
-        return _linear(moved, e)
-
+    # no function in a function: results travel by pickle
+    build = functools.partial(_with_values, system)
     return ParametricSystem(build, parameters_of(system) | {"e": float(system.e)})
+
+
+def _with_values(system: ImpactSystem, /, e: float, **values: float) -> LinearSystem:
+    for name, value in values.items():
+        system = with_value(system, name, value)
+    return _linear(system, e)
 
 
 def _linear(system: ImpactSystem, e: float) -> LinearSystem:
