@@ -30,7 +30,8 @@ def told(tmp_path_factory):
     tests = str(Path(__file__).parent)
     path = os.pathsep.join([tests, *filter(None, sys.path)])
     other = subprocess.Popen(
-        [sys.executable, "-c", program, folder],
+        # files of its own: both write them at the same time
+        [sys.executable, "-c", program, tmp_path_factory.mktemp("there")],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONHASHSEED": "5", "PYTHONPATH": path},
