@@ -137,3 +137,38 @@ def test_the_slip_of_a_block_on_a_shaking_floor_has_the_accuracy_of_the_method()
         at = np.searchsorted(sol.t, t)
         assert sol.dissipated[at] == pytest.approx(mu * G * slid, abs=1e-8)
         assert a * omega * np.cos(omega * t) == pytest.approx(mu * G * t, abs=1e-8) or t == 0.2
+
+
+def corner(mu, force):
+    """A mass of 1 kg between a floor and a wall with friction."""
+    floor = zivi.LinearGap([0, 1], tangent=[1, 0], mu=mu)
+    wall = zivi.LinearGap([-1, 0], offset=1, tangent=[0, 1], mu=mu)
+    return zivi.MechanicalSystem(mass=np.eye(2), force=force, gaps=[floor, wall], e=0.0)
+
+
+@pytest.mark.parametrize("mu", [0.05, 0.3])
+@pytest.mark.parametrize("start", [(1, 0), (1, 0.5), (0.5, 0)])
+def test_a_mass_that_sticks_in_a_corner_says_that_it_is_redundant(mu, start):
+    """Four forces, two equations: the run ends where the second contact closes, at once."""
+    sol = zivi.simulate(corner(mu, [4, -G]), (0, 3), (start, (0, 0)), METHOD)
+    assert sol.status == zivi.Status.REDUNDANT_STICK
+    assert sol.nfev < 300
+    assert sol.q[-1] == pytest.approx([1, 0], abs=1e-12)
+    run, fall = 4 - mu * G, G - mu * 4
+    closes = np.sqrt(1 / run) if start == (0.5, 0) else np.sqrt(2 * start[1] / fall)
+    assert sol.t[-1] == pytest.approx(closes, abs=1e-12)
+
+
+def test_a_contact_without_an_impulse_has_no_row_of_impacts():
+    """A mass that slides into a wall: the floor takes no part, whatever friction would hold."""
+    sol = zivi.simulate(corner(0.05, [1, -G]), (0, 2), ((0.5, 0.5), (0, 0)), METHOD)
+    slide = 1 - 0.05 * G
+    fall = np.sqrt(2 * 0.5 / G)
+    kick = 0.05 * G * fall  # of the floor's impulse, by friction
+    speed = fall - kick
+    way = 0.5 - fall**2 / 2
+    end = np.sqrt(speed**2 + 2 * slide * way)
+    rows = sol.impacts
+    assert rows["gap"].tolist() == [0, 1]
+    assert rows["t"][1] == pytest.approx(fall + (end - speed) / slide, abs=1e-12)
+    assert rows["speed_before"][1] == pytest.approx(-end, abs=1e-12)

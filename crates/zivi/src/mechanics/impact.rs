@@ -282,7 +282,12 @@ impl Impacts {
             exchanged.before[..].iter().zip(&found.impulses).map(|(v, p)| (v * p).abs()).sum();
         self.note_impacts(set, hit, &exchanged, state, occurrences);
         let t = state.now().t;
+        // without an impulse of its gap a channel has none
+        let is_noted = |gap: usize| hit.has(gap) || exchanged.positive.has(gap);
         for channel in found.pattern.slipping().with(found.pattern.stick).iter() {
+            if !state.kinetics().gap_of(channel).is_some_and(is_noted) {
+                continue;
+            }
             let row = state.kinetics().row(channel);
             let (before, after) = (exchanged.before[row], found.rates[row]);
             let (impulse, sticks) = (found.impulses[row], found.pattern.stick.has(channel));

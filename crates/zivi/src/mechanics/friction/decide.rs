@@ -11,7 +11,7 @@
 //! `mu_s > mu` sticking goes on: most closed, then most sticking, then most that stuck before.
 
 use super::contact::MOST_PATTERNS;
-use crate::mechanics::kinetics::{dot, Kinetics};
+use crate::mechanics::kinetics::{dot, Kinetics, Undetermined};
 use crate::mechanics::mode::{Contacts, Limit};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
@@ -96,18 +96,26 @@ pub(in crate::mechanics) fn decide<E>(
     let count = count.filter(|&count| count <= MOST_PATTERNS);
     let count = count.ok_or(Failure::Status(Status::ContactNotSolved))?;
     let mut candidates: Vec<Candidate> = Vec::new();
+    let mut is_redundant = false;
     for number in 0..count {
         let (mut mode, mut rest) = (known, number);
         for choice in &choices {
             mode = choice.take(rest % choice.count(), mode);
             rest /= choice.count();
         }
-        candidates.extend(judged(kinetics, (mode, touching), slips));
+        match judged(kinetics, (mode, touching), slips) {
+            Ok(candidate) => candidates.push(candidate),
+            Err(why) => is_redundant |= why == Undetermined::Stick,
+        }
     }
     let mode = chosen(candidates, held)?;
     let left = touching.without(mode.closed);
     let begins = |&c: &usize| slips[c] == 0.0;
-    let released = mode.slipping().iter().filter(begins).collect();
+    let released: GapSet = mode.slipping().iter().filter(begins).collect();
+    // a slip that does not grow is stick, of more contacts than there are equations for
+    if is_redundant && kinetics.any_at_rest(mode, released)? {
+        return Err(Failure::Status(Status::RedundantStick));
+    }
     Ok(Contacts { mode, left, released })
 }
 
@@ -116,8 +124,8 @@ fn judged(
     kinetics: &mut Kinetics,
     (mode, touching): (ContactMode, GapSet),
     slips: &[f64],
-) -> Option<Candidate> {
-    kinetics.contact(mode).ok()?;
+) -> Result<Candidate, Undetermined> {
+    kinetics.contact(mode)?;
     let n = kinetics.coordinates();
     let mut violation = 0.0_f64;
     let mut kappa = 1.0;
@@ -144,7 +152,19 @@ fn judged(
         let misfit = excess(left.abs(), kinetics.acceleration_scale(row));
         violation = violation.max(if misfit > AGREES { misfit } else { 0.0 });
     }
-    Some(Candidate { mode, violation, acceleration, kappa })
+    Ok(Candidate { mode, violation, acceleration, kappa })
+}
+
+impl Kinetics {
+    /// Whether the slip speed of one of the channels does not change in a mode.
+    fn any_at_rest(&mut self, mode: ContactMode, channels: GapSet) -> Result<bool, Undetermined> {
+        self.contact(mode)?;
+        let n = self.coordinates();
+        let rows: Vec<usize> = channels.iter().map(|channel| self.row(channel)).collect();
+        Ok(rows.into_iter().any(|row| {
+            self.acceleration[n + row].abs() <= VIOLATIONS.0 * self.acceleration_scale(row)
+        }))
+    }
 }
 
 /// How much a violation is of what it is measured by.
