@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from zivi.base.check import Array, real_array, whole
 from zivi.derivatives.result import OrbitStatus, Sensitivity
 from zivi.derivatives.sensitivity import sensitivity
+from zivi.interop.function import ParameterFunction
 from zivi.interop.moved import MassRun, MechanicalRun, Moved, run_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair
@@ -67,7 +68,7 @@ class RunPoint(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class RunFunction:
+class RunFunction(ParameterFunction[RunPoint]):
     """A result of a run as a function of parameters.
 
     Calling it, ``f(p)``, gives ``(value, derivative)``, as `scipy.optimize.minimize` takes with
@@ -97,9 +98,6 @@ class RunFunction:
     times: Array | None
     outside: Outside
     method: SwitchedRK
-    _last: dict[bytes, RunPoint] = dataclasses.field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
 
     @property
     def wrt(self) -> tuple[str, ...]:
@@ -145,12 +143,6 @@ class RunFunction:
         )
         return found
 
-    def _point(self, p: ArrayLike) -> Array:
-        values = real_array("p", p).ravel()
-        if len(values) != len(self.wrt):
-            raise ValueError(f"p must have {len(self.wrt)} entries, got {len(values)}")
-        return values
-
     def evaluate(self, p: ArrayLike) -> RunPoint:
         """Give the value and its derivative, and how the run went.
 
@@ -170,19 +162,10 @@ class RunFunction:
             If `p` has not as many entries as `wrt`; with ``outside="raise"`` where there is no
             result.
         """
-        values = self._point(p)
-        key = values.tobytes()
-        found = self._last.get(key)
-        if found is None:
-            found = self._evaluate(values)
-            self._last.clear()
-            self._last[key] = found
-        return found._replace(
-            value=np.copy(found.value) if self.shape else found.value,
-            derivative=found.derivative.copy(),
-        )
+        found: RunPoint = self._at(p)
+        return found
 
-    def _evaluate(self, p: Array) -> RunPoint:
+    def _computed(self, p: Array) -> RunPoint:
         try:
             moved = self.run.at(p)
             self._check_span(moved)
@@ -233,41 +216,6 @@ class RunFunction:
         value = np.full(self.shape, np.inf if self.outside == "inf" else np.nan)
         derivative = np.full((*self.shape, len(self.wrt)), np.nan)
         return RunPoint(float(value) if value.ndim == 0 else value, derivative, status, message)
-
-    def __call__(self, p: ArrayLike) -> tuple[float | Array, Array]:
-        """Give the value and its derivative, of the shapes `shape` and ``(*shape, len(wrt))``."""
-        found = self.evaluate(p)
-        return found.value, found.derivative
-
-    def fun(self, p: ArrayLike) -> Array:
-        """Give the value as a vector, for `scipy.optimize.least_squares`.
-
-        Parameters
-        ----------
-        p : array_like
-            A value for each of `wrt`.
-
-        Returns
-        -------
-        ndarray
-            One-dimensional.
-        """
-        return np.ravel(self.evaluate(p).value)
-
-    def jac(self, p: ArrayLike) -> Array:
-        """Give the derivative as a matrix; where `fun` was just computed, without another run.
-
-        Parameters
-        ----------
-        p : array_like
-            A value for each of `wrt`.
-
-        Returns
-        -------
-        ndarray
-            Of shape (number of values, number of parameters).
-        """
-        return self.evaluate(p).derivative.reshape(-1, len(self.wrt))
 
 
 KINDS: tuple[Literal["position"], Literal["velocity"]] = ("position", "velocity")

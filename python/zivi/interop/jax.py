@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from zivi.base.extras import needed
-from zivi.interop.gradient import RunFunction
-from zivi.interop.solution import SolutionFunction
+from zivi.interop.function import ParameterFunction
 
 __all__ = ["jax_function"]
 
 
-def jax_function(function: RunFunction | SolutionFunction) -> Callable[[Any], Any]:
+def jax_function(function: ParameterFunction[Any]) -> Callable[[Any], Any]:
     """Make a function of JAX from a run, or from the solution of a VI.
 
     It can be compiled, differentiated forwards and backwards once (``jax.jvp``, ``jax.grad``,
@@ -46,7 +45,7 @@ def jax_function(function: RunFunction | SolutionFunction) -> Callable[[Any], An
     >>> jax.grad(lambda e: zivi.interop.jax_function(rest)(e[None]))(0.5)  # doctest: +SKIP
     Array(3.612189, dtype=float32, weak_type=True)
     """
-    if not isinstance(function, RunFunction | SolutionFunction):
+    if not isinstance(function, ParameterFunction):
         raise TypeError(
             "function must be a RunFunction, from run_function, or a SolutionFunction, from "
             f"solution_function, got {function!r}"

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from zivi.base.arrays import Array, is_sparse, vector
 from zivi.base.check import real_array
+from zivi.interop.function import ParameterFunction
 from zivi.vi.derivatives import VIDerivative, solution_derivative
 from zivi.vi.solve import VIOptions, VIResult, solve_vi
 
@@ -41,31 +42,28 @@ class SolutionPoint(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class SolutionFunction:
+class SolutionFunction(ParameterFunction[SolutionPoint]):
     """The solution of a VI as a function of parameters.
 
     Calling it, ``f(p)``, gives ``(x, dx/dp)``. `fun` and `jac` are what
     `scipy.optimize.least_squares` and `scipy.optimize.root` take, `gradient` is the derivative of
     a function of the solution. Each solve begins at the last solution. Where there is none, or it
     has no derivative, the value is infinite and the derivative NaN.
-
-    Attributes
-    ----------
-    wrt : tuple of str
-        What the entries of ``p`` are.
     """
 
     F: Callable[[Array, Array], ArrayLike]
     lower: Any
     upper: Any
     x0: Array
-    wrt: tuple[str, ...]
+    names: tuple[str, ...]
     jacobian: Callable[[Array, Array], Any]
     map_slopes: Callable[[Array, Array], Any] | None
     options: VIOptions | Mapping[str, Any] | None
-    _last: dict[bytes, SolutionPoint] = dataclasses.field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
+
+    @property
+    def wrt(self) -> tuple[str, ...]:
+        """What the entries of ``p`` are, tuple of str."""
+        return self.names
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -90,18 +88,10 @@ class SolutionFunction:
         ValueError
             If `p` has not as many entries as `wrt`.
         """
-        values = np.atleast_1d(vector("p", p, scalar=True))
-        if len(values) != len(self.wrt):
-            raise ValueError(f"p must have {len(self.wrt)} entries, got {len(values)}")
-        key = values.tobytes()
-        found = self._last.get(key)
-        if found is None:
-            found = self._solved(values)
-            self._last.clear()
-            self._last[key] = found
-        return found._replace(value=found.value.copy(), derivative=found.derivative.copy())
+        found: SolutionPoint = self._at(p)
+        return found
 
-    def _solved(self, p: Array) -> SolutionPoint:
+    def _computed(self, p: Array) -> SolutionPoint:
         last = next(iter(self._last.values()), None)
         start = last.solution.x if last is not None and last.solution.success else self.x0
         lower, upper = (_at(box, p) for box in (self.lower, self.upper))
@@ -136,41 +126,6 @@ class SolutionFunction:
             return _differences(lambda q: real_array("F(x, p)", self.F(x, q)), p)
         slopes = self.map_slopes(x, p)
         return slopes if is_sparse(slopes) else np.reshape(slopes, (len(x), len(p)))
-
-    def __call__(self, p: ArrayLike) -> tuple[Array, Array]:
-        """Give the solution and its derivative."""
-        found = self.evaluate(p)
-        return found.value, found.derivative
-
-    def fun(self, p: ArrayLike) -> Array:
-        """Give the solution.
-
-        Parameters
-        ----------
-        p : array_like
-            A value for each of `wrt`.
-
-        Returns
-        -------
-        ndarray
-            The unknowns.
-        """
-        return self.evaluate(p).value
-
-    def jac(self, p: ArrayLike) -> Array:
-        """Give the derivative; where `fun` was just computed, without another solve.
-
-        Parameters
-        ----------
-        p : array_like
-            A value for each of `wrt`.
-
-        Returns
-        -------
-        ndarray
-            Of shape (unknowns, parameters).
-        """
-        return self.evaluate(p).derivative
 
     def gradient(self, p: ArrayLike, weights: ArrayLike) -> Array:
         """Give the gradient of a function of the solution from its gradient by the unknowns.
