@@ -45,7 +45,8 @@ def test_the_plain_null_space_is_far_worse():
     arm = two_links()
 
     class Plain(zivi.GapTracker):
-        def _controls(self, inputs, q, qdot, kinetics, a, now):
+        def _controls(self, there, a, now):
+            _, q, qdot, kinetics, _ = there
             here, (kp, kd) = kinetics.here, (400.0, 40.0)
             normals = here.gradients
             basis = np.linalg.qr(normals.T, mode="complete")[0][:, 1:]

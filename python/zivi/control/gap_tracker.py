@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, real, real_array, switch, whole
-from zivi.control.believed_plant import BelievedPlant, onto
 from zivi.control.component import TickStatus
-from zivi.control.gap_law import Allocation, limits_of, reach
+from zivi.control.gap_law import Allocation, reach
 from zivi.control.mechanical_reference import ReferenceSample
+from zivi.control.model_based import ModelBased, Outlook, believed, numbers
 from zivi.control.twisting import TwistingTracker
 from zivi.simulation.run import pair
-from zivi.system.control_inputs import ControlInputs
 from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem
 
@@ -31,10 +30,9 @@ STEPS = 5.0
 """The same in steps of the sensor."""
 OUT = 5
 """A contact is open after so many measurements beyond that."""
-MOST_DELAY = 64
 
 
-class GapTracker:
+class GapTracker(ModelBased):
     r"""Lets the gaps of a mechanism follow bouncing references through impacts, rest and lift-off.
 
     With :math:`D = N M^{-1} N^T` and :math:`Z` as in `zivi.mechanics.gap_coordinates`:
@@ -107,63 +105,37 @@ class GapTracker:
         latch: Sequence[float] | None = None,
         delay: int = 0,
     ) -> None:
-        if not isinstance(system, MechanicalSystem):
-            raise TypeError(f"system must be a zivi.MechanicalSystem, got {type(system).__name__}")
-        self._settings: dict[str, Any] = {
+        settings: dict[str, Any] = {
             "h": real("h", h),
             "gains": {
                 name: pair(f"gains[{name!r}]", it, "(mu1, mu2)") for name, it in gains.items()
             },
             "posture": pair("posture", posture, "(kp, kd)"),
             "force": _forces(force or {}),
-            "u_limits": limits_of(u_limits),
+            "u_limits": u_limits,
             "horizon": real("horizon", horizon),
             "shift": switch("shift", shift),
             "latch": None if latch is None else pair("latch", latch, "(of the gap, of its rate)"),
             "delay": whole("delay", delay),
         }
-        if not 0 <= self.delay <= MOST_DELAY:
-            raise ValueError(f"delay must be from 0 to {MOST_DELAY} periods, got {delay}")
         for name, both in (("posture", posture), ("latch", latch or (0.0, 0.0))):
             if not all(math.isfinite(it) and it >= 0.0 for it in both):
                 raise ValueError(f"{name} must be two finite numbers >= 0, got {both}")
-        self.system = system
-        _same_names("gains", self._settings["gains"], system.gap_names, every=True)
-        _same_names("force", self._settings["force"], system.gap_names)
+        names = believed(system).gap_names
+        _same_names("gains", settings["gains"], names, every=True)
+        _same_names("force", settings["force"], names)
         self._trackers = [
             TwistingTracker(
-                *self._settings["gains"][name],
-                h=self.h,
+                *settings["gains"][name],
+                h=settings["h"],
                 e=float(e),
-                horizon=self._settings["horizon"],
-                shift=self._settings["shift"],
+                horizon=settings["horizon"],
+                shift=settings["shift"],
             )
-            for name, e in zip(system.gap_names, system.e, strict=True)
+            for name, e in zip(names, system.e, strict=True)
         ]
+        super().__init__(system, settings)
         self._noise = np.zeros((2, 2))
-        self._inputs: ControlInputs | None = None
-        self._believed: BelievedPlant | None = None
-        self.reset()
-
-    @property
-    def h(self) -> float:
-        """Sampling period (s)."""
-        return float(self._settings["h"])
-
-    @property
-    def delay(self) -> int:
-        """Periods from a measurement to the moment when its control acts."""
-        return int(self._settings["delay"])
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """All settings, as they are given to the constructor."""
-        return dict(self._settings)
-
-    @property
-    def status(self) -> TickStatus:
-        """What was done to the last sample and to the control."""
-        return self._status
 
     @property
     def latched(self) -> NDArray[np.bool_]:
@@ -187,29 +159,26 @@ class GapTracker:
 
     def reset(self) -> None:
         """Forget all that was measured."""
+        super().reset()
         for tracker in self._trackers:
             tracker.reset(0.0, 0.0)
         m = len(self._trackers)
         self._latched = np.zeros(m, dtype=bool)
         self._beyond = np.zeros(m, dtype=int)
         self._a = np.zeros(m)
-        self._u: Array | None = None
-        self._queue: list[Array] = []
-        self._held: Array | None = None
-        self._status = TickStatus(0)
+        self._place: Array | None = None
         self._least, self._uncontrolled = math.inf, 0
 
     @property
     def state(self) -> tuple[Any, ...]:
         """All that changes from tick to tick; assigning it restores what it was of exactly."""
-        rows = [None if it is None else tuple(it.tolist()) for it in (self._u, self._held)]
         return (
             tuple(tracker.state for tracker in self._trackers),
             tuple(self._latched.tolist()),
             tuple(self._beyond.tolist()),
             tuple(self._a.tolist()),
-            tuple(tuple(u.tolist()) for u in self._queue),
-            *rows,
+            numbers(self._queue),
+            *numbers([self._u, self._place]),
             int(self._status),
             (self._least, self._uncontrolled),
         )
@@ -222,34 +191,18 @@ class GapTracker:
         self._latched, self._beyond = np.array(latched, dtype=bool), np.array(beyond, dtype=int)
         self._a = np.array(a, dtype=np.float64)
         self._queue = [np.array(it) for it in queue]
-        self._u, self._held = (None if it is None else np.array(it) for it in (u, held))
+        self._u, self._place = (None if it is None else np.array(it) for it in (u, held))
         self._status, (self._least, self._uncontrolled) = TickStatus(status), rank
 
     def copy(self) -> Self:
         """Copy it: the same settings, the same state."""
-        twin = type(self).__new__(type(self))
-        vars(twin).update(vars(self))
+        twin = super().copy()
         twin._trackers = [tracker.copy() for tracker in self._trackers]
-        twin.state = self.state
         return twin
-
-    def __copy__(self) -> Self:
-        return self.copy()
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self.copy()
-
-    def __getstate__(self) -> dict[str, Any]:
-        own = {"settings": self._settings, "system": self.system}
-        return {**own, "state": self.state, "noise": self._noise}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         GapTracker.__init__(self, state["system"], **state["settings"])
         self._noise, self.state = state["noise"], state["state"]
-
-    def __repr__(self) -> str:
-        shown = ", ".join(f"{name}={it!r}" for name, it in self._settings.items() if it is not None)
-        return f"GapTracker({self.system!r}, {shown})"
 
     def sensed(self, noise: Sequence[float], steps: Sequence[float]) -> None:
         """Take note of the sensor: deviations and steps of coordinates and of velocities."""
@@ -272,11 +225,11 @@ class GapTracker:
             the status is ``REFUSED``.
         """
         at = np.atleast_1d(real_array("q", q))
-        if self._held is None:
-            self._held = at
+        if self._place is None:
+            self._place = at
         m = len(self._trackers)
         rest = ReferenceSample(
-            self._held,
+            self._place,
             np.zeros(len(at)),
             np.ones(m),
             np.ones(m, dtype=bool),
@@ -310,46 +263,12 @@ class GapTracker:
         ndarray
             As `step`.
         """
-        at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
-        if at.shape != speed.shape or at.ndim != 1:
-            raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
-        inputs = self._known_inputs(at)
-        if not (np.all(np.isfinite(at)) and np.all(np.isfinite(speed))):
-            self._status = TickStatus.REFUSED
-            return self._sent(np.zeros(inputs.r) if self._u is None else self._u)
-        self._status = TickStatus(0)
-        assert self._believed is not None
-        t, at, speed = self._ahead(t, at, speed)
-        model = self._believed.model
-        here = model.layout.read(model.evaluate(t, at, speed))
-        kinetics = GapKinetics.of(here, speed)
+        there = self._outlook(t, q, qdot, self._latched)
+        if there is None:
+            return self._held()
         now, next = self._complete(now), self._complete(next)
-        a = self._wanted(t, kinetics, now, next)
-        return self._sent(self._controls(inputs, at, speed, kinetics, a, now))
-
-    def _known_inputs(self, q: Array) -> ControlInputs:
-        if self._inputs is None:
-            self._inputs = self.system.control_inputs(q)
-            self._believed = BelievedPlant(self.system, self.h, len(q))
-            limits = self._settings["u_limits"]
-            if limits is not None and len(limits) != self._inputs.r:
-                raise ValueError(
-                    f"u_limits must have a pair for each of {self._inputs.r} controls, "
-                    f"got {len(limits)}"
-                )
-        return self._inputs
-
-    def _ahead(self, t: float, q: Array, qdot: Array) -> tuple[float, Array, Array]:
-        """Predict the state when the control of this tick will act."""
-        if not self.delay:
-            return t, q, qdot
-        assert self._inputs is not None
-        assert self._believed is not None
-        idle = [np.zeros(self._inputs.r)] * (self.delay - len(self._queue))
-        controls = np.array(idle + self._queue[-self.delay :])
-        q, qdot = onto(self._believed.model, t, q, qdot, self._latched)
-        q, qdot, _ = self._believed.moved(t, q, qdot, controls)
-        return t + self.delay * self.h, q, qdot
+        a = self._wanted(there.t, there.kinetics, now, next)
+        return self._sent(self._controls(there, a, now))
 
     def _complete(self, sample: ReferenceSample) -> ReferenceSample:
         """Add the gaps of a reference that does not tell them."""
@@ -424,21 +343,13 @@ class GapTracker:
                 forces[i] = real(f"force[{name!r}]", asked(t)) if callable(asked) else asked
         return forces
 
-    def _controls(
-        self,
-        inputs: ControlInputs,
-        q: Array,
-        qdot: Array,
-        kinetics: GapKinetics,
-        a: Array,
-        now: ReferenceSample,
-    ) -> Array:
+    def _controls(self, there: Outlook, a: Array, now: ReferenceSample) -> Array:
         """Give the controls that make these accelerations of the gaps, and the rest as they can."""
+        _, q, qdot, kinetics, matrix = there
         kp, kd = self._settings["posture"]
         wanted = -kp * (q - now.q) - kd * (qdot - now.qdot)
         if now.qddot is not None:
             wanted = wanted + now.qddot
-        matrix = inputs.at(q)
         found = Allocation.of(kinetics, matrix, a, wanted, self._settings["u_limits"])
         if found.least is None and self._least == math.inf:
             found = dataclasses.replace(found, least=reach(kinetics, matrix))
@@ -448,13 +359,6 @@ class GapTracker:
         if found.limited:
             self._status |= TickStatus.SATURATED
         return found.u
-
-    def _sent(self, u: Array) -> Array:
-        """Remember what is sent."""
-        self._u = u
-        if self.delay:
-            self._queue = [*self._queue, u][-self.delay :]
-        return u.copy()
 
 
 def _forces(force: Mapping[str, Any]) -> dict[str, Any]:

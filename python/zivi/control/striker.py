@@ -5,16 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, real, real_array, whole
-from zivi.control.believed_plant import BelievedPlant, onto
+from zivi.base.check import Array, real, whole
 from zivi.control.component import TickStatus
-from zivi.control.gap_law import Allocation, limits_of
-from zivi.system.control_inputs import ControlInputs
+from zivi.control.gap_law import Allocation
+from zivi.control.model_based import ModelBased, believed, numbers
 from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem
 
@@ -28,10 +27,9 @@ JUMP = 1e-3
 """A change of the speed of a body beyond this part of the wanted one is an impact."""
 DEVIATIONS = 10.0
 """So many deviations of the measured speed are no impact."""
-MOST_DELAY = 64
 
 
-class Striker:
+class Striker(ModelBased):
     r"""Strikes a body so that it flies as high as is asked, or a wall with the speed that is asked.
 
     The next contact is known from the flight of the body: its time, at the place :math:`z^*`, and
@@ -109,14 +107,12 @@ class Striker:
         posture: float = 20.0,
         delay: int = 0,
     ) -> None:
-        if not isinstance(system, MechanicalSystem):
-            raise TypeError(f"system must be a zivi.MechanicalSystem, got {type(system).__name__}")
-        if gap not in system.gap_names:
+        if gap not in believed(system).gap_names:
             raise ValueError(f"gap must be one of {system.gap_names}, got {gap!r}")
         if (apex is None) == (speed is None) or (body is None) != (apex is None):
             raise ValueError("either body and apex must be given, or speed, for a wall")
-        self.system, self._gap = system, system.gap_names.index(gap)
-        self._settings: dict[str, Any] = {
+        self._gap, self._body = system.gap_names.index(gap), -1
+        settings: dict[str, Any] = {
             "gap": gap,
             "body": body,
             "apex": apex,
@@ -125,39 +121,15 @@ class Striker:
             "place": real("place", place),
             "h": real("h", h),
             "learn": bool(learn),
-            "u_limits": limits_of(u_limits),
+            "u_limits": u_limits,
             "posture": real("posture", posture),
             "delay": whole("delay", delay),
         }
         for name in ("h", "interval"):
-            if not self._settings[name] > 0.0:
-                raise ValueError(f"{name} must be > 0, got {self._settings[name]}")
-        if not 0 <= self.delay <= MOST_DELAY:
-            raise ValueError(f"delay must be from 0 to {MOST_DELAY} periods, got {delay}")
-        self._inputs: ControlInputs | None = None
-        self._believed: BelievedPlant | None = None
-        self._body, self._noise = -1, 0.0
-        self.reset()
-
-    @property
-    def h(self) -> float:
-        """Sampling period (s)."""
-        return float(self._settings["h"])
-
-    @property
-    def delay(self) -> int:
-        """Periods from a measurement to the moment when its control acts."""
-        return int(self._settings["delay"])
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """All settings, as they are given to the constructor."""
-        return dict(self._settings)
-
-    @property
-    def status(self) -> TickStatus:
-        """What was done to the last sample and to the control."""
-        return self._status
+            if not settings[name] > 0.0:
+                raise ValueError(f"{name} must be > 0, got {settings[name]}")
+        super().__init__(system, settings)
+        self._noise = 0.0
 
     @property
     def strokes(self) -> int:
@@ -171,20 +143,16 @@ class Striker:
 
     def reset(self) -> None:
         """Forget all that was measured and learnt."""
+        super().reset()
         self._k, self._gamma, self._plan = 0, math.nan, (0.0, 0.0)
         self._last: tuple[float, ...] | None = None
         self._strike_at: float | None = None
-        self._u: Array | None = None
-        self._queue: list[Array] = []
-        self._status = TickStatus(0)
 
     @property
     def state(self) -> tuple[Any, ...]:
         """All that changes from tick to tick; assigning it restores what it was of exactly."""
-        u = None if self._u is None else tuple(self._u.tolist())
-        queue = tuple(tuple(it.tolist()) for it in self._queue)
         own = (self._k, self._gamma, self._plan, self._last, self._strike_at)
-        return (*own, u, queue, int(self._status))
+        return (*own, *numbers([self._u]), numbers(self._queue), int(self._status))
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
@@ -192,30 +160,9 @@ class Striker:
         self._u = None if u is None else np.array(u)
         self._queue, self._status = [np.array(it) for it in queue], TickStatus(status)
 
-    def copy(self) -> Self:
-        """Copy it: the same settings, the same state."""
-        twin = type(self).__new__(type(self))
-        vars(twin).update(vars(self))
-        twin.state = self.state
-        return twin
-
-    def __copy__(self) -> Self:
-        return self.copy()
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self.copy()
-
-    def __getstate__(self) -> dict[str, Any]:
-        own = {"settings": self._settings, "noise": self._noise}
-        return {**own, "system": self.system, "state": self.state}
-
     def __setstate__(self, state: dict[str, Any]) -> None:
         Striker.__init__(self, state["system"], **state["settings"])
         self._noise, self.state = state["noise"], state["state"]
-
-    def __repr__(self) -> str:
-        shown = ", ".join(f"{name}={it!r}" for name, it in self._settings.items() if it is not None)
-        return f"Striker({self.system!r}, {shown})"
 
     def sensed(self, noise: Sequence[float], steps: Sequence[float]) -> None:
         """Take note of the sensor: deviations and steps of coordinates and of velocities."""
@@ -237,24 +184,11 @@ class Striker:
             The controls, shape (r,). Where a measurement is not finite they are the last ones, and
             the status is ``REFUSED``.
         """
-        at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
-        if at.shape != speed.shape or at.ndim != 1:
-            raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
-        inputs, believed = self._known(at)
-        if not (np.all(np.isfinite(at)) and np.all(np.isfinite(speed))):
-            self._status = TickStatus.REFUSED
-            return self._sent(np.zeros(inputs.r) if self._u is None else self._u)
-        self._status = TickStatus(0)
-        if self.delay:
-            idle = [np.zeros(inputs.r)] * (self.delay - len(self._queue))
-            controls = np.array(idle + self._queue[-self.delay :])
-            at, speed = onto(believed.model, t, at, speed, np.zeros(self.system.m, dtype=bool))
-            at, speed, _ = believed.moved(t, at, speed, controls)
-            t += self.delay * self.h
-        here = believed.model.layout.read(believed.model.evaluate(t, at, speed))
-        kinetics = GapKinetics.of(here, speed)
-        matrix = inputs.at(at)
-        gap, rate = float(here.gaps[self._gap]), float(kinetics.gdot[self._gap])
+        there = self._outlook(t, q, qdot, np.zeros(self.system.m, dtype=bool))
+        if there is None:
+            return self._held()
+        t, at, speed, kinetics, matrix = there
+        gap, rate = float(kinetics.here.gaps[self._gap]), float(kinetics.gdot[self._gap])
         pull = self._pull(kinetics)
         x, v = (0.0, 0.0) if self._body < 0 else (float(at[self._body]), float(speed[self._body]))
         self._look(t, gap, rate, v, pull, kinetics)
@@ -268,18 +202,15 @@ class Striker:
             self._status |= TickStatus.SATURATED
         return self._sent(found.u)
 
-    def _known(self, q: Array) -> tuple[ControlInputs, BelievedPlant]:
-        if self._inputs is None or self._believed is None:
-            self._inputs = self.system.control_inputs(q)
-            self._believed = BelievedPlant(self.system, self.h, len(q))
-            names, body = self.system.coordinate_names(len(q)), self._settings["body"]
-            if body is not None and body not in names:
-                raise ValueError(f"body must be one of the coordinates {names}, got {body!r}")
-            self._body = -1 if body is None else names.index(body)
-            there = self.system.at(0.0, q, 0.0 * q)
-            if body is not None and abs(there.gradients[self._gap, self._body] - 1.0) > 1e-9:
-                raise ValueError(f"gap {self._settings['gap']!r} must grow as {body!r} does")
-        return self._inputs, self._believed
+    def _look_at(self, q: Array) -> None:
+        """Find the body among the coordinates."""
+        names, body = self.system.coordinate_names(len(q)), self._settings["body"]
+        if body is not None and body not in names:
+            raise ValueError(f"body must be one of the coordinates {names}, got {body!r}")
+        self._body = -1 if body is None else names.index(body)
+        there = self.system.at(0.0, q, 0.0 * q)
+        if body is not None and abs(there.gradients[self._gap, self._body] - 1.0) > 1e-9:
+            raise ValueError(f"gap {self._settings['gap']!r} must grow as {body!r} does")
 
     def _pull(self, kinetics: GapKinetics) -> float:
         """Give the acceleration of the body in flight; 0 of a wall."""
@@ -332,12 +263,6 @@ class Striker:
         j = (6.0 * left * (w + meeting) - 12.0 * (goal - z)) / left**3
         self._plan = (a0 + 0.5 * h * j, j)
         return self._plan[0]
-
-    def _sent(self, u: Array) -> Array:
-        self._u = u
-        if self.delay:
-            self._queue = [*self._queue, u][-self.delay :]
-        return u.copy()
 
 
 def _asked(name: str, given: Any, k: int) -> float:
