@@ -271,7 +271,7 @@ LINES: dict[str, Line] = {
     **{f"samples missing, {it:.0%}": troubled(6, missing=it) for it in MISSING},
     "50 of every 200 missing": troubled(6, pauses=True),
 }
-"""What is drawn and how it is seen, by the name of its row in docs/control.md."""
+"""What is drawn and how it is seen, by the name of its row in results/loops.md."""
 
 
 def main(runs: int = 100) -> None:

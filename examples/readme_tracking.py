@@ -1,4 +1,4 @@
-"""The picture of the README's controllers, and one of docs/control.md.
+"""The picture of the README's controllers, and one of docs/implicit_signs.md.
 
 Left, a mass follows a reference into its Zeno point (the paper's problem); middle and right, what
 the control does on a reference that bounces for ever, with implicit and with explicit signs.

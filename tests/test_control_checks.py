@@ -39,7 +39,7 @@ def rising(mu1, mu2, e, d, **more):
 
 def test_the_trackers_bound_keeps_the_mass():
     """What was accepted once flew away: 300 m with half the force that the gains were to hold."""
-    assert at_rest(30, 17, 0.05, 6).x[-1] == pytest.approx(301, abs=1)  # as in control.md
+    assert at_rest(30, 17, 0.05, 6).x[-1] == pytest.approx(301, abs=1)  # as in results/loops.md
     with pytest.raises(ValueError, match=r"mu2 must be greater than .* = 6[23]\..* bound = 6\.0"):
         zivi.TwistingTracker(30, 17, h=1e-3, e=0.05, bound=6)
     for d in (-6, 6):
@@ -47,7 +47,7 @@ def test_the_trackers_bound_keeps_the_mass():
 
 
 def test_the_trackers_bound_catches_a_rising_reference():
-    assert rising(30, 17, 0.2, 8) == pytest.approx(0.34, abs=5e-3)  # as in control.md
+    assert rising(30, 17, 0.2, 8) == pytest.approx(0.34, abs=5e-3)  # as in results/loops.md
     with pytest.raises(ValueError, match=r"mu2 must be greater than bound \(1 \+ e\)/\(2 e\)"):
         zivi.TwistingTracker(30, 17, h=1e-3, e=0.2, bound=8)
     for d in (-3, 3):

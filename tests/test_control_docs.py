@@ -1,4 +1,4 @@
-"""docs/control.md and the README's section on control: every number is computed again."""
+"""What pages, the README and benchmarks/results/loops.md say of control, computed again."""
 
 import re
 from pathlib import Path
@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 
 import zivi
+from page_blocks import blocks
 from zivi.paper import chattering, closed_loops, rest, robustness
 from zivi.paper.closed_loops import last_above, track
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "control.md").read_text()
+PAGE = (ROOT / "benchmarks" / "results" / "loops.md").read_text()
 README = (ROOT / "README.md").read_text()
 TEXT = " ".join(PAGE.split())
 BRANCHES = ("positive", "nearest")
 
 
-def table(first_column):
+def table(first_column, text=PAGE):
     """Cells of the rows below the header that starts with `first_column`."""
-    lines = iter(PAGE.splitlines())
+    lines = iter(text.splitlines())
     for line in lines:
         if line.startswith(f"| {first_column} |"):
             break
@@ -46,22 +47,57 @@ def snippet(text):
     return code
 
 
-def test_the_pages_snippet_runs(capsys):
+def page(name):
+    return (ROOT / "docs" / f"{name}.md").read_text()
+
+
+def names_of(name):
+    """What the code of a page leaves behind."""
     names: dict = {}
-    first, *others = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    exec(compile(first, "control.md", "exec"), names)
-    assert names["run"].u[-1] == 9.81 - 19.5  # D = 2 (30 - 17)/(4/3)
+    for _, code in blocks(name):
+        exec(compile(code, name, "exec"), names)
+    return names
+
+
+def test_the_programs_of_the_pages(capsys):
+    assert names_of("control")["run"].u[-1] == 9.81 - 19.5  # D = 2 (30 - 17)/(4/3)
     assert "-9.69" in capsys.readouterr().out
-    for code in others:
-        exec(compile(code, "control.md", "exec"), names)
-    seen = names["seen"]
+    seen = names_of("noise_delay")["seen"]
     assert seen.rest_time < 1.5
     assert abs(seen.d_est[(seen.t > 0.5) & (seen.t < 1.2)].mean() - 1.5) < 0.1
-    design = names["design"]
-    told = (design.mu1, design.mu2, design.settling_time, design.u_min, design.u_max)
-    assert [round(it, 2) for it in told] == [11.35, 5.49, 1.47, -1.42, 1.99]
-    assert round(design.h, 4) == 0.0053
-    assert abs(names["run"].error[1500:]).max() < 1e-3
+    assert abs(names_of("follow_reference")["run"].error[1500:]).max() < 1e-3
+
+
+QUOTES = {
+    "choose_gains": ("mu1, mu2", "mu1, mu2"),
+    "implicit_signs": ("reference", "reference"),
+    "noise_delay": ("disturbance", "disturbance"),
+}
+"""Pages with rows of the results: first column there and here."""
+
+
+@pytest.mark.parametrize("name", QUOTES)
+def test_rows_on_pages_are_of_the_results(name):
+    there, here = QUOTES[name]
+    measured = " ".join(" ".join(row) for row in table(there))
+    rows = table(here, page(name))
+    assert len(rows) >= 3
+    for row in rows:
+        for figure in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", " ".join(row[1:])):
+            assert re.search(rf"(?<![\d.]){re.escape(figure)}(?![\d.])", measured), (row, figure)
+
+
+def test_shares_at_rest_on_the_page_of_exact_rest():
+    measured = {float(row[0]): int(row[1]) for row in table("e")}
+    rows = table("e", page("exact_rest"))
+    assert len(rows) == 4
+    for span, count, paper in rows:
+        ends = numbers(span)
+        first = 0.0 if "up to" in span else ends[0]
+        found = [share for e, share in measured.items() if first <= e <= ends[-1]]
+        told = numbers(count.replace(" of 50", ""))
+        assert (min(found), max(found)) == (told[0], told[-1])
+        assert paper == "50"
 
 
 def test_the_readmes_snippet_runs(tmp_path, monkeypatch, capsys):
@@ -270,12 +306,7 @@ def test_the_component():
     assert tracker.state == before
     tracker.step(-0.05, 0.0, -9.81, -19.81)
     assert tracker.status is zivi.TickStatus.CLAMPED
-    for name in re.findall(r"`(reset|copy|state|signs|status|x_ref|xdot_ref)\b", PAGE):
+    for name in re.findall(r"`(reset|copy|state|signs|status|x_ref|xdot_ref)\b", page("control")):
         assert hasattr(tracker, name)
     run = track()
     assert run.signs[-2, 0] == 1.0
-
-
-def test_every_link_and_figure_exists():
-    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", PAGE):
-        assert (ROOT / "docs" / target).exists(), target

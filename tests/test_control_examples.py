@@ -10,7 +10,7 @@ import pytest
 from example_scripts import example
 
 ROOT = Path(__file__).parents[1]
-PAGE = " ".join((ROOT / "docs" / "control.md").read_text().split())
+PAGE = " ".join((ROOT / "benchmarks" / "results" / "loops.md").read_text().split())
 
 
 @pytest.fixture(scope="module")

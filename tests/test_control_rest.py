@@ -37,9 +37,9 @@ def test_behind_an_observer_the_control_is_still_without_one(kind, position_only
 
 
 def test_near_e_1_an_observer_rests_sooner_than_a_dead_zone():
-    """The times of docs/control.md."""
+    """The times of benchmarks/results/loops.md."""
     root = Path(__file__).parents[1]
-    page = " ".join((root / "docs" / "control.md").read_text().split())
+    page = " ".join((root / "benchmarks" / "results" / "loops.md").read_text().split())
     told = re.search(
         r"rest takes (.*) s from 0.5 m, (.*) s with `quiet`, (\d.\d) s with both", page
     )

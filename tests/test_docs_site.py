@@ -60,9 +60,9 @@ def test_links_images_and_anchors_exist(path):
 
 
 def test_the_link_check_can_fail():
-    assert "choosing-mu1-mu2-and-h" in anchors(DOCS / "control.md")
+    assert "the-step-and-its-selection-rule" in anchors(DOCS / "control.md")
     assert "nothing-like-it" not in anchors(DOCS / "control.md")
-    assert "figures/chattering.png" in set(links(DOCS / "control.md"))
+    assert "figures/periodic_reference.png" in set(links(DOCS / "control.md"))
 
 
 def test_no_two_pages_have_one_title():

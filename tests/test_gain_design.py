@@ -72,7 +72,7 @@ def bounded(e, U, D, start, *, bound=0.0, h=1e-9, force=0.0, delay=0, quiet=0.0)
 
 
 def by_hand(e, U, D, start, *, bound=0.0, h=1e-9, force=0.0, delay=0, quiet=0.0):
-    """The same written flight by flight from docs/control.md, without arrays."""
+    """The same written flight by flight from docs/exact_rest.md, without arrays."""
     M, m, (x, v) = bound, min(U, D), start
     tau, stops, dl = (1 + delay) * h, (1 + delay) * h * U + 2 * quiet, delay * h
     low, high = v + (force - M) * dl, v + (force + M) * dl
@@ -228,7 +228,7 @@ def test_the_best_ratio_is_the_numeric_minimum(kind, e):
 
 
 def test_the_best_time_for_the_largest_acceleration():
-    """T sqrt(U/2X) of the derivation in control.md."""
+    """T sqrt(U/2X) of the derivation in exact_rest.md."""
     for e, wanted in zip(
         (0.2, 1 / 3, 0.5, 0.7, 0.8, 0.9, 0.95), (1.5, 2, 2.73, 3.58, 4, 4.42, 4.62), strict=True
     ):

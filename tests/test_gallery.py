@@ -19,7 +19,7 @@ pytest.importorskip("xarray", reason="the gallery's studies need the extra 'stud
 pytest.importorskip("matplotlib", reason="the gallery draws")
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "examples.md").read_text()
+PAGE = "\n".join(path.read_text() for path in (ROOT / "docs" / "gallery").glob("gallery_*.md"))
 
 
 table = example("gallery_table_bifurcation")

@@ -8,7 +8,9 @@ import pytest
 
 from example_scripts import example
 
-PAGE = (Path(__file__).parents[1] / "docs" / "examples.md").read_text()
+PAGES = Path(__file__).parents[1] / "docs" / "gallery"
+REST = " ".join((PAGES / "exact_rest.md").read_text().split())
+JUGGLER = " ".join((PAGES / "observed_juggler.md").read_text().split())
 
 
 def test_the_landing_rests_where_the_papers_law_chatters(tmp_path):
@@ -19,12 +21,12 @@ def test_the_landing_rests_where_the_papers_law_chatters(tmp_path):
     late = after.t > after.rest_time + 0.1
     assert np.all(after.x[late] == 0)
     assert rest.variation(after) == 0
-    ((height, time),) = re.findall(r"up to (\S+) mm high.*exactly from (\S+) s", PAGE, re.DOTALL)
+    ((height, time),) = re.findall(r"up to (\S+) mm high.*exactly from (\S+) s", REST)
     assert 1e3 * before.x[before.t > 2].max() == pytest.approx(float(height), abs=0.06)
     assert after.rest_time == pytest.approx(float(time), abs=6e-4)
     # other noise, the same end
     assert rest.run("landing", seed=7).rest_time is not None
-    rest.draw(str(tmp_path / "rest.png"), {law: rest.run(law) for law in rest.LAWS})
+    rest.main(str(tmp_path / "rest.png"))
     assert (tmp_path / "rest.png").stat().st_size > 1000
 
 
@@ -37,11 +39,11 @@ def test_the_juggler_holds_the_orbit_from_positions(tmp_path):
     assert len(impacts) >= 19
     run = juggler.juggle()
     rms, largest = juggler.errors(run)
-    ((most, mean),) = re.findall(r"within\s+(\S+) mm of the orbit \((\S+) mm rms\)", PAGE)
+    ((most, mean),) = re.findall(r"within\s+(\S+) mm of the orbit \((\S+) mm rms\)", JUGGLER)
     assert 1e3 * largest == pytest.approx(float(most), rel=0.1)
     assert 1e3 * rms == pytest.approx(float(mean), rel=0.05)
     late = run.t > juggler.SPAN[0] + 2
     unknown = juggler.PUSH * np.cos(juggler.RATE * run.t)
     assert np.sqrt(np.mean((run.d_est - unknown)[late] ** 2)) < 0.4
-    juggler.draw(str(tmp_path / "juggler.png"), run)
+    juggler.main(str(tmp_path / "juggler.png"))
     assert (tmp_path / "juggler.png").stat().st_size > 1000

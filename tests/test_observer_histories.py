@@ -48,7 +48,7 @@ def test_a_kick_is_found_out_within_9_samples(kick):
             assert history.seen().found_again <= 9
 
 
-PAGE = Path(__file__).parents[1] / "docs" / "control.md"
+PAGE = Path(__file__).parents[1] / "benchmarks" / "results" / "loops.md"
 # what the design of this filter promised of the same histories, made with other draws
 PROMISED = {
     "`q_d` = 1e-6": (3.8e-4, 4.2e-3),

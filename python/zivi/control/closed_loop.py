@@ -208,7 +208,7 @@ def simulate_closed_loop(
         Force on the reference (m/s^2), at the sample; by default `force_model`. Above a moving
         wall, where everything else is in the wall's frame, so is this force. The reference is
         advanced by implicit Euler steps: it drifts, see "A reference given as a force" in
-        control.md.
+        follow_reference.md.
     force_model : float, LinearForce or callable, optional
         The force that the controller believes in, at the measured state; by default the true one.
     reference : Trajectory, callable or array_like, optional

@@ -164,7 +164,8 @@ def design_tracker(
 ) -> GainDesign:
     """Compute gains and sampling period of a tracker that lands in time.
 
-    The reference rests; one that moves is captured in about 5 sqrt(Delta/(R mu1)), see control.md.
+    The reference rests; one that moves is captured in about 5 sqrt(Delta/(R mu1)), see
+    choose_gains.md.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@
 //!
 //! An unknown force of at most `M`, one that follows the motion included, leaves all of it true of
 //! `E = x'^2/2 + (D + M) x` and `v-^2 <= v+^2 (D + M)/(min(U, D) - M)`: the mass rests if
-//! `M < (min(U, D) - e^2 D)/(1 + e^2)`, and for `M sgn x'` only then (docs/control.md).
+//! `M < (min(U, D) - e^2 D)/(1 + e^2)`, and for `M sgn x'` only then (docs/exact_rest.md).
 //!
 //! `N = 1 + d` where a control acts `d` periods after its measurement: until then the mass rises on.
 //! The brake of such a loop, `v' = -v(t - d h)/(N h)`, does not swing over if

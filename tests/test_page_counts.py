@@ -1,0 +1,84 @@
+"""How much the pages say, and that they say it once."""
+
+import re
+from collections import defaultdict
+
+import pytest
+
+from page_blocks import DOCS
+
+PAGES = sorted(path for path in DOCS.glob("*.md") if not path.name.startswith("_"))
+LONGEST = 1300
+"""Words of a page."""
+LONG = {
+    "deploy": 2100,
+    "mechanics": 1850,
+    "methods": 4350,
+    "misprints": 1850,
+    "orbits": 2800,
+    "studies": 2600,
+    "vi": 1400,
+}
+"""Pages that may have more, and how many."""
+ALL = 46_100
+"""Words of all pages."""
+RUN = 7
+"""So many words that two pages share are a copy."""
+COPIES = 33
+
+
+def prose(path):
+    """Text of a page without code, formulas, headings, targets of links and tables of keys."""
+    text = re.sub(r"\A---\n.*?^---\n", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"<!-- keys of .*?<!-- end of", "", text, flags=re.DOTALL)
+    text = re.sub(r"^(```+).*?^\1\s*$", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"^(#{1,6} .*| {4}.*)$", "", text, flags=re.MULTILINE)
+    return re.sub(r"\]\([^)\s]*\)", "]", text)
+
+
+def words(path):
+    """Words of a page as it is written, without tables that a command writes."""
+    text = re.sub(r"<!-- keys of .*?<!-- end of", "", path.read_text(), flags=re.DOTALL)
+    return len(text.split())
+
+
+def runs(texts):
+    """Runs of words that several texts share, as long as they are, and in which."""
+    where, split = defaultdict(set), {}
+    for name, text in texts.items():
+        split[name] = re.findall(r"\w+(?:[.'-]\w+)*", text.lower())
+        for k in range(len(split[name]) - RUN + 1):
+            where[tuple(split[name][k : k + RUN])].add(name)
+    found = set()
+    for text in split.values():
+        k = 0
+        while k + RUN <= len(text):
+            others = where[tuple(text[k : k + RUN])]
+            end = k + RUN
+            if len(others) > 1:
+                while len(where[tuple(text[end - RUN + 1 : end + 1])] & others) > 1:
+                    end += 1
+                found.add((" ".join(text[k:end]), tuple(sorted(others))))
+                k = end - RUN + 1
+            k += 1
+    return found
+
+
+def test_runs_are_found():
+    one = "a mass above a wall moves under a force and stops"
+    found = runs({"a": f"then {one}", "b": f"so {one}. But", "c": "a mass above a wall"})
+    assert found == {(one, ("a", "b"))}
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_a_page_is_short(path):
+    assert words(path) <= LONG.get(path.stem, LONGEST)
+
+
+def test_all_pages_are_short():
+    assert sum(map(words, PAGES)) <= ALL
+
+
+def test_a_fact_is_on_one_page():
+    copies = runs({path.stem: prose(path) for path in PAGES})
+    assert len(copies) <= COPIES, sorted(copies)
