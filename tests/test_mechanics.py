@@ -611,3 +611,39 @@ def test_moreau_jean_warns_of_what_it_may_do_to_the_energy():
         zivi.simulate(system, (0, 0.1), state, zivi.MoreauJean(h=1e-2))
     # orthogonal gaps: no warning, which would be an error here
     zivi.simulate(box(), (0, 0.1), ([0.0, 0.5], [0.5, 0.0]), zivi.MoreauJean(h=1e-2))
+
+
+def counted_ball(calls, *, rate=None, mass=1.0):
+    """A ball above a floor whose functions count how often they are called."""
+
+    def gap(t, q):
+        calls.append(t)
+        return q[0] - (0.1 * (t - 0.5) if t > 0.5 else 0.0)
+
+    floor = zivi.Gap(gap, lambda t, q: [1.0], rate=rate)
+    return zivi.MechanicalSystem(
+        mass=lambda t, q: [[mass if q[0] < 2 else -mass]], force=[-9.81], gaps=[floor], e=0.5
+    )
+
+
+def test_derivatives_are_compared_with_differences_at_the_first_start_of_a_system():
+    calls = []
+    ball = counted_ball(calls)
+    runs = []
+    for height in (1.0, 1.0, 1.5):
+        calls.clear()
+        sol = zivi.simulate(ball, (0, 0.1), ([height], [0]))
+        runs.append(len(calls) - sol.nfev)
+    assert runs[0] > 20 > runs[1] + 10
+    assert runs[1] == runs[2]
+
+
+def test_every_start_has_its_mass_and_every_span_its_rates_checked():
+    ball = counted_ball([])
+    assert zivi.simulate(ball, (0, 0.1), ([1.0], [0])).success
+    with pytest.raises(ValueError, match="mass must be positive definite"):
+        zivi.simulate(ball, (0, 0.1), ([3.0], [0]))
+    with pytest.raises(ValueError, match="gap 'gap0' must be >= 0"):
+        zivi.simulate(ball, (0, 0.1), ([-1.0], [0]))
+    with pytest.raises(ValueError, match="gap 'gap0' depends on time: give its rate"):
+        zivi.simulate(ball, (0, 1.0), ([1.0], [0]))

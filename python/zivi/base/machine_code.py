@@ -28,10 +28,7 @@ __all__ = ["COMPILERS", "Native", "compiled"]
 COMPILERS = ("auto", "c", "numba")
 """What can make machine code."""
 
-DOUBLES = ctypes.POINTER(ctypes.c_double)
-SIGNATURE = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p
-)
+SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, *4 * [ctypes.c_void_p])
 """``int model(double t, double *q, double *w, double *out, void *parameters)``."""
 
 # no contraction: the same numbers on every processor

@@ -19,10 +19,7 @@ def configuration_of(
     system: ImpactSystem, method: Method, span: tuple[float, float], state: tuple[float, float]
 ) -> dict[str, Any]:
     """Plain values that tell the run again (a callable only by its name)."""
-    settings = {
-        field.name: getattr(method, field.name)
-        for field in dataclasses.fields(method)  # type: ignore[arg-type]
-    }
+    settings = method._values()  # type: ignore[attr-defined]
     return {
         **describe_system(system),
         "t_span": list(span),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -66,13 +67,26 @@ OF_MASS = np.dtype(
 
 def table(fields: dict[str, str], m: int, columns: dict[str, Any]) -> Rows:
     """Make a record array of columns; `m` is the number of gaps."""
-    kinds: list[Any] = [
-        (name, "?", (m,)) if kind == "?m" else (name, kind) for name, kind in fields.items()
-    ]
-    rows = np.recarray(len(columns["t"]), dtype=kinds)
+    kind = _kind(tuple(fields.items()), m)
+    count = len(columns["t"])
+    if not count:  # most of the tables of most runs
+        return _nothing(kind)
+    rows = np.empty(count, kind)
     for name in fields:
         rows[name] = columns[name]
-    return rows
+    return rows.view(np.recarray)
+
+
+@functools.lru_cache
+def _kind(fields: tuple[tuple[str, str], ...], m: int) -> np.dtype[np.void]:
+    """Give the type of the rows of a table."""
+    return np.dtype([(name, "?", (m,)) if it == "?m" else (name, it) for name, it in fields])
+
+
+@functools.lru_cache
+def _nothing(kind: np.dtype[np.void]) -> Rows:
+    """Give a table without rows: one for all, there is nothing in it to be changed."""
+    return np.empty(0, kind).view(np.recarray)
 
 
 def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> NDArray[np.void]:

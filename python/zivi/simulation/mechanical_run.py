@@ -206,7 +206,7 @@ def configuration(
         "t_span": list(asked.span),
         "q0": asked.q.tolist(),
         "qdot0": asked.qdot.tolist(),
-        "method": {"name": type(method).__name__} | dataclasses.asdict(method),
+        "method": {"name": type(method).__name__, **method._values()},
     }
     if system._channels:
         config["friction"] = list(system.channel_names)

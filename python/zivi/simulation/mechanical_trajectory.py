@@ -179,18 +179,19 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         def rows(name: str, columns: dict[str, Any]) -> Rows:
             return table(fields[name], model.layout.m, columns)
 
-        # a method of fixed steps: its steps are all there is
-        steps = ("t", "q", "qdot", "gaps", "gap_rates", "reactions", "contacts")
-        stepped = config["method"]["name"] != "SwitchedRK"
         friction = friction_of(record.friction, channels)
-        linear = LinearMotion(**{name: getattr(record, name) for name in steps}, friction=friction)
+        path: Any = record.path
+        if config["method"]["name"] != "SwitchedRK":  # its steps are all there is
+            steps = ("t", "q", "qdot", "gaps", "gap_rates", "reactions", "contacts")
+            parts = {name: getattr(record, name) for name in steps}
+            path = LinearMotion(**parts, friction=friction)
         impacts = {name: getattr(record, f"impact_{name}") for name in FIELDS["impacts"]}
         fields = FIELDS
         if record.friction is not None:
             fields = FIELDS | {"impacts": IMPACTS}
             impacts = impacts_with(impacts, record.friction, channels)
         flags = {
-            "kind": np.array(record.flag_kind, dtype="U24"),
+            "kind": record.flag_kind,
             "t": record.flag_t,
             "gaps": record.flag_gaps,
             "size": record.flag_size,
@@ -222,7 +223,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
             t_events=[hits.t for hits in record.hits],
             q_events=[hits.q for hits in record.hits],
             qdot_events=[hits.qdot for hits in record.hits],
-            _path=linear if stepped else record.path,
+            _path=path,
             _model=model,
             _closer=closer,
             _friction=friction,

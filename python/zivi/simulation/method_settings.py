@@ -32,12 +32,16 @@ class Settings:
             object.__setattr__(self, setting.name, value)
         _ = self._core
 
+    def _values(self) -> dict[str, Any]:
+        """Give the settings by name."""
+        own = self.__dict__
+        return {name: own[name] for name in type(self).__dataclass_fields__}  # type: ignore[attr-defined]
+
     @property
     def _core(self) -> _zivi.Method:
         """The method as the core takes it, made once."""
         if "_made" not in self.__dict__:
-            given = {it.name: self.__dict__[it.name] for it in self._entry.settings}
-            self.__dict__["_made"] = _zivi.Method(self._entry.name, **given)
+            self.__dict__["_made"] = _zivi.Method(self._entry.name, **self._values())
         made: _zivi.Method = self.__dict__["_made"]
         return made
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,6 +40,9 @@ from zivi.system.model_parts import Part, part
 from zivi.system.partials import Partials
 from zivi.system.table import Table, declared_breaks
 
+if TYPE_CHECKING:
+    from zivi.base.machine_code import Native
+
 __all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass", "restitutions"]
 
 
@@ -60,6 +63,19 @@ class Model:
     layout: Layout
     spec: _zivi.Model
     evaluate: Evaluate
+
+    @classmethod
+    def of_code(cls, layout: Layout, code: Native, data: int, owner: object) -> Model:
+        """Give a model in machine code, with the address of its data and what owns these."""
+        owners = (code, owner)
+        function, row = code.function, np.zeros(layout.size)
+
+        def evaluate(t: float, q: Array, qdot: Array, keep: object = owners) -> Array:
+            q, qdot = np.ascontiguousarray(q, np.float64), np.ascontiguousarray(qdot, np.float64)
+            function(t, q.ctypes.data, qdot.ctypes.data, row.ctypes.data, data)
+            return row
+
+        return cls(layout, _zivi.Model.compiled(code.address, data=data, owner=owners), evaluate)
 
 
 @hinted("MechanicalSystem")

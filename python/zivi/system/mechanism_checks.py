@@ -41,10 +41,10 @@ def matrix_of(mass: Array) -> Array:
 
 def check_mass(matrix: Array) -> None:
     """Refuse a mass matrix that is not symmetric and positive definite."""
-    if not np.all(np.isfinite(matrix)):
+    if not np.isfinite(matrix).all():
         raise ValueError(f"mass must be finite, got {matrix.tolist()}")
-    skew = np.max(np.abs(matrix - matrix.T))
-    if skew > 1e-10 * np.max(np.abs(matrix)):
+    skew = np.abs(matrix - matrix.T).max()
+    if skew > 1e-10 * np.abs(matrix).max():
         raise ValueError(f"mass must be symmetric, got {matrix.tolist()}")
     try:
         np.linalg.cholesky(matrix)

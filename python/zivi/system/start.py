@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,6 +19,15 @@ AGREEMENT = 1e-5
 """Relative difference between a derivative and its differences that is taken for one."""
 TIMES = 9
 """So many times in the span show whether a gap without a rate moves."""
+
+CHECKED: WeakKeyDictionary[MechanicalSystem, tuple[tuple[float, float], bytes]] = (
+    WeakKeyDictionary()
+)
+"""Systems whose derivatives were compared with differences, span and mass of their last start.
+
+Once a system: what its functions compute does not change from run to run, and the differences are
+most of what a short run costs.
+"""
 
 
 def check_start(
@@ -37,22 +47,45 @@ def check_start(
         The state at the start, finite.
     """
     look = _Look(model)
-    here = look(span[0], q, qdot)
-    _check_finite(system, here)
-    check_mass(here.mass)
+    row = np.array(model.evaluate(span[0], q, qdot))
+    here = model.layout.read(row)
+    if not np.isfinite(row).all():
+        _check_finite(system, here)
+    span_before, mass_before = CHECKED.get(system, (None, b""))
+    mass = here.mass.tobytes()
+    if mass != mass_before:
+        check_mass(here.mass)
+    if (here.gaps < 0.0).any():
+        _check_open(system, here, q)
+    if not here.gradients.any(axis=1).all():
+        _check_gradients_are_not_zero(system, here)
+    if system._channels:
+        _check_friction(system, look, span[0], q, qdot)
+    if span_before is None:
+        _check_distinct(system, look, span[0], q, here)
+    if not system.derived and span_before is None:
+        _check_gradients(system, look, span[0], q, here)
+        _check_curvatures(system, look, span[0], q)
+    if not system.derived and span_before != span:
+        _check_rates(system, look, span, q, here)
+    CHECKED[system] = span, mass
+
+
+def _check_open(system: MechanicalSystem, here: Evaluation, q: Array) -> None:
+    rounding = RESOLUTION * (1.0 + float(np.max(np.abs(q))))
     for name, gap in zip(system.gap_names, here.gaps, strict=True):
-        if gap < -RESOLUTION * (1.0 + float(np.max(np.abs(q)))):
+        if gap < -rounding:
             raise ValueError(f"gap {name!r} must be >= 0 at the start, got {gap:.6g}")
-    _check_distinct(system, look, span[0], q, here)
-    _check_friction(system, look, span[0], q, qdot)
-    if system.derived:
-        return
-    _check_gradients(system, look, span[0], q, here)
-    _check_rates(system, look, span, q, here)
-    _check_curvatures(system, look, span[0], q)
+
+
+def _check_gradients_are_not_zero(system: MechanicalSystem, here: Evaluation) -> None:
+    for name, gradient in zip(system.gap_names, here.gradients, strict=True):
+        if not gradient.any():
+            raise ValueError(f"gradient of gap {name!r} must not be zero at the start")
 
 
 def _check_finite(system: MechanicalSystem, here: Evaluation) -> None:
+    """Name what is not finite."""
     for name in ("mass", "force"):
         if not np.all(np.isfinite(values := getattr(here, name))):
             raise ValueError(f"{name} must be finite at the start, got {values.tolist()}")
@@ -207,8 +240,6 @@ def _check_distinct(
     seen: list[tuple[str, Array]] = []
     for i, name in enumerate(system.gap_names):
         size = float(np.linalg.norm(here.gradients[i]))
-        if size == 0.0:
-            raise ValueError(f"gradient of gap {name!r} must not be zero at the start")
         row = np.concatenate([[here.gaps[i], there.gaps[i]], here.gradients[i], there.gradients[i]])
         row /= size
         for other, known in seen:

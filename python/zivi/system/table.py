@@ -312,7 +312,7 @@ def declared_breaks(
     span: tuple[float, float], inputs: Sequence[Any], walls: Sequence[Any]
 ) -> Array:
     """Give the knots within a span of those that are tables; an error if the span leaves one."""
-    breaks = [np.empty(0)]
+    breaks: list[Array] = []
     for table in inputs:
         if isinstance(table, Table):
             table._check_span(span)
@@ -321,7 +321,7 @@ def declared_breaks(
         if isinstance(wall, Table):
             wall._check_motion(span)
             breaks.append(wall._breaks(span))
-    return np.unique(np.concatenate(breaks))
+    return np.unique(np.concatenate(breaks)) if breaks else np.empty(0)
 
 
 def refuse_tables(system: Any, what: str) -> None:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import copy
-import ctypes
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-import zivi._zivi as _zivi
-from zivi.base.check import Array
 from zivi.base.extras import needed
-from zivi.base.machine_code import DOUBLES, compiled
+from zivi.base.machine_code import compiled
 from zivi.interop.mujoco.actuators import controls
 from zivi.interop.mujoco.geoms import gaps_of
 from zivi.interop.mujoco.glue import SOURCE, Glue
@@ -69,19 +66,7 @@ class MujocoSystem(MechanicalSystem):
         """Give what the extension integrates; `n` must be the number of joints."""
         if n != self._n:
             raise ValueError(f"q0 must have {self._n} entries, got {n}")
-        layout, function, address = Layout(n, self.m), self._native.function, self._glue.address
-        row = np.zeros(layout.size)
-
-        def evaluate(t: float, q: Array, qdot: Array) -> Array:
-            arrays = [np.ascontiguousarray(it, np.float64) for it in (q, qdot)]
-            pointers = [it.ctypes.data_as(DOUBLES) for it in (*arrays, row)]
-            function(t, *pointers, ctypes.c_void_p(address))
-            return row
-
-        spec = _zivi.Model.compiled(
-            self._native.address, data=address, owner=(self._native, self._glue)
-        )
-        return Model(layout, spec, evaluate)
+        return Model.of_code(Layout(n, self.m), self._native, self._glue.address, self._glue)
 
     def __repr__(self) -> str:
         told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 from typing import Any
 
@@ -83,12 +82,8 @@ def _matrix(native: Native, inputs: SymbolicInputs, parameters: Any) -> Any:
 
     def matrix(q: Array) -> Array:
         out, row = np.empty(shape), np.ascontiguousarray(q, dtype=np.float64)
-        pointers = [_pointer(row), _pointer(row), _pointer(out)]
-        function(0.0, *pointers, parameters.address)
+        at = row.ctypes.data
+        function(0.0, at, at, out.ctypes.data, parameters.address)
         return out
 
     return matrix
-
-
-def _pointer(array: Array) -> Any:
-    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, finite
+from zivi.base.check import finite
 from zivi.base.formula import normal
 from zivi.base.machine_code import Native, compiled
 from zivi.system.friction import IMPACT_LAWS, PARADOXES, Channel, one_of
@@ -47,6 +46,8 @@ class Parameters(MutableMapping[str, float]):
         return self._row.ctypes.data
 
     def _place(self, name: Any) -> int:
+        if name in self._places:
+            return self._places[name]
         key = normal(name if isinstance(name, str) else str(name))
         if key not in self._places:
             known = ", ".join(self._places) or "none"
@@ -197,18 +198,8 @@ class SymbolicSystem(MechanicalSystem):
         """Give what the extension integrates; `n` must be the number of coordinates."""
         if n != self._n:
             raise ValueError(f"q0 must have {self._n} entries, got {n}")
-        layout = Layout(n, self.m, len(self._channels))
-        row = np.zeros(layout.size)
-        function, parameters = self._native.function, self._parameters
-
-        def evaluate(t: float, q: Array, qdot: Array) -> Array:
-            pointers = [_pointer(np.ascontiguousarray(a)) for a in (q, qdot)]
-            function(t, *pointers, _pointer(row), parameters.address)
-            return row
-
-        owner = self._native, parameters
-        spec = _zivi.Model.compiled(self._native.address, data=parameters.address, owner=owner)
-        return Model(layout, spec, evaluate)
+        layout, parameters = Layout(n, self.m, len(self._channels)), self._parameters
+        return Model.of_code(layout, self._native, parameters.address, parameters)
 
     def partials(self, model: Model) -> Partials:
         """Give the function of the derivatives, compiled when it is first asked for.
@@ -250,10 +241,6 @@ class SymbolicSystem(MechanicalSystem):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         SymbolicSystem.__init__(self, **state)
-
-
-def _pointer(array: Array) -> Any:
-    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
 def system(
