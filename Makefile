@@ -11,6 +11,9 @@ OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock \
     $(wildcard include/*.h tools/c/* tools/native.py)
 
+# the tests start Python some hundred times
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help paper test test-rust test-python test-quick test-browser mutants c-test same-bits host lint lint-rust lint-python bench wasm picture screenshots docs docs-packages wheel embedded fmu-test sdist-test clean
 
 help:

@@ -35,7 +35,6 @@ import importlib
 import sys
 from typing import TYPE_CHECKING
 
-from zivi import plot
 from zivi._zivi import __version__
 from zivi.base.status import Status, StudyStatus
 from zivi.base.warnings import ModelWarning
@@ -65,29 +64,6 @@ from zivi.derivatives.impact_map import (
 )
 from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity as MechanicalSensitivity
 from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity as Sensitivity, sensitivity
-from zivi.fmu import export_fmu
-from zivi.orbits import (
-    Attractor as Attractor,
-    Basins as Basins,
-    Branch as Branch,
-    BranchEvent as BranchEvent,
-    CodimensionTwo as CodimensionTwo,
-    Diagram as Diagram,
-    EventCurve as EventCurve,
-    Lyapunov as Lyapunov,
-    MechanicalBranch as MechanicalBranch,
-    MechanicalEvent as MechanicalEvent,
-    MechanicalOrbit as MechanicalOrbit,
-    PeriodicOrbit as PeriodicOrbit,
-    basins,
-    bifurcation_diagram,
-    continue_curve,
-    continue_orbit,
-    grazing_curve,
-    lyapunov_exponents,
-    periodic_orbit,
-    response_amplitude,
-)
 from zivi.simulation.batch import Batch as Batch, simulate_batch
 from zivi.simulation.events import Level, event
 from zivi.simulation.mechanical_batch import MechanicalBatch as MechanicalBatch
@@ -95,7 +71,6 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory as Mechan
 from zivi.simulation.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory as Trajectory
-from zivi.study import Design, Study, grid, open_study, points, sample, sweep
 from zivi.system.friction import DryFriction
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
@@ -126,9 +101,34 @@ if TYPE_CHECKING:
         files as files,
         interop as interop,
         mechanics as mechanics,
+        plot as plot,
         symbolic as symbolic,
     )
+    from zivi.fmu import export_fmu
+    from zivi.orbits import (
+        Attractor as Attractor,
+        Basins as Basins,
+        Branch as Branch,
+        BranchEvent as BranchEvent,
+        CodimensionTwo as CodimensionTwo,
+        Diagram as Diagram,
+        EventCurve as EventCurve,
+        Lyapunov as Lyapunov,
+        MechanicalBranch as MechanicalBranch,
+        MechanicalEvent as MechanicalEvent,
+        MechanicalOrbit as MechanicalOrbit,
+        PeriodicOrbit as PeriodicOrbit,
+        bifurcation_diagram,
+        continue_curve,
+        continue_orbit,
+        grazing_curve,
+        lyapunov_exponents,
+        periodic_orbit,
+        response_amplitude,
+    )
+    from zivi.orbits.basins import basins
     from zivi.simulation import methods as methods
+    from zivi.study import Design, Study, grid, open_study, points, sample, sweep
 
 importlib.import_module("zivi.base.exits").watch()
 _habits = importlib.import_module("zivi.base.habits")
@@ -217,13 +217,28 @@ __all__ = [
     "sweep",
 ]
 
-_LAZY = ("files", "interop", "lab", "mechanics", "study", "symbolic")
+_LAZY = ("files", "fmu", "interop", "lab", "mechanics", "orbits", "plot", "study", "symbolic")
 """Modules that are imported when they are first asked for."""
+_LATE = {
+    "fmu": ("export_fmu",),
+    "orbits": (
+        *("Attractor", "Basins", "Branch", "BranchEvent", "CodimensionTwo", "Diagram"),
+        *("EventCurve", "Lyapunov", "MechanicalBranch", "MechanicalEvent", "MechanicalOrbit"),
+        *("PeriodicOrbit", "basins", "bifurcation_diagram", "continue_curve", "continue_orbit"),
+        *("grazing_curve", "lyapunov_exponents", "periodic_orbit", "response_amplitude"),
+    ),
+    "study": ("Design", "Study", "grid", "open_study", "points", "sample", "sweep"),
+}
+"""What comes with some of them."""
+_ROOM_OF = {name: room for room, names in _LATE.items() for name in names}
 
 
 def __getattr__(name: str) -> object:
     if name in _LAZY:
         return importlib.import_module(f"zivi.{name}")
+    if name in _ROOM_OF:
+        globals()[name] = found = getattr(importlib.import_module(f"zivi.{_ROOM_OF[name]}"), name)
+        return found
     if not name.startswith("_") and name in _former.FORMER:
         return sys.modules[f"zivi.{name}"]
     if name in (known := sys.modules["zivi.methods"].METHODS):
@@ -236,7 +251,4 @@ def __dir__() -> list[str]:
     return sorted({*__all__, *_LAZY, "methods", *sys.modules["zivi.methods"].METHODS})
 
 
-for _public in list(globals().values()):
-    if isinstance(_public, type) and _public.__module__.startswith("zivi."):
-        # where users find it: pickles and stored studies do not name the rooms of this package
-        _public.__module__ = __name__
+_former.of_zivi(globals())

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["FORMER", "hand_on", "with_resolved_impacts"]
+__all__ = ["FORMER", "hand_on", "of_zivi", "with_resolved_impacts"]
 
 FORMER = {
     "_complementarity": "vi.complementarity",
@@ -55,6 +55,16 @@ def hand_on(names: Mapping[str, str] = FORMER) -> None:
     """Let `import` and pickles find modules under their former names."""
     for former, name in names.items():
         sys.modules[f"zivi.{former}"] = importlib.import_module(f"zivi.{name}")
+
+
+def of_zivi(names: Mapping[str, Any]) -> None:
+    """Say of public classes that they are of `zivi`, where users find them.
+
+    Pickles and stored studies do not name the rooms of this package.
+    """
+    for public in list(names.values()):
+        if isinstance(public, type) and public.__module__.startswith("zivi."):
+            public.__module__ = "zivi"
 
 
 def with_resolved_impacts(state: Mapping[str, Any]) -> Mapping[str, Any]:

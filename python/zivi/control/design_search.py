@@ -21,7 +21,7 @@ PART = 0.98
 """Part of the settling time that is promised."""
 SAMPLING = 0.1
 """Part of it that sampling may take."""
-RATIOS = np.unique(np.append(np.geomspace(0.05, 8.0, 80), 1.0))
+RATIOS = np.sort(np.append(np.geomspace(0.05, 8.0, 80), 1.0))
 """D/U."""
 FINER = 0.25 ** np.arange(6)
 """Sampling periods, as parts of the first, that are tried where an actuator has limits."""

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from zivi.base.experiments import registered as _registered
 from zivi.control.closed_loop import ClosedLoop, simulate_closed_loop
 from zivi.control.twisting import TwistingTracker
-from zivi.study.experiments import registered as _registered
 from zivi.system.mass import ImpactSystem
 
 __all__ = ["tracker_gains"]

@@ -1,5 +1,6 @@
 """Periodic orbits of systems with impacts: their stability, their branches, what they attract."""
 
+from zivi.base.former import of_zivi
 from zivi.orbits.attractor import Attractor
 from zivi.orbits.basins import Basins, basins
 from zivi.orbits.branch import Branch, BranchEvent
@@ -35,3 +36,5 @@ __all__ = [
     "periodic_orbit",
     "response_amplitude",
 ]
+
+of_zivi(globals())

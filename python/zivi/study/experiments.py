@@ -3,43 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
 
 from zivi.base.check import Array, finite, whole
+from zivi.base.experiments import EXPERIMENTS, experiment, registered
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
 from zivi.system.wall import HarmonicWall
 
 __all__ = ["EXPERIMENTS", "ball_rest_time", "experiment", "registered", "table_period"]
-
-Experiment: TypeAlias = Callable[..., dict[str, float]]
-
-EXPERIMENTS: dict[str, Experiment] = {}
-"""All experiments by their names."""
-
-
-def experiment(name: str) -> Experiment:
-    """Find an experiment by its name."""
-    if name not in EXPERIMENTS:
-        known = ", ".join(sorted(EXPERIMENTS))
-        raise ValueError(f"there is no experiment {name!r}; there are {known}")
-    return EXPERIMENTS[name]
-
-
-def registered(**units: str) -> Callable[[Experiment], Experiment]:
-    """Enter a function among the experiments, with the units of its parameters and results."""
-
-    def register(function: Experiment) -> Experiment:
-        function.units = units  # type: ignore[attr-defined]
-        EXPERIMENTS[function.__name__] = function
-        return function
-
-    return register
-
 
 _registered = registered  # stored studies are known by the text of their experiment, with this name
 
