@@ -118,7 +118,8 @@ lint-rust: $(VENV)/.packages
 	@if cargo clippy --version >/dev/null 2>&1; then \
 	    PYO3_PYTHON=$(CURDIR)/$(BIN)/python \
 	    cargo clippy --locked --quiet --workspace --all-targets -- -D warnings && \
-	    cargo clippy --locked --quiet --package zivi-c --features exports -- -D warnings; \
+	    cargo clippy --locked --quiet --package zivi-c --features exports -- -D warnings && \
+	    cargo clippy --locked --quiet --package zivi-c --features exports,single -- -D warnings; \
 	else echo 'cargo clippy is missing: rustup component add clippy'; test -n '$(SKIP_MISSING)'; fi
 
 lint-python: $(READY)

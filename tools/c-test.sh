@@ -1,7 +1,7 @@
 #!/bin/sh
 # Tries the C library as its users meet it: make c-test. Needs a C compiler; what else is there (a
 # C++ compiler, sanitizers, valgrind, pkg-config, cmake) is used too, and named where it is missing.
-# Usage: c-test.sh PREFIX     where include/zivi.h and lib/libzivi.a are
+# Usage: c-test.sh PREFIX     where include/zivi.h and lib/libzivi.a are, and those of zivi_f32
 set -eu
 prefix=$(cd "$1" && pwd)
 here=$(cd "$(dirname "$0")/.." && pwd)
@@ -74,6 +74,16 @@ if [ "$(uname -sm)" = 'Linux x86_64' ]; then
         END { printf "c-test: stack of a call: at most %d bytes\n", most; exit bad }' \
         "$work/bits.txt" || fail 'the stack of a call'
 fi
+
+# the same in single precision
+sed -f "$here/tools/c/single.sed" "$here/tests/c/bits.c" >"$work/bits_f32.c"
+# shellcheck disable=SC2086
+"$cc" -std=c99 $strict -O2 -I"$prefix/include" -I"$here/tests/c" "$here/tests/c/bits_host.c" \
+    "$work/bits_f32.c" "$prefix/lib/libzivi_f32.a" -pthread -o "$work/bits_f32"
+"$work/bits_f32" >"$work/bits_f32.txt" || fail 'the series of tests/c/bits.c in single precision'
+cut -d' ' -f1,3- "$work/bits_f32.txt" | cmp -s - "$here/tests/c/bits_f32.txt" \
+    || fail "other bits than those of tests/c/bits_f32.txt: $(cat "$work/bits_f32.txt")"
+say 'in single precision the bits are those of tests/c/bits_f32.txt'
 
 # how many instructions a tick takes, where a process may be stepped one instruction at a time
 if [ "$(uname -sm)" = 'Linux x86_64' ]; then

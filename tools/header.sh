@@ -1,5 +1,5 @@
 #!/bin/sh
-# Makes include/zivi.h (and include/zivi_host.h) anew from the crates, with cbindgen 0.29.
+# Makes include/zivi.h, zivi_f32.h and zivi_host.h anew from the crates, with cbindgen 0.29.
 # Usage: header.sh [FOLDER]     FOLDER: where the headers go, by default include
 # Without cbindgen (cargo install cbindgen --version 0.29.4) it says so and ends with 77, skipped.
 set -eu
@@ -11,4 +11,5 @@ if ! command -v "$cbindgen" >/dev/null 2>&1; then
     exit 77
 fi
 "$cbindgen" --quiet --config "$here/crates/zivi-c/cbindgen.toml" "$here/crates/zivi-c" --output "$out/zivi.h"
+sed -f "$here/tools/c/single.sed" "$out/zivi.h" >"$out/zivi_f32.h"
 "$cbindgen" --quiet --config "$here/crates/zivi-host/cbindgen.toml" "$here/crates/zivi-host" --output "$out/zivi_host.h"

@@ -2,8 +2,8 @@
 
 Into ``python/zivi/_native``, from which it gets into wheels; laid out like ``/usr/local``:
 
-- ``lib/libzivi.a`` (``zivi.lib`` on Windows), ``include/zivi.h``, ``lib/pkgconfig`` and
-  ``lib/cmake``: the C library for targets;
+- ``lib/libzivi.a`` (``zivi.lib`` on Windows), ``include/zivi.h``, the same in single precision
+  as ``zivi_f32``, ``lib/pkgconfig`` and ``lib/cmake``: the C library for targets;
 - ``fmu/x86_64-linux.so``, or what this machine is called in FMI: the binary of the FMUs.
 
 Asked for by name, ``host`` builds the shared library for programs in C and C++ into ``out/host``.
@@ -65,16 +65,17 @@ CRATES = ("crates/zivi-c", "crates/zivi-fmu", "crates/zivi-host")
 
 
 def c_library() -> None:
-    """Build the static library for C programs and put what finds it beside it."""
-    build("zivi-c", "staticlib", "target")
+    """Build the static libraries for C programs and put what finds them beside them."""
     windows = sys.platform == "win32"
     built = TARGET / "bare" / ("zivi_c.lib" if windows else "libzivi_c.a")
-    library = place("lib", "zivi.lib" if windows else "libzivi.a")
-    if windows:
-        shutil.copyfile(built, library)
-    else:
-        archive_of(own_member(built.read_bytes()), library)
-    shutil.copyfile(ROOT / "include" / "zivi.h", place("include", "zivi.h"))
+    for name, features in (("zivi", "target"), ("zivi_f32", "target,single")):
+        build("zivi-c", "staticlib", features)
+        library = place("lib", f"{name}.lib" if windows else f"lib{name}.a")
+        if windows:
+            shutil.copyfile(built, library)
+        else:
+            archive_of(own_member(built.read_bytes()), library)
+        shutil.copyfile(ROOT / "include" / f"{name}.h", place("include", f"{name}.h"))
     for source, *parts in CONFIGS:
         text = (ROOT / "tools" / "c" / source).read_text()
         place("lib", *parts, source).write_text(text.replace("@VERSION@", version()))
@@ -114,6 +115,7 @@ def host() -> None:
 
 CONFIGS = [
     ("zivi.pc", "pkgconfig"),
+    ("zivi_f32.pc", "pkgconfig"),
     ("ziviConfig.cmake", "cmake", "zivi"),
     ("ziviConfigVersion.cmake", "cmake", "zivi"),
 ]

@@ -80,6 +80,7 @@ static uint64_t mixed(uint64_t hash, double value)
         double number;
         uint64_t bits;
     } it;
+    it.bits = 0; /* a number in single precision has half of them */
     it.number = value;
     hash = (hash ^ it.bits) * 0x9e3779b97f4a7c15ULL;
     return hash ^ (hash >> 29);
@@ -127,6 +128,7 @@ static int called(int number, int k, object *it, uint64_t *hash, uint32_t *cost)
     zivi_given_reference now = {0.0, 0.0, 1.0}, next = {0.0, 0.0, 1.0};
     double x, xdot, u = 0.0;
     const double force = -9.81 + about_zero(3.0), force_ref = -9.81 + about_zero(3.0);
+    const double push = 0.1 * force_ref;
     uint32_t start;
     int code = 0;
     draw(draws, &x, &xdot);
@@ -156,7 +158,7 @@ static int called(int number, int k, object *it, uint64_t *hash, uint32_t *cost)
                                         k % 3 == 0 ? force_ref : not_known(), &u);
             break;
         default:
-            code = zivi_observer_step(&it->observer, x, xdot, force, 0.1 * force_ref);
+            code = zivi_observer_step(&it->observer, x, xdot, force, push);
         }
     *cost = bits_clock() - start;
     if (kind == MASS) {

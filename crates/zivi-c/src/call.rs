@@ -1,7 +1,7 @@
 //! What the functions of the header do around a tick: pointers, the control that holds then, periods of
 //! another length.
 
-use zivi_core::Physical;
+use zivi_core::{Physical, Real};
 
 use crate::code::{Code, ZIVI_E_DT, ZIVI_E_NULL, ZIVI_E_STATE};
 use crate::seal::Sealed;
@@ -21,7 +21,7 @@ pub(crate) unsafe fn object<'a, T>(pointer: *mut T) -> Option<&'a mut T> {
 #[inline(always)]
 pub(crate) unsafe fn ticked<T: Control>(
     it: *mut T,
-    u: *mut f64,
+    u: *mut Real,
     tick: impl FnOnce(&mut T) -> i32,
 ) -> i32 {
     if u.is_null() || !u.is_aligned() {
@@ -40,17 +40,17 @@ pub(crate) unsafe fn ticked<T: Control>(
 
 /// What holds a control.
 pub(crate) trait Control {
-    fn control(&self) -> f64;
+    fn control(&self) -> Real;
 }
 
 impl Control for Regulator {
-    fn control(&self) -> f64 {
+    fn control(&self) -> Real {
         self.u
     }
 }
 
 impl Control for Tracker {
-    fn control(&self) -> f64 {
+    fn control(&self) -> Real {
         self.u
     }
 }
@@ -59,11 +59,11 @@ impl Control for Tracker {
 #[inline(never)]
 pub(crate) unsafe fn tracked(
     tracker: *mut Tracker,
-    (x, xdot): (f64, f64),
-    force: f64,
-    drive: f64,
+    (x, xdot): (Real, Real),
+    force: Real,
+    drive: Real,
     given: Option<(&GivenReference, &GivenReference)>,
-    u: *mut f64,
+    u: *mut Real,
 ) -> i32 {
     // SAFETY: see `exports`
     unsafe { ticked(tracker, u, |it| it.tick(Physical { x, xdot }, force, drive, given)) }
@@ -71,27 +71,27 @@ pub(crate) unsafe fn tracked(
 
 /// What has a sampling period among its settings.
 pub(crate) trait Sampled: Sealed {
-    fn sampling(&mut self) -> (&mut f64, &mut u64);
+    fn sampling(&mut self) -> (&mut Real, &mut u64);
 }
 
 impl Sampled for Tracker {
-    fn sampling(&mut self) -> (&mut f64, &mut u64) {
+    fn sampling(&mut self) -> (&mut Real, &mut u64) {
         (&mut self.h, &mut self.seal)
     }
 }
 
 impl Sampled for Regulator {
-    fn sampling(&mut self) -> (&mut f64, &mut u64) {
+    fn sampling(&mut self) -> (&mut Real, &mut u64) {
         (&mut self.h, &mut self.seal)
     }
 }
 
 /// A tick of the same controller with the period `dt`: there is one tick, and one place for its `h`.
-pub(crate) fn lasting<T: Sampled>(it: &mut T, dt: f64, tick: impl FnOnce(&mut T) -> Code) -> Code {
+pub(crate) fn lasting<T: Sampled>(it: &mut T, dt: Real, tick: impl FnOnce(&mut T) -> Code) -> Code {
     if let Err(code) = it.intact() {
         return code;
     }
-    if !(dt > 0.0 && dt <= f64::MAX) {
+    if !(dt > 0.0 && dt <= Real::MAX) {
         return ZIVI_E_DT;
     }
     let (h, seal) = it.sampling();

@@ -2,7 +2,7 @@
 //! of `given` says that it is meant.
 
 use zivi_core::control::{Gains, Landing, Port};
-use zivi_core::Restitution;
+use zivi_core::{Real, Restitution};
 
 use crate::code::{
     self, Code, ZIVI_E_AHEAD, ZIVI_E_E, ZIVI_E_E_REF, ZIVI_E_GIVEN, ZIVI_E_KAPPA, ZIVI_E_KAPPA_REF,
@@ -60,12 +60,12 @@ impl Given {
     }
 
     /// A member, its default where it is zero and not meant.
-    pub(crate) fn or(self, bit: u32, value: f64, default: f64) -> f64 {
+    pub(crate) fn or(self, bit: u32, value: Real, default: Real) -> Real {
         self.said(bit, value).unwrap_or(default)
     }
 
     /// A member, `None` where it is zero and not meant.
-    pub(crate) fn said(self, bit: u32, value: f64) -> Option<f64> {
+    pub(crate) fn said(self, bit: u32, value: Real) -> Option<Real> {
         (value != 0.0 || self.has(bit)).then_some(value)
     }
 }
@@ -85,11 +85,11 @@ pub(crate) fn checked_size<T>(size: u32) -> Result<(), Code> {
 }
 
 /// The restitution of `e` or of `kappa`, whichever is said.
-pub(crate) fn restitution(given: Given, e: f64, kappa: f64) -> Result<Restitution, Code> {
+pub(crate) fn restitution(given: Given, e: Real, kappa: Real) -> Result<Restitution, Code> {
     of_either(given.said(ZIVI_GIVEN_E, e), given.said(ZIVI_GIVEN_KAPPA, kappa))
 }
 
-fn of_either(e: Option<f64>, kappa: Option<f64>) -> Result<Restitution, Code> {
+fn of_either(e: Option<Real>, kappa: Option<Real>) -> Result<Restitution, Code> {
     let restitution = match (e, kappa) {
         (Some(e), Some(kappa)) => Restitution::from_both(e, kappa),
         (None, Some(kappa)) => Restitution::from_kappa(kappa),
@@ -106,8 +106,8 @@ fn of_either(e: Option<f64>, kappa: Option<f64>) -> Result<Restitution, Code> {
 /// The same for the reference's wall; the plant's if neither is said.
 pub(crate) fn restitution_ref(
     given: Given,
-    e: f64,
-    kappa: f64,
+    e: Real,
+    kappa: Real,
     plant: Restitution,
 ) -> Result<Restitution, Code> {
     let (e, kappa) = (given.said(ZIVI_GIVEN_E_REF, e), given.said(ZIVI_GIVEN_KAPPA_REF, kappa));
@@ -133,11 +133,11 @@ pub(crate) enum Task {
 pub(crate) fn law(
     task: Task,
     given: Given,
-    (mu1, mu2): (f64, f64),
-    bound: f64,
-    h: f64,
-    (e, kappa): (f64, f64),
-    (tick, ahead, quiet): (u32, u32, f64),
+    (mu1, mu2): (Real, Real),
+    bound: Real,
+    h: Real,
+    (e, kappa): (Real, Real),
+    (tick, ahead, quiet): (u32, u32, Real),
 ) -> Result<(Restitution, u32), Code> {
     let ahead = match tick {
         ZIVI_TICK_LANDING if ahead == 0 && given.has(ZIVI_GIVEN_AHEAD) => return Err(ZIVI_E_AHEAD),
@@ -162,7 +162,7 @@ pub(crate) fn law(
 }
 
 /// Limits of the sensor and of the actuator: by default 0.1 m, and none.
-pub(crate) fn port(given: Given, depth: f64, u_min: f64, u_max: f64) -> Result<Port, Code> {
+pub(crate) fn port(given: Given, depth: Real, u_min: Real, u_max: Real) -> Result<Port, Code> {
     let mut port = Port::default();
     if let Some(depth) = given.said(ZIVI_GIVEN_DEPTH, depth) {
         port = port.with_depth(depth).map_err(code::of)?;

@@ -5,8 +5,13 @@
 //! type.
 
 #![allow(clippy::missing_safety_doc, reason = "the comments are for C, see above")]
+#![cfg_attr(
+    feature = "single",
+    allow(unused_attributes, reason = "`export_name` counts, not `no_mangle`")
+)]
 
 use core::ffi::{c_char, CStr};
+use zivi_core::Real;
 
 use zivi_core::observer::Measurement;
 
@@ -34,24 +39,28 @@ unsafe fn constant<'a, T>(pointer: *const T) -> Option<&'a T> {
 
 /// `ZIVI_ABI_VERSION` of the library: compare it with that of the header.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_abi_version")]
 pub extern "C" fn zivi_abi_version() -> u32 {
     ZIVI_ABI_VERSION
 }
 
 /// The version of zivi, for instance "0.1.0".
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_version")]
 pub extern "C" fn zivi_version() -> *const c_char {
     VERSION.as_ptr()
 }
 
 /// What a code means, in one line of English.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_message")]
 pub extern "C" fn zivi_message(code: i32) -> *const c_char {
     crate::message(code).as_ptr()
 }
 
 /// `sizeof(zivi_mass)` in the library.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_mass_size")]
 pub extern "C" fn zivi_mass_size() -> u32 {
     size_of::<Mass>() as u32
 }
@@ -59,6 +68,7 @@ pub extern "C" fn zivi_mass_size() -> u32 {
 /// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
 /// yours to set.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_mass_defaults")]
 pub unsafe extern "C" fn zivi_mass_defaults(config: *mut MassConfig) -> i32 {
     // SAFETY: see the module
     let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
@@ -69,6 +79,7 @@ pub unsafe extern "C" fn zivi_mass_defaults(config: *mut MassConfig) -> i32 {
 /// Checks the settings and starts at rest on the wall. Where a code < 0 is given, nothing is
 /// written.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_mass_init")]
 pub unsafe extern "C" fn zivi_mass_init(mass: *mut Mass, config: *const MassConfig) -> i32 {
     // SAFETY: see the module
     match unsafe { (object(mass), constant(config)) } {
@@ -79,7 +90,8 @@ pub unsafe extern "C" fn zivi_mass_init(mass: *mut Mass, config: *const MassConf
 
 /// Puts the mass at `x` >= 0 (m) with velocity `xdot` (m/s).
 #[no_mangle]
-pub unsafe extern "C" fn zivi_mass_reset(mass: *mut Mass, x: f64, xdot: f64) -> i32 {
+#[cfg_attr(feature = "single", export_name = "zivi_f32_mass_reset")]
+pub unsafe extern "C" fn zivi_mass_reset(mass: *mut Mass, x: Real, xdot: Real) -> i32 {
     // SAFETY: see the module
     unsafe { object(mass) }.map_or(ZIVI_E_NULL, |it| it.reset(x, xdot))
 }
@@ -87,13 +99,15 @@ pub unsafe extern "C" fn zivi_mass_reset(mass: *mut Mass, x: f64, xdot: f64) -> 
 /// Moves the mass by one step `h` under `force` per unit mass (m/s^2); the state is in
 /// `mass->x` and `mass->xdot` then, exactly 0 at rest.
 #[no_mangle]
-pub unsafe extern "C" fn zivi_mass_step(mass: *mut Mass, force: f64) -> i32 {
+#[cfg_attr(feature = "single", export_name = "zivi_f32_mass_step")]
+pub unsafe extern "C" fn zivi_mass_step(mass: *mut Mass, force: Real) -> i32 {
     // SAFETY: see the module
     unsafe { object(mass) }.map_or(ZIVI_E_NULL, |it| it.step(force))
 }
 
 /// `sizeof(zivi_regulator)` in the library.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_size")]
 pub extern "C" fn zivi_regulator_size() -> u32 {
     size_of::<Regulator>() as u32
 }
@@ -101,6 +115,7 @@ pub extern "C" fn zivi_regulator_size() -> u32 {
 /// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
 /// yours to set.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_defaults")]
 pub unsafe extern "C" fn zivi_regulator_defaults(config: *mut RegulatorConfig) -> i32 {
     // SAFETY: see the module
     let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
@@ -110,6 +125,7 @@ pub unsafe extern "C" fn zivi_regulator_defaults(config: *mut RegulatorConfig) -
 
 /// Checks the settings. Where a code < 0 is given, nothing is written.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_init")]
 pub unsafe extern "C" fn zivi_regulator_init(
     regulator: *mut Regulator,
     config: *const RegulatorConfig,
@@ -123,6 +139,7 @@ pub unsafe extern "C" fn zivi_regulator_init(
 
 /// Forgets the last tick.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_reset")]
 pub unsafe extern "C" fn zivi_regulator_reset(regulator: *mut Regulator) -> i32 {
     // SAFETY: see the module
     unsafe { object(regulator) }.map_or(ZIVI_E_NULL, Regulator::reset)
@@ -134,12 +151,13 @@ pub unsafe extern "C" fn zivi_regulator_reset(regulator: *mut Regulator) -> i32 
 /// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
 /// is written.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_step")]
 pub unsafe extern "C" fn zivi_regulator_step(
     regulator: *mut Regulator,
-    x: f64,
-    xdot: f64,
-    force: f64,
-    u: *mut f64,
+    x: Real,
+    xdot: Real,
+    force: Real,
+    u: *mut Real,
 ) -> i32 {
     // SAFETY: see the module
     unsafe { ticked(regulator, u, |it| it.step(x, xdot, force)) }
@@ -148,13 +166,14 @@ pub unsafe extern "C" fn zivi_regulator_step(
 /// The same for a period of `dt` > 0 (s) that starts now, where that is not `h`. A sample that is missing
 /// has NaN for `x`: `*u` is the last control, `xdot` and `force` are ignored.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_step_over")]
 pub unsafe extern "C" fn zivi_regulator_step_over(
     regulator: *mut Regulator,
-    dt: f64,
-    x: f64,
-    xdot: f64,
-    force: f64,
-    u: *mut f64,
+    dt: Real,
+    x: Real,
+    xdot: Real,
+    force: Real,
+    u: *mut Real,
 ) -> i32 {
     // SAFETY: see the module
     unsafe {
@@ -166,6 +185,7 @@ pub unsafe extern "C" fn zivi_regulator_step_over(
 
 /// `sizeof(zivi_tracker)` in the library.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_size")]
 pub extern "C" fn zivi_tracker_size() -> u32 {
     size_of::<Tracker>() as u32
 }
@@ -173,6 +193,7 @@ pub extern "C" fn zivi_tracker_size() -> u32 {
 /// Sets the size, `horizon` to 1, and everything else to its default: 0. What has none (gains, period,
 /// wall) is yours to set.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_defaults")]
 pub unsafe extern "C" fn zivi_tracker_defaults(config: *mut TrackerConfig) -> i32 {
     // SAFETY: see the module
     let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
@@ -183,6 +204,7 @@ pub unsafe extern "C" fn zivi_tracker_defaults(config: *mut TrackerConfig) -> i3
 /// Checks the settings; the reference starts at rest. Where a code < 0 is given, nothing is
 /// written.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_init")]
 pub unsafe extern "C" fn zivi_tracker_init(
     tracker: *mut Tracker,
     config: *const TrackerConfig,
@@ -196,10 +218,11 @@ pub unsafe extern "C" fn zivi_tracker_init(
 
 /// Puts the reference at `x_ref` >= 0 (m) with velocity `xdot_ref` (m/s) and forgets the last tick.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_reset")]
 pub unsafe extern "C" fn zivi_tracker_reset(
     tracker: *mut Tracker,
-    x_ref: f64,
-    xdot_ref: f64,
+    x_ref: Real,
+    xdot_ref: Real,
 ) -> i32 {
     // SAFETY: see the module
     unsafe { object(tracker) }.map_or(ZIVI_E_NULL, |it| it.reset(x_ref, xdot_ref))
@@ -212,13 +235,14 @@ pub unsafe extern "C" fn zivi_tracker_reset(
 /// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
 /// is written: the reference has not advanced.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_step")]
 pub unsafe extern "C" fn zivi_tracker_step(
     tracker: *mut Tracker,
-    x: f64,
-    xdot: f64,
-    force: f64,
-    force_ref: f64,
-    u: *mut f64,
+    x: Real,
+    xdot: Real,
+    force: Real,
+    force_ref: Real,
+    u: *mut Real,
 ) -> i32 {
     // SAFETY: see the module
     unsafe { tracked(tracker, (x, xdot), force, force_ref, None, u) }
@@ -228,15 +252,16 @@ pub unsafe extern "C" fn zivi_tracker_step(
 /// `acceleration` is its own over the period (m/s^2), NaN if it is not known: the difference quotient
 /// of its velocities is taken, over an impact `force`. `tracker->x_ref` becomes that of `next`.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_step_to")]
 pub unsafe extern "C" fn zivi_tracker_step_to(
     tracker: *mut Tracker,
-    x: f64,
-    xdot: f64,
-    force: f64,
+    x: Real,
+    xdot: Real,
+    force: Real,
     now: *const GivenReference,
     next: *const GivenReference,
-    acceleration: f64,
-    u: *mut f64,
+    acceleration: Real,
+    u: *mut Real,
 ) -> i32 {
     // SAFETY: see the module
     let (Some(now), Some(next)) = (unsafe { (constant(now), constant(next)) }) else {
@@ -251,14 +276,15 @@ pub unsafe extern "C" fn zivi_tracker_step_to(
 /// is missing has NaN for `x`: `*u` is the last control, the reference advances, `xdot` and `force` are
 /// ignored.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_step_over")]
 pub unsafe extern "C" fn zivi_tracker_step_over(
     tracker: *mut Tracker,
-    dt: f64,
-    x: f64,
-    xdot: f64,
-    force: f64,
-    force_ref: f64,
-    u: *mut f64,
+    dt: Real,
+    x: Real,
+    xdot: Real,
+    force: Real,
+    force_ref: Real,
+    u: *mut Real,
 ) -> i32 {
     let mut held = 0.0; // `u` may point into the tracker
                         // SAFETY: see the module
@@ -274,16 +300,17 @@ pub unsafe extern "C" fn zivi_tracker_step_over(
 
 /// `zivi_tracker_step_to` for a period of `dt` > 0 (s), or without a sample, in the same way.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_step_to_over")]
 pub unsafe extern "C" fn zivi_tracker_step_to_over(
     tracker: *mut Tracker,
-    dt: f64,
-    x: f64,
-    xdot: f64,
-    force: f64,
+    dt: Real,
+    x: Real,
+    xdot: Real,
+    force: Real,
     now: *const GivenReference,
     next: *const GivenReference,
-    acceleration: f64,
-    u: *mut f64,
+    acceleration: Real,
+    u: *mut Real,
 ) -> i32 {
     // SAFETY: see the module
     let (Some(now), Some(next)) = (unsafe { (constant(now), constant(next)) }) else {
@@ -303,6 +330,7 @@ pub unsafe extern "C" fn zivi_tracker_step_to_over(
 
 /// `sizeof(zivi_observer)` in the library.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_observer_size")]
 pub extern "C" fn zivi_observer_size() -> u32 {
     size_of::<Observer>() as u32
 }
@@ -310,6 +338,7 @@ pub extern "C" fn zivi_observer_size() -> u32 {
 /// Sets the size, and everything else to its default: 0. What has none (period, wall) is yours to
 /// set.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_observer_defaults")]
 pub unsafe extern "C" fn zivi_observer_defaults(config: *mut ObserverConfig) -> i32 {
     // SAFETY: see the module
     let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
@@ -319,6 +348,7 @@ pub unsafe extern "C" fn zivi_observer_defaults(config: *mut ObserverConfig) -> 
 
 /// Checks the settings; nothing was measured yet. Where a code < 0 is given, nothing is written.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_observer_init")]
 pub unsafe extern "C" fn zivi_observer_init(
     observer: *mut Observer,
     config: *const ObserverConfig,
@@ -332,6 +362,7 @@ pub unsafe extern "C" fn zivi_observer_init(
 
 /// Forgets all measurements.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_observer_reset")]
 pub unsafe extern "C" fn zivi_observer_reset(observer: *mut Observer) -> i32 {
     // SAFETY: see the module
     unsafe { object(observer) }.map_or(ZIVI_E_NULL, Observer::reset)
@@ -343,12 +374,13 @@ pub unsafe extern "C" fn zivi_observer_reset(observer: *mut Observer) -> i32 {
 ///
 /// Where a measurement is refused by a code < 0, nothing has changed.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_observer_step")]
 pub unsafe extern "C" fn zivi_observer_step(
     observer: *mut Observer,
-    x: f64,
-    xdot: f64,
-    force: f64,
-    u: f64,
+    x: Real,
+    xdot: Real,
+    force: Real,
+    u: Real,
 ) -> i32 {
     // SAFETY: see the module
     unsafe { object(observer) }.map_or(ZIVI_E_NULL, |it| it.step(x, xdot, force, u))
@@ -357,13 +389,14 @@ pub unsafe extern "C" fn zivi_observer_step(
 /// The same `dt` (s) after the last call, where that is not `h`. A measurement that is missing has NaN
 /// for `x`: the motion is followed, nothing is corrected, `xdot` is ignored.
 #[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_observer_step_after")]
 pub unsafe extern "C" fn zivi_observer_step_after(
     observer: *mut Observer,
-    dt: f64,
-    x: f64,
-    xdot: f64,
-    force: f64,
-    u: f64,
+    dt: Real,
+    x: Real,
+    xdot: Real,
+    force: Real,
+    u: Real,
 ) -> i32 {
     let velocity = (!xdot.is_nan()).then_some(xdot);
     let measured = (!x.is_nan()).then_some(Measurement { x, xdot: velocity });
@@ -374,6 +407,7 @@ pub unsafe extern "C" fn zivi_observer_step_after(
 /// Holds a path to a panic.
 #[cfg(feature = "canary")]
 #[no_mangle]
-pub extern "C" fn zivi_canary(values: &[f64; 4], index: usize) -> f64 {
+#[cfg_attr(feature = "single", export_name = "zivi_f32_canary")]
+pub extern "C" fn zivi_canary(values: &[Real; 4], index: usize) -> Real {
     values[index]
 }

@@ -1,5 +1,6 @@
 //! A mass above a wall, moved by the implicit Euler step through impacts and Zeno points.
 
+use zivi_core::Real;
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepFailure, ThetaGammaStep};
 
 use crate::code::{
@@ -7,7 +8,7 @@ use crate::code::{
     ZIVI_OK,
 };
 use crate::config::{self, Given};
-use crate::seal::Sealed;
+use crate::seal::{Sealed, Word};
 
 /// Settings of a mass. A member that is zero takes its default, unless its bit
 /// of `given` is set.
@@ -19,11 +20,11 @@ pub struct MassConfig {
     /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
     pub given: u32,
     /// Step size (s), > 0.
-    pub h: f64,
+    pub h: Real,
     /// Coefficient of restitution, in (0, 1]; or give `kappa`.
-    pub e: f64,
+    pub e: Real,
     /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
-    pub kappa: f64,
+    pub kappa: Real,
 }
 
 /// A mass above a wall. Everything in it may be read, copied and logged; it is changed by
@@ -32,25 +33,25 @@ pub struct MassConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mass {
     /// Step size (s).
-    pub h: f64,
+    pub h: Real,
     /// Coefficient of restitution.
-    pub e: f64,
+    pub e: Real,
     /// `(1 - e)/(1 + e)`.
-    pub kappa: f64,
+    pub kappa: Real,
     /// Transformed position, `x = |s|` (m).
-    pub s: f64,
+    pub s: Real,
     /// Transformed velocity (m/s).
-    pub v: f64,
+    pub v: Real,
     /// The side of the wall on which `s` was last, +1 or -1.
-    pub side: f64,
+    pub side: Real,
     /// Distance from the wall (m).
-    pub x: f64,
+    pub x: Real,
     /// Velocity; at the wall the one after the impact (m/s).
-    pub xdot: f64,
+    pub xdot: Real,
     /// Multiplier in `sgn s` of the last step.
-    pub lambda_s: f64,
+    pub lambda_s: Real,
     /// Multiplier in `sgn v` of the last step.
-    pub lambda_v: f64,
+    pub lambda_v: Real,
     /// Steps since the start.
     pub steps: u64,
     /// Checksum of the settings, by which an object that is damaged or not initialised is known.
@@ -59,7 +60,7 @@ pub struct Mass {
 
 // SAFETY: `h`, `e` and `kappa`
 unsafe impl Sealed for Mass {
-    const SETTINGS: usize = 3;
+    const SETTINGS: usize = core::mem::offset_of!(Mass, s) / size_of::<Word>();
     const KIND: u64 = 0x7a69_7669_6d61_7373;
 
     fn seal(&self) -> u64 {
@@ -69,8 +70,10 @@ unsafe impl Sealed for Mass {
 
 const _: () = {
     use core::mem::offset_of;
+    #[cfg(not(feature = "single"))]
     assert!(size_of::<Mass>() == 96 && size_of::<MassConfig>() == 32);
-    assert!(offset_of!(Mass, s) == 8 * <Mass as Sealed>::SETTINGS);
+    assert!(offset_of!(Mass, s) == size_of::<Word>() * <Mass as Sealed>::SETTINGS);
+    #[cfg(not(feature = "single"))]
     assert!(offset_of!(Mass, x) == 48 && offset_of!(Mass, steps) == 80);
 };
 
@@ -96,7 +99,7 @@ impl Mass {
         }
     }
 
-    fn checked(config: &MassConfig) -> Result<(f64, Restitution), Code> {
+    fn checked(config: &MassConfig) -> Result<(Real, Restitution), Code> {
         config::checked_size::<MassConfig>(config.size)?;
         let given = Given::checked(config.given, config::WALL)?;
         let restitution = config::restitution(given, config.e, config.kappa)?;
@@ -105,7 +108,7 @@ impl Mass {
     }
 
     /// Puts the mass at `x` with velocity `xdot`, on the branch `s >= 0`.
-    pub fn reset(&mut self, x: f64, xdot: f64) -> Code {
+    pub fn reset(&mut self, x: Real, xdot: Real) -> Code {
         if let Err(code) = self.intact() {
             return code;
         }
@@ -125,12 +128,12 @@ impl Mass {
     }
 
     /// One step of size `h` under this force per unit mass (m/s^2).
-    pub fn step(&mut self, force: f64) -> Code {
+    pub fn step(&mut self, force: Real) -> Code {
         self.advance(self.h, force)
     }
 
     /// One step of another size.
-    pub fn advance(&mut self, h: f64, force: f64) -> Code {
+    pub fn advance(&mut self, h: Real, force: Real) -> Code {
         if let Err(code) = self.intact() {
             return code;
         }

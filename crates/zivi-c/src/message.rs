@@ -41,7 +41,7 @@ x_ref must be finite and >= 0\0\
 xdot_ref must be finite\0\
 acceleration must be finite, or NaN if it is not known\0\
 side must be +1 or -1\0\
-dmax must be a bound from 0 to 1e150\0\
+dmax must be a bound from 0 to 1e150, in single precision to 1e18\0\
 position_only must be 0 or 1\0\
 learn_e must be 0 or 1\0\
 q_e must be in [0, 1]\0\

@@ -4,13 +4,13 @@ use zivi_core::observer::{
     Covariance, Estimate, ImpactObserver, Measurement, Memory, ObserverSettings, ObserverState,
     REMEMBERED,
 };
-use zivi_core::{Physical, Restitution};
+use zivi_core::{Physical, Real, Restitution};
 
 use crate::code::{self, Code, ZIVI_E_LEARN_E, ZIVI_E_POSITION_ONLY, ZIVI_OK};
 use crate::config::{
     self, Given, ZIVI_GIVEN_DMAX, ZIVI_GIVEN_NOISE_X, ZIVI_GIVEN_NOISE_XDOT, ZIVI_GIVEN_Q_D,
 };
-use crate::seal::Sealed;
+use crate::seal::{Sealed, Word};
 
 /// What an observer's `given` may have.
 const GIVEN: u32 =
@@ -30,23 +30,23 @@ pub struct ObserverConfig {
     /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
     pub given: u32,
     /// Sampling period (s), > 0.
-    pub h: f64,
+    pub h: Real,
     /// Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
-    pub e: f64,
+    pub e: Real,
     /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
-    pub kappa: f64,
+    pub kappa: Real,
     /// Standard deviation of a measured position (m); by default 1e-4.
-    pub noise_x: f64,
+    pub noise_x: Real,
     /// Standard deviation of a measured velocity (m/s); by default 1e-2.
-    pub noise_xdot: f64,
+    pub noise_xdot: Real,
     /// Variance of what a period adds to the unknown force (m^2/s^4); by default 1e-3.
-    pub q_d: f64,
+    pub q_d: Real,
     /// Standard deviation of `e`; by default 0.
-    pub se: f64,
+    pub se: Real,
     /// Bound of the unknown force (m/s^2); by default 20.
-    pub dmax: f64,
+    pub dmax: Real,
     /// Variance that an impact adds to an `e` that is learnt; by default 0.
-    pub q_e: f64,
+    pub q_e: Real,
 }
 
 /// An observer. Everything in it may be read, copied and logged; it is changed by
@@ -57,38 +57,38 @@ pub struct Observer {
     /// The settings, defaults filled in.
     pub config: ObserverConfig,
     /// Estimate of the distance from the wall (m).
-    pub x: f64,
+    pub x: Real,
     /// Estimate of the velocity (m/s).
-    pub xdot: f64,
+    pub xdot: Real,
     /// Estimate of the unknown force (m/s^2).
-    pub d: f64,
+    pub d: Real,
     /// The coefficient of restitution: the estimate where it is learnt.
-    pub e: f64,
+    pub e: Real,
     /// Covariance of the estimates.
-    pub p_xx: f64,
+    pub p_xx: Real,
     /// The same of position and velocity.
-    pub p_xv: f64,
+    pub p_xv: Real,
     /// The same of position and force.
-    pub p_xd: f64,
+    pub p_xd: Real,
     /// Variance of the velocity.
-    pub p_vv: f64,
+    pub p_vv: Real,
     /// Covariance of velocity and force.
-    pub p_vd: f64,
+    pub p_vd: Real,
     /// Variance of the force.
-    pub p_dd: f64,
+    pub p_dd: Real,
     /// Covariance of position and `e`.
-    pub p_xe: f64,
+    pub p_xe: Real,
     /// The same of velocity and `e`.
-    pub p_ve: f64,
+    pub p_ve: Real,
     /// The same of force and `e`.
-    pub p_de: f64,
+    pub p_de: Real,
     /// Variance of `e`, 0 where it is not learnt.
-    pub p_ee: f64,
+    pub p_ee: Real,
     /// The last positions that were measured, the newest first, less what the acceleration has moved
     /// the mass since (m).
-    pub seen_y: [f64; 6],
+    pub seen_y: [Real; 6],
     /// Time since (s).
-    pub seen_age: [f64; 6],
+    pub seen_age: [Real; 6],
     /// How many there are.
     pub seen: u32,
     /// Whether the velocity waits for a second position.
@@ -107,7 +107,7 @@ pub struct Observer {
 
 // SAFETY: `config`
 unsafe impl Sealed for Observer {
-    const SETTINGS: usize = 11;
+    const SETTINGS: usize = core::mem::offset_of!(Observer, x) / size_of::<Word>();
     const KIND: u64 = 0x7a69_7669_6f62_7365;
 
     fn seal(&self) -> u64 {
@@ -118,8 +118,10 @@ unsafe impl Sealed for Observer {
 const _: () = {
     use core::mem::offset_of;
     assert!(REMEMBERED == 6);
+    #[cfg(not(feature = "single"))]
     assert!(size_of::<Observer>() == 328 && size_of::<ObserverConfig>() == 88);
-    assert!(offset_of!(Observer, x) == 8 * <Observer as Sealed>::SETTINGS);
+    assert!(offset_of!(Observer, x) == size_of::<Word>() * <Observer as Sealed>::SETTINGS);
+    #[cfg(not(feature = "single"))]
     assert!(offset_of!(Observer, started) == 304);
 };
 
@@ -181,7 +183,7 @@ impl Observer {
 
     /// Takes a measurement; `xdot` is NaN where it is not measured. `force` is the known force and
     /// `u` the control that acted over the period that ends now.
-    pub fn step(&mut self, x: f64, xdot: f64, force: f64, u: f64) -> Code {
+    pub fn step(&mut self, x: Real, xdot: Real, force: Real, u: Real) -> Code {
         let measured = Measurement { x, xdot: (!xdot.is_nan()).then_some(xdot) };
         self.step_after(self.config.h, Some(measured), force, u)
     }
@@ -189,10 +191,10 @@ impl Observer {
     /// The same `dt` (s) after the last one; `None` is a measurement that is missing.
     pub fn step_after(
         &mut self,
-        dt: f64,
+        dt: Real,
         measured: Option<Measurement>,
-        force: f64,
-        u: f64,
+        force: Real,
+        u: Real,
     ) -> Code {
         if let Err(code) = self.intact() {
             return code;

@@ -1,7 +1,7 @@
 //! What has to be before a tick, and periods without a sample.
 
 use zivi_core::control::TrackerState;
-use zivi_core::Lifted;
+use zivi_core::{Lifted, Real};
 
 use crate::code::{Code, Refusal, ZIVI_E_STATE, ZIVI_OK};
 use crate::seal::Sealed;
@@ -22,14 +22,14 @@ impl Tracker {
     /// A period without a sample: the control is held, the reference moves on by a period under the
     /// force `force_ref`, or to `next`, if it is given.
     #[inline(never)]
-    pub fn miss(&mut self, force_ref: f64, next: Option<&GivenReference>) -> Code {
+    pub fn miss(&mut self, force_ref: Real, next: Option<&GivenReference>) -> Code {
         match self.held(force_ref, next) {
             Ok(()) => ZIVI_OK,
             Err(Refusal(code)) => code,
         }
     }
 
-    fn held(&mut self, force_ref: f64, next: Option<&GivenReference>) -> Result<(), Refusal> {
+    fn held(&mut self, force_ref: Real, next: Option<&GivenReference>) -> Result<(), Refusal> {
         self.followable().map_err(Refusal)?;
         let mut core = self.core();
         // the signs of the last tick are held, too

@@ -2,11 +2,11 @@
 
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{Gains, Landing, Port, RegulatorState, TwistingRegulator};
-use zivi_core::{Physical, Restitution};
+use zivi_core::{Physical, Real, Restitution};
 
 use crate::code::{self, Code, ZIVI_OK};
 use crate::config::{self, Given, Task};
-use crate::seal::Sealed;
+use crate::seal::{Sealed, Word};
 
 /// Settings of a regulator. A member that is zero takes its default, unless its bit
 /// of `given` is set.
@@ -22,25 +22,25 @@ pub struct RegulatorConfig {
     /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
     pub given: u32,
     /// Gain on the sign of the position (m/s^2).
-    pub mu1: f64,
+    pub mu1: Real,
     /// Gain on the sign of the velocity, 0 < mu2 < mu1 (m/s^2).
-    pub mu2: f64,
+    pub mu2: Real,
     /// Sampling period (s), > 0.
-    pub h: f64,
+    pub h: Real,
     /// Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
-    pub e: f64,
+    pub e: Real,
     /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
-    pub kappa: f64,
+    pub kappa: Real,
     /// A bound of the unknown force that the gains are checked against (m/s^2); by default none.
-    pub bound: f64,
+    pub bound: Real,
     /// Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
-    pub quiet: f64,
+    pub quiet: Real,
     /// Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
-    pub depth: f64,
+    pub depth: Real,
     /// Least control of the actuator (m/s^2); no limits while both are 0.
-    pub u_min: f64,
+    pub u_min: Real,
     /// Largest control of the actuator (m/s^2).
-    pub u_max: f64,
+    pub u_max: Real,
 }
 
 /// A regulator. Everything in it may be read, copied and logged; it is changed by
@@ -49,33 +49,33 @@ pub struct RegulatorConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Regulator {
     /// Gain on the sign of the position (m/s^2).
-    pub mu1: f64,
+    pub mu1: Real,
     /// Gain on the sign of the velocity (m/s^2).
-    pub mu2: f64,
+    pub mu2: Real,
     /// Sampling period (s).
-    pub h: f64,
+    pub h: Real,
     /// Coefficient of restitution.
-    pub e: f64,
+    pub e: Real,
     /// `(1 - e)/(1 + e)`.
-    pub kappa: f64,
+    pub kappa: Real,
     /// Dead zone of the landing (m/s).
-    pub quiet: f64,
+    pub quiet: Real,
     /// How far behind the wall a measurement may lie (m).
-    pub depth: f64,
+    pub depth: Real,
     /// Least control (m/s^2).
-    pub u_min: f64,
+    pub u_min: Real,
     /// Largest control (m/s^2).
-    pub u_max: f64,
+    pub u_max: Real,
     /// Horizon of the landing in periods, 0 for the tick of the paper.
     pub ahead: u32,
     /// 0.
     pub reserved: u32,
     /// The last control (m/s^2).
-    pub u: f64,
+    pub u: Real,
     /// Multiplier in `sgn s` of the last tick.
-    pub lambda_s: f64,
+    pub lambda_s: Real,
     /// Multiplier in `sgn v` of the last tick.
-    pub lambda_v: f64,
+    pub lambda_v: Real,
     /// Ticks since the start.
     pub ticks: u64,
     /// Bits of what was done to the last sample and control.
@@ -88,7 +88,7 @@ pub struct Regulator {
 
 // SAFETY: `mu1` to `reserved`
 unsafe impl Sealed for Regulator {
-    const SETTINGS: usize = 10;
+    const SETTINGS: usize = core::mem::offset_of!(Regulator, u) / size_of::<Word>();
     const KIND: u64 = 0x7a69_7669_7265_6775;
 
     fn seal(&self) -> u64 {
@@ -98,8 +98,10 @@ unsafe impl Sealed for Regulator {
 
 const _: () = {
     use core::mem::offset_of;
+    #[cfg(not(feature = "single"))]
     assert!(size_of::<Regulator>() == 128 && size_of::<RegulatorConfig>() == 96);
-    assert!(offset_of!(Regulator, u) == 8 * <Regulator as Sealed>::SETTINGS);
+    assert!(offset_of!(Regulator, u) == size_of::<Word>() * <Regulator as Sealed>::SETTINGS);
+    #[cfg(not(feature = "single"))]
     assert!(offset_of!(Regulator, ticks) == 104 && offset_of!(Regulator, status) == 112);
 };
 
@@ -148,14 +150,14 @@ impl Regulator {
 
     /// The control for the period that starts with this measurement: [`Regulator::u`].
     #[inline]
-    pub fn step(&mut self, x: f64, xdot: f64, force: f64) -> Code {
+    pub fn step(&mut self, x: Real, xdot: Real, force: Real) -> Code {
         match self.call(Physical { x, xdot }, force) {
             Ok(code) | Err(code) => code,
         }
     }
 
     #[inline(always)] // a call of its own would be a tenth of it
-    fn call(&mut self, measured: Physical, force: f64) -> Result<Code, Code> {
+    fn call(&mut self, measured: Physical, force: Real) -> Result<Code, Code> {
         self.intact()?;
         let mut core = self.core();
         core.tick(measured, force).map_err(code::of)?;

@@ -4,13 +4,20 @@
 
 use crate::code::{Code, ZIVI_E_STATE};
 
+/// A word of as many bytes as a number.
+#[cfg(not(feature = "single"))]
+pub(crate) type Word = u64;
+/// A word of as many bytes as a number.
+#[cfg(feature = "single")]
+pub(crate) type Word = u32;
+
 /// A structure of plain numbers that starts with its settings.
 ///
 /// # Safety
-/// The structure is `repr(C)` and aligned like a `u64`, and its first `SETTINGS` words have no
+/// The structure is `repr(C)` and aligned like a [`Word`], and its first `SETTINGS` words have no
 /// padding.
 pub(crate) unsafe trait Sealed: Sized {
-    /// Words of 8 bytes that the settings take.
+    /// Words that the settings take.
     const SETTINGS: usize;
     /// What an object of this kind starts from: another one has another seal.
     const KIND: u64;
@@ -24,7 +31,7 @@ pub(crate) unsafe trait Sealed: Sized {
     fn seal_of_settings(&self) -> u64 {
         // SAFETY: so many words of plain numbers, see the trait
         let words = unsafe {
-            core::slice::from_raw_parts(core::ptr::from_ref(self).cast::<u64>(), Self::SETTINGS)
+            core::slice::from_raw_parts(core::ptr::from_ref(self).cast::<Word>(), Self::SETTINGS)
         };
         checksum(Self::KIND, words)
     }
@@ -43,9 +50,11 @@ pub(crate) unsafe trait Sealed: Sized {
 /// Two words at a time. Every step is one-to-one in the sum and in each word (the factor is odd): a
 /// change of one word always shows.
 #[inline(always)]
-fn checksum(start: u64, words: &[u64]) -> u64 {
+fn checksum(start: u64, words: &[Word]) -> u64 {
     const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15; // 2^64 over the golden ratio
-    let mixed = |sum: u64, a: u64, b: u64| {
+    let mixed = |sum: u64, a: Word, b: Word| {
+        #[allow(clippy::unnecessary_cast, reason = "a word may have 4 bytes")]
+        let (a, b) = (a as u64, b as u64);
         (sum ^ a).rotate_left(29).wrapping_add(b).wrapping_mul(FACTOR).rotate_left(32)
     };
     let (fours, rest) = words.as_chunks::<4>();

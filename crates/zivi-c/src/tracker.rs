@@ -4,7 +4,7 @@ use zivi_core::control::{
     checked_horizon, Approach, Gains, Landing, Port, ReferencePeriod, TickStatus, TrackerSettings,
     TrackerState, TwistingTracker, Waypoint,
 };
-use zivi_core::{Branch, Lifted, Physical, Restitution};
+use zivi_core::{Branch, Lifted, Physical, Real, Restitution};
 
 use crate::code::{
     self, Code, Refusal, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE, ZIVI_OK,
@@ -12,7 +12,7 @@ use crate::code::{
 use crate::config::{
     self, Given, Task, ZIVI_GIVEN_E_REF, ZIVI_GIVEN_HORIZON, ZIVI_GIVEN_KAPPA_REF, ZIVI_GIVEN_PRESS,
 };
-use crate::seal::Sealed;
+use crate::seal::{Sealed, Word};
 
 /// In `branch`: measurements are lifted to `s >= 0`, the default.
 pub const ZIVI_BRANCH_POSITIVE: u32 = 0;
@@ -44,34 +44,34 @@ pub struct TrackerConfig {
     /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
     pub given: u32,
     /// Gain on the sign of the position error (m/s^2).
-    pub mu1: f64,
+    pub mu1: Real,
     /// Gain on the sign of the velocity error, 0 < mu2 < mu1 (m/s^2).
-    pub mu2: f64,
+    pub mu2: Real,
     /// Sampling period (s), > 0.
-    pub h: f64,
+    pub h: Real,
     /// Coefficient of restitution of the plant's wall, in (0, 1]; or give `kappa`.
-    pub e: f64,
+    pub e: Real,
     /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
-    pub kappa: f64,
+    pub kappa: Real,
     /// Coefficient of restitution of the reference's wall; by default the plant's.
-    pub e_ref: f64,
+    pub e_ref: Real,
     /// `(1 - e_ref)/(1 + e_ref)` in place of `e_ref`.
-    pub kappa_ref: f64,
+    pub kappa_ref: Real,
     /// A bound of the unknown force that the gains are checked against (m/s^2); by default none.
-    pub bound: f64,
+    pub bound: Real,
     /// Acceleration towards the wall of a mass at rest, at least `bound` (m/s^2); by default the
     /// law's own.
-    pub press: f64,
+    pub press: Real,
     /// Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
-    pub quiet: f64,
+    pub quiet: Real,
     /// Periods that a step is planned over, >= 1; by default 1.
-    pub horizon: f64,
+    pub horizon: Real,
     /// Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
-    pub depth: f64,
+    pub depth: Real,
     /// Least control of the actuator (m/s^2); no limits while both are 0.
-    pub u_min: f64,
+    pub u_min: Real,
     /// Largest control of the actuator (m/s^2).
-    pub u_max: f64,
+    pub u_max: Real,
 }
 
 /// A tracker with its reference. Everything in it may be read, copied and logged; it is changed by
@@ -80,31 +80,31 @@ pub struct TrackerConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tracker {
     /// Gain on the sign of the position error (m/s^2).
-    pub mu1: f64,
+    pub mu1: Real,
     /// Gain on the sign of the velocity error (m/s^2).
-    pub mu2: f64,
+    pub mu2: Real,
     /// Sampling period (s).
-    pub h: f64,
+    pub h: Real,
     /// Coefficient of restitution of the plant's wall.
-    pub e: f64,
+    pub e: Real,
     /// `(1 - e)/(1 + e)`.
-    pub kappa: f64,
+    pub kappa: Real,
     /// Coefficient of restitution of the reference's wall.
-    pub e_ref: f64,
+    pub e_ref: Real,
     /// `(1 - e_ref)/(1 + e_ref)`.
-    pub kappa_ref: f64,
+    pub kappa_ref: Real,
     /// Acceleration towards the wall of a mass at rest (m/s^2), infinite for the law's own.
-    pub press: f64,
+    pub press: Real,
     /// Dead zone of the landing (m/s).
-    pub quiet: f64,
+    pub quiet: Real,
     /// Periods that a step is planned over.
-    pub horizon: f64,
+    pub horizon: Real,
     /// How far behind the wall a measurement may lie (m).
-    pub depth: f64,
+    pub depth: Real,
     /// Least control (m/s^2).
-    pub u_min: f64,
+    pub u_min: Real,
     /// Largest control (m/s^2).
-    pub u_max: f64,
+    pub u_max: Real,
     /// How measurements are lifted.
     pub branch: u32,
     /// Horizon of the landing in periods, 0 for the tick of the paper.
@@ -114,29 +114,29 @@ pub struct Tracker {
     /// 0.
     pub reserved: u32,
     /// The reference's transformed position (m).
-    pub s_ref: f64,
+    pub s_ref: Real,
     /// The reference's transformed velocity (m/s).
-    pub v_ref: f64,
+    pub v_ref: Real,
     /// The side of the wall on which the reference was last, +1 or -1.
-    pub side: f64,
+    pub side: Real,
     /// The reference at the next sample: its distance from the wall (m).
-    pub x_ref: f64,
+    pub x_ref: Real,
     /// The reference's velocity (m/s).
-    pub xdot_ref: f64,
+    pub xdot_ref: Real,
     /// The last control (m/s^2).
-    pub u: f64,
+    pub u: Real,
     /// Multiplier in `sgn s` of the last tick.
-    pub lambda_s: f64,
+    pub lambda_s: Real,
     /// Multiplier in `sgn v`.
-    pub lambda_v: f64,
+    pub lambda_v: Real,
     /// Multiplier in `sgn s_ref`.
-    pub lambda_sr: f64,
+    pub lambda_sr: Real,
     /// Multiplier in `sgn v_ref`.
-    pub lambda_vr: f64,
+    pub lambda_vr: Real,
     /// Multiplier in `sgn (s - s_ref)`.
-    pub lambda_es: f64,
+    pub lambda_es: Real,
     /// Multiplier in `sgn (v - v_ref)`.
-    pub lambda_ev: f64,
+    pub lambda_ev: Real,
     /// Ticks since the last reset.
     pub ticks: u64,
     /// Bits of what was done to the last sample and control.
@@ -149,7 +149,7 @@ pub struct Tracker {
 
 // SAFETY: `mu1` to `reserved`
 unsafe impl Sealed for Tracker {
-    const SETTINGS: usize = 15;
+    const SETTINGS: usize = core::mem::offset_of!(Tracker, s_ref) / size_of::<Word>();
     const KIND: u64 = 0x7a69_7669_7472_6163;
 
     fn seal(&self) -> u64 {
@@ -159,9 +159,12 @@ unsafe impl Sealed for Tracker {
 
 const _: () = {
     use core::mem::offset_of;
+    #[cfg(not(feature = "single"))]
     assert!(size_of::<Tracker>() == 240 && size_of::<TrackerConfig>() == 136);
-    assert!(offset_of!(Tracker, s_ref) == 8 * <Tracker as Sealed>::SETTINGS);
+    assert!(offset_of!(Tracker, s_ref) == size_of::<Word>() * <Tracker as Sealed>::SETTINGS);
+    #[cfg(not(feature = "single"))]
     assert!(offset_of!(Tracker, x_ref) == 144 && offset_of!(Tracker, u) == 160);
+    #[cfg(not(feature = "single"))]
     assert!(offset_of!(Tracker, ticks) == 216 && offset_of!(Tracker, iterations) == 228);
 };
 
@@ -178,12 +181,12 @@ impl TrackerConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GivenReference {
     /// Distance from the wall, >= 0 (m).
-    pub x: f64,
+    pub x: Real,
     /// Velocity (m/s).
-    pub xdot: f64,
+    pub xdot: Real,
     /// The side of the wall on which it is followed, +1 or -1: it changes with each impact of the
     /// reference. Only `ZIVI_BRANCH_NEAREST` looks at it.
-    pub side: f64,
+    pub side: Real,
 }
 
 impl GivenReference {
@@ -204,10 +207,10 @@ impl GivenReference {
 #[inline(never)]
 fn course_between(
     restitution: Restitution,
-    h: f64,
-    force: f64,
+    h: Real,
+    force: Real,
     (now, next): (&GivenReference, &GivenReference),
-    acceleration: f64,
+    acceleration: Real,
 ) -> Result<ReferencePeriod, Refusal> {
     let acceleration = (!acceleration.is_nan()).then_some(acceleration);
     let waypoints = [now.waypoint()?, next.waypoint()?];
@@ -235,7 +238,7 @@ impl Tracker {
             Some(press) if ahead == 0 || press < bound || !press.is_finite() => {
                 return Err(ZIVI_E_PRESS);
             }
-            said => said.unwrap_or(f64::INFINITY),
+            said => said.unwrap_or(Real::INFINITY),
         };
         let (e_ref, kappa_ref) = (config.e_ref, config.kappa_ref);
         let restitution_ref = config::restitution_ref(given, e_ref, kappa_ref, restitution)?;
@@ -272,7 +275,7 @@ impl Tracker {
     }
 
     /// Puts the reference at `x_ref` with velocity `xdot_ref` and forgets the last tick.
-    pub fn reset(&mut self, x_ref: f64, xdot_ref: f64) -> Code {
+    pub fn reset(&mut self, x_ref: Real, xdot_ref: Real) -> Code {
         match self.placed(Physical { x: x_ref, xdot: xdot_ref }) {
             Ok(()) => ZIVI_OK,
             Err(code) => code,
@@ -290,7 +293,7 @@ impl Tracker {
 
     /// The control for the period that starts with this measurement: [`Tracker::u`]. The reference
     /// advances by one period.
-    pub fn step(&mut self, x: f64, xdot: f64, force: f64, force_ref: f64) -> Code {
+    pub fn step(&mut self, x: Real, xdot: Real, force: Real, force_ref: Real) -> Code {
         self.tick(Physical { x, xdot }, force, force_ref, None)
     }
 
@@ -298,11 +301,11 @@ impl Tracker {
     /// its own over the period, NaN if it is not known.
     pub fn step_to(
         &mut self,
-        x: f64,
-        xdot: f64,
-        force: f64,
+        x: Real,
+        xdot: Real,
+        force: Real,
         [now, next]: [GivenReference; 2],
-        acceleration: f64,
+        acceleration: Real,
     ) -> Code {
         self.tick(Physical { x, xdot }, force, acceleration, Some((&now, &next)))
     }
@@ -312,8 +315,8 @@ impl Tracker {
     pub(crate) fn tick(
         &mut self,
         measured: Physical,
-        force: f64,
-        drive: f64,
+        force: Real,
+        drive: Real,
         given: Option<(&GivenReference, &GivenReference)>,
     ) -> Code {
         match self.ticked(measured, force, drive, given) {
@@ -325,8 +328,8 @@ impl Tracker {
     fn ticked(
         &mut self,
         measured: Physical,
-        force: f64,
-        drive: f64,
+        force: Real,
+        drive: Real,
         given: Option<(&GivenReference, &GivenReference)>,
     ) -> Result<Code, Code> {
         self.followable()?;

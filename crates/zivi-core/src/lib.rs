@@ -21,8 +21,9 @@
 //! controllers in the same way: one tick solves one such step with the control's signs in it.
 //! [`observer`] estimates what a controller needs to know where not all of it is measured.
 //!
-//! The crate is `no_std`, allocates nothing, has no `unsafe`, and works on plain `f64`: all of it
-//! runs on a microcontroller. The notation, with the Rust and the Python name of every symbol,
+//! The crate is `no_std`, allocates nothing, has no `unsafe`, and works on plain numbers ([`Real`]):
+//! all of it runs on a microcontroller. They are `f64`, with the feature `single` `f32`; then
+//! without [`vi`]. The notation, with the Rust and the Python name of every symbol,
 //! is in `docs/notation.md`.
 
 #![no_std]
@@ -38,12 +39,15 @@
 pub mod control;
 pub mod flight;
 pub mod observer;
+pub mod real;
 pub mod restitution;
 pub mod setting;
 pub mod step;
 pub mod transform;
+#[cfg(not(feature = "single"))]
 pub mod vi;
 
+pub use real::Real;
 pub use restitution::{Restitution, RestitutionError};
 pub use setting::SettingError;
 pub use step::{Case, StepFailure, StepSolution, ThetaGammaStep};
@@ -56,10 +60,10 @@ pub use transform::{Branch, Lifted, Physical};
 /// ```
 #[inline]
 #[must_use]
-pub fn sgn(z: f64) -> f64 {
+pub fn sgn(z: Real) -> Real {
     // also for what is not a number
     if z.abs() > 0.0 {
-        1.0_f64.copysign(z)
+        Real::copysign(1.0, z)
     } else {
         0.0
     }

@@ -1,5 +1,6 @@
 //! The coefficient of restitution `e` and its image `kappa = (1 - e)/(1 + e)`.
 
+use crate::Real;
 use core::fmt;
 
 /// A coefficient of restitution, held both as `e` and as `kappa`.
@@ -19,8 +20,8 @@ use core::fmt;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Restitution {
-    e: f64,
-    kappa: f64,
+    e: Real,
+    kappa: Real,
 }
 
 /// A coefficient outside `[0, 1]` (or not a number).
@@ -29,7 +30,7 @@ pub struct RestitutionError {
     /// Name of the coefficient, `"e"` or `"kappa"`.
     pub name: &'static str,
     /// The value that was refused.
-    pub value: f64,
+    pub value: Real,
 }
 
 impl fmt::Display for RestitutionError {
@@ -41,7 +42,7 @@ impl fmt::Display for RestitutionError {
 impl core::error::Error for RestitutionError {}
 
 /// The map `z -> (1 - z)/(1 + z)`, its own inverse.
-fn conjugate(z: f64) -> f64 {
+fn conjugate(z: Real) -> Real {
     (1.0 - z) / (1.0 + z)
 }
 
@@ -53,7 +54,7 @@ impl Restitution {
     ///
     /// # Errors
     /// [`RestitutionError`] when `e` is not in `[0, 1]`.
-    pub fn from_e(e: f64) -> Result<Self, RestitutionError> {
+    pub fn from_e(e: Real) -> Result<Self, RestitutionError> {
         let e = in_unit_interval("e", e)?;
         Ok(Self { e, kappa: conjugate(e) })
     }
@@ -62,7 +63,7 @@ impl Restitution {
     ///
     /// # Errors
     /// [`RestitutionError`] when `kappa` is not in `[0, 1]`.
-    pub fn from_kappa(kappa: f64) -> Result<Self, RestitutionError> {
+    pub fn from_kappa(kappa: Real) -> Result<Self, RestitutionError> {
         let kappa = in_unit_interval("kappa", kappa)?;
         Ok(Self { e: conjugate(kappa), kappa })
     }
@@ -73,8 +74,8 @@ impl Restitution {
     /// # Errors
     /// [`RestitutionError`] when one is not in `[0, 1]`, or when they are not each other's image to
     /// rounding.
-    pub fn from_both(e: f64, kappa: f64) -> Result<Self, RestitutionError> {
-        const ROUNDING: f64 = 4.0 * f64::EPSILON;
+    pub fn from_both(e: Real, kappa: Real) -> Result<Self, RestitutionError> {
+        const ROUNDING: Real = 4.0 * Real::EPSILON;
         let given = Self { e: in_unit_interval("e", e)?, kappa: in_unit_interval("kappa", kappa)? };
         if (kappa - conjugate(e)).abs() > ROUNDING {
             return Err(RestitutionError { name: "kappa", value: kappa });
@@ -85,33 +86,33 @@ impl Restitution {
     /// From both, which were checked before and are not checked again.
     #[inline]
     #[must_use]
-    pub fn trusted(e: f64, kappa: f64) -> Self {
+    pub fn trusted(e: Real, kappa: Real) -> Self {
         Self { e, kappa }
     }
 
     /// The coefficient of restitution `e = (1 - kappa)/(1 + kappa)`.
     #[inline]
     #[must_use]
-    pub fn e(self) -> f64 {
+    pub fn e(self) -> Real {
         self.e
     }
 
     /// The parameter `kappa = (1 - e)/(1 + e)` of the transform.
     #[inline]
     #[must_use]
-    pub fn kappa(self) -> f64 {
+    pub fn kappa(self) -> Real {
         self.kappa
     }
 
     /// `R = 1 - kappa lambda_s lambda_v`, which lies in `[1 - kappa, 1 + kappa]`.
     #[inline]
     #[must_use]
-    pub fn r(self, lambda_s: f64, lambda_v: f64) -> f64 {
+    pub fn r(self, lambda_s: Real, lambda_v: Real) -> Real {
         1.0 - self.kappa * lambda_s * lambda_v
     }
 }
 
-fn in_unit_interval(name: &'static str, value: f64) -> Result<f64, RestitutionError> {
+fn in_unit_interval(name: &'static str, value: Real) -> Result<Real, RestitutionError> {
     if (0.0..=1.0).contains(&value) {
         Ok(value)
     } else {

@@ -1,5 +1,6 @@
 //! Settings: what they are, the values they may have, and what is refused.
 
+use crate::Real;
 use core::fmt;
 use core::ops::{Bound, RangeBounds};
 
@@ -9,7 +10,7 @@ pub struct SettingError {
     /// Name of the setting.
     pub name: &'static str,
     /// The value that was refused.
-    pub value: f64,
+    pub value: Real,
     /// The admissible range, in words.
     pub range: &'static str,
 }
@@ -26,7 +27,7 @@ impl core::error::Error for SettingError {}
 pub(crate) fn require(
     ok: bool,
     name: &'static str,
-    value: f64,
+    value: Real,
     range: &'static str,
 ) -> Result<(), SettingError> {
     if ok {
@@ -39,14 +40,14 @@ pub(crate) fn require(
 /// Whether `x` is finite and `> 0`. (Compared with the largest number and not with infinity: of that
 /// the compiler makes a longer test of the number's class.)
 #[inline]
-pub(crate) fn is_positive(x: f64) -> bool {
-    x > 0.0 && x <= f64::MAX
+pub(crate) fn is_positive(x: Real) -> bool {
+    x > 0.0 && x <= Real::MAX
 }
 
 /// Whether `x` is finite and `>= 0`.
 #[inline]
-pub(crate) fn is_not_negative(x: f64) -> bool {
-    (0.0..=f64::MAX).contains(&x)
+pub(crate) fn is_not_negative(x: Real) -> bool {
+    (0.0..=Real::MAX).contains(&x)
 }
 
 /// A setting: what it is, which values it may have, and what it is unless told otherwise.
@@ -85,9 +86,9 @@ pub struct Setting {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Values {
     /// The numbers between two bounds.
-    Numbers(Bound<f64>, Bound<f64>),
+    Numbers(Bound<Real>, Bound<Real>),
     /// The same, one for distance and velocity each, or one for both.
-    Pairs(Bound<f64>, Bound<f64>),
+    Pairs(Bound<Real>, Bound<Real>),
     /// The whole numbers between two that are among them.
     Counts(usize, usize),
     /// Some numbers or names.
@@ -102,9 +103,9 @@ pub enum Value {
     /// None: it is found when it is needed, as the words say.
     Open(&'static str),
     /// A number.
-    Number(f64),
+    Number(Real),
     /// A number for the distance, and one for the velocity.
-    Pair([f64; 2]),
+    Pair([Real; 2]),
     /// A whole number.
     Count(usize),
     /// A name.
@@ -114,22 +115,22 @@ pub enum Value {
 impl Values {
     /// Finite numbers above 0.
     pub const POSITIVE: Self =
-        Values::Numbers(Bound::Excluded(0.0), Bound::Excluded(f64::INFINITY));
+        Values::Numbers(Bound::Excluded(0.0), Bound::Excluded(Real::INFINITY));
     /// Finite numbers from 0 on.
     pub const NOT_NEGATIVE: Self =
-        Values::Numbers(Bound::Included(0.0), Bound::Excluded(f64::INFINITY));
+        Values::Numbers(Bound::Included(0.0), Bound::Excluded(Real::INFINITY));
     /// Numbers from 0 to 1.
     pub const UNIT: Self = Values::Numbers(Bound::Included(0.0), Bound::Included(1.0));
 
     /// Whether a number, or each of a pair, is among them.
     #[inline]
     #[must_use]
-    pub fn hold(&self, value: f64) -> bool {
+    pub fn hold(&self, value: Real) -> bool {
         match *self {
             // as in `is_positive`
-            Values::Numbers(from, Bound::Excluded(f64::INFINITY))
-            | Values::Pairs(from, Bound::Excluded(f64::INFINITY)) => {
-                (from, Bound::Included(f64::MAX)).contains(&value)
+            Values::Numbers(from, Bound::Excluded(Real::INFINITY))
+            | Values::Pairs(from, Bound::Excluded(Real::INFINITY)) => {
+                (from, Bound::Included(Real::MAX)).contains(&value)
             }
             Values::Numbers(from, to) | Values::Pairs(from, to) => (from, to).contains(&value),
             Values::Counts(..) | Values::Choice(_) => false,
@@ -153,7 +154,7 @@ impl Setting {
     /// # Errors
     /// [`SettingError`].
     #[inline(always)] // what a setting means needs no room on a target then
-    pub fn check(&self, value: f64) -> Result<(), SettingError> {
+    pub fn check(&self, value: Real) -> Result<(), SettingError> {
         require(self.values.hold(value), self.name, value, self.range)
     }
 }

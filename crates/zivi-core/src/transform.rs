@@ -8,15 +8,16 @@
 //! `(s, v)` and `(-s, -v)` describe the same physical state: two branches. `s v > 0` is flight
 //! away from the wall (`R = 1 - kappa`), `s v < 0` flight towards it (`R = 1 + kappa`).
 
+use crate::Real;
 use crate::{sgn, Restitution};
 
 /// A state in the transform's coordinates: absolutely continuous through impacts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lifted {
     /// Signed position, `x = |s|` (m).
-    pub s: f64,
+    pub s: Real,
     /// Transformed velocity (m/s).
-    pub v: f64,
+    pub v: Real,
 }
 
 impl Lifted {
@@ -32,9 +33,9 @@ impl Lifted {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Physical {
     /// Distance from the wall, `x >= 0` (m).
-    pub x: f64,
+    pub x: Real,
     /// Velocity `x'` (m/s).
-    pub xdot: f64,
+    pub xdot: Real,
 }
 
 impl Physical {
@@ -67,7 +68,7 @@ impl Branch {
     /// `sigma`, which is `+1` or `-1`.
     #[inline]
     #[must_use]
-    pub fn sigma(self) -> f64 {
+    pub fn sigma(self) -> Real {
         match self {
             Branch::Positive => 1.0,
             Branch::Negative => -1.0,
@@ -79,11 +80,11 @@ impl Branch {
 /// mass is about to enter), and `last` at the origin, where nothing tells.
 #[inline]
 #[must_use]
-pub fn side(z: Lifted, last: f64) -> f64 {
+pub fn side(z: Lifted, last: Real) -> Real {
     if z.s != 0.0 {
-        1.0_f64.copysign(z.s)
+        Real::copysign(1.0, z.s)
     } else if z.v != 0.0 {
-        1.0_f64.copysign(z.v)
+        Real::copysign(1.0, z.v)
     } else {
         last
     }
@@ -124,13 +125,13 @@ pub fn lift(state: Physical, branch: Branch, restitution: Restitution) -> Lifted
 pub fn project(z: Lifted, restitution: Restitution) -> Physical {
     let sigma = side(z, 0.0);
     // at v = 0 any R will do
-    Physical { x: z.s.abs(), xdot: restitution.r(sigma, 1.0_f64.copysign(z.v)) * z.v * sigma }
+    Physical { x: z.s.abs(), xdot: restitution.r(sigma, Real::copysign(1.0, z.v)) * z.v * sigma }
 }
 
 /// Velocities just before and just after the impact at `s = 0`: `-(1 + kappa) |v|` and
 /// `(1 - kappa) |v|`, in the ratio `-e` to rounding.
 #[must_use]
-pub fn impact_velocities(v: f64, restitution: Restitution) -> (f64, f64) {
+pub fn impact_velocities(v: Real, restitution: Restitution) -> (Real, Real) {
     let before = restitution.r(1.0, -1.0) * v.abs();
     // (1 - kappa)/(1 + kappa) = e; 1 - kappa would lose the digits of a small e
     (-before, restitution.e() * before)
@@ -139,7 +140,7 @@ pub fn impact_velocities(v: f64, restitution: Restitution) -> (f64, f64) {
 /// The right-hand side of (2) for given values of the set-valued signs.
 #[inline]
 #[must_use]
-pub fn field(v: f64, lambda_s: f64, lambda_v: f64, f: f64, restitution: Restitution) -> Lifted {
+pub fn field(v: Real, lambda_s: Real, lambda_v: Real, f: Real, restitution: Restitution) -> Lifted {
     let r = restitution.r(lambda_s, lambda_v);
     Lifted { s: r * v, v: lambda_s * f / r }
 }
@@ -150,7 +151,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn restitution(kappa: f64) -> Restitution {
+    fn restitution(kappa: Real) -> Restitution {
         Restitution::from_kappa(kappa).expect("kappa in [0, 1]")
     }
 
@@ -163,7 +164,7 @@ mod tests {
                 let lifted = lift(Physical { x, xdot }, branch, restitution(kappa));
                 let back = project(lifted, restitution(kappa));
                 prop_assert_eq!(back.x, x);
-                prop_assert!((back.xdot - xdot).abs() <= 4.0 * f64::EPSILON * xdot.abs());
+                prop_assert!((back.xdot - xdot).abs() <= 4.0 * Real::EPSILON * xdot.abs());
             }
         }
 
@@ -200,7 +201,7 @@ mod tests {
         for e in [1e-3, 1e-9, 1e-15, 0.0] {
             let restitution = Restitution::from_e(e).expect("e in [0, 1]");
             let (before, after) = impact_velocities(2.0, restitution);
-            assert!((after + e * before).abs() <= f64::EPSILON * after, "{e}");
+            assert!((after + e * before).abs() <= Real::EPSILON * after, "{e}");
         }
     }
 
@@ -208,8 +209,8 @@ mod tests {
     fn a_state_whose_velocity_overflows_is_not_finite() {
         let state = |v| Lifted { s: 0.0, v };
         // x' is up to 2 v
-        assert!(state(0.4 * f64::MAX).is_finite() && !state(0.6 * f64::MAX).is_finite());
-        assert!(!Lifted { s: f64::INFINITY, v: 0.0 }.is_finite());
+        assert!(state(0.4 * Real::MAX).is_finite() && !state(0.6 * Real::MAX).is_finite());
+        assert!(!Lifted { s: Real::INFINITY, v: 0.0 }.is_finite());
     }
 
     #[test]

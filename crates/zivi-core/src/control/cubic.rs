@@ -1,16 +1,19 @@
 //! The first root of a cubic that a bracket is known for: the only iteration of a tick.
 
+use crate::real::sqrt;
+use crate::Real;
+
 /// `((c3 z + c2) z + c1) z + c0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cubic {
     /// Constant term.
-    pub c0: f64,
+    pub c0: Real,
     /// Coefficient of `z`.
-    pub c1: f64,
+    pub c1: Real,
     /// Coefficient of `z^2`.
-    pub c2: f64,
+    pub c2: Real,
     /// Coefficient of `z^3`.
-    pub c3: f64,
+    pub c3: Real,
 }
 
 /// At most so many evaluations for one root.
@@ -20,17 +23,17 @@ impl Cubic {
     /// The value at `z`, by Horner's rule.
     #[inline]
     #[must_use]
-    pub fn at(&self, z: f64) -> f64 {
+    pub fn at(&self, z: Real) -> Real {
         ((self.c3 * z + self.c2) * z + self.c1) * z + self.c0
     }
 
     #[inline]
-    fn slope(&self, z: f64) -> f64 {
+    fn slope(&self, z: Real) -> Real {
         (3.0 * self.c3 * z + 2.0 * self.c2) * z + self.c1
     }
 
     #[inline]
-    fn curvature(&self, z: f64) -> f64 {
+    fn curvature(&self, z: Real) -> Real {
         6.0 * self.c3 * z + 2.0 * self.c2
     }
 
@@ -45,14 +48,14 @@ impl Cubic {
     /// assert!((root - 0.3).abs() < 1e-15);
     /// ```
     #[must_use]
-    pub fn first_root(&self, from: f64, to: f64) -> (f64, u32) {
+    pub fn first_root(&self, from: Real, to: Real) -> (Real, u32) {
         self.next_root(from, to).unwrap_or((to, 0))
     }
 
     /// The same where there need not be a root: none is found when the sign at `from` lasts up to
     /// `to`.
     #[must_use]
-    pub fn next_root(&self, from: f64, to: f64) -> Option<(f64, u32)> {
+    pub fn next_root(&self, from: Real, to: Real) -> Option<(Real, u32)> {
         let start = self.at(from);
         if start == 0.0 {
             return Some((from, 0));
@@ -66,7 +69,7 @@ impl Cubic {
 
     /// The first piece between `from` and `to` on which the sign changes: the pieces are bounded
     /// by the extrema and the inflection, so the cubic is monotone and bends one way on each.
-    fn piece(&self, from: f64, to: f64, start: f64) -> (f64, f64) {
+    fn piece(&self, from: Real, to: Real, start: Real) -> (Real, Real) {
         let mut near = from;
         for bend in self.bends(from < to) {
             let ahead = if from < to { bend > near && bend < to } else { bend < near && bend > to };
@@ -81,9 +84,9 @@ impl Cubic {
     }
 
     /// Extremum, inflection, extremum, in the direction of travel (NaN where there is none).
-    fn bends(&self, rising: bool) -> [f64; 3] {
+    fn bends(&self, rising: bool) -> [Real; 3] {
         let discriminant = self.c2 * self.c2 - 3.0 * self.c3 * self.c1;
-        let root = libm::sqrt(discriminant);
+        let root = sqrt(discriminant);
         // the larger numerator without cancellation, the other extremum from their product
         let q = -(self.c2 + if self.c2 < 0.0 { -root } else { root });
         let (a, b) = (q / (3.0 * self.c3), self.c1 / q);
@@ -98,10 +101,10 @@ impl Cubic {
     /// Newton's method on a monotone piece of one curvature, from the end where it cannot
     /// overshoot (Fourier's condition): it approaches the root from one side, and where it turns
     /// back or overshoots after all, rounding has been reached. A flat end is left by bisection.
-    fn newton(&self, near: f64, far: f64, near_positive: bool) -> (f64, u32) {
+    fn newton(&self, near: Real, far: Real, near_positive: bool) -> (Real, u32) {
         let bends_up = self.curvature(0.5 * (near + far)) > 0.0;
         let (start, other) = if bends_up == near_positive { (near, far) } else { (far, near) };
-        let way = 1.0_f64.copysign(other - start); // a factor: cases would be there twice
+        let way = Real::copysign(1.0, other - start); // a factor: cases would be there twice
         let (mut before, mut beyond) = (start, other);
         let (mut z, mut cannot_overshoot) = (start, false);
         for count in 1..=MAX_ITERATIONS {

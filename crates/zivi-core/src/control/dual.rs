@@ -1,23 +1,24 @@
 //! Numbers that carry their derivatives with respect to `N` unknowns: an equation is written once
 //! and gives its Jacobian too.
 
+use crate::Real;
 use core::ops::{Add, Div, Mul, Sub};
 
 /// A value and its gradient; `Dual<0>` is a plain number.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Dual<const N: usize> {
-    pub(super) value: f64,
-    pub(super) gradient: [f64; N],
+    pub(super) value: Real,
+    pub(super) gradient: [Real; N],
 }
 
 impl<const N: usize> Dual<N> {
     /// A constant.
-    pub(super) fn constant(value: f64) -> Self {
+    pub(super) fn constant(value: Real) -> Self {
         Self { value, gradient: [0.0; N] }
     }
 
     /// The `index`-th unknown.
-    pub(super) fn unknown(value: f64, index: usize) -> Self {
+    pub(super) fn unknown(value: Real, index: usize) -> Self {
         let mut gradient = [0.0; N];
         if let Some(own) = gradient.get_mut(index) {
             *own = 1.0;
@@ -26,7 +27,7 @@ impl<const N: usize> Dual<N> {
     }
 
     /// `value` with the gradient `p a' + q b'`.
-    fn combined(value: f64, p: f64, a: [f64; N], q: f64, b: [f64; N]) -> Self {
+    fn combined(value: Real, p: Real, a: [Real; N], q: Real, b: [Real; N]) -> Self {
         let mut gradient = [0.0; N];
         for ((g, a), b) in gradient.iter_mut().zip(a).zip(b) {
             *g = p * a + q * b;
@@ -66,16 +67,16 @@ impl<const N: usize> Div for Dual<N> {
     }
 }
 
-impl<const N: usize> Mul<f64> for Dual<N> {
+impl<const N: usize> Mul<Real> for Dual<N> {
     type Output = Self;
-    fn mul(self, factor: f64) -> Self {
+    fn mul(self, factor: Real) -> Self {
         Self::combined(self.value * factor, factor, self.gradient, 0.0, [0.0; N])
     }
 }
 
-impl<const N: usize> Add<f64> for Dual<N> {
+impl<const N: usize> Add<Real> for Dual<N> {
     type Output = Self;
-    fn add(self, term: f64) -> Self {
+    fn add(self, term: Real) -> Self {
         Self { value: self.value + term, ..self }
     }
 }

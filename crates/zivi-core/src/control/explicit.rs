@@ -3,6 +3,7 @@
 use super::port::checked_force;
 use super::reference_state::{advanced, Advance, ReferenceState};
 use super::{checked, Gains, Port, TickStatus, TrackerState, Waypoint};
+use crate::Real;
 use crate::{sgn, transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 /// The law (20) with the signs of the sampled state: the same interface as the implicit tracker.
@@ -29,7 +30,7 @@ impl ExplicitTwisting {
     /// [`SettingError`] names the setting that is out of range.
     pub fn new(
         gains: Gains,
-        h: f64,
+        h: Real,
         restitution: Restitution,
         restitution_ref: Restitution,
     ) -> Result<Self, SettingError> {
@@ -65,9 +66,9 @@ impl ExplicitTwisting {
     pub fn tick(
         &mut self,
         measured: Physical,
-        force: f64,
-        force_ref: f64,
-    ) -> Result<f64, SettingError> {
+        force: Real,
+        force_ref: Real,
+    ) -> Result<Real, SettingError> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
         let Advance { next, .. } = advanced(&self.reference, self.state.followed(), force_ref)?;
@@ -80,7 +81,7 @@ impl ExplicitTwisting {
         Ok(u)
     }
 
-    fn law(&self, z: Lifted, force: f64, force_ref: f64) -> (f64, [f64; 6]) {
+    fn law(&self, z: Lifted, force: Real, force_ref: Real) -> (Real, [Real; 6]) {
         let reference = self.state.reference;
         let (lambda_s, lambda_sr) = (1.0, 1.0);
         let (lambda_v, lambda_vr) = (sgn(z.v), sgn(reference.v));
@@ -102,7 +103,7 @@ impl ExplicitTwisting {
 
     /// The sampling period (s).
     #[must_use]
-    pub fn h(&self) -> f64 {
+    pub fn h(&self) -> Real {
         self.reference.h()
     }
 

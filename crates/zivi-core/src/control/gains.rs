@@ -14,13 +14,13 @@
 use core::fmt;
 
 use crate::setting::{is_not_negative, require};
-use crate::{Restitution, SettingError};
+use crate::{Real, Restitution, SettingError};
 
 /// `mu1 > mu2 > 0`: the gains on the sign of the position and of the velocity (m/s^2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gains {
-    mu1: f64,
-    mu2: f64,
+    mu1: Real,
+    mu2: Real,
 }
 
 /// A gain out of range, or too small for a bound of the unknown force.
@@ -33,20 +33,20 @@ pub enum GainError {
         /// Name of the gain.
         name: &'static str,
         /// Its value (m/s^2).
-        value: f64,
+        value: Real,
         /// What it must exceed (m/s^2).
-        least: f64,
+        least: Real,
         /// The same as a formula.
         formula: &'static str,
         /// The bound of the unknown force (m/s^2).
-        bound: f64,
+        bound: Real,
     },
     /// A mass at rest would not be pressed harder than the unknown force can pull.
     Press {
         /// The acceleration towards the wall (m/s^2).
-        value: f64,
+        value: Real,
         /// The bound of the unknown force (m/s^2).
-        bound: f64,
+        bound: Real,
     },
 }
 
@@ -88,15 +88,19 @@ impl fmt::Display for GainError {
 impl core::error::Error for GainError {}
 
 /// Gains beyond this overflow within a tick.
-const LARGEST: f64 = 1e150;
+const LARGEST: Real = crate::real::LARGE;
 
 impl Gains {
     /// Gains with `0 < mu2 < mu1`.
     ///
     /// # Errors
     /// [`SettingError`] names the gain that is out of range.
-    pub fn new(mu1: f64, mu2: f64) -> Result<Self, SettingError> {
-        let range = "a gain > 0 and at most 1e150 (m/s^2)";
+    pub fn new(mu1: Real, mu2: Real) -> Result<Self, SettingError> {
+        let range = if cfg!(feature = "single") {
+            "a gain > 0 and at most 1e18 (m/s^2)"
+        } else {
+            "a gain > 0 and at most 1e150 (m/s^2)"
+        };
         require(mu1 > 0.0 && mu1 <= LARGEST, "mu1", mu1, range)?;
         require(mu2 > 0.0 && mu2 < mu1, "mu2", mu2, "a gain with 0 < mu2 < mu1 (m/s^2)")?;
         Ok(Self { mu1, mu2 })
@@ -105,7 +109,7 @@ impl Gains {
     /// Gains that were checked before and are not checked again.
     #[inline]
     #[must_use]
-    pub fn trusted(mu1: f64, mu2: f64) -> Self {
+    pub fn trusted(mu1: Real, mu2: Real) -> Self {
         Self { mu1, mu2 }
     }
 
@@ -124,9 +128,9 @@ impl Gains {
     /// # Ok::<(), zivi_core::RestitutionError>(())
     /// ```
     pub fn for_tracking(
-        mu1: f64,
-        mu2: f64,
-        bound: f64,
+        mu1: Real,
+        mu2: Real,
+        bound: Real,
         restitution: Restitution,
     ) -> Result<Self, GainError> {
         Self::bounded(mu1, mu2, bound, restitution)?.track(bound, restitution)
@@ -137,7 +141,7 @@ impl Gains {
     /// # Errors
     /// [`GainError`] names the gain that is too small, and what it must exceed.
     #[inline]
-    pub fn track(self, bound: f64, restitution: Restitution) -> Result<Self, GainError> {
+    pub fn track(self, bound: Real, restitution: Restitution) -> Result<Self, GainError> {
         let image = bound * (1.0 + restitution.e()) / (2.0 * restitution.e());
         self.exceed(bound, ("mu2", "bound (1 + e)/(2 e)"), image)?;
         self.exceed(bound, ("mu1", "mu2 + bound (1 + e)/(2 e)"), self.mu2 + image)?;
@@ -159,9 +163,9 @@ impl Gains {
     /// # Ok::<(), zivi_core::RestitutionError>(())
     /// ```
     pub fn for_regulation(
-        mu1: f64,
-        mu2: f64,
-        bound: f64,
+        mu1: Real,
+        mu2: Real,
+        bound: Real,
         restitution: Restitution,
     ) -> Result<Self, GainError> {
         Self::bounded(mu1, mu2, bound, restitution)?.regulate(bound, restitution)
@@ -172,7 +176,7 @@ impl Gains {
     /// # Errors
     /// [`GainError`] names the gain that is too small, and what it must exceed.
     #[inline]
-    pub fn regulate(self, bound: f64, restitution: Restitution) -> Result<Self, GainError> {
+    pub fn regulate(self, bound: Real, restitution: Restitution) -> Result<Self, GainError> {
         let square = restitution.e() * restitution.e();
         let lost = self.mu1 * (1.0 - square) / (1.0 + square);
         self.exceed(bound, ("mu1", "mu2 + bound"), self.mu2 + bound)?;
@@ -187,9 +191,9 @@ impl Gains {
     /// [`GainError`] names what is out of range.
     #[inline]
     pub fn bounded(
-        mu1: f64,
-        mu2: f64,
-        bound: f64,
+        mu1: Real,
+        mu2: Real,
+        bound: Real,
         restitution: Restitution,
     ) -> Result<Self, GainError> {
         let gains = Self::new(mu1, mu2)?;
@@ -202,9 +206,9 @@ impl Gains {
     /// `Ok` if the gain with this name exceeds `least`, which is this formula for the bound.
     fn exceed(
         self,
-        bound: f64,
+        bound: Real,
         (name, formula): (&'static str, &'static str),
-        least: f64,
+        least: Real,
     ) -> Result<(), GainError> {
         let value = if name == "mu1" { self.mu1 } else { self.mu2 };
         if value > least {
@@ -217,14 +221,14 @@ impl Gains {
     /// The gain on the sign of the position (m/s^2).
     #[inline]
     #[must_use]
-    pub fn mu1(self) -> f64 {
+    pub fn mu1(self) -> Real {
         self.mu1
     }
 
     /// The gain on the sign of the velocity (m/s^2).
     #[inline]
     #[must_use]
-    pub fn mu2(self) -> f64 {
+    pub fn mu2(self) -> Real {
         self.mu2
     }
 }

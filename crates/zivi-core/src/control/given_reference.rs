@@ -10,6 +10,7 @@ use super::port::checked_force;
 use super::reference_state::Waypoint;
 use super::reference_state::{ReferencePeriod, ReferenceSource, ReferenceState};
 use super::TwistingTracker;
+use crate::Real;
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError};
 
 impl TwistingTracker {
@@ -40,11 +41,11 @@ impl TwistingTracker {
     pub fn tick_to(
         &mut self,
         measured: Physical,
-        force: f64,
+        force: Real,
         now: Waypoint,
         next: Waypoint,
-        acceleration: Option<f64>,
-    ) -> Result<f64, SettingError> {
+        acceleration: Option<Real>,
+    ) -> Result<Real, SettingError> {
         self.ticked(measured, force, ReferenceSource::Given(&[now, next], acceleration))
     }
 }
@@ -58,10 +59,10 @@ impl ReferencePeriod {
     /// is not finite.
     #[inline]
     pub fn between(
-        (restitution, h): (Restitution, f64),
-        force: f64,
+        (restitution, h): (Restitution, Real),
+        force: Real,
         [now, next]: [Waypoint; 2],
-        acceleration: Option<f64>,
+        acceleration: Option<Real>,
     ) -> Result<Self, SettingError> {
         let (start, end) =
             (ReferenceState::at(now, restitution)?, ReferenceState::at(next, restitution)?);

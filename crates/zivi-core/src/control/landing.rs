@@ -32,6 +32,7 @@
 use super::monotone::cut;
 use super::{GainError, Gains};
 use crate::setting::{is_not_negative, is_positive, require};
+use crate::Real;
 use crate::{sgn, Physical, Restitution, SettingError};
 
 /// The horizon of a landing.
@@ -39,9 +40,9 @@ use crate::{sgn, Physical, Restitution, SettingError};
 pub struct Landing {
     ahead: u32,
     /// `N h` (s).
-    horizon: f64,
+    horizon: Real,
     /// `q` (m/s).
-    quiet: f64,
+    quiet: Real,
 }
 
 impl Landing {
@@ -50,10 +51,10 @@ impl Landing {
     ///
     /// # Errors
     /// [`SettingError`] unless `ahead >= 1` and `ahead h` is finite and positive.
-    pub fn new(ahead: u32, h: f64) -> Result<Self, SettingError> {
+    pub fn new(ahead: u32, h: Real) -> Result<Self, SettingError> {
         let range = "at least 1 period: 1 + the periods of delay";
-        require(ahead >= 1, "ahead", f64::from(ahead), range)?;
-        let horizon = f64::from(ahead) * h;
+        require(ahead >= 1, "ahead", ahead as Real, range)?;
+        let horizon = (ahead as Real) * h;
         let range = "a sampling period > 0 with a finite product ahead h";
         require(is_positive(horizon), "h", h, range)?;
         Ok(Self { ahead, horizon, quiet: 0.0 })
@@ -63,7 +64,7 @@ impl Landing {
     ///
     /// # Errors
     /// [`SettingError`] unless it is finite and `>= 0`.
-    pub fn with_quiet(self, quiet: f64) -> Result<Self, SettingError> {
+    pub fn with_quiet(self, quiet: Real) -> Result<Self, SettingError> {
         let range = "a finite bound >= 0 of the velocity's errors (m/s)";
         require(is_not_negative(quiet), "quiet", quiet, range)?;
         Ok(Self { quiet, ..self })
@@ -72,14 +73,14 @@ impl Landing {
     /// The same of numbers that were checked before and are not checked again.
     #[inline]
     #[must_use]
-    pub fn trusted(ahead: u32, h: f64, quiet: f64) -> Self {
-        Self { ahead, horizon: f64::from(ahead) * h, quiet }
+    pub fn trusted(ahead: u32, h: Real, quiet: Real) -> Self {
+        Self { ahead, horizon: (ahead as Real) * h, quiet }
     }
 
     /// The same for periods of `h` (s).
     #[inline]
-    pub(super) fn of_periods(self, h: f64) -> Self {
-        Self { horizon: f64::from(self.ahead) * h, ..self }
+    pub(super) fn of_periods(self, h: Real) -> Self {
+        Self { horizon: (self.ahead as Real) * h, ..self }
     }
 
     /// The horizon in periods.
@@ -90,14 +91,14 @@ impl Landing {
 
     /// The dead zone of the velocity (m/s).
     #[must_use]
-    pub fn quiet(&self) -> f64 {
+    pub fn quiet(&self) -> Real {
         self.quiet
     }
 
     /// The regulator's sign of the velocity under the force `f`: the `lv` in `[-1, 1]` with
     /// `mu1 - F + mu2 lv = (x' - q)/(N h)`, cut to that range.
     #[inline]
-    pub(super) fn lambda_v(&self, xdot: f64, f: f64, gains: Gains) -> f64 {
+    pub(super) fn lambda_v(&self, xdot: Real, f: Real, gains: Gains) -> Real {
         cut(((xdot - self.quiet) / self.horizon - (gains.mu1() - f)) / gains.mu2())
     }
 
@@ -110,7 +111,7 @@ impl Landing {
 }
 
 /// `Ok` if `press` is a `g` of a mass that rests: at least the bound of the unknown force.
-pub(super) fn checked_press(press: f64, bound: f64) -> Result<(), GainError> {
+pub(super) fn checked_press(press: Real, bound: Real) -> Result<(), GainError> {
     require(press.is_finite(), "press", press, "a finite acceleration (m/s^2)")?;
     if press >= bound {
         Ok(())
@@ -124,11 +125,11 @@ pub(super) fn checked_press(press: f64, bound: f64) -> Result<(), GainError> {
 pub struct Descent {
     landing: Landing,
     /// `D` (m/s^2).
-    falling: f64,
+    falling: Real,
     /// `U` (m/s^2).
-    braking: f64,
+    braking: Real,
     /// `g` of a mass that rests (m/s^2).
-    press: f64,
+    press: Real,
 }
 
 impl Descent {
@@ -139,7 +140,7 @@ impl Descent {
         landing: Landing,
         gains: Gains,
         restitution: Restitution,
-        press: Option<f64>,
+        press: Option<Real>,
     ) -> Self {
         let falling = restitution.r(1.0, -1.0) * (gains.mu1() - gains.mu2());
         let braking = restitution.r(1.0, 1.0) * (gains.mu1() + gains.mu2());
@@ -154,13 +155,13 @@ impl Descent {
 
     /// `D`, `U` and the `g` of a mass that rests (m/s^2).
     #[must_use]
-    pub fn accelerations(&self) -> [f64; 3] {
+    pub fn accelerations(&self) -> [Real; 3] {
         [self.falling, self.braking, self.press]
     }
 
     /// `g`: the acceleration towards the wall, control and force together.
     #[inline]
-    pub(super) fn towards_wall(&self, state: Physical) -> f64 {
+    pub(super) fn towards_wall(&self, state: Physical) -> Real {
         let Landing { horizon, quiet, .. } = self.landing;
         let speed = state.xdot - quiet;
         if self.landing.is_at_rest(state) {
@@ -180,7 +181,7 @@ impl Descent {
 
     /// `ls, lv, les, lev` that stand for `g` in the law: both errors above, the brake in part.
     #[inline]
-    pub(super) fn signs(xdot: f64, g: f64, gains: Gains, restitution: Restitution) -> [f64; 4] {
+    pub(super) fn signs(xdot: Real, g: Real, gains: Gains, restitution: Restitution) -> [Real; 4] {
         let lambda_v = sgn(xdot);
         let lambda_ev = cut((g / restitution.r(1.0, lambda_v) - gains.mu1()) / gains.mu2());
         [1.0, lambda_v, 1.0, lambda_ev]

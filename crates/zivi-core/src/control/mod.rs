@@ -18,10 +18,12 @@
 //! four and six signs for a general solver ([`TwistingTracker::follow_by`]) and for checking.
 
 pub mod cubic;
+#[cfg(not(feature = "single"))]
 mod dual;
 mod explicit;
 mod gains;
 mod given_reference;
+#[cfg(not(feature = "single"))]
 pub mod inclusion;
 pub mod landing;
 pub mod monotone;
@@ -48,10 +50,10 @@ pub use tracker::{checked_horizon, TwistingTracker};
 pub use tracker_state::{Approach, TrackerSettings, TrackerState};
 
 use crate::setting::{is_positive, require};
-use crate::{Restitution, SettingError};
+use crate::{Real, Restitution, SettingError};
 
 /// Admissible sampling periods and walls, the same for every controller.
-fn checked(h: f64, restitution: Restitution, name_of_e: &'static str) -> Result<(), SettingError> {
+fn checked(h: Real, restitution: Restitution, name_of_e: &'static str) -> Result<(), SettingError> {
     require(is_positive(h), "h", h, "a finite sampling period > 0")?;
     checked_wall(restitution, name_of_e)
 }

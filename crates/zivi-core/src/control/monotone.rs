@@ -7,24 +7,26 @@
 //! The right-hand side is strictly monotone with range R, so there is exactly one `y`; the signs
 //! are unique unless `y = p1 = p2`.
 
+use crate::Real;
+
 /// A sign with its weight `w > 0` and the point `p` at which it switches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switch {
     /// Where it switches.
-    pub at: f64,
+    pub at: Real,
     /// What it weighs.
-    pub weight: f64,
+    pub weight: Real,
 }
 
 /// The solution and its two signs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Balance {
     /// The unknown.
-    pub y: f64,
+    pub y: Real,
     /// A value of `sgn(y - p1)`.
-    pub first: f64,
+    pub first: Real,
     /// A value of `sgn(y - p2)`.
-    pub second: f64,
+    pub second: Real,
 }
 
 /// Solves `b in y + w1 sgn(y - p1) + w2 sgn(y - p2)`, in at most five comparisons. Where both
@@ -39,7 +41,7 @@ pub struct Balance {
 /// ```
 #[inline(never)]
 #[must_use]
-pub fn balance(b: f64, first: Switch, second: Switch) -> Balance {
+pub fn balance(b: Real, first: Switch, second: Switch) -> Balance {
     if first.at == second.at {
         let weight = first.weight + second.weight;
         let share = (b - first.at) / weight;
@@ -60,7 +62,7 @@ pub fn balance(b: f64, first: Switch, second: Switch) -> Balance {
 
 /// The same with `low.at < high.at`: the five pieces of the graph from its upper end downwards.
 #[inline]
-fn ordered(b: f64, low: Switch, high: Switch) -> (f64, f64, f64) {
+fn ordered(b: Real, low: Switch, high: Switch) -> (Real, Real, Real) {
     let (sum, difference) = (low.weight + high.weight, low.weight - high.weight);
     let (over_high, over_low) = (b - high.at, b - low.at);
     if over_high > sum {
@@ -78,7 +80,7 @@ fn ordered(b: f64, low: Switch, high: Switch) -> (f64, f64, f64) {
 
 /// Cuts to `[-1, 1]`.
 #[inline]
-pub(super) fn cut(sign: f64) -> f64 {
+pub(super) fn cut(sign: Real) -> Real {
     sign.clamp(-1.0, 1.0)
 }
 

@@ -7,13 +7,13 @@ use super::{
     ExplicitTwisting, TickStatus, TrackerState, TwistingRegulator, TwistingTracker, Waypoint,
 };
 use crate::setting::{is_positive, require};
-use crate::{SettingError, ThetaGammaStep};
+use crate::{Real, SettingError, ThetaGammaStep};
 
 /// The reference over a period whose sample is missing: it moves on, the control is held.
 fn missed(
     reference: &ThetaGammaStep,
     state: TrackerState,
-    force_ref: f64,
+    force_ref: Real,
 ) -> Result<(ReferenceState, TrackerState), SettingError> {
     let Advance { next, signs: [lambda_sr, lambda_vr], .. } =
         advanced(reference, state.followed(), force_ref)?;
@@ -23,7 +23,7 @@ fn missed(
 }
 
 /// `Ok` if `dt` is the length of a period.
-fn checked_period(dt: f64) -> Result<(), SettingError> {
+fn checked_period(dt: Real) -> Result<(), SettingError> {
     require(is_positive(dt), "dt", dt, "a finite time > 0 (s)")
 }
 
@@ -33,7 +33,7 @@ impl TwistingTracker {
     ///
     /// # Errors
     /// [`SettingError`] unless `dt` is positive and finite.
-    pub fn lasting(&self, dt: f64) -> Result<Self, SettingError> {
+    pub fn lasting(&self, dt: Real) -> Result<Self, SettingError> {
         checked_period(dt)?;
         let mut it = *self;
         it.reference = it.reference.with_h(dt)?;
@@ -46,7 +46,7 @@ impl TwistingTracker {
     ///
     /// # Errors
     /// [`SettingError`] for a force that is not finite or too large; nothing has changed then.
-    pub fn miss(&mut self, force_ref: f64) -> Result<f64, SettingError> {
+    pub fn miss(&mut self, force_ref: Real) -> Result<Real, SettingError> {
         let (next, state) = missed(&self.reference, self.state, force_ref)?;
         self.hold(next, state);
         Ok(state.u)
@@ -56,7 +56,7 @@ impl TwistingTracker {
     ///
     /// # Errors
     /// [`SettingError`] for a waypoint that is not finite or behind the wall.
-    pub fn miss_to(&mut self, next: Waypoint) -> Result<f64, SettingError> {
+    pub fn miss_to(&mut self, next: Waypoint) -> Result<Real, SettingError> {
         let next = ReferenceState::at(next, self.reference.restitution())?;
         let state = TrackerState { status: TickStatus::default(), iterations: 0, ..self.state };
         self.hold(next, state);
@@ -74,7 +74,7 @@ impl ExplicitTwisting {
     ///
     /// # Errors
     /// The same.
-    pub fn lasting(&self, dt: f64) -> Result<Self, SettingError> {
+    pub fn lasting(&self, dt: Real) -> Result<Self, SettingError> {
         checked_period(dt)?;
         let mut it = *self;
         it.reference = it.reference.with_h(dt)?;
@@ -85,7 +85,7 @@ impl ExplicitTwisting {
     ///
     /// # Errors
     /// The same.
-    pub fn miss(&mut self, force_ref: f64) -> Result<f64, SettingError> {
+    pub fn miss(&mut self, force_ref: Real) -> Result<Real, SettingError> {
         let (next, state) = missed(&self.reference, self.state, force_ref)?;
         let ReferenceState { z, side } = next.folded();
         self.state = TrackerState { reference: z, side, ..state };
@@ -98,7 +98,7 @@ impl TwistingRegulator {
     ///
     /// # Errors
     /// The same.
-    pub fn lasting(&self, dt: f64) -> Result<Self, SettingError> {
+    pub fn lasting(&self, dt: Real) -> Result<Self, SettingError> {
         checked_period(dt)?;
         let mut it = *self;
         it.step = RegulationStep { h: dt, ..it.step };
@@ -107,7 +107,7 @@ impl TwistingRegulator {
     }
 
     /// A sample is missing: the control is held.
-    pub fn miss(&mut self) -> f64 {
+    pub fn miss(&mut self) -> Real {
         self.state.status = TickStatus::default();
         self.state.u
     }

@@ -1,14 +1,14 @@
 //! Where a controller meets the plant: what it accepts from a sensor, what an actuator can do.
 
 use crate::setting::{require, Setting, Value, Values};
-use crate::{Physical, SettingError};
+use crate::{Physical, Real, SettingError};
 
 /// Limits of the sensor and of the actuator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Port {
-    depth: f64,
-    low: f64,
-    high: f64,
+    depth: Real,
+    low: Real,
+    high: Real,
 }
 
 /// What was done to the last sample and to the control.
@@ -44,7 +44,7 @@ impl Default for Port {
 }
 
 impl Port {
-    const DEFAULT: Self = Self { depth: 0.1, low: f64::NEG_INFINITY, high: f64::INFINITY };
+    const DEFAULT: Self = Self { depth: 0.1, low: Real::NEG_INFINITY, high: Real::INFINITY };
 
     /// How far behind the wall a measurement may lie.
     pub const DEPTH: Setting = Setting {
@@ -61,7 +61,7 @@ impl Port {
     ///
     /// # Errors
     /// [`SettingError`] unless `depth >= 0` and finite.
-    pub fn with_depth(self, depth: f64) -> Result<Self, SettingError> {
+    pub fn with_depth(self, depth: Real) -> Result<Self, SettingError> {
         Self::DEPTH.check(depth)?;
         Ok(Self { depth, ..self })
     }
@@ -70,7 +70,7 @@ impl Port {
     ///
     /// # Errors
     /// [`SettingError`] unless `low < high`.
-    pub fn with_actuator(self, low: f64, high: f64) -> Result<Self, SettingError> {
+    pub fn with_actuator(self, low: Real, high: Real) -> Result<Self, SettingError> {
         require(!low.is_nan(), "u_min", low, "a number (m/s^2)")?;
         require(high > low, "u_max", high, "greater than u_min (m/s^2)")?;
         Ok(Self { low, high, ..self })
@@ -79,19 +79,19 @@ impl Port {
     /// Limits that were checked before and are not checked again.
     #[inline]
     #[must_use]
-    pub fn trusted(depth: f64, (low, high): (f64, f64)) -> Self {
+    pub fn trusted(depth: Real, (low, high): (Real, Real)) -> Self {
         Self { depth, low, high }
     }
 
     /// How far behind the wall a measurement may lie (m).
     #[must_use]
-    pub fn depth(&self) -> f64 {
+    pub fn depth(&self) -> Real {
         self.depth
     }
 
     /// The actuator's range (m/s^2).
     #[must_use]
-    pub fn actuator(&self) -> (f64, f64) {
+    pub fn actuator(&self) -> (Real, Real) {
         (self.low, self.high)
     }
 
@@ -100,7 +100,7 @@ impl Port {
     pub(super) fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
         let Physical { x, xdot } = measured;
         let range = "a finite position, at most `depth` behind the wall (m)";
-        require((-self.depth..=f64::MAX).contains(&x), "x", x, range)?;
+        require((-self.depth..=Real::MAX).contains(&x), "x", x, range)?;
         require(xdot.is_finite(), "xdot", xdot, "a finite velocity (m/s)")?;
         if x < 0.0 {
             Ok((Physical { x: 0.0, xdot }, true))
@@ -111,7 +111,7 @@ impl Port {
 
     /// The control that the actuator gives for the wanted one, and whether it was cut.
     #[inline]
-    pub(super) fn actuate(&self, wanted: f64) -> Result<(f64, bool), SettingError> {
+    pub(super) fn actuate(&self, wanted: Real) -> Result<(Real, bool), SettingError> {
         require(
             wanted.is_finite(),
             "u",
@@ -126,6 +126,6 @@ impl Port {
 
 /// A force handed to a tick.
 #[inline]
-pub(super) fn checked_force(name: &'static str, force: f64) -> Result<(), SettingError> {
+pub(super) fn checked_force(name: &'static str, force: Real) -> Result<(), SettingError> {
     require(force.is_finite(), name, force, "a finite force per unit mass (m/s^2)")
 }

@@ -4,13 +4,14 @@ use super::port::checked_force;
 use super::tracking::Target;
 use crate::setting::is_not_negative;
 use crate::step::{thorough, ImplicitEuler, StepSolution};
+use crate::Real;
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 /// A reference: its state and the side of the wall on which it was last.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ReferenceState {
     pub(super) z: Lifted,
-    pub(super) side: f64,
+    pub(super) side: Real,
 }
 
 impl ReferenceState {
@@ -64,17 +65,17 @@ impl From<Physical> for Waypoint {
 /// Where the reference of a tick comes from: it is the tracker's own, under this force, or it is given
 /// at this sample and at the next one, with its acceleration if that is known.
 pub(super) enum ReferenceSource<'a> {
-    Own(f64),
-    Given(&'a [Waypoint; 2], Option<f64>),
+    Own(Real),
+    Given(&'a [Waypoint; 2], Option<Real>),
 }
 
 /// A period of the reference: from where, under which force.
 #[derive(Clone, Copy, Debug)]
 pub struct ReferencePeriod {
     pub(super) now: ReferenceState,
-    pub(super) force: f64,
+    pub(super) force: Real,
     /// What the measured velocity is taken back by (m/s).
-    pub(super) back: f64,
+    pub(super) back: Real,
     /// Where it ends, if that is given.
     pub(super) next: Option<ReferenceState>,
 }
@@ -86,21 +87,22 @@ pub struct Planned {
     /// The same as an implicit step would have it: its velocity taken back.
     pub(super) measured: Physical,
     pub(super) clamped: bool,
-    pub(super) force: f64,
+    pub(super) force: Real,
     pub(super) now: ReferenceState,
     pub(super) next: ReferenceState,
     /// The signs of the reference's step.
-    pub(super) signs: [f64; 2],
+    pub(super) signs: [Real; 2],
     pub(super) target: Target,
     /// What acts on the reference (m/s^2).
-    pub(super) force_ref: f64,
+    #[cfg_attr(feature = "single", allow(dead_code, reason = "only the VI asks for it"))]
+    pub(super) force_ref: Real,
 }
 
 /// The end of a step of the reference, its signs, and its acceleration (m/s^2).
 pub(super) struct Advance {
     pub(super) next: ReferenceState,
-    pub(super) signs: [f64; 2],
-    pub(super) acceleration: f64,
+    pub(super) signs: [Real; 2],
+    pub(super) acceleration: Real,
 }
 
 /// One implicit Euler step of the reference.
@@ -108,7 +110,7 @@ pub(super) struct Advance {
 pub(super) fn advanced(
     reference: &ThetaGammaStep,
     from: ReferenceState,
-    force_ref: f64,
+    force_ref: Real,
 ) -> Result<Advance, SettingError> {
     checked_force("force_ref", force_ref)?;
     let found = reference.implicit().solve(from.z, force_ref, from.side);
@@ -124,10 +126,10 @@ pub(super) fn advanced(
 #[cold]
 #[inline(never)]
 pub(super) fn target_over(
-    h: f64,
+    h: Real,
     restitution: Restitution,
     from: ReferenceState,
-    force_ref: f64,
+    force_ref: Real,
 ) -> Result<Target, SettingError> {
     let found = thorough(h, restitution, ImplicitEuler, from.z, force_ref, from.side);
     let found = found.map_err(|_| too_large(force_ref))?;
@@ -136,11 +138,11 @@ pub(super) fn target_over(
 
 /// `A = lsr F_r/R_r` of a step of the reference (m/s^2).
 #[inline(always)]
-fn pulled(found: &StepSolution, restitution: Restitution, force_ref: f64) -> f64 {
+fn pulled(found: &StepSolution, restitution: Restitution, force_ref: Real) -> Real {
     found.lambda_s * force_ref / restitution.r(found.lambda_s, found.lambda_v)
 }
 
-fn too_large(force_ref: f64) -> SettingError {
+fn too_large(force_ref: Real) -> SettingError {
     let range = "small enough for the reference to stay finite (m/s^2)";
     SettingError { name: "force_ref", value: force_ref, range }
 }

@@ -1,9 +1,11 @@
 //! The twisting regulator: brings the mass to rest at the wall in finite time.
 
+#[cfg(not(feature = "single"))]
 use super::inclusion::RegulationInclusion;
 use super::port::checked_force;
 use super::regulation::{Regulation, RegulationStep};
 use super::{checked, Gains, Landing, Port, TickStatus};
+use crate::Real;
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError};
 
 /// The regulator `u = -mu1 - mu2 lv` with `lv` in `sgn x'` taken implicitly, at the end of the
@@ -37,9 +39,9 @@ pub struct TwistingRegulator {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegulatorState {
     /// The last control (m/s^2).
-    pub u: f64,
+    pub u: Real,
     /// The last `lambda_s`, `lambda_v`.
-    pub signs: [f64; 2],
+    pub signs: [Real; 2],
     /// What was done to the last sample and control.
     pub status: TickStatus,
 }
@@ -49,7 +51,7 @@ impl TwistingRegulator {
     ///
     /// # Errors
     /// [`SettingError`] names the setting that is out of range.
-    pub fn new(gains: Gains, h: f64, restitution: Restitution) -> Result<Self, SettingError> {
+    pub fn new(gains: Gains, h: Real, restitution: Restitution) -> Result<Self, SettingError> {
         checked(h, restitution, "e")?;
         let step = RegulationStep { h, restitution, gains };
         Ok(Self::trusted(step, Some(Landing::new(1, h)?), Port::default()))
@@ -80,10 +82,11 @@ impl TwistingRegulator {
     /// # Errors
     /// [`SettingError`] for a sample that is not finite or too deep behind the wall. Nothing has
     /// changed then: the last control is still [`RegulatorState::u`].
-    pub fn tick(&mut self, measured: Physical, force: f64) -> Result<f64, SettingError> {
+    pub fn tick(&mut self, measured: Physical, force: Real) -> Result<Real, SettingError> {
         self.ticked(measured, force, |step, z| (step.solve(z, force), false))
     }
 
+    #[cfg(not(feature = "single"))]
     /// The same with the two signs of the step, the VI (23), as `solve` finds them; where it finds
     /// none, they are those of [`TwistingRegulator::tick`], and the status says so. A regulator that
     /// lands solves no step.
@@ -93,9 +96,9 @@ impl TwistingRegulator {
     pub fn tick_by(
         &mut self,
         measured: Physical,
-        force: f64,
-        solve: impl FnOnce(&RegulationInclusion<'_>) -> Option<[f64; 2]>,
-    ) -> Result<f64, SettingError> {
+        force: Real,
+        solve: impl FnOnce(&RegulationInclusion<'_>) -> Option<[Real; 2]>,
+    ) -> Result<Real, SettingError> {
         self.ticked(measured, force, |step, z| {
             match solve(&RegulationInclusion { step, z, f: force }) {
                 Some(signs) => (step.of_signs(z, force, signs), false),
@@ -108,9 +111,9 @@ impl TwistingRegulator {
     fn ticked(
         &mut self,
         measured: Physical,
-        force: f64,
+        force: Real,
         solve: impl FnOnce(&RegulationStep, Lifted) -> (Regulation, bool),
-    ) -> Result<f64, SettingError> {
+    ) -> Result<Real, SettingError> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
         let (wanted, signs, unsolved) = self.law(state, force, solve);
@@ -125,9 +128,9 @@ impl TwistingRegulator {
     fn law(
         &self,
         state: Physical,
-        force: f64,
+        force: Real,
         solve: impl FnOnce(&RegulationStep, Lifted) -> (Regulation, bool),
-    ) -> (f64, [f64; 2], bool) {
+    ) -> (Real, [Real; 2], bool) {
         let RegulationStep { restitution, gains, .. } = self.step;
         if let Some(landing) = self.landing {
             let lambda_v = landing.lambda_v(state.xdot, force, gains);

@@ -1,8 +1,10 @@
 //! The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
 use super::tracker_state::Approach;
+use crate::Real;
 use core::ops::Bound;
 
+#[cfg(not(feature = "single"))]
 use super::inclusion::TrackingInclusion;
 use super::landing::{checked_press, Descent};
 use super::port::checked_force;
@@ -20,10 +22,10 @@ use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, Thet
 /// # Errors
 /// [`SettingError`] unless `horizon >= 1` and it is finite, also times `h`.
 #[inline]
-pub fn checked_horizon(horizon: f64, h: f64) -> Result<f64, SettingError> {
+pub fn checked_horizon(horizon: Real, h: Real) -> Result<Real, SettingError> {
     let time = horizon * h;
     TwistingTracker::HORIZON.check(horizon)?;
-    require(time <= f64::MAX, "horizon", horizon, "such that horizon h is finite")?;
+    require(time <= Real::MAX, "horizon", horizon, "such that horizon h is finite")?;
     Ok(time)
 }
 
@@ -57,11 +59,11 @@ pub struct TwistingTracker {
     /// Over a period.
     pub(super) reference: ThetaGammaStep,
     /// Periods that the step is planned over.
-    pub(super) horizon: f64,
+    pub(super) horizon: Real,
     shift: bool,
     pub(super) landing: Option<Landing>,
     /// Acceleration towards the wall of a mass at rest, if it is not the law's own (m/s^2).
-    press: Option<f64>,
+    press: Option<Real>,
     approach: Approach,
     port: Port,
     pub(super) state: TrackerState,
@@ -76,7 +78,7 @@ impl TwistingTracker {
     /// [`SettingError`] names the setting that is out of range.
     pub fn new(
         gains: Gains,
-        h: f64,
+        h: Real,
         restitution: Restitution,
         restitution_ref: Restitution,
         approach: Approach,
@@ -124,7 +126,7 @@ impl TwistingTracker {
     ///
     /// # Errors
     /// [`GainError`] unless `press` is finite and at least `bound`.
-    pub fn with_press(self, press: f64, bound: f64) -> Result<Self, GainError> {
+    pub fn with_press(self, press: Real, bound: Real) -> Result<Self, GainError> {
         if self.landing.is_some() {
             checked_press(press, bound)?;
         }
@@ -136,7 +138,7 @@ impl TwistingTracker {
         name: "horizon",
         meaning: "periods over which a step is planned",
         unit: "1",
-        values: Values::Numbers(Bound::Included(1.0), Bound::Excluded(f64::INFINITY)),
+        values: Values::Numbers(Bound::Included(1.0), Bound::Excluded(Real::INFINITY)),
         range: "a finite number of periods >= 1",
         default: Value::Number(1.0),
     };
@@ -145,7 +147,7 @@ impl TwistingTracker {
     ///
     /// # Errors
     /// [`SettingError`] unless `horizon >= 1` and it is finite, also times `h`.
-    pub fn with_horizon(self, horizon: f64) -> Result<Self, SettingError> {
+    pub fn with_horizon(self, horizon: Real) -> Result<Self, SettingError> {
         let h = checked_horizon(horizon, self.reference.h())?;
         Ok(Self { step: TrackingStep { h, ..self.step }, horizon, ..self })
     }
@@ -183,9 +185,9 @@ impl TwistingTracker {
     pub fn tick(
         &mut self,
         measured: Physical,
-        force: f64,
-        force_ref: f64,
-    ) -> Result<f64, SettingError> {
+        force: Real,
+        force_ref: Real,
+    ) -> Result<Real, SettingError> {
         self.ticked(measured, force, ReferenceSource::Own(force_ref))
     }
 
@@ -194,9 +196,9 @@ impl TwistingTracker {
     pub(super) fn ticked(
         &mut self,
         measured: Physical,
-        force: f64,
+        force: Real,
         guide: ReferenceSource<'_>,
-    ) -> Result<f64, SettingError> {
+    ) -> Result<Real, SettingError> {
         let planned = self.plan(measured, force, |it| match guide {
             ReferenceSource::Own(force_ref) => Ok(it.own_period(force_ref)),
             ReferenceSource::Given(waypoints, acceleration) => {
@@ -217,7 +219,7 @@ impl TwistingTracker {
     pub fn plan<E: From<SettingError>>(
         &self,
         measured: Physical,
-        force: f64,
+        force: Real,
         course: impl FnOnce(&Self) -> Result<ReferencePeriod, E>,
     ) -> Result<Planned, E> {
         let (state, clamped) = self.port.sense(measured)?;
@@ -232,7 +234,7 @@ impl TwistingTracker {
     /// A period of its own reference, under this force (m/s^2).
     #[inline(always)]
     #[must_use]
-    pub fn own_period(&self, force: f64) -> ReferencePeriod {
+    pub fn own_period(&self, force: Real) -> ReferencePeriod {
         let back = if self.shift && self.flies(force) { 0.5 * self.h() * force } else { 0.0 };
         ReferencePeriod { now: self.state.followed(), force, back, next: None }
     }
@@ -249,7 +251,7 @@ impl TwistingTracker {
     fn outlook(
         &self,
         &ReferencePeriod { now, force, next, .. }: &ReferencePeriod,
-    ) -> Result<(ReferenceState, [f64; 2], Target), SettingError> {
+    ) -> Result<(ReferenceState, [Real; 2], Target), SettingError> {
         let Advance { next: reached, signs, acceleration } = advanced(&self.reference, now, force)?;
         let period = Target { end: reached.z, acceleration };
         let beyond = self.step.h > self.reference.h();
@@ -267,11 +269,12 @@ impl TwistingTracker {
     /// # Errors
     /// [`SettingError`] where the control is not finite; nothing has changed then.
     #[inline]
-    pub fn follow(&mut self, planned: &Planned) -> Result<f64, SettingError> {
+    pub fn follow(&mut self, planned: &Planned) -> Result<Real, SettingError> {
         let Planned { force, target, .. } = *planned;
         self.followed_by(planned, |step, z| (step.solve(z, force, target), false))
     }
 
+    #[cfg(not(feature = "single"))]
     /// The same with the six signs of the step, the VI (24), as `solve` finds them; where it finds
     /// none, they are those of [`TwistingTracker::follow`], and the status says so.
     ///
@@ -280,8 +283,8 @@ impl TwistingTracker {
     pub fn follow_by(
         &mut self,
         planned: &Planned,
-        solve: impl FnOnce(&TrackingInclusion<'_>) -> Option<[f64; 6]>,
-    ) -> Result<f64, SettingError> {
+        solve: impl FnOnce(&TrackingInclusion<'_>) -> Option<[Real; 6]>,
+    ) -> Result<Real, SettingError> {
         let Planned { force: f, target, now, force_ref: f_ref, .. } = *planned;
         let (restitution_ref, reference) = (self.reference.restitution(), now.z);
         self.followed_by(planned, |step, z| {
@@ -301,7 +304,7 @@ impl TwistingTracker {
         &mut self,
         planned: &Planned,
         solve: impl FnOnce(&TrackingStep, Lifted) -> (Tracking, bool),
-    ) -> Result<f64, SettingError> {
+    ) -> Result<Real, SettingError> {
         let Planned { state, measured, clamped, force, now, next, signs, .. } = *planned;
         let mut unsolved = false;
         let (wanted, [lambda_s, lambda_v, lambda_es, lambda_ev], iterations) = match self.landing {
@@ -332,7 +335,7 @@ impl TwistingTracker {
 
     /// Whether the reference is in the air at this sample and at the next one.
     #[inline(always)]
-    fn flies(&self, force_ref: f64) -> bool {
+    fn flies(&self, force_ref: Real) -> bool {
         let (Physical { x, xdot }, h) = (self.reference(), self.h());
         x > 0.0 && x + h * (xdot + h * force_ref) > 0.0
     }
@@ -379,7 +382,7 @@ impl TwistingTracker {
 
     /// The sampling period (s).
     #[must_use]
-    pub fn h(&self) -> f64 {
+    pub fn h(&self) -> Real {
         self.reference.h()
     }
 

@@ -2,7 +2,7 @@
 
 use super::reference_state::ReferenceState;
 use super::{Gains, Landing, Port, TickStatus};
-use crate::{Lifted, Restitution};
+use crate::{Lifted, Real, Restitution};
 
 /// Which of its two preimages the measured state is lifted to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,7 +22,7 @@ pub struct TrackerSettings {
     /// The gains.
     pub gains: Gains,
     /// Sampling period (s).
-    pub h: f64,
+    pub h: Real,
     /// The plant's wall.
     pub restitution: Restitution,
     /// The reference's wall.
@@ -32,9 +32,9 @@ pub struct TrackerSettings {
     /// How it lands; `None` is the paper's tick.
     pub landing: Option<Landing>,
     /// Acceleration towards the wall of a mass at rest (m/s^2), `None` for the law's own.
-    pub press: Option<f64>,
+    pub press: Option<Real>,
     /// Periods that a step is planned over.
-    pub horizon: f64,
+    pub horizon: Real,
     /// Whether the measured velocity is taken half a period back in the air.
     pub shift: bool,
     /// The limits of the sensor and of the actuator.
@@ -47,11 +47,11 @@ pub struct TrackerState {
     /// The reference `(s_r, v_r)`.
     pub reference: Lifted,
     /// The side of the wall on which the reference was last, `+1` or `-1`.
-    pub side: f64,
+    pub side: Real,
     /// The last control (m/s^2).
-    pub u: f64,
+    pub u: Real,
     /// The last `ls, lv, lsr, lvr, les, lev`.
-    pub signs: [f64; 6],
+    pub signs: [Real; 6],
     /// What was done to the last sample and control.
     pub status: TickStatus,
     /// Iterations of the last tick: [`Tracking::iterations`].

@@ -27,13 +27,14 @@
 use super::cubic::Cubic;
 use super::monotone::{balance, cut, Switch};
 use super::Gains;
+use crate::Real;
 use crate::{sgn, Lifted, Restitution};
 
 /// All that is constant over a run of the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackingStep {
     /// Sampling period (s).
-    pub h: f64,
+    pub h: Real,
     /// The plant's wall.
     pub restitution: Restitution,
     /// The gains.
@@ -46,7 +47,7 @@ pub struct Target {
     /// `(s_r+, v_r+)`.
     pub end: Lifted,
     /// Its acceleration over the step, `A = lsr F_r/R_r` (m/s^2).
-    pub acceleration: f64,
+    pub acceleration: Real,
 }
 
 /// Where the solution lies.
@@ -66,15 +67,15 @@ pub struct Tracking {
     /// `(s+, v+)`.
     pub end: Lifted,
     /// `ls` in `sgn s+`.
-    pub lambda_s: f64,
+    pub lambda_s: Real,
     /// `lv` in `sgn v+`.
-    pub lambda_v: f64,
+    pub lambda_v: Real,
     /// `les` in `sgn(s+ - s_r+)`.
-    pub lambda_es: f64,
+    pub lambda_es: Real,
     /// `lev` in `sgn(v+ - v_r+)`.
-    pub lambda_ev: f64,
+    pub lambda_ev: Real,
     /// The control (m/s^2).
-    pub u: f64,
+    pub u: Real,
     /// The case.
     pub place: Place,
     /// Iterations for roots of the cubic, at most twice [`super::cubic::MAX_ITERATIONS`].
@@ -84,7 +85,7 @@ pub struct Tracking {
 /// The end of a step with `ls, lv, les, lev`.
 struct Candidate {
     end: Lifted,
-    signs: [f64; 4],
+    signs: [Real; 4],
     iterations: u32,
 }
 
@@ -94,16 +95,16 @@ struct Frame {
     step: TrackingStep,
     z: Lifted,
     target: Target,
-    f: f64,
+    f: Real,
 }
 
 impl TrackingStep {
     /// Solves the step from `z` under the force `f` that acts on the plant without control.
     #[inline]
     #[must_use]
-    pub fn solve(&self, z: Lifted, f: f64, target: Target) -> Tracking {
+    pub fn solve(&self, z: Lifted, f: Real, target: Target) -> Tracking {
         // a factor and not a case: the code that follows need not be there twice
-        let side = 1.0_f64.copysign(z.s + 0.0);
+        let side = Real::copysign(1.0, z.s + 0.0);
         let mirrored = |Lifted { s, v }| Lifted { s: side * s, v: side * v };
         let target = Target { end: mirrored(target.end), acceleration: side * target.acceleration };
         let frame = Frame { step: *self, z: mirrored(z), target, f };
@@ -113,7 +114,7 @@ impl TrackingStep {
 
     /// The end of the step and the control (20) of these `ls, lv, les, lev`.
     #[must_use]
-    pub fn of_signs(&self, z: Lifted, f: f64, target: Target, signs: [f64; 4]) -> Tracking {
+    pub fn of_signs(&self, z: Lifted, f: Real, target: Target, signs: [Real; 4]) -> Tracking {
         let [lambda_s, lambda_v, lambda_es, lambda_ev] = signs;
         let (h, square) = (self.h, lambda_s * lambda_s);
         let r = self.restitution.r(lambda_s, lambda_v);
@@ -151,11 +152,11 @@ impl Frame {
     /// The candidate with `ls = g`. With `psi(v+) = R v+ = v+ (1 - kappa g sgn v+)` the position
     /// error switches where `psi(v+) = (s_r+ - s)/h`.
     #[inline(always)]
-    fn off_the_wall(&self, g: f64) -> Candidate {
+    fn off_the_wall(&self, g: Real) -> Candidate {
         let TrackingStep { h, restitution, gains } = self.step;
         let Target { end: aim, acceleration } = self.target;
         let travel = (aim.s - self.z.s) / h;
-        let at_aim = travel / restitution.r(g, 1.0_f64.copysign(travel)); // at 0 any R > 0 will do
+        let at_aim = travel / restitution.r(g, Real::copysign(1.0, travel)); // at 0 any R > 0 will do
         let found = balance(
             self.z.v + h * acceleration,
             Switch { at: at_aim, weight: h * gains.mu1() },
@@ -196,7 +197,7 @@ impl Frame {
             self.nearest_root(near, end, les, signs)
         } else {
             let part = if greatest > least { greatest / (greatest - least) } else { 0.0 };
-            let between = |low: f64, high: f64| cut(low + part * (high - low));
+            let between = |low: Real, high: Real| cut(low + part * (high - low));
             (near, between(es_low, es_high), between(ev_low, ev_high), 0)
         };
         let stays = ls == split && aim.v <= 0.0;
@@ -211,14 +212,14 @@ impl Frame {
     #[inline]
     fn nearest_root(
         &self,
-        near: f64,
-        end: f64,
-        lambda_es: f64,
-        [ahead, behind]: [f64; 2],
-    ) -> (f64, f64, f64, u32) {
+        near: Real,
+        end: Real,
+        lambda_es: Real,
+        [ahead, behind]: [Real; 2],
+    ) -> (Real, Real, Real, u32) {
         let (root, count) = self.cubic(lambda_es, ahead).first_root(near, end);
         let back = self.cubic(lambda_es, behind).next_root(near, -end);
-        let excess = |ls: f64| (self.velocity_on_the_wall(ls) - self.target.end.v).abs();
+        let excess = |ls: Real| (self.velocity_on_the_wall(ls) - self.target.end.v).abs();
         match back {
             Some((other, more)) if excess(other) < excess(root) => {
                 (other, lambda_es, behind, count + more)
@@ -229,12 +230,12 @@ impl Frame {
     }
 
     /// `v+ = -(s/h)/R` for `s+ = 0` (adding `0.0` turns `-0.0` into `0.0`).
-    fn velocity_on_the_wall(&self, lambda_s: f64) -> f64 {
+    fn velocity_on_the_wall(&self, lambda_s: Real) -> Real {
         -(self.z.s / self.step.h) / self.step.restitution.r(lambda_s, -1.0) + 0.0
     }
 
     /// The `ls` at which `v+ = -(s/h)/(1 + kappa ls)` equals `v_r+`: below it `v+` is smaller.
-    fn split(&self, travel: f64) -> f64 {
+    fn split(&self, travel: Real) -> Real {
         let v_r = self.target.end.v;
         if v_r < 0.0 {
             let excess = -travel / v_r - 1.0;
@@ -247,13 +248,13 @@ impl Frame {
         } else if v_r == 0.0 && travel == 0.0 {
             0.0
         } else {
-            f64::INFINITY
+            Real::INFINITY
         }
     }
 
     /// `G` with these signs of the errors.
     #[inline(never)] // seldom asked for, at four places
-    fn cubic(&self, lambda_es: f64, lambda_ev: f64) -> Cubic {
+    fn cubic(&self, lambda_es: Real, lambda_ev: Real) -> Cubic {
         let h = self.step.h;
         let kappa = self.step.restitution.kappa();
         let c = self.pull(lambda_es, lambda_ev);
@@ -267,13 +268,13 @@ impl Frame {
 
     /// The value of `G` at `lambda_s`.
     #[inline(never)]
-    fn value(&self, lambda_s: f64, lambda_es: f64, lambda_ev: f64) -> f64 {
+    fn value(&self, lambda_s: Real, lambda_es: Real, lambda_ev: Real) -> Real {
         self.cubic(lambda_es, lambda_ev).at(lambda_s)
     }
 
     /// `C = A - mu1 les - mu2 lev`.
     #[inline]
-    fn pull(&self, lambda_es: f64, lambda_ev: f64) -> f64 {
+    fn pull(&self, lambda_es: Real, lambda_ev: Real) -> Real {
         let gains = self.step.gains;
         self.target.acceleration - gains.mu1() * lambda_es - gains.mu2() * lambda_ev
     }
@@ -294,8 +295,8 @@ impl Tracking {
     /// The solution as it is seen from the other side, for the factor -1; the control is the same (adding
     /// `0.0` turns `-0.0` into `0.0`).
     #[inline]
-    fn seen_from(self, side: f64) -> Self {
-        let mirror = |value: f64| side * value + 0.0;
+    fn seen_from(self, side: Real) -> Self {
+        let mirror = |value: Real| side * value + 0.0;
         Tracking {
             end: Lifted { s: mirror(self.end.s), v: mirror(self.end.v) },
             lambda_s: mirror(self.lambda_s),

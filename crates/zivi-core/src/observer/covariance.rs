@@ -1,46 +1,49 @@
 //! The covariance of `(x, x', d, e)`: ten numbers, and what a flight, an impact, rest and a
 //! measurement make of them.
 
+use crate::real::sqrt;
+use crate::Real;
+
 /// A symmetric 4 x 4 matrix; where `e` is not learnt its row and column are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Covariance {
     /// Variance of `x` (m^2).
-    pub xx: f64,
+    pub xx: Real,
     /// Covariance of `x` and `x'` (m^2/s).
-    pub xv: f64,
+    pub xv: Real,
     /// Covariance of `x` and `d` (m^2/s^2).
-    pub xd: f64,
+    pub xd: Real,
     /// Variance of `x'` (m^2/s^2).
-    pub vv: f64,
+    pub vv: Real,
     /// Covariance of `x'` and `d` (m^2/s^3).
-    pub vd: f64,
+    pub vd: Real,
     /// Variance of `d` (m^2/s^4).
-    pub dd: f64,
+    pub dd: Real,
     /// Covariance of `x` and `e` (m).
-    pub xe: f64,
+    pub xe: Real,
     /// Covariance of `x'` and `e` (m/s).
-    pub ve: f64,
+    pub ve: Real,
     /// Covariance of `d` and `e` (m/s^2).
-    pub de: f64,
+    pub de: Real,
     /// Variance of `e`.
-    pub ee: f64,
+    pub ee: Real,
 }
 
 impl Covariance {
     /// No correlations, and nothing unknown of `e`.
-    pub(super) fn diagonal([xx, vv, dd]: [f64; 3]) -> Self {
+    pub(super) fn diagonal([xx, vv, dd]: [Real; 3]) -> Self {
         Self { xx, vv, dd, ..Self::default() }
     }
 
     /// The rows of the matrix.
     #[must_use]
-    pub fn rows(&self) -> [[f64; 4]; 4] {
+    pub fn rows(&self) -> [[Real; 4]; 4] {
         let Self { xx, xv, xd, vv, vd, dd, xe, ve, de, ee } = *self;
         [[xx, xv, xd, xe], [xv, vv, vd, ve], [xd, vd, dd, de], [xe, ve, de, ee]]
     }
 
     /// `A P A^T` of a flight of `t` seconds, `A = [[1, t, t^2/2], [0, 1, t], [0, 0, 1]]`.
-    pub(super) fn fly(&mut self, t: f64) {
+    pub(super) fn fly(&mut self, t: Real) {
         let Self { xx, xv, xd, vv, vd, dd, ve, de, .. } = *self;
         self.vd = vd + t * dd;
         self.vv = vv + t * (vd + self.vd);
@@ -54,7 +57,7 @@ impl Covariance {
     /// `Xi P Xi^T` of an impact, `Xi = [[-e, 0, 0, 0], [k, -e, 0, w], [0, 0, 1, 0], [0, 0, 0, 1]]`,
     /// with `k = (1 + e) a/v-`, the change of the velocity with the place of the state before it,
     /// and `w = -v-`, its change with `e`.
-    pub(super) fn bounce(&mut self, e: f64, k: f64, w: f64) {
+    pub(super) fn bounce(&mut self, e: Real, k: Real, w: Real) {
         let Self { xx, xv, xd, vv, vd, xe, ve, de, ee, .. } = *self;
         // the velocity's row with x, v, d and e before
         let (of_x, of_v) = (k * xx - e * xv + w * xe, k * xv - e * vv + w * ve);
@@ -74,9 +77,9 @@ impl Covariance {
     }
 
     /// The variance of `d` cut to `most`, its correlations kept.
-    pub(super) fn bound_d(&mut self, most: f64) {
+    pub(super) fn bound_d(&mut self, most: Real) {
         if self.dd > most {
-            let share = libm::sqrt(most / self.dd);
+            let share = sqrt(most / self.dd);
             self.dd = most;
             self.xd *= share;
             self.vd *= share;
@@ -85,9 +88,9 @@ impl Covariance {
     }
 
     /// The same of `x'`.
-    pub(super) fn bound_v(&mut self, most: f64) {
+    pub(super) fn bound_v(&mut self, most: Real) {
         if self.vv > most {
-            let share = libm::sqrt(most / self.vv);
+            let share = sqrt(most / self.vv);
             self.vv = most;
             self.xv *= share;
             self.vd *= share;
@@ -96,7 +99,7 @@ impl Covariance {
     }
 
     /// A measurement of `x` with this variance: its gains and the variance of its innovation.
-    pub(super) fn measure_x(&mut self, variance: f64) -> ([f64; 4], f64) {
+    pub(super) fn measure_x(&mut self, variance: Real) -> ([Real; 4], Real) {
         let Self { xx, xv, xd, xe, .. } = *self;
         let total = xx + variance;
         let gain = [xx / total, xv / total, xd / total, xe / total];
@@ -116,7 +119,7 @@ impl Covariance {
     }
 
     /// The same of `x'`.
-    pub(super) fn measure_v(&mut self, variance: f64) -> ([f64; 4], f64) {
+    pub(super) fn measure_v(&mut self, variance: Real) -> ([Real; 4], Real) {
         let Self { xv, vv, vd, ve, .. } = *self;
         let total = vv + variance;
         let gain = [xv / total, vv / total, vd / total, ve / total];

@@ -2,12 +2,14 @@
 
 use super::memory::Fitted;
 use super::{Covariance, Measurement, ObserverSettings, ObserverState};
+use crate::real::sqrt;
+use crate::Real;
 use crate::{flight, Physical};
 
 /// Impacts of one period that are followed; a mass that has more is taken to rest.
 const MAX_IMPACTS: u32 = 20;
 /// The square of the standard deviations at which a measurement is refused.
-const GATE: f64 = 25.0;
+const GATE: Real = 25.0;
 /// So many refused in a row restart the filter where the velocity is measured.
 const PATIENCE: u32 = 5;
 /// From so many on positions that agree do.
@@ -15,29 +17,29 @@ const DOUBT: u32 = 3;
 /// So many positions do without agreement.
 const LOST: u32 = 14;
 /// Grazing: the speed in `(1 + e) a/v-` is taken to be at least this part of `h |a|`.
-const GRAZING: f64 = 0.1;
+const GRAZING: Real = 0.1;
 /// Impacts slower than so many `s_x/h` tell nothing of `e`.
-const SLOW: f64 = 10.0;
+const SLOW: Real = 10.0;
 /// What a period adds to the variances of `x` and `x'`, of `s_x^2` and `(s_x/h)^2`: without it a
 /// wrong `e` could never be corrected after a rest.
-const FLOOR: [f64; 2] = [1e-10, 1e-12];
+const FLOOR: [Real; 2] = [1e-10, 1e-12];
 /// The same of the variance of a velocity that nothing is known of.
-const UNKNOWN_SPEED: f64 = 100.0;
+const UNKNOWN_SPEED: Real = 100.0;
 /// Deviations of the position within which the energy of the mass is bounded.
-const HIGHEST: f64 = 6.0;
+const HIGHEST: Real = 6.0;
 /// Restitutions that are learnt.
-const LEARNT: [f64; 2] = [0.01, 0.999];
+const LEARNT: [Real; 2] = [0.01, 0.999];
 /// Largest variance of a restitution.
-const UNKNOWN_E: f64 = 0.25;
+const UNKNOWN_E: Real = 0.25;
 
 impl ObserverSettings {
     /// This time and this measurement, under a known acceleration.
     pub(super) fn follow(
         &self,
         it: &mut ObserverState,
-        dt: f64,
+        dt: Real,
         measured: Option<Measurement>,
-        known: f64,
+        known: Real,
     ) {
         let a = known + it.estimate.d;
         let mut rests = false;
@@ -71,15 +73,15 @@ impl ObserverSettings {
 
     /// The variance of a velocity of which only the height is known, up to the variance `of_x`, and
     /// the acceleration: by the energy.
-    fn fastest(&self, Physical { x, xdot }: Physical, of_x: f64, a: f64) -> f64 {
+    fn fastest(&self, Physical { x, xdot }: Physical, of_x: Real, a: Real) -> Real {
         let ObserverSettings { noise: [noise, _], h, .. } = *self;
-        let highest = x + HIGHEST * libm::sqrt(of_x);
+        let highest = x + HIGHEST * sqrt(of_x);
         4.0 * (xdot * xdot + 2.0 * a.abs() * highest) + UNKNOWN_SPEED * noise / (h * h)
     }
 
     /// The state after `dt` under the acceleration `a`, through impacts and into rest; what is
     /// measured of the velocity then matters to what is unknown of it. Whether it rests.
-    fn predict(&self, it: &mut ObserverState, dt: f64, a: f64, measured: Option<f64>) -> bool {
+    fn predict(&self, it: &mut ObserverState, dt: Real, a: Real, measured: Option<Real>) -> bool {
         let rests = self.move_on(it, dt, a);
         let ObserverSettings { h, q_d, dmax, noise: [of_x, of_v], .. } = *self;
         let (share, [floor_x, floor_v]) = (dt / h, FLOOR);
@@ -93,7 +95,7 @@ impl ObserverSettings {
         rests
     }
 
-    fn move_on(&self, it: &mut ObserverState, dt: f64, a: f64) -> bool {
+    fn move_on(&self, it: &mut ObserverState, dt: Real, a: Real) -> bool {
         let (e, mut left) = (it.e, dt);
         let mut at = it.estimate.state;
         if at.arrives() {
@@ -126,7 +128,7 @@ impl ObserverSettings {
 
     /// The state after an impact with `before < 0`. A slow one tells nothing of `e`, which is as
     /// uncertain as it was.
-    fn bounce(&self, it: &mut ObserverState, before: f64, a: f64) -> Physical {
+    fn bounce(&self, it: &mut ObserverState, before: Real, a: Real) -> Physical {
         let ObserverSettings { h, se, q_e, noise: [of_x, _], learn_e, .. } = *self;
         let (e, speed) = (it.e, before.abs());
         let least = speed.max(GRAZING * h * a.abs());
@@ -143,7 +145,7 @@ impl ObserverSettings {
 
     /// This measurement, if it is within the gate; `a` acted before it. A mass that rests stays where
     /// it is, exactly: of its variances only `FLOOR` is left.
-    fn correct(&self, it: &mut ObserverState, measured: Measurement, a: f64, rests: bool) {
+    fn correct(&self, it: &mut ObserverState, measured: Measurement, a: Real, rests: bool) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
         let (estimate, e, covariance) = (it.estimate, it.e, it.covariance);
         let (gain, variance) = it.covariance.measure_x(of_x);
@@ -175,7 +177,7 @@ impl ObserverSettings {
     }
 
     /// After a measurement that was refused: where the mass is taken to be from now on.
-    fn doubt(&self, it: &mut ObserverState, Measurement { x, xdot }: Measurement, a: f64) {
+    fn doubt(&self, it: &mut ObserverState, Measurement { x, xdot }: Measurement, a: Real) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
         let fitted = match xdot {
             Some(_) if it.in_a_row >= PATIENCE => None,
@@ -194,6 +196,6 @@ impl ObserverSettings {
 }
 
 /// The velocity that is measured.
-fn velocity_of(measured: Option<Measurement>) -> Option<f64> {
+fn velocity_of(measured: Option<Measurement>) -> Option<Real> {
     measured.and_then(|it| it.xdot)
 }

@@ -10,31 +10,32 @@
 //! so that `y_i = x_i - c_i` lie on a line; an error `delta` of `a` bends it by `delta tau^2/2`.
 
 use super::Covariance;
-use crate::Physical;
+use crate::real::sqrt;
+use crate::{Physical, Real};
 
 /// Positions that are kept.
 pub const REMEMBERED: usize = 6;
 /// So many must agree, and all but two of those that there are.
 const AGREEING: u32 = 4;
 /// Positions agree within so many standard deviations, beside what the unknown force can bend.
-const WITHIN: f64 = 4.0;
+const WITHIN: Real = 4.0;
 
 /// A position that was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seen {
     /// `y`: the distance from the wall, less what the acceleration has moved the mass since (m).
-    pub y: f64,
+    pub y: Real,
     /// Time since (s).
-    pub age: f64,
+    pub age: Real,
 }
 
 /// The last positions, the newest first. (In columns, short enough to be copied without a call.)
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory {
     /// Positions, see [`Seen`] (m).
-    pub y: [f64; REMEMBERED],
+    pub y: [Real; REMEMBERED],
     /// Times since (s).
-    pub age: [f64; REMEMBERED],
+    pub age: [Real; REMEMBERED],
     /// How many there are.
     pub count: u32,
 }
@@ -54,7 +55,7 @@ impl Memory {
     }
 
     /// `dt` later, under the acceleration `a`.
-    pub(super) fn pass(&mut self, dt: f64, a: f64) {
+    pub(super) fn pass(&mut self, dt: Real, a: Real) {
         for (y, age) in self.y.iter_mut().zip(&mut self.age).take(self.count as usize) {
             *y -= a * dt * (*age + 0.5 * dt);
             *age += dt;
@@ -62,21 +63,21 @@ impl Memory {
     }
 
     /// A position is measured now.
-    pub(super) fn see(&mut self, x: f64) {
+    pub(super) fn see(&mut self, x: Real) {
         pushed(&mut self.y, x);
         pushed(&mut self.age, 0.0);
         self.count = (self.count + 1).min(REMEMBERED as u32);
     }
 
     /// The state by the last two positions, for a force that is unknown up to the variance `of_d`.
-    pub(super) fn of_two(&self, of_x: f64, of_d: f64) -> Option<Fitted> {
+    pub(super) fn of_two(&self, of_x: Real, of_d: Real) -> Option<Fitted> {
         self.fitted([true, true, false, false, false, false], of_x, of_d)
     }
 
     /// The state by the positions that agree on a line within what noise and a force within `dmax`
     /// allow, if they are enough.
-    pub(super) fn consensus(&self, of_x: f64, dmax: f64) -> Option<Fitted> {
-        let noise = WITHIN * libm::sqrt(of_x);
+    pub(super) fn consensus(&self, of_x: Real, dmax: Real) -> Option<Fitted> {
+        let noise = WITHIN * sqrt(of_x);
         let mut best = Agreement::default();
         for (k, one) in self.seen().enumerate() {
             for other in self.seen().skip(k + 1) {
@@ -96,7 +97,7 @@ impl Memory {
     /// The positions that lie near this line. (Out of line, as what follows: on a target the code
     /// of two of its callers would be twice as long.)
     #[inline(never)]
-    fn agreement(&self, line: Line, noise: f64, dmax: f64) -> Agreement {
+    fn agreement(&self, line: Line, noise: Real, dmax: Real) -> Agreement {
         let mut found = Agreement::default();
         for (it, chosen) in self.seen().zip(&mut found.chosen) {
             let distance = off(line, &it);
@@ -113,7 +114,7 @@ impl Memory {
     /// `-(m - q tau) delta/2`, with `tau`, `m` the means of `tau_i`, `tau_i^2` and `q` the slope of
     /// `tau_i^2`.
     #[inline(never)]
-    fn fitted(&self, chosen: [bool; REMEMBERED], of_x: f64, of_d: f64) -> Option<Fitted> {
+    fn fitted(&self, chosen: [bool; REMEMBERED], of_x: Real, of_d: Real) -> Option<Fitted> {
         let seen = || self.seen().zip(chosen).filter_map(|(it, taken)| taken.then_some(it));
         let (mut n, mut ages, mut places) = (0.0, 0.0, 0.0);
         for it in seen() {
@@ -152,11 +153,11 @@ impl Memory {
 struct Agreement {
     chosen: [bool; REMEMBERED],
     count: u32,
-    sum: f64,
+    sum: Real,
 }
 
 /// In front of the others, the last of which is gone.
-fn pushed(column: &mut [f64; REMEMBERED], value: f64) {
+fn pushed(column: &mut [Real; REMEMBERED], value: Real) {
     let [a, b, c, d, e, _] = *column;
     *column = [value, a, b, c, d, e];
 }
@@ -165,12 +166,12 @@ fn pushed(column: &mut [f64; REMEMBERED], value: f64) {
 type Line = (Seen, Seen);
 
 /// How far a position is off the line through two others.
-fn off((one, other): Line, it: &Seen) -> f64 {
+fn off((one, other): Line, it: &Seen) -> Real {
     let slope = (other.y - one.y) / (other.age - one.age);
     (it.y - one.y - slope * (it.age - one.age)).abs()
 }
 
 /// How far an unknown force of `dmax` may bring it off: a parabola through the two.
-fn bend((one, other): Line, it: &Seen, dmax: f64) -> f64 {
+fn bend((one, other): Line, it: &Seen, dmax: Real) -> Real {
     0.5 * dmax * ((it.age - one.age) * (it.age - other.age)).abs()
 }

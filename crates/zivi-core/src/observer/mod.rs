@@ -35,15 +35,15 @@ pub use settings::ObserverSettings;
 use memory::Fitted;
 
 use crate::setting::{is_positive, require};
-use crate::{Physical, SettingError};
+use crate::{Physical, Real, SettingError};
 
 /// A measurement: the position, and the velocity if there is one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     /// Distance from the wall (m); noise may make it negative.
-    pub x: f64,
+    pub x: Real,
     /// Velocity (m/s).
-    pub xdot: Option<f64>,
+    pub xdot: Option<Real>,
 }
 
 /// What is thought of the mass.
@@ -52,7 +52,7 @@ pub struct Estimate {
     /// Distance from the wall and velocity.
     pub state: Physical,
     /// The unknown force (m/s^2).
-    pub d: f64,
+    pub d: Real,
 }
 
 /// What the observer remembers between ticks.
@@ -65,7 +65,7 @@ pub struct ObserverState {
     /// The estimate.
     pub estimate: Estimate,
     /// The restitution: the estimate, where it is learnt.
-    pub e: f64,
+    pub e: Real,
     /// Covariance of the estimates.
     pub covariance: Covariance,
     /// The last positions.
@@ -115,8 +115,8 @@ impl ImpactObserver {
     pub fn tick(
         &mut self,
         measured: Measurement,
-        force: f64,
-        u: f64,
+        force: Real,
+        u: Real,
     ) -> Result<Estimate, SettingError> {
         self.tick_after(self.settings.h, Some(measured), force, u)
     }
@@ -128,10 +128,10 @@ impl ImpactObserver {
     /// As [`ImpactObserver::tick`], and for a `dt` that is not positive.
     pub fn tick_after(
         &mut self,
-        dt: f64,
+        dt: Real,
         measured: Option<Measurement>,
-        force: f64,
-        u: f64,
+        force: Real,
+        u: Real,
     ) -> Result<Estimate, SettingError> {
         let mut next = *self;
         let found = next.advance(dt, measured, force, u)?;
@@ -146,10 +146,10 @@ impl ImpactObserver {
     #[inline]
     pub fn advance(
         &mut self,
-        dt: f64,
+        dt: Real,
         measured: Option<Measurement>,
-        force: f64,
-        u: f64,
+        force: Real,
+        u: Real,
     ) -> Result<Estimate, SettingError> {
         let velocity = measured.and_then(|it| it.xdot).filter(|_| !self.settings.position_only);
         let measured = measured.map(|it| Measurement { xdot: velocity, ..it });
@@ -227,7 +227,7 @@ impl ObserverState {
     }
 
     #[inline]
-    fn shift(&mut self, [x, v, d, e]: [f64; 4], innovation: f64) {
+    fn shift(&mut self, [x, v, d, e]: [Real; 4], innovation: Real) {
         self.estimate.state.x += x * innovation;
         self.estimate.state.xdot += v * innovation;
         self.estimate.d += d * innovation;

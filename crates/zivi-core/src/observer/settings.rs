@@ -2,33 +2,32 @@
 
 use core::ops::Bound;
 
+use crate::real::{LARGE, SMALL};
 use crate::setting::{is_positive, require, Setting, Value, Values};
-use crate::{Restitution, SettingError};
+use crate::{Real, Restitution, SettingError};
 
 /// Settings of an [`super::ImpactObserver`], all in range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObserverSettings {
     pub(super) restitution: Restitution,
-    pub(super) h: f64,
+    pub(super) h: Real,
     /// Variances of a measured position and velocity.
-    pub(super) noise: [f64; 2],
-    pub(super) q_d: f64,
-    pub(super) se: f64,
-    pub(super) dmax: f64,
+    pub(super) noise: [Real; 2],
+    pub(super) q_d: Real,
+    pub(super) se: Real,
+    pub(super) dmax: Real,
     pub(super) position_only: bool,
     pub(super) learn_e: bool,
-    pub(super) q_e: f64,
+    pub(super) q_e: Real,
 }
 
-/// Largest deviation whose square is a number.
-const MOST: f64 = 1e150;
 /// Deviations whose squares are numbers.
-const DEVIATION: Values = Values::Numbers(Bound::Included(1e-150), Bound::Included(MOST));
+const DEVIATION: Values = Values::Numbers(Bound::Included(SMALL), Bound::Included(LARGE));
 
 impl ObserverSettings {
     /// Standard deviations of a measured position and velocity, `q_d`, `se` and `dmax`, unless told
     /// otherwise.
-    pub const DEFAULTS: [f64; 5] = [1e-4, 1e-2, 1e-3, 0.0, 20.0];
+    pub const DEFAULTS: [Real; 5] = [1e-4, 1e-2, 1e-3, 0.0, 20.0];
 
     /// Standard deviation of a measured position.
     pub const NOISE_X: Setting = Setting {
@@ -36,7 +35,11 @@ impl ObserverSettings {
         meaning: "standard deviation of a measured position",
         unit: "m",
         values: DEVIATION,
-        range: "a standard deviation > 0, from 1e-150 to 1e150 (m, m/s)",
+        range: if cfg!(feature = "single") {
+            "a standard deviation > 0, from 1e-18 to 1e18 (m, m/s)"
+        } else {
+            "a standard deviation > 0, from 1e-150 to 1e150 (m, m/s)"
+        },
         default: Value::Number(Self::DEFAULTS[0]),
     };
     /// Standard deviation of a measured velocity.
@@ -69,8 +72,12 @@ impl ObserverSettings {
         name: "dmax",
         meaning: "bound of the unknown force",
         unit: "m/s^2",
-        values: Values::Numbers(Bound::Included(0.0), Bound::Included(MOST)),
-        range: "a bound from 0 to 1e150 (m/s^2)",
+        values: Values::Numbers(Bound::Included(0.0), Bound::Included(LARGE)),
+        range: if cfg!(feature = "single") {
+            "a bound from 0 to 1e18 (m/s^2)"
+        } else {
+            "a bound from 0 to 1e150 (m/s^2)"
+        },
         default: Value::Number(Self::DEFAULTS[4]),
     };
 
@@ -85,14 +92,14 @@ impl ObserverSettings {
     };
 
     /// Standard deviation of a restitution that is learnt and of which nothing was said.
-    pub const UNSAID: f64 = 0.1;
+    pub const UNSAID: Real = 0.1;
 
     /// Settings for a mass that is measured every `h` (s), the others as in
     /// [`ObserverSettings::DEFAULTS`].
     ///
     /// # Errors
     /// [`SettingError`] unless `h` is positive and finite.
-    pub fn new(restitution: Restitution, h: f64) -> Result<Self, SettingError> {
+    pub fn new(restitution: Restitution, h: Real) -> Result<Self, SettingError> {
         require(is_positive(h), "h", h, "a finite sampling period > 0")?;
         Ok(Self::trusted(restitution, h, Self::DEFAULTS))
     }
@@ -101,7 +108,7 @@ impl ObserverSettings {
     /// deviations of position and velocity, `q_d`, `se` and `dmax`.
     #[inline]
     #[must_use]
-    pub fn trusted(restitution: Restitution, h: f64, [x, xdot, q_d, se, dmax]: [f64; 5]) -> Self {
+    pub fn trusted(restitution: Restitution, h: Real, [x, xdot, q_d, se, dmax]: [Real; 5]) -> Self {
         let noise = [x * x, xdot * xdot];
         let (position_only, learn_e, q_e) = (false, false, 0.0);
         Self { restitution, h, noise, q_d, se, dmax, position_only, learn_e, q_e }
@@ -111,7 +118,7 @@ impl ObserverSettings {
     ///
     /// # Errors
     /// [`SettingError`] unless both lie in 1e-150 to 1e150.
-    pub fn with_noise(self, x: f64, xdot: f64) -> Result<Self, SettingError> {
+    pub fn with_noise(self, x: Real, xdot: Real) -> Result<Self, SettingError> {
         Self::NOISE_X.check(x)?;
         Self::NOISE_XDOT.check(xdot)?;
         Ok(Self { noise: [x * x, xdot * xdot], ..self })
@@ -122,7 +129,7 @@ impl ObserverSettings {
     ///
     /// # Errors
     /// [`SettingError`] unless `q_d >= 0` and `dmax` lies in 0 to 1e150.
-    pub fn with_force(self, q_d: f64, dmax: f64) -> Result<Self, SettingError> {
+    pub fn with_force(self, q_d: Real, dmax: Real) -> Result<Self, SettingError> {
         Self::Q_D.check(q_d)?;
         Self::DMAX.check(dmax)?;
         Ok(Self { q_d, dmax, ..self })
@@ -132,7 +139,7 @@ impl ObserverSettings {
     ///
     /// # Errors
     /// [`SettingError`] unless `se` lies in 0 to 1.
-    pub fn with_restitution_error(self, se: f64) -> Result<Self, SettingError> {
+    pub fn with_restitution_error(self, se: Real) -> Result<Self, SettingError> {
         Self::SE.check(se)?;
         Ok(Self { se, ..self })
     }
@@ -149,7 +156,7 @@ impl ObserverSettings {
     ///
     /// # Errors
     /// [`SettingError`] unless `q_e` lies in 0 to 1.
-    pub fn with_learning(self, learn_e: bool, q_e: f64) -> Result<Self, SettingError> {
+    pub fn with_learning(self, learn_e: bool, q_e: Real) -> Result<Self, SettingError> {
         Self::Q_E.check(q_e)?;
         Ok(self.trusted_learning(learn_e, q_e))
     }
@@ -157,14 +164,14 @@ impl ObserverSettings {
     /// The same of a number that was checked before.
     #[inline]
     #[must_use]
-    pub fn trusted_learning(self, learn_e: bool, q_e: f64) -> Self {
+    pub fn trusted_learning(self, learn_e: bool, q_e: Real) -> Self {
         Self { learn_e, q_e: if learn_e { q_e } else { 0.0 }, ..self }
     }
 
     /// Variance of a restitution that is learnt, before anything was seen; 0 of one that is not.
     #[inline]
     #[must_use]
-    pub fn prior(&self) -> f64 {
+    pub fn prior(&self) -> Real {
         let se = if self.se > 0.0 { self.se } else { Self::UNSAID };
         if self.learn_e {
             se * se
@@ -187,13 +194,13 @@ impl ObserverSettings {
 
     /// The sampling period (s).
     #[must_use]
-    pub fn h(&self) -> f64 {
+    pub fn h(&self) -> Real {
         self.h
     }
 
     /// The largest unknown force (m/s^2).
     #[must_use]
-    pub fn dmax(&self) -> f64 {
+    pub fn dmax(&self) -> Real {
         self.dmax
     }
 }

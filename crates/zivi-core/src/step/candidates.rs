@@ -3,20 +3,19 @@
 use super::pattern::{Pattern, PATTERNS};
 use super::selection::{distance, exact_motion};
 use super::{Case, StepFailure, StepSolution};
+use crate::Real;
 use crate::{sgn, transform, Lifted, Restitution};
 
-/// Relative tolerance of the sign tests: a candidate that violates one by less is taken as equal
-/// to the degenerate candidate beside it.
-pub const SIGN_TOLERANCE: f64 = 1e-13;
+pub use crate::real::SIGN_TOLERANCE;
 
 /// `theta` and `gamma`, as a type: the code for those of implicit Euler is shorter and faster.
 pub(crate) trait Weights: Copy {
-    fn both(self) -> (f64, f64);
+    fn both(self) -> (Real, Real);
 }
 
-impl Weights for (f64, f64) {
+impl Weights for (Real, Real) {
     #[inline(always)]
-    fn both(self) -> (f64, f64) {
+    fn both(self) -> (Real, Real) {
         self
     }
 }
@@ -27,7 +26,7 @@ pub(crate) struct ImplicitEuler;
 
 impl Weights for ImplicitEuler {
     #[inline(always)]
-    fn both(self) -> (f64, f64) {
+    fn both(self) -> (Real, Real) {
         (1.0, 1.0)
     }
 }
@@ -35,25 +34,25 @@ impl Weights for ImplicitEuler {
 /// A step to be solved, seen from the side `+1`.
 #[derive(Clone, Copy)]
 pub(super) struct Frozen<W> {
-    pub(super) h: f64,
+    pub(super) h: Real,
     pub(super) restitution: Restitution,
     pub(super) weights: W,
-    pub(super) s: f64,
-    pub(super) v: f64,
-    pub(super) f: f64,
+    pub(super) s: Real,
+    pub(super) v: Real,
+    pub(super) f: Real,
 }
 
 impl<W: Weights> Frozen<W> {
     /// The side `sigma` of the state, and the step as it is seen from there.
     #[inline]
     pub(super) fn seen(
-        (h, restitution): (f64, Restitution),
+        (h, restitution): (Real, Restitution),
         weights: W,
         z: Lifted,
-        f: f64,
-        side: f64,
-    ) -> (f64, Self) {
-        let sigma = transform::side(z, 1.0_f64.copysign(side));
+        f: Real,
+        side: Real,
+    ) -> (Real, Self) {
+        let sigma = transform::side(z, Real::copysign(1.0, side));
         (sigma, Self { h, restitution, weights, s: sigma * z.s, v: sigma * z.v, f })
     }
 
@@ -62,9 +61,9 @@ impl<W: Weights> Frozen<W> {
     /// degenerate patterns need not be tried.
     #[inline(always)]
     pub(super) fn roomy(&self) -> Option<StepSolution> {
-        const ROOM: f64 = 1e4 * SIGN_TOLERANCE;
-        const AWAY: &[(f64, f64)] = &[(1.0, 1.0)];
-        const THROUGH: &[(f64, f64)] = &[(-1.0, -1.0), (1.0, -1.0)];
+        const ROOM: Real = 1e4 * SIGN_TOLERANCE;
+        const AWAY: &[(Real, Real)] = &[(1.0, 1.0)];
+        const THROUGH: &[(Real, Real)] = &[(-1.0, -1.0), (1.0, -1.0)];
         let (theta, gamma) = self.weights.both();
         if self.f > 0.0 || theta < gamma {
             return None;
@@ -75,7 +74,7 @@ impl<W: Weights> Frozen<W> {
 
     /// `R` and `1/R` with both signs at their ends.
     #[inline]
-    fn both_r(&self, (lambda_s, lambda_v): (f64, f64)) -> (f64, f64) {
+    fn both_r(&self, (lambda_s, lambda_v): (Real, Real)) -> (Real, Real) {
         let r = self.restitution.r(lambda_s, lambda_v);
         (r, 1.0 / r)
     }
@@ -101,7 +100,7 @@ impl<W: Weights> Frozen<W> {
         if !exact.is_finite() {
             return Err(StepFailure::NotFinite);
         }
-        let mut best: Option<(f64, StepSolution)> = None;
+        let mut best: Option<(Real, StepSolution)> = None;
         for candidate in self.candidates() {
             let away = distance(&candidate, exact, h);
             if best.is_none_or(|(least, _)| away.total_cmp(&least).is_lt()) {
@@ -118,7 +117,7 @@ impl<W: Weights> Frozen<W> {
 
     /// The candidate of one pattern, its sign conditions violated by no more than `slack`.
     #[inline(never)]
-    pub(super) fn on(&self, pattern: Pattern, slack: f64) -> Option<StepSolution> {
+    pub(super) fn on(&self, pattern: Pattern, slack: Real) -> Option<StepSolution> {
         match pattern {
             Pattern::Origin => self.origin(slack),
             Pattern::Wall(lambda_v) => self.wall(lambda_v, slack),
@@ -135,9 +134,9 @@ impl<W: Weights> Frozen<W> {
     #[inline(always)]
     pub(super) fn regular(
         &self,
-        (lambda_s, lambda_v): (f64, f64),
-        (r, inverse_r): (f64, f64),
-        slack: f64,
+        (lambda_s, lambda_v): (Real, Real),
+        (r, inverse_r): (Real, Real),
+        slack: Real,
     ) -> Option<StepSolution> {
         let (h, (theta, gamma)) = (self.h, self.weights.both());
         let travel = h * r * self.v;
@@ -158,7 +157,7 @@ impl<W: Weights> Frozen<W> {
     }
 
     /// `v_gamma = 0` with `lambda_s` at an end: `R = -gamma h lambda_s f / v` gives `lambda_v`.
-    fn apex(&self, lambda_s: f64, slack: f64) -> Option<StepSolution> {
+    fn apex(&self, lambda_s: Real, slack: Real) -> Option<StepSolution> {
         let (Self { h, restitution, .. }, (theta, gamma)) = (*self, self.weights.both());
         let r = -gamma * h * lambda_s * self.f / self.v;
         let lambda_v = interior_sign(1.0 - r, restitution.kappa() * lambda_s, 2.0, slack)?;
@@ -179,7 +178,7 @@ impl<W: Weights> Frozen<W> {
     /// ```text
     /// s/(gamma h) + v = lambda_s (kappa lambda_v v - theta h f)
     /// ```
-    fn wall(&self, lambda_v: f64, slack: f64) -> Option<StepSolution> {
+    fn wall(&self, lambda_v: Real, slack: Real) -> Option<StepSolution> {
         let (Self { h, restitution, .. }, (theta, gamma)) = (*self, self.weights.both());
         let slope = restitution.kappa() * lambda_v * self.v - theta * h * self.f;
         let approach = self.s / (gamma * h);
@@ -199,7 +198,7 @@ impl<W: Weights> Frozen<W> {
 
     /// `s_gamma = v_gamma = 0`: `R v = -gamma h lambda_s f` and
     /// `s = -gamma (theta - gamma) h^2 lambda_s f`.
-    fn origin(&self, slack: f64) -> Option<StepSolution> {
+    fn origin(&self, slack: Real) -> Option<StepSolution> {
         let (Self { h, restitution, .. }, (theta, gamma)) = (*self, self.weights.both());
         let push = gamma * h * self.f;
         let (lambda_s, lambda_v) = if theta == gamma {
@@ -227,7 +226,7 @@ impl<W: Weights> Frozen<W> {
     /// Of the family the member with the smallest `|lambda_s|` is taken, `lambda_v = sgn lambda_s`:
     /// with `c = |v/push|` it is `|lambda_s| = c (1 - kappa |lambda_s|) = c/(1 + kappa c)`, which
     /// is at most 1 just where the family is not empty, `(1 - kappa) |v| <= |push|`.
-    fn stopping_signs(&self, push: f64, slack: f64) -> Option<(f64, f64)> {
+    fn stopping_signs(&self, push: Real, slack: Real) -> Option<(Real, Real)> {
         if self.v == 0.0 {
             return Some((0.0, 0.0));
         }
@@ -238,7 +237,7 @@ impl<W: Weights> Frozen<W> {
     }
 
     /// `z+` from `z_gamma = 0`, that is `-(1 - gamma)/gamma z` (and not `-0`).
-    fn extrapolated(&self, z: f64) -> f64 {
+    fn extrapolated(&self, z: Real) -> Real {
         let (_, gamma) = self.weights.both();
         0.0 - (1.0 - gamma) / gamma * z
     }
@@ -246,7 +245,7 @@ impl<W: Weights> Frozen<W> {
 
 /// The root of `slope * lambda = value` if it lies in `[-1, 1]` to within the rounding of the
 /// `terms` that the equation is made of, then clipped.
-fn interior_sign(value: f64, slope: f64, terms: f64, slack: f64) -> Option<f64> {
+fn interior_sign(value: Real, slope: Real, terms: Real, slack: Real) -> Option<Real> {
     if value == 0.0 {
         return Some(0.0);
     }

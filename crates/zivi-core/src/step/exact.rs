@@ -8,7 +8,7 @@ use super::candidates::{Frozen, ImplicitEuler, Weights, SIGN_TOLERANCE};
 use super::pattern::Pattern;
 use super::selection::{distance, exact_motion};
 use super::{StepFailure, StepSolution, ThetaGammaStep};
-use crate::{Lifted, Restitution};
+use crate::{Lifted, Real, Restitution};
 
 impl ThetaGammaStep {
     /// Solves one step from `z` under the frozen force `f`; `side` (`+1` or `-1`) is where the
@@ -26,7 +26,7 @@ impl ThetaGammaStep {
     /// # Ok::<(), zivi_core::RestitutionError>(())
     /// ```
     #[inline(always)]
-    pub fn solve(&self, z: Lifted, f: f64, side: f64) -> Result<StepSolution, StepFailure> {
+    pub fn solve(&self, z: Lifted, f: Real, side: Real) -> Result<StepSolution, StepFailure> {
         if let Some(solution) = self.everyday(z, f) {
             return Ok(solution);
         }
@@ -44,12 +44,12 @@ impl ThetaGammaStep {
     /// the present signs with room to spare, which is then the only solution.
     #[inline(always)]
     #[must_use]
-    pub fn everyday(&self, z: Lifted, f: f64) -> Option<StepSolution> {
+    pub fn everyday(&self, z: Lifted, f: Real) -> Option<StepSolution> {
         if f > 0.0 || z.s == 0.0 || z.v == 0.0 {
             let rests = f <= 0.0 && f.is_finite() && z == Lifted::default();
             return rests.then_some(StepSolution::REST);
         }
-        let sign = |z: f64| if z > 0.0 { 1.0 } else { -1.0 };
+        let sign = |z: Real| if z > 0.0 { 1.0 } else { -1.0 };
         let (lambda_s, lambda_v) = (sign(z.s), sign(z.v));
         // two cases and no products, and not mirrored to the side +1: both would lengthen the chain from
         // step to step
@@ -70,14 +70,20 @@ impl ThetaGammaStep {
 
     /// Every solution of the step (numerically coincident ones included), in the order of
     /// [`PATTERNS`].
-    pub fn solutions(&self, z: Lifted, f: f64) -> impl Iterator<Item = StepSolution> {
+    pub fn solutions(&self, z: Lifted, f: Real) -> impl Iterator<Item = StepSolution> {
         let (sigma, frozen) = self.frozen(z, f, 1.0);
         frozen.candidates().map(move |solution| solution.mirrored(sigma))
     }
 
     /// The solution with the signs of `pattern`, if there is a finite one.
     #[must_use]
-    pub fn accepted(&self, pattern: Pattern, z: Lifted, f: f64, side: f64) -> Option<StepSolution> {
+    pub fn accepted(
+        &self,
+        pattern: Pattern,
+        z: Lifted,
+        f: Real,
+        side: Real,
+    ) -> Option<StepSolution> {
         let (sigma, frozen) = self.frozen(z, f, side);
         let found = frozen.on(pattern, SIGN_TOLERANCE)?;
         found.end().is_finite().then_some(found.mirrored(sigma))
@@ -91,12 +97,12 @@ impl ThetaGammaStep {
         &self,
         pattern: Pattern,
         z: Lifted,
-        f: f64,
-        side: f64,
+        f: Real,
+        side: Real,
     ) -> Option<StepSolution> {
         // not infinite: infinity times a vanishing scale is NaN
         let (sigma, frozen) = self.frozen(z, f, side);
-        let found = frozen.on(pattern, f64::MAX)?;
+        let found = frozen.on(pattern, Real::MAX)?;
         found.end().is_finite().then_some(found.mirrored(sigma))
     }
 
@@ -109,17 +115,22 @@ impl ThetaGammaStep {
     /// wall:     |theta h f - kappa lambda_v v| >= |s/(gamma h) + v|
     /// ```
     #[must_use]
-    pub fn force_ranges(&self, pattern: Pattern, z: Lifted, side: f64) -> [Option<(f64, f64)>; 2] {
+    pub fn force_ranges(
+        &self,
+        pattern: Pattern,
+        z: Lifted,
+        side: Real,
+    ) -> [Option<(Real, Real)>; 2] {
         let (_, Frozen { s, v, .. }) = self.frozen(z, 0.0, side);
         let ThetaGammaStep { h, theta, gamma, restitution, .. } = *self;
         let approach = s / (gamma * h);
-        let range = |low: f64, high: f64| (low <= high).then_some((low, high));
+        let range = |low: Real, high: Real| (low <= high).then_some((low, high));
         match pattern {
-            Pattern::Origin => [range(f64::NEG_INFINITY, f64::INFINITY), None],
+            Pattern::Origin => [range(Real::NEG_INFINITY, Real::INFINITY), None],
             Pattern::Wall(lambda_v) => {
                 let middle = restitution.kappa() * lambda_v * v / (theta * h);
                 let half = (approach + v).abs() / (theta * h);
-                [range(f64::NEG_INFINITY, middle - half), range(middle + half, f64::INFINITY)]
+                [range(Real::NEG_INFINITY, middle - half), range(middle + half, Real::INFINITY)]
             }
             Pattern::Apex(lambda_s) => {
                 let unit = -lambda_s * v / (gamma * h);
@@ -131,7 +142,7 @@ impl ThetaGammaStep {
                 let stays = -lambda_s * (approach + r * v) / (theta * h);
                 let turns = -lambda_s * v * r / (gamma * h);
                 if lambda_s * lambda_v > 0.0 {
-                    [range(stays.max(turns), f64::INFINITY), None]
+                    [range(stays.max(turns), Real::INFINITY), None]
                 } else {
                     [range(stays, turns), None]
                 }
@@ -142,7 +153,7 @@ impl ThetaGammaStep {
     /// Distance of a solution from the exact motion under its own force, in units of that motion
     /// (`h^2 f` and `h f`); zero for `f <= 0`, where there is nothing to choose.
     #[must_use]
-    pub fn inconsistency(&self, solution: &StepSolution, z: Lifted, f: f64, side: f64) -> f64 {
+    pub fn inconsistency(&self, solution: &StepSolution, z: Lifted, f: Real, side: Real) -> Real {
         if f <= 0.0 {
             return 0.0;
         }
@@ -153,7 +164,7 @@ impl ThetaGammaStep {
 
     /// The side `sigma` of the state, and the step as it is seen from there.
     #[inline]
-    fn frozen(&self, z: Lifted, f: f64, side: f64) -> (f64, Frozen<(f64, f64)>) {
+    fn frozen(&self, z: Lifted, f: Real, side: Real) -> (Real, Frozen<(Real, Real)>) {
         Frozen::seen((self.h, self.restitution), (self.theta, self.gamma), z, f, side)
     }
 }
@@ -163,12 +174,12 @@ impl ThetaGammaStep {
 #[cold]
 #[inline(never)]
 pub(crate) fn thorough<W: Weights>(
-    h: f64,
+    h: Real,
     restitution: Restitution,
     weights: W,
     z: Lifted,
-    f: f64,
-    side: f64,
+    f: Real,
+    side: Real,
 ) -> Result<StepSolution, StepFailure> {
     let (sigma, frozen) = Frozen::seen((h, restitution), weights, z, f, side);
     let found = match frozen.roomy() {

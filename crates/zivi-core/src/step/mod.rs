@@ -20,6 +20,7 @@
 
 mod candidates;
 mod exact;
+#[cfg(not(feature = "single"))]
 pub mod inclusion;
 mod pattern;
 pub mod selection;
@@ -27,23 +28,24 @@ pub mod selection;
 pub(crate) use candidates::ImplicitEuler;
 pub use candidates::SIGN_TOLERANCE;
 pub(crate) use exact::thorough;
+#[cfg(not(feature = "single"))]
 pub use inclusion::StepInclusion;
 pub use pattern::{Pattern, PATTERNS};
 
 use core::ops::Bound;
 
 use crate::setting::{require, Setting, SettingError, Value, Values};
-use crate::{Lifted, Restitution};
+use crate::{Lifted, Real, Restitution};
 
 /// The scheme with its step size and the wall: all that is constant over a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThetaGammaStep {
-    h: f64,
-    theta: f64,
-    gamma: f64,
+    h: Real,
+    theta: Real,
+    gamma: Real,
     restitution: Restitution,
     /// `1/(1 - kappa)` and `1/(1 + kappa)`: `1/R` away from the wall and towards it.
-    inverse_r: [f64; 2],
+    inverse_r: [Real; 2],
 }
 
 impl ThetaGammaStep {
@@ -77,9 +79,9 @@ impl ThetaGammaStep {
     /// # Errors
     /// [`SettingError`] names the first setting that is out of range.
     pub fn new(
-        h: f64,
-        theta: f64,
-        gamma: f64,
+        h: Real,
+        theta: Real,
+        gamma: Real,
         restitution: Restitution,
     ) -> Result<Self, SettingError> {
         Self::STEP.check(h)?;
@@ -98,7 +100,7 @@ impl ThetaGammaStep {
     /// The same of numbers that were checked before and are not checked again.
     #[inline]
     #[must_use]
-    pub fn trusted(h: f64, theta: f64, gamma: f64, restitution: Restitution) -> Self {
+    pub fn trusted(h: Real, theta: Real, gamma: Real, restitution: Restitution) -> Self {
         let kappa = restitution.kappa();
         Self { h, theta, gamma, restitution, inverse_r: [1.0 / (1.0 - kappa), 1.0 / (1.0 + kappa)] }
     }
@@ -113,25 +115,25 @@ impl ThetaGammaStep {
     ///
     /// # Errors
     /// [`SettingError`] when `h` is not positive and finite.
-    pub fn with_h(self, h: f64) -> Result<Self, SettingError> {
+    pub fn with_h(self, h: Real) -> Result<Self, SettingError> {
         Self::new(h, self.theta, self.gamma, self.restitution)
     }
 
     /// The step size `h` (s).
     #[must_use]
-    pub fn h(&self) -> f64 {
+    pub fn h(&self) -> Real {
         self.h
     }
 
     /// The weight `theta` of the new velocity in the position update.
     #[must_use]
-    pub fn theta(&self) -> f64 {
+    pub fn theta(&self) -> Real {
         self.theta
     }
 
     /// The point `gamma` at which the signs are taken.
     #[must_use]
-    pub fn gamma(&self) -> f64 {
+    pub fn gamma(&self) -> Real {
         self.gamma
     }
 
@@ -159,13 +161,13 @@ pub enum Case {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepSolution {
     /// New position `s+` (m).
-    pub s: f64,
+    pub s: Real,
     /// New velocity `v+` (m/s).
-    pub v: f64,
+    pub v: Real,
     /// The multiplier `lambda_s` in `sgn s_gamma`.
-    pub lambda_s: f64,
+    pub lambda_s: Real,
     /// The multiplier `lambda_v` in `sgn v_gamma`.
-    pub lambda_v: f64,
+    pub lambda_v: Real,
     /// The case that was taken.
     pub case: Case,
 }
@@ -184,8 +186,8 @@ impl StepSolution {
     /// The mirror image `(s, v, lambda) -> -(s, v, lambda)`, which solves the mirrored step (adding
     /// `0.0` turns the `-0.0` of a mirrored zero into `0.0`).
     #[inline]
-    fn mirrored(self, sigma: f64) -> Self {
-        let mirror = |z: f64| sigma * z + 0.0;
+    fn mirrored(self, sigma: Real) -> Self {
+        let mirror = |z: Real| sigma * z + 0.0;
         Self {
             s: mirror(self.s),
             v: mirror(self.v),

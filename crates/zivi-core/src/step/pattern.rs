@@ -1,5 +1,7 @@
 //! The pairs of signs that a step can have.
 
+use crate::Real;
+
 /// Which signs are interior, and the ends that the others take, seen from the side of the state
 /// (`lambda_s = 1` is the side where the mass is).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -7,11 +9,11 @@ pub enum Pattern {
     /// `s_gamma = v_gamma = 0`.
     Origin,
     /// `s_gamma = 0`, with this `lambda_v`.
-    Wall(f64),
+    Wall(Real),
     /// `v_gamma = 0`, with this `lambda_s`.
-    Apex(f64),
+    Apex(Real),
     /// These `lambda_s` and `lambda_v`.
-    Regular(f64, f64),
+    Regular(Real, Real),
 }
 
 /// All patterns, the most degenerate first: the order of [`super::selection`].

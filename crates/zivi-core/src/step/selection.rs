@@ -14,7 +14,9 @@
 //!   At the origin it always leaves, on the side where the mass was last.
 
 use super::StepSolution;
+use crate::real::sqrt;
 use crate::transform::impact_velocities;
+use crate::Real;
 use crate::{sgn, Lifted, Restitution};
 
 /// The exact motion over `h` under a constant force `f > 0`, from a state on the side `+1`
@@ -32,7 +34,7 @@ use crate::{sgn, Lifted, Restitution};
 /// # Ok::<(), zivi_core::RestitutionError>(())
 /// ```
 #[must_use]
-pub fn exact_motion(z: Lifted, f: f64, h: f64, restitution: Restitution) -> Lifted {
+pub fn exact_motion(z: Lifted, f: Real, h: Real, restitution: Restitution) -> Lifted {
     let xdot = restitution.r(1.0, sgn(z.v)) * z.v;
     let (side, x, xdot, time) = match time_of_impact(z.s, xdot, f).filter(|&t| t <= h) {
         Some(t) => {
@@ -47,13 +49,13 @@ pub fn exact_motion(z: Lifted, f: f64, h: f64, restitution: Restitution) -> Lift
 }
 
 /// First root of `x + x' t + f t^2/2`, for a mass that approaches (`x' < 0`).
-fn time_of_impact(x: f64, xdot: f64, f: f64) -> Option<f64> {
+fn time_of_impact(x: Real, xdot: Real, f: Real) -> Option<Real> {
     let discriminant = xdot * xdot - 2.0 * f * x;
     // 2x/(|x'| + sqrt(..)) is the smaller root (|x'| - sqrt(..))/f without cancellation
-    (xdot < 0.0 && discriminant >= 0.0).then(|| 2.0 * x / (libm::sqrt(discriminant) - xdot))
+    (xdot < 0.0 && discriminant >= 0.0).then(|| 2.0 * x / (sqrt(discriminant) - xdot))
 }
 
-fn flight(x: f64, xdot: f64, f: f64, t: f64, restitution: Restitution) -> Lifted {
+fn flight(x: Real, xdot: Real, f: Real, t: Real, restitution: Restitution) -> Lifted {
     let end = xdot + f * t;
     Lifted { s: x + t * (xdot + 0.5 * f * t), v: end / restitution.r(1.0, sgn(end)) }
 }
@@ -61,7 +63,7 @@ fn flight(x: f64, xdot: f64, f: f64, t: f64, restitution: Restitution) -> Lifted
 /// `h^2 f` times the distance between a candidate and the exact motion (the common factor does
 /// not matter to the order and could underflow).
 #[inline]
-pub(super) fn distance(candidate: &StepSolution, exact: Lifted, h: f64) -> f64 {
+pub(super) fn distance(candidate: &StepSolution, exact: Lifted, h: Real) -> Real {
     (candidate.s - exact.s).abs() + h * (candidate.v - exact.v).abs()
 }
 
@@ -72,9 +74,9 @@ mod tests {
     use proptest::prelude::*;
 
     /// Independent route: the physical motion by many small exact parabolas with the reset.
-    fn fine_motion(x: f64, xdot: f64, f: f64, h: f64, e: f64) -> (f64, f64, bool) {
+    fn fine_motion(x: Real, xdot: Real, f: Real, h: Real, e: Real) -> (Real, Real, bool) {
         let (n, mut x, mut w, mut hit) = (20_000, x, xdot, false);
-        let dt = h / f64::from(n);
+        let dt = h / (n as Real);
         for _ in 0..n {
             x += dt * (w + 0.5 * f * dt);
             w += f * dt;

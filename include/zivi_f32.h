@@ -1,0 +1,717 @@
+/* zivi: a mass with impacts, and its twisting controllers, straight through the Zeno point.
+ *
+ * Link with libzivi_f32.a and nothing else. Every object is a structure of plain numbers that the
+ * caller owns: copy it, log it, store it, restore it. Nothing is allocated, nothing is kept
+ * elsewhere, no function panics or calls another library, and the work of a call is bounded.
+ *
+ *     zivi_f32_tracker tracker;
+ *     zivi_f32_tracker_config config;
+ *     zivi_f32_tracker_defaults(&config);      // or memset 0 and config.size = sizeof config
+ *     config.mu1 = 30.0, config.mu2 = 17.0, config.h = 1e-3, config.e = 0.5;
+ *     int32_t code = zivi_f32_tracker_init(&tracker, &config);
+ *     ...
+ *     code = zivi_f32_tracker_step(&tracker, x, xdot, force, force_ref, &u);   // once a period
+ *
+ * A code is ZIVI_OK, or bits (ZIVI_CLAMPED, ZIVI_SATURATED), or < 0 (ZIVI_E_...): then nothing has
+ * changed, but a step has set *u to the last control. zivi_f32_message() gives it in words.
+ *
+ * Units are those of SI; forces and controls are per unit mass (m/s^2). The numbers must be IEEE
+ * floats in the default mode: no flush to zero, no -ffast-math.
+ *
+ * Made by cbindgen from crates/zivi-c; do not edit. Apache-2.0. */
+
+
+#ifndef ZIVI_F32_H
+#define ZIVI_F32_H
+
+#include <stdint.h>
+
+// The version of this interface: it changes when a structure or the meaning of a function does.
+#define ZIVI_ABI_VERSION 3
+
+// Done; nothing to report.
+#define ZIVI_OK 0
+
+// Bit: the measured position was slightly negative and was taken as 0.
+#define ZIVI_CLAMPED 1
+
+// Bit: the control was cut to the actuator's range.
+#define ZIVI_SATURATED 2
+
+// A pointer is NULL or not aligned.
+#define ZIVI_E_NULL -1
+
+// The member `size` of a configuration is not the size of any version of it.
+#define ZIVI_E_SIZE -2
+
+// The object was not initialised, or its settings were changed since, or it is damaged.
+#define ZIVI_E_STATE -3
+
+// The state or the force is too large to compute with.
+#define ZIVI_E_OVERFLOW -4
+
+// No solution of a step was found within rounding.
+#define ZIVI_E_NO_SOLUTION -5
+
+// `h` is not a finite period > 0.
+#define ZIVI_E_H -10
+
+// `e` is not in (0, 1].
+#define ZIVI_E_E -11
+
+// `kappa` is not in [0, 1), or `e` and `kappa` do not belong together.
+#define ZIVI_E_KAPPA -12
+
+// `e_ref` is not in (0, 1].
+#define ZIVI_E_E_REF -13
+
+// `kappa_ref` is not in [0, 1), or `e_ref` and `kappa_ref` do not belong together.
+#define ZIVI_E_KAPPA_REF -14
+
+// `mu1` is not a gain > 0, or too small for `bound`.
+#define ZIVI_E_MU1 -15
+
+// `mu2` is not a gain with 0 < mu2 < mu1, or too small for `bound`.
+#define ZIVI_E_MU2 -16
+
+// `bound` is not finite and >= 0.
+#define ZIVI_E_BOUND -17
+
+// `depth` is not finite and >= 0.
+#define ZIVI_E_DEPTH -18
+
+// `u_min` is not a number.
+#define ZIVI_E_U_MIN -19
+
+// `u_max` is not greater than `u_min`.
+#define ZIVI_E_U_MAX -20
+
+// `ahead` is too large (`ahead h` is not finite), or given for `ZIVI_TICK_PAPER`.
+#define ZIVI_E_AHEAD -21
+
+// `branch` is neither `ZIVI_BRANCH_POSITIVE` nor `ZIVI_BRANCH_NEAREST`.
+#define ZIVI_E_BRANCH -22
+
+// `tick` is neither `ZIVI_TICK_LANDING` nor `ZIVI_TICK_PAPER`.
+#define ZIVI_E_TICK -23
+
+// `press` is not finite and at least `bound`, or given for `ZIVI_TICK_PAPER`.
+#define ZIVI_E_PRESS -24
+
+// `horizon` is not a finite number of periods >= 1, or `horizon h` is not finite.
+#define ZIVI_E_HORIZON -25
+
+// `shift` is neither 0 nor 1.
+#define ZIVI_E_SHIFT -26
+
+// `noise_x` or `noise_xdot` is not a standard deviation that can be computed with.
+#define ZIVI_E_NOISE -27
+
+// `q_d` is not a finite variance >= 0.
+#define ZIVI_E_Q_D -28
+
+// `se` is not in [0, 1].
+#define ZIVI_E_SE -29
+
+// `x` is not finite, or further behind the wall than `depth`.
+#define ZIVI_E_X -30
+
+// `xdot` is not finite.
+#define ZIVI_E_XDOT -31
+
+// `force` is not finite.
+#define ZIVI_E_FORCE -32
+
+// `force_ref` is not finite, or too large for the reference to stay finite.
+#define ZIVI_E_FORCE_REF -33
+
+// The control is not finite: the sample is too large to compute with.
+#define ZIVI_E_U -34
+
+// `x_ref` is not finite and >= 0.
+#define ZIVI_E_X_REF -35
+
+// `xdot_ref` is not finite.
+#define ZIVI_E_XDOT_REF -36
+
+// `acceleration` of the reference is infinite.
+#define ZIVI_E_ACCELERATION -37
+
+// `side` of a given reference is neither +1 nor -1.
+#define ZIVI_E_SIDE -38
+
+// `dmax` is not a bound from 0 to 1e150.
+#define ZIVI_E_DMAX -39
+
+// `position_only` is neither 0 nor 1.
+#define ZIVI_E_POSITION_ONLY -40
+
+// `learn_e` is neither 0 nor 1.
+#define ZIVI_E_LEARN_E -41
+
+// `q_e` is not in [0, 1].
+#define ZIVI_E_Q_E -42
+
+// `dt` is not a finite time > 0.
+#define ZIVI_E_DT -43
+
+// `quiet` is not finite and >= 0, or given for `ZIVI_TICK_PAPER`.
+#define ZIVI_E_QUIET -44
+
+// `given` has a bit of a member that the configuration does not have.
+#define ZIVI_E_GIVEN -45
+
+// A setting without a code of its own.
+#define ZIVI_E_SETTING -99
+
+// In `tick`: the tick that ends in exact rest, the default.
+#define ZIVI_TICK_LANDING 0
+
+// In `tick`: the tick of the paper.
+#define ZIVI_TICK_PAPER 1
+
+// In `given`: `e` is meant, also where it is 0.
+#define ZIVI_GIVEN_E 1
+
+// In `given`: `kappa` is meant, also where it is 0 (`e` = 1).
+#define ZIVI_GIVEN_KAPPA 2
+
+// In `given`: `e_ref` is meant.
+#define ZIVI_GIVEN_E_REF 4
+
+// In `given`: `kappa_ref` is meant.
+#define ZIVI_GIVEN_KAPPA_REF 8
+
+// In `given`: `ahead` is meant.
+#define ZIVI_GIVEN_AHEAD 16
+
+// In `given`: `press` is meant.
+#define ZIVI_GIVEN_PRESS 32
+
+// In `given`: `horizon` is meant.
+#define ZIVI_GIVEN_HORIZON 64
+
+// In `given`: `depth` is meant.
+#define ZIVI_GIVEN_DEPTH 128
+
+// In `given`: `u_min` and `u_max` are meant.
+#define ZIVI_GIVEN_U_LIMITS 256
+
+// In `given`: `noise_x` is meant.
+#define ZIVI_GIVEN_NOISE_X 512
+
+// In `given`: `noise_xdot` is meant.
+#define ZIVI_GIVEN_NOISE_XDOT 1024
+
+// In `given`: `q_d` is meant.
+#define ZIVI_GIVEN_Q_D 2048
+
+// In `given`: `dmax` is meant.
+#define ZIVI_GIVEN_DMAX 4096
+
+// In `branch`: measurements are lifted to `s >= 0`, the default.
+#define ZIVI_BRANCH_POSITIVE 0
+
+// In `branch`: measurements are lifted to the preimage that is nearer to the reference.
+#define ZIVI_BRANCH_NEAREST 1
+
+// Settings of a mass. A member that is zero takes its default, unless its bit
+// of `given` is set.
+typedef struct zivi_f32_mass_config {
+  // `sizeof(zivi_f32_mass_config)`.
+  uint32_t size;
+  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  uint32_t given;
+  // Step size (s), > 0.
+  float h;
+  // Coefficient of restitution, in (0, 1]; or give `kappa`.
+  float e;
+  // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+  float kappa;
+} zivi_f32_mass_config;
+
+// A mass above a wall. Everything in it may be read, copied and logged; it is changed by
+// `zivi_f32_mass_*` alone.
+typedef struct zivi_f32_mass {
+  // Step size (s).
+  float h;
+  // Coefficient of restitution.
+  float e;
+  // `(1 - e)/(1 + e)`.
+  float kappa;
+  // Transformed position, `x = |s|` (m).
+  float s;
+  // Transformed velocity (m/s).
+  float v;
+  // The side of the wall on which `s` was last, +1 or -1.
+  float side;
+  // Distance from the wall (m).
+  float x;
+  // Velocity; at the wall the one after the impact (m/s).
+  float xdot;
+  // Multiplier in `sgn s` of the last step.
+  float lambda_s;
+  // Multiplier in `sgn v` of the last step.
+  float lambda_v;
+  // Steps since the start.
+  uint64_t steps;
+  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  uint64_t seal;
+} zivi_f32_mass;
+
+// Settings of a regulator. A member that is zero takes its default, unless its bit
+// of `given` is set.
+typedef struct zivi_f32_regulator_config {
+  // `sizeof(zivi_f32_regulator_config)`.
+  uint32_t size;
+  // `ZIVI_TICK_LANDING` or `ZIVI_TICK_PAPER`.
+  uint32_t tick;
+  // Horizon of the landing in periods, 1 + the periods of delay; by default 1.
+  uint32_t ahead;
+  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  uint32_t given;
+  // Gain on the sign of the position (m/s^2).
+  float mu1;
+  // Gain on the sign of the velocity, 0 < mu2 < mu1 (m/s^2).
+  float mu2;
+  // Sampling period (s), > 0.
+  float h;
+  // Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
+  float e;
+  // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+  float kappa;
+  // A bound of the unknown force that the gains are checked against (m/s^2); by default none.
+  float bound;
+  // Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+  float quiet;
+  // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+  float depth;
+  // Least control of the actuator (m/s^2); no limits while both are 0.
+  float u_min;
+  // Largest control of the actuator (m/s^2).
+  float u_max;
+} zivi_f32_regulator_config;
+
+// A regulator. Everything in it may be read, copied and logged; it is changed by
+// `zivi_f32_regulator_*` alone.
+typedef struct zivi_f32_regulator {
+  // Gain on the sign of the position (m/s^2).
+  float mu1;
+  // Gain on the sign of the velocity (m/s^2).
+  float mu2;
+  // Sampling period (s).
+  float h;
+  // Coefficient of restitution.
+  float e;
+  // `(1 - e)/(1 + e)`.
+  float kappa;
+  // Dead zone of the landing (m/s).
+  float quiet;
+  // How far behind the wall a measurement may lie (m).
+  float depth;
+  // Least control (m/s^2).
+  float u_min;
+  // Largest control (m/s^2).
+  float u_max;
+  // Horizon of the landing in periods, 0 for the tick of the paper.
+  uint32_t ahead;
+  // 0.
+  uint32_t reserved;
+  // The last control (m/s^2).
+  float u;
+  // Multiplier in `sgn s` of the last tick.
+  float lambda_s;
+  // Multiplier in `sgn v` of the last tick.
+  float lambda_v;
+  // Ticks since the start.
+  uint64_t ticks;
+  // Bits of what was done to the last sample and control.
+  uint32_t status;
+  // 0.
+  uint32_t unused;
+  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  uint64_t seal;
+} zivi_f32_regulator;
+
+// Settings of a tracker. A member that is zero takes its default, unless its bit
+// of `given` is set.
+typedef struct zivi_f32_tracker_config {
+  // `sizeof(zivi_f32_tracker_config)`.
+  uint32_t size;
+  // `ZIVI_BRANCH_POSITIVE` or `ZIVI_BRANCH_NEAREST`.
+  uint32_t branch;
+  // `ZIVI_TICK_LANDING` or `ZIVI_TICK_PAPER`.
+  uint32_t tick;
+  // Horizon of the landing in periods, 1 + the periods of delay; by default 1.
+  uint32_t ahead;
+  // 1: the measured velocity is taken half a period back in the air; 0: it is not.
+  uint32_t shift;
+  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  uint32_t given;
+  // Gain on the sign of the position error (m/s^2).
+  float mu1;
+  // Gain on the sign of the velocity error, 0 < mu2 < mu1 (m/s^2).
+  float mu2;
+  // Sampling period (s), > 0.
+  float h;
+  // Coefficient of restitution of the plant's wall, in (0, 1]; or give `kappa`.
+  float e;
+  // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+  float kappa;
+  // Coefficient of restitution of the reference's wall; by default the plant's.
+  float e_ref;
+  // `(1 - e_ref)/(1 + e_ref)` in place of `e_ref`.
+  float kappa_ref;
+  // A bound of the unknown force that the gains are checked against (m/s^2); by default none.
+  float bound;
+  // Acceleration towards the wall of a mass at rest, at least `bound` (m/s^2); by default the
+  // law's own.
+  float press;
+  // Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+  float quiet;
+  // Periods that a step is planned over, >= 1; by default 1.
+  float horizon;
+  // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+  float depth;
+  // Least control of the actuator (m/s^2); no limits while both are 0.
+  float u_min;
+  // Largest control of the actuator (m/s^2).
+  float u_max;
+} zivi_f32_tracker_config;
+
+// A tracker with its reference. Everything in it may be read, copied and logged; it is changed by
+// `zivi_f32_tracker_*` alone.
+typedef struct zivi_f32_tracker {
+  // Gain on the sign of the position error (m/s^2).
+  float mu1;
+  // Gain on the sign of the velocity error (m/s^2).
+  float mu2;
+  // Sampling period (s).
+  float h;
+  // Coefficient of restitution of the plant's wall.
+  float e;
+  // `(1 - e)/(1 + e)`.
+  float kappa;
+  // Coefficient of restitution of the reference's wall.
+  float e_ref;
+  // `(1 - e_ref)/(1 + e_ref)`.
+  float kappa_ref;
+  // Acceleration towards the wall of a mass at rest (m/s^2), infinite for the law's own.
+  float press;
+  // Dead zone of the landing (m/s).
+  float quiet;
+  // Periods that a step is planned over.
+  float horizon;
+  // How far behind the wall a measurement may lie (m).
+  float depth;
+  // Least control (m/s^2).
+  float u_min;
+  // Largest control (m/s^2).
+  float u_max;
+  // How measurements are lifted.
+  uint32_t branch;
+  // Horizon of the landing in periods, 0 for the tick of the paper.
+  uint32_t ahead;
+  // Whether the measured velocity is taken half a period back in the air.
+  uint32_t shift;
+  // 0.
+  uint32_t reserved;
+  // The reference's transformed position (m).
+  float s_ref;
+  // The reference's transformed velocity (m/s).
+  float v_ref;
+  // The side of the wall on which the reference was last, +1 or -1.
+  float side;
+  // The reference at the next sample: its distance from the wall (m).
+  float x_ref;
+  // The reference's velocity (m/s).
+  float xdot_ref;
+  // The last control (m/s^2).
+  float u;
+  // Multiplier in `sgn s` of the last tick.
+  float lambda_s;
+  // Multiplier in `sgn v`.
+  float lambda_v;
+  // Multiplier in `sgn s_ref`.
+  float lambda_sr;
+  // Multiplier in `sgn v_ref`.
+  float lambda_vr;
+  // Multiplier in `sgn (s - s_ref)`.
+  float lambda_es;
+  // Multiplier in `sgn (v - v_ref)`.
+  float lambda_ev;
+  // Ticks since the last reset.
+  uint64_t ticks;
+  // Bits of what was done to the last sample and control.
+  uint32_t status;
+  // Iterations of the last tick.
+  uint32_t iterations;
+  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  uint64_t seal;
+} zivi_f32_tracker;
+
+// A reference that is given, at one sample.
+typedef struct zivi_f32_given_reference {
+  // Distance from the wall, >= 0 (m).
+  float x;
+  // Velocity (m/s).
+  float xdot;
+  // The side of the wall on which it is followed, +1 or -1: it changes with each impact of the
+  // reference. Only `ZIVI_BRANCH_NEAREST` looks at it.
+  float side;
+} zivi_f32_given_reference;
+
+// Settings of an observer. A member that is zero takes its default, unless its bit
+// of `given` is set.
+typedef struct zivi_f32_observer_config {
+  // `sizeof(zivi_f32_observer_config)`.
+  uint32_t size;
+  // 1: the velocity is not measured; 0: it is, where it is not NaN.
+  uint32_t position_only;
+  // 1: `e` is learnt; `se` is its deviation at the start then, by default 0.1.
+  uint32_t learn_e;
+  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  uint32_t given;
+  // Sampling period (s), > 0.
+  float h;
+  // Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
+  float e;
+  // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+  float kappa;
+  // Standard deviation of a measured position (m); by default 1e-4.
+  float noise_x;
+  // Standard deviation of a measured velocity (m/s); by default 1e-2.
+  float noise_xdot;
+  // Variance of what a period adds to the unknown force (m^2/s^4); by default 1e-3.
+  float q_d;
+  // Standard deviation of `e`; by default 0.
+  float se;
+  // Bound of the unknown force (m/s^2); by default 20.
+  float dmax;
+  // Variance that an impact adds to an `e` that is learnt; by default 0.
+  float q_e;
+} zivi_f32_observer_config;
+
+// An observer. Everything in it may be read, copied and logged; it is changed by
+// `zivi_f32_observer_*` alone.
+typedef struct zivi_f32_observer {
+  // The settings, defaults filled in.
+  struct zivi_f32_observer_config config;
+  // Estimate of the distance from the wall (m).
+  float x;
+  // Estimate of the velocity (m/s).
+  float xdot;
+  // Estimate of the unknown force (m/s^2).
+  float d;
+  // The coefficient of restitution: the estimate where it is learnt.
+  float e;
+  // Covariance of the estimates.
+  float p_xx;
+  // The same of position and velocity.
+  float p_xv;
+  // The same of position and force.
+  float p_xd;
+  // Variance of the velocity.
+  float p_vv;
+  // Covariance of velocity and force.
+  float p_vd;
+  // Variance of the force.
+  float p_dd;
+  // Covariance of position and `e`.
+  float p_xe;
+  // The same of velocity and `e`.
+  float p_ve;
+  // The same of force and `e`.
+  float p_de;
+  // Variance of `e`, 0 where it is not learnt.
+  float p_ee;
+  // The last positions that were measured, the newest first, less what the acceleration has moved
+  // the mass since (m).
+  float seen_y[6];
+  // Time since (s).
+  float seen_age[6];
+  // How many there are.
+  uint32_t seen;
+  // Whether the velocity waits for a second position.
+  uint32_t waiting;
+  // Whether there was a measurement.
+  uint32_t started;
+  // Measurements refused in a row.
+  uint32_t in_a_row;
+  // Measurements refused so far.
+  uint32_t refused;
+  // 0.
+  uint32_t reserved;
+  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  uint64_t seal;
+} zivi_f32_observer;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+// `ZIVI_ABI_VERSION` of the library: compare it with that of the header.
+uint32_t zivi_f32_abi_version(void);
+
+// The version of zivi, for instance "0.1.0".
+const char *zivi_f32_version(void);
+
+// What a code means, in one line of English.
+const char *zivi_f32_message(int32_t code);
+
+// `sizeof(zivi_f32_mass)` in the library.
+uint32_t zivi_f32_mass_size(void);
+
+// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
+// yours to set.
+int32_t zivi_f32_mass_defaults(struct zivi_f32_mass_config *config);
+
+// Checks the settings and starts at rest on the wall. Where a code < 0 is given, nothing is
+// written.
+int32_t zivi_f32_mass_init(struct zivi_f32_mass *mass, const struct zivi_f32_mass_config *config);
+
+// Puts the mass at `x` >= 0 (m) with velocity `xdot` (m/s).
+int32_t zivi_f32_mass_reset(struct zivi_f32_mass *mass, float x, float xdot);
+
+// Moves the mass by one step `h` under `force` per unit mass (m/s^2); the state is in
+// `mass->x` and `mass->xdot` then, exactly 0 at rest.
+int32_t zivi_f32_mass_step(struct zivi_f32_mass *mass, float force);
+
+// `sizeof(zivi_f32_regulator)` in the library.
+uint32_t zivi_f32_regulator_size(void);
+
+// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
+// yours to set.
+int32_t zivi_f32_regulator_defaults(struct zivi_f32_regulator_config *config);
+
+// Checks the settings. Where a code < 0 is given, nothing is written.
+int32_t zivi_f32_regulator_init(struct zivi_f32_regulator *regulator,
+                            const struct zivi_f32_regulator_config *config);
+
+// Forgets the last tick.
+int32_t zivi_f32_regulator_reset(struct zivi_f32_regulator *regulator);
+
+// The control for the period that starts with the measurement `x` (m), `xdot` (m/s): `*u`
+// (m/s^2), to be held for one period. `force` acts on the mass without control (m/s^2).
+//
+// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+// is written.
+int32_t zivi_f32_regulator_step(struct zivi_f32_regulator *regulator,
+                            float x,
+                            float xdot,
+                            float force,
+                            float *u);
+
+// The same for a period of `dt` > 0 (s) that starts now, where that is not `h`. A sample that is missing
+// has NaN for `x`: `*u` is the last control, `xdot` and `force` are ignored.
+int32_t zivi_f32_regulator_step_over(struct zivi_f32_regulator *regulator,
+                                 float dt,
+                                 float x,
+                                 float xdot,
+                                 float force,
+                                 float *u);
+
+// `sizeof(zivi_f32_tracker)` in the library.
+uint32_t zivi_f32_tracker_size(void);
+
+// Sets the size, `horizon` to 1, and everything else to its default: 0. What has none (gains, period,
+// wall) is yours to set.
+int32_t zivi_f32_tracker_defaults(struct zivi_f32_tracker_config *config);
+
+// Checks the settings; the reference starts at rest. Where a code < 0 is given, nothing is
+// written.
+int32_t zivi_f32_tracker_init(struct zivi_f32_tracker *tracker,
+                          const struct zivi_f32_tracker_config *config);
+
+// Puts the reference at `x_ref` >= 0 (m) with velocity `xdot_ref` (m/s) and forgets the last tick.
+int32_t zivi_f32_tracker_reset(struct zivi_f32_tracker *tracker,
+                           float x_ref,
+                           float xdot_ref);
+
+// The control for the period that starts with the measurement `x` (m), `xdot` (m/s): `*u`
+// (m/s^2), to be held for one period. `force` acts on the mass without control, `force_ref` on
+// the reference (m/s^2), which advances by one period: `tracker->x_ref` is that at the next sample.
+//
+// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+// is written: the reference has not advanced.
+int32_t zivi_f32_tracker_step(struct zivi_f32_tracker *tracker,
+                          float x,
+                          float xdot,
+                          float force,
+                          float force_ref,
+                          float *u);
+
+// The same for a reference that is given: where it is at this sample and at the next one.
+// `acceleration` is its own over the period (m/s^2), NaN if it is not known: the difference quotient
+// of its velocities is taken, over an impact `force`. `tracker->x_ref` becomes that of `next`.
+int32_t zivi_f32_tracker_step_to(struct zivi_f32_tracker *tracker,
+                             float x,
+                             float xdot,
+                             float force,
+                             const struct zivi_f32_given_reference *now,
+                             const struct zivi_f32_given_reference *next,
+                             float acceleration,
+                             float *u);
+
+// `zivi_f32_tracker_step` for a period of `dt` > 0 (s) that starts now, where that is not `h`: the step is
+// planned and the reference advances over it; `horizon` and `ahead` count such periods. A sample that
+// is missing has NaN for `x`: `*u` is the last control, the reference advances, `xdot` and `force` are
+// ignored.
+int32_t zivi_f32_tracker_step_over(struct zivi_f32_tracker *tracker,
+                               float dt,
+                               float x,
+                               float xdot,
+                               float force,
+                               float force_ref,
+                               float *u);
+
+// `zivi_f32_tracker_step_to` for a period of `dt` > 0 (s), or without a sample, in the same way.
+int32_t zivi_f32_tracker_step_to_over(struct zivi_f32_tracker *tracker,
+                                  float dt,
+                                  float x,
+                                  float xdot,
+                                  float force,
+                                  const struct zivi_f32_given_reference *now,
+                                  const struct zivi_f32_given_reference *next,
+                                  float acceleration,
+                                  float *u);
+
+// `sizeof(zivi_f32_observer)` in the library.
+uint32_t zivi_f32_observer_size(void);
+
+// Sets the size, and everything else to its default: 0. What has none (period, wall) is yours to
+// set.
+int32_t zivi_f32_observer_defaults(struct zivi_f32_observer_config *config);
+
+// Checks the settings; nothing was measured yet. Where a code < 0 is given, nothing is written.
+int32_t zivi_f32_observer_init(struct zivi_f32_observer *observer,
+                           const struct zivi_f32_observer_config *config);
+
+// Forgets all measurements.
+int32_t zivi_f32_observer_reset(struct zivi_f32_observer *observer);
+
+// Takes the measurement `x` (m), `xdot` (m/s, NaN where it is not measured). `force` is the known
+// force, `u` the control that acted over the period that ends now (m/s^2). The estimates are in
+// `observer->x`, `->xdot` and `->d`, the unknown force, to be added to the known one.
+//
+// Where a measurement is refused by a code < 0, nothing has changed.
+int32_t zivi_f32_observer_step(struct zivi_f32_observer *observer,
+                           float x,
+                           float xdot,
+                           float force,
+                           float u);
+
+// The same `dt` (s) after the last call, where that is not `h`. A measurement that is missing has NaN
+// for `x`: the motion is followed, nothing is corrected, `xdot` is ignored.
+int32_t zivi_f32_observer_step_after(struct zivi_f32_observer *observer,
+                                 float dt,
+                                 float x,
+                                 float xdot,
+                                 float force,
+                                 float u);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* ZIVI_F32_H */
