@@ -14,7 +14,6 @@ LONG = {
     "deploy": 2100,
     "mechanics": 1850,
     "misprints": 1850,
-    "orbits": 2800,
     "studies": 2600,
     "vi": 1400,
 }
