@@ -14,7 +14,6 @@ LONG = {
     "deploy": 2100,
     "mechanics": 1850,
     "misprints": 1850,
-    "studies": 2600,
     "vi": 1400,
 }
 """Pages that may have more, and how many."""

@@ -55,7 +55,7 @@ INSTEAD = {
 @pytest.mark.filterwarnings("ignore")
 def test_the_code_of_a_page_runs_and_prints_what_it_says(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    if page == "command_line":
+    if page == "files":
         ball = zivi.ImpactSystem(-9.81, e=0.5)
         zivi.simulate(ball, (0, 2), (1, 0)).to_xarray().to_netcdf("ball.nc")
         zivi.sweep(lambda e: e, {"e": [0.1]}, out="study.zarr")
