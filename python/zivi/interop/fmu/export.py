@@ -73,7 +73,7 @@ def export_fmu(
     Notes
     -----
     The steps are those of the Python package, bit by bit. In co-simulation a value that an importer
-    reads after a step and hands on is a step old; ``docs/deploy.md`` says which order closes a loop
+    reads after a step and hands on is a step old; ``docs/fmus.md`` says which order closes a loop
     without delay. Two exports by one version are the same, byte by byte.
 
     Examples
