@@ -9,7 +9,7 @@ import pytest
 from zivi import _zivi
 from zivi.paper import ball_steps, linearisation, siconos, tracking_steps
 
-PAGE = (Path(__file__).parents[1] / "docs" / "misprints.md").read_text()
+PAGE = (Path(__file__).parents[1] / "benchmarks" / "results" / "linearisation.md").read_text()
 
 BALL = {
     "the ball, h = 1e-2": "ball, h=1e-02",

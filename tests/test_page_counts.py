@@ -11,8 +11,6 @@ PAGES = sorted(path for path in DOCS.glob("*.md") if not path.name.startswith("_
 LONGEST = 1300
 """Words of a page."""
 LONG = {
-    "mechanics": 1850,
-    "misprints": 1850,
     "vi": 1400,
 }
 """Pages that may have more, and how many."""

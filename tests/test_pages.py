@@ -149,7 +149,7 @@ def test_results_are_listed_where_they_are_written():
             commands = re.findall(
                 r"`(?:python ((?:benchmarks|examples)/\w+\.py)|zivi paper)\b", page
             )
-            assert len(commands) >= 3, name
+            assert commands, name
             assert all((DOCS.parent / it).exists() for it in commands), name
         else:
             assert f'"{name}.md"' in written or f"results/{name}.md" in makefile, name

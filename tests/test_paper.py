@@ -183,7 +183,7 @@ def test_the_checks_notice_a_wrong_scheme():
     assert not all(check.ok for check in ball.checks(chattering))
 
 
-def test_what_the_page_of_misprints_says_of_the_ball():
+def test_what_the_page_on_the_paper_says_of_the_ball():
     rests = [ball.run(zivi.ThetaGamma(h)).rest_time for h in (9e-4, 7e-4, 6e-4, 5e-4)]
     assert (min(rests), max(rests)) == pytest.approx((2.448, 2.453), abs=6e-4)
     sol = ball.run(zivi.ThetaGamma(ball.H))
