@@ -161,6 +161,9 @@
 // `given` has a bit of a member that the configuration does not have.
 #define ZIVI_E_GIVEN -45
 
+// `delay` is more than 64 periods.
+#define ZIVI_E_DELAY -46
+
 // A setting without a code of its own.
 #define ZIVI_E_SETTING -99
 
@@ -546,6 +549,56 @@ typedef struct zivi_observer {
   uint64_t seal;
 } zivi_observer;
 
+// Settings of a predictor. A member that is zero takes its default, unless its bit
+// of `given` is set.
+typedef struct zivi_predictor_config {
+  // `sizeof(zivi_predictor_config)`.
+  uint32_t size;
+  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  uint32_t given;
+  // Periods from a measurement to the moment when its control acts, 0 to 64.
+  uint32_t delay;
+  // 0.
+  uint32_t reserved;
+  // Sampling period (s), > 0.
+  double h;
+  // Coefficient of restitution, in (0, 1]; or give `kappa`.
+  double e;
+  // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
+  double kappa;
+  // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+  double depth;
+} zivi_predictor_config;
+
+// A predictor with the controls that do not act yet. Everything in it may be read, copied and logged;
+// it is changed by `zivi_predictor_*` alone.
+typedef struct zivi_predictor {
+  // Sampling period (s).
+  double h;
+  // Coefficient of restitution.
+  double e;
+  // `(1 - e)/(1 + e)`.
+  double kappa;
+  // How far behind the wall a measurement may lie (m).
+  double depth;
+  // Periods from a measurement to the moment when its control acts.
+  uint32_t delay;
+  // 0.
+  uint32_t reserved;
+  // Distance from the wall when the control will act (m).
+  double x;
+  // Velocity then (m/s).
+  double xdot;
+  // The controls that do not act yet (m/s^2): `sent[(first + k) % 64]`, k = 0 ... `delay` - 1.
+  double sent[64];
+  // Where the oldest is.
+  uint32_t first;
+  // 0.
+  uint32_t reserved_too;
+  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  uint64_t seal;
+} zivi_predictor;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -709,6 +762,34 @@ int32_t zivi_observer_step_after(struct zivi_observer *observer,
                                  double xdot,
                                  double force,
                                  double u);
+
+// `sizeof(zivi_predictor)` in the library.
+uint32_t zivi_predictor_size(void);
+
+// Sets the size, and everything else to its default: 0. What has none (delay, period, wall) is yours to
+// set.
+int32_t zivi_predictor_defaults(struct zivi_predictor_config *config);
+
+// Checks the settings; nothing is under way. Where a code < 0 is given, nothing is written.
+int32_t zivi_predictor_init(struct zivi_predictor *predictor,
+                            const struct zivi_predictor_config *config);
+
+// Forgets what is under way: a control of 0 acts until the first one that is sent does.
+int32_t zivi_predictor_reset(struct zivi_predictor *predictor);
+
+// Of the measurement `x` (m), `xdot` (m/s) and the known `force` (m/s^2): `predictor->x` and `->xdot` are
+// where the mass will be when the control of this sample acts, through impacts and into rest. Hand them
+// to a controller (`ahead` 1) in place of the measurement; its reference is as many periods ahead: call
+// `zivi_tracker_step_over` `delay` times without a sample after a reset. Then `zivi_predictor_send`.
+int32_t zivi_predictor_step(struct zivi_predictor *predictor,
+                            double x,
+                            double xdot,
+                            double force);
+
+// Takes note of the control that is sent (m/s^2), after limits: once a period, also where the last one
+// is held.
+int32_t zivi_predictor_send(struct zivi_predictor *predictor,
+                            double u);
 
 #ifdef __cplusplus
 }  // extern "C"

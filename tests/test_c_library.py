@@ -289,11 +289,56 @@ def test_the_mass_has_the_bits_of_simulate(compiled: ctypes.CDLL, wall: dict[str
     assert it.x == it.xdot == 0.0
 
 
+@pytest.mark.parametrize("delay", [0, 1, 5, 64])
+def test_a_predictor_before_a_tracker_has_the_bits_of_python(
+    compiled: ctypes.CDLL, delay: int
+) -> None:
+    """A mass that bounces, clamped and refused samples among them; the controls that wait act later."""
+    settings = {"mu1": 30.0, "mu2": 17.0, "h": 1e-3, "kappa": 0.41}
+    ours = zivi.TwistingTracker(**settings, delay=delay)
+    it = initialised(compiled, "tracker", **settings)
+    before = initialised(compiled, "predictor", delay=delay, h=1e-3, kappa=0.41)
+    number, u = ctypes.c_double, ctypes.c_double()
+    it_ref, before_ref, u_ref = ctypes.byref(it), ctypes.byref(before), ctypes.byref(u)
+    nothing, force_ref = number(float("nan")), number(-8.0)
+    step = compiled.zivi_tracker_step_over
+    assert compiled.zivi_tracker_reset(it_ref, number(0.3), number(0.2)) == 0
+    ours.reset(0.3, 0.2)
+    for _ in range(delay):  # the reference as far ahead
+        assert step(it_ref, number(1e-3), nothing, nothing, number(0), force_ref, u_ref) == 0
+    mass, waiting, rng = (0.4, 1.0), [0.0] * delay, np.random.default_rng(delay)
+    for k in range(2500):
+        noise = rng.normal(0.0, 1e-5)
+        x, xdot = mass[0] + noise - (1.0 if k % 97 == 0 else 0.0), mass[1]
+        try:
+            expected = ours.step(x, xdot, -9.81, -8.0)
+        except ValueError:
+            expected = ours.u
+        seen = compiled.zivi_predictor_step(before_ref, number(x), number(xdot), number(-9.81))
+        assert seen == (HEADER.constants["ZIVI_E_X"] if k % 97 == 0 else int(x < 0))
+        if seen >= 0:
+            then = number(before.x), number(before.xdot)
+            assert compiled.zivi_tracker_step(it_ref, *then, number(-9.81), force_ref, u_ref) == 0
+        assert compiled.zivi_predictor_send(before_ref, u) == 0
+        assert u.value == expected, k
+        waiting.append(expected)
+        run = zivi.simulate(zivi.ImpactSystem(-9.81 + waiting.pop(0), e=0.5), (0, 1e-3), mass)
+        mass = float(run.x[-1]), float(run.xdot[-1])
+    refused = initialised(compiled, "predictor", delay=delay, h=1e-3, kappa=0.41)
+    assert compiled.zivi_predictor_reset(before_ref) == 0
+    assert bytes(refused) == bytes(before)
+    config = HEADER.structures["zivi_predictor_config"]()
+    compiled.zivi_predictor_defaults(ctypes.byref(config))
+    config.h, config.e, config.delay = 1e-3, 0.5, 65
+    code = compiled.zivi_predictor_init(before_ref, ctypes.byref(config))
+    assert code == HEADER.constants["ZIVI_E_DELAY"]
+
+
 def test_the_header_and_the_library_agree(compiled: ctypes.CDLL) -> None:
     listed = subprocess.run(["nm", "-g", LIBRARY], capture_output=True, text=True, check=True)
     symbols = {line.split()[-1].lstrip("_") for line in listed.stdout.splitlines() if " T " in line}
     assert symbols == HEADER.functions
-    for kind in ("mass", "regulator", "tracker", "observer"):
+    for kind in ("mass", "regulator", "tracker", "observer", "predictor"):
         size = ctypes.sizeof(HEADER.structures[f"zivi_{kind}"])
         assert getattr(compiled, f"zivi_{kind}_size")() == size
     assert compiled.zivi_abi_version() == HEADER.constants["ZIVI_ABI_VERSION"]

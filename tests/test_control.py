@@ -425,6 +425,7 @@ def test_names_and_defaults_of_the_contract():
     }
     reference = {"e_ref": (True, None), "kappa_ref": (True, None)}
     landing = {"landing": (True, True), "ahead": (True, 1), "quiet": (True, 0.0)}
+    landing |= {"delay": (True, 0)}
     landing |= {"solver": (True, "exact"), "linearisations": (True, 20)}
     assert parameters(zivi.TwistingRegulator) == shared | landing
     assert parameters(zivi.ExplicitTwisting) == shared | reference

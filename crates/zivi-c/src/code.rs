@@ -97,6 +97,8 @@ pub const ZIVI_E_DT: i32 = -43;
 pub const ZIVI_E_QUIET: i32 = -44;
 /// `given` has a bit of a member that the configuration does not have.
 pub const ZIVI_E_GIVEN: i32 = -45;
+/// `delay` is more than 64 periods.
+pub const ZIVI_E_DELAY: i32 = -46;
 
 /// A setting without a code of its own.
 pub const ZIVI_E_SETTING: i32 = -99;

@@ -18,8 +18,8 @@ use zivi_core::observer::Measurement;
 use crate::call::{lasting, object, ticked, tracked};
 use crate::code::{ZIVI_E_NULL, ZIVI_OK};
 use crate::{
-    GivenReference, Mass, MassConfig, Observer, ObserverConfig, Regulator, RegulatorConfig,
-    Tracker, TrackerConfig, ZIVI_ABI_VERSION,
+    GivenReference, Mass, MassConfig, Observer, ObserverConfig, Predictor, PredictorConfig,
+    Regulator, RegulatorConfig, Tracker, TrackerConfig, ZIVI_ABI_VERSION,
 };
 
 const VERSION: &CStr =
@@ -402,6 +402,71 @@ pub unsafe extern "C" fn zivi_observer_step_after(
     let measured = (!x.is_nan()).then_some(Measurement { x, xdot: velocity });
     // SAFETY: see the module
     unsafe { object(observer) }.map_or(ZIVI_E_NULL, |it| it.step_after(dt, measured, force, u))
+}
+
+/// `sizeof(zivi_predictor)` in the library.
+#[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_size")]
+pub extern "C" fn zivi_predictor_size() -> u32 {
+    size_of::<Predictor>() as u32
+}
+
+/// Sets the size, and everything else to its default: 0. What has none (delay, period, wall) is yours to
+/// set.
+#[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_defaults")]
+pub unsafe extern "C" fn zivi_predictor_defaults(config: *mut PredictorConfig) -> i32 {
+    // SAFETY: see the module
+    let Some(config) = (unsafe { object(config) }) else { return ZIVI_E_NULL };
+    *config = PredictorConfig::defaults();
+    ZIVI_OK
+}
+
+/// Checks the settings; nothing is under way. Where a code < 0 is given, nothing is written.
+#[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_init")]
+pub unsafe extern "C" fn zivi_predictor_init(
+    predictor: *mut Predictor,
+    config: *const PredictorConfig,
+) -> i32 {
+    // SAFETY: see the module
+    match unsafe { (object(predictor), constant(config)) } {
+        (Some(it), Some(config)) => it.init(config),
+        _ => ZIVI_E_NULL,
+    }
+}
+
+/// Forgets what is under way: a control of 0 acts until the first one that is sent does.
+#[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_reset")]
+pub unsafe extern "C" fn zivi_predictor_reset(predictor: *mut Predictor) -> i32 {
+    // SAFETY: see the module
+    unsafe { object(predictor) }.map_or(ZIVI_E_NULL, Predictor::reset)
+}
+
+/// Of the measurement `x` (m), `xdot` (m/s) and the known `force` (m/s^2): `predictor->x` and `->xdot` are
+/// where the mass will be when the control of this sample acts, through impacts and into rest. Hand them
+/// to a controller (`ahead` 1) in place of the measurement; its reference is as many periods ahead: call
+/// `zivi_tracker_step_over` `delay` times without a sample after a reset. Then `zivi_predictor_send`.
+#[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_step")]
+pub unsafe extern "C" fn zivi_predictor_step(
+    predictor: *mut Predictor,
+    x: Real,
+    xdot: Real,
+    force: Real,
+) -> i32 {
+    // SAFETY: see the module
+    unsafe { object(predictor) }.map_or(ZIVI_E_NULL, |it| it.step(x, xdot, force))
+}
+
+/// Takes note of the control that is sent (m/s^2), after limits: once a period, also where the last one
+/// is held.
+#[no_mangle]
+#[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_send")]
+pub unsafe extern "C" fn zivi_predictor_send(predictor: *mut Predictor, u: Real) -> i32 {
+    // SAFETY: see the module
+    unsafe { object(predictor) }.map_or(ZIVI_E_NULL, |it| it.send(u))
 }
 
 /// Holds a path to a panic.

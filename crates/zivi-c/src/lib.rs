@@ -28,6 +28,7 @@ mod mass;
 mod message;
 mod observer;
 mod period;
+mod predictor;
 mod regulator;
 mod seal;
 mod tracker;
@@ -42,6 +43,7 @@ pub use config::{
 pub use mass::{Mass, MassConfig};
 pub use message::message;
 pub use observer::{Observer, ObserverConfig};
+pub use predictor::{Predictor, PredictorConfig};
 pub use regulator::{Regulator, RegulatorConfig};
 pub use tracker::{
     GivenReference, Tracker, TrackerConfig, ZIVI_BRANCH_NEAREST, ZIVI_BRANCH_POSITIVE,

@@ -48,6 +48,7 @@ q_e must be in [0, 1]\0\
 dt must be a finite time > 0\0\
 quiet must be finite and >= 0, and is not of ZIVI_TICK_PAPER\0\
 given must have bits of members of the configuration only\0\
+delay must be at most 64 periods\0\
 a setting is out of range\0\
 not a code of this library\0";
 
@@ -57,9 +58,9 @@ fn place(code: Code) -> u32 {
     match code {
         0..=3 => distance,
         ZIVI_E_NO_SOLUTION..=ZIVI_E_NULL => 3 + distance,
-        ZIVI_E_GIVEN..=ZIVI_E_H => distance - 1,
-        ZIVI_E_SETTING => 45,
-        _ => 46,
+        ZIVI_E_DELAY..=ZIVI_E_H => distance - 1,
+        ZIVI_E_SETTING => 46,
+        _ => 47,
     }
 }
 

@@ -36,3 +36,42 @@ pub fn speed_at_wall(Physical { x, xdot }: Physical, f: Real) -> Real {
         sqrt((xdot * xdot - 2.0 * f * x).max(0.0))
     }
 }
+
+/// Impacts of one call that are followed; a mass that has more is taken to rest.
+const MAX_IMPACTS: u32 = 64;
+
+/// The state `left` (s) later under the constant acceleration `f`, through impacts with the coefficient
+/// of restitution `e` and into rest.
+///
+/// ```
+/// use zivi_core::{flight, Physical};
+/// let (down, up) = (Physical { x: 2.0, xdot: 0.0 }, Physical { x: 1.0, xdot: 0.0 });
+/// // falls for 1 s, rises with 2 m/s for .5 s, rests after 2 s more
+/// assert_eq!(flight::after(down, -4.0, 0.5, 1.5), Physical { x: 0.5, xdot: 0.0 });
+/// assert_eq!(flight::after(down, -4.0, 0.5, 3.1), Physical::default());
+/// assert_eq!(flight::after(up, 2.0, 0.5, 1.0), Physical { x: 2.0, xdot: 2.0 });
+/// ```
+#[must_use]
+pub fn after(state: Physical, f: Real, e: Real, mut left: Real) -> Physical {
+    let mut at = state;
+    if at.arrives() {
+        at.xdot = 0.0 - e * at.xdot;
+    }
+    for _ in 0..MAX_IMPACTS {
+        // flights 2v/g, 2ev/g, ... take 2v/(g (1 - e)) in all
+        if at.x == 0.0 && f <= 0.0 && 2.0 * at.xdot <= left * (1.0 - e) * -f {
+            break;
+        }
+        match time_to_wall(at, f) {
+            Some(t) if t <= left => {
+                at = Physical { x: 0.0, xdot: e * speed_at_wall(at, f) };
+                left -= t;
+            }
+            _ => {
+                let x = at.x + left * (at.xdot + 0.5 * f * left);
+                return Physical { x: x.max(0.0), xdot: at.xdot + f * left };
+            }
+        }
+    }
+    Physical::default()
+}

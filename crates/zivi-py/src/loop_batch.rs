@@ -77,9 +77,9 @@ pub(crate) fn simulate_closed_loop_batch(
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
         let which = |n: usize| if n == 1 { 0 } else { i };
-        let controller = controllers[which(controllers.len())];
+        let controller = &controllers[which(controllers.len())];
         members.push(LoopMember {
-            controller,
+            controller: controller.clone(),
             observer: observers.get(which(observers.len())).map(|it| it.inner),
             restitution: row_restitution(&restitutions, i)?,
             forces: [

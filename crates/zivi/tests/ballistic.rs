@@ -140,3 +140,29 @@ fn thousands_of_bounces_are_skipped_exactly() {
     close(end.xdot, u - G * 0.25 * flight, 1e-8);
     assert_eq!(events.rest_time, None);
 }
+
+/// The flight of the core, which a predictor takes, is this motion.
+#[test]
+fn the_flight_of_a_prediction_is_this_motion() {
+    let (mut seed, mut rests) = (1_u64, 0);
+    let mut uniform = || {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (seed >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    for _ in 0..20_000 {
+        let e = 0.7 * uniform();
+        let near = if uniform() < 0.5 { 1.0 } else { 1e-3 };
+        let start = Physical { x: near * uniform(), xdot: 4.0 * near.sqrt() * (uniform() - 0.5) };
+        let start = if uniform() < 0.3 { Physical { x: 0.0, ..start } } else { start };
+        let (f, h) = (30.0 * (uniform() - 0.8), 0.3 * uniform());
+        let expected = advance(start, f, restitution(e), (0.0, h), &mut Events::default());
+        let found = zivi_core::flight::after(start, f, restitution(e).e(), h);
+        close(found.x, expected.x, 1e-11);
+        close(found.xdot, expected.xdot, 1e-8);
+        if expected == REST {
+            assert_eq!(found, REST);
+            rests += 1;
+        }
+    }
+    assert!(rests > 1000);
+}

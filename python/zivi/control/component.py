@@ -25,6 +25,8 @@ HORIZON: float = _HORIZON.default
 ANY_KAPPA = 0.5
 TICKS = ("step", "step_to")
 Controller = TypeVar("Controller")
+MOST_DELAY = 64
+"""Periods of the longest delay of a controller that predicts."""
 MAX_AHEAD = 10**9
 """Periods of the longest horizon, as of the longest run."""
 
@@ -57,6 +59,17 @@ def is_state(state: Any) -> bool:
             and 0 <= bits < 16
             and not bits & TickStatus.REFUSED
         )
+    except (TypeError, ValueError):
+        return False
+
+
+def are_under_way(rest: tuple[Any, ...], delay: int) -> bool:
+    """Whether this is what is under way with such a delay."""
+    try:
+        ((controls, references, due),) = rest
+        numbers = [float(it) for it in (*controls, *(it for pair in references for it in pair))]
+        lengths = len(controls) == len(references) == delay and len(numbers) == 3 * delay
+        return lengths and all(map(math.isfinite, numbers)) and 0 <= due <= delay
     except (TypeError, ValueError):
         return False
 
@@ -128,6 +141,8 @@ class Shared(Component):
         @property
         def _signs(self) -> Sequence[float]: ...
 
+        _under_way: Any
+
     def _number(self, name: str) -> float:
         value = self._settings[name]
         return without_wall() if value is None else float(value)
@@ -165,6 +180,22 @@ class Shared(Component):
     def kappa(self) -> float:
         """``(1 - e)/(1 + e)`` of the plant's wall."""
         return self._number("kappa")
+
+    @property
+    def state(self) -> tuple[Any, ...]:
+        """All that changes from tick to tick; assigning it restores what it was of exactly."""
+        under_way = self._under_way if self._settings.get("delay") else None
+        return self._get_state() if under_way is None else (*self._get_state(), under_way)
+
+    @state.setter
+    def state(self, state: tuple[Any, ...]) -> None:
+        delay = self._settings.get("delay", 0)
+        own = state[:6] if delay and isinstance(state, tuple) else state
+        if not (is_state(own) and (not delay or are_under_way(state[6:], delay))):
+            raise ValueError(f"state must be what {self._kind} state gave, got {state!r}")
+        self._set_state(own)
+        if delay:
+            self._under_way = state[6]
 
     @property
     def signs(self) -> Array:
@@ -208,6 +239,11 @@ class Landing(Shared):
     def quiet(self) -> float:
         """Dead zone of the landing (m/s)."""
         return self._number("quiet")
+
+    @property
+    def delay(self) -> int:
+        """Periods from a measurement to the moment when its control acts."""
+        return int(self._settings["delay"])
 
     @property
     def solver(self) -> str:
@@ -311,6 +347,19 @@ def horizon_of(landing: Any, ahead: Any) -> int:
         )
     if periods > 1 and not landing:
         raise ValueError(f"ahead is of the landing: with landing=False it must be 1, got {ahead}")
+    return periods
+
+
+def delay_of(delay: Any, ahead: int) -> int:
+    """Return the delay of a controller that predicts."""
+    periods = whole("delay", delay)
+    if not 0 <= periods <= MOST_DELAY:
+        raise ValueError(f"delay must be from 0 to {MOST_DELAY} periods, got {delay}")
+    if periods and ahead != 1:
+        raise ValueError(
+            f"with delay = {periods} the state is predicted, and ahead must be left alone, "
+            f"got {ahead}"
+        )
     return periods
 
 

@@ -115,13 +115,15 @@ def check_ahead(controller: Any, delay: int, noise: float = 0.0, stacklevel: int
     Under noise of the velocity the brake of a late loop, ``v' = -v(t - d h)/(N h)``, swings over
     unless ``N >= (1 + d)^(1 + d)/d^d``; a dead zone does as well.
     """
-    if not (
-        delay and isinstance(controller, CONTROLLERS) and getattr(controller, "landing", False)
-    ):
-        return
     it: Any = controller
+    own = getattr(it, "delay", 0) if isinstance(controller, CONTROLLERS) else 0
     text = ""
-    if it.ahead < 1 + delay:
+    if own:
+        if own != delay:
+            text = f"the controller predicts over delay = {own}, the loop has delay = {delay}"
+    elif not (delay and isinstance(controller, CONTROLLERS) and getattr(it, "landing", False)):
+        return
+    elif it.ahead < 1 + delay:
         text = f"a landing may never rest: ahead = {it.ahead}, but 1 + delay = {1 + delay}"
     elif noise > 0.0 and it.quiet == 0.0 and it.e >= NEAR_ELASTIC and it.ahead < calm(delay):
         text = (

@@ -17,6 +17,7 @@ from zivi.control.component import (
     TickStatus,
     common,
     core,
+    delay_of,
     horizon_of,
     plant_kappa,
     quiet_of,
@@ -91,6 +92,10 @@ class TwistingRegulator(_zivi.Regulator, Landing):
         Dead zone of the landing, >= 0 (m/s): a bound of the errors of the measured velocity, such
         as 5 standard deviations. A mass at rest has a constant control then, and the landing rests
         as without errors.
+    delay : int
+        Periods from a measurement to the moment when its control acts, 0 to 64, in place of
+        `ahead`: the state is predicted as far ahead, exactly where the force is known, through
+        impacts and into rest, under the controls that do not act yet.
     solver : {"exact", "newton", "outer"}
         How the signs of a step without a landing are found: by cases; as the variational
         inequality (23) by the general solver; or by affine ones, one after another, without a
@@ -131,15 +136,19 @@ class TwistingRegulator(_zivi.Regulator, Landing):
         landing: bool = True,
         ahead: int = 1,
         quiet: float = 0.0,
+        delay: int = 0,
         solver: Literal["exact", "newton", "outer"] = "exact",
         linearisations: int = LINEARISATIONS,
     ) -> Self:
         kappa = plant_kappa(e, kappa)
         settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
         horizon = horizon_of(landing, ahead)
-        zone: dict[str, Any] = {"quiet": quiet_of(landing, quiet)}
-        self = super().__new__(cls, **core(settings), ahead=horizon if landing else None, **zone)
-        self._settings = settings | {"landing": bool(landing), "ahead": horizon} | zone
+        more: dict[str, Any] = {
+            "quiet": quiet_of(landing, quiet),
+            "delay": delay_of(delay, horizon),
+        }
+        self = super().__new__(cls, **core(settings), ahead=horizon if landing else None, **more)
+        self._settings = settings | {"landing": bool(landing), "ahead": horizon} | more
         self._settings |= _solve_by(self, solver, linearisations)
         return with_wall(self)
 
@@ -215,6 +224,12 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
     shift : bool
         Whether the tick takes the measured velocity half a period back, :math:`\dot x - h F_r/2`,
         in the air: it removes the bias :math:`h^2 |F_r|/2` of the position.
+    delay : int
+        Periods from a measurement to the moment when its control acts, 0 to 64, in place of
+        `ahead`: the state is predicted as far ahead, exactly where the force is known, through
+        impacts and into rest, under the controls that do not act yet. The reference, a given one
+        too, is as far ahead at a tick: `x_ref` is that of the end of the period in which the
+        control acts.
     solver : {"exact", "newton", "outer"}
         How the signs of a step are found: by cases; as the variational inequality (24) of six
         signs by the general solver; or by affine ones, one after another, without a merit function.
@@ -260,6 +275,7 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
         quiet: float = 0.0,
         horizon: float = HORIZON,
         shift: bool = False,
+        delay: int = 0,
         solver: Literal["exact", "newton", "outer"] = "exact",
         linearisations: int = LINEARISATIONS,
     ) -> Self:
@@ -273,6 +289,7 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
             "quiet": quiet_of(landing, quiet),
             "horizon": real("horizon", horizon),
             "shift": switch("shift", shift),
+            "delay": delay_of(delay, periods),
         }
         if press is not None:
             press = real("press", press)

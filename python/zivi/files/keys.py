@@ -161,6 +161,7 @@ TWISTING = (
 LANDING = (
     Key("landing", Switch(), "whether a sampled loop ends in exact rest", default="true"),
     Key("ahead", Whole(1, 10**9), "horizon of the landing: 1 + delay", "1", "1"),
+    Key("delay", Whole(0, 64), "periods over which the state is predicted", "1", "0"),
     Key("quiet", NOT_NEGATIVE, "velocity that the landing takes for noise", "m/s", "0"),
     _SOLVER,
     _LINEARISATIONS,

@@ -13,7 +13,8 @@
 //! The rooms: [`TwistingRegulator`] brings the mass to rest at the wall, [`TwistingTracker`] makes
 //! it follow a bouncing reference, [`ExplicitTwisting`] is the explicit controller that chatters.
 //! [`tracking`] solves the tracker's step exactly (with [`monotone`] and [`cubic`]), [`regulation`]
-//! the regulator's; [`landing`] is how a held control ends in exact rest; [`given`](Waypoint) is a
+//! the regulator's; [`landing`] is how a held control ends in exact rest;
+//! [`predictor`] gives the state in which a late control will act; [`given`](Waypoint) is a
 //! reference that is given sample by sample; [`inclusion`] writes the same steps as box VIs of two,
 //! four and six signs for a general solver ([`TwistingTracker::follow_by`]) and for checking.
 
@@ -29,6 +30,7 @@ pub mod landing;
 pub mod monotone;
 mod period;
 mod port;
+pub mod predictor;
 mod reference_state;
 pub mod regulation;
 mod regulator;
@@ -44,6 +46,7 @@ pub use explicit::ExplicitTwisting;
 pub use gains::{GainError, Gains};
 pub use landing::{Descent, Landing};
 pub use port::{Port, TickStatus};
+pub use predictor::DelayLine;
 pub use reference_state::{Planned, ReferencePeriod, Waypoint};
 pub use regulator::{RegulatorState, TwistingRegulator};
 pub use tracker::{checked_horizon, TwistingTracker};

@@ -86,13 +86,13 @@ impl TwistingRegulator {
         self.ticked(measured, force, |step, z| (step.solve(z, force), false))
     }
 
-    #[cfg(not(feature = "single"))]
     /// The same with the two signs of the step, the VI (23), as `solve` finds them; where it finds
     /// none, they are those of [`TwistingRegulator::tick`], and the status says so. A regulator that
     /// lands solves no step.
     ///
     /// # Errors
     /// As [`TwistingRegulator::tick`].
+    #[cfg(not(feature = "single"))]
     pub fn tick_by(
         &mut self,
         measured: Physical,
@@ -139,6 +139,14 @@ impl TwistingRegulator {
         let z = transform::lift(state, Branch::Positive, restitution);
         let (Regulation { u, lambda_s, lambda_v, .. }, unsolved) = solve(&self.step, z);
         (u, [lambda_s, lambda_v], unsolved)
+    }
+
+    /// The state that a measurement stands for, and whether it was slightly behind the wall.
+    ///
+    /// # Errors
+    /// [`SettingError`] for a sample that is not finite or too deep behind the wall.
+    pub fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
+        self.port.sense(measured)
     }
 
     /// How it lands; `None` is the paper's tick.

@@ -274,12 +274,12 @@ impl TwistingTracker {
         self.followed_by(planned, |step, z| (step.solve(z, force, target), false))
     }
 
-    #[cfg(not(feature = "single"))]
     /// The same with the six signs of the step, the VI (24), as `solve` finds them; where it finds
     /// none, they are those of [`TwistingTracker::follow`], and the status says so.
     ///
     /// # Errors
     /// As [`TwistingTracker::follow`].
+    #[cfg(not(feature = "single"))]
     pub fn follow_by(
         &mut self,
         planned: &Planned,
@@ -384,6 +384,20 @@ impl TwistingTracker {
     #[must_use]
     pub fn h(&self) -> Real {
         self.reference.h()
+    }
+
+    /// The plant's wall.
+    #[must_use]
+    pub fn restitution(&self) -> Restitution {
+        self.step.restitution
+    }
+
+    /// The state that a measurement stands for, and whether it was slightly behind the wall.
+    ///
+    /// # Errors
+    /// [`SettingError`] for a sample that is not finite or too deep behind the wall.
+    pub fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
+        self.port.sense(measured)
     }
 
     /// How it lands; `None` is the paper's tick.

@@ -25,6 +25,35 @@ impl Explicit {
     pub(super) fn any(&self) -> AnyController {
         AnyController::Explicit(self.inner)
     }
+
+    /// Takes over where this one is.
+    pub(super) fn restore(&mut self, controller: &AnyController) {
+        if let AnyController::Explicit(it) = controller {
+            self.inner = *it;
+        }
+    }
+
+    fn forget(&mut self) {}
+
+    /// A tick, or a period without a sample.
+    fn stepped(
+        &mut self,
+        sample: Option<Physical>,
+        (force, force_ref): (f64, f64),
+        dt: Option<f64>,
+    ) -> PyResult<f64> {
+        let mut it = self.solved();
+        if let Some(dt) = dt {
+            it.controller = it.controller.lasting(dt).map_err(refused)?;
+        }
+        let u = match sample {
+            Some(measured) => it.tick(measured, force, force_ref),
+            None => it.controller.miss(force_ref),
+        };
+        let u = u.map_err(refused)?;
+        self.inner.set_state(it.controller.state());
+        Ok(u)
+    }
 }
 
 with_reference! { Explicit,

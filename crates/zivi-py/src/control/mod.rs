@@ -11,6 +11,7 @@ use crate::method::described;
 
 mod arguments;
 mod explicit;
+mod late;
 mod reference;
 mod regulator;
 mod tracker;
@@ -85,9 +86,9 @@ pub(crate) fn run_copy<R>(
     macro_rules! each {
         ($($class:ident, $name:literal, $settings:expr;)*) => {
             $(if let Ok(object) = object.cast::<$class>() {
-                let mut copy = object.borrow().solved();
+                let mut copy = object.borrow().any();
                 let done = run(&mut copy);
-                object.borrow_mut().inner = copy.controller;
+                object.borrow_mut().restore(&copy);
                 return Some(done);
             })*
         };

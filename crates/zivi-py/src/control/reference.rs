@@ -42,23 +42,15 @@ macro_rules! with_reference {
                 force_ref: f64,
                 dt: Option<f64>,
             ) -> PyResult<f64> {
-                let mut it = self.solved();
-                if let Some(dt) = dt {
-                    it.controller = it.controller.lasting(dt).map_err(refused)?;
-                }
-                let u = match sample(x, xdot)? {
-                    Some(measured) => it.tick(measured, force, force_ref),
-                    None => it.controller.miss(force_ref),
-                };
-                let u = u.map_err(refused)?;
-                self.inner.set_state(it.controller.state());
-                Ok(u)
+                self.stepped(sample(x, xdot)?, (force, force_ref), dt)
             }
 
             /// Set the reference's distance from its wall, >= 0 (m), and its velocity (m/s), and
             /// forget everything else.
             fn reset(&mut self, x_ref: f64, xdot_ref: f64) -> PyResult<()> {
-                self.inner.reset(Physical { x: x_ref, xdot: xdot_ref }).map_err(refused)
+                self.inner.reset(Physical { x: x_ref, xdot: xdot_ref }).map_err(refused)?;
+                self.forget();
+                Ok(())
             }
 
             /// Distance of the reference from its wall: that at the next sample (m).

@@ -1,11 +1,14 @@
 //! The regulator.
 
 use pyo3::prelude::*;
-use zivi::drive::closed_loop::{AnyController, Solved};
+use zivi::drive::closed_loop::{AnyController, Controller, Predicting, Solved, Tick, UnderWay};
 use zivi::Solver;
 use zivi_core::control::{Gains, RegulatorState, TickStatus, TwistingRegulator};
 
 use super::arguments::{gains, landing, port, refused, sample, State};
+use super::late::{
+    nothing_under_way, only_with, raised, under_way_of, under_way_state, UnderWayState,
+};
 use crate::method::step_solver;
 use crate::transform::restitution_of;
 
@@ -15,6 +18,8 @@ pub(crate) struct Regulator {
     pub(super) inner: TwistingRegulator,
     /// How its steps are solved.
     solver: Solver,
+    /// What does not act yet, of one whose controls act late.
+    under_way: Option<Box<UnderWay>>,
 }
 
 impl Regulator {
@@ -23,9 +28,26 @@ impl Regulator {
     }
 
     pub(super) fn any(&self) -> AnyController {
-        match self.solver {
-            Solver::Exact => AnyController::Regulator(self.inner),
-            _ => AnyController::SolvedRegulator(self.solved()),
+        match (&self.under_way, self.solver) {
+            (Some(it), _) => {
+                let (controller, under_way) = (self.solved(), it.clone());
+                AnyController::LateRegulator(Predicting { controller, under_way })
+            }
+            (None, Solver::Exact) => AnyController::Regulator(self.inner),
+            (None, _) => AnyController::SolvedRegulator(self.solved()),
+        }
+    }
+
+    /// Takes over where this one is.
+    pub(super) fn restore(&mut self, controller: &AnyController) {
+        match controller {
+            AnyController::Regulator(it) => self.inner = *it,
+            AnyController::SolvedRegulator(it) => self.inner = it.controller,
+            AnyController::LateRegulator(it) => {
+                (self.inner, self.under_way) =
+                    (it.controller.controller, Some(it.under_way.clone()));
+            }
+            _ => {}
         }
     }
 }
@@ -33,7 +55,7 @@ impl Regulator {
 #[pymethods]
 impl Regulator {
     #[new]
-    #[pyo3(signature = (mu1, mu2, *, h, kappa, bound, depth, actuator, ahead, quiet))]
+    #[pyo3(signature = (mu1, mu2, *, h, kappa, bound, depth, actuator, ahead, quiet, delay))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         mu1: f64,
@@ -45,12 +67,14 @@ impl Regulator {
         actuator: (f64, f64),
         ahead: Option<u32>,
         quiet: f64,
+        delay: usize,
     ) -> PyResult<Self> {
         let restitution = restitution_of(kappa)?;
         let gains = gains(mu1, mu2, restitution, bound, Gains::for_regulation)?;
         let bare = TwistingRegulator::new(gains, h, restitution);
         let inner = bare.map_err(refused)?.with_landing(landing(ahead, h, quiet)?);
-        Ok(Self { inner: inner.with_port(port(depth, actuator)?), solver: Solver::Exact })
+        let inner = inner.with_port(port(depth, actuator)?);
+        Ok(Self { inner, solver: Solver::Exact, under_way: nothing_under_way(delay)? })
     }
 
     /// Give the control for the period that starts with this measurement.
@@ -83,11 +107,25 @@ impl Regulator {
         force: f64,
         dt: Option<f64>,
     ) -> PyResult<f64> {
+        only_with(&self.under_way, dt)?;
+        let measured = sample(x, xdot)?;
+        if let Some(under_way) = self.under_way.take() {
+            let mut it = Predicting { controller: self.solved(), under_way };
+            let done = match measured {
+                Some(measured) => {
+                    let tick = Tick { t: 0.0, measured, force, force_ref: 0.0 };
+                    Controller::<PyErr>::tick(&mut it, tick)
+                }
+                None => Ok(it.miss()),
+            };
+            (self.inner, self.under_way) = (it.controller.controller, Some(it.under_way));
+            return done.map_err(raised);
+        }
         let mut it = self.solved();
         if let Some(dt) = dt {
             it.controller = it.controller.lasting(dt).map_err(refused)?;
         }
-        let u = match sample(x, xdot)? {
+        let u = match measured {
             Some(measured) => it.tick(measured, force).map_err(refused)?,
             None => it.controller.miss(),
         };
@@ -104,6 +142,21 @@ impl Regulator {
     /// Forget the last tick.
     fn reset(&mut self) {
         self.inner.set_state(RegulatorState::default());
+        if let Some(it) = &mut self.under_way {
+            it.forget();
+        }
+    }
+
+    /// What is under way: the controls, the references and the periods by which they are not ahead.
+    #[getter]
+    fn _under_way(&self) -> Option<UnderWayState> {
+        self.under_way.as_deref().map(under_way_state)
+    }
+
+    #[setter(_under_way)]
+    fn set_under_way(&mut self, state: UnderWayState) -> PyResult<()> {
+        self.under_way = Some(under_way_of(state)?);
+        Ok(())
     }
 
     /// The last control (m/s^2).

@@ -2,12 +2,17 @@
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::drive::closed_loop::{AnyController, Solved};
+use zivi::drive::closed_loop::{
+    AnyController, Controller, Predicting, ReferencePeriod, Solved, Tick, TickError, UnderWay,
+};
 use zivi::Solver;
 use zivi_core::control::{Approach, Gains, TwistingTracker, Waypoint};
 use zivi_core::{Branch, Physical};
 
 use super::arguments::{gains, landing, port, refused, restored, sample, tracker_state, State};
+use super::late::{
+    nothing_under_way, only_with, raised, under_way_of, under_way_state, UnderWayState,
+};
 use super::reference::with_reference;
 use crate::method::step_solver;
 use crate::transform::restitution_of;
@@ -18,6 +23,8 @@ pub(crate) struct Tracker {
     pub(super) inner: TwistingTracker,
     /// How its steps are solved.
     solver: Solver,
+    /// What does not act yet, of one whose controls act late.
+    under_way: Option<Box<UnderWay>>,
 }
 
 impl Tracker {
@@ -26,9 +33,75 @@ impl Tracker {
     }
 
     pub(super) fn any(&self) -> AnyController {
-        match self.solver {
-            Solver::Exact => AnyController::Tracker(self.inner),
-            _ => AnyController::SolvedTracker(self.solved()),
+        match (&self.under_way, self.solver) {
+            (Some(it), _) => {
+                let (controller, under_way) = (self.solved(), it.clone());
+                AnyController::LateTracker(Predicting { controller, under_way })
+            }
+            (None, Solver::Exact) => AnyController::Tracker(self.inner),
+            (None, _) => AnyController::SolvedTracker(self.solved()),
+        }
+    }
+
+    /// Ticks as one whose controls act late; `None` of one whose controls do not.
+    fn ticked_late(
+        &mut self,
+        tick: impl FnOnce(&mut Predicting<Solved<TwistingTracker>>) -> Result<f64, TickError<PyErr>>,
+    ) -> Option<PyResult<f64>> {
+        let under_way = self.under_way.take()?;
+        let mut it = Predicting { controller: self.solved(), under_way };
+        let done = tick(&mut it);
+        (self.inner, self.under_way) = (it.controller.controller, Some(it.under_way));
+        Some(done.map_err(raised))
+    }
+
+    /// Nothing is under way any longer.
+    fn forget(&mut self) {
+        if let Some(it) = &mut self.under_way {
+            it.forget();
+        }
+    }
+
+    /// A tick, or a period without a sample.
+    fn stepped(
+        &mut self,
+        sample: Option<Physical>,
+        (force, force_ref): (f64, f64),
+        dt: Option<f64>,
+    ) -> PyResult<f64> {
+        only_with(&self.under_way, dt)?;
+        let late = self.ticked_late(|it| match sample {
+            Some(measured) => {
+                Controller::<PyErr>::tick(it, Tick { t: 0.0, measured, force, force_ref })
+            }
+            None => Ok(it.miss(force_ref)?),
+        });
+        if let Some(u) = late {
+            return u;
+        }
+        let mut it = self.solved();
+        if let Some(dt) = dt {
+            it.controller = it.controller.lasting(dt).map_err(refused)?;
+        }
+        let u = match sample {
+            Some(measured) => it.tick(measured, force, force_ref),
+            None => it.controller.miss(force_ref),
+        };
+        let u = u.map_err(refused)?;
+        self.inner.set_state(it.controller.state());
+        Ok(u)
+    }
+
+    /// Takes over where this one is.
+    pub(super) fn restore(&mut self, controller: &AnyController) {
+        match controller {
+            AnyController::Tracker(it) => self.inner = *it,
+            AnyController::SolvedTracker(it) => self.inner = it.controller,
+            AnyController::LateTracker(it) => {
+                (self.inner, self.under_way) =
+                    (it.controller.controller, Some(it.under_way.clone()));
+            }
+            _ => {}
         }
     }
 }
@@ -50,7 +123,7 @@ with_reference! { Tracker,
     #[new]
     #[pyo3(signature = (
         mu1, mu2, *, h, kappa, kappa_ref, nearest, bound, depth, actuator, ahead, quiet, press,
-        horizon, shift
+        horizon, shift, delay
     ))]
     #[allow(clippy::too_many_arguments)]
     fn new(
@@ -68,6 +141,7 @@ with_reference! { Tracker,
         press: Option<f64>,
         horizon: f64,
         shift: bool,
+        delay: usize,
     ) -> PyResult<Self> {
         let approach = if nearest { Approach::Nearest } else { Approach::Positive };
         let (restitution, restitution_ref) = (restitution_of(kappa)?, restitution_of(kappa_ref)?);
@@ -80,7 +154,8 @@ with_reference! { Tracker,
         };
         let pressing = pressing.map_err(|error| PyValueError::new_err(error.to_string()))?;
         let inner = pressing.with_horizon(horizon).map_err(refused)?.with_shift(shift);
-        Ok(Self { inner: inner.with_port(port(depth, actuator)?), solver: Solver::Exact })
+        let inner = inner.with_port(port(depth, actuator)?);
+        Ok(Self { inner, solver: Solver::Exact, under_way: nothing_under_way(delay)? })
     }
 
     /// Give the control for the period that starts with this measurement, for a reference that is
@@ -125,11 +200,24 @@ with_reference! { Tracker,
         dt: Option<f64>,
     ) -> PyResult<f64> {
         let (now, next) = (waypoint("now", now)?, waypoint("next", next)?);
+        only_with(&self.under_way, dt)?;
+        let measured = sample(x, xdot)?;
+        let course = ReferencePeriod { now, next, acceleration };
+        let late = self.ticked_late(|it| match measured {
+            Some(measured) => {
+                let tick = Tick { t: 0.0, measured, force, force_ref: 0.0 };
+                Controller::<PyErr>::tick_to(it, tick, course)
+            }
+            None => Ok(it.miss_to(next)?),
+        });
+        if let Some(u) = late {
+            return u;
+        }
         let mut it = self.solved();
         if let Some(dt) = dt {
             it.controller = it.controller.lasting(dt).map_err(refused)?;
         }
-        let u = match sample(x, xdot)? {
+        let u = match measured {
             Some(measured) => it.tick_to(measured, force, [now, next], acceleration),
             None => it.controller.miss_to(next),
         };
@@ -141,6 +229,18 @@ with_reference! { Tracker,
     /// How the steps are solved.
     fn _solve_by(&mut self, solver: &Bound<'_, PyAny>, linearisations: i64) -> PyResult<()> {
         self.solver = step_solver(solver, linearisations)?;
+        Ok(())
+    }
+
+    /// What is under way: the controls, the references and the periods by which they are not ahead.
+    #[getter]
+    fn _under_way(&self) -> Option<UnderWayState> {
+        self.under_way.as_deref().map(under_way_state)
+    }
+
+    #[setter(_under_way)]
+    fn set_under_way(&mut self, state: UnderWayState) -> PyResult<()> {
+        self.under_way = Some(under_way_of(state)?);
         Ok(())
     }
 

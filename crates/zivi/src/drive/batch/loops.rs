@@ -13,7 +13,7 @@ use crate::system::evaluation::check_initial;
 use crate::{Force, Grid, Impact, Monitor, SetupError, Status};
 
 /// One closed loop of a batch.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct LoopMember<'r, F> {
     /// The controller, its reference where it starts.
     pub controller: AnyController,
@@ -142,15 +142,9 @@ fn one<F: Force<Stopped> + Copy>(
     settings: LoopSettings,
     stop: &dyn Fn() -> bool,
 ) -> Result<LoopOutcome, SetupError> {
-    let LoopMember {
-        mut controller,
-        observer,
-        restitution,
-        mut forces,
-        initial,
-        grid,
-        reference: given,
-    } = *member;
+    let LoopMember { observer, restitution, mut forces, initial, grid, reference: given, .. } =
+        *member;
+    let mut controller = member.controller.clone();
     let LoopSettings { motion, resolution, delay, .. } = settings;
     let sensor = Sensor { resolution, ..Sensor::default() };
     let surroundings = Loop { restitution, grid, initial, motion, sensor, observer, delay };

@@ -1,5 +1,6 @@
 //! What the sampled loop asks of a controller, and the controllers of `zivi_core` in that form.
 
+use super::predicting::{Predictable, Predicting};
 use super::reference::ReferencePeriod;
 use super::solved::Solved;
 use zivi_core::control::regulation::RegulationStep;
@@ -58,6 +59,29 @@ pub trait Controller<E> {
     /// The reference now, if there is one.
     fn reference(&self) -> Option<Physical> {
         None
+    }
+
+    /// Periods after which it knows its controls to act.
+    fn delay(&self) -> usize {
+        0
+    }
+
+    /// The reference then, which is that many periods ahead of [`Controller::reference`].
+    fn reference_ahead(&self) -> Option<Physical> {
+        self.reference()
+    }
+
+    /// Periods by which its own reference is not that far ahead yet, before the first tick.
+    fn due(&self) -> usize {
+        0
+    }
+
+    /// Brings the reference ahead by one of them, under this force (m/s^2).
+    ///
+    /// # Errors
+    /// [`SettingError`] for a force that is not finite or too large.
+    fn bring_ahead(&mut self, _: f64) -> Result<(), SettingError> {
+        Ok(())
     }
 
     /// Whether its ticks want the force on the reference, if there is one.
@@ -171,11 +195,84 @@ controller_with_reference!(
 );
 controller_with_reference!(Solved<ExplicitTwisting>, it, it.controller);
 
+impl<E> Controller<E> for Predicting<Solved<TwistingRegulator>> {
+    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
+        self.late(tick.measured, tick.force, |it, measured| {
+            Controller::<E>::tick(it, Tick { measured, ..tick })
+        })
+    }
+
+    fn signs(&self) -> [f64; SIGNS] {
+        Controller::<E>::signs(&self.controller)
+    }
+
+    fn status(&self) -> TickStatus {
+        Controller::<E>::status(&self.controller)
+    }
+
+    fn delay(&self) -> usize {
+        self.under_way.controls.periods()
+    }
+}
+
+impl<E> Controller<E> for Predicting<Solved<TwistingTracker>> {
+    fn tick(&mut self, tick: Tick) -> Result<f64, TickError<E>> {
+        let ready = Self::bring_ahead(self, tick.force_ref);
+        let here = self.controller.controller.reference();
+        let done = self.late(tick.measured, tick.force, |it, measured| {
+            ready?;
+            Controller::<E>::tick(it, Tick { measured, ..tick })
+        });
+        if done.is_ok() {
+            self.under_way.references.push(here);
+        }
+        done
+    }
+
+    fn tick_to(&mut self, tick: Tick, course: ReferencePeriod) -> Result<f64, TickError<E>> {
+        self.under_way.due = 0;
+        self.late(tick.measured, tick.force, |it, measured| {
+            Controller::<E>::tick_to(it, Tick { measured, ..tick }, course)
+        })
+    }
+
+    fn reference(&self) -> Option<Physical> {
+        match self.under_way.due {
+            0 => self.under_way.references.oldest(),
+            _ => Some(self.controller.controller.reference()),
+        }
+    }
+
+    fn reference_ahead(&self) -> Option<Physical> {
+        Some(self.controller.controller.reference())
+    }
+
+    fn signs(&self) -> [f64; SIGNS] {
+        Controller::<E>::signs(&self.controller)
+    }
+
+    fn status(&self) -> TickStatus {
+        Controller::<E>::status(&self.controller)
+    }
+
+    fn delay(&self) -> usize {
+        self.under_way.controls.periods()
+    }
+
+    fn due(&self) -> usize {
+        self.under_way.due
+    }
+
+    fn bring_ahead(&mut self, force_ref: f64) -> Result<(), SettingError> {
+        self.one_ahead(force_ref)
+    }
+}
+
 /// All controllers: of each its meaning, the name of its variant, its type and its sampling period.
 macro_rules! controllers {
     ($($meaning:literal $name:ident($kind:ty), |$it:ident| $h:expr;)*) => {
         /// One of the controllers of `zivi_core`.
-        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[derive(Clone, Debug, PartialEq)]
         pub enum AnyController {
             $(#[doc = $meaning] $name($kind),)*
         }
@@ -221,6 +318,24 @@ macro_rules! controllers {
                 self.inner::<E>().status()
             }
 
+            fn delay(&self) -> usize {
+                self.inner::<E>().delay()
+            }
+
+            fn reference_ahead(&self) -> Option<Physical> {
+                self.inner::<E>().reference_ahead()
+            }
+
+            fn due(&self) -> usize {
+                self.inner::<E>().due()
+            }
+
+            fn bring_ahead(&mut self, force_ref: f64) -> Result<(), SettingError> {
+                match self {
+                    $(AnyController::$name(it) => Controller::<E>::bring_ahead(it, force_ref),)*
+                }
+            }
+
             fn closed_step(&self) -> Option<RegulationStep> {
                 self.inner::<E>().closed_step()
             }
@@ -235,5 +350,9 @@ controllers! {
     "The regulator with a general solver." SolvedRegulator(Solved<TwistingRegulator>),
         |it| it.controller.step().h;
     "The tracker with a general solver." SolvedTracker(Solved<TwistingTracker>),
+        |it| it.controller.h();
+    "The regulator whose controls act late." LateRegulator(Predicting<Solved<TwistingRegulator>>),
+        |it| it.controller.h();
+    "The tracker whose controls act late." LateTracker(Predicting<Solved<TwistingTracker>>),
         |it| it.controller.h();
 }

@@ -11,6 +11,7 @@ mod controller;
 mod follow;
 mod path;
 mod plant;
+mod predicting;
 mod record;
 mod reference;
 mod sensor;
@@ -26,6 +27,7 @@ pub use controller::{AnyController, Controller, Tick, TickError, SIGNS};
 pub use follow::LoopOptions;
 pub use path::LoopPath;
 pub use plant::{Period, Plant};
+pub use predicting::{Predictable, Predicting, UnderWay};
 pub use record::{LoopRun, ESTIMATES, LOOP_COLUMNS, REFUSED};
 pub use reference::{Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples};
 pub use sensor::Sensor;
@@ -232,14 +234,10 @@ where
         let grid = self.surroundings.grid;
         let n = grid.n_steps();
         let t = grid.t(self.k);
-        let course = match &mut self.guide {
-            Some(guide) => {
-                Some(guide.period(self.k, (t, grid.t(self.k + 1))).map_err(Failure::Raised)?)
-            }
-            None => None,
-        };
-        let own = || self.controller.reference();
-        let reference = course.map_or_else(own, |course| Some(course.now.state));
+        if self.k == 0 && self.guide.is_none() {
+            self.bring_reference_ahead()?;
+        }
+        let (course, reference) = self.reference(t)?;
         let tick = self.tick(t, reference, course)?;
         self.record.push((t, self.state, reference), self.u, &*self.controller, tick);
         self.record.note(self.observer.as_ref());
@@ -256,6 +254,45 @@ where
             return Err(Failure::Status(Status::TerminatedByEvent));
         }
         Ok(())
+    }
+
+    /// Brings a reference of the controller's own as far ahead as its controls are late.
+    fn bring_reference_ahead(&mut self) -> Result<(), Failure<E>> {
+        let Some(from) = self.controller.reference_ahead() else { return Ok(()) };
+        let (mut at, grid, due) = (from, self.surroundings.grid, self.controller.due());
+        for k in 0..due {
+            let force = finite_force(self.models.reference, grid.t(0) + k as f64 * grid.h(), at)?;
+            // a force that is too large is refused by the tick
+            if self.controller.bring_ahead(force).is_err() {
+                break;
+            }
+            at = self.controller.reference_ahead().unwrap_or(at);
+        }
+        Ok(())
+    }
+
+    /// What the controller is told of a given reference, and where the reference is.
+    fn reference(
+        &mut self,
+        t: f64,
+    ) -> Result<(Option<ReferencePeriod>, Option<Physical>), Failure<E>> {
+        let Some(guide) = &mut self.guide else { return Ok((None, self.controller.reference())) };
+        let grid = self.surroundings.grid;
+        let mut period = |k: usize| guide.period(k, (grid.t(k), grid.t(k + 1)));
+        let (delay, last) = (self.controller.delay(), grid.n_steps() - 1);
+        if delay == 0 {
+            let course = period(self.k).map_err(Failure::Raised)?;
+            return Ok((Some(course), Some(course.now.state)));
+        }
+        // of each period once, in order: on which side it is shows from those before; controls that
+        // act after the run are none of anything
+        let from = if self.k == 0 { 0 } else { (self.k + delay).min(last) };
+        let mut course = period(from).map_err(Failure::Raised)?;
+        for k in from + 1..=(self.k + delay).min(last) {
+            course = period(k).map_err(Failure::Raised)?;
+        }
+        let here = guide.state(self.k, t).map_err(Failure::Raised)?;
+        Ok((Some(course), Some(here)))
     }
 
     /// The step that the control is of, where nothing came between: neither noise nor delay, and
@@ -282,8 +319,10 @@ where
         self.known = finite_force(self.models.model, t, measured)?;
         let force = self.known + d;
         let force_ref = match reference {
-            Some(reference) if course.is_none() && self.controller.takes_force_ref() => {
-                finite_force(self.models.reference, t, reference)?
+            Some(_) if course.is_none() && self.controller.takes_force_ref() => {
+                let (ahead, h) = (self.controller.reference_ahead(), self.surroundings.grid.h());
+                let then = t + self.controller.delay() as f64 * h;
+                finite_force(self.models.reference, then, ahead.or(reference).unwrap_or_default())?
             }
             _ => 0.0,
         };
