@@ -98,7 +98,7 @@ def test_which_motions_are_the_same():
     still = Attractor("impacting", 1, np.array([[0.2, 0.0]]))
     assert still.is_same(Attractor("impacting", 1, np.array([[0.2, 0.0005]])), 1e-3)
     # rows between times: the later end belongs
-    np.testing.assert_array_equal(attractor._between(rows, 0.1, 0.6), rows[1:])
+    np.testing.assert_array_equal(attractor.between(rows, 0.1, 0.6), rows[1:])
 
 
 def test_states_that_merge():

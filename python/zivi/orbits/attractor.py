@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zivi.base.check import Array
 from zivi.orbits.least_period import least_rows
@@ -16,7 +17,7 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["Attractor", "Settled", "classify", "settle", "settle_one"]
+__all__ = ["Attractor", "Settled", "between", "classify", "quiet", "settle", "settle_one"]
 
 TOLERANCE = 1e-5
 
@@ -49,11 +50,14 @@ class Attractor:
         After how many periods it repeats; 0 where it does not, or always.
     impacts : ndarray
         Rows of the phase, a part of the period, and the speed after the impact (m/s), sorted.
+    gaps : ndarray of int or None
+        Of a mechanical system the gap of each.
     """
 
     kind: str
     multiple: int
     impacts: Array
+    gaps: NDArray[np.int64] | None = None
 
     def is_same(self, other: Attractor, tolerance: float) -> bool:
         """Whether another is the same motion.
@@ -76,15 +80,20 @@ class Attractor:
         if not len(self.impacts) or self.kind == "irregular":
             return True
         size = float(np.max(np.abs(self.impacts[:, 1]))) or 1.0
-        for one, two in zip(_by_speed(self.impacts), _by_speed(other.impacts), strict=True):
+        for one, two in zip(self._by_speed(), other._by_speed(), strict=True):
+            if one[2] != two[2]:
+                return False
             turn = abs((one[0] - two[0] + 0.5) % 1.0 - 0.5)
             if turn > tolerance or abs(one[1] - two[1]) > tolerance * size:
                 return False
         return True
 
-
-def _by_speed(rows: Array) -> Array:
-    return rows[np.lexsort((rows[:, 0], np.round(rows[:, 1], 6)))]
+    def _by_speed(self) -> Array:
+        """Give rows of phase, speed and gap."""
+        gaps = np.zeros(len(self.impacts)) if self.gaps is None else self.gaps
+        rows = np.column_stack([self.impacts, gaps])
+        order = np.lexsort((rows[:, 0], np.round(rows[:, 1], 6), rows[:, 2]))
+        return np.asarray(rows[order], np.float64)
 
 
 def classify(
@@ -100,10 +109,10 @@ def classify(
     if not len(rows):
         return Attractor("flight", 1, none)
     size = float(np.max(np.abs(rows[:, 1]))) or 1.0
-    end = _quiet(rows, keep * period)
+    end = quiet(rows, keep * period)
     for m in range(1, keep // 2 + 1):
-        now = _between(rows, end - m * period, end)
-        before = _between(rows, end - 2 * m * period, end - m * period)
+        now = between(rows, end - m * period, end)
+        before = between(rows, end - 2 * m * period, end - m * period)
         if not len(now) or len(now) != len(before):
             continue
         shift = np.abs(now - before - np.array([m * period, 0.0])) / [period, size]
@@ -127,15 +136,16 @@ def _rested(settled: Settled, period: float, none: Array) -> Attractor:
     return Attractor("resting", max(multiple, 1), rows)
 
 
-def _quiet(rows: Array, end: float) -> float:
-    """Give the middle of the last long flight."""
+def quiet(rows: Array, end: float) -> float:
+    """Give the middle of the last long flight between impacts, the rows, before the end."""
     times = np.append(rows[-8:, 0], end)
     gaps = np.diff(times)
     i = int(np.flatnonzero(gaps >= 0.5 * np.max(gaps))[-1])
     return float(times[i] + 0.5 * gaps[i])
 
 
-def _between(rows: Array, start: float, end: float) -> Array:
+def between(rows: Array, start: float, end: float) -> Array:
+    """Give the rows whose first entry, a time, is within these."""
     return rows[(rows[:, 0] > start) & (rows[:, 0] <= end)]
 
 

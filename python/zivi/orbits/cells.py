@@ -8,6 +8,8 @@ of a million initial states soon a few are left.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +21,10 @@ from zivi.simulation.batch import simulate_batch
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["Cells", "settle_cells"]
+__all__ = ["After", "Cells", "settle_cells", "together"]
+
+After: TypeAlias = Callable[[Array, int], tuple[Array, NDArray[np.bool_]]]
+"""States after some periods, NaN of runs that fail, and which runs graze."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,16 +101,7 @@ def settle_cells(
 ) -> Cells:
     """Run from all states for a number of periods, and note what they do in further ones."""
     runner = _Runner(system, period, method, threads, progress)
-    which, now = np.arange(len(states)), states
-    grazing = np.zeros(len(states), dtype=bool)
-    left, length = transient, 1
-    while left > 0:
-        step = min(length, left)
-        ends, grazes = runner.after(now, step)
-        grazing |= grazes[which]
-        left, length = left - step, 2 * length
-        now, merged = _merged(ends, method)
-        which = merged[which]
+    now, which, grazing = together(runner.after, states, transient, method)
     failed = np.isnan(now[:, 0])
     kept = np.where(failed[:, None], 0.0, now)
     settled = settle(
@@ -120,10 +116,28 @@ def settle_cells(
     return Cells(settled, which, grazing)
 
 
+def together(
+    after: After, states: Array, transient: int, method: SwitchedRK
+) -> tuple[Array, NDArray[np.int64], NDArray[np.bool_]]:
+    """Run all for a number of periods: the different ends, which each is, and grazing."""
+    which, now = np.arange(len(states)), states
+    grazing = np.zeros(len(states), dtype=bool)
+    left, length = transient, 1
+    while left > 0:
+        step = min(length, left)
+        ends, grazes = after(now, step)
+        grazing |= grazes[which]
+        left, length = left - step, 2 * length
+        now, merged = _merged(ends, method)
+        which = merged[which]
+    return now, which, grazing
+
+
 def _merged(states: Array, method: SwitchedRK) -> tuple[Array, NDArray[np.int64]]:
     """Give the different ones of some states, and which of them each is."""
     size = np.max(np.abs(np.nan_to_num(states)), axis=0, initial=0.0)
-    atol = np.broadcast_to(np.asarray(method.atol, np.float64), 2)
+    each = np.broadcast_to(np.asarray(method.atol, np.float64), 2)
+    atol = np.repeat(each, states.shape[1] // 2)  # of positions, then of velocities
     # failed ones are one
     cells = np.nan_to_num(np.rint(states / (atol + method.rtol * size)), nan=-np.inf)
     order = np.lexsort(cells.T)

@@ -11,17 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, real_array, whole
 from zivi.base.table import Field, Table, Tabulated
-from zivi.orbits.attractor import Attractor, Settled, classify, settle, settle_one
-from zivi.orbits.flights import period_of
+from zivi.orbits.attractor import Attractor
+from zivi.orbits.mechanical.family import value_of
+from zivi.orbits.mechanical.plan import MechanicalPlan, number_of, read_states
+from zivi.orbits.plan import Found, MassPlan, Plan
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
-from zivi.system.parameters import check_newton, parameter, with_value
+from zivi.system.mechanism import MechanicalSystem
+from zivi.system.parameters import check_newton, parameter
 
 __all__ = ["Diagram", "bifurcation_diagram"]
 
 USUAL = SwitchedRK(rtol=1e-8, atol=1e-10)
 FIELDS: dict[str, Field] = {
     "run_of_point": ("point", "", "run of the point"),
+    "gap": ("point", "", "number of the gap, -1 of a state"),
     "run_value": ("run", "", "parameter of the run"),
     "start": ("run", "", "number of its start"),
     "kind": ("run", "", "what it settled on"),
@@ -62,6 +66,8 @@ class Diagram(Tabulated):
         Its start.
     attractors : list of Attractor
         What each run settled on; resting ones too, which a diagram by impacts alone would lose.
+    gap : ndarray of int or None
+        The gap of each point, 0 of one mass, -1 of a state.
     """
 
     name: str
@@ -73,6 +79,7 @@ class Diagram(Tabulated):
     run_value: Array
     run_start: NDArray[np.int64]
     attractors: list[Attractor]
+    gap: NDArray[np.int64] | None = None
 
     @property
     def resting(self) -> NDArray[np.bool_]:
@@ -92,6 +99,7 @@ class Diagram(Tabulated):
             next(iter(first)): self.first,
             next(iter(second)): self.second,
             "run_of_point": self.run,
+            "gap": np.zeros(len(self.value)) if self.gap is None else self.gap,
             "start": self.run_start,
             "kind": [it.kind for it in self.attractors],
             "multiple": [it.multiple for it in self.attractors],
@@ -100,12 +108,14 @@ class Diagram(Tabulated):
 
 
 def bifurcation_diagram(
-    system: ImpactSystem,
+    system: ImpactSystem | MechanicalSystem,
     name: str,
     values: ArrayLike,
     section: Literal["impacts", "strobe"] = "impacts",
-    starts: ArrayLike | Literal["follow"] = (1.0, 0.0),
+    starts: ArrayLike | Literal["follow"] | None = None,
     *,
+    gap: str | None = None,
+    coordinate: str | None = None,
     transient: int = 300,
     keep: int = 64,
     period: float | None = None,
@@ -117,22 +127,27 @@ def bifurcation_diagram(
 ) -> Diagram:
     """Simulate over values of a parameter, and note what the runs settle on.
 
-    Forces that need no interpreter run as batches on all cores. With `out` or `executor` it is a
-    study: it can be stopped and goes on, in processes, or on Dask.
+    Forces and models that need no interpreter run as batches on all cores. With `out` or
+    `executor` it is a study: it can be stopped and goes on, in processes, or on Dask.
 
     Parameters
     ----------
-    system : ImpactSystem
+    system : ImpactSystem or MechanicalSystem
         A system with a periodic excitation.
     name : str
-        The parameter, as in `sensitivity`.
+        The parameter, as in `sensitivity`; of a mechanical system as in `continue_orbit`.
     values : array_like
         Its values.
     section : {"impacts", "strobe"}
         Which points are noted: the impacts, or the states at the starts of periods.
     starts : array_like or "follow"
-        Initial states at the start of a period, ``(x0, xdot0)`` or rows of them; each value is run
-        from each. ``"follow"``: the end of the run at the last value, from ``(1, 0)`` at first.
+        Initial states at the start of a period, ``(x0, xdot0)`` or rows of them, by default
+        ``(1, 0)``; each value is run from each. Of a mechanical system ``(q0, qdot0)`` or several,
+        by default zeros. ``"follow"``: the end of the run at the last value, from the default at
+        first.
+    gap, coordinate : str, optional
+        Of a mechanical system the gap whose impacts are noted, by default all; and the coordinate
+        whose states are, by default the first.
     transient : int
         Periods that are not looked at, >= 0.
     keep : int
@@ -169,8 +184,6 @@ def bifurcation_diagram(
     >>> [(it.kind, it.multiple) for it in found.attractors]
     [('impacting', 1), ('impacting', 2)]
     """
-    check_newton(system)
-    parameter(system, name)
     grid = real_array("values", values).ravel()
     if not len(grid) or not np.all(np.isfinite(grid)):
         raise ValueError("values must be finite numbers, at least one")
@@ -181,147 +194,62 @@ def bifurcation_diagram(
     follows = isinstance(starts, str)
     if follows and starts != "follow":
         raise ValueError(f"starts must be states or 'follow', got {starts!r}")
-    states = np.atleast_2d([1.0, 0.0] if follows else real_array("starts", starts))
-    if states.ndim != 2 or states.shape[1] != 2:
-        raise ValueError(f"starts must have rows (x0, xdot0), got shape {states.shape}")
-    plan = _Plan(system, name, section, transient, keep, period, method)
+    given = None if follows or starts is None else real_array("starts", starts)
+    common = (system, name, section, transient, keep, period, method)
+    if isinstance(system, MechanicalSystem):
+        states, plan = _of_mechanism(common, given, gap, coordinate)
+    else:
+        if gap is not None or coordinate is not None:
+            raise ValueError("gap and coordinate are for a zivi.MechanicalSystem")
+        states, plan = _of_mass(common, given)
     if follows:
         found = plan.following(grid, states[0])
     elif out is not None or executor is not None:
         found = plan.study(grid, states, out, executor, progress)
     else:
         found = plan.batch(grid, states, threads, progress)
-    return plan.diagram(np.repeat(grid, len(states)), len(states), found)
+    return _diagram(plan, np.repeat(grid, len(states)), len(states), found)
 
 
-Found = tuple[Array, Attractor]
-"""The points of a run, and what it settled on."""
+def _of_mass(common: Any, given: Array | None) -> tuple[Array, Plan]:
+    check_newton(common[0])
+    parameter(common[0], common[1])
+    states = np.atleast_2d([1.0, 0.0] if given is None else given)
+    if states.ndim != 2 or states.shape[1] != 2:
+        raise ValueError(f"starts must have rows (x0, xdot0), got shape {states.shape}")
+    return states, MassPlan(*common)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Plan:
-    """What is done at each value."""
-
-    system: ImpactSystem
-    name: str
-    section: str
-    transient: int
-    keep: int
-    period: float | None
-    method: SwitchedRK
-
-    def at(self, value: float) -> tuple[ImpactSystem, float]:
-        system = with_value(self.system, self.name, float(value))
-        return system, period_of(system, self.period)
-
-    def batch(
-        self, grid: Array, states: Array, threads: int | None, progress: bool | None
-    ) -> list[Found]:
-        pairs = [self.at(value) for value in np.repeat(grid, len(states))]
-        systems, periods = [it[0] for it in pairs], [it[1] for it in pairs]
-        rows = np.tile(states, (len(grid), 1))
-        settled = settle(
-            systems, rows, periods, self.transient, self.keep, self.method, threads, progress
-        )
-        if self.section == "impacts":
-            return [self.points(*it) for it in zip(systems, settled, periods, strict=True)]
-        strobed = [[it.end] for it in settled]
-        for _ in range(self.keep - 1):
-            ends = np.array([it[-1] for it in strobed])
-            more = settle(systems, ends, periods, 0, 1, self.method, threads, progress=False)
-            for own, it in zip(strobed, more, strict=True):
-                own.append(it.end)
-        triples = zip(systems, settled, periods, strict=True)
-        kinds = [classify(*it, self.keep) for it in triples]
-        return [(np.array(rows), kind) for rows, kind in zip(strobed, kinds, strict=True)]
-
-    def points(self, system: ImpactSystem, settled: Settled, period: float) -> Found:
-        rows = settled.impacts / np.array([period, 1.0])
-        rows[:, 0] %= 1.0
-        return rows, classify(system, settled, period, self.keep)
-
-    def one(self, value: float, state: Array) -> tuple[Found, Array]:
-        system, period = self.at(value)
-        settled = settle_one(system, tuple(state), period, self.transient, self.keep, self.method)
-        if self.section == "impacts":
-            return self.points(system, settled, period), settled.end
-        rows = [settled.end]
-        for _ in range(self.keep - 1):
-            rows.append(settle_one(system, tuple(rows[-1]), period, 0, 1, self.method).end)
-        return (np.array(rows), classify(system, settled, period, self.keep)), settled.end
-
-    def following(self, grid: Array, state: Array) -> list[Found]:
-        all_found = []
-        for value in grid:
-            found, end = self.one(value, state)
-            all_found.append(found)
-            state = end if found[1].kind != "failed" else state
-        return all_found
-
-    def study(
-        self, grid: Array, states: Array, out: Any, executor: Any, progress: bool | None
-    ) -> list[Found]:
-        from zivi.study import grid as product, sweep
-
-        fixed = {"plan": self, "states": states}
-        study = sweep(
-            settled_point,
-            product(value=grid, start=np.arange(len(states))),
-            fixed=fixed,
-            out=out,
-            executor=executor,
-            progress=progress,
-        )
-        data, columns = study.dataset, _columns(study.events)
-        kinds, multiples = data["kind"].values.ravel(), data["multiple"].values.ravel()
-        found = []
-        for i in range(kinds.size):
-            own = {name: column[columns["point"] == i] for name, column in columns.items()}
-            listed = own["in_orbit"] > 0
-            orbit = np.column_stack([own["orbit_phase"][listed], own["orbit_speed"][listed]])
-            kind = "failed" if np.isnan(kinds[i]) else KINDS[int(kinds[i])]
-            multiple = 0 if np.isnan(multiples[i]) else int(multiples[i])
-            points = np.column_stack([own["first"], own["second"]])
-            found.append((points, Attractor(kind, multiple, orbit)))
-        return found
-
-    def diagram(self, values: Array, n_starts: int, found: list[Found]) -> Diagram:
-        counts = [len(rows) for rows, _ in found]
-        rows = np.vstack([rows for rows, _ in found]) if sum(counts) else np.empty((0, 2))
-        run = np.repeat(np.arange(len(found)), counts)
-        return Diagram(
-            name=self.name,
-            section=self.section,
-            value=values[run],
-            first=rows[:, 0],
-            second=rows[:, 1],
-            run=run,
-            run_value=values,
-            run_start=np.tile(np.arange(n_starts), len(values) // n_starts),
-            attractors=[attractor for _, attractor in found],
-        )
+def _of_mechanism(
+    common: Any, given: Array | None, gap: str | None, coordinate: str | None
+) -> tuple[Array, Plan]:
+    system: MechanicalSystem = common[0]
+    value_of(system, common[1])
+    if given is None:
+        if system._n is None:
+            raise ValueError("starts must be given: the system does not tell its coordinates")
+        given = np.zeros((2, system._n))
+    states = read_states("starts", given)
+    names = system.coordinate_names(states.shape[2])
+    of_gap = number_of("gap", gap, system.gap_names)
+    of_coordinate = number_of("coordinate", coordinate, names) or 0
+    plan = MechanicalPlan(*common)
+    return states, dataclasses.replace(plan, gap=of_gap, coordinate=of_coordinate)
 
 
-KINDS = ("flight", "impacting", "resting", "rest", "irregular", "failed")
-POINT = np.dtype(
-    [(name, "f8") for name in ("first", "second", "in_orbit", "orbit_phase", "orbit_speed")]
-)
-
-
-def _columns(events: Any) -> dict[str, Array]:
-    """Give the events of a study as arrays by name."""
-    names = ("point", *(POINT.names or ()))
-    if events is None:
-        return {name: np.empty(0) for name in names}
-    return {name: np.asarray(events[name]) for name in names}
-
-
-def settled_point(value: float, start: int, *, plan: _Plan, states: Array) -> Any:
-    """Compute one run of a diagram, as a point of a study."""
-    (rows, attractor), _ = plan.one(float(value), states[int(start)])
-    events = np.zeros(len(rows), POINT)
-    events["first"], events["second"] = rows.T if len(rows) else (0.0, 0.0)
-    n = min(len(attractor.impacts), len(rows))
-    events["in_orbit"][:n] = 1.0
-    events["orbit_phase"][:n], events["orbit_speed"][:n] = attractor.impacts[:n].T
-    return {"kind": KINDS.index(attractor.kind), "multiple": attractor.multiple}, events
+def _diagram(plan: Plan, values: Array, n_starts: int, found: list[Found]) -> Diagram:
+    counts = [len(rows) for rows, _ in found]
+    rows = np.vstack([rows for rows, _ in found]) if sum(counts) else np.empty((0, 3))
+    run = np.repeat(np.arange(len(found)), counts)
+    return Diagram(
+        name=plan.name,
+        section=plan.section,
+        value=values[run],
+        first=rows[:, 0],
+        second=rows[:, 1],
+        run=run,
+        run_value=values,
+        run_start=np.tile(np.arange(n_starts), len(values) // n_starts),
+        attractors=[attractor for _, attractor in found],
+        gap=rows[:, 2].astype(np.int64),
+    )

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, finite
+from zivi.base.progress import ProgressBar
 from zivi.base.table import Table, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import fly
+from zivi.orbits.mechanical.exponents import flow_maps, piece_of
+from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem
+from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import check_newton
 
 __all__ = ["Lyapunov", "lyapunov_exponents"]
@@ -23,6 +27,8 @@ __all__ = ["Lyapunov", "lyapunov_exponents"]
 ACCURATE = SwitchedRK(rtol=1e-9, atol=1e-11)
 PIECES = 200
 """Parts of a run without impacts."""
+LOST = 1e-14
+"""What rounding leaves of a direction that a contact has taken away, as a part of the others."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,22 +38,25 @@ class Lyapunov(Tabulated):
     Attributes
     ----------
     exponents : ndarray
-        The two exponents (1/s), the larger first; minus infinity for a run that rests.
+        The exponents (1/s), the largest first: two, or 2n of n coordinates. Minus infinity where
+        nothing is left of a difference: for a run that rests, and for directions that a contact
+        takes away.
     duration : float
         The time over which they are means (s), from an impact to an impact.
     n_impacts : int
         Impacts in it.
     status : OrbitStatus
-        ``COMPLETED``, ``RESTS``, or ``RUN_ENDED`` when the run ended early.
-    trajectory : Trajectory
-        The run.
+        ``COMPLETED``, ``RESTS``, or ``RUN_ENDED`` when the run ended early; of a mechanical system
+        also ``NOT_DIFFERENTIABLE``.
+    trajectory : Trajectory or None
+        The run; None of a mechanical system, which is run piece by piece.
     """
 
     exponents: Array
     duration: float
     n_impacts: int
     status: OrbitStatus
-    trajectory: Trajectory
+    trajectory: Trajectory | None
 
     @property
     def success(self) -> bool:
@@ -62,11 +71,12 @@ class Lyapunov(Tabulated):
 
 
 def lyapunov_exponents(
-    system: ImpactSystem,
+    system: ImpactSystem | MechanicalSystem,
     t_span: Sequence[float],
-    y0: ArrayLike,
+    y0: Any,
     transient: float = 0.0,
     *,
+    piece: float | None = None,
     method: SwitchedRK = ACCURATE,
     progress: bool | None = None,
 ) -> Lyapunov:
@@ -79,14 +89,17 @@ def lyapunov_exponents(
 
     Parameters
     ----------
-    system : ImpactSystem
-        The force and the wall.
+    system : ImpactSystem or MechanicalSystem
+        What moves.
     t_span : (float, float)
         Start and end (s).
-    y0 : (float, float)
-        Initial distance (m) and velocity (m/s).
+    y0 : (float, float) or (array_like, array_like)
+        Initial distance (m) and velocity (m/s); of a mechanical system ``(q0, qdot0)``.
     transient : float
         Time at the start that does not count, >= 0 (s).
+    piece : float, optional
+        Of a mechanical system the time over which derivatives are taken before they are made
+        orthogonal, by default the period of the excitation, else a 200th of the span (s).
     method : SwitchedRK
         Tolerances.
     progress : bool, optional
@@ -111,10 +124,14 @@ def lyapunov_exponents(
     >>> found.exponents.round(2)  # ln(1/2)/(2 pi)
     array([-0.11, -0.11])
     """
-    check_newton(system)
     span = pair("t_span", t_span, "(t0, t1)")
     if not 0.0 <= finite("transient", transient) < span[1] - span[0]:
         raise ValueError(f"transient must be >= 0 and shorter than t_span, got {transient}")
+    if isinstance(system, MechanicalSystem):
+        return _of_mechanism(system, span, y0, transient, piece, method, progress)
+    if piece is not None:
+        raise ValueError("piece is for a zivi.MechanicalSystem: one mass goes impact by impact")
+    check_newton(system)
     run = simulate(system, span, y0, method, progress=progress)
     counted = span[0] + transient
     if not run.success:
@@ -132,6 +149,28 @@ def lyapunov_exponents(
     return Lyapunov(_means(maps, rows[:, 0]), duration, len(maps), OrbitStatus.COMPLETED, run)
 
 
+def _of_mechanism(
+    system: MechanicalSystem,
+    span: tuple[float, float],
+    y0: Any,
+    transient: float,
+    piece: float | None,
+    method: SwitchedRK,
+    progress: bool | None,
+) -> Lyapunov:
+    """Multiply the derivatives of the pieces of a run."""
+    length = piece_of(system, piece, span[1] - span[0] - transient)
+    with ProgressBar(progress) as bar:
+        maps, times, n_impacts, status = flow_maps(
+            system, span, y0, transient, length, method, bar.report
+        )
+    duration = float(times[-1] - times[0])
+    if not maps:
+        nothing = np.full(2 * len(state_of(y0, system._n)[0]), np.nan)
+        return Lyapunov(nothing, 0.0, n_impacts, status, None)
+    return Lyapunov(_means(maps, times), duration, n_impacts, status, None)
+
+
 def _in_flight(
     system: ImpactSystem, run: Trajectory, start: float, end: float, method: SwitchedRK
 ) -> Lyapunov:
@@ -144,19 +183,27 @@ def _in_flight(
 
 
 def _means(maps: list[Array], times: Array) -> Array:
-    """Give the exponents: their sum as it is, their difference as a smooth mean.
+    """Give the exponents: their sum as it is, their differences as smooth means.
 
-    Where the multipliers are complex the two take turns, and a plain mean of their difference
+    Where multipliers are complex two take turns, and a plain mean of their difference
     converges like 1/t. One with the weights ``exp(-1/(s (1 - s)))`` converges faster than any power
     for periodic motions (S. Das and others, Quantitative quasiperiodicity, Nonlinearity 30, 2017).
     """
-    frame, logs = np.eye(2), np.empty((len(maps), 2))
-    for log, each in zip(logs, maps, strict=True):
-        frame, upper = np.linalg.qr(each @ frame)
-        log[:] = np.log(np.abs(np.diag(upper)))
+    size = len(maps[0])
+    # directions along coordinates alone would stay in planes that modes span
+    generic = np.cos(1.0 + np.arange(size * size)).reshape(size, size)
+    frame = np.eye(2) if size == 2 else np.linalg.qr(generic)[0]
+    logs = np.empty((len(maps), size))
+    with np.errstate(divide="ignore"):  # a contact takes directions away
+        for log, each in zip(logs, maps, strict=True):
+            frame, upper = np.linalg.qr(each @ frame)
+            sizes = np.abs(np.diag(upper))
+            log[:] = np.log(np.where(sizes > LOST * sizes.max(), sizes, 0.0))
     lengths = np.diff(times)
-    mean = float(np.sum(logs)) / float(times[-1] - times[0])
     part = (times[:-1] + 0.5 * lengths - times[0]) / (times[-1] - times[0])
     weights = np.exp(-1.0 / (part * (1.0 - part)))
-    apart = float(weights @ (logs[:, 0] - logs[:, 1])) / float(weights @ lengths)
-    return np.sort([0.5 * (mean - apart), 0.5 * (mean + apart)])[::-1]
+    smooth = weights @ logs / float(weights @ lengths)
+    if np.isfinite(smooth).all():  # else the sum depends on the first directions
+        total = float(np.sum(logs)) / float(times[-1] - times[0])
+        smooth += (total - float(smooth.sum())) / size
+    return np.asarray(np.sort(smooth)[::-1], np.float64)

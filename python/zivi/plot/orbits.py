@@ -216,8 +216,9 @@ def diagram(
     ax.plot(still, np.zeros(len(still)), color=GREEN, marker=".", ms=1.0, ls="")
     for one in branches:
         branch(one, "u", ax)
-    named = "speed after the impact (m/s)" if d.section == "impacts" else "velocity (m/s)"
-    ax.set(xlabel=d.name, ylabel=named)
+    named = "speed after the impact" if d.section == "impacts" else "velocity"
+    of_mass = all(it.gaps is None for it in d.attractors)
+    ax.set(xlabel=d.name, ylabel=f"{named} (m/s)" if of_mass else named)
     return ax
 
 
@@ -252,14 +253,17 @@ def basins(b: Basins, ax: Axes | None = None, **image: Any) -> Axes:
     colours = [PALETTE[i % len(PALETTE)] for i in range(n)]
     norm = BoundaryNorm(np.arange(n + 1) - 0.5, n)
     given: dict[str, Any] = {"cmap": ListedColormap(colours), "norm": norm, "shading": "nearest"}
-    ax.pcolormesh(b.x0s, b.v0s, b.label, **given | image)
+    ax.pcolormesh(b.x0s, b.v0s, np.ma.masked_less(b.label, 0), **given | image)
     names = [_named(it.kind, it.multiple) for it in b.attractors]
     handles: list[Any] = [Patch(color=c, label=it) for c, it in zip(colours, names, strict=True)]
     if b.grazing.any():
         i, j = np.nonzero(b.grazing)
         handles += ax.plot(b.x0s[j], b.v0s[i], "k.", ms=3, label="decided by a grazing")
     ax.legend(handles=handles, loc="upper right", fontsize="small")
-    ax.set(xlabel="initial distance $x_0$ (m)", ylabel=r"initial velocity $\dot x_0$ (m/s)")
+    if b.axes == ("x0", "xdot0"):
+        ax.set(xlabel="initial distance $x_0$ (m)", ylabel=r"initial velocity $\dot x_0$ (m/s)")
+    else:
+        ax.set(xlabel=f"initial {b.axes[0]}", ylabel=f"initial {b.axes[1]}")
     return ax
 
 
