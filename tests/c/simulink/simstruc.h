@@ -11,14 +11,16 @@ typedef int int_T;
 typedef unsigned int uint_T;
 typedef struct mxArray {
     double scalar;
+    int given;
 } mxArray;
 
 enum { SS_DOUBLE = 0, SS_OPTION_EXCEPTION_FREE_CODE = 1 };
 
 typedef struct SimStruct {
-    mxArray parameters[8];
+    mxArray parameters[24];
+    int_T tunable[24];
     int_T expected, given;
-    real_T input[8], output[8], work[64];
+    real_T input[8], output[8], work[128];
     int_T work_width, input_width, output_width, feedthrough;
     real_T period;
     const char *error;
@@ -26,6 +28,8 @@ typedef struct SimStruct {
 
 #define UNUSED_ARG(arg) (void)(arg)
 #define mxGetScalar(array) ((array)->scalar)
+#define mxIsEmpty(array) (!(array)->given)
+#define ssSetSFcnParamTunable(S, index, on) ((S)->tunable[index] = (on))
 #define ssGetSFcnParam(S, index) (&(S)->parameters[index])
 #define ssSetNumSFcnParams(S, n) ((S)->expected = (n))
 #define ssGetNumSFcnParams(S) ((S)->expected)
