@@ -1,4 +1,4 @@
-"""Write the picture of docs/browser.md: python tests/browser_screenshot.py FILE."""
+"""Write the picture of docs/lab.md: python tests/browser_screenshot.py FILE."""
 
 import sys
 from pathlib import Path

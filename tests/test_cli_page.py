@@ -32,20 +32,38 @@ COMMAND = {"mechanics": ("simulate", "--example-mechanics")}
 """The command that reads such a file, and its option that prints one."""
 
 
-def documented(command):
-    """Read the tables of the page as a user does: key, for what, unit, allowed, default."""
-    section = PAGE.partition(f"### zivi {HEADINGS.get(command, command)}\n")[2].partition("\n### ")[
-        0
-    ]
-    found = []
+def table(heading):
+    """Rows of the table below a heading: key, for what, unit, allowed, default."""
+    section = PAGE.partition(f"### {heading}\n")[2].partition("\n### ")[0]
     for line in section.splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
         if line.startswith("| `"):
-            key, only, unit, allowed, default, meaning = cells
+            key, only, *cells, meaning = (cell.strip() for cell in line.strip("|").split(" | "))
             assert meaning
-            kinds = only.split(", ") if only else [""]
-            found += [(key.strip("`"), kind, unit, allowed, default) for kind in kinds]
+            for kind in only.split(", ") if only else [""]:
+                yield key.strip("`"), kind, *cells
+
+
+def documented(command):
+    """Read the tables of the page as a user does, who follows links to tables of objects."""
+    found = []
+    for key, kind, unit, allowed, default in table(f"zivi {HEADINGS.get(command, command)}"):
+        found.append((key, kind, unit, allowed, default))
+        for linked, where in re.findall(r"see \[(\w+)\]\(#(\w+)\)", allowed):
+            assert linked == where
+            names = re.findall(r'"(\w+)"', allowed)
+            fewer = dict(re.findall(r"of (\w+) only (\w+)", allowed))
+            for own, variant, *cells in table(linked):
+                last = own.removeprefix(f"{linked}.")
+                if variant and (variant not in names or last != fewer.get(variant, last)):
+                    continue
+                found.append((f"{key}.{last}", variant, *cells))
     return found
+
+
+def test_objects_have_one_table_each():
+    told = [line for line in PAGE.splitlines() if line.startswith("| `")]
+    assert len(set(told)) >= len(told) - 12  # t_span, y0, e: of each command
+    assert sum("k in -k x" in line for line in told) == 1
 
 
 @pytest.mark.parametrize("command", PREPARE)
