@@ -96,9 +96,9 @@ def test_systems_refuse_what_does_not_fit():
     with pytest.raises(ValueError, match="paradox must be one of 'stop', 'impact'"):
         block(floor(), paradox="go")
     many = [
-        zivi.LinearGap([0, 1], offset=i, tangent=[1, 0], mu=0.1, name=f"g{i}") for i in range(33)
+        zivi.LinearGap([0, 1], offset=i, tangent=[1, 0], mu=0.1, name=f"g{i}") for i in range(129)
     ]
-    with pytest.raises(ValueError, match="at most 64 together"):
+    with pytest.raises(ValueError, match="at most 256 together"):
         block(*many)
 
 

@@ -12,7 +12,7 @@ from zivi.system.gap import Gap
 
 __all__ = ["MAX_SIZE", "check_mass", "coordinates_of", "gaps_of", "matrix_of", "names_of"]
 
-MAX_SIZE = 64
+MAX_SIZE = 256
 """Most coordinates, and most gaps with the channels of friction."""
 
 

@@ -35,8 +35,10 @@ pub(super) fn problem(
     right: impl Fn(&Kinetics, usize) -> f64,
 ) -> (Vec<f64>, Vec<f64>) {
     let mut matrix = Vec::with_capacity(set.len() * set.len());
-    for i in set.iter() {
-        matrix.extend(set.iter().map(|j| kinetics.coupling(i, j)));
+    let diagonal: Vec<f64> = set.iter().map(|i| kinetics.d(i, i)).collect();
+    for (i, of_i) in set.iter().zip(&diagonal) {
+        let beside = set.iter().zip(&diagonal);
+        matrix.extend(beside.map(|(j, of_j)| kinetics.coupling_beside(i, j, [*of_i, *of_j])));
     }
     (matrix, set.iter().map(|i| right(kinetics, i)).collect())
 }

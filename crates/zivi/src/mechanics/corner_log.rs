@@ -143,7 +143,7 @@ mod tests {
             Mark { hit, with, t: 2.0 - q - 0.2 * q * q, z: vec![1.0 + q - 0.5 * q * q] }
         };
         let marks: Vec<Mark> = (0..14).map(mark).collect();
-        assert_eq!(pattern(&marks, 2), Some((2, GapSet(3))));
+        assert_eq!(pattern(&marks, 2), Some((2, GapSet::of_bits(3))));
         assert_eq!(pattern(&marks[..6], 2), None);
         let found = landing(&marks, 2, &[1e-5, 1e-5]).unwrap();
         let errors = [(found.t - 2.0).abs(), (found.state()[0] - 1.0).abs()];

@@ -338,8 +338,8 @@ impl Impacts {
             let (x, v) = state.gap(j);
             let later = -x / v;
             let kinetics = state.parts().0;
-            let coupled = hit.iter().any(|i| kinetics.cosine(i, j).abs() > COUPLED);
-            if v < 0.0 && later <= near && coupled {
+            let mut coupled = || hit.iter().any(|i| kinetics.cosine(i, j).abs() > COUPLED);
+            if v < 0.0 && later <= near && coupled() {
                 let (kind, gaps) = (FlagKind::OrderUncertain, hit.with(GapSet::of(j)));
                 occurrences.push(Occurrence::Flag { kind, t, gaps, size: later });
             }

@@ -42,6 +42,9 @@ pub(super) struct Kinetics {
     gap_of: Vec<Option<usize>>,
     channel_of: Vec<Option<usize>>,
     values: Vec<f64>,
+    /// Where the gradients begin in them, and the curvatures.
+    gradient: usize,
+    curvature: usize,
     /// `L L^T = M`.
     factor: Factor,
     /// Whether `M` and the normals never change and are known.
@@ -50,12 +53,15 @@ pub(super) struct Kinetics {
     free: Vec<f64>,
     /// `b`, by row.
     b: Vec<f64>,
-    /// The rows `M^-1 n_i` of those in `known`.
+    /// The rows `M^-1 n_i`, and of which evaluation, counted by `evaluation`, they are.
     mobility: Vec<f64>,
-    known: GapSet,
+    known: Vec<u64>,
+    evaluation: u64,
     /// `D_CC` of some set, then its factor.
     small: Vec<f64>,
     right: Vec<f64>,
+    /// The rows of that set.
+    order: Vec<usize>,
     /// Contact forces by gap, zero where there is no contact, then those of friction by channel.
     pub(super) lambda: Vec<f64>,
     /// `q''`, then `g''` and `w'`, then with friction a place for its power.
@@ -105,14 +111,18 @@ impl Kinetics {
             gap_of,
             channel_of,
             values: zeros(layout.len()),
+            gradient: layout.gradient().start,
+            curvature: layout.curvature().start,
             factor: Factor::new(n),
             is_constant: false,
             free: zeros(n),
             b: zeros(rows),
             mobility: zeros(rows * n),
-            known: GapSet::EMPTY,
+            known: vec![0; rows],
+            evaluation: 0,
             small: zeros(rows * rows),
             right: zeros(rows),
+            order: Vec::with_capacity(rows),
             lambda: zeros(rows),
             acceleration: zeros(layout.size()),
             undetermined: None,
@@ -141,7 +151,7 @@ impl Kinetics {
             if !self.factor.is_of(mass) && !self.factor.renew(mass, is_symmetric(mass, layout.n)) {
                 return Err(Failure::Status(Status::MassNotDefinite));
             }
-            self.known = GapSet::EMPTY;
+            self.evaluation += 1;
             self.is_constant = model.dynamics.linear().is_some();
         }
         self.free.copy_from_slice(&self.values[layout.force()]);
@@ -177,7 +187,7 @@ impl Kinetics {
     /// `n_i`.
     pub(super) fn normal(&self, i: usize) -> &[f64] {
         let n = self.layout.n;
-        &self.values[self.layout.gradient()][i * n..][..n]
+        &self.values[self.gradient + i * n..][..n]
     }
 
     /// The row of a channel.
@@ -210,7 +220,7 @@ impl Kinetics {
 
     /// `h_i`.
     pub(super) fn curvature(&self, i: usize) -> f64 {
-        self.values[self.layout.curvature()][i]
+        self.values[self.curvature + i]
     }
 
     /// `g_i' = n_i . w + g_t`.
@@ -252,29 +262,47 @@ impl Kinetics {
     }
 
     /// `M^-1 n_i`.
+    #[inline]
     pub(super) fn mobility(&mut self, i: usize) -> &[f64] {
-        let n = self.layout.n;
-        if !self.known.has(i) {
-            let gradient = self.layout.gradient().start + i * n;
-            let row = &mut self.mobility[i * n..][..n];
-            row.copy_from_slice(&self.values[gradient..][..n]);
-            self.factor.solve(row);
-            self.known = self.known.with(GapSet::of(i));
+        if self.known[i] != self.evaluation {
+            self.find_mobility(i);
         }
+        self.known_mobility(i)
+    }
+
+    fn find_mobility(&mut self, i: usize) {
+        let n = self.layout.n;
+        let row = &mut self.mobility[i * n..][..n];
+        row.copy_from_slice(&self.values[self.gradient + i * n..][..n]);
+        self.factor.solve(row);
+        self.known[i] = self.evaluation;
+    }
+
+    fn known_mobility(&self, i: usize) -> &[f64] {
+        let n = self.layout.n;
         &self.mobility[i * n..][..n]
     }
 
     /// `D_ij`.
+    #[inline]
     pub(super) fn d(&mut self, i: usize, j: usize) -> f64 {
         self.mobility(j);
-        let n = self.layout.n;
-        dot(self.normal(i), &self.mobility[j * n..][..n])
+        dot(self.normal(i), self.known_mobility(j))
     }
 
     /// `D_ij`, zero where the gaps are orthogonal to rounding.
     pub(super) fn coupling(&mut self, i: usize, j: usize) -> f64 {
-        let (d, size) = (self.d(i, j), (self.d(i, i) * self.d(j, j)).sqrt());
-        if i != j && d.abs() < ORTHOGONAL * size {
+        let diagonal = [self.d(i, i), self.d(j, j)];
+        self.coupling_beside(i, j, diagonal)
+    }
+
+    /// The same beside `D_ii` and `D_jj`.
+    pub(super) fn coupling_beside(&mut self, i: usize, j: usize, [of_i, of_j]: [f64; 2]) -> f64 {
+        if i == j {
+            return of_i;
+        }
+        let d = self.d(i, j);
+        if d.abs() < ORTHOGONAL * (of_i * of_j).sqrt() {
             0.0
         } else {
             d
@@ -305,10 +333,15 @@ impl Kinetics {
         set: GapSet,
         right: impl Fn(&Self, usize) -> f64,
     ) -> Result<(), Undetermined> {
-        let k = set.len();
-        for (row, i) in set.iter().enumerate() {
-            for (column, j) in set.iter().enumerate().take(row + 1) {
-                self.small[row * k + column] = self.d(i, j);
+        self.order.clear();
+        self.order.extend(set.iter());
+        let k = self.order.len();
+        for row in 0..k {
+            let i = self.order[row];
+            self.mobility(i);
+            for column in 0..=row {
+                let j = self.order[column];
+                self.small[row * k + column] = dot(self.normal(i), self.known_mobility(j));
             }
             self.right[row] = right(self, i);
         }
@@ -392,8 +425,8 @@ impl Kinetics {
 
     /// Accelerations and forces with the contacts `C`, equations (2).
     pub(super) fn contact(&mut self, mode: impl Into<ContactMode>) -> Result<(), Undetermined> {
-        let (mode, Layout { n, m, .. }) = (mode.into(), self.layout);
-        if !mode.is_frictionless() {
+        let (mode, Layout { n, m, p }) = (mode.into(), self.layout);
+        if p > 0 && !mode.is_frictionless() {
             return self.frictional_contact(mode);
         }
         let set = mode.closed;
@@ -422,11 +455,11 @@ impl Kinetics {
             let (mobility, acceleration) = (&self.mobility[i * n..][..n], &mut self.acceleration);
             axpy(&mut acceleration[..n], self.lambda[i], mobility);
         }
-        let gradients = &self.values[self.layout.gradient()];
+        let (gradients, curvatures) =
+            (&self.values[self.gradient..], &self.values[self.curvature..]);
         let (motion, gaps) = self.acceleration.split_at_mut(n);
         for k in 0..self.b.len() {
-            gaps[k] =
-                dot(&gradients[k * n..][..n], motion) + self.values[self.layout.curvature()][k];
+            gaps[k] = dot(&gradients[k * n..][..n], motion) + curvatures[k];
         }
     }
 
@@ -471,8 +504,29 @@ impl<E> From<Undetermined> for Failure<E> {
     }
 }
 
+/// Products of so many entries are summed up by lanes, at once.
+const MANY: usize = 32;
+const LANES: usize = 4;
+
+#[inline]
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    x.iter().zip(y).map(|(x, y)| x * y).sum()
+    if x.len() < MANY {
+        return x.iter().zip(y).map(|(x, y)| x * y).sum();
+    }
+    dot_by_lanes(x, y)
+}
+
+#[inline(never)]
+fn dot_by_lanes(x: &[f64], y: &[f64]) -> f64 {
+    let (x, y) = (x.chunks_exact(LANES), y.chunks_exact(LANES));
+    let rest = x.remainder().iter().zip(y.remainder()).map(|(x, y)| x * y).sum::<f64>();
+    let mut lanes = [0.0; LANES];
+    for (x, y) in x.zip(y) {
+        for k in 0..LANES {
+            lanes[k] += x[k] * y[k];
+        }
+    }
+    lanes.iter().sum::<f64>() + rest
 }
 
 pub(super) fn axpy(y: &mut [f64], a: f64, x: &[f64]) {

@@ -2,7 +2,8 @@
 //!
 //! `D` is symmetric positive definite: there is one solution; if it is singular, `D z + q` is the same for
 //! all of them. Few gaps: every pattern of positive
-//! unknowns, the one that fits best. More: the solver of `zivi_core::vi`.
+//! unknowns, the one that fits best. More: patterns that exchange all unknowns of the wrong sign at once,
+//! and where these do not end the solver of `zivi_core::vi`.
 
 use zivi_core::vi::{self, Affine, Settings, Workspace};
 
@@ -23,12 +24,15 @@ pub(super) struct Solution {
     pub(super) positive: GapSet,
 }
 
+/// Most exchanges of unknowns.
+const EXCHANGES: usize = 20;
+
 /// Solves the problem with `D` row by row; `None` if that fails.
 pub(super) fn solve(d: &[f64], q: &[f64]) -> Option<Solution> {
     if q.len() <= FEW {
         by_patterns(d, q)
     } else {
-        by_pivots(d, q)
+        by_exchanges(d, q).or_else(|| by_pivots(d, q))
     }
 }
 
@@ -36,7 +40,7 @@ fn by_patterns(d: &[f64], q: &[f64]) -> Option<Solution> {
     let k = q.len();
     let mut best: Option<(f64, Solution)> = None;
     for pattern in 0..1u64 << k {
-        let positive = GapSet(pattern);
+        let positive = GapSet::of_bits(pattern);
         let Some(z) = on_pattern(d, q, positive) else { continue };
         let worst = violation(d, q, &z, positive);
         if best.as_ref().is_none_or(|(least, _)| worst < *least) {
@@ -83,6 +87,23 @@ fn violation(d: &[f64], q: &[f64], z: &[f64], positive: GapSet) -> f64 {
         }
     }
     worst
+}
+
+/// `z` is positive where the last pattern had it so, or `D z + q` negative.
+fn by_exchanges(d: &[f64], q: &[f64]) -> Option<Solution> {
+    let k = q.len();
+    let mut positive: GapSet = (0..k).filter(|&i| q[i] < 0.0).collect();
+    for _ in 0..EXCHANGES {
+        let z = on_pattern(d, q, positive)?;
+        let row = |i: usize| positive.iter().map(|j| d[i * k + j] * z[j]).sum::<f64>() + q[i];
+        let keeps = |&i: &usize| if positive.has(i) { z[i] > 0.0 } else { row(i) < 0.0 };
+        let next: GapSet = (0..k).filter(keeps).collect();
+        if next == positive {
+            return (violation(d, q, &z, positive) <= MISFIT).then_some(Solution { z, positive });
+        }
+        positive = next;
+    }
+    None
 }
 
 fn by_pivots(d: &[f64], q: &[f64]) -> Option<Solution> {
@@ -141,6 +162,8 @@ mod tests {
                 let (one, two) = (by_patterns(&d, &q).unwrap(), by_pivots(&d, &q).unwrap());
                 assert!(residual(&d, &q, &one.z) < 1e-12 && residual(&d, &q, &two.z) < 1e-12);
                 assert_eq!(one.positive, two.positive, "{k} {case}");
+                let exchanged = by_exchanges(&d, &q);
+                assert!(exchanged.is_none_or(|it| it == one), "{k} {case}");
                 // of speeds near the end of an accumulation, too
                 let slow: Vec<f64> = q.iter().map(|q| 1e-15 * q).collect();
                 let three = by_pivots(&d, &slow).unwrap();
@@ -148,5 +171,26 @@ mod tests {
                 assert_eq!(one.positive, three.positive, "{k} {case}");
             }
         }
+    }
+    #[test]
+    fn many_unknowns_are_exchanged_at_once() {
+        let wave = |i: usize, s: f64| ((i as f64 + 1.0) * s).sin();
+        let (mut ended, k) = (0, 60);
+        for case in 0..20 {
+            let b: Vec<f64> = (0..k * k).map(|i| wave(i, 1.3 + f64::from(case) * 0.77)).collect();
+            let entry = |ij: usize| {
+                let (i, j) = (ij / k, ij % k);
+                let sum: f64 = (0..k).map(|l| b[i * k + l] * b[j * k + l]).sum();
+                sum + if i == j { 3.0 } else { 0.0 }
+            };
+            let d: Vec<f64> = (0..k * k).map(entry).collect();
+            let q: Vec<f64> = (0..k).map(|i| wave(i, 2.9 + f64::from(case))).collect();
+            let (one, two) = (by_exchanges(&d, &q), by_pivots(&d, &q).unwrap());
+            ended += usize::from(one.is_some());
+            if let Some(one) = one {
+                assert!(residual(&d, &q, &one.z) < 1e-11 && one == two, "{case}");
+            }
+        }
+        assert!(ended > 15, "{ended}");
     }
 }

@@ -98,10 +98,10 @@ pub(super) fn check_sizes(
     w: &[f64],
 ) -> Result<(), SetupError> {
     if n == 0 || n > MOST {
-        return Err(SetupError::Count("n", n, "from 1 to 64"));
+        return Err(SetupError::Count("n", n, "from 1 to 256"));
     }
     if m + p > MOST {
-        return Err(SetupError::Count("m", m + p, "at most 64, with the channels of friction"));
+        return Err(SetupError::Count("m", m + p, "at most 256, with the channels of friction"));
     }
     for (name, given, wanted) in [("e", e.len(), m), ("q0", q.len(), n), ("qdot0", w.len(), n)] {
         if given != wanted {

@@ -8,7 +8,7 @@
 //! arcs     [ start, end, whether a tail follows,  the tail,  8 numbers of each component ]
 //! ```
 //!
-//! mode     [ closed, slipping up, slipping down, sticking (two halves each) ]
+//! mode     [ closed, slipping up, slipping down, sticking (numbers of 32 gaps each, two at least) ]
 //!
 //! Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
 
@@ -21,26 +21,17 @@ use crate::record::stored::{as_count, Kind as Stored, MotionError, Reader, Write
 use crate::system::dynamics::{Layout, MOST};
 use crate::zeno::tail::Tail;
 
-/// A set as two numbers that hold 32 gaps each exactly.
-fn halves(set: GapSet) -> [f64; 2] {
-    [(set.0 & 0xffff_ffff) as f64, (set.0 >> 32) as f64]
-}
-
-fn set_of(low: f64, high: f64) -> Option<GapSet> {
-    let half = |value: f64| as_count(value).filter(|&bits| bits <= 0xffff_ffff);
-    Some(GapSet(half(low)? as u64 | (half(high)? as u64) << 32))
-}
-
-fn numbers_of(mode: ContactMode) -> [f64; 8] {
+fn numbers_of(mode: ContactMode, rows: usize) -> impl Iterator<Item = f64> {
     let ContactMode { closed, slip_plus, slip_minus, stick } = mode;
-    let [[a, b], [c, d], [e, f], [g, h]] = [closed, slip_plus, slip_minus, stick].map(halves);
-    [a, b, c, d, e, f, g, h]
+    [closed, slip_plus, slip_minus, stick].into_iter().flat_map(move |set| set.halves(rows))
 }
 
-fn read_mode(from: &mut Reader<'_>, without_friction: bool) -> Option<ContactMode> {
+fn read_mode(from: &mut Reader<'_>, rows: usize, without_friction: bool) -> Option<ContactMode> {
+    let half = |&value: &f64| as_count(value).and_then(|bits| u32::try_from(bits).ok());
     let mut set = || {
-        let [low, high] = from.row()?;
-        set_of(low, high)
+        let halves = from.take(GapSet::n_halves(rows))?;
+        let halves: Option<Vec<u32>> = halves.iter().map(half).collect();
+        halves.map(|halves| GapSet::of_halves(&halves))
     };
     let closed = set()?;
     if without_friction {
@@ -61,7 +52,7 @@ impl MechanicalPath {
         }
         for Segment { start, mode, kind } in &self.segments {
             out.number(*start);
-            out.numbers(&numbers_of(*mode));
+            out.numbers(&numbers_of(*mode, m + p).collect::<Vec<_>>());
             out.numbers(&match *kind {
                 Kind::Motion { first, degree, h } => [0.0, first as f64, degree as f64, h],
                 Kind::Skipped(number) => [1.0, number as f64, 0.0, 0.0],
@@ -76,7 +67,7 @@ impl MechanicalPath {
         }
         if let Some((t, point)) = &self.end {
             out.number(*t);
-            out.numbers(&numbers_of(point.mode));
+            out.numbers(&numbers_of(point.mode, m + p).collect::<Vec<_>>());
             out.numbers(point.x.iter().chain(&point.v));
         }
         out.finish()
@@ -104,7 +95,7 @@ impl MechanicalPath {
         let mut path = Self::new(layout);
         for _ in 0..segments {
             let [start] = from.row()?;
-            let mode = read_mode(from, old)?;
+            let mode = read_mode(from, m + p, old)?;
             path.segments.push(segment_of(
                 (start, mode),
                 from.row()?,
@@ -124,7 +115,7 @@ impl MechanicalPath {
         }
         if !from.is_empty() {
             let [t] = from.row()?;
-            let mode = read_mode(from, old)?;
+            let mode = read_mode(from, m + p, old)?;
             let (x, v) = (from.take(size)?.to_vec(), from.take(size)?.to_vec());
             path.end = Some((t, MotionPoint { x, v, mode }));
         }

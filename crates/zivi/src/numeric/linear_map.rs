@@ -57,6 +57,12 @@ impl LinearMap {
         Self { diagonals, full, entries }
     }
 
+    /// How many numbers it consists of.
+    pub(crate) fn len(&self) -> usize {
+        let diagonals = self.diagonals.iter().map(|diagonal| diagonal.entries.len());
+        self.entries.len() + diagonals.sum::<usize>()
+    }
+
     /// Adds the product with a vector.
     #[inline]
     pub(crate) fn add(&self, x: &[f64], out: &mut [f64]) {

@@ -16,7 +16,7 @@ use crate::{Monitor, Status};
 pub(crate) enum Ending<E, P> {
     Failed(Failure<E>),
     /// An event of the user ends it.
-    Event(LocatedEvent<P>),
+    Event(Box<LocatedEvent<P>>),
 }
 
 impl<E, P> From<Failure<E>> for Ending<E, P> {
@@ -193,7 +193,8 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         match ending {
             Ending::Failed(Failure::Status(status)) => (status, None),
             Ending::Failed(Failure::Raised(error)) => (Status::Raised, Some(error)),
-            Ending::Event(LocatedEvent { t, at }) => {
+            Ending::Event(hit) => {
+                let LocatedEvent { t, at } = *hit;
                 self.end = (t, at);
                 (Status::TerminatedByEvent, None)
             }
@@ -207,7 +208,7 @@ pub(crate) fn unless_terminal<E, P>(
 ) -> Result<(), Ending<E, P>> {
     match found {
         Ok(None) => Ok(()),
-        Ok(Some(hit)) => Err(Ending::Event(hit)),
+        Ok(Some(hit)) => Err(Ending::Event(Box::new(hit))),
         Err(error) => Err(Ending::Failed(Failure::Raised(error))),
     }
 }

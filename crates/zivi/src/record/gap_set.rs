@@ -1,64 +1,141 @@
 //! Sets of gaps.
 
-/// Some of the gaps of a system, at most 64.
+/// Words of 64 gaps.
+const WORDS: usize = 4;
+
+/// Some of the gaps of a system, at most [`GapSet::MOST`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct GapSet(pub(crate) u64);
+pub struct GapSet([u64; WORDS]);
 
 impl GapSet {
     /// No gap.
-    pub const EMPTY: Self = Self(0);
+    pub const EMPTY: Self = Self([0; WORDS]);
+
+    /// Most gaps.
+    pub const MOST: usize = 64 * WORDS;
 
     /// One gap.
     #[must_use]
     pub fn of(gap: usize) -> Self {
-        Self(1 << gap)
+        let mut words = [0; WORDS];
+        words[gap / 64] = 1 << (gap % 64);
+        Self(words)
+    }
+
+    /// Those of the first 64 gaps whose bits are set.
+    #[must_use]
+    pub fn of_bits(bits: u64) -> Self {
+        let mut words = [0; WORDS];
+        words[0] = bits;
+        Self(words)
     }
 
     /// Whether the gap is one of them.
     #[must_use]
     pub fn has(self, gap: usize) -> bool {
-        self.0 >> gap & 1 == 1
+        self.0[gap / 64] >> (gap % 64) & 1 == 1
     }
 
     /// Whether there is none.
     #[must_use]
     pub fn is_empty(self) -> bool {
-        self.0 == 0
+        self.0.iter().fold(0, |all, word| all | word) == 0
     }
 
     /// How many there are.
     #[must_use]
     pub fn len(self) -> usize {
-        self.0.count_ones() as usize
+        self.0.iter().map(|word| word.count_ones() as usize).sum()
     }
 
     /// With those of the other set.
     #[must_use]
     pub fn with(self, other: Self) -> Self {
-        Self(self.0 | other.0)
+        Self(std::array::from_fn(|k| self.0[k] | other.0[k]))
     }
 
     /// Without those of the other set.
     #[must_use]
     pub fn without(self, other: Self) -> Self {
-        Self(self.0 & !other.0)
+        Self(std::array::from_fn(|k| self.0[k] & !other.0[k]))
     }
 
     /// The gaps, ascending.
     pub fn iter(self) -> impl Iterator<Item = usize> + Clone {
-        let mut left = self.0;
+        let more = self.0[1..].iter().fold(0, |all, word| all | word) != 0;
+        let (mut word, mut left) = (0, self.0[0]);
         std::iter::from_fn(move || {
-            let gap = left.trailing_zeros() as usize;
-            (left != 0).then(|| {
-                left &= left - 1;
-                gap
-            })
+            while left == 0 {
+                if !more {
+                    return None;
+                }
+                word += 1;
+                left = *self.0.get(word)?;
+            }
+            let gap = 64 * word + left.trailing_zeros() as usize;
+            left &= left - 1;
+            Some(gap)
         })
+    }
+
+    /// Numbers that hold 32 gaps each exactly: those of the first `count` gaps.
+    pub(crate) fn halves(self, count: usize) -> impl Iterator<Item = f64> {
+        let half = move |k: usize| self.0[k / 2] >> (32 * (k % 2)) & 0xffff_ffff;
+        (0..Self::n_halves(count)).map(move |k| half(k) as f64)
+    }
+
+    /// How many these are: two at least.
+    pub(crate) fn n_halves(count: usize) -> usize {
+        count.div_ceil(32).max(2)
+    }
+
+    /// The set of some halves, each below 2^32.
+    pub(crate) fn of_halves(halves: &[u32]) -> Self {
+        let mut words = [0; WORDS];
+        for (k, &half) in halves.iter().enumerate() {
+            words[k / 2] |= u64::from(half) << (32 * (k % 2));
+        }
+        Self(words)
     }
 }
 
 impl FromIterator<usize> for GapSet {
     fn from_iter<I: IntoIterator<Item = usize>>(gaps: I) -> Self {
-        gaps.into_iter().fold(Self::EMPTY, |set, gap| set.with(Self::of(gap)))
+        gaps.into_iter().fold(Self::EMPTY, |mut set, gap| {
+            set.0[gap / 64] |= 1 << (gap % 64);
+            set
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn it_is_a_set() {
+        let mut seed = 1_u64;
+        let mut draw = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 33) as usize % GapSet::MOST
+        };
+        for size in [0, 1, 3, 60, 200] {
+            let (a, b): (BTreeSet<_>, BTreeSet<_>) = (0..size).map(|_| (draw(), draw())).unzip();
+            let set = |of: &BTreeSet<usize>| of.iter().copied().collect::<GapSet>();
+            let back = |of: GapSet| of.iter().collect::<BTreeSet<_>>();
+            let (x, y) = (set(&a), set(&b));
+            assert_eq!(back(x), a);
+            assert!(x.iter().is_sorted());
+            assert_eq!((x.len(), x.is_empty()), (a.len(), a.is_empty()));
+            assert_eq!(back(x.with(y)), &a | &b);
+            assert_eq!(back(x.without(y)), &a - &b);
+            assert!((0..GapSet::MOST).all(|gap| x.has(gap) == a.contains(&gap)));
+            assert!(a.iter().all(|&gap| back(GapSet::of(gap)).iter().eq([&gap])));
+            let halves: Vec<u32> = x.halves(GapSet::MOST).map(|half| half as u32).collect();
+            assert_eq!(GapSet::of_halves(&halves), x);
+        }
+        assert!(GapSet::of_bits(5).iter().eq([0, 2]));
     }
 }

@@ -12,12 +12,13 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use crate::record::gap_set::GapSet;
 use crate::system::linear_system::LinearSystem;
 
 use super::friction::Friction;
 
-/// Most coordinates, and most gaps.
-pub const MOST: usize = 64;
+/// Most coordinates, and most gaps with the channels of friction.
+pub const MOST: usize = GapSet::MOST;
 
 /// Where what belongs to `M`, `F`, `g`, `(N, B)`, `(h, k)`, `(g_t, beta)`, the limits of friction and
 /// those of sticking lies in the numbers of an evaluation, in this order, matrices row by row.

@@ -38,7 +38,7 @@ impl Kinetics {
             let (limit, noise) = (Limit::Force(gap), self.noise(gap) / self.d(gap, gap));
             all.push(Level { limit, value: self.lambda[gap], noise });
         }
-        if mode.is_frictionless() && self.undetermined.is_none() {
+        if (self.layout.p == 0 || mode.is_frictionless()) && self.undetermined.is_none() {
             return all;
         }
         for channel in mode.stick.iter() {

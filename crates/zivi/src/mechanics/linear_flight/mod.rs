@@ -35,6 +35,8 @@ const TOGETHER: f64 = 1e-13;
 const ULPS: f64 = 4.0 * f64::EPSILON;
 /// Rounding of an acceleration or a force, relative to its terms.
 const NOISE: f64 = 256.0 * f64::EPSILON;
+/// What is known of so many numbers, of the last sets of closed gaps, is kept.
+const KEPT: usize = 1 << 23;
 /// Closed gaps that are so far from zero, relative to their terms, are closed anew.
 const DRIFT: f64 = 64.0 * f64::EPSILON;
 
@@ -115,6 +117,9 @@ impl LinearFlight {
         for _ in 0..HALVINGS {
             if let Some(new) = Propagation::new(&self.free, set, self.h)? {
                 let new = Arc::new(new);
+                if self.known.len() * new.len() > KEPT {
+                    self.known.remove(0);
+                }
                 self.known.push((set, new.clone()));
                 return Ok(new);
             }

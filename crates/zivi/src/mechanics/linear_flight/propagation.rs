@@ -243,6 +243,12 @@ impl Propagation {
         }))
     }
 
+    /// How many numbers it consists of.
+    pub(super) fn len(&self) -> usize {
+        let gaps = self.gaps.iter().map(|Functional(map)| map.len());
+        self.acceleration.len() + self.step.len() + gaps.sum::<usize>()
+    }
+
     /// `(q, h q')` after a whole step from `y`.
     pub(super) fn whole(&self, y: &[f64], out: &mut [f64]) {
         out.fill(0.0);
