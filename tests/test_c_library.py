@@ -293,7 +293,7 @@ def test_the_mass_has_the_bits_of_simulate(compiled: ctypes.CDLL, wall: dict[str
 def test_a_predictor_before_a_tracker_has_the_bits_of_python(
     compiled: ctypes.CDLL, delay: int
 ) -> None:
-    """A mass that bounces, clamped and refused samples among them; the controls that wait act later."""
+    """A mass that bounces, clamped and refused samples among them; controls that wait act later."""
     settings = {"mu1": 30.0, "mu2": 17.0, "h": 1e-3, "kappa": 0.41}
     ours = zivi.TwistingTracker(**settings, delay=delay)
     it = initialised(compiled, "tracker", **settings)

@@ -1,6 +1,8 @@
 """The pages as a whole: code that runs, statuses that exist, how much is said, and what twice."""
 
+import importlib
 import re
+import tomllib
 from pathlib import Path
 
 import matplotlib.pyplot
@@ -153,6 +155,32 @@ def test_results_are_listed_where_they_are_written():
             assert all((DOCS.parent / it).exists() for it in commands), name
         else:
             assert f'"{name}.md"' in written or f"results/{name}.md" in makefile, name
+
+
+def test_extras_and_commands_are_named():
+    package = tomllib.loads((DOCS.parent / "pyproject.toml").read_text())
+    extras = set(package["project"]["optional-dependencies"])
+    assert extras == set(re.findall(r"`(\w+)`", page_of_extras()))
+    typer = pytest.importorskip("typer")
+    cli = importlib.import_module("zivi.cli")
+    commands = set(typer.main.get_command(cli.app).commands)
+    told = (DOCS / "command_line.md").read_text()
+    assert commands == set(re.findall(r"^\| `zivi (\w+)", told, re.MULTILINE))
+    # nothing on any page names an extra or a command that there is not
+    for path in [*DOCS.glob("*.md"), DOCS.parent / "README.md"]:
+        text = path.read_text()
+        for names in re.findall(r"pip install '?zivi\[([\w,]+)\]", text):
+            assert set(names.split(",")) <= extras, path.name
+        shell = "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL))
+        assert set(re.findall(r"^zivi (\w+)", shell, re.MULTILINE)) <= commands, path.name
+
+
+def page_of_extras():
+    """First column of the table of extras, and the sentence on those of developers."""
+    text = (DOCS / "install.md").read_text()
+    table = re.findall(r"^\| (`\w+`) \|", text, re.MULTILINE)
+    developers = re.search(r"The extras (.*?) are for work", " ".join(text.split()))
+    return " ".join([*table, developers[1]])
 
 
 def test_every_page_is_in_a_toctree():

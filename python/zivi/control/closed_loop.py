@@ -232,8 +232,8 @@ def simulate_closed_loop(
         Resolution of the measured position (m) and velocity (m/s); 0 is exact.
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0; until then 0 acts.
-        Zivi's controllers should be told: with ``delay=`` they predict the state; ``ahead=1 + delay``
-        has a landing alone wait for it.
+        Zivi's controllers should be told: with ``delay=`` they predict the state; with
+        ``ahead=1 + delay`` a landing alone waits for it.
     observer : ImpactObserver or JointObserver, optional
         What the controller is told instead of the measurement: the position and velocity that the
         observer estimates, and its unknown force as a part of the model's. A copy runs, from where
