@@ -14,6 +14,7 @@ from hypothesis import given, settings
 import zivi
 from zivi import plot
 from zivi.lab.animation import film
+from zivi.lab.belt import FAR, BeltRun
 from zivi.lab.decimate import thinned
 from zivi.lab.facts import facts, warnings
 from zivi.lab.link import query, settings_of
@@ -22,7 +23,7 @@ from zivi.lab.presets import PRESETS
 from zivi.lab.ranges import ranges
 from zivi.lab.runs import compute
 from zivi.lab.script import script
-from zivi.lab.settings import Ball, Regulator, Tracker
+from zivi.lab.settings import Ball, Belt, Regulator, Tracker
 
 CASES = {
     "ball": Ball(),
@@ -36,12 +37,17 @@ CASES = {
     "tracker, without landing": Tracker(landing=False, delay=1),
     "tracker, observed": Tracker(observer=True, position_only=True, amplitude=2.0, noise_x=1e-3),
     "tracker, drawn": Tracker(drawn=True, delay=1, t_end=1.234),
+    "belt": Belt(),
+    "belt, a brake": Belt(speed=0.0, extra=0.0, limit=0.3, x0=2.0, xdot0=0.0, h=5e-3, t_end=10.0),
     "regulator, observed": Regulator(observer=True, amplitude=0.3, omega=4.5, landing=False),
 }
 SAMPLED = ("t", "x", "xdot")
 
 
 def same(run, other):
+    if isinstance(other, BeltRun):
+        mine = run.x - FAR if hasattr(run, "x") else run.q[:, 0]
+        return np.array_equal(mine, other.x) and np.array_equal(run.t, other.t)
     both = [(getattr(run, name), getattr(other, name)) for name in SAMPLED]
     if isinstance(run, zivi.ClosedLoop):
         both += [(run.u, other.u), (run.signs, other.signs)]
@@ -60,9 +66,10 @@ def test_the_script_gives_the_runs_on_the_screen(case, capsys):
     assert made["figure"].axes
 
 
-@pytest.mark.parametrize("kind", [Ball, Regulator, Tracker])
+@pytest.mark.parametrize("kind", [Ball, Belt, Regulator, Tracker])
 def test_the_script_knows_every_setting(kind):
-    starts = [kind()] if kind is Ball else [kind(amplitude=1.0, observer=True)]
+    plain = kind in (Ball, Belt)
+    starts = [kind()] if plain else [kind(amplitude=1.0, observer=True)]
     starts += [Tracker(drawn=True)] if kind is Tracker else []
     for field in dataclasses.fields(kind):
         changed = [dataclasses.replace(it, **{field.name: _other(it, field)}) for it in starts]
@@ -213,6 +220,9 @@ def test_facts_are_those_of_the_runs(case):
     rows = facts(runs)
     assert [row[""] for row in rows][:2] == ["implicit signs", "explicit signs"]
     for row, run in zip(rows, runs.values(), strict=True):
+        if isinstance(run, BeltRun):
+            assert row["sticks"] == f"{run.stuck:.1%} of the time"
+            continue
         rest = "no" if run.rest_time is None else f"from {run.rest_time:.6g} s"
         assert row["at rest at the end"] == rest
     assert facts(runs, (0.5, 0.5))
@@ -271,7 +281,8 @@ class TestFigure:
         assert len(drawn.data) == len(lines)
         assert all(0 < len(line.x) == len(line.y) <= 1000 for line in lines)
         by_panel = {line.panel for line in lines}
-        assert {"position", "velocity", "phase", "signs"} <= by_panel
+        last = "slip" if isinstance(given, Belt) else "signs"
+        assert {"position", "velocity", "phase", last} <= by_panel
         assert ("control" in by_panel) == isinstance(runs["implicit"], zivi.ClosedLoop)
         titles = [drawn.layout[f"yaxis{k}"].title.text for k in range(1, len(by_panel) + 1)]
         assert len(set(titles)) >= len(by_panel) - 1  # that of the phase plane is the velocity's
@@ -366,3 +377,45 @@ def test_every_setting_has_a_control_that_can_take_the_presets(kind):
     for preset in PRESETS[kind].values():
         assert chosen(kind, panel(preset, lambda _: None)) == preset
         assert settings_of(dict(parse_qsl(query(preset)[1:]))) == preset
+
+
+class TestBelt:
+    def test_the_mass_leaves_the_belt_when_the_spring_pulls_as_hard_as_it_holds(self):
+        # limit + extra = stiffness x, with the speed of the belt
+        for speed, leaves in ((0.2, 6.0), (0.4, 3.0)):
+            runs = compute(Belt(speed=speed, xdot0=speed, h=1e-3))
+            for name, within in (("implicit", 2e-2), ("high_order", 1e-9)):
+                sticks = runs[name].run.stick
+                assert sticks["t_end"][0] == pytest.approx(leaves, abs=within)
+
+    def test_what_is_shown_of_a_run_is_that_of_the_run(self):
+        given = Belt(damping=0.1, x0=0.5, xdot0=-1.0)
+        runs = compute(given)
+        for run in runs.values():
+            np.testing.assert_allclose(run.slip, run.xdot - given.speed, atol=1e-13)
+            assert np.abs(run.friction).max() <= given.limit + given.extra + 1e-12
+            assert (run.sticks == (run.slip == 0.0)).all() or run is runs["explicit"]
+        # x'' = -k x - c x' + friction, by differences where nothing sticks or turns
+        line = runs["explicit"]
+        slopes = np.diff(line.xdot) / given.h
+        smooth = -given.stiffness * line.x - given.damping * line.xdot + line.friction
+        clear = np.abs(line.slip[:-1]) > 1e-9  # else rounding decides the sign
+        assert np.abs(slopes - smooth[:-1])[clear].max() < 1e-9
+
+    def test_the_explicit_sign_never_sticks(self):
+        runs = compute(Belt())
+        said = sentence(runs)
+        jumps = np.count_nonzero(np.diff(runs["explicit"].friction))
+        assert f"its force jumps {jumps} times" in said
+        assert jumps > 100
+        share = runs["high_order"].stuck
+        assert f"SwitchedRK {share:.1%}" in said
+        assert abs(runs["implicit"].stuck - share) < 0.01
+        assert [row["caught"] for row in facts(runs)][1] == "0 times"
+
+    def test_a_brake_stops_the_mass_for_good(self):
+        runs = compute(PRESETS[Belt]["a brake"])
+        for name in ("implicit", "high_order"):
+            assert runs[name].sticks[-1]
+            assert runs[name].xdot[-1] == 0.0
+        assert "never sticks" in sentence(runs)

@@ -118,9 +118,14 @@ def lab(served):
     assert served.elsewhere == []
 
 
-def test_it_loads_with_three_tabs_and_draws_the_defaults(lab):
+def test_it_loads_with_its_tabs_and_draws_the_defaults(lab):
     assert lab.page.title() == "zivi lab"
-    assert lab.page.get_by_role("tab").all_text_contents() == ["Ball", "Regulator", "Tracker"]
+    assert lab.page.get_by_role("tab").all_text_contents() == [
+        "Ball",
+        "Regulator",
+        "Tracker",
+        "Belt",
+    ]
     for tab, kind in {"Regulator": Regulator, "Tracker": Tracker, "Ball": Ball}.items():
         lab.choose(tab)
         soon(lab.shows, kind())

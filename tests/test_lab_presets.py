@@ -12,7 +12,7 @@ from zivi.lab.link import query, settings_of
 from zivi.lab.messages import sentence
 from zivi.lab.presets import PRESETS
 from zivi.lab.runs import compute
-from zivi.lab.settings import Ball, Regulator, Tracker
+from zivi.lab.settings import Ball, Belt, Regulator, Tracker
 
 EVERY = [(kind, name) for kind, presets in PRESETS.items() for name in presets]
 
@@ -30,7 +30,8 @@ def test_every_preset_runs_to_its_end(kind, name):
 
 @pytest.mark.parametrize("kind", PRESETS)
 def test_there_are_the_presets_that_were_promised(kind):
-    wanted = {"the paper", "chattering"} | ({"noise"} if kind is not Ball else set())
+    wanted = {"first look", "chattering"} | ({"the paper"} if kind is not Belt else set())
+    wanted |= {"noise"} if kind in (Regulator, Tracker) else set()
     assert wanted <= set(PRESETS[kind])
 
 

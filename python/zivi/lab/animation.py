@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import html
+from typing import Any
 
 import numpy as np
 
 from zivi.base.check import Array
 from zivi.control.closed_loop import ClosedLoop
+from zivi.lab.belt import BeltRun
 from zivi.lab.facts import NAMES
 from zivi.lab.figures import COLORS
 from zivi.lab.runs import Runs
@@ -21,6 +23,8 @@ MOST = 800
 """Positions of a mass at most."""
 HEIGHT, FLOOR, RADIUS, LANE = 240.0, 200.0, 9.0, 105.0
 """Height of the picture, of the wall in it, radius of a mass and width for each (px)."""
+WIDE = 420.0
+"""Width of a belt (px)."""
 
 
 def film(runs: Runs) -> str:
@@ -38,7 +42,9 @@ def film(runs: Runs) -> str:
     """
     end = max(float(run.t[-1]) for run in runs.values())
     times = np.linspace(0.0, end, min(max(int(A_SECOND * end), 2), MOST))
-    lanes = _positions(runs, times)
+    if isinstance(runs["implicit"], BeltRun):
+        return _belts(runs, times)
+    lanes = _positions({**runs}, times)
     top = max(1e-12, *(float(x.max()) for x in lanes.values()))
     width = LANE * len(lanes)
     drawn = [
@@ -54,7 +60,32 @@ def film(runs: Runs) -> str:
     )
 
 
-def _positions(runs: Runs, times: Array) -> dict[str, Array]:
+def _belts(runs: dict[str, Any], times: Array) -> str:
+    """Draw masses on belts below each other."""
+    end, rows = float(times[-1]), len(runs)
+    places = {name: np.interp(times, run.t, run.x) for name, run in runs.items()}
+    low = min(float(x.min()) for x in places.values())
+    high = max(float(x.max()) for x in places.values())
+    scale = (WIDE - 4.0 * RADIUS) / max(high - low, 1e-12)
+    drawn = ""
+    for row, (name, x) in enumerate(places.items()):
+        floor = LANE * row + 60.0
+        across = [f"{2.0 * RADIUS + (value - low) * scale:.1f}" for value in x]
+        drawn += (
+            f'<rect x="0" y="{floor:g}" width="{WIDE:g}" height="5" fill="#999999"/>'
+            f'<circle cx="{across[0]}" cy="{floor - RADIUS:g}" r="{RADIUS:g}" '
+            f'fill="{COLORS[name]}">{_animated("cx", across, end)}</circle>'
+            f'<text x="0" y="{floor + 22:g}" font-size="12" font-family="sans-serif" '
+            f'fill="#222222">{html.escape(NAMES[name])}</text>'
+        )
+    return (
+        f'<svg viewBox="0 0 {WIDE:g} {LANE * rows:g}" role="img" '
+        f'aria-label="The masses on their belts" '
+        f'style="width: 100%; max-width: {WIDE:g}px; background: white">{drawn}</svg>'
+    )
+
+
+def _positions(runs: dict[str, Any], times: Array) -> dict[str, Array]:
     found = {}
     for name, run in runs.items():
         line = line_of(run)

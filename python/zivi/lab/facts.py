@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from zivi.control.closed_loop import ClosedLoop
+from zivi.lab.belt import BeltRun
 from zivi.lab.runs import Runs
 from zivi.simulation.trajectory import Trajectory
 
@@ -35,9 +36,24 @@ def facts(runs: Runs, window: tuple[float, float] | None = None) -> list[dict[st
     list of dict
         From a column's title to its text.
     """
+    if any(isinstance(run, BeltRun) for run in runs.values()):
+        return [{"": NAMES[name]} | _belt(run, window) for name, run in runs.items()]
+    others: dict[str, Any] = {**runs}
     return [
-        {"": NAMES[name]} | _wall(name, run) | _control(run, window) for name, run in runs.items()
+        {"": NAMES[name]} | _wall(name, run) | _control(run, window) for name, run in others.items()
     ]
+
+
+def _belt(run: Any, window: tuple[float, float] | None) -> dict[str, str]:
+    start, end = window or (run.t[0], run.t[-1])
+    part = (run.t >= start) & (run.t <= end)
+    jumps = np.abs(np.diff(run.friction[part])).sum()
+    return {
+        "sticks": f"{run.stuck:.1%} of the time",
+        "caught": f"{run.catches} times",
+        "largest |x| (m)": f"{np.abs(run.x[part]).max(initial=0.0):.4g}",
+        "Σ|Δ friction| (N)": f"{jumps:.4g}",
+    }
 
 
 def _wall(name: str, run: Trajectory | ClosedLoop) -> dict[str, str]:

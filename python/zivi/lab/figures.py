@@ -9,6 +9,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.control.closed_loop import ClosedLoop
+from zivi.lab.belt import BeltRun
 from zivi.lab.decimate import thinned
 from zivi.lab.facts import NAMES
 from zivi.lab.runs import Runs
@@ -33,6 +34,8 @@ PANELS = {
     "control": ("time t (s)", "control u (m/s²)"),
     "error": ("time t (s)", "error x - x<sub>r</sub> (m)"),
     "signs": ("time t (s)", "multipliers, implicit (1)"),
+    "friction": ("time t (s)", "force of the belt (N)"),
+    "slip": ("time t (s)", "slip speed (m/s)"),
 }
 """Panels and the labels of their axes."""
 SIGNS = {
@@ -114,16 +117,34 @@ def figure(runs: Runs, window: tuple[float, float] | None = None, columns: int =
 def curves(runs: Runs, window: tuple[float, float] | None = None) -> list[Curve]:
     """Give all lines that are drawn, thinned; parameters as of `figure`."""
     made: list[Curve] = []
-    for name in BELOW:
-        if name in runs:
-            made += _motion(name, runs[name], window)
     implicit = runs["implicit"]
+    if isinstance(implicit, BeltRun):
+        for name in BELOW:
+            made += _on_belt(name, runs[name], window)
+        return [*made, _belt(implicit, window)]
+    others: dict[str, Any] = {**runs}
+    for name in BELOW:
+        if name in others:
+            made += _motion(name, others[name], window)
     if isinstance(implicit, ClosedLoop):
         made += _reference(implicit, window)
         signs = implicit.signs
     else:
         signs = np.column_stack([implicit.lambda_s, implicit.lambda_v])
     return made + _signs(implicit.t, signs, window)
+
+
+def _on_belt(name: str, run: Any, window: tuple[float, float] | None) -> list[Curve]:
+    look = Look(NAMES[name], COLORS[name], "dot" if name == "high_order" else "solid")
+    t, x, xdot, slip, force = _within(run.t, window, run.x, run.xdot, run.slip, run.friction)
+    lines = {"position": (t, x), "velocity": (t, xdot), "phase": (x, xdot), "slip": (t, slip)}
+    made = [_curve(panel, look, *pair) for panel, pair in lines.items()]
+    return [*made, _curve("friction", look, t, force)]
+
+
+def _belt(run: BeltRun, window: tuple[float, float] | None) -> Curve:
+    (t,) = _within(run.t, window)
+    return _curve("velocity", Look("belt", GREEN, "dash"), t, np.full(len(t), run.speed))
 
 
 def _motion(
@@ -195,6 +216,8 @@ def _has_reference(run: ClosedLoop) -> bool:
 def _panels(runs: Runs) -> list[str]:
     """Order the panels, by row; the last row is the shorter one."""
     run = runs["implicit"]
+    if isinstance(run, BeltRun):
+        return ["position", "velocity", "phase", "friction", "slip"]
     if not isinstance(run, ClosedLoop):
         return ["position", "velocity", "phase", "lifted", "signs"]
     if _has_reference(run):
@@ -235,6 +258,7 @@ def _layout(panels: list[str], columns: int) -> dict[str, Any]:
     rows = -(-len(panels) // columns)
     height = rows * ROW + (rows - 1) * between
     layout: dict[str, Any] = {}
+    corner = (1.0, 1.0)
     for number, panel in enumerate(panels, start=1):
         row, column = divmod(number - 1, columns)
         left, top = column * (width + gap), 1.0 - row * (ROW + between) / height

@@ -8,11 +8,16 @@ from typing import Any
 from urllib.parse import urlencode
 
 from zivi.lab.ranges import nearest, ranges
-from zivi.lab.settings import Ball, Regulator, Settings, Tracker
+from zivi.lab.settings import Ball, Belt, Regulator, Settings, Tracker
 
 __all__ = ["KINDS", "query", "settings_of"]
 
-KINDS: dict[str, type[Settings]] = {"Ball": Ball, "Regulator": Regulator, "Tracker": Tracker}
+KINDS: dict[str, type[Settings]] = {
+    "Ball": Ball,
+    "Regulator": Regulator,
+    "Tracker": Tracker,
+    "Belt": Belt,
+}
 """The tabs, by name."""
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from zivi.control.closed_loop import ClosedLoop
+from zivi.lab.belt import BeltRun
 from zivi.lab.runs import Runs
 from zivi.simulation.trajectory import Trajectory
 
@@ -30,6 +33,9 @@ def sentence(runs: Runs) -> str:
         Plain text.
     """
     implicit, explicit = runs["implicit"], runs["explicit"]
+    if isinstance(implicit, BeltRun):
+        assert isinstance(explicit, BeltRun)
+        return _belt(implicit, explicit, runs["high_order"])
     if not isinstance(implicit, ClosedLoop):
         assert isinstance(explicit, Trajectory)
         return _ball(implicit, explicit, runs["high_order"])
@@ -49,14 +55,21 @@ def sentence(runs: Runs) -> str:
     )
 
 
-def _ball(
-    implicit: Trajectory, explicit: Trajectory, high_order: Trajectory | ClosedLoop | None
-) -> str:
+def _ball(implicit: Trajectory, explicit: Trajectory, high_order: Any) -> str:
     said = (
         f"The ball is {_rest(implicit)} with implicit signs, {_rest(explicit)} with explicit ones."
     )
     if isinstance(high_order, Trajectory) and high_order.rest_time is not None:
         said += f" SwitchedRK, to its tolerance: {_rest(high_order)}."
+    return said
+
+
+def _belt(implicit: BeltRun, explicit: BeltRun, high_order: Any) -> str:
+    said = f"With the implicit sign the mass sticks {implicit.stuck:.1%} of the time"
+    said += f", to the tolerance of SwitchedRK {high_order.stuck:.1%}."
+    jumps = np.abs(np.diff(explicit.friction)) > 0.0
+    if jumps.any():
+        said += f" The explicit sign never sticks: its force jumps {int(jumps.sum())} times."
     return said
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from zivi.lab.settings import Ball, Regulator, Settings, Tracker
+from zivi.lab.settings import Ball, Belt, Regulator, Settings, Tracker
 
 __all__ = ["PRESETS"]
 
@@ -42,6 +42,12 @@ PRESETS: dict[type[Settings], dict[str, Settings]] = {
         "sine, positions alone": replace(
             _REST, amplitude=1.5, noise_x=1e-4, observer=True, position_only=True
         ),
+    },
+    Belt: {
+        "first look": Belt(),
+        "chattering": Belt(h=5e-2, speed=0.1, t_end=20.0),
+        "fast belt": Belt(speed=1.5, damping=0.05),
+        "a brake": Belt(speed=0.0, extra=0.0, limit=0.3, x0=2.0, xdot0=0.0, t_end=20.0),
     },
 }
 """By tab and name; the first is what the page begins with: the defaults."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from zivi.lab.settings import Ball, Regulator, Settings, Tracker
+from zivi.lab.settings import Ball, Belt, Regulator, Settings, Tracker
 
 __all__ = ["SECTIONS", "nearest", "ranges"]
 
@@ -83,6 +83,23 @@ SECTIONS: dict[type[Settings], dict[str, dict[str, Any]]] = {
         "Observer": OBSERVER,
         "Run": START | END,
     },
+    Belt: {
+        "Step": STEP,
+        "Belt": {
+            "limit": {"start": 0.0, "stop": 3.0, "step": 0.05, "label": "friction, slipping (N)"},
+            "extra": {"start": 0.0, "stop": 2.0, "step": 0.05, "label": "more of it, sticking (N)"},
+            "speed": {"start": 0.0, "stop": 2.0, "step": 0.01, "label": "speed of the belt (m/s)"},
+        },
+        "Spring": {
+            "stiffness": {"start": 0.1, "stop": 10.0, "step": 0.1, "label": "stiffness (N/m)"},
+            "damping": {"start": 0.0, "stop": 1.0, "step": 0.01, "label": "damping (N s/m)"},
+        },
+        "Run": {
+            "x0": {"start": -3.0, "stop": 3.0, "step": 0.1, "label": "x at t = 0 (m)"},
+            "xdot0": {"start": -3.0, "stop": 3.0, "step": 0.1, "label": "velocity at t = 0 (m/s)"},
+            "t_end": {"start": 5.0, "stop": 60.0, "step": 5.0, "label": "end of the run (s)"},
+        },
+    },
 }
 """What can be set in each tab, in groups: the arguments of the sliders."""
 
@@ -93,7 +110,7 @@ def ranges(kind: type[Settings]) -> dict[str, dict[str, Any]]:
     Parameters
     ----------
     kind : type
-        `Ball`, `Regulator` or `Tracker`.
+        `Ball`, `Regulator`, `Tracker` or `Belt`.
 
     Returns
     -------

@@ -7,10 +7,12 @@ from typing import Any, TypeAlias
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
+from zivi.lab.belt import BeltRun, belt_runs
 from zivi.lab.drawn_reference import Drawn, ExplicitFollower
 from zivi.lab.explicit import ExplicitRegulator
 from zivi.lab.settings import (
     Ball,
+    Belt,
     Regulator,
     Settings,
     Tracker,
@@ -25,7 +27,7 @@ from zivi.system.mass import Force, ImpactSystem, LinearForce
 
 __all__ = ["Runs", "compute"]
 
-Runs: TypeAlias = dict[str, Trajectory] | dict[str, ClosedLoop]
+Runs: TypeAlias = dict[str, Trajectory] | dict[str, ClosedLoop] | dict[str, BeltRun]
 """The run of each method or controller, by the name that the page gives it."""
 
 
@@ -40,7 +42,7 @@ def compute(settings: Settings) -> Runs:
     Returns
     -------
     dict
-        ``implicit`` and ``explicit``, of a ball also ``high_order``.
+        ``implicit`` and ``explicit``, of a ball and a belt also ``high_order``.
 
     Raises
     ------
@@ -50,6 +52,8 @@ def compute(settings: Settings) -> Runs:
     check(settings)
     if isinstance(settings, Ball):
         return _ball(settings)
+    if isinstance(settings, Belt):
+        return belt_runs(settings)
     if isinstance(settings, Regulator):
         return {name: _loop(settings, made) for name, made in _regulators(settings).items()}
     reference: dict[str, Any] = {

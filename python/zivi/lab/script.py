@@ -5,10 +5,12 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+from zivi.lab.belt import FAR, SignedSlip
 from zivi.lab.drawn_reference import Drawn, ExplicitFollower
 from zivi.lab.explicit import ExplicitRegulator
 from zivi.lab.settings import (
     Ball,
+    Belt,
     Regulator,
     Settings,
     Tracker,
@@ -35,6 +37,8 @@ def script(settings: Settings) -> str:
     """
     if isinstance(settings, Ball):
         return _ball(settings)
+    if isinstance(settings, Belt):
+        return _belt(settings)
     return _regulator(settings) if isinstance(settings, Regulator) else _tracker(settings)
 
 
@@ -54,6 +58,39 @@ high_order = zivi.simulate(ball, span, start)
 for run in (implicit, explicit, high_order):
     print(run)
 figure = zivi.plot.position(implicit).figure  # figure.savefig("ball.png")
+"""
+
+
+def _belt(given: Belt) -> str:
+    force = f"-{given.stiffness!r} * q - {given.damping!r} * qdot"
+    limits = f"limit={given.limit!r}, static={given.limit!r} + {given.extra!r}"
+    numbers = f"{given.stiffness!r}, {given.damping!r}, {given.limit!r}, {given.speed!r}"
+    return f"""\
+from typing import Any
+
+import numpy as np
+
+import zivi
+
+FAR = {FAR!r}  # m: the wall is never met
+
+
+{inspect.getsource(SignedSlip)}
+
+belt = zivi.DryFriction({limits}, velocity={given.speed!r})
+system = zivi.MechanicalSystem(mass=1.0, force=lambda t, q, qdot: {force}, friction=[belt])
+span, start = (0.0, {given.t_end!r}), ([{given.x0!r}], [{given.xdot0!r}])
+times = np.linspace(0.0, {given.t_end!r}, round({given.t_end!r} / {given.h!r}) + 1)
+
+implicit = zivi.simulate(system, span, start, zivi.ThetaGamma(h={given.h!r}))
+high_order = zivi.simulate(system, span, start, t_eval=times)
+signed = zivi.ImpactSystem(SignedSlip({numbers}), e=1.0)
+far = (FAR + {given.x0!r}, {given.xdot0!r})
+explicit = zivi.simulate(signed, span, far, zivi.ExplicitEuler(h={given.h!r}))
+
+for run in (implicit, explicit, high_order):
+    print(run)
+figure = zivi.plot.modes(high_order).figure  # figure.savefig("belt.png")
 """
 
 

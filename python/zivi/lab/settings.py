@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 from zivi.base.check import finite, switch
 
-__all__ = ["Ball", "Regulator", "Settings", "Tracker", "check", "landing_of", "observer_of"]
+__all__ = ["Ball", "Belt", "Regulator", "Settings", "Tracker", "check", "landing_of", "observer_of"]
 
 MOST_STEPS = 400_000
 """Steps of the longest run that the page computes while a slider moves."""
@@ -157,7 +157,40 @@ class Tracker:
         return (self.x_ref0, *later)
 
 
-Settings: TypeAlias = Ball | Regulator | Tracker
+@dataclasses.dataclass(frozen=True)
+class Belt:
+    """A mass of 1 kg at a spring on a belt with dry friction.
+
+    Parameters
+    ----------
+    h : float
+        Step of the methods with fixed steps (s).
+    limit : float
+        Friction while the mass slips (N).
+    extra : float
+        By how much more it holds a mass that sticks (N).
+    speed : float
+        Speed of the belt (m/s).
+    stiffness, damping : float
+        Of the spring (N/m) and of a damper beside it (N s/m).
+    x0, xdot0 : float
+        Initial position (m) and velocity (m/s).
+    t_end : float
+        End of the run (s).
+    """
+
+    h: float = 1e-2
+    limit: float = 0.8
+    extra: float = 0.4
+    speed: float = 0.2
+    stiffness: float = 1.0
+    damping: float = 0.0
+    x0: float = 0.0
+    xdot0: float = 0.2
+    t_end: float = 30.0
+
+
+Settings: TypeAlias = Ball | Regulator | Tracker | Belt
 
 
 def check(settings: Settings) -> None:
