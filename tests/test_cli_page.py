@@ -1,6 +1,7 @@
 """The page of the command line and the example files against what is accepted."""
 
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,14 +22,18 @@ EXAMPLES = ROOT / "examples" / "files"
 PREPARE = {
     "simulate": files.prepare_simulate,
     "mechanics": files.prepare_simulate,
+    "tree": files.prepare_simulate,
     "control": files.prepare_control,
     "sweep": files.prepare_sweep,
 }
 
 
-HEADINGS = {"mechanics": "simulate, mechanical systems"}
+HEADINGS = {"mechanics": "simulate, mechanical systems", "tree": "simulate, trees of bodies"}
 """The sections of the page that are not named after a command."""
-COMMAND = {"mechanics": ("simulate", "--example-mechanics")}
+COMMAND = {
+    "mechanics": ("simulate", "--example-mechanics"),
+    "tree": ("simulate", "--example-tree"),
+}
 """The command that reads such a file, and its option that prints one."""
 
 
@@ -62,7 +67,7 @@ def documented(command):
 
 def test_objects_have_one_table_each():
     told = [line for line in PAGE.splitlines() if line.startswith("| `")]
-    assert len(set(told)) >= len(told) - 12  # t_span, y0, e: of each command
+    assert len(set(told)) >= len(told) - 18  # t_span, y0, e: of each command
     assert sum("k in -k x" in line for line in told) == 1
 
 
@@ -128,6 +133,20 @@ BASES = {
         "controller.h": "1e-2",
     },
     "sweep": {"experiment": "'ball_rest_time'", "parameters.e": "[0.5]"},
+    "tree": {"t_span": "[0, 1]", "y0": "[[0], [0]]"},
+}  # fmt: skip
+BODY = {"name": "'arm'", "axis": "[0, 1, 0]", "mass": "1.0", "inertia": "0.1"}
+TREE_GAPS = {
+    "limit": {"joint": "'arm'", "upper": "1.0"},
+    "plane": {"body": "'arm'", "point": "[1, 0, 0]", "offset": "-2.0"},
+    "ball": {"body": "'arm'", "point": "[1, 0, 0]", "radius": "0.1"},
+}
+OF_TREE = {
+    "name": "'arm'", "parent": "'root'", "kind": "'slide'", "coordinate": "'turn'",
+    "rotation": "[[0, -1, 0], [1, 0, 0], [0, 0, 1]]", "joint": "'arm'", "body": "'arm'",
+    "other": "'root'", "lower": "-1.0", "offset": "-3.0",
+    **dict.fromkeys(("position", "axis", "anchor", "com", "normal"), "[1, 2, 3]"),
+    **dict.fromkeys(("point", "other_point"), "[3, 0, 0]"),
 }  # fmt: skip
 LAW = {"e": "0.5", "e0": "0.5", "v0": "1.0", "k": "0.2"}
 RANGE = {"start": "0.1", "stop": "0.5", "num": "2"}
@@ -180,6 +199,34 @@ def complete(command, key, kind):
     return written(given)
 
 
+def complete_tree(key, kind):
+    """Give a file of a tree with one further key."""
+    table, _, name = key.rpartition(".")
+    given = dict(BASES["tree"])
+    body, gap = dict(BODY), dict(TREE_GAPS[kind or "plane"]) if table == "system.gaps" else {}
+    if table == "system.bodies":
+        body[name] = OF_TREE.get(name, "1.0")
+    elif gap:
+        gap["kind"] = f"'{kind or 'plane'}'"
+        if name != "kind":
+            gap[name] = OF_TREE.get(name, "1.0")
+    elif table == "system.parameters":
+        given["system.parameters"] = "{ 'arm.mass' = 2.0 }"
+    elif table in ("t_eval", "method"):
+        if table == "method" and kind:
+            given |= {"method.name": f"'{kind}'"}
+        if kind and kind != "SwitchedRK":
+            given["method.h"] = "1e-2"
+        given |= {f"t_eval.{end}": value for end, value in RANGE.items()}
+        given.setdefault(key, VALUES.get(name, "1"))
+    else:
+        given.setdefault(key, {"gravity": "[0, 0, -1]", "e": "0.5"}.get(name, VALUES.get(name)))
+    tables = [("bodies", {"name": "'root'", "kind": "'fixed'"}), ("bodies", body)]
+    tables += [("gaps", gap)] if gap else [("gaps", TREE_GAPS["plane"] | {"kind": "'plane'"})]
+    lines = [f"[[system.{of}]]\n{written(it)}" for of, it in tables]
+    return written(given) + "".join(lines)
+
+
 def written(given):
     """Write a file, with names that are the user's."""
     told = {
@@ -194,7 +241,7 @@ def written(given):
 NAMES = {"parameters": "e", "fixed": "g", "gaps": "floor", "friction": "guide"}
 GAPS = {"system.slips": "'udot - 1'", "system.mu": "[0.3, 0.4]", "system.e_t": "0.5"}
 WHOLE_TABLES = ("system", "system.wall", "system.gaps", "system.parameters", "method", "controller",
-                "system.slips", "system.mu", "system.e_t", "system.friction",
+                "system.slips", "system.mu", "system.e_t", "system.friction", "system.bodies",
                 "parameters", "parameters.NAME", "fixed", "design")  # fmt: skip
 
 
@@ -207,7 +254,7 @@ def test_every_documented_key_is_accepted(command, key, kind, tmp_path):
     if key in WHOLE_TABLES:  # by the keys in it
         assert any(other.startswith(f"{key}.") for other, *_ in documented(command))
         return
-    path.write_text(complete(command, key, kind))
+    path.write_text((complete_tree if command == "tree" else partial(complete, command))(key, kind))
     PREPARE[command](path)
     wrong = path.read_text().replace(f"{key.rpartition('.')[2]} =", "wrong_key =")
     if "NAME" not in key:
@@ -270,7 +317,7 @@ def test_all_settings_of_the_library_are_there():
     always = {"progress", "events", "dense_output", "misplaced", "slowest"}
     assert taken - keys == always | {"t_eval", "reference", "observer", "disturbance"}
     taken = set(inspect.signature(zivi.simulate).parameters)
-    for command in ("simulate", "mechanics"):
+    for command in ("simulate", "mechanics", "tree"):
         keys = {key.name for key in document.COMMANDS[command]}
         assert taken - keys == always | {"samples"}
     taken = set(inspect.signature(zivi.symbolic.system).parameters)

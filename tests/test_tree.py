@@ -332,3 +332,42 @@ def test_other_things_than_bodies_are_refused():
         zivi.Tree([Body("a", kind="slide", mass=1)], gaps=["floor"])
     with pytest.raises(TypeError, match="name of a body"):
         Body("")
+
+
+def test_a_file_of_a_tree_gives_the_run_of_the_tree(tmp_path):
+    tree = zivi.Tree(
+        spatial(),
+        gaps=GAPS,
+        e=np.linspace(0.2, 0.5, len(zivi.Tree(spatial(), gaps=GAPS).gap_names)),
+    )
+    tree.parameters["gravity.z"] = -9.0
+    n = len(tree._coordinates)
+    start = np.linspace(0.1, 0.2, n), np.linspace(-0.1, 0.1, n)
+    path = tmp_path / "tree.toml"
+    path.write_text(zivi.files.tree_text(tree, (0, 0.5), start))
+    sol, again = zivi.simulate(tree, (0, 0.5), start), zivi.files.prepare_simulate(path).run()
+    assert np.array_equal(sol.q, again.q)
+    assert again.gap_names == sol.gap_names
+    with pytest.raises(ValueError, match="y0 must have two lists of"):
+        zivi.files.tree_text(tree, (0, 0.5), ([0.0], [0.0]))
+
+
+@pytest.mark.parametrize(
+    ("line", "wrong", "told"),
+    [
+        ("mass = 1.2", "mass = -1.2", r"system.bodies\[0\].mass must be a finite number >= 0"),
+        ('parent = "upper"', 'parent = "uper"', "system: .*uper"),
+        ("com = [0.3, 0, 0]", "com = [0.3, 0]", r"system.bodies\[0\].com must be a list of three"),
+        ('kind = "limit"', 'kind = "plane"', r"system.gaps\[1\]"),
+        ('"fore.mass" = 1.0', '"four.mass" = 1.0', "system.parameters.four.mass is no parameter"),
+        ('"fore.mass" = 1.0', '"fore.mass" = -1.0', "system.parameters.fore.mass: .* >= 0"),
+        ("inertia = 0.04", "inertia = [1, 2]", r"system.bodies\[0\].inertia"),
+        ("y0 = [[0.0, 0.5]", "y0 = [[0.0]", "y0"),
+    ],
+)
+def test_what_is_wrong_in_a_file_of_a_tree_names_its_key(tmp_path, line, wrong, told):
+    text = zivi.files.commands.example("tree").replace("# parameters", "parameters")
+    assert line in text
+    (tmp_path / "tree.toml").write_text(text.replace(line, wrong))
+    with pytest.raises(zivi.files.FileError, match=told):
+        zivi.files.prepare_simulate(tmp_path / "tree.toml").run()

@@ -99,6 +99,15 @@ def simulate(
             help="Print an example file of a mechanical system.",
         ),
     ] = False,
+    example_tree: Annotated[
+        bool,
+        typer.Option(
+            "--example-tree",
+            callback=_example("tree"),
+            is_eager=True,
+            help="Print an example file of a tree of bodies.",
+        ),
+    ] = False,
 ) -> None:
     """Simulate one system from a file; write a netCDF file.
 

@@ -7,6 +7,7 @@ reading     ->    runs, sweeps    ->   results     ->   summary, picture
 from zivi.files.results import ResultError, load, save
 from zivi.files.runs import Prepared, prepare_control, prepare_simulate
 from zivi.files.sweeps import PreparedSweep, prepare_sweep
+from zivi.files.tree_keys import tree_text
 from zivi.files.validation import FileError
 
 __all__ = [
@@ -19,4 +20,5 @@ __all__ = [
     "prepare_simulate",
     "prepare_sweep",
     "save",
+    "tree_text",
 ]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from zivi.control import twisting
+from zivi.files.tree_keys import GAPS
 from zivi.files.validation import Mistakes
 from zivi.simulation.methods import METHODS
 from zivi.system.friction import DryFriction
@@ -15,9 +16,21 @@ from zivi.system.impact_law import LAWS
 from zivi.system.mass import Force, ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.symbolic.system import system as symbolic_system
+from zivi.system.tree.body import Body
+from zivi.system.tree.system import Tree
 from zivi.system.wall import HarmonicWall
 
-__all__ = ["controller", "force", "mechanics", "method", "named", "restitution", "spaced", "system"]
+__all__ = [
+    "controller",
+    "force",
+    "mechanics",
+    "method",
+    "named",
+    "restitution",
+    "spaced",
+    "system",
+    "tree",
+]
 
 
 def force(value: Any) -> Force:
@@ -48,6 +61,27 @@ def mechanics(values: dict[str, Any], mistakes: Mistakes) -> MechanicalSystem:
     """Build a mechanical system from its energies."""
     with mistakes.naming(named("system", values), "system"):
         return symbolic_system(**values)
+
+
+def tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
+    """Build a tree of bodies."""
+    settings = {name: values[name] for name in ("gravity", "e") if name in values}
+    with mistakes.naming(named("system", ("bodies", "gaps", "gravity", "e")), "system"):
+        bodies = [Body(**body) for body in values["bodies"]]
+        gaps = [
+            GAPS[gap["kind"]](**{name: it for name, it in gap.items() if name != "kind"})
+            for gap in values.get("gaps", ())
+        ]
+        found = Tree(bodies, gaps=gaps, **settings)
+    for name, value in values.get("parameters", {}).items():
+        key = f"system.parameters.{name}"
+        if name not in found.parameters:
+            known = ", ".join(found.parameters)
+            mistakes.add(key, f"is no parameter of the tree: allowed: {known}")
+            mistakes.stop()
+        with mistakes.naming({}, key):
+            found.parameters[name] = value
+    return found
 
 
 def method(values: dict[str, Any], mistakes: Mistakes) -> Any:

@@ -13,10 +13,17 @@ from pathlib import Path
 from zivi.files.keys import CONTROL, LINEAR, RANGE, SIMULATE, SWEEP, WALL
 from zivi.files.mechanical_keys import MECHANICS
 from zivi.files.tables import Key, Row, Table, Tagged, rows
+from zivi.files.tree_keys import TREE
 
 __all__ = ["COMMANDS", "OBJECTS", "insert", "markdown"]
 
-COMMANDS = {"simulate": SIMULATE, "mechanics": MECHANICS, "control": CONTROL, "sweep": SWEEP}
+COMMANDS = {
+    "simulate": SIMULATE,
+    "mechanics": MECHANICS,
+    "tree": TREE,
+    "control": CONTROL,
+    "sweep": SWEEP,
+}
 HEAD = "| key | only for | unit | allowed | default | meaning |\n|---|---|---|---|---|---|\n"
 
 

@@ -14,6 +14,8 @@ from zivi.files import build
 from zivi.files.keys import CONTROL, SIMULATE
 from zivi.files.mechanical_keys import MECHANICS, is_mechanical
 from zivi.files.reading import read
+from zivi.files.tables import Key
+from zivi.files.tree_keys import TREE, is_tree
 from zivi.files.validation import Mistakes
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run import simulate
@@ -54,12 +56,13 @@ class Prepared:
 
 def prepare_simulate(path: Path) -> Prepared:
     """Read a file of ``zivi simulate``."""
-    content = read(path, lambda given: MECHANICS if is_mechanical(given) else SIMULATE)
+    content = read(path, _keys)
     values, mistakes = content.values, content.mistakes
     plant: Any
     keys = {name: name for name in ("t_span", "y0", "t_eval", "tstops")} | {"h": "method.h"}
-    if is_mechanical(values):
-        plant = build.mechanics(values["system"], mistakes)
+    if is_tree(values) or is_mechanical(values):
+        build_it = build.tree if is_tree(values) else build.mechanics
+        plant = build_it(values["system"], mistakes)
         keys |= {"q0": "y0", "qdot0": "y0"}
     else:
         plant = build.system(values["system"], mistakes)
@@ -75,6 +78,12 @@ def prepare_simulate(path: Path) -> Prepared:
         return run
 
     return Prepared(call, keys, mistakes)
+
+
+def _keys(content: dict[str, Any]) -> tuple[Key, ...]:
+    if is_tree(content):
+        return TREE
+    return MECHANICS if is_mechanical(content) else SIMULATE
 
 
 def _times(value: Any, mistakes: Mistakes) -> np.ndarray | None:

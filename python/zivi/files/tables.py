@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from zivi.files.expressions import Each
 from zivi.files.kinds import Choice, Either, Kind
 from zivi.files.validation import Mistakes, got, joined, suggestion
 
@@ -162,6 +163,8 @@ def _below(kind: Kind, path: str, variant: str) -> Iterator[Row]:
         yield from _below(kind.table, path, variant)
     elif isinstance(kind, Table):
         yield from rows(kind.keys, path, variant)
+    elif isinstance(kind, Each):
+        yield from _below(kind.of, path, variant)
     elif isinstance(kind, Open):
         values = Key("NAME", kind.kind, f"one of the {kind.names}", default="")
         yield Row(f"{path}.NAME", variant, values)
