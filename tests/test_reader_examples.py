@@ -1,0 +1,105 @@
+"""Examples of whole tasks: what they print is what they expect, by other ways."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from example_scripts import example
+from page_blocks import DOCS
+
+pytestmark = pytest.mark.slow
+
+
+def printed(name, tmp_path, capsys):
+    """Lines of an example that also draws."""
+    picture = tmp_path / "out.png"
+    example(name).main(str(picture))
+    assert picture.stat().st_size > 10_000
+    return capsys.readouterr().out
+
+
+def test_five_figures_for_a_lecture(tmp_path, capsys):
+    text = printed("lecture_figures", tmp_path, capsys)
+    pairs = re.findall(r"(\d\.\d{9,}) (?:s )?\((\d\.\d{9,})\)", text)
+    assert len(pairs) == 4
+    for found, exact in pairs:
+        assert float(found) == pytest.approx(float(exact), abs=2e-9)
+    assert float(re.search(r"81 times of rest: (\S+) s", text)[1]) < 1e-12
+
+
+def test_the_film_is_a_motion():
+    """Closed forms from arc to arc beside SciPy, up to the third impact."""
+    film = example("fit_restitution")
+    x0, e, c, g = film.TRUTH
+
+    def hit(t, y):
+        return y[0]
+
+    hit.terminal, hit.direction = True, -1
+    start, state = 0.0, [x0, 0.0]
+    for _ in range(3):
+        arc = solve_ivp(
+            lambda t, y: [y[1], -g - c * y[1]],
+            (start, 4.0),
+            state,
+            events=hit,
+            rtol=1e-12,
+            atol=1e-13,
+            dense_output=True,
+            first_step=1e-3,
+        )
+        during = (start < film.TIMES) & (arc.t[-1] > film.TIMES)
+        assert during.any()
+        heights = film.heights(film.TIMES)[during]
+        np.testing.assert_allclose(arc.sol(film.TIMES[during])[0], heights, atol=1e-9)
+        start, state = arc.t[-1], [1e-16, -e * arc.y[1, -1]]
+
+
+def test_a_fit_finds_what_the_film_was_made_with():
+    film = example("fit_restitution")
+    run = film.model()
+    exact = film.fit(film.heights(film.TIMES), run)
+    np.testing.assert_allclose(exact.x, film.TRUTH, rtol=1e-6)
+    # derivatives beside differences
+    step = 1e-6 * film.TRUTH
+    for k in range(len(step)):
+        move = np.where(np.arange(len(step)) == k, step, 0.0)
+        difference = (run.fun(film.TRUTH + move) - run.fun(film.TRUTH - move)) / (2 * step[k])
+        off = np.abs(run.jac(film.TRUTH)[:, k] - difference)
+        # a picture in the moment of an impact may lie on either side of it
+        assert np.sort(off)[-3] < 1e-4 * np.abs(difference).max()
+
+
+def test_deviations_are_those_of_many_films(tmp_path, capsys):
+    lines = printed("fit_restitution", tmp_path, capsys).splitlines()[:4]
+    for line in lines:
+        value, true, own, seen = map(float, re.findall(r"\d+\.?\d*(?:e-\d+)?", line[8:]))
+        assert abs(value - true) < 4 * own
+        assert own == pytest.approx(seen, rel=0.35)
+
+
+def test_designed_gains_keep_their_promise(tmp_path, capsys):
+    gains = example("design_gains")
+    designed = gains.design()
+    rising, falling, bound = gains.accelerations(designed)
+    assert (designed.rising, designed.falling) == pytest.approx((rising, falling), rel=1e-12)
+    assert bound > gains.BOUND
+    assert designed.settling_time <= gains.TIME
+    for run in gains.loops(designed):
+        assert run.rest_time is not None
+        assert run.rest_time < designed.settling_time
+        assert designed.u_min - 1e-12 <= run.u.min() <= run.u.max() <= designed.u_max + 1e-12
+    assert "60 of 60 rest" in printed("design_gains", tmp_path, capsys)
+
+
+def test_a_clearance_above_the_amplitude_does_nothing():
+    damper = example("mechanics_damper")
+    still = damper.amplitude()[1] / np.sqrt(2)
+    wide, good = damper.sweep(np.array([0.9, 0.18]))
+    assert wide == pytest.approx(still, rel=0.02)
+    assert good < 0.15 * still
+    best = damper.sweep(np.geomspace(0.01, 1.0, 60)).min() / still
+    page = (DOCS / "gallery" / "mechanics_damper.md").read_text()
+    assert f"keeps {100 * best:.0f} %" in " ".join(page.split())
