@@ -13,6 +13,7 @@ Run as ``python examples/mechanics_gear.py [out.png]``.
 """
 
 import sys
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -34,7 +35,7 @@ def gear(amplitude: float) -> zivi.LinearSystem:
         zivi.LinearGap([-1.0, 1.0], half, name="front"),
         zivi.LinearGap([1.0, -1.0], half, name="back"),
     ]
-    parts = [np.array([T0, 0.0]), torque]
+    parts = (np.array([T0, 0.0]), torque)
     return zivi.LinearSystem(
         np.diag(J), np.diag(C), np.zeros((2, 2)), excitation=parts, gaps=gaps, e=E
     )
@@ -46,7 +47,7 @@ def together(amplitude: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([BACKLASH / 2, 0.0]), np.full(2, SPEED + v.real)
 
 
-def run(amplitude: float, periods: float, **more: np.ndarray) -> zivi.MechanicalTrajectory:
+def run(amplitude: float, periods: float, **more: Any) -> zivi.MechanicalTrajectory:
     """Go on from there."""
     end = periods * 2 * np.pi / OMEGA
     return zivi.simulate(gear(amplitude), (0, end), together(amplitude), **more)

@@ -9,6 +9,7 @@ step of 0.1 ms); and the height of the rest, by the balance of spring and weight
 Run as ``python examples/mujoco_hopper_arm.py [out.png]``; it needs MuJoCo (``zivi[mujoco]``).
 """
 
+import importlib
 import importlib.util
 import shutil
 import sys
@@ -65,8 +66,7 @@ class Steps:
     """MuJoCo's own run: times, and the distance of the pair."""
 
     def __init__(self, name: str, step: float, end: float, *, contacts: bool = True) -> None:
-        import mujoco
-
+        mujoco: Any = importlib.import_module("mujoco")
         text, pair, q, _ = MODELS[name]
         model = mujoco.MjModel.from_xml_string(text)
         model.opt.timestep = step
