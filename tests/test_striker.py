@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import zivi
+from zivi.control import striker
 
 G = 9.81
 
@@ -62,6 +63,18 @@ def test_a_height_that_changes_in_flight_is_reached_at_the_next_throw():
 def test_a_late_racket_that_knows_it_hits_as_well():
     run = juggle(delay=5, delay_told=5)
     np.testing.assert_allclose(heights(run, 3.0), 0.5, atol=5e-6)
+
+
+def test_the_noise_of_a_speed_is_averaged_over_a_flight(monkeypatch):
+    def off():
+        runs = [juggle(noise=(1e-6, 1e-2), seed=seed) for seed in range(4)]
+        return np.sqrt(np.mean(np.concatenate([heights(run, 2.0) - 0.5 for run in runs]) ** 2))
+
+    averaged = off()
+    assert averaged < 5e-3
+    monkeypatch.setattr(striker, "MEAN", 1)
+    monkeypatch.setattr(striker, "LEAST", striker.LEARNT)
+    assert averaged < 0.75 * off()
 
 
 @pytest.mark.parametrize("learn", [True, False])

@@ -23,8 +23,12 @@ FINAL = 4.0
 """Periods before an impact in which the plan is played and not made anew."""
 LEARNT = 0.7
 """How much of what an impact showed is taken over."""
+LEAST = 0.1
+"""The same of late impacts under noise, each of which shows little."""
 JUMP = 1e-3
 """A change of the speed of a body beyond this part of the wanted one is an impact."""
+MEAN = 50
+"""Samples of a noisy speed in flight that are averaged, what gravity does between them known."""
 DEVIATIONS = 10.0
 """So many deviations of the measured speed are no impact."""
 
@@ -146,17 +150,19 @@ class Striker(ModelBased):
         super().reset()
         self._k, self._gamma, self._plan = 0, math.nan, (0.0, 0.0)
         self._last: tuple[float, ...] | None = None
+        self._flight: tuple[int, float] = (0, 0.0)
         self._strike_at: float | None = None
 
     @property
     def state(self) -> tuple[Any, ...]:
         """All that changes from tick to tick; assigning it restores what it was of exactly."""
-        own = (self._k, self._gamma, self._plan, self._last, self._strike_at)
+        own = (self._k, self._gamma, self._plan, self._last, self._flight, self._strike_at)
         return (*own, *numbers([self._u]), numbers(self._queue), int(self._status))
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
-        self._k, self._gamma, self._plan, self._last, self._strike_at, u, queue, status = state
+        self._k, self._gamma, self._plan, self._last, *rest = state
+        self._flight, self._strike_at, u, queue, status = rest
         self._u = None if u is None else np.array(u)
         self._queue, self._status = [np.array(it) for it in queue], TickStatus(status)
 
@@ -192,7 +198,11 @@ class Striker(ModelBased):
         pull = self._pull(kinetics)
         x, v = (0.0, 0.0) if self._body < 0 else (float(at[self._body]), float(speed[self._body]))
         self._look(t, gap, rate, v, pull, kinetics)
-        a = self._aim(t, x, v, -pull, x - gap, v - rate)
+        w = v - rate
+        if self._noise > 0.0 and self._body >= 0:
+            v = self._averaged(v, pull)
+            rate = v - w
+        a = self._aim(t, x, v, -pull, x - gap, w)
         self._last = (gap, rate, v, pull - a, pull)
         own = _only(kinetics, self._gap)
         limits = self._settings["u_limits"]
@@ -234,9 +244,18 @@ class Striker(ModelBased):
             return
         closing = math.sqrt(max(rate0 * rate0 - 2.0 * relative * max(g0, 0.0), 0.0))
         if self._settings["learn"] and closing > 10.0 * self.h * abs(relative) and rate0 < 0.0:
-            self._gamma += LEARNT * (jump / closing - self._gamma)
+            part = LEARNT if self._noise == 0.0 else max(LEARNT / (1 + self._k), LEAST)
+            self._gamma += part * (jump / closing - self._gamma)
         self._k += 1
-        self._strike_at = None
+        self._strike_at, self._flight = None, (0, 0.0)
+
+    def _averaged(self, v: float, pull: float) -> float:
+        """Give the speed of the body from all its samples in this flight."""
+        n, before = self._flight
+        expected = before + self.h * pull if n else v
+        n = min(n + 1, MEAN)
+        self._flight = (n, expected + (v - expected) / n)
+        return self._flight[1]
 
     def _aim(self, t: float, x: float, v: float, G: float, z: float, w: float) -> float:
         """Give the acceleration of the racket, at z with the speed w."""
