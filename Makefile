@@ -32,7 +32,7 @@ help:
 	@echo 'make picture the pictures of the README'
 	@echo 'make screenshots  the pictures of the pages, with chromium'
 	@echo 'make docs    the documentation as a site, into out/site'
-	@echo 'make wasm    the binary of the page without Python (docs/browser.md)'
+	@echo 'make wasm    the binary of the page without Python (docs/lab.md)'
 	@echo 'make wheel   a wheel that runs on other machines too, tried in a fresh environment'
 	@echo 'make sdist-test  the source distribution, installed with cargo and without'
 	@echo 'make clean   remove everything that was built'

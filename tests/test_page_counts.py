@@ -71,6 +71,14 @@ def test_all_pages_are_short():
     assert sum(map(words, PAGES)) <= ALL
 
 
+def test_evidence_stands_with_the_results():
+    """Pages of users name no tests and no benchmarks: numbers are in benchmarks/results."""
+    for path in PAGES:
+        if path.stem not in ("releasing", "validation"):
+            found = re.findall(r"\btests/\S+|\bbenchmarks/\w+\.py", path.read_text())
+            assert not found, (path.name, found)
+
+
 def test_a_fact_is_on_one_page():
     copies = runs({path.stem: prose(path) for path in PAGES})
     assert len(copies) <= COPIES, sorted(copies)
