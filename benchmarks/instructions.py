@@ -48,10 +48,11 @@ def example(package: str, name: str) -> Path:
     return Path(target[1]) / "release" / "examples" / name
 
 
-def _refs(program: Path, case: str, repetitions: int) -> int:
+def refs(program: Path, *arguments: str) -> int:
+    """Count the instructions of a program."""
     command = ("valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null")
     run = subprocess.run(
-        [*command, program, case, str(repetitions)], capture_output=True, text=True, check=True
+        [*command, program, *arguments], capture_output=True, text=True, check=True
     )
     found = re.search(r"I\s+refs:\s+([\d,]+)", run.stderr)
     if found is None:
@@ -70,7 +71,8 @@ def count() -> dict[str, float] | str:
     program = example("zivi", "step_cost")
 
     def one(case: str) -> float:
-        return (_refs(program, case, MANY) - _refs(program, case, FEW)) / (MANY - FEW)
+        few, many = (refs(program, case, str(number)) for number in (FEW, MANY))
+        return (many - few) / (MANY - FEW)
 
     call = one("nothing")
     # a run has no call around each of its steps
