@@ -18,6 +18,7 @@ import instructions
 import methods
 import report
 import siconos_peer
+import waits
 
 PAGE = Path(__file__).resolve().parent / "results" / "ball.md"
 
@@ -71,6 +72,7 @@ def main() -> None:
     print(bench_batch.write())
     print(bench_flights.write())
     print(bench_mechanics.write())
+    print(waits.write())
 
 
 if __name__ == "__main__":

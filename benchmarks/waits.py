@@ -1,4 +1,4 @@
-"""What users wait for, beside what they would use instead: `python benchmarks/waits.py [--write]`.
+"""What users wait for, beside what they would use instead: `python benchmarks/waits.py`.
 
 Every row is a ratio of two times of the processor that were measured in turns in one run; below 1
 zivi is the faster one. SciPy's `solve_ivp` restarts at events and gets stuck at a Zeno point: it is
@@ -24,7 +24,7 @@ PAGE = Path(__file__).with_name("results") / "waits.md"
 ROUNDS = 15
 HEAD = """# What users wait for
 
-Written by `python benchmarks/waits.py --write`; do not edit. Ratios of times of the processor,
+Written by `make bench` (alone: `python benchmarks/waits.py`); do not edit. Ratios of times of the processor,
 measured in turns in one run, the median of the rounds; below 1 zivi is faster.
 
 | what | zivi | beside | zivi (ms) | beside (ms) | ratio |
@@ -225,8 +225,8 @@ def _of_children() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def main() -> None:
-    """Measure every row; with ``--write`` into the page of results."""
+def write() -> str:
+    """Measure every row into the page of results."""
     rows = [_fall(), _pendulum(), _drawn(), _diagram(), _loop(), _avi()]
     rows += [_import("zivi", "numpy"), _import("zivi", "scipy.integrate")]
     text = HEAD
@@ -235,9 +235,9 @@ def main() -> None:
         line = f"| {row.what} | {row.ours} | {row.theirs} "
         text += f"{line}| {ours:.3g} | {theirs:.3g} | {ratio:.2g} |\n"
         print(f"{row.what}: {ours:.3g} ms, {theirs:.3g} ms, {ratio:.2g}", flush=True)
-    if "--write" in sys.argv:
-        PAGE.write_text(text)
+    PAGE.write_text(text)
+    return text
 
 
 if __name__ == "__main__":
-    main()
+    write()
