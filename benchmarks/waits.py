@@ -24,8 +24,8 @@ PAGE = Path(__file__).with_name("results") / "waits.md"
 ROUNDS = 15
 HEAD = """# What users wait for
 
-Written by `make bench` (alone: `python benchmarks/waits.py`); do not edit. Ratios of times of the processor,
-measured in turns in one run, the median of the rounds; below 1 zivi is faster.
+Written by `make bench` (alone: `python benchmarks/waits.py`); do not edit. Ratios of times of the
+processor, measured in turns in one run, the median of the rounds; below 1 zivi is faster.
 
 | what | zivi | beside | zivi (ms) | beside (ms) | ratio |
 | --- | --- | --- | ---: | ---: | ---: |

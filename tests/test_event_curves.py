@@ -160,11 +160,18 @@ def test_the_end_of_rest_is_followed_over_the_restitution():
     orbit = zivi.periodic_orbit(table(1.45), run)
     branch = zivi.continue_orbit(orbit, "amplitude", (1.3, 1.7))
     event = branch.of_kind("end_of_rest")[0]
-    curve = zivi.continue_curve(event, ("amplitude", "e"), ((1, 3), (0.3, 0.5)), step=0.2)
-    known = {float(e): float(v) for e, v in REFERENCES["end_of_rest"]["points"].items()}
-    for value, e in curve.values:
-        assert value == pytest.approx(known[round(float(e), 9)], abs=1e-10)
-    assert len(curve) == 3
+    curve = zivi.continue_curve(event, ("amplitude", "e"), ((1, 3), (0.1, 0.9)), step=0.05)
+    assert curve.values[:, 1] == pytest.approx(np.arange(1, 10) / 10, abs=1e-12)
+    ends = {round(float(e), 9): float(value) for value, e in curve.values}
+    for e, value in REFERENCES["end_of_rest"]["points"].items():
+        assert ends[float(e)] == pytest.approx(float(value.split()[0]), abs=1e-10)
+    # on one side it rests in every period, on the other it does not
+    for e in (0.7, 0.8, 0.9):
+        for part, rests in ((1 - 1e-3, True), (1 + 1e-3, False)):
+            shaken = zivi.LinearForce(gravity=1, amplitude=part * ends[e], phase=-np.pi / 2)
+            system = zivi.ImpactSystem(shaken, e=e)
+            run = zivi.simulate(system, (0, 60 * np.pi), (0, 0), dense_output=False)
+            assert (len(run.liftoff_times) >= 29) == rests, (e, part)
 
 
 def test_curves_are_drawn_labelled_and_checked(bounces):

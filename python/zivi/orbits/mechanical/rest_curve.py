@@ -17,6 +17,8 @@ __all__ = ["rest_curve"]
 
 ASIDE = (0.02, 0.01, 0.005, 0.05)
 """How far from the expected end the motion that rests begins, relative to it."""
+SHORTEST = 0.02
+"""A step of the second parameter below this part of the first is given up."""
 
 
 def rest_curve(
@@ -30,20 +32,26 @@ def rest_curve(
     status = OrbitStatus.RANGE_END
     for sign in (-1.0, 1.0):
         found = [np.array([event.value, second])]
+        behind = sides[0][1] if sides and len(sides[0]) > 1 else None
+        far = spacing
         while len(found) < most // 2:
-            value = found[-1][1] + sign * spacing
+            value = found[-1][1] + sign * far
             if (value - ranges[1, 0]) * (value - ranges[1, 1]) > 0.0:
                 value = float(ranges[1, 0] if sign < 0.0 else ranges[1, 1])
             if abs(value - found[-1][1]) < 1e-12:
                 break
-            expected = found[-1][0]
-            if len(found) > 1:
-                slope = (found[-1] - found[-2])[0] / (found[-1] - found[-2])[1]
+            expected, last = found[-1][0], found[-2] if len(found) > 1 else behind
+            if last is not None:
+                slope = (found[-1] - last)[0] / (found[-1] - last)[1]
                 expected += slope * (value - found[-1][1])
             end = _end(orbit, names, value, float(expected))
             if end is None:
-                status = OrbitStatus.NOT_CONVERGED
-                break
+                far *= 0.5
+                if far < SHORTEST * spacing:
+                    status = OrbitStatus.NOT_CONVERGED
+                    break
+                continue
+            far = min(2.0 * far, spacing)
             if not ranges[0, 0] <= end <= ranges[0, 1]:
                 break
             found.append(np.array([end, value]))
