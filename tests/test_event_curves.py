@@ -191,3 +191,62 @@ def test_curves_are_drawn_labelled_and_checked(bounces):
         zivi.continue_curve(fold, ("amplitude", "mass"), ((0, 2), (0, 1)))
     with pytest.raises(TypeError, match="event"):
         zivi.continue_curve(3, ("amplitude", "e"), ((0, 2), (0, 1)))
+
+
+@pytest.mark.slow
+def test_the_end_of_a_contact_is_followed():
+    """In a linear system it hangs on the load over the distance of the stop alone."""
+    chain = chain2(w=0.7, e=0.0)
+    orbit = zivi.periodic_orbit(chain, zivi.simulate(chain, (0, 900), ([0, 0], [0, 0])))
+    branch = zivi.continue_orbit(orbit, "omega", (0.66, 0.72))
+    (end,) = branch.of_kind("contact_ends")
+    # after the plastic impact the stop presses on one side of it, on the other it would pull
+    for part, impacts in ((1.003, 1), (0.997, 2)):
+        system = chain2(w=part * end.value, e=0.0)
+        period = 2 * np.pi / (part * end.value)
+        run = zivi.simulate(system, (0, 100 * period), ([0, 0], [0, 0]))
+        assert np.count_nonzero(run.resolved_impacts["t"] > 99 * period) == impacts
+    curve = zivi.continue_curve(end, ("F", "stop.offset"), ((0.7, 1.4), (0.25, 0.4)), step=0.1)
+    ratio = curve.values[:, 0] / curve.values[:, 1]
+    assert np.max(np.abs(ratio - 1 / 0.3)) < 1e-11
+    assert curve.admissible.all()
+    assert len(curve) >= 5
+
+
+def test_two_impacts_at_once_are_followed():
+    """Of two oscillators that do not know of each other: each alone hits at the same time."""
+
+    def both(w=1.2, offset=0.3):
+        stops = [LinearGap([-1, 0], 0.3, name="a"), LinearGap([0, -1], offset, name="b")]
+        load = zivi.Harmonic([1.0, 1.0], w)
+        matrices = np.eye(2), 0.2 * np.eye(2), np.diag([1.0, 1.3])
+        return zivi.LinearSystem(*matrices, excitation=load, gaps=stops, e=0.6)
+
+    def alone(stiffness, offset, w):
+        # x = offset - q
+        force = zivi.LinearForce(
+            stiffness=stiffness,
+            damping=0.2,
+            gravity=-stiffness * offset,
+            amplitude=1.0,
+            omega=w,
+            phase=np.pi,
+        )
+        return zivi.ImpactSystem(force, e=0.6)
+
+    run = zivi.simulate(both(), (0, 500), ([0, 0], [0, 0]))
+    branch = zivi.continue_orbit(zivi.periodic_orbit(both(), run), "b.offset", (0.2, 1.2))
+    (event,) = branch.of_kind("simultaneous")
+    curve = zivi.continue_curve(event, ("b.offset", "omega"), ((0, 1.2), (1.0, 1.5)), step=0.1)
+    assert len(curve) >= 5
+    assert curve.admissible.all()
+    for i in (0, len(curve) // 2, len(curve) - 1):
+        offset, w = curve.values[i]
+        impacts = curve.orbits(i).impacts
+        times = []
+        for gap, (stiffness, distance) in enumerate(((1.0, 0.3), (1.3, offset))):
+            (guess,) = impacts[impacts["gap"] == gap]
+            one = zivi.periodic_orbit(alone(stiffness, distance, w), [(guess["t"], guess["u"])])
+            times.append(one.impacts["t"][0])
+        turn = (times[0] - times[1]) * w / (2 * np.pi)
+        assert abs(turn - round(turn)) < 1e-10

@@ -12,7 +12,8 @@ A pair that turns on the unit circle: with :math:`\kappa = \cos\theta` the real 
 .. math:: \begin{pmatrix} A & B \\ -B & A + 2 \kappa B \end{pmatrix}
 
 has rank two less, also where the pair becomes real at :math:`\kappa = \pm 1`; its :math:`\sigma`
-are two by two. A grazing: the speed of a gap before an impact.
+are two by two. A grazing: the speed of a gap before an impact. The end of a contact: the least of
+its forces. Two events at once: the time between them.
 
 `A` of a segment depends on its own unknowns only, so that :math:`w^T (dJ/dy) v` is
 :math:`d(w^T A(y + h v))/dh`: two evaluations, whatever the number of unknowns.
@@ -27,8 +28,9 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.orbits.mechanical.equations import Frame, Terms, evaluate
+from zivi.orbits.mechanical.margins import Margins
 
-__all__ = ["Critical", "Grazing", "Singular", "Turning"]
+__all__ = ["Critical", "Grazing", "Margin", "Singular", "Turning"]
 
 STEP = 1e-5
 """Of differences of the Jacobian: only the convergence depends on it."""
@@ -51,6 +53,12 @@ class Critical:
 
     count = 1
     with_kappa = False
+    is_measured = False
+    """Whether it is a number of the motion, `measure`, not of the matrix."""
+
+    def measure(self, terms: Terms) -> float:
+        """Give the number that vanishes."""
+        raise NotImplementedError
 
     def at(self, terms: Terms, kappa: float) -> Values:
         """Give the values and their derivatives by the unknowns."""
@@ -70,6 +78,11 @@ class Grazing(Critical):
     """The speed before the impact that ends a segment."""
 
     segment: int
+    is_measured = True
+
+    def measure(self, terms: Terms) -> float:
+        """Give the speed."""
+        return float(terms.rates[self.segment])
 
     def at(self, terms: Terms, kappa: float) -> Values:
         """Give the speed and its derivatives."""
@@ -92,6 +105,59 @@ class Grazing(Critical):
         if frame.free:
             by_y[0, 0] = 0.0
         return Values(np.array([rate(tau, z)]), by_y, None, [[]])
+
+
+@dataclasses.dataclass(frozen=True)
+class Margin(Critical):
+    """The least force of a contact in a segment, or the time between two events."""
+
+    kind: str
+    segment: int
+    gap: int
+    is_measured = True
+
+    def measure(self, terms: Terms) -> float:
+        """Give the force, or the time."""
+        return self._at(terms, self._part(terms))
+
+    def _part(self, terms: Terms) -> float:
+        """Give where in the segment the force is least, from 0 to 1."""
+        if self.kind == "simultaneous":
+            return 1.0
+        lows = Margins(terms).between(self.segment)
+        own = [it for it in lows if (it.kind, it.gap) == (self.kind, self.gap)]
+        t0, t1 = float(terms.x[self.segment, 0]), float(terms.x[self.segment, -1])
+        if not own or t1 <= t0:
+            return 0.0
+        return (min(own, key=lambda it: it.value).t - t0) / (t1 - t0)
+
+    def _at(self, terms: Terms, part: float) -> float:
+        t0, t1 = float(terms.x[self.segment, 0]), float(terms.x[self.segment, -1])
+        if self.kind == "simultaneous":
+            return t1 - t0
+        flow, contacts = terms.frame.flow, terms.frame.word[self.segment].contacts
+        t = t0 + part * (t1 - t0)
+        z = flow.path(contacts, t0, terms.x[self.segment, 1:-1], np.array([t]))[0]
+        return float(flow.reaction(contacts, self.gap, t, z).value)
+
+    def at(self, terms: Terms, kappa: float) -> Values:
+        """Give the number and its derivatives, by the unknowns of its segment.
+
+        Where a force is least its place moves nothing to first order.
+        """
+        frame, s, part = terms.frame, self.segment, self._part(terms)
+        by_y = np.zeros((1, len(terms.y)))
+        for k in range(frame.size):
+            h = STEP * max(1.0, abs(float(terms.x[s, k])))
+            sides = []
+            for sign in (1.0, -1.0):
+                x = terms.x.copy()
+                x[s, k] += sign * h
+                sides.append(self._at(dataclasses.replace(terms, x=x), part))
+            by_y[0, s * frame.size + k] = (sides[0] - sides[1]) / (2.0 * h)
+        if frame.free:
+            by_y[0, 0] = 0.0
+        return Values(np.array([self._at(terms, part)]), by_y, None, [[]])
 
 
 def _along(frame: Frame, y: Array, v: Any, factor: float) -> Any:

@@ -11,9 +11,10 @@ from zivi.base.check import Array
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.by_parameter import moved_frame
-from zivi.orbits.mechanical.critical import Critical, Grazing, Singular, Turning
+from zivi.orbits.mechanical.critical import Critical, Grazing, Margin, Singular, Turning
 from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.mechanical.family import value_of
+from zivi.orbits.mechanical.margins import Margins
 
 __all__ = ["CurvePoint", "Line", "Named"]
 
@@ -87,9 +88,9 @@ class Line:
                 evaluate(moved_frame(frame, given | {name: values[k] + s * h}), y) for s in (1, -1)
             ]
             whole[:n, n + k] = (sides[0].residual - sides[1].residual) / (2.0 * h)
-            if isinstance(self.critical, Grazing):
-                rates = [it.rates[self.critical.segment] for it in sides]
-                whole[n, n + k] = (rates[0] - rates[1]) / (2.0 * h)
+            if self.critical.is_measured:
+                ahead, back = (self.critical.measure(it) for it in sides)
+                whole[n, n + k] = (ahead - back) / (2.0 * h)
             else:
                 change = (sides[0].matrix(factor) - sides[1].matrix(factor)) / (2.0 * h)
                 whole[n:, n + k] = self.critical.by_matrix(found, change)
@@ -155,7 +156,8 @@ class Line:
         elif isinstance(self.critical, Turning):
             found |= {name: kappa - value for name, value in KAPPAS.items()}
         else:
-            found |= {"resonant_grazing": fold, "period_doubling": doubling}
+            touches = "resonant_grazing" if own >= 0 else "fold"
+            found |= {touches: fold, "period_doubling": doubling}
         return found
 
     def renew(self, point: CurvePoint) -> None:
@@ -207,6 +209,13 @@ def critical_of(kind: str, terms: Terms, kappa: float) -> Critical:
         return Singular.of(terms, -1.0)
     if kind == "neimark_sacker":
         return Turning.of(terms, kappa)
+    if kind in ("contact_ends", "simultaneous"):
+        if kind == "simultaneous":
+            spans = np.abs(terms.x[:, -1] - terms.x[:, 0])
+            return Margin(kind, int(np.argmin(spans)), -1)
+        lows = [it for it in Margins(terms).lows if it.kind == kind]
+        low = min(lows, key=lambda it: abs(it.value) / it.size)
+        return Margin(kind, low.segment, low.gap)
     hits = [s for s, it in enumerate(terms.frame.word) if it.kind in "ISZ"]
     return Grazing(min(hits, key=lambda s: abs(float(terms.rates[s]))))
 

@@ -54,7 +54,7 @@ class Margins:
         """All that must be positive; of gaps and forces their minima."""
         found = [*self._events(), *self._lasting()]
         for s in range(len(self.terms.frame.word)):
-            found += self._between(s)
+            found += self.between(s)
         return found
 
     @property
@@ -112,7 +112,7 @@ class Margins:
                 found.append(Low(kind, s, segment.gap, t, last, abs(terms.length)))
         return found
 
-    def _between(self, s: int) -> list[Low]:
+    def between(self, s: int) -> list[Low]:
         """Look for minima of open gaps, and of the forces of contacts, in a segment."""
         terms = self.terms
         flow, segment = terms.frame.flow, terms.frame.word[s]

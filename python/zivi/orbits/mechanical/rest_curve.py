@@ -28,7 +28,7 @@ def rest_curve(
     orbit = event.orbit
     second = float(parameter(orbit.system, names[1]))
     spacing = 2.5 * step * float(np.ptp(ranges[1]))
-    sides = []
+    sides: list[list[Array]] = []
     status = OrbitStatus.RANGE_END
     for sign in (-1.0, 1.0):
         found = [np.array([event.value, second])]

@@ -34,6 +34,8 @@ KINDS = (
     "neimark_sacker",
     "grazing",
     "interior_impact",
+    "contact_ends",
+    "simultaneous",
     "end_of_rest",
 )
 FIELDS: dict[str, Field] = {
@@ -58,7 +60,8 @@ class CodimensionTwo(NamedTuple):
     kind : str
         On a fold or a doubling ``grazing`` and ``fold_flip``; of a turning pair ``resonance_1_1``
         to ``resonance_1_4`` and ``grazing``; of a grazing ``resonant_grazing`` (a curve of folds
-        touches there), ``period_doubling`` and ``grazing`` (of another impact).
+        touches there), ``period_doubling`` and ``grazing`` (of another impact); where a contact
+        ends, or two events are at once, ``fold``, ``period_doubling`` and ``grazing``.
     values : ndarray
         Both parameters.
     orbit : MechanicalOrbit
@@ -191,9 +194,10 @@ def continue_curve(
     Parameters
     ----------
     event : MechanicalEvent or BranchEvent
-        A ``fold``, ``period_doubling``, ``pitchfork``, ``neimark_sacker``, ``grazing`` or
-        ``interior_impact`` of a branch; of one mass that of a `LinearForce`, and the
-        ``end_of_rest``, of any force: the first parameter is then that of its branch.
+        A ``fold``, ``period_doubling``, ``pitchfork``, ``neimark_sacker``, ``grazing``,
+        ``interior_impact``, ``contact_ends`` or ``simultaneous`` of a branch; of one mass that of a
+        `LinearForce`, and the ``end_of_rest``, of any force: the first parameter is then that of
+        its branch.
     names : (str, str)
         The parameters, as in `continue_orbit`.
     spans : ((float, float), (float, float))
