@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from zivi.base.check import Array, real_array
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.trajectory import Trajectory
-from zivi.system.gap_coordinates import GapKinetics
+from zivi.system.gap_coordinates import check_independent
+from zivi.system.layout import places
+from zivi.system.mechanism import Model
 
 __all__ = ["MechanicalReference", "ReferenceSample", "reference_of"]
 
@@ -130,16 +132,32 @@ def of_run(
     if q.shape[1] != len(q0):
         raise ValueError(f"reference must have {len(q0)} coordinates, it has {q.shape[1]}")
     gaps, rates = np.where(contacts, 0.0, gaps), np.where(contacts, 0.0, rates)
-    qddot, accelerations = np.empty_like(q), np.empty_like(gaps)
-    for k, t in enumerate(times):
-        at = model.evaluate(float(t), np.ascontiguousarray(q[k]), np.ascontiguousarray(qdot[k]))
-        here = model.layout.read(at)
-        kinetics = GapKinetics.of(here, qdot[k])
-        qddot[k] = np.linalg.solve(here.mass, here.force)
-        accelerations[k] = here.gradients @ qddot[k] + here.curvatures
-        accelerations[k] += _pushed(kinetics.D, accelerations[k], contacts[k])
+    qddot, accelerations = _without_contacts(model, times, (q, qdot), contacts)
     sides = _sides(run, times, len(names))
     return MechanicalReference(q, qdot, qddot, gaps, rates, accelerations, sides, contacts)
+
+
+def _without_contacts(
+    model: Model, times: Array, states: tuple[Array, Array], contacts: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Give the accelerations of coordinates and of gaps, each gap's without its own force."""
+    layout, (q, qdot) = model.layout, (np.ascontiguousarray(it) for it in states)
+    rows = np.empty((len(times), layout.size))
+    for k, t in enumerate(times.tolist()):
+        rows[k] = model.evaluate(t, q[k], qdot[k])
+    count = len(times)
+    part = {name: rows[:, at].reshape(count, *shape) for name, at, shape in places(layout)}
+    mass, normals = part["mass"], part["gradients"]
+    qddot: Any = np.linalg.solve(mass, part["force"][:, :, None])[:, :, 0]
+    accelerations: Array = (normals @ qddot[:, :, None])[:, :, 0] + part["curvatures"]
+    mobility: Any = np.linalg.solve(mass, normals.transpose(0, 2, 1))
+    D: Array = normals @ mobility
+    D = 0.5 * (D + D.transpose(0, 2, 1))
+    check_independent(D)
+    if layout.m > 1:  # one gap has no others
+        for k in np.flatnonzero(contacts.any(axis=1)).tolist():
+            accelerations[k] += _pushed(D[k], accelerations[k], contacts[k])
+    return qddot, accelerations
 
 
 def _pushed(D: Array, free: Array, closed: NDArray[np.bool_]) -> Array:

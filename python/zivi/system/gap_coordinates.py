@@ -107,6 +107,19 @@ REDUNDANT = 1e-10
 """Least eigenvalue of the matrix of cosines of independent gaps."""
 
 
+def check_independent(D: Array) -> None:
+    """Raise a ValueError if gaps are not independent, of one matrix D or of many, (..., m, m)."""
+    m = D.shape[-1]
+    if m > 1:
+        size = np.sqrt(np.diagonal(D, axis1=-2, axis2=-1))
+        cosines = D / (size[..., :, None] * size[..., None, :])
+        independent = np.linalg.eigvalsh(cosines)[..., 0] > REDUNDANT
+    else:
+        independent = D > 0.0
+    if not np.all(independent):
+        raise ValueError("the gaps must be independent: D = N M^-1 N^T is singular here")
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class GapKinetics:
     """What gaps and controls do at a state.
@@ -135,13 +148,7 @@ class GapKinetics:
         mobility: Any = np.linalg.solve(here.mass, normals.T)
         D: Array = normals @ mobility
         D = 0.5 * (D + D.T)
-        if len(D) > 1:
-            size = np.sqrt(np.diag(D))
-            least = np.linalg.eigvalsh(D / np.outer(size, size))[0]
-        else:
-            least = 1.0 if len(D) == 0 or D[0, 0] > 0.0 else 0.0
-        if not least > REDUNDANT:
-            raise ValueError("the gaps must be independent: D = N M^-1 N^T is singular here")
+        check_independent(D)
         return cls(here, normals @ qdot + here.rates, mobility, D)
 
     def without_gaps(self, vector: Any, gaps: Any = slice(None)) -> Array:
