@@ -132,6 +132,9 @@ impl ImpactChain {
         }
         let left = self.chain.remaining(last);
         let scales = self.scales(at.settings, at.state, last);
+        if !self.chain.may_land(&scales) {
+            return Ok(None);
+        }
         let Some(landing) = self.chain.landing(&scales) else { return Ok(None) };
         let ahead = landing.t - last.t;
         let key = self.chain.key();

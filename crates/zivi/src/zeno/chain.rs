@@ -212,6 +212,14 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         self.table.landing(first.t, last.t, powers, scales)
     }
 
+    /// Whether [`Self::landing`] may give one of a size of one or less.
+    pub(crate) fn may_land(&self, scales: &[f64]) -> bool {
+        let [_, _, .., last] = *self.bounces else { return false };
+        let (chosen, powers, _) = self.selection();
+        let times = chosen.map(|i| &self.rows[i * self.width()]);
+        Table::<Z>::may_land(times, (last.t, self.table.columns()), powers, scales[0])
+    }
+
     /// The arcs between the last impact and `zeno`, the first of them on the side `sigma`.
     pub(crate) fn tail(&self, zeno: f64, sigma: f64) -> Tail {
         Tail::new(&self.bounces, self.e, zeno, sigma)
@@ -245,6 +253,21 @@ mod tests {
             note(&mut chain, Bounce { t, u, g });
         }
         chain
+    }
+
+    #[test]
+    fn the_time_alone_tells_whether_a_landing_is_good_enough() {
+        let mut counts = [0; 2];
+        for n in 2..16 {
+            for digits in 1..16 {
+                let mut chain = expansion(0.6, 7.0, n);
+                let scales = [0.1_f64.powi(digits)];
+                let good = chain.landing(&scales).is_some_and(|it| it.size <= 1.0);
+                assert_eq!(chain.may_land(&scales), good, "{n} {digits}");
+                counts[usize::from(good)] += 1;
+            }
+        }
+        assert!(counts.iter().all(|&count| count > 40), "{counts:?}");
     }
 
     #[test]

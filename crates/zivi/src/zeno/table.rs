@@ -92,6 +92,28 @@ impl<Z: Coordinates> Table<Z> {
         self.rows.extend_from_slice(row);
     }
 
+    /// Whether the time alone, the first number of the rows, may be known to its scale: if it is not,
+    /// no entry of [`Self::landing`] has a size of one or less.
+    pub(crate) fn may_land<'r>(
+        rows: impl Iterator<Item = &'r f64>,
+        (now, columns): (f64, usize),
+        powers: Powers,
+        scale: f64,
+    ) -> bool {
+        let (mut count, mut times) = (0, [0.0; ROWS]);
+        for (time, row) in times.iter_mut().zip(rows) {
+            *time = *row;
+            count += 1;
+        }
+        let mut noise = [(f64::EPSILON * times[0].abs()).max(f64::EPSILON * now.abs())];
+        let (mut across, mut may) = ([0.0], false);
+        richardson::columns(&mut times[..count], &mut across, powers, |entry| {
+            let size = judge(entry, &mut noise, &mut [0.0], &[scale]);
+            may |= entry.j <= columns && (size <= 1.0 || size.is_nan());
+        });
+        may
+    }
+
     /// The newest entry with the smallest estimated error in the given scales, from three rows on,
     /// the newest at the time `now`.
     ///

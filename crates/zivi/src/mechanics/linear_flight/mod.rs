@@ -50,6 +50,8 @@ pub(super) struct LinearFlight {
     known: Vec<(GapSet, Arc<Propagation>)>,
     /// By gap the weights of the drives in the speed of its wall, times `h`.
     wall_rates: Vec<Vec<f64>>,
+    /// By gap one before it that moves the other way, as that of a stop on the other side.
+    opposite: Vec<Option<usize>>,
     /// `(q, h q', d)` where a step begins, and `(q, h q')` where it ends.
     y: Vec<f64>,
     end: Vec<f64>,
@@ -86,12 +88,14 @@ impl LinearFlight {
         let series = vec![[0.0; TERMS]; system.gaps.len()];
         let free = Arc::new(free);
         let wall_rates = wall_rates(&free, h);
+        let opposite = (0..free.gaps()).map(|i| (0..i).find(|&j| free.is_opposite(i, j))).collect();
         Some(Box::new(Self {
             free,
             h,
             longest: h,
             known: vec![],
             wall_rates,
+            opposite,
             y,
             end,
             series,
@@ -227,9 +231,14 @@ impl LinearFlight {
     ) -> (f64, Option<Event>) {
         let (mut first, mut event) = (1.0, None);
         for (i, functional) in motion.gaps.iter().enumerate() {
-            let mut a = functional.series(&self.y);
-            let size = a.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
             let closed = state.closed().has(i);
+            let other = self.opposite[i].filter(|&j| !closed && !state.closed().has(j));
+            let mut a = match other {
+                // no zero gets a sign
+                Some(j) => self.series[j].map(|a| 0.0 - a),
+                None => functional.series(&self.y),
+            };
+            let size = a.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
             if !closed {
                 let (gap, rate) = state.gap(i);
                 (a[0], a[1]) = (gap, self.h * rate);

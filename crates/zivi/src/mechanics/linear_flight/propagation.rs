@@ -102,6 +102,13 @@ impl Free {
         &self.normals[i]
     }
 
+    /// Whether a gap moves as another one, the other way; offsets apart.
+    pub(super) fn is_opposite(&self, i: usize, j: usize) -> bool {
+        let opposite = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| *a == -b);
+        opposite(&self.normals[i], &self.normals[j])
+            && opposite(&self.walls[i][1..], &self.walls[j][1..])
+    }
+
     /// The weights of the drives in the wall of a gap, less its offset.
     pub(super) fn wall(&self, i: usize) -> &[f64] {
         &self.walls[i]
