@@ -9,6 +9,7 @@ Run as ``python examples/juggler.py [out.png]``.
 """
 
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ def racket(ball: float = 0.2, e: float = 0.6) -> zivi.MechanicalSystem:
     )
 
 
-def juggle(**settings: bool) -> zivi.MechanicalClosedLoop:
+def juggle(**settings: Any) -> zivi.MechanicalClosedLoop:
     """Run it."""
     controller = zivi.Striker(
         racket(ball=0.25, e=0.5),
