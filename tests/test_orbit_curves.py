@@ -11,9 +11,10 @@ import pytest
 import zivi
 from orbit_tables import MODES, TURN, frame, residual, single, table
 from zivi.orbits import least_period
-from zivi.orbits.curve import Curve, _secant, locate, locate_near
+from zivi.orbits.curve import Curve, locate, locate_near
 from zivi.orbits.find import why_not
 from zivi.orbits.follow import _weight
+from zivi.orbits.secant import secant
 from zivi.orbits.sequence import equations
 
 STATUS = zivi.OrbitStatus
@@ -92,13 +93,13 @@ def one_like(own: Curve, amplitude: float) -> Any:
 
 
 def test_secants_within_a_bracket():
-    assert _secant((1.0, 2.0), (0.0, -2.0), 0.0, 1.0) == 0.5
-    assert _secant((0.75, 1.0), (0.25, -2.0), 0.2, 0.9) == pytest.approx(0.25 + 1 / 3)
+    assert secant((1.0, 2.0), (0.0, -2.0), 0.0, 1.0) == 0.5
+    assert secant((0.75, 1.0), (0.25, -2.0), 0.2, 0.9) == pytest.approx(0.25 + 1 / 3)
     # without a slope, or outside: the middle
-    assert _secant((1.0, 2.0), (0.0, 2.0), 0.2, 0.6) == pytest.approx(0.4)
-    assert _secant((1.0, 2.0), (0.0, 1.0), 0.2, 0.6) == pytest.approx(0.4)
-    assert _secant((1.0, math.inf), (0.0, 1.0), 0.2, 0.6) == pytest.approx(0.4)
-    assert _secant((1.0, 2.0), (0.0, -2.0), 0.5, 0.9) == pytest.approx(0.7)
+    assert secant((1.0, 2.0), (0.0, 2.0), 0.2, 0.6) == pytest.approx(0.4)
+    assert secant((1.0, 2.0), (0.0, 1.0), 0.2, 0.6) == pytest.approx(0.4)
+    assert secant((1.0, math.inf), (0.0, 1.0), 0.2, 0.6) == pytest.approx(0.4)
+    assert secant((1.0, 2.0), (0.0, -2.0), 0.5, 0.9) == pytest.approx(0.7)
 
 
 def test_the_end_that_needs_attention_is_the_status():

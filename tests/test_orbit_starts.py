@@ -20,13 +20,13 @@ from zivi.orbits.sequence import unknowns_of
 def test_the_middle_of_the_last_long_flight():
     rows = np.array([[0.0, 1], [4.0, 1], [5.0, 1], [9.0, 1], [9.5, 1]])
     # flights 4, 1, 4, .5 and 1.5 to the end: the last of at least half of the longest is 5 to 9
-    assert start._quiet(rows, 11.0) == attractor._quiet(rows, 11.0) == 7.0
-    assert start._quiet(rows, 13.0) == attractor._quiet(rows, 13.0) == 9.5 + 0.5 * 3.5
+    assert attractor.quiet(rows, 11.0) == 7.0
+    assert attractor.quiet(rows, 13.0) == 9.5 + 0.5 * 3.5
     # exactly half is long enough, and impacts before the last eight do not count
-    assert start._quiet(rows, 11.5) == attractor._quiet(rows, 11.5) == 10.5
+    assert attractor.quiet(rows, 11.5) == 10.5
     many = np.column_stack([[-50.0, *range(9)], np.ones(10)])
-    assert start._quiet(many, 8.5) == attractor._quiet(many, 8.5) == 8.25
-    assert start._quiet(np.vstack([[-9.0, 1], many[2:]]), 8.5) == 8.25
+    assert attractor.quiet(many, 8.5) == 8.25
+    assert attractor.quiet(np.vstack([[-9.0, 1], many[2:]]), 8.5) == 8.25
 
 
 def test_the_impacts_of_the_last_period():

@@ -3,34 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.extras import late
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, Table
 from zivi.derivatives.sensitivity import OrbitStatus
+from zivi.orbits import along
 from zivi.orbits.orbit import PeriodicOrbit
 
 __all__ = ["MESSAGES", "Branch", "BranchEvent"]
 
 MESSAGES = {
-    OrbitStatus.RANGE_END: "The branch was followed to the ends of the range.",
-    OrbitStatus.MAX_POINTS: "The branch has max_points points.",
-    OrbitStatus.LEFT_ADMISSIBLE: "The branch ends where the orbit is no motion any more.",
-    OrbitStatus.NOT_CONVERGED: "No step was short enough for Newton's iteration to converge.",
+    **along.MESSAGES,
     OrbitStatus.COMPLETED: "The branch was followed to where it begins, at a period doubling.",
 }
 
 FIELDS: dict[str, Field] = {
     "t": ("point", "s", "time of the first impact"),
     "u": ("point", "m/s", "speed after the first impact"),
-    "stable": ("point", "", "whether the orbit is stable"),
-    "admissible": ("point", "", "whether it is a motion of the system"),
-    "multiplier_real": (("point", "multiplier"), "", "real parts of the multipliers"),
-    "multiplier_imag": (("point", "multiplier"), "", "imaginary parts of the multipliers"),
+    **along.FIELDS,
 }
 """Dimensions, unit and meaning of what is in the dataset, beside the parameter."""
 
@@ -56,7 +50,7 @@ class BranchEvent(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Branch(Tabulated):
+class Branch(along.OrbitsAlong[BranchEvent]):
     """Orbits along a parameter.
 
     Attributes
@@ -86,38 +80,10 @@ class Branch(Tabulated):
     message: str
     n_flights: int
 
-    def __len__(self) -> int:
-        return len(self.orbits)
-
-    @property
-    def stable(self) -> np.ndarray:
-        """Whether each orbit is stable."""
-        return np.array([orbit.stable for orbit in self.orbits], dtype=bool)
-
-    @property
-    def admissible(self) -> np.ndarray:
-        """Whether each orbit is a motion of the system."""
-        return np.array([orbit.admissible for orbit in self.orbits], dtype=bool)
-
     @property
     def multipliers(self) -> np.ndarray:
         """The multipliers of each orbit, of shape (n, 2)."""
         return np.array([orbit.multipliers for orbit in self.orbits]).reshape(-1, 2)
-
-    def of_kind(self, kind: str) -> list[BranchEvent]:
-        """Give the events of one kind.
-
-        Parameters
-        ----------
-        kind : str
-            As in `BranchEvent`.
-
-        Returns
-        -------
-        list of BranchEvent
-            In the order of the arc.
-        """
-        return [event for event in self.events if event.kind == kind]
 
     def switch(self, event: BranchEvent) -> PeriodicOrbit:
         """Give an orbit on the branch that meets this one in an event, to be continued.
@@ -141,21 +107,8 @@ class Branch(Tabulated):
 
     def _table(self) -> Table:
         """Tell the points of the branch; its events are among the attributes."""
-        first = [orbit.impacts[0] if len(orbit.impacts) else None for orbit in self.orbits]
-        values = {
-            self.name: self.values,
-            "t": [math.nan if it is None else it["t"] for it in first],
-            "u": [math.nan if it is None else it["u"] for it in first],
-            "multiplier_real": self.multipliers.real,
-            "multiplier_imag": self.multipliers.imag,
-        }
-        attrs = {
-            "status": self.status.name,
-            "events": [event.kind for event in self.events],
-            "event_values": [event.value for event in self.events],
-        }
         fields: dict[str, Field] = {self.name: ("point", "", "parameter"), **FIELDS}
-        return Table("Branch of periodic orbits", fields, {}, values, attrs)
+        return Table("Branch of periodic orbits", fields, {}, self._columns(), self._told())
 
     def __repr__(self) -> str:
         told = ", ".join(f"{event.kind} at {event.value:.9g}" for event in self.events)

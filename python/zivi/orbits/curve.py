@@ -9,6 +9,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.orbits.flights import FlightError
+from zivi.orbits.secant import secant
 from zivi.orbits.sequence import Equations, Frame, equations, size_of
 from zivi.system.mass import ImpactSystem
 from zivi.system.parameters import with_value
@@ -138,7 +139,7 @@ def locate(curve: Curve, one: Point, other: Point, test: Callable[[Point], float
         return None
     last, before, best = high, low, None
     for _ in range(60):
-        part = _secant(last, before, low[0], high[0])
+        part = secant(last, before, low[0], high[0])
         point = curve.correct(one.z + part * chord, normal)
         if point is None:
             return best
@@ -168,15 +169,3 @@ def locate_near(curve: Curve, start: Point, test: Callable[[Point], float]) -> P
             return point
         before, last = last, (last[0] - last[1] * moved / rise, 0.0)
     return None
-
-
-def _secant(
-    last: tuple[float, float], before: tuple[float, float], low: float, high: float
-) -> float:
-    """Give the zero of a line through two points, or the middle where that is not within."""
-    rise = last[1] - before[1]
-    if np.isfinite(rise) and rise != 0.0:
-        part = last[0] - last[1] * (last[0] - before[0]) / rise
-        if low < part < high:
-            return float(part)
-    return 0.5 * (low + high)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, real, real_array
+from zivi.orbits.attractor import quiet
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
@@ -106,17 +107,9 @@ def from_run(run: Trajectory, multiple: int | None, period: float) -> Guess:
 
 def _window(impacts: Array, end: float, length: float, before: float = 0.0) -> Array:
     """Give the impacts of the last period of the motion, as seen from the middle of a flight."""
-    close = _quiet(impacts, end) - before
+    close = quiet(impacts, end) - before
     inside = (impacts[:, 0] > close - length) & (impacts[:, 0] <= close)
     return impacts[inside]
-
-
-def _quiet(impacts: Array, end: float) -> float:
-    """Give the middle of the last long flight."""
-    times = np.append(impacts[-8:, 0], end)
-    gaps = np.diff(times)
-    i = int(np.flatnonzero(gaps >= 0.5 * np.max(gaps))[-1])
-    return float(times[i] + 0.5 * gaps[i])
 
 
 def _repeats(impacts: Array, end: float, period: float) -> int:

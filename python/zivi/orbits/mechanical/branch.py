@@ -9,18 +9,16 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.extras import late
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, Table
 from zivi.derivatives.result import OrbitStatus
+from zivi.orbits import along
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.mechanical.word import told
 
 __all__ = ["MESSAGES", "BranchArc", "MechanicalBranch", "MechanicalEvent"]
 
 MESSAGES = {
-    OrbitStatus.RANGE_END: "The branch was followed to the ends of the range.",
-    OrbitStatus.MAX_POINTS: "The branch has max_points points.",
-    OrbitStatus.LEFT_ADMISSIBLE: "The branch ends where the orbit is no motion any more.",
-    OrbitStatus.NOT_CONVERGED: "No step was short enough for Newton's iteration to converge.",
+    **along.MESSAGES,
     OrbitStatus.CLOSED: "The branch is closed: it came back to a point of its own.",
     OrbitStatus.RETRACED: "The branch came to where it begins, at a period doubling.",
     OrbitStatus.SIMULTANEOUS: "The branch ends where two events happen at once.",
@@ -31,10 +29,7 @@ FIELDS: dict[str, Field] = {
     "n_impacts": ("point", "", "impacts of a period of the motion"),
     "t": ("point", "", "time of the first impact"),
     "u": ("point", "", "speed of its gap after the first impact"),
-    "stable": ("point", "", "whether the orbit is stable"),
-    "admissible": ("point", "", "whether it is a motion of the system"),
-    "multiplier_real": (("point", "multiplier"), "", "real parts of the multipliers"),
-    "multiplier_imag": (("point", "multiplier"), "", "imaginary parts of the multipliers"),
+    **along.FIELDS,
 }
 """Dimensions, unit and meaning of what is in the dataset, beside the parameter."""
 
@@ -86,7 +81,7 @@ class BranchArc:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalBranch(Tabulated):
+class MechanicalBranch(along.OrbitsAlong[MechanicalEvent]):
     """Orbits of a mechanical system along a parameter, from word to word.
 
     Attributes
@@ -115,9 +110,6 @@ class MechanicalBranch(Tabulated):
     message: str
     n_flights: int
 
-    def __len__(self) -> int:
-        return len(self.orbits)
-
     @property
     def orbits(self) -> list[MechanicalOrbit]:
         """The orbits of all arcs."""
@@ -134,34 +126,9 @@ class MechanicalBranch(Tabulated):
         return [told(arc.word) for arc in self.arcs]
 
     @property
-    def stable(self) -> np.ndarray:
-        """Whether each orbit is stable."""
-        return np.array([orbit.stable for orbit in self.orbits], dtype=bool)
-
-    @property
-    def admissible(self) -> np.ndarray:
-        """Whether each orbit is a motion of the system."""
-        return np.array([orbit.admissible for orbit in self.orbits], dtype=bool)
-
-    @property
     def multipliers(self) -> np.ndarray:
         """The multipliers of each orbit, a row each."""
         return np.array([orbit.multipliers for orbit in self.orbits])
-
-    def of_kind(self, kind: str) -> list[MechanicalEvent]:
-        """Give the events of one kind.
-
-        Parameters
-        ----------
-        kind : str
-            As in `MechanicalEvent`.
-
-        Returns
-        -------
-        list of MechanicalEvent
-            In the order of the branch.
-        """
-        return [event for event in self.events if event.kind == kind]
 
     def switch(self, event: MechanicalEvent) -> MechanicalOrbit:
         """Give an orbit on the branch that meets this one in an event, to be continued.
@@ -183,22 +150,11 @@ class MechanicalBranch(Tabulated):
 
     def _table(self) -> Table:
         """Tell the points of the branch; its events are among the attributes."""
-        first = [orbit.impacts[0] if len(orbit.impacts) else None for orbit in self.orbits]
-        values = {
-            self.name: self.values,
+        values = self._columns() | {
             "arc": np.repeat(np.arange(len(self.arcs)), [len(arc) for arc in self.arcs]),
             "n_impacts": [len(orbit.impacts) for orbit in self.orbits],
-            "t": [np.nan if it is None else it["t"] for it in first],
-            "u": [np.nan if it is None else it["u"] for it in first],
-            "multiplier_real": self.multipliers.real,
-            "multiplier_imag": self.multipliers.imag,
         }
-        attrs = {
-            "status": self.status.name,
-            "words": self.words,
-            "events": [event.kind for event in self.events],
-            "event_values": [event.value for event in self.events],
-        }
+        attrs = self._told() | {"words": self.words}
         fields: dict[str, Field] = {self.name: ("point", "", "parameter"), **FIELDS}
         return Table("Branch of periodic orbits", fields, {}, values, attrs)
 

@@ -16,6 +16,7 @@ from zivi.orbits.mechanical.by_parameter import by_parameter, moved_frame
 from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.mechanical.margins import Margins
 from zivi.orbits.mechanical.multipliers import multipliers_of
+from zivi.orbits.secant import secant
 
 __all__ = ["Path", "Point", "located"]
 
@@ -189,7 +190,7 @@ def located(
     best, last, before, near = None, high, low, one.z
     at = 0.0
     for _ in range(50):
-        part = _between(last, before, low[0], high[0])
+        part = secant(last, before, low[0], high[0])
         point = path.correct(near + (part - at) * chord, normal)
         if point is None:
             # a part of the bracket that cannot be computed lies beyond the event
@@ -210,15 +211,3 @@ def located(
         if value == 0.0 or moved < tolerance:
             break
     return best
-
-
-def _between(
-    last: tuple[float, float], before: tuple[float, float], low: float, high: float
-) -> float:
-    """Give the zero of a line through two points, or the middle where that is not within."""
-    rise = last[1] - before[1]
-    if np.isfinite(rise) and rise != 0.0:
-        part = last[0] - last[1] * (last[0] - before[0]) / rise
-        if low < part < high:
-            return float(part)
-    return 0.5 * (low + high)

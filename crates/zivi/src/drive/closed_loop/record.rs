@@ -91,10 +91,9 @@ impl LoopRecord {
     ) {
         let none = Physical { x: f64::NAN, xdot: f64::NAN };
         let reference = reference.unwrap_or(none);
-        let head = [t, state.x, state.xdot, reference.x, reference.xdot, u];
-        for (column, value) in
-            self.columns.iter_mut().zip(head.into_iter().chain(controller.signs()))
-        {
+        let [a, b, c, d, e, f] = controller.signs();
+        let row = [t, state.x, state.xdot, reference.x, reference.xdot, u, a, b, c, d, e, f];
+        for (column, value) in self.columns.iter_mut().zip(row) {
             column.push(value);
         }
         self.ticks.push(tick);

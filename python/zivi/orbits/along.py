@@ -1,0 +1,95 @@
+"""What branches of orbits of one mass and of mechanical systems have in common."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.base.table import Field, Tabulated
+from zivi.derivatives.result import OrbitStatus
+
+__all__ = ["FIELDS", "MESSAGES", "OrbitsAlong"]
+
+MESSAGES = {
+    OrbitStatus.RANGE_END: "The branch was followed to the ends of the range.",
+    OrbitStatus.MAX_POINTS: "The branch has max_points points.",
+    OrbitStatus.LEFT_ADMISSIBLE: "The branch ends where the orbit is no motion any more.",
+    OrbitStatus.NOT_CONVERGED: "No step was short enough for Newton's iteration to converge.",
+}
+
+FIELDS: dict[str, Field] = {
+    "stable": ("point", "", "whether the orbit is stable"),
+    "admissible": ("point", "", "whether it is a motion of the system"),
+    "multiplier_real": (("point", "multiplier"), "", "real parts of the multipliers"),
+    "multiplier_imag": (("point", "multiplier"), "", "imaginary parts of the multipliers"),
+}
+"""Dimensions, unit and meaning of what is in the dataset, beside the parameter and the impact."""
+
+Event = TypeVar("Event")
+
+
+class OrbitsAlong(Tabulated, Generic[Event]):
+    """Orbits along a parameter, with events."""
+
+    if TYPE_CHECKING:
+        name: str
+        events: list[Any]
+        status: OrbitStatus
+
+        @property
+        def orbits(self) -> Sequence[Any]: ...  # noqa: D102
+        @property
+        def values(self) -> Array: ...  # noqa: D102
+        @property
+        def multipliers(self) -> np.ndarray: ...  # noqa: D102
+
+    def __len__(self) -> int:
+        return len(self.orbits)
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether each orbit is stable."""
+        return np.array([orbit.stable for orbit in self.orbits], dtype=bool)
+
+    @property
+    def admissible(self) -> np.ndarray:
+        """Whether each orbit is a motion of the system."""
+        return np.array([orbit.admissible for orbit in self.orbits], dtype=bool)
+
+    def of_kind(self, kind: str) -> list[Event]:
+        """Give the events of one kind.
+
+        Parameters
+        ----------
+        kind : str
+            As in `events`.
+
+        Returns
+        -------
+        list
+            In the order of the branch.
+        """
+        return [event for event in self.events if event.kind == kind]
+
+    def _columns(self) -> dict[str, Any]:
+        """Give the parameter, the first impact and the multipliers of each orbit."""
+        first = [orbit.impacts[0] if len(orbit.impacts) else None for orbit in self.orbits]
+        return {
+            self.name: self.values,
+            "t": [math.nan if it is None else it["t"] for it in first],
+            "u": [math.nan if it is None else it["u"] for it in first],
+            "multiplier_real": self.multipliers.real,
+            "multiplier_imag": self.multipliers.imag,
+        }
+
+    def _told(self) -> dict[str, Any]:
+        """Give the end of the branch and its events."""
+        return {
+            "status": self.status.name,
+            "events": [event.kind for event in self.events],
+            "event_values": [event.value for event in self.events],
+        }
