@@ -7,6 +7,7 @@ import pytest
 
 import zivi
 from mechanical_arms import bouncing_error, follow, is_pressed, tapping, tracker, two_links
+from zivi.control import gap_tracker
 from zivi.control.mechanical_reference import reference_of
 
 MASS = zivi.MechanicalSystem(
@@ -210,3 +211,21 @@ def test_coupled_gaps_land_and_are_pressed_with_forces_of_their_own(cosine):
     )
     assert run.contacts[-1].all()
     np.testing.assert_allclose(run.reactions[-100:], [[10.0, 5.0]] * 100, atol=1e-9)
+
+
+def test_a_gap_that_another_contact_pushes_open_lands(monkeypatch):
+    """One that is pressed as its landing would push it harder than it falls."""
+    gaps = [zivi.LinearGap([1, 0], name="left"), zivi.LinearGap([0.3, 0.4], name="right")]
+    system = zivi.MechanicalSystem(mass=np.eye(2), force=[0, 0], gaps=gaps, e=[0.84, 0.29])
+    start = np.linalg.solve([[1, 0], [0.3, 0.4]], [0.05, 0.01])
+
+    def landed():
+        both = {"left": (40, 22), "right": (40, 22)}
+        ctl = zivi.GapTracker(system, h=1e-3, gains=both)
+        return zivi.simulate_closed_loop(
+            system, ctl, (0, 1.5), (start, [0, 0]), reference="rest", method=zivi.RKPeriod()
+        )
+
+    assert landed().contacts[-1].all()
+    monkeypatch.setattr(gap_tracker, "PUSHED", np.inf)
+    assert not landed().contacts[-1].all()

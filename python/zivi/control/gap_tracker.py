@@ -28,6 +28,8 @@ DEVIATIONS = 20.0
 """A gap within so many deviations of its measurement may be closed."""
 STEPS = 5.0
 """The same in steps of the sensor."""
+PUSHED = 0.5
+"""Part of its own press by which the other contacts may push a gap that lands."""
 OUT = 5
 """A contact is open after so many measurements beyond that."""
 
@@ -305,6 +307,9 @@ class GapTracker(ModelBased):
             # a gap that lands is pushed by the other contacts as by a constant force, or impacts
             # on coupled gaps would not end; one that follows has its reference's own pushes
             known = np.where(resting, D @ (forces - usual), D @ forces)
+            # as long as that leaves it half of what it is pressed with itself, or it would not fall
+            excess = D @ usual - PUSHED * self._press()
+            known = known + np.where(resting & ~held, np.maximum(excess, 0.0), 0.0)
             a = np.where(held, -(D @ forces), a - known)
         self._a = a
         return a
@@ -326,10 +331,14 @@ class GapTracker(ModelBased):
             self._status |= TickStatus.LATCH_LOST
         self._latched = (self._latched & resting & ~lost) | closes
 
+    def _press(self) -> Array:
+        """Give the accelerations with which landings press gaps that rest."""
+        return np.array([float(it.press or 0.0) for it in self._trackers])
+
     def _usual_forces(self, D: Array) -> Array:
         """Give the forces with which landings press the contacts that are held, 0 elsewhere."""
         held, forces = self._latched, np.zeros(len(D))
-        press = np.array([float(it.press or 0.0) for it in self._trackers])
+        press = self._press()
         own = np.linalg.solve(D[np.ix_(held, held)], press[held])
         forces[held] = own if np.all(own > 0.0) else (press / np.diag(D))[held]
         return forces
