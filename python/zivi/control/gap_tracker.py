@@ -28,7 +28,7 @@ DEVIATIONS = 20.0
 """A gap within so many deviations of its measurement may be closed."""
 STEPS = 5.0
 """The same in steps of the sensor."""
-PUSHED = 0.5
+PUSHED = 0.8
 """Part of its own press by which the other contacts may push a gap that lands."""
 OUT = 5
 """A contact is open after so many measurements beyond that."""
@@ -307,7 +307,7 @@ class GapTracker(ModelBased):
             # a gap that lands is pushed by the other contacts as by a constant force, or impacts
             # on coupled gaps would not end; one that follows has its reference's own pushes
             known = np.where(resting, D @ (forces - usual), D @ forces)
-            # as long as that leaves it half of what it is pressed with itself, or it would not fall
+            # as long as that leaves it a part of its own press, or it would not fall
             excess = D @ usual - PUSHED * self._press()
             known = known + np.where(resting & ~held, np.maximum(excess, 0.0), 0.0)
             a = np.where(held, -(D @ forces), a - known)
