@@ -4,6 +4,19 @@
 /// of a diagonal entry by the rows above, 1 for a diagonal matrix, 0 where `A` is singular and
 /// negative or NaN where it is not definite.
 pub(crate) fn factor(a: &mut [f64], n: usize) -> f64 {
+    // of a size that the compiler knows the loops are unrolled
+    match n {
+        1 => factor_sized(a, 1),
+        2 => factor_sized(a, 2),
+        3 => factor_sized(a, 3),
+        4 => factor_sized(a, 4),
+        _ => factor_sized(a, n),
+    }
+}
+
+#[inline(always)]
+fn factor_sized(a: &mut [f64], n: usize) -> f64 {
+    let a = &mut a[..n * n];
     let mut least = 1.0_f64;
     for i in 0..n {
         for j in 0..=i {
@@ -25,6 +38,18 @@ pub(crate) fn factor(a: &mut [f64], n: usize) -> f64 {
 
 /// `b <- A^-1 b` from the `L` of [`factor`].
 pub(crate) fn solve(l: &[f64], n: usize, b: &mut [f64]) {
+    match n {
+        1 => solve_sized(l, 1, b),
+        2 => solve_sized(l, 2, b),
+        3 => solve_sized(l, 3, b),
+        4 => solve_sized(l, 4, b),
+        _ => solve_sized(l, n, b),
+    }
+}
+
+#[inline(always)]
+fn solve_sized(l: &[f64], n: usize, b: &mut [f64]) {
+    let (l, b) = (&l[..n * n], &mut b[..n]);
     for i in 0..n {
         let row = &l[i * n..][..=i];
         let done: f64 = row[..i].iter().zip(&*b).map(|(l, b)| l * b).sum();
