@@ -410,6 +410,7 @@ class Keep:
         tstops: _Array | None = None,
         events: list[Event] = ...,
         dense: bool = False,
+        arcs: bool = False,
         drawn: bool = False,
     ) -> Self: ...
 

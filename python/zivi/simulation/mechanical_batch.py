@@ -22,6 +22,7 @@ from zivi.simulation.mechanical_run import (
     run_mechanical,
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.methods import SwitchedRK
 from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["MechanicalBatch", "mechanical_batch"]
@@ -61,8 +62,10 @@ def mechanical_batch(
     q, qdot = _states(y0, len(several))
     several = several * len(q) if len(several) == 1 else several
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
+    # the motion itself is asked for in samples and whole runs only
+    dense = times is not None or save == "runs" or not isinstance(method, SwitchedRK)
     tasks = [
-        (system, Asked(span, a, b, None, _knots(system, method, span), [], True))
+        (system, Asked(span, a, b, None, _knots(system, method, span), [], dense, arcs=True))
         for system, a, b in zip(several, q, qdot, strict=True)
     ]
 

@@ -50,6 +50,8 @@ class Asked:
         As `events_of` gives them.
     dense : bool
         Whether the motion between the samples is kept.
+    arcs : bool
+        Whether at least the arcs of it are kept that jumps skip, with the impacts on them.
     """
 
     span: tuple[float, float]
@@ -59,6 +61,7 @@ class Asked:
     tstops: Array
     events: list[_zivi.Event]
     dense: bool
+    arcs: bool = False
 
 
 def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
@@ -147,7 +150,11 @@ def run_mechanical(
     if isinstance(method, ThetaGamma) and _coupled(system, model, asked):
         raise ValueError(f"the gaps {', '.join(system.gap_names)} are coupled: {COUPLED}")
     keep = _zivi.Keep(
-        t_eval=asked.t_eval, tstops=asked.tstops, events=asked.events, dense=asked.dense
+        t_eval=asked.t_eval,
+        tstops=asked.tstops,
+        events=asked.events,
+        dense=asked.dense,
+        arcs=asked.arcs,
     )
     record = _zivi.simulate(
         mechanism(system, model),

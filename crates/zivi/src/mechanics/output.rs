@@ -19,13 +19,15 @@ pub struct MechanicalOutput<'a, E> {
     pub tstops: &'a [f64],
     /// Whether to keep the motion as a function of time.
     pub dense: bool,
+    /// Whether to keep of the motion at least the arcs that jumps skip, with the impacts on them.
+    pub arcs: bool,
     /// The user's events.
     pub events: Vec<UserEvent<'a, E, MotionPoint>>,
 }
 
 impl<E> Default for MechanicalOutput<'_, E> {
     fn default() -> Self {
-        Self { t_eval: None, tstops: &[], dense: false, events: Vec::new() }
+        Self { t_eval: None, tstops: &[], dense: false, arcs: false, events: Vec::new() }
     }
 }
 

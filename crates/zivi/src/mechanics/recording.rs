@@ -28,6 +28,8 @@ type Ending<E> = piecewise::Ending<E, MotionPoint>;
 pub(super) struct MechanicalRecord {
     samples: MechanicalSamples,
     path: Option<MechanicalPath>,
+    /// Whether the path is the whole motion, and not the arcs only that jumps skip.
+    is_whole: bool,
     /// Where a sample at a wanted time is made.
     at: MotionPoint,
 }
@@ -44,7 +46,7 @@ pub(super) fn running<E>(
     t1: f64,
     output: MechanicalOutput<'_, E>,
 ) -> Running<'_, E> {
-    let MechanicalOutput { t_eval, tstops, dense, events } = output;
+    let MechanicalOutput { t_eval, tstops, dense, arcs, events } = output;
     let start = MotionPoint {
         x: machine.state().now().x.clone(),
         v: machine.state().now().xdot.clone(),
@@ -52,7 +54,8 @@ pub(super) fn running<E>(
     };
     let record = MechanicalRecord {
         samples: MechanicalSamples::default(),
-        path: dense.then(|| MechanicalPath::new(machine.state().layout())),
+        path: (dense || arcs).then(|| MechanicalPath::new(machine.state().layout())),
+        is_whole: dense,
         at: start.clone(),
     };
     Running::new((machine, start), t1, (tstops, t_eval), events, record)
@@ -112,6 +115,7 @@ impl Record<MechanicalIntegrator> for MechanicalRecord {
     }
 
     fn is_dense(&self) -> bool {
+        // the same steps to the last bit, whatever is kept of them
         self.path.is_some()
     }
 }
@@ -168,7 +172,7 @@ impl<E> Running<'_, E> {
         mode: ContactMode,
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
-        if let Some(path) = &mut self.record.path {
+        if let Some(path) = self.record.path.as_mut().filter(|_| self.record.is_whole) {
             path.push_motion(curve, mode);
         }
         let motion = |t: f64, to: &mut MotionPoint| {

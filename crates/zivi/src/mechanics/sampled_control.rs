@@ -171,8 +171,12 @@ where
         Ok(()) => held.sample(&mut machine, &mut model),
         failed => failed,
     };
-    let output =
-        MechanicalOutput { t_eval: Some(&[]), tstops: sampling.stops, dense, events: Vec::new() };
+    let output = MechanicalOutput {
+        t_eval: Some(&[]),
+        tstops: sampling.stops,
+        dense,
+        ..MechanicalOutput::default()
+    };
     let mut running = running(machine, t1, output);
     let ending = match begun {
         Err(failure) => failure.into(),
