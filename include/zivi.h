@@ -606,7 +606,7 @@ extern "C" {
 // `ZIVI_ABI_VERSION` of the library: compare it with that of the header.
 uint32_t zivi_abi_version(void);
 
-// The version of zivi, for instance "0.1.0".
+// The version of zivi, for instance "0.2.0".
 const char *zivi_version(void);
 
 // What a code means, in one line of English.

@@ -379,3 +379,40 @@ def test_compiled_parts_run_as_those_of_the_interpreter():
     assert one.success, one.message
     assert one.q[-1] == pytest.approx(other.q[-1], abs=1e-12)
     assert one.transitions["after"].tolist() == other.transitions["after"].tolist()
+
+
+def test_the_implicit_step_of_a_joint_in_closed_form():
+    """1 N pushes against 1.5 N of friction: from 1 m/s it stops after 2 s, and sticks by 1 N."""
+    h, push, limit = 1e-2, 1.0, 1.5
+    rub = zivi.DryFriction(limit=limit)
+    block = zivi.MechanicalSystem(mass=1.0, force=[push], friction=[rub])
+    sol = zivi.simulate(block, (0, 3), ([0.5], [1.0]), zivi.ThetaGamma(h=h))
+    steps = np.arange(len(sol.t))
+    speed = np.maximum(1 - (limit - push) * h * steps, 0.0)
+    assert sol.qdot[:, 0] == pytest.approx(speed, abs=1e-12)
+    way = np.concatenate([[0.0], np.cumsum(h * speed[1:])])
+    assert sol.q[:, 0] - 0.5 == pytest.approx(way, abs=1e-12)
+    assert sol.slips[:, 0] == pytest.approx(speed, abs=1e-12)
+    assert sol.slip_distances[:, 0] == pytest.approx(way, abs=1e-12)
+    assert sol.dissipated == pytest.approx(limit * way, abs=1e-12)
+    slides = (steps > 0) & (sol.t < 2 - h)
+    assert sol.friction_forces[slides, 0] == pytest.approx(-limit, abs=1e-12)
+    assert sol.friction_forces[sol.t > 2 + h, 0] == pytest.approx(-push, abs=1e-9)
+    assert (sol.modes[slides, 0] == 1).all()
+    assert (sol.modes[sol.t > 2 + h, 0] == 0).all()
+
+
+def test_friction_of_a_joint_presses_a_contact_of_the_implicit_step():
+    """Along (1, 0.3) it pushes the block that slides on the floor down."""
+    limit, weight = 2.0, 9.81
+    rub = zivi.DryFriction(direction=[1, 0.3], limit=limit)
+    floor = zivi.LinearGap([0, 1])
+    block = zivi.MechanicalSystem(
+        mass=np.eye(2), force=[3.0, -weight], gaps=[floor], e=0.5, friction=[rub]
+    )
+    sol = zivi.simulate(block, (0, 1), ([0, 0], [1, 0]), zivi.ThetaGamma(h=1e-2))
+    late = sol.t > 0.05
+    assert sol.reactions[late, 0] == pytest.approx(weight + 0.3 * limit, abs=1e-9)
+    assert sol.friction_forces[late, 0] == pytest.approx(-limit, abs=1e-12)
+    assert sol.q[:, 1] == pytest.approx(0.0, abs=1e-12)
+    assert sol.qdot[-1, 0] == pytest.approx(2.0, abs=1e-9)

@@ -44,7 +44,7 @@ pub extern "C" fn zivi_abi_version() -> u32 {
     ZIVI_ABI_VERSION
 }
 
-/// The version of zivi, for instance "0.1.0".
+/// The version of zivi, for instance "0.2.0".
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_version")]
 pub extern "C" fn zivi_version() -> *const c_char {
