@@ -172,3 +172,37 @@ def test_a_contact_without_an_impulse_has_no_row_of_impacts():
     assert rows["gap"].tolist() == [0, 1]
     assert rows["t"][1] == pytest.approx(fall + (end - speed) / slide, abs=1e-12)
     assert rows["speed_before"][1] == pytest.approx(-end, abs=1e-12)
+
+
+@pytest.mark.parametrize("size", [2.0**20, 2.0**-20])
+@pytest.mark.parametrize("law", ["newton", "poisson"])
+def test_a_motion_does_not_hang_on_the_unit_of_mass(size, law):
+    """Masses and forces times a power of two: the same motion."""
+    r = 0.25
+
+    def disc(unit):
+        floor = zivi.LinearGap([0, 1, 0], offset=-r, tangent=[1, 0, r], mu=0.3)
+        wall = zivi.LinearGap([-1, 0, 0], offset=1 - r, tangent=[0, 1, r], mu=0.2)
+        return zivi.MechanicalSystem(
+            mass=unit * np.diag([1, 1, r**2 / 2]),
+            force=unit * np.array([2.0, -G, 0.0]),
+            gaps=[floor, wall],
+            e=[0.6, 0.4],
+            friction=[zivi.DryFriction(direction=[0, 0, 1], limit=0.02 * unit)],
+            impact_law=law,
+        )
+
+    start = ([0.4, 0.7, 0], [1.0, 0.3, -3.0])
+    sol = zivi.simulate(disc(1.0), (0, 0.9), start, METHOD)
+    other = zivi.simulate(disc(size), (0, 0.9), start, METHOD)
+    assert sol.success
+    assert other.success
+    assert len(sol.impacts) >= 4
+    assert {0, 1} == set(sol.impacts["gap"])
+    assert other.q[-1] == pytest.approx(sol.q[-1], abs=1e-8)
+    assert other.impacts["gap"].tolist() == sol.impacts["gap"].tolist()
+    for name, unit in (("t", 1.0), ("slip_after", 1.0), ("tangential_impulse", size)):
+        np.testing.assert_allclose(
+            other.impacts[name], unit * sol.impacts[name], rtol=1e-7, atol=1e-9 * unit
+        )
+    assert other.transitions["after"].tolist() == sol.transitions["after"].tolist()
