@@ -706,6 +706,7 @@ class Regulator:
         actuator: tuple[float, float],
         ahead: int | None,
         quiet: float,
+        delay: int,
     ) -> Self: ...
     def step(
         self,
@@ -745,6 +746,7 @@ class Tracker:
         press: float | None,
         horizon: float,
         shift: bool,
+        delay: int,
     ) -> Self: ...
     def step(
         self,
