@@ -350,7 +350,7 @@ def horizon_of(landing: Any, ahead: Any) -> int:
     return periods
 
 
-def delay_of(delay: Any, ahead: int) -> int:
+def delay_of(delay: Any, ahead: int = 1) -> int:
     """Return the delay of a controller that predicts."""
     periods = whole("delay", delay)
     if not 0 <= periods <= MOST_DELAY:

@@ -10,8 +10,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import Array, real, real_array, switch, whole
-from zivi.control.component import TickStatus
+from zivi.base.check import Array, real, real_array, switch
+from zivi.control.component import TickStatus, delay_of
 from zivi.control.gap_law import Allocation, reach
 from zivi.control.mechanical_reference import ReferenceSample
 from zivi.control.model_based import ModelBased, Outlook, believed, numbers
@@ -118,7 +118,7 @@ class GapTracker(ModelBased):
             "horizon": real("horizon", horizon),
             "shift": switch("shift", shift),
             "latch": None if latch is None else pair("latch", latch, "(of the gap, of its rate)"),
-            "delay": whole("delay", delay),
+            "delay": delay_of(delay),
         }
         for name, both in (("posture", posture), ("latch", latch or (0.0, 0.0))):
             if not all(math.isfinite(it) and it >= 0.0 for it in both):

@@ -18,8 +18,6 @@ from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["ModelBased", "Outlook", "believed", "numbers"]
 
-MOST_DELAY = 64
-
 
 class Outlook(NamedTuple):
     """The state in which the control of a tick will act.
@@ -57,8 +55,6 @@ class ModelBased:
     def __init__(self, system: MechanicalSystem, settings: dict[str, Any]) -> None:
         self.system = system
         self._settings = {**settings, "u_limits": limits_of(settings["u_limits"])}
-        if not 0 <= self.delay <= MOST_DELAY:
-            raise ValueError(f"delay must be from 0 to {MOST_DELAY} periods, got {self.delay}")
         self._noise: Any = None
         self._inputs: ControlInputs | None = None
         self._believed: BelievedPlant | None = None

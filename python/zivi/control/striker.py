@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, real, whole
-from zivi.control.component import TickStatus
+from zivi.base.check import Array, real
+from zivi.control.component import TickStatus, delay_of
 from zivi.control.gap_law import Allocation
 from zivi.control.model_based import ModelBased, believed, numbers
 from zivi.system.gap_coordinates import GapKinetics
@@ -127,7 +127,7 @@ class Striker(ModelBased):
             "learn": bool(learn),
             "u_limits": u_limits,
             "posture": real("posture", posture),
-            "delay": whole("delay", delay),
+            "delay": delay_of(delay),
         }
         for name in ("h", "interval"):
             if not settings[name] > 0.0:

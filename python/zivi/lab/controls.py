@@ -23,7 +23,7 @@ def panel(settings: Settings, moved: Moved) -> dict[str, Any]:
 
     Parameters
     ----------
-    settings : Ball, Regulator or Tracker
+    settings : Ball, Regulator, Tracker or Belt
         What they begin with.
     moved : callable
         What is called when one of them has changed.

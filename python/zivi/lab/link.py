@@ -26,7 +26,7 @@ def query(settings: Settings) -> str:
 
     Parameters
     ----------
-    settings : Ball, Regulator or Tracker
+    settings : Ball, Regulator, Tracker or Belt
         The settings of a tab.
 
     Returns
@@ -59,7 +59,7 @@ def settings_of(asked: Mapping[str, Any]) -> Settings:
 
     Returns
     -------
-    Ball, Regulator or Tracker
+    Ball, Regulator, Tracker or Belt
         What is no setting of the tab, or no number, is left out; what lies beyond the end of a
         slider is taken to it.
 

@@ -36,7 +36,7 @@ def compute(settings: Settings) -> Runs:
 
     Parameters
     ----------
-    settings : Ball, Regulator or Tracker
+    settings : Ball, Regulator, Tracker or Belt
         The settings of a tab.
 
     Returns

@@ -26,14 +26,14 @@ def script(settings: Settings) -> str:
 
     Parameters
     ----------
-    settings : Ball, Regulator or Tracker
+    settings : Ball, Regulator, Tracker or Belt
         The settings of a tab.
 
     Returns
     -------
     str
-        Python. Its variables ``implicit`` and ``explicit``, of a ball also ``high_order``, are the
-        runs; ``figure`` is a matplotlib figure.
+        Python. Its variables ``implicit`` and ``explicit``, of a ball or a belt also
+        ``high_order``, are the runs; ``figure`` is a matplotlib figure.
     """
     if isinstance(settings, Ball):
         return _ball(settings)

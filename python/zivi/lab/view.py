@@ -27,7 +27,7 @@ def shown(
 
     Parameters
     ----------
-    settings : Ball, Regulator or Tracker
+    settings : Ball, Regulator, Tracker or Belt
         The settings of a tab.
     part : (float, float)
         Beginning and end of what is shown (% of the run).
