@@ -205,6 +205,11 @@ enum Source {
 }
 
 impl CompiledDynamics {
+    /// The matrices, if it is a linear system.
+    pub(crate) fn linear_system(&self) -> Option<&Arc<LinearSystem>> {
+        Dynamics::<PyErr>::linear(self)
+    }
+
     /// The tree, if it is one.
     pub(crate) fn tree(&self) -> Option<&Arc<tree::Tree>> {
         match &self.source {

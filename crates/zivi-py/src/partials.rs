@@ -10,6 +10,7 @@ use zivi::mechanics::sensitivity::{
 };
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::linear_partials::LinearPartials;
 use zivi::system::partials::{
     DifferencedDynamics, DifferentiableDynamics, Neighbours, TimedState, MOVES,
 };
@@ -158,6 +159,21 @@ fn compiled(spec: AnyDynamics<'_>) -> Option<CompiledDynamics> {
     }
 }
 
+/// Linear systems that differ in their numbers only.
+fn linear(
+    model: &CompiledDynamics,
+    moved: &[Neighbours<CompiledDynamics>],
+) -> Option<LinearPartials> {
+    let of = |Neighbours { step, systems }: &Neighbours<CompiledDynamics>| {
+        let systems = systems.iter().map(|it| it.linear_system().cloned());
+        let systems: Vec<_> = systems.collect::<Option<_>>()?;
+        Some(Neighbours { step: *step, systems: systems.try_into().ok()? })
+    };
+    let system = model.linear_system()?.clone();
+    let moved: Vec<_> = moved.iter().map(of).collect::<Option<_>>()?;
+    LinearPartials::differenced(system, &moved)
+}
+
 fn no_tree() -> PyErr {
     pyo3::exceptions::PyValueError::new_err("these derivatives are those of a tree")
 }
@@ -234,6 +250,9 @@ impl Task<'_> {
         Ok(match (model, &partials.source) {
             (AnyDynamics::Compiled(model), Source::Differences(moved)) => {
                 let more = neighbours(py, moved, layout, compiled)?;
+                if let Some(mut system) = linear(&model, &more) {
+                    return Ok(py.detach(|| self.run(&mut system, watch)));
+                }
                 let mut system = DifferencedDynamics::new(model, more, duration);
                 py.detach(|| self.run(&mut system, watch))
             }

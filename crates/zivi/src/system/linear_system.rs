@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use crate::system::time_table::TimeTable;
+use crate::system::time_table::{weighted, TimeTable};
 use crate::{HarmonicWall, WallMotion};
 
 /// A harmonic part of the load.
@@ -88,5 +88,85 @@ impl LinearSystem {
             && self.tables.iter().all(|table| table.width() == n)
             && self.gaps.iter().all(|gap| gap.normal.len() == n);
         fits.then_some(self)
+    }
+
+    /// A linear combination of systems number by number, as a difference of them is; none where they
+    /// differ in more than numbers.
+    #[must_use]
+    pub fn combination(parts: &[(f64, &Self)]) -> Option<Self> {
+        let first = parts.first()?.1;
+        let sum = |of: fn(&Self) -> &[f64]| weighted(parts, of);
+        let wave = |k: usize| {
+            let amplitude = parts.iter().map(|(w, it)| Some((*w, &it.waves.get(k)?.amplitude[..])));
+            Some(LoadWave {
+                amplitude: weighted(&amplitude.collect::<Option<Vec<_>>>()?, |it| it)?,
+                omega: parts.iter().map(|(w, it)| w * it.waves[k].omega).sum(),
+                phase: parts.iter().map(|(w, it)| w * it.waves[k].phase).sum(),
+            })
+        };
+        let table = |k: usize| {
+            let tables = parts.iter().map(|(w, it)| Some((*w, &**it.tables.get(k)?)));
+            TimeTable::combination(&tables.collect::<Option<Vec<_>>>()?).map(Arc::new)
+        };
+        let gap = |k: usize| {
+            let gaps = parts.iter().map(|(w, it)| Some((*w, it.gaps.get(k)?)));
+            LinearGap::combination(&gaps.collect::<Option<Vec<_>>>()?)
+        };
+        let alike = |it: &Self| {
+            (it.waves.len(), it.tables.len(), it.gaps.len())
+                == (first.waves.len(), first.tables.len(), first.gaps.len())
+        };
+        if !parts.iter().all(|(_, it)| alike(it)) {
+            return None;
+        }
+        Some(Self {
+            mass: sum(|it| &it.mass)?,
+            damping: sum(|it| &it.damping)?,
+            stiffness: sum(|it| &it.stiffness)?,
+            load: sum(|it| &it.load)?,
+            waves: (0..first.waves.len()).map(wave).collect::<Option<_>>()?,
+            tables: (0..first.tables.len()).map(table).collect::<Option<_>>()?,
+            gaps: (0..first.gaps.len()).map(gap).collect::<Option<_>>()?,
+        })
+    }
+}
+
+impl LinearGap {
+    fn combination(parts: &[(f64, &Self)]) -> Option<Self> {
+        let wall = |(w, it): &(f64, &Self)| match it.motion {
+            GapMotion::Harmonic(wall) => Some((*w, wall)),
+            _ => None,
+        };
+        let table = |(w, it): &(f64, &'_ Self)| match &it.motion {
+            GapMotion::Table(table) => Some((*w, table.clone())),
+            _ => None,
+        };
+        let motion = match parts.first()?.1.motion {
+            GapMotion::Fixed if parts.iter().all(|(_, it)| it.motion == GapMotion::Fixed) => {
+                GapMotion::Fixed
+            }
+            GapMotion::Fixed => return None,
+            GapMotion::Harmonic(_) => {
+                let walls = parts.iter().map(wall).collect::<Option<Vec<_>>>()?;
+                let sum =
+                    |of: fn(&HarmonicWall) -> f64| walls.iter().map(|(w, it)| w * of(it)).sum();
+                GapMotion::Harmonic(HarmonicWall {
+                    amplitude: sum(|it| it.amplitude),
+                    omega: sum(|it| it.omega),
+                    phase: sum(|it| it.phase),
+                    offset: sum(|it| it.offset),
+                })
+            }
+            GapMotion::Table(_) => {
+                let tables = parts.iter().map(table).collect::<Option<Vec<_>>>()?;
+                let parts: Vec<_> = tables.iter().map(|(w, it)| (*w, &**it)).collect();
+                GapMotion::Table(Arc::new(TimeTable::combination(&parts)?))
+            }
+        };
+        Some(Self {
+            normal: weighted(parts, |it| &it.normal)?,
+            offset: parts.iter().map(|(w, it)| w * it.offset).sum(),
+            motion,
+        })
     }
 }

@@ -7,6 +7,7 @@ pub mod force;
 pub mod friction;
 pub mod impact_law;
 pub mod linear_dynamics;
+pub mod linear_partials;
 pub mod linear_system;
 pub mod moving_wall;
 pub mod partials;

@@ -1,6 +1,9 @@
 //! Mechanical systems with their partial derivatives: by time, coordinates, velocities, parameters.
 
+use std::sync::Arc;
+
 use super::dynamics::{Dynamics, Layout};
+use super::linear_system::LinearSystem;
 
 /// A time and a state of a mechanical system.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,12 +31,18 @@ pub trait DifferentiableDynamics<E>: Dynamics<E> {
     /// # Errors
     /// Whatever the system raises.
     fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E>;
+
+    /// The derivatives of the numbers of a linear system ([`Dynamics::linear`], whose system has all
+    /// of them) by a parameter.
+    fn linear_rate(&self, _parameter: usize) -> Option<&Arc<LinearSystem>> {
+        None
+    }
 }
 
 /// The step of a difference relative to the extent of what it moves.
 const STEP: f64 = 5e-4;
 /// `f' = sum_k c_k (f(x + k h) - f(x - k h))/h`, of sixth order.
-const WEIGHTS: [f64; 3] = [45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0];
+pub(crate) const WEIGHTS: [f64; 3] = [45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0];
 
 /// By how much, and by which factors, [`DifferencedDynamics`] wants a parameter moved: the systems
 /// of a [`Neighbours`] belong to `p + k h`.

@@ -59,6 +59,29 @@ impl TimeTable {
         })
     }
 
+    /// A linear combination of tables that have the same knots, if they do.
+    #[must_use]
+    pub fn combination(parts: &[(f64, &Self)]) -> Option<Self> {
+        let first = parts.first()?.1;
+        let alike = |it: &Self| {
+            it.knots == first.knots
+                && (it.order, it.width, it.ends.is_some())
+                    == (first.order, first.width, first.ends.is_some())
+        };
+        let end = |k: usize| {
+            let ends = parts.iter().map(|(w, it)| Some((*w, &it.ends.as_ref()?[k][..])));
+            weighted(&ends.collect::<Option<Vec<_>>>()?, |it| it)
+        };
+        if !parts.iter().all(|(_, it)| alike(it)) {
+            return None;
+        }
+        Some(Self {
+            coefficients: weighted(parts, |it| &it.coefficients)?,
+            ends: end(0).zip(end(1)).map(|(before, after)| [before, after]),
+            ..first.clone()
+        })
+    }
+
     /// How many values there are.
     #[must_use]
     pub fn width(&self) -> usize {
@@ -154,7 +177,6 @@ impl TimeTable {
 
     /// The coefficients of a column from a time on, in powers of the time since then, up to the
     /// next knot: they are written into `out`, zeros behind them.
-    #[allow(dead_code)]
     pub(crate) fn expansion(&self, t: f64, column: usize, out: &mut [f64]) {
         out.fill(0.0);
         let Located::In(i, s) = self.locate(t) else {
@@ -174,6 +196,19 @@ impl TimeTable {
     fn polynomial(&self, interval: usize, column: usize) -> &[f64] {
         &self.coefficients[(interval * self.width + column) * self.order..][..self.order]
     }
+}
+
+/// The weighted sum of numbers, if they are equally many.
+pub(crate) fn weighted<T: ?Sized>(parts: &[(f64, &T)], of: fn(&T) -> &[f64]) -> Option<Vec<f64>> {
+    let mut sum = vec![0.0; of(parts.first()?.1).len()];
+    for (weight, part) in parts {
+        let numbers = of(part);
+        if numbers.len() != sum.len() {
+            return None;
+        }
+        sum.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += weight * number);
+    }
+    Some(sum)
 }
 
 /// Where a time lies in a table.

@@ -114,6 +114,11 @@ impl SmoothMotion {
         self.linear.as_ref().map(|linear| linear.period())
     }
 
+    /// The flights of a linear system, where they are computed as such.
+    pub(super) fn linear(&mut self) -> Option<&mut LinearFlight> {
+        self.linear.as_deref_mut()
+    }
+
     /// One step of a linear system, or the part of it up to an event: what comes next.
     fn fly_linear<E, D: Dynamics<E>>(
         &mut self,

@@ -13,7 +13,7 @@ use crate::system::time_table::TimeTable;
 
 /// One of them.
 #[derive(Clone, Debug)]
-enum Drive {
+pub(super) enum Drive {
     One,
     Wave { omega: f64, phase: f64 },
     Column { table: Arc<TimeTable>, column: usize },
@@ -23,7 +23,7 @@ enum Drive {
 const CUBIC: usize = 4;
 
 impl Drive {
-    fn size(&self) -> usize {
+    pub(super) fn size(&self) -> usize {
         match self {
             Self::One => 1,
             Self::Wave { .. } => 2,
@@ -35,7 +35,7 @@ impl Drive {
 /// All of them, one after the other.
 #[derive(Clone, Debug)]
 pub(super) struct Drives {
-    all: Vec<Drive>,
+    pub(super) all: Vec<Drive>,
     /// How many numbers they have.
     pub(super) size: usize,
 }

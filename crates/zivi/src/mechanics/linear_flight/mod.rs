@@ -4,10 +4,12 @@
 //! gaps and the contact forces in each are power series whose first roots end it ([`first_root`]).
 //! What happens at these is that of all mechanical systems.
 
+mod drive_rates;
 mod drives;
 mod first_root;
 mod propagation;
 mod pull;
+mod variation;
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -24,6 +26,7 @@ use crate::Status;
 use first_root::first_root;
 use propagation::{Free, Propagation};
 pub(super) use pull::PullAlongArcs;
+pub(super) use variation::{FlightRates, Flown};
 
 /// A step is so many times shorter than the time of the fastest mode or load by its angle.
 const ANGLE: f64 = 2.0;

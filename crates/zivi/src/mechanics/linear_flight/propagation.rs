@@ -12,7 +12,7 @@
 //! resonance, zero frequencies, damping of any kind.
 
 use super::drives::Drives;
-use crate::mechanics::kinetics::Undetermined;
+use crate::mechanics::kinetics::{dot, Undetermined};
 use crate::numeric::cholesky;
 use crate::numeric::linear_map::LinearMap;
 use crate::numeric::power_series::{Series, TERMS};
@@ -87,6 +87,52 @@ impl Free {
         })
     }
 
+    /// The derivatives of all this by a parameter, where `rate` has those of the system's numbers.
+    pub(super) fn rates(&self, system: &LinearSystem, rate: &LinearSystem) -> Self {
+        let n = self.n;
+        let (drives, loads, walls) = Drives::of(rate);
+        let mut mass = system.mass.clone();
+        cholesky::factor(&mut mass, n);
+        let spread = |weights: &[(usize, f64)]| {
+            let mut row = vec![0.0; drives.size];
+            weights.iter().for_each(|&(place, weight)| row[place] += weight);
+            drives.without_tables(&mut row);
+            row
+        };
+        // (M^-1 A)_p = M^-1 (A_p - M_p M^-1 A)
+        let divided = |of: &[f64], known: &[f64], width: usize| {
+            let mut out = vec![0.0; n * width];
+            for j in 0..width {
+                let mut column: Vec<f64> = (0..n).map(|i| of[i * width + j]).collect();
+                let known: Vec<f64> = (0..n).map(|i| known[i * width + j]).collect();
+                for (out, row) in column.iter_mut().zip(rate.mass.chunks_exact(n)) {
+                    *out -= dot(row, &known);
+                }
+                cholesky::solve(&mass, n, &mut column);
+                (0..n).for_each(|i| out[i * width + j] = column[i]);
+            }
+            out
+        };
+        let loads: Vec<f64> = loads.iter().flat_map(|it| spread(it)).collect();
+        let gaps = rate.gaps.iter().zip(&self.mobility);
+        let mobility = gaps.map(|(gap, known)| divided(&gap.normal, known, 1)).collect();
+        let walls = walls.iter().zip(&rate.gaps).map(|(wall, gap)| {
+            let mut row = spread(wall);
+            row[0] -= gap.offset;
+            row
+        });
+        Self {
+            n,
+            k: divided(&rate.stiffness, &self.k, n),
+            c: divided(&rate.damping, &self.c, n),
+            b: divided(&loads, &self.b, drives.size),
+            normals: rate.gaps.iter().map(|gap| gap.normal.clone()).collect(),
+            mobility,
+            walls: walls.collect(),
+            drives,
+        }
+    }
+
     /// How many numbers `y` has.
     pub(super) fn size(&self) -> usize {
         2 * self.n + self.drives.size
@@ -95,6 +141,11 @@ impl Free {
     /// How many gaps there are.
     pub(super) fn gaps(&self) -> usize {
         self.normals.len()
+    }
+
+    /// `M^-1 n_i`.
+    pub(super) fn mobility(&self, i: usize) -> &[f64] {
+        &self.mobility[i]
     }
 
     /// `n_i`.
@@ -262,6 +313,24 @@ impl Propagation {
         self.step.add(y, out);
     }
 
+    /// `y <- factor Y y`.
+    pub(super) fn advance(
+        &self,
+        free: &Free,
+        (h, factor): (f64, f64),
+        y: &mut [f64],
+        acceleration: &mut [f64],
+    ) {
+        let n = free.n;
+        acceleration.fill(0.0);
+        self.acceleration.add(y, acceleration);
+        for i in 0..n {
+            y[i] = factor * y[n + i];
+            y[n + i] = factor * acceleration[i];
+        }
+        free.drives.advance(h, factor, &mut y[2 * n..]);
+    }
+
     /// `(q, h q')` after a part of the step from `y`, whose memory is used up, with the terms of the
     /// series of `q` in the part of that, if they are wanted.
     pub(super) fn part(
@@ -282,14 +351,7 @@ impl Propagation {
             if k + 1 == TERMS {
                 break;
             }
-            let factor = part / (k + 1) as f64;
-            acceleration.fill(0.0);
-            self.acceleration.add(y, &mut acceleration);
-            for i in 0..n {
-                y[i] = factor * y[n + i];
-                y[n + i] = factor * acceleration[i];
-            }
-            free.drives.advance(h, factor, &mut y[2 * n..]);
+            self.advance(free, (h, part / (k + 1) as f64), y, &mut acceleration);
             let mut negligible = true;
             for (out, y) in out.iter_mut().zip(&*y) {
                 negligible &= y.abs() <= NEGLIGIBLE * out.abs();
@@ -303,7 +365,7 @@ impl Propagation {
 }
 
 /// The rows `h^2 A` in `y`.
-fn free_acceleration(free: &Free, h: f64) -> Vec<Vec<f64>> {
+pub(super) fn free_acceleration(free: &Free, h: f64) -> Vec<Vec<f64>> {
     let (n, nd) = (free.n, free.drives.size);
     let row = |i: usize| {
         let k = free.k[i * n..][..n].iter().map(|k| -h * h * k);
@@ -315,35 +377,60 @@ fn free_acceleration(free: &Free, h: f64) -> Vec<Vec<f64>> {
 }
 
 /// The rows of the contact forces in `y`, equation (1).
-fn contact_forces(free: &Free, set: GapSet, h: f64) -> Result<Vec<Vec<f64>>, Undetermined> {
-    let (n, count) = (free.n, set.len());
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+pub(super) fn contact_forces(
+    free: &Free,
+    set: GapSet,
+    h: f64,
+) -> Result<Vec<Vec<f64>>, Undetermined> {
     let closed: Vec<usize> = set.iter().collect();
+    let factor = factored_mobility(free, &closed)?;
+    let accelerations = free_acceleration(free, h);
+    let mut rows = wall_accelerations((free, free), &closed, h);
+    for (row, &i) in rows.iter_mut().zip(&closed) {
+        for (normal, acceleration) in free.normals[i].iter().zip(&accelerations) {
+            row.iter_mut().zip(acceleration).for_each(|(row, a)| *row -= normal * a);
+        }
+        row.iter_mut().for_each(|row| *row /= h * h);
+    }
+    solve_rows(&factor, closed.len(), &mut rows);
+    Ok(rows)
+}
+
+/// The factor of `D_CC`.
+pub(super) fn factored_mobility(free: &Free, closed: &[usize]) -> Result<Vec<f64>, Undetermined> {
+    let count = closed.len();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let entry = |k: usize| dot(&free.normals[closed[k / count]], &free.mobility[closed[k % count]]);
     let mut d: Vec<f64> = (0..count * count).map(entry).collect();
     let left = cholesky::factor(&mut d, count);
     if left < REDUNDANT || left.is_nan() {
         return Err(Undetermined::Contacts);
     }
-    let accelerations = free_acceleration(free, h);
-    let wanted = closed.iter().map(|&i| {
-        let mut wall = free.walls[i].clone();
+    Ok(d)
+}
+
+/// The rows `h^2 w''` of the walls of gaps in `y`, of the second system or of its derivatives.
+pub(super) fn wall_accelerations(
+    (free, of): (&Free, &Free),
+    gaps: &[usize],
+    h: f64,
+) -> Vec<Vec<f64>> {
+    let row = |&i: &usize| {
+        let mut wall = of.walls[i].clone();
         free.drives.differentiate(h, &mut wall);
         free.drives.differentiate(h, &mut wall);
-        let mut row: Vec<f64> = vec![0.0; 2 * n].into_iter().chain(wall).collect();
-        for (normal, acceleration) in free.normals[i].iter().zip(&accelerations) {
-            row.iter_mut().zip(acceleration).for_each(|(row, a)| *row -= normal * a);
-        }
-        row.iter_mut().for_each(|row| *row /= h * h);
-        row
-    });
-    let mut rows: Vec<Vec<f64>> = wanted.collect();
-    for j in 0..free.size() {
+        vec![0.0; 2 * free.n].into_iter().chain(wall).collect()
+    };
+    gaps.iter().map(row).collect()
+}
+
+/// `X <- D^-1 X` for `X` by rows, from the factor of `D`.
+pub(super) fn solve_rows(factor: &[f64], count: usize, rows: &mut [Vec<f64>]) {
+    for j in 0..rows.first().map_or(0, Vec::len) {
         let mut column: Vec<f64> = rows.iter().map(|row| row[j]).collect();
-        cholesky::solve(&d, count, &mut column);
+        cholesky::solve(factor, count, &mut column);
         rows.iter_mut().zip(column).for_each(|(row, value)| row[j] = value);
     }
-    Ok(rows)
 }
 
 /// The rows of the coefficients of a number in `y`.

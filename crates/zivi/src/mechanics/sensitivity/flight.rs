@@ -66,7 +66,7 @@ impl VariationalRun<'_> {
     }
 
     /// What a step that was taken adds: samples, minima, the end of the columns.
-    fn flew<E, D: DifferentiableDynamics<E>>(
+    pub(super) fn flew<E, D: DifferentiableDynamics<E>>(
         &mut self,
         machine: &mut MechanicalIntegrator,
         model: &mut Model<'_, D>,

@@ -62,6 +62,11 @@ impl Local {
         Self { layout, kinetics: Kinetics::new(layout, Friction::none()), by, partials, count: 0 }
     }
 
+    /// The parameters that the derivatives are taken by.
+    pub(super) fn by(&self) -> &[usize] {
+        &self.by
+    }
+
     /// Evaluates the system and its partial derivatives.
     pub(super) fn visit<E, D: DifferentiableDynamics<E>>(
         &mut self,

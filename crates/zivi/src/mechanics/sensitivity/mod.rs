@@ -10,6 +10,7 @@
 
 mod columns;
 mod contact;
+mod exact;
 mod flight;
 mod local;
 mod run;

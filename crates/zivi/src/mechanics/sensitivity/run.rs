@@ -8,7 +8,7 @@ use crate::mechanics::recording::running;
 use crate::mechanics::run::{check_sizes, check_smooth, check_span, started};
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::switched::sensitivity::{Derivatives, Question};
-use crate::switched::{Flights, SwitchedRk};
+use crate::switched::SwitchedRk;
 use crate::system::friction::Friction;
 use crate::system::partials::DifferentiableDynamics;
 use crate::{Monitor, SetupError};
@@ -64,9 +64,7 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     check_span(t0, t1)?;
     let Question { wrt, sizes, controlled, times } = *question;
     let mut model = Model::new(dynamics);
-    // the columns follow steps of the pair
-    let by_steps = SwitchedRk { flights: Flights::RungeKutta, ..settings };
-    let mut machine = MechanicalIntegrator::new(by_steps, layout, e, Friction::none());
+    let mut machine = MechanicalIntegrator::new(settings, layout, e, Friction::none());
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let mut follower =
         VariationalRun::new((wrt, sizes), controlled, times, t1, (layout, settings.order.pair()));

@@ -5,6 +5,7 @@ use super::local::Direction;
 use crate::mechanics::equation::State;
 use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
+use crate::mechanics::linear_flight::FlightRates;
 use crate::mechanics::mode::Next;
 use crate::mechanics::piece::Piece;
 use crate::numeric::tableau::Pair;
@@ -38,6 +39,8 @@ pub(super) struct VariationalRun<'a> {
     pub(super) lost: Vec<bool>,
     /// Whether the order of coupled impacts is decided by the tolerance.
     pub(super) uncertain: bool,
+    /// How parameters move the flights of a linear system, once there are some.
+    pub(super) exact: Option<FlightRates>,
     /// The largest gap so far, and when the run ends.
     pub(super) highest: f64,
     pub(super) end: f64,
@@ -64,6 +67,7 @@ impl<'a> VariationalRun<'a> {
             lost_at: None,
             lost: vec![false; wrt.len()],
             uncertain: false,
+            exact: None,
             highest: 0.0,
             end,
         }
@@ -276,11 +280,13 @@ impl<'f, E, D: DifferentiableDynamics<E>> Driver<MechanicalIntegrator, Model<'f,
         if self.is_blind() {
             return self.blindly(machine, t_end, model);
         }
+        let is_linear = machine.motion_mut().linear_period(model).is_some();
         match machine.next() {
             Next::LocatedEvent(_) => self.strike(machine, t_end, model),
             Next::Release { .. } => self.release(machine, t_end, model),
             Next::Jump(ahead) if ahead.landing.t <= t_end => self.jump(machine, t_end, model),
             _ if machine.state().through() != GapSet::EMPTY => self.strike(machine, t_end, model),
+            _ if is_linear => self.fly_exactly(machine, t_end, model),
             _ => self.fly_within(machine, t_end, model),
         }
     }
