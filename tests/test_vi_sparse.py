@@ -3,6 +3,7 @@
 import itertools
 import signal
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import scipy.sparse as sp
 
 import zivi
 from example_scripts import example
+from zivi.vi.factorisation import in_thread
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 import vi_families
@@ -361,6 +363,57 @@ def test_small_units_are_solved_in_their_own():
     expected = zivi.solve_lcp(M * 1e12, q * 1e12)
     np.testing.assert_allclose(res.x, expected.x, atol=1e-6)
     assert expected.x.max() > 10
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads the memory of Linux")
+def test_the_memory_of_factors_is_given_back():
+    """SuperLU frees what it took only in the thread that took it."""
+    from zivi.vi.factorisation import Factoriser
+
+    def resident():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+    M = large.laplacian(100)
+    assert M.nnz > 20_000  # made in a thread
+    factoriser = Factoriser(lambda: None)
+    factoriser.see_pattern(M)
+    b = np.ones(10_000)
+    for count in (2, 12):
+        before = resident()
+        for _ in range(count):
+            x = factoriser.factors_of(M).solve(b)
+            np.testing.assert_allclose(M @ x, b, atol=1e-11)
+    assert factoriser.count == 14
+    assert resident() - before < 4 * 12 * factoriser.fill  # of ten more
+
+
+def test_the_thread_of_factors_ends_with_them():
+    from zivi.vi.factorisation import Factoriser
+
+    def threads():
+        return sum(it.name == "zivi-factorisation" for it in threading.enumerate())
+
+    def ended():
+        since = time.perf_counter()
+        while threads() and time.perf_counter() - since < 10:
+            time.sleep(0.01)
+        return not threads()
+
+    M = large.laplacian(100)
+    factors = Factoriser(lambda: None).factors_of(M)
+    assert factors is not None
+    assert threads() == 1
+    del factors
+    assert ended()
+
+    def over():
+        raise TimeoutError
+
+    with pytest.raises(TimeoutError):
+        Factoriser(over).factors_of(M)
+    with pytest.raises(TimeoutError):
+        in_thread(lambda: time.sleep(0.2), over, threading.Event())
+    assert ended()
 
 
 @pytest.mark.slow

@@ -24,11 +24,16 @@ _DECAYED = 1e-8
 Outcome = TypeVar("Outcome")
 
 
-def in_thread(work: Callable[[], Outcome], poll: Callable[[], None]) -> Outcome:
+def in_thread(
+    work: Callable[[], Outcome],
+    poll: Callable[[], None],
+    until: threading.Event | None = None,
+) -> Outcome:
     """Return what `work` returns, which does not hold the interpreter's lock while it computes.
 
     A signal, or what `poll` raises, ends the waiting within a moment; the thread, which cannot be
-    stopped, ends its work in the background and is forgotten.
+    stopped, ends its work in the background and is forgotten. With `until` the thread lives on
+    until that is set, and is the last that lets go of what was made.
     """
     found: list[Outcome] = []
     raised: list[BaseException] = []
@@ -41,10 +46,18 @@ def in_thread(work: Callable[[], Outcome], poll: Callable[[], None]) -> Outcome:
             raised.append(error)
         finally:
             ended.set()
+        if until is not None and found:
+            until.wait()
+            found.clear()
 
     threading.Thread(target=run, daemon=True, name="zivi-factorisation").start()
-    while not ended.wait(_LOOK):
-        poll()
+    try:
+        while not ended.wait(_LOOK):
+            poll()
+    except BaseException:
+        if until is not None:
+            until.set()
+        raise
     if raised:
         raise raised[0]
     return found[0]
@@ -59,13 +72,23 @@ class Factors:
         The factors.
     A : csc_array
         The matrix.
+    released : threading.Event, optional
+        Set when the factors are needed no more: SuperLU frees memory only in the thread that took
+        it, which waits for this.
     """
 
-    def __init__(self, lu: Any, A: Any) -> None:
+    def __init__(self, lu: Any, A: Any, released: threading.Event | None = None) -> None:
         self._lu = lu
+        self._released = released
         self._A = A
         self._sizes = abs(A)
         self._sums = np.asarray(self._sizes.sum(axis=1)).ravel()
+
+    def __del__(self) -> None:
+        """Let go of the factors, and then their thread of them."""
+        self._lu = None
+        if self._released is not None:
+            self._released.set()
 
     def solve(self, b: Array) -> Array | None:
         """Return the solution of ``A x = b``, refined where it needs to be; None without one."""
@@ -161,15 +184,16 @@ class Factoriser:
         if is_symmetric:
             chosen = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
             chosen["options"] = {"SymmetricMode": True}
+        released = None if A.nnz < _SHORT else threading.Event()
         try:
-            if A.nnz < _SHORT:
+            if released is None:
                 lu = splu(A, **chosen)
             else:
-                lu = in_thread(lambda: splu(A, **chosen), self._poll)
+                lu = in_thread(lambda: splu(A, **chosen), self._poll, released)
         except RuntimeError:  # exactly singular
             return None
         self.fill = max(self.fill, int(lu.nnz))
-        return Factors(lu, A)
+        return Factors(lu, A, released)
 
 
 def rows_of_sizes(J: Any) -> Array:
