@@ -234,6 +234,24 @@ def test_drawn_systems_move_as_by_small_steps(first):
     assert rests > 0
 
 
+@pytest.mark.slow
+def test_no_gap_is_passed():
+    """A root that was missed would show: gaps are those of the coordinates."""
+    rests = 0
+    for seed in range(1000, 1150):
+        system, start, end = drawn(seed)
+        sol = zivi.simulate(system, (0, end), start)
+        assert sol.success
+        t = np.linspace(0, end, 3001)
+        q = sol(t)[0]
+        for gap in system.gaps:
+            wall = 0.0 if gap.motion is None else 0.01 * np.cos(gap.motion.omega * t)
+            size = np.abs(gap.normal) @ np.max(np.abs(q), axis=0) + gap.offset
+            assert np.min(q @ gap.normal + gap.offset - wall) > -1e-13 * size, seed
+        rests += len(sol.zeno)
+    assert rests > 30
+
+
 def test_modal_data_are_the_system_that_they_come_from():
     system = chain(4, 0.9)
     squares, shapes = linalg.eigh(system.K, system.M)
