@@ -53,6 +53,8 @@ CASES = {
     "sampled loop, a period": Case("zivi", "flight_cost", "sampled {}", 2000, 12000),
     "sensitivity, two columns": Case("zivi", "sensitivity_cost", "2 {}", 2, 12),
     "runs of a mechanism": Case("zivi", "mechanics_cost", "{}", 1, 3),
+    "period of two links, tracked": Case("zivi", "gap_tracker_cost", "2 {}", 100, 300),
+    "period of three links, two gaps": Case("zivi", "gap_tracker_cost", "3 {}", 100, 300),
     "tick of the tracker": Case("zivi-core", "tick_cost", "loop {}", 2000, 12000),
     "tick with an observer": Case("zivi-core", "tick_cost", "observer {}", 2000, 12000),
 }

@@ -3,8 +3,23 @@
 import itertools
 
 import numpy as np
+import pytest
 
-from zivi.control.box_least_squares import allocated, in_box
+from zivi import _zivi
+
+
+def allocated(gaps, rest, limits):
+    """Give the controls of a system of unit masses, and whether limits act."""
+    n, (normals, pulls), (matrix, wanted) = len(rest[1]), gaps, rest
+    bounds = None if limits is None else [tuple(it) for it in limits]
+    none = np.zeros(len(pulls))
+    return _zivi.controls(np.eye(n), np.zeros(n), normals, none, matrix, pulls, wanted, bounds)[:2]
+
+
+def in_box(matrix, right, limits):
+    """Give the least squares in a box: a system without gaps."""
+    none = np.zeros((0, len(right))), np.zeros(0)
+    return allocated(none, (matrix, right), limits)[0]
 
 
 def by_force(matrix, right, limits):
@@ -37,24 +52,29 @@ def test_least_squares_in_a_box_are_those_of_the_best_set_of_bounds():
 def test_gaps_come_first_then_the_rest_then_small_controls():
     source = np.random.default_rng(4)
     for _ in range(50):
-        gaps = source.normal(size=(1, 4)), source.normal(size=1)
-        rest = source.normal(size=(2, 4)), source.normal(size=2)
-        size = source.uniform(0.5, 2.0, 4)
-        u, limited = allocated(gaps, rest, None, size)
-        both, right = np.concatenate([gaps[0], rest[0]]), np.concatenate([gaps[1], rest[1]])
-        np.testing.assert_allclose(both @ u, right, atol=1e-12)
+        normals, pulls = source.normal(size=(1, 3)), source.normal(size=1)
+        matrix, wanted = source.normal(size=(3, 4)), source.normal(size=3)
+        u, limited = allocated((normals, pulls), (matrix, wanted), None)
+        split = np.linalg.qr(normals.T, mode="complete")[0][:, 1:].T
+        moved = matrix @ u
+        np.testing.assert_allclose(normals @ moved, pulls, atol=1e-12)
+        np.testing.assert_allclose(split @ moved, split @ wanted, atol=1e-12)
         assert not limited
-        # the shortest in units of the sizes
-        free = np.linalg.svd(both * size)[2][3:]
-        np.testing.assert_allclose(free @ (u / size), 0.0, atol=1e-12)
+        # the shortest
+        free = np.linalg.svd(matrix)[2][3:]
+        np.testing.assert_allclose(free @ u, 0.0, atol=1e-12)
 
 
 def test_what_limits_take_they_take_from_the_rest():
-    gaps, rest = (
-        (np.array([[1.0, 1.0]]), np.array([1.5])),
-        (np.array([[1.0, -1.0]]), np.array([4.0])),
-    )
+    gaps = np.array([[1.0, 1.0]]), np.array([1.5])
     limits = np.array([[-1.0, 1.0], [-1.0, 1.0]])
-    u, limited = allocated(gaps, rest, limits, np.ones(2))
+    # across the gap 4 is asked for
+    u, limited = allocated(gaps, (np.eye(2), np.array([2.0, -2.0])), limits)
     assert limited
     np.testing.assert_allclose(u, [1.0, 0.5], atol=1e-6)
+
+
+def test_controls_that_do_not_reach_a_gap_are_told():
+    gaps = np.array([[0.0, 1.0]]), np.array([1.0])
+    with pytest.raises(ValueError, match="do not reach all of the 1 gaps"):
+        allocated(gaps, (np.array([[1.0], [0.0]]), np.zeros(2)), None)

@@ -14,6 +14,8 @@ __all__ = [
     "STATUS_MESSAGES",
     "Ballistic",
     "BatchRecord",
+    "Believed",
+    "CalledLoop",
     "CompiledFunction",
     "Configuration",
     "Event",
@@ -21,6 +23,8 @@ __all__ = [
     "Force",
     "Friction",
     "FrictionRecord",
+    "GapLoop",
+    "GapTracker",
     "Hits",
     "ImpactLaw",
     "Inputs",
@@ -42,6 +46,7 @@ __all__ = [
     "Observer",
     "Partials",
     "PointMass",
+    "Reference",
     "Regulator",
     "Restitution",
     "RunRecord",
@@ -58,6 +63,8 @@ __all__ = [
     "ballistic_motion",
     "check_impact_map",
     "compiled_model",
+    "controls",
+    "decoupling_force",
     "fly_apart",
     "force_raised",
     "forget_runs",
@@ -1131,7 +1138,79 @@ class MechanicalLoopRecord:
     def run(self) -> MechanicalRecord: ...
     @property
     def u(self) -> _Array: ...
+    @property
+    def tick_status(self) -> NDArray[np.uint8]: ...
+    @property
+    def latched(self) -> NDArray[np.bool_]: ...
+    @property
+    def q_est(self) -> _Array: ...
+    @property
+    def qdot_est(self) -> _Array: ...
 
+@final
+class Believed:
+    def __new__(cls, mechanism: Mechanism, inputs: Inputs, h: float) -> Self: ...
+    def moved(
+        self, t: float, q: _Array, qdot: _Array, controls: _Array
+    ) -> tuple[_Array, _Array, list[bool]]: ...
+    def onto(
+        self, t: float, q: _Array, qdot: _Array, closed: NDArray[np.bool_]
+    ) -> tuple[_Array, _Array]: ...
+
+@final
+class Reference:
+    def __new__(
+        cls,
+        q: _Array,
+        qdot: _Array,
+        qddot: _Array,
+        gaps: _Array,
+        gap_rates: _Array,
+        accelerations: _Array,
+        sides: _Array,
+        contacts: NDArray[np.bool_],
+    ) -> Self: ...
+
+@final
+class GapTracker:
+    noise: tuple[list[float], list[float]]
+    state: tuple[Any, ...]
+    def __new__(
+        cls,
+        trackers: list[Any],
+        *,
+        h: float,
+        posture: tuple[float, float],
+        limits: list[tuple[float, float]] | None,
+        latch: tuple[float, float] | None,
+        delay: int,
+        pressing: list[float | Callable[[float], float] | None],
+    ) -> Self: ...
+    def step(self, believed: Believed, t: float, q: _Array, qdot: _Array, ends: Any) -> _Array: ...
+    def reset(self) -> None: ...
+    def copy(self) -> GapTracker: ...
+
+@final
+class GapLoop:
+    def __new__(cls, law: GapTracker, believed: Believed, reference: Reference | None) -> Self: ...
+
+@final
+class CalledLoop:
+    def __new__(cls, step: Callable[..., Any], counts: bool, status: Any, latched: Any) -> Self: ...
+
+def controls(
+    mass: _Array,
+    force: _Array,
+    gradients: _Array,
+    curvatures: _Array,
+    matrix: _Array,
+    a: _Array,
+    wanted: _Array,
+    limits: list[tuple[float, float]] | None,
+) -> tuple[_Array, bool, float | None]: ...
+def decoupling_force(
+    mass: _Array, gradients: _Array, curvatures: _Array, a: _Array, wanted: _Array
+) -> _Array: ...
 def simulate_mechanical_loop(
     system: Mechanism,
     inputs: Inputs,
@@ -1139,9 +1218,12 @@ def simulate_mechanical_loop(
     times: _Array,
     stops: _Array,
     start: Configuration,
-    u: _Array,
-    tick: Callable[[int, float, _Array, _Array], _Array],
+    controller: GapLoop | CalledLoop,
     *,
+    observer: Callable[[float, _Array, _Array], tuple[_Array, _Array]] | None,
+    noise: _Array | None,
+    steps: tuple[float, float],
+    delay: int,
     dense: bool,
     one_step: bool,
     progress: Callable[[int, int], None] | None = None,

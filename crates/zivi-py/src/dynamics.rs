@@ -189,6 +189,43 @@ impl<'py> AnyDynamics<'py> {
     }
 }
 
+impl Dynamics<PyErr> for AnyDynamics<'_> {
+    fn layout(&self) -> Layout {
+        match self {
+            Self::Compiled(it) => it.layout(),
+            Self::Callable(it) => it.layout(),
+        }
+    }
+
+    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        match self {
+            Self::Compiled(it) => it.evaluate(t, q, w, out),
+            Self::Callable(it) => it.evaluate(t, q, w, out),
+        }
+    }
+
+    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        match self {
+            Self::Compiled(it) => it.evaluate_again(t, q, w, out),
+            Self::Callable(it) => it.evaluate_again(t, q, w, out),
+        }
+    }
+
+    fn is_steady(&self) -> bool {
+        match self {
+            Self::Compiled(it) => it.is_steady(),
+            Self::Callable(it) => it.is_steady(),
+        }
+    }
+
+    fn linear(&self) -> Option<&Arc<LinearSystem>> {
+        match self {
+            Self::Compiled(it) => it.linear(),
+            Self::Callable(_) => None,
+        }
+    }
+}
+
 /// A system that needs no interpreter. The [`Model`] holds what owns its code.
 #[derive(Clone)]
 pub(crate) struct CompiledDynamics {

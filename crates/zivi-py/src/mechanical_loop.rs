@@ -1,137 +1,259 @@
 //! Closed loops of mechanical systems from Python.
 
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use zivi::mechanics::{Sampling, Ticks};
+use zivi::drive::mechanical::{
+    BelievedPlant, MechanicalController, MechanicalSensor, Observing, SampledLoop, TickRecord,
+    Tracking,
+};
+use zivi::mechanics::{MechanicalRun, Sampling, Ticks};
 use zivi::switched::Order;
-use zivi::system::driven::{Driven, InputMatrix};
+use zivi::system::driven::Driven;
+use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::{AnyMethod, SetupError, SwitchedRk};
 
 use crate::arrays::{vector, Matrix};
-use crate::dynamics::{AnyDynamics, CompiledFunction};
+use crate::control::gap_tracker::{law_error, pressed, Believed, GapTracker, Reference};
 use crate::errors::setup_error;
-use crate::friction::Rubbing;
+use crate::inputs::Inputs;
 use crate::mechanics::MechanicalRecord;
 use crate::method::Method;
 use crate::system::{Configuration, Mechanism};
 use crate::watch::Watch;
 
-/// The matrix of inputs `B` of a mechanical system.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Inputs {
-    /// How many.
-    r: usize,
-    kind: Kind,
-}
-
-enum Kind {
-    Constant(Vec<f64>),
-    /// A compiled function, and what owns it.
-    Compiled(CompiledFunction, Py<PyAny>),
-    /// A function of `(t, q)` that gives an array.
-    Callable(Py<PyAny>),
-}
-
-#[pymethods]
-impl Inputs {
-    /// A constant matrix, row by row.
-    #[staticmethod]
-    fn constant(r: usize, matrix: Vec<f64>) -> Self {
-        Self { r, kind: Kind::Constant(matrix) }
-    }
-
-    /// As `Model.compiled`; it fills in the matrix row by row.
-    #[staticmethod]
-    fn compiled(r: usize, address: usize, data: usize, owner: Py<PyAny>) -> Self {
-        let function = CompiledFunction::with_data(address, data);
-        Self { r, kind: Kind::Compiled(function, owner) }
-    }
-
-    /// A function of time and coordinates that gives a contiguous matrix.
-    #[staticmethod]
-    fn callable(r: usize, function: Py<PyAny>) -> Self {
-        Self { r, kind: Kind::Callable(function) }
-    }
-
-    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        match &self.kind {
-            Kind::Constant(_) => Ok(()),
-            Kind::Compiled(_, held) | Kind::Callable(held) => visit.call(held),
-        }
-    }
-}
-
-type Matrices<'a> = Box<dyn FnMut(f64, &[f64], &mut [f64]) -> PyResult<()> + 'a>;
-
-impl Inputs {
-    fn matrix<'a>(&'a self, py: Python<'a>) -> InputMatrix<Matrices<'a>> {
-        match &self.kind {
-            Kind::Constant(matrix) => InputMatrix::Constant(matrix.clone()),
-            Kind::Compiled(function, _) => {
-                let function = *function;
-                InputMatrix::Function(Box::new(move |t, q, out| {
-                    match function.call(t, q, q, out) {
-                        0 => Ok(()),
-                        code => Err(PyRuntimeError::new_err(format!(
-                            "the compiled inputs failed at t = {t:?} (they returned {code})"
-                        ))),
-                    }
-                }))
-            }
-            Kind::Callable(function) => {
-                let function = function.bind(py).clone();
-                InputMatrix::Function(Box::new(move |t, q, out| {
-                    let q = PyArray1::from_slice(function.py(), q);
-                    let value = function.call1((t, q))?;
-                    let array = value.cast::<numpy::PyArray2<f64>>()?;
-                    if array.len() != out.len() {
-                        let (got, wanted) = (array.len(), out.len());
-                        let message = format!("inputs must give {wanted} numbers, got {got}");
-                        return Err(PyValueError::new_err(message));
-                    }
-                    let readable = array.readonly();
-                    out.iter_mut().zip(readable.as_array()).for_each(|(to, &from)| *to = from);
-                    Ok(())
-                }))
-            }
-        }
-    }
-}
-
-/// A loop: its run at the samples, and the controls there.
+/// A loop: its run at the samples, the controls there, and what happened at the ticks.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct MechanicalLoopRecord {
     run: Py<MechanicalRecord>,
     u: Matrix<f64>,
+    /// Bits of the status of each tick.
+    tick_status: Py<PyArray1<u8>>,
+    latched: Matrix<bool>,
+    /// What the controller was told.
+    q_est: Matrix<f64>,
+    qdot_est: Matrix<f64>,
 }
 
-/// A controller of the interpreter: `tick(k, t, q, qdot)` gives an array of the controls.
-struct PythonTicks<'py> {
-    tick: Bound<'py, PyAny>,
+impl MechanicalLoopRecord {
+    fn new(
+        py: Python<'_>,
+        (run, u): (MechanicalRun<PyErr>, Vec<f64>),
+        ticks: TickRecord,
+        r: usize,
+    ) -> PyResult<Self> {
+        let (Layout { n, m, .. }, count) = (run.layout, ticks.status.len());
+        let u = PyArray1::from_vec(py, u).reshape([run.samples.t.len(), r])?.unbind();
+        let [q, w] = ticks.told.map(|it| PyArray1::from_vec(py, it).reshape([count, n]));
+        let latched = PyArray1::from_vec(py, ticks.latched).reshape([count, m])?.unbind();
+        Ok(Self {
+            run: Py::new(py, MechanicalRecord::new(py, run)?)?,
+            u,
+            tick_status: PyArray1::from_vec(py, ticks.status).unbind(),
+            latched,
+            q_est: q?.unbind(),
+            qdot_est: w?.unbind(),
+        })
+    }
 }
 
-impl Ticks<PyErr> for PythonTicks<'_> {
-    fn tick(&mut self, k: usize, t: f64, (q, w): (&[f64], &[f64]), u: &mut [f64]) -> PyResult<()> {
+/// A tracker of gaps in a loop: the law, what it believes in, where it is to be.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct GapLoop {
+    law: Py<GapTracker>,
+    believed: Py<Believed>,
+    reference: Option<Py<Reference>>,
+}
+
+#[pymethods]
+impl GapLoop {
+    #[new]
+    fn new(law: Py<GapTracker>, believed: Py<Believed>, reference: Option<Py<Reference>>) -> Self {
+        Self { law, believed, reference }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.law)?;
+        visit.call(&self.believed)?;
+        self.reference.as_ref().map_or(Ok(()), |it| visit.call(it))
+    }
+}
+
+/// A controller of the interpreter.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct CalledLoop {
+    /// `step(t, q, qdot)`, or `step(k, t, q, qdot)`.
+    step: Py<PyAny>,
+    counts: bool,
+    /// Who has `status`, and `latched`, if there is any.
+    status: Option<Py<PyAny>>,
+    latched: Option<Py<PyAny>>,
+}
+
+#[pymethods]
+impl CalledLoop {
+    #[new]
+    fn new(
+        step: Py<PyAny>,
+        counts: bool,
+        status: Option<Py<PyAny>>,
+        latched: Option<Py<PyAny>>,
+    ) -> Self {
+        Self { step, counts, status, latched }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.step)?;
+        [&self.status, &self.latched].into_iter().flatten().try_for_each(|it| visit.call(it))
+    }
+}
+
+/// The same in a run.
+struct Called<'a, 'py> {
+    py: Python<'py>,
+    given: &'a CalledLoop,
+}
+
+/// An array of a kind that NumPy makes of anything; `None` where it does not.
+fn array_of<'py>(value: &Bound<'py, PyAny>, kind: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+    let py = value.py();
+    let numpy = py.import("numpy")?;
+    match numpy
+        .call_method1("asarray", (value, kind))
+        .and_then(|it| numpy.call_method1("atleast_1d", (it,)))
+    {
+        Ok(array) => Ok(Some(array)),
+        Err(error) if error.is_instance_of::<PyTypeError>(py) => Ok(None),
+        Err(error) if error.is_instance_of::<PyValueError>(py) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// Copies an array of this size; whether it is one.
+fn copied<T: numpy::Element + Copy>(value: &Bound<'_, PyAny>, to: &mut [T]) -> bool {
+    let Ok(array) = value.cast::<PyArray1<T>>() else { return false };
+    let Ok(readable) = array.try_readonly() else { return false };
+    let fits = array.len() == to.len();
+    if fits {
+        to.iter_mut().zip(readable.as_array()).for_each(|(to, &from)| *to = from);
+    }
+    fits
+}
+
+impl MechanicalController<PyErr> for Called<'_, '_> {
+    fn tick(&mut self, k: usize, t: f64, (q, w): (&[f64], &[f64]), u: &mut [f64]) -> PyResult<u8> {
         crate::leaving::look()?;
-        let py = self.tick.py();
+        let (py, given) = (self.py, self.given);
         let (q, w) = (PyArray1::from_slice(py, q), PyArray1::from_slice(py, w));
-        let value = self.tick.call1((k, t, q, w))?;
-        let array = value.cast::<PyArray1<f64>>()?;
-        if array.len() != u.len() {
-            return Err(PyValueError::new_err("the tick must give one number for each input"));
+        let value = match given.counts {
+            true => given.step.bind(py).call1((k, t, q, w))?,
+            false => given.step.bind(py).call1((t, q, w))?,
+        };
+        if !copied(&value, u) {
+            match array_of(&value, "float64")? {
+                Some(array) if copied(&array, u) => {}
+                // refused
+                _ => u.fill(f64::NAN),
+            }
         }
-        let readable = array.readonly();
-        u.iter_mut().zip(readable.as_array()).for_each(|(to, &from)| *to = from);
+        match &given.status {
+            Some(it) => it.bind(py).getattr("status")?.extract(),
+            None => Ok(0),
+        }
+    }
+
+    fn latched(&self, to: &mut [bool]) -> PyResult<()> {
+        let Some(it) = &self.given.latched else { return Ok(()) };
+        let value = it.bind(self.py).getattr("latched")?;
+        match copied(&value, to) || array_of(&value, "bool")?.is_some_and(|it| copied(&it, to)) {
+            true => Ok(()),
+            false => Err(PyValueError::new_err(format!(
+                "latched must have {} entries, got {value}",
+                to.len()
+            ))),
+        }
+    }
+}
+
+/// An observer of the interpreter: `step(t, q, qdot, u)` gives coordinates and velocities.
+struct Observer<'py>(Bound<'py, PyAny>);
+
+impl Observing<PyErr> for Observer<'_> {
+    fn estimate(&mut self, t: f64, (q, w): (&mut [f64], &mut [f64]), u: &[f64]) -> PyResult<()> {
+        let py = self.0.py();
+        let (at, u) = (PyArray1::from_slice(py, q), PyArray1::from_slice(py, u));
+        let (at, speed): (Bound<'_, PyAny>, Bound<'_, PyAny>) =
+            self.0.call1((t, at, u))?.extract()?;
+        match copied(&at, q) && copied(&speed, w) {
+            true => Ok(()),
+            false => Err(PyValueError::new_err("the observer must give coordinates, velocities")),
+        }
+    }
+}
+
+/// Nobody observes.
+struct Nobody;
+
+impl Observing<PyErr> for Nobody {
+    fn estimate(&mut self, _: f64, _: (&mut [f64], &mut [f64]), _: &[f64]) -> PyResult<()> {
         Ok(())
     }
 }
 
-/// A loop by the switched method, or with one of its steps a period; `u` acts from the start on, and
-/// `tick` is called at all samples after it but the last.
+/// What a run is made of, beside its system, its controller and its observer.
+struct Course<'a> {
+    settings: SwitchedRk,
+    e: &'a [f64],
+    sampling: Sampling<'a>,
+    from: (&'a [f64], &'a [f64]),
+    sensor: MechanicalSensor<'a>,
+    /// Numbers of gaps, of controls and of periods that these are late.
+    sizes: (usize, usize, usize),
+    dense: bool,
+}
+
+type Done = PyResult<Result<((MechanicalRun<PyErr>, Vec<f64>), TickRecord), SetupError>>;
+
+impl Course<'_> {
+    fn run<D, F, C, O>(
+        self,
+        driven: &mut Driven<D, F>,
+        controller: C,
+        observer: Option<O>,
+        watch: &mut Watch,
+    ) -> Done
+    where
+        D: Dynamics<PyErr>,
+        Driven<D, F>: Dynamics<PyErr>,
+        C: MechanicalController<PyErr>,
+        O: Observing<PyErr>,
+    {
+        let Self { settings, e, sampling, from, sensor, sizes, dense } = self;
+        let mut ticks = SampledLoop::new(controller, observer, sensor, sizes);
+        let mut u = vec![0.0; sizes.1];
+        ticks.tick(0, sampling.times[0], from, &mut u)?;
+        let start = (u.as_slice(), &mut ticks);
+        let done = zivi::mechanics::simulate_mechanical_loop(
+            settings,
+            (driven, e),
+            sampling,
+            from,
+            start,
+            dense,
+            watch,
+        );
+        Ok(done.map(|run| (run, ticks.record)))
+    }
+}
+
+/// A loop by the switched method, or with one of its steps a period. The lock is released if nothing
+/// in it needs the interpreter.
 #[pyfunction]
-#[pyo3(signature = (system, inputs, method, times, stops, start, u, tick, *, dense, one_step, progress=None))]
+#[pyo3(signature = (
+    system, inputs, method, times, stops, start, controller, *, observer, noise, steps, delay, dense,
+    one_step, progress=None
+))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_mechanical_loop(
     py: Python<'_>,
@@ -141,8 +263,11 @@ pub(crate) fn simulate_mechanical_loop(
     times: PyReadonlyArray1<'_, f64>,
     stops: PyReadonlyArray1<'_, f64>,
     start: PyRef<'_, Configuration>,
-    u: PyReadonlyArray1<'_, f64>,
-    tick: Bound<'_, PyAny>,
+    controller: &Bound<'_, PyAny>,
+    observer: Option<Bound<'_, PyAny>>,
+    noise: Option<PyReadonlyArray3<'_, f64>>,
+    steps: [f64; 2],
+    delay: usize,
     dense: bool,
     one_step: bool,
     progress: Option<Py<PyAny>>,
@@ -151,38 +276,66 @@ pub(crate) fn simulate_mechanical_loop(
     let AnyMethod::SwitchedRk(settings) = method.inner else {
         return Err(PyValueError::new_err("a mechanical loop is integrated by SwitchedRK"));
     };
-    let (times, stops, u) = (vector(&times), vector(&stops), vector(&u));
+    let (times, stops) = (vector(&times), vector(&stops));
     let settings = if one_step { one_step_of(settings, &times) } else { settings };
-    let sampling = Sampling { times: &times, stops: &stops };
-    let from = (start.q.as_slice(), start.qdot.as_slice());
-    let (layout, friction, e) = (system.layout(), system.friction(), system.e.as_slice());
-    let ticks = &mut PythonTicks { tick };
-    let watch = &mut Watch { progress };
-    let r = inputs.r;
-    let matrix = inputs.matrix(py);
-    let wrong = || PyValueError::new_err("inputs must be a matrix of shape (n, r)");
-    macro_rules! run {
-        ($dynamics:expr) => {{
-            let dynamics = Rubbing { dynamics: $dynamics, friction };
-            let mut driven = Driven::new(dynamics, (layout.n, r), matrix).ok_or_else(wrong)?;
-            zivi::mechanics::simulate_mechanical_loop(
-                settings,
-                (&mut driven, e),
-                sampling,
-                from,
-                (&u, ticks),
-                dense,
-                watch,
-            )
-        }};
-    }
-    let done: Result<_, SetupError> = match AnyDynamics::of(py, system.model.get(), layout) {
-        AnyDynamics::Compiled(dynamics) => run!(dynamics),
-        AnyDynamics::Callable(dynamics) => run!(dynamics),
+    let noise: Vec<f64> =
+        noise.map(|it| it.as_array().iter().copied().collect()).unwrap_or_default();
+    let (system, inputs, r) = (&*system, &*inputs, inputs.r);
+    let course = Course {
+        settings,
+        e: &system.e,
+        sampling: Sampling { times: &times, stops: &stops },
+        from: (&start.q, &start.qdot),
+        sensor: MechanicalSensor { noise: &noise, steps },
+        sizes: (system.m, r, delay),
+        dense,
     };
-    let (run, u) = done.map_err(setup_error)?;
-    let u = PyArray1::from_vec(py, u).reshape([run.samples.t.len(), r])?.unbind();
-    Ok(MechanicalLoopRecord { run: Py::new(py, MechanicalRecord::new(py, run)?)?, u })
+    let watch = &mut Watch { progress };
+    let done = if let Ok(own) = controller.cast::<GapLoop>() {
+        run_tracker(py, course, own.get(), (system, inputs), observer, watch)
+    } else {
+        let given = controller.cast::<CalledLoop>()?.get();
+        let mut driven = inputs.driven(py, system)?;
+        course.run(&mut driven, Called { py, given }, observer.map(Observer), watch)
+    };
+    let (run, record) = done?.map_err(setup_error)?;
+    MechanicalLoopRecord::new(py, run, record, r)
+}
+
+/// A loop of the tracker of gaps.
+fn run_tracker(
+    py: Python<'_>,
+    course: Course<'_>,
+    own: &GapLoop,
+    (system, inputs): (&Mechanism, &Inputs),
+    observer: Option<Bound<'_, PyAny>>,
+    watch: &mut Watch,
+) -> Done {
+    let (believed, reference) = (own.believed.get(), own.reference.as_ref().map(Py::get));
+    let reference = reference.map(|it| &it.inner);
+    let (mechanism, through, h) = (believed.mechanism.get(), believed.inputs.get(), believed.h);
+    let tracker = own.law.borrow(py);
+    let (law, e, wrong) = (tracker.law.clone(), mechanism.e.as_slice(), law_error as fn(_) -> _);
+    if let (Some(plant), Some(model), Some(asked), None) = (
+        inputs.driven_alone(py, system),
+        through.driven_alone(py, mechanism),
+        tracker.constants(),
+        &observer,
+    ) {
+        let (mut plant, mut model) = (plant, model);
+        drop(tracker);
+        return py.detach(|| {
+            let plant_of = BelievedPlant { driven: &mut model, e, h };
+            let asked = |i: usize, _: f64| Ok(asked[i]);
+            let tracking = Tracking { law, plant: plant_of, reference, asked, wrong };
+            course.run(&mut plant, tracking, None::<Nobody>, watch)
+        });
+    }
+    let (mut driven, mut model) = (inputs.driven(py, system)?, through.driven(py, mechanism)?);
+    let plant = BelievedPlant { driven: &mut model, e, h };
+    let asked = |i: usize, t: f64| pressed(py, &tracker.pressing, i, t);
+    let tracking = Tracking { law, plant, reference, asked, wrong };
+    course.run(&mut driven, tracking, observer.map(Observer), watch)
 }
 
 /// One step of the pair of order 5 a period, whose length no error controls.

@@ -15,7 +15,10 @@ const ROOMS: [(&str, &[&str]); 10] = [
     ("switched", &["numeric", "record", "system", "zeno", "piecewise"]),
     ("mechanics", &["numeric", "record", "system", "zeno", "piecewise", "stepping", "switched"]),
     ("method", &["numeric", "record", "system", "stepping", "switched", "mechanics"]),
-    ("drive", &["numeric", "record", "system", "zeno", "stepping", "switched", "method"]),
+    (
+        "drive",
+        &["numeric", "record", "system", "zeno", "stepping", "switched", "mechanics", "method"],
+    ),
 ];
 
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {

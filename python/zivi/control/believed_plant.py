@@ -8,15 +8,9 @@ from numpy.typing import NDArray
 import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.simulation.mechanical_run import mechanism
-from zivi.simulation.methods import SwitchedRK
-from zivi.system.gap_coordinates import GapKinetics
-from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["BelievedPlant", "onto"]
-
-METHOD = SwitchedRK(rtol=1e-9, atol=1e-12)
-PROJECTIONS = 4
-NONE = np.empty(0)
+__all__ = ["BelievedPlant"]
 
 
 class BelievedPlant:
@@ -34,8 +28,8 @@ class BelievedPlant:
 
     def __init__(self, system: MechanicalSystem, h: float, n: int) -> None:
         self.h, self.model = h, system.model(n)
-        self._mechanism = mechanism(system, self.model)
-        self._inputs = system.control_inputs(np.zeros(n)).spec()
+        inputs = system.control_inputs(np.zeros(n)).spec()
+        self.core = _zivi.Believed(mechanism(system, self.model), inputs, h)
 
     def moved(
         self, t: float, q: Array, qdot: Array, controls: Array
@@ -51,41 +45,11 @@ class BelievedPlant:
         controls : ndarray
             The controls, shape (d, r).
         """
-        times: Array = t + self.h * np.arange(len(controls) + 1, dtype=np.float64)
-        record = _zivi.simulate_mechanical_loop(
-            self._mechanism,
-            self._inputs,
-            METHOD._core,
-            times,
-            times[1:-1],
-            _zivi.Configuration(q, qdot),
-            controls[0],
-            lambda k, t, q, qdot: controls[k],
-            dense=False,
-            one_step=True,
-        )
-        run = record.run
-        return run.q[-1], run.qdot[-1], run.contacts[-1]
+        q, qdot, closed = self.core.moved(t, q, qdot, controls)
+        return q, qdot, np.array(closed, dtype=bool)
 
-
-def onto(
-    model: Model, t: float, q: Array, qdot: Array, closed: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Move a state, M-orthogonally, to where contacts are closed and no gap is below 0."""
-    q, qdot = q.copy(), qdot.copy()
-    for _ in range(PROJECTIONS):
-        here = model.layout.read(model.evaluate(t, q, qdot))
-        moved = closed | (here.gaps < 0.0)
-        if not moved.any():
-            return q, qdot
-        kinetics = GapKinetics.of(here, qdot)
-        mobility, D = kinetics.mobility[:, moved], kinetics.D[np.ix_(moved, moved)]
-        if not np.any(here.gaps[moved]):
-            break
-        q = q - mobility @ np.linalg.solve(D, here.gaps[moved])
-    if closed.any():
-        here = model.layout.read(model.evaluate(t, q, qdot))
-        kinetics = GapKinetics.of(here, qdot)
-        mobility, D = kinetics.mobility[:, closed], kinetics.D[np.ix_(closed, closed)]
-        qdot = qdot - mobility @ np.linalg.solve(D, kinetics.gdot[closed])
-    return q, qdot
+    def onto(
+        self, t: float, q: Array, qdot: Array, closed: NDArray[np.bool_]
+    ) -> tuple[Array, Array]:
+        """Move a state, M-orthogonally, to where contacts are closed and no gap is below 0."""
+        return self.core.onto(t, q, qdot, closed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
@@ -10,28 +9,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array, switch
 from zivi.control.component import TickStatus, delay_of
-from zivi.control.gap_law import Allocation, reach
-from zivi.control.mechanical_reference import ReferenceSample
-from zivi.control.model_based import ModelBased, Outlook, believed, numbers
+from zivi.control.mechanical_reference import MechanicalReference, ReferenceSample
+from zivi.control.model_based import ModelBased, believed
 from zivi.control.twisting import TwistingTracker
+from zivi.control.u_limits import limits_of, pairs
 from zivi.simulation.run import pair
-from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["GapTracker"]
-
-EXACT = (1e-9, 1e-9)
-"""What is closed without noise: a gap, and its rate."""
-DEVIATIONS = 20.0
-"""A gap within so many deviations of its measurement may be closed."""
-STEPS = 5.0
-"""The same in steps of the sensor."""
-PUSHED = 0.8
-"""Part of its own press by which the other contacts may push a gap that lands."""
-OUT = 5
-"""A contact is open after so many measurements beyond that."""
 
 
 class GapTracker(ModelBased):
@@ -136,79 +124,80 @@ class GapTracker(ModelBased):
             )
             for name, e in zip(names, system.e, strict=True)
         ]
+        self._law = _zivi.GapTracker(
+            self._trackers,
+            h=settings["h"],
+            posture=settings["posture"],
+            limits=pairs(limits_of(u_limits)),
+            latch=settings["latch"],
+            delay=settings["delay"],
+            pressing=[_pressing(name, settings["force"].get(name)) for name in names],
+        )
         super().__init__(system, settings)
-        self._noise = np.zeros((2, 2))
+
+    @property
+    def status(self) -> TickStatus:
+        """What was done to the last sample and to the control."""
+        return TickStatus(self._law.state[7])
 
     @property
     def latched(self) -> NDArray[np.bool_]:
         """Which contacts are held, shape (m,)."""
-        return self._latched.copy()
+        return np.array(self._law.state[1], dtype=bool)
 
     @property
     def accelerations(self) -> Array:
         """What was asked of the gaps at the last tick, without contact forces, shape (m,)."""
-        return self._a.copy()
+        return np.array(self._law.state[3], dtype=np.float64)
 
     @property
     def least_singular_value(self) -> float:
         r"""The least singular value so far of :math:`D^{-1/2} N M^{-1} B`, in parts of limits."""
-        return self._least
+        return float(self._law.state[-1][0])
 
     @property
     def zero_dynamics(self) -> int:
         """How many directions have no actuator of their own: nothing is promised of them."""
-        return self._uncontrolled
+        return int(self._law.state[-1][1])
 
     def reset(self) -> None:
         """Forget all that was measured."""
-        super().reset()
-        for tracker in self._trackers:
-            tracker.reset(0.0, 0.0)
-        m = len(self._trackers)
-        self._latched = np.zeros(m, dtype=bool)
-        self._beyond = np.zeros(m, dtype=int)
-        self._a = np.zeros(m)
-        self._place: Array | None = None
-        self._least, self._uncontrolled = math.inf, 0
+        self._law.reset()
 
     @property
     def state(self) -> tuple[Any, ...]:
         """All that changes from tick to tick; assigning it restores what it was of exactly."""
-        return (
-            tuple(tracker.state for tracker in self._trackers),
-            tuple(self._latched.tolist()),
-            tuple(self._beyond.tolist()),
-            tuple(self._a.tolist()),
-            numbers(self._queue),
-            *numbers([self._u, self._place]),
-            int(self._status),
-            (self._least, self._uncontrolled),
-        )
+        own = self._law.state
+        trackers, held, beyond, a, queue, *last, status, rank = own
+        rows = (None if it is None else tuple(it) for it in last)
+        sent = tuple(tuple(it) for it in queue)
+        return (tuple(trackers), tuple(held), tuple(beyond), tuple(a), sent, *rows, status, rank)
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
-        trackers, latched, beyond, a, queue, u, held, status, rank = state
-        for tracker, own in zip(self._trackers, trackers, strict=True):
-            tracker.state = own
-        self._latched, self._beyond = np.array(latched, dtype=bool), np.array(beyond, dtype=int)
-        self._a = np.array(a, dtype=np.float64)
-        self._queue = [np.array(it) for it in queue]
-        self._u, self._place = (None if it is None else np.array(it) for it in (u, held))
-        self._status, (self._least, self._uncontrolled) = TickStatus(status), rank
+        for tracker, own in zip(self._trackers, state[0], strict=True):
+            tracker.state = own  # checked
+        self._law.state = state
 
     def copy(self) -> Self:
         """Copy it: the same settings, the same state."""
-        twin = super().copy()
-        twin._trackers = [tracker.copy() for tracker in self._trackers]
+        twin = type(self).__new__(type(self))
+        vars(twin).update(vars(self))
+        twin._law = self._law.copy()
         return twin
+
+    def __getstate__(self) -> dict[str, Any]:
+        own = {"settings": self._settings, "system": self.system}
+        return {**own, "state": self.state, "noise": np.array(self._law.noise)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         GapTracker.__init__(self, state["system"], **state["settings"])
-        self._noise, self.state = state["noise"], state["state"]
+        self.sensed(*state["noise"].tolist())
+        self.state = state["state"]
 
     def sensed(self, noise: Sequence[float], steps: Sequence[float]) -> None:
         """Take note of the sensor: deviations and steps of coordinates and of velocities."""
-        self._noise = np.array([noise, steps], dtype=np.float64)
+        self._law.noise = (list(noise), list(steps))
 
     def step(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Array:
         """Give the controls for the period that starts now; all gaps land and rest.
@@ -226,20 +215,7 @@ class GapTracker(ModelBased):
             The controls, shape (r,). Where a measurement is not finite they are the last ones, and
             the status is ``REFUSED``.
         """
-        at = np.atleast_1d(real_array("q", q))
-        if self._place is None:
-            self._place = at
-        m = len(self._trackers)
-        rest = ReferenceSample(
-            self._place,
-            np.zeros(len(at)),
-            np.ones(m),
-            np.ones(m, dtype=bool),
-            np.zeros(m),
-            np.zeros(m),
-            np.zeros(m),
-        )
-        return self.step_to(t, at, qdot, rest, rest)
+        return self._ticked(t, q, qdot, None)
 
     def step_to(
         self,
@@ -265,109 +241,44 @@ class GapTracker(ModelBased):
         ndarray
             As `step`.
         """
-        there = self._outlook(t, q, qdot, self._latched)
-        if there is None:
-            return self._held()
-        now, next = self._complete(now), self._complete(next)
-        a = self._wanted(there.t, there.kinetics, now, next)
-        return self._sent(self._controls(there, a, now))
+        return self._ticked(t, q, qdot, (_given(now), _given(next)))
 
-    def _complete(self, sample: ReferenceSample) -> ReferenceSample:
-        """Add the gaps of a reference that does not tell them."""
-        if sample.gaps is not None and sample.gap_rates is not None:
-            return sample
-        here = self.system.at(0.0, sample.q, sample.qdot)
-        closed, rates = np.asarray(sample.contacts), here.gradients @ sample.qdot + here.rates
-        gaps = np.where(closed, 0.0, np.maximum(here.gaps, 0.0))
-        return sample._replace(gaps=gaps, gap_rates=np.where(closed, 0.0, rates))
+    def in_loop(self, n: int, reference: MechanicalReference | None) -> _zivi.GapLoop:
+        """Give what a closed loop of `n` coordinates runs, along a reference or into rest."""
+        given = None
+        if reference is not None:
+            it = reference
+            given = _zivi.Reference(
+                it.q,
+                it.qdot,
+                it.qddot,
+                it.gaps,
+                it.gap_rates,
+                it.accelerations,
+                it.sides,
+                it.contacts,
+            )
+        return _zivi.GapLoop(self._law, self._model(np.zeros(n))[1].core, given)
 
-    def _wanted(
-        self, t: float, kinetics: GapKinetics, now: ReferenceSample, end: ReferenceSample
-    ) -> Array:
-        """Give the accelerations of the gaps."""
-        gaps, rates, D = kinetics.here.gaps, kinetics.gdot, kinetics.D
-        resting = np.asarray(now.contacts) & np.asarray(end.contacts)
-        self._latch(kinetics, resting)
-        held, a = self._latched, np.empty(len(gaps))
-        for i, tracker in enumerate(self._trackers):
-            x, v = (0.0, 0.0) if held[i] else (max(float(gaps[i]), 0.0), float(rates[i]))
-            ends = [
-                (float(it.gaps[i]), float(it.gap_rates[i]), float(it.sides[i]))  # type: ignore[index]
-                for it in (now, end)
-            ]
-            known = now.accelerations
-            pull = None if known is None or np.isnan(known[i]) else float(known[i])
-            a[i] = tracker.step_to(x, v, 0.0, ends[0], ends[1], pull)
-        if held.any():
-            usual = self._usual_forces(D)
-            # while others land, all are pressed alike: forces that change with the contacts would
-            # feed the kicks that coupled gaps give each other
-            landing = bool(np.any(resting & ~held))
-            forces = usual if landing else self._forces(t, usual)
-            # a gap that lands is pushed by the other contacts as by a constant force, or impacts
-            # on coupled gaps would not end; one that follows has its reference's own pushes
-            known = np.where(resting, D @ (forces - usual), D @ forces)
-            # as long as that leaves it a part of its own press, or it would not fall
-            excess = D @ usual - PUSHED * self._press()
-            known = known + np.where(resting & ~held, np.maximum(excess, 0.0), 0.0)
-            a = np.where(held, -(D @ forces), a - known)
-        self._a = a
-        return a
+    def _ticked(self, t: float, q: ArrayLike, qdot: ArrayLike, ends: Any) -> Array:
+        at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
+        if at.shape != speed.shape or at.ndim != 1:
+            raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
+        return self._law.step(self._model(at)[1].core, t, at, speed, ends)
 
-    def _latch(self, kinetics: GapKinetics, resting: NDArray[np.bool_]) -> None:
-        """Hold contacts that rest with their reference, and let go of those that do not."""
-        if self._settings["latch"] is not None:
-            near, slow = self._settings["latch"]
-        else:
-            deviation, steps = self._noise
-            size = np.sqrt(np.sum(kinetics.here.gradients**2, axis=1))
-            within = np.maximum(DEVIATIONS * deviation, STEPS * steps)
-            near, slow = (np.maximum(e, it * size) for e, it in zip(EXACT, within, strict=True))
-        at = np.abs(kinetics.here.gaps) <= near
-        closes = resting & ~self._latched & at & (np.abs(kinetics.gdot) <= slow)
-        self._beyond = np.where(self._latched & ~at, self._beyond + 1, 0)
-        lost = self._latched & resting & (self._beyond >= OUT)
-        if lost.any():
-            self._status |= TickStatus.LATCH_LOST
-        self._latched = (self._latched & resting & ~lost) | closes
 
-    def _press(self) -> Array:
-        """Give the accelerations with which landings press gaps that rest."""
-        return np.array([float(it.press or 0.0) for it in self._trackers])
+def _given(sample: ReferenceSample) -> tuple[Any, ...]:
+    """Give a sample as the extension takes it."""
+    numbers = [None if it is None else np.asarray(it, dtype=np.float64) for it in sample]
+    numbers[3] = np.asarray(sample.contacts, dtype=bool)
+    return tuple(numbers)
 
-    def _usual_forces(self, D: Array) -> Array:
-        """Give the forces with which landings press the contacts that are held, 0 elsewhere."""
-        held, forces = self._latched, np.zeros(len(D))
-        press = self._press()
-        own = np.linalg.solve(D[np.ix_(held, held)], press[held])
-        forces[held] = own if np.all(own > 0.0) else (press / np.diag(D))[held]
-        return forces
 
-    def _forces(self, t: float, usual: Array) -> Array:
-        """Give the forces of the contacts that are held, as they are asked for."""
-        forces = usual.copy()
-        for i, name in enumerate(self.system.gap_names):
-            if self._latched[i] and name in self._settings["force"]:
-                asked = self._settings["force"][name]
-                forces[i] = real(f"force[{name!r}]", asked(t)) if callable(asked) else asked
-        return forces
-
-    def _controls(self, there: Outlook, a: Array, now: ReferenceSample) -> Array:
-        """Give the controls that make these accelerations of the gaps, and the rest as they can."""
-        _, q, qdot, kinetics, matrix = there
-        kp, kd = self._settings["posture"]
-        wanted = -kp * (q - now.q) - kd * (qdot - now.qdot)
-        if now.qddot is not None:
-            wanted = wanted + now.qddot
-        found = Allocation.of(kinetics, matrix, a, wanted, self._settings["u_limits"])
-        if found.least is None and self._least == math.inf:
-            found = dataclasses.replace(found, least=reach(kinetics, matrix))
-        if found.least is not None:
-            self._least = min(self._least, found.least)
-            self._uncontrolled = len(matrix) - int(np.linalg.matrix_rank(matrix))
-        if found.limited:
-            self._status |= TickStatus.SATURATED
-        return found.u
+def _pressing(name: str, force: Any) -> Any:
+    """Give a force as the extension takes it."""
+    if not callable(force):
+        return force
+    return lambda t: real(f"force[{name!r}]", force(t))
 
 
 def _forces(force: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, real, real_array
-from zivi.control.believed_plant import BelievedPlant, onto
+from zivi.control.believed_plant import BelievedPlant
 from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem
 
@@ -124,7 +124,7 @@ class JointObserver:
         at, model = np.atleast_1d(real_array("q", q)), self._plant.model
         if self._q is None or self._qdot is None:
             self._q, self._qdot, self._t = at, np.zeros_like(at), t
-            self._q, self._qdot = onto(model, t, self._q, self._qdot, self._closed)
+            self._q, self._qdot = self._plant.onto(t, self._q, self._qdot, self._closed)
             return self._q.copy(), self._qdot.copy()
         controls = np.atleast_1d(real_array("u", u))[None]
         q0, speed, closed = self._plant.moved(self._t, self._q, self._qdot, controls)
@@ -144,7 +144,7 @@ class JointObserver:
             q0, speed = q0 + y, speed + y / self._plant.h
         else:
             q0, speed = q0 + self.alpha * y, speed + self._gain * y
-        self._q, self._qdot = onto(model, t, q0, speed, self._closed)
+        self._q, self._qdot = self._plant.onto(t, q0, speed, self._closed)
         return self._q.copy(), self._qdot.copy()
 
     def __repr__(self) -> str:

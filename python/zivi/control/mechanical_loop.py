@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
 from zivi.base.compiled import listening_always
 from zivi.base.progress import ProgressBar
-from zivi.control.component import TickStatus
+from zivi.control.gap_tracker import GapTracker
 from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_arguments import (
     check_delay,
@@ -138,9 +138,9 @@ def simulate_mechanical(
     watching = watching_of(observer, system, h, len(q))
     tell_sensor(controller, sensor, watching)
     plant = model if disturbance is None else disturbed(model, disturbance, len(q))
-    ticks = Ticks(controller, given, sensor, watching, periods, inputs.r, system.m, len(q))
+    native = type(controller) is GapTracker
+    loop = controller.in_loop(len(q), given) if native else called(controller, given)
     with ProgressBar(progress) as bar, listening_always() as ear:
-        first = ticks(0, span[0], q, qdot)
         stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
         record = _zivi.simulate_mechanical_loop(
             mechanism(system, plant),
@@ -149,8 +149,11 @@ def simulate_mechanical(
             times,
             stops,
             _zivi.Configuration(q, qdot),
-            first,
-            ticks,
+            loop,
+            observer=None if watching is None else watching.step,
+            noise=sensor.noise,
+            steps=sensor.steps,
+            delay=periods,
             dense=dense_output,
             one_step=chosen[1],
             progress=bar.report,
@@ -168,7 +171,7 @@ def simulate_mechanical(
     }
     if chosen[1]:
         config["method"] = {"name": "SwitchedRK"} | {"one_step_a_period": True}
-    run = loop_of(record, ticks, given, system, plant, config, (inputs, times, ahead))
+    run = loop_of(record, given, system, plant, config, (inputs, times))
     vars(run)["slowest"] = part
     raised = record.run.raised
     del record
@@ -294,16 +297,6 @@ class Sensor:
         told = int(entropy) if isinstance(entropy, int) else None
         return cls(deviations, steps, draws * np.array(deviations)[:, None], told)
 
-    def read(self, k: int, q: Array, qdot: Array) -> tuple[Array, Array]:
-        """Measure sample `k`."""
-        if self.noise is not None:
-            q, qdot = q + self.noise[k, 0], qdot + self.noise[k, 1]
-        if self.steps[0] > 0.0:
-            q = self.steps[0] * np.round(q / self.steps[0])
-        if self.steps[1] > 0.0:
-            qdot = self.steps[1] * np.round(qdot / self.steps[1])
-        return q, qdot
-
 
 def watching_of(observer: Any, system: MechanicalSystem, h: float, n: int) -> Any:
     """Give a copy of an observer for a run."""
@@ -324,108 +317,48 @@ def tell_sensor(controller: Any, sensor: Sensor, watching: Any) -> None:
         controller.sensed(watching.deviations, sensor.steps)
 
 
-class Ticks:
-    """All that happens at a sample: sensor, observer, controller, delay.
+def called(controller: Any, reference: MechanicalReference | None) -> _zivi.CalledLoop:
+    """Give what a loop runs for a controller of the interpreter."""
+    has = {it: controller if hasattr(controller, it) else None for it in ("status", "latched")}
+    if reference is None:
+        return _zivi.CalledLoop(controller.step, False, has["status"], has["latched"])
+    ahead = int(getattr(controller, "delay", 0))
 
-    Parameters
-    ----------
-    controller : object
-        It runs.
-    reference : MechanicalReference or None
-        Where it is to be.
-    sensor : Sensor
-        What is measured.
-    observer : JointObserver or None
-        What makes an estimate of it.
-    delay : int
-        Periods from a measurement to its control.
-    r, m, n : int
-        Numbers of controls, gaps and coordinates.
-    """
+    def step(k: int, t: float, q: Array, qdot: Array) -> Any:
+        now, after = (reference.sample(k + ahead + it) for it in (0, 1))
+        return controller.step_to(t, q, qdot, now, after)
 
-    def __init__(
-        self,
-        controller: Any,
-        reference: MechanicalReference | None,
-        sensor: Sensor,
-        observer: Any,
-        delay: int,
-        r: int,
-        m: int,
-        n: int,
-    ) -> None:
-        self.controller, self.reference = controller, reference
-        self.sensor, self.observer = sensor, observer
-        self.r, self.m = r, m
-        self.ahead = int(getattr(controller, "delay", 0))
-        self.queue = [np.zeros(r)] * delay
-        self.acting, self.asked = np.zeros(r), np.zeros(r)
-        self.status: list[int] = []
-        self.latched: list[NDArray[np.bool_]] = []
-        self.estimates: list[tuple[Array, Array]] = []
-
-    def __call__(self, k: int, t: float, q: Array, qdot: Array) -> Array:
-        """Give the controls that act from now on."""
-        at, speed = self.sensor.read(k, q, qdot)
-        if self.observer is not None:
-            at, speed = self.observer.step(t, at, self.acting)
-        self.estimates.append((at, speed))
-        found, status = self._asked(k, t, at, speed)
-        self.status.append(int(status))
-        latched = getattr(self.controller, "latched", None)
-        none = np.zeros(self.m, dtype=bool)
-        self.latched.append(none if latched is None else np.array(latched, dtype=bool))
-        self.asked = found
-        self.queue.append(found)
-        self.acting = self.queue.pop(0)
-        return self.acting
-
-    def _asked(self, k: int, t: float, q: Array, qdot: Array) -> tuple[Array, TickStatus]:
-        if self.reference is None:
-            given = self.controller.step(t, q.copy(), qdot.copy())
-        else:
-            now, after = (self.reference.sample(k + self.ahead + it) for it in (0, 1))
-            given = self.controller.step_to(t, q.copy(), qdot.copy(), now, after)
-        status = TickStatus(int(getattr(self.controller, "status", 0)))
-        try:
-            u = np.atleast_1d(np.asarray(given, dtype=np.float64))
-        except (TypeError, ValueError):
-            return self.asked, status | TickStatus.REFUSED
-        if u.shape != (self.r,) or not np.all(np.isfinite(u)):
-            return self.asked, status | TickStatus.REFUSED
-        return np.array(u), status
+    return _zivi.CalledLoop(step, True, has["status"], has["latched"])
 
 
 def loop_of(
     record: _zivi.MechanicalLoopRecord,
-    ticks: Ticks,
     given: MechanicalReference | None,
     system: MechanicalSystem,
     plant: Model,
     config: dict[str, Any],
-    more: tuple[ControlInputs, Array, int],
+    more: tuple[ControlInputs, Array],
 ) -> MechanicalClosedLoop:
     """Make the result of a loop from its record."""
-    inputs, times, _ = more
+    inputs, times = more
     held = driven(plant, inputs, times, record.u)
     run: Any = MechanicalClosedLoop._from_record(record.run, held, config, None, system._channels)
     count = len(run.t)
-    last = np.minimum(np.arange(count), len(ticks.status) - 1)
+    last = np.minimum(np.arange(count), len(record.tick_status) - 1)
     unknown = np.full_like(run.q, np.nan)
     error = np.full_like(run.gaps, np.nan)
     if given is not None:
         places = np.minimum(np.arange(count), len(given.q) - 1)
         unknown, error = given.q[places], run.gaps - given.gaps[places]
-    estimates = [np.array([it[j] for it in ticks.estimates])[last] for j in (0, 1)]
     known: MechanicalClosedLoop = dataclasses.replace(
         run,
         u=record.u,
         error_gaps=error,
-        latched=np.array(ticks.latched, dtype=bool).reshape(len(ticks.status), system.m)[last],
-        tick_status=np.array(ticks.status, dtype=np.uint8)[last],
+        latched=record.latched[last],
+        tick_status=record.tick_status[last],
         q_ref=unknown,
-        q_est=estimates[0],
-        qdot_est=estimates[1],
+        q_est=record.q_est[last],
+        qdot_est=record.qdot_est[last],
         control_names=inputs.names,
     )
     return known

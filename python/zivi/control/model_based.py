@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, real_array
-from zivi.control.believed_plant import BelievedPlant, onto
+from zivi.control.believed_plant import BelievedPlant
 from zivi.control.component import TickStatus
-from zivi.control.gap_law import limits_of
+from zivi.control.u_limits import limits_of
 from zivi.system.control_inputs import ControlInputs
 from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem
@@ -141,7 +141,7 @@ class ModelBased:
         if self.delay:
             idle = [np.zeros(inputs.r)] * (self.delay - len(self._queue))
             controls = np.array(idle + self._queue[-self.delay :])
-            at, speed = onto(plant.model, t, at, speed, closed)
+            at, speed = plant.onto(t, at, speed, closed)
             at, speed, _ = plant.moved(t, at, speed, controls)
             t += self.delay * self.h
         here = plant.model.layout.read(plant.model.evaluate(t, at, speed))

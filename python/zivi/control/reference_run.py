@@ -14,7 +14,6 @@ from zivi.control.mechanical_reference import posture_of
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
-from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.partials import Partials
 
@@ -145,11 +144,12 @@ class Decoupled(MechanicalSystem):
         def evaluate(t: float, q: Array, qdot: Array) -> Array:
             row = own.evaluate(t, q, qdot)
             here = layout.read(row)
-            kinetics = GapKinetics.of(here, qdot)
             at, along, turning = posture_of(self._posture, t, n)
             wanted = turning - kp * (q - at) - kd * (qdot - along)
             pulls = [it(t) if callable(it) else it for it in map(self._pulls.__getitem__, names)]
-            row[n * n : n * n + n] = pushed(kinetics, np.array(pulls, dtype=np.float64), wanted)
+            row[n * n : n * n + n] = _zivi.decoupling_force(
+                here.mass, here.gradients, here.curvatures, np.array(pulls, np.float64), wanted
+            )
             return row
 
         return Model(layout, _zivi.Model.callable(evaluate), evaluate)
@@ -168,20 +168,3 @@ class Decoupled(MechanicalSystem):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         Decoupled.__init__(self, **state)
-
-
-def pushed(kinetics: GapKinetics, a: Array, wanted: Array) -> Array:
-    r"""Give the force with :math:`\ddot g = a` and :math:`Z \ddot q = Z b`, without contacts.
-
-    .. math:: F = M b + N^T D^{-1} (a - h - N b)
-
-    and for as many gaps as coordinates :math:`F = N^T D^{-1} (a - h)`, in which nothing cancels.
-    """
-    here = kinetics.here
-    n, m = here.mass.shape[0], len(a)
-    if m == 0:
-        return here.mass @ wanted
-    if m == n:
-        return here.gradients.T @ np.linalg.solve(kinetics.D, a - here.curvatures)
-    left = a - here.curvatures - here.gradients @ wanted
-    return here.mass @ wanted + here.gradients.T @ np.linalg.solve(kinetics.D, left)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -10,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+import zivi._zivi as _zivi
 from zivi.base.check import Array, real
 from zivi.control.component import TickStatus, delay_of
-from zivi.control.gap_law import Allocation
 from zivi.control.model_based import ModelBased, believed, numbers
+from zivi.control.u_limits import pairs
 from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem
 
@@ -204,13 +204,20 @@ class Striker(ModelBased):
             rate = v - w
         a = self._aim(t, x, v, -pull, x - gap, w)
         self._last = (gap, rate, v, pull - a, pull)
-        own = _only(kinetics, self._gap)
-        limits = self._settings["u_limits"]
-        damped = -self._settings["posture"] * speed
-        found = Allocation.of(own, matrix, np.array([pull - a]), damped, limits)
-        if found.limited:
+        here, one = kinetics.here, slice(self._gap, self._gap + 1)
+        u, limited, _ = _zivi.controls(
+            here.mass,
+            here.force,
+            here.gradients[one],
+            here.curvatures[one],
+            matrix,
+            np.array([pull - a]),
+            -self._settings["posture"] * speed,
+            pairs(self._settings["u_limits"]),
+        )
+        if limited:
             self._status |= TickStatus.SATURATED
-        return self._sent(found.u)
+        return self._sent(u)
 
     def _look_at(self, q: Array) -> None:
         """Find the body among the coordinates."""
@@ -289,16 +296,3 @@ def _asked(name: str, given: Any, k: int) -> float:
     if not (math.isfinite(value) and value > 0.0):
         raise ValueError(f"{name} must be finite and > 0, got {value} for stroke {k}")
     return value
-
-
-def _only(kinetics: GapKinetics, i: int) -> GapKinetics:
-    """Give what there is of one gap."""
-    one = slice(i, i + 1)
-    here = dataclasses.replace(
-        kinetics.here,
-        gaps=kinetics.here.gaps[one],
-        gradients=kinetics.here.gradients[one],
-        curvatures=kinetics.here.curvatures[one],
-        rates=kinetics.here.rates[one],
-    )
-    return GapKinetics(here, kinetics.gdot[one], kinetics.mobility[:, one], kinetics.D[one, one])

@@ -11,6 +11,7 @@ use crate::method::described;
 
 mod arguments;
 mod explicit;
+pub(crate) mod gap_tracker;
 mod late;
 mod reference;
 mod regulator;

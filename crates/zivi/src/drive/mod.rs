@@ -2,3 +2,4 @@
 
 pub mod batch;
 pub mod closed_loop;
+pub mod mechanical;

@@ -14,6 +14,7 @@ pub(crate) mod probes;
 pub(crate) mod real;
 pub(crate) mod richardson;
 pub(crate) mod root;
+pub(crate) mod singular;
 pub(crate) mod stages;
 pub(crate) mod step_error;
 pub(crate) mod step_size;

@@ -52,6 +52,20 @@ impl<D, F> Driven<D, F> {
         }
     }
 
+    /// Holds none.
+    pub fn release(&mut self) {
+        self.u.fill(0.0);
+        self.force.fill(0.0);
+    }
+
+    /// `B`, `n x r` row by row, where it was last evaluated.
+    pub fn matrix(&self) -> &[f64] {
+        match &self.inputs {
+            InputMatrix::Constant(matrix) => matrix,
+            InputMatrix::Function(_) => &self.matrix,
+        }
+    }
+
     /// The control that is held.
     pub fn control(&self) -> &[f64] {
         &self.u

@@ -1,0 +1,226 @@
+//! From wanted accelerations to the controls of a mechanical system.
+
+use crate::numeric::cholesky;
+use crate::numeric::elimination::Elimination;
+use crate::numeric::singular::{dot, Singular};
+use crate::system::dynamics::Layout;
+
+use super::in_box::{in_box, Limits, SMALL};
+use super::kinetics::GapKinetics;
+use super::law_error::LawError;
+
+/// Singular values below this part of the largest leave a gap without control.
+const RANK: f64 = 1e-6;
+/// How much heavier the gaps count than the rest, where limits do not leave room for both.
+const FIRST: f64 = 1e4;
+
+/// How the controls of a tick were found.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Allocation {
+    /// Whether limits act.
+    pub limited: bool,
+    /// The least singular value of `D^-1/2 N M^-1 B`, where it was computed.
+    pub least: Option<f64>,
+}
+
+/// `F = M b + N^T D^-1 (a - h - N b)`, the force with `g'' = a` and `Z q'' = Z b` without contacts;
+/// for as many gaps as coordinates `F = N^T D^-1 (a - h)`, in which nothing cancels.
+#[must_use]
+pub fn decoupling_force(kinetics: &GapKinetics, a: &[f64], wanted: &[f64]) -> Vec<f64> {
+    let Layout { n, m, .. } = kinetics.layout();
+    let whole = m > 0 && m == n;
+    let mut force = if whole { vec![0.0; n] } else { kinetics.momentum(wanted) };
+    let moved = |i| if whole { 0.0 } else { dot(kinetics.normal(i), wanted) };
+    let mut left: Vec<f64> = (0..m).map(|i| a[i] - kinetics.curvatures()[i] - moved(i)).collect();
+    cholesky::solve(&kinetics.d_factor, m, &mut left);
+    for (i, left) in left.iter().enumerate() {
+        force.iter_mut().zip(kinetics.normal(i)).for_each(|(to, by)| *to += left * by);
+    }
+    force
+}
+
+/// Finds the controls for `g'' = a` and, as far as they can, `Z q'' = Z b`; `matrix` is `B`, `n x r`
+/// row by row.
+///
+/// # Errors
+/// [`LawError::Unreached`].
+pub fn controls<E>(
+    kinetics: &mut GapKinetics,
+    matrix: &[f64],
+    a: &[f64],
+    wanted: &[f64],
+    limits: Option<&Limits>,
+    u: &mut [f64],
+) -> Result<Allocation, LawError<E>> {
+    let (Layout { n, .. }, r) = (kinetics.layout(), u.len());
+    if n == r {
+        let mut force = decoupling_force(kinetics, a, wanted);
+        force.iter_mut().zip(kinetics.force()).for_each(|(to, own)| *to -= own);
+        let inverse = Elimination::new(matrix.to_vec(), n, 0.0);
+        if inverse.rank() == n {
+            let found = inverse.solve(&force);
+            if limits.is_none_or(|limits| are_within(&found, limits)) {
+                u.copy_from_slice(&found);
+                return Ok(Allocation::default());
+            }
+        }
+    }
+    let size = sizes(limits, r);
+    let gaps = of_gaps(kinetics, matrix, a, r);
+    let least = reached(&gaps.scaled(&size), gaps.right.len(), r)?;
+    let rest = of_rest(kinetics, matrix, wanted, r);
+    let limited = allocated(&gaps, &rest, limits, &size, u);
+    Ok(Allocation { limited, least: Some(least) })
+}
+
+fn are_within(u: &[f64], limits: &Limits) -> bool {
+    u.iter().zip(limits).all(|(u, (low, high))| low <= u && u <= high)
+}
+
+/// What a control counts against the others.
+fn sizes(limits: Option<&Limits>, r: usize) -> Vec<f64> {
+    match limits {
+        Some(limits) if limits.iter().all(|(low, high)| low.is_finite() && high.is_finite()) => {
+            limits.iter().map(|(low, high)| low.abs().max(high.abs())).collect()
+        }
+        _ => vec![1.0; r],
+    }
+}
+
+/// What controls shall do: `A u = b`.
+struct Asked {
+    matrix: Vec<f64>,
+    right: Vec<f64>,
+}
+
+impl Asked {
+    fn scaled(&self, size: &[f64]) -> Vec<f64> {
+        let rows = self.matrix.chunks_exact(size.len());
+        rows.flat_map(|row| row.iter().zip(size).map(|(a, size)| a * size)).collect()
+    }
+}
+
+/// What the controls do to the gaps, by `L^-1` with `L L^T = D`.
+fn of_gaps(kinetics: &GapKinetics, matrix: &[f64], a: &[f64], r: usize) -> Asked {
+    let Layout { m, .. } = kinetics.layout();
+    let (mut by, mut right) = (vec![0.0; m * r], vec![0.0; m]);
+    for i in 0..m {
+        let moved = kinetics.mobility_of(i);
+        for (row, mobility) in matrix.chunks_exact(r).zip(moved) {
+            by[i * r..][..r].iter_mut().zip(row).for_each(|(to, b)| *to += mobility * b);
+        }
+        right[i] = a[i] - (dot(moved, kinetics.force()) + kinetics.curvatures()[i]);
+        let root = &kinetics.d_factor[i * m..][..=i];
+        let (above, own) = by.split_at_mut(i * r);
+        for (j, part) in root[..i].iter().enumerate() {
+            own[..r].iter_mut().zip(&above[j * r..]).for_each(|(to, of)| *to -= part * of);
+            right[i] -= part * right[j];
+        }
+        own[..r].iter_mut().for_each(|it| *it /= root[i]);
+        right[i] /= root[i];
+    }
+    Asked { matrix: by, right }
+}
+
+/// The least singular value of `D^-1/2 N M^-1 B`.
+///
+/// # Errors
+/// [`LawError::Unreached`].
+fn reached<E>(scaled: &[f64], m: usize, r: usize) -> Result<f64, LawError<E>> {
+    if m == 0 {
+        return Ok(f64::INFINITY);
+    }
+    let found = Singular::new(scaled, m, r);
+    let values = &found.values()[..m.min(r)];
+    let least = if r < m { 0.0 } else { values[m - 1] };
+    // written so that a NaN is one, too
+    let enough = least > RANK * values.first().copied().unwrap_or(0.0);
+    if enough {
+        Ok(least)
+    } else {
+        Err(LawError::Unreached(m, values.to_vec()))
+    }
+}
+
+/// The same at a state.
+///
+/// # Errors
+/// [`LawError::Unreached`].
+pub(super) fn reach<E>(
+    kinetics: &GapKinetics,
+    matrix: &[f64],
+    r: usize,
+) -> Result<f64, LawError<E>> {
+    let m = kinetics.layout().m;
+    reached(&of_gaps(kinetics, matrix, &vec![0.0; m], r).matrix, m, r)
+}
+
+/// What the controls do beside the gaps, measured by the kinetic energy: by `L^T` with `L L^T = M`.
+fn of_rest(kinetics: &mut GapKinetics, matrix: &[f64], wanted: &[f64], r: usize) -> Asked {
+    let Layout { n, m, .. } = kinetics.layout();
+    let column = |j: usize| (0..n).map(|i| matrix[i * r + j]).collect();
+    let mut vectors: Vec<Vec<f64>> = (0..r).map(column).collect();
+    vectors.push(kinetics.force().to_vec());
+    vectors.iter_mut().for_each(|v| cholesky::solve(&kinetics.mass, n, v));
+    // what is wanted beside what the forces do by themselves
+    vectors[r].iter_mut().zip(wanted).for_each(|(free, wanted)| *free = wanted - *free);
+    let all = vec![true; m];
+    for v in &mut vectors {
+        kinetics.without_gaps(&all, v);
+        let root = &kinetics.mass;
+        *v = (0..n).map(|i| (i..n).map(|k| root[k * n + i] * v[k]).sum()).collect();
+    }
+    let right = vectors.pop().unwrap_or_default();
+    Asked { matrix: (0..n).flat_map(|i| vectors.iter().map(move |v| v[i])).collect(), right }
+}
+
+/// The controls that do what is asked of the gaps, then as much as they can of the rest:
+///
+/// ```text
+/// min |S u - s|, then min |R u - r|, then min |u/size|, u within limits
+/// ```
+///
+/// Where limits act, which it says, the first two are weighed against each other by 1e8 to 1.
+fn allocated(
+    gaps: &Asked,
+    rest: &Asked,
+    limits: Option<&Limits>,
+    size: &[f64],
+    u: &mut [f64],
+) -> bool {
+    let (r, m) = (size.len(), gaps.right.len());
+    let (matrix, other) = (gaps.scaled(size), rest.scaled(size));
+    let found = Singular::new(&matrix, m, r);
+    let rank = found.rank(SMALL);
+    let mut x = found.solve(&gaps.right, rank);
+    let null = found.null_space(rank);
+    if rank < r {
+        let rows = other.chunks_exact(r);
+        let left: Vec<f64> =
+            rows.clone().zip(&rest.right).map(|(row, right)| right - dot(row, &x)).collect();
+        let by: Vec<f64> =
+            rows.flat_map(|row| null.chunks_exact(r).map(move |v| dot(row, v))).collect();
+        let inner = Singular::new(&by, left.len(), r - rank);
+        let along = inner.solve(&left, inner.rank(SMALL));
+        for (v, part) in null.chunks_exact(r).zip(along) {
+            x.iter_mut().zip(v).for_each(|(x, v)| *x += part * v);
+        }
+    }
+    u.iter_mut().zip(size).zip(&x).for_each(|((u, size), x)| *u = size * x);
+    let Some(limits) = limits.filter(|limits| !are_within(u, limits)) else {
+        return false;
+    };
+    let largest = |of: &[f64]| of.iter().fold(0.0_f64, |most, it| most.max(it.abs()));
+    let scale = FIRST * largest(&other).max(1.0) / largest(&matrix).max(1e-300);
+    let first = |of: &[f64], then: &[f64]| -> Vec<f64> {
+        of.iter().map(|it| scale * it).chain(then.iter().copied()).collect()
+    };
+    let (matrix, right) = (first(&matrix, &other), first(&gaps.right, &rest.right));
+    let each = limits.iter().zip(size);
+    let scaled: Vec<_> = each.map(|((low, high), size)| (low / size, high / size)).collect();
+    let x = in_box(&matrix, &right, &scaled);
+    for (((u, size), x), (low, high)) in u.iter_mut().zip(size).zip(x).zip(limits) {
+        *u = (size * x).max(*low).min(*high); // products round
+    }
+    true
+}

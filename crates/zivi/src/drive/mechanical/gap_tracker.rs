@@ -1,0 +1,389 @@
+//! The tracker of gaps.
+//!
+//! ```text
+//! g_i'' = a_i      a_i the control of a twisting tracker on gap i alone
+//! Z q'' = Z (q_r'' - kp (q - q_r) - kd (q' - q_r'))
+//! a_A   = -D_AA lambda_d      of contacts A that are held
+//! ```
+
+use zivi_core::control::{TwistingTracker, Waypoint};
+use zivi_core::{Branch, Physical, SettingError};
+
+use super::allocation::{controls, reach};
+use super::believed_plant::BelievedPlant;
+use super::kinetics::GapKinetics;
+use super::latch::{Latch, Noise};
+use super::law_error::LawError;
+use super::reference::ReferenceSample;
+use crate::numeric::singular::{dot, Singular};
+use crate::system::driven::Driven;
+use crate::system::dynamics::Dynamics;
+
+/// Part of its own press by which the other contacts may push a gap that lands.
+const PUSHED: f64 = 0.8;
+
+/// What does not change.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GapTrackerSettings {
+    /// Sampling period (s).
+    pub h: f64,
+    /// `kp` (1/s^2) and `kd` (1/s).
+    pub posture: (f64, f64),
+    /// Range of each control.
+    pub limits: Option<Vec<(f64, f64)>>,
+    /// Below which gap and rate a contact is held; without them the noise says.
+    pub latch: Option<[f64; 2]>,
+    /// Periods from a measurement to the moment when its control acts.
+    pub delay: usize,
+}
+
+/// What changes from tick to tick, beside the trackers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GapTrackerState {
+    /// Contacts.
+    pub latch: Latch,
+    /// What was asked of the gaps, without contact forces.
+    pub accelerations: Vec<f64>,
+    /// The last controls, the oldest first, at most as many as the delay.
+    pub sent: Vec<Vec<f64>>,
+    /// The last controls, none before the first tick.
+    pub u: Option<Vec<f64>>,
+    /// Where the rest stays without a reference.
+    pub place: Option<Vec<f64>>,
+    /// Bits of [`GapTracker::SATURATED`], [`GapTracker::REFUSED`], [`GapTracker::LATCH_LOST`].
+    pub status: u8,
+    /// The least singular value so far of `D^-1/2 N M^-1 B`, in parts of limits.
+    pub least: f64,
+    /// How many directions have no actuator of their own.
+    pub uncontrolled: usize,
+}
+
+impl GapTrackerState {
+    fn start(m: usize) -> Self {
+        Self {
+            latch: Latch::open(m),
+            accelerations: vec![0.0; m],
+            sent: Vec::new(),
+            u: None,
+            place: None,
+            status: 0,
+            least: f64::INFINITY,
+            uncontrolled: 0,
+        }
+    }
+}
+
+/// Lets the gaps of a mechanism follow bouncing references through impacts, rest and lift-off.
+#[derive(Clone, Debug)]
+pub struct GapTracker {
+    /// One for each gap.
+    pub trackers: Vec<TwistingTracker>,
+    /// What does not change.
+    pub settings: GapTrackerSettings,
+    /// What does.
+    pub state: GapTrackerState,
+    /// What the sensor is like.
+    pub noise: Noise,
+    kinetics: Option<GapKinetics>,
+}
+
+/// Both ends of a period of a reference.
+type Ends<'a> = [ReferenceSample<'a>; 2];
+
+impl GapTracker {
+    /// The controls were cut to their limits.
+    pub const SATURATED: u8 = 2;
+    /// The sample was refused, and the last controls held.
+    pub const REFUSED: u8 = 4;
+    /// A contact that was held opened.
+    pub const LATCH_LOST: u8 = 16;
+
+    /// One that has measured nothing yet.
+    #[must_use]
+    pub fn new(trackers: Vec<TwistingTracker>, settings: GapTrackerSettings) -> Self {
+        let state = GapTrackerState::start(trackers.len());
+        Self { trackers, settings, state, noise: Noise::default(), kinetics: None }
+    }
+
+    /// Forgets all that was measured.
+    ///
+    /// # Errors
+    /// None that happens: the references can be at rest.
+    pub fn reset(&mut self) -> Result<(), SettingError> {
+        self.state = GapTrackerState::start(self.trackers.len());
+        let rest = Physical { x: 0.0, xdot: 0.0 };
+        self.trackers.iter_mut().try_for_each(|tracker| tracker.reset(rest))
+    }
+
+    /// Writes the controls for the period that starts now into `u`, for a reference at this sample and
+    /// at the next one, as many periods ahead as the delay; without one all gaps land and rest.
+    /// `asked` gives the force with which a contact is pressed at a time, if one is asked for.
+    ///
+    /// # Errors
+    /// [`LawError`]; the controls are what they were.
+    pub fn tick<E, D, F>(
+        &mut self,
+        plant: &mut BelievedPlant<'_, D, F>,
+        t: f64,
+        measured: (&[f64], &[f64]),
+        reference: Option<Ends<'_>>,
+        asked: &mut dyn FnMut(usize, f64) -> Result<Option<f64>, E>,
+        u: &mut [f64],
+    ) -> Result<(), LawError<E>>
+    where
+        D: Dynamics<E>,
+        Driven<D, F>: Dynamics<E>,
+    {
+        let is_finite = |of: &[f64]| of.iter().all(|it| it.is_finite());
+        if !(is_finite(measured.0) && is_finite(measured.1)) {
+            self.state.status = Self::REFUSED;
+            match &self.state.u {
+                Some(last) => u.copy_from_slice(last),
+                None => u.fill(0.0),
+            }
+            self.send(u);
+            return Ok(());
+        }
+        self.state.status = 0;
+        let place = self.state.place.clone();
+        let place = match reference {
+            None => Some(place.unwrap_or_else(|| measured.0.to_vec())),
+            Some(_) => place,
+        };
+        let layout = plant.layout();
+        let zeros = vec![0.0; layout.n.max(layout.m)];
+        let (ones, closed) = (vec![1.0; layout.m], vec![true; layout.m]);
+        let (still, of_gaps) = (&zeros[..layout.n], &zeros[..layout.m]);
+        let resting = ReferenceSample {
+            q: place.as_deref().unwrap_or(still),
+            w: still,
+            sides: &ones,
+            contacts: &closed,
+            gaps: Some((of_gaps, of_gaps)),
+            accelerations: Some(of_gaps),
+            turning: None,
+        };
+        let ends = reference.unwrap_or([resting; 2]);
+        let mut kinetics = self.kinetics.take().unwrap_or_else(|| GapKinetics::new(layout));
+        let done = self.follow(plant, t, measured, ends, asked, &mut kinetics, u);
+        self.kinetics = Some(kinetics);
+        self.state.place.clone_from(&place);
+        done?;
+        self.send(u);
+        Ok(())
+    }
+
+    /// The same with a reference.
+    #[allow(clippy::too_many_arguments)]
+    fn follow<E, D, F>(
+        &mut self,
+        plant: &mut BelievedPlant<'_, D, F>,
+        mut t: f64,
+        measured: (&[f64], &[f64]),
+        ends: Ends<'_>,
+        asked: &mut dyn FnMut(usize, f64) -> Result<Option<f64>, E>,
+        kinetics: &mut GapKinetics,
+        u: &mut [f64],
+    ) -> Result<(), LawError<E>>
+    where
+        D: Dynamics<E>,
+        Driven<D, F>: Dynamics<E>,
+    {
+        let rows: Vec<_> = ends.iter().map(|end| gaps_of(plant, end)).collect::<Result<_, _>>()?;
+        let mut ends = ends;
+        for (end, row) in ends.iter_mut().zip(&rows) {
+            if let Some((gaps, rates)) = row {
+                end.gaps = Some((gaps, rates));
+            }
+        }
+        let ahead;
+        let (mut q, mut w) = measured;
+        if self.settings.delay > 0 {
+            ahead = self.predicted(plant, t, measured, kinetics, u.len())?;
+            (q, w) = (&ahead.0, &ahead.1);
+            t += self.settings.delay as f64 * self.settings.h;
+        }
+        plant.look(t, (q, w), kinetics)?;
+        let a = self.wanted(t, kinetics, ends, asked)?;
+        let (now, (kp, kd)) = (&ends[0], self.settings.posture);
+        let rest: Vec<f64> = (0..q.len())
+            .map(|j| {
+                let back = -kp * (q[j] - now.q[j]) - kd * (w[j] - now.w[j]);
+                back + now.turning.map_or(0.0, |turning| turning[j])
+            })
+            .collect();
+        self.state.accelerations = a;
+        let matrix = plant.driven.matrix();
+        let limits = self.settings.limits.as_deref();
+        let found = controls(kinetics, matrix, &self.state.accelerations, &rest, limits, u)?;
+        let least = match found.least {
+            None if self.state.least == f64::INFINITY => Some(reach(kinetics, matrix, u.len())?),
+            known => known,
+        };
+        if let Some(least) = least {
+            self.state.least = self.state.least.min(least);
+            self.state.uncontrolled = q.len() - rank(matrix, q.len(), u.len());
+        }
+        if found.limited {
+            self.state.status |= Self::SATURATED;
+        }
+        Ok(())
+    }
+
+    /// Where the plant will be when the control acts.
+    fn predicted<E, D, F>(
+        &self,
+        plant: &mut BelievedPlant<'_, D, F>,
+        t: f64,
+        (q, w): (&[f64], &[f64]),
+        kinetics: &mut GapKinetics,
+        r: usize,
+    ) -> Result<(Vec<f64>, Vec<f64>), LawError<E>>
+    where
+        D: Dynamics<E>,
+        Driven<D, F>: Dynamics<E>,
+    {
+        let GapTrackerState { sent, latch, .. } = &self.state;
+        let mut controls = vec![0.0; r * (self.settings.delay - sent.len())];
+        sent.iter().for_each(|u| controls.extend_from_slice(u));
+        let (mut q, mut w) = (q.to_vec(), w.to_vec());
+        plant.onto(t, (&mut q, &mut w), &latch.held, kinetics)?;
+        let moved = plant.moved(t, (&q, &w), &controls)?;
+        Ok((moved.q, moved.w))
+    }
+
+    /// The accelerations of the gaps.
+    fn wanted<E>(
+        &mut self,
+        t: f64,
+        kinetics: &mut GapKinetics,
+        [now, end]: Ends<'_>,
+        asked: &mut dyn FnMut(usize, f64) -> Result<Option<f64>, E>,
+    ) -> Result<Vec<f64>, LawError<E>> {
+        let m = self.trackers.len();
+        let resting: Vec<bool> =
+            now.contacts.iter().zip(end.contacts).map(|(now, end)| *now && *end).collect();
+        let Self { trackers, settings, state, noise, .. } = self;
+        if state.latch.look(kinetics, &resting, settings.latch, noise) {
+            state.status |= Self::LATCH_LOST;
+        }
+        let held = &state.latch.held;
+        let mut a = vec![0.0; m];
+        for (i, tracker) in trackers.iter_mut().enumerate() {
+            let (x, xdot) =
+                if held[i] { (0.0, 0.0) } else { (kinetics.gaps()[i].max(0.0), kinetics.rates[i]) };
+            let [from, to] = [waypoint("now", &now, i)?, waypoint("next", &end, i)?];
+            let pull = now.accelerations.map(|all| all[i]).filter(|it| !it.is_nan());
+            a[i] = tracker.tick_to(Physical { x, xdot }, 0.0, from, to, pull)?;
+        }
+        if !held.contains(&true) {
+            return Ok(a);
+        }
+        let press: Vec<f64> = trackers.iter().map(press_of).collect();
+        let usual = usual_forces(kinetics, held, &press);
+        // while others land, all are pressed alike: forces that change with the contacts would feed
+        // the kicks that coupled gaps give each other
+        let landing = (0..m).any(|i| resting[i] && !held[i]);
+        let mut forces = usual.clone();
+        if !landing {
+            for i in (0..m).filter(|&i| held[i]) {
+                if let Some(force) = asked(i, t).map_err(LawError::Raised)? {
+                    forces[i] = force;
+                }
+            }
+        }
+        for i in 0..m {
+            let row = &kinetics.d[i * m..][..m];
+            let (by, by_usual) = (dot(row, &forces), dot(row, &usual));
+            if held[i] {
+                a[i] = -by;
+                continue;
+            }
+            // a gap that lands is pushed by the other contacts as by a constant force, or impacts on
+            // coupled gaps would not end, as long as that leaves it a part of its own press, or it
+            // would not fall; one that follows has its reference's own pushes
+            a[i] -= if resting[i] {
+                let excess = by_usual - PUSHED * press[i];
+                by - by_usual + excess.max(0.0)
+            } else {
+                by
+            };
+        }
+        Ok(a)
+    }
+
+    /// Remembers what is sent.
+    fn send(&mut self, u: &[f64]) {
+        self.state.u = Some(u.to_vec());
+        if self.settings.delay > 0 {
+            if self.state.sent.len() == self.settings.delay {
+                self.state.sent.remove(0);
+            }
+            self.state.sent.push(u.to_vec());
+        }
+    }
+}
+
+/// The gaps of a reference that does not tell them, and their rates.
+type Told = Option<(Vec<f64>, Vec<f64>)>;
+
+fn gaps_of<E, D, F>(
+    plant: &mut BelievedPlant<'_, D, F>,
+    sample: &ReferenceSample<'_>,
+) -> Result<Told, LawError<E>>
+where
+    Driven<D, F>: Dynamics<E>,
+{
+    if sample.gaps.is_some() {
+        return Ok(None);
+    }
+    let layout = plant.layout();
+    let mut row = vec![0.0; layout.len()];
+    plant.driven.release();
+    plant.driven.evaluate(0.0, sample.q, sample.w, &mut row).map_err(LawError::Raised)?;
+    let (gaps, normals, rates) = (&row[layout.gap()], &row[layout.gradient()], &row[layout.rate()]);
+    let open = |i: usize, value: f64| if sample.contacts[i] { 0.0 } else { value };
+    let rate = |i: usize| dot(&normals[i * layout.n..][..layout.n], sample.w) + rates[i];
+    let of = |value: &dyn Fn(usize) -> f64| (0..layout.m).map(|i| open(i, value(i))).collect();
+    Ok(Some((of(&|i| gaps[i].max(0.0)), of(&rate))))
+}
+
+/// A gap of a reference.
+fn waypoint(
+    name: &'static str,
+    sample: &ReferenceSample<'_>,
+    i: usize,
+) -> Result<Waypoint, SettingError> {
+    let side = sample.sides[i];
+    let branch = match side {
+        1.0 => Branch::Positive,
+        -1.0 => Branch::Negative,
+        _ => return Err(SettingError { name, value: side, range: "on a side that is 1 or -1" }),
+    };
+    let (x, xdot) = sample.gaps.map_or((0.0, 0.0), |(gaps, rates)| (gaps[i], rates[i]));
+    Ok(Waypoint { state: Physical { x, xdot }, branch })
+}
+
+/// The acceleration with which a tracker presses a gap that rests.
+fn press_of(tracker: &TwistingTracker) -> f64 {
+    tracker.descent().map_or(0.0, |it| it.accelerations()[2])
+}
+
+/// The forces with which landings press the contacts that are held, 0 elsewhere.
+fn usual_forces(kinetics: &mut GapKinetics, held: &[bool], press: &[f64]) -> Vec<f64> {
+    let m = held.len();
+    let mut forces: Vec<f64> =
+        held.iter().zip(press).map(|(held, press)| if *held { *press } else { 0.0 }).collect();
+    kinetics.solve_among(held, &mut forces);
+    if !held.iter().zip(&forces).all(|(held, force)| !held || *force > 0.0) {
+        for i in (0..m).filter(|&i| held[i]) {
+            forces[i] = press[i] / kinetics.d[i * m + i];
+        }
+    }
+    forces
+}
+
+/// How many columns of `B` are independent.
+fn rank(matrix: &[f64], n: usize, r: usize) -> usize {
+    Singular::new(matrix, n, r).rank(f64::EPSILON * n.max(r) as f64)
+}

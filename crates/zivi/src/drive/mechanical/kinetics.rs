@@ -1,0 +1,156 @@
+//! A state of a mechanical system by its gaps.
+
+use super::law_error::LawError;
+use crate::numeric::cholesky;
+use crate::numeric::singular::dot;
+use crate::system::dynamics::Layout;
+
+/// What must be left of a gap's mobility by the others, as a part.
+const REDUNDANT: f64 = 1e-10;
+
+/// What gaps and controls do at a state.
+#[derive(Clone, Debug)]
+pub struct GapKinetics {
+    layout: Layout,
+    /// The evaluation of the system, as [`Layout`] says.
+    pub(super) row: Vec<f64>,
+    /// `g'`.
+    pub(super) rates: Vec<f64>,
+    /// `L L^T = M`.
+    pub(super) mass: Vec<f64>,
+    /// The rows `M^-1 n_i`.
+    pub(super) mobility: Vec<f64>,
+    /// `D`, and `L L^T = D`.
+    pub(super) d: Vec<f64>,
+    pub(super) d_factor: Vec<f64>,
+    /// The same of some of the gaps.
+    small: Vec<f64>,
+    right: Vec<f64>,
+}
+
+impl GapKinetics {
+    /// Of no state yet.
+    #[must_use]
+    pub fn new(layout: Layout) -> Self {
+        let Layout { n, m, .. } = layout;
+        let zeros = |count| vec![0.0; count];
+        Self {
+            layout,
+            row: zeros(layout.len()),
+            rates: zeros(m),
+            mass: zeros(n * n),
+            mobility: zeros(m * n),
+            d: zeros(m * m),
+            d_factor: zeros(m * m),
+            small: Vec::with_capacity(m * m),
+            right: Vec::with_capacity(m),
+        }
+    }
+
+    /// Of one evaluation.
+    ///
+    /// # Errors
+    /// [`LawError`].
+    pub fn of<E>(layout: Layout, row: &[f64], w: &[f64]) -> Result<Self, LawError<E>> {
+        let mut it = Self::new(layout);
+        it.row.copy_from_slice(row);
+        it.renew(w).map(|()| it)
+    }
+
+    /// Computes them from the evaluation in `row`.
+    pub(super) fn renew<E>(&mut self, w: &[f64]) -> Result<(), LawError<E>> {
+        let Self { layout, row, rates, mass, mobility, d, d_factor, .. } = self;
+        let Layout { n, m, .. } = *layout;
+        mass.copy_from_slice(&row[layout.mass()]);
+        // written so that a NaN is one, too
+        let definite = cholesky::factor(mass, n) > 0.0;
+        if !definite {
+            return Err(LawError::Indefinite);
+        }
+        let normals = &row[layout.gradient()][..m * n];
+        mobility.copy_from_slice(normals);
+        for i in 0..m {
+            cholesky::solve(mass, n, &mut mobility[i * n..][..n]);
+            rates[i] = dot(&normals[i * n..][..n], w) + row[layout.rate()][i];
+        }
+        for i in 0..m {
+            for j in 0..=i {
+                let one = dot(&normals[i * n..][..n], &mobility[j * n..][..n]);
+                let other = dot(&normals[j * n..][..n], &mobility[i * n..][..n]);
+                let both = 0.5 * (one + other);
+                (d[i * m + j], d[j * m + i]) = (both, both);
+            }
+        }
+        d_factor.copy_from_slice(d);
+        let independent = m == 0 || cholesky::factor(d_factor, m) > REDUNDANT;
+        if independent {
+            Ok(())
+        } else {
+            Err(LawError::Dependent)
+        }
+    }
+
+    pub(super) fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    pub(super) fn gaps(&self) -> &[f64] {
+        &self.row[self.layout.gap()]
+    }
+
+    pub(super) fn force(&self) -> &[f64] {
+        &self.row[self.layout.force()]
+    }
+
+    pub(super) fn curvatures(&self) -> &[f64] {
+        &self.row[self.layout.curvature()][..self.layout.m]
+    }
+
+    /// The gradient of a gap.
+    pub(super) fn normal(&self, i: usize) -> &[f64] {
+        &self.row[self.layout.gradient()][i * self.layout.n..][..self.layout.n]
+    }
+
+    /// The row `M^-1 n_i`.
+    pub(super) fn mobility_of(&self, i: usize) -> &[f64] {
+        &self.mobility[i * self.layout.n..][..self.layout.n]
+    }
+
+    /// `M v`.
+    pub(super) fn momentum(&self, v: &[f64]) -> Vec<f64> {
+        let n = self.layout.n;
+        self.row[self.layout.mass()].chunks_exact(n).map(|row| dot(row, v)).collect()
+    }
+
+    /// `b <- D_AA^-1 b` for the gaps of a set, in order; others stay.
+    pub(super) fn solve_among(&mut self, set: &[bool], b: &mut [f64]) {
+        let m = self.layout.m;
+        if set.iter().all(|&it| it) {
+            return cholesky::solve(&self.d_factor, m, b);
+        }
+        let Self { small, right, d, .. } = self;
+        small.clear();
+        right.clear();
+        for i in (0..m).filter(|&i| set[i]) {
+            small.extend((0..m).filter(|&j| set[j]).map(|j| d[i * m + j]));
+            right.push(b[i]);
+        }
+        cholesky::factor(small, right.len());
+        cholesky::solve(small, right.len(), right);
+        (0..m).filter(|&i| set[i]).zip(&*right).for_each(|(i, x)| b[i] = *x);
+    }
+
+    /// Takes from a velocity, or such, `M^-1 N_A^T D_AA^-1 b`.
+    pub(super) fn push(&mut self, set: &[bool], mut b: Vec<f64>, v: &mut [f64]) {
+        self.solve_among(set, &mut b);
+        for i in (0..self.layout.m).filter(|&i| set[i]) {
+            v.iter_mut().zip(self.mobility_of(i)).for_each(|(v, by)| *v -= b[i] * by);
+        }
+    }
+
+    /// Takes from a velocity, or such, what moves the gaps of a set, M-orthogonally.
+    pub fn without_gaps(&mut self, set: &[bool], v: &mut [f64]) {
+        let moved = (0..self.layout.m).map(|i| dot(self.normal(i), v)).collect();
+        self.push(set, moved, v);
+    }
+}

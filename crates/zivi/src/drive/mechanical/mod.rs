@@ -1,0 +1,32 @@
+//! Sampled control of mechanical systems: one tracker a gap, the rest at right angles to impacts.
+//!
+//! ```text
+//! M q'' = F + B u + N^T lambda      D = N M^-1 N^T      g'' = a + D lambda
+//! q'  = M^-1 N^T D^-1 g' + T w      N T = 0             w: no impact changes it
+//! ```
+//!
+//! `kinetics` has a state by its gaps, `allocation` the controls that give accelerations, `in_box` those
+//! within limits, `gap_tracker` the law, `latch` the contacts that it holds, `believed_plant` what the
+//! law thinks of its plant, `tracking` the law in a loop, `sampled` what happens at a sample.
+
+mod allocation;
+mod believed_plant;
+mod gap_tracker;
+mod in_box;
+mod kinetics;
+mod latch;
+mod law_error;
+mod reference;
+mod sampled;
+mod tracking;
+
+pub use allocation::{controls, decoupling_force, Allocation};
+pub use believed_plant::{BelievedPlant, Moved};
+pub use gap_tracker::{GapTracker, GapTrackerSettings, GapTrackerState};
+pub use in_box::Limits;
+pub use kinetics::GapKinetics;
+pub use latch::{Latch, Noise};
+pub use law_error::LawError;
+pub use reference::{MechanicalReference, ReferenceSample};
+pub use sampled::{MechanicalController, MechanicalSensor, Observing, SampledLoop, TickRecord};
+pub use tracking::Tracking;
