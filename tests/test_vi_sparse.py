@@ -2,6 +2,7 @@
 
 import itertools
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -414,6 +415,17 @@ def test_the_thread_of_factors_ends_with_them():
     with pytest.raises(TimeoutError):
         in_thread(lambda: time.sleep(0.2), over, threading.Event())
     assert ended()
+
+
+def test_an_interpreter_with_factors_ends_well():
+    code = (
+        "import scipy.sparse as sp\n"
+        "from zivi.vi.factorisation import Factoriser\n"
+        "kept = Factoriser(lambda: None).factors_of(sp.eye_array(30_000, format='csc'))\n"
+        "print(kept is not None)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "True\n", "")
 
 
 @pytest.mark.slow

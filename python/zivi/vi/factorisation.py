@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
+import weakref
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -20,6 +22,8 @@ _EXACT, _USELESS = 1e-14, 1e-6
 """Componentwise backward errors that need no refinement, and above which there is no solution."""
 _DECAYED = 1e-8
 """Components of this size, relative to the largest, need not be as exact."""
+
+_THREAD = "zivi-factorisation"
 
 Outcome = TypeVar("Outcome")
 
@@ -50,7 +54,7 @@ def in_thread(
             until.wait()
             found.clear()
 
-    threading.Thread(target=run, daemon=True, name="zivi-factorisation").start()
+    threading.Thread(target=run, daemon=True, name=_THREAD).start()
     try:
         while not ended.wait(_LOOK):
             poll()
@@ -80,11 +84,17 @@ class Factors:
     def __init__(self, lu: Any, A: Any, released: threading.Event | None = None) -> None:
         self._lu = lu
         self._released = released
+        if released is not None:
+            _KEPT.add(self)
         self._A = A
         self._sizes = abs(A)
         self._sums = np.asarray(self._sizes.sum(axis=1)).ravel()
 
     def __del__(self) -> None:
+        """Release the factors."""
+        self.release()
+
+    def release(self) -> None:
         """Let go of the factors, and then their thread of them."""
         self._lu = None
         if self._released is not None:
@@ -113,6 +123,22 @@ class Factors:
         return float(np.max(np.abs(left) / np.where(size > 0, size, 1.0), initial=0.0))
 
 
+_KEPT: weakref.WeakSet[Factors] = weakref.WeakSet()
+"""Factors that a thread keeps, which is to end before the interpreter does."""
+_PARTING = 1.0
+"""Seconds that the end of the interpreter waits for such a thread."""
+
+
+@atexit.register
+def _release_all() -> None:
+    kept = list(_KEPT)
+    for factors in kept:
+        factors.release()
+    for thread in threading.enumerate() if kept else ():
+        if thread.name == _THREAD:
+            thread.join(_PARTING)
+
+
 class Factoriser:
     """Makes and counts factorisations.
 
@@ -139,6 +165,10 @@ class Factoriser:
         if self._last is None or not np.array_equal(self._last[1], free):
             return None
         return self._last[0]
+
+    def forget(self) -> None:
+        """Let go of the last factors."""
+        self._last = None
 
     def see_pattern(self, J: Any) -> None:
         """Find out from a Jacobian whether its pattern is symmetric."""

@@ -119,6 +119,7 @@ def solve_sparse(
                 status = VIStatus.SOLVED_NOT_ISOLATED
         except EndedError:
             pass  # there was no time for the test
+    search.factoriser.forget()
     return _result(search, status, projected)
 
 
