@@ -172,3 +172,8 @@ def test_absolute_tolerances_are_one_number_or_two(bad):
     with pytest.raises((ValueError, TypeError), match="atol must be"):
         zivi.SwitchedRK(atol=bad)
     assert zivi.SwitchedRK(atol=[1e-9, 1e-7]).atol == (1e-9, 1e-7)
+
+
+def test_the_normal_of_a_gap_is_named():
+    with pytest.raises((TypeError, ValueError), match="normal"):
+        zivi.LinearGap([1.0, "a"])

@@ -165,6 +165,8 @@ def test_cells_that_merge_settle_on_what_each_would_alone():
 def test_bad_input():
     with pytest.raises(ValueError, match="transient"):
         zivi.lyapunov_exponents(table(1.3), (0, 10), (1, 0), transient=11)
+    with pytest.raises(ValueError, match="transient"):
+        zivi.lyapunov_exponents(table(1.3), (5, 8), (1, 0), transient=4)
     with pytest.raises(ValueError, match="section"):
         zivi.bifurcation_diagram(table(1.3), "amplitude", [1.3], "sometimes")
     with pytest.raises(ValueError, match="follow"):

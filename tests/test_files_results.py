@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import xarray
 import zivi
 from zivi.files import ResultError, load, results, save
 from zivi.files.restore import drawn
-from zivi.files.results import open_result
+from zivi.files.results import check_suffix, open_result
 
 pytest.importorskip("h5netcdf")
 
@@ -356,3 +357,8 @@ def test_without_the_library(tmp_path, monkeypatch):
         save(ball(), tmp_path / "run.nc")
     with pytest.raises(ImportError, match=r"pip install 'zivi\[files\]'"):
         load(tmp_path / "run.nc")
+
+
+def test_a_file_of_another_kind_is_refused_with_the_kinds_that_are_known():
+    with pytest.raises(ValueError, match=r"results must end in one of .*\.nc.*\.csv"):
+        check_suffix("results", Path("run.txt"))

@@ -30,6 +30,10 @@ def test_a_run_that_rests():
     assert told["last state"] == "x = 0 m, x' = 0 m/s"
 
 
+def test_a_run_is_told_from_a_loop(sol):
+    assert summary.of_run(sol).title == "Trajectory"
+
+
 def test_a_run_that_does_not_rest(sol):
     never = dataclasses.replace(sol, rest_time=None, zeno_times=np.empty(0))
     told = rows(summary.of_run(never))

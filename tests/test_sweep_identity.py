@@ -19,6 +19,7 @@ import xarray as xr
 import sweep_functions as functions
 import zivi
 from zivi.study.digest import UndigestibleError, digest, held, source
+from zivi.study.identity import named
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
@@ -259,3 +260,12 @@ def test_a_store_of_version_0_1_0_goes_on_if_the_user_insists(tmp_path):
     with pytest.raises(ValueError, match=r"holds \(digest\): None there, .*resume=True goes on"):
         zivi.sweep(**call)
     assert zivi.sweep(**call, resume=True).complete
+
+
+def test_an_object_that_is_called_has_the_name_of_its_class():
+    class Steps:
+        def __call__(self, k):
+            return k
+
+    assert named(Steps()).endswith("Steps")
+    assert named(test_an_object_that_is_called_has_the_name_of_its_class).endswith("its_class")
