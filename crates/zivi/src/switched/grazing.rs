@@ -111,3 +111,33 @@ impl<'f, E, F: Force<E>> Driver<SwitchedIntegrator, Counted<'f, F>, E> for Grazi
         Ok(piece)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{FunctionForce, Restitution, Silent};
+
+    /// Whether the tolerances decide over a run that starts at rest at `x0` under `f = 3 (t - 1)`:
+    /// its lowest point is `x0 - 2`, at `t = 2`.
+    fn grazes(x0: f64) -> bool {
+        let pull = 3.0;
+        let mut force = FunctionForce(|t: f64, _: f64, _: f64| {
+            Ok::<f64, std::convert::Infallible>(pull * (t - 1.0))
+        });
+        let start = Physical { x: x0, xdot: 0.0 };
+        let (settings, law) = (SwitchedRk::with_tol(1e-9), Restitution::from_e(0.5).unwrap());
+        let (run, found) =
+            simulate_watching(settings, law.into(), &mut force, (0.0, 2.5), start, &mut Silent)
+                .unwrap();
+        assert_eq!(run.trajectory.status, crate::Status::Completed);
+        found
+    }
+
+    #[test]
+    fn a_wall_that_is_just_touched_or_just_missed_is_noticed() {
+        assert!(grazes(2.0 + 1e-10));
+        assert!(grazes(2.0 - 1e-10));
+        assert!(!grazes(2.0 + 1e-3));
+        assert!(!grazes(2.0 - 1e-3));
+    }
+}

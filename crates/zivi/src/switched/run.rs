@@ -108,3 +108,16 @@ pub(crate) fn check_span(t0: f64, t1: f64, t_eval: Option<&[f64]>) -> Result<(),
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stops_are_finite_and_increase() {
+        assert!(check_stops(&[]).is_ok() && check_stops(&[-1.0, 0.5, 2.0]).is_ok());
+        for stops in [&[1.0, 0.5][..], &[1.0, 1.0], &[0.0, f64::INFINITY], &[f64::NAN]] {
+            assert!(check_stops(stops).is_err(), "{stops:?}");
+        }
+    }
+}

@@ -212,6 +212,14 @@ mod tests {
     }
 
     #[test]
+    fn without_a_known_error_the_last_row_stands() {
+        let (chain, rates) = expansion(0.5, 6);
+        let found = rates[1].landing(&chain, 1.0, |_, _| 0.0).unwrap();
+        assert!(found.size == f64::INFINITY);
+        assert_eq!(found.t, rates[1].rows[rates[1].rows.len() - 2]);
+    }
+
+    #[test]
     fn an_impact_that_was_missed_gives_no_rates() {
         let (chain, mut rates) = expansion(0.5, 6);
         rates[0].rows.pop();

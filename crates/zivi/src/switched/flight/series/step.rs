@@ -248,6 +248,19 @@ mod tests {
     }
 
     #[test]
+    fn a_motion_that_does_not_turn_is_searched_over_a_whole_step() {
+        let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
+        let table = Table::new(law, f64::INFINITY);
+        let mut a = [0.0; TERMS];
+        // from the wall, faster and faster: no arc
+        (a[1], a[2]) = (1e-3, 0.5);
+        assert_eq!(width(&table, &a, 1, 10.0), 1.0);
+        // back at the wall after 1e-3 of a step
+        (a[1], a[2]) = (1e-3, -1.0);
+        assert!((1e-3..0.1).contains(&width(&table, &a, 1, 10.0)));
+    }
+
+    #[test]
     fn a_short_arc_has_the_digits_of_its_speed() {
         // x'' = -g: back at the wall after 2 u/g, however small u is; the spring hardly acts
         let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
