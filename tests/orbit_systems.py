@@ -89,6 +89,18 @@ def rest2(A=1.25, e=0.4, k=3.0, c=0.1, mm=0.3, w=1.0):
     )
 
 
+def shaker(A, e=0.5, k=0.0, mm=0.0, c=0.0):
+    """A mass on a shaken road, alone or with another one on a spring."""
+    road = LinearGap(
+        [1.0, 0.0][: 1 + (mm > 0)], 0, zivi.HarmonicWall(A, 1, -np.pi / 2), name="road"
+    )
+    if not mm:
+        return zivi.LinearSystem([[1]], [[0]], [[0]], excitation=[-1.0], gaps=[road], e=e)
+    pair = np.array([[1, -1], [-1, 1]])
+    masses = np.diag([1, mm])
+    return zivi.LinearSystem(masses, c * pair, k * pair, excitation=[-1, -mm], gaps=[road], e=e)
+
+
 def duffing2(kc, a, F, w, d, e):
     def force(t, q, v):
         x, y = q

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import zivi
-from orbit_systems import REFERENCES, chain2
+from orbit_systems import REFERENCES, chain2, shaker
 from zivi import LinearGap
 
 
@@ -172,6 +172,54 @@ def test_the_end_of_rest_is_followed_over_the_restitution():
             system = zivi.ImpactSystem(shaken, e=e)
             run = zivi.simulate(system, (0, 60 * np.pi), (0, 0), dense_output=False)
             assert (len(run.liftoff_times) >= 29) == rests, (e, part)
+
+
+def ends_of_rest(system, span, over):
+    n = len(system.M)
+    run = zivi.simulate(system, (0, 300), (np.full(n, 2.0), np.zeros(n)))
+    branch = zivi.continue_orbit(zivi.periodic_orbit(system, run), "road.amplitude", span, step=0.1)
+    event = branch.of_kind("end_of_rest")[0]
+    names, spans = ("road.amplitude", "e"), ((1.0, 3.0), over)
+    return zivi.continue_curve(event, names, spans, step=0.05)
+
+
+@pytest.mark.slow
+def test_the_end_of_rest_of_a_mechanism_is_that_of_one_mass():
+    curve = ends_of_rest(shaker(1.45), (1.4, 1.8), (0.3, 0.6))
+    assert curve.status is zivi.OrbitStatus.RANGE_END
+    found = {round(float(e), 9): float(value) for value, e in curve.values}
+    known = {
+        float(e): float(it.split()[0]) for e, it in REFERENCES["end_of_rest"]["points"].items()
+    }
+    for e in (0.3, 0.5, 0.6):
+        assert abs(found[e] - known[e]) < 2e-11
+    # the orbits rest as long as the end is near: the multipliers of one mass are zeros
+    assert not np.any(curve.orbits(0).multipliers)
+    assert curve.admissible.all()
+    assert curve.residual.max() < 1e-10
+
+
+@pytest.mark.slow
+def test_the_end_of_rest_of_two_masses_is_followed():
+    """On one side a run rests in every period, on the other it does not."""
+    system = shaker(1.5, k=0.2, mm=0.05, c=0.1)
+    curve = ends_of_rest(system, (1.45, 2.2), (0.48, 0.5))
+    assert len(curve) >= 3
+    for i in (0, len(curve) - 1):
+        amplitude, e = curve.values[i]
+        for part, rests in ((1 - 1e-4, True), (1 + 1e-4, False)):
+            own = shaker(part * amplitude, e, k=0.2, mm=0.05, c=0.1)
+            # from the flight of the orbit before the end
+            orbit = curve.orbits(i)
+            s = next(k for k, it in enumerate(orbit._word) if it.kind == "Z")
+            begin = orbit._starts[s, 1:]
+            tau = float(orbit._starts[s, 0]) + 0.05
+            z = orbit._frame.flow.path((), float(orbit._starts[s, 0]), begin, np.array([tau]))[0]
+            state = (z[:2], z[2:])
+            run = zivi.simulate(own, (tau, tau + 20 * np.pi), state, dense_output=False)
+            late = run.liftoffs[run.liftoffs["t"] > tau + 4 * np.pi]
+            assert (len(late) >= 7) == rests, (e, part)
+    assert np.count_nonzero(curve.orbits(0).multipliers) == 2
 
 
 def test_curves_are_drawn_labelled_and_checked(bounces):

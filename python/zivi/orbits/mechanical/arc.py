@@ -13,7 +13,7 @@ from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.mechanical.crossing import crossed
 from zivi.orbits.mechanical.margins import Low, Margins
 from zivi.orbits.mechanical.path import Path, Point, bordered, located, sigma
-from zivi.orbits.mechanical.resting import end_of_rest
+from zivi.orbits.mechanical.resting import end_of_rest, is_near
 
 __all__ = ["Arc", "Found", "Way"]
 
@@ -72,14 +72,16 @@ class Way:
     def _advance(self) -> OrbitStatus | None:
         arc = self.arcs[-1]
         last = arc.points[-1]
-        new = self._next(arc.path, last)
+        rests = is_near(arc.points)
+        new = None if rests else self._next(arc.path, last)
+        rest = end_of_rest(arc.path, arc.points, self.span) if new is None else None
+        if rest is not None:
+            self._look(arc, last, rest[0])
+            arc.points.append(rest[0])
+            arc.events.append(Found("end_of_rest", rest[0], rest[1]))
+            return OrbitStatus.LEFT_ADMISSIBLE
+        new = self._next(arc.path, last) if rests else new
         if new is None:
-            rest = end_of_rest(arc.path, arc.points, self.span)
-            if rest is not None:
-                self._look(arc, last, rest[0])
-                arc.points.append(rest[0])
-                arc.events.append(Found("end_of_rest", rest[0], rest[1]))
-                return OrbitStatus.LEFT_ADMISSIBLE
             return OrbitStatus.NOT_CONVERGED
         if not self.span[0] <= new.value <= self.span[1]:
             return self._end_of_range(arc, last, new)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from zivi.base.check import Array
+from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.equations import Frame, evaluate
 from zivi.orbits.mechanical.family import core_of, frequency_of, value_of, values_of, with_values
 from zivi.orbits.mechanical.flow import Flow
@@ -22,6 +23,8 @@ __all__ = ["by_parameter", "flow_of", "moved_frame"]
 
 STEPS = (1e-5, 2e-3)
 """Of a difference of second order, and of one of sixth, relative to the parameter."""
+NEARER = (1.0, 1e-2, 1e-4)
+"""Parts of the step that are tried near the end of a rest."""
 
 
 def flow_of(system: MechanicalSystem, method: SwitchedRK) -> Flow:
@@ -72,13 +75,19 @@ def by_parameter(frame: Frame, y: Array, name: str, *, precise: bool = False) ->
     value = value_of(frame.system, name)
     h = STEPS[precise] * max(abs(value), 1e-2)
 
-    def at(steps: int) -> Array:
+    def at(steps: float) -> Array:
         moved = moved_frame(frame, {name: value + steps * h})
         return evaluate(moved, y, slopes=False).residual
 
-    def centred(steps: int) -> Array:
+    def centred(steps: float) -> Array:
         return np.asarray((at(steps) - at(-steps)) / (2.0 * steps * h), np.float64)
 
     if not precise:
-        return centred(1)
+        for k in NEARER:
+            try:
+                return centred(k)
+            except FlightError:
+                # an accumulation that is thrown off there: only the convergence depends on it
+                continue
+        return centred(1e-6)
     return 1.5 * centred(1) - 0.6 * centred(2) + 0.1 * centred(3)

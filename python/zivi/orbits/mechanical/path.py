@@ -22,6 +22,8 @@ __all__ = ["Path", "Point", "located"]
 
 CORRECTIONS = 10
 TOLERANCE = 1e-12
+STALE = 0.05
+"""Where the residual falls by less, the derivative by the parameter is computed again."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,13 +113,13 @@ class Path:
         for step in range(CORRECTIONS):
             try:
                 terms, residual = self.evaluate(z)
-                if column is None:
+                error = float(np.max(np.abs(residual)))
+                if column is None or STALE * before < error:
                     # only the convergence depends on it
                     column = self.column(terms.frame, terms.y)
             except (FlightError, ValueError):
                 return None
             full = np.vstack([self.matrix(terms, column), normal])
-            error = float(np.max(np.abs(residual)))
             if error <= TOLERANCE or (error >= 0.5 * before and error <= 1e-10):
                 return self._point(z, terms, full, step, error)
             before = error

@@ -117,7 +117,8 @@ class EventCurve(Tabulated):
         Parameters
         ----------
         i : int
-            Which. An end of rest keeps none.
+            Which. An end of rest of one mass keeps none; of a mechanical system it is the
+            shortest rest that was computed.
 
         Returns
         -------
@@ -195,9 +196,9 @@ def continue_curve(
     ----------
     event : MechanicalEvent or BranchEvent
         A ``fold``, ``period_doubling``, ``pitchfork``, ``neimark_sacker``, ``grazing``,
-        ``interior_impact``, ``contact_ends`` or ``simultaneous`` of a branch; of one mass that of a
-        `LinearForce`, and the ``end_of_rest``, of any force: the first parameter is then that of
-        its branch.
+        ``interior_impact``, ``contact_ends``, ``simultaneous`` or ``end_of_rest`` of a branch; of
+        one mass that of a `LinearForce`, but an end of rest of any force. For an end of rest the
+        first parameter is that of its branch.
     names : (str, str)
         The parameters, as in `continue_orbit`.
     spans : ((float, float), (float, float))
@@ -233,8 +234,6 @@ def continue_curve(
     if event.kind not in KINDS:
         raise ValueError(f"event must be one of {', '.join(KINDS)}, got {event.kind!r}")
     rests = event.kind == "end_of_rest"
-    if rests and not isinstance(event, BranchEvent):
-        raise ValueError("event: the end of rest is followed for one mass, an ImpactSystem, only")
     both = tuple(str(name) for name in names)
     if len(both) != 2 or both[0] == both[1]:
         raise ValueError(f"names must be two different parameters, got {both!r}")
@@ -247,7 +246,11 @@ def continue_curve(
     if isinstance(event, BranchEvent) and not rests:
         orbit = as_mechanical(event.orbit)
     for name, (low, high) in zip(both, ranges, strict=True):
-        value = parameter(orbit.system, name) if rests else value_of(orbit.system, name)
+        value = (
+            parameter(orbit.system, name)
+            if rests and isinstance(event, BranchEvent)
+            else value_of(orbit.system, name)
+        )
         if not low <= value <= high or low == high:
             raise ValueError(
                 f"spans must contain {name} = {value} of the event, got ({low}, {high})"
@@ -256,9 +259,11 @@ def continue_curve(
         raise ValueError(f"step must be in (0, 1), got {step}")
     if whole("max_points", max_points) < 2:
         raise ValueError(f"max_points must be >= 2, got {max_points}")
-    if isinstance(event, BranchEvent) and rests:
-        values, status = rest_curve(event, (both[0], both[1]), ranges, step, max_points)
-        return _of_rest((both[0], both[1]), values, status)
+    if rests:
+        if isinstance(event, MechanicalEvent) and event.name != both[0]:
+            raise ValueError(f"names must begin with that of the branch, {event.name!r}")
+        of_rest = rest_curve(event, (both[0], both[1]), ranges, step, max_points)
+        return _of_rest((both[0], both[1]), *of_rest, orbit.multiple)
     frame, y = _critical_word(event, orbit)
     kappa = getattr(event, "kappa", None)
     found = _followed(event.kind, frame, y, (both[0], both[1]), ranges, step, max_points, kappa)
@@ -313,10 +318,19 @@ def _curve(
     )
 
 
-def _of_rest(names: tuple[str, str], values: Array, status: OrbitStatus) -> EventCurve:
+def _of_rest(
+    names: tuple[str, str],
+    values: Array,
+    found: list[CurvePoint],
+    status: OrbitStatus,
+    multiple: int,
+) -> EventCurve:
     none = np.full(len(values), np.nan)
+    residual = np.array([it.residual for it in found]) if found else none
     message = MESSAGES[status]
-    return EventCurve("end_of_rest", names, values, none, none, [], status, message, [], 1)
+    return EventCurve(
+        "end_of_rest", names, values, none, residual, [], status, message, found, multiple
+    )
 
 
 def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
