@@ -212,9 +212,9 @@ def test_the_end_of_rest_of_two_masses_is_followed():
             # from the flight of the orbit before the end
             orbit = curve.orbits(i)
             s = next(k for k, it in enumerate(orbit._word) if it.kind == "Z")
-            begin = orbit._starts[s, 1:]
-            tau = float(orbit._starts[s, 0]) + 0.05
-            z = orbit._frame.flow.path((), float(orbit._starts[s, 0]), begin, np.array([tau]))[0]
+            t0, t1 = orbit.segments[["t0", "t1"]][s]
+            tau = 0.5 * (t0 + t1)
+            z = orbit._frame.flow.path((), t0, orbit._starts[s, 1:], np.array([tau]))[0]
             state = (z[:2], z[2:])
             run = zivi.simulate(own, (tau, tau + 20 * np.pi), state, dense_output=False)
             late = run.liftoffs[run.liftoffs["t"] > tau + 4 * np.pi]
