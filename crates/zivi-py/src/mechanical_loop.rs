@@ -5,11 +5,10 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::drive::mechanical::{
-    BelievedPlant, MechanicalController, MechanicalSensor, Observing, SampledLoop, TickRecord,
-    Tracking,
+    one_step_each, BelievedPlant, MechanicalController, MechanicalSensor, Observing, SampledLoop,
+    TickRecord, Tracking,
 };
 use zivi::mechanics::{MechanicalRun, Sampling, Ticks};
-use zivi::switched::Order;
 use zivi::system::driven::Driven;
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::{AnyMethod, SetupError, SwitchedRk};
@@ -277,7 +276,7 @@ pub(crate) fn simulate_mechanical_loop(
         return Err(PyValueError::new_err("a mechanical loop is integrated by SwitchedRK"));
     };
     let (times, stops) = (vector(&times), vector(&stops));
-    let settings = if one_step { one_step_of(settings, &times) } else { settings };
+    let settings = if one_step { one_step_each(settings, &times) } else { settings };
     let noise: Vec<f64> =
         noise.map(|it| it.as_array().iter().copied().collect()).unwrap_or_default();
     let (system, inputs, r) = (&*system, &*inputs, inputs.r);
@@ -336,10 +335,4 @@ fn run_tracker(
     let asked = |i: usize, t: f64| pressed(py, &tracker.pressing, i, t);
     let tracking = Tracking { law, plant, reference, asked, wrong };
     course.run(&mut driven, tracking, observer.map(Observer), watch)
-}
-
-/// One step of the pair of order 5 a period, whose length no error controls.
-fn one_step_of(settings: SwitchedRk, times: &[f64]) -> SwitchedRk {
-    let longest = times.windows(2).map(|it| it[1] - it[0]).fold(0.0, f64::max);
-    SwitchedRk { adaptive: false, max_step: longest, order: Order::Five, ..settings }
 }

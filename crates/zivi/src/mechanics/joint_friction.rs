@@ -4,7 +4,8 @@
 //! positive even then, `L_c` where it is negative, and else what makes it zero.
 
 use super::fixed_steps::Stepped;
-use super::kinetics::{axpy, Kinetics};
+use super::kinetics::Kinetics;
+use crate::numeric::vector::axpy;
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::occurrence::Occurrence;

@@ -20,3 +20,4 @@ pub(crate) mod step_error;
 pub(crate) mod step_size;
 pub(crate) mod tableau;
 pub(crate) mod turns;
+pub(crate) mod vector;

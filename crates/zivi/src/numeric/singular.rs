@@ -4,6 +4,8 @@
 //! A V = U diag(s)      V orthogonal, its last columns a basis of what A takes to 0
 //! ```
 
+use super::vector::dot;
+
 /// Sweeps over all pairs of columns; about six are needed.
 const SWEEPS: usize = 40;
 
@@ -17,11 +19,6 @@ pub(crate) struct Singular {
     /// `V`, column by column.
     right: Vec<f64>,
     values: Vec<f64>,
-}
-
-/// The sum of the products.
-pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    x.iter().zip(y).map(|(x, y)| x * y).sum()
 }
 
 /// Turns columns `i < j` of so many numbers by an angle.

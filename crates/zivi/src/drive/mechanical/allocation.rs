@@ -2,7 +2,8 @@
 
 use crate::numeric::cholesky;
 use crate::numeric::elimination::Elimination;
-use crate::numeric::singular::{dot, Singular};
+use crate::numeric::singular::Singular;
+use crate::numeric::vector::dot;
 use crate::system::dynamics::Layout;
 
 use super::in_box::{in_box, Limits, SMALL};

@@ -9,6 +9,13 @@ use crate::Monitor;
 use super::kinetics::GapKinetics;
 use super::law_error::LawError;
 
+/// One step of the pair of order 5 between two of these times, whose length no error controls.
+#[must_use]
+pub fn one_step_each(settings: SwitchedRk, times: &[f64]) -> SwitchedRk {
+    let longest = times.windows(2).map(|it| it[1] - it[0]).fold(0.0, f64::max);
+    SwitchedRk { adaptive: false, max_step: longest, order: Order::Five, ..settings }
+}
+
 /// Nobody watches.
 struct Unwatched;
 
@@ -87,15 +94,8 @@ impl<D, F> BelievedPlant<'_, D, F> {
     {
         let (h, r, layout) = (self.h, self.driven.control().len(), self.layout::<E>());
         let times: Vec<f64> = (0..=controls.len() / r).map(|k| t + h * k as f64).collect();
-        let longest = times.windows(2).map(|it| it[1] - it[0]).fold(0.0, f64::max);
-        let settings = SwitchedRk {
-            rtol: 1e-9,
-            atol: [1e-12; 2],
-            order: Order::Five,
-            adaptive: false,
-            max_step: longest,
-            ..SwitchedRk::DEFAULT
-        };
+        let settings = SwitchedRk { rtol: 1e-9, atol: [1e-12; 2], ..SwitchedRk::DEFAULT };
+        let settings = one_step_each(settings, &times);
         let sampling = Sampling { times: &times, stops: &times[1..times.len() - 1] };
         let mut ticks = |k: usize, _: f64, _: (&[f64], &[f64]), u: &mut [f64]| -> Result<(), E> {
             u.copy_from_slice(&controls[k * r..][..r]);

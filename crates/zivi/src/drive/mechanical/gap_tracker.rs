@@ -15,7 +15,8 @@ use super::kinetics::GapKinetics;
 use super::latch::{Latch, Noise};
 use super::law_error::LawError;
 use super::reference::ReferenceSample;
-use crate::numeric::singular::{dot, Singular};
+use crate::numeric::singular::Singular;
+use crate::numeric::vector::dot;
 use crate::system::driven::Driven;
 use crate::system::dynamics::Dynamics;
 
@@ -145,11 +146,10 @@ impl GapTracker {
             return Ok(());
         }
         self.state.status = 0;
+        if reference.is_none() {
+            self.state.place.get_or_insert_with(|| measured.0.to_vec());
+        }
         let place = self.state.place.clone();
-        let place = match reference {
-            None => Some(place.unwrap_or_else(|| measured.0.to_vec())),
-            Some(_) => place,
-        };
         let layout = plant.layout();
         let zeros = vec![0.0; layout.n.max(layout.m)];
         let (ones, closed) = (vec![1.0; layout.m], vec![true; layout.m]);
@@ -167,7 +167,6 @@ impl GapTracker {
         let mut kinetics = self.kinetics.take().unwrap_or_else(|| GapKinetics::new(layout));
         let done = self.follow(plant, t, measured, ends, asked, &mut kinetics, u);
         self.kinetics = Some(kinetics);
-        self.state.place.clone_from(&place);
         done?;
         self.send(u);
         Ok(())

@@ -1,6 +1,7 @@
 //! Least squares in a box, by its active sets.
 
-use crate::numeric::singular::{dot, Singular};
+use crate::numeric::singular::Singular;
+use crate::numeric::vector::dot;
 
 /// Range of each control.
 pub type Limits = [(f64, f64)];

@@ -2,7 +2,7 @@
 
 use super::law_error::LawError;
 use crate::numeric::cholesky;
-use crate::numeric::singular::dot;
+use crate::numeric::vector::dot;
 use crate::system::dynamics::Layout;
 
 /// What must be left of a gap's mobility by the others, as a part.

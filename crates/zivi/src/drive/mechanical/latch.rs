@@ -1,7 +1,7 @@
 //! Contacts that rest with their reference and are held.
 
 use super::kinetics::GapKinetics;
-use crate::numeric::singular::dot;
+use crate::numeric::vector::dot;
 
 /// What is closed without noise: a gap, and its rate.
 const EXACT: [f64; 2] = [1e-9, 1e-9];

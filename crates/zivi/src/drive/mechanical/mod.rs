@@ -21,7 +21,7 @@ mod sampled;
 mod tracking;
 
 pub use allocation::{controls, decoupling_force, Allocation};
-pub use believed_plant::{BelievedPlant, Moved};
+pub use believed_plant::{one_step_each, BelievedPlant, Moved};
 pub use gap_tracker::{GapTracker, GapTrackerSettings, GapTrackerState};
 pub use in_box::Limits;
 pub use kinetics::GapKinetics;

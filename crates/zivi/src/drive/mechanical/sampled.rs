@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use super::gap_tracker::GapTracker;
 use crate::mechanics::Ticks;
 
 /// A sampled controller of a mechanical system.
@@ -81,9 +82,6 @@ pub struct SampledLoop<'a, C, O> {
     m: usize,
 }
 
-/// The sample was refused, and the last controls held.
-const REFUSED: u8 = 4;
-
 impl<'a, C, O> SampledLoop<'a, C, O> {
     /// Of a system with `m` gaps and `r` controls, which act `delay` periods late.
     pub fn new(
@@ -111,7 +109,7 @@ impl<E, C: MechanicalController<E>, O: Observing<E>> Ticks<E> for SampledLoop<'_
         if given.iter().all(|u| u.is_finite()) {
             self.asked = given;
         } else {
-            status |= REFUSED;
+            status |= GapTracker::REFUSED;
         }
         let Self { record, queue, acting, asked, .. } = self;
         record.status.push(status);

@@ -1,8 +1,9 @@
 //! Contact forces with friction, equations (1).
 
-use crate::mechanics::kinetics::{axpy, dot, Kinetics, Undetermined};
+use crate::mechanics::kinetics::{Kinetics, Undetermined};
 use crate::numeric::cholesky;
 use crate::numeric::elimination::Elimination;
+use crate::numeric::vector::{axpy, dot};
 use crate::record::contact_mode::ContactMode;
 use crate::record::gap_set::GapSet;
 

@@ -11,8 +11,9 @@
 //! `mu_s > mu` sticking goes on: most closed, then most sticking, then most that stuck before.
 
 use super::contact::MOST_PATTERNS;
-use crate::mechanics::kinetics::{dot, Kinetics, Undetermined};
+use crate::mechanics::kinetics::{Kinetics, Undetermined};
 use crate::mechanics::mode::{Contacts, Limit};
+use crate::numeric::vector::dot;
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;

@@ -14,7 +14,8 @@
 //! kinetic cosine of normal and tangent; elsewhere it may, which is told.
 
 use super::contact::{Edges, MOST_PATTERNS};
-use crate::mechanics::kinetics::{axpy, dot, Kinetics};
+use crate::mechanics::kinetics::Kinetics;
+use crate::numeric::vector::{axpy, dot};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;

@@ -12,7 +12,8 @@
 
 use super::contact::MOST_PATTERNS;
 use super::impact::{chosen, Collision, FrictionalExchange, Violation};
-use crate::mechanics::kinetics::{axpy, dot, Kinetics};
+use crate::mechanics::kinetics::Kinetics;
+use crate::numeric::vector::{axpy, dot};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;

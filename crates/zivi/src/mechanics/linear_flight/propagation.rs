@@ -12,10 +12,11 @@
 //! resonance, zero frequencies, damping of any kind.
 
 use super::drives::Drives;
-use crate::mechanics::kinetics::{dot, Undetermined};
+use crate::mechanics::kinetics::Undetermined;
 use crate::numeric::cholesky;
 use crate::numeric::linear_map::LinearMap;
 use crate::numeric::power_series::{Series, TERMS};
+use crate::numeric::vector::dot;
 use crate::record::gap_set::GapSet;
 use crate::system::linear_system::LinearSystem;
 

@@ -6,8 +6,9 @@
 
 use std::sync::Arc;
 
-use crate::mechanics::kinetics::{axpy, dot, Kinetics, Undetermined};
+use crate::mechanics::kinetics::{Kinetics, Undetermined};
 use crate::mechanics::tail::SkippedArcs;
+use crate::numeric::vector::{axpy, dot};
 use crate::record::gap_set::GapSet;
 use crate::system::linear_system::LinearSystem;
 use crate::system::stops::Smooth;

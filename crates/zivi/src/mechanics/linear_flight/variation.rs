@@ -18,9 +18,10 @@ use super::propagation::{
 };
 use super::LinearFlight;
 use crate::mechanics::equation::State;
-use crate::mechanics::kinetics::{axpy, dot, Undetermined};
+use crate::mechanics::kinetics::Undetermined;
 use crate::numeric::linear_map::LinearMap;
 use crate::numeric::power_series::{Series, TERMS};
+use crate::numeric::vector::{axpy, dot};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::linear_system::LinearSystem;

@@ -15,7 +15,8 @@
 //! N_S w+'          = u' - N_S' w+ - g_t'                                                  (2)
 //! ```
 
-use crate::mechanics::kinetics::{axpy, dot, Kinetics, Model};
+use crate::mechanics::kinetics::{Kinetics, Model};
+use crate::numeric::vector::{axpy, dot};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Layout;
