@@ -27,6 +27,7 @@ project_copyright = author
 version = release = zivi.__version__
 
 extensions = [
+    "generated",
     "mathml",
     "myst_nb",
     "numpydoc",

@@ -12,6 +12,9 @@ is told by its last state: at rest, or beside one of the states of the orbits at
 orbit hits at the phase ``cos(phi) = n pi (1 - e)/((1 + e) G)``, leaves with ``u = n g T e/(1 + e)``
 relative to the table, and flies on a parabola.
 
+Shares of the states: rest 33.5 %, one impact a period 55.1 %, one in two periods 11.5 %. White
+marks: the attractors themselves at t = 0.
+
 Run as ``python examples/gallery_basins.py [out.png]``.
 """
 

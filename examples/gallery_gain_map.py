@@ -9,8 +9,10 @@ model, ``-9.81 - M``. For a force of at most M that is not known the gains shoul
 
     M < mu2 < mu1 - M
 
-Inside, every point settles. Outside, some still do: the condition is sufficient for any such force.
-With a known force (M = 0) all gains that a tracker takes, 0 < mu2 < mu1, settle.
+Under this force all 861 pairs inside settle, outside 450 of 864 do within 12 s. (What suffices for
+any force up to M has ``M (1 + e)/(2 e)`` in place of M: at e = 0.1 gains of 30 and 17 are 93 m off
+under the same 9.81.) With a known force (M = 0) all gains that a tracker takes, 0 < mu2 < mu1,
+settle.
 
 Run as ``python examples/gallery_gain_map.py [out.png]``.
 """

@@ -20,6 +20,8 @@ difference of the state grows in a period by the free motion and then, at the im
 with the forces before and after it and the speed v- of the impact: the orbit is stable while both
 multipliers of the product are within the unit circle. Its branch in the diagram must end there.
 
+One impact a period is stable from 1.230 to 2.659, in two from 3.338 to 4.645.
+
 Run as ``python examples/gallery_oscillator_bifurcation.py [out.png]``.
 """
 

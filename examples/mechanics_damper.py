@@ -6,6 +6,8 @@ first natural frequency, and a mass of a tenth with the clearance ``d`` on eithe
 the amplitude without it from the matrices; its first impact from the modes; what impacts took, from
 the balance of energy.
 
+The building keeps 8 % of its resonance with the best of 60 clearances.
+
 Run as ``python examples/mechanics_damper.py [out.png]``.
 """
 

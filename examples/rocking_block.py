@@ -20,7 +20,8 @@ apex, a quarter period takes ``acosh(1/(1 - phi_n))/p`` and an impact leaves
     1 - (1 - phi_n)^2 = e^(2n) (1 - (1 - phi_0)^2)
 
 so released from phi_0 it rests at ``Q_0 + 2 Q_1 + 2 Q_2 + ...``, Q_n the quarter periods. For
-alpha = 0.2, p = 1, phi_0 = 1/2: e = 0.9407957, rest at 31.902716 s. Tilted beyond alpha it falls.
+alpha = 0.2, p = 1, phi_0 = 1/2: e = 0.9407957, and it rests from 31.902716 s. Tilted beyond alpha
+it falls.
 
 Real blocks deviate: they bounce and slide, and lose more than e says.
 

@@ -22,6 +22,9 @@ sin(phi) dt``). Its period doubles where a multiplier is -1, ``1 + trace + deter
 None of this is used to find it here: the map is differenced from runs, and long runs just below and
 just above settle on one phase and on two.
 
+A bisection on the map finds 1.526824 for `e = 0.5` and 1.070836 for `e = 0.8`, the digits of the
+formula, in brackets.
+
 Run as ``python examples/vibrating_table.py [out.png]``.
 """
 

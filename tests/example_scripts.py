@@ -4,6 +4,8 @@ import importlib.util
 import sys
 from pathlib import Path
 
+from generated import gallery_page
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -14,3 +16,8 @@ def example(name):
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
+
+
+def shown(name):
+    """Text above the script on its page, in one line."""
+    return " ".join(gallery_page(name).partition("## The script")[0].split())

@@ -8,7 +8,7 @@ from screenshots import browser, save
 PICTURES = {
     "site_wide": (1440, 800, "tutorial.html"),
     "site_middle": (768, 800, "control.html"),
-    "site_narrow": (420, 800, "tutorial_programs.html"),
+    "site_narrow": (420, 800, "gallery/programs.html"),
 }
 """Width, height and page of each."""
 

@@ -17,7 +17,8 @@ from zivi.files.tables import rows
 pytest.importorskip("h5netcdf")
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "command_line.md").read_text("utf-8")
+WRITTEN = (ROOT / "docs" / "command_line.md").read_text("utf-8")
+PAGE = document.insert(WRITTEN)
 EXAMPLES = ROOT / "examples" / "files"
 PREPARE = {
     "simulate": files.prepare_simulate,
@@ -79,10 +80,28 @@ def test_every_accepted_key_is_documented_once(command):
     assert len(set(listed)) == len(listed) > 15
 
 
-def test_the_page_is_up_to_date():
-    assert document.insert(PAGE) == PAGE
-    with pytest.raises(ValueError, match="one place"):
-        document.insert("nothing")
+def test_tables_of_keys_are_made_not_written():
+    assert sorted(re.findall(r"^<!-- keys of (\w+) -->$", WRITTEN, re.MULTILINE)) == sorted(
+        [*document.COMMANDS, *document.OBJECTS]
+    )
+    assert document.HEAD not in WRITTEN
+    with pytest.raises(KeyError, match="nothing"):
+        document.insert("<!-- keys of nothing -->\n")
+
+
+@pytest.mark.parametrize("command", ["simulate", "control", "sweep"])
+def test_keys_are_printed_with_those_of_their_objects(command):
+    done = CliRunner().invoke(app, [command, "--keys"])
+    assert done.exit_code == 0
+    kinds = [it for it in PREPARE if COMMAND.get(it, (it,))[0] == command]
+    told = set(re.findall(r"^\| `([^`]+)` \|", done.output, re.MULTILINE))
+    for kind in kinds:
+        assert {key for key, *_ in table(f"zivi {HEADINGS.get(kind, kind)}")} <= told
+    # every link leads to a table
+    linked = set(re.findall(r"\(#(\w+)\)", done.output))
+    assert {f"# {name}" for name in [*kinds, *linked]} == set(
+        re.findall(r"^# \w+$", done.output, re.MULTILINE)
+    )
 
 
 VALUES = {

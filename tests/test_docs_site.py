@@ -12,13 +12,16 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
+import generated
 import zivi
 import zivi.interop
 from page_blocks import blocks, missing, run
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = sorted(path for path in DOCS.rglob("*.md") if not path.name.startswith("_"))
+PAGES = sorted(path for path in DOCS.glob("*.md") if not path.name.startswith("_"))
+GALLERY = [f"gallery/{name}" for name in generated.listed()]
+"""Pages that are written when the site is built."""
 TUTORIAL = ["tutorial", "tutorial_forces", "tutorial_control", "tutorial_studies"]
 
 
@@ -75,9 +78,7 @@ def documented():
     """Names that the pages of the reference describe."""
     found = set()
     for path in DOCS.glob("api*.md"):
-        found |= set(
-            re.findall(r"^\.\. auto\w+:: (\S+?)(?:\(\))?$", path.read_text(), re.MULTILINE)
-        )
+        found |= {f"zivi.{name}" for name in generated.names(path.read_text())}
     return found
 
 
@@ -89,6 +90,20 @@ def test_everything_public_is_in_the_reference():
         if callable(getattr(module, name))
     }
     assert public <= documented(), sorted(public - documented())
+
+
+def test_the_reference_is_made_of_its_names():
+    page = "# Any\n\n```{api}\nsimulate\nStatus()\nfiles.FileError\n```\n"
+    shown = generated.reference(page)
+    assert ".. autofunction:: zivi.simulate\n" in shown
+    assert ".. autoclass:: zivi.Status()\n   :members:\n   :undoc-members:\n" in shown
+    assert ".. autoexception:: zivi.files.FileError\n" in shown
+    assert "   files.FileError\n" in shown
+    for path in DOCS.glob("api_*.md"):
+        text = generated.reference(path.read_text())
+        described = re.findall(r"^\.\. auto(?!summary)\w+:: (\S+?)(?:\(\))?$", text, re.MULTILINE)
+        assert described == [f"zivi.{name}" for name in generated.names(path.read_text())]
+        assert described
 
 
 @pytest.mark.parametrize("name", sorted(documented()))
@@ -108,13 +123,32 @@ def test_every_example_is_on_a_page():
         assert f"examples/{script.name}" in text, script.name
 
 
-@pytest.mark.parametrize("path", sorted((DOCS / "gallery").glob("*.md")), ids=named)
-def test_gallery_pages_run_and_show_one_script(path):
-    text = path.read_text()
-    assert re.search(rf"^%run \.\./_gallery\.py {path.stem}( --no-figure)?$", text, re.MULTILINE)
-    assert f"{{literalinclude}} ../../examples/{path.stem}.py\n" in text
-    assert f"gallery/{path.name})" in (DOCS / "gallery.md").read_text()
-    assert (ROOT / "examples" / f"{path.stem}.py").exists()
+def test_every_example_in_the_gallery_has_a_page_that_runs_it(tmp_path):
+    generated.gallery(tmp_path)
+    made = {f"gallery/{path.stem}" for path in tmp_path.glob("*.md")}
+    assert made == {*GALLERY, "gallery/programs"}
+    assert len(GALLERY) > 40
+    for name, title in generated.listed().items():
+        text = (tmp_path / f"{name}.md").read_text()
+        assert f"\n# {title}\n" in text
+        assert re.search(rf"^%run \.\./_gallery\.py {name}( --no-figure)?$", text, re.MULTILINE)
+        # the script from its first line after the docstring
+        start = int(re.search(r"^:lines: (\d+)-$", text, re.MULTILINE)[1])
+        lines = (ROOT / "examples" / f"{name}.py").read_text().splitlines()
+        assert lines[start - 3].endswith('"""')
+        assert lines[start - 1].startswith(("import", "from"))
+
+
+def test_links_to_examples_lead_to_their_pages():
+    text = "[a](../examples/rocking_block.py) [b](../examples/programs) [c](../examples/files)"
+    shown = generated.shown("any", text)
+    assert shown == "[a](gallery/rocking_block.md) [b](gallery/programs.md) [c](../examples/files)"
+    listed = generated.shown("gallery", (DOCS / "gallery.md").read_text())
+    for name in generated.listed():
+        assert (
+            len(re.findall(rf"^\| .*\| \[.*?\]\(gallery/{name}\.md\).* \|$", listed, re.MULTILINE))
+            == 1
+        )
 
 
 @pytest.mark.parametrize("page", TUTORIAL)
@@ -165,9 +199,7 @@ class Targets(html.parser.HTMLParser):
 
 EXECUTED = {"gallery/rocking_block", "gallery/vibrating_table", "gallery/scheme_facts", "tutorial"}
 """Pages that the site of the test executes; `make docs` executes all."""
-ELSEWHERE = sorted(
-    {*TUTORIAL, *(f"gallery/{path.stem}" for path in (DOCS / "gallery").glob("*.md"))} - EXECUTED
-)
+ELSEWHERE = sorted({*TUTORIAL, *GALLERY} - EXECUTED)
 """Code that other tests run: tutorials above, each example of the gallery beside its numbers."""
 
 
@@ -208,7 +240,7 @@ def site(tmp_path_factory):
 @pytest.mark.xdist_group("site")
 def test_the_site_is_whole(site):
     pages = {path: Targets(path) for path in site.rglob("*.html")}
-    assert {f"{path.relative_to(DOCS).with_suffix('')}" for path in PAGES} <= {
+    assert {*(path.stem for path in PAGES), *GALLERY} <= {
         f"{path.relative_to(site).with_suffix('')}" for path in pages
     }
     for path, page in pages.items():

@@ -2,7 +2,6 @@
 
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,15 +10,12 @@ from scipy.optimize import brentq
 
 import control_oracle
 import zivi
-from example_scripts import example
+from example_scripts import example, shown
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("gallery")]
 
 pytest.importorskip("xarray", reason="the gallery's studies need the extra 'study'")
 pytest.importorskip("matplotlib", reason="the gallery draws")
-
-ROOT = Path(__file__).parents[1]
-PAGE = "\n".join(path.read_text() for path in (ROOT / "docs" / "gallery").glob("gallery_*.md"))
 
 
 table = example("gallery_table_bifurcation")
@@ -297,7 +293,8 @@ def test_some_gains_outside_the_condition_do_not():
 
 
 def test_the_numbers_of_the_page(capsys):
-    page = " ".join(PAGE.split())
+    modules = (table, oscillator, basins, gains)
+    page = "".join(shown(module.__name__) for module in modules)
     doubling = tuple(f"{table.doubling(e):.6f}" for e in (0.5, 0.8))
     pattern = r"own data: (\S+) for `e = 0.5` and (\S+) for `e = 0.8`"
     assert re.findall(pattern, page) == [doubling]

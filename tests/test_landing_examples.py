@@ -1,16 +1,13 @@
 """The examples of exact rest and of the observed juggler, and what the page says of them."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from example_scripts import example
+from example_scripts import example, shown
 
-PAGES = Path(__file__).parents[1] / "docs" / "gallery"
-REST = " ".join((PAGES / "exact_rest.md").read_text().split())
-JUGGLER = " ".join((PAGES / "observed_juggler.md").read_text().split())
+REST, JUGGLER = (shown(name) for name in ("exact_rest", "observed_juggler"))
 
 
 def test_the_landing_rests_where_the_papers_law_chatters(tmp_path):

@@ -50,5 +50,5 @@ def test_the_hopper_and_the_arm_touch_when_mujoco_says(tmp_path, capsys):
 
 def test_the_pages_show_all_of_them():
     gallery = (Path(__file__).parents[1] / "docs" / "gallery.md").read_text()
-    assert all(f"gallery/{name}.md" in gallery for name in NAMES)
+    assert all(f"../examples/{name}.py)" in gallery for name in NAMES)
     assert len(NAMES) >= 6

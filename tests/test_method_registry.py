@@ -81,7 +81,7 @@ def test_every_method_is_documented(name):
             names |= {it.strip() for it in line.partition(" : ")[0].split(",")}
     assert names == {it.name for it in _zivi.METHODS[name].settings}
     page = (ROOT / "docs" / "api_simulation.md").read_text(encoding="utf-8")
-    assert f".. autoclass:: zivi.{name}\n" in page
+    assert f"\n{name}\n" in page
 
 
 @each

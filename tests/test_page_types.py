@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+import generated
+
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(?:\{code-cell\} )?python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -103,8 +105,8 @@ def folder(tmp_path_factory):
             (made / f"{page.stem.lower()}.py").write_text(code)
     assert len(list(made.iterdir())) >= 20
     # scripts that pages of the gallery show
-    for page in (ROOT / "docs" / "gallery").glob("*.md"):
-        (made / f"{page.stem}.py").write_text((ROOT / "examples" / f"{page.stem}.py").read_text())
+    for name in generated.listed():
+        (made / f"{name}.py").write_text((ROOT / "examples" / f"{name}.py").read_text())
     (made / "wrong.py").write_text(WRONG)
     (made / "controller.py").write_text(CONTROLLER)
     return made.parent

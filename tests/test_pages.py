@@ -37,7 +37,6 @@ RUN_ELSEWHERE = {
     "tutorial": "test_docs_site",
     "tutorial_control": "test_docs_site",
     "tutorial_forces": "test_docs_site",
-    "tutorial_programs": "test_tutorial_programs",
     "tutorial_studies": "test_docs_site",
     "tutorial_target": "test_c_library",
 }

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from example_scripts import example
-from page_blocks import DOCS
+from example_scripts import example, shown
 
 pytestmark = pytest.mark.slow
 
@@ -101,5 +100,4 @@ def test_a_clearance_above_the_amplitude_does_nothing():
     assert wide == pytest.approx(still, rel=0.02)
     assert good < 0.15 * still
     best = damper.sweep(np.geomspace(0.01, 1.0, 60)).min() / still
-    page = (DOCS / "gallery" / "mechanics_damper.md").read_text()
-    assert f"keeps {100 * best:.0f} %" in " ".join(page.split())
+    assert f"keeps {100 * best:.0f} %" in shown("mechanics_damper")

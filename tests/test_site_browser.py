@@ -40,7 +40,7 @@ def test_nothing_is_cut_off(site, chromium, width):  # noqa: F811
 
 def test_the_buttons_copy_what_is_typed(site, chromium):  # noqa: F811
     page = chromium.new_page()
-    page.goto((site / "tutorial_programs.html").as_uri())
+    page.goto((site / "gallery" / "programs.html").as_uri())
     first = page.locator("div.highlight-python").first
     first.hover()
     first.get_by_role("button", name="Copy").click()

@@ -1,21 +1,14 @@
-"""The programs of the tutorial, each by itself as it stands on the page: it prints what it says."""
+"""The short programs, each by itself as it stands: it prints what it says."""
 
 import contextlib
 import io
 import re
-from pathlib import Path
 
 import pytest
 
-PAGE = (Path(__file__).parents[1] / "docs" / "tutorial_programs.md").read_text()
-PROGRAMS = {
-    title: (code, printed)
-    for title, code, printed in re.findall(
-        r"^## ([^\n]+)\n(?:(?!^##|^```).)*^```python\n(.*?)^```\n\n```text\n(.*?)^```$",
-        PAGE,
-        re.DOTALL | re.MULTILINE,
-    )
-}
+from generated import programs, programs_page
+
+PROGRAMS = {told.partition("\n")[0]: (code, printed) for told, code, printed in programs()}
 
 
 def output(code, folder, monkeypatch):
@@ -27,14 +20,16 @@ def output(code, folder, monkeypatch):
 
 
 @pytest.mark.parametrize("title", PROGRAMS)
-def test_a_program_prints_what_the_page_shows(title, tmp_path, monkeypatch):
+def test_a_program_prints_what_it_says(title, tmp_path, monkeypatch):
     code, printed = PROGRAMS[title]
     assert output(code, tmp_path, monkeypatch) == printed
     made = re.findall(r"\.(?:savefig|to_netcdf)\(\"(.+?)\"\)", code)
     assert [path.name for path in tmp_path.iterdir()] == made
 
 
-def test_no_program_of_the_page_is_left_out():
-    assert len(PROGRAMS) == PAGE.count("```python") == PAGE.count("\n## ") == 12
-    assert "# Twelve programs" in PAGE
-    assert all(len(code.splitlines()) <= 20 for code, _ in PROGRAMS.values())
+def test_all_programs_are_on_their_page():
+    page = programs_page()
+    assert len(PROGRAMS) == page.count("```python") == page.count("\n## ") == 12
+    assert "# Twelve programs" in page
+    assert all(f"```python\n{code}```" in page for code, _ in PROGRAMS.values())
+    assert all(printed and len(code.splitlines()) <= 20 for code, printed in PROGRAMS.values())

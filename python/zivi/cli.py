@@ -11,7 +11,7 @@ import typer
 
 import zivi._zivi as _zivi
 from zivi.base.extras import needed
-from zivi.files import FileError, commands, prepare_control, prepare_simulate, summary
+from zivi.files import FileError, commands, document, prepare_control, prepare_simulate, summary
 from zivi.files.messages import say, show_table, warn
 from zivi.lab.command import lab
 
@@ -42,6 +42,15 @@ def _example(command: str) -> Callable[[bool], None]:
             raise typer.Exit
 
     return print_example
+
+
+def _keys(*kinds: str) -> Callable[[bool], None]:
+    def print_keys(wanted: bool) -> None:
+        if wanted:
+            say(document.keys(*kinds), end="")
+            raise typer.Exit
+
+    return print_keys
 
 
 def _experiments(wanted: bool) -> None:
@@ -78,6 +87,7 @@ def main(
 
 
 Example = "Print an example file."
+Keys = "List the keys of a file."
 
 
 @app.command()
@@ -108,6 +118,12 @@ def simulate(
             help="Print an example file of a tree of bodies.",
         ),
     ] = False,
+    keys: Annotated[
+        bool,
+        typer.Option(
+            "--keys", callback=_keys("simulate", "mechanics", "tree"), is_eager=True, help=Keys
+        ),
+    ] = False,
 ) -> None:
     """Simulate one system from a file; write a netCDF file.
 
@@ -128,6 +144,9 @@ def control(
     example: Annotated[
         bool,
         typer.Option("--example", callback=_example("control"), is_eager=True, help=Example),
+    ] = False,
+    keys: Annotated[
+        bool, typer.Option("--keys", callback=_keys("control"), is_eager=True, help=Keys)
     ] = False,
 ) -> None:
     """Simulate one closed loop from a file; write a netCDF file.
@@ -161,6 +180,9 @@ def sweep(
         typer.Option(
             "--experiments", callback=_experiments, is_eager=True, help="List the experiments."
         ),
+    ] = False,
+    keys: Annotated[
+        bool, typer.Option("--keys", callback=_keys("sweep"), is_eager=True, help=Keys)
     ] = False,
 ) -> None:
     """Compute a study from a file, or what of it is missing; write a Zarr folder.

@@ -1,4 +1,4 @@
-"""Lists all keys of a file for its page: ``python -m zivi.files.document PAGE`` writes them in.
+"""Lists all keys of a file: for the page of the command line, and for its option ``--keys``.
 
 Each command has a table, and so has each object that several commands or keys take: where one of
 these is a value, the table of the command has a link in place of its keys.
@@ -6,16 +6,15 @@ these is a value, the table of the command has a link in place of its keys.
 
 from __future__ import annotations
 
-import sys
+import re
 from collections.abc import Iterator
-from pathlib import Path
 
 from zivi.files.keys import CONTROL, LINEAR, RANGE, SIMULATE, SWEEP, WALL
 from zivi.files.mechanical_keys import MECHANICS
 from zivi.files.tables import Key, Row, Table, Tagged, rows
 from zivi.files.tree_keys import TREE
 
-__all__ = ["COMMANDS", "OBJECTS", "insert", "markdown"]
+__all__ = ["COMMANDS", "OBJECTS", "insert", "keys", "markdown"]
 
 COMMANDS = {
     "simulate": SIMULATE,
@@ -93,19 +92,24 @@ def _cells(row: Row, more: str = "") -> tuple[str, ...]:
     return f"`{row.path}`", key.unit, allowed + more, default, key.meaning
 
 
+MARK = re.compile(r"^<!-- keys of (\w+) -->$", re.MULTILINE)
+"""Where a page has a table."""
+
+
 def insert(page: str) -> str:
-    """Put the tables of all commands and objects between their marks in a page."""
-    tables = {name: markdown(keys) for name, keys in COMMANDS.items()}
-    tables |= {name: of_object(name) for name in OBJECTS}
-    for name, table in tables.items():
-        start, end = f"<!-- keys of {name} -->\n", f"<!-- end of {name} -->"
-        if page.count(start) != 1 or page.count(end) != 1:
-            raise ValueError(f"the page must have one place for the keys of {name}")
-        before, _, rest = page.partition(start)
-        page = before + start + table + end + rest.partition(end)[2]
-    return page
+    """Put the tables of commands and objects at their marks in a page."""
+
+    def table(match: re.Match[str]) -> str:
+        name = match[1]
+        return markdown(COMMANDS[name]) if name in COMMANDS else of_object(name)
+
+    return MARK.sub(table, page)
 
 
-if __name__ == "__main__":
-    file = Path(sys.argv[1])
-    file.write_text(insert(file.read_text("utf-8")), "utf-8")
+def keys(*names: str) -> str:
+    """Give the tables of kinds of files, and of the objects that they hold."""
+    tables = [f"# {name}\n\n{markdown(COMMANDS[name])}" for name in names]
+    for name in OBJECTS:
+        if any(f"(#{name})" in table for table in tables):
+            tables.append(f"# {name}\n\n{of_object(name)}")
+    return "\n".join(tables)

@@ -1,7 +1,4 @@
-"""All keys of all files: what they hold, their units, ranges and defaults.
-
-After a change, ``python -m zivi.files.document docs/command_line.md`` brings the page up to date.
-"""
+"""All keys of all files: what they hold, their units, ranges and defaults."""
 
 from __future__ import annotations
 
