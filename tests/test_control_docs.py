@@ -71,7 +71,6 @@ def test_the_programs_of_the_pages(capsys):
 QUOTES = {
     "choose_gains": ("mu1, mu2", "mu1, mu2"),
     "implicit_signs": ("reference", "reference"),
-    "noise_delay": ("disturbance", "disturbance"),
 }
 """Pages with rows of the results: first column there and here."""
 

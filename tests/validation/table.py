@@ -6,7 +6,7 @@ from pathlib import Path
 from . import classics, differ, siconos, woodpecker
 from .rows import Row
 
-PAGE = Path(__file__).parents[2] / "docs" / "validation.md"
+PAGE = Path(__file__).parents[2] / "benchmarks" / "results" / "validation.md"
 HEADS = {
     "agree": ("source", "quantity", "published", "here", "difference, at most"),
     "differ": ("source", "quantity", "there", "here", "difference, at most"),
