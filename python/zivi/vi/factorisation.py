@@ -36,8 +36,8 @@ def in_thread(
     """Return what `work` returns, which does not hold the interpreter's lock while it computes.
 
     A signal, or what `poll` raises, ends the waiting within a moment; the thread, which cannot be
-    stopped, ends its work in the background and is forgotten. With `until` the thread lives on
-    until that is set, and is the last that lets go of what was made.
+    stopped, ends its work in the background; the interpreter ends after it. With `until` the
+    thread lives on until that is set, and is the last that lets go of what was made.
     """
     found: list[Outcome] = []
     raised: list[BaseException] = []
@@ -125,18 +125,16 @@ class Factors:
 
 _KEPT: weakref.WeakSet[Factors] = weakref.WeakSet()
 """Factors that a thread keeps, which is to end before the interpreter does."""
-_PARTING = 1.0
-"""Seconds that the end of the interpreter waits for such a thread."""
 
 
 @atexit.register
-def _release_all() -> None:
-    kept = list(_KEPT)
-    for factors in kept:
+def _end_threads() -> None:
+    """Wait for all threads: SuperLU takes memory through the interpreter, which must be there."""
+    for factors in list(_KEPT):
         factors.release()
-    for thread in threading.enumerate() if kept else ():
+    for thread in threading.enumerate():
         if thread.name == _THREAD:
-            thread.join(_PARTING)
+            thread.join()
 
 
 class Factoriser:
