@@ -69,9 +69,10 @@ def posture(phi: float, x: float, y: float) -> np.ndarray:
 
 def shown(name: str, run: Any) -> None:
     """Print a row."""
-    late, posture = run.reactions[-200:], np.abs(run.q - run.q_ref)[400:1000].max()
+    late, posture = run.reactions[-200:], np.abs(run.q - run.q_ref)[400:1000]
+    mean = np.sqrt(np.mean(posture**2))
     print(
-        f"{name:26s} rms g {bouncing_error(run):.1e}  q {posture:.1e}  "
+        f"{name:26s} rms g {bouncing_error(run):.1e}  q {mean:.1e}, most {posture.max():.1e}  "
         f"contact {bool(run.contacts[-1].all())}  force {late.min():.4f} ... {late.max():.4f}"
     )
 
