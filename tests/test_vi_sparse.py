@@ -480,22 +480,23 @@ def test_an_interpreter_ends_well_while_a_matrix_is_factorised():
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs an interval timer")
 @pytest.mark.parametrize("how", ["signal", "limit"])
-def test_a_long_factorisation_ends_within_a_second(how):
-    """Of a random pattern, which fills in: tens of seconds."""
+def test_a_long_factorisation_is_left_alone(how):
+    """Of a random pattern, which fills in: it is still at work when the call has ended."""
     rng = np.random.default_rng(0)
     n = 12_000
     A = sp.random_array((n, n), density=8 / n, rng=rng, format="csr")
     M, q = A @ A.T + sp.eye_array(n), rng.normal(size=n)
-    began = []
+
+    def at_work():
+        return {it for it in threading.enumerate() if it.name == "zivi-factorisation"}
 
     def interrupt(*_):
-        began.append(time.perf_counter())
         raise KeyboardInterrupt
 
+    earlier = at_work()
     if how == "limit":
-        called = time.perf_counter()
         assert zivi.solve_lcp(M, q, time_limit=1.0).status is zivi.VIStatus.TIME_LIMIT
-        assert time.perf_counter() - called < 3
+        assert len(at_work() - earlier) == 1
         return
     before = signal.signal(signal.SIGALRM, interrupt)
     signal.setitimer(signal.ITIMER_REAL, 1.0)
@@ -505,4 +506,4 @@ def test_a_long_factorisation_ends_within_a_second(how):
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
-    assert time.perf_counter() - began[0] < 1
+    assert len(at_work() - earlier) == 1
