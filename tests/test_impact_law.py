@@ -367,20 +367,6 @@ def test_every_law_of_the_core_has_a_class():
         assert fields == [it.name for it in _zivi.IMPACT_LAWS[name]]
 
 
-def test_mechanical_systems_take_newtons_law():
-    gap = zivi.LinearGap([1.0], name="floor")
-
-    def mechanism(e):
-        return zivi.MechanicalSystem(mass=[[1.0]], force=[-G], gaps=[gap], e=e)
-
-    newton = mechanism([zivi.NewtonImpact(0.5)])
-    assert newton.e.tolist() == [0.5]
-    assert mechanism(zivi.NewtonImpact(0.5)).e.tolist() == [0.5]
-    for e in (PLASTIC, [PLASTIC]):
-        with pytest.raises(ValueError, match=r"^e must be numbers .* Newton's impact law"):
-            mechanism(e)
-
-
 FILE = """
 t_span = [0, 6]
 y0 = [1, 0]

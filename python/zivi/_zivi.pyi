@@ -342,7 +342,13 @@ class Moved:
 @final
 class Mechanism:
     def __new__(
-        cls, model: Model, *, n: int, m: int, e: _Array, friction: Friction | None = None
+        cls,
+        model: Model,
+        *,
+        n: int,
+        m: int,
+        e: _Array | list[ImpactLaw],
+        friction: Friction | None = None,
     ) -> Self: ...
 
 @final
@@ -652,7 +658,7 @@ def mechanical_sensitivity(
     span: tuple[float, float],
     start: Configuration,
     *,
-    wrt: list[tuple[int, int]],
+    wrt: list[tuple[int, int, int]],
     sizes: _Array,
     controlled: bool,
     dense: bool,

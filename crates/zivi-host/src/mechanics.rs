@@ -4,6 +4,8 @@ use std::ffi::c_void;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput, MechanicalRun};
 use zivi::system::dynamics::{FunctionDynamics, Layout};
+use zivi::system::impact_law::newton_impacts;
+use zivi::SetupError;
 
 use crate::border::{array, checked_size, guarded, read, written, Raised, Refused};
 use crate::simulation::{How, Method, Unwatched};
@@ -82,7 +84,7 @@ pub unsafe extern "C" fn zivi_simulate_mechanical(
         let done = simulate_mechanical(
             how.settings,
             &mut dynamics,
-            e,
+            &newton_impacts(e).map_err(SetupError::from)?,
             (t0, t1),
             (q, w),
             output,

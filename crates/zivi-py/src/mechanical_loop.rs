@@ -11,7 +11,7 @@ use zivi::drive::mechanical::{
 use zivi::mechanics::{MechanicalRun, Sampling, Ticks};
 use zivi::system::driven::Driven;
 use zivi::system::dynamics::{Dynamics, Layout};
-use zivi::{AnyMethod, SetupError, SwitchedRk};
+use zivi::{AnyImpactLaw, AnyMethod, SetupError, SwitchedRk};
 
 use crate::arrays::{vector, Matrix};
 use crate::control::gap_tracker::{law_error, pressed, Believed, GapTracker, Reference};
@@ -203,7 +203,7 @@ impl Observing<PyErr> for Nobody {
 /// What a run is made of, beside its system, its controller and its observer.
 struct Course<'a> {
     settings: SwitchedRk,
-    e: &'a [f64],
+    laws: &'a [AnyImpactLaw],
     sampling: Sampling<'a>,
     from: (&'a [f64], &'a [f64]),
     sensor: MechanicalSensor<'a>,
@@ -228,14 +228,14 @@ impl Course<'_> {
         C: MechanicalController<PyErr>,
         O: Observing<PyErr>,
     {
-        let Self { settings, e, sampling, from, sensor, sizes, dense } = self;
+        let Self { settings, laws, sampling, from, sensor, sizes, dense } = self;
         let mut ticks = SampledLoop::new(controller, observer, sensor, sizes);
         let mut u = vec![0.0; sizes.1];
         ticks.tick(0, sampling.times[0], from, &mut u)?;
         let start = (u.as_slice(), &mut ticks);
         let done = zivi::mechanics::simulate_mechanical_loop(
             settings,
-            (driven, e),
+            (driven, laws),
             sampling,
             from,
             start,
@@ -282,7 +282,7 @@ pub(crate) fn simulate_mechanical_loop(
     let (system, inputs, r) = (&*system, &*inputs, inputs.r);
     let course = Course {
         settings,
-        e: &system.e,
+        laws: &system.laws,
         sampling: Sampling { times: &times, stops: &stops },
         from: (&start.q, &start.qdot),
         sensor: MechanicalSensor { noise: &noise, steps },
@@ -314,7 +314,8 @@ fn run_tracker(
     let reference = reference.map(|it| &it.inner);
     let (mechanism, through, h) = (believed.mechanism.get(), believed.inputs.get(), believed.h);
     let tracker = own.law.borrow(py);
-    let (law, e, wrong) = (tracker.law.clone(), mechanism.e.as_slice(), law_error as fn(_) -> _);
+    let (law, laws, wrong) =
+        (tracker.law.clone(), mechanism.laws.as_slice(), law_error as fn(_) -> _);
     if let (Some(plant), Some(model), Some(asked), None) = (
         inputs.driven_alone(py, system),
         through.driven_alone(py, mechanism),
@@ -324,14 +325,14 @@ fn run_tracker(
         let (mut plant, mut model) = (plant, model);
         drop(tracker);
         return py.detach(|| {
-            let plant_of = BelievedPlant { driven: &mut model, e, h };
+            let plant_of = BelievedPlant { driven: &mut model, laws, h };
             let asked = |i: usize, _: f64| Ok(asked[i]);
             let tracking = Tracking { law, plant: plant_of, reference, asked, wrong };
             course.run(&mut plant, tracking, None::<Nobody>, watch)
         });
     }
     let (mut driven, mut model) = (inputs.driven(py, system)?, through.driven(py, mechanism)?);
-    let plant = BelievedPlant { driven: &mut model, e, h };
+    let plant = BelievedPlant { driven: &mut model, laws, h };
     let asked = |i: usize, t: f64| pressed(py, &tracker.pressing, i, t);
     let tracking = Tracking { law, plant, reference, asked, wrong };
     course.run(&mut driven, tracking, observer.map(Observer), watch)

@@ -15,7 +15,7 @@ use zivi::system::partials::{
     DifferencedDynamics, DifferentiableDynamics, Neighbours, TimedState, MOVES,
 };
 use zivi::system::tree::TreeDynamics;
-use zivi::{SetupError, SwitchedRk};
+use zivi::{AnyImpactLaw, SetupError, SwitchedRk};
 
 use crate::arrays::vector;
 use crate::arrays::Array;
@@ -205,14 +205,15 @@ pub(crate) struct MechanicalSensitivityRecord {
     n_slopes: u64,
 }
 
-/// `(kind, index)`: `q0`, `qdot0`, `t0`, `e` of all gaps, `e` of one, a parameter are 0 to 5.
-fn wrt_of((kind, index): &(u8, usize)) -> MechanicalWrt {
+/// `(kind, index, of)`: `q0`, `qdot0`, `t0`, `e` of all gaps, the parameter `of` of the law of one, a
+/// parameter are 0 to 5.
+fn wrt_of((kind, index, of): &(u8, usize, usize)) -> MechanicalWrt {
     match kind {
         0 => MechanicalWrt::Q0(*index),
         1 => MechanicalWrt::Qdot0(*index),
         2 => MechanicalWrt::T0,
         3 => MechanicalWrt::AllE,
-        4 => MechanicalWrt::E(*index),
+        4 => MechanicalWrt::Law { gap: *index, parameter: *of },
         _ => MechanicalWrt::Parameter(*index),
     }
 }
@@ -220,7 +221,7 @@ fn wrt_of((kind, index): &(u8, usize)) -> MechanicalWrt {
 /// What a run takes besides the system.
 struct Task<'a> {
     method: SwitchedRk,
-    e: &'a [f64],
+    laws: &'a [AnyImpactLaw],
     span: (f64, f64),
     start: (&'a [f64], &'a [f64]),
     tstops: &'a [f64],
@@ -232,9 +233,9 @@ type Outcome = Result<(MechanicalRun<PyErr>, Derivatives), SetupError>;
 
 impl Task<'_> {
     fn run(&self, dynamics: &mut impl DifferentiableDynamics<PyErr>, watch: &mut Watch) -> Outcome {
-        let Self { method, e, span, start, tstops, dense, question } = self;
+        let Self { method, laws, span, start, tstops, dense, question } = self;
         let output = MechanicalOutput { tstops, dense: *dense, ..MechanicalOutput::default() };
-        differentiate(*method, dynamics, e, *span, *start, output, question, watch)
+        differentiate(*method, dynamics, laws, *span, *start, output, question, watch)
     }
 
     /// Without the interpreter where nothing needs it.
@@ -301,7 +302,7 @@ pub(crate) fn mechanical_sensitivity(
     method: PyRef<'_, Method>,
     span: (f64, f64),
     start: PyRef<'_, Configuration>,
-    wrt: Vec<(u8, usize)>,
+    wrt: Vec<(u8, usize, usize)>,
     sizes: PyReadonlyArray1<'_, f64>,
     controlled: bool,
     dense: bool,
@@ -310,14 +311,14 @@ pub(crate) fn mechanical_sensitivity(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<MechanicalSensitivityRecord> {
     let _running = crate::leaving::running()?;
-    let (method, e) = (method.switched()?, system.e.clone());
+    let (method, laws) = (method.switched()?, &system.laws[..]);
     let (q, qdot) = (start.q.clone(), start.qdot.clone());
     let (sizes, times, tstops) = (vector(&sizes), vector(&times), vector(&tstops));
     let wrt: Vec<MechanicalWrt> = wrt.iter().map(wrt_of).collect();
     let layout = Layout::smooth(system.n, system.m);
     let question = Question { wrt: &wrt, sizes: &sizes, controlled, times: &times };
     let start = (&q[..], &qdot[..]);
-    let task = Task { method, e: &e, span, start, tstops: &tstops, dense, question };
+    let task = Task { method, laws, span, start, tstops: &tstops, dense, question };
     let model = AnyDynamics::of(py, system.model.get(), layout);
     let watch = &mut Watch { progress };
     let outcome = task.dispatch(py, model, &partials, layout, watch)?;

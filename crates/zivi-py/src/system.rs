@@ -5,10 +5,12 @@ use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::system::dynamics::Layout;
 use zivi::system::friction::Friction as Given;
+use zivi::system::impact_law::newton_impacts;
 use zivi::{AnyImpactLaw, Physical};
 
 use crate::arrays::vector;
 use crate::dynamics::Model;
+use crate::errors::setup_error;
 use crate::force::Force;
 use crate::friction::Friction;
 use crate::impact_law::ImpactLaw;
@@ -47,14 +49,21 @@ impl State {
     }
 }
 
+/// What the gaps of a mechanical system have: coefficients of restitution, or laws.
+#[derive(FromPyObject)]
+enum Restitutions<'py> {
+    Newton(PyReadonlyArray1<'py, f64>),
+    Laws(Vec<PyRef<'py, ImpactLaw>>),
+}
+
 /// A mechanical system of `n` coordinates and `m` gaps, with or without friction.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Mechanism {
     pub(crate) model: Py<Model>,
     pub(crate) n: usize,
     pub(crate) m: usize,
-    /// A coefficient of restitution for each gap.
-    pub(crate) e: Vec<f64>,
+    /// An impact law for each gap.
+    pub(crate) laws: Vec<AnyImpactLaw>,
     friction: Option<Py<Friction>>,
 }
 
@@ -77,10 +86,16 @@ impl Mechanism {
         model: Py<Model>,
         n: usize,
         m: usize,
-        e: PyReadonlyArray1<'_, f64>,
+        e: Restitutions<'_>,
         friction: Option<Py<Friction>>,
-    ) -> Self {
-        Self { model, n, m, e: vector(&e), friction }
+    ) -> PyResult<Self> {
+        let laws = match e {
+            Restitutions::Laws(laws) => laws.iter().map(|law| law.inner).collect(),
+            Restitutions::Newton(e) => {
+                newton_impacts(&vector(&e)).map_err(|error| setup_error(error.into()))?
+            }
+        };
+        Ok(Self { model, n, m, laws, friction })
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {

@@ -13,7 +13,8 @@ use zivi::drive::mechanical::{
 use zivi::mechanics::{simulate_mechanical_loop, Sampling, Ticks};
 use zivi::system::driven::{Driven, InputMatrix};
 use zivi::system::dynamics::{FunctionDynamics, Layout};
-use zivi::{Order, Restitution, Silent, SwitchedRk};
+use zivi::system::impact_law::newton_impacts;
+use zivi::{AnyImpactLaw, Order, Restitution, Silent, SwitchedRk};
 use zivi_core::control::{Approach, Gains, TwistingTracker};
 
 const LENGTHS: [f64; 3] = [0.5, 0.45, 0.3];
@@ -107,7 +108,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1).map(|it| it.parse().unwrap_or(0_usize));
     let (n, count) = (arguments.next().unwrap_or(2), arguments.next().unwrap_or(400));
     let (q, w) = ([0.5, -1.2, 0.3], [0.0; 3]);
-    let (q, w, e) = (&q[..n], &w[..n], vec![0.6; n - 1]);
+    let (q, w, laws) = (&q[..n], &w[..n], newton_impacts(&vec![0.6; n - 1])?);
     let layout = Layout::smooth(n, n - 1);
     let mut row = vec![0.0; layout.len()];
     arm(n, q, w, &mut row);
@@ -127,19 +128,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let law = GapTracker::new(vec![tracker; n - 1], settings);
     let tracking = Tracking {
         law,
-        plant: BelievedPlant { driven: &mut believed, e: &e, h: PERIOD },
+        plant: BelievedPlant { driven: &mut believed, laws: &laws, h: PERIOD },
         reference: Some(&reference),
         asked: |_, _| Ok(None),
         wrong: |error| panic!("{error:?}"),
     };
-    ran(tracking, &mut plant, (q, w), &e, count)
+    ran(tracking, &mut plant, (q, w), &laws, count)
 }
 
 fn ran<C: MechanicalController<Infallible>>(
     controller: C,
     plant: &mut Driven<impl zivi::system::dynamics::Dynamics<Infallible>, NoMatrix>,
     (q, w): (&[f64], &[f64]),
-    e: &[f64],
+    laws: &[AnyImpactLaw],
     count: usize,
 ) -> Result<(), Box<dyn std::error::Error>> {
     let n = q.len();
@@ -159,7 +160,7 @@ fn ran<C: MechanicalController<Infallible>>(
     let sampling = Sampling { times: &times, stops: &times[1..count] };
     let (run, _) = simulate_mechanical_loop(
         settings,
-        (plant, e),
+        (plant, laws),
         sampling,
         (q, w),
         (&u, &mut ticks),

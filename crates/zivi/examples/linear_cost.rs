@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
+use zivi::system::impact_law::newton_impacts;
 use zivi::system::linear_dynamics::LinearDynamics;
 use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
 use zivi::{Flights, Silent, SwitchedRk};
@@ -63,7 +64,7 @@ fn main() {
                 let run = simulate_mechanical::<Infallible, _>(
                     settings,
                     &mut dynamics,
-                    &[0.6, 0.6],
+                    &newton_impacts(&[0.6, 0.6]).unwrap(),
                     (0.0, 60.0),
                     (&zero, &zero),
                     output,

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
 use zivi::system::dynamics::{FunctionDynamics, Layout};
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Order, Silent, SwitchedRk};
 
 /// Three balls above each other on a vibrating floor.
@@ -35,7 +36,7 @@ fn main() {
             let run = simulate_mechanical(
                 settings,
                 &mut system,
-                &[0.3, 0.2, 0.3],
+                &newton_impacts(&[0.3, 0.2, 0.3]).unwrap(),
                 (0.0, 2.0),
                 (&[0.2, 0.5, 0.9], &[0.0; 3]),
                 MechanicalOutput::default(),

@@ -20,6 +20,7 @@ from zivi.simulation.mechanical_run import Asked, closer_of, configuration, stat
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.partial import as_raised, with_partial
+from zivi.system.impact_law import core_of
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
 
@@ -151,8 +152,8 @@ class _Problem:
         return np.array([abs(column.value) or 1.0 for column in self.columns])
 
     @property
-    def codes(self) -> list[tuple[int, int]]:
-        return [column.code for column in self.columns]
+    def codes(self) -> list[tuple[int, int, int]]:
+        return [(*column.code, column.of) for column in self.columns]
 
     def with_wrt(self, wrt: Sequence[str]) -> _Problem:
         columns = _columns(self.system, self.model, self.partials, self.span, self.state, wrt)
@@ -164,7 +165,7 @@ class _Problem:
         layout = self.model.layout
         with ProgressBar(progress, "sensitivity") as bar:
             return _zivi.mechanical_sensitivity(
-                _zivi.Mechanism(self.model.spec, n=layout.n, m=layout.m, e=self.system.e),
+                _zivi.Mechanism(self.model.spec, n=layout.n, m=layout.m, e=core_of(self.system._e)),
                 self.partials.spec,
                 self.method._core,
                 span,
@@ -260,8 +261,8 @@ def _columns(
     wrt: Sequence[str],
 ) -> list[Column]:
     names = system.coordinate_names(model.layout.n)
-    restitution = (system.e, system.gap_names)
-    return columns_of(wrt, state, span[1] - span[0], restitution, names, partials.parameters)
+    laws = dict(zip(system.gap_names, system.laws, strict=True))
+    return columns_of(wrt, state, span[1] - span[0], laws, names, partials.parameters)
 
 
 def differentiate_mechanical(

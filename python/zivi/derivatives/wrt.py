@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from zivi.base.check import Array
+from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_parameters
 
 __all__ = ["Column", "columns_of"]
 
-Q0, QDOT0, T0, ALL_E, E, PARAMETER = range(6)
+Q0, QDOT0, T0, ALL_E, LAW, PARAMETER = range(6)
 """Kinds of columns, as the extension numbers them."""
 
 
@@ -27,18 +26,21 @@ class Column:
         What it is for the extension.
     value : float
         The number.
+    of : int
+        Which parameter of an impact law it is.
     """
 
     name: str
     code: tuple[int, int]
     value: float
+    of: int = 0
 
 
 def columns_of(
     wrt: Sequence[str],
     state: tuple[Array, Array],
     duration: float,
-    restitution: tuple[Array, Sequence[str]],
+    laws: Mapping[str, ImpactLaw],
     coordinates: Sequence[str],
     parameters: Mapping[str, float],
 ) -> list[Column]:
@@ -49,22 +51,14 @@ def columns_of(
     ValueError
         For an unknown name, with the names that are known; for one that is given twice.
     """
-    e, gaps = restitution
-    single = {"t0": Column("t0", (T0, 0), duration)}
-    if len(e):
-        single["e"] = Column("e", (ALL_E, 0), float(np.max(e)))
+    single = {"t0": Column("t0", (T0, 0), duration), **_of_laws(laws)}
     groups: dict[str, list[Column]] = {}
-    for name, kind, values, names in (
-        ("q0", Q0, state[0], coordinates),
-        ("qdot0", QDOT0, state[1], coordinates),
-        ("e", E, e, gaps),
-    ):
-        members = [
-            Column(f"{name}.{own}", (kind, i), float(values[i])) for i, own in enumerate(names)
+    for name, kind, values in (("q0", Q0, state[0]), ("qdot0", QDOT0, state[1])):
+        groups[name] = [
+            Column(f"{name}.{own}", (kind, i), float(values[i]))
+            for i, own in enumerate(coordinates)
         ]
-        if name != "e":
-            groups[name] = members
-        for i, column in enumerate(members):
+        for i, column in enumerate(groups[name]):
             single[column.name] = column
             single[f"{name}[{i}]"] = column
     own = {
@@ -80,19 +74,38 @@ def columns_of(
         elif name in known:
             found.append(known[name])
         else:
-            raise ValueError(_unknown(name, coordinates, gaps, parameters))
+            raise ValueError(_unknown(name, coordinates, laws, parameters))
     names = [column.name for column in found]
     if not found or len(set(names)) != len(names):
         raise ValueError(f"wrt must be one or more different names, got {tuple(wrt)!r}")
     return found
 
 
+def _of_laws(laws: Mapping[str, ImpactLaw]) -> dict[str, Column]:
+    """Give the columns by the impact laws: ``e``, ``e.gap``; of others as ``law.gap.e0``."""
+    found = {}
+    newton = {gap: law.e for gap, law in laws.items() if isinstance(law, NewtonImpact)}
+    if newton and len(newton) == len(laws):
+        found["e"] = Column("e", (ALL_E, 0), max(newton.values()))
+    for i, (gap, law) in enumerate(laws.items()):
+        if gap in newton:
+            found[f"e.{gap}"] = found[f"e[{i}]"] = Column(f"e.{gap}", (LAW, i), newton[gap])
+            continue
+        for of, (name, value) in enumerate(law_parameters(law).items()):
+            column = Column(f"law.{gap}.{name}", (LAW, i), value, of)
+            found[column.name] = column
+    return found
+
+
 def _unknown(
-    name: str, coordinates: Sequence[str], gaps: Sequence[str], parameters: Mapping[str, float]
+    name: str,
+    coordinates: Sequence[str],
+    laws: Mapping[str, ImpactLaw],
+    parameters: Mapping[str, float],
 ) -> str:
     names = ["q0", "qdot0", *(f"q0.{own}" for own in coordinates)]
     names += [*(f"qdot0.{own}" for own in coordinates), "t0"]
-    names += ["e", *(f"e.{own}" for own in gaps)] if gaps else []
+    names += [known for known in _of_laws(laws) if not known.endswith("]")]
     hint = (
         ""
         if parameters

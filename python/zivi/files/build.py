@@ -42,10 +42,7 @@ def system(values: dict[str, Any], mistakes: Mistakes) -> ImpactSystem:
     """Build a system."""
     wall = values.get("wall")
     given: dict[str, Any] = {name: values[name] for name in ("e", "kappa") if name in values}
-    if isinstance(law := given.get("e"), dict):
-        settings = {name: value for name, value in law.items() if name != "law"}
-        with mistakes.naming(named("system.e", settings), "system.e"):
-            given["e"] = LAWS[law["law"]](**settings)
+    given = with_law(given, mistakes)
     if friction := values.get("friction"):
         with mistakes.naming(named("system.friction", friction), "system.friction"):
             given["friction"] = DryFriction(**friction)
@@ -57,15 +54,34 @@ def system(values: dict[str, Any], mistakes: Mistakes) -> ImpactSystem:
         )
 
 
+def with_law(values: dict[str, Any], mistakes: Mistakes) -> dict[str, Any]:
+    """Build the impact laws among what `e` has, one or a list."""
+    e = values.get("e")
+    if isinstance(e, list):
+        return values | {"e": [law(it, f"system.e[{n}]", mistakes) for n, it in enumerate(e)]}
+    return values if e is None else values | {"e": law(e, "system.e", mistakes)}
+
+
+def law(value: Any, key: str, mistakes: Mistakes) -> Any:
+    """Build an impact law from its table; a number stays one."""
+    if not isinstance(value, dict):
+        return value
+    settings = {name: it for name, it in value.items() if name != "law"}
+    with mistakes.naming(named(key, settings), key):
+        return LAWS[value["law"]](**settings)
+
+
 def mechanics(values: dict[str, Any], mistakes: Mistakes) -> MechanicalSystem:
     """Build a mechanical system from its energies."""
+    values = with_law(values, mistakes)
     with mistakes.naming(named("system", values), "system"):
         return symbolic_system(**values)
 
 
 def tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
     """Build a tree of bodies."""
-    settings = {name: values[name] for name in ("gravity", "e") if name in values}
+    given = {name: it for name, it in values.items() if name in ("gravity", "e")}
+    settings = with_law(given, mistakes)
     with mistakes.naming(named("system", ("bodies", "gaps", "gravity", "e")), "system"):
         bodies = [Body(**body) for body in values["bodies"]]
         gaps = [

@@ -125,7 +125,7 @@ class Few:
 class OneOrEach:
     """One value for all, or a list with one for each."""
 
-    of: Number
+    of: Kind
 
     @property
     def allowed(self) -> str:
@@ -133,7 +133,7 @@ class OneOrEach:
         return f"{self.of.allowed}, or a list of them"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> Any:
-        """Give a float or a list of floats."""
+        """Give a value or a list of values."""
         if isinstance(value, list):
             return [self.of.read(it, f"{key}[{n}]", mistakes) for n, it in enumerate(value)]
         return self.of.read(value, key, mistakes)

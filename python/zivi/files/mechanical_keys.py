@@ -7,14 +7,17 @@ from typing import Any
 
 import zivi._zivi as _zivi
 from zivi.files.expressions import Each, Expression, Few, Names, OneOrEach
-from zivi.files.keys import ANY, METHODS, POSITIVE, SIMULATE, UNIT
-from zivi.files.kinds import Choice, Numbers
+from zivi.files.keys import ANY, LAW, METHODS, POSITIVE, SIMULATE, UNIT
+from zivi.files.kinds import Choice, Either, Numbers
 from zivi.files.tables import Key, Open, Table, Tagged
 from zivi.system.friction import IMPACT_LAWS, PARADOXES
 
-__all__ = ["MECHANICS", "is_mechanical"]
+__all__ = ["MECHANICS", "RESTITUTIONS", "is_mechanical"]
 
 FORMULA = Expression()
+RESTITUTIONS = Key(
+    "e", OneOrEach(Either(UNIT, LAW)), "restitution or law, of all gaps or of each", "1", "0"
+)
 SHARED = {key.name: key for key in SIMULATE}
 
 SYSTEM = Table(
@@ -25,7 +28,7 @@ SYSTEM = Table(
         Key("Q", Each(FORMULA, "expressions"), "other forces, one for each of q", default="none"),
         Key("gaps", Open(FORMULA, "gaps"), "what stays >= 0, by name", default="none"),
         Key("parameters", Open(ANY, "parameters"), "values of all other names", default="none"),
-        Key("e", OneOrEach(UNIT), "coefficient of restitution, of all gaps or of each", "1", "0"),
+        RESTITUTIONS,
         Key(
             "slips",
             Open(FORMULA, "gaps"),

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from zivi.files.expressions import Each, OneOrEach
-from zivi.files.keys import ANY, NOT_NEGATIVE, UNIT
+from zivi.files.expressions import Each
+from zivi.files.keys import ANY, NOT_NEGATIVE
 from zivi.files.kinds import Choice, Kind, Number, read_each
-from zivi.files.mechanical_keys import MECHANICS
+from zivi.files.mechanical_keys import MECHANICS, RESTITUTIONS
 from zivi.files.tables import Key, Open, Table, Tagged
 from zivi.files.validation import Mistakes, got
+from zivi.system.impact_law import NewtonImpact
 from zivi.system.tree.body import KINDS
 from zivi.system.tree.gaps import BallGap, JointLimit, PlaneGap
 from zivi.system.tree.system import Tree
@@ -126,7 +127,7 @@ SYSTEM = Table(
         Key("bodies", Each(Table(BODY), "tables"), "the bodies, parents before children"),
         Key("gaps", Each(GAP, "tables"), "the gaps", default="none"),
         Key("gravity", POINT, "acceleration of free fall", "m/s^2", "[0, 0, -9.81]"),
-        Key("e", OneOrEach(UNIT), "coefficient of restitution, of all gaps or of each", "1", "0"),
+        RESTITUTIONS,
         Key("parameters", Open(ANY, "parameters"), "other values, by their names", default="none"),
     )
 )
@@ -174,7 +175,7 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
     made = dict(tree._structure.values(tree._gravity))
     changed = {name: value for name, value in tree.parameters.items() if made[name] != value}
     gravity = np.asarray(tree._gravity).tolist()
-    system = {"gravity": gravity, "e": tree._e.tolist()} if tree._e.size else {"gravity": gravity}
+    system = {"gravity": gravity, "e": _laws(tree)} if len(tree._e) else {"gravity": gravity}
     if changed:
         system["parameters"] = changed
     parts = [_lines(first), "[system]", _lines(system)]
@@ -184,6 +185,17 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
     for gap in tree._structure.gaps:
         parts += ["[[system.gaps]]", _lines({"kind": kinds[type(gap)]} | _given(gap))]
     return "\n".join(parts)
+
+
+def _laws(tree: Tree) -> list[Any]:
+    """Give the coefficients of restitution, or where one is not Newton's the laws, as tables."""
+    if not isinstance(tree._e, tuple):
+        numbers: list[Any] = tree._e.tolist()
+        return numbers
+    return [
+        law.e if isinstance(law, NewtonImpact) else {"law": type(law).__name__} | _given(law)
+        for law in tree._e
+    ]
 
 
 def _given(it: Any) -> dict[str, Any]:
@@ -209,4 +221,6 @@ def _value(value: Any) -> str:
     if isinstance(value, Mapping):
         inner = ", ".join(f"{json.dumps(key)} = {_value(it)}" for key, it in value.items())
         return f"{{ {inner} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
     return json.dumps(value, ensure_ascii=False)

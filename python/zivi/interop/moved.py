@@ -8,14 +8,13 @@ import functools
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from zivi.base.check import Array
-from zivi.derivatives.wrt import ALL_E, PARAMETER, QDOT0, T0, Column, E, columns_of
+from zivi.derivatives.wrt import ALL_E, LAW, PARAMETER, QDOT0, T0, Column, columns_of
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.run import pair
+from zivi.system.impact_law import ImpactLaw, NewtonImpact, restitutions
 from zivi.system.mass import ImpactSystem
-from zivi.system.mechanism import MechanicalSystem, restitutions
+from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import INITIAL, check_smooth, codes_of, with_value
 from zivi.system.parametric_mechanism import ParametricSystem
 
@@ -62,7 +61,8 @@ class MechanicalRun:
     def at(self, p: Array) -> Moved:
         """Give the run at values of its parameters; a ValueError for one out of its range."""
         start, state = self.span[0], (self.state[0].copy(), self.state[1].copy())
-        e, parameters = np.array(self.system.e), {}
+        laws: list[ImpactLaw] = list(self.system.laws)
+        parameters: dict[str, float] = {}
         for column, value in zip(self.columns, map(float, p), strict=True):
             kind, i = column.code
             if kind <= QDOT0:
@@ -70,31 +70,32 @@ class MechanicalRun:
             elif kind == T0:
                 start = value
             elif kind == ALL_E:
-                e = e + (value - column.value)
-            elif kind == E:
-                e[i] += value - column.value
+                laws = [NewtonImpact(e + value - column.value) for e in self.system.e.tolist()]
+            elif kind == LAW:
+                name = dataclasses.fields(laws[i])[column.of].name
+                laws[i] = dataclasses.replace(laws[i], **{name: value})
             elif kind == PARAMETER:
                 parameters[column.name] = value
         system = self.system
         if parameters:
             system = system.replace(**parameters)  # type: ignore[attr-defined]
-        if np.any(e != system.e):
-            system = _with_restitution(system, e)
+        if tuple(laws) != self.system.laws:
+            system = _with_laws(system, tuple(laws))
         return system, (start, self.span[1]), state
 
 
-def _with_restitution(system: MechanicalSystem, e: Array) -> MechanicalSystem:
-    """Give the same system with other coefficients of restitution."""
+def _with_laws(system: MechanicalSystem, laws: tuple[ImpactLaw, ...]) -> MechanicalSystem:
+    """Give the same system with other impact laws."""
     if isinstance(system, ParametricSystem):
-        build = functools.partial(_built, system._build, restitutions(e, system.m))
+        build = functools.partial(_built, system._build, laws)
         return ParametricSystem(build, system.parameters)
     other = copy.copy(system)
-    other._e = restitutions(e, system.m)
+    other._e = restitutions(laws, system.m)
     return other
 
 
-def _built(build: Any, e: Array, **parameters: float) -> MechanicalSystem:
-    return _with_restitution(build(**parameters), e)
+def _built(build: Any, laws: tuple[ImpactLaw, ...], **parameters: float) -> MechanicalSystem:
+    return _with_laws(build(**parameters), laws)
 
 
 def run_of(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]) -> Any:
@@ -109,7 +110,7 @@ def run_of(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]
         wrt,
         state,
         span[0],
-        (system.e, system.gap_names),
+        dict(zip(system.gap_names, system.laws, strict=True)),
         system.coordinate_names(model.layout.n),
         _parameters(system),
     )

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from zivi.system.impact_law import NewtonImpact
+from zivi.system.impact_law import NewtonImpact, Restitutions
 from zivi.system.table import Table
 
 if TYPE_CHECKING:
     from zivi.simulation.methods import Method
     from zivi.system.mass import ImpactSystem
 
-__all__ = ["configuration_of", "describe", "describe_system"]
+__all__ = ["configuration_of", "describe", "describe_restitutions", "describe_system"]
 
 
 def configuration_of(
@@ -37,6 +37,11 @@ def describe_system(system: ImpactSystem) -> dict[str, Any]:
         "kappa": system.kappa if newton else None,
         "wall": None if system.wall is None else describe(system.wall),
     }
+
+
+def describe_restitutions(e: Restitutions) -> list[Any]:
+    """Plain values that tell the coefficients or laws of gaps again."""
+    return [describe(law) for law in e] if isinstance(e, tuple) else e.tolist()
 
 
 def describe(force: Any) -> Any:

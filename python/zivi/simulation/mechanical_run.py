@@ -11,9 +11,11 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
+from zivi.simulation.describe import describe_restitutions
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK, ThetaGamma
 from zivi.simulation.trust import Closer, closer_mechanism
+from zivi.system.impact_law import core_of
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
 
@@ -126,7 +128,9 @@ def mechanism(system: MechanicalSystem, model: Model) -> _zivi.Mechanism:
             law=system.impact_law,
             impact_without_collision=system.paradox == "impact",
         )
-    return _zivi.Mechanism(model.spec, n=layout.n, m=layout.m, e=system.e, friction=friction)
+    return _zivi.Mechanism(
+        model.spec, n=layout.n, m=layout.m, e=core_of(system._e), friction=friction
+    )
 
 
 IMPLICIT = (1.0, 1.0, "exact")
@@ -207,7 +211,7 @@ def configuration(
     """Plain values that tell the run again (functions only by their names)."""
     config = {
         "system": repr(system),
-        "e": system.e.tolist(),
+        "e": describe_restitutions(system._e),
         "coordinates": list(system.coordinate_names(model.layout.n)),
         "gaps": list(system.gap_names),
         "t_span": list(asked.span),

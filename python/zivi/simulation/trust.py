@@ -15,7 +15,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.extras import late
-from zivi.system.impact_law import ImpactLaw, NewtonImpact
+from zivi.system.impact_law import ImpactLaw, NewtonImpact, Restitutions, restitutions
 
 if TYPE_CHECKING:
     from zivi.simulation.methods import SwitchedRK
@@ -109,7 +109,7 @@ def closer_mechanism(
 ) -> Array:
     """Give the coordinates of the closer run of a mechanical system, from the same place."""
     near = object.__new__(type(system))
-    vars(near).update(vars(system), _e=_moved(system.e))
+    vars(near).update(vars(system), _e=_nearby_of_gaps(system._e))
     q, qdot = state
     at: Array = late("zivi.simulation.run", "simulate")(
         near,
@@ -137,6 +137,14 @@ def _nearby(law: ImpactLaw) -> float | ImpactLaw:
         return moved
     first = dataclasses.fields(law)[0].name
     return dataclasses.replace(law, **{first: _moved(getattr(law, first))})
+
+
+def _nearby_of_gaps(e: Restitutions) -> Restitutions:
+    """Move those of all gaps."""
+    if isinstance(e, tuple):
+        return restitutions([_nearby(law) for law in e], len(e))
+    moved: Array = _moved(e)
+    return moved
 
 
 def _moved(e: Any) -> Any:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +12,19 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array
 
-__all__ = ["LAWS", "ImpactLaw", "NewtonImpact", "SpeedDependentImpact"]
+__all__ = [
+    "LAWS",
+    "GivenRestitutions",
+    "ImpactLaw",
+    "NewtonImpact",
+    "Restitutions",
+    "SpeedDependentImpact",
+    "core_of",
+    "law_parameters",
+    "laws_of",
+    "restitutions",
+    "written",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,7 +33,7 @@ class ImpactLaw:
 
     .. math:: \dot x^+ = e(v)\,v, \qquad v = -\dot x^- > 0, \qquad 0 \le e(v) \le 1
 
-    A law is given to `ImpactSystem` as its `e`.
+    A law is given to `ImpactSystem` or `MechanicalSystem` as its `e`.
     """
 
     def __post_init__(self) -> None:
@@ -138,8 +151,8 @@ class SpeedDependentImpact(ImpactLaw):
       than any geometric series. There is no jump: a run computes the few impacts until what is
       left of their time is below rounding, and rests.
 
-    `SwitchedRK` takes the law in `simulate`, `simulate_batch` and `sensitivity`. Everything else
-    needs Newton's, and says so.
+    `SwitchedRK` takes the law in `simulate`, `simulate_batch` and `sensitivity`, of a mass and of
+    mechanical systems. Everything else needs Newton's, and says so.
 
     Parameters
     ----------
@@ -195,3 +208,58 @@ LAWS: dict[str, type[ImpactLaw]] = {
 }
 """The class of each law of the core."""
 globals().update(LAWS)
+
+GivenRestitutions: TypeAlias = float | ArrayLike | ImpactLaw | Sequence[float | ImpactLaw]
+"""What `e` of a mechanical system may be: one for all gaps, or one for each."""
+
+Restitutions: TypeAlias = Array | tuple[ImpactLaw, ...]
+"""What the gaps have: coefficients, or laws where one is not Newton's."""
+
+
+def restitutions(e: Any, m: int) -> Restitutions:
+    """Read the coefficients of restitution or the laws of `m` gaps: one for all, one for each."""
+    each = list(e) if isinstance(e, list | tuple) else [e]
+    if all(isinstance(law, NewtonImpact) or not isinstance(law, ImpactLaw) for law in each):
+        numbers = [law.e if isinstance(law, NewtonImpact) else law for law in each]
+        return _coefficients(numbers if isinstance(e, list | tuple) else numbers[0], m)
+    if not isinstance(e, list | tuple):
+        each *= m
+    if len(each) != m:
+        raise ValueError(f"e must be one law or one for each of the {m} gaps, got {len(each)}")
+    return tuple(
+        law if isinstance(law, ImpactLaw) else NewtonImpact(real(f"e[{i}]", law))
+        for i, law in enumerate(each)
+    )
+
+
+def _coefficients(e: Any, m: int) -> Array:
+    given = real_array("e", e)
+    if given.ndim == 0:
+        given = np.full(m, float(given))
+    if given.shape != (m,):
+        raise ValueError(f"e must be one number or one for each of the {m} gaps, got {given.shape}")
+    for i, value in enumerate(given):
+        if not 0.0 <= value <= 1.0:
+            raise ValueError(f"e[{i}] must be in [0, 1], got {value}")
+    return given.copy()
+
+
+def laws_of(e: Restitutions) -> tuple[ImpactLaw, ...]:
+    """Give the law of each gap."""
+    return e if isinstance(e, tuple) else tuple(map(NewtonImpact, e.tolist()))
+
+
+def core_of(e: Restitutions) -> Array | list[_zivi.ImpactLaw]:
+    """Give them as the core takes them."""
+    return [law._core for law in e] if isinstance(e, tuple) else e
+
+
+def written(e: Restitutions) -> str:
+    """Write them, as ``(0.5, 0.3)``."""
+    each = map(repr, e) if isinstance(e, tuple) else (f"{value:g}" for value in e)
+    return f"({', '.join(each)})"
+
+
+def law_parameters(law: ImpactLaw) -> dict[str, float]:
+    """Names and values of the parameters of a law."""
+    return {field.name: getattr(law, field.name) for field in dataclasses.fields(law)}

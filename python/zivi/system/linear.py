@@ -13,6 +13,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array, whole
 from zivi.system.assemble import assembled
 from zivi.system.gap import Gap, LinearGap
+from zivi.system.impact_law import GivenRestitutions, written
 from zivi.system.layout import Layout
 from zivi.system.loads import Excitation, Harmonic, parts_of, projected
 from zivi.system.mechanism import MechanicalSystem, Model
@@ -90,7 +91,7 @@ class LinearSystem(MechanicalSystem):
         *,
         excitation: Excitation | None = None,
         gaps: Sequence[LinearGap] = (),
-        e: float | ArrayLike = 0.0,
+        e: GivenRestitutions = 0.0,
         modes: int | None = None,
         coordinates: Sequence[str] | None = None,
     ) -> None:
@@ -132,7 +133,7 @@ class LinearSystem(MechanicalSystem):
         *,
         excitation: Excitation | None = None,
         gaps: Sequence[LinearGap] = (),
-        e: float | ArrayLike = 0.0,
+        e: GivenRestitutions = 0.0,
     ) -> LinearSystem:
         r"""Make a system of modal data, whose coordinates are the modal amplitudes.
 
@@ -309,7 +310,7 @@ class LinearSystem(MechanicalSystem):
 
     def __repr__(self) -> str:
         gaps = ", ".join(self.gap_names)
-        return f"LinearSystem(n={len(self.M)}, gaps=({gaps}), e={self._e.tolist()})"
+        return f"LinearSystem(n={len(self.M)}, gaps=({gaps}), e={written(self._e)})"
 
 
 def _square(name: str, given: Any, n: int | None = None) -> Array:

@@ -25,7 +25,14 @@ from zivi.system.friction import (
     one_of,
 )
 from zivi.system.gap import Gap, LinearGap
-from zivi.system.impact_law import ImpactLaw, NewtonImpact
+from zivi.system.impact_law import (
+    GivenRestitutions,
+    ImpactLaw,
+    Restitutions,
+    laws_of,
+    restitutions,
+    written,
+)
 from zivi.system.inputs import driven
 from zivi.system.layout import Evaluation, Layout
 from zivi.system.mechanism_checks import (
@@ -43,7 +50,7 @@ from zivi.system.table import Table, declared_breaks
 if TYPE_CHECKING:
     from zivi.base.machine_code import Native
 
-__all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass", "restitutions"]
+__all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,8 +111,9 @@ class MechanicalSystem:
         ``F(t, q, qdot)`` or compiled, as the mass.
     gaps : sequence of Gap
         The constraints, `Gap` or `LinearGap`; none is allowed.
-    e : float or array_like
-        Coefficients of restitution in [0, 1]: one for all gaps or one for each.
+    e : float, ImpactLaw or sequence of them
+        Coefficients of restitution in [0, 1]: one for all gaps or one for each. Or impact laws, as
+        `SpeedDependentImpact`.
     coordinates : sequence of str, optional
         Names of the coordinates for tables and plots; by default ``q0``, ``q1``, ...
     inputs : array_like, callable, dict or Table, optional
@@ -173,7 +181,7 @@ class MechanicalSystem:
         mass: Any,
         force: Any,
         gaps: Sequence[Gap] = (),
-        e: float | ArrayLike = 0.0,
+        e: GivenRestitutions = 0.0,
         coordinates: Sequence[str] | None = None,
         inputs: Any = None,
         friction: Sequence[DryFriction] = (),
@@ -197,7 +205,7 @@ class MechanicalSystem:
         self._gap_names = names_of(
             "gaps", [gap.name or f"gap{i}" for i, gap in enumerate(self._gaps)]
         )
-        self._e = restitutions(e, self.m)
+        self._e: Restitutions = restitutions(e, self.m)
         self._joints = joints_of(friction)
         self._channels = self._rubbing()
         self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
@@ -284,8 +292,18 @@ class MechanicalSystem:
 
     @property
     def e(self) -> Array:
-        """Coefficients of restitution, one for each gap."""
+        """Coefficients of restitution of the gaps; a ValueError for laws other than Newton's."""
+        if isinstance(self._e, tuple):
+            raise ValueError(
+                f"e must be numbers here, Newton's impact law, got {written(self._e)}: other laws "
+                "are for simulate and simulate_batch with SwitchedRK, and for sensitivity"
+            )
         return self._e.copy()
+
+    @property
+    def laws(self) -> tuple[ImpactLaw, ...]:
+        """The impact law of each gap."""
+        return laws_of(self._e)
 
     @property
     def m(self) -> int:
@@ -383,7 +401,7 @@ class MechanicalSystem:
             [] if self._coordinates is None else [f"coordinates=({', '.join(self._coordinates)})"]
         )
         told.append(f"gaps=({', '.join(self.gap_names)})")
-        told.append(f"e=({', '.join(f'{e:g}' for e in self._e)})")
+        told.append(f"e={written(self._e)}")
         if self._channels:
             told.append(f"friction=({', '.join(self.channel_names)})")
         told += [f"{name}={value!r}" for name, value in self._chosen().items()]
@@ -403,26 +421,3 @@ class MechanicalSystem:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         MechanicalSystem.__init__(self, **state)
-
-
-def restitutions(e: Any, m: int) -> Array:
-    """Read the coefficients of restitution of `m` gaps."""
-    each = e if isinstance(e, list | tuple) else [e]
-    for law in each:
-        if isinstance(law, ImpactLaw) and not isinstance(law, NewtonImpact):
-            raise ValueError(
-                f"e must be numbers for a mechanical system, Newton's impact law, got {law!r}: "
-                "a zivi.ImpactSystem takes other laws"
-            )
-    if any(isinstance(law, NewtonImpact) for law in each):
-        numbers = [law.e if isinstance(law, NewtonImpact) else law for law in each]
-        e = numbers if isinstance(e, list | tuple) else numbers[0]
-    given = real_array("e", e)
-    if given.ndim == 0:
-        given = np.full(m, float(given))
-    if given.shape != (m,):
-        raise ValueError(f"e must be one number or one for each of the {m} gaps, got {given.shape}")
-    for i, value in enumerate(given):
-        if not 0.0 <= value <= 1.0:
-            raise ValueError(f"e[{i}] must be in [0, 1], got {value}")
-    return given.copy()

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from zivi.system.force import NativeForce
-from zivi.system.impact_law import ImpactLaw, NewtonImpact
+from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_parameters
 from zivi.system.mass import ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parametric import ParametricForce
@@ -87,7 +87,7 @@ def of_law(system: ImpactSystem) -> dict[str, float]:
     law = system.law
     if isinstance(law, NewtonImpact):
         return {"e": system.e}
-    return {f"law.{field.name}": getattr(law, field.name) for field in dataclasses.fields(law)}
+    return {f"law.{name}": value for name, value in law_parameters(law).items()}
 
 
 def codes_of(system: ImpactSystem, names: tuple[str, ...]) -> list[int]:

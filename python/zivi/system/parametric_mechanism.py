@@ -67,7 +67,7 @@ class ParametricSystem(MechanicalSystem):
         }
         self._built = self._at({})
         built = self._built
-        self._gaps, self._gap_names, self._e = built.gaps, built.gap_names, built.e
+        self._gaps, self._gap_names, self._e = built.gaps, built.gap_names, built._e
         self._n, self._coordinates = built._n, built._coordinates
         self._joints, self._channels = built._joints, built._channels
         self._impact_law, self._paradox = built._impact_law, built._paradox
@@ -126,7 +126,7 @@ class ParametricSystem(MechanicalSystem):
             h = (value + STEP * (abs(value) or 1.0)) - value
             systems = [self._at({name: value + k * h}) for k in MOVES]
             for system in systems:
-                if system.gap_names != self._gap_names or any(system.e != self._e):
+                if system.gap_names != self._gap_names or system.laws != self.laws:
                     raise ValueError(
                         f"parameters: {name!r} must move neither gaps' names nor e: derivatives by "
                         "coefficients of restitution are those by 'e'"

@@ -45,7 +45,7 @@ impl Believed {
     ) -> PyResult<R> {
         let (mechanism, inputs) = (self.mechanism.get(), self.inputs.get());
         let mut driven = inputs.driven(py, mechanism)?;
-        Ok(run(&mut BelievedPlant { driven: &mut driven, e: &mechanism.e, h: self.h }))
+        Ok(run(&mut BelievedPlant { driven: &mut driven, laws: &mechanism.laws, h: self.h }))
     }
 }
 

@@ -91,7 +91,7 @@ impl Accumulation {
         Ok(())
     }
 
-    /// Appends an impact, with the restitutions by gap and the state after it: where the impacts
+    /// Appends an impact, with the restitutions of slow impacts and the state after it: where impacts
     /// accumulate, if that is known to the tolerance.
     pub(super) fn note<E, D: Dynamics<E>>(
         &mut self,
@@ -107,7 +107,10 @@ impl Accumulation {
             Some(key) => zeno = chain.note(key, &mut at)?,
             None => chain.clear(),
         }
-        corner.note(struck, at.state);
+        match struck.is_slow {
+            true => corner.note(struck, at.state),
+            false => corner.clear(),
+        }
         if let Some(landing) = zeno {
             return Ok(Some(Ahead { landing, corner: None }));
         }

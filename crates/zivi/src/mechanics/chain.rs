@@ -286,6 +286,7 @@ mod tests {
     use crate::mechanics::{simulate_mechanical, MechanicalOutput};
     use crate::record::occurrence::Occurrence;
     use crate::system::friction::{Channel, Friction};
+    use crate::system::impact_law::newton_impacts;
     use crate::Silent;
 
     const E: f64 = 0.6;
@@ -355,8 +356,16 @@ mod tests {
         let settings = SwitchedRk { rtol: 1e-13, atol: [1e-13; 2], ..SwitchedRk::default() };
         let output = MechanicalOutput { dense: true, ..MechanicalOutput::default() };
         let (span, start) = ((0.0, 2.0 * u), (&q[..], &w[..]));
-        let run = simulate_mechanical(settings, &mut bowl, &[E], span, start, output, &mut Silent)
-            .unwrap();
+        let run = simulate_mechanical(
+            settings,
+            &mut bowl,
+            &newton_impacts(&[E]).unwrap(),
+            span,
+            start,
+            output,
+            &mut Silent,
+        )
+        .unwrap();
         let zeno = |it: &Occurrence| match *it {
             Occurrence::Zeno { t, .. } => Some(t),
             _ => None,

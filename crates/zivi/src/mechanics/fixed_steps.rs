@@ -210,7 +210,10 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<MechanicalRun<E>, SetupError> {
     let layout = dynamics.layout();
-    check_sizes(layout, e, q, w)?;
+    check_sizes(layout, e.len(), q, w)?;
+    if let Some(&e) = e.iter().find(|e| !(0.0..=1.0).contains(*e)) {
+        return Err(SetupError::Setting("e", e, "from 0 to 1"));
+    }
     let friction = dynamics.friction().clone();
     check_friction(layout, &friction)?;
     let mut model = Model::new(dynamics);

@@ -7,8 +7,9 @@
 //! g+ = g- + D P      0 <= P  perp  g+ + e g- >= 0      q'+ = q'- + M^-1 N_C^T P          (1)
 //! ```
 //!
-//! Energy never rises, whatever the `e_i`: `E+ - E- = 1/2 sum_(P_i > 0) (1 - e_i) P_i g-_i <= 0`. Where
-//! a gap of `C` has friction the impact is that of [`super::friction`].
+//! with `e_i = e_i(-g-_i)` of the law of the gap. Energy never rises, whatever the `e_i`:
+//! `E+ - E- = 1/2 sum_(P_i > 0) (1 - e_i) P_i g-_i <= 0`. Where a gap of `C` has friction the impact
+//! is that of [`super::friction`].
 
 use super::contact_problem::problem;
 use super::friction::Collision;
@@ -23,7 +24,7 @@ use crate::record::occurrence::{FlagKind, Occurrence};
 use crate::system::dynamics::Dynamics;
 use crate::system::friction::{Friction, FrictionalImpact};
 use crate::zeno::bounce::restored;
-use crate::Status;
+use crate::{AnyImpactLaw, Status};
 
 /// Gaps with a kinetic cosine above this are coupled.
 const COUPLED: f64 = 1e-9;
@@ -39,7 +40,8 @@ const STILL: f64 = 1e-12;
 /// The impacts of a run.
 #[derive(Clone, Debug)]
 pub(super) struct Impacts {
-    /// Restitutions by gap.
+    /// The laws by gap, and their coefficients of restitution for slow impacts.
+    laws: Vec<AnyImpactLaw>,
     e: Vec<f64>,
     friction: Friction,
     rtol: f64,
@@ -65,12 +67,14 @@ pub(super) struct Struck {
     pub(super) kicks: bool,
     /// Whether it has pushed off all gaps that were hit, and these alone.
     all_bounce: bool,
+    /// Whether the coefficients of restitution were those of all slower impacts.
+    pub(super) is_slow: bool,
 }
 
 impl Struck {
     /// What bounces on what, if the impact may be one of many alike.
     pub(super) fn key(&self) -> Option<Key> {
-        let alike = self.all_bounce && !self.changes_contacts && !self.kicks;
+        let alike = self.all_bounce && self.is_slow && !self.changes_contacts && !self.kicks;
         alike.then(|| {
             let flight = self.before;
             let mut landed = flight;
@@ -95,8 +99,10 @@ struct Exchanged {
 }
 
 impl Impacts {
-    pub(super) fn new(e: &[f64], friction: &Friction, rtol: f64) -> Self {
-        Self { e: e.to_vec(), friction: friction.clone(), rtol, last: f64::NEG_INFINITY, count: 0 }
+    pub(super) fn new(laws: &[AnyImpactLaw], friction: &Friction, rtol: f64) -> Self {
+        let (laws, friction) = (laws.to_vec(), friction.clone());
+        let e = laws.iter().map(|law| law.ratio(0.0)).collect();
+        Self { laws, e, friction, rtol, last: f64::NEG_INFINITY, count: 0 }
     }
 
     /// A run starts at a time.
@@ -104,9 +110,19 @@ impl Impacts {
         self.last = t;
     }
 
-    /// Restitutions by gap.
+    /// The coefficients of restitution of slow impacts, by gap: those of accumulations.
     pub(super) fn e(&self) -> &[f64] {
         &self.e
+    }
+
+    /// The law of a gap.
+    pub(super) fn law(&self, gap: usize) -> &AnyImpactLaw {
+        &self.laws[gap]
+    }
+
+    /// The coefficients of restitution of an impact with these rates before it.
+    fn ratios(&self, before: &[f64]) -> Vec<f64> {
+        self.laws.iter().zip(before).map(|(law, rate)| law.ratio(-rate)).collect()
     }
 
     /// How many there were.
@@ -179,6 +195,7 @@ impl Impacts {
         let pattern = exchanged.pattern;
         let elastic = |c: usize| self.friction.channels[c].e_t > 0.0;
         let all_bounce = all_bounce && !pattern.stick.iter().any(elastic);
+        let is_slow = hit.iter().all(|i| -exchanged.before[i] <= self.laws[i].geometric_up_to());
         Ok(Struck {
             hit,
             closed: before,
@@ -188,6 +205,7 @@ impl Impacts {
             changes_contacts,
             kicks,
             all_bounce,
+            is_slow,
         })
     }
 
@@ -204,7 +222,8 @@ impl Impacts {
         for i in set.iter() {
             rates[i] = if hit.has(i) { rates[i].min(0.0) } else { 0.0 };
         }
-        let (before, e) = (rates.to_vec(), &self.e);
+        let before = rates.to_vec();
+        let e = self.ratios(&before);
         let (matrix, right) = problem(kinetics, set, |_, i| (1.0 + e[i]) * before[i]);
         let is_redundant = kinetics.solve_regular(set, |_, _| 0.0).is_err();
         let solution = lcp::solve(&matrix, &right);
@@ -266,7 +285,7 @@ impl Impacts {
             rates[i] = if hit.has(i) { rates[i].min(0.0) } else { 0.0 };
         }
         let before = rates.to_vec();
-        let (e, friction) = (&self.e[..], &self.friction);
+        let (e, friction) = (&self.ratios(&before)[..], &self.friction);
         let is_jammed = hit.is_empty();
         let (free, duration) = (&before[..], 0.0);
         let collision = Collision { set, e, friction, before: &before, free, duration, is_jammed };

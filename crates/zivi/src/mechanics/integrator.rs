@@ -23,7 +23,7 @@ use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::friction::Friction;
 use crate::zeno::bounce::Bounce;
 use crate::zeno::chain::Chain;
-use crate::{Counts, Status};
+use crate::{AnyImpactLaw, Counts, Status};
 
 /// The switched method for mechanical systems as an object that is driven piece by piece.
 #[derive(Clone, Debug)]
@@ -70,13 +70,13 @@ impl MechanicalIntegrator {
     pub(super) fn new(
         settings: SwitchedRk,
         layout: Layout,
-        e: &[f64],
+        laws: &[AnyImpactLaw],
         friction: &Friction,
     ) -> Self {
         Self {
             settings,
             state: MechanicalState::new(layout, friction),
-            impacts: Impacts::new(e, friction, settings.rtol),
+            impacts: Impacts::new(laws, friction, settings.rtol),
             accumulation: Accumulation::new(settings, layout, friction),
             motion: SmoothMotion::new(&settings, layout, friction),
             next: Next::Step,
@@ -326,9 +326,9 @@ impl MechanicalIntegrator {
         &mut self.motion
     }
 
-    /// Restitutions by gap.
-    pub(super) fn e(&self) -> &[f64] {
-        self.impacts.e()
+    /// The impact law of a gap.
+    pub(super) fn law(&self, gap: usize) -> &AnyImpactLaw {
+        self.impacts.law(gap)
     }
 
     /// The last impacts of one kind.

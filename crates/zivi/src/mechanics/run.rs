@@ -10,7 +10,7 @@ use crate::record::gap_set::GapSet;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout, MOST};
 use crate::system::friction::Friction;
-use crate::{GridError, Monitor, SetupError, Status};
+use crate::{AnyImpactLaw, GridError, Monitor, SetupError, Status};
 
 /// Simulates a mechanical system over a span by the switched Runge-Kutta method.
 ///
@@ -19,6 +19,8 @@ use crate::{GridError, Monitor, SetupError, Status};
 ///                                                  0 <= P  perp  g+ + e g- >= 0
 /// ```
 ///
+/// with `e = e(-g-)` of the impact law of each gap.
+///
 /// # Errors
 /// [`SetupError`] before anything is computed, for settings, sizes or a start out of range.
 ///
@@ -26,6 +28,7 @@ use crate::{GridError, Monitor, SetupError, Status};
 /// use std::convert::Infallible;
 /// use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
 /// use zivi::system::dynamics::{FunctionDynamics, Layout};
+/// use zivi::system::impact_law::newton_impacts;
 /// use zivi::{Silent, Status, SwitchedRk};
 ///
 /// // a ball of 2 kg above a floor at y = 0, with drift in x
@@ -40,8 +43,8 @@ use crate::{GridError, Monitor, SetupError, Status};
 ///     Ok::<(), Infallible>(())
 /// };
 /// let run = simulate_mechanical(
-///     SwitchedRk::default(), &mut FunctionDynamics { layout, function }, &[0.5], (0.0, 3.0),
-///     (&[0.0, 1.0], &[1.0, 0.0]), MechanicalOutput::default(), &mut Silent,
+///     SwitchedRk::default(), &mut FunctionDynamics { layout, function }, &newton_impacts(&[0.5])?,
+///     (0.0, 3.0), (&[0.0, 1.0], &[1.0, 0.0]), MechanicalOutput::default(), &mut Silent,
 /// )?;
 /// assert_eq!(run.status, Status::Completed);
 /// // at rest on the floor, 3 m further on
@@ -52,7 +55,7 @@ use crate::{GridError, Monitor, SetupError, Status};
 pub fn simulate_mechanical<E, D: Dynamics<E>>(
     settings: SwitchedRk,
     dynamics: &mut D,
-    e: &[f64],
+    laws: &[AnyImpactLaw],
     (t0, t1): (f64, f64),
     (q, w): (&[f64], &[f64]),
     output: MechanicalOutput<'_, E>,
@@ -60,12 +63,12 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
 ) -> Result<MechanicalRun<E>, SetupError> {
     let settings = settings.validated()?;
     let layout = dynamics.layout();
-    check_sizes(layout, e, q, w)?;
+    check_sizes(layout, laws.len(), q, w)?;
     check_span(t0, t1)?;
     let friction = dynamics.friction().clone();
     check_friction(layout, &friction)?;
     let mut model = Model::new(dynamics);
-    let mut machine = MechanicalIntegrator::new(settings, layout, e, &friction);
+    let mut machine = MechanicalIntegrator::new(settings, layout, laws, &friction);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let mut running = running(machine, t1, output);
     let ending = match begun {
@@ -93,7 +96,7 @@ pub(super) fn started<E>(
 
 pub(super) fn check_sizes(
     Layout { n, m, p }: Layout,
-    e: &[f64],
+    laws: usize,
     q: &[f64],
     w: &[f64],
 ) -> Result<(), SetupError> {
@@ -103,13 +106,10 @@ pub(super) fn check_sizes(
     if m + p > MOST {
         return Err(SetupError::Count("m", m + p, "at most 256, with the channels of friction"));
     }
-    for (name, given, wanted) in [("e", e.len(), m), ("q0", q.len(), n), ("qdot0", w.len(), n)] {
+    for (name, given, wanted) in [("e", laws, m), ("q0", q.len(), n), ("qdot0", w.len(), n)] {
         if given != wanted {
             return Err(SetupError::Count(name, given, "one number each"));
         }
-    }
-    if let Some(&e) = e.iter().find(|e| !(0.0..=1.0).contains(*e)) {
-        return Err(SetupError::Setting("e", e, "from 0 to 1"));
     }
     for (name, state) in [("q0", q), ("qdot0", w)] {
         if let Some(&value) = state.iter().find(|value| !value.is_finite()) {

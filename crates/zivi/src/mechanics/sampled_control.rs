@@ -12,7 +12,7 @@ use crate::record::failure::Failure;
 use crate::switched::SwitchedRk;
 use crate::system::driven::Driven;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::{Monitor, SetupError};
+use crate::{AnyImpactLaw, Monitor, SetupError};
 
 /// When a control is sampled, and where the forces are not smooth beside that.
 #[derive(Clone, Copy, Debug)]
@@ -135,7 +135,7 @@ where
 /// [`SetupError`] before anything is computed, for settings, sizes or a start out of range.
 pub fn simulate_mechanical_loop<E, D, F>(
     settings: SwitchedRk,
-    system: (&mut Driven<D, F>, &[f64]),
+    system: (&mut Driven<D, F>, &[AnyImpactLaw]),
     sampling: Sampling<'_>,
     (q, w): (&[f64], &[f64]),
     (u, ticks): (&[f64], &mut impl Ticks<E>),
@@ -147,12 +147,12 @@ where
     Driven<D, F>: Dynamics<E>,
 {
     let settings = settings.validated()?;
-    let (driven, e) = system;
+    let (driven, laws) = system;
     let layout = Dynamics::<E>::layout(driven);
     let [t0, .., t1] = *sampling.times else {
         return Err(SetupError::Count("times", sampling.times.len(), "at least 2"));
     };
-    check_sizes(layout, e, q, w)?;
+    check_sizes(layout, laws.len(), q, w)?;
     check_span(t0, t1)?;
     if u.len() != driven.control().len() {
         return Err(SetupError::Count("u", u.len(), "one number for each input"));
@@ -161,7 +161,7 @@ where
     check_friction(layout, &friction)?;
     driven.hold(u);
     let mut model = Model::new(driven);
-    let mut machine = MechanicalIntegrator::new(settings, layout, e, &friction);
+    let mut machine = MechanicalIntegrator::new(settings, layout, laws, &friction);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let inner = &sampling.times[1..sampling.times.len() - 1];
     let samples = LoopSamples::default();

@@ -1,20 +1,20 @@
 //! A mechanical system of several coordinates and gaps, and the methods that run it.
 
-use super::interface::{Method, System};
+use super::interface::{newton, Method, System};
 use crate::mechanics::{
     simulate_mechanical, simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma,
     MechanicalOutput, MechanicalRun,
 };
 use crate::stepping::scheme::FixedSteps;
 use crate::system::dynamics::Dynamics;
-use crate::{Monitor, MoreauJean, SetupError, SwitchedRk, ThetaGamma};
+use crate::{AnyImpactLaw, Monitor, MoreauJean, SetupError, SwitchedRk, ThetaGamma};
 
 /// A mechanical system: `M q'' = F + N^T lambda` with gaps `g(t, q) >= 0`.
 pub struct Mechanism<'d, D> {
     /// Mass matrix, forces and gaps.
     pub dynamics: &'d mut D,
-    /// A coefficient of restitution for each gap.
-    pub e: &'d [f64],
+    /// An impact law for each gap.
+    pub laws: &'d [AnyImpactLaw],
 }
 
 impl<E, D: Dynamics<E>> System<E> for Mechanism<'_, D> {
@@ -27,27 +27,27 @@ impl<E, D: Dynamics<E>> System<E> for Mechanism<'_, D> {
 impl<'d, E, D: Dynamics<E>> Method<E, Mechanism<'d, D>> for SwitchedRk {
     fn run(
         &self,
-        Mechanism { dynamics, e }: Mechanism<'d, D>,
+        Mechanism { dynamics, laws }: Mechanism<'d, D>,
         span: (f64, f64),
         y0: (&[f64], &[f64]),
         keep: MechanicalOutput<'_, E>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<MechanicalRun<E>, SetupError> {
-        simulate_mechanical(*self, dynamics, e, span, y0, keep, monitor)
+        simulate_mechanical(*self, dynamics, laws, span, y0, keep, monitor)
     }
 }
 
 impl<'d, E, D: Dynamics<E>> Method<E, Mechanism<'d, D>> for FixedSteps<MoreauJean> {
     fn run(
         &self,
-        Mechanism { dynamics, e }: Mechanism<'d, D>,
+        Mechanism { dynamics, laws }: Mechanism<'d, D>,
         span: (f64, f64),
         y0: (&[f64], &[f64]),
         keep: MechanicalOutput<'_, E>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<MechanicalRun<E>, SetupError> {
-        let (grid, method) = (self.grid(span)?, self.scheme);
-        simulate_mechanical_moreau_jean(method, dynamics, e, grid, y0, keep.events, monitor)
+        let (grid, method, e) = (self.grid(span)?, self.scheme, coefficients(laws)?);
+        simulate_mechanical_moreau_jean(method, dynamics, &e, grid, y0, keep.events, monitor)
     }
 }
 
@@ -55,7 +55,7 @@ impl<'d, E, D: Dynamics<E>> Method<E, Mechanism<'d, D>> for FixedSteps<MoreauJea
 impl<'d, E, D: Dynamics<E>> Method<E, Mechanism<'d, D>> for FixedSteps<ThetaGamma> {
     fn run(
         &self,
-        Mechanism { dynamics, e }: Mechanism<'d, D>,
+        Mechanism { dynamics, laws }: Mechanism<'d, D>,
         span: (f64, f64),
         y0: (&[f64], &[f64]),
         keep: MechanicalOutput<'_, E>,
@@ -66,7 +66,12 @@ impl<'d, E, D: Dynamics<E>> Method<E, Mechanism<'d, D>> for FixedSteps<ThetaGamm
                 "method must be the theta-gamma scheme with theta = gamma = 1 and its exact solver",
             ));
         }
-        let grid = self.grid(span)?;
-        simulate_mechanical_theta_gamma(dynamics, e, grid, y0, keep.events, monitor)
+        let (grid, e) = (self.grid(span)?, coefficients(laws)?);
+        simulate_mechanical_theta_gamma(dynamics, &e, grid, y0, keep.events, monitor)
     }
+}
+
+/// The coefficients of restitution that schemes of fixed steps need.
+fn coefficients(laws: &[AnyImpactLaw]) -> Result<Vec<f64>, SetupError> {
+    laws.iter().map(|law| Ok(newton(law)?.e())).collect()
 }

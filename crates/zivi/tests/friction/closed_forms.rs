@@ -3,6 +3,7 @@
 use std::convert::Infallible;
 
 use zivi::mechanics::{simulate_mechanical, FlagKind, MechanicalOutput, MechanicalRun, Occurrence};
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Order, Silent, Status, SwitchedRk};
 
 use crate::models::{belt, bowl, rock, rod, rough, slip, Parts, Rough, Row, G};
@@ -16,7 +17,16 @@ pub(crate) fn simulate(
     let e = system.e.clone();
     let settings = SwitchedRk { order, rtol: tol, atol: [tol; 2], ..SwitchedRk::default() };
     let output = MechanicalOutput { dense: true, ..MechanicalOutput::default() };
-    simulate_mechanical(settings, &mut system, &e, (0.0, t1), (q, w), output, &mut Silent).unwrap()
+    simulate_mechanical(
+        settings,
+        &mut system,
+        &newton_impacts(&e).unwrap(),
+        (0.0, t1),
+        (q, w),
+        output,
+        &mut Silent,
+    )
+    .unwrap()
 }
 
 const FINE: (Order, f64) = (Order::Eight, 1e-9);

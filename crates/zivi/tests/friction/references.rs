@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput, MechanicalRun, Occurrence};
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Order, Silent, Status, SwitchedRk};
 
 use crate::models::{of_family, Parameters};
@@ -101,7 +102,16 @@ fn run_with(case: &Case, settings: SwitchedRk) -> MechanicalRun<Infallible> {
     let times: Vec<f64> = case.checkpoints.iter().map(|it| it.0).collect();
     let output = MechanicalOutput { t_eval: Some(&times), ..MechanicalOutput::default() };
     let start = (&case.q0[..], &case.w0[..]);
-    simulate_mechanical(settings, &mut system, &e, case.span, start, output, &mut Silent).unwrap()
+    simulate_mechanical(
+        settings,
+        &mut system,
+        &newton_impacts(&e).unwrap(),
+        case.span,
+        start,
+        output,
+        &mut Silent,
+    )
+    .unwrap()
 }
 
 /// The largest errors of states and times in tolerances, where the list of events is right.

@@ -7,6 +7,7 @@ use zivi::mechanics::{
     FlagKind, GapSet, MechanicalOutput, MechanicalRun, Occurrence,
 };
 use zivi::system::dynamics::Layout;
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Grid, MoreauJean, Silent, Status, SwitchedRk};
 
 use crate::line::Linear;
@@ -160,7 +161,7 @@ fn a_gap_far_from_zero_is_as_its_function_says() {
     let run = simulate_mechanical(
         settings,
         &mut system,
-        &[0.5],
+        &newton_impacts(&[0.5]).unwrap(),
         (0.0, 100.0),
         start,
         output,

@@ -5,6 +5,7 @@ use std::convert::Infallible;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput, MechanicalRun, Occurrence};
 use zivi::system::dynamics::Layout;
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Silent, Status, SwitchedRk};
 
 use crate::random::Random;
@@ -85,8 +86,16 @@ impl Drawn {
         let mut system = of_function(layout, function);
         let (q, settings) = (vec![0.0; self.n], SwitchedRk::default());
         let output = MechanicalOutput::default();
-        simulate_mechanical(settings, &mut system, e, (0.0, t1), (&q, w), output, &mut Silent)
-            .unwrap()
+        simulate_mechanical(
+            settings,
+            &mut system,
+            &newton_impacts(e).unwrap(),
+            (0.0, t1),
+            (&q, w),
+            output,
+            &mut Silent,
+        )
+        .unwrap()
     }
 }
 

@@ -4,6 +4,7 @@ use std::convert::Infallible;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput, MechanicalRun, Occurrence};
 use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Silent, Status, SwitchedRk};
 
 /// Unit masses, each on a floor of its own, under forces of time.
@@ -47,7 +48,7 @@ fn run<F: Fn(f64) -> Vec<f64>>(t_end: f64, masses: &mut Masses<F>) -> Mechanical
     let run = simulate_mechanical(
         SwitchedRk::default(),
         masses,
-        &e,
+        &newton_impacts(&e).unwrap(),
         (0.0, t_end),
         (&zeros, &zeros),
         MechanicalOutput::default(),

@@ -7,6 +7,7 @@ use zivi::mechanics::{
     MechanicalRun, Occurrence,
 };
 use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Grid, Silent, Status, SwitchedRk};
 
 use crate::models::of_function;
@@ -46,7 +47,16 @@ fn switched(
     start: (&[f64], &[f64]),
 ) -> Run {
     let output = MechanicalOutput::default();
-    simulate_mechanical(settings, dynamics, e, (0.0, t1), start, output, &mut Silent).unwrap()
+    simulate_mechanical(
+        settings,
+        dynamics,
+        &newton_impacts(e).unwrap(),
+        (0.0, t1),
+        start,
+        output,
+        &mut Silent,
+    )
+    .unwrap()
 }
 
 fn implicit(

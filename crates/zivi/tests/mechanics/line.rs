@@ -4,6 +4,7 @@ use std::convert::Infallible;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput, MechanicalRun};
 use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Silent, SwitchedRk};
 
 use crate::models::of_function;
@@ -52,8 +53,16 @@ impl Linear {
     ) -> MechanicalRun<Infallible> {
         let (start, output) = ((&self.q[..], &self.w[..]), MechanicalOutput::default());
         let mut system = self.dynamics(force);
-        simulate_mechanical(settings, &mut system, &self.e, (0.0, t1), start, output, &mut Silent)
-            .unwrap()
+        simulate_mechanical(
+            settings,
+            &mut system,
+            &newton_impacts(&self.e).unwrap(),
+            (0.0, t1),
+            start,
+            output,
+            &mut Silent,
+        )
+        .unwrap()
     }
 }
 

@@ -4,6 +4,7 @@ use std::convert::Infallible;
 
 use zivi::mechanics::{simulate_mechanical, FlagKind, MechanicalOutput, MechanicalRun, Occurrence};
 use zivi::system::dynamics::Layout;
+use zivi::system::impact_law::newton_impacts;
 use zivi::{
     simulate_switched_rk, Events, FunctionForce, MotionPoint, Order, Output, Physical, Quantity,
     Restitution, Silent, Status, SwitchedRk, UserEvent,
@@ -95,7 +96,7 @@ fn on_feet(e: f64, arms: &'static [f64]) -> Run {
     simulate_mechanical(
         settings,
         &mut system,
-        &vec![e; arms.len()],
+        &newton_impacts(&vec![e; arms.len()]).unwrap(),
         (0.0, 2.0),
         start,
         output,
@@ -208,7 +209,7 @@ fn one_coordinate_is_the_scalar_mass() {
             let run = simulate_mechanical(
                 settings,
                 &mut system,
-                &[0.5],
+                &newton_impacts(&[0.5]).unwrap(),
                 span,
                 start,
                 output,
@@ -403,7 +404,7 @@ fn forces_may_jump() {
         let run = simulate_mechanical(
             settings,
             &mut system,
-            &[0.5],
+            &newton_impacts(&[0.5]).unwrap(),
             (0.0, 2.0),
             start,
             output,

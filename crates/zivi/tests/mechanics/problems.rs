@@ -3,6 +3,7 @@
 use std::convert::Infallible;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput, MechanicalRun, Occurrence};
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Silent, SwitchedRk};
 
 use crate::models::{Model, Parameters};
@@ -37,8 +38,16 @@ impl Problem {
         let mut model = Model::new(self.model, self.par.clone());
         let start = (&self.q0[..], &self.w0[..]);
         let span = (0.0, self.t1);
-        simulate_mechanical(settings, &mut model, &self.e, span, start, output, &mut Silent)
-            .unwrap()
+        simulate_mechanical(
+            settings,
+            &mut model,
+            &newton_impacts(&self.e).unwrap(),
+            span,
+            start,
+            output,
+            &mut Silent,
+        )
+        .unwrap()
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput, MechanicalRun, Occurrence};
+use zivi::system::impact_law::newton_impacts;
 use zivi::{Order, Silent, Status, SwitchedRk};
 
 use crate::models::{Model, Parameters};
@@ -110,7 +111,16 @@ fn run(case: &Case, order: Order, tol: f64) -> MechanicalRun<std::convert::Infal
     let span = (0.0, case.t1);
     let start = (&case.q0[..], &case.w0[..]);
     let output = MechanicalOutput::default();
-    simulate_mechanical(settings, &mut model, &case.e, span, start, output, &mut Silent).unwrap()
+    simulate_mechanical(
+        settings,
+        &mut model,
+        &newton_impacts(&case.e).unwrap(),
+        span,
+        start,
+        output,
+        &mut Silent,
+    )
+    .unwrap()
 }
 
 fn events_of<E>(run: &MechanicalRun<E>) -> Vec<Event> {

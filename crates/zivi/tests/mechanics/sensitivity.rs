@@ -4,6 +4,7 @@ use std::convert::Infallible;
 
 use zivi::mechanics::sensitivity::{mechanical_sensitivity, Derivatives, MechanicalWrt, Question};
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
+use zivi::system::impact_law::newton_impacts;
 use zivi::system::partials::{parameter_step, DifferencedDynamics, Neighbours, MOVES};
 use zivi::{Silent, Status, SwitchedRk};
 
@@ -39,8 +40,17 @@ fn differentiate(
     let question = Question { wrt, sizes: &sizes, controlled: true, times: &[] };
     let (span, output) = ((0.0, *t1), MechanicalOutput::default());
     let start = (&q0[..], &w0[..]);
-    mechanical_sensitivity(settings, &mut dynamics, e, span, start, output, &question, &mut Silent)
-        .unwrap()
+    mechanical_sensitivity(
+        settings,
+        &mut dynamics,
+        &newton_impacts(e).unwrap(),
+        span,
+        start,
+        output,
+        &question,
+        &mut Silent,
+    )
+    .unwrap()
 }
 
 /// The problem with one number moved by `h`.
@@ -51,7 +61,7 @@ fn moved(case: &Case, wrt: MechanicalWrt, h: f64) -> Problem {
         MechanicalWrt::Q0(i) => q0[i] += h,
         MechanicalWrt::Qdot0(i) => w0[i] += h,
         MechanicalWrt::AllE => e.iter_mut().for_each(|e| *e += h),
-        MechanicalWrt::E(i) => e[i] += h,
+        MechanicalWrt::Law { gap, .. } => e[gap] += h,
         MechanicalWrt::Parameter(k) => *par.get_mut(case.by[k]).unwrap() += h,
         MechanicalWrt::T0 => unreachable!(),
     }
@@ -134,7 +144,7 @@ fn the_columns_are_differences_of_runs() {
 #[test]
 #[ignore = "a sweep"]
 fn all_references_against_differences() {
-    use MechanicalWrt::{Parameter, Qdot0, E, Q0};
+    use MechanicalWrt::{Law, Parameter, Qdot0, Q0};
     for case in crate::references::cases().into_iter().filter(|case| !case.nested) {
         // neither the balls of the cradle that touch at the start, nor wedges at right angles, have
         // derivatives by everything
@@ -146,7 +156,9 @@ fn all_references_against_differences() {
             case.par.keys().filter(of_model).map(|name| &*name.clone().leak()).collect();
         let n = case.q0.len();
         let mut wrt: Vec<MechanicalWrt> = (0..n).map(Q0).chain((0..n).map(Qdot0)).collect();
-        wrt.extend((0..case.e.len()).filter(|&i| case.e[i] > 0.01).map(E));
+        wrt.extend(
+            (0..case.e.len()).filter(|&i| case.e[i] > 0.01).map(|gap| Law { gap, parameter: 0 }),
+        );
         wrt.extend((0..by.len()).map(Parameter));
         let (name, t1) = (case.name, case.t1);
         let (model, par) = (&*case.model.leak(), case.par);

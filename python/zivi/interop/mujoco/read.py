@@ -13,6 +13,7 @@ from zivi.base.extras import needed
 from zivi.interop.mujoco.actuators import Drive, drives
 from zivi.interop.mujoco.geoms import gaps_of, rotation_of
 from zivi.interop.mujoco.refuse import name_of, refuse_for_tree
+from zivi.system.impact_law import GivenRestitutions
 from zivi.system.tree.body import Body
 from zivi.system.tree.system import Tree
 
@@ -22,7 +23,7 @@ __all__ = ["read_mjcf", "read_urdf", "tree"]
 def tree(
     model: Any,
     gaps: Sequence[Any] | None = None,
-    e: float | ArrayLike = 0.0,
+    e: GivenRestitutions = 0.0,
     ctrl: ArrayLike | None = None,
     friction: str = "refuse",
 ) -> Tree:

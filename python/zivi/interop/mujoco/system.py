@@ -15,8 +15,9 @@ from zivi.interop.mujoco.actuators import controls
 from zivi.interop.mujoco.geoms import gaps_of
 from zivi.interop.mujoco.glue import SOURCE, Glue
 from zivi.interop.mujoco.refuse import name_of, refuse_for_all
+from zivi.system.impact_law import GivenRestitutions, restitutions, written
 from zivi.system.layout import Layout
-from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model, restitutions
+from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model
 from zivi.system.mechanism_checks import names_of
 
 __all__ = ["MujocoSystem", "scalar_joints", "system"]
@@ -39,7 +40,7 @@ class MujocoSystem(MechanicalSystem):
         self,
         model: Any,
         gaps: Sequence[Any] | None = None,
-        e: float | ArrayLike = 0.0,
+        e: GivenRestitutions = 0.0,
         ctrl: ArrayLike | None = None,
         friction: str = "refuse",
     ) -> None:
@@ -70,7 +71,7 @@ class MujocoSystem(MechanicalSystem):
 
     def __repr__(self) -> str:
         told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"
-        return f"MujocoSystem({told}, e=({', '.join(f'{e:g}' for e in self._e)}))"
+        return f"MujocoSystem({told}, e={written(self._e)})"
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self._state, "e": self._e}
@@ -82,7 +83,7 @@ class MujocoSystem(MechanicalSystem):
 def system(
     model: Any,
     gaps: Sequence[Any] | None = None,
-    e: float | ArrayLike = 0.0,
+    e: GivenRestitutions = 0.0,
     ctrl: ArrayLike | None = None,
     friction: str = "refuse",
 ) -> MujocoSystem:

@@ -35,7 +35,7 @@ def flow_of(system: MechanicalSystem, method: SwitchedRK) -> Flow:
         flow: Flow = LinearFlow(core)
     else:
         flow = NonlinearFlow(core, method)
-    flow.e = system._e
+    flow.e = system.e
     return flow
 
 

@@ -37,7 +37,7 @@ def values_of(system: MechanicalSystem) -> dict[str, float]:
     if isinstance(system, LinearSystem):
         found |= _of_linear(system)
     if system.m:
-        e = system._e
+        e = system.e
         if np.ptp(e) == 0.0:
             found["e"] = float(e[0])
         found |= {f"e.{name}": float(e[i]) for i, name in enumerate(system.gap_names)}
@@ -91,8 +91,8 @@ def with_values(system: MechanicalSystem, values: Mapping[str, float]) -> Mechan
     new = system
     if given:
         new = system.replace(**given)  # type: ignore[attr-defined]
-        if isinstance(system, ParametricSystem) and np.any(system._e != system._built._e):
-            new = _with_e(new, system._e)
+        if isinstance(system, ParametricSystem) and np.any(system.e != system._built.e):
+            new = _with_e(new, system.e)
     for name, value in values.items():
         if name in given:
             continue
@@ -106,7 +106,7 @@ def with_values(system: MechanicalSystem, values: Mapping[str, float]) -> Mechan
 
 
 def _moved_e(system: MechanicalSystem, name: str, value: float) -> Array:
-    e = system._e.copy()
+    e = system.e
     if name == "e":
         e[:] = value
     else:
@@ -137,9 +137,9 @@ def _with_number(system: LinearSystem, name: str, value: float) -> LinearSystem:
     new: LinearSystem = object.__new__(type(system))
     shapes = system.shapes
     matrices = system.M, system.C, system.K
-    e = np.clip(system._e, 0.0, 1.0)
+    e = np.clip(system.e, 0.0, 1.0)
     new._set(matrices, parts, tuple(gaps), e, system._coordinates, None)  # type: ignore[arg-type]
-    new.shapes, new._e = shapes, system._e
+    new.shapes, new._e = shapes, system.e
     return new
 
 

@@ -77,7 +77,7 @@ class LinearFlow:
     """The motions of a `LinearSystem` under constants and waves."""
 
     def __init__(self, system: LinearSystem) -> None:
-        self.n, self.m, self.e = len(system.M), system.m, system._e
+        self.n, self.m, self.e = len(system.M), system.m, system.e
         self.waves: list[float] = []
         gaps = [gap for gap in system.gaps if isinstance(gap, LinearGap)]
         self.normals = np.array([gap.normal for gap in gaps]).reshape(self.m, self.n)

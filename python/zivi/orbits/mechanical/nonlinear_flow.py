@@ -33,7 +33,7 @@ class NonlinearFlow:
                 "system: its mass, force, or a gradient must tell how many coordinates"
             )
         self.system, self.method = system, method
-        self.n, self.m, self.e = system._n, system.m, system._e
+        self.n, self.m, self.e = system._n, system.m, system.e
         self.model = system.model(self.n)
         self.open: dict[Contacts, MechanicalSystem] = {}
 

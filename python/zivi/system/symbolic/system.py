@@ -8,15 +8,15 @@ from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.formula import normal
 from zivi.base.machine_code import Native, compiled
 from zivi.system.friction import IMPACT_LAWS, PARADOXES, Channel, one_of
+from zivi.system.impact_law import GivenRestitutions, restitutions
 from zivi.system.layout import Layout
-from zivi.system.mechanism import MechanicalSystem, Model, restitutions
+from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.partials import Partials
 from zivi.system.symbolic.derive import Derived, derive
 from zivi.system.symbolic.inputs import SymbolicInputs
@@ -125,7 +125,7 @@ class SymbolicSystem(MechanicalSystem):
         coordinates: Sequence[str],
         gaps: Sequence[str],
         parameters: Mapping[str, float],
-        e: float | ArrayLike,
+        e: GivenRestitutions,
         compiler: str = "auto",
         equations: Equations | None = None,
         channels: Sequence[Channel] = (),
@@ -158,7 +158,7 @@ class SymbolicSystem(MechanicalSystem):
         """The compiled function, in C."""
         return self._sources["c"]
 
-    def replace(self, e: float | ArrayLike | None = None, **parameters: float) -> SymbolicSystem:
+    def replace(self, e: GivenRestitutions | None = None, **parameters: float) -> SymbolicSystem:
         """Give the same system with other parameters, without compiling.
 
         Parameters
@@ -251,7 +251,7 @@ def system(
     Q: Any = None,
     gaps: Any = (),
     parameters: Mapping[Any, float] | None = None,
-    e: float | ArrayLike = 0.0,
+    e: GivenRestitutions = 0.0,
     qdot: Any = None,
     compiler: str = "auto",
     slips: Mapping[str, Any] | None = None,

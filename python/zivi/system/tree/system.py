@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite
 from zivi.base.extras import late
+from zivi.system.impact_law import GivenRestitutions, restitutions, written
 from zivi.system.layout import Layout
-from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model, restitutions
+from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model
 from zivi.system.mechanism_checks import check_mass, coordinates_of, names_of
 from zivi.system.partials import Partials
 from zivi.system.tree.body import Body, vector
@@ -123,7 +124,7 @@ class Tree(MechanicalSystem):
         *,
         gaps: Sequence[TreeGap] = (),
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        e: float | ArrayLike = 0.0,
+        e: GivenRestitutions = 0.0,
     ) -> None:
         self._structure = Structure(ordered(bodies), tuple(gaps))
         self._gravity = vector("gravity", gravity)
@@ -176,7 +177,7 @@ class Tree(MechanicalSystem):
         path: str | PathLike[str],
         *,
         gaps: Sequence[Any] | None = None,
-        e: float | ArrayLike = 0.0,
+        e: GivenRestitutions = 0.0,
         ctrl: ArrayLike | None = None,
         friction: str = "refuse",
     ) -> Tree:
@@ -223,7 +224,7 @@ class Tree(MechanicalSystem):
         path: str | PathLike[str],
         *,
         gaps: Sequence[Any] | None = None,
-        e: float | ArrayLike = 0.0,
+        e: GivenRestitutions = 0.0,
         friction: str = "refuse",
     ) -> Tree:
         """Read a URDF file; MuJoCo is needed for this only.
@@ -247,7 +248,7 @@ class Tree(MechanicalSystem):
         return cls._of(read(path, gaps=gaps, friction=friction), e)
 
     @classmethod
-    def _of(cls, parts: Mapping[str, Any], e: float | ArrayLike) -> Tree:
+    def _of(cls, parts: Mapping[str, Any], e: GivenRestitutions) -> Tree:
         return cls(parts["bodies"], gaps=parts["gaps"], gravity=parts["gravity"], e=e)
 
     @property
@@ -260,7 +261,7 @@ class Tree(MechanicalSystem):
         """The parameters by name; a change holds for the runs that start after it."""
         return self._parameters
 
-    def replace(self, e: float | ArrayLike | None = None, **parameters: float) -> Tree:
+    def replace(self, e: GivenRestitutions | None = None, **parameters: float) -> Tree:
         """Give the same system with other parameters.
 
         Parameters
@@ -311,7 +312,7 @@ class Tree(MechanicalSystem):
 
     def __repr__(self) -> str:
         told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"
-        return f"Tree({told}, e=({', '.join(f'{e:g}' for e in self._e)}))"
+        return f"Tree({told}, e={written(self._e)})"
 
     def __getstate__(self) -> dict[str, Any]:
         return {

@@ -4,7 +4,7 @@ use crate::mechanics::{simulate_mechanical_loop, Sampling};
 use crate::switched::{Order, SwitchedRk};
 use crate::system::driven::Driven;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::Monitor;
+use crate::{AnyImpactLaw, Monitor};
 
 use super::kinetics::GapKinetics;
 use super::law_error::LawError;
@@ -33,8 +33,8 @@ const PROJECTIONS: usize = 4;
 pub struct BelievedPlant<'a, D, F> {
     /// The system.
     pub driven: &'a mut Driven<D, F>,
-    /// Coefficients of restitution.
-    pub e: &'a [f64],
+    /// Impact laws of the gaps.
+    pub laws: &'a [AnyImpactLaw],
     /// Length of a period (s).
     pub h: f64,
 }
@@ -101,7 +101,7 @@ impl<D, F> BelievedPlant<'_, D, F> {
             u.copy_from_slice(&controls[k * r..][..r]);
             Ok(())
         };
-        let (system, start) = ((&mut *self.driven, self.e), (&controls[..r], &mut ticks));
+        let (system, start) = ((&mut *self.driven, self.laws), (&controls[..r], &mut ticks));
         let (run, _) = simulate_mechanical_loop(
             settings,
             system,

@@ -24,23 +24,28 @@ pub enum MechanicalWrt {
     Qdot0(usize),
     /// The time of the initial state.
     T0,
-    /// The coefficients of restitution of all gaps together.
+    /// The first parameter of the impact laws of all gaps together, of Newton's the coefficient of
+    /// restitution.
     AllE,
-    /// That of one gap.
-    E(usize),
+    /// A parameter of the impact law of a gap, by its number.
+    Law {
+        /// The gap.
+        gap: usize,
+        /// The parameter.
+        parameter: usize,
+    },
     /// A parameter of the system, by its number.
     Parameter(usize),
 }
 
 impl MechanicalWrt {
-    /// The derivative of the coefficient of restitution of a gap by it.
-    pub(super) fn of_e(self, gap: usize) -> f64 {
-        let moves = match self {
-            Self::AllE => true,
-            Self::E(one) => one == gap,
-            _ => false,
-        };
-        f64::from(moves)
+    /// What the law of a gap has by it: a derivative by a parameter of the law, or none.
+    pub(super) fn of_law(self, of: usize, by: impl Fn(usize) -> f64) -> f64 {
+        match self {
+            Self::AllE => by(0),
+            Self::Law { gap, parameter } if gap == of => by(parameter),
+            _ => 0.0,
+        }
     }
 }
 

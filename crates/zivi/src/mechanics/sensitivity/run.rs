@@ -11,7 +11,7 @@ use crate::switched::sensitivity::{Derivatives, Question};
 use crate::switched::SwitchedRk;
 use crate::system::friction::Friction;
 use crate::system::partials::DifferentiableDynamics;
-use crate::{Monitor, SetupError};
+use crate::{AnyImpactLaw, Monitor, SetupError};
 
 /// Simulates as [`crate::mechanics::simulate_mechanical`], with the derivatives of the run.
 ///
@@ -25,6 +25,7 @@ use crate::{Monitor, SetupError};
 /// };
 /// use zivi::mechanics::MechanicalOutput;
 /// use zivi::system::dynamics::{FunctionDynamics, Layout};
+/// use zivi::system::impact_law::newton_impacts;
 /// use zivi::system::partials::DifferencedDynamics;
 /// use zivi::{Silent, SwitchedRk};
 ///
@@ -38,8 +39,9 @@ use crate::{Monitor, SetupError};
 /// let wrt = &[MechanicalWrt::Q0(0), MechanicalWrt::AllE];
 /// let question = Question { wrt, sizes: &[1.0, 0.5], controlled: true, times: &[] };
 /// let (_, derivatives) = mechanical_sensitivity(
-///     SwitchedRk::with_tol(1e-10), &mut DifferencedDynamics::new(ball, Vec::new(), 4.0), &[0.5],
-///     (0.0, 4.0), (&[1.0], &[0.0]), MechanicalOutput::default(), &question, &mut Silent,
+///     SwitchedRk::with_tol(1e-10), &mut DifferencedDynamics::new(ball, Vec::new(), 4.0),
+///     &newton_impacts(&[0.5])?, (0.0, 4.0), (&[1.0], &[0.0]), MechanicalOutput::default(),
+///     &question, &mut Silent,
 /// )?;
 /// // t = sqrt(2 x/g) (1 + e)/(1 - e), with sqrt(2 x/g) = 1
 /// assert!((derivatives.events.zeno_times[0] - 1.5).abs() < 1e-9);
@@ -50,7 +52,7 @@ use crate::{Monitor, SetupError};
 pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     settings: SwitchedRk,
     dynamics: &mut D,
-    e: &[f64],
+    laws: &[AnyImpactLaw],
     (t0, t1): (f64, f64),
     (q, w): (&[f64], &[f64]),
     output: MechanicalOutput<'_, E>,
@@ -59,12 +61,12 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
 ) -> Result<(MechanicalRun<E>, Derivatives), SetupError> {
     let settings = settings.validated()?;
     let layout = dynamics.layout();
-    check_sizes(layout, e, q, w)?;
+    check_sizes(layout, laws.len(), q, w)?;
     check_smooth(layout)?;
     check_span(t0, t1)?;
     let Question { wrt, sizes, controlled, times } = *question;
     let mut model = Model::new(dynamics);
-    let mut machine = MechanicalIntegrator::new(settings, layout, e, Friction::none());
+    let mut machine = MechanicalIntegrator::new(settings, layout, laws, Friction::none());
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let mut follower =
         VariationalRun::new((wrt, sizes), controlled, times, t1, (layout, settings.order.pair()));

@@ -2,11 +2,12 @@
 //!
 //! ```text
 //! dt = -dY/Y'-        D z- = dz- + z'- dt        M D w+ - N_S^T DP = ..., N_S D w+ + ... = D g'+
-//! D g'+_i = -e_i D g'-_i - g'-_i de_i            dz+ = D z+ - z'+ dt
+//! D g'+_i = -A_i' D g'-_i + dA_i                 dz+ = D z+ - z'+ dt
 //! ```
 //!
-//! with `S` the gaps that have an impulse: the solution of the complementarity problem is
-//! differentiable where it is strict, every other closed gap opens at a speed or is orthogonal.
+//! with `A_i(-g'-_i)` the speed after an impact by the law of the gap, by Newton's `-e_i g'-_i`, and
+//! `S` the gaps that have an impulse: the solution of the complementarity problem is differentiable
+//! where it is strict, every other closed gap opens at a speed or is orthogonal.
 
 use super::local::{Direction, Exchange};
 use super::variational_run::VariationalRun;
@@ -130,7 +131,10 @@ impl VariationalRun<'_> {
             let stays = |i: usize| i == gap && machine.state().closed().has(i);
             let target = |i: usize| match i {
                 i if stays(i) || i != gap => 0.0,
-                _ => -machine.e()[i] * rates[i] - before.xdot[n + i] * wrt.of_e(i),
+                _ => {
+                    let (law, v) = (machine.law(i), -before.xdot[n + i]);
+                    -law.slope(v) * rates[i] + wrt.of_law(i, |parameter| law.by(parameter, v))
+                }
             };
             let wanted: Vec<f64> = (0..m).map(target).collect();
             let how =
@@ -179,7 +183,8 @@ impl VariationalRun<'_> {
         let pull = -kinetics.acceleration[n + gap];
         if pull > 0.0 {
             for (column, dt) in dt.iter_mut().enumerate() {
-                let du = -struck.before.xdot[n + gap] * self.columns.wrt[column].of_e(gap);
+                let (law, v) = (machine.law(gap), -struck.before.xdot[n + gap]);
+                let du = self.columns.wrt[column].of_law(gap, |parameter| law.by(parameter, v));
                 *dt += 2.0 * du / pull;
             }
         }
@@ -224,7 +229,8 @@ impl VariationalRun<'_> {
         self.zeno.clear();
         for (column, chain) in self.chains.iter().enumerate() {
             let size = self.sizes[column];
-            let de = self.columns.wrt[column].of_e(gap);
+            let law = machine.law(gap);
+            let de = self.columns.wrt[column].of_law(gap, |parameter| law.limit_by(parameter));
             let scale = |c: usize, rate: f64| scales[c] / size + rtol * rate.abs();
             match chain.landing(machine.chain(), de, scale) {
                 Some(zeno) => {
@@ -290,7 +296,7 @@ impl VariationalRun<'_> {
                 dt: it.dt,
                 du: it.v[n + gap],
                 dg: pulls[column],
-                de: self.columns.wrt[column].of_e(gap),
+                de: self.columns.wrt[column].of_law(gap, |by| machine.law(gap).limit_by(by)),
                 flow: [&flow, &by_flow],
                 dz,
             };

@@ -93,6 +93,17 @@ macro_rules! impact_laws {
                 match self { $(Self::$name(law) => law.constant(),)* }
             }
 
+            /// The coefficient of restitution `after(v)/v` at a speed; that of slow impacts at none.
+            #[inline]
+            #[must_use]
+            pub fn ratio(&self, v: f64) -> f64 {
+                match self.constant() {
+                    Some(newton) => newton.e(),
+                    None if v > 0.0 => self.after(v) / v,
+                    None => self.limit().unwrap_or(1.0),
+                }
+            }
+
             /// As [`ImpactLaw::transform`].
             #[must_use]
             pub fn transform(&self) -> Restitution {
@@ -107,6 +118,21 @@ impact_laws! {
     NewtonImpact(Restitution);
     /// A coefficient that is a power of the speed.
     SpeedDependentImpact(SpeedDependentImpact);
+}
+
+/// Newton's law with each of these coefficients, as mechanical systems take them.
+///
+/// # Errors
+/// [`SettingError`] names the first that is not from 0 to 1.
+///
+/// ```
+/// use zivi::system::impact_law::newton_impacts;
+/// assert_eq!(newton_impacts(&[0.5, 0.3])?[1].ratio(2.0), 0.3);
+/// assert!(newton_impacts(&[1.5]).is_err());
+/// # Ok::<(), zivi_core::SettingError>(())
+/// ```
+pub fn newton_impacts(e: &[f64]) -> Result<Vec<AnyImpactLaw>, SettingError> {
+    e.iter().map(|&e| Restitution::of(&[e]).map(AnyImpactLaw::NewtonImpact)).collect()
 }
 
 #[cfg(test)]
