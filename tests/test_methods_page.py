@@ -126,6 +126,13 @@ def test_errors_are_proportional_to_the_tolerance():
             assert total == pytest.approx(int(printed[3]), rel=0.1)
 
 
+def test_the_page_quotes_the_largest_factors():
+    (told,) = re.findall(r"at most (\d\.\d) at order 8 and (\d\.\d) at order 5", TEXT)
+    table = [[float(cell) for cell in row[1:]] for row in rows("| `rtol` | order 8")]
+    largest = [max(max(row[k : k + 3]) for row in table) for k in (0, 4)]
+    assert [float(it) for it in told] == pytest.approx(largest, abs=0.05)
+
+
 @pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8, 1e-10])
 def test_power_series_are_right_to_rounding_and_zeno_times_to_the_tolerance(rtol):
     assert "2e-14 (m, m/s) whatever `rtol` is, and the Zeno times to 0.08 `rtol`" in TEXT

@@ -139,6 +139,17 @@ def test_the_benchmarks_page_quotes_its_results():
             assert re.search(pattern, measured), (question, figure)
 
 
+def test_what_a_call_costs_is_of_the_results():
+    page = (DOCS / "target_cost.md").read_text()
+    measured = (RESULTS / "target.md").read_text()
+    figures = re.findall(
+        r"(?<![\d.])\d{3,}(?![\d.])", re.sub(r"At 168 MHz.*?cycles\.", "", page, flags=re.DOTALL)
+    )
+    assert len(figures) > 20
+    for figure in figures:
+        assert re.search(rf"(?<![\d.]){figure}(?![\d.])", measured), figure
+
+
 def test_results_are_listed_where_they_are_written():
     listed = set(re.findall(r"\]\((\w+)\.md\)", (RESULTS / "README.md").read_text()))
     assert listed == {path.stem for path in RESULTS.glob("*.md")} - {"README"}
@@ -148,11 +159,11 @@ def test_results_are_listed_where_they_are_written():
     for name in listed:
         page = (RESULTS / f"{name}.md").read_text()
         if page.partition("\n\n")[2].startswith("Written by hand"):
-            commands = re.findall(
-                r"`(?:python ((?:benchmarks|examples)/\w+\.py)|zivi paper)\b", page
-            )
-            assert commands, name
-            assert all((DOCS.parent / it).exists() for it in commands), name
+            programs = re.findall(r"`python ((?:benchmarks|examples)/\w+\.py)\b", page)
+            targets = re.findall(r"`make ([\w-]+)`", page)
+            assert programs or targets or "`zivi paper" in page, name
+            assert all((DOCS.parent / it).exists() for it in programs), name
+            assert all(re.search(rf"^{it}:", makefile, re.MULTILINE) for it in targets), name
         else:
             assert f'"{name}.md"' in written or f"results/{name}.md" in makefile, name
 

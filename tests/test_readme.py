@@ -99,9 +99,9 @@ def test_derivatives_and_orbits(monkeypatch, tmp_path):
 
 
 def test_what_the_default_promises(table):
-    """The errors on the references are those of the page on the methods, which has its own test."""
+    """The errors on the references are those of the results, which have a test of their own."""
     row = table["To the tolerance"]
-    page = (ROOT / "docs" / "tolerances.md").read_text()
+    page = (ROOT / "benchmarks" / "results" / "accuracy.md").read_text()
     promises = re.findall(r"(\d\.\d) `rtol` at (1e-\d)", row)
     assert len(promises) == 2
     for printed, rtol in promises:
