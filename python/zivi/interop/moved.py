@@ -12,7 +12,7 @@ from zivi.base.check import Array
 from zivi.derivatives.wrt import ALL_E, LAW, PARAMETER, QDOT0, T0, Column, columns_of
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.run import pair
-from zivi.system.impact_law import ImpactLaw, NewtonImpact, restitutions
+from zivi.system.impact_law import ImpactLaw, restitutions
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import INITIAL, check_smooth, codes_of, with_value
@@ -70,10 +70,10 @@ class MechanicalRun:
             elif kind == T0:
                 start = value
             elif kind == ALL_E:
-                laws = [NewtonImpact(e + value - column.value) for e in self.system.e.tolist()]
+                laws = [_law_moved(law, "e", value - column.value) for law in laws]
             elif kind == LAW:
                 name = dataclasses.fields(laws[i])[column.of].name
-                laws[i] = dataclasses.replace(laws[i], **{name: value})
+                laws[i] = _law_moved(laws[i], name, value - column.value)
             elif kind == PARAMETER:
                 parameters[column.name] = value
         system = self.system
@@ -82,6 +82,11 @@ class MechanicalRun:
         if tuple(laws) != self.system.laws:
             system = _with_laws(system, tuple(laws))
         return system, (start, self.span[1]), state
+
+
+def _law_moved(law: ImpactLaw, name: str, by: float) -> ImpactLaw:
+    """Give a law with one parameter moved; "e" and "e.floor" may move the same one."""
+    return dataclasses.replace(law, **{name: getattr(law, name) + by})
 
 
 def _with_laws(system: MechanicalSystem, laws: tuple[ImpactLaw, ...]) -> MechanicalSystem:
