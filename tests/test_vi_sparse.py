@@ -41,10 +41,11 @@ def residual(p, x):
 @pytest.mark.parametrize(
     ("name", "n", "most"),
     [
-        ("obstacle", 48, 16),
-        ("torsion", 48, 16),
-        ("bearing", 48, 16),
-        ("american_put", 2000, 25),
+        ("obstacle", 48, 12),
+        ("torsion", 48, 13),
+        ("bearing", 48, 14),
+        ("american_put", 2000, 12),
+        ("american_put", 20_000, 17),
     ],
 )
 def test_few_factorisations_from_afar(name, n, most):
@@ -104,8 +105,8 @@ def test_a_pile_of_discs_with_a_singular_matrix():
     assert np.linalg.matrix_rank(p.M.toarray()) < n
     res = zivi.solve_avi(*p)
     assert res.status in (zivi.VIStatus.SOLVED, zivi.VIStatus.SOLVED_NOT_ISOLATED)
-    assert res.n_factorisations <= 25
-    assert residual(p, res.x) <= 1e-9
+    assert res.n_factorisations <= 16
+    assert residual(p, res.x) <= 1e-13  # exact, though the Jacobian inside is singular
     # the gap velocities are unique, the impulses are not
     p = large.discs(5, 6)
     res = zivi.solve_avi(*p, options=SPARSE)

@@ -40,7 +40,7 @@ class ActiveSetEnd(NamedTuple):
     move: float
     """Root mean square of the first step: that of the solution, perhaps."""
     largest: float
-    """Largest component of the first step."""
+    """Largest component of the smallest step, 0 without one."""
 
 
 def places(search: Search, x: Array, F: Array, c: Array) -> Any:
@@ -67,33 +67,33 @@ def active_set_newton(
     c = rows_of_sizes(J)
     at = places(search, x, F, c)
     sizes = [float(np.linalg.norm(natural_map(x, F, search.lower, search.upper)))]
-    fewest, slow, first = search.n + 1, 0, (0.0, 0.0)
+    fewest, slow, moves = search.n + 1, 0, (0.0, 0.0)
     while True:
         step = _step(search, x, F, J, at)
         if step is None:
-            return ActiveSetEnd(False, *first)
-        if not first[1]:
-            first = float(np.sqrt(np.mean(step**2))), float(np.max(np.abs(step)))
+            return ActiveSetEnd(False, *moves)
+        largest = float(np.max(np.abs(step)))
+        moves = moves[0] or float(np.sqrt(np.mean(step**2))), min(moves[1] or largest, largest)
         moved = _moved(search, x, step, sizes)
         if moved is None:
-            return ActiveSetEnd(False, *first)
+            return ActiveSetEnd(False, *moves)
         x, F = moved
         if search.end_iteration(x, F):
-            return ActiveSetEnd(True, *first)
+            return ActiveSetEnd(True, *moves)
         if not search.map.is_affine:
             J = search.slopes(x)
             if J is None:
-                return ActiveSetEnd(False, *first)
+                return ActiveSetEnd(False, *moves)
             c = rows_of_sizes(J)
         now = places(search, x, F, c)
         changes = int(np.count_nonzero(now != at))
         if changes == 0 and search.map.is_affine:
-            return ActiveSetEnd(False, *first)  # as exact as it gets
+            return ActiveSetEnd(False, *moves)  # as exact as it gets
         slow = slow + 1 if 2 * changes > fewest else 0
         fewest, at = min(fewest, changes), now
         is_converging = not search.map.is_affine and sizes[-1] <= 0.1 * sizes[-2]
         if slow >= patience and not is_converging:
-            return ActiveSetEnd(False, *first)
+            return ActiveSetEnd(False, *moves)
 
 
 def _step(search: Search, x: Array, F: Array, J: Any, at: Any) -> Array | None:
