@@ -45,7 +45,7 @@ def test_the_bodies_are_where_the_coordinates_are(sol):
         assert gap.get_xdata()[-1] == pytest.approx(t)
         assert gap.get_ydata()[-1] == pytest.approx(phi, abs=1e-12)
         assert gap.get_ydata() == pytest.approx(sol(gap.get_xdata())[0, :, 0], abs=1e-9)
-        assert clock.get_text() == f"$t$ = {t:.2f}"
+        assert clock.get_text() == f"$t$ = {t:.2f} s"
     left, right = line.figure.axes
     for number in range(21):
         x, y = played(film, number)[0].get_data()

@@ -1,6 +1,10 @@
 """Plots draw into the axes they are given, label them with units and never show."""
 
+import base64
+import io
 import itertools
+import re
+import time
 
 import matplotlib as mpl
 
@@ -9,6 +13,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from PIL import Image
 
 import zivi
 
@@ -208,3 +213,138 @@ def test_a_film_of_a_closed_loop_has_its_reference():
 def test_a_film_that_cannot_be_is_refused(sol, wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         zivi.plot.animate(sol, **wrong)
+
+
+OSCILLATOR = zivi.LinearSystem(
+    np.eye(1),
+    [[0.05]],
+    [[1.0]],
+    excitation=zivi.Harmonic([1.0], omega=1.2),
+    gaps=[zivi.LinearGap([-1.0], 0.5, name="stop")],
+    e=0.7,
+)
+
+
+@pytest.mark.parametrize("span", [20.0, 600.0])
+def test_a_mechanical_line_follows_the_motion_however_long_it_is(span):
+    sol = zivi.simulate(OSCILLATOR, (0, span), ([0.2], [0.0]), t_eval=[0.0, span])
+    t, q = zivi.plot.coordinates(sol).lines[0].get_data()
+    assert len(t) < 30 * span + 300
+    between = np.linspace(0, span, 20_011)
+    exact = sol(between)[0][:, 0]
+    assert np.abs(np.interp(between, t, q) - exact).max() < 2e-3 * np.ptp(exact)
+    # a velocity is not joined across an impact
+    position, speed = zivi.plot.configuration(sol).lines[0].get_data()
+    hits = len(np.unique(sol.impacts["t"]))
+    assert np.count_nonzero(np.isnan(speed)) == hits
+    breaks = np.flatnonzero(np.isnan(speed))
+    assert position[breaks - 1] == pytest.approx(0.5, abs=1e-6)
+    assert speed[breaks + 1] == pytest.approx(-0.7 * speed[breaks - 1], rel=1e-3, abs=1e-3)
+
+
+def test_a_reaction_is_followed_while_nothing_moves():
+    def force(t, q, qdot):
+        return [-9.81 + 5 * np.cos(20 * t)]
+
+    pressed = zivi.MechanicalSystem(mass=1.0, force=force, gaps=[zivi.LinearGap([1.0])], e=0.5)
+    sol = zivi.simulate(pressed, (0, 3), ([0.0], [0.0]), t_eval=[0.0, 3.0])
+    t, reaction = zivi.plot.reactions(sol).lines[0].get_data()
+    between = np.linspace(0, 3, 5001)
+    expected = 9.81 - 5 * np.cos(20 * between)
+    assert np.abs(np.interp(between, t, reaction) - expected).max() < 2e-2
+
+
+def test_fixed_steps_are_drawn_at_their_steps():
+    sol = zivi.simulate(OSCILLATOR, (0, 5), ([0.2], [0.0]), zivi.MoreauJean(1e-2), t_eval=[0, 5])
+    steps = zivi.simulate(OSCILLATOR, (0, 5), ([0.2], [0.0]), zivi.MoreauJean(1e-2))
+    t, q = zivi.plot.coordinates(sol).lines[0].get_data()
+    np.testing.assert_array_equal(np.interp(steps.t, t, q), steps.q[:, 0])
+
+
+class Spring:
+    h = 1e-2
+
+    def step(self, x, xdot, force):
+        return 40.0 * (0.5 - x) - 6.0 * xdot - force
+
+
+def test_an_overview_has_no_empty_panels():
+    free = zivi.MechanicalSystem(mass=np.eye(2), force=[0.0, -1.0], gaps=[], e=0.5)
+    rubbed = zivi.MechanicalSystem(
+        mass=1.0, force=[1.0], gaps=[], friction=[zivi.DryFriction(limit=0.5, name="guide")]
+    )
+    runs = {
+        2: zivi.simulate(free, (0, 1), ([0.0, 0.0], [1.0, 1.0])),
+        3: zivi.simulate(OSCILLATOR, (0, 20), ([0.2], [0.0])),
+        4: zivi.simulate(rubbed, (0, 1), ([0.0], [0.0])),
+    }
+    ball = zivi.ImpactSystem(-9.81, e=0.5)
+    unsigned = zivi.simulate_closed_loop(ball, Spring(), (0, 1), (1, 0))
+    for number, run in [*runs.items(), (4, unsigned)]:
+        figure = zivi.plot.overview(run)
+        assert len(figure.axes) == number
+        for ax in figure.axes:
+            drawn = [np.isfinite(np.asarray(line.get_ydata(), float)).any() for line in ax.lines]
+            assert any(drawn) or ax.collections
+            assert not ax.texts
+
+
+def test_legends_stand_beside_the_curves(sol):
+    figure = zivi.plot.overview(zivi.simulate(OSCILLATOR, (0, 20), ([0.2], [0.0])))
+    figure.canvas.draw()
+    for ax in figure.axes[:2]:
+        legend = ax.get_legend().get_window_extent()
+        assert legend.x0 >= ax.get_window_extent().x1
+        assert legend.x1 <= figure.bbox.x1
+    # where nothing makes room, it would be cut off
+    _, plain = plt.subplots()
+    zivi.plot.lifted(sol, plain)
+    plain.figure.canvas.draw()
+    assert plain.get_legend().get_window_extent().x1 <= plain.get_window_extent().x1
+
+
+def test_a_film_is_drawn_in_a_twentieth_of_a_second_a_picture(on_a_table):
+    for run in (on_a_table, zivi.simulate(OSCILLATOR, (0, 20), ([0.2], [0.0]))):
+        film = zivi.plot.animate(run, fps=40 / (run.t[-1] - run.t[0]))
+        start = time.process_time()
+        page = film.to_jshtml()
+        assert (time.process_time() - start) / 41 < 0.05
+        pictures = re.findall(r'frames\[\d+\] = "data:image/png;base64,([^"]+)"', page)
+        assert len(set(pictures)) == 41
+
+
+def test_a_page_shows_what_the_film_does(on_a_table):
+    film = zivi.plot.animate(on_a_table, fps=10)
+    page = film.to_jshtml()
+    pictures = re.findall(r'frames\[\d+\] = "data:image/png;base64,([^"]+)"', page)
+    figure = film._fig
+    for number in (0, 4, 9):
+        film._func(number)
+        whole = io.BytesIO()
+        figure.savefig(whole, format="png", dpi=figure.dpi)
+        expected, found = (
+            np.asarray(Image.open(io.BytesIO(it)).convert("RGB"), float)
+            for it in (whole.getvalue(), base64.b64decode(pictures[number].replace("\\\n", "")))
+        )
+        assert expected.shape == found.shape
+        assert np.mean(np.abs(expected - found) > 32) < 1e-3
+
+
+def test_a_diagram_and_a_branch_say_what_is_what():
+    table = zivi.ImpactSystem(zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2), e=0.5)
+    branch = zivi.continue_orbit(zivi.periodic_orbit(table, [(0.6, 2.1)]), "amplitude", (1.0, 1.6))
+    found = zivi.bifurcation_diagram(
+        table, "amplitude", [0.5, 1.3], starts=[(0, 0), (0.3, 1.9)], transient=50, keep=4
+    )
+    ax = zivi.plot.diagram(found, branches=[branch])
+    names = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert names == [
+        "impacts",
+        "impacts, then rest",
+        "stable",
+        "unstable",
+        "fold",
+        "period doubling",
+    ]
+    low, high = zivi.plot.branch(branch).get_ylim()
+    assert high - low > 0.1  # the speed is the same all along

@@ -104,7 +104,9 @@ def animate(
     if not mechanical:
         check_run("animate", run)
     times = _times(run, finite("speed", speed), finite("fps", fps))
-    library = needed("matplotlib.animation", "animations")
+    needed("matplotlib.animation", "animations")
+    from zivi.plot.film import Film
+
     where = figure_of(figure, 8.0, 4.0)
     scene: _Scene | MechanicalScene
     if mechanical:
@@ -112,10 +114,11 @@ def animate(
         scene = MechanicalScene(system, times, where, bodies, walls)
     else:
         scene = _Scene(cast("Trajectory | ClosedLoop", run), times, where)
-    film: FuncAnimation = library.FuncAnimation(
-        scene.figure, scene.show, frames=len(times), interval=1000.0 / fps, blit=False
-    )
-    return film
+    # laid out once: every picture has the same places
+    scene.show(0)
+    where.draw_without_rendering()
+    where.set_layout_engine("none")
+    return Film(scene, len(times), fps)
 
 
 def _times(run: Trajectory | ClosedLoop | MechanicalTrajectory, speed: float, fps: float) -> Array:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE, axes_of
+from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE, axes_of, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,5 +111,5 @@ def chart(
         label = "_" if c.kind in known else c.kind.replace("_", " ")
         known.add(c.kind)
         curve(c, ax, words=words, **{"label": label} | line)
-    ax.legend(fontsize="small")
+    legend(ax)
     return ax

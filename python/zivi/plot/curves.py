@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
@@ -17,9 +17,11 @@ from zivi.plot.look import (
     has_reference,
     in_frame,
     labels,
+    legend,
     next_colour,
     wall_of,
 )
+from zivi.plot.mechanics import controls, is_mechanical
 from zivi.plot.orbits import branch_multipliers
 from zivi.plot.runs import check_run
 
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from zivi.control.closed_loop import ClosedLoop
+    from zivi.control.mechanical_loop_run import MechanicalClosedLoop
     from zivi.orbits.branch import Branch
     from zivi.plot.look import Frame
     from zivi.simulation.trajectory import Trajectory
@@ -72,7 +75,7 @@ def position(
         ax.plot(curve.t, wall_of(sol)(curve.t)[0], color=WALL, lw=1.0, label="wall $w$", zorder=1)
     if has_reference(sol):
         ax.plot(sol.t, sol.x_ref, color=next_colour(ax, GREEN), ls="--", label="$x_r$")
-        ax.legend()
+        legend(ax)
     ax.set(xlabel="time $t$ (s)", ylabel=labels(sol, frame)[0])
     return ax
 
@@ -97,7 +100,7 @@ def velocity(
         other = reference_of(sol)
         times, values = other.broken(other.t), other.broken(other.xdot)
         ax.plot(times, values, color=next_colour(ax, PURPLE), ls="--", label=r"$\dot x_r$")
-        ax.legend()
+        legend(ax)
     ax.set(xlabel="time $t$ (s)", ylabel=labels(sol, frame)[1])
     return ax
 
@@ -113,7 +116,7 @@ def lifted(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) ->
     ax.plot(curve.t, curve.s, **_look(ax, BLUE, "$s$ (m)", line))
     ax.plot(curve.t, curve.v, **_look(ax, ORANGE, "$v$ (m/s)", {"ls": "--"} | line))
     ax.set(xlabel="time $t$ (s)", ylabel="transformed state $s$, $v$")
-    ax.legend()
+    legend(ax)
     return ax
 
 
@@ -134,7 +137,7 @@ def multipliers(sol: Trajectory | Branch, ax: Axes | None = None, **line: Any) -
     ax.step(sol.t, sol.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
     ax.step(sol.t, sol.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
     ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
-    ax.legend()
+    legend(ax)
     return ax
 
 
@@ -160,7 +163,7 @@ def phase_plane(
         if has_reference(sol) and sol._reference is not None:
             s_ref, v_ref = sol._reference.lifted(sol.t)
             ax.plot(s_ref, v_ref, color=next_colour(ax, GREEN), ls="--", label="$(s_r, v_r)$")
-            ax.legend()
+            legend(ax)
         ax.set(xlabel="transformed position $s$ (m)", ylabel="transformed velocity $v$ (m/s)")
     elif chosen == "physical":
         x, xdot = in_frame(sol, frame, curve.t, curve.x, curve.xdot)
@@ -170,7 +173,7 @@ def phase_plane(
             other = reference_of(sol)
             x_ref, xdot_ref = other.broken(other.x), other.broken(other.xdot)
             ax.plot(x_ref, xdot_ref, color=colour, ls="--", label="reference")
-            ax.legend()
+            legend(ax)
         ax.set(**dict(zip(("xlabel", "ylabel"), labels(sol, frame), strict=True)))
     else:
         raise ValueError(f"coordinates must be 'lifted' or 'physical', got {coordinates!r}")
@@ -182,12 +185,12 @@ def _look(ax: Axes, first: str, label: str, line: dict[str, Any]) -> dict[str, A
     return {"color": next_colour(ax, first), "label": label} | line
 
 
-def control(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
+def control(run: ClosedLoop | MechanicalClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
     """Plot the control of a closed loop, held from sample to sample.
 
     Parameters
     ----------
-    run : ClosedLoop
+    run : ClosedLoop or MechanicalClosedLoop
         The run.
     ax : matplotlib.axes.Axes, optional
         Where to draw.
@@ -198,6 +201,9 @@ def control(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
     -------
     matplotlib.axes.Axes
     """
+    if is_mechanical(run) and hasattr(run, "control_names"):
+        return controls(cast("MechanicalClosedLoop", run), axes_of(ax), line)
+    run = cast("ClosedLoop", run)
     check_run("control", run, needs="u", of="ClosedLoop")
     ax = axes_of(ax)
     ax.step(run.t, run.u, where="post", **_look(ax, ORANGE, "$u$", line))
@@ -229,7 +235,7 @@ def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
             ax.step(run.t, values, where="post", **look)
     ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
     if ax.lines:
-        ax.legend(ncols=3)
+        legend(ax)
     else:
         ax.text(0.5, 0.5, "a controller without signs", ha="center", transform=ax.transAxes)
     return ax

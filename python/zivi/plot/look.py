@@ -52,6 +52,18 @@ def next_colour(ax: Axes, first: str) -> str:
     return next((colour for colour in order if colour not in used), order[len(used) % len(order)])
 
 
+def legend(ax: Axes, **settings: Any) -> None:
+    """Name the curves beside them, where the layout of the figure makes room; else among them."""
+    from matplotlib.layout_engine import ConstrainedLayoutEngine, TightLayoutEngine
+
+    placed: dict[str, Any] = {"loc": "best"}
+    makes_room = ConstrainedLayoutEngine, TightLayoutEngine
+    if isinstance(ax.figure.get_layout_engine(), makes_room):
+        placed = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+        placed |= {"frameon": False, "handlelength": 1.5}
+    ax.legend(**{"fontsize": "small"} | placed | settings)
+
+
 def in_frame(
     run: Trajectory | ClosedLoop, frame: Frame, t: Array, x: Array, xdot: Array
 ) -> tuple[Array, Array]:

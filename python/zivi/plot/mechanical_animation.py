@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from zivi.plot.look import BLUE, PALETTE, WALL
-from zivi.plot.mechanics import drawn
+from zivi.plot.look import BLUE, PALETTE, WALL, legend
+from zivi.plot.mechanical_curve import drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,18 +48,13 @@ class MechanicalScene:
     ) -> None:
         self.figure, self._times, self._names = figure, times, run.coordinate_names
         self._q, self._gaps = motion_at(run, times)
-        curve = drawn(run)
-        self._curve = curve.t, curve.gaps
+        self._curve = drawn(run, "gaps")
         self._given = bodies is not None
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.5))
         self._bodies = self._lines("bodies", bodies or points)
         self._walls = [] if walls is None else self._lines("walls", walls)
         self._draw_bodies(left)
         self._draw_gaps(right, run.gap_names)
-        # laid out once: every picture has the same places
-        self.show(0)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
 
     def _lines(self, name: str, lines: Lines) -> list[list[Array]]:
         """Evaluate lines at all times: of each picture, each line, x and y."""
@@ -100,7 +95,7 @@ class MechanicalScene:
         high = float(np.max(self._curve[1], initial=0.0))
         margin = 0.05 * high or 1.0
         ax.set(xlim=(self._times[0], self._times[-1]), ylim=(-margin, high + margin))
-        ax.set(xlabel="time $t$", ylabel="gaps")
+        ax.set(xlabel="time $t$ (s)", ylabel="gaps (SI)")
         ax.axhline(0.0, color=WALL, lw=1)
         colours = [PALETTE[k % len(PALETTE)] for k in range(len(names))] or [BLUE]
         self._curves = [
@@ -108,7 +103,7 @@ class MechanicalScene:
             for name, colour in zip(names, colours, strict=False)
         ]
         if names:
-            ax.legend(loc="upper right", fontsize="small")
+            legend(ax)
 
     def show(self, number: int) -> list[Any]:
         """Draw one picture."""
@@ -122,7 +117,7 @@ class MechanicalScene:
             self._curves, self._curve[1].T, self._gaps[number], strict=True
         ):
             curve.set_data(np.append(self._curve[0][past], t), np.append(gap[past], here))
-        self._clock.set_text(f"$t$ = {t:.2f}")
+        self._clock.set_text(f"$t$ = {t:.2f} s")
         return [*self._marks, *self._stone, *self._curves, self._clock]
 
 

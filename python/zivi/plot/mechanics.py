@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zivi.plot.look import PALETTE, WALL, axes_of
+from zivi.plot.look import PALETTE, WALL, axes_of, legend
+from zivi.plot.mechanical_curve import broken, drawn
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -14,11 +15,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from zivi.base.check import Array
+    from zivi.control.mechanical_loop_run import MechanicalClosedLoop
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 
 __all__ = [
     "check_mechanical",
     "configuration",
+    "controls",
     "coordinates",
     "gaps",
     "is_mechanical",
@@ -26,9 +29,6 @@ __all__ = [
     "reactions",
     "slips",
 ]
-
-POINTS = 2000
-"""So many equidistant times beside the samples draw a motion."""
 
 
 def is_mechanical(run: Any) -> bool:
@@ -42,14 +42,6 @@ def check_mechanical(plot: str, run: Any) -> None:
         raise TypeError(
             f"zivi.plot.{plot} draws a zivi.MechanicalTrajectory, got {type(run).__name__}"
         )
-
-
-def drawn(sol: MechanicalTrajectory) -> MechanicalTrajectory:
-    """Give a run with so many samples that lines draw it, if it keeps its motion."""
-    if sol._path is None or len(sol.t) < 2:
-        return sol
-    times = np.union1d(sol.t, np.linspace(sol.t[0], sol.t[-1], POINTS))
-    return sol.resample(times)
 
 
 def gaps(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
@@ -70,13 +62,12 @@ def gaps(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes
     """
     check_mechanical("gaps", sol)
     ax = axes_of(ax)
-    curve = drawn(sol)
-    _lines(ax, curve.t, curve.gaps, sol.gap_names, line)
+    _lines(ax, *drawn(sol, "gaps"), sol.gap_names, line)
     for events, mark in ((sol.zeno, "v"), (sol.liftoffs, "^")):
         for event in events:
             ax.plot(event["t"], 0.0, mark, color=_colour(int(event["gap"])), ms=5, clip_on=False)
     ax.axhline(0.0, color=WALL, lw=0.8, zorder=0)
-    ax.set(xlabel="time $t$", ylabel="gaps $g_i$")
+    ax.set(xlabel="time $t$ (s)", ylabel="gaps $g_i$ (SI)")
     return ax
 
 
@@ -87,24 +78,24 @@ def reactions(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) ->
     """
     check_mechanical("reactions", sol)
     ax = axes_of(ax)
-    curve = sol if sol._model is None else drawn(sol)
-    # a reaction jumps where its contact begins and ends
-    values = np.where(curve.contacts, curve.reactions, np.nan)
-    _lines(ax, curve.t, values, sol.gap_names, line)
-    ax.set(xlabel="time $t$", ylabel=r"reactions $\lambda_i$")
+    _lines(ax, *drawn(sol, "reactions"), sol.gap_names, line)
+    ax.set(xlabel="time $t$ (s)", ylabel=r"reactions $\lambda_i$ (SI)")
     return ax
 
 
 def coordinates(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
-    """Plot the coordinates over time.
+    """Plot the coordinates over time, of a closed loop beside its reference.
 
     Parameters and return value as for `gaps`.
     """
     check_mechanical("coordinates", sol)
     ax = axes_of(ax)
-    curve = drawn(sol)
-    _lines(ax, curve.t, curve.q, sol.coordinate_names, line)
-    ax.set(xlabel="time $t$", ylabel="coordinates $q_i$")
+    _lines(ax, *drawn(sol, "q"), sol.coordinate_names, line)
+    reference = getattr(sol, "q_ref", None)
+    for k, values in enumerate([] if reference is None else reference.T):
+        if not np.all(np.isnan(values)):
+            ax.plot(sol.t, values, color=_colour(k), ls="--", lw=0.8)
+    ax.set(xlabel="time $t$ (s)", ylabel="coordinates $q_i$ (SI)")
     return ax
 
 
@@ -122,17 +113,18 @@ def configuration(
     """
     check_mechanical("configuration", sol)
     ax = axes_of(ax)
-    curve = drawn(sol)
     names = sol.coordinate_names
     if over is None and len(names) == 1:
-        ax.plot(curve.q[:, 0], curve.qdot[:, 0], **({"color": _colour(len(ax.lines))} | line))
+        _, phase = broken(sol, *drawn(sol, "phase"))
+        ax.plot(*phase.T, **({"color": _colour(len(ax.lines))} | line))
         ax.set(xlabel=names[0], ylabel=f"velocity of {names[0]}")
         return ax
     chosen = [_number(names, item) for item in (over if over is not None else (0, 1))]
     if len(chosen) != 2:
         raise ValueError(f"over must be two coordinates, got {over!r}")
     first, second = chosen
-    ax.plot(curve.q[:, first], curve.q[:, second], **({"color": _colour(len(ax.lines))} | line))
+    q = drawn(sol, "q")[1]
+    ax.plot(q[:, first], q[:, second], **({"color": _colour(len(ax.lines))} | line))
     ax.set(xlabel=names[first], ylabel=names[second])
     return ax
 
@@ -144,10 +136,9 @@ def slips(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axe
     """
     check_mechanical("slips", sol)
     ax = axes_of(ax)
-    curve = drawn(sol)
-    _lines(ax, curve.t, curve.slips, sol.channel_names, line)
+    _lines(ax, *broken(sol, *drawn(sol, "slips")), sol.channel_names, line)
     ax.axhline(0.0, color=WALL, lw=0.8, zorder=0)
-    ax.set(xlabel="time $t$", ylabel="slip speeds $w_c$")
+    ax.set(xlabel="time $t$ (s)", ylabel="slip speeds $w_c$ (SI)")
     return ax
 
 
@@ -184,14 +175,25 @@ def modes(sol: MechanicalTrajectory, ax: Axes | None = None, **bar: Any) -> Axes
             settings = {"facecolors": _colour(MODE_COLOURS[mode]), "label": label} | bar
             ax.broken_barh(spans, (channel - 0.4, 0.8), **settings)
     ax.set_yticks(range(len(sol.channel_names)), sol.channel_names)
-    ax.set(xlabel="time $t$", xlim=(sol.t[0], sol.t[-1]))
+    ax.set(xlabel="time $t$ (s)", xlim=(sol.t[0], sol.t[-1]))
     ax.invert_yaxis()
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(names), frameon=False)
+    legend(ax)
     return ax
 
 
 MODE_COLOURS = {0: 0, 1: 1, -1: 2}
 """The colours of stick and of both directions of slip, in the palette."""
+
+
+def controls(run: MechanicalClosedLoop, ax: Axes, line: dict[str, Any]) -> Axes:
+    """Plot the controls of a closed loop of a mechanical system, held from sample to sample."""
+    _lines(ax, run.t, run.u, run.control_names, {"drawstyle": "steps-post"} | line)
+    ax.set(xlabel="time $t$ (s)", ylabel="controls $u_j$ (SI)")
+    return ax
+
+
+MOST_NAMED = 16
+"""Lines that a legend names: of more it would be higher than the plot."""
 
 
 def _number(names: tuple[str, ...], item: int | str) -> int:
@@ -207,8 +209,8 @@ def _lines(
 ) -> None:
     for k, (values, name) in enumerate(zip(columns.T, names, strict=True)):
         ax.plot(t, values, **({"color": _colour(k), "label": name} | line))
-    if names:
-        ax.legend()
+    if 0 < len(names) <= MOST_NAMED:
+        legend(ax)
 
 
 def _colour(k: int) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zivi.orbits.mechanical.branch import MechanicalBranch
-from zivi.plot.look import BLUE, GREEN, ORANGE, PALETTE, PURPLE, axes_of
+from zivi.plot.look import BLUE, GREEN, ORANGE, PALETTE, PURPLE, axes_of, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,6 +33,8 @@ EVENTS = {
     "simultaneous": ("P", ORANGE, "two events at once"),
 }
 """Marker, colour and name of each event."""
+FLAT = 1e-6
+"""Relative range of a quantity that does not change along a branch."""
 QUANTITIES = {
     "u": "speed after the impact (m/s)",
     "phase": "phase of the impact (1)",
@@ -84,15 +86,40 @@ def branch(b: Branch | MechanicalBranch, y: str = "u", ax: Axes | None = None, *
     look: dict[str, Any] = {"color": GREEN if rests else "black", "lw": 1.2} | line
     rows = np.array([_quantity(orbit, y) for orbit in b.orbits])
     solid = b.stable & b.admissible
-    for column in rows.T:
-        ax.plot(b.values, np.where(_with_neighbours(solid), column, np.nan), **look)
-        ax.plot(b.values, np.where(solid, np.nan, column), ls="--", **look)
+    _draw_arc(ax, b.values, rows, solid, look)
     for event in b.events:
-        marker, colour, _ = EVENTS[event.kind]
-        values = _quantity(event.orbit, y)
-        ax.plot([event.value] * len(values), values, marker, color=colour, ms=5.0)
+        _mark(ax, event.kind, event.value, _quantity(event.orbit, y))
     ax.set(xlabel=b.name, ylabel=QUANTITIES[y])
+    _name(ax)
     return ax
+
+
+def _draw_arc(
+    ax: Axes, values: Array, rows: Array, solid: np.ndarray, look: dict[str, Any]
+) -> None:
+    """Draw the columns over the parameter, stable ones solid."""
+    for column in rows.T:
+        stable = np.where(_with_neighbours(solid), column, np.nan)
+        ax.plot(values, stable, **{"label": "stable" if solid.any() else "_"} | look)
+        unstable: dict[str, Any] = {"label": "_" if solid.all() else "unstable", "ls": "--"}
+        ax.plot(values, np.where(solid, np.nan, column), **unstable | look)
+
+
+def _mark(ax: Axes, kind: str, value: float, heights: Array) -> None:
+    """Mark an event of a branch."""
+    marker, colour, name = EVENTS[kind]
+    ax.plot([value] * len(heights), heights, marker, color=colour, ms=5.0, label=name)
+
+
+def _name(ax: Axes) -> None:
+    """Name once what each kind of point, line and mark is."""
+    handles, names = ax.get_legend_handles_labels()
+    low, high = ax.get_ylim()
+    if 0.0 < high - low < FLAT * abs(high):  # a constant is not drawn as its rounding
+        ax.set_ylim(0.9 * low, 1.1 * high)
+    kept = {name: handles[names.index(name)] for name in names}
+    if kept:
+        legend(ax, handles=list(kept.values()), labels=list(kept))
 
 
 def mechanical_branch(b: MechanicalBranch, y: str, ax: Axes, line: dict[str, Any]) -> Axes:
@@ -103,14 +130,11 @@ def mechanical_branch(b: MechanicalBranch, y: str, ax: Axes, line: dict[str, Any
         look: dict[str, Any] = {"color": GREEN if rests else "black", "lw": 1.2} | line
         rows = np.array([_of_mechanical(orbit, y) for orbit in arc.orbits])
         solid = np.array([orbit.stable and orbit.admissible for orbit in arc.orbits], dtype=bool)
-        for column in rows.T:
-            ax.plot(arc.values, np.where(_with_neighbours(solid), column, np.nan), **look)
-            ax.plot(arc.values, np.where(solid, np.nan, column), ls="--", **look)
+        _draw_arc(ax, arc.values, rows, solid, look)
     for event in b.events:
-        marker, colour, _ = EVENTS[event.kind]
-        values = _of_mechanical(event.orbit, y)
-        ax.plot([event.value] * len(values), values, marker, color=colour, ms=5.0)
+        _mark(ax, event.kind, event.value, _of_mechanical(event.orbit, y))
     ax.set(xlabel=b.name, ylabel=label)
+    _name(ax)
     return ax
 
 
@@ -209,13 +233,20 @@ def diagram(
     """
     ax = axes_of(ax)
     rests = d.resting[d.run] if len(d.run) else np.zeros(0, dtype=bool)
+    still = d.run_value[np.array([it.kind == "rest" for it in d.attractors], dtype=bool)]
     for kept, colour in ((~rests, "0.35"), (rests, GREEN)):
         look: dict[str, Any] = {"color": colour, "marker": ".", "ms": 1.0, "ls": ""}
         ax.plot(d.value[kept], d.second[kept], **look | line)
-    still = d.run_value[np.array([it.kind == "rest" for it in d.attractors], dtype=bool)]
     ax.plot(still, np.zeros(len(still)), color=GREEN, marker=".", ms=1.0, ls="")
+    # the points are too small for a legend
+    for there, colour, name in ((~rests, "0.35", "impacts"), (rests, GREEN, "impacts, then rest")):
+        if there.any():
+            ax.plot([], [], ".", color=colour, label=name if d.section == "impacts" else "states")
+    if len(still) and not rests.any():
+        ax.plot([], [], ".", color=GREEN, label="rest")
     for one in branches:
         branch(one, "u", ax)
+    _name(ax)
     named = "speed after the impact" if d.section == "impacts" else "velocity"
     of_mass = all(it.gaps is None for it in d.attractors)
     ax.set(xlabel=d.name, ylabel=f"{named} (m/s)" if of_mass else named)
@@ -259,7 +290,7 @@ def basins(b: Basins, ax: Axes | None = None, **image: Any) -> Axes:
     if b.grazing.any():
         i, j = np.nonzero(b.grazing)
         handles += ax.plot(b.x0s[j], b.v0s[i], "k.", ms=3, label="decided by a grazing")
-    ax.legend(handles=handles, loc="upper right", fontsize="small")
+    legend(ax, handles=handles)
     if b.axes == ("x0", "xdot0"):
         ax.set(xlabel="initial distance $x_0$ (m)", ylabel=r"initial velocity $\dot x_0$ (m/s)")
     else:

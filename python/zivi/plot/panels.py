@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
 
 from zivi.plot.curves import control, lifted, phase_plane, position, signs, velocity
 from zivi.plot.look import figure_of
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.gridspec import SubplotSpec
 
     from zivi.control.closed_loop import ClosedLoop
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
@@ -35,9 +38,11 @@ def overview(
     """Plot a run as a whole.
 
     A trajectory: position, velocity and transformed state over time, and the physical phase
-    plane. A closed loop: position, velocity, control and signs over time. A mechanical system:
-    coordinates, gaps and reactions over time, and its configuration; with dry friction what sticks
-    and slips instead of the reactions.
+    plane. A closed loop: position, velocity, control and signs over time; the phase plane instead
+    of signs that the controller does not have. A mechanical system: coordinates, gaps and
+    reactions over time, and its configuration, of a closed loop its controls; with dry friction
+    what sticks and slips instead of the reactions. What would be empty, as the reactions of a
+    system that never rests on anything, is left out.
 
     Parameters
     ----------
@@ -56,19 +61,42 @@ def overview(
     >>> len(zivi.plot.overview(zivi.simulate(ball, (0, 3), (1, 0))).axes)
     4
     """
-    drawings: list[Callable[..., Axes]] = [coordinates, gaps, reactions, partial(configuration)]
-    if not is_mechanical(run):
+    if is_mechanical(run):
+        drawings = _of_mechanical(cast("MechanicalTrajectory", run))
+    else:
         check_run("overview", run)
-        drawings = [position, velocity, lifted, partial(phase_plane, coordinates="physical")]
+        plane = partial(phase_plane, coordinates="physical")
+        drawings = [position, velocity, lifted, plane]
         if hasattr(run, "u"):
-            drawings[2:] = [control, signs]
-    elif getattr(run, "channel_names", ()):
-        drawings[1:3] = [gaps if getattr(run, "gap_names", ()) else slips, modes]
+            signed = not np.all(np.isnan(cast("ClosedLoop", run).signs))
+            drawings[2:] = [control, signs if signed else plane]
     figure = figure_of(figure, 9.0, 6.0)
     first = None
-    for number, draw in enumerate(drawings, start=1):
+    for place, draw in zip(_places(figure, len(drawings)), drawings, strict=True):
         over_time = not isinstance(draw, partial)
-        ax = figure.add_subplot(2, 2, number, sharex=first if over_time else None)
+        ax = figure.add_subplot(place, sharex=first if over_time else None)
         first = first or ax
         draw(run, ax=ax)
     return figure
+
+
+def _of_mechanical(run: MechanicalTrajectory) -> list[Callable[..., Axes]]:
+    """Choose what is not empty; a `partial` is not over time."""
+    drawings: list[Callable[..., Axes]] = [coordinates]
+    drawings += [gaps] if run.gap_names else []
+    if run.channel_names:
+        drawings += [modes] if run.gap_names else [slips, modes]
+    elif run.contacts.any():
+        drawings += [reactions]
+    return [*drawings, control if hasattr(run, "control_names") else partial(configuration)]
+
+
+def _places(figure: Figure, number: int) -> list[SubplotSpec]:
+    """Divide a figure: two rows and columns, of three places the last one high."""
+    if number == 2:
+        row = figure.add_gridspec(1, 2)
+        return [row[0, 0], row[0, 1]]
+    grid = figure.add_gridspec(2, 2)
+    if number == 3:
+        return [grid[0, 0], grid[1, 0], grid[:, 1]]
+    return [grid[0, 0], grid[0, 1], grid[1, 0], grid[1, 1]]
