@@ -189,6 +189,12 @@ def test_wrong_friction_names_its_key(tmp_path, line, wrong, told):
         (r"^q = .*$", "q = ['a', 'b c']", r"system.q\[1\] must be a name of letters"),
         (r"^e = .*$", "e = 1.4", "system.e must be a finite number >= 0 and <= 1"),
         (r"^e = .*$", "e = [0.1, 0.2]", "system.e must be one number or one for each"),
+        (r"^e = .*$", "e = [1.2]", r"system.e\[0\] must be a finite number"),
+        (
+            r"^e = .*$",
+            "e = { law = 'SpeedDependentImpact', e = 7.0, speed = 1.0 }",
+            r"system\.e",
+        ),
         (r"^y0 = .*$", "y0 = [0.5, 0.9]", r"y0\[0\] must be a list"),
         (r"^y0 = .*$", "y0 = [[0.5, 0.9], [0.0]]", r"y0 must have shape \(2,\)"),
         (r"^d = .*$", "d = '0.1'", "system.parameters.d must be a finite number"),

@@ -116,6 +116,12 @@ fn an_undefined_start_is_pushed_off_the_bound() {
     let report = solve(&mut log, &[0.0], &[INF], &mut z, &Settings::default()).unwrap();
     assert_eq!(report.status, Status::Solved);
     assert!((z[0] - 1.0).abs() < 1e-9);
+    // the mirror image
+    let mut log = scalar(|z| 1.0 + z - (-z).ln(), |z| 1.0 - 1.0 / z);
+    let mut z = [0.0];
+    let report = solve(&mut log, &[-INF], &[0.0], &mut z, &Settings::default()).unwrap();
+    assert_eq!(report.status, Status::Solved);
+    assert!((z[0] + 1.0).abs() < 1e-9);
 }
 
 #[test]

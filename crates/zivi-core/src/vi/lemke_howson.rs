@@ -361,6 +361,20 @@ mod tests {
         }
     }
 
+    /// Ratios that differ by rounding alone are a tie, which the next label breaks.
+    #[test]
+    fn ties_are_not_broken_by_rounding() {
+        let thirds = [0.3, 0.1 + 0.2];
+        assert_ne!(thirds[0], thirds[1]);
+        for (of_first, first) in [(thirds[0], thirds[1]), (thirds[1], thirds[0])] {
+            // both slacks have left the basis, to columns 0 and 1; the rates are those of column 2
+            let mut reals = [of_first, 2.0, 1.0, 2.0 * first, 2.0, 2.0, 1.0, 1.0, 0.0, 0.0];
+            let mut indices = [2, 3, 0, 1, 4, 2, 3, 0, 1, 4];
+            let it = Dictionary::new(2, 3, 0..2, (&mut reals, &mut indices));
+            assert!(it.precedes(1, 0, 2) && !it.precedes(0, 1, 2));
+        }
+    }
+
     #[test]
     fn games_whose_equilibrium_is_known() {
         // an inspector and a worker, with 5 added: the worker is indifferent at 1/4, she at 4/5
