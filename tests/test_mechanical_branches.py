@@ -141,3 +141,20 @@ def test_a_branch_that_is_not_to_go_through_ends_at_the_grazing():
     assert len(three.word) == 3
     with pytest.raises(ValueError, match="omega"):
         zivi.continue_orbit(orbit, "mass", (0.0, 1.0))
+
+
+def test_an_isola_is_closed():
+    # orbits with 5 and 6 impacts in a period, beside all others
+    start = (["I stop"] * 5, [3.9764, 4.6246, 5.0162, 5.3398, 5.6573])
+    orbit = zivi.periodic_orbit(chain2(w=0.895), start)
+    isola = zivi.continue_orbit(orbit, "omega", (0.5, 1.6))
+    assert isola.status is zivi.OrbitStatus.CLOSED
+    assert len(isola) <= 250
+    assert isola.words == ["5I stop", "6I stop", "5I stop"]
+    grazings = [it.value for it in isola.events if it.kind in ("grazing", "interior_impact")]
+    assert grazings == pytest.approx([0.8998836794, 0.8862775219, 0.8998836794], abs=1e-9)
+    # it ends with the orbit at which it left the word that it began with
+    there, again = isola.arcs[0].orbits[-1], isola.arcs[-1].orbits[-1]
+    assert np.max(np.abs(there.impacts["t"] - again.impacts["t"])) < 1e-8
+    low, high = isola.values.min(), isola.values.max()
+    assert low < 0.8862 < 0.8998 < high

@@ -571,6 +571,31 @@ def orbits_of_impacts(
 ) -> _Array: ...
 
 @final
+class PeriodicImpulses:
+    def __new__(
+        cls,
+        gaps: list[int],
+        *,
+        period: float,
+        rates: _Array,
+        kernels: _Array,
+        vectors: _Array,
+        inputs: _Array,
+        pushes: _Array,
+        forced_gaps: _Array,
+        forced_states: _Array,
+        omegas: _Array,
+        mobilities: _Array,
+        e: _Array,
+    ) -> Self: ...
+    @property
+    def mobilities(self) -> _Array: ...
+    def equations(self, y: _Array) -> tuple[_Array, _Array, _Array]: ...
+    def turned(self, y: _Array, kappa: float) -> tuple[_Array, _Array]: ...
+    def curvature(self, y: _Array, kappa: float, w: _Array, v: _Array) -> tuple[_Array, _Array]: ...
+    def states(self, y: _Array) -> _Array: ...
+
+@final
 class Nearest:
     @property
     def limit(self) -> int: ...

@@ -23,6 +23,7 @@ mod method;
 mod motion;
 mod observer;
 mod partials;
+mod periodic_impulses;
 mod record;
 mod sensitivity;
 mod simulate;
@@ -102,6 +103,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<motion::MechanicalPath>()?;
     module.add_class::<dynamics::Model>()?;
     module.add_class::<dynamics::CompiledFunction>()?;
+    module.add_class::<periodic_impulses::PeriodicImpulses>()?;
     module.add_class::<partials::Partials>()?;
     module.add_class::<partials::Moved>()?;
     module.add_class::<partials::MechanicalSensitivityRecord>()?;

@@ -31,6 +31,8 @@ from zivi.plot.orbits import basins, branch, diagram
 from zivi.plot.panels import overview
 from zivi.plot.section import poincare
 
+map = chart
+
 __all__ = [
     "BLUE",
     "GREEN",
@@ -47,6 +49,7 @@ __all__ = [
     "diagram",
     "gaps",
     "lifted",
+    "map",
     "modes",
     "multipliers",
     "overview",

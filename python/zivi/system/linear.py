@@ -236,12 +236,21 @@ class LinearSystem(MechanicalSystem):
         return [self._at_frequency(finite("omega", float(it))) for it in values.ravel()]
 
     def _at_frequency(self, omega: float) -> LinearSystem:
+        return self._with(
+            tuple(
+                dataclasses.replace(part, omega=omega) if isinstance(part, Harmonic) else part
+                for part in self.excitation
+            ),
+            self._gaps,
+        )
+
+    def _with(
+        self, excitation: tuple[Array | Harmonic | Table, ...], gaps: tuple[Gap, ...]
+    ) -> LinearSystem:
+        """Give a copy with other parts of the load and gaps, of the same kinds."""
         new = object.__new__(type(self))
         vars(new).update(vars(self))
-        new.excitation = tuple(
-            dataclasses.replace(part, omega=omega) if isinstance(part, Harmonic) else part
-            for part in self.excitation
-        )
+        new.excitation, new._gaps = excitation, gaps
         new._force = new._load
         new._given = {"mass": new.M, "force": new._load}
         return new

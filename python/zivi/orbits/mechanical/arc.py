@@ -59,7 +59,7 @@ class Way:
         self.first, self.longest = start, 5.0 * step
         self.arcs = [Arc(path, [start])]
         self.count = 1
-        self.passed: list[tuple[str, tuple[object, ...], tuple[object, ...], float]] = []
+        self.passed: list[tuple[str, tuple[object, ...], tuple[object, ...], float, Array]] = []
 
     def go(self) -> OrbitStatus:
         """Follow the branch to its end."""
@@ -160,8 +160,9 @@ class Way:
             return OrbitStatus.LEFT_ADMISSIBLE
         frame, y = beyond
         before, after = arc.path.frame.word, frame.word
-        mark = (edge.kind, _letters(before), _letters(after), edge.point.value)
-        if any(it[:3] == mark[:3] and abs(it[3] - mark[3]) < 1e-8 for it in self.passed):
+        phases = np.sort(edge.point.terms.x[:, -1] % edge.point.terms.length)
+        mark = (edge.kind, _letters(before), _letters(after), edge.point.value, phases)
+        if any(it[:3] == mark[:3] and _same(it[3:], mark[3:]) for it in self.passed):
             return OrbitStatus.CLOSED
         self.passed.append(mark)
         try:
@@ -244,6 +245,11 @@ def _letters(word: tuple[object, ...]) -> tuple[object, ...]:
     """Give a word from the same letter on, wherever it begins."""
     turns = [word[k:] + word[:k] for k in range(len(word))]
     return min(turns, key=repr)
+
+
+def _same(one: tuple[float, Array], other: tuple[float, Array]) -> bool:
+    """Whether a parameter and the times of events are those of an event before."""
+    return abs(one[0] - other[0]) < 1e-8 and bool(np.max(np.abs(one[1] - other[1])) < 1e-6)
 
 
 def _alike(margins: Margins, low: Low) -> list[Low]:

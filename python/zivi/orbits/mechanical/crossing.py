@@ -56,7 +56,7 @@ def _without(terms: Terms) -> tuple[Frame, Array]:
     segment = frame.word[0]
     word = (Segment(segment.contacts, "P", -1, segment.contacts),)
     if frame.free:
-        gap = frame.flow.gap(segment.gap, float(x[0, -1]), terms.flights.z[0])
+        gap = frame.flow.gap(segment.gap, float(x[0, -1]), terms.segments.flights.z[0])
         section: float | int = int(np.argmax(np.abs(gap.by_z[: frame.flow.n])))
     else:
         section = float(x[0, -1])

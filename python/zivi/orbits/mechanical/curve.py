@@ -11,7 +11,7 @@ from zivi.base.check import Array
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.by_parameter import moved_frame
-from zivi.orbits.mechanical.critical import Critical, Grazing, Margin, Singular, Turning
+from zivi.orbits.mechanical.critical import Critical, Grazing, Margin, Singular, Turning, Values
 from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.margins import Margins
@@ -22,6 +22,8 @@ CORRECTIONS = 10
 TOLERANCE = 1e-12
 KAPPAS = {"resonance_1_1": 1.0, "resonance_1_2": -1.0, "resonance_1_3": -0.5, "resonance_1_4": 0.0}
 STEP = 1e-5
+STALE = 0.05
+"""Where the residual falls by less, the derivatives by the parameters are computed again."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,34 +73,40 @@ class Line:
         full, n = z * self.scale, len(self.sizes)
         return full[:n], full[n : n + 2], float(full[n + 2]) if self.critical.with_kappa else 0.0
 
-    def system(self, z: Array) -> tuple[Terms, Array, Array]:
-        """Give the terms, all that must vanish, and its derivative, scaled."""
+    def system(self, z: Array, columns: Array | None = None) -> tuple[Terms, Array, Array, Array]:
+        """Give terms, what must vanish, its scaled derivative, and that by the parameters.
+
+        Those given are of a point nearby: only the convergence depends on them.
+        """
         y, values, kappa = self.split(z)
-        given = dict(zip(self.names, values.tolist(), strict=True))
-        frame = moved_frame(self.frame, given)
+        frame = moved_frame(self.frame, dict(zip(self.names, values.tolist(), strict=True)))
         terms = evaluate(frame, y)
         found = self.critical.at(terms, kappa)
         n, count = len(y), self.critical.count
         whole = np.zeros((n + count, len(z)))
         whole[:n, :n], whole[n:, :n] = terms.matrix(), found.by_y
-        factor = self.critical.factor if isinstance(self.critical, Singular) else -1.0
-        for k, name in enumerate(self.names):
-            h = STEP * max(abs(values[k]), 1e-2)
-            sides = [
-                evaluate(moved_frame(frame, given | {name: values[k] + s * h}), y) for s in (1, -1)
-            ]
-            whole[:n, n + k] = (sides[0].residual - sides[1].residual) / (2.0 * h)
-            if self.critical.is_measured:
-                ahead, back = (self.critical.measure(it) for it in sides)
-                whole[n, n + k] = (ahead - back) / (2.0 * h)
-            else:
-                change = (sides[0].matrix(factor) - sides[1].matrix(factor)) / (2.0 * h)
-                whole[n:, n + k] = self.critical.by_matrix(found, change)
+        if columns is None:
+            columns = np.column_stack([self._column(terms, kappa, found, it) for it in self.names])
+        whole[:, n : n + 2] = columns
         if found.by_kappa is not None:
             whole[n:, n + 2] = found.by_kappa
         weights = np.concatenate([self.sizes, np.full(count, self._weight(whole[n:]))])
         residual = np.concatenate([terms.residual, found.value]) / weights
-        return terms, residual, whole * self.scale / weights[:, None]
+        return terms, residual, whole * self.scale / weights[:, None], columns
+
+    def _column(self, terms: Terms, kappa: float, found: Values, name: str) -> Array:
+        """Give the derivative by a parameter, by differences."""
+        value = value_of(terms.frame.system, name)
+        h = STEP * max(abs(value), 1e-2)
+        ahead, back = (
+            evaluate(moved_frame(terms.frame, {name: value + s * h}), terms.y) for s in (1, -1)
+        )
+        moved = (ahead.residual - back.residual) / (2.0 * h)
+        if self.critical.is_measured:
+            rise = self.critical.measure(ahead) - self.critical.measure(back)
+            return np.append(moved, rise / (2.0 * h))
+        change = self.critical.matrix(ahead, kappa) - self.critical.matrix(back, kappa)
+        return np.append(moved, self.critical.by_matrix(found, change / (2.0 * h)))
 
     def _weight(self, rows: Array) -> float:
         """Give the size of what vanishes: how it changes with the unknowns."""
@@ -106,10 +114,10 @@ class Line:
 
     def correct(self, guess: Array, normal: Array | None) -> CurvePoint | None:
         """Solve in the hyperplane through a guess; None if that fails."""
-        z, before = guess.copy(), np.inf
+        z, before, columns = guess.copy(), np.inf, None
         for step in range(CORRECTIONS):
             try:
-                terms, residual, matrix = self.system(z)
+                terms, residual, matrix, columns = self.system(z, columns)
             except (FlightError, ValueError, np.linalg.LinAlgError):
                 return None
             if not np.all(np.isfinite(matrix)):
@@ -117,6 +125,8 @@ class Line:
             error = float(np.max(np.abs(residual)))
             if error <= TOLERANCE or (error >= 0.5 * before and error <= 1e-10):
                 return self._point(z, terms, matrix, step, error)
+            if STALE * before < error:
+                columns = None
             before = error
             if normal is None:
                 move = np.linalg.lstsq(matrix, residual)[0]
@@ -149,6 +159,8 @@ class Line:
         if self.kind == "fold":
             n = len(self.sizes)
             v = np.linalg.svd(terms.matrix())[2][-1]
+            assert isinstance(self.critical, Singular)
+            v *= np.sign(v @ self.critical.c)
             found["cusp"] = float(matrix[n, :n] @ (v / self.scale[:n]))
             found["fold_flip"] = doubling
         elif isinstance(self.critical, Singular):
@@ -158,6 +170,23 @@ class Line:
         else:
             touches = "resonant_grazing" if own >= 0 else "fold"
             found |= {touches: fold, "period_doubling": doubling}
+        return found | self._second_events(terms, own)
+
+    def _second_events(self, terms: Terms, own: int) -> dict[str, float]:
+        """Give what must be positive of a motion, by the event at which it begins to be."""
+        found: dict[str, float] = {}
+        near = 1e-6 * abs(terms.length)
+        ends = terms.x[own, -1] + np.array([-1, 0, 1]) * terms.length if own >= 0 else np.empty(0)
+        for low in Margins(terms).lows:
+            # the impact that grazes is a touch of its gap, too
+            touches = low.kind == "interior_impact" and np.any(np.abs(ends - low.t) < near)
+            if low.kind not in ("grazing", self.kind) and not touches:
+                found[low.kind] = min(found.get(low.kind, np.inf), low.value / low.size)
+        spans = [
+            x[-1] - x[0] for x, it in zip(terms.x, terms.frame.word, strict=True) if not it.contacts
+        ]
+        if spans and self.kind != "simultaneous":
+            found["simultaneous"] = float(min(spans))
         return found
 
     def renew(self, point: CurvePoint) -> None:
@@ -168,9 +197,6 @@ class Line:
         """Find the points of codimension two between two points."""
         found = []
         for name, value in one.tests.items():
-            # the null vector of a cusp has no sign of its own
-            if name == "cusp":
-                continue
             if value * other.tests.get(name, value) < 0.0:
                 point = self._located(one, other, name)
                 if point is not None:

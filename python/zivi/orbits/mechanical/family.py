@@ -93,15 +93,17 @@ def with_values(system: MechanicalSystem, values: Mapping[str, float]) -> Mechan
         new = system.replace(**given)  # type: ignore[attr-defined]
         if isinstance(system, ParametricSystem) and np.any(system.e != system._built.e):
             new = _with_e(new, system.e)
+    known = values_of(system) if len(given) < len(values) else {}
     for name, value in values.items():
         if name in given:
             continue
-        value_of(system, name)
+        if name not in known:
+            value_of(system, name)
         if name == "e" or name.startswith("e."):
             new = _with_e(new, _moved_e(new, name, value))
         else:
             assert isinstance(new, LinearSystem)
-            new = _with_number(new, name, value)
+            new = _with_number(new, name, value, known[name])
     return new
 
 
@@ -122,25 +124,18 @@ def _with_e(system: MechanicalSystem, e: Array) -> MechanicalSystem:
     return new
 
 
-def _with_number(system: LinearSystem, name: str, value: float) -> LinearSystem:
+def _with_number(system: LinearSystem, name: str, value: float, now: float) -> LinearSystem:
     parts, gaps = system.excitation, list(system.gaps)
     waves = any(isinstance(part, Harmonic) for part in parts)
     if name in ("omega", "F", "amplitude", "phase") and waves:
         parts = tuple(
-            _wave(part, name, value, value_of(system, name)) if isinstance(part, Harmonic) else part
-            for part in parts
+            _wave(part, name, value, now) if isinstance(part, Harmonic) else part for part in parts
         )
     else:
         for i, gap in enumerate(gaps):
             assert isinstance(gap, LinearGap)
             gaps[i] = _moved_gap(gap, system.gap_names[i], name, value)
-    new: LinearSystem = object.__new__(type(system))
-    shapes = system.shapes
-    matrices = system.M, system.C, system.K
-    e = np.clip(system.e, 0.0, 1.0)
-    new._set(matrices, parts, tuple(gaps), e, system._coordinates, None)  # type: ignore[arg-type]
-    new.shapes, new._e = shapes, system.e
-    return new
+    return system._with(parts, tuple(gaps))
 
 
 def _wave(part: Harmonic, name: str, value: float, now: float) -> Harmonic:

@@ -11,7 +11,14 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import FlightError
-from zivi.orbits.mechanical.equations import Frame, Solution, Terms, newton, sizes_of
+from zivi.orbits.mechanical.equations import (
+    Frame,
+    Solution,
+    Terms,
+    evaluate,
+    newton,
+    row_sizes,
+)
 from zivi.orbits.mechanical.margins import Margins
 from zivi.orbits.mechanical.multipliers import multipliers_of
 from zivi.orbits.mechanical.orbit import CONTACT, IMPACT, MechanicalOrbit
@@ -95,25 +102,22 @@ def _primes(number: int) -> list[int]:
 def _parts(frame: Frame, y: Array, parts: int, terms: Terms) -> tuple[float, Array]:
     """Give how far equal parts of an orbit differ, and their mean."""
     x, length = frame.split(y)
-    rows = x.reshape(parts, -1, frame.size).copy()
+    rows = x.reshape(parts, -1, x.shape[1]).copy()
     shift = length / parts * np.arange(parts)
     rows[:, :, 0] -= shift[:, None]
     rows[:, :, -1] -= shift[:, None]
-    sizes = sizes_of(terms)[0][: frame.size].copy()
+    sizes = row_sizes(terms)
     sizes[[0, -1]] = length / parts
     apart = float(np.max(np.ptp(rows, axis=0) / sizes))
     return apart, rows.mean(axis=0)
 
 
 def _moved(terms: Terms, mean: Array) -> float:
-    sizes = sizes_of(terms)[0][: terms.frame.size]
-    return float(np.max(np.abs(terms.x - mean) / sizes))
+    return float(np.max(np.abs(terms.x - mean) / row_sizes(terms)))
 
 
 def canonical(terms: Terms, multiple: int) -> Terms:
     """Let the word end with the event of the smallest phase, its time within the first period."""
-    from zivi.orbits.mechanical.equations import evaluate
-
     frame = terms.frame
     if frame.turn is not None or (isinstance(frame.section, int) and frame.free):
         return terms

@@ -20,6 +20,8 @@ __all__ = ["OUT", "Low", "Margins"]
 
 LOOKS = np.unique(np.concatenate([np.linspace(0.0, 1.0, 65), np.geomspace(1e-5, 1e-2, 10)]))
 """Parts of a segment at which gaps and forces are looked at."""
+CLOSE = 1e-13
+"""How near two times of a minimum are when it is found."""
 OUT = {
     "grazing": "The impact at t = {t:.9g} s would open the gap at {value:.3g}, not close it.",
     "interior_impact": "A gap is {value:.3g} < 0 in flight, at t = {t:.9g} s.",
@@ -183,19 +185,22 @@ def _zero(look: object, times: Array, rates: Array) -> tuple[float, float]:
     assert callable(look)
     low, high = float(times[0]), float(times[1])
     low_rate, high_rate = float(rates[0]), float(rates[1])
-    t, value = low, look(low)[0]
+    t, side = low, 0
+    value, rate = look(t)
     for _ in range(60):
-        t = high - high_rate * (high - low) / (high_rate - low_rate) if high_rate != low_rate else t
+        last = t
+        if high_rate != low_rate:
+            t = high - high_rate * (high - low) / (high_rate - low_rate)
         value, rate = look(t)
-        if rate == 0.0 or high - low < 1e-14 * max(1.0, abs(t)):
+        if rate == 0.0 or abs(t - last) < CLOSE * max(1.0, abs(t)):
             break
+        # the Illinois rule: an end that stays for the second time counts half
         if (rate > 0.0) == (high_rate > 0.0):
-            # the Illinois rule: an end that stays counts half
-            done = abs(t - high) < 1e-14 * max(1.0, abs(t))
-            high, high_rate, low_rate = t, rate, 0.5 * low_rate
+            high, high_rate = t, rate
+            low_rate *= 0.5 if side > 0 else 1.0
+            side = 1
         else:
-            done = abs(t - low) < 1e-14 * max(1.0, abs(t))
-            low, low_rate, high_rate = t, rate, 0.5 * high_rate
-        if done:
-            break
+            low, low_rate = t, rate
+            high_rate *= 0.5 if side < 0 else 1.0
+            side = -1
     return t, float(value)

@@ -89,7 +89,9 @@ def _events(system: MechanicalSystem, run: MechanicalTrajectory) -> list[Happene
     rows = run.resolved_impacts
     for group in np.unique(rows["group"]):
         own = rows[rows["group"] == group]
-        hit = own[own["speed_before"] < 1e-9 * np.min(own["speed_before"])]
+        # one that grazes has no speed
+        fastest = float(np.min(own["speed_before"]))
+        hit = own[own["speed_before"] <= (1e-9 * fastest if fastest < 0.0 else fastest)]
         t = float(own["t"][0])
         if len(hit) > 1:
             raise ValueError(f"start: the run has impacts of several gaps at once, at {t:.9g}")

@@ -12,11 +12,12 @@ import numpy as np
 from zivi.base.check import Array, finite, real, real_array, whole
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.by_parameter import flow_of
-from zivi.orbits.mechanical.equations import Frame, evaluate
+from zivi.orbits.mechanical.equations import Frame
 from zivi.orbits.mechanical.family import core_of, frequency_of
 from zivi.orbits.mechanical.find import solve
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.mechanical.run_word import recent
+from zivi.orbits.mechanical.segments import of_segments
 from zivi.orbits.mechanical.symmetry import gaps_turned, turn_of
 from zivi.orbits.mechanical.word import parsed
 from zivi.simulation.mechanical_run import state_of
@@ -162,13 +163,12 @@ def _from_word(
 
 def _states(frame: Frame, x: Array) -> Array:
     """Find the states of a motion whose events are at given times, as near as they allow."""
-    k, size = len(frame.word), frame.size
-    rows = np.arange(k * size).reshape(k, size)
+    rows = np.arange(x.size).reshape(x.shape)
     states, kept = rows[:, 1:-1].ravel(), rows[:, 2:].ravel()
     y = x.ravel().copy()
     for _ in range(8):
         try:
-            at = evaluate(frame, y)
+            at = of_segments(frame, y, y.reshape(x.shape), frame.length)
             move = np.linalg.lstsq(at.matrix()[np.ix_(kept, states)], -at.residual[kept])[0]
         except (FlightError, ValueError, np.linalg.LinAlgError):
             break
@@ -220,8 +220,7 @@ def _from_orbit(
             f"multiple must be a multiple of that of the orbit, {start.multiple}, got {multiple}"
         )
     length = start.multiple * start.period
-    x = np.empty((len(start._word), own.size))
-    x[:, :-1], x[:, -1] = start._starts, start.segments["t1"]
+    x = np.column_stack([start._starts, start.segments["t1"]])
     parts = []
     for k in range(times):
         part = x.copy()

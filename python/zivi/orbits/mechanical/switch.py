@@ -21,6 +21,8 @@ __all__ = ["switched"]
 
 AMPLITUDES = (5e-3, 1e-3, 1e-4, 1e-5)
 """How far the new orbit is from the event, in scaled unknowns."""
+STEP = 1e-6
+"""Of a difference for the direction in which it lies."""
 
 
 def switched(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbit:
@@ -53,22 +55,25 @@ def doubled(orbit: MechanicalOrbit) -> tuple[Frame, Array, Array]:
     frame = orbit._frame
     terms = evaluate(frame, orbit._y)
     null = np.real(np.linalg.svd(terms.matrix(-1.0))[2][-1])
-    x, length = terms.x, terms.length
-    v = null.reshape(x.shape)
-    second, back = x.copy(), -v
-    second[:, [0, -1]] += length
-    if frame.turn is not None:
-        second[:, 1:-1] = second[:, 1:-1] @ frame.turn.T
-        back = back.copy()
-        back[:, 1:-1] = back[:, 1:-1] @ frame.turn.T
     word = orbit._word if frame.turn is not None else frame.word * 2
-    new = dataclasses.replace(frame, word=word, length=2.0 * length, turn=None)
-    twice, direction = np.vstack([x, second]), np.vstack([v, back])
-    if frame.free:
-        direction = direction - np.zeros_like(direction)
-        direction[:, 0] -= v[0, 0]
-        direction[:, -1] -= v[0, 0]
-    return new, new.joined(twice, 2.0 * length), direction.ravel()
+    new = dataclasses.replace(frame, word=word, length=2.0 * terms.length, turn=None)
+
+    def twice(part: float) -> Array:
+        """Give the unknowns of both halves, each moved along the null vector."""
+        if frame.impulses is not None:
+            first, second = (frame.split(orbit._y + side * part * null)[0] for side in (1.0, -1.0))
+        else:
+            moved = part * null.reshape(terms.x.shape)
+            first, second = terms.x + moved, terms.x - moved
+        second[:, [0, -1]] += terms.length
+        if frame.turn is not None:
+            second[:, 1:-1] = second[:, 1:-1] @ frame.turn.T
+        return new.joined(np.vstack([first, second]), new.length)
+
+    direction = (twice(STEP) - twice(-STEP)) / (2.0 * STEP)
+    # the half that comes first is the one with the earlier event
+    later = direction.reshape(len(word), -1)[0, -1] > 0.0
+    return new, twice(0.0), -direction if later else direction
 
 
 def _doubled(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbit:

@@ -58,10 +58,12 @@ class CodimensionTwo(NamedTuple):
     Attributes
     ----------
     kind : str
-        On a fold or a doubling ``grazing`` and ``fold_flip``; of a turning pair ``resonance_1_1``
-        to ``resonance_1_4`` and ``grazing``; of a grazing ``resonant_grazing`` (a curve of folds
-        touches there), ``period_doubling`` and ``grazing`` (of another impact); where a contact
-        ends, or two events are at once, ``fold``, ``period_doubling`` and ``grazing``.
+        On a fold ``cusp`` and ``fold_flip``, on a doubling ``fold_flip``; of a turning pair
+        ``resonance_1_1`` to ``resonance_1_4``; of a grazing ``resonant_grazing`` (a curve of folds
+        touches there) and ``period_doubling``; where a contact ends, or two events are at once,
+        ``fold`` and ``period_doubling``. On all of them what ends a motion: ``grazing``
+        (of another impact), ``interior_impact``, ``contact_ends``, ``end_of_rest``, ``opening``,
+        ``simultaneous``.
     values : ndarray
         Both parameters.
     orbit : MechanicalOrbit
@@ -284,10 +286,11 @@ def _followed(
     start = line.start(y, kappa or 0.0)
     if start is None:
         raise ValueError("event: its equations could not be solved")
+    borders = line.critical
     ahead = run(line, start, ranges, step, most // 2 + 1, 1.0)
     if ahead[2] is OrbitStatus.CLOSED:
         return ahead
-    line.renew(start)
+    line.critical = borders
     back = run(line, start, ranges, step, most - len(ahead[0]) + 1, -1.0)
     order = list(MESSAGES)
     status = max(ahead[2], back[2], key=order.index)
