@@ -1,0 +1,112 @@
+"""Orbits in detail: where they begin, what they tell, and what happens where nothing is found."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import zivi
+from zivi.orbits import free, switch
+from zivi.orbits.arc import Arc
+from zivi.orbits.curve import locate
+from zivi.orbits.rest_branch import Follower
+
+
+@pytest.fixture(scope="module")
+def resting():
+    force = zivi.LinearForce(gravity=1, amplitude=1.3, phase=-np.pi / 2)
+    orbit = zivi.periodic_orbit(zivi.ImpactSystem(force, e=0.3), (0, (0, 0)))
+    assert orbit.kind != "impacting"
+    return orbit
+
+
+def test_a_resting_orbit_is_followed_from_where_it_rests(resting):
+    # f = -1 + 1.3 cos(t - pi/2), which pulls off from the lift-off on
+    def force(t):
+        return -1.0 + 1.3 * np.cos(t - np.pi / 2)
+
+    phase = Follower(resting, "amplitude").phase
+    assert force(resting.liftoff_time) == pytest.approx(0.0, abs=1e-9)
+    assert resting.margin > 0.1
+    assert resting.liftoff_time - resting.margin < phase < resting.liftoff_time
+    assert force(phase) < 0.0
+
+
+def test_an_orbit_that_touches_the_wall_says_so():
+    status = zivi.OrbitStatus
+    force = zivi.LinearForce(gravity=1, amplitude=1.52, phase=-np.pi / 2)
+    orbit = zivi.periodic_orbit(zivi.ImpactSystem(force, e=0.5), (0, (2, 2)))
+    left = dataclasses.replace(orbit, status=status.LEFT_ADMISSIBLE, depth=0.0)
+    told = switch._on_edge(left)
+    assert (told.status, told.message) == (status.COMPLETED, "The orbit touches the wall.")
+    assert told.admissible
+    deep = dataclasses.replace(left, depth=1e-3)
+    assert switch._on_edge(deep) is deep
+
+
+def test_where_no_impacting_orbit_is_found_the_last_one_is_given(resting, monkeypatch):
+    tried = []
+
+    def none(system, run, multiple, **_):
+        tried.append(system)
+        return SimpleNamespace(kind="resting", success=True, number=len(tried))
+
+    monkeypatch.setattr(switch, "periodic_orbit", none)
+    event = SimpleNamespace(orbit=resting, value=1.5)
+    found = switch._beyond(SimpleNamespace(values=[1.3, 1.4], name="amplitude"), event)
+    assert found.number == len(tried) == len(switch.DISTANCES)
+
+
+def test_a_transient_is_shorter_than_the_span():
+    force = zivi.LinearForce(gravity=1, amplitude=1.52, phase=-np.pi / 2)
+    system = zivi.ImpactSystem(force, e=0.5)
+    with pytest.raises(ValueError, match="transient must be >= 0 and shorter than t_span, got 15"):
+        zivi.lyapunov_exponents(system, (10, 20), (0, 1), transient=15.0)
+
+
+def test_a_run_of_a_mechanism_that_ends_has_no_exponents():
+    def force(t, q, qdot):
+        return [np.nan if t > 0.5 else -9.81]
+
+    system = zivi.MechanicalSystem(mass=[[1.0]], force=force, gaps=[zivi.LinearGap([1.0])], e=0.5)
+    found = zivi.lyapunov_exponents(system, (0, 9), ([1.0], [0.0]), transient=4.0, piece=1.0)
+    assert np.isnan(found.exponents).all()
+    assert found.status is zivi.OrbitStatus.RUN_ENDED
+
+
+def test_what_may_change_along_a_sticking_orbit():
+    sticking = SimpleNamespace(sticks=lambda new: True)
+    names = [name for name, _ in Arc._tests(sticking, SimpleNamespace(least_speed=1.0))]
+    assert names == ["fold", "rest_appears", "period_doubling"]
+
+
+def test_a_guess_of_a_free_motion_has_one_period():
+    force = zivi.LinearForce(stiffness=1.0, gravity=-3.0)
+    run = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 30), (4, 0))
+    guess = free._from_run(run)
+    assert guess.multiple == 1
+    assert not guess.resting
+
+
+def test_a_crossing_is_found_in_few_corrections():
+    calls = []
+
+    def correct(z, normal):
+        calls.append(z)
+        return SimpleNamespace(z=z, tangent=normal)
+
+    one, other = (
+        SimpleNamespace(z=np.array([x, 0.0]), tangent=np.array([1.0, 0.0])) for x in (-1.0, 2.0)
+    )
+    found = locate(
+        SimpleNamespace(correct=correct), one, other, lambda point: np.expm1(point.z[0] - 0.3)
+    )
+    assert found.z[0] == pytest.approx(0.3, abs=1e-13)
+    assert len(calls) <= 15
+
+
+def test_axes_are_told_where_they_are_not_those_of_one_mass():
+    force = zivi.LinearForce(gravity=1, amplitude=1.52, phase=-np.pi / 2)
+    found = zivi.basins(zivi.ImpactSystem(force, e=0.5), [0.0, 1.0], [0.0, 1.0])
+    assert "axes" not in found._table().attrs
