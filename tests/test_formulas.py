@@ -62,6 +62,14 @@ def test_every_name_can_be_declared(name):
     assert system.at(0.0, [2.0], [0.0]).force == pytest.approx([-6.0])
 
 
+def test_an_exponent_that_is_whole_but_for_rounding_is_whole():
+    # tanh(1000) is 1 - 1e-868, which SymPy cannot tell from 1
+    system = zivi.symbolic.system(
+        "x", T="xdot**2/2", Q=["(1 + x**2)**(tanh(1000) - 3)"], gaps=["x"]
+    )
+    assert system.at(0.0, [2.0], [0.0]).force == pytest.approx([1 / 25])
+
+
 def test_the_micro_sign_is_the_letter_mu():
     for declared in ("\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}"):
         for used in ("\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}"):

@@ -107,10 +107,11 @@ OF_FORMULAS: dict[str, Callable[..., Any]] = {
 def raised(base: Any, exponent: Any) -> Any:
     """Give a power: SymPy's, if its exponent is whole or both are numbers."""
     if exponent.is_number:
-        if not -HIGHEST - 2 <= float(exponent) <= HIGHEST:  # a derivative may lower it twice
+        value = float(exponent)  # of what is whole but for 1e-800, too
+        if not -HIGHEST - 2 <= value <= HIGHEST:  # a derivative may lower it twice
             raise FormulaError(f"an exponent is too high: at most {HIGHEST}")
-        if base.is_number or exponent == int(exponent):
-            return base ** (exponent if base.is_number else int(exponent))
+        if base.is_number or value.is_integer():
+            return base ** (exponent if base.is_number else int(value))
         if exponent == HALF:
             return sqrt(base)
         if exponent == -HALF:
