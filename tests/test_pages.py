@@ -45,9 +45,8 @@ RUN_HERE = [page for page in PAGES if page not in RUN_ELSEWHERE]
 
 
 INSTEAD = {
-    # what a page imports is a file: here it is not; a cluster is in this process
+    # what a page imports is a file: here it is not
     'executor="processes"': 'executor="threads"',
-    'Client("scheduler:8786")': "Client(processes=False, dashboard_address=None)",
 }
 
 
