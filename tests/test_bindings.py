@@ -130,4 +130,4 @@ def test_a_native_force_is_named_in_its_file_and_in_the_list():
     }
     # in an error, and as the force that has a table, too
     others = {"batch.rs", "force/mod.rs"}
-    assert named == {"force/native.rs", "force/list.rs"} | others
+    assert named == {"force/native/force.rs", "force/native/mod.rs"} | others

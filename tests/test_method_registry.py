@@ -96,8 +96,8 @@ def test_mechanical_systems_take_the_methods_that_say_so(name):
 @each
 def test_a_class_in_the_place_of_a_method_is_named_with_its_call(name):
     call = f"zivi.{name}({'h=1e-3' if _zivi.METHODS[name].fixed_steps else ''})"
-    assert argument_hints.told(METHODS[name]) == f"the class zivi.{name}: call it, {call}"
-    assert argument_hints.told(name.lower()).endswith(f"the object is meant, {call}")
+    assert argument_hints.argument_text(METHODS[name]) == f"the class zivi.{name}: call it, {call}"
+    assert argument_hints.argument_text(name.lower()).endswith(f"the object is meant, {call}")
 
 
 @each

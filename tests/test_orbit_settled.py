@@ -244,10 +244,10 @@ def test_secants_of_the_margin():
     assert rest_branch._root(points, 0.5) == pytest.approx(1.1 + 0.1 * 0.0016 / 0.0065)
     assert math.isnan(rest_branch._root(points[:1], 0.5))
     assert math.isnan(rest_branch._root([points[0], points[0]], 0.5))
-    assert rest_branch._short_of(1.5, 1.0, 2.0) == pytest.approx(1.495)
-    assert rest_branch._short_of(1.5, 2.0, 1.0) == pytest.approx(1.505)
+    assert rest_branch._next_guess(1.5, 1.0, 2.0) == pytest.approx(1.495)
+    assert rest_branch._next_guess(1.5, 2.0, 1.0) == pytest.approx(1.505)
     for root in (0.9, 2.1, math.nan):
-        assert rest_branch._short_of(root, 1.0, 2.0) == 1.5
+        assert rest_branch._next_guess(root, 1.0, 2.0) == 1.5
 
 
 def test_chains_of_impacts():

@@ -12,7 +12,7 @@ import pytest
 
 import study_pairs
 import zivi
-from zivi.study.digest import digest, held, source, uses
+from zivi.study.digest import digest, source, state_of, uses
 from zivi.study.uses import is_ours, unformatted, used
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
@@ -160,7 +160,7 @@ def test_a_global_is_looked_at_when_it_is_asked(monkeypatch):
 def test_the_text_of_a_cached_function_counts():
     one, other = functools.cache(plain), functools.cache(helper)
     assert source(one) == source(plain) != source(other)
-    assert held(one) is held(plain) is None
+    assert state_of(one) is state_of(plain) is None
     assert uses(other) == uses(helper)
 
 

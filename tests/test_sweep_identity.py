@@ -18,7 +18,7 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
-from zivi.study.digest import UndigestibleError, digest, held, source
+from zivi.study.digest import UndigestibleError, digest, source, state_of
 from zivi.study.identity import named
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
@@ -167,10 +167,10 @@ def test_tables_are_told_by_what_they_hold_and_not_by_how():
 def test_functions_are_told_by_text_and_by_what_they_hold():
     one, other = TWO
     assert source(one) != source(other)
-    assert held(one) is None
-    assert held(closure(1)) != held(closure(2))
-    assert held(Push(1)) == held(Push(1)) != held(Push(2))
-    assert held(Push(1).at) != held(Push(2).at)
+    assert state_of(one) is None
+    assert state_of(closure(1)) != state_of(closure(2))
+    assert state_of(Push(1)) == state_of(Push(1)) != state_of(Push(2))
+    assert state_of(Push(1).at) != state_of(Push(2).at)
     nested = [lambda: lambda: 1, lambda: lambda: 2]
     assert source(nested[0]) != source(nested[1])
     assert source(nested[0]()) != source(nested[1]())

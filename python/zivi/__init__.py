@@ -241,14 +241,20 @@ def __getattr__(name: str) -> object:
         return found
     if not name.startswith("_") and name in _former.FORMER:
         return sys.modules[f"zivi.{name}"]
-    if name in (known := sys.modules["zivi.methods"].METHODS):
-        return known[name]  # of a method that is not among those above
+    if name in (known := _listed()):
+        return known[name]
     hint = f": {_habits.MODULE[name]}" if name in _habits.MODULE else ""
     raise AttributeError(f"module 'zivi' has no attribute {name!r}{hint}")
 
 
+def _listed() -> dict[str, type]:
+    """Give the methods and controllers, those too that are not among the names above."""
+    controllers = sys.modules["zivi.control.twisting"].CONTROLLERS
+    return {it.__name__: it for it in (*sys.modules["zivi.methods"].METHODS.values(), *controllers)}
+
+
 def __dir__() -> list[str]:
-    return sorted({*__all__, *_LAZY, "methods", *sys.modules["zivi.methods"].METHODS})
+    return sorted({*__all__, *_LAZY, "methods", *_listed()})
 
 
 _former.of_zivi(globals())

@@ -11,16 +11,16 @@ def main() -> None:
         for library in ("typer", "rich"):
             needed(library, "the commands of zivi")
     except ImportError as error:
-        sys.exit(_told(error))
+        sys.exit(_report(error))
     from zivi.cli import app
 
     try:
         app()
     except OSError as error:  # what is printed before any command begins
-        sys.exit(_told(error))
+        sys.exit(_report(error))
 
 
-def _told(error: Exception) -> int:
+def _report(error: Exception) -> int:
     print(f"zivi: {error}", file=sys.stderr)
     return 2
 

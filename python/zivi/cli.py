@@ -60,7 +60,7 @@ def _experiments(wanted: bool) -> None:
 
 
 @contextlib.contextmanager
-def _told() -> Iterator[None]:
+def _reported_errors() -> Iterator[None]:
     """Tell what is wrong in one line each, and end with the right code."""
     try:
         yield
@@ -130,7 +130,7 @@ def simulate(
     Exit code 0 if the end was reached, 1 if the run ended early (it is kept as far as it went), 2
     for a bad file, 130 for Ctrl-C (kept as well).
     """
-    with _told():
+    with _reported_errors():
         code = commands.single(prepare_simulate, file, out, force=force, quiet=quiet)
     raise typer.Exit(code)
 
@@ -154,7 +154,7 @@ def control(
     Exit code 0 if the end was reached, 1 if the run ended early (it is kept as far as it went), 2
     for a bad file, 130 for Ctrl-C (kept as well).
     """
-    with _told():
+    with _reported_errors():
         code = commands.single(prepare_control, file, out, force=force, quiet=quiet)
     raise typer.Exit(code)
 
@@ -190,7 +190,7 @@ def sweep(
     Exit code 0 if all points are done, 1 if some failed or the study ended early, 2 for a bad
     file, 130 for Ctrl-C. The same command goes on where it stopped.
     """
-    with _told():
+    with _reported_errors():
         code = commands.study(
             file, out, force=force, resume=resume, retry_failed=retry_failed, quiet=quiet
         )
@@ -212,7 +212,7 @@ def show(
         import matplotlib as mpl
 
         mpl.use("Agg")
-    with _told():
+    with _reported_errors():
         code = commands.picture(result, out, force=force, window=window, quiet=quiet)
     raise typer.Exit(code)
 
@@ -233,7 +233,7 @@ def paper(
     chattering, robustness and rest (what was measured). The last line says how many of the
     checked numbers agree. Exit code 1 if one is off, 2 for a stage that does not exist.
     """
-    with _told():
+    with _reported_errors():
         needed("matplotlib", "the figures of the paper").use("Agg")
         from zivi.paper import command
 
@@ -262,7 +262,7 @@ def fmu(
     from zivi.fmu import export_fmu
 
     paths = []
-    with _told():
+    with _reported_errors():
         try:
             paths = export_fmu(out, model or None, fmi or None)
         except ValueError as error:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from zivi.base.check import Array, real, real_array, whole
+from zivi.base.check import Array, integer, real, real_array
 
 __all__ = [
     "MAX_DENSE",
@@ -58,7 +58,7 @@ def count(name: str, value: object, *, least: int = 0) -> int:
         raise TypeError(f"{name} must be an integer, got {type(value).__name__} {value!r}")
     if value < least:
         raise ValueError(f"{name} must be >= {least}, got {value}")
-    return whole(name, int(value))
+    return integer(name, int(value))
 
 
 def require_finite(name: str, array: Array) -> None:

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "MaybeNone", "finite", "real", "real_array", "switch", "whole"]
+__all__ = ["Array", "MaybeNone", "finite", "integer", "real", "real_array", "switch"]
 
 Array = NDArray[np.float64]
 MaybeNone: TypeAlias = Any
@@ -54,7 +54,7 @@ def finite(name: str, value: object) -> float:
     return number
 
 
-def whole(name: str, value: object) -> int:
+def integer(name: str, value: object) -> int:
     """Return `value` as an int of 64 bits; a TypeError or ValueError names it otherwise."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} must be a whole number, got {value!r}")

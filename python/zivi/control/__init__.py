@@ -13,13 +13,13 @@ from zivi.control.mechanical_reference import ReferenceSample
 from zivi.control.observer import ImpactObserver, Observed
 from zivi.control.reference_run import reference_run
 from zivi.control.striker import Striker
-from zivi.control.twisting import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
+from zivi.control.twisting import *  # noqa: F403
+from zivi.control.twisting import __all__ as _twisting
 
 __all__ = [
     "ClosedLoop",
     "ClosedLoopBatch",
     "Controller",
-    "ExplicitTwisting",
     "GainDesign",
     "GapTracker",
     "ImpactObserver",
@@ -31,9 +31,6 @@ __all__ = [
     "RKPeriod",
     "ReferenceSample",
     "Striker",
-    "TickStatus",
-    "TwistingRegulator",
-    "TwistingTracker",
     "design_regulator",
     "design_tracker",
     "reference_run",
@@ -41,3 +38,4 @@ __all__ = [
     "simulate_closed_loop_batch",
     "tracker_gains",
 ]
+__all__ += _twisting

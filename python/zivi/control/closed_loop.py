@@ -40,7 +40,7 @@ from zivi.control.loop_reference import (
     Told,
     check_reference,
     describe_reference,
-    given,
+    spec_of,
     told_of,
 )
 from zivi.control.loop_run import ESTIMATES, QUANTITIES, ClosedLoop
@@ -331,7 +331,7 @@ def simulate_closed_loop(
     check_observer(observer, h)
     check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
     check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
-    told = None if reference is None else given(reference, span, h)
+    told = None if reference is None else spec_of(reference, span, h)
     kappa_ref = real("kappa_ref", getattr(controller, "kappa_ref", system.kappa))
     restitution_ref = _zivi.Restitution(kappa=kappa_ref)
     deviations = check_not_negative("noise", noise)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Never, Self, TypeVar
 import numpy as np
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, real, switch, whole
+from zivi.base.check import Array, integer, real, switch
 from zivi.system.transform import coefficients
 
 __all__ = ["DEPTH", "HORIZON", "TickStatus"]
@@ -339,7 +339,7 @@ def reference_kappa(
 def horizon_of(landing: Any, ahead: Any) -> int:
     """Return the horizon of a landing in periods."""
     switch("landing", landing)
-    periods = whole("ahead", ahead)
+    periods = integer("ahead", ahead)
     if not 1 <= periods <= MAX_AHEAD:
         raise ValueError(
             f"ahead must be >= 1 (1 + the periods of delay) and at most {MAX_AHEAD:.0e}, "
@@ -352,7 +352,7 @@ def horizon_of(landing: Any, ahead: Any) -> int:
 
 def delay_of(delay: Any, ahead: int = 1) -> int:
     """Return the delay of a controller that predicts."""
-    periods = whole("delay", delay)
+    periods = integer("delay", delay)
     if not 0 <= periods <= MOST_DELAY:
         raise ValueError(f"delay must be from 0 to {MOST_DELAY} periods, got {delay}")
     if periods and ahead != 1:

@@ -316,10 +316,10 @@ def _design(
     found = search(wanted)
     if found is None:
         raise _infeasible(wanted)
-    return _told(wanted, found)
+    return _design_of(wanted, found)
 
 
-def _told(asked: Asked, found: Found) -> GainDesign:
+def _design_of(asked: Asked, found: Found) -> GainDesign:
     law, landing = asked.law, asked.landing
     mu1, mu2 = law.gains(found.braking, found.falling)
     u_min, u_max = law.controls(mu1, mu2, landing.delay > 0)

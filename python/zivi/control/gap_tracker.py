@@ -241,7 +241,7 @@ class GapTracker(ModelBased):
         ndarray
             As `step`.
         """
-        return self._ticked(t, q, qdot, (_given(now), _given(next)))
+        return self._ticked(t, q, qdot, (_sample_spec(now), _sample_spec(next)))
 
     def in_loop(self, n: int, reference: MechanicalReference | None) -> _zivi.GapLoop:
         """Give what a closed loop of `n` coordinates runs, along a reference or into rest."""
@@ -267,7 +267,7 @@ class GapTracker(ModelBased):
         return self._law.step(self._model(at)[1].core, t, at, speed, ends)
 
 
-def _given(sample: ReferenceSample) -> tuple[Any, ...]:
+def _sample_spec(sample: ReferenceSample) -> tuple[Any, ...]:
     """Give a sample as the extension takes it."""
     numbers = [None if it is None else np.asarray(it, dtype=np.float64) for it in sample]
     numbers[3] = np.asarray(sample.contacts, dtype=bool)

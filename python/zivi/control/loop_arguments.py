@@ -17,7 +17,7 @@ from zivi.base.check import Array, real
 from zivi.base.warnings import ModelWarning
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
-from zivi.simulation.argument_hints import told
+from zivi.simulation.argument_hints import argument_text
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import pair
 from zivi.system.mass import ImpactSystem, force_spec, in_wall_frame
@@ -263,7 +263,7 @@ def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> None:
     if not isinstance(method, ThetaGamma) or method.solver != "exact":
         raise TypeError(
             "method must be None, a zivi.SwitchedRK or an exact zivi.ThetaGamma, "
-            f"got {told(method)}"
+            f"got {argument_text(method)}"
         )
     if method.h != h:
         raise ValueError(f"method.h must be the controller's h = {h}, got {method.h}")
@@ -280,7 +280,7 @@ def check_observer(observer: Any, h: float) -> None:
     if observer is None:
         return
     if type(observer) is not ImpactObserver:
-        raise TypeError(f"observer must be a zivi.ImpactObserver, got {told(observer)}")
+        raise TypeError(f"observer must be a zivi.ImpactObserver, got {argument_text(observer)}")
     if observer.h != h:
         raise ValueError(f"observer.h must be the controller's h = {h}, got {observer.h}")
 

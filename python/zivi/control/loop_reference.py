@@ -24,8 +24,8 @@ __all__ = [
     "asked_of",
     "check_reference",
     "describe_reference",
-    "given",
     "rows_of",
+    "spec_of",
     "told_of",
 ]
 
@@ -112,7 +112,7 @@ def describe_reference(reference: Any) -> str:
     return str(describe(reference)) if callable(reference) else "values at the samples"
 
 
-def given(reference: Any, span: tuple[float, float], h: float) -> Spec:
+def spec_of(reference: Any, span: tuple[float, float], h: float) -> Spec:
     """Translate a reference: a function stays one, all else is known at the samples."""
     if callable(reference) and not isinstance(reference, Trajectory):
         return _function(reference)
@@ -139,14 +139,19 @@ def _of_run(run: Trajectory, times: Array) -> Array:
             f"reference must be known over t_span = ({times[0]}, {times[-1]}), "
             f"it is a run over ({start}, {end})"
         )
+    *moves, pull = sampled_run(run, times)
+    return np.column_stack([*moves, np.append(pull, np.nan)])
+
+
+def sampled_run(run: Trajectory, times: Array) -> tuple[Array, Array, Array, Array]:
+    """Give position, velocity and branch at the times, and the mean acceleration between them."""
     x, xdot = run(times)
     s, v = run._known().lifted(times)
     impacts = run.impacts_down_to(SLOWEST)
     jumps = np.append(0.0, np.cumsum(impacts["xdot_after"] - impacts["xdot_before"]))
     before = jumps[np.searchsorted(impacts["t"], times, side="right")]
     pull = np.diff(xdot - before) / np.diff(times)
-    branch = np.where(s == 0.0, np.sign(v), np.sign(s))
-    return np.column_stack([x, xdot, branch, np.append(pull, np.nan)])
+    return x, xdot, np.where(s == 0.0, np.sign(v), np.sign(s)), pull
 
 
 def _of_array(reference: Any, times: Array) -> Array:

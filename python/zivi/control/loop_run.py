@@ -212,7 +212,7 @@ class ClosedLoop(MassRun):
     def __repr__(self) -> str:
         name = self.config["controller"]["name"]
         span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g} s" if len(self.t) else "no samples"
-        return f"<ClosedLoop {name}, {span}, {self._told()}: {self.status.name.lower()}>"
+        return f"<ClosedLoop {name}, {span}, {self._events_text()}: {self.status.name.lower()}>"
 
     def _facts(self) -> dict[str, str]:
         work = f"{len(self.t)} samples, {self.n_refused} refused, {self.nfev} evaluations"

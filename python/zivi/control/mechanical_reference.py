@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, real_array
+from zivi.control.loop_reference import SLOWEST, sampled_run
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.gap_coordinates import check_independent
@@ -18,8 +19,6 @@ from zivi.system.mechanism import Model
 
 __all__ = ["MechanicalReference", "ReferenceSample", "reference_of"]
 
-SLOWEST = 1e-12
-"""Speed of the slowest impact of a reference that is counted."""
 MOST_IMPACTS = 100_000
 """Impacts of an accumulation of a reference that are counted."""
 
@@ -217,13 +216,7 @@ def _scalar(name: str, run: Any, times: Array) -> tuple[Array, Array, Array, Arr
     start, end = run._extent()
     if not (start <= times[0] and times[-1] <= end):
         raise ValueError(f"reference[{name!r}] must be known over ({times[0]}, {times[-1]})")
-    x, xdot = run(times)
-    s, v = run._known().lifted(times)
-    impacts = run.impacts_down_to(SLOWEST)
-    jumps = np.append(0.0, np.cumsum(impacts["xdot_after"] - impacts["xdot_before"]))
-    before = jumps[np.searchsorted(impacts["t"], times, side="right")]
-    pull = np.diff(xdot - before) / np.diff(times)
-    side = np.where(s == 0.0, np.sign(v), np.sign(s))
+    x, xdot, side, pull = sampled_run(run, times)
     return x, xdot, np.where(side == 0.0, 1.0, side), np.append(pull, pull[-1:])
 
 

@@ -169,7 +169,7 @@ class ModelBased:
             self._queue = [*self._queue, u][-self.delay :]
         return u.copy()
 
-    def _held(self) -> Array:
+    def _hold_controls(self) -> Array:
         """Send the last controls again."""
         assert self._inputs is not None
         return self._sent(np.zeros(self._inputs.r) if self._u is None else self._u)

@@ -301,8 +301,8 @@ class ImpactObserver(_zivi.Observer, Component):
                 raise ValueError(
                     f"xdot_measured must have the shape of t, {times.shape}, got {xdot.shape}"
                 )
-        held = _held("force", force, len(times)) + _held("u", u, len(times))
-        estimates, deviations, refused = self._observe(times, x, xdot, held)
+        controls = _sampled_force("force", force, len(times)) + _sampled_force("u", u, len(times))
+        estimates, deviations, refused = self._observe(times, x, xdot, controls)
         x, xdot, d, e = estimates
         *others, of_e = deviations
         return Observed(times, x, xdot, d, np.column_stack(others), refused, e, of_e)
@@ -319,7 +319,7 @@ def _deviations(noise: Any, position_only: bool) -> tuple[float, float]:
     return real("noise", of_x), real("noise", of_xdot)
 
 
-def _held(name: str, value: ArrayLike, n: int) -> Array:
+def _sampled_force(name: str, value: ArrayLike, n: int) -> Array:
     array = real_array(name, value)
     if array.shape not in ((), (n,)):
         raise ValueError(f"{name} must be a number or have shape ({n},), got {array.shape}")

@@ -192,7 +192,7 @@ class Striker(ModelBased):
         """
         there = self._outlook(t, q, qdot, np.zeros(self.system.m, dtype=bool))
         if there is None:
-            return self._held()
+            return self._hold_controls()
         t, at, speed, kinetics, matrix = there
         gap, rate = float(kinetics.here.gaps[self._gap]), float(kinetics.gdot[self._gap])
         pull = self._pull(kinetics)
@@ -271,7 +271,7 @@ class Striker(ModelBased):
             if self._strike_at is None:
                 self._strike_at = t + float(self._settings["interval"])
             goal, left = 0.0, self._strike_at - t
-            meeting = _asked("speed", self._settings["speed"], self._k)
+            meeting = _positive_setting("speed", self._settings["speed"], self._k)
         else:
             goal = float(self._settings["place"])
             energy = v * v + 2.0 * G * (x - goal)
@@ -280,7 +280,9 @@ class Striker(ModelBased):
                 return -100.0 * (z - goal) - 20.0 * w  # out of reach: wait
             coming = -math.sqrt(energy)
             left = (v - coming) / G
-            leaving = math.sqrt(2.0 * G * _asked("apex", self._settings["apex"], self._k))
+            leaving = math.sqrt(
+                2.0 * G * _positive_setting("apex", self._settings["apex"], self._k)
+            )
             meeting = coming + (leaving - coming) / self._gamma
         if left < FINAL * h:
             self._plan = (self._plan[0] + h * self._plan[1], self._plan[1])
@@ -291,7 +293,7 @@ class Striker(ModelBased):
         return self._plan[0]
 
 
-def _asked(name: str, given: Any, k: int) -> float:
+def _positive_setting(name: str, given: Any, k: int) -> float:
     value = real(f"{name}({k})", given(k)) if callable(given) else real(name, given)
     if not (math.isfinite(value) and value > 0.0):
         raise ValueError(f"{name} must be finite and > 0, got {value} for stroke {k}")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Literal, Self
 
 import zivi._zivi as _zivi
-from zivi.base.check import real, switch, whole
+from zivi.base.check import integer, real, switch
 from zivi.base.habits import hinted
 from zivi.control.component import (
     DEPTH,
@@ -26,7 +26,7 @@ from zivi.control.component import (
 )
 from zivi.simulation.methods import ThetaGamma
 
-__all__ = ["CONTROLLERS", "ExplicitTwisting", "TickStatus", "TwistingRegulator", "TwistingTracker"]
+__all__ = ["ExplicitTwisting", "TickStatus", "TwistingRegulator", "TwistingTracker"]
 
 BRANCHES = ("positive", "nearest")
 """How a tracker lifts what it measures."""
@@ -37,7 +37,7 @@ def _solve_by(
     controller: _zivi.Regulator | _zivi.Tracker, solver: str, linearisations: int
 ) -> dict[str, Any]:
     """Have the steps of a controller solved so, and return the settings."""
-    count = whole("linearisations", linearisations)
+    count = integer("linearisations", linearisations)
     controller._solve_by(solver, count)
     return {"solver": solver, "linearisations": count}
 
@@ -403,4 +403,4 @@ class ExplicitTwisting(_zivi.Explicit, Following):
 
 
 CONTROLLERS: tuple[type[Shared], ...] = (TwistingRegulator, TwistingTracker, ExplicitTwisting)
-"""All of them: closed loops, batches, blocks and files take each."""
+"""All of them: closed loops, batches, blocks and files take each; they are names of `zivi`."""

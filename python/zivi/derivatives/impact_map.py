@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, real_array, whole
+from zivi.base.check import Array, integer, real_array
 from zivi.base.progress import ProgressBar
 from zivi.simulation.batch_arguments import check_threads
 from zivi.system.mass import ImpactSystem, check_system
@@ -207,7 +207,7 @@ def orbits(
         NaN from where there is no next impact.
     """
     starts, shape = _starts(phase, u)
-    n, skip = whole("n", n), whole("skip", skip)
+    n, skip = integer("n", n), integer("skip", skip)
     if not 1 <= n <= MOST:
         raise ValueError(f"n must be from 1 to {MOST:.0e}, got {n}")
     if not 0 <= skip <= MOST:

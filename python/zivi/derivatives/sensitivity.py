@@ -15,7 +15,7 @@ from zivi.base.compiled import listening
 from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.derivatives.result import KINDS, Nearest, OrbitStatus, Sensitivity
-from zivi.simulation.argument_hints import told
+from zivi.simulation.argument_hints import argument_text
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.partial import as_raised, with_partial
 from zivi.simulation.run import pair, stop_times
@@ -264,7 +264,9 @@ def sensitivity(
         check_differentiable(system)
     check_smooth(system)
     if not isinstance(method, SwitchedRK):
-        raise TypeError(f"sensitivity needs method=zivi.SwitchedRK(...), got {told(method)}")
+        raise TypeError(
+            f"sensitivity needs method=zivi.SwitchedRK(...), got {argument_text(method)}"
+        )
     span = pair("t_span", t_span, "(t0, t1)")
     for name, value in (("errsens", errsens), ("dense_output", dense_output)):
         if not isinstance(value, bool):

@@ -11,7 +11,7 @@ from typing import Any
 
 from zivi.base.formula import FormulaError, normal, parse
 from zivi.files.kinds import Kind, Number, read_each
-from zivi.files.validation import Mistakes, got
+from zivi.files.validation import Mistakes, got_value
 
 __all__ = ["Each", "Expression", "Few", "Names", "OneOrEach"]
 
@@ -31,12 +31,12 @@ class Expression:
             try:
                 parse(value)
             except FormulaError as error:
-                mistakes.add(key, f"must be {self.allowed}, {got(value)}: {error}")
+                mistakes.add(key, f"must be {self.allowed}, {got_value(value)}: {error}")
             return value
         tried = Mistakes(mistakes.file)
         number = Number().read(value, key, tried)
         if tried.found:
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
         return number
 
 
@@ -52,12 +52,14 @@ class Names:
     def read(self, value: Any, key: str, mistakes: Mistakes) -> list[str] | None:
         """Give the names."""
         if not (isinstance(value, list) and value):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
         names = [normal(name) if isinstance(name, str) else name for name in value]
         for n, name in enumerate(names):
             if not (isinstance(name, str) and name.isidentifier()) or keyword.iskeyword(name):
-                mistakes.add(f"{key}[{n}]", f"must be a name of letters and digits, {got(name)}")
+                mistakes.add(
+                    f"{key}[{n}]", f"must be a name of letters and digits, {got_value(name)}"
+                )
             elif name in names[:n]:
                 mistakes.add(f"{key}[{n}]", f"must be another name, got {name!r} again")
         return names
@@ -114,7 +116,7 @@ class Few:
         """Give the list."""
         given = value if isinstance(value, list) else [value]
         if not self.least <= len(given) <= len(self.names):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
         several = isinstance(value, list)
         places = [f"{key}[{n}]" if several else key for n in range(len(given))]

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from typing import Any, Protocol
 
-from zivi.files.validation import Mistakes, got, suggestion
+from zivi.files.validation import Mistakes, got_value, suggestion
 
 __all__ = ["Choice", "Either", "Kind", "Number", "Numbers", "Pair", "Switch", "Whole"]
 
@@ -56,7 +56,7 @@ class Number:
             number = _float(value)
             if self._holds(number):
                 return number
-        mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+        mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
         return None
 
     def _holds(self, number: float) -> bool:
@@ -94,7 +94,7 @@ class Whole:
         whole = isinstance(value, int) and not isinstance(value, bool)
         if whole and self.least <= value <= self.most:
             return int(value)
-        mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+        mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
         return None
 
 
@@ -111,7 +111,7 @@ class Switch:
         """Give a bool."""
         if isinstance(value, bool):
             return value
-        mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+        mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
         return None
 
 
@@ -146,7 +146,7 @@ class Choice:
         if isinstance(value, str):
             near, _, _ = suggestion(value, (str(it) for it in self.names)).partition(" allowed:")
             meant = near.rstrip(";") or meant
-        mistakes.add(key, f"must be {self.allowed}, {got(value)}{meant}")
+        mistakes.add(key, f"must be {self.allowed}, {got_value(value)}{meant}")
         return None
 
 
@@ -172,7 +172,7 @@ class Pair:
     def read(self, value: Any, key: str, mistakes: Mistakes) -> tuple[Any, Any] | None:
         """Give a tuple of two floats."""
         if not (isinstance(value, list) and len(value) == 2):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
         first = self.first.read(value[0], f"{key}[0]", mistakes)
         return first, self.second.read(value[1], f"{key}[1]", mistakes)
@@ -181,7 +181,7 @@ class Pair:
 def read_each(whole: Kind, of: Kind, value: Any, key: str, mistakes: Mistakes) -> list[Any] | None:
     """Give the entries of a list that must not be empty, each of one kind."""
     if not (isinstance(value, list) and value):
-        mistakes.add(key, f"must be {whole.allowed}, {got(value)}")
+        mistakes.add(key, f"must be {whole.allowed}, {got_value(value)}")
         return None
     return [of.read(it, f"{key}[{n}]", mistakes) for n, it in enumerate(value)]
 
@@ -221,7 +221,7 @@ class Either:
         tried = Mistakes(mistakes.file)
         found = self.simple.read(value, key, tried)
         if tried.found and not tried.found[0].startswith(f"{mistakes.file}: {key}["):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
         else:  # what is wrong is in it
             mistakes.found += tried.found
         return found

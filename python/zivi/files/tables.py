@@ -8,7 +8,7 @@ from typing import Any
 
 from zivi.files.expressions import Each
 from zivi.files.kinds import Choice, Either, Kind
-from zivi.files.validation import Mistakes, got, joined, suggestion
+from zivi.files.validation import Mistakes, got_value, joined, suggestion
 
 __all__ = ["Key", "Open", "Row", "Table", "Tagged", "rows"]
 
@@ -52,7 +52,7 @@ class Table:
     def read(self, value: Any, key: str, mistakes: Mistakes) -> dict[str, Any] | None:
         """Give the values of the keys that are there."""
         if not isinstance(value, dict):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
         return read_keys(self.keys, value, key, mistakes)
 
@@ -74,7 +74,7 @@ class Tagged:
     def read(self, value: Any, key: str, mistakes: Mistakes) -> dict[str, Any] | None:
         """Give the tag and the values of the keys that are there."""
         if not isinstance(value, dict):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
         where = joined(key, self.tag)
         choice = Choice(tuple(self.variants), others=self.others)
@@ -117,7 +117,7 @@ class Open:
     def read(self, value: Any, key: str, mistakes: Mistakes) -> dict[str, Any] | None:
         """Give the values by name."""
         if not isinstance(value, dict):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
         return {name: self.kind.read(it, joined(key, name), mistakes) for name, it in value.items()}
 

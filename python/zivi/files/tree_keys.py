@@ -14,7 +14,7 @@ from zivi.files.keys import ANY, NOT_NEGATIVE
 from zivi.files.kinds import Choice, Kind, Number, read_each
 from zivi.files.mechanical_keys import MECHANICS, RESTITUTIONS
 from zivi.files.tables import Key, Open, Table, Tagged
-from zivi.files.validation import Mistakes, got
+from zivi.files.validation import Mistakes, got_value
 from zivi.system.impact_law import NewtonImpact
 from zivi.system.tree.body import KINDS
 from zivi.system.tree.gaps import BallGap, JointLimit, PlaneGap
@@ -33,7 +33,7 @@ class Text:
         """Give the name."""
         if isinstance(value, str) and value:
             return value
-        mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+        mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
         return None
 
 
@@ -51,7 +51,7 @@ class Triple:
     def read(self, value: Any, key: str, mistakes: Mistakes) -> Any:
         """Give lists of floats."""
         if not (isinstance(value, list) and len(value) == 3):
-            mistakes.add(key, f"must be {self.allowed}, {got(value)}")
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
         of: Kind = Triple() if self.rows else Number()
         return read_each(self, of, value, key, mistakes)
@@ -181,9 +181,9 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
     parts = [_lines(first), "[system]", _lines(system)]
     kinds = {kind: name for name, kind in GAPS.items()}
     for body in tree.bodies:
-        parts += ["[[system.bodies]]", _lines(_given(body))]
+        parts += ["[[system.bodies]]", _lines(_not_default(body))]
     for gap in tree._structure.gaps:
-        parts += ["[[system.gaps]]", _lines({"kind": kinds[type(gap)]} | _given(gap))]
+        parts += ["[[system.gaps]]", _lines({"kind": kinds[type(gap)]} | _not_default(gap))]
     return "\n".join(parts)
 
 
@@ -193,12 +193,12 @@ def _laws(tree: Tree) -> list[Any]:
         numbers: list[Any] = tree._e.tolist()
         return numbers
     return [
-        law.e if isinstance(law, NewtonImpact) else {"law": type(law).__name__} | _given(law)
+        law.e if isinstance(law, NewtonImpact) else {"law": type(law).__name__} | _not_default(law)
         for law in tree._e
     ]
 
 
-def _given(it: Any) -> dict[str, Any]:
+def _not_default(it: Any) -> dict[str, Any]:
     """Give the fields that are not their defaults."""
     found = {}
     for field in dataclasses.fields(it):

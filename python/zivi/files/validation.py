@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["FileError", "Mistakes", "got", "joined", "suggestion"]
+__all__ = ["FileError", "Mistakes", "got_value", "joined", "suggestion"]
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 """Keys that TOML takes without quotes."""
@@ -80,7 +80,7 @@ def joined(path: str, name: str) -> str:
     return f"{path}.{shown}" if path else shown
 
 
-def got(value: Any) -> str:
+def got_value(value: Any) -> str:
     """Show a wrong value in a few characters."""
     text = repr(value)
     return f"got {text if len(text) <= LONGEST else text[: LONGEST - 3] + '...'}"

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, real_array, whole
+from zivi.base.check import Array, integer, real_array
 from zivi.derivatives.result import OrbitStatus, Sensitivity
 from zivi.derivatives.sensitivity import sensitivity
 from zivi.interop.function import ParameterFunction
@@ -306,7 +306,7 @@ def run_function(
     if output not in OUTPUTS:
         told = ", ".join(repr(name) for name in OUTPUTS)
         raise ValueError(f"output must be one of {told}, got {output!r}")
-    if whole("number", number) < 0:
+    if integer("number", number) < 0:
         raise ValueError(f"number must be >= 0, got {number}")
     if outside not in OUTSIDE:
         raise ValueError(f"outside must be 'inf', 'nan' or 'raise', got {outside!r}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import zivi._zivi as _zivi
-from zivi.base.check import finite, whole
+from zivi.base.check import finite, integer
 from zivi.base.extras import needed
 from zivi.system.transform import coefficients
 
@@ -80,7 +80,7 @@ def juggler(
     for name, value in numbers.items():
         if not value > 0.0:
             raise ValueError(f"{name} must be > 0, got {value}")
-    if whole("steps", steps) < 1:
+    if integer("steps", steps) < 1:
         raise ValueError(f"steps must be >= 1, got {steps}")
     made: gymnasium.Env[Any, Any] = _juggler()(wall, steps=steps, **numbers)
     return made

@@ -86,7 +86,7 @@ class OrbitsAlong(Tabulated, Generic[Event]):
             "multiplier_imag": self.multipliers.imag,
         }
 
-    def _told(self) -> dict[str, Any]:
+    def _end_and_events(self) -> dict[str, Any]:
         """Give the end of the branch and its events."""
         return {
             "status": self.status.name,

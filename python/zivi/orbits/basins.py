@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import Array, real_array, whole
+from zivi.base.check import Array, integer, real_array
 from zivi.base.table import Field, Table, Tabulated
 from zivi.orbits.attractor import TOLERANCE, Attractor, classify
 from zivi.orbits.cells import settle_cells
@@ -180,7 +180,7 @@ def basins(
     if not len(across) or not len(along) or (is_mass and np.any(across < 0.0)):
         told = ", those of x0s >= 0" if is_mass else ""
         raise ValueError(f"x0s and v0s must hold numbers{told}")
-    if whole("transient", transient) < 0 or whole("keep", keep) < 2:
+    if integer("transient", transient) < 0 or integer("keep", keep) < 2:
         raise ValueError(f"transient must be >= 0 and keep >= 2, got {transient} and {keep}")
     if not tolerance > 0.0:
         raise ValueError(f"tolerance must be > 0, got {tolerance}")

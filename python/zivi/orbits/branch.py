@@ -108,7 +108,9 @@ class Branch(along.OrbitsAlong[BranchEvent]):
     def _table(self) -> Table:
         """Tell the points of the branch; its events are among the attributes."""
         fields: dict[str, Field] = {self.name: ("point", "", "parameter"), **FIELDS}
-        return Table("Branch of periodic orbits", fields, {}, self._columns(), self._told())
+        return Table(
+            "Branch of periodic orbits", fields, {}, self._columns(), self._end_and_events()
+        )
 
     def __repr__(self) -> str:
         told = ", ".join(f"{event.kind} at {event.value:.9g}" for event in self.events)

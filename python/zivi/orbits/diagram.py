@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import Array, real_array, whole
+from zivi.base.check import Array, integer, real_array
 from zivi.base.table import Field, Table, Tabulated
 from zivi.orbits.attractor import Attractor
 from zivi.orbits.mechanical.family import value_of
@@ -189,7 +189,7 @@ def bifurcation_diagram(
         raise ValueError("values must be finite numbers, at least one")
     if section not in ("impacts", "strobe"):
         raise ValueError(f"section must be 'impacts' or 'strobe', got {section!r}")
-    if whole("transient", transient) < 0 or whole("keep", keep) < 2:
+    if integer("transient", transient) < 0 or integer("keep", keep) < 2:
         raise ValueError(f"transient must be >= 0 and keep >= 2, got {transient} and {keep}")
     follows = isinstance(starts, str)
     if follows and starts != "follow":

@@ -8,7 +8,7 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, whole
+from zivi.base.check import Array, integer
 from zivi.base.habits import hinted
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import PRECISE, FlightError, period_of
@@ -115,7 +115,7 @@ def periodic_orbit(
     """
     if not isinstance(method, SwitchedRK):
         raise TypeError(f"method must be a zivi.SwitchedRK, got {method!r}")
-    if whole("max_iter", max_iter) < 1:
+    if integer("max_iter", max_iter) < 1:
         raise ValueError(f"max_iter must be >= 1, got {max_iter}")
     if isinstance(system, MechanicalSystem):
         from zivi.orbits.mechanical.start import mechanical_orbit
@@ -126,7 +126,7 @@ def periodic_orbit(
     check_newton(system)
     if symmetry is not None:
         raise TypeError("symmetry is for a zivi.MechanicalSystem")
-    if multiple is not None and whole("multiple", multiple) < 1:
+    if multiple is not None and integer("multiple", multiple) < 1:
         raise ValueError(f"multiple must be >= 1, got {multiple}")
     known = None if is_free(system, period, multiple) else period_of(system, period, or_free=True)
     if known is None:

@@ -9,7 +9,7 @@ from typing import overload
 
 import numpy as np
 
-from zivi.base.check import finite, whole
+from zivi.base.check import finite, integer
 from zivi.base.habits import hinted
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.arc import Arc, Found
@@ -114,7 +114,7 @@ def continue_orbit(
         raise ValueError(f"span must contain {name} = {value} of the orbit, got ({low}, {high})")
     if not 0.0 < finite("step", step) < 1.0:
         raise ValueError(f"step must be in (0, 1), got {step}")
-    if whole("max_points", max_points) < 2:
+    if integer("max_points", max_points) < 2:
         raise ValueError(f"max_points must be >= 2, got {max_points}")
     if orbit.status in (OrbitStatus.NOT_CONVERGED, OrbitStatus.RESTS):
         raise ValueError(f"orbit was not found: {orbit.message}")

@@ -105,7 +105,7 @@ def ending(
         last, root = root, _root(points, beta)
         if abs(root - last) <= ENOUGH * abs(root):
             break
-        guess = _short_of(root, value, outside)
+        guess = _next_guess(root, value, outside)
         if abs(guess - value) <= CLOSEST * max(abs(value), 1e-3):
             break
         there = follower.at(guess)
@@ -154,7 +154,7 @@ def _root(points: list[Inside], beta: float) -> float:
     return q - b * (q - p) / (b - a) if a != b else np.nan
 
 
-def _short_of(root: float, inside: float, outside: float) -> float:
+def _next_guess(root: float, inside: float, outside: float) -> float:
     """Give the next place to look: short of the root, or the middle of the bracket."""
     if min(inside, outside) < root < max(inside, outside):
         return float(inside + (1.0 - SHORT) * (root - inside))

@@ -74,9 +74,9 @@ class Picture:
     @property
     def caption(self) -> str:
         """The line below the figure."""
-        return self._said(" ")
+        return self._caption(" ")
 
-    def _said(self, space: str) -> str:
+    def _caption(self, space: str) -> str:
         stated = (f"{name} = {text}".replace(" ", space) for name, text in self.stated.items())
         return f"{self.title}. {', '.join(stated)}." + f" {self.remark}".rstrip()
 
@@ -85,7 +85,7 @@ class Picture:
         import matplotlib.pyplot as plt
 
         width = int(CHARACTERS * self.figure.get_size_inches()[0])
-        caption = textwrap.fill(self._said(NO_BREAK), width)
+        caption = textwrap.fill(self._caption(NO_BREAK), width)
         self.figure.supxlabel(caption, x=0.01, ha="left", fontsize="small", color="0.25")
         about = {
             "Title": self.title,

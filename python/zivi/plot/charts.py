@@ -69,7 +69,7 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
         place = (float(point.values[0]), float(point.values[1]))
         ax.annotate(told, place, (3, 3), textcoords="offset points", fontsize="x-small")
     if words and len(c._found):
-        from zivi.orbits.mechanical.word import told as short
+        from zivi.orbits.mechanical.word import shortened as short
 
         middle = len(c) // 2
         place = (float(x[middle]), float(y[middle]))

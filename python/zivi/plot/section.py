@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zivi.base.check import finite, whole
+from zivi.base.check import finite, integer
 from zivi.plot.look import BLUE, axes_of, labels, next_colour
 from zivi.plot.runs import check_run
 
@@ -70,7 +70,7 @@ def poincare(
     period, phase = finite("period", period), finite("phase", phase)
     if not period > 0.0:
         raise ValueError(f"period must be > 0, got {period}")
-    if whole("skip", skip) < 0:
+    if integer("skip", skip) < 0:
         raise ValueError(f"skip must be >= 0, got {skip}")
     if by_period:
         across, along = _strobe(sol, period, phase)

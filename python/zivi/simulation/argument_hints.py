@@ -10,7 +10,7 @@ from zivi.base.habits import keyword_hint
 from zivi.simulation.methods import METHODS, FixedSteps, Settings
 from zivi.system.mass import WRAPPED
 
-__all__ = ["check_method", "refuse", "told"]
+__all__ = ["argument_text", "check_method", "refuse"]
 
 BY_NAME = {
     "DOP853": "zivi.SwitchedRK(), of order 8",
@@ -53,10 +53,10 @@ def check_method(method: Any) -> None:
     if not isinstance(method, type) and hasattr(method, "_core"):
         return
     example = "e.g. zivi.SwitchedRK(rtol=1e-6) or zivi.ThetaGamma(h=1e-3)"
-    raise TypeError(f"method must be one of zivi's methods, {example}, got {told(method)}")
+    raise TypeError(f"method must be one of zivi's methods, {example}, got {argument_text(method)}")
 
 
-def told(method: Any) -> str:
+def argument_text(method: Any) -> str:
     """Say what was given for a method, and what may have been meant."""
     if isinstance(method, type):
         name = f"{method.__module__.partition('.')[0]}.{method.__name__}"

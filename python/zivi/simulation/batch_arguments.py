@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, real_array, whole
+from zivi.base.check import Array, integer, real_array
 from zivi.simulation.run import times_within
 from zivi.system.mass import ImpactSystem
 from zivi.system.table import refuse_tables
@@ -57,7 +57,7 @@ def check_native(spec: _zivi.Force, what: str) -> None:
 
 def check_threads(threads: int | None) -> int:
     """Return the number of threads, by default as many as the machine runs at once."""
-    workers = _zivi.available_threads() if threads is None else whole("threads", threads)
+    workers = _zivi.available_threads() if threads is None else integer("threads", threads)
     if not 1 <= workers <= MAX_THREADS:
         raise ValueError(f"threads must be from 1 to {MAX_THREADS}, got {workers}")
     return workers
@@ -91,7 +91,7 @@ def every_of(save: Any, names: Sequence[str]) -> int | None:
             told = told if len(names) == 1 else f"one of {told.replace(' or ', ', ')}"
             raise ValueError(f"save must be {told} or a number of samples >= 1, got {save!r}")
         return None
-    every = whole("save", save)
+    every = integer("save", save)
     if every < 1:
         raise ValueError(f"save must be a number of samples >= 1, got {every}")
     return every

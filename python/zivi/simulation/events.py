@@ -110,12 +110,12 @@ def event(*, terminal: bool | int = False, direction: float = 0) -> Callable[[Fu
     if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
         raise ValueError(f"direction must be a number, got {direction!r}")
 
-    def given(function: Function) -> Function:
+    def with_settings(function: Function) -> Function:
         thing: Any = function
         thing.terminal, thing.direction = terminal, direction
         return function
 
-    return given
+    return with_settings
 
 
 def events_of(events: Any, form: str = "g(t, x, xdot)") -> list[_zivi.Event]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, finite, whole
+from zivi.base.check import Array, finite, integer
 from zivi.simulation.dense import LostPath
 
 __all__ = [
@@ -122,7 +122,7 @@ def check_bounds(speed: Any, limit: Any) -> None:
     """Refuse bounds of a list of impacts that are none."""
     if not finite("speed", speed) > 0.0:
         raise ValueError(f"speed must be > 0, got {speed}")
-    if whole("limit", limit) < 1:
+    if integer("limit", limit) < 1:
         raise ValueError(f"limit must be >= 1, got {limit}")
 
 

@@ -29,7 +29,7 @@ from zivi.simulation.mechanical_impacts import down_to, listed
 from zivi.simulation.mechanical_messages import ending
 from zivi.simulation.reactions import forces_at, reactions_at
 from zivi.simulation.run_result import SampledRun
-from zivi.simulation.trust import Closer, told, trusted
+from zivi.simulation.trust import Closer, trust_note, trusted
 from zivi.system.friction import Channel
 from zivi.system.mechanism import Model
 
@@ -334,7 +334,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         if len(self.flags):
             counts += f", {len(self.flags)} flags"
         return (
-            f"<MechanicalTrajectory {span}, {self.n_steps} steps, {counts}{told(self)}: "
+            f"<MechanicalTrajectory {span}, {self.n_steps} steps, {counts}{trust_note(self)}: "
             f"{self.status.name.lower()}>"
         )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, real_array, whole
+from zivi.base.check import Array, integer, real_array
 from zivi.base.extras import late
 from zivi.base.former import with_resolved_impacts
 from zivi.base.status import Status
@@ -358,7 +358,7 @@ class MassRun(SampledRun):
             "at rest at the end": rest,
         }
 
-    def _told(self) -> str:
+    def _events_text(self) -> str:
         """Tell impacts, accumulations and rest in a few words."""
         wall = f"{len(self.impacts)} impacts"
         if len(self.zeno_times):
@@ -374,7 +374,7 @@ def times_of(sol: SampledRun, t: ArrayLike | None, n: int | None) -> Array:
     if (t is None) == (n is None):
         raise TypeError("exactly one of t and n must be given")
     if n is not None:
-        if whole("n", n) < 2:
+        if integer("n", n) < 2:
             raise ValueError(f"n must be >= 2, got {n}")
         return np.linspace(*sol._extent(), n)
     times = np.atleast_1d(real_array("t", t))

@@ -21,7 +21,7 @@ from zivi.simulation.impacts import IMPACT, SLOWEST, impacts_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.resample import between_steps
 from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
-from zivi.simulation.trust import Closer, closer_mass, told, trusted
+from zivi.simulation.trust import Closer, closer_mass, trust_note, trusted
 from zivi.system.table import TableMotion, motion_of
 
 if TYPE_CHECKING:
@@ -265,7 +265,7 @@ class Trajectory(MassRun):
         steps = f"{self.n_steps} steps"
         if len(self.failed_steps):
             steps += f" ({len(self.failed_steps)} not solved by the chosen solver)"
-        known = f"{span}, {steps}, {self._told()}{told(self)}"
+        known = f"{span}, {steps}, {self._events_text()}{trust_note(self)}"
         return f"<Trajectory {known}: {self.status.name.lower()}>"
 
     def _facts(self) -> dict[str, str]:

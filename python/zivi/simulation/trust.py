@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from zivi.system.mass import ImpactSystem
     from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["Closer", "closer_mass", "closer_mechanism", "told", "trusted"]
+__all__ = ["Closer", "closer_mass", "closer_mechanism", "trust_note", "trusted"]
 
 Closer: TypeAlias = Callable[[Array], Array]
 """Positions at times, a row for each, of a run with smaller errors; fewer if it ended early."""
@@ -69,7 +69,7 @@ def trusted(sol: SampledRun, positions: Array) -> float:
     return float(times[max(agree - 1, 0)])
 
 
-def told(sol: SampledRun) -> str:
+def trust_note(sol: SampledRun) -> str:
     """Say until when a run is trusted, where that is known and not its end."""
     until = vars(sol).get("trusted_until")
     return "" if until is None or until >= sol.t[-1] else f", trusted until {until:.6g} s"

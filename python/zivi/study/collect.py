@@ -14,7 +14,7 @@ from zivi.study.design import name_of
 from zivi.study.many import Many, many_of
 from zivi.study.messages import message_of, writable
 from zivi.study.outcome import Values, split, units_of
-from zivi.study.piece import EventTable, Piece, Schema, alike, joined
+from zivi.study.piece import EventTable, Piece, Schema, check_same_schema, joined
 
 __all__ = ["Collector"]
 
@@ -105,7 +105,7 @@ class Collector:
                 if name_of("result", name) in self._parameters:
                     raise ValueError(f"the result {name!r} has the name of a parameter")
             self.schema = Schema(shapes, has_events, units())
-        alike(self.schema, shapes, has_events)
+        check_same_schema(self.schema, shapes, has_events)
         if dtype is not None:
             if self.dtype not in (None, dtype):
                 raise ValueError(f"events have {dtype}, those of others {self.dtype}")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import real, whole
+from zivi.base.check import integer, real
 
 __all__ = ["MOST_POINTS", "RESERVED", "Design", "design_of", "grid", "points", "sample"]
 
@@ -169,7 +169,7 @@ def sample(
     >>> zivi.sample("sobol", 256, {"e": (0.1, 0.9), "h": (1e-4, 1e-2)}, log=["h"])
     <Design sample of 256 points: e, h>
     """
-    if whole("n", n) < 1:
+    if integer("n", n) < 1:
         raise ValueError(f"n must be >= 1, got {n}")
     if not isinstance(bounds, Mapping):
         raise TypeError(f"bounds must be a dict of pairs (low, high), got {bounds!r:.100}")
@@ -294,7 +294,7 @@ def _engine(sampler: Any, dimensions: int, seed: int) -> Any:
         )
     if sampler not in ENGINES:
         raise ValueError(f"sampler must be one of {', '.join(ENGINES)}, got {sampler!r}")
-    if whole("seed", seed) < 0:
+    if integer("seed", seed) < 0:
         raise ValueError(f"seed must be >= 0, got {seed}")
     from zivi.base.extras import needed
 

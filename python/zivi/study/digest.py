@@ -25,7 +25,7 @@ import numpy as np
 from zivi.study.uses import is_ours, kept_attributes, kept_cells, unformatted, used
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["VERSION", "UndigestibleError", "digest", "held", "module_of", "source", "uses"]
+__all__ = ["VERSION", "UndigestibleError", "digest", "module_of", "source", "state_of", "uses"]
 
 VERSION = 2
 """Version of the digests: those of another one cannot be compared with them."""
@@ -55,7 +55,7 @@ def digest(value: Any) -> str:
         raise UndigestibleError(f"{_kind(value)} ({type(error).__name__}: {error})") from None
 
 
-def held(function: Callable[..., Any]) -> str | None:
+def state_of(function: Callable[..., Any]) -> str | None:
     """Tell what a function holds besides its text: defaults, closure, the object of a method.
 
     Returns
@@ -65,15 +65,15 @@ def held(function: Callable[..., Any]) -> str | None:
     """
     parts: tuple[Any, ...]
     if isinstance(function, functools.partial):
-        parts = function.args, function.keywords, held(function.func)
+        parts = function.args, function.keywords, state_of(function.func)
     elif isinstance(function, types.MethodType):
-        parts = function.__self__, held(function.__func__)
+        parts = function.__self__, state_of(function.__func__)
     elif isinstance(function, types.FunctionType):
         parts = _held_by(function)
     elif isinstance(function, type):
         parts = ()
     elif (inner := _inner(function)) is not None:
-        return held(inner)
+        return state_of(inner)
     else:
         parts = _state(function)
     return digest(parts) if any(parts) else None

@@ -19,10 +19,10 @@ from zivi.base.status import StudyStatus
 from zivi.study.block import Block
 from zivi.study.design import Design
 from zivi.study.messages import message_of
-from zivi.study.piece import Piece, alike
+from zivi.study.piece import Piece, check_same_schema
 from zivi.study.pools import Pool
 from zivi.study.store import Store, count
-from zivi.study.work import SLICE, Job, compute, lives
+from zivi.study.work import SLICE, Job, compute, is_ready
 
 __all__ = ["Driver"]
 
@@ -31,7 +31,7 @@ DEATHS = 2
 BREAKS = 20
 """Pools in a row that may break before anything is computed."""
 START = 60.0
-"""Seconds that a new worker may take to show that it lives."""
+"""Seconds that a new worker may take to show that it is ready."""
 FIRST, SHARES = 1024, 64
 """Points of the first tasks at most, and parts of the study that they are at most."""
 LONG, MOST, GROWTH = 0.5, 2**17, 4
@@ -232,7 +232,7 @@ class Driver:
     def _see_it_live(self) -> None:
         """Raise if a new worker cannot even be told what to do."""
         try:
-            self._pool.executor.submit(lives, self._job).result(START)
+            self._pool.executor.submit(is_ready, self._job).result(START)
         except (concurrent.futures.BrokenExecutor, TimeoutError) as error:
             raise RuntimeError(
                 "the workers die before they compute anything: can they import the function, is "
@@ -301,7 +301,7 @@ class Driver:
         schema = self._store.schema
         assert schema is not None
         try:
-            alike(schema, piece.schema.shapes, piece.schema.has_events)
+            check_same_schema(schema, piece.schema.shapes, piece.schema.has_events)
             if piece.events is not None:
                 dtype = piece.events[1].dtype
                 self._events = self._events or dtype

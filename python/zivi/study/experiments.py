@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from zivi.base.check import Array, finite, whole
+# `whole`: the text of an experiment identifies its studies
+from zivi.base.check import Array, finite, integer as whole
 from zivi.base.experiments import EXPERIMENTS, experiment, registered
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import simulate

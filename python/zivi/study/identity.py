@@ -13,7 +13,7 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.study.design import Design
-from zivi.study.digest import VERSION, UndigestibleError, digest, held, module_of, source, uses
+from zivi.study.digest import VERSION, UndigestibleError, digest, module_of, source, state_of, uses
 
 __all__ = ["differences", "identity", "named"]
 
@@ -59,7 +59,7 @@ def identity(
     return {
         "function": named(function),
         "source": source(function),
-        "held": of("the function", function, held),
+        "held": of("the function", function, state_of),
         "uses": of("the function", function, uses),
         "digests": VERSION,
         "kind": design.kind,
@@ -138,13 +138,13 @@ def plain(what: str, value: Any, of: Callable[[Any], Any] | None = None, *, fait
         if not faithful:
             return _kind(value)
         raise TypeError(
-            f"{what} holds {_said(error)}, of which it cannot be told later whether it is still "
-            "the same, so that a study in a folder could not go on: hand over what it is made of "
-            "(numbers, a path) and make it in the function"
+            f"{what} holds {_error_text(error)}, of which it cannot be told later whether it is "
+            "still the same, so that a study in a folder could not go on: hand over what it is "
+            "made of (numbers, a path) and make it in the function"
         ) from None
 
 
-def _said(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     deep = isinstance(error, RecursionError)
     return "what is nested too deeply (RecursionError)" if deep else str(error)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zivi.base.check import Array
 from zivi.study.outcome import Events
 
-__all__ = ["EventTable", "Piece", "Schema", "alike", "joined"]
+__all__ = ["EventTable", "Piece", "Schema", "check_same_schema", "joined"]
 
 EVENTS_SIZE = 256
 """Bytes that the events of a point are taken to have."""
@@ -110,7 +110,7 @@ def joined(tables: list[EventTable]) -> EventTable | None:
     return np.concatenate([it for it, _ in tables]), np.concatenate([it for _, it in tables])
 
 
-def alike(schema: Schema, shapes: dict[str, tuple[int, ...]], has_events: bool) -> None:
+def check_same_schema(schema: Schema, shapes: dict[str, tuple[int, ...]], has_events: bool) -> None:
     """Raise if what a point gave is not what the others give."""
     if shapes != schema.shapes:
         raise ValueError(f"returned {_shown(shapes)}; other points gave {_shown(schema.shapes)}")

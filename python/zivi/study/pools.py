@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from zivi.base.check import whole
+from zivi.base.check import integer
 from zivi.study.work import Job, begin_thread
 
 __all__ = ["Pool", "pool_of"]
@@ -107,7 +107,7 @@ class Pool:
 
 def pool_of(executor: Any, workers: int | None) -> Pool:
     """Understand what a user gave as an executor."""
-    if workers is not None and whole("workers", workers) < 1:
+    if workers is not None and integer("workers", workers) < 1:
         raise ValueError(f"workers must be >= 1, got {workers}")
     if executor in KINDS:
         number = workers or os.cpu_count() or 1

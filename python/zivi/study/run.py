@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from zivi.base.check import whole
+from zivi.base.check import integer
 from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.base.status import StudyStatus
@@ -166,9 +166,9 @@ def sweep(
     wants = _wants(work, design, constants)
     if not isinstance(vectorized, bool):
         raise TypeError(f"vectorized must be True or False, got {vectorized!r}")
-    if chunk is not None and whole("chunk", chunk) < 1:
+    if chunk is not None and integer("chunk", chunk) < 1:
         raise ValueError(f"chunk must be >= 1, got {chunk}")
-    if seed is not None and not 0 <= whole("seed", seed) <= MAX_SEED:
+    if seed is not None and not 0 <= integer("seed", seed) <= MAX_SEED:
         raise ValueError(f"seed must be >= 0 and fit into 63 bits, got {seed}")
     labels = _labels(work, units, dims)
     labels.check_names(design.names)
@@ -279,7 +279,7 @@ def _labels(
 def _in_flight(given: int | None, pool: Pool) -> int:
     if given is None:
         return 2 * pool.workers
-    if whole("in_flight", given) < 1:
+    if integer("in_flight", given) < 1:
         raise ValueError(f"in_flight must be >= 1, got {given}")
     return int(given)
 

@@ -15,7 +15,7 @@ from zivi.study.messages import message_of
 from zivi.study.piece import Piece
 from zivi.study.seeds import child, generators, seeds
 
-__all__ = ["MAX_SEED", "SLICE", "Job", "begin_thread", "compute", "lives"]
+__all__ = ["MAX_SEED", "SLICE", "Job", "begin_thread", "compute", "is_ready"]
 
 SLICE = 2.0
 """Seconds after which a task hands back what it has: no more than that is lost with a worker."""
@@ -134,6 +134,6 @@ _thread = threading.local()
 """What a thread of a pool of ours looks at."""
 
 
-def lives(job: Job) -> bool:
+def is_ready(job: Job) -> bool:
     """Tell that a worker has understood what to do."""
     return callable(job.function)

@@ -145,10 +145,10 @@ class Gap:
         return self._value, self._gradient, self._curvature, self._rate
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}(name={self._name!r}{self._told()})"
+        return f"{type(self).__name__}(name={self._name!r}{self._friction_text()})"
 
-    def _told(self) -> str:
-        """Tell the coefficients of friction."""
+    def _friction_text(self) -> str:
+        """Show the coefficients of friction."""
         told = {name: self._friction.get(name) for name in ("mu", "mu_static")}
         told["e_t"] = self._e_t or None
         return "".join(f", {name}={value!r}" for name, value in told.items() if value is not None)
@@ -252,7 +252,7 @@ class LinearGap(Gap):
     def __repr__(self) -> str:
         motion = "" if self.motion is None else f", motion={self.motion!r}"
         name = "" if self.name is None else f", name={self.name!r}"
-        told = f"{motion}{name}{self._told()}"
+        told = f"{motion}{name}{self._friction_text()}"
         return f"LinearGap({self.normal.tolist()}, offset={self.offset}{told})"
 
     def __getstate__(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, finite, real_array, whole
+from zivi.base.check import Array, finite, integer, real_array
 from zivi.system.assemble import assembled
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import GivenRestitutions, written
@@ -349,7 +349,7 @@ def _lowest(mass: Array, stiffness: Array, modes: Any) -> Array:
     """Give the shapes of the modes of the lowest frequencies."""
     from scipy.linalg import eigh
 
-    count, n = whole("modes", modes), len(mass)
+    count, n = integer("modes", modes), len(mass)
     if not 1 <= count <= n:
         raise ValueError(f"modes must be from 1 to {n}, got {count}")
     if np.max(np.abs(stiffness - stiffness.T)) > 1e-10 * np.max(np.abs(stiffness), initial=0.0):

@@ -219,17 +219,28 @@ def _check_rates(
 
 
 def _check_curvatures(system: MechanicalSystem, look: _Look, t: float, q: Array) -> None:
+    given, found = _accelerations(look, t, q, lambda at: (at.gradients, at.rates))
+    _compare(system, "curvature", given.curvatures, *found)
+
+
+def _accelerations(
+    look: _Look, t: float, q: Array, rows_of: Callable[[Evaluation], tuple[Array, Array]]
+) -> tuple[Evaluation, tuple[Array, Array, Array]]:
+    """Give the evaluation at a velocity, and how fast ``rows @ qdot + rates`` changes with it.
+
+    By differences; with their doubt and the size of what is added up.
+    """
     probe = _probe(len(q))
     given = look(t, q, probe)
 
     def speed(s: float) -> Array:
-        there = look(t + s, q + s * probe, probe)
-        rates: Array = there.gradients @ probe + there.rates
-        return rates
+        rows, rates = rows_of(look(t + s, q + s * probe, probe))
+        speeds: Array = rows @ probe + rates
+        return speeds
 
-    found, doubt = _difference(speed, 1e-3)
-    size = np.abs(given.gradients) @ np.abs(probe) + np.abs(given.rates)
-    _compare(system, "curvature", given.curvatures, found, doubt, size)
+    rows, rates = rows_of(given)
+    size = np.abs(rows) @ np.abs(probe) + np.abs(rates)
+    return given, (*_difference(speed, 1e-3), size)
 
 
 def _check_distinct(
@@ -283,15 +294,6 @@ def _check_tangent(channel: Channel, here: Evaluation, row: Array) -> None:
 
 
 def _check_slip_curvatures(system: MechanicalSystem, look: _Look, t: float, q: Array) -> None:
-    probe = _probe(len(q))
-    given = look(t, q, probe)
-
-    def speed(s: float) -> Array:
-        there = look(t + s, q + s * probe, probe)
-        slips: Array = there.tangents @ probe + there.slip_rates
-        return slips
-
-    found, doubt = _difference(speed, 1e-3)
-    size = np.abs(given.tangents) @ np.abs(probe) + np.abs(given.slip_rates)
+    given, found = _accelerations(look, t, q, lambda at: (at.tangents, at.slip_rates))
     named = [_part_of(channel, "curvature") for channel in system._channels]
-    _compare_named(named, "slip speed", (given.slip_curvatures, found, doubt, size))
+    _compare_named(named, "slip speed", (given.slip_curvatures, *found))

@@ -265,7 +265,7 @@ def _result(search: Search, status: VIStatus, projected: bool) -> VIResult:
         residual=float(np.max(sizes)),
         status=status,
         success=status in (VIStatus.SOLVED, VIStatus.SOLVED_NOT_ISOLATED),
-        message=_MESSAGES[status] + search.map.told,
+        message=_MESSAGES[status] + search.map.undefined_points,
         n_iter=search.n_iter,
         nfev=search.map.nfev,
         njev=search.njev,

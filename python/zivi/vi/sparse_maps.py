@@ -32,7 +32,7 @@ class AffineMap:
 
     is_affine = True
     rounding = float(np.finfo(float).eps)
-    told = ""
+    undefined_points = ""
 
     def __init__(self, M: Any, q: Array) -> None:
         self._M, self._q = M, q
@@ -155,7 +155,7 @@ class CallableMap:
             self._called[which] = True
 
     @property
-    def told(self) -> str:
+    def undefined_points(self) -> str:
         """What to say about points where `F` or its Jacobian raised."""
         if not self._undefined:
             return ""

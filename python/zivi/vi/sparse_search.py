@@ -23,7 +23,7 @@ class Map(Protocol):
     nfev: int
 
     @property
-    def told(self) -> str:
+    def undefined_points(self) -> str:
         """What to say about points where `F` is not defined."""
 
     def value(self, x: Array) -> Array | None:

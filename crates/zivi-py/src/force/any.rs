@@ -6,7 +6,7 @@ use zivi::system::slopes::Parametrised;
 use zivi::{Dependence, Force as Evaluated, LinearLaw, OnMovingWall};
 
 use super::callable::PythonForce;
-use super::list::AnyNative;
+use super::native::AnyNative;
 use super::wall::AnyWall;
 
 /// A force of any kind.

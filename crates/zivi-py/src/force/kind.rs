@@ -6,7 +6,7 @@ use zivi::system::slopes::Differenced;
 
 use super::any::AnyForce;
 use super::callable::PythonForce;
-use super::list::AnyNative;
+use super::native::AnyNative;
 use super::slopes::AnySlopes;
 
 /// A kind of force.

@@ -2,9 +2,7 @@
 
 mod any;
 mod callable;
-mod compiled;
 mod kind;
-mod list;
 mod native;
 mod parametric;
 pub(crate) mod slopes;
@@ -23,8 +21,9 @@ use slopes::AnySlopes;
 use wall::AnyWall;
 
 pub(crate) use any::{with_force, AnyForce};
-pub(crate) use compiled::{force_raised, CompiledForce, Raised};
-pub(crate) use list::{with_native, with_native_slopes, AnyNative, NativeSlopes};
+pub(crate) use native::{
+    force_raised, with_native, with_native_slopes, AnyNative, CompiledForce, NativeSlopes, Raised,
+};
 pub(crate) use wall::Wall;
 
 /// A force of one of its kinds.

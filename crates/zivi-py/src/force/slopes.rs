@@ -6,7 +6,7 @@ use zivi::system::slopes::Differenced;
 use zivi::{HarmonicWall, OnMovingWall};
 
 use super::any::AnyForce;
-use super::list::NativeSlopes;
+use super::native::NativeSlopes;
 use super::parametric::{ParametricForce, WithJacobian};
 
 /// A force whose partial derivatives are known, or taken by differences.

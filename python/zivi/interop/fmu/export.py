@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import zivi._zivi as _zivi
-from zivi.base.check import whole
+from zivi.base.check import integer
 from zivi.interop.fmu.description import IDENTIFIER, description
 from zivi.interop.fmu.table import MODELS, Model
 
@@ -119,7 +119,7 @@ def _chosen_versions(fmi: int | Iterable[int] | None) -> list[int]:
     if fmi is None:
         return list(VERSIONS)
     given = list(fmi) if isinstance(fmi, Iterable) and not isinstance(fmi, str) else [fmi]
-    versions = [whole("fmi", version) for version in given]
+    versions = [integer("fmi", version) for version in given]
     for version in versions:
         if version not in VERSIONS:
             raise ValueError(f"fmi must be 2 or 3, got {version!r}")

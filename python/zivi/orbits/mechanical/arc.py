@@ -142,7 +142,7 @@ class Way:
             point = located(arc.path, last, new, test)
             if point is None:
                 continue
-            low = min(_alike(point.margins, low), key=lambda it: abs(it.value), default=low)
+            low = min(_same_kind(point.margins, low), key=lambda it: abs(it.value), default=low)
             found.append((float((point.z - last.z) @ chord), Found(low.kind, point, low)))
         return min(found, key=lambda it: it[0])[1] if found else None
 
@@ -252,7 +252,7 @@ def _same(one: tuple[float, Array], other: tuple[float, Array]) -> bool:
     return abs(one[0] - other[0]) < 1e-8 and bool(np.max(np.abs(one[1] - other[1])) < 1e-6)
 
 
-def _alike(margins: Margins, low: Low) -> list[Low]:
+def _same_kind(margins: Margins, low: Low) -> list[Low]:
     own = [it for it in margins.lows if it[:3] == low[:3]]
     near = [it for it in own if abs(it.t - low.t) < 0.05 * abs(margins.terms.length)]
     return near or own
@@ -262,7 +262,7 @@ def _watched(low: Low) -> Callable[[Point], float]:
     """Give the test function of what became negative."""
 
     def test(point: Point) -> float:
-        own = _alike(point.margins, low)
+        own = _same_kind(point.margins, low)
         return min((it.value for it in own), default=1e-3 * low.size)
 
     return test

@@ -13,7 +13,7 @@ from zivi.base.table import Field, Table
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits import along
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
-from zivi.orbits.mechanical.word import told
+from zivi.orbits.mechanical.word import shortened
 
 __all__ = ["MESSAGES", "BranchArc", "MechanicalBranch", "MechanicalEvent"]
 
@@ -77,7 +77,7 @@ class BranchArc:
 
     def __repr__(self) -> str:
         ends = f"{self.values[0]:.9g} .. {self.values[-1]:.9g}"
-        return f"<BranchArc {told(self.word)!r}, {len(self)} orbits, {ends}>"
+        return f"<BranchArc {shortened(self.word)!r}, {len(self)} orbits, {ends}>"
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -123,7 +123,7 @@ class MechanicalBranch(along.OrbitsAlong[MechanicalEvent]):
     @property
     def words(self) -> list[str]:
         """The words of the arcs, in short."""
-        return [told(arc.word) for arc in self.arcs]
+        return [shortened(arc.word) for arc in self.arcs]
 
     @property
     def multipliers(self) -> np.ndarray:
@@ -154,7 +154,7 @@ class MechanicalBranch(along.OrbitsAlong[MechanicalEvent]):
             "arc": np.repeat(np.arange(len(self.arcs)), [len(arc) for arc in self.arcs]),
             "n_impacts": [len(orbit.impacts) for orbit in self.orbits],
         }
-        attrs = self._told() | {"words": self.words}
+        attrs = self._end_and_events() | {"words": self.words}
         fields: dict[str, Field] = {self.name: ("point", "", "parameter"), **FIELDS}
         return Table("Branch of periodic orbits", fields, {}, values, attrs)
 

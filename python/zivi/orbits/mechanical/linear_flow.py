@@ -151,17 +151,17 @@ class LinearFlow:
             found[:, 1::2], found[:, 2::2] = np.cos(angles), np.sin(angles)
         return found
 
-    def _whole(self, times: Array, z: Array) -> Array:
+    def _with_inputs(self, times: Array, z: Array) -> Array:
         return np.hstack([z, self.inputs(times)])
 
     def fly(self, contacts: Contacts, t0: Array, z0: Array, t1: Array) -> Flights:
         """Fly k times, from times and states to times."""
         mode, size = self.mode(contacts), 2 * self.n
         spread = mode.exponentials(t1 - t0, size)
-        begin = self._whole(t0, z0)
+        begin = self._with_inputs(t0, z0)
         z = np.einsum("kij,kj->ki", spread, begin)
         rows = mode.whole[:size].T
-        return Flights(z, spread[:, :, :size], begin @ rows, self._whole(t1, z) @ rows)
+        return Flights(z, spread[:, :, :size], begin @ rows, self._with_inputs(t1, z) @ rows)
 
     def path(self, contacts: Contacts, t0: float, z0: Array, times: Array) -> Array:
         """Give states along a flight, shape (len(times), 2n)."""
@@ -201,7 +201,7 @@ class LinearFlow:
 
     def reactions(self, contacts: Contacts, times: Array, z: Array) -> Array:
         """Give the forces of all contacts, shape (len(times), len(contacts))."""
-        return np.asarray(self._whole(times, z) @ self.mode(contacts).forces.T, np.float64)
+        return np.asarray(self._with_inputs(times, z) @ self.mode(contacts).forces.T, np.float64)
 
     def impact(self, i: int, kept: Sequence[int], t: float, z: Array, e: float) -> Jump:
         r"""Give an impact, :math:`\dot q^+ = \dot q + M^{-1} N^T P`, while some contacts stay."""

@@ -63,7 +63,7 @@ class NonlinearFlow:
 
             def force(t: float, q: Array, qdot: Array) -> Array:
                 here = self.at(t, np.concatenate([q, qdot]))
-                held, rows = self._held(here, contacts)
+                held, rows = self._contact_forces(here, contacts)
                 return np.asarray(here.force + rows.T @ held, np.float64)
 
             given = {"mass": mass, "force": force}
@@ -73,7 +73,7 @@ class NonlinearFlow:
         self.open[contacts] = found
         return found
 
-    def _held(self, here: Evaluation, contacts: Contacts) -> tuple[Array, Array]:
+    def _contact_forces(self, here: Evaluation, contacts: Contacts) -> tuple[Array, Array]:
         """Give the forces of contacts and the gradients: the gaps have no acceleration."""
         own = list(contacts)
         rows = here.gradients[own]
@@ -87,7 +87,7 @@ class NonlinearFlow:
     def rate(self, contacts: Contacts, t: float, z: Array) -> Array:
         """Give the rate of the state."""
         here = self.at(t, z)
-        held, rows = self._held(here, contacts)
+        held, rows = self._contact_forces(here, contacts)
         return np.append(z[self.n :], np.linalg.solve(here.mass, here.force + rows.T @ held))
 
     def fly(self, contacts: Contacts, t0: Array, z0: Array, t1: Array) -> Flights:
@@ -140,7 +140,9 @@ class NonlinearFlow:
         place = contacts.index(i)
 
         def force(at: Array) -> Array:
-            return self._held(self.at(float(at[0]), at[1:]), contacts)[0][place : place + 1]
+            return self._contact_forces(self.at(float(at[0]), at[1:]), contacts)[0][
+                place : place + 1
+            ]
 
         start = np.append(t, z)
         slopes = differenced(force, start)[0]
@@ -148,7 +150,9 @@ class NonlinearFlow:
 
     def reactions(self, contacts: Contacts, times: Array, z: Array) -> Array:
         """Give the forces of all contacts, shape (len(times), len(contacts))."""
-        found = [self._held(self.at(t, s), contacts)[0] for t, s in zip(times, z, strict=True)]
+        found = [
+            self._contact_forces(self.at(t, s), contacts)[0] for t, s in zip(times, z, strict=True)
+        ]
         return np.array(found)
 
     def impact(self, i: int, kept: Sequence[int], t: float, z: Array, e: float) -> Jump:

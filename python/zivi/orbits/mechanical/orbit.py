@@ -16,7 +16,7 @@ from zivi.orbits.mechanical.accumulation import onto
 from zivi.orbits.mechanical.by_parameter import by_parameter
 from zivi.orbits.mechanical.equations import Frame, evaluate
 from zivi.orbits.mechanical.multipliers import monodromy_at
-from zivi.orbits.mechanical.word import Word, named, told
+from zivi.orbits.mechanical.word import Word, named, shortened
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run import simulate
 from zivi.system.mechanism import MechanicalSystem
@@ -231,6 +231,6 @@ class MechanicalOrbit(Tabulated):
     def __repr__(self) -> str:
         multipliers = ", ".join(f"{value:.4g}" for value in self.multipliers)
         return (
-            f"<MechanicalOrbit {told(self.word)!r} in {self.multiple} periods, "
+            f"<MechanicalOrbit {shortened(self.word)!r} in {self.multiple} periods, "
             f"multipliers {multipliers}: {self.status.name.lower()}>"
         )

@@ -72,14 +72,14 @@ def recent(
         raise ValueError(f"start: a word has at most {MOST_LETTERS} events, got {len(inside)}")
     if not inside:
         return _smooth(system, flow, run, length, end, free, method, count)
-    shift = 0.0 if free else _whole(float(inside[0].t) / period) * period
+    shift = 0.0 if free else _floor(float(inside[0].t) / period) * period
     frame, x = _unknowns(system, flow, run, inside, length, free, method)
     # far from t = 0 times have fewer digits
     x[:, [0, -1]] -= shift
     return frame, x, count
 
 
-def _whole(number: float) -> float:
+def _floor(number: float) -> float:
     return float(np.floor(number))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from zivi.base.check import Array, finite, real, real_array, whole
+from zivi.base.check import Array, finite, integer, real, real_array
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.by_parameter import flow_of
 from zivi.orbits.mechanical.equations import Frame
@@ -48,7 +48,7 @@ def mechanical_orbit(
     """Find a periodic orbit of a mechanical system: `zivi.periodic_orbit` of one."""
     check_smooth(system)
     _refuse_tables(system)
-    if multiple is not None and whole("multiple", multiple) < 1:
+    if multiple is not None and integer("multiple", multiple) < 1:
         raise ValueError(f"multiple must be >= 1, got {multiple}")
     length, free = _period(system, period)
     if free and multiple not in (None, 1):

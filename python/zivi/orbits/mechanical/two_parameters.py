@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zivi.base.check import Array, finite, whole
+from zivi.base.check import Array, finite, integer
 from zivi.base.table import Field, Table, Tabulated
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.branch import BranchEvent
@@ -259,7 +259,7 @@ def continue_curve(
             )
     if not 0.0 < finite("step", step) < 1.0:
         raise ValueError(f"step must be in (0, 1), got {step}")
-    if whole("max_points", max_points) < 2:
+    if integer("max_points", max_points) < 2:
         raise ValueError(f"max_points must be >= 2, got {max_points}")
     if rests:
         if isinstance(event, MechanicalEvent) and event.name != both[0]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-__all__ = ["LETTERS", "MOST_LETTERS", "Segment", "Word", "named", "parsed", "told"]
+__all__ = ["LETTERS", "MOST_LETTERS", "Segment", "Word", "named", "parsed", "shortened"]
 
 LETTERS = "ISZLP"
 MOST_LETTERS = 64
@@ -48,7 +48,7 @@ def named(word: Word, gaps: Sequence[str]) -> tuple[str, ...]:
     return tuple(it.kind if it.gap < 0 else f"{it.kind} {gaps[it.gap]}" for it in word)
 
 
-def told(letters: Sequence[str]) -> str:
+def shortened(letters: Sequence[str]) -> str:
     """Give letters in short: what repeats is counted."""
     parts: list[tuple[str, int]] = []
     for letter in letters:

@@ -1,12 +1,16 @@
 //! The list of the forces that need no interpreter, and all that is made of it.
 
+mod compiled;
+mod force;
+
 use zivi::{
     ConstantForce, Dependence, Force, HarmonicWall, LinearForce, LinearLaw, OnMovingWall,
     TableForce,
 };
 
-use super::compiled::CompiledForce;
-use super::native::NativeForce;
+use force::NativeForce;
+
+pub(crate) use compiled::{force_raised, CompiledForce, Raised};
 
 /// All that is made of the list: for each force its names, above a wall at rest and above one that
 /// vibrates, and its type. (`$d` is a dollar.)

@@ -5,7 +5,7 @@ use zivi::system::slopes::DifferentiableForce;
 use zivi::Force;
 
 /// A force that needs no interpreter. How it is evaluated, what it depends on and whether it is
-/// linear says its [`Force`]; a line in `list.rs` gives it to runs, batches and loops, above walls
+/// linear says its [`Force`]; a line in the list beside this gives it to runs, batches and loops, above walls
 /// at rest and above walls that vibrate.
 pub(crate) trait NativeForce: Force<PyErr> + Copy + Send + Sync {
     /// The name of its class in Python and those of its numbers, which are all of its fields there.
@@ -57,7 +57,7 @@ impl NativeForce for zivi::LinearForce {
     }
 }
 
-/// Its table is held by the [`super::Force`].
+/// Its table is held by the `Force` of Python.
 impl NativeForce for zivi::TableForce<'static> {
     type Differentiable = Self;
 

@@ -10,7 +10,7 @@ use pyo3::types::PyTuple;
 use zivi::system::slopes::{Differenced, Parametrised};
 use zivi::Force;
 
-use super::native::NativeForce;
+use super::force::NativeForce;
 use crate::capsule::Capsule;
 
 /// `double f(double t, double x, double xdot)`.
@@ -67,7 +67,7 @@ impl Raised {
     }
 }
 
-/// A compiled function, called without the interpreter. The [`super::Force`] holds what owns
+/// A compiled function, called without the interpreter. The `Force` holds what owns
 /// its code.
 #[derive(Clone, Copy)]
 pub(crate) struct CompiledForce {
@@ -81,7 +81,7 @@ pub(crate) struct CompiledForce {
 }
 
 impl CompiledForce {
-    pub(super) fn new(address: usize, data: Option<usize>, given: &[f64]) -> PyResult<Self> {
+    pub(crate) fn new(address: usize, data: Option<usize>, given: &[f64]) -> PyResult<Self> {
         let (n, mut parameters) = (given.len(), [0.0; MOST_PARAMETERS]);
         let Some(values) = parameters.get_mut(..n) else {
             return Err(PyValueError::new_err(format!(
@@ -149,7 +149,7 @@ impl<E> Force<E> for CompiledForce {
     #[inline]
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
         // SAFETY: the Python layer (`zivi.system`) passes only the address of a function whose
-        // declared signature it has compared with PLAIN or WITH_DATA, and `super::Force` holds
+        // declared signature it has compared with PLAIN or WITH_DATA, and `Force` holds
         // the object that owns the code.
         let value = unsafe {
             match self.data {
@@ -171,7 +171,7 @@ impl<E> Force<E> for CompiledForce {
 
 impl CompiledForce {
     /// That of a `scipy.LowLevelCallable`, after a check of its signature.
-    pub(super) fn of_low_level(callable: &Bound<'_, PyTuple>, argument: &str) -> PyResult<Self> {
+    pub(crate) fn of_low_level(callable: &Bound<'_, PyTuple>, argument: &str) -> PyResult<Self> {
         let Capsule { address, data, signature } = Capsule::of(callable, argument)?;
         let squeezed = |text: &str| text.replace(' ', "");
         let written = squeezed(&signature);
