@@ -1,12 +1,7 @@
 """The sparse solver of box VIs: counts of factorisations, other solvers, and definitions."""
 
 import itertools
-import os
-import signal
-import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +10,9 @@ import scipy.sparse as sp
 
 import zivi
 from example_scripts import example
-from zivi.vi.factorisation import in_thread
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
-import vi_families
+import vi_sparse_problems
 
 INF = np.inf
 SPARSE = zivi.VIOptions(linear_algebra="sparse")
@@ -127,6 +121,35 @@ def test_spatial_prices():
     assert 10 < used.sum() < 15 * 12
 
 
+def test_firms_that_sell_to_many_markets():
+    """A few long rows and no symmetric pattern: an order by A'A would fill all."""
+    loss, jac, lower, start = vi_sparse_problems.cournot(5, 7)
+    assert zivi.check_jacobian(loss, jac, 1.3 * start + 0.1 * np.arange(len(start))).error < 1e-6
+    loss, jac, lower, start = vi_sparse_problems.cournot(40, 40)
+    res = zivi.solve_vi(loss, lower, np.inf, start, jac=jac)
+    assert res.success
+    assert res.n_factorisations <= 25
+    assert res.fill < 5 * jac(start).nnz
+    F = loss(res.x)
+    np.testing.assert_array_less(np.abs(np.where(lower < 0, F, np.minimum(res.x, F))), 1e-9)
+    sells = res.x[:1600] > 1e-6
+    assert 200 < sells.sum() < 1400
+
+
+def test_a_transport_problem_has_the_cost_of_the_linear_program():
+    from scipy.optimize import linprog
+
+    k = 20
+    p = vi_sparse_problems.transport(k)
+    A, flows = -p.M[:, : k * k][k * k :], p.M[: k * k]
+    assert flows[:, : k * k].nnz == 0
+    best = linprog(p.q[: k * k], A, p.q[k * k :])
+    res = zivi.solve_lcp(p.M, p.q)
+    assert res.success
+    assert res.n_factorisations <= 40
+    assert res.x[: k * k] @ p.q[: k * k] == pytest.approx(best.fun, rel=1e-9)
+
+
 def enumerated(M, q):
     """All solutions of a small linear complementarity problem with regular submatrices."""
     n = len(q)
@@ -147,42 +170,6 @@ def test_small_problems_by_enumeration():
         res = zivi.solve_lcp(sp.csr_array(M), q, options=SPARSE)
         assert res.success
         assert any(np.allclose(res.x, x, atol=1e-7) for x in enumerated(M, q))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", vi_families.FAMILIES)
-def test_families_are_solved_as_often_as_with_dense_matrices(name):
-    """All of them: ``python benchmarks/vi_families.py linear_algebra=sparse``."""
-    solved, dense = 0, 0
-    for p in itertools.islice(vi_families.draws(name, 1), 2):
-        with np.errstate(all="ignore"):
-            res = vi_families.solved(p, linear_algebra="sparse")
-            found = vi_families.residual(p, res.x)
-            dense += vi_families.solved(p).success
-        solved += res.success
-        limit = 1.01 * max(res.tolerance, 1e-9) + vi_families.rounding(p, res.x)
-        assert not res.success or found <= limit
-    assert solved >= dense
-
-
-def test_wrong_slopes_are_no_solution():
-    rng = np.random.default_rng(1)
-    options = {"linear_algebra": "sparse", "restarts": 0, "enumerate_up_to": 0}
-    for k in range(6):
-        n = int(rng.integers(3, 12))
-        A = rng.normal(size=(n, n))
-        M, q = A @ A.T / n + 0.1 * np.eye(n), rng.normal(size=n)
-
-        def F(x, M=M, q=q):
-            return M @ x + q + np.sinh(x)
-
-        wrong = sp.csr_array(rng.normal(size=(n, n)) * 10.0 ** rng.uniform(-3, 6, (n, 1)))
-        res = zivi.solve_vi(
-            F, -1, 2, np.full(n, 0.5), jac=lambda x, J=wrong: J, options=options, max_iter=60
-        )
-        found = np.max(np.abs(np.maximum(res.x - 2, np.minimum(res.x + 1, F(res.x)))))
-        assert res.residual == pytest.approx(found, abs=1e-12), k
-        assert not res.success or found <= 1e-9
 
 
 def chain(x):
@@ -366,145 +353,3 @@ def test_small_units_are_solved_in_their_own():
     expected = zivi.solve_lcp(M * 1e12, q * 1e12)
     np.testing.assert_allclose(res.x, expected.x, atol=1e-6)
     assert expected.x.max() > 10
-
-
-MEMORY = """
-import threading
-from pathlib import Path
-import numpy as np
-import scipy.sparse as sp
-from zivi.vi.factorisation import Factoriser
-
-def resident():
-    for thread in threading.enumerate():
-        if thread.name == "zivi-factorisation":
-            thread.join()
-    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
-
-second = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(100, 100))
-M = (sp.kron(second, sp.eye_array(100)) + sp.kron(sp.eye_array(100), second)).tocsr()
-assert M.nnz > 20_000  # made in a thread
-factoriser = Factoriser(lambda: None)
-factoriser.see_pattern(M)
-b = np.ones(10_000)
-for count in (2, 12):
-    before = resident()
-    for _ in range(count):
-        x = factoriser.factors_of(M).solve(b)
-        assert abs(M @ x - b).max() < 1e-11
-assert factoriser.count == 14
-print((resident() - before) / (12 * factoriser.fill))
-"""
-
-
-def finished(code, **environment):
-    """Return the exit code and the outputs of a process of its own."""
-    environment = os.environ | environment
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment
-    )
-    return run.returncode, run.stdout, run.stderr
-
-
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads the memory of Linux")
-def test_the_memory_of_factors_is_given_back():
-    """SuperLU frees what it took only in the thread that took it.
-
-    With one arena, and large blocks given back at once, the size of a process is what it holds.
-    """
-    code, factors, errors = finished(
-        MEMORY, MALLOC_ARENA_MAX="1", MALLOC_MMAP_THRESHOLD_="65536", MALLOC_TRIM_THRESHOLD_="65536"
-    )
-    assert (code, errors) == (0, "")
-    assert float(factors) < 1  # of twelve
-
-
-def test_the_thread_of_factors_ends_with_them():
-    from zivi.vi.factorisation import Factoriser
-
-    def threads():
-        return sum(it.name == "zivi-factorisation" for it in threading.enumerate())
-
-    def ended():
-        since = time.perf_counter()
-        while threads() and time.perf_counter() - since < 10:
-            time.sleep(0.01)
-        return not threads()
-
-    M = large.laplacian(100)
-    factors = Factoriser(lambda: None).factors_of(M)
-    assert factors is not None
-    assert threads() == 1
-    del factors
-    assert ended()
-
-    def over():
-        raise TimeoutError
-
-    with pytest.raises(TimeoutError):
-        Factoriser(over).factors_of(M)
-    with pytest.raises(TimeoutError):
-        in_thread(lambda: time.sleep(0.2), over, threading.Event())
-    assert ended()
-
-
-def test_an_interpreter_with_factors_ends_well():
-    code = (
-        "import scipy.sparse as sp\n"
-        "from zivi.vi.factorisation import Factoriser\n"
-        "kept = Factoriser(lambda: None).factors_of(sp.eye_array(30_000, format='csc'))\n"
-        "print(kept is not None)\n"
-    )
-    assert finished(code) == (0, "True\n", "")
-
-
-def test_an_interpreter_ends_well_while_a_matrix_is_factorised():
-    """The thread that a limit left alone needs the interpreter until it has ended."""
-    code = (
-        "import scipy.sparse as sp\n"
-        "from zivi.vi.factorisation import Factoriser\n"
-        "n = 250\n"
-        "one = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))\n"
-        "M = sp.kron(one, sp.eye_array(n)) + sp.kron(sp.eye_array(n), one)\n"
-        "looks = iter(range(2))\n"
-        "def over():\n"
-        "    if next(looks):\n"
-        "        raise TimeoutError\n"
-        "try:\n"
-        "    Factoriser(over).factors_of(M)\n"
-        "except TimeoutError:\n"
-        "    print('left alone')\n"
-    )
-    assert finished(code) == (0, "left alone\n", "")
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs an interval timer")
-@pytest.mark.parametrize("how", ["signal", "limit"])
-def test_a_long_factorisation_is_left_alone(how):
-    """Of a random pattern, which fills in: it is still at work when the call has ended."""
-    rng = np.random.default_rng(0)
-    n = 12_000
-    A = sp.random_array((n, n), density=8 / n, rng=rng, format="csr")
-    M, q = A @ A.T + sp.eye_array(n), rng.normal(size=n)
-
-    def at_work():
-        return {it for it in threading.enumerate() if it.name == "zivi-factorisation"}
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    earlier = at_work()
-    if how == "limit":
-        assert zivi.solve_lcp(M, q, time_limit=1.0).status is zivi.VIStatus.TIME_LIMIT
-        assert len(at_work() - earlier) == 1
-        return
-    before = signal.signal(signal.SIGALRM, interrupt)
-    signal.setitimer(signal.ITIMER_REAL, 1.0)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            zivi.solve_lcp(M, q)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-    assert len(at_work() - earlier) == 1

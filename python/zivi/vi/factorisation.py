@@ -23,6 +23,20 @@ _EXACT, _USELESS = 1e-14, 1e-6
 _DECAYED = 1e-8
 """Components of this size, relative to the largest, need not be as exact."""
 
+_FULLER = 10
+"""Entries of the product A'A that may be, over those of A, from which on it gives no order."""
+
+_PIVOTING: dict[str, dict[str, Any]] = {
+    "none": {
+        "permc_spec": "MMD_AT_PLUS_A",
+        "diag_pivot_thresh": 0.0,
+        "options": {"SymmetricMode": True},
+    },
+    "some": {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 1e-3},
+    "partial": {"permc_spec": "COLAMD"},
+}
+"""What SuperLU is told: to keep the diagonal, to leave it where it is small, to pivot by size."""
+
 _THREAD = "zivi-factorisation"
 
 Outcome = TypeVar("Outcome")
@@ -141,7 +155,8 @@ class Factoriser:
     """Makes and counts factorisations.
 
     Where the pattern is symmetric and the diagonal positive the diagonal is pivoted on in the
-    order of minimum degree, which costs least; where that fails, and elsewhere, SuperLU pivots.
+    order of minimum degree, which costs least; where that fails, and elsewhere, SuperLU pivots. Its
+    order of columns then is that of ``A'A``, unless a few long rows would fill that.
 
     Parameters
     ----------
@@ -152,6 +167,7 @@ class Factoriser:
     def __init__(self, poll: Callable[[], None]) -> None:
         self._poll = poll
         self._trusts_diagonal: bool | None = None
+        self._has_long_rows = False
         self.count = 0
         """Factorisations so far."""
         self.fill = 0
@@ -169,11 +185,21 @@ class Factoriser:
         self._last = None
 
     def see_pattern(self, J: Any) -> None:
-        """Find out from a Jacobian whether its pattern is symmetric."""
+        """Find out from a Jacobian whether its pattern is symmetric, or has long rows."""
         if self._trusts_diagonal is None:
             pattern = J.copy()
             pattern.data = np.ones(len(pattern.data))
             self._trusts_diagonal = (pattern - pattern.T).count_nonzero() <= 0.01 * J.nnz
+            lengths = np.diff(J.indptr).astype(float)
+            most = min(lengths @ lengths, float(len(lengths)) ** 2)
+            self._has_long_rows = most > _FULLER * J.nnz
+
+    def _ways(self, A: Any) -> list[str]:
+        """Return how to pivot, the cheapest first."""
+        ways = ["some", "partial"] if self._has_long_rows else ["partial"]
+        if self._trusts_diagonal and np.all(A.diagonal() > 0):
+            ways.insert(0, "none")
+        return ways
 
     def solve(self, A: Any, *rights: Array, free: Any = None) -> list[Array] | None:
         """Return the solutions for several right-hand sides; None where `A` is singular.
@@ -182,9 +208,8 @@ class Factoriser:
         `last_of`.
         """
         A, self._last = A.tocsc(), None
-        diagonal = bool(self._trusts_diagonal) and bool(np.all(A.diagonal() > 0))
-        for is_symmetric in (True, False) if diagonal else (False,):
-            factors = self._factors(A, is_symmetric)
+        for pivoting in self._ways(A):
+            factors = self._factors(A, pivoting)
             solutions: list[Array] = []
             for right in rights if factors is not None else ():
                 solution = factors.solve(right)  # type: ignore[union-attr]
@@ -194,30 +219,26 @@ class Factoriser:
             if factors is not None and len(solutions) == len(rights):
                 self._last = None if free is None else (factors, free)
                 return solutions
-            if is_symmetric:
+            if pivoting == "none":
                 self._trusts_diagonal = False
         return None
 
     def factors_of(self, A: Any) -> Factors | None:
         """Return factors to solve with several times; None where `A` is singular."""
         A, self._last = A.tocsc(), None
-        return self._factors(A, bool(self._trusts_diagonal) and bool(np.all(A.diagonal() > 0)))
+        return self._factors(A, self._ways(A)[0])
 
-    def _factors(self, A: Any, is_symmetric: bool) -> Factors | None:
+    def _factors(self, A: Any, pivoting: str) -> Factors | None:
         from scipy.sparse.linalg import splu
 
         self._poll()
         self.count += 1
-        chosen: dict[str, Any] = {"permc_spec": "COLAMD"}
-        if is_symmetric:
-            chosen = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
-            chosen["options"] = {"SymmetricMode": True}
         released = None if A.nnz < _SHORT else threading.Event()
         try:
             if released is None:
-                lu = splu(A, **chosen)
+                lu = splu(A, **_PIVOTING[pivoting])
             else:
-                lu = in_thread(lambda: splu(A, **chosen), self._poll, released)
+                lu = in_thread(lambda: splu(A, **_PIVOTING[pivoting]), self._poll, released)
         except RuntimeError:  # exactly singular
             return None
         self.fill = max(self.fill, int(lu.nnz))
