@@ -13,6 +13,7 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, integer, real, switch
+from zivi.base.habits import attribute_error
 from zivi.system.transform import coefficients
 
 __all__ = ["DEPTH", "HORIZON", "TickStatus"]
@@ -85,6 +86,11 @@ class Component:
 
         def _get_state(self) -> tuple[Any, ...]: ...
         def _set_state(self, state: Any, /) -> None: ...
+
+    else:
+
+        def __getattr__(self, name):
+            raise attribute_error("controller", self, name)
 
     @property
     def h(self) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import finite, real
+from zivi.base.habits import hinted
 from zivi.control.design_law import Law
 from zivi.control.design_search import LARGEST, Asked, Found, feasible_time, least_limit, search
 from zivi.control.design_time import Landing
@@ -148,6 +149,7 @@ def best_ratio(e: float, kind: Literal["tracker", "regulator"] = "tracker") -> f
     return (1.0 - k) / (1.0 + k)
 
 
+@hinted("design")
 def design_tracker(
     settling_time: float,
     *,
@@ -228,6 +230,7 @@ def design_tracker(
     return _design(law, (settling_time, bound, start, quiet), u_limits, delay, rest)
 
 
+@hinted("design")
 def design_regulator(
     settling_time: float,
     *,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.compiled import listening, tell
+from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control.joint_observer import JointObserver
@@ -121,6 +122,7 @@ def simulate_closed_loop_batch(
 ) -> MechanicalLoopBatch: ...
 
 
+@hinted("simulate_batch")
 def simulate_closed_loop_batch(
     systems: Any,
     controllers: Any,

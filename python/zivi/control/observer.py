@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array, switch
+from zivi.base.habits import hinted
 from zivi.base.table import Field, Table, Tabulated
 from zivi.control.component import Component
 
@@ -177,6 +178,7 @@ class ImpactObserver(_zivi.Observer, Component):
     _is_state = staticmethod(_is_state)
     _kind = "an observer's"
 
+    @hinted("observer")
     def __new__(  # noqa: D102 the class says it
         cls,
         e: float,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, integer, real_array
+from zivi.base.habits import hinted
 from zivi.base.table import Field, Table, Tabulated
 from zivi.orbits.attractor import TOLERANCE, Attractor, classify
 from zivi.orbits.cells import settle_cells
@@ -107,6 +108,7 @@ class Basins(Tabulated):
         return Table("Basins of attraction", FIELDS, COORDS, values, attrs, rows="attractor")
 
 
+@hinted("settled")
 def basins(
     system: ImpactSystem | MechanicalSystem,
     x0s: ArrayLike,

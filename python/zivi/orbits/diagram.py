@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, integer, real_array
+from zivi.base.habits import hinted
 from zivi.base.table import Field, Table, Tabulated
 from zivi.orbits.attractor import Attractor
 from zivi.orbits.mechanical.family import value_of
@@ -107,6 +108,7 @@ class Diagram(Tabulated):
         return Table("Bifurcation diagram", fields, {}, values)
 
 
+@hinted("settled")
 def bifurcation_diagram(
     system: ImpactSystem | MechanicalSystem,
     name: str,

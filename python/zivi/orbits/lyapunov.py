@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import Array, finite
+from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.base.table import Table, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus
@@ -70,6 +71,7 @@ class Lyapunov(Tabulated):
         return Table("Lyapunov exponents", fields, {}, {}, attrs | {"status": self.status.name})
 
 
+@hinted("settled")
 def lyapunov_exponents(
     system: ImpactSystem | MechanicalSystem,
     t_span: Sequence[float],

@@ -11,6 +11,7 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.functions import of_three
+from zivi.base.habits import hinted
 
 __all__ = ["MECHANICAL", "Level", "event", "events_of"]
 
@@ -20,6 +21,7 @@ MECHANICAL = "g(t, q, qdot)"
 """What an event of a mechanical system is."""
 
 
+@hinted("Level")
 class Level:
     """An event where the motion crosses a level: ``x = c`` or ``xdot = c``.
 
@@ -72,6 +74,7 @@ class Level:
         return f"Level({name}={value}, terminal={self.terminal}, direction={self.direction})"
 
 
+@hinted("event")
 def event(*, terminal: bool | int = False, direction: float = 0) -> Callable[[Function], Function]:
     """Give a function of an event SciPy's attributes ``terminal`` and ``direction``.
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import real, real_array
 from zivi.base.compiled import listening, listening_always
+from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.base.status import Status
 from zivi.simulation.argument_hints import check_method, refuse
@@ -75,6 +76,7 @@ def simulate(
 ) -> Trajectory: ...
 
 
+@hinted("simulate")
 def simulate(
     system: ImpactSystem | MechanicalSystem,
     t_span: Sequence[float],

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import finite
+from zivi.base.habits import hinted
 from zivi.system.model_parts import Compiled, Part, differenced, number_part, part
 from zivi.system.wall import HarmonicWall, MovingWall
 
@@ -92,6 +93,7 @@ class Channel:
     e_t: float = 0.0
 
 
+@hinted("DryFriction")
 class DryFriction:
     r"""Dry friction in a joint, in a guide, or on a belt under a given load.
 

@@ -18,6 +18,7 @@ from zivi.system.wall import HarmonicWall, MovingWall
 __all__ = ["Gap", "LinearGap"]
 
 
+@hinted("Gap")
 class Gap:
     r"""A unilateral constraint :math:`g(t, q) \ge 0`.
 

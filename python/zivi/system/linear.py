@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, integer, real_array
+from zivi.base.habits import hinted
 from zivi.system.assemble import assembled
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import GivenRestitutions, written
@@ -23,6 +24,7 @@ from zivi.system.wall import MovingWall
 __all__ = ["LinearSystem"]
 
 
+@hinted("LinearSystem")
 class LinearSystem(MechanicalSystem):
     r"""A linear system from its matrices, within linear gaps.
 

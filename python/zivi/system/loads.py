@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, finite, real_array
+from zivi.base.habits import hinted
 from zivi.system.table import Table
 
 __all__ = ["Excitation", "Harmonic", "parts_of", "projected"]
 
 
+@hinted("Harmonic")
 @dataclasses.dataclass(frozen=True, eq=False)
 class Harmonic:
     r"""A harmonic load, :math:`p \cos(\omega t + \varphi)`.

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
+from zivi.base.habits import hinted
 from zivi.system.table_columns import column, is_number, of_pandas
 
 __all__ = ["Table", "TableMotion", "declared_breaks", "motion_of", "refuse_tables"]
@@ -28,6 +29,7 @@ SMOOTH = ("cubic", "monotone")
 """Kinds without jumps of the velocity."""
 
 
+@hinted("Table")
 class Table:
     """Values at times, and what is between them: as excitation, motion of a wall, or input.
 

@@ -12,6 +12,7 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.formula import normal
+from zivi.base.habits import hinted
 from zivi.base.machine_code import Native, compiled
 from zivi.system.friction import IMPACT_LAWS, PARADOXES, Channel, one_of
 from zivi.system.impact_law import GivenRestitutions, restitutions
@@ -243,6 +244,7 @@ class SymbolicSystem(MechanicalSystem):
         SymbolicSystem.__init__(self, **state)
 
 
+@hinted("symbolic")
 def system(
     q: Any,
     *,
