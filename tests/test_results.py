@@ -21,8 +21,13 @@ RESULTS = sorted(
         "ClosedLoop",
         "ClosedLoopBatch",
         "Diagram",
+        "EventCurve",
         "Lyapunov",
         "MechanicalBatch",
+        "MechanicalBranch",
+        "MechanicalClosedLoop",
+        "MechanicalLoopBatch",
+        "MechanicalOrbit",
         "MechanicalSensitivity",
         "MechanicalTrajectory",
         "Observed",
@@ -31,6 +36,17 @@ RESULTS = sorted(
         "Trajectory",
     ]
 )
+
+
+class Idle:
+    """A controller that lets the mass fall."""
+
+    h = 0.1
+
+    def step(self, t, q, qdot):
+        return [0.0]
+
+
 RUNS = {
     "Trajectory": lambda **more: zivi.simulate(BALL, (0, 3), (1, 0), **more),
     "fixed steps": lambda **more: zivi.simulate(
@@ -40,6 +56,9 @@ RUNS = {
         BALL, zivi.TwistingRegulator(30, 25, h=0.1, e=0.5), (0, 3), (1, 0), **more
     ),
     "MechanicalTrajectory": lambda **more: zivi.simulate(DROP, (0, 3), ([1.0], [0.0]), **more),
+    "MechanicalClosedLoop": lambda **more: zivi.simulate_closed_loop(
+        DROP, Idle(), (0, 3), ([1.0], [0.0]), **more
+    ),
 }
 COMMON = [
     "t",
@@ -64,6 +83,15 @@ COMMON = [
 CALLED = ["resample", "to_pandas", "to_xarray", "plot", "impacts_down_to"]
 
 
+def test_no_class_of_results_is_left_out():
+    def those_of(kind):
+        return {kind}.union(*map(those_of, kind.__subclasses__()))
+
+    bases = {"MassRun", "OrbitsAlong", "Runs", "SampledRun", "Tabulated"}
+    here = {it.__name__ for it in those_of(Tabulated) if it.__module__.startswith("zivi")}
+    assert sorted(here - bases) == RESULTS
+
+
 @pytest.mark.parametrize("name", RESULTS)
 def test_every_result_is_a_dataset_a_table_a_file_and_a_page(name, tmp_path):
     result = MAKE[name]()
@@ -83,7 +111,7 @@ def test_every_result_is_a_dataset_a_table_a_file_and_a_page(name, tmp_path):
         assert set(data.variables) <= set(opened.variables)
         for it in data.variables:
             np.testing.assert_array_equal(opened[it].values, data[it].values)
-    if name in ("Trajectory", "ClosedLoop", "MechanicalTrajectory"):
+    if name in ("Trajectory", "ClosedLoop", "MechanicalTrajectory", "MechanicalClosedLoop"):
         assert repr(zivi.files.load(tmp_path / "it.nc")) == repr(result)
     else:
         with pytest.raises(zivi.files.ResultError, match=f"holds a {name}"):
