@@ -62,6 +62,7 @@ fn the_explicit_law_knows_when_its_reference_is_pulled_off() {
     let above = Physical { x: 0.1, xdot: 0.0 };
     for (force_ref, acceleration) in [(5.0, 5.0), (-5.0, 0.0), (0.0, 0.0)] {
         let mut explicit = ExplicitTwisting::new(gains, 1e-3, half(), half()).expect("admissible");
+        assert_eq!(explicit.h(), 1e-3);
         let u = explicit.tick(above, -9.81, force_ref).expect("a good sample");
         // at x' = 0 the sign of v is 0: R = 1, and no mu2
         assert!((u - (-30.0 + acceleration + 9.81)).abs() < 1e-13, "{force_ref}: {u}");

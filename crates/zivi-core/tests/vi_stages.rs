@@ -119,7 +119,7 @@ fn an_undefined_start_is_pushed_off_the_bound() {
     // the mirror image
     let mut log = scalar(|z| 1.0 + z - (-z).ln(), |z| 1.0 - 1.0 / z);
     let mut z = [0.0];
-    let report = solve(&mut log, &[-INF], &[0.0], &mut z, &Settings::default()).unwrap();
+    let report = solve(&mut log, &[-INF], &[0.0], &mut z, &ONLY_S0).unwrap();
     assert_eq!(report.status, Status::Solved);
     assert!((z[0] + 1.0).abs() < 1e-9);
 }

@@ -280,3 +280,68 @@ fn lexicographically_smaller(pairs: impl Iterator<Item = (f64, f64)>) -> bool {
     }
     false
 }
+
+#[cfg(test)]
+#[allow(clippy::indexing_slicing, clippy::unwrap_used)]
+mod tests {
+    extern crate std;
+    use super::super::super::random::Random;
+    use super::super::super::workspace::{workspace_len, Workspace};
+    use super::super::work::AffineVi;
+    use super::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    #[test]
+    fn the_first_pair_that_differs_by_more_than_rounding_decides() {
+        let thirds = (0.3, 0.1 + 0.2);
+        for first in [thirds, (thirds.1, thirds.0), (0.0, 0.0)] {
+            assert!(lexicographically_smaller([first, (1.0, 2.0)].into_iter()));
+            assert!(!lexicographically_smaller([first, (2.0, 1.0)].into_iter()));
+        }
+        assert!(!lexicographically_smaller([(-1.0, -2.0), (1.0, 2.0)].into_iter()));
+        assert!(!lexicographically_smaller([(1.0, 1.0)].into_iter()));
+    }
+
+    /// Of two members in a tie exactly one comes first, and three have an order.
+    #[test]
+    fn ties_have_an_order() {
+        let n = 5;
+        let mut random = Random::new(9);
+        let (q, lower, upper) = (vec![1.0; n], vec![0.0; n], vec![f64::INFINITY; n]);
+        for _ in 0..100 {
+            let matrix: Vec<f64> = (0..n * n).map(|_| random.uniform() - 0.5).collect();
+            let avi = AffineVi { matrix: &matrix, shift: 3.0, q: &q, lower: &lower, upper: &upper };
+            let (reals, indices) = workspace_len(n);
+            let (mut reals, mut indices) = (vec![0.0; reals], vec![0; indices]);
+            let mut work = Workspace::new(n, &mut reals, &mut indices).unwrap();
+            let mut tableau = Tableau::new(&avi, &mut work.pivotal);
+            // some of the variables are inside
+            let z: Vec<f64> = (0..n).map(|i| if i % 2 == 0 { 1.0 } else { 0.0 }).collect();
+            assert!(tableau.start_at(&z, &mut || Ok(())).unwrap());
+            for rate in tableau.direction.iter_mut() {
+                *rate = random.uniform() - 0.5;
+            }
+            let member =
+                |position| Block::Member { position, length: 0.0, at_upper: position % 3 == 1 };
+            let mut places: Vec<usize> = (0..n).collect();
+            places.sort_by(|&a, &b| {
+                let (first, second) = (
+                    tableau.precedes(member(a), member(b)),
+                    tableau.precedes(member(b), member(a)),
+                );
+                assert!(a == b || first != second, "{a} {b}");
+                if first {
+                    core::cmp::Ordering::Less
+                } else {
+                    core::cmp::Ordering::Greater
+                }
+            });
+            for (i, &a) in places.iter().enumerate() {
+                for &b in &places[i + 1..] {
+                    assert!(tableau.precedes(member(a), member(b)));
+                }
+            }
+        }
+    }
+}
