@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import zivi
 from example_scripts import example, shown
 
 pytestmark = pytest.mark.slow
@@ -101,3 +102,31 @@ def test_a_clearance_above_the_amplitude_does_nothing():
     assert good < 0.15 * still
     best = damper.sweep(np.geomspace(0.01, 1.0, 60)).min() / still
     assert f"keeps {100 * best:.0f} %" in shown("mechanics_damper")
+
+
+def test_a_study_that_outgrows_a_machine(tmp_path, capsys):
+    pytest.importorskip("zarr")
+    text = printed("cluster_study", tmp_path, capsys)
+    assert re.search(r"stopped: 4000 of 10000 points\ncontinued: 10000 of 10000 points", text)
+    # the closed form of the program is that of its test
+    study = example("cluster_study")
+    e, v = np.array([0.5, 0.2]), np.array([0.0, 3.0])
+    first = (v + np.sqrt(v**2 + 2 * 9.81)) / 9.81
+    later = 2 * e * np.sqrt(v**2 + 2 * 9.81) / 9.81 / (1 - e)
+    np.testing.assert_allclose(study.exact(e, v), first + later, rtol=1e-15)
+    np.testing.assert_allclose(study.rest_times(e, v)["rest_time"], first + later, rtol=1e-13)
+    assert float(re.search(r"error: (\S+)", text)[1]) < 1e-13
+
+
+def test_every_plot_is_drawn(tmp_path, capsys):
+    printed("every_plot", tmp_path, capsys)
+    program = example("every_plot")
+    drawn = {name for name, *_ in [*program.runs(), *program.orbits()]}
+    others = {
+        "overview",
+        "animate",
+        "curve",
+        "map",
+    }  # several panels, a film, one of a chart, an alias
+    functions = {name for name in zivi.plot.__all__ if callable(getattr(zivi.plot, name))}
+    assert drawn == functions - others

@@ -58,10 +58,13 @@ def directive(name: str) -> str:
         options.append(":undoc-members:")
     elif not issubclass(thing, (tuple, BaseException)):
         options.append(":inherited-members:")
+    # fields of a named tuple are described once, with the class
+    fields = ", ".join(getattr(thing, "_fields", ()))
     if inspect.isfunction(vars(thing).get("__call__")):
         options.append(":special-members: __call__")
+        options += [f":exclude-members: {fields}"] if fields else []
     else:
-        options.append(":exclude-members: __new__, __init__")
+        options.append(f":exclude-members: __new__, __init__{fields and ', '}{fields}")
     return f".. autoclass:: zivi.{name}\n" + "".join(f"   {option}\n" for option in options)
 
 
