@@ -188,7 +188,7 @@ def sweep(
     """Compute a study from a file, or what of it is missing; write a Zarr folder.
 
     Exit code 0 if all points are done, 1 if some failed or the study ended early, 2 for a bad
-    file, 130 for Ctrl-C. The same command goes on where it stopped.
+    file, 130 for Ctrl-C. The same command continues where it stopped.
     """
     with _reported_errors():
         code = commands.study(

@@ -185,7 +185,7 @@ pub struct GivenReference {
     /// Velocity (m/s).
     pub xdot: Real,
     /// The side of the wall on which it is followed, +1 or -1: it changes with each impact of the
-    /// reference. Only `ZIVI_BRANCH_NEAREST` looks at it.
+    /// reference. Only `ZIVI_BRANCH_NEAREST` uses it.
     pub side: Real,
 }
 

@@ -39,7 +39,7 @@ fn quantile(values: &mut [f64], part: f64) -> f64 {
     values[((last as f64 * part).ceil() as usize).min(last)]
 }
 
-/// The shortest time between two looks at the clock.
+/// The shortest time between two readings of the clock.
 fn clock() -> f64 {
     let samples = (0..100_000).map(|_| seconds(|| ()));
     samples.fold(f64::INFINITY, f64::min)

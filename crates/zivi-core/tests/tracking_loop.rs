@@ -140,8 +140,8 @@ fn a_mass_and_a_reference_at_rest_stay() {
     }
 }
 
-/// Through an impact the reference's `v` goes on where it is not folded, and is thrown back to the
-/// side `+1` where it is.
+/// Through an impact the reference's `v` continues where it is not folded, and is thrown back to
+/// the side `+1` where it is.
 #[test]
 fn the_approaches_differ_in_the_branch_of_the_reference() {
     let (mut folded, mut continuous) = (tracker(Approach::Positive), tracker(Approach::Nearest));

@@ -1,6 +1,6 @@
 //! zivi for programs in C, C++, Julia and other languages, on a machine with an operating system.
 //!
-//! What is asked for is a plain structure, a run is an opaque handle, functions of the caller are
+//! What is requested is a plain structure, a run is an opaque handle, functions of the caller are
 //! called with the pointer that came with them. No panic crosses the border: it becomes a code. What
 //! was wrong is told in words by `zivi_last_error`, of the calling thread.
 //!

@@ -1,4 +1,4 @@
-//! What a run is asked for: the system, where it starts, what it shall keep.
+//! What is requested of a run: the system, where it starts, what it shall keep.
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::gc::{PyTraverseError, PyVisit};

@@ -2,7 +2,7 @@
 //!
 //! Each function makes one run and returns how many rows of the table it has filled, 0 where a
 //! setting is refused. The mass always moves by the implicit step (in a loop: the paper's own
-//! loop), except where explicit Euler is asked for. A row is
+//! loop), except where explicit Euler is requested. A row is
 //!
 //! ```text
 //! x, x', s, v, x_r, x_r', u, lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev

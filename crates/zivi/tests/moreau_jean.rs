@@ -260,7 +260,7 @@ fn failures_are_reported() {
     }
 }
 
-/// A force that depends on time, and how often it is asked.
+/// A force that depends on time, and how often it is evaluated.
 fn timed(e: f64, t1: f64, start: Physical, law: impl Fn(f64) -> f64) -> (Trajectory, u64) {
     let mut calls = 0;
     let mut force = FunctionForce(|t: f64, _: f64, _: f64| {

@@ -79,7 +79,7 @@ class Controller(Protocol):
     - A method ``reset(x_ref, xdot_ref)`` is called at the start of a run with ``y_ref0``, which
       cannot be given without it.
 
-    Nothing else resets it: a controller of the user, unlike zivi's own, is not copied and goes on
+    Nothing else resets it: a controller of the user, unlike zivi's own, is not copied and continues
     from where it is.
 
     Examples
@@ -203,7 +203,7 @@ def simulate_closed_loop(
         `MechanicalSystem` its coordinates and velocities ``(q0, qdot0)``.
     y_ref0 : (float, float), optional
         Initial state of the reference: the controller is reset to it. Without it the controller
-        goes on from where it is.
+        continues from where it is.
     force_ref : float, LinearForce or callable, optional
         Force on the reference (m/s^2), at the sample; by default `force_model`. Above a moving
         wall, where everything else is in the wall's frame, so is this force. The reference is

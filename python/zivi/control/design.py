@@ -1,4 +1,4 @@
-"""Gains that are computed: from what is asked of a loop to a controller that does it."""
+"""Gains that are computed: from what is requested of a loop to a controller that does it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["GainDesign", "InfeasibleError", "best_ratio", "design_regulator", "d
 
 
 class InfeasibleError(ValueError):
-    """No gains do what is asked for.
+    """No gains do what is requested.
 
     Attributes
     ----------

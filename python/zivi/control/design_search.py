@@ -1,4 +1,4 @@
-"""Least accelerations that do what is asked of a design, and what an actuator allows."""
+"""Least accelerations that do what is requested of a design, and what an actuator allows."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ LONGEST = 1e6
 
 @dataclasses.dataclass(frozen=True)
 class Asked:
-    """What is asked for.
+    """What is requested.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def feasible_time(asked: Asked) -> float | None:
 
 
 def least_limit(asked: Asked) -> float | None:
-    """Give the least limit of the absolute control that allows what is asked for."""
+    """Give the least limit of the absolute control that allows what is requested."""
 
     def feasible(limit: float) -> bool:
         return dataclasses.replace(asked, limits=(-limit, limit)).feasible()

@@ -1,4 +1,4 @@
-"""What a closed loop is asked for: its arguments, checked and translated."""
+"""What is requested of a closed loop: its arguments, checked and translated."""
 
 from __future__ import annotations
 

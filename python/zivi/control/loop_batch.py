@@ -166,12 +166,12 @@ def simulate_closed_loop_batch(
         The plants' initial states, shape (n, 2), or (2,) for all.
     y_ref0 : array_like, optional
         The references' initial states, shape (n, 2), or (2,) for all. Without it each controller
-        goes on from where it is.
+        continues from where it is.
     force_ref, force_model : float, LinearForce or compiled callable, optional
         As for `simulate_closed_loop`, the same for all.
     reference : Trajectory, callable, array_like or list of these, optional
         The references, as for `simulate_closed_loop`: one for all loops, or a list with one for
-        each. A function is asked once for each sample, before the loops begin.
+        each. A function is evaluated once for each sample, before the loops begin.
     method : SwitchedRK or ThetaGamma, optional
         How the plants move between samples, as for `simulate_closed_loop`.
     noise : array_like

@@ -1,4 +1,4 @@
-"""What a batch of closed loops is asked for: its arguments, checked and translated."""
+"""What is requested of a batch of closed loops: its arguments, checked and translated."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ DEVIATIONS = 10.0
 
 
 class Striker(ModelBased):
-    r"""Strikes a body so that it flies as high as is asked, or a wall with the speed that is asked.
+    r"""Strikes a body so that it flies as high as requested, or a wall with the requested speed.
 
     The next contact is known from the flight of the body: its time, at the place :math:`z^*`, and
     the speed :math:`v^-` with which the body comes. To leave with :math:`V = \sqrt{2 G H}` it must

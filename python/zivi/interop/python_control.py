@@ -184,7 +184,7 @@ def _own_block(controller: Any, name: str) -> Any:
 
 
 class _Ticking:
-    """A controller of the user that is asked several times at a sample, and ticks once."""
+    """A controller of the user that is evaluated several times at a sample, and ticks once."""
 
     def __init__(self, controller: Any) -> None:
         self.named = [] if hasattr(controller, "x_ref") else asked_of(controller)

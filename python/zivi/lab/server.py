@@ -1,4 +1,4 @@
-"""Serve the page, on loopback or, where that is asked for, to other machines."""
+"""Serve the page, on loopback or, where that is requested, to other machines."""
 
 from __future__ import annotations
 

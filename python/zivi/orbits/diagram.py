@@ -130,7 +130,7 @@ def bifurcation_diagram(
     """Simulate over values of a parameter, and note what the runs settle on.
 
     Forces and models that need no interpreter run as batches on all cores. With `out` or
-    `executor` it is a study: it can be stopped and goes on, in processes, or on Dask.
+    `executor` it is a study: it can be stopped and continues, in processes, or on Dask.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ def periodic_orbit(
     period : float or "free", optional
         The period of the excitation (s), by default from a `LinearForce` or a `HarmonicWall`. Where
         nothing excites the system it is ``"free"``: an unknown, and times start at the first
-        impact. A force that is asked at several times and does not depend on them is one of these.
+        impact. A force that does not depend on the times at which it is evaluated is one of these.
     symmetry : array_like or callable, optional
         Of a `MechanicalSystem`: a linear map of the coordinates, shape (n, n), or of the states,
         that takes the second half of the motion to the first. Only that half is solved for.

@@ -80,7 +80,7 @@ def continue_orbit(
     max_points : int
         Most points.
     through : bool
-        Of a `MechanicalOrbit`: whether the branch goes on with another word where an impact
+        Of a `MechanicalOrbit`: whether the branch continues with another word where an impact
         grazes.
 
     Returns

@@ -27,7 +27,7 @@ SPANS = (10.0, 100.0, 1e3, 1e4)
 ENOUGH = 60
 """Impacts that show it."""
 LOOKS = (0.0, 0.173, 0.71, 1.9, 3.3, 7.1, 19.7, 53.9)
-"""Times at which a force is asked whether it depends on them (s)."""
+"""Times at which a force is evaluated to see whether it depends on them (s)."""
 
 
 def is_autonomous(system: ImpactSystem) -> bool:

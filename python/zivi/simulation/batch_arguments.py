@@ -1,4 +1,4 @@
-"""What a batch is asked for: its arguments, checked and translated."""
+"""What is requested of a batch: its arguments, checked and translated."""
 
 from __future__ import annotations
 

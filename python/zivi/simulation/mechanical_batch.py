@@ -62,7 +62,7 @@ def mechanical_batch(
     q, qdot = _states(y0, len(several))
     several = several * len(q) if len(several) == 1 else several
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
-    # the motion itself is asked for in samples and whole runs only
+    # the motion itself is requested in samples and whole runs only
     dense = times is not None or save == "runs" or not isinstance(method, SwitchedRK)
     tasks = [
         (system, Asked(span, a, b, None, _knots(system, method, span), [], dense, arcs=True))

@@ -36,7 +36,7 @@ FixedOrSwitched: TypeAlias = SwitchedRK | FixedSteps
 
 @dataclasses.dataclass(frozen=True)
 class Asked:
-    """What a run is asked for.
+    """What is requested of a run.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ def simulate(
         zero at the start is no event. The function is looked at a few times in a step and at
         least 200 times in the span: two changes of sign that are nearer to one another may be
         overlooked unless ``max_step`` is short, but for a `Level`, of which none is. A method of
-        fixed steps looks at it at the end of each step and at the wall; it computes no step after
+        fixed steps evaluates it at the end of each step and at the wall; it computes no step after
         that of a terminal event, and ``nfev`` counts the evaluations of the steps so far.
     dense_output : bool
         Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
@@ -135,7 +135,7 @@ def simulate(
     tstops : array_like, optional
         With `SwitchedRK`: times where the force, or one of its derivatives, jumps (s), such as
         the switching times of a held input; those outside of `t_span` have no effect. Steps end
-        there, the force is asked on either side of them, by a few roundings, and never across,
+        there, the force is evaluated on either side of them, by a few roundings, and never across,
         and nothing that was seen before is used after: the way to make short pulses seen and
         jumps cheap.
     samples : {"motion", "steps"}

@@ -265,7 +265,7 @@ class MassRun(SampledRun):
         """Give the state between the samples.
 
         After `SwitchedRK` it is the dense output of the method, across impacts, through the
-        accumulations that were extrapolated (their arcs are computed when they are asked for) and
+        accumulations that were extrapolated (their arcs are computed when they are requested) and
         at rest; exact where the force is constant. After a method of fixed steps ``s`` and ``v``
         are linear between the steps (first order, as the scheme) and are projected. At an impact
         the velocity is the one after it.
@@ -370,7 +370,7 @@ class MassRun(SampledRun):
 
 
 def times_of(sol: SampledRun, t: ArrayLike | None, n: int | None) -> Array:
-    """Give the times that are asked for: these, or a number of equidistant ones."""
+    """Give the times that are requested: these, or a number of equidistant ones."""
     if (t is None) == (n is None):
         raise TypeError("exactly one of t and n must be given")
     if n is not None:

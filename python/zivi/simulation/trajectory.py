@@ -53,7 +53,7 @@ NO_STOPS = np.empty(0)
 NO_STOPS.flags.writeable = False
 
 Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
-"""The configuration of a run, or what makes it once it is asked for."""
+"""The configuration of a run, or what makes it once it is requested."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)

@@ -56,7 +56,7 @@ def sweep(
 ) -> Study:
     """Compute a function at many points, and keep what is computed.
 
-    A point that fails does not stop the others. A run that was stopped or killed goes on where it
+    A point that fails does not stop the others. A run that was stopped or killed continues where it
     was when the same call is made again.
 
     Parameters

@@ -131,7 +131,7 @@ def begin_thread(stopped: threading.Event) -> None:
 
 
 _thread = threading.local()
-"""What a thread of a pool of ours looks at."""
+"""What a thread of a pool of ours reads."""
 
 
 def is_ready(job: Job) -> bool:

@@ -357,7 +357,7 @@ class MechanicalSystem:
         Parameters
         ----------
         q : array_like
-            Coordinates, at which a function `inputs` is asked how many controls there are.
+            Coordinates, at which a function `inputs` is evaluated to count the controls.
         """
         there = np.atleast_1d(real_array("q", q))
         if self._controls is None:

@@ -17,7 +17,7 @@ __all__ = ["Factoriser", "Factors", "in_thread", "rows_of_sizes"]
 _SHORT = 20_000
 """Entries of a matrix below which its factorisation is too short to be interrupted."""
 _LOOK = 0.05
-"""Seconds between two looks at the clock."""
+"""Seconds between two readings of the clock."""
 _EXACT, _USELESS = 1e-14, 1e-6
 """Componentwise backward errors that need no refinement, and above which there is no solution."""
 _DECAYED = 1e-8

@@ -133,7 +133,7 @@ impl TrackingStep {
 }
 
 impl Frame {
-    /// By the selection rule. (A NaN goes on to the wall.)
+    /// By the selection rule. (A NaN continues to the wall.)
     #[inline(always)]
     fn accepted(&self) -> (Candidate, Place) {
         let (mut g, mut place) = (1.0, Place::Same);

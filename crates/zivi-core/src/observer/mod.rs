@@ -185,7 +185,7 @@ impl ImpactObserver {
         &self.state
     }
 
-    /// An observer that goes on from what [`ImpactObserver::state`] gave.
+    /// An observer that continues from what [`ImpactObserver::state`] gave.
     #[inline]
     #[must_use]
     pub fn resumed(settings: ObserverSettings, state: ObserverState) -> Self {

@@ -110,7 +110,7 @@ impl<W: Weights> Frozen<W> {
         best.map(|(_, nearest)| nearest).ok_or(StepFailure::NoSolution)
     }
 
-    /// The accepted candidates, most degenerate first, evaluated as they are asked for.
+    /// The accepted candidates, most degenerate first, evaluated as they are requested.
     pub(super) fn candidates(self) -> impl Iterator<Item = StepSolution> {
         PATTERNS.iter().filter_map(move |&pattern| self.on(pattern, SIGN_TOLERANCE))
     }
@@ -130,7 +130,7 @@ impl<W: Weights> Frozen<W> {
     }
 
     /// Both signs at their ends: `R` is known, `s_gamma` and `v_gamma` must have those signs.
-    /// A negative `slack` is the margin that is asked for.
+    /// A negative `slack` is the margin that is requested.
     #[inline(always)]
     pub(super) fn regular(
         &self,

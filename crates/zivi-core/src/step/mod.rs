@@ -173,7 +173,7 @@ pub struct StepSolution {
 }
 
 impl StepSolution {
-    /// Rest goes on.
+    /// Rest continues.
     const REST: Self = Self { s: 0.0, v: 0.0, lambda_s: 0.0, lambda_v: 0.0, case: Case::Origin };
 
     /// The new state `(s+, v+)`.

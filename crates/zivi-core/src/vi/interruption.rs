@@ -5,7 +5,7 @@ use core::fmt;
 /// The caller could not evaluate `F` or its Jacobian and wants the solver to stop.
 ///
 /// A point where `F` is merely undefined is reported by a value that is not finite instead: the
-/// solver then backs off and goes on.
+/// solver then backs off and continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EvaluationError;
 

@@ -307,7 +307,7 @@ pub(crate) struct GapTracker {
 }
 
 impl GapTracker {
-    /// The forces that are asked for; `None` if the interpreter is needed.
+    /// The forces that are requested; `None` if the interpreter is needed.
     pub(crate) fn constants(&self) -> Option<Vec<Option<f64>>> {
         let constant = |it: &Option<Pressing>| match it {
             None => Some(None),

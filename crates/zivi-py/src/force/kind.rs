@@ -1,4 +1,4 @@
-//! What is asked of a force as it was given, whatever its kind.
+//! What is requested of a force as it was given, whatever its kind.
 
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;

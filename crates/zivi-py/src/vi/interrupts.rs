@@ -9,7 +9,7 @@ use zivi_core::vi::{Affine, EvaluationError, Interruption, Problem, Progress};
 
 use crate::leaving;
 
-/// Time between two looks at the signals where the lock must be taken for it.
+/// Time between two readings of the signals where the lock must be taken for it.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// Watches one solve.

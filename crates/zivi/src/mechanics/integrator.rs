@@ -177,7 +177,7 @@ impl MechanicalIntegrator {
         }
     }
 
-    /// Where no motion obeys the law of friction, an impact without a collision, if that is asked for.
+    /// Where no motion obeys the law of friction, an impact without a collision, if requested.
     fn unjammed<E, D: Dynamics<E>>(
         &mut self,
         piece: Result<Piece, Failure<E>>,

@@ -25,7 +25,7 @@ mod redundant;
 pub(super) struct Model<'a, D> {
     pub(super) dynamics: &'a mut D,
     pub(super) count: u64,
-    /// It is asked at no times outside.
+    /// It is evaluated at no times outside.
     pub(super) smooth: Smooth,
 }
 

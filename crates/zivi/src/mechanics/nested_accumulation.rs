@@ -156,7 +156,7 @@ fn flight(y: f64, v: f64, a: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// In a wedge with `e < c^2 (1 + e)` the gaps come to rest by turns, `c^2` faster each pair.
+    /// In a wedge with `e < c^2 (1 + e)` the gaps come to rest alternately, `c^2` faster each pair.
     #[test]
     fn a_ball_in_an_obtuse_wedge() {
         let c = 2f64.cos().abs();

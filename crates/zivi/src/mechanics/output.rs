@@ -1,4 +1,4 @@
-//! What is asked of a run of a mechanical system, and what it leaves.
+//! What is requested of a run of a mechanical system, and what it leaves.
 
 use crate::system::dynamics::Layout;
 use std::collections::TryReserveError;

@@ -55,7 +55,7 @@ pub struct Modes {
 /// The equations at some unknowns, rows of `P_k, t_k`.
 #[derive(Clone, Debug, Default)]
 pub struct ImpulseEquations {
-    /// `g_k` and `(1 + e) v_k + D_k P_k`, by turns.
+    /// `g_k` and `(1 + e) v_k + D_k P_k`, alternating.
     pub residual: Vec<f64>,
     /// `v_k`, the speeds before the impacts.
     pub rates: Vec<f64>,

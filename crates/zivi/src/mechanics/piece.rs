@@ -11,7 +11,7 @@ pub(super) enum Piece {
     Motion,
     /// Infinitely many impacts of one gap.
     Skipped(SkippedArcs),
-    /// Impacts of several gaps by turns, down to a corner.
+    /// Impacts that alternate between several gaps, down to a corner.
     Descent(Vec<Flight>),
     /// Nothing but an event at the present time.
     Instant,

@@ -1,4 +1,4 @@
-//! The infinitely many arcs that a jump skips, evaluated when they are asked for.
+//! The infinitely many arcs that a jump skips, evaluated when they are requested.
 //!
 //! The bouncing gap follows the arcs `Y(t)` of [`crate::Tail`]. The system follows the motion
 //! `c(t)` that it would have in contact, and is moved out of it along the direction `r(t)` in which

@@ -25,7 +25,7 @@ pub(crate) trait Coordinates: Clone + Debug + PartialEq {
     /// One row for each of them.
     type Rows: Clone + Debug + AsRef<[Row]> + AsMut<[Row]>;
 
-    /// So many zeros; one number is one, whatever is asked for.
+    /// So many zeros; one number is one, whatever is requested.
     fn zeros(count: usize) -> Self;
 
     /// So many rows of zeros.

@@ -159,7 +159,7 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         Ok(seeker.make_room(reserve)?)
     }
 
-    /// From when on the motion between the ends of steps is asked for.
+    /// From when on the motion between the ends of steps is requested.
     pub(crate) fn dense_from(&self) -> f64 {
         if self.record.is_dense() || !self.seeker.is_idle() {
             f64::NEG_INFINITY

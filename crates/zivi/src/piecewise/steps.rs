@@ -73,7 +73,7 @@ impl<Q: Coordinates> Steps<Q> {
         &mut self.last
     }
 
-    /// From when on the motion between the ends of steps is asked for.
+    /// From when on the motion between the ends of steps is requested.
     #[inline]
     pub(crate) fn dense_from(&self) -> f64 {
         self.dense_from

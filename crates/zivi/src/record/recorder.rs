@@ -111,7 +111,7 @@ impl Recorder {
         self.staged = k + 1;
     }
 
-    /// Appends the staged steps; `residual` of a step is asked for its start, its force and its
+    /// Appends the staged steps; `residual` of a step is evaluated for its start, its force and its
     /// multipliers.
     #[inline(never)]
     pub(crate) fn flush(&mut self, residual: impl Fn(Lifted, f64, [f64; 2]) -> f64) {

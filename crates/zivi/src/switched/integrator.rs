@@ -157,7 +157,7 @@ impl SwitchedIntegrator {
     }
 
     /// As [`SwitchedIntegrator::resume_to`], and tells what happened at the wall, in order. Before
-    /// it goes on under another force, call [`SwitchedIntegrator::forget_force`].
+    /// it continues under another force, call [`SwitchedIntegrator::forget_force`].
     ///
     /// # Errors
     /// As [`SwitchedIntegrator::advance_to`].

@@ -14,8 +14,8 @@
 //! branch `sigma`; `s = sigma x` is reported.
 //!
 //! A step that ends in an impact is tried beyond it first, so the force is evaluated at `x`
-//! slightly below zero and should continue smoothly there (without a value it is asked at zero).
-//! The pull `f(t, 0, 0)` decides over rest.
+//! slightly below zero and should continue smoothly there (without a value it is evaluated at
+//! zero). The pull `f(t, 0, 0)` decides over rest.
 //! Events shorter than a step (a dip of `x` of two roots between which no stage lies, a pulse of
 //! the force) are seen as far as the polynomials show them; `max_step` makes them look closer.
 //!

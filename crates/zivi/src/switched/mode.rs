@@ -70,7 +70,7 @@ impl Mode {
         }
     }
 
-    /// What is known of the rest that goes on, or begins.
+    /// What is known of the rest that continues, or begins.
     #[inline]
     pub(super) fn rest(&self) -> Rest {
         match *self {

@@ -1,4 +1,4 @@
-//! What is asked of a run, and what it leaves.
+//! What is requested of a run, and what it leaves.
 
 use super::path::DensePath;
 use super::piece::Counts;
@@ -13,8 +13,9 @@ pub struct Output<'a, E> {
     /// the end of each step, at each impact (the state after it, with `x = 0`), Zeno point and
     /// lift-off, and at the end.
     pub t_eval: Option<&'a [f64]>,
-    /// Times at which the force is not smooth (s), increasing: steps end there, the force is asked
-    /// on either side but never across, chains of impacts and the look ahead at rest begin anew.
+    /// Times at which the force is not smooth (s), increasing: steps end there, the force is
+    /// evaluated on either side but never across, chains of impacts and the look ahead at rest begin
+    /// anew.
     pub tstops: &'a [f64],
     /// Whether to keep the motion as a function of time.
     pub dense: bool,

@@ -158,7 +158,7 @@ fn significant(a: &Series) -> usize {
 /// The motion at any time of a run, across impacts, Zeno points, rest and lift-off.
 ///
 /// A step of order 8 takes 18 numbers of memory, one of order 5 takes 12, a power series at most 24. Within the tails the
-/// impacts are evaluated when they are asked for.
+/// impacts are evaluated when they are requested.
 ///
 /// ```
 /// use zivi::{simulate_switched_rk, ConstantForce, Output, Physical, Restitution, Silent, SwitchedRk};

@@ -44,7 +44,7 @@ pub(super) fn wait<E, F: Force<E>>(
     }
 }
 
-/// How the force on the mass at rest goes on: a window of it.
+/// How the force on the mass at rest continues: a window of it.
 fn window<E, F: Force<E>>(
     now: Point,
     rest: &mut Rest,

@@ -106,7 +106,8 @@ pub struct SwitchedRk {
     /// Order of the pair (default 8).
     pub order: Order,
     /// Longest step of the pair (s), positive, may be infinite (the default). Also the longest part
-    /// of the motion that events look at in one, the longest look ahead at rest, and the longest time between two looks at the arcs that a jump to rest would skip: a
+    /// of the motion that events sample in one, the longest look ahead at rest, and the longest time
+    /// between two probes of the arcs that a jump to rest would skip: a
     /// pulse of the force that is shorter can be overlooked.
     pub max_step: f64,
     /// The first step (s), positive and finite. `None` (the default): from the force and its

@@ -18,7 +18,7 @@ pub(super) type Stages = crate::numeric::stages::Stages<f64>;
 pub(crate) struct Counted<'a, F> {
     force: &'a mut F,
     count: u64,
-    /// It is asked at no times outside.
+    /// It is evaluated at no times outside.
     pub(super) smooth: Smooth,
     /// Its numbers, where it is known by them: then it is not evaluated.
     linear: Option<&'a Linear>,
@@ -38,7 +38,7 @@ impl<'a, F> Counted<'a, F> {
         self.count
     }
 
-    /// The force itself, the time at which it is asked instead of `t`, and the window for that.
+    /// The force itself, the time at which it is evaluated instead of `t`, and the window for that.
     pub(super) fn smooth_at(&mut self, t: f64) -> (&mut F, f64, (f64, f64)) {
         (self.force, self.smooth.nearest(t), self.smooth.ends())
     }

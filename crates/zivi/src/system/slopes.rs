@@ -26,7 +26,7 @@ pub struct Place {
     pub x: f64,
     /// Velocity (m/s).
     pub xdot: f64,
-    /// Times between which the force is smooth: it is asked at no others (s).
+    /// Times between which the force is smooth: it is evaluated at no others (s).
     pub within: (f64, f64),
 }
 

@@ -1,6 +1,6 @@
 //! Times at which the forces are not smooth, as the user declares them.
 
-/// Times between which a system is smooth: it is asked at no others.
+/// Times between which a system is smooth: it is evaluated at no others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Smooth {
     from: f64,
@@ -20,7 +20,7 @@ impl Smooth {
         Self { from: start + margin(start), to: end - margin(end) }
     }
 
-    /// The time at which the system is asked instead of `t`.
+    /// The time at which the system is evaluated instead of `t`.
     #[inline(always)]
     pub(crate) fn nearest(self, t: f64) -> f64 {
         t.max(self.from).min(self.to)
@@ -46,7 +46,7 @@ impl<'a> Stops<'a> {
         Self { times, t1 }
     }
 
-    /// Enters the stretch that begins at `t`: its end. The system is asked within it only.
+    /// Enters the stretch that begins at `t`: its end. The system is evaluated within it only.
     pub(crate) fn enter(&mut self, t: f64, smooth: &mut Smooth) -> f64 {
         let passed = self.times.partition_point(|&stop| stop <= t);
         let start = match self.times[..passed].last() {

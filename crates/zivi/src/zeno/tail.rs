@@ -1,4 +1,4 @@
-//! The infinitely many arcs that a jump to rest skips, evaluated when they are asked for.
+//! The infinitely many arcs that a jump to rest skips, evaluated when they are requested.
 //!
 //! With `m` counted from the last impact that was computed,
 //!

@@ -12,8 +12,8 @@
 //! broken lexicographically (Cottle, Pang & Stone, *The Linear Complementarity Problem*, 4.9), so
 //! no basis comes twice.
 //!
-//! A path that ends on a ray along which `s` stays the same goes on: slacks that grow along the ray
-//! need no cover, and with `c_i = 0` in their rows the same ray is the beginning of another path.
+//! A path that ends on a ray along which `s` stays the same continues: slacks that grow along the
+//! ray need no cover, and with `c_i = 0` in their rows the same ray is the beginning of another path.
 //! For bimatrix games that second path is Lemke and Howson's (*J. SIAM* 12 (1964) 413-423).
 
 mod basis;

@@ -62,7 +62,7 @@ struct Lanes {
     speed_max: Lane,
 }
 
-/// What goes on beside the states.
+/// What continues beside the states.
 struct BatchState {
     falling: Falling,
     log: EventLog,
@@ -120,7 +120,7 @@ pub(super) fn run(
     Ok(ends.map(|(i, it)| it.finish(&lanes, i, end, (save, slowest))).collect())
 }
 
-/// Steps between two looks at whether to stop.
+/// Steps between two checks whether to stop.
 const PIECE: usize = 1 << 14;
 
 /// The steps of a range.

@@ -175,7 +175,7 @@ fn of_rest(kinetics: &mut GapKinetics, matrix: &[f64], wanted: &[f64], r: usize)
     Asked { matrix: (0..n).flat_map(|i| vectors.iter().map(move |v| v[i])).collect(), right }
 }
 
-/// The controls that do what is asked of the gaps, then as much as they can of the rest:
+/// The controls that do what is requested of the gaps, then as much as they can of the rest:
 ///
 /// ```text
 /// min |S u - s|, then min |R u - r|, then min |u/size|, u within limits

@@ -118,7 +118,7 @@ impl GapTracker {
 
     /// Writes the controls for the period that starts now into `u`, for a reference at this sample and
     /// at the next one, as many periods ahead as the delay; without one all gaps land and rest.
-    /// `asked` gives the force with which a contact is pressed at a time, if one is asked for.
+    /// `asked` gives the force with which a contact is pressed at a time, if one is requested.
     ///
     /// # Errors
     /// [`LawError`]; the controls are what they were.

@@ -16,7 +16,7 @@ pub struct Tracking<'a, D, F, A, E> {
     pub plant: BelievedPlant<'a, D, F>,
     /// Where it is to be; all gaps land and rest without it.
     pub reference: Option<&'a MechanicalReference>,
-    /// The force with which a contact is pressed at a time, if one is asked for.
+    /// The force with which a contact is pressed at a time, if one is requested.
     pub asked: A,
     /// What is raised where the law gives no controls.
     pub wrong: fn(LawError<E>) -> E,

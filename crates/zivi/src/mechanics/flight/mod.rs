@@ -58,7 +58,7 @@ pub(super) struct SmoothMotion {
     turns: bool,
     /// The mechanics away from the state.
     aside: Kinetics,
-    /// The flights of a linear system, once they are asked for.
+    /// The flights of a linear system, once they are requested.
     linear: Option<Box<LinearFlight>>,
     /// How flights are computed.
     flights: Flights,

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
-//! `mu_s > mu` sticking goes on: most closed, then most sticking, then most that stuck before.
+//! `mu_s > mu` sticking continues: most closed, then most sticking, then most that stuck before.
 
 use super::contact::MOST_PATTERNS;
 use crate::mechanics::kinetics::{Kinetics, Undetermined};

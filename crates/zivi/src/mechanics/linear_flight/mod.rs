@@ -76,7 +76,7 @@ pub(super) struct Bounds {
     pub(super) t_end: f64,
     /// The longest step (s).
     pub(super) longest: f64,
-    /// From when on the motion within steps is asked for (s).
+    /// From when on the motion within steps is requested (s).
     pub(super) dense_from: f64,
 }
 

@@ -30,7 +30,7 @@ use crate::system::linear_system::LinearSystem;
 #[derive(Clone, Copy)]
 pub(in crate::mechanics) struct Flown<'a> {
     pub(in crate::mechanics) from: &'a State,
-    /// The time where it begins, as the system is asked for it.
+    /// The time where it begins, at which the system is evaluated.
     pub(in crate::mechanics) t: f64,
     pub(in crate::mechanics) closed: GapSet,
     /// Its length (s).

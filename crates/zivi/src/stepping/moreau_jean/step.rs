@@ -1,4 +1,4 @@
-//! One step of Moreau's scheme, and the scalar equation of a force that is asked at its end.
+//! One step of Moreau's scheme, and the scalar equation of a force that is evaluated at its end.
 
 use zivi_core::Physical;
 

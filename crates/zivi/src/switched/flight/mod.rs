@@ -17,7 +17,7 @@ use series::{Linear, Reach, SeriesFlight};
 
 pub(super) use series::Arrival;
 
-/// Steps of power series that are taken in one go where nobody looks at their ends.
+/// Steps of power series that are taken in one go where nobody samples their ends.
 const AT_ONCE: usize = 1000;
 
 /// The flights of a run: by steps of an embedded pair, or by power series under a linear force.
@@ -160,7 +160,7 @@ fn by_series<E>(
         if arrival.steps == 1 {
             return Err(Failure::Status(Status::StateNotFinite));
         }
-        // a run that looks at every step ends with the last finite one: so does this, next time
+        // a run that samples every step ends with the last finite one: so does this, next time
         let Arrival { from, steps, .. } = arrival;
         arrival = Arrival { from, end: from, lands: false, steps: steps - 1 };
     }

@@ -69,7 +69,7 @@ impl Columns {
     }
 }
 
-/// How long a force is asked for its derivatives by which parameters, and where they go.
+/// How long the derivatives of a force are evaluated, by which parameters, and where they go.
 #[derive(Clone, Debug)]
 pub(in crate::switched) struct Forcing {
     /// Numbers of the parameters.

@@ -1,4 +1,4 @@
-//! What is asked of a run with derivatives, and what is found.
+//! What is requested of a run with derivatives, and what is found.
 
 use super::columns::Wrt;
 use super::validity::Nearest;

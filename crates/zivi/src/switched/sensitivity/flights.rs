@@ -49,7 +49,7 @@ pub struct Flown {
     pub lowest: (f64, f64),
 }
 
-/// What is asked of flights.
+/// What is requested of flights.
 #[derive(Clone, Copy, Debug)]
 pub struct IndependentFlights<'a> {
     /// Tolerances, order and budget.
