@@ -60,7 +60,7 @@ class SwitchedRK(Settings):
     Notes
     -----
     The force is evaluated at ``x`` slightly below 0 in the step that contains an impact, and should
-    continue smoothly there; where it raises or is not finite, it is asked at ``x = 0`` instead.
+    continue smoothly there; where it raises or is not finite, it is evaluated at ``x = 0`` instead.
     For `e` close to 1 an accumulation is long: hundreds of impacts at ``e = 0.99``.
 
     Examples
