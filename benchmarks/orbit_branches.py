@@ -8,7 +8,9 @@ orbit, which is followed over the frequency of the load. At every point of every
   built of `M`, `C`, `K` and the impacts alone, and the gaps of that motion vanish at the impacts;
 * a simulation over one period of the motion, from the middle of a flight, has its word.
 
-The ends of arcs are on the edge of two words, and are left out of both.
+Points at events, or with an impact of a depth below 1e-9, are on the edge of two words, and are
+left out of both. Impacts slower than those of a depth of 1e-6 make rounding of either map larger,
+and are counted apart.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ import zivi
 
 SPAN = 0.12
 """The range of the frequency to both sides, relative."""
+SMOOTH = ("fold", "period_doubling", "neimark_sacker")
+"""Events that change no word."""
 
 
 def draw(rng: np.random.Generator) -> zivi.LinearSystem:
@@ -145,16 +149,19 @@ def apart(own: np.ndarray, found: np.ndarray) -> float:
 def run_differs(orbit: zivi.MechanicalOrbit) -> bool:
     """Whether a simulation of one period has other impacts than the orbit."""
     run, length = orbit.trajectory, orbit.multiple * orbit.period
-    t0 = run.t[0]
-    order = np.argsort(t0 + (orbit.impacts["t"] - t0) % length)
-    times = np.sort(t0 + (orbit.impacts["t"] - t0) % length)
-    if not run.success or len(run.impacts) != len(times):
+    # an impact may change the speeds of other gaps at once; those of accumulations are listed, too
+    rows = run.resolved_impacts
+    rows = rows[rows["speed_before"] < 0.0]
+    times = run.t[0] + (orbit.impacts["t"] - run.t[0]) % length
+    order = np.argsort(times)
+    times = times[order]
+    if not run.success or len(rows) != len(times):
         return True
-    if list(run.impacts["gap"]) != list(orbit.impacts["gap"][order]):
+    if list(rows["gap"]) != list(orbit.impacts["gap"][order]):
         return True
     # what an unstable orbit makes of the tolerance of the run
     near = 1e-7 * max(1.0, float(np.max(np.abs(orbit.multipliers)))) * length
-    return bool(np.max(np.abs(run.impacts["t"] - times)) > near)
+    return bool(np.max(np.abs(rows["t"] - times)) > near)
 
 
 @dataclasses.dataclass
@@ -168,6 +175,8 @@ class Seen:
     """Most steps of Newton's iteration at the start of an arc."""
     worst: float = 0.0
     """Of multipliers."""
+    slow: float = 0.0
+    """Of those with an impact that nearly grazes."""
     off: float = 0.0
     """Of gaps at impacts."""
     other_words: int = 0
@@ -178,16 +187,20 @@ class Seen:
         self.branches += 1
         self.statuses[branch.status.name] = self.statuses.get(branch.status.name, 0) + 1
         self.grazings += len(branch.of_kind("grazing")) + len(branch.of_kind("interior_impact"))
+        edges = {it.value for it in branch.events if it.kind not in SMOOTH}
         for number, arc in enumerate(branch.arcs):
-            inner = arc.orbits[bool(number) : len(arc) - (number + 1 < len(branch.arcs))]
             if number:
                 self.steps = max(self.steps, arc.orbits[0].iterations)
-            for orbit in inner:
-                if orbit.kind != "impacting" or orbit.depth < 1e-9:
+            for value, orbit in zip(arc.values, arc.orbits, strict=True):
+                if orbit.kind != "impacting" or value in edges or orbit.depth < 1e-9:
                     continue
                 self.points += 1
                 own, off, _ = OwnMap(orbit.system).multipliers(orbit)
-                self.worst = max(self.worst, apart(own, orbit.multipliers))
+                off_by = apart(own, orbit.multipliers)
+                if orbit.depth < 1e-6:
+                    self.slow = max(self.slow, off_by)
+                else:
+                    self.worst = max(self.worst, off_by)
                 self.off = max(self.off, off)
                 self.other_words += run_differs(orbit)
 

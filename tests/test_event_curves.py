@@ -298,3 +298,18 @@ def test_two_impacts_at_once_are_followed():
             times.append(one.impacts["t"][0])
         turn = (times[0] - times[1]) * w / (2 * np.pi)
         assert abs(turn - round(turn)) < 1e-10
+
+
+@pytest.mark.slow
+def test_a_curve_of_folds_has_a_cusp():
+    run = zivi.simulate(chain2(w=1.0), (0, 600), ([0, 0], [0, 0]))
+    branch = zivi.continue_orbit(zivi.periodic_orbit(chain2(w=1.0), run), "omega", (0.93, 1.0))
+    fold = next(it for it in branch.of_kind("fold") if len(it.orbit.word) == 2)
+    curve = zivi.continue_curve(fold, ("omega", "F"), ((0.9, 1.0), (0.55, 1.1)), step=0.02)
+    (cusp,) = curve.of_kind("cusp")
+    # both of its sides leave it on one side: a smooth curve would go on
+    k = int(np.argmin(np.abs(curve.values - cusp.values).sum(axis=1)))
+    before, after = curve.values[k - 2] - cusp.values, curve.values[k + 2] - cusp.values
+    assert before @ after > 0.9 * np.linalg.norm(before) * np.linalg.norm(after)
+    # and its orbit is one of the fold
+    assert np.min(np.abs(cusp.orbit.multipliers - 1.0)) < 1e-6

@@ -298,3 +298,28 @@ def test_rigid_bodies_without_damping_have_orbits():
     speed = (np.roll(x, -1) - x) / (ahead - t)
     before = np.roll(speed, 1)
     assert np.max(np.abs((speed - rate) + 0.7 * (before - rate))) < 1e-12
+
+
+def test_wheels_that_never_part_move_as_one():
+    inertia, damping, stiffness = np.array([1.0, 1.5]), np.array([0.2, 0.3]), 4.0
+    wheels = zivi.LinearSystem(
+        np.diag(inertia),
+        np.diag(damping),
+        np.diag([stiffness, 0.0]),
+        excitation=[np.array([0.0, -0.5]), zivi.Harmonic([0.3, 0.0], 2.0)],
+        gaps=[LinearGap([-1, 1], 0, name="front"), LinearGap([1, -1], 0.2, name="back")],
+        e=0.5,
+    )
+    at = -0.5 / stiffness
+    run = zivi.simulate(wheels, (0, 100), ([at, at], [0, 0]))
+    orbit = zivi.periodic_orbit(wheels, run)
+    assert orbit.word == ("P",)
+    assert orbit.kind == "resting"
+    rates = np.roots([inertia.sum(), damping.sum(), stiffness])
+    assert_multipliers(orbit.multipliers, np.exp(rates * np.pi))
+    assert np.count_nonzero(orbit.multipliers) == 2
+    branch = zivi.continue_orbit(orbit, "F", (0.1, 0.8))
+    # the force between them is 0.5 + Re(Z F e^(2 i t))
+    Z = (-4 * 1.5 + 2j * 0.3) / (stiffness - 4 * 2.5 + 2j * 0.5)
+    assert branch.of_kind("contact_ends")[0].value == pytest.approx(0.5 / abs(Z), abs=1e-10)
+    assert branch.status is zivi.OrbitStatus.LEFT_ADMISSIBLE

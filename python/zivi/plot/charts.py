@@ -25,6 +25,14 @@ COLOURS = {
 }
 
 
+APART = 30.0
+"""Pixels between points that are named: names of nearer ones would cover each other."""
+
+
+def _told(ax: Axes) -> list[Any]:
+    return [it for it in ax.texts if hasattr(it, "xy")]
+
+
 def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line: Any) -> Axes:
     """Plot a curve of an event in two parameters: dashed where the orbit is no motion.
 
@@ -65,9 +73,12 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
     ax.plot(x, np.where(solid, np.nan, y), **faint)
     for point in c.points:
         ax.plot(*point.values, "o", color=look["color"], ms=4.0)
-        told = point.kind.replace("resonance_", "").replace("_", " ")
+        first, _, ratio = point.kind.partition("resonance_")
+        told = ratio.replace("_", ":") or first.replace("_", " ")
         place = (float(point.values[0]), float(point.values[1]))
-        ax.annotate(told, place, (3, 3), textcoords="offset points", fontsize="x-small")
+        here = ax.transData.transform(place)
+        if all(np.hypot(*(ax.transData.transform(it.xy) - here)) > APART for it in _told(ax)):
+            ax.annotate(told, place, (3, 3), textcoords="offset points", fontsize="x-small")
     if words and len(c._found):
         from zivi.orbits.mechanical.word import shortened as short
 

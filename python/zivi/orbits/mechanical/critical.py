@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.orbits.mechanical.equations import Frame, Terms
+from zivi.orbits.mechanical.equations import Terms, evaluate
 from zivi.orbits.mechanical.margins import Margins
 
 __all__ = ["Critical", "Grazing", "Margin", "Singular", "Turning", "Values"]
@@ -90,7 +90,7 @@ class Grazing(Critical):
 
 @dataclasses.dataclass(frozen=True)
 class Margin(Critical):
-    """The least force of a contact in a segment, or the time between two events."""
+    """The least force of a contact, the time between two events, or a gap at another's impact."""
 
     kind: str
     segment: int
@@ -98,8 +98,8 @@ class Margin(Critical):
     is_measured = True
 
     def measure(self, terms: Terms) -> float:
-        """Give the force, or the time."""
-        return self._at(terms.x, terms.frame, self._part(terms))
+        """Give the force, the time, or the gap."""
+        return self._at(terms, self._part(terms))
 
     def _part(self, terms: Terms) -> float:
         """Give where in the segment the force is least, from 0 to 1."""
@@ -112,39 +112,43 @@ class Margin(Critical):
             return 0.0
         return (min(own, key=lambda it: it.value).t - t0) / (t1 - t0)
 
-    def _at(self, x: Array, frame: Frame, part: float) -> float:
-        t0, t1 = float(x[self.segment, 0]), float(x[self.segment, -1])
-        if self.kind == "simultaneous":
+    def _at(self, terms: Terms, part: float) -> float:
+        row = terms.x[self.segment]
+        t0, t1 = float(row[0]), float(row[-1])
+        if self.kind == "simultaneous" and self.gap < 0:
             return t1 - t0
-        flow, contacts = frame.flow, frame.word[self.segment].contacts
-        t = t0 + part * (t1 - t0)
-        z = flow.path(contacts, t0, x[self.segment, 1:-1], np.array([t]))[0]
-        return float(flow.reaction(contacts, self.gap, t, z).value)
+        flow, contacts = terms.frame.flow, terms.frame.word[self.segment].contacts
+        t = np.array([t0 + part * (t1 - t0)])
+        z = flow.path(contacts, t0, row[1:-1], t)
+        if self.kind == "simultaneous":
+            return float(flow.gaps(t, z)[0][0, self.gap])
+        return float(flow.reaction(contacts, self.gap, float(t[0]), z[0]).value)
 
     def at(self, terms: Terms, kappa: float) -> Values:
-        """Give the number and its derivatives, by the unknowns of its segment.
+        """Give the number and its derivatives.
 
         Where a force is least its place moves nothing to first order.
         """
-        frame, s, part = terms.frame, self.segment, self._part(terms)
-        value = np.array([self._at(terms.x, terms.frame, part)])
-        by_y = np.zeros((1, len(terms.y)))
+        frame, part, y = terms.frame, self._part(terms), terms.y
+
+        def value(there: Array) -> float:
+            return self._at(evaluate(frame, there, slopes=False), part)
+
+        by_y = np.zeros((1, len(y)))
+        for k in self._touched(terms):
+            h = STEP * max(1.0, abs(float(y[k])))
+            step = np.zeros(len(y))
+            step[k] = h
+            by_y[0, k] = (value(y + step) - value(y - step)) / (2.0 * h)
+        return Values(np.array([self._at(terms, part)]), by_y, None, [])
+
+    def _touched(self, terms: Terms) -> range:
+        """Give the unknowns that it depends on: of segments those of its own."""
+        frame, s = terms.frame, self.segment
         if frame.impulses is not None:
-            # times are all that there is of it
-            by_y[0, 2 * s + 1] += 1.0
-            by_y[0, 2 * s - 1] -= 1.0
-            return Values(value, by_y, None, [])
-        for k in range(frame.size):
-            h = STEP * max(1.0, abs(float(terms.x[s, k])))
-            sides = []
-            for sign in (1.0, -1.0):
-                x = terms.x.copy()
-                x[s, k] += sign * h
-                sides.append(self._at(x, frame, part))
-            by_y[0, s * frame.size + k] = (sides[0] - sides[1]) / (2.0 * h)
-        if frame.free:
-            by_y[0, 0] = 0.0
-        return Values(value, by_y, None, [])
+            return range(len(terms.y))
+        # the first one of a free motion is its length
+        return range(s * frame.size + (frame.free and s == 0), (s + 1) * frame.size)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -236,12 +236,15 @@ def critical_of(kind: str, terms: Terms, kappa: float) -> Critical:
     if kind == "neimark_sacker":
         return Turning.of(terms, kappa)
     if kind in ("contact_ends", "simultaneous"):
-        if kind == "simultaneous":
-            spans = np.abs(terms.x[:, -1] - terms.x[:, 0])
-            return Margin(kind, int(np.argmin(spans)), -1)
         lows = [it for it in Margins(terms).lows if it.kind == kind]
-        low = min(lows, key=lambda it: abs(it.value) / it.size)
-        return Margin(kind, low.segment, low.gap)
+        low = min(lows, key=lambda it: abs(it.value) / it.size, default=None)
+        spans = np.abs(terms.x[:, -1] - terms.x[:, 0])
+        apart = float(np.min(spans)) / abs(terms.length)
+        if kind == "simultaneous" and (low is None or apart < abs(low.value) / low.size):
+            return Margin(kind, int(np.argmin(spans)), -1)
+        assert low is not None
+        in_time = kind == "simultaneous" and low.gap == terms.frame.word[low.segment].gap
+        return Margin(kind, low.segment, -1 if in_time else low.gap)
     hits = [s for s, it in enumerate(terms.frame.word) if it.kind in "ISZ"]
     return Grazing(min(hits, key=lambda s: abs(float(terms.rates[s]))))
 

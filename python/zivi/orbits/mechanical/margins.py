@@ -28,7 +28,7 @@ OUT = {
     "contact_ends": "The force of a contact is {value:.3g} < 0 at t = {t:.9g} s.",
     "end_of_rest": "The contact from t = {t:.9g} s would last {value:.3g} s < 0.",
     "opening": "An impact at t = {t:.9g} s would pull at a contact, with {value:.3g} < 0.",
-    "simultaneous": "The event at t = {t:.9g} s would come {value:.3g} s after the one before it.",
+    "simultaneous": "At t = {t:.9g} s two events have changed places, by {value:.3g} < 0.",
 }
 """What is not there in a motion, by the event at which it begins."""
 
@@ -54,7 +54,7 @@ class Margins:
     @functools.cached_property
     def lows(self) -> list[Low]:
         """All that must be positive; of gaps and forces their minima."""
-        found = [*self._events(), *self._lasting()]
+        found = [*self._events(), *self._lasting(), *self._kinks()]
         for s in range(len(self.terms.frame.word)):
             found += self.between(s)
         return found
@@ -112,6 +112,27 @@ class Margins:
             last = float(terms.x[s, -1]) - t
             if segment.contacts or last < 0.0:
                 found.append(Low(kind, s, segment.gap, t, last, abs(terms.length)))
+        return found
+
+    def _kinks(self) -> list[Low]:
+        """Look for gaps that are least where an impact of another one turns them."""
+        terms, found = self.terms, []
+        frame, word = terms.frame, terms.frame.word
+        for s, segment in enumerate(word):
+            others = [i for i in range(frame.flow.m) if i not in (segment.gap, *segment.contacts)]
+            if segment.kind not in "IS" or not others:
+                continue
+            t, last = terms.x[s, -1:], s + 1 == len(word)
+            before = frame.flow.path(segment.contacts, float(terms.x[s, 0]), terms.x[s, 1:-1], t)
+            after = terms.x[(s + 1) % len(word), None, 1:-1]
+            if last and frame.turn is not None:
+                after = after @ frame.turn.T
+            gaps, rates = frame.flow.gaps(t, before)
+            turned = frame.flow.gaps(t, after)[1]
+            size = max(float(np.max(np.abs(before[0, : frame.flow.n]))), 1e-300)
+            for i in others:
+                if rates[0, i] < 0.0 <= turned[0, i]:
+                    found.append(Low("simultaneous", s, i, float(t[0]), float(gaps[0, i]), size))
         return found
 
     def between(self, s: int) -> list[Low]:

@@ -167,6 +167,7 @@ def of_segments(
     maps, rates = np.empty((k, size - 1, size - 1)), np.empty(k)
     impulses: list[Array] = []
     chains: dict[int, Accumulation] = {}
+    held = [i for i in frame.word[0].contacts if all(i in it.contacts for it in frame.word)]
     for s, segment in enumerate(frame.word):
         own = Flights(*(it[s] for it in vars(flights).values()))
         tau = float(x[s, -1])
@@ -174,6 +175,8 @@ def of_segments(
         # dz- = Phi dz - Phi f0 dt + f1 dtau
         ends = np.column_stack([-own.phi @ own.first, own.phi, own.last])
         mapped = _mapped(frame, segment, tau, own.z, length, slopes)
+        if held and s + 1 == k:
+            mapped = _held(frame, held, mapped)
         blocks[s, 0] = event.by_z @ ends
         blocks[s, 0, -1] += event.by_t
         blocks[s, 1:] = -mapped.by_z @ ends
@@ -268,3 +271,26 @@ def _mapped(
     moved[: flow.n] = -inverse @ np.array([flow.gap(i, tau, begin).by_t for i in closed])
     by_t = chain.by_z @ moved + chain.by_t
     return _Mapped(chain.t, chain.z, chain.by_z @ own, by_t, jump.impulses, chain)
+
+
+def _held(frame: Frame, held: list[int], mapped: _Mapped) -> _Mapped:
+    """Put the state onto gaps that never open: no event of the word does, so it would not stay."""
+    flow, n, t, z = frame.flow, frame.flow.n, mapped.t, mapped.z
+    own = [flow.gap(i, t, z) for i in held]
+    inverse = np.linalg.pinv(np.array([it.by_z[:n] for it in own]))
+    h = 1e-6
+
+    def rates(t: float, z: Array) -> Array:
+        return np.asarray(flow.gaps(np.array([t]), z[None])[1][0, held], np.float64)
+
+    by_z = np.array([rates(t, z + h * e) - rates(t, z - h * e) for e in np.eye(2 * n)]).T
+    by_t = rates(t + h, z) - rates(t - h, z)
+    across = np.vstack([[it.by_z for it in own], by_z / (2.0 * h)])
+    moving = np.concatenate([[it.by_t for it in own], by_t / (2.0 * h)])
+    back = np.zeros((2 * n, 2 * len(held)))
+    back[:n, : len(held)], back[n:, len(held) :] = inverse, inverse
+    whole = np.eye(1 + 2 * n)
+    whole[1:, 1:] -= back @ across
+    whole[1:, 0] = -back @ moving
+    state = onto(flow, held, t, z, held)
+    return dataclasses.replace(mapped, z=state, by_z=whole @ mapped.by_z, by_t=whole @ mapped.by_t)

@@ -338,6 +338,9 @@ def _of_rest(
 
 def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
     """Give the word of an event: with the impact that is about to begin."""
+    smooth = all(it.kind == "P" for it in orbit._frame.word)
+    if event.kind == "contact_ends" and smooth and isinstance(orbit._frame.section, float):
+        return _around_least_force(orbit)
     if event.kind != "interior_impact":
         return orbit._frame, orbit._y
     terms = evaluate(orbit._frame, orbit._y)
@@ -346,6 +349,19 @@ def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
     if beyond is None:
         raise ValueError("event: there is no minimum of a gap to insert an impact at")
     return beyond
+
+
+def _around_least_force(orbit: MechanicalOrbit) -> tuple[Frame, Array]:
+    """Put the section of a motion without events away from where a force is least."""
+    terms = evaluate(orbit._frame, orbit._y)
+    frame, x, length = terms.frame, terms.x, terms.length
+    lows = [it for it in Margins(terms).lows if it.kind == "contact_ends"]
+    end = min(lows, key=lambda it: it.value / it.size).t + 0.5 * length
+    within = np.array([end - length * (end > x[0, -1])])
+    z = frame.flow.path(frame.word[0].contacts, float(x[0, 0]), x[0, 1:-1], within)[0]
+    row = np.concatenate([[end - length], z, [end]])[None]
+    new = dataclasses.replace(frame, section=end)
+    return new, new.joined(row, length)
 
 
 def orbit_at(point: CurvePoint, multiple: int) -> MechanicalOrbit:

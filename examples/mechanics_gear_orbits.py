@@ -1,0 +1,98 @@
+r"""The orbits of a pair of gears: in contact, rattling, and where one ends.
+
+Seen from the mean rotation, the first wheel hangs on a shaft of stiffness k and is driven by
+``F cos(omega t)``, the second one is braked by a load L; between their teeth there is a backlash.
+In contact both move as one, and the teeth press with ``L + Re(Z F e^(i omega t))``,
+
+    Z = (-J2 omega^2 + i c2 omega) / (k - (J1 + J2) omega^2 + i (c1 + c2) omega),
+
+so that the orbit in contact ends at ``F = L/|Z|``. The branch of that orbit finds its end by the
+force of the contact, and the curve of the ends follows the formula over the frequency, past the
+resonance. Beyond it the gears rattle, as runs over the force show.
+
+Run as ``python examples/mechanics_gear_orbits.py [out.png]``.
+"""
+
+import sys
+
+import numpy as np
+
+import zivi
+
+J, C, K, L, BACKLASH, E = np.array([1.0, 1.5]), np.array([0.2, 0.3]), 4.0, 0.5, 0.2, 0.5
+OMEGA = 2.0
+SPANS = ((0.05, 1.6), (0.9, 3.0))
+
+
+def gears(force: float, omega: float = OMEGA) -> zivi.LinearSystem:
+    """Give both wheels."""
+    return zivi.LinearSystem(
+        np.diag(J),
+        np.diag(C),
+        np.diag([K, 0.0]),
+        excitation=[np.array([0.0, -L]), zivi.Harmonic([force, 0.0], omega)],
+        gaps=[
+            zivi.LinearGap([-1.0, 1.0], 0.0, name="front"),
+            zivi.LinearGap([1.0, -1.0], BACKLASH, name="back"),
+        ],
+        e=E,
+    )
+
+
+def silent(omega: np.ndarray | float) -> np.ndarray | float:
+    """Give the largest force at which the teeth never part."""
+    Z = (-J[1] * omega**2 + 1j * C[1] * omega) / (K - J.sum() * omega**2 + 1j * C.sum() * omega)
+    return L / np.abs(Z)
+
+
+def settled(force: float, periods: int = 150) -> zivi.MechanicalOrbit:
+    """Let the gears go at rest in contact, and find what they settle on."""
+    system, at = gears(force), -L / K
+    end = periods * 2 * np.pi / OMEGA
+    run = zivi.simulate(system, (0, end), ([at, at], [0.0, 0.0]))
+    return zivi.periodic_orbit(system, run)
+
+
+def in_contact() -> zivi.MechanicalBranch:
+    """Follow the orbit in contact to its end."""
+    end = float(silent(OMEGA))
+    return zivi.continue_orbit(settled(0.6 * end), "F", (0.3 * end, 1.5 * end))
+
+
+def rattling(values: np.ndarray) -> object:
+    """Let the gears settle at each force: speeds after impacts on the front of the teeth."""
+    at = -L / K
+    starts = np.array([[at, at], [0.1, 0.0]])
+    options = {"gap": "front", "transient": 60, "keep": 12}
+    return zivi.bifurcation_diagram(gears(1.0), "F", values, starts=starts, **options)
+
+
+def main(path: str = "gear_orbits.png") -> None:
+    """Compare with the formula and draw."""
+    branch = in_contact()
+    event = branch.of_kind("contact_ends")[0]
+    print(f"the contact ends at F = {event.value:.9f} ({silent(OMEGA):.9f})")
+    ends = zivi.continue_curve(event, ("F", "omega"), SPANS, step=0.1, max_points=80)
+    force, omega = ends.values.T
+    least = int(np.argmin(force))
+    print(f"lowest F {force[least]:.9f} ({silent(omega[least]):.9f}), omega {omega[least]:.3f}")
+    print(f"over omega {omega.min():.2f} .. {omega.max():.2f}")
+    rattle = settled(2.0 * event.value)
+    print(f"at twice that force the word is {' '.join(rattle.word)}")
+
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    fig, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.8), layout="constrained")
+    zivi.plot.diagram(rattling(np.linspace(0.4, 1.6, 31)), ax=left)
+    left.axvline(event.value, ls=":", color="0.5")
+    left.set(title="Speed after impacts of the front", xlabel="force F", ylabel="speed")
+    zivi.plot.chart([ends], ax=right)
+    right.set(title="Where the contact ends", xlabel="force F", ylabel="frequency omega")
+    fig.savefig(path, dpi=150)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

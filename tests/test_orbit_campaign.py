@@ -1,0 +1,20 @@
+"""A few of the branches of `benchmarks/orbit_branches.py`, which follows 50."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+orbit_branches = pytest.importorskip("orbit_branches")
+
+pytestmark = pytest.mark.slow
+
+
+def test_random_branches_have_the_multipliers_and_words_of_another_map():
+    seen = orbit_branches.campaign(3, seed=1, points=20)
+    assert seen.points > 30
+    assert seen.worst < 1e-8
+    assert seen.off < 1e-9
+    assert not seen.other_words
+    assert seen.steps <= 3
