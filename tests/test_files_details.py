@@ -128,11 +128,18 @@ def test_events_and_steps_of_mechanical_runs_come_back(tmp_path):
             np.testing.assert_array_equal(here, there)
     times = np.linspace(0.0, 3.0, 50)
     np.testing.assert_array_equal(found(times)[0], run(times)[0])
+    fixed = zivi.simulate(system, (0, 1), ([1.0, 1.0], [0.0, 0.0]), method=zivi.MoreauJean(h=1e-2))
+    results.save(fixed, tmp_path / "steps.nc")
+    again = results.load(tmp_path / "steps.nc")
+    np.testing.assert_array_equal(again(times / 3.0)[1], fixed(times / 3.0)[1])
+    with xarray.open_dataset(tmp_path / "steps.nc") as dataset:
+        assert dataset["step_q"].dims == ("step", "coordinate")
+        steps = {str(name): dataset[name] for name in dataset.variables if "step_" in str(name)}
+        assert len(steps) > 3
+        for name, values in steps.items():
+            assert set(values.dims) <= {"step", "coordinate", "gap"}, name
     with xarray.open_dataset(tmp_path / "run.nc") as dataset:
         assert dataset["event_qdot"].dims == ("event", "coordinate")
-        steps = [name for name in dataset.variables if str(name).startswith("step_")]
-        for name in steps:
-            assert set(dataset[name].dims) <= {"step", "coordinate", "gap"}, name
 
 
 def test_a_tree_is_written_with_its_gaps_and_laws():

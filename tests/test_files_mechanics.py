@@ -192,7 +192,7 @@ def test_wrong_friction_names_its_key(tmp_path, line, wrong, told):
         (r"^e = .*$", "e = [1.2]", r"system.e\[0\] must be a finite number"),
         (
             r"^e = .*$",
-            "e = { law = 'SpeedDependentImpact', e = 7.0, speed = 1.0 }",
+            "e = { law = 'SpeedDependentImpact', e0 = 0.9, v0 = 1.0, k = 0.2, e_max = 0.5 }",
             r"system\.e",
         ),
         (r"^y0 = .*$", "y0 = [0.5, 0.9]", r"y0\[0\] must be a list"),
