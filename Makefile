@@ -42,8 +42,11 @@ paper: $(VENV)/.figures
 
 test: test-rust test-python
 
+# programs to measure with (examples/) are compiled by the linter; other crates have no examples in
+# their documentation
 test-rust: $(VENV)/.packages
-	cargo test --locked --quiet
+	cargo test --locked --quiet --tests
+	cargo test --locked --quiet --doc --package zivi-core --package zivi
 
 # on all processors; what shares an expensive fixture, a server or the clock stays together
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadgroup

@@ -43,6 +43,12 @@ class System(c.Structure):
     ]
 
 
+class Impact(c.Structure):
+    """``zivi_impact``."""
+
+    _fields_ = [("t", c.c_double), ("xdot_before", c.c_double), ("xdot_after", c.c_double)]
+
+
 class Method(c.Structure):
     """``zivi_method``."""
 
@@ -90,10 +96,11 @@ class Problem(c.Structure):
 
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the library, without optimisation: it takes a third of the time."""
+    """Build the library, neither optimised nor for a debugger: it takes a third of the time."""
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
     command = "cargo rustc --locked --quiet --package zivi-host --lib --crate-type cdylib"
-    subprocess.run([*command.split(), "--target-dir", target], check=True, cwd=ROOT)
+    plain = os.environ | {"CARGO_PROFILE_DEV_DEBUG": "0"}
+    subprocess.run([*command.split(), "--target-dir", target], check=True, cwd=ROOT, env=plain)
     folder = tmp_path_factory.mktemp("host")
     shutil.copyfile(target / "debug" / "libzivi_host.so", folder / "libzivi.so")
     return folder
@@ -105,6 +112,7 @@ def library(prefix: Path) -> c.CDLL:
     for name in ("zivi_last_error", "zivi_status_message", "zivi_vi_message"):
         getattr(found, name).restype = c.c_char_p
     found.zivi_run_rest_time.restype = c.c_double
+    found.zivi_run_impacts.restype = c.POINTER(Impact)
     for name in ("zivi_run_column", "zivi_mechanical_column"):
         getattr(found, name).restype = DOUBLES
     for name in ("zivi_run_samples", "zivi_mechanical_samples"):
@@ -187,6 +195,21 @@ def test_runs_have_the_bits_of_the_package(library: c.CDLL) -> None:
     run = zivi.simulate(spring, (0, 0.5), (1, 6), method=zivi.ThetaGamma(1e-3))
     for found, name in zip(columns, ("t", "x", "xdot"), strict=True):
         assert np.array_equal(found, getattr(run, name)), name
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-12])
+def test_impacts_under_a_constant_force_are_exact_whatever_the_tolerances(library, rtol):
+    e, run, count = 0.7, c.c_void_p(), c.c_size_t()
+    first = np.sqrt(2.0 / 9.81)  # falls from 1 m
+    ball, method = system(e=e, force=-9.81), Method(c.sizeof(Method), rtol=rtol, atol=rtol)
+    code = library.zivi_simulate(c.byref(ball), c.byref(method), 0.0, 1.2, 1.0, 0.0, c.byref(run))
+    assert code == 0
+    impacts = library.zivi_run_impacts(run, c.byref(count))
+    found = np.array([impacts[i].t for i in range(count.value)])
+    library.zivi_run_free(run)
+    exact = first * np.array([1.0, 1.0 + 2.0 * e])
+    assert found.shape == exact.shape
+    assert np.abs(found - exact).max() <= 4.0 * np.finfo(float).eps
 
 
 def test_what_is_refused_is_told(library: c.CDLL) -> None:

@@ -322,28 +322,3 @@ impl Monitor<Raised> for Unwatched {
         Ok(())
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// As `zivi_method` says: under a constant force the tolerances are not those of the flights.
-    #[test]
-    fn impacts_under_a_constant_force_are_exact_whatever_the_tolerances() {
-        let (g, e, first) = (9.81, 0.7, (2.0_f64 / 9.81).sqrt()); // falls from 1 m
-        let exact = [first, first * (1.0 + 2.0 * e)];
-        for rtol in [1e-3, 1e-12] {
-            let settings = SwitchedRk { rtol, atol: [rtol; 2], ..SwitchedRk::default() };
-            let how = How { h: 0.0, settings, t_eval: None };
-            let restitution = Restitution::from_e(e).expect("in range");
-            let start = Physical { x: 1.0, xdot: 0.0 };
-            let run = how.run(&mut ConstantForce(-g), restitution, (0.0, 1.2), start);
-            let Ok(trajectory) = run else { panic!("a good run") };
-            let found: Vec<f64> = trajectory.events.impacts.iter().map(|it| it.t).collect();
-            assert_eq!(found.len(), 2);
-            for (t, exact) in found.iter().zip(exact) {
-                assert!((t - exact).abs() <= 4.0 * f64::EPSILON, "{t} {exact}");
-            }
-        }
-    }
-}

@@ -219,10 +219,7 @@ impl Impacts {
         let (kinetics, now) = state.parts();
         let (n, rows) = (kinetics.coordinates(), kinetics.layout.rows());
         let rates = &mut now.xdot[n..n + rows];
-        for i in set.iter() {
-            rates[i] = if hit.has(i) { rates[i].min(0.0) } else { 0.0 };
-        }
-        let before = rates.to_vec();
+        let before = approach(rates, set, hit);
         let e = self.ratios(&before);
         let (matrix, right) = problem(kinetics, set, |_, i| (1.0 + e[i]) * before[i]);
         let is_redundant = kinetics.solve_regular(set, |_, _| 0.0).is_err();
@@ -281,10 +278,7 @@ impl Impacts {
         let (kinetics, now) = state.parts();
         let (n, rows) = (kinetics.coordinates(), kinetics.layout.rows());
         let rates = &mut now.xdot[n..n + rows];
-        for i in set.iter() {
-            rates[i] = if hit.has(i) { rates[i].min(0.0) } else { 0.0 };
-        }
-        let before = rates.to_vec();
+        let before = approach(rates, set, hit);
         let (e, friction) = (&self.ratios(&before)[..], &self.friction);
         let is_jammed = hit.is_empty();
         let (free, duration) = (&before[..], 0.0);
@@ -364,6 +358,14 @@ impl Impacts {
             }
         }
     }
+}
+
+/// Makes the rates those of an impact: gaps that are hit close, other contacts rest.
+fn approach(rates: &mut [f64], set: GapSet, hit: GapSet) -> Vec<f64> {
+    for i in set.iter() {
+        rates[i] = if hit.has(i) { rates[i].min(0.0) } else { 0.0 };
+    }
+    rates.to_vec()
 }
 
 /// The open gaps that are zero without a speed, but for rounding, where others are hit: they have

@@ -7,14 +7,18 @@ use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::impact_law::newton_impacts;
 use zivi::{Silent, Status, SwitchedRk};
 
-/// Unit masses, each on a floor of its own, under forces of time.
-struct Masses<F> {
-    force: F,
+/// Forces on masses, by time.
+type Forces<'f> = Box<dyn Fn(f64) -> Vec<f64> + 'f>;
+
+/// Unit masses, each on a floor of its own, under forces of time: of any kind, so that the method is
+/// compiled once.
+struct Masses<'f> {
+    force: Forces<'f>,
     n: usize,
     steady: bool,
 }
 
-impl<F: Fn(f64) -> Vec<f64>> Dynamics<Infallible> for Masses<F> {
+impl Dynamics<Infallible> for Masses<'_> {
     fn layout(&self) -> Layout {
         Layout::smooth(self.n, self.n)
     }
@@ -43,7 +47,7 @@ impl<F: Fn(f64) -> Vec<f64>> Dynamics<Infallible> for Masses<F> {
 }
 
 /// Starts at rest on the floors.
-fn run<F: Fn(f64) -> Vec<f64>>(t_end: f64, masses: &mut Masses<F>) -> MechanicalRun<Infallible> {
+fn run(t_end: f64, masses: &mut Masses<'_>) -> MechanicalRun<Infallible> {
     let (zeros, e) = (vec![0.0; masses.n], vec![0.5; masses.n]);
     let run = simulate_mechanical(
         SwitchedRk::default(),
@@ -69,17 +73,17 @@ fn lift_offs(run: &MechanicalRun<Infallible>) -> Vec<(f64, usize)> {
 
 /// Those of one mass under a force.
 fn of_one(t_end: f64, force: impl Fn(f64) -> f64) -> Vec<f64> {
-    let mut masses = Masses { force: |t| vec![force(t)], n: 1, steady: false };
+    let mut masses = Masses { force: Box::new(|t| vec![force(t)]), n: 1, steady: false };
     lift_offs(&run(t_end, &mut masses)).iter().map(|it| it.0).collect()
 }
 
 #[test]
 fn contacts_that_open_within_a_step_open_one_after_the_other() {
     for swapped in [false, true] {
-        let force = |t: f64| {
+        let force = Box::new(move |t: f64| {
             let forces = [t - 1.0, t - 1.05];
             vec![forces[usize::from(swapped)], forces[usize::from(!swapped)]]
-        };
+        });
         let found = lift_offs(&run(2.0, &mut Masses { force, n: 2, steady: false }));
         assert_eq!(found.len(), 2, "{found:?}");
         for (k, exact) in [(0, 1.0), (1, 1.05)] {
@@ -120,10 +124,10 @@ fn pushes_on_a_ripple_are_seen_in_every_contact() {
     for ripple in [0.0, 1e-6, 1e-4, 1e-2] {
         for phase in 0..12 {
             let start = 0.7 + 0.731 * f64::from(phase);
-            let force = |t: f64| {
+            let force = Box::new(move |t: f64| {
                 let push = if t > start && t < start + 0.03 * span { 15.0 } else { 0.0 };
                 vec![-9.81, push - 9.81 + ripple * (37.0 * t).sin()]
-            };
+            });
             let found = lift_offs(&run(span, &mut Masses { force, n: 2, steady: false }));
             assert!(found.len() == 1 && found[0].1 == 1, "{ripple} {start}: {found:?}");
             assert!((found[0].0 - start).abs() < 1e-9, "{ripple} {start}: {found:?}");
@@ -134,7 +138,7 @@ fn pushes_on_a_ripple_are_seen_in_every_contact() {
 #[test]
 fn steady_forces_are_not_probed() {
     let nfev = |steady| {
-        let found = run(10.0, &mut Masses { force: |_| vec![-9.81], n: 1, steady });
+        let found = run(10.0, &mut Masses { force: Box::new(|_| vec![-9.81]), n: 1, steady });
         assert!(lift_offs(&found).is_empty());
         found.counts.nfev
     };
