@@ -45,6 +45,7 @@ __all__ = [
     "Nearest",
     "Observer",
     "Partials",
+    "PeriodicImpulses",
     "PointMass",
     "Reference",
     "Regulator",
