@@ -516,6 +516,15 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert told.exit_code == 2
 
 
+def test_a_system_of_the_user_is_refused_by_its_name(tmp_path):
+    linear = zivi.LinearSystem(1.0, None, 1.0)
+    tree = zivi.Tree([zivi.mechanics.Body("rod", mass=1.0, axis=[0, 1, 0], inertia=1.0)])
+    for system in (zivi.ImpactSystem(-9.81, e=0.5), linear, tree):
+        with pytest.raises(TypeError, match=f"and no {type(system).__name__}: model must be one"):
+            zivi.export_fmu(tmp_path, system)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_controller_of_the_user_is_refused_with_the_reason(tmp_path):
     tracker = zivi.TwistingTracker(30, 17, h=1e-3, e=0.5)
     with pytest.raises(TypeError, match=r"runs without Python.*got a controller, TwistingTracker"):

@@ -3,6 +3,8 @@
 import ctypes
 import math
 import pickle
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -647,3 +649,35 @@ def test_every_start_has_its_mass_and_every_span_its_rates_checked():
         zivi.simulate(ball, (0, 0.1), ([-1.0], [0]))
     with pytest.raises(ValueError, match="gap 'gap0' depends on time: give its rate"):
         zivi.simulate(ball, (0, 1.0), ([1.0], [0]))
+
+
+def concurrent_calls(threads, **more):
+    """How many threads are in a compiled force at once, at most, in a batch."""
+    doubles, lock = ctypes.POINTER(ctypes.c_double), threading.Lock()
+    inside, most = 0, 0
+
+    @ctypes.CFUNCTYPE(None, ctypes.c_double, doubles, doubles, doubles)
+    def force(t, q, w, out):
+        nonlocal inside, most
+        with lock:
+            inside += 1
+            most = max(most, inside)
+        time.sleep(1e-3)
+        out[0] = -9.81
+        with lock:
+            inside -= 1
+
+    system = zivi.MechanicalSystem(mass=1.0, force=force, gaps=[zivi.LinearGap([1])], **more)
+    batch = zivi.simulate_batch(system, (0, 0.1), (np.ones((4, 1)), [0.0]), threads=threads)
+    assert batch.q[:, 0] == pytest.approx(1 - 9.81 * 0.1**2 / 2, abs=1e-12)
+    return most
+
+
+def test_parts_that_are_not_reentrant_are_called_by_one_thread():
+    assert concurrent_calls(4) > 1
+    assert concurrent_calls(4, reentrant=False) == 1
+    system = zivi.MechanicalSystem(mass=1.0, force=[0.0], reentrant=False)
+    assert "reentrant=False" in repr(system)
+    assert not pickle.loads(pickle.dumps(system)).reentrant
+    with pytest.raises(TypeError, match="reentrant must be True or False"):
+        zivi.MechanicalSystem(mass=1.0, force=[0.0], reentrant=1)

@@ -108,3 +108,18 @@ def test_free_and_ball_joints_become_slides_and_hinges():
     mujoco.mj_fullM(model, data, mass)
     np.testing.assert_allclose(here.mass, mass, rtol=0, atol=1e-14)
     np.testing.assert_allclose(here.force, -data.qfrc_bias, rtol=0, atol=1e-13)
+
+
+def test_joints_that_are_replaced_take_no_defaults_of_others():
+    text = """<mujoco>
+      <default><joint limited="true" range="-1 1" damping="2" armature=".3"/></default>
+      <worldbody><body name="a">
+      <joint name="f" type="free" limited="false" damping="{}" armature="0"/>
+      <geom size=".1 .2 .3" type="box" mass="2"/><body name="b" pos=".4 0 0">
+      <joint name="s" axis="0 1 0"/><geom size=".1" mass="1"/></body></body></worldbody></mujoco>"""
+    model = scalar_joints(mujoco.MjSpec.from_string(text.format(0))).compile()
+    assert model.jnt_limited.tolist() == [0] * 6 + [1]
+    assert model.dof_damping.tolist() == [0] * 6 + [2]
+    assert model.dof_armature.tolist() == [0] * 6 + [0.3]
+    with pytest.raises(NotImplementedError, match="no damping of free and ball joints: joint 'f'"):
+        scalar_joints(mujoco.MjSpec.from_string(text.format(1)))

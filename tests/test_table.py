@@ -56,6 +56,11 @@ class TestValues:
         if kind != "linear":
             eps = 1e-9
             assert abs(table(-eps, 1) - table(eps, 1)) < 1e-6
+        # rounding is no jump
+        values[-1] += 1e-15
+        rounded = zivi.Table(times, values, kind, "periodic")
+        assert np.array_equal(rounded(at), table(at))
+        assert rounded.values[-1] == values[0]
         # in a table of three periods the one between is far from the ends
         around = np.concatenate([times[:-1] - 1, times[:-1], times + 1])
         three = zivi.Table(around, np.concatenate([values[:-1], values[:-1], values]), kind)
@@ -100,6 +105,7 @@ class TestValues:
             (([0, 1], [0, 1], "spline"), "kind must be one of"),
             (([0, 1], [0, 1], "linear", "wrap"), "extend must be one of"),
             (([0, 1], [0, 1], "linear", "periodic"), "end as they begin"),
+            (([0, 1, 2], [1, 0, 1 + 1e-13], "linear", "periodic"), "end as they begin"),
         ],
     )
     def test_what_is_no_table_is_refused(self, arguments, told):

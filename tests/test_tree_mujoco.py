@@ -220,6 +220,11 @@ REFUSED = {
 }
 
 
+REFUSED["models without joints"] = (
+    "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>"
+)
+
+
 @pytest.mark.parametrize("words", sorted(REFUSED))
 def test_what_a_tree_has_not_is_refused_by_name(words):
     with pytest.raises(NotImplementedError, match=words):

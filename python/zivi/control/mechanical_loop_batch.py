@@ -20,7 +20,7 @@ from zivi.control.loop_batch_alone import noises_of, seeds_of
 from zivi.control.mechanical_loop import simulate_mechanical, times_ahead
 from zivi.control.mechanical_loop_run import MechanicalClosedLoop
 from zivi.control.mechanical_reference import reference_of
-from zivi.simulation.batch_arguments import check_threads
+from zivi.simulation.batch_arguments import check_threads, threads_for
 from zivi.simulation.batch_result import Runs
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run import pair
@@ -170,7 +170,7 @@ def simulate_mechanical_batch(
 
     found, runs = [], []
     with ProgressBar(progress) as bar:
-        pool = ThreadPoolExecutor(check_threads(threads))
+        pool = ThreadPoolExecutor(threads_for(plants, check_threads(threads)))
         try:
             for row, run in pool.map(kept, range(n)):
                 found.append(row)

@@ -108,7 +108,9 @@ def simulate_batch(
         The slowest impacts that are counted and listed, as a part of the fastest one, > 0: also
         those that a jump to rest skips.
     threads : int, optional
-        Number of threads, >= 1; by default as many as the machine runs at once.
+        Number of threads, >= 1; by default as many as the machine runs at once. They call compiled
+        parts at the same time, which must be reentrant: else give 1, as is taken for a
+        `MechanicalSystem` with ``reentrant=False``.
     progress : bool, optional
         Show a progress bar on standard error once it lasts longer than a second. By default only
         on a terminal.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, integer, real_array
 from zivi.simulation.run import times_within
 from zivi.system.mass import ImpactSystem
+from zivi.system.mechanism import MechanicalSystem
 from zivi.system.table import refuse_tables
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "states_for",
     "states_of",
     "systems_of",
+    "threads_for",
     "times_of",
 ]
 
@@ -61,6 +63,11 @@ def check_threads(threads: int | None) -> int:
     if not 1 <= workers <= MAX_THREADS:
         raise ValueError(f"threads must be from 1 to {MAX_THREADS}, got {workers}")
     return workers
+
+
+def threads_for(systems: Iterable[MechanicalSystem], threads: int) -> int:
+    """Return the number of threads on which the systems may be evaluated."""
+    return threads if all(system.reentrant for system in systems) else 1
 
 
 def states_of(name: str, value: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from zivi.base.check import Array, real_array
 from zivi.base.progress import ProgressBar
-from zivi.simulation.batch_arguments import room_for
+from zivi.simulation.batch_arguments import room_for, threads_for
 from zivi.simulation.mechanical_batch_result import NUMBERS, MechanicalBatch
 from zivi.simulation.mechanical_run import (
     Asked,
@@ -58,6 +58,7 @@ def mechanical_batch(
         names = ", ".join(repr(name) for name in SAVES)
         raise ValueError(f"save must be one of {names} for mechanical systems, got {save!r}")
     several = _systems(systems)
+    threads = threads_for(several, threads)
     check_mechanical_method(method)
     q, qdot = _states(y0, len(several))
     several = several * len(q) if len(several) == 1 else several

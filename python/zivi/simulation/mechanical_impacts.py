@@ -28,47 +28,83 @@ def down_to(known: Rows, zeno: Rows, path: Any, speed: float, limit: int) -> Row
     return _with_skipped(fast, known, zeno, skipped_impacts(path, speed, limit))
 
 
-def _with_skipped(fast: Any, known: Rows, zeno: Rows, columns: tuple[Array, ...] | None) -> Rows:
+def _with_skipped(fast: Any, known: Any, zeno: Any, columns: tuple[Array, ...] | None) -> Rows:
     """Add what jumps to Zeno points skipped.
 
     That are impacts of one gap which repeat the last one that was computed: impulses, and what the
     gaps in contact take of them, fall with its speed.
     """
-    found, beyond = [fast], 1 + np.max(known["group"], initial=-1)
+    # plain arrays, whose fields are quick to get
+    known, zeno = np.asarray(known), np.asarray(zeno)
+    found, beyond = [np.asarray(fast)], 1 + np.max(known["group"], initial=-1)
     t, before, after, ends = columns or [np.empty(0)] * 4
-    for end in np.unique(ends):
-        own, last = ends == end, _last(known, zeno, float(end))
-        if last is not None:
-            rows = _repeated(*last, t[own], before[own], after[own])
-            rows["group"] = beyond + np.repeat(np.arange(own.sum()), len(last[0]))
-            found.append(rows)
-            beyond += own.sum()
-    rows = np.sort(np.concatenate(found), order="t", kind="stable")
-    _, first, number = np.unique(rows["group"], return_index=True, return_inverse=True)
-    rows["group"] = 1 + np.argsort(np.argsort(first))[number]
-    return rows.view(np.recarray)
+    each, place = np.unique(ends, return_inverse=True)
+    gaps, first, count = _last(known, zeno, each)
+    alone = count[place] == 1
+    if np.any(alone):
+        rows = known[first[place[alone]]]
+        _fall(rows, after[alone] / rows["speed_after"])
+        rows["t"], rows["speed_before"], rows["speed_after"] = t[alone], before[alone], after[alone]
+        rows["group"] = beyond + np.arange(len(rows))
+        found.append(rows)
+        beyond += len(rows)
+    for k in np.flatnonzero(count > 1):
+        own, last = place == k, known[first[k] : first[k] + count[k]]
+        rows = _repeated(last, gaps[k], t[own], before[own], after[own])
+        rows["group"] = beyond + np.repeat(np.arange(own.sum()), len(last))
+        found.append(rows)
+        beyond += own.sum()
+    rows = _by_time(np.concatenate(found))
+    _, start, number = np.unique(rows["group"], return_index=True, return_inverse=True)
+    rows["group"] = 1 + np.argsort(np.argsort(start))[number]
+    whole: Rows = rows.view(np.recarray)
+    return whole
 
 
-def _last(known: Rows, zeno: Rows, end: float) -> tuple[Rows, int] | None:
-    """Give the rows of the last impact before an accumulation, and the gap that bounces."""
-    ending = np.flatnonzero(zeno["t"] == end)
-    if not len(ending):
-        return None
-    gap = int(zeno["gap"][ending[0]])
-    before = known[(known["gap"] == gap) & (known["t"] < end) & (known["speed_after"] > 0.0)]
-    return (known[known["group"] == before["group"][-1]], gap) if len(before) else None
+def _by_time(rows: Any) -> Any:
+    """Sort impacts by their times, those at one time by what else is known of them."""
+    order = np.argsort(rows["t"], kind="stable")
+    t = rows["t"][order]
+    if np.any(t[1:] == t[:-1]):
+        return np.sort(rows, order="t", kind="stable")
+    return rows[order]
 
 
-def _repeated(last: Rows, gap: int, t: Any, before: Any, after: Any) -> Any:
-    """Repeat an impact at falling speeds."""
+def _last(known: Any, zeno: Any, ends: Array) -> tuple[Any, Any, Any]:
+    """Find the gap that bounces before each accumulation, and its last impact.
+
+    Of that the first row and how many there are; none where it is not known.
+    """
+    gaps, first, count = (np.zeros(len(ends), int) for _ in range(3))
+    at = np.searchsorted(zeno["t"], ends)
+    is_known = np.isin(ends, zeno["t"])
+    gaps[is_known] = zeno["gap"][at[is_known]]
+    for gap in np.unique(gaps[is_known]):
+        own = np.flatnonzero(is_known & (gaps == gap))
+        bounces = np.flatnonzero((known["gap"] == gap) & (known["speed_after"] > 0.0))
+        before = np.searchsorted(known["t"][bounces], ends[own])
+        own, before = own[before > 0], before[before > 0]
+        group = known["group"][bounces[before - 1]]
+        first[own] = np.searchsorted(known["group"], group)
+        count[own] = np.searchsorted(known["group"], group, side="right") - first[own]
+    return gaps, first, count
+
+
+def _fall(rows: Any, ratio: Any) -> None:
+    """Let impacts fall with the speed."""
+    for name in ("speed_before", "speed_after", "impulse"):
+        rows[name] = rows[name] * ratio
+    if "sticks" in (rows.dtype.names or ()):
+        rows["tangential_impulse"] = rows["tangential_impulse"] * ratio
+        rows["slip_before"] = rows["slip_after"] = np.nan
+
+
+def _repeated(last: Any, gap: int, t: Any, before: Any, after: Any) -> Any:
+    """Repeat an impact on several gaps at falling speeds."""
     ratio = after / last["speed_after"][last["gap"] == gap][0]
     rows = np.repeat(last, len(t)).reshape(len(last), len(t))
     rows["t"] = t
-    for name in ("speed_before", "speed_after", "impulse"):
-        rows[name] = last[name][:, None] * ratio
-    if "sticks" in (last.dtype.names or ()):
-        rows["tangential_impulse"] = last["tangential_impulse"][:, None] * ratio
-        rows["slip_before"] = rows["slip_after"] = np.nan
+    _fall(rows, ratio)
     own = last["gap"] == gap
     rows["speed_before"][own], rows["speed_after"][own] = before, after
     return rows.T.ravel()

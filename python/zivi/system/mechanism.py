@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, finite, real_array
+from zivi.base.check import Array, finite, real_array, switch
 from zivi.base.habits import hinted
 from zivi.system.assemble import Evaluate, assembled
 from zivi.system.callbacks import glued
@@ -133,6 +133,10 @@ class MechanicalSystem:
     paradox : {"stop", "impact"}
         What happens where no finite force keeps a sliding contact (Painleve): the run ends, or an
         impact without collision stops the sliding, which is flagged.
+    reentrant : bool
+        Whether compiled parts may be called by several threads at once, as `simulate_batch` and
+        batches of loops do. False for parts that keep memory of their own between or during calls
+        (static variables, the state of another library): such batches use one thread.
 
     Raises
     ------
@@ -174,6 +178,7 @@ class MechanicalSystem:
     _joints: tuple[DryFriction, ...] = ()
     _impact_law = "newton"
     _paradox = "stop"
+    _reentrant = True
 
     def __init__(
         self,
@@ -187,6 +192,7 @@ class MechanicalSystem:
         friction: Sequence[DryFriction] = (),
         impact_law: str = "newton",
         paradox: str = "stop",
+        reentrant: bool = True,
     ) -> None:
         self._given = {"mass": mass, "force": force}
         self._given_inputs = inputs
@@ -210,6 +216,7 @@ class MechanicalSystem:
         self._channels = self._rubbing()
         self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
         self._paradox = one_of("paradox", paradox, PARADOXES)
+        self._reentrant = switch("reentrant", reentrant)
         self._n = self._known_size()
         self._coordinates = coordinates_of(coordinates, self._n)
 
@@ -279,6 +286,11 @@ class MechanicalSystem:
     def paradox(self) -> str:
         """What happens where no finite force keeps a sliding contact."""
         return self._paradox
+
+    @property
+    def reentrant(self) -> bool:
+        """Whether several threads may evaluate the system at once."""
+        return self._reentrant
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
@@ -414,9 +426,13 @@ class MechanicalSystem:
         more |= {"friction": self._joints} if self._joints else {}
         return self._given | state | more | self._chosen()
 
-    def _chosen(self) -> dict[str, str]:
-        """Give what is not the default of the choices for impacts and paradoxes."""
-        chosen = {"impact_law": (self._impact_law, "newton"), "paradox": (self._paradox, "stop")}
+    def _chosen(self) -> dict[str, Any]:
+        """Give what is not the default of the choices for impacts, paradoxes and threads."""
+        chosen: dict[str, tuple[Any, Any]] = {
+            "impact_law": (self._impact_law, "newton"),
+            "paradox": (self._paradox, "stop"),
+            "reentrant": (self._reentrant, True),
+        }
         return {name: value for name, (value, usual) in chosen.items() if value != usual}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -28,6 +28,9 @@ EXTENDS = ("hold", "periodic", "error")
 SMOOTH = ("cubic", "monotone")
 """Kinds without jumps of the velocity."""
 
+ROUNDING = 64 * np.finfo(float).eps
+"""By how much a periodic table may miss its start, relative to its largest value."""
+
 
 @hinted("Table")
 class Table:
@@ -65,8 +68,8 @@ class Table:
     ------
     ValueError
         If the times do not increase, a number is not finite, a shape or a name is another one, or
-        the first and last values of a periodic table differ (but for ``"hold"``, which does not
-        come to the last one).
+        the first and last values of a periodic table differ by more than rounding (but for
+        ``"hold"``, which does not come to the last one).
     TypeError
         If times or values hold no real numbers.
 
@@ -112,11 +115,14 @@ class Table:
     def _prepare(self) -> _zivi.TimeTable:
         columns = self.values.reshape(len(self.times), -1)
         periodic = self.extend == "periodic"
-        if periodic and self.kind != "hold" and not np.array_equal(columns[0], columns[-1]):
-            raise ValueError(
-                "values of a periodic table must end as they begin, "
-                f"got {self.values[0].tolist()} and {self.values[-1].tolist()}"
-            )
+        if periodic and self.kind != "hold":
+            size = np.max(np.abs(columns), axis=0)
+            if np.any(np.abs(columns[0] - columns[-1]) > ROUNDING * size):
+                raise ValueError(
+                    "values of a periodic table must end as they begin, "
+                    f"got {self.values[0].tolist()} and {self.values[-1].tolist()}"
+                )
+            columns[-1] = columns[0]
         powers = _powers(self.times, columns, self.kind, periodic)
         order, _, width = powers.shape
         flat = np.ascontiguousarray(powers.transpose(1, 2, 0)).ravel()

@@ -1,7 +1,11 @@
-//! Products of a matrix with vectors.
+//! Products of a matrix with vectors, by the widest registers of the processor: with the same bits.
+
+use pulp::{Simd, WithSimd};
 
 /// Full columns are added so many at once.
 const TOGETHER: usize = 4;
+/// Below so many entries the choice of registers costs more than it saves.
+const WIDE: usize = 96;
 
 /// A matrix of which most entries may be zero: columns that have few entries by diagonals, which
 /// banded matrices have few of, the others as they are.
@@ -12,6 +16,8 @@ pub(crate) struct LinearMap {
     full: Vec<usize>,
     /// Their entries, column by column, with zeros to a whole number of [`TOGETHER`].
     entries: Vec<f64>,
+    /// How many numbers it consists of.
+    size: usize,
 }
 
 /// Entries `a_(i + k, j + k)`, `k = 0, 1, ..`.
@@ -44,7 +50,7 @@ impl LinearMap {
             let entry = |k: usize| if is_full[j + k] { 0.0 } else { at(i + k, j + k) };
             Diagonal::of((i, j), (0..length).map(entry).collect())
         };
-        let diagonals = starts.filter_map(diagonal).collect();
+        let diagonals: Vec<Diagonal> = starts.filter_map(diagonal).collect();
         let mut full: Vec<usize> = (0..columns).filter(|&j| is_full[j]).collect();
         let mut entries: Vec<f64> = full
             .iter()
@@ -54,18 +60,29 @@ impl LinearMap {
         let missing = full.len().next_multiple_of(TOGETHER) - full.len();
         full.extend(vec![0; missing]);
         entries.extend(vec![0.0; missing * rows]);
-        Self { diagonals, full, entries }
+        let in_diagonals: usize = diagonals.iter().map(|it| it.entries.len()).sum();
+        let size = entries.len() + in_diagonals;
+        Self { diagonals, full, entries, size }
     }
 
     /// How many numbers it consists of.
     pub(crate) fn len(&self) -> usize {
-        let diagonals = self.diagonals.iter().map(|diagonal| diagonal.entries.len());
-        self.entries.len() + diagonals.sum::<usize>()
+        self.size
     }
 
     /// Adds the product with a vector.
     #[inline]
     pub(crate) fn add(&self, x: &[f64], out: &mut [f64]) {
+        if self.size < WIDE {
+            self.add_by_columns(x, out);
+        } else {
+            pulp::Arch::new().dispatch(Product { map: self, x, out });
+        }
+    }
+
+    /// The same by the registers that the caller has.
+    #[inline(always)]
+    pub(crate) fn add_by_columns(&self, x: &[f64], out: &mut [f64]) {
         for Diagonal { i, j, entries } in &self.diagonals {
             let pairs = entries.iter().zip(&x[*j..]);
             out[*i..].iter_mut().zip(pairs).for_each(|(out, (entry, x))| *out += entry * x);
@@ -81,6 +98,22 @@ impl LinearMap {
                 *out += (c0 * x0 + c1 * x1) + (c2 * x2 + c3 * x3);
             }
         }
+    }
+}
+
+/// A product that is to be added.
+struct Product<'a> {
+    map: &'a LinearMap,
+    x: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.map.add_by_columns(self.x, self.out);
     }
 }
 

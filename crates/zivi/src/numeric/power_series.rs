@@ -1,7 +1,139 @@
-//! Power series on `[0, 1]` that converge as that of an exponential of 2.
+//! Power series on `[0, 1]` that converge as that of an exponential of 2, and their values.
 
 /// Coefficients: what is left out is `2^24/24! = 3e-17`.
 pub(crate) const TERMS: usize = 24;
 
 /// The coefficients, the constant first.
 pub(crate) type Series = [f64; TERMS];
+
+/// Series are summed as four interleaved ones in `s^4`, which a processor does side by side.
+const LANES: usize = 4;
+const ROUNDS: usize = TERMS / LANES;
+type Lanes = [f64; LANES];
+
+/// `sum_i s^i p_i`.
+#[inline(always)]
+fn joined(p: Lanes, s: f64) -> f64 {
+    (p[0] + s * p[1]) + s * s * (p[2] + s * p[3])
+}
+
+/// The value of a series.
+#[inline]
+pub(crate) fn value(a: &Series, s: f64) -> f64 {
+    let (s2, mut sums) = (s * s, [0.0; LANES]);
+    let s4 = s2 * s2;
+    for k in (0..TERMS / LANES).rev() {
+        for (i, sum) in sums.iter_mut().enumerate() {
+            *sum = *sum * s4 + a[LANES * k + i];
+        }
+    }
+    (sums[0] + s * sums[1]) + s2 * (sums[2] + s * sums[3])
+}
+
+/// The values of a series and of its first two derivatives.
+///
+/// With `p_i(s^4)` the interleaved ones, `p = sum_i s^i p_i`,
+///
+/// ```text
+/// p'  = sum_i (i s^(i-1) p_i + 4 s^(i+3) p_i')
+/// p'' = sum_i (i (i-1) s^(i-2) p_i + (8 i + 12) s^(i+2) p_i' + 16 s^(i+6) p_i'').
+/// ```
+#[inline(always)]
+pub(crate) fn slopes(a: &Series, s: f64) -> [f64; 3] {
+    let s2 = s * s;
+    let (s3, s4) = (s2 * s, s2 * s2);
+    // values, first derivatives and half of the second ones, in place
+    let of = |k: usize| -> Lanes { std::array::from_fn(|i| a[LANES * k + i]) };
+    let next = |sum: Lanes, add: Lanes| -> Lanes { std::array::from_fn(|i| sum[i] * s4 + add[i]) };
+    let mut p = of(ROUNDS - 1);
+    let mut d = p;
+    p = next(p, of(ROUNDS - 2));
+    let mut e = d;
+    d = next(d, p);
+    p = next(p, of(ROUNDS - 3));
+    for k in (0..ROUNDS - 3).rev() {
+        e = next(e, d);
+        d = next(d, p);
+        p = next(p, of(k));
+    }
+    let first = (p[1] + s * (2.0 * p[2] + 3.0 * s * p[3])) + 4.0 * s3 * joined(d, s);
+    let outer = [12.0 * d[0], 20.0 * d[1], 28.0 * d[2], 36.0 * d[3]];
+    let second =
+        (2.0 * p[2] + 6.0 * s * p[3]) + s2 * joined(outer, s) + 32.0 * s2 * s4 * joined(e, s);
+    [joined(p, s), first, second]
+}
+
+/// The values of a series and of its derivative.
+#[inline(always)]
+pub(crate) fn value_and_slope(a: &Series, s: f64) -> [f64; 2] {
+    let s2 = s * s;
+    let (s3, s4) = (s2 * s, s2 * s2);
+    let of = |k: usize| -> Lanes { std::array::from_fn(|i| a[LANES * k + i]) };
+    let next = |sum: Lanes, add: Lanes| -> Lanes { std::array::from_fn(|i| sum[i] * s4 + add[i]) };
+    let mut p = of(ROUNDS - 1);
+    let mut d = p;
+    p = next(p, of(ROUNDS - 2));
+    for k in (0..ROUNDS - 2).rev() {
+        d = next(d, p);
+        p = next(p, of(k));
+    }
+    let slope = (p[1] + s * (2.0 * p[2] + 3.0 * s * p[3])) + 4.0 * s3 * joined(d, s);
+    [joined(p, s), slope]
+}
+
+/// The same of a short series, as two in `s^2`.
+#[inline(always)]
+pub(crate) fn of_few<const N: usize>(a: &[f64; N], s: f64) -> [f64; 2] {
+    let (s2, mut p, mut d) = (s * s, [0.0; 2], [0.0; 2]);
+    for k in (0..N.div_ceil(2)).rev() {
+        for i in 0..2 {
+            d[i] = d[i] * s2 + p[i];
+            p[i] = p[i] * s2 + if 2 * k + i < N { a[2 * k + i] } else { 0.0 };
+        }
+    }
+    [p[0] + s * p[1], p[1] + 2.0 * s * (d[0] + s * d[1])]
+}
+
+pub(crate) fn derivative(a: &Series) -> Series {
+    let mut d = [0.0; TERMS];
+    for (n, d) in d.iter_mut().enumerate().take(TERMS - 1) {
+        *d = (n as f64 + 1.0) * a[n + 1];
+    }
+    d
+}
+
+/// The series of a part of what it was one of.
+#[inline]
+pub(crate) fn stretch(a: &mut Series, part: f64) {
+    if part == 1.0 {
+        return;
+    }
+    let mut power = 1.0;
+    for a in a.iter_mut() {
+        *a *= power;
+        power *= part;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn derivatives_are_those_term_by_term() {
+        let a: Series =
+            std::array::from_fn(|n| (1.7 * n as f64 + 0.3).sin() * 0.8f64.powi(n as i32));
+        let first = derivative(&a);
+        let second = derivative(&first);
+        for s in [0.0, 0.13, 0.5, 0.97, 1.0] {
+            let plain = |a: &Series| a.iter().rev().fold(0.0, |sum, a| sum * s + a);
+            let found = slopes(&a, s);
+            for (found, a) in found.iter().zip([&a, &first, &second]) {
+                let size = a.iter().map(|a| a.abs()).sum::<f64>();
+                assert!((found - plain(a)).abs() < 4e-16 * size, "{s}");
+            }
+            assert_eq!(value(&a, s), found[0]);
+            assert!((of_few(&a, s)[1] - found[1]).abs() < 1e-13);
+        }
+    }
+}

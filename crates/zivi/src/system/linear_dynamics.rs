@@ -17,6 +17,9 @@ pub struct LinearDynamics {
     state: Vec<f64>,
     /// The values of a table.
     values: Vec<f64>,
+    /// The loads, and the time that they are at: at an impact it stands.
+    load: Vec<f64>,
+    at: f64,
 }
 
 impl LinearDynamics {
@@ -30,23 +33,35 @@ impl LinearDynamics {
             Some(j) => -system.damping[i * n + j],
         };
         let matrix = LinearMap::new(n, 2 * n, entry);
-        Self { system, layout, matrix, state: vec![0.0; 2 * n], values: vec![0.0; n] }
+        let [values, load] = [(); 2].map(|()| vec![0.0; n]);
+        let state = vec![0.0; 2 * n];
+        Self { system, layout, matrix, state, values, load, at: f64::NAN }
     }
 
-    /// `p + ... - K q - C q'`.
-    fn force(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) {
-        let Self { system, matrix, state, values, .. } = self;
-        out.copy_from_slice(&system.load);
+    /// Computes the loads.
+    fn load_at(&mut self, t: f64) {
+        let Self { system, values, load, .. } = self;
+        load.copy_from_slice(&system.load);
         for wave in &system.waves {
             let swing = (wave.omega * t + wave.phase).cos();
-            for (out, amplitude) in out.iter_mut().zip(&wave.amplitude) {
-                *out += amplitude * swing;
+            for (load, amplitude) in load.iter_mut().zip(&wave.amplitude) {
+                *load += amplitude * swing;
             }
         }
         for table in &system.tables {
             table.values(t, values);
-            out.iter_mut().zip(&*values).for_each(|(out, value)| *out += value);
+            load.iter_mut().zip(&*values).for_each(|(load, value)| *load += value);
         }
+        self.at = t;
+    }
+
+    /// `p + ... - K q - C q'`.
+    fn force(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) {
+        if t != self.at {
+            self.load_at(t);
+        }
+        let Self { matrix, state, load, .. } = self;
+        out.copy_from_slice(load);
         let (first, second) = state.split_at_mut(q.len());
         first.copy_from_slice(q);
         second.copy_from_slice(w);

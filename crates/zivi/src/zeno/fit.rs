@@ -22,7 +22,7 @@ pub(super) fn stride(e: f64, terms: usize, last: usize) -> usize {
 /// [`Tail::distance`] with a first arc of length 1: `4 q sum_i |l_i(q)|` with the polynomials `l_i` of
 /// Lagrange at the points of [`fit`] and zero.
 pub(super) fn rounding(e: f64, stride: usize, terms: usize) -> f64 {
-    let q = points(e, stride);
+    let q = points(e, stride, terms);
     let largest = PARTS.map(|at| {
         let of = |i: usize| {
             let others = (0..terms).filter(|&j| j != i);
@@ -33,9 +33,12 @@ pub(super) fn rounding(e: f64, stride: usize, terms: usize) -> f64 {
     f64::EPSILON * largest.into_iter().fold(0.0, f64::max)
 }
 
-/// `q_i = e^(-i stride)`.
-fn points(e: f64, stride: usize) -> [f64; TERMS] {
-    std::array::from_fn(|i| libm::pow(e, -((i * stride) as f64)))
+/// `q_i = e^(-i stride)` for so many terms, beyond them one.
+fn points(e: f64, stride: usize, terms: usize) -> [f64; TERMS] {
+    std::array::from_fn(|i| match i > 0 && i < terms {
+        true => libm::pow(e, -((i * stride) as f64)),
+        false => 1.0,
+    })
 }
 
 /// `sum_k a_k q^k`, `k = 1, 2, ...`
@@ -46,7 +49,7 @@ pub(super) fn series(a: &[f64; TERMS], q: f64) -> f64 {
 /// The `a` with `sum_k a_k q_i^k = values_i`, `q_i = e^(-i stride)`, by Newton's interpolation of
 /// `values/q`.
 pub(super) fn fit(e: f64, stride: usize, terms: usize, values: [f64; TERMS]) -> [f64; TERMS] {
-    let q = points(e, stride);
+    let q = points(e, stride, terms);
     let mut d: [f64; TERMS] = std::array::from_fn(|i| values[i] / q[i]);
     for level in 1..terms {
         for i in (level..terms).rev() {
@@ -73,7 +76,7 @@ pub(super) fn fit_ahead(
     mut values: [f64; TERMS],
 ) -> [f64; TERMS] {
     // in units of the first of these q
-    for (value, q) in values.iter_mut().zip(points(e, stride)) {
+    for (value, q) in values.iter_mut().zip(points(e, stride, terms)) {
         *value /= q;
     }
     let unit = libm::pow(e, ((terms - 1) * stride) as f64);

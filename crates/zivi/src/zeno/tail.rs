@@ -142,29 +142,34 @@ impl Tail {
         let arcs = 2 + (1.0 / (1.0 - self.e)) as i32;
         (0..4).all(|i| {
             let m = f64::from(i * arcs / 4);
-            self.time(m + 1.0) > self.time(m)
-                && self.speed(m) > self.speed(m + 1.0)
-                && self.speed(m + 1.0) > 0.0
+            let [q, next] = [m, m + 1.0].map(|m| libm::pow(self.e, m));
+            let (speed, slower) = (series(&self.d, q), series(&self.d, next));
+            self.time_at(m + 1.0, next) > self.time_at(m, q) && speed > slower && slower > 0.0
         })
     }
 
     /// Equation (1).
     fn time(&self, m: f64) -> f64 {
+        self.time_at(m, libm::pow(self.e, m))
+    }
+
+    /// The same with `q = e^m`.
+    fn time_at(&self, m: f64, q: f64) -> f64 {
         if m == 0.0 {
             self.start
         } else {
-            self.zeno - series(&self.c, libm::pow(self.e, m))
+            self.zeno - series(&self.c, q)
         }
     }
 
-    /// `T(m + 1) - T(m) = sum_k C_k e^(km) (1 - e^k)`, with `1 - e^k = (1 - e) (1 + e + ...)`.
-    fn flight(&self, m: f64) -> f64 {
+    /// `T(m + 1) - T(m) = sum_k C_k q^k (1 - e^k)` with `q = e^m` and `1 - e^k = (1 - e) (1 + e + ...)`.
+    fn flight_at(&self, q: f64) -> f64 {
         let (mut falls, mut sum) = (self.c, 0.0);
         for fall in &mut falls {
             sum = 1.0 + self.e * sum;
             *fall *= (1.0 - self.e) * sum;
         }
-        series(&falls, libm::pow(self.e, m))
+        series(&falls, q)
     }
 
     fn speed(&self, m: f64) -> f64 {
@@ -221,11 +226,11 @@ impl Tail {
     /// The arc `m = 0, 1, ...`, unless it is too short to be told from its ends.
     pub(crate) fn arc(&self, m: usize) -> Option<TailArc> {
         let n = m as f64;
-        let (start, end) = (self.time(n), self.time(n + 1.0).min(self.zeno));
+        let [q, next] = [n, n + 1.0].map(|m| libm::pow(self.e, m));
+        let (start, end) = (self.time_at(n, q), self.time_at(n + 1.0, next).min(self.zeno));
         let sigma = if m.is_multiple_of(2) { self.sigma } else { -self.sigma };
-        let incoming = -self.speed(n + 1.0) / self.e;
-        let (u, length) = (self.speed(n), self.flight(n));
-        let q = libm::pow(self.e, n);
+        let incoming = -series(&self.d, next) / self.e;
+        let (u, length) = (series(&self.d, q), self.flight_at(q));
         let bends = self.bends.map(|terms| q * series(&terms, q));
         let arc = TailArc { start, end, u, incoming, sigma, length, bends };
         (end > start && arc.u > 0.0 && incoming < 0.0).then_some(arc)

@@ -13,6 +13,8 @@ import zivi._zivi as _zivi
 from zivi.base.check import integer
 from zivi.interop.fmu.description import IDENTIFIER, description
 from zivi.interop.fmu.table import MODELS, Model
+from zivi.system.mass import ImpactSystem
+from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["export_fmu"]
 
@@ -105,6 +107,11 @@ def _chosen_models(model: str | Iterable[str] | None) -> list[str]:
         raise TypeError(
             "an FMU runs without Python, so it has zivi's own models only: model must be one of "
             f"{', '.join(MODELS)}, got a controller, {kind.__name__}"
+        )
+    if isinstance(model, ImpactSystem | MechanicalSystem):
+        raise TypeError(
+            f"an FMU has zivi's own models only, and no {type(model).__name__}: model must be one "
+            f"of {', '.join(MODELS)}; the mass takes its numbers as parameters"
         )
     if not isinstance(model, str | Iterable):
         raise TypeError(f"model must be a name or several, got {model!r}")

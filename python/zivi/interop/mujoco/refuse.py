@@ -67,6 +67,7 @@ def _disabled(flag: str) -> Callable[[Any], bool]:
 
 FREE, BALL = 0, 1
 FOR_ALL: dict[str, Callable[[Any], str | None]] = {
+    "models without joints": _some("nv = 0", lambda model: model.nv == 0),
     "free joints (see zivi.interop.mujoco.scalar_joints)": _which(
         "joint", lambda model: model.jnt_type == FREE
     ),

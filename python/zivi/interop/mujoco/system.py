@@ -134,6 +134,11 @@ def scalar_joints(spec: Any) -> Any:
     -------
     mujoco.MjSpec
         A copy, to be compiled.
+
+    Raises
+    ------
+    NotImplementedError
+        For a free or ball joint with armature, damping, friction or stiffness, by its name.
     """
     mujoco = needed("mujoco", "models of MuJoCo")
     new, kinds = spec.copy(), mujoco.mjtJoint
@@ -142,11 +147,30 @@ def scalar_joints(spec: Any) -> Any:
             if joint.type not in (kinds.mjJNT_FREE, kinds.mjJNT_BALL):
                 continue
             name, at = joint.name or f"{body.name}.joint{i}", np.array(joint.pos)
+            _refuse_forces(joint, name)
             free = joint.type == kinds.mjJNT_FREE
             new.delete(joint)
             parts = [(kinds.mjJNT_SLIDE, k) for k in "xyz"] if free else []
             parts += [(kinds.mjJNT_HINGE, k) for k in ("roll", "pitch", "yaw")]
             for k, (kind, part) in enumerate(parts):
                 axis = np.eye(3)[k % 3]
-                body.add_joint(name=f"{name}.{part}", type=kind, axis=axis, pos=at * (not free))
+                added = body.add_joint(
+                    name=f"{name}.{part}", type=kind, axis=axis, pos=at * (not free)
+                )
+                # nothing of the defaults of other joints
+                added.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+                added.armature = added.frictionloss = 0.0
+                added.stiffness, added.damping = (
+                    np.zeros_like(added.stiffness),
+                    np.zeros_like(added.damping),
+                )
     return new
+
+
+def _refuse_forces(joint: Any, name: str) -> None:
+    """Refuse what acts along the axes of a joint that turns with it."""
+    for what in ("armature", "damping", "frictionloss", "stiffness"):
+        if np.any(getattr(joint, what)):
+            raise NotImplementedError(
+                f"scalar_joints takes no {what} of free and ball joints: joint {name!r}"
+            )

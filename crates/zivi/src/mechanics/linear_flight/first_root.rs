@@ -1,10 +1,8 @@
 //! Where a power series on `[0, 1]` that begins above zero first falls below it.
 
-use crate::numeric::bernstein::Polynomial;
-use crate::numeric::power_series::{Series, TERMS};
+use crate::numeric::power_series::{value_and_slope, Series, TERMS};
+use crate::switched::flight::series;
 
-/// Rounding of a polynomial, relative to the sum of its terms: a dip below it is none.
-const ROUNDING: f64 = 1e-15;
 /// A flight shorter than this part of the step falls from its start, if the pull hardly changes.
 const SHORT: f64 = 0.02;
 /// How much it may change, relative to its first value.
@@ -37,11 +35,11 @@ pub(super) fn first_root(p: &Series, at_zero: usize) -> Option<f64> {
             *a *= power;
             power *= arc;
         }
-        if let Some(root) = root_by_coefficients(&part) {
-            return Some(root * arc);
+        if let Some(root) = series::first_root(&part, 0) {
+            return Some(polished(&a, root.at * arc));
         }
     }
-    root_by_coefficients(&a)
+    series::first_root(&a, 0).map(|root| polished(&a, root.at))
 }
 
 /// When `a_0 + a_1 s + a_2 s^2` comes to zero, infinite if it never does.
@@ -58,23 +56,6 @@ fn fall_of_parabola(a: &Series) -> f64 {
     }
 }
 
-/// The first root as Bernstein's coefficients certify it.
-fn root_by_coefficients(a: &Series) -> Option<f64> {
-    let noise = ROUNDING * a.iter().map(|a| a.abs()).sum::<f64>();
-    let bernstein = Polynomial::<TERMS>::from_powers(*a).plus(noise);
-    if bernstein.coefficients().iter().all(|&c| c > 0.0) {
-        return None;
-    }
-    let near = bernstein.first_negative()?;
-    Some(polished(a, near))
-}
-
-/// The value and the derivative.
-#[inline]
-fn value(a: &Series, s: f64) -> (f64, f64) {
-    a.iter().rev().fold((0.0, 0.0), |(p, slope), a| (p * s + a, slope * s + p))
-}
-
 /// The root of one that falls from its start as a line does, but for little.
 fn short_fall(a: &Series) -> Option<f64> {
     let first = -a[0] / a[1];
@@ -86,25 +67,14 @@ fn short_fall(a: &Series) -> Option<f64> {
         power *= reach;
         change += k as f64 * a.abs() * power;
     }
-    (change <= CHANGE * -a[1]).then(|| {
-        let mut s = first;
-        for _ in 0..ITERATIONS {
-            let (p, slope) = value(a, s);
-            let step = p / slope;
-            s -= step;
-            if step.abs() <= f64::EPSILON * s {
-                break;
-            }
-        }
-        s
-    })
+    (change <= CHANGE * -a[1]).then(|| polished(a, first))
 }
 
 /// The root that is near, to rounding.
 fn polished(a: &Series, near: f64) -> f64 {
     let (mut s, mut last) = (near, f64::INFINITY);
     for _ in 0..ITERATIONS {
-        let (p, slope) = value(a, s);
+        let [p, slope] = value_and_slope(a, s);
         let step = p / slope;
         let next = s - step;
         // where it touches zero rounding decides
@@ -149,7 +119,8 @@ mod tests {
                         size += a.abs() * power;
                         power *= first;
                     }
-                    let noise = 4.0 * f64::EPSILON * (size / value(&a, first).1.abs() + first);
+                    let noise =
+                        4.0 * f64::EPSILON * (size / value_and_slope(&a, first)[1].abs() + first);
                     assert!((root - first).abs() <= noise, "{first} {more:?} {root}");
                 }
             }

@@ -7,6 +7,7 @@
 mod drive_rates;
 mod drives;
 mod first_root;
+mod part;
 mod propagation;
 mod pull;
 mod variation;
@@ -18,7 +19,7 @@ use super::kinetics::Model;
 use super::mode::{Limit, Next};
 use super::path::Curve;
 use super::state::MechanicalState;
-use crate::numeric::power_series::{Series, TERMS};
+use crate::numeric::power_series::{value_and_slope, Series, TERMS};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Dynamics;
@@ -344,11 +345,7 @@ impl LinearFlight {
             if closed.has(i) {
                 continue;
             }
-            let (mut x, mut v) = (0.0, 0.0);
-            for a in series.iter().rev() {
-                v = v * part + x;
-                x = x * part + a;
-            }
+            let [x, v] = value_and_slope(series, part);
             now.x[n + i] = if closing == Some(i) { 0.0 } else { x };
             now.xdot[n + i] = v / h;
         }

@@ -24,8 +24,11 @@ use crate::system::linear_system::LinearSystem;
 const REDUNDANT: f64 = 1e-10;
 /// The last coefficients of a series, relative to the largest: above it the step is too long.
 const LAST: f64 = 2e-15;
-/// What is smaller than this part of a sum is rounding of it.
-const NEGLIGIBLE: f64 = 1e-18;
+/// What a term of the series of all coordinates costs beside its product, by coordinate and at all, in
+/// products of numbers.
+const OVERHEAD: [usize; 2] = [8, 64];
+/// Most numbers of these series that are kept by columns: more are slower to read than to compute.
+const READ: usize = 1 << 15;
 
 /// A linear system without contacts: `M^-1` times everything.
 #[derive(Clone, Debug)]
@@ -233,6 +236,12 @@ impl Free {
 pub(super) struct Functional(LinearMap);
 
 impl Functional {
+    /// From the rows of its coefficients.
+    fn new(series: &[Vec<f64>]) -> Self {
+        let size = series.first().map_or(0, Vec::len);
+        Self(LinearMap::new(TERMS, size, |k, j| series[k][j]))
+    }
+
     /// The power series from a state.
     #[inline]
     pub(super) fn series(&self, y: &[f64]) -> Series {
@@ -249,6 +258,8 @@ pub(super) struct Propagation {
     acceleration: LinearMap,
     /// `(q, h q')` after a step.
     step: LinearMap,
+    /// The coordinates, where their series are quicker read than computed term by term.
+    pub(super) coordinates: Option<Vec<Functional>>,
     /// The gaps that are open, and the contact forces of the others.
     pub(super) gaps: Vec<Functional>,
 }
@@ -266,6 +277,10 @@ impl Propagation {
                 row.iter_mut().zip(force).for_each(|(row, force)| *row += factor * force);
             }
         }
+        let acceleration = LinearMap::new(n, size, |i, j| rows[i][j]);
+        let by_terms = acceleration.len() + OVERHEAD[0] * n + OVERHEAD[1];
+        let reads = n * size <= by_terms && TERMS * n * size <= READ;
+        let mut coordinates = reads.then(Vec::new);
         let (mut after, mut speeds) = (vec![], vec![]);
         for i in 0..n {
             let mut row = vec![0.0; size];
@@ -282,6 +297,9 @@ impl Propagation {
             };
             after.push(sum(&|_| 1.0));
             speeds.push(sum(&|k| k as f64));
+            if let Some(coordinates) = &mut coordinates {
+                coordinates.push(Functional::new(&series));
+            }
         }
         after.append(&mut speeds);
         let mut number = 0;
@@ -292,20 +310,21 @@ impl Propagation {
             } else {
                 free.gap(i)
             };
-            let series = series_of(free, &rows, h, first);
-            Functional(LinearMap::new(TERMS, size, |k, j| series[k][j]))
+            Functional::new(&series_of(free, &rows, h, first))
         });
         Ok(Some(Self {
             gaps: gaps.collect(),
-            acceleration: LinearMap::new(n, size, |i, j| rows[i][j]),
+            coordinates,
+            acceleration,
             step: LinearMap::new(2 * n, size, |i, j| after[i][j]),
         }))
     }
 
     /// How many numbers it consists of.
     pub(super) fn len(&self) -> usize {
-        let gaps = self.gaps.iter().map(|Functional(map)| map.len());
-        self.acceleration.len() + self.step.len() + gaps.sum::<usize>()
+        let series = self.gaps.iter().chain(self.coordinates.iter().flatten());
+        let read: usize = series.map(|Functional(map)| map.len()).sum();
+        self.acceleration.len() + self.step.len() + read
     }
 
     /// `(q, h q')` after a whole step from `y`.
@@ -315,6 +334,7 @@ impl Propagation {
     }
 
     /// `y <- factor Y y`.
+    #[inline(always)]
     pub(super) fn advance(
         &self,
         free: &Free,
@@ -324,44 +344,13 @@ impl Propagation {
     ) {
         let n = free.n;
         acceleration.fill(0.0);
-        self.acceleration.add(y, acceleration);
-        for i in 0..n {
-            y[i] = factor * y[n + i];
-            y[n + i] = factor * acceleration[i];
+        self.acceleration.add_by_columns(y, acceleration);
+        let (q, rest) = y.split_at_mut(n);
+        for ((q, v), acceleration) in q.iter_mut().zip(&mut rest[..n]).zip(&*acceleration) {
+            *q = factor * *v;
+            *v = factor * acceleration;
         }
-        free.drives.advance(h, factor, &mut y[2 * n..]);
-    }
-
-    /// `(q, h q')` after a part of the step from `y`, whose memory is used up, with the terms of the
-    /// series of `q` in the part of that, if they are wanted.
-    pub(super) fn part(
-        &self,
-        free: &Free,
-        (h, part): (f64, f64),
-        y: &mut [f64],
-        out: &mut [f64],
-        mut terms: Option<&mut Vec<f64>>,
-    ) {
-        let n = free.n;
-        let mut acceleration = vec![0.0; n];
-        out.copy_from_slice(&y[..2 * n]);
-        for k in 0..TERMS {
-            if let Some(terms) = &mut terms {
-                terms.extend_from_slice(&y[..n]);
-            }
-            if k + 1 == TERMS {
-                break;
-            }
-            self.advance(free, (h, part / (k + 1) as f64), y, &mut acceleration);
-            let mut negligible = true;
-            for (out, y) in out.iter_mut().zip(&*y) {
-                negligible &= y.abs() <= NEGLIGIBLE * out.abs();
-                *out += y;
-            }
-            if negligible && terms.is_none() && k > 1 {
-                break;
-            }
-        }
+        free.drives.advance(h, factor, &mut rest[n..]);
     }
 }
 

@@ -20,7 +20,7 @@ use super::LinearFlight;
 use crate::mechanics::equation::State;
 use crate::mechanics::kinetics::Undetermined;
 use crate::numeric::linear_map::LinearMap;
-use crate::numeric::power_series::{Series, TERMS};
+use crate::numeric::power_series::{value_and_slope, Series, TERMS};
 use crate::numeric::vector::{axpy, dot};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -168,7 +168,7 @@ impl LinearFlight {
         for (i, mut a) in series.into_iter().enumerate().filter(|&(i, _)| !closed.has(i)) {
             // gaps are carried along, as in the motion
             (a[0], a[1]) = (x[n + i], h * v[n + i]);
-            let [value, slope] = at(&a, part);
+            let [value, slope] = value_and_slope(&a, part);
             (x[n + i], v[n + i]) = (value, slope / h);
         }
         Ok(())
@@ -216,9 +216,4 @@ impl LinearFlight {
     pub(in crate::mechanics) fn step(&self) -> f64 {
         self.h
     }
-}
-
-/// The value and the derivative of a series.
-fn at(a: &Series, s: f64) -> [f64; 2] {
-    a.iter().rev().fold([0.0; 2], |[p, slope], a| [p * s + a, slope * s + p])
 }

@@ -7,7 +7,6 @@ mod columns;
 mod law;
 mod level;
 mod period;
-mod powers;
 mod reading;
 mod root;
 mod sign_test;
@@ -15,19 +14,20 @@ mod step;
 mod table;
 mod terms;
 
+pub(crate) use crate::numeric::power_series::{derivative, value, value_and_slope};
 pub(crate) use law::Linear;
-pub(crate) use powers::{derivative, value, value_and_slope};
 pub(crate) use reading::Reading;
+pub(crate) use root::first_root;
 pub(crate) use step::Step;
 pub(crate) use table::Table;
 pub(crate) use terms::{column, Series, Start, TERMS};
 
 use std::sync::Arc;
 
+use crate::numeric::power_series::stretch;
 use crate::switched::point::Point;
 use crate::LinearLaw;
 use period::Period;
-use powers::stretch;
 
 /// Flights under one linear force.
 #[derive(Clone, Debug)]

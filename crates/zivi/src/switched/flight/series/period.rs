@@ -128,9 +128,9 @@ impl Ends {
 
 #[cfg(test)]
 mod tests {
-    use super::super::powers::{derivative, value};
     use super::super::terms::Law;
     use super::*;
+    use crate::numeric::power_series::{derivative, value};
 
     const LAW: Law = Law { stiffness: 2.0, damping: 0.3, omega: [1.7, 0.9] };
     const START: Start = Start { x: 0.4, v: -0.7, force: 1.1, waves: [[0.5, -0.8], [-1.2, 0.3]] };

@@ -5,11 +5,10 @@
 //! first: their values would be rounding. Degree 11 decides nearly always, the terms beyond being a
 //! slack; else the whole series is subdivided. A dip below rounding is none.
 
-use super::powers::{of_few, slopes, value_and_slope};
 use super::sign_test::{screened, SignTest};
 use super::table::{PART, SHORT};
-use super::terms::{Series, TERMS};
 use crate::numeric::bernstein::Polynomial;
+use crate::numeric::power_series::{of_few, slopes, value_and_slope, Series, TERMS};
 
 /// Rounding of a value, relative to the sum of the absolute values of the terms, where a series is
 /// subdivided.
@@ -139,8 +138,8 @@ fn subdivided(q: &Series) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::powers::{derivative, value};
     use super::*;
+    use crate::numeric::power_series::{derivative, value};
 
     /// The powers of `+- prod (s - root)`, positive at the start, after `known` roots at 0.
     fn through(roots: &[f64], known: usize) -> Series {

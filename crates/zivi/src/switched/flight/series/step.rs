@@ -1,10 +1,10 @@
 //! A step of a flight: as far as nothing can happen, or up to the wall.
 
-use super::powers::{of_few, stretch, value_and_slope};
 use super::root::{first_root, of_short_arc, only_root, Root};
 use super::sign_test::SignTest;
 use super::table::{Table, PART, SHORT};
 use super::terms::{Series, Start, TERMS};
+use crate::numeric::power_series::{of_few, stretch, value_and_slope};
 
 /// A step that ends at most this part of it after its end is no longer: what rounding makes of it.
 const OVER: f64 = 1.0 + 1e-9;
@@ -188,9 +188,9 @@ fn power_of_two(x: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::powers::value;
     use super::super::terms::Law;
     use super::*;
+    use crate::numeric::power_series::{derivative, value};
 
     fn random(draw: &mut u64) -> f64 {
         *draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -227,7 +227,7 @@ mod tests {
             }
             let end = value(&a, whole);
             assert!((end - step.x).abs() < 1e-15 * size, "{start:?} {known} {step:?} {end:e}");
-            let slope = value(&super::super::powers::derivative(&a), whole);
+            let slope = value(&derivative(&a), whole);
             assert!((slope - step.v).abs() < 4e-15 * size, "{start:?} {known} {step:?} {slope}");
         }
         counts

@@ -23,7 +23,8 @@ use super::columns::{Bound, Columns, COLUMNS};
 use super::level::{Level, LEVELS};
 use super::sign_test::{Screen, SignTest};
 
-/// Length of a step times the fastest rate of the motion.
+/// Length of a step times the fastest rate of the motion: beyond the last coefficient there is
+/// `1.75^24/24! = 1e-18`, and 24 times that in the velocity.
 const STEP: f64 = 1.75;
 
 /// Tables that a thread keeps, of some 7 kB each.

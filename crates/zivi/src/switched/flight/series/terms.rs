@@ -1,14 +1,9 @@
 //! Power series, and what a step under a linear force starts from.
 
-/// Coefficients of a flight. Over a step of length [`STEP`] the rest is `1.75^24/24! = 1e-18`, and
-/// 24 times that in the velocity.
-pub(crate) const TERMS: usize = 24;
+pub(crate) use crate::numeric::power_series::{Series, TERMS};
 
 /// Most waves of a force.
 pub(crate) const WAVES: usize = 2;
-
-/// Coefficients of powers of `s`.
-pub(crate) type Series = [f64; TERMS];
 
 /// What a table is for: stiffness, damping and the angular frequencies of the waves, 0 where there
 /// is none.

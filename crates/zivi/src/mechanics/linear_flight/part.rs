@@ -1,0 +1,88 @@
+//! The motion of a linear system after a part of a step: by the series of its coordinates, where these are
+//! kept, else term by term, by the widest registers of the processor.
+
+use pulp::{Simd, WithSimd};
+
+use super::propagation::{Free, Functional, Propagation};
+use crate::numeric::power_series::{value_and_slope, TERMS};
+
+/// What is smaller than this part of a sum is rounding of it.
+const NEGLIGIBLE: f64 = 1e-18;
+
+/// The terms of the series of `q` in the part of the step, one after the other, if they are wanted.
+type Terms<'a> = Option<&'a mut Vec<f64>>;
+
+impl Propagation {
+    /// `(q, h q')` after a part of the step from `y`, whose memory is used up.
+    pub(super) fn part(
+        &self,
+        free: &Free,
+        step: (f64, f64),
+        y: &mut [f64],
+        out: &mut [f64],
+        terms: Terms<'_>,
+    ) {
+        match &self.coordinates {
+            Some(coordinates) => read(coordinates, step.1, y, out, terms),
+            None => {
+                pulp::Arch::new().dispatch(Sum { motion: self, free, step, y, out, terms });
+            }
+        }
+    }
+}
+
+fn read(coordinates: &[Functional], part: f64, y: &[f64], out: &mut [f64], mut terms: Terms<'_>) {
+    let n = coordinates.len();
+    if let Some(terms) = &mut terms {
+        terms.resize(n * TERMS, 0.0);
+    }
+    for (i, coordinate) in coordinates.iter().enumerate() {
+        let a = coordinate.series(y);
+        [out[i], out[n + i]] = value_and_slope(&a, part);
+        let Some(terms) = &mut terms else { continue };
+        let mut power = 1.0;
+        for (k, a) in a.iter().enumerate() {
+            terms[k * n + i] = power * a;
+            power *= part;
+        }
+    }
+}
+
+/// The sum of the terms `y_(k+1) = part/(k + 1) Y y_k`.
+struct Sum<'a> {
+    motion: &'a Propagation,
+    free: &'a Free,
+    step: (f64, f64),
+    y: &'a mut [f64],
+    out: &'a mut [f64],
+    terms: Terms<'a>,
+}
+
+impl WithSimd for Sum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { motion, free, step: (h, part), y, out, mut terms } = self;
+        let n = free.n;
+        let mut acceleration = vec![0.0; n];
+        out.copy_from_slice(&y[..2 * n]);
+        for k in 0..TERMS {
+            if let Some(terms) = &mut terms {
+                terms.extend_from_slice(&y[..n]);
+            }
+            if k + 1 == TERMS {
+                break;
+            }
+            motion.advance(free, (h, part / (k + 1) as f64), y, &mut acceleration);
+            let mut negligible = true;
+            for (out, y) in out.iter_mut().zip(&*y) {
+                negligible &= y.abs() <= NEGLIGIBLE * out.abs();
+                *out += y;
+            }
+            if negligible && terms.is_none() && k > 1 {
+                break;
+            }
+        }
+    }
+}
