@@ -31,6 +31,36 @@ def swinging(t):
     return np.array([[0.4 + 0.2 * s, -1.2 - 0.2 * s], [0.4 * c, -0.4 * c], [-0.8 * s, 0.8 * s]])
 
 
+def angles(x, y):
+    """The angles with the tip of the two links at a place, the elbow below."""
+    b = np.arccos((x * x + y * y - 0.5**2 - 0.45**2) / (2 * 0.5 * 0.45))
+    return np.array([np.arctan2(y, x) - np.arctan2(0.45 * np.sin(b), 0.5 + 0.45 * np.cos(b)), b])
+
+
+def swinging_tip(t):
+    """The posture with the tip on the table at a place that swings, with its derivatives."""
+    x = 0.35 + 0.15 * np.sin(4 * t)
+    a, b = angles(x, -0.3)
+    speed = np.array([0.6 * np.cos(4 * t), 0.0])
+    pull = np.array([-2.4 * np.sin(4 * t), 0.0])
+    first, second = (
+        length * np.array([np.cos(it), np.sin(it)]) for length, it in ((0.5, a), (0.45, a + b))
+    )
+    across = np.array([[0.0, -1.0], [1.0, 0.0]])
+    jacobian = np.stack([across @ (first + second), across @ second], axis=1)
+    rate = np.linalg.solve(jacobian, speed)
+    turning = first * rate[0] ** 2 + second * rate.sum() ** 2
+    return np.array([[a, b], rate, np.linalg.solve(jacobian, pull + turning)])
+
+
+@functools.cache
+def tapping_tip():
+    """A run of the arm whose tip bounces and swings along the table."""
+    span, start = (0.0, 1.7), (angles(0.35, -0.05), np.zeros(2))
+    virtual = {"floor": -9.81}
+    return zivi.reference_run(two_links(), span, start, virtual=virtual, posture=swinging_tip)
+
+
 @functools.cache
 def tapping(end=1.6):
     """A run of the arm whose tip falls on the table like a ball."""
@@ -48,6 +78,27 @@ def follow(controller, end=1.5, **asked):
     start = (START + np.array([0.03, -0.02]), np.array([0.1, -0.1]))
     asked = {"reference": tapping(), "method": zivi.RKPeriod()} | asked
     return zivi.simulate_closed_loop(two_links(), controller, (0, end), start, **asked)
+
+
+def positions_only(seed):
+    """A loop by measured angles alone, with masses, restitution and friction unknown."""
+    source = np.random.default_rng(seed)
+    m1, m2 = np.array([1.0, 0.8]) * (1 + source.uniform(-0.1, 0.1, 2))
+    believed = two_links().replace(m1=m1, m2=m2, e=0.6 + source.uniform(-0.05, 0.05))
+    friction = source.uniform(0, 0.3, 2)
+    return zivi.simulate_closed_loop(
+        two_links(),
+        tracker(system=believed, horizon=3.0),
+        (0, 1.5),
+        (START, np.zeros(2)),
+        reference=tapping(),
+        noise=(1e-5, 0.0),
+        quantization=1e-5,
+        seed=seed,
+        observer=zivi.JointObserver(believed, noise=1e-5),
+        disturbance=lambda t, q, qdot: -friction * qdot,
+        method=zivi.RKPeriod(),
+    )
 
 
 def bouncing_error(run):

@@ -65,6 +65,19 @@ def test_a_late_racket_that_knows_it_hits_as_well():
     np.testing.assert_allclose(heights(run, 3.0), 0.5, atol=5e-6)
 
 
+@pytest.mark.parametrize("late", [0, 5])
+def test_a_push_on_the_racket_is_learnt_from_its_acceleration(late):
+    told = {"delay": late, "delay_told": late, "disturbance": [0.0, 2.0]}
+    np.testing.assert_allclose(heights(juggle(**told), 3.0), 0.5, atol=5e-6)
+    ignored = heights(juggle(learn=False, **told), 3.0)
+    assert np.abs(ignored - 0.5).min() > 5e-4
+
+
+def test_an_impact_that_is_predicted_wrongly_is_learnt_when_it_is_measured():
+    run = juggle(juggled(e=0.7), end=7.0, delay=5, delay_told=5)
+    np.testing.assert_allclose(heights(run, 5.0), 0.5, atol=1e-4)
+
+
 def test_the_noise_of_a_speed_is_averaged_over_a_flight(monkeypatch):
     def off():
         runs = [juggle(noise=(1e-6, 1e-2), seed=seed) for seed in range(4)]

@@ -144,6 +144,12 @@ class ModelBased:
             at, speed = plant.onto(t, at, speed, closed)
             at, speed, _ = plant.moved(t, at, speed, controls)
             t += self.delay * self.h
+        return self._measured(t, at, speed)
+
+    def _measured(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Outlook:
+        """Give a state by its gaps."""
+        at, speed = (np.atleast_1d(np.asarray(it, dtype=np.float64)) for it in (q, qdot))
+        inputs, plant = self._model(at)
         here = plant.model.layout.read(plant.model.evaluate(t, at, speed))
         return Outlook(t, at, speed, GapKinetics.of(here, speed), inputs.at(at))
 

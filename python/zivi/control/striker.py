@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real
 from zivi.control.component import TickStatus, delay_of
-from zivi.control.model_based import ModelBased, believed, numbers
+from zivi.control.model_based import ModelBased, Outlook, believed, numbers
 from zivi.control.u_limits import pairs
 from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem
@@ -27,10 +27,41 @@ LEAST = 0.1
 """The same of late impacts under noise, each of which shows little."""
 JUMP = 1e-3
 """A change of the speed of a body beyond this part of the wanted one is an impact."""
+PUSHES = 4, 500
+"""Samples of an unknown acceleration that are averaged, without noise and with it."""
 MEAN = 50
 """Samples of a noisy speed in flight that are averaged, what gravity does between them known."""
 DEVIATIONS = 10.0
 """So many deviations of the measured speed are no impact."""
+
+
+class Sight(NamedTuple):
+    """What is seen of a body and of what strikes it.
+
+    Parameters
+    ----------
+    t : float
+        Time (s).
+    gap, rate : float
+        The gap between them and its rate.
+    x, v, pull : float
+        Place, speed and acceleration of the body, 0 of a wall.
+    relative : float
+        Acceleration of the gap from here on.
+    """
+
+    t: float
+    gap: float
+    rate: float
+    x: float
+    v: float
+    pull: float
+    relative: float = 0.0
+
+    @property
+    def w(self) -> float:
+        """Speed of what strikes."""
+        return self.v - self.rate
 
 
 class Striker(ModelBased):
@@ -46,7 +77,8 @@ class Striker(ModelBased):
 
     The way there is that of least effort, cubic in time. Which acceleration the gap needs is found
     as by `GapTracker`; the gap alone would not know the height. What the model lacks in masses
-    and restitution is one number, :math:`\gamma`, and is learnt from each impact.
+    and restitution is one number, :math:`\gamma`, learnt from each impact; what it lacks in forces
+    on the racket is learnt from its acceleration.
 
     Parameters
     ----------
@@ -68,7 +100,7 @@ class Striker(ModelBased):
     h : float
         Sampling period, > 0 (s).
     learn : bool
-        Whether :math:`\gamma` is learnt.
+        Whether :math:`\gamma` and the unknown acceleration of the racket are learnt.
     u_limits : sequence of (float, float), optional
         Range of each control.
     posture : float
@@ -145,24 +177,35 @@ class Striker(ModelBased):
         """Change of the body's speed by an impact, as a part of the closing speed; NaN before."""
         return self._gamma
 
+    @property
+    def push(self) -> float:
+        """Acceleration of the racket that the model does not know (m/s^2)."""
+        return self._push[1]
+
     def reset(self) -> None:
         """Forget all that was measured and learnt."""
         super().reset()
         self._k, self._gamma, self._plan = 0, math.nan, (0.0, 0.0)
-        self._last: tuple[float, ...] | None = None
+        self._last: Sight | None = None
         self._flight: tuple[int, float] = (0, 0.0)
         self._strike_at: float | None = None
+        self._seen: Sight | None = None
+        self._acting: tuple[float, ...] = ()
+        self._push: tuple[int, float] = (0, 0.0)
+        self._impacts = 0
 
     @property
     def state(self) -> tuple[Any, ...]:
         """All that changes from tick to tick; assigning it restores what it was of exactly."""
         own = (self._k, self._gamma, self._plan, self._last, self._flight, self._strike_at)
-        return (*own, *numbers([self._u]), numbers(self._queue), int(self._status))
+        learnt = (self._seen, self._acting, self._push, self._impacts)
+        return (*own, learnt, *numbers([self._u]), numbers(self._queue), int(self._status))
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
-        self._k, self._gamma, self._plan, self._last, *rest = state
-        self._flight, self._strike_at, u, queue, status = rest
+        self._k, self._gamma, self._plan, self._last, self._flight, *rest = state
+        self._strike_at, learnt, u, queue, status = rest
+        self._seen, self._acting, self._push, self._impacts = learnt
         self._u = None if u is None else np.array(u)
         self._queue, self._status = [np.array(it) for it in queue], TickStatus(status)
 
@@ -193,30 +236,36 @@ class Striker(ModelBased):
         there = self._outlook(t, q, qdot, np.zeros(self.system.m, dtype=bool))
         if there is None:
             return self._hold_controls()
-        t, at, speed, kinetics, matrix = there
-        gap, rate = float(kinetics.here.gaps[self._gap]), float(kinetics.gdot[self._gap])
-        pull = self._pull(kinetics)
-        x, v = (0.0, 0.0) if self._body < 0 else (float(at[self._body]), float(speed[self._body]))
-        self._look(t, gap, rate, v, pull, kinetics)
-        w = v - rate
+        here, one = there.kinetics.here, slice(self._gap, self._gap + 1)
+        now = self._sight(there)
+        self._learn(self._sight(self._measured(t, q, qdot)) if self.delay else now, there.kinetics)
+        if self._jump(self._last, now) > 0.0:
+            self._k += 1
+            self._strike_at, self._flight = None, (0, 0.0)
         if self._noise > 0.0 and self._body >= 0:
-            v = self._averaged(v, pull)
-            rate = v - w
-        a = self._aim(t, x, v, -pull, x - gap, w)
-        self._last = (gap, rate, v, pull - a, pull)
-        here, one = kinetics.here, slice(self._gap, self._gap + 1)
+            v = self._averaged(now)
+            now = now._replace(v=v, rate=v - now.w)
+            if not self.delay:
+                self._seen = now
+        late = self.delay * self.h  # over which the prediction knows nothing of the push
+        w = now.w + self.push * late
+        place = now.x - now.gap + 0.5 * self.push * late**2
+        a = self._aim(now.t, now.x, now.v, -now.pull, place, w)
         u, limited, _ = _zivi.controls(
             here.mass,
             here.force,
             here.gradients[one],
             here.curvatures[one],
-            matrix,
-            np.array([pull - a]),
-            -self._settings["posture"] * speed,
+            there.matrix,
+            np.array([now.pull - a + self.push]),
+            -self._settings["posture"] * there.qdot,
             pairs(self._settings["u_limits"]),
         )
         if limited:
             self._status |= TickStatus.SATURATED
+        sent = math.nan if limited else a - self.push
+        self._acting = (*self._acting, sent)[-1 - self.delay :]
+        self._last = now._replace(relative=now.pull - a)
         return self._sent(u)
 
     def _look_at(self, q: Array) -> None:
@@ -229,39 +278,56 @@ class Striker(ModelBased):
         if body is not None and abs(there.gradients[self._gap, self._body] - 1.0) > 1e-9:
             raise ValueError(f"gap {self._settings['gap']!r} must grow as {body!r} does")
 
-    def _pull(self, kinetics: GapKinetics) -> float:
-        """Give the acceleration of the body in flight; 0 of a wall."""
+    def _sight(self, there: Outlook) -> Sight:
+        """Look at the body and at the racket."""
+        i, (t, q, qdot, kinetics, _) = self._gap, there
+        gap, rate = float(kinetics.here.gaps[i]), float(kinetics.gdot[i])
         if self._body < 0:
+            return Sight(t, gap, rate, 0.0, 0.0, 0.0)
+        pull = float(np.linalg.solve(kinetics.here.mass, kinetics.here.force)[self._body])
+        return Sight(t, gap, rate, float(q[self._body]), float(qdot[self._body]), pull)
+
+    def _jump(self, last: Sight | None, now: Sight) -> float:
+        """Give the change of a speed by an impact since the last sample; 0 without one."""
+        if last is None:
             return 0.0
-        return float(np.linalg.solve(kinetics.here.mass, kinetics.here.force)[self._body])
+        h = now.t - last.t
+        if self._body < 0:
+            jump = now.rate - last.rate - h * last.relative
+        else:
+            jump = now.v - last.v - h * last.pull
+        return jump if jump > max(JUMP * max(1.0, abs(last.rate)), self._noise) else 0.0
 
-    def _look(
-        self, t: float, gap: float, rate: float, v: float, pull: float, kinetics: GapKinetics
-    ) -> None:
-        """Notice an impact since the last sample, and learn from it."""
-        i = self._gap
+    def _learn(self, now: Sight, kinetics: GapKinetics) -> None:
+        """Learn from an impact since the last measurement, or from the racket's acceleration."""
         if math.isnan(self._gamma):
-            share = 1.0 if self._body < 0 else kinetics.mobility[self._body, i] / kinetics.D[i, i]
+            i, wall = self._gap, self._body < 0
+            share = 1.0 if wall else kinetics.mobility[self._body, i] / kinetics.D[i, i]
             self._gamma = float((1.0 + self.system.e[i]) * share)
-        if self._last is None:
+        last, self._seen = self._seen, now
+        acting = self._acting[0] if len(self._acting) > self.delay else math.nan
+        if last is None or not self._settings["learn"] or not math.isfinite(acting):
             return
-        g0, rate0, v0, relative, before = self._last
-        jump = (rate - rate0 - self.h * relative) if self._body < 0 else v - v0 - self.h * before
-        if jump <= max(JUMP * max(1.0, abs(rate0)), self._noise):
+        relative = now.pull - acting - self.push
+        jump = self._jump(last._replace(relative=relative), now)
+        if jump == 0.0:
+            n, push = self._push
+            n = min(n + 1, PUSHES[self._noise > 0.0])
+            unasked = (now.w - last.w) / (now.t - last.t) - acting
+            self._push = (n, push + (unasked - push) / n)
             return
-        closing = math.sqrt(max(rate0 * rate0 - 2.0 * relative * max(g0, 0.0), 0.0))
-        if self._settings["learn"] and closing > 10.0 * self.h * abs(relative) and rate0 < 0.0:
-            part = LEARNT if self._noise == 0.0 else max(LEARNT / (1 + self._k), LEAST)
+        closing = math.sqrt(max(last.rate**2 - 2.0 * relative * max(last.gap, 0.0), 0.0))
+        if closing > 10.0 * self.h * abs(relative) and last.rate < 0.0:
+            part = LEARNT if self._noise == 0.0 else max(LEARNT / (1 + self._impacts), LEAST)
             self._gamma += part * (jump / closing - self._gamma)
-        self._k += 1
-        self._strike_at, self._flight = None, (0, 0.0)
+        self._impacts += 1
 
-    def _averaged(self, v: float, pull: float) -> float:
+    def _averaged(self, now: Sight) -> float:
         """Give the speed of the body from all its samples in this flight."""
         n, before = self._flight
-        expected = before + self.h * pull if n else v
+        expected = before + self.h * now.pull if n else now.v
         n = min(n + 1, MEAN)
-        self._flight = (n, expected + (v - expected) / n)
+        self._flight = (n, expected + (now.v - expected) / n)
         return self._flight[1]
 
     def _aim(self, t: float, x: float, v: float, G: float, z: float, w: float) -> float:

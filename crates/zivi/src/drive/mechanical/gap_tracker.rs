@@ -20,7 +20,7 @@ use crate::numeric::vector::dot;
 use crate::system::driven::Driven;
 use crate::system::dynamics::Dynamics;
 
-/// Part of its own press by which the other contacts may push a gap that lands.
+/// Part of its own weakest pull by which the other contacts may push a gap that lands.
 const PUSHED: f64 = 0.8;
 
 /// What does not change.
@@ -299,10 +299,10 @@ impl GapTracker {
                 continue;
             }
             // a gap that lands is pushed by the other contacts as by a constant force, or impacts on
-            // coupled gaps would not end, as long as that leaves it a part of its own press, or it
-            // would not fall; one that follows has its reference's own pushes
+            // coupled gaps would not end, as long as that leaves it a part of its own pull, or it
+            // would not come back; one that follows has its reference's own pushes
             a[i] -= if resting[i] {
-                let excess = by_usual - PUSHED * press[i];
+                let excess = by_usual - PUSHED * weakest_of(&trackers[i]);
                 by - by_usual + excess.max(0.0)
             } else {
                 by
@@ -366,6 +366,12 @@ fn waypoint(
 /// The acceleration with which a tracker presses a gap that rests.
 fn press_of(tracker: &TwistingTracker) -> f64 {
     tracker.descent().map_or(0.0, |it| it.accelerations()[2])
+}
+
+/// The least acceleration with which a tracker pulls a gap that lands.
+fn weakest_of(tracker: &TwistingTracker) -> f64 {
+    let pulls = tracker.descent().map_or([0.0; 3], |it| it.accelerations());
+    pulls.into_iter().fold(f64::INFINITY, f64::min)
 }
 
 /// The forces with which landings press the contacts that are held, 0 elsewhere.
