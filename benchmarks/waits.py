@@ -200,9 +200,21 @@ def _import(name: str, other: str) -> Row:
     )
 
 
+def _help() -> Row:
+    program = [sys.executable, "-m", "zivi", "--help"]
+    return Row(
+        "`zivi --help`",
+        "a fresh process",
+        "`import numpy`",
+        lambda: subprocess.run(program, check=True, stdout=subprocess.DEVNULL),
+        lambda: subprocess.run([sys.executable, "-c", "import numpy"], check=True),
+        1,
+    )
+
+
 def measured(row: Row) -> tuple[float, float, float]:
     """Give both times (ms) and the median of the ratios."""
-    children = row.what.startswith("`import")
+    children = row.ours == "a fresh process"
     clock = _of_children if children else time.process_time
     pairs = []
     for k in range(ROUNDS + 1):
@@ -228,7 +240,7 @@ def _of_children() -> float:
 def write() -> str:
     """Measure every row into the page of results."""
     rows = [_fall(), _pendulum(), _drawn(), _diagram(), _loop(), _avi()]
-    rows += [_import("zivi", "numpy"), _import("zivi", "scipy.integrate")]
+    rows += [_import("zivi", "numpy"), _import("zivi", "scipy.integrate"), _help()]
     text = HEAD
     for row in rows:
         ours, theirs, ratio = measured(row)

@@ -38,32 +38,6 @@ from typing import TYPE_CHECKING
 from zivi._zivi import __version__
 from zivi.base.status import Status, StudyStatus
 from zivi.base.warnings import ModelWarning
-from zivi.control.closed_loop import ClosedLoop as ClosedLoop, Controller, simulate_closed_loop
-from zivi.control.design import (
-    GainDesign as GainDesign,
-    InfeasibleError,
-    best_ratio,
-    design_regulator,
-    design_tracker,
-)
-from zivi.control.gap_tracker import GapTracker
-from zivi.control.joint_observer import JointObserver
-from zivi.control.loop_batch import ClosedLoopBatch as ClosedLoopBatch, simulate_closed_loop_batch
-from zivi.control.mechanical_loop import MechanicalController, RKPeriod
-from zivi.control.mechanical_loop_batch import MechanicalLoopBatch as MechanicalLoopBatch
-from zivi.control.mechanical_loop_run import MechanicalClosedLoop as MechanicalClosedLoop
-from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample
-from zivi.control.observer import ImpactObserver, Observed as Observed
-from zivi.control.reference_run import reference_run
-from zivi.control.striker import Striker
-from zivi.control.twisting import ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker
-from zivi.derivatives.impact_map import (
-    ImpactMap as ImpactMap,
-    ImpactReturn as ImpactReturn,
-    impact_map,
-)
-from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity as MechanicalSensitivity
-from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity as Sensitivity, sensitivity
 from zivi.simulation.batch import Batch as Batch, simulate_batch
 from zivi.simulation.events import Level, event
 from zivi.simulation.mechanical_batch import MechanicalBatch as MechanicalBatch
@@ -84,17 +58,6 @@ from zivi.system.table import Table
 from zivi.system.transform import lift, project
 from zivi.system.tree.system import Tree
 from zivi.system.wall import HarmonicWall, MovingWall
-from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp
-from zivi.vi.solve import (
-    VIOptions,
-    VIProgress as VIProgress,
-    VIResult as VIResult,
-    VIStatus,
-    check_jacobian,
-    natural_residual,
-    solve_avi,
-    solve_vi,
-)
 
 if TYPE_CHECKING:
     from zivi import (
@@ -104,6 +67,42 @@ if TYPE_CHECKING:
         plot as plot,
         symbolic as symbolic,
     )
+    from zivi.control.closed_loop import ClosedLoop as ClosedLoop, Controller, simulate_closed_loop
+    from zivi.control.design import (
+        GainDesign as GainDesign,
+        InfeasibleError,
+        best_ratio,
+        design_regulator,
+        design_tracker,
+    )
+    from zivi.control.gap_tracker import GapTracker
+    from zivi.control.joint_observer import JointObserver
+    from zivi.control.loop_batch import (
+        ClosedLoopBatch as ClosedLoopBatch,
+        simulate_closed_loop_batch,
+    )
+    from zivi.control.mechanical_loop import MechanicalController, RKPeriod
+    from zivi.control.mechanical_loop_batch import MechanicalLoopBatch as MechanicalLoopBatch
+    from zivi.control.mechanical_loop_run import MechanicalClosedLoop as MechanicalClosedLoop
+    from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample
+    from zivi.control.observer import ImpactObserver, Observed as Observed
+    from zivi.control.reference_run import reference_run
+    from zivi.control.striker import Striker
+    from zivi.control.twisting import (
+        ExplicitTwisting,
+        TickStatus,
+        TwistingRegulator,
+        TwistingTracker,
+    )
+    from zivi.derivatives.impact_map import (
+        ImpactMap as ImpactMap,
+        ImpactReturn as ImpactReturn,
+        impact_map,
+    )
+    from zivi.derivatives.mechanical_sensitivity import (
+        MechanicalSensitivity as MechanicalSensitivity,
+    )
+    from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity as Sensitivity, sensitivity
     from zivi.fmu import export_fmu
     from zivi.orbits import (
         Attractor as Attractor,
@@ -129,6 +128,17 @@ if TYPE_CHECKING:
     from zivi.orbits.basins import basins
     from zivi.simulation import methods as methods
     from zivi.study import Design, Study, grid, open_study, points, sample, sweep
+    from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp
+    from zivi.vi.solve import (
+        VIOptions,
+        VIProgress as VIProgress,
+        VIResult as VIResult,
+        VIStatus,
+        check_jacobian,
+        natural_residual,
+        solve_avi,
+        solve_vi,
+    )
 
 importlib.import_module("zivi.base.exits").watch()
 _habits = importlib.import_module("zivi.base.habits")
@@ -217,9 +227,24 @@ __all__ = [
     "sweep",
 ]
 
-_LAZY = ("files", "fmu", "interop", "lab", "mechanics", "orbits", "plot", "study", "symbolic")
+_LAZY = (
+    *("control", "derivatives", "files", "fmu", "interop", "lab", "mechanics", "orbits", "plot"),
+    *("study", "symbolic", "vi"),
+)
 """Modules that are imported when they are first asked for."""
 _LATE = {
+    "control": (
+        *("ClosedLoop", "ClosedLoopBatch", "Controller", "ExplicitTwisting", "GainDesign"),
+        *("GapTracker", "ImpactObserver", "InfeasibleError", "JointObserver"),
+        *("MechanicalClosedLoop", "MechanicalController", "MechanicalLoopBatch", "Observed"),
+        *("RKPeriod", "ReferenceSample", "Striker", "TickStatus", "TwistingRegulator"),
+        *("TwistingTracker", "best_ratio", "design_regulator", "design_tracker"),
+        *("reference_run", "simulate_closed_loop", "simulate_closed_loop_batch"),
+    ),
+    "derivatives": (
+        *("ImpactMap", "ImpactReturn", "MechanicalSensitivity", "OrbitStatus", "Sensitivity"),
+        *("impact_map", "sensitivity"),
+    ),
     "fmu": ("export_fmu",),
     "orbits": (
         *("Attractor", "Basins", "Branch", "BranchEvent", "CodimensionTwo", "Diagram"),
@@ -228,6 +253,11 @@ _LATE = {
         *("grazing_curve", "lyapunov_exponents", "periodic_orbit", "response_amplitude"),
     ),
     "study": ("Design", "Study", "grid", "open_study", "points", "sample", "sweep"),
+    "vi": (
+        *("Equilibrium", "JacobianError", "VIDerivative", "VIOptions", "VIProgress", "VIResult"),
+        *("VIStatus", "bimatrix", "check_jacobian", "natural_residual", "solve_avi", "solve_lcp"),
+        *("solve_ncp", "solve_vi"),
+    ),
 }
 """What comes with some of them."""
 _ROOM_OF = {name: room for room, names in _LATE.items() for name in names}
@@ -241,7 +271,7 @@ def __getattr__(name: str) -> object:
         return found
     if not name.startswith("_") and name in _former.FORMER:
         return sys.modules[f"zivi.{name}"]
-    if name in (known := _listed()):
+    if not name.startswith("_") and name in (known := _listed()):
         return known[name]
     hint = f": {_habits.MODULE[name]}" if name in _habits.MODULE else ""
     raise AttributeError(f"module 'zivi' has no attribute {name!r}{hint}")
@@ -249,7 +279,7 @@ def __getattr__(name: str) -> object:
 
 def _listed() -> dict[str, type]:
     """Give the methods and controllers, those too that are not among the names above."""
-    controllers = sys.modules["zivi.control.twisting"].CONTROLLERS
+    controllers = importlib.import_module("zivi.control.twisting").CONTROLLERS
     return {it.__name__: it for it in (*sys.modules["zivi.methods"].METHODS.values(), *controllers)}
 
 

@@ -11,9 +11,10 @@ import typer
 
 import zivi._zivi as _zivi
 from zivi.base.extras import needed
-from zivi.files import FileError, commands, document, prepare_control, prepare_simulate, summary
-from zivi.files.messages import say, show_table, warn
 from zivi.lab.command import lab
+
+# what reads files comes with nearly all of the library, for which --help need not wait: commands
+# import it themselves
 
 app = typer.Typer(
     help="Mechanical systems with impacts, straight through the Zeno point.",
@@ -31,6 +32,8 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no tabl
 
 def _version(wanted: bool) -> None:
     if wanted:
+        from zivi.files.messages import say
+
         say(f"zivi {_zivi.__version__}")
         raise typer.Exit
 
@@ -38,6 +41,9 @@ def _version(wanted: bool) -> None:
 def _example(command: str) -> Callable[[bool], None]:
     def print_example(wanted: bool) -> None:
         if wanted:
+            from zivi.files import commands
+            from zivi.files.messages import say
+
             say(commands.example(command), end="")
             raise typer.Exit
 
@@ -47,6 +53,9 @@ def _example(command: str) -> Callable[[bool], None]:
 def _keys(*kinds: str) -> Callable[[bool], None]:
     def print_keys(wanted: bool) -> None:
         if wanted:
+            from zivi.files import document
+            from zivi.files.messages import say
+
             say(document.keys(*kinds), end="")
             raise typer.Exit
 
@@ -55,6 +64,9 @@ def _keys(*kinds: str) -> Callable[[bool], None]:
 
 def _experiments(wanted: bool) -> None:
     if wanted:
+        from zivi.files import summary
+        from zivi.files.messages import show_table
+
         show_table(summary.experiments())
         raise typer.Exit
 
@@ -62,6 +74,9 @@ def _experiments(wanted: bool) -> None:
 @contextlib.contextmanager
 def _reported_errors() -> Iterator[None]:
     """Tell what is wrong in one line each, and end with the right code."""
+    from zivi.files import FileError, commands
+    from zivi.files.messages import warn
+
     try:
         yield
     except KeyboardInterrupt:
@@ -130,6 +145,8 @@ def simulate(
     Exit code 0 if the end was reached, 1 if the run ended early (it is kept as far as it went), 2
     for a bad file, 130 for Ctrl-C (kept as well).
     """
+    from zivi.files import commands, prepare_simulate
+
     with _reported_errors():
         code = commands.single(prepare_simulate, file, out, force=force, quiet=quiet)
     raise typer.Exit(code)
@@ -154,6 +171,8 @@ def control(
     Exit code 0 if the end was reached, 1 if the run ended early (it is kept as far as it went), 2
     for a bad file, 130 for Ctrl-C (kept as well).
     """
+    from zivi.files import commands, prepare_control
+
     with _reported_errors():
         code = commands.single(prepare_control, file, out, force=force, quiet=quiet)
     raise typer.Exit(code)
@@ -190,6 +209,8 @@ def sweep(
     Exit code 0 if all points are done, 1 if some failed or the study ended early, 2 for a bad
     file, 130 for Ctrl-C. The same command continues where it stopped.
     """
+    from zivi.files import commands
+
     with _reported_errors():
         code = commands.study(
             file, out, force=force, resume=resume, retry_failed=retry_failed, quiet=quiet
@@ -208,6 +229,8 @@ def show(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table.")] = False,
 ) -> None:
     """Draw a result and sum it up; exit code 2 if it cannot be read."""
+    from zivi.files import commands
+
     if not window:
         import matplotlib as mpl
 
@@ -233,6 +256,8 @@ def paper(
     chattering, robustness and rest (what was measured). The last line says how many of the
     checked numbers agree. Exit code 1 if one is off, 2 for a stage that does not exist.
     """
+    from zivi.files import FileError
+
     with _reported_errors():
         needed("matplotlib", "the figures of the paper").use("Agg")
         from zivi.paper import command
@@ -259,6 +284,8 @@ def fmu(
 
     Exit code 2 for a model or a version that does not exist, or where the binaries are missing.
     """
+    from zivi.files import commands
+    from zivi.files.messages import say, warn
     from zivi.fmu import export_fmu
 
     paths = []

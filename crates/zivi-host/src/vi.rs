@@ -10,6 +10,7 @@ use zivi_core::vi::{
 };
 
 use crate::border::{array, checked_size, guarded, read, written, Refused};
+use zivi::numeric::lu::ByBlocks;
 
 /// Writes `F(z)`, `n` numbers, into `f`; not 0 ends the solve, which keeps its best point.
 pub type MapFunction =
@@ -241,6 +242,7 @@ impl Given<'_> {
         let work = Workspace::new(n, &mut reals, &mut indices);
         let mut work = work.ok_or(InvalidInput::Workspace)?;
         let bounds = (&self.lower[..], &self.upper[..]);
+        let problem = &mut ByBlocks(problem);
         let report = vi::solve(problem, bounds, &mut point, &settings, &mut work)?;
         // SAFETY: the caller's array, of which no reference is left
         unsafe { std::ptr::copy_nonoverlapping(point.as_ptr(), z, n) };

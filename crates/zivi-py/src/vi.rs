@@ -9,6 +9,7 @@ use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use zivi::numeric::lu::ByBlocks;
 use zivi_core::vi::{
     self, Affine, Differenced, InvalidInput, Problem, Report, Scheme, Settings, Status, Workspace,
 };
@@ -90,6 +91,7 @@ impl Vectors {
         let mut work =
             Workspace::new(n, &mut reals, &mut indices).ok_or(InvalidInput::Workspace)?;
         let bounds = (&self.lower[..], &self.upper[..]);
+        let problem = &mut ByBlocks(problem);
         let report = vi::solve(problem, bounds, &mut self.z, settings, &mut work)?;
         Ok((report, work.map().to_vec()))
     }

@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+import types
 from collections.abc import Mapping
 from typing import Any
 
@@ -51,10 +52,23 @@ FORMER = {
 """The modules that users may have imported from, or that pickles name: then, now."""
 
 
+class _Former(types.ModuleType):
+    """A module under its former name, imported when something of it is asked for."""
+
+    def __init__(self, name: str, now: str) -> None:
+        super().__init__(name)
+        self._now = now
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") and name != "__all__":
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        return getattr(importlib.import_module(self._now), name)
+
+
 def hand_on(names: Mapping[str, str] = FORMER) -> None:
     """Let `import` and pickles find modules under their former names."""
     for former, name in names.items():
-        sys.modules[f"zivi.{former}"] = importlib.import_module(f"zivi.{name}")
+        sys.modules[f"zivi.{former}"] = _Former(f"zivi.{former}", f"zivi.{name}")
 
 
 def of_zivi(names: Mapping[str, Any]) -> None:

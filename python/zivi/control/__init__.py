@@ -1,7 +1,14 @@
 """Controllers, their gains, the observer, closed loops."""
 
+from zivi.base.former import of_zivi
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
-from zivi.control.design import GainDesign, design_regulator, design_tracker
+from zivi.control.design import (
+    GainDesign,
+    InfeasibleError,
+    best_ratio,
+    design_regulator,
+    design_tracker,
+)
 from zivi.control.experiments import tracker_gains
 from zivi.control.gap_tracker import GapTracker
 from zivi.control.joint_observer import JointObserver
@@ -23,6 +30,7 @@ __all__ = [
     "GainDesign",
     "GapTracker",
     "ImpactObserver",
+    "InfeasibleError",
     "JointObserver",
     "MechanicalClosedLoop",
     "MechanicalController",
@@ -31,6 +39,7 @@ __all__ = [
     "RKPeriod",
     "ReferenceSample",
     "Striker",
+    "best_ratio",
     "design_regulator",
     "design_tracker",
     "reference_run",
@@ -39,3 +48,5 @@ __all__ = [
     "tracker_gains",
 ]
 __all__ += _twisting
+
+of_zivi(globals())

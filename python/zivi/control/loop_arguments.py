@@ -7,6 +7,7 @@ import inspect
 import math
 import numbers
 import warnings
+import weakref
 from collections.abc import Sequence
 from typing import Any
 
@@ -212,10 +213,26 @@ def interface_of(controller: Any) -> dict[str, bool]:
     """
     follows = hasattr(controller, "x_ref")
     has = {"x_ref": follows, "xdot_ref": hasattr(controller, "xdot_ref")}
+    step = controller.step
+    if not inspect.isbuiltin(step):
+        return has | _taken_by(controller, follows)
+    # the signature of a native step is text that Python parses: once for each class
+    known = _NATIVE.setdefault(type(step.__self__), {})
+    if follows not in known:
+        known[follows] = _taken_by(controller, follows)
+    return has | known[follows]
+
+
+_NATIVE: weakref.WeakKeyDictionary[type, dict[bool, dict[str, bool]]]
+_NATIVE = weakref.WeakKeyDictionary()
+
+
+def _taken_by(controller: Any, follows: bool) -> dict[str, bool]:
+    """Find what a step takes beside the sample."""
     try:
         signature = inspect.signature(controller.step)
     except (TypeError, ValueError):  # a builtin that does not tell
-        return has | {"force_ref": follows, "t": False}
+        return {"force_ref": follows, "t": False}
     kind = inspect.Parameter
     t = signature.parameters.get("t")
     timed = t is not None and t.kind in (kind.POSITIONAL_OR_KEYWORD, kind.KEYWORD_ONLY)
@@ -223,7 +240,7 @@ def interface_of(controller: Any) -> dict[str, bool]:
     for count in (4, 3) if follows else (3,):
         with contextlib.suppress(TypeError):
             signature.bind(*count * (0.0,), **named)
-            return has | {"force_ref": count == 4, "t": timed}
+            return {"force_ref": count == 4, "t": timed}
     more = "force_ref" if follows else "force_ref if it has an attribute x_ref"
     raise TypeError(
         f"controller.step must take (x, xdot, force), then {more}, then t if it wants the time; "

@@ -21,9 +21,12 @@ LISTED = 1000
 
 
 def sides(times: Array, impacts: Array) -> Array:
-    """Give the branch at `times`: 1, and the other after each impact."""
-    odd = np.searchsorted(impacts, times, side="right") % 2 == 1
-    return np.where(odd, -1.0, 1.0)
+    """Give the branch at `times`, which increase: 1, and the other after each impact."""
+    side = np.ones(len(times))
+    # the few impacts among the many times: each turns all that come after it
+    turned = np.bincount(np.searchsorted(times, impacts, side="left"), minlength=len(times) + 1)
+    side[np.cumsum(turned[:-1]) % 2 == 1] = -1.0
+    return side
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,6 +111,8 @@ def path_of(record: _zivi.LoopRecord, impacts: NDArray[np.void], wall: tuple[flo
 
 def _full(t: Array, impacts: NDArray[np.void]) -> Array:
     """Find the periods that list as many impacts as they may."""
+    if len(impacts) < LISTED:
+        return np.empty((0, 3))
     ends = np.searchsorted(impacts["t"], t, side="right")
     k = np.flatnonzero(np.diff(ends) >= LISTED)
     last = impacts[ends[k + 1] - 1]

@@ -1,5 +1,6 @@
 """Derivatives of runs: sensitivities, the impact map."""
 
+from zivi.base.former import of_zivi
 from zivi.derivatives.impact_map import ImpactMap, ImpactReturn, impact_map
 from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity
 from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity, sensitivity
@@ -13,3 +14,5 @@ __all__ = [
     "impact_map",
     "sensitivity",
 ]
+
+of_zivi(globals())

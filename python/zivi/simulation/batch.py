@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array
@@ -222,7 +222,7 @@ def _events(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
     listed, resolved = record.impacts, record.resolved_impacts
     zeno_times, liftoff_times = record.zeno_times, record.liftoff_times
     columns = (
-        _parts(listed, lambda flat: rows_of_impacts(flat.view(IMPACT)), 3),
+        _parts(listed, lambda flat: _rows_of_all(flat.view(IMPACT), listed), 3),
         _parts(zeno_times, lambda times: rows_of_events("zeno", times)),
         _parts(liftoff_times, lambda times: rows_of_events("liftoffs", times)),
         [rows.view(IMPACT) for rows in resolved],
@@ -230,10 +230,15 @@ def _events(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
         liftoff_times,
     )
     names = ("impacts", "zeno", "liftoffs", "resolved_impacts", "zeno_times", "liftoff_times")
-    events = [dict(zip(names, own, strict=True)) for own in zip(*columns, strict=True)]
-    for own in events:
-        own["impacts"]["group"] = np.arange(1, len(own["impacts"]) + 1)
-    return events
+    return [dict(zip(names, own, strict=True)) for own in zip(*columns, strict=True)]
+
+
+def _rows_of_all(impacts: NDArray[np.void], several: list[Array]) -> Any:
+    """Give the impacts of all runs, numbered anew in each."""
+    rows = rows_of_impacts(impacts)
+    counts = [len(flat) // 3 for flat in several]
+    rows["group"] -= np.repeat(np.cumsum([0, *counts[:-1]]), counts)
+    return rows
 
 
 def _parts(several: list[Array], table: Callable[[Array], Any], width: int = 1) -> list[Any]:

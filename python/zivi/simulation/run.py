@@ -318,7 +318,7 @@ def times_within(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
     times = real_array("t_eval", t_eval)
     if times.ndim != 1:
         raise ValueError(f"t_eval must be one-dimensional, got shape {times.shape}")
-    inside = np.all((times >= span[0]) & (times <= span[1]))
-    if not inside or np.any(np.diff(times) < 0):
+    inside = not len(times) or span[0] <= times[0] <= times[-1] <= span[1]
+    if not (inside and (times[1:] >= times[:-1]).all()):
         raise ValueError(f"t_eval must be increasing and within t_span = {span}")
     return times

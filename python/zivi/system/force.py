@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import functools
 import math
 import numbers
 import sys
@@ -40,8 +41,8 @@ class NativeForce:
 
     def _numbers(self) -> dict[str, float]:
         """Give the numbers by their names, in the order of the core."""
-        every = {it.name: getattr(self, it.name) for it in dataclasses.fields(self)}
-        return {name: value for name, value in every.items() if name != "excitation"}
+        kind: Any = type(self)
+        return {name: getattr(self, name) for name in _names_of(kind)}
 
     @property
     def _excitation(self) -> float | None:
@@ -50,6 +51,12 @@ class NativeForce:
 
     def _spec(self) -> _zivi.Force:
         return _zivi.Force.native(type(self).__name__, **self._numbers())
+
+
+@functools.cache
+def _names_of(kind: type[Any]) -> tuple[str, ...]:
+    """Name the fields of a force that are numbers."""
+    return tuple(it.name for it in dataclasses.fields(kind) if it.name != "excitation")
 
 
 @hinted("LinearForce")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
+
+import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
@@ -168,6 +171,8 @@ class ImpactSystem:
     def _breaks(self, span: tuple[float, float]) -> Array:
         """Give the knots of the tables within a span, which it must not leave."""
         excitation = getattr(self._force, "excitation", None)
+        if excitation is None and self._wall is None:
+            return _NONE
         return declared_breaks(span, [excitation], [self._wall])
 
     @property
@@ -192,7 +197,7 @@ class ImpactSystem:
     @property
     def law(self) -> ImpactLaw:
         """The impact law."""
-        return self._e if isinstance(self._e, ImpactLaw) else NewtonImpact(self._e)
+        return self._e if isinstance(self._e, ImpactLaw) else _newton(self._e)
 
     def _not_newton(self) -> str:
         return (
@@ -205,6 +210,17 @@ class ImpactSystem:
         wall = "" if self._wall is None else f", wall={self._wall!r}"
         friction = "" if self._friction is None else f", friction={self._friction!r}"
         return f"ImpactSystem(force={self._force!r}, e={self._e!r}{kappa}{wall}{friction})"
+
+
+_NONE = np.empty(0)
+"""No times at which a force jumps."""
+_NONE.flags.writeable = False
+
+
+@functools.lru_cache(maxsize=256)
+def _newton(e: float) -> NewtonImpact:
+    """Give the law of a coefficient, of which diagrams have the same again and again."""
+    return NewtonImpact(e)
 
 
 def in_wall_frame(system: ImpactSystem, spec: _zivi.Force) -> _zivi.Force:

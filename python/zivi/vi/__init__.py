@@ -1,5 +1,6 @@
 """Variational inequalities on a box, or mixed complementarity problems."""
 
+from zivi.base.former import of_zivi
 from zivi.vi.complementarity import Equilibrium, bimatrix, solve_lcp, solve_ncp
 from zivi.vi.derivatives import VIDerivative, solution_derivative
 from zivi.vi.jacobian import JacobianError, check_jacobian
@@ -24,3 +25,5 @@ __all__ = [
     "solve_ncp",
     "solve_vi",
 ]
+
+of_zivi(globals())

@@ -71,22 +71,20 @@ fn solve_inside(at: &mut Iterate<'_, '_>, shift: f64) -> Outcome<bool> {
         };
     }
     let held = &*pivotal.held;
-    let is_inside = |j: usize| held.get(j) == Some(&INSIDE);
-    let (mut size, mut filled) = (0, 0);
-    for i in (0..n).filter(|&i| is_inside(i)) {
+    let size = dense::list(n, |i| held.get(i) == Some(&INSIDE), pivotal.members);
+    let members = pivotal.members.get(..size).unwrap_or(&[]);
+    let rows = pivotal.inverse.chunks_exact_mut(size.max(1));
+    for (k, (&i, inner)) in members.iter().zip(rows).enumerate() {
         let row = dense::row(work.jacobian, n, i);
         let constant = -dense::at(work.f, i) - dense::dot(row, work.step);
-        dense::put(pivotal.values, size, constant);
-        for (j, &entry) in row.iter().enumerate().filter(|&(j, _)| is_inside(j)) {
-            dense::put(pivotal.inverse, filled, if i == j { entry + shift } else { entry });
-            filled += 1;
-        }
-        size += 1;
+        dense::put(pivotal.values, k, constant);
+        dense::pick(inner, row, members);
+        let diagonal = dense::at(inner, k) + shift;
+        dense::put(inner, k, diagonal);
     }
     at.budget.spend_on_factors(size);
-    let matrix = pivotal.inverse.get_mut(..filled).unwrap_or(&mut []);
-    let poll = &mut || at.problem.poll();
-    if dense::factor(matrix, size, pivotal.members, poll)? <= 0.0 {
+    let matrix = pivotal.inverse.get_mut(..size * size).unwrap_or(&mut []);
+    if at.problem.factor(matrix, size, pivotal.members)? <= 0.0 {
         return Ok(false);
     }
     let inside = pivotal.values.get_mut(..size).unwrap_or(&mut []);

@@ -70,6 +70,23 @@ pub(super) fn axpy(y: &mut [f64], a: f64, x: &[f64]) {
     y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
 }
 
+/// Lists which of `0..n` are in a set; how many there are.
+#[inline]
+pub(super) fn list(n: usize, holds: impl Fn(usize) -> bool, to: &mut [usize]) -> usize {
+    let mut size = 0;
+    for i in (0..n).filter(|&i| holds(i)) {
+        put(to, size, i);
+        size += 1;
+    }
+    size
+}
+
+/// `to_k <- v_j` for the `k`-th `j` of a list.
+#[inline]
+pub(super) fn pick(to: &mut [f64], v: &[f64], list: &[usize]) {
+    to.iter_mut().zip(list).for_each(|(to, &j)| *to = at(v, j));
+}
+
 /// `v_i <- s_i v_i`.
 #[inline]
 pub(super) fn scale(v: &mut [f64], scale: &[f64]) {
@@ -114,8 +131,11 @@ pub(super) fn is_time_to_poll(step: usize, n: usize) -> bool {
 
 /// Overwrites the leading `k x k` matrix (row length `k`) by its factors `P A = L U` with partial
 /// pivoting on rows of comparable size; returns `min |u_ii| / max |u_ii|`, 0 when singular. Zeros
-/// outside a band cost nothing but a look. `poll` may stop it.
-pub(super) fn factor<E>(
+/// outside a band cost nothing but a look.
+///
+/// # Errors
+/// Those of `poll`, which is called now and then.
+pub fn factor<E>(
     matrix: &mut [f64],
     k: usize,
     permutation: &mut [usize],

@@ -77,8 +77,7 @@ pub(super) fn step(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
 fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<bool> {
     let n = at.n();
     at.budget.spend_on_factors(n);
-    let poll = &mut || at.problem.poll();
-    poll()?;
+    at.problem.poll()?;
     let work = &mut *at.work;
     let matrix = &mut *work.pivotal.inverse;
     if weight == 0.0 {
@@ -90,6 +89,7 @@ fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<bool> {
         work.step.iter_mut().zip(work.phi.iter()).for_each(|(d, phi)| *d = -phi);
     } else {
         let slopes = (&*work.slope_z, &*work.slope_f);
+        let poll = &mut || at.problem.poll();
         normal_matrix(matrix, work.jacobian, slopes, work.pivotal.column, poll)?;
         let largest = (0..n).fold(0.0, |size, i| f64::max(size, dense::at(matrix, i * n + i)));
         for i in 0..n {
@@ -98,7 +98,7 @@ fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<bool> {
         }
         work.step.iter_mut().zip(work.gradient.iter()).for_each(|(d, g)| *d = -g);
     }
-    if dense::factor(matrix, n, work.pivotal.members, poll)? <= 0.0 {
+    if at.problem.factor(matrix, n, work.pivotal.members)? <= 0.0 {
         return Ok(false);
     }
     dense::solve(matrix, n, work.pivotal.members, work.step);

@@ -159,8 +159,7 @@ fn inside_direction(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outcom
         }
         dense::put(work.step, i, if inside { -dense::at(work.trial_f, i) } else { 0.0 });
     }
-    let poll = &mut || at.problem.poll();
-    let regular = dense::factor(work.pivotal.inverse, n, work.pivotal.members, poll)? > 0.0;
+    let regular = at.problem.factor(work.pivotal.inverse, n, work.pivotal.members)? > 0.0;
     if regular {
         dense::solve(work.pivotal.inverse, n, work.pivotal.members, work.step);
     }

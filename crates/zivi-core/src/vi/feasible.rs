@@ -31,6 +31,9 @@ fn stays_below_zero(at: &Iterate<'_, '_>, i: usize, sign: f64) -> bool {
         if slope != 0.0 {
             let rise = slope * if slope > 0.0 { upper - z } else { lower - z };
             most += rise;
+            if most == f64::INFINITY {
+                return false;
+            }
             size += rise.abs() + (entry * z).abs();
         }
     }

@@ -30,18 +30,14 @@ fn pivot_ratio_inside(at: &mut Iterate<'_, '_>) -> Outcome<f64> {
         let target = dense::at(at.z, i) - dense::at(work.f, i);
         lower < upper && lower - tol <= target && target <= upper + tol
     };
-    let matrix = &mut *work.pivotal.inverse;
-    let (mut size, mut filled) = (0, 0);
-    for i in (0..n).filter(|&i| is_inside(i)) {
-        let row = dense::row(work.jacobian, n, i);
-        let inside = || row.iter().enumerate().filter(|&(j, _)| is_inside(j)).map(|(_, a)| *a);
-        let scale = inside().fold(0.0, |scale: f64, a| scale.max(a.abs()));
-        for entry in inside() {
-            dense::put(matrix, filled, if scale > 0.0 { entry / scale } else { 0.0 });
-            filled += 1;
-        }
-        size += 1;
+    let pivotal = &mut work.pivotal;
+    let size = dense::list(n, is_inside, pivotal.members);
+    let members = pivotal.members.get(..size).unwrap_or(&[]);
+    for (&i, inner) in members.iter().zip(pivotal.inverse.chunks_exact_mut(size.max(1))) {
+        dense::pick(inner, dense::row(work.jacobian, n, i), members);
+        let scale = dense::norm(inner);
+        inner.iter_mut().for_each(|entry| *entry = if scale > 0.0 { *entry / scale } else { 0.0 });
     }
-    let leading = matrix.get_mut(..filled).unwrap_or(&mut []);
-    dense::factor(leading, size, work.pivotal.members, &mut || at.problem.poll())
+    let leading = pivotal.inverse.get_mut(..size * size).unwrap_or(&mut []);
+    at.problem.factor(leading, size, pivotal.members)
 }

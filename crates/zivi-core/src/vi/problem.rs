@@ -41,6 +41,20 @@ pub trait Problem {
         Ok(())
     }
 
+    /// Overwrites a `k x k` matrix by its factors, as [`super::factor`] does: for those who are faster
+    /// at large ones.
+    ///
+    /// # Errors
+    /// [`Interruption`], as of [`Problem::poll`].
+    fn factor(
+        &mut self,
+        matrix: &mut [f64],
+        k: usize,
+        permutation: &mut [usize],
+    ) -> Result<f64, Interruption> {
+        dense::factor(matrix, k, permutation, &mut || self.poll())
+    }
+
     /// Called after every iteration.
     ///
     /// # Errors

@@ -181,9 +181,8 @@ fn newton_step(at: &mut Iterate<'_, '_>, mu: f64) -> Outcome<Option<(f64, f64)>>
         }
     }
     at.budget.spend_on_factors(n);
-    let poll = &mut || at.problem.poll();
     let work = &mut *at.work;
-    if dense::factor(work.pivotal.inverse, n, work.pivotal.members, poll)? <= 0.0 {
+    if at.problem.factor(work.pivotal.inverse, n, work.pivotal.members)? <= 0.0 {
         return Ok(None);
     }
     dense::solve(work.pivotal.inverse, n, work.pivotal.members, work.step);

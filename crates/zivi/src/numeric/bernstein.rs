@@ -116,6 +116,7 @@ impl<const M: usize> Polynomial<M> {
     }
 
     /// `a_0 + a_1 theta + ...` with `M` coefficients.
+    #[inline(always)]
     pub(crate) fn from_powers(a: [f64; M]) -> Self {
         // c_j = sum_i binom(j, i)/binom(M - 1, i) a_i, by repeated sums
         let mut c = a;
@@ -153,6 +154,7 @@ impl<const M: usize> Polynomial<M> {
     }
 
     /// The derivative, as a polynomial of the same degree.
+    #[inline(always)]
     pub(crate) fn derivative(&self) -> Self {
         // n (c_(j+1) - c_j), of a degree less, raised by one
         let (mut d, mut before, mut after) = ([0.0; M], 0.0, self.n as f64);
@@ -166,6 +168,7 @@ impl<const M: usize> Polynomial<M> {
     }
 
     /// The same times a number.
+    #[inline(always)]
     pub(crate) fn times(mut self, factor: f64) -> Self {
         self.c.iter_mut().for_each(|c| *c *= factor);
         self

@@ -9,6 +9,7 @@ pub(crate) mod elimination;
 pub(crate) mod first_root;
 pub mod grid;
 pub(crate) mod linear_map;
+pub mod lu;
 pub(crate) mod power_series;
 pub(crate) mod probes;
 pub(crate) mod real;

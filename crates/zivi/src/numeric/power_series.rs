@@ -18,7 +18,7 @@ fn joined(p: Lanes, s: f64) -> f64 {
 }
 
 /// The value of a series.
-#[inline]
+#[inline(always)]
 pub(crate) fn value(a: &Series, s: f64) -> f64 {
     let (s2, mut sums) = (s * s, [0.0; LANES]);
     let s4 = s2 * s2;
@@ -94,6 +94,7 @@ pub(crate) fn of_few<const N: usize>(a: &[f64; N], s: f64) -> [f64; 2] {
     [p[0] + s * p[1], p[1] + 2.0 * s * (d[0] + s * d[1])]
 }
 
+#[inline(always)]
 pub(crate) fn derivative(a: &Series) -> Series {
     let mut d = [0.0; TERMS];
     for (n, d) in d.iter_mut().enumerate().take(TERMS - 1) {

@@ -49,18 +49,24 @@ impl Curve {
         self.start + self.h
     }
 
+    #[inline]
     pub(super) fn at(&self, t: f64) -> PathPoint {
-        let theta = theta(t, self.start, self.h);
-        let (x, xdot) = match &self.form {
-            Form::Both([x, xdot]) => (x.at(theta), xdot.at(theta)),
-            Form::Powers(a, xdot, _) => {
+        self.moving().at(t)
+    }
+
+    /// The motion, for one time after the other.
+    #[inline(always)]
+    pub(super) fn moving(&self) -> Moving<'_> {
+        let later = match &self.form {
+            Form::Both(_) => [0.0; TERMS],
+            Form::Powers(a, ..) => {
                 // exactly the state at the start
                 let mut later = derivative(a);
                 later[0] = 0.0;
-                (value(a, theta), xdot + value(&later, theta) / self.h)
+                later
             }
         };
-        PathPoint { x: x.max(0.0), xdot, sigma: self.sigma }
+        Moving { curve: self, later }
     }
 
     /// Whether it ends at the wall.
@@ -93,6 +99,7 @@ impl Curve {
 
     /// The way from the start and the velocity in Bernstein form, the velocity by differences of
     /// the way where it is not known apart from that: for a drawing.
+    #[inline(always)]
     pub(super) fn outline(&self) -> (f64, [Polynomial<TERMS>; 2]) {
         match &self.form {
             Form::Both(_) => (0.0, [self.position(), self.velocity()]),
@@ -115,6 +122,26 @@ impl Curve {
     }
 }
 
+/// A curve, and the powers of its velocity beyond that at the start.
+pub(super) struct Moving<'a> {
+    curve: &'a Curve,
+    later: Series,
+}
+
+impl Moving<'_> {
+    #[inline(always)]
+    pub(super) fn at(&self, t: f64) -> PathPoint {
+        let Curve { start, h, sigma, form } = self.curve;
+        let theta = theta(t, *start, *h);
+        let (x, xdot) = match form {
+            Form::Both([x, xdot]) => (x.at(theta), xdot.at(theta)),
+            Form::Powers(a, xdot, _) => (value(a, theta), xdot + value(&self.later, theta) / h),
+        };
+        PathPoint { x: x.max(0.0), xdot, sigma: *sigma }
+    }
+}
+
+#[inline(always)]
 fn theta(t: f64, start: f64, h: f64) -> f64 {
     ((t - start) / h).clamp(0.0, 1.0)
 }
@@ -276,6 +303,7 @@ impl DensePath {
     }
 
     /// The motion of a segment in flight.
+    #[inline]
     pub(super) fn curve(&self, segment: &Segment) -> Option<Curve> {
         let (form, h) = match segment.kind {
             Kind::Flight { first, degree, h } => {

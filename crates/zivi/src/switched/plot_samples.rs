@@ -7,6 +7,8 @@
 
 use std::collections::TryReserveError;
 
+use pulp::{Simd, WithSimd};
+
 use super::flight::series::TERMS;
 use super::path::{Curve, DensePath, Kind, Segment};
 use crate::numeric::bernstein::Polynomial;
@@ -40,16 +42,36 @@ pub(super) type Row = [f64; 4];
 /// # Errors
 /// There is no room for them.
 pub(super) fn between_steps(path: &DensePath) -> Result<Vec<Row>, TryReserveError> {
+    pulp::Arch::new().dispatch(Between(path))
+}
+
+/// [`between_steps`], compiled for the vectors that the machine has.
+struct Between<'a>(&'a DensePath);
+
+impl WithSimd for Between<'_> {
+    type Output = Result<Vec<Row>, TryReserveError>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        draw(self.0)
+    }
+}
+
+#[inline(always)]
+fn draw(path: &DensePath) -> Result<Vec<Row>, TryReserveError> {
     let mut outlines = Vec::new();
-    for (curve, end) in flights(path) {
-        outlines.try_reserve(1)?;
-        outlines.push(Polyline::of(&curve, end));
+    outlines.try_reserve_exact(path.segments.len())?;
+    for (segment, end) in segments(path) {
+        if let Some(curve) = path.curve(&segment) {
+            outlines.push(Polyline::of(&curve, end));
+        }
     }
     let scale = Scale::of(&outlines);
     let wanted: f64 = outlines.iter().map(|it| scale.parts(it)).sum();
     let share = (BUDGET / wanted).min(1.0);
-    let mut outlines = outlines.iter();
     let mut rows = Vec::new();
+    rows.try_reserve_exact((share * wanted) as usize + path.segments.len())?;
+    let mut outlines = outlines.iter();
     for (segment, end) in segments(path) {
         match segment.kind {
             Kind::Rest => (),
@@ -73,10 +95,6 @@ fn segments(path: &DensePath) -> impl Iterator<Item = (Segment, f64)> + '_ {
     path.segments.iter().copied().zip(starts.chain(Some(last)))
 }
 
-fn flights(path: &DensePath) -> impl Iterator<Item = (Curve, f64)> + '_ {
-    segments(path).filter_map(|(segment, end)| path.curve(&segment).map(|curve| (curve, end)))
-}
-
 /// What a drawing needs to know of a flight.
 #[derive(Clone, Copy)]
 struct Polyline {
@@ -89,6 +107,7 @@ struct Polyline {
 }
 
 impl Polyline {
+    #[inline(always)]
     fn of(curve: &Curve, end: f64) -> Self {
         /// What may be rounding, relative to the largest coefficient.
         const ROUNDING: f64 = 1e-12;
@@ -111,6 +130,7 @@ struct Bend {
 }
 
 impl Bend {
+    #[inline(always)]
     fn of(p: &Form) -> Self {
         // comparisons that drop NaN
         let smaller = |a: f64, b: f64| if b < a { b } else { a };
@@ -162,6 +182,7 @@ impl Scale {
     }
 }
 
+#[inline(always)]
 fn draw_flight(
     curve: &Curve,
     end: f64,
@@ -171,8 +192,13 @@ fn draw_flight(
     let first = rows.len();
     rows.try_reserve(parts as usize + TERMS)?;
     let length = end - curve.start;
-    let inside = (1..parts as usize).map(|k| curve.start + k as f64 / parts * length);
-    rows.extend(inside.filter(|&t| curve.start < t && t < end).map(|t| row(t, curve.at(t))));
+    let moving = curve.moving();
+    for k in 1..parts as usize {
+        let t = curve.start + k as f64 / parts * length;
+        if curve.start < t && t < end {
+            rows.push(row(t, moving.at(t)));
+        }
+    }
     let apexes = if turns { apexes(curve) } else { Vec::new() };
     for apex in apexes.into_iter().filter(|&t| curve.start < t && t < end) {
         let at = first + rows[first..].partition_point(|row| row[0] < apex);

@@ -93,8 +93,8 @@ impl LoopRecord {
         let reference = reference.unwrap_or(none);
         let [a, b, c, d, e, f] = controller.signs();
         let row = [t, state.x, state.xdot, reference.x, reference.xdot, u, a, b, c, d, e, f];
-        for (column, value) in self.columns.iter_mut().zip(row) {
-            column.push(value);
+        for (column, value) in self.columns.iter_mut().zip(&row) {
+            column.push(*value);
         }
         self.ticks.push(tick);
     }
