@@ -254,30 +254,47 @@ def solved(p: Problem, **options: Any) -> zivi.VIResult:
     return zivi.solve_vi(p.F, p.lower, p.upper, p.x0, jac=p.jac, options=chosen, time_limit=20)
 
 
+@dataclasses.dataclass
+class Count:
+    """What came of the problems of a family."""
+
+    drawn: int = 0
+    solved: int = 0
+    false: int = 0
+    """Called solved without being it."""
+    pivots: int = 0
+    seconds: float = 0.0
+    stages: dict[str, int] = dataclasses.field(default_factory=dict)
+
+
+def counted(name: str, each: int, **options: Any) -> Count:
+    """Solve `each` problems of every size of a family."""
+    count, began = Count(), time.process_time()
+    for p in draws(name, each):
+        with np.errstate(all="ignore"):
+            res = solved(p, **options)
+            r = residual(p, res.x)
+        count.drawn += 1
+        count.solved += res.success
+        count.pivots += res.n_pivots
+        limit = 1.01 * max(res.tolerance, 1e-9) + rounding(p, res.x)
+        count.false += bool(res.success and not r <= limit)
+        stage = res.stage if res.success else "-"
+        count.stages[stage] = count.stages.get(stage, 0) + 1
+    count.seconds = time.process_time() - began
+    return count
+
+
 def main(each: int, **options: Any) -> None:
     """Print a line for each family."""
-    total = [0, 0]
+    solved_, drawn = 0, 0
     for name in FAMILIES:
-        found, count, false, began = 0, 0, 0, time.process_time()
-        stages: dict[str, int] = {}
-        for p in draws(name, each):
-            with np.errstate(all="ignore"):
-                res = solved(p, **options)
-                r = residual(p, res.x)
-            found += res.success
-            count += 1
-            false += bool(
-                res.success and not r <= 1.01 * max(res.tolerance, 1e-9) + rounding(p, res.x)
-            )
-            stages[res.stage if res.success else "-"] = (
-                stages.get(res.stage if res.success else "-", 0) + 1
-            )
-        took = time.process_time() - began
-        total[0] += found
-        total[1] += count
-        told = " ".join(f"{k}:{v}" for k, v in sorted(stages.items()))
-        print(f"{name:14} {found:4} / {count}  false {false}  {took:7.2f} s  {told}", flush=True)
-    print("all", *total)
+        it = counted(name, each, **options)
+        solved_, drawn = solved_ + it.solved, drawn + it.drawn
+        told = " ".join(f"{k}:{v}" for k, v in sorted(it.stages.items()))
+        print(f"{name:14} {it.solved:4} / {it.drawn}  false {it.false}  pivots {it.pivots}"
+              f"  {it.seconds:7.2f} s  {told}", flush=True)  # fmt: skip
+    print("all", solved_, drawn)
 
 
 if __name__ == "__main__":

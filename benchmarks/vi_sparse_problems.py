@@ -16,6 +16,14 @@ import large_vi
 Array = Any
 
 
+def two_sided(n: int, seed: int = 0) -> large_vi.Linear:
+    """Hang a membrane on an `n` x `n` grid under a random load between two obstacles."""
+    x, y = large_vi.grid(n)
+    middle = np.sin(3 * x) * np.sin(5 * y)
+    q = 0.05 * np.random.default_rng(seed).normal(size=n * n)
+    return large_vi.Linear(large_vi.laplacian(n), q, middle - 0.05, middle + 0.05)
+
+
 def transport(k: int, seed: int = 0) -> large_vi.Linear:
     """Pose a linear program of `k` sources and `k` sinks with its prices: skew and degenerate.
 

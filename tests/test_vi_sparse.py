@@ -83,10 +83,7 @@ def test_equal_to_the_dense_solver_on_grids():
 
 
 def test_a_membrane_between_two_obstacles_needs_no_pivots():
-    x, y = large.grid(24)
-    mid = np.sin(3 * x) * np.sin(5 * y)
-    rng = np.random.default_rng(0)
-    p = large.Linear(large.laplacian(24), 0.05 * rng.normal(size=576), mid - 0.05, mid + 0.05)
+    p = vi_sparse_problems.two_sided(24)
     res = zivi.solve_avi(*p)
     assert res.success
     assert res.n_pivots == 0
