@@ -7,8 +7,8 @@ In contact both move as one, and the teeth press with ``L + Re(Z F e^(i omega t)
     Z = (-J2 omega^2 + i c2 omega) / (k - (J1 + J2) omega^2 + i (c1 + c2) omega),
 
 so that the orbit in contact ends at ``F = L/|Z|``. The branch of that orbit finds its end by the
-force of the contact, and the curve of the ends follows the formula over the frequency, past the
-resonance. Beyond it the gears rattle, as runs over the force show.
+force of the contact, and the curve of the ends follows the formula over the frequency, above
+the resonance. Beyond it the gears rattle, as runs over the force show.
 
 Run as ``python examples/mechanics_gear_orbits.py [out.png]``.
 """
