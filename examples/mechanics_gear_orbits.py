@@ -26,11 +26,15 @@ SPANS = ((0.05, 1.6), (0.9, 3.0))
 
 def gears(force: float, omega: float = OMEGA) -> zivi.LinearSystem:
     """Give both wheels."""
+    loads: list[np.ndarray | zivi.Harmonic] = [
+        np.array([0.0, -L]),
+        zivi.Harmonic([force, 0.0], omega),
+    ]
     return zivi.LinearSystem(
         np.diag(J),
         np.diag(C),
         np.diag([K, 0.0]),
-        excitation=[np.array([0.0, -L]), zivi.Harmonic([force, 0.0], omega)],
+        excitation=loads,
         gaps=[
             zivi.LinearGap([-1.0, 1.0], 0.0, name="front"),
             zivi.LinearGap([1.0, -1.0], BACKLASH, name="back"),
@@ -59,12 +63,13 @@ def in_contact() -> zivi.MechanicalBranch:
     return zivi.continue_orbit(settled(0.6 * end), "F", (0.3 * end, 1.5 * end))
 
 
-def rattling(values: np.ndarray) -> object:
+def rattling(values: np.ndarray) -> zivi.Diagram:
     """Let the gears settle at each force: speeds after impacts on the front of the teeth."""
     at = -L / K
     starts = np.array([[at, at], [0.1, 0.0]])
-    options = {"gap": "front", "transient": 60, "keep": 12}
-    return zivi.bifurcation_diagram(gears(1.0), "F", values, starts=starts, **options)
+    return zivi.bifurcation_diagram(
+        gears(1.0), "F", values, starts=starts, gap="front", transient=60, keep=12
+    )
 
 
 def main(path: str = "gear_orbits.png") -> None:

@@ -408,8 +408,9 @@ def test_the_page():
     program, mechanical = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     names = {"np": np, "zivi": zivi}
     exec(mechanical, names)
-    assert names["blocks"].success.all()
-    assert names["blocks"].sample_q.shape == (50, 301, 2)
+    assert names["falls"].success.all()
+    assert names["falls"].sample_q.shape == (50, 301, 1)
+    assert (names["falls"].n_zeno > 0).all()
     names = {}
     exec(program, names)
     (told,) = re.findall(r"print\(batch\)  # (.*)", program)

@@ -23,8 +23,8 @@ def test_the_market_clears(capsys):
     assert np.abs(flow * loss).max() < 1e-8
     shipped = [f"{value:.4f}" for value in flow[flow > 0]]
     at_a_loss = [f"{value:.2f}" for value in loss[flow == 0]]
-    assert tuple(shipped) == re.findall(r"\((\d+\.\d{4}) and (\d+\.\d{4}),", PAGE)[0]
-    assert tuple(at_a_loss) == re.findall(r"loss of (\d\.\d+) and (\d\.\d+) a", PAGE)[0]
+    assert tuple(shipped) == re.findall(r"(\d+\.\d{4}) and (\d+\.\d{4}) units", PAGE)[0]
+    assert tuple(at_a_loss) == re.findall(r"loss of (\d\.\d+) and (\d\.\d+) a unit", PAGE)[0]
     assert "region 0 -> city 0" in capsys.readouterr().out
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import math
 import pickle
+import sys
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import zivi
 from orbit_systems import chain2, listed
 from test_api import RESULTS
 from zivi import interop
+from zivi.base.former import FORMER
 from zivi.orbits.mechanical.two_parameters import CodimensionTwo
 
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
@@ -227,3 +229,10 @@ def test_integers_beyond_64_bits_are_refused_by_name(name, size):
         return  # any is one
     with pytest.raises((ValueError, TypeError), match=name.strip()):
         INTEGERS[name](SIZES[size])
+
+
+def test_modules_under_former_names_travel():
+    cloudpickle = pytest.importorskip("cloudpickle")
+    for former in FORMER:
+        module = sys.modules[f"zivi.{former}"]
+        assert pickle.loads(cloudpickle.dumps(module)) is module

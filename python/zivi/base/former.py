@@ -64,6 +64,10 @@ class _Former(types.ModuleType):
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         return getattr(importlib.import_module(self._now), name)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # cloudpickle takes along the modules that a function names, this one among them
+        return importlib.import_module, (self.__name__,)
+
 
 def hand_on(names: Mapping[str, str] = FORMER) -> None:
     """Let `import` and pickles find modules under their former names."""
