@@ -3,43 +3,26 @@
 mod vi_support;
 
 use vi_support::{p_matrix, planted, residual, solve, Maps, Random};
-use zivi_core::vi::{Affine, Settings, Stage, Start};
+use zivi_core::vi::{Affine, Settings, Stage};
 
-const NONE: Settings<'static> = Settings {
-    josephy_newton: false,
-    smoothing: false,
-    semismooth: false,
-    proximal: false,
-    restarts: 0,
-    enumerate_up_to: 0,
-    ..DEFAULT
-};
-const DEFAULT: Settings<'static> = Settings {
-    tol: 1e-9,
-    rtol: 0.0,
-    row_scale: zivi_core::vi::RowScale::Unit,
-    max_iterations: 10_000,
-    stage_iterations: 200,
-    max_pivots: None,
-    total_pivots: None,
-    line_search: true,
-    memory: 8,
-    descent_steps: true,
-    active_set: true,
-    first_start: Start::Regular,
-    josephy_newton: true,
-    smoothing: true,
-    semismooth: true,
-    proximal: true,
-    restarts: 8,
-    enumerate_up_to: 6,
-    test_isolation: false,
-};
+/// No stage but those before Newton's methods.
+fn none() -> Settings<'static> {
+    Settings {
+        josephy_newton: false,
+        smoothing: false,
+        semismooth: false,
+        proximal: false,
+        restarts: 0,
+        enumerate_up_to: 0,
+        test_isolation: false,
+        ..Settings::default()
+    }
+}
 
 /// The smoothing Newton method takes a handful of factorisations, whatever the size and the scale.
 #[test]
 fn smoothing_solves_affine_problems_in_few_steps() {
-    let settings = Settings { smoothing: true, ..NONE };
+    let settings = Settings { smoothing: true, ..none() };
     for seed in 0..120 {
         let mut random = Random::new(seed);
         let n = 2 + random.below(30);
@@ -59,7 +42,7 @@ fn smoothing_solves_affine_problems_in_few_steps() {
 /// Monotone, without a strict part: the set of active bounds shows late.
 #[test]
 fn smoothing_solves_skew_problems() {
-    let settings = Settings { smoothing: true, ..NONE };
+    let settings = Settings { smoothing: true, ..none() };
     let mut steps = Vec::new();
     for seed in 0..60 {
         let mut random = Random::new(seed);
@@ -121,10 +104,10 @@ fn monotone(seed: u64, settings: &Settings<'_>) -> (zivi_core::vi::Report, f64) 
 #[test]
 fn each_stage_solves_monotone_problems_alone() {
     let alone = [
-        (Stage::JosephyNewton, Settings { josephy_newton: true, ..NONE }),
-        (Stage::Smoothing, Settings { smoothing: true, ..NONE }),
-        (Stage::Semismooth, Settings { semismooth: true, ..NONE }),
-        (Stage::Proximal, Settings { proximal: true, ..NONE }),
+        (Stage::JosephyNewton, Settings { josephy_newton: true, ..none() }),
+        (Stage::Smoothing, Settings { smoothing: true, ..none() }),
+        (Stage::Semismooth, Settings { semismooth: true, ..none() }),
+        (Stage::Proximal, Settings { proximal: true, ..none() }),
     ];
     for (stage, settings) in alone {
         for seed in 0..60 {
