@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+import sympy
 
 import zivi
 import zivi.files
@@ -80,9 +81,34 @@ def test_symbolic_inputs_may_depend_on_coordinates_and_parameters():
     assert other.control_inputs(q).at(q)[1, 0] == 2.0
     run = zivi.simulate_closed_loop(other, Constant(1.0), (0, 0.5), (q, [0, 0]))
     assert run.qdot[-1, 1] == pytest.approx(1.0, rel=1e-10)
-    for wrong in ({"u": [1]}, {"u": ["xdot", 1]}, ["x"]):
+    for wrong in ({"u": [1]}, {"u": ["xdot", 1]}, ["x"], [["x", 1], [0]], []):
         with pytest.raises((ValueError, TypeError), match="inputs"):
             zivi.symbolic.system("x phi", T="xdot**2 + phidot**2", inputs=wrong)
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        np.array([[1.0, 0.5], [0.0, 2.0]]),
+        sympy.Matrix([[1, 0.5], [0, 2]]),
+        [["cos(0)", "r"], [0, "4*r"]],
+        lambda q: [[1.0, 0.5], [0.0, 2.0]],
+    ],
+)
+def test_symbolic_inputs_may_be_a_matrix_or_a_function(inputs):
+    asked = {"T": "xdot**2/2 + ydot**2/2", "parameters": {"r": 0.5}, "inputs": inputs}
+    system = zivi.symbolic.system("x y", **asked).replace(r=0.5)
+    run = zivi.simulate_closed_loop(system, Constant(3.0, 4.0), (0, 1), ([0, 0], [0, 0]))
+    np.testing.assert_allclose(run.q[-1], [0.5 * 5.0, 0.5 * 8.0], rtol=1e-12)
+    assert run.control_names == ("u0", "u1")
+
+
+def test_a_loop_warns_of_a_controller_that_predicts_over_another_delay():
+    ctl = zivi.GapTracker(ball(), h=1e-2, gains={"floor": (30, 17)}, delay=2)
+    with pytest.warns(zivi.ModelWarning, match="delay = 2, the loop has delay = 3") as seen:
+        zivi.simulate_closed_loop(ball(), ctl, (0, 0.1), ([0.1], [0]), delay=3)
+    assert seen[0].filename == __file__
+    zivi.simulate_closed_loop(ball(), ctl, (0, 0.1), ([0.1], [0]), delay=2)
 
 
 def test_controls_act_late_and_measurements_are_noisy_and_rounded():

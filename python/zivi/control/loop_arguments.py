@@ -110,6 +110,13 @@ def check_delay(delay: Any) -> int:
     return int(delay)
 
 
+def check_predicted(own: int, delay: int, stacklevel: int = 3) -> None:
+    """Warn of a controller that predicts over another delay than the loop's."""
+    if own and own != delay:
+        text = f"the controller predicts over delay = {own}, the loop has delay = {delay}"
+        warnings.warn(text, ModelWarning, stacklevel=stacklevel)
+
+
 def check_ahead(controller: Any, delay: int, noise: float = 0.0, stacklevel: int = 3) -> None:
     """Warn of a landing that does not look as far ahead as its control is late.
 
@@ -120,9 +127,8 @@ def check_ahead(controller: Any, delay: int, noise: float = 0.0, stacklevel: int
     own = getattr(it, "delay", 0) if isinstance(controller, CONTROLLERS) else 0
     text = ""
     if own:
-        if own != delay:
-            text = f"the controller predicts over delay = {own}, the loop has delay = {delay}"
-    elif not (delay and isinstance(controller, CONTROLLERS) and getattr(it, "landing", False)):
+        return check_predicted(own, delay, stacklevel + 1)
+    if not (delay and isinstance(controller, CONTROLLERS) and getattr(it, "landing", False)):
         return
     elif it.ahead < 1 + delay:
         text = f"a landing may never rest: ahead = {it.ahead}, but 1 + delay = {1 + delay}"

@@ -18,6 +18,7 @@ from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_arguments import (
     check_delay,
     check_not_negative,
+    check_predicted,
     check_seed,
     described,
     period_of,
@@ -132,6 +133,7 @@ def simulate_mechanical(
     own = controller
     controller = copied(controller)
     ahead = int(getattr(controller, "delay", 0))
+    check_predicted(ahead, periods, stacklevel=4)
     asked_at = times_ahead(times, h, ahead, reference)
     given = reference_of(reference, asked_at, system.gap_names, q)
     check_reference(controller, given, model, q, qdot, reference)

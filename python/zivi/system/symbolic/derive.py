@@ -68,7 +68,7 @@ def derive(
     *,
     qdot: Any,
     rubbing: Rubbing = NO_FRICTION,
-    inputs: Mapping[str, Any] | None = None,
+    inputs: Any = None,
 ) -> Derived:
     r"""Derive the equations of motion and the derivatives of the gaps, and of the slip speeds.
 
@@ -124,8 +124,8 @@ def derive(
         found = tuple(sound(sympy.sympify(entry)) for entry in entries)
     except FormulaError as error:
         raise FormulaError(f"T, V, Q and gaps: {error}") from None
-    channels, matrix = tuple(slip.channel for slip in slips), _inputs(words, inputs or {})
-    controls = tuple(str(name) for name in inputs or {})
+    channels, columns = tuple(slip.channel for slip in slips), _columns(inputs, n)
+    controls, matrix = tuple(columns), _inputs(words, columns)
     return Derived(found, words.names, tuple(named), values, channels, controls, matrix)
 
 
@@ -253,10 +253,23 @@ def _forces(words: _Words, Q: Any) -> Sequence[Any]:
     return entries
 
 
-def _inputs(words: _Words, inputs: Mapping[str, Any]) -> tuple[Any, ...]:
+def _columns(inputs: Any, n: int) -> dict[str, Any]:
+    """Give the columns of the controls by name, of a dict or a matrix row by row."""
+    if inputs is None or isinstance(inputs, Mapping):
+        return {str(name): column for name, column in (inputs or {}).items()}
+    if hasattr(inputs, "tolist"):
+        inputs = inputs.tolist()  # of NumPy and SymPy
+    rows = [
+        [it] if isinstance(it, str) or not isinstance(it, Iterable) else list(it) for it in inputs
+    ]
+    r = len(rows[0]) if rows else 0
+    if len(rows) != n or not r or any(len(row) != r for row in rows):
+        raise ValueError(f"inputs must have shape ({n}, r) or be a dict of columns by name")
+    return {f"u{j}": [row[j] for row in rows] for j in range(r)}
+
+
+def _inputs(words: _Words, inputs: dict[str, Any]) -> tuple[Any, ...]:
     """Read the columns of the controls, as a matrix row by row."""
-    if not isinstance(inputs, Mapping):
-        raise TypeError(f"inputs must be a dict of columns by name, got {type(inputs).__name__}")
     n, columns = len(words.names), []
     for name, column in inputs.items():
         entries = list(column) if isinstance(column, Iterable) else [column]

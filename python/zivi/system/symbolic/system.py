@@ -14,6 +14,7 @@ from zivi.base.check import finite
 from zivi.base.formula import normal
 from zivi.base.habits import hinted
 from zivi.base.machine_code import Native, compiled
+from zivi.system.control_inputs import ControlInputs, control_inputs
 from zivi.system.friction import IMPACT_LAWS, PARADOXES, Channel, one_of
 from zivi.system.impact_law import GivenRestitutions, restitutions
 from zivi.system.layout import Layout
@@ -114,7 +115,7 @@ class SymbolicSystem(MechanicalSystem):
         The places of dry friction.
     impact_law, paradox : str
         As for `zivi.MechanicalSystem`.
-    inputs : SymbolicInputs, optional
+    inputs : SymbolicInputs or ControlInputs, optional
         How controls act.
     """
 
@@ -132,7 +133,7 @@ class SymbolicSystem(MechanicalSystem):
         channels: Sequence[Channel] = (),
         impact_law: str = "newton",
         paradox: str = "stop",
-        inputs: SymbolicInputs | None = None,
+        inputs: SymbolicInputs | ControlInputs | None = None,
     ) -> None:
         self._gaps = ()
         self._gap_names = tuple(gaps)
@@ -146,8 +147,10 @@ class SymbolicSystem(MechanicalSystem):
         self._parameters = Parameters(parameters)
         self._native: Native = compiled(sources, compiler)
         self._symbolic_inputs = inputs
-        if inputs is not None:
+        if isinstance(inputs, SymbolicInputs):
             self._controls = inputs.made(compiler, self._parameters)
+        elif inputs is not None:
+            self._controls = inputs
 
     @property
     def parameters(self) -> Parameters:
@@ -262,7 +265,7 @@ def system(
     e_t: Mapping[str, float] | None = None,
     impact_law: str = "newton",
     paradox: str = "stop",
-    inputs: Mapping[str, Any] | None = None,
+    inputs: Any = None,
 ) -> SymbolicSystem:
     r"""Derive and compile a mechanical system from its energies.
 
@@ -311,9 +314,10 @@ def system(
         Tangential restitutions of gaps; by default 0.
     impact_law, paradox : str
         As for `zivi.MechanicalSystem`.
-    inputs : dict, optional
+    inputs : dict, array_like or callable, optional
         Controls of closed loops by name: the column of :math:`B` of each, n expressions in
-        coordinates and parameters, such as ``{"torque": [1, 0]}``.
+        coordinates and parameters, such as ``{"torque": [1, 0]}``. Or :math:`B` without names,
+        of shape (n, r); or a function ``B(q)`` in Python.
 
     Returns
     -------
@@ -365,7 +369,9 @@ def system(
     """
     given = {"slips": slips, "mu": mu, "friction": friction, "e_t": e_t}
     rubbing = Rubbing(**{name: {} if it is None else it for name, it in given.items()})
-    found = derive(q, T, V, Q, gaps, parameters, qdot=qdot, rubbing=rubbing, inputs=inputs)
+    called = control_inputs(inputs) if callable(inputs) else None
+    read = None if called else inputs
+    found = derive(q, T, V, Q, gaps, parameters, qdot=qdot, rubbing=rubbing, inputs=read)
     sources = {"c": c_source(found.entries), "numba": python_source(found.entries)}
     return SymbolicSystem(
         sources,
@@ -378,5 +384,5 @@ def system(
         found.channels,
         impact_law,
         paradox,
-        SymbolicInputs.of(found.controls, found.inputs) if found.controls else None,
+        SymbolicInputs.of(found.controls, found.inputs) if found.controls else called,
     )
