@@ -286,8 +286,10 @@ impl<'a> Dictionary<'a> {
             if rate != 0.0 {
                 dense::put(entries, column, 0.0);
                 dense::axpy(entries, -rate, self.pivot_row);
-                let value = dense::at(self.constant, i) - rate * length;
-                dense::put(self.constant, i, value.max(0.0)); // below zero by rounding only
+                let before = dense::at(self.constant, i);
+                let value = before - rate * length;
+                // what cancels leaves rounding, of either sign: a tie in the pivots to come
+                dense::put(self.constant, i, if value <= TIE * before { 0.0 } else { value });
             }
         }
         dense::put(self.constant, row, length);

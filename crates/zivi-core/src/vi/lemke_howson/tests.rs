@@ -65,6 +65,19 @@ fn ties_are_not_broken_by_rounding() {
     }
 }
 
+/// What remains of a variable that vanishes together with the one that leaves is zero.
+#[test]
+fn constants_that_cancel_are_zero() {
+    for rates in [[0.3, 0.1 + 0.2], [0.1 + 0.2, 0.3]] {
+        let mut reals = [rates[0], 2.0, rates[1], 1.0, 0.15, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0];
+        let mut indices = [0, 1, 2, 3, 4, 0, 1, 2, 3, 4];
+        let mut it = Dictionary::new(3, 2, 0..3, (&mut reals, &mut indices));
+        it.pivot(0, 0);
+        assert_eq!(it.constant[1], 0.0, "{rates:?}");
+        assert!((it.constant[2] - 0.5).abs() < 1e-15 && it.constant[0] > 3.0);
+    }
+}
+
 #[test]
 fn games_whose_equilibrium_is_known() {
     // an inspector and a worker, with 5 added: the worker is indifferent at 1/4, she at 4/5
