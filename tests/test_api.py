@@ -110,9 +110,15 @@ def test_the_public_list_is_complete_and_sorted():
     assert imported | {"plot"} == {*NAMES, *modules}
 
 
-def test_importing_the_package_leaves_studies_orbits_and_plots_for_later():
+def test_importing_the_package_leaves_numpy_for_later():
+    program = "import sys, zivi.cli; print('numpy' in sys.modules, zivi.Trajectory.__module__)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout == "False zivi\n", done.stderr
+
+
+def test_simulating_leaves_studies_orbits_and_plots_for_later():
     program = (
-        "import sys, zivi\n"
+        "import sys, zivi; zivi.simulate\n"
         "late = {'zivi.study', 'zivi.orbits', 'zivi.plot', 'zivi.fmu', 'matplotlib', 'scipy'}\n"
         "print(sorted(late & set(sys.modules)))\n"
         "print(zivi.PeriodicOrbit.__module__, zivi.Study.__module__, zivi.plot.__name__)\n"

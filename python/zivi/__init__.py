@@ -38,26 +38,6 @@ from typing import TYPE_CHECKING
 from zivi._zivi import __version__
 from zivi.base.status import Status, StudyStatus
 from zivi.base.warnings import ModelWarning
-from zivi.simulation.batch import Batch as Batch, simulate_batch
-from zivi.simulation.events import Level, event
-from zivi.simulation.mechanical_batch import MechanicalBatch as MechanicalBatch
-from zivi.simulation.mechanical_trajectory import MechanicalTrajectory as MechanicalTrajectory
-from zivi.simulation.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
-from zivi.simulation.run import simulate
-from zivi.simulation.trajectory import Trajectory as Trajectory
-from zivi.system.friction import DryFriction
-from zivi.system.gap import Gap, LinearGap
-from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
-from zivi.system.linear import LinearSystem
-from zivi.system.loads import Harmonic
-from zivi.system.mass import ImpactSystem, LinearForce
-from zivi.system.mechanism import MechanicalSystem
-from zivi.system.parametric import ParametricForce
-from zivi.system.parametric_mechanism import ParametricSystem
-from zivi.system.table import Table
-from zivi.system.transform import lift, project
-from zivi.system.tree.system import Tree
-from zivi.system.wall import HarmonicWall, MovingWall
 
 if TYPE_CHECKING:
     from zivi import (
@@ -127,7 +107,27 @@ if TYPE_CHECKING:
     )
     from zivi.orbits.basins import basins
     from zivi.simulation import methods as methods
+    from zivi.simulation.batch import Batch as Batch, simulate_batch
+    from zivi.simulation.events import Level, event
+    from zivi.simulation.mechanical_batch import MechanicalBatch as MechanicalBatch
+    from zivi.simulation.mechanical_trajectory import MechanicalTrajectory as MechanicalTrajectory
+    from zivi.simulation.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
+    from zivi.simulation.run import simulate
+    from zivi.simulation.trajectory import Trajectory as Trajectory
     from zivi.study import Design, Study, grid, open_study, points, sample, sweep
+    from zivi.system.friction import DryFriction
+    from zivi.system.gap import Gap, LinearGap
+    from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
+    from zivi.system.linear import LinearSystem
+    from zivi.system.loads import Harmonic
+    from zivi.system.mass import ImpactSystem, LinearForce
+    from zivi.system.mechanism import MechanicalSystem
+    from zivi.system.parametric import ParametricForce
+    from zivi.system.parametric_mechanism import ParametricSystem
+    from zivi.system.table import Table
+    from zivi.system.transform import lift, project
+    from zivi.system.tree.system import Tree
+    from zivi.system.wall import HarmonicWall, MovingWall
     from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp
     from zivi.vi.solve import (
         VIOptions,
@@ -229,7 +229,7 @@ __all__ = [
 
 _LAZY = (
     *("control", "derivatives", "files", "fmu", "interop", "lab", "mechanics", "orbits", "plot"),
-    *("study", "symbolic", "vi"),
+    *("simulation", "study", "symbolic", "system", "vi"),
 )
 """Modules that are imported when they are first asked for."""
 _LATE = {
@@ -252,7 +252,18 @@ _LATE = {
         *("PeriodicOrbit", "basins", "bifurcation_diagram", "continue_curve", "continue_orbit"),
         *("grazing_curve", "lyapunov_exponents", "periodic_orbit", "response_amplitude"),
     ),
+    "simulation": (
+        *("Batch", "ExplicitEuler", "Level", "MechanicalBatch", "MechanicalTrajectory", "Method"),
+        *("MoreauJean", "SwitchedRK", "ThetaGamma", "Trajectory", "event", "simulate"),
+        "simulate_batch",
+    ),
     "study": ("Design", "Study", "grid", "open_study", "points", "sample", "sweep"),
+    "system": (
+        *("DryFriction", "Gap", "Harmonic", "HarmonicWall", "ImpactLaw", "ImpactSystem"),
+        *("LinearForce", "LinearGap", "LinearSystem", "MechanicalSystem", "MovingWall"),
+        *("NewtonImpact", "ParametricForce", "ParametricSystem", "SpeedDependentImpact"),
+        *("Table", "Tree", "lift", "project"),
+    ),
     "vi": (
         *("Equilibrium", "JacobianError", "VIDerivative", "VIOptions", "VIProgress", "VIResult"),
         *("VIStatus", "bimatrix", "check_jacobian", "natural_residual", "solve_avi", "solve_lcp"),

@@ -20,6 +20,7 @@ app = typer.Typer(
     help="Mechanical systems with impacts, straight through the Zeno point.",
     no_args_is_help=True,
     add_completion=False,
+    rich_markup_mode=None,  # plain help: rich takes longer to import than all else
 )
 
 File = Annotated[Path, typer.Argument(help="What to compute, in TOML; see --example.")]
@@ -204,7 +205,7 @@ def sweep(
         bool, typer.Option("--keys", callback=_keys("sweep"), is_eager=True, help=Keys)
     ] = False,
 ) -> None:
-    """Compute a study from a file, or what of it is missing; write a Zarr folder.
+    """Compute a study, or what of it is missing; write a Zarr folder.
 
     Exit code 0 if all points are done, 1 if some failed or the study ended early, 2 for a bad
     file, 130 for Ctrl-C. The same command continues where it stopped.
@@ -280,7 +281,7 @@ def fmu(
     fmi: Annotated[list[int] | None, typer.Option(help="2 or 3; by default both.")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write FMUs: zivi in Simulink, OpenModelica and other tools, without Python there.
+    """Write FMUs: zivi in Simulink and other tools, without Python.
 
     Exit code 2 for a model or a version that does not exist, or where the binaries are missing.
     """

@@ -29,7 +29,7 @@ def lab(
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
     ] = True,
 ) -> None:
-    """Serve the interactive page: ball, regulator and tracker with sliders.
+    """Serve the interactive page: ball, regulator, tracker and belt.
 
     Without --host only this machine can reach it, and in any case only with the address that is
     printed: it holds a token that is new every time. Exit code 2 if it cannot be served; Ctrl-C
