@@ -87,7 +87,7 @@ def test_systems_refuse_what_does_not_fit():
     guide = zivi.DryFriction([1, 0], limit=1.0, name="floor")
     with pytest.raises(ValueError, match="names of gaps and friction must differ, got 'floor'"):
         block(floor(), friction=[guide])
-    with pytest.raises(ValueError, match="direction of 'guide' must be of the same size"):
+    with pytest.raises(ValueError, match="direction of 'guide' must be for as many coordinates"):
         block(floor(), friction=[zivi.DryFriction([1, 0, 0], limit=1.0, name="guide")])
     with pytest.raises(TypeError, match=r"friction\[0\] must be a zivi.DryFriction"):
         block(floor(), friction=[0.3])

@@ -1,6 +1,8 @@
 """Names that users of SciPy, python-control, MuJoCo and MATLAB try: each is answered by a hint."""
 
 import inspect
+import json
+import operator
 import pickle
 import re
 
@@ -8,7 +10,8 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.base.habits import ARGUMENTS, ATTRIBUTES, MODULE
+import zivi.plot
+from zivi.base.habits import ARGUMENTS, ATTRIBUTES, MODULE, PLOT
 
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
 FLOOR = zivi.LinearGap([1.0])
@@ -41,6 +44,7 @@ CALLS = {
     "symbolic": (zivi.symbolic.system, ("a",)),
     "design": (zivi.design_tracker, (1.0,)),
     "observer": (zivi.ImpactObserver, (0.5, 1e-3)),
+    "animate": (zivi.plot.animate, ()),
     "settled": (zivi.bifurcation_diagram, (BALL, "amplitude", [1.0])),
 }
 ALIKE = {
@@ -64,7 +68,7 @@ RESULTS = {
 
 def test_there_are_sixty_and_more():
     of_calls = sum(map(len, ARGUMENTS.values()))
-    assert of_calls + sum(map(len, ATTRIBUTES.values())) + len(MODULE) >= 280
+    assert of_calls + sum(map(len, ATTRIBUTES.values())) + len(MODULE) + len(PLOT) >= 300
     assert set(CALLS) == set(ARGUMENTS)
     assert set(RESULTS) == set(ATTRIBUTES)
 
@@ -108,12 +112,60 @@ def test_functions_of_others_are_answered():
         assert str(told.value) == f"module 'zivi' has no attribute {name!r}: {hint}"
 
 
+def test_plots_of_others_are_answered():
+    for name, hint in PLOT.items():
+        with pytest.raises(AttributeError) as told:
+            getattr(zivi.plot, name)
+        assert str(told.value) == f"module 'zivi.plot' has no attribute {name!r}: {hint}"
+    with pytest.raises(AttributeError, match=r"has no attribute 'nothing'$"):
+        zivi.plot.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("kind", "states", "hint"),
+    [
+        ("run", "x, sol.xdot", "y"),
+        ("mechanical run", "q, sol.qdot", "x"),
+        ("loop", "x, sol.xdot", "e"),
+    ],
+)
+def test_items_and_unpacking_are_answered(kind, states, hint):
+    sol = RESULTS[kind]
+    with pytest.raises(TypeError, match=r"object has no items: it is sol\.t$"):
+        sol["t"]
+    with pytest.raises(TypeError, match=re.escape(ATTRIBUTES[kind][hint])):
+        sol[hint]
+    with pytest.raises(TypeError, match=r"has no items$"):
+        sol["nothing"]
+    with pytest.raises(TypeError, match=r"sol\.t\[i\]"):
+        sol[0]
+    with pytest.raises(TypeError, match=re.escape(f"its arrays are sol.t, sol.{states}")):
+        _t, _x = sol
+    assert not np.iterable(sol)
+
+
+@pytest.mark.parametrize(
+    "status",
+    [*zivi.Status, *zivi.StudyStatus, *zivi.VIStatus, *zivi.OrbitStatus],
+    ids=lambda it: f"{type(it).__name__}.{it.name}",
+)
+def test_statuses_are_written_by_their_names_and_are_numbers(status):
+    number = status.value
+    assert f"{status}" == str(status) == "%s" % status == status.name  # noqa: UP031
+    assert f"{status:>30}" == status.name.rjust(30)
+    assert f"{status:3d}" == f"{number:3d}"
+    assert f"{status:d}" == "%d" % status == json.dumps(status) == str(int(status))  # noqa: UP031
+    assert status == number == np.uint8(status)
+    assert pickle.loads(pickle.dumps(status)) is status
+    assert np.asarray([status]).dtype == np.asarray([number]).dtype
+
+
 def test_hints_name_what_exists():
-    texts = [*MODULE.values()]
+    texts = [*MODULE.values(), *PLOT.values()]
     texts += [it for hints in (*ARGUMENTS.values(), *ATTRIBUTES.values()) for it in hints.values()]
     for text in texts:
-        for name in re.findall(r"zivi\.(\w+)", text):
-            assert hasattr(zivi, name), text
+        for name in re.findall(r"zivi\.((?:plot\.)?\w+)", text):
+            assert operator.attrgetter(name)(zivi), text
     for owner, hints in ARGUMENTS.items():
         known = set(inspect.signature(CALLS[owner][0]).parameters)
         known |= {"rtol", "atol", "max_step", "h", "offset"} if owner == "method" else set()

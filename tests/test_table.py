@@ -240,7 +240,7 @@ def test_compiled_forces_take_the_inputs_as_functions_do():
     with pytest.raises(TypeError, match=r"double \*u"):
         driven(signature(lambda *_: None), inputs=table)
     # without a time it is the matrix of the inputs of a controller
-    with pytest.raises(ValueError, match="inputs must be of the same size as the rest"):
+    with pytest.raises(ValueError, match="inputs must be for as many coordinates"):
         driven(inputs=[1.0, 2.0])
 
 

@@ -242,6 +242,16 @@ ARGUMENTS: Mapping[str, Mapping[str, str]] = {
         "resolution": "give the values themselves, e.g. by numpy.linspace",
         "y0": "they are starts",
     },
+    "animate": {
+        "interval": "pictures a second of the film are fps",
+        "frames": "pictures follow from speed and fps",
+        "dt": "pictures are speed / fps apart in the motion",
+        "ax": "it is figure",
+        "fig": "it is figure",
+        "repeat": "the film is Matplotlib's: .save(path), .to_jshtml()",
+        "blit": "the film is Matplotlib's: .save(path), .to_jshtml()",
+        "filename": "the film has .save(path)",
+    },
     "sweep": {
         "n_jobs": "it is workers, with executor='processes'",
         "backend": "it is executor",

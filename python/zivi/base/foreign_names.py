@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-__all__ = ["ATTRIBUTES", "MODULE"]
+__all__ = ["ATTRIBUTES", "MODULE", "PLOT"]
 
 _EVENTS = "events are t_events and y_events"
 _STATES = "states are x and xdot"
@@ -171,3 +171,20 @@ MODULE: Mapping[str, str] = (
     }
 )
 """Functions and classes of others, and what is nearest to them here."""
+
+_OVERVIEW = "it is zivi.plot.overview(sol), or one of its panels"
+
+PLOT: Mapping[str, str] = dict.fromkeys(
+    ("trajectory", "plot", "plots", "solution", "run", "time_series", "timeseries"), _OVERVIEW
+) | {
+    "show": "plots are axes of Matplotlib: matplotlib.pyplot.show() opens them",
+    "savefig": "plots are axes of Matplotlib: ax.figure.savefig(path)",
+    "figure": "every plot takes ax=, or makes a figure of its own",
+    "phase": "it is zivi.plot.phase_plane",
+    "phase_portrait": "it is zivi.plot.phase_plane",
+    "bifurcation": "it is zivi.plot.diagram",
+    "contact_forces": "they are zivi.plot.reactions",
+    "forces": "they are zivi.plot.reactions",
+    "states": "they are zivi.plot.position, zivi.plot.velocity and zivi.plot.coordinates",
+}
+"""Plots of others by those of ``zivi.plot``."""

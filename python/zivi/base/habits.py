@@ -10,12 +10,21 @@ import difflib
 import functools
 import inspect
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 from zivi.base.foreign_arguments import ARGUMENTS
-from zivi.base.foreign_names import ATTRIBUTES, MODULE
+from zivi.base.foreign_names import ATTRIBUTES, MODULE, PLOT
 
-__all__ = ["ARGUMENTS", "ATTRIBUTES", "MODULE", "attribute_error", "hinted", "keyword_hint"]
+__all__ = [
+    "ARGUMENTS",
+    "ATTRIBUTES",
+    "MODULE",
+    "PLOT",
+    "Hinted",
+    "attribute_error",
+    "hinted",
+    "keyword_hint",
+]
 
 Called = TypeVar("Called", bound=Callable[..., Any])
 
@@ -34,6 +43,29 @@ def attribute_error(kind: str, thing: object, name: str) -> AttributeError:
     hint = ATTRIBUTES[kind].get(name)
     text = f"{type(thing).__name__!r} object has no attribute {name!r}"
     return AttributeError(f"{text}: {hint}" if hint else text, name=name, obj=thing)
+
+
+class Hinted:
+    """A run: names that it does not have, keys and unpacking are answered by a hint."""
+
+    _habits: ClassVar[str]
+
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getattr__(self, name):
+            raise attribute_error(self._habits, self, name)
+
+        def __getitem__(self, key):
+            kind = type(self).__name__
+            if not isinstance(key, str):
+                raise TypeError(f"{kind!r} object has no items: ask its arrays, sol.t[i]")
+            hint = f"it is sol.{key}" if hasattr(self, key) else ATTRIBUTES[self._habits].get(key)
+            raise TypeError(f"{kind!r} object has no items{f': {hint}' if hint else ''}")
+
+        def __iter__(self):
+            states = "sol.q, sol.qdot" if "x" in ATTRIBUTES[self._habits] else "sol.x, sol.xdot"
+            kind = type(self).__name__
+            raise TypeError(f"{kind!r} object is not iterable: its arrays are sol.t, {states}")
 
 
 def hinted(owner: str) -> Callable[[Called], Called]:

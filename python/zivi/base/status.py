@@ -2,10 +2,20 @@
 
 import enum
 
-__all__ = ["Status", "StudyStatus"]
+__all__ = ["NamedStatus", "Status", "StudyStatus"]
 
 
-class Status(enum.IntEnum):
+class NamedStatus(enum.IntEnum):
+    """A number that is written as its name; `int` and formats of numbers give the number."""
+
+    def __str__(self) -> str:
+        return self.name
+
+    def __format__(self, spec: str) -> str:
+        return format(int(self) if spec[-1:] in tuple("bcdeEfFgGnoxX%") else self.name, spec)
+
+
+class Status(NamedStatus):
     """How a run ended. The numbers are **not** those of SciPy: ask ``success``.
 
     In SciPy's `solve_ivp`, 1 is the success of a run that a terminal event ended, and failures are
@@ -22,6 +32,8 @@ class Status(enum.IntEnum):
     >>> sol = zivi.simulate(ball, (0, 3), (1, 0))
     >>> sol.success, sol.status
     (True, <Status.COMPLETED: 0>)
+    >>> print(sol.status)
+    COMPLETED
     """
 
     COMPLETED = 0
@@ -68,7 +80,7 @@ class Status(enum.IntEnum):
     """Friction changed its mode again and again at one instant."""
 
 
-class StudyStatus(enum.IntEnum):
+class StudyStatus(NamedStatus):
     """What became of a point of a study, in ``status`` of a `Study` and of its dataset.
 
     The words are those of runs and batches: what was computed is *completed*, what was not

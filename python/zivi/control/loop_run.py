@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, MaybeNone
-from zivi.base.habits import attribute_error
 from zivi.base.status import Status
 from zivi.base.table import Field, Table
 from zivi.control.loop_path import Reference, on_side, sides
@@ -101,10 +100,7 @@ class ClosedLoop(MassRun):
         The slowest of ``impacts``, as a part of the fastest.
     """
 
-    if not TYPE_CHECKING:  # which would take any name for granted
-
-        def __getattr__(self, name):
-            raise attribute_error("loop", self, name)
+    _habits: ClassVar[str] = "loop"
 
     t: Array
     x: Array

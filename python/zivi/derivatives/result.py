@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
 import functools
 import pickle
 from typing import Any, Literal, NamedTuple, Protocol
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, real_array
 from zivi.base.former import with_resolved_impacts
+from zivi.base.status import NamedStatus
 from zivi.base.table import Field, Table, Tabulated
 from zivi.simulation.trajectory import Trajectory
 
@@ -44,7 +44,7 @@ class Problem(Protocol):
         """Give the derivatives of a run that ends between an impact and its Zeno point."""
 
 
-class OrbitStatus(enum.IntEnum):
+class OrbitStatus(NamedStatus):
     """How the analysis of a motion ended: of `sensitivity`, of orbits, of branches.
 
     Examples

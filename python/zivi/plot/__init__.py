@@ -14,6 +14,9 @@ panels            several of them in one figure
 animation         the motion as a film
 """
 
+from typing import TYPE_CHECKING
+
+from zivi.base.habits import PLOT
 from zivi.plot.animation import animate
 from zivi.plot.charts import chart, curve
 from zivi.plot.curves import (
@@ -61,3 +64,10 @@ __all__ = [
     "slips",
     "velocity",
 ]
+
+
+if not TYPE_CHECKING:  # which would take any name for granted
+
+    def __getattr__(name):
+        hint = f": {PLOT[name]}" if name in PLOT else ""
+        raise AttributeError(f"module 'zivi.plot' has no attribute {name!r}{hint}")

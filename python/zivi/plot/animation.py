@@ -9,6 +9,7 @@ import numpy as np
 
 from zivi.base.check import finite
 from zivi.base.extras import needed
+from zivi.base.habits import hinted
 from zivi.plot.curve import line_of
 from zivi.plot.look import BLUE, GREEN, WALL, figure_of, has_reference, in_frame, wall_of
 from zivi.plot.mechanical_animation import Lines, MechanicalScene
@@ -29,6 +30,7 @@ FRAMES = 20_000
 """Most pictures of a film."""
 
 
+@hinted("animate")
 def animate(
     run: Trajectory | ClosedLoop | MechanicalTrajectory,
     *,

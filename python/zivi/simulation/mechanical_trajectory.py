@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.extras import needed
-from zivi.base.habits import attribute_error
 from zivi.base.status import Status
 from zivi.base.table import Table
 from zivi.simulation import mechanical_labelled as labelled
@@ -100,10 +99,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         System, method, span and initial state, as plain values.
     """
 
-    if not TYPE_CHECKING:  # which would take any name for granted
-
-        def __getattr__(self, name):
-            raise attribute_error("mechanical run", self, name)
+    _habits: ClassVar[str] = "mechanical run"
 
     t: Array
     q: Array

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from zivi.base.check import Array, integer, real_array
 from zivi.base.extras import late
 from zivi.base.former import with_resolved_impacts
+from zivi.base.habits import Hinted
 from zivi.base.status import Status
 from zivi.base.table import Field, Tabulated
 from zivi.simulation.dense import LostPath, Path
@@ -47,7 +48,7 @@ EVENT_COORDS: dict[str, Field] = {
 }
 
 
-class SampledRun(Tabulated):
+class SampledRun(Hinted, Tabulated):
     """A run: samples, and the motion between them."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
-from zivi.base.habits import attribute_error
 from zivi.base.status import Status
 from zivi.base.table import Field, Table
 from zivi.simulation.dense import Path
@@ -118,10 +117,7 @@ class Trajectory(MassRun):
         System, method, span and initial state, as plain values.
     """
 
-    if not TYPE_CHECKING:  # which would take any name for granted
-
-        def __getattr__(self, name):
-            raise attribute_error("run", self, name)
+    _habits: ClassVar[str] = "run"
 
     t: Array
     x: Array

@@ -236,9 +236,9 @@ class MechanicalSystem:
         sizes = [(name, len(array)) for name, array in told if isinstance(array, np.ndarray)]
         for name, size in sizes:
             if size != sizes[0][1]:
-                first = f"{sizes[0][0]} is for {sizes[0][1]} coordinates"
+                of, first = sizes[0]
                 raise ValueError(
-                    f"{name} must be of the same size as the rest: {first}, it for {size}"
+                    f"{name} must be for as many coordinates as {of} ({first}), got {size}"
                 )
         return sizes[0][1] if sizes else None
 

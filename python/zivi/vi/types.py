@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
 from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import ArrayLike
@@ -11,11 +10,12 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.arrays import Array, count, vector
 from zivi.base.habits import attribute_error
+from zivi.base.status import NamedStatus
 
 __all__ = ["VIOptions", "VIProgress", "VIResult", "VIStatus", "result_of"]
 
 
-class VIStatus(enum.IntEnum):
+class VIStatus(NamedStatus):
     """How a solve ended. Only a residual recomputed from `F` makes it solved."""
 
     SOLVED = 0
