@@ -91,7 +91,7 @@ def test_doubled_orbits_are_found_and_followed(chart):
 def test_a_resting_orbit_doubles_and_ends_by_its_reaction():
     run = zivi.simulate(rest2(), (0, 200), ([2, 2], [0, 0]))
     orbit = zivi.periodic_orbit(rest2(), run)
-    branch = zivi.continue_orbit(orbit, "road.amplitude", (1.2, 1.7), step=0.1)
+    branch = zivi.continue_orbit(orbit, "road.amplitude", (1.2, 1.7), step=0.1, through=False)
     doubling, end = branch.events
     assert doubling.kind == "period_doubling"
     assert abs(doubling.value - float(REFERENCES["rest_PD"]["A"])) < 1e-9

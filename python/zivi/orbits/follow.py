@@ -116,7 +116,8 @@ def continue_orbit(
         raise ValueError(f"step must be in (0, 1), got {step}")
     if integer("max_points", max_points) < 2:
         raise ValueError(f"max_points must be >= 2, got {max_points}")
-    if orbit.status in (OrbitStatus.NOT_CONVERGED, OrbitStatus.RESTS):
+    none = (OrbitStatus.NOT_CONVERGED, OrbitStatus.NOT_DIFFERENTIABLE, OrbitStatus.RESTS)
+    if orbit.status in none:
         raise ValueError(f"orbit was not found: {orbit.message}")
     if isinstance(orbit, MechanicalOrbit):
         return follow(orbit, name, (low, high), step, max_points, through=through)

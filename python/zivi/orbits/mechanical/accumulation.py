@@ -13,11 +13,12 @@ from zivi.base.status import Status
 from zivi.derivatives.sensitivity import sensitivity
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.flow import Flow
+from zivi.orbits.mechanical.word import Segment
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["Accumulation", "accumulated", "onto"]
+__all__ = ["Accumulation", "accumulated", "after_event", "onto"]
 
 AFTER = 1e-7
 """How long after its end an accumulation hands on to the contact, in periods."""
@@ -51,6 +52,27 @@ def onto(flow: Flow, closed: Sequence[int], t: float, z: Array, rates: Sequence[
             normals = np.array([flow.gap(i, t, z).by_z[:n] for i in own])
             z[place : place + n] -= np.linalg.pinv(normals) @ off
     return z
+
+
+def after_event(
+    system: MechanicalSystem,
+    method: SwitchedRK,
+    flow: Flow,
+    segment: Segment,
+    t: float,
+    before: Array,
+    length: float,
+) -> Array:
+    """Give time and state after the event that ends a segment, a row ``(t, z)``."""
+    if segment.kind in "LP":
+        return np.append(t, before)
+    e = 0.0 if segment.kind == "S" else float(flow.e[segment.gap])
+    jump = flow.impact(segment.gap, segment.kept, t, before, e)
+    if segment.kind != "Z":
+        return np.append(t, jump.z)
+    begin = onto(flow, [segment.gap, *segment.kept], t, jump.z, segment.kept)
+    chain = accumulated(system, method, (t, begin), segment.gap, length, slopes=False)
+    return np.append(chain.t, chain.z)
 
 
 def accumulated(

@@ -11,8 +11,11 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.mechanical.crossing import crossed
+from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.margins import Low, Margins
 from zivi.orbits.mechanical.path import Path, Point, bordered, located, sigma
+from zivi.orbits.mechanical.reopening import reopened
+from zivi.orbits.mechanical.rest_appears import rest_beyond
 from zivi.orbits.mechanical.resting import end_of_rest, is_near
 
 __all__ = ["Arc", "Found", "Way"]
@@ -23,6 +26,8 @@ PROBE = 1e-4
 CIRCLE = 1e-6
 """How near the unit circle a located pair must be."""
 ALIGNED = 0.9
+SHORT = 0.01
+"""The first step where a contact, or its end, lasts a short time, relative to the longest."""
 
 
 class Found(NamedTuple):
@@ -153,11 +158,16 @@ class Way:
             arc.points.append(edge.point)
             self.count += 1
         arc.events.append(edge)
-        if edge.kind == "simultaneous":
-            return OrbitStatus.SIMULTANEOUS
+        if edge.low is not None and self.through and edge.kind == "contact_ends":
+            return self._reopen(arc, edge.point, edge.low)
+        if edge.kind == "interior_impact" and self.through:
+            rest = rest_beyond(arc.path, edge.point, self.span)
+            if rest is not None:
+                return self._rest(rest)
         beyond = crossed(edge.point.terms, edge.low) if edge.low and self.through else None
         if beyond is None:
-            return OrbitStatus.LEFT_ADMISSIBLE
+            together = edge.kind == "simultaneous"
+            return OrbitStatus.SIMULTANEOUS if together else OrbitStatus.LEFT_ADMISSIBLE
         frame, y = beyond
         before, after = arc.path.frame.word, frame.word
         phases = np.sort(edge.point.terms.x[:, -1] % edge.point.terms.length)
@@ -175,6 +185,28 @@ class Way:
             return OrbitStatus.LEFT_ADMISSIBLE
         self.arcs.append(Arc(path, [sided]))
         self.step = min(self.step, 0.2 * self.longest)
+        return None
+
+    def _reopen(self, arc: Arc, edge: Point, low: Low) -> OrbitStatus | None:
+        """Go on where a contact opens for a short time."""
+        found = reopened(arc.path, edge, low)
+        if found is None:
+            return OrbitStatus.LEFT_ADMISSIBLE
+        self.arcs.append(Arc(found[0], [found[1]]))
+        self.count += 1
+        self.step = min(self.step, SHORT * self.longest)
+        return None
+
+    def _rest(self, rest: tuple[Path, Point, Low]) -> OrbitStatus | None:
+        """Go on with an orbit that rests where a chain of impacts became one."""
+        path, end, short = rest
+        self.arcs[-1].events.append(Found("rest_appears", end, short))
+        start = path.start(end.terms.y, value_of(end.terms.frame.system, path.name))
+        row = (start.tangent * path.scale)[short.segment * path.frame.size :][: path.frame.size]
+        away = start.tangent if row[-1] > row[0] else -start.tangent
+        self.arcs.append(Arc(path, [dataclasses.replace(start, tangent=away)]))
+        self.count += 1
+        self.step = min(self.step, SHORT * self.longest)
         return None
 
     def _sided(self, path: Path, start: Point, along: float) -> Point | None:

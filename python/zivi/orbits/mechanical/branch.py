@@ -42,8 +42,9 @@ class MechanicalEvent(NamedTuple):
     kind : str
         ``fold``, ``period_doubling``, ``pitchfork`` (of a symmetric orbit), ``neimark_sacker``,
         ``grazing`` (an impact dies), ``interior_impact`` (a new one), ``contact_ends`` (the force
-        of a contact vanishes), ``end_of_rest`` (a contact lasts no time), ``opening`` (an impact
-        no longer presses a contact that stays), ``simultaneous`` (two events at once).
+        of a contact vanishes), ``end_of_rest`` (a contact lasts no time), ``rest_appears`` (a chain
+        of impacts accumulates), ``opening`` (an impact no longer presses a contact that stays),
+        ``simultaneous`` (two events at once).
     value : float
         The parameter.
     orbit : MechanicalOrbit
@@ -138,7 +139,8 @@ class MechanicalBranch(along.OrbitsAlong[MechanicalEvent]):
         event : MechanicalEvent
             One of `events`. At a period doubling the orbit of twice the period, a little away; at
             a pitchfork one that is not symmetric; at a grazing the orbit without the impact, at an
-            interior impact that with it; else the orbit there.
+            interior impact that with it; at the end of a rest one of many impacts beyond; else the
+            orbit there.
 
         Returns
         -------

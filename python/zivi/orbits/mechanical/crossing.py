@@ -8,6 +8,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.orbits.mechanical.equations import Frame, Terms
+from zivi.orbits.mechanical.flow import uncoupled
 from zivi.orbits.mechanical.margins import Low
 from zivi.orbits.mechanical.word import MOST_LETTERS, Segment
 
@@ -19,6 +20,8 @@ def crossed(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
     segment = terms.frame.word[low.segment]
     if low.kind == "interior_impact":
         return _inserted(terms, low)
+    if low.kind == "simultaneous":
+        return _swapped(terms, low)
     if low.kind != "grazing":
         return None
     if segment.kind == "Z":
@@ -89,6 +92,23 @@ def _inserted(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
     word = (*frame.word[:s], hit, *frame.word[s:])
     rows = np.vstack([x[:s], first, second, x[s + 1 :]])
     return _reframed(frame, word, rows, terms.length)
+
+
+def _swapped(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
+    """Let two impacts at once change places, where neither gap feels the other."""
+    frame, x, s = terms.frame, terms.x.copy(), low.segment
+    first, second = frame.word[s - 1], frame.word[s]
+    flow, plain = frame.flow, all(it.kind == "I" for it in (first, second))
+    # where a gap is least at the impact of another one they are coupled
+    if low.gap != second.gap or first.gap == low.gap or not plain or s == 0:
+        return None
+    t, before = float(x[s, -1]), terms.segments.flights.z[s - 1]
+    if not uncoupled(flow, [first.gap, second.gap], t, before):
+        return None
+    x[s - 1, -1] = x[s, 0] = t
+    x[s, 1:-1] = flow.impact(second.gap, second.kept, t, before, float(flow.e[second.gap])).z
+    word = (*frame.word[: s - 1], second, first, *frame.word[s + 1 :])
+    return _reframed(frame, word, x, terms.length)
 
 
 def _later(terms: Terms, s: int) -> tuple[Frame, Array] | None:

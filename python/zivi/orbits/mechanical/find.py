@@ -25,7 +25,7 @@ from zivi.orbits.mechanical.orbit import CONTACT, IMPACT, MechanicalOrbit
 from zivi.orbits.mechanical.symmetry import whole_word
 from zivi.orbits.mechanical.word import Segment, Word
 
-__all__ = ["canonical", "failed", "orbit_of", "solve", "weaker_reason"]
+__all__ = ["canonical", "failed", "orbit_of", "rolled", "solve", "weaker_reason"]
 
 SAME = 2e-4
 """Parts of an orbit that differ by less, relative to its size, may be one shorter orbit."""
@@ -129,16 +129,20 @@ def canonical(terms: Terms, multiple: int) -> Terms:
         ends = x[:, -1] % period
         first = int(np.argmin(ends))
         shift = float(ends[first] - x[first, -1])
-    turned = np.roll(x, -first, axis=0) + 0.0
-    for place in (0, -1):
-        turned[:, place] += shift
-        turned[len(x) - first :, place] += length
-    word = frame.word[first:] + frame.word[:first]
+    word, turned = rolled(frame.word, x, length, first)
+    turned[:, [0, -1]] += shift
     section = float(turned[0, -1]) if all(it.kind == "P" for it in word) else frame.section
     if frame.free:
         section = frame.section
     new = dataclasses.replace(frame, word=word, section=section)
     return evaluate(new, new.joined(turned, length))
+
+
+def rolled(word: Word, x: Array, length: float, first: int) -> tuple[Word, Array]:
+    """Give a word and its segments from another one on."""
+    turned = np.roll(x, -first, axis=0) + 0.0
+    turned[len(x) - first :, [0, -1]] += length
+    return word[first:] + word[:first], turned
 
 
 def orbit_of(
@@ -262,12 +266,20 @@ def _hits(run: Any) -> list[tuple[float, int]]:
     found = []
     for group in np.unique(rows["group"]):
         own = rows[rows["group"] == group]
-        k = int(np.argmin(own["speed_before"]))
-        found.append((float(own["t"][k]), int(own["gap"][k])))
+        fastest = float(np.min(own["speed_before"]))
+        # one that grazes has no speed
+        hit = own[own["speed_before"] <= (1e-9 * fastest if fastest < 0.0 else fastest)]
+        found += [(float(it["t"]), int(it["gap"])) for it in hit]
     return found
 
 
-def failed(frame: Frame, y: Array, multiple: int, message: str) -> MechanicalOrbit:
+def failed(
+    frame: Frame,
+    y: Array,
+    multiple: int,
+    message: str,
+    status: OrbitStatus = OrbitStatus.NOT_CONVERGED,
+) -> MechanicalOrbit:
     """Give what there is where no flight can be computed."""
     x, length = frame.split(y)
     n = frame.flow.n
@@ -285,7 +297,7 @@ def failed(frame: Frame, y: Array, multiple: int, message: str) -> MechanicalOrb
         iterations=0,
         depth=math.nan,
         admissible=False,
-        status=OrbitStatus.NOT_CONVERGED,
+        status=status,
         message=message,
         _frame=frame,
         _y=y,

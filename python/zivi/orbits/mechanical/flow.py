@@ -6,9 +6,11 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+
 from zivi.base.check import Array
 
-__all__ = ["Contacts", "Flights", "Flow", "Jump", "Scalar"]
+__all__ = ["Contacts", "Flights", "Flow", "Jump", "Scalar", "uncoupled"]
 
 Contacts = tuple[int, ...]
 
@@ -77,3 +79,14 @@ class Flow(Protocol):
 
     def impact(self, i: int, kept: Sequence[int], t: float, z: Array, e: float) -> Jump:
         """Give an impact of a gap while some contacts stay closed."""
+
+
+def uncoupled(flow: Flow, gaps: Sequence[int], t: float, z: Array) -> bool:
+    """Whether impacts of some gaps leave the rates of the others: their order does not matter."""
+    for i in gaps:
+        after = flow.impact(i, (), t, z, 1.0).z
+        both = flow.gaps(np.array([t, t]), np.array([z, after]))[1]
+        moved = np.abs(both[1] - both[0])
+        if any(moved[j] > 1e-12 * moved[i] for j in gaps if j != i):
+            return False
+    return True

@@ -78,7 +78,8 @@ class MechanicalOrbit(Tabulated):
         Whether it is a motion of the system: no impact that opens a gap, no gap < 0, no force of a
         contact that pulls; one simulation follows it.
     status : OrbitStatus
-        ``COMPLETED``, ``NOT_CONVERGED``, or ``LEFT_ADMISSIBLE``.
+        ``COMPLETED``, ``NOT_CONVERGED``, ``LEFT_ADMISSIBLE``, or ``NOT_DIFFERENTIABLE`` (several
+        gaps are hit, or come to rest, at once).
     message : str
         What happened.
     """
@@ -201,7 +202,7 @@ class MechanicalOrbit(Tabulated):
         ValueError
             For a name that there is not, or an orbit that was not found.
         """
-        if self.status is OrbitStatus.NOT_CONVERGED:
+        if self.status in (OrbitStatus.NOT_CONVERGED, OrbitStatus.NOT_DIFFERENTIABLE):
             raise ValueError(f"no orbit was found: {self.message}")
         frame = self._frame
         terms = evaluate(frame, self._y)

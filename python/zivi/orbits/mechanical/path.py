@@ -109,7 +109,7 @@ class Path:
     def correct(self, guess: Array, normal: Array) -> Point | None:
         """Solve in the hyperplane through a guess with a normal; None if that fails."""
         z, column = guess.copy(), None
-        before = np.inf
+        before, stalled = np.inf, False
         for step in range(CORRECTIONS):
             try:
                 terms, residual = self.evaluate(z)
@@ -120,9 +120,11 @@ class Path:
             except (FlightError, ValueError):
                 return None
             full = np.vstack([self.matrix(terms, column), normal])
-            if error <= TOLERANCE or (error >= 0.5 * before and error <= 1e-10):
+            # beside a grazing one step may stall before the next ones converge
+            stalls = error >= 0.5 * before
+            if error <= TOLERANCE or (stalls and stalled and error <= 1e-10):
                 return self._point(z, terms, full, step, error)
-            before = error
+            before, stalled = error, stalls
             right = np.append(residual, normal @ (z - guess))
             try:
                 z = z - np.linalg.solve(full, right)

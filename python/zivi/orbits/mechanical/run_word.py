@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.orbits.mechanical.accumulation import accumulated, onto
+from zivi.orbits.mechanical.accumulation import after_event
 from zivi.orbits.mechanical.by_parameter import flow_of
 from zivi.orbits.mechanical.equations import Frame
-from zivi.orbits.mechanical.flow import Flow
+from zivi.orbits.mechanical.flow import Flow, uncoupled
 from zivi.orbits.mechanical.word import MOST_LETTERS, Segment
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["recent"]
+__all__ = ["NotDifferentiable", "recent"]
 
 MOST_MULTIPLE = 64
 TOLERANCES = (1e-6, 1e-4, 1e-2)
+BEFORE = 1e-9
+"""How long before an impact of several gaps a run is looked at (s)."""
+
+
+class NotDifferentiable(Exception):  # noqa: N818
+    """What a run settled on has no derivatives."""
+
+    def __init__(self, why: str, frame: Frame, x: Array, count: int) -> None:
+        super().__init__(why)
+        self.frame, self.x, self.count = frame, x, count
 
 
 class Happened(NamedTuple):
-    """An event of a run."""
+    """An event of a run; of the kind ``C`` where several gaps are hit, or come to rest, at once."""
 
     t: float
     kind: str
@@ -44,12 +54,14 @@ def recent(
     Raises
     ------
     ValueError
-        If the run is too short, ended early, or has what no word tells.
+        If the run is too short, or ended early.
+    NotDifferentiable
+        If its last period has what no word describes.
     """
     if not run.success:
         raise ValueError(f"start: the run ended early: {run.message}")
     flow = flow_of(system, method)
-    events = _events(system, run)
+    events = _events(system, flow, run)
     if free:
         length, end = _free_length(run, events)
         count = 1
@@ -68,6 +80,12 @@ def recent(
             count += 1
             length, end = count * period, _quiet(run, events, count * period)
     inside = [it for it in events if end - length < it.t <= end]
+    several = next((it.t for it in inside if it.kind == "C"), None)
+    if several is not None:
+        why = f"Several gaps are hit, or come to rest, at once, at t = {several:.9g} s."
+        frame, x, _ = _smooth(system, flow, run, length, end, free, method, count)
+        x[0, 0] = x[0, -1]
+        raise NotDifferentiable(f"{why} The motion has no derivatives there.", frame, x, count)
     if len(inside) > MOST_LETTERS:
         raise ValueError(f"start: a word has at most {MOST_LETTERS} events, got {len(inside)}")
     if not inside:
@@ -83,7 +101,7 @@ def _floor(number: float) -> float:
     return float(np.floor(number))
 
 
-def _events(system: MechanicalSystem, run: MechanicalTrajectory) -> list[Happened]:
+def _events(system: MechanicalSystem, flow: Flow, run: MechanicalTrajectory) -> list[Happened]:
     """Give what happens in a run, impacts of accumulations as one event, in order."""
     found: list[Happened] = []
     rows = run.resolved_impacts
@@ -93,12 +111,14 @@ def _events(system: MechanicalSystem, run: MechanicalTrajectory) -> list[Happene
         fastest = float(np.min(own["speed_before"]))
         hit = own[own["speed_before"] <= (1e-9 * fastest if fastest < 0.0 else fastest)]
         t = float(own["t"][0])
-        if len(hit) > 1:
-            raise ValueError(f"start: the run has impacts of several gaps at once, at {t:.9g}")
+        hits = [int(gap) for gap in np.unique(hit["gap"])]
+        before = run(max(t - BEFORE, float(run.t[0]))).ravel()
+        if len(hits) < len(hit) or not uncoupled(flow, hits, t, before):
+            found.append(Happened(t, "C", -1))
+            continue
         opened = run.openings["gap"][np.abs(run.openings["t"] - t) <= 1e-12 * max(1.0, abs(t))]
-        found.append(Happened(t, "I", int(hit["gap"][0]), tuple(int(it) for it in opened)))
-    if len(run.corners):
-        raise ValueError("start: the run has corners, where several gaps come to rest together")
+        found += [Happened(t, "I", gap, tuple(int(it) for it in opened)) for gap in hits]
+    found += [Happened(float(it["t"]), "C", -1) for it in run.corners]
     found += [Happened(float(it["t"]), "L", int(it["gap"])) for it in run.liftoffs]
     found.sort(key=lambda it: it.t)
     for row in run.zeno:
@@ -237,7 +257,8 @@ def _unknowns(
         after = {*contacts} - {*it.opened}
         after = after | {it.gap} if it.kind in "SZ" else after - {it.gap}
         segment = Segment(contacts, it.kind, it.gap, tuple(sorted(after)))
-        rows.append(_after(system, flow, run, segment, it.t, length, method))
+        before = run(max(it.t - 1e-9 * length, float(run.t[0]))).ravel()
+        rows.append(after_event(system, method, flow, segment, it.t, before, length))
         word.append(segment)
         contacts = segment.after
     after_all = np.array(rows)
@@ -246,25 +267,3 @@ def _unknowns(
     x[:, :-1] = np.roll(after_all, 1, axis=0)
     x[0, 0] -= length
     return Frame(system, flow, tuple(word), method, length, free), x
-
-
-def _after(
-    system: MechanicalSystem,
-    flow: Flow,
-    run: Any,
-    segment: Segment,
-    t: float,
-    length: float,
-    method: SwitchedRK,
-) -> Array:
-    """Give time and state after an event of a run."""
-    before = run(max(t - 1e-9 * length, float(run.t[0]))).ravel()
-    if segment.kind == "L":
-        return np.append(t, before)
-    e = 0.0 if segment.kind == "S" else float(flow.e[segment.gap])
-    jump = flow.impact(segment.gap, segment.kept, t, before, e)
-    if segment.kind != "Z":
-        return np.append(t, jump.z)
-    begin = onto(flow, [segment.gap, *segment.kept], t, jump.z, segment.kept)
-    chain = accumulated(system, method, (t, begin), segment.gap, length, slopes=False)
-    return np.append(chain.t, chain.z)

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import Array, finite, integer, real, real_array
+from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.by_parameter import flow_of
 from zivi.orbits.mechanical.equations import Frame
 from zivi.orbits.mechanical.family import core_of, frequency_of
-from zivi.orbits.mechanical.find import solve
+from zivi.orbits.mechanical.find import failed, solve
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
-from zivi.orbits.mechanical.run_word import recent
+from zivi.orbits.mechanical.run_word import NotDifferentiable, recent
 from zivi.orbits.mechanical.segments import of_segments
 from zivi.orbits.mechanical.symmetry import gaps_turned, turn_of
 from zivi.orbits.mechanical.word import parsed
@@ -56,7 +57,11 @@ def mechanical_orbit(
     flow = flow_of(system, method)
     if isinstance(start, MechanicalOrbit):
         return _from_orbit(system, start, multiple, length, free, symmetry, method, max_iter)
-    frame, x, multiple = _guess(system, start, multiple, length, free, method)
+    try:
+        frame, x, multiple = _guess(system, start, multiple, length, free, method)
+    except NotDifferentiable as it:
+        y, status = it.frame.joined(it.x, it.frame.length), OrbitStatus.NOT_DIFFERENTIABLE
+        return failed(it.frame, y, it.count, str(it), status)
     if symmetry is not None:
         frame, x = _half(frame, x, turn_of(symmetry, flow.n))
     return solve(frame, frame.joined(x, frame.length), multiple, max_iter)

@@ -10,17 +10,24 @@ from zivi.base.check import Array
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.branch import MechanicalBranch, MechanicalEvent
+from zivi.orbits.mechanical.by_parameter import moved_frame
 from zivi.orbits.mechanical.crossing import crossed
 from zivi.orbits.mechanical.equations import Frame, evaluate
 from zivi.orbits.mechanical.find import orbit_of, solve
 from zivi.orbits.mechanical.margins import Margins
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.mechanical.path import Path
+from zivi.orbits.mechanical.run_word import NotDifferentiable, recent
+from zivi.simulation.run import simulate
 
 __all__ = ["switched"]
 
 AMPLITUDES = (5e-3, 1e-3, 1e-4, 1e-5)
 """How far the new orbit is from the event, in scaled unknowns."""
+DISTANCES = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
+"""How far beyond the end of a rest orbits are looked for, relative to the parameter."""
+RETURNS = 12
+"""Periods of the motion that are simulated there."""
 STEP = 1e-6
 """Of a difference for the direction in which it lies."""
 
@@ -31,6 +38,8 @@ def switched(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbi
         return _doubled(branch, event)
     if event.kind in ("grazing", "interior_impact"):
         return _crossed(event)
+    if event.kind == "end_of_rest":
+        return _thrown_off(branch, event)
     return event.orbit
 
 
@@ -48,6 +57,42 @@ def _crossed(event: MechanicalEvent) -> MechanicalOrbit:
         done = OrbitStatus.COMPLETED
         return dataclasses.replace(found, status=done, admissible=True, message="It grazes.")
     return found
+
+
+def _thrown_off(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbit:
+    """Find the orbit of finitely many impacts that meets the resting one at its end.
+
+    The nearer the end, the more impacts it has, and it grazes wherever their number changes: of
+    some distances the first at which a run leads to a motion is taken.
+    """
+    orbit, name = event.orbit, branch.name
+    sign = np.sign(event.value - float(np.mean(branch.values))) or 1.0
+    s = max(
+        (k for k, it in enumerate(orbit._word) if it.kind == "Z"),
+        key=lambda k: float(orbit.segments["t1"][k] - orbit.segments["t0"][k]),
+    )
+    t = 0.5 * float(orbit.segments["t0"][s] + orbit.segments["t1"][s])
+    path = orbit._frame.flow.path(
+        orbit._word[s].contacts, float(orbit.segments["t0"][s]), orbit._starts[s, 1:], np.array([t])
+    )
+    n = path.shape[1] // 2
+    for distance in DISTANCES:
+        value = event.value + sign * distance * max(abs(event.value), 1e-3)
+        frame = moved_frame(orbit._frame, {name: float(value)})
+        length = frame.length * (1 if frame.turn is None else 2)
+        run = simulate(
+            frame.system, (t, t + RETURNS * length), (path[0, :n], path[0, n:]), frame.method
+        )
+        try:
+            guess, x, multiple = recent(
+                frame.system, run, orbit.multiple, length / orbit.multiple, frame.free, frame.method
+            )
+        except (NotDifferentiable, FlightError, ValueError):
+            continue
+        found = solve(guess, guess.joined(x, guess.length), multiple)
+        if found.success and found.kind == "impacting":
+            return found
+    return orbit
 
 
 def doubled(orbit: MechanicalOrbit) -> tuple[Frame, Array, Array]:
