@@ -3,6 +3,10 @@
 import os
 import signal
 
+# before NumPy comes, here and in all processes that tests start: threads of OpenBLAS beside as many
+# workers as processors wait for each other, 500 times as long as an exponential of 12 x 12 takes
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import hypothesis
 import matplotlib as mpl
 import pytest

@@ -23,6 +23,15 @@ def test_one_action_has_one_digest():
     assert len(pins) == len({name for name, _ in pins})
 
 
+def test_the_tests_are_those_of_the_makefile():
+    makefile = (ROOT / "Makefile").read_text()
+    workflow = next(file for file in WORKFLOWS if file.name == "tests.yml").read_text()
+    commands = re.findall(r"^\tcargo test .*", makefile, re.MULTILINE)
+    assert [it.strip() for it in commands] == re.findall(r"cargo test .*", workflow)
+    options = re.search(r"^PYTEST := \$\(BIN\)/python -m pytest (.*)", makefile, re.MULTILINE)[1]
+    assert f"python -m pytest {options} -m 'not browser'" in workflow
+
+
 def test_a_release_takes_packages_by_their_hashes():
     text = (ROOT / ".github" / "release.txt").read_text()
     pinned = dict(re.findall(r"^([\w-]+)==([\w.]+)", text, re.MULTILINE))
