@@ -4,6 +4,7 @@ use super::chain::ImpactChain;
 use super::corner::CornerApproach;
 use super::impact::Struck;
 use super::kinetics::{Kinetics, Model};
+use super::linear_flight::Pull;
 use super::mechanism::Mechanism;
 use super::mode::{Ahead, Key};
 use super::piece::Piece;
@@ -91,11 +92,11 @@ impl Accumulation {
         Ok(())
     }
 
-    /// Appends an impact, with the restitutions of slow impacts and the state after it: where impacts
-    /// accumulate, if that is known to the tolerance.
+    /// Appends an impact, with what pulls back a gap alone, if flights know it, the restitutions of
+    /// slow impacts and the state after it: where impacts accumulate, if that is known to the tolerance.
     pub(super) fn note<E, D: Dynamics<E>>(
         &mut self,
-        struck: &Struck,
+        (struck, pull): (&Struck, Option<Pull>),
         (e, state): (&[f64], &mut MechanicalState),
         model: &mut Model<'_, D>,
     ) -> Result<Option<Ahead>, Failure<E>> {
@@ -104,7 +105,7 @@ impl Accumulation {
         let mut at = Mechanism { settings, e, state, aside, model };
         let mut zeno = None;
         match struck.key() {
-            Some(key) => zeno = chain.note(key, &mut at)?,
+            Some(key) => zeno = chain.note((key, pull), &mut at)?,
             None => chain.clear(),
         }
         match struck.is_slow {

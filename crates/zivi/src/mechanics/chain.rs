@@ -3,7 +3,7 @@
 
 use super::corner_log::COLUMNS;
 use super::kinetics::{Kinetics, Model};
-use super::linear_flight::PullAlongArcs;
+use super::linear_flight::{Pull, PullAlongArcs};
 use super::mechanism::{scales, Mechanism};
 use super::mode::Key;
 use super::state::MechanicalState;
@@ -11,6 +11,8 @@ use super::tail::SkippedArcs;
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
+use crate::switched::accumulation;
+use crate::switched::flight::series::Linear;
 use crate::switched::lookahead::{Deviation, Lookahead};
 use crate::switched::stages::Counted;
 use crate::switched::SwitchedRk;
@@ -18,7 +20,7 @@ use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::bounce::Bounce;
 use crate::zeno::chain::Chain;
 use crate::zeno::table::Landing;
-use crate::Force;
+use crate::{Dependence, Force};
 
 /// The last impacts of one kind.
 #[derive(Clone, Debug)]
@@ -28,13 +30,15 @@ pub(super) struct ImpactChain {
     obstacle: Option<Deviation>,
     /// The shortest period of the forces, if that is known (s).
     period: Option<f64>,
+    /// The force on what bounces, where that is one gap of one coordinate.
+    alone: Option<Linear>,
 }
 
 impl ImpactChain {
     /// For so many coordinates and gaps.
     pub(super) fn new(size: usize) -> Self {
         let chain = Chain::new(Key::default(), 0.5, 2 * size, COLUMNS);
-        Self { chain, obstacle: None, period: None }
+        Self { chain, obstacle: None, period: None, alone: None }
     }
 
     /// The impacts.
@@ -83,10 +87,11 @@ impl ImpactChain {
         self.chain.is_over() && !self.landed().is_frictionless()
     }
 
-    /// Appends an impact: where the chain ends, if that is known to the tolerance.
+    /// Appends an impact, with what pulls back a gap alone, if that is known: where the chain ends, if that
+    /// is known to the tolerance.
     pub(super) fn note<E, D: Dynamics<E>>(
         &mut self,
-        key: Key,
+        (key, alone): (Key, Option<Pull>),
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<Option<Landing<Vec<f64>>>, Failure<E>> {
         let n = at.aside.coordinates();
@@ -105,6 +110,12 @@ impl ImpactChain {
         let pull = |i: usize| -aside.acceleration[n + i];
         let least = key.hit.iter().map(pull).fold(f64::INFINITY, f64::min);
         let g = if least > 0.0 { pull(first) } else { least };
+        if alone.is_some() {
+            // those of a mass
+            self.chain.set_columns(accumulation::COLUMNS);
+        }
+        let g = alone.map_or(g, |pull| pull.g);
+        self.alone = alone.map(|pull| pull.force);
         aside.contact(key.landed)?;
         let mut rates = v.to_vec();
         rates.append(&mut aside.accelerations());
@@ -114,6 +125,10 @@ impl ImpactChain {
         let bounce = Bounce { t, u, g };
         self.chain.turn_to(key, e);
         self.chain.note(bounce, &z, &rates)?;
+        let is_constant = |force| Force::<E>::dependence(&force) == Dependence::Constant;
+        if self.alone.is_some_and(is_constant) && self.chain.end_under_constant_pull().is_some() {
+            return Ok(self.chain.leading());
+        }
         if g > 0.0 {
             self.end(bounce, at)
         } else {
@@ -167,7 +182,9 @@ impl ImpactChain {
         let (e, max_step) = (self.chain.e(), at.settings.max_step);
         let ahead = Lookahead { tail, e, tolerance, max_step, period: self.period };
         let (suspect, smooth) = (self.obstacle, at.model.smooth);
-        self.obstacle = if let Some(system) = at.model.dynamics.linear().cloned() {
+        self.obstacle = if let Some(linear) = self.alone {
+            ahead.obstacle(suspect, &mut Counted::known(&mut { linear }, Some(&linear)))?
+        } else if let Some(system) = at.model.dynamics.linear().cloned() {
             let of = (key.flight.closed, gap);
             let mut pull = PullAlongArcs::new(system, smooth, &arcs, of, at.aside)?;
             ahead.obstacle(suspect, &mut Counted::new(&mut pull))?
@@ -387,7 +404,7 @@ mod tests {
         let (state, aside, model) = (&mut state, &mut aside, &mut model);
         let mut at = Mechanism { settings: &settings, e: &[E], state, aside, model };
         let mut chain = ImpactChain::new(layout.size());
-        chain.note(key, &mut at).unwrap();
+        chain.note((key, None), &mut at).unwrap();
         let row = chain.impacts().row(0);
         let size = layout.size();
         let far = |from: usize, exact: &[f64]| {

@@ -202,7 +202,9 @@ impl MechanicalIntegrator {
         let Self { state, impacts, accumulation, occurrences, .. } = self;
         let struck = impacts.solve(hit, state, occurrences, model)?;
         self.motion.forget_experience();
-        self.next = Next::jump(accumulation.note(&struck, (impacts.e(), state), model)?);
+        let pull = self.motion.pull(hit, state);
+        let ahead = accumulation.note((&struck, pull), (impacts.e(), state), model)?;
+        self.next = Next::jump(ahead);
         Ok(Piece::Instant)
     }
 

@@ -13,7 +13,7 @@ use crate::{Dependence, Force, Status};
 /// Columns of the table of the Zeno time after the first. In 160 random runs with `e` up to 0.9995
 /// 3 need 15 % more impacts before the jump; 5 save 8 % of them, but the error of the Zeno time is
 /// twice as large in the median where `e` is near 1.
-const COLUMNS: usize = 4;
+pub(crate) const COLUMNS: usize = 4;
 
 /// The last impacts.
 #[derive(Clone, Debug)]

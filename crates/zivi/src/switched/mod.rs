@@ -22,7 +22,7 @@
 //! * [`simulate_switched_rk`]: a whole run, with samples, events and dense output.
 //! * [`SwitchedIntegrator`]: piece by piece, under a force that may change between calls.
 
-mod accumulation;
+pub(crate) mod accumulation;
 pub(crate) mod flight;
 pub(crate) mod grazing;
 mod impact_map;
@@ -34,7 +34,7 @@ mod output;
 mod path;
 mod piece;
 mod plot_samples;
-mod point;
+pub(crate) mod point;
 mod recording;
 mod rest;
 mod run;

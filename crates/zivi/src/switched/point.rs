@@ -4,7 +4,7 @@ use crate::numeric::coordinates::State;
 use crate::Physical;
 
 /// The state of the mass at a time.
-pub(super) type Point = State<f64>;
+pub(crate) type Point = State<f64>;
 
 impl Point {
     /// Without the time.

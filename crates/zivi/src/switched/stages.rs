@@ -30,7 +30,7 @@ impl<'a, F> Counted<'a, F> {
     }
 
     /// The same, known by its numbers if there are any.
-    pub(super) fn known(force: &'a mut F, linear: Option<&'a Linear>) -> Self {
+    pub(crate) fn known(force: &'a mut F, linear: Option<&'a Linear>) -> Self {
         Self { force, count: 0, smooth: Smooth::ALWAYS, linear }
     }
 

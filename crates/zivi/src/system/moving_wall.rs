@@ -33,6 +33,25 @@ pub struct HarmonicWall {
     pub offset: f64,
 }
 
+impl HarmonicWall {
+    /// A linear force in the frame of the wall `w = a cos(Omega t + chi) + offset`, where it has one more
+    /// wave; none if it has too many.
+    ///
+    /// ```text
+    /// -k w - c w' - w'' = Re a (Omega^2 - k - i c Omega) e^(i (Omega t + chi)) - k offset.
+    /// ```
+    pub(crate) fn frame(self, mut law: LinearLaw) -> Option<LinearLaw> {
+        let Self { amplitude, omega, phase, offset } = self;
+        // a wall on a wall is no wave more
+        let free = law.waves.iter_mut().rev().find(|wave| wave.amplitude == [0.0; 2])?;
+        let amplitude =
+            [amplitude * (omega * omega - law.stiffness), -amplitude * law.damping * omega];
+        *free = Wave { amplitude, omega, phase };
+        law.gravity += law.stiffness * offset;
+        Some(law)
+    }
+}
+
 impl<E> WallMotion<E> for HarmonicWall {
     #[inline]
     fn at(&mut self, t: f64) -> Result<[f64; 3], E> {
@@ -80,21 +99,8 @@ impl<E, F: Force<E>, W: WallMotion<E>> Force<E> for OnMovingWall<F, W> {
         }
     }
 
-    /// In the frame of a wall `w = a cos(Omega t + chi) + offset` a linear force has one more wave,
-    ///
-    /// ```text
-    /// -k w - c w' - w'' = Re a (Omega^2 - k - i c Omega) e^(i (Omega t + chi)) - k offset.
-    /// ```
     fn linear(&self) -> Option<LinearLaw> {
-        let HarmonicWall { amplitude, omega, phase, offset } = self.wall.harmonic()?;
-        let mut law = self.force.linear()?;
-        // a wall on a wall is no wave more
-        let free = law.waves.iter_mut().rev().find(|wave| wave.amplitude == [0.0; 2])?;
-        let amplitude =
-            [amplitude * (omega * omega - law.stiffness), -amplitude * law.damping * omega];
-        *free = Wave { amplitude, omega, phase };
-        law.gravity += law.stiffness * offset;
-        Some(law)
+        self.wall.harmonic()?.frame(self.force.linear()?)
     }
 
     fn is_interruption(&self, error: &E) -> bool {

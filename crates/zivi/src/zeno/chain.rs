@@ -144,6 +144,11 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         self.table.columns()
     }
 
+    /// The same from here on.
+    pub(crate) fn set_columns(&mut self, columns: usize) {
+        self.table.set_columns(columns);
+    }
+
     /// Length of a row: the time since the first impact, then the state.
     pub(crate) fn width(&self) -> usize {
         self.table.width()

@@ -76,6 +76,10 @@ impl<Z: Coordinates> Table<Z> {
         self.columns
     }
 
+    pub(super) fn set_columns(&mut self, columns: usize) {
+        self.columns = columns;
+    }
+
     /// Length of a row.
     #[inline]
     pub(super) fn width(&self) -> usize {

@@ -9,7 +9,7 @@ use super::contact_probes::ContactProbes;
 use super::equation::{AtEnd, InContact, Stages, State};
 use super::kinetics::{Kinetics, Model};
 use super::lift_off::{self, Release};
-use super::linear_flight::{Bounds, LinearFlight};
+use super::linear_flight::{Bounds, LinearFlight, Pull};
 use super::mode::{Limit, Next};
 use super::path::Curve;
 use super::state::MechanicalState;
@@ -112,6 +112,11 @@ impl SmoothMotion {
             }
         }
         self.linear.as_ref().map(|linear| linear.period())
+    }
+
+    /// What pulls back a gap that was hit alone, where flights know it.
+    pub(super) fn pull(&self, hit: GapSet, state: &MechanicalState) -> Option<Pull> {
+        self.linear.as_ref()?.pull(hit, state)
     }
 
     /// The flights of a linear system, where they are computed as such.

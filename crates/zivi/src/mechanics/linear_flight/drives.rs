@@ -19,6 +19,9 @@ pub(super) enum Drive {
     Column { table: Arc<TimeTable>, column: usize },
 }
 
+/// What the rounding of a phase counts beside that of other numbers.
+const TURNED: f64 = 1.0 / 64.0;
+
 /// Coefficients of a cubic.
 const CUBIC: usize = 4;
 
@@ -112,6 +115,18 @@ impl Drives {
                         power *= h;
                     }
                 }
+            }
+        }
+    }
+
+    /// The sizes `|d|` as they bound the rounding of the drives at `t`, in units of that of a number.
+    pub(super) fn enlarge(&self, t: f64, sizes: &mut [f64]) {
+        let mut place = 0;
+        for drive in &self.all {
+            let sizes = &mut sizes[place..][..drive.size()];
+            place += sizes.len();
+            if let Drive::Wave { omega, .. } = drive {
+                sizes.fill(1.0 + TURNED * (omega * t).abs());
             }
         }
     }

@@ -7,9 +7,11 @@
 mod drive_rates;
 mod drives;
 mod first_root;
+mod one_coordinate;
 mod part;
 mod propagation;
 mod pull;
+mod scalar;
 mod variation;
 
 use std::f64::consts::TAU;
@@ -25,6 +27,8 @@ use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Dynamics;
 use crate::Status;
 use first_root::first_root;
+use one_coordinate::OneCoordinate;
+pub(super) use one_coordinate::Pull;
 use propagation::{Free, Propagation};
 pub(super) use pull::PullAlongArcs;
 pub(super) use variation::{FlightRates, Flown};
@@ -62,6 +66,10 @@ pub(super) struct LinearFlight {
     /// By gap: the gap, or its force.
     series: Vec<Series>,
     curve: Option<Curve>,
+    /// The free flights of one coordinate.
+    one: Option<Box<OneCoordinate>>,
+    /// When the contact force vanishes that ends the last step, where that is known.
+    lift_off: Option<f64>,
 }
 
 /// What ends a step.
@@ -87,7 +95,9 @@ impl LinearFlight {
         let system = dynamics.linear()?;
         let free = Free::new(system)?;
         let fastest = free.rate().max(free.drives.highest());
+        let one = OneCoordinate::of(system).map(Box::new);
         let h = if fastest > 0.0 { ANGLE / fastest } else { 1.0 };
+        let h = one.as_ref().map_or(h, |one| one.h());
         let (y, end) = (vec![0.0; free.size()], vec![0.0; 2 * free.n]);
         let series = vec![[0.0; TERMS]; system.gaps.len()];
         let free = Arc::new(free);
@@ -104,12 +114,14 @@ impl LinearFlight {
             end,
             series,
             curve: None,
+            one,
+            lift_off: None,
         }))
     }
 
     /// The time of the fastest mode or load (s).
     pub(super) fn period(&self) -> f64 {
-        TAU / ANGLE * self.longest
+        self.one.as_ref().map_or(TAU / ANGLE * self.longest, |one| one.period())
     }
 
     /// The motion within the last step, up to an event, if it was asked for.
@@ -147,12 +159,17 @@ impl LinearFlight {
     ) -> Result<(Next, f64), Failure<E>> {
         let set = state.closed();
         let motion = self.propagation(set)?;
+        if let Some(mut one) = self.one.take_if(|_| set.is_empty()) {
+            let flown = self.fly_one(&mut one, bounds, state, (&motion, model.smooth));
+            self.one = Some(one);
+            return flown;
+        }
         self.begin(state, model.smooth.nearest(state.now().t));
         if self.has_drifted(state) {
             state.project(set, model)?;
             self.begin(state, model.smooth.nearest(state.now().t));
         }
-        self.anchor(state);
+        self.anchor(state, None);
         let left = (bounds.t_end - state.now().t) - state.now().late;
         let reach = (left.min(bounds.longest) / self.h).min(1.0);
         let (part, event) = self.first_event(&motion, reach, state);
@@ -166,6 +183,10 @@ impl LinearFlight {
         };
         self.move_state(part, gap, state);
         state.pass((length, bounds.t_end), arrives);
+        if let Some(Event::Release(_)) = event {
+            let now = state.parts().1;
+            (now.t, now.late) = self.lift_off.map_or((now.t, now.late), |t| (t, 0.0));
+        }
         if !state.now().x.iter().chain(&state.now().xdot).all(|it| it.is_finite()) {
             return Err(Failure::Status(Status::StateNotFinite));
         }
@@ -216,10 +237,10 @@ impl LinearFlight {
         })
     }
 
-    /// Sets gaps to what the coordinates say, where that has enough digits.
-    fn anchor(&self, state: &mut MechanicalState) {
+    /// Sets gaps but one to what the coordinates say, where that has enough digits.
+    fn anchor(&self, state: &mut MechanicalState, but: Option<usize>) {
         for i in 0..self.series.len() {
-            if !state.closed().has(i) {
+            if !state.closed().has(i) && but != Some(i) {
                 let [(gap, _), (rate, _)] = self.told(i);
                 state.anchor(i, gap, rate);
             }
@@ -234,6 +255,7 @@ impl LinearFlight {
         state: &MechanicalState,
     ) -> (f64, Option<Event>) {
         let (mut first, mut event) = (1.0, None);
+        self.lift_off = None;
         for (i, functional) in motion.gaps.iter().enumerate() {
             let closed = state.closed().has(i);
             let other = self.opposite[i].filter(|&j| !closed && !state.closed().has(j));
@@ -253,7 +275,12 @@ impl LinearFlight {
                 *a *= power;
                 power *= reach;
             }
-            let found = if closed {
+            let known = self.lift_off_of(i, state).filter(|_| closed);
+            let found = if let Some(at) = known {
+                self.lift_off = at;
+                let s = at.map(|t| (t - state.now().t) / (self.h * reach));
+                s.filter(|&s| s <= 1.0).map(|s| (s.max(0.0), Event::Release(i)))
+            } else if closed {
                 a[0] = a[0].max(0.0);
                 let none = a.iter().all(|a| a.abs() <= NOISE * size);
                 // bodies in free fall touch without a force
@@ -286,7 +313,7 @@ impl LinearFlight {
         if a[1] != 0.0 {
             return 1;
         }
-        let terms = self.acceleration_terms(i);
+        let terms = self.acceleration_terms(i, state.now().t);
         if state.left().has(i) && a[2].abs() <= NOISE * terms {
             3
         } else {
@@ -295,8 +322,8 @@ impl LinearFlight {
     }
 
     /// The size of the terms of `h^2/2 g''` where the step begins.
-    fn acceleration_terms(&self, i: usize) -> f64 {
-        self.free.acceleration_terms(i, self.h, &self.y)
+    fn acceleration_terms(&self, i: usize, t: f64) -> f64 {
+        self.free.acceleration_terms(i, (t, self.h), &self.y)
     }
 
     /// Computes `(q, h q')` after a part of the step, and the motion up to there if that is wanted.

@@ -175,10 +175,13 @@ impl Free {
         self.normals[i].iter().copied().chain(vec![0.0; self.n]).chain(wall).collect()
     }
 
-    /// The size of the terms of `h^2/2 g''` of a gap without contacts.
-    pub(super) fn acceleration_terms(&self, i: usize, h: f64, y: &[f64]) -> f64 {
+    /// The size of the terms of `h^2/2 g''` of a gap without contacts, at the time `t`; that of a wave
+    /// counts wherever it stands, as its phase has rounding.
+    pub(super) fn acceleration_terms(&self, i: usize, (t, h): (f64, f64), y: &[f64]) -> f64 {
         let rows = free_acceleration(self, h);
-        let of = |row: &[f64]| row.iter().zip(y).map(|(a, y)| (a * y).abs()).sum::<f64>();
+        let mut sizes: Vec<f64> = y.iter().map(|y| y.abs()).collect();
+        self.drives.enlarge(t, &mut sizes[2 * self.n..]);
+        let of = |row: &[f64]| row.iter().zip(&sizes).map(|(a, y)| a.abs() * y).sum::<f64>();
         self.normals[i].iter().zip(&rows).map(|(n, row)| 0.5 * n.abs() * of(row)).sum()
     }
 

@@ -15,7 +15,7 @@ use crate::{Force, Status};
 use rk::PairSteps;
 use series::{Linear, Reach, SeriesFlight};
 
-pub(super) use series::Arrival;
+pub(crate) use series::Arrival;
 
 /// Steps of power series that are taken in one go where nobody samples their ends.
 const AT_ONCE: usize = 1000;

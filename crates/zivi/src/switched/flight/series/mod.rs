@@ -31,7 +31,7 @@ use period::Period;
 
 /// Flights under one linear force.
 #[derive(Clone, Debug)]
-pub(in crate::switched) struct SeriesFlight {
+pub(crate) struct SeriesFlight {
     law: LinearLaw,
     linear: Linear,
     table: Arc<Table>,
@@ -48,26 +48,26 @@ pub(in crate::switched) struct SeriesFlight {
 
 /// How far to fly.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::switched) struct Reach {
+pub(crate) struct Reach {
     /// Up to this time.
-    pub(in crate::switched) t_end: f64,
+    pub(crate) t_end: f64,
     /// Up to the end of the first step that ends later than this.
-    pub(in crate::switched) look: f64,
+    pub(crate) look: f64,
     /// So many steps at most.
-    pub(in crate::switched) steps: usize,
+    pub(crate) steps: usize,
 }
 
 /// The end of a flight, or of a part of it.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::switched) struct Arrival {
+pub(crate) struct Arrival {
     /// Where the last step started.
-    pub(in crate::switched) from: Point,
+    pub(crate) from: Point,
     /// Where it ended.
-    pub(in crate::switched) end: Point,
+    pub(crate) end: Point,
     /// Whether that is at the wall.
-    pub(in crate::switched) lands: bool,
+    pub(crate) lands: bool,
     /// How many steps there were.
-    pub(in crate::switched) steps: usize,
+    pub(crate) steps: usize,
 }
 
 /// The last step of a flight, or several at once.
@@ -83,7 +83,7 @@ struct Flown {
 
 impl SeriesFlight {
     /// The flights under a law, unless its numbers are beyond what can be computed with.
-    pub(in crate::switched) fn new(law: LinearLaw) -> Option<Self> {
+    pub(crate) fn new(law: LinearLaw) -> Option<Self> {
         let linear = Linear::new(&law);
         let table = Table::shared(linear.table_law());
         let usable = table.h() > 1e-100 && table.h() < 1e100;
@@ -95,7 +95,7 @@ impl SeriesFlight {
 
     /// Goes over to another law where that differs in its constant alone: a control that is held.
     #[inline]
-    pub(in crate::switched) fn under(&mut self, law: &LinearLaw) -> bool {
+    pub(crate) fn under(&mut self, law: &LinearLaw) -> bool {
         let LinearLaw { stiffness, damping, gravity, waves } = *law;
         let own = &self.law;
         if (stiffness, damping) != (own.stiffness, own.damping) || waves != own.waves {
@@ -107,13 +107,13 @@ impl SeriesFlight {
     }
 
     /// Forgets the flights so far.
-    pub(in crate::switched) fn start(&mut self) {
+    pub(crate) fn start(&mut self) {
         (self.at, self.speed) = ((f64::NAN, f64::NAN), (f64::NAN, 0.0));
         self.period = Period::default();
     }
 
     /// The force.
-    pub(in crate::switched) fn linear(&self) -> &Linear {
+    pub(crate) fn linear(&self) -> &Linear {
         &self.linear
     }
 
@@ -131,7 +131,7 @@ impl SeriesFlight {
 
     /// The force at rest at the wall, where the clock stands at that time.
     #[inline]
-    pub(in crate::switched) fn at_wall(&self, now: Point) -> Option<f64> {
+    pub(crate) fn at_wall(&self, now: Point) -> Option<f64> {
         let stands = self.linear.first().is_none() || self.at == (now.t, now.late);
         let [[first, _], [second, _]] = self.clock.waves;
         stands.then_some(self.linear.constant + first + second)
@@ -140,7 +140,7 @@ impl SeriesFlight {
     /// From here as far as that reaches or up to the wall. The first `known` derivatives of the
     /// position are zero at the start.
     #[inline]
-    pub(in crate::switched) fn fly(&mut self, now: Point, known: usize, reach: Reach) -> Arrival {
+    pub(crate) fn fly(&mut self, now: Point, known: usize, reach: Reach) -> Arrival {
         match self.table.n_waves() {
             0 => self.with_waves::<0>(now, known, reach),
             1 => self.with_waves::<1>(now, known, reach),
@@ -258,31 +258,50 @@ impl SeriesFlight {
         end
     }
 
+    /// Length of a step (s).
+    pub(crate) fn h(&self) -> f64 {
+        self.table.h()
+    }
+
     /// Of how many power series the last piece consists.
-    pub(in crate::switched) fn parts(&self) -> usize {
+    pub(crate) fn parts(&self) -> usize {
         self.piece.step.doublings.map_or(1, |j| 1 << j)
+    }
+
+    /// The power series of a part of the last piece in steps of full length.
+    pub(crate) fn powers(&self, k: usize) -> Series {
+        self.start_of(k).1
     }
 
     /// The power series of a part of the last piece, where it starts and its length (s), the
     /// velocity there, and whether it ends at the wall.
-    pub(in crate::switched) fn part(&self, k: usize) -> (Series, (f64, f64), f64, bool) {
-        let Flown { from, start, known, step } = self.piece;
-        let (table, h) = (&self.table, self.table.h());
+    pub(crate) fn part(&self, k: usize) -> (Series, (f64, f64), f64, bool) {
+        let Flown { from, step, .. } = self.piece;
+        let (start, mut a) = self.start_of(k);
+        let xdot = if k == 0 { from.xdot } else { start.v / self.h() };
+        if step.doublings.is_some() {
+            let from = from.after(k as f64 * self.h(), 0.0, 0.0);
+            return (a, (from.t, self.h()), xdot, false);
+        }
+        stretch(&mut a, step.length);
+        (a, (from.t, step.length * self.h()), xdot, step.lands)
+    }
+
+    /// Where a part of the last piece starts, and the power series from there.
+    fn start_of(&self, k: usize) -> (Start, Series) {
+        let Flown { start, known, step, .. } = self.piece;
         let Some(j) = step.doublings else {
-            let mut a = table.series(&start);
+            let mut a = self.table.series(&start);
             a[..known].fill(0.0);
-            stretch(&mut a, step.length);
-            return (a, (from.t, step.length * h), from.xdot, step.lands);
+            return (start, a);
         };
         let at = (0..j).filter(|bit| k >> bit & 1 == 1);
-        let start = at.fold(start, |start, bit| table.jump(&start, bit));
-        let xdot = if k == 0 { from.xdot } else { start.v / h };
-        let from = from.after(k as f64 * h, 0.0, 0.0);
-        (table.series(&start), (from.t, h), xdot, false)
+        let start = at.fold(start, |start, bit| self.table.jump(&start, bit));
+        (start, self.table.series(&start))
     }
 
     /// The clock at the next lift-off from rest, up to `t_end`, where that is known in closed form.
-    pub(in crate::switched) fn lift_off(&mut self, now: Point, t_end: f64) -> Option<Option<f64>> {
+    pub(crate) fn lift_off(&mut self, now: Point, t_end: f64) -> Option<Option<f64>> {
         if self.linear.second().is_some() {
             return None;
         }
