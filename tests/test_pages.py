@@ -26,10 +26,6 @@ WITHOUT_EXAMPLE = {
     "IMPACT_NOT_SOLVED",
     "CONTACT_NOT_SOLVED",
     "MODE_CHATTER",
-    "SIMULTANEOUS",
-    "CLOSED",
-    "RETRACED",
-    "LATCH_LOST",
 }
 """Ends of which the page has no small case, and says so."""
 

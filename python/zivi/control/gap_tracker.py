@@ -25,11 +25,11 @@ __all__ = ["GapTracker"]
 class GapTracker(ModelBased):
     r"""Lets the gaps of a mechanism follow bouncing references through impacts, rest and lift-off.
 
-    With :math:`D = N M^{-1} N^T` and :math:`Z` as in `zivi.mechanics.gap_coordinates`:
+    With :math:`W = N M^{-1} N^T` and :math:`Z` as in `zivi.mechanics.gap_coordinates`:
 
     .. math::
 
-        \ddot g = a + D \lambda, \qquad
+        \ddot g = a + W \lambda, \qquad
         Z \ddot q = Z (\ddot q_r - k_p (q - q_r) - k_d (\dot q - \dot q_r))
 
     where :math:`a_i` is the control of a `TwistingTracker` on gap i, for all of which impacts,
@@ -152,7 +152,7 @@ class GapTracker(ModelBased):
 
     @property
     def least_singular_value(self) -> float:
-        r"""The least singular value so far of :math:`D^{-1/2} N M^{-1} B`, in parts of limits."""
+        r"""The least singular value so far of :math:`W^{-1/2} N M^{-1} B`, in parts of limits."""
         return float(self._law.state[-1][0])
 
     @property

@@ -42,7 +42,7 @@ def reference_run(
 
     .. math::
 
-        \ddot g = a + D \lambda, \qquad
+        \ddot g = a + W \lambda, \qquad
         Z \ddot q = Z (\ddot q_n - k_p (q - q_n) - k_d (\dot q - \dot q_n))
 
     Where an impact on one gap kicks another a reference must have the same kicks: this one has.

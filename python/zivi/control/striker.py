@@ -73,7 +73,7 @@ class Striker(ModelBased):
 
     .. math::
 
-        w^* = v^- + (V - v^-)/\gamma, \qquad \gamma = (1 + e)\,(M^{-1} N^T)_{body}/D
+        w^* = v^- + (V - v^-)/\gamma, \qquad \gamma = (1 + e)\,(M^{-1} N^T)_{body}/W
 
     The way there is that of least effort, cubic in time. Which acceleration the gap needs is found
     as by `GapTracker`; the gap alone would not know the height. What the model lacks in masses

@@ -19,7 +19,7 @@ SINGULAR = 1e-9
 def multipliers(here: Evaluation, closed: NDArray[np.bool_]) -> Array:
     r"""Give the multipliers that keep gaps closed.
 
-    .. math:: \lambda_A = -D_{AA}^{-1} (N_A M^{-1} F + h_A), \qquad D = N M^{-1} N^T
+    .. math:: \lambda_A = -W_{AA}^{-1} (N_A M^{-1} F + h_A), \qquad W = N M^{-1} N^T
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ class GapCoordinates(NamedTuple):
 
     .. math::
 
-        \dot q = M^{-1} N^T D^{-1} (\dot g - g_t) + T w, \qquad D = N M^{-1} N^T, \qquad
+        \dot q = M^{-1} N^T W^{-1} (\dot g - g_t) + T w, \qquad W = N M^{-1} N^T, \qquad
         Z = (T^T M T)^{-1} T^T M
 
     with :math:`N T = 0`, :math:`Z T = 1` and :math:`Z M^{-1} N^T = 0`: an impact, whatever gaps it
@@ -31,7 +31,7 @@ class GapCoordinates(NamedTuple):
     g, gdot : ndarray
         Gaps and their rates, shape (m,).
     D : ndarray
-        Shape (m, m): an impulse P changes the rates by ``D @ P``.
+        The Delassus matrix W, shape (m, m): an impulse P changes the rates by ``D @ P``.
     N : ndarray
         Gradients of the gaps, shape (m, n).
     T : ndarray
@@ -77,7 +77,7 @@ def gap_coordinates(
     Raises
     ------
     ValueError
-        If the gaps are not independent at this state: D is singular.
+        If the gaps are not independent at this state: `D` is singular.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def check_independent(D: Array) -> None:
     else:
         independent = D > 0.0
     if not np.all(independent):
-        raise ValueError("the gaps must be independent: D = N M^-1 N^T is singular here")
+        raise ValueError("the gaps must be independent: N M^-1 N^T is singular here")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class GapKinetics:
     mobility : ndarray
         ``M^-1 N^T``, shape (n, m).
     D : ndarray
-        ``N M^-1 N^T``, shape (m, m).
+        The Delassus matrix, shape (m, m).
     """
 
     here: Evaluation

@@ -97,7 +97,7 @@ class MechanicalSystem:
 
     Where several closed gaps are hit at once the impulses :math:`P \ge 0` solve
     :math:`0 \le P \perp \dot g^+ + e\,\dot g^- \ge 0`, with
-    :math:`\dot g^+ = \dot g^- + D P` and :math:`D = N M^{-1} N^T`. Gaps with a tangent, and the
+    :math:`\dot g^+ = \dot g^- + W P` and :math:`W = N M^{-1} N^T`. Gaps with a tangent, and the
     joints of `friction`, have Coulomb's dry friction: they stick exactly, or slip.
 
     Parameters

@@ -20,12 +20,12 @@ const FIRST: f64 = 1e4;
 pub struct Allocation {
     /// Whether limits act.
     pub limited: bool,
-    /// The least singular value of `D^-1/2 N M^-1 B`, where it was computed.
+    /// The least singular value of `W^-1/2 N M^-1 B`, where it was computed.
     pub least: Option<f64>,
 }
 
-/// `F = M b + N^T D^-1 (a - h - N b)`, the force with `g'' = a` and `Z q'' = Z b` without contacts;
-/// for as many gaps as coordinates `F = N^T D^-1 (a - h)`, in which nothing cancels.
+/// `F = M b + N^T W^-1 (a - h - N b)`, the force with `g'' = a` and `Z q'' = Z b` without contacts;
+/// for as many gaps as coordinates `F = N^T W^-1 (a - h)`, in which nothing cancels.
 #[must_use]
 pub fn decoupling_force(kinetics: &GapKinetics, a: &[f64], wanted: &[f64]) -> Vec<f64> {
     let Layout { n, m, .. } = kinetics.layout();
@@ -101,7 +101,7 @@ impl Asked {
     }
 }
 
-/// What the controls do to the gaps, by `L^-1` with `L L^T = D`.
+/// What the controls do to the gaps, by `L^-1` with `L L^T = W`.
 fn of_gaps(kinetics: &GapKinetics, matrix: &[f64], a: &[f64], r: usize) -> Asked {
     let Layout { m, .. } = kinetics.layout();
     let (mut by, mut right) = (vec![0.0; m * r], vec![0.0; m]);
@@ -123,7 +123,7 @@ fn of_gaps(kinetics: &GapKinetics, matrix: &[f64], a: &[f64], r: usize) -> Asked
     Asked { matrix: by, right }
 }
 
-/// The least singular value of `D^-1/2 N M^-1 B`.
+/// The least singular value of `W^-1/2 N M^-1 B`.
 ///
 /// # Errors
 /// [`LawError::Unreached`].

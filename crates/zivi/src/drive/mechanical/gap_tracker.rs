@@ -53,7 +53,7 @@ pub struct GapTrackerState {
     pub place: Option<Vec<f64>>,
     /// Bits of [`GapTracker::SATURATED`], [`GapTracker::REFUSED`], [`GapTracker::LATCH_LOST`].
     pub status: u8,
-    /// The least singular value so far of `D^-1/2 N M^-1 B`, in parts of limits.
+    /// The least singular value so far of `W^-1/2 N M^-1 B`, in parts of limits.
     pub least: f64,
     /// How many directions have no actuator of their own.
     pub uncontrolled: usize,

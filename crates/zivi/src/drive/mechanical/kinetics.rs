@@ -20,7 +20,7 @@ pub struct GapKinetics {
     pub(super) mass: Vec<f64>,
     /// The rows `M^-1 n_i`.
     pub(super) mobility: Vec<f64>,
-    /// `D`, and `L L^T = D`.
+    /// `W`, and `L L^T = W`.
     pub(super) d: Vec<f64>,
     pub(super) d_factor: Vec<f64>,
     /// The same of some of the gaps.

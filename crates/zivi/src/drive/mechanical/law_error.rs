@@ -11,11 +11,11 @@ use crate::SetupError;
 pub enum LawError<E> {
     /// The model or a force raised it.
     Raised(E),
-    /// `D = N M^-1 N^T` is singular: the gaps are not independent.
+    /// The Delassus matrix `N M^-1 N^T` is singular: the gaps are not independent.
     Dependent,
     /// `M` is not positive definite.
     Indefinite,
-    /// The controls do not reach all of so many gaps: the singular values of `D^-1/2 N M^-1 B`.
+    /// The controls do not reach all of so many gaps: the singular values of `W^-1/2 N M^-1 B`.
     Unreached(usize, Vec<f64>),
     /// The tracker of a gap refuses its reference or its settings.
     Refused(SettingError),
@@ -34,9 +34,7 @@ impl<E> LawError<E> {
     {
         Err(match self {
             Self::Raised(error) => return Ok(error),
-            Self::Dependent => {
-                "the gaps must be independent: D = N M^-1 N^T is singular here".into()
-            }
+            Self::Dependent => "the gaps must be independent: N M^-1 N^T is singular here".into(),
             Self::Indefinite => "mass must be positive definite at every tick".into(),
             Self::Unreached(gaps, values) => format!(
                 "the controls do not reach all of the {gaps} gaps: N M^-1 B has the singular \

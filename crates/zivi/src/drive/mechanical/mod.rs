@@ -1,8 +1,8 @@
 //! Sampled control of mechanical systems: one tracker a gap, the rest at right angles to impacts.
 //!
 //! ```text
-//! M q'' = F + B u + N^T lambda      D = N M^-1 N^T      g'' = a + D lambda
-//! q'  = M^-1 N^T D^-1 g' + T w      N T = 0             w: no impact changes it
+//! M q'' = F + B u + N^T lambda      W = N M^-1 N^T      g'' = a + W lambda
+//! q'  = M^-1 N^T W^-1 g' + T w      N T = 0             w: no impact changes it
 //! ```
 //!
 //! `kinetics` has a state by its gaps, `allocation` the controls that give accelerations, `in_box` those
