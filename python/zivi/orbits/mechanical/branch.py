@@ -55,6 +55,10 @@ class MechanicalEvent(NamedTuple):
         Of a Neimark-Sacker point the cosine of the angle of its multipliers.
     name : str
         The parameter's name.
+    cubic : float or None
+        Of a period doubling or a pitchfork the coefficient `c` of its normal form
+        ``xi -> -xi + c xi**3``, for states relative to the size of the motion: positive where it is
+        supercritical, so that the other branch takes over the stability.
     """
 
     kind: str
@@ -63,6 +67,7 @@ class MechanicalEvent(NamedTuple):
     gap: str | None = None
     kappa: float | None = None
     name: str = ""
+    cubic: float | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

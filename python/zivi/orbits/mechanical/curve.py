@@ -15,12 +15,14 @@ from zivi.orbits.mechanical.critical import Critical, Grazing, Margin, Singular,
 from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.margins import Margins
+from zivi.orbits.mechanical.normal_form import cubic_coefficient
 
 __all__ = ["CurvePoint", "Line", "Named"]
 
 CORRECTIONS = 10
 TOLERANCE = 1e-12
 KAPPAS = {"resonance_1_1": 1.0, "resonance_1_2": -1.0, "resonance_1_3": -0.5, "resonance_1_4": 0.0}
+CUBIC = "generalized_period_doubling"
 STEP = 1e-5
 STALE = 0.05
 """Where the residual falls by less, the derivatives by the parameters are computed again."""
@@ -165,6 +167,7 @@ class Line:
             found["fold_flip"] = doubling
         elif isinstance(self.critical, Singular):
             found["fold_flip"] = fold
+            found[CUBIC] = cubic_coefficient(terms)
         elif isinstance(self.critical, Turning):
             found |= {name: kappa - value for name, value in KAPPAS.items()}
         else:
@@ -199,7 +202,8 @@ class Line:
         for name, value in one.tests.items():
             if value * other.tests.get(name, value) < 0.0:
                 point = self._located(one, other, name)
-                if point is not None:
+                # the cubic coefficient has poles, too
+                if point is not None and abs(point.tests[name]) < abs(value):
                     found.append(Named(name.split()[0], point))
         chord = other.z - one.z
         return sorted(found, key=lambda it: float((it.point.z - one.z) @ chord))

@@ -12,6 +12,7 @@ from zivi.orbits.mechanical.arc import Arc, Found, Way
 from zivi.orbits.mechanical.branch import MESSAGES, BranchArc, MechanicalBranch, MechanicalEvent
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.find import orbit_of
+from zivi.orbits.mechanical.normal_form import cubic_coefficient
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.mechanical.path import Path, Point
 
@@ -131,4 +132,6 @@ def _event(found: Found, multiple: int, gaps: tuple[str, ...], name: str) -> Mec
         kappa = float(np.real(near) / abs(near))
     if found.low is not None and found.low.gap >= 0:
         gap = gaps[found.low.gap]
-    return MechanicalEvent(found.kind, point.value, orbit, gap, kappa, name)
+    doubles = found.kind in ("period_doubling", "pitchfork")
+    cubic = cubic_coefficient(point.terms) if doubles else None
+    return MechanicalEvent(found.kind, point.value, orbit, gap, kappa, name, cubic)

@@ -65,6 +65,11 @@ class ImpulseTerms:
         real, sine = self.kernel.turned(self.y, float(np.real(factor)))
         return real if np.imag(factor) == 0.0 else real + 1j * np.imag(factor) * sine
 
+    def by_multiplier(self) -> Array:
+        """Give the derivative of the matrix by the factor, at -1."""
+        sine: Array = self.kernel.turned(self.y, -1.0)[1]
+        return sine
+
     def turned(self, kappa: float) -> tuple[Array, Array]:
         r"""Give the real matrix of a pair with :math:`\kappa = \cos \theta`, and its derivative.
 

@@ -106,7 +106,7 @@ class Path:
         whole = np.column_stack([terms.matrix(), column])
         return np.asarray(whole * self.scale / self.sizes[:, None], np.float64)
 
-    def correct(self, guess: Array, normal: Array) -> Point | None:
+    def correct(self, guess: Array, normal: Array, tolerance: float = TOLERANCE) -> Point | None:
         """Solve in the hyperplane through a guess with a normal; None if that fails."""
         z, column = guess.copy(), None
         before, stalled = np.inf, False
@@ -122,7 +122,7 @@ class Path:
             full = np.vstack([self.matrix(terms, column), normal])
             # beside a grazing one step may stall before the next ones converge
             stalls = error >= 0.5 * before
-            if error <= TOLERANCE or (stalls and stalled and error <= 1e-10):
+            if error <= tolerance or (stalls and stalled and error <= 1e-10):
                 return self._point(z, terms, full, step, error)
             before, stalled = error, stalls
             right = np.append(residual, normal @ (z - guess))

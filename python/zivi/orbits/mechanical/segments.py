@@ -76,13 +76,18 @@ class SegmentTerms:
             whole[k - 1, 1, 0, 0] = 1.0
         return whole.reshape(k * size, k * size)
 
+    def by_multiplier(self) -> Array:
+        """Give the derivative of the matrix by the factor."""
+        moved: Array = 0.5 * (self.matrix(1.0 + 1e-300j).real - self.matrix(-1.0))
+        return moved
+
     def turned(self, kappa: float) -> tuple[Array, Array]:
         r"""Give the real matrix of a pair with :math:`\kappa = \cos \theta`, and its derivative.
 
         .. math:: \begin{pmatrix} A & B \\ -B & A + 2 \kappa B \end{pmatrix}
         """
-        plus, minus = self.matrix(1.0 + 1e-300j).real, self.matrix(-1.0)
-        a, b = 0.5 * (plus + minus), 0.5 * (plus - minus)
+        b = self.by_multiplier()
+        a = self.matrix(-1.0) + b
         zero = np.zeros_like(b)
         return (
             np.block([[a, b], [-b, a + 2.0 * kappa * b]]),

@@ -15,6 +15,7 @@ from zivi.orbits.mechanical.crossing import crossed
 from zivi.orbits.mechanical.equations import Frame, evaluate
 from zivi.orbits.mechanical.find import orbit_of, solve
 from zivi.orbits.mechanical.margins import Margins
+from zivi.orbits.mechanical.normal_form import twice
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.mechanical.path import Path
 from zivi.orbits.mechanical.run_word import NotDifferentiable, recent
@@ -24,12 +25,12 @@ __all__ = ["switched"]
 
 AMPLITUDES = (5e-3, 1e-3, 1e-4, 1e-5)
 """How far the new orbit is from the event, in scaled unknowns."""
+ROUNDING = 1e-14
+"""The residual of the new orbit: beside a doubling it is ill conditioned."""
 DISTANCES = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
 """How far beyond the end of a rest orbits are looked for, relative to the parameter."""
 RETURNS = 12
 """Periods of the motion that are simulated there."""
-STEP = 1e-6
-"""Of a difference for the direction in which it lies."""
 
 
 def switched(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbit:
@@ -97,28 +98,11 @@ def _thrown_off(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalO
 
 def doubled(orbit: MechanicalOrbit) -> tuple[Frame, Array, Array]:
     """Give the frame of a word written twice, its unknowns, and the direction that doubles it."""
-    frame = orbit._frame
-    terms = evaluate(frame, orbit._y)
-    null = np.real(np.linalg.svd(terms.matrix(-1.0))[2][-1])
-    word = orbit._word if frame.turn is not None else frame.word * 2
-    new = dataclasses.replace(frame, word=word, length=2.0 * terms.length, turn=None)
-
-    def twice(part: float) -> Array:
-        """Give the unknowns of both halves, each moved along the null vector."""
-        if frame.impulses is not None:
-            first, second = (frame.split(orbit._y + side * part * null)[0] for side in (1.0, -1.0))
-        else:
-            moved = part * null.reshape(terms.x.shape)
-            first, second = terms.x + moved, terms.x - moved
-        second[:, [0, -1]] += terms.length
-        if frame.turn is not None:
-            second[:, 1:-1] = second[:, 1:-1] @ frame.turn.T
-        return new.joined(np.vstack([first, second]), new.length)
-
-    direction = (twice(STEP) - twice(-STEP)) / (2.0 * STEP)
+    terms = evaluate(orbit._frame, orbit._y)
+    frame, y, direction = twice(terms, np.linalg.svd(terms.matrix(-1.0))[2][-1])
     # the half that comes first is the one with the earlier event
-    later = direction.reshape(len(word), -1)[0, -1] > 0.0
-    return new, twice(0.0), -direction if later else direction
+    later = direction.reshape(len(frame.word), -1)[0, -1] > 0.0
+    return frame, y, -direction if later else direction
 
 
 def _doubled(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbit:
@@ -133,7 +117,7 @@ def _doubled(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbi
     z = path.scaled(y, event.value)
     for amplitude in AMPLITUDES:
         try:
-            point = path.correct(z + amplitude * normal, normal)
+            point = path.correct(z + amplitude * normal, normal, ROUNDING)
         except FlightError:
             continue
         if point is None:

@@ -58,7 +58,8 @@ class CodimensionTwo(NamedTuple):
     Attributes
     ----------
     kind : str
-        On a fold ``cusp`` and ``fold_flip``, on a doubling ``fold_flip``; of a turning pair
+        On a fold ``cusp`` and ``fold_flip``, on a doubling ``fold_flip`` and
+        ``generalized_period_doubling`` (its cubic coefficient vanishes); of a turning pair
         ``resonance_1_1`` to ``resonance_1_4``; of a grazing ``resonant_grazing`` (a curve of folds
         touches there) and ``period_doubling``; where a contact ends, or two events are at once,
         ``fold`` and ``period_doubling``. On all of them what ends a motion: ``grazing``
