@@ -1181,7 +1181,9 @@ class MechanicalLoopRecord:
 
 @final
 class Believed:
-    def __new__(cls, mechanism: Mechanism, inputs: Inputs, h: float) -> Self: ...
+    def __new__(
+        cls, mechanism: Mechanism, inputs: Inputs, h: float, tasks: Mechanism | None = None
+    ) -> Self: ...
     def moved(
         self, t: float, q: _Array, qdot: _Array, controls: _Array
     ) -> tuple[_Array, _Array, list[bool]]: ...
@@ -1201,6 +1203,7 @@ class Reference:
         accelerations: _Array,
         sides: _Array,
         contacts: NDArray[np.bool_],
+        tasks: _Array,
     ) -> Self: ...
 
 @final
@@ -1217,6 +1220,7 @@ class GapTracker:
         latch: tuple[float, float] | None,
         delay: int,
         pressing: list[float | Callable[[float], float] | None],
+        learn_offsets: bool,
     ) -> Self: ...
     def step(self, believed: Believed, t: float, q: _Array, qdot: _Array, ends: Any) -> _Array: ...
     def reset(self) -> None: ...

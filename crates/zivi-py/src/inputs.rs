@@ -117,10 +117,8 @@ impl Inputs {
         py: Python<'a>,
         system: &'a Mechanism,
     ) -> PyResult<Evaluated<'a, 'a>> {
-        let (layout, friction) = (system.layout(), system.friction());
-        let dynamics = AnyDynamics::of(py, system.model.get(), layout);
-        let dynamics = Rubbing { dynamics, friction };
-        Driven::new(dynamics, (layout.n, self.r), self.matrix(py)).ok_or_else(wrong_shape)
+        let size = (system.n, self.r);
+        Driven::new(system.rubbing(py), size, self.matrix(py)).ok_or_else(wrong_shape)
     }
 
     /// The same without the interpreter; `None` if it is needed.
@@ -129,12 +127,7 @@ impl Inputs {
         py: Python<'_>,
         system: &'a Mechanism,
     ) -> Option<Native<'a>> {
-        let (layout, friction) = (system.layout(), system.friction());
-        let AnyDynamics::Compiled(dynamics) = AnyDynamics::of(py, system.model.get(), layout)
-        else {
-            return None;
-        };
-        Driven::new(Rubbing { dynamics, friction }, (layout.n, self.r), self.native()?)
+        Driven::new(system.rubbing_alone(py)?, (system.n, self.r), self.native()?)
     }
 }
 

@@ -94,11 +94,11 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<mechanical_loop::MechanicalLoopRecord>()?;
     module.add_class::<mechanical_loop::GapLoop>()?;
     module.add_class::<mechanical_loop::CalledLoop>()?;
-    module.add_class::<control::gap_tracker::Believed>()?;
+    module.add_class::<control::believed::Believed>()?;
     module.add_class::<control::gap_tracker::GapTracker>()?;
-    module.add_class::<control::gap_tracker::Reference>()?;
-    module.add_function(wrap_pyfunction!(control::gap_tracker::controls, module)?)?;
-    module.add_function(wrap_pyfunction!(control::gap_tracker::decoupling_force, module)?)?;
+    module.add_class::<control::mechanical_reference::Reference>()?;
+    module.add_function(wrap_pyfunction!(control::believed::controls, module)?)?;
+    module.add_function(wrap_pyfunction!(control::believed::decoupling_force, module)?)?;
     module.add_function(wrap_pyfunction!(mechanical_loop::simulate_mechanical_loop, module)?)?;
     module.add_class::<motion::MechanicalPath>()?;
     module.add_class::<dynamics::Model>()?;

@@ -6,7 +6,7 @@ use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::drive::mechanical::{
     one_step_each, BelievedPlant, MechanicalController, MechanicalSensor, Observing, SampledLoop,
-    TickRecord, Tracking,
+    Tasks, TickRecord, Tracking,
 };
 use zivi::mechanics::{MechanicalRun, Sampling, Ticks};
 use zivi::system::driven::Driven;
@@ -14,7 +14,9 @@ use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::{AnyImpactLaw, AnyMethod, SetupError, SwitchedRk};
 
 use crate::arrays::{vector, Matrix};
-use crate::control::gap_tracker::{law_error, pressed, Believed, GapTracker, Reference};
+use crate::control::believed::{law_error, Believed};
+use crate::control::gap_tracker::{pressed, GapTracker};
+use crate::control::mechanical_reference::Reference;
 use crate::errors::setup_error;
 use crate::inputs::Inputs;
 use crate::mechanics::MechanicalRecord;
@@ -316,23 +318,28 @@ fn run_tracker(
     let tracker = own.law.borrow(py);
     let (law, laws, wrong) =
         (tracker.law.clone(), mechanism.laws.as_slice(), law_error as fn(_) -> _);
-    if let (Some(plant), Some(model), Some(asked), None) = (
+    let functions = believed.tasks.as_ref().map(Py::get);
+    if let (Some(plant), Some(model), Some(alone), Some(asked), None) = (
         inputs.driven_alone(py, system),
         through.driven_alone(py, mechanism),
+        functions.map_or(Some(None), |it| it.rubbing_alone(py).map(Some)),
         tracker.constants(),
         &observer,
     ) {
         let (mut plant, mut model) = (plant, model);
+        let mut tasks = alone.map(Tasks::new::<PyErr>);
         drop(tracker);
         return py.detach(|| {
-            let plant_of = BelievedPlant { driven: &mut model, laws, h };
+            let (driven, tasks) = (&mut model, tasks.as_mut());
+            let plant_of = BelievedPlant { driven, tasks, laws, h };
             let asked = |i: usize, _: f64| Ok(asked[i]);
             let tracking = Tracking { law, plant: plant_of, reference, asked, wrong };
             course.run(&mut plant, tracking, None::<Nobody>, watch)
         });
     }
     let (mut driven, mut model) = (inputs.driven(py, system)?, through.driven(py, mechanism)?);
-    let plant = BelievedPlant { driven: &mut model, laws, h };
+    let mut tasks = functions.map(|it| Tasks::new::<PyErr>(it.rubbing(py)));
+    let plant = BelievedPlant { driven: &mut model, tasks: tasks.as_mut(), laws, h };
     let asked = |i: usize, t: f64| pressed(py, &tracker.pressing, i, t);
     let tracking = Tracking { law, plant, reference, asked, wrong };
     course.run(&mut driven, tracking, observer.map(Observer), watch)

@@ -9,10 +9,10 @@ use zivi::system::impact_law::newton_impacts;
 use zivi::{AnyImpactLaw, Physical};
 
 use crate::arrays::vector;
-use crate::dynamics::Model;
+use crate::dynamics::{AnyDynamics, CompiledDynamics, Model};
 use crate::errors::setup_error;
 use crate::force::Force;
-use crate::friction::Friction;
+use crate::friction::{Friction, Rubbing};
 use crate::impact_law::ImpactLaw;
 use crate::user_events::Event;
 
@@ -75,6 +75,22 @@ impl Mechanism {
 
     pub(crate) fn layout(&self) -> Layout {
         Layout { n: self.n, m: self.m, p: self.friction().channels.len() }
+    }
+
+    /// What evaluates it.
+    pub(crate) fn rubbing<'a>(&'a self, py: Python<'a>) -> Rubbing<'a, AnyDynamics<'a>> {
+        let dynamics = AnyDynamics::of(py, self.model.get(), self.layout());
+        Rubbing { dynamics, friction: self.friction() }
+    }
+
+    /// The same without the interpreter; `None` if it is needed.
+    pub(crate) fn rubbing_alone(&self, py: Python<'_>) -> Option<Rubbing<'_, CompiledDynamics>> {
+        match AnyDynamics::of(py, self.model.get(), self.layout()) {
+            AnyDynamics::Compiled(dynamics) => {
+                Some(Rubbing { dynamics, friction: self.friction() })
+            }
+            _ => None,
+        }
     }
 }
 

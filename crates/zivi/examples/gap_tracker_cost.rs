@@ -123,12 +123,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         limits: Some(vec![(-100.0, 100.0); n]),
         latch: None,
         delay: 0,
+        learn_offsets: false,
     };
     let (mut plant, mut believed) = (driven(n), driven(n));
     let law = GapTracker::new(vec![tracker; n - 1], settings);
     let tracking = Tracking {
         law,
-        plant: BelievedPlant { driven: &mut believed, laws: &laws, h: PERIOD },
+        plant: BelievedPlant { driven: &mut believed, tasks: None, laws: &laws, h: PERIOD },
         reference: Some(&reference),
         asked: |_, _| Ok(None),
         wrong: |error| panic!("{error:?}"),

@@ -24,12 +24,20 @@ class BelievedPlant:
         Length of a period (s).
     n : int
         Number of coordinates.
+    tasks : MechanicalSystem, optional
+        A system whose gaps are functions of the coordinates that may follow a reference.
     """
 
-    def __init__(self, system: MechanicalSystem, h: float, n: int) -> None:
+    def __init__(
+        self, system: MechanicalSystem, h: float, n: int, tasks: MechanicalSystem | None = None
+    ) -> None:
         self.h, self.model = h, system.model(n)
+        self.tasks = None if tasks is None else tasks.model(n)
         inputs = system.control_inputs(np.zeros(n)).spec()
-        self.core = _zivi.Believed(mechanism(system, self.model), inputs, h)
+        functions = None
+        if tasks is not None and self.tasks is not None:
+            functions = mechanism(tasks, self.tasks)
+        self.core = _zivi.Believed(mechanism(system, self.model), inputs, h, functions)
 
     def moved(
         self, t: float, q: Array, qdot: Array, controls: Array

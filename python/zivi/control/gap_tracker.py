@@ -14,10 +14,12 @@ from zivi.base.check import Array, real, real_array, switch
 from zivi.control.component import TickStatus, delay_of
 from zivi.control.mechanical_reference import MechanicalReference, ReferenceSample
 from zivi.control.model_based import ModelBased, believed
+from zivi.control.task_functions import check_tasks, functions_of
 from zivi.control.twisting import TwistingTracker
 from zivi.control.u_limits import limits_of, pairs
 from zivi.simulation.run import pair
-from zivi.system.mechanism import MechanicalSystem
+from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.start import check_functions
 
 __all__ = ["GapTracker"]
 
@@ -35,7 +37,15 @@ class GapTracker(ModelBased):
     where :math:`a_i` is the control of a `TwistingTracker` on gap i, for all of which impacts,
     accumulations and landings are those of one mass; an impact leaves the second line alone.
     Contacts that rest with their reference are held, and pressed with the forces that are asked
-    for, :math:`a_A = -D_{AA} \lambda_d`.
+    for, :math:`a_A = -W_{AA} \lambda_d`. Functions :math:`y = f(q)` that have a reference of their
+    own follow it first, the posture in what they leave:
+
+    .. math::
+
+        J T b = \ddot y_r - \dot J \dot q + J M^{-1} N^T W^{-1} \dot N \dot q
+        - k_p (y - y_r) - k_d (J T w - \dot y_r)
+
+    What impacts do to y is left alone: in contact it follows :math:`y_r`.
 
     Parameters
     ----------
@@ -63,6 +73,13 @@ class GapTracker(ModelBased):
     delay : int
         Periods from a measurement to the moment when its control acts, 0 to 64: the state is
         predicted as far ahead.
+    tasks : dict, optional
+        Functions of the coordinates that may follow beside the gaps, by names that a ``reference``
+        of a loop has: a `Gap` each, for its value and derivatives; or formulas in the coordinates
+        and parameters of a `zivi.symbolic.system`, such as ``{"x": "l1*cos(a) + l2*cos(a + b)"}``.
+    learn_offset : bool
+        Whether the gaps that are measured in held contacts are taken for the error of where the
+        walls are thought to be, up to 5 mm. Contacts are then held by their rates.
 
     Raises
     ------
@@ -94,6 +111,8 @@ class GapTracker(ModelBased):
         shift: bool = False,
         latch: Sequence[float] | None = None,
         delay: int = 0,
+        tasks: Mapping[str, Any] | None = None,
+        learn_offset: bool = False,
     ) -> None:
         settings: dict[str, Any] = {
             "h": real("h", h),
@@ -107,6 +126,8 @@ class GapTracker(ModelBased):
             "shift": switch("shift", shift),
             "latch": None if latch is None else pair("latch", latch, "(of the gap, of its rate)"),
             "delay": delay_of(delay),
+            "tasks": check_tasks(believed(system), tasks or {}),
+            "learn_offset": switch("learn_offset", learn_offset),
         }
         for name, both in (("posture", posture), ("latch", latch or (0.0, 0.0))):
             if not all(math.isfinite(it) and it >= 0.0 for it in both):
@@ -131,6 +152,7 @@ class GapTracker(ModelBased):
             limits=pairs(limits_of(u_limits)),
             latch=settings["latch"],
             delay=settings["delay"],
+            learn_offsets=settings["learn_offset"],
             pressing=[_pressing(name, settings["force"].get(name)) for name in names],
         )
         super().__init__(system, settings)
@@ -153,12 +175,22 @@ class GapTracker(ModelBased):
     @property
     def least_singular_value(self) -> float:
         r"""The least singular value so far of :math:`W^{-1/2} N M^{-1} B`, in parts of limits."""
-        return float(self._law.state[-1][0])
+        return float(self._law.state[8][0])
 
     @property
     def zero_dynamics(self) -> int:
         """How many directions have no actuator of their own: nothing is promised of them."""
-        return int(self._law.state[-1][1])
+        return int(self._law.state[8][1])
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Names of the functions that may follow beside the gaps."""
+        return tuple(self._settings["tasks"])
+
+    @property
+    def offsets(self) -> Array:
+        """How much nearer the walls are than the model thinks, as far as that is learnt (m)."""
+        return np.array(self._law.state[9][0], dtype=np.float64)
 
     def reset(self) -> None:
         """Forget all that was measured."""
@@ -168,10 +200,11 @@ class GapTracker(ModelBased):
     def state(self) -> tuple[Any, ...]:
         """All that changes from tick to tick; assigning it restores what it was of exactly."""
         own = self._law.state
-        trackers, held, beyond, a, queue, *last, status, rank = own
+        trackers, held, beyond, a, queue, *last, status, rank, offsets = own
         rows = (None if it is None else tuple(it) for it in last)
         sent = tuple(tuple(it) for it in queue)
-        return (tuple(trackers), tuple(held), tuple(beyond), tuple(a), sent, *rows, status, rank)
+        known = status, rank, tuple(tuple(it) for it in offsets)
+        return (tuple(trackers), tuple(held), tuple(beyond), tuple(a), sent, *rows, *known)
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
@@ -257,8 +290,21 @@ class GapTracker(ModelBased):
                 it.accelerations,
                 it.sides,
                 it.contacts,
+                np.zeros((0, 0)) if it.goals is None else it.goals.reshape(len(it.q), -1),
             )
         return _zivi.GapLoop(self._law, self._model(np.zeros(n))[1].core, given)
+
+    def functions(self, q: Array) -> Model | None:
+        """Give the model whose gaps are the tasks, checked at coordinates; None without any."""
+        return self._model(q)[1].tasks
+
+    def _functions(self, q: Array) -> MechanicalSystem | None:
+        tasks = self._settings["tasks"]
+        if not tasks:
+            return None
+        functions = functions_of(self.system, tasks, len(q))
+        check_functions(functions, functions.model(len(q)), q)
+        return functions
 
     def _ticked(self, t: float, q: ArrayLike, qdot: ArrayLike, ends: Any) -> Array:
         at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
@@ -271,6 +317,7 @@ def _sample_spec(sample: ReferenceSample) -> tuple[Any, ...]:
     """Give a sample as the extension takes it."""
     numbers = [None if it is None else np.asarray(it, dtype=np.float64) for it in sample]
     numbers[3] = np.asarray(sample.contacts, dtype=bool)
+    numbers[8] = None if numbers[8] is None else numbers[8].ravel()
     return tuple(numbers)
 
 

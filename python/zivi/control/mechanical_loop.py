@@ -13,6 +13,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
 from zivi.base.compiled import listening_always
 from zivi.base.progress import ProgressBar
+from zivi.control.coupled_gaps import check_coupling
 from zivi.control.gap_tracker import GapTracker
 from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_arguments import (
@@ -39,7 +40,6 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.partial import as_raised, with_partial
 from zivi.simulation.run import pair
 from zivi.system.control_inputs import ControlInputs
-from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
 
@@ -47,8 +47,6 @@ __all__ = ["MechanicalController", "RKPeriod", "simulate_mechanical"]
 
 BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
 """How a plant moves between samples."""
-COUPLED = 0.05
-"""Largest kinetic cosine of gaps whose references know nothing of each other."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,8 +133,9 @@ def simulate_mechanical(
     ahead = int(getattr(controller, "delay", 0))
     check_predicted(ahead, periods, stacklevel=4)
     asked_at = times_ahead(times, h, ahead, reference)
-    given = reference_of(reference, asked_at, system.gap_names, q)
-    check_reference(controller, given, model, q, qdot, reference)
+    tasks = tuple(getattr(controller, "tasks", ()))
+    given = reference_of(reference, asked_at, system.gap_names, q, tasks)
+    check_reference(controller, given, model, (q, qdot))
     watching = watching_of(observer, system, h, len(q))
     tell_sensor(controller, sensor, watching)
     plant = model if disturbance is None else disturbed(model, disturbance, len(q))
@@ -222,9 +221,7 @@ def check_reference(
     controller: Any,
     given: MechanicalReference | None,
     model: Model,
-    q: Array,
-    qdot: Array,
-    reference: Any,
+    start: tuple[Array, Array],
 ) -> None:
     """Refuse references that a controller does not take, or coupled gaps cannot follow."""
     if given is None:
@@ -232,21 +229,8 @@ def check_reference(
     if not callable(getattr(controller, "step_to", None)):
         kind = type(controller).__name__
         raise TypeError(f"reference= needs a controller with step_to, {kind} has none")
-    if not given.tasks or given.gaps.shape[1] < 2:
-        return
-    states = [(q, qdot)] + [(it, 0.0 * qdot) for it in given.q[:: max(1, len(given.q) // 20)]]
-    for at, speed in states:
-        here = model.layout.read(model.evaluate(0.0, np.ascontiguousarray(at), speed))
-        D = GapKinetics.of(here, speed).D
-        cosines = D / np.sqrt(np.outer(np.diag(D), np.diag(D)))
-        np.fill_diagonal(cosines, 0.0)
-        worst = float(np.abs(cosines).max())
-        if worst > COUPLED:
-            raise ValueError(
-                f"reference gives each gap a motion of its own, but the gaps are coupled, c = "
-                f"{worst:.3g}: an impact on one kicks the other. Follow a motion of the system, "
-                "zivi.reference_run"
-            )
+    known = isinstance(controller, GapTracker)
+    check_coupling(given, model, controller.functions(start[0]) if known else None, start)
 
 
 def disturbed(model: Model, disturbance: Any, n: int) -> Model:

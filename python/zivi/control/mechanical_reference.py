@@ -41,6 +41,9 @@ class ReferenceSample(NamedTuple):
         negative. Without them the difference of the rates.
     qddot : ndarray or None
         Accelerations of the coordinates without contact forces, shape (n,); 0 without them.
+    tasks : ndarray or None
+        The functions of the controller's `tasks`, their first and second derivatives, shape (3, k);
+        without them they do not follow.
     """
 
     q: Array
@@ -51,6 +54,7 @@ class ReferenceSample(NamedTuple):
     gap_rates: Array | None = None
     accelerations: Array | None = None
     qddot: Array | None = None
+    tasks: Array | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,8 +69,10 @@ class MechanicalReference:
         Shape (k, m).
     contacts : ndarray of bool
         Shape (k, m).
-    tasks : bool
+    apart : bool
         Whether gaps and coordinates were given apart: their coupling must be small then.
+    goals : ndarray or None
+        Functions of the coordinates that follow, first and second derivatives, shape (k, 3, p).
     """
 
     q: Array
@@ -77,7 +83,8 @@ class MechanicalReference:
     accelerations: Array
     sides: Array
     contacts: NDArray[np.bool_]
-    tasks: bool = False
+    apart: bool = False
+    goals: Array | None = None
 
     def sample(self, k: int) -> ReferenceSample:
         """Give sample `k`, the last one beyond the end."""
@@ -91,13 +98,14 @@ class MechanicalReference:
             self.gap_rates[k],
             self.accelerations[k],
             self.qddot[k],
+            None if self.goals is None else self.goals[k],
         )
 
 
 def reference_of(
-    reference: Any, times: Array, names: tuple[str, ...], q0: Array
+    reference: Any, times: Array, names: tuple[str, ...], q0: Array, tasks: tuple[str, ...] = ()
 ) -> MechanicalReference | None:
-    """Translate what a loop is given; None for none."""
+    """Translate what a loop is given, for a controller with these tasks; None for none."""
     if reference is None or isinstance(reference, MechanicalReference):
         return reference
     if isinstance(reference, MechanicalTrajectory):
@@ -109,7 +117,7 @@ def reference_of(
             "reference must be a run of zivi.simulate or zivi.reference_run, 'rest', or a dict of "
             f"one for each gap and the posture, got {type(reference).__name__}"
         )
-    return of_parts(dict(reference), times, names, q0)
+    return of_parts(dict(reference), times, names, q0, tasks)
 
 
 def of_run(
@@ -180,13 +188,18 @@ def _sides(run: MechanicalTrajectory, times: Array, m: int) -> Array:
 
 
 def of_parts(
-    parts: dict[str, Any], times: Array, names: tuple[str, ...], q0: Array
+    parts: dict[str, Any],
+    times: Array,
+    names: tuple[str, ...],
+    q0: Array,
+    tasks: tuple[str, ...],
 ) -> MechanicalReference:
-    """Give a reference that is told gap by gap, and the posture that the rest of it follows."""
+    """Give a reference that is told gap by gap, and what the rest of it follows."""
     posture = parts.pop("posture", q0)
+    goals = goals_of({name: parts.pop(name) for name in tasks if name in parts}, tasks, times)
     strange = sorted(set(parts) - set(names))
     if strange:
-        raise ValueError(f"reference has {strange[0]!r}, which is no gap of {names}")
+        raise ValueError(f"reference has {strange[0]!r}, which is no gap of {names} and no task")
     missing = sorted(set(names) - set(parts))
     if missing:
         raise ValueError(f"reference must say what gap {missing[0]!r} does: 'rest' or a run")
@@ -204,7 +217,32 @@ def of_parts(
         contacts[:, i] = (rows[0] == 0.0) & (rows[1] == 0.0)
     q, qdot, qddot = posture_at(posture, times, n)
     moving = not contacts.all()
-    return MechanicalReference(q, qdot, qddot, gaps, rates, pulls, sides, contacts, tasks=moving)
+    of_gaps = gaps, rates, pulls, sides
+    return MechanicalReference(q, qdot, qddot, *of_gaps, contacts, apart=moving, goals=goals)
+
+
+def goals_of(parts: dict[str, Any], tasks: tuple[str, ...], times: Array) -> Array | None:
+    """Give functions of the coordinates with their derivatives at the times; None for none."""
+    if not parts:
+        return None
+    goals = np.zeros((len(times), 3, len(tasks)))
+    for j, name in enumerate(tasks):
+        if name not in parts:
+            raise ValueError(
+                f"reference must say what task {name!r} does, as it does of {[*parts]}"
+            )
+        one = parts[name]
+        for k, t in enumerate(times.tolist()):
+            given = np.atleast_1d(
+                real_array(f"reference[{name!r}]", one(t) if callable(one) else one)
+            )
+            if given.ndim != 1 or not 1 <= len(given) <= 3 or not np.all(np.isfinite(given)):
+                raise ValueError(
+                    f"reference[{name!r}] must be one finite number, or with its first and second "
+                    f"derivatives, got shape {given.shape}"
+                )
+            goals[k, : len(given), j] = given
+    return goals
 
 
 def _scalar(name: str, run: Any, times: Array) -> tuple[Array, Array, Array, Array]:

@@ -162,11 +162,17 @@ class ModelBased:
                     f"u_limits must have a pair for each of {inputs.r} controls, got {len(limits)}"
                 )
             self._look_at(q)
-            self._inputs, self._believed = inputs, BelievedPlant(self.system, self.h, len(q))
+            tasks = self._functions(q)
+            self._inputs = inputs
+            self._believed = BelievedPlant(self.system, self.h, len(q), tasks)
         return self._inputs, self._believed
 
     def _look_at(self, q: Array) -> None:
         """Check what only a sample shows."""
+
+    def _functions(self, q: Array) -> MechanicalSystem | None:
+        """Give a system whose gaps are what follows beside the gaps, if anything does."""
+        return None
 
     def _sent(self, u: Array) -> Array:
         """Remember what is sent."""

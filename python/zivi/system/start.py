@@ -13,7 +13,7 @@ from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem, Model, check_mass
 from zivi.system.table import Table
 
-__all__ = ["check_start"]
+__all__ = ["check_functions", "check_start"]
 
 AGREEMENT = 1e-5
 """Relative difference between a derivative and its differences that is taken for one."""
@@ -69,6 +69,27 @@ def check_start(
     if not system.derived and span_before != span:
         _check_rates(system, look, span, q, here)
     CHECKED[system] = span, mass
+
+
+def check_functions(system: MechanicalSystem, model: Model, q: Array) -> None:
+    """Raise a ValueError where the derivatives of gaps, whatever their sign, are none.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        Its names and gaps.
+    model : Model
+        The same as it is evaluated.
+    q : ndarray
+        Coordinates.
+    """
+    if system.derived:
+        return
+    look = _Look(model)
+    here = look(0.0, q, np.zeros_like(q))
+    _check_finite(system, here)
+    _check_gradients(system, look, 0.0, q, here)
+    _check_curvatures(system, look, 0.0, q)
 
 
 def _check_open(system: MechanicalSystem, here: Evaluation, q: Array) -> None:

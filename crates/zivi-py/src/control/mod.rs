@@ -10,9 +10,11 @@ use zivi_core::setting::Setting;
 use crate::method::described;
 
 mod arguments;
+pub(crate) mod believed;
 mod explicit;
 pub(crate) mod gap_tracker;
 mod late;
+pub(crate) mod mechanical_reference;
 mod reference;
 mod regulator;
 mod tracker;

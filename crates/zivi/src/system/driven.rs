@@ -29,6 +29,8 @@ pub struct Driven<D, F> {
     matrix: Vec<f64>,
     /// `B u`.
     force: Vec<f64>,
+    /// How much nearer walls are than the system says; of no gap if empty.
+    offsets: Vec<f64>,
 }
 
 impl<D, F> Driven<D, F> {
@@ -41,7 +43,7 @@ impl<D, F> Driven<D, F> {
             }
         }
         let (matrix, force) = (vec![0.0; n * r], vec![0.0; n]);
-        Some(Self { dynamics, inputs, u: vec![0.0; r], matrix, force })
+        Some(Self { dynamics, inputs, u: vec![0.0; r], matrix, force, offsets: Vec::new() })
     }
 
     /// Holds this control from here on.
@@ -56,6 +58,12 @@ impl<D, F> Driven<D, F> {
     pub fn release(&mut self) {
         self.u.fill(0.0);
         self.force.fill(0.0);
+    }
+
+    /// From here on gaps are smaller by these numbers than the system says; those of none if empty.
+    pub fn offset(&mut self, by: &[f64]) {
+        self.offsets.clear();
+        self.offsets.extend_from_slice(by);
     }
 
     /// `B`, `n x r` row by row, where it was last evaluated.
@@ -101,6 +109,8 @@ where
         }
         let force = &mut out[self.dynamics.layout().force()];
         force.iter_mut().zip(&self.force).for_each(|(to, force)| *to += force);
+        let gaps = &mut out[self.dynamics.layout().gap()];
+        gaps.iter_mut().zip(&self.offsets).for_each(|(gap, offset)| *gap -= offset);
         Ok(())
     }
 

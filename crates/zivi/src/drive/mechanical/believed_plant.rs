@@ -8,6 +8,7 @@ use crate::{AnyImpactLaw, Monitor};
 
 use super::kinetics::GapKinetics;
 use super::law_error::LawError;
+use super::tasks::Tasks;
 
 /// One step of the pair of order 5 between two of these times, whose length no error controls.
 #[must_use]
@@ -33,6 +34,8 @@ const PROJECTIONS: usize = 4;
 pub struct BelievedPlant<'a, D, F> {
     /// The system.
     pub driven: &'a mut Driven<D, F>,
+    /// Functions of its coordinates that may follow a reference.
+    pub tasks: Option<&'a mut Tasks<D>>,
     /// Impact laws of the gaps.
     pub laws: &'a [AnyImpactLaw],
     /// Length of a period (s).

@@ -6,15 +6,16 @@
 //! a_A   = -D_AA lambda_d      of contacts A that are held
 //! ```
 
-use zivi_core::control::{TwistingTracker, Waypoint};
-use zivi_core::{Branch, Physical, SettingError};
+use zivi_core::control::TwistingTracker;
+use zivi_core::{Physical, SettingError};
 
 use super::allocation::{controls, reach};
 use super::believed_plant::BelievedPlant;
 use super::kinetics::GapKinetics;
 use super::latch::{Latch, Noise};
 use super::law_error::LawError;
-use super::reference::ReferenceSample;
+use super::pressing::{press_of, usual_forces, weakest_of};
+use super::reference::{gaps_of, waypoint, ReferenceSample};
 use crate::numeric::singular::Singular;
 use crate::numeric::vector::dot;
 use crate::system::driven::Driven;
@@ -36,6 +37,8 @@ pub struct GapTrackerSettings {
     pub latch: Option<[f64; 2]>,
     /// Periods from a measurement to the moment when its control acts.
     pub delay: usize,
+    /// Whether gaps that are measured in contact tell where the walls are.
+    pub learn_offsets: bool,
 }
 
 /// What changes from tick to tick, beside the trackers.
@@ -162,6 +165,7 @@ impl GapTracker {
             gaps: Some((of_gaps, of_gaps)),
             accelerations: Some(of_gaps),
             turning: None,
+            tasks: None,
         };
         let ends = reference.unwrap_or([resting; 2]);
         let mut kinetics = self.kinetics.take().unwrap_or_else(|| GapKinetics::new(layout));
@@ -188,8 +192,11 @@ impl GapTracker {
         D: Dynamics<E>,
         Driven<D, F>: Dynamics<E>,
     {
+        plant.driven.offset(&[]);
         let rows: Vec<_> = ends.iter().map(|end| gaps_of(plant, end)).collect::<Result<_, _>>()?;
         let mut ends = ends;
+        // walls are elsewhere for the plant, not for the reference
+        plant.driven.offset(&self.state.latch.offsets.by);
         for (end, row) in ends.iter_mut().zip(&rows) {
             if let Some((gaps, rates)) = row {
                 end.gaps = Some((gaps, rates));
@@ -197,20 +204,30 @@ impl GapTracker {
         }
         let ahead;
         let (mut q, mut w) = measured;
+        let mut seen = None;
         if self.settings.delay > 0 {
+            if self.settings.learn_offsets {
+                // the prediction stays on the side where the wall is thought to be
+                plant.look(t, measured, kinetics)?;
+                seen = Some((kinetics.gaps().to_vec(), kinetics.rates.clone()));
+            }
             ahead = self.predicted(plant, t, measured, kinetics, u.len())?;
             (q, w) = (&ahead.0, &ahead.1);
             t += self.settings.delay as f64 * self.settings.h;
         }
         plant.look(t, (q, w), kinetics)?;
-        let a = self.wanted(t, kinetics, ends, asked)?;
+        let a = self.wanted(t, kinetics, seen, ends, asked)?;
         let (now, (kp, kd)) = (&ends[0], self.settings.posture);
-        let rest: Vec<f64> = (0..q.len())
+        let mut rest: Vec<f64> = (0..q.len())
             .map(|j| {
                 let back = -kp * (q[j] - now.q[j]) - kd * (w[j] - now.w[j]);
                 back + now.turning.map_or(0.0, |turning| turning[j])
             })
             .collect();
+        if let (Some(tasks), Some(goal)) = (&mut plant.tasks, now.tasks) {
+            let goal = (goal, self.settings.posture);
+            tasks.steer(t, (q, w), goal, kinetics, &mut rest).map_err(LawError::Raised)?;
+        }
         self.state.accelerations = a;
         let matrix = plant.driven.matrix();
         let limits = self.settings.limits.as_deref();
@@ -251,11 +268,13 @@ impl GapTracker {
         Ok((moved.q, moved.w))
     }
 
-    /// The accelerations of the gaps.
+    /// The accelerations of the gaps; `seen` are gaps and rates as they are measured, if these tell
+    /// other contacts than the prediction.
     fn wanted<E>(
         &mut self,
         t: f64,
         kinetics: &mut GapKinetics,
+        seen: Option<(Vec<f64>, Vec<f64>)>,
         [now, end]: Ends<'_>,
         asked: &mut dyn FnMut(usize, f64) -> Result<Option<f64>, E>,
     ) -> Result<Vec<f64>, LawError<E>> {
@@ -263,7 +282,14 @@ impl GapTracker {
         let resting: Vec<bool> =
             now.contacts.iter().zip(end.contacts).map(|(now, end)| *now && *end).collect();
         let Self { trackers, settings, state, noise, .. } = self;
-        if state.latch.look(kinetics, &resting, settings.latch, noise) {
+        let pulls: Option<Vec<f64>> = settings
+            .learn_offsets
+            .then(|| trackers.iter().map(|it| settings.h * weakest_of(it)).collect());
+        let seen = match &seen {
+            Some((gaps, rates)) => (gaps.as_slice(), rates.as_slice()),
+            None => (kinetics.gaps(), kinetics.rates.as_slice()),
+        };
+        if state.latch.look(kinetics, seen, &resting, settings.latch, noise, pulls.as_deref()) {
             state.status |= Self::LATCH_LOST;
         }
         let held = &state.latch.held;
@@ -321,71 +347,6 @@ impl GapTracker {
             self.state.sent.push(u.to_vec());
         }
     }
-}
-
-/// The gaps of a reference that does not tell them, and their rates.
-type Told = Option<(Vec<f64>, Vec<f64>)>;
-
-fn gaps_of<E, D, F>(
-    plant: &mut BelievedPlant<'_, D, F>,
-    sample: &ReferenceSample<'_>,
-) -> Result<Told, LawError<E>>
-where
-    Driven<D, F>: Dynamics<E>,
-{
-    if sample.gaps.is_some() {
-        return Ok(None);
-    }
-    let layout = plant.layout();
-    let mut row = vec![0.0; layout.len()];
-    plant.driven.release();
-    plant.driven.evaluate(0.0, sample.q, sample.w, &mut row).map_err(LawError::Raised)?;
-    let (gaps, normals, rates) = (&row[layout.gap()], &row[layout.gradient()], &row[layout.rate()]);
-    let open = |i: usize, value: f64| if sample.contacts[i] { 0.0 } else { value };
-    let rate = |i: usize| dot(&normals[i * layout.n..][..layout.n], sample.w) + rates[i];
-    let of = |value: &dyn Fn(usize) -> f64| (0..layout.m).map(|i| open(i, value(i))).collect();
-    Ok(Some((of(&|i| gaps[i].max(0.0)), of(&rate))))
-}
-
-/// A gap of a reference.
-fn waypoint(
-    name: &'static str,
-    sample: &ReferenceSample<'_>,
-    i: usize,
-) -> Result<Waypoint, SettingError> {
-    let side = sample.sides[i];
-    let branch = match side {
-        1.0 => Branch::Positive,
-        -1.0 => Branch::Negative,
-        _ => return Err(SettingError { name, value: side, range: "on a side that is 1 or -1" }),
-    };
-    let (x, xdot) = sample.gaps.map_or((0.0, 0.0), |(gaps, rates)| (gaps[i], rates[i]));
-    Ok(Waypoint { state: Physical { x, xdot }, branch })
-}
-
-/// The acceleration with which a tracker presses a gap that rests.
-fn press_of(tracker: &TwistingTracker) -> f64 {
-    tracker.descent().map_or(0.0, |it| it.accelerations()[2])
-}
-
-/// The least acceleration with which a tracker pulls a gap that lands.
-fn weakest_of(tracker: &TwistingTracker) -> f64 {
-    let pulls = tracker.descent().map_or([0.0; 3], |it| it.accelerations());
-    pulls.into_iter().fold(f64::INFINITY, f64::min)
-}
-
-/// The forces with which landings press the contacts that are held, 0 elsewhere.
-fn usual_forces(kinetics: &mut GapKinetics, held: &[bool], press: &[f64]) -> Vec<f64> {
-    let m = held.len();
-    let mut forces: Vec<f64> =
-        held.iter().zip(press).map(|(held, press)| if *held { *press } else { 0.0 }).collect();
-    kinetics.solve_among(held, &mut forces);
-    if !held.iter().zip(&forces).all(|(held, force)| !held || *force > 0.0) {
-        for i in (0..m).filter(|&i| held[i]) {
-            forces[i] = press[i] / kinetics.d[i * m + i];
-        }
-    }
-    forces
 }
 
 /// How many columns of `B` are independent.

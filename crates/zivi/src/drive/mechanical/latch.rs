@@ -11,6 +11,14 @@ const DEVIATIONS: f64 = 20.0;
 const STEPS: f64 = 5.0;
 /// A contact is open after so many measurements beyond that.
 const OUT: u32 = 5;
+/// Largest offset of a wall that is learnt (m).
+const FARTHEST: f64 = 5e-3;
+/// A contact at a place that is not known is closed after at least so many measurements at rest, and
+/// no fewer than in this multiple of the time in which a gap that flies would pick up the rate below
+/// which it counts as resting.
+const STILL: (f64, f64) = (5.0, 8.0);
+/// How many measurements are averaged to the offset of a wall.
+const MEAN: u32 = 500;
 
 /// What is known of a sensor, of coordinates and of velocities.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -21,6 +29,30 @@ pub struct Noise {
     pub steps: [f64; 2],
 }
 
+/// Where walls are that are not where they are thought to be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Offsets {
+    /// How much nearer than thought, by gap (m).
+    pub by: Vec<f64>,
+    /// Measurements that these are the mean of.
+    pub seen: Vec<u32>,
+    /// Measurements at rest in a row.
+    pub still: Vec<u32>,
+}
+
+impl Offsets {
+    fn none(m: usize) -> Self {
+        Self { by: vec![0.0; m], seen: vec![0; m], still: vec![0; m] }
+    }
+
+    /// Takes over what is measured of a contact that is held.
+    fn learn(&mut self, i: usize, gap: f64) {
+        self.seen[i] = (self.seen[i] + 1).min(MEAN);
+        let mean = self.by[i] + gap / f64::from(self.seen[i]);
+        self.by[i] = mean.clamp(-FARTHEST, FARTHEST);
+    }
+}
+
 /// Which contacts are held.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Latch {
@@ -28,42 +60,62 @@ pub struct Latch {
     pub held: Vec<bool>,
     /// Measurements in a row that were beyond.
     pub beyond: Vec<u32>,
+    /// Of the walls.
+    pub offsets: Offsets,
 }
 
 impl Latch {
     /// None of so many.
     #[must_use]
     pub fn open(m: usize) -> Self {
-        Self { held: vec![false; m], beyond: vec![0; m] }
+        Self { held: vec![false; m], beyond: vec![0; m], offsets: Offsets::none(m) }
     }
 
     /// Holds contacts that rest with their reference, and lets go of those that do not: whether one
-    /// was lost.
+    /// was lost. With `pulls`, the changes of the rates of gaps in flight by a period, walls may be
+    /// elsewhere than thought: contacts are judged by their rates, and the gaps of those that are held
+    /// are the offsets. `seen` are gaps and rates.
     pub(super) fn look(
         &mut self,
         kinetics: &GapKinetics,
+        seen: (&[f64], &[f64]),
         resting: &[bool],
         within: Option<[f64; 2]>,
         noise: &Noise,
+        pulls: Option<&[f64]>,
     ) -> bool {
+        let Self { held, beyond, offsets } = self;
         let mut any = false;
         for (i, &rests) in resting.iter().enumerate() {
-            let [near, slow] = within.unwrap_or_else(|| {
-                let normal = kinetics.normal(i);
-                let size = dot(normal, normal).sqrt();
-                let part = |k: usize| {
-                    let Noise { deviations, steps } = noise;
-                    EXACT[k].max(size * (DEVIATIONS * deviations[k]).max(STEPS * steps[k]))
-                };
-                [part(0), part(1)]
-            });
-            let at = kinetics.gaps()[i].abs() <= near;
-            let closes = rests && !self.held[i] && at && kinetics.rates[i].abs() <= slow;
-            self.beyond[i] = if self.held[i] && !at { self.beyond[i] + 1 } else { 0 };
-            let lost = self.held[i] && rests && self.beyond[i] >= OUT;
+            let [near, slow] = within.unwrap_or_else(|| limits_of(kinetics, i, noise));
+            let (gap, is_slow) = (seen.0[i], seen.1[i].abs() <= slow);
+            let (stays, settles) = match pulls {
+                None => (gap.abs() <= near, gap.abs() <= near && is_slow),
+                Some(pulls) => {
+                    let still = rests && is_slow && (gap + offsets.by[i]).abs() <= FARTHEST;
+                    offsets.still[i] = if still { offsets.still[i].saturating_add(1) } else { 0 };
+                    let enough = STILL.0.max(STILL.1 * slow / pulls[i]);
+                    (is_slow, f64::from(offsets.still[i]) >= enough)
+                }
+            };
+            let closes = rests && !held[i] && settles;
+            beyond[i] = if held[i] && !stays { beyond[i] + 1 } else { 0 };
+            let lost = held[i] && rests && beyond[i] >= OUT;
             any |= lost;
-            self.held[i] = (self.held[i] && rests && !lost) || closes;
+            held[i] = (held[i] && rests && !lost) || closes;
+            if held[i] && stays && pulls.is_some() {
+                offsets.learn(i, gap);
+            }
         }
         any
     }
+}
+
+/// Below which gap and rate a contact may be closed, by the noise.
+fn limits_of(kinetics: &GapKinetics, i: usize, noise: &Noise) -> [f64; 2] {
+    let normal = kinetics.normal(i);
+    let size = dot(normal, normal).sqrt();
+    let Noise { deviations, steps } = noise;
+    let part = |k: usize| EXACT[k].max(size * (DEVIATIONS * deviations[k]).max(STEPS * steps[k]));
+    [part(0), part(1)]
 }

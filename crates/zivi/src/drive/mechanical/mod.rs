@@ -7,7 +7,7 @@
 //!
 //! `kinetics` has a state by its gaps, `allocation` the controls that give accelerations, `in_box` those
 //! within limits, `gap_tracker` the law, `latch` the contacts that it holds, `believed_plant` what the
-//! law thinks of its plant, `tracking` the law in a loop, `sampled` what happens at a sample.
+//! law thinks of its plant, `tasks` functions that follow beside the gaps, `tracking` the law in a loop, `sampled` what happens at a sample.
 
 mod allocation;
 mod believed_plant;
@@ -16,8 +16,10 @@ mod in_box;
 mod kinetics;
 mod latch;
 mod law_error;
+mod pressing;
 mod reference;
 mod sampled;
+mod tasks;
 mod tracking;
 
 pub use allocation::{controls, decoupling_force, Allocation};
@@ -25,8 +27,9 @@ pub use believed_plant::{one_step_each, BelievedPlant, Moved};
 pub use gap_tracker::{GapTracker, GapTrackerSettings, GapTrackerState};
 pub use in_box::Limits;
 pub use kinetics::GapKinetics;
-pub use latch::{Latch, Noise};
+pub use latch::{Latch, Noise, Offsets};
 pub use law_error::LawError;
 pub use reference::{MechanicalReference, ReferenceSample};
 pub use sampled::{MechanicalController, MechanicalSensor, Observing, SampledLoop, TickRecord};
+pub use tasks::Tasks;
 pub use tracking::Tracking;

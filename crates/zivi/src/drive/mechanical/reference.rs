@@ -1,5 +1,14 @@
 //! References of mechanical systems at the samples of a controller.
 
+use zivi_core::control::Waypoint;
+use zivi_core::{Branch, Physical, SettingError};
+
+use super::believed_plant::BelievedPlant;
+use super::law_error::LawError;
+use crate::numeric::vector::dot;
+use crate::system::driven::Driven;
+use crate::system::dynamics::Dynamics;
+
 /// Where a reference is at one sample.
 #[derive(Clone, Copy, Debug)]
 pub struct ReferenceSample<'a> {
@@ -18,6 +27,8 @@ pub struct ReferenceSample<'a> {
     pub accelerations: Option<&'a [f64]>,
     /// Accelerations of the coordinates without contact forces, 0 without them.
     pub turning: Option<&'a [f64]>,
+    /// Functions of the coordinates, then their first and their second derivatives in time.
+    pub tasks: Option<&'a [f64]>,
 }
 
 /// A reference at all samples, row by row.
@@ -39,13 +50,16 @@ pub struct MechanicalReference {
     pub sides: Vec<f64>,
     /// Which gaps are closed and stay so.
     pub contacts: Vec<bool>,
+    /// Functions of the coordinates with their first and second derivatives, if they are to follow.
+    pub tasks: Vec<f64>,
 }
 
 impl MechanicalReference {
     /// Sample `k` of a system of `n` coordinates and `m` gaps, the last one beyond the end.
     #[must_use]
     pub fn sample(&self, k: usize, (n, m): (usize, usize)) -> ReferenceSample<'_> {
-        let k = k.min((self.q.len() / n).saturating_sub(1));
+        let count = self.q.len() / n;
+        let (k, width) = (k.min(count.saturating_sub(1)), self.tasks.len() / count.max(1));
         let (of_q, of_gaps) = (k * n..(k + 1) * n, k * m..(k + 1) * m);
         ReferenceSample {
             q: &self.q[of_q.clone()],
@@ -55,6 +69,47 @@ impl MechanicalReference {
             gaps: Some((&self.gaps[of_gaps.clone()], &self.rates[of_gaps.clone()])),
             accelerations: Some(&self.accelerations[of_gaps]),
             turning: Some(&self.turning[of_q]),
+            tasks: (width > 0).then(|| &self.tasks[k * width..][..width]),
         }
     }
+}
+
+/// The gaps of a reference that does not tell them, and their rates.
+pub(super) type Told = Option<(Vec<f64>, Vec<f64>)>;
+
+pub(super) fn gaps_of<E, D, F>(
+    plant: &mut BelievedPlant<'_, D, F>,
+    sample: &ReferenceSample<'_>,
+) -> Result<Told, LawError<E>>
+where
+    Driven<D, F>: Dynamics<E>,
+{
+    if sample.gaps.is_some() {
+        return Ok(None);
+    }
+    let layout = plant.layout();
+    let mut row = vec![0.0; layout.len()];
+    plant.driven.release();
+    plant.driven.evaluate(0.0, sample.q, sample.w, &mut row).map_err(LawError::Raised)?;
+    let (gaps, normals, rates) = (&row[layout.gap()], &row[layout.gradient()], &row[layout.rate()]);
+    let open = |i: usize, value: f64| if sample.contacts[i] { 0.0 } else { value };
+    let rate = |i: usize| dot(&normals[i * layout.n..][..layout.n], sample.w) + rates[i];
+    let of = |value: &dyn Fn(usize) -> f64| (0..layout.m).map(|i| open(i, value(i))).collect();
+    Ok(Some((of(&|i| gaps[i].max(0.0)), of(&rate))))
+}
+
+/// A gap of a reference.
+pub(super) fn waypoint(
+    name: &'static str,
+    sample: &ReferenceSample<'_>,
+    i: usize,
+) -> Result<Waypoint, SettingError> {
+    let side = sample.sides[i];
+    let branch = match side {
+        1.0 => Branch::Positive,
+        -1.0 => Branch::Negative,
+        _ => return Err(SettingError { name, value: side, range: "on a side that is 1 or -1" }),
+    };
+    let (x, xdot) = sample.gaps.map_or((0.0, 0.0), |(gaps, rates)| (gaps[i], rates[i]));
+    Ok(Waypoint { state: Physical { x, xdot }, branch })
 }
