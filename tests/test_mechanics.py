@@ -441,7 +441,7 @@ def bowl(**parts):
         ({"mass": [[1.0, 2.0], [2.0, 1.0]]}, "mass must be positive definite"),
         ({"mass": [[1.0, 0.5], [0.0, 1.0]]}, "mass must be symmetric"),
         ({"mass": lambda t, q: -np.eye(2)}, "mass must be positive definite"),
-        ({"mass": np.eye(3)}, "same size"),
+        ({"mass": np.eye(3)}, "for as many coordinates"),
         ({"mass": lambda t, q: np.eye(3)}, r"mass must have shape \(2, 2\)"),
         ({"force": lambda t, q, qdot: [1.0]}, r"force must have shape \(2,\)"),
         ({"force": [np.nan, 0]}, "force must be finite"),
