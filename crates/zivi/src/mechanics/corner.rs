@@ -121,8 +121,8 @@ impl CornerApproach {
         let mut pressed = state.kinetics().solved()[..set.len()].to_vec();
         if pressed.iter().any(|&force| force <= 0.0) {
             // impacts without end at one instant: they go on until there are no speeds, and then
-            // the forces open what they pull
-            if !set.iter().all(|i| state.touches(i)) {
+            // the forces open what they pull; another gap that still bounces strikes them again
+            if !(set.iter().all(|i| state.touches(i)) && recent.without(set).is_empty()) {
                 return Ok(None);
             }
             pressed.fill(0.0);
