@@ -245,7 +245,8 @@ def solvers(name: str) -> list[str]:
     if not np.isfinite(p.upper).any():
         chosen += ["Siconos, Gauss-Seidel"] if np.all(p.M.diagonal() > 0) else []
         chosen += ["Siconos, Newton"] if len(p.q) <= MANY else []
-    if is_linear_program(p) or abs(p.M - p.M.T).max() == 0:
+    # a product is symmetric up to rounding
+    if is_linear_program(p) or abs(p.M - p.M.T).max() <= 1e-15 * abs(p.M).max():
         chosen += ["Clarabel", "HiGHS"]
     return chosen
 

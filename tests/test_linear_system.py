@@ -376,3 +376,26 @@ def test_what_does_not_fit_is_refused(make, told):
         make()
     with pytest.raises(TypeError, match=r"must be a zivi\.LinearGap"):
         zivi.LinearSystem(1.0, 0.0, 1.0, gaps=[zivi.Gap(lambda t, q: q[0], [1.0])])
+
+
+def test_what_is_kept_of_a_run_does_not_change_it():
+    """Samples, the dense motion and a batch: every bit of impacts and of the end."""
+    mass, damping, stiffness = matrices(5, 8)
+    system = zivi.LinearSystem(
+        mass,
+        damping,
+        stiffness,
+        excitation=zivi.Harmonic(6.0 * np.ones(5), 2.7),
+        gaps=[zivi.LinearGap(np.eye(5)[0], 0.1), zivi.LinearGap(-np.eye(5)[4], 0.2)],
+        e=0.6,
+    )
+    start = np.zeros(5), np.ones(5)
+    last = zivi.simulate(system, (0, 20), start, t_eval=[20.0], dense_output=False)
+    dense = zivi.simulate(system, (0, 20), start)
+    assert len(last.impacts) > 20
+    for other in (dense, zivi.simulate(system, (0, 20), start, t_eval=np.linspace(0, 20, 50))):
+        np.testing.assert_array_equal(last.impacts, other.impacts)
+        np.testing.assert_array_equal(last.q[-1], other.q[-1])
+        np.testing.assert_array_equal(last.qdot[-1], other.qdot[-1])
+    batch = zivi.simulate_batch([system, system], (0, 20), start)
+    np.testing.assert_array_equal(batch.q[1], last.q[-1])

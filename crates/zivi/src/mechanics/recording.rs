@@ -84,8 +84,8 @@ impl Piecewise for MechanicalIntegrator {
         MechanicalIntegrator::restart(self);
     }
 
-    fn look_from(&mut self, t: f64) {
-        self.motion_mut().steps_mut().look_from(t);
+    fn look_from(&mut self, t: f64, drawn: f64) {
+        self.motion_mut().look_from(t, drawn);
     }
 }
 
@@ -117,6 +117,10 @@ impl Record<MechanicalIntegrator> for MechanicalRecord {
     fn is_dense(&self) -> bool {
         // the same steps to the last bit, whatever is kept of them
         self.path.is_some()
+    }
+
+    fn is_whole(&self) -> bool {
+        self.is_whole
     }
 }
 
@@ -155,7 +159,7 @@ impl<E> Running<'_, E> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
         let end = self.method.state().now().t;
-        if end > self.dense_from() && end > from {
+        if end > self.drawn_from() && end > from {
             let motion = self.method.motion();
             let curve = motion.curve(self.method.state().now());
             self.follow(&curve, (from, end), mode, model)?;

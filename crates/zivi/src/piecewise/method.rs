@@ -26,7 +26,8 @@ pub(crate) trait Piecewise {
     fn restart(&mut self);
 
     /// Steps that end later than this have their polynomials computed.
-    fn look_from(&mut self, t: f64);
+    /// The motion within those that end later than `drawn` is requested.
+    fn look_from(&mut self, t: f64, drawn: f64);
 }
 
 /// What a method asks: a force, or the equations of motion. Times at which it is not smooth are

@@ -37,6 +37,11 @@ pub(crate) trait Record<M> {
 
     /// Whether the motion is kept as a function of time.
     fn is_dense(&self) -> bool;
+
+    /// Whether all of the motion is, and not parts of it only.
+    fn is_whole(&self) -> bool {
+        self.is_dense()
+    }
 }
 
 /// A run that records the pieces of a method that asks `S`.
@@ -134,7 +139,7 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
                     driver.enter(&mut self.method, asked)?;
                 }
                 self.make_room()?;
-                self.method.look_from(self.dense_from());
+                self.method.look_from(self.dense_from(), self.drawn_from());
                 let piece = driver.step(&mut self.method, until, asked)?;
                 self.absorb(piece, until, asked)?;
             }
@@ -162,6 +167,15 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
     /// From when on the motion between the ends of steps is requested.
     pub(crate) fn dense_from(&self) -> f64 {
         if self.record.is_dense() || !self.seeker.is_idle() {
+            f64::NEG_INFINITY
+        } else {
+            self.wanted.next().unwrap_or(f64::INFINITY)
+        }
+    }
+
+    /// From when on the motion within steps is requested (s).
+    pub(crate) fn drawn_from(&self) -> f64 {
+        if self.record.is_whole() || !self.seeker.is_idle() {
             f64::NEG_INFINITY
         } else {
             self.wanted.next().unwrap_or(f64::INFINITY)

@@ -86,7 +86,7 @@ impl Piecewise for SwitchedIntegrator {
         SwitchedIntegrator::restart(self);
     }
 
-    fn look_from(&mut self, t: f64) {
+    fn look_from(&mut self, t: f64, _drawn: f64) {
         self.flight().steps_mut().look_from(t);
     }
 }

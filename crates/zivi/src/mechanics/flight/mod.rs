@@ -62,6 +62,8 @@ pub(super) struct SmoothMotion {
     linear: Option<Box<LinearFlight>>,
     /// How flights are computed.
     flights: Flights,
+    /// From when on the motion within steps is requested (s).
+    drawn_from: f64,
 }
 
 impl SmoothMotion {
@@ -79,7 +81,15 @@ impl SmoothMotion {
             aside: Kinetics::new(layout, friction),
             linear: None,
             flights: if layout.p > 0 { Flights::RungeKutta } else { settings.flights },
+            drawn_from: f64::INFINITY,
         }
+    }
+
+    /// Steps that end later than `t` are complete, and the motion within those later than `drawn`, which
+    /// are some of them, is requested.
+    pub(super) fn look_from(&mut self, t: f64, drawn: f64) {
+        self.steps.look_from(t);
+        self.drawn_from = drawn;
     }
 
     /// The steps.
@@ -132,10 +142,12 @@ impl SmoothMotion {
         obstacle: Option<Deviation>,
         model: &mut Model<'_, D>,
     ) -> Result<Option<Next>, Failure<E>> {
-        let Self { linear: Some(linear), steps, length, .. } = self else { return Ok(None) };
+        let Self { linear: Some(linear), steps, length, drawn_from, .. } = self else {
+            return Ok(None);
+        };
         let max_step = steps.limits().max_step;
         let longest = obstacle.map_or(max_step, |it| it.longest_step(state.now().t).min(max_step));
-        let bounds = Bounds { t_end, longest, dense_from: steps.dense_from() };
+        let bounds = Bounds { t_end, longest, dense_from: *drawn_from };
         steps.spend()?;
         let (next, flown) = match linear.fly(&bounds, state, model) {
             // from here on by steps, which know what to do where forces are not determined

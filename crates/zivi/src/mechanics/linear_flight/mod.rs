@@ -326,40 +326,6 @@ impl LinearFlight {
         self.free.acceleration_terms(i, (t, self.h), &self.y)
     }
 
-    /// Computes `(q, h q')` after a part of the step, and the motion up to there if that is wanted.
-    fn end_of(
-        &mut self,
-        motion: &Propagation,
-        part: f64,
-        closed: GapSet,
-        (start, dense): (f64, bool),
-    ) {
-        self.curve = None;
-        if part == 1.0 && !dense {
-            motion.whole(&self.y, &mut self.end);
-            return;
-        }
-        let mut terms = vec![];
-        let wanted = dense.then_some(&mut terms);
-        motion.part(&self.free, (self.h, part), &mut self.y, &mut self.end, wanted);
-        if !dense || part <= 0.0 {
-            return;
-        }
-        let n = self.free.n;
-        let mut powers = Vec::with_capacity((n + self.series.len()) * TERMS);
-        for i in 0..n {
-            powers.extend((0..TERMS).map(|k| terms[k * n + i]));
-        }
-        for (i, series) in self.series.iter().enumerate() {
-            let mut power = if closed.has(i) { 0.0 } else { 1.0 };
-            for a in series {
-                powers.push(a * power);
-                power *= part;
-            }
-        }
-        self.curve = Some(Curve::of_powers(start, part * self.h, powers));
-    }
-
     /// Moves a state to the end of a part of the step, where a gap closes, if one does.
     fn move_state(&self, part: f64, closing: Option<usize>, state: &mut MechanicalState) {
         let (n, h, closed) = (self.free.n, self.h, state.closed());

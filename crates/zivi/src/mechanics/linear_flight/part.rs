@@ -4,7 +4,10 @@
 use pulp::{Simd, WithSimd};
 
 use super::propagation::{Free, Functional, Propagation};
+use super::LinearFlight;
+use crate::mechanics::path::Curve;
 use crate::numeric::power_series::{value_and_slope, TERMS};
+use crate::record::gap_set::GapSet;
 
 /// What is smaller than this part of a sum is rounding of it.
 const NEGLIGIBLE: f64 = 1e-18;
@@ -28,6 +31,50 @@ impl Propagation {
                 pulp::Arch::new().dispatch(Sum { motion: self, free, step, y, out, terms });
             }
         }
+    }
+}
+
+impl LinearFlight {
+    /// Computes `(q, h q')` after a part of the step, and the motion up to there if that is wanted.
+    pub(super) fn end_of(
+        &mut self,
+        motion: &Propagation,
+        part: f64,
+        closed: GapSet,
+        (start, dense): (f64, bool),
+    ) {
+        self.curve = None;
+        if part == 1.0 && !dense {
+            motion.whole(&self.y, &mut self.end);
+            return;
+        }
+        // the same end whether the motion up to there is wanted or not
+        let end = (part == 1.0).then(|| {
+            motion.whole(&self.y, &mut self.end);
+            self.end.clone()
+        });
+        let mut terms = vec![];
+        let wanted = dense.then_some(&mut terms);
+        motion.part(&self.free, (self.h, part), &mut self.y, &mut self.end, wanted);
+        if let Some(end) = end {
+            self.end = end;
+        }
+        if !dense || part <= 0.0 {
+            return;
+        }
+        let n = self.free.n;
+        let mut powers = Vec::with_capacity((n + self.series.len()) * TERMS);
+        for i in 0..n {
+            powers.extend((0..TERMS).map(|k| terms[k * n + i]));
+        }
+        for (i, series) in self.series.iter().enumerate() {
+            let mut power = if closed.has(i) { 0.0 } else { 1.0 };
+            for a in series {
+                powers.push(a * power);
+                power *= part;
+            }
+        }
+        self.curve = Some(Curve::of_powers(start, part * self.h, powers));
     }
 }
 
