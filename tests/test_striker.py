@@ -52,6 +52,16 @@ def test_wrong_masses_and_restitutions_are_learnt():
     assert np.abs(ignored - 0.5).min() > 0.02
 
 
+@pytest.mark.parametrize(("e", "ball"), [(0.6, 0.24), (0.6, 0.16), (0.7, 0.2), (0.5, 0.2)])
+def test_what_is_not_learnt_ends_at_the_fixed_point_of_the_throws(e, ball):
+    """v+ = v- + r (V - v-), r = gamma/gamma believed, and v- = -v+ in the next flight."""
+    believed = juggled(e=e, ball=ball)
+    r = (1.6 / 1.2) / ((1 + e) / (1 + ball))
+    expected = 0.5 * (r / (2 - r)) ** 2
+    found = heights(juggle(believed, end=12.0, learn=False), 8.0)
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
 def test_a_height_that_changes_in_flight_is_reached_at_the_next_throw():
     run = juggle(apex=lambda k: 0.5 if k < 3 else 0.8)
     times = run.resolved_impacts["t"]
