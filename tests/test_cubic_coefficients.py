@@ -5,6 +5,7 @@ import pytest
 
 import zivi
 from orbit_systems import chain2, listed, rest2
+from zivi.orbits.mechanical.equations import evaluate, sizes_of
 from zivi.orbits.mechanical.path import Path
 from zivi.orbits.mechanical.switch import doubled
 
@@ -15,8 +16,11 @@ def multiplier_law(event, name, cubic):
     path = Path(frame, name, y, 1.0)
     normal = np.append(direction / path.scale[:-1], 0.0)
     normal /= np.linalg.norm(normal)
+    # the scale of the orbit that doubles
+    scale = np.tile(sizes_of(evaluate(event.orbit._frame, event.orbit._y))[0], 2)
     length = 0.01 / np.sqrt(abs(cubic))
-    point = path.correct(path.scaled(y, event.value) + length * normal, normal)
+    part = length / np.linalg.norm(normal[:-1] * path.scale[:-1] / scale)
+    point = path.correct(path.scaled(y, event.value) + part * normal, normal)
     near = point.multipliers[np.argmin(np.abs(point.multipliers - 1.0))].real
     # of both halves, moved to either side
     return (1.0 - near) / (4.0 * cubic * 0.5 * length**2)

@@ -8,6 +8,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 orbit_branches = pytest.importorskip("orbit_branches")
 
+orbits_found = pytest.importorskip("orbits_found")
+
 pytestmark = pytest.mark.slow
 
 
@@ -18,3 +20,10 @@ def test_random_branches_have_the_multipliers_and_words_of_another_map():
     assert seen.off < 1e-9
     assert not seen.other_words
     assert seen.steps <= 3
+
+
+def test_nearly_all_motions_that_runs_settle_on_are_found():
+    seen = orbits_found.campaign(60, seed=1)
+    assert seen.settled > 40
+    assert not seen.missed
+    assert not seen.other_states

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.margins import Margins
 from zivi.orbits.mechanical.normal_form import cubic_coefficient
+from zivi.orbits.mechanical.path import located
 
 __all__ = ["CurvePoint", "Line", "Named"]
 
@@ -23,6 +26,8 @@ CORRECTIONS = 10
 TOLERANCE = 1e-12
 KAPPAS = {"resonance_1_1": 1.0, "resonance_1_2": -1.0, "resonance_1_3": -0.5, "resonance_1_4": 0.0}
 CUBIC = "generalized_period_doubling"
+REGULAR = ("cusp", "fold", "fold_flip", "period_doubling", "resonant_grazing", *KAPPAS)
+"""Points that the matrix shows: margins need not be looked for."""
 STEP = 1e-5
 STALE = 0.05
 """Where the residual falls by less, the derivatives by the parameters are computed again."""
@@ -37,9 +42,24 @@ class CurvePoint:
     tangent: Array
     values: Array
     kappa: float
-    tests: dict[str, float]
     corrections: int
     residual: float
+    line: Line | None = None
+    matrix: Array | None = None
+    """Derivative of the equations, scaled."""
+
+    @functools.cached_property
+    def tests(self) -> dict[str, float]:
+        """Numbers whose signs change at points of codimension two."""
+        return {} if self.line is None else self.line.tests(self)
+
+
+def _test(name: str, point: CurvePoint) -> float:
+    """Give one of the numbers whose signs change; NaN where there is none of the name."""
+    if name == CUBIC:
+        return cubic_coefficient(point.terms)
+    own = point.tests if point.line is None or name not in REGULAR else point.line.regular(point)
+    return own.get(name, math.nan)
 
 
 class Named(NamedTuple):
@@ -61,7 +81,6 @@ class Line:
         self.critical = critical_of(kind, terms, kappa)
         extra = [1.0] if self.critical.with_kappa else []
         self.scale = np.concatenate([unknowns, widths, extra])
-        self.borders = 1.0
 
     def start(self, y: Array, kappa: float) -> CurvePoint | None:
         """Give the point at an event."""
@@ -143,11 +162,20 @@ class Line:
     def _point(self, z: Array, terms: Terms, matrix: Array, step: int, error: float) -> CurvePoint:
         tangent = np.asarray(np.linalg.svd(matrix)[2][-1], np.float64)
         _, values, kappa = self.split(z)
-        tests = self._tests(terms, matrix, kappa)
-        return CurvePoint(z, terms, tangent, values, kappa, tests, step, error)
+        return CurvePoint(z, terms, tangent, values, kappa, step, error, self, matrix)
 
-    def _tests(self, terms: Terms, matrix: Array, kappa: float) -> dict[str, float]:
+    def tests(self, point: CurvePoint) -> dict[str, float]:
         """Give the numbers whose signs change at points of codimension two."""
+        found = self.regular(point)
+        if self.kind in ("period_doubling", "pitchfork"):
+            found[CUBIC] = cubic_coefficient(point.terms)
+        own = self.critical.segment if isinstance(self.critical, Grazing) else -1
+        return found | self._second_events(point.terms, own)
+
+    def regular(self, point: CurvePoint) -> dict[str, float]:
+        """Give those of the matrix and the speeds before impacts."""
+        terms, matrix, kappa = point.terms, point.matrix, point.kappa
+        assert matrix is not None
         own = self.critical.segment if isinstance(self.critical, Grazing) else -1
         found = {
             f"grazing {s}": float(terms.rates[s])
@@ -167,13 +195,12 @@ class Line:
             found["fold_flip"] = doubling
         elif isinstance(self.critical, Singular):
             found["fold_flip"] = fold
-            found[CUBIC] = cubic_coefficient(terms)
         elif isinstance(self.critical, Turning):
             found |= {name: kappa - value for name, value in KAPPAS.items()}
         else:
             touches = "resonant_grazing" if own >= 0 else "fold"
             found |= {touches: fold, "period_doubling": doubling}
-        return found | self._second_events(terms, own)
+        return found
 
     def _second_events(self, terms: Terms, own: int) -> dict[str, float]:
         """Give what must be positive of a motion, by the event at which it begins to be."""
@@ -201,34 +228,12 @@ class Line:
         found = []
         for name, value in one.tests.items():
             if value * other.tests.get(name, value) < 0.0:
-                point = self._located(one, other, name)
+                point = located(self, one, other, functools.partial(_test, name))
                 # the cubic coefficient has poles, too
                 if point is not None and abs(point.tests[name]) < abs(value):
                     found.append(Named(name.split()[0], point))
         chord = other.z - one.z
         return sorted(found, key=lambda it: float((it.point.z - one.z) @ chord))
-
-    def _located(self, one: CurvePoint, other: CurvePoint, name: str) -> CurvePoint | None:
-        chord = other.z - one.z
-        length = float(np.linalg.norm(chord))
-        low, high = (0.0, one.tests[name]), (1.0, other.tests[name])
-        last, before, best = high, low, None
-        for _ in range(40):
-            rise = last[1] - before[1]
-            part = last[0] - last[1] * (last[0] - before[0]) / rise if rise else low[0]
-            if not low[0] < part < high[0]:
-                part = 0.5 * (low[0] + high[0])
-            best = self.correct(one.z + part * chord, chord / length)
-            if best is None:
-                return None
-            before, last = last, (part, best.tests[name])
-            if (last[1] > 0.0) == (low[1] > 0.0):
-                low = last
-            else:
-                high = last
-            if last[1] == 0.0 or min(abs(last[0] - before[0]), high[0] - low[0]) * length < 1e-12:
-                break
-        return best
 
 
 def critical_of(kind: str, terms: Terms, kappa: float) -> Critical:

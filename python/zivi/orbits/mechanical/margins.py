@@ -20,6 +20,8 @@ __all__ = ["OUT", "Low", "Margins"]
 
 LOOKS = np.unique(np.concatenate([np.linspace(0.0, 1.0, 65), np.geomspace(1e-5, 1e-2, 10)]))
 """Parts of a segment at which gaps and forces are looked at."""
+FLAT = 1e-4
+"""A gap that stays below this part of the coordinates has their rounding."""
 CLOSE = 1e-13
 """How near two times of a minimum are when it is found."""
 OUT = {
@@ -145,11 +147,12 @@ class Margins:
         times = t0 + (t1 - t0) * LOOKS
         z = flow.path(segment.contacts, t0, terms.x[s, 1:-1], times)
         gaps, rates = flow.gaps(times, z)
-        found = []
+        found, widest = [], float(np.max(np.abs(z[:, : flow.n])))
         for i in range(flow.m):
             if i in segment.contacts:
                 continue
-            size = max(float(np.max(np.abs(gaps[:, i]))), 1e-300)
+            # a gap of a short flight is a difference of coordinates
+            size = max(float(np.max(np.abs(gaps[:, i]))), FLAT * widest, 1e-300)
             turns = np.flatnonzero((rates[:-1, i] < 0.0) & (rates[1:, i] >= 0.0))
             for k in turns:
                 t, value = self._minimum(s, i, times[k : k + 2], rates[k : k + 2, i])

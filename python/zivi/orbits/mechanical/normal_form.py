@@ -64,11 +64,9 @@ def cubic_coefficient(terms: Terms) -> float:
 
 
 def _coefficient(terms: Terms) -> float:
-    n = len(terms.y)
+    n, (scale, sizes) = len(terms.y), sizes_of(terms)
     frame, y, direction = twice(terms, np.linalg.svd(terms.matrix(-1.0))[2][-1])
-    both = _Doubled(frame, y, *sizes_of(evaluate(frame, y)))
-    # one scale for both: the word written twice has twice the length
-    scale, sizes = both.scale[:n], both.sizes[:n, None]
+    both, sizes = _Doubled(frame, y, np.tile(scale, 2), np.tile(sizes, 2)), sizes[:, None]
     left, _, right = np.linalg.svd(terms.matrix(-1.0) * scale / sizes)
     v, w = right[-1], left[:, -1]
     slope = float(w @ (terms.by_multiplier() * scale / sizes) @ v)

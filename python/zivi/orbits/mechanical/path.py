@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,30 @@ __all__ = ["Path", "Point", "located"]
 
 CORRECTIONS = 10
 TOLERANCE = 1e-12
+CLOSE = 1e-12
+"""How near two places of an event are, in scaled unknowns, when it is found."""
 STALE = 0.05
 """Where the residual falls by less, the derivative by the parameter is computed again."""
+
+
+class Placed(Protocol):
+    """A point of a curve of solutions."""
+
+    @property
+    def z(self) -> Array: ...
+    @property
+    def tangent(self) -> Array: ...
+
+
+Found = TypeVar("Found", bound=Placed)
+FoundCo = TypeVar("FoundCo", bound=Placed, covariant=True)
+
+
+class Solutions(Protocol[FoundCo]):
+    """A curve of solutions."""
+
+    def correct(self, guess: Array, normal: Array) -> FoundCo | None:
+        """Solve in the hyperplane through a guess with a normal; None if that fails."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -182,8 +204,8 @@ def sigma(terms: Terms, factor: complex, borders: tuple[Any, Any]) -> Any:
 
 
 def located(
-    path: Path, one: Point, other: Point, test: Callable[[Point], float], tolerance: float = 1e-12
-) -> Point | None:
+    path: Solutions[Found], one: Found, other: Found, test: Callable[[Found], float]
+) -> Found | None:
     """Find where a test function vanishes between two points, by secants in a bracket."""
     chord = other.z - one.z
     length = float(np.linalg.norm(chord))
@@ -204,7 +226,7 @@ def located(
                 return best
             continue
         if point.tangent @ one.tangent < 0.0:
-            point = dataclasses.replace(point, tangent=-point.tangent)
+            point = dataclasses.replace(point, tangent=-point.tangent)  # type: ignore[type-var]
         value, best, near, at = test(point), point, point.z, part
         before, last = last, (part, value)
         if (value > 0.0) == (low[1] > 0.0):
@@ -212,6 +234,6 @@ def located(
         else:
             high = last
         moved = min(abs(last[0] - before[0]), high[0] - low[0]) * length
-        if value == 0.0 or moved < tolerance:
+        if value == 0.0 or moved < CLOSE:
             break
     return best

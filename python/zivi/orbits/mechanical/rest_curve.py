@@ -174,5 +174,5 @@ class _Mechanism:
 
 def _kept(point: Point, values: Array) -> CurvePoint:
     return CurvePoint(
-        point.z, point.terms, point.tangent, values, 0.0, {}, point.corrections, point.residual
+        point.z, point.terms, point.tangent, values, 0.0, point.corrections, point.residual
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,8 @@ __all__ = ["NotDifferentiable", "recent"]
 
 MOST_MULTIPLE = 64
 TOLERANCES = (1e-6, 1e-4, 1e-2)
+ROUNDING = 1e-12
+"""How near two events are that are one, relative to the time."""
 BEFORE = 1e-9
 """How long before an impact of several gaps a run is looked at (s)."""
 
@@ -104,7 +106,18 @@ def _floor(number: float) -> float:
 def _events(system: MechanicalSystem, flow: Flow, run: MechanicalTrajectory) -> list[Happened]:
     """Give what happens in a run, impacts of accumulations as one event, in order."""
     found: list[Happened] = []
-    rows = run.resolved_impacts
+    rows: Any = run.resolved_impacts
+    lifts: Any = run.liftoffs
+    zenos: Any = run.zeno
+    for row in run.zeno:
+        # a gap that lifts off and is closed in the same instant, by rounding, stays closed
+        near = ROUNDING * max(1.0, abs(float(row["t"])))
+        (own,) = np.nonzero((lifts["gap"] == row["gap"]) & (np.abs(lifts["t"] - row["t"]) <= near))
+        if len(own) < 2:
+            continue
+        lifts = np.delete(lifts, own[:-1])
+        zenos = zenos[zenos["t"] != row["t"]]
+        rows = rows[(rows["gap"] != row["gap"]) | (np.abs(rows["t"] - row["t"]) > near)]
     for group in np.unique(rows["group"]):
         own = rows[rows["group"] == group]
         # one that grazes has no speed
@@ -119,9 +132,9 @@ def _events(system: MechanicalSystem, flow: Flow, run: MechanicalTrajectory) -> 
         opened = run.openings["gap"][np.abs(run.openings["t"] - t) <= 1e-12 * max(1.0, abs(t))]
         found += [Happened(t, "I", gap, tuple(int(it) for it in opened)) for gap in hits]
     found += [Happened(float(it["t"]), "C", -1) for it in run.corners]
-    found += [Happened(float(it["t"]), "L", int(it["gap"])) for it in run.liftoffs]
+    found += [Happened(float(it["t"]), "L", int(it["gap"])) for it in lifts]
     found.sort(key=lambda it: it.t)
-    for row in run.zeno:
+    for row in zenos:
         found = _accumulated(found, float(row["t"]), int(row["gap"]), float(system.e[row["gap"]]))
     return found
 
