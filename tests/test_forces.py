@@ -1,6 +1,7 @@
 """One law, five ways to give it; what a force does wrong reaches the caller."""
 
 import ctypes
+import functools
 import math
 import threading
 import time
@@ -11,6 +12,7 @@ import pytest
 import scipy
 
 import zivi
+from zivi.base.functions import reads_time
 
 K, C, G, A, W = 3.0, 0.2, 9.81, 14.0, 6.0
 LINEAR = zivi.LinearForce(stiffness=K, damping=C, gravity=G, amplitude=A, omega=W)
@@ -238,3 +240,68 @@ def test_the_interpreter_is_free_during_compiled_runs(force):
     inside = [t for t in ticks if started + quarter < t < ended - quarter]
     assert len(inside) > 2 * quarter / 0.05
     assert len(inside) >= 2
+
+
+def clocked(t, x, xdot):
+    inner = [k * t for k in (0.0,)]
+    return -G + inner[0]
+
+
+def enclosed(t, x, xdot):
+    return (lambda: -G + 0.0 * t)()
+
+
+def evaluated(t, x, xdot):
+    return eval("-9.81 + 0.0 * t")
+
+
+def everything(*arguments):
+    return -G + 0.0 * arguments[0]
+
+
+def written(t, x, xdot):
+    t = 2.0
+    return -G * t
+
+
+WITHOUT_TIME = [lambda t, x, xdot: -G - 0.1 * xdot, lambda t, y: -G - 0.1 * y[1]]
+WITH_TIME = [law, clocked, enclosed, evaluated, everything, written, LINEAR.__call__, math.hypot]
+
+
+def test_a_function_reads_the_time_unless_it_never_names_it():
+    assert [reads_time(f) for f in WITHOUT_TIME] == [False, False]
+    assert [reads_time(f) for f in WITH_TIME] == [True] * len(WITH_TIME)
+    wrapped = functools.wraps(WITHOUT_TIME[0])(lambda *arguments: law(*arguments))
+    assert reads_time(wrapped)
+    assert reads_time(functools.partial(WITHOUT_TIME[0]))
+
+
+@pytest.mark.parametrize("force", WITHOUT_TIME)
+def test_rest_under_a_force_without_time_is_looked_at_once(force):
+    def timed(t, x, xdot):
+        return force(t, x, xdot) if force is WITHOUT_TIME[0] else force(t, (x, xdot))
+
+    def counts(force):
+        short, long = (
+            zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, t1), (1, 0)).nfev for t1 in (2, 200)
+        )
+        return short, long
+
+    short, long = counts(force)
+    assert short == long
+    assert counts(timed)[0] > short + 50
+
+
+def test_a_force_may_keep_its_array():
+    kept, seen = [], []
+
+    def force(t, y):
+        kept.append(y if len(kept) % 3 else y[:1])
+        seen.append(y.tolist())
+        y += 1.0  # of no consequence
+        return -G - 0.1 * seen[-1][1]
+
+    run = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 2), (1, 0))
+    assert all(it[0] == 1.0 + at[0] for it, at in zip(kept, seen, strict=True))
+    alone = zivi.simulate(zivi.ImpactSystem(WITHOUT_TIME[1], e=0.5), (0, 2), (1, 0))
+    np.testing.assert_array_equal(run.x, alone.x)

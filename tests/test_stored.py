@@ -29,22 +29,28 @@ def told(old):
     return json.loads((old / "told.json").read_text())
 
 
-def agree(found, expected):
+ROUNDING = 1e-13
+BY_STEPS = {"ImpactSystem_function": 1e-9}
+"""Runs by steps of a pair under a smooth force: their last digits are those of a version."""
+
+
+def agree(found, expected, rtol=ROUNDING):
     if isinstance(expected, dict):
         return all(agree(found[key], value) for key, value in expected.items())
     if expected is None or isinstance(expected, str):
         return found == expected
     found, expected = (json.loads(json.dumps(it, default=plain)) for it in (found, expected))
     if isinstance(expected, list) and not all(isinstance(it, (int, float)) for it in expected):
-        return len(found) == len(expected) and all(map(agree, found, expected))
-    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
+        pairs = zip(found, expected, strict=True)
+        return all(agree(one, other, rtol) for one, other in pairs)
+    np.testing.assert_allclose(found, expected, rtol=rtol, atol=1e-15)
     return True
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_pickles_are_read(name, old, told):
     value = pickle.loads((old / "pickles" / f"{name}.pickle").read_bytes())
-    assert agree(CASES[name][1](value), told[name])
+    assert agree(CASES[name][1](value), told[name], BY_STEPS.get(name, ROUNDING))
 
 
 def test_an_observer_goes_on_from_its_first_state(old):

@@ -237,7 +237,9 @@ class Force:
     @staticmethod
     def low_level(callable: Any, argument: str) -> Force: ...
     @staticmethod
-    def callable(function: Callable[[float, float, float], float]) -> Force: ...
+    def callable(
+        function: Callable[..., float], *, of_array: bool = False, reads_time: bool = True
+    ) -> Force: ...
     @staticmethod
     def parametric(
         plain: Force,

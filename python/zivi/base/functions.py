@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dis
+import functools
 import inspect
 import math
 import sys
@@ -11,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["OfState", "compiled_by_numba", "of_three"]
+__all__ = ["OfState", "compiled_by_numba", "of_three", "reads_time"]
 
 
 class OfState:
@@ -68,6 +70,30 @@ def _counts(function: Any) -> tuple[float, float] | None:
     variadic = any(p.kind is p.VAR_POSITIONAL for p in parameters)
     required = sum(p.default is p.empty for p in by_position)
     return required, math.inf if variadic else len(by_position)
+
+
+def reads_time(function: Any) -> bool:
+    """Whether a function may use its first argument: not if its code never names it."""
+    if type(function) is not types.FunctionType or hasattr(function, "__wrapped__"):
+        return True
+    return _names_first(function.__code__)
+
+
+SEES_ALL = frozenset({"eval", "exec", "locals", "vars", "dir", "_getframe", "currentframe"})
+"""What reads variables without naming them."""
+
+
+@functools.lru_cache(maxsize=256)
+def _names_first(code: types.CodeType) -> bool:
+    if not code.co_argcount or SEES_ALL.intersection(code.co_names):
+        return True
+    first = code.co_varnames[0]
+    for one in dis.get_instructions(code):
+        # some instructions name two
+        names = one.argval if isinstance(one.argval, tuple) else (one.argval,)
+        if first in names and one.opname != "LOAD_CONST":
+            return True
+    return False
 
 
 def _shown(function: Any) -> str:

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 import zivi._zivi as _zivi
 from zivi.base.check import finite
-from zivi.base.functions import compiled_by_numba, of_three
+from zivi.base.functions import OfState, compiled_by_numba, of_three, reads_time
 from zivi.base.habits import hinted
 from zivi.system.parametric import ParametricForce
 from zivi.system.table import Table
@@ -162,7 +162,10 @@ def force_spec(force: Any, name: str = "force") -> _zivi.Force:
     if callable(force):
         if (code := compiled_by_numba(force, name)) is not None:
             return _zivi.Force.compiled(code.address, owner=code)
-        return _zivi.Force.callable(of_three(name, force, more_than_y=False))
+        timed = reads_time(force)
+        if isinstance(of_three(name, force, more_than_y=False), OfState):
+            return _zivi.Force.callable(force, of_array=True, reads_time=timed)
+        return _zivi.Force.callable(force, reads_time=timed)
     raise TypeError(
         f"{name} must be a number, a zivi.LinearForce, a callable f(t, x, xdot) or f(t, y), or a "
         f"compiled callable (scipy.LowLevelCallable, numba cfunc), got {type(force).__name__}"

@@ -10,6 +10,7 @@ from typing import Any
 
 import zivi._zivi as _zivi
 from zivi.base.check import finite
+from zivi.base.functions import reads_time
 
 __all__ = ["ParametricForce"]
 
@@ -138,7 +139,7 @@ class ParametricForce:
             address, owner = compiled
             plain = _zivi.Force.compiled(address, parameters=values, owner=owner)
         else:
-            plain = _zivi.Force.callable(self)
+            plain = _zivi.Force.callable(self, reads_time=reads_time(self.f))
         return _zivi.Force.parametric(plain, self._function(), values, self.jacobian)
 
 

@@ -53,11 +53,15 @@ impl Evaluated<PyErr> for AnyForce<'_> {
     fn dependence_at_rest(&self) -> Dependence {
         match self {
             Self::Native(force) => Evaluated::<PyErr>::dependence_at_rest(force),
-            other => other.dependence(),
+            Self::Callable(force) => force.dependence_at_rest(),
+            Self::Moving(force) => force.dependence_at_rest(),
         }
     }
 
     fn shortest_period(&self) -> Option<f64> {
+        if let Self::Callable(force) = self {
+            return force.shortest_period();
+        }
         self.native().and_then(|force| Evaluated::<PyErr>::shortest_period(&force))
     }
 

@@ -1,25 +1,46 @@
 //! Forces that are Python callables.
 
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::prelude::*;
-use zivi::Force;
+use zivi::{Dependence, Force};
 
 use crate::leaving;
 
 /// A Python callable; the interpreter lock is held for the whole run.
 pub(crate) struct PythonForce<'py> {
     callable: Bound<'py, PyAny>,
+    /// Where the state is, if it is handed on as an array.
+    state: Option<Bound<'py, PyArray1<f64>>>,
+    reads_time: bool,
 }
 
 impl<'py> PythonForce<'py> {
-    pub(super) fn new(callable: &Bound<'py, PyAny>) -> Self {
-        Self { callable: callable.clone() }
+    /// Called with time and state, or with an array of the state if `of_array`.
+    pub(super) fn new(callable: Bound<'py, PyAny>, of_array: bool, reads_time: bool) -> Self {
+        let state = of_array.then(|| PyArray1::zeros(callable.py(), 2, false));
+        Self { callable, state, reads_time }
+    }
+
+    fn call(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<Bound<'py, PyAny>> {
+        let Some(state) = &mut self.state else { return self.callable.call1((t, x, xdot)) };
+        // SAFETY: of an object that is held here
+        if unsafe { pyo3::ffi::Py_REFCNT(state.as_ptr()) } > 1 {
+            // the function kept it
+            *state = PyArray1::zeros(state.py(), 2, false);
+        }
+        // SAFETY: two numbers in one piece, of which nobody else knows
+        unsafe {
+            *state.uget_mut(0) = x;
+            *state.uget_mut(1) = xdot;
+        }
+        self.callable.call1((t, &*state))
     }
 }
 
 impl Force<PyErr> for PythonForce<'_> {
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
-        let value = self.callable.call1((t, x, xdot))?;
+        let value = self.call(t, x, xdot)?;
         leaving::look()?;
         value.extract().map_err(|error| {
             let kind = value.get_type();
@@ -32,6 +53,18 @@ impl Force<PyErr> for PythonForce<'_> {
             named.set_cause(value.py(), Some(error));
             named
         })
+    }
+
+    fn dependence_at_rest(&self) -> Dependence {
+        if self.reads_time {
+            Dependence::State
+        } else {
+            Dependence::Constant
+        }
+    }
+
+    fn shortest_period(&self) -> Option<f64> {
+        (!self.reads_time).then_some(f64::INFINITY)
     }
 
     fn is_interruption(&self, error: &PyErr) -> bool {

@@ -80,12 +80,19 @@ impl Kind for Native {
     }
 }
 
-/// `f(t, x, xdot)` in the interpreter.
-pub(super) struct Callable(pub(super) Py<PyAny>);
+/// A function in the interpreter, as it was given.
+pub(super) struct Callable {
+    pub(super) function: Py<PyAny>,
+    /// Whether it is `f(t, y)` with `y = [x, xdot]`, else `f(t, x, xdot)`.
+    pub(super) of_array: bool,
+    /// Whether it may depend on the time.
+    pub(super) reads_time: bool,
+}
 
 impl Kind for Callable {
     fn on<'py>(&self, py: Python<'py>) -> AnyForce<'py> {
-        AnyForce::Callable(PythonForce::new(self.0.bind(py)))
+        let function = self.function.bind(py).clone();
+        AnyForce::Callable(PythonForce::new(function, self.of_array, self.reads_time))
     }
 
     fn slopes<'py>(&self, py: Python<'py>, duration: f64) -> PyResult<AnySlopes<'py>> {
@@ -97,6 +104,6 @@ impl Kind for Callable {
     }
 
     fn traverse(&self, visit: &PyVisit<'_>) -> Result<(), PyTraverseError> {
-        visit.call(&self.0)
+        visit.call(&self.function)
     }
 }

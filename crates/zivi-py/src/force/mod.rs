@@ -104,9 +104,11 @@ impl Force {
         Ok(Self::of(Native { force, owner: Some(callable.clone().into_any().unbind()) }))
     }
 
+    /// A function in the interpreter, `f(t, y)` with an array if `of_array`, else `f(t, x, xdot)`.
     #[staticmethod]
-    fn callable(function: Py<PyAny>) -> Self {
-        Self::of(Callable(function))
+    #[pyo3(signature = (function, *, of_array=false, reads_time=true))]
+    fn callable(function: Py<PyAny>, of_array: bool, reads_time: bool) -> Self {
+        Self::of(Callable { function, of_array, reads_time })
     }
 
     #[staticmethod]

@@ -139,6 +139,18 @@ impl<const M: usize> Polynomial<M> {
         &self.c[..=self.n]
     }
 
+    /// The size of the term of the highest power, `a_n theta^ceil(n/2) (1 - theta)^floor(n/2)` of
+    /// the nested form, at most `2^-n |a_n|`: a smooth function is nearer to its polynomial.
+    pub(crate) fn last_term(&self) -> f64 {
+        let mut d = self.c;
+        for n in (1..=self.n).rev() {
+            for j in 0..n {
+                d[j] = 0.5 * (d[j + 1] - d[j]);
+            }
+        }
+        d[0].abs()
+    }
+
     /// The value at `theta`, by de Casteljau's scheme.
     pub(crate) fn at(&self, theta: f64) -> f64 {
         value::<M>(self.coefficients(), theta)

@@ -9,7 +9,7 @@ use crate::record::failure::Failure;
 use crate::system::evaluation::{ends_at_the_wall, evaluate};
 use crate::system::stops::Smooth;
 use crate::zeno::tail::Tail;
-use crate::{Force, Physical};
+use crate::{Dependence, Force, Physical};
 
 /// The last step of the mass.
 pub(super) type Stages = crate::numeric::stages::Stages<f64>;
@@ -22,6 +22,8 @@ pub(crate) struct Counted<'a, F> {
     pub(super) smooth: Smooth,
     /// Its numbers, where it is known by them: then it is not evaluated.
     linear: Option<&'a Linear>,
+    /// Its value at the wall, once it is known, where that does not depend on time.
+    at_wall: Option<f64>,
 }
 
 impl<'a, F> Counted<'a, F> {
@@ -31,7 +33,7 @@ impl<'a, F> Counted<'a, F> {
 
     /// The same, known by its numbers if there are any.
     pub(crate) fn known(force: &'a mut F, linear: Option<&'a Linear>) -> Self {
-        Self { force, count: 0, smooth: Smooth::ALWAYS, linear }
+        Self { force, count: 0, smooth: Smooth::ALWAYS, linear, at_wall: None }
     }
 
     pub(super) fn count(&self) -> u64 {
@@ -64,7 +66,13 @@ impl<'a, F> Counted<'a, F> {
     where
         F: Force<E>,
     {
-        self.known_at(t, 0.0, 0.0)
+        if let Some(known) = self.at_wall {
+            return Ok(known);
+        }
+        let value = self.known_at(t, 0.0, 0.0)?;
+        let stays = self.linear.is_none() && self.dependence_at_rest::<E>() == Dependence::Constant;
+        self.at_wall = stays.then_some(value);
+        Ok(value)
     }
 
     /// As [`Counted::at`], by the numbers of the force where it is known by them.
@@ -86,7 +94,7 @@ impl<'a, F> Counted<'a, F> {
     where
         F: Force<E>,
     {
-        if self.dependence::<E>() == crate::Dependence::Constant {
+        if self.dependence::<E>() == Dependence::Constant {
             return Ok(());
         }
         match tail.bend(|t, xdot| self.known_at(t, 0.0, xdot)) {
@@ -95,7 +103,7 @@ impl<'a, F> Counted<'a, F> {
         }
     }
 
-    pub(super) fn dependence_at_rest<E>(&self) -> crate::Dependence
+    pub(super) fn dependence_at_rest<E>(&self) -> Dependence
     where
         F: Force<E>,
     {
@@ -115,7 +123,7 @@ impl<'a, F> Counted<'a, F> {
         }
     }
 
-    pub(super) fn dependence<E>(&self) -> crate::Dependence
+    pub(super) fn dependence<E>(&self) -> Dependence
     where
         F: Force<E>,
     {

@@ -23,6 +23,16 @@ fn first(roots: &[f64]) -> Option<f64> {
 }
 
 #[test]
+fn the_last_term_is_that_of_the_highest_power() {
+    for f6 in [0.0, 3.0, -0.7] {
+        let p = Bernstein::from_nested(1.0, [2.0, -1.0, 0.5, 4.0, -3.0, 2.5, f6]);
+        assert!((p.last_term() - f6.abs() / 128.0).abs() < 1e-15, "{f6}");
+    }
+    let p = Bernstein::from_quartic([1.0, -2.0, 3.0, 0.5, -4.0]);
+    assert_eq!(p.last_term(), 0.25);
+}
+
+#[test]
 fn the_first_of_several_roots_is_found_and_touches_are_none() {
     for (roots, expected) in [
         (&[0.3][..], Some(0.3)),

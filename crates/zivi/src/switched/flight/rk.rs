@@ -1,7 +1,9 @@
 //! Free flight by steps of an embedded pair, each searched for the first impact.
 
 use super::series::Arrival;
+use crate::numeric::bernstein::Bernstein;
 use crate::numeric::stages::Equation;
+use crate::numeric::step_error::StepError;
 use crate::numeric::step_size::{factor, FACTORS};
 use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
 use crate::piecewise::steps::{Start, StepHistory, Steps};
@@ -16,6 +18,11 @@ use crate::{Dependence, Force, Status};
 
 /// Defect of the polynomials, relative to the tolerances, that shows a feature of the force.
 const DEFECT: f64 = 100.0;
+/// The same up to which they tell an impact as well as a step onto it.
+const RESOLVED: f64 = 0.3;
+/// The speed of an impact that they tell, relative to the largest at the ends of the step: of
+/// slower ones the time depends on the position like a root.
+const STEEP: f64 = 0.1;
 
 /// Steps of a pair.
 #[derive(Clone, Debug)]
@@ -99,8 +106,8 @@ struct Flying<'r, 'f, F> {
 }
 
 impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
-    /// The mass reaches the wall.
-    type Event = ();
+    /// The mass reaches the wall, with this velocity if the polynomials tell.
+    type Event = Option<f64>;
     type Piece = Arrival;
 
     #[inline(always)]
@@ -114,17 +121,23 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
     }
 
     #[inline(always)]
-    fn search(&mut self, growth: f64) -> Result<StepDecision<()>, Failure<E>> {
+    fn search(&mut self, growth: f64) -> Result<StepDecision<Option<f64>>, Failure<E>> {
         let leaves = self.mode.leaves();
         if leaves && !self.pair.steps.last().rises(0) {
             return Ok(StepDecision::TOO_LONG);
         }
         let contact = if leaves { None } else { self.first_root(0)? };
-        if let Some(factor) = self.missed_event(contact)? {
+        let seen = self.look_at_the_apex(contact)?;
+        if let Some(excess) = seen.map(|defect| defect / DEFECT).filter(|&excess| excess > 1.0) {
+            // the shorter step is looked at again
+            if let Mode::Flight(Flight::Step { experience, .. }) = self.mode {
+                *experience = StepHistory::NONE;
+            }
+            let factor = factor(excess, self.pair.steps.last().order_of_error()).max(FACTORS.0);
             return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
         if let Some(theta) = contact {
-            return Ok(StepDecision::Stop(theta, ()));
+            return Ok(StepDecision::Stop(theta, self.told_by_polynomials(theta, seen)?));
         }
         if self.pair.steps.last().end.t > self.pair.steps.dense_from() {
             // with its polynomials, or not at all
@@ -133,17 +146,23 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
         Ok(StepDecision::Take(growth))
     }
 
-    /// Steps once more, onto the impact near `now + length`; none if that step passes the wall
-    /// closely.
+    /// Ends the step with the impact after the time `length`. If the polynomials do not tell it, a
+    /// second step ends there; no impact if that one passes the wall closely.
     #[inline(always)]
-    fn stop(&mut self, length: f64, (): ()) -> Result<Option<Arrival>, Failure<E>> {
-        let Some(root) = self.step_onto(0, length)? else { return Ok(None) };
-        let (h, from) = (self.pair.steps.last().h, self.now);
-        let (length, xdot) = match root {
-            Root::Near { delta, xdot } => (h + delta, xdot),
-            Root::Within(theta) => {
-                let [_, xdot] = self.pair.steps.last().polynomials_of(0);
-                (theta * h, xdot.at(theta).min(0.0))
+    fn stop(&mut self, length: f64, told: Option<f64>) -> Result<Option<Arrival>, Failure<E>> {
+        let from = self.now;
+        let (length, xdot) = match told {
+            Some(xdot) => (length, xdot),
+            None => {
+                let Some(root) = self.step_onto(0, length)? else { return Ok(None) };
+                let h = self.pair.steps.last().h;
+                match root {
+                    Root::Near { delta, xdot } => (h + delta, xdot),
+                    Root::Within(theta) => {
+                        let [_, xdot] = self.pair.steps.last().polynomials_of(0);
+                        (theta * h, xdot.at(theta).min(0.0))
+                    }
+                }
             }
         };
         if from.t + length > self.pair.steps.dense_from() {
@@ -173,11 +192,11 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
 }
 
 impl<F> Flying<'_, '_, F> {
-    /// Whether the step overlooks a feature of the force that lies between its stages, and by which
-    /// factor it is to be shortened then. Soon after an impact a step may be a whole arc, and one
-    /// much longer than the last has little that speaks for it. One more look, at the apex: where
-    /// a force that depends on the position differs most.
-    fn missed_event<E>(&mut self, contact: Option<f64>) -> Result<Option<f64>, Failure<E>>
+    /// How far the force between the stages is from what they show, relative to the tolerances: one
+    /// more look, at the apex, where a force that depends on the position differs most. None where
+    /// there is no need. Soon after an impact a step may be a whole arc, and one much longer than
+    /// the last has little that speaks for it.
+    fn look_at_the_apex<E>(&mut self, contact: Option<f64>) -> Result<Option<f64>, Failure<E>>
     where
         F: Force<E>,
     {
@@ -192,17 +211,56 @@ impl<F> Flying<'_, '_, F> {
         }
         let polynomials = steps.last_mut().polynomials(self.force)?;
         let apex = polynomials[1].first_negative().unwrap_or(0.5);
-        let (last, tolerances) = (steps.last(), &steps.limits().tolerances);
-        let defect = last.defect(&polynomials, apex, self.force)?;
-        let excess = defect.norm(last.scales(0, tolerances)) / DEFECT;
-        let factor = factor(excess, last.order_of_error());
-        if excess <= 1.0 {
+        self.defect(&polynomials, apex).map(Some)
+    }
+
+    /// The velocity before the impact after the part `theta` of the step, if its polynomials tell
+    /// it to the tolerances: by their last terms, and by what was `seen` at the apex, or halfway to
+    /// the impact.
+    fn told_by_polynomials<E>(
+        &mut self,
+        theta: f64,
+        seen: Option<f64>,
+    ) -> Result<Option<f64>, Failure<E>>
+    where
+        F: Force<E>,
+    {
+        let steps = &self.pair.steps;
+        // the step onto an impact under a constant force is exact, and costs nothing
+        let constant = self.force.dependence::<E>() == Dependence::Constant;
+        if constant || !steps.limits().adaptive || steps.is_jump() {
             return Ok(None);
         }
-        // the shorter step is looked at again
-        if let Mode::Flight(Flight::Step { experience, .. }) = self.mode {
-            *experience = StepHistory::NONE;
+        let last = steps.last();
+        if seen.is_none() && !self.mode.experience().is_enough(last.h) {
+            // between its stages there is room for what a second step sees
+            return Ok(None);
         }
-        Ok(Some(factor.max(FACTORS.0)))
+        let polynomials = last.polynomials_of(0);
+        let xdot = polynomials[1].at(theta);
+        let steep = -xdot > STEEP * last.from.xdot.abs().max(last.end.xdot.abs());
+        let [of_x, of_xdot] = polynomials.each_ref().map(|it| [it.last_term(), 0.0]);
+        let last_terms = StepError { x: of_x, xdot: of_xdot, double: false };
+        let scales = last.scales(0, &steps.limits().tolerances);
+        if !steep || last_terms.norm(scales) > RESOLVED {
+            return Ok(None);
+        }
+        let defect = match seen {
+            Some(defect) => defect,
+            None => self.defect(&polynomials, 0.5 * theta)?,
+        };
+        Ok((defect <= RESOLVED).then_some(xdot))
+    }
+
+    /// How far the polynomials of the step are from the equation of motion after a part of it,
+    /// relative to the tolerances.
+    fn defect<E>(&mut self, polynomials: &[Bernstein; 2], theta: f64) -> Result<f64, Failure<E>>
+    where
+        F: Force<E>,
+    {
+        let steps = &self.pair.steps;
+        let (last, tolerances) = (steps.last(), &steps.limits().tolerances);
+        let defect = last.defect(polynomials, theta, self.force)?;
+        Ok(defect.norm(last.scales(0, tolerances)))
     }
 }
