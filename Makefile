@@ -29,7 +29,7 @@ help:
 	@echo 'make mutants mutations drawn by tools, and whether the tests notice; MUTANTS="vi --draw 20 --seed 7"'
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into benchmarks/results'
-	@echo 'make picture the pictures of the README'
+	@echo 'make picture the pictures of the README and of the examples; PICTURES="hammer juggler" some of them'
 	@echo 'make screenshots  the pictures of the pages, with chromium'
 	@echo 'make docs    the documentation as a site, into out/site'
 	@echo 'make wasm    the binary of the page without Python (docs/lab.md)'
@@ -139,8 +139,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/run.py
 
 picture: $(READY)
-	$(BIN)/python examples/readme_picture.py docs/figures/zeno.png
-	$(BIN)/python examples/readme_tracking.py docs/figures/tracking.png docs/figures/chattering.png
+	PYTHONPATH=docs/_ext $(BIN)/python tests/figure_data.py $(PICTURES)
 
 screenshots: docs
 	$(BIN)/python tests/lab_screenshot.py docs/figures

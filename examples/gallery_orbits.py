@@ -159,7 +159,9 @@ def draw(path: str) -> None:
     force = np.sqrt(d * (a * u * u + b * u + 1))
     three.plot(force, u, ".", color=zivi.plot.ORANGE, ms=2, label="closed form")
     three.set(title="Oscillator: fold and grazing", xlabel="F", xlim=FORCES, ylim=(-0.1, 1.3))
-    three.legend()
+    handles, names = three.get_legend_handles_labels()
+    each = dict(zip(names, handles, strict=True))
+    three.legend(list(each.values()), list(each), fontsize="small")
     known = [
         zivi.periodic_orbit(table(1.3), [(0.6, 2.1)]),
         zivi.periodic_orbit(table(1.3), (0.0, (0.0, 0.0))),

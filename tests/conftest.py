@@ -13,6 +13,8 @@ import pytest
 
 mpl.use("Agg")
 
+import figure_data
+
 # the same examples in every run, and a slow machine is not a failure; HYPOTHESIS_PROFILE=explore
 # looks elsewhere
 hypothesis.settings.register_profile("zivi", derandomize=True, deadline=None, max_examples=150)
@@ -33,3 +35,9 @@ def _ctrl_c_works():
     """A job in the background ignores SIGINT, and its Python then has no handler for it."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _pictures_of_examples_are_those_that_are_kept():
+    with figure_data.watched():
+        yield

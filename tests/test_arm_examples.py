@@ -5,9 +5,9 @@ import numpy as np
 from example_scripts import example
 
 
-def test_the_arm_taps_rests_presses_and_lifts_off(capsys):
+def test_the_arm_taps_rests_presses_and_lifts_off(capsys, tmp_path):
     arm = example("arm_on_table")
-    arm.main(None)
+    arm.main(str(tmp_path / "out.png"))
     assert "at rest" in capsys.readouterr().out
     run = arm.follow(arm.arm())
     bouncing = (run.t > 0.4) & (run.t < 0.9)
@@ -19,9 +19,9 @@ def test_the_arm_taps_rests_presses_and_lifts_off(capsys):
     assert np.abs(run.error_gaps[run.t > arm.LIFT + 0.05]).max() < 1e-6
 
 
-def test_the_gantry_is_where_its_stop_is(capsys):
+def test_the_gantry_is_where_its_stop_is(capsys, tmp_path):
     gantry = example("gantry")
-    gantry.main(None)
+    gantry.main(str(tmp_path / "out.png"))
     assert "leaves at 2.0" in capsys.readouterr().out
     # a mass that is believed wrongly does not change what presses: nothing moves then
     for believed in (None, gantry.gantry(rail=10.5)):
@@ -33,9 +33,9 @@ def test_the_gantry_is_where_its_stop_is(capsys):
     assert abs(run.liftoffs.t[-1] - gantry.LEAVE) <= 2e-3
 
 
-def test_each_blow_of_the_hammer_has_its_speed(capsys):
+def test_each_blow_of_the_hammer_has_its_speed(capsys, tmp_path):
     hammer = example("hammer")
-    hammer.main(None)
+    hammer.main(str(tmp_path / "out.png"))
     assert "blow at 0.3000 s" in capsys.readouterr().out
     for delay in (0, 4):
         blows = hammer.strike(delay).resolved_impacts
@@ -43,9 +43,9 @@ def test_each_blow_of_the_hammer_has_its_speed(capsys):
         np.testing.assert_allclose(np.diff(blows["t"]), hammer.INTERVAL, atol=2e-3)
 
 
-def test_the_juggler_learns_and_changes_the_height(capsys):
+def test_the_juggler_learns_and_changes_the_height(capsys, tmp_path):
     juggler = example("juggler")
-    juggler.main(None)
+    juggler.main(str(tmp_path / "out.png"))
     assert "heights" in capsys.readouterr().out
     found = juggler.heights(juggler.juggle())
     throws = juggler.THROWS
@@ -56,9 +56,9 @@ def test_the_juggler_learns_and_changes_the_height(capsys):
     assert np.abs(ignored[throws:] - juggler.HIGH).min() > 0.3
 
 
-def test_the_arm_rests_in_the_corner(capsys):
+def test_the_arm_rests_in_the_corner(capsys, tmp_path):
     arm = example("arm_in_corner")
-    arm.main(None)
+    arm.main(str(tmp_path / "out.png"))
     assert "kinetic cosine of floor and wall: -0.416" in capsys.readouterr().out
     run = arm.follow()
     assert np.all(np.sqrt(np.mean(run.error_gaps[run.t > 0.3] ** 2, axis=0)) < 3e-6)

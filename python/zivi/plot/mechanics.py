@@ -175,6 +175,7 @@ def modes(sol: MechanicalTrajectory, ax: Axes | None = None, **bar: Any) -> Axes
             settings = {"facecolors": _colour(MODE_COLOURS[mode]), "label": label} | bar
             ax.broken_barh(spans, (channel - 0.4, 0.8), **settings)
     ax.set_yticks(range(len(sol.channel_names)), sol.channel_names)
+    ax.set_ylim(-0.5, len(sol.channel_names) - 0.5)  # rows that never close, too
     ax.set(xlabel="time $t$ (s)", xlim=(sol.t[0], sol.t[-1]))
     ax.invert_yaxis()
     legend(ax)
