@@ -220,8 +220,9 @@ def _why(figures: Figures) -> str:
         return "Every single tolerance keeps the goal."
     text = (
         f"Single tolerances that miss it at equal tolerance: {'; '.join(missed)}. "
-        "Each impact costs zivi twelve evaluations for the step that is repeated onto it (SciPy "
-        "takes its interpolant there); the rest are rejected steps, which in a periodic motion "
+        "An impact that its dense output does not tell to the tolerance costs zivi twelve "
+        "evaluations for the step that is repeated onto it (SciPy takes its interpolant "
+        "everywhere); the rest are rejected steps, which in a periodic motion "
         "are the same in every period and so do not average out: the ratio goes up and down from "
         "one tolerance to the next by a quarter."
     )

@@ -51,11 +51,13 @@ def test_one_coordinate_and_one_gap_are_an_impact_system(case, order):
     )
     sol = zivi.simulate(system, (0, end), ([x], [xdot]), method)
     assert sol.success
-    assert sol.zeno["t"] == pytest.approx(one.zeno_times, abs=1e-13)
-    assert sol.liftoffs["t"] == pytest.approx(one.liftoff_times, abs=1e-13)
+    # a mass takes impacts from its dense output where that is good, but under a constant force
+    close = 1e-13 if force.stiffness == force.amplitude == 0.0 else 0.1 * method.rtol
+    assert sol.zeno["t"] == pytest.approx(one.zeno_times, abs=close)
+    assert sol.liftoffs["t"] == pytest.approx(one.liftoff_times, abs=close)
     n = min(len(sol.resolved_impacts), len(one.resolved_impacts), 8)
-    assert sol.resolved_impacts["t"][:n] == pytest.approx(one.resolved_impacts["t"][:n], abs=1e-13)
-    assert [sol.q[-1, 0], sol.qdot[-1, 0]] == pytest.approx([one.x[-1], one.xdot[-1]], abs=1e-13)
+    assert sol.resolved_impacts["t"][:n] == pytest.approx(one.resolved_impacts["t"][:n], abs=close)
+    assert [sol.q[-1, 0], sol.qdot[-1, 0]] == pytest.approx([one.x[-1], one.xdot[-1]], abs=close)
 
 
 def test_orthogonal_gaps_are_scalar_runs():

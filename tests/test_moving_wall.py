@@ -105,11 +105,14 @@ def test_three_functions_are_the_harmonic_wall(method):
 @METHODS
 @pytest.mark.parametrize("speed", [-0.7, 3.0])
 def test_a_wall_at_constant_speed(method, speed):
-    """Galilei: to the last bit the same under a number; a drag is that of the relative wind."""
+    """Galilei: to rounding the same under a number; a drag is that of the relative wind."""
     lift = zivi.MovingWall(lambda t: 2 + speed * t, lambda t: speed, lambda t: 0.0)
     still, moving = run(-G, method=method), run(-G, lift, method=method)
-    for name in ("t", "x", "xdot", "s", "v", "impacts", "zeno_times"):
-        np.testing.assert_array_equal(getattr(moving, name), getattr(still, name))
+    # an impact is taken from the dense output where the force may depend on time
+    for name in ("t", "x", "xdot", "s", "v", "zeno_times"):
+        np.testing.assert_allclose(getattr(moving, name), getattr(still, name), 1e-13, 1e-13)
+    for name in ("t", "speed_before", "speed_after"):
+        np.testing.assert_allclose(moving.impacts[name], still.impacts[name], 1e-13, 1e-13)
     position, velocity = moving.fixed()
     np.testing.assert_allclose(position, moving.x + 2 + speed * moving.t, rtol=1e-15)
     np.testing.assert_allclose(velocity, moving.xdot + speed, rtol=1e-15)
