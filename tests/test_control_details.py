@@ -152,3 +152,11 @@ def test_between_samples_a_reference_is_its_own_run():
     x, xdot = run._resampled(times).x_ref, run._resampled(times).xdot_ref
     np.testing.assert_allclose(x, 0.3 - 0.5 * 9.81 * times**2, rtol=1e-9)
     np.testing.assert_allclose(xdot, -9.81 * times, rtol=1e-9)
+
+
+def test_an_observer_names_the_series_that_does_not_fit():
+    times = np.arange(5) * 1e-3
+    for name in ("force", "u"):
+        observer = zivi.ImpactObserver(0.5, 1e-3, noise=1e-4, position_only=True)
+        with pytest.raises(ValueError, match=rf"^{name} must be a number or have shape \(5,\)"):
+            observer.observe(times, times, **{name: np.zeros(4)})

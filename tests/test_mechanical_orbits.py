@@ -1,5 +1,6 @@
 """Periodic orbits of mechanical systems, against references of other formulations."""
 
+import copy
 import pickle
 
 import numpy as np
@@ -149,6 +150,8 @@ def test_an_orbit_of_a_nonlinear_system():
     assert orbit.success
     assert np.max(np.abs(orbit.impacts["t"] - times[:3])) < 1e-10
     assert_multipliers(orbit.multipliers, multipliers("duffing"))
+    again = copy.deepcopy(orbit)  # by its state: its force is no name of a module
+    np.testing.assert_allclose(again.monodromy(), orbit.monodromy(), rtol=1e-12)
 
 
 @pytest.mark.slow
