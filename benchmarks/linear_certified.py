@@ -7,8 +7,8 @@ stiffness, every third driven at a frequency of the undamped system without damp
 gaps. The motion is propagated anew by matrix exponentials from impact to impact at the times that
 zivi gives. At each the gap has to vanish, and between them the Bernstein coefficients of its Taylor
 polynomial, over parts that are halved until they do, have to show that no gap falls below zero by
-more than 1e-12 of the coordinates. Prints how many impacts there
-were, the largest gap at one, and how often a gap vanished between two, or could not be certified.
+more than 1e-12 of the coordinates. Prints how many impacts there were, the largest gap at one, and
+how often a gap vanished between two, or could not be certified.
 """
 
 from __future__ import annotations

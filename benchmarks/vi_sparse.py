@@ -51,8 +51,8 @@ residual has its rows scaled to 1 and is written anew. "Of one factorisation" is
 solve over that of one factorisation of the whole matrix by SuperLU with a diagonal that makes it
 regular; factors are 16 bytes an entry; "one adds" is what that factorisation adds to the peak of
 its process, which for little fill is far more than its entries; then what the solve adds. Freed
-memory goes back to the system at once in these runs (`MALLOC_MMAP_THRESHOLD_=131072`): what glibc
-keeps of it by default would be 1.4 to 1.7 times as much where there is little fill.
+memory goes back to the system at once in these runs (`MALLOC_MMAP_THRESHOLD_=131072`): by default
+glibc keeps some of it, which shows where there is little fill.
 
 {table}
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.control.mechanical_reference import MechanicalReference
-from zivi.system.gap_coordinates import GapKinetics
+from zivi.system.gap_coordinates import GapKinetics, kinetic_cosines
 from zivi.system.mechanism import Model
 
 __all__ = ["check_coupling"]
@@ -58,8 +58,7 @@ def check_coupling(
 
 def _cosine(model: Model, q: Array, qdot: Array) -> float:
     here = model.layout.read(model.evaluate(0.0, np.ascontiguousarray(q), qdot))
-    D = GapKinetics.of(here, qdot).D
-    cosines = D / np.sqrt(np.outer(np.diag(D), np.diag(D)))
+    cosines = kinetic_cosines(GapKinetics.of(here, qdot).D)
     np.fill_diagonal(cosines, 0.0)
     return float(np.abs(cosines).max())
 

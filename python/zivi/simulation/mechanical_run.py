@@ -15,6 +15,7 @@ from zivi.simulation.describe import describe_restitutions
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK, ThetaGamma
 from zivi.simulation.trust import Closer, closer_mechanism
+from zivi.system.gap_coordinates import kinetic_cosines
 from zivi.system.impact_law import core_of
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
@@ -192,9 +193,8 @@ def _coupled(
     if not np.any(pairs):
         return False
     here = model.layout.read(model.evaluate(asked.span[0], asked.q, asked.qdot))
-    coupling = here.gradients @ np.linalg.solve(here.mass, here.gradients.T)
-    size = np.sqrt(np.diag(coupling))
-    return bool(np.any(np.abs(coupling)[pairs] > 1e-9 * np.outer(size, size)[pairs]))
+    cosines = kinetic_cosines(here.gradients @ np.linalg.solve(here.mass, here.gradients.T))
+    return bool(np.any(np.abs(cosines)[pairs] > 1e-9))
 
 
 def closer_of(system: MechanicalSystem, method: FixedOrSwitched, asked: Asked) -> Closer | None:

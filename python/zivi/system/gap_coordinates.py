@@ -12,7 +12,7 @@ from zivi.base.check import Array
 from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["GapCoordinates", "GapKinetics", "gap_coordinates"]
+__all__ = ["GapCoordinates", "GapKinetics", "gap_coordinates", "kinetic_cosines"]
 
 
 class GapCoordinates(NamedTuple):
@@ -95,8 +95,7 @@ def gap_coordinates(
     basis = np.linalg.qr(normals.T, mode="complete")[0][:, m:]
     momenta = basis.T @ here.mass
     inverse = np.linalg.solve(momenta @ basis, momenta)
-    size = np.sqrt(np.diag(kinetics.D))
-    cosines = kinetics.D / np.outer(size, size)
+    cosines = kinetic_cosines(kinetics.D)
     np.fill_diagonal(cosines, 1.0)
     return GapCoordinates(
         here.gaps, kinetics.gdot, kinetics.D, normals, basis, inverse, inverse @ velocity, cosines
@@ -107,16 +106,17 @@ REDUNDANT = 1e-10
 """Least eigenvalue of the matrix of cosines of independent gaps."""
 
 
+def kinetic_cosines(D: Array) -> Array:
+    """Give ``D_ij/sqrt(D_ii D_jj)`` of one Delassus matrix or of many, (..., m, m)."""
+    size = np.sqrt(np.diagonal(D, axis1=-2, axis2=-1))
+    return np.asarray(D / (size[..., :, None] * size[..., None, :]), dtype=np.float64)
+
+
 def check_independent(D: Array) -> None:
     """Raise a ValueError if gaps are not independent, of one matrix D or of many, (..., m, m)."""
-    m = D.shape[-1]
-    if m > 1:
-        size = np.sqrt(np.diagonal(D, axis1=-2, axis2=-1))
-        cosines = D / (size[..., :, None] * size[..., None, :])
-        independent = np.linalg.eigvalsh(cosines)[..., 0] > REDUNDANT
-    else:
-        independent = D > 0.0
-    if not np.all(independent):
+    single = D.shape[-1] == 1
+    least = D if single else np.linalg.eigvalsh(kinetic_cosines(D))[..., 0]
+    if not np.all(least > (0.0 if single else REDUNDANT)):
         raise ValueError("the gaps must be independent: N M^-1 N^T is singular here")
 
 

@@ -112,7 +112,7 @@ impl Believed {
 }
 
 /// The controls that make accelerations of the gaps and, as far as they can, of the rest; whether
-/// limits act, and the least singular value of `D^-1/2 N M^-1 B` where it was computed.
+/// limits act, and the least singular value of `W^-1/2 N M^-1 B` where it was computed.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn controls<'py>(

@@ -25,8 +25,8 @@ pub(crate) trait Piecewise {
     /// Forgets what was learnt from the forces: from here on they are others.
     fn restart(&mut self);
 
-    /// Steps that end later than this have their polynomials computed.
-    /// The motion within those that end later than `drawn` is requested.
+    /// Steps that end later than `t` have their polynomials computed; the motion within those that
+    /// end later than `drawn` is requested.
     fn look_from(&mut self, t: f64, drawn: f64);
 }
 

@@ -3,7 +3,7 @@
 //! ```text
 //! g_i'' = a_i      a_i the control of a twisting tracker on gap i alone
 //! Z q'' = Z (q_r'' - kp (q - q_r) - kd (q' - q_r'))
-//! a_A   = -D_AA lambda_d      of contacts A that are held
+//! a_A   = -W_AA lambda_d      of contacts A that are held
 //! ```
 
 use zivi_core::control::TwistingTracker;

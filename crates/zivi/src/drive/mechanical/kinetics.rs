@@ -122,7 +122,7 @@ impl GapKinetics {
         self.row[self.layout.mass()].chunks_exact(n).map(|row| dot(row, v)).collect()
     }
 
-    /// `b <- D_AA^-1 b` for the gaps of a set, in order; others stay.
+    /// `b <- W_AA^-1 b` for the gaps of a set, in order; others stay.
     pub(super) fn solve_among(&mut self, set: &[bool], b: &mut [f64]) {
         let m = self.layout.m;
         if set.iter().all(|&it| it) {
@@ -140,7 +140,7 @@ impl GapKinetics {
         (0..m).filter(|&i| set[i]).zip(&*right).for_each(|(i, x)| b[i] = *x);
     }
 
-    /// Takes from a velocity, or such, `M^-1 N_A^T D_AA^-1 b`.
+    /// Takes from a velocity, or such, `M^-1 N_A^T W_AA^-1 b`.
     pub(super) fn push(&mut self, set: &[bool], mut b: Vec<f64>, v: &mut [f64]) {
         self.solve_among(set, &mut b);
         for i in (0..self.layout.m).filter(|&i| set[i]) {
