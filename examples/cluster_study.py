@@ -38,16 +38,20 @@ def exact(e: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 class FirstSession(concurrent.futures.ThreadPoolExecutor):
-    """A pool that somebody stops."""
+    """A pool that somebody stops once its first tasks are done."""
 
-    tasks = 0
+    def __init__(self, workers: int) -> None:
+        """Count the tasks of the session."""
+        super().__init__(workers)
+        self.tasks: list[concurrent.futures.Future[Any]] = []
 
-    def submit(self, *call: Any, **named: Any) -> Any:
+    def submit(self, *call: Any, **named: Any) -> concurrent.futures.Future[Any]:
         """Take a task, unless the session is over."""
-        self.tasks += 1
-        if self.tasks > TASKS_OF_THE_FIRST_SESSION:
+        if len(self.tasks) == TASKS_OF_THE_FIRST_SESSION:
+            concurrent.futures.wait(self.tasks)
             raise KeyboardInterrupt
-        return super().submit(*call, **named)
+        self.tasks.append(super().submit(*call, **named))
+        return self.tasks[-1]
 
 
 def study(folder: Path, executor: Any) -> zivi.Study:
