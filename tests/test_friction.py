@@ -180,3 +180,92 @@ def test_a_mass_with_friction_is_for_runs_only():
         zivi.ImpactSystem(-9.81, e=0.5, wall=zivi.HarmonicWall(0.1, 1.0), friction=friction)
     with pytest.raises(TypeError, match=r"friction must be a zivi\.DryFriction"):
         zivi.ImpactSystem(-9.81, e=0.5, friction=0.3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_newtons_law_has_a_solution_in_a_corner_that_is_not_too_rough(seed):
+    """Both gaps bounce and slip away, so both frictions are at their limits: `mu mu < 1`."""
+    rng = np.random.default_rng(seed)
+    e, (vx, vy) = rng.uniform(0.1, 0.9), rng.uniform(0.5, 3.0, 2)
+    for product in (0.7, 0.99, 1.01, 3.0):
+        floor_mu = rng.uniform(0.3, 3.0)
+        mu = floor_mu, product / floor_mu
+        gaps = [
+            zivi.LinearGap([0, 1], tangent=[1, 0], mu=mu[0], name="floor"),
+            zivi.LinearGap([1, 0], tangent=[0, 1], mu=mu[1], name="wall"),
+        ]
+        corner = zivi.MechanicalSystem(mass=np.eye(2), force=[0, -1], gaps=gaps, e=e)
+        sol = zivi.simulate(corner, (0, 0.1), ([0, 0], [-vx, -vy]))
+        if product > 1:
+            assert sol.status is zivi.Status.IMPACT_NOT_SOLVED
+            assert "impact_law='poisson'" in sol.message
+            continue
+        assert sol.success
+        # P_floor - mu_wall P_wall = (1 + e) vy,  P_wall - mu_floor P_floor = (1 + e) vx
+        equations = np.array([[1.0, -mu[1]], [-mu[0], 1.0]])
+        impulses = np.linalg.solve(equations, (1 + e) * np.array([vy, vx]))
+        np.testing.assert_allclose(sol.impacts["impulse"][:2], impulses, rtol=1e-12)
+        np.testing.assert_allclose(sol.impacts["speed_after"][:2], [e * vy, e * vx], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("count", "ends"), [(7, "COMPLETED"), (8, "NOT_SOLVED")])
+def test_more_than_seven_rough_contacts_are_not_decided(count, ends):
+    push, pull = np.eye(2 * count)[1::2], np.eye(2 * count)[::2]
+    gaps = [
+        zivi.LinearGap(n, tangent=b, mu=0.3, name=str(k))
+        for k, (n, b) in enumerate(zip(push, pull, strict=True))
+    ]
+    force = [0, -9.81] * count
+    boxes = zivi.MechanicalSystem(mass=np.eye(2 * count), force=force, gaps=gaps, e=0.5)
+    still = [0] * (2 * count)
+    for height, what in ((0, "CONTACT"), (1, "IMPACT")):
+        sol = zivi.simulate(boxes, (0, 0.6), ([0, height] * count, still))
+        assert sol.status.name == (ends if count == 7 else f"{what}_{ends}")
+        assert count == 7 or "seven rough contacts" in sol.message
+
+
+def hostile(seed):
+    """A run under forces that jump, remember, or are noise, with random friction."""
+    rng = np.random.default_rng(seed)
+    n, kind = int(rng.integers(2, 4)), seed % 4
+    root, small = rng.normal(size=(n, n)), 10.0 ** rng.integers(-18, 1)
+    constant, jumps = 2 * rng.normal(size=n), 2 * rng.normal(size=(2, n, n))
+    memory = np.ones(n)
+
+    def force(t, q, qdot):
+        if kind == 0:
+            return constant + jumps[0] @ np.sign(qdot)
+        if kind == 1:
+            return constant + jumps[0] @ np.sign(qdot - small) + jumps[1] @ np.sign(q)
+        if kind == 2:
+            memory[qdot > small], memory[qdot < -small] = -1, 1
+            return constant + jumps[0] @ memory
+        return constant + jumps[0] @ rng.normal(size=n)
+
+    gaps = [
+        zivi.LinearGap(normal, tangent=tangent, mu=rng.uniform(0, 2), name=f"gap{k}")
+        for k, (normal, tangent) in enumerate(rng.normal(size=(rng.integers(0, 3), 2, n)))
+    ]
+    joints = [
+        zivi.DryFriction(
+            limit=rng.uniform(0.1, 2),
+            direction=direction,
+            velocity=rng.choice([0, small, 1]),
+            name=f"joint{k}",
+        )
+        for k, direction in enumerate(rng.normal(size=(rng.integers(1, 4), n)))
+    ]
+    system = zivi.MechanicalSystem(
+        mass=root @ root.T + 0.2 * np.eye(n), force=force, gaps=gaps, friction=joints, e=0.3
+    )
+    start, speeds = rng.choice([0, 1.0, 1e6]), rng.normal(size=n) * rng.choice([0, small, 1])
+    method = zivi.SwitchedRK(max_steps=150)
+    return zivi.simulate(system, (start, start + 1), (np.zeros(n), speeds), method)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_hostile_forces_end_in_no_fault_of_the_method():
+    ends = {hostile(seed).status.name for seed in range(60)}
+    assert {"COMPLETED", "STEP_BUDGET", "STEP_SIZE_TOO_SMALL"} <= ends
+    assert not ends & {"INTERNAL", "MODE_CHATTER"}

@@ -63,7 +63,7 @@ class Status(NamedStatus):
     REDUNDANT_CONTACTS = 12
     """The closed gaps of a mechanical system do not determine their forces."""
     IMPACT_NOT_SOLVED = 13
-    """The impulses of an impact on several gaps were not found."""
+    """The impulses of an impact on several gaps were not found; with friction there may be none."""
     CONTACT_NOT_SOLVED = 14
     """Which contacts of a mechanical system stay closed was not decided."""
     MASS_NOT_DEFINITE = 15

@@ -31,7 +31,7 @@ pub enum Status {
     Internal = 11,
     /// Closed gaps that do not determine their forces: one follows from the others.
     RedundantContacts = 12,
-    /// The complementarity problem of an impact was not solved.
+    /// The complementarity problem of an impact has no solution, or it was not found.
     ImpactNotSolved = 13,
     /// Which contacts stay closed was not decided.
     ContactNotSolved = 14,
@@ -133,12 +133,15 @@ impl Status {
             }
             Status::ImpactNotSolved => {
                 "The impulses of an impact on several gaps were not found; the trajectory ends \
-                 before it. Check the mass matrix and the gradients there, and please report the \
-                 case."
+                 before it. With friction Newton's law may have none: try impact_law='poisson', or \
+                 a smaller mu; more than seven rough contacts at once are not tried. Without \
+                 friction, check the mass matrix and the gradients there."
             }
             Status::ContactNotSolved => {
-                "Which contacts stay closed could not be decided; the trajectory ends there. \
-                 Tighten rtol and atol, and check that mass, force and gaps are smooth there."
+                "Which contacts stay closed could not be decided; the trajectory ends there. More \
+                 than seven rough contacts at rest are not tried: simulate independent parts apart. \
+                 Otherwise tighten rtol and atol, and check that mass, force and gaps are smooth \
+                 there."
             }
             Status::MassNotDefinite => {
                 "The mass matrix is not symmetric positive definite; the trajectory ends at the \
