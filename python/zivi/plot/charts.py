@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE, axes_of, legend
+from zivi.plot.orbits import EVENTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,12 +26,20 @@ COLOURS = {
 }
 
 
-APART = 30.0
-"""Pixels between points that are named: names of nearer ones would cover each other."""
+APART = 70.0, 10.0
+"""Points (1/72 inch) between named ones, sideways and up: nearer names would cover each other."""
 
 
-def _told(ax: Axes) -> list[Any]:
-    return [it for it in ax.texts if hasattr(it, "xy")]
+def _name(kind: str) -> str:
+    return EVENTS[kind][2] if kind in EVENTS else kind.replace("_", " ")
+
+
+def _is_free(ax: Axes, place: tuple[float, float]) -> bool:
+    """Whether no name is written near a place."""
+    to_points = ax.transData.transform
+    told = [it.xy for it in ax.texts if hasattr(it, "xy")]
+    apart = np.multiply(APART, ax.figure.dpi / 72)
+    return all(np.any(np.abs(to_points(it) - to_points(place)) > apart) for it in told)
 
 
 def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line: Any) -> Axes:
@@ -62,7 +71,7 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
     """
     ax = axes_of(ax)
     look: dict[str, Any] = {"color": COLOURS.get(c.kind, "black"), "lw": 1.2} | line
-    label = look.pop("label", c.kind.replace("_", " "))
+    label = look.pop("label", _name(c.kind))
     solid = c.admissible if len(c._found) else np.ones(len(c), dtype=bool)
     wide = solid.copy()
     wide[1:] |= solid[:-1]
@@ -74,10 +83,9 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
     for point in c.points:
         ax.plot(*point.values, "o", color=look["color"], ms=4.0)
         first, _, ratio = point.kind.partition("resonance_")
-        told = ratio.replace("_", ":") or first.replace("_", " ")
+        told = ratio.replace("_", ":") or _name(first)
         place = (float(point.values[0]), float(point.values[1]))
-        here = ax.transData.transform(place)
-        if all(np.hypot(*(ax.transData.transform(it.xy) - here)) > APART for it in _told(ax)):
+        if _is_free(ax, place):
             ax.annotate(told, place, (3, 3), textcoords="offset points", fontsize="x-small")
     if words and len(c._found):
         from zivi.orbits.mechanical.word import shortened as short
@@ -119,7 +127,7 @@ def chart(
     ax = axes_of(ax)
     known: set[str] = set()
     for c in curves:
-        label = "_" if c.kind in known else c.kind.replace("_", " ")
+        label = "_" if c.kind in known else _name(c.kind)
         known.add(c.kind)
         curve(c, ax, words=words, **{"label": label} | line)
     legend(ax)
